@@ -229,7 +229,7 @@ static void share_map(struct kiln_prepared *p)
         return;
     /* from here on the whole map belongs to the node; a small array that finds no room stays allocated until the end */
     s->tiles = tiles;
-    s->map_is_lent = true;
+    s->global_is_borrowed = true;
     (void)share_array(p, &s->splits, s->split_count, sizeof *s->splits, "the split lightmap tiles");
     (void)share_array(p, &s->lightmaps, s->map_count, sizeof *s->lightmaps, "the lightmaps");
     if (s->cell_first != NULL)

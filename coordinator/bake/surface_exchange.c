@@ -97,8 +97,8 @@ static int plan_rounds(struct rounds *r, const struct kiln_surface_meeting *m, s
     return kiln_agree(m->communicator, kiln_allocate(&r->arrived, most, 1, what, error), error);
 }
 
-static int all(void *context, int status, const void *own, size_t count, size_t size, kiln_surface_taker take,
-               void *taker, struct kiln_error *error)
+static int allgather(void *context, int status, const void *own, size_t count, size_t size, kiln_surface_taker take,
+                     void *taker, struct kiln_error *error)
 {
     const struct kiln_surface_meeting *m = context;
     struct rounds rounds = {0};
@@ -123,7 +123,7 @@ static int all(void *context, int status, const void *own, size_t count, size_t 
 
 /* ---- exchange between pairs of ranks ---- */
 
-struct parcels {
+struct pair_messages {
     uint64_t *sent, *received; /* number of records to and from each rank */
     int ranks;
     char *arrived; /* received records, in the order of ranks */
@@ -135,8 +135,8 @@ struct parcels {
 /* Number of messages for the records that one rank sends to another. */
 static size_t messages(uint64_t records, size_t at_once) { return (size_t)((records + at_once - 1) / at_once); }
 
-static int plan_parcels(struct parcels *p, const struct kiln_surface_meeting *m, const size_t *counts, size_t size,
-                        struct kiln_error *error)
+static int plan_pair_messages(struct pair_messages *p, const struct kiln_surface_meeting *m, const size_t *counts,
+                              size_t size, struct kiln_error *error)
 {
     const char *what = "the records that ranks exchange about the surface";
     size_t needed = 0;
@@ -163,7 +163,7 @@ static int plan_parcels(struct parcels *p, const struct kiln_surface_meeting *m,
 
 /* Starts to receive or, with `out`, to send the records between this rank and each other one. Messages between two
  * ranks keep their order. */
-static void start(struct parcels *p, const struct kiln_surface_meeting *m, const uint64_t *counts, size_t size,
+static void start(struct pair_messages *p, const struct kiln_surface_meeting *m, const uint64_t *counts, size_t size,
                   const char *out)
 {
     const size_t at_once = records_at_once(m, size);
@@ -182,14 +182,14 @@ static void start(struct parcels *p, const struct kiln_surface_meeting *m, const
     }
 }
 
-static int deal(void *context, int status, const void *own, const size_t *counts, size_t size, kiln_surface_taker take,
-                void *taker, struct kiln_error *error)
+static int alltoall(void *context, int status, const void *own, const size_t *counts, size_t size,
+                    kiln_surface_taker take, void *taker, struct kiln_error *error)
 {
     const struct kiln_surface_meeting *m = context;
-    struct parcels p = {0};
+    struct pair_messages p = {0};
     status = kiln_agree(m->communicator, status, error);
     if (status == KILN_OK)
-        status = plan_parcels(&p, m, counts, size, error);
+        status = plan_pair_messages(&p, m, counts, size, error);
     if (status == KILN_OK) {
         start(&p, m, p.received, size, NULL);
         start(&p, m, p.sent, size, own);
@@ -207,5 +207,5 @@ static int deal(void *context, int status, const void *own, const size_t *counts
 struct kiln_surface_exchange kiln_surface_exchange_over(struct kiln_surface_meeting *meeting)
 {
     return (struct kiln_surface_exchange){
-        .context = meeting, .agree = agree, .sum = sum, .allgather = all, .alltoall = deal};
+        .context = meeting, .agree = agree, .sum = sum, .allgather = allgather, .alltoall = alltoall};
 }

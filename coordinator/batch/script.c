@@ -49,7 +49,8 @@ static int check_word(const char *text, const char *allowed, const char *option,
     for (const char *at = text; *at != '\0'; at++)
         good = good && (isalnum((unsigned char)*at) || strchr(allowed, *at) != NULL);
     return good ? KILN_OK
-                : kiln_fail(error, KILN_USAGE, "--%s: '%.200s' cannot be a name in Slurm; %s", option, text, remedy);
+                : kiln_fail(error, KILN_USAGE, "--%s: '%.200s' is not a name that Slurm accepts; %s", option, text,
+                            remedy);
 }
 
 static int check(const struct kiln_batch *batch, struct kiln_error *error)

@@ -180,7 +180,7 @@ static int check_lightmaps(const struct bake *b, const struct kiln_prepared *p, 
 static void say_notes(const struct kiln_scene *scene)
 {
     for (size_t i = 0; i < scene->note_count; i++)
-        if (scene->notes[i].severity == KILN_NOTE_SAID)
+        if (scene->notes[i].severity == KILN_NOTE_REPEATED)
             kiln_print(stderr, "kiln: note: %s\n", kiln_scene_string(scene, scene->notes[i].text));
 }
 
@@ -281,7 +281,7 @@ static int agree_after_phase(struct bake *b, int status, struct kiln_error *erro
     return status;
 }
 
-/* The steps' times, added to the phases of their roles. */
+/* Adds the times of the steps to the phases of their roles. */
 static void add_light_phases(struct bake *b)
 {
     const struct kiln_integrate_report *report = &b->solution->report;

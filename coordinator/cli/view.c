@@ -26,11 +26,11 @@ struct view {
     struct kiln_lights *lights;
     struct kiln_backend *backend;
     struct kiln_picture picture;
-    bool texels;                    /* --show */
-    const struct kiln_field *field; /* --show; NULL: no single one */
+    bool texels;                    /* --show texels */
+    const struct kiln_field *field; /* the field that --show names; NULL: none */
 };
 
-/* What --show asks for. */
+/* Finds the field that --show names. */
 static int read_show(struct view *v, const char *name, struct kiln_error *error)
 {
     char list[256] = "light, texels";
@@ -72,7 +72,7 @@ static int open_scene(struct view *v, const struct kiln_job *job, const char *di
     if (status == KILN_OK)
         status = kiln_geometry_create(&v->geometry, v->scene, error);
     if (status == KILN_OK)
-        kiln_geometry_meet_all(v->geometry);
+        kiln_geometry_make_all_hittable(v->geometry);
     if (status == KILN_OK)
         status = kiln_lights_create(&v->lights, v->scene, v->geometry, error);
     if (status != KILN_OK)

@@ -159,7 +159,7 @@ static void free_surface(const struct kiln_node_data *d, struct kiln_rank_data *
 static void take_over_surface(struct kiln_node_data *d)
 {
     *d->surface = d->data[d->own].surface;
-    d->surface->share_is_lent = true;
+    d->surface->own_is_borrowed = true;
 }
 
 /* Collective on the node. Moves the surface, as it was built, to memory of the node: one array after the other, so that

@@ -346,7 +346,7 @@ static int note_object(struct kiln_builder *builder, size_t index, struct kiln_e
     const struct kiln_mesh *mesh =
         &KILN_BUILDER_DATA(builder, const struct kiln_mesh, KILN_SECTION_MESHES)[object->mesh];
     return kiln_builder_note(
-        builder, builder->trust_normals ? KILN_NOTE_INFORMATION : KILN_NOTE_SAID, error,
+        builder, builder->trust_normals ? KILN_NOTE_INFORMATION : KILN_NOTE_REPEATED, error,
         "object \"%.200s\": %llu of %llu triangles have normals that point to the back of their winding; %s",
         KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS) + object->name,
         (unsigned long long)builder->mesh_turned[object->mesh], (unsigned long long)mesh->triangle_count,
@@ -367,7 +367,7 @@ int kiln_note_winding(struct kiln_builder *builder, struct kiln_error *error)
     }
     if (count > NOTES_MAX && status == KILN_OK)
         status = kiln_builder_note(
-            builder, builder->trust_normals ? KILN_NOTE_INFORMATION : KILN_NOTE_SAID, error,
+            builder, builder->trust_normals ? KILN_NOTE_INFORMATION : KILN_NOTE_REPEATED, error,
             "%zu more objects have triangles with normals that point to the back of their winding", count - NOTES_MAX);
     return status;
 }

@@ -74,7 +74,7 @@ static int apply_rules(struct kiln_builder *builder, const char *text, struct ki
         status = read_rule(pattern, settings, &rule, error);
         if (status == KILN_OK && apply_rule(builder, pattern, &rule) == 0)
             status = kiln_builder_note(
-                builder, KILN_NOTE_SAID, error,
+                builder, KILN_NOTE_REPEATED, error,
                 "objects '%.200s': no object of the scene has a name that matches; kiln info --verbose lists the names",
                 pattern);
         if (status != KILN_OK)

@@ -58,7 +58,7 @@ static int make_data(struct kiln_lockstep *l, struct kiln_error *error)
         kiln_node_data_set_radiosity(l->solution->node_data, l->solution->radiosity);
         kiln_solution_refresh(l->solution);
         /* its arrays have moved; a device, whose ranks lend nothing, keeps what it has of them */
-        if (p->surface->share_is_lent)
+        if (p->surface->own_is_borrowed)
             status = kiln_backend_set_surface(p->backend, p->surface, error);
     }
     int any_share = computes_any_share(p);

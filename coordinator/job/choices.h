@@ -1,16 +1,17 @@
-/* Choices that a job has and that other rooms act on: what the values of some options mean. */
+/* Enumerations of option values that other rooms use too. */
 #ifndef KILN_COORDINATOR_JOB_CHOICES_H
 #define KILN_COORDINATOR_JOB_CHOICES_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-/* The integrators, by the names that --method takes; the first one is the default. Each is a struct called
- * kiln_integrator_NAME (coordinator/integrate/integrator.h). */
+/* The integrators, by their names for --method; the first is the default. Each is a struct kiln_integrator_NAME
+ * (coordinator/integrate/integrator.h). */
 #define KILN_METHOD_LIST(DO) DO(cells)
 
-/* AUTO: compact from 2^22 surface points on. With fewer its rounding shows in the ratio of two bounces, which the tail
- * magnifies a hundred times where the albedo is 0.99; with more it averages out. */
+/* Format in which ranks exchange radiosity: COMPACT has 4 bytes a point, FULL 8. AUTO is compact for 2^22 surface
+ * points or more. With fewer points its rounding is visible in the energy ratio of two bounces, which the tail
+ * magnifies a hundred times for an albedo of 0.99; with more points it averages out. */
 enum kiln_exchange_form { KILN_EXCHANGE_AUTO = 0, KILN_EXCHANGE_COMPACT = 1, KILN_EXCHANGE_FULL = 2 };
 
 static inline bool kiln_exchange_is_compact(int form, uint64_t points)
@@ -18,12 +19,13 @@ static inline bool kiln_exchange_is_compact(int form, uint64_t points)
     return form == KILN_EXCHANGE_COMPACT || (form == KILN_EXCHANGE_AUTO && points >= 1u << 22);
 }
 
-/* Whether the points are distributed anew between steps: when that pays, never, after every step (for tests). */
+/* Whether points are repartitioned among ranks between steps: if it saves time, never, or after every step (for tests).
+ */
 enum kiln_rebalance { KILN_REBALANCE_AUTO = 0, KILN_REBALANCE_NEVER = 1, KILN_REBALANCE_ALWAYS = 2 };
 
 enum kiln_schedule {
-    KILN_SCHEDULE_LEAN = 0, /* cheap bounces, a tail, one final gather */
-    KILN_SCHEDULE_EQUAL = 1 /* the same rays in every bounce, nothing else: the reference mode */
+    KILN_SCHEDULE_LEAN = 0, /* bounces with few rays, the energy tail, one final gather with many rays */
+    KILN_SCHEDULE_EQUAL = 1 /* the same number of rays in every bounce, no tail, no final gather: the reference mode */
 };
 
 #endif

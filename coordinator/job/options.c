@@ -604,7 +604,7 @@ const struct kiln_option kiln_options[] = {
      .kind = KILN_OPTION_STRING,
      .value = "NAME",
      .fallback = "light",
-     .help = "light, texels (a checkerboard of them), or a field of the lightmaps: direct, indirect, ...",
+     .help = "light, a checkerboard of the texels, or a layer of the lightmaps: direct, indirect, ...",
      .commands = KILN_FOR_VIEW,
      .offset = AT(show)},
 

@@ -292,7 +292,7 @@ static uint32_t reason_of(const struct planner *p, size_t index, const struct ki
     if (density > wanted * (1.0 + 1e-6))
         return KILN_DENSITY_LEAST;
     if (density < wanted * (1.0 - 1e-6))
-        return KILN_DENSITY_SHARE;
+        return KILN_DENSITY_FRACTION;
     return settings_of(p, index)->role == KILN_ROLE_CASTER_ONLY ? KILN_DENSITY_CASTER : KILN_DENSITY_COMMON;
 }
 
@@ -895,7 +895,7 @@ static int note_densities(struct planner *p, struct kiln_error *error)
     }
     for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++) {
         small += objects(p)[i].density_reason == KILN_DENSITY_LEAST;
-        if (objects(p)[i].density_reason == KILN_DENSITY_SHARE && note_wanted(&shared))
+        if (objects(p)[i].density_reason == KILN_DENSITY_FRACTION && note_wanted(&shared))
             status = note_limited(p, i, at_one, error);
     }
     if (small > 0 && status == KILN_OK)

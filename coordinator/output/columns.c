@@ -5,7 +5,7 @@
 
 #include "worker/base/memory.h"
 
-/* ---- computed columns ---- */
+/* ---- columns that are not fields ---- */
 
 static void put_position(void *row, const struct kiln_column_point *p)
 {
@@ -39,7 +39,7 @@ static void put_side(void *row, const struct kiln_column_point *p)
     *(uint8_t *)row = kiln_map_back(p->result->surface, p->tile_run->map);
 }
 
-/* In three groups: the surface's fields stand after the first, the results after the second. */
+/* Three groups: the fields of the surface follow the first group, the results follow the second. */
 enum { GROUPS = 3 };
 static const struct computed {
     int group;
@@ -196,7 +196,7 @@ static void put_point(struct kiln_rows *rows, const struct kiln_columns *columns
     }
 }
 
-/* The first tile run that ends after `point`. */
+/* Index of the first tile run that ends after `point`. */
 static size_t find_tile_run(const struct kiln_surface *s, uint64_t point)
 {
     size_t low = 0, high = s->tile_run_count;
@@ -210,7 +210,7 @@ static size_t find_tile_run(const struct kiln_surface *s, uint64_t point)
     return low;
 }
 
-/* A tile run on the border of two ranges is described in both. */
+/* A tile run on the border of two ranges is processed for both. */
 void kiln_rows_fill(struct kiln_rows *rows, const struct kiln_columns *columns, const struct kiln_bake_result *result,
                     uint64_t first, uint64_t last)
 {

@@ -1,5 +1,6 @@
-/* What kiln.h5 says of each surface point, as columns: /points and /irradiance. Most are fields (coordinator/field/
- * field.h); the others are computed from the surface when the file is written. Not collective. */
+/* The columns of kiln.h5: the datasets in /points and /irradiance, with one row for each surface point. Most columns
+ * are fields (coordinator/field/field.h); the others are computed from the surface when the file is written. Not
+ * collective. */
 #ifndef KILN_COORDINATOR_OUTPUT_COLUMNS_H
 #define KILN_COORDINATOR_OUTPUT_COLUMNS_H
 
@@ -9,7 +10,7 @@
 #include "coordinator/field/result.h"
 #include "coordinator/output/points.h"
 
-/* A point that is described. */
+/* A surface point for which a row is written. */
 struct kiln_column_point {
     const struct kiln_bake_result *result;
     uint64_t own;
@@ -18,27 +19,27 @@ struct kiln_column_point {
 };
 
 struct kiln_column {
-    const char *name; /* of the dataset */
+    const char *name; /* name of the dataset */
     enum kiln_column_type { KILN_DOUBLE, KILN_FLOAT, KILN_UINT32, KILN_UINT8 } type;
     uint32_t components;
     bool noisy;                      /* as kiln_chunk_pack has it */
-    const char *units, *description; /* units NULL: of irradiance */
-    /* writes one row; NULL: that of the field at place `field` of the bake's field set */
+    const char *units, *description; /* units NULL: those of irradiance */
+    /* writes one row; NULL: the row is that of field number `field` of the bake's field set */
     void (*put)(void *row, const struct kiln_column_point *point);
     size_t field;
 };
 
 enum { KILN_COLUMNS_MAX = KILN_FIELDS_MAX + 16 };
 
-/* The columns of one bake, in the file's order. */
+/* The columns of a bake, in the order of the file. */
 struct kiln_columns {
     size_t count;
     struct kiln_column column[KILN_COLUMNS_MAX];
 };
 
-/* With `backs` there is one that tells them from fronts. */
+/* Lists the columns. With `backs` there is one that distinguishes backs from fronts. */
 void kiln_columns_make(struct kiln_columns *columns, const struct kiln_field_set *fields, bool backs);
-/* The place of the column of that name; columns->count when there is none. */
+/* Index of the column of that name; columns->count if there is none. */
 size_t kiln_columns_find(const struct kiln_columns *columns, const char *name);
 
 /* Bytes of one component, of one row, and of one row of all columns. */
@@ -46,7 +47,7 @@ size_t kiln_column_value(const struct kiln_column *column);
 size_t kiln_column_row(const struct kiln_column *column);
 size_t kiln_columns_row(const struct kiln_columns *columns);
 
-/* Rows of some points, one array a column. */
+/* Rows of some points: one array for each column. */
 struct kiln_rows {
     void *column[KILN_COLUMNS_MAX];
 };
@@ -55,11 +56,12 @@ int kiln_rows_allocate(struct kiln_rows *rows, const struct kiln_columns *column
                        struct kiln_error *error);
 void kiln_rows_free(struct kiln_rows *rows);
 
-/* Describes the global points [first, last), all own; the first goes to row 0. Shared by the threads. */
+/* Fills in the rows of the global points [first, last), which this rank must own; `first` is row 0. Uses all threads.
+ */
 void kiln_rows_fill(struct kiln_rows *rows, const struct kiln_columns *columns, const struct kiln_bake_result *result,
                     uint64_t first, uint64_t last);
 
-/* One own point's row of a column that is a field: what kiln_rows_fill puts there. */
+/* The row of own point `own` in a column that is a field, as kiln_rows_fill writes it. */
 void kiln_column_floats(const struct kiln_column *column, const struct kiln_bake_result *result, uint64_t own,
                         float floats[KILN_FIELD_COMPONENTS_MAX]);
 

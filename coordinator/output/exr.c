@@ -12,7 +12,7 @@
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
-/* Level 4 packs lightmaps within a few per cent of the default level in half its time. */
+/* Level 4 compresses lightmaps to within a few per cent of the default level, in half the time. */
 enum { ZIP_LEVEL = 4 };
 
 void exr_stay_silent(exr_const_context_t context, exr_result_t code, const char *message)
@@ -28,7 +28,7 @@ int exr_failed(int status, const char *path, const char *act, exr_result_t code,
                      path, act, exr_get_default_error_message(code));
 }
 
-/* ---- writing ---- */
+/* ---- write ---- */
 
 int64_t exr_write_stream(exr_const_context_t context, void *user, const void *buffer, uint64_t size, uint64_t offset,
                          exr_stream_error_func_ptr_t report)
@@ -85,8 +85,8 @@ static exr_result_t fill_encoder(exr_encode_pipeline_t *encoder, const struct ki
     return EXR_ERR_SUCCESS;
 }
 
-/* A chunk that packs to just its own size is written as it is: readers take a chunk of that size for one that was not
- * packed, and the library leaves only larger ones unpacked (OpenEXR 3.1). */
+/* Stores a chunk uncompressed if it compresses to exactly its own size. Readers take a chunk of that size for an
+ * uncompressed one, but the library (OpenEXR 3.1) stores only larger ones uncompressed. */
 static void keep_ambiguous_chunk_unpacked(exr_encode_pipeline_t *encoder)
 {
     if (encoder->compressed_bytes == encoder->packed_bytes && encoder->compressed_buffer != encoder->packed_buffer)
@@ -106,7 +106,7 @@ exr_result_t exr_pack_chunk(struct exr_packer *p, exr_context_t file, const stru
         code = exr_encoding_choose_default_routines(file, 0, &p->encoder);
         p->write = p->encoder.write_fn;
         p->encoder.write_fn = NULL;
-        p->encoder.yield_until_ready_fn = NULL; /* would refuse a chunk before its turn */
+        p->encoder.yield_until_ready_fn = NULL; /* this function would refuse a chunk before its turn */
         p->started = true;
     }
     if (code == EXR_ERR_SUCCESS)
@@ -116,7 +116,7 @@ exr_result_t exr_pack_chunk(struct exr_packer *p, exr_context_t file, const stru
     return code;
 }
 
-/* Packs `count` chunks from row y on, one a packer, and writes them in order: the library takes them in no other. */
+/* Compresses `count` chunks from row y on, one with each packer, and writes them in order, as the library requires. */
 static exr_result_t write_some(struct exr_packer *packers, uint32_t count, exr_context_t file,
                                const struct kiln_image *image, uint32_t y, uint32_t step, int32_t *written)
 {
@@ -133,7 +133,7 @@ static exr_result_t write_some(struct exr_packer *packers, uint32_t count, exr_c
     return EXR_ERR_SUCCESS;
 }
 
-/* Chunks are counted because exr_finish calls an incomplete file a success. */
+/* Counts the chunks, because exr_finish succeeds even for an incomplete file. */
 static exr_result_t write_chunks(exr_context_t file, const struct kiln_image *image, int32_t *written)
 {
     int32_t lines = 1;
@@ -211,11 +211,11 @@ static int read_back(const struct kiln_publish *place, const struct kiln_image *
     struct kiln_error own = {""};
     const char *path = place->temporary;
     int status = kiln_exr_read(place->opens, NULL, 0, &found, &own);
-    if (status != KILN_OK) /* the file is our own */
+    if (status != KILN_OK) /* we have just written the file, so bad content is an I/O error */
         return kiln_fail(error, status == KILN_BAD_INPUT ? KILN_IO : status,
                          "'%s' does not read back as it was written: %s", path, own.message);
     if (found->width != image->width || found->height != image->height || found->channel_count != image->channel_count)
-        status = kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: other size or channels", path);
+        status = kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: size or channels differ", path);
     const size_t pixels = (size_t)image->width * image->height;
     for (size_t c = 0; status == KILN_OK && c < image->channel_count; c++) {
         const struct kiln_image_channel *mine = &image->channels[c], *theirs = &found->channels[c];
@@ -279,7 +279,7 @@ int kiln_exr_write(const char *path, const struct kiln_image *image, const struc
     return kiln_exr_write_below(NULL, path, image, attributes, attribute_count, error);
 }
 
-/* ---- reading ---- */
+/* ---- read ---- */
 
 static bool is_wanted(const char *name, const char *const *wanted, size_t count)
 {
@@ -289,10 +289,10 @@ static bool is_wanted(const char *name, const char *const *wanted, size_t count)
     return wanted == NULL;
 }
 
-/* The file that is read: by its descriptor alone. */
+/* Input stream of the library: a descriptor. */
 struct input_stream {
     int descriptor;
-    const char *path; /* for sentences */
+    const char *path; /* for messages */
     int64_t bytes;
 };
 
@@ -302,7 +302,7 @@ static int64_t input_size(exr_const_context_t context, void *user)
     return ((const struct input_stream *)user)->bytes;
 }
 
-/* As many bytes as there are: the library asks for more at times. */
+/* Reads up to `size` bytes, since the library sometimes asks for more than the file has. */
 static int64_t read_stream(exr_const_context_t context, void *user, void *buffer, uint64_t size, uint64_t offset,
                            exr_stream_error_func_ptr_t report)
 {
@@ -332,16 +332,16 @@ static uint32_t little_endian(const uint8_t *bytes)
     return (uint32_t)bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
 }
 
-/* Whether the attributes end before the bytes do, are not too many, and the list of channels is not too long: the
- * library's time for it grows with its square. An attribute is a name and a type, each with a zero byte, a size of four
- * bytes, and as many bytes. */
+/* Whether the attributes end within the bytes, are not too many, and the list of channels is not too long, since the
+ * time of the library grows with the square of its length. An attribute consists of a name and a type, each with a zero
+ * byte, a size of four bytes, and so many bytes. */
 static bool attributes_are_sane(const uint8_t *bytes, size_t size)
 {
     size_t at = 8;
     for (int count = 0; count <= ATTRIBUTES_MOST && at < size; count++) {
         const size_t name = strnlen((const char *)bytes + at, size - at);
         if (name == 0)
-            return true; /* the header's end */
+            return true; /* end of the header */
         const size_t type_at = at + name + 1 < size ? at + name + 1 : size,
                      type = strnlen((const char *)bytes + type_at, size - type_at);
         const size_t value_at = type_at + type + 1 + 4;
@@ -356,7 +356,7 @@ static bool attributes_are_sane(const uint8_t *bytes, size_t size)
     return false;
 }
 
-/* Before the library reads the header: one part of scanlines, described in a sane number of words. */
+/* Checks the header before the library reads it: one part of scanlines, with a reasonable number of attributes. */
 static int check_header(const struct input_stream *stream, struct kiln_error *error)
 {
     enum { SCANLINES = 2, LONG_NAMES = 0x400 };
@@ -384,7 +384,7 @@ static int check_header(const struct input_stream *stream, struct kiln_error *er
     return status;
 }
 
-/* Deflate packs at most about 1030 : 1, so a header that promises more than that lies. */
+/* Checks the image size against the file size: deflate compresses at most about 1030 : 1. */
 static int check_size(const struct input_stream *stream, uint64_t width, uint64_t height, uint64_t bytes_per_pixel,
                       struct kiln_error *error)
 {
@@ -465,12 +465,12 @@ static exr_result_t read_chunk(exr_decode_pipeline_t *decoder, bool *started, ex
     return code == EXR_ERR_SUCCESS ? exr_decoding_run(file, 0, decoder) : code;
 }
 
-/* Returns the first chunk's failure, so that it is the same every time. */
+/* Returns the failure of the first chunk that failed, so that it does not depend on threads. */
 exr_result_t exr_read_chunks(exr_const_context_t file, int32_t top, const struct kiln_image *image)
 {
     int32_t lines = 1;
     exr_result_t failure = exr_get_scanlines_per_chunk(file, 0, &lines);
-    if (failure == EXR_ERR_SUCCESS && lines < 1) /* of a compression that the library does not know */
+    if (failure == EXR_ERR_SUCCESS && lines < 1) /* the library does not know the compression */
         failure = EXR_ERR_INVALID_ATTR;
     const uint32_t step = (uint32_t)lines, chunks = failure != EXR_ERR_SUCCESS ? 0 : (image->height + step - 1) / step;
     uint32_t failed = chunks;
@@ -559,7 +559,7 @@ int kiln_exr_read(const char *path, const char *const *wanted, size_t wanted_cou
                   struct kiln_error *error)
 {
     *image = NULL;
-    /* a pipe in the place of a file must not hang us */
+    /* O_NONBLOCK, so that opening a pipe does not wait for its writer */
     const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK, 0);
     if (descriptor < 0)
         return kiln_fail_errno(error, 0, "'%s' cannot be opened", path);

@@ -16,7 +16,7 @@ static uint32_t strip_rows(const struct kiln_image *image, uint32_t y)
 
 /* ---- one strip ---- */
 
-/* A file in memory. */
+/* An output stream of the library in memory. */
 struct memory_file {
     uint8_t *bytes;
     size_t size, capacity;
@@ -30,7 +30,7 @@ static int64_t write_memory(exr_const_context_t context, void *user, const void 
     (void)report;
     if (kiln_grow(&m->bytes, &m->capacity, offset + size, 1, "a packed strip", NULL) != KILN_OK)
         return -1;
-    if (offset > m->size) /* the table of chunks comes last, at its place before them */
+    if (offset > m->size) /* the table of chunks is written last, at its position before them */
         memset(m->bytes + m->size, 0, offset - m->size);
     memcpy(m->bytes + offset, buffer, size);
     m->size = offset + size > m->size ? offset + size : m->size;
@@ -56,7 +56,7 @@ static int64_t size_of_memory(exr_const_context_t context, void *user)
     return (int64_t)((const struct memory_file *)user)->size;
 }
 
-/* The rows of a strip as an image that borrows their values. */
+/* Makes an image of the rows of a strip that borrows their values. */
 static int view_strip(const struct kiln_image *image, uint32_t y, struct kiln_image *view,
                       struct kiln_image_channel *channels, struct kiln_error *error)
 {
@@ -74,7 +74,7 @@ static int view_strip(const struct kiln_image *image, uint32_t y, struct kiln_im
     return KILN_OK;
 }
 
-/* A file of this strip alone; *packed is the size of its one chunk, which stands at its end. */
+/* Writes a file in memory that contains only this strip; *packed is the size of its one chunk, which is at its end. */
 static exr_result_t pack_alone(const struct kiln_image *view, struct memory_file *m, size_t *packed)
 {
     exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
@@ -129,7 +129,7 @@ static int check_alone(const struct kiln_image *view, struct memory_file *m, str
         status = exr_failed(KILN_IO, "a packed strip", "unpacked", code, error);
     for (size_t c = 0; status == KILN_OK && c < view->channel_count; c++)
         if (exr_count_same(&view->channels[c], &found->channels[c], values) < values)
-            status = kiln_fail(error, KILN_IO, "%u rows of channel %s do not unpack to what was packed", view->height,
+            status = kiln_fail(error, KILN_IO, "%u rows of channel %s do not decompress to their values", view->height,
                                names[c]);
     kiln_image_destroy(&found);
     return status;
@@ -174,14 +174,14 @@ int kiln_exr_strip_pack(const struct kiln_image *image, uint32_t y, struct kiln_
 struct kiln_exr_file {
     const struct kiln_image *image;
     struct kiln_publish place;
-    struct exr_output_stream stream; /* its descriptor is -1 when closed */
+    struct exr_output_stream stream; /* the descriptor is -1 when it is closed */
     exr_context_t context;
     uint32_t written, strips;
-    uint64_t *hashes; /* one a strip */
-    bool there;       /* something is under the temporary name */
+    uint64_t *hashes; /* of each strip */
+    bool there;       /* the temporary file exists */
 };
 
-/* What the stream could not write has a sentence of its own. */
+/* The error of a failed library call; a failure of the stream has set its own message. */
 static int stream_failed(struct kiln_exr_file *f, const char *act, exr_result_t code, struct kiln_error *error)
 {
     return f->stream.status != KILN_OK ? f->stream.status : exr_failed(KILN_IO, f->place.temporary, act, code, error);
@@ -244,7 +244,7 @@ int kiln_exr_file_append(struct kiln_exr_file *f, const void *bytes, size_t size
                          struct kiln_error *error)
 {
     if (f->written >= f->strips)
-        return kiln_fail(error, KILN_BUG, "'%s': more than its %u strips are to be written", f->place.temporary,
+        return kiln_fail(error, KILN_BUG, "'%s': more strips than its %u are to be written", f->place.temporary,
                          f->strips);
     f->stream.error = error;
     const exr_result_t code = exr_write_scanline_chunk(f->context, 0, (int)(f->written * KILN_EXR_ROWS), bytes, size);
@@ -254,7 +254,7 @@ int kiln_exr_file_append(struct kiln_exr_file *f, const void *bytes, size_t size
     return KILN_OK;
 }
 
-/* exr_finish calls an incomplete file a success, so strips are counted. */
+/* Counts the strips, because exr_finish succeeds even for an incomplete file. */
 static int close_file(struct kiln_exr_file *f, struct kiln_error *error)
 {
     f->stream.error = error;
@@ -270,7 +270,7 @@ static int close_file(struct kiln_exr_file *f, struct kiln_error *error)
     return status;
 }
 
-/* Whether the file's header tells of the image. */
+/* Whether the header of the file describes the image. */
 static bool same_header(exr_const_context_t file, const struct kiln_image *image)
 {
     exr_attr_box2i_t window;
@@ -285,7 +285,7 @@ static bool same_header(exr_const_context_t file, const struct kiln_image *image
     return same;
 }
 
-/* Whether the strip stands where the file's own table says, and is what was given to be written. */
+/* Whether the strip is where the file's table of chunks says, with the hash of what was written. */
 static bool same_strip(exr_const_context_t file, uint32_t strip, uint64_t hash)
 {
     exr_chunk_info_t chunk;
@@ -316,7 +316,7 @@ static int read_back(const struct kiln_exr_file *f, struct kiln_error *error)
             good = s;
     (void)exr_finish(&file);
     if (!header)
-        return kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: other size or channels",
+        return kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: size or channels differ",
                          f->place.temporary);
     if (good < f->strips)
         return kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: row %u and the following",
@@ -331,7 +331,7 @@ int kiln_exr_file_publish(struct kiln_exr_file *f, struct kiln_error *error)
         status = read_back(f, error);
     if (status != KILN_OK)
         return status;
-    f->there = false; /* removed when it cannot be published */
+    f->there = false; /* kiln_publish_finish removes it if it cannot be published */
     return kiln_publish_finish(&f->place, error);
 }
 

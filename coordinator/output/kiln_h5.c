@@ -9,7 +9,7 @@
 #include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
-/* Names as one table of fixed-length strings, which every HDF5 reads. */
+/* Writes the names as a table of fixed-length strings, which every HDF5 library can read. */
 static int write_names(struct kiln_h5 *h5, const struct kiln_scene *scene, struct kiln_error *error)
 {
     size_t length = 1;
@@ -77,7 +77,7 @@ static int write_objects(struct kiln_h5 *h5, const struct kiln_scene *scene, str
     return status == KILN_OK ? write_names(h5, scene, error) : status;
 }
 
-/* Sums an array of any length over the ranks, in place. */
+/* Sums an array of any length over the ranks, in place. Collective. */
 static int sum_over_ranks(MPI_Comm communicator, uint64_t *values, uint64_t count, struct kiln_error *error)
 {
     for (uint64_t first = 0; first < count; first += 1u << 24) {
@@ -89,7 +89,7 @@ static int sum_over_ranks(MPI_Comm communicator, uint64_t *values, uint64_t coun
     return KILN_OK;
 }
 
-/* Collective. How many points each cell has, over all ranks. */
+/* Collective. Counts the points of each cell over all ranks. */
 static int count_cells(const struct kiln_bake_result *result, uint64_t **points, struct kiln_error *error)
 {
     const struct kiln_surface *s = result->surface;
@@ -119,7 +119,7 @@ static int write_cells(struct kiln_h5 *h5, const struct kiln_surface *s, const u
                                           .units = "1",
                                           .description = "index of the cell's first point in /points"};
     int status = kiln_h5_small(h5, &counts, points, error);
-    /* points are in the order of objects otherwise: a cell's are not together */
+    /* otherwise points are in the order of objects, and those of a cell are not contiguous */
     if (status == KILN_OK && s->cell_first != NULL)
         status = kiln_h5_small(h5, &first, s->cell_first, error);
     return status;
@@ -146,7 +146,7 @@ static int write_attributes(struct kiln_h5 *h5, const struct kiln_bake_result *r
     return status;
 }
 
-/* Everything but the points; rank 0 only. */
+/* Rank 0 only. Writes everything except the points. */
 static int write_small(struct kiln_h5 *h5, const struct kiln_bake_result *result,
                        const struct kiln_output_params *params, const uint64_t *cell_points, struct kiln_error *error)
 {
@@ -184,7 +184,7 @@ static int write_file(struct kiln_points_writer *writer, const struct kiln_bake_
     return kiln_agree(result->communicator, status, error);
 }
 
-/* If nothing in it could be compressed. */
+/* Assumes that nothing can be compressed. */
 uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface *surface,
                        const struct kiln_field_set *fields)
 {
@@ -200,7 +200,7 @@ int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_outpu
     int rank = 0;
     if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS)
         return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
-    /* every rank reads it back; removing a left-over twice does no harm before the agreement */
+    /* on every rank, since all read the file back; removing an old temporary file twice does no harm */
     int status = kiln_publish_begin(&place, params->directory, "kiln.h5", error);
     if (status == KILN_OK && rank == 0)
         kiln_publish_sweep(&place);

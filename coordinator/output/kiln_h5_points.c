@@ -7,14 +7,14 @@
 #include "coordinator/output/chunk.h"
 #include "worker/base/memory.h"
 
-/* Rows of a chunk, and chunks that a rank packs and hands over at a time: 28 MB before packing. */
+/* Rows of a chunk, and number of chunks in a batch, which a rank compresses and sends together: 28 MB uncompressed. */
 enum { CHUNK_ROWS = 1 << 14, BATCH = 16, PARTS = BATCH * KILN_COLUMNS_MAX };
 enum { TAG_ROWS = 40, TAG_SIZES = 41, TAG_PACKED = 42 };
 
-/* The dataset that is read back whole. */
+/* The dataset that is read back completely. */
 #define TOTAL "/irradiance/total"
 
-/* Chunks with consecutive numbers, packed one after the other, column by column. */
+/* A batch: compressed chunks with consecutive numbers, column by column. */
 struct batch {
     uint64_t first, count; /* chunks */
     uint64_t bytes[PARTS];
@@ -25,12 +25,12 @@ struct kiln_points_writer {
     struct kiln_h5 *h5; /* rank 0 */
     int rank, ranks;
     uint64_t chunk_rows;
-    uint64_t *starts; /* ranks + 1: global points */
+    uint64_t *starts; /* global index of the first point of each rank; ranks + 1 entries */
     struct kiln_columns columns;
-    size_t total; /* the column of TOTAL */
+    size_t total; /* index of the column TOTAL */
     hid_t datasets[KILN_COLUMNS_MAX];
-    struct kiln_rows rows, tail; /* of the batch; of the last own chunk, from the ranks after this one */
-    uint8_t *shuffled, *packed;  /* both with one place a part */
+    struct kiln_rows rows, tail; /* rows of the batch; rows of the last own chunk that come from later ranks */
+    uint8_t *shuffled, *packed;  /* both have one slot for each part */
     struct batch batch;
 };
 
@@ -53,7 +53,7 @@ static const struct kiln_column *column_at(const struct kiln_points_writer *w, s
     return &w->columns.column[column];
 }
 
-/* ---- which chunk is whose ---- */
+/* ---- owners of chunks ---- */
 
 static uint64_t round_up(uint64_t point, uint64_t rows) { return (point + rows - 1) / rows; }
 
@@ -64,7 +64,7 @@ static uint64_t first_chunk(const struct kiln_points_writer *w, int rank)
 
 static uint64_t minimum(uint64_t a, uint64_t b) { return a < b ? a : b; }
 
-/* Where the rank's points end that lie in an earlier rank's chunk. */
+/* End of the rank's points that lie in a chunk of an earlier rank. */
 static uint64_t head_end(const struct kiln_points_writer *w, int rank)
 {
     return minimum(first_chunk(w, rank) * w->chunk_rows, w->starts[rank + 1]);
@@ -87,7 +87,7 @@ static uint64_t count_passes(const struct kiln_points_writer *w)
     return round_up(most, BATCH);
 }
 
-/* The rank in whose range the chunk begins that holds `point`. */
+/* The rank that owns the first point of the chunk that contains `point`. */
 static int owner_of(const struct kiln_points_writer *w, uint64_t point)
 {
     const uint64_t begin = point / w->chunk_rows * w->chunk_rows;
@@ -97,7 +97,7 @@ static int owner_of(const struct kiln_points_writer *w, uint64_t point)
     return rank;
 }
 
-/* Bytes of a chunk's columns before `column` when each has room for the worst. */
+/* Offset of `column` in a chunk's slots, if each column has room for its largest compressed size. */
 static size_t place_in_chunk(const struct kiln_points_writer *w, size_t column)
 {
     size_t bytes = 0;
@@ -112,9 +112,9 @@ static size_t place_of(const struct kiln_points_writer *w, size_t part)
     return part / columns * place_in_chunk(w, columns) + place_in_chunk(w, part % columns);
 }
 
-/* ---- rows at the border of ranks ---- */
+/* ---- rows of other ranks ---- */
 
-/* Between rows of columns and one message of `count` rows, column after column. */
+/* Copies `count` rows between columns and a message, which holds one column after the other. */
 static void move_rows(const struct kiln_rows *rows, const struct kiln_columns *columns, uint64_t at, uint64_t count,
                       uint8_t *message, bool out)
 {
@@ -128,10 +128,10 @@ static void move_rows(const struct kiln_rows *rows, const struct kiln_columns *c
 
 static int mpi_failed(struct kiln_error *error)
 {
-    return kiln_fail(error, KILN_RANK_LOST, "MPI failed while points were brought to the rank that writes 'kiln.h5'");
+    return kiln_fail(error, KILN_RANK_LOST, "MPI failed while points were sent to the rank that writes 'kiln.h5'");
 }
 
-/* `w->packed` carries the message: it has room for more rows than a chunk has. */
+/* The message is in `w->packed`, which has room for more rows than a chunk. */
 static int send_head(struct kiln_points_writer *w, struct kiln_error *error)
 {
     const uint64_t first = w->starts[w->rank], last = head_end(w, w->rank);
@@ -158,7 +158,7 @@ static int receive_tail(struct kiln_points_writer *w, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* A rank that sends to an earlier one has sent before it receives from later ones, so nobody waits in a circle. */
+/* A rank first sends to an earlier one and then receives from later ones, which prevents deadlock. */
 static int share_borders(struct kiln_points_writer *w, struct kiln_error *error)
 {
     int status = send_head(w, error);
@@ -167,9 +167,9 @@ static int share_borders(struct kiln_points_writer *w, struct kiln_error *error)
     return kiln_agree(w->result->communicator, status, error);
 }
 
-/* ---- packing ---- */
+/* ---- compression ---- */
 
-/* Rows beyond the last point fill the file's last chunk. */
+/* Fills in the rows of a batch; rows beyond the last point pad the last chunk of the file. */
 static void fill_batch(struct kiln_points_writer *w)
 {
     const uint64_t own_end = w->starts[w->rank + 1], first = w->batch.first * w->chunk_rows,
@@ -195,7 +195,7 @@ static int pack_part(struct kiln_points_writer *w, size_t part, struct kiln_erro
     return status;
 }
 
-/* Brings what stands in its places together. Returns how much it is. */
+/* Moves the compressed parts from their slots together. Returns their total size. */
 static size_t close_up(struct kiln_points_writer *w)
 {
     size_t at = 0;
@@ -276,7 +276,8 @@ static int send_batch(struct kiln_points_writer *w, size_t bytes, struct kiln_er
     return KILN_OK;
 }
 
-/* Rank 0 takes all other ranks' batches of the pass, also when it can no longer write them: they are on their way. */
+/* Rank 0 receives the batches of all other ranks in this pass, even after a failure, since they have been sent already.
+ */
 static int write_pass(struct kiln_points_writer *w, uint64_t pass, struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
@@ -306,7 +307,7 @@ int kiln_points_write(struct kiln_points_writer *w, struct kiln_h5 *h5, struct k
     int status = share_borders(w, error);
     if (status == KILN_OK)
         status = kiln_agree(comm, w->rank == 0 ? make_datasets(w, error) : KILN_OK, error);
-    int own = KILN_OK; /* what rank 0 could not write is known to the others one pass later */
+    int own = KILN_OK; /* the other ranks learn of a failed write of rank 0 one pass later */
     for (uint64_t pass = 0; status == KILN_OK && pass < passes; pass++) {
         if (own == KILN_OK)
             own = kiln_stop_asked(w->result->stop) ? kiln_give_up(error) : pack_batch(w, pass, error);
@@ -346,7 +347,7 @@ static bool has_extents(hid_t file, const struct kiln_columns *columns, uint64_t
     return right;
 }
 
-/* The packed chunks of /irradiance/total in the batch, each into the place of its part. */
+/* Reads the compressed chunks of /irradiance/total in the batch into the slots of their parts. */
 static bool read_packed(struct kiln_points_writer *w, hid_t dataset)
 {
     const size_t room = kiln_chunk_bound(w->chunk_rows * kiln_column_row(column_at(w, w->total)));
@@ -415,7 +416,7 @@ int kiln_points_check(struct kiln_points_writer *w, const struct kiln_publish *p
     const hid_t file = H5Fopen(place->opens, H5F_ACC_RDONLY, H5P_DEFAULT);
     int status = file < 0 ? kiln_fail(error, KILN_IO, "'%s' cannot be opened as HDF5", path) : KILN_OK;
     if (status == KILN_OK && !has_extents(file, &w->columns, w->result->surface->point_count))
-        status = kiln_fail(error, KILN_IO, "'%s': not all points are there", path);
+        status = kiln_fail(error, KILN_IO, "'%s' does not contain all points", path);
     const hid_t dataset = status == KILN_OK ? H5Dopen2(file, TOTAL, H5P_DEFAULT) : H5I_INVALID_HID;
     if (status == KILN_OK && !same_totals(w, dataset))
         status = kiln_stop_asked(w->result->stop)
@@ -459,7 +460,7 @@ static int allocate(struct kiln_points_writer *w, struct kiln_error *error)
 {
     const uint64_t own = minimum(first_chunk(w, w->rank + 1) - first_chunk(w, w->rank), BATCH);
     const uint64_t held = w->rank == 0 ? minimum(first_chunk(w, w->ranks), BATCH) : own;
-    /* one for what goes to another rank's chunk */
+    /* a rank without chunks needs one slot for the rows that it sends */
     const size_t chunks = own > 0 ? own : 1, places = place_in_chunk(w, w->columns.count);
     int status = kiln_rows_allocate(&w->rows, &w->columns, chunks * w->chunk_rows, error);
     if (status == KILN_OK)

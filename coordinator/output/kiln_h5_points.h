@@ -1,8 +1,8 @@
-/* The columns of surface points in kiln.h5. Every rank packs the chunks that begin with one of its points, on all its
- * threads, and hands them to rank 0, which alone writes the file: HDF5 runs the filters of a collective write in one
- * thread a rank, and that took longer than the light. A chunk that ends with other ranks' points gets them from these
- * first. Values and chunks do not depend on the number of ranks or threads; the order of chunks in the file does on the
- * ranks. */
+/* Writer of the columns of surface points in kiln.h5. Every rank compresses the chunks that begin with one of its
+ * points, with all its threads, and sends them to rank 0, which writes the file alone. HDF5's own collective write runs
+ * the filters in one thread on each rank, which took longer than computing the light. If a chunk ends with points of
+ * other ranks, its rank receives them first. Values and chunks do not depend on the number of ranks or threads; the
+ * order of chunks in the file depends on the number of ranks. */
 #ifndef KILN_COORDINATOR_OUTPUT_KILN_H5_POINTS_H
 #define KILN_COORDINATOR_OUTPUT_KILN_H5_POINTS_H
 
@@ -11,19 +11,19 @@
 
 struct kiln_points_writer;
 
-/* Collective. Needs some 120 MB at most. */
+/* Collective. Needs about 120 MB of memory at most. */
 int kiln_points_writer_create(struct kiln_points_writer **writer, const struct kiln_bake_result *result,
                               struct kiln_error *error);
 void kiln_points_writer_destroy(struct kiln_points_writer **writer);
 
-/* Collective. `h5` is rank 0's open file, with the groups made; other ranks give NULL. */
+/* Collective. `h5` is the open file of rank 0, in which the groups exist; other ranks pass NULL. */
 int kiln_points_write(struct kiln_points_writer *writer, struct kiln_h5 *h5, struct kiln_error *error);
 
-/* Collective, after the file was closed. All columns must be as long as they should, and the whole of /irradiance/total
- * what it was made from. */
+/* Collective, after the file has been closed. Checks the length of all columns, and compares all values of
+ * /irradiance/total with the light of the points. */
 int kiln_points_check(struct kiln_points_writer *writer, const struct kiln_publish *place, struct kiln_error *error);
 
-/* What the columns take in a file if nothing can be compressed. */
+/* Size of the columns in a file if nothing can be compressed, bytes. */
 uint64_t kiln_points_largest(const struct kiln_field_set *fields, uint64_t points);
 
 #endif

@@ -5,7 +5,7 @@
 
 struct triangle_view {
     const struct kiln_object *object;
-    uint64_t vertex[3]; /* of the scene */
+    uint64_t vertex[3]; /* indices of its vertices in the scene */
 };
 
 static struct triangle_view view_triangle(const struct kiln_bake_result *result, uint32_t object, uint32_t triangle)
@@ -19,8 +19,8 @@ static struct triangle_view view_triangle(const struct kiln_bake_result *result,
     return view;
 }
 
-/* Weights of corners 1 and 2 at the centroid of the triangle's part in the texel, and that part's area in texels.
- * `scale`: of the lightmap's sides beside the object's own. */
+/* Computes the barycentric weights of corners 1 and 2 at the centroid of the part of the triangle in the texel; returns
+ * the area of that part in texels. `scale`: size of the lightmap relative to the object's published one. */
 static double piece_centroid(const struct kiln_scene *scene, const struct triangle_view *view, uint32_t x, uint32_t y,
                              double scale, double *b1, double *b2)
 {
@@ -54,8 +54,8 @@ static void add_position(const struct kiln_scene *scene, const struct triangle_v
         position[i] += share * (m[4 * i] * local[0] + m[4 * i + 1] * local[1] + m[4 * i + 2] * local[2] + m[4 * i + 3]);
 }
 
-/* Normals go with the inverse transpose, which is the cofactor matrix over the determinant: only its sign matters here.
- */
+/* Transforms a normal by the inverse transpose, that is, the cofactor matrix over the determinant, of which only the
+ * sign matters here. */
 static struct kiln_dvec3 transform_normal(const double m[12], struct kiln_dvec3 n)
 {
     const struct kiln_dvec3 r0 = dvec3(m[0], m[1], m[2]), r1 = dvec3(m[4], m[5], m[6]), r2 = dvec3(m[8], m[9], m[10]);

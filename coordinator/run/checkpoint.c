@@ -13,14 +13,14 @@
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
-enum { MANIFEST_MOST = 1 << 28, PARTS_MOST = 1 << 20 }; /* bytes; ranks that wrote */
+enum { MANIFEST_MOST = 1 << 28, PARTS_MOST = 1 << 20 }; /* limits of the size in bytes, and of the number of files */
 
 static int damaged(struct kiln_error *error, const char *path, const char *how)
 {
     return kiln_fail(error, KILN_IO, "'%s' %s", path, how);
 }
 
-/* A file of `generation`; `path` receives its name for sentences. */
+/* Opens a file of `generation`; `path` receives its name, for messages. */
 static int open_part(const struct kiln_checkpoint *c, uint64_t generation, size_t part, char path[KILN_PATH_SIZE],
                      int *descriptor, uint64_t *size, struct kiln_error *error)
 {
@@ -32,7 +32,7 @@ static int open_part(const struct kiln_checkpoint *c, uint64_t generation, size_
     if (status == KILN_OK)
         status = kiln_open_below(c->directory, name, O_RDONLY, 0, descriptor, error);
     if (status != KILN_OK)
-        return KILN_IO; /* whatever is wrong with it: it is not whole */
+        return KILN_IO; /* whatever the error was, the generation counts as damaged */
     if (fstat(*descriptor, &found) != 0)
         return kiln_fail_errno(error, KILN_IO, "'%s' cannot be examined", path);
     *size = (uint64_t)found.st_size;
@@ -92,7 +92,7 @@ static bool read_part_entry(const json_t *json, struct checkpoint_part *part)
     return true;
 }
 
-/* Every rank: from the manifest's text to the table of parts. */
+/* Every rank: parses the text of the manifest into the table of files. */
 static int parse_manifest(struct kiln_checkpoint *c, const char *path, const char *text, size_t size,
                           struct kiln_error *error)
 {
@@ -129,7 +129,7 @@ static int parse_manifest(struct kiln_checkpoint *c, const char *path, const cha
     return status;
 }
 
-/* Collective: rank 0 reads the manifest and hands it to all. */
+/* Collective: rank 0 reads the manifest and broadcasts it. */
 static int share_manifest(struct kiln_checkpoint *c, uint64_t generation, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE], name[CHECKPOINT_NAME], *text = NULL;
@@ -141,7 +141,7 @@ static int share_manifest(struct kiln_checkpoint *c, uint64_t generation, struct
     if (status == KILN_OK && c->rank == 0)
         status = kiln_read_file_below(c->directory, name, MANIFEST_MOST, &text, &size, error);
     if (status != KILN_OK && status != KILN_SYSTEM)
-        status = KILN_IO; /* whatever is wrong with it: it is not whole */
+        status = KILN_IO; /* whatever the error was, the generation counts as damaged */
     status = kiln_agree(c->communicator, status, error);
     uint64_t length = size;
     (void)MPI_Bcast(&length, 1, MPI_UINT64_T, 0, c->communicator);
@@ -184,7 +184,7 @@ static int verify_part(const struct kiln_checkpoint *c, uint64_t generation, siz
                : damaged(error, path, "is damaged: its hash is not the manifest's");
 }
 
-/* Collective: every file is read by one rank. */
+/* Collective: each file is read and checked by one rank. */
 static int verify_parts(const struct kiln_checkpoint *c, uint64_t generation, struct kiln_error *error)
 {
     enum { ROOM = 1 << 20 };
@@ -209,7 +209,7 @@ static void forget(struct kiln_checkpoint *c)
     c->generation = 0;
 }
 
-/* Collective: opens one generation. KILN_IO: it is not whole. */
+/* Collective: opens a generation. KILN_IO: it is damaged. */
 static int try_generation(struct kiln_checkpoint *c, uint64_t generation, struct kiln_error *error)
 {
     int status = share_manifest(c, generation, error);
@@ -222,7 +222,7 @@ static int try_generation(struct kiln_checkpoint *c, uint64_t generation, struct
     return status;
 }
 
-/* Rank 0: what is there, newest first, once what dead writers left is gone. */
+/* Rank 0: removes what killed writers left, and lists the generations, newest first. */
 static int survey(const struct kiln_checkpoint *c, uint64_t **generations, size_t *count, struct kiln_error *error)
 {
     uint64_t *unfinished = NULL;
@@ -325,7 +325,7 @@ void kiln_checkpoint_part_range(const struct kiln_checkpoint *c, size_t part, co
     *count = b != NULL ? b->count : 0;
 }
 
-/* Bytes of one file's array. */
+/* Reads bytes of an array from one file. */
 static int read_from(const struct kiln_checkpoint *c, size_t part, uint64_t offset, uint64_t bytes, void *values,
                      struct kiln_error *error)
 {
@@ -340,8 +340,8 @@ static int read_from(const struct kiln_checkpoint *c, size_t part, uint64_t offs
     return status;
 }
 
-/* The file whose array has element `at`, looked for from file `from` on: files are in the order of what they hold.
- * NULL: none has. */
+/* Finds the file that contains element `at` of the array, starting with file `from`, since files are in the order of
+ * their ranges. NULL: there is none. */
 static const struct checkpoint_block *block_with(const struct kiln_checkpoint *c, const char *name, size_t size,
                                                  uint64_t at, size_t from, size_t *part)
 {
@@ -358,7 +358,7 @@ int kiln_checkpoint_read(const struct kiln_checkpoint *c, const char *name, uint
                          void *values, struct kiln_error *error)
 {
     size_t part = 0;
-    for (uint64_t got = 0; got < count;) { /* each element from one file, however their ranges may overlap */
+    for (uint64_t got = 0; got < count;) { /* each element is read from one file, even if ranges overlap */
         const uint64_t at = first + got;
         const struct checkpoint_block *b = block_with(c, name, size, at, part, &part);
         if (b == NULL)
@@ -403,7 +403,7 @@ void kiln_checkpoint_remove(struct kiln_checkpoint *c)
     uint64_t *generations = NULL;
     size_t count = 0;
     forget(c);
-    (void)MPI_Barrier(c->communicator); /* nobody reads any more */
+    (void)MPI_Barrier(c->communicator); /* wait until no rank reads any more */
     if (c->rank != 0)
         return;
     if (survey(c, &generations, &count, NULL) == KILN_OK)

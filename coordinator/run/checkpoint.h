@@ -1,18 +1,18 @@
-/* What a bake keeps of itself, so that it can go on after anything that ends it.
+/* Checkpoints: the saved state of a bake, from which it can continue after any interruption.
  *
  *   DIR/checkpoint/gen-000012/part-00000   arrays of rank 0, one after the other
  *                             part-00001   ...
- *                             manifest     JSON, sealed (coordinator/files/checksummed_json.h)
+ *                             manifest     JSON with a checksum (coordinator/files/checksummed_json.h)
  *
- * A generation is written into a folder called .writing-000012: one file a rank, synced; then by rank 0 the manifest,
- * which says for each file its size, its XXH3 hash and where in it which array lies; then the folder gets its name and
- * the one above is synced. So a folder called gen-* is whole, whenever and however the writers died; a folder called
- * .writing-* is worth nothing and swept away by the next bake. The two newest generations are kept: one that fails its
- * hashes is passed over, with a sentence, for the one before.
+ * Each checkpoint is called a generation. It is written into a folder .writing-000012: each rank writes and syncs one
+ * file, then rank 0 writes the manifest, which lists for each file its size, its XXH3 hash, and the position of each
+ * array. Then the folder is renamed and its parent synced. So a folder gen-* is complete, whenever and however the
+ * writers ended; a folder .writing-* is incomplete, and the next bake removes it. The two newest generations are kept.
+ * If one does not match its hashes, a warning is printed and the previous one is used.
  *
- * Arrays have a name and a range: `first` and `count` in some global numbering, such as that of surface points. A
- * reader asks for a range and gets it from whatever files hold it, so the number of ranks that read need not be that
- * which wrote. Values are as the processor has them; the manifest says which byte order that is. */
+ * Arrays have a name and a range, `first` and `count` in a global numbering such as that of surface points. A reader
+ * asks for a range, which is read from whichever files contain it; so the number of ranks that read may differ from the
+ * number that wrote. Values have the byte order of the processor, which the manifest states. */
 #ifndef KILN_COORDINATOR_RUN_CHECKPOINT_H
 #define KILN_COORDINATOR_RUN_CHECKPOINT_H
 
@@ -25,68 +25,67 @@
 
 enum { KILN_BLOCK_NAME = 24, KILN_BLOCKS_MAX = 48 };
 
-/* An array of one rank, or a part of one that ranks share. */
+/* A range of an array, as one rank holds it. */
 struct kiln_block {
     char name[KILN_BLOCK_NAME];
-    uint64_t first, count; /* elements */
+    uint64_t first, count; /* range of elements */
     uint64_t size;         /* bytes of an element */
     const void *data;      /* borrowed during the call */
 };
 
 struct kiln_checkpoint;
 
-/* Collective. The generations of the bake folder `directory`, which is there; nothing is written, and left-overs of
- * writers that died are removed. With `take` the newest generation that is whole is opened: every file is read once and
- * compared with its hash, by one of the ranks. Generations that are not whole are named on stderr (rank 0), passed
- * over, and removed once a whole one is found. Destroy with kiln_checkpoint_close. */
+/* Collective. Opens the checkpoints of the bake folder `directory`, which must exist. Writes nothing, but removes what
+ * writers left that were killed. With `take` the newest complete generation is opened: each of its files is read by one
+ * of the ranks and compared with its hash. Rank 0 prints a warning for damaged generations; they are skipped, and
+ * removed when a complete one is found. Destroy with kiln_checkpoint_close. */
 int kiln_checkpoint_open(struct kiln_checkpoint **checkpoint, MPI_Comm communicator, const char *directory, bool take,
                          struct kiln_error *error);
 void kiln_checkpoint_close(struct kiln_checkpoint **checkpoint);
 
-/* The number of the open generation; 0: there is none. */
+/* Number of the open generation; 0: none is open. */
 uint64_t kiln_checkpoint_generation(const struct kiln_checkpoint *checkpoint);
-/* What the writer gave as `identity`: borrowed, NULL without an open generation. */
+/* The `identity` of its writer: borrowed; NULL if no generation is open. */
 const json_t *kiln_checkpoint_identity(const struct kiln_checkpoint *checkpoint);
-/* Seconds since 1970 at which it was written. */
+/* When it was written, seconds since 1970. */
 double kiln_checkpoint_written(const struct kiln_checkpoint *checkpoint);
 
-/* Collective. Writes a new generation of this rank's `blocks` and removes the one before the last. `identity` is
- * borrowed, and the same on all ranks. The folder is made when it is missing. Free space is looked at first: KILN_IO
- * with both numbers unless 1.2 times what is to be written is there; when an older generation's room makes the
- * difference, it goes first, so that one is always whole. KILN_IO, KILN_CANNOT_CREATE, KILN_PERMISSION: the generations
- * before are as they were. */
+/* Collective. Writes a new generation from the `blocks` of all ranks, and removes all but the two newest. `identity` is
+ * borrowed, and must be the same on all ranks. The folder is created if it is missing. Checks the free space first:
+ * KILN_IO, with both numbers, unless 1.2 times the size of the checkpoint is free. If the space of the older generation
+ * suffices, that is removed first, so that one complete generation always exists. After KILN_IO, KILN_CANNOT_CREATE and
+ * KILN_PERMISSION the existing generations are unchanged. */
 int kiln_checkpoint_write(struct kiln_checkpoint *checkpoint, const json_t *identity, const struct kiln_block *blocks,
                           size_t block_count, struct kiln_error *error);
-/* The number of the last one written or opened. */
+/* Number of the last generation that was written or opened. */
 uint64_t kiln_checkpoint_last(const struct kiln_checkpoint *checkpoint);
-/* How many have been written, the seconds that took this rank, and the bytes of the last (all ranks). */
+/* Number of generations written, the seconds that took on this rank, and the size of the last one on all ranks, bytes.
+ */
 void kiln_checkpoint_spent(const struct kiln_checkpoint *checkpoint, uint64_t *count, double *seconds, uint64_t *bytes);
 
-/* Elements [first, first + count) of the array called `name`, from the open generation. Not collective. KILN_IO when it
- * does not hold all of them, with elements of `size` bytes. */
+/* Not collective. Reads elements [first, first + count) of the array `name` from the open generation. KILN_IO if it
+ * does not contain all of them, or its elements do not have `size` bytes. */
 int kiln_checkpoint_read(const struct kiln_checkpoint *checkpoint, const char *name, uint64_t first, uint64_t count,
                          size_t size, void *values, struct kiln_error *error);
 /* Whether the open generation has an array of that name. */
 bool kiln_checkpoint_has(const struct kiln_checkpoint *checkpoint, const char *name);
 
-/* The files of the open generation, one a rank that wrote. */
+/* Number of files of the open generation, one for each rank that wrote it. */
 size_t kiln_checkpoint_parts(const struct kiln_checkpoint *checkpoint);
-/* The range that file `part` has of the array; count 0: nothing. */
+/* The range of the array that file `part` contains; *count 0: none. */
 void kiln_checkpoint_part_range(const struct kiln_checkpoint *checkpoint, size_t part, const char *name,
                                 uint64_t *first, uint64_t *count);
-/* All of the array that file `part` has: *values is from kiln_allocate, *count elements. Not collective. */
+/* Not collective. Reads all elements of the array that file `part` contains; *values is from kiln_allocate. */
 int kiln_checkpoint_read_part(const struct kiln_checkpoint *checkpoint, size_t part, const char *name, size_t size,
                               void *values, uint64_t *count, struct kiln_error *error);
 
-/* Collective. Removes all generations, and the folder when nothing else is in it. Nothing there is fine, and what
- * cannot be removed stays. */
+/* Collective. Removes all generations, and the folder if nothing else is in it. What cannot be removed stays. */
 void kiln_checkpoint_remove(struct kiln_checkpoint *checkpoint);
 
-/* Rank 0 only: removes DIR/checkpoint, if it is empty. */
+/* Rank 0 only: removes DIR/checkpoint if it is empty. */
 void kiln_checkpoint_remove_folder(const char *directory);
 
-/* Rank 0 only, without MPI: whether there is a generation's folder in the bake folder, and the newest one's number. For
- * `kiln status`. */
+/* Without MPI, for `kiln status`: whether the bake folder contains a generation, and the number of the newest one. */
 bool kiln_checkpoint_newest(const char *directory, uint64_t *generation);
 
 #endif

@@ -13,7 +13,7 @@
 
 #define FOLDER "checkpoint"
 
-enum { FOLDER_NAME = 40 }; /* of a generation, in the checkpoint's */
+enum { FOLDER_NAME = 40 }; /* size of the name of a generation's folder */
 
 static void name_of(char name[FOLDER_NAME], bool writing, uint64_t generation)
 {
@@ -43,7 +43,7 @@ void checkpoint_manifest_name(char name[CHECKPOINT_NAME], bool writing, uint64_t
     (void)snprintf(name, CHECKPOINT_NAME, FOLDER "/%s/manifest", folder);
 }
 
-/* The number in "PREFIX-000012". */
+/* Parses the number in "PREFIX-000012". */
 static bool number_of(const char *name, const char *prefix, uint64_t *number)
 {
     const size_t length = strlen(prefix);
@@ -61,7 +61,7 @@ static int newest_first(const void *a, const void *b)
     return (x < y) - (x > y);
 }
 
-/* The entries of an open folder; close them with closedir. */
+/* Opens the entries of an open folder; close with closedir. */
 static DIR *entries_of(int descriptor)
 {
     const int copy = kiln_openat(descriptor, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
@@ -130,7 +130,7 @@ void checkpoint_remove_generation(const char *directory, bool writing, uint64_t 
         return;
     name_of(name, writing, generation);
     name_of(aside, true, generation);
-    /* A generation that is half removed must not look like one that was damaged. */
+    /* rename it first, so that a partly removed generation does not look like a damaged one */
     if (!writing && kiln_renameat(folder.descriptor, name, aside) == 0)
         memcpy(name, aside, sizeof name);
     const int inside = kiln_openat(folder.descriptor, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC, 0);
@@ -139,7 +139,7 @@ void checkpoint_remove_generation(const char *directory, bool writing, uint64_t 
         (void)close(inside);
         (void)kiln_unlinkat(folder.descriptor, name, AT_REMOVEDIR);
     } else if (errno == ELOOP || errno == ENOTDIR) {
-        (void)kiln_unlinkat(folder.descriptor, name, 0); /* a link or a file that somebody put there: that alone goes */
+        (void)kiln_unlinkat(folder.descriptor, name, 0); /* a link or file under that name; only that is removed */
     }
     kiln_folder_close(&folder);
 }
@@ -163,7 +163,7 @@ void kiln_checkpoint_remove_folder(const char *directory)
 {
     struct kiln_folder folder;
     if (kiln_folder_open(&folder, directory, NULL, false, NULL) == KILN_OK)
-        (void)kiln_unlinkat(folder.descriptor, FOLDER, AT_REMOVEDIR); /* unless there is something in it */
+        (void)kiln_unlinkat(folder.descriptor, FOLDER, AT_REMOVEDIR); /* fails if it is not empty, which is intended */
     kiln_folder_close(&folder);
 }
 

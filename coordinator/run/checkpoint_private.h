@@ -1,4 +1,4 @@
-/* Shared by checkpoint.c (reading), checkpoint_write.c and checkpoint_folder.c. */
+/* Private parts of checkpoints: shared by checkpoint.c (reading), checkpoint_write.c and checkpoint_folder.c. */
 #ifndef KILN_COORDINATOR_RUN_CHECKPOINT_PRIVATE_H
 #define KILN_COORDINATOR_RUN_CHECKPOINT_PRIVATE_H
 
@@ -6,11 +6,11 @@
 #include "coordinator/files/publish.h"
 #include "coordinator/files/checksummed_json.h"
 
-/* The number of the format, of the manifest and of all records in blocks: it is looked at before anything else is read,
- * and a checkpoint of another number is refused. */
+/* Version of the format, of the manifest and of all records in blocks. It is checked before anything else is read, and
+ * a checkpoint of another version is refused. */
 enum { KILN_CHECKPOINT_FORMAT = 3, CHECKPOINT_NAME = 96 };
 
-/* Where an array lies in a file. */
+/* Position of an array in a file. */
 struct checkpoint_block {
     char name[KILN_BLOCK_NAME];
     uint64_t first, count, size, offset;
@@ -26,33 +26,33 @@ struct checkpoint_part {
 struct kiln_checkpoint {
     MPI_Comm communicator;
     int rank, ranks;
-    char directory[KILN_PATH_SIZE]; /* of the bake */
+    char directory[KILN_PATH_SIZE]; /* folder of the bake */
     /* the open generation */
     uint64_t generation;
     json_t *manifest;
     struct checkpoint_part *parts;
     size_t part_count;
-    char path[KILN_PATH_SIZE]; /* its folder, for sentences */
+    char path[KILN_PATH_SIZE]; /* path of its folder, for messages */
     /* writing */
-    uint64_t newest; /* the highest number there is or was */
+    uint64_t newest; /* highest number of any generation so far */
     uint64_t written, last_bytes;
     double seconds;
 };
 
-/* DIR/checkpoint/gen-N, or DIR/checkpoint/.writing-N, open (folder.h). */
+/* Opens DIR/checkpoint/gen-N or, with `writing`, DIR/checkpoint/.writing-N (folder.h). */
 int checkpoint_open_generation(struct kiln_folder *folder, const char *directory, bool writing, uint64_t generation,
                                bool make, struct kiln_error *error);
-/* Names of its files, within DIR. */
+/* Names of its files, relative to DIR. */
 void checkpoint_file_name(char name[CHECKPOINT_NAME], bool writing, uint64_t generation, size_t part);
 void checkpoint_manifest_name(char name[CHECKPOINT_NAME], bool writing, uint64_t generation);
 
-/* Rank 0: the generations of the bake folder, newest first; *generations is from kiln_allocate. Without a checkpoint
- * there are none. With `writing` the unfinished ones. */
+/* Rank 0: lists the generations of the bake folder, newest first, or with `writing` the incomplete ones. *generations
+ * is from kiln_allocate. Without a checkpoint there are none. */
 int checkpoint_list(const char *directory, bool writing, uint64_t **generations, size_t *count,
                     struct kiln_error *error);
-/* Rank 0: removes one, that is, the files that a generation has and then the folder; of a link, the link. */
+/* Rank 0: removes a generation: first its files, then its folder; if that is a link, only the link. */
 void checkpoint_remove_generation(const char *directory, bool writing, uint64_t generation);
-/* Rank 0: gives an unfinished one its name, and syncs. */
+/* Rank 0: renames an incomplete generation to its final name, and syncs. */
 int checkpoint_publish_generation(const char *directory, uint64_t generation, struct kiln_error *error);
 
 #endif

@@ -18,10 +18,11 @@ static double free_bytes(const char *path)
     return statvfs(path, &found) == 0 ? (double)found.f_bavail * (double)found.f_frsize : -1.0;
 }
 
-/* Rank 0: room for `bytes` and a fifth more, if need be by giving up the older one of two generations. */
+/* Rank 0: makes sure that 1.2 x `bytes` are free, if necessary by removing the older of two generations. */
 static int make_room(const struct kiln_checkpoint *c, uint64_t bytes, struct kiln_error *error)
 {
-    const double needed = 1.2 * (double)bytes + 16384.0; /* the manifest, the status file, folders */
+    const double needed =
+        1.2 * (double)bytes + 16384.0; /* the constant is for the manifest, the status file and folders */
     double there = free_bytes(c->directory);
     if (there >= 0.0 && there < needed) {
         uint64_t *generations = NULL;
@@ -43,13 +44,13 @@ static int make_room(const struct kiln_checkpoint *c, uint64_t bytes, struct kil
     return KILN_OK;
 }
 
-/* Rank 0: the folder of the next generation, empty. */
+/* Rank 0: creates the empty folder of the next generation. */
 static int begin(const struct kiln_checkpoint *c, uint64_t bytes, uint64_t generation, struct kiln_error *error)
 {
     struct kiln_folder folder;
     int status = kiln_folder_open(&folder, c->directory, "checkpoint", true, error);
     kiln_folder_close(&folder);
-    if (status == KILN_OK && c->written == 0) { /* the folder of all generations has an entry to be kept, too */
+    if (status == KILN_OK && c->written == 0) { /* sync the entry of the folder of all generations, too */
         status = kiln_folder_open(&folder, c->directory, NULL, false, error);
         if (status == KILN_OK)
             status = kiln_folder_sync(&folder, error);
@@ -73,7 +74,7 @@ static uint64_t sum_bytes(const struct kiln_block *blocks, size_t count)
     return bytes;
 }
 
-/* A megabyte at a time is hashed and written, so that it is read from memory once. */
+/* Hashes and writes one megabyte at a time, so that it is read from memory only once. */
 static int write_block(int descriptor, XXH3_state_t *hash, const struct kiln_block *block, uint64_t offset,
                        const char *path, struct kiln_error *error)
 {
@@ -136,7 +137,7 @@ static json_t *part_json(const struct checkpoint_part *part)
     return json_pack("{s:I, s:s, s:o}", "bytes", (json_int_t)part->bytes, "xxh3_128", part->hash, "blocks", blocks);
 }
 
-/* Rank 0. */
+/* Rank 0: creates the manifest. */
 static json_t *manifest_json(const json_t *identity, uint64_t generation, const struct checkpoint_part *parts,
                              size_t count)
 {
@@ -152,7 +153,7 @@ static json_t *manifest_json(const json_t *identity, uint64_t generation, const 
                      (json_t *)(uintptr_t)identity, "parts", files);
 }
 
-/* Rank 0: everything is written; from here on the generation counts. */
+/* Rank 0: writes the manifest and publishes the generation, after all files have been written. */
 static int publish(struct kiln_checkpoint *c, uint64_t generation, const json_t *identity,
                    const struct checkpoint_part *parts, struct kiln_error *error)
 {

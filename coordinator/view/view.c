@@ -131,14 +131,14 @@ static int make_picture(const struct kiln_view_source *source, const struct kiln
 int kiln_picture_make(const struct kiln_view_source *source, const struct kiln_view_wish *wish, uint32_t side,
                       struct kiln_picture *picture, struct kiln_error *error)
 {
-    if (kiln_geometry_met_count(source->geometry) == source->geometry->triangle_count)
+    if (kiln_geometry_hittable_count(source->geometry) == source->geometry->triangle_count)
         return make_picture(source, wish, side, picture, error);
     struct kiln_view_source own = *source;
     struct kiln_geometry *geometry = NULL;
     own.backend = NULL;
     int status = kiln_geometry_create(&geometry, source->scene, error);
     if (status == KILN_OK) {
-        kiln_geometry_meet_all(geometry);
+        kiln_geometry_make_all_hittable(geometry);
         own.geometry = geometry;
         const struct kiln_backend_params params = {.scene = source->scene,
                                                    .geometry = geometry,
@@ -163,7 +163,7 @@ void kiln_viewpoint_text(const struct kiln_viewpoint *v, char text[KILN_VIEWPOIN
         (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen by the scene's camera '%s'",
                        kiln_text_plain(place, sizeof place, v->camera));
     else if (v->kind == KILN_VIEW_GIVEN)
-        (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen as requested, %s", place);
+        (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen as asked, %s", place);
     else
         (void)snprintf(
             text, KILN_VIEWPOINT_TEXT,

@@ -34,8 +34,8 @@ struct kiln_view_source {
     const struct kiln_lights *lights; /* has the environment; NULL: black */
     struct kiln_backend *backend;
     bool texels; /* draw a checkerboard of the lightmaps' texels instead of light */
-    /* a field of the lightmaps that is drawn as it is on surfaces, its first three components as red, green and blue;
-     * NULL: light */
+    /* a field of the lightmaps whose values are drawn instead of light, its first three components as red, green and
+     * blue; NULL: light */
     const struct kiln_field *field;
     const struct kiln_stop *stop; /* may ask to stop (KILN_STOPPED); NULL: never */
 };

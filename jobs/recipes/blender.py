@@ -2,7 +2,8 @@
 in that light.
 
     blender --python jobs/recipes/blender.py -- DIR           makes a new scene with DIR/scene.glb and its lightmaps
-    blender my.blend --python jobs/recipes/blender.py -- DIR     the same applies them to your own objects of the same names
+    blender my.blend --python jobs/recipes/blender.py -- DIR     the same applies them to your own objects of the same
+                                                                 names
     ... -- DIR --exposure -10 --save shown.blend              exposure in stops; by default from the mean light
 
 On your own objects the lightmap's UVs are copied to a UV map called "kiln", corner by corner. A mesh that differs from

@@ -42,7 +42,7 @@ struct kiln_gpu_lightmap { /* struct kiln_lightmap */
 };
 KILN_SIZE_IS(kiln_gpu_lightmap, 32);
 
-struct kiln_gpu_tile { /* struct kiln_tile, struct kiln_tile_part */
+struct kiln_gpu_tile { /* struct kiln_tile, struct kiln_split_tile_run */
     KILN_WORD64 mask, first;
 };
 KILN_SIZE_IS(kiln_gpu_tile, 16);

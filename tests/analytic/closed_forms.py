@@ -1,15 +1,16 @@
 """Bakes every scene that has a closed-form answer and compares.
 
 Two criteria hold at each point, and both must be met: the relative error is within the case's tolerance (tol_rel of
-expected.json), and the difference is within 4 standard errors plus what texels and rounding explain. A closed form speaks of a
-point, a texel is a mean over its area: the value at a point is that of the quadratic whose means over 3 x 3 texels fit best, and
-the grid's part is by how much 5 x 5 texels say otherwise. The standard error is the bake's own, pooled over the surrounding texels
-because each is estimated from few sub-nets; with bounces, all points gather from the same radiosity, whose error the energy ledger
-knows. That the criteria can fail is tested at every point: an answer moved by 1 % (2.5 tolerances where that is more) must be
-refused.
+expected.json), and the difference is within 4 standard errors plus what texels and rounding explain. A closed form
+speaks of a point, a texel is a mean over its area: the value at a point is that of the quadratic whose means over 3 x 3
+texels fit best, and the grid's part is by how much 5 x 5 texels say otherwise. The standard error is the bake's own,
+pooled over the surrounding texels because each is estimated from few sub-nets; with bounces, all points gather from the
+same radiosity, whose error the energy ledger knows. That the criteria can fail is tested at every point: an answer
+moved by 1 % (2.5 tolerances where that is more) must be refused.
 
-With --thin, for devices too slow for all samples, the tolerance is widened by 4 standard errors: what the fewer samples may be off by.
-The bound in standard errors, the refusal of answers that are off, and all that is not noise stay as they are.
+With --thin, for devices too slow for all samples, the tolerance is widened by 4 standard errors: what the fewer samples
+may be off by. The bound in standard errors, the refusal of answers that are off, and all that is not noise stay as they
+are.
 """
 import json
 import math
@@ -69,19 +70,22 @@ SETTINGS = {
 
 # Objects that stand on another: their undersides touch it, see nothing, and are not part of the closed form.
 STANDING = {('furnace_rgb_objects', 'block')}
-# What they stand on, and where (low and high corner): texels under them and beside their edges are buried in part, their lightmap
-# value is filled from neighbours or a mean over what is left.
+# What they stand on, and where (low and high corner): texels under them and beside their edges are buried in part,
+# their lightmap value is filled from neighbours or a mean over what is left.
 UNDER = {('furnace_rgb_objects', 'room'): ((0.5, 0.0, 0.5), (1.5, 0.0, 1.5))}
 # Spheres (centre, radius) whose layout is too tight for the lightmap's side: some texels belong to two charts.
-SPHERES = {'concentric_spheres': {'inner': ((0, 0, 0), 0.5), 'outer': ((0, 0, 0), 1.5)}, 'furnace_rgb_objects': {'ball': ((2.5, 1.2, 3.0), 0.8)}}
+SPHERES = {'concentric_spheres': {'inner': ((0, 0, 0), 0.5), 'outer': ((0, 0, 0), 1.5)},
+           'furnace_rgb_objects': {'ball': ((2.5, 1.2, 3.0), 0.8)}}
 
 
-# Of a ball with shading normals a part of each hemisphere lies below the facet and stays dark: the closed form is about facets.
+# Of a ball with shading normals a part of each hemisphere lies below the facet and stays dark: the closed form is about
+# facets.
 FLAT = {'furnace_rgb_objects'}
 
 
-# Many samples, and only one object is compared: of the others, which cast shadows, a few texels are enough (but where they have holes: texels
-# are to be smaller than those, or the energy ledger is off). With a smaller share of its square than this a layout would be made anew.
+# Many samples, and only one object is compared: of the others, which cast shadows, a few texels are enough (but where
+# they have holes: texels are to be smaller than those, or the energy ledger is off). With a smaller share of its square
+# than this a layout would be made anew.
 FEW = 0.1
 LONE = {'sky_roof_opening': 'receiver', 'penumbra_occluder': 'receiver', 'disk_over_plane': 'receiver'}
 
@@ -95,10 +99,12 @@ class Judgement:
 
     def tolerance(self, tolerance, want, error):
         want, error = np.broadcast_arrays(want, error)
-        return tolerance + (STANDARD_ERRORS * float((error[want > 0] / want[want > 0]).max(initial=0.0)) if self.thin else 0.0)
+        return tolerance + (STANDARD_ERRORS * float((error[want > 0] / want[want > 0]).max(initial=0.0)) if self.thin
+                            else 0.0)
 
     def point(self, where, got, want, error, explained, tolerance):
-        """`got`, `want`: RGB. `error`: standard error of each channel; `explained`: what the grid and rounding may be off by."""
+        """`got`, `want`: RGB. `error`: standard error of each channel; `explained`: what the grid and rounding may be
+        off by."""
         self.points += 1
         got, want = np.asarray(got, float), np.asarray(want, float)
         tolerance = self.tolerance(tolerance, want, error)
@@ -114,8 +120,8 @@ class Judgement:
 
 
 def judge(got, want, error, explained, tolerance):
-    """(worst relative error, worst difference in standard errors beyond what is explained, both criteria met). Where the answer is
-    0 only rounding is allowed."""
+    """(worst relative error, worst difference in standard errors beyond what is explained, both criteria met). Where
+    the answer is 0 only rounding is allowed."""
     difference = np.abs(got - want)
     lit = want > 0
     relative = float((difference[lit] / want[lit]).max()) if lit.any() else 0.0
@@ -131,7 +137,8 @@ def setting(case, name):
 
 def options(case, kiln):
     s = dict(DEFAULT, **SETTINGS.get(case['id'], {}))
-    result = ['--lightmap-size', s['size'], '--samples-direct', kiln.samples(s['direct']), '--samples-bounce', kiln.samples(s['bounce']),
+    result = ['--lightmap-size', s['size'], '--samples-direct', kiln.samples(s['direct']), '--samples-bounce',
+              kiln.samples(s['bounce']),
               '--samples-indirect', kiln.samples(s['indirect']), '--samples-probe', 0]
     if s['bounces'] is not None:
         result += ['--bounces', s['bounces']]
@@ -154,26 +161,30 @@ def common_error(case, bake):
 
 
 def rounding(case, bake, want, scale):
-    """What rounding may be off by. `scale`: the strongest irradiance nearby. Radiosity is rounded once a bounce, and what one bounce
-    is off by goes through all later ones: as often as light arrives on the whole for each time that it comes directly."""
+    """What rounding may be off by. `scale`: the strongest irradiance nearby. Radiosity is rounded once a bounce, and
+    what one bounce is off by goes through all later ones: as often as light arrives on the whole for each time that it
+    comes directly."""
     if setting(case, 'bounces') == 0:
         return ROUNDING * scale
     power = lambda irradiance: float(bake.points.area @ irradiance @ harness.LUMINANCE)
-    return ROUNDING * scale + RADIOSITY_ROUNDING * power(bake.points.total) / power(bake.points.direct) * np.asarray(want)
+    return ROUNDING * scale + RADIOSITY_ROUNDING * power(bake.points.total) / power(bake.points.direct) * np.asarray(
+        want)
 
 
 def pooled_error(bake, name, u, v):
     """Root mean square of the standard errors of the 5 x 5 texels round (u, v)."""
     points, lightmap = bake.points, bake.lightmap(name)
     own = points.of(bake.index(name))
-    near = (np.abs(points.x[own] + 0.5 - u * lightmap.width) <= 2.6) & (np.abs(points.y[own] + 0.5 - v * lightmap.height) <= 2.6)
+    near = (np.abs(points.x[own] + 0.5 - u * lightmap.width) <= 2.6) & (
+        np.abs(points.y[own] + 0.5 - v * lightmap.height) <= 2.6)
     if not near.any():
         raise ValueError('no valid surface point near')
     return math.sqrt(float(np.mean(points.error[own[near]] ** 2)))
 
 
 def reconstruct(lightmap, u, v, reach):
-    """Irradiance at (u, v): of the quadratic whose means over (2 reach + 1)^2 texels fit best. (RGB, weights' root sum of squares.)"""
+    """Irradiance at (u, v): of the quadratic whose means over (2 reach + 1)^2 texels fit best. (RGB, weights' root sum
+    of squares.)"""
     x, y = u * lightmap.width - 0.5, v * lightmap.height - 0.5
     side = 2 * reach + 1
     x0 = min(max(int(round(x)) - reach, 0), lightmap.width - side)
@@ -194,7 +205,8 @@ def at_layout(bake, name, u, v):
 
 
 def lambert(point, normal, polygon, radiance):
-    """Irradiance from a polygon that lies wholly above the horizon (Lambert 1760), counter-clockwise seen from the point."""
+    """Irradiance from a polygon that lies wholly above the horizon (Lambert 1760), counter-clockwise seen from the
+    point."""
     arms = [np.asarray(c, float) - point for c in polygon]
     arms = [a / np.linalg.norm(a) for a in arms]
     total = 0.0
@@ -207,8 +219,9 @@ def lambert(point, normal, polygon, radiance):
 
 
 def fitted(points, own, position, normal):
-    """Irradiance at a place that lies on no known layout coordinate: a quadratic in the tangent plane through the nearest surface
-    points that face the same way. (RGB, standard error of the luminance, by how much twice as many points say otherwise.)"""
+    """Irradiance at a place that lies on no known layout coordinate: a quadratic in the tangent plane through the
+    nearest surface points that face the same way. (RGB, standard error of the luminance, by how much twice as many
+    points say otherwise.)"""
     own = own[points.normal[own] @ normal > 0.95]
     if len(own) < 12:
         raise ValueError('only %d surface points face the right way' % len(own))
@@ -239,13 +252,15 @@ def compare_samples(case, bake, judgement, scale):
             if 'uv1' in sample:
                 got, error, grid = at_layout(bake, sample['node'], *sample['uv1'])
             else:
-                got, error, grid = fitted(bake.points, bake.points.of(bake.index(sample['node'])), np.array(sample['p']), np.array(sample['n']))
+                got, error, grid = fitted(bake.points, bake.points.of(bake.index(sample['node'])),
+                                          np.array(sample['p']), np.array(sample['n']))
                 error = channel_errors(error, got)
         except ValueError as problem:
             judgement.failures.append('%s: %s' % (where, problem))
             continue
         own_scale = max(sample['E']) if case['id'] == 'point_inverse_square' else scale
-        judgement.point(where, got, sample['E'], np.hypot(error, shared * got), grid + rounding(case, bake, sample['E'], own_scale), case['tol_rel'])
+        judgement.point(where, got, sample['E'], np.hypot(error, shared * got),
+                        grid + rounding(case, bake, sample['E'], own_scale), case['tol_rel'])
 
 
 def compare_means(case, bake, judgement):
@@ -253,14 +268,16 @@ def compare_means(case, bake, judgement):
         own = bake.points.of(bake.index(name))
         area = bake.points.area[own]
         got = area @ bake.points.total[own] / area.sum()
-        error = channel_errors(float(area @ bake.points.error[own] / area.sum()), got)  # as if all erred together: an upper bound
+        # as if all erred together: an upper bound
+        error = channel_errors(float(area @ bake.points.error[own] / area.sum()), got)
         judgement.point('mean over ' + name, got, np.full(3, want), np.hypot(error, common_error(case, bake) * got),
                         rounding(case, bake, np.full(3, want), want), case['tol_rel'])
 
 
 def compare_uniform(case, bake, judgement):
-    """Irradiance that is the same everywhere: 99 % of all points meet both criteria (the standard error is pooled over the object,
-    whose noise is larger in contacts than elsewhere), and the mean over the points is within a third of the tolerance."""
+    """Irradiance that is the same everywhere: 99 % of all points meet both criteria (the standard error is pooled over
+    the object, whose noise is larger in contacts than elsewhere), and the mean over the points is within a third of the
+    tolerance."""
     wanted = {}
     if 'uniform_E' in case:
         wanted = {name: np.broadcast_to(np.asarray(case['uniform_E'], float), 3) for name in bake.names()}
@@ -289,11 +306,14 @@ def compare_uniform(case, bake, judgement):
         judgement.relative = max(judgement.relative, float(np.quantile(relative, UNIFORM_SHARE)))
         judgement.errors = max(judgement.errors, float(np.quantile(errors, UNIFORM_SHARE)))
         if len(own) == 0 or good.mean() < UNIFORM_SHARE:
-            judgement.failures.append('%s: %.2f %% of %d points are within %.1e and 4 standard errors, mean ratio %s' % (
-                name, 100 * good.mean() if len(own) else 0, len(own), tolerance, got.mean(0) / want if len(own) else '-'))
+            judgement.failures.append(
+                '%s: %.2f %% of %d points are within %.1e and 4 standard errors, mean ratio %s' % (
+                name, 100 * good.mean() if len(own) else 0, len(own), tolerance, got.mean(0) / want if len(own)
+                else '-'))
         off = float(np.abs(got.mean(0) / want - 1).max()) if len(own) else 1.0
         if off > case['tol_rel'] / 3:
-            judgement.failures.append('%s: the mean over points is off by %.1e, a third of the tolerance is %.1e' % (name, off, case['tol_rel'] / 3))
+            judgement.failures.append('%s: the mean over points is off by %.1e, a third of the tolerance is %.1e' %
+                                      (name, off, case['tol_rel'] / 3))
         moved = want * (1 + max(0.01, 2.5 * tolerance))
         if ((np.abs(got - moved) / moved).max(1) <= tolerance).mean() >= UNIFORM_SHARE:
             judgement.failures.append('%s: an answer moved by 2.5 tolerances would pass too' % name)
@@ -336,7 +356,8 @@ def compare_grazing(case, bake, judgement):
         got = lightmap.irradiance[row, column]
         v = (row + 0.5) / lightmap.height
         error = channel_errors(pooled_row_error(bake, 'receiver', row), got)
-        judgement.point('receiver row %d (v = %g)' % (row, v), got, np.full(3, mean), error, ROUNDING * mean, case['tol_rel'])
+        judgement.point('receiver row %d (v = %g)' % (row, v), got, np.full(3, mean), error, ROUNDING * mean,
+                        case['tol_rel'])
 
 
 def grazing_radiance(case):
@@ -365,8 +386,8 @@ SPHERE_CENTRE = np.array([0.0, 2.0, 0.0])
 
 
 def sphere_patches(scene, case):
-    """The points that lie in mid-air under the sphere, each on a small receiver. They share one place, so each is turned about the
-    sphere's centre by some degrees, which changes nothing for a sphere."""
+    """The points that lie in mid-air under the sphere, each on a small receiver. They share one place, so each is
+    turned about the sphere's centre by some degrees, which changes nothing for a sphere."""
     scene.load(harness.own_scene('analytic', case['file']))
     black = scene.material('patch')
     samples = [s for s in case['samples'] if s['node'] is None]
@@ -389,7 +410,8 @@ def bake_patches(kiln, case):
     samples = PATCHES[case['id']](scene, case)
     judgement = Judgement(kiln.thin > 1)
     path = scene.write(os.path.join(kiln.scratch, case['id'] + '-patches.glb'))
-    bake = kiln.bake(path, '--lightmap-size', 9, '--samples-direct', kiln.samples(4096), '--samples-probe', 0, '--bounces', 0)
+    bake = kiln.bake(path, '--lightmap-size', 9, '--samples-direct', kiln.samples(4096), '--samples-probe', 0,
+                     '--bounces', 0)
     if bake.process.status == 0:
         for i, sample in enumerate(samples):
             try:
@@ -397,7 +419,8 @@ def bake_patches(kiln, case):
             except ValueError as problem:
                 judgement.failures.append('%s: %s' % (sample, problem))
                 continue
-            judgement.point('%s facing %s' % (sample['p'], sample['n']), got, sample['E'], error, grid + ROUNDING * max(sample['E']),
+            judgement.point('%s facing %s' % (sample['p'], sample['n']), got, sample['E'], error,
+                            grid + ROUNDING * max(sample['E']),
                             case['tol_rel'])
     return bake, judgement
 
@@ -408,7 +431,8 @@ def bake_case(kiln, case):
     if case['id'] in FLAT:
         scene = glb.without_normals(scene, os.path.join(kiln.scratch, case['id'] + '-flat.glb'))
     if case['id'] in LONE:
-        scene = glb.with_few_texels(scene, os.path.join(kiln.scratch, case['id'] + '-lone.glb'), {LONE[case['id']]}, FEW)
+        scene = glb.with_few_texels(scene, os.path.join(kiln.scratch, case['id'] + '-lone.glb'), {LONE[case['id']]},
+                                    FEW)
     bake = kiln.bake(scene, *options(case, kiln))
     if bake.process.status != 0:
         return bake, judgement
@@ -434,21 +458,24 @@ def report(checks, table, name, bake, judgement, totals):
         totals[0] += judgement.points
         totals[1] += bake.process.seconds
         text, kept = harness.energy(bake.run)
-        table.row(name, judgement.points, '%.1e' % judgement.relative, '%.2f' % judgement.errors, '%.1f' % bake.process.seconds, text)
+        table.row(name, judgement.points, '%.1e' % judgement.relative, '%.2f' % judgement.errors,
+                  '%.1f' % bake.process.seconds, text)
         checks.that(not judgement.failures, '%s: %s' % (name, '\n        '.join(judgement.failures[:6])), bake.process)
         checks.that(kept, '%s: energy is not kept: %s' % (name, text), bake.process)
     bake.remove()
 
 
 def main():
-    arguments, kiln = harness.start(__doc__, lambda p: p.add_argument('--only', metavar='ID', action='append', help='these cases'))
+    arguments, kiln = harness.start(
+        __doc__, lambda p: p.add_argument('--only', metavar='ID', action='append', help='these cases'))
     path = harness.own_scene('analytic', 'expected.json')
     if path is None:
         harness.skip('neither tests/data/analytic nor ../shared/scenes/own/analytic is here.')
     with open(path) as f:
         cases = json.load(f)['cases']
     checks, totals = harness.Checks(), [0, 0.0]
-    table = harness.Table(('case', 24), ('points', 7), ('rel. error', 11), ('std. errors', 11), ('seconds', 8), ('energy', 36))
+    table = harness.Table(('case', 24), ('points', 7), ('rel. error', 11), ('std. errors', 11), ('seconds', 8),
+                          ('energy', 36))
     for case in cases:
         if case.get('optional') or case['file'] is None or (arguments.only and case['id'] not in arguments.only):
             continue

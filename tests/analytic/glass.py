@@ -1,9 +1,9 @@
-"""Light through surfaces that are partly there: panes of two triangles, blended and of thin glass, under a sun, before an emitter, under a
-sky, and between a point and the surface that it gathers from; and points that are partly holes.
+"""Light through surfaces that are partly there: panes of two triangles, blended and of thin glass, under a sun, before
+an emitter, under a sky, and between a point and the surface that it gathers from; and points that are partly holes.
 
-Shadow rays bring the product of what they go through, so that under a sun and before an emitter the answer is exact, the same on every texel,
-for any number of samples. Rays of a bounce meet a pane by chance: the answer is within 4 standard errors, which the spread over texels
-confirms.
+Shadow rays bring the product of what they go through, so that under a sun and before an emitter the answer is exact,
+the same on every texel, for any number of samples. Rays of a bounce meet a pane by chance: the answer is within 4
+standard errors, which the spread over texels confirms.
 """
 import math
 import os
@@ -30,7 +30,8 @@ def png(rgba):
     height, width = rgba.shape[:2]
     rows = b''.join(b'\0' + rgba[y].astype(np.uint8).tobytes() for y in range(height))
     chunk = lambda kind, data: struct.pack('>I', len(data)) + kind + data + struct.pack('>I', zlib.crc32(kind + data))
-    return b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', struct.pack('>IIBBBBB', width, height, 8, 6, 0, 0, 0)) + chunk(b'IDAT', zlib.compress(rows)) + chunk(b'IEND', b'')
+    return b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', struct.pack('>IIBBBBB', width, height, 8, 6, 0, 0, 0)) + chunk(
+        b'IDAT', zlib.compress(rows)) + chunk(b'IEND', b'')
 
 
 def texture(scene, rgba):
@@ -47,7 +48,8 @@ def texture(scene, rgba):
     return len(textures) - 1
 
 
-def pane(scene, name, color=(0, 0, 0), alpha=None, transmission=None, transmission_texture=None, base_texture=None, mask=False):
+def pane(scene, name, color=(0, 0, 0), alpha=None, transmission=None, transmission_texture=None, base_texture=None,
+         mask=False):
     """A double-sided material that lets light through."""
     number = scene.material(name, color, double_sided=True)
     material = scene.document['materials'][number]
@@ -57,7 +59,8 @@ def pane(scene, name, color=(0, 0, 0), alpha=None, transmission=None, transmissi
     if base_texture is not None:
         material['pbrMetallicRoughness']['baseColorTexture'] = {'index': base_texture}
     if transmission is not None:
-        extension = material.setdefault('extensions', {})['KHR_materials_transmission'] = {'transmissionFactor': transmission}
+        extension = material.setdefault('extensions',
+                                        {})['KHR_materials_transmission'] = {'transmissionFactor': transmission}
         scene.used.add('KHR_materials_transmission')
         if transmission_texture is not None:
             extension['transmissionTexture'] = {'index': transmission_texture}
@@ -72,9 +75,12 @@ def flat(scene, name, x, z, half, y, material, up=True, cuts=1):
 def box(scene, name, low, high, material):
     """Six panes."""
     (a, b, c), (d, e, f) = low, high
-    for i, corners in enumerate(([(a, b, f), (d, b, f), (d, e, f), (a, e, f)], [(d, b, c), (a, b, c), (a, e, c), (d, e, c)],
-                                 [(d, b, f), (d, b, c), (d, e, c), (d, e, f)], [(a, b, c), (a, b, f), (a, e, f), (a, e, c)],
-                                 [(a, e, f), (d, e, f), (d, e, c), (a, e, c)], [(a, b, c), (d, b, c), (d, b, f), (a, b, f)])):
+    for i, corners in enumerate(([(a, b, f), (d, b, f), (d, e, f), (a, e, f)],
+                                 [(d, b, c), (a, b, c), (a, e, c), (d, e, c)],
+                                 [(d, b, f), (d, b, c), (d, e, c), (d, e, f)],
+                                 [(a, b, c), (a, b, f), (a, e, f), (a, e, c)],
+                                 [(a, e, f), (d, e, f), (d, e, c), (a, e, c)],
+                                 [(a, b, c), (d, b, c), (d, b, f), (a, b, f)])):
         scene.quad('%s%d' % (name, i), corners, material)
 
 
@@ -106,21 +112,26 @@ class Cases:
         own = bake.points.of(bake.index(name))
         got = bake.points.direct[own]
         off = float(np.abs(got - want).max() / want.max()) if len(own) else math.inf
-        self.checks.that(off <= tolerance, '%s: %s to %s instead of %s' % (name, got.min(0), got.max(0), want), bake.process)
+        self.checks.that(off <= tolerance, '%s: %s to %s instead of %s' % (name, got.min(0), got.max(0), want),
+                         bake.process)
         return off
 
     def by_chance(self, bake, name, want):
-        """The object's mean is within 4 standard errors, by the spread over its texels, and no texel's own error is unlike that spread."""
+        """The object's mean is within 4 standard errors, by the spread over its texels, and no texel's own error is
+        unlike that spread."""
         want = np.asarray(want, float)
         own = bake.points.of(bake.index(name))
         got, errors = bake.points.total[own], bake.points.error[own]
         spread = got.std(0, ddof=1)
         off = np.abs(got.mean(0) - want) / np.maximum(4 * spread / math.sqrt(len(own)), 1e-5 * want.max())
         luminance = (got @ harness.LUMINANCE).std(ddof=1)
-        self.checks.that(bool((off <= 1).all()), '%s: mean %s instead of %s, spread of texels %s' % (name, got.mean(0), want, spread), bake.process)
-        self.checks.that(luminance <= 2 * math.sqrt(float(np.mean(errors ** 2))), '%s: texels spread by %g, their standard errors are %g' % (
+        self.checks.that(bool((off <= 1).all()), '%s: mean %s instead of %s, spread of texels %s' %
+                         (name, got.mean(0), want, spread), bake.process)
+        self.checks.that(luminance <= 2 * math.sqrt(float(np.mean(errors ** 2))),
+                         '%s: texels spread by %g, their standard errors are %g' % (
             name, luminance, math.sqrt(float(np.mean(errors ** 2)))), bake.process)
-        self.checks.that(bool((np.abs(got.mean(0) / want - 1) <= 0.02).all()), '%s: mean %s is more than 2 %% off %s' % (name, got.mean(0), want), bake.process)
+        self.checks.that(bool((np.abs(got.mean(0) / want - 1) <= 0.02).all()), '%s: mean %s is more than 2 %% off %s' %
+                         (name, got.mean(0), want), bake.process)
         return float(np.abs(got.mean(0) / want - 1).max())
 
     def row(self, name, bake, off):
@@ -133,7 +144,8 @@ GLASS = {'clear': (1, 1, 1), 'green': (0.25, 0.9, 0.5), 'red': (0.8, 0.02, 0.0)}
 
 
 def under_a_sun(cases):
-    """Floors below panes of two triangles each: blended ones, tinted glass, one whose texture makes half of it glass, two above each other."""
+    """Floors below panes of two triangles each: blended ones, tinted glass, one whose texture makes half of it glass,
+    two above each other."""
     scene = glb.Scene()
     black = scene.material('black')
     half = np.zeros((2, 2, 4), int) + 255
@@ -159,7 +171,8 @@ def under_a_sun(cases):
     add('two', (0.8 * green) ** 2 * 0.5, two, two, pane(scene, 'grey', (1, 1, 1), alpha=0.5))
     flat(scene, 'floor_left', x - 0.4, 0.0, 0.3, 0.0, black)
     flat(scene, 'floor_right', x + 0.4, 0.0, 0.3, 0.0, black)
-    flat(scene, 'pane_half', x, 0.0, 0.9, 1.0, pane(scene, 'half', green, transmission=0.5, transmission_texture=halves))
+    flat(scene, 'pane_half', x, 0.0, 0.9, 1.0,
+         pane(scene, 'half', green, transmission=0.5, transmission_texture=halves))
     want['floor_left'] = SUN * 0.5 * green
     want['floor_right'] = np.zeros(3)
     scene.light('sun', {'type': 'directional', 'intensity': SUN}, rotation=DOWN)
@@ -169,7 +182,8 @@ def under_a_sun(cases):
         return
     if cases.kiln.backend == 'embree':
         again = cases.bake('under a sun', scene, *options, '--threads', 1, '--cell-size', 1.5, ranks=3)
-        same = again is not None and all(np.array_equal(getattr(sorted_points(bake), k), getattr(sorted_points(again), k)) for k in ('total', 'error'))
+        same = again is not None and all(np.array_equal(getattr(sorted_points(bake), k),
+                                                        getattr(sorted_points(again), k)) for k in ('total', 'error'))
         cases.checks.that(same, 'three ranks, other cells: not the same bits', bake.process)
     off = 0.0
     for name, value in want.items():
@@ -177,7 +191,8 @@ def under_a_sun(cases):
             off = max(off, cases.exact(bake, name, value))
         else:
             own = bake.points.of(bake.index(name))
-            cases.checks.that(len(own) > 0 and not bake.points.direct[own].any(), '%s: light came through' % name, bake.process)
+            cases.checks.that(len(own) > 0 and not bake.points.direct[own].any(), '%s: light came through' % name,
+                              bake.process)
     cases.row('under a sun', bake, off)
 
 
@@ -189,7 +204,8 @@ def around_an_emitter(cases):
     color = np.array(GLASS['green'])
     box(scene, 'glass', (-0.4, 1.8, -0.4), (0.4, 2.2, 0.4), pane(scene, 'green', color, transmission=1.0))
     flat(scene, 'patch', 0.3, 0.1, 0.0005, 0.0, scene.material('black'))
-    bake = cases.bake('around an emitter', scene, '--lightmap-size', 9, '--samples-direct', cases.kiln.samples(4096), '--bounces', 1,
+    bake = cases.bake('around an emitter', scene, '--lightmap-size', 9, '--samples-direct', cases.kiln.samples(4096),
+                      '--bounces', 1,
                       '--samples-indirect', 16)
     if bake is not None:
         form = lambert(np.array([0.3, 0.0, 0.1]), UP, light, 20.0)
@@ -197,32 +213,38 @@ def around_an_emitter(cases):
 
 
 def under_a_sky(cases):
-    """In a box of glass under a sky of radiance 2 every direction above crosses one pane: on a floor, and for the probe in the middle."""
+    """In a box of glass under a sky of radiance 2 every direction above crosses one pane: on a floor, and for the probe
+    in the middle."""
     scene = glb.Scene()
     scene.environment((2, 2, 2))
     color = np.array(GLASS['green'])
     flat(scene, 'floor', 0.0, 0.0, 0.5, -0.5, scene.material('black'))
     box(scene, 'glass', (-1, -1, -1), (1, 1, 1), pane(scene, 'green', color, alpha=0.75, transmission=1.0))
-    bake = cases.bake('under a sky', scene, '--lightmap-size', 8, '--samples-direct', cases.kiln.samples(4096), '--bounces', 0, '--probe-spacing', 2 / 3,
+    bake = cases.bake('under a sky', scene, '--lightmap-size', 8, '--samples-direct', cases.kiln.samples(4096),
+                      '--bounces', 0, '--probe-spacing', 2 / 3,
                       probes=cases.kiln.samples(16384))
     if bake is None:
         return
     want = 2 * math.pi * (0.25 + 0.75 * color)
     off = cases.exact(bake, 'floor', want, 1e-3)
     up = Volume(os.path.join(bake.directory, 'volume.hdf')).at_origin('irradiance_posy')
-    cases.checks.that(bool((np.abs(up / want - 1) < 5e-3).all()), 'the probe has %s from above instead of %s' % (up, want), bake.process)
+    cases.checks.that(bool((np.abs(up / want - 1) < 5e-3).all()), 'the probe has %s from above instead of %s' %
+                      (up, want), bake.process)
     cases.row('under a sky', bake, off)
 
 
 def between_surfaces(cases):
-    """A sunlit floor seen from patches that look down at it, each in a box of its own, through which no sun comes to what it sees."""
+    """A sunlit floor seen from patches that look down at it, each in a box of its own, through which no sun comes to
+    what it sees."""
     scene = glb.Scene()
     albedo, slope = 0.5, 60.0
     black = scene.material('black')
     floor = [(-0.5, 0, 0.5), (0.5, 0, 0.5), (0.5, 0, -0.5), (-0.5, 0, -0.5)]
     scene.quad('floor', floor, scene.material('floor', (albedo,) * 3))
-    boxes = {'bare': None, 'blend': (dict(alpha=0.4), 0.6), 'green': (dict(color=GLASS['green'], transmission=1.0), GLASS['green']),
-             'red_blend': (dict(color=GLASS['red'], alpha=0.75, transmission=1.0), 0.25 + 0.75 * np.array(GLASS['red']))}
+    boxes = {'bare': None, 'blend': (dict(alpha=0.4), 0.6),
+             'green': (dict(color=GLASS['green'], transmission=1.0), GLASS['green']),
+             'red_blend': (dict(color=GLASS['red'], alpha=0.75, transmission=1.0),
+                           0.25 + 0.75 * np.array(GLASS['red']))}
     want = {}
     radiance = albedo * SUN * math.cos(math.radians(slope)) / math.pi
     for i, (name, what) in enumerate(boxes.items()):
@@ -234,16 +256,19 @@ def between_surfaces(cases):
             want[name] = want[name] * what[1]
     # the sun from +z, 60 degrees off the zenith: shadows fall 1.6 m and more to -z, beside the floor
     angle = math.radians(90 - slope) / 2
-    scene.light('sun', {'type': 'directional', 'intensity': SUN}, rotation=[-math.sin(angle), 0.0, 0.0, math.cos(angle)])
-    bake = cases.bake('between surfaces', scene, '--lightmap-size', 16, '--samples-direct', 16, '--bounces', 1, '--samples-bounce', 4,
+    scene.light('sun', {'type': 'directional', 'intensity': SUN},
+                rotation=[-math.sin(angle), 0.0, 0.0, math.cos(angle)])
+    bake = cases.bake('between surfaces', scene, '--lightmap-size', 16, '--samples-direct', 16, '--bounces', 1,
+                      '--samples-bounce', 4,
                       '--samples-indirect', cases.kiln.samples(4096))
     if bake is not None:
         cases.row('between surfaces', bake, max(cases.by_chance(bake, name, value) for name, value in want.items()))
 
 
 def with_holes(cases):
-    """A sheet of one texel, half of it a hole, beside an emitter: the texel's irradiance is the mean over what is there, and no energy is
-    lost. Its holes are finer than texels, so that the mean over all of it is 1.3 times as much."""
+    """A sheet of one texel, half of it a hole, beside an emitter: the texel's irradiance is the mean over what is
+    there, and no energy is lost. Its holes are finer than texels, so that the mean over all of it is 1.3 times as
+    much."""
     scene = glb.Scene()
     image = np.zeros((16, 16, 4), int) + 255
     image[:, 8:, 3] = 0
@@ -252,11 +277,13 @@ def with_holes(cases):
     light = [(0.5, 0.7, -0.5), (1.5, 0.7, -0.5), (1.5, 0.7, 0.5), (0.5, 0.7, 0.5)]
     scene.quad('light', light, scene.material('light', radiance=(10, 10, 10)))
     scene.quad('ground', [(-4, -1, 4), (4, -1, 4), (4, -1, -4), (-4, -1, -4)], scene.material('ground', (0.5,) * 3))
-    bake = cases.bake('with holes', scene, '--lightmap-size', 2, '--samples-direct', cases.kiln.samples(16384), '--bounces', 0)
+    bake = cases.bake('with holes', scene, '--lightmap-size', 2, '--samples-direct', cases.kiln.samples(16384),
+                      '--bounces', 0)
     if bake is None:
         return
     nodes, weights = np.polynomial.legendre.leggauss(24)
-    mean = lambda low, high: sum(wa * wb / 4 * lambert(np.array([(low + high + a * (high - low)) / 2, 0, b]), UP, light, 10.0)
+    mean = lambda low, high: sum(wa * wb / 4 * lambert(np.array([(low + high + a * (high - low)) / 2, 0, b]), UP, light,
+                                                       10.0)
                                  for a, wa in zip(nodes, weights) for b, wb in zip(nodes, weights))
     want = mean(-1, 0)
     own = bake.points.of(bake.index('sheet'))
@@ -267,7 +294,8 @@ def with_holes(cases):
 
 
 def all_kinds(path):
-    """A scene with every kind of surface that lets light through, lit by a lamp and whatever else is asked for: for other tests."""
+    """A scene with every kind of surface that lets light through, lit by a lamp and whatever else is asked for: for
+    other tests."""
     scene = glb.Scene()
     yy, xx = np.mgrid[0:16, 0:16]
     image = np.zeros((16, 16, 4), int) + 220
@@ -278,16 +306,20 @@ def all_kinds(path):
     ramp = texture(scene, ramp)
     flat(scene, 'floor', 0.0, 0.0, 2.0, 0.0, scene.material('floor', (0.6, 0.5, 0.4)))
     flat(scene, 'leaf', -1.2, 0.2, 0.7, 0.8, pane(scene, 'leaf', (0.6, 0.7, 0.3), mask=True, base_texture=leaf))
-    flat(scene, 'blend', 0.2, -1.1, 0.7, 0.9, pane(scene, 'blend', (0.9, 0.6, 0.3), alpha=0.8, base_texture=ramp), up=False)
-    flat(scene, 'green', 0.9, 0.8, 0.8, 1.1, pane(scene, 'green', GLASS['green'], transmission=0.7, transmission_texture=ramp), cuts=3)
+    flat(scene, 'blend', 0.2, -1.1, 0.7, 0.9, pane(scene, 'blend', (0.9, 0.6, 0.3), alpha=0.8, base_texture=ramp),
+         up=False)
+    flat(scene, 'green', 0.9, 0.8, 0.8, 1.1,
+         pane(scene, 'green', GLASS['green'], transmission=0.7, transmission_texture=ramp), cuts=3)
     box(scene, 'box', (-0.6, 0.1, 0.5), (0.1, 0.7, 1.2), pane(scene, 'red', GLASS['red'], alpha=0.7, transmission=0.8))
     scene.light('lamp', {'type': 'point', 'intensity': 30.0}, translation=[0.2, 2.0, 0.1])
     return scene.write(path)
 
 
 def main():
-    every = {case.__name__: case for case in (under_a_sun, around_an_emitter, under_a_sky, between_surfaces, with_holes)}
-    arguments, kiln = harness.start(__doc__, lambda p: p.add_argument('--only', action='append', choices=every, help='these cases'))
+    every = {case.__name__: case
+             for case in (under_a_sun, around_an_emitter, under_a_sky, between_surfaces, with_holes)}
+    arguments, kiln = harness.start(
+        __doc__, lambda p: p.add_argument('--only', action='append', choices=every, help='these cases'))
     checks = harness.Checks()
     cases = Cases(kiln, checks)
     for name in arguments.only or every:

@@ -1,8 +1,9 @@
 """The irradiance volume against the two closed forms for probes.
 
-A probe in empty space under one directional light: harmonics of bands 0 to 2 turn E0 max(0, cos t) into E0 (1/4 + cos t / 2 +
-5/16 P2(cos t)), negative beyond the terminator; the irradiance along the six axes is not from harmonics and must be exact. A probe
-under half a sky: pi L (1 + cos t) / 2, which harmonics hold exactly. The half sky is a black bowl whose rim is level with the probe.
+A probe in empty space under one directional light: harmonics of bands 0 to 2 turn E0 max(0, cos t) into E0 (1/4 + cos t
+/ 2 + 5/16 P2(cos t)), negative beyond the terminator; the irradiance along the six axes is not from harmonics and must
+be exact. A probe under half a sky: pi L (1 + cos t) / 2, which harmonics hold exactly. The half sky is a black bowl
+whose rim is level with the probe.
 """
 import json
 import math
@@ -23,7 +24,8 @@ SAMPLES = 16384
 def speck(scene, name, at, material):
     """A triangle too small to be seen from the origin: it only gives the scene its extent."""
     x, y, z = at
-    scene.mesh(name, [(x, y, z), (x - math.copysign(1e-3, x), y, z), (x, y, z - math.copysign(1e-3, z))], [(0, 0), (1, 0), (0, 1)],
+    scene.mesh(name, [(x, y, z), (x - math.copysign(1e-3, x), y, z), (x, y, z - math.copysign(1e-3, z))],
+               [(0, 0), (1, 0), (0, 1)],
                [(0, 1, 2)], material)
 
 
@@ -49,7 +51,8 @@ def bowl(path):
 
 def harmonics(n):
     x, y, z = n
-    return np.array([0.282095, 0.488603 * y, 0.488603 * z, 0.488603 * x, 1.092548 * x * y, 1.092548 * y * z, 0.315392 * (3 * z * z - 1),
+    return np.array([0.282095, 0.488603 * y, 0.488603 * z, 0.488603 * x, 1.092548 * x * y, 1.092548 * y * z,
+                     0.315392 * (3 * z * z - 1),
                      1.092548 * x * z, 0.546274 * (x * x - y * y)])
 
 
@@ -68,7 +71,8 @@ class Volume:
 
 def close(checks, what, got, want, allowed, process):
     got = np.asarray(got, float)
-    good = checks.that(bool((np.abs(got - want) <= allowed).all()), '%s: got %s, want %.6f +- %.1e' % (what, got, want, allowed), process)
+    good = checks.that(bool((np.abs(got - want) <= allowed).all()),
+                       '%s: got %s, want %.6f +- %.1e' % (what, got, want, allowed), process)
     return float(np.abs(got - want).max()), good
 
 
@@ -81,14 +85,17 @@ def compare(checks, table, kiln, bake, name, angles, axes, scale, tolerance):
         t = math.radians(angle)
         for azimuth in (0.3, 2.0, 4.4):
             n = (math.sin(t) * math.cos(azimuth), math.cos(t), math.sin(t) * math.sin(azimuth))
-            off, _ = close(checks, '%s, coefficients at %g degrees' % (name, angle), harmonics(n) @ coefficients, want, tolerance * scale, process)
+            off, _ = close(checks, '%s, coefficients at %g degrees' % (name, angle), harmonics(n) @ coefficients, want,
+                           tolerance * scale, process)
             asked = kiln.command('probe', bake.directory, 0, 0, 0, *['%.9g' % c for c in n], '--json')
             if checks.that(asked.status == 0, '%s: kiln probe ended with %d' % (name, asked.status), asked):
-                off2, _ = close(checks, '%s, kiln probe at %g degrees' % (name, angle), asked.json()['irradiance'], max(want, 0.0),
+                off2, _ = close(checks, '%s, kiln probe at %g degrees' % (name, angle), asked.json()['irradiance'],
+                                max(want, 0.0),
                                 tolerance * scale, asked)
         table.row(name, 'harmonics, %g degrees' % angle, '%.5f' % want, '%.1e' % (off / scale))
     for axis, want in axes.items():
-        off, _ = close(checks, '%s, axis %s' % (name, axis), volume.at_origin('irradiance_' + axis), want, tolerance * scale, process)
+        off, _ = close(checks, '%s, axis %s' % (name, axis), volume.at_origin('irradiance_' + axis), want,
+                       tolerance * scale, process)
         table.row(name, 'axis ' + axis, '%.5f' % want, '%.1e' % (off / scale))
 
 
@@ -101,7 +108,8 @@ def main():
         cases = {c['id']: c for c in json.load(f)['cases']}
     checks = harness.Checks()
     table = harness.Table(('case', 20), ('what', 26), ('closed form', 12), ('off / E0', 10))
-    options = ['--lightmap-size', 4, '--bounces', 0, '--samples-direct', 16, '--samples-probe', SAMPLES, '--probe-spacing', '%.9f' % SPACING]
+    options = ['--lightmap-size', 4, '--bounces', 0, '--samples-direct', 16, '--samples-probe', SAMPLES,
+               '--probe-spacing', '%.9f' % SPACING]
 
     strength = cases['probe_directional']['probe'][0]['exact']
     bake = kiln.bake(directional(os.path.join(kiln.scratch, 'directional.glb'), strength), *options)
@@ -112,7 +120,8 @@ def main():
 
     sky = {p['angle_deg']: p['exact_and_sh_l1'] for p in cases['probe_half_sky']['probe']}
     radiance = sky[0] / math.pi
-    bake = kiln.bake(bowl(os.path.join(kiln.scratch, 'bowl.glb')), *options, '--environment', '%g,%g,%g' % ((radiance,) * 3))
+    bake = kiln.bake(bowl(os.path.join(kiln.scratch, 'bowl.glb')), *options, '--environment',
+                     '%g,%g,%g' % ((radiance,) * 3))
     if checks.baked(bake):
         axes = {'posy': sky[0], 'negy': 0.0, 'posx': sky[90], 'negx': sky[90], 'posz': sky[90], 'negz': sky[90]}
         compare(checks, table, kiln, bake, 'probe_half_sky', sky, axes, sky[0], 5e-3)

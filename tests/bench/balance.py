@@ -1,10 +1,11 @@
-"""What ranks gain by giving work away and by cutting shares anew: time of all passes over the same with neither, in turn.
+"""What ranks gain by work stealing and by repartitioning: time of all passes over the same with neither, in turn.
 
   /usr/bin/python3 tests/bench/balance.py --kiln build/release/kiln [--ranks 2] [--threads 1] [--repeats 5] [SCENE]
 
-Two cases: a scene whose points cost unequally much (a carved statue in a box), and the same with one rank that takes three times as long for
-everything. Shares are cut anew between ranks that are each alone on a node, and compared with such. The median ratio of the repeats counts; "even" is what the
-sum of all ranks' work would take if it were spread evenly; "planned" is the ratio that `kiln plan` predicts (light and moves).
+Two cases: a scene whose points cost unequally much (a carved statue in a box), and the same with one rank that takes
+three times as long for everything. Points are repartitioned between ranks that are each alone on a node, and compared
+with such. The median ratio of the repeats counts; "even" is what the sum of all ranks' work would take if it were
+spread evenly; "planned" is the ratio that `kiln plan` predicts (light and moves).
 """
 import os
 import statistics
@@ -14,9 +15,11 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import measure  # noqa: E402
 import harness  # noqa: E402
 
-WAYS = {'neither': ('--no-work-stealing', '--rebalance', 'never'), 'given away': ('--rebalance', 'never'),
-        'neither, alone': ('--shared-memory-ranks', 1, '--rebalance', 'never'), 'cut anew, alone': ('--shared-memory-ranks', 1, '--rebalance', 'auto')}
-BASE = {'neither': 'neither', 'given away': 'neither', 'neither, alone': 'neither, alone', 'cut anew, alone': 'neither, alone'}
+WAYS = {'neither': ('--no-work-stealing', '--rebalance', 'never'), 'stealing': ('--rebalance', 'never'),
+        'neither, alone': ('--shared-memory-ranks', 1, '--rebalance', 'never'),
+        'repartitioned, alone': ('--shared-memory-ranks', 1, '--rebalance', 'auto')}
+BASE = {'neither': 'neither', 'stealing': 'neither', 'neither, alone': 'neither, alone',
+        'repartitioned, alone': 'neither, alone'}
 WORK = ('direct light', 'bounces', 'final gather')
 
 
@@ -41,8 +44,10 @@ def main():
         parser.add_argument('scene', nargs='?')
     arguments, kiln = harness.start(__doc__, more)
     scene = arguments.scene or measure.made(kiln, 'cornell-statue')
-    options = ('--threads', arguments.threads, '--quality', 'draft', '--lightmap-max', 192, '--bounces', 4, '--samples-probe', 0)
-    table = harness.Table(('case', 16), ('way', 15), ('seconds', 8), ('over neither', 12), ('planned', 8), ('even', 6), ('waiting', 8), ('points moved', 12))
+    options = ('--threads', arguments.threads, '--quality', 'draft', '--lightmap-max', 192, '--bounces', 4,
+               '--samples-probe', 0)
+    table = harness.Table(('case', 16), ('way', 15), ('seconds', 8), ('over neither', 12), ('planned', 8), ('even', 6),
+                          ('waiting', 8), ('points moved', 12))
     for case, slow in (('uneven scene', '0:1'), ('one rank slow', '1:3')):
         os.environ['KILN_SLOW_RANK'] = slow
         seconds, plans, even, waiting, moved = ({way: [] for way in WAYS} for _ in range(5))
@@ -54,12 +59,14 @@ def main():
                 seconds[way].append(max(per_rank(b, WORK + ('waiting', 'exchange'))))
                 even[way].append(statistics.mean(work))
                 waiting[way].append(b.run['mpi']['waiting_share']['avg'])
-                moved[way].append(sum(p['stolen_points'] + (p['rebalance'] or {'points': 0, 'moved': False})['points'] * (
+                moved[way].append(
+                    sum(p['stolen_points'] + (p['rebalance'] or {'points': 0, 'moved': False})['points'] * (
                     p['rebalance'] or {'moved': False})['moved'] for p in b.run['bounces']))
                 b.remove()
         for way in WAYS:
             ratio, plan = (statistics.median(a / b for a, b in zip(s[way], s[BASE[way]])) for s in (seconds, plans))
-            table.row(case, way, '%.2f' % statistics.median(seconds[way]), '%.2f' % ratio, '%.2f' % plan, '%.2f' % statistics.median(even[way]),
+            table.row(case, way, '%.2f' % statistics.median(seconds[way]), '%.2f' % ratio, '%.2f' % plan,
+                      '%.2f' % statistics.median(even[way]),
                       '%.1f %%' % (100 * statistics.median(waiting[way])), int(statistics.median(moved[way])))
 
 

@@ -1,8 +1,8 @@
 """The Cornell box with one lightmap layout shared by all its meshes, so that two bakers can fill the same texels.
 
-Measurements are those published by the Cornell University Program of Computer Graphics. Charts lie on a grid of 1/128 of the atlas
-with two steps between them: at any side that is a multiple of 128 every chart's edge is a texel's edge, and each texel is wholly
-inside a chart or wholly outside all of them.
+Measurements are those published by the Cornell University Program of Computer Graphics. Charts lie on a grid of 1/128
+of the atlas with two steps between them: at any side that is a multiple of 128 every chart's edge is a texel's edge,
+and each texel is wholly inside a chart or wholly outside all of them.
 """
 import os
 import sys
@@ -26,8 +26,8 @@ class Part:
         self.positions, self.layout, self.triangles, self.charts = [], [], [], []
 
     def panel(self, corners, chart, s=(0.0, 1.0), t=(0.0, 1.0), hole=None):
-        """A parallelogram (counter-clockwise from its front) cut at `s` and `t` along its first and last edge, without the pane
-        `hole`, onto `chart` = (x, y, width, height) in steps."""
+        """A parallelogram (counter-clockwise from its front) cut at `s` and `t` along its first and last edge, without
+        the pane `hole`, onto `chart` = (x, y, width, height) in steps."""
         a, b, _, d = (np.array(c, float) * METRES for c in corners)
         x, y, w, h = chart
         base, across = len(self.positions), len(s)
@@ -58,7 +58,8 @@ def build(lamp_cuts):
         return parts[-1]
 
     part('floor', white).panel([(0, 0, 0), (0, 0, Z), (X, 0, Z), (X, 0, 0)], (1, 1, 32, 32))
-    part('ceiling', white).panel([(0, Y, 0), (X, Y, 0), (X, Y, Z), (0, Y, Z)], (35, 1, 32, 32), (0, LAMP_X[0] / X, LAMP_X[1] / X, 1),
+    part('ceiling', white).panel([(0, Y, 0), (X, Y, 0), (X, Y, Z), (0, Y, Z)], (35, 1, 32, 32),
+                                 (0, LAMP_X[0] / X, LAMP_X[1] / X, 1),
                                  (0, LAMP_Z[0] / Z, LAMP_Z[1] / Z, 1), hole=(1, 1))
     part('back', white).panel([(X, 0, Z), (0, 0, Z), (0, Y, Z), (X, Y, Z)], (69, 1, 32, 32))
     part('left', red).panel([(X, 0, 0), (X, 0, Z), (X, Y, Z), (X, Y, 0)], (1, 35, 32, 32))
@@ -86,7 +87,8 @@ def write(path, lamp_cuts=8):
 
 
 def mask(charts, side, ceiling_hole=True):
-    """{mesh: (side, side) of bool}: texels wholly inside its charts, and on the surface: the ceiling has a hole for the lamp."""
+    """{mesh: (side, side) of bool}: texels wholly inside its charts, and on the surface: the ceiling has a hole for the
+    lamp."""
     scale = side // 128
     result = {}
     for name, rects in charts.items():

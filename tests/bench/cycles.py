@@ -1,13 +1,14 @@
-"""Cornell box, 4 bounces: kiln and Blender's Cycles bake the same texels on the same cores in turn; time of each to 1 % error.
+"""Cornell box, 4 bounces: kiln and Blender's Cycles bake the same texels on the same cores in turn; time of each to 1 %
+error.
 
   /usr/bin/python3 tests/bench/cycles.py --kiln build/release/kiln [--full]
 
-The error is nrmse, the root mean square difference over the mean, over texels wholly inside charts and not under what stands on
-them, of each baker against its own
-converged result. Cycles bakes irradiance over pi into a float EXR (DIFFUSE without colour), its noise falls with the square root of
-the samples: without --full it is measured at fewer samples than it needs and the time scaled; with --full it runs all of them.
-Cycles' time is its bake operator alone; kiln's is the whole process with import and output, and its passes alone beside it. Needs
-Debian's package blender.
+The error is nrmse, the root mean square difference over the mean, over texels wholly inside charts and not under what
+stands on them, of each baker against its own
+converged result. Cycles bakes irradiance over pi into a float EXR (DIFFUSE without colour), its noise falls with the
+square root of the samples: without --full it is measured at fewer samples than it needs and the time scaled; with
+--full it runs all of them. Cycles' time is its bake operator alone; kiln's is the whole process with import and output,
+and its passes alone beside it. Needs Debian's package blender.
 """
 import json
 import math
@@ -30,7 +31,8 @@ CONVERGED = (2048, 64, 8192)
 def cycles(scene, folder, side, threads, runs):
     """Bakes [(samples, seed), ...]; a list of (record, pixels in W/m2)."""
     here = os.path.dirname(os.path.abspath(__file__))
-    p = harness.run(['blender', '--background', '-noaudio', '--factory-startup', '--python', os.path.join(here, 'cycles_bake.py'), '--', scene,
+    p = harness.run(['blender', '--background', '-noaudio', '--factory-startup', '--python',
+                     os.path.join(here, 'cycles_bake.py'), '--', scene,
                      folder, str(side), '4', str(threads)] + ['%d:%d' % r for r in runs], timeout=7200)
     records = [json.loads(l[5:]) for l in p.stdout.splitlines() if l.startswith('BAKE ')]
     if len(records) != len(runs):
@@ -48,17 +50,22 @@ def kiln_pixels(bake, masks):
 
 def kiln_bake(kiln, scene, side, threads, samples, seed):
     direct, bounce, indirect = samples
-    return measure.must(kiln.bake(scene, '--bounces', 4, '--lightmap-size', side, '--threads', threads, '--samples-direct', direct,
-                                  '--samples-bounce', bounce, '--samples-indirect', indirect, '--samples-probe', 0, '--seed', seed,
+    return measure.must(kiln.bake(scene, '--bounces', 4, '--lightmap-size', side, '--threads', threads,
+                                  '--samples-direct', direct,
+                                  '--samples-bounce', bounce, '--samples-indirect', indirect, '--samples-probe', 0,
+                                  '--seed', seed,
                                   timeout=3600))
 
 
 def main():
     arguments, kiln = harness.start(
-        __doc__, lambda p: p.add_argument('--full', action='store_true', help='run Cycles to 1 %%, not a part of the way'),
+        __doc__, lambda p: p.add_argument('--full', action='store_true',
+                                          help='run Cycles to 1 %%, not a part of the way'),
         lambda p: p.add_argument('--side', type=int, default=256, help='of the atlas, texels (a multiple of 128)'),
-        lambda p: p.add_argument('--lamp-cuts', type=int, default=8, help='the lamp is N x N quads; large lamps bias Cycles'),
-        lambda p: p.add_argument('--cycles-samples', type=int, default=1024), lambda p: p.add_argument('--repeats', type=int, default=3))
+        lambda p: p.add_argument('--lamp-cuts', type=int, default=8,
+                                 help='the lamp is N x N quads; large lamps bias Cycles'),
+        lambda p: p.add_argument('--cycles-samples', type=int, default=1024),
+        lambda p: p.add_argument('--repeats', type=int, default=3))
     if shutil.which('blender') is None:
         harness.skip("blender is not installed (Debian's package blender)")
     threads, side = len(os.sched_getaffinity(0)), arguments.side
@@ -80,13 +87,15 @@ def main():
     cycles_reference = (halves[0] + halves[1]) / 2
     noise = measure.nrmse(halves[0], halves[1]) / 2  # of the mean of two
 
-    table = harness.Table(('baker', 8), ('samples', 16), ('nrmse', 10), ('process s', 10), ('bake s', 8), ('bake s at 1 %', 14))
+    table = harness.Table(('baker', 8), ('samples', 16), ('nrmse', 10), ('process s', 10), ('bake s', 8),
+                          ('bake s at 1 %', 14))
     kiln_seconds, kiln_passes, cycles_seconds = [], [], []
     for repeat in range(arguments.repeats):
         for k in LADDER:
             bake = kiln_bake(kiln, scene, side, threads, k, repeat)
             error, passes = measure.nrmse(kiln_pixels(bake, masks), reference), measure.tracing_seconds(bake)
-            table.row('kiln', '%d/%d/%d' % k, '%.3f %%' % (100 * error), '%.2f' % bake.process.seconds, '%.2f' % passes, '')
+            table.row('kiln', '%d/%d/%d' % k, '%.3f %%' % (100 * error), '%.2f' % bake.process.seconds, '%.2f' % passes,
+                      '')
             seconds = bake.process.seconds
             bake.remove()
             if error <= TARGET:
@@ -99,10 +108,13 @@ def main():
         raw = measure.nrmse(pixels[inside], cycles_reference)
         error = math.sqrt(max(raw ** 2 - noise ** 2, 0.0))
         cycles_seconds.append(record['seconds'] * (error / TARGET) ** 2)
-        table.row('cycles', samples, '%.3f %%' % (100 * error), '', '%.1f' % record['seconds'], '%.1f' % cycles_seconds[-1])
+        table.row('cycles', samples, '%.3f %%' % (100 * error), '', '%.1f' % record['seconds'],
+                  '%.1f' % cycles_seconds[-1])
     a, b, c = (float(np.median(x)) for x in (cycles_seconds, kiln_seconds, kiln_passes))
-    print("means: kiln %.5f, Cycles %.5f W/m2 (ratio %.4f)" % (reference.mean(), cycles_reference.mean(), reference.mean() / cycles_reference.mean()))
-    print('to 1 %%: Cycles %.1f s, kiln %.2f s (passes alone %.2f s): %.0f times faster (passes alone %.0f); the aim is 30' % (
+    print("means: kiln %.5f, Cycles %.5f W/m2 (ratio %.4f)" %
+          (reference.mean(), cycles_reference.mean(), reference.mean() / cycles_reference.mean()))
+    print('to 1 %%: Cycles %.1f s, kiln %.2f s (passes alone %.2f s): %.0f times faster (passes alone %.0f); the aim '
+          'is 30' % (
         a, b, c, a / b, a / c))
 
 

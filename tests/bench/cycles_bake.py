@@ -1,11 +1,12 @@
 """Runs inside Blender: bakes a .glb's lightmap atlas with Cycles on the CPU, once for each `samples:seed`.
 
-  blender --background -noaudio --factory-startup --python cycles_bake.py -- SCENE.glb OUT_FOLDER SIDE BOUNCES THREADS 64:1 256:2 ...
+  blender --background -noaudio --factory-startup --python cycles_bake.py -- SCENE.glb OUT_FOLDER SIDE BOUNCES THREADS
+  64:1 256:2 ...
 
-Every material becomes a Lambertian surface (diffuse of the base colour plus emission): the importer's own has a specular lobe. All
-meshes that reflect are joined, which is the fastest way to bake: one session, one BVH. Type DIFFUSE, direct and indirect, without
-colour, no margin, no clamping, no adaptive sampling, no denoiser; a 32-bit OpenEXR file whose unit is irradiance over pi. Prints one
-line BAKE {json} a bake; `seconds` is the bake operator alone.
+Every material becomes a Lambertian surface (diffuse of the base colour plus emission): the importer's own has a
+specular lobe. All meshes that reflect are joined, which is the fastest way to bake: one session, one BVH. Type DIFFUSE,
+direct and indirect, without colour, no margin, no clamping, no adaptive sampling, no denoiser; a 32-bit OpenEXR file
+whose unit is irradiance over pi. Prints one line BAKE {json} a bake; `seconds` is the bake operator alone.
 """
 import builtins
 import json
@@ -29,7 +30,8 @@ def colours(path):
     result = {}
     for m in document['materials']:
         strength = m.get('extensions', {}).get('KHR_materials_emissive_strength', {}).get('emissiveStrength', 1.0)
-        result[m['name']] = (m['pbrMetallicRoughness']['baseColorFactor'][:3], [c * strength for c in m.get('emissiveFactor', (0, 0, 0))])
+        result[m['name']] = (m['pbrMetallicRoughness']['baseColorFactor'][:3],
+                             [c * strength for c in m.get('emissiveFactor', (0, 0, 0))])
     return result
 
 
@@ -58,7 +60,8 @@ def prepare(path, bounces, threads):
     for material in bpy.data.materials:
         if material.name in table:
             make_lambertian(material, *table[material.name])
-    meshes = [o for o in bpy.data.objects if o.type == 'MESH' and any(max(table[s.material.name][0]) > 0 for s in o.material_slots)]
+    meshes = [o for o in bpy.data.objects if o.type == 'MESH'
+              and any(max(table[s.material.name][0]) > 0 for s in o.material_slots)]
     bpy.ops.object.select_all(action='DESELECT')
     for o in meshes:
         o.select_set(True)
@@ -93,7 +96,8 @@ def new_target(target, side):
 
 def save(image, path):
     settings = bpy.context.scene.render.image_settings
-    settings.file_format, settings.color_mode, settings.color_depth, settings.exr_codec = 'OPEN_EXR', 'RGBA', '32', 'ZIP'
+    settings.file_format, settings.color_mode = 'OPEN_EXR', 'RGBA'
+    settings.color_depth, settings.exr_codec = '32', 'ZIP'
     image.save_render(path)
 
 

@@ -2,7 +2,8 @@
 
   /usr/bin/python3 tests/bench/lightmaps.py --kiln build/release/kiln [--side 2048] [RANKS ...]
 
-A box from inside, one object of six charts with noisy light; the least of three turns. More ranks than cores show nothing.
+A box from inside, one object of six charts with noisy light; the least of three turns. More ranks than cores show
+nothing.
 """
 import os
 import sys
@@ -11,7 +12,8 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import measure  # noqa: E402
 import harness  # noqa: E402
 
-CHEAP = ('--samples-direct', 2, '--samples-bounce', 1, '--samples-indirect', 1, '--bounces', 1, '--samples-probe', 0, '--no-preview')
+CHEAP = ('--samples-direct', 2, '--samples-bounce', 1, '--samples-indirect', 1, '--bounces', 1, '--samples-probe', 0,
+         '--no-preview')
 PHASES = ('lightmaps', 'kiln.h5')
 TURNS = 3
 
@@ -27,7 +29,8 @@ def main():
     counts, least = sorted({1, *arguments.ranks}), {}
     for _ in range(TURNS):
         for ranks in counts:
-            bake = measure.must(kiln.bake(scene, *CHEAP, '--lightmap-size', arguments.side, '--threads', 1, ranks=ranks, timeout=3600))
+            bake = measure.must(kiln.bake(scene, *CHEAP, '--lightmap-size', arguments.side, '--threads', 1, ranks=ranks,
+                                          timeout=3600))
             for phase in bake.run['phases']:
                 if phase['name'] in PHASES:
                     key = ranks, phase['name']
@@ -37,7 +40,8 @@ def main():
         row = []
         for name in PHASES:
             seconds = least[ranks, name]
-            row += ['%.2f' % seconds, '%.0f' % (1e9 * seconds / arguments.side ** 2), '%.2f' % (least[1, name] / seconds)]
+            row += ['%.2f' % seconds, '%.0f' % (1e9 * seconds / arguments.side ** 2),
+                    '%.2f' % (least[1, name] / seconds)]
         table.row(ranks, *row)
 
 

@@ -2,9 +2,10 @@
 
   /usr/bin/python3 tests/bench/many_lights.py --kiln build/release/kiln
 
-The hall of `kiln generate lights` with one lamp and with 100 x 50: the same power in both. Direct light alone. The error is nrmse of
-the hall and its pillars against a converged bake of the same scene; the time is that of the direct pass, put down to the points
-of hall and pillars alone (the lamps' own see no lamp). The cost at the target error is read off a ladder of sample counts.
+The hall of `kiln generate lights` with one lamp and with 100 x 50: the same power in both. Direct light alone. The
+error is nrmse of the hall and its pillars against a converged bake of the same scene; the time is that of the direct
+pass, put down to the points of hall and pillars alone (the lamps' own see no lamp). The cost at the target error is
+read off a ladder of sample counts.
 """
 import os
 import sys
@@ -18,7 +19,8 @@ CONVERGED = 32768
 
 
 def bake(kiln, scene, samples, seed):
-    return measure.must(kiln.bake(scene, '--bounces', 0, '--texels-per-metre', 1.5, '--samples-direct', samples, '--samples-bounce', 1,
+    return measure.must(kiln.bake(scene, '--bounces', 0, '--texels-per-metre', 1.5, '--samples-direct', samples,
+                                  '--samples-bounce', 1,
                                   '--samples-indirect', 1, '--samples-probe', 0, '--seed', seed, timeout=3600))
 
 
@@ -52,7 +54,8 @@ def main():
     many = climb(kiln, table, '5000', measure.made(kiln, 'lights', '--columns', 100, '--rows', 50))
     for target in (0.05, 0.02, 0.01):
         a, b = measure.at_error(one, target), measure.at_error(many, target)
-        print('at %.0f %% error: one lamp %.2f us a point, 5000 lamps (10,000 triangles) %.2f us: ratio %.2f (aim: at most 4)' % (
+        print('at %.0f %% error: one lamp %.2f us a point, 5000 lamps (10,000 triangles) %.2f us: ratio %.2f (aim: at '
+              'most 4)' % (
             100 * target, a, b, b / a))
 
 

@@ -30,8 +30,8 @@ def tracing_seconds(bake):
 
 
 def at_error(ladder, target):
-    """Cost at an error of `target`, between the rungs of [(error, cost), ...] by powers; beyond them by the nearest pair. Errors fall
-    along the ladder."""
+    """Cost at an error of `target`, between the rungs of [(error, cost), ...] by powers; beyond them by the nearest
+    pair. Errors fall along the ladder."""
     for (e0, c0), (e1, c1) in zip(ladder, ladder[1:]):
         if e1 <= target or (e1, c1) == ladder[-1]:
             slope = math.log(c1 / c0) / math.log(e0 / e1)

@@ -2,9 +2,9 @@
 
   /usr/bin/python3 tests/bench/memory.py --kiln build/release/kiln
 
-The peak of one process (rank), as the kernel counts it. Bytes a point: the difference between two densities of one scene over the
-difference in points. Bytes a triangle: the same between two cities, Embree's BVH (as planned) and the points' share taken off. The
-aims are 64 and 120.
+The peak of one process (rank), as the kernel counts it. Bytes a point: the difference between two densities of one
+scene over the difference in points. Bytes a triangle: the same between two cities, Embree's BVH (as planned) and the
+points' share taken off. The aims are 64 and 120.
 """
 import os
 import sys
@@ -13,7 +13,8 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import measure  # noqa: E402
 import harness  # noqa: E402
 
-CHEAP = ('--samples-direct', 1, '--samples-bounce', 1, '--samples-indirect', 1, '--bounces', 1, '--samples-probe', 1, '--probe-spacing')
+CHEAP = ('--samples-direct', 1, '--samples-bounce', 1, '--samples-indirect', 1, '--bounces', 1, '--samples-probe', 1,
+         '--probe-spacing')
 
 
 def planned(kiln, scene, options):
@@ -30,7 +31,8 @@ def weigh(kiln, table, scene, spacing, *options):
     bake = measure.must(kiln.bake(scene, *options, timeout=3600))
     points, peak = bake.run['points']['count'], bake.run['memory']['peak_rank']
     triangles = bake.run['scene']['triangles']
-    table.row(os.path.basename(scene), points, triangles, '%.1f' % (peak / 2**20), '%.1f' % (plan['memory_per_rank']['total'] / 2**20),
+    table.row(os.path.basename(scene), points, triangles, '%.1f' % (peak / 2**20),
+              '%.1f' % (plan['memory_per_rank']['total'] / 2**20),
               '%.1f' % (plan['memory_per_rank']['bvh'] / 2**20))
     bake.remove()
     return points, triangles, peak, plan['memory_per_rank']['bvh'], plan
@@ -38,7 +40,8 @@ def weigh(kiln, table, scene, spacing, *options):
 
 def main():
     _, kiln = harness.start(__doc__)
-    table = harness.Table(('scene', 32), ('points', 10), ('triangles', 10), ('peak MiB', 9), ('planned MiB', 12), ('BVH MiB', 8))
+    table = harness.Table(('scene', 32), ('points', 10), ('triangles', 10), ('peak MiB', 9), ('planned MiB', 12),
+                          ('BVH MiB', 8))
     cornell = measure.made(kiln, 'cornell')
     few = weigh(kiln, table, cornell, 2, '--texels-per-metre', 60)
     many = weigh(kiln, table, cornell, 2, '--texels-per-metre', 180)

@@ -1,4 +1,5 @@
-"""Rays per second of the bounce pass against Embree alone on the same rays: `kiln bench rays` on Cornell box and Sponza.
+"""Rays per second of the bounce pass against Embree alone on the same rays: `kiln bench rays` on Cornell box and
+Sponza.
 
   /usr/bin/python3 tests/bench/rays.py --kiln build/release/kiln
 

@@ -2,10 +2,10 @@
 
   /usr/bin/python3 tests/bench/rtrad.py --kiln build/release/kiln --backend vulkan
 
-RTRad's published figure is 2.96 s (RTX 2070 Super) for 1024 directions a texel: one list for all texels, even over the hemisphere, and
-the lamp is lit texels that rays happen to meet. kiln's error is nrmse of irradiance against a converged bake, and of
-direct light against the closed form where nothing is in the lamp's way. There the error of 1024 directions is reckoned too: those of a
-Fibonacci spiral, as even as any, meet the lamp or do not.
+RTRad's published figure is 2.96 s (RTX 2070 Super) for 1024 directions a texel: one list for all texels, even over the
+hemisphere, and the lamp is lit texels that rays happen to meet. kiln's error is nrmse of irradiance against a converged
+bake, and of direct light against the closed form where nothing is in the lamp's way. There the error of 1024 directions
+is reckoned too: those of a Fibonacci spiral, as even as any, meet the lamp or do not.
 """
 import os
 import sys
@@ -28,12 +28,14 @@ def array(scene, index):
     view = scene.document['bufferViews'][accessor['bufferView']]
     at = view.get('byteOffset', 0) + accessor.get('byteOffset', 0)
     width = {'SCALAR': 1, 'VEC3': 3}[accessor['type']]
-    return np.frombuffer(bytes(scene.blob), KINDS[accessor['componentType']], accessor['count'] * width, at).reshape(-1, width)
+    return np.frombuffer(bytes(scene.blob), KINDS[accessor['componentType']], accessor['count'] * width,
+                         at).reshape(-1, width)
 
 
 def turned(node, positions):
     x, y, z, w = node.get('rotation', (0, 0, 0, 1))
-    turn = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+    turn = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                     [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
                      [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
     return positions * node.get('scale', (1, 1, 1)) @ turn.T + node.get('translation', (0, 0, 0))
 
@@ -98,7 +100,8 @@ class Unoccluded:
 
     def __init__(self, path, points):
         lamps = lamp_triangles(path)
-        some = np.sort(np.random.default_rng(1).choice(np.flatnonzero(points.valid), min(40000, int(points.valid.sum())), replace=False))
+        some = np.sort(np.random.default_rng(1).choice(np.flatnonzero(points.valid),
+                                                       min(40000, int(points.valid.sum())), replace=False))
         x, n = points.position[some], points.normal[some]
         above = (((lamps.reshape(-1, 3)[None] - x[:, None]) * n[:, None]).sum(2) > -1e-4).all(1)
         exact = closed_form(lamps, x, n)
@@ -114,21 +117,27 @@ class Unoccluded:
 
 
 def main():
-    add = lambda p: (p.add_argument('--side', type=int, default=2048, help='texels of a lightmap'), p.add_argument('--converged', type=int, default=16384))
+    add = lambda p: (p.add_argument('--side', type=int, default=2048, help='texels of a lightmap'),
+                     p.add_argument('--converged', type=int, default=16384))
     arguments, kiln = harness.start(__doc__, add)
     path = harness.need_shared(*SCENE)
-    bake = lambda direct, bounce, final, seed: measure.must(kiln.bake(path, '--lightmap-size', arguments.side, '--bounces', 2, '--samples-probe', 0,
-        '--samples-direct', direct, '--samples-bounce', bounce, '--samples-indirect', final, '--seed', seed, timeout=3600))
+    bake = lambda direct, bounce, final, seed: measure.must(
+        kiln.bake(path, '--lightmap-size', arguments.side, '--bounces', 2, '--samples-probe', 0,
+        '--samples-direct', direct, '--samples-bounce', bounce, '--samples-indirect', final, '--seed', seed,
+        timeout=3600))
     converged = bake(max(256, arguments.converged // 8), max(64, arguments.converged // 16), arguments.converged, 99)
     reference = measure.values(converged)
     unoccluded = Unoccluded(path, converged.points)
-    print('direct light at %d points that see the whole lamp: %d directions are off by %.3f %%, the converged bake by %.3f %%' % (
+    print('direct light at %d points that see the whole lamp: %d directions are off by %.3f %%, the converged bake by '
+          '%.3f %%' % (
         len(unoccluded.points), DIRECTIONS, 100 * unoccluded.directions, 100 * unoccluded.error_of(converged.points)))
     converged.remove()
-    table = harness.Table(('direct', 6), ('bounce', 6), ('final', 6), ('points', 9), ('passes s', 9), ('whole lamp', 11), ('all points', 11))
+    table = harness.Table(('direct', 6), ('bounce', 6), ('final', 6), ('points', 9), ('passes s', 9),
+                          ('whole lamp', 11), ('all points', 11))
     for direct, bounce, final in LADDER:
         b = bake(direct, bounce, final, 0)
-        table.row(direct, bounce, final, b.points.count, '%.3f' % measure.tracing_seconds(b), '%.3f %%' % (100 * unoccluded.error_of(b.points)),
+        table.row(direct, bounce, final, b.points.count, '%.3f' % measure.tracing_seconds(b),
+                  '%.3f %%' % (100 * unoccluded.error_of(b.points)),
                   '%.3f %%' % (100 * measure.nrmse(measure.values(b), reference)))
         b.remove()
 

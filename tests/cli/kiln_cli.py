@@ -23,7 +23,8 @@ class Answer:
 def kiln(*arguments, folder=None, stdout=subprocess.PIPE, prefix=(), timeout=60):
     """Runs kiln in `folder` and waits. `prefix` goes before it on the command line, as for mpirun."""
     begin = time.monotonic()
-    completed = subprocess.run([*prefix, KILN, *map(str, arguments)], cwd=folder, stdin=subprocess.DEVNULL, stdout=stdout,
+    completed = subprocess.run([*prefix, KILN, *map(str, arguments)], cwd=folder, stdin=subprocess.DEVNULL,
+                               stdout=stdout,
                                stderr=subprocess.PIPE, text=True, errors="surrogateescape", timeout=timeout)
     return Answer(completed, time.monotonic() - begin)
 
@@ -33,4 +34,5 @@ def quickest(*arguments, tries=5):
     return min((kiln(*arguments) for _ in range(tries)), key=lambda answer: answer.seconds)
 
 
-COMMANDS = ["bake", "plan", "info", "check", "view", "compare", "probe", "generate", "report", "bench", "submit", "status", "stop", "verify", "export"]
+COMMANDS = ["bake", "plan", "info", "check", "view", "compare", "probe", "generate", "report", "bench", "submit",
+            "status", "stop", "verify", "export"]

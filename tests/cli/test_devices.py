@@ -1,4 +1,5 @@
-"""What kiln says of devices, and what it does when there is none. Needs no GPU: a machine without a driver is played."""
+"""What kiln says of devices, and what it does when there is none. Needs no GPU: a machine without a driver is
+played."""
 import json
 import os
 import tempfile

@@ -1,4 +1,5 @@
-"""What a bake says on its way and at its end: lines without control characters, a table that adds up, one sentence for all ranks."""
+"""What a bake says on its way and at its end: lines without control characters, a table that adds up, one sentence for
+all ranks."""
 import json
 import os
 import subprocess
@@ -59,11 +60,13 @@ class End(unittest.TestCase):
             os.truncate(path, os.path.getsize(path) - 1)
         self.assertEqual(answer.code, 65)
         verdict = json.loads(answer.out)
-        self.assertEqual([verdict["status"], [problem["file"] for problem in verdict["problems"]]], ["damaged", ["preview.png"]])
+        self.assertEqual([verdict["status"], [problem["file"] for problem in verdict["problems"]]],
+                         ["damaged", ["preview.png"]])
 
     def test_what_is_no_bake(self):
         for command in ("view", "probe", "report", "status", "stop", "verify"):
-            for place, words in ((self.scene, "is a file; name the folder"), (os.path.join(self.folder, "none"), "No such file")):
+            for place, words in ((self.scene, "is a file; name the folder"),
+                                 (os.path.join(self.folder, "none"), "No such file")):
                 answer = kiln(command, place, *(["0", "0", "0"] if command == "probe" else []))
                 self.assertEqual(answer.code, 66, command)
                 self.assertIn(words, answer.sentence())

@@ -27,7 +27,8 @@ def accessor(document, binary, index):
     kind = {5126: "<f4", 5125: "<u4"}[entry["componentType"]]
     assert view["byteOffset"] % 4 == 0 and entry["count"] * width * 4 <= view["byteLength"]
     assert view["byteOffset"] + view["byteLength"] <= document["buffers"][0]["byteLength"] <= len(binary)
-    return numpy.frombuffer(binary, kind, entry["count"] * width, view["byteOffset"] + entry["byteOffset"]).reshape(-1, width)
+    return numpy.frombuffer(binary, kind, entry["count"] * width,
+                            view["byteOffset"] + entry["byteOffset"]).reshape(-1, width)
 
 
 def covered_twice(corners, size=256):
@@ -68,14 +69,16 @@ class Generate(unittest.TestCase):
             entry = document["accessors"][attributes["POSITION"]]
             numpy.testing.assert_array_equal(numpy.float32(entry["min"]), numpy.float32(positions.min(0)))
             numpy.testing.assert_array_equal(numpy.float32(entry["max"]), numpy.float32(positions.max(0)))
-            triangles = numpy.vstack([accessor(document, binary, part["indices"]).reshape(-1, 3) for part in mesh["primitives"]])
+            triangles = numpy.vstack([accessor(document, binary, part["indices"]).reshape(-1, 3)
+                                      for part in mesh["primitives"]])
             materials_used |= {part["material"] for part in mesh["primitives"]}
             self.assertLess(triangles.max(), len(positions))
             corners = positions[triangles]
             cross = numpy.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
             area = 0.5 * numpy.linalg.norm(cross, axis=1)
             self.assertGreater(area.min(), 0, f"{name}: a triangle of no area in {mesh['name']}")
-            self.assertGreater((cross * normals[triangles].mean(1)).sum(1).min(), 0, f"{name}: a normal on the wrong side")
+            self.assertGreater((cross * normals[triangles].mean(1)).sum(1).min(), 0,
+                               f"{name}: a normal on the wrong side")
             numpy.testing.assert_allclose(numpy.linalg.norm(normals, axis=1), 1, atol=1e-6)
             if "TEXCOORD_1" in attributes:
                 layout = accessor(document, binary, attributes["TEXCOORD_1"]).astype(float)
@@ -86,7 +89,8 @@ class Generate(unittest.TestCase):
                 self.assertLess(density.max() / density.min(), 1.02, f"{name}: uneven layout of {mesh['name']}")
                 if len(triangles) < 5000:
                     self.assertEqual(covered_twice(uv), 0, f"{name}: overlap in the layout of {mesh['name']}")
-        self.assertEqual(materials_used, set(range(len(document["materials"]))), f"{name}: a material that nothing wears")
+        self.assertEqual(materials_used, set(range(len(document["materials"]))),
+                         f"{name}: a material that nothing wears")
         self.assertEqual({n["mesh"] for n in document["nodes"] if "mesh" in n}, set(range(len(document["meshes"]))))
         return document
 
@@ -104,7 +108,8 @@ class Generate(unittest.TestCase):
         expected = {"cornell-shapes": ["3 of 11 meshes have no second UV set and are unwrapped"],
                     "cornell-statue": ["1 of 8 meshes have no second UV set and are unwrapped"],
                     "cornell-spheres": ["2 of 8 meshes have no second UV set and are unwrapped",
-                                        "materials[5] (KHR_materials_transmission): lets 100 % of the light through, tinted by its base colour, as thin "
+                                        "materials[5] (KHR_materials_transmission): lets 100 % of the light through, "
+                                        "tinted by its base colour, as thin "
                                         "walls do; refraction and mirror reflection are not modelled"]}
         for name in self.names:
             path, report = self.make(name)
@@ -112,7 +117,8 @@ class Generate(unittest.TestCase):
             self.assertEqual(answer.code, 0, answer.err)
             info = json.loads(answer.out)
             # lightmaps of 64 x 64 are too small for some layouts, which is said
-            found = sorted(note["text"] for note in info["notes"] if "lightmaps with several charts" not in note["text"])
+            found = sorted(note["text"] for note in info["notes"]
+                           if "lightmaps with several charts" not in note["text"])
             self.assertEqual(found, expected.get(name, []), name)
             self.assertEqual(len(info["meshes"]), report["meshes"])
             self.assertEqual(len(info["cameras"]), 1)
@@ -122,10 +128,12 @@ class Generate(unittest.TestCase):
         document, binary = read_glb(path)
         meshes = {mesh["name"]: mesh["primitives"][0] for mesh in document["meshes"]}
         light = accessor(document, binary, meshes["light"]["attributes"]["POSITION"])
-        numpy.testing.assert_allclose([light.min(0), light.max(0)], [[2.13, 5.488, 2.27], [3.43, 5.488, 3.32]], rtol=1e-6)
+        numpy.testing.assert_allclose([light.min(0), light.max(0)], [[2.13, 5.488, 2.27], [3.43, 5.488, 3.32]],
+                                      rtol=1e-6)
         emission = document["materials"][meshes["light"]["material"]]
         strength = emission["extensions"]["KHR_materials_emissive_strength"]["emissiveStrength"]
-        numpy.testing.assert_allclose(numpy.array(emission["emissiveFactor"]) * strength, [18.387, 13.9873, 6.75357], rtol=1e-5)
+        numpy.testing.assert_allclose(numpy.array(emission["emissiveFactor"]) * strength, [18.387, 13.9873, 6.75357],
+                                      rtol=1e-5)
         tall = accessor(document, binary, meshes["tall_block"]["attributes"]["POSITION"])
         numpy.testing.assert_allclose([tall.min(0), tall.max(0)], [[2.65, 0, 2.47], [4.72, 3.3, 4.56]], rtol=1e-6)
         base = {m["name"]: m["pbrMetallicRoughness"]["baseColorFactor"][:3] for m in document["materials"]}
@@ -133,7 +141,8 @@ class Generate(unittest.TestCase):
                                 "light": [0.78, 0.78, 0.78]})
         for name, factor in (("cornell-tiny", 1e-6), ("cornell-huge", 1e6)):
             scaled, binary = read_glb(self.make(name)[0])
-            box = numpy.array([scaled["accessors"][m["primitives"][0]["attributes"]["POSITION"]]["max"] for m in scaled["meshes"]])
+            box = numpy.array([scaled["accessors"][m["primitives"][0]["attributes"]["POSITION"]]["max"]
+                               for m in scaled["meshes"]])
             numpy.testing.assert_allclose(box.max(0), numpy.array([5.56, 5.488, 5.592]) * factor, rtol=1e-6)
 
     def test_sizes(self):
@@ -149,7 +158,8 @@ class Generate(unittest.TestCase):
         self.assertEqual(sum(document["accessors"][part["indices"]]["count"] for part in lamps), 3 * 10000)
         path, report = self.make("rooms", "--columns", 4, "--rows", 5)
         self.assertEqual(sum("mesh" in node for node in read_glb(path)[0]["nodes"]), 20)
-        albedo = read_glb(self.make("furnace", "--albedo", 0.9)[0])[0]["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"]
+        albedo = read_glb(self.make("furnace", "--albedo", 0.9)[0])[0]["materials"][0]["pbrMetallicRoughness"][
+            "baseColorFactor"]
         self.assertEqual(albedo[:3], [0.9, 0.9, 0.9])
 
     def test_the_seed_counts(self):
@@ -170,7 +180,8 @@ class Generate(unittest.TestCase):
                 (64, r"from 1000 to 1000000000", ["city", "-o", path, "--triangles", "10"]),
                 (64, r"28.00 GB .* 4.29 GB", ["cornell-statue", "-o", path, "--triangles", "1000000000"]),
                 (73, r"'/proc/x.glb' cannot be created", ["cornell", "-o", "/proc/x.glb"]),
-                (73, r"missing/x.glb' cannot be created", ["cornell", "-o", os.path.join(self.folder.name, "missing/x.glb")])):
+                (73, r"missing/x.glb' cannot be created",
+                 ["cornell", "-o", os.path.join(self.folder.name, "missing/x.glb")])):
             answer = kiln("generate", *arguments)
             self.assertEqual(answer.code, code, answer.err)
             self.assertRegex(answer.sentence(), pattern)

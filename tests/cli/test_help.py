@@ -22,7 +22,8 @@ class Help(unittest.TestCase):
 
     def test_every_command_has_its_screen_in_three_ways(self):
         for command in COMMANDS:
-            screens = [kiln(command, "--help"), kiln("help", command), kiln("--help", command), kiln(command, "--nonsense", "-h")]
+            screens = [kiln(command, "--help"), kiln("help", command), kiln("--help", command),
+                       kiln(command, "--nonsense", "-h")]
             for screen in screens:
                 self.assertEqual(screen.code, 0)
                 self.assertEqual(screen.out, screens[0].out)

@@ -26,7 +26,8 @@ class JobFile(unittest.TestCase):
 
     def test_errors_name_file_and_line(self):
         for pattern, text in {
-            r"^job.yaml:3: unknown key 'smaples-direct'.*'samples-direct'": "# a comment\nscene: a.glb\nsmaples-direct: 4\n",
+            r"^job.yaml:3: unknown key 'smaples-direct'.*'samples-direct'": "# a comment\nscene: a.glb\n"
+                                                                            "smaples-direct: 4\n",
             r"^job.yaml:1: unknown key 'scne'.*'scene'": "scne: a.glb\n",
             r"^job.yaml:2: unknown key 'samples_direct'.*'samples-direct'": "scene: a.glb\nsamples_direct: 4\n",
             r"^job.yaml:2: a job file has no key 'camera'": "scene: a.glb\ncamera: main\n",

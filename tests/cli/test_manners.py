@@ -1,4 +1,5 @@
-"""What kiln makes of its surroundings: text from scenes on a terminal, closed descriptors, limits on files, signals, numbers without bounds."""
+"""What kiln makes of its surroundings: text from scenes on a terminal, closed descriptors, limits on files, signals,
+numbers without bounds."""
 import json
 import os
 import re
@@ -12,7 +13,8 @@ import unittest
 
 from kiln_cli import KILN, kiln
 
-SMALL = ["--backend", "embree", "--quality", "draft", "--lightmap-size", "16", "--bounces", "1", "--threads", "1", "--samples-probe", "1"]
+SMALL = ["--backend", "embree", "--quality", "draft", "--lightmap-size", "16", "--bounces", "1", "--threads", "1",
+         "--samples-probe", "1"]
 FORGED = "kiln: 12 files: all as they were written"
 EVIL = f"\x1b[31mX\n{FORGED}\u202e\u009b2J\x7f"
 ACTS = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
@@ -46,9 +48,12 @@ class Manners(unittest.TestCase):
         self.assertEqual(self.baked.code, 0, self.baked.err)
         picture = os.path.join(self.folder, "view.png")
         answers = [self.baked, *(kiln(*words) for words in (
-            ["info", self.evil, "--verbose"], ["check", self.evil], ["view", self.out, "-o", picture, "--width", "16"], ["view", self.out, "--camera", EVIL],
-            ["compare", self.out, self.out], ["verify", self.out], ["export", self.out, "-o", os.path.join(self.folder, "exported", "scene.glb")],
-            ["info", EVIL], ["bake", self.scene, f"--{EVIL}"], ["bake", self.scene, "--quality", EVIL], [EVIL], ["bake", self.scene, "-o", f"{self.out}/{EVIL}/\0"[:-1] + "/x" * 2100]))]
+            ["info", self.evil, "--verbose"], ["check", self.evil], ["view", self.out, "-o", picture, "--width", "16"],
+            ["view", self.out, "--camera", EVIL],
+            ["compare", self.out, self.out], ["verify", self.out],
+            ["export", self.out, "-o", os.path.join(self.folder, "exported", "scene.glb")],
+            ["info", EVIL], ["bake", self.scene, f"--{EVIL}"], ["bake", self.scene, "--quality", EVIL], [EVIL],
+            ["bake", self.scene, "-o", f"{self.out}/{EVIL}/\0"[:-1] + "/x" * 2100]))]
         for answer in answers:
             for text in (answer.out, answer.err):
                 self.assertIsNone(ACTS.search(text), repr(text))
@@ -59,7 +64,8 @@ class Manners(unittest.TestCase):
         place = os.path.join(self.folder, "cut")
         os.makedirs(os.path.join(place, "checkpoint"))
         with open(os.path.join(place, "checkpoint", "status.json"), "w") as file:
-            json.dump({"state": "ééééééééé", "phase": "\x1b[2J" + "é" * 40, "host": "é" * 40, "message": "x" + "é" * 400, "code": 75}, file)
+            json.dump({"state": "ééééééééé", "phase": "\x1b[2J" + "é" * 40, "host": "é" * 40,
+                       "message": "x" + "é" * 400, "code": 75}, file)
         answer = kiln("status", place, "--json")
         self.assertEqual(answer.code, 0, answer.err)
         self.assertTrue(json.loads(answer.out)["message"].endswith("é"))
@@ -68,21 +74,25 @@ class Manners(unittest.TestCase):
     def test_closed_descriptors_are_nobody_elses(self):
         """Their numbers would go to the next file or pipe, and what is meant for a person into it."""
         out = os.path.join(self.folder, "closed")
-        done = subprocess.run(["mpirun", "-n", "2", "sh", "-c", f"exec {KILN} bake {self.scene} -o {out} --no-export {' '.join(SMALL)} <&- >&- 2>&-"],
+        done = subprocess.run(["mpirun", "-n", "2", "sh", "-c",
+                               f"exec {KILN} bake {self.scene} -o {out} --no-export {' '.join(SMALL)} <&- >&- 2>&-"],
                               stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120)
         self.assertEqual(done.returncode, 74, done.stderr)  # the table could not be printed
         self.assertNotIn("surface points", done.stdout + done.stderr)
         self.assertEqual(kiln("verify", out).code, 0)
         for closed in ("2>&-", "<&- >&- 2>&-"):
-            done = subprocess.run(["sh", "-c", f"{KILN} info {self.scene} {closed}"], stdin=subprocess.DEVNULL, capture_output=True, timeout=60)
+            done = subprocess.run(["sh", "-c", f"{KILN} info {self.scene} {closed}"], stdin=subprocess.DEVNULL,
+                                  capture_output=True, timeout=60)
             self.assertEqual(done.returncode, 74 if ">&-" in closed.replace("2>&-", "") else 0, closed)
 
     def test_a_limit_on_files_is_said(self):
         def limited():
             resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
-        for words in (["generate", "cornell", "-o", os.path.join(self.folder, "large.glb")], ["bake", self.scene, "-o", os.path.join(self.folder, "limited"), *SMALL],
+        for words in (["generate", "cornell", "-o", os.path.join(self.folder, "large.glb")],
+                      ["bake", self.scene, "-o", os.path.join(self.folder, "limited"), *SMALL],
                       ["info", self.scene], ["view", self.out, "-o", os.path.join(self.folder, "large.png")]):
-            done = subprocess.run([KILN, *words], stdin=subprocess.DEVNULL, capture_output=True, text=True, preexec_fn=limited, timeout=60)
+            done = subprocess.run([KILN, *words], stdin=subprocess.DEVNULL, capture_output=True, text=True,
+                                  preexec_fn=limited, timeout=60)
             self.assertEqual(done.returncode, 74, done.stderr)
             self.assertIn("at most 4096 bytes (ulimit -f)", done.stderr)
 
@@ -94,20 +104,25 @@ class Manners(unittest.TestCase):
         self.assertRegex(answer.sentence(), "--max-time: 0 is out of range; .* or none")
 
     def test_numbers_have_bounds(self):
-        for words, code, pattern in ((["view", self.out, "--from", "1e19,0,0"], 64, "1e\\+19 is out of range"), (["view", self.out, "--to", "0,-1e300,0"], 64, "out of range"),
-                                     (["bake", self.scene, "--environment", "1e31,1,1"], 64, "radiance of 1e\\+31 is out of range; .* from 0 to 1e\\+30"),
-                                     (["info", self.scene, "--environment", "1e30,1e30,1e30", "--environment-scale", "1e3"], 64, "radiance into 1e\\+33")):
+        for words, code, pattern in ((["view", self.out, "--from", "1e19,0,0"], 64, "1e\\+19 is out of range"),
+                                     (["view", self.out, "--to", "0,-1e300,0"], 64, "out of range"),
+                                     (["bake", self.scene, "--environment", "1e31,1,1"], 64,
+                                      "radiance of 1e\\+31 is out of range; .* from 0 to 1e\\+30"),
+                                     (["info", self.scene, "--environment", "1e30,1e30,1e30", "--environment-scale",
+                                       "1e3"], 64, "radiance into 1e\\+33")):
             answer = kiln(*words)
             self.assertEqual(answer.code, code, answer.err)
             self.assertRegex(answer.sentence(), pattern)
-        answer = kiln("view", self.out, "--from", "1e15,0,0", "-o", os.path.join(self.folder, "far.png"), "--width", "16")
+        answer = kiln("view", self.out, "--from", "1e15,0,0", "-o", os.path.join(self.folder, "far.png"), "--width",
+                      "16")
         self.assertEqual(answer.code, 0, answer.err)
 
     def test_advice_can_be_followed(self):
         answer = kiln("bake", self.scene, "-o", os.path.join(self.folder, "cells"), "--cell-size", "1e-9", *SMALL)
         self.assertEqual(answer.code, 65)
         advised = re.search("--cell-size ([-0-9.e]+) would do, or auto", answer.sentence()).group(1)
-        self.assertEqual(kiln("bake", self.scene, "-o", os.path.join(self.folder, "cells"), "--cell-size", advised, "--no-preview", "--no-export", *SMALL).code, 0)
+        self.assertEqual(kiln("bake", self.scene, "-o", os.path.join(self.folder, "cells"), "--cell-size", advised,
+                              "--no-preview", "--no-export", *SMALL).code, 0)
 
     def test_what_can_be_refused_is_refused_before_the_first_ray(self):
         out = os.path.join(self.folder, "refused")
@@ -115,25 +130,29 @@ class Manners(unittest.TestCase):
         answers = [kiln("bake", self.scene, "-o", out, *SMALL)]
         os.rename(os.path.join(out, "preview.png"), os.path.join(out, "mine"))
         answers.append(kiln("bake", self.scene, "-o", out, *SMALL, "--probe-spacing", "1e-4"))
-        for answer, code, word in zip(answers, (73, 64), ("preview.png' is in the way: it is no plain file", "use a larger --probe-spacing")):
+        for answer, code, word in zip(answers, (73, 64), ("preview.png' is in the way: it is no plain file",
+                                                          "use a larger --probe-spacing")):
             self.assertEqual(answer.code, code, answer.err)
             self.assertIn(word, answer.sentence())
             self.assertNotRegex(answer.err, "(?m)^(validity|emission|direct light)")
 
     def test_signals_at_any_time(self):
-        """From the begin of main on a bake notes them; what nohup ignores stays ignored; other commands end as any program does and leave nothing."""
+        """From the begin of main on a bake notes them; what nohup ignores stays ignored; other commands end as any
+        program does and leave nothing."""
         def started(process):
             return subprocess.run(["grep", "-q", "^SigCgt:.*[1-9a-f]", f"/proc/{process.pid}/status"]).returncode == 0
         for number in (signal.SIGHUP, signal.SIGUSR1, signal.SIGTERM):
             out = os.path.join(self.folder, f"signal{number}")
-            process = subprocess.Popen([KILN, "bake", self.scene, "-o", out, *SMALL], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+            process = subprocess.Popen([KILN, "bake", self.scene, "-o", out, *SMALL], stdout=subprocess.DEVNULL,
+                                       stderr=subprocess.PIPE, text=True)
             while not started(process) and process.poll() is None:
                 time.sleep(0.001)
             process.send_signal(number)
             error = process.communicate(timeout=60)[1]
             self.assertEqual(process.returncode, 75, error)
             self.assertRegex(error, f"stopped by {number.name} before any light was computed: there is nothing to keep")
-        process = subprocess.Popen(["nohup", KILN, "bake", self.scene, "-o", os.path.join(self.folder, "nohup"), "--no-preview", "--no-export", *SMALL], stdin=subprocess.DEVNULL,
+        process = subprocess.Popen(["nohup", KILN, "bake", self.scene, "-o", os.path.join(self.folder, "nohup"),
+                                    "--no-preview", "--no-export", *SMALL], stdin=subprocess.DEVNULL,
                                    stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         while not started(process) and process.poll() is None:
             time.sleep(0.001)

@@ -1,4 +1,5 @@
-"""Wrong command lines: exit code 64 (66 for what is missing, 65 for what is broken), one sentence, the nearest known name, at once."""
+"""Wrong command lines: exit code 64 (66 for what is missing, 65 for what is broken), one sentence, the nearest known
+name, at once."""
 import json
 import os
 import tempfile
@@ -37,7 +38,8 @@ class Usage(unittest.TestCase):
             self.refused(64, pattern, *arguments)
 
     def test_what_is_not_near_is_not_named(self):
-        for arguments in (["frobnicate"], ["foo"], ["bake", self.scene, "--lightprobes", "3"], ["view", "out", "--xyzzy"], ["generate", "teapot"]):
+        for arguments in (["frobnicate"], ["foo"], ["bake", self.scene, "--lightprobes", "3"],
+                          ["view", "out", "--xyzzy"], ["generate", "teapot"]):
             answer = self.refused(64, "unknown|no scene is called", *arguments)
             self.assertNotIn("nearest", answer.sentence())
             self.assertRegex(answer.sentence(), "lists all|there are: cornell")
@@ -49,7 +51,8 @@ class Usage(unittest.TestCase):
             for arguments in (["view"], ["probe", "1", "2", "3"], ["report"], ["verify"], ["status"], ["stop"]):
                 answer = kiln(arguments[0], folder, *arguments[1:])
                 self.assertEqual(answer.code, 66)
-                self.assertRegex(answer.sentence(), "is not the folder of a bake: .* name the folder that kiln bake -o wrote to")
+                self.assertRegex(answer.sentence(),
+                                 "is not the folder of a bake: .* name the folder that kiln bake -o wrote to")
             answer = kiln("compare", folder, folder)
             self.assertEqual(answer.code, 66)
             self.assertIn("is not the folder of a bake", answer.sentence())
@@ -97,7 +100,8 @@ class Usage(unittest.TestCase):
         }.items():
             self.refused(64, pattern, "bake", self.scene, *arguments)
         self.refused(64, r"--from: '1,2' is not a point", "view", "out", "--from", "1,2")
-        self.refused(69, r"--backend: this build has no backend 'optix'; it has: auto, embree, vulkan", "bake", self.scene, "--backend", "optix")
+        self.refused(69, r"--backend: this build has no backend 'optix'; it has: auto, embree, vulkan", "bake",
+                     self.scene, "--backend", "optix")
 
     def test_scenes_that_are_not_there(self):
         for command in ("bake", "plan", "info", "check"):
@@ -108,7 +112,8 @@ class Usage(unittest.TestCase):
             self.refused(66, "missing.yaml: No such file", command, "missing.yaml")
 
     def test_json_errors(self):
-        for arguments in (["bake", "missing.glb", "--json"], ["bakee", "--json"], ["bake", "--json", self.scene, "--theads", "2"]):
+        for arguments in (["bake", "missing.glb", "--json"], ["bakee", "--json"],
+                          ["bake", "--json", self.scene, "--theads", "2"]):
             answer = kiln(*arguments)
             object = json.loads(answer.out)
             self.assertEqual(object["status"], "error")

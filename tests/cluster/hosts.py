@@ -1,7 +1,9 @@
-"""Several hosts on one machine: each has its own name, network, processes, /dev/shm and sshd; files are shared, as on a cluster.
+"""Several hosts on one machine: each has its own name, network, processes, /dev/shm and sshd; files are shared, as on a
+cluster.
 
-A host is the set of namespaces of one process. Killing that process kills all that runs on the host; when this program ends,
-however it does, the hosts end too, and nothing is left of their network, because the switch between them is a namespace as well.
+A host is the set of namespaces of one process. Killing that process kills all that runs on the host; when this program
+ends, however it does, the hosts end too, and nothing is left of their network, because the switch between them is a
+namespace as well.
 """
 import os
 import pathlib
@@ -30,7 +32,8 @@ def require(*programs):
     for program in ("ip", "nsenter", "unshare", "sshd", "ssh-keygen", "mpirun", *programs):
         if shutil.which(program) is None:
             skip(f"{program} is not installed; cluster/install-packages installs it")
-    made = subprocess.run(["unshare", "--net", "--uts", "--ipc", "--mount", "--pid", "--fork", "ip", "link", "add", "name", "switch", "type", "bridge"],
+    made = subprocess.run(["unshare", "--net", "--uts", "--ipc", "--mount", "--pid", "--fork", "ip", "link", "add",
+                           "name", "switch", "type", "bridge"],
                           capture_output=True, text=True)
     if made.returncode != 0:
         skip(f"this machine does not let namespaces be made: {made.stderr.strip()}")
@@ -71,30 +74,36 @@ class Host:
     def start(self):
         """Also after kill(): the host comes back, with nothing running on it but sshd."""
         ready = os.path.join(self.folder, "ready")
-        setup = (f"hostname {self.name} && mount --bind {self.cluster.folder}/hosts /etc/hosts && mount -t tmpfs tmpfs /dev/shm && "
+        setup = (f"hostname {self.name} && mount --bind {self.cluster.folder}/hosts /etc/hosts && mount -t tmpfs "
+                 f"tmpfs /dev/shm && "
                  f"mount -t tmpfs tmpfs /run && mkdir /run/sshd && touch {ready} && exec sleep infinity")
         if os.path.exists(ready):
             os.remove(ready)
-        self.holder = subprocess.Popen(["unshare", "--net", "--uts", "--ipc", "--mount", "--pid", "--fork", "--kill-child", "--mount-proc",
+        self.holder = subprocess.Popen(["unshare", "--net", "--uts", "--ipc", "--mount", "--pid", "--fork",
+                                        "--kill-child", "--mount-proc",
                                         "--propagation", "private", "sh", "-c", setup], preexec_fn=die_with_parent)
         wait_for(lambda: os.path.exists(ready), 10, f"start of host {self.name}")
         self.process = only_child(self.holder.pid)
         self.cluster.switch_run("ip", "link", "add", self.link, "type", "veth", "peer", "name", "eth0", "address",
-                                f"02:00:00:00:00:{self.number:02x}", "netns", str(self.process)) # the others remember it when it comes back
+                                # the others remember it when it comes back
+                                f"02:00:00:00:00:{self.number:02x}", "netns", str(self.process))
         self.cluster.switch_run("ip", "link", "set", self.link, "master", "switch", "up")
         self.run("ip", "addr", "add", f"{self.address}/24", "dev", "eth0", check=True)
         self.run("ip", "link", "set", "lo", "up", check=True)
         self.run("ip", "link", "set", "eth0", "up", check=True)
         config = os.path.join(self.folder, "sshd_config")
         with open(config, "w") as file:
-            file.write(f"ListenAddress {self.address}\nHostKey {self.cluster.folder}/host_key\nPidFile none\nStrictModes no\nUsePAM no\n"
-                       f"UseDNS no\nAuthorizedKeysFile {self.cluster.folder}/key.pub\nPermitRootLogin prohibit-password\n"
+            file.write(f"ListenAddress {self.address}\nHostKey {self.cluster.folder}/host_key\nPidFile none\n"
+                       f"StrictModes no\nUsePAM no\n"
+                       f"UseDNS no\nAuthorizedKeysFile {self.cluster.folder}/key.pub\nPermitRootLogin "
+                       f"prohibit-password\n"
                        f"PasswordAuthentication no\nSetEnv TMPDIR={self.folder}/tmp OMPI_ALLOW_RUN_AS_ROOT=1 "
                        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1\n")
         self.run(shutil.which("sshd"), "-f", config, "-E", os.path.join(self.folder, "sshd.log"), check=True)
 
     def command(self, *words, cwd=None):
-        return ["nsenter", f"--target={self.process}", "--net", "--uts", "--ipc", "--mount", "--pid", f"--wd={cwd or os.getcwd()}",
+        return ["nsenter", f"--target={self.process}", "--net", "--uts", "--ipc", "--mount", "--pid",
+                f"--wd={cwd or os.getcwd()}",
                 *map(str, words)]
 
     def environment(self, more=None):
@@ -102,14 +111,17 @@ class Host:
 
     def run(self, *words, check=False, timeout=120, environment=None, cwd=None):
         """A command on this host, to its end."""
-        done = subprocess.run(self.command(*words, cwd=cwd), env=self.environment(environment), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+        done = subprocess.run(self.command(*words, cwd=cwd), env=self.environment(environment),
+                              stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                               stderr=subprocess.PIPE, text=True, errors="replace", timeout=timeout)
-        assert not check or done.returncode == 0, f"{words} on {self.name}: {done.returncode}\n{done.stdout}{done.stderr}"
+        said = f"{words} on {self.name}: {done.returncode}\n{done.stdout}{done.stderr}"
+        assert not check or done.returncode == 0, said
         return done
 
     def begin(self, *words, environment=None, **more):
         """A command on this host, running on."""
-        return subprocess.Popen(self.command(*words), env=self.environment(environment), stdin=subprocess.DEVNULL, text=True,
+        return subprocess.Popen(self.command(*words), env=self.environment(environment), stdin=subprocess.DEVNULL,
+                                text=True,
                                 preexec_fn=die_with_parent, **more)
 
     def cut(self):
@@ -152,15 +164,19 @@ class Cluster:
     def build(self):
         self.hosts = []
         self.switch = subprocess.Popen(["unshare", "--net", "--fork", "--kill-child", "sh", "-c",
-                                        f"ip link add name switch type bridge && ip link set switch up && touch {self.folder}/switch && exec sleep infinity"],
+                                        f"ip link add name switch type bridge && ip link set switch up && touch "
+                                        f"{self.folder}/switch && exec sleep infinity"],
                                        preexec_fn=die_with_parent)
         for key in ("key", "host_key"):
-            subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", os.path.join(self.folder, key)], check=True)
+            subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", os.path.join(self.folder, key)],
+                           check=True)
         with open(os.path.join(self.folder, "hosts"), "w") as file:
-            file.write("127.0.0.1 localhost\n" + "".join(f"{NET}.{i + 1} {name}\n" for i, name in enumerate(self.names)))
+            file.write("127.0.0.1 localhost\n" +
+                       "".join(f"{NET}.{i + 1} {name}\n" for i, name in enumerate(self.names)))
         self.agent = os.path.join(self.folder, "ssh")
         with open(self.agent, "w") as file:
-            file.write(f"#!/bin/sh\nexec ssh -i {self.folder}/key -o StrictHostKeyChecking=no -o UserKnownHostsFile=/dev/null "
+            file.write(f"#!/bin/sh\nexec ssh -i {self.folder}/key -o StrictHostKeyChecking=no -o "
+                       f"UserKnownHostsFile=/dev/null "
                        "-o LogLevel=ERROR -o BatchMode=yes \"$@\"\n")
         os.chmod(self.agent, 0o755)
         # Each host believes that all cores are its own; their ranks have to yield.
@@ -180,7 +196,8 @@ class Cluster:
         subprocess.run(["nsenter", f"--target={self.switch_process}", "--net", *words], check=True)
 
     def __exit__(self, *_):
-        for holder in [host.holder for host in getattr(self, "hosts", [])] + ([self.switch] if hasattr(self, "switch") else []):
+        for holder in [host.holder for host in getattr(self, "hosts", [])] + ([self.switch] if hasattr(self, "switch")
+                                                                              else []):
             holder.kill()
             holder.wait()
         for _ in range(20): # what is being written there just now

@@ -1,9 +1,11 @@
-"""Longer than a test may take, and not run by ctest: a bake that needs many runs, and every way to lose a node. As root:
+"""Longer than a test may take, and not run by ctest: a bake that needs many runs, and every way to lose a node. As
+root:
 
     KILN=build/release/kiln tests/cluster/long_slurm.py                 all, about twelve minutes on two quiet cores
     KILN=build/release/kiln tests/cluster/long_slurm.py Long.test_ping_pong
 
-KILN_RUNS=N: at least N requeues of one bake (5). KILN_SAMPLES=N: of that bake; half as many make it half as long, where the machine is busy."""
+KILN_RUNS=N: at least N requeues of one bake (5). KILN_SAMPLES=N: of that bake; half as many make it half as long, where
+the machine is busy."""
 import os
 import time
 import unittest
@@ -53,8 +55,10 @@ class Long(Bakes):
         job = self.begin("three", "3", "--tries", "4")
         first, cut, other = map(self.host, self.nodes_of(job))
         cut.cut()
-        print(f"\ncut link: the others go on after {self.wait_log(job, f'continuing on {first.name} {other.name}', 40):.0f} s")
-        self.assertNotIn("kiln bake", cut.run("ps", "-e", "-o", "args=").stdout, "ranks beyond the cut are at work still")
+        print(f"\ncut link: the others go on after "
+              f"{self.wait_log(job, f'continuing on {first.name} {other.name}', 40):.0f} s")
+        self.assertNotIn("kiln bake", cut.run("ps", "-e", "-o", "args=").stdout,
+                         "ranks beyond the cut are at work still")
         cut.mend()
         self.wait_log(job, "import", 60, times=2)
         other.kill()
@@ -62,7 +66,8 @@ class Long(Bakes):
         self.end("three", job, alone, 0)
 
     def test_back_into_the_queue(self):
-        """Without --tries the job gets as many nodes as it asked for again, whichever node is lost: the one that runs the script, another."""
+        """Without --tries the job gets as many nodes as it asked for again, whichever node is lost: the one that runs
+        the script, another."""
         for lost in (0, 1):
             self.setUp()
             name = f"back{lost}"

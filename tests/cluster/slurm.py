@@ -1,4 +1,5 @@
-"""A Slurm cluster of its own on the hosts of a Cluster: munged, slurmctld, one slurmd a host; no accounting, no cgroups."""
+"""A Slurm cluster of its own on the hosts of a Cluster: munged, slurmctld, one slurmd a host; no accounting, no
+cgroups."""
 import json
 import os
 import pathlib
@@ -14,7 +15,8 @@ AGAIN = 5  # seconds that a job waits that was put back into the queue; by defau
 
 
 class Slurm:
-    """`with Slurm(cluster) as slurm:` — the first host is the controller, the others are the nodes. Ends with the cluster."""
+    """`with Slurm(cluster) as slurm:` — the first host is the controller, the others are the nodes. Ends with the
+    cluster."""
 
     def __init__(self, cluster):
         self.cluster, self.head, self.nodes = cluster, cluster.hosts[0], cluster.hosts[1:]
@@ -31,7 +33,8 @@ class Slurm:
         with open(os.path.join(munge, "key"), "wb") as file:
             os.fchmod(file.fileno(), 0o400)
             file.write(os.urandom(128))
-        self.head.run("munged", "--force", f"--socket={self.folder}/munge.sock", f"--key-file={munge}/key", f"--pid-file={munge}/pid",
+        self.head.run("munged", "--force", f"--socket={self.folder}/munge.sock", f"--key-file={munge}/key",
+                      f"--pid-file={munge}/pid",
                       f"--log-file={munge}/log", f"--seed-file={munge}/seed", check=True)
         with open(self.conf, "w") as file:
             file.write(self.configuration())
@@ -46,16 +49,24 @@ class Slurm:
 
     def configuration(self):
         f = self.folder
-        nodes = "".join(f"NodeName={node.name} NodeAddr={node.address} CPUs=2 RealMemory=1000 State=UNKNOWN\n" for node in self.nodes)
-        return (f"ClusterName=kiln\nSlurmctldHost={self.head.name}({self.head.address})\nSlurmUser=root\nSlurmdUser=root\n"
-                f"AuthType=auth/munge\nAuthInfo=socket={f}/munge.sock,cred_expire={AGAIN}\nCredType=cred/munge\nStateSaveLocation={f}/state\n"
-                f"SlurmdSpoolDir={f}/spool-%n\nTmpFS={f}/tmp-%n\nSlurmctldPidFile={f}/slurmctld.pid\nSlurmdPidFile={f}/slurmd-%n.pid\n"
-                f"SlurmctldLogFile={f}/slurmctld.log\nSlurmdLogFile={f}/slurmd-%n.log\nProctrackType=proctrack/linuxproc\n"
-                "TaskPlugin=task/none\nJobAcctGatherType=jobacct_gather/none\nAccountingStorageType=accounting_storage/none\n"
+        nodes = "".join(f"NodeName={node.name} NodeAddr={node.address} CPUs=2 RealMemory=1000 State=UNKNOWN\n"
+                        for node in self.nodes)
+        return (f"ClusterName=kiln\nSlurmctldHost={self.head.name}({self.head.address})\nSlurmUser=root\n"
+                f"SlurmdUser=root\n"
+                f"AuthType=auth/munge\nAuthInfo=socket={f}/munge.sock,cred_expire={AGAIN}\nCredType=cred/munge\n"
+                f"StateSaveLocation={f}/state\n"
+                f"SlurmdSpoolDir={f}/spool-%n\nTmpFS={f}/tmp-%n\nSlurmctldPidFile={f}/slurmctld.pid\n"
+                f"SlurmdPidFile={f}/slurmd-%n.pid\n"
+                f"SlurmctldLogFile={f}/slurmctld.log\nSlurmdLogFile={f}/slurmd-%n.log\n"
+                f"ProctrackType=proctrack/linuxproc\n"
+                "TaskPlugin=task/none\nJobAcctGatherType=jobacct_gather/none\n"
+                "AccountingStorageType=accounting_storage/none\n"
                 "SwitchType=switch/none\nMpiDefault=none\nReturnToService=2\nSchedulerType=sched/backfill\n"
                 "SchedulerParameters=sched_interval=2,batch_sched_delay=1,bf_interval=2\nSelectType=select/cons_tres\n"
-                "SelectTypeParameters=CR_Core\nSlurmdParameters=config_overrides\nJobRequeue=1\nSlurmctldTimeout=10\nSlurmdTimeout=10\n"
-                "InactiveLimit=0\nMinJobAge=300\nKillWait=30\nMessageTimeout=10\nPropagateResourceLimitsExcept=MEMLOCK\n"
+                "SelectTypeParameters=CR_Core\nSlurmdParameters=config_overrides\nJobRequeue=1\nSlurmctldTimeout=10\n"
+                "SlurmdTimeout=10\n"
+                "InactiveLimit=0\nMinJobAge=300\nKillWait=30\nMessageTimeout=10\n"
+                "PropagateResourceLimitsExcept=MEMLOCK\n"
                 f"{nodes}PartitionName=main Nodes=ALL Default=YES MaxTime=INFINITE State=UP\n")
 
     def start(self, node):
@@ -84,7 +95,8 @@ class Slurm:
 
 @unittest.skipUnless(KILN and bake_can("resume"), "this kiln keeps no checkpoints")
 class Bakes(unittest.TestCase):
-    """Bakes of a Cornell box on a Slurm of three nodes. cls.write("NAME", "quality: draft", ...) makes NAME.yaml, which bakes into NAME."""
+    """Bakes of a Cornell box on a Slurm of three nodes. cls.write("NAME", "quality: draft", ...) makes NAME.yaml, which
+    bakes into NAME."""
 
     @classmethod
     def setUpClass(cls):
@@ -92,16 +104,19 @@ class Bakes(unittest.TestCase):
         cls.slurm = cls.enterClassContext(Slurm(cls.cluster))
         cls.folder = os.path.join(cls.cluster.folder, "work")
         os.makedirs(cls.folder)
-        subprocess.run([KILN, "generate", "cornell", "-o", os.path.join(cls.folder, "cornell.glb")], check=True, stdout=subprocess.DEVNULL)
+        subprocess.run([KILN, "generate", "cornell", "-o", os.path.join(cls.folder, "cornell.glb")], check=True,
+                       stdout=subprocess.DEVNULL)
 
     @classmethod
     def write(cls, name, *lines):
-        pathlib.Path(cls.folder, f"{name}.yaml").write_text("\n".join(["scene: cornell.glb", f"output: {name}", *lines, ""]))
+        pathlib.Path(cls.folder,
+                     f"{name}.yaml").write_text("\n".join(["scene: cornell.glb", f"output: {name}", *lines, ""]))
 
     @classmethod
     def begin_alone(cls, name):
         """Starts the same bake by one process that nothing happens to."""
-        return subprocess.Popen([KILN, "bake", os.path.join(cls.folder, f"{name}.yaml"), "-o", os.path.join(cls.folder, f"{name}-alone"), "--quiet"],
+        return subprocess.Popen([KILN, "bake", os.path.join(cls.folder, f"{name}.yaml"), "-o",
+                                 os.path.join(cls.folder, f"{name}-alone"), "--quiet"],
                                 stderr=subprocess.PIPE, text=True, preexec_fn=die_with_parent)
 
     def assertSame(self, name, alone):
@@ -123,7 +138,8 @@ class Bakes(unittest.TestCase):
         """Seconds until the job's log has the words so many times."""
         begin = time.monotonic()
         try:
-            wait_for(lambda: self.log(job).count(words) >= times or self.slurm.job(job)["JobState"] in ENDED, seconds, f"'{words}'")
+            wait_for(lambda: self.log(job).count(words) >= times or self.slurm.job(job)["JobState"] in ENDED, seconds,
+                     f"'{words}'")
         except AssertionError as failure:
             raise AssertionError(f"{failure}: {self.slurm.job(job)}\n{self.log(job)}") from None
         self.assertGreaterEqual(self.log(job).count(words), times, self.log(job))

@@ -1,5 +1,5 @@
-"""cluster/bundle: the folder runs wherever it is put, in a root that has nothing but the C library and a shell, with its own Open MPI;
-where the host has an Open MPI, that one is taken."""
+"""cluster/bundle: the folder runs wherever it is put, in a root that has nothing but the C library and a shell, with
+its own Open MPI; where the host has an Open MPI, that one is taken."""
 import os
 import pathlib
 import shutil
@@ -25,7 +25,8 @@ class Bundle(unittest.TestCase):
     def setUpClass(cls):
         cls.folder = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="kiln-bundle-")))
         cls.made = cls.folder / "made"
-        done = subprocess.run([PROJECT / "cluster/bundle", "--program", KILN, "--output", cls.made], capture_output=True, text=True)
+        done = subprocess.run([PROJECT / "cluster/bundle", "--program", KILN, "--output", cls.made],
+                              capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         print("\n" + done.stdout.strip())
         # Elsewhere, under a name that has to be quoted, and gone from where it was made.
@@ -35,8 +36,10 @@ class Bundle(unittest.TestCase):
         shutil.move(cls.made, cls.bundle)
         cls.fill_root()
         cls.alone = cls.folder / "alone"
-        subprocess.run([KILN, "generate", "cornell", "-o", cls.root / "tmp/cornell.glb"], check=True, stdout=subprocess.DEVNULL)
-        subprocess.run([KILN, "bake", cls.root / "tmp/cornell.glb", "-o", cls.alone, "--quality", "draft", "--quiet"], check=True)
+        subprocess.run([KILN, "generate", "cornell", "-o", cls.root / "tmp/cornell.glb"], check=True,
+                       stdout=subprocess.DEVNULL)
+        subprocess.run([KILN, "bake", cls.root / "tmp/cornell.glb", "-o", cls.alone, "--quality", "draft", "--quiet"],
+                       check=True)
 
     @classmethod
     def fill_root(cls):
@@ -46,9 +49,11 @@ class Bundle(unittest.TestCase):
         files = {shutil.which(tool) for tool in TOOLS}
         for tool in list(files):
             shutil.copy(tool, cls.root / "bin")
-        wanted = {path for tool in files for path in libraries(tool)} | {path for path in libraries(cls.bundle / "bin/kiln")
+        wanted = {path for tool in files
+                  for path in libraries(tool)} | {path for path in libraries(cls.bundle / "bin/kiln")
                                                                          if pathlib.Path(path).name.split(".so")[0] in
-                                                                         ("libc", "libm", "libdl", "librt", "libpthread", "libresolv")}
+                                                                         ("libc", "libm", "libdl", "librt",
+                                                                          "libpthread", "libresolv")}
         for path in wanted:
             shutil.copy(path, cls.root / "lib/x86_64-linux-gnu")
         shutil.copy("/lib64/ld-linux-x86-64.so.2", cls.root / "lib64")
@@ -57,18 +62,23 @@ class Bundle(unittest.TestCase):
     def bare(self, *words):
         """Runs in that root, with an empty environment."""
         root = str(self.root)
-        mounts = f"mount --bind /dev '{root}/dev' && mount -t proc proc '{root}/proc' && mount --bind /sys '{root}/sys' && " \
-                 f"exec env -i OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 {shutil.which('chroot')} \"$@\""
-        return subprocess.run(["unshare", "--mount", "--propagation", "private", "sh", "-c", mounts, "sh", root, *words], capture_output=True,
+        mounts = (f"mount --bind /dev '{root}/dev' && mount -t proc proc '{root}/proc' && "
+                  f"mount --bind /sys '{root}/sys' && "
+                  "exec env -i OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 "
+                  f"{shutil.which('chroot')} \"$@\"")
+        return subprocess.run(["unshare", "--mount", "--propagation", "private", "sh", "-c", mounts, "sh", root,
+                               *words], capture_output=True,
                               text=True, timeout=120, stdin=subprocess.DEVNULL)
 
     def test_in_a_bare_root(self):
-        done = self.bare("/opt/a b'c/kiln", "bake", "/tmp/cornell.glb", "-o", "/tmp/one", "--quality", "draft", "--backend", "embree")
+        done = self.bare("/opt/a b'c/kiln", "bake", "/tmp/cornell.glb", "-o", "/tmp/one", "--quality", "draft",
+                         "--backend", "embree")
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertEqual(bits(self.root / "tmp/one"), bits(self.alone))
 
     def test_in_a_bare_root_with_its_own_mpirun(self):
-        done = self.bare("/opt/a b'c/mpirun", "--oversubscribe", "-n", "2", "/opt/a b'c/kiln", "bake", "/tmp/cornell.glb", "-o", "/tmp/two", "--quality",
+        done = self.bare("/opt/a b'c/mpirun", "--oversubscribe", "-n", "2", "/opt/a b'c/kiln", "bake",
+                         "/tmp/cornell.glb", "-o", "/tmp/two", "--quality",
                          "draft", "--threads", "1", "--backend", "embree")
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn('"ranks": 2', (self.root / "tmp/two/run.json").read_text())
@@ -77,7 +87,8 @@ class Bundle(unittest.TestCase):
     def test_the_hosts_open_mpi_wins(self):
         """Here all that could be lent is on the host: nothing is, and the rest comes from the folder."""
         environment = {"PATH": "/usr/bin:/bin", "LD_DEBUG": "files", "LD_DEBUG_OUTPUT": str(self.folder / "debug")}
-        subprocess.run([self.bundle / "kiln", "check", self.root / "tmp/cornell.glb"], env=environment, capture_output=True, check=True)
+        subprocess.run([self.bundle / "kiln", "check", self.root / "tmp/cornell.glb"], env=environment,
+                       capture_output=True, check=True)
         loaded = "".join(path.read_text(errors="replace") for path in self.folder.glob("debug.*"))
         self.assertIn(f"calling init: {self.bundle}/bin/../lib/libembree3.so.3", loaded)
         self.assertNotIn("calling init: /lib/x86_64-linux-gnu/libembree3", loaded)
@@ -86,21 +97,26 @@ class Bundle(unittest.TestCase):
             self.assertNotIn(f"{self.bundle}/{lent}/", loaded)
 
     def test_batch_scripts_start_the_folders_programs(self):
-        done = subprocess.run([self.bundle / "kiln", "submit", "--dry-run", self.root / "tmp/cornell.glb"], env={"PATH": "/usr/bin:/bin"},
+        done = subprocess.run([self.bundle / "kiln", "submit", "--dry-run", self.root / "tmp/cornell.glb"],
+                              env={"PATH": "/usr/bin:/bin"},
                               capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
         for name in ("kiln", "mpirun"):
             line = next(line for line in done.stdout.splitlines() if line.startswith(f"{name}="))
-            said = subprocess.run(["bash", "-c", f"{line}; printf %s \"${name}\""], capture_output=True, text=True).stdout
+            said = subprocess.run(["bash", "-c", f"{line}; printf %s \"${name}\""], capture_output=True,
+                                  text=True).stdout
             self.assertEqual(said, str(self.bundle / name))
 
     def test_no_library_is_left_to_chance(self):
         """All that the folder's own libraries need is in the folder, of the C library, or lent."""
         inside = {path.name for path in self.bundle.rglob("*.so*")}
         for library in (self.bundle / "lib").iterdir():
-            needed = subprocess.run(["patchelf", "--print-needed", library], capture_output=True, text=True, check=True).stdout.split()
+            needed = subprocess.run(["patchelf", "--print-needed", library], capture_output=True, text=True,
+                                    check=True).stdout.split()
             for name in needed:
-                self.assertTrue(name in inside or name.startswith(("libc.so", "libm.so", "ld-linux", "libdl.", "libpthread.", "librt.")),
+                self.assertTrue(name in inside
+                                or name.startswith(("libc.so", "libm.so", "ld-linux", "libdl.", "libpthread.",
+                                                    "librt.")),
                                 f"{library.name} needs {name}")
 
 

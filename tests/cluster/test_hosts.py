@@ -1,5 +1,5 @@
-"""Three hosts, mpirun over ssh: the same bits as one host; a cut link and a lost host end the job with a sentence, and one host alone
-brings the bake to its end, with the same bits again."""
+"""Three hosts, mpirun over ssh: the same bits as one host; a cut link and a lost host end the job with a sentence, and
+one host alone brings the bake to its end, with the same bits again."""
 import json
 import os
 import pathlib
@@ -10,8 +10,10 @@ import unittest
 
 from hosts import KILN, Cluster, bake_can, bits, require, wait_for
 
-LONG = ["--quality", "draft", "--schedule", "equal", "--bounces", "6", "--samples-indirect", "128", "--no-preview", "--checkpoint-every", "2"]
-KEEPALIVE = ["--mca", "oob_tcp_keepalive_time", "3", "--mca", "oob_tcp_keepalive_intvl", "2", "--mca", "oob_tcp_keepalive_probes", "3"]
+LONG = ["--quality", "draft", "--schedule", "equal", "--bounces", "6", "--samples-indirect", "128", "--no-preview",
+        "--checkpoint-every", "2"]
+KEEPALIVE = ["--mca", "oob_tcp_keepalive_time", "3", "--mca", "oob_tcp_keepalive_intvl", "2", "--mca",
+             "oob_tcp_keepalive_probes", "3"]
 
 
 class Hosts(unittest.TestCase):
@@ -27,12 +29,15 @@ class Hosts(unittest.TestCase):
         return os.path.join(self.folder, output)
 
     def bake_words(self, output, *options):
-        return ["mpirun", "--hostfile", self.cluster.hostfile, "--mca", "plm_rsh_agent", self.cluster.agent, *KEEPALIVE, "--map-by",
-                "ppr:1:node", "--display-map", KILN, "bake", self.scene, "-o", self.folder_of(output), "--threads", "1", *options]
+        return ["mpirun", "--hostfile", self.cluster.hostfile, "--mca", "plm_rsh_agent", self.cluster.agent, *KEEPALIVE,
+                "--map-by",
+                "ppr:1:node", "--display-map", KILN, "bake", self.scene, "-o", self.folder_of(output), "--threads", "1",
+                *options]
 
     def bake_here(self, output, *options):
         """By one process on this machine, to its end; gives back what it said."""
-        done = subprocess.run([KILN, "bake", self.scene, "-o", self.folder_of(output), "--threads", "2", *options], capture_output=True, text=True)
+        done = subprocess.run([KILN, "bake", self.scene, "-o", self.folder_of(output), "--threads", "2", *options],
+                              capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
         return done.stderr
 
@@ -48,14 +53,17 @@ class Hosts(unittest.TestCase):
             self.assertRegex(three.stdout, f"Data for node: {host.name}\\b", "every host had a rank")
 
     def test_unequal_hosts(self):
-        """Two ranks, two and one, one host after the other and in turn: what a host's ranks share and what travels is not the same."""
+        """Two ranks, two and one, one host after the other and in turn: what a host's ranks share and what travels is
+        not the same."""
         options = ["--quality", "draft", "--no-preview"]
         self.bake_here("one", *options)
         hosts = ",".join(f"{host.name}:{slots}" for host, slots in zip(self.cluster.hosts, (2, 2, 1)))
         for order in ("slot", "node"):
             output = "five by " + order
-            five = self.cluster.hosts[0].run("mpirun", "--mca", "plm_rsh_agent", self.cluster.agent, *KEEPALIVE, "-n", "5", "--oversubscribe", "--host",
-                                             hosts, "--map-by", order, KILN, "bake", self.scene, "-o", self.folder_of(output), "--threads", "1", *options)
+            five = self.cluster.hosts[0].run("mpirun", "--mca", "plm_rsh_agent", self.cluster.agent, *KEEPALIVE, "-n",
+                                             "5", "--oversubscribe", "--host",
+                                             hosts, "--map-by", order, KILN, "bake", self.scene, "-o",
+                                             self.folder_of(output), "--threads", "1", *options)
             self.assertEqual(five.returncode, 0, five.stderr)
             self.assert_same(output, "one")
             with open(os.path.join(self.folder_of(output), "run.json"), encoding="utf-8") as report:
@@ -74,7 +82,8 @@ class Hosts(unittest.TestCase):
 
     def lose(self, output, loss, repair):
         """A bake that has come to its bounces loses something; what mpirun says in the end, on one line."""
-        bake = self.cluster.hosts[0].begin(*self.bake_words(output, *LONG), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        bake = self.cluster.hosts[0].begin(*self.bake_words(output, *LONG), stdout=subprocess.DEVNULL,
+                                           stderr=subprocess.PIPE)
         checkpoints = pathlib.Path(self.folder_of(output), "checkpoint")
         wait_for(lambda: bake.poll() is not None or list(checkpoints.glob("gen-*")), 60, "the first checkpoint")
         time.sleep(1)

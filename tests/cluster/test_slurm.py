@@ -1,5 +1,5 @@
-"""kiln submit on a real Slurm of three nodes: over two nodes and as an array; over the time limit; through the loss of a node.
-Whatever happens on the way, the lightmaps have the same bits as those of one process alone."""
+"""kiln submit on a real Slurm of three nodes: over two nodes and as an array; over the time limit; through the loss of
+a node. Whatever happens on the way, the lightmaps have the same bits as those of one process alone."""
 import json
 import os
 import pathlib
@@ -8,7 +8,8 @@ import unittest
 from hosts import require
 from slurm import Bakes
 
-LONG = ["quality: production", "texels-per-metre: 32", "schedule: equal", "bounces: 6", "samples-indirect: 256", "preview: false"]
+LONG = ["quality: production", "texels-per-metre: 32", "schedule: equal", "bounces: 6", "samples-indirect: 256",
+        "preview: false"]
 
 
 class Queue(Bakes):
@@ -35,7 +36,8 @@ class Queue(Bakes):
     def test_3_over_the_time_limit_and_through_the_loss_of_a_node(self):
         # The warning comes at some moment of the first half minute.
         alone = self.begin_alone("long")
-        job = self.submit("long.yaml", "--nodes", "2", "--threads", "2", "--time", "1", "--warning", "59", "--tries", "2")
+        job = self.submit("long.yaml", "--nodes", "2", "--threads", "2", "--time", "1", "--warning", "59", "--tries",
+                          "2")
         self.wait_log(job, "requeued (exit 75)", 60)
         self.wait_log(job, "import", 60, times=2)
         self.slurm.run("scontrol", "update", f"JobId={job}", "TimeLimit=30")

@@ -1,4 +1,5 @@
-"""What an exported scene is held to, against its source and the bake's scene file; with numpy alone, independent of kiln."""
+"""What an exported scene is held to, against its source and the bake's scene file; with numpy alone, independent of
+kiln."""
 import json
 import os
 import struct
@@ -12,12 +13,16 @@ import gltf_file  # noqa: E402
 
 NONE = 0xffffffff
 VERSION, HEADER = 3, 136  # of the scene file
-SECTIONS = ['strings', 'materials', 'textures', 'texels', 'meshes', 'objects', 'lights', 'cameras', 'environment', 'environment_texels', 'positions',
-            'normals', 'texcoord_base', 'texcoord_emission', 'texcoord_lightmap', 'colors', 'triangles', 'triangle_materials', 'sources', 'notes',
+SECTIONS = ['strings', 'materials', 'textures', 'texels', 'meshes', 'objects', 'lights', 'cameras', 'environment',
+            'environment_texels', 'positions',
+            'normals', 'texcoord_base', 'texcoord_emission', 'texcoord_lightmap', 'colors', 'triangles',
+            'triangle_materials', 'sources', 'notes',
             'triangle_sources']
 TYPES = {
-    'meshes': np.dtype([('name', '<u4'), ('flags', '<u4'), ('vertex', '<u8', 2), ('triangle', '<u8', 2), ('area', '<f8', 2)]),
-    'objects': np.dtype([('name', '<u4'), ('mesh', '<u4'), ('transform', '<f8', 12), ('size', '<u4', 2), ('flipped', '<u4'), ('original', '<u4'),
+    'meshes': np.dtype([('name', '<u4'), ('flags', '<u4'), ('vertex', '<u8', 2), ('triangle', '<u8', 2),
+                        ('area', '<f8', 2)]),
+    'objects': np.dtype([('name', '<u4'), ('mesh', '<u4'), ('transform', '<f8', 12), ('size', '<u4', 2),
+                         ('flipped', '<u4'), ('original', '<u4'),
                          ('node', '<u4'), ('source_mesh', '<u4'), ('flags', '<u4'), ('reason', '<u4'),
                          ('instance', '<u4'), ('unused', '<u4')]),
     'positions': np.dtype(('<f4', 3)), 'texcoord_lightmap': np.dtype(('<f4', 2)), 'triangles': np.dtype(('<u4', 3)),
@@ -43,7 +48,8 @@ class SceneFile:
     def triangles_of(self, mesh):
         """[triangles, 3, 5]: each corner's position and lightmap coordinate."""
         m = self.meshes[mesh]
-        corners = self.triangles[m['triangle'][0]:m['triangle'][0] + m['triangle'][1]].astype(np.int64) + int(m['vertex'][0])
+        corners = self.triangles[m['triangle'][0]:m['triangle'][0] + m['triangle'][1]].astype(np.int64) + int(
+            m['vertex'][0])
         return np.concatenate([self.positions[corners] + np.float32(0), self.texcoord_lightmap[corners]], 2)
 
 
@@ -67,14 +73,15 @@ def _exported_triangles(file, mesh, coordinate):
     for primitive in file.json['meshes'][mesh]['primitives']:
         corners = file.corners(primitive)
         positions = file.floats(primitive['attributes']['POSITION']).astype(np.float32)[corners] + np.float32(0)
-        uv = file.floats(primitive['attributes']['TEXCOORD_%d' % coordinate]).astype(np.float32)[corners] if len(corners) else np.zeros((0, 3, 2), np.float32)
+        uv = file.floats(primitive['attributes']['TEXCOORD_%d' % coordinate]).astype(np.float32)[corners] if len(
+            corners) else np.zeros((0, 3, 2), np.float32)
         parts.append(np.concatenate([positions, uv], 2)[has_area(positions)])
     return np.concatenate(parts)
 
 
 def check_against_bake(file, scene, moved=False):
-    """Every triangle that was baked is there, once, with its coordinates (unless those were `moved`, to an atlas); links are on the right nodes.
-    Returns how many links."""
+    """Every triangle that was baked is there, once, with its coordinates (unless those were `moved`, to an atlas);
+    links are on the right nodes. Returns how many links."""
     links, meshes = 0, {}
     for index, o in enumerate(scene.objects):
         node = file.json['nodes'][o['node']]
@@ -121,10 +128,12 @@ def _clean(node):
 
 
 def check_against_source(file, source):
-    """All that the source has is as it was, corner by corner and byte by byte. Returns how many attributes were compared."""
+    """All that the source has is as it was, corner by corner and byte by byte. Returns how many attributes were
+    compared."""
     a, b = source.json, file.json
     for key in set(a) | set(b):
-        if key not in ('accessors', 'bufferViews', 'buffers', 'meshes', 'nodes', 'images', 'extensions', 'extensionsUsed'):
+        if key not in ('accessors', 'bufferViews', 'buffers', 'meshes', 'nodes', 'images', 'extensions',
+                       'extensionsUsed'):
             assert a.get(key) == b.get(key), '%s differ' % key
     _same_but(a.get('extensions', {}), b['extensions'], ['KILN_lightmap'], 'extensions')
     assert set(b['extensionsUsed']) == set(a.get('extensionsUsed', [])) | {'KILN_lightmap'}
@@ -147,8 +156,10 @@ def check_against_source(file, source):
                     if name == 'TEXCOORD_1':
                         continue
                     u, v = source.json['accessors'][accessor], file.json['accessors'][new[name]]
-                    assert [u.get(k) for k in ('componentType', 'type', 'normalized')] == [v.get(k) for k in ('componentType', 'type', 'normalized')]
-                    assert source.accessor(accessor)[before].tobytes() == file.accessor(new[name])[after].tobytes(), '%s of mesh %d' % (name, m)
+                    assert [u.get(k) for k in ('componentType', 'type', 'normalized')] == [
+                        v.get(k) for k in ('componentType', 'type', 'normalized')]
+                    assert source.accessor(accessor)[before].tobytes() == file.accessor(new[name])[
+                        after].tobytes(), '%s of mesh %d' % (name, m)
                     compared += 1
     return compared
 
@@ -156,7 +167,8 @@ def check_against_source(file, source):
 # ---- atlases ----
 
 def bilinear(image, uv):
-    """What a sampler that clamps at the edge reads of image [height, width, 3] at uv [n, 2]; and how far the texels that it mixes lie apart."""
+    """What a sampler that clamps at the edge reads of image [height, width, 3] at uv [n, 2]; and how far the texels
+    that it mixes lie apart."""
     size = np.array(image.shape[1::-1])
     at = np.clip(uv * size - 0.5, 0, size - 1)
     low = np.minimum(at.astype(np.int64), size - 1)
@@ -184,10 +196,12 @@ def _page_uv(file, node, instance):
 
 
 def check_atlas(directory, path, samples, seed=1):
-    """At random points of every object, on edges of triangles and at their corners too, the page's texels, read bilinearly, are what the bake's
-    own lightmap says there. Returns (share of the pages that is kept, points compared)."""
+    """At random points of every object, on edges of triangles and at their corners too, the page's texels, read
+    bilinearly, are what the bake's own lightmap says there. Returns (share of the pages that is kept, points
+    compared)."""
     random = np.random.default_rng(seed)
-    own, file, scene = gltf_file.File(os.path.join(directory, 'scene.glb')), gltf_file.File(path), SceneFile(os.path.join(directory, 'scene.kscene'))
+    own, file, scene = gltf_file.File(os.path.join(directory, 'scene.glb')), gltf_file.File(path), SceneFile(
+        os.path.join(directory, 'scene.kscene'))
     check_against_bake(file, scene, moved=True)
     pages = file.json['extensions']['KILN_lightmap']['pages']
     images = [exr.rgb(os.path.join(os.path.dirname(path), page['file'])) for page in pages]

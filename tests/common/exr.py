@@ -114,13 +114,15 @@ def write(path, channels, half=(), compression="ZIP", attributes=None):
     names = sorted(channels)
     height, width = channels[names[0]].shape
     kinds = {n: TYPES[1 if n in half else 2] for n in names}
-    listed = b"".join(n.encode() + b"\0" + struct.pack("<iB3xii", 1 if n in half else 2, 0, 1, 1) for n in names) + b"\0"
+    listed = b"".join(n.encode() + b"\0" + struct.pack("<iB3xii", 1 if n in half else 2, 0, 1, 1)
+                      for n in names) + b"\0"
     window = struct.pack("<4i", 0, 0, width - 1, height - 1)
     header = struct.pack("<ii", MAGIC, 2)
     header += _attribute("channels", "chlist", listed)
     header += _attribute("compression", "compression", bytes([COMPRESSIONS[compression]]))
     header += _attribute("dataWindow", "box2i", window) + _attribute("displayWindow", "box2i", window)
-    header += _attribute("lineOrder", "lineOrder", b"\0") + _attribute("pixelAspectRatio", "float", struct.pack("<f", 1))
+    header += _attribute("lineOrder", "lineOrder", b"\0") + _attribute("pixelAspectRatio", "float",
+                                                                       struct.pack("<f", 1))
     header += _attribute("screenWindowCenter", "v2f", struct.pack("<2f", 0, 0))
     header += _attribute("screenWindowWidth", "float", struct.pack("<f", 1))
     for name, text in (attributes or {}).items():
@@ -129,7 +131,8 @@ def write(path, channels, half=(), compression="ZIP", attributes=None):
     lines = LINES[COMPRESSIONS[compression]]
     chunks = []
     for y in range(0, height, lines):
-        raw = b"".join(channels[n][row].astype(kinds[n]).tobytes() for row in range(y, min(y + lines, height)) for n in names)
+        raw = b"".join(channels[n][row].astype(kinds[n]).tobytes() for row in range(y, min(y + lines, height))
+                       for n in names)
         packed = raw if compression == "NONE" else _pack(raw)
         chunks.append(struct.pack("<ii", y, len(packed)) + packed)
     at, table = len(header) + 8 * len(chunks), b""

@@ -1,4 +1,5 @@
-"""Writes small .glb scenes for tests: quads and triangles with a lightmap layout, diffuse materials, punctual lights."""
+"""Writes small .glb scenes for tests: quads and triangles with a lightmap layout, diffuse materials, punctual
+lights."""
 import json
 import struct
 
@@ -8,7 +9,8 @@ import numpy as np
 class Scene:
     def __init__(self):
         self.blob = bytearray()
-        self.document = {'asset': {'version': '2.0', 'generator': 'kiln tests'}, 'scene': 0, 'scenes': [{'nodes': []}], 'nodes': [],
+        self.document = {'asset': {'version': '2.0', 'generator': 'kiln tests'}, 'scene': 0, 'scenes': [{'nodes': []}],
+                         'nodes': [],
                          'meshes': [], 'materials': [], 'accessors': [], 'bufferViews': []}
         self.used = set()
 
@@ -40,9 +42,11 @@ class Scene:
         while len(self.blob) % 4:
             self.blob.append(0)
         raw = np.ascontiguousarray(array).tobytes()
-        self.document['bufferViews'].append({'buffer': 0, 'byteOffset': len(self.blob), 'byteLength': len(raw), 'target': target})
+        self.document['bufferViews'].append({'buffer': 0, 'byteOffset': len(self.blob), 'byteLength': len(raw),
+                                             'target': target})
         self.blob += raw
-        accessor = {'bufferView': len(self.document['bufferViews']) - 1, 'componentType': component, 'count': int(np.size(array) // {
+        accessor = {'bufferView': len(self.document['bufferViews']) - 1, 'componentType': component,
+                    'count': int(np.size(array) // {
             'SCALAR': 1, 'VEC2': 2, 'VEC3': 3}[kind]), 'type': kind}
         self.document['accessors'].append(accessor)
         return len(self.document['accessors']) - 1
@@ -65,7 +69,8 @@ class Scene:
                       'TEXCOORD_0': self.accessor(layout, 'VEC2', 5126, 34962),
                       'TEXCOORD_1': self.accessor(layout, 'VEC2', 5126, 34962)}
         self.document['meshes'].append({'name': name, 'primitives': [{
-            'attributes': attributes, 'indices': self.accessor(triangles.ravel(), 'SCALAR', 5125, 34963), 'material': material,
+            'attributes': attributes, 'indices': self.accessor(triangles.ravel(), 'SCALAR', 5125, 34963),
+            'material': material,
             'mode': 4}]})
         self.node({'name': name, 'mesh': len(self.document['meshes']) - 1})
 
@@ -113,8 +118,10 @@ class Scene:
         return path
 
 
-FACES = [((0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)), ((1, 0, 0), (0, 0, 0), (0, 1, 0), (1, 1, 0)), ((1, 0, 1), (1, 0, 0), (1, 1, 0), (1, 1, 1)),
-         ((0, 0, 0), (0, 0, 1), (0, 1, 1), (0, 1, 0)), ((0, 1, 1), (1, 1, 1), (1, 1, 0), (0, 1, 0)), ((0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1))]
+FACES = [((0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)), ((1, 0, 0), (0, 0, 0), (0, 1, 0), (1, 1, 0)),
+         ((1, 0, 1), (1, 0, 0), (1, 1, 0), (1, 1, 1)),
+         ((0, 0, 0), (0, 0, 1), (0, 1, 1), (0, 1, 0)), ((0, 1, 1), (1, 1, 1), (1, 1, 0), (0, 1, 0)),
+         ((0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1))]
 
 
 def box(scene, name, low, high, material, inward=()):
@@ -126,7 +133,8 @@ def box(scene, name, low, high, material, inward=()):
         a = len(positions)
         positions += corners
         u, v = i % 3 / 3, i // 3 / 2
-        layout += [(u + s * 0.9 / 3 + 0.05 / 3, v + t * 0.9 / 2 + 0.05 / 2) for s, t in ((0, 1), (1, 1), (1, 0), (0, 0))]
+        layout += [(u + s * 0.9 / 3 + 0.05 / 3, v + t * 0.9 / 2 + 0.05 / 2) for s,
+                   t in ((0, 1), (1, 1), (1, 0), (0, 0))]
         order = [(a, a + 1, a + 2), (a, a + 2, a + 3)]
         triangles += [t[::-1] for t in order] if i in inward else order
     # every face has corners of its own, so that normals are flat and a winding can be turned alone
@@ -134,7 +142,8 @@ def box(scene, name, low, high, material, inward=()):
 
 
 def partition_room(path, twin):
-    """A room whose middle wall, with a door in it, is one double-sided quad or two single-sided ones back to back; a lamp on one side."""
+    """A room whose middle wall, with a door in it, is one double-sided quad or two single-sided ones back to back; a
+    lamp on one side."""
     scene = Scene()
     white = scene.material('white', (0.7, 0.6, 0.5))
     lamp = scene.material('lamp', (0, 0, 0), (20, 20, 20))
@@ -159,18 +168,20 @@ def without_normals(path, copy):
 
 
 def with_few_texels(path, copy, kept, share):
-    """Writes the scene with the lightmap layouts of all meshes but those of the nodes called `kept` scaled by `share`: for what
-    only casts shadows."""
+    """Writes the scene with the lightmap layouts of all meshes but those of the nodes called `kept` scaled by `share`:
+    for what only casts shadows."""
     scene = Scene()
     scene.load(path)
     meshes, views = scene.document['meshes'], scene.document['bufferViews']
     whole = {node['mesh'] for node in scene.document['nodes'] if node.get('name') in kept}
-    layouts = lambda mesh: {p['attributes'].get('TEXCOORD_1', p['attributes']['TEXCOORD_0']) for p in mesh['primitives']}
+    layouts = lambda mesh: {p['attributes'].get('TEXCOORD_1', p['attributes']['TEXCOORD_0'])
+                            for p in mesh['primitives']}
     spared = set().union(*(layouts(meshes[i]) for i in whole))
     for index in set().union(*(layouts(m) for m in meshes)) - spared:
         accessor = scene.document['accessors'][index]
         at = views[accessor['bufferView']].get('byteOffset', 0) + accessor.get('byteOffset', 0)
         size = 8 * accessor['count']
-        scene.blob[at:at + size] = (np.frombuffer(bytes(scene.blob[at:at + size]), np.float32) * np.float32(share)).tobytes()
+        scene.blob[at:at +
+                   size] = (np.frombuffer(bytes(scene.blob[at:at + size]), np.float32) * np.float32(share)).tobytes()
         accessor.pop('min', None), accessor.pop('max', None)
     return scene.write(copy)

@@ -65,9 +65,11 @@ class File:
             values = np.zeros((count, width), COMPONENTS[a['componentType']])
         if 'sparse' in a:
             s = a['sparse']
-            at = self._elements(s['indices']['bufferView'], s['indices'].get('byteOffset', 0), s['indices']['componentType'], 1, s['count'])[:, 0]
+            at = self._elements(s['indices']['bufferView'], s['indices'].get('byteOffset', 0),
+                                s['indices']['componentType'], 1, s['count'])[:, 0]
             values = values.copy()
-            values[at] = self._elements(s['values']['bufferView'], s['values'].get('byteOffset', 0), a['componentType'], width, s['count'])
+            values[at] = self._elements(s['values']['bufferView'], s['values'].get('byteOffset', 0), a['componentType'],
+                                        width, s['count'])
         return values
 
     def floats(self, index):
@@ -80,7 +82,8 @@ class File:
     def corners(self, primitive):
         """[triangles, 3] vertex numbers; none for points and lines."""
         count = self.json['accessors'][primitive['attributes']['POSITION']]['count']
-        order = self.accessor(primitive['indices'])[:, 0].astype(np.int64) if 'indices' in primitive else np.arange(count)
+        order = self.accessor(primitive['indices'])[:,
+                                                    0].astype(np.int64) if 'indices' in primitive else np.arange(count)
         mode = primitive.get('mode', 4)
         if mode == 4:
             return order.reshape(-1, 3)
@@ -97,7 +100,8 @@ def write_glb(path, document, blob):
     text += b' ' * (-len(text) % 4)
     blob = bytes(blob) + b'\0' * (-len(blob) % 4)
     with open(path, 'wb') as file:
-        file.write(b'glTF' + struct.pack('<II', 2, 28 + len(text) + len(blob)) + struct.pack('<I4s', len(text), b'JSON') + text)
+        file.write(b'glTF' + struct.pack('<II', 2, 28 + len(text) + len(blob)) +
+                   struct.pack('<I4s', len(text), b'JSON') + text)
         file.write(struct.pack('<I4s', len(blob), b'BIN\0') + blob)
 
 

@@ -1,7 +1,7 @@
 """What the Python tests share: running kiln, reading what a bake leaves behind, finding scenes, printing tables.
 
-Every test is a program, `test.py --kiln PATH`, whose exit code is 0 (passed), 1 (failed) or 77 (skipped, with a sentence). It runs
-under /usr/bin/python3 with numpy and h5py. A failed check prints the command that repeats it.
+Every test is a program, `test.py --kiln PATH`, whose exit code is 0 (passed), 1 (failed) or 77 (skipped, with a
+sentence). It runs under /usr/bin/python3 with numpy and h5py. A failed check prints the command that repeats it.
 """
 import argparse
 import json
@@ -29,7 +29,8 @@ NO_DEVICE = 69
 VALIDATION = 'Vulkan validation'  # begins the lines in which kiln passes on what Vulkan's validation layer says
 FALLBACK = 'going on with Embree'  # ends the warning that a device has failed for good
 
-# Open MPI as the tests need it: more ranks than cores, as root in a container, without the one-sided transport that crashes.
+# Open MPI as the tests need it: more ranks than cores, as root in a container, without the one-sided transport that
+# crashes.
 MPI_ENVIRONMENT = {
     'OMPI_ALLOW_RUN_AS_ROOT': '1',
     'OMPI_ALLOW_RUN_AS_ROOT_CONFIRM': '1',
@@ -88,7 +89,8 @@ def run(command, timeout=600, environment=None):
     env.update(environment or {})
     start = time.monotonic()
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-        child = subprocess.Popen(command, stdout=out, stderr=err, stdin=subprocess.DEVNULL, env=env, start_new_session=True)
+        child = subprocess.Popen(command, stdout=out, stderr=err, stdin=subprocess.DEVNULL, env=env,
+                                 start_new_session=True)
         timed_out = False
         usage = None
         while True:
@@ -103,7 +105,8 @@ def run(command, timeout=600, environment=None):
         seconds = time.monotonic() - start
         out.seek(0)
         err.seek(0)
-        return Run(command, child.returncode, out.read().decode('utf-8', 'replace'), err.read().decode('utf-8', 'replace'),
+        return Run(command, child.returncode, out.read().decode('utf-8', 'replace'),
+                   err.read().decode('utf-8', 'replace'),
                    seconds, usage.ru_maxrss * 1024, timed_out)
 
 
@@ -196,7 +199,8 @@ class Bake:
 
 
 class Kiln:
-    """The program under test. `backend` traces the bakes' rays; sample counts are to be divided by `thin` (see `samples`)."""
+    """The program under test. `backend` traces the bakes' rays; sample counts are to be divided by `thin` (see
+    `samples`)."""
 
     def __init__(self, path, scratch, backend='embree', thin=1):
         self.path, self.scratch, self.number, self.backend, self.thin = os.path.abspath(path), scratch, 0, backend, thin
@@ -212,10 +216,12 @@ class Kiln:
         return run([self.path, *map(str, arguments)], timeout, self.environment)
 
     def bake(self, scene, *options, ranks=0, timeout=600):
-        """Bakes into a fresh folder: under mpirun when `ranks` is given. Look at .process.status before anything else."""
+        """Bakes into a fresh folder: under mpirun when `ranks` is given. Look at .process.status before anything
+        else."""
         self.number += 1
         directory = os.path.join(self.scratch, 'bake%d' % self.number)
-        command = [self.path, 'bake', scene, '-o', directory, '--quiet', '--no-preview', '--backend', self.backend, *map(str, options)]
+        command = [self.path, 'bake', scene, '-o', directory, '--quiet', '--no-preview', '--backend', self.backend,
+                   *map(str, options)]
         if ranks:
             command = ['mpirun', '--bind-to', 'none', '-n', str(ranks)] + command
         bake = Bake(directory, run(command, timeout, self.environment))
@@ -225,8 +231,8 @@ class Kiln:
 
 
 def energy(report):
-    """(text, passed) of the energy balance of a run.json: what was emitted went somewhere, within 4 estimated errors or 0.5 %. The
-    sum is made here, from the ledger's parts; kiln's own residual must say the same."""
+    """(text, passed) of the energy balance of a run.json: what was emitted went somewhere, within 4 estimated errors or
+    0.5 %. The sum is made here, from the ledger's parts; kiln's own residual must say the same."""
     e = report['energy']
     channels = lambda key: np.asarray(e[key], np.float64)
     emitted = channels('emitted')
@@ -236,7 +242,8 @@ def energy(report):
         return 'not finite: %s' % json.dumps(e), False
     scale = power if power > 0 else 1.0
     text = '%+.1e of the power, error %.1e' % (residual / scale, e['error'] / scale)
-    per_channel = np.abs(emitted - gone) <= np.maximum(4 * e['error'] / scale, 0.005) * np.where(emitted > 0, emitted, scale)
+    per_channel = np.abs(emitted - gone) <= np.maximum(4 * e['error'] / scale,
+                                                       0.005) * np.where(emitted > 0, emitted, scale)
     own = abs(e['residual'] - residual) <= 1e-6 * scale
     return text, bool(abs(residual) <= max(4 * e['error'], 0.005 * power) and per_channel.all() and own)
 
@@ -290,17 +297,19 @@ class Table:
         print(' '.join('-' * w for _, w in columns), flush=True)
 
     def row(self, *cells):
-        print(' '.join(('%-*s' if i == 0 else '%*s') % (w, c) for i, ((_, w), c) in enumerate(zip(self.columns, cells))), flush=True)
+        print(' '.join(('%-*s' if i == 0 else '%*s') % (w, c) for i,
+                       ((_, w), c) in enumerate(zip(self.columns, cells))), flush=True)
 
 
 def start(description, *more):
-    """Parses --kiln, --keep, --backend, --thin and what `more` adds (callables on the parser); returns (arguments, Kiln). The scratch
-    folder goes when the program ends, unless --keep."""
+    """Parses --kiln, --keep, --backend, --thin and what `more` adds (callables on the parser); returns (arguments,
+    Kiln). The scratch folder goes when the program ends, unless --keep."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument('--kiln', required=True, help='the program to test')
     parser.add_argument('--keep', metavar='DIR', help='bake into this folder and leave it there')
     parser.add_argument('--backend', choices=('embree', 'vulkan'), default='embree', help='what traces the rays')
-    parser.add_argument('--thin', metavar='N', type=int, default=1, help='sample counts are divided by N: for slow devices')
+    parser.add_argument('--thin', metavar='N', type=int, default=1,
+                        help='sample counts are divided by N: for slow devices')
     for add in more:
         add(parser)
     arguments = parser.parse_args()

@@ -1,4 +1,5 @@
-"""Manifests made to fit: JSON that ends with its own hash (coordinator/files/checksummed_json.h), with hashes of the files as they are."""
+"""Manifests made to fit: JSON that ends with its own hash (coordinator/files/checksummed_json.h), with hashes of the
+files as they are."""
 import ctypes
 import ctypes.util
 import json

@@ -1,7 +1,7 @@
-/* A small scene, its surface and a made-up result, without importer, surface builder or backend: for tests of what
- * stands after them. Two objects share a mesh of two 1 m x 1 m squares that meet at x = 1 in space and lie apart, one
- * turned by 90 degrees, on the layout; the second object stands 3 m further up and is mirrored. All coverage is exact
- * by clipping. */
+/* A small scene with its surface and a synthetic result, for tests of output without importer, surface builder or
+ * backend. Two objects share a mesh of two 1 m x 1 m squares that meet at x = 1 in space and lie apart, one turned by
+ * 90 degrees, on the layout; the second object stands 3 m further up and is mirrored. All coverage is exact by
+ * clipping. */
 #ifndef KILN_TESTS_COMMON_SYNTHETIC_H
 #define KILN_TESTS_COMMON_SYNTHETIC_H
 

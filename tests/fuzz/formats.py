@@ -1,17 +1,23 @@
-"""Mutators that know a format: each takes a random.Random and a good file's bytes, and gives bytes that are wrong in a way somebody might have
-thought of. What protects a format from accidents (checksums, lengths, packing) is made to fit again most of the time, so that the checks
-behind it are reached. HDF5 is in hdf5.py, what belongs to a bake or a checkpoint in readers.py."""
+"""Mutators that know a format: each takes a random.Random and a good file's bytes, and gives bytes that are wrong in a
+way somebody might have thought of. What protects a format from accidents (checksums, lengths, packing) is made to fit
+again most of the time, so that the checks behind it are reached. HDF5 is in hdf5.py, what belongs to a bake or a
+checkpoint in readers.py."""
 import base64
 import json
 import struct
 import zlib
 
-INTEGERS = [0, 1, 2, 3, 4, 7, 8, 15, 16, 31, 32, 63, 64, 100, 127, 128, 255, 256, 1000, 1023, 1024, 4095, 4096, 8192, 16383, 16384, 16385, 32767, 32768,
-            65535, 65536, 99999, 1000000, (1 << 24) - 1, 1 << 24, (1 << 30), (1 << 31) - 1, 1 << 31, (1 << 31) + 1, (1 << 32) - 1, 1 << 32,
+INTEGERS = [0, 1, 2, 3, 4, 7, 8, 15, 16, 31, 32, 63, 64, 100, 127, 128, 255, 256, 1000, 1023, 1024, 4095, 4096, 8192,
+            16383, 16384, 16385, 32767, 32768,
+            65535, 65536, 99999, 1000000, (1 << 24) - 1, 1 << 24, (1 << 30), (1 << 31) - 1, 1 << 31, (1 << 31) + 1,
+            (1 << 32) - 1, 1 << 32,
             (1 << 40), (1 << 52), (1 << 53), (1 << 62), (1 << 63) - 1, 1 << 63, (1 << 64) - 1, (1 << 64) - 8]
-NUMBERS = [0.0, -0.0, 1e-45, 1e-38, 1e-30, 1e-7, 0.5, 1.0, -1.0, 2.0, 1e6, 1e9, 1e18, 1e30, 1e37, 3.4e38, 3.5e38, 1e39, 1e150, 1e200, 1e300, 1.7e308, -1e30, -1e300]
-WORDS = ['', ' ', '.', '..', '/', '\\', 'a' * 300, 'x' * 5000, 'é', '\u202e', '日本語', 'a\tb', 'a\nb', 'a\rkiln: error: forged', '\x1b[2J\x1b[31mred', '\x07',
-         '\x7f', '\u0080\u009b31m', 'nul\x00after', '%00', '%2e%2e/%2e%2e/x', 'con', '-', '--output', '-rf', '$(id)', '`id`', "'", '"', 'NaN', 'inf', '1e999',
+NUMBERS = [0.0, -0.0, 1e-45, 1e-38, 1e-30, 1e-7, 0.5, 1.0, -1.0, 2.0, 1e6, 1e9, 1e18, 1e30, 1e37, 3.4e38, 3.5e38, 1e39,
+           1e150, 1e200, 1e300, 1.7e308, -1e30, -1e300]
+WORDS = ['', ' ', '.', '..', '/', '\\', 'a' * 300, 'x' * 5000, 'é', '\u202e', '日本語', 'a\tb', 'a\nb',
+         'a\rkiln: error: forged', '\x1b[2J\x1b[31mred', '\x07',
+         '\x7f', '\u0080\u009b31m', 'nul\x00after', '%00', '%2e%2e/%2e%2e/x', 'con', '-', '--output', '-rf', '$(id)',
+         '`id`', "'", '"', 'NaN', 'inf', '1e999',
          '%s%s%s%n', '\ufeff', '\ud83d\ude00', 'null', 'true', '0', '~', '*', '[a-z', '?']
 OUTSIDE = []  # references that lead out of the folder given: set by the driver, which watches whether they are followed
 
@@ -103,8 +109,10 @@ def strange(r, old):
     if isinstance(old, bool) or old is None:
         return r.choice((True, False, None, 0, 1, -1, 'true', [], {}))
     if isinstance(old, (int, float)) and kind < 0.7:
-        value = integer(r, int(old) if abs(old) < 1e18 else 0) if isinstance(old, int) and r.random() < 0.8 else r.choice(NUMBERS)
-        return value if r.random() < 0.95 else Raw(r.choice(('1e400', '-1e400', 'NaN', 'Infinity', '1' * 400, '0x10', '01', '1.', '+1', '1e', '-')))
+        value = integer(r, int(old) if abs(old) < 1e18
+                        else 0) if isinstance(old, int) and r.random() < 0.8 else r.choice(NUMBERS)
+        return value if r.random() < 0.95 else Raw(
+            r.choice(('1e400', '-1e400', 'NaN', 'Infinity', '1' * 400, '0x10', '01', '1.', '+1', '1e', '-')))
     if isinstance(old, str) and kind < 0.7:
         return word(r) if r.random() < 0.7 else old + word(r) if r.random() < 0.5 else old[:r.randrange(len(old) + 1)]
     if isinstance(old, list) and kind < 0.6 and old:
@@ -183,7 +191,8 @@ def mutate_json_text(r, text):
         return text[:r.randrange(len(text) + 1)]
     if kind == 2:
         at = r.randrange(len(text) + 1)
-        return text[:at] + r.choice((b'\xff', b'\xc0\x80', b'\xed\xa0\x80', b'\xf8\x88\x80\x80\x80', b'\x00', b'\x1b', b'\xef\xbb\xbf')) + text[at:]
+        return text[:at] + r.choice((b'\xff', b'\xc0\x80', b'\xed\xa0\x80', b'\xf8\x88\x80\x80\x80', b'\x00', b'\x1b',
+                                     b'\xef\xbb\xbf')) + text[at:]
     if kind == 3:
         return text + r.choice((b'{}', b'garbage', b'\x00' * 9, b' ' * 100000, text))
     if kind == 4:
@@ -207,11 +216,17 @@ def gltf_tree(r, tree):
     if kind < 4:
         accessor = one('accessors')
         if accessor:
-            key = r.choice(('count', 'byteOffset', 'componentType', 'type', 'bufferView', 'normalized', 'sparse', 'max'))
-            accessor[key] = {'componentType': r.choice(list(COMPONENT) + [5124, 5130, 0]), 'type': r.choice(('SCALAR', 'VEC2', 'VEC3', 'VEC4', 'MAT2', 'MAT3', 'MAT4', 'VEC9', '')),
+            key = r.choice(('count', 'byteOffset', 'componentType', 'type', 'bufferView', 'normalized', 'sparse',
+                            'max'))
+            accessor[key] = {'componentType': r.choice(list(COMPONENT) + [5124, 5130, 0]),
+                             'type': r.choice(('SCALAR', 'VEC2', 'VEC3', 'VEC4', 'MAT2', 'MAT3', 'MAT4', 'VEC9', '')),
                              'normalized': True, 'max': [r.choice(NUMBERS)] * 3,
-                             'sparse': {'count': r.choice((1, 3, 1 << 31, integer(r))), 'indices': {'bufferView': r.randrange(4), 'componentType': 5125,
-                                        'byteOffset': r.choice((0, 4, 1 << 32))}, 'values': {'bufferView': r.randrange(4)}}}.get(key, integer(r, accessor.get(key, 0) if isinstance(accessor.get(key, 0), int) else 0))
+                             'sparse': {'count': r.choice((1, 3, 1 << 31, integer(r))),
+                                        'indices': {'bufferView': r.randrange(4), 'componentType': 5125,
+                                        'byteOffset': r.choice((0, 4, 1 << 32))},
+                                        'values': {'bufferView': r.randrange(4)}}}.get(
+                                            key, integer(r, accessor.get(key, 0)
+                                                         if isinstance(accessor.get(key, 0), int) else 0))
             if key == 'sparse' and r.random() < 0.5:
                 accessor.pop('bufferView', None)
                 accessor['count'] = r.choice((1 << 20, 1 << 28, 1 << 31, 10))
@@ -226,7 +241,9 @@ def gltf_tree(r, tree):
             if r.random() < 0.5:
                 buffer['byteLength'] = integer(r, buffer.get('byteLength', 0))
             else:
-                buffer['uri'] = r.choice((word(r), 'data:application/octet-stream;base64,' + 'A' * r.choice((0, 1, 2, 3, 5, 1000)), 'data:,', 'data:;base64,====', 'fifo', 'scene.gltf'))
+                buffer['uri'] = r.choice(
+                    (word(r), 'data:application/octet-stream;base64,' + 'A' * r.choice((0, 1, 2, 3, 5, 1000)), 'data:,',
+                     'data:;base64,====', 'fifo', 'scene.gltf'))
     elif kind < 9:
         nodes = tree.get('nodes')
         if isinstance(nodes, list) and nodes:
@@ -250,11 +267,14 @@ def gltf_tree(r, tree):
                 nodes.append({'mesh': 0})
                 node['children'] = [first]
             elif how == 6:
-                node['extensions'] = {'EXT_mesh_gpu_instancing': {'attributes': {r.choice(('TRANSLATION', 'ROTATION', 'SCALE', '_X')): r.randrange(6)}}}
+                node['extensions'] = {'EXT_mesh_gpu_instancing': {
+                    'attributes': {r.choice(('TRANSLATION', 'ROTATION', 'SCALE', '_X')): r.randrange(6)}}}
                 if r.random() < 0.7:
                     tree['extensionsUsed'] = tree['extensionsRequired'] = ['EXT_mesh_gpu_instancing']
             else:
-                node['extras'] = {'kiln': {r.choice(('density-scale', 'lightmap-size', 'exclude', 'role', 'sides', 'x')): r.choice((True, 0, -1, 1e300, 32768, 'two', word(r), []))}}
+                node['extras'] = {
+                    'kiln': {r.choice(('density-scale', 'lightmap-size', 'exclude', 'role', 'sides', 'x')): r.choice(
+                        (True, 0, -1, 1e300, 32768, 'two', word(r), []))}}
     elif kind < 12:
         mesh = one('meshes')
         if mesh and isinstance(mesh.get('primitives'), list) and mesh['primitives']:
@@ -266,11 +286,13 @@ def gltf_tree(r, tree):
                 elif how == 1:
                     p['indices'] = integer(r, 1)
                 elif how == 2 and isinstance(p.get('attributes'), dict):
-                    p['attributes'][r.choice(('POSITION', 'NORMAL', 'TEXCOORD_0', 'TEXCOORD_1', 'COLOR_0', 'TEXCOORD_99', 'TANGENT'))] = r.choice((integer(r, 1), r.randrange(6)))
+                    p['attributes'][r.choice(('POSITION', 'NORMAL', 'TEXCOORD_0', 'TEXCOORD_1', 'COLOR_0',
+                                              'TEXCOORD_99', 'TANGENT'))] = r.choice((integer(r, 1), r.randrange(6)))
                 elif how == 3:
                     p['material'] = integer(r)
                 elif how == 4:
-                    p['extensions'] = {r.choice(('KHR_draco_mesh_compression', 'EXT_meshopt_compression')): {'bufferView': r.randrange(4), 'attributes': {'POSITION': r.randrange(3)}}}
+                    p['extensions'] = {r.choice(('KHR_draco_mesh_compression', 'EXT_meshopt_compression')): {
+                        'bufferView': r.randrange(4), 'attributes': {'POSITION': r.randrange(3)}}}
                     tree['extensionsUsed'] = list(p['extensions'])
                 else:
                     mesh['primitives'] *= r.choice((2, 5))
@@ -281,28 +303,34 @@ def gltf_tree(r, tree):
             if how == 0:
                 material['emissiveFactor'] = [r.choice(NUMBERS) for _ in range(3)]
             elif how == 1:
-                material['pbrMetallicRoughness'] = {'baseColorFactor': [r.choice(NUMBERS) for _ in range(4)], 'baseColorTexture': {'index': integer(r), 'texCoord': integer(r)}}
+                material['pbrMetallicRoughness'] = {'baseColorFactor': [r.choice(NUMBERS) for _ in range(4)],
+                                                    'baseColorTexture': {'index': integer(r), 'texCoord': integer(r)}}
             elif how == 2:
                 material['extensions'] = {'KHR_materials_emissive_strength': {'emissiveStrength': r.choice(NUMBERS)}}
             elif how == 3:
                 material['alphaMode'] = r.choice(('MASK', 'BLEND', 'OPAQUE', 'x', 1))
                 material['alphaCutoff'] = r.choice(NUMBERS)
             elif how == 4:
-                material['extensions'] = {'KHR_materials_transmission': {'transmissionFactor': r.choice(NUMBERS), 'transmissionTexture': {'index': integer(r)}}}
+                material['extensions'] = {'KHR_materials_transmission': {'transmissionFactor': r.choice(NUMBERS),
+                                                                         'transmissionTexture': {'index': integer(r)}}}
             else:
                 material['name'] = word(r)
     elif kind == 15:
         image = one('images')
         if image:
             image.pop('bufferView', None)
-            image['uri'] = r.choice((word(r), 'data:image/png;base64,AAAA', 'data:image/png;base64,' + base64.b64encode(bytes(300)).decode(), 'fifo', 'a.png'))
+            image['uri'] = r.choice((word(r), 'data:image/png;base64,AAAA',
+                                     'data:image/png;base64,' + base64.b64encode(bytes(300)).decode(), 'fifo', 'a.png'))
     elif kind == 16:
-        tree['extensions'] = {'KHR_lights_punctual': {'lights': [{'type': r.choice(('point', 'spot', 'directional', 'x')), 'intensity': r.choice(NUMBERS),
-                              'color': [r.choice(NUMBERS)] * 3, 'range': r.choice(NUMBERS), 'spot': {'innerConeAngle': r.choice(NUMBERS), 'outerConeAngle': r.choice(NUMBERS)}}]}}
+        tree['extensions'] = {'KHR_lights_punctual': {
+            'lights': [{'type': r.choice(('point', 'spot', 'directional', 'x')), 'intensity': r.choice(NUMBERS),
+                              'color': [r.choice(NUMBERS)] * 3, 'range': r.choice(NUMBERS),
+                              'spot': {'innerConeAngle': r.choice(NUMBERS), 'outerConeAngle': r.choice(NUMBERS)}}]}}
         if isinstance(tree.get('nodes'), list) and tree['nodes'] and isinstance(tree['nodes'][0], dict):
             tree['nodes'][0]['extensions'] = {'KHR_lights_punctual': {'light': r.choice((0, 1, -1))}}
     elif kind == 17:
-        tree[r.choice(('extensionsRequired', 'extensionsUsed'))] = r.choice((['KHR_unknown'], [word(r)], 'x', [1], ['KHR_mesh_quantization']))
+        tree[r.choice(('extensionsRequired', 'extensionsUsed'))] = r.choice(
+            (['KHR_unknown'], [word(r)], 'x', [1], ['KHR_mesh_quantization']))
     elif kind == 18:
         tree['scene'] = integer(r)
     elif kind == 19:
@@ -314,7 +342,9 @@ def gltf_tree(r, tree):
         if texture:
             texture[r.choice(('source', 'sampler'))] = integer(r)
     else:
-        camera = {'type': r.choice(('perspective', 'orthographic')), 'perspective': {'yfov': r.choice(NUMBERS), 'znear': r.choice(NUMBERS)}, 'orthographic': {'ymag': r.choice(NUMBERS)}}
+        camera = {'type': r.choice(('perspective', 'orthographic')),
+                  'perspective': {'yfov': r.choice(NUMBERS), 'znear': r.choice(NUMBERS)},
+                  'orthographic': {'ymag': r.choice(NUMBERS)}}
         tree['cameras'] = [camera]
         if isinstance(tree.get('nodes'), list) and tree['nodes'] and isinstance(tree['nodes'][0], dict):
             tree['nodes'][0]['camera'] = 0
@@ -358,7 +388,8 @@ def floats(r, data, count=3):
         if len(data) >= 4:
             at = r.randrange(len(data) // 4) * 4
             value = r.choice(NUMBERS + [float('nan'), float('inf'), float('-inf')])
-            data[at:at + 4] = struct.pack('<f', value) if abs(value) < 3.4e38 or value != value or abs(value) == float('inf') else packed(integer(r), 4)
+            data[at:at + 4] = struct.pack('<f', value) if abs(value) < 3.4e38 or value != value or abs(value) == float(
+                'inf') else packed(integer(r), 4)
             if r.random() < 0.4:
                 data[at:at + 4] = packed(integer(r), 4)
     return bytes(data)
@@ -424,7 +455,8 @@ def zeros_packed(count, cache={}):
     if count not in cache:
         pack = zlib.compressobj(9)
         step = bytes(1 << 20)
-        cache[count] = b''.join(pack.compress(step) for _ in range(count >> 20)) + pack.compress(bytes(count & 0xfffff)) + pack.flush()
+        cache[count] = b''.join(pack.compress(step) for _ in range(count >> 20)) + pack.compress(
+            bytes(count & 0xfffff)) + pack.flush()
     return cache[count]
 
 
@@ -461,10 +493,12 @@ def png(r, data):
                 stream = havoc(r, stream, 2)
             chunks = [c for c in chunks if c[0] != b'IDAT']
             cut = r.randrange(len(stream) + 1)
-            chunks[1:1] = [(b'IDAT', stream)] if r.random() < 0.7 else [(b'IDAT', stream[:cut]), (b'IDAT', stream[cut:])]
+            chunks[1:1] = [(b'IDAT', stream)] if r.random() < 0.7 else [(b'IDAT', stream[:cut]),
+                                                                        (b'IDAT', stream[cut:])]
         elif kind == 6:
             i = r.randrange(len(chunks))
-            chunks[i:i] = [(r.choice((b'PLTE', b'tRNS', b'CgBI', b'gAMA', b'iCCP', b'IDAT', b'IEND', b'IHDR', b'abcd', b'ABCD')),
+            chunks[i:i] = [
+                (r.choice((b'PLTE', b'tRNS', b'CgBI', b'gAMA', b'iCCP', b'IDAT', b'IEND', b'IHDR', b'abcd', b'ABCD')),
                             bytes(r.getrandbits(8) for _ in range(r.choice((0, 1, 3, 6, 13, 768, 771)))))]
         elif kind == 7 and len(chunks) > 1:
             del chunks[r.randrange(len(chunks))]
@@ -497,12 +531,14 @@ def jpeg(r, data):
             if frames:
                 i = frames[0]
                 marker, body = segments[i]
-                body = field(r, body, r.choice((1, 3)), 2, True) if r.random() < 0.6 and len(body) > 5 else havoc(r, body, 1)
+                body = field(r, body, r.choice((1, 3)), 2,
+                             True) if r.random() < 0.6 and len(body) > 5 else havoc(r, body, 1)
                 segments[i] = (marker, body)
         elif kind < 5:
             segments[i] = (marker, havoc(r, body, 2))
         elif kind == 5:
-            segments[i] = (r.choice((0xc0, 0xc1, 0xc2, 0xc3, 0xc4, 0xc9, 0xdb, 0xdd, 0xe0, 0xee, 0xfe, 0x01, 0xd0)), body)
+            segments[i] = (r.choice((0xc0, 0xc1, 0xc2, 0xc3, 0xc4, 0xc9, 0xdb, 0xdd, 0xe0, 0xee, 0xfe, 0x01, 0xd0)),
+                           body)
         elif kind == 6:
             segments[i:i] = [segments[i]] * r.choice((1, 3, 500))
         elif kind == 7:
@@ -510,7 +546,8 @@ def jpeg(r, data):
         elif kind == 8:
             rest = havoc(r, rest, 6)
         else:
-            rest = rest[:14] + r.choice((b'', rest[14:] * 20, b'\xff\xd0' * 3000, b'\xff' * 5000, b'\0' * 5000, rest[14:] + rest))
+            rest = rest[:14] + r.choice((b'', rest[14:] * 20, b'\xff\xd0' * 3000, b'\xff' * 5000, b'\0' * 5000,
+                                         rest[14:] + rest))
     out = [b'\xff\xd8']
     for marker, body in segments:
         size = len(body) + 2
@@ -530,13 +567,17 @@ def hdr(r, data):
     if kind < 2:
         lines = head.split(b'\n')
         i = r.randrange(len(lines))
-        lines[i] = r.choice((b'', b'FORMAT=32-bit_rle_xyze', b'EXPOSURE=%s' % r.choice((b'0', b'-1', b'1e300', b'nan', b'x')), b'x' * 5000, b'#?RADIANCE', b'\x1b[31m', b'FORMAT=', b'\0'))
+        lines[i] = r.choice(
+            (b'', b'FORMAT=32-bit_rle_xyze', b'EXPOSURE=%s' % r.choice((b'0', b'-1', b'1e300', b'nan', b'x')),
+             b'x' * 5000, b'#?RADIANCE', b'\x1b[31m', b'FORMAT=', b'\0'))
         head = b'\n'.join(lines)
     elif kind < 5:
-        names = [b'-Y', b'+X'] if r.random() < 0.7 else [r.choice((b'-Y', b'+Y', b'-X', b'+X', b'Z', b'')), r.choice((b'-Y', b'+Y', b'-X', b'+X', b''))]
+        names = [b'-Y', b'+X'] if r.random() < 0.7 else [r.choice((b'-Y', b'+Y', b'-X', b'+X', b'Z', b'')),
+                                                         r.choice((b'-Y', b'+Y', b'-X', b'+X', b''))]
         size = b'%s %d %s %d\n' % (names[0], integer(r, 4), names[1], integer(r, 8))
         if r.random() < 0.3:
-            size = b'-Y %d +X %d\n' % (r.choice((1, 2, 4, 100, 8192, 16384)), r.choice((1, 7, 8, 9, 127, 128, 4096, 16384, 32767, 32768)))
+            size = b'-Y %d +X %d\n' % (r.choice((1, 2, 4, 100, 8192, 16384)),
+                                       r.choice((1, 7, 8, 9, 127, 128, 4096, 16384, 32767, 32768)))
         if r.random() < 0.5:
             width = size.split()[-1] if len(size.split()) == 4 else b'8'
             width = int(width) & 0x7fff
@@ -625,7 +666,8 @@ def mutated_exr(r, data):
             boxes = [j for j, a in enumerate(attributes) if a[1] == b'box2i']
             if boxes:
                 i = r.choice(boxes)
-                numbers = list(struct.unpack('<4i', attributes[i][2][:16])) if len(attributes[i][2]) >= 16 else [0, 0, 7, 7]
+                numbers = list(struct.unpack('<4i', attributes[i][2][:16])) if len(attributes[i][2]) >= 16 else [
+                    0, 0, 7, 7]
                 j = r.randrange(4)
                 numbers[j] = (integer(r, numbers[j]) + (1 << 31)) % (1 << 32) - (1 << 31)
                 attributes[i] = attributes[i][:2] + (struct.pack('<4i', *numbers),)
@@ -636,15 +678,26 @@ def mutated_exr(r, data):
             if channels:
                 attributes[channels[0]] = attributes[channels[0]][:2] + (channel_list(r, attributes[channels[0]][2]),)
         elif kind == 6:
-            attributes = [(a[0], a[1], bytes([r.choice((0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 255))]) if a[0] == b'compression' else a[2]) for a in attributes]
+            attributes = [(a[0], a[1], bytes([r.choice((0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 255))])
+                           if a[0] == b'compression' else a[2]) for a in attributes]
         elif kind == 7:
             attributes[i] = (name, what, havoc(r, value, 1))
         elif kind == 8:
-            attributes[i] = (r.choice((name, b'x' * 300, b'type', b'tiles', b'name', b'chunkCount', word(r).encode('utf-8', 'replace').replace(b'\0', b''))), r.choice((what, b'string', b'int', b'box2i', b'preview', b'tiledesc', b'')), value)
+            attributes[i] = (
+                r.choice((name, b'x' * 300, b'type', b'tiles', b'name', b'chunkCount',
+                          word(r).encode('utf-8', 'replace').replace(b'\0', b''))),
+                r.choice((what, b'string', b'int', b'box2i', b'preview', b'tiledesc', b'')), value)
         elif kind == 9:
-            attributes[i:i] = [r.choice(((b'tiles', b'tiledesc', struct.pack('<IIB', integer(r, 8) & 0xffffffff, integer(r, 8) & 0xffffffff, r.choice((0, 1, 2, 16, 255)))),
-                                         (b'preview', b'preview', struct.pack('<II', integer(r) & 0xffffffff, integer(r) & 0xffffffff)), (b'chunkCount', b'int', packed(integer(r), 4)),
-                                         (b'type', b'string', r.choice((b'scanlineimage', b'tiledimage', b'deepscanline', b'deeptile', b'x'))), attributes[i]))]
+            attributes[i:i] = [
+                r.choice(((b'tiles', b'tiledesc',
+                           struct.pack('<IIB', integer(r, 8) & 0xffffffff, integer(r, 8) & 0xffffffff,
+                                       r.choice((0, 1, 2, 16, 255)))),
+                                         (b'preview', b'preview',
+                                          struct.pack('<II', integer(r) & 0xffffffff, integer(r) & 0xffffffff)),
+                                         (b'chunkCount', b'int', packed(integer(r), 4)),
+                                         (b'type', b'string',
+                                          r.choice((b'scanlineimage', b'tiledimage', b'deepscanline', b'deeptile',
+                                                    b'x'))), attributes[i]))]
         elif kind == 10 and len(attributes) > 1:
             del attributes[i]
         elif kind == 11:
@@ -696,7 +749,8 @@ def channel_list(r, value):
     kind = r.randrange(6)
     if kind == 0 and channels:
         i = r.randrange(len(channels))
-        channels[i] = (r.choice((b'', b'A', b'B', b'R', b'layer.R', b'x' * 300, b'\x1b[31m', b'validity.Y')), channels[i][1])
+        channels[i] = (r.choice((b'', b'A', b'B', b'R', b'layer.R', b'x' * 300, b'\x1b[31m', b'validity.Y')),
+                       channels[i][1])
     elif kind == 1 and channels:
         i = r.randrange(len(channels))
         channels[i] = (channels[i][0], field(r, channels[i][1], r.choice((0, 4, 8, 12)), 4))
@@ -705,7 +759,8 @@ def channel_list(r, value):
     elif kind == 3:
         channels = channels[1:]
     elif kind == 4:
-        channels += [(b'zz%d' % i, packed(r.choice((0, 1, 2)), 4) + bytes(4) + packed(1, 4) * 2) for i in range(r.choice((1, 50, 2000)))]
+        channels += [(b'zz%d' % i, packed(r.choice((0, 1, 2)), 4) + bytes(4) + packed(1, 4) * 2)
+                     for i in range(r.choice((1, 50, 2000)))]
     else:
         return havoc(r, value, 2)
     return b''.join(n + b'\0' + d for n, d in channels) + b'\0'
@@ -713,8 +768,10 @@ def channel_list(r, value):
 
 # ---- text ----
 
-OBJ_WORDS = [b'v', b'vt', b'vn', b'f', b'o', b'g', b'usemtl', b'mtllib', b's', b'l', b'p', b'vp', b'curv', b'#', b'\\', b'call', b'csh']
-MTL_WORDS = [b'newmtl', b'Kd', b'Ka', b'Ks', b'Ke', b'd', b'Tr', b'illum', b'Ns', b'Ni', b'map_Kd', b'map_Ke', b'map_d', b'bump', b'refl', b'-s', b'-o', b'-mm', b'-clamp', b'on']
+OBJ_WORDS = [b'v', b'vt', b'vn', b'f', b'o', b'g', b'usemtl', b'mtllib', b's', b'l', b'p', b'vp', b'curv', b'#', b'\\',
+             b'call', b'csh']
+MTL_WORDS = [b'newmtl', b'Kd', b'Ka', b'Ks', b'Ke', b'd', b'Tr', b'illum', b'Ns', b'Ni', b'map_Kd', b'map_Ke', b'map_d',
+             b'bump', b'refl', b'-s', b'-o', b'-mm', b'-clamp', b'on']
 
 
 def token(r, words):
@@ -726,7 +783,8 @@ def token(r, words):
     if kind < 0.65:
         return repr(r.choice(NUMBERS)).encode()
     if kind < 0.75:
-        return r.choice((b'nan', b'inf', b'-inf', b'1e400', b'1e-400', b'0x1p3', b'1.', b'.', b'-', b'+1', b'1,5', b'1' * 400, b'1e' + b'9' * 50))
+        return r.choice((b'nan', b'inf', b'-inf', b'1e400', b'1e-400', b'0x1p3', b'1.', b'.', b'-', b'+1', b'1,5',
+                         b'1' * 400, b'1e' + b'9' * 50))
     if kind < 0.85:
         return b'/'.join(str(integer(r, 3)).encode() if r.random() < 0.7 else b'' for _ in range(r.randint(1, 4)))
     return word(r).encode('utf-8', 'surrogatepass')
@@ -753,7 +811,8 @@ def lines(r, data, words):
         elif kind == 7:
             rows[i:i] = [rows[i]] * r.choice((1, 10, 3000))
         elif kind == 8:
-            rows[i] = rows[i] + r.choice((b' ', b'\t', b'\r', b'\\', b'\0', b' \\\n', b'\xff', b' ' * 70000)) + (row[j] if r.random() < 0.5 else b'')
+            rows[i] = rows[i] + r.choice((b' ', b'\t', b'\r', b'\\', b'\0', b' \\\n', b'\xff', b' ' * 70000)) + (
+                row[j] if r.random() < 0.5 else b'')
         else:
             del rows[i]
             if not rows:
@@ -770,8 +829,10 @@ def mtl(r, data):
     return lines(r, data, MTL_WORDS)
 
 
-YAML_VALUES = ['[', ']', '{}', '{a: 1}', '[1, 2', '&a [*a, *a]', '*a', '!!binary x', '!x y', '| \n  a\n', '"\\x00"', '"\\e[31m"', "'", '- a', '? a', '~', '.nan', '.inf', '0o17',
-               '0x10', '1_000', '1e5', '-0', '1e400', 'yes', 'no', 'on', 'off', '%YAML 9.9', '--- ', '...', '<<: *a', '@', '`', '\t', '# c', '12:30:45', '2020-01-01']
+YAML_VALUES = ['[', ']', '{}', '{a: 1}', '[1, 2', '&a [*a, *a]', '*a', '!!binary x', '!x y', '| \n  a\n', '"\\x00"',
+               '"\\e[31m"', "'", '- a', '? a', '~', '.nan', '.inf', '0o17',
+               '0x10', '1_000', '1e5', '-0', '1e400', 'yes', 'no', 'on', 'off', '%YAML 9.9', '--- ', '...', '<<: *a',
+               '@', '`', '\t', '# c', '12:30:45', '2020-01-01']
 
 
 def yaml(r, data, keys):
@@ -779,7 +840,8 @@ def yaml(r, data, keys):
     for _ in range(r.choice((1, 1, 2, 4))):
         kind, i = r.randrange(10), r.randrange(len(rows))
         name, _, value = rows[i].partition(':')
-        new = r.choice((str(integer(r)), repr(r.choice(NUMBERS)), word(r), r.choice(YAML_VALUES), r.choice(YAML_VALUES)))
+        new = r.choice((str(integer(r)), repr(r.choice(NUMBERS)), word(r), r.choice(YAML_VALUES),
+                        r.choice(YAML_VALUES)))
         if kind < 3:
             rows[i] = '%s: %s' % (name, new)
         elif kind < 6:
@@ -789,8 +851,11 @@ def yaml(r, data, keys):
         elif kind == 7:
             rows[i] = r.choice((' ', '  ', '\t', '- ', '? ')) + rows[i]
         elif kind == 8:
-            rows[i:i] = r.choice((['a: &a [x, x]', 'b: &b [*a, *a, *a]', 'c: [*b, *b, *b, *b]'], ['[' * 3000], ['- ' * 3000], ['{a: ' * 2000], ['objects: {%s: {%s: %s}}' % (
-                r.choice(('"*"', 'x', '"[a"', '"' + '*' * 50 + '"')), r.choice(('density-scale', 'lightmap-size', 'exclude', 'role', 'sides', 'q')), new)], ['scene: %s' % word(r)]))
+            rows[i:i] = r.choice((['a: &a [x, x]', 'b: &b [*a, *a, *a]', 'c: [*b, *b, *b, *b]'], ['[' * 3000],
+                                  ['- ' * 3000], ['{a: ' * 2000], ['objects: {%s: {%s: %s}}' % (
+                r.choice(('"*"', 'x', '"[a"', '"' + '*' * 50 + '"')),
+                r.choice(('density-scale', 'lightmap-size', 'exclude', 'role', 'sides', 'q')), new)],
+                                  ['scene: %s' % word(r)]))
         else:
             del rows[i]
             if not rows:

@@ -1,5 +1,5 @@
-"""Mutators for HDF5 files: what its library can be asked to write and no honest writer would, and single bytes of the metadata with its checksums
-made to fit again."""
+"""Mutators for HDF5 files: what its library can be asked to write and no honest writer would, and single bytes of the
+metadata with its checksums made to fit again."""
 import ctypes
 import glob
 import os
@@ -10,7 +10,8 @@ import numpy as np
 
 import formats
 
-SIGNATURES = (b'OHDR', b'OCHK', b'FRHP', b'FHDB', b'FHIB', b'BTHD', b'BTIN', b'BTLF', b'FAHD', b'FADB', b'EAHD', b'EAIB', b'EASB', b'EADB', b'SMTB', b'SMLI', b'FSHD', b'FSSE')
+SIGNATURES = (b'OHDR', b'OCHK', b'FRHP', b'FHDB', b'FHIB', b'BTHD', b'BTIN', b'BTLF', b'FAHD', b'FADB', b'EAHD',
+              b'EAIB', b'EASB', b'EADB', b'SMTB', b'SMLI', b'FSHD', b'FSSE')
 SUPERBLOCK = b'\x89HDF\r\n\x1a\n'
 
 
@@ -94,7 +95,8 @@ def bomb(group, name, like, chunk_bytes, chunks):
     tail = like.shape[1:] if like is not None and len(like.shape) > 1 and all(like.shape[1:]) else ()
     row = int(np.prod(tail, dtype=np.int64)) * kind.itemsize
     rows = max(1, chunk_bytes // row)
-    made = group.create_dataset(name, shape=(rows * chunks, *tail), dtype=kind, chunks=(rows, *tail), compression='gzip')
+    made = group.create_dataset(name, shape=(rows * chunks, *tail), dtype=kind, chunks=(rows, *tail),
+                                compression='gzip')
     stream = formats.zeros_packed(rows * row)
     for i in range(chunks):
         made.id.write_direct_chunk((i * rows, *(0,) * len(tail)), stream)
@@ -126,18 +128,23 @@ def replace(r, file, path, outside):
     del group[name]
     new = None
     if how == 0:
-        new = group.create_dataset(name, shape=tuple(r.choice((0, 1, n, n + 1, 2 * n, 1 << 20, 1 << 40)) for n in shape) or (3,), dtype=kind, chunks=tuple(max(1, min(n, 4)) for n in shape) or (1,),
+        new = group.create_dataset(name,
+                                   shape=tuple(r.choice((0, 1, n, n + 1, 2 * n, 1 << 20, 1 << 40)) for n in shape)
+                                   or (3,), dtype=kind, chunks=tuple(max(1, min(n, 4)) for n in shape) or (1,),
                                    maxshape=(None,) * max(1, len(shape)))
     elif how == 1:
-        new = group.create_dataset(name, shape=(1 << 40, *shape[1:]), dtype=kind, chunks=(16, *(max(1, n) for n in shape[1:])))
+        new = group.create_dataset(name, shape=(1 << 40, *shape[1:]), dtype=kind,
+                                   chunks=(16, *(max(1, n) for n in shape[1:])))
     elif how == 2:
-        other = r.choice(('f8', 'f4', 'f2', 'i1', 'u8', '>f4', 'S5', [('a', 'f4'), ('b', 'S9')], h5py.string_dtype(), h5py.vlen_dtype('f4'), h5py.ref_dtype, ('f4', (3, 3)), h5py.enum_dtype({'A': 1})))
+        other = r.choice(('f8', 'f4', 'f2', 'i1', 'u8', '>f4', 'S5', [('a', 'f4'), ('b', 'S9')], h5py.string_dtype(),
+                          h5py.vlen_dtype('f4'), h5py.ref_dtype, ('f4', (3, 3)), h5py.enum_dtype({'A': 1})))
         try:
             new = group.create_dataset(name, shape=shape, dtype=other)
         except (TypeError, ValueError):
             new = group.create_dataset(name, data=1)
     elif how == 3:
-        new = group.create_dataset(name, shape=shape or (1,), dtype=kind, external=[(r.choice(outside), r.choice((0, 1 << 20)), h5py.h5f.UNLIMITED)])
+        new = group.create_dataset(name, shape=shape or (1,), dtype=kind,
+                                   external=[(r.choice(outside), r.choice((0, 1 << 20)), h5py.h5f.UNLIMITED)])
     elif how == 4:
         group[name] = h5py.ExternalLink(r.choice(outside), r.choice(('/', path, 'x')))
     elif how == 5:
@@ -147,7 +154,8 @@ def replace(r, file, path, outside):
         layout[...] = h5py.VirtualSource(r.choice(outside), 'x', shape=shape or (1,))
         new = group.create_virtual_dataset(name, layout)
     elif how == 7:
-        new = bomb(group, name, None if r.random() < 0.2 else type('Like', (), {'dtype': kind, 'shape': shape}), 1 << 24, r.choice((1, 16, 100)))
+        new = bomb(group, name, None if r.random() < 0.2 else type('Like', (), {'dtype': kind, 'shape': shape}),
+                   1 << 24, r.choice((1, 16, 100)))
     elif how == 8:
         group.create_group(name)
     elif how == 9:
@@ -171,8 +179,11 @@ def replace(r, file, path, outside):
     elif how == 14 and values is not None and np.size(values):
         new = group.create_dataset(name, data=np.ravel(values)[:r.randrange(np.size(values) + 1)])
     elif how == 15 and shape and all(shape):  # a chunk of the right name and the wrong bytes
-        new = group.create_dataset(name, shape=shape, dtype=kind, chunks=tuple(max(1, n) for n in shape), compression='gzip', shuffle=r.random() < 0.5, fletcher32=r.random() < 0.5)
-        new.id.write_direct_chunk((0,) * len(shape), r.choice((b'', b'x', formats.zeros_packed(1 << 24), bytes(r.getrandbits(8) for _ in range(200)))), r.choice((0, 0, 1, 2, 7)))
+        new = group.create_dataset(name, shape=shape, dtype=kind, chunks=tuple(max(1, n) for n in shape),
+                                   compression='gzip', shuffle=r.random() < 0.5, fletcher32=r.random() < 0.5)
+        new.id.write_direct_chunk((0,) * len(shape),
+                                  r.choice((b'', b'x', formats.zeros_packed(1 << 24),
+                                            bytes(r.getrandbits(8) for _ in range(200)))), r.choice((0, 0, 1, 2, 7)))
     if new is not None and r.random() < 0.9:
         for key, value in kept.items():
             try:
@@ -196,7 +207,10 @@ def attribute(r, file, path):
         item.attrs[name] = r.choice(formats.NUMBERS + [float('nan'), float('inf')])
     elif how == 3:
         text = formats.word(r).replace('\0', '')
-        item.attrs.create(name, text.encode('utf-8', 'replace')) if r.random() < 0.5 else item.attrs.create(name, text, dtype=h5py.string_dtype())
+        if r.random() < 0.5:
+            item.attrs.create(name, text.encode('utf-8', 'replace'))
+        else:
+            item.attrs.create(name, text, dtype=h5py.string_dtype())
     elif how == 4:
         item.attrs[name] = h5py.Empty('f4')
     elif how == 5:
@@ -226,7 +240,8 @@ def grow(r, file, outside):
     elif how == 3:
         file['link'] = h5py.ExternalLink(r.choice(outside), '/')
     elif how == 4:
-        file.create_dataset(formats.word(r).replace('\0', '').replace('/', '_') or 'x', shape=(1 << 40,), dtype='f4', chunks=(1 << 10,))
+        file.create_dataset(formats.word(r).replace('\0', '').replace('/', '_') or 'x', shape=(1 << 40,), dtype='f4',
+                            chunks=(1 << 10,))
     else:
         bomb(file, 'bomb', None, 1 << 24, r.choice((1, 64)))
 

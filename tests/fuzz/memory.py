@@ -2,8 +2,9 @@
 
     memory.py --kiln PROGRAM --server FUZZ_SERVER [--step N] [--most 5000]
 
-For each command the fork server (fork_server.c) lets the k-th allocation fail, for k = 1, 1 + N, ... up to as many as the command makes. --step 1, the
-full run, takes minutes. Single processes: what ranks do when one of them has no memory is tests/mpi's."""
+For each command the fork server (fork_server.c) lets the k-th allocation fail, for k = 1, 1 + N, ... up to as many as
+the command makes. --step 1, the full run, takes minutes. Single processes: what ranks do when one of them has no memory
+is tests/mpi's."""
 import collections
 import os
 import sys
@@ -32,7 +33,8 @@ def commands(w):
 
     def picture():
         w.put('image.png', w.seeds.jpeg[0])
-        return ['info', w.put('scene.gltf', readers.quad()), '--environment', w.put('sky.exr', w.seeds.exr[0]), *readers.SMALL]
+        return ['info', w.put('scene.gltf', readers.quad()), '--environment', w.put('sky.exr', w.seeds.exr[0]),
+                *readers.SMALL]
 
     def obj():
         w.put('box_ok.mtl', w.seeds.obj[0][1])
@@ -44,9 +46,12 @@ def commands(w):
     def resume():
         return readers.resume(w, w.copy('bake', w.seeds.checkpoints[0]))
 
-    return {'info GLB': scene('scene.glb', w.seeds.glb[-1]), 'info with images': picture, 'info OBJ': obj, 'info job': job, 'verify': with_bake('verify', 'FOLDER'),
-            'probe': with_bake('probe', 'FOLDER', '0.3', '0.4', '0.5'), 'status': with_bake('status', 'FOLDER'), 'report': with_bake('report', 'FOLDER', '-o', w.output('r.html')),
-            'compare': with_bake('compare', 'FOLDER', w.seeds.bake), 'view': with_bake('view', 'FOLDER', '-o', w.output('v.png'), '--width', '8', '--height', '8'),
+    return {'info GLB': scene('scene.glb', w.seeds.glb[-1]), 'info with images': picture, 'info OBJ': obj,
+            'info job': job, 'verify': with_bake('verify', 'FOLDER'),
+            'probe': with_bake('probe', 'FOLDER', '0.3', '0.4', '0.5'), 'status': with_bake('status', 'FOLDER'),
+            'report': with_bake('report', 'FOLDER', '-o', w.output('r.html')),
+            'compare': with_bake('compare', 'FOLDER', w.seeds.bake),
+            'view': with_bake('view', 'FOLDER', '-o', w.output('v.png'), '--width', '8', '--height', '8'),
             'export': with_bake('export', 'FOLDER', '-o', w.output('s.glb')), 'bake': bake, 'bake that goes on': resume}
 
 
@@ -69,7 +74,8 @@ def failing(worker, name, make, options):
 
 
 def main():
-    options = mutate.arguments((('--step', {'type': int, 'default': 1, 'help': 'only every so-manieth allocation'}), ('--most', {'type': int, 'default': 5000}), ('--only', {'default': ''})))
+    options = mutate.arguments((('--step', {'type': int, 'default': 1, 'help': 'only every so-manieth allocation'}),
+                                ('--most', {'type': int, 'default': 5000}), ('--only', {'default': ''})))
     if not mutate.prepare(options):
         return 77
     bad = 0
@@ -82,7 +88,8 @@ def main():
                 continue
             ends, most = failing(worker, name, make, options)
             bad += ends['wrong']
-            print('%-18s %5d allocations: %s' % (name, most, ', '.join('%s %d times' % pair for pair in sorted(ends.items(), key=str))), flush=True)
+            print('%-18s %5d allocations: %s' %
+                  (name, most, ', '.join('%s %d times' % pair for pair in sorted(ends.items(), key=str))), flush=True)
         worker.stop()
     return 1 if bad else 0
 

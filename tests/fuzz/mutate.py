@@ -1,16 +1,19 @@
-"""Mutated inputs for all of kiln's readers: no crash, no hang, no access outside the folders given, less than 1 GiB, a sentence for what is refused.
+"""Mutated inputs for all of kiln's readers: no crash, no hang, no access outside the folders given, less than 1 GiB, a
+sentence for what is refused.
 
     mutate.py --kiln PROGRAM --server FUZZ_SERVER --cases 2000 --seed 1
     mutate.py ... --seed 1 --case gltf:123 --keep FOLDER      one case again, its files kept
 
-Each case is made from a seed, the name of its reader and its number alone (readers.py, formats.py, hdf5.py). It is run by the program with sanitizers
-as a fork server (fork_server.c), and one in --traced by the program itself (--kiln, a release build) under strace. Nothing is printed of a case unless it
-fails; then its files, what it printed and how to repeat it are kept in --keep, up to three of a kind.
+Each case is made from a seed, the name of its reader and its number alone (readers.py, formats.py, hdf5.py). It is run
+by the program with sanitizers as a fork server (fork_server.c), and one in --traced by the program itself (--kiln, a
+release build) under strace. Nothing is printed of a case unless it fails; then its files, what it printed and how to
+repeat it are kept in --keep, up to three of a kind.
 
-What fails a case: a signal, a report of a sanitizer in kiln's own code, a leak (looked for in one of --leaks), a status that says that kiln is at fault, a refusal
-without a sentence or with control characters in what is printed, a file that is opened or made elsewhere, something left in TMPDIR. More than 5 s or 1 GiB
-with sanitizers only counts when the release build takes as much, so that neither their cost nor a busy machine is taken for kiln's. A crash of a library in a
-confined child that ends with a sentence is what the child is for, and counted by library."""
+What fails a case: a signal, a report of a sanitizer in kiln's own code, a leak (looked for in one of --leaks), a status
+that says that kiln is at fault, a refusal without a sentence or with control characters in what is printed, a file that
+is opened or made elsewhere, something left in TMPDIR. More than 5 s or 1 GiB with sanitizers only counts when the
+release build takes as much, so that neither their cost nor a busy machine is taken for kiln's. A crash of a library in
+a confined child that ends with a sentence is what the child is for, and counted by library."""
 import argparse
 import collections
 import ctypes
@@ -36,12 +39,18 @@ SECONDS, KIBIBYTES = 5.0, 1 << 20  # what a case may take
 PATIENCE = 8.0                     # s after which a case is ended
 FINE = (0, 64, 65, 66, 69, 73, 74, 75, 77)
 LEAK = 99
-LIBRARIES = ('/usr/', '/lib/', '/lib64/', '/etc/', '/proc/', '/sys/', '/dev/null/', '/dev/urandom/', '/dev/shm/', '/dev/dri/', '/dev/pts/')
-MPI = {'OMPI_ALLOW_RUN_AS_ROOT': '1', 'OMPI_ALLOW_RUN_AS_ROOT_CONFIRM': '1', 'OMPI_MCA_btl': 'self,vader,tcp', 'OMPI_MCA_pml': 'ob1', 'OMPI_MCA_rmaps_base_oversubscribe': '1',
+LIBRARIES = ('/usr/', '/lib/', '/lib64/', '/etc/', '/proc/', '/sys/', '/dev/null/', '/dev/urandom/', '/dev/shm/',
+             '/dev/dri/', '/dev/pts/')
+MPI = {'OMPI_ALLOW_RUN_AS_ROOT': '1', 'OMPI_ALLOW_RUN_AS_ROOT_CONFIRM': '1', 'OMPI_MCA_btl': 'self,vader,tcp',
+       'OMPI_MCA_pml': 'ob1', 'OMPI_MCA_rmaps_base_oversubscribe': '1',
        'OMPI_MCA_hwloc_base_binding_policy': 'none', 'OMP_NUM_THREADS': '1', 'OMP_WAIT_POLICY': 'passive'}
-SANITIZERS = {'OMP_THREAD_LIMIT': '1', 'LD_BIND_NOW': '1',  # no threads that a fork would lose, no symbols to be looked up in each
-              'ASAN_OPTIONS': 'abort_on_error=1:symbolize=0:allocator_may_return_null=1:max_allocation_size_mb=4096:quarantine_size_mb=8:detect_leaks=1:log_to_syslog=0',
-              'UBSAN_OPTIONS': 'abort_on_error=1:print_stacktrace=1:symbolize=0', 'LSAN_OPTIONS': 'suppressions=%s:print_suppressions=0:report_objects=0' % os.path.join(readers.REPOSITORY, 'tests', 'lsan.supp')}
+# no threads that a fork would lose, no symbols to be looked up in each
+SANITIZERS = {'OMP_THREAD_LIMIT': '1', 'LD_BIND_NOW': '1',
+              'ASAN_OPTIONS': 'abort_on_error=1:symbolize=0:allocator_may_return_null=1:max_allocation_size_mb=4096:'
+                               'quarantine_size_mb=8:detect_leaks=1:log_to_syslog=0',
+              'UBSAN_OPTIONS': 'abort_on_error=1:print_stacktrace=1:symbolize=0',
+              'LSAN_OPTIONS': 'suppressions=%s:print_suppressions=0:report_objects=0' %
+              os.path.join(readers.REPOSITORY, 'tests', 'lsan.supp')}
 
 
 class Watch:
@@ -71,7 +80,8 @@ class Watch:
 
 class Outcome:
     def __init__(self, kind, number, seconds, cpu, kib, out, err, allocations=0):
-        self.kind, self.number, self.seconds, self.cpu, self.kib, self.out, self.err, self.allocations = kind, number, seconds, cpu, kib, out, err, allocations
+        self.kind, self.number, self.seconds, self.cpu = kind, number, seconds, cpu
+        self.kib, self.out, self.err, self.allocations = kib, out, err, allocations
 
 
 class Server:
@@ -81,10 +91,12 @@ class Server:
         self.words, self.folder, self.process = [program] + (['--mpi'] if mpi else []), folder, None
 
     def start(self):
-        own = os.path.join(self.folder, 'server')  # MPI's folder of a session; servers that start together must not share one
+        # MPI's folder of a session; servers that start together must not share one
+        own = os.path.join(self.folder, 'server')
         os.makedirs(own, exist_ok=True)
         with open(os.path.join(self.folder, 'server.log'), 'ab') as log:
-            self.process = subprocess.Popen(self.words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, env={**os.environ, **MPI, **SANITIZERS, 'TMPDIR': own})
+            self.process = subprocess.Popen(self.words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log,
+                                            env={**os.environ, **MPI, **SANITIZERS, 'TMPDIR': own})
 
     def run(self, arguments, leaks, failing=0, patience=PATIENCE):
         """arguments: of kiln with sanitizers, or a whole command that begins with the path of another program."""
@@ -96,8 +108,10 @@ class Server:
         self.process.stdin.flush()
         answer = self.process.stdout.readline().split()
         if len(answer) != 6:
-            sys.exit('the fork server ended: %s' % readers.read(os.path.join(self.folder, 'server.log')).decode(errors='replace')[-2000:])
-        return Outcome(answer[0].decode(), int(answer[1]), float(answer[2]), float(answer[3]), int(answer[4]), *printed(self.folder), int(answer[5]))
+            sys.exit('the fork server ended: %s' %
+                     readers.read(os.path.join(self.folder, 'server.log')).decode(errors='replace')[-2000:])
+        return Outcome(answer[0].decode(), int(answer[1]), float(answer[2]), float(answer[3]), int(answer[4]),
+                       *printed(self.folder), int(answer[5]))
 
     def stop(self):
         if self.process is not None:
@@ -199,8 +213,11 @@ class Judge:
                 target = name.group(1) if name else (re.findall(r'"((?:[^"\\]|\\.)*)"', row) or [''])[-1]
                 if not target.startswith('/') or target == '/':
                     continue
-                changes = call.group(1) not in ('open', 'openat', 'openat2') or re.search(r'O_(WRONLY|RDWR|CREAT|TRUNC)', row)
-                if target.startswith(self.work.outside) or not (target + '/').startswith(own + (() if changes and not target.startswith(('/dev/', '/proc/')) else LIBRARIES)) or target.startswith(('/etc/passwd', '/dev/zero')):
+                changes = call.group(1) not in ('open', 'openat',
+                                                'openat2') or re.search(r'O_(WRONLY|RDWR|CREAT|TRUNC)', row)
+                allowed = own + (() if changes and not target.startswith(('/dev/', '/proc/')) else LIBRARIES)
+                if (target.startswith(self.work.outside) or not (target + '/').startswith(allowed)
+                        or target.startswith(('/etc/passwd', '/dev/zero'))):
                     found.add('%s %s' % (call.group(1), target))
         return [('an access outside the folders (strace)', ' '.join(sorted(found)))] if found else []
 
@@ -208,7 +225,8 @@ class Judge:
 # ---- one worker ----
 
 def blank():
-    return {'cases': 0, 'refused': 0, 'taken': 0, 'stopped': 0, 'contained': collections.Counter(), 'slow': 0, 'large': 0, 'worst': 0.0, 'most': 0, 'traced': 0, 'leaks': 0, 'times': [], 'slowest': []}
+    return {'cases': 0, 'refused': 0, 'taken': 0, 'stopped': 0, 'contained': collections.Counter(), 'slow': 0,
+            'large': 0, 'worst': 0.0, 'most': 0, 'traced': 0, 'leaks': 0, 'times': [], 'slowest': []}
 
 
 class Worker:
@@ -245,11 +263,14 @@ class Worker:
 
     def plain(self, arguments, traced, patience=PATIENCE):
         """The release build."""
-        return self.servers[False].run((self.strace() if traced else []) + [self.options.kiln, *arguments], False, 0, patience)
+        return self.servers[False].run((self.strace() if traced else []) + [self.options.kiln, *arguments], False, 0,
+                                       patience)
 
     def strace(self):
-        calls = 'trace=open,openat,openat2,creat,unlink,unlinkat,rename,renameat,renameat2,mkdir,mkdirat,rmdir,link,linkat,symlink,symlinkat,truncate,connect'
-        return [shutil.which('strace'), '--seccomp-bpf', '-f', '-qq', '-y', '-s', '5000', '-o', os.path.join(self.folder, 'calls'), '-e', calls]
+        calls = ('trace=open,openat,openat2,creat,unlink,unlinkat,rename,renameat,renameat2,mkdir,mkdirat,rmdir,link,'
+                 'linkat,symlink,symlinkat,truncate,connect')
+        return [shutil.which('strace'), '--seccomp-bpf', '-f', '-qq', '-y', '-s', '5000', '-o',
+                os.path.join(self.folder, 'calls'), '-e', calls]
 
     def confirm(self, name, number, outcome, wrong):
         """Over the limits with sanitizers or under strace: what does the release build say?"""
@@ -259,7 +280,8 @@ class Worker:
         if outcome.seconds > SECONDS:
             row['slow'] += 1
             if again.kind == 'time' or (again.cpu if busy else again.seconds) > SECONDS:
-                wrong.append(('more than %g s' % SECONDS, '%s; %s' % ('busy' if again.cpu > 0.5 * SECONDS else 'waiting', general(last_sentence(again)))))
+                wrong.append(('more than %g s' % SECONDS, '%s; %s' %
+                              ('busy' if again.cpu > 0.5 * SECONDS else 'waiting', general(last_sentence(again)))))
         if outcome.kib > KIBIBYTES or outcome.kind == 'memory':
             row['large'] += 1
             if again.kib > KIBIBYTES:
@@ -272,7 +294,8 @@ class Worker:
         try:
             arguments = self.make(name, number)
         except Exception as reason:
-            raise RuntimeError('the case %s:%d of seed %s cannot be made' % (name, number, self.options.seed)) from reason
+            raise RuntimeError('the case %s:%d of seed %s cannot be made' %
+                               (name, number, self.options.seed)) from reason
         outcome, traced = self.run(arguments, name, number)
         wrong = self.judge.wrongs(outcome, traced)
         if outcome.seconds > SECONDS or outcome.kib > KIBIBYTES or outcome.kind in ('time', 'memory'):
@@ -307,12 +330,17 @@ class Worker:
         copy_case(self.work.case, os.path.join(target, 'case'))
         readers.write(os.path.join(target, 'out'), outcome.out)
         readers.write(os.path.join(target, 'err'), outcome.err)
-        again = 'tests/fuzz/mutate.py --seed %s --case "%s:%d" --kiln %s --server %s' % (self.options.seed, name, number, self.options.kiln, self.options.server)
+        again = 'tests/fuzz/mutate.py --seed %s --case "%s:%d" --kiln %s --server %s' % (
+            self.options.seed, name, number, self.options.kiln, self.options.server)
         with open(os.path.join(target, 'verdict'), 'w', encoding='utf-8', errors='replace') as file:
-            file.write('%s\n%s %d after %.2f s, %.2f s of CPU, %d KiB\ncommand: kiln %s\nagain: %s\n' % (kind, outcome.kind, outcome.number, outcome.seconds, outcome.cpu, outcome.kib,
-                                                                                          ' '.join(arguments).replace(self.folder + '/', ''), again))
+            file.write('%s\n%s %d after %.2f s, %.2f s of CPU, %d KiB\ncommand: kiln %s\nagain: %s\n' %
+                       (kind, outcome.kind, outcome.number, outcome.seconds, outcome.cpu, outcome.kib,
+                        ' '.join(arguments).replace(self.folder + '/', ''), again))
         if wrong:
-            print('FAIL %s\n     %s; files in %s\n     again: %s' % (kind.encode('ascii', 'backslashreplace').decode(), last_sentence(outcome).encode('ascii', 'backslashreplace').decode()[:300], target, again), flush=True)
+            print('FAIL %s\n     %s; files in %s\n     again: %s' %
+                  (kind.encode('ascii', 'backslashreplace').decode(),
+                   last_sentence(outcome).encode('ascii', 'backslashreplace').decode()[:300], target, again),
+                  flush=True)
 
     def stop(self):
         for server in self.servers.values():
@@ -343,10 +371,13 @@ def work_through(options, number, seeds, cases, results):
             if number == 0 and time.monotonic() - said > options.every:
                 said = time.monotonic()
                 rate = (i + 1) / (said - start)
-                print('%d of %d cases each, %.0f a second in all, %d failures here, %.0f s left' % (i + 1, len(cases), rate * options.jobs, len(worker.failures), (len(cases) - i) / rate), flush=True)
+                print('%d of %d cases each, %.0f a second in all, %d failures here, %.0f s left' %
+                      (i + 1, len(cases), rate * options.jobs, len(worker.failures), (len(cases) - i) / rate),
+                      flush=True)
         results.put((number, dict(worker.table), worker.failures, None))
     except BaseException as reason:  # told by the parent
-        results.put((number, dict(worker.table), worker.failures, repr(reason) + (' from ' + repr(reason.__cause__) if reason.__cause__ else '')))
+        results.put((number, dict(worker.table), worker.failures,
+                     repr(reason) + (' from ' + repr(reason.__cause__) if reason.__cause__ else '')))
         raise
     finally:
         worker.stop()
@@ -379,22 +410,28 @@ def merged(tables):
 
 
 def print_table(table):
-    print('\n| reader | cases | taken | refused | stopped | mean, s | 99 % within, s | longest, s | most memory, MiB | contained crashes |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |')
+    print('\n| reader | cases | taken | refused | stopped | mean, s | 99 % within, s | longest, s | most memory, MiB '
+          '| contained crashes |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |')
     rows = [(name, table[name]) for name in readers.READERS if name in table]
     total = merged([{'all': row} for _, row in rows])['all']
     for name, row in rows + [('all', total)]:
         times = sorted(row['times'])
         inside = ', '.join('%s %d' % pair for pair in sorted(row['contained'].items())) or '0'
-        print('| %s | %d | %d | %d | %d | %.3f | %.2f | %.2f | %d | %s |' % (name, row['cases'], row['taken'], row['refused'], row['stopped'], sum(times) / max(1, len(times)), times[int(0.99 * (len(times) - 1))] if times else 0,
+        print('| %s | %d | %d | %d | %d | %.3f | %.2f | %.2f | %d | %s |' %
+              (name, row['cases'], row['taken'], row['refused'], row['stopped'], sum(times) / max(1, len(times)),
+               times[int(0.99 * (len(times) - 1))] if times else 0,
                                                              row['worst'], row['most'] >> 10, inside))
-    print('\nThe longest: %s.' % ', '.join('%s %.1f s' % (name, seconds) for seconds, name in sorted(total['slowest'])[:-6:-1]))
-    print('With sanitizers %d took more than %g s and %d more than 1 GiB; %d ran under strace.' % (total['slow'], SECONDS, total['large'], total['traced']))
+    print('\nThe longest: %s.' %
+          ', '.join('%s %.1f s' % (name, seconds) for seconds, name in sorted(total['slowest'])[:-6:-1]))
+    print('With sanitizers %d took more than %g s and %d more than 1 GiB; %d ran under strace.' %
+          (total['slow'], SECONDS, total['large'], total['traced']))
 
 
 def run_all(options, seeds):
     cases = plan(options)
     results, start = multiprocessing.SimpleQueue(), time.monotonic()
-    processes = [multiprocessing.Process(target=work_through, args=(options, j, seeds, cases[j::options.jobs], results)) for j in range(options.jobs)]
+    processes = [multiprocessing.Process(target=work_through, args=(options, j, seeds, cases[j::options.jobs],
+                                                                    results)) for j in range(options.jobs)]
     for process in processes:
         process.start()
     ended = [results.get() for _ in processes]
@@ -405,7 +442,9 @@ def run_all(options, seeds):
     failures = collections.Counter(f for _, _, some, _ in ended for f in some)
     broken = [reason for _, _, _, reason in ended if reason]
     print_table(table)
-    print('%d cases of seed %s in %.0f s, %.0f a second by %d processes; %d failures of %d kinds' % (len(cases), options.seed, seconds, len(cases) / seconds, options.jobs, sum(failures.values()), len(failures)))
+    print('%d cases of seed %s in %.0f s, %.0f a second by %d processes; %d failures of %d kinds' %
+          (len(cases), options.seed, seconds, len(cases) / seconds, options.jobs, sum(failures.values()),
+           len(failures)))
     for kind, count in failures.most_common():
         print('%6d  %s' % (count, kind.encode('ascii', 'backslashreplace').decode()))
     for reason in broken:
@@ -426,13 +465,18 @@ def run_one(options, seeds):
 def arguments(more=()):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--kiln', default=os.environ.get('KILN'), help='the program, a release build')
-    parser.add_argument('--server', default=os.environ.get('KILN_FUZZ_SERVER', os.path.join(readers.REPOSITORY, 'build', 'asan', 'tests', 'fuzz_server')))
+    parser.add_argument('--server',
+                        default=os.environ.get('KILN_FUZZ_SERVER',
+                                               os.path.join(readers.REPOSITORY, 'build', 'asan', 'tests',
+                                                            'fuzz_server')))
     parser.add_argument('--seed', default=os.environ.get('KILN_SEED', '1'))
     parser.add_argument('--cases', type=int, default=int(os.environ.get('KILN_CASES', '2000')))
-    parser.add_argument('--first', type=int, default=0, help='number of each reader\'s first case, to go on where a run was cut short')
+    parser.add_argument('--first', type=int, default=0,
+                        help='number of each reader\'s first case, to go on where a run was cut short')
     parser.add_argument('--readers', default='', help='of ' + ', '.join(readers.READERS))
     parser.add_argument('--jobs', type=int, default=2)
-    parser.add_argument('--traced', type=int, default=50, help='one case in so many runs in the release build under strace; 0: none')
+    parser.add_argument('--traced', type=int, default=50,
+                        help='one case in so many runs in the release build under strace; 0: none')
     parser.add_argument('--leaks', type=int, default=16, help='leaks are looked for in one case of so many; 0: in none')
     parser.add_argument('--every', type=float, default=60, help='seconds between lines of progress')
     parser.add_argument('--case', help='READER:NUMBER, only this one')
@@ -451,7 +495,8 @@ def prepare(options):
     if options.traced and shutil.which('strace') is None:
         print('strace is not installed: only the watched folder tells of accesses elsewhere')
         options.traced = 0
-    options.keep, options.keep_all = options.keep or os.path.join(tempfile.gettempdir(), 'kiln-fuzz-failures-%d' % os.getpid()), False
+    options.keep, options.keep_all = options.keep or os.path.join(tempfile.gettempdir(),
+                                                                  'kiln-fuzz-failures-%d' % os.getpid()), False
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     return True
 

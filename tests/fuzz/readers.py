@@ -1,7 +1,7 @@
 """Whatever kiln reads, one row each in READERS: how a case of it is made, and the command that reads it.
 
-A case is a folder, `case` in the work folder, that holds all that the command may read, and `given`, where it may write. make(r, w) writes the
-files and returns the arguments of kiln."""
+A case is a folder, `case` in the work folder, that holds all that the command may read, and `given`, where it may
+write. make(r, w) writes the files and returns the arguments of kiln."""
 import base64
 import ctypes
 import glob
@@ -24,11 +24,15 @@ sys.path.insert(0, os.path.join(REPOSITORY, 'tests', 'common'))
 import exr as exr_file  # noqa: E402
 
 SMALL = ('--lightmap-size', '4')
-BAKE = ('--backend', 'embree', '--lightmap-size', '4', '--samples-direct', '1', '--samples-bounce', '2', '--samples-indirect', '2', '--bounces', '2', '--samples-probe', '2',
+BAKE = ('--backend', 'embree', '--lightmap-size', '4', '--samples-direct', '1', '--samples-bounce', '2',
+        '--samples-indirect', '2', '--bounces', '2', '--samples-probe', '2',
         '--probe-spacing', '0.5', '--error-map', '--no-preview', '--threads', '1', '--quiet', '--watchdog', '0')
-SECTIONS = ('strings', 'materials', 'textures', 'texels', 'meshes', 'objects', 'lights', 'cameras', 'environment', 'environment texels', 'positions', 'normals',
-            'base', 'emission', 'lightmap', 'colors', 'triangles', 'triangle materials', 'sources', 'notes', 'triangle sources')
-HEADER, SECTION_TABLE = 472, 136  # sizes in a scene file: of the header, and of what stands before its table of sections
+SECTIONS = ('strings', 'materials', 'textures', 'texels', 'meshes', 'objects', 'lights', 'cameras', 'environment',
+            'environment texels', 'positions', 'normals',
+            'base', 'emission', 'lightmap', 'colors', 'triangles', 'triangle materials', 'sources', 'notes',
+            'triangle sources')
+# sizes in a scene file: of the header, and of what stands before its table of sections
+HEADER, SECTION_TABLE = 472, 136
 
 
 class Hash128(ctypes.Structure):
@@ -83,14 +87,22 @@ def write(path, data):
 
 def quad(textured=True, uri='image.png'):
     """A square as a .gltf, with an image of its own file."""
-    points = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]], '<f4').tobytes() + np.array([[0, 0], [1, 0], [1, 1], [0, 1]], '<f4').tobytes() + np.array([0, 2, 1, 0, 3, 2], '<u2').tobytes()
-    material = {'pbrMetallicRoughness': {'baseColorTexture': {'index': 0}}, 'emissiveTexture': {'index': 0}, 'emissiveFactor': [1, 1, 1]} if textured else {'emissiveFactor': [1, 1, 1]}
-    tree = {'asset': {'version': '2.0'}, 'scene': 0, 'scenes': [{'nodes': [0]}], 'nodes': [{'mesh': 0, 'name': 'square'}],
-            'meshes': [{'primitives': [{'attributes': {'POSITION': 0, 'TEXCOORD_0': 1}, 'indices': 2, 'material': 0}]}], 'materials': [material],
-            'buffers': [{'byteLength': len(points), 'uri': 'data:application/octet-stream;base64,' + base64.b64encode(points).decode()}],
-            'bufferViews': [{'buffer': 0, 'byteLength': 48}, {'buffer': 0, 'byteOffset': 48, 'byteLength': 32}, {'buffer': 0, 'byteOffset': 80, 'byteLength': 12}],
-            'accessors': [{'bufferView': 0, 'componentType': 5126, 'count': 4, 'type': 'VEC3', 'min': [0, 0, 0], 'max': [1, 0, 1]},
-                          {'bufferView': 1, 'componentType': 5126, 'count': 4, 'type': 'VEC2'}, {'bufferView': 2, 'componentType': 5123, 'count': 6, 'type': 'SCALAR'}]}
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]], '<f4').tobytes() + np.array(
+        [[0, 0], [1, 0], [1, 1], [0, 1]], '<f4').tobytes() + np.array([0, 2, 1, 0, 3, 2], '<u2').tobytes()
+    material = {'pbrMetallicRoughness': {'baseColorTexture': {'index': 0}}, 'emissiveTexture': {'index': 0},
+                'emissiveFactor': [1, 1, 1]} if textured else {'emissiveFactor': [1, 1, 1]}
+    tree = {'asset': {'version': '2.0'}, 'scene': 0, 'scenes': [{'nodes': [0]}],
+            'nodes': [{'mesh': 0, 'name': 'square'}],
+            'meshes': [{'primitives': [{'attributes': {'POSITION': 0, 'TEXCOORD_0': 1}, 'indices': 2, 'material': 0}]}],
+            'materials': [material],
+            'buffers': [{'byteLength': len(points), 'uri': 'data:application/octet-stream;base64,' +
+                         base64.b64encode(points).decode()}],
+            'bufferViews': [{'buffer': 0, 'byteLength': 48}, {'buffer': 0, 'byteOffset': 48, 'byteLength': 32},
+                            {'buffer': 0, 'byteOffset': 80, 'byteLength': 12}],
+            'accessors': [{'bufferView': 0, 'componentType': 5126, 'count': 4, 'type': 'VEC3', 'min': [0, 0, 0],
+                           'max': [1, 0, 1]},
+                          {'bufferView': 1, 'componentType': 5126, 'count': 4, 'type': 'VEC2'},
+                          {'bufferView': 2, 'componentType': 5123, 'count': 6, 'type': 'SCALAR'}]}
     if textured:
         tree['images'], tree['textures'] = [{'uri': uri}], [{'source': 0}]
     return json.dumps(tree).encode()
@@ -111,22 +123,29 @@ def radiance(width, height, packed):
     rows = []
     for y in range(height):
         row = texels[y * width:(y + 1) * width]
-        rows.append(b'\2\2' + struct.pack('>H', width) + b''.join(bytes([width]) + bytes(t[c] for t in row) if c < 2 else bytes((128 + width, row[0][c])) for c in range(4)))
+        rows.append(b'\2\2' + struct.pack('>H', width) +
+                    b''.join(bytes([width]) + bytes(t[c] for t in row) if c < 2 else bytes((128 + width, row[0][c]))
+                             for c in range(4)))
     return head + b''.join(rows)
 
 
 class Seeds:
-    """Good files, made once a run: from the repository, and by one small bake and two that were stopped (by one rank and by two)."""
+    """Good files, made once a run: from the repository, and by one small bake and two that were stopped (by one rank
+    and by two)."""
 
     def __init__(self, folder, program, environment):
         self.folder, self.program, self.environment = folder, program, environment
         corpus = os.path.join(HERE, 'corpus', 'seeds')
-        self.glb = [read(p) for p in sorted(glob.glob(os.path.join(corpus, '*.glb')))] + [read(os.path.join(REPOSITORY, 'tests', 'data', 'punctual_zoo.glb')),
-                                                                                          read(os.path.join(REPOSITORY, 'jobs', 'furnace.glb'))]
+        own = [os.path.join(REPOSITORY, 'tests', 'data', 'punctual_zoo.glb'),
+               os.path.join(REPOSITORY, 'jobs', 'furnace.glb')]
+        self.glb = [read(p) for p in sorted(glob.glob(os.path.join(corpus, '*.glb'))) + own]
         chunked = [formats.glb_parts(g) for g in self.glb]
-        self.gltf = [quad(), quad(False), read(os.path.join(corpus, 'data_uri.gltf'))] + [self.inlined(c) for c in chunked if len(c) > 1 and len(c[1][1]) < 9000]
-        self.obj = [(read(os.path.join(corpus, n + '.obj')), read(os.path.join(corpus, n + '.mtl'))) for n in ('box_ok', 'cornell_original')]
-        pictures = images_of(read(os.path.join(corpus, 'image_formats.glb'))) + images_of(read(os.path.join(corpus, 'alpha_modes.glb')))
+        self.gltf = [quad(), quad(False), read(os.path.join(corpus, 'data_uri.gltf'))] + [
+            self.inlined(c) for c in chunked if len(c) > 1 and len(c[1][1]) < 9000]
+        self.obj = [(read(os.path.join(corpus, n + '.obj')), read(os.path.join(corpus, n + '.mtl')))
+                    for n in ('box_ok', 'cornell_original')]
+        pictures = images_of(read(os.path.join(corpus, 'image_formats.glb'))) + images_of(
+            read(os.path.join(corpus, 'alpha_modes.glb')))
         self.png = [p for p in pictures if p[:4] == b'\x89PNG']
         self.jpeg = [p for p in pictures if p[:2] == b'\xff\xd8']
         self.hdr = [radiance(4, 2, False), radiance(16, 8, True), radiance(9, 3, True)]
@@ -144,14 +163,16 @@ class Seeds:
     def exr_files(self):
         rng = np.random.default_rng(1)
         path, made = os.path.join(self.folder, 'seed.exr'), []
-        for names, half, packing, size in (('RGB', (), 'ZIP', (4, 8)), ('RGB', ('R', 'G', 'B'), 'NONE', (3, 5)), ('Y', (), 'ZIPS', (8, 16)), ('RGBA', ('A',), 'ZIP', (40, 20))):
+        for names, half, packing, size in (('RGB', (), 'ZIP', (4, 8)), ('RGB', ('R', 'G', 'B'), 'NONE', (3, 5)),
+                                           ('Y', (), 'ZIPS', (8, 16)), ('RGBA', ('A',), 'ZIP', (40, 20))):
             exr_file.write(path, {c: rng.random(size, np.float32) for c in names}, half, packing)
             made.append(read(path))
         os.unlink(path)
         return made
 
     def run(self, words, codes, more=None):
-        ended = subprocess.run(words, env={**self.environment, **(more or {})}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False, timeout=300)
+        ended = subprocess.run(words, env={**self.environment, **(more or {})}, stdout=subprocess.PIPE,
+                               stderr=subprocess.STDOUT, text=True, check=False, timeout=300)
         if ended.returncode not in codes:
             sys.exit('a seed cannot be made: %s ended with %d\n%s' % (' '.join(words), ended.returncode, ended.stdout))
         return ended.returncode
@@ -172,8 +193,10 @@ class Seeds:
         launcher = ['mpirun', '--bind-to', 'none', '--oversubscribe', '-n', str(ranks)] if ranks > 1 else []
         if ranks > 1 and shutil.which('mpirun') is None:
             return None
-        for limit in ('0.8', '0.4', '0.2', '1.6', '0.1', '3.2', '0.05', '0.6'):  # s; where a machine is very slow there is nothing to keep yet
-            self.run([*launcher, self.program, 'bake', self.scene(), '-o', target, *BAKE, '--no-work-stealing', '--max-time', limit], (0, 75), {'KILN_SLOW_RANK': '%d:4000' % (ranks - 1)})
+        # s; where a machine is very slow there is nothing to keep yet
+        for limit in ('0.8', '0.4', '0.2', '1.6', '0.1', '3.2', '0.05', '0.6'):
+            self.run([*launcher, self.program, 'bake', self.scene(), '-o', target, *BAKE, '--no-work-stealing',
+                      '--max-time', limit], (0, 75), {'KILN_SLOW_RANK': '%d:4000' % (ranks - 1)})
             if glob.glob(os.path.join(target, 'checkpoint', 'gen-*')):
                 return target
             shutil.rmtree(target)
@@ -193,9 +216,12 @@ class Work:
         for name in ('secret.bin', 'secret.png', 'secret.mtl', 'x', 'secret.hdr'):
             write(os.path.join(self.outside, name), b'what must stay unread\n' * 3)
         shutil.copy(os.path.join(seeds.bake, 'volume.hdf'), os.path.join(self.outside, 'secret.hdf'))
-        self.references = ['../outside/secret.bin', os.path.join(self.outside, 'secret.bin'), 'file://' + os.path.join(self.outside, 'secret.png'), '..%2foutside%2fsecret.bin',
-                           '..\\outside\\secret.bin', 'link/secret.bin', 'link/secret.png', './link/../link/secret.hdr', '../outside', '/dev/zero', '/etc/passwd', '/proc/self/environ', 'fifo', 'a/../../outside/x']
-        self.hdf5 = [os.path.join(self.outside, 'secret.hdf'), os.path.join(self.outside, 'secret.bin'), '../outside/secret.hdf', '../../outside/secret.hdf', os.path.join(self.case, 'fifo'),
+        self.references = ['../outside/secret.bin', os.path.join(self.outside, 'secret.bin'),
+                           'file://' + os.path.join(self.outside, 'secret.png'), '..%2foutside%2fsecret.bin',
+                           '..\\outside\\secret.bin', 'link/secret.bin', 'link/secret.png', './link/../link/secret.hdr',
+                           '../outside', '/dev/zero', '/etc/passwd', '/proc/self/environ', 'fifo', 'a/../../outside/x']
+        self.hdf5 = [os.path.join(self.outside, 'secret.hdf'), os.path.join(self.outside, 'secret.bin'),
+                     '../outside/secret.hdf', '../../outside/secret.hdf', os.path.join(self.case, 'fifo'),
                      '/etc/passwd', '/dev/zero', 'fifo', '../fifo', 'secret.hdf', 'run.json']
 
     def clean(self):
@@ -275,9 +301,12 @@ def option_names(cache=[]):
 
 
 JOBS = [b'# a job\nscene: scene.gltf\nquality: draft\nlightmap-size: 8\nbounces: all\nerror-map: true\n',
-        b'scene: scene.gltf\ntexels-per-metre: 16\nprobe-spacing: 0.5\nschedule: equal\nbounces: 12\nenvironment: "1,1,1"\nseed: 7\n',
-        b'scene: scene.gltf\nobjects:\n  "sq*": {density-scale: 2, role: both}\n  square:\n    lightmap-size: 4\n    sides: two\n',
-        b'scene: scene.gltf\nbackend: embree\nthreads: 2\npartition: cells\nmax-time: 60\ncheckpoint-every: 10\nexposure: 1.5\n']
+        b'scene: scene.gltf\ntexels-per-metre: 16\nprobe-spacing: 0.5\nschedule: equal\nbounces: 12\nenvironment: '
+        b'"1,1,1"\nseed: 7\n',
+        b'scene: scene.gltf\nobjects:\n  "sq*": {density-scale: 2, role: both}\n  square:\n    lightmap-size: 4\n    '
+        b'sides: two\n',
+        b'scene: scene.gltf\nbackend: embree\nthreads: 2\npartition: cells\nmax-time: 60\ncheckpoint-every: 10\n'
+        b'exposure: 1.5\n']
 
 
 def make_job(r, w):
@@ -293,19 +322,23 @@ def scene_file(r, data):
     kind = r.random()
     for _ in range(r.choice((1, 1, 2))):
         if kind < 0.15:
-            data = formats.field(r, data, r.choice((0, 4)), 4) if r.random() < 0.3 else formats.field(r, data, r.randrange(32, SECTION_TABLE, 8), 8)
+            data = formats.field(r, data, r.choice((0, 4)), 4) if r.random() < 0.3 else formats.field(
+                r, data, r.randrange(32, SECTION_TABLE, 8), 8)
         elif kind < 0.45:
             data = formats.field(r, data, SECTION_TABLE + 8 * r.randrange(2 * len(SECTIONS)), 8)
         elif kind < 0.97:
-            filled = [i for i in range(len(SECTIONS)) if struct.unpack_from('<Q', data, SECTION_TABLE + 16 * i + 8)[0] > 0]
+            filled = [i for i in range(len(SECTIONS))
+                      if struct.unpack_from('<Q', data, SECTION_TABLE + 16 * i + 8)[0] > 0]
             i = r.choice(filled)
             first = struct.unpack_from('<Q', data, SECTION_TABLE + 16 * i)[0]
-            later = [o for o in (struct.unpack_from('<Q', data, SECTION_TABLE + 16 * j)[0] for j in filled) if o > first]
+            later = [o for o in (struct.unpack_from('<Q', data, SECTION_TABLE + 16 * j)[0] for j in filled)
+                     if o > first]
             end = min(later + [len(data)])
             if not first < end <= len(data):
                 return data
             part = data[first:end]
-            part = formats.floats(r, part) if r.random() < 0.7 else formats.havoc(r, part, 2)[:len(part)].ljust(len(part), b'\0')
+            part = formats.floats(r, part) if r.random() < 0.7 else formats.havoc(r, part, 2)[:len(part)].ljust(
+                len(part), b'\0')
             data = data[:first] + part + data[end:]
         else:
             return formats.havoc(r, data)
@@ -333,10 +366,14 @@ def asked(r, w, folder, *weighted):
     names, weights = zip(*weighted)
     command = r.choices(names, weights)[0]
     place = ('0.3', '0.4', '0.5') if r.random() < 0.7 else tuple(repr(r.uniform(-2, 2)) for _ in range(3))
-    return {'verify': ['verify', folder], 'probe': ['probe', folder, *place], 'view': ['view', folder, '-o', w.output('view.png'), '--width', '16', '--height', '16'],
-            'report': ['report', folder, '-o', w.output('report.html')], 'compare': ['compare', folder, w.seeds.bake] if r.random() < 0.5 else ['compare', w.seeds.bake, folder],
-            'export': ['export', folder, '-o', w.output('scene.glb')], 'status': ['status', folder, *(('--json',) if r.random() < 0.5 else ())],
-            'info': ['info', os.path.join(folder, 'scene.kscene')], 'look': ['info', os.path.join(folder, 'scene.glb'), *SMALL],
+    return {'verify': ['verify', folder], 'probe': ['probe', folder, *place],
+            'view': ['view', folder, '-o', w.output('view.png'), '--width', '16', '--height', '16'],
+            'report': ['report', folder, '-o', w.output('report.html')], 'compare': ['compare', folder, w.seeds.bake]
+            if r.random() < 0.5 else ['compare', w.seeds.bake, folder],
+            'export': ['export', folder, '-o', w.output('scene.glb')],
+            'status': ['status', folder, *(('--json',) if r.random() < 0.5 else ())],
+            'info': ['info', os.path.join(folder, 'scene.kscene')],
+            'look': ['info', os.path.join(folder, 'scene.glb'), *SMALL],
             'again': ['bake', w.seeds.scene(), '-o', folder, *BAKE]}[command]
 
 
@@ -353,7 +390,8 @@ def make_hdf5(r, w, name, *weighted):
 
 def make_lightmap(r, w):
     folder = w.copy('bake', w.seeds.bake)
-    name = r.choice(sorted(os.path.relpath(p, folder) for p in glob.glob(os.path.join(folder, 'lightmaps', '**', '*.exr'), recursive=True)))
+    name = r.choice(sorted(os.path.relpath(p, folder)
+                           for p in glob.glob(os.path.join(folder, 'lightmaps', '**', '*.exr'), recursive=True)))
     path = os.path.join(folder, name)
     if r.random() < 0.02:
         os.unlink(path)
@@ -394,7 +432,8 @@ def make_run(r, w):
     path = os.path.join(folder, 'run.json')
     write(path, mutated_json(r, read(path)))
     reseal_bake(folder, 'run.json')
-    return asked(r, w, folder, ('report', 4), ('status', 3), ('export', 2), ('view', 1), ('probe', 2), ('verify', 2), ('compare', 2), ('again', 0.1))
+    return asked(r, w, folder, ('report', 4), ('status', 3), ('export', 2), ('view', 1), ('probe', 2), ('verify', 2),
+                 ('compare', 2), ('again', 0.1))
 
 
 def make_manifest(r, w):
@@ -403,7 +442,8 @@ def make_manifest(r, w):
     tree = json.loads(unseal(read(path)))
     if r.random() < 0.5:
         entry = r.choice(tree['files'])
-        entry[r.choice(('path', 'path', 'bytes', 'xxh3_128'))] = r.choice((formats.word(r), formats.integer(r), formats.word(r)))
+        entry[r.choice(('path', 'path', 'bytes', 'xxh3_128'))] = r.choice(
+            (formats.word(r), formats.integer(r), formats.word(r)))
         text = formats.dumps(tree)
     else:
         text = mutated_json(r, json.dumps(tree).encode())
@@ -452,7 +492,8 @@ def make_checkpoint_part(r, w):
     data = read(path)
     if r.random() < 0.02:
         os.unlink(path)
-        r.choice((lambda: os.mkfifo(path), lambda: os.symlink(os.path.join(w.outside, 'secret.bin'), path), lambda: os.mkdir(path)))()
+        r.choice((lambda: os.mkfifo(path), lambda: os.symlink(os.path.join(w.outside, 'secret.bin'), path),
+                  lambda: os.mkdir(path)))()
     else:
         blocks = [b for b in part['blocks'] if b[2] * b[3] > 0]
         if blocks and r.random() < 0.8:
@@ -462,7 +503,8 @@ def make_checkpoint_part(r, w):
             for _ in range(r.choice((1, 3, 50))):
                 at = r.randrange(size)
                 wide = min(size - at, r.choice((1, 4, 8)))
-                value = formats.packed(formats.integer(r), wide) if r.random() < 0.5 else struct.pack('<d', r.choice(formats.NUMBERS + [float('nan'), float('inf')]))[:wide]
+                value = formats.packed(formats.integer(r), wide) if r.random() < 0.5 else struct.pack(
+                    '<d', r.choice(formats.NUMBERS + [float('nan'), float('inf')]))[:wide]
                 piece = piece[:at] + value + piece[at + wide:]
             data = data[:first] + piece + data[first + size:]
         else:
@@ -481,7 +523,8 @@ def make_status(r, w):
     return ['status', folder, *(('--json',) if r.random() < 0.5 else ())]
 
 
-STATUS = json.dumps({'state': 'stopped', 'phase': 'direct', 'share': 0.5, 'left': 3.0, 'seconds': 12.0, 'ranks': 2, 'host': 'node1', 'process': 12345, 'started': 1, 'updated': 1.7e9,
+STATUS = json.dumps({'state': 'stopped', 'phase': 'direct', 'share': 0.5, 'left': 3.0, 'seconds': 12.0, 'ranks': 2,
+                     'host': 'node1', 'process': 12345, 'started': 1, 'updated': 1.7e9,
                      'beat': 3, 'generation': 1, 'saved': 1.7e9, 'code': 75, 'message': 'stopped as asked'}).encode()
 
 # name: (share of the cases, make)
@@ -496,7 +539,8 @@ READERS = {
     'mtl': (5, make_mtl),
     'job': (7, make_job),
     'scene': (5, make_scene_file),
-    'kiln.h5': (3, lambda r, w: make_hdf5(r, w, 'kiln.h5', ('verify', 6), ('report', 2), ('compare', 1), ('view', 0.5))),
+    'kiln.h5': (3, lambda r,
+                w: make_hdf5(r, w, 'kiln.h5', ('verify', 6), ('report', 2), ('compare', 1), ('view', 0.5))),
     'volume.hdf': (4, lambda r, w: make_hdf5(r, w, 'volume.hdf', ('probe', 6), ('verify', 4), ('report', 1))),
     'lightmap': (3, make_lightmap),
     'bake scene': (2, make_bake_scene),

@@ -37,7 +37,8 @@ def kiln(*arguments, timeout=300, folder=None, space=None):
     begin = time.monotonic()
     confine = (lambda: resource.setrlimit(resource.RLIMIT_AS, (space, space))) if space and not SANITIZED else None
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-        child = subprocess.Popen([KILN, *map(str, arguments)], stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=folder, preexec_fn=confine)
+        child = subprocess.Popen([KILN, *map(str, arguments)], stdin=subprocess.DEVNULL, stdout=out, stderr=err,
+                                 cwd=folder, preexec_fn=confine)
         while True:
             pid, status, usage = os.wait4(child.pid, os.WNOHANG)
             if pid != 0:
@@ -49,7 +50,8 @@ def kiln(*arguments, timeout=300, folder=None, space=None):
         seconds = time.monotonic() - begin
         out.seek(0)
         err.seek(0)
-        return Answer(child.returncode, out.read().decode("utf-8", "replace"), err.read().decode("utf-8", "replace"), seconds,
+        return Answer(child.returncode, out.read().decode("utf-8", "replace"), err.read().decode("utf-8", "replace"),
+                      seconds,
                       usage.ru_maxrss * 1024)
 
 
@@ -100,7 +102,8 @@ def quad(**more):
     """A scene of one quad with its buffer as a data URI; `more` replaces or adds top-level members."""
     scene = {
         "asset": {"version": "2.0"},
-        "buffers": [{"byteLength": len(QUAD), "uri": "data:application/octet-stream;base64," + base64.b64encode(QUAD).decode()}],
+        "buffers": [{"byteLength": len(QUAD), "uri": "data:application/octet-stream;base64," +
+                     base64.b64encode(QUAD).decode()}],
         "bufferViews": [{"buffer": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 12}],
         "accessors": [{"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
                       {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"}],

@@ -1,5 +1,6 @@
-"""Every malformed scene of ../shared/scenes/own/bad is answered with exit code 65 and a sentence; so are the files of the Khronos
-validator's and Assimp's collections, as far as kiln does not take them: never a crash, never long, never much memory."""
+"""Every malformed scene of ../shared/scenes/own/bad is answered with exit code 65 and a sentence; so are the files of
+the Khronos validator's and Assimp's collections, as far as kiln does not take them: never a crash, never long, never
+much memory."""
 import glob
 import json
 import os

@@ -1,5 +1,5 @@
-"""Compressed meshes: Draco, meshopt with its filters, quantized attributes. They are what their plain twins are, within quantization;
-damaged ones get sentences."""
+"""Compressed meshes: Draco, meshopt with its filters, quantized attributes. They are what their plain twins are, within
+quantization; damaged ones get sentences."""
 import ctypes
 import json
 import os
@@ -40,13 +40,15 @@ def join(path, document, binary):
 def compressed_ranges(document):
     """Where compressed bytes stand in the binary chunk."""
     views = document["bufferViews"]
-    ranges = [(v["extensions"]["EXT_meshopt_compression"]["byteOffset"], v["extensions"]["EXT_meshopt_compression"]["byteLength"])
+    ranges = [(v["extensions"]["EXT_meshopt_compression"]["byteOffset"],
+               v["extensions"]["EXT_meshopt_compression"]["byteLength"])
               for v in views if "EXT_meshopt_compression" in v.get("extensions", {})]
     for mesh in document["meshes"]:
         for primitive in mesh["primitives"]:
             draco = primitive.get("extensions", {}).get("KHR_draco_mesh_compression")
             if draco is not None:
-                ranges.append((views[draco["bufferView"]].get("byteOffset", 0), views[draco["bufferView"]]["byteLength"]))
+                ranges.append((views[draco["bufferView"]].get("byteOffset", 0),
+                               views[draco["bufferView"]]["byteLength"]))
     return ranges
 
 
@@ -55,14 +57,17 @@ class Meshopt:
 
     def __init__(self):
         self.library = ctypes.CDLL("libmeshoptimizer.so.2d")
-        for name in ("encodeVertexBuffer", "encodeVertexBufferBound", "encodeIndexBuffer", "encodeIndexBufferBound", "encodeIndexSequence",
+        for name in ("encodeVertexBuffer", "encodeVertexBufferBound", "encodeIndexBuffer", "encodeIndexBufferBound",
+                     "encodeIndexSequence",
                      "encodeIndexSequenceBound"):
             getattr(self.library, "meshopt_" + name).restype = ctypes.c_size_t
 
     def call(self, name, bound, data, *sizes):
         size = getattr(self.library, f"meshopt_{name}Bound")(*map(ctypes.c_size_t, bound))
         out = ctypes.create_string_buffer(size)
-        used = getattr(self.library, "meshopt_" + name)(out, ctypes.c_size_t(size), data.ctypes.data_as(ctypes.c_void_p), *map(ctypes.c_size_t, sizes))
+        used = getattr(self.library, "meshopt_" + name)(out, ctypes.c_size_t(size),
+                                                        data.ctypes.data_as(ctypes.c_void_p),
+                                                        *map(ctypes.c_size_t, sizes))
         assert used > 0
         return out.raw[:used]
 
@@ -72,8 +77,10 @@ class Meshopt:
     def filtered(self, name, values, stride, bits):
         values = np.ascontiguousarray(values, np.float32)
         out = np.zeros((len(values), stride), np.uint8)
-        getattr(self.library, "meshopt_encodeFilter" + name)(out.ctypes.data_as(ctypes.c_void_p), ctypes.c_size_t(len(values)), ctypes.c_size_t(stride),
-                                                              ctypes.c_int(bits), values.ctypes.data_as(ctypes.c_void_p))
+        getattr(self.library, "meshopt_encodeFilter" + name)(out.ctypes.data_as(ctypes.c_void_p),
+                                                             ctypes.c_size_t(len(values)), ctypes.c_size_t(stride),
+                                                              ctypes.c_int(bits),
+                                                             values.ctypes.data_as(ctypes.c_void_p))
         return self.vertices(out, stride)
 
 
@@ -93,10 +100,12 @@ class Compressed(importing.Case):
 
     def bake(self, scene):
         out = os.path.join(self.folder(), "out")
-        answer = kiln("bake", scene, "-o", out, "--texels-per-metre", 6, "--samples-direct", 64, "--samples-indirect", 64, "--samples-probe", 0,
+        answer = kiln("bake", scene, "-o", out, "--texels-per-metre", 6, "--samples-direct", 64, "--samples-indirect",
+                      64, "--samples-probe", 0,
                       "--bounces", 1, "--backend", "embree", "--no-preview", "--quiet")
         self.assertEqual(answer.code, 0, answer.err)
-        return {name: exr.read(os.path.join(out, "lightmaps", name))[0]["G"] for name in sorted(os.listdir(os.path.join(out, "lightmaps")))}
+        return {name: exr.read(os.path.join(out, "lightmaps", name))[0]["G"]
+                for name in sorted(os.listdir(os.path.join(out, "lightmaps")))}
 
     def same_light(self, plain, other):
         self.assertEqual({n: v.shape for n, v in plain.items()}, {n: v.shape for n, v in other.items()})
@@ -129,7 +138,8 @@ class Compressed(importing.Case):
                     accessor["componentType"] = 5125 if wide else 5123
                     extension["mode"] = "INDICES" if sequence else "TRIANGLES"
                     indices = np.ascontiguousarray(values.ravel(), np.uint32)
-                    data = coder.call("encodeIndexSequence" if sequence else "encodeIndexBuffer", (len(indices), int(indices.max()) + 1), indices, len(indices))
+                    data = coder.call("encodeIndexSequence" if sequence else "encodeIndexBuffer",
+                                      (len(indices), int(indices.max()) + 1), indices, len(indices))
                 elif name == "NORMAL":
                     count = next(bits)
                     stride = 4 if count == 8 else 8
@@ -141,26 +151,32 @@ class Compressed(importing.Case):
                     data = coder.filtered("Exp", values, stride, 18)
                 else:
                     data = coder.vertices(values.view(np.uint8).reshape(len(values), stride), stride)
-                extension.update(buffer=0, byteOffset=len(packed), byteLength=len(data), byteStride=stride, count=len(values))
+                extension.update(buffer=0, byteOffset=len(packed), byteLength=len(data), byteStride=stride,
+                                 count=len(values))
                 packed += data + b"\0" * (-len(data) % 4)
-                view = {"buffer": 1, "byteOffset": size, "byteLength": stride * len(values), "extensions": {"EXT_meshopt_compression": extension}}
+                view = {"buffer": 1, "byteOffset": size, "byteLength": stride * len(values),
+                        "extensions": {"EXT_meshopt_compression": extension}}
                 if name != "indices":
                     view["byteStride"] = stride
                 size += -(-stride * len(values) // 4) * 4
                 accessor["bufferView"] = len(document["bufferViews"])
                 accessor.pop("byteOffset", None)
                 document["bufferViews"].append(view)
-        document["buffers"] = [{"byteLength": len(packed)}, {"byteLength": size, "extensions": {"EXT_meshopt_compression": {"fallback": True}}}]
-        document["extensionsUsed"] = sorted({*document.get("extensionsUsed", []), "EXT_meshopt_compression", "KHR_mesh_quantization"})
+        document["buffers"] = [{"byteLength": len(packed)},
+                               {"byteLength": size, "extensions": {"EXT_meshopt_compression": {"fallback": True}}}]
+        document["extensionsUsed"] = sorted({*document.get("extensionsUsed", []), "EXT_meshopt_compression",
+                                             "KHR_mesh_quantization"})
         document["extensionsRequired"] = ["EXT_meshopt_compression", "KHR_mesh_quantization"]
         return join(path, document, packed)
 
     def test_claims_are_checked(self):
         """Numbers of the document that the compressed data does not bear out."""
         for name, change, words in (
-                ("draco_required.glb", lambda d: [a.update(count=5) for a in d["accessors"][1:5]], ["POSITION", "5 elements", "has 4"]),
+                ("draco_required.glb", lambda d: [a.update(count=5) for a in d["accessors"][1:5]],
+                 ["POSITION", "5 elements", "has 4"]),
                 ("draco_required.glb", lambda d: d["accessors"][0].update(count=9), ["indices", "9 elements", "has 6"]),
-                ("draco_required.glb", lambda d: self.draco(d)["attributes"].update(NORMAL=77), ["NORMAL", "attribute 77"]),
+                ("draco_required.glb", lambda d: self.draco(d)["attributes"].update(NORMAL=77),
+                 ["NORMAL", "attribute 77"]),
                 ("draco_required.glb", lambda d: d["accessors"][3].update(type="VEC3"), ["TEXCOORD_0"]),
                 ("draco_required.glb", lambda d: self.draco(d).update(bufferView=99), ["bufferView"]),
                 ("draco_required.glb", lambda d: self.draco(d).pop("bufferView"), ["bufferView", "missing"]),
@@ -175,7 +191,8 @@ class Compressed(importing.Case):
                 ("meshopt_required.glb", lambda d: self.meshopt(d).update(filter="SHARP"), ["filter", "'SHARP'"]),
                 ("meshopt_required.glb", lambda d: self.meshopt(d).update(byteOffset=23000), ["byteLength"]),
                 ("meshopt_required.glb", lambda d: self.meshopt(d).update(buffer=1), ["buffer", "has no bytes"]),
-                ("meshopt_required.glb", lambda d: self.meshopt(d).update(byteLength=1000), ["cannot be decompressed"])):
+                ("meshopt_required.glb", lambda d: self.meshopt(d).update(byteLength=1000),
+                 ["cannot be decompressed"])):
             document, binary = split(self.path(name))
             change(document)
             self.refused(join(os.path.join(self.folder(), "changed.glb"), document, binary), words)

@@ -8,7 +8,8 @@ import importing
 
 def png():
     chunk = lambda kind, data: struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 1, 1, 8, 2, 0, 0, 0)) + chunk(b"IDAT", zlib.compress(b"\0\x80\x80\x80")) + \
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 1, 1, 8, 2, 0, 0, 0)) + chunk(
+        b"IDAT", zlib.compress(b"\0\x80\x80\x80")) + \
         chunk(b"IEND", b"")
 
 
@@ -42,8 +43,10 @@ class Contained(importing.Case):
         os.symlink("..", os.path.join(self.inside, "up"))
         os.symlink("/proc/self/fd/0", os.path.join(self.inside, "magic.png"))
         os.symlink("round.png", os.path.join(self.inside, "round.png"))
-        for uri in ("../secret.png", "%2e%2e/secret.png", "a/../../secret.png", "link.png", "absolute.png", "up/secret.png", "magic.png", "round.png",
-                    os.path.join(self.outside, "secret.png"), "file:///etc/passwd", "http://127.0.0.1:9/x.png", "//127.0.0.1/x.png",
+        for uri in ("../secret.png", "%2e%2e/secret.png", "a/../../secret.png", "link.png", "absolute.png",
+                    "up/secret.png", "magic.png", "round.png",
+                    os.path.join(self.outside, "secret.png"), "file:///etc/passwd", "http://127.0.0.1:9/x.png",
+                    "//127.0.0.1/x.png",
                     "/proc/self/environ", "..\\secret.png", "\\\\host\\share"):
             with self.subTest(uri):
                 self.refused(self.scene(uri), ["images[0].uri"], seconds=importing.QUICK)

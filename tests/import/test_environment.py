@@ -18,7 +18,8 @@ def hdr(width, height, pixel=(128, 64, 32, 129)):
 
 def hdr_runs(width, height, pixel=(128, 64, 32, 129), begin=b"\2\2"):
     """The shortest file there is for so many pixels: each row is runs of 127."""
-    channel = lambda value: bytes((255, value)) * (width // 127) + (bytes((128 + width % 127, value)) if width % 127 else b"")
+    channel = lambda value: bytes((255, value)) * (width // 127) + (bytes((128 + width % 127, value)) if width % 127
+                                                                    else b"")
     return hdr_head(width, height) + (begin + struct.pack(">H", width) + b"".join(map(channel, pixel))) * height
 
 
@@ -39,10 +40,13 @@ def exr(width, height, channels="BGR", kind=2, value=1.5, claimed=None, compress
     attribute = lambda name, type_, data: text(name) + text(type_) + struct.pack("<i", len(data)) + data
     window = struct.pack("<4i", 0, 0, (claimed or width) - 1, (claimed or height) - 1)
     head = b"\x76\x2f\x31\x01" + struct.pack("<I", 2)
-    head += attribute("channels", "chlist", b"".join(text(c) + struct.pack("<iB3xii", kind, 0, 1, 1) for c in channels) + b"\0")
-    head += attribute("compression", "compression", bytes([compression])) + attribute("dataWindow", "box2i", window) + attribute("displayWindow", "box2i", window)
+    head += attribute("channels", "chlist",
+                      b"".join(text(c) + struct.pack("<iB3xii", kind, 0, 1, 1) for c in channels) + b"\0")
+    head += attribute("compression", "compression", bytes([compression])) + attribute(
+        "dataWindow", "box2i", window) + attribute("displayWindow", "box2i", window)
     head += attribute("lineOrder", "lineOrder", b"\0") + attribute("pixelAspectRatio", "float", struct.pack("<f", 1))
-    head += attribute("screenWindowCenter", "v2f", struct.pack("<2f", 0, 0)) + attribute("screenWindowWidth", "float", struct.pack("<f", 1)) + b"\0"
+    head += attribute("screenWindowCenter", "v2f",
+                      struct.pack("<2f", 0, 0)) + attribute("screenWindowWidth", "float", struct.pack("<f", 1)) + b"\0"
     if not body:
         return head
     sample = struct.pack("<e" if kind == 1 else "<f", value)
@@ -62,7 +66,8 @@ class Environment(importing.Case):
         return importing.write(self.elsewhere, name, data)
 
     def test_images(self):
-        for name, data in {"a.hdr": hdr(8, 4), "b.exr": exr(8, 4), "c.exr": exr(8, 4, kind=1), "d.exr": exr(8, 4, channels="Y"),
+        for name, data in {"a.hdr": hdr(8, 4), "b.exr": exr(8, 4), "c.exr": exr(8, 4, kind=1),
+                           "d.exr": exr(8, 4, channels="Y"),
                            "e.exr": exr(8, 4, channels="ABGR")}.items():
             with self.subTest(name):
                 found = self.accepted(self.scene, "--environment", self.image(name, data))["environment"]
@@ -82,14 +87,20 @@ class Environment(importing.Case):
         """Small files that claim much: each is answered at once, in little memory."""
         channels = ["C%03d" % i for i in range(300)] + ["B", "G", "R"]
         killers = {
-            "loop.hdr": hdr_head(8, 1) + b"\2\2\0\x08", "claim.hdr": hdr_head(8192, 8192), "claim_flat.hdr": hdr_head(4096, 2048) + b"\x80" * 400,
+            "loop.hdr": hdr_head(8, 1) + b"\2\2\0\x08", "claim.hdr": hdr_head(8192, 8192),
+            "claim_flat.hdr": hdr_head(4096, 2048) + b"\x80" * 400,
             "claim_runs.hdr": hdr_runs(4096, 8)[:-3].replace(b"-Y 8 ", b"-Y 2048 "), "large.hdr": hdr_runs(8192, 4096),
-            "zero_runs.hdr": hdr_head(8, 1) + b"\2\2\0\x08" + b"\0" * 1000000, "beyond.hdr": hdr_head(8, 1) + b"\2\2\0\x08" + b"\xff\1" * 40,
-            "long_line.hdr": b"#?RADIANCE\n" + b"x" * 3000000, "no_end.hdr": b"#?RADIANCE\n" + b"a\n" * 1000000, "digits.hdr": hdr_head(10 ** 40, 10 ** 40),
-            "zero.hdr": hdr_head(0, 0), "tall.hdr": hdr_head(1, 70000) + b"\1\2\3\4" * 70000, "old.hdr": hdr_head(100, 1) + b"\x80\x80\x80\x80\1\1\1\xff" * 50,
+            "zero_runs.hdr": hdr_head(8, 1) + b"\2\2\0\x08" + b"\0" * 1000000,
+            "beyond.hdr": hdr_head(8, 1) + b"\2\2\0\x08" + b"\xff\1" * 40,
+            "long_line.hdr": b"#?RADIANCE\n" + b"x" * 3000000, "no_end.hdr": b"#?RADIANCE\n" + b"a\n" * 1000000,
+            "digits.hdr": hdr_head(10 ** 40, 10 ** 40),
+            "zero.hdr": hdr_head(0, 0), "tall.hdr": hdr_head(1, 70000) + b"\1\2\3\4" * 70000,
+            "old.hdr": hdr_head(100, 1) + b"\x80\x80\x80\x80\1\1\1\xff" * 50,
             "xyz.hdr": hdr_head(8, 1, b"xyze") + b"\x80" * 32,
-            "large.exr": exr_bomb(8192, 4096), "claim.exr": exr(4, 4, claimed=2048), "reach.exr": exr_bomb(2048, 1024, compression=1, payload=b"\x7f\0" * 9),
-            "lines.exr": exr(1, 1, claimed=65000), "channels.exr": exr_bomb(4096, 16, channels=channels, payload=b"\0" * 40),
+            "large.exr": exr_bomb(8192, 4096), "claim.exr": exr(4, 4, claimed=2048),
+            "reach.exr": exr_bomb(2048, 1024, compression=1, payload=b"\x7f\0" * 9),
+            "lines.exr": exr(1, 1, claimed=65000),
+            "channels.exr": exr_bomb(4096, 16, channels=channels, payload=b"\0" * 40),
             "dwa.exr": exr_bomb(64, 16, compression=8, payload=b"\0" * 40), "bright.exr": exr(8, 4, value=2e30)}
         for name, data in killers.items():
             with self.subTest(name):
@@ -120,10 +131,13 @@ class Environment(importing.Case):
 
     def test_what_is_no_environment(self):
         os.mkfifo(os.path.join(self.elsewhere, "pipe.hdr"))
-        for name, data, word in (("f.exr", exr(2, 2, value=float("nan")), "not a number"), ("g.exr", exr(2, 2, value=float("inf")), "infinite"),
+        for name, data, word in (("f.exr", exr(2, 2, value=float("nan")), "not a number"),
+                                 ("g.exr", exr(2, 2, value=float("inf")), "infinite"),
                                  ("h.exr", exr(4, 4)[:-20], "decoded"), ("i.exr", exr(4, 4)[:60], "OpenEXR"),
-                                 ("j.exr", exr(1, 1, claimed=60000), "pixels"), ("k.exr", exr(4, 4, channels="RX"), "R, G, B"),
-                                 ("l.hdr", hdr(8, 4)[:-3], "cut off"), ("m.hdr", b"\x89PNG\r\n\x1a\n", "neither"), ("n.hdr", b"", "neither"),
+                                 ("j.exr", exr(1, 1, claimed=60000), "pixels"),
+                                 ("k.exr", exr(4, 4, channels="RX"), "R, G, B"),
+                                 ("l.hdr", hdr(8, 4)[:-3], "cut off"), ("m.hdr", b"\x89PNG\r\n\x1a\n", "neither"),
+                                 ("n.hdr", b"", "neither"),
                                  ("o.hdr", hdr(8, 4).replace(b"-Y 4 +X 8", b"-Y 99999 +X 99999"), "environment")):
             with self.subTest(name):
                 answer = importing.info(self.scene, "--environment", self.image(name, data))

@@ -1,4 +1,5 @@
-"""Every good scene is taken, with the numbers that the README of ../shared/scenes gives; what kiln cannot read is refused by name."""
+"""Every good scene is taken, with the numbers that the README of ../shared/scenes gives; what kiln cannot read is
+refused by name."""
 import glob
 import os
 import re
@@ -22,7 +23,8 @@ def table():
         for line in file:
             cells = [c.strip() for c in line.strip().strip("|").split("|")]
             if len(cells) == 8 and cells[0].startswith("`"):
-                rows[cells[0].strip("`")] = (int(cells[2].split()[0]), re.search(r"\((\d+) flat\)", cells[2]), int(cells[3].split("/")[0]),
+                rows[cells[0].strip("`")] = (int(cells[2].split()[0]), re.search(r"\((\d+) flat\)", cells[2]),
+                                             int(cells[3].split("/")[0]),
                                              int(cells[4]), int(cells[7]))
     return rows
 
@@ -30,7 +32,8 @@ def table():
 class Good(importing.Case):
     def check_row(self, path, name):
         stored, flat, meshes, materials, textures = table()[name]
-        counts = (report := self.accepted(path, "--lightmap-max", 16))["counts"]  # small maps: this is not about surfaces
+        # small maps: this is not about surfaces
+        counts = (report := self.accepted(path, "--lightmap-max", 16))["counts"]
         self.assertEqual(counts["triangles"] + dropped(report), stored)
         if name != "nasty_valid.glb":
             self.assertEqual(counts["meshes"], meshes)
@@ -72,21 +75,25 @@ class Good(importing.Case):
 
     def test_twins_are_equal(self):
         """Quantized and compressed scenes and their plain twin: the same triangles, areas within the quantization."""
-        plain = self.accepted(os.path.join(SCENES, "features", "uncompressed_twin_of_compressed.glb"), "--lightmap-max", 32)
+        plain = self.accepted(os.path.join(SCENES, "features", "uncompressed_twin_of_compressed.glb"), "--lightmap-max",
+                              32)
         for name in ("quantized", "draco", "meshopt"):
             twin = self.accepted(os.path.join(SCENES, "features", name + "_required.glb"), "--lightmap-max", 32)
             self.assertEqual(plain["counts"], twin["counts"])
-            self.assertAlmostEqual(plain["surface"]["area"], twin["surface"]["area"], delta=2e-3 * plain["surface"]["area"])
+            self.assertAlmostEqual(plain["surface"]["area"], twin["surface"]["area"],
+                                   delta=2e-3 * plain["surface"]["area"])
 
     def test_index_types_agree(self):
-        reports = [self.accepted(os.path.join(SCENES, "features", f"indices_u{b}.glb"), "--lightmap-max", 32) for b in (8, 16, 32)]
+        reports = [self.accepted(os.path.join(SCENES, "features", f"indices_u{b}.glb"), "--lightmap-max", 32)
+                   for b in (8, 16, 32)]
         self.assertEqual(reports[0]["surface"], reports[1]["surface"])
         self.assertEqual(reports[0]["surface"], reports[2]["surface"])
 
     def test_nasty_is_explained(self):
         report = self.accepted(os.path.join(SCENES, "nasty_valid.glb"))
         text = "\n".join(n["text"] for n in report["notes"])
-        for word in ("without area", "to the back of their winding", "points or lines", "no material", "scaled to nothing", "zero_area_and_duplicate",
+        for word in ("without area", "to the back of their winding", "points or lines", "no material",
+                     "scaled to nothing", "zero_area_and_duplicate",
                      "overlap_uv1", "uv1_outside", "uv1_point"):
             self.assertIn(word, text)
         names = [o["original_name"] for o in report["objects"]]
@@ -96,7 +103,8 @@ class Good(importing.Case):
         self.assertIn("mesh 'inverted_winding'", [p["place"] for p in check["problems"] if "inward" in p["text"]])
 
     def test_emission_is_factor_times_strength(self):
-        lamps = [m for m in self.accepted(os.path.join(SCENES, "features", "base.glb"), "--lightmap-max", 8)["materials"] if max(m["emission"]) > 0]
+        lamps = [m for m in self.accepted(os.path.join(SCENES, "features", "base.glb"), "--lightmap-max",
+                                          8)["materials"] if max(m["emission"]) > 0]
         self.assertEqual(len(lamps), 1)
         for value, expected in zip(lamps[0]["emission"], (10.0, 9.0, 8.0)):
             self.assertAlmostEqual(value, expected, places=5)

@@ -1,4 +1,5 @@
-"""Files made to kill an importer: small ones that ask for much, deep ones, long ones. Each is answered quickly, in little memory."""
+"""Files made to kill an importer: small ones that ask for much, deep ones, long ones. Each is answered quickly, in
+little memory."""
 import base64
 import json
 import os
@@ -16,13 +17,15 @@ def bomb_png(side, depth=8):
     row = b"\0" + b"\0" * side
     packer = zlib.compressobj(9)
     data = b"".join(packer.compress(row) for _ in range(side)) + packer.flush()
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, depth, 0, 0, 0, 0)) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, depth, 0, 0, 0, 0)) + chunk(
+        b"IDAT", data) + chunk(b"IEND", b"")
 
 
 def flat_jpeg(width, height, sof=0xC0, scans=1, data=None):
     """A grey JPEG whose codes take one bit: two bits for each block of 64 pixels."""
     segment = lambda marker, body: struct.pack(">BBH", 0xFF, marker, len(body) + 2) + body
-    head = b"\xff\xd8" + segment(0xDB, b"\0" + b"\1" * 64) + segment(sof, struct.pack(">BHHB", 8, height, width, 1) + b"\1\x11\0")
+    head = b"\xff\xd8" + segment(0xDB, b"\0" + b"\1" * 64) + segment(sof, struct.pack(">BHHB", 8, height, width, 1) +
+                                                                     b"\1\x11\0")
     head += segment(0xC4, b"\0" + b"\1" + b"\0" * 15 + b"\0") + segment(0xC4, b"\x10" + b"\1" + b"\0" * 15 + b"\0")
     blocks = ((width + 7) // 8) * ((height + 7) // 8)
     body = b"\0" * ((2 * blocks + 7) // 8) if data is None else data
@@ -90,7 +93,8 @@ class Killers(importing.Case):
 
     def test_empty_accessor_of_any_count(self):
         accessors = [{"componentType": 5126, "count": 4000000000, "type": "VEC3"}]
-        self.killed(importing.quad(accessors=accessors, meshes=[{"primitives": [{"attributes": {"POSITION": 0}, "mode": 5}]}]), "triangles")
+        self.killed(importing.quad(accessors=accessors,
+                                   meshes=[{"primitives": [{"attributes": {"POSITION": 0}, "mode": 5}]}]), "triangles")
         instancing = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 2}}}
         scene = importing.quad(nodes=[{"mesh": 0, "extensions": instancing}])
         scene["accessors"] = scene["accessors"] + accessors
@@ -102,17 +106,22 @@ class Killers(importing.Case):
         self.assertIn(answer.code, (0, 65))
         self.assertLess(answer.seconds, 20 * importing.QUICK)
         indices = struct.pack("<12f", *([0.0] * 12)) + b"\0\1\2" * 100000
-        buffers = [{"byteLength": len(indices), "uri": "data:application/octet-stream;base64," + base64.b64encode(indices).decode()}]
+        buffers = [{"byteLength": len(indices), "uri": "data:application/octet-stream;base64," +
+                    base64.b64encode(indices).decode()}]
         views = [{"buffer": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 300000}]
         accessors = [{"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
                      {"bufferView": 1, "componentType": 5121, "count": 300000, "type": "SCALAR"}]
         self.killed(importing.quad(buffers=buffers, bufferViews=views, accessors=accessors,
-                                   meshes=[{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}] * 20000}]), "triangles")
+                                   meshes=[{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}] * 20000}]),
+                    "triangles")
 
     def test_sparse_indices_shared_by_many_accessors(self):
-        indices = struct.pack("<12f", *([0.0] * 12)) + b"".join(struct.pack("<H", i) for i in range(60000)) + b"\0" * 720000
-        buffers = [{"byteLength": len(indices), "uri": "data:application/octet-stream;base64," + base64.b64encode(indices).decode()}]
-        views = [{"buffer": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 120000}, {"buffer": 0, "byteOffset": 120048, "byteLength": 720000}]
+        indices = struct.pack("<12f", *([0.0] * 12)) + b"".join(struct.pack("<H", i)
+                                                                for i in range(60000)) + b"\0" * 720000
+        buffers = [{"byteLength": len(indices), "uri": "data:application/octet-stream;base64," +
+                    base64.b64encode(indices).decode()}]
+        views = [{"buffer": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 120000},
+                 {"buffer": 0, "byteOffset": 120048, "byteLength": 720000}]
         sparse = {"count": 60000, "indices": {"bufferView": 1, "componentType": 5123}, "values": {"bufferView": 2}}
         accessors = [{"componentType": 5126, "count": 60000, "type": "VEC3", "sparse": sparse}] * 10000
         self.killed(importing.quad(buffers=buffers, bufferViews=views, accessors=accessors), "sparse")
@@ -134,7 +143,8 @@ class Killers(importing.Case):
         self.accepted(self.write(textured([{"uri": data_uri(flat_jpeg(512, 256))}])), "--lightmap-size", "16")
         png = bomb_png(64)
         claimed = png[:16] + struct.pack(">II", 5700, 5700) + png[24:]
-        for data in (claimed, flat_jpeg(4000, 4000, data=b"\0" * 9), flat_jpeg(64, 64, scans=900), flat_jpeg(2048, 2048, 0xC2, scans=900, data=b"\0"),
+        for data in (claimed, flat_jpeg(4000, 4000, data=b"\0" * 9), flat_jpeg(64, 64, scans=900),
+                     flat_jpeg(2048, 2048, 0xC2, scans=900, data=b"\0"),
                      flat_jpeg(10000, 10000), bomb_png(5000)[:-40] + b"\0" * 40):
             answer = self.killed(textured([{"uri": data_uri(data)}]), "images[0]")
             self.assertLess(answer.memory, importing.MEMORY // 2)
@@ -163,10 +173,12 @@ class Killers(importing.Case):
 
     def test_pictures_of_wrong_dimensions(self):
         for width, height in ((0, 1), (1, 0), (65535, 65535), (2147483647, 1), (20000, 1)):
-            head = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 6, 0, 0, 0)
+            head = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + b"IHDR" + struct.pack(
+                ">IIBBBBB", width, height, 8, 6, 0, 0, 0)
             uri = "data:image/png;base64," + base64.b64encode(head + b"\0" * 40).decode()
             self.killed(importing.quad(images=[{"uri": uri}], textures=[{"source": 0}],
-                                       materials=[{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]), "images[0]")
+                                       materials=[{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]),
+                        "images[0]")
 
     def test_pictures_cut_off(self):
         folder = os.path.join(importing.SHARED, "own", "features")
@@ -198,7 +210,8 @@ class Killers(importing.Case):
         self.assertEqual(len({o["name"].lower() for o in report["objects"]}), 2000)
 
     def test_numbers(self):
-        for text in (b"1e999", b"-1e999", b"99999999999999999999999", b"NaN", b"Infinity", b"0x10", b"1.5", b"-1", b"true", b"null", b'"1"', b"[]", b"{}"):
+        for text in (b"1e999", b"-1e999", b"99999999999999999999999", b"NaN", b"Infinity", b"0x10", b"1.5", b"-1",
+                     b"true", b"null", b'"1"', b"[]", b"{}"):
             data = json.dumps(importing.quad()).encode().replace(b'"count": 4', b'"count": ' + text)
             self.killed(data)
 

@@ -1,4 +1,5 @@
-"""Triangles wound against their normals: how many is said, of each object; --trust decides which of the two is their front."""
+"""Triangles wound against their normals: how many is said, of each object; --trust decides which of the two is their
+front."""
 import os
 import sys
 
@@ -12,7 +13,8 @@ import numpy as np  # noqa: E402
 
 
 def scene(path):
-    """Three floors under a sun of 2 W/m2, with normals upward: one wound so, one with half of its 32 triangles wound otherwise, one with all."""
+    """Three floors under a sun of 2 W/m2, with normals upward: one wound so, one with half of its 32 triangles wound
+    otherwise, one with all."""
     s = glb.Scene()
     grey = s.material("grey", (0.5, 0.5, 0.5))
     for name, x, wrong in (("right", 0, lambda k: False), ("half", 2, lambda k: k >= 16), ("wrong", 4, lambda k: True)):
@@ -26,7 +28,8 @@ def scene(path):
         s.blob[at:at + corners.nbytes] = corners.tobytes()
     s.document["nodes"].append({"name": "mirrored", "mesh": 2, "scale": [-1, 1, 1], "translation": [0, 0, 3]})
     s.document["scenes"][0]["nodes"].append(3)
-    s.light("Sun", {"type": "directional", "intensity": 2.0, "color": [1, 1, 1]}, rotation=[-0.7071067811865476, 0, 0, 0.7071067811865476])
+    s.light("Sun", {"type": "directional", "intensity": 2.0, "color": [1, 1, 1]},
+            rotation=[-0.7071067811865476, 0, 0, 0.7071067811865476])
     return s.write(path)
 
 
@@ -43,7 +46,8 @@ class Winding(importing.Case):
         for note, words in zip(notes, (('"half"', "16 of 32"), ('"wrong"', "32 of 32"), ('"mirrored"', "32 of 32"))):
             for word in (*words, "--trust normals", "the winding decides"):
                 self.assertIn(word, note)
-        self.assertEqual([n for n in self.notes(self.scene, "--texels-per-metre", 8, "--trust", "normals") if "the normals decide" not in n], [])
+        self.assertEqual([n for n in self.notes(self.scene, "--texels-per-metre", 8, "--trust", "normals")
+                          if "the normals decide" not in n], [])
         check = kiln("check", self.scene)
         self.assertEqual(check.out.count("--trust normals"), 3, check.out)
 
@@ -51,17 +55,21 @@ class Winding(importing.Case):
         for trust, expected in (("winding", {"right": 2, "half": 1, "wrong": 0, "mirrored": 0}),
                                 ("normals", {"right": 2, "half": 2, "wrong": 2, "mirrored": 2})):
             out = os.path.join(self.folder(), trust)
-            answer = kiln("bake", self.scene, "-o", out, "--texels-per-metre", 8, "--trust", trust, "--samples-direct", 4, "--samples-probe", 0,
+            answer = kiln("bake", self.scene, "-o", out, "--texels-per-metre", 8, "--trust", trust, "--samples-direct",
+                          4, "--samples-probe", 0,
                           "--bounces", 0, "--no-preview", "--backend", "embree")
             self.assertEqual(answer.code, 0, answer.err)
-            self.assertEqual(answer.err.count("to the back of their winding"), 3 if trust == "winding" else 0, answer.err)
+            self.assertEqual(answer.err.count("to the back of their winding"), 3 if trust == "winding" else 0,
+                             answer.err)
             for name, mean in expected.items():
                 channels, _ = exr.read(os.path.join(out, "lightmaps", name + ".exr"))
-                self.assertAlmostEqual(float(channels["direct.G"].mean()), mean, delta=1e-5 if mean != 1 else 0.01, msg=f"{trust}: {name}")
+                self.assertAlmostEqual(float(channels["direct.G"].mean()), mean, delta=1e-5 if mean != 1 else 0.01,
+                                       msg=f"{trust}: {name}")
 
     def test_a_solid_turned_inside_out(self):
         path = os.path.join(importing.need_shared("own"), "nasty_valid.glb")
-        inward = lambda *options: [p["place"] for p in kiln("check", path, "--json", *options).json()["problems"] if "inward" in p["text"]]
+        inward = lambda *options: [p["place"] for p in kiln("check", path, "--json", *options).json()["problems"]
+                                   if "inward" in p["text"]]
         self.assertIn("mesh 'inverted_winding'", inward())
         self.assertNotIn("mesh 'inverted_winding'", inward("--trust", "normals"))
         self.assertTrue(any("inverted_winding" in n for n in self.notes(path)))

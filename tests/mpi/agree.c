@@ -1,5 +1,5 @@
-/* Run by mpirun on three ranks: whatever each rank brings, all leave with the worst status and its first rank's
- * sentence, which names the rank and its host where the failure is its own. */
+/* Test of kiln_agree, run by mpirun on three ranks: whatever status each rank passes, all return the worst one with the
+ * message of the first rank that has it, which names rank and host if the failure is local. */
 #include <mpi.h>
 #include <stdio.h>
 #include <string.h>
@@ -47,7 +47,7 @@ int main(int argc, char **argv)
         const char *wanted = cases[i].speaker >= 0 && !cases[i].named ? strstr(sentence, "case") : sentence;
         const int status = kiln_agree(MPI_COMM_WORLD, cases[i].brought[rank], &error);
         failures += wrong(rank, status, error.message, cases[i].wanted, wanted);
-        /* A rank that does not want the sentence takes part all the same. */
+        /* A rank that passes no buffer for the message takes part all the same. */
         failures += kiln_agree(MPI_COMM_WORLD, cases[i].brought[rank], rank == 2 ? NULL : &error) != cases[i].wanted;
     }
     MPI_Allreduce(&failures, &total, 1, MPI_INT, MPI_SUM, MPI_COMM_WORLD);

@@ -1,10 +1,11 @@
 """Ranks that are behind, and what the others do about it: the same bits whoever computes what.
 
-same       with work given away and without, on several numbers of ranks and nodes, one rank made slow (KILN_SLOW_RANK): same results, and
-           run.json and the timeline say that work really moved
-cuts       shares cut anew after every pass (--rebalance always) on several numbers of ranks and nodes, and where a slow rank makes it pay:
-           same results, and the slow rank has fewer points in the end
-resume     stopped, and killed, while work is given away and shares are cut anew; gone on with on other ranks: same results
+same       with work stealing and without, on several numbers of ranks and nodes, one rank made slow (KILN_SLOW_RANK):
+           same results, and run.json and the timeline say that work really moved
+cuts       points repartitioned after every pass (--rebalance always) on several numbers of ranks and nodes, and where a
+           slow rank makes it pay: same results, and the slow rank has fewer points in the end
+resume     stopped, and killed, while work is stolen and points are repartitioned; continued on other numbers of ranks:
+           same results
 """
 import json
 import os
@@ -19,9 +20,11 @@ import harness  # noqa: E402
 import resume  # noqa: E402
 from same_result import Result, differences  # noqa: E402
 
-SMALL = ('--backend', 'embree', '--lightmap-size', 40, '--cell-size', 1, '--samples-direct', 16, '--samples-bounce', 16, '--samples-indirect', 64,
+SMALL = ('--backend', 'embree', '--lightmap-size', 40, '--cell-size', 1, '--samples-direct', 16, '--samples-bounce', 16,
+         '--samples-indirect', 64,
          '--bounces', 3, '--samples-probe', 16, '--threads', 1, '--watchdog', 20)
-LONGER = ('--samples-bounce', 64, '--samples-indirect', 768)  # than resume.OPTIONS: for there to be something to interrupt
+# than resume.OPTIONS: for there to be something to interrupt
+LONGER = ('--samples-bounce', 64, '--samples-indirect', 768)
 HELP = 'batch of another rank'
 
 
@@ -30,42 +33,55 @@ def slow(rank, factor):
 
 
 def try_same(checks, kiln, scene):
-    table = harness.Table(('ranks', 6), ('a node', 7), ('exchange', 9), ('how', 12), ('seconds', 8), ('points that moved', 18), ('result', 10))
+    table = harness.Table(('ranks', 6), ('a node', 7), ('exchange', 9), ('how', 12), ('seconds', 8),
+                          ('points that moved', 18), ('result', 10))
     first = {}
-    for ranks, node, form, on in ((1, 'all', 'auto', True), (2, 'all', 'auto', True), (2, 'all', 'auto', False), (3, 'all', 'auto', True),
+    for ranks, node, form, on in ((1, 'all', 'auto', True), (2, 'all', 'auto', True), (2, 'all', 'auto', False),
+                                  (3, 'all', 'auto', True),
                                   (5, 'all', 'auto', True), (1, 'all', 'compact', True), (5, 3, 'compact', True)):
         slow(1, 5)
-        bake = kiln.bake(scene, *SMALL, '--shared-memory-ranks', node, '--exchange', form, '--work-stealing' if on else '--no-work-stealing', ranks=ranks, timeout=120)
+        bake = kiln.bake(scene, *SMALL, '--shared-memory-ranks', node, '--exchange', form, '--work-stealing' if on
+                         else '--no-work-stealing', ranks=ranks, timeout=120)
         if not checks.baked(bake):
             continue
-        what = '%d ranks, %s a node, exchange %s, %s' % (ranks, node, form, 'giving away' if on else 'not giving away')
+        what = '%d ranks, %s a node, exchange %s, %s' % (
+            ranks, node, form, 'work stealing' if on else 'no work stealing')
         given, passes = bake.run['balance']['stolen_points'], [b['stolen_points'] for b in bake.run['bounces']]
         moved, expected = sum(passes), on and ranks > 1
         found = differences(first.setdefault(form, Result(bake)), Result(bake))
         checks.that(not found, '%s: not the same as before: %s' % (what, '; '.join(found)), bake.process)
-        checks.that(given['on'] == expected and (moved > 0) == expected, '%s: %s, %s points moved in the passes' % (what, given, passes), bake.process)
-        checks.that(sum(given['from_rank']) == moved == sum(given['by_rank']), '%s: what is given is not what is taken: %s, %s' % (
+        checks.that(given['on'] == expected and (moved > 0) == expected, '%s: %s, %s points moved in the passes' %
+                    (what, given, passes), bake.process)
+        checks.that(sum(given['from_rank']) == moved == sum(given['by_rank']),
+                    '%s: what is given is not what is taken: %s, %s' % (
             what, given, passes), bake.process)
         checks.that(not expected or given['from_rank'][1] > 0.2 * bake.run['balance']['points_per_rank'][1],
-                    '%s: the slow rank gave away only %s' % (what, given), bake.process)
-        table.row(ranks, node, form, 'given away' if on else 'kept', '%.1f' % bake.process.seconds, moved, 'same' if not found else 'DIFFERENT')
+                    '%s: only %s was stolen from the slow rank' % (what, given), bake.process)
+        table.row(ranks, node, form, 'stealing' if on else 'none', '%.1f' % bake.process.seconds, moved,
+                  'same' if not found else 'DIFFERENT')
         bake.remove()
     os.environ['KILN_SLOW_RANK'] = 'slow'
     refused = kiln.bake(scene, *SMALL)
-    checks.that(refused.process.status == 64 and 'KILN_SLOW_RANK' in refused.process.stderr, 'a slowness that is none: ended with %d' %
+    checks.that(refused.process.status == 64 and 'KILN_SLOW_RANK' in refused.process.stderr,
+                'a slowness that is none: ended with %d' %
                 refused.process.status, refused.process)
     del os.environ['KILN_SLOW_RANK']
 
 
 def try_cuts(checks, kiln, scene):
-    table = harness.Table(('ranks', 6), ('a node', 7), ('by', 8), ('exchange', 9), ('rebalance', 9), ('seconds', 8), ('points a rank', 36), ('result', 10))
+    table = harness.Table(('ranks', 6), ('a node', 7), ('by', 8), ('exchange', 9), ('rebalance', 9), ('seconds', 8),
+                          ('points a rank', 36), ('result', 10))
     first = {}
-    for ranks, node, partition, form, limit, when in ((1, 'all', 'cells', 'auto', 'auto', 'always'), (3, 'all', 'cells', 'auto', 'auto', 'always'),
-                                                      (5, 2, 'objects', 'auto', 77, 'always'), (2, 1, 'cells', 'auto', 'auto', 'auto'),
-                                                      (2, 1, 'cells', 'auto', 'auto', 'never'), (1, 'all', 'cells', 'compact', 'auto', 'auto'),
+    for ranks, node, partition, form, limit, when in ((1, 'all', 'cells', 'auto', 'auto', 'always'),
+                                                      (3, 'all', 'cells', 'auto', 'auto', 'always'),
+                                                      (5, 2, 'objects', 'auto', 77, 'always'),
+                                                      (2, 1, 'cells', 'auto', 'auto', 'auto'),
+                                                      (2, 1, 'cells', 'auto', 'auto', 'never'),
+                                                      (1, 'all', 'cells', 'compact', 'auto', 'auto'),
                                                       (4, 2, 'cells', 'compact', 'auto', 'always')):
         slow(1, 20 if ranks == 2 else 5)
-        bake = kiln.bake(scene, *SMALL, '--shared-memory-ranks', node, '--partition', partition, '--exchange', form, '--exchange-limit', limit, '--rebalance', when,
+        bake = kiln.bake(scene, *SMALL, '--shared-memory-ranks', node, '--partition', partition, '--exchange', form,
+                         '--exchange-limit', limit, '--rebalance', when,
                          ranks=ranks, timeout=120)
         if not checks.baked(bake):
             continue
@@ -74,20 +90,26 @@ def try_cuts(checks, kiln, scene):
         moves = sum(j is not None and j['moved'] for j in judged)
         found = differences(first.setdefault(form, Result(bake)), Result(bake))
         checks.that(not found, '%s: not the same as before: %s' % (what, '; '.join(found)), bake.process)
-        checks.that(sum(points) == bake.run['points']['count'], '%s: the ranks have %s points, not %d' % (what, points, bake.run['points']['count']),
+        checks.that(sum(points) == bake.run['points']['count'], '%s: the ranks have %s points, not %d' %
+                    (what, points, bake.run['points']['count']),
                     bake.process)
         if when == 'auto' and ranks > 1:  # alone on its node, nobody can help the slow one
-            checks.that(moves > 0 and points[1] < 0.7 * points[0], '%s: %d moves, %s: %s' % (what, moves, points, judged), bake.process)
-            checks.that(all(j is None or j['moved'] == (j['predicted_gain'] > 2 * j['predicted_cost'] > 0) for j in judged), '%s: %s' % (what, judged))
+            checks.that(moves > 0 and points[1] < 0.7 * points[0],
+                        '%s: %d moves, %s: %s' % (what, moves, points, judged), bake.process)
+            checks.that(all(j is None or j['moved'] == (j['predicted_gain'] > 2 * j['predicted_cost'] > 0)
+                            for j in judged), '%s: %s' % (what, judged))
         else:
-            checks.that((moves > 0) == (when == 'always' and ranks > 1), '%s: %d moves: %s' % (what, moves, judged), bake.process)
-        table.row(ranks, node, partition, form, when, '%.1f' % bake.process.seconds, ' '.join(map(str, points)), 'same' if not found else 'DIFFERENT')
+            checks.that((moves > 0) == (when == 'always' and ranks > 1), '%s: %d moves: %s' % (what, moves, judged),
+                        bake.process)
+        table.row(ranks, node, partition, form, when, '%.1f' % bake.process.seconds, ' '.join(map(str, points)),
+                  'same' if not found else 'DIFFERENT')
         bake.remove()
     os.environ.pop('KILN_SLOW_RANK', None)
 
 
 def given_before_saving(path):
-    """How many checkpoints of a timeline were written after help in the same pass had begun. Those inside a pass, for passes end after them."""
+    """How many checkpoints of a timeline were written after help in the same pass had begun. Those inside a pass, for
+    passes end after them."""
     with open(path, encoding='utf-8') as f:
         events = [e for e in json.load(f)['traceEvents'] if e['ph'] == 'X']
     helps = [e for e in events if e['cat'] == HELP]
@@ -118,7 +140,8 @@ def try_resume(checks, kiln):
         if checks.that(len(victims) == before, '%d ranks: over before generation %d' % (before, wanted)):
             os.kill(dice.choice(victims), signal.SIGKILL if kill else signal.SIGUSR1)
         status = resume.finish(process)
-        checks.that(status not in (None, 0) if kill else status == resume.STOPPED, '%d ranks: interrupted, it ended with %s: %s' % (
+        checks.that(status not in (None, 0) if kill else status == resume.STOPPED,
+                    '%d ranks: interrupted, it ended with %s: %s' % (
             before, status, resume.text(folder)[-400:]))
         amid += 0 if kill else given_before_saving(trace)
         del os.environ['KILN_SLOW_RANK']
@@ -128,8 +151,8 @@ def try_resume(checks, kiln):
         resume.same(checks, tool, reference, folder, again, what)
         print(what)
         shutil.rmtree(folder, ignore_errors=True)
-    checks.that(amid > 0, 'no checkpoint was written while work was given away')
-    print('%d checkpoints were written in passes in which work had been given away' % amid)
+    checks.that(amid > 0, 'no checkpoint was written while work was stolen')
+    print('%d checkpoints were written in passes in which work had been stolen' % amid)
 
 
 def main():
@@ -139,7 +162,8 @@ def main():
         harness.skip('neither tests/data nor ../shared/scenes/own is here.')
     checks = harness.Checks()
     for part in arguments.parts or ('same', 'cuts', 'resume'):
-        {'same': lambda: try_same(checks, kiln, cornell), 'cuts': lambda: try_cuts(checks, kiln, cornell), 'resume': lambda: try_resume(checks, kiln)}[part]()
+        {'same': lambda: try_same(checks, kiln, cornell), 'cuts': lambda: try_cuts(checks, kiln, cornell),
+         'resume': lambda: try_resume(checks, kiln)}[part]()
     checks.end()
 
 

@@ -1,4 +1,5 @@
-/* Loaded into a rank (LD_PRELOAD): makes the K-th call of a kind that kiln's own code makes in its main thread fail.
+/* Fault injection by LD_PRELOAD: makes the K-th call of a kind fail, of the calls that kiln's own code makes in its
+ * main thread.
  *
  * KILN_FAULT=RANK:KIND:K in the environment says which; KILN_FAULT_COUNTS=FOLDER has each rank write there at its end
  * how many calls of each kind it made.

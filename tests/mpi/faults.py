@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
-"""A rank of a bake fails where it may: an allocation, shared memory, a file, a thread. Or it goes astray, or to sleep. All ranks end, soon, with a sentence.
+"""A rank of a bake fails where it may: an allocation, shared memory, a file, a thread. Or it goes astray, or to sleep.
+All ranks end, soon, with a sentence.
 
-    faults.py --kiln PATH some   KILN_FAULTS places (10) drawn from KILN_SEED; ranks that wait for each other; one that sleeps
+    faults.py --kiln PATH some   KILN_FAULTS places (10) drawn from KILN_SEED; ranks that wait for each other; one that
+                                 sleeps
     faults.py --kiln PATH all    every place of every rank, or with KILN_STRIDE=N every Nth; not a test
     faults.py --kiln PATH differ ranks with different options, scenes, programs, commands
     faults.py --kiln PATH shm    no /dev/shm (as root)
 
-Of every run: the bake ends within 30 s, with the fault's own code or 76 and one sentence that names rank and host, or with 0 and the same bits; nothing is
-left in /dev/shm or TMPDIR. A fault is what tests/mpi/faults.c says.
+Of every run: the bake ends within 30 s, with the fault's own code or 76 and one sentence that names rank and host, or
+with 0 and the same bits; nothing is left in /dev/shm or TMPDIR. A fault is what tests/mpi/faults.c says.
 """
 import os
 import random
@@ -51,7 +53,8 @@ class Bakes:
             command += ['-x', 'LD_PRELOAD=' + self.faults]
         environment.update({'KILN_FAULT': fault} if fault else {}, **({'KILN_FAULT_COUNTS': counts} if counts else {}))
         began = time.time()
-        process = subprocess.Popen(command + [self.tool, 'bake', self.scene, '-o', folder] + SETTINGS + list(more), env=environment, stdin=subprocess.DEVNULL,
+        process = subprocess.Popen(command + [self.tool, 'bake', self.scene, '-o', folder] + SETTINGS + list(more),
+                                   env=environment, stdin=subprocess.DEVNULL,
                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
         try:
             errors = process.communicate(timeout=SECONDS)[1].decode(errors='replace')
@@ -68,7 +71,8 @@ class Bakes:
     def is_ours(self, name):
         """Other tests may run: their shared memory is in use."""
         path = os.path.join('/dev/shm', name)
-        in_use = subprocess.run(['grep', '-lqs', path, *('/proc/%s/maps' % pid for pid in os.listdir('/proc') if pid.isdigit())], check=False).returncode
+        in_use = subprocess.run(['grep', '-lqs', path, *('/proc/%s/maps' % pid for pid in os.listdir('/proc')
+                                                         if pid.isdigit())], check=False).returncode
         return os.path.exists(path) and in_use != 0
 
 
@@ -127,7 +131,8 @@ def try_places(checks, bakes, ranks, places, reference):
         codes[kind][status] += 1
         longest = max(longest, seconds)
     for kind in sorted(codes):
-        print('%s: %s' % (kind, ', '.join('%d ended with %s' % (n, c) for c, n in sorted(codes[kind].items(), key=str))))
+        print('%s: %s' %
+              (kind, ', '.join('%d ended with %s' % (n, c) for c, n in sorted(codes[kind].items(), key=str))))
     print('the longest took %.1f s' % longest)
 
 
@@ -158,7 +163,8 @@ def try_all(checks, bakes):
     kinds = os.environ.get('KILN_KINDS', 'window,thread,file,allocation').split(',')
     for kind in kinds:
         for rank in range(ranks):
-            places = [(kind, rank, at) for at in range(1 + (stride // 2 if stride > 1 else 0), calls[kind, rank] + 1, stride)]
+            places = [(kind, rank, at)
+                      for at in range(1 + (stride // 2 if stride > 1 else 0), calls[kind, rank] + 1, stride)]
             print('rank %d, %d of %d places of kind %s' % (rank, len(places), calls[kind, rank], kind), flush=True)
             try_places(checks, bakes, ranks, places, reference)
 
@@ -178,19 +184,22 @@ def try_differ(checks, bakes):
     cases = [
         ('an option', bake + ['--seed', '4'], 64, ['rank 1 on', '--seed', "'4'", "'0'"]),
         ('a switch', bake + ['--no-preview'], 64, ['rank 1 on', '--preview', "'off'"]),
-        ('a job file', [bakes.tool, 'bake', yaml, '-o', out, '--watchdog', '10'] + SETTINGS, 64, ['rank 1 on', '--cell-size', "'0.69999999999999996'"]),
+        ('a job file', [bakes.tool, 'bake', yaml, '-o', out, '--watchdog', '10'] + SETTINGS, 64,
+         ['rank 1 on', '--cell-size', "'0.69999999999999996'"]),
         ('a folder', [bakes.tool, 'bake', bakes.scene, '-o', out + 'x'] + SETTINGS, 64, ['rank 1 on', '--output']),
         ('a scene', [bakes.tool, 'bake', other, '-o', out] + SETTINGS, 64, ['rank 1 on', 'scene', 'other.glb']),
         ('a build', [copy] + bake[1:], 64, ['rank 1 on', 'build']),
         ('a command', [bakes.tool, 'info', bakes.scene], 64, ['rank 1 on', 'command', "'info'", "'bake'"]),
-        ('help, which starts no MPI', [bakes.tool, '--help'], 76, ['rank 0 on', 'have not all started']),  # at the deadline of the start
+        # at the deadline of the start
+        ('help, which starts no MPI', [bakes.tool, '--help'], 76, ['rank 0 on', 'have not all started']),
         ('a slip', bake + ['--bunces', '3'], 64, ['--bunces']),
         ('threads', bake + ['--threads', '1'], 0, []),
     ]
     environment = {**os.environ, **harness.MPI_ENVIRONMENT}
     for what, second, wanted, words in cases:
         try:
-            done = subprocess.run(['mpirun', '-n', '1'] + bake + [':', '-n', '1'] + second, env=environment, capture_output=True, text=True, timeout=60, check=False)
+            done = subprocess.run(['mpirun', '-n', '1'] + bake + [':', '-n', '1'] + second, env=environment,
+                                  capture_output=True, text=True, timeout=60, check=False)
         except subprocess.TimeoutExpired:
             checks.that(False, 'another rank was given %s: nothing for 60 s' % what)
             continue
@@ -204,16 +213,19 @@ def try_shm(checks, bakes):
     if os.geteuid() != 0 or subprocess.run(['unshare', '-m', 'true'], check=False).returncode != 0:
         harness.skip('mounting needs root')
     reference, _ = count_calls(bakes, 2)
-    for what, mount in (('read-only', 'mount -t tmpfs -o ro tmpfs /dev/shm'), ('of 64 KiB', 'mount -t tmpfs -o size=64k tmpfs /dev/shm'),
+    for what, mount in (('read-only', 'mount -t tmpfs -o ro tmpfs /dev/shm'),
+                        ('of 64 KiB', 'mount -t tmpfs -o size=64k tmpfs /dev/shm'),
                         ('missing', 'mount -t tmpfs -o ro tmpfs /dev')):
         folder = bakes.folder()
         if what == 'missing':  # a /dev with little in it
             mount = 'for f in null zero urandom random tty; do touch %s/$f; done; ' % bakes.scratch
-            mount += 'mkdir -p {0}/d/pts && for f in null zero urandom random; do cp -a /dev/$f {0}/d/; done && ln -s /proc/self/fd {0}/d/fd && ln -s pts/ptmx {0}/d/ptmx && ' \
+            mount += 'mkdir -p {0}/d/pts && for f in null zero urandom random; do cp -a /dev/$f {0}/d/; done && ' \
+                     'ln -s /proc/self/fd {0}/d/fd && ln -s pts/ptmx {0}/d/ptmx && ' \
                      'mount --bind /dev/pts {0}/d/pts && mount --rbind {0}/d /dev'.format(bakes.scratch)
         line = ['mpirun', '-n', '2', bakes.tool, 'bake', bakes.scene, '-o', folder] + SETTINGS
         try:
-            done = subprocess.run(['unshare', '-m', 'sh', '-c', mount + ' && exec "$@"', 'sh'] + line, env={**os.environ, **harness.MPI_ENVIRONMENT},
+            done = subprocess.run(['unshare', '-m', 'sh', '-c', mount + ' && exec "$@"', 'sh'] + line,
+                                  env={**os.environ, **harness.MPI_ENVIRONMENT},
                                   capture_output=True, text=True, timeout=120, check=False)
         except subprocess.TimeoutExpired:
             checks.that(False, '/dev/shm %s: nothing for 120 s' % what)

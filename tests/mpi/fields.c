@@ -78,7 +78,7 @@ static void copy_surface(struct test *t)
     const size_t runs = s->tile_run_count, pieces = s->piece_base[runs] - s->piece_base[0],
                  shares = s->area_cdf_base[runs] - s->area_cdf_base[0];
     t->surface = *s;
-    t->surface.map_is_lent = true;
+    t->surface.global_is_borrowed = true;
     t->surface.tile_runs = copy(s->tile_runs, runs, sizeof *s->tile_runs);
     t->surface.pieces = copy(s->pieces + s->piece_base[0], pieces, sizeof *s->pieces);
     t->surface.area_cdf = copy(s->area_cdf + s->area_cdf_base[0], shares, sizeof *s->area_cdf);

@@ -1,5 +1,5 @@
-/* Run by mpirun on three ranks: an array goes from ranges to other ranges, whatever these are, in messages of any size.
- */
+/* Test of kiln_redistribute, run by mpirun on three ranks: an array is redistributed between arbitrary ranges, with
+ * messages of any size. */
 #include <mpi.h>
 #include <stdio.h>
 #include <string.h>

@@ -1,11 +1,12 @@
 """The same bits from any number of ranks and threads and from either partition; the same lightmaps from any cell size.
 
-Lightmaps are compared byte by byte, whole files; volume.hdf dataset by dataset; kiln.h5 after sorting its points by object and
-texel, since its order follows the cells; once there are so many points that ranks share chunks of it. Scenes that leave ranks
-or cells with nothing to do are among them.
+Lightmaps are compared byte by byte, whole files; volume.hdf dataset by dataset; kiln.h5 after sorting its points by
+object and texel, since its order follows the cells; once there are so many points that ranks share chunks of it. Scenes
+that leave ranks or cells with nothing to do are among them.
 
 Ranks, threads and partition are chosen so that for the first scene every two values of different options meet in a bake
-(pairwise cover), and for each further scene every value of every option occurs. --full bakes every combination on every scene.
+(pairwise cover), and for each further scene every value of every option occurs. --full bakes every combination on every
+scene.
 """
 import hashlib
 import itertools
@@ -51,7 +52,8 @@ def pixels(bake):
     result = {}
     for entry in bake.run['objects']:
         channels, _ = harness.read_exr(os.path.join(bake.directory, entry['lightmap']))
-        result[entry['name']] = {c: hashlib.sha256(np.ascontiguousarray(v).tobytes()).hexdigest() for c, v in channels.items()}
+        result[entry['name']] = {c: hashlib.sha256(np.ascontiguousarray(v).tobytes()).hexdigest() for c,
+                                 v in channels.items()}
     return result
 
 
@@ -70,7 +72,8 @@ class Result:
 
 
 def pairwise(*options):
-    """Combinations in which every value of an option meets every value of every other; the first has the first values."""
+    """Combinations in which every value of an option meets every value of every other; the first has the first
+    values."""
     pairs = lambda row: set(itertools.combinations(enumerate(row), 2))
     rows = list(itertools.product(*options))
     missing, chosen = set().union(*map(pairs, rows)), []
@@ -81,7 +84,8 @@ def pairwise(*options):
 
 
 def each(*options):
-    """As many combinations as it takes for every value of every option to occur in one; the first has the first values."""
+    """As many combinations as it takes for every value of every option to occur in one; the first has the first
+    values."""
     return [tuple(values[i % len(values)] for values in options) for i in range(max(map(len, options)))]
 
 
@@ -104,7 +108,8 @@ def try_all(checks, kiln, table, name, scene, options, ways, look=None):
     first = None
     for n, threads, partition in ways:
         what = '%d ranks, %d threads, by %s' % (n, threads, partition)
-        bake = kiln.bake(scene, *OPTIONS, *options, '--threads', threads, '--partition', partition, ranks=n, timeout=120)
+        bake = kiln.bake(scene, *OPTIONS, *options, '--threads', threads, '--partition', partition, ranks=n,
+                         timeout=120)
         if checks.baked(bake):
             text = checks.energy(bake, '%s, %s' % (name, what))
             result = Result(bake)
@@ -139,7 +144,8 @@ def plain(path, lights, objects=3, points=True):
     for i in range(objects):
         scene.quad('q%d' % i, [(0, i, 1), (1, i, 1), (1, i, 0), (0, i, 0)], grey)
     if lights:
-        scene.light('lamp', {'type': 'point', 'intensity': 5.0, 'color': [1, 1, 1]}, translation=[0.5, objects + 0.5, 0.5])
+        scene.light('lamp', {'type': 'point', 'intensity': 5.0, 'color': [1, 1, 1]},
+                    translation=[0.5, objects + 0.5, 0.5])
     return scene.write(path)
 
 
@@ -151,7 +157,8 @@ def try_odd_scenes(checks, kiln, table, some):
 
     def is_lit(bake):
         largest = bake.points.total.max(initial=0)
-        checks.that(bake.points.count == 3 and largest > 0, 'one texel an object: %d points of 3, largest irradiance %g' % (
+        checks.that(bake.points.count == 3 and largest > 0,
+                    'one texel an object: %d points of 3, largest irradiance %g' % (
             bake.points.count, largest), bake.process)
     try_all(checks, kiln, table, 'no lights', plain(here('dark.glb'), False), ['--lightmap-size', 16],
             some((3, 1), (1,), ('cells',)), is_dark)
@@ -169,7 +176,8 @@ def try_odd_scenes(checks, kiln, table, some):
 
 
 def main():
-    arguments, kiln = harness.start(__doc__, lambda p: p.add_argument('--full', action='store_true', help='every combination'))
+    arguments, kiln = harness.start(__doc__,
+                                    lambda p: p.add_argument('--full', action='store_true', help='every combination'))
     cornell, zoo = harness.own_scene('cornell_original.glb'), harness.own_scene('punctual_zoo.glb')
     if cornell is None or zoo is None:
         harness.skip('neither tests/data nor ../shared/scenes/own is here.')
@@ -178,7 +186,8 @@ def main():
     both, small = ('cells', 'objects'), ['--lightmap-size', 32]
     checks = harness.Checks()
     table = harness.Table(('scene', 24), ('how', 32), ('seconds', 8), ('result', 10), ('energy', 36))
-    first = try_all(checks, kiln, table, 'cornell_original', cornell, [*small, '--cell-size', 1], pairs(RANKS, (1, 2), both))
+    first = try_all(checks, kiln, table, 'cornell_original', cornell, [*small, '--cell-size', 1],
+                    pairs(RANKS, (1, 2), both))
     lights = try_all(checks, kiln, table, 'punctual_zoo', zoo, ['--lightmap-size', 24], some((1, 3, 8), (1, 2), both))
     try_all(checks, kiln, table, 'several chunks of points', cornell, ['--lightmap-size', 128, '--cell-size', 1],
             some((1, 3, 5), (2,), both))
@@ -195,7 +204,8 @@ def main():
     try_odd_scenes(checks, kiln, table, some)
     other = kiln.bake(cornell, *OPTIONS, *small, '--seed', 1)
     if checks.baked(other) and first is not None:
-        checks.that(len(differences(first, Result(other))) == 3, 'another seed gives the same result: the comparison sees nothing',
+        checks.that(len(differences(first, Result(other))) == 3,
+                    'another seed gives the same result: the comparison sees nothing',
                     other.process)
     checks.end()
 

@@ -1,6 +1,6 @@
-/* Run by mpirun on eight ranks: 1, 2, 3, 5 and 8 of them build a surface together, and each then holds, bit for bit,
- * what a process that works alone finds for its share; and where one fails, all do. Scenes have more blocks of tiles
- * than ranks, fewer, and one. */
+/* Test of the surface, run by mpirun on eight ranks: 1, 2, 3, 5 and 8 of them build a surface together, and each holds
+ * bit for bit what a single process computes for the same range of points; if one rank fails, all do. Scenes have more
+ * blocks of tiles than ranks, fewer, and one. */
 #include <mpi.h>
 #include <stdio.h>
 #include <string.h>

@@ -1,11 +1,13 @@
-"""How far the borders of charts are off: for bakes' folders, the share of edge samples whose value is not that of their own chart.
+"""How far the borders of charts are off: for bakes' folders, the share of edge samples whose value is not that of their
+own chart.
 
     chart_borders.py FOLDER ...      a line for each object, and one for each bake
 
-A border is an edge of a triangle beyond which its chart does not go on in the layout. Samples lie along it, at most half a texel apart;
-each stands for its length in texels. What a sampler reads there, bilinearly, is compared with what it would read if the chart stood alone:
-a texel of which the chart holds the most keeps its value, any other one has that of the nearest texel of which it does (of several at
-the same distance any one's will do). Nothing here is kiln's: layouts are clipped against texels anew, from scene.kscene, and values come from the EXR files.
+A border is an edge of a triangle beyond which its chart does not go on in the layout. Samples lie along it, at most
+half a texel apart; each stands for its length in texels. What a sampler reads there, bilinearly, is compared with what
+it would read if the chart stood alone: a texel of which the chart holds the most keeps its value, any other one has
+that of the nearest texel of which it does (of several at the same distance any one's will do). Nothing here is kiln's:
+layouts are clipped against texels anew, from scene.kscene, and values come from the EXR files.
 """
 import json
 import os
@@ -17,10 +19,13 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import exr  # noqa: E402
 
 SECTIONS = {"strings": 0, "meshes": 4, "objects": 5, "positions": 10, "lightmap": 14, "triangles": 16}
-MESH = np.dtype([("name", "<u4"), ("flags", "<u4"), ("vertex_first", "<u8"), ("vertex_count", "<u8"), ("triangle_first", "<u8"),
+MESH = np.dtype([("name", "<u4"), ("flags", "<u4"), ("vertex_first", "<u8"), ("vertex_count", "<u8"),
+                 ("triangle_first", "<u8"),
                  ("triangle_count", "<u8"), ("area", "<f8"), ("uv_area", "<f8")])
-OBJECT = np.dtype([("name", "<u4"), ("mesh", "<u4"), ("transform", "<f8", 12), ("width", "<u4"), ("height", "<u4"), ("flipped", "<u4"),
-                   ("original", "<u4"), ("node", "<u4"), ("source_mesh", "<u4"), ("flags", "<u4"), ("density_reason", "<u4"), ("instance", "<u4"), ("unused", "<u4")])
+OBJECT = np.dtype([("name", "<u4"), ("mesh", "<u4"), ("transform", "<f8", 12), ("width", "<u4"), ("height", "<u4"),
+                   ("flipped", "<u4"),
+                   ("original", "<u4"), ("node", "<u4"), ("source_mesh", "<u4"), ("flags", "<u4"),
+                   ("density_reason", "<u4"), ("instance", "<u4"), ("unused", "<u4")])
 SAME_TEXEL = 1 / 64  # corners closer than this on the layout are one
 REACH = 6            # texels within which a chart's nearest texel is looked for
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -51,11 +56,13 @@ class Scene:
         m = self.meshes[number]
         vertices = slice(int(m["vertex_first"]), int(m["vertex_first"] + m["vertex_count"]))
         return (self.positions[vertices], self.layout[vertices].astype(np.float64),
-                self.triangles[int(m["triangle_first"]):int(m["triangle_first"] + m["triangle_count"])].astype(np.int64))
+                self.triangles[int(m["triangle_first"]):int(m["triangle_first"] + m["triangle_count"])].astype(
+                    np.int64))
 
 
 def half_edges(positions, corners):
-    """(triangle, corner) of every edge between two points, sorted by its two points; and for each whether the next has the same two."""
+    """(triangle, corner) of every edge between two points, sorted by its two points; and for each whether the next has
+    the same two."""
     _, weld = np.unique(np.ascontiguousarray(positions + 0.0).view("V12").ravel(), return_inverse=True)
     a, b = weld[corners], weld[np.roll(corners, -1, 1)]
     low, high = np.minimum(a, b).ravel(), np.maximum(a, b).ravel()
@@ -125,7 +132,8 @@ def areas_in_texels(corner, width, height, at_once=200000):
     while first < len(corner):
         last = max(first + 1, int(np.searchsorted(ends, (ends[first - 1] if first else 0) + at_once)))
         t = np.repeat(np.arange(first, last), pairs[first:last])
-        k = np.arange(len(t)) - np.repeat(ends[first:last] - pairs[first:last] - (ends[first - 1] if first else 0), pairs[first:last])
+        k = np.arange(len(t)) - np.repeat(ends[first:last] - pairs[first:last] - (ends[first - 1] if first else 0),
+                                          pairs[first:last])
         x, y = low[t, 0] + k % size[t, 0], low[t, 1] + k // size[t, 0]
         polygon = np.zeros((len(t), 9, 2))
         polygon[:, :3] = corner[t] - np.stack([x, y], 1)[:, None]
@@ -159,8 +167,8 @@ def owners(corner, chart, width, height):
 
 
 def nearest_own(owner, values, texel, chart, width, height):
-    """For each (texel, chart) what the texel may hold: the least and the greatest value among the nearest texels of which the chart holds
-    the most (there may be several at the same distance); NaN where there is none within REACH."""
+    """For each (texel, chart) what the texel may hold: the least and the greatest value among the nearest texels of
+    which the chart holds the most (there may be several at the same distance); NaN where there is none within REACH."""
     offsets = sorted((dx * dx + dy * dy, dy, dx) for dx in range(-REACH, REACH + 1) for dy in range(-REACH, REACH + 1))
     low, high = np.full(len(texel), np.nan), np.full(len(texel), np.nan)
     x, y = texel % width, texel // width
@@ -209,9 +217,9 @@ FIELDS = ("length", "off", "half", "covered", "shared", "lone", "charts")
 
 
 def measure(positions, uv, corners, values):
-    """Of one object: lengths in texels of all borders; of those where the value is off by more than 10 % and by half and more; where a
-    texel is read of which another chart holds the most, or which two charts hold; of borders of charts that hold the most of no texel
-    nearby; and the number of charts. `values` is (height, width) of luminance."""
+    """Of one object: lengths in texels of all borders; of those where the value is off by more than 10 % and by half
+    and more; where a texel is read of which another chart holds the most, or which two charts hold; of borders of
+    charts that hold the most of no texel nearby; and the number of charts. `values` is (height, width) of luminance."""
     height, width = values.shape
     texel = uv * [width, height]
     chart, border = find_charts(positions, texel, corners)
@@ -229,7 +237,8 @@ def measure(positions, uv, corners, values):
     foreign = (counts & (owner[read] >= 0) & (owner[read] != own[:, None])).any(1)
     mixed = (counts & shared[read]).any(1)
     total = lambda mask: float(length[mask].sum())
-    return dict(zip(FIELDS, (float(length.sum()), total(~lone & (error > 0.1)), total(~lone & (error >= 0.5)), total(foreign), total(mixed),
+    return dict(zip(FIELDS, (float(length.sum()), total(~lone & (error > 0.1)), total(~lone & (error >= 0.5)),
+                             total(foreign), total(mixed),
                              total(lone), int(chart.max()) + 1 if len(chart) else 0)))
 
 

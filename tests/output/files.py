@@ -66,7 +66,8 @@ def check_points(folder):
     left = first & (points["texel"][:, 0] < 0.41 * 75 - 1) & (points["texel"][:, 0] > 0.06 * 75)
     u, v = (points["position"][left, 0] * 0.35 + 0.06) * 75, (points["position"][left, 1] * 0.72 + 0.11) * 64
     texel = points["texel"][left]
-    assert ((u >= texel[:, 0] - 1e-5) & (u <= texel[:, 0] + 1 + 1e-5) & (v >= texel[:, 1] - 1e-5) & (v <= texel[:, 1] + 1 + 1e-5)).all()
+    assert ((u >= texel[:, 0] - 1e-5) & (u <= texel[:, 0] + 1 + 1e-5) & (v >= texel[:, 1] - 1e-5) & (
+        v <= texel[:, 1] + 1 + 1e-5)).all()
     whole = (texel[:, 1] > 0.11 * 64) & (texel[:, 1] < 0.83 * 64 - 1)
     # exact at the middle of a texel that lies wholly in the square, whichever triangles cover it
     assert np.abs(u - texel[:, 0] - 0.5)[whole].max() < 1e-4 and np.abs(v - texel[:, 1] - 0.5)[whole].max() < 1e-4
@@ -80,7 +81,8 @@ def check_lightmaps(folder, points, light, sizes, names, reports):
         channels, attributes = exr.read(os.path.join(folder, "lightmaps", name + ".exr"))
         height, width = channels["R"].shape
         assert (width, height) == tuple(sizes[number])
-        assert attributes["kiln:units"] == "W m-2" and attributes["kiln:object"] == name and attributes["kiln:seed"] == "77"
+        assert attributes["kiln:units"] == "W m-2" and attributes["kiln:object"] == name and attributes[
+            "kiln:seed"] == "77"
         mine = points["object"] == number
         x, y = points["texel"][mine].T
         state = np.zeros((height, width))
@@ -94,7 +96,8 @@ def check_lightmaps(folder, points, light, sizes, names, reports):
         untouched = (direct == raw).all(-1)
         assert untouched.sum() > 0.85 * (state == 1).sum()
         for c in "RGB":
-            assert np.array_equal(channels[c], channels["direct." + c] + channels["indirect." + c]), "total is direct + indirect"
+            assert np.array_equal(channels[c],
+                                  channels["direct." + c] + channels["indirect." + c]), "total is direct + indirect"
             assert np.isfinite(channels[c]).all() and channels[c].min() > 0.5, "every texel has light"
         # the margin is a copy of a nearest texel on the surface
         inside, outside = np.argwhere(state > 0), np.argwhere(state == 0)
@@ -106,7 +109,8 @@ def check_lightmaps(folder, points, light, sizes, names, reports):
         area = np.zeros((height, width))
         area[y, x] = points["area"][mine]
         gathered = state == 1
-        change = (area[..., None] * (direct - np.nan_to_num(raw)))[gathered].sum() / (area[..., None] * raw)[gathered].sum()
+        change = (area[..., None] * (direct - np.nan_to_num(raw)))[gathered].sum() / (area[..., None] * raw)[
+            gathered].sum()
         assert abs(change) < 5e-3, f"{name}: smoothing seams changed the energy by {change}"
         report = reports[number]
         assert [int(v) for v in report[:4]] == [number, gathered.sum(), (state == 0.5).sum(), (state == 0).sum()]
@@ -134,7 +138,8 @@ def check_volume(folder):
         distance = group["PointData/mean_distance"][...]
     x = np.arange(5)
     assert np.allclose(posx[..., 0], 1 + x) and np.allclose(distance, 0.5 + np.arange(3)[:, None, None])
-    assert np.allclose(harmonics[..., 0], np.pi * (1 + x) / 0.28209479, rtol=1e-6), "the constant band is pi times radiance"
+    assert np.allclose(harmonics[..., 0], np.pi * (1 + x) / 0.28209479,
+                       rtol=1e-6), "the constant band is pi times radiance"
     assert validity.argmin() == 3 and np.isclose(validity.min(), 0.1)
 
     def probe(*numbers):
@@ -160,7 +165,8 @@ def check_volume(folder):
 
 
 def check_divided(folder):
-    """Lightmaps that all ranks pack: the same bytes on any number of ranks; a packer that fails ends all ranks, with its sentence."""
+    """Lightmaps that all ranks pack: the same bytes on any number of ranks; a packer that fails ends all ranks, with
+    its sentence."""
     made = [os.path.join(folder, str(n)) for n in (1, 2, 3, 5)]
     for one in made:
         write(one, int(os.path.basename(one)), "divided")
@@ -173,17 +179,23 @@ def check_divided(folder):
     run = subprocess.run([MPIEXEC, "-n", "3", WRITER, failing, "divided"], capture_output=True, text=True, timeout=60,
                          env={**os.environ, "KILN_FAILING_PACKER": "2"})
     assert run.returncode == 71, run
-    assert all(re.search(r"rank %d: 71: rank 2 on \S+: KILN_FAILING_PACKER" % r, run.stderr) for r in range(3)), run.stderr
-    assert os.listdir(os.path.join(failing, "lightmaps")) in (["second.exr"], []), os.listdir(os.path.join(failing, "lightmaps"))
+    assert all(re.search(r"rank %d: 71: rank 2 on \S+: KILN_FAILING_PACKER" % r, run.stderr)
+               for r in range(3)), run.stderr
+    assert os.listdir(os.path.join(failing, "lightmaps")) in (["second.exr"],
+                                                              []), os.listdir(os.path.join(failing, "lightmaps"))
 
 
 def check_full_disk(folder):
-    """On file systems too small for the lightmaps, and for the rest: exit 74 and a sentence, nothing half under its name."""
-    command = 'mount -t tmpfs -o size="$1" tmpfs "$2" || exit 99; "$3" -n "$5" "$4" "$2" $6; code=$?; find "$2" -type f; exit $code'
+    """On file systems too small for the lightmaps, and for the rest: exit 74 and a sentence, nothing half under its
+    name."""
+    command = ('mount -t tmpfs -o size="$1" tmpfs "$2" || exit 99; "$3" -n "$5" "$4" "$2" $6; code=$?; '
+               'find "$2" -type f; exit $code')
     os.makedirs(folder)
-    cases = (("60k", set(), 2, ""), ("400k", {"first.exr", "second.exr"}, 2, ""), ("700k", {"second.exr"}, 3, "divided"), ("100k", set(), 5, "divided"))
+    cases = (("60k", set(), 2, ""), ("400k", {"first.exr", "second.exr"}, 2, ""),
+             ("700k", {"second.exr"}, 3, "divided"), ("100k", set(), 5, "divided"))
     for size, published, ranks, mode in cases:
-        run = subprocess.run(["unshare", "--mount", "sh", "-c", command, "sh", size, folder, MPIEXEC, WRITER, str(ranks), mode],
+        run = subprocess.run(["unshare", "--mount", "sh", "-c", command, "sh", size, folder, MPIEXEC, WRITER,
+                              str(ranks), mode],
                              capture_output=True, text=True, timeout=60)
         if run.returncode in (1, 99, 127):
             print("no file system may be mounted here: the full disk was not tried")

@@ -1,5 +1,5 @@
-"""Every scene at hand, baked as quickly as can be with its own layouts and stripped of them, exported, and held to what exported.py and the
-Khronos validator say; and an atlas of Sponza. Run by hand: minutes, and npm.
+"""Every scene at hand, baked as quickly as can be with its own layouts and stripped of them, exported, and held to what
+exported.py and the Khronos validator say; and an atlas of Sponza. Run by hand: minutes, and npm.
 
     npm install --prefix FOLDER gltf-validator
     long_export.py --kiln build/release/kiln --validator FOLDER [--sponza-density 16] [--only NAME]
@@ -17,7 +17,8 @@ import harness  # noqa: E402
 
 QUICK = ('--samples-direct', 1, '--samples-bounce', 1, '--samples-indirect', 1, '--bounces', 0, '--samples-probe', 0)
 VALIDATE = '''const v = require(process.argv[1] + '/node_modules/gltf-validator'), fs = require('fs');
-v.validateBytes(new Uint8Array(fs.readFileSync(process.argv[2])), {maxIssues: 0}).then(r => console.log(JSON.stringify(r.issues)));'''
+v.validateBytes(new Uint8Array(fs.readFileSync(process.argv[2])), {maxIssues: 0})
+  .then(r => console.log(JSON.stringify(r.issues)));'''
 
 
 def validate(folder, path):
@@ -66,7 +67,8 @@ def one(kiln, checks, validator, scene, source, options=()):
     except AssertionError as fault:
         checks.that(False, '%s: %s' % (source, fault), bake.process)
     print('%-52s %5d links, %6d attributes the same, %.1f MB -> %.1f MB, %d errors (%d of the source)' % (
-        source, links, attributes, os.path.getsize(scene) / 1e6, os.path.getsize(path) / 1e6, issues['numErrors'], len(known)), flush=True)
+        source, links, attributes, os.path.getsize(scene) / 1e6, os.path.getsize(path) / 1e6, issues['numErrors'],
+        len(known)), flush=True)
     return bake
 
 
@@ -79,13 +81,16 @@ def atlas_of_sponza(kiln, checks, density):
     process = kiln.command('export', bake.directory, '-o', path, '--atlas', 2048)
     if checks.that(process.status == 0, 'the atlas ended with %d' % process.status, process):
         used, points = exported.check_atlas(bake.directory, path, 20000)
-        print('%s\nSponza at %g texels/m: %.1f %% used, the same at %d points' % (process.stdout.strip(), density, 100 * used, points))
+        print('%s\nSponza at %g texels/m: %.1f %% used, the same at %d points' %
+              (process.stdout.strip(), density, 100 * used, points))
         checks.that(used >= 0.7, 'only %.1f %% of the pages are used' % (100 * used), process)
 
 
 def main():
-    arguments, kiln = harness.start(__doc__, lambda p: p.add_argument('--validator', required=True, help='where gltf-validator is installed'),
-                                    lambda p: p.add_argument('--sponza-density', type=float, default=16), lambda p: p.add_argument('--only', default=''))
+    arguments, kiln = harness.start(
+        __doc__, lambda p: p.add_argument('--validator', required=True, help='where gltf-validator is installed'),
+                                    lambda p: p.add_argument('--sponza-density', type=float, default=16),
+        lambda p: p.add_argument('--only', default=''))
     checks = harness.Checks()
     validator = os.path.abspath(arguments.validator)
     for scene in scenes():

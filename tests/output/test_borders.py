@@ -1,7 +1,8 @@
-"""Borders of charts: what a sampler reads there is light of the same chart; where a layout has too little padding, kiln says which density
-would do, and that density does; so does --repack.
+"""Borders of charts: what a sampler reads there is light of the same chart; where a layout has too little padding, kiln
+says which density would do, and that density does; so does --repack.
 
-Longer: test_borders.py --sponza bakes the Sponza of ../shared/scenes at the density that `kiln check` names, and packed anew.
+Longer: test_borders.py --sponza bakes the Sponza of ../shared/scenes at the density that `kiln check` names, and packed
+anew.
 """
 import json
 import os
@@ -20,7 +21,8 @@ import exr  # noqa: E402
 KILN = os.environ["KILN"]
 REPOSITORY = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 SHARED = os.path.normpath(os.path.join(REPOSITORY, "..", "shared", "scenes"))
-FEW = ("--quality", "draft", "--samples-direct", "16", "--samples-bounce", "4", "--samples-indirect", "64", "--samples-probe", "0")
+FEW = ("--quality", "draft", "--samples-direct", "16", "--samples-bounce", "4", "--samples-indirect", "64",
+       "--samples-probe", "0")
 
 
 def kiln(*arguments):
@@ -39,13 +41,15 @@ def measure(folder, most):
     """The share of the borders' length that is off by more than 10 %: at most `most`."""
     total = chart_borders.total_of(chart_borders.measure_bake(folder))
     off = chart_borders.share(total, "off")
-    print("%s: %d charts, %.0f texels of border, off %.2f %%" % (os.path.basename(folder), total["charts"], total["length"], 100 * off))
+    print("%s: %d charts, %.0f texels of border, off %.2f %%" %
+          (os.path.basename(folder), total["charts"], total["length"], 100 * off))
     assert total["length"] > 100 and off <= most, total
     return total
 
 
 def by_distance(folder, name):
-    """The same measure when every margin texel is given to the nearest texel, whoever reads it: the measure has to see that."""
+    """The same measure when every margin texel is given to the nearest texel, whoever reads it: the measure has to see
+    that."""
     scene = chart_borders.Scene(os.path.join(folder, "scene.kscene"))
     item = next(o for o in scene.objects if scene.name(o) == name)
     channels, _ = exr.read(os.path.join(folder, "lightmaps", name + ".exr"))
@@ -53,7 +57,8 @@ def by_distance(folder, name):
     height, width = values.shape
     everyone = np.where(channels["coverage.Y"].ravel() > 0, 0, -1)
     index = np.arange(width * height)
-    low, high = chart_borders.nearest_own(everyone, values.ravel(), index, np.zeros(len(index), np.int64), width, height)
+    low, high = chart_borders.nearest_own(everyone, values.ravel(), index, np.zeros(len(index), np.int64), width,
+                                          height)
     margin = (everyone < 0) & ~np.isnan(high)
     values.ravel()[margin] = high[margin]
     return chart_borders.share(chart_borders.measure(*scene.mesh(item["mesh"]), values), "off")
@@ -81,7 +86,8 @@ def named_density(text):
 
 
 def too_coarse(folder, scene, density, least, *options):
-    """At a low density charts bleed and kiln says so; at the one it names they do not, nor when they are packed anew."""
+    """At a low density charts bleed and kiln says so; at the one it names they do not, nor when they are packed
+    anew."""
     wanted = named_density(kiln("check", scene, "--texels-per-metre", density).stdout)
     assert named_density(kiln("info", scene, "--texels-per-metre", density).stdout) == wanted
     assert float(wanted) > float(density)
@@ -92,7 +98,8 @@ def too_coarse(folder, scene, density, least, *options):
     assert named["borders"]["disturbed_texels"] < 0.01 * named["borders"]["texels"], named["borders"]
     measure(os.path.join(folder, "named"), 0.01)
     words, packed = bake(os.path.join(folder, "packed"), scene, "--texels-per-metre", density, "--repack", *options)
-    assert packed["borders"]["disturbed_texels"] < 0.001 * packed["borders"]["texels"] and "another chart" not in words, packed["borders"]
+    assert packed["borders"]["disturbed_texels"] < 0.001 * packed["borders"][
+        "texels"] and "another chart" not in words, packed["borders"]
     measure(os.path.join(folder, "packed"), 0.001)
     info = json.loads(kiln("info", scene, "--texels-per-metre", density, "--repack", "--json").stdout)
     assert "repacked" in {m["layout"] for m in info["meshes"]}
@@ -101,7 +108,8 @@ def too_coarse(folder, scene, density, least, *options):
 def main(arguments):
     with tempfile.TemporaryDirectory(prefix="kiln-borders-") as folder:
         if arguments == ["--sponza"]:
-            too_coarse(folder, os.path.join(SHARED, "third_party", "crytek_sponza.glb"), "4", 0.05, "--environment", "1,1,1",
+            too_coarse(folder, os.path.join(SHARED, "third_party", "crytek_sponza.glb"), "4", 0.05, "--environment",
+                       "1,1,1",
                        "--bounces", "1", "--samples-direct", "4", "--samples-bounce", "1", "--samples-indirect", "8")
             return
         cornell(folder)

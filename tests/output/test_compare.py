@@ -27,7 +27,8 @@ def compare(a, b, *more):
 
 def ssim(a, b, used, exposure):
     """Mean over used texels, windows made by explicit shifts of the whole image."""
-    tone = lambda rgb: np.where(used, (lambda t: t / (1 + t))(exposure * np.maximum(rgb @ [0.2126, 0.7152, 0.0722], 0)), 0)
+    tone = lambda rgb: np.where(used, (lambda t: t / (1 + t))(exposure * np.maximum(rgb @ [0.2126, 0.7152, 0.0722], 0)),
+                                0)
     height, width = used.shape
     x, y, m = (np.pad(v, 5) for v in (tone(a), tone(b), used.astype(float)))
     sums = np.zeros((6, height, width))
@@ -86,7 +87,8 @@ def images(rng, height, width, noise):
 
 def plain_files(rng, folder):
     for case, (height, width, noise, compression, half) in enumerate(
-            [(33, 47, 0.1, "ZIP", False), (16, 16, 0.5, "NONE", False), (70, 31, 0.02, "ZIP", True), (5, 3, 0.3, "ZIPS", False)]):
+            [(33, 47, 0.1, "ZIP", False), (16, 16, 0.5, "NONE", False), (70, 31, 0.02, "ZIP", True),
+             (5, 3, 0.3, "ZIPS", False)]):
         a, b = (as_stored(i, half) for i in images(rng, height, width, noise))
         paths = [os.path.join(folder, n) for n in ("a.exr", "b.exr")]
         for path, image in zip(paths, (a, b)):
@@ -145,20 +147,23 @@ def refusals(rng, folder):
 
 
 def bake(scene, folder, *options):
-    run = kiln("bake", scene, "-o", folder, "--samples-probe", "0", "--no-preview", "--quiet", "--backend", "embree", *options)
+    run = kiln("bake", scene, "-o", folder, "--samples-probe", "0", "--no-preview", "--quiet", "--backend", "embree",
+               *options)
     assert run.returncode == 0, run.stderr
     return folder
 
 
 def densities(rng, folder):
-    """Two densities of one scene: at surface positions, by area. Computed again from the surface points of A (kiln.h5) and B's lightmap
-    at the same object and coordinate."""
+    """Two densities of one scene: at surface positions, by area. Computed again from the surface points of A (kiln.h5)
+    and B's lightmap at the same object and coordinate."""
     scene = os.path.join(folder, "cornell.glb")
     assert kiln("generate", "cornell", "-o", scene, "--quiet").returncode == 0
     coarse = bake(scene, os.path.join(folder, "coarse"), "--texels-per-metre", "6", "--quality", "draft")
-    fine = bake(scene, os.path.join(folder, "fine"), "--texels-per-metre", "14", "--quality", "draft", "--samples-direct", "64", "--samples-indirect", "128")
+    fine = bake(scene, os.path.join(folder, "fine"), "--texels-per-metre", "14", "--quality", "draft",
+                "--samples-direct", "64", "--samples-indirect", "128")
     found = compare(coarse, fine)
-    assert found["sampled"] is True and found["dssim"] is None and not found["identical"] and len(found["worst"]["position"]) == 3
+    assert found["sampled"] is True and found["dssim"] is None and not found["identical"] and len(
+        found["worst"]["position"]) == 3
     with h5py.File(os.path.join(coarse, "kiln.h5")) as file:
         names = [n.decode() for n in file["objects/name"][...]]
         sizes, of, texel = file["objects/lightmap"][...], file["points/object"][...], file["points/texel"][...]
@@ -180,14 +185,19 @@ def densities(rng, folder):
             e = b.channels[c].astype(float)
             at = (1 - wy) * ((1 - wx) * e[y0, x0] + wx * e[y0, x1]) + wy * ((1 - wx) * e[y1, x0] + wx * e[y1, x1])
             difference = a.channels[c][y, x].astype(float) - at
-            sums += [(area[own] * difference ** 2).sum(), (area[own] * difference).sum(), (area[own] * at).sum(), area[own].sum()]
+            sums += [(area[own] * difference ** 2).sum(), (area[own] * difference).sum(), (area[own] * at).sum(),
+                     area[own].sum()]
     rms, bias, mean = np.sqrt(sums[0] / sums[3]), sums[1] / sums[3], sums[2] / sums[3]
     assert abs(found["mean"] / mean - 1) < 0.03, (found["mean"], mean)  # edges are in kiln's
-    assert 0.5 * rms / mean < found["nrmse"] < 1.1 * rms / mean, (found["nrmse"], rms / mean)  # between texel centres noise is averaged
-    assert abs(np.mean([c["mean_difference"] for c in found["channels"].values()]) / mean - bias / mean) < 0.01, (found["channels"], bias)
+    # between texel centres noise is averaged
+    assert 0.5 * rms / mean < found["nrmse"] < 1.1 * rms / mean, (found["nrmse"], rms / mean)
+    assert abs(np.mean([c["mean_difference"] for c in found["channels"].values()]) / mean -
+               bias / mean) < 0.01, (found["channels"], bias)
     # of itself there is no difference to speak of; the other way round the same distance
     back = compare(fine, coarse)
-    assert abs(back["rmse"] / found["rmse"] - 1) < 0.02 and compare(fine, fine)["sampled"] is False and compare(fine, fine)["identical"]
+    assert abs(back["rmse"] / found["rmse"] - 1) < 0.02
+    same = compare(fine, fine)
+    assert same["sampled"] is False and same["identical"]
     text = kiln("compare", coarse, fine)
     assert "spread over the surfaces" in text.stdout and "dssim" not in text.stdout, text.stdout
     assert kiln("compare", coarse, fine, "-o", os.path.join(folder, "no.png")).returncode == 64
@@ -199,12 +209,15 @@ def densities(rng, folder):
             primitive["attributes"].pop("TEXCOORD_1", None)
             primitive["attributes"].pop("TEXCOORD_0", None)
     bare = plain.write(os.path.join(folder, "bare.glb"))
-    unwrapped = bake(bare, os.path.join(folder, "unwrapped"), "--texels-per-metre", "10", "--quality", "draft", "--samples-indirect", "128")
+    unwrapped = bake(bare, os.path.join(folder, "unwrapped"), "--texels-per-metre", "10", "--quality", "draft",
+                     "--samples-indirect", "128")
     other = compare(unwrapped, fine)
-    assert abs(other["mean"] / found["mean"] - 1) < 0.01 and other["nrmse"] < 1.5 * found["nrmse"], (other["nrmse"], found["nrmse"])
+    assert abs(other["mean"] / found["mean"] - 1) < 0.01 and other["nrmse"] < 1.5 * found["nrmse"], (
+        other["nrmse"], found["nrmse"])
     # another geometry under the same names is refused
     plain.document["nodes"][0]["translation"] = [0.25, 0, 0]
-    moved = bake(plain.write(os.path.join(folder, "moved.glb")), os.path.join(folder, "moved"), "--texels-per-metre", "5", "--quality", "draft")
+    moved = bake(plain.write(os.path.join(folder, "moved.glb")), os.path.join(folder, "moved"), "--texels-per-metre",
+                 "5", "--quality", "draft")
     run = kiln("compare", moved, fine)
     assert run.returncode == 65 and "not in the same place" in run.stderr, run.stderr
 

@@ -1,4 +1,5 @@
-"""kiln export and scene.glb: what an engine gets is the source scene, with the coordinates that were baked and links that lead to the texels."""
+"""kiln export and scene.glb: what an engine gets is the source scene, with the coordinates that were baked and links
+that lead to the texels."""
 import json
 import os
 import shutil
@@ -18,12 +19,14 @@ import gltf_file  # noqa: E402
 
 KILN = os.environ["KILN"]
 DATA = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "data")
-QUICK = ("--samples-direct", "1", "--samples-bounce", "1", "--samples-indirect", "1", "--bounces", "0", "--samples-probe", "0", "--no-preview", "--quiet")
+QUICK = ("--samples-direct", "1", "--samples-bounce", "1", "--samples-indirect", "1", "--bounces", "0",
+         "--samples-probe", "0", "--no-preview", "--quiet")
 
 
 def kiln(*arguments, code=0, prefix=()):
     run = subprocess.run([*prefix, KILN, *map(str, arguments)], capture_output=True, text=True)
-    assert run.returncode == code, f"kiln {' '.join(map(str, arguments))}: exit {run.returncode}, wanted {code}\n{run.stderr}"
+    said = f"kiln {' '.join(map(str, arguments))}: exit {run.returncode}, wanted {code}\n{run.stderr}"
+    assert run.returncode == code, said
     return run
 
 
@@ -46,7 +49,8 @@ def check(folder, scene, links):
         for o in json.load(run)["objects"]:
             link = file.json["nodes"][o["node"]]["extensions"]["KILN_lightmap"]
             link = link["instances"][o["instance"]] if "instances" in link else link
-            assert (o["node"], o["mesh"], o["lightmap"]) == (link["source"]["node"], link["source"]["mesh"], link["file"])
+            assert (o["node"], o["mesh"], o["lightmap"]) == (link["source"]["node"], link["source"]["mesh"],
+                                                             link["file"])
     return file
 
 
@@ -58,9 +62,11 @@ def own_layout(folder):
     assert file.json["accessors"] == source.json["accessors"] and file.json["meshes"] == source.json["meshes"]
     assert file.binary[:len(source.binary)] == source.binary
     link = file.json["nodes"][0]["extensions"]["KILN_lightmap"]
-    assert link == {"file": link["file"], "page": 0, "texCoord": 1, "scale": [1, 1], "offset": [0, 0], "quantity": "irradiance", "unit": "W/m2",
+    assert link == {"file": link["file"], "page": 0, "texCoord": 1, "scale": [1, 1], "offset": [0, 0],
+                    "quantity": "irradiance", "unit": "W/m2",
                     "encoding": "exr", "source": {"node": 0, "mesh": 0}}
-    again = bake(scene, os.path.join(folder, "ranks"), "--lightmap-size", "16", prefix=("mpirun", "--bind-to", "none", "-n", "2"))
+    again = bake(scene, os.path.join(folder, "ranks"), "--lightmap-size", "16",
+                 prefix=("mpirun", "--bind-to", "none", "-n", "2"))
     with open(os.path.join(there, "scene.glb"), "rb") as a, open(os.path.join(again, "scene.glb"), "rb") as b:
         assert a.read() == b.read(), "two ranks write another scene.glb"
     without = bake(scene, os.path.join(folder, "without"), "--lightmap-size", "16", "--no-export")
@@ -77,13 +83,15 @@ def unwrapped(folder):
         check(bake(scene, os.path.join(folder, name + "_bare"), "--lightmap-size", "32"), scene, links)
 
 
-PIXEL = (b"\x89PNG\r\n\x1a\n" + b"".join(struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d)) for k, d in (
-    (b"IHDR", struct.pack(">IIBBBBB", 1, 1, 8, 2, 0, 0, 0)), (b"IDAT", zlib.compress(b"\0\xff\x80\x40")), (b"IEND", b""))))
+PIXEL = (b"\x89PNG\r\n\x1a\n" + b"".join(struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d)) for k,
+                                         d in (
+    (b"IHDR", struct.pack(">IIBBBBB", 1, 1, 8, 2, 0, 0, 0)), (b"IDAT", zlib.compress(b"\0\xff\x80\x40")),
+    (b"IEND", b""))))
 
 
 def hard(folder):
-    """What a careless writer loses: external files, strips, a triangle without area, shared accessors, bytes, a morph target, a texture that uses
-    TEXCOORD_1, extras that are no object, instances."""
+    """What a careless writer loses: external files, strips, a triangle without area, shared accessors, bytes, a morph
+    target, a texture that uses TEXCOORD_1, extras that are no object, instances."""
     at = os.path.join(folder, "hard")
     os.makedirs(at)
     s = glb.Scene()
@@ -96,24 +104,33 @@ def hard(folder):
     shared = s.accessor(np.tile(np.float32([[0.25, 0.5]]), (16, 1)), "VEC2", 5126, 34962)
     moved = s.accessor(np.full((16, 3), 0.5, np.float32), "VEC3", 5126, 34962)
     s.document["accessors"][moved].update(min=[0.5] * 3, max=[0.5] * 3)
-    rows = [s.accessor(np.array([[4 * r + 4 + k, 4 * r + k] for k in range(4)], np.uint16).reshape(-1), "SCALAR", 5123, 34963) for r in range(3)]
+    rows = [s.accessor(np.array([[4 * r + 4 + k, 4 * r + k] for k in range(4)], np.uint16).reshape(-1), "SCALAR", 5123,
+                       34963) for r in range(3)]
     thin = s.accessor(np.array([0, 5, 1, 0, 0, 1], np.uint16), "SCALAR", 5123, 34963)
     image = {"uri": "a%20pixel.png"}
     s.document.update(images=[image], textures=[{"source": 0}], samplers=[{}])
-    s.document["materials"] = [{"name": "second set", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 1}}, "doubleSided": True},
+    s.document["materials"] = [
+        {"name": "second set", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 1}},
+         "doubleSided": True},
                                {"name": "plain", "doubleSided": True}]
-    strip_of = lambda r, **more: {"attributes": {"POSITION": position, "COLOR_0": color, **more}, "indices": rows[r], "mode": 5, "material": 1}
+    strip_of = lambda r, **more: {"attributes": {"POSITION": position, "COLOR_0": color, **more}, "indices": rows[r],
+                                  "mode": 5, "material": 1}
     s.document["meshes"] = [
-        {"name": "strips", "primitives": [strip_of(0), strip_of(1), {**strip_of(2), "targets": [{"POSITION": moved}]}], "weights": [0.0]},
-        {"name": "textured", "primitives": [{"attributes": {"POSITION": position, "TEXCOORD_0": shared, "TEXCOORD_1": shared}, "indices": thin, "material": 0}]}]
+        {"name": "strips", "primitives": [strip_of(0), strip_of(1), {**strip_of(2), "targets": [{"POSITION": moved}]}],
+         "weights": [0.0]},
+        {"name": "textured",
+         "primitives": [{"attributes": {"POSITION": position, "TEXCOORD_0": shared, "TEXCOORD_1": shared},
+                         "indices": thin, "material": 0}]}]
     del s.document["meshes"][0]["weights"]
     s.document["meshes"][0]["primitives"][2].pop("targets")
     s.document["meshes"].append({"name": "bends", "primitives": [{**strip_of(2), "targets": [{"POSITION": moved}]}]})
     offsets = s.accessor(np.float32([[0, 5, 0], [0, 6, 0], [0, 7, 0]]), "VEC3", 5126, 34962)
     s.document["bufferViews"][-1].pop("target")
-    s.document["nodes"] = [{"mesh": 0, "name": "s", "extras": "a word"}, {"mesh": 1, "name": "t", "translation": [0, 1, 0], "extras": {"mine": 1}},
+    s.document["nodes"] = [{"mesh": 0, "name": "s", "extras": "a word"},
+                           {"mesh": 1, "name": "t", "translation": [0, 1, 0], "extras": {"mine": 1}},
                            {"mesh": 2, "name": "b", "translation": [0, 2, 0]},
-                           {"mesh": 1, "name": "many", "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": offsets}}}}]
+                           {"mesh": 1, "name": "many",
+                            "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": offsets}}}}]
     s.document["scenes"][0]["nodes"] = [0, 1, 2, 3]
     s.environment((1, 1, 1))
     s.document["extensionsUsed"] = ["EXT_mesh_gpu_instancing"]
@@ -132,7 +149,8 @@ def hard(folder):
     assert all("uri" not in part for part in file.json["buffers"] + file.json["images"])
     nodes = file.json["nodes"]
     assert nodes[0]["extras"] == "a word" and nodes[1]["extras"]["mine"] == 1
-    assert nodes[0]["extensions"]["KILN_lightmap"]["texCoord"] == 1 and nodes[1]["extensions"]["KILN_lightmap"]["texCoord"] == 2
+    assert nodes[0]["extensions"]["KILN_lightmap"]["texCoord"] == 1 and nodes[1]["extensions"]["KILN_lightmap"][
+        "texCoord"] == 2
     assert len(nodes[3]["extensions"]["KILN_lightmap"]["instances"]) == 3
     textured = file.json["meshes"][1]["primitives"][0]["attributes"]
     corners = file.corners(file.json["meshes"][1]["primitives"][0])
@@ -149,11 +167,13 @@ def other_formats(folder):
     """No glTF: the scene comes from kiln's own scene file."""
     scene = os.path.join(folder, "plates.obj")
     with open(scene, "w") as file:
-        file.write("mtllib plates.mtl\no low\nv 0 0 0\nv 0 0 1\nv 1 0 1\nv 1 0 0\nusemtl a\nf 1 2 3 4\no high\nv 0 1 0\nv 0 1 1\nv 1 1 1\nusemtl b\nf 5 6 7\n")
+        file.write("mtllib plates.mtl\no low\nv 0 0 0\nv 0 0 1\nv 1 0 1\nv 1 0 0\nusemtl a\nf 1 2 3 4\no high\nv 0 1 "
+                   "0\nv 0 1 1\nv 1 1 1\nusemtl b\nf 5 6 7\n")
     with open(os.path.join(folder, "plates.mtl"), "w") as file:
         file.write("newmtl a\nKd 0.5 0.25 0.125\nnewmtl b\nKd 0 0 0\nKe 3 2 1\n")
     there = bake(scene, os.path.join(folder, "obj"), "--lightmap-size", "16")
-    file, baked = gltf_file.File(os.path.join(there, "scene.glb")), exported.SceneFile(os.path.join(there, "scene.kscene"))
+    file, baked = gltf_file.File(os.path.join(there, "scene.glb")), exported.SceneFile(
+        os.path.join(there, "scene.kscene"))
     links = [n["extensions"]["KILN_lightmap"] for n in file.json["nodes"] if "KILN_lightmap" in n.get("extensions", {})]
     assert len(links) == len(baked.objects) == 2 and all("source" not in link for link in links)
     for node, o in zip(file.json["nodes"], baked.objects):
@@ -203,7 +223,8 @@ def read_ktx2(path):
     form, size, width, height, depth, layers, faces, levels, scheme = struct.unpack_from("<9I", data, 12)
     assert (form, size, depth, layers, faces, levels, scheme) == (97, 2, 0, 0, 1, 1, 0)
     descriptor, descriptor_size, words, words_size = struct.unpack_from("<4I", data, 48)
-    assert struct.unpack_from("<I", data, descriptor)[0] == descriptor_size == 92 and words == descriptor + descriptor_size
+    assert struct.unpack_from("<I", data,
+                              descriptor)[0] == descriptor_size == 92 and words == descriptor + descriptor_size
     assert b"KTXorientation\0rd\0" in data[words:words + words_size]
     at, length, plain = struct.unpack_from("<3Q", data, 80)
     assert at % 8 == 0 and length == plain == 8 * width * height == len(data) - at
@@ -238,14 +259,18 @@ def formats(folder, there):
             wanted = exr.rgb(os.path.join(there, "lightmaps", name + ".exr")).astype(np.float64)
             found = decode(os.path.join(os.path.dirname(out), link["file"]), link)
             most = wanted.max(-1, keepdims=True)
-            bound = {"exr": 0 * most, "exr-half": 2.0 ** -11 * wanted + 2.0 ** -25, "ktx2": 2.0 ** -11 * wanted + 2.0 ** -25, "rgbe": most / 255 * 1.001 + 1e-38,
+            bound = {"exr": 0 * most, "exr-half": 2.0 ** -11 * wanted + 2.0 ** -25,
+                     "ktx2": 2.0 ** -11 * wanted + 2.0 ** -25, "rgbe": most / 255 * 1.001 + 1e-38,
                      "rgbm": (most + wanted.max() / 255) / 255 * 0.501}[form]
-            assert found.shape == wanted.shape and (abs(found - wanted) <= bound).all(), (form, name, (abs(found - wanted) - bound).max())
-    assert "--range" in kiln("export", there, "-o", os.path.join(folder, "x", "s.glb"), "--format", "rgbm", "--range", "1e-9", code=65).stderr
+            assert found.shape == wanted.shape and (abs(found - wanted) <= bound).all(), (
+                form, name, (abs(found - wanted) - bound).max())
+    assert "--range" in kiln("export", there, "-o", os.path.join(folder, "x", "s.glb"), "--format", "rgbm", "--range",
+                             "1e-9", code=65).stderr
 
 
 def atlas(folder, there):
-    """Pages hold the lightmaps' own texels wherever a bilinear filter reads, also of a mesh that several objects share."""
+    """Pages hold the lightmaps' own texels wherever a bilinear filter reads, also of a mesh that several objects
+    share."""
     zoo = bake(os.path.join(DATA, "punctual_zoo.glb"), os.path.join(folder, "shared"), "--lightmap-size", "12")
     bare = os.path.join(folder, "two_rooms_bare")
     for bake_folder, side, least in ((there, 40, 0.7), (zoo, 30, 0.6), (bare, 48, 0.7)):
@@ -280,7 +305,8 @@ def backs(folder):
         assert "back" not in file.json["nodes"][1]["extensions"]["KILN_lightmap"]
         found = decode(os.path.join(os.path.dirname(out), link["back"]["file"]), {**link, **link["back"]})
         primitive = file.json["meshes"][0]["primitives"][0]
-        uv = file.floats(primitive["attributes"]["TEXCOORD_1"])[file.corners(primitive)].mean(1) * link["scale"] + link["offset"]
+        uv = file.floats(primitive["attributes"]["TEXCOORD_1"])[file.corners(primitive)].mean(1) * link["scale"] + link[
+            "offset"]
         centre = np.array([[unit[k] for k in triangle] for triangle in ((0, 1, 2), (0, 2, 3))], np.float32).mean(1)
         error = abs(exported.bilinear(found, uv)[0] - exported.bilinear(wanted, centre)[0]).max()
         assert error <= wanted.max() * (0.01 if options == ("--format", "rgbm") else 1e-4), (options, error)
@@ -297,7 +323,8 @@ def lights(folder):
     out = os.path.join(folder, "dark", "scene.glb")
     kiln("export", there, "-o", out, "--drop-baked-lights", "--quiet")
     dark = gltf_file.File(out).json
-    assert len(dark["nodes"]) == len(nodes) and "KHR_lights_punctual" not in json.dumps([dark["nodes"], dark["extensions"], dark["extensionsUsed"]])
+    assert len(dark["nodes"]) == len(nodes) and "KHR_lights_punctual" not in json.dumps(
+        [dark["nodes"], dark["extensions"], dark["extensionsUsed"]])
 
 
 def refusals(folder):
@@ -328,7 +355,8 @@ def refusals(folder):
         file.seek(-5, 2)
         file.write(bytes([last[0] ^ 1]))
     os.remove(out)
-    assert "has changed since it was baked" in kiln("export", there, "-o", out, "--scene", os.path.join(other, "moves.glb"), code=65).stderr
+    assert "has changed since it was baked" in kiln("export", there, "-o", out, "--scene",
+                                                    os.path.join(other, "moves.glb"), code=65).stderr
     assert not os.path.exists(out) and not [n for n in os.listdir(os.path.dirname(out)) if n.startswith(".")]
 
 

@@ -1,8 +1,9 @@
-"""Results that somebody else wrote to do harm: each is answered with 65 and a sentence, soon, in little memory, and without a byte of any
-other file. Where there is a manifest, one made to fit what was put there.
+"""Results that somebody else wrote to do harm: each is answered with 65 and a sentence, soon, in little memory, and
+without a byte of any other file. Where there is a manifest, one made to fit what was put there.
 
-Volumes that HDF5 alone would follow out of the folder, unpack for hours or crash on; pictures that promise more than they hold; links,
-FIFOs and devices in the place of files; run.json and manifests made to be costly; scene files whose parts overlap.
+Volumes that HDF5 alone would follow out of the folder, unpack for hours or crash on; pictures that promise more than
+they hold; links, FIFOs and devices in the place of files; run.json and manifests made to be costly; scene files whose
+parts overlap.
 """
 import hashlib
 import json
@@ -23,7 +24,8 @@ import exr  # noqa: E402
 import sealing  # noqa: E402
 
 KILN = os.environ["KILN"]
-SHARED = os.path.normpath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "..", "shared", "scenes", "own", "hostile"))
+SHARED = os.path.normpath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "..", "shared", "scenes",
+                                       "own", "hostile"))
 SANITIZED = "ASAN_OPTIONS" in os.environ
 CPU = 60.0 if SANITIZED else 2.0  # most cases take hundredths of a second; CPU time, for the machine may be busy
 MEMORY = (4 << 30) if SANITIZED else (256 << 20)
@@ -50,7 +52,8 @@ def kiln(*arguments, timeout=float(os.environ.get("KILN_TIMEOUT", "60"))):
         child.returncode = os.waitstatus_to_exitcode(status)
         out.seek(0)
         err.seek(0)
-        return Answer(child.returncode, out.read().decode("utf-8", "replace"), err.read().decode("utf-8", "replace"), usage.ru_utime + usage.ru_stime,
+        return Answer(child.returncode, out.read().decode("utf-8", "replace"), err.read().decode("utf-8", "replace"),
+                      usage.ru_utime + usage.ru_stime,
                       usage.ru_maxrss * 1024)
 
 
@@ -59,10 +62,13 @@ failures = []
 
 def expect(label, answer, code=65, word=None, memory=MEMORY):
     """65 and one sentence, in time and memory."""
-    print(f"{label}: {answer.code}, {answer.cpu:.2f} s, {answer.memory >> 20} MiB: {(answer.out + answer.err).strip()[:230]}")
+    print(f"{label}: {answer.code}, {answer.cpu:.2f} s, {answer.memory >> 20} MiB: "
+          f"{(answer.out + answer.err).strip()[:230]}")
     text = answer.out + answer.err
-    problem = (f"ended with {answer.code}, not {code}" if answer.code != code else f"took {answer.cpu:.1f} s of CPU time" if answer.cpu > CPU
-               else f"took {answer.memory >> 20} MiB" if answer.memory > memory else "said nothing" if "kiln: error: " not in answer.err and code != 0
+    problem = (f"ended with {answer.code}, not {code}" if answer.code != code
+               else f"took {answer.cpu:.1f} s of CPU time" if answer.cpu > CPU
+               else f"took {answer.memory >> 20} MiB" if answer.memory > memory else "said nothing"
+               if "kiln: error: " not in answer.err and code != 0
                else f"does not say '{word}'" if word is not None and word not in text else None)
     if problem is not None:
         failures.append(f"{label} {problem}")
@@ -77,7 +83,8 @@ def fresh(base, folder, name):
 
 
 def probe_and_verify(label, base, folder, make, word=None):
-    """`make(path)` puts a volume in the place of the bake's; some are read without a manifest too, and with the one of the bake."""
+    """`make(path)` puts a volume in the place of the bake's; some are read without a manifest too, and with the one of
+    the bake."""
     name, bake = "volume.hdf", fresh(base, folder, label)
     path = os.path.join(bake, name)
     os.remove(path)
@@ -95,12 +102,14 @@ def probe_and_verify(label, base, folder, make, word=None):
 
 # ---- volumes ----
 
-ARRAYS = {"irradiance_sh": 27, "irradiance_posx": 3, "irradiance_negx": 3, "irradiance_posy": 3, "irradiance_negy": 3, "irradiance_posz": 3,
+ARRAYS = {"irradiance_sh": 27, "irradiance_posx": 3, "irradiance_negx": 3, "irradiance_posy": 3, "irradiance_negy": 3,
+          "irradiance_posz": 3,
           "irradiance_negz": 3, "validity": 1, "mean_distance": 1}
 
 
 def volume(path, side=(4, 4, 4), change=None, after=None):
-    """A volume as kiln writes it; `change(group, name, shape)` makes a dataset of its own and says so; `after(file)` adds to it."""
+    """A volume as kiln writes it; `change(group, name, shape)` makes a dataset of its own and says so; `after(file)`
+    adds to it."""
     with h5py.File(path, "w", libver=("earliest", "v110")) as file:
         grid = file.create_group("VTKHDF")
         grid.attrs["WholeExtent"] = np.array([0, side[2] - 1, 0, side[1] - 1, 0, side[0] - 1], dtype=np.int64)
@@ -109,7 +118,8 @@ def volume(path, side=(4, 4, 4), change=None, after=None):
         for name, components in ARRAYS.items():
             shape = side if components == 1 else (*side, components)
             if change is None or not change(data, name, shape):
-                data.create_dataset(name, data=np.full(shape, 0.75, dtype=np.float32), chunks=tuple(min(n, 16) for n in shape), compression="gzip",
+                data.create_dataset(name, data=np.full(shape, 0.75, dtype=np.float32),
+                                    chunks=tuple(min(n, 16) for n in shape), compression="gzip",
                                     shuffle=True)
         if after is not None:
             after(file)
@@ -134,7 +144,8 @@ def low_dataset(group, name, shape, prepare, chunks=None):
 
 
 def external(target):
-    return only("validity", lambda g, n, s: low_dataset(g, n, s, lambda p: p.set_external(target.encode(), 0, int(np.prod(s)) * 4)))
+    return only("validity", lambda g, n,
+                s: low_dataset(g, n, s, lambda p: p.set_external(target.encode(), 0, int(np.prod(s)) * 4)))
 
 
 def virtual(target):
@@ -183,7 +194,8 @@ def volumes(base, folder):
     os.mkfifo(fifo)
 
     def sparse(shape):
-        return lambda g, n, s: low_dataset(g, n, shape, lambda p: p.set_deflate(1), tuple(min(1 << 6, x) for x in shape))
+        return lambda g, n, s: low_dataset(g, n, shape, lambda p: p.set_deflate(1),
+                                           tuple(min(1 << 6, x) for x in shape))
 
     def committed(group, name, shape):
         group["type"] = np.dtype(np.float32)
@@ -230,7 +242,7 @@ def volumes(base, folder):
         "20,000 nested groups": (None, nested, "deeper"),
         "3,000 groups": (None, crowd, "256"),
         "a chunk that inflates a thousandfold": (only("validity", inflating), None, "16 MiB"),
-        "chunks that inflate a thousandfold": (only("validity", many_chunks), None, "unpacked"),
+        "chunks that inflate a thousandfold": (only("validity", many_chunks), None, "uncompressed"),
         "2^40 values": (only("validity", sparse((1 << 20, 1 << 20))), None, "not stored"),
         "2^63 values": (only("validity", sparse((1 << 21, 1 << 21, 1 << 21))), None, "not stored"),
         "a committed type": (only("validity", committed), None, None),
@@ -252,7 +264,8 @@ def volumes(base, folder):
 
 def shared_volumes(base, folder):
     """What once did harm, from beside the repository."""
-    found = [os.path.join(SHARED, "hdf5", n) for n in sorted(os.listdir(os.path.join(SHARED, "hdf5")))] if os.path.isdir(SHARED) else []
+    found = [os.path.join(SHARED, "hdf5", n)
+             for n in sorted(os.listdir(os.path.join(SHARED, "hdf5")))] if os.path.isdir(SHARED) else []
     for source in found + [p for p in [os.path.join(SHARED, "verify_hdf5_crash", "volume.hdf")] if os.path.exists(p)]:
         probe_and_verify(os.path.relpath(source, SHARED), base, folder, lambda path, s=source: shutil.copyfile(s, path))
 
@@ -262,9 +275,12 @@ def shared_volumes(base, folder):
 def places(base, folder):
     outside = os.path.join(folder, "outside")
     shutil.copytree(base, outside)
-    for name, commands in (("volume.hdf", (["probe", None, *PLACE],)), ("run.json", (["report", None], ["export", None, "-o", os.path.join(folder, "x", "s.glb")])),
+    for name, commands in (("volume.hdf", (["probe", None, *PLACE],)),
+                           ("run.json", (["report", None], ["export", None, "-o", os.path.join(folder, "x", "s.glb")])),
                            ("scene.kscene", (["view", None, "--width", "40", "-o", os.path.join(folder, "v.png")],)),
-                           ("lightmaps/floor.exr", (["compare", None, base], ["view", None, "--width", "40", "-o", os.path.join(folder, "v.png")]))):
+                           ("lightmaps/floor.exr",
+                            (["compare", None, base],
+                             ["view", None, "--width", "40", "-o", os.path.join(folder, "v.png")]))):
         for kind in ("link", "FIFO", "device", "folder", "other"):
             bake = fresh(base, folder, "place")
             path = os.path.join(bake, name)
@@ -314,9 +330,12 @@ def header(width, height, channels, flags=0, compression=3):
         return name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<i", len(raw)) + raw
     listed = b"".join(n.encode() + b"\0" + struct.pack("<iB3xii", 2, 0, 1, 1) for n in channels) + b"\0"
     window = struct.pack("<4i", 0, 0, width - 1, height - 1)
-    return (struct.pack("<ii", 20000630, 2 | flags) + attribute("channels", "chlist", listed) + attribute("compression", "compression", bytes([compression])) +
-            attribute("dataWindow", "box2i", window) + attribute("displayWindow", "box2i", window) + attribute("lineOrder", "lineOrder", b"\0") +
-            attribute("pixelAspectRatio", "float", struct.pack("<f", 1)) + attribute("screenWindowCenter", "v2f", struct.pack("<2f", 0, 0)) +
+    return (struct.pack("<ii", 20000630, 2 | flags) + attribute("channels", "chlist", listed) +
+            attribute("compression", "compression", bytes([compression])) +
+            attribute("dataWindow", "box2i", window) + attribute("displayWindow", "box2i", window) +
+            attribute("lineOrder", "lineOrder", b"\0") +
+            attribute("pixelAspectRatio", "float", struct.pack("<f", 1)) +
+            attribute("screenWindowCenter", "v2f", struct.pack("<2f", 0, 0)) +
             attribute("screenWindowWidth", "float", struct.pack("<f", 1)) + b"\0")
 
 
@@ -340,8 +359,10 @@ def pictures(base, folder):
         with open(os.path.join(bake, "lightmaps", "floor.exr"), "wb") as file:
             file.write(data)
         sealing.fit(bake, "lightmaps/floor.exr")
-        commands = [["verify", bake], ["compare", bake, base], ["compare", os.path.join(bake, "lightmaps", "floor.exr"), good]]
-        for command in commands + ([["view", bake, "--width", "40", "-o", os.path.join(folder, "v.png")]] if label.startswith(("a header", "chunks")) else []):
+        commands = [["verify", bake], ["compare", bake, base],
+                    ["compare", os.path.join(bake, "lightmaps", "floor.exr"), good]]
+        for command in commands + ([["view", bake, "--width", "40", "-o", os.path.join(folder, "v.png")]]
+                                   if label.startswith(("a header", "chunks")) else []):
             expect(f"{label}, {command[0]}", kiln(*command))
         report = kiln("report", bake, "-o", os.path.join(folder, "report.html")) # says in the page what it cannot show
         expect(label + ", report", report, code=0)
@@ -356,7 +377,8 @@ def texts(base, folder):
     path = os.path.join(bake, "run.json")
     with open(path) as file:
         run = json.load(file)
-    bombs = {"20 million numbers": "[" + "0," * 20000000 + "0]", "a million brackets": "[" * 1000000, "a number too large": '{"a": 1' + "0" * 400 + "}",
+    bombs = {"20 million numbers": "[" + "0," * 20000000 + "0]", "a million brackets": "[" * 1000000,
+             "a number too large": '{"a": 1' + "0" * 400 + "}",
              "half a string": '{"a": "\\', "not UTF-8": None}
     for label, text in bombs.items():
         with open(path, "wb") as file:
@@ -380,9 +402,12 @@ def texts(base, folder):
     # manifests
     original = sealing.read(os.path.join(base, "manifest"))
     first = original["files"][0]
-    for label, files in (("a file twice", original["files"] + [first]), ("a path upwards", [{**first, "path": "lightmaps/../../secret"}]),
-                         ("an absolute path", [{**first, "path": "/etc/passwd"}]), ("a size below 0", [{**first, "bytes": -1}]),
-                         ("no files", []), ("files that are none", [3, None]), ("a hash that is none", [{**first, "xxh3_128": "g" * 32}])):
+    for label, files in (("a file twice", original["files"] + [first]),
+                         ("a path upwards", [{**first, "path": "lightmaps/../../secret"}]),
+                         ("an absolute path", [{**first, "path": "/etc/passwd"}]),
+                         ("a size below 0", [{**first, "bytes": -1}]),
+                         ("no files", []), ("files that are none", [3, None]),
+                         ("a hash that is none", [{**first, "xxh3_128": "g" * 32}])):
         bake = fresh(base, folder, "manifest")
         sealing.write(os.path.join(bake, "manifest"), {**original, "files": files})
         for command in (["verify", bake], ["probe", bake, *PLACE]):
@@ -393,10 +418,12 @@ def texts(base, folder):
 # ---- checkpoints ----
 
 def checkpoints(base, folder):
-    """Parts and manifests that fit each other, with counts and values that lie: refused with a sentence, or passed over; nothing crashes."""
+    """Parts and manifests that fit each other, with counts and values that lie: refused with a sentence, or passed
+    over; nothing crashes."""
     scene, stopped = os.path.join(folder, "cornell.glb"), os.path.join(folder, "stopped")
     assert kiln("generate", "cornell", "-o", scene, "--quiet").code == 0
-    command = ["bake", scene, "-o", None, "--texels-per-metre", "4", "--samples-indirect", "100000", "--bounces", "2", "--no-preview", "--samples-probe",
+    command = ["bake", scene, "-o", None, "--texels-per-metre", "4", "--samples-indirect", "100000", "--bounces", "2",
+               "--no-preview", "--samples-probe",
                "0", "--quiet", "--backend", "embree", "--threads", "1", "--max-time"]
 
     def bake_into(folder):
@@ -453,7 +480,8 @@ def checkpoints(base, folder):
     }
     for label, change in cases.items():
         bake = fresh(stopped, folder, "resumed")
-        generation = os.path.join(bake, "checkpoint", sorted(n for n in os.listdir(os.path.join(bake, "checkpoint")) if n.startswith("gen-"))[-1])
+        generation = os.path.join(bake, "checkpoint", sorted(n for n in os.listdir(os.path.join(bake, "checkpoint"))
+                                                             if n.startswith("gen-"))[-1])
         with open(os.path.join(generation, "part-00000"), "rb") as file:
             data = bytearray(file.read())
         manifest = sealing.read(os.path.join(generation, "manifest"))
@@ -467,7 +495,8 @@ def checkpoints(base, folder):
         told = answer.err.strip()
         print(f"a checkpoint with {label}: {answer.code}, {answer.cpu:.2f} s, {answer.memory >> 20} MiB: {told[:200]}")
         # passed over or of no consequence: the bake goes on to its time limit
-        if answer.code not in (65, 74, 75) or (answer.code != 75 and "kiln: error: " not in told) or answer.memory > (4 << 30 if SANITIZED else 1 << 29):
+        if answer.code not in (65, 74, 75) or (answer.code != 75 and "kiln: error: " not in told) or answer.memory > (
+            4 << 30 if SANITIZED else 1 << 29):
             failures.append(f"a checkpoint with {label} ended with {answer.code}, {answer.memory >> 20} MiB")
         if answer.code == 75 and label.startswith(("infinite", "light", "no unit", "bounces")):
             failures.append(f"a checkpoint with {label} was gone on with")
@@ -492,7 +521,8 @@ def fence(base, folder):
         sealing.fit(bake, "volume.hdf")
         for command in (["verify", bake], ["probe", bake, *PLACE]):
             log = os.path.join(folder, "log")
-            traced = subprocess.run(["strace", "-f", "-qq", "-e", "trace=open,openat,openat2,readlink,execve,connect", "-o", log, KILN, *command],
+            traced = subprocess.run(["strace", "-f", "-qq", "-e", "trace=open,openat,openat2,readlink,execve,connect",
+                                     "-o", log, KILN, *command],
                                     capture_output=True, text=True)
             with open(log) as file:
                 calls = file.read()
@@ -513,7 +543,8 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         scene, base = os.path.join(folder, "cornell.glb"), os.path.join(folder, "base")
         assert kiln("generate", "cornell", "-o", scene, "--quiet").code == 0
-        made = kiln("bake", scene, "-o", base, "--texels-per-metre", "3", "--samples-direct", "1", "--samples-bounce", "1", "--bounces", "1",
+        made = kiln("bake", scene, "-o", base, "--texels-per-metre", "3", "--samples-direct", "1", "--samples-bounce",
+                    "1", "--bounces", "1",
                     "--probe-spacing", "2", "--samples-probe", "4", "--no-preview", "--quiet", "--backend", "embree")
         assert made.code == 0, made.err
         expect("the bake itself", kiln("verify", base), code=0)

@@ -1,5 +1,6 @@
-"""Where results may go: what stands at an output's name, links that somebody planted in a bake's folder, two bakes in one folder, and
-what is left of a command that is killed. KILN_PAIRS pairs of bakes and KILN_KILLS kills instead of a few, drawn from KILN_SEED."""
+"""Where results may go: what stands at an output's name, links that somebody planted in a bake's folder, two bakes in
+one folder, and what is left of a command that is killed. KILN_PAIRS pairs of bakes and KILN_KILLS kills instead of a
+few, drawn from KILN_SEED."""
 import hashlib
 import json
 import os
@@ -17,17 +18,20 @@ KILN = os.path.abspath(os.environ["KILN"])
 SEED = int(os.environ.get("KILN_SEED", "1"))
 PAIRS = int(os.environ.get("KILN_PAIRS", "3"))
 KILLS = int(os.environ.get("KILN_KILLS", "6"))
-BAKE = ["--lightmap-size", "4", "--quality", "draft", "--backend", "embree", "--no-preview", "--quiet", "--samples-probe", "0", "--threads", "1"]
+BAKE = ["--lightmap-size", "4", "--quality", "draft", "--backend", "embree", "--no-preview", "--quiet",
+        "--samples-probe", "0", "--threads", "1"]
 SMALL = ["--width", "16", "--height", "16", "--backend", "embree"]
 LONG = ["--samples-indirect", "1000000", "--checkpoint-every", "0"]
 
 
 def run(*arguments, environment=None, folder=None, timeout=120):
-    return subprocess.run([KILN, *arguments], capture_output=True, text=True, timeout=timeout, cwd=folder, env=dict(os.environ, **(environment or {})))
+    return subprocess.run([KILN, *arguments], capture_output=True, text=True, timeout=timeout, cwd=folder,
+                          env=dict(os.environ, **(environment or {})))
 
 
 def start(*arguments, environment=None):
-    return subprocess.Popen([KILN, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=dict(os.environ, **(environment or {})))
+    return subprocess.Popen([KILN, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+                            env=dict(os.environ, **(environment or {})))
 
 
 def content(folder):
@@ -137,7 +141,8 @@ class Places(unittest.TestCase):
         os.symlink("out/lightmaps", self.at("maps"))
         before = content(self.folder)
         lightmap = next(name for name in before if name.startswith("out/lightmaps/"))
-        for trace in ("out/kiln.h5", "out/run.json", "out/manifest", "out/.kiln.h5.part", "out/checkpoint/x", "maps/x", "other.json", "scene.glb", lightmap):
+        for trace in ("out/kiln.h5", "out/run.json", "out/manifest", "out/.kiln.h5.part", "out/checkpoint/x", "maps/x",
+                      "other.json", "scene.glb", lightmap):
             self.refused(64, "--trace", "bake", scene, "-o", out, *BAKE, "--trace", self.at(trace))
         self.refused(64, "--output", "report", out, "-o", self.at("out/run.json"))
         self.refused(64, "--output", "view", out, "-o", self.at(lightmap), *SMALL)
@@ -167,8 +172,10 @@ class Places(unittest.TestCase):
                     file.write(name)
 
         lightmap = next(name for name in os.listdir(os.path.join(self.baked, "lightmaps")))
-        for name, target in (("lightmaps", "../victim"), ("checkpoint", "../victim"), ("lightmaps/back", "../../victim"), ("kiln.h5", "../victim/kiln.h5"),
-                             ("run.json", "../victim/new"), ("manifest", "../victim/manifest"), ("scene.kscene", "../victim/notes"),
+        for name, target in (("lightmaps", "../victim"), ("checkpoint", "../victim"),
+                             ("lightmaps/back", "../../victim"), ("kiln.h5", "../victim/kiln.h5"),
+                             ("run.json", "../victim/new"), ("manifest", "../victim/manifest"),
+                             ("scene.kscene", "../victim/notes"),
                              ("lightmaps/" + lightmap, "../../victim/notes"), (".kiln.lock", "../victim/notes")):
             with self.subTest(link=name):
                 shutil.rmtree(self.at("victim"), ignore_errors=True)
@@ -255,11 +262,13 @@ class Places(unittest.TestCase):
         self.fail("no lock: " + str(process.poll()))
 
     def test_killed_holder(self):
-        """What a killed bake left does not block the next, with locks and without; a bake at work keeps others from writing beside its results."""
+        """What a killed bake left does not block the next, with locks and without; a bake at work keeps others from
+        writing beside its results."""
         for environment in ({}, {"KILN_LOCKS": "none"}):
             bake = start("bake", self.scene, "-o", self.at("out"), *BAKE, *LONG, environment=environment)
             self.wait_for_lock(bake)
-            self.refused(73, f"process {bake.pid} on", "bake", self.scene, "-o", self.at("out"), *BAKE, environment=environment)
+            self.refused(73, f"process {bake.pid} on", "bake", self.scene, "-o", self.at("out"), *BAKE,
+                         environment=environment)
             while not os.path.exists(self.at("out", "scene.kscene")):
                 time.sleep(0.02)
             self.refused(73, f"process {bake.pid} on", "view", self.at("out"), environment=environment)
@@ -270,9 +279,11 @@ class Places(unittest.TestCase):
             self.assertFalse(os.path.exists(self.at("out", ".kiln.lock")))
 
     def test_another_host(self):
-        """Another host's file: kept fresh it holds the folder, also where its lock cannot be seen; standing still it does not."""
+        """Another host's file: kept fresh it holds the folder, also where its lock cannot be seen; standing still it
+        does not."""
         os.makedirs(self.at("out"))
-        text = json.dumps({"host": "elsewhere", "boot": "x", "process": 1, "started": 1, "since": 1, "command": "kiln bake \x1b[31m", "locks": True})
+        text = json.dumps({"host": "elsewhere", "boot": "x", "process": 1, "started": 1, "since": 1,
+                           "command": "kiln bake \x1b[31m", "locks": True})
         with open(self.at("out", ".kiln.lock"), "w") as file:
             file.write(text)
         bake = start("bake", self.scene, "-o", self.at("out"), *BAKE)

@@ -28,7 +28,8 @@ def room(path, names):
 
 
 def bake(scene, out, *options):
-    return kiln("bake", scene, "-o", out, "--texels-per-metre", "8", "--quality", "draft", "--backend", "embree", *options)
+    return kiln("bake", scene, "-o", out, "--texels-per-metre", "8", "--quality", "draft", "--backend", "embree",
+                *options)
 
 
 def write(path, text):
@@ -42,7 +43,8 @@ def listing(out):
 
 with tempfile.TemporaryDirectory() as folder:
     out = os.path.join(folder, "out")
-    three, one = room(os.path.join(folder, "three.glb"), ["floor", "gone", "edited"]), room(os.path.join(folder, "one.glb"), ["floor"])
+    three, one = room(os.path.join(folder, "three.glb"),
+                      ["floor", "gone", "edited"]), room(os.path.join(folder, "one.glb"), ["floor"])
     bake(three, out, "--probe-spacing", "1")
     kiln("report", out)
     kiln("view", out, "--width", "32")
@@ -55,7 +57,8 @@ with tempfile.TemporaryDirectory() as folder:
     # the same again: only what was made later goes
     said = bake(one, out, "--probe-spacing", "1")
     after = listing(out)
-    assert before - after == {"report.html", "view.png", "lightmaps/gone.exr"} and not after - before, (before - after, after - before)
+    assert before - after == {"report.html", "view.png",
+                              "lightmaps/gone.exr"} and not after - before, (before - after, after - before)
     assert "removed 3 files" in said.stderr and "lightmaps/edited.exr first" in said.stderr, said.stderr
     kiln("verify", out)
 

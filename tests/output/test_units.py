@@ -40,7 +40,8 @@ with tempfile.TemporaryDirectory() as folder:
 
     assert units()[:2] == ("radiometric", "the file does not say")
     assert units(generator=BLENDER)[:2] == ("photometric", "Blender's exporter writes lights so")
-    assert units(generator=BLENDER, lamp=False)[0] == "radiometric", "without lamps there is nothing that Blender converts"
+    assert units(generator=BLENDER,
+                 lamp=False)[0] == "radiometric", "without lamps there is nothing that Blender converts"
     assert units(generator=BLENDER, extras={"units": "radiometric"})[:2] == ("radiometric", "the file says so")
     assert units(extras={"units": "photometric"})[:2] == ("photometric", "the file says so")
     assert units("--units", "photometric")[:2] == ("photometric", "asked for")
@@ -49,9 +50,11 @@ with tempfile.TemporaryDirectory() as folder:
 
     path = scene(os.path.join(folder, "lit.glb"), generator=BLENDER)
     values = []
-    for choice, irradiance, text, radiance, flux in (("auto", "lx", "lx", "cd m-2", "lm"), ("radiometric", "W m-2", "W/m2", "W m-2 sr-1", "W")):
+    for choice, irradiance, text, radiance, flux in (("auto", "lx", "lx", "cd m-2", "lm"),
+                                                     ("radiometric", "W m-2", "W/m2", "W m-2 sr-1", "W")):
         out = os.path.join(folder, choice)
-        kiln("bake", path, "-o", out, "--units", choice, "--texels-per-metre", "8", "--probe-spacing", "0.5", "--quality", "draft", "--no-preview",
+        kiln("bake", path, "-o", out, "--units", choice, "--texels-per-metre", "8", "--probe-spacing", "0.5",
+             "--quality", "draft", "--no-preview",
              "--quiet", "--backend", "embree")
         image = exr.read(os.path.join(out, "lightmaps", "floor.exr"))
         values.append(image.channels["R"])
@@ -65,7 +68,8 @@ with tempfile.TemporaryDirectory() as folder:
                 assert file["VTKHDF/PointData"][name].attrs["units"].decode() == irradiance, name
         with open(os.path.join(out, "run.json")) as file:
             run = json.load(file)
-        assert run["units"]["irradiance"] == irradiance and run["units"]["radiance"] == radiance and run["energy"]["units"] == flux, run["units"]
+        assert run["units"]["irradiance"] == irradiance and run["units"]["radiance"] == radiance and run["energy"][
+            "units"] == flux, run["units"]
         assert json.loads(kiln("probe", out, "0.5", "0.5", "0.5", "0", "1", "0", "--json"))["units"] == irradiance
         assert kiln("probe", out, "0.5", "0.5", "0.5", "0", "1", "0").split("\n")[0].endswith(text)
         assert f" {text} (reference)" in kiln("compare", out, out)

@@ -37,10 +37,14 @@ def furnace(folder):
     """A closed box that emits 1 and reflects 0.5 everywhere: radiance is 1 / (1 - 0.5) whichever way one looks."""
     scene, bake = os.path.join(folder, "furnace.glb"), os.path.join(folder, "furnace")
     kiln("generate", "furnace", "--albedo", "0.5", "-o", scene, "--quiet")
-    kiln("bake", scene, "-o", bake, "--lightmap-size", "16", "--bounces", "all", "--samples-direct", "512", "--no-preview", *DRAFT)
+    kiln("bake", scene, "-o", bake, "--lightmap-size", "16", "--bounces", "all", "--samples-direct", "512",
+         "--no-preview", *DRAFT)
     assert not os.path.exists(os.path.join(bake, "preview.png"))
-    for eye, target in (("0.1,0.2,0.1", "0.9,0.3,0.2"), ("0.1,0.2,0.1", "0.1,0.9,0.1"), ("0.5,0.5,-1.5", "0.5,0.5,0.5")):  # the last through the back of a wall
-        image = radiance(bake, "--from=" + eye, "--to=" + target, "--width", "40", "--height", "30", "--field-of-view", "25")
+    # the last through the back of a wall
+    for eye, target in (("0.1,0.2,0.1", "0.9,0.3,0.2"), ("0.1,0.2,0.1", "0.1,0.9,0.1"),
+                        ("0.5,0.5,-1.5", "0.5,0.5,0.5")):
+        image = radiance(bake, "--from=" + eye, "--to=" + target, "--width", "40", "--height", "30", "--field-of-view",
+                         "25")
         assert image.shape == (30, 40, 3)
         assert abs(image.mean() - 2) < 0.01 and np.abs(image - 2).max() < 0.1, (eye, target, image.min(), image.max())
     same = "--from=0.1,0.2,0.1", "--to=0.1,0.2,0.1"
@@ -54,7 +58,8 @@ def single_fields(bake):
     """--show of a field: its own values, which add up; what a bake does not have, and what nobody has, is told."""
     size = ("--width", "40", "--height", "40")
     direct, indirect, total = (radiance(bake, "--show", name, *size) for name in ("direct", "indirect", "total"))
-    assert indirect.min() >= 0 and indirect.mean() > 0.1 * total.mean() and np.allclose(direct + indirect, total, rtol=1e-5, atol=1e-6)
+    assert indirect.min() >= 0 and indirect.mean() > 0.1 * total.mean() and np.allclose(
+        direct + indirect, total, rtol=1e-5, atol=1e-6)
     attributes = exr.read(os.path.join(bake, "view.exr")).attributes
     assert attributes["kiln:units"] == "W m-2" and "direct + indirect" in attributes["kiln:quantity"], attributes
     assert "have light, direct, indirect, total\n" in kiln("view", bake, "--show", "error", code=66).stderr
@@ -73,7 +78,8 @@ def cornell(folder):
     brightest = np.unravel_index(image.sum(-1).argmax(), (60, 60))
     assert brightest[0] < 20, "the light is at the top"
     small = radiance(bake, "--width", "20", "--height", "20")
-    lower, small_lower = image[30:].mean((0, 1)), small[10:].mean((0, 1))  # without the light, whose edge falls otherwise
+    # without the light, whose edge falls otherwise
+    lower, small_lower = image[30:].mean((0, 1)), small[10:].mean((0, 1))
     assert np.abs(lower / small_lower - 1).max() < 0.02, (lower, small_lower)
     single_fields(bake)
     kiln("view", bake)
@@ -128,8 +134,10 @@ def report(bake, folder):
     for word in ("Balance of the ranks", "restarts", "behind", "nan", "asked node"):  # what says nothing is not there
         assert not re.search(rf"\b{word}\b", page.text), word
     # fields may be missing or strange; names are text, not markup; paths stay below the folder
-    for content in ({}, {"phases": 3, "objects": [{}], "bounces": [1, None]}, {"scene": "<script>alert(1)</script> & co"},
-                    {"objects": [{"name": "<b>", "lightmap": "../../../etc/passwd"}, {"name": "\"", "lightmap": "lightmaps/none.exr"}]}):
+    for content in ({}, {"phases": 3, "objects": [{}], "bounces": [1, None]},
+                    {"scene": "<script>alert(1)</script> & co"},
+                    {"objects": [{"name": "<b>", "lightmap": "../../../etc/passwd"},
+                                 {"name": "\"", "lightmap": "lightmaps/none.exr"}]}):
         strange = os.path.join(folder, "strange")
         os.makedirs(strange, exist_ok=True)
         with open(os.path.join(strange, "run.json"), "w") as file:
@@ -186,18 +194,21 @@ def preview_of(bake):
 
 
 def no_camera(folder):
-    """A closed scene is looked at from inside, at what is lit; an open one from where it is open; the same on any number of ranks and
-    under any light."""
+    """A closed scene is looked at from inside, at what is lit; an open one from where it is open; the same on any
+    number of ranks and under any light."""
     rooms, bright = os.path.join(folder, "rooms.glb"), os.path.join(folder, "bright.glb")
     kiln("generate", "rooms", "--columns", "2", "--rows", "1", "-o", rooms, "--quiet")
     scene = without_camera(rooms, os.path.join(folder, "blind.glb"))
     without_camera(rooms, bright, brighter)
     options = ("--texels-per-metre", "4", "--bounces", "1", "--preview", "--backend", "embree", *DRAFT)
     pictures = []
-    for name, path, prefix in (("one", scene, ()), ("three", scene, ("mpirun", "-n", "3", "--bind-to", "none", "--oversubscribe")), ("lit", bright, ())):
+    for name, path, prefix in (("one", scene, ()),
+                               ("three", scene, ("mpirun", "-n", "3", "--bind-to", "none", "--oversubscribe")),
+                               ("lit", bright, ())):
         bake = os.path.join(folder, name)
         environment = dict(os.environ, OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1")
-        run = subprocess.run([*prefix, KILN, "bake", path, "-o", bake, *options], capture_output=True, text=True, env=environment)
+        run = subprocess.run([*prefix, KILN, "bake", path, "-o", bake, *options], capture_output=True, text=True,
+                             env=environment)
         assert run.returncode == 0, run.stderr
         pictures.append(preview_of(bake))
     (said, picture), (_, of_three), (lit, of_bright) = pictures
@@ -205,27 +216,36 @@ def no_camera(folder):
     assert said["viewpoint"]["chosen"] == "inside" and "camera" not in said["viewpoint"], said
     assert abs(said["exposure"]["automatic"] - lit["exposure"]["automatic"] - 12) < 1e-4, (said, lit)
     texts = png_texts(os.path.join(folder, "one", "preview.png"))
-    assert "from inside" in texts["Description"] and "--from" in texts["Description"] and texts["Software"].startswith("made by kiln"), texts
+    assert "from inside" in texts["Description"] and "--from" in texts["Description"] and texts["Software"].startswith(
+        "made by kiln"), texts
     # what is in the picture: lit, not the outside, not a wall at the nose, more than one thing
     image = radiance(os.path.join(folder, "one"), "--width", "64", "--height", "48", "--backend", "embree").sum(-1)
-    assert (image > 0.05 * np.median(image)).mean() > 0.9 and image.std() > 0.05 * np.median(image), (image.min(), np.median(image), image.std())
-    answer = json.loads(kiln("view", os.path.join(folder, "one"), "--json", "--width", "32", "--backend", "embree").stdout)
+    assert (image > 0.05 * np.median(image)).mean() > 0.9 and image.std() > 0.05 * np.median(image), (
+        image.min(), np.median(image), image.std())
+    answer = json.loads(kiln("view", os.path.join(folder, "one"), "--json", "--width", "32", "--backend",
+                             "embree").stdout)
     low, high = (np.array(json.loads(kiln("info", scene, "--json").stdout)["bounds"][k]) for k in ("min", "max"))
     eye = np.array(answer["viewpoint"]["from"])
-    assert answer["viewpoint"]["chosen"] == "inside" and (eye > low + 0.1).all() and (eye < high - 0.1).all(), (eye, low, high)
-    answer = kiln("view", os.path.join(folder, "one"), "--from=0.5,1.5,0.5", "--width", "32", "--backend", "embree").stdout
+    assert answer["viewpoint"]["chosen"] == "inside" and (eye > low + 0.1).all() and (eye < high - 0.1).all(), (
+        eye, low, high)
+    answer = kiln("view", os.path.join(folder, "one"), "--from=0.5,1.5,0.5", "--width", "32", "--backend",
+                  "embree").stdout
     assert "as asked" in answer and "exposure" in answer and "automatic" in answer, answer
     darker, brighter_png = (os.path.join(folder, n) for n in ("darker.png", "brighter.png"))
-    answer = [json.loads(kiln("view", os.path.join(folder, "one"), "-o", path, "--exposure", stops, "--json", "--width", "32", "--backend", "embree").stdout)
+    answer = [json.loads(kiln("view", os.path.join(folder, "one"), "-o", path, "--exposure", stops, "--json", "--width",
+                              "32", "--backend", "embree").stdout)
               for path, stops in ((darker, "-2"), (brighter_png, "1.5"))]
-    assert answer[0]["exposure"]["automatic"] == answer[1]["exposure"]["automatic"] and answer[1]["exposure"]["added"] == 1.5, answer
+    assert answer[0]["exposure"]["automatic"] == answer[1]["exposure"]["automatic"] and answer[1]["exposure"][
+        "added"] == 1.5, answer
     box = without_camera(os.path.join(folder, "cornell.glb"), os.path.join(folder, "blind_box.glb"))
     bake = os.path.join(folder, "box")
-    kiln("bake", box, "-o", bake, "--texels-per-metre", "4", "--bounces", "1", "--preview", "--backend", "embree", *DRAFT)
+    kiln("bake", box, "-o", bake, "--texels-per-metre", "4", "--bounces", "1", "--preview", "--backend", "embree",
+         *DRAFT)
     assert preview_of(bake)[0]["viewpoint"]["chosen"] == "outside"
     image = radiance(bake, "--width", "64", "--height", "48")
     coloured = (image[..., 0] > 3 * image[..., 1]) | (image[..., 1] > 2 * image[..., 0])
-    assert coloured.sum() > 200 and (image.sum(-1) > 0).mean() > 0.3, "a coloured wall and the blocks before it, so from the open side"
+    assert coloured.sum() > 200 and (
+        image.sum(-1) > 0).mean() > 0.3, "a coloured wall and the blocks before it, so from the open side"
 
 
 def metals(folder):
@@ -240,8 +260,10 @@ def metals(folder):
     said = kiln("view", bake, "--from=0.1,0.2,0.1", "--to=0.9,0.3,0.2", "--field-of-view", "25", "--width", "40").stdout
     assert "metals, 100.0 %" in said and "approximate" in said, said
     view = os.path.join(bake, "view.exr")
-    image = radiance(bake, "--from=0.1,0.2,0.1", "--to=0.9,0.3,0.2", "--width", "40", "--height", "30", "--field-of-view", "25")
-    wanted = 1 + np.array([0.5, 0.25, 0.125])  # emits 1, and base colour x E / pi with E = pi: no bounces, metals give none on
+    image = radiance(bake, "--from=0.1,0.2,0.1", "--to=0.9,0.3,0.2", "--width", "40", "--height", "30",
+                     "--field-of-view", "25")
+    # emits 1, and base colour x E / pi with E = pi: no bounces, metals give none on
+    wanted = 1 + np.array([0.5, 0.25, 0.125])
     assert np.abs(image.mean((0, 1)) / wanted - 1).max() < 0.01, image.mean((0, 1))
     attributes = exr.read(view).attributes
     assert "metals" in attributes["kiln:approximate"] and "as asked" in attributes["kiln:viewpoint"], attributes
@@ -251,7 +273,8 @@ def unfinished(folder, bake):
     """Folders that are no bakes, and bakes that are not finished, are told apart."""
     empty = os.path.join(folder, "empty")
     os.makedirs(empty)
-    for arguments in (("view", empty), ("probe", empty, "0", "0", "0"), ("report", empty), ("verify", empty), ("status", empty), ("stop", empty)):
+    for arguments in (("view", empty), ("probe", empty, "0", "0", "0"), ("report", empty), ("verify", empty),
+                      ("status", empty), ("stop", empty)):
         assert "not the folder of a bake" in kiln(*arguments, code=66).stderr, arguments
     os.makedirs(os.path.join(empty, "lightmaps"))
     shutil.copy(os.path.join(bake, "scene.kscene"), empty)

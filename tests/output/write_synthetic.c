@@ -1,5 +1,5 @@
-/* Writes the three files of a bake from a made-up result: under mpirun, so that tests can compare any number of ranks.
- * write_synthetic DIR [half | divided]; divided: tall lightmaps, which all ranks pack however small they are. */
+/* Writes the three files of a bake from a synthetic result; run by mpirun, so that tests can compare numbers of ranks.
+ * Usage: write_synthetic DIR [half | divided]. divided: tall lightmaps, which all ranks pack however small they are. */
 #include <stdio.h>
 #include <string.h>
 

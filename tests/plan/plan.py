@@ -5,6 +5,7 @@
 import json
 import os
 import random
+import resource
 import shutil
 import subprocess
 import sys
@@ -15,9 +16,12 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..'
 import harness  # noqa: E402
 
 MEMORY, DISK = 0.10, 0.10
+# The factor by which a predicted time may be wrong. On a quiet machine it is 1.2 to 1.4; so wide, because both the
+# sample that plan measures and the bake share cores and their memory with whatever else runs. What it is there to
+# notice: a pass, bounces or samples counted twice or not at all, seconds taken for those of one thread, a unit.
+TIME = 2.5
+CITY = 60000  # triangles
 FLIPS = 120
-
-
 UNEVEN = 0.15  # of the mean
 TRIES = 4
 
@@ -26,7 +30,8 @@ def run(kiln, *arguments, ranks=1, code=0):
     command = [kiln, *map(str, arguments)]
     if ranks > 1:
         command = ['mpirun', '-n', str(ranks), *command]
-    done = subprocess.run(command, env={**harness.MPI_ENVIRONMENT, **os.environ}, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=280)
+    done = subprocess.run(command, env={**harness.MPI_ENVIRONMENT, **os.environ}, stdin=subprocess.DEVNULL,
+                          capture_output=True, text=True, timeout=280)
     assert done.returncode == code, '%s: %d instead of %d\n%s' % (' '.join(command), done.returncode, code, done.stderr)
     return done.stdout
 
@@ -35,23 +40,52 @@ def folder_bytes(folder):
     return sum(os.path.getsize(os.path.join(at, name)) for at, _, names in os.walk(folder) for name in names)
 
 
+def bake_seconds(kiln, path, out, ranks):
+    """Bakes; (run.json, seconds of processor time of all ranks). The ranks' parent waits for them, so all of it is
+    counted."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    shutil.rmtree(out, ignore_errors=True)
+    run(kiln, 'bake', path, '-o', out, '--quiet', ranks=ranks)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    with open(os.path.join(out, 'run.json')) as file:
+        report = json.load(file)
+    return report, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def time_off(predicted, report, processor, ranks):
+    """By which factor a predicted time is wrong, one way or the other. On a quiet machine a bake takes about its
+    processor time over the number of its threads; where others use the cores, it takes longer. What lies between the
+    two is right."""
+    threads = min(len(os.sched_getaffinity(0)), ranks * report['threads'])
+    least, most = sorted((processor / threads, report['seconds']))
+    return max(least / predicted, predicted / most, 1.0)
+
+
 def prediction(kiln, folder):
-    """Three scenes. Time is printed only, for machines are shared: run it by hand on a quiet one."""
+    """Three scenes: memory, disk, and time, of which the best of some tries counts."""
     failures = []
-    for scene, options, ranks in [('cornell', [], 1), ('rooms', ['--columns', 3, '--rows', 2], 2), ('city', ['--triangles', 200000], 1)]:
-        path, out = os.path.join(folder, scene + '.glb'), os.path.join(folder, scene)
+    for scene, options, ranks in [('cornell', [], 1), ('rooms', ['--columns', 3, '--rows', 2], 2),
+                                  ('city', ['--triangles', CITY], 1)]:
+        path, out, wrong = os.path.join(folder, scene + '.glb'), os.path.join(folder, scene), []
         run(kiln, 'generate', scene, '-o', path, *options)
-        plan = json.loads(run(kiln, 'plan', path, '--ranks', ranks, '--ranks-per-node', ranks, '--json'))
-        run(kiln, 'bake', path, '-o', out, '--quiet', ranks=ranks)
-        with open(os.path.join(out, 'run.json')) as file:
-            report = json.load(file)
+        report, processor = bake_seconds(kiln, path, out, ranks)
+        while len(wrong) < 3 and min(wrong, default=TIME + 1) > TIME:
+            plan = json.loads(run(kiln, 'plan', path, '--ranks', ranks, '--ranks-per-node', ranks, '--json'))
+            wrong.append(time_off(plan['seconds']['total'], report, processor, ranks))
         off = {'memory': plan['memory_per_rank']['total'] / report['memory']['peak_rank'] - 1,
-               'disk': plan['disk_bytes']['total'] / folder_bytes(out) - 1, 'time': plan['seconds']['total'] / report['seconds'] - 1}
-        print('%-8s on %d: memory %+5.1f %%, disk %+5.1f %%, time %+5.1f %%' % (scene, ranks, *(100 * off[k] for k in ('memory', 'disk', 'time'))))
+               'disk': plan['disk_bytes']['total'] / folder_bytes(out) - 1}
+        print('%-8s on %d: memory %+5.1f %%, disk %+5.1f %%, time %.1f s, taken %.1f s and %.1f s of processors, '
+              'wrong by %s' % (
+            scene, ranks, 100 * off['memory'], 100 * off['disk'], plan['seconds']['total'], report['seconds'],
+            processor,
+            ', '.join('%.2f' % w for w in wrong)))
         assert plan['points'] == report['points']['count'] and plan['seconds']['calibration'] <= 30
         for what, most in (('memory', MEMORY), ('disk', DISK)):
             if abs(off[what]) > most:
                 failures.append('%s: %s is %+.1f %% off' % (scene, what, 100 * off[what]))
+        if min(wrong) > TIME:
+            failures.append('%s: time is wrong by a factor of %.2f in the best of %d tries' %
+                            (scene, min(wrong), len(wrong)))
     assert not failures, '; '.join(failures)
 
 
@@ -61,31 +95,39 @@ def judged(report):
 
 
 def compare_balance(kiln, path, out, ranks, ways):
-    """Predicted and measured: unevenness in the first bounce, over the mean, and whether the points were then repartitioned."""
+    """Predicted and measured: unevenness in the first bounce, over the mean, and whether the points were then
+    repartitioned."""
     options = ['--threads', 1, '--quality', 'draft', '--lightmap-max', 192, '--bounces', 4, '--samples-probe', 0, *ways]
-    plan = json.loads(run(kiln, 'plan', path, '--ranks', ranks, '--ranks-per-node', ranks, '--json', *options))['balance']
+    plan = json.loads(run(kiln, 'plan', path, '--ranks', ranks, '--ranks-per-node', ranks, '--json', *options))[
+        'balance']
     shutil.rmtree(out, ignore_errors=True)
     run(kiln, 'bake', path, '-o', out, '--quiet', *options, ranks=ranks)
     with open(os.path.join(out, 'run.json')) as file:
         report = json.load(file)
     first = judged(report)
-    return plan, first, [b['rebalance'] for b in report['bounces'] if b['rebalance']], [b['stolen_points'] for b in report['bounces']]
+    return plan, first, [b['rebalance'] for b in report['bounces']
+                         if b['rebalance']], [b['stolen_points'] for b in report['bounces']]
 
 
 def balance(kiln, folder):
-    """An uneven scene, and an even one with a slow rank. Other work on the machine makes ranks uneven that are not: the best of some
-    tries counts. Ranks that share a core wait for each other at random: what these took is printed and not judged."""
+    """An uneven scene, and an even one with a slow rank. Other work on the machine makes ranks uneven that are not: the
+    best of some tries counts. Ranks that share a core wait for each other at random: there are no more ranks than
+    cores."""
     cores = len(os.sched_getaffinity(0))
     statue, even, out = (os.path.join(folder, name) for name in ('statue.glb', 'even.glb', 'out'))
     run(kiln, 'generate', 'cornell-statue', '-o', statue)
     run(kiln, 'generate', 'cornell', '-o', even)
     failures = []
     alone = ['--shared-memory-ranks', 1]
-    for name, path, ranks, slow, ways in [('uneven', statue, 2, '', alone), ('uneven', statue, 3, '', alone), ('uneven', statue, 4, '', alone),
-                                          ('slow rank', even, 2, '1:3', alone), ('helped', statue, 2, '', [])]:
+    for name, path, ranks, slow, ways in [('uneven', statue, 2, '', alone), ('uneven', statue, 3, '', alone),
+                                          ('uneven', statue, 4, '', alone), ('slow rank', even, 2, '1:3', alone),
+                                          ('helped', statue, 2, '', [])]:
+        if ranks > cores:
+            print('%-9s on %d: not on %d cores' % (name, ranks, cores))
+            continue
         os.environ['KILN_SLOW_RANK'] = slow
         best = None
-        for _ in range(TRIES if ranks <= cores else 1):
+        for _ in range(TRIES):
             plan, first, later, given = compare_balance(kiln, path, out, ranks, ways)
             off = abs(plan['first_pass']['bounce'] - first['imbalance'])
             if best is None or off < best[0]:
@@ -93,17 +135,22 @@ def balance(kiln, folder):
             if best[0] <= UNEVEN / 3:
                 break
         off, plan, first, later, given = best
-        print('%-9s on %d: first bounce %4.1f %%, measured %4.1f %%; last bounce %4.1f %%, measured %4.1f %%; in all %4.1f %%, kept %4.1f %%; '
+        print('%-9s on %d: first bounce %4.1f %%, measured %4.1f %%; last bounce %4.1f %%, measured %4.1f %%; in all '
+              '%4.1f %%, kept %4.1f %%; '
               'repartitioned %d times, measured %d; %d points stolen' % (
-                  name, ranks, 100 * plan['first_pass']['bounce'], 100 * first['imbalance'], 100 * plan['last_pass']['bounce'],
-                  100 * later[-1]['imbalance'], 100 * plan['imbalance'], 100 * plan['imbalance_kept'], plan['cuts'], sum(b['moved'] for b in later),
+                  name, ranks, 100 * plan['first_pass']['bounce'], 100 * first['imbalance'],
+                  100 * plan['last_pass']['bounce'],
+                  100 * later[-1]['imbalance'], 100 * plan['imbalance'], 100 * plan['imbalance_kept'], plan['cuts'],
+                  sum(b['moved'] for b in later),
                   sum(given)))
-        if off > UNEVEN and ranks <= cores:
-            failures.append('%s on %d ranks: %.2f instead of %.2f' % (name, ranks, plan['first_pass']['bounce'], first['imbalance']))
+        if off > UNEVEN:
+            failures.append('%s on %d ranks: %.2f instead of %.2f' %
+                            (name, ranks, plan['first_pass']['bounce'], first['imbalance']))
         if slow and not (plan['cuts'] > 0 and first['moved']):
             failures.append('%s: repartitioned %d times, %s' % (name, plan['cuts'], first))
         if not ways and (plan['imbalance'] > 0.6 * plan['imbalance_kept'] or sum(given) == 0):
-            failures.append('%s: uneven by %.2f, kept by %.2f, %d points stolen' % (name, plan['imbalance'], plan['imbalance_kept'], sum(given)))
+            failures.append('%s: uneven by %.2f, kept by %.2f, %d points stolen' %
+                            (name, plan['imbalance'], plan['imbalance_kept'], sum(given)))
     del os.environ['KILN_SLOW_RANK']
     assert not failures, '; '.join(failures)
 
@@ -187,8 +234,10 @@ def processes_of(session):
 
 def ended_bench(kiln, scene, folder):
     """A bench that is told to end takes the bake along."""
-    command = [kiln, 'bench', 'scaling', scene, '--ranks', '2,3', '--quality', 'production', '--quiet', '-o', os.path.join(folder, 'made', 'too')]
-    bench = subprocess.Popen(command, env={**harness.MPI_ENVIRONMENT, **os.environ}, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    command = [kiln, 'bench', 'scaling', scene, '--ranks', '2,3', '--quality', 'production', '--quiet', '-o',
+               os.path.join(folder, 'made', 'too')]
+    bench = subprocess.Popen(command, env={**harness.MPI_ENVIRONMENT, **os.environ}, stdin=subprocess.DEVNULL,
+                             stderr=subprocess.PIPE, text=True,
                              start_new_session=True)
     end = time.monotonic() + 30
     while not any('kiln bake' in line and not line.startswith('mpirun') for line in processes_of(bench.pid)):
@@ -206,7 +255,8 @@ def ended_bench(kiln, scene, folder):
 def scaling(kiln, folder):
     scene, out = os.path.join(folder, 'rooms.glb'), os.path.join(folder, 'scaling')
     run(kiln, 'generate', 'rooms', '-o', scene)
-    answer = json.loads(run(kiln, 'bench', 'scaling', scene, '--ranks', '1,2', '--quality', 'draft', '--texels-per-metre', 4, '--bounces', 1, '-o', out,
+    answer = json.loads(run(kiln, 'bench', 'scaling', scene, '--ranks', '1,2', '--quality', 'draft',
+                            '--texels-per-metre', 4, '--bounces', 1, '-o', out,
                             '--json'))
     runs = answer['runs']
     assert [(r['kind'], r['ranks']) for r in runs] == [('strong', 1), ('strong', 2), ('weak', 1), ('weak', 2)]
@@ -219,7 +269,8 @@ def scaling(kiln, folder):
     run(kiln, 'bench', 'scaling', scene, '--ranks', '2,1', code=64)
     ended_bench(kiln, scene, folder)
     curves = os.path.join(folder, 'curves')
-    plan = json.loads(run(kiln, 'plan', scene, '--quality', 'draft', '--texels-per-metre', 4, '--ranks', 100000, '--ranks-per-node', 8, '--points', 10**9,
+    plan = json.loads(run(kiln, 'plan', scene, '--quality', 'draft', '--texels-per-metre', 4, '--ranks', 100000,
+                          '--ranks-per-node', 8, '--points', 10**9,
                           '--json', '-o', curves))
     for kind in ('strong', 'weak'):
         curve = plan[kind + '_scaling']
@@ -235,4 +286,5 @@ if __name__ == '__main__':
     program = os.path.abspath(arguments[at + 1])
     del arguments[at:at + 2]
     with tempfile.TemporaryDirectory() as place:
-        {'prediction': prediction, 'balance': balance, 'verify': verify, 'cost': cost, 'scaling': scaling}[arguments[0]](program, place)
+        {'prediction': prediction, 'balance': balance, 'verify': verify, 'cost': cost,
+         'scaling': scaling}[arguments[0]](program, place)

@@ -1,10 +1,12 @@
 """Runs inside Blender: looks at places through Cycles after jobs/recipes/blender.py, one pixel a place.
 
-  blender --background -noaudio --factory-startup [own.blend] --python blender_probe.py -- RECIPE DIR PLACES.json RESULT.json [PICTURE.png]
+  blender --background -noaudio --factory-startup [own.blend] --python blender_probe.py -- RECIPE DIR PLACES.json
+  RESULT.json [PICTURE.png]
 
-PLACES.json is {reach, places: [{position, normal}]}, glTF's axes; RESULT.json {version, places: [{radiance, irradiance, hit}]}. A camera without
-perspective stands over each place and looks against its normal. One animation of as many frames as places, a pixel each, twice: as the recipe leaves
-the materials, and with a white albedo in its nodes. Emission and position are Cycles' own passes.
+PLACES.json is {reach, places: [{position, normal}]}, glTF's axes; RESULT.json {version, places: [{radiance, irradiance,
+hit}]}. A camera without perspective stands over each place and looks against its normal. One animation of as many
+frames as places, a pixel each, twice: as the recipe leaves the materials, and with a white albedo in its nodes.
+Emission and position are Cycles' own passes.
 """
 import importlib.util
 import json
@@ -38,7 +40,8 @@ def camera_track(places, reach):
     camera.rotation_mode = 'QUATERNION'
     for frame, place in enumerate(places):
         normal = turned(place['normal'])
-        camera.location, camera.rotation_quaternion = turned(place['position']) + normal * reach, normal.to_track_quat('Z', 'Y')
+        camera.location, camera.rotation_quaternion = turned(place['position']) + normal * reach, normal.to_track_quat(
+            'Z', 'Y')
         camera.keyframe_insert('location', frame=frame)
         camera.keyframe_insert('rotation_quaternion', frame=frame)
     for curve in camera.animation_data.action.fcurves:
@@ -100,7 +103,8 @@ def look(path):
     if not cameras:
         camera = bpy.data.objects.new('front', bpy.data.cameras.new('front'))
         scene.collection.objects.link(camera)
-        corners = [o.matrix_world @ mathutils.Vector(c) for o in bpy.data.objects if o.type == 'MESH' for c in o.bound_box]
+        corners = [o.matrix_world @ mathutils.Vector(c) for o in bpy.data.objects if o.type == 'MESH'
+                   for c in o.bound_box]
         low, high = (mathutils.Vector([f(c[i] for c in corners) for i in range(3)]) for f in (min, max))
         camera.location = (low + high) / 2 + mathutils.Vector((0, -0.9 * (high - low).length, 0))
         camera.rotation_euler = (math.pi / 2, 0, 0)

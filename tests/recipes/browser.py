@@ -1,4 +1,5 @@
-"""Opens a page in headless Chromium, served from folders of this machine, and waits for what the page posts to /result."""
+"""Opens a page in headless Chromium, served from folders of this machine, and waits for what the page posts to
+/result."""
 import http.server
 import json
 import os
@@ -7,8 +8,10 @@ import subprocess
 import tempfile
 import threading
 
-FLAGS = ['--headless', '--no-sandbox', '--disable-gpu', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--disable-quic',
-         '--no-first-run', '--disable-background-networking', '--disable-component-update', '--disable-sync', '--disable-dev-shm-usage']
+FLAGS = ['--headless', '--no-sandbox', '--disable-gpu', '--use-gl=angle', '--use-angle=swiftshader',
+         '--enable-unsafe-swiftshader', '--disable-quic',
+         '--no-first-run', '--disable-background-networking', '--disable-component-update', '--disable-sync',
+         '--disable-dev-shm-usage']
 
 
 def find():
@@ -33,7 +36,8 @@ class Server:
 
     def _path(self, path):
         first, _, rest = path.lstrip('/').partition('/')
-        return os.path.join(self.folders[first], rest) if first in self.folders else os.path.join(self.folders[''], path.lstrip('/'))
+        return os.path.join(self.folders[first],
+                            rest) if first in self.folders else os.path.join(self.folders[''], path.lstrip('/'))
 
     def _handler(outer):
         class Handler(http.server.SimpleHTTPRequestHandler):
@@ -64,7 +68,8 @@ class Server:
 def ask(chromium, server, page, timeout):
     """What the page posts; RuntimeError with Chromium's words when nothing comes in time."""
     profile, log = tempfile.mkdtemp(prefix='kiln-chromium-'), tempfile.TemporaryFile()
-    child = subprocess.Popen([chromium, *FLAGS, '--user-data-dir=' + profile, '--remote-debugging-port=0', server.url(page)], stdout=log, stderr=log)
+    child = subprocess.Popen([chromium, *FLAGS, '--user-data-dir=' + profile, '--remote-debugging-port=0',
+                              server.url(page)], stdout=log, stderr=log)
     try:
         for _ in range(int(timeout * 2)):
             if server.arrived.wait(0.5) or child.poll() is not None:
@@ -83,8 +88,10 @@ def _shown(chromium, server, page, flags, timeout):
     """Opens the page, lets its own clock run for a minute at most, and returns what Chromium prints."""
     profile = tempfile.mkdtemp(prefix='kiln-chromium-')
     try:
-        return subprocess.run([chromium, *FLAGS, '--user-data-dir=' + profile, '--virtual-time-budget=60000', *flags, server.url(page)],
-                              stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=timeout, check=True).stdout.decode('utf-8', 'replace')
+        return subprocess.run([chromium, *FLAGS, '--user-data-dir=' + profile, '--virtual-time-budget=60000', *flags,
+                               server.url(page)],
+                              stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=timeout,
+                              check=True).stdout.decode('utf-8', 'replace')
     finally:
         shutil.rmtree(profile, ignore_errors=True)
 

@@ -1,11 +1,13 @@
-"""Does a bake arrive in an engine? Scenes without a lightmap layout are baked; the engine loads DIR/scene.glb and the lightmaps by its own
-means and by the recipe in jobs/recipes, and what it shows at 200 random places is compared with the irradiance there (stage.py says how).
+"""Does a bake arrive in an engine? Scenes without a lightmap layout are baked; the engine loads DIR/scene.glb and the
+lightmaps by its own means and by the recipe in jobs/recipes, and what it shows at 200 random places is compared with
+the irradiance there (stage.py says how).
 
-  engines.py [three] [blender] --kiln KILN [--scene FILE.glb [--lamp X Y Z SIDE]] [--places N] [--density D] [--atlas N] [--pictures FOLDER]
+  engines.py [three] [blender] --kiln KILN [--scene FILE.glb [--lamp X Y Z SIDE]] [--places N] [--density D] [--atlas N]
+  [--pictures FOLDER]
 
-three needs Chromium and a folder with three in it, named by KILN_THREE (npm install --prefix FOLDER three); blender needs Blender. --lamp replaces
-the scene's lights by a square lamp that looks down: noise and hard shadows would hide what is looked for. README.md, 'Longer runs', has the run
-of the dining room.
+three needs Chromium and a folder with three in it, named by KILN_THREE (npm install --prefix FOLDER three); blender
+needs Blender. --lamp replaces the scene's lights by a square lamp that looks down: noise and hard shadows would hide
+what is looked for. README.md, 'Longer runs', has the run of the dining room.
 """
 import json
 import os
@@ -21,9 +23,11 @@ import glb  # noqa: E402
 import harness  # noqa: E402
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-SAMPLES = ('--samples-direct', 512, '--samples-bounce', 32, '--samples-indirect', 1024, '--samples-probe', 0, '--bounces', 4)
+SAMPLES = ('--samples-direct', 512, '--samples-bounce', 32, '--samples-indirect', 1024, '--samples-probe', 0,
+           '--bounces', 4)
 TOLERANCE, SHARES = 0.02, (0.98, 0.95)  # 2 %; so many of the even places, and of the others: see stage.judge
-ALBEDO_TOLERANCE = 0.08  # three's standard material keeps back what its specular layer takes: 4 % seen from above, 8 with roughness
+# three's standard material keeps back what its specular layer takes: 4 % seen from above, 8 with roughness
+ALBEDO_TOLERANCE = 0.08
 
 
 def with_lamp(path, copy, lamp):
@@ -41,7 +45,8 @@ def with_lamp(path, copy, lamp):
         del scene.document['extensions']
     scene.used.discard('KHR_lights_punctual')
     h = side / 2
-    scene.quad('test lamp', [(x - h, y, z - h), (x + h, y, z - h), (x + h, y, z + h), (x - h, y, z + h)], scene.material('test lamp', radiance=(10, 9, 8)))
+    scene.quad('test lamp', [(x - h, y, z - h), (x + h, y, z - h), (x + h, y, z + h), (x - h, y, z + h)],
+               scene.material('test lamp', radiance=(10, 9, 8)))
     return scene.write(copy)
 
 
@@ -62,21 +67,25 @@ class Stage:
         self.folder = self.bake.directory
         if arguments.atlas:
             self.folder = os.path.join(kiln.scratch, self.name + '_atlas')
-            p = kiln.command('export', self.bake.directory, '-o', os.path.join(self.folder, 'scene.glb'), '--atlas', arguments.atlas)
+            p = kiln.command('export', self.bake.directory, '-o', os.path.join(self.folder, 'scene.glb'), '--atlas',
+                             arguments.atlas)
             self.good = checks.that(p.status == 0, 'kiln export --atlas ended with %d' % p.status, p)
             if not self.good:
                 return
         self.scene = stage.Scene(os.path.join(self.folder, 'scene.glb'))
         self.found, vain = stage.places(self.scene, stage.Reference(reference), arguments.places, 3)
-        checks.that(len(self.found) == arguments.places, '%s: only %d places have an answer' % (self.name, len(self.found)))
+        checks.that(len(self.found) == arguments.places,
+                    '%s: only %d places have an answer' % (self.name, len(self.found)))
         self.request = dict(reach=stage.reach_of(self.scene), places=[
             dict(position=f['position'].tolist(), normal=f['normal'].tolist()) for f in self.found])
-        print('%s: %d places, %d others without an answer (buried, or smaller than texels)' % (self.name, len(self.found), vain), flush=True)
+        print('%s: %d places, %d others without an answer (buried, or smaller than texels)' %
+              (self.name, len(self.found), vain), flush=True)
 
 
 def radiance(checks, engine, seen, tolerance):
     """What the materials show must be darker than E / pi, and be lit: albedo lies between 0 and 1 in each channel."""
-    pairs = [(np.array(s['radiance']), np.array(s['irradiance']) / np.pi) for s in seen if s['radiance'] is not None and s['irradiance'] is not None]
+    pairs = [(np.array(s['radiance']), np.array(s['irradiance']) / np.pi) for s in seen if s['radiance'] is not None
+             and s['irradiance'] is not None]
     over = [bool((r > e * (1 + tolerance) + 1e-6).any()) for r, e in pairs]
     lit = [bool(r.max() > 0) for r, e in pairs if e.max() > 0]
     checks.that(np.mean(lit) > 0.5, '%s: the materials show no light' % engine)
@@ -106,26 +115,31 @@ def in_three(checks, table, kiln, stages, arguments):
         server.close()
         if not checks.that('error' not in answer, 'three.js: %s' % answer.get('error')):
             continue
-        stage.judge(checks, table(), 'three.js r%s %s' % (answer['three'], s.name), s.found, answer['places'], TOLERANCE, SHARES)
-        checks.that(answer['done']['nodes'] == len(s.bake.run['objects']), 'three.js: %d of %d objects got a lightmap' % (
+        stage.judge(checks, table(), 'three.js r%s %s' % (answer['three'], s.name), s.found, answer['places'],
+                    TOLERANCE, SHARES)
+        checks.that(answer['done']['nodes'] == len(s.bake.run['objects']), 'three.js: %d of %d objects got a lightmap' %
+                    (
             answer['done']['nodes'], len(s.bake.run['objects'])))
         radiance(checks, 'three.js', answer['places'], ALBEDO_TOLERANCE)
         server = browser.Server({**folders, '': folders['recipe']}, {})
         page = browser.document(chromium, server, 'index.html?bake=bake/')
         checks.that('<title>ready</title>' in page, 'index.html does not draw: ' + page[:2000])
         if arguments.pictures:
-            browser.screenshot(chromium, server, 'index.html?bake=bake/', os.path.join(arguments.pictures, 'three-%s.png' % s.name))
+            browser.screenshot(chromium, server, 'index.html?bake=bake/',
+                               os.path.join(arguments.pictures, 'three-%s.png' % s.name))
         server.close()
 
 
 def blender(script, *arguments, blend=()):
-    return harness.run(['blender', '--background', '-noaudio', '--factory-startup', '--python-exit-code', '1', *blend, '--python', script, '--',
+    return harness.run(['blender', '--background', '-noaudio', '--factory-startup', '--python-exit-code', '1', *blend,
+                        '--python', script, '--',
                         *arguments], timeout=1800)
 
 
 def in_blender(checks, table, kiln, stages, arguments):
     for s in stages:
-        files = {n: os.path.join(kiln.scratch, s.name + n) for n in ('places.json', 'seen.json', 'own.blend', 'own.json')}
+        files = {n: os.path.join(kiln.scratch, s.name + n)
+                 for n in ('places.json', 'seen.json', 'own.blend', 'own.json')}
         with open(files['places.json'], 'w') as f:
             json.dump(s.request, f)
         picture = [os.path.join(arguments.pictures, 'blender-%s.png' % s.name)] if arguments.pictures else []
@@ -143,7 +157,8 @@ def in_blender(checks, table, kiln, stages, arguments):
             print('\n'.join(l for l in p.stdout.splitlines() if l.startswith('kiln:')))
             with open(result) as f:
                 answer = json.load(f)
-            stage.judge(checks, table(), 'Blender %s %s%s' % (answer['version'], s.name, what), s.found, answer['places'], TOLERANCE, SHARES)
+            stage.judge(checks, table(), 'Blender %s %s%s' % (answer['version'], s.name, what), s.found,
+                        answer['places'], TOLERANCE, SHARES)
             over = radiance(checks, 'Blender', answer['places'], 1e-3)
             checks.that(what != '' or over <= 0.1 * len(s.found), 'Blender: %d places send out more than E / pi' % over)
 
@@ -153,10 +168,14 @@ ENGINES = {'three': in_three, 'blender': in_blender}
 
 def main():
     arguments, kiln = harness.start(
-        __doc__, lambda p: p.add_argument('engines', nargs='+', choices=sorted(ENGINES)), lambda p: p.add_argument('--scene', metavar='FILE.glb'),
-        lambda p: p.add_argument('--lamp', nargs=4, type=float, metavar=('X', 'Y', 'Z', 'SIDE')), lambda p: p.add_argument('--places', type=int, default=200),
+        __doc__, lambda p: p.add_argument('engines', nargs='+', choices=sorted(ENGINES)),
+        lambda p: p.add_argument('--scene', metavar='FILE.glb'),
+        lambda p: p.add_argument('--lamp', nargs=4, type=float, metavar=('X', 'Y', 'Z', 'SIDE')),
+        lambda p: p.add_argument('--places', type=int, default=200),
         lambda p: p.add_argument('--density', type=float, metavar='TEXELS_PER_METRE'),
-        lambda p: p.add_argument('--atlas', type=int, default=0, metavar='TEXELS', help='look at what kiln export --atlas makes of the bake'), lambda p: p.add_argument('--pictures', metavar='FOLDER'))
+        lambda p: p.add_argument('--atlas', type=int, default=0, metavar='TEXELS',
+                                 help='look at what kiln export --atlas makes of the bake'),
+        lambda p: p.add_argument('--pictures', metavar='FOLDER'))
     for engine in arguments.engines:
         if missing(engine):
             harness.skip(missing(engine))
@@ -167,7 +186,8 @@ def main():
         stages.append(Stage(kiln, checks, arguments.scene, arguments))
     else:
         arguments.density = arguments.density or 12
-        for name, arguments.atlas in (('cornell_original.glb', 0), ('punctual_zoo.glb', 512)):  # its own lightmaps, and one page of all
+        # its own lightmaps, and one page of all
+        for name, arguments.atlas in (('cornell_original.glb', 0), ('punctual_zoo.glb', 512)):
             stages.append(Stage(kiln, checks, harness.own_scene(name), arguments))
     for engine in arguments.engines:
         ENGINES[engine](checks, stage.table, kiln, [s for s in stages if s.good], arguments)

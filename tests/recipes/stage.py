@@ -1,10 +1,11 @@
-"""What the tests of recipes share: a bake of a scene whose lightmap layout was taken away, places on its surfaces, and the light there
-by another way.
+"""What the tests of recipes share: a bake of a scene whose lightmap layout was taken away, places on its surfaces, and
+the light there by another way.
 
-The light at a place, independent of the layout that kiln made, of the lightmaps and of scene.glb: the scene as it was is baked again,
-with its own second UV set if it has one, another seed and other texels, and the surface points of kiln.h5 near the place (position and
-normal in the world, irradiance) are what is interpolated: no UV and no image takes part. Those of the same object within 2.5 texels, not
-more than 0.2 texels off the place's plane, facing its way; a plane through their irradiance, weighted by a Gaussian of 0.8 texels.
+The light at a place, independent of the layout that kiln made, of the lightmaps and of scene.glb: the scene as it was
+is baked again, with its own second UV set if it has one, another seed and other texels, and the surface points of
+kiln.h5 near the place (position and normal in the world, irradiance) are what is interpolated: no UV and no image takes
+part. Those of the same object within 2.5 texels, not more than 0.2 texels off the place's plane, facing its way; a
+plane through their irradiance, weighted by a Gaussian of 0.8 texels.
 """
 import json
 import os
@@ -55,7 +56,8 @@ class Scene:
 
     def _accessor(self, index):
         a = self.document['accessors'][index]
-        view, kind, width = self.document['bufferViews'][a['bufferView']], np.dtype(COMPONENTS[a['componentType']]), WIDTHS[a['type']]
+        view, kind, width = self.document['bufferViews'][a['bufferView']], np.dtype(
+            COMPONENTS[a['componentType']]), WIDTHS[a['type']]
         start = view.get('byteOffset', 0) + a.get('byteOffset', 0)
         stride = view.get('byteStride', kind.itemsize * width)
         return np.ndarray((a['count'], width), kind, self.blob, start, (stride, kind.itemsize))
@@ -97,8 +99,8 @@ class Reference:
         self.names = np.array([n.split('/')[0] for n in self.names])
 
     def at(self, position, normal, name):
-        """(E, least, most, texel) of luminance and colour at a place, or None where no texel is near: `least` and `most` are those
-        of the points around it, E a (3,) array."""
+        """(E, least, most, texel) of luminance and colour at a place, or None where no texel is near: `least` and
+        `most` are those of the points around it, E a (3,) array."""
         p = self.points
         own = np.flatnonzero(p.valid & (p.side == 0) & (self.names[p.object] == name) & (p.normal @ normal > 0.8))
         if len(own) == 0:
@@ -119,8 +121,8 @@ class Reference:
 
 
 def places(scene, reference, count, seed):
-    """`count` random places on the scene's surfaces, by area, where the reference has an answer: a list of dicts, and how many
-    were asked for in vain (buried, or on objects without a texel near)."""
+    """`count` random places on the scene's surfaces, by area, where the reference has an answer: a list of dicts, and
+    how many were asked for in vain (buried, or on objects without a texel near)."""
     rng, found, vain = np.random.default_rng(seed), [], 0
     share = np.cumsum(scene.area) / scene.area.sum()
     while len(found) < count and vain < 20 * count:
@@ -128,12 +130,14 @@ def places(scene, reference, count, seed):
         a, b = rng.random(2)
         a, b = (1 - a, 1 - b) if a + b > 1 else (a, b)
         corner = scene.corners[t]
-        position, normal = corner[0] + a * (corner[1] - corner[0]) + b * (corner[2] - corner[0]), scene.cross[t] / (2 * scene.area[t])
+        position = corner[0] + a * (corner[1] - corner[0]) + b * (corner[2] - corner[0])
+        normal = scene.cross[t] / (2 * scene.area[t])
         answer = reference.at(position, normal, scene.name(scene.node[t]))
         if answer is None:
             vain += 1
             continue
-        found.append(dict(position=position, normal=normal, name=scene.name(scene.node[t]), E=answer[0], least=answer[1], most=answer[2],
+        found.append(dict(position=position, normal=normal, name=scene.name(scene.node[t]), E=answer[0],
+                          least=answer[1], most=answer[2],
                           texel=answer[3]))
     return found, vain
 
@@ -144,15 +148,17 @@ def reach_of(scene):
 
 
 def judge(checks, table, engine, found, seen, tolerance, shares):
-    """Compares what an engine saw, [{irradiance, hit}], with the reference, by luminance. A place is even where the points around it differ by
-    a tenth at most: what is seen there must be within `tolerance` of the reference. At the others, edges of shadows, contacts and what is
-    hardly larger than a texel, a texel's size shows: it must lie between the darkest and the brightest point around, give or take
-    `tolerance`. `shares`: how many of either must. Places where the engine sees another surface do not count, but may be few only."""
+    """Compares what an engine saw, [{irradiance, hit}], with the reference, by luminance. A place is even where the
+    points around it differ by a tenth at most: what is seen there must be within `tolerance` of the reference. At the
+    others, edges of shadows, contacts and what is hardly larger than a texel, a texel's size shows: it must lie between
+    the darkest and the brightest point around, give or take `tolerance`. `shares`: how many of either must. Places
+    where the engine sees another surface do not count, but may be few only."""
     lum = lambda e: float(harness.LUMINANCE @ e)
     floor = 1e-3 * float(np.mean([lum(f['E']) for f in found]))
     even, steep, hidden, off = [], [], 0, []
     for f, s in zip(found, seen):
-        if s['irradiance'] is None or s['hit'] is None or np.linalg.norm(np.array(s['hit']) - f['position']) > f['texel'] / 20:
+        if s['irradiance'] is None or s['hit'] is None or np.linalg.norm(np.array(s['hit']) - f['position']) > f[
+            'texel'] / 20:
             hidden += 1
             continue
         e, r, least, most = lum(s['irradiance']), lum(f['E']), lum(f['least']), lum(f['most'])
@@ -163,18 +169,24 @@ def judge(checks, table, engine, found, seen, tolerance, shares):
             good = least * (1 - tolerance) - floor <= e <= most * (1 + tolerance) + floor
             steep.append(good)
         if not good:
-            off.append('   %s at %s: seen %.5g, reference %.5g, around it %.5g to %.5g' % (f['name'], np.round(f['position'], 4), e, r, least, most))
+            off.append('   %s at %s: seen %.5g, reference %.5g, around it %.5g to %.5g' %
+                       (f['name'], np.round(f['position'], 4), e, r, least, most))
     d = np.array(even)
     within, between = float(np.mean(np.abs(d) <= tolerance)) if even else 0.0, float(np.mean(steep)) if steep else 1.0
     percent = lambda x: '%.1f %%' % (100 * x)
-    table.row(engine, len(found), hidden, len(even), percent(within), '%.2f %%' % (100 * np.median(np.abs(d))), '%+.2f %%' % (100 * d.mean()),
+    table.row(engine, len(found), hidden, len(even), percent(within), '%.2f %%' % (100 * np.median(np.abs(d))),
+              '%+.2f %%' % (100 * d.mean()),
               len(steep), percent(between))
     print('\n'.join(off[:8]))
-    checks.that(hidden <= 0.1 * len(found), '%s: %d of %d places are hidden or not drawn' % (engine, hidden, len(found)))
-    checks.that(len(even) > 0 and within >= shares[0], '%s: only %.1f %% of the even places are within %.0f %%' % (engine, 100 * within, 100 * tolerance))
-    checks.that(between >= shares[1], '%s: only %.1f %% of the steep places lie between what is around them' % (engine, 100 * between))
+    checks.that(hidden <= 0.1 * len(found), '%s: %d of %d places are hidden or not drawn' %
+                (engine, hidden, len(found)))
+    checks.that(len(even) > 0 and within >= shares[0], '%s: only %.1f %% of the even places are within %.0f %%' %
+                (engine, 100 * within, 100 * tolerance))
+    checks.that(between >= shares[1], '%s: only %.1f %% of the steep places lie between what is around them' %
+                (engine, 100 * between))
 
 
 def table():
-    return harness.Table(('engine', 34), ('places', 6), ('hidden', 6), ('even', 4), ('within 2 %', 10), ('median', 7), ('mean', 8), ('steep', 5),
+    return harness.Table(('engine', 34), ('places', 6), ('hidden', 6), ('even', 4), ('within 2 %', 10), ('median', 7),
+                         ('mean', 8), ('steep', 5),
                          ('between', 8))

@@ -1,4 +1,5 @@
-"""jobs/recipes/volume.py against kiln probe: the same irradiance at any place and normal, inside, outside and buried."""
+"""jobs/recipes/volume.py against kiln probe: the same irradiance at any place and normal, inside, outside and
+buried."""
 import os
 import subprocess
 import sys
@@ -22,7 +23,8 @@ class VolumeRecipe(unittest.TestCase):
     def setUpClass(cls):
         cls.folder = tempfile.TemporaryDirectory(prefix='kiln-test-')
         cls.kiln = harness.Kiln(os.environ['KILN'], cls.folder.name)
-        cls.bake = cls.kiln.bake(harness.own_scene('cornell_original.glb'), '--quality', 'draft', '--texels-per-metre', 2, '--probe-spacing', 0.5)
+        cls.bake = cls.kiln.bake(harness.own_scene('cornell_original.glb'), '--quality', 'draft', '--texels-per-metre',
+                                 2, '--probe-spacing', 0.5)
         assert cls.bake.process.status == 0, cls.bake.process.stderr
         cls.path = os.path.join(cls.bake.directory, 'volume.hdf')
         cls.volume = volume.Volume(cls.path)
@@ -47,13 +49,15 @@ class VolumeRecipe(unittest.TestCase):
     def test_inside_and_outside(self):
         rng = np.random.default_rng(1)
         low, high = self.volume.origin, self.volume.origin + self.volume.spacing * (self.volume.size - 1)
-        answers = [self.same(rng.uniform(low - 0.3, high + 0.3).round(6), rng.normal(size=3).round(6)) for _ in range(PLACES)]
+        answers = [self.same(rng.uniform(low - 0.3, high + 0.3).round(6), rng.normal(size=3).round(6))
+                   for _ in range(PLACES)]
         lit = [a for a in answers if a is not None and a.max() > 0]
         self.assertGreater(len(lit), PLACES // 2)  # else nothing was compared
 
     def test_probes_that_cannot_be_trusted(self):
         bad = self.volume.validity < 0.5
-        corners = [bad[k:bad.shape[0] - 1 + k, j:bad.shape[1] - 1 + j, i:bad.shape[2] - 1 + i] for k, j, i in np.ndindex(2, 2, 2)]
+        corners = [bad[k:bad.shape[0] - 1 + k, j:bad.shape[1] - 1 + j, i:bad.shape[2] - 1 + i] for k, j,
+                   i in np.ndindex(2, 2, 2)]
         buried = np.argwhere(np.all(corners, axis=0))  # grid cells whose eight probes are all inside a block
         self.assertGreater(len(buried), 0)
         z, y, x = buried[0]
@@ -68,11 +72,13 @@ class VolumeRecipe(unittest.TestCase):
             group['PointData/irradiance_sh'] = np.repeat(np.arange(9.0, 0.0, -1.0), 3).reshape(1, 1, 1, 27)
             group['PointData/validity'] = np.ones((1, 1, 1), np.float32)
         one = volume.Volume(path)
-        np.testing.assert_allclose(one.irradiance((5, -3, 0), (0, 2, 0)), volume.basis((0, 1, 0)) @ np.arange(9.0, 0.0, -1.0))
+        np.testing.assert_allclose(one.irradiance((5, -3, 0), (0, 2, 0)),
+                                   volume.basis((0, 1, 0)) @ np.arange(9.0, 0.0, -1.0))
 
     def test_command(self):
         place = [str(v) for v in (*(self.volume.origin + 0.4 * self.volume.spacing).round(6), 0, 1, 0)]
-        said = subprocess.run([sys.executable, RECIPE, self.path] + place, capture_output=True, text=True, check=True).stdout
+        said = subprocess.run([sys.executable, RECIPE, self.path] + place, capture_output=True, text=True,
+                              check=True).stdout
         expected = self.probe(place[:3], place[3:])
         np.testing.assert_allclose([float(v) for v in said.split('=')[1].split()], expected, rtol=1e-5, atol=1e-9)
 

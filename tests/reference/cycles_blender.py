@@ -1,16 +1,22 @@
-"""Runs inside Blender: makes an interior as an artist does, exports it, and bakes it with Cycles. For cycles.py beside this.
+"""Runs inside Blender: makes an interior as an artist does, exports it, and bakes it with Cycles. For cycles.py beside
+this.
 
-  blender --background -noaudio --factory-startup --python cycles_blender.py -- NAME FOLDER SIDE SAMPLES BOUNCES [--single-sided] [--no-bake]
+  blender --background -noaudio --factory-startup --python cycles_blender.py -- NAME FOLDER SIDE SAMPLES BOUNCES
+  [--single-sided] [--no-bake]
 
-Writes FOLDER/scene.glb with the exporter's own defaults (which mark every material double-sided) but with lights, and FOLDER/OBJECT_1.exr and _2
-(two seeds, SAMPLES each) of E / pi in W/m2, rows from the top as in glTF, alpha where Cycles found the surface. Every object has a second UV map, unwrapped by Blender.
+Writes FOLDER/scene.glb with the exporter's own defaults (which mark every material double-sided) but with lights, and
+FOLDER/OBJECT_1.exr and _2 (two seeds, SAMPLES each) of E / pi in W/m2, rows from the top as in glTF, alpha where Cycles
+found the surface. Every object has a second UV map, unwrapped by Blender.
 
-  sunny      a room with walls of 20 cm, a window, a sun and a sky (the world, which glTF does not hold: kiln's --environment), table, ball
+  sunny      a room with walls of 20 cm, a window, a sun and a sky (the world, which glTF does not hold: kiln's
+             --environment), table, ball
   flat       two rooms and a door, walls without thickness, point lamps, a box, a sheet of paper that hangs in the light
-  furnished  a room without thickness, seen from inside, a lamp of a glowing material, a shelf of thin boards, a curtain, crates, a torus
+  furnished  a room without thickness, seen from inside, a lamp of a glowing material, a shelf of thin boards, a
+  curtain, crates, a torus
 
-Before the bake each Principled shader becomes a diffuse one of the same base colour, for kiln bakes diffuse light alone; lamps have no size,
-for glTF's have none. No clamping, no threshold for weak lights, no adaptive sampling, no denoiser.
+Before the bake each Principled shader becomes a diffuse one of the same base colour, for kiln bakes diffuse light
+alone; lamps have no size, for glTF's have none. No clamping, no threshold for weak lights, no adaptive sampling, no
+denoiser.
 """
 import builtins
 import json
@@ -21,7 +27,8 @@ import sys
 import bpy
 import numpy
 
-for missing in ('bool', 'int', 'float', 'object', 'str'):  # Debian's glTF exporter uses names that its numpy no longer has
+# Debian's glTF exporter uses names that its numpy no longer has
+for missing in ('bool', 'int', 'float', 'object', 'str'):
     if missing not in numpy.__dict__:
         setattr(numpy, missing, getattr(builtins, missing))
 
@@ -32,7 +39,8 @@ def material(name, colour, glow=0.0):
     shader = m.node_tree.nodes['Principled BSDF']
     shader.inputs['Base Color'].default_value = (*colour, 1.0)
     if glow:
-        shader.inputs['Emission'].default_value, shader.inputs['Emission Strength'].default_value = (1.0, 0.9, 0.7, 1.0), glow
+        shader.inputs['Emission'].default_value, shader.inputs['Emission Strength'].default_value = (
+            1.0, 0.9, 0.7, 1.0), glow
     m.use_backface_culling = single_sided  # what the exporter reads as doubleSided: false
     return m
 
@@ -84,14 +92,16 @@ def placed(name, mesh, m):
 
 
 def sheet(name, corners, m):
-    """What has no thickness and is seen from both sides. Where surfaces are to have one side only, a closed slab of a centimetre."""
+    """What has no thickness and is seen from both sides. Where surfaces are to have one side only, a closed slab of a
+    centimetre."""
     if not single_sided:
         return quad(name, corners, m)
     a, b, c, d = (numpy.array(v, float) for v in corners)
     n = numpy.cross(b - a, d - a)
     back = [v - 0.01 * n / numpy.linalg.norm(n) for v in (a, b, c, d)]
     mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata([tuple(v) for v in (a, b, c, d, *back)], [], [(0, 1, 2, 3), (7, 6, 5, 4), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)])
+    mesh.from_pydata([tuple(v) for v in (a, b, c, d, *back)], [],
+                     [(0, 1, 2, 3), (7, 6, 5, 4), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)])
     return placed(name, mesh, m)
 
 
@@ -117,7 +127,8 @@ def lamp(name, kind, energy, place, turn=(0, 0, 0)):
 
 
 def table(name, x, y, m):
-    legs = [box('leg', (x + i * 1.1, y + j * 0.6, 0), (x + i * 1.1 + 0.08, y + j * 0.6 + 0.08, 0.71), m) for i in (0, 1) for j in (0, 1)]
+    legs = [box('leg', (x + i * 1.1, y + j * 0.6, 0), (x + i * 1.1 + 0.08, y + j * 0.6 + 0.08, 0.71), m)
+            for i in (0, 1) for j in (0, 1)]
     return [joined(name + ' legs', legs), box(name + ' top', (x - 0.1, y - 0.1, 0.7), (x + 1.28, y + 0.78, 0.74), m)]
 
 
@@ -128,14 +139,17 @@ def ball(name, place, radius, m):
 
 
 def sunny():
-    plaster, wood, red = material('plaster', (0.8, 0.78, 0.74)), material('wood', (0.5, 0.3, 0.15)), material('red', (0.7, 0.1, 0.1))
+    plaster, wood, red = material('plaster', (0.8, 0.78, 0.74)), material('wood', (0.5, 0.3, 0.15)), material(
+        'red', (0.7, 0.1, 0.1))
     box('floor', (-0.2, -0.2, -0.2), (5.2, 4.2, 0), wood)
     box('ceiling', (-0.2, -0.2, 2.7), (5.2, 4.2, 2.9), plaster)
     box('west', (-0.2, 0, 0), (0, 4, 2.7), plaster)
     box('north', (-0.2, 4, 0), (5.2, 4.2, 2.7), plaster)
     box('east', (5, 0, 0), (5.2, 4, 2.7), red)
-    joined('south', [box('s', (-0.2, -0.2, 0), (1.5, 0, 2.7), plaster), box('s', (3.5, -0.2, 0), (5.2, 0, 2.7), plaster),
-                     box('s', (1.5, -0.2, 0), (3.5, 0, 0.9), plaster), box('s', (1.5, -0.2, 2.2), (3.5, 0, 2.7), plaster)])
+    joined('south',
+           [box('s', (-0.2, -0.2, 0), (1.5, 0, 2.7), plaster), box('s', (3.5, -0.2, 0), (5.2, 0, 2.7), plaster),
+                     box('s', (1.5, -0.2, 0), (3.5, 0, 0.9), plaster),
+                     box('s', (1.5, -0.2, 2.2), (3.5, 0, 2.7), plaster)])
     table('table', 1.8, 1.5, wood)
     ball('ball', (2.3, 1.9, 0.95), 0.2, red)
     lamp('Sun', 'SUN', 4.0, (0, -3, 5), (math.radians(50), 0, math.radians(20)))
@@ -143,8 +157,10 @@ def sunny():
 
 
 def flat():
-    paint, blue, grey = material('paint', (0.75, 0.75, 0.75)), material('blue', (0.15, 0.25, 0.7)), material('grey', (0.4, 0.4, 0.4))
-    # each room has walls and a floor of its own: a texel that lies on both sides of a wall without thickness would let light through
+    paint, blue, grey = material('paint', (0.75, 0.75, 0.75)), material('blue', (0.15, 0.25, 0.7)), material(
+        'grey', (0.4, 0.4, 0.4))
+    # each room has walls and a floor of its own: a texel that lies on both sides of a wall without thickness would let
+    # light through
     shell('big', (0, 0, 0), (4, 4, 2.6), paint, 'xyYZ')
     shell('big boards', (0, 0, 0), (4, 4, 2.6), grey, 'z')
     shell('small', (4, 0, 0), (7, 4, 2.6), paint, 'XyYZ')
@@ -161,7 +177,8 @@ def flat():
 
 
 def furnished():
-    paint, wood, green = material('paint', (0.7, 0.72, 0.7)), material('wood', (0.45, 0.3, 0.2)), material('green', (0.1, 0.5, 0.2))
+    paint, wood, green = material('paint', (0.7, 0.72, 0.7)), material('wood', (0.45, 0.3, 0.2)), material(
+        'green', (0.1, 0.5, 0.2))
     shell('room', (0, 0, 0), (4, 5, 2.8), paint)
     glow = box('glow', (1.4, 2.0, 2.30), (2.6, 3.0, 2.35), material('glow', (0.5, 0.5, 0.5), 12.0))
     subdivide(glow, 5)
@@ -170,7 +187,8 @@ def furnished():
     sheet('curtain', [(3.4, 1.0, 0.2), (3.4, 3.2, 0.2), (3.6, 3.2, 2.4), (3.6, 1.0, 2.4)], green)
     box('crate', (2.0, 3.6, 0), (2.8, 4.4, 0.8), wood)
     box('crate on it', (2.1, 3.7, 0.8), (2.6, 4.2, 1.3), green)
-    bpy.ops.mesh.primitive_torus_add(location=(1.6, 1.2, 0.6), major_radius=0.4, minor_radius=0.15, major_segments=24, minor_segments=10, rotation=(1.0, 0.3, 0))
+    bpy.ops.mesh.primitive_torus_add(location=(1.6, 1.2, 0.6), major_radius=0.4, minor_radius=0.15, major_segments=24,
+                                     minor_segments=10, rotation=(1.0, 0.3, 0))
     bpy.ops.object.shade_smooth()
     named('torus', green)
     return 0.0
@@ -239,10 +257,12 @@ def bake(thing, side, path):
     bpy.ops.object.select_all(action='DESELECT')
     thing.select_set(True)
     bpy.context.view_layer.objects.active = thing
-    bpy.ops.object.bake(type='DIFFUSE', pass_filter={'DIRECT', 'INDIRECT'}, margin=0, use_clear=True, uv_layer='Lightmap', target='IMAGE_TEXTURES',
+    bpy.ops.object.bake(type='DIFFUSE', pass_filter={'DIRECT', 'INDIRECT'}, margin=0, use_clear=True,
+                        uv_layer='Lightmap', target='IMAGE_TEXTURES',
                         save_mode='INTERNAL')
     settings = bpy.context.scene.render.image_settings
-    settings.file_format, settings.color_mode, settings.color_depth, settings.exr_codec = 'OPEN_EXR', 'RGBA', '32', 'ZIP'
+    settings.file_format, settings.color_mode = 'OPEN_EXR', 'RGBA'
+    settings.color_depth, settings.exr_codec = '32', 'ZIP'
     image.save_render(path)
     bpy.data.images.remove(image)
 

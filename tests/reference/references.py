@@ -1,10 +1,10 @@
 """Bakes the scenes that have Monte-Carlo references and compares irradiance at their points.
 
-A point passes when it lies within 5 combined standard errors (reference and bake) or 2 % of the reference; 95 % must pass, and the
-ratio of the means must be 1 within 0.005. Points on texels that kiln finds buried in other geometry, and that are exactly 0 in the
-reference, are left out: kiln fills those from their neighbours. With --thin (fewer samples) 4 standard errors of the mean are added
-to the 0.005. Where the reference gives the error of its red channel, each channel's is taken as the
-same share of its value.
+A point passes when it lies within 5 combined standard errors (reference and bake) or 2 % of the reference; 95 % must
+pass, and the ratio of the means must be 1 within 0.005. Points on texels that kiln finds buried in other geometry, and
+that are exactly 0 in the reference, are left out: kiln fills those from their neighbours. With --thin (fewer samples) 4
+standard errors of the mean are added to the 0.005. Where the reference gives the error of its red channel, each
+channel's is taken as the same share of its value.
 """
 import json
 import math
@@ -17,9 +17,9 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..'
 import glb  # noqa: E402
 import harness  # noqa: E402
 
-# Reference points lie at the centres of an n x n grid over the layout: a lightmap side that is an odd multiple of n puts them on
-# texel centres. n, the multiple, samples (direct, bounce, indirect), and the multiple with --thin: as coarse as the scene's
-# shadows and facets bear; None: they bear nothing coarser, and the scene is left out.
+# Reference points lie at the centres of an n x n grid over the layout: a lightmap side that is an odd multiple of n
+# puts them on texel centres. n, the multiple, samples (direct, bounce, indirect), and the multiple with --thin: as
+# coarse as the scene's shadows and facets bear; None: they bear nothing coarser, and the scene is left out.
 SETTINGS = {
     'cornell_original': (6, 15, 256, 16, 512, 7),
     'cornell_layers': (6, 15, 256, 16, 512, 7),
@@ -30,12 +30,12 @@ SETTINGS = {
 }
 
 
-# By scene: the multiple and the samples without --full, where a bake would take longer than all the others together. They
-# bring the noise of a point from 0.5 % to 2 %, which its standard error says too; what is compared stays.
+# By scene: the multiple and the samples without --full, where a bake would take longer than all the others together.
+# They bring the noise of a point from 0.5 % to 2 %, which its standard error says too; what is compared stays.
 LESS = {'cornell_shapes_narrow': (25, 64, 16, 96)}
 
-# The references are about facets' own normals, kiln's lightmaps about the shading normal: of scenes with smooth objects a copy
-# without normals is baked, which glTF defines as flat.
+# The references are about facets' own normals, kiln's lightmaps about the shading normal: of scenes with smooth objects
+# a copy without normals is baked, which glTF defines as flat.
 SMOOTH = {'cornell_shapes_narrow'}
 
 
@@ -47,11 +47,13 @@ def compare(reference, bake):
         lightmap, (u, v) = bake.lightmap(name), sample['uv1']
         e = lightmap.at(u, v)
         own = bake.points.of(bake.index(name))
-        texel = bake.points.valid[(bake.points.object == bake.index(name)) & (bake.points.x == int(u * lightmap.width)) &
+        texel = bake.points.valid[
+            (bake.points.object == bake.index(name)) & (bake.points.x == int(u * lightmap.width)) &
                                   (bake.points.y == int(v * lightmap.height))]
         if not texel.any() and max(sample['E']) == 0:
             continue
-        near = (np.abs(bake.points.x[own] + 0.5 - u * lightmap.width) <= 1.6) & (np.abs(bake.points.y[own] + 0.5 - v * lightmap.height) <= 1.6)
+        near = (np.abs(bake.points.x[own] + 0.5 - u * lightmap.width) <= 1.6) & (
+            np.abs(bake.points.y[own] + 0.5 - v * lightmap.height) <= 1.6)
         own_error = math.sqrt(float(np.mean(bake.points.error[own[near]] ** 2))) if near.any() else 0.0
         luminance = float(e @ harness.LUMINANCE)
         reference_e = np.array(sample['E'])
@@ -72,10 +74,12 @@ def main():
                      p.add_argument('--full', action='store_true', help='all texels and samples for every scene'))
     arguments, kiln = harness.start(__doc__, add)
     checks = harness.Checks()
-    missing = [s for s in SETTINGS if harness.own_scene(s + '.glb') is None or harness.own_scene('reference', s + '.json') is None]
+    missing = [s for s in SETTINGS if harness.own_scene(s + '.glb') is None
+               or harness.own_scene('reference', s + '.json') is None]
     if len(missing) == len(SETTINGS):
         harness.skip('no reference scene is here.')
-    table = harness.Table(('scene', 24), ('points', 7), ('agree', 8), ('mean ratio', 11), ('median error', 13), ('seconds', 8),
+    table = harness.Table(('scene', 24), ('points', 7), ('agree', 8), ('mean ratio', 11), ('median error', 13),
+                          ('seconds', 8),
                           ('energy', 36))
     for scene, (n, multiple, direct, bounce, indirect, coarse) in SETTINGS.items():
         if scene in missing or (kiln.thin > 1 and coarse is None) or (arguments.only and scene not in arguments.only):
@@ -88,7 +92,8 @@ def main():
         if scene in SMOOTH:
             path = glb.without_normals(path, os.path.join(kiln.scratch, scene + '-flat.glb'))
         size = n * (coarse if kiln.thin > 1 else multiple)
-        bake = kiln.bake(path, '--lightmap-size', size, '--samples-direct', kiln.samples(direct), '--samples-bounce', kiln.samples(bounce),
+        bake = kiln.bake(path, '--lightmap-size', size, '--samples-direct', kiln.samples(direct), '--samples-bounce',
+                         kiln.samples(bounce),
                          '--samples-indirect', kiln.samples(indirect), '--samples-probe', 0)
         if checks.baked(bake):
             got, want, errors, where = compare(reference, bake)
@@ -104,7 +109,8 @@ def main():
                 scene, 100 * good.mean(), len(good), ''.join('\n        %s: got %s, reference %s, error %s' % (
                     where[i], got[i], want[i], errors[i]) for i in worst)), bake.process)
             allowed = 0.005 + (4 * math.sqrt(float((errors ** 2).sum())) / want.sum() if kiln.thin > 1 else 0.0)
-            checks.that(abs(ratio - 1) <= allowed, '%s: the mean is %.4f times the reference' % (scene, ratio), bake.process)
+            checks.that(abs(ratio - 1) <= allowed, '%s: the mean is %.4f times the reference' % (scene, ratio),
+                        bake.process)
             checks.that(agreeing(got * 1.05, want, errors)[lit].mean() < 0.95 or abs(ratio * 1.05 - 1) > allowed,
                         '%s: lightmaps 5 %% brighter would pass too' % scene)
         bake.remove()

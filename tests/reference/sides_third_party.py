@@ -1,5 +1,6 @@
-"""Interiors with doubleSided on every material, baked as they are and with what that means written out: every triangle that is no part of
-a solid gets a twin, turned round and moved back by a hair, and all are single-sided. Objects' means must agree.
+"""Interiors with doubleSided on every material, baked as they are and with what that means written out: every triangle
+that is no part of a solid gets a twin, turned round and moved back by a hair, and all are single-sided. Objects' means
+must agree.
 
 Run by hand: python3 tests/reference/sides_third_party.py --kiln build/release/kiln [--scene NAME ...]
 """
@@ -32,7 +33,8 @@ def is_lamp(material):
 
 
 def solids(positions, triangles):
-    """For each triangle whether its piece is closed and turned outwards (worker/scene/solids.h), by another way: sorted corners."""
+    """For each triangle whether its piece is closed and turned outwards (worker/scene/solids.h), by another way: sorted
+    corners."""
     _, welded = np.unique(positions + 0.0, axis=0, return_inverse=True)
     corners = welded.reshape(-1)[triangles]
     parent = np.arange(len(corners))
@@ -74,7 +76,8 @@ def written_out(path, copy):
     for material in materials:
         if not is_lamp(material):
             material['doubleSided'] = False
-    largest = max(float(np.ptp(read(scene, p['attributes']['POSITION']), 0).max()) for m in meshes for p in m['primitives'])
+    largest = max(float(np.ptp(read(scene, p['attributes']['POSITION']), 0).max()) for m in meshes
+                  for p in m['primitives'])
     twins = {}
     for number, mesh in list(enumerate(meshes)):
         parts = mesh['primitives']
@@ -95,7 +98,8 @@ def written_out(path, copy):
             flat = position[chosen].reshape(-1, 3).astype(float)
             normal = np.cross(flat[1::3] - flat[0::3], flat[2::3] - flat[0::3])
             normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-            moved = (flat - HAIR * largest * np.repeat(normal, 3, 0)).astype(np.float32).reshape(-1, 3, 3)[:, ::-1].reshape(-1, 3)
+            moved = (flat - HAIR * largest * np.repeat(normal, 3, 0)).astype(np.float32).reshape(-1, 3, 3)[
+                :, ::-1].reshape(-1, 3)
             attributes = {'POSITION': scene.accessor(moved, 'VEC3', 5126, 34962)}
             scene.document['accessors'][-1].update(min=moved.min(0).tolist(), max=moved.max(0).tolist())
             for name in ('TEXCOORD_0', 'TEXCOORD_1'):
@@ -123,7 +127,8 @@ def means(bake):
             continue
         weight = p.area[chosen] / p.area[chosen].sum()
         all_front = (p.object == index) & (p.side == 0)
-        found[name] = (float((p.total[chosen] @ harness.LUMINANCE * weight).sum()), math.sqrt(((p.error[chosen] * weight) ** 2).sum()),
+        found[name] = (float((p.total[chosen] @ harness.LUMINANCE * weight).sum()),
+                       math.sqrt(((p.error[chosen] * weight) ** 2).sum()),
                        1 - float(p.valid[all_front].mean()), len(chosen))
     return found
 
@@ -137,13 +142,16 @@ def main():
     checks = harness.Checks()
     for name in options.scene or ('veach_ajar', 'dining_room', 'classroom'):
         source, seeds = harness.need_shared('third_party', name + '.glb'), (0, 1, 2)
-        table = harness.Table((name, 24), ('points', 8), ('as it is', 10), ('written out', 12), ('apart', 8), ('errors', 7))
+        table = harness.Table((name, 24), ('points', 8), ('as it is', 10), ('written out', 12), ('apart', 8),
+                              ('errors', 7))
         runs = []
         for make in (flagged, written_out):
             scene = make(source, os.path.join(kiln.scratch, 'scene.glb'))
             found = []
-            for seed in seeds:  # what seeds say of an object's mean is its true error: noise of the bounces is shared by neighbours
-                bake = kiln.bake(scene, '--samples-direct', 64, '--samples-bounce', 64, '--samples-indirect', options.samples, '--samples-probe', 0,
+            # what seeds say of an object's mean is its true error: noise of the bounces is shared by neighbours
+            for seed in seeds:
+                bake = kiln.bake(scene, '--samples-direct', 64, '--samples-bounce', 64, '--samples-indirect',
+                                 options.samples, '--samples-probe', 0,
                                  '--seed', seed, '--texels-per-metre', 8, '--lightmap-max', 256, timeout=1800)
                 if not checks.baked(bake):
                     checks.end()
@@ -159,8 +167,10 @@ def main():
             error = math.sqrt(sum((v.var(ddof=1) / len(v)) for v in value)) + 1e-9
             error = max(error, math.hypot(runs[0][0][what][1], runs[1][0][what][1]) / math.sqrt(len(seeds)))
             off = abs(a - b) / error
-            wrong += off > 4 and abs(a / b - 1) > 0.01  # Student's t of few seeds has long tails; a hair of distance is seen at 1 %
-            table.row(what[:24], runs[0][0][what][3], '%.4g' % a, '%.4g' % b, '%+.2f %%' % (100 * (a / b - 1)), '%.1f' % off)
+            # Student's t of few seeds has long tails; a hair of distance is seen at 1 %
+            wrong += off > 4 and abs(a / b - 1) > 0.01
+            table.row(what[:24], runs[0][0][what][3], '%.4g' % a, '%.4g' % b, '%+.2f %%' % (100 * (a / b - 1)),
+                      '%.1f' % off)
         checks.that(wrong == 0, '%s: %d objects are apart by more than 4 standard errors and 1 %%' % (name, wrong))
     checks.end()
 

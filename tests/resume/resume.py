@@ -1,19 +1,24 @@
 """A bake that is interrupted, in every way there is, goes on to the same bits.
 
     resume.py --kiln PATH kills       kill -9 a random rank of four at random moments (KILN_KILLS of them, KILN_SEED)
-    resume.py --kiln PATH ends        kill -9 a rank when the job is about to end (KILN_ENDS times, KILN_SEED), and mpirun itself
+    resume.py --kiln PATH ends        kill -9 a rank when the job is about to end (KILN_ENDS times, KILN_SEED), and
+                                      mpirun itself
     resume.py --kiln PATH layouts     go on with other numbers of ranks and threads
     resume.py --kiln PATH bounces     hundreds of bounces, stopped and gone on with after the 256th
     resume.py --kiln PATH signals     SIGUSR1, SIGTERM, SIGINT, kiln stop, --max-time: 75, and what kiln status says
     resume.py --kiln PATH phases      a signal to one of two ranks in every phase: 75 within 5 s
     resume.py --kiln PATH refusals    another scene or setting is refused, with a table
-    resume.py --kiln PATH damage      flipped bits, cut and missing files: noticed, the generation before is used (KILN_FLIPS, KILN_SEED)
+    resume.py --kiln PATH damage      flipped bits, cut and missing files: noticed, the generation before is used
+                                      (KILN_FLIPS, KILN_SEED)
     resume.py --kiln PATH disk        full disk 74, read-only folder 73 or 77, last generation whole
-    resume.py --kiln PATH faults      the k-th write, sync, rename or open fails (KILN_FAULTS of them, KILN_SEED; needs strace, not a test)
+    resume.py --kiln PATH faults      the k-th write, sync, rename or open fails (KILN_FAULTS of them, KILN_SEED; needs
+                                      strace, not a test)
     resume.py --kiln PATH interrupted the k-th one fails with EINTR, which does no harm (the same)
-    resume.py --kiln PATH warnings    SIGUSR1 through mpirun at random moments (KILN_WARNINGS of them, KILN_SEED; not a test)
+    resume.py --kiln PATH warnings    SIGUSR1 through mpirun at random moments (KILN_WARNINGS of them, KILN_SEED; not a
+                                      test)
     resume.py --kiln PATH watchdog    a rank that stands still is named, 76
-    resume.py --kiln PATH halts       SIGSTOP to a random rank at random moments (KILN_HALTS of them, KILN_SEED; not a test)
+    resume.py --kiln PATH halts       SIGSTOP to a random rank at random moments (KILN_HALTS of them, KILN_SEED; not a
+                                      test)
     resume.py --kiln PATH cost        what checkpoints cost (a measurement)
 """
 import glob
@@ -39,7 +44,8 @@ import harness  # noqa: E402
 STOPPED, LOST, BAD_INPUT, SYSTEM, CANNOT_CREATE, IO, PERMISSION = 75, 76, 65, 71, 73, 74, 77
 SCENE = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
 # A few seconds on two cores, in enough batches that there is something to interrupt.
-OPTIONS = ('--backend', 'embree', '--lightmap-size', '48', '--samples-direct', '32', '--samples-bounce', '32', '--samples-indirect', '256', '--bounces', '4',
+OPTIONS = ('--backend', 'embree', '--lightmap-size', '48', '--samples-direct', '32', '--samples-bounce', '32',
+           '--samples-indirect', '256', '--bounces', '4',
            '--samples-probe', '64', '--error-map')
 PROBES = ('--samples-probe', '2048')
 OFTEN = ('--checkpoint-every', '0.05')
@@ -54,12 +60,13 @@ class Tool:
         return os.path.join(self.scratch, 'bake%d' % self.number)
 
     def line(self, folder, *more, ranks=0, threads=1, scene=SCENE):
-        command = [self.kiln, 'bake', scene, '-o', folder, '--no-preview', '--threads', str(threads), *OPTIONS, *map(str, more)]
+        command = [self.kiln, 'bake', scene, '-o', folder, '--no-preview', '--threads', str(threads), *OPTIONS,
+                   *map(str, more)]
         return (['mpirun', '--bind-to', 'none', '-n', str(ranks)] if ranks else []) + command
 
     def start(self, folder, *more, log=None, private=False, halt='', **how):
-        """Runs in the background; what it prints goes to LOG.out and LOG.err (LOG: the folder's name). private: FOLDER.tmp is its TMPDIR.
-        halt: RANK:PLACE, where that rank stops itself."""
+        """Runs in the background; what it prints goes to LOG.out and LOG.err (LOG: the folder's name). private:
+        FOLDER.tmp is its TMPDIR. halt: RANK:PLACE, where that rank stops itself."""
         log = log or folder
         env = dict(os.environ)
         env.update(harness.MPI_ENVIRONMENT)
@@ -69,7 +76,8 @@ class Tool:
             os.makedirs(folder + '.tmp', exist_ok=True)
             env['TMPDIR'] = folder + '.tmp'
         with open(log + '.out', 'wb') as out, open(log + '.err', 'wb') as err:
-            return subprocess.Popen(self.line(folder, *more, **how), stdout=out, stderr=err, stdin=subprocess.DEVNULL, env=env, start_new_session=True)
+            return subprocess.Popen(self.line(folder, *more, **how), stdout=out, stderr=err, stdin=subprocess.DEVNULL,
+                                    env=env, start_new_session=True)
 
     def bake(self, folder, *more, timeout=120, **how):
         return harness.run(self.line(folder, *more, **how), timeout, harness.MPI_ENVIRONMENT)
@@ -104,7 +112,8 @@ def ranks_of(process):
         except OSError:
             continue
         pid = int(path.split('/')[2])
-        if (int(fields[1]) == process.pid or pid == process.pid) and words[0].endswith(b'kiln') and words[1:2] == [b'bake']:
+        if (int(fields[1]) == process.pid or pid == process.pid) and words[0].endswith(b'kiln') and words[1:2] == [
+            b'bake']:
             found.append(pid)
     return sorted(found)
 
@@ -197,7 +206,8 @@ def same(checks, tool, reference, folder, process, what):
     if checks.that(process.status == 0, '%s: going on ended with %s instead of 0' % (what, process.status), process):
         different = differences(reference, result(folder))
         checks.that(not different, '%s: not the same: %s' % (what, different), process)
-        checks.that(not os.path.exists(os.path.join(folder, 'checkpoint')), '%s: the checkpoint is still there' % what, process)
+        checks.that(not os.path.exists(os.path.join(folder, 'checkpoint')), '%s: the checkpoint is still there' % what,
+                    process)
 
 
 def reference_of(checks, tool, *more, **how):
@@ -216,7 +226,8 @@ LEAST = {CHECKPOINT: 0.25, RESULTS: 0.125}  # of all kills so far; what falls be
 
 
 class Subject:
-    """A scene to be killed in: what a bake that nothing happens to leaves, how long four ranks take, and for how long of it they write results."""
+    """A scene to be killed in: what a bake that nothing happens to leaves, how long four ranks take, and for how long
+    of it they write results."""
 
     def __init__(self, checks, tool, scene):
         self.scene, folder = scene, tool.folder()
@@ -241,7 +252,8 @@ def writes_checkpoint(folder, _):
 def writes_results(folder, began):
     """Whether results were written since, and the bake does not claim to be complete."""
     fresh = False
-    for path in glob.glob(os.path.join(folder, '*')) + glob.glob(os.path.join(folder, '.*.part')) + glob.glob(os.path.join(folder, 'lightmaps', '*')):
+    for path in glob.glob(os.path.join(folder, '*')) + glob.glob(os.path.join(folder, '.*.part')) + glob.glob(
+        os.path.join(folder, 'lightmaps', '*')):
         try:
             fresh = fresh or ('scene.kscene' not in path and os.path.isfile(path) and os.stat(path).st_mtime > began)
         except FileNotFoundError:
@@ -285,8 +297,8 @@ def holds_memory(path):
 
 
 def left_over(folder, ranks, segments):
-    """What a job that has ended left, as sentences: processes, shared memory, files in its own TMPDIR. What is in the output folder is
-    the next run's."""
+    """What a job that has ended left, as sentences: processes, shared memory, files in its own TMPDIR. What is in the
+    output folder is the next run's."""
     def processes():
         found = []
         for path in glob.glob('/proc/[0-9]*/cmdline'):
@@ -307,8 +319,8 @@ def left_over(folder, ranks, segments):
 
 
 def kill_one(checks, dice, process, ranks, folder, what):
-    """SIGKILL to one rank, and what has to hold of the job after it; None when there was none to kill, else the seconds to its end and how
-    much shared memory was looked for after it."""
+    """SIGKILL to one rank, and what has to hold of the job after it; None when there was none to kill, else the seconds
+    to its end and how much shared memory was looked for after it."""
     victim = dice.choice(ranks) if ranks else 0
     try:
         with open('/proc/%d/cmdline' % victim) as f:
@@ -323,7 +335,8 @@ def kill_one(checks, dice, process, ranks, folder, what):
     seconds = time.monotonic() - began
     checks.that(status not in (None, 0), '%s: the job ended with %s' % (what, status))
     checks.that(seconds < 10, '%s: the job went on for %.0f s' % (what, seconds))
-    checks.that('exited on signal 9' in text(folder, '.out') + text(folder), '%s: nobody says which rank died: %s' % (what, text(folder)[-300:]))
+    checks.that('exited on signal 9' in text(folder, '.out') + text(folder),
+                '%s: nobody says which rank died: %s' % (what, text(folder)[-300:]))
     bad = readable(folder) + left_over(folder, ranks, segments)
     checks.that(not bad, '%s: %s' % (what, '; '.join(bad)))
     return seconds, len(segments)
@@ -368,14 +381,18 @@ def try_kills(checks, tool):
             if checks.that(status == 0, '%s: the last run ended with %s: %s' % (what, status, text(folder)[-300:])):
                 different = differences(subject.reference, result(folder))
                 checks.that(not different, '%s: not the same: %s' % (what, different))
-                verdict, hidden = tool.run('verify', folder), glob.glob(os.path.join(folder, '**', '.*'), recursive=True)
+                verdict, hidden = tool.run('verify', folder), glob.glob(os.path.join(folder, '**', '.*'),
+                                                                        recursive=True)
                 checks.that(verdict.status == 0, '%s: not as it was written' % what, verdict)
-                checks.that(not hidden and not os.path.exists(os.path.join(folder, 'checkpoint')), '%s: left over: %s' % (what, hidden))
+                checks.that(not hidden and not os.path.exists(os.path.join(folder, 'checkpoint')),
+                            '%s: left over: %s' % (what, hidden))
             break
         shutil.rmtree(folder, ignore_errors=True)
     checks.that(seen > 0, 'no shared memory was ever seen, so none can be said to be gone')
-    print('%d kills in %d bakes of %d scenes, %d of them while a checkpoint was being written and %d while results were; the job was gone '
-          'after %.1f s at most' % (sum(count.values()), bakes, len(subjects), count[CHECKPOINT], count[RESULTS], longest))
+    print('%d kills in %d bakes of %d scenes, %d of them while a checkpoint was being written and %d while results '
+          'were; the job was gone '
+          'after %.1f s at most' % (sum(count.values()), bakes, len(subjects), count[CHECKPOINT], count[RESULTS],
+                                    longest))
 
 
 def kill_at_the_end(checks, tool, dice, subject):
@@ -394,7 +411,8 @@ def kill_at_the_end(checks, tool, dice, subject):
         finish(process)
         return False
     status, what = finish(process), 'rank %d killed %.3f s after %s' % (ranks.index(victim), delay, written)
-    checks.that(status is not None and time.monotonic() - began < 10, '%s: the job went on for %.0f s' % (what, time.monotonic() - began))
+    checks.that(status is not None and time.monotonic() - began < 10,
+                '%s: the job went on for %.0f s' % (what, time.monotonic() - began))
     if os.path.exists(os.path.join(folder, 'manifest')):
         verdict, different = tool.run('verify', folder), differences(subject.reference, result(folder))
         checks.that(verdict.status == 0, '%s: not as it was written' % what, verdict)
@@ -408,8 +426,8 @@ def kill_at_the_end(checks, tool, dice, subject):
 
 
 def kill_mpirun(checks, tool, subject, stopped):
-    """SIGKILL to mpirun, once with a rank that stands still: the ranks end by themselves, and what they shared is free. Open MPI's own files stay,
-    which only mpirun removes: a queue of some pages a rank, and its folder in TMPDIR."""
+    """SIGKILL to mpirun, once with a rank that stands still: the ranks end by themselves, and what they shared is free.
+    Open MPI's own files stay, which only mpirun removes: a queue of some pages a rank, and its folder in TMPDIR."""
     folder = tool.folder()
     process = tool.start(folder, *OFTEN, ranks=3, private=True)
     wait_for(lambda: process.poll() is not None or generations(folder))
@@ -417,7 +435,8 @@ def kill_mpirun(checks, tool, subject, stopped):
     segments = belongings(ranks)
     if stopped:
         os.kill(ranks[1], signal.SIGSTOP)
-        wait_for(lambda: state_of(ranks[1]) == 'T')  # the kernel wakes and ends what stands still when its parent goes, not what is about to
+        # the kernel wakes and ends what stands still when its parent goes, not what is about to
+        wait_for(lambda: state_of(ranks[1]) == 'T')
     began = time.monotonic()
     process.kill()
     process.wait()
@@ -456,7 +475,8 @@ def interrupted(tool, checks, ranks=0, threads=1, after=2, more=(), **how):
         os.kill(rank, signal.SIGUSR1)
         break
     status = finish(process)
-    checks.that(status == STOPPED, 'stopped by SIGUSR1 on one rank it ended with %s, not 75: %s' % (status, text(folder)[-400:]))
+    checks.that(status == STOPPED, 'stopped by SIGUSR1 on one rank it ended with %s, not 75: %s' %
+                (status, text(folder)[-400:]))
     return folder
 
 
@@ -464,19 +484,23 @@ def try_layouts(checks, tool):
     reference, _ = reference_of(checks, tool)
     for i, (before, after, threads) in enumerate(((1, 2, 1), (3, 1, 2), (2, 5, 1))):
         folder = interrupted(tool, checks, ranks=before, after=2 + i)
-        same(checks, tool, reference, folder, tool.bake(folder, ranks=after, threads=threads), '%d ranks, then %d' % (before, after))
+        same(checks, tool, reference, folder, tool.bake(folder, ranks=after, threads=threads),
+             '%d ranks, then %d' % (before, after))
         shutil.rmtree(folder, ignore_errors=True)
     scene = glb.partition_room(os.path.join(tool.scratch, 'two_sides.glb'), False)
     reference, _ = reference_of(checks, tool, '--sides', 'two', scene=scene)
     folder = interrupted(tool, checks, ranks=2, more=('--sides', 'two'), scene=scene)
-    same(checks, tool, reference, folder, tool.bake(folder, '--sides', 'two', ranks=3, scene=scene), 'double-sided, 2 ranks, then 3')
+    same(checks, tool, reference, folder, tool.bake(folder, '--sides', 'two', ranks=3, scene=scene),
+         'double-sided, 2 ranks, then 3')
 
 
 def try_bounces(checks, tool):
     """More passes than an array of a fixed size would hold, at a stretch and in two."""
-    few = ('--lightmap-size', 8, '--samples-direct', 4, '--samples-bounce', 2, '--samples-indirect', 4, '--samples-probe', 4, '--no-export', '--checkpoint-every', 0)
+    few = ('--lightmap-size', 8, '--samples-direct', 4, '--samples-bounce', 2, '--samples-indirect', 4,
+           '--samples-probe', 4, '--no-export', '--checkpoint-every', 0)
     scene = SCENES[2]
-    for more, passes in ((('--bounces', 258), 259), (('--bounces', 300, '--schedule', 'equal'), 301), (('--bounces', 1000), 1001)):
+    for more, passes in ((('--bounces', 258), 259), (('--bounces', 300, '--schedule', 'equal'), 301),
+                         (('--bounces', 1000), 1001)):
         folder = tool.folder()
         process = tool.bake(folder, *few, *more, scene=scene)
         if checks.that(process.status == 0, '%s: ended with %d' % (' '.join(map(str, more)), process.status), process):
@@ -496,7 +520,8 @@ def try_bounces(checks, tool):
     wait_for(lambda: bounce() > 256 or process.poll() is not None)
     tool.run('stop', folder)
     status = finish(process)
-    checks.that(status == STOPPED, 'stopped after 256 bounces it ended with %s, not 75: %s' % (status, text(folder)[-400:]))
+    checks.that(status == STOPPED, 'stopped after 256 bounces it ended with %s, not 75: %s' %
+                (status, text(folder)[-400:]))
     same(checks, tool, reference, folder, tool.bake(folder, *many, scene=scene), 'stopped after 256 bounces')
 
 
@@ -513,9 +538,11 @@ def try_signals(checks, tool):
         status = finish(process)
         checks.that(status == STOPPED, '%s: ended with %s, not 75' % (number.name, status))
         checks.that(time.monotonic() - began < 20, '%s: took %.0f s' % (number.name, time.monotonic() - began))
-        checks.that(number.name in text(folder) and 'same command' in text(folder), '%s: not named: %s' % (number.name, text(folder)[-300:]))
+        checks.that(number.name in text(folder) and 'same command' in text(folder),
+                    '%s: not named: %s' % (number.name, text(folder)[-300:]))
         state = tool.run('status', folder, '--json')
-        checks.that(state.status == 0 and state.json()['state'] == 'stopped', '%s: status says %s' % (number.name, state.stdout), state)
+        checks.that(state.status == 0 and state.json()['state'] == 'stopped',
+                    '%s: status says %s' % (number.name, state.stdout), state)
         again = tool.bake(folder)
         checks.that('going on from checkpoint' in again.stderr, '%s: does not say that it goes on' % number.name, again)
         same(checks, tool, reference, folder, again, number.name)
@@ -532,16 +559,19 @@ def try_signals(checks, tool):
     process = tool.start(folder, *OFTEN, ranks=2)
     wait_for(lambda: generations(folder) or process.poll() is not None)
     state = tool.run('status', folder, '--json')
-    checks.that(state.status == 0 and state.json()['state'] == 'running' and state.json()['ranks'] == 2, 'status of a running bake: %s' % state.stdout, state)
+    checks.that(state.status == 0 and state.json()['state'] == 'running' and state.json()['ranks'] == 2,
+                'status of a running bake: %s' % state.stdout, state)
     stop = tool.run('stop', folder)
     checks.that(stop.status == 0, 'kiln stop ended with %d' % stop.status, stop)
     status = finish(process)
-    checks.that(status == STOPPED and 'kiln stop' in text(folder), 'kiln stop: ended with %s, not 75: %s' % (status, text(folder)[-300:]))
+    checks.that(status == STOPPED and 'kiln stop' in text(folder), 'kiln stop: ended with %s, not 75: %s' %
+                (status, text(folder)[-300:]))
     stop = tool.run('stop', folder)
     checks.that(stop.status == 66, 'kiln stop without a bake ended with %d' % stop.status, stop)
     same(checks, tool, reference, folder, tool.bake(folder, ranks=2), 'kiln stop')
     state = tool.run('status', folder, '--json')
-    checks.that(state.status == 0 and state.json()['state'] == 'done', 'status of a finished bake: %s' % state.stdout, state)
+    checks.that(state.status == 0 and state.json()['state'] == 'done', 'status of a finished bake: %s' % state.stdout,
+                state)
 
     limit = 0.35 * seconds
     while True:  # as many short runs as it takes; the reference may have been made when the machine was busier than now
@@ -562,7 +592,8 @@ def try_signals(checks, tool):
     process = tool.start(folder, *OFTEN, *PROBES, ranks=2)
     wait_for(lambda: b'probes' in status_bytes(folder) or process.poll() is not None)
     other = tool.bake(folder)
-    checks.that(other.status == CANNOT_CREATE and 'another bake' in other.stderr, 'a second bake in the folder ended with %d' % other.status, other)
+    checks.that(other.status == CANNOT_CREATE and 'another bake' in other.stderr,
+                'a second bake in the folder ended with %d' % other.status, other)
     tool.run('stop', folder)
     status = finish(process)
     checks.that(status == STOPPED, 'stopped within the probes it ended with %s: %s' % (status, text(folder)[-300:]))
@@ -583,24 +614,27 @@ def try_signals(checks, tool):
     process.send_signal(signal.SIGINT)
     began = time.monotonic()
     status = finish(process)
-    checks.that(status in (-signal.SIGINT, STOPPED) and time.monotonic() - began < 2, 'two SIGINT: ended with %s after %.1f s' % (
+    checks.that(status in (-signal.SIGINT, STOPPED) and time.monotonic() - began < 2,
+                'two SIGINT: ended with %s after %.1f s' % (
         status, time.monotonic() - began))
     checks.that(not readable(folder), 'two SIGINT: %s' % readable(folder))
     same(checks, tool, reference, folder, tool.bake(folder), 'two SIGINT')
 
 
-PHASES = ('import', 'scene and BVH', 'surface points', 'validity', 'emission', 'direct light', 'final gather', 'probes', 'lightmaps', 'kiln.h5', 'volume.hdf',
+PHASES = ('import', 'scene and BVH', 'surface points', 'validity', 'emission', 'direct light', 'final gather', 'probes',
+          'lightmaps', 'kiln.h5', 'volume.hdf',
           'scene.glb', 'preview')
 
 
 def try_phases(checks, tool):
-    """One of two ranks is told to stop when it has come to a phase (where it halts until it is told): all end within 5 s, say what is kept, and
-    go on from there."""
+    """One of two ranks is told to stop when it has come to a phase (where it halts until it is told): all end within 5
+    s, say what is kept, and go on from there."""
     reference, _ = reference_of(checks, tool, '--preview')
     folder, slowest, kept = tool.folder(), 0, False
     for phase in PHASES:
         process = tool.start(folder, '--preview', '--watchdog', 100, ranks=2, halt='1:' + phase)
-        wait_for(lambda: process.poll() is not None or (len(ranks_of(process)) == 2 and 'T' in map(state_of, ranks_of(process))))
+        wait_for(lambda: process.poll() is not None
+                 or (len(ranks_of(process)) == 2 and 'T' in map(state_of, ranks_of(process))))
         halted = [rank for rank in ranks_of(process) if state_of(rank) == 'T']
         if not checks.that(len(halted) == 1, '%s: no rank came to it: %s' % (phase, text(folder)[-300:])):
             finish(process)
@@ -613,7 +647,8 @@ def try_phases(checks, tool):
             time.sleep(0.01)
         status = finish(process)
         slowest, said = max(slowest, time.monotonic() - began), text(folder)
-        checks.that(status == STOPPED and 'stopped by SIGHUP' in said, '%s: ended with %s: %s' % (phase, status, said[-300:]))
+        checks.that(status == STOPPED and 'stopped by SIGHUP' in said,
+                    '%s: ended with %s: %s' % (phase, status, said[-300:]))
         kept = kept or PHASES.index(phase) >= PHASES.index('direct light')
         words = 'nothing to keep' if not kept else 'goes on from it'
         checks.that(words in said and bool(generations(folder)) == kept, '%s: what is kept: %s' % (phase, said[-300:]))
@@ -624,8 +659,10 @@ def try_phases(checks, tool):
 
 
 def try_warnings(checks, tool):
-    """SIGUSR1 to mpirun at any moment, as a batch script passes it on: all ranks save and end with 75 in a few seconds, or the bake is done."""
-    warnings, seed = int(os.environ.get('KILN_WARNINGS', '50')), int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
+    """SIGUSR1 to mpirun at any moment, as a batch script passes it on: all ranks save and end with 75 in a few seconds,
+    or the bake is done."""
+    warnings, seed = int(os.environ.get('KILN_WARNINGS', '50')), int(
+        os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
     dice, ends, slowest, given = random.Random(seed), {}, 0, 0
     print('seed %d (KILN_SEED=%d repeats it)' % (seed, seed), flush=True)
     subject = Subject(checks, tool, SCENE)
@@ -633,7 +670,8 @@ def try_warnings(checks, tool):
         folder, status = tool.folder(), STOPPED
         while status != 0:
             process = tool.start(folder, *OFTEN, ranks=4)
-            wait_for(lambda: process.poll() is not None or b'"running"' in status_bytes(folder))  # its handlers are there
+            # its handlers are there
+            wait_for(lambda: process.poll() is not None or b'"running"' in status_bytes(folder))
             moment = dice.uniform(0, subject.seconds)
             wait_for(lambda: process.poll() is not None, moment)
             began, warned = time.monotonic(), process.poll() is None and given < warnings
@@ -646,21 +684,25 @@ def try_warnings(checks, tool):
                 ends[status] = ends.get(status, 0) + 1
                 bad = readable(folder)
                 checks.that(not bad, 'after %.2f s: %s' % (moment, '; '.join(bad)))
-            if not checks.that(status in (0, STOPPED), 'warned after %.2f s it ended with %s: %s' % (moment, status, text(folder)[-300:])):
+            if not checks.that(status in (0, STOPPED), 'warned after %.2f s it ended with %s: %s' %
+                               (moment, status, text(folder)[-300:])):
                 break
         if status == 0:
             different = differences(subject.reference, result(folder))
             checks.that(not different, 'not the same: %s' % different)
         shutil.rmtree(folder, ignore_errors=True)
     checks.that(slowest < 20, 'the slowest took %.1f s' % slowest)
-    print('%d warnings, all obeyed within %.1f s; ended with: %s' % (given, slowest, ', '.join('%s: %d times' % end for end in ends.items())))
+    print('%d warnings, all obeyed within %.1f s; ended with: %s' %
+          (given, slowest, ', '.join('%s: %d times' % end for end in ends.items())))
 
 
 def try_refusals(checks, tool):
     reference, _ = reference_of(checks, tool)
     folder = interrupted(tool, checks)
-    changes = [('seed', 1), ('samples-direct', 31), ('samples-bounce', 31), ('samples-indirect', 255), ('bounces', 3), ('schedule', 'equal'),
-               ('lightmap-size', 63), ('cell-size', 0.7), ('partition', 'objects'), ('environment', '1,1,1'), ('environment-scale', 2),
+    changes = [('seed', 1), ('samples-direct', 31), ('samples-bounce', 31), ('samples-indirect', 255), ('bounces', 3),
+               ('schedule', 'equal'),
+               ('lightmap-size', 63), ('cell-size', 0.7), ('partition', 'objects'), ('environment', '1,1,1'),
+               ('environment-scale', 2),
                ('environment-rotation', 3), ('texels-per-metre', 20), ('lightmap-max', 2048)]
     for name, value in changes:
         process = tool.bake(folder, '--' + name, value)
@@ -678,17 +720,23 @@ def try_refusals(checks, tool):
     checks.that(process.status == BAD_INPUT and 'scene content' in process.stderr and 'cornell.glb' in process.stderr,
                 'a changed colour was not refused: %d' % process.status, process)
     process = tool.bake(folder, scene=os.path.join(harness.REPOSITORY, 'jobs', 'furnace.glb'))
-    checks.that(process.status == BAD_INPUT and 'scene content' in process.stderr, 'another scene was not refused: %d' % process.status, process)
+    checks.that(process.status == BAD_INPUT and 'scene content' in process.stderr,
+                'another scene was not refused: %d' % process.status, process)
     checks.that(len(generations(folder)) == 2, 'after refusals %d generations' % len(generations(folder)))
-    same(checks, tool, reference, folder, tool.bake(folder, '--checkpoint-every', 100, '--watchdog', 9, '--quiet', threads=2), 'after refusals')
-    folder = interrupted(tool, checks)  # what changes no light on surfaces is no reason to refuse, and those keep their bits
+    same(checks, tool, reference, folder,
+         tool.bake(folder, '--checkpoint-every', 100, '--watchdog', 9, '--quiet', threads=2), 'after refusals')
+    # what changes no light on surfaces is no reason to refuse, and those keep their bits
+    folder = interrupted(tool, checks)
     process = tool.bake(folder, '--half', '--no-stitch', '--no-error-map', '--probe-spacing', 1, '--samples-probe', 9)
-    checks.that(process.status == 0 and 'going on from checkpoint' in process.stderr, 'other files and probes: ended with %d' % process.status, process)
+    checks.that(process.status == 0 and 'going on from checkpoint' in process.stderr,
+                'other files and probes: ended with %d' % process.status, process)
     kept = {k: v for k, v in result(folder).items() if k.startswith('kiln.h5')}
-    checks.that(kept and all(reference[k] == v for k, v in kept.items()), 'other files and probes: the points are not the same', process)
+    checks.that(kept and all(reference[k] == v for k, v in kept.items()),
+                'other files and probes: the points are not the same', process)
     folder = interrupted(tool, checks)
     process = tool.bake(folder, '--seed', 1, '--no-resume')
-    checks.that(process.status == 0 and not os.path.exists(os.path.join(folder, 'checkpoint')), '--no-resume ended with %d' % process.status, process)
+    checks.that(process.status == 0 and not os.path.exists(os.path.join(folder, 'checkpoint')),
+                '--no-resume ended with %d' % process.status, process)
 
 
 HOW = ('flip', 'cut', 'flip', 'flip', 'flip', 'flip', 'flip', 'remove', 'flip', 'flip', 'flip', 'flip')
@@ -727,9 +775,11 @@ def damage_checkpoints(checks, tool, dice, rounds):
         missed = [name for name in names if not re.search('is not whole.*' + name, process.stderr)]
         noticed += checks.that(not missed, '%s of %s was not noticed' % (HOW[i % len(HOW)], missed), process)
         if len(hurt) == 2:
-            checks.that('going on from' not in process.stderr and process.status == STOPPED, 'with both generations damaged it ended with %d' % process.status, process)
+            checks.that('going on from' not in process.stderr and process.status == STOPPED,
+                        'with both generations damaged it ended with %d' % process.status, process)
         else:
-            checks.that('going on from checkpoint %d,' % older in process.stderr, 'generation %d was not used instead of %d' % (older, newest), process)
+            checks.that('going on from checkpoint %d,' % older in process.stderr,
+                        'generation %d was not used instead of %d' % (older, newest), process)
         if i == 0:
             reference, _ = reference_of(checks, tool)
             same(checks, tool, reference, folder, process, 'damaged')
@@ -746,8 +796,10 @@ def damage_results(checks, tool, dice, rounds):
         shutil.copy2(path, kept + '.whole')
         damage(dice, path, HOW[i % len(HOW)])
         verdict = tool.run('verify', kept)
-        good = verdict.status == (66 if (os.path.basename(path), HOW[i % len(HOW)]) == ('manifest', 'remove') else BAD_INPUT)
-        noticed += checks.that(good and os.path.basename(path) in verdict.stdout + verdict.stderr, '%s of %s: kiln verify did not name it' % (
+        good = verdict.status == (66 if (os.path.basename(path), HOW[i % len(HOW)]) == ('manifest', 'remove')
+                                  else BAD_INPUT)
+        noticed += checks.that(good and os.path.basename(path) in verdict.stdout + verdict.stderr,
+                               '%s of %s: kiln verify did not name it' % (
             HOW[i % len(HOW)], path), verdict)
         os.replace(kept + '.whole', path)
     verdict = tool.run('verify', kept)
@@ -759,7 +811,8 @@ def try_damage(checks, tool):
     seed = int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
     dice, rounds = random.Random(seed), int(os.environ.get('KILN_FLIPS', '12'))
     print('seed %d (KILN_SEED=%d repeats it)' % (seed, seed), flush=True)
-    print('checkpoints: %d of %d damages noticed' % (damage_checkpoints(checks, tool, dice, rounds), rounds), flush=True)
+    print('checkpoints: %d of %d damages noticed' % (damage_checkpoints(checks, tool, dice, rounds), rounds),
+          flush=True)
     print('results: %d of %d damages noticed' % (damage_results(checks, tool, dice, rounds), rounds))
 
 
@@ -767,7 +820,8 @@ def try_disk(checks, tool):
     mount = os.path.join(tool.scratch, 'small')
     os.mkdir(mount)
     reference, _ = reference_of(checks, tool)
-    if subprocess.run(['mount', '-t', 'tmpfs', '-o', 'size=6m', 'none', mount], stderr=subprocess.DEVNULL).returncode != 0:
+    if subprocess.run(['mount', '-t', 'tmpfs', '-o', 'size=6m', 'none', mount],
+                      stderr=subprocess.DEVNULL).returncode != 0:
         harness.skip('a small file system cannot be mounted here.')
     try:
         full_disk(checks, tool, reference, mount)
@@ -793,7 +847,8 @@ def full_disk(checks, tool, reference, mount):
             pass
     process = tool.bake(folder, *OFTEN, ranks=2)
     checks.that(process.status == IO, 'on a full disk it ended with %d, not 74' % process.status, process)
-    checks.that([os.path.basename(g) for g in generations(folder)][-1:] == before, 'on a full disk the last generation went')
+    checks.that([os.path.basename(g) for g in generations(folder)][-1:] == before,
+                'on a full disk the last generation went')
     os.remove(filler)
     moved = tool.folder()
     shutil.copytree(folder, moved)
@@ -811,7 +866,8 @@ def traced(tool, folder, *words):
 
 
 def calls_of(folder):
-    """{call: [which of the main thread's calls of that name work on the bake's files]}, from a bake that nothing happened to."""
+    """{call: [which of the main thread's calls of that name work on the bake's files]}, from a bake that nothing
+    happened to."""
     count, found = dict.fromkeys(CALLS, 0), {call: [] for call in CALLS}
     with open(folder + '.calls', errors='replace') as f:
         lines = [line.split(None, 1) for line in f]
@@ -825,11 +881,12 @@ def calls_of(folder):
 
 
 def try_faults(checks, tool, failures=('ENOSPC', 'EDQUOT', 'EIO', 'EINTR')):
-    """The k-th call of a kind fails: the bake ends with 71, 73 or 74 or need not care, all files can be read, and the same command goes on to
-    the same bits."""
+    """The k-th call of a kind fails: the bake ends with 71, 73 or 74 or need not care, all files can be read, and the
+    same command goes on to the same bits."""
     if shutil.which('strace') is None:
         harness.skip('strace is not installed.')
-    rounds, seed = int(os.environ.get('KILN_FAULTS', '20')), int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
+    rounds, seed = int(os.environ.get('KILN_FAULTS', '20')), int(
+        os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
     dice, ends = random.Random(seed), {}
     print('seed %d (KILN_SEED=%d repeats it)' % (seed, seed), flush=True)
     whole = tool.folder()
@@ -843,7 +900,8 @@ def try_faults(checks, tool, failures=('ENOSPC', 'EDQUOT', 'EIO', 'EINTR')):
         process = traced(tool, folder, '-e', 'trace=' + call, '-e', 'inject=' + fault)
         bad = readable(folder)
         checks.that(not bad, '%s: %s' % (fault, '; '.join(bad)), process)
-        checks.that(process.status in ((0,) if failure == 'EINTR' else (0, SYSTEM, CANNOT_CREATE, IO)), '%s: ended with %d' % (fault, process.status), process)
+        checks.that(process.status in ((0,) if failure == 'EINTR' else (0, SYSTEM, CANNOT_CREATE, IO)),
+                    '%s: ended with %d' % (fault, process.status), process)
         ends[process.status] = ends.get(process.status, 0) + 1
         if process.status != 0:
             process = tool.bake(folder, scene=SCENES[2], threads=2)
@@ -864,10 +922,12 @@ def read_only(checks, tool, reference, mount):
     log = os.path.join(tool.scratch, 'other')
     process = tool.start(folder, *OFTEN, ranks=2, log=log)
     wait_for(lambda: generations(folder) or process.poll() is not None)
-    remounted = wait_for(lambda: subprocess.run(['mount', '-o', 'remount,ro', mount], stderr=subprocess.DEVNULL).returncode == 0, 5)
+    remounted = wait_for(lambda: subprocess.run(['mount', '-o', 'remount,ro', mount],
+                                                stderr=subprocess.DEVNULL).returncode == 0, 5)
     status = finish(process)
     if remounted:
-        checks.that(status in (CANNOT_CREATE, IO), 'on a read-only disk it ended with %s, not 73 or 74: %s' % (status, text(log)[-300:]))
+        checks.that(status in (CANNOT_CREATE, IO), 'on a read-only disk it ended with %s, not 73 or 74: %s' %
+                    (status, text(log)[-300:]))
         subprocess.run(['mount', '-o', 'remount,rw', mount])
     moved = tool.folder()
     shutil.copytree(folder, moved)
@@ -876,7 +936,8 @@ def read_only(checks, tool, reference, mount):
 
 LIMIT = ('--watchdog', 2)
 # Where a rank of three stops itself (KILN_HALT_RANK).
-HALTS = ('1:import', '2:exchange', '0:writing a checkpoint', '1:lightmaps', '2:kiln.h5', '0:volume.hdf', '2:preview', '1:end')
+HALTS = ('1:import', '2:exchange', '0:writing a checkpoint', '1:lightmaps', '2:kiln.h5', '0:volume.hdf', '2:preview',
+         '1:end')
 
 
 def lost(checks, process, folder, rank, what):
@@ -918,8 +979,10 @@ def try_watchdog(checks, tool):
 
 
 def try_halts(checks, tool):
-    """SIGSTOP to a random rank of three at random moments, a quarter of them each while checkpoints and results are written."""
-    halts, seed = int(os.environ.get('KILN_HALTS', '20')), int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
+    """SIGSTOP to a random rank of three at random moments, a quarter of them each while checkpoints and results are
+    written."""
+    halts, seed = int(os.environ.get('KILN_HALTS', '20')), int(
+        os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
     dice, done, named, slowest = random.Random(seed), 0, 0, 0
     print('seed %d (KILN_SEED=%d repeats it)' % (seed, seed), flush=True)
     subject = Subject(checks, tool, SCENE)
@@ -952,16 +1015,20 @@ def try_cost(checks, tool):
         for _ in range(3):
             for every in seconds:
                 folder = tool.folder()
-                process = tool.bake(folder, '--checkpoint-every', every, '--lightmap-size', 128, '--samples-indirect', 1024, ranks=ranks, threads=1 if ranks else 2)
+                process = tool.bake(folder, '--checkpoint-every', every, '--lightmap-size', 128, '--samples-indirect',
+                                    1024, ranks=ranks, threads=1 if ranks else 2)
                 seconds[every].append(process.seconds)
                 shutil.rmtree(folder)
         base = min(seconds['0'])
         for every, values in seconds.items():
-            print('%d ranks, --checkpoint-every %s: %.2f s, %+.1f %%' % (max(ranks, 1), every, min(values), 100 * (min(values) / base - 1)))
+            print('%d ranks, --checkpoint-every %s: %.2f s, %+.1f %%' %
+                  (max(ranks, 1), every, min(values), 100 * (min(values) / base - 1)))
 
 
-PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'bounces': try_bounces, 'signals': try_signals, 'phases': try_phases,
-         'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults, 'interrupted': try_interrupted,
+PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'bounces': try_bounces, 'signals': try_signals,
+         'phases': try_phases,
+         'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults,
+         'interrupted': try_interrupted,
          'warnings': try_warnings, 'watchdog': try_watchdog, 'halts': try_halts, 'cost': try_cost}
 
 

@@ -1,9 +1,10 @@
-"""Bakes every scene that is listed as good, quick and coarse, and checks all that comes out; has every malformed one refused.
+"""Bakes every scene that is listed as good, quick and coarse, and checks all that comes out; has every malformed one
+refused.
 
-A good bake ends with 0 and leaves a run.json that parses, a lightmap for each object, kiln.h5 and volume.hdf without NaN, infinity or
-negative irradiance, areas that sum to the surface's, and energy that is kept. A malformed scene is answered within 5 seconds with
-exit code 65 and a sentence that names the file, and nothing is written. With --thin, for slow devices, lightmaps are coarser still.
---full has finer ones, and the scene that takes longest.
+A good bake ends with 0 and leaves a run.json that parses, a lightmap for each object, kiln.h5 and volume.hdf without
+NaN, infinity or negative irradiance, areas that sum to the surface's, and energy that is kept. A malformed scene is
+answered within 5 seconds with exit code 65 and a sentence that names the file, and nothing is written. With --thin, for
+slow devices, lightmaps are coarser still. --full has finer ones, and the scene that takes longest.
 """
 import glob
 import json
@@ -16,7 +17,8 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
 import harness  # noqa: E402
 
-COARSE = ('--quality', 'draft', '--lightmap-max', 64, '--samples-direct', 16, '--samples-bounce', 4, '--samples-indirect', 16,
+COARSE = ('--quality', 'draft', '--lightmap-max', 64, '--samples-direct', 16, '--samples-bounce', 4,
+          '--samples-indirect', 16,
           '--samples-probe', 16)
 # By file name: what else a scene needs to be quick, or to be lit at all.
 MORE = {
@@ -26,7 +28,8 @@ MORE = {
     'godot_room.glb': ('--environment', '1,1,1'),
     'godot_zdm2.glb': ('--environment', '1,1,1'),
 }
-# 1601 objects in few texels: some thousand charts want the same texel, and the choice among them is slow. With --full only.
+# 1601 objects in few texels: some thousand charts want the same texel, and the choice among them is slow. With --full
+# only.
 SLOW = {'city_instanced.glb'}
 # They need a decoder that kiln does not have, or an extension nobody knows, and say so themselves.
 REFUSED = {'webp_required.glb', 'unknown_required_extension_must_refuse.glb'}
@@ -57,22 +60,28 @@ def check_outputs(checks, name, bake):
         if not checks.that(os.path.isfile(path), '%s: %s is not there' % (name, entry['lightmap']), process):
             continue
         channels, _ = harness.read_exr(path)
-        checks.that({'R', 'G', 'B'} <= set(channels), '%s: %s has channels %s' % (name, entry['lightmap'], sorted(channels)), process)
+        checks.that({'R', 'G', 'B'} <= set(channels),
+                    '%s: %s has channels %s' % (name, entry['lightmap'], sorted(channels)), process)
         for channel, values in channels.items():
             numbers_are_good(checks, '%s: %s channel %s' % (name, entry['lightmap'], channel), values, process)
-            checks.that(values.shape == (entry['height'], entry['width']), '%s: %s is %s' % (name, entry['lightmap'], values.shape), process)
+            checks.that(values.shape == (entry['height'], entry['width']),
+                        '%s: %s is %s' % (name, entry['lightmap'], values.shape), process)
     points = bake.points
     checks.that(points.count == run['points']['count'], '%s: kiln.h5 has %d points, run.json %d' % (
         name, points.count, run['points']['count']), process)
     for field in ('direct', 'indirect', 'total', 'error', 'area'):
         numbers_are_good(checks, '%s: kiln.h5 %s' % (name, field), getattr(points, field), process)
-    area, whole = points.area[points.side == 0].sum(), run['points']['geometry_area']  # of fronts: backs have points of their own
+    # of fronts: backs have points of their own
+    area, whole = points.area[points.side == 0].sum(), run['points']['geometry_area']
     checks.that(abs(area - whole) <= 1e-3 * whole, '%s: texels cover %g m2 of %g m2' % (name, area, whole), process)
     with h5py.File(os.path.join(bake.directory, 'volume.hdf'), 'r') as f:
         for field, data in f['VTKHDF/PointData'].items():
-            numbers_are_good(checks, '%s: volume.hdf %s' % (name, field), data[...], process, negative=field == 'irradiance_sh')
-    found, wanted = set(os.listdir(bake.directory)), {'run.json', 'kiln.h5', 'volume.hdf', 'lightmaps', 'scene.kscene', 'scene.glb', 'manifest'}
-    checks.that(found == wanted, '%s: the folder holds also %s, and not %s' % (name, sorted(found - wanted), sorted(wanted - found)), process)
+            numbers_are_good(checks, '%s: volume.hdf %s' % (name, field), data[...], process,
+                             negative=field == 'irradiance_sh')
+    found, wanted = set(os.listdir(bake.directory)), {'run.json', 'kiln.h5', 'volume.hdf', 'lightmaps', 'scene.kscene',
+                                                      'scene.glb', 'manifest'}
+    checks.that(found == wanted, '%s: the folder holds also %s, and not %s' %
+                (name, sorted(found - wanted), sorted(wanted - found)), process)
     if name in TWICE:
         return harness.energy(bake.run)[0]
     return checks.energy(bake, name)
@@ -85,7 +94,8 @@ def good(checks, kiln, table, path, options):
         text = check_outputs(checks, name, bake)
         invalid = bake.points.count - int(bake.points.valid.sum())
         mean = float((bake.points.total @ harness.LUMINANCE).mean()) if bake.points.count else 0.0
-        table.row(name, len(bake.run['objects']), bake.points.count, invalid, '%.3g' % mean, '%.1f' % bake.process.seconds,
+        table.row(name, len(bake.run['objects']), bake.points.count, invalid, '%.3g' % mean,
+                  '%.1f' % bake.process.seconds,
                   '%.0f' % (bake.process.peak_bytes / 2**20), text)
     else:
         table.row(name, '-', '-', '-', '-', '%.1f' % bake.process.seconds, '-', 'exit %d' % bake.process.status)
@@ -101,12 +111,14 @@ def bad(checks, kiln, table, path, what):
     checks.that(p.seconds < LONGEST_ANSWER, '%s (%s): answered after %.1f s' % (name, what, p.seconds), p)
     checks.that(name in p.stderr, '%s (%s): the answer does not name the file' % (name, what), p)
     written = os.listdir(bake.directory) if os.path.exists(bake.directory) else []
-    checks.that(not os.path.exists(bake.directory), '%s (%s): left behind %s/%s' % (name, what, bake.directory, written), p)
+    checks.that(not os.path.exists(bake.directory),
+                '%s (%s): left behind %s/%s' % (name, what, bake.directory, written), p)
     bake.remove()
 
 
 def all_good(checks, kiln, paths, *options):
-    table = harness.Table(('scene', 44), ('objects', 8), ('points', 9), ('invalid', 8), ('mean E', 9), ('seconds', 8), ('MiB', 6),
+    table = harness.Table(('scene', 44), ('objects', 8), ('points', 9), ('invalid', 8), ('mean E', 9), ('seconds', 8),
+                          ('MiB', 6),
                           ('energy', 40))
     for path in paths:
         good(checks, kiln, table, path, options)
@@ -122,8 +134,10 @@ def all_bad(checks, kiln, paths):
 def main():
     which = ('own', 'features', 'third_party', 'bad')
     arguments, kiln = harness.start(__doc__, lambda p: p.add_argument('--set', choices=which, required=True),
-                                    lambda p: p.add_argument('--only', metavar='FILE', action='append', help='these scenes'),
-                                    lambda p: p.add_argument('--full', action='store_true', help='finer lightmaps, every scene'))
+                                    lambda p: p.add_argument('--only', metavar='FILE', action='append',
+                                                             help='these scenes'),
+                                    lambda p: p.add_argument('--full', action='store_true',
+                                                             help='finer lightmaps, every scene'))
     wanted = lambda path: os.path.basename(path) in arguments.only if arguments.only else (
         arguments.full or os.path.basename(path) not in SLOW)
     checks = harness.Checks()
@@ -134,7 +148,8 @@ def main():
     elif arguments.set == 'features':
         found = listed(harness.need_shared('own', 'features'))
         all_good(checks, kiln, [f for f in found if os.path.basename(f) not in REFUSED and wanted(f)], *coarser)
-        all_bad(checks, kiln, {f: 'what it requires cannot be had' for f in found if os.path.basename(f) in REFUSED and wanted(f)})
+        all_bad(checks, kiln,
+                {f: 'what it requires cannot be had' for f in found if os.path.basename(f) in REFUSED and wanted(f)})
     elif arguments.set == 'third_party':
         folder = harness.need_shared('third_party')
         found = listed(folder) + listed(os.path.join(folder, 'noncommercial'))

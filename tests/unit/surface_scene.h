@@ -1,4 +1,4 @@
-/* Small scenes built in memory for the tests of geometry, surface and footprints. */
+/* Builder of small scenes in memory, for tests of geometry, surface and footprints. */
 #ifndef KILN_TESTS_UNIT_SURFACE_SCENE_H
 #define KILN_TESTS_UNIT_SURFACE_SCENE_H
 

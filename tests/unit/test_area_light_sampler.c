@@ -1,6 +1,6 @@
-/* Directions even in a triangle's solid angle. Lone area lights made ready for a point: the same samples as
- * kiln_lights_sample draws at its centre, the closed form's irradiance everywhere else, and which lights are left to
- * others. */
+/* Tests of area light sampling: directions are uniform in the solid angle of a triangle; a prepared sampler draws the
+ * same samples as kiln_lights_sample at its centre, gives the closed form's irradiance elsewhere, and refuses the
+ * lights that it cannot prepare. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,4 +1,5 @@
-/* Whose a texel between two charts is: by who reads it, and how far apart charts lie on a layout. */
+/* Tests of borders between charts: to which chart a margin texel is assigned, and the distance of charts on a layout.
+ */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -45,7 +46,7 @@ static struct kiln_map *make_map(const struct synthetic *s, float bright)
     return map;
 }
 
-/* What stands in the margin of row 8 after dilation, and the report. */
+/* The values in the margin of row 8 after dilation, and the report. */
 static struct kiln_border_report dilate(float left, float right, float bright, float row[SIDE])
 {
     struct synthetic s;
@@ -80,7 +81,7 @@ static void test_the_reader_has_it(void **state)
     report = dilate(6.8f, 8.7f, 9.0f, row);
     assert_true(row[7] == 1.0f && row[8] == 9.0f);
     assert_true(report.contested == 0 && report.length_disturbed == 0.0);
-    /* nobody reads it: as near to both, it stays with the one it had */
+    /* no chart reads it, and both are equally near: it keeps its assignment */
     report = dilate(6.3f, 8.7f, 9.0f, row);
     assert_true(row[7] == 1.0f);
     assert_true(report.contested == 0 && report.length_disturbed == 0.0);
@@ -98,7 +99,7 @@ static void test_both_read_it(void **state)
     assert_true(report.foreign == 0 && report.length_disturbed > 9.0 && report.length_disturbed < 12.0);
     report = dilate(6.9f, 8.1f, 0.25f, row);
     assert_true(row[7] == 0.25f);
-    /* of like light who reads more has it */
+    /* with equal light the chart that reads more gets it */
     (void)dilate(6.55f, 8.1f, 1.05f, row);
     assert_true(row[7] == 1.05f);
     (void)dilate(6.9f, 8.45f, 1.05f, row);
@@ -198,7 +199,7 @@ static void test_distance_of_many(void **state)
     assert_true(fabs(padding.close - close) < 0.02 * border);
 }
 
-/* ---- packing anew ---- */
+/* ---- packing again ---- */
 
 static void test_repack(void **state)
 {

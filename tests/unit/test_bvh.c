@@ -1,5 +1,5 @@
-/* Rays through every layout of the BVH on the device: the hits of Embree, the same in all layouts, and none that slips
- * through. */
+/* Tests of the BVH on the device: every layout finds the hits of Embree, all layouts find the same hits, and no ray
+ * slips through between triangles. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -138,7 +138,7 @@ static struct kiln_vec3 any_direction(struct world *w)
     return vec3(r * cosf(a), r * sinf(a), z);
 }
 
-/* From anywhere in the world to anywhere; some along the axes. */
+/* Rays between random points of the world, some along the axes. */
 static void any_rays(struct world *w, float half)
 {
     for (int i = 0; i < RAYS; i++) {
@@ -220,7 +220,7 @@ static void trace_embree(const struct world *w, struct kiln_hit *hits)
     kiln_backend_embree.destroy(&embree);
 }
 
-/* Rays that neither meet the same triangle as Embree's nor one as far away. */
+/* Counts rays that hit neither the same triangle as Embree's nor one at the same distance. */
 static size_t unlike_embree(const struct kiln_gpu_hit *ours, const struct kiln_hit *theirs, float extent)
 {
     size_t count = 0;

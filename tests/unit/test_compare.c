@@ -1,4 +1,4 @@
-/* Metrics of comparison with values worked out by hand; tests/output compares them with an independent computation. */
+/* Tests of the comparison metrics against values computed by hand; tests/output compares them with another program. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,4 +1,4 @@
-/* Filling of invalid points and dilation of margins. */
+/* Tests of filling invalid points and of dilating margins. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -20,7 +20,7 @@ static uint32_t random_bits(void)
     return (uint32_t)(random_state >> 33);
 }
 
-/* Against trying every pair. */
+/* Compares with trying every pair of texels. */
 static void check_nearest(uint32_t width, uint32_t height, uint32_t one_in)
 {
     uint8_t state[40 * 40] = {0};
@@ -100,7 +100,7 @@ static void test_fill_crosses_to_another_chart_when_it_must(void **state)
     for (uint32_t i = 0; i < 72; i++)
         if (map->chart[i] == 0)
             assert_true(map->planes[0][i] == 9.0f);
-    for (uint32_t i = 0; i < 72; i++) /* nothing valid at all: zero, whatever stood there */
+    for (uint32_t i = 0; i < 72; i++) /* no valid texel at all: the result is zero */
         if (map->state[i] == KILN_TEXEL_VALID)
             map->state[i] = KILN_TEXEL_FILLED;
     assert_int_equal(kiln_map_fill(map, NULL), 0);

@@ -1,4 +1,5 @@
-/* OpenEXR files: what is written is what is read, also at half precision and odd sizes; damaged files are refused. */
+/* Tests of OpenEXR files: values are read as they were written, also at half precision and odd sizes; damaged files are
+ * refused. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -81,7 +82,7 @@ static struct kiln_exr_file *append_strips(const char *path, const struct kiln_i
     return file;
 }
 
-/* What is packed strip by strip is the file that is written at once. */
+/* A file packed strip by strip has the same bytes as one that is written at once. */
 static void check_strips(const char *whole, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
                          size_t attribute_count)
 {

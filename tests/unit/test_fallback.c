@@ -1,5 +1,5 @@
-/* A device that fails for good in the midst of a pass: Embree takes over where it stopped, and the answers are as if it
- * had done all. The device is Embree that gives up. */
+/* Tests of the fallback: when a device fails for good within a pass, Embree continues where it stopped, with the same
+ * results as if Embree had done everything. The device here is Embree that fails on purpose. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -34,7 +34,7 @@ static int keep(void *context, size_t first, size_t count, const void *part_resu
 {
     struct answers *a = context;
     const struct kiln_point_result *results = part_results;
-    assert_int_equal(first, a->next); /* none twice, none left out */
+    assert_int_equal(first, a->next); /* each exactly once */
     a->next += count;
     if (a->next > a->stop)
         return kiln_fail(error, OWN_FAILURE, "the caller's own");

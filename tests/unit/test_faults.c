@@ -1,4 +1,4 @@
-/* The faults that tests inject: what the environment may say of them, and whom each one hits. */
+/* Tests of fault injection: valid and invalid values in the environment, and which rank each fault affects. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

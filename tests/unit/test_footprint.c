@@ -82,8 +82,8 @@ static void enter(struct distribution *d, double s, double t, double weight)
         d->moment[k] += weight * m[k];
 }
 
-/* What is true, found with no clipping: the texel's square is walked on a fine raster, each raster point that lies in a
- * piece counts with that triangle's square metres a texel. */
+/* The reference, computed without clipping: a fine raster over the texel's square, in which each point within a piece
+ * counts with the square metres per texel of its triangle. */
 static struct distribution truth(const struct built *b, const struct kiln_point_cursor *at)
 {
     struct distribution d = {0};
@@ -183,7 +183,7 @@ static void check_mask(const struct built *b, const struct kiln_point_cursor *at
     struct kiln_footprint f;
     struct kiln_mask mask;
     kiln_footprint_prepare(&f, &b->fixture->scene, b->geometry, b->surface, at);
-    const double presence = (double)kiln_footprint_presence(&f, (uint32_t)at->point + 7u, &mask);
+    const double presence = (double)kiln_footprint_opacity(&f, (uint32_t)at->point + 7u, &mask);
     double sum = 0.0, moment[2] = {0}, drawn[2] = {0}, s, t;
     for (int i = 0; i < FINE * FINE; i++) {
         const double opacity =
@@ -221,7 +221,7 @@ static void positions_lie_where_something_is(void **state)
         print_message("%s: mean opacity off by %.1e, %.3f is there where points are\n",
                       mode == KILN_ALPHA_MASK ? "mask" : "blend", off[0], there);
         assert_true(fabs(off[0]) < 0.012);
-        if (mode == KILN_ALPHA_MASK) /* 0.6 of it is there at all */
+        if (mode == KILN_ALPHA_MASK) /* 0.6 of it is covered */
             assert_true(there > 0.85);
         release(&b);
     }
@@ -402,8 +402,7 @@ static double height(const struct kiln_geometry *g, uint32_t t, struct kiln_vec3
     return dvec3_dot(dvec3_sub(dvec3_of(p), o), n) / dvec3_length(n);
 }
 
-/* Rays from offset origins never meet the triangle they start from, at any scale, and the offset stays a small thing.
- */
+/* Rays from offset origins never hit the triangle that they start from, at any scale, and the offset stays small. */
 static void offset_rays_leave(void **state)
 {
     (void)state;

@@ -46,7 +46,7 @@ static void fronts_look_out(void **state)
     fixture_destroy(f);
 }
 
-/* A hit's (u, v) leads to the same place through vertices, through the record, and through the stored triangle. */
+/* The (u, v) of a hit gives the same point from the vertices, from the record and from the stored triangle. */
 static void corners_agree(void **state)
 {
     (void)state;
@@ -227,12 +227,12 @@ static void receivers_come_last(void **state)
     struct kiln_geometry *g = create(f);
     assert_int_equal(g->triangle_count, 21);
     assert_int_equal(g->opaque_count, 12);
-    assert_int_equal(g->opaque_unmet, 4);
-    assert_int_equal(g->alpha_unmet, 3);
-    assert_int_equal(kiln_geometry_met_count(g), 14);
+    assert_int_equal(g->opaque_receivers, 4);
+    assert_int_equal(g->alpha_receivers, 3);
+    assert_int_equal(kiln_geometry_hittable_count(g), 14);
     bool met[21] = {false};
     for (size_t i = 0; i < 14; i++) {
-        const size_t t = kiln_geometry_met(g, i);
+        const size_t t = kiln_geometry_hittable(g, i);
         assert_true(t < 21 && !met[t] && g->records[t].object != 1);
         met[t] = true;
     }
@@ -243,8 +243,8 @@ static void receivers_come_last(void **state)
         assert_true(alpha ? t >= r->alpha_first && t < r->alpha_first + r->alpha_count
                           : t >= r->opaque_first && t < r->opaque_first + r->opaque_count);
     }
-    kiln_geometry_meet_all(g);
-    assert_int_equal(kiln_geometry_met_count(g), 21);
+    kiln_geometry_make_all_hittable(g);
+    assert_int_equal(kiln_geometry_hittable_count(g), 21);
     kiln_geometry_destroy(&g);
     fixture_destroy(f);
 }

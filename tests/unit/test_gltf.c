@@ -1,4 +1,5 @@
-/* The glTF reader, value by value: small files made here, read in this process, looked up in the builder. */
+/* Tests of the glTF reader: small files are made here, read in this process, and their values checked in the builder.
+ */
 #include <setjmp.h> // IWYU pragma: keep
 #include <stdarg.h> // IWYU pragma: keep
 #include <stddef.h> // IWYU pragma: keep

@@ -1,4 +1,4 @@
-/* The Vulkan device layer, on whatever device there is: software will do. Skipped (77) without one. */
+/* Tests of the Vulkan device layer, on any device, also a software one. Skipped (77) if there is none. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -204,7 +204,7 @@ static void choices_that_cannot_be_met_are_refused(void **state)
     assert_non_null(strstr(error.message, "found: 0 "));
 }
 
-/* Everything that the other tests do, in small; stops at the first failure and leaves nothing behind. */
+/* Does everything that the other tests do, on small buffers; stops at the first failure and frees everything. */
 static int work(struct gpu_faults *faults, bool *lost, bool *short_of_memory)
 {
     enum { N = 5000 };
@@ -252,7 +252,7 @@ end:
     return status;
 }
 
-/* Whichever call fails, in either way, the failure is reported as such and everything is given back. */
+/* Whichever Vulkan call fails, in either way, the failure is reported and all resources are freed. */
 static void every_call_may_fail(void **state)
 {
     (void)state;

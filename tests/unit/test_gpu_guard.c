@@ -1,5 +1,5 @@
-/* Guarded buffers find what they are there to find: each case runs in a process of its own, which ends as it should,
- * with the sentence that it should. Skipped (77) without a software device. */
+/* Tests of guarded buffers: each case runs in its own process and must end with the expected status and message.
+ * Skipped (77) if there is no software device. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,5 +1,5 @@
-/* Whether a checkpoint may be gone on with: every option of bake is known to matter or not to, and differences come out
- * as a table. */
+/* Tests of the identity of a bake: every option of bake is on one of its lists, and differences are printed as a table.
+ */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

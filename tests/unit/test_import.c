@@ -1,5 +1,5 @@
-/* The parent of the confined importer: what it caches, what it publishes, and what it says when the child dies. Needs
- * the kiln program, in the variable KILN. */
+/* Tests of the parent process of the confined importer: what it caches and publishes, and its message when the child
+ * dies. Needs the kiln program, in the variable KILN. */
 #include <setjmp.h> // IWYU pragma: keep
 #include <stdarg.h> // IWYU pragma: keep
 #include <stddef.h> // IWYU pragma: keep

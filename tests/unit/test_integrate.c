@@ -1,5 +1,5 @@
-/* Which steps the integrator "cells" has, over lists of reports; that a plan walks the same steps as a bake; and that
- * an integrator is no more than its struct. */
+/* Tests of integrators: the steps of "cells" for lists of reports; a plan has the same steps as a bake; an integrator
+ * that is only defined by a struct in this file works. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

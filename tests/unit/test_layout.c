@@ -1,5 +1,5 @@
-/* Lightmap layouts: meshes made here are laid out, and the result is checked by rasterising it in another way than the
- * layout code does (clipping against each texel; point-in-triangle for samples). */
+/* Tests of lightmap layouts: meshes made here are unwrapped, and the result is checked with another rasterisation than
+ * that of the layout code (clipping against each texel; point-in-triangle tests for samples). */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -881,7 +881,7 @@ static void test_shares(void **state)
             }
             assert_true(texels_of(b, 0) == texels_of(b, 1));
             if (things > 20) {
-                assert_int_equal(object_of(b, 0)->density_reason, KILN_DENSITY_SHARE);
+                assert_int_equal(object_of(b, 0)->density_reason, KILN_DENSITY_FRACTION);
                 assert_int_equal(object_of(b, (size_t)things + 1)->density_reason, KILN_DENSITY_COMMON);
                 assert_true(has_note(b, "of all texels at the density of the others"));
             }

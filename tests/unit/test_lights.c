@@ -1,5 +1,5 @@
-/* Lights against closed forms: unoccluded irradiance from triangles by Lambert's polygon formula, importance that is
- * never zero where light arrives, allotment, point, spot and environment sampling. */
+/* Tests of lights against closed forms: unoccluded irradiance from triangles by Lambert's polygon formula; importance
+ * that is never zero where light arrives; allotment of samples; point, spot and environment sampling. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,4 +1,4 @@
-/* The pieces of the OBJ reader: numbers, words and lines, polygons. */
+/* Tests of the parts of the OBJ reader: numbers, words and lines, polygons. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,4 +1,4 @@
-/* Packed radiosity and order-free sums. */
+/* Tests of packed radiosity and of sums that do not depend on their order. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

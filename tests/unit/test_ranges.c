@@ -1,4 +1,4 @@
-/* What a result may hold, apart from whether it is as it was written. */
+/* Tests of the range check of results. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,4 +1,4 @@
-/* Random numbers: net property, scrambling, shared strata, warps. */
+/* Tests of random numbers: net property, scrambling, shared strata, warps. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

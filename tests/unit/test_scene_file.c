@@ -1,5 +1,5 @@
-/* The scene file: what is written comes back; what is damaged, in any bit or at any length, is refused with a sentence.
- */
+/* Tests of the scene file: it is read as it was written; a file with any damaged bit or of any other length is refused
+ * with a message. */
 #include <setjmp.h> // IWYU pragma: keep
 #include <stdarg.h> // IWYU pragma: keep
 #include <stddef.h> // IWYU pragma: keep

@@ -1,4 +1,4 @@
-/* Charts and seams of a mesh, and what smoothing does to the light there. */
+/* Tests of the charts and seams of a mesh, and of seam smoothing. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

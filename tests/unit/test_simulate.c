@@ -1,4 +1,4 @@
-/* How even simulated ranks work: who helps whom, when shares are cut anew, and what is left. */
+/* Tests of the simulation of ranks: imbalance, work stealing and repartitioning. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -78,7 +78,7 @@ static void even_work_stays(void **state)
 }
 
 /* Work of 1 : 3 on two ranks: 3 / 2 - 1 as long as it stays, which it does for the direct pass and the first bounce. */
-static void cut_anew(void **state)
+static void repartitioned(void **state)
 {
     (void)state;
     struct world w;
@@ -117,7 +117,7 @@ static void does_not_pay(void **state)
     assert_true(coarse.first[FINAL] > 0.1 && fine.first[FINAL] < 0.06);
 }
 
-static void given_away(void **state)
+static void stolen_work(void **state)
 {
     (void)state;
     struct world w;
@@ -153,8 +153,8 @@ static void slow_rank(void **state)
     const struct kiln_simulated_light alone = simulate(&w, 2);
     assert_true(fabs(alone.imbalance - 0.5) < 1e-9);
     w.settings.rebalance = KILN_REBALANCE_AUTO;
-    const struct kiln_simulated_light anew = simulate(&w, 2);
-    assert_true(anew.cuts >= 2 && anew.last[FINAL] < 0.1 && seconds(&anew) < 0.7 * seconds(&alone));
+    const struct kiln_simulated_light after = simulate(&w, 2);
+    assert_true(after.cuts >= 2 && after.last[FINAL] < 0.1 && seconds(&after) < 0.7 * seconds(&alone));
     w.simulation.ranks_per_node = 2;
     const struct kiln_simulated_light helped = simulate(&w, 2);
     assert_true(fabs(seconds(&helped) / seconds(&alone) - 0.5) < 0.01);
@@ -162,8 +162,8 @@ static void slow_rank(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(even_work_stays), cmocka_unit_test(cut_anew),
-                                       cmocka_unit_test(does_not_pay), cmocka_unit_test(given_away),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(even_work_stays), cmocka_unit_test(repartitioned),
+                                       cmocka_unit_test(does_not_pay), cmocka_unit_test(stolen_work),
                                        cmocka_unit_test(slow_rank)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,4 @@
-/* Which double-sided triangles are parts of solids, whose backs nothing can see. */
+/* Tests of solids: which double-sided triangles belong to closed meshes, whose backs are invisible. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,4 +1,4 @@
-/* Who packs which strip: each exactly once, evenly, and in an order in which nobody waits for ever. */
+/* Tests of the strip assignment: each strip has one packer, the work is even, and the order cannot deadlock. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -16,8 +16,8 @@ enum { OBJECTS = 40, RANKS = 70 };
 
 struct scene {
     struct kiln_lightmap lightmaps[OBJECTS];
-    struct kiln_assignment *deal;
-    struct kiln_strip_deal *strips;
+    struct kiln_assignment *assignment;
+    struct kiln_strip_assignment *strips;
     uint32_t ranks;
 };
 
@@ -31,14 +31,14 @@ static void make(struct scene *s, const uint32_t (*sizes)[2], size_t objects, ui
         s->lightmaps[i].height = sizes[i][1];
         s->lightmaps[i].published = 1;
     }
-    assert_int_equal(kiln_assignment_create(&s->deal, s->lightmaps, objects, ranks, budget, NULL), 0);
-    assert_int_equal(kiln_strip_deal_create(&s->strips, s->lightmaps, s->deal, 0, ranks, least, NULL), 0);
+    assert_int_equal(kiln_assignment_create(&s->assignment, s->lightmaps, objects, ranks, budget, NULL), 0);
+    assert_int_equal(kiln_strip_assignment_create(&s->strips, s->lightmaps, s->assignment, 0, ranks, least, NULL), 0);
 }
 
 static void drop(struct scene *s)
 {
-    kiln_strip_deal_destroy(&s->strips);
-    kiln_assignment_destroy(&s->deal);
+    kiln_strip_assignment_destroy(&s->strips);
+    kiln_assignment_destroy(&s->assignment);
 }
 
 static double texels(const struct scene *s, const struct kiln_strip *strip)
@@ -48,13 +48,13 @@ static double texels(const struct scene *s, const struct kiln_strip *strip)
     return (double)map->width * (left < KILN_EXR_ROWS ? left : KILN_EXR_ROWS);
 }
 
-/* Every row of every divided object once, in order; who packs for others owns nothing that is divided. */
+/* Each row of each distributed object occurs once, in order; ranks that pack for others own no distributed objects. */
 static void check_complete(const struct scene *s)
 {
     bool owns[RANKS] = {false}, helps[RANKS] = {false};
     for (size_t i = 0; i < s->strips->count; i++) {
         const struct kiln_strip *strip = &s->strips->strips[i], *before = strip - 1;
-        assert_int_equal(strip->owner, s->deal->owner[strip->object]);
+        assert_int_equal(strip->owner, s->assignment->owner[strip->object]);
         assert_true(strip->packer < s->ranks);
         owns[strip->owner] = true;
         helps[strip->packer] = helps[strip->packer] || strip->packer != strip->owner;
@@ -77,13 +77,14 @@ static void check_complete(const struct scene *s)
 static double unevenness(const struct scene *s)
 {
     double load[RANKS] = {0}, total = 0.0, most = 0.0;
-    for (size_t i = 0; i < s->deal->count; i++) {
+    for (size_t i = 0; i < s->assignment->count; i++) {
         const double size = (double)s->lightmaps[i].width * s->lightmaps[i].height;
-        if (s->deal->round[i] != 0)
+        if (s->assignment->round[i] != 0)
             continue;
         total += (KILN_FINISH_WORK + KILN_PACK_WORK) * size;
-        load[s->deal->owner[i]] +=
-            (kiln_strip_deal_has(s->strips, (uint32_t)i) ? KILN_FINISH_WORK : KILN_FINISH_WORK + KILN_PACK_WORK) * size;
+        load[s->assignment->owner[i]] +=
+            (kiln_strip_assignment_has(s->strips, (uint32_t)i) ? KILN_FINISH_WORK : KILN_FINISH_WORK + KILN_PACK_WORK) *
+            size;
     }
     for (size_t i = 0; i < s->strips->count; i++)
         load[s->strips->strips[i].packer] += KILN_PACK_WORK * texels(s, &s->strips->strips[i]);

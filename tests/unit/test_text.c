@@ -1,5 +1,5 @@
-/* Text from outside: what a terminal acts on is written as \xNN, sentences are one line, and nothing is cut within a
- * character. */
+/* Tests of text from outside: control characters are written as \xNN, messages are one line, and no text is cut within
+ * a character. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,4 +1,4 @@
-/* Texture lookups against the formulas of glTF and sRGB, and the mean emission of triangles against dense sampling. */
+/* Tests of texture lookups against the formulas of glTF and sRGB, and of mean emission against dense sampling. */
 #include <setjmp.h> // IWYU pragma: keep
 #include <stdarg.h> // IWYU pragma: keep
 #include <stddef.h> // IWYU pragma: keep

@@ -1,5 +1,5 @@
-/* The verifying backend: silent about an honest device, and what it says of several kinds of dishonest ones. The device
- * is Embree with its answers distorted on the way. */
+/* Tests of the verifying backend: it accepts a correct device, and reports several kinds of wrong results. The device
+ * is Embree, whose results are changed here. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,4 +1,5 @@
-/* Interpolation in the irradiance volume; files that are no volume. The file's content is checked by tests/output. */
+/* Tests of interpolation in the irradiance volume, and of files that are not a volume. tests/output checks the content
+ * of real files. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -18,7 +19,7 @@
 static const uint64_t size[3] = {4, 3, 1};
 static const double origin[3] = {-1, 2, 5}, spacing[3] = {0.5, 2, 1};
 
-/* Weights sum to 1 and reproduce a linear function of the place. */
+/* Weights sum to 1 and reproduce a linear function of position. */
 static void check_linear(double x, double y, double z, bool expect_outside)
 {
     const double position[3] = {x, y, z};

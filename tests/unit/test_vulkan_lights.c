@@ -1,5 +1,5 @@
-/* Choosing and sampling of lights on the device against the same on the host, for every kind of light, in double and in
- * float. */
+/* Tests of light selection and sampling on the device against the host, for every kind of light, in double and float.
+ */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,4 +1,4 @@
-/* What surfaces let through and what they emit, on the device against the same on the host. */
+/* Tests of opacity, transmission and emission of surfaces on the device against the host. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,5 +1,5 @@
-/* Probes and emission on a Vulkan device against Embree's: the same rays and random numbers, so only rounding differs.
- * And the same bits however probes are dealt out to calls. Skipped (77) without a device. */
+/* Tests of probes and emission on a Vulkan device against Embree: both use the same rays and random numbers, so only
+ * rounding differs. The bits do not depend on how probes are divided into calls. Skipped (77) if there is no device. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,5 +1,5 @@
-/* Several threads take from one work queue, its owner in front and thieves behind: every tile run is taken once, and
- * all is returned. */
+/* Tests of the work-stealing queue: several threads take from one queue; each tile run is taken once, and all stolen
+ * work is returned. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

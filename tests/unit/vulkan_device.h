@@ -1,10 +1,10 @@
-/* The device that tests of kernels run on: whatever there is, software will do. Include after cmocka.h. */
+/* The Vulkan device for tests of kernels: any device, also a software one. Include after cmocka.h. */
 #ifndef KILN_TESTS_UNIT_VULKAN_DEVICE_H
 #define KILN_TESTS_UNIT_VULKAN_DEVICE_H
 
 #include "worker/backend/vulkan/gpu/gpu.h"
 
-/* False, with a word, where there is no device: the program is to end with 77. */
+/* False, with a message, if there is no device; the program must then end with 77. */
 static inline bool vulkan_device_is_there(void)
 {
     size_t count = 0;

@@ -1,6 +1,7 @@
-"""No kernel leaves its buffers, and none uses what was never written: bakes with guarded buffers (KILN_VULKAN_GUARD, see worker/backend/vulkan/gpu/gpu.h)
-come to their end, with the same bits as without. The cases run every kernel of a bake, in every layout of the BVH, with every kind of light, with
-and without alpha and glass, smooth normals, and points that are partly buried. On a software device only; all else is skipped.
+"""No kernel leaves its buffers, and none uses what was never written: bakes with guarded buffers (KILN_VULKAN_GUARD,
+see worker/backend/vulkan/gpu/gpu.h) come to their end, with the same bits as without. The cases run every kernel of a
+bake, in every layout of the BVH, with every kind of light, with and without alpha and glass, smooth normals, and points
+that are partly buried. On a software device only; all else is skipped.
 """
 import concurrent.futures
 import hashlib
@@ -15,18 +16,22 @@ import glass  # noqa: E402
 import harness  # noqa: E402
 import same_bits  # noqa: E402
 
-# More than one slice of a probe's samples, quarters that differ by a sample, choices of lights with few samples and with many.
-OPTIONS = ('--quality', 'draft', '--samples-direct', 19, '--samples-bounce', 4, '--samples-indirect', 21, '--samples-probe', 18)
+# More than one slice of a probe's samples, quarters that differ by a sample, choices of lights with few samples and
+# with many.
+OPTIONS = ('--quality', 'draft', '--samples-direct', 19, '--samples-bounce', 4, '--samples-indirect', 21,
+           '--samples-probe', 18)
 SKY = 'sky.hdr'
 GLASS = 'glass.glb'  # made when wanted
 CASES = (  # scene, options of all its bakes, guarded bakes: guard, ranks, more options
     ('two_rooms.glb', ('--texels-per-metre', 2), (('after', 0, ()), ('after', 2, ('--dispatch-time', 1)))),
-    ('cornell.glb', ('--texels-per-metre', 3), (('before', 0, ('--traversal', 'binary')), ('after', 0, ('--verify-fraction', 0.2)))),
+    ('cornell.glb', ('--texels-per-metre', 3),
+     (('before', 0, ('--traversal', 'binary')), ('after', 0, ('--verify-fraction', 0.2)))),
     ('penumbra_alphamask.glb', ('--lightmap-max', 16, '--environment', SKY), (('after', 0, ('--traversal', 'four')),)),
     ('punctual_zoo.glb', ('--lightmap-max', 12, '--environment', '0.1,0.2,0.3'), (('after', 0, ()),)),
     ('textured_emitter.glb', ('--lightmap-max', 16), (('after', 0, ('--traversal', 'all')),)),
     ('many_lights.glb', ('--lightmap-max', 4), (('after', 0, ()),)),
-    (GLASS, ('--lightmap-size', 6, '--environment', '0.1,0.2,0.3'), (('after', 2, ()), ('before', 0, ('--traversal', 'eight')))),
+    (GLASS, ('--lightmap-size', 6, '--environment', '0.1,0.2,0.3'),
+     (('after', 2, ()), ('before', 0, ('--traversal', 'eight')))),
 )
 
 
@@ -46,7 +51,8 @@ def write_sky(path, width=12, height=6):
 
 
 def software_device(kiln):
-    found = [d for d in kiln.command('info', '--devices', '--json', '--quiet').json()['vulkan'] if d['software'] and d['fit']]
+    found = [d for d in kiln.command('info', '--devices', '--json', '--quiet').json()['vulkan'] if d['software']
+             and d['fit']]
     if not found:
         harness.skip('there is no software Vulkan device here.')
     return found[0]['device']
@@ -63,7 +69,8 @@ def bits(bake):
 
 def run_case(kiln, checks, device, case):
     name, options, ways = case
-    options = OPTIONS + tuple(os.path.join(kiln.scratch, o) if o == SKY else o for o in options) + ('--device', device, '--threads', 1)
+    options = OPTIONS + tuple(os.path.join(kiln.scratch, o) if o == SKY else o
+                              for o in options) + ('--device', device, '--threads', 1)
     if SKY in case[1]:
         write_sky(os.path.join(kiln.scratch, SKY))
     kiln.environment['KILN_VULKAN_GUARD'] = '0'
@@ -78,8 +85,10 @@ def run_case(kiln, checks, device, case):
             continue
         found = bits(bake)
         other = [k for k in wanted if found.get(k) != wanted[k]]
-        checks.that(not other, '%s, guarded %s %s: other bits in %s' % (name, guard, more, ', '.join(other)), bake.process)
-        print('%-24s %-6s %d %-28s %.1f s, without guard %.1f s' % (name, guard, ranks, ' '.join(map(str, more)), bake.process.seconds,
+        checks.that(not other, '%s, guarded %s %s: other bits in %s' % (name, guard, more, ', '.join(other)),
+                    bake.process)
+        print('%-24s %-6s %d %-28s %.1f s, without guard %.1f s' %
+              (name, guard, ranks, ' '.join(map(str, more)), bake.process.seconds,
                                                                     plain.process.seconds), flush=True)
 
 
@@ -89,8 +98,10 @@ def main():
     folders = [os.path.join(kiln.scratch, str(i)) for i in range(len(CASES))]
     for folder in folders:
         os.makedirs(folder, exist_ok=True)
-    with concurrent.futures.ThreadPoolExecutor(2) as pool:  # a bake this small compiles shaders most of the time, on one core
-        list(pool.map(lambda folder, case: run_case(harness.Kiln(arguments.kiln, folder, 'vulkan'), checks, device, case), folders, CASES))
+    # a bake this small compiles shaders most of the time, on one core
+    with concurrent.futures.ThreadPoolExecutor(2) as pool:
+        list(pool.map(lambda folder, case: run_case(harness.Kiln(arguments.kiln, folder, 'vulkan'), checks, device,
+                                                    case), folders, CASES))
     checks.end()
 
 

@@ -1,11 +1,13 @@
-"""The Vulkan backend against Embree: the same random numbers, so the same answers but for rounding and for which of two surfaces in
-one place a ray meets. Scenes made of such surfaces (nasty_valid.glb has a floor twice) are left out: rounding decides what is seen there.
+"""The Vulkan backend against Embree: the same random numbers, so the same answers but for rounding and for which of two
+surfaces in one place a ray meets. Scenes made of such surfaces (nasty_valid.glb has a floor twice) are left out:
+rounding decides what is seen there.
 
-A scene is baked by both. For 99.99 % of the surface points the luminance of the irradiance may differ by 5 standard errors of the point
-at most, and the area-weighted mean by 0.001. The standard error is the larger of kiln's own and of what one ray of the mean
-brightness brings: where all samples agree kiln's is 0, but one ray that meets the other of two touching surfaces shows. Where more points
-differ, as many (or twice as many as) must do so when Embree changes its instruction set, which rounds otherwise too. Sample counts 64
-and 4096; the second at a coarser lightmap, so that software devices come to an end.
+A scene is baked by both. For 99.99 % of the surface points the luminance of the irradiance may differ by 5 standard
+errors of the point at most, and the area-weighted mean by 0.001. The standard error is the larger of kiln's own and of
+what one ray of the mean brightness brings: where all samples agree kiln's is 0, but one ray that meets the other of two
+touching surfaces shows. Where more points differ, as many (or twice as many as) must do so when Embree changes its
+instruction set, which rounds otherwise too. Sample counts 64 and 4096; the second at a coarser lightmap, so that
+software devices come to an end.
 """
 import os
 import sys
@@ -17,10 +19,13 @@ import harness  # noqa: E402
 
 # Points that a bake is to have, by samples a point; --full has as many as the scene itself asks for.
 POINTS = {64: 6000, 4096: 250}
-# Texels of several metres hold a room's whole furniture: surfaces in one place, of which rounding picks one, are then in every texel.
+# Texels of several metres hold a room's whole furniture: surfaces in one place, of which rounding picks one, are then
+# in every texel.
 POINTS_LEAST = {'crytek_sponza.glb': 6000}
-SLOW = ('many_lights.glb', 'cornell_spheres.glb', 'crytek_sponza.glb')  # at 4096 samples on a software device; left out there but for --full
-OWN = ('cornell_original.glb', 'two_rooms.glb', 'punctual_zoo.glb', 'many_lights.glb', 'cornell_water.glb', 'cornell_layers.glb', 'cornell_shapes_narrow.glb',
+# at 4096 samples on a software device; left out there but for --full
+SLOW = ('many_lights.glb', 'cornell_spheres.glb', 'crytek_sponza.glb')
+OWN = ('cornell_original.glb', 'two_rooms.glb', 'punctual_zoo.glb', 'many_lights.glb', 'cornell_water.glb',
+       'cornell_layers.glb', 'cornell_shapes_narrow.glb',
        'cornell_huge_1e6.glb', 'cornell_tiny_1e-6.glb', 'cornell_offset_1e5.glb', 'cornell_spheres.glb')
 
 
@@ -42,8 +47,10 @@ def density(kiln, path, points):
 
 
 def beyond(a, b, samples):
-    """How many of the points that are valid in both differ by more than 5 standard errors, of how many, and the worst, in those."""
-    valid = a.valid & b.valid & (a.area > 1e-3 * np.median(a.area))  # slivers lie within rounding of an edge: rounding decides what they see
+    """How many of the points that are valid in both differ by more than 5 standard errors, of how many, and the worst,
+    in those."""
+    # slivers lie within rounding of an edge: rounding decides what they see
+    valid = a.valid & b.valid & (a.area > 1e-3 * np.median(a.area))
     x, y = (p.total[valid] @ harness.LUMINANCE for p in (a, b))
     one_ray = float((x * a.area[valid]).sum() / a.area[valid].sum()) / samples
     error = np.maximum(np.maximum(a.error, b.error)[valid], one_ray)
@@ -53,7 +60,8 @@ def beyond(a, b, samples):
 
 def compare(checks, name, samples, embree, vulkan, again, table):
     a, b = embree.points, vulkan.points
-    if not checks.that(a.count == b.count and (a.valid == b.valid).mean() >= 0.998, '%s: other points are valid' % name, vulkan.process):
+    if not checks.that(a.count == b.count and (a.valid == b.valid).mean() >= 0.998, '%s: other points are valid' % name,
+                       vulkan.process):
         return
     count, points, worst = beyond(a, b, samples)
     allowed, own = max(1e-4 * points, 1), '-'
@@ -66,27 +74,34 @@ def compare(checks, name, samples, embree, vulkan, again, table):
     means = [float((p.total @ harness.LUMINANCE * p.area)[valid].sum()) for p in (a, b)]
     ratio = means[1] / means[0] if means[0] > 0 else 1.0
     text = harness.energy(vulkan.run)[0]
-    table.row(name, samples, points, count, own, '%.2f' % worst, '%.6f' % ratio, '%.1f' % vulkan.process.seconds, '%.1f' % embree.process.seconds, text)
-    checks.that(count <= allowed, '%s, %d samples: %d of %d points differ by more than 5 standard errors' % (name, samples, count, points), vulkan.process)
+    table.row(name, samples, points, count, own, '%.2f' % worst, '%.6f' % ratio, '%.1f' % vulkan.process.seconds,
+              '%.1f' % embree.process.seconds, text)
+    checks.that(count <= allowed, '%s, %d samples: %d of %d points differ by more than 5 standard errors' %
+                (name, samples, count, points), vulkan.process)
     checks.that(abs(ratio - 1) <= 1e-3, '%s, %d samples: mean ratio %.6f' % (name, samples, ratio), vulkan.process)
-    checks.that(harness.energy(vulkan.run)[1] or not harness.energy(embree.run)[1], '%s: energy is not kept: %s' % (name, text), vulkan.process)
+    checks.that(harness.energy(vulkan.run)[1] or not harness.energy(embree.run)[1],
+                '%s: energy is not kept: %s' % (name, text), vulkan.process)
 
 
 def main():
-    add = lambda p: (p.add_argument('scenes', nargs='*', help='only these'), p.add_argument('--full', action='store_true', help="the scenes' own density"),
+    add = lambda p: (p.add_argument('scenes', nargs='*', help='only these'),
+                     p.add_argument('--full', action='store_true', help="the scenes' own density"),
                      p.add_argument('--own', action='store_true', help='no scene of others, which are large'),
                      p.add_argument('--points', type=int, help='so many points instead'),
                      p.add_argument('--traversal', default='auto', help='of the Vulkan backend'),
                      p.add_argument('--samples', type=int, nargs='*', default=[64, 4096]))
     arguments, kiln = harness.start(__doc__, add)
     checks = harness.Checks()
-    table = harness.Table(('scene', 26), ('samples', 7), ('points', 8), ('beyond', 6), ('Embree', 6), ('worst/5s', 8), ('mean ratio', 10), ('vulkan s', 8), ('embree s', 8), ('energy of vulkan', 36))
+    table = harness.Table(('scene', 26), ('samples', 7), ('points', 8), ('beyond', 6), ('Embree', 6), ('worst/5s', 8),
+                          ('mean ratio', 10), ('vulkan s', 8), ('embree s', 8), ('energy of vulkan', 36))
     for samples in arguments.samples:
         for name, path in scenes(arguments.scenes, arguments.own):
             if samples > 1000 and name in SLOW and not (arguments.full or arguments.points or arguments.scenes):
                 continue
-            options = ['--samples-direct', samples, '--samples-bounce', max(4, samples // 16), '--samples-indirect', samples, '--samples-probe', 0]
-            wanted = None if arguments.full else density(kiln, path, arguments.points or max(POINTS.get(samples, 1000), POINTS_LEAST.get(name, 0)))
+            options = ['--samples-direct', samples, '--samples-bounce', max(4, samples // 16), '--samples-indirect',
+                       samples, '--samples-probe', 0]
+            wanted = None if arguments.full else density(kiln, path, arguments.points
+                                                         or max(POINTS.get(samples, 1000), POINTS_LEAST.get(name, 0)))
             if wanted:
                 options += ['--texels-per-metre', '%.9g' % wanted]
             bakes = {}

@@ -1,6 +1,6 @@
-"""The Vulkan backend gives the same bits whatever the size of its dispatches, the memory it may use, the layout of the BVH and the
-number of ranks, on one kind of device; and after the device was lost or short of memory. One that cannot be made anew ends the bake with
-69 and a sentence.
+"""The Vulkan backend gives the same bits whatever the size of its dispatches, the memory it may use, the layout of the
+BVH and the number of ranks, on one kind of device; and after the device was lost or short of memory. One that cannot be
+made anew ends the bake with 69 and a sentence.
 """
 import hashlib
 import os
@@ -26,8 +26,8 @@ WAYS = (  # name, ranks, options, environment: what --full does on every scene
     ('lost later', 0, (), {'KILN_GPU_FAULT': 'lost:300'}),
     ('short of memory', 0, (), {'KILN_GPU_FAULT': 'memory:120'}),
 )
-# Without --full: several ways at once, each once, on the scene named. Bits have to stay, so one bake may vary as much as it likes;
-# on a software device it takes four seconds to compile kernels and hardly any to bake.
+# Without --full: several ways at once, each once, on the scene named. Bits have to stay, so one bake may vary as much
+# as it likes; on a software device it takes four seconds to compile kernels and hardly any to bake.
 CORNELL, LIGHTS, SIDES = 'cornell', 'lights', 'sides'
 SOME = (
     (CORNELL, 'dispatches of 1 ms, four-wide BVH', 0, ('--dispatch-time', 1, '--traversal', 'four'), {}),
@@ -67,7 +67,8 @@ def try_scene(checks, kiln, path, options, ways):
         other = [k for k in wanted if found.get(k) != wanted[k]]
         checks.that(not other, '%s, %s: other bits in %s' % (scene, name, ', '.join(other)), bake.process)
         compared = bake.run['backend']['verified_texels']
-        checks.that((compared > 0) == ('--verify-fraction' in more), '%s: %d texels were compared' % (name, compared), bake.process)
+        checks.that((compared > 0) == ('--verify-fraction' in more), '%s: %d texels were compared' % (name, compared),
+                    bake.process)
         if 'KILN_GPU_FAULT' in environment:
             checks.that(bake.run['backend']['recoveries'] > 0, '%s: nothing was recovered from' % name, bake.process)
         print('%-18s %-36s %.1f s' % (scene, name, bake.process.seconds), flush=True)
@@ -75,7 +76,8 @@ def try_scene(checks, kiln, path, options, ways):
 
 
 def main():
-    arguments, kiln = harness.start(__doc__, lambda p: p.add_argument('--full', action='store_true', help='every way, on every scene'))
+    arguments, kiln = harness.start(
+        __doc__, lambda p: p.add_argument('--full', action='store_true', help='every way, on every scene'))
     kiln.backend = 'vulkan'
     kiln.environment['KILN_VULKAN_VALIDATION'] = os.environ.get('KILN_VULKAN_VALIDATION', '1')
     checks = harness.Checks()

@@ -126,11 +126,11 @@ static void sample_polygon(const struct kiln_clip_corner *polygon, uint32_t corn
                            float *b2)
 {
     double until[KILN_CLIP_CORNERS];
-    float shares[KILN_CLIP_CORNERS];
+    float cdf[KILN_CLIP_CORNERS];
     fan_areas(polygon, corners, until);
     for (uint32_t i = 0; i + 2 < corners; i++)
-        shares[i] = (float)until[i];
-    const uint32_t i = invert_cdf(shares, corners - 2, &u1);
+        cdf[i] = (float)until[i];
+    const uint32_t i = invert_cdf(cdf, corners - 2, &u1);
     const struct kiln_clip_corner *a = &polygon[0], *b = &polygon[i + 1], *c = &polygon[i + 2];
     sample_corners((const double[3]){a->b1, b->b1, c->b1}, (const double[3]){a->b2, b->b2, c->b2}, u1, u2, b1, b2);
 }
@@ -171,7 +171,8 @@ void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, flo
         sample_many(f, f->pieces[piece], u, (double)u2, b1, b2);
 }
 
-uint32_t kiln_footprint_parts(const struct kiln_footprint *f, uint32_t piece, struct kiln_footprint_part *parts)
+uint32_t kiln_footprint_triangles(const struct kiln_footprint *f, uint32_t piece,
+                                  struct kiln_footprint_triangle *triangles)
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
     double local[3][2], until[KILN_CLIP_CORNERS];
@@ -184,11 +185,11 @@ uint32_t kiln_footprint_parts(const struct kiln_footprint *f, uint32_t piece, st
                  end = piece + 1 < f->piece_count ? (double)f->area_cdf[piece] : 1.0;
     for (uint32_t i = 0; i + 2 < corners; i++) {
         const struct kiln_clip_corner *corner[3] = {&polygon[0], &polygon[i + 1], &polygon[i + 2]};
-        parts[i] = (struct kiln_footprint_part){.triangle = f->pieces[piece],
-                                                .until = begin + (end - begin) * (i + 3 < corners ? until[i] : 1.0)};
+        triangles[i] = (struct kiln_footprint_triangle){
+            .triangle = f->pieces[piece], .until = begin + (end - begin) * (i + 3 < corners ? until[i] : 1.0)};
         for (int c = 0; c < 3; c++) {
-            parts[i].b1[c] = corner[c]->b1;
-            parts[i].b2[c] = corner[c]->b2;
+            triangles[i].b1[c] = corner[c]->b1;
+            triangles[i].b2[c] = corner[c]->b2;
         }
     }
     return corners - 2;
@@ -213,12 +214,12 @@ struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *
     struct kiln_vec3 low = vec3(INFINITY, INFINITY, INFINITY), high = vec3(-INFINITY, -INFINITY, -INFINITY);
     bool one_normal = true;
     for (uint32_t i = 0; i < f->piece_count; i++) {
-        struct kiln_footprint_part parts[KILN_FOOTPRINT_PARTS];
-        const uint32_t count = kiln_footprint_parts(f, i, parts);
+        struct kiln_footprint_triangle triangles[KILN_FOOTPRINT_TRIANGLES];
+        const uint32_t count = kiln_footprint_triangles(f, i, triangles);
         for (uint32_t k = 0; k < count; k++)
             for (int c = 0; c < 3; c++) {
-                const struct kiln_vec3 p = kiln_triangle_position(f->geometry, parts[k].triangle, (float)parts[k].b1[c],
-                                                                  (float)parts[k].b2[c]);
+                const struct kiln_vec3 p = kiln_triangle_position(f->geometry, triangles[k].triangle,
+                                                                  (float)triangles[k].b1[c], (float)triangles[k].b2[c]);
                 low = lower(low, p);
                 high = upper(high, p);
             }
@@ -289,7 +290,7 @@ static void fill_mask(struct kiln_mask *mask, const float *opacity, uint32_t sid
     }
 }
 
-float kiln_footprint_presence(const struct kiln_footprint *f, uint32_t key, struct kiln_mask *mask)
+float kiln_footprint_opacity(const struct kiln_footprint *f, uint32_t key, struct kiln_mask *mask)
 {
     *mask = (struct kiln_mask){0};
     if (f->pieces[f->piece_count - 1] < f->geometry->opaque_count) /* pieces ascend: those with alpha come last */
@@ -408,12 +409,12 @@ void kiln_footprint_normals(const struct kiln_footprint *footprint, struct kiln_
     double before = 0.0, most = 0.0;
     uint32_t largest = f->pieces[0];
     for (uint32_t i = 0; i < f->piece_count; i++) {
-        const double until = i + 1 < f->piece_count ? (double)f->area_cdf[i] : 1.0, share = until - before;
-        flat = dvec3_add(flat, dvec3_scale(triangle_normal(f->geometry, f->pieces[i]), share));
+        const double until = i + 1 < f->piece_count ? (double)f->area_cdf[i] : 1.0, fraction = until - before;
+        flat = dvec3_add(flat, dvec3_scale(triangle_normal(f->geometry, f->pieces[i]), fraction));
         if (smooth)
-            soft = dvec3_add(soft, dvec3_scale(piece_normal(f, f->pieces[i]), share));
-        largest = share > most ? f->pieces[i] : largest;
-        most = fmax(most, share);
+            soft = dvec3_add(soft, dvec3_scale(piece_normal(f, f->pieces[i]), fraction));
+        largest = fraction > most ? f->pieces[i] : largest;
+        most = fmax(most, fraction);
         before = until;
     }
     if (dvec3_length(flat) < 1e-3) {

@@ -120,15 +120,15 @@ void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, flo
  * weights of world triangle `triangle`. Sampling with u1 and u2 takes the first of the triangles whose `until` is above
  * u1, rescales u1 to 0..1 within it, and gives the position (1 - r) a + r (1 - u2) b + r u2 c with r = sqrt(u1). The
  * positions are those of kiln_footprint_sample but for rounding. Not for KILN_FOOTPRINT_WHOLE. */
-struct kiln_footprint_part {
+struct kiln_footprint_triangle {
     uint32_t triangle;
     double b1[3], b2[3];
     double until; /* cumulative fraction of the point's area at this triangle's end; 1 for the last */
 };
-enum { KILN_FOOTPRINT_PARTS = 11 }; /* triangles of one piece, at most: a clipped polygon has up to 13 corners */
-/* Writes the triangles of piece `piece`, at most KILN_FOOTPRINT_PARTS, and returns their number. */
-uint32_t kiln_footprint_parts(const struct kiln_footprint *footprint, uint32_t piece,
-                              struct kiln_footprint_part *parts);
+enum { KILN_FOOTPRINT_TRIANGLES = 11 }; /* triangles of one piece, at most: a clipped polygon has up to 13 corners */
+/* Writes the triangles of piece `piece`, at most KILN_FOOTPRINT_TRIANGLES, and returns their number. */
+uint32_t kiln_footprint_triangles(const struct kiln_footprint *footprint, uint32_t piece,
+                                  struct kiln_footprint_triangle *triangles);
 
 /* Bounds of a point's surface: the centre of its bounding box, the greatest distance from there, and whether all pieces
  * lie in parallel planes. */
@@ -151,7 +151,7 @@ struct kiln_mask {
  * times as fine, or finer), and `mask` is filled: each cell is set with a probability equal to its opacity, stratified
  * over the point. So opaque places are sampled uniformly, and places of opacity 1/2 half as often. The random choice is
  * a function of `key`, which should differ from point to point. */
-float kiln_footprint_presence(const struct kiln_footprint *footprint, uint32_t key, struct kiln_mask *mask);
+float kiln_footprint_opacity(const struct kiln_footprint *footprint, uint32_t key, struct kiln_mask *mask);
 
 /* Maps (u1, u2) in [0, 1)^2 uniformly onto the cells that the mask has set. */
 static inline void kiln_mask_place(const struct kiln_mask *mask, float *u1, float *u2)

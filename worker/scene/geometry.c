@@ -125,7 +125,7 @@ static int plan(struct expansion *e, struct kiln_error *error)
     const struct kiln_scene *scene = e->scene;
     struct kiln_geometry *g = e->geometry;
     uint64_t triangles = 0, vertices = 0, opaque = 0, alpha = 0;
-    uint64_t unmet_opaque = 0, unmet_alpha = 0; /* of receiver-only objects */
+    uint64_t opaque_receivers = 0, alpha_receivers = 0; /* of receiver-only objects */
     for (size_t o = 0; o < scene->object_count; o++) {
         const uint32_t m = scene->objects[o].mesh;
         const struct kiln_mesh *mesh = &scene->meshes[m];
@@ -134,8 +134,8 @@ static int plan(struct expansion *e, struct kiln_error *error)
         e->object_vertex[o] = vertices;
         triangles += mesh->triangle_count;
         vertices += mesh->vertex_count;
-        uint64_t *own_opaque = is_unmet(scene, o) ? &unmet_opaque : &opaque,
-                 *own_alpha = is_unmet(scene, o) ? &unmet_alpha : &alpha;
+        uint64_t *own_opaque = is_unmet(scene, o) ? &opaque_receivers : &opaque,
+                 *own_alpha = is_unmet(scene, o) ? &alpha_receivers : &alpha;
         g->ranges[o].opaque_first = *own_opaque;
         g->ranges[o].opaque_count = mesh->triangle_count - e->mesh_alpha[m];
         g->ranges[o].alpha_first = *own_alpha;
@@ -153,13 +153,13 @@ static int plan(struct expansion *e, struct kiln_error *error)
     e->object_vertex[scene->object_count] = vertices;
     for (size_t o = 0; o < scene->object_count; o++) {
         g->ranges[o].opaque_first += is_unmet(scene, o) ? opaque : 0;
-        g->ranges[o].alpha_first += opaque + unmet_opaque + (is_unmet(scene, o) ? alpha : 0);
+        g->ranges[o].alpha_first += opaque + opaque_receivers + (is_unmet(scene, o) ? alpha : 0);
     }
     g->vertex_count = vertices;
     g->triangle_count = triangles;
-    g->opaque_count = opaque + unmet_opaque;
-    g->opaque_unmet = unmet_opaque;
-    g->alpha_unmet = unmet_alpha;
+    g->opaque_count = opaque + opaque_receivers;
+    g->opaque_receivers = opaque_receivers;
+    g->alpha_receivers = alpha_receivers;
     return KILN_OK;
 }
 

@@ -41,8 +41,8 @@ struct kiln_object_range {
 struct kiln_geometry {
     size_t vertex_count, triangle_count, opaque_count;
     uint32_t passage; /* KILN_PASSAGE_NONE ... */
-    /* triangles of receiver-only objects: the last opaque_unmet opaque ones, and the last alpha_unmet of all */
-    size_t opaque_unmet, alpha_unmet;
+    /* triangles of receiver-only objects: the last opaque_receivers opaque ones, and the last alpha_receivers of all */
+    size_t opaque_receivers, alpha_receivers;
     float *vertices;   /* x y z; 4 floats of padding after the last, as Embree wants */
     uint32_t *indices; /* 3 a triangle */
     struct kiln_hit_record *records;
@@ -71,18 +71,21 @@ int kiln_geometry_attach(struct kiln_geometry **geometry, const struct kiln_geom
 void kiln_geometry_destroy(struct kiln_geometry **geometry);
 
 /* How many triangles rays can hit, and the world number of the i-th of them. */
-static inline size_t kiln_geometry_met_count(const struct kiln_geometry *g)
+static inline size_t kiln_geometry_hittable_count(const struct kiln_geometry *g)
 {
-    return g->triangle_count - g->opaque_unmet - g->alpha_unmet;
+    return g->triangle_count - g->opaque_receivers - g->alpha_receivers;
 }
-static inline size_t kiln_geometry_met(const struct kiln_geometry *g, size_t i)
+static inline size_t kiln_geometry_hittable(const struct kiln_geometry *g, size_t i)
 {
-    return i < g->opaque_count - g->opaque_unmet ? i : i + g->opaque_unmet;
+    return i < g->opaque_count - g->opaque_receivers ? i : i + g->opaque_receivers;
 }
 
 /* Makes rays hit the triangles of receiver-only objects too, for pictures in which they are seen. Call it before a
  * backend is created. */
-static inline void kiln_geometry_meet_all(struct kiln_geometry *g) { g->opaque_unmet = g->alpha_unmet = 0; }
+static inline void kiln_geometry_make_all_hittable(struct kiln_geometry *g)
+{
+    g->opaque_receivers = g->alpha_receivers = 0;
+}
 
 /* The three corners of a world triangle, m, relative to the scene's centre. */
 static inline void kiln_geometry_corners(const struct kiln_geometry *g, uint64_t triangle, struct kiln_vec3 corner[3])

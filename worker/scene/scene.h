@@ -96,7 +96,7 @@ enum {
 /* Why an object's lightmap has another density than the header's. */
 enum kiln_density_reason {
     KILN_DENSITY_COMMON = 0, /* it has the header's density */
-    KILN_DENSITY_SHARE,      /* at that density it would take too large a fraction of all texels */
+    KILN_DENSITY_FRACTION,   /* at that density it would take too large a fraction of all texels */
     KILN_DENSITY_LEAST,      /* at that density it would be too few texels across */
     KILN_DENSITY_SCALED,     /* the user's density-scale for the object */
     KILN_DENSITY_SIZED,      /* the user's lightmap-size for the object */
@@ -184,7 +184,7 @@ enum kiln_note_severity {
     KILN_NOTE_INFORMATION = 0,
     KILN_NOTE_WARNING = 1,
     /* a warning that every bake prints again: it concerns what the user asked for, or shows in the light */
-    KILN_NOTE_SAID = 2
+    KILN_NOTE_REPEATED = 2
 };
 struct kiln_note {
     uint32_t severity; /* enum kiln_note_severity */

@@ -7,13 +7,13 @@ void kiln_surface_destroy(struct kiln_surface **surface)
     struct kiln_surface *s = *surface;
     if (s == NULL)
         return;
-    if (!s->map_is_lent) {
+    if (!s->global_is_borrowed) {
         kiln_free(&s->tiles);
         kiln_free(&s->splits);
         kiln_free(&s->lightmaps);
         kiln_free(&s->cell_first);
     }
-    if (!s->share_is_lent) {
+    if (!s->own_is_borrowed) {
         kiln_free(&s->tile_runs);
         kiln_free(&s->piece_base);
         kiln_free(&s->area_cdf_base);

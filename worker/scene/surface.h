@@ -32,7 +32,7 @@ struct kiln_tile {
     uint64_t first;
 };
 /* One tile run of a split tile. A tile's entries are consecutive; together their masks are the tile's mask. */
-struct kiln_tile_part {
+struct kiln_split_tile_run {
     uint64_t mask;
     uint64_t first;
 };
@@ -65,15 +65,15 @@ struct kiln_surface {
     uint64_t point_count;
     uint64_t tile_count, split_count;
     struct kiln_tile *tiles;
-    struct kiln_tile_part *splits;
+    struct kiln_split_tile_run *splits;
     uint32_t object_count;
     uint32_t map_count;              /* object_count; twice that if any object has backs */
     struct kiln_lightmap *lightmaps; /* one per lightmap; that of the backs has no tiles if the object has none */
     uint64_t cell_count;             /* cells that hold points */
     /* one per cell, and one more at the end: global index of its first point. NULL without partition by cells */
     uint64_t *cell_first;
-    bool map_is_lent;   /* the global arrays are borrowed: kiln_surface_destroy leaves them alone */
-    bool share_is_lent; /* this rank's arrays are borrowed: kiln_surface_destroy leaves them alone */
+    bool global_is_borrowed; /* the global arrays are borrowed: kiln_surface_destroy leaves them alone */
+    bool own_is_borrowed;    /* this rank's arrays are borrowed: kiln_surface_destroy leaves them alone */
     /* this rank's arrays */
     uint64_t first, count; /* range of this rank's points in the global order */
     size_t tile_run_count;
@@ -127,10 +127,10 @@ static inline uint64_t kiln_surface_find(const struct kiln_surface *s, uint32_t 
         return KILN_NO_POINT;
     if ((tile->first & KILN_TILE_SPLIT) == 0)
         return tile->first + (uint64_t)__builtin_popcountll(tile->mask & (bit - 1));
-    const struct kiln_tile_part *part = s->splits + (tile->first & ~KILN_TILE_SPLIT);
-    while ((part->mask & bit) == 0)
-        part++;
-    return part->first + (uint64_t)__builtin_popcountll(part->mask & (bit - 1));
+    const struct kiln_split_tile_run *run = s->splits + (tile->first & ~KILN_TILE_SPLIT);
+    while ((run->mask & bit) == 0)
+        run++;
+    return run->first + (uint64_t)__builtin_popcountll(run->mask & (bit - 1));
 }
 
 void kiln_surface_destroy(struct kiln_surface **surface);

@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-/* Those that every map has, at their planes. */
+/* The layers that every map has, with their planes. */
 static const struct {
     const char *field;
     uint32_t plane;

@@ -1,5 +1,5 @@
-/* Which planes of floats a lightmap on its way to a file has: one for each component of each field that is published in
- * lightmaps, in the order of the bake's field set. Pure functions of that set. */
+/* Layers of a map: assigns planes of floats to the fields that lightmaps contain, one plane for each component, in the
+ * order of the bake's field set. Depends on that set only; not collective. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_LAYERS_H
 #define KILN_COORDINATOR_OUTPUT_MAP_LAYERS_H
 
@@ -9,14 +9,14 @@
 struct kiln_layers {
     size_t count;
     struct kiln_layer {
-        size_t field;   /* its place in the field set */
-        uint32_t plane; /* the first of its components' */
+        size_t field;   /* index in the field set */
+        uint32_t plane; /* plane of its first component */
     } layer[KILN_FIELDS_MAX];
     struct kiln_map_planes planes;
 };
 
-/* The layers of direct and indirect light and of the error come first, also where the last is not published: filling,
- * seams and reports read them (map.h). Sums of fields have no planes of their own. KILN_BUG when the set lacks one of
+/* Lists the layers. Direct light, indirect light and the error come first, even if the error is not published, since
+ * filling, seams and reports use them (map.h). Fields that are sums have no planes. KILN_BUG if the set lacks one of
  * these three, or needs more planes than a map can have. */
 int kiln_layers_make(struct kiln_layers *layers, const struct kiln_field_set *fields, struct kiln_error *error);
 

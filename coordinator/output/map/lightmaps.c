@@ -16,15 +16,15 @@
 #include "coordinator/output/map/chart_graph.h"
 #include "worker/base/memory.h"
 
-/* About 90 bytes a texel while an object is processed: some 180 MB a rank at a time, unless one lightmap is larger. */
+/* Texels that a rank processes at a time, of about 90 bytes each: about 180 MB, unless one lightmap is larger. */
 static const uint64_t texel_budget = 1ull << 21;
 
 struct writer {
     const struct kiln_bake_result *result;
     const struct kiln_output_params *params;
     struct kiln_layers layers;
-    struct kiln_lightmap_report *reports; /* own objects' are filled in */
-    struct kiln_map **maps;               /* one a lightmap; those of this rank and round exist */
+    struct kiln_lightmap_report *reports; /* reports of this rank's objects are filled in */
+    struct kiln_map **maps;               /* one for each lightmap; only those of this rank and round exist */
     uint32_t ranks;
     int64_t seed;
     bool has_seed;
@@ -32,7 +32,7 @@ struct writer {
 
 /* ---- one object's file ---- */
 
-/* Why colours are not stored as halves, or "half" when they can be. */
+/* "half" if colours can be stored as halves, else "float" with the reason. */
 static const char *choose_precision(const struct kiln_output_params *params, const struct kiln_image *image)
 {
     if (!params->half)
@@ -44,26 +44,26 @@ static const char *choose_precision(const struct kiln_output_params *params, con
             most = fmaxf(most, fabsf(image->channels[c].values[i]));
     if (most > KILN_HALF_MAX)
         return "float: a value exceeds 65504, the largest half";
-    /* below 2^-14 a half loses digits: keep eight octaves under the brightest texel */
+    /* halves lose precision below 2^-14; keep eight octaves below the brightest texel */
     if (most > 0.0f && most < 0x1p-6f)
         return "float: values are too small for half";
     return "half";
 }
 
-/* The plane is the channel's from now on. */
+/* Moves a plane of the map into the image, which then owns it. */
 static void move_plane(const struct kiln_image *image, const char *name, float **plane)
 {
     kiln_image_find(image, name)->values = *plane;
     *plane = NULL;
 }
 
-/* Ratios have digits enough as halves whatever their size, and none exceeds the largest half. */
+/* Ratios always fit halves: their precision suffices, and none exceeds the largest half. */
 static bool fits_half(const struct kiln_field *field)
 {
     return field->unit != NULL && strcmp(field->unit, "1") == 0 && fmax(-field->low, field->high) <= KILN_HALF_MAX;
 }
 
-/* Makes an image with the channels of all fields in lightmaps, without values. */
+/* Creates an image with the channels of all fields in lightmaps, without values. */
 static int make_channels(const struct writer *w, const struct kiln_map *map, struct kiln_image **image,
                          struct kiln_error *error)
 {
@@ -81,7 +81,7 @@ static int make_channels(const struct writer *w, const struct kiln_map *map, str
     return status;
 }
 
-/* A field that is a sum: of its terms' channels, which are filled, seams smoothed and all. */
+/* Computes a field that is a sum of other fields, from their final channels, which are filled and smoothed. */
 static void add_terms(const struct kiln_image *image, const struct kiln_field_set *fields, size_t index)
 {
     const struct kiln_field_entry *entry = &fields->entry[index];
@@ -96,7 +96,7 @@ static void add_terms(const struct kiln_image *image, const struct kiln_field_se
     }
 }
 
-/* Moves the map's planes into an image with the file's channels. */
+/* Creates an image with the channels of the file from the planes of the map. */
 static int make_image(const struct writer *w, struct kiln_map *map, struct kiln_image **image, struct kiln_error *error)
 {
     const struct kiln_field_set *fields = w->result->fields;
@@ -124,7 +124,7 @@ static int make_image(const struct writer *w, struct kiln_map *map, struct kiln_
     return KILN_OK;
 }
 
-/* Texels a metre that the object really got: the root of covered texels over area. */
+/* Texels per metre that the object really has: the square root of covered texels / area. */
 static double density_of(const struct kiln_map *map)
 {
     double texels = 0.0, area = 0.0;
@@ -135,16 +135,16 @@ static double density_of(const struct kiln_map *map)
     return area > 0.0 ? sqrt(texels / area) : 0.0;
 }
 
-enum { ATTRIBUTES = 14 }; /* that every file has, the last where the seed is known */
+enum { ATTRIBUTES = 14 }; /* attributes of every file; the last only if the seed is known */
 
-/* What an object's file is called, and says besides its values. */
+/* Name of an object's file, and texts of its attributes. */
 struct file_words {
     char name[KILN_PATH_SIZE], seed[32];
     struct kiln_exr_attribute attributes[ATTRIBUTES + KILN_FIELDS_MAX];
     size_t count;
 };
 
-/* What layers mean that say it themselves. */
+/* Collects the descriptions of layers that have one. */
 static void describe_layers(const struct kiln_field_set *fields, struct file_words *words)
 {
     for (size_t i = 0; i < fields->count; i++)
@@ -168,7 +168,7 @@ static int name_file(const struct writer *w, uint32_t object, struct file_words 
 
 static int integer_of(uint64_t number) { return (int)(number > INT32_MAX ? INT32_MAX : number); }
 
-/* Chooses the precision of the image's channels, too. */
+/* Fills in name and attributes of the file, and chooses the precision of the image's channels. */
 static int describe_file(const struct writer *w, uint32_t object, struct kiln_image *image, double density,
                          struct file_words *words, struct kiln_error *error)
 {
@@ -206,7 +206,9 @@ static int describe_file(const struct writer *w, uint32_t object, struct kiln_im
         {.name = "kiln:validTexels", .kind = KILN_EXR_INTEGER, .integer = integer_of(report->valid)},
         {.name = "kiln:filledTexels", .kind = KILN_EXR_INTEGER, .integer = integer_of(report->filled)},
         {.name = "kiln:seams", .kind = KILN_EXR_STRING, .text = w->params->stitch ? "smoothed" : "as gathered"},
-        {.name = "kiln:seed", .kind = KILN_EXR_STRING, .text = words->seed}, /* last: left out when it is not known */
+        {.name = "kiln:seed",
+         .kind = KILN_EXR_STRING,
+         .text = words->seed}, /* last, since it is left out if it is unknown */
     };
     memcpy(words->attributes, attributes, sizeof attributes);
     words->count = w->has_seed ? ATTRIBUTES : ATTRIBUTES - 1;
@@ -218,7 +220,7 @@ static void chart_texels(struct kiln_map *map, const struct kiln_chart_graph *gr
 {
     for (size_t i = 0; i < kiln_map_texels(map); i++)
         if (map->chart[i] != KILN_NONE)
-            map->chart[i] = graph->chart[map->chart[i]]; /* was: the triangle */
+            map->chart[i] = graph->chart[map->chart[i]]; /* until here this was the triangle */
 }
 
 static uint64_t count_covered(const struct kiln_surface *surface, uint32_t object)
@@ -230,7 +232,7 @@ static uint64_t count_covered(const struct kiln_surface *surface, uint32_t objec
     return covered;
 }
 
-/* Of what was gathered: mean luminance by area, and the standard errors' root mean square over it. */
+/* Over gathered texels: mean luminance by area, and root mean square of the standard error relative to it. */
 static void measure_map(const struct kiln_map *map, struct kiln_lightmap_report *report)
 {
     double area = 0.0, light = 0.0, squares = 0.0;
@@ -249,7 +251,7 @@ static void measure_map(const struct kiln_map *map, struct kiln_lightmap_report 
     report->error = report->mean > 0.0 ? sqrt(squares / area) / report->mean : 0.0;
 }
 
-/* From gathered points to a map without holes. */
+/* Turns gathered points into a map with a value in every texel. */
 static int complete_map(const struct writer *w, uint32_t object, struct kiln_error *error)
 {
     struct kiln_map *map = w->maps[object];
@@ -297,7 +299,7 @@ static int complete_map(const struct writer *w, uint32_t object, struct kiln_err
     return status;
 }
 
-/* The object's image, and what goes with it; its map is gone then. */
+/* Creates the image of an object and the texts of its file; releases its map. */
 static int finish_object(const struct writer *w, uint32_t object, struct kiln_image **image, struct file_words *words,
                          struct kiln_error *error)
 {
@@ -324,7 +326,7 @@ static int write_object(const struct writer *w, uint32_t object, struct kiln_err
 
 /* ---- objects packed by all ranks ---- */
 
-/* The rank's own divided objects of a round: images, and files that were begun. */
+/* The distributed objects of this rank in a round: their images, and files that have been begun. */
 struct large {
     struct kiln_strip_source *sources;
     struct kiln_image **images;
@@ -343,7 +345,7 @@ static void destroy_large(struct large *large)
     kiln_free(&large->files);
 }
 
-/* One object after the other, each with all threads. */
+/* Finishes the images of large objects one after the other, each with all threads, and begins their files. */
 static int begin_large(const struct writer *w, const uint32_t *objects, size_t count, struct large *large,
                        struct kiln_error *error)
 {
@@ -391,14 +393,14 @@ static int compare_texels(const void *a, const void *b, void *context)
     return p != q ? (p > q ? -1 : 1) : (i > j) - (i < j);
 }
 
-/* Own objects of the round into `own`, the largest first, so that no thread begins it when the others are done; makes
- * their maps. */
-static int open_round(const struct writer *w, const struct kiln_assignment *deal, uint32_t rank, uint32_t round,
+/* Lists own objects of the round in `own`, largest first, so that a thread does not start the largest when the others
+ * are done; creates their maps. */
+static int open_round(const struct writer *w, const struct kiln_assignment *assignment, uint32_t rank, uint32_t round,
                       uint32_t *own, size_t *count, struct kiln_error *error)
 {
     *count = 0;
-    for (size_t i = 0; i < deal->count; i++) {
-        if (deal->owner[i] != rank || deal->round[i] != round)
+    for (size_t i = 0; i < assignment->count; i++) {
+        if (assignment->owner[i] != rank || assignment->round[i] != round)
             continue;
         const struct kiln_lightmap *lightmap = &w->result->surface->lightmaps[i];
         const int status = kiln_map_create(&w->maps[i], lightmap->width, lightmap->height, &w->layers.planes, error);
@@ -410,8 +412,8 @@ static int open_round(const struct writer *w, const struct kiln_assignment *deal
     return KILN_OK;
 }
 
-/* Threads for an object: its share of the round's texels. Small ones get one. */
-static int share_of_threads(const struct writer *w, uint32_t object, uint64_t texels, int of)
+/* Number of threads for an object, in proportion to its part of the round's texels; at least one. */
+static int threads_for(const struct writer *w, uint32_t object, uint64_t texels, int of)
 {
     const struct kiln_lightmap *lightmap = &w->result->surface->lightmaps[object];
     const double share = (double)lightmap->width * lightmap->height / (double)texels;
@@ -419,8 +421,8 @@ static int share_of_threads(const struct writer *w, uint32_t object, uint64_t te
     return threads < 1 ? 1 : (int)threads;
 }
 
-/* Objects are independent of each other, so threads take one each; a large one is worked on by several (the loops
- * inside it are parallel, too). The first failing object's sentence is kept. */
+/* Writes the objects of a round. Each thread takes one object; the loops within a large object use several threads.
+ * Keeps the message of the first object that failed. */
 static int write_round(const struct writer *w, const uint32_t *own, size_t count, struct kiln_error *error)
 {
     size_t first_failed = SIZE_MAX;
@@ -436,7 +438,7 @@ static int write_round(const struct writer *w, const uint32_t *own, size_t count
 #pragma omp parallel for schedule(dynamic, 1) num_threads(team)
     for (size_t i = 0; i < count; i++) {
         struct kiln_error mine = {{0}};
-        omp_set_num_threads(share_of_threads(w, own[i], texels, threads)); /* of the loops inside */
+        omp_set_num_threads(threads_for(w, own[i], texels, threads)); /* for the loops within the object */
         const int result = write_object(w, own[i], &mine);
         if (result == KILN_OK)
             continue;
@@ -450,13 +452,13 @@ static int write_round(const struct writer *w, const uint32_t *own, size_t count
     return status;
 }
 
-/* Own objects of the round that all ranks pack go to the front of `own`, in their order. Returns how many. */
-static size_t sort_large(const struct kiln_strip_deal *strips, uint32_t *own, size_t count)
+/* Moves own objects of the round whose strips are distributed to the front of `own`, in order. Returns their number. */
+static size_t sort_large(const struct kiln_strip_assignment *strips, uint32_t *own, size_t count)
 {
     size_t large = 0;
     for (size_t i = 0; i < count; i++) {
         const uint32_t object = own[i];
-        if (!kiln_strip_deal_has(strips, object))
+        if (!kiln_strip_assignment_has(strips, object))
             continue;
         memmove(own + large + 1, own + large, (i - large) * sizeof *own);
         own[large++] = object;
@@ -464,16 +466,16 @@ static size_t sort_large(const struct kiln_strip_deal *strips, uint32_t *own, si
     return large;
 }
 
-/* Collective. The objects whose points are here: small ones each rank for itself, then large ones all together. */
-static int write_together(const struct writer *w, const struct kiln_assignment *deal, uint32_t round, uint32_t *own,
-                          size_t count, struct kiln_error *error)
+/* Collective. Writes the objects of the round: each rank its small ones, then all ranks together the large ones. */
+static int write_together(const struct writer *w, const struct kiln_assignment *assignment, uint32_t round,
+                          uint32_t *own, size_t count, struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
     const struct kiln_lightmap *lightmaps = w->result->surface->lightmaps;
-    struct kiln_strip_deal *strips = NULL;
+    struct kiln_strip_assignment *strips = NULL;
     struct large large = {0};
     const uint64_t least = w->params->least_divided > 0 ? w->params->least_divided : KILN_STRIPS_LEAST;
-    int status = kiln_strip_deal_create(&strips, lightmaps, deal, round, w->ranks, least, error);
+    int status = kiln_strip_assignment_create(&strips, lightmaps, assignment, round, w->ranks, least, error);
     if (status == KILN_OK) {
         const size_t first_small = sort_large(strips, own, count);
         status = write_round(w, own + first_small, count - first_small, error);
@@ -484,33 +486,35 @@ static int write_together(const struct writer *w, const struct kiln_assignment *
     if (status == KILN_OK)
         status = kiln_strips_write(comm, strips, lightmaps, large.sources, large.count, w->params->faults, error);
     destroy_large(&large);
-    kiln_strip_deal_destroy(&strips);
+    kiln_strip_assignment_destroy(&strips);
     return status;
 }
 
-static int write_rounds(struct writer *w, const struct kiln_assignment *deal, uint32_t rank, struct kiln_error *error)
+static int write_rounds(struct writer *w, const struct kiln_assignment *assignment, uint32_t rank,
+                        struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
-    struct kiln_texel_gather *exchange = NULL;
+    struct kiln_texel_gather *gather = NULL;
     uint32_t *own = NULL;
-    int status = kiln_texel_gather_create(&exchange, w->result, deal, &w->layers, 0, error); /* collective */
+    int status = kiln_texel_gather_create(&gather, w->result, assignment, &w->layers, 0, error); /* collective */
     if (status != KILN_OK)
         return status;
-    status = kiln_agree(comm, kiln_allocate(&own, deal->count, sizeof *own, "objects to write", error), error);
-    for (uint32_t round = 0; status == KILN_OK && round < deal->rounds; round++) {
+    status = kiln_agree(comm, kiln_allocate(&own, assignment->count, sizeof *own, "objects to write", error), error);
+    for (uint32_t round = 0; status == KILN_OK && round < assignment->rounds; round++) {
         size_t count = 0;
-        status = kiln_agree(comm, open_round(w, deal, rank, round, own, &count, error), error);
+        status = kiln_agree(comm, open_round(w, assignment, rank, round, own, &count, error), error);
         if (status == KILN_OK)
-            status = kiln_texel_gather_round(exchange, round, put_point, w, error);
+            status = kiln_texel_gather_round(gather, round, put_point, w, error);
         if (status == KILN_OK)
-            status = write_together(w, deal, round, own, count, error);
+            status = write_together(w, assignment, round, own, count, error);
     }
     kiln_free(&own);
-    kiln_texel_gather_destroy(&exchange);
+    kiln_texel_gather_destroy(&gather);
     return status;
 }
 
-/* Every report is made on one rank and zero on the others, so joining the bits is exact. */
+/* Collective. Combines the reports by a bitwise or, which is exact, since each is filled in on one rank and zero on
+ * others. */
 static int gather_reports(const struct kiln_bake_result *result, const struct kiln_lightmap_report *own, int rank,
                           struct kiln_lightmap_report *reports, struct kiln_error *error)
 {
@@ -518,8 +522,7 @@ static int gather_reports(const struct kiln_bake_result *result, const struct ki
     for (size_t first = 0; first < result->surface->map_count; first += AT_ONCE) {
         const size_t left = result->surface->map_count - first;
         const int count = (int)(left < AT_ONCE ? left : AT_ONCE);
-        /* the struct is one 32-bit number, five 64-bit ones and seven doubles: joined as bytes, since the others' are
-         * all zero */
+        /* the struct contains numbers of different sizes, so it is combined as bytes */
         if (MPI_Reduce(own + first, rank == 0 ? reports + first : NULL, count * (int)sizeof *own, MPI_BYTE, MPI_BOR, 0,
                        result->communicator) != MPI_SUCCESS)
             return kiln_fail(error, KILN_RANK_LOST, "MPI failed while the ranks' reports on lightmaps were gathered");
@@ -545,11 +548,11 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
 {
     const size_t maps = result->surface->map_count;
     struct writer w = {.result = result, .params = params};
-    struct kiln_assignment *deal = NULL;
+    struct kiln_assignment *assignment = NULL;
     int rank = 0, ranks = 1;
     if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS ||
         MPI_Comm_size(result->communicator, &ranks) != MPI_SUCCESS)
-        return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
+        return kiln_fail(error, KILN_RANK_LOST, "MPI cannot give the rank number");
     w.ranks = (uint32_t)ranks;
     w.has_seed = kiln_provenance_seed(params->provenance_json, &w.seed);
     int status = rank == 0 ? make_folders(result->surface, params->directory, error) : KILN_OK;
@@ -560,16 +563,17 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
     if (status == KILN_OK)
         status = kiln_allocate(&w.maps, maps, sizeof(struct kiln_map *), "lightmaps", error);
     if (status == KILN_OK)
-        status = kiln_assignment_create(&deal, result->surface->lightmaps, maps, (uint32_t)ranks, texel_budget, error);
+        status =
+            kiln_assignment_create(&assignment, result->surface->lightmaps, maps, (uint32_t)ranks, texel_budget, error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
-        status = write_rounds(&w, deal, (uint32_t)rank, error);
+        status = write_rounds(&w, assignment, (uint32_t)rank, error);
     if (status == KILN_OK && reports != NULL)
         status = kiln_agree(result->communicator, gather_reports(result, w.reports, rank, reports, error), error);
     for (size_t i = 0; w.maps != NULL && i < maps; i++)
         kiln_map_destroy(&w.maps[i]);
     kiln_free(&w.maps);
     kiln_free(&w.reports);
-    kiln_assignment_destroy(&deal);
+    kiln_assignment_destroy(&assignment);
     return status;
 }

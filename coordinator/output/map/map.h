@@ -11,7 +11,7 @@
 
 #include "worker/base/status.h"
 
-/* The planes that every map begins with. Those of other fields follow (layers.h). */
+/* The first planes of every map. The planes of other fields follow (layers.h). */
 enum kiln_map_plane {
     KILN_MAP_DIRECT = 0,   /* 3 planes, W/m2 */
     KILN_MAP_INDIRECT = 3, /* 3 planes, W/m2 */
@@ -20,13 +20,13 @@ enum kiln_map_plane {
     KILN_MAP_PLANES_MAX = 64
 };
 
-/* How many planes there are, and of which of them the seams are smoothed. */
+/* Number of planes of a map, and the planes whose seams are smoothed. */
 struct kiln_map_planes {
     uint32_t count;
     bool smooth[KILN_MAP_PLANES_MAX];
 };
 
-/* Direct and indirect light, whose seams are smoothed, and its error: what a map without other fields has. */
+/* The planes of a map without other fields: direct and indirect light, whose seams are smoothed, and the error. */
 extern const struct kiln_map_planes kiln_map_light;
 
 enum kiln_texel_state {
@@ -41,12 +41,12 @@ struct kiln_map {
     struct kiln_map_planes has;
     float *planes[KILN_MAP_PLANES_MAX]; /* the first has.count */
     float *area;                        /* m2 of surface in the texel */
-    float *coverage;                    /* share of the texel's square on the layout, 0..1 */
+    float *coverage;                    /* fraction of the texel's square that the layout covers, 0 to 1 */
     uint8_t *state;                     /* enum kiln_texel_state */
-    uint32_t *chart;                    /* of the texel's first piece; KILN_NONE in the margin */
+    uint32_t *chart;                    /* chart of the first piece of surface in the texel; KILN_NONE in the margin */
 };
 
-/* All margin. KILN_CANNOT_CREATE from 2^32 - 1 texels on. */
+/* Creates a map whose texels are all margin. KILN_CANNOT_CREATE for 2^32 - 1 texels or more. */
 int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, const struct kiln_map_planes *planes,
                     struct kiln_error *error);
 void kiln_map_destroy(struct kiln_map **map);

@@ -52,7 +52,7 @@ struct slot {
 
 struct helper {
     MPI_Comm communicator;
-    const struct kiln_strip_deal *strips;
+    const struct kiln_strip_assignment *strips;
     const struct kiln_lightmap *lightmaps;
     size_t *list, count;
     struct slot *slots; /* two groups of slots: one is packed while the other is sent or received */
@@ -469,7 +469,7 @@ static int take_part(struct owner *owner, struct helper *helper, struct kiln_err
     return kiln_agree(helper->communicator, status, error);
 }
 
-int kiln_strips_write(MPI_Comm communicator, const struct kiln_strip_deal *strips,
+int kiln_strips_write(MPI_Comm communicator, const struct kiln_strip_assignment *strips,
                       const struct kiln_lightmap *lightmaps, const struct kiln_strip_source *sources,
                       size_t source_count, const struct kiln_faults *faults, struct kiln_error *error)
 {

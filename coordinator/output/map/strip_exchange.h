@@ -26,7 +26,7 @@ struct kiln_strip_source {
 /* Collective. `sources` are the objects of this rank whose strips are distributed, in the order of its stream. Every
  * file is published when its last strip has been written. `faults` (may be NULL) names the rank whose packing fails,
  * for tests. Returns the worst status of all ranks, with its message. */
-int kiln_strips_write(MPI_Comm communicator, const struct kiln_strip_deal *strips,
+int kiln_strips_write(MPI_Comm communicator, const struct kiln_strip_assignment *strips,
                       const struct kiln_lightmap *lightmaps, const struct kiln_strip_source *sources,
                       size_t source_count, const struct kiln_faults *faults, struct kiln_error *error);
 

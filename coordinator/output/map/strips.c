@@ -13,7 +13,7 @@ static uint32_t strips_of(const struct kiln_lightmap *map) { return (map->height
 /* State of the assignment: arrays with one entry for each rank. */
 struct work {
     const struct kiln_lightmap *lightmaps;
-    const struct kiln_assignment *deal;
+    const struct kiln_assignment *assignment;
     uint32_t round, ranks;
     uint64_t least;
     uint64_t *load;  /* total work of the rank's objects */
@@ -22,7 +22,7 @@ struct work {
     uint64_t total;
 };
 
-static bool in_round(const struct work *w, size_t object) { return w->deal->round[object] == w->round; }
+static bool in_round(const struct work *w, size_t object) { return w->assignment->round[object] == w->round; }
 
 /* Whether the rank has more than 1.25 times the mean work; with less, sending does not pay. */
 static bool is_overloaded(const struct work *w, uint32_t rank) { return 4 * w->load[rank] * w->ranks > 5 * w->total; }
@@ -31,22 +31,22 @@ static bool is_divided(const struct work *w, size_t object)
 {
     const struct kiln_lightmap *map = &w->lightmaps[object];
     return in_round(w, object) && texels_of(map) >= w->least && strips_of(map) > 1 &&
-           is_overloaded(w, w->deal->owner[object]);
+           is_overloaded(w, w->assignment->owner[object]);
 }
 
 static void weigh(struct work *w)
 {
-    for (size_t i = 0; i < w->deal->count; i++)
+    for (size_t i = 0; i < w->assignment->count; i++)
         if (in_round(w, i)) {
             const uint64_t work = (KILN_FINISH_WORK + KILN_PACK_WORK) * texels_of(&w->lightmaps[i]);
-            w->load[w->deal->owner[i]] += work;
+            w->load[w->assignment->owner[i]] += work;
             w->total += work;
         }
     for (uint32_t r = 0; r < w->ranks; r++)
         w->fixed[r] = w->load[r];
-    for (size_t i = 0; i < w->deal->count; i++)
+    for (size_t i = 0; i < w->assignment->count; i++)
         if (is_divided(w, i))
-            w->fixed[w->deal->owner[i]] -= KILN_PACK_WORK * texels_of(&w->lightmaps[i]);
+            w->fixed[w->assignment->owner[i]] -= KILN_PACK_WORK * texels_of(&w->lightmaps[i]);
 }
 
 static int compare_loads(const void *a, const void *b)
@@ -78,13 +78,13 @@ static double find_level(const struct work *w, uint64_t *sorted)
 static int weigh_ranks(struct work *w, struct kiln_error *error)
 {
     uint64_t *sorted = NULL;
-    int status = kiln_allocate(&w->load, w->ranks, sizeof *w->load, "dealing strips", error);
+    int status = kiln_allocate(&w->load, w->ranks, sizeof *w->load, "the assignment of strips", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&w->fixed, w->ranks, sizeof *w->fixed, "dealing strips", error);
+        status = kiln_allocate(&w->fixed, w->ranks, sizeof *w->fixed, "the assignment of strips", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&w->room, w->ranks, sizeof *w->room, "dealing strips", error);
+        status = kiln_allocate(&w->room, w->ranks, sizeof *w->room, "the assignment of strips", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&sorted, w->ranks, sizeof *sorted, "dealing strips", error);
+        status = kiln_allocate(&sorted, w->ranks, sizeof *sorted, "the assignment of strips", error);
     if (status == KILN_OK) {
         weigh(w);
         const double level = find_level(w, sorted);
@@ -100,7 +100,8 @@ static int weigh_ranks(struct work *w, struct kiln_error *error)
 static int compare_objects(const void *a, const void *b, void *context)
 {
     const struct work *w = context;
-    const uint32_t i = *(const uint32_t *)a, j = *(const uint32_t *)b, p = w->deal->owner[i], q = w->deal->owner[j];
+    const uint32_t i = *(const uint32_t *)a, j = *(const uint32_t *)b, p = w->assignment->owner[i],
+                   q = w->assignment->owner[j];
     const uint64_t m = texels_of(&w->lightmaps[i]), n = texels_of(&w->lightmaps[j]);
     if (p != q)
         return p < q ? -1 : 1;
@@ -108,19 +109,19 @@ static int compare_objects(const void *a, const void *b, void *context)
 }
 
 /* Lists all strips in order, without packers. */
-static int list_strips(struct kiln_strip_deal *strips, struct work *w, struct kiln_error *error)
+static int list_strips(struct kiln_strip_assignment *strips, struct work *w, struct kiln_error *error)
 {
     uint32_t *objects = NULL;
     size_t count = 0, divided = 0;
-    for (size_t i = 0; i < w->deal->count; i++)
+    for (size_t i = 0; i < w->assignment->count; i++)
         if (is_divided(w, i)) {
             divided++;
             count += strips_of(&w->lightmaps[i]);
         }
-    int status = kiln_allocate(&objects, divided, sizeof *objects, "dealing strips", error);
+    int status = kiln_allocate(&objects, divided, sizeof *objects, "the assignment of strips", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&strips->strips, count, sizeof *strips->strips, "dealing strips", error);
-    for (size_t i = 0, next = 0; status == KILN_OK && i < w->deal->count; i++)
+        status = kiln_allocate(&strips->strips, count, sizeof *strips->strips, "the assignment of strips", error);
+    for (size_t i = 0, next = 0; status == KILN_OK && i < w->assignment->count; i++)
         if (is_divided(w, i))
             objects[next++] = (uint32_t)i;
     if (status == KILN_OK)
@@ -128,7 +129,7 @@ static int list_strips(struct kiln_strip_deal *strips, struct work *w, struct ki
     for (size_t i = 0; status == KILN_OK && i < divided; i++)
         for (uint32_t s = 0; s < strips_of(&w->lightmaps[objects[i]]); s++)
             strips->strips[strips->count++] = (struct kiln_strip){
-                .object = objects[i], .row = s * KILN_EXR_ROWS, .owner = w->deal->owner[objects[i]]};
+                .object = objects[i], .row = s * KILN_EXR_ROWS, .owner = w->assignment->owner[objects[i]]};
     kiln_free(&objects);
     return status;
 }
@@ -202,10 +203,10 @@ static void fill_ranks(const struct work *w, const struct kiln_strip *stream, si
     }
 }
 
-static int choose_packers(struct kiln_strip_deal *strips, const struct work *w, struct kiln_error *error)
+static int choose_packers(struct kiln_strip_assignment *strips, const struct work *w, struct kiln_error *error)
 {
     struct turn *turns = NULL;
-    const int status = kiln_allocate(&turns, strips->count, sizeof *turns, "dealing strips", error);
+    const int status = kiln_allocate(&turns, strips->count, sizeof *turns, "the assignment of strips", error);
     struct filling filling = {.offered = is_overloaded(w, 0) ? 0.0 : w->room[0]};
     for (size_t first = 0, end = 0; status == KILN_OK && first < strips->count; first = end) {
         while (end < strips->count && strips->strips[end].owner == strips->strips[first].owner)
@@ -217,12 +218,13 @@ static int choose_packers(struct kiln_strip_deal *strips, const struct work *w, 
     return status;
 }
 
-int kiln_strip_deal_create(struct kiln_strip_deal **strips, const struct kiln_lightmap *lightmaps,
-                           const struct kiln_assignment *deal, uint32_t round, uint32_t ranks, uint64_t least_texels,
-                           struct kiln_error *error)
+int kiln_strip_assignment_create(struct kiln_strip_assignment **strips, const struct kiln_lightmap *lightmaps,
+                                 const struct kiln_assignment *assignment, uint32_t round, uint32_t ranks,
+                                 uint64_t least_texels, struct kiln_error *error)
 {
-    struct work w = {.lightmaps = lightmaps, .deal = deal, .round = round, .ranks = ranks, .least = least_texels};
-    int status = kiln_allocate(strips, 1, sizeof **strips, "dealing strips", error);
+    struct work w = {
+        .lightmaps = lightmaps, .assignment = assignment, .round = round, .ranks = ranks, .least = least_texels};
+    int status = kiln_allocate(strips, 1, sizeof **strips, "the assignment of strips", error);
     if (status == KILN_OK)
         status = weigh_ranks(&w, error);
     if (status == KILN_OK)
@@ -233,11 +235,11 @@ int kiln_strip_deal_create(struct kiln_strip_deal **strips, const struct kiln_li
     kiln_free(&w.fixed);
     kiln_free(&w.room);
     if (status != KILN_OK)
-        kiln_strip_deal_destroy(strips);
+        kiln_strip_assignment_destroy(strips);
     return status;
 }
 
-void kiln_strip_deal_destroy(struct kiln_strip_deal **strips)
+void kiln_strip_assignment_destroy(struct kiln_strip_assignment **strips)
 {
     if (*strips == NULL)
         return;
@@ -247,7 +249,7 @@ void kiln_strip_deal_destroy(struct kiln_strip_deal **strips)
 
 /* ---- queries ---- */
 
-bool kiln_strip_deal_has(const struct kiln_strip_deal *strips, uint32_t object)
+bool kiln_strip_assignment_has(const struct kiln_strip_assignment *strips, uint32_t object)
 {
     for (size_t i = 0; i < strips->count; i++)
         if (strips->strips[i].object == object)
@@ -255,7 +257,7 @@ bool kiln_strip_deal_has(const struct kiln_strip_deal *strips, uint32_t object)
     return false;
 }
 
-size_t kiln_strip_stream(const struct kiln_strip_deal *strips, uint32_t rank, size_t *first)
+size_t kiln_strip_stream(const struct kiln_strip_assignment *strips, uint32_t rank, size_t *first)
 {
     *first = 0;
     while (*first < strips->count && strips->strips[*first].owner != rank)
@@ -270,7 +272,7 @@ static int compare_progress(const void *a, const void *b, void *context)
     return m != n ? (m < n ? -1 : 1) : (p->owner > q->owner) - (p->owner < q->owner);
 }
 
-size_t kiln_strip_list(const struct kiln_strip_deal *strips, uint32_t rank, size_t *list)
+size_t kiln_strip_list(const struct kiln_strip_assignment *strips, uint32_t rank, size_t *list)
 {
     size_t count = 0;
     for (size_t i = 0; i < strips->count; i++)

@@ -23,27 +23,27 @@ struct kiln_strip {
     uint32_t index, count; /* index in the stream, and number of strips in the stream */
 };
 
-struct kiln_strip_deal {
+struct kiln_strip_assignment {
     size_t count;
     struct kiln_strip *strips; /* one stream after the other, in the order of owners */
 };
 
 /* Assigns the strips of the objects of `round` that have at least `least_texels` texels. A rank that packs for other
  * ranks owns no distributed strips, and the packers of a stream take turns. KILN_SYSTEM if memory is short. */
-int kiln_strip_deal_create(struct kiln_strip_deal **strips, const struct kiln_lightmap *lightmaps,
-                           const struct kiln_assignment *deal, uint32_t round, uint32_t ranks, uint64_t least_texels,
-                           struct kiln_error *error);
-void kiln_strip_deal_destroy(struct kiln_strip_deal **strips);
+int kiln_strip_assignment_create(struct kiln_strip_assignment **strips, const struct kiln_lightmap *lightmaps,
+                                 const struct kiln_assignment *assignment, uint32_t round, uint32_t ranks,
+                                 uint64_t least_texels, struct kiln_error *error);
+void kiln_strip_assignment_destroy(struct kiln_strip_assignment **strips);
 
 /* Whether the strips of the object are distributed. */
-bool kiln_strip_deal_has(const struct kiln_strip_deal *strips, uint32_t object);
+bool kiln_strip_assignment_has(const struct kiln_strip_assignment *strips, uint32_t object);
 
 /* The stream of a rank: *first is the index of its first strip in `strips`; returns the number of its strips. */
-size_t kiln_strip_stream(const struct kiln_strip_deal *strips, uint32_t rank, size_t *first);
+size_t kiln_strip_stream(const struct kiln_strip_assignment *strips, uint32_t rank, size_t *first);
 
 /* Lists the indices in `strips` of the strips that the rank packs for others, ordered by their relative position in
  * their streams. All ranks keep this order, which prevents deadlock: the first unfinished strip of all waits for
  * nothing. `list` has room for all strips. Returns the number of indices. */
-size_t kiln_strip_list(const struct kiln_strip_deal *strips, uint32_t rank, size_t *list);
+size_t kiln_strip_list(const struct kiln_strip_assignment *strips, uint32_t rank, size_t *list);
 
 #endif

@@ -49,14 +49,14 @@ static void sink_root(struct bin *heap, uint32_t count)
     }
 }
 
-static void deal_all(struct kiln_assignment *deal, const struct kiln_lightmap *maps, const uint32_t *order,
-                     struct bin *heap, uint32_t ranks, uint64_t budget)
+static void assign_all(struct kiln_assignment *assignment, const struct kiln_lightmap *maps, const uint32_t *order,
+                       struct bin *heap, uint32_t ranks, uint64_t budget)
 {
     for (uint32_t r = 0; r < ranks; r++)
         heap[r] = (struct bin){.rank = r};
-    for (size_t i = 0; i < deal->count; i++) {
+    for (size_t i = 0; i < assignment->count; i++) {
         if (maps[order[i]].published == 0) {
-            deal->owner[order[i]] = deal->round[order[i]] = KILN_NONE;
+            assignment->owner[order[i]] = assignment->round[order[i]] = KILN_NONE;
             continue;
         }
         const uint64_t size = texels_of(&maps[order[i]]);
@@ -67,26 +67,28 @@ static void deal_all(struct kiln_assignment *deal, const struct kiln_lightmap *m
         }
         bin->load += size;
         bin->round_load += size;
-        deal->owner[order[i]] = bin->rank;
-        deal->round[order[i]] = bin->round;
-        if (bin->round >= deal->rounds)
-            deal->rounds = bin->round + 1;
+        assignment->owner[order[i]] = bin->rank;
+        assignment->round[order[i]] = bin->round;
+        if (bin->round >= assignment->rounds)
+            assignment->rounds = bin->round + 1;
         sink_root(heap, ranks);
     }
 }
 
-int kiln_assignment_create(struct kiln_assignment **deal, const struct kiln_lightmap *lightmaps, size_t count,
+int kiln_assignment_create(struct kiln_assignment **assignment, const struct kiln_lightmap *lightmaps, size_t count,
                            uint32_t ranks, uint64_t texel_budget, struct kiln_error *error)
 {
     uint32_t *order = NULL;
     struct bin *heap = NULL;
-    int status = kiln_allocate(deal, 1, sizeof **deal, "the assignment of lightmaps to ranks", error);
+    int status = kiln_allocate(assignment, 1, sizeof **assignment, "the assignment of lightmaps to ranks", error);
     if (status != KILN_OK)
         return status;
-    (*deal)->count = count;
-    status = kiln_allocate(&(*deal)->owner, count, sizeof(uint32_t), "the assignment of lightmaps to ranks", error);
+    (*assignment)->count = count;
+    status =
+        kiln_allocate(&(*assignment)->owner, count, sizeof(uint32_t), "the assignment of lightmaps to ranks", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&(*deal)->round, count, sizeof(uint32_t), "the assignment of lightmaps to ranks", error);
+        status = kiln_allocate(&(*assignment)->round, count, sizeof(uint32_t), "the assignment of lightmaps to ranks",
+                               error);
     if (status == KILN_OK)
         status = kiln_allocate(&order, count, sizeof *order, "the assignment of lightmaps to ranks", error);
     if (status == KILN_OK)
@@ -95,22 +97,22 @@ int kiln_assignment_create(struct kiln_assignment **deal, const struct kiln_ligh
         for (size_t i = 0; i < count; i++)
             order[i] = (uint32_t)i;
         qsort_r(order, count, sizeof *order, compare_sizes, (void *)(uintptr_t)lightmaps);
-        deal_all(*deal, lightmaps, order, heap, ranks, texel_budget);
+        assign_all(*assignment, lightmaps, order, heap, ranks, texel_budget);
     }
     kiln_free(&order);
     kiln_free(&heap);
     if (status != KILN_OK)
-        kiln_assignment_destroy(deal);
+        kiln_assignment_destroy(assignment);
     return status;
 }
 
-void kiln_assignment_destroy(struct kiln_assignment **deal)
+void kiln_assignment_destroy(struct kiln_assignment **assignment)
 {
-    if (*deal == NULL)
+    if (*assignment == NULL)
         return;
-    kiln_free(&(*deal)->owner);
-    kiln_free(&(*deal)->round);
-    kiln_free(deal);
+    kiln_free(&(*assignment)->owner);
+    kiln_free(&(*assignment)->round);
+    kiln_free(assignment);
 }
 
 /* ---- exchange ---- */
@@ -122,7 +124,7 @@ struct place {
 
 struct kiln_texel_gather {
     const struct kiln_bake_result *result;
-    const struct kiln_assignment *deal;
+    const struct kiln_assignment *assignment;
     const struct kiln_layers *layers;
     int ranks;
     size_t record;          /* bytes */
@@ -141,14 +143,15 @@ struct kiln_texel_gather {
 static size_t bucket_of(const struct kiln_texel_gather *e, size_t tile_run)
 {
     const uint32_t map = e->result->surface->tile_runs[tile_run].map;
-    if (e->deal->owner[map] == KILN_NONE)
+    if (e->assignment->owner[map] == KILN_NONE)
         return SIZE_MAX;
-    return (size_t)e->deal->round[map] * (size_t)e->ranks + e->deal->owner[map];
+    return (size_t)e->assignment->round[map] * (size_t)e->ranks + e->assignment->owner[map];
 }
 
 static void sort_tile_runs(struct kiln_texel_gather *e)
 {
-    const size_t tile_runs = e->result->surface->tile_run_count, buckets = (size_t)e->deal->rounds * (size_t)e->ranks;
+    const size_t tile_runs = e->result->surface->tile_run_count,
+                 buckets = (size_t)e->assignment->rounds * (size_t)e->ranks;
     for (size_t f = 0; f < tile_runs; f++)
         if (bucket_of(e, f) != SIZE_MAX)
             e->bucket_first[bucket_of(e, f) + 1]++;
@@ -166,7 +169,7 @@ static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *err
 {
     const size_t ranks = (size_t)e->ranks;
     int **counts[] = {&e->out_counts, &e->out_starts, &e->in_counts, &e->in_starts};
-    int status = kiln_allocate(&e->bucket_first, (size_t)e->deal->rounds * ranks + 1, sizeof(uint64_t),
+    int status = kiln_allocate(&e->bucket_first, (size_t)e->assignment->rounds * ranks + 1, sizeof(uint64_t),
                                "the exchange of points", error);
     if (status == KILN_OK)
         status = kiln_allocate(&e->cursor, ranks, sizeof(uint64_t), "the exchange of points", error);
@@ -182,15 +185,15 @@ static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *err
     return status;
 }
 
-int kiln_texel_gather_create(struct kiln_texel_gather **exchange, const struct kiln_bake_result *result,
-                             const struct kiln_assignment *deal, const struct kiln_layers *layers,
+int kiln_texel_gather_create(struct kiln_texel_gather **gather, const struct kiln_bake_result *result,
+                             const struct kiln_assignment *assignment, const struct kiln_layers *layers,
                              size_t records_per_pass, struct kiln_error *error)
 {
-    int status = kiln_allocate(exchange, 1, sizeof **exchange, "the exchange of points", error);
+    int status = kiln_allocate(gather, 1, sizeof **gather, "the exchange of points", error);
     if (status == KILN_OK) {
-        struct kiln_texel_gather *e = *exchange;
+        struct kiln_texel_gather *e = *gather;
         e->result = result;
-        e->deal = deal;
+        e->assignment = assignment;
         e->layers = layers;
         e->record = sizeof(struct kiln_texel_record) + layers->planes.count * sizeof(float);
         e->type = MPI_DATATYPE_NULL;
@@ -206,16 +209,16 @@ int kiln_texel_gather_create(struct kiln_texel_gather **exchange, const struct k
             status = allocate_exchange(e, error);
     }
     if (status == KILN_OK)
-        sort_tile_runs(*exchange);
+        sort_tile_runs(*gather);
     status = kiln_agree(result->communicator, status, error);
     if (status != KILN_OK)
-        kiln_texel_gather_destroy(exchange);
+        kiln_texel_gather_destroy(gather);
     return status;
 }
 
-void kiln_texel_gather_destroy(struct kiln_texel_gather **exchange)
+void kiln_texel_gather_destroy(struct kiln_texel_gather **gather)
 {
-    struct kiln_texel_gather *e = *exchange;
+    struct kiln_texel_gather *e = *gather;
     if (e == NULL)
         return;
     if (e->type != MPI_DATATYPE_NULL)
@@ -230,7 +233,7 @@ void kiln_texel_gather_destroy(struct kiln_texel_gather **exchange)
     kiln_free(&e->out_starts);
     kiln_free(&e->in_counts);
     kiln_free(&e->in_starts);
-    kiln_free(exchange);
+    kiln_free(gather);
 }
 
 /* The values of all planes of an own point. */

@@ -17,9 +17,9 @@ struct kiln_assignment {
     uint32_t rounds;
     uint32_t *owner, *round; /* of each lightmap */
 };
-int kiln_assignment_create(struct kiln_assignment **deal, const struct kiln_lightmap *lightmaps, size_t count,
+int kiln_assignment_create(struct kiln_assignment **assignment, const struct kiln_lightmap *lightmaps, size_t count,
                            uint32_t ranks, uint64_t texel_budget, struct kiln_error *error);
-void kiln_assignment_destroy(struct kiln_assignment **deal);
+void kiln_assignment_destroy(struct kiln_assignment **assignment);
 
 /* One point on its way. `triangle` is the world triangle of its first piece; `values` are of all planes. */
 struct kiln_texel_record {
@@ -33,15 +33,15 @@ struct kiln_texel_gather;
 
 /* `layers` are of the result's fields. `records_per_pass` bounds what a rank sends in one pass (and about what it
  * receives); 0 chooses 2^18, which is 15 MB with the planes that every map has. */
-int kiln_texel_gather_create(struct kiln_texel_gather **exchange, const struct kiln_bake_result *result,
-                             const struct kiln_assignment *deal, const struct kiln_layers *layers,
+int kiln_texel_gather_create(struct kiln_texel_gather **gather, const struct kiln_bake_result *result,
+                             const struct kiln_assignment *assignment, const struct kiln_layers *layers,
                              size_t records_per_pass, struct kiln_error *error);
-void kiln_texel_gather_destroy(struct kiln_texel_gather **exchange);
+void kiln_texel_gather_destroy(struct kiln_texel_gather **gather);
 
 /* Collective. Sends this rank's points of all objects of the round, and calls `put` exactly once for each point of the
  * objects that this rank writes. The calls come from several threads at once, in an order that depends on the
  * partition. KILN_BUG if a value is not finite. */
-int kiln_texel_gather_round(struct kiln_texel_gather *exchange, uint32_t round,
+int kiln_texel_gather_round(struct kiln_texel_gather *gather, uint32_t round,
                             void (*put)(void *context, const struct kiln_texel_record *record), void *context,
                             struct kiln_error *error);
 

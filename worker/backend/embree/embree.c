@@ -119,9 +119,9 @@ static int embree_create(struct kiln_backend **backend, const struct kiln_backen
         /* robust: rays cannot slip through the edge that two triangles share; a sealed room stays exactly black */
         rtcSetSceneFlags(b->scene, RTC_SCENE_FLAG_ROBUST);
         rtcSetSceneBuildQuality(b->scene, RTC_BUILD_QUALITY_MEDIUM);
-        attach(b, 0, 0, params->geometry->opaque_count - params->geometry->opaque_unmet);
+        attach(b, 0, 0, params->geometry->opaque_count - params->geometry->opaque_receivers);
         attach(b, 1, params->geometry->opaque_count,
-               params->geometry->triangle_count - params->geometry->opaque_count - params->geometry->alpha_unmet);
+               params->geometry->triangle_count - params->geometry->opaque_count - params->geometry->alpha_receivers);
         if (params->stop != NULL)
             rtcSetSceneProgressMonitorFunction(b->scene, goes_on, (void *)(uintptr_t)params->stop);
         rtcCommitScene(b->scene);

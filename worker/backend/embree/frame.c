@@ -111,7 +111,7 @@ static void build_point(struct tile_run_frame *f, const struct embree_backend *b
         kiln_footprint_normals(p, &mean, &shading);
         f->shading[0][j] = shading.x, f->shading[1][j] = shading.y, f->shading[2][j] = shading.z;
     }
-    f->present[j] = kiln_footprint_presence(p, f->key[j], &f->mask[j]);
+    f->present[j] = kiln_footprint_opacity(p, f->key[j], &f->mask[j]);
     f->partly_buried[j] = partly_buried;
     f->whole[j] = p->kind == KILN_FOOTPRINT_WHOLE && !partly_buried && f->mask[j].count == 0;
     know(f, b, p->pieces[0]);

@@ -48,7 +48,7 @@ struct gather_work {
     double escaped[LANES], blocked[LANES], glass[LANES][3];
     /* what the step's rays met, in the order of lanes */
     const struct kiln_tile *hit_tile[LANES];
-    const struct kiln_tile_part *split_parts[LANES];
+    const struct kiln_split_tile_run *split_parts[LANES];
     uint64_t hit_point[LANES]; /* surface point or KILN_NO_POINT */
     uint8_t hit_bit[LANES], hit_lane[LANES], split_hit[LANES];
     /* Sobol' points of the pass, and scrambled for the tile: samples values each */
@@ -347,7 +347,7 @@ KILN_CLONES static void find_points(const struct embree_backend *b, struct gathe
         const struct kiln_tile *tile = w->hit_tile[i];
         const uint64_t mask = tile->mask, first = tile->first, bit = 1ull << w->hit_bit[i];
         if ((first & KILN_TILE_SPLIT) != 0) {
-            const struct kiln_tile_part *parts = b->surface->splits + (first & ~KILN_TILE_SPLIT);
+            const struct kiln_split_tile_run *parts = b->surface->splits + (first & ~KILN_TILE_SPLIT);
             __builtin_prefetch(parts);
             w->split_parts[split_count] = parts;
             w->split_hit[split_count++] = (uint8_t)i;
@@ -361,7 +361,7 @@ KILN_CLONES static void find_points(const struct embree_backend *b, struct gathe
         if (w->hit_point[i] == KILN_NO_POINT)
             continue;
         const uint64_t bit = 1ull << w->hit_bit[i];
-        const struct kiln_tile_part *part = w->split_parts[k];
+        const struct kiln_split_tile_run *part = w->split_parts[k];
         while ((part->mask & bit) == 0)
             part++;
         w->hit_point[i] = part->first + (uint64_t)__builtin_popcountll(part->mask & (bit - 1));

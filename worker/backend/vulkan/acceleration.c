@@ -149,8 +149,8 @@ static int build_bottom(struct acceleration *a, const struct kiln_geometry *g, c
     const VkAccelerationStructureGeometryKHR geometries[2] = {
         triangles_of(g, vertices, indices, VK_GEOMETRY_OPAQUE_BIT_KHR), triangles_of(g, vertices, indices, once)};
     const VkAccelerationStructureBuildRangeInfoKHR ranges[2] = {
-        {.primitiveCount = (uint32_t)(g->opaque_count - g->opaque_unmet)},
-        {.primitiveCount = (uint32_t)(g->triangle_count - g->opaque_count - g->alpha_unmet),
+        {.primitiveCount = (uint32_t)(g->opaque_count - g->opaque_receivers)},
+        {.primitiveCount = (uint32_t)(g->triangle_count - g->opaque_count - g->alpha_receivers),
          .primitiveOffset = (uint32_t)(g->opaque_count * 3 * sizeof(uint32_t))}};
     return build_level(a, &a->bottom, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, geometries, ranges, 2, error);
 }

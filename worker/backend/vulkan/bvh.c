@@ -229,11 +229,11 @@ static float margin_of(const struct kiln_geometry *g) { return fmaxf(KILN_GPU_BO
 
 static struct box fill_primitives(const struct kiln_geometry *g, struct RTCBuildPrimitive *primitives, uint32_t threads)
 {
-    const size_t count = kiln_geometry_met_count(g);
+    const size_t count = kiln_geometry_hittable_count(g);
     const float margin = margin_of(g);
 #pragma omp parallel for schedule(static) num_threads((int)threads)
     for (size_t i = 0; i < count; i++) {
-        const size_t triangle = kiln_geometry_met(g, i);
+        const size_t triangle = kiln_geometry_hittable(g, i);
         const struct box b = triangle_box(g, triangle, margin);
         primitives[i] = (struct RTCBuildPrimitive){b.lower[0], b.lower[1], b.lower[2], 0,
                                                    b.upper[0], b.upper[1], b.upper[2], (unsigned)triangle};
@@ -254,17 +254,18 @@ static int build_with(struct bvh *bvh, RTCDevice device, struct RTCBuildPrimitiv
     arguments.maxLeafSize = LEAF_MOST;
     arguments.bvh = rtcNewBVH(device);
     arguments.primitives = primitives;
-    arguments.primitiveCount = arguments.primitiveArrayCapacity = kiln_geometry_met_count(bvh->geometry);
+    arguments.primitiveCount = arguments.primitiveArrayCapacity = kiln_geometry_hittable_count(bvh->geometry);
     arguments.createNode = create_node;
     arguments.setNodeChildren = set_children;
     arguments.setNodeBounds = set_bounds;
     arguments.createLeaf = create_leaf;
     const struct built *root = arguments.bvh != NULL ? rtcBuildBVH(&arguments) : NULL;
-    const int status = root != NULL ? flatten_root(bvh, root, &bounds, error)
-                                    : kiln_fail(error, KILN_SYSTEM,
-                                                "Embree could not build the BVH of %zu triangles (its error %d): "
-                                                "probably too little memory",
-                                                kiln_geometry_met_count(bvh->geometry), (int)rtcGetDeviceError(device));
+    const int status = root != NULL
+                           ? flatten_root(bvh, root, &bounds, error)
+                           : kiln_fail(error, KILN_SYSTEM,
+                                       "Embree could not build the BVH of %zu triangles (its error %d): "
+                                       "probably too little memory",
+                                       kiln_geometry_hittable_count(bvh->geometry), (int)rtcGetDeviceError(device));
     if (arguments.bvh != NULL)
         rtcReleaseBVH(arguments.bvh);
     return status;
@@ -280,7 +281,7 @@ static int build(struct bvh *bvh, uint32_t threads, struct kiln_error *error)
                          "Embree, which builds the BVH, could not create its device with '%s' (its error %d)", config,
                          (int)rtcGetDeviceError(NULL));
     struct RTCBuildPrimitive *primitives = NULL;
-    int status = kiln_allocate(&primitives, kiln_geometry_met_count(bvh->geometry), sizeof *primitives,
+    int status = kiln_allocate(&primitives, kiln_geometry_hittable_count(bvh->geometry), sizeof *primitives,
                                "the boxes of the triangles", error);
     if (status == KILN_OK)
         status = build_with(bvh, device, primitives, threads, error);
@@ -303,10 +304,10 @@ int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const str
         return status;
     b->geometry = geometry;
     b->depth_limit = params->depth_limit != 0 ? params->depth_limit : DEPTH_LIMIT;
-    status = kiln_allocate(&b->order, kiln_geometry_met_count(geometry) + 1, sizeof *b->order,
+    status = kiln_allocate(&b->order, kiln_geometry_hittable_count(geometry) + 1, sizeof *b->order,
                            "the BVH's order of triangles", error);
     if (status == KILN_OK)
-        status = kiln_geometry_met_count(geometry) == 0
+        status = kiln_geometry_hittable_count(geometry) == 0
                      ? build_empty(b, error)
                      : build(b, params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs(), error);
     if (status != KILN_OK)
@@ -592,8 +593,9 @@ int bvh_layout_create(struct bvh_layout *layout, const struct bvh *bvh, uint32_t
     else if (status == KILN_OK)
         for (size_t i = 0; i < bvh->order_count; i++)
             place_triangle(layout, bvh->geometry,
-                           kiln_geometry_met_count(bvh->geometry) != 0 ? (uint32_t)kiln_geometry_met(bvh->geometry, i)
-                                                                       : KILN_GPU_NONE);
+                           kiln_geometry_hittable_count(bvh->geometry) != 0
+                               ? (uint32_t)kiln_geometry_hittable(bvh->geometry, i)
+                               : KILN_GPU_NONE);
     if (status != KILN_OK)
         bvh_layout_free(layout);
     return status;

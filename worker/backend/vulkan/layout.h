@@ -13,7 +13,7 @@
 _Static_assert(sizeof(struct kiln_gpu_record) == sizeof(struct kiln_hit_record), "hit records");
 _Static_assert(sizeof(struct kiln_gpu_lightmap) == sizeof(struct kiln_lightmap), "lightmaps");
 _Static_assert(sizeof(struct kiln_gpu_tile) == sizeof(struct kiln_tile) &&
-                   sizeof(struct kiln_gpu_tile) == sizeof(struct kiln_tile_part),
+                   sizeof(struct kiln_gpu_tile) == sizeof(struct kiln_split_tile_run),
                "tiles");
 _Static_assert(sizeof(struct kiln_gpu_result) == sizeof(struct kiln_point_result), "results");
 

@@ -143,7 +143,7 @@ static void know(struct known *k, const struct maker *m, uint32_t triangle)
     k->offset = kiln_offset_distance(m->p->params->geometry, triangle, k->normal);
 }
 
-static struct kiln_gpu_part part_of(const struct maker *m, struct known *k, const struct kiln_footprint_part *from)
+static struct kiln_gpu_part part_of(const struct maker *m, struct known *k, const struct kiln_footprint_triangle *from)
 {
     struct kiln_vec3 corner[3];
     kiln_geometry_corners(m->p->params->geometry, from->triangle, corner);
@@ -181,11 +181,11 @@ static int make_parts(struct maker *m, struct part_list *list, struct known *k, 
     point->flags |= KILN_GPU_POINT_PARTIAL;
     point->first_part = (uint32_t)list->count;
     for (uint32_t i = 0; i < f->piece_count; i++) {
-        struct kiln_footprint_part parts[KILN_FOOTPRINT_PARTS];
-        uint32_t count = kiln_footprint_parts(f, i, parts);
+        struct kiln_footprint_triangle parts[KILN_FOOTPRINT_TRIANGLES];
+        uint32_t count = kiln_footprint_triangles(f, i, parts);
         /* clipping left nothing of it: a place stands in */
         if (count == 0 && i + 1 == f->piece_count && list->count == point->first_part) {
-            parts[0] = (struct kiln_footprint_part){.triangle = f->pieces[0], .until = 1.0};
+            parts[0] = (struct kiln_footprint_triangle){.triangle = f->pieces[0], .until = 1.0};
             count = 1;
         }
         const int status =
@@ -251,7 +251,7 @@ static int make_point(struct maker *m, struct part_list *list, struct known *k, 
                                      .key = kiln_texel_key(kiln_seed_key(params->seed), at->map,
                                                            (uint64_t)at->y * s->lightmaps[at->map].width + at->x)};
     struct kiln_mask mask;
-    point->present = kiln_footprint_presence(&f, point->key, &mask);
+    point->present = kiln_footprint_opacity(&f, point->key, &mask);
     if (smooth) {
         struct kiln_vec3 mean;
         kiln_footprint_normals(&f, &mean, &point->shading);

@@ -162,7 +162,7 @@ static size_t list_candidates(const struct vulkan_backend *b, const struct bvh *
         return 1;
     }
     size_t count = bvh_candidates(bvh, about->software, candidates, MOST_CANDIDATES - 1);
-    if (about->software || kiln_geometry_met_count(b->params.geometry) == 0)
+    if (about->software || kiln_geometry_hittable_count(b->params.geometry) == 0)
         return 1;
     if (wish == KILN_TRAVERSE_AUTO && about->ray_tracing)
         candidates[count++] = KILN_TRAVERSAL_PIPELINE;
