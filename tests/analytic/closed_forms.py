@@ -306,7 +306,8 @@ def compare_uniform(case, bake, judgement):
         judgement.relative = max(judgement.relative, float(np.quantile(relative, UNIFORM_SHARE)))
         judgement.errors = max(judgement.errors, float(np.quantile(errors, UNIFORM_SHARE)))
         if len(own) == 0 or good.mean() < UNIFORM_SHARE:
-            judgement.failures.append('%s: %.2f %% of %d points are within %.1e and 4 standard errors, mean ratio %s' % (
+            judgement.failures.append(
+                '%s: %.2f %% of %d points are within %.1e and 4 standard errors, mean ratio %s' % (
                 name, 100 * good.mean() if len(own) else 0, len(own), tolerance, got.mean(0) / want if len(own)
                 else '-'))
         off = float(np.abs(got.mean(0) / want - 1).max()) if len(own) else 1.0

@@ -44,7 +44,8 @@ def try_same(checks, kiln, scene):
                          else '--no-work-stealing', ranks=ranks, timeout=120)
         if not checks.baked(bake):
             continue
-        what = '%d ranks, %s a node, exchange %s, %s' % (ranks, node, form, 'work stealing' if on else 'no work stealing')
+        what = '%d ranks, %s a node, exchange %s, %s' % (
+            ranks, node, form, 'work stealing' if on else 'no work stealing')
         given, passes = bake.run['balance']['stolen_points'], [b['stolen_points'] for b in bake.run['bounces']]
         moved, expected = sum(passes), on and ranks > 1
         found = differences(first.setdefault(form, Result(bake)), Result(bake))
