@@ -230,7 +230,7 @@ def no_camera(folder):
         eye, low, high)
     answer = kiln("view", os.path.join(folder, "one"), "--from=0.5,1.5,0.5", "--width", "32", "--backend",
                   "embree").stdout
-    assert "as requested" in answer and "exposure" in answer and "automatic" in answer, answer
+    assert "as asked" in answer and "exposure" in answer and "automatic" in answer, answer
     darker, brighter_png = (os.path.join(folder, n) for n in ("darker.png", "brighter.png"))
     answer = [json.loads(kiln("view", os.path.join(folder, "one"), "-o", path, "--exposure", stops, "--json", "--width",
                               "32", "--backend", "embree").stdout)
@@ -266,7 +266,7 @@ def metals(folder):
     wanted = 1 + np.array([0.5, 0.25, 0.125])
     assert np.abs(image.mean((0, 1)) / wanted - 1).max() < 0.01, image.mean((0, 1))
     attributes = exr.read(view).attributes
-    assert "metals" in attributes["kiln:approximate"] and "as requested" in attributes["kiln:viewpoint"], attributes
+    assert "metals" in attributes["kiln:approximate"] and "as asked" in attributes["kiln:viewpoint"], attributes
 
 
 def unfinished(folder, bake):
