@@ -779,7 +779,8 @@ def damage_checkpoints(checks, tool, dice, rounds):
                         'with both generations damaged it ended with %d' % process.status, process)
         else:
             # what stops while it imports says which one it keeps, before it would say what it goes on from
-            checks.that(re.search('going on from checkpoint %d,|checkpoint %d is kept' % (older, older), process.stderr),
+            used = re.search('going on from checkpoint %d,|checkpoint %d is kept' % (older, older), process.stderr)
+            checks.that(used,
                         'generation %d was not used instead of %d' % (older, newest), process)
         if i == 0:
             reference, _ = reference_of(checks, tool)
