@@ -295,7 +295,7 @@ def make_mtl(r, w):
 def option_names(cache=[]):
     """The keys of a job file, from the table of options."""
     if not cache:
-        text = read(os.path.join(REPOSITORY, 'coordinator', 'cli', 'options.c')).decode()
+        text = read(os.path.join(REPOSITORY, 'coordinator', 'job', 'options.c')).decode()
         cache += sorted(set(re.findall(r'{\.name = "([a-z-]+)"', text))) + ['scene', 'objects', 'no-such-key']
     return cache
 
