@@ -134,6 +134,11 @@ class Bakes(unittest.TestCase):
         path = pathlib.Path(self.folder, f"kiln-{job}.log")
         return path.read_text(errors="replace") if path.exists() else ""
 
+    def says_something(self, job, seconds):
+        """Waits until there is something in the job's log: true; or until it has ended without: false."""
+        return wait_for(lambda: (self.log(job) and "log") or (self.slurm.job(job)["JobState"] in ENDED and "end"),
+                        seconds, f"a word of job {job}") == "log" or self.log(job) != ""
+
     def wait_log(self, job, words, seconds, times=1):
         """Seconds until the job's log has the words so many times."""
         begin = time.monotonic()

@@ -159,7 +159,8 @@ int kiln_light_tree_build(struct kiln_lights *lights, struct kiln_error *error)
     return status;
 }
 
-struct kiln_light_bounds kiln_light_bounds_of(const struct kiln_light_node *node)
+/* In line: called for every node that a point looks at, and most of it is not wanted of most nodes. */
+static inline __attribute__((always_inline)) struct kiln_light_bounds bounds_of(const struct kiln_light_node *node)
 {
     const struct kiln_dvec3 half = dvec3_scale(dvec3_sub(node->maximum, node->minimum), 0.5);
     return (struct kiln_light_bounds){.centre = centre_of(node),
@@ -174,8 +175,10 @@ struct kiln_light_bounds kiln_light_bounds_of(const struct kiln_light_node *node
                                       .shines = node->power > 0.0};
 }
 
+struct kiln_light_bounds kiln_light_bounds_of(const struct kiln_light_node *node) { return bounds_of(node); }
+
 double kiln_light_node_importance(const struct kiln_light_node *node, struct kiln_dvec3 p, double spread,
                                   struct kiln_dvec3 n)
 {
-    return kiln_light_importance(kiln_light_bounds_of(node), p, spread, n);
+    return kiln_light_importance(bounds_of(node), p, spread, n);
 }
