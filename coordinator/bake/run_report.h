@@ -6,7 +6,7 @@
 #include "coordinator/bake/prepare.h"
 #include "coordinator/field/result.h"
 #include "coordinator/integrate/integrate.h"
-#include "coordinator/output/output.h"
+#include "coordinator/output/map/lightmaps.h"
 
 struct kiln_run {
     const struct kiln_job *job;

@@ -11,7 +11,7 @@
 
 #include "coordinator/field/field_blocks.h"
 #include "coordinator/output/exr.h"
-#include "coordinator/output/output.h"
+#include "coordinator/output/map/lightmaps.h"
 #include "tests/common/synthetic.h"
 
 static const char *const channels[] = {"made_up.X", "made_up.Y", "made_up.Z"};

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "coordinator/output/exr.h"
-#include "coordinator/output/output.h"
+#include "coordinator/output/map/lightmaps.h"
 #include "tests/common/synthetic.h"
 
 /* Radiance L(d) = 1 + d.y + 0.5 d.x d.z, in harmonics, brighter along x; probe 3 is inside geometry. */

@@ -1,3 +1,5 @@
+#include "coordinator/output/map/lightmaps.h"
+
 #include <math.h>
 #include <omp.h>
 #include <stdio.h>
@@ -8,7 +10,6 @@
 #include "coordinator/output/map/borders.h"
 #include "coordinator/output/map/texel_gather.h"
 #include "coordinator/output/map/map.h"
-#include "coordinator/output/output.h"
 #include "coordinator/output/provenance.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/output/map/seams.h"

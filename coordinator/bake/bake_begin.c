@@ -1,0 +1,130 @@
+#include <stdio.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "coordinator/bake/bake_private.h"
+#include "coordinator/bake/identity.h"
+#include "coordinator/files/publish.h"
+#include "coordinator/mpi/agree.h"
+#include "coordinator/output/manifest.h"
+#include "coordinator/run/process.h"
+#include "worker/base/text.h"
+
+int kiln_bake_take_charge(struct kiln_bake *b, struct kiln_error *error)
+{
+    const struct kiln_control_params params = {.communicator = b->communicator,
+                                               .directory = b->job->output,
+                                               .begin = b->begin,
+                                               .max_time = b->job->max_time,
+                                               .checkpoint_every = b->job->checkpoint_every,
+                                               .watchdog = b->watchdog,
+                                               .limit = b->job->watchdog,
+                                               .no_locks = b->job->faults.no_locks,
+                                               .signal = kiln_process_signal()};
+    int status = kiln_control_create(&b->control, &params, error);
+    if (status != KILN_OK)
+        return status;
+    kiln_control_follow(b->control, b->progress);
+    return kiln_checkpoint_open(&b->checkpoint, b->communicator, b->job->output, b->job->resume, error);
+}
+
+/* Rank 0. Checks that each lightmap can be written. */
+static int check_lightmaps(const struct kiln_bake *b, const struct kiln_prepared *p, struct kiln_error *error)
+{
+    const struct kiln_manifest_parts parts = {
+        .volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->job->export};
+    return kiln_manifest_look(b->job->output, p->scene, p->surface, &parts, error);
+}
+
+/* Prints the notes of the importer. */
+static void say_notes(const struct kiln_scene *scene)
+{
+    for (size_t i = 0; i < scene->note_count; i++)
+        if (scene->notes[i].severity == KILN_NOTE_REPEATED)
+            kiln_print(stderr, "kiln: note: %s\n", kiln_scene_string(scene, scene->notes[i].text));
+}
+
+/* Compares the bake with its checkpoint, and prints which checkpoint it continues. */
+static int compare_with_checkpoint(struct kiln_bake *b, const struct kiln_prepared *prepared, struct kiln_error *error)
+{
+    char note[400];
+    b->identity = kiln_identity_make(b->job, prepared);
+    int status = kiln_agree(
+        b->communicator,
+        b->identity != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: the bake's identity"), error);
+    if (status == KILN_OK && !b->job->resume)
+        kiln_checkpoint_remove(b->checkpoint);
+    if (status != KILN_OK || kiln_checkpoint_generation(b->checkpoint) == 0)
+        return status;
+    status = kiln_identity_compare(kiln_checkpoint_identity(b->checkpoint), b->identity, b->job->output, note,
+                                   sizeof note, error);
+    b->same_probes = kiln_identity_same_probes(kiln_checkpoint_identity(b->checkpoint), b->identity);
+    if (status != KILN_OK || b->rank != 0 || b->job->quiet)
+        return status;
+    char age[48];
+    const double written = kiln_checkpoint_written(b->checkpoint);
+    (void)fprintf(stderr,
+                  "kiln: going on from checkpoint %llu, written %s ago (--no-resume would start from the beginning)\n",
+                  (unsigned long long)kiln_checkpoint_generation(b->checkpoint),
+                  kiln_duration_text((double)time(NULL) - written, age, sizeof age));
+    if (note[0] != '\0')
+        kiln_print(stderr, "kiln: note: %s\n", note);
+    if (!b->same_probes && b->job->samples_probe != 0 && kiln_checkpoint_has(b->checkpoint, "probes"))
+        (void)fprintf(stderr, "kiln: note: the checkpoint's probes are of other settings (--probe-spacing, "
+                              "--samples-probe): they are gathered again, "
+                              "the light on surfaces is not\n");
+    return status;
+}
+
+/* Rank 0. Checks that the memory of this host can hold the probes, and the disk the results. */
+static int check_room(const struct kiln_bake *b, const struct kiln_prepared *p, const struct kiln_volume_result *volume,
+                      struct kiln_error *error)
+{
+    const double memory = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
+    const uint64_t probes = volume->size[0] * volume->size[1] * volume->size[2];
+    const double needed = (double)probes / p->ranks * p->node_ranks * (double)sizeof(struct kiln_probe_result);
+    if (memory > 0.0 && needed > memory)
+        return kiln_fail(
+            error, KILN_SYSTEM,
+            "%llu probes take %.1f GiB on this host, which has %.1f GiB: use a larger --probe-spacing, or more hosts",
+            (unsigned long long)probes, needed / 0x1p30, memory / 0x1p30);
+    if (p->surface == NULL)
+        return KILN_OK;
+    struct kiln_field_set fields;
+    kiln_field_set_choose(&fields, b->job);
+    return kiln_require_space(
+        b->job->output, kiln_h5_space(p->scene, p->surface, &fields) + (probes > 0 ? kiln_volume_space(volume) : 0),
+        error);
+}
+
+/* kiln_prepare_care.refuse: refuses whatever can be refused before the first ray. */
+static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_error *error)
+{
+    struct kiln_bake *b = context;
+    struct kiln_volume_result volume = {0};
+    int status =
+        b->job->samples_probe != 0 ? kiln_volume_grid(&volume, p->scene, b->job->probe_spacing, error) : KILN_OK;
+    if (status == KILN_OK && b->rank == 0 && p->surface != NULL)
+        status = check_lightmaps(b, p, error);
+    status = kiln_agree(b->communicator, status, error);
+    if (status == KILN_OK && p->surface != NULL)
+        status = compare_with_checkpoint(b, p, error);
+    if (status == KILN_OK) /* a checkpoint that --no-resume discards has been removed by now */
+        status = kiln_agree(b->communicator, b->rank == 0 ? check_room(b, p, &volume, error) : KILN_OK, error);
+    return status;
+}
+
+int kiln_bake_prepare(struct kiln_bake *b, struct kiln_error *error)
+{
+    const char *before = kiln_identity_instruction_set(kiln_checkpoint_identity(b->checkpoint));
+    const bool pin = b->job->instruction_set == NULL && before != NULL;
+    struct kiln_job job = *b->job;
+    if (pin && kiln_instruction_set_common(b->communicator, before))
+        job.instruction_set = (char *)(uintptr_t)before;
+    const struct kiln_prepare_care care = {.control = b->control, .refuse = look_ahead, .context = b};
+    const int status =
+        kiln_prepare(&b->prepared, b->communicator, &job, b->scene_file, &b->phases, b->progress, &care, error);
+    if (status == KILN_OK && b->rank == 0 && !b->job->quiet)
+        say_notes(b->prepared->scene);
+    return status;
+}

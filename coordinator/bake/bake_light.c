@@ -1,0 +1,98 @@
+#include "coordinator/bake/bake_private.h"
+#include "coordinator/bake/light_settings.h"
+
+/* Adds the times of the steps to the phases of their roles. */
+static void add_light_phases(struct kiln_bake *b)
+{
+    const struct kiln_integrate_report *report = &b->solution->report;
+    const struct kiln_integrator *integrator = report->integrator;
+    for (uint32_t r = 0; r < integrator->role_count; r++)
+        kiln_phase_add(&b->phases, integrator->roles[r].phase, 0.0);
+    kiln_phase_add(&b->phases, "exchange", 0.0);
+    kiln_phase_add(&b->phases, "waiting", report->waiting_seconds);
+    for (size_t i = 0; i < report->steps.count; i++) {
+        const struct kiln_step_report *step = &report->steps.of[i];
+        kiln_phase_add(&b->phases, integrator->roles[step->step.role].phase, step->seconds);
+        kiln_phase_add(&b->phases, "exchange", step->exchange_seconds);
+    }
+}
+
+int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
+{
+    kiln_phase(&b->phases, "emission");
+    kiln_progress_phase(b->progress, "emission", 0);
+    int status = kiln_backend_emission(b->prepared->backend, KILN_EMISSION_SAMPLES, &b->emission, error);
+    status = kiln_bake_end_phase(b, status, error);
+    if (status != KILN_OK)
+        return status;
+    kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0,
+                       kiln_checkpoint_written(b->checkpoint));
+    b->light_settings = kiln_light_settings(b->job, b->prepared->surface->point_count);
+    kiln_field_set_choose(&b->fields, b->job);
+    b->light_params = (struct kiln_integrate_params){.communicator = b->communicator,
+                                                     .rank = b->rank,
+                                                     .ranks = b->prepared->ranks,
+                                                     .begin = b->begin,
+                                                     .settings = &b->light_settings,
+                                                     .fields = &b->fields,
+                                                     .backend = b->prepared->backend,
+                                                     .surface = b->prepared->surface,
+                                                     .node = b->prepared->node,
+                                                     .area = b->prepared->surface_report.geometry_area,
+                                                     .trace = b->trace,
+                                                     .emission = &b->emission,
+                                                     .progress = b->progress,
+                                                     .control = b->control,
+                                                     .checkpoint = b->checkpoint,
+                                                     .identity = b->identity,
+                                                     .threads = b->prepared->threads};
+    b->saves = true;
+    status = kiln_integrate(&b->solution, &b->light_params, error);
+    if (status == KILN_OK)
+        add_light_phases(b);
+    return status;
+}
+
+/* kiln_volume_save */
+static int save_volume(void *context, const struct kiln_block *blocks, size_t count, bool stop,
+                       struct kiln_error *error)
+{
+    struct kiln_bake *b = context;
+    const int status = kiln_integrate_save(b->solution, &b->light_params, blocks, count, error);
+    return status == KILN_OK && stop ? kiln_stopped(b->control, error) : status;
+}
+
+static struct kiln_volume_params volume_params(struct kiln_bake *b)
+{
+    return (struct kiln_volume_params){.communicator = b->communicator,
+                                       .backend = b->prepared->backend,
+                                       .scene = b->prepared->scene,
+                                       .radiosity = b->solution->radiosity,
+                                       .spacing = b->job->probe_spacing,
+                                       .samples = b->job->samples_probe,
+                                       .progress = b->progress,
+                                       .control = b->control,
+                                       .checkpoint = b->checkpoint,
+                                       .restore = b->same_probes,
+                                       .save = save_volume,
+                                       .context = b};
+}
+
+int kiln_bake_volume(struct kiln_bake *b, struct kiln_error *error)
+{
+    if (b->job->samples_probe == 0)
+        return KILN_OK;
+    kiln_phase(&b->phases, "probes");
+    const struct kiln_volume_params params = volume_params(b);
+    const int status = kiln_volume_run(&b->volume, &params, &b->probe_rays, error);
+    kiln_phase(&b->phases, NULL);
+    return status;
+}
+
+int kiln_bake_save(struct kiln_bake *b, struct kiln_error *error)
+{
+    const struct kiln_volume_params params = volume_params(b);
+    if (b->job->samples_probe != 0)
+        return kiln_volume_save_all(&b->volume, &params, &b->probe_rays, error);
+    return save_volume(b, NULL, 0, true, error);
+}

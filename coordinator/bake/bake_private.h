@@ -1,0 +1,83 @@
+/* The state of a bake, and the parts of the pipeline in the order in which bake.c calls them. All functions here are
+ * collective unless they say otherwise, and return the same status on all ranks. */
+#ifndef KILN_COORDINATOR_BAKE_BAKE_PRIVATE_H
+#define KILN_COORDINATOR_BAKE_BAKE_PRIVATE_H
+
+#include "coordinator/bake/bake.h"
+#include "coordinator/bake/prepare.h"
+#include "coordinator/bake/volume.h"
+#include "coordinator/files/folder.h"
+#include "coordinator/integrate/integrate.h"
+#include "coordinator/output/map/lightmaps.h"
+#include "coordinator/view/view.h"
+
+struct kiln_bake {
+    const struct kiln_job *job;
+    MPI_Comm communicator;
+    int rank;
+    bool made_folder; /* rank 0: this bake has created the output folder */
+    char scene_file[KILN_PATH_SIZE];
+    double begin; /* MPI_Wtime() */
+    struct kiln_phases phases;
+    struct kiln_trace *trace;       /* NULL: none */
+    struct kiln_watchdog *watchdog; /* NULL: none */
+    struct kiln_control *control;
+    struct kiln_checkpoint *checkpoint;
+    json_t *identity;
+    struct kiln_progress *progress;
+    struct kiln_prepared *prepared;
+    struct kiln_emission_result emission;
+    struct kiln_integrate_settings light_settings;
+    struct kiln_field_set fields;
+    struct kiln_integrate_params light_params;
+    struct kiln_solution *solution;
+    struct kiln_volume_result volume;
+    struct kiln_lightmap_report *lightmaps;
+    uint64_t probe_rays;
+    bool same_probes; /* the probes of the checkpoint can be used */
+    bool saves;       /* in steps and in the probe pass, where stopping writes a checkpoint */
+    bool light_done;  /* everything is done except writing the files */
+    json_t *preview;  /* rank 0: its camera and exposure; NULL: none */
+    char preview_text[KILN_VIEWPOINT_TEXT];
+    bool exported;  /* scene.glb has been written */
+    json_t *report; /* rank 0: content of run.json */
+};
+
+/* Agrees on errors at the end of a phase. Time spent waiting for other ranks does not count for the phase. */
+int kiln_bake_end_phase(struct kiln_bake *bake, int status, struct kiln_error *error);
+
+/* ---- bake_folder.c: the output folder ---- */
+
+int kiln_bake_make_folder(struct kiln_bake *bake, struct kiln_error *error);
+/* Removes the output folder if this bake has created it and it is empty, so that a refused scene leaves nothing. Not
+ * collective. */
+void kiln_bake_forget_folder(const struct kiln_bake *bake);
+/* Checks, before any work, that the results and the timeline can be written. */
+int kiln_bake_check_folder(struct kiln_bake *bake, struct kiln_error *error);
+/* Makes room for the results: removes the manifest and run.json of an earlier bake, since they will no longer be true,
+ * and its files that this bake does not replace. */
+int kiln_bake_clear_folder(struct kiln_bake *bake, struct kiln_error *error);
+
+/* ---- bake_begin.c: before the first ray ---- */
+
+/* Locks the output folder and opens the checkpoint, which determines the instruction set unless the job does. */
+int kiln_bake_take_charge(struct kiln_bake *bake, struct kiln_error *error);
+/* Prepares the bake (prepare.h), and refuses what can be refused: a checkpoint of another bake, too little memory or
+ * disk, results that cannot be written. Continues with the instruction set of the checkpoint if all ranks have it, to
+ * keep the bits of the bake. */
+int kiln_bake_prepare(struct kiln_bake *bake, struct kiln_error *error);
+
+/* ---- bake_light.c: light on surfaces, and the volume ---- */
+
+int kiln_bake_light(struct kiln_bake *bake, struct kiln_error *error);
+/* Gathers the probes, if the job has any. */
+int kiln_bake_volume(struct kiln_bake *bake, struct kiln_error *error);
+/* Writes a checkpoint of the complete light, probes included. Returns KILN_STOPPED, or the error of writing. */
+int kiln_bake_save(struct kiln_bake *bake, struct kiln_error *error);
+
+/* ---- bake_results.c: the files ---- */
+
+/* Writes all files of results; the manifest last. */
+int kiln_bake_write(struct kiln_bake *bake, struct kiln_error *error);
+
+#endif

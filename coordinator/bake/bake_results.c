@@ -1,0 +1,222 @@
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "coordinator/bake/bake_private.h"
+#include "coordinator/bake/run_report.h"
+#include "coordinator/export/export.h"
+#include "coordinator/files/publish.h"
+#include "coordinator/mpi/agree.h"
+#include "coordinator/output/manifest.h"
+#include "worker/base/memory.h"
+#include "worker/base/text.h"
+
+static int write_points(struct kiln_bake *b, const struct kiln_bake_result *result,
+                        const struct kiln_output_params *params, struct kiln_error *error)
+{
+    (void)b;
+    return kiln_write_h5(result, params, error);
+}
+
+static int write_volume(struct kiln_bake *b, const struct kiln_bake_result *result,
+                        const struct kiln_output_params *params, struct kiln_error *error)
+{
+    return kiln_write_volume(result, &b->volume, params, error);
+}
+
+/* Collective. Writes a file and, if that fails, writes it once more from the beginning. MPI-IO reports an interrupted
+ * system call as a failure, or even as a success, which reading back reveals; only a second failure is final. */
+static int write_twice(struct kiln_bake *b, const struct kiln_bake_result *result,
+                       const struct kiln_output_params *params,
+                       int (*write)(struct kiln_bake *, const struct kiln_bake_result *,
+                                    const struct kiln_output_params *, struct kiln_error *),
+                       struct kiln_error *error)
+{
+    int status = write(b, result, params, error);
+    if (status != KILN_IO && status != KILN_CANNOT_CREATE)
+        return status;
+    const struct kiln_error first = *error;
+    status = write(b, result, params, error);
+    if (status == KILN_OK && b->rank == 0)
+        (void)fprintf(stderr, "kiln: warning: %s; the second attempt succeeded\n", first.message);
+    return status;
+}
+
+static int write_results(struct kiln_bake *b, const char *provenance, struct kiln_error *error)
+{
+    const struct kiln_node_data *data = b->solution->node_data;
+    const struct kiln_bake_result result = {.units = kiln_units_of(b->job->units, b->prepared->scene),
+                                            .communicator = b->communicator,
+                                            .scene = b->prepared->scene,
+                                            .geometry = b->prepared->geometry,
+                                            .surface = b->prepared->surface,
+                                            .fields = kiln_node_data_fields(data),
+                                            .data = kiln_rank_data(data, kiln_node_data_own(data)),
+                                            .radiosity = b->solution->radiosity,
+                                            .stop = kiln_control_stop(b->control)};
+    const struct kiln_output_params params = {.directory = b->job->output,
+                                              .half = b->job->half,
+                                              .stitch = b->job->stitch,
+                                              .faults = &b->job->faults,
+                                              .provenance_json = provenance};
+    kiln_phase(&b->phases, "lightmaps");
+    kiln_progress_phase(b->progress, "lightmaps", 0);
+    int status = kiln_allocate(&b->lightmaps, b->prepared->surface->map_count, sizeof *b->lightmaps,
+                               "the lightmaps' report", error);
+    status = kiln_agree(b->communicator, status, error);
+    if (status == KILN_OK)
+        status = kiln_write_lightmaps(&result, &params, b->lightmaps, error);
+    if (status == KILN_OK) {
+        kiln_phase(&b->phases, "kiln.h5");
+        kiln_progress_phase(b->progress, "kiln.h5", 0);
+        status = write_twice(b, &result, &params, write_points, error);
+    }
+    if (status == KILN_OK && b->job->samples_probe != 0) {
+        kiln_phase(&b->phases, "volume.hdf");
+        kiln_progress_phase(b->progress, "volume.hdf", 0);
+        status = write_twice(b, &result, &params, write_volume, error);
+    }
+    kiln_phase(&b->phases, NULL);
+    return status;
+}
+
+static int draw_picture(struct kiln_bake *b, struct kiln_error *error)
+{
+    const struct kiln_prepared *p = b->prepared;
+    const struct kiln_view_source source = {.directory = b->job->output,
+                                            .scene = p->scene,
+                                            .geometry = p->geometry,
+                                            .lights = p->lights,
+                                            .backend = p->backend,
+                                            .stop = kiln_control_stop(b->control)};
+    const struct kiln_view_wish wish = {0};
+    struct kiln_picture picture = {0};
+    int status = kiln_picture_make(&source, &wish, 2, &picture, error);
+    if (status == KILN_OK)
+        status = kiln_picture_write(b->job->output, "preview.png", &picture, b->job->exposure, error);
+    if (status == KILN_OK)
+        b->preview = kiln_picture_json(&picture, b->job->exposure);
+    if (status == KILN_OK && !b->job->quiet) {
+        kiln_viewpoint_text(&picture.viewpoint, b->preview_text);
+    }
+    kiln_image_destroy(&picture.image);
+    return status;
+}
+
+static int draw_preview(struct kiln_bake *b, struct kiln_error *error)
+{
+    if (!b->job->preview)
+        return KILN_OK;
+    kiln_phase(&b->phases, "preview");
+    kiln_progress_phase(b->progress, "preview", 0);
+    int status = KILN_OK;
+    if (b->rank == 0)
+        status = draw_picture(b, error);
+    return kiln_bake_end_phase(b, status, error);
+}
+
+static int export_beside(const struct kiln_bake *b, struct kiln_error *error)
+{
+    const struct kiln_surface *s = b->prepared->surface;
+    char path[KILN_PATH_SIZE];
+    struct stat source, there;
+    uint8_t *backs = NULL;
+    int status = kiln_path_join(path, b->job->output, "scene.glb", error);
+    if (status == KILN_OK && stat(b->job->scene, &source) == 0 && stat(path, &there) == 0 &&
+        source.st_dev == there.st_dev && source.st_ino == there.st_ino)
+        return kiln_fail(error, KILN_BAD_INPUT, "%s is the scene itself; kiln export writes it to another folder",
+                         path);
+    /* remove that of an earlier bake, which links to lightmaps that no longer exist */
+    if (status == KILN_OK && kiln_unlink_below(b->job->output, "scene.glb") != 0 && errno != ENOENT)
+        status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
+    if (status == KILN_OK)
+        status = kiln_allocate(&backs, s->object_count, 1, "the export's links", error);
+    for (uint32_t i = s->object_count; status == KILN_OK && i < s->map_count; i++)
+        backs[i - s->object_count] = s->lightmaps[i].published != 0;
+    if (status == KILN_OK)
+        status = kiln_export_beside(b->job->output, b->job->scene, b->prepared->scene, backs,
+                                    kiln_units_of(b->job->units, b->prepared->scene)->irradiance_text,
+                                    kiln_control_stop(b->control), error);
+    kiln_free(&backs);
+    return status;
+}
+
+/* Writes scene.glb. If the source scene has been removed or changed meanwhile, or does not fit one glTF file, prints a
+ * warning; the bake is still valid, and kiln export can write the scene later. */
+static int write_scene(struct kiln_bake *b, struct kiln_error *error)
+{
+    int status = KILN_OK, told = 0;
+    if (!b->job->export)
+        return KILN_OK;
+    kiln_phase(&b->phases, "scene.glb");
+    kiln_progress_phase(b->progress, "scene.glb", 0);
+    if (b->rank == 0) {
+        struct kiln_error own = {""};
+        status = export_beside(b, &own);
+        told = status == KILN_BAD_INPUT || status == KILN_NO_INPUT || status == KILN_PERMISSION;
+        if (told != 0)
+            kiln_print(stderr, "kiln: warning: no scene.glb: %s\n", own.message);
+        else if (status != KILN_OK)
+            *error = own;
+    }
+    kiln_control_meet(b->control);
+    (void)MPI_Bcast(&told, 1, MPI_INT, 0, b->communicator);
+    b->exported = told == 0;
+    return kiln_bake_end_phase(b, told != 0 ? KILN_OK : status, error);
+}
+
+/* Writes run.json, after everything that it names. */
+static int write_report(struct kiln_bake *b, struct kiln_error *error)
+{
+    kiln_phase_rest(&b->phases, b->solution->report.seconds_before);
+    const struct kiln_run run = {.job = b->job,
+                                 .prepared = b->prepared,
+                                 .solution = b->solution,
+                                 .volume = &b->volume,
+                                 .lightmaps = b->lightmaps,
+                                 .phases = &b->phases,
+                                 .probe_rays = b->probe_rays,
+                                 .directory = b->job->output};
+    int status = kiln_run_report(&b->report, &run, error);
+    if (status == KILN_OK && b->rank == 0) {
+        if (b->preview != NULL)
+            (void)json_object_set(b->report, "preview", b->preview);
+        char *text = json_dumps(b->report, JSON_INDENT(2));
+        status = text == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: run.json")
+                              : kiln_publish_bytes_below(b->job->output, "run.json", text, strlen(text), error);
+        free(text);
+    }
+    return kiln_agree(b->communicator, status, error);
+}
+
+/* Writes the manifest, last of all, since it lists run.json too. */
+static int write_manifest(struct kiln_bake *b, struct kiln_error *error)
+{
+    kiln_progress_phase(b->progress, "manifest", 0);
+    const struct kiln_manifest_parts parts = {
+        .volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->exported};
+    const int status =
+        kiln_manifest_write(b->communicator, b->job->output, b->prepared->scene, b->prepared->surface, &parts, error);
+    kiln_progress_finish(b->progress);
+    return status;
+}
+
+int kiln_bake_write(struct kiln_bake *b, struct kiln_error *error)
+{
+    char *provenance = kiln_provenance(b->job, b->prepared);
+    int status =
+        kiln_agree(b->communicator,
+                   provenance != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: provenance"), error);
+    if (status == KILN_OK)
+        status = write_results(b, provenance, error);
+    free(provenance);
+    if (status == KILN_OK)
+        status = write_scene(b, error);
+    if (status == KILN_OK)
+        status = draw_preview(b, error);
+    if (status == KILN_OK)
+        status = write_report(b, error);
+    return status == KILN_OK ? write_manifest(b, error) : status;
+}

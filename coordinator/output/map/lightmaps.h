@@ -1,0 +1,32 @@
+/* Writer of the lightmaps: DIR/lightmaps/OBJECT.exr. */
+#ifndef KILN_COORDINATOR_OUTPUT_MAP_LIGHTMAPS_H
+#define KILN_COORDINATOR_OUTPUT_MAP_LIGHTMAPS_H
+
+#include "coordinator/output/output.h"
+
+/* Report of kiln_write_lightmaps on one lightmap, for run.json. Complete on rank 0; zeros on the others. */
+struct kiln_lightmap_report {
+    uint32_t map;
+    uint64_t valid, filled, dilated; /* texels: gathered; filled from valid neighbours; margin */
+    uint64_t contested, foreign;     /* texels that several charts read: of the margin; of a chart (borders.h) */
+    double border, border_disturbed; /* length of chart borders, texels; of that, where they read another chart */
+    double seam_difference_before, seam_difference_after; /* root mean square over seam samples, relative to the mean */
+    double texels_per_metre;                              /* density that the object really has */
+    /* over valid texels: mean luminance of irradiance, by area; root mean square of its standard error / that mean */
+    double mean, error;
+};
+
+/* Collective. Writes DIR/lightmaps/OBJECT.exr for every object that is not caster-only, and
+ * DIR/lightmaps/back/OBJECT.exr for published backs. Channels: those of all fields of the bake that are in lightmaps
+ * (coordinator/field/fields.c); coverage.Y, the fraction of the texel's square that the layout covers (half);
+ * validity.Y: 1 gathered, 0.5 on a surface but filled from neighbours, 0 margin (half).
+ *
+ * Invalid points are filled, seams between charts of an object are smoothed, and margins are dilated over the whole
+ * image, each texel from the chart that reads it. A lightmap that is large compared with the work of the other ranks is
+ * packed by several ranks (strips.h). The bytes do not depend on which rank writes an object and which ranks pack
+ * it. With `half`, a file whose values exceed half precision is written as float, and its attribute kiln:precision says
+ * so. `reports` has surface->map_count entries or is NULL, and must be NULL on all ranks or on none. */
+int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,
+                         struct kiln_lightmap_report *reports, struct kiln_error *error);
+
+#endif
