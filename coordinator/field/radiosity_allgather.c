@@ -6,6 +6,7 @@
 
 #include "coordinator/mpi/waiting.h"
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/assert_same.h"
 #include "worker/scene/radiosity.h"
 
 enum { GROUPS_MOST = 8, GROUP_POINTS = 512 };
@@ -143,6 +144,10 @@ int kiln_radiosity_allgather_create(struct kiln_radiosity_allgather **allgather,
 {
     struct kiln_radiosity_allgather *x = NULL;
     *allgather = NULL;
+    kiln_assert_same(params->communicator, params->total, "the number of points that are exchanged");
+    kiln_assert_same(params->communicator, params->groups, "the number of groups of points");
+    kiln_assert_same(params->communicator, params->limit, "the limit of elements in a call");
+    kiln_assert_ranges(params->communicator, params->first, params->count, params->total, "the ranks' points");
     int status = kiln_agree(params->communicator, kiln_allocate(&x, 1, sizeof *x, "the exchange", error), error);
     if (status != KILN_OK) {
         kiln_free(&x);
@@ -183,6 +188,7 @@ void kiln_radiosity_allgather_destroy(struct kiln_radiosity_allgather **allgathe
 
 void kiln_radiosity_allgather_set_range(struct kiln_radiosity_allgather *x, uint64_t first, uint64_t count)
 {
+    kiln_assert_ranges(x->params.communicator, first, count, x->params.total, "the ranks' new points");
     x->params.first = first;
     x->params.count = count;
     for (size_t i = 0; i < x->lane_count; i++)
@@ -364,6 +370,8 @@ static void expand_part(struct kiln_radiosity_allgather *x)
 
 void kiln_radiosity_allgather_finish(struct kiln_radiosity_allgather *x, const uint32_t *next)
 {
+    kiln_assert_same(x->params.communicator, x->under_way, "whether radiosity is on its way");
+    kiln_assert_same_bytes(x->params.communicator, &x->scale, sizeof x->scale, "the scale of radiosity");
     x->under_way = false;
     if (x->nodes > 1) {
         drive(x, next, x->params.groups);
@@ -378,6 +386,7 @@ void kiln_radiosity_allgather_finish(struct kiln_radiosity_allgather *x, const u
 void kiln_radiosity_allgather_abandon(struct kiln_radiosity_allgather *x)
 {
     uint32_t started = 0;
+    kiln_assert_same(x->params.communicator, x->under_way, "whether radiosity is on its way");
     if (!x->under_way)
         return;
     x->under_way = false;

@@ -4,6 +4,7 @@
 
 #include "coordinator/mpi/redistribute.h"
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/assert_same.h"
 #include "worker/base/memory.h"
 
 /* What lies in memory of its own, life by life, and what that is called in messages. */
@@ -190,12 +191,26 @@ static int make_results(struct kiln_node_data *d, struct kiln_error *error)
     return status == KILN_OK ? make_somewhere(d, KILN_FIELD_STEP, error) : status;
 }
 
+/* Collective, in debug builds. */
+static void assert_same_fields(MPI_Comm communicator, const struct kiln_field_set *fields)
+{
+    (void)communicator;
+    kiln_assert_same(communicator, fields->count, "the number of fields");
+    for (size_t i = 0; i < fields->count; i++) {
+        kiln_assert_same_text(communicator, fields->entry[i].field->name, "the names of the fields");
+        kiln_assert_same(communicator, kiln_field_size(fields->entry[i].field), "the size of a field's values");
+    }
+}
+
 int kiln_node_data_create(struct kiln_node_data **node_data, struct kiln_node_memory *node,
                           struct kiln_surface *surface, const struct kiln_field_set *fields, bool lend,
                           struct kiln_error *error)
 {
     const int ranks = kiln_node_ranks(node);
     struct kiln_node_data *d = NULL;
+    assert_same_fields(kiln_node_communicator(node), fields);
+    kiln_assert_same(kiln_node_communicator(node), lend, "whether ranks lend their data");
+    kiln_assert_same(kiln_node_communicator(node), surface->point_count, "the number of surface points");
     *node_data = NULL;
     int status = kiln_allocate(&d, 1, sizeof *d, "the data of a node's ranks", error);
     if (status == KILN_OK)
@@ -316,12 +331,27 @@ static int redistribute_life(struct kiln_node_data *d, const struct redistributi
     return status;
 }
 
+/* Collective, in debug builds. */
+static void assert_same_bounds(const struct redistribution *r)
+{
+    int ranks;
+    (void)MPI_Comm_size(r->communicator, &ranks);
+    for (int u = 0; u < KILN_DOMAINS; u++) {
+        kiln_assert_same_bytes(r->communicator, r->before->of[u], ((size_t)ranks + 1) * sizeof *r->before->of[u],
+                               "the ranges that points leave");
+        kiln_assert_same_bytes(r->communicator, r->after->of[u], ((size_t)ranks + 1) * sizeof *r->after->of[u],
+                               "the ranges that points go to");
+    }
+    kiln_assert_same(r->communicator, r->limit, "the limit of a message");
+}
+
 int kiln_node_data_redistribute(struct kiln_node_data *d, MPI_Comm communicator, const struct kiln_range_bounds *before,
                                 const struct kiln_range_bounds *after, uint64_t limit, struct kiln_error *error)
 {
     int rank;
     (void)MPI_Comm_rank(communicator, &rank);
     const struct redistribution r = {communicator, before, after, limit};
+    assert_same_bounds(&r);
     struct kiln_rank_data old = d->data[d->own];
     const bool built = d->parts[KILN_FIELD_SURFACE] == NULL;
     struct extent own = {.first = after->of[KILN_DOMAIN_POINT][rank]};

@@ -10,6 +10,7 @@
 
 #include "coordinator/run/checkpoint_private.h"
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/assert_same.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
@@ -241,6 +242,8 @@ int kiln_checkpoint_open(struct kiln_checkpoint **checkpoint, MPI_Comm communica
     uint64_t *generations = NULL, count = 0;
     size_t found = 0;
     *checkpoint = NULL;
+    kiln_assert_same_text(communicator, directory, "the folder of a bake");
+    kiln_assert_same(communicator, take, "whether a checkpoint is opened");
     int status = kiln_allocate(&c, 1, sizeof *c, "the checkpoint", error);
     if (status == KILN_OK) {
         c->communicator = communicator;
@@ -402,6 +405,7 @@ void kiln_checkpoint_remove(struct kiln_checkpoint *c)
 {
     uint64_t *generations = NULL;
     size_t count = 0;
+    kiln_assert_same(c->communicator, c->newest, "the checkpoint that is removed");
     forget(c);
     (void)MPI_Barrier(c->communicator); /* wait until no rank reads any more */
     if (c->rank != 0)

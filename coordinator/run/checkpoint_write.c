@@ -9,6 +9,7 @@
 
 #include "coordinator/run/checkpoint_private.h"
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/assert_same.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
@@ -186,6 +187,8 @@ int kiln_checkpoint_write(struct kiln_checkpoint *c, const json_t *identity, con
     const uint64_t generation = c->newest + 1;
     uint64_t bytes = sum_bytes(blocks, block_count), all = 0;
     struct checkpoint_part own = {0}, *parts = NULL;
+    kiln_assert_same(c->communicator, generation, "the number of a checkpoint");
+    kiln_assert_same_json(c->communicator, identity, "the identity of a bake");
     (void)MPI_Allreduce(&bytes, &all, 1, MPI_UINT64_T, MPI_SUM, c->communicator);
     int status = KILN_OK;
     if (c->rank == 0)
