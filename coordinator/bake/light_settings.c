@@ -18,6 +18,5 @@ struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, u
         .rebalance = (enum kiln_rebalance)job->rebalance,
         .whole_objects = job->partition_objects,
         .exchange_limit = job->exchange_limit,
-        .slow_rank = job->faults.slow_rank,
-        .slowness = job->faults.slowness};
+        .faults = job->faults};
 }

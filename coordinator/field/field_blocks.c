@@ -12,7 +12,7 @@ int kiln_block_insane(const char *name, struct kiln_error *error)
         "the checkpoint has values in '%s' that no bake can have; give --no-resume to start from the beginning", name);
 }
 
-bool kiln_field_is_saved(const struct kiln_field *field, const struct kiln_save_moment *moment)
+static bool is_saved(const struct kiln_field *field, const struct kiln_save_moment *moment)
 {
     switch (field->saved) {
     case KILN_FIELD_NOT_SAVED:
@@ -45,7 +45,7 @@ size_t kiln_field_blocks(const struct kiln_field_set *fields, const struct kiln_
     size_t count = 0;
     for (size_t i = 0; i < fields->count; i++) {
         const struct kiln_field *field = fields->entry[i].field;
-        if (!kiln_field_is_saved(field, moment))
+        if (!is_saved(field, moment))
             continue;
         assert(field->domain == KILN_DOMAIN_POINT && field->length == KILN_FIELD_EACH);
         blocks[count] = (struct kiln_block){.first = data->surface.first,
@@ -96,7 +96,7 @@ int kiln_field_blocks_read(const struct kiln_checkpoint *checkpoint, const struc
     for (size_t i = 0; i < fields->count && status == KILN_OK; i++) {
         const struct kiln_field *field = fields->entry[i].field;
         void *values = kiln_rank_field(data, fields, i);
-        if (!kiln_field_is_saved(field, moment))
+        if (!is_saved(field, moment))
             continue;
         status = field->life == KILN_FIELD_SURFACE
                      ? read_surface_block(checkpoint, field, moment, &data->surface, values, surface_changed, error)

@@ -13,8 +13,6 @@ struct kiln_save_moment {
     bool compact;   /* and makes radiosity in the 4-byte form (kiln_next_compact) */
 };
 
-bool kiln_field_is_saved(const struct kiln_field *field, const struct kiln_save_moment *moment);
-
 /* Blocks of this rank's own items of each saved field of the points, into `blocks`, which has room for KILN_FIELDS_MAX;
  * returns how many. They borrow the arrays. */
 size_t kiln_field_blocks(const struct kiln_field_set *fields, const struct kiln_rank_data *data,

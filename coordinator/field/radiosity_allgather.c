@@ -39,11 +39,6 @@ struct kiln_radiosity_allgather {
     bool under_way;
 };
 
-size_t kiln_radiosity_allgather_bytes(uint64_t total, bool several_nodes)
-{
-    return (size_t)total * (sizeof(uint64_t) + (several_nodes ? sizeof(uint32_t) : 0));
-}
-
 uint64_t *kiln_radiosity_allgather_values(const struct kiln_radiosity_allgather *allgather)
 {
     return allgather->values;

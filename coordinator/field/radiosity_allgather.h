@@ -65,7 +65,5 @@ void kiln_radiosity_allgather_abandon(struct kiln_radiosity_allgather *allgather
 
 /* Bytes that this rank has received from other nodes. */
 uint64_t kiln_radiosity_allgather_received(const struct kiln_radiosity_allgather *allgather);
-/* Bytes of the node for `total` points: radiosity, and what arrives. */
-size_t kiln_radiosity_allgather_bytes(uint64_t total, bool several_nodes);
 
 #endif

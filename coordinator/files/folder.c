@@ -28,7 +28,7 @@ int kiln_path_join(char path[KILN_PATH_SIZE], const char *directory, const char 
     return KILN_OK;
 }
 
-int kiln_make_directory(const char *path, struct kiln_error *error)
+static int make_directory(const char *path, struct kiln_error *error)
 {
     if (mkdir(path, 0777) == 0)
         return KILN_OK;
@@ -51,10 +51,10 @@ int kiln_make_directories(const char *path, struct kiln_error *error)
     int status = KILN_OK;
     for (char *slash = strchr(above + 1, '/'); slash != NULL && status == KILN_OK; slash = strchr(slash + 1, '/')) {
         *slash = '\0';
-        status = kiln_make_directory(above, error);
+        status = make_directory(above, error);
         *slash = '/';
     }
-    return status == KILN_OK ? kiln_make_directory(path, error) : status;
+    return status == KILN_OK ? make_directory(path, error) : status;
 }
 
 /* ---- path components ---- */

@@ -23,9 +23,7 @@ struct kiln_folder {
 /* Writes "DIR/NAME" to `path`. KILN_CANNOT_CREATE if it does not fit. */
 int kiln_path_join(char path[KILN_PATH_SIZE], const char *directory, const char *name, struct kiln_error *error);
 
-/* Creates the folder `path` unless it exists. KILN_CANNOT_CREATE, KILN_PERMISSION. */
-int kiln_make_directory(const char *path, struct kiln_error *error);
-/* The same, with missing parent folders. */
+/* Creates the folder `path` unless it exists, with missing parent folders. KILN_CANNOT_CREATE, KILN_PERMISSION. */
 int kiln_make_directories(const char *path, struct kiln_error *error);
 
 /* Opens the folder DIRECTORY/BELOW. `below` is NULL or a relative path such as "lightmaps/back"; with `make` its

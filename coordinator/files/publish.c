@@ -217,7 +217,8 @@ int kiln_publish_open(struct kiln_publish *p, int *descriptor, struct kiln_error
     return *descriptor >= 0 ? KILN_OK : cannot_create("the file", p->path, error);
 }
 
-int kiln_publish_reopen(const struct kiln_publish *p, int *descriptor, struct kiln_error *error)
+/* Opens the temporary file again, to read it back. The caller closes *descriptor. */
+static int reopen(const struct kiln_publish *p, int *descriptor, struct kiln_error *error)
 {
     *descriptor = open_aside(p, O_RDONLY);
     return *descriptor >= 0 ? KILN_OK : kiln_fail_errno(error, KILN_IO, "'%s' cannot be opened", p->temporary);
@@ -398,7 +399,7 @@ static int check_written(const struct kiln_publish *p, const void *bytes, size_t
     int descriptor = -1;
     char *check = NULL;
     size_t check_size = 0;
-    int status = kiln_publish_reopen(p, &descriptor, error);
+    int status = reopen(p, &descriptor, error);
     if (status == KILN_OK)
         status = kiln_read_descriptor(descriptor, p->temporary, size + 1, &check, &check_size, error);
     if (status == KILN_OK && (check_size != size || memcmp(check, bytes, size) != 0))

@@ -66,9 +66,6 @@ int kiln_publish_claim(struct kiln_publish *p, const char *directory, const char
  * file pointers in such files. To be called by one rank, before any rank opens the file. */
 void kiln_publish_sweep(const struct kiln_publish *p);
 
-/* Opens the temporary file again, to read it back. The caller closes *descriptor. */
-int kiln_publish_reopen(const struct kiln_publish *p, int *descriptor, struct kiln_error *error);
-
 /* Syncs the complete temporary file, renames it, and syncs the folder. On failure the temporary file is removed. */
 int kiln_publish_finish(struct kiln_publish *p, struct kiln_error *error);
 

@@ -37,7 +37,8 @@ void kiln_shape_chart(struct kiln_shape *shape, struct kiln_dvec3 u, struct kiln
         (struct kiln_shape_chart){.u = unit(u), .v = unit(v), .vertex_first = shape->count};
 }
 
-void kiln_shape_chart_of(struct kiln_shape *shape, struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 d)
+/* Starts the chart of a face: u points from a to b, v is perpendicular to it, towards d. */
+static void chart_of_face(struct kiln_shape *shape, struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 d)
 {
     const struct kiln_dvec3 u = unit(dvec3_sub(b, a)), towards = dvec3_sub(d, a);
     kiln_shape_chart(shape, u, dvec3_sub(towards, dvec3_scale(u, dvec3_dot(u, towards))));
@@ -88,7 +89,7 @@ void kiln_shape_quad(struct kiln_shape *shape, uint32_t material, struct kiln_dv
 void kiln_shape_face(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 a, struct kiln_dvec3 b,
                      struct kiln_dvec3 c, struct kiln_dvec3 d)
 {
-    kiln_shape_chart_of(shape, a, b, d);
+    chart_of_face(shape, a, b, d);
     kiln_shape_quad(shape, material, a, b, c, d);
 }
 

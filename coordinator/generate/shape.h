@@ -46,8 +46,6 @@ void kiln_shape_clear(struct kiln_shape *shape);
 
 /* Starts a chart; u and v are unit directions in its plane. */
 void kiln_shape_chart(struct kiln_shape *shape, struct kiln_dvec3 u, struct kiln_dvec3 v);
-/* Starts the chart of a face: u points from a to b, v is perpendicular to it, towards d. */
-void kiln_shape_chart_of(struct kiln_shape *shape, struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 d);
 
 /* Adds a quad a b c d, counter-clockwise seen from its front, to the current chart; its normal is that of the triangle
  * a b c. `material` is an index into the palette's table. */

@@ -286,7 +286,7 @@ static enum kiln_event do_next(struct kiln_batches *b, struct kiln_error *error)
 void kiln_batches_begin(struct kiln_batches *b, struct kiln_step_report *report, struct kiln_error *error)
 {
     const struct kiln_integrate_settings *settings = b->params->settings;
-    b->slowness = (uint32_t)b->params->rank == settings->slow_rank ? fmax(1.0, settings->slowness) : 1.0;
+    b->slowness = kiln_faults_slowness(&settings->faults, (uint32_t)b->params->rank);
     b->report = report;
     if (!(b->rate > 0.0))
         b->rate = RATE_START * b->params->threads;

@@ -7,6 +7,7 @@
 #include <stdint.h>
 
 #include "coordinator/job/choices.h"
+#include "coordinator/job/faults.h"
 
 struct kiln_integrator;
 
@@ -28,9 +29,7 @@ struct kiln_integrate_settings {
     bool whole_objects;      /* new ranges of points begin at objects rather than at cells */
     uint64_t exchange_limit; /* elements in one call of MPI; 0: what it can count */
 
-    /* for tests: this rank takes `slowness` (1 or more; 0: no rank does) times as long for a batch */
-    uint32_t slow_rank;
-    double slowness;
+    struct kiln_faults faults; /* for tests: which rank is slow */
 };
 
 #endif

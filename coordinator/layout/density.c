@@ -12,7 +12,8 @@ static const double largest_fraction = 0.24;
 static const double small_fraction = 0.125;
 enum { LEAST_SIDE = 8, ROUNDS_MAX = 200 };
 
-double kiln_density_tidy(double value)
+/* Rounds to the nearest, by ratio, of ten round numbers per decade. */
+static double tidy(double value)
 {
     static const double steps[] = {1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0};
     const double decade = pow(10.0, floor(log10(value)));
@@ -111,7 +112,7 @@ int kiln_density_choose(struct kiln_density *density, const struct kiln_density_
     if (wanted > 0) {
         const double fraction = fmax(largest_fraction, 1.0 / (double)wanted);
         const double least = fmin(LEAST_SIDE, floor(sqrt(small_fraction * target / (double)wanted)));
-        const double common = kiln_density_tidy(solve_common(demands, count, target, fraction * target, least));
+        const double common = tidy(solve_common(demands, count, target, fraction * target, least));
         density->texels_per_metre = common;
         density->least_side = (uint32_t)fmax(least, 1.0);
         density->most_texels = settle_most(demands, count, fraction, common, least);

@@ -34,7 +34,4 @@ struct kiln_density {
 int kiln_density_choose(struct kiln_density *density, const struct kiln_density_demand *demands, size_t count,
                         double target, struct kiln_error *error);
 
-/* Rounds to the nearest, by ratio, of ten round numbers per decade. */
-double kiln_density_tidy(double value);
-
 #endif

@@ -23,10 +23,6 @@ int kiln_bitmap_reset(struct kiln_bitmap *bitmap, uint32_t width, uint32_t heigh
 /* Appends clear rows until there are at least `height`. */
 int kiln_bitmap_extend(struct kiln_bitmap *bitmap, uint32_t height, struct kiln_error *error);
 
-static inline int kiln_bitmap_get(const struct kiln_bitmap *b, uint32_t x, uint32_t y)
-{
-    return (int)(b->words[(size_t)y * b->stride + x / 64] >> (x % 64) & 1u);
-}
 /* Sets cells first .. end-1 of row y. Returns how many of them were set before. */
 uint32_t kiln_bitmap_set_run(struct kiln_bitmap *bitmap, uint32_t y, uint32_t first, uint32_t end);
 

@@ -95,7 +95,8 @@ int kiln_manifest_compare(const struct kiln_manifest_file *file, int descriptor,
     return KILN_OK;
 }
 
-int kiln_manifest_check(const struct kiln_manifest_file *file, const char *directory, struct kiln_error *error)
+/* KILN_BAD_INPUT unless the file below the folder is as the manifest has it. */
+static int check_file(const struct kiln_manifest_file *file, const char *directory, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
     int descriptor = -1;
@@ -268,7 +269,7 @@ static int prune_files(const struct kiln_manifest *before, const struct kiln_man
         if (bsearch(file, wanted->files, wanted->count, sizeof *file, compare_paths) != NULL ||
             !is_there(directory, file->path))
             continue;
-        if (kiln_manifest_check(file, directory, NULL) == KILN_OK) {
+        if (check_file(file, directory, NULL) == KILN_OK) {
             status = remove_file(directory, file->path, error);
             pruned->removed++;
         } else if (pruned->kept++ == 0) {
@@ -290,6 +291,21 @@ static bool is_made_by_kiln(const char *directory, const char *name)
     return got > 0 && memmem(bytes, (size_t)got, KILN_MADE_BY, sizeof KILN_MADE_BY - 1) != NULL;
 }
 
+/* The manifest of a folder. KILN_NO_INPUT if there is none, KILN_BAD_INPUT if it is damaged. */
+static int read_manifest(struct kiln_manifest **manifest, const char *directory, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE], *text = NULL;
+    size_t size = 0;
+    *manifest = NULL;
+    int status = kiln_path_join(path, directory, NAME, error);
+    if (status == KILN_OK)
+        status = kiln_read_file(path, KILN_JSON_BYTES_MOST, &text, &size, error);
+    if (status == KILN_OK)
+        status = kiln_manifest_parse(manifest, path, text, size, error);
+    kiln_free(&text);
+    return status;
+}
+
 int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
                         const struct kiln_manifest_parts *parts, struct kiln_pruned *pruned, struct kiln_error *error)
 {
@@ -297,7 +313,7 @@ int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, c
     struct kiln_manifest *before = NULL, *wanted = NULL;
     *pruned = (struct kiln_pruned){0};
     int status = name_files(&wanted, scene, surface, parts, error);
-    if (status == KILN_OK && kiln_manifest_read(&before, directory, NULL) == KILN_OK) {
+    if (status == KILN_OK && read_manifest(&before, directory, NULL) == KILN_OK) {
         qsort(wanted->files, wanted->count, sizeof *wanted->files, compare_paths);
         status = prune_files(before, wanted, directory, pruned, error);
     }
@@ -402,20 +418,6 @@ int kiln_manifest_parse(struct kiln_manifest **manifest, const char *path, const
     if (status != KILN_OK)
         kiln_manifest_destroy(manifest);
     json_decref(json);
-    return status;
-}
-
-int kiln_manifest_read(struct kiln_manifest **manifest, const char *directory, struct kiln_error *error)
-{
-    char path[KILN_PATH_SIZE], *text = NULL;
-    size_t size = 0;
-    *manifest = NULL;
-    int status = kiln_path_join(path, directory, NAME, error);
-    if (status == KILN_OK)
-        status = kiln_read_file(path, KILN_JSON_BYTES_MOST, &text, &size, error);
-    if (status == KILN_OK)
-        status = kiln_manifest_parse(manifest, path, text, size, error);
-    kiln_free(&text);
     return status;
 }
 

@@ -62,19 +62,14 @@ int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, c
 int kiln_manifest_look(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
                        const struct kiln_manifest_parts *parts, struct kiln_error *error);
 
-/* Reads the manifest. KILN_NO_INPUT if there is none, KILN_BAD_INPUT if it is damaged. Destroy with
+/* Takes the manifest from the text of the file `path`. KILN_BAD_INPUT if it is damaged. Destroy with
  * kiln_manifest_destroy. Not collective. */
-int kiln_manifest_read(struct kiln_manifest **manifest, const char *directory, struct kiln_error *error);
-/* The same from the text of the file `path`. */
 int kiln_manifest_parse(struct kiln_manifest **manifest, const char *path, const char *text, size_t size,
                         struct kiln_error *error);
 void kiln_manifest_destroy(struct kiln_manifest **manifest);
 
-/* Reads the complete file and compares its size and hash. KILN_BAD_INPUT, with a message that names the file, if they
- * differ or the file is missing. Thread-safe. */
-int kiln_manifest_check(const struct kiln_manifest_file *file, const char *directory, struct kiln_error *error);
-
-/* The same for an open file, which is read from its beginning and rewound afterwards; `path` is for messages. */
+/* Reads the complete open file from its beginning, compares its size and hash, and rewinds it. KILN_BAD_INPUT, with a
+ * message that names `path`, if they differ. Thread-safe. */
 int kiln_manifest_compare(const struct kiln_manifest_file *file, int descriptor, const char *path,
                           struct kiln_error *error);
 

@@ -139,13 +139,6 @@ void kiln_volume_close(struct kiln_volume **volume)
     kiln_free(volume);
 }
 
-void kiln_volume_extent(const struct kiln_volume *v, uint64_t size[3], double origin[3], double spacing[3])
-{
-    memcpy(size, v->size, sizeof v->size);
-    memcpy(origin, v->origin, sizeof v->origin);
-    memcpy(spacing, v->spacing, sizeof v->spacing);
-}
-
 static bool read_values(hid_t dataset, const uint64_t at[3], int components, float *values)
 {
     const hsize_t start[4] = {at[2], at[1], at[0], 0}, size[4] = {1, 1, 1, (hsize_t)components},

@@ -25,9 +25,6 @@ int kiln_volume_open(struct kiln_volume **volume, const char *path, struct kiln_
 int kiln_volume_open_file(struct kiln_volume **volume, int descriptor, const char *path, struct kiln_error *error);
 void kiln_volume_close(struct kiln_volume **volume);
 
-/* Number of probes along each axis, position of the first probe, and distance between probes, m. */
-void kiln_volume_extent(const struct kiln_volume *volume, uint64_t size[3], double origin[3], double spacing[3]);
-
 /* Reads the probe with grid indices `at` (x, y, z), which must exist. */
 int kiln_volume_read(const struct kiln_volume *volume, const uint64_t at[3], struct kiln_volume_probe *probe,
                      struct kiln_error *error);

@@ -4,7 +4,11 @@
 
 static const double NODE_MEMORY_BANDWIDTH = 10e9; /* bytes a second that ranks of one node hand over */
 
-double kiln_exchange_seconds(double bytes, uint32_t ranks, uint32_t nodes, double bandwidth, double latency)
+/* Seconds of one exchange, in which all ranks learn `bytes` of which each made its part: an all-gather by recursive
+ * doubling takes ceil(log2 n) latencies and (n - 1) / n of the bytes over the bandwidth of a node, with n nodes
+ * (Thakur, Rabenseifner, Gropp: Optimization of Collective Communication Operations in MPICH, 2005, section 4.1). Ranks
+ * of one node hand over at the speed of its memory. */
+static double exchange_seconds(double bytes, uint32_t ranks, uint32_t nodes, double bandwidth, double latency)
 {
     if (nodes > 1)
         return bytes * (nodes - 1.0) / nodes / bandwidth + ceil(log2(nodes)) * latency;
@@ -17,8 +21,8 @@ static double find_seconds(const struct kiln_simulation *s, const struct kiln_sc
     const double share = s->find_a_point * scaled->points / scaled->ranks,
                  map = scaled->ranks > 1 ? s->map_a_point * scaled->points : 0.0;
     return share + map +
-           kiln_exchange_seconds(s->map_bytes * scaled->points * together, scaled->ranks, scaled->nodes,
-                                 s->light.bandwidth, s->light.latency);
+           exchange_seconds(s->map_bytes * scaled->points * together, scaled->ranks, scaled->nodes, s->light.bandwidth,
+                            s->light.latency);
 }
 
 /* Packing is divided; what one rank does alone comes on top of it, as if nothing of it could go on at the same time. */
@@ -42,8 +46,8 @@ int kiln_simulate(const struct kiln_simulation *s, uint32_t ranks, double densit
         scaled->points += density * (double)l->cell_points[i];
     for (uint32_t i = 0; i < l->steps->integrator->role_count; i++)
         scaled->trace += scaled->light.seconds[i];
-    scaled->exchange = s->exchanges * kiln_exchange_seconds(s->radiosity_bytes * scaled->points, ranks, scaled->nodes,
-                                                            l->bandwidth, l->latency);
+    scaled->exchange = s->exchanges * exchange_seconds(s->radiosity_bytes * scaled->points, ranks, scaled->nodes,
+                                                       l->bandwidth, l->latency);
     scaled->find = find_seconds(s, scaled, together < ranks ? together : ranks);
     scaled->once = s->once;
     scaled->write = write_seconds(s, scaled, density);

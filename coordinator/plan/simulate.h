@@ -39,12 +39,6 @@ struct kiln_scaled {
     double efficiency, trace_efficiency; /* of all; of tracing, moves and exchange alone */
 };
 
-/* Seconds of one exchange, in which all ranks learn `bytes` of which each made its part: an all-gather by recursive
- * doubling takes ceil(log2 n) latencies and (n - 1) / n of the bytes over the bandwidth of a node, with n nodes
- * (Thakur, Rabenseifner, Gropp: Optimization of Collective Communication Operations in MPICH, 2005, section 4.1). Ranks
- * of one node hand over at the speed of its memory. */
-double kiln_exchange_seconds(double bytes, uint32_t ranks, uint32_t nodes, double bandwidth, double latency);
-
 /* The bake with `density` x cells' points on `ranks` ranks; efficiencies are left 0. KILN_SYSTEM. */
 int kiln_simulate(const struct kiln_simulation *simulation, uint32_t ranks, double density, struct kiln_scaled *scaled,
                   struct kiln_error *error);

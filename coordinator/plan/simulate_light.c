@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "coordinator/integrate/repartition_rule.h"
+#include "coordinator/job/faults.h"
 #include "coordinator/surface/surface_build.h"
 #include "worker/base/memory.h"
 
@@ -92,13 +93,13 @@ static uint32_t group_end(const struct state *t, uint32_t begin)
 
 static double slowness(const struct state *t, uint32_t rank)
 {
-    return rank == t->s->slow_rank ? fmax(1.0, t->s->slowness) : 1.0;
+    return kiln_faults_slowness(&t->s->settings->faults, rank);
 }
 
 /* How many times as long as a rank of usual speed whoever computes the points of these ranks takes. */
 static double group_slowness(const struct state *t, uint32_t begin, uint32_t end)
 {
-    const uint32_t slow = t->s->slow_rank;
+    const uint32_t slow = t->s->settings->faults.slow_rank;
     if (slow < begin || slow >= end)
         return 1.0;
     return (end - begin) / (end - begin - 1.0 + 1.0 / slowness(t, slow));

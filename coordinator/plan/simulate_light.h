@@ -16,7 +16,7 @@
 #include "worker/base/status.h"
 
 struct kiln_light_simulation {
-    const struct kiln_integrate_settings *settings; /* of the bake: work stealing, repartition */
+    const struct kiln_integrate_settings *settings; /* of the bake: work stealing, repartition, faults */
     const struct kiln_planned_steps *steps;
     uint32_t ranks_per_node;     /* 0: one */
     uint32_t share_ranks;        /* at most so many of a node help each other; 0: all */
@@ -30,8 +30,6 @@ struct kiln_light_simulation {
     uint64_t part_points;      /* it knows what so many points cost together, no less; 0: exactly */
     double share_bytes;        /* of a point, when it moves */
     double bandwidth, latency; /* of a node: bytes a second, seconds */
-    uint32_t slow_rank;        /* for tests: takes `slowness` (1 or more) times as long as others */
-    double slowness;
 };
 
 struct kiln_simulated_light {

@@ -253,8 +253,7 @@ static void another_integrator(void **state)
                                                .any_share = true,
                                                .share_bytes = 60.0,
                                                .bandwidth = 1e9,
-                                               .latency = 1e-5,
-                                               .slowness = 1.0};
+                                               .latency = 1e-5};
     for (uint32_t k = 0; k < steps.kind_count; k++) {
         for (int i = 0; i < CELLS; i++)
             cost[k][i] = 1e-5 * (i == 0 ? 1.0 : 3.0) * steps.kinds[k].samples / 5.0;

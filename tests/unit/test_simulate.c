@@ -47,8 +47,7 @@ static void fill(struct world *w, double cost, double factor)
                                                    .any_share = true,
                                                    .share_bytes = 60.0,
                                                    .bandwidth = 1e9,
-                                                   .latency = 1e-5,
-                                                   .slowness = 1.0};
+                                                   .latency = 1e-5};
 }
 
 static struct kiln_simulated_light simulate(struct world *w, uint32_t ranks)
@@ -147,8 +146,7 @@ static void slow_rank(void **state)
     (void)state;
     struct world w;
     fill(&w, 1e-5, 1.0);
-    w.simulation.slow_rank = 1;
-    w.simulation.slowness = 3.0;
+    w.settings.faults = (struct kiln_faults){.slow_rank = 1, .slowness = 3.0};
     w.settings.rebalance = KILN_REBALANCE_NEVER;
     const struct kiln_simulated_light alone = simulate(&w, 2);
     assert_true(fabs(alone.imbalance - 0.5) < 1e-9);

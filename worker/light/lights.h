@@ -75,10 +75,6 @@ struct kiln_lights {
 int kiln_lights_create(struct kiln_lights **lights, const struct kiln_scene *scene,
                        const struct kiln_geometry *geometry, struct kiln_error *error);
 void kiln_lights_destroy(struct kiln_lights **lights);
-static inline bool kiln_lights_none(const struct kiln_lights *l)
-{
-    return l->area_count + l->point_count + l->directional_count == 0 && !l->environment;
-}
 
 enum kiln_choice_kind { KILN_CHOICE_NODE, KILN_CHOICE_DIRECTIONAL, KILN_CHOICE_ENVIRONMENT };
 

@@ -38,12 +38,6 @@ uint32_t kiln_sobol(uint32_t index, uint32_t dimension)
     return x;
 }
 
-void kiln_sobol_scrambled(uint32_t *points, uint32_t count, uint32_t dimension, uint32_t seed)
-{
-    for (uint32_t k = 0; k < count; k++)
-        points[k] = kiln_owen_scramble(kiln_sobol(k, dimension), seed);
-}
-
 struct kiln_dvec3 kiln_cosine_direction(double u, double v)
 {
     const double r = sqrt(u), phi = 2.0 * KILN_PI * v;

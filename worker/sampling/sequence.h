@@ -15,9 +15,6 @@
  * dimensions are a (0,2)-sequence). */
 uint32_t kiln_sobol(uint32_t index, uint32_t dimension);
 
-/* Writes points 0 .. count-1 of one dimension, Owen-scrambled with `seed`. */
-void kiln_sobol_scrambled(uint32_t *points, uint32_t count, uint32_t dimension, uint32_t seed);
-
 /* Centre of the 2^-32 interval that a fraction lies in. */
 static inline double kiln_unit_double(uint32_t fraction) { return ((double)fraction + 0.5) * 0x1p-32; }
 

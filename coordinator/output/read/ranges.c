@@ -4,14 +4,12 @@
 #include <jansson.h>
 #include <math.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "coordinator/field/field.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/output/h5_file.h"
 #include "coordinator/files/json_text.h"
-#include "coordinator/files/plain_file.h"
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 
@@ -204,21 +202,8 @@ static const struct kind *kind_of(const char *path)
 
 bool kiln_ranges_has(const char *path) { return kind_of(path) != NULL; }
 
-int kiln_ranges_check_open(int descriptor, const char *path, struct kiln_error *error)
+int kiln_ranges_check(int descriptor, const char *path, struct kiln_error *error)
 {
     const struct kind *kind = kind_of(path);
     return kind != NULL ? kind->check(descriptor, path, error) : KILN_OK;
-}
-
-int kiln_ranges_check(const char *path, struct kiln_error *error)
-{
-    int descriptor;
-    if (!kiln_ranges_has(path))
-        return KILN_OK;
-    int status = kiln_open_plain(path, &descriptor, error);
-    if (status != KILN_OK)
-        return status;
-    status = kiln_ranges_check_open(descriptor, path, error);
-    (void)close(descriptor);
-    return status;
 }

@@ -7,12 +7,10 @@
 
 #include "worker/base/status.h"
 
-/* Reads the complete file. The extension gives its format: .exr, .h5, .hdf, .kscene or .json; other files pass.
- * KILN_BAD_INPUT, with a message that names the file, the channel or dataset and the value. Two threads must not check
- * HDF5 files at the same time. */
-int kiln_ranges_check(const char *path, struct kiln_error *error);
-/* The same for an open file, whose descriptor is borrowed. */
-int kiln_ranges_check_open(int descriptor, const char *path, struct kiln_error *error);
+/* Reads the complete open file, whose descriptor is borrowed. The extension of `path` gives its format: .exr, .h5,
+ * .hdf, .kscene or .json; other files pass. KILN_BAD_INPUT, with a message that names `path`, the channel or dataset
+ * and the value. Two threads must not check HDF5 files at the same time. */
+int kiln_ranges_check(int descriptor, const char *path, struct kiln_error *error);
 /* Whether files with the extension of `path` are checked. */
 bool kiln_ranges_has(const char *path);
 

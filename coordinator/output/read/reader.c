@@ -26,8 +26,9 @@ struct kiln_reader {
     struct reader_reply reply;
 };
 
-/* Decompression and checks process about 100 MB/s of uncompressed data, which are at most a hundred times the file. */
-uint64_t reader_seconds(uint64_t bytes) { return 4 + bytes / 1000000; }
+/* The limit of CPU time for a file of `bytes` bytes, in seconds. Decompression and checks process about 100 MB/s of
+ * uncompressed data, which are at most a hundred times the file. */
+static uint64_t seconds_for(uint64_t bytes) { return 4 + bytes / 1000000; }
 
 static struct kiln_confined_call call_of(const struct kiln_reader *r, const char *const *arguments)
 {
@@ -152,7 +153,7 @@ static int ask(struct kiln_reader *r, const char *path, const int *descriptors, 
     (void)snprintf(r->request.path, sizeof r->request.path, "%s", path);
     if (fstat(descriptors[0], &found) != 0)
         return kiln_fail_errno(error, KILN_IO, "'%s' cannot be examined", path);
-    r->request.seconds = reader_seconds((uint64_t)found.st_size);
+    r->request.seconds = seconds_for((uint64_t)found.st_size);
     const int status = start(r, error);
     if (status != KILN_OK)
         return status;

@@ -108,7 +108,7 @@ static void do_task(const struct reader_request *request, const int *files, stru
     if (status == KILN_OK)
         kiln_fence_limits(memory_for(request, (uint64_t)found.st_size), request->seconds);
     if (status == KILN_OK && request->task == READER_RANGES)
-        status = kiln_ranges_check_open(files[0], request->path, &error);
+        status = kiln_ranges_check(files[0], request->path, &error);
     else if (status == KILN_OK && request->task == READER_IMAGE)
         status = read_image(request, files[0], files[1], reply, &error);
     else if (status == KILN_OK)

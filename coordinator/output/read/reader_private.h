@@ -37,7 +37,4 @@ struct reader_reply {
     uint32_t outside;
 };
 
-/* The limit of CPU time for a file of `bytes` bytes, in seconds. */
-uint64_t reader_seconds(uint64_t bytes);
-
 #endif
