@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "coordinator/bake/import_params.h"
 #include "coordinator/bake/surface_exchange.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/bake/devices.h"
@@ -87,7 +88,7 @@ static int learn_about_ranks(struct kiln_prepared *p, const struct kiln_job *job
     (void)MPI_Comm_free(&node);
     p->threads = job->threads != 0 ? job->threads : kiln_own_cores(p->node_ranks);
     omp_set_num_threads((int)p->threads); /* for parallel loops without a thread count */
-    return kiln_node_create(&p->node, p->communicator, job->share_ranks, error);
+    return kiln_node_create(&p->node, p->communicator, job->shared_memory_ranks, error);
 }
 
 static const struct kiln_prepare_care careless = {0};
@@ -118,20 +119,7 @@ static int import_scene(struct kiln_prepared *p, const struct kiln_job *job, con
 {
     int status = KILN_OK;
     if (p->rank == 0) {
-        const struct kiln_import_params params = {
-            .path = job->scene,
-            .output = scene_file,
-            .texels_per_metre = job->texels_per_metre,
-            .lightmap_size = job->lightmap_size,
-            .lightmap_max = job->lightmap_max,
-            .repack = job->repack,
-            .environment = job->environment,
-            .environment_scale = job->environment_scale,
-            .environment_rotation_degrees = job->environment_rotation,
-            .objects = job->objects,
-            .trust_normals = job->trust_normals,
-            .stop = stop_of(care),
-        };
+        const struct kiln_import_params params = kiln_job_import_params(job, scene_file, stop_of(care));
         status = kiln_import(&params, &p->import, error);
     }
     return go_on(p, care, status, error);

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "coordinator/bake/import_params.h"
 #include "worker/backend/backend.h"
 #include "worker/base/memory.h"
 #include "worker/light/lights.h"
@@ -15,17 +16,7 @@ static int import_scene(struct kiln_scene_survey *survey, const struct kiln_job 
     int status = kiln_temporary_make(&survey->temporary, error);
     if (status != KILN_OK)
         return status;
-    const struct kiln_import_params params = {.path = job->scene,
-                                              .output = survey->temporary.scene_file,
-                                              .texels_per_metre = job->texels_per_metre,
-                                              .lightmap_size = job->lightmap_size,
-                                              .lightmap_max = job->lightmap_max,
-                                              .repack = job->repack,
-                                              .environment = job->environment,
-                                              .environment_scale = job->environment_scale,
-                                              .environment_rotation_degrees = job->environment_rotation,
-                                              .objects = job->objects,
-                                              .trust_normals = job->trust_normals};
+    const struct kiln_import_params params = kiln_job_import_params(job, survey->temporary.scene_file, NULL);
     status = kiln_import(&params, &survey->import, error);
     return status != KILN_OK ? status : kiln_scene_open(&survey->scene, survey->temporary.scene_file, error);
 }

@@ -28,7 +28,7 @@ struct kiln_batch_item {
 };
 
 /* The batch job. Strings are borrowed; NULL and 0 mean "not given", unless a field says otherwise. */
-struct kiln_batch {
+struct kiln_batch_job {
     const char *program;                    /* absolute path of kiln or its launcher */
     const char *mpirun;                     /* required */
     const char *folder;                     /* absolute path of the folder that the script runs in */
@@ -48,7 +48,7 @@ struct kiln_batch {
 
 /* Writes the script. KILN_USAGE, before anything is written, when a value has characters that Slurm's names and times
  * cannot have; KILN_IO when the stream fails. */
-int kiln_batch_write(FILE *stream, const struct kiln_batch *batch, struct kiln_error *error);
+int kiln_batch_write(FILE *stream, const struct kiln_batch_job *batch, struct kiln_error *error);
 
 /* Writes `text`, which may hold any bytes but NUL, as one word of bash on one line. */
 void kiln_batch_quote(FILE *stream, const char *text);

@@ -53,7 +53,7 @@ static int check_word(const char *text, const char *allowed, const char *option,
                             remedy);
 }
 
-static int check(const struct kiln_batch *batch, struct kiln_error *error)
+static int check(const struct kiln_batch_job *batch, struct kiln_error *error)
 {
     int status = check_word(batch->partition, "_-.,", "partition", "sinfo lists the partitions", error);
     if (status == KILN_OK)
@@ -68,10 +68,10 @@ static int check(const struct kiln_batch *batch, struct kiln_error *error)
                : check_word(batch->time, ":-", "time", "write MINUTES, HOURS:MINUTES:SECONDS or DAYS-HOURS", error);
 }
 
-static bool tries_again(const struct kiln_batch *batch) { return batch->nodes > 1 && batch->tries > 1; }
+static bool tries_again(const struct kiln_batch_job *batch) { return batch->nodes > 1 && batch->tries > 1; }
 
 /* Writes the job's name in the queue: letters and digits of the first bake's name. */
-static void write_name(FILE *stream, const struct kiln_batch *batch)
+static void write_name(FILE *stream, const struct kiln_batch_job *batch)
 {
     const char *slash = strrchr(batch->items[0].job, '/');
     const char *name = slash == NULL ? batch->items[0].job : slash + 1;
@@ -83,7 +83,7 @@ static void write_name(FILE *stream, const struct kiln_batch *batch)
     (void)fputc('\n', stream);
 }
 
-static void write_directives(FILE *stream, const struct kiln_batch *batch)
+static void write_directives(FILE *stream, const struct kiln_batch_job *batch)
 {
     (void)fputs("#!/bin/bash\n", stream);
     write_name(stream, batch);
@@ -116,7 +116,7 @@ static void write_directives(FILE *stream, const struct kiln_batch *batch)
 
 /* ---- what the shell reads ---- */
 
-static void write_list(FILE *stream, const char *name, const struct kiln_batch *batch, size_t offset)
+static void write_list(FILE *stream, const char *name, const struct kiln_batch_job *batch, size_t offset)
 {
     (void)fprintf(stream, "%s=(\n", name);
     for (size_t i = 0; i < batch->item_count; i++) {
@@ -127,7 +127,7 @@ static void write_list(FILE *stream, const char *name, const struct kiln_batch *
     (void)fputs(")\n", stream);
 }
 
-static void write_names(FILE *stream, const struct kiln_batch *batch)
+static void write_names(FILE *stream, const struct kiln_batch_job *batch)
 {
     (void)fprintf(stream, "\n# A bake by kiln " KILN_VERSION
                           ". The same script can be submitted again: it continues where the last run stopped.\n\n");
@@ -263,7 +263,7 @@ static const char judge[] =
     "fi\n"
     "exit \"$status\"\n";
 
-static void write_run(FILE *stream, const struct kiln_batch *batch)
+static void write_run(FILE *stream, const struct kiln_batch_job *batch)
 {
     if (tries_again(batch))
         (void)fprintf(
@@ -277,7 +277,7 @@ static void write_run(FILE *stream, const struct kiln_batch *batch)
     (void)fputs(tries_again(batch) ? leave_out : "\nrun\n", stream);
 }
 
-int kiln_batch_write(FILE *stream, const struct kiln_batch *batch, struct kiln_error *error)
+int kiln_batch_write(FILE *stream, const struct kiln_batch_job *batch, struct kiln_error *error)
 {
     const int status = check(batch, error);
     if (status != KILN_OK)

@@ -77,7 +77,7 @@ static json_t *roles_json(const struct kiln_integrator *integrator, const double
 static json_t *balance_json(const struct kiln_integrator *integrator, const struct kiln_simulated_light *light)
 {
     return json_pack("{s:f, s:f, s:i, s:f, s:f, s:o, s:o, s:o}", "imbalance", light->imbalance, "imbalance_kept",
-                     light->kept, "cuts", (int)light->cuts, "move_seconds", light->move, "points_most",
+                     light->kept, "repartitions", (int)light->repartitions, "move_seconds", light->move, "points_most",
                      light->points_most, "seconds", roles_json(integrator, light->seconds), "first_pass",
                      roles_json(integrator, light->first), "last_pass", roles_json(integrator, light->last));
 }
@@ -163,8 +163,8 @@ static void print_memory(const struct kiln_plan *p, const struct kiln_job *job)
 
 static void print_balance(const struct kiln_simulated_light *light)
 {
-    (void)printf("  moves      %10.2f s  points are repartitioned %u time%s by their cost\n", light->move, light->cuts,
-                 light->cuts == 1 ? "" : "s");
+    (void)printf("  moves      %10.2f s  points are repartitioned %u time%s by their cost\n", light->move,
+                 light->repartitions, light->repartitions == 1 ? "" : "s");
     (void)printf("  imbalance of light %.1f %%; %.1f %% without repartitioning and work stealing\n",
                  100.0 * light->imbalance, 100.0 * light->kept);
 }
@@ -251,8 +251,9 @@ static void add_rows(struct kiln_html *page, const char *kind, const struct kiln
     for (size_t i = 0; i < count; i++) {
         const struct kiln_scaled *c = &curve[i];
         kiln_html_add(page, "%s,%u,%u,%.0f,%.6g,%.6g,%.6g,%u,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", kind, c->ranks,
-                      c->nodes, c->points, c->trace, c->light.imbalance, c->light.kept, c->light.cuts, c->light.move,
-                      c->exchange, c->find, c->once, c->write, c->seconds, c->efficiency, c->trace_efficiency);
+                      c->nodes, c->points, c->trace, c->light.imbalance, c->light.kept, c->light.repartitions,
+                      c->light.move, c->exchange, c->find, c->once, c->write, c->seconds, c->efficiency,
+                      c->trace_efficiency);
     }
 }
 
@@ -260,8 +261,9 @@ static int write_csv(const char *directory, const struct kiln_plan *p, struct ki
 {
     char path[KILN_PATH_SIZE];
     struct kiln_html page = {.error = error};
-    kiln_html_add(&page, "kind,ranks,nodes,points,trace_s,imbalance,imbalance_kept,cuts,move_s,exchange_s,find_s,once_"
-                         "s,write_s,seconds,efficiency,trace_efficiency\n");
+    kiln_html_add(&page,
+                  "kind,ranks,nodes,points,trace_s,imbalance,imbalance_kept,repartitions,move_s,exchange_s,find_s,once_"
+                  "s,write_s,seconds,efficiency,trace_efficiency\n");
     add_rows(&page, "strong", p->strong, p->curve_count);
     add_rows(&page, "weak", p->weak, p->curve_count);
     const int status = kiln_path_join(path, directory, "scaling.csv", error);

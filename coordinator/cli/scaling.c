@@ -96,49 +96,9 @@ static void push(struct arguments *a, const char *text)
         memcpy(a->text[a->count++], text, strlen(text) + 1);
 }
 
-/* Formats the value of an option so that kiln_option_set can parse it. */
-static void value_text(const struct kiln_job *job, const struct kiln_option *option, char *text, size_t size)
-{
-    const char *at = (const char *)job + option->offset;
-    switch (option->kind) {
-    case KILN_OPTION_UINT32:
-        (void)snprintf(text, size, "%u", *(const uint32_t *)(const void *)at);
-        break;
-    case KILN_OPTION_UINT64:
-        (void)snprintf(text, size, "%llu", (unsigned long long)*(const uint64_t *)(const void *)at);
-        break;
-    case KILN_OPTION_INT64: {
-        const int64_t value = *(const int64_t *)(const void *)at;
-        if (option->word != NULL && (double)value == option->word_value)
-            (void)snprintf(text, size, "%s", option->word);
-        else
-            (void)snprintf(text, size, "%lld", (long long)value);
-        break;
-    }
-    case KILN_OPTION_DOUBLE:
-        (void)snprintf(text, size, "%.17g", *(const double *)(const void *)at);
-        break;
-    case KILN_OPTION_CHOICE_ENUM:
-        (void)snprintf(text, size, "%s", option->choices[*(const int *)(const void *)at]);
-        break;
-    case KILN_OPTION_CHOICE_FLAG:
-        (void)snprintf(text, size, "%s", option->choices[*(const bool *)(const void *)at]);
-        break;
-    case KILN_OPTION_FLAG:
-    case KILN_OPTION_STRING:
-    case KILN_OPTION_PATH:
-    case KILN_OPTION_ENVIRONMENT:
-    case KILN_OPTION_POINT:
-    case KILN_OPTION_RULES:
-    case KILN_OPTION_CHOICE:
-        (void)snprintf(text, size, "%s", *(char *const *)(const void *)at);
-        break;
-    }
-}
-
 static void push_option(struct arguments *a, const struct kiln_job *job, const struct kiln_option *option)
 {
-    char name[TEXT + 8], value[KILN_PATH_SIZE];
+    char name[TEXT + 8], room[KILN_OPTION_TEXT];
     if (option->kind == KILN_OPTION_FLAG) {
         (void)snprintf(name, sizeof name, "--%s%s",
                        *(const bool *)(const void *)((const char *)job + option->offset) ? "" : "no-", option->name);
@@ -146,11 +106,8 @@ static void push_option(struct arguments *a, const struct kiln_job *job, const s
         return;
     }
     (void)snprintf(name, sizeof name, "--%s", option->name);
-    value_text(job, option, value, sizeof value);
-    if (option->kind == KILN_OPTION_DOUBLE && option->word != NULL && strtod(value, NULL) == option->word_value)
-        (void)snprintf(value, sizeof value, "%s", option->word);
     push(a, name);
-    push(a, value);
+    push(a, kiln_option_text(job, option, room));
 }
 
 /* Passes on the options that were given to the bench and that bake also has. */

@@ -19,7 +19,7 @@ struct submission {
     bool globbed;
     char folder[KILN_PATH_SIZE], program[KILN_PATH_SIZE], mpirun[KILN_PATH_SIZE];
     struct kiln_batch_item *items;
-    struct kiln_batch batch;
+    struct kiln_batch_job batch;
     bool embree; /* a job file names the backend embree, which needs no GPU */
     char *script;
     size_t script_length;

@@ -132,7 +132,7 @@ uint64_t kiln_field_set_point_bytes(const struct kiln_field_set *set, enum kiln_
 uint64_t kiln_field_set_saved_bytes(const struct kiln_field_set *set);
 /* Bytes that light transport allocates on a node's only rank for `own` of `total` surface points, for all that it keeps
  * of a point besides its surface. */
-uint64_t kiln_field_set_transport_bytes(const struct kiln_field_set *set, uint64_t own, uint64_t total);
+uint64_t kiln_field_set_light_bytes(const struct kiln_field_set *set, uint64_t own, uint64_t total);
 
 /* Of what is published: floats of a texel in a lightmap's file; bytes of a texel while a lightmap is made, which has
  * all fields with channels, and of a point in kiln.h5. */

@@ -299,7 +299,7 @@ uint64_t kiln_field_set_saved_bytes(const struct kiln_field_set *set)
     return bytes;
 }
 
-uint64_t kiln_field_set_transport_bytes(const struct kiln_field_set *set, uint64_t own, uint64_t total)
+uint64_t kiln_field_set_light_bytes(const struct kiln_field_set *set, uint64_t own, uint64_t total)
 {
     return total * kiln_field_set_point_bytes(set, KILN_FIELD_ALLGATHER) +
            own *

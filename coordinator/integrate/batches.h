@@ -1,8 +1,8 @@
 /* Who computes what of a step when: batches of own tile runs, and work stealing within a node.
  *
  * A rank that has nothing more to do takes work away from the others of its node (mpi/work_queue.h), as far as their
- * backends can (any_share in kiln_backend_info): it computes a range from the end of another rank's work, and writes
- * the results where the owner would. Sums are exact and belong to whoever makes them, so neither results nor
+ * backends can (computes_for_others in kiln_backend_info): it computes a range from the end of another rank's work, and
+ * writes the results where the owner would. Sums are exact and belong to whoever makes them, so neither results nor
  * checkpoints know who computed what. */
 #ifndef KILN_COORDINATOR_INTEGRATE_BATCHES_H
 #define KILN_COORDINATOR_INTEGRATE_BATCHES_H

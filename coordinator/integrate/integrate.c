@@ -34,17 +34,17 @@ static void publish_radiosity(const struct kiln_lockstep *l)
 
 /* ---- making ---- */
 
-static bool computes_any_share(const struct kiln_integrate_params *p)
+static bool backend_computes_for_others(const struct kiln_integrate_params *p)
 {
     struct kiln_backend_info info;
     kiln_backend_info(p->backend, &info);
-    return info.any_share;
+    return info.computes_for_others;
 }
 
 /* Whether the ranks of this node compute for each other: all of them want to and can. Collective on the node. */
 static bool steals_work(const struct kiln_integrate_params *p)
 {
-    int steals = p->settings->work_stealing && computes_any_share(p);
+    int steals = p->settings->work_stealing && backend_computes_for_others(p);
     (void)MPI_Allreduce(MPI_IN_PLACE, &steals, 1, MPI_INT, MPI_LAND, kiln_node_communicator(p->node));
     return steals != 0;
 }
@@ -61,9 +61,9 @@ static int make_data(struct kiln_lockstep *l, struct kiln_error *error)
         if (p->surface->own_is_borrowed)
             status = kiln_backend_set_surface(p->backend, p->surface, error);
     }
-    int any_share = computes_any_share(p);
-    (void)MPI_Allreduce(MPI_IN_PLACE, &any_share, 1, MPI_INT, MPI_LAND, p->communicator);
-    l->may_repartition = kiln_repartition_is_allowed(p->settings->rebalance, any_share != 0);
+    int all_compute_for_others = backend_computes_for_others(p);
+    (void)MPI_Allreduce(MPI_IN_PLACE, &all_compute_for_others, 1, MPI_INT, MPI_LAND, p->communicator);
+    l->may_repartition = kiln_repartition_is_allowed(p->settings->rebalance, all_compute_for_others != 0);
     return kiln_agree(p->communicator, status, error);
 }
 

@@ -15,8 +15,9 @@ struct kiln_repartition_steps {
     struct kiln_outlook outlook;
 };
 
-/* Whether it is done at all: `any_share` where every backend computes any rank's points (kiln_backend_info). */
-bool kiln_repartition_is_allowed(enum kiln_rebalance mode, bool any_share);
+/* Whether it is done at all: `computes_for_others` where every backend computes any rank's points (kiln_backend_info).
+ */
+bool kiln_repartition_is_allowed(enum kiln_rebalance mode, bool computes_for_others);
 /* Whether the last step says enough of those to come: another pass says little, and where more than one step comes a
  * step of their own pass is waited for. */
 bool kiln_repartition_is_due(enum kiln_rebalance mode, const struct kiln_repartition_steps *steps);

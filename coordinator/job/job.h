@@ -81,12 +81,12 @@ struct kiln_job {
     double checkpoint_every, max_time, watchdog;
 
     /* between ranks */
-    uint32_t share_ranks;    /* so many ranks of a host at most share memory; 0: all of them, 1: none */
-    bool work_stealing;      /* ranks that are done compute points of other ranks of their host; default true */
-    int rebalance;           /* enum kiln_rebalance */
-    int exchange;            /* enum kiln_exchange_form */
-    uint64_t exchange_limit; /* most elements in one MPI call; 0: the largest count that MPI takes */
-    char *trace;             /* file for the timeline of all ranks; NULL: none */
+    uint32_t shared_memory_ranks; /* so many ranks of a host at most share memory; 0: all of them, 1: none */
+    bool work_stealing;           /* ranks that are done compute points of other ranks of their host; default true */
+    int rebalance;                /* enum kiln_rebalance */
+    int exchange;                 /* enum kiln_exchange_form */
+    uint64_t exchange_limit;      /* most elements in one MPI call; 0: the largest count that MPI takes */
+    char *trace;                  /* file for the timeline of all ranks; NULL: none */
 
     /* messages */
     bool json, quiet, verbose;

@@ -65,7 +65,7 @@ static struct kiln_field_set fields_of(const struct kiln_job *job)
     return fields;
 }
 
-static uint64_t share_bytes(const struct kiln_surface *s, const struct kiln_field_set *fields)
+static uint64_t rank_surface_bytes(const struct kiln_surface *s, const struct kiln_field_set *fields)
 {
     const bool built = s->piece_base != NULL && s->area_cdf_base != NULL && s->tile_run_count > 0;
     const uint64_t items[KILN_DOMAINS] = {[KILN_DOMAIN_TILE_RUN] = s->tile_run_count,
@@ -128,40 +128,41 @@ static void known_memory(struct kiln_plan *plan, const struct kiln_prepared *p)
     m->bvh = on_device(p) ? 0 : (uint64_t)(BVH_BYTES * (double)g->triangle_count);
 }
 
-/* Before the share is built: what is resident now and has no name yet is the program's. */
+/* Before the surface points of a rank are built: what is resident now and has no name yet is the program's. */
 static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
     struct kiln_plan_memory *m = &plan->memory;
     const struct kiln_field_set fields = fields_of(job);
     const uint64_t named =
-        m->textures + m->scene + m->geometry + m->bvh + all_bytes(p->surface) + share_bytes(p->surface, &fields);
+        m->textures + m->scene + m->geometry + m->bvh + all_bytes(p->surface) + rank_surface_bytes(p->surface, &fields);
     const uint64_t resident = kiln_process_memory(KILN_MEMORY_NOW);
     m->program = PASS_BYTES + (resident > named + LEAST_PROGRAM_BYTES ? resident - named : LEAST_PROGRAM_BYTES);
 }
 
-static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_surface *share,
+static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_surface *rank_surface,
                         const struct kiln_job *job)
 {
     struct kiln_plan_memory *m = &plan->memory;
     struct kiln_backend_info info = {0};
     kiln_backend_info(p->backend, &info);
     m->device = on_device(p) ? info.memory : 0;
-    m->surface_all = all_bytes(share);
+    m->surface_all = all_bytes(rank_surface);
     const struct kiln_field_set fields = fields_of(job);
-    const double own = share->count > 0 ? (double)share_bytes(share, &fields) / (double)share->count : 0.0;
+    const double own =
+        rank_surface->count > 0 ? (double)rank_surface_bytes(rank_surface, &fields) / (double)rank_surface->count : 0.0;
     const double results = (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_RESULT); /* they move, too */
     m->surface_own = (uint64_t)(own * plan->here.light.points_most);
-    m->light = kiln_field_set_transport_bytes(&fields, (uint64_t)plan->here.light.points_most, plan->surface.points);
+    m->light = kiln_field_set_light_bytes(&fields, (uint64_t)plan->here.light.points_most, plan->surface.points);
     m->volume = plan->probes * sizeof(struct kiln_probe_result);
     m->results = result_bytes(plan, p, job);
-    m->moving = plan->here.light.cuts > 0 ? (uint64_t)(fmax(own, results) * plan->here.light.points_most) : 0;
+    m->moving = plan->here.light.repartitions > 0 ? (uint64_t)(fmax(own, results) * plan->here.light.points_most) : 0;
     const uint64_t last = m->volume + m->results; /* there is none of these while points move */
     m->total = m->program + m->scene + m->textures + m->geometry + m->bvh + m->surface_all + m->surface_own + m->light +
                (last > m->moving ? last : m->moving);
     if (plan->surface.points > 0)
         plan->bytes_per_point =
             own + (double)m->surface_all / (double)plan->surface.points +
-            (double)kiln_field_set_transport_bytes(&fields, plan->surface.points, plan->surface.points) /
+            (double)kiln_field_set_light_bytes(&fields, plan->surface.points, plan->surface.points) /
                 (double)plan->surface.points;
     if (p->geometry->triangle_count > 0)
         plan->bytes_per_triangle = (double)(m->scene + m->geometry) / (double)p->geometry->triangle_count;
@@ -446,21 +447,21 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
                  texel = (double)plan->surface.texels / points;
     const struct kiln_field_set fields = fields_of(job);
     const double surface =
-        p->surface->count > 0 ? (double)share_bytes(p->surface, &fields) / (double)p->surface->count : 0.0;
+        p->surface->count > 0 ? (double)rank_surface_bytes(p->surface, &fields) / (double)p->surface->count : 0.0;
     struct kiln_backend_info info = {0};
     kiln_backend_info(p->backend, &info);
     struct kiln_simulation simulation = {
         .light = {.settings = settings,
                   .steps = &plan->steps,
                   .ranks_per_node = job->ranks_per_node,
-                  .share_ranks = job->share_ranks,
+                  .shared_memory_ranks = job->shared_memory_ranks,
                   .cell_points = cells->points,
                   .cell_count = cells->count,
                   .tile_runs = plan->surface.tile_runs,
                   .threads = p->threads,
-                  .any_share = info.any_share,
+                  .computes_for_others = info.computes_for_others,
                   .part_points = info.part_points,
-                  .share_bytes = surface + (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_RESULT),
+                  .moved_bytes = surface + (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_RESULT),
                   .bandwidth = job->node_bandwidth * 1e9,
                   .latency = job->node_latency * 1e-6},
         .density = job->points > 0 ? (double)job->points / points : 1.0,
@@ -527,7 +528,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
                                .bounces = job->bounces < 0 ? TYPICAL_BOUNCES : (uint32_t)job->bounces};
     known_memory(plan, prepared);
     measure_program(plan, prepared, job);
-    struct kiln_surface *share = NULL;
+    struct kiln_surface *rank_surface = NULL;
     const struct kiln_surface_params params = {.scene = prepared->scene,
                                                .geometry = prepared->geometry,
                                                .cell_size = job->cell_size,
@@ -536,7 +537,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
                                                .both_sides = job->both_sides,
                                                .ranks = job->ranks,
                                                .threads = prepared->threads};
-    int status = kiln_surface_build(&share, &params, &plan->surface, error);
+    int status = kiln_surface_build(&rank_surface, &params, &plan->surface, error);
     struct kiln_volume_result volume = {0};
     struct timing timing = {0};
     if (status == KILN_OK && job->samples_probe > 0)
@@ -555,9 +556,9 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     }
     if (status == KILN_OK) {
         plan_light(plan);
-        plan_memory(plan, prepared, share, job);
+        plan_memory(plan, prepared, rank_surface, job);
     }
-    kiln_surface_destroy(&share);
+    kiln_surface_destroy(&rank_surface);
     return status;
 }
 

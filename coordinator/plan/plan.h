@@ -14,14 +14,14 @@ struct kiln_plan_memory {
     uint64_t geometry;    /* world triangles */
     uint64_t bvh;         /* Embree's own, estimated by triangles; 0 with a GPU */
     uint64_t surface_all; /* tiles and lightmaps: the same on every rank */
-    uint64_t surface_own; /* points, pieces and tile runs of the share */
+    uint64_t surface_own; /* points, pieces and tile runs of one rank */
     uint64_t light;       /* irradiance and radiosity */
     uint64_t volume;      /* probes */
     uint64_t results;     /* while files are written, and the preview is drawn: the most of these */
     /* while points go to other ranks, which is before there are probes and results: surface or results once more */
     uint64_t moving;
     uint64_t total;  /* without `device`; with the larger of `moving` and what comes later */
-    uint64_t device; /* of the GPU: with the share of this process, that is, of all points */
+    uint64_t device; /* of the GPU: with the points of this process, that is, all of them */
 };
 
 /* Seconds of the rank that is done last, its cores being its own: other work on this machine hardly lengthens the
@@ -72,10 +72,10 @@ struct kiln_plan {
     size_t curve_count;
 };
 
-/* Not collective (prepared on MPI_COMM_SELF, with `phases` as it took them). Builds the share of one of job->ranks
- * ranks for its sizes, and traces a sample of the surface points for the times (20 s at most), with the backend and the
- * threads that a rank of this machine has. job->points, when not 0, stands for how many surface points the scaling
- * curves begin with. */
+/* Not collective (prepared on MPI_COMM_SELF, with `phases` as it took them). Builds the surface points of one of
+ * job->ranks ranks for their sizes, and traces a sample of the surface points for the times (20 s at most), with the
+ * backend and the threads that a rank of this machine has. job->points, when not 0, stands for how many surface points
+ * the scaling curves begin with. */
 int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared, const struct kiln_job *job,
                    const struct kiln_phases *phases, struct kiln_error *error);
 void kiln_plan_release(struct kiln_plan *plan);

@@ -18,9 +18,9 @@ static double exchange_seconds(double bytes, uint32_t ranks, uint32_t nodes, dou
 /* Seconds until all know where the points lie: every rank of a node is told. */
 static double find_seconds(const struct kiln_simulation *s, const struct kiln_scaled *scaled, uint32_t together)
 {
-    const double share = s->find_a_point * scaled->points / scaled->ranks,
+    const double own = s->find_a_point * scaled->points / scaled->ranks,
                  map = scaled->ranks > 1 ? s->map_a_point * scaled->points : 0.0;
-    return share + map +
+    return own + map +
            exchange_seconds(s->map_bytes * scaled->points * together, scaled->ranks, scaled->nodes, s->light.bandwidth,
                             s->light.latency);
 }

@@ -80,13 +80,13 @@ static uint32_t ranks_of_node(const struct state *t) { return t->s->ranks_per_no
 /* Ranks that help each other: as kiln_node_create groups those of a node. */
 static uint32_t group_begin(const struct state *t, uint32_t rank)
 {
-    const uint32_t node = ranks_of_node(t), most = t->s->share_ranks, in_node = rank % node;
+    const uint32_t node = ranks_of_node(t), most = t->s->shared_memory_ranks, in_node = rank % node;
     return !t->helps ? rank : most > 0 ? rank - in_node % most : rank - in_node;
 }
 
 static uint32_t group_end(const struct state *t, uint32_t begin)
 {
-    const uint32_t node = ranks_of_node(t), most = t->s->share_ranks, node_end = begin - begin % node + node;
+    const uint32_t node = ranks_of_node(t), most = t->s->shared_memory_ranks, node_end = begin - begin % node + node;
     const uint32_t end = !t->helps ? begin + 1 : most > 0 && begin + most < node_end ? begin + most : node_end;
     return end < t->ranks ? end : t->ranks;
 }
@@ -256,18 +256,18 @@ static void consider(struct state *t, const struct kiln_planned_step *last, cons
     const struct kiln_light_simulation *s = t->s;
     const enum kiln_rebalance mode = s->settings->rebalance;
     const struct kiln_repartition_steps steps = {last->step, next->step, next->outlook};
-    if (t->ranks == 1 || !(shown->total > 0.0) || !kiln_repartition_is_allowed(mode, s->any_share) ||
+    if (t->ranks == 1 || !(shown->total > 0.0) || !kiln_repartition_is_allowed(mode, s->computes_for_others) ||
         !kiln_repartition_is_due(mode, &steps))
         return;
     const double gain = kiln_repartition_gain(&steps, shown->longest, shown->total / t->ranks);
     if (!kiln_repartition_is_asked(mode, gain))
         return;
     make_bounds(t, last->kind);
-    const double moved = most_moved(t, 1), cost = kiln_repartition_cost(moved, s->share_bytes);
+    const double moved = most_moved(t, 1), cost = kiln_repartition_cost(moved, s->moved_bytes);
     if (!(moved >= 1.0) || !kiln_repartition_pays(mode, gain, cost))
         return;
-    light->move += fmax(cost, most_moved(t, ranks_of_node(t)) * s->share_bytes / s->bandwidth + s->latency);
-    light->cuts++;
+    light->move += fmax(cost, most_moved(t, ranks_of_node(t)) * s->moved_bytes / s->bandwidth + s->latency);
+    light->repartitions++;
     double *bounds = t->bounds;
     t->bounds = t->next;
     t->next = bounds;
@@ -286,7 +286,7 @@ static void run_bake(struct state *t, struct kiln_simulated_light *light)
     t->helps = false;
     for (uint32_t k = 0; k < s->steps->kind_count; k++)
         kept[k] = run_step(t, k);
-    t->helps = s->any_share && s->settings->work_stealing;
+    t->helps = s->computes_for_others && s->settings->work_stealing;
     for (size_t i = 0; i < s->steps->count; i++) {
         const struct kiln_planned_step *planned = &s->steps->of[i];
         const uint32_t role = planned->step.role;

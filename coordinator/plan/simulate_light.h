@@ -18,17 +18,17 @@
 struct kiln_light_simulation {
     const struct kiln_integrate_settings *settings; /* of the bake: work stealing, repartition, faults */
     const struct kiln_planned_steps *steps;
-    uint32_t ranks_per_node;     /* 0: one */
-    uint32_t share_ranks;        /* at most so many of a node help each other; 0: all */
-    const uint64_t *cell_points; /* of the occupied cells */
+    uint32_t ranks_per_node;      /* 0: one */
+    uint32_t shared_memory_ranks; /* at most so many of a node help each other; 0: all */
+    const uint64_t *cell_points;  /* of the occupied cells */
     /* seconds a point of each, in a step of each kind, of a rank with all the cores (or the GPU) that it gets */
     const double *cell_cost[KILN_COST_KINDS_MAX];
     size_t cell_count;
     uint64_t tile_runs;        /* smallest units of work */
     uint32_t threads;          /* of a rank */
-    bool any_share;            /* its backend computes any rank's points */
+    bool computes_for_others;  /* its backend computes any rank's points */
     uint64_t part_points;      /* it knows what so many points cost together, no less; 0: exactly */
-    double share_bytes;        /* of a point, when it moves */
+    double moved_bytes;        /* of a point, when it moves */
     double bandwidth, latency; /* of a node: bytes a second, seconds */
 };
 
@@ -38,7 +38,7 @@ struct kiln_simulated_light {
     double imbalance;               /* these seconds (without moves) over the mean of the ranks' work, less 1 */
     double kept;                    /* likewise if the ranks kept their first points and no rank helped another */
     double points_most;             /* that a rank has at any time */
-    uint32_t cuts;                  /* how often the points were distributed anew */
+    uint32_t repartitions;          /* how often the points were distributed anew */
     /* longest work over the mean, less 1, as a bake judges it (kiln_step_balance): in the first and the last step of
      * each role */
     double first[KILN_ROLES_MAX], last[KILN_ROLES_MAX];

@@ -338,8 +338,8 @@ static void try_all(struct test *t, bool lend)
     write_files(t, &t->fields, true);
     expect(t,
            kiln_field_set_saved_bytes(&t->fields) == kiln_field_set_saved_bytes(&t->scene.fields) + 12 &&
-               kiln_field_set_transport_bytes(&t->fields, 10, 20) ==
-                   kiln_field_set_transport_bytes(&t->scene.fields, 10, 20) + 120,
+               kiln_field_set_light_bytes(&t->fields, 10, 20) ==
+                   kiln_field_set_light_bytes(&t->scene.fields, 10, 20) + 120,
            "what is predicted does not count the field");
     drop(t);
 }

@@ -140,14 +140,15 @@ def balance(kiln, folder):
               'repartitioned %d times, measured %d; %d points stolen' % (
                   name, ranks, 100 * plan['first_pass']['bounce'], 100 * first['imbalance'],
                   100 * plan['last_pass']['bounce'],
-                  100 * later[-1]['imbalance'], 100 * plan['imbalance'], 100 * plan['imbalance_kept'], plan['cuts'],
+                  100 * later[-1]['imbalance'], 100 * plan['imbalance'], 100 * plan['imbalance_kept'],
+                  plan['repartitions'],
                   sum(b['moved'] for b in later),
                   sum(given)))
         if off > UNEVEN:
             failures.append('%s on %d ranks: %.2f instead of %.2f' %
                             (name, ranks, plan['first_pass']['bounce'], first['imbalance']))
-        if slow and not (plan['cuts'] > 0 and first['moved']):
-            failures.append('%s: repartitioned %d times, %s' % (name, plan['cuts'], first))
+        if slow and not (plan['repartitions'] > 0 and first['moved']):
+            failures.append('%s: repartitioned %d times, %s' % (name, plan['repartitions'], first))
         if not ways and (plan['imbalance'] > 0.6 * plan['imbalance_kept'] or sum(given) == 0):
             failures.append('%s: uneven by %.2f, kept by %.2f, %d points stolen' %
                             (name, plan['imbalance'], plan['imbalance_kept'], sum(given)))

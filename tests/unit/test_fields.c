@@ -92,7 +92,7 @@ static void sizes_are_sums(void **state)
     assert_int_equal(kiln_field_set_channels(&set), 9);
     assert_int_equal(kiln_field_set_plane_bytes(&set), KILN_MAP_PLANES * sizeof(float));
     assert_int_equal(kiln_field_set_column_bytes(&set), 56);
-    assert_int_equal(kiln_field_set_transport_bytes(&set, 10, 100), 10 * 34 + 100 * 8);
+    assert_int_equal(kiln_field_set_light_bytes(&set, 10, 100), 10 * 34 + 100 * 8);
     /* 2 tile runs, 5 points, 7 pieces, 2 shares of area */
     const uint64_t items[KILN_DOMAINS] = {2, 5, 7, 2};
     assert_int_equal(kiln_field_set_bytes(&set, KILN_FIELD_SURFACE, items),

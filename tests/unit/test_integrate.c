@@ -250,8 +250,8 @@ static void another_integrator(void **state)
                                                .cell_count = CELLS,
                                                .tile_runs = 1u << 16,
                                                .threads = 1,
-                                               .any_share = true,
-                                               .share_bytes = 60.0,
+                                               .computes_for_others = true,
+                                               .moved_bytes = 60.0,
                                                .bandwidth = 1e9,
                                                .latency = 1e-5};
     for (uint32_t k = 0; k < steps.kind_count; k++) {
@@ -262,7 +262,7 @@ static void another_integrator(void **state)
     assert_int_equal(kiln_simulate_light(&simulation, 2, 1.0, &light, &error), KILN_OK);
     kiln_planned_steps_release(&steps);
     /* the first step says enough of the others, for it runs the same pass */
-    assert_int_equal(light.cuts, 1);
+    assert_int_equal(light.repartitions, 1);
     assert_true(fabs(light.seconds[0] - 3.0) < 0.01 && fabs(light.seconds[1] - 2.0 * (2 + 4 + 8)) < 0.01);
     assert_true(fabs(light.first[0] - 0.5) < 1e-3 && light.last[1] < 1e-3);
 }

@@ -198,7 +198,7 @@ static void test_former_names(void **state)
     struct kiln_job *job = NULL;
     assert_int_equal(parse(&job, 6, "bake", "a.glb", "--no-give-away", "--share-ranks=2", "--verify-share", "0.5"),
                      KILN_OK);
-    assert_true(!job->work_stealing && job->share_ranks == 2 && job->verify_fraction == 0.5);
+    assert_true(!job->work_stealing && job->shared_memory_ranks == 2 && job->verify_fraction == 0.5);
     char *text = renamed_text(job);
     assert_non_null(strstr(text, "the option give-away is now called work-stealing"));
     assert_non_null(strstr(text, "the option share-ranks is now called shared-memory-ranks"));

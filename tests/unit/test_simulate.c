@@ -44,8 +44,8 @@ static void fill(struct world *w, double cost, double factor)
                                                    .cell_count = CELLS,
                                                    .tile_runs = CELLS * CELL_POINTS / 64,
                                                    .threads = 1,
-                                                   .any_share = true,
-                                                   .share_bytes = 60.0,
+                                                   .computes_for_others = true,
+                                                   .moved_bytes = 60.0,
                                                    .bandwidth = 1e9,
                                                    .latency = 1e-5};
 }
@@ -71,7 +71,7 @@ static void even_work_stays(void **state)
     struct world w;
     fill(&w, 1e-5, 1.0);
     const struct kiln_simulated_light light = simulate(&w, 4);
-    assert_true(fabs(light.imbalance) < 1e-9 && fabs(light.kept) < 1e-9 && light.cuts == 0);
+    assert_true(fabs(light.imbalance) < 1e-9 && fabs(light.kept) < 1e-9 && light.repartitions == 0);
     assert_true(fabs(light.points_most - CELLS * CELL_POINTS / 4) < 1.0);
     assert_true(fabs(seconds(&light) - CELLS * CELL_POINTS / 4 * 13e-5) < 1e-6);
 }
@@ -84,17 +84,17 @@ static void repartitioned(void **state)
     fill(&w, 1e-5, 3.0);
     w.settings.rebalance = KILN_REBALANCE_NEVER;
     const struct kiln_simulated_light never = simulate(&w, 2);
-    assert_true(fabs(never.kept - 0.5) < 1e-9 && fabs(never.imbalance - 0.5) < 1e-9 && never.cuts == 0 &&
+    assert_true(fabs(never.kept - 0.5) < 1e-9 && fabs(never.imbalance - 0.5) < 1e-9 && never.repartitions == 0 &&
                 never.move == 0.0);
     w.settings.rebalance = KILN_REBALANCE_AUTO;
     const struct kiln_simulated_light automatic = simulate(&w, 2);
-    assert_int_equal(automatic.cuts, 1);
+    assert_int_equal(automatic.repartitions, 1);
     assert_true(fabs(automatic.kept - 0.5) < 1e-9 && fabs(automatic.first[DIRECT] - 0.5) < 1e-9);
     assert_true(fabs(automatic.first[BOUNCE] - 0.5) < 1e-9 && automatic.last[BOUNCE] < 0.02);
     assert_true(automatic.last[FINAL] < 0.02);
     assert_true(seconds(&automatic) < 0.8 * seconds(&never) && automatic.points_most > never.points_most);
-    w.simulation.any_share = false; /* devices keep theirs */
-    assert_int_equal(simulate(&w, 2).cuts, 0);
+    w.simulation.computes_for_others = false; /* devices keep theirs */
+    assert_int_equal(simulate(&w, 2).repartitions, 0);
     w.settings.rebalance = KILN_REBALANCE_ALWAYS;
     assert_true(simulate(&w, 2).first[BOUNCE] < 0.02);
 }
@@ -105,14 +105,14 @@ static void does_not_pay(void **state)
     (void)state;
     struct world w;
     fill(&w, 1e-8, 3.0);
-    assert_int_equal(simulate(&w, 2).cuts, 0);
+    assert_int_equal(simulate(&w, 2).repartitions, 0);
     fill(&w, 2e-7, 3.0);    /* so little that a batch is a whole share */
     w.settings.bounces = 2; /* a single cut, after the only bounce; a share of the three has costs of 1 and 3 */
     w.simulation.part_points = 4 * CELLS * CELL_POINTS;
     const struct kiln_simulated_light coarse = simulate(&w, 3);
     w.simulation.part_points = CELL_POINTS / 10;
     const struct kiln_simulated_light fine = simulate(&w, 3);
-    assert_true(coarse.cuts == 1 && fine.cuts == 1);
+    assert_true(coarse.repartitions == 1 && fine.repartitions == 1);
     assert_true(coarse.first[FINAL] > 0.1 && fine.first[FINAL] < 0.06);
 }
 
@@ -123,24 +123,24 @@ static void stolen_work(void **state)
     fill(&w, 1e-5, 3.0);
     w.simulation.ranks_per_node = 2;
     const struct kiln_simulated_light together = simulate(&w, 2);
-    assert_true(together.cuts == 0 && together.imbalance > 0.0 && together.imbalance < 0.01 &&
+    assert_true(together.repartitions == 0 && together.imbalance > 0.0 && together.imbalance < 0.01 &&
                 fabs(together.kept - 0.5) < 1e-9);
-    w.simulation.share_ranks = 1;
-    assert_true(simulate(&w, 2).cuts == 1);
-    w.simulation.share_ranks = 0;
+    w.simulation.shared_memory_ranks = 1;
+    assert_true(simulate(&w, 2).repartitions == 1);
+    w.simulation.shared_memory_ranks = 0;
     w.settings.work_stealing = false;
-    assert_true(simulate(&w, 2).cuts == 1);
+    assert_true(simulate(&w, 2).repartitions == 1);
     w.settings.work_stealing = true;
-    w.simulation.any_share = false;
+    w.simulation.computes_for_others = false;
     assert_true(fabs(simulate(&w, 2).imbalance - 0.5) < 1e-9);
     fill(&w, 1e-5, 3.0); /* two nodes of two: within a node all is even, between them it is not */
     w.simulation.ranks_per_node = 2;
     const struct kiln_simulated_light nodes = simulate(&w, 4);
-    assert_true(nodes.cuts == 1 && fabs(nodes.first[DIRECT] - 0.5) < 1e-9 && nodes.last[FINAL] < 0.03);
+    assert_true(nodes.repartitions == 1 && fabs(nodes.first[DIRECT] - 0.5) < 1e-9 && nodes.last[FINAL] < 0.03);
 }
 
 /* One of two ranks takes three times as long: alone 3 / 2 - 1 too much; with help both end after 3 / 4 of that mean;
- * and cuts by what points cost where they are now come nearer to that each time. */
+ * and repartitions by what points cost where they are now come nearer to that each time. */
 static void slow_rank(void **state)
 {
     (void)state;
@@ -152,7 +152,7 @@ static void slow_rank(void **state)
     assert_true(fabs(alone.imbalance - 0.5) < 1e-9);
     w.settings.rebalance = KILN_REBALANCE_AUTO;
     const struct kiln_simulated_light after = simulate(&w, 2);
-    assert_true(after.cuts >= 2 && after.last[FINAL] < 0.1 && seconds(&after) < 0.7 * seconds(&alone));
+    assert_true(after.repartitions >= 2 && after.last[FINAL] < 0.1 && seconds(&after) < 0.7 * seconds(&alone));
     w.simulation.ranks_per_node = 2;
     const struct kiln_simulated_light helped = simulate(&w, 2);
     assert_true(fabs(seconds(&helped) / seconds(&alone) - 0.5) < 0.01);

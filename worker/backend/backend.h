@@ -92,7 +92,7 @@ struct kiln_backend_info {
     uint32_t take_threads; /* more than these are not worth having to take answers over; 0: any number is */
     /* kiln_backend_set_surface costs nothing: the backend can run stealable passes (worker/pass/pass.h) over tile runs
      * of another rank between its own. A device keeps its points, so it cannot, and no rank of its node steals work */
-    bool any_share;
+    bool computes_for_others;
     uint64_t part_points; /* a batch's results are taken in parts of about so many points; 0: it depends */
     uint32_t recoveries;  /* how often it was lost or short of memory, and made anew */
     /* it failed for good and Embree went on: name, device, memory and build_seconds are Embree's */

@@ -4,6 +4,7 @@
 #include <jansson.h>
 #include <math.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "coordinator/field/field.h"
 #include "coordinator/output/exr.h"

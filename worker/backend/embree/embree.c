@@ -147,7 +147,7 @@ static void embree_info(const struct kiln_backend *backend, struct kiln_backend_
     *info = (struct kiln_backend_info){.name = "embree",
                                        .build_seconds = b->build_seconds,
                                        .thread_seconds = b->thread_seconds,
-                                       .any_share = true,
+                                       .computes_for_others = true,
                                        .part_points = PART_POINTS};
     memcpy(info->device, b->device_text, sizeof info->device);
 }

@@ -1,0 +1,18 @@
+#include "coordinator/bake/import_params.h"
+
+struct kiln_import_params kiln_job_import_params(const struct kiln_job *job, const char *output,
+                                                 const struct kiln_stop *stop)
+{
+    return (struct kiln_import_params){.path = job->scene,
+                                       .output = output,
+                                       .texels_per_metre = job->texels_per_metre,
+                                       .lightmap_size = job->lightmap_size,
+                                       .lightmap_max = job->lightmap_max,
+                                       .repack = job->repack,
+                                       .environment = job->environment,
+                                       .environment_scale = job->environment_scale,
+                                       .environment_rotation_degrees = job->environment_rotation,
+                                       .objects = job->objects,
+                                       .trust_normals = job->trust_normals,
+                                       .stop = stop};
+}
