@@ -13,4 +13,5 @@ void kiln_devices_choose(const struct kiln_job *job, int node_rank, int node_ran
     /* a backend that was named with --backend is used, or fails; only `auto` falls back */
     params->goes_on = job->backend == NULL || strcmp(job->backend, "auto") == 0;
     params->verify_fraction = job->verify_fraction;
+    params->faults = job->faults.device;
 }

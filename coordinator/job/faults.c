@@ -49,15 +49,44 @@ static int read_locks(struct kiln_faults *faults, const char *text, struct kiln_
     return faults->no_locks ? KILN_OK : kiln_fail(error, KILN_USAGE, "KILN_LOCKS is '%.100s'; it is none", text);
 }
 
+static int read_device(struct kiln_faults *faults, const char *text, struct kiln_error *error)
+{
+    char kind[16];
+    unsigned long long at = 0, every = 0;
+    int end = 0, longer = 0;
+    if (sscanf(text, "%15[a-z]:%llu%n:%llu%n", kind, &at, &end, &every, &longer) < 2 ||
+        text[longer > end ? longer : end] != '\0' || at == 0)
+        return kiln_fail(
+            error, KILN_USAGE,
+            "KILN_GPU_FAULT is '%.100s'; it is lost:K or memory:K, with :N after it for every N calls more", text);
+    if (strcmp(kind, "lost") != 0 && strcmp(kind, "memory") != 0)
+        return kiln_fail(error, KILN_USAGE, "KILN_GPU_FAULT is '%.100s'; the faults are called lost and memory", text);
+    faults->device.kind = strcmp(kind, "lost") == 0 ? KILN_DEVICE_FAULT_LOST : KILN_DEVICE_FAULT_MEMORY;
+    faults->device.at = at;
+    faults->device.every = every;
+    return KILN_OK;
+}
+
+static int read_guard(struct kiln_faults *faults, const char *text, struct kiln_error *error)
+{
+    static const char *const names[] = {
+        [KILN_GUARD_NONE] = "0", [KILN_GUARD_AFTER] = "after", [KILN_GUARD_BEFORE] = "before"};
+    for (unsigned guard = 0; guard < sizeof names / sizeof *names; guard++)
+        if (strcmp(text, names[guard]) == 0) {
+            faults->device.guard = guard;
+            return KILN_OK;
+        }
+    return kiln_fail(error, KILN_USAGE, "KILN_VULKAN_GUARD is '%.100s'; it is after, before or 0", text);
+}
+
 int kiln_faults_read(struct kiln_faults *faults, struct kiln_error *error)
 {
     static const struct {
         const char *name;
         int (*read)(struct kiln_faults *faults, const char *text, struct kiln_error *error);
-    } variables[] = {{"KILN_SLOW_RANK", read_slowness},
-                     {"KILN_HALT_RANK", read_halt},
-                     {"KILN_FAILING_PACKER", read_packer},
-                     {"KILN_LOCKS", read_locks}};
+    } variables[] = {{"KILN_SLOW_RANK", read_slowness},    {"KILN_HALT_RANK", read_halt},
+                     {"KILN_FAILING_PACKER", read_packer}, {"KILN_LOCKS", read_locks},
+                     {"KILN_GPU_FAULT", read_device},      {"KILN_VULKAN_GUARD", read_guard}};
     int status = KILN_OK;
     *faults = (struct kiln_faults){0};
     for (size_t i = 0; status == KILN_OK && i < sizeof variables / sizeof *variables; i++) {

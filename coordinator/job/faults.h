@@ -7,6 +7,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "worker/base/device.h"
 #include "worker/base/status.h"
 
 enum { KILN_FAULT_PLACE = 64 }; /* bytes of the name of a place, with the zero byte */
@@ -25,6 +26,10 @@ struct kiln_faults {
     uint32_t failing_packer;
     /* KILN_LOCKS=none. The lock of a bake's folder behaves as on a file system without locks. */
     bool no_locks;
+    /* KILN_GPU_FAULT=lost:K, memory:K, or either with :N after it: the K-th call of a device's driver fails, and again
+     * every N calls after it. KILN_VULKAN_GUARD=after, before, or 0 for none: guarded buffers
+     * (worker/backend/vulkan/gpu/gpu.h). */
+    struct kiln_device_faults device;
 };
 
 /* Reads the environment. KILN_USAGE, with the variable and its valid values, for a value that is not valid. */

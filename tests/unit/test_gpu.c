@@ -256,9 +256,9 @@ end:
 static void every_call_may_fail(void **state)
 {
     (void)state;
-    struct gpu_faults none = {.kind = GPU_FAULT_NONE}, count = {.kind = GPU_FAULT_LOST, .at = UINT64_MAX};
+    struct gpu_faults none = {{0}, 0}, count = {.wanted = {.kind = KILN_DEVICE_FAULT_LOST, .at = UINT64_MAX}};
     bool lost, short_of_memory, was_lost = false, was_short = false;
-    struct gpu_faults start = count, always = {.kind = GPU_FAULT_LOST, .at = 1, .every = 1};
+    struct gpu_faults start = count, always = {.wanted = {.kind = KILN_DEVICE_FAULT_LOST, .at = 1, .every = 1}};
     struct gpu *gpu = create(&(struct gpu_choice){.device = -1, .faults = &start});
     const uint64_t starting = start.calls;
     gpu_destroy(&gpu);
@@ -272,37 +272,16 @@ static void every_call_may_fail(void **state)
     const uint64_t stride = 1;
 #endif
     for (uint64_t at = 1; at <= count.calls; at += stride)
-        for (unsigned kind = GPU_FAULT_LOST; kind <= GPU_FAULT_MEMORY; kind++) {
-            struct gpu_faults faults = {.kind = kind, .at = at};
+        for (unsigned kind = KILN_DEVICE_FAULT_LOST; kind <= KILN_DEVICE_FAULT_MEMORY; kind++) {
+            struct gpu_faults faults = {.wanted = {.kind = kind, .at = at}};
             const int status = work(&faults, &lost, &short_of_memory);
             assert_int_equal(status, at <= starting ? KILN_OK : KILN_NO_DEVICE); /* a start is tried again */
-            assert_true(kind == GPU_FAULT_LOST ? !short_of_memory : !lost);
+            assert_true(kind == KILN_DEVICE_FAULT_LOST ? !short_of_memory : !lost);
             was_lost |= lost;
             was_short |= short_of_memory;
             assert_int_equal(work(&faults, &lost, &short_of_memory), KILN_OK); /* once only */
         }
     assert_true(was_lost && was_short);
-}
-
-static void faults_are_read_from_the_environment(void **state)
-{
-    (void)state;
-    struct gpu_faults f;
-    struct kiln_error error;
-    static const char *const bad[] = {"lost", "lost:", "lost:0", "slow:3", "memory:3:", "memory:3x", "memory:3:4:5"};
-    assert_int_equal(setenv("KILN_GPU_FAULT", "memory:17", 1), 0);
-    assert_int_equal(gpu_faults_read(&f, &error), KILN_OK);
-    assert_true(f.kind == GPU_FAULT_MEMORY && f.at == 17 && f.every == 0);
-    assert_int_equal(setenv("KILN_GPU_FAULT", "lost:3:5", 1), 0);
-    assert_int_equal(gpu_faults_read(&f, &error), KILN_OK);
-    assert_true(f.kind == GPU_FAULT_LOST && f.at == 3 && f.every == 5);
-    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
-        assert_int_equal(setenv("KILN_GPU_FAULT", bad[i], 1), 0);
-        assert_int_equal(gpu_faults_read(&f, &error), KILN_USAGE);
-    }
-    assert_int_equal(unsetenv("KILN_GPU_FAULT"), 0);
-    assert_int_equal(gpu_faults_read(&f, &error), KILN_OK);
-    assert_true(f.kind == GPU_FAULT_NONE);
 }
 
 /* The validation layer finds nothing to say; skipped by itself where it is not installed. */
@@ -336,11 +315,11 @@ static void pace_follows_what_is_measured(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(devices_are_listed_in_order), cmocka_unit_test(what_goes_up_comes_down),
-        cmocka_unit_test(kernels_reach_every_thread),  cmocka_unit_test(steps_follow_each_other),
-        cmocka_unit_test(memory_has_its_limit),        cmocka_unit_test(choices_that_cannot_be_met_are_refused),
-        cmocka_unit_test(every_call_may_fail),         cmocka_unit_test(faults_are_read_from_the_environment),
-        cmocka_unit_test(validation_is_silent),        cmocka_unit_test(pace_follows_what_is_measured),
+        cmocka_unit_test(devices_are_listed_in_order),   cmocka_unit_test(what_goes_up_comes_down),
+        cmocka_unit_test(kernels_reach_every_thread),    cmocka_unit_test(steps_follow_each_other),
+        cmocka_unit_test(memory_has_its_limit),          cmocka_unit_test(choices_that_cannot_be_met_are_refused),
+        cmocka_unit_test(every_call_may_fail),           cmocka_unit_test(validation_is_silent),
+        cmocka_unit_test(pace_follows_what_is_measured),
     };
     struct kiln_error error = {0};
     struct gpu *gpu = NULL;

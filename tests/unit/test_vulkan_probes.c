@@ -137,7 +137,10 @@ static void release(struct world *w)
     fixture_destroy(w->fixture);
 }
 
-static struct kiln_backend *open_backend(const struct world *w, const char *name, double slice_seconds)
+static const struct kiln_device_faults no_faults = {0};
+
+static struct kiln_backend *open_backend(const struct world *w, const char *name, double slice_seconds,
+                                         struct kiln_device_faults faults)
 {
     struct kiln_error error = {0};
     struct kiln_backend *backend = NULL;
@@ -145,7 +148,8 @@ static struct kiln_backend *open_backend(const struct world *w, const char *name
                                                .geometry = w->geometry,
                                                .lights = w->lights,
                                                .seed = 0x123456789abull,
-                                               .slice_seconds = slice_seconds};
+                                               .slice_seconds = slice_seconds,
+                                               .faults = faults};
     if (kiln_backend_create(&backend, name, &params, &error) != KILN_OK ||
         kiln_backend_set_surface(backend, w->surface, &error) != KILN_OK ||
         kiln_backend_set_radiosity(backend, w->radiosity, &error) != KILN_OK)
@@ -206,7 +210,7 @@ static void agree_in(unsigned wish, const char *what)
     uint64_t rays[2];
     build(&w, wish);
     for (int i = 0; i < 2; i++) {
-        struct kiln_backend *backend = open_backend(&w, i == 0 ? "embree" : "vulkan", 0.0);
+        struct kiln_backend *backend = open_backend(&w, i == 0 ? "embree" : "vulkan", 0.0, no_faults);
         results[i] = calloc(PROBES, sizeof *results[i]);
         rays[i] = probes(backend, &w, 0, PROBES, results[i]);
         kiln_backend_destroy(&backend);
@@ -248,7 +252,7 @@ static void emission_lands_alike(void **state)
     struct kiln_emission_result results[2];
     build(&w, AREA | PUNCTUAL | SUN | IMAGE | ALPHA | TEXTURE);
     for (int i = 0; i < 2; i++) {
-        struct kiln_backend *backend = open_backend(&w, i == 0 ? "embree" : "vulkan", 0.0);
+        struct kiln_backend *backend = open_backend(&w, i == 0 ? "embree" : "vulkan", 0.0, no_faults);
         assert_int_equal(kiln_backend_emission(backend, 1 << 16, &results[i], NULL), KILN_OK);
         kiln_backend_destroy(&backend);
     }
@@ -269,7 +273,7 @@ static void any_chunks_give_the_same_bits(void **state)
     struct world w;
     struct kiln_probe_result *whole = calloc(PROBES, sizeof *whole), *parts = calloc(PROBES, sizeof *parts);
     build(&w, AREA | PUNCTUAL | SUN | IMAGE);
-    struct kiln_backend *backend = open_backend(&w, "vulkan", 0.0);
+    struct kiln_backend *backend = open_backend(&w, "vulkan", 0.0, no_faults);
     const uint64_t rays = probes(backend, &w, 0, PROBES, whole);
     uint64_t again = 0;
     static const size_t cuts[] = {0, 1, 4, 67, 68, PROBES};
@@ -284,20 +288,17 @@ static void any_chunks_give_the_same_bits(void **state)
 }
 
 /* Opens a device whose `call`-th Vulkan call fails, and asks for all probes; gives how many calls there were. */
-static uint64_t with_fault(const struct world *w, const char *kind, uint64_t call, struct kiln_probe_result *results,
-                           uint32_t *recoveries)
+static uint64_t with_fault(const struct world *w, enum kiln_device_fault kind, uint64_t call,
+                           struct kiln_probe_result *results, uint32_t *recoveries)
 {
-    char fault[48];
-    (void)snprintf(fault, sizeof fault, "%s:%llu", kind, (unsigned long long)call);
-    assert_int_equal(setenv("KILN_GPU_FAULT", fault, 1), 0);
     /* the least there is in each: as many calls each time */
-    struct kiln_backend *backend = open_backend(w, "vulkan", 1e-9);
+    struct kiln_backend *backend =
+        open_backend(w, "vulkan", 1e-9, (struct kiln_device_faults){.kind = kind, .at = call});
     assert_true(probes(backend, w, 0, PROBES, results) > 0);
     const struct vulkan_backend *b = (const struct vulkan_backend *)backend;
     const uint64_t calls = b->faults.calls;
     *recoveries = b->recoveries;
     kiln_backend_destroy(&backend);
-    assert_int_equal(unsetenv("KILN_GPU_FAULT"), 0);
     return calls;
 }
 
@@ -310,11 +311,11 @@ static void failing_devices_change_nothing(void **state)
     struct kiln_probe_result *whole = calloc(PROBES, sizeof *whole), *again = calloc(PROBES, sizeof *again);
     uint32_t recoveries;
     build(&w, AREA);
-    const uint64_t calls = with_fault(&w, "lost", 1000000, whole, &recoveries);
+    const uint64_t calls = with_fault(&w, KILN_DEVICE_FAULT_LOST, 1000000, whole, &recoveries);
     for (uint64_t i = 1; i <= TRIES; i++) { /* the later half, where the probes are */
         memset(again, 0, PROBES * sizeof *again);
-        (void)with_fault(&w, i % 2 == 0 ? "lost" : "memory", calls / 2 + calls / 2 * i / (TRIES + 1), again,
-                         &recoveries);
+        (void)with_fault(&w, i % 2 == 0 ? KILN_DEVICE_FAULT_LOST : KILN_DEVICE_FAULT_MEMORY,
+                         calls / 2 + calls / 2 * i / (TRIES + 1), again, &recoveries);
         assert_true(recoveries == 1);
         assert_memory_equal(whole, again, PROBES * sizeof *whole);
     }

@@ -52,6 +52,7 @@ struct kiln_backend_params {
     double verify_fraction; /* of the tile runs, traced again with Embree (worker/backend/verify.h); 0: none */
     /* ends creation, emission and validity early, with KILN_STOPPED; NULL: nothing does */
     const struct kiln_stop *stop;
+    struct kiln_device_faults faults; /* for tests */
 };
 
 struct kiln_hit {

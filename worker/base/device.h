@@ -22,4 +22,14 @@ struct kiln_device {
     uint64_t memory, budget; /* bytes: of the largest device-local heap; of it, free for this process */
 };
 
+/* What tests make a device do. All zero: nothing. */
+struct kiln_device_faults {
+    /* Every call of the driver that can fail is counted. LOST: the call `at` says that the device is lost, and so does
+     * every one after it until the device is opened anew. MEMORY: the call says that it is out of memory. */
+    enum kiln_device_fault { KILN_DEVICE_FAULT_NONE, KILN_DEVICE_FAULT_LOST, KILN_DEVICE_FAULT_MEMORY } kind;
+    uint64_t at, every; /* the first is call 1; again every so many calls after it; 0: once */
+    /* On a software device: memory that nobody may touch after each buffer, or before it. */
+    enum kiln_buffer_guard { KILN_GUARD_NONE, KILN_GUARD_AFTER, KILN_GUARD_BEFORE } guard;
+};
+
 #endif

@@ -234,9 +234,8 @@ static int vulkan_create(struct kiln_backend **backend, const struct kiln_backen
     b->params = *params;
     b->scratch_most = MOST_SCRATCH;
     b->threads = vulkan_light_threads(params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs());
-    status = gpu_faults_read(&b->faults, error);
-    if (status == KILN_OK)
-        status = set_up(b, error);
+    b->faults.wanted = params->faults;
+    status = set_up(b, error);
     if (status != KILN_OK && vulkan_can_recover(b))
         status = vulkan_recover(b, error);
     *backend = &b->base;
@@ -309,7 +308,8 @@ static void make_ahead(struct vulkan_backend *b)
                                      {.shader = &vulkan_direct_precise_shader}};
     enum { ALL = sizeof wished / sizeof *wished };
     const int count = b->float64 && b->params.lights->area_count > 0 ? ALL : ALL - 1;
-    if (gpu_about(b->gpu)->software || b->tracer.acceleration != NULL || b->faults.kind != GPU_FAULT_NONE ||
+    if (gpu_about(b->gpu)->software || b->tracer.acceleration != NULL ||
+        b->faults.wanted.kind != KILN_DEVICE_FAULT_NONE ||
         kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + ALL, sizeof *b->kernels, "the device's kernels",
                   NULL) != KILN_OK)
         return;

@@ -1,47 +1,24 @@
 /* Calls that can fail: faults on purpose, what failed, and in which words. */
 #include <stdarg.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "worker/backend/vulkan/gpu/private.h"
 
-int gpu_faults_read(struct gpu_faults *faults, struct kiln_error *error)
-{
-    *faults = (struct gpu_faults){.kind = GPU_FAULT_NONE};
-    const char *text = getenv("KILN_GPU_FAULT");
-    if (text == NULL || text[0] == '\0')
-        return KILN_OK;
-    char kind[16];
-    unsigned long long at = 0, every = 0;
-    int end = 0, longer = 0;
-    if (sscanf(text, "%15[a-z]:%llu%n:%llu%n", kind, &at, &end, &every, &longer) < 2 ||
-        text[longer > end ? longer : end] != '\0' || at == 0)
-        return kiln_fail(
-            error, KILN_USAGE,
-            "KILN_GPU_FAULT is '%.100s'; it is lost:K or memory:K, with :N after it for every N calls more", text);
-    if (strcmp(kind, "lost") != 0 && strcmp(kind, "memory") != 0)
-        return kiln_fail(error, KILN_USAGE, "KILN_GPU_FAULT is '%.100s'; the faults are called lost and memory", text);
-    faults->kind = strcmp(kind, "lost") == 0 ? GPU_FAULT_LOST : GPU_FAULT_MEMORY;
-    faults->at = at;
-    faults->every = every;
-    return KILN_OK;
-}
-
 static bool fault_is_due(struct gpu_faults *f)
 {
-    if (f == NULL || f->kind == GPU_FAULT_NONE)
+    if (f == NULL || f->wanted.kind == KILN_DEVICE_FAULT_NONE)
         return false;
-    const uint64_t call = ++f->calls;
-    return call == f->at || (f->every != 0 && call > f->at && (call - f->at) % f->every == 0);
+    const uint64_t call = ++f->calls, at = f->wanted.at, every = f->wanted.every;
+    return call == at || (every != 0 && call > at && (call - at) % every == 0);
 }
 
 bool gpu_refuses(struct gpu *gpu)
 {
     if (!gpu->lost && !fault_is_due(gpu->faults))
         return false;
-    gpu->refusal =
-        gpu->lost || gpu->faults->kind == GPU_FAULT_LOST ? VK_ERROR_DEVICE_LOST : VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    gpu->refusal = gpu->lost || gpu->faults->wanted.kind == KILN_DEVICE_FAULT_LOST ? VK_ERROR_DEVICE_LOST
+                                                                                   : VK_ERROR_OUT_OF_DEVICE_MEMORY;
     return true;
 }
 

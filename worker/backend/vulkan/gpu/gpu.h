@@ -21,17 +21,13 @@ struct gpu_kernel;
  * no error. */
 int gpu_list(struct kiln_device *list, size_t room, size_t *count, struct kiln_error *error);
 
-/* Faults on purpose, for tests of what happens then. Every Vulkan call that can fail is counted; from KILN_GPU_FAULT
- *   lost:K      the K-th returns VK_ERROR_DEVICE_LOST, and so does every one after it until the gpu is destroyed
- *   memory:K    the K-th returns VK_ERROR_OUT_OF_DEVICE_MEMORY
- *   KIND:K:N    and again every N calls after it
- * The struct outlives the gpu, so that one created in its place goes on counting. */
+/* Faults on purpose, for tests of what happens then, and the Vulkan calls that were counted for them:
+ * VK_ERROR_DEVICE_LOST, VK_ERROR_OUT_OF_DEVICE_MEMORY, and guarded buffers (below). The struct outlives the gpu, so
+ * that one created in its place goes on counting. */
 struct gpu_faults {
-    enum { GPU_FAULT_NONE, GPU_FAULT_LOST, GPU_FAULT_MEMORY } kind;
-    uint64_t at, every, calls; /* every 0: once */
+    struct kiln_device_faults wanted;
+    uint64_t calls;
 };
-/* Reads the environment variable KILN_GPU_FAULT; KILN_USAGE when it is not understood. */
-int gpu_faults_read(struct gpu_faults *faults, struct kiln_error *error);
 
 struct gpu_choice {
     /* index in gpu_list; -1: the local_rank-th fit device, in turn; software ones only when there is no real one */
@@ -89,13 +85,13 @@ int gpu_buffer_of(struct gpu *gpu, struct gpu_buffer *buffer, const void *data, 
                   struct kiln_error *error);
 
 /* Guarded buffers, to find accesses out of bounds and reads of what was never written. On a software device, whose
- * memory is the process's, the environment variable KILN_VULKAN_GUARD=after makes every buffer end, to the byte, where
- * 256 KiB begin that nobody may touch; KILN_VULKAN_GUARD=before makes it begin where such memory ends. A kernel, a copy
- * or the host that does touch it ends the process with SIGSEGV, after a sentence on stderr: which kernel, whether it
- * reads or writes, which byte of which buffer. What lies between a buffer's other end and its page is looked at when it
- * is destroyed; has something been written there, the process ends with SIGABRT. The memory of destroyed buffers may
- * not be touched either, until the gpu is destroyed. Buffers begin filled with 0xff: NaN as a float, as an index or
- * address far from everything.
+ * memory is the process's, KILN_GUARD_AFTER makes every buffer end, to the byte, where 256 KiB begin that nobody may
+ * touch; KILN_GUARD_BEFORE makes it begin where such memory ends. gpu_create returns KILN_NO_DEVICE for a real device
+ * then. A kernel, a copy or the host that does touch it ends the process with SIGSEGV, after a sentence on stderr:
+ * which kernel, whether it reads or writes, which byte of which buffer. What lies between a buffer's other end and its
+ * page is looked at when it is destroyed; has something been written there, the process ends with SIGABRT. The memory
+ * of destroyed buffers may not be touched either, until the gpu is destroyed. Buffers begin filled with 0xff: NaN as a
+ * float, as an index or address far from everything.
  *
  * Not seen: what goes wrong within a buffer, from one array to another. So whoever keeps more in a buffer than one
  * array, or a buffer larger than what it is for, asks these. */

@@ -161,22 +161,19 @@ static void end_explaining(struct gpu_guard *guard)
 
 int gpu_guard_create(struct gpu *gpu, struct kiln_error *error)
 {
-    const char *wish = getenv("KILN_VULKAN_GUARD");
-    if (wish == NULL || wish[0] == '\0' || strcmp(wish, "0") == 0)
+    const enum kiln_buffer_guard wanted = gpu->faults != NULL ? gpu->faults->wanted.guard : KILN_GUARD_NONE;
+    if (wanted == KILN_GUARD_NONE)
         return KILN_OK;
-    const bool before = strcmp(wish, "before") == 0;
-    if (!before && strcmp(wish, "after") != 0)
-        return kiln_fail(error, KILN_USAGE, "KILN_VULKAN_GUARD is '%.100s'; it is after, before or 0", wish);
     if (!gpu->about.software)
         return kiln_fail(
             error, KILN_NO_DEVICE,
-            "KILN_VULKAN_GUARD asks for guarded buffers, and only software devices have them: choose one by "
+            "guarded buffers were asked for (KILN_VULKAN_GUARD), and only software devices have them: choose one by "
             "--device, %s is a real one",
             gpu->about.name);
     const int status = kiln_allocate(&gpu->guard, 1, sizeof *gpu->guard, "guards of buffers", error);
     if (status != KILN_OK)
         return status;
-    gpu->guard->before = before;
+    gpu->guard->before = wanted == KILN_GUARD_BEFORE;
     gpu->guard->page = (size_t)sysconf(_SC_PAGESIZE);
     gpu->about.ray_tracing = false; /* buffers that a driver keeps structures in have to begin where it wants */
     return KILN_OK;

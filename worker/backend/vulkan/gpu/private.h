@@ -130,8 +130,7 @@ struct gpu_guarded {
     VkDeviceSize offset; /* of the VkBuffer in its memory */
     atomic_bool retired;
 };
-/* Reads KILN_VULKAN_GUARD; KILN_USAGE when it is not understood, KILN_NO_DEVICE for a real device. Before the VkDevice
- * is made. */
+/* Guards buffers if the faults want that; KILN_NO_DEVICE for a real device. Before the VkDevice is made. */
 int gpu_guard_create(struct gpu *gpu, struct kiln_error *error);
 /* Once buffers can be made. */
 int gpu_guard_start(struct gpu *gpu, struct kiln_error *error);
