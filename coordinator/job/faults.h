@@ -1,6 +1,6 @@
-/* Fault injection for tests: makes a rank misbehave, so that the reaction of the others can be tested. The faults are
- * read from the environment once, with the job, and passed to the code that simulates them. Without variables the
- * struct is all zeros. Not collective: every rank reads its own environment. */
+/* Fault injection for tests: makes a rank or its device misbehave, so that the reaction of the others can be tested.
+ * The faults are read from the environment once, with the job, and passed to the code that simulates them. Without
+ * variables the struct is all zeros. Not collective: every rank reads its own environment. */
 #ifndef KILN_COORDINATOR_JOB_FAULTS_H
 #define KILN_COORDINATOR_JOB_FAULTS_H
 
