@@ -236,7 +236,18 @@ void kiln_texel_gather_destroy(struct kiln_texel_gather **gather)
     kiln_free(gather);
 }
 
-/* The values of all planes of an own point. */
+/* The position and the normal, if a stage reads them. */
+static void pack_detail(const struct kiln_texel_gather *e, const struct kiln_point_detail *detail,
+                        struct kiln_texel_record *record)
+{
+    const double *centre = e->result->scene->header->centre;
+    for (int c = 0; e->layers->position != 0 && c < 3; c++)
+        record->values[e->layers->position + (uint32_t)c] = (float)(detail->position[c] - centre[c]);
+    if (e->layers->normal != 0)
+        memcpy(record->values + e->layers->normal, detail->normal, sizeof detail->normal);
+}
+
+/* The values of all planes that are fields of an own point. */
 static int pack_values(const struct kiln_texel_gather *e, uint64_t point, struct kiln_texel_record *record,
                        struct kiln_error *error)
 {
@@ -274,6 +285,7 @@ static int pack_tile_run(const struct kiln_texel_gather *e, size_t tile_run, uin
                                              .valid = kiln_point_valid(r->surface, point),
                                              .area = r->surface->area[point],
                                              .coverage = details[i].coverage};
+        pack_detail(e, &details[i], record);
         status = pack_values(e, point, record, error);
     }
     return status;
