@@ -364,7 +364,7 @@ KILN_CLONES static void find_points(const struct embree_backend *b, struct gathe
         const struct kiln_split_tile_run *part = w->split_parts[k];
         while ((part->mask & bit) == 0)
             part++;
-        w->hit_point[i] = part->first + (uint64_t)__builtin_popcountll(part->mask & (bit - 1));
+        w->hit_point[i] = part->first.at + (uint64_t)__builtin_popcountll(part->mask & (bit - 1));
         __builtin_prefetch(&b->radiosity[w->hit_point[i]]);
     }
 }
@@ -460,7 +460,7 @@ int embree_gather(struct embree_backend *b, const void *parameters, const struct
 {
     (void)parameters;
     struct kiln_point_result *const part_results = results;
-    const uint64_t base = b->surface->tile_runs[part->first].first;
+    const uint64_t base = b->surface->tile_runs[part->first].first.at;
     uint64_t traced = 0;
     double seconds = 0.0;
     int status = KILN_OK;
@@ -483,7 +483,7 @@ int embree_gather(struct embree_backend *b, const void *parameters, const struct
             const size_t tile_run = part->first + i;
             if (status == KILN_OK)
                 gather_tile_run(b, &context, w, tile_run, part->stream,
-                                part_results + (b->surface->tile_runs[tile_run].first - base), &traced);
+                                part_results + (b->surface->tile_runs[tile_run].first.at - base), &traced);
         }
         seconds += embree_thread_seconds() - begin;
         embree_leave(saved);

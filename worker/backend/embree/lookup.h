@@ -7,7 +7,8 @@
 
 /* Barycentrics -> texel -> surface point, of the triangle's front or (`back`, where it has two sides) of its back.
  * KILN_NO_POINT for a hit beside every point (a sliver without texels). */
-static inline uint64_t embree_point(const struct embree_backend *b, uint32_t triangle, float u, float v, bool back)
+static inline struct kiln_global_point embree_point(const struct embree_backend *b, uint32_t triangle, float u, float v,
+                                                    bool back)
 {
     const struct kiln_hit_record *record = &b->params.geometry->records[triangle];
     const struct kiln_lightmap *front = &b->surface->lightmaps[record->object];
@@ -24,8 +25,8 @@ static inline uint64_t embree_point(const struct embree_backend *b, uint32_t tri
 /* Packed radiosity there; 0 beside every point. */
 static inline uint64_t embree_radiosity(const struct embree_backend *b, uint32_t triangle, float u, float v, bool back)
 {
-    const uint64_t point = embree_point(b, triangle, u, v, back);
-    return point == KILN_NO_POINT ? 0 : b->radiosity[point];
+    const struct kiln_global_point point = embree_point(b, triangle, u, v, back);
+    return point.at == KILN_NO_POINT ? 0 : b->radiosity[point.at];
 }
 
 #endif
