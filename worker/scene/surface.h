@@ -155,7 +155,7 @@ static inline struct kiln_global_point kiln_surface_find(const struct kiln_surfa
                                                          uint32_t y)
 {
     const struct kiln_lightmap *map = &s->lightmaps[number];
-    const struct kiln_tile *tile = &s->tiles[map->tile_first + (uint64_t)(y / 8) * map->tiles_x + x / 8];
+    const struct kiln_tile *tile = &s->tiles[map->tile_first + kiln_tile_of(x, y, map->tiles_x)];
     const uint64_t bit = 1ull << kiln_morton8(x % 8, y % 8);
     if ((tile->mask & bit) == 0)
         return (struct kiln_global_point){KILN_NO_POINT};

@@ -14,12 +14,9 @@ static inline struct kiln_global_point embree_point(const struct embree_backend 
     const struct kiln_lightmap *front = &b->surface->lightmaps[record->object];
     const uint32_t number = record->object + (back ? b->surface->object_count : 0u),
                    shift = b->surface->lightmaps[number].shift;
-    const float x = record->texel[0] + u * record->texel[2] + v * record->texel[4];
-    const float y = record->texel[1] + u * record->texel[3] + v * record->texel[5];
-    const int32_t ix = (int32_t)x, iy = (int32_t)y;
-    const uint32_t cx = ix < 0 ? 0u : (uint32_t)ix >= front->width ? front->width - 1 : (uint32_t)ix;
-    const uint32_t cy = iy < 0 ? 0u : (uint32_t)iy >= front->height ? front->height - 1 : (uint32_t)iy;
-    return kiln_surface_find(b->surface, number, cx >> shift, cy >> shift);
+    const uint32_t x = (uint32_t)kiln_hit_column(record, u, v, front->width),
+                   y = (uint32_t)kiln_hit_row(record, u, v, front->height);
+    return kiln_surface_find(b->surface, number, x >> shift, y >> shift);
 }
 
 /* Packed radiosity there; 0 beside every point. */
