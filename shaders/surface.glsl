@@ -38,14 +38,14 @@ kiln_landing kiln_land(uint triangle, float u, float v, bool back)
     to.object = floatBitsToUint(b.z);
     to.material = floatBitsToUint(b.w);
     kiln_gpu_lightmap map = Lightmaps(SCENE.lightmaps).at[to.object];
-    int x = clamp(int(a.x + u * a.z + v * b.x), 0, int(map.width) - 1),
-        y = clamp(int(a.y + u * a.w + v * b.y), 0, int(map.height) - 1);
+    int x = kiln_texel_of(kiln_texel_coordinate(a.x, a.z, b.x, u, v), int(map.width) - 1),
+        y = kiln_texel_of(kiln_texel_coordinate(a.y, a.w, b.y, u, v), int(map.height) - 1);
     if (back && (to.material & KILN_RECORD_DOUBLE_SIDED) != 0u) {
         map = Lightmaps(SCENE.lightmaps).at[SCENE.object_count + to.object];
         x >>= map.shift;
         y >>= map.shift;
     }
-    to.tile = SCENE.tiles + (map.tile_first + uint64_t(uint(y) >> 3) * map.tiles_x + (uint(x) >> 3)) * 16ul;
+    to.tile = SCENE.tiles + (map.tile_first + kiln_tile_of(uint(x), uint(y), map.tiles_x)) * 16ul;
     to.bit = kiln_morton8(uint(x) & 7u, uint(y) & 7u);
     return to;
 }

@@ -80,7 +80,7 @@ static uint64_t count_invalid(const struct kiln_surface *surface)
 {
     uint64_t invalid = 0;
     for (uint64_t i = 0; i < surface->count; i++)
-        invalid += !kiln_point_valid(surface, i);
+        invalid += !kiln_point_valid(surface, (struct kiln_own_point){i});
     return invalid;
 }
 
@@ -152,7 +152,7 @@ static json_t *error_json(const struct kiln_run *run)
     const struct kiln_surface *s = run->prepared->surface;
     double sums[3] = {0}; /* squared error, irradiance, number of points */
     for (uint64_t i = 0; i < s->count; i++) {
-        if (!kiln_point_valid(s, i))
+        if (!kiln_point_valid(s, (struct kiln_own_point){i}))
             continue;
         double e[3];
         for (uint64_t c = 0; c < 3; c++)

@@ -99,17 +99,17 @@ static int measure_objects(struct kiln_scene_survey *survey, struct kiln_error *
 
 static void count_points(struct kiln_scene_survey *survey, const struct kiln_surface *surface)
 {
-    size_t point = 0;
+    struct kiln_own_point point = {0};
     for (size_t f = 0; f < surface->tile_run_count; f++) {
         const struct kiln_tile_run *tile_run = &surface->tile_runs[f];
         struct kiln_scene_survey_object *object = &survey->objects[kiln_map_object(surface, tile_run->map)];
         if (kiln_map_back(surface, tile_run->map)) { /* backs have the same layout as their fronts, so fronts suffice */
-            point += tile_run->count;
+            point.at += tile_run->count;
             continue;
         }
         object->points += tile_run->count;
-        for (uint32_t k = 0; k < tile_run->count; k++)
-            object->invalid += !kiln_point_valid(surface, point++);
+        for (uint32_t k = 0; k < tile_run->count; k++, point.at++)
+            object->invalid += !kiln_point_valid(surface, point);
     }
     for (size_t i = 0; i < survey->scene->object_count; i++)
         survey->invalid += survey->objects[i].invalid;

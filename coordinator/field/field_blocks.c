@@ -48,7 +48,7 @@ size_t kiln_field_blocks(const struct kiln_field_set *fields, const struct kiln_
         if (!is_saved(field, moment))
             continue;
         assert(field->domain == KILN_DOMAIN_POINT && field->length == KILN_FIELD_EACH);
-        blocks[count] = (struct kiln_block){.first = data->surface.first,
+        blocks[count] = (struct kiln_block){.first = data->surface.first.at,
                                             .count = data->surface.count,
                                             .size = block_size(field, moment),
                                             .data = kiln_rank_field(data, fields, i)};
@@ -62,7 +62,7 @@ static int read_block(const struct kiln_checkpoint *checkpoint, const struct kil
                       const struct kiln_save_moment *moment, const struct kiln_surface *surface, void *values,
                       struct kiln_error *error)
 {
-    const int status = kiln_checkpoint_read(checkpoint, field->name, surface->first, surface->count,
+    const int status = kiln_checkpoint_read(checkpoint, field->name, surface->first.at, surface->count,
                                             block_size(field, moment), values, error);
     return status == KILN_OK && !is_compact(field, moment) && !kiln_field_is_sane(field, values, surface->count)
                ? kiln_block_insane(field->name, error)

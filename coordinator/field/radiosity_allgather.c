@@ -90,7 +90,7 @@ static int choose_node(struct kiln_radiosity_allgather *x, struct kiln_error *er
 /* Collective on the lane. */
 static void learn_ranges(const struct kiln_radiosity_allgather *x, struct lane *lane)
 {
-    const uint64_t own[2] = {x->params.first, lane->own ? x->params.count : 0};
+    const uint64_t own[2] = {x->params.first.at, lane->own ? x->params.count : 0};
     (void)MPI_Allgather(own, 2, MPI_UINT64_T, lane->ranges, 2, MPI_UINT64_T, lane->communicator);
 }
 
@@ -181,7 +181,8 @@ void kiln_radiosity_allgather_destroy(struct kiln_radiosity_allgather **allgathe
     kiln_free(allgather);
 }
 
-void kiln_radiosity_allgather_set_range(struct kiln_radiosity_allgather *x, uint64_t first, uint64_t count)
+void kiln_radiosity_allgather_set_range(struct kiln_radiosity_allgather *x, struct kiln_global_point first,
+                                        uint64_t count)
 {
     kiln_assert_ranges(x->params.communicator, first, count, x->params.total, "the ranks' new points");
     x->params.first = first;
@@ -295,7 +296,7 @@ static void put_group(struct kiln_radiosity_allgather *x, const uint32_t *next, 
 {
     const uint64_t begin = group_begin(x->params.count, group, x->params.groups),
                    end = group_begin(x->params.count, group + 1, x->params.groups);
-    memcpy(x->incoming + x->params.first + begin, next + begin, (end - begin) * sizeof *next);
+    memcpy(x->incoming + x->params.first.at + begin, next + begin, (end - begin) * sizeof *next);
 }
 
 /* Starts the next group of a lane, when its values are there and the one before is through: the counts of a call are
@@ -373,7 +374,7 @@ void kiln_radiosity_allgather_finish(struct kiln_radiosity_allgather *x, const u
         kiln_node_wait(x->node);
         expand_part(x);
     } else {
-        expand(x, next, x->values + x->params.first, x->params.count);
+        expand(x, next, x->values + x->params.first.at, x->params.count);
     }
     kiln_node_wait(x->node);
 }

@@ -21,15 +21,18 @@
 
 #include "coordinator/mpi/node_memory.h"
 #include "coordinator/run/trace.h"
+#include "worker/scene/surface.h"
 
 struct kiln_radiosity_allgather_params {
     MPI_Comm communicator;
-    struct kiln_node_memory *node; /* of the same communicator; borrowed */
-    uint64_t total, first, count;  /* points; own ones. The ranks' ranges follow one another and cover all */
-    struct kiln_trace *trace;      /* may be NULL */
-    uint32_t threads;              /* that expand what has arrived */
-    uint32_t groups;               /* a bounce; 0: chosen by their size */
-    uint64_t limit;                /* of elements in a call; 0: what int holds */
+    struct kiln_node_memory *node;  /* of the same communicator; borrowed */
+    uint64_t total;                 /* points of all ranks */
+    struct kiln_global_point first; /* own points: the ranks' ranges follow one another and cover all */
+    uint64_t count;
+    struct kiln_trace *trace; /* may be NULL */
+    uint32_t threads;         /* that expand what has arrived */
+    uint32_t groups;          /* a bounce; 0: chosen by their size */
+    uint64_t limit;           /* of elements in a call; 0: what int holds */
 };
 
 struct kiln_radiosity_allgather;
@@ -42,7 +45,8 @@ int kiln_radiosity_allgather_create(struct kiln_radiosity_allgather **allgather,
 void kiln_radiosity_allgather_destroy(struct kiln_radiosity_allgather **allgather);
 
 /* Collective, between bounces. Own points are others from now on; the ranges still follow one another and cover all. */
-void kiln_radiosity_allgather_set_range(struct kiln_radiosity_allgather *allgather, uint64_t first, uint64_t count);
+void kiln_radiosity_allgather_set_range(struct kiln_radiosity_allgather *allgather, struct kiln_global_point first,
+                                        uint64_t count);
 
 /* The radiosity of all points, packed, total values. Own values may be written while no rank of the node gathers. */
 uint64_t *kiln_radiosity_allgather_values(const struct kiln_radiosity_allgather *allgather);

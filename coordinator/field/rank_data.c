@@ -15,7 +15,7 @@ static const char *const purposes[LIVES] = {[KILN_FIELD_SURFACE] = "the surface 
 
 /* The range of one rank, as the ranks of a node tell it each other. */
 struct extent {
-    uint64_t first; /* point */
+    struct kiln_global_point first;
     uint64_t count[KILN_DOMAINS];
 };
 
@@ -50,11 +50,11 @@ static void set_pointer(struct kiln_rank_data *data, const struct kiln_field_set
 }
 
 void kiln_rank_floats(const struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index,
-                      uint64_t own, float floats[KILN_FIELD_COMPONENTS_MAX])
+                      struct kiln_own_point own, float floats[KILN_FIELD_COMPONENTS_MAX])
 {
     const struct kiln_field_entry *entry = &fields->entry[index];
     if (entry->field->life != KILN_FIELD_SUM) {
-        kiln_field_floats(entry->field, kiln_rank_field(data, fields, index), own, floats);
+        kiln_field_floats(entry->field, kiln_rank_field(data, fields, index), own.at, floats);
         return;
     }
     float second[KILN_FIELD_COMPONENTS_MAX];
@@ -114,7 +114,7 @@ static int make_somewhere(struct kiln_node_data *d, enum kiln_field_life life, s
 static void point_to_radiosity(struct kiln_node_data *d)
 {
     for (int i = 0; i < d->count; i++)
-        d->data[i].source = d->radiosity != NULL ? d->radiosity + d->extents[i].first : NULL;
+        d->data[i].source = d->radiosity != NULL ? d->radiosity + d->extents[i].first.at : NULL;
 }
 
 void kiln_node_data_set_radiosity(struct kiln_node_data *d, uint64_t *radiosity)
@@ -297,9 +297,9 @@ static void find_bases(const struct kiln_surface *s)
     s->piece_base[0] = s->area_cdf_base[0] = 0;
     for (size_t f = 0; f < s->tile_run_count; f++) {
         uint64_t pieces = 0;
-        const uint64_t own = s->tile_runs[f].first - s->first;
-        for (uint64_t i = own; i < own + s->tile_runs[f].count; i++)
-            pieces += kiln_piece_count(s, i);
+        struct kiln_own_point own = kiln_own_of_global(s, s->tile_runs[f].first);
+        for (uint32_t i = 0; i < s->tile_runs[f].count; i++, own.at++)
+            pieces += kiln_piece_count(s, own);
         s->piece_base[f + 1] = s->piece_base[f] + pieces;
         s->area_cdf_base[f + 1] = s->area_cdf_base[f] + pieces - s->tile_runs[f].count;
     }
@@ -354,7 +354,7 @@ int kiln_node_data_redistribute(struct kiln_node_data *d, MPI_Comm communicator,
     assert_same_bounds(&r);
     struct kiln_rank_data old = d->data[d->own];
     const bool built = d->parts[KILN_FIELD_SURFACE] == NULL;
-    struct extent own = {.first = after->of[KILN_DOMAIN_POINT][rank]};
+    struct extent own = {.first = {after->of[KILN_DOMAIN_POINT][rank]}};
     for (int u = 0; u < KILN_DOMAINS; u++)
         own.count[u] = after->of[u][rank + 1] - after->of[u][rank];
     kiln_node_data_end(d);

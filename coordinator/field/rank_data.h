@@ -77,6 +77,6 @@ const struct kiln_field_set *kiln_node_data_fields(const struct kiln_node_data *
 void *kiln_rank_field(const struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index);
 /* An own point's components as published: kiln_field_floats, or for KILN_FIELD_SUM the sum of its terms. */
 void kiln_rank_floats(const struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index,
-                      uint64_t own, float floats[KILN_FIELD_COMPONENTS_MAX]);
+                      struct kiln_own_point own, float floats[KILN_FIELD_COMPONENTS_MAX]);
 
 #endif

@@ -21,8 +21,8 @@ static uint64_t points_of(const struct kiln_surface *surface, struct kiln_range 
 {
     if (range.count == 0)
         return 0;
-    const struct kiln_tile_run *last = &surface->tile_runs[range.first + range.count - 1];
-    return last->first + last->count - surface->tile_runs[range.first].first;
+    const struct kiln_tile_run *first = &surface->tile_runs[range.first];
+    return kiln_tile_runs_points(first, first + range.count - 1);
 }
 
 /* points a second */

@@ -19,13 +19,13 @@ static void publish_radiosity(const struct kiln_lockstep *l)
     const struct kiln_surface *surface = &solution->own->surface;
     for (size_t i = 0; i < surface->tile_run_count; i++) {
         const struct kiln_tile_run *f = &surface->tile_runs[i];
-        uint64_t own = f->first - surface->first;
-        for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own++) {
+        struct kiln_own_point own = kiln_own_of_global(surface, f->first);
+        for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++) {
             float albedo[3], total[3];
             kiln_point_albedo(surface, own, albedo);
             for (uint64_t c = 0; c < 3; c++)
-                total[c] = albedo[c] * (solution->direct[3 * own + c] + solution->indirect[3 * own + c]);
-            solution->own->next[own] =
+                total[c] = albedo[c] * (solution->direct[3 * own.at + c] + solution->indirect[3 * own.at + c]);
+            solution->own->next[own.at] =
                 kiln_radiosity_pack(total, kiln_packing_hash(f, (uint32_t)__builtin_ctzll(rest), TOTAL_STREAM));
         }
     }

@@ -13,10 +13,10 @@ static inline uint32_t kiln_packing_hash(const struct kiln_tile_run *f, uint32_t
 }
 
 /* Of the own point `own`. */
-static inline void kiln_point_albedo(const struct kiln_surface *surface, uint64_t own, float albedo[3])
+static inline void kiln_point_albedo(const struct kiln_surface *surface, struct kiln_own_point own, float albedo[3])
 {
     for (int c = 0; c < 3; c++)
-        albedo[c] = (float)surface->albedo[3 * own + (uint64_t)c] * (1.0f / 65535.0f);
+        albedo[c] = (float)surface->albedo[3 * own.at + (uint64_t)c] * (1.0f / 65535.0f);
 }
 
 #endif

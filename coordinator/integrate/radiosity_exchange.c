@@ -15,7 +15,7 @@ void kiln_exchange_radiosity(const struct kiln_radiosity_exchange *x, enum kiln_
     if (source != KILN_EXCHANGE_NEXT_COMPACT)
         kiln_radiosity_allgather_abandon(s->allgather);
     if (source == KILN_EXCHANGE_NEXT)
-        memcpy(s->radiosity + surface->first, s->own->next, surface->count * sizeof *s->own->next);
+        memcpy(s->radiosity + surface->first.at, s->own->next, surface->count * sizeof *s->own->next);
     if (source == KILN_EXCHANGE_NEXT_COMPACT)
         kiln_radiosity_allgather_finish(s->allgather, kiln_next_compact(s->own));
     else

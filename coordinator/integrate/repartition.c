@@ -99,7 +99,7 @@ static int make_bounds(const struct repartition *s, const struct work *w, const 
         const size_t f = bound_at(s, w->before[p->rank], ideal, KILN_BOUND_SLACK * w->total / p->ranks);
         after->of[KILN_DOMAIN_TILE_RUN][k] = before->of[KILN_DOMAIN_TILE_RUN][p->rank] + f;
         after->of[KILN_DOMAIN_POINT][k] =
-            f < surface->tile_run_count ? surface->tile_runs[f].first : surface->first + surface->count;
+            f < surface->tile_run_count ? surface->tile_runs[f].first.at : surface->first.at + surface->count;
         after->of[KILN_DOMAIN_PIECE][k] = before->of[KILN_DOMAIN_PIECE][p->rank] + surface->piece_base[f];
         after->of[KILN_DOMAIN_AREA_CDF][k] = before->of[KILN_DOMAIN_AREA_CDF][p->rank] + surface->area_cdf_base[f];
     }

@@ -183,9 +183,8 @@ static void add_done(const struct kiln_surface *surface, struct save_work *w, si
 {
     if (first >= end)
         return;
-    const struct kiln_tile_run *last = &surface->tile_runs[end - 1];
-    const uint64_t point = surface->tile_runs[first].first;
-    w->done[w->done_count++] = (struct saved_range){point, last->first + last->count - point};
+    const struct kiln_tile_run *run = &surface->tile_runs[first], *last = &surface->tile_runs[end - 1];
+    w->done[w->done_count++] = (struct saved_range){run->first.at, kiln_tile_runs_points(run, last)};
 }
 
 /* What lies between what is to do is done. */
@@ -466,12 +465,12 @@ static int add_part(const struct kiln_saved *s, size_t part, bool finished, stru
 }
 
 /* The first own tile run that begins at or after a point. */
-static size_t tile_run_at(const struct kiln_surface *surface, uint64_t point)
+static size_t tile_run_at(const struct kiln_surface *surface, struct kiln_global_point point)
 {
     size_t low = 0, high = surface->tile_run_count;
     while (low < high) {
         const size_t middle = low + (high - low) / 2;
-        if (surface->tile_runs[middle].first < point)
+        if (surface->tile_runs[middle].first.at < point.at)
             low = middle + 1;
         else
             high = middle;
@@ -492,12 +491,12 @@ static int restore_todo(const struct kiln_saved *s, struct kiln_error *error)
         uint64_t first, count, ranges = 0;
         struct saved_range *done = NULL;
         kiln_checkpoint_part_range(c, part, "direct", &first, &count);
-        if (count == 0 || first >= surface->first + surface->count || first + count <= surface->first)
+        if (count == 0 || first >= surface->first.at + surface->count || first + count <= surface->first.at)
             continue;
         status = kiln_checkpoint_read_part(c, part, "done", sizeof *done, &done, &ranges, error);
         for (uint64_t i = 0; i < ranges && status == KILN_OK; i++) {
-            const size_t begin = tile_run_at(surface, done[i].first),
-                         end = tile_run_at(surface, done[i].first + done[i].count);
+            const size_t begin = tile_run_at(surface, (struct kiln_global_point){done[i].first}),
+                         end = tile_run_at(surface, (struct kiln_global_point){done[i].first + done[i].count});
             status = kiln_step_work_add(s->work, at, begin, error);
             at = end > at ? end : at;
         }

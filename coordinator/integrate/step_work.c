@@ -60,7 +60,7 @@ uint64_t kiln_step_work_done_before(struct kiln_step_work *work, const struct ki
         work->held = false;
     if (!work->held)
         work->sent = end;
-    return work->sent < surface->tile_run_count ? surface->tile_runs[work->sent].first - surface->first
+    return work->sent < surface->tile_run_count ? kiln_own_of_global(surface, surface->tile_runs[work->sent].first).at
                                                 : surface->count;
 }
 

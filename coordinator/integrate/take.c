@@ -18,7 +18,7 @@ int kiln_taker_take(struct kiln_taker *taker, const struct kiln_rank_data *data,
 #pragma omp for schedule(static)
         for (size_t i = 0; i < count; i++) {
             taker->tile_runs[i] = (struct kiln_tile_run_tally){0};
-            const size_t point = (size_t)(tile_runs[i].first - tile_runs[0].first);
+            const size_t point = (size_t)(tile_runs[i].first.at - tile_runs[0].first.at);
             taking->settings->integrator->take(taking, data, &tile_runs[i], (const char *)results + point * bytes, &own,
                                                &taker->tile_runs[i]);
         }

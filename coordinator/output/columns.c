@@ -170,8 +170,8 @@ void kiln_rows_free(struct kiln_rows *rows)
         kiln_free(&rows->column[c]);
 }
 
-void kiln_column_floats(const struct kiln_column *column, const struct kiln_bake_result *result, uint64_t own,
-                        float floats[KILN_FIELD_COMPONENTS_MAX])
+void kiln_column_floats(const struct kiln_column *column, const struct kiln_bake_result *result,
+                        struct kiln_own_point own, float floats[KILN_FIELD_COMPONENTS_MAX])
 {
     const struct kiln_field *field = result->fields->entry[column->field].field;
     if (field->life == KILN_FIELD_SURFACE || kiln_point_valid(result->surface, own))
@@ -197,12 +197,12 @@ static void put_point(struct kiln_rows *rows, const struct kiln_columns *columns
 }
 
 /* Index of the first tile run that ends after `point`. */
-static size_t find_tile_run(const struct kiln_surface *s, uint64_t point)
+static size_t find_tile_run(const struct kiln_surface *s, struct kiln_global_point point)
 {
     size_t low = 0, high = s->tile_run_count;
     while (low < high) {
         const size_t middle = low + (high - low) / 2;
-        if (s->tile_runs[middle].first + s->tile_runs[middle].count <= point)
+        if (s->tile_runs[middle].first.at + s->tile_runs[middle].count <= point.at)
             low = middle + 1;
         else
             high = middle;
@@ -212,21 +212,22 @@ static size_t find_tile_run(const struct kiln_surface *s, uint64_t point)
 
 /* A tile run on the border of two ranges is processed for both. */
 void kiln_rows_fill(struct kiln_rows *rows, const struct kiln_columns *columns, const struct kiln_bake_result *result,
-                    uint64_t first, uint64_t last)
+                    struct kiln_global_point first, struct kiln_global_point last)
 {
     const struct kiln_surface *s = result->surface;
-    if (first >= last)
+    if (first.at >= last.at)
         return;
-    const size_t from = find_tile_run(s, first), to = find_tile_run(s, last - 1) + 1;
+    const size_t from = find_tile_run(s, first), to = find_tile_run(s, (struct kiln_global_point){last.at - 1}) + 1;
 #pragma omp parallel for schedule(dynamic, 64)
     for (size_t f = from; f < to; f++) {
         struct kiln_point_detail details[KILN_TILE_TEXELS];
         const struct kiln_tile_run *tile_run = &s->tile_runs[f];
         const uint32_t count = kiln_tile_run_details(result, f, details);
         for (uint32_t i = 0; i < count; i++) {
-            const struct kiln_column_point point = {result, tile_run->first + i - s->first, tile_run, &details[i]};
-            if (tile_run->first + i >= first && tile_run->first + i < last)
-                put_point(rows, columns, tile_run->first + i - first, &point);
+            const struct kiln_global_point at = {tile_run->first.at + i};
+            const struct kiln_column_point point = {result, kiln_own_of_global(s, at), tile_run, &details[i]};
+            if (at.at >= first.at && at.at < last.at)
+                put_point(rows, columns, at.at - first.at, &point);
         }
     }
 }

@@ -13,7 +13,7 @@
 /* A surface point for which a row is written. */
 struct kiln_column_point {
     const struct kiln_bake_result *result;
-    uint64_t own;
+    struct kiln_own_point own;
     const struct kiln_tile_run *tile_run;
     const struct kiln_point_detail *detail;
 };
@@ -56,13 +56,13 @@ int kiln_rows_allocate(struct kiln_rows *rows, const struct kiln_columns *column
                        struct kiln_error *error);
 void kiln_rows_free(struct kiln_rows *rows);
 
-/* Fills in the rows of the global points [first, last), which this rank must own; `first` is row 0. Uses all threads.
+/* Fills in the rows of the points [first, last), which this rank must own; `first` is row 0. Uses all threads.
  */
 void kiln_rows_fill(struct kiln_rows *rows, const struct kiln_columns *columns, const struct kiln_bake_result *result,
-                    uint64_t first, uint64_t last);
+                    struct kiln_global_point first, struct kiln_global_point last);
 
 /* The row of own point `own` in a column that is a field, as kiln_rows_fill writes it. */
-void kiln_column_floats(const struct kiln_column *column, const struct kiln_bake_result *result, uint64_t own,
-                        float floats[KILN_FIELD_COMPONENTS_MAX]);
+void kiln_column_floats(const struct kiln_column *column, const struct kiln_bake_result *result,
+                        struct kiln_own_point own, float floats[KILN_FIELD_COMPONENTS_MAX]);
 
 #endif

@@ -137,7 +137,8 @@ static int send_head(struct kiln_points_writer *w, struct kiln_error *error)
     const uint64_t first = w->starts[w->rank], last = head_end(w, w->rank);
     if (first == last)
         return KILN_OK;
-    kiln_rows_fill(&w->rows, &w->columns, w->result, first, last);
+    kiln_rows_fill(&w->rows, &w->columns, w->result, (struct kiln_global_point){first},
+                   (struct kiln_global_point){last});
     move_rows(&w->rows, &w->columns, 0, last - first, w->packed, true);
     const int sent = MPI_Send(w->packed, (int)((last - first) * kiln_columns_row(&w->columns)), MPI_BYTE,
                               owner_of(w, first), TAG_ROWS, w->result->communicator);
@@ -175,7 +176,8 @@ static void fill_batch(struct kiln_points_writer *w)
     const uint64_t own_end = w->starts[w->rank + 1], first = w->batch.first * w->chunk_rows,
                    last = first + w->batch.count * w->chunk_rows;
     const uint64_t own = minimum(own_end, last) - first;
-    kiln_rows_fill(&w->rows, &w->columns, w->result, first, first + own);
+    kiln_rows_fill(&w->rows, &w->columns, w->result, (struct kiln_global_point){first},
+                   (struct kiln_global_point){first + own});
     for (size_t c = 0; c < w->columns.count && own_end < last; c++) {
         const size_t row = kiln_column_row(column_at(w, c));
         memcpy((uint8_t *)w->rows.column[c] + own * row, (uint8_t *)w->tail.column[c] + own_end % w->chunk_rows * row,
@@ -365,15 +367,16 @@ static bool read_packed(struct kiln_points_writer *w, hid_t dataset)
     return good;
 }
 
-static bool same_total(const struct kiln_points_writer *w, uint64_t point, const float found[3])
+static bool same_total(const struct kiln_points_writer *w, struct kiln_global_point point, const float found[3])
 {
     const struct kiln_surface *s = w->result->surface;
     float expected[KILN_FIELD_COMPONENTS_MAX];
     bool same = true;
-    if (point >= s->first + s->count)
-        memcpy(expected, (const float *)w->tail.column[w->total] + 3 * (point % w->chunk_rows), 3 * sizeof *expected);
+    if (point.at >= s->first.at + s->count)
+        memcpy(expected, (const float *)w->tail.column[w->total] + 3 * (point.at % w->chunk_rows),
+               3 * sizeof *expected);
     else
-        kiln_column_floats(column_at(w, w->total), w->result, point - s->first, expected);
+        kiln_column_floats(column_at(w, w->total), w->result, kiln_own_of_global(s, point), expected);
     for (uint64_t c = 0; c < 3; c++)
         same = same && (found[c] == expected[c] || (isnan(expected[c]) && isnan(found[c])));
     return same;
@@ -389,7 +392,7 @@ static bool same_chunk(struct kiln_points_writer *w, uint64_t chunk)
                           w->shuffled + place, found, NULL) != KILN_OK)
         return false;
     for (uint64_t point = first; point < last; point++)
-        if (!same_total(w, point, found + 3 * (point - first)))
+        if (!same_total(w, (struct kiln_global_point){point}, found + 3 * (point - first)))
             return false;
     return true;
 }
@@ -446,13 +449,14 @@ static int learn_starts(struct kiln_points_writer *w, struct kiln_error *error)
     status = kiln_agree(w->result->communicator, status, error);
     if (status != KILN_OK)
         return status;
-    if (MPI_Allgather(&s->first, 1, MPI_UINT64_T, w->starts, 1, MPI_UINT64_T, w->result->communicator) != MPI_SUCCESS)
+    if (MPI_Allgather(&s->first.at, 1, MPI_UINT64_T, w->starts, 1, MPI_UINT64_T, w->result->communicator) !=
+        MPI_SUCCESS)
         return mpi_failed(error);
     w->starts[w->ranks] = s->point_count;
-    if (w->starts[w->rank + 1] != s->first + s->count)
+    if (w->starts[w->rank + 1] != s->first.at + s->count)
         status = kiln_fail(error, KILN_BUG,
                            "rank %d: its %llu points from %llu on are not followed by those of the next rank", w->rank,
-                           (unsigned long long)s->count, (unsigned long long)s->first);
+                           (unsigned long long)s->count, (unsigned long long)s->first.at);
     return kiln_agree(w->result->communicator, status, error);
 }
 

@@ -19,10 +19,4 @@ struct kiln_point_detail {
 uint32_t kiln_tile_run_details(const struct kiln_bake_result *result, size_t tile_run,
                                struct kiln_point_detail *details);
 
-/* Index of the tile run's first point in this rank's arrays: its global index minus surface->first. */
-static inline uint64_t kiln_tile_run_offset(const struct kiln_surface *surface, size_t tile_run)
-{
-    return surface->tile_runs[tile_run].first - surface->first;
-}
-
 #endif

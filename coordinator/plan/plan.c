@@ -217,15 +217,14 @@ static int take_sample(const struct kiln_planned_steps *steps, const struct kiln
     const struct kiln_tile_run *tile_runs = p->surface->tile_runs;
     const size_t rest = p->surface->tile_run_count - first;
     int status = KILN_OK;
-    *sample = (struct kiln_plan_sample){.first = tile_runs[first].first};
+    *sample = (struct kiln_plan_sample){.first = tile_runs[first].first.at};
     for (uint32_t k = 0; k < steps->kind_count && status == KILN_OK; k++) {
         const size_t wanted = is_cheap(steps, k) ? CHEAP_TILE_RUNS * count : count;
         const struct kiln_batch batch = {.first = first,
                                          .count = wanted < rest ? wanted : rest,
                                          .stream = steps->kinds[k].stream,
                                          .samples = steps->kinds[k].samples};
-        const struct kiln_tile_run *last = &tile_runs[first + batch.count - 1];
-        sample->points[k] = last->first + last->count - sample->first;
+        sample->points[k] = kiln_tile_runs_points(&tile_runs[first], &tile_runs[first + batch.count - 1]);
         status = sample_step(p, &batch, &steps->kinds[k], &sample->seconds[k], error);
     }
     return status;
@@ -429,7 +428,7 @@ static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *
     for (uint32_t l = 0; l < plan->steps.kind_count && status == KILN_OK; l++)
         status = kiln_allocate(&cells->cost[l], cells->count, sizeof *cells->cost[l], "the simulated cells", error);
     for (size_t i = 0; status == KILN_OK && i < cells->count; i++) {
-        const uint64_t first = in_cells ? s->cell_first[i] : s->tile_runs[i].first;
+        const uint64_t first = in_cells ? s->cell_first[i] : s->tile_runs[i].first.at;
         cells->points[i] = in_cells ? s->cell_first[i + 1] - first : s->tile_runs[i].count;
         for (uint32_t l = 0; l < plan->steps.kind_count; l++)
             cells->cost[l][i] = crowd(p, job) * (cost_in(plan, first, cells->points[i], l) + take_seconds(p));

@@ -124,7 +124,7 @@ struct placed_run {
 
 static struct placed_run place_run(const struct kiln_block *block, const struct kiln_unplaced_run *run)
 {
-    return (struct placed_run){.tile_run = {.first = run->first,
+    return (struct placed_run){.tile_run = {.first = {run->first},
                                             .mask = run->mask,
                                             .map = block->map,
                                             .tile = run->tile,
@@ -240,8 +240,8 @@ static int receive_tile_runs(struct kiln_build *build, const struct rank_bounds 
 {
     struct kiln_surface *s = build->surface;
     const uint32_t rank = build->params->rank;
-    s->first = bounds->point[rank];
-    s->count = bounds->point[rank + 1] - s->first;
+    s->first.at = bounds->point[rank];
+    s->count = bounds->point[rank + 1] - s->first.at;
     s->tile_run_count = bounds->tile_run[rank + 1] - bounds->tile_run[rank];
     int status = kiln_allocate(&s->tile_runs, s->tile_run_count, sizeof *s->tile_runs, "the tile runs", build->error);
     if (status == KILN_OK)

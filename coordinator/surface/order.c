@@ -243,7 +243,7 @@ static void receive_entries(void *taker, const void *records, size_t count)
         if (e->place < s->tile_count)
             s->tiles[e->place] = (struct kiln_tile){e->mask, e->first};
         else
-            s->splits[e->place - s->tile_count] = (struct kiln_split_tile_run){e->mask, e->first};
+            s->splits[e->place - s->tile_count] = (struct kiln_split_tile_run){e->mask, {e->first}};
     }
 }
 

@@ -143,8 +143,9 @@ static int keep_largest(struct fill_scratch *scratch, uint32_t *order, uint32_t 
 }
 
 struct point_place {
-    uint64_t point, piece, cdf; /* indices in the surface's arrays where the next point's data go */
-    uint32_t x, y, shift;       /* the point's texel, and the lightmap's shift */
+    struct kiln_own_point point;
+    uint64_t piece, cdf;  /* indices in the surface's arrays where the point's pieces and fractions of area go */
+    uint32_t x, y, shift; /* the point's texel, and the lightmap's shift */
 };
 
 static int fill_point(struct kiln_build *build, struct fill_scratch *scratch, uint32_t *order, uint32_t count,
@@ -171,7 +172,7 @@ static int fill_point(struct kiln_build *build, struct fill_scratch *scratch, ui
         if (i + 1 < count)
             s->area_cdf[place->cdf++] = (float)fmin(sum / kept, 1.0);
     }
-    const uint64_t p = place->point++;
+    const uint64_t p = place->point.at++;
     s->piece_count[p] = (uint16_t)(count | (count == 1 && pieces[order[0]].whole ? KILN_PIECES_WHOLE : 0u));
     s->area[p] = fmaxf((float)total, 0x1p-126f); /* never 0, however small the scene */
     s->visible[p] = 0xffff;
@@ -213,7 +214,7 @@ static int fill_tile_run(struct kiln_build *build, const struct kiln_coverage *c
     if (status == KILN_OK)
         status = sort_pieces(scratch, first, error);
     struct point_place place = {
-        tile_run->first - s->first, s->piece_base[f], s->area_cdf_base[f], 0, 0, coverage->shift};
+        kiln_own_of_global(s, tile_run->first), s->piece_base[f], s->area_cdf_base[f], 0, 0, coverage->shift};
     for (uint64_t rest = tile_run->mask; rest != 0 && status == KILN_OK; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
         place.x = tile_run->tile % coverage->tiles_x * KILN_TILE_SIDE + kiln_morton8_x(bit);

@@ -340,8 +340,7 @@ void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_h
 {
     const struct kiln_hit_record *record = &maps->source->geometry->records[hit->triangle];
     const struct map *map = map_of(maps, hit);
-    const float x = record->texel[0] + hit->u * record->texel[2] + hit->v * record->texel[4];
-    const float y = record->texel[1] + hit->u * record->texel[3] + hit->v * record->texel[5];
+    const float x = kiln_hit_x(record, hit->u, hit->v), y = kiln_hit_y(record, hit->u, hit->v);
     rgb[0] = rgb[1] = rgb[2] = 0.0f;
     if (map->image != NULL)
         look_up(map, x * map->scale_x, y * map->scale_y, rgb);
@@ -355,8 +354,7 @@ static void texel_color(const struct kiln_view_source *s, const struct kiln_hit 
                         float rgb[3])
 {
     const struct kiln_hit_record *record = &s->geometry->records[hit->triangle];
-    const float x = floorf(record->texel[0] + hit->u * record->texel[2] + hit->v * record->texel[4]);
-    const float y = floorf(record->texel[1] + hit->u * record->texel[3] + hit->v * record->texel[5]);
+    const float x = floorf(kiln_hit_x(record, hit->u, hit->v)), y = floorf(kiln_hit_y(record, hit->u, hit->v));
     const float square = fmodf(fabsf(x + y), 2.0f) == 0.0f ? 0.8f : 0.25f;
     const float slant = 0.4f + 0.6f * fabsf(vec3_dot(kiln_triangle_normal(s->geometry, hit->triangle), direction));
     for (uint32_t c = 0; c < 3; c++)

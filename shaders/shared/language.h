@@ -30,6 +30,7 @@
 
 #    define KILN_GLSL
 #    define KILN_U32 uint                /* an unsigned number of 32 bits */
+#    define KILN_I32 int                 /* a signed one */
 #    define KILN_VECTOR vec3             /* three floats; vec3(x, y, z) makes one in both languages */
 #    define KILN_FUNCTION                /* before every function */
 #    define KILN_STRUCT                  /* before the name of a struct that is used as a type */
@@ -38,11 +39,13 @@
 #    define KILN_AT(parameter) parameter /* its value in the function; */
 #    define KILN_TO(variable) variable   /* and the argument for it */
 #    define KILN_TO_U32(x) uint(x)       /* conversions */
+#    define KILN_TO_I32(x) int(x)
 #    define KILN_TO_F32(x) float(x)
 #    define KILN_RATIO32(a, b) (float(a) / float(b)) /* the float nearest to a / b, both integers */
 #    define float_min(a, b) min(a, b)
 #    define word_min(a, b) min(a, b)
 #    define word_max(a, b) max(a, b)
+#    define integer_clamp(i, low, high) clamp(i, low, high)
 
 #else
 
@@ -53,6 +56,7 @@
 #    include "shaders/shared/vector.h"
 
 #    define KILN_U32 uint32_t
+#    define KILN_I32 int32_t
 #    define KILN_FUNCTION static inline
 #    define KILN_STRUCT struct
 #    define KILN_OUT(type) type *
@@ -60,12 +64,17 @@
 #    define KILN_AT(a) (*(a))
 #    define KILN_TO(x) (&(x))
 #    define KILN_TO_U32(x) ((uint32_t)(x))
+#    define KILN_TO_I32(x) ((int32_t)(x))
 #    define KILN_TO_F32(x) ((float)(x))
 #    define KILN_VECTOR struct kiln_vec3
 #    define KILN_RATIO32(a, b) ((float)(a) / (float)(b))
 #    define float_min fminf
 static inline uint32_t word_min(uint32_t a, uint32_t b) { return a < b ? a : b; }
 static inline uint32_t word_max(uint32_t a, uint32_t b) { return a > b ? a : b; }
+static inline int32_t integer_clamp(int32_t i, int32_t low, int32_t high)
+{
+    return i < low ? low : i > high ? high : i;
+}
 
 #endif
 

@@ -17,6 +17,22 @@
 #define KILN_WRAP_CLAMP 1u
 #define KILN_WRAP_MIRROR 2u
 
+/* ---- from a hit to a texel of a lightmap ---- */
+
+/* One coordinate of a hit on its object's lightmap, in texels. `corner`, `along_u` and `along_v` are that coordinate's
+ * entries of the triangle's hit record: at corner 0, and from there to corners 1 and 2. u and v are the hit's
+ * barycentric weights of those corners. */
+KILN_FUNCTION float kiln_texel_coordinate(float corner, float along_u, float along_v, float u, float v)
+{
+    return corner + u * along_u + v * along_v;
+}
+
+/* Column or row of the texel there, from 0 to `last`: rounding may put a hit on the rim a little outside. */
+KILN_FUNCTION KILN_I32 kiln_texel_of(float coordinate, KILN_I32 last)
+{
+    return integer_clamp(KILN_TO_I32(coordinate), 0, last);
+}
+
 /* ---- tiles of a lightmap ---- */
 
 #define KILN_TILE_SIDE 8
@@ -27,6 +43,9 @@ KILN_FUNCTION KILN_U32 kiln_morton8(KILN_U32 x, KILN_U32 y)
 {
     return (x & 1u) | (y & 1u) << 1 | (x & 2u) << 1 | (y & 2u) << 2 | (x & 4u) << 2 | (y & 4u) << 3;
 }
+
+/* Number of the tile of texel (x, y) among those of a lightmap that is `tiles_x` tiles wide. */
+KILN_FUNCTION KILN_U32 kiln_tile_of(KILN_U32 x, KILN_U32 y, KILN_U32 tiles_x) { return (y >> 3) * tiles_x + (x >> 3); }
 
 /* In the upper word of a tile's `first`: the rest is the index of the tile's first entry among the splits. */
 #define KILN_TILE_SPLIT_HIGH 0x80000000u

@@ -163,7 +163,7 @@ static inline void synthetic_surface(struct synthetic *s)
         f->object_count = f->map_count = 2;
         f->cell_first[o] = f->point_count;
         for (uint32_t tile = 0; tile < f->lightmaps[o].tiles_x * f->lightmaps[o].tiles_y; tile++, f->tile_count++) {
-            struct kiln_tile_run tile_run = {.first = f->point_count, .map = o, .tile = tile, .cell = o};
+            struct kiln_tile_run tile_run = {.first = {f->point_count}, .map = o, .tile = tile, .cell = o};
             f->piece_base[f->tile_run_count] = piece;
             f->area_cdf_base[f->tile_run_count] = share;
             for (uint32_t bit = 0; bit < 64; bit++) {
@@ -179,7 +179,7 @@ static inline void synthetic_surface(struct synthetic *s)
                 tile_run.count++;
                 f->point_count++;
             }
-            f->tiles[f->tile_count] = (struct kiln_tile){tile_run.mask, tile_run.first};
+            f->tiles[f->tile_count] = (struct kiln_tile){tile_run.mask, tile_run.first.at};
             if (tile_run.count > 0)
                 f->tile_runs[f->tile_run_count++] = tile_run;
         }
@@ -198,8 +198,8 @@ static inline void synthetic_share(struct synthetic *s, int rank, int ranks)
     struct kiln_surface *f = &s->surface;
     const size_t begin = f->tile_run_count * (size_t)rank / (size_t)ranks,
                  end = f->tile_run_count * (size_t)(rank + 1) / (size_t)ranks;
-    const uint64_t first = begin < f->tile_run_count ? f->tile_runs[begin].first : f->point_count;
-    const uint64_t last = end < f->tile_run_count ? f->tile_runs[end].first : f->point_count;
+    const uint64_t first = begin < f->tile_run_count ? f->tile_runs[begin].first.at : f->point_count;
+    const uint64_t last = end < f->tile_run_count ? f->tile_runs[end].first.at : f->point_count;
     (void)kiln_allocate(&s->direct, 3 * (last - first), sizeof(float), "light", NULL);
     (void)kiln_allocate(&s->indirect, 3 * (last - first), sizeof(float), "light", NULL);
     (void)kiln_allocate(&s->error, last - first, sizeof *s->error, "light", NULL);
@@ -222,7 +222,7 @@ static inline void synthetic_share(struct synthetic *s, int rank, int ranks)
     f->albedo += 3 * first;
     f->area += first;
     f->visible += first;
-    f->first = first;
+    f->first.at = first;
     f->count = last - first;
 }
 

@@ -102,7 +102,7 @@ static void fill(struct test *t)
     const struct kiln_rank_data *data = own(t);
     for (uint64_t i = 0; i < data->surface.count; i++)
         for (uint64_t c = 0; c < 3; c++)
-            values(t)[3 * i + c] = wanted_at(data->surface.first + i, c);
+            values(t)[3 * i + c] = wanted_at(data->surface.first.at + i, c);
     memcpy(data->direct, t->scene.direct, data->surface.count * 3 * sizeof(float));
     memcpy(data->sum, t->scene.indirect, data->surface.count * 3 * sizeof(float));
     memcpy(data->error, t->scene.error, data->surface.count * sizeof(uint16_t));
@@ -116,7 +116,7 @@ static bool has_all(const struct test *t)
     bool good = true;
     for (uint64_t i = 0; i < own(t)->surface.count; i++)
         for (uint64_t c = 0; c < 3; c++)
-            good = good && values(t)[3 * i + c] == wanted_at(own(t)->surface.first + i, c);
+            good = good && values(t)[3 * i + c] == wanted_at(own(t)->surface.first.at + i, c);
     return good;
 }
 
@@ -160,7 +160,7 @@ static void make_bounds(const struct test *t, double share, const struct kiln_ra
     (void)kiln_range_bounds_create(after, t->ranks, NULL);
     if (r > 0) {
         after->of[KILN_DOMAIN_TILE_RUN][r] = before->of[KILN_DOMAIN_TILE_RUN][r] + f;
-        after->of[KILN_DOMAIN_POINT][r] = f < s->tile_run_count ? s->tile_runs[f].first : s->first + s->count;
+        after->of[KILN_DOMAIN_POINT][r] = f < s->tile_run_count ? s->tile_runs[f].first.at : s->first.at + s->count;
         after->of[KILN_DOMAIN_PIECE][r] = before->of[KILN_DOMAIN_PIECE][r] + s->piece_base[f];
         after->of[KILN_DOMAIN_AREA_CDF][r] = before->of[KILN_DOMAIN_AREA_CDF][r] + s->area_cdf_base[f];
     }
@@ -173,13 +173,13 @@ static void make_bounds(const struct test *t, double share, const struct kiln_ra
 static void redistribute(struct test *t, double share)
 {
     struct kiln_range_bounds before, after = {{NULL}};
-    const uint64_t first = own(t)->surface.first;
+    const uint64_t first = own(t)->surface.first.at;
     int status = kiln_node_data_bounds(t->data, MPI_COMM_WORLD, &before, &t->error);
     make_bounds(t, share, &before, &after);
     if (status == KILN_OK)
         status = kiln_node_data_redistribute(t->data, MPI_COMM_WORLD, &before, &after, 1000, &t->error);
     expect(t, status == KILN_OK, "points cannot be moved");
-    expect(t, t->rank == 0 || own(t)->surface.first != first, "nothing was moved");
+    expect(t, t->rank == 0 || own(t)->surface.first.at != first, "nothing was moved");
     expect(t, has_all(t), "values did not move with the points");
     kiln_range_bounds_destroy(&before);
     kiln_range_bounds_destroy(&after);
@@ -192,7 +192,7 @@ static void look_at_others(struct test *t)
     for (int i = 0; i < kiln_node_data_count(t->data); i++) {
         const struct kiln_rank_data *data = kiln_rank_data(t->data, i);
         const float *theirs = kiln_rank_field(data, &t->fields, t->made_up);
-        expect(t, data->surface.count == 0 || theirs[0] == wanted_at(data->surface.first, 0),
+        expect(t, data->surface.count == 0 || theirs[0] == wanted_at(data->surface.first.at, 0),
                "another rank's values are not seen");
     }
     kiln_node_wait(t->node);
@@ -298,7 +298,7 @@ static void read_lightmap(struct test *t, const char *path, bool is_there)
         const struct kiln_image_channel *channel = kiln_image_find(image, channels[c]);
         expect(t, (channel != NULL) == is_there, "a lightmap has the channel, or has it not");
         for (uint32_t i = 0; channel != NULL && i < map->width * map->height; i++) {
-            const uint64_t point = kiln_surface_find(&t->surface, 0, i % map->width, i / map->width);
+            const uint64_t point = kiln_surface_find(&t->surface, 0, i % map->width, i / map->width).at;
             expect(t, point == KILN_NO_POINT || !is_valid(point) || channel->values[i] == wanted_at(point, c),
                    "a lightmap has another value");
             expect(t, fabsf(channel->values[i]) <= 1.0f, "a lightmap is filled with what the field cannot be");

@@ -58,22 +58,23 @@ static void pair_take(const struct kiln_taking *t, const struct kiln_rank_data *
     const struct kiln_surface *surface = &data->surface;
     const struct kiln_point_result *results = answers;
     float *values = !t->step->pass->reads_radiosity ? data->direct : data->sum;
-    uint64_t own = f->first - surface->first;
-    for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own++, results++) {
+    struct kiln_own_point own = kiln_own_of_global(surface, f->first);
+    for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++, results++) {
         float albedo[3], radiosity[3], sent[3];
         kiln_point_albedo(surface, own, albedo);
-        kiln_radiosity_unpack(t->radiosity[surface->first + own], sent);
+        kiln_radiosity_unpack(t->radiosity[kiln_global_of_own(surface, own).at], sent);
         for (int c = 0; c < 3; c++) {
             radiosity[c] = albedo[c] * results->incident[c];
-            values[3 * own + (uint64_t)c] = results->irradiance[c];
+            values[3 * own.at + (uint64_t)c] = results->irradiance[c];
         }
-        data->next[own] =
+        data->next[own.at] =
             kiln_radiosity_pack(radiosity, kiln_packing_hash(f, (uint32_t)__builtin_ctzll(rest), t->step->stream));
-        const struct kiln_ledger_point point = {
-            .area = (double)surface->area[own] * ((double)surface->visible[own] / 65535.0) * (double)results->present,
-            .albedo = albedo,
-            .sent = t->step->pass->reads_radiosity ? sent : NULL,
-            .samples = t->step->samples};
+        const struct kiln_ledger_point point = {.area = (double)surface->area[own.at] *
+                                                        ((double)surface->visible[own.at] / 65535.0) *
+                                                        (double)results->present,
+                                                .albedo = albedo,
+                                                .sent = t->step->pass->reads_radiosity ? sent : NULL,
+                                                .samples = t->step->samples};
         if (kiln_point_valid(surface, own))
             kiln_tally_add(&point, results, t->unit, tally, tile_run_tally);
     }
@@ -162,8 +163,8 @@ static int keep(struct found *found, const struct kiln_solution *solution)
     *found = (struct found){.points = surface->point_count, .steps = solution->report.steps.count};
     found->light = calloc(6 * found->points, sizeof *found->light);
     for (uint64_t i = 0; i < surface->count; i++) {
-        memcpy(found->light + 6 * (surface->first + i), solution->direct + 3 * i, 3 * sizeof(float));
-        memcpy(found->light + 6 * (surface->first + i) + 3, solution->indirect + 3 * i, 3 * sizeof(float));
+        memcpy(found->light + 6 * (surface->first.at + i), solution->direct + 3 * i, 3 * sizeof(float));
+        memcpy(found->light + 6 * (surface->first.at + i) + 3, solution->indirect + 3 * i, 3 * sizeof(float));
     }
     for (size_t i = 0; i < 2 && i < found->steps; i++)
         found->energy[i] = solution->report.steps.of[i].energy;

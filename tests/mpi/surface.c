@@ -38,10 +38,10 @@ static int differs(const char *what, const void *a, const void *b, size_t count,
 static int compare(const struct kiln_surface *a, const struct kiln_surface *b, size_t objects)
 {
     if (a->point_count != b->point_count || a->tile_count != b->tile_count || a->split_count != b->split_count ||
-        a->cell_count != b->cell_count || a->first != b->first || a->count != b->count ||
+        a->cell_count != b->cell_count || a->first.at != b->first.at || a->count != b->count ||
         a->tile_run_count != b->tile_run_count) {
-        (void)fprintf(stderr, "points %llu to %llu differ in number\n", (unsigned long long)a->first,
-                      (unsigned long long)(a->first + a->count));
+        (void)fprintf(stderr, "points %llu to %llu differ in number\n", (unsigned long long)a->first.at,
+                      (unsigned long long)(a->first.at + a->count));
         return 1;
     }
     const size_t tile_runs = a->tile_run_count;

@@ -28,7 +28,7 @@ static int write_all(const char *directory, bool half, bool divided, int rank, i
     int status = synthetic_create(&s, 75, divided ? 631 : 64, rank, ranks, error);
     if (status != KILN_OK)
         return status;
-    if (half && s.surface.first == 0 && s.surface.count > 100)
+    if (half && s.surface.first.at == 0 && s.surface.count > 100)
         s.direct[0] = 70000.0f; /* must make the first object's file a float one */
     struct kiln_faults faults;
     status = kiln_faults_read(&faults, error);

@@ -40,7 +40,7 @@ static int keep(void *context, size_t first, size_t count, const void *part_resu
         return kiln_fail(error, OWN_FAILURE, "the caller's own");
     for (size_t i = first; i < first + count; i++) {
         const struct kiln_tile_run *f = &a->surface->tile_runs[i];
-        memcpy(a->results + f->first, results, f->count * sizeof *results);
+        memcpy(a->results + f->first.at, results, f->count * sizeof *results);
         results += f->count;
     }
     return KILN_OK;

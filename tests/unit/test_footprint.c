@@ -183,7 +183,7 @@ static void check_mask(const struct built *b, const struct kiln_point_cursor *at
     struct kiln_footprint f;
     struct kiln_mask mask;
     kiln_footprint_prepare(&f, &b->fixture->scene, b->geometry, b->surface, at);
-    const double presence = (double)kiln_footprint_opacity(&f, (uint32_t)at->point + 7u, &mask);
+    const double presence = (double)kiln_footprint_opacity(&f, (uint32_t)at->point.at + 7u, &mask);
     double sum = 0.0, moment[2] = {0}, drawn[2] = {0}, s, t;
     for (int i = 0; i < FINE * FINE; i++) {
         const double opacity =
@@ -266,7 +266,7 @@ static void whole_texels_are_parallelograms(void **state)
             const struct kiln_vec3 q = vec3_madd(vec3_madd(f.whole.origin, f.whole.du, 0.3f), f.whole.dv, 0.8f);
             assert_true(vec3_length(vec3_sub(p, q)) < 1e-5f);
             const double area = (double)vec3_length(vec3_cross(f.whole.du, f.whole.dv));
-            assert_true(fabs(area / (double)b.surface->area[at.point] - 1.0) < 1e-4);
+            assert_true(fabs(area / (double)b.surface->area[at.point.at] - 1.0) < 1e-4);
             count++;
         }
     }

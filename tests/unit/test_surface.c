@@ -84,8 +84,8 @@ static void areas_add_up(void **state)
     for (size_t i = 0; i < b.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(b.surface, i);
         for (uint32_t k = 0; k < b.surface->tile_runs[i].count; k++, kiln_point_next(b.surface, &at)) {
-            assert_true(b.surface->area[at.point] > 0.0f);
-            area[at.object] += (double)b.surface->area[at.point];
+            assert_true(b.surface->area[at.point.at] > 0.0f);
+            area[at.object] += (double)b.surface->area[at.point.at];
         }
     }
     /* the plain cube has 6 x 4 m2, the 3-fold one 9 times, the small one 1/25; the flat one two sides of 4 and four of
@@ -121,12 +121,12 @@ static void check_order(const struct built *b, enum kiln_partition partition)
     const struct kiln_tile_run *before = NULL;
     for (size_t i = 0; i < s->tile_run_count; i++) {
         const struct kiln_tile_run *f = &s->tile_runs[i];
-        assert_int_equal(f->first, next);
+        assert_int_equal(f->first.at, next);
         assert_int_equal(f->count, __builtin_popcountll(f->mask));
         assert_true(f->cell < s->cell_count);
         const bool cells = partition == KILN_PARTITION_CELLS;
         if (cells)
-            assert_true(f->first >= s->cell_first[f->cell] && f->first + f->count <= s->cell_first[f->cell + 1]);
+            assert_true(f->first.at >= s->cell_first[f->cell] && f->first.at + f->count <= s->cell_first[f->cell + 1]);
         if (before != NULL) {
             const bool same_cell = !cells || before->cell == f->cell;
             assert_true(!cells || before->cell <= f->cell);
@@ -137,8 +137,8 @@ static void check_order(const struct built *b, enum kiln_partition partition)
         before = f;
         struct kiln_point_cursor at = kiln_point_first(s, i);
         for (uint32_t k = 0; k < f->count; k++, kiln_point_next(s, &at)) {
-            assert_int_equal(kiln_surface_find(s, at.object, at.x, at.y), next);
-            assert_int_equal(at.point, next - s->first);
+            assert_int_equal(kiln_surface_find(s, at.object, at.x, at.y).at, next);
+            assert_int_equal(at.point.at, next - s->first.at);
             next++;
         }
         assert_int_equal(at.piece, s->piece_base[i + 1]);
@@ -148,7 +148,7 @@ static void check_order(const struct built *b, enum kiln_partition partition)
     for (uint32_t o = 0; o < b->fixture->scene.object_count; o++) {
         for (uint32_t y = 0; y < s->lightmaps[o].height; y++) {
             for (uint32_t x = 0; x < s->lightmaps[o].width; x++)
-                found += kiln_surface_find(s, o, x, y) != KILN_NO_POINT ? 1 : 0;
+                found += kiln_surface_find(s, o, x, y).at != KILN_NO_POINT ? 1 : 0;
         }
     }
     assert_int_equal(found, s->point_count);
@@ -182,7 +182,7 @@ static void cells_change_nothing_else(void **state)
     for (size_t i = 0; i < a.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(a.surface, i);
         for (uint32_t k = 0; k < a.surface->tile_runs[i].count; k++, kiln_point_next(a.surface, &at)) {
-            const uint64_t p = at.point, q = kiln_surface_find(b.surface, at.object, at.x, at.y);
+            const uint64_t p = at.point.at, q = kiln_surface_find(b.surface, at.object, at.x, at.y).at;
             assert_true(q != KILN_NO_POINT);
             assert_true(a.surface->area[p] == b.surface->area[q]);
             assert_int_equal(a.surface->piece_count[p], b.surface->piece_count[q]);
@@ -222,7 +222,7 @@ static void shares_tile_the_whole(void **state)
                 build(&own, size, partition, rank, rank_counts[i], 1 + rank % 2);
                 const struct kiln_surface *s = own.surface;
                 compare_global(w, s);
-                assert_int_equal(s->first, point);
+                assert_int_equal(s->first.at, point);
                 if (s->count > 0) {
                     const uint64_t pieces = w->piece_base[tile_run], shares = w->area_cdf_base[tile_run];
                     assert_memory_equal(s->tile_runs, w->tile_runs + tile_run,
@@ -270,13 +270,13 @@ static void coverage_is_exact(void **state)
     uint32_t wholes = 0;
     for (uint32_t y = 0; y < 8; y++) {
         for (uint32_t x = 0; x < 8; x++) {
-            const uint64_t p = kiln_surface_find(b.surface, 0, x, y);
+            const uint64_t p = kiln_surface_find(b.surface, 0, x, y).at;
             const bool covered = x >= 2 && x < 6 && y >= 1 && y < 4;
             assert_int_equal(p != KILN_NO_POINT, covered);
             if (!covered)
                 continue;
             assert_true(fabs((double)b.surface->area[p] - wide[x - 2] * high[y - 1]) < 1e-6);
-            wholes += kiln_point_whole(b.surface, p);
+            wholes += kiln_point_whole(b.surface, (struct kiln_own_point){p});
             assert_int_equal(b.surface->albedo[3 * p], 32768);
             assert_int_equal(b.surface->visible[p], 0xffff);
         }
@@ -324,11 +324,11 @@ static void pieces_are_right(void **state)
                     kiln_geometry_triangle_area(b.geometry, t) / (0.5 * fabs(kiln_clip_twice_area(corner)));
                 sum += texels * scale;
                 if (j + 1 < count)
-                    assert_true(fabs((double)s->area_cdf[at.cdf + j] * (double)s->area[at.point] - sum) <=
-                                1e-6 * (double)s->area[at.point]);
+                    assert_true(fabs((double)s->area_cdf[at.cdf + j] * (double)s->area[at.point.at] - sum) <=
+                                1e-6 * (double)s->area[at.point.at]);
                 assert_true(kiln_point_whole(s, at.point) == (count == 1 && texels > 1.0 - 1e-9));
             }
-            assert_true(fabs(sum / (double)s->area[at.point] - 1.0) < 1e-6);
+            assert_true(fabs(sum / (double)s->area[at.point.at] - 1.0) < 1e-6);
             wholes += kiln_point_whole(s, at.point);
             many += count > 10;
         }
@@ -367,7 +367,7 @@ static void albedo_is_the_mean(void **state)
         build(&b, 0.0, KILN_PARTITION_CELLS, 0, 1, 1);
         assert_int_equal(b.surface->point_count, 64);
         for (uint32_t i = 0; i < 64; i++) {
-            const uint64_t p = kiln_surface_find(b.surface, 0, i % 8, i / 8);
+            const uint64_t p = kiln_surface_find(b.surface, 0, i % 8, i / 8).at;
             const double tolerance = 1e-4;
             assert_true(fabs(b.surface->albedo[3 * p] / 65535.0 - 0.5) < tolerance);
             assert_true(fabs(b.surface->albedo[3 * p + 1] / 65535.0 - 0.5) < 1e-4);
@@ -488,7 +488,7 @@ static void collapsed_triangles_keep_their_area(void **state)
     build(&b, 0.0, KILN_PARTITION_CELLS, 0, 1, 2);
     assert_true(b.report.worst_object_area_error < 1e-9);
     assert_true(b.surface->point_count >= 12);
-    assert_true(kiln_surface_find(b.surface, 4, 11, 11) != KILN_NO_POINT);
+    assert_true(kiln_surface_find(b.surface, 4, 11, 11).at != KILN_NO_POINT);
     check_order(&b, KILN_PARTITION_CELLS);
     for (size_t i = 0; i < b.surface->tile_run_count; i++) {
         struct kiln_point_cursor at = kiln_point_first(b.surface, i);
@@ -599,7 +599,7 @@ static void tile_runs_are_cut_alike(void **state)
             for (uint64_t f = 0; f < cuts[r]; f++)
                 first += points[f];
             build(&b, 100.0, KILN_PARTITION_CELLS, r, ranks[i], 2);
-            assert_int_equal(b.surface->first, first);
+            assert_int_equal(b.surface->first.at, first);
             assert_int_equal(b.surface->tile_run_count, cuts[r + 1] - cuts[r]);
         }
     }

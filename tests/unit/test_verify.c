@@ -185,7 +185,7 @@ static void check_info(const struct world *w, double share, enum lie lie, int st
     uint64_t valid = 0;
     kiln_backend_info(w->backend, &info);
     for (uint64_t i = 0; i < w->surface->count; i++)
-        valid += kiln_point_valid(w->surface, i);
+        valid += kiln_point_valid(w->surface, (struct kiln_own_point){i});
     assert_true(info.verified > 0 && info.beyond <= info.verified && !info.fell_back);
     if (status == KILN_OK)
         assert_true(share < 1.0 ? info.verified < valid : info.verified == 2 * valid);

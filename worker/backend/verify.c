@@ -83,9 +83,10 @@ static void compare_tile_run(const struct verified_run *run, const struct kiln_t
     const struct kiln_pass *pass = run->pass;
     struct tally *t = run->tally;
     double difference[KILN_PASS_FIGURES] = {0}, total[KILN_PASS_FIGURES] = {0};
+    struct kiln_own_point own = kiln_own_of_global(s, f->first);
     uint64_t mask = f->mask;
-    for (uint32_t i = 0; i < f->count; i++, mask &= mask - 1) {
-        if (!kiln_point_valid(s, f->first - s->first + i))
+    for (uint32_t i = 0; i < f->count; i++, own.at++, mask &= mask - 1) {
+        if (!kiln_point_valid(s, own))
             continue;
         struct kiln_pass_figures theirs, ours;
         pass->figures(got + i * pass->result_bytes, &theirs);
@@ -189,7 +190,7 @@ static int take_part(void *context, size_t first, size_t count, const void *resu
     for (size_t i = 0, end; i < count && status == KILN_OK; i = end) {
         for (end = i; end < count && is_chosen(run->v, &tile_runs[end], run->batch->stream);)
             end++;
-        run->got = (const char *)results + (tile_runs[i].first - tile_runs[0].first) * run->pass->result_bytes;
+        run->got = (const char *)results + (tile_runs[i].first.at - tile_runs[0].first.at) * run->pass->result_bytes;
         if (end > i)
             status = trace_again(run, first + i, end - i, error);
         else

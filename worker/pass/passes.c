@@ -76,7 +76,7 @@ int kiln_validity_keep(void *surface, size_t first, size_t count, const void *re
     (void)error;
     const struct kiln_surface *s = surface;
     const struct kiln_tile_run *run = &s->tile_runs[first], *last = run + count - 1;
-    memcpy(s->visible + (run->first - s->first), results,
-           (size_t)(last->first + last->count - run->first) * sizeof *s->visible);
+    memcpy(s->visible + kiln_own_of_global(s, run->first).at, results,
+           (size_t)kiln_tile_runs_points(run, last) * sizeof *s->visible);
     return KILN_OK;
 }

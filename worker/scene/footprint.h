@@ -20,7 +20,7 @@
  *   struct kiln_point_cursor at = kiln_point_first(surface, run);
  *   for (uint32_t k = 0; k < surface->tile_runs[run].count; k++, kiln_point_next(surface, &at)) ... */
 struct kiln_point_cursor {
-    uint64_t point;     /* index among this rank's points: the global index - surface->first */
+    struct kiln_own_point point;
     uint64_t piece;     /* index of its first piece in surface->pieces */
     uint64_t cdf;       /* index of its first entry in surface->area_cdf, if it has more than one piece */
     uint64_t rest;      /* mask of the tile run's texels from this point on */
@@ -44,7 +44,7 @@ static inline struct kiln_point_cursor kiln_point_first(const struct kiln_surfac
 {
     const struct kiln_tile_run *f = &s->tile_runs[tile_run];
     const uint32_t tiles_x = s->lightmaps[f->map].tiles_x;
-    struct kiln_point_cursor at = {.point = f->first - s->first,
+    struct kiln_point_cursor at = {.point = kiln_own_of_global(s, f->first),
                                    .piece = s->piece_base[tile_run],
                                    .cdf = s->area_cdf_base[tile_run],
                                    .rest = f->mask,
@@ -61,7 +61,7 @@ static inline struct kiln_point_cursor kiln_point_first(const struct kiln_surfac
 static inline void kiln_point_next(const struct kiln_surface *s, struct kiln_point_cursor *at)
 {
     const uint32_t pieces = kiln_piece_count(s, at->point);
-    at->point++;
+    at->point.at++;
     at->piece += pieces;
     at->cdf += pieces - 1;
     at->rest &= at->rest - 1;

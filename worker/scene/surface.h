@@ -17,6 +17,7 @@
 #ifndef KILN_WORKER_SCENE_SURFACE_H
 #define KILN_WORKER_SCENE_SURFACE_H
 
+#include <assert.h>
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -24,6 +25,16 @@
 
 #define KILN_TILE_SPLIT ((uint64_t)KILN_TILE_SPLIT_HIGH << 32)
 #define KILN_NO_POINT UINT64_MAX
+
+/* Numbers of a surface point, as two types, so that a compiler does not take one for the other. `kiln_own_of_global`
+ * and `kiln_global_of_own` convert; the radiosity of all points is indexed by the first, a rank's arrays by the
+ * second. */
+struct kiln_global_point {
+    uint64_t at; /* in the global order of all ranks' points */
+};
+struct kiln_own_point {
+    uint64_t at; /* among the points of the rank that owns it */
+};
 
 struct kiln_tile {
     uint64_t mask; /* the texels that have a point, by bit */
@@ -34,7 +45,7 @@ struct kiln_tile {
 /* One tile run of a split tile. A tile's entries are consecutive; together their masks are the tile's mask. */
 struct kiln_split_tile_run {
     uint64_t mask;
-    uint64_t first;
+    struct kiln_global_point first;
 };
 
 struct kiln_lightmap {
@@ -47,7 +58,7 @@ struct kiln_lightmap {
 
 /* A tile run: the points of one tile in one cell. */
 struct kiln_tile_run {
-    uint64_t first; /* global index of its first point */
+    struct kiln_global_point first;
     uint64_t mask;
     uint32_t map;  /* lightmap */
     uint32_t tile; /* y * tiles_x + x within the lightmap */
@@ -75,7 +86,8 @@ struct kiln_surface {
     bool global_is_borrowed; /* the global arrays are borrowed: kiln_surface_destroy leaves them alone */
     bool own_is_borrowed;    /* this rank's arrays are borrowed: kiln_surface_destroy leaves them alone */
     /* this rank's arrays */
-    uint64_t first, count; /* range of this rank's points in the global order */
+    struct kiln_global_point first; /* its first point, and the number of its points */
+    uint64_t count;
     size_t tile_run_count;
     struct kiln_tile_run *tile_runs;
     /* The triangles that cover a point are its *pieces*, world triangle numbers. The points of a tile run are stored in
@@ -94,17 +106,37 @@ struct kiln_surface {
     uint16_t *visible;
 };
 
-static inline uint32_t kiln_piece_count(const struct kiln_surface *s, uint64_t own)
+/* The point must be one of this rank's, or of the rank whose arrays the surface views. */
+static inline struct kiln_own_point kiln_own_of_global(const struct kiln_surface *s, struct kiln_global_point point)
 {
-    return s->piece_count[own] & KILN_PIECES_MOST;
+    assert(point.at - s->first.at < s->count);
+    return (struct kiln_own_point){point.at - s->first.at};
 }
-static inline bool kiln_point_whole(const struct kiln_surface *s, uint64_t own)
+static inline struct kiln_global_point kiln_global_of_own(const struct kiln_surface *s, struct kiln_own_point own)
 {
-    return (s->piece_count[own] & KILN_PIECES_WHOLE) != 0;
+    return (struct kiln_global_point){s->first.at + own.at};
+}
+
+static inline uint32_t kiln_piece_count(const struct kiln_surface *s, struct kiln_own_point own)
+{
+    return s->piece_count[own.at] & KILN_PIECES_MOST;
+}
+static inline bool kiln_point_whole(const struct kiln_surface *s, struct kiln_own_point own)
+{
+    return (s->piece_count[own.at] & KILN_PIECES_WHOLE) != 0;
 }
 
 /* Whether light can be gathered at the point. Other points are filled from valid neighbours at the end. */
-static inline bool kiln_point_valid(const struct kiln_surface *s, uint64_t own) { return s->visible[own] != 0; }
+static inline bool kiln_point_valid(const struct kiln_surface *s, struct kiln_own_point own)
+{
+    return s->visible[own.at] != 0;
+}
+
+/* The number of points of consecutive tile runs, of which the first and the last are given. */
+static inline uint64_t kiln_tile_runs_points(const struct kiln_tile_run *first, const struct kiln_tile_run *last)
+{
+    return last->first.at + last->count - first->first.at;
+}
 
 /* Column and row of a bit of kiln_morton8 (shaders/shared/surface.h). */
 static inline uint32_t kiln_morton8_x(uint32_t bit) { return (bit & 1u) | (bit >> 1 & 2u) | (bit >> 2 & 4u); }
@@ -117,20 +149,22 @@ static inline uint32_t kiln_map_object(const struct kiln_surface *s, uint32_t ma
 }
 static inline bool kiln_map_back(const struct kiln_surface *s, uint32_t map) { return map >= s->object_count; }
 
-/* Global index of the point at texel (x, y) of lightmap `number`, or KILN_NO_POINT. (x, y) must lie inside it. */
-static inline uint64_t kiln_surface_find(const struct kiln_surface *s, uint32_t number, uint32_t x, uint32_t y)
+/* The point at texel (x, y) of lightmap `number`; its `at` is KILN_NO_POINT if there is none. (x, y) must lie inside
+ * the lightmap. */
+static inline struct kiln_global_point kiln_surface_find(const struct kiln_surface *s, uint32_t number, uint32_t x,
+                                                         uint32_t y)
 {
     const struct kiln_lightmap *map = &s->lightmaps[number];
-    const struct kiln_tile *tile = &s->tiles[map->tile_first + (uint64_t)(y / 8) * map->tiles_x + x / 8];
+    const struct kiln_tile *tile = &s->tiles[map->tile_first + kiln_tile_of(x, y, map->tiles_x)];
     const uint64_t bit = 1ull << kiln_morton8(x % 8, y % 8);
     if ((tile->mask & bit) == 0)
-        return KILN_NO_POINT;
+        return (struct kiln_global_point){KILN_NO_POINT};
     if ((tile->first & KILN_TILE_SPLIT) == 0)
-        return tile->first + (uint64_t)__builtin_popcountll(tile->mask & (bit - 1));
+        return (struct kiln_global_point){tile->first + (uint64_t)__builtin_popcountll(tile->mask & (bit - 1))};
     const struct kiln_split_tile_run *run = s->splits + (tile->first & ~KILN_TILE_SPLIT);
     while ((run->mask & bit) == 0)
         run++;
-    return run->first + (uint64_t)__builtin_popcountll(run->mask & (bit - 1));
+    return (struct kiln_global_point){run->first.at + (uint64_t)__builtin_popcountll(run->mask & (bit - 1))};
 }
 
 void kiln_surface_destroy(struct kiln_surface **surface);

@@ -6,34 +6,34 @@
 #include "coordinator/integrate/packing.h"
 #include "worker/scene/radiosity.h"
 
-static void set(float *values, uint64_t own, const float rgb[3])
+static void set(float *values, struct kiln_own_point own, const float rgb[3])
 {
     for (uint64_t c = 0; c < 3; c++)
-        values[3 * own + c] = rgb[c];
+        values[3 * own.at + c] = rgb[c];
 }
 
-static void add(float *values, uint64_t own, const float rgb[3])
+static void add(float *values, struct kiln_own_point own, const float rgb[3])
 {
     for (uint64_t c = 0; c < 3; c++)
-        values[3 * own + c] += rgb[c];
+        values[3 * own.at + c] += rgb[c];
 }
 
 /* To the error of what was there before, of which it is independent. */
-static void add_error(const struct kiln_rank_data *data, uint64_t own, float error)
+static void add_error(const struct kiln_rank_data *data, struct kiln_own_point own, float error)
 {
-    const double before = (double)kiln_error_unpack(data->error[own]);
-    data->error[own] = kiln_error_pack((float)sqrt(before * before + (double)error * (double)error));
+    const double before = (double)kiln_error_unpack(data->error[own.at]);
+    data->error[own.at] = kiln_error_pack((float)sqrt(before * before + (double)error * (double)error));
 }
 
 /* Enters a point's answer. `radiosity` is what the point sends by it. */
-static void enter(const struct kiln_taking *t, const struct kiln_rank_data *data, uint64_t own,
+static void enter(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
                   const struct kiln_point_result *r, const float radiosity[3])
 {
     switch (t->step->role) {
     case KILN_CELLS_DIRECT:
         set(data->direct, own, r->irradiance);
         set(data->sum, own, radiosity);
-        data->error[own] = kiln_error_pack(r->error);
+        data->error[own.at] = kiln_error_pack(r->error);
         break;
     case KILN_CELLS_BOUNCE:
         if (t->settings->schedule == KILN_SCHEDULE_LEAN) {
@@ -64,28 +64,28 @@ static uint32_t compact_hash(const struct kiln_taking *t, const struct kiln_tile
 }
 
 /* The radiosity that the next bounce gathers, in the form in which it travels. */
-static void pack_next(const struct kiln_taking *t, const struct kiln_rank_data *data, uint64_t own,
+static void pack_next(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
                       const struct kiln_tile_run *f, uint32_t bit, const float radiosity[3])
 {
     if (t->step->compact)
-        kiln_next_compact(data)[own] = kiln_radiosity_compact(radiosity, t->scale, compact_hash(t, f, bit));
+        kiln_next_compact(data)[own.at] = kiln_radiosity_compact(radiosity, t->scale, compact_hash(t, f, bit));
     else
-        data->next[own] = kiln_radiosity_pack(radiosity, kiln_packing_hash(f, bit, t->step->stream));
+        data->next[own.at] = kiln_radiosity_pack(radiosity, kiln_packing_hash(f, bit, t->step->stream));
 }
 
-static void tally(const struct kiln_taking *t, const struct kiln_surface *surface, uint64_t own,
+static void tally(const struct kiln_taking *t, const struct kiln_surface *surface, struct kiln_own_point own,
                   const struct kiln_point_result *r, const float albedo[3], struct kiln_tally *sums,
                   struct kiln_tile_run_tally *tile_run)
 {
     float sent[3];
     if (!kiln_point_valid(surface, own))
         return;
-    struct kiln_ledger_point point = {.area = (double)surface->area[own] * ((double)surface->visible[own] / 65535.0) *
-                                              (double)r->present,
+    struct kiln_ledger_point point = {.area = (double)surface->area[own.at] *
+                                              ((double)surface->visible[own.at] / 65535.0) * (double)r->present,
                                       .albedo = albedo,
                                       .samples = t->step->samples};
     if (t->step->pass->reads_radiosity) {
-        kiln_radiosity_unpack(t->radiosity[surface->first + own], sent);
+        kiln_radiosity_unpack(t->radiosity[kiln_global_of_own(surface, own).at], sent);
         point.sent = sent;
     }
     kiln_tally_add(&point, r, t->unit, sums, tile_run);
@@ -95,11 +95,11 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
                      const void *answers, struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
 {
     const struct kiln_point_result *results = answers;
-    uint64_t own = f->first - data->surface.first;
+    struct kiln_own_point own = kiln_own_of_global(&data->surface, f->first);
     /* what no ray meets takes no light from the scene */
     const bool counts =
         (t->scene->objects[kiln_map_object(&data->surface, f->map)].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
-    for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own++, results++) {
+    for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++, results++) {
         float albedo[3], radiosity[3];
         kiln_point_albedo(&data->surface, own, albedo);
         for (int c = 0; c < 3; c++)
@@ -116,10 +116,10 @@ void kiln_cells_pack_sum(const struct kiln_rank_data *own_data)
     const struct kiln_surface *surface = &own_data->surface;
     for (size_t i = 0; i < surface->tile_run_count; i++) {
         const struct kiln_tile_run *f = &surface->tile_runs[i];
-        uint64_t own = f->first - surface->first;
-        for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own++)
-            own_data->next[own] =
-                kiln_radiosity_pack(&own_data->sum[3 * own],
+        struct kiln_own_point own = kiln_own_of_global(surface, f->first);
+        for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++)
+            own_data->next[own.at] =
+                kiln_radiosity_pack(&own_data->sum[3 * own.at],
                                     kiln_packing_hash(f, (uint32_t)__builtin_ctzll(rest), KILN_CELLS_FINAL_STREAM));
     }
 }

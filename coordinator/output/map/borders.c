@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "coordinator/output/image.h"
+#include "coordinator/output/map/stage.h"
 #include "worker/base/memory.h"
 
 enum { SIDE = 4, STEPS_A_TEXEL = 4 };
@@ -243,3 +244,17 @@ int kiln_borders_assign(const struct kiln_map *map, const struct kiln_chart_grap
     kiln_free(&w.claims);
     return status;
 }
+
+static int run(struct kiln_map_work *work, struct kiln_error *error)
+{
+    struct kiln_border_report borders;
+    const int status = kiln_borders_assign(work->map, work->graph, work->nearest, &borders, error);
+    work->report->contested = borders.contested;
+    work->report->foreign = borders.foreign;
+    work->report->border = borders.length;
+    work->report->border_disturbed = borders.length_disturbed;
+    return status;
+}
+
+const struct kiln_map_stage kiln_map_stage_borders = {
+    .name = "borders", .features = KILN_MAP_CHARTS | KILN_MAP_NEAREST, .run = run};

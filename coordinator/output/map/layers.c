@@ -43,3 +43,35 @@ int kiln_layers_make(struct kiln_layers *layers, const struct kiln_field_set *fi
                          always[layers->count].field);
     return status;
 }
+
+uint32_t kiln_layers_plane(const struct kiln_layers *layers, const struct kiln_field_set *fields, const char *name)
+{
+    const size_t field = kiln_field_set_find(fields, name);
+    for (size_t i = 0; i < layers->count; i++)
+        if (layers->layer[i].field == field)
+            return layers->layer[i].plane;
+    return KILN_MAP_PLANES_MAX;
+}
+
+int kiln_layers_add_field(struct kiln_layers *layers, const struct kiln_field_set *fields, const char *name,
+                          struct kiln_error *error)
+{
+    const size_t field = kiln_field_set_find(fields, name);
+    if (kiln_layers_plane(layers, fields, name) < KILN_MAP_PLANES_MAX)
+        return KILN_OK;
+    if (field == fields->count || fields->entry[field].field->dataset == NULL)
+        return kiln_fail(error, KILN_BUG, "a stage of lightmaps reads the field '%s', which no point of this bake has",
+                         name);
+    return add_layer(layers, fields, field, error);
+}
+
+int kiln_layers_add_vector(struct kiln_layers *layers, uint32_t *plane, struct kiln_error *error)
+{
+    if (*plane != 0)
+        return KILN_OK;
+    if (layers->planes.count + 3 > KILN_MAP_PLANES_MAX)
+        return kiln_fail(error, KILN_BUG, "the stages of lightmaps need more than %d planes", (int)KILN_MAP_PLANES_MAX);
+    *plane = layers->planes.count;
+    layers->planes.count += 3;
+    return KILN_OK;
+}

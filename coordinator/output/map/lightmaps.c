@@ -7,14 +7,11 @@
 #include <string.h>
 
 #include "coordinator/mpi/agree.h"
-#include "coordinator/output/map/borders.h"
 #include "coordinator/output/map/texel_gather.h"
-#include "coordinator/output/map/map.h"
+#include "coordinator/output/map/stage.h"
 #include "coordinator/output/provenance.h"
 #include "coordinator/files/publish.h"
-#include "coordinator/output/map/seams.h"
 #include "coordinator/output/map/strip_exchange.h"
-#include "coordinator/output/map/chart_graph.h"
 #include "worker/base/memory.h"
 
 /* Texels that a rank processes at a time, of about 90 bytes each: about 180 MB, unless one lightmap is larger. */
@@ -125,17 +122,6 @@ static int make_image(const struct writer *w, struct kiln_map *map, struct kiln_
     return KILN_OK;
 }
 
-/* Texels per metre that the object really has: the square root of covered texels / area. */
-static double density_of(const struct kiln_map *map)
-{
-    double texels = 0.0, area = 0.0;
-    for (size_t i = 0; i < kiln_map_texels(map); i++) {
-        texels += (double)map->coverage[i];
-        area += (double)map->area[i];
-    }
-    return area > 0.0 ? sqrt(texels / area) : 0.0;
-}
-
 enum { ATTRIBUTES = 14 }; /* attributes of every file; the last only if the seed is known */
 
 /* Name of an object's file, and texts of its attributes. */
@@ -170,8 +156,8 @@ static int name_file(const struct writer *w, uint32_t object, struct file_words 
 static int integer_of(uint64_t number) { return (int)(number > INT32_MAX ? INT32_MAX : number); }
 
 /* Fills in name and attributes of the file, and chooses the precision of the image's channels. */
-static int describe_file(const struct writer *w, uint32_t object, struct kiln_image *image, double density,
-                         struct file_words *words, struct kiln_error *error)
+static int describe_file(const struct writer *w, uint32_t object, struct kiln_image *image, struct file_words *words,
+                         struct kiln_error *error)
 {
     const struct kiln_scene *scene = w->result->scene;
     const struct kiln_object *o = &scene->objects[kiln_map_object(w->result->surface, object)];
@@ -180,7 +166,7 @@ static int describe_file(const struct writer *w, uint32_t object, struct kiln_im
     for (size_t c = 0; strcmp(precision, "half") == 0 && c < image->channel_count; c++)
         image->channels[c].half = true;
     const struct kiln_lightmap_report *report = &w->reports[object];
-    const double asked = (double)scene->header->texels_per_metre;
+    const double asked = (double)scene->header->texels_per_metre, density = report->texels_per_metre;
     words->seed[0] = '\0';
     if (w->has_seed)
         (void)snprintf(words->seed, sizeof words->seed, "%lld", (long long)w->seed);
@@ -217,13 +203,6 @@ static int describe_file(const struct writer *w, uint32_t object, struct kiln_im
     return name_file(w, object, words, error);
 }
 
-static void chart_texels(struct kiln_map *map, const struct kiln_chart_graph *graph)
-{
-    for (size_t i = 0; i < kiln_map_texels(map); i++)
-        if (map->chart[i] != KILN_NONE)
-            map->chart[i] = graph->chart[map->chart[i]]; /* until here this was the triangle */
-}
-
 static uint64_t count_covered(const struct kiln_surface *surface, uint32_t object)
 {
     const struct kiln_lightmap *lightmap = &surface->lightmaps[object];
@@ -233,71 +212,31 @@ static uint64_t count_covered(const struct kiln_surface *surface, uint32_t objec
     return covered;
 }
 
-/* Over gathered texels: mean luminance by area, and root mean square of the standard error relative to it. */
-static void measure_map(const struct kiln_map *map, struct kiln_lightmap_report *report)
+/* Whether all points of the object have arrived. */
+static int check_arrived(const struct writer *w, uint32_t object, struct kiln_error *error)
 {
-    double area = 0.0, light = 0.0, squares = 0.0;
-    for (size_t i = 0; i < kiln_map_texels(map); i++) {
-        if (map->state[i] != KILN_TEXEL_VALID)
-            continue;
-        float rgb[3];
-        for (int c = 0; c < 3; c++)
-            rgb[c] = map->planes[KILN_MAP_DIRECT + c][i] + map->planes[KILN_MAP_INDIRECT + c][i];
-        const double own = (double)map->area[i], error = (double)map->planes[KILN_MAP_ERROR][i];
-        area += own;
-        light += own * (double)kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
-        squares += own * error * error;
-    }
-    report->mean = area > 0.0 ? light / area : 0.0;
-    report->error = report->mean > 0.0 ? sqrt(squares / area) / report->mean : 0.0;
+    const uint64_t covered = count_covered(w->result->surface, object);
+    uint64_t arrived = 0;
+    for (size_t i = 0; i < kiln_map_texels(w->maps[object]); i++)
+        arrived += w->maps[object]->state[i] != KILN_TEXEL_MARGIN;
+    if (arrived != covered)
+        return kiln_fail(error, KILN_BUG, "object %u: %llu of its %llu points arrived where its lightmap is written",
+                         object, (unsigned long long)arrived, (unsigned long long)covered);
+    return KILN_OK;
 }
 
 /* Turns gathered points into a map with a value in every texel. */
 static int complete_map(const struct writer *w, uint32_t object, struct kiln_error *error)
 {
-    struct kiln_map *map = w->maps[object];
-    struct kiln_lightmap_report *report = &w->reports[object];
-    struct kiln_chart_graph *graph = NULL;
-    struct kiln_seam_report seams = {0};
-    struct kiln_border_report borders = {0};
-    uint32_t *nearest = NULL;
-    report->map = object;
-    measure_map(map, report);
-    for (size_t i = 0; i < kiln_map_texels(map); i++) {
-        report->valid += map->state[i] == KILN_TEXEL_VALID;
-        report->filled += map->state[i] == KILN_TEXEL_FILLED;
-    }
-    const uint64_t covered = count_covered(w->result->surface, object);
-    if (report->valid + report->filled != covered)
-        return kiln_fail(error, KILN_BUG, "object %u: %llu of its %llu points arrived where its lightmap is written",
-                         object, (unsigned long long)(report->valid + report->filled), (unsigned long long)covered);
-    int status = kiln_chart_graph_create(&graph, w->result->scene,
-                                         w->result->scene->objects[kiln_map_object(w->result->surface, object)].mesh,
-                                         map->width, map->height, error);
-    if (status == KILN_OK) {
-        chart_texels(map, graph);
-        status = kiln_map_fill(map, error);
-    }
-    if (status == KILN_OK)
-        status = kiln_allocate(&nearest, kiln_map_texels(map), sizeof *nearest, "nearest texels", error);
-    if (status == KILN_OK)
-        status = kiln_nearest_texels(map->state, KILN_TEXEL_FILLED, map->width, map->height, nearest, error);
-    if (status == KILN_OK)
-        status = kiln_borders_assign(map, graph, nearest, &borders, error);
-    if (status == KILN_OK)
-        status = kiln_seams_smooth(map, graph, nearest, w->params->stitch, &seams, error);
-    if (status == KILN_OK) {
-        report->seam_difference_before = seams.difference_before;
-        report->seam_difference_after = seams.difference_after;
-        report->contested = borders.contested;
-        report->foreign = borders.foreign;
-        report->border = borders.length;
-        report->border_disturbed = borders.length_disturbed;
-        report->dilated = kiln_map_dilate(map, nearest);
-    }
-    kiln_free(&nearest);
-    kiln_chart_graph_destroy(&graph);
-    return status;
+    struct kiln_map_work work = {.result = w->result,
+                                 .params = w->params,
+                                 .layers = &w->layers,
+                                 .object = object,
+                                 .map = w->maps[object],
+                                 .report = &w->reports[object]};
+    work.report->map = object;
+    const int status = check_arrived(w, object, error);
+    return status == KILN_OK ? kiln_map_stages_run(kiln_map_stages, &work, error) : status;
 }
 
 /* Creates the image of an object and the texts of its file; releases its map. */
@@ -305,11 +244,10 @@ static int finish_object(const struct writer *w, uint32_t object, struct kiln_im
                          struct kiln_error *error)
 {
     int status = complete_map(w, object, error);
-    const double density = w->reports[object].texels_per_metre = density_of(w->maps[object]);
     if (status == KILN_OK)
         status = make_image(w, w->maps[object], image, error);
     kiln_map_destroy(&w->maps[object]);
-    return status == KILN_OK ? describe_file(w, object, *image, density, words, error) : status;
+    return status == KILN_OK ? describe_file(w, object, *image, words, error) : status;
 }
 
 static int write_object(const struct writer *w, uint32_t object, struct kiln_error *error)
@@ -559,6 +497,8 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
     int status = rank == 0 ? make_folders(result->surface, params->directory, error) : KILN_OK;
     if (status == KILN_OK)
         status = kiln_layers_make(&w.layers, result->fields, error);
+    if (status == KILN_OK)
+        status = kiln_map_stages_layers(kiln_map_stages, params, &w.layers, result->fields, error);
     if (status == KILN_OK)
         status = kiln_allocate(&w.reports, maps, sizeof *w.reports, "reports on lightmaps", error);
     if (status == KILN_OK)

@@ -1,7 +1,6 @@
-/* The lightmap of one object while it is turned from gathered points into an image with a value in every texel. The
- * stages are, in this order: put the points, fill invalid texels, find nearest texels, assign the margin (borders.h),
- * smooth the seams (seams.h), dilate. Nothing is collective; all of it is deterministic and depends on this object
- * only. */
+/* The lightmap of one object while stages (stage.h) turn it from gathered points into an image with a value in every
+ * texel; and what the stages "fill" and "dilate" do. Nothing is collective; all of it is deterministic and depends on
+ * this object only. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_MAP_H
 #define KILN_COORDINATOR_OUTPUT_MAP_MAP_H
 
@@ -43,7 +42,9 @@ struct kiln_map {
     float *area;                        /* m2 of surface in the texel */
     float *coverage;                    /* fraction of the texel's square that the layout covers, 0 to 1 */
     uint8_t *state;                     /* enum kiln_texel_state */
-    uint32_t *chart;                    /* chart of the first piece of surface in the texel; KILN_NONE in the margin */
+    /* chart of the first piece of surface in the texel, or its triangle in the mesh until a stage reads charts;
+     * KILN_NONE in the margin */
+    uint32_t *chart;
 };
 
 /* Creates a map whose texels are all margin. KILN_CANNOT_CREATE for 2^32 - 1 texels or more. */

@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "coordinator/output/image.h"
+#include "coordinator/output/map/stage.h"
 #include "worker/base/memory.h"
 
 enum { SIDE = 4, ENTRIES = 2 * SIDE, MOST_ITERATIONS = 200 };
@@ -363,3 +364,16 @@ int kiln_seams_smooth(struct kiln_map *map, const struct kiln_chart_graph *graph
     destroy_system(&s);
     return status;
 }
+
+static int run(struct kiln_map_work *work, struct kiln_error *error)
+{
+    struct kiln_seam_report seams;
+    const bool smooth = work->params->stitch;
+    const int status = kiln_seams_smooth(work->map, work->graph, work->nearest, smooth, &seams, error);
+    work->report->seam_difference_before = seams.difference_before;
+    work->report->seam_difference_after = seams.difference_after;
+    return status;
+}
+
+const struct kiln_map_stage kiln_map_stage_seams = {
+    .name = "seams", .features = KILN_MAP_CHARTS | KILN_MAP_NEAREST, .run = run};

@@ -236,8 +236,19 @@ void kiln_texel_gather_destroy(struct kiln_texel_gather **gather)
     kiln_free(gather);
 }
 
-/* The values of all planes of an own point. */
-static int pack_values(const struct kiln_texel_gather *e, uint64_t point, struct kiln_texel_record *record,
+/* The position and the normal, if a stage reads them. */
+static void pack_detail(const struct kiln_texel_gather *e, const struct kiln_point_detail *detail,
+                        struct kiln_texel_record *record)
+{
+    const double *centre = e->result->scene->header->centre;
+    for (int c = 0; e->layers->position != 0 && c < 3; c++)
+        record->values[e->layers->position + (uint32_t)c] = (float)(detail->position[c] - centre[c]);
+    if (e->layers->normal != 0)
+        memcpy(record->values + e->layers->normal, detail->normal, sizeof detail->normal);
+}
+
+/* The values of all planes that are fields of an own point. */
+static int pack_values(const struct kiln_texel_gather *e, struct kiln_own_point point, struct kiln_texel_record *record,
                        struct kiln_error *error)
 {
     const struct kiln_bake_result *r = e->result;
@@ -260,20 +271,20 @@ static int pack_values(const struct kiln_texel_gather *e, uint64_t point, struct
 static int pack_tile_run(const struct kiln_texel_gather *e, size_t tile_run, uint8_t *out, struct kiln_error *error)
 {
     const struct kiln_bake_result *r = e->result;
-    const uint64_t offset = kiln_tile_run_offset(r->surface, tile_run);
+    struct kiln_own_point point = kiln_own_of_global(r->surface, r->surface->tile_runs[tile_run].first);
     struct kiln_point_detail details[KILN_TILE_TEXELS];
     const uint32_t count = kiln_tile_run_details(r, tile_run, details), map = r->surface->tile_runs[tile_run].map;
     int status = KILN_OK;
-    for (uint32_t i = 0; i < count && status == KILN_OK; i++) {
-        const uint64_t point = offset + i;
+    for (uint32_t i = 0; i < count && status == KILN_OK; i++, point.at++) {
         struct kiln_texel_record *record = (void *)(out + i * e->record);
         *record = (struct kiln_texel_record){.map = map,
                                              .x = details[i].x,
                                              .y = details[i].y,
                                              .triangle = details[i].triangle,
                                              .valid = kiln_point_valid(r->surface, point),
-                                             .area = r->surface->area[point],
+                                             .area = r->surface->area[point.at],
                                              .coverage = details[i].coverage};
+        pack_detail(e, &details[i], record);
         status = pack_values(e, point, record, error);
     }
     return status;

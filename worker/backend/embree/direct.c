@@ -305,7 +305,7 @@ int embree_direct(struct embree_backend *b, const void *parameters, const struct
 {
     (void)parameters;
     struct kiln_point_result *const part_results = results;
-    const uint64_t base = b->surface->tile_runs[part->first].first;
+    const uint64_t base = b->surface->tile_runs[part->first].first.at;
     uint64_t traced = 0;
     double seconds = 0.0;
     int status = KILN_OK;
@@ -328,7 +328,7 @@ int embree_direct(struct embree_backend *b, const void *parameters, const struct
             if (status != KILN_OK)
                 continue;
             const size_t tile_run = part->first + i;
-            struct kiln_point_result *run = part_results + (b->surface->tile_runs[tile_run].first - base);
+            struct kiln_point_result *run = part_results + (b->surface->tile_runs[tile_run].first.at - base);
             memset(run, 0, b->surface->tile_runs[tile_run].count * sizeof *run);
             frame_build(&w->frame, b, tile_run, FRAME_EXTENT);
             for (int q = 0; q < SEQUENCES; q++)

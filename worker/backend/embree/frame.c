@@ -139,6 +139,6 @@ void frame_build(struct tile_run_frame *frame, const struct embree_backend *back
             continue;
         const uint32_t j = frame->count++;
         frame->place[j] = k;
-        build_point(frame, backend, &at, j, !every && s->visible[at.point] != 0xffff, wish);
+        build_point(frame, backend, &at, j, !every && s->visible[at.point.at] != 0xffff, wish);
     }
 }

@@ -319,18 +319,13 @@ KILN_CLONES static uint32_t find_tiles(const struct embree_backend *b, struct ga
         }
         const struct kiln_lightmap *map = &lightmaps[record->object];
         const float u = r->hit.u[i], v = r->hit.v[i];
-        const int32_t right = (int32_t)map->width - 1, bottom = (int32_t)map->height - 1;
-        int32_t x = (int32_t)(record->texel[0] + u * record->texel[2] + v * record->texel[4]);
-        int32_t y = (int32_t)(record->texel[1] + u * record->texel[3] + v * record->texel[5]);
-        x = x < 0 ? 0 : x > right ? right : x;
-        y = y < 0 ? 0 : y > bottom ? bottom : y;
+        int32_t x = kiln_hit_column(record, u, v, map->width), y = kiln_hit_row(record, u, v, map->height);
         if (facing > 0.0f) {
             map = &lightmaps[b->surface->object_count + record->object];
             x >>= map->shift;
             y >>= map->shift;
         }
-        const struct kiln_tile *tile =
-            &tiles[map->tile_first + (uint64_t)((uint32_t)y / 8u) * map->tiles_x + (uint32_t)x / 8u];
+        const struct kiln_tile *tile = &tiles[map->tile_first + kiln_tile_of((uint32_t)x, (uint32_t)y, map->tiles_x)];
         __builtin_prefetch(tile);
         w->hit_tile[count] = tile;
         w->hit_bit[count] = morton_of[((uint32_t)y & 7u) << 3 | ((uint32_t)x & 7u)];
@@ -364,7 +359,7 @@ KILN_CLONES static void find_points(const struct embree_backend *b, struct gathe
         const struct kiln_split_tile_run *part = w->split_parts[k];
         while ((part->mask & bit) == 0)
             part++;
-        w->hit_point[i] = part->first + (uint64_t)__builtin_popcountll(part->mask & (bit - 1));
+        w->hit_point[i] = part->first.at + (uint64_t)__builtin_popcountll(part->mask & (bit - 1));
         __builtin_prefetch(&b->radiosity[w->hit_point[i]]);
     }
 }
@@ -460,7 +455,7 @@ int embree_gather(struct embree_backend *b, const void *parameters, const struct
 {
     (void)parameters;
     struct kiln_point_result *const part_results = results;
-    const uint64_t base = b->surface->tile_runs[part->first].first;
+    const uint64_t base = b->surface->tile_runs[part->first].first.at;
     uint64_t traced = 0;
     double seconds = 0.0;
     int status = KILN_OK;
@@ -483,7 +478,7 @@ int embree_gather(struct embree_backend *b, const void *parameters, const struct
             const size_t tile_run = part->first + i;
             if (status == KILN_OK)
                 gather_tile_run(b, &context, w, tile_run, part->stream,
-                                part_results + (b->surface->tile_runs[tile_run].first - base), &traced);
+                                part_results + (b->surface->tile_runs[tile_run].first.at - base), &traced);
         }
         seconds += embree_thread_seconds() - begin;
         embree_leave(saved);

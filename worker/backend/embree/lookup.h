@@ -7,25 +7,23 @@
 
 /* Barycentrics -> texel -> surface point, of the triangle's front or (`back`, where it has two sides) of its back.
  * KILN_NO_POINT for a hit beside every point (a sliver without texels). */
-static inline uint64_t embree_point(const struct embree_backend *b, uint32_t triangle, float u, float v, bool back)
+static inline struct kiln_global_point embree_point(const struct embree_backend *b, uint32_t triangle, float u, float v,
+                                                    bool back)
 {
     const struct kiln_hit_record *record = &b->params.geometry->records[triangle];
     const struct kiln_lightmap *front = &b->surface->lightmaps[record->object];
     const uint32_t number = record->object + (back ? b->surface->object_count : 0u),
                    shift = b->surface->lightmaps[number].shift;
-    const float x = record->texel[0] + u * record->texel[2] + v * record->texel[4];
-    const float y = record->texel[1] + u * record->texel[3] + v * record->texel[5];
-    const int32_t ix = (int32_t)x, iy = (int32_t)y;
-    const uint32_t cx = ix < 0 ? 0u : (uint32_t)ix >= front->width ? front->width - 1 : (uint32_t)ix;
-    const uint32_t cy = iy < 0 ? 0u : (uint32_t)iy >= front->height ? front->height - 1 : (uint32_t)iy;
-    return kiln_surface_find(b->surface, number, cx >> shift, cy >> shift);
+    const uint32_t x = (uint32_t)kiln_hit_column(record, u, v, front->width),
+                   y = (uint32_t)kiln_hit_row(record, u, v, front->height);
+    return kiln_surface_find(b->surface, number, x >> shift, y >> shift);
 }
 
 /* Packed radiosity there; 0 beside every point. */
 static inline uint64_t embree_radiosity(const struct embree_backend *b, uint32_t triangle, float u, float v, bool back)
 {
-    const uint64_t point = embree_point(b, triangle, u, v, back);
-    return point == KILN_NO_POINT ? 0 : b->radiosity[point];
+    const struct kiln_global_point point = embree_point(b, triangle, u, v, back);
+    return point.at == KILN_NO_POINT ? 0 : b->radiosity[point.at];
 }
 
 #endif

@@ -163,7 +163,8 @@ static void describe(const struct run *r, const struct vulkan_block *block, cons
     const struct vulkan_slot *slot = &r->b->slots[r->slot];
     const uint64_t results =
         slot->answers.address + gpu_buffer_tail(gpu, &slot->answers, flight->total * answer_bytes(r->pass));
-    const uint64_t first = r->b->surface->tile_runs[flight->tile_run_first].first - r->b->surface->first - block->first;
+    const struct kiln_surface *s = r->b->surface;
+    const uint64_t first = kiln_own_of_global(s, s->tile_runs[flight->tile_run_first].first).at - block->first.at;
     *chunk = (struct vulkan_chunk){
         .scratch = slot->scratch.address + gpu_buffer_tail(gpu, &slot->scratch, flight->total * r->pass->scratch_bytes),
         .results = results,

@@ -98,8 +98,7 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
 {
     struct direct *d = context;
     const struct kiln_tile_run *tile_runs = d->b->surface->tile_runs + tile_run_first;
-    const uint64_t points =
-        tile_runs[tile_run_count - 1].first + tile_runs[tile_run_count - 1].count - tile_runs[0].first;
+    const uint64_t points = kiln_tile_runs_points(tile_runs, tile_runs + tile_run_count - 1);
     uint64_t rays = 0;
 #pragma omp parallel for num_threads((int)d->b->threads) reduction(+ : rays) if (points > 1 << 14)
     for (uint64_t i = 0; i < points; i++)

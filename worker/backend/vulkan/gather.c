@@ -72,12 +72,12 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
     struct gather *g = context;
     const struct kiln_surface *s = g->b->surface;
     const struct kiln_tile_run *tile_runs = s->tile_runs + tile_run_first;
-    const uint64_t first = tile_runs[0].first - s->first,
-                   end = tile_runs[tile_run_count - 1].first - s->first + tile_runs[tile_run_count - 1].count;
+    const uint64_t first = kiln_own_of_global(s, tile_runs[0].first).at,
+                   end = first + kiln_tile_runs_points(tile_runs, tile_runs + tile_run_count - 1);
     uint64_t valid = 0;
 #pragma omp parallel for num_threads((int)g->b->threads) reduction(+ : valid) if (end - first > 1 << 14)
     for (uint64_t own = first; own < end; own++)
-        valid += kiln_point_valid(s, own);
+        valid += kiln_point_valid(s, (struct kiln_own_point){own});
     g->rays += valid * g->samples;
     return g->batch->take != NULL ? g->batch->take(g->batch->context, tile_run_first, tile_run_count, results, error)
                                   : KILN_OK;

@@ -30,7 +30,7 @@ static size_t cut(const struct kiln_surface *s, struct vulkan_block *blocks)
         if (blocks != NULL)
             blocks[count] = (struct vulkan_block){.tile_run_first = first,
                                                   .tile_run_count = f - first,
-                                                  .first = s->tile_runs[first].first - s->first,
+                                                  .first = kiln_own_of_global(s, s->tile_runs[first].first),
                                                   .count = points};
         count++;
     }
@@ -278,7 +278,7 @@ static int make_tile_run(struct maker *m, struct part_list *list, struct known *
     if (k->back != at.back)
         *k = (struct known){.back = at.back, .triangle = KILN_NONE};
     for (uint32_t i = 0; i < f->count && status == KILN_OK; i++, kiln_point_next(s, &at))
-        status = make_point(m, list, k, &at, tile_key, smooth, &m->w->points[at.point - m->block->first], error);
+        status = make_point(m, list, k, &at, tile_key, smooth, &m->w->points[at.point.at - m->block->first.at], error);
     return status;
 }
 
@@ -318,7 +318,7 @@ static void place_parts(struct maker *m)
     }
 #pragma omp parallel for num_threads((int)w->threads) schedule(static)
     for (size_t f = 0; f < m->block->tile_run_count; f++) {
-        struct kiln_gpu_point *points = w->points + (tile_runs[f].first - tile_runs[0].first);
+        struct kiln_gpu_point *points = w->points + (tile_runs[f].first.at - tile_runs[0].first.at);
         for (uint32_t i = 0; i < tile_runs[f].count; i++)
             points[i].first_part += (uint32_t)w->lists[w->thread_of[f]].offset;
     }
@@ -407,7 +407,7 @@ static int bring(struct vulkan_points *p, struct vulkan_block *block, uint64_t s
 
 static int bring_states(struct vulkan_points *p, struct vulkan_block *block, struct kiln_error *error)
 {
-    const uint16_t *visible = p->surface->visible + block->first;
+    const uint16_t *visible = p->surface->visible + block->first.at;
     uint32_t *states = NULL;
     gpu_buffer_destroy(p->gpu, &block->list);
     kiln_free(&block->buried);

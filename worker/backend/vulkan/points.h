@@ -9,7 +9,8 @@
 
 struct vulkan_block {
     size_t tile_run_first, tile_run_count;
-    uint64_t first, count; /* own points */
+    struct kiln_own_point first; /* its points */
+    uint64_t count;
     struct gpu_buffer points, parts, states, list;
     /* partly buried points, index within the block, ascending; the device's `list` holds the same */
     uint32_t *buried;

@@ -51,8 +51,8 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
     struct validity *v = context;
     const struct kiln_surface *s = v->b->surface;
     const struct kiln_tile_run *tile_runs = s->tile_runs + tile_run_first;
-    const uint64_t first = tile_runs[0].first - s->first,
-                   end = tile_runs[tile_run_count - 1].first - s->first + tile_runs[tile_run_count - 1].count;
+    const uint64_t first = kiln_own_of_global(s, tile_runs[0].first).at,
+                   end = first + kiln_tile_runs_points(tile_runs, tile_runs + tile_run_count - 1);
     v->rays += (end - first) * KILN_VALIDITY_FIRST_LOOK;
     for (uint64_t own = first; own < end; own++) {
         const uint32_t buried = words[own - first];
@@ -77,7 +77,7 @@ static int look_again(struct validity *v, const struct vulkan_block *block, cons
     uint32_t *numbers = NULL;
     int status = kiln_allocate(&numbers, count, sizeof *numbers, "points that are partly buried", error);
     for (uint32_t i = 0; status == KILN_OK && i < count; i++)
-        numbers[i] = (uint32_t)(open[i] - block->first);
+        numbers[i] = (uint32_t)(open[i] - block->first.at);
     if (status == KILN_OK)
         status = gpu_buffer_of(gpu, &list, numbers, count * sizeof *numbers, "points that are partly buried", error);
     if (status == KILN_OK)
@@ -123,7 +123,7 @@ static int look_at_open(struct validity *v, size_t tile_run_first, size_t tile_r
         struct vulkan_block *block;
         status = vulkan_points_block(v->b->points, f, false, 0, &block, error);
         size_t end = next;
-        while (status == KILN_OK && end < v->open_count && v->open[end] < block->first + block->count)
+        while (status == KILN_OK && end < v->open_count && v->open[end] < block->first.at + block->count)
             end++;
         if (end > next)
             status = look_again(v, block, v->open + next, (uint32_t)(end - next), error);
@@ -164,8 +164,8 @@ int vulkan_validity(struct vulkan_backend *b, const void *parameters, const stru
 {
     (void)parameters;
     const struct kiln_tile_run *run = &b->surface->tile_runs[batch->first], *last = run + batch->count - 1;
-    struct validity v = {.b = b, .first = run->first - b->surface->first};
-    int status = kiln_allocate(&v.visible, (size_t)(last->first + last->count - run->first), sizeof *v.visible,
+    struct validity v = {.b = b, .first = kiln_own_of_global(b->surface, run->first).at};
+    int status = kiln_allocate(&v.visible, (size_t)kiln_tile_runs_points(run, last), sizeof *v.visible,
                                "the validity pass", error);
     if (status == KILN_OK)
         status = look(&v, batch, error);

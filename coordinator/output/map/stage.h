@@ -1,0 +1,69 @@
+/* A map stage is one operation on an object's lightmap, between the gathered points and the image: measure, fill,
+ * borders, seams, dilate. Each is a struct in a file of its own. The table of all, in the order in which they run, is
+ * stages.c; the writer of lightmaps walks it and knows no stage by name.
+ *
+ * A new stage is such a file, its line below, and a line in the table. Its row says what it reads besides the planes of
+ * light, area, coverage and state, which every map has. A field that it names is sent with the texels even if no
+ * lightmap publishes it. Features that no stage reads are not made and cost nothing.
+ *
+ * A stage has the whole map of one object, so it may read neighbours of a texel; `chart` tells which of them belong to
+ * the same chart. Nothing is collective. A stage must be deterministic and depend on its object only. Several objects
+ * are processed at once, each by its own threads. */
+#ifndef KILN_COORDINATOR_OUTPUT_MAP_STAGE_H
+#define KILN_COORDINATOR_OUTPUT_MAP_STAGE_H
+
+#include "coordinator/output/map/chart_graph.h"
+#include "coordinator/output/map/layers.h"
+#include "coordinator/output/output.h"
+
+/* What a stage can read that is no field. Made when the first stage that reads it is about to run, but for positions
+ * and normals, which are sent with the texels. */
+enum kiln_map_feature {
+    KILN_MAP_CHARTS = 1,   /* the chart graph, and `chart` of the map */
+    KILN_MAP_NEAREST = 2,  /* `nearest` of the work */
+    KILN_MAP_POSITION = 4, /* 3 planes from layers->position: centroid of the covered part, m from the scene's centre */
+    KILN_MAP_NORMAL = 8    /* 3 planes from layers->normal: mean shading normal there, unit, world */
+};
+
+/* What the stages work on: the map of one object. Borrowed, but for `graph` and `nearest`. */
+struct kiln_map_work {
+    const struct kiln_bake_result *result;
+    const struct kiln_output_params *params;
+    const struct kiln_layers *layers; /* the planes of the map: kiln_layers_plane */
+    uint32_t object;                  /* number of the lightmap */
+    struct kiln_map *map;
+    struct kiln_lightmap_report *report; /* each stage fills in what it measures */
+    struct kiln_chart_graph *graph;      /* KILN_MAP_CHARTS */
+    /* KILN_MAP_NEAREST: for every texel, the surface texel whose values it gets when the map is dilated:
+     * kiln_nearest_texels with KILN_TEXEL_FILLED, until the stage "borders" changes it */
+    uint32_t *nearest;
+};
+
+enum { KILN_MAP_STAGE_FIELDS = 4 };
+
+struct kiln_map_stage {
+    const char *name;
+    bool (*wanted)(const struct kiln_output_params *params); /* NULL: always */
+    uint32_t features;                                       /* of enum kiln_map_feature, or'ed */
+    /* names of the fields it reads besides direct light, indirect light and the error (map.h). Planes of fields,
+     * positions and normals have values in gathered texels, and are filled and dilated as all planes are */
+    const char *fields[KILN_MAP_STAGE_FIELDS];
+    int (*run)(struct kiln_map_work *work, struct kiln_error *error);
+};
+
+extern const struct kiln_map_stage kiln_map_stage_measure, kiln_map_stage_fill, kiln_map_stage_borders,
+    kiln_map_stage_seams, kiln_map_stage_dilate;
+
+/* All stages in their order, ended by NULL. */
+extern const struct kiln_map_stage *const kiln_map_stages[];
+
+/* Adds to `layers` the planes that the wanted stages read. KILN_BUG if a stage reads a field that the bake does not
+ * have, or if they are too many. */
+int kiln_map_stages_layers(const struct kiln_map_stage *const *stages, const struct kiln_output_params *params,
+                           struct kiln_layers *layers, const struct kiln_field_set *fields, struct kiln_error *error);
+/* Runs the wanted stages on the work, whose `graph` and `nearest` are NULL before and after. Ends with the first stage
+ * that fails. */
+int kiln_map_stages_run(const struct kiln_map_stage *const *stages, struct kiln_map_work *work,
+                        struct kiln_error *error);
+
+#endif

@@ -1,0 +1,77 @@
+#include "coordinator/output/map/stage.h"
+
+#include "worker/base/memory.h"
+
+/* Fill and borders need the gathered values; seams need every surface texel, and which texel a margin texel is a copy
+ * of; the copies are made last. */
+const struct kiln_map_stage *const kiln_map_stages[] = {&kiln_map_stage_measure, &kiln_map_stage_fill,
+                                                        &kiln_map_stage_borders, &kiln_map_stage_seams,
+                                                        &kiln_map_stage_dilate,  NULL};
+
+static bool is_wanted(const struct kiln_map_stage *stage, const struct kiln_output_params *params)
+{
+    return stage->wanted == NULL || stage->wanted(params);
+}
+
+int kiln_map_stages_layers(const struct kiln_map_stage *const *stages, const struct kiln_output_params *params,
+                           struct kiln_layers *layers, const struct kiln_field_set *fields, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; stages[i] != NULL; i++) {
+        const struct kiln_map_stage *stage = stages[i];
+        if (!is_wanted(stage, params))
+            continue;
+        for (size_t f = 0; status == KILN_OK && f < KILN_MAP_STAGE_FIELDS && stage->fields[f] != NULL; f++)
+            status = kiln_layers_add_field(layers, fields, stage->fields[f], error);
+        if (status == KILN_OK && (stage->features & KILN_MAP_POSITION) != 0)
+            status = kiln_layers_add_vector(layers, &layers->position, error);
+        if (status == KILN_OK && (stage->features & KILN_MAP_NORMAL) != 0)
+            status = kiln_layers_add_vector(layers, &layers->normal, error);
+    }
+    return status;
+}
+
+/* Creates the chart graph, and replaces the triangle of each texel by its chart. */
+static int make_charts(struct kiln_map_work *work, struct kiln_error *error)
+{
+    struct kiln_map *map = work->map;
+    const struct kiln_scene *scene = work->result->scene;
+    const uint32_t mesh = scene->objects[kiln_map_object(work->result->surface, work->object)].mesh;
+    const int status = kiln_chart_graph_create(&work->graph, scene, mesh, map->width, map->height, error);
+    for (size_t i = 0; status == KILN_OK && i < kiln_map_texels(map); i++)
+        if (map->chart[i] != KILN_NONE)
+            map->chart[i] = work->graph->chart[map->chart[i]];
+    return status;
+}
+
+static int make_nearest(struct kiln_map_work *work, struct kiln_error *error)
+{
+    const struct kiln_map *map = work->map;
+    const int status =
+        kiln_allocate(&work->nearest, kiln_map_texels(map), sizeof *work->nearest, "nearest texels", error);
+    if (status != KILN_OK)
+        return status;
+    return kiln_nearest_texels(map->state, KILN_TEXEL_FILLED, map->width, map->height, work->nearest, error);
+}
+
+static int run_stage(const struct kiln_map_stage *stage, struct kiln_map_work *work, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    if ((stage->features & KILN_MAP_CHARTS) != 0 && work->graph == NULL)
+        status = make_charts(work, error);
+    if (status == KILN_OK && (stage->features & KILN_MAP_NEAREST) != 0 && work->nearest == NULL)
+        status = make_nearest(work, error);
+    return status == KILN_OK ? stage->run(work, error) : status;
+}
+
+int kiln_map_stages_run(const struct kiln_map_stage *const *stages, struct kiln_map_work *work,
+                        struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; status == KILN_OK && stages[i] != NULL; i++)
+        if (is_wanted(stages[i], work->params))
+            status = run_stage(stages[i], work, error);
+    kiln_free(&work->nearest);
+    kiln_chart_graph_destroy(&work->graph);
+    return status;
+}

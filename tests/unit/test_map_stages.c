@@ -1,0 +1,163 @@
+/* Map stages: a table is walked in order, what a stage reads is made and sent only when it is wanted, and is right. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include <mpi.h>
+#include <string.h>
+
+#include "coordinator/output/map/stage.h"
+#include "coordinator/output/map/texel_gather.h"
+#include "tests/common/synthetic.h"
+
+enum { WIDTH = 40, HEIGHT = 32 };
+
+static bool never(const struct kiln_output_params *params) { return params == NULL; }
+
+static bool if_stitched(const struct kiln_output_params *params) { return params->stitch; }
+
+static int look(struct kiln_map_work *work, struct kiln_error *error)
+{
+    (void)error;
+    work->report->valid = 10 * work->report->valid + (work->graph != NULL ? 1 : 0) + (work->nearest != NULL ? 2 : 0);
+    return KILN_OK;
+}
+
+static int give_up(struct kiln_map_work *work, struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_BUG, "lightmap %u fails", work->object);
+}
+
+static const struct kiln_map_stage plain = {.name = "plain", .run = look},
+                                   charts = {.name = "charts", .features = KILN_MAP_CHARTS, .run = look},
+                                   nearest = {.name = "nearest", .features = KILN_MAP_NEAREST, .run = look},
+                                   failing = {.name = "failing", .run = give_up},
+                                   skipped = {.name = "skipped",
+                                              .wanted = never,
+                                              .features = KILN_MAP_POSITION,
+                                              .fields = {"nothing"},
+                                              .run = give_up},
+                                   lost = {.name = "lost", .fields = {"nothing"}, .run = give_up},
+                                   guided = {.name = "guided",
+                                             .wanted = if_stitched,
+                                             .features = KILN_MAP_POSITION | KILN_MAP_NORMAL,
+                                             .fields = {"albedo", "error"},
+                                             .run = look};
+
+static void runs_in_order_what_is_wanted(void **state)
+{
+    (void)state;
+    struct synthetic s;
+    assert_int_equal(synthetic_create(&s, WIDTH, HEIGHT, 0, 1, NULL), KILN_OK);
+    const struct kiln_bake_result result = synthetic_result(&s, MPI_COMM_SELF);
+    const struct kiln_output_params params = {.stitch = true};
+    struct kiln_lightmap_report report = {0};
+    struct kiln_error error = {{0}};
+    struct kiln_map_work work = {.result = &result, .params = &params, .object = 1, .report = &report};
+    const struct kiln_map_stage *const some[] = {&plain, &skipped, &charts, &plain, &nearest, &guided, NULL},
+                                       *const short_one[] = {&plain, &nearest, &failing, &charts, NULL};
+    assert_int_equal(kiln_map_create(&work.map, WIDTH, HEIGHT / 2 + 1, &kiln_map_light, NULL), KILN_OK);
+    work.map->chart[5] = 3; /* the last triangle, of the second chart */
+    assert_int_equal(kiln_map_stages_run(some, &work, &error), KILN_OK);
+    assert_int_equal(report.valid, 1133); /* 0, 1, 1, 3, 3: made when the first asks, and kept */
+    assert_true(work.map->chart[5] == 1 && work.map->chart[4] == KILN_NONE);
+    assert_true(work.graph == NULL && work.nearest == NULL);
+    report.valid = 0;
+    assert_int_equal(kiln_map_stages_run(short_one, &work, &error), KILN_BUG);
+    assert_string_equal(error.message, "lightmap 1 fails");
+    assert_int_equal(report.valid, 2);
+    assert_null(work.nearest);
+    kiln_map_destroy(&work.map);
+}
+
+static void planes_only_for_those_that_read_them(void **state)
+{
+    (void)state;
+    struct kiln_field_set fields;
+    struct kiln_layers layers;
+    struct kiln_error error = {{0}};
+    struct kiln_output_params params = {.stitch = false};
+    const struct kiln_map_stage *const some[] = {&plain, &skipped, &guided, &guided, NULL}, *const bad[] = {&lost,
+                                                                                                            NULL};
+    kiln_field_set_choose(&fields, &(struct kiln_job){.error_map = false});
+    assert_int_equal(kiln_layers_make(&layers, &fields, &error), KILN_OK);
+    assert_int_equal(kiln_map_stages_layers(kiln_map_stages, &params, &layers, &fields, &error), KILN_OK);
+    assert_int_equal(kiln_map_stages_layers(some, &params, &layers, &fields, &error), KILN_OK);
+    assert_memory_equal(&layers.planes, &kiln_map_light, sizeof layers.planes);
+    assert_int_equal(kiln_map_stages_layers(bad, &params, &layers, &fields, &error), KILN_BUG);
+    assert_non_null(strstr(error.message, "'nothing'"));
+    params.stitch = true;
+    assert_int_equal(kiln_map_stages_layers(some, &params, &layers, &fields, &error), KILN_OK);
+    assert_int_equal(layers.planes.count, KILN_MAP_PLANES + 9); /* once, though two stages read them */
+    assert_int_equal(kiln_layers_plane(&layers, &fields, "albedo"), KILN_MAP_PLANES);
+    assert_int_equal(kiln_layers_plane(&layers, &fields, "error"), KILN_MAP_ERROR);
+    assert_int_equal(kiln_layers_plane(&layers, &fields, "area"), KILN_MAP_PLANES_MAX);
+    assert_true(layers.position == KILN_MAP_PLANES + 3 && layers.normal == KILN_MAP_PLANES + 6);
+}
+
+/* What the points of the round bring. */
+struct arrived {
+    const struct kiln_layers *layers;
+    uint64_t points, wrong;
+};
+
+/* The first object lies at z = 0 between x = 0 and 2, the second is mirrored and 3 m further up. */
+static void check_point(void *context, const struct kiln_texel_record *record)
+{
+    struct arrived *arrived = context;
+    const float *position = record->values + arrived->layers->position,
+                *normal = record->values + arrived->layers->normal, *albedo = record->values + KILN_MAP_PLANES;
+    const float along = record->map == 0 ? position[0] : -position[0],
+                up = position[1] - (record->map == 0 ? -2.0f : 1.0f); /* the centre is at y = 2 */
+    const float u = ((float)record->x + 0.5f) / WIDTH,
+                v = ((float)record->y + 0.5f) / (record->map == 0 ? HEIGHT : HEIGHT / 2 + 1);
+    const bool right_square = u > 0.48f;
+    const float expected = right_square ? 1.0f + (v - 0.17f) / 0.7f : (u - 0.06f) / 0.35f;
+    const bool right = fabsf(along - expected) < 0.09f && up > -1e-6f && up < 1.0f + 1e-6f &&
+                       fabsf(position[2]) < 1e-6f && fabsf(fabsf(normal[2]) - 1.0f) < 1e-6f &&
+                       fabsf(normal[0]) + fabsf(normal[1]) < 1e-6f && albedo[0] == 32768 / 65535.0f &&
+                       albedo[2] == albedo[0];
+#pragma omp critical(check_point)
+    {
+        arrived->points++;
+        arrived->wrong += !right;
+    }
+}
+
+static void features_arrive_with_the_texels(void **state)
+{
+    (void)state;
+    struct synthetic s;
+    struct kiln_layers layers;
+    struct kiln_assignment *assignment = NULL;
+    struct kiln_texel_gather *gather = NULL;
+    struct kiln_error error = {{0}};
+    const struct kiln_output_params params = {.stitch = true};
+    const struct kiln_map_stage *const some[] = {&guided, NULL};
+    assert_int_equal(synthetic_create(&s, WIDTH, HEIGHT, 0, 1, NULL), KILN_OK);
+    const struct kiln_bake_result result = synthetic_result(&s, MPI_COMM_SELF);
+    assert_int_equal(kiln_layers_make(&layers, &s.fields, &error), KILN_OK);
+    assert_int_equal(kiln_map_stages_layers(some, &params, &layers, &s.fields, &error), KILN_OK);
+    assert_int_equal(kiln_assignment_create(&assignment, s.surface.lightmaps, 2, 1, 1u << 20, &error), KILN_OK);
+    assert_int_equal(kiln_texel_gather_create(&gather, &result, assignment, &layers, 0, &error), KILN_OK);
+    struct arrived arrived = {.layers = &layers};
+    assert_int_equal(kiln_texel_gather_round(gather, 0, check_point, &arrived, &error), KILN_OK);
+    assert_int_equal(arrived.points, s.surface.point_count);
+    assert_int_equal(arrived.wrong, 0);
+    kiln_texel_gather_destroy(&gather);
+    kiln_assignment_destroy(&assignment);
+}
+
+int main(int argc, char **argv)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(runs_in_order_what_is_wanted),
+                                       cmocka_unit_test(planes_only_for_those_that_read_them),
+                                       cmocka_unit_test(features_arrive_with_the_texels)};
+    if (MPI_Init(&argc, &argv) != MPI_SUCCESS)
+        return 1;
+    const int failed = cmocka_run_group_tests(tests, NULL, NULL);
+    (void)MPI_Finalize();
+    return failed;
+}
