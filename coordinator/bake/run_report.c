@@ -19,7 +19,7 @@ enum {
     RANK_POINTS,
     RANK_INVALID,
     RANK_RSS,
-    RANK_RAYS, /* of steps of each of the integrator's roles */
+    RANK_RAYS, /* of steps of each role */
     RANK_PROBES = RANK_RAYS + KILN_ROLES_MAX,
     RANK_PSS,
     RANK_SHARED,
@@ -128,7 +128,7 @@ static json_t *steps_json(const struct kiln_integrate_report *t, const uint64_t 
         const struct kiln_step_report *p = &t->steps.of[i];
         json_array_append_new(
             array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
-                             t->integrator->roles[p->step.role].kind, "bounce", (int)p->step.bounce, "samples",
+                             t->roles.of[p->step.role]->kind, "bounce", (int)p->step.bounce, "samples",
                              (int)p->step.samples, "seconds", p->seconds, "exchange_seconds", p->exchange_seconds,
                              "device_seconds", p->device_seconds, "energy", kiln_luminance(p->energy.incident),
                              "incident", rgb_json(p->energy.incident), "reflected", rgb_json(p->energy.reflected),
@@ -306,25 +306,25 @@ static json_int_t total(const uint64_t *values, int ranks, int what)
 }
 
 /* Numbers of rays, of the steps by role and of the probes; *sum receives their total. */
-static json_t *rays_json(const struct kiln_integrator *integrator, const uint64_t *values, int ranks, double *sum)
+static json_t *rays_json(const struct kiln_roles *roles, const uint64_t *values, int ranks, double *sum)
 {
     json_t *rays = json_object();
     *sum = 0.0;
-    for (uint32_t r = 0; r <= integrator->role_count; r++) {
-        const bool probes = r == integrator->role_count;
+    for (uint32_t r = 0; r <= roles->count; r++) {
+        const bool probes = r == roles->count;
         const json_int_t own = total(values, ranks, probes ? RANK_PROBES : RANK_RAYS + (int)r);
-        (void)json_object_set_new(rays, probes ? "probes" : integrator->roles[r].total, json_integer(own));
+        (void)json_object_set_new(rays, probes ? "probes" : roles->of[r]->total, json_integer(own));
         *sum += (double)own;
     }
     return rays;
 }
 
 /* Seconds that the slowest rank spent in the phases that trace rays. */
-static double tracing_seconds(const struct kiln_integrator *integrator, const json_t *phases)
+static double tracing_seconds(const struct kiln_roles *roles, const json_t *phases)
 {
     double sum = 0.0;
-    for (uint32_t r = 0; r <= integrator->role_count; r++) {
-        const char *name = r < integrator->role_count ? integrator->roles[r].phase : "probes";
+    for (uint32_t r = 0; r <= roles->count; r++) {
+        const char *name = r < roles->count ? roles->of[r]->phase : "probes";
         size_t index;
         const json_t *phase;
         json_array_foreach(phases, index,
@@ -366,8 +366,8 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     const struct kiln_prepared *p = run->prepared;
     const struct kiln_integrate_report *t = &run->solution->report;
     double total_rays;
-    json_t *rays = rays_json(t->integrator, values, p->ranks, &total_rays);
-    const double traced = tracing_seconds(t->integrator, phases);
+    json_t *rays = rays_json(&t->roles, values, p->ranks, &total_rays);
+    const double traced = tracing_seconds(&t->roles, phases);
     json_t *scene = scene_json(p);
     json_object_set_new(scene, "file", kiln_json_string(run->job->scene));
     char *path = realpath(run->job->scene, NULL); /* kiln export looks for the scene there */

@@ -7,6 +7,7 @@
 #include <stdint.h>
 
 #include "coordinator/job/choices.h"
+#include "worker/pass/occlusion.h"
 
 struct kiln_integrator;
 
@@ -21,6 +22,10 @@ struct kiln_integrate_settings {
     bool compact; /* radiosity travels in 4 bytes a point where an integrator can afford that: kiln_exchange_is_compact
                    */
     uint64_t seed;
+
+    /* which quantities (quantity.h) are computed besides; `next` of an integrator does not read these */
+    const struct kiln_occlusion_parameters *occlusion; /* borrowed; NULL: no ambient occlusion */
+    enum kiln_directional directional;
 
     /* how the ranks work together; none of these changes a result */
     bool work_stealing; /* ranks that are done compute for others of their node */

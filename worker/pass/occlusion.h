@@ -20,7 +20,7 @@
 #include "worker/pass/pass.h"
 
 struct kiln_occlusion_parameters {
-    float distance; /* m, above 0: what is farther away does not count; INFINITY: everything counts */
+    double distance; /* m, above 0: what is farther away does not count; INFINITY: everything counts */
 };
 
 struct kiln_occlusion_result {
