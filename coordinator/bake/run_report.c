@@ -120,12 +120,15 @@ static json_t *rebalance_json(const struct kiln_step_balance *b)
                      "predicted_gain", b->gain, "predicted_cost", b->cost, "points", (json_int_t)b->points);
 }
 
-/* `stolen`: for each step the number of points that another rank than their own computed, over all ranks. */
-static json_t *steps_json(const struct kiln_integrate_report *t, const uint64_t *stolen)
+/* The steps of light, or those of the quantities besides. `stolen`: for each step the number of points that another
+ * rank than their own computed, over all ranks. */
+static json_t *steps_json(const struct kiln_integrate_report *t, const uint64_t *stolen, bool quantities)
 {
     json_t *array = json_array();
     for (size_t i = 0; i < t->steps.count; i++) {
         const struct kiln_step_report *p = &t->steps.of[i];
+        if ((p->step.quantity != NULL) != quantities)
+            continue;
         json_array_append_new(
             array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
                              t->roles.of[p->step.role]->kind, "bounce", (int)p->step.bounce, "samples",
@@ -390,7 +393,11 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "phases", phases);
     json_object_set_new(root, "rays", rays);
     json_object_set_new(root, "mrays_per_second", json_real(traced > 0.0 ? total_rays / traced * 1e-6 : 0.0));
-    json_object_set_new(root, "bounces", steps_json(t, stolen));
+    json_object_set_new(root, "bounces", steps_json(t, stolen, false));
+    json_t *quantities = steps_json(t, stolen, true);
+    if (json_array_size(quantities) > 0)
+        json_object_set(root, "quantities", quantities);
+    json_decref(quantities);
     json_object_set_new(root, "indirect_bounces", json_integer((json_int_t)t->bounces));
     json_object_set_new(
         root, "tail",

@@ -190,6 +190,13 @@ const struct kiln_field *kiln_fields(size_t *count)
     return table;
 }
 
+const char *kiln_field_unit(const struct kiln_field *field, const struct kiln_units *units)
+{
+    if (field->unit != NULL)
+        return field->unit;
+    return field->is_radiance ? units->radiance : units->irradiance;
+}
+
 const char *kiln_field_shown_name(const struct kiln_field *field)
 {
     return field->dataset != NULL ? strrchr(field->dataset, '/') + 1 : NULL;
@@ -383,8 +390,8 @@ static uint32_t floats_of(const struct kiln_field *field)
 /* Light is added up in fixed point, where larger values have no place. A value that is no number is in no range. */
 bool kiln_field_is_sane(const struct kiln_field *field, const void *values, uint64_t count)
 {
-    const float low = (float)field->low,
-                high = (float)fmin(field->high, field->type == KILN_FIELD_ERROR ? (double)FLT_MAX : 1e36);
+    const double most = field->type == KILN_FIELD_ERROR ? (double)FLT_MAX : 1e36;
+    const float low = (float)fmax(field->low, -most), high = (float)fmin(field->high, most);
     const uint32_t floats = floats_of(field);
     bool sane = true;
     for (uint64_t i = 0; floats > 0 && i < count; i++) {

@@ -17,8 +17,6 @@
 #ifndef KILN_WORKER_PASS_OCCLUSION_H
 #define KILN_WORKER_PASS_OCCLUSION_H
 
-#include "worker/pass/pass.h"
-
 struct kiln_occlusion_parameters {
     double distance; /* m, above 0: what is farther away does not count; INFINITY: everything counts */
 };

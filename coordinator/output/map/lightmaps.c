@@ -292,6 +292,7 @@ static int complete_map(const struct writer *w, uint32_t object, struct kiln_err
         report->foreign = borders.foreign;
         report->border = borders.length;
         report->border_disturbed = borders.length_disturbed;
+        kiln_map_normalise(map);
         report->dilated = kiln_map_dilate(map, nearest);
     }
     kiln_free(&nearest);

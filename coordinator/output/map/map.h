@@ -1,7 +1,7 @@
 /* The lightmap of one object while it is turned from gathered points into an image with a value in every texel. The
  * stages are, in this order: put the points, fill invalid texels, find nearest texels, assign the margin (borders.h),
- * smooth the seams (seams.h), dilate. Nothing is collective; all of it is deterministic and depends on this object
- * only. */
+ * smooth the seams (seams.h), bring directions to length 1, dilate. Nothing is collective; all of it is deterministic
+ * and depends on this object only. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_MAP_H
 #define KILN_COORDINATOR_OUTPUT_MAP_MAP_H
 
@@ -20,10 +20,11 @@ enum kiln_map_plane {
     KILN_MAP_PLANES_MAX = 64
 };
 
-/* Number of planes of a map, and the planes whose seams are smoothed. */
+/* Number of planes of a map, the planes whose seams are smoothed, and those with which the three planes of a direction
+ * begin: unit vectors, or zero where there is none. */
 struct kiln_map_planes {
     uint32_t count;
-    bool smooth[KILN_MAP_PLANES_MAX];
+    bool smooth[KILN_MAP_PLANES_MAX], direction[KILN_MAP_PLANES_MAX];
 };
 
 /* The planes of a map without other fields: direct and indirect light, whose seams are smoothed, and the error. */
@@ -63,6 +64,9 @@ int kiln_map_fill(struct kiln_map *map, struct kiln_error *error);
  * 2000, in linear time). KILN_NONE everywhere if there is no such texel. `nearest` has width x height entries. */
 int kiln_nearest_texels(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t *nearest,
                         struct kiln_error *error);
+
+/* Brings the directions of all surface texels, of which some are means, back to length 1. Means of length 0 stay. */
+void kiln_map_normalise(struct kiln_map *map);
 
 /* Copies to every margin texel the values of the surface texel that `nearest` gives for it. Returns the number of
  * margin texels, or 0 if there are no others. */
