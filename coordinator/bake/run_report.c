@@ -36,18 +36,29 @@ enum {
 
 static json_t *rgb_json(const double rgb[3]) { return json_pack("[f,f,f]", rgb[0], rgb[1], rgb[2]); }
 
+/* Settings of the quantities besides light that the bake has. */
+static void add_quantities(json_t *settings, const struct kiln_job *job)
+{
+    const double distance = job->occlusion.distance;
+    if (distance > 0.0)
+        json_object_set_new(settings, "ambient_occlusion",
+                            isfinite(distance) ? json_real(distance) : json_string("inf"));
+}
+
 /* Settings that affect the result. */
 static json_t *settings_json(const struct kiln_job *job)
 {
-    return json_pack("{s:s, s:I, s:b, s:s, s:i, s:i, s:i, s:i, s:I, s:s}", "method",
-                     job->method != NULL ? job->method : "cells", "bounces", (json_int_t)job->bounces, "tail",
-                     job->tail || job->bounces < 0, "schedule", job->schedule == KILN_SCHEDULE_LEAN ? "lean" : "equal",
-                     "samples_direct", (int)job->samples_direct, "samples_bounce", (int)job->samples_bounce,
-                     "samples_indirect", (int)job->samples_indirect, "samples_probe", (int)job->samples_probe, "seed",
-                     (json_int_t)job->seed, "exchange",
-                     job->exchange == KILN_EXCHANGE_FULL      ? "full"
-                     : job->exchange == KILN_EXCHANGE_COMPACT ? "compact"
-                                                              : "auto");
+    json_t *settings = json_pack(
+        "{s:s, s:I, s:b, s:s, s:i, s:i, s:i, s:i, s:I, s:s}", "method", job->method != NULL ? job->method : "cells",
+        "bounces", (json_int_t)job->bounces, "tail", job->tail || job->bounces < 0, "schedule",
+        job->schedule == KILN_SCHEDULE_LEAN ? "lean" : "equal", "samples_direct", (int)job->samples_direct,
+        "samples_bounce", (int)job->samples_bounce, "samples_indirect", (int)job->samples_indirect, "samples_probe",
+        (int)job->samples_probe, "seed", (json_int_t)job->seed, "exchange",
+        job->exchange == KILN_EXCHANGE_FULL      ? "full"
+        : job->exchange == KILN_EXCHANGE_COMPACT ? "compact"
+                                                 : "auto");
+    add_quantities(settings, job);
+    return settings;
 }
 
 static json_t *scene_json(const struct kiln_prepared *p)

@@ -12,11 +12,14 @@
 #define AT(member) offsetof(struct kiln_rank_data, member)
 
 static bool wants_error_map(const struct kiln_job *job) { return job->error_map; }
+static bool wants_occlusion(const struct kiln_job *job) { return job->occlusion.distance > 0.0; }
 
 static const char *const total_channels[] = {"R", "G", "B"};
 static const char *const direct_channels[] = {"direct.R", "direct.G", "direct.B"};
 static const char *const indirect_channels[] = {"indirect.R", "indirect.G", "indirect.B"};
 static const char *const error_channels[] = {"error.Y"};
+static const char *const occlusion_channels[] = {"ambient_occlusion.Y"};
+static const char *const bent_normal_channels[] = {"bent_normal.X", "bent_normal.Y", "bent_normal.Z"};
 
 /* The order is that of datasets in kiln.h5 and of planes in lightmaps: new rows go to the end of their group. */
 static const struct kiln_field table[] = {
@@ -147,6 +150,40 @@ static const struct kiln_field table[] = {
      .noisy = true,
      .channels = error_channels,
      .in_lightmaps = wants_error_map},
+    {.name = "ambient_occlusion",
+     .unit = "1",
+     .meaning = KILN_FIELD_FRACTION,
+     .type = KILN_FIELD_UNORM16,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .saved = KILN_FIELD_SAVED,
+     .high = 1.0,
+     .dataset = "/occlusion/ambient_occlusion",
+     .description = "what of the hemisphere about the shading normal, weighted by the cosine, is open: no surface "
+                    "covers it within the distance of --ambient-occlusion; 1: all, 0: nothing",
+     .channels = occlusion_channels,
+     .attribute = "kiln:ambientOcclusion",
+     .smooth = true,
+     .present = wants_occlusion},
+    {.name = "bent_normal",
+     .unit = "1",
+     .meaning = KILN_FIELD_DIRECTION,
+     .type = KILN_FIELD_FLOAT,
+     .components = 3,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .saved = KILN_FIELD_SAVED,
+     .low = -1.0,
+     .high = 1.0,
+     .dataset = "/occlusion/bent_normal",
+     .description = "unit vector in world space, as in the scene's file: the mean direction of what is open of the "
+                    "hemisphere, weighted by the cosine; 0 0 0 where nothing is open",
+     .noisy = true,
+     .channels = bent_normal_channels,
+     .attribute = "kiln:bentNormal",
+     .smooth = true,
+     .present = wants_occlusion},
     /* scratch of a step */
     {.name = "next",
      .type = KILN_FIELD_RADIOSITY,

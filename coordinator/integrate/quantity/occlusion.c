@@ -21,9 +21,10 @@ static void *values_of(const struct kiln_taking *t, const struct kiln_rank_data 
 /* Where nothing is open there is no direction. */
 static void set_unit(float unit[3], const float direction[3])
 {
-    const float length = sqrtf(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]);
+    const double x = (double)direction[0], y = (double)direction[1], z = (double)direction[2];
+    const double length = sqrt(x * x + y * y + z * z);
     for (int c = 0; c < 3; c++)
-        unit[c] = length > 0.0f ? direction[c] / length : 0.0f;
+        unit[c] = length > 0.0 ? (float)((double)direction[c] / length) : 0.0f;
 }
 
 static void take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *tile_run,
