@@ -43,6 +43,9 @@ static void add_quantities(json_t *settings, const struct kiln_job *job)
     if (distance > 0.0)
         json_object_set_new(settings, "ambient_occlusion",
                             isfinite(distance) ? json_real(distance) : json_string("inf"));
+    if (job->directional != KILN_DIRECTIONAL_NONE)
+        json_object_set_new(settings, "directional",
+                            json_string(job->directional == KILN_DIRECTIONAL_SH1 ? "sh1" : "dominant"));
 }
 
 /* Settings that affect the result. */

@@ -13,6 +13,8 @@
 
 static bool wants_error_map(const struct kiln_job *job) { return job->error_map; }
 static bool wants_occlusion(const struct kiln_job *job) { return job->occlusion.distance > 0.0; }
+static bool wants_harmonics(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_SH1; }
+static bool wants_dominant(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_DOMINANT; }
 
 static const char *const total_channels[] = {"R", "G", "B"};
 static const char *const direct_channels[] = {"direct.R", "direct.G", "direct.B"};
@@ -20,6 +22,10 @@ static const char *const indirect_channels[] = {"indirect.R", "indirect.G", "ind
 static const char *const error_channels[] = {"error.Y"};
 static const char *const occlusion_channels[] = {"ambient_occlusion.Y"};
 static const char *const bent_normal_channels[] = {"bent_normal.X", "bent_normal.Y", "bent_normal.Z"};
+static const char *const harmonics_channels[] = {"sh.L00.R",  "sh.L00.G",  "sh.L00.B", "sh.L1m1.R",
+                                                 "sh.L1m1.G", "sh.L1m1.B", "sh.L10.R", "sh.L10.G",
+                                                 "sh.L10.B",  "sh.L11.R",  "sh.L11.G", "sh.L11.B"};
+static const char *const dominant_channels[] = {"dominant.X", "dominant.Y", "dominant.Z", "dominant.directionality"};
 
 /* The order is that of datasets in kiln.h5 and of planes in lightmaps: new rows go to the end of their group. */
 static const struct kiln_field table[] = {
@@ -184,6 +190,42 @@ static const struct kiln_field table[] = {
      .attribute = "kiln:bentNormal",
      .smooth = true,
      .present = wants_occlusion},
+    {.name = "sh",
+     .is_radiance = true,
+     .type = KILN_FIELD_FLOAT,
+     .components = 12,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .saved = KILN_FIELD_SAVED,
+     .low = -INFINITY,
+     .high = INFINITY,
+     .dataset = "/directional/sh",
+     .description = "radiance that arrives above the surface, in real orthonormal spherical harmonics L_lm of world "
+                    "space, as in the scene's file; (l, m) = (0, 0), (1, -1), (1, 0), (1, 1), RGB each. Irradiance "
+                    "about a unit vector n: 0.886227 L00 + 1.023327 (L1m1 n.y + L10 n.z + L11 n.x)",
+     .noisy = true,
+     .channels = harmonics_channels,
+     .attribute = "kiln:sh",
+     .smooth = true,
+     .present = wants_harmonics},
+    {.name = "dominant",
+     .unit = "1",
+     .meaning = KILN_FIELD_DIRECTION,
+     .type = KILN_FIELD_FLOAT,
+     .components = 4,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .saved = KILN_FIELD_SAVED,
+     .low = -1.0,
+     .high = 1.0,
+     .dataset = "/directional/dominant",
+     .description = "unit vector towards the light, in world space, as in the scene's file, by luminance, and how much "
+                    "of the light comes from there, 0 (none more than from elsewhere) to 1 (all)",
+     .noisy = true,
+     .channels = dominant_channels,
+     .attribute = "kiln:dominant",
+     .smooth = true,
+     .present = wants_dominant},
     /* scratch of a step */
     {.name = "next",
      .type = KILN_FIELD_RADIOSITY,

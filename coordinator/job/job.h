@@ -54,6 +54,7 @@ struct kiln_job {
     enum kiln_schedule schedule;
     uint32_t samples_direct, samples_bounce, samples_indirect; /* rays for each texel */
     struct kiln_occlusion_parameters occlusion;                /* distance 0: no ambient occlusion and no bent normal */
+    int directional;                                           /* enum kiln_directional */
     uint64_t seed;
 
     /* texels, cells, partition */

@@ -14,6 +14,7 @@ static const char *const exchanges[] = {"auto", "compact", "full", NULL};  /* in
 static const char *const rebalances[] = {"auto", "never", "always", NULL}; /* in the order of enum kiln_rebalance */
 /* in the order of enum kiln_units_choice */
 static const char *const units[] = {"auto", "radiometric", "photometric", NULL};
+static const char *const directionals[] = {"none", "dominant", "sh1", NULL}; /* in the order of enum kiln_directional */
 /* in the order of enum kiln_page_format */
 static const char *const formats[] = {"exr", "exr-half", "rgbm", "rgbe", "ktx2", NULL};
 static const char *const partitions[] = {"cells", "objects", NULL};
@@ -261,6 +262,14 @@ const struct kiln_option kiln_options[] = {
      .help = "also bake ambient occlusion by what is nearer than this, and the bent normal",
      .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
      .offset = AT(occlusion.distance)},
+    {.name = "directional",
+     .group = "Light transport",
+     .kind = KILN_OPTION_CHOICE_ENUM,
+     .fallback = "none",
+     .choices = directionals,
+     .help = "also bake where light comes from: one direction, or spherical harmonics of bands 0 and 1",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(directional)},
     {.name = "seed",
      .group = "Light transport",
      .kind = KILN_OPTION_UINT64,
