@@ -201,7 +201,8 @@ def check_lamp(kiln, checks, table):
             distance = np.linalg.norm(way, axis=1)
             way /= distance[:, None]
             if directional == 'sh1':
-                want = (harmonics(way)[:, :, None] * (8.0 * colour / distance[:, None] ** 2)[:, None, :]).reshape(-1, 12)
+                light = 8.0 * colour / distance[:, None] ** 2
+                want = np.einsum('nl,nc->nlc', harmonics(way), light).reshape(-1, 12)
                 scale = np.abs(want).max()
             else:
                 want, scale = np.concatenate([way, np.ones((len(way), 1))], 1), 1.0
@@ -264,8 +265,8 @@ def check_files(kiln, checks, found):
             process = kiln.command('view', found.directory, '--show', name, '-o', path + kind, *eye)
             checks.that(process.status == 0, 'kiln view --show %s ended with %d' % (name, process.status), process)
         want = 255 * (exr.rgb(path + '.exr') - low) / (high - low)
-        checks.that(float(np.abs(png.read(path + '.png') - want).max()) <= 0.51, 'the picture of %s is not on its scale' %
-                    name)
+        off = float(np.abs(png.read(path + '.png') - want).max())
+        checks.that(off <= 0.51, 'the picture of %s is not on its scale: off by %g' % (name, off))
         process = kiln.command('view', found.directory, '--show', name, '-o', path + '.png', '--exposure', 1)
         checks.that(process.status == 64 and 'fixed scale' in process.stderr, '--exposure for %s is taken' % name,
                     process)

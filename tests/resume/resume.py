@@ -684,7 +684,8 @@ def try_phases(checks, tool):
         checks.that(words in said and bool(generations(folder)) == kept, '%s: what is kept: %s' % (phase, said[-300:]))
         checks.that(not readable(folder), '%s: %s' % (phase, readable(folder)))
     checks.that(slowest < 5, 'the slowest stop took %.1f s' % slowest)
-    same(checks, tool, reference, folder, tool.bake(folder, '--preview', *QUANTITIES), 'stopped in each of %d phases' % len(PHASES))
+    same(checks, tool, reference, folder, tool.bake(folder, '--preview', *QUANTITIES),
+         'stopped in each of %d phases' % len(PHASES))
     print('stopped in each of %d phases, after %.1f s at most' % (len(PHASES), slowest))
 
 
@@ -1057,7 +1058,8 @@ def try_cost(checks, tool):
                   (max(ranks, 1), every, min(values), 100 * (min(values) / base - 1)))
 
 
-PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'quantities': try_quantities, 'bounces': try_bounces, 'signals': try_signals,
+PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'quantities': try_quantities,
+         'bounces': try_bounces, 'signals': try_signals,
          'phases': try_phases,
          'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults,
          'interrupted': try_interrupted,

@@ -2,6 +2,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "coordinator/field/rank_data.h"
 #include "coordinator/integrate/quantity.h"
 #include "worker/base/color.h"
 #include "worker/pass/directional.h"

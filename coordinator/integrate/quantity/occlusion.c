@@ -1,6 +1,7 @@
 /* Ambient occlusion and the bent normal (worker/pass/occlusion.h): the fields ambient_occlusion and bent_normal. */
 #include <math.h>
 
+#include "coordinator/field/rank_data.h"
 #include "coordinator/integrate/quantity.h"
 #include "worker/pass/occlusion.h"
 
