@@ -42,11 +42,12 @@ int rays_create(struct tile_run_rays **rays, enum rays_distribution distribution
         status = kiln_allocate(&(*rays)->quarter_of, samples, sizeof(uint8_t), "the samples of a pass", error);
     for (uint32_t k = 0; status == KILN_OK && k < samples; k++)
         (*rays)->quarter_of[k] = (uint8_t)((uint64_t)k * RAY_QUARTERS / samples);
+    const size_t numbers = (size_t)samples + 1;
     for (int d = 0; d < 4 && status == KILN_OK; d++) {
-        status = kiln_allocate(&(*rays)->sobol[d], samples, sizeof(uint32_t), "the samples of a pass", error);
+        status = kiln_allocate(&(*rays)->sobol[d], numbers, sizeof(uint32_t), "the samples of a pass", error);
         if (status == KILN_OK)
-            status = kiln_allocate(&(*rays)->scrambled[d], samples, sizeof(uint32_t), "the samples of a tile", error);
-        for (uint32_t k = 0; status == KILN_OK && k < samples; k++)
+            status = kiln_allocate(&(*rays)->scrambled[d], numbers, sizeof(uint32_t), "the samples of a tile", error);
+        for (uint32_t k = 0; status == KILN_OK && k < numbers; k++)
             (*rays)->sobol[d][k] = kiln_sobol(k, (uint32_t)d);
     }
     if (status != KILN_OK) {
@@ -77,6 +78,20 @@ static struct kiln_vec3 axis_of(const struct tile_run_rays *r, uint32_t j, struc
     return r->distribution == RAYS_SHADING ? shading : vec3_normalize(vec3_add(n, shading));
 }
 
+/* The position that samples of number `place` of point j share. */
+static float position_of(struct tile_run_rays *r, const struct embree_backend *b, uint32_t j, uint32_t place,
+                         struct kiln_vec3 *position, struct kiln_vec3 *normal)
+{
+    return frame_position(&r->frame, b, j, kiln_unit_float(r->scrambled[2][place] ^ r->shift_s[j]),
+                          kiln_unit_float(r->scrambled[3][place] ^ r->shift_t[j]), position, normal);
+}
+
+float rays_place(struct tile_run_rays *r, const struct embree_backend *b, uint32_t j, uint32_t k,
+                 struct kiln_vec3 *position, struct kiln_vec3 *normal)
+{
+    return position_of(r, b, j, r->frame.whole[j] ? k : k / r->reuse, position, normal);
+}
+
 /* Positions of the points that are not whole squares. */
 static void fill_tables(struct tile_run_rays *r, const struct embree_backend *b, uint32_t wanted)
 {
@@ -86,8 +101,7 @@ static void fill_tables(struct tile_run_rays *r, const struct embree_backend *b,
                 continue;
             const uint32_t i = k % RAY_TABLE;
             struct kiln_vec3 p, n;
-            frame_position(&r->frame, b, j, kiln_unit_float(r->scrambled[2][k] ^ r->shift_s[j]),
-                           kiln_unit_float(r->scrambled[3][k] ^ r->shift_t[j]), &p, &n);
+            (void)position_of(r, b, j, k, &p, &n);
             r->table_position[0][j][i] = p.x, r->table_position[1][j][i] = p.y, r->table_position[2][j][i] = p.z;
             const struct kiln_vec3 axis = axis_of(r, j, n);
             r->table_axis[0][j][i] = axis.x, r->table_axis[1][j][i] = axis.y, r->table_axis[2][j][i] = axis.z;
@@ -104,7 +118,7 @@ uint32_t rays_begin(struct tile_run_rays *r, const struct embree_backend *b, siz
     if (count == 0)
         return 0;
     for (uint32_t d = 0; d < 4; d++)
-        scramble(r->scrambled[d], r->sobol[d], r->samples, kiln_gather_seed(r->frame.tile_key, stream, d));
+        scramble(r->scrambled[d], r->sobol[d], r->samples + 1, kiln_gather_seed(r->frame.tile_key, stream, d));
     for (uint32_t j = 0; j < count; j++) { /* the first `count` lanes first: tables need their shifts */
         const uint32_t key = kiln_hash2(r->frame.key[j], stream);
         r->shift_u[j] = kiln_direction_shift(key, KILN_DIMENSION_U, r->shared_digits);
@@ -237,16 +251,27 @@ uint32_t rays_make(struct tile_run_rays *r, const struct embree_backend *b, uint
     return copies * count;
 }
 
-void rays_trace(struct tile_run_rays *r, const struct embree_backend *b, struct embree_context *context, uint32_t lanes)
+/* The lanes of packet p: -1 for a ray, 0 for none. */
+static const int *lanes_of(uint32_t p, uint32_t lanes, int some[PACKET])
 {
     static const int all[PACKET] __attribute__((aligned(32))) = {-1, -1, -1, -1, -1, -1, -1, -1};
-    const uint32_t whole = lanes / PACKET, rest = lanes % PACKET;
-    for (uint32_t p = 0; p < whole; p++)
-        embree_nearest8(b, context, all, &r->packets[p], &r->seed[p * PACKET], &r->tint[p * PACKET]);
-    if (rest != 0) {
-        int valid[PACKET] __attribute__((aligned(32)));
-        for (uint32_t i = 0; i < PACKET; i++)
-            valid[i] = i < rest ? -1 : 0;
-        embree_nearest8(b, context, valid, &r->packets[whole], &r->seed[whole * PACKET], &r->tint[whole * PACKET]);
-    }
+    if ((p + 1) * PACKET <= lanes)
+        return all;
+    for (uint32_t i = 0; i < PACKET; i++)
+        some[i] = p * PACKET + i < lanes ? -1 : 0;
+    return some;
+}
+
+void rays_trace(struct tile_run_rays *r, const struct embree_backend *b, struct embree_context *context, uint32_t lanes)
+{
+    int some[PACKET] __attribute__((aligned(32)));
+    for (uint32_t p = 0, l = 0; l < lanes; p++, l += PACKET)
+        embree_nearest8(b, context, lanes_of(p, lanes, some), &r->packets[p], &r->seed[l], &r->tint[l]);
+}
+
+void rays_block(struct tile_run_rays *r, const struct embree_backend *b, struct embree_context *context, uint32_t lanes)
+{
+    int some[PACKET] __attribute__((aligned(32)));
+    for (uint32_t p = 0, l = 0; l < lanes; p++, l += PACKET) /* a RTCRayHit8 begins with its RTCRay8 */
+        embree_blocked8(b, context, lanes_of(p, lanes, some), &r->packets[p].ray, &r->seed[l]);
 }

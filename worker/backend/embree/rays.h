@@ -45,7 +45,8 @@ struct tile_run_rays {
     uint32_t reuse, positions_made;
     float table_position[3][RAY_LANES][RAY_TABLE], table_axis[3][RAY_LANES][RAY_TABLE];
     float table_facet[3][RAY_LANES][RAY_TABLE];
-    /* Sobol' points of the pass, and scrambled for the tile: samples values each */
+    /* Sobol' points of the pass, and scrambled for the tile: samples + 1 values each, for a lone light gets all
+     * samples, rounded up at most */
     uint32_t *sobol[4], *scrambled[4];
 };
 
@@ -61,8 +62,18 @@ uint32_t rays_begin(struct tile_run_rays *rays, const struct embree_backend *b, 
 /* Makes the rays of a step, the next one or the first. Returns how many lanes there are: samples that do not exist have
  * none. */
 uint32_t rays_make(struct tile_run_rays *rays, const struct embree_backend *b, uint32_t step);
+/* Where sample k <= samples of point j starts, as its ray does: as frame_position, whose offset it returns. */
+float rays_place(struct tile_run_rays *rays, const struct embree_backend *b, uint32_t j, uint32_t k,
+                 struct kiln_vec3 *position, struct kiln_vec3 *normal);
 /* Finds the nearest hits of the rays made last, and their tints. */
 void rays_trace(struct tile_run_rays *rays, const struct embree_backend *b, struct embree_context *context,
                 uint32_t lanes);
+/* Finds which of the rays made last meet anything at all: see rays_is_blocked. */
+void rays_block(struct tile_run_rays *rays, const struct embree_backend *b, struct embree_context *context,
+                uint32_t lanes);
+static inline bool rays_is_blocked(const struct tile_run_rays *rays, uint32_t lane)
+{
+    return rays->packets[lane / PACKET].ray.tfar[lane % PACKET] < 0.0f;
+}
 
 #endif
