@@ -109,19 +109,6 @@ static const struct sequence *find_sequence(struct direct_work *w, uint32_t iden
     return q;
 }
 
-/* The same point of the light, seen from where the ray starts. */
-static void aim_from(struct kiln_light_sample *s, struct kiln_dvec3 place, struct kiln_dvec3 start)
-{
-    if (!isfinite(s->distance))
-        return;
-    const struct kiln_dvec3 to = dvec3_sub(dvec3_add(place, dvec3_scale(s->direction, s->distance)), start);
-    const double distance = dvec3_length(to);
-    if (!(distance > 0.0))
-        return;
-    s->direction = dvec3_scale(to, 1.0 / distance);
-    s->distance = distance;
-}
-
 /* Where rays of a packet start. */
 static void place_lanes(struct direct_work *w, const struct embree_backend *b, uint32_t j)
 {
@@ -261,7 +248,7 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
             continue;
         const double shading_cosine =
             f->smooth ? fmax(0.0, dvec3_dot(dvec3_of(frame_shading(f, j, n)), s.direction)) : cosine;
-        aim_from(&s, place, dvec3_of(p));
+        shadow_aim(&s, place, dvec3_of(p));
         shadow_add(&w->shadows, b, context, p, &s, i, cosine, shading_cosine);
         (*rays)++;
     }
@@ -273,12 +260,9 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
 {
     const struct tile_run_frame *f = &w->frame;
     const uint32_t samples = w->samples;
-    const struct kiln_dvec3 normal =
-        f->extent[j].one_normal ? dvec3((double)f->normal[0][j], (double)f->normal[1][j], (double)f->normal[2][j])
-                                : dvec3(0.0, 0.0, 0.0);
-    const size_t limit = samples / 2 < 1 ? 1 : samples / 2 < KILN_CUT_MAX ? samples / 2 : KILN_CUT_MAX;
-    const size_t count = kiln_lights_choices(b->params.lights, dvec3_of(f->extent[j].centre),
-                                             (double)f->extent[j].spread, normal, limit, w->choices);
+    const size_t count =
+        kiln_lights_choices(b->params.lights, dvec3_of(f->extent[j].centre), (double)f->extent[j].spread,
+                            frame_one_normal(f, j), kiln_cut_limit(samples), w->choices);
     (void)kiln_lights_allot(w->choices, count, samples);
     double incident[3] = {0}, irradiance[3] = {0}, variance = 0.0;
     for (size_t i = 0; i < count; i++) {
