@@ -272,9 +272,50 @@ def check_files(kiln, checks, found):
                     process)
 
 
+def two_charts(scene, name, material):
+    """A floor of 2 m in two charts, with a seam through its middle."""
+    positions, layout, triangles = [], [], []
+    for k in range(2):
+        a, u = 4 * k, 0.05 + 0.5 * k
+        positions += [(k - 1, 0, 1), (k, 0, 1), (k, 0, -1), (k - 1, 0, -1)]
+        layout += [(u, 0.95), (u + 0.4, 0.95), (u + 0.4, 0.05), (u, 0.05)]
+        triangles += [(a, a + 1, a + 2), (a, a + 2, a + 3)]
+    scene.mesh(name, positions, layout, triangles, material)
+
+
+def check_texels(kiln, checks, table):
+    """A floor with a crate, under which texels are filled, and with a seam, which is smoothed: vectors are unit vectors
+    in every texel."""
+    scene = glb.Scene()
+    grey = scene.material('grey', (0.5,) * 3)
+    two_charts(scene, 'floor', grey)
+    glb.box(scene, 'crate', (-0.4, 0, -0.4), (0.4, 0.6, 0.4), grey)
+    scene.light('lamp', {'type': 'point', 'intensity': 5.0}, translation=[0.6, 0.8, 0.3])
+    scene.environment((0.1, 0.1, 0.1))
+    found = kiln.bake(scene.write(os.path.join(kiln.scratch, 'crate.glb')), '--lightmap-size', 48, '--quality', 'draft',
+                      '--samples-probe', 0, '--no-export', '--ambient-occlusion', 1, '--directional', 'dominant')
+    if not checks.baked(found):
+        return
+    layers = found.lightmap('floor').channels
+    filled = layers['validity.Y'] == 0.5
+    seam = found.run['objects'][found.names().index('floor')]['seam_before']
+    checks.that(bool(filled.any()) and seam > 0, 'the floor has %d filled texels, its seam differs by %g' %
+                (filled.sum(), seam), found.process)
+    for name in ('bent_normal', 'dominant'):
+        length = np.sqrt(sum(layers['%s.%s' % (name, axis)].astype(float) ** 2 for axis in 'XYZ'))
+        worst = float(np.abs(length - 1).max())
+        checks.that(worst < 1e-6, '%s has a length of %g to %g' % (name, length.min(), length.max()), found.process)
+        table.row('texels of a floor', '%s: length off by %.1e at most' % (name, worst))
+    for name in ('ambient_occlusion.Y', 'dominant.directionality'):
+        values = layers[name]
+        checks.that(values.min() >= 0 and values.max() <= 1 and values[filled].min() > 0.05, '%s: %g to %g, filled %g' %
+                    (name, values.min(), values.max(), values[filled].min()), found.process)
+    found.remove()
+
+
 def main():
     every = {'plate': check_plate, 'distance': check_distance, 'wall': check_wall, 'lamp': check_lamp,
-             'sky': check_sky}
+             'sky': check_sky, 'texels': check_texels}
     arguments, kiln = harness.start(
         __doc__, lambda p: p.add_argument('--only', action='append', choices=every, help='these cases'))
     checks = harness.Checks()
