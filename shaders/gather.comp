@@ -6,7 +6,7 @@
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"
 
-KILN_PUSH(kiln_gpu_gather_push);
+KILN_PUSH(kiln_gpu_hemisphere_push);
 
 layout(constant_id = 5) const uint LOOKUP = 1u; /* 0: trace only, for benches */
 

@@ -77,27 +77,33 @@ float hemisphere_number(Numbers numbers, uint k, uint dimension)
     return kiln_unit_float(kiln_owen_scramble(point, numbers.seed[dimension]) ^ numbers.shift[dimension]);
 }
 
-/* Where the samples of number `place` start: position with its offset off the surface, geometric normal, that offset. */
-void hemisphere_place(kiln_gpu_point p, Numbers numbers, uint place, out vec3 position, out vec3 normal,
-                      out float offset)
+/* Where a sample starts: position with its offset off the surface, geometric normal, that offset. */
+struct Start {
+    uint number; /* KILN_GPU_NONE: none yet */
+    vec3 position, normal;
+    float offset;
+};
+
+/* Goes on to the start of sample k. */
+void hemisphere_start(inout Start start, kiln_gpu_point p, Numbers numbers, uint k)
 {
-    kiln_position(p, push.chunk.parts, hemisphere_number(numbers, place, KILN_DIMENSION_S),
-                  hemisphere_number(numbers, place, KILN_DIMENSION_T), position, normal, offset);
+    const uint number = k / numbers.reuse;
+    if (number == start.number)
+        return;
+    kiln_position(p, push.chunk.parts, hemisphere_number(numbers, number, KILN_DIMENSION_S),
+                  hemisphere_number(numbers, number, KILN_DIMENSION_T), start.position, start.normal, start.offset);
+    start.number = number;
 }
 
 /* Adds the slice's rays. False: the device ended the loop early. */
 bool hemisphere_rays(inout Sums sums, kiln_gpu_point p, Numbers numbers, Slice slice)
 {
-    vec3 position, normal;
-    float offset;
-    uint drawn = KILN_GPU_NONE, k = slice.from;
+    Start start;
+    start.number = KILN_GPU_NONE;
+    uint k = slice.from;
     for (; k < slice.to; k++) {
-        const uint place = k / numbers.reuse;
-        if (place != drawn) {
-            hemisphere_place(p, numbers, place, position, normal, offset);
-            drawn = place;
-        }
-        add_ray(sums, p, position, normal, hemisphere_number(numbers, k, KILN_DIMENSION_U),
+        hemisphere_start(start, p, numbers, k);
+        add_ray(sums, p, start.position, start.normal, hemisphere_number(numbers, k, KILN_DIMENSION_U),
                 hemisphere_number(numbers, k, KILN_DIMENSION_V),
                 HAS_ALPHA >= KILN_PASSAGE_BLEND ? kiln_gather_ray_seed(numbers.chance, k) : 0u);
     }

@@ -1,5 +1,5 @@
-/* Adds up the slices of hemisphere.glsl, one after the other. The slices of partly buried points fill all rows, those of
- * other points each `split`-th. Before it stands MOST_FLOATS, how many floats a slice may have. */
+/* Adds up the slices of hemisphere.glsl, one after the other. The slices of partly buried points fill all rows, those
+ * of other points each `split`-th. Before it stands MOST_FLOATS, how many floats a slice may have. */
 #include "shaders/sum.glsl"
 
 KILN_PUSH(kiln_gpu_hemisphere_reduce_push);
@@ -15,7 +15,8 @@ struct Totals {
 
 float float_of(kiln_sum sum) { return sum.high + sum.low; }
 
-/* Standard error of the mean of four sub-nets: more than the error of the whole net, whose parts balance one another. */
+/* Standard error of the mean of four sub-nets: more than the error of the whole net, whose parts balance one another.
+ */
 float quarters_error(float quarters[4])
 {
     const float middle = 0.25 * (quarters[0] + quarters[1] + quarters[2] + quarters[3]);

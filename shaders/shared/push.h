@@ -53,14 +53,15 @@ struct kiln_gpu_direct_push {
 KILN_SIZE_IS(kiln_gpu_direct_push, 120);
 KILN_OFFSET_IS(kiln_gpu_direct_push, pass, 56);
 
-/* gather.comp: the bounce pass. The push constants of all kernels that sample the hemisphere begin like these. */
-struct kiln_gpu_gather_push {
+/* gather.comp, directional.comp: the bounce pass, light by direction. The push constants of all kernels that sample the
+ * hemisphere begin like these. */
+struct kiln_gpu_hemisphere_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
     KILN_STRUCT kiln_gpu_hemisphere hemisphere;
 };
-KILN_SIZE_IS(kiln_gpu_gather_push, 104);
-KILN_OFFSET_IS(kiln_gpu_gather_push, hemisphere, 56);
+KILN_SIZE_IS(kiln_gpu_hemisphere_push, 104);
+KILN_OFFSET_IS(kiln_gpu_hemisphere_push, hemisphere, 56);
 
 /* occlusion.comp: ambient occlusion. */
 struct kiln_gpu_occlusion_push {
@@ -73,18 +74,6 @@ struct kiln_gpu_occlusion_push {
 KILN_SIZE_IS(kiln_gpu_occlusion_push, 112);
 KILN_OFFSET_IS(kiln_gpu_occlusion_push, hemisphere, 56);
 KILN_OFFSET_IS(kiln_gpu_occlusion_push, distance, 104);
-
-/* directional.comp: light by direction. */
-struct kiln_gpu_directional_push {
-    KILN_ADDRESS scene;
-    KILN_STRUCT kiln_gpu_chunk chunk;
-    KILN_STRUCT kiln_gpu_hemisphere hemisphere;
-    KILN_WORD limit; /* clusters that a point's lights are cut into, at most */
-    KILN_WORD reserved;
-};
-KILN_SIZE_IS(kiln_gpu_directional_push, 112);
-KILN_OFFSET_IS(kiln_gpu_directional_push, hemisphere, 56);
-KILN_OFFSET_IS(kiln_gpu_directional_push, limit, 104);
 
 /* gather_reduce.comp, occlusion_reduce.comp, directional_reduce.comp: they add up the slices. */
 struct kiln_gpu_hemisphere_reduce_push {

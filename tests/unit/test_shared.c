@@ -13,9 +13,13 @@
 
 #include "shaders/choose.h"
 #include "shaders/direct.h"
+#include "shaders/directional.h"
+#include "shaders/directional_reduce.h"
 #include "shaders/gather.h"
 #include "shaders/gather_reduce.h"
 #include "shaders/intersect.h"
+#include "shaders/occlusion.h"
+#include "shaders/occlusion_reduce.h"
 #include "shaders/probes.h"
 #include "shaders/probes_reduce.h"
 #include "shaders/shared/area_light.h"
@@ -39,8 +43,10 @@ struct module {
     {                                                                                                                  \
 #        kernel, kiln_spirv_##kernel, sizeof kiln_spirv_##kernel / sizeof(uint32_t)                                    \
     }
-static const struct module modules[] = {MODULE(choose), MODULE(direct),        MODULE(gather),    MODULE(gather_reduce),
-                                        MODULE(probes), MODULE(probes_reduce), MODULE(intersect), MODULE(validity)};
+static const struct module modules[] = {MODULE(choose),           MODULE(direct),      MODULE(gather),
+                                        MODULE(gather_reduce),    MODULE(probes),      MODULE(probes_reduce),
+                                        MODULE(intersect),        MODULE(validity),    MODULE(occlusion),
+                                        MODULE(occlusion_reduce), MODULE(directional), MODULE(directional_reduce)};
 
 /* The next instruction from *at on with this code; NULL: none. */
 static const uint32_t *next(const struct module *m, size_t *at, uint32_t code)
@@ -118,8 +124,8 @@ static void offsets(void **state)
                                             MEMBER(kiln_gpu_direct_push, scene),
                                             MEMBER(kiln_gpu_direct_push, chunk),
                                             MEMBER(kiln_gpu_direct_push, pass),
-                                            MEMBER(kiln_gpu_gather_push, chunk),
-                                            MEMBER(kiln_gpu_gather_push, hemisphere),
+                                            MEMBER(kiln_gpu_hemisphere_push, chunk),
+                                            MEMBER(kiln_gpu_hemisphere_push, hemisphere),
                                             MEMBER(kiln_gpu_hemisphere, sobol),
                                             MEMBER(kiln_gpu_hemisphere, slices),
                                             MEMBER(kiln_gpu_hemisphere, samples),
@@ -128,6 +134,10 @@ static void offsets(void **state)
                                             MEMBER(kiln_gpu_hemisphere_reduce_push, chunk),
                                             MEMBER(kiln_gpu_hemisphere_reduce_push, results),
                                             MEMBER(kiln_gpu_hemisphere_reduce_push, split),
+                                            MEMBER(kiln_gpu_occlusion_push, hemisphere),
+                                            MEMBER(kiln_gpu_occlusion_push, distance),
+                                            MEMBER(kiln_gpu_occlusion_result, error),
+                                            MEMBER(kiln_gpu_directional_result, radiance),
                                             MEMBER(kiln_gpu_probes_push, positions),
                                             MEMBER(kiln_gpu_probes_push, index),
                                             MEMBER(kiln_gpu_probes_push, count),

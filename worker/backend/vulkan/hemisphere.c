@@ -17,7 +17,7 @@ struct hemisphere {
 
 /* The push constants of the first kernel. */
 struct constants {
-    struct kiln_gpu_gather_push shared;
+    struct kiln_gpu_hemisphere_push shared;
     unsigned char own[VULKAN_HEMISPHERE_OWN];
 };
 

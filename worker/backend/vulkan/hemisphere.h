@@ -5,8 +5,8 @@
 
 #include "worker/backend/vulkan/chunks.h"
 
-/* Bytes that a pass's own push constants may have, after the members of struct kiln_gpu_gather_push. */
-enum { VULKAN_HEMISPHERE_OWN = VULKAN_CONSTANT_BYTES - sizeof(struct kiln_gpu_gather_push) };
+/* Bytes that a pass's own push constants may have, after the members of struct kiln_gpu_hemisphere_push. */
+enum { VULKAN_HEMISPHERE_OWN = VULKAN_CONSTANT_BYTES - sizeof(struct kiln_gpu_hemisphere_push) };
 
 struct vulkan_hemisphere {
     const struct kiln_pass *pass;
