@@ -126,7 +126,7 @@ int vulkan_direct(struct vulkan_backend *b, const void *parameters, const struct
     const struct kiln_lights *lights = b->params.lights;
     const size_t tree = lights->area_count + lights->point_count;
     d.precise = b->float64 && lights->area_count > 0;
-    d.limit = samples / 2 < 1 ? 1 : samples / 2 < KILN_CUT_MAX ? samples / 2 : KILN_CUT_MAX;
+    d.limit = kiln_cut_limit(samples);
     d.slots = (uint32_t)((tree < d.limit ? tree : d.limit) + lights->directional_count + 1);
     d.slices = vulkan_slices_of(b, samples);
     const uint32_t rows = 4 * d.slices.per_quarter;
