@@ -26,7 +26,7 @@ int vulkan_occlusion(struct vulkan_backend *b, const void *parameters, const str
                      struct kiln_error *error)
 {
     const struct kiln_occlusion_parameters *p = parameters;
-    const struct own own = {.distance = p->distance};
+    const struct own own = {.distance = (float)p->distance};
     const struct vulkan_hemisphere pass = {.pass = &kiln_pass_occlusion,
                                            .shader = &occlusion_shader,
                                            .sums = &sums_shader,
