@@ -55,6 +55,13 @@ static void begin(struct world *w)
     fixture_object(f, 0, NULL, SIDE, SIDE);
 }
 
+/* The receiver lets most light through: it does not hide what lies below it. */
+static void thin_receiver(struct world *w)
+{
+    w->fixture->materials[0].alpha_mode = KILN_ALPHA_BLEND;
+    w->fixture->materials[0].base_color[3] = 0.125f;
+}
+
 /* A sheet with corner o and sides a and b that looks along a x b. */
 static void sheet(struct world *w, struct kiln_dvec3 o, struct kiln_dvec3 a, struct kiln_dvec3 b, uint32_t material)
 {
@@ -296,6 +303,7 @@ static void shading_normals_turn_the_hemisphere(void **state)
         const struct kiln_dvec3 s = dvec3(sin(tilt), cos(tilt), 0.0);
         struct world w;
         begin(&w);
+        thin_receiver(&w);
         w.fixture->meshes[0].flags |= KILN_MESH_SMOOTH;
         for (int v = 0; v < 4; v++)
             w.fixture->normals[v] = vec3_of(s);
@@ -514,6 +522,7 @@ static void area_lamps_send_their_radiance(void **state)
     light_of_wedge(atan2(2.0, 1.0), wedge);
     add_light(&expected, wedge, 5, 4, 3);
     begin(&w);
+    thin_receiver(&w);
     const uint32_t lamp = fixture_material(w.fixture, 0, 0, 0);
     memcpy(w.fixture->materials[lamp].emission, (const float[3]){5, 4, 3}, sizeof(float[3]));
     sheet(&w, dvec3(1, -1, -500), dvec3(0, 0, 1000), dvec3(0, 3, 0), lamp);
