@@ -1,7 +1,8 @@
 /* The Vulkan backend: private declarations that its files share.
  *
- * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c. The
- * others: vulkan.c (life of the backend, kernels, closest hits), chunks.c (running a pass over tile runs in chunks),
+ * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c,
+ * occlusion.c, directional.c. The others: vulkan.c (life of the backend, kernels, closest hits), chunks.c (running a
+ * pass over tile runs in chunks), hemisphere.c (what passes that sample the hemisphere over points have in common),
  * points.c (surface points on the device), lights.c and materials.c (the scene on the device), bvh.c, acceleration.c
  * and tracer.c (what finds hits), layout.h (what C and the shaders share). gpu/ is Vulkan for compute and knows no
  * light.
