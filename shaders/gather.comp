@@ -16,21 +16,33 @@ struct Sums {
 };
 
 #include "shaders/hemisphere.glsl"
-#include "shaders/hemisphere_cosine.glsl"
 
 const uint SLICE_FLOATS = HAS_ALPHA == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
 
 void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed)
 {
-    const Ray ray = cosine_ray(p, normal, u, v);
+    const bool smooth_point = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u;
+    const vec3 soft = kiln_shading(p, normal);
+    vec3 axis = normal;
+    float tilt = 1.0;
+    if (smooth_point) { /* half-way: see kiln_facet_weight */
+        const vec3 both = normal + soft; /* 0 where the triangle is too small to have a normal */
+        axis = both == vec3(0.0) ? both : normalize(both);
+        tilt = dot(normal, axis);
+    }
+    float cosine;
+    const vec3 direction = hemisphere_cosine(axis, u, v, cosine);
     vec3 tint;
-    const kiln_hit hit = kiln_trace_by_chance(position, ray.direction, seed, tint);
+    const kiln_hit hit = kiln_trace_by_chance(position, direction, seed, tint);
     if (LOOKUP == 0u) {
         sums.escaped += hit.triangle == KILN_GPU_NONE ? 1.0 : hit.u;
         return;
     }
-    float facet, weight;
-    ray_weights(ray, facet, weight);
+    float facet = 1.0, weight = 1.0;
+    if (smooth_point) {
+        facet = kiln_facet_weight(dot(normal, direction), tilt, cosine);
+        weight = kiln_shading_weight(dot(soft, direction), cosine);
+    }
     if (hit.triangle == KILN_GPU_NONE) {
         sums.escaped += facet;
         return;

@@ -26,7 +26,12 @@ void kiln_kernel(uint x, uint y)
         }
         r.escaped = totals.sum[6] / n;
         r.blocked = totals.sum[7] / n;
-        r.error = r.escaped < 0.0 ? -1.0 : totals.error; /* -1: the answer is not good */
+        for (uint q = 0u; q < 4u; q++)
+            totals.quarters[q] /= 0.25 * n;
+        if (push.samples >= 4u)
+            r.error = quarters_error(totals.quarters);
+        if (r.escaped < 0.0)
+            r.error = -1.0; /* the answer is not good */
         r.present = PointArray(push.chunk.points).at[push.chunk.origin + x].present;
     }
     ResultArray(push.results).at[x] = r;

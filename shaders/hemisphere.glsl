@@ -26,6 +26,13 @@ vec3 hemisphere_direction(vec3 n, float radius, float cosine, float v)
     return radius * kiln_sine_turn(0.25 - a) * t + radius * (turn < 0.0 ? -sine : sine) * b + cosine * n;
 }
 
+/* Cosine-distributed about the axis n, with which it has the cosine `cosine`. */
+vec3 hemisphere_cosine(vec3 n, float u, float v, out float cosine)
+{
+    cosine = sqrt(1.0 - u);
+    return hemisphere_direction(n, sqrt(u), cosine, v);
+}
+
 /* The slice of thread (x, y): samples from .. to - 1 of a point. */
 struct Slice {
     uint index;    /* the point's, or KILN_GPU_NONE: the thread has nothing to do */

@@ -10,13 +10,13 @@ KILN_ARRAY(FloatArray, float, 4);
 
 struct Totals {
     float sum[MOST_FLOATS];
-    float error; /* standard error of the mean of the float that was asked for; 0: unknown */
+    float quarters[4]; /* what the four quarters of the samples have of the float that was asked for */
 };
 
 float float_of(kiln_sum sum) { return sum.high + sum.low; }
 
-/* Standard error of the mean of four sub-nets: more than the error of the whole net, whose parts balance one another.
- */
+/* Standard error of the mean of four sub-nets, from their means: more than the error of the whole net, whose parts
+ * balance one another. */
 float quarters_error(float quarters[4])
 {
     const float middle = 0.25 * (quarters[0] + quarters[1] + quarters[2] + quarters[3]);
@@ -26,7 +26,7 @@ float quarters_error(float quarters[4])
     return sqrt(square / 12.0);
 }
 
-/* False for an invalid point. Slices have `floats` floats, and float `measured` is that of the error. */
+/* False for an invalid point. Slices have `floats` floats, and the quarters are those of float `measured`. */
 bool hemisphere_totals(uint x, uint floats, uint measured, out Totals totals)
 {
     const uint state = WordArray(push.chunk.states).at[push.chunk.origin + x];
@@ -36,10 +36,10 @@ bool hemisphere_totals(uint x, uint floats, uint measured, out Totals totals)
         sums[c] = kiln_sum(0.0, 0.0);
         totals.sum[c] = 0.0;
     }
-    totals.error = 0.0;
+    for (uint q = 0u; q < 4u; q++)
+        totals.quarters[q] = 0.0;
     if (state == KILN_GPU_STATE_INVALID)
         return false;
-    float quarters[4];
     for (uint q = 0u; q < 4u; q++) {
         kiln_sum quarter = kiln_sum(0.0, 0.0);
         for (uint i = 0u; i < rows; i += step) {
@@ -49,11 +49,9 @@ bool hemisphere_totals(uint x, uint floats, uint measured, out Totals totals)
                 kiln_add(sums[c], slice.at[c * push.chunk.total + x]);
             kiln_add(quarter, slice.at[measured * push.chunk.total + x]);
         }
-        quarters[q] = float_of(quarter) / (0.25 * float(push.samples));
+        totals.quarters[q] = float_of(quarter);
     }
     for (uint c = 0u; c < floats; c++)
         totals.sum[c] = float_of(sums[c]);
-    if (push.samples >= 4u)
-        totals.error = quarters_error(quarters);
     return true;
 }

@@ -1,5 +1,5 @@
-/* The occlusion pass: each thread takes a slice of a point's samples (hemisphere.glsl), cosine-distributed rays as those
- * of the gather, and adds up the directions in which nothing is near. occlusion_reduce.comp adds up the slices. */
+/* The occlusion pass: each thread takes a slice of a point's samples (hemisphere.glsl), cosine-distributed rays about
+ * the shading normal, and adds up the directions in which nothing is near. occlusion_reduce.comp adds up the slices. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -13,17 +13,16 @@ struct Sums {
 };
 
 #include "shaders/hemisphere.glsl"
-#include "shaders/hemisphere_cosine.glsl"
 
 void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed)
 {
-    const Ray ray = cosine_ray(p, normal, u, v);
-    float facet, weight;
-    ray_weights(ray, facet, weight);
-    if (!(facet > 0.0 && weight > 0.0) || kiln_is_met(position, ray.direction, push.distance, seed))
+    float cosine;
+    const vec3 direction = hemisphere_cosine(kiln_shading(p, normal), u, v, cosine);
+    const bool below = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u && !(dot(normal, direction) > 0.0);
+    if (below || kiln_is_met(position, direction, push.distance, seed))
         return;
-    sums.open += weight;
-    sums.direction += weight * ray.direction;
+    sums.open += 1.0;
+    sums.direction += direction;
 }
 
 void kiln_kernel(uint x, uint y)

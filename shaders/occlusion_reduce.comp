@@ -2,6 +2,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
+#include "shaders/shared/streams.h"
 
 const uint MOST_FLOATS = KILN_GPU_OCCLUSION_FLOATS;
 #include "shaders/hemisphere_reduce.glsl"
@@ -15,12 +16,16 @@ void kiln_kernel(uint x, uint y)
     kiln_gpu_occlusion_result r = kiln_gpu_occlusion_result(0.0, float[3](0.0, 0.0, 0.0), 0.0);
     Totals totals;
     if (hemisphere_totals(x, KILN_GPU_OCCLUSION_FLOATS, 0u, totals)) {
-        /* Shading normals give samples weights whose mean is 1 but for noise: no more than everything is open. */
-        const float n = max(float(push.samples), totals.sum[0]);
-        r.open = totals.sum[0] / n;
-        for (uint c = 0u; c < 3u; c++)
-            r.direction[c] = clamp(totals.sum[1u + c] / n, -1.0, 1.0); /* the last bit may be above */
-        r.error = r.open < 0.0 ? -1.0 : totals.error; /* -1: the answer is not good */
+        const uint n = push.samples;
+        r.open = totals.sum[0] / float(n);
+        for (uint c = 0u; c < 3u; c++) /* the last bit of one direction may be above 1 */
+            r.direction[c] = clamp(totals.sum[1u + c] / float(n), -1.0, 1.0);
+        for (uint q = 0u; q < 4u; q++)
+            totals.quarters[q] /= float(max(1u, kiln_quarter_first(q + 1u, n) - kiln_quarter_first(q, n)));
+        if (n >= 4u)
+            r.error = quarters_error(totals.quarters);
+        if (r.open < 0.0)
+            r.error = -1.0; /* the answer is not good */
     }
     ResultArray(push.results).at[x] = r;
 }

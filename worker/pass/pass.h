@@ -6,9 +6,9 @@
  * runs any of them.
  *
  * A new pass called NAME is: NAME in KILN_PASS_LIST below, a row in passes.c, a header NAME.h in this folder, and a
- * file NAME.c in each backend's folder with the function that the backend's header declares for every name of the list
- * (embree_NAME in worker/backend/embree/embree.h, vulkan_NAME in worker/backend/vulkan/vulkan.h). The neutral layer,
- * the fallback and the verifying backend walk the table and know no pass by name.
+ * file NAME.c in each backend's folder with what the backend's header declares for every name of the list: the function
+ * embree_NAME (worker/backend/embree/embree.h), the row vulkan_pass_NAME (worker/backend/vulkan/vulkan.h). The neutral
+ * layer, the fallback and the verifying backend walk the table and know no pass by name.
  *
  * Determinism: a result is a function of (seed, item, stream, sample, parameters) and the scene alone. Any batch,
  * number of threads or rank gives the same bits. */

@@ -20,8 +20,8 @@ static const struct vulkan_shader sums_shader = {.name = "directional: sums",
 
 _Static_assert(sizeof(struct kiln_gpu_directional_result) == sizeof(struct kiln_directional_result), "results");
 
-int vulkan_directional(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
-                       struct kiln_error *error)
+static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
+               struct kiln_error *error)
 {
     (void)parameters;
     const struct vulkan_hemisphere pass = {.pass = &kiln_pass_directional,
@@ -34,3 +34,5 @@ int vulkan_directional(struct vulkan_backend *b, const void *parameters, const s
                                            .counts_rays = true};
     return vulkan_hemisphere_run(b, &pass, batch, rays, error);
 }
+
+const struct vulkan_pass vulkan_pass_directional = {.run = run};

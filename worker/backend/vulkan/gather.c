@@ -6,9 +6,9 @@
 #include "shaders/gather_pipeline.h"
 #include "shaders/gather_reduce.h"
 
-const struct vulkan_shader vulkan_gather_shader = {
+static const struct vulkan_shader gather_shader = {
     .name = "gather", .compute = VULKAN_CODE(gather), .pipeline = VULKAN_CODE(gather_pipeline)};
-const struct vulkan_shader vulkan_gather_sums_shader = {.name = "gather: sums", .compute = VULKAN_CODE(gather_reduce)};
+static const struct vulkan_shader sums_shader = {.name = "gather: sums", .compute = VULKAN_CODE(gather_reduce)};
 
 /* `lookup` 0: rays are traced and that is all. */
 static struct vulkan_hemisphere gather_of(const struct vulkan_backend *b, const struct kiln_batch *batch,
@@ -16,8 +16,8 @@ static struct vulkan_hemisphere gather_of(const struct vulkan_backend *b, const 
 {
     const bool tints = b->params.geometry->passage == KILN_PASSAGE_TINT;
     return (struct vulkan_hemisphere){.pass = &kiln_pass_gather,
-                                      .shader = &vulkan_gather_shader,
-                                      .sums = &vulkan_gather_sums_shader,
+                                      .shader = &gather_shader,
+                                      .sums = &sums_shader,
                                       .constant = lookup,
                                       .pace = KILN_PASS_INDEX_gather,
                                       .stream = batch->stream,
@@ -25,8 +25,8 @@ static struct vulkan_hemisphere gather_of(const struct vulkan_backend *b, const 
                                       .failed_offset = offsetof(struct kiln_gpu_result, error)};
 }
 
-int vulkan_gather(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
-                  struct kiln_error *error)
+static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
+               struct kiln_error *error)
 {
     (void)parameters;
     const struct vulkan_hemisphere pass = gather_of(b, batch, 1);
@@ -44,3 +44,8 @@ int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch,
     pass.seconds = seconds;
     return vulkan_hemisphere_run(b, &pass, &nobody, rays, error);
 }
+
+const struct vulkan_pass vulkan_pass_gather = {.run = run,
+                                               .ahead = {{.shader = &gather_shader, .draw_again = true, .own = 1},
+                                                         {.shader = &gather_shader, .own = 1},
+                                                         {.shader = &sums_shader}}};

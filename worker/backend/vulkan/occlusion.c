@@ -22,8 +22,8 @@ struct own {
 _Static_assert(sizeof(struct kiln_gpu_occlusion_push) == sizeof(struct kiln_gpu_hemisphere_push) + sizeof(struct own),
                "the pass's own push constants come last");
 
-int vulkan_occlusion(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
-                     struct kiln_error *error)
+static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
+               struct kiln_error *error)
 {
     const struct kiln_occlusion_parameters *p = parameters;
     const struct own own = {.distance = (float)p->distance};
@@ -38,3 +38,5 @@ int vulkan_occlusion(struct vulkan_backend *b, const void *parameters, const str
                                            .own_bytes = sizeof own};
     return vulkan_hemisphere_run(b, &pass, batch, rays, error);
 }
+
+const struct vulkan_pass vulkan_pass_occlusion = {.run = run};
