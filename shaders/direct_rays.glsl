@@ -108,14 +108,8 @@ void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 o
     const real cosine = dot(real3(n), s.direction);
     if (!(cosine > 0))
         return;
-    vec3 towards = vec3(s.direction);
-    float limit = KILN_INFINITY;
-    const real3 to = s.direction * s.distance - off;
-    if (!isinf(s.distance) && dot(to, to) > 0) {
-        const real distance = length(to);
-        towards = vec3(to * (1 / distance));
-        limit = float((distance - s.backoff) * KILN_SHADOW_LENGTH);
-    }
+    float limit;
+    const vec3 towards = kiln_shadow_ray(s, off, limit);
     sums.rays++;
     const vec3 through = kiln_through(position, towards, limit);
     if (through == vec3(0.0))

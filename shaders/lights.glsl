@@ -39,6 +39,18 @@ struct kiln_light_sample {
     real backoff;    /* m: stop the shadow ray this much before the light */
 };
 
+/* Which way and how far the shadow ray of a sample goes that starts `off` the place that the sample was drawn for. */
+vec3 kiln_shadow_ray(kiln_light_sample s, real3 off, out float limit)
+{
+    limit = KILN_INFINITY;
+    const real3 to = s.direction * s.distance - off;
+    if (isinf(s.distance) || !(dot(to, to) > 0))
+        return vec3(s.direction);
+    const real distance = length(to);
+    limit = float((distance - s.backoff) * KILN_SHADOW_LENGTH);
+    return vec3(to * (1 / distance));
+}
+
 KILN_ARRAY(LightNodes, kiln_gpu_light_node, 8);
 KILN_ARRAY(AreaLights, kiln_gpu_area_light, 8);
 KILN_ARRAY(PointLights, kiln_gpu_point_light, 8);

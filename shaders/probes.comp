@@ -18,22 +18,23 @@ KILN_PUSH(kiln_gpu_probes_push);
 #include "shaders/lights.glsl"
 
 KILN_ARRAY(PositionArray, vec3, 4);
-KILN_ARRAY(SobolArray, uint, 4);
 KILN_ARRAY(SliceArray, float, 4);
 
-struct ProbeSums {
+struct Sums {
     vec3 radiance[KILN_HARMONICS], axes[6];
     float distance, back, rays;
     bool stopped; /* the device ended a loop early */
 };
+struct Place {
+    vec3 position;
+};
 
-real scrambled(uint k, uint dimension, uint seed)
-{
-    return real_unit(kiln_owen_scramble(SobolArray(push.sobol).at[dimension * push.sobol_stride + k], seed));
-}
+#include "shaders/light_samples.glsl"
+
+Sobol sobol() { return Sobol(push.sobol, push.sobol_stride); }
 
 /* Adds radiance x solid angle `value` that arrives from direction d: shaders/shared/harmonics.h. */
-void add_direction(inout ProbeSums sums, vec3 d, vec3 value)
+void add_direction(inout Sums sums, vec3 d, vec3 value)
 {
 #define KILN_ADD(index, y) sums.radiance[index] += y * value;
     KILN_HARMONICS_EACH(KILN_ADD, d)
@@ -45,10 +46,10 @@ void add_direction(inout ProbeSums sums, vec3 d, vec3 value)
     }
 }
 
-void sphere_sample(inout ProbeSums sums, vec3 p, uint key, uint k)
+void sphere_sample(inout Sums sums, vec3 p, uint key, uint k)
 {
-    const real3 direction = kiln_sphere_direction(scrambled(k, KILN_DIMENSION_U, kiln_hash2(key, 0u)),
-                                                  scrambled(k, KILN_DIMENSION_V, kiln_hash2(key, 1u)));
+    const real3 direction = kiln_sphere_direction(scrambled(sobol(), k, KILN_DIMENSION_U, kiln_hash2(key, 0u)),
+                                                  scrambled(sobol(), k, KILN_DIMENSION_V, kiln_hash2(key, 1u)));
     const vec3 d = vec3(direction);
     vec3 tint;
     const kiln_hit hit = kiln_trace_by_chance(p, d, kiln_hash2(key + 1u, k), tint);
@@ -70,45 +71,20 @@ void sphere_sample(inout ProbeSums sums, vec3 p, uint key, uint k)
     add_direction(sums, d, radiance * (12.566370614359172 / float(push.samples)));
 }
 
-void light_sample(inout ProbeSums sums, vec3 position, kiln_light_choice choice, uint identity, uint k)
+void add_light(inout Sums sums, inout Place place, kiln_light_choice choice, uint identity, uint k)
 {
     kiln_light_sample s;
-    const real u = scrambled(k, KILN_DIMENSION_U, kiln_hash2(identity, 0u)),
-               v = scrambled(k, KILN_DIMENSION_V, kiln_hash2(identity, 1u));
-    const real pick = scrambled(k, KILN_DIMENSION_CHOICE, kiln_hash2(identity, 2u));
-    if (!kiln_lights_sample(choice, k, real3(position), real3(0), pick, u, v, s))
+    if (!draw_light(sobol(), choice, identity, k, real3(place.position), s))
         return;
     sums.rays += 1.0;
     const float limit = isinf(s.distance) ? KILN_INFINITY : float((s.distance - s.backoff) * KILN_SHADOW_LENGTH);
     const vec3 d = vec3(s.direction);
-    const vec3 through = kiln_through(position, d, limit);
+    const vec3 through = kiln_through(place.position, d, limit);
     if (through != vec3(0.0))
         add_direction(sums, d, vec3(s.value / real(choice.samples)) * through);
 }
 
-/* Samples from .. to - 1 of all that the lights get. */
-void light_samples(inout ProbeSums sums, vec3 position, uint key, uint from, uint to)
-{
-    uint before = 0u; /* samples of the choices so far */
-    const uint candidates =
-        kiln_lights_choose(real3(position), 0, real3(0), KILN_CUT_MAX, light_kind(KILN_GPU_KIND_IMAGE));
-    uint i = 0u;
-    for (; i < candidates && before < to; i++) {
-        kiln_light_choice choice;
-        if (!kiln_lights_candidate(i, real3(0), push.samples, choice))
-            continue;
-        const uint identity = kiln_hash2(key, kiln_choice_identity(choice.kind, choice.index));
-        const uint begin = max(from, before) - before, end = min(to - before, choice.samples);
-        uint k = begin;
-        for (; k < end; k++)
-            light_sample(sums, position, choice, identity, k);
-        sums.stopped = sums.stopped || k < end;
-        before += choice.samples;
-    }
-    sums.stopped = sums.stopped || (i < candidates && before < to);
-}
-
-void store(ProbeSums sums, uint x, uint slice)
+void store(Sums sums, uint x, uint slice)
 {
     SliceArray floats = SliceArray(push.slices + uint64_t(slice * KILN_GPU_PROBE_FLOATS) * push.count * 4ul);
     for (uint c = 0u; c < 3u; c++) {
@@ -130,7 +106,7 @@ void kiln_kernel(uint x, uint y)
     const vec3 position = PositionArray(push.positions).at[x];
     const uint64_t index = push.index + x;
     const uint key = kiln_hash2(kiln_hash2(push.seed, uint(index)), uint(index >> 32));
-    ProbeSums sums;
+    Sums sums;
     for (uint i = 0u; i < KILN_HARMONICS; i++)
         sums.radiance[i] = vec3(0.0);
     for (uint i = 0u; i < 6u; i++)
@@ -144,8 +120,14 @@ void kiln_kernel(uint x, uint y)
     for (; k < to; k++)
         sphere_sample(sums, position, key, k);
     sums.stopped = k < to;
-    if (LIGHT_KINDS != 0u && LIGHT_KINDS != KILN_GPU_KIND_SKY)
-        light_samples(sums, position, key, from, slice + 1u == push.slice_count ? 0xffffffffu : to);
+    if (LIGHT_KINDS != 0u && LIGHT_KINDS != KILN_GPU_KIND_SKY) {
+        Place place = Place(position);
+        const uint candidates =
+            kiln_lights_choose(real3(position), 0, real3(0), KILN_CUT_MAX, light_kind(KILN_GPU_KIND_IMAGE));
+        if (!light_samples(sums, place, candidates, real3(0), push.samples, key, from,
+                           slice + 1u == push.slice_count ? 0xffffffffu : to))
+            sums.stopped = true;
+    }
     if (sums.stopped)
         sums.distance = -1.0e30;
     store(sums, x, slice);

@@ -62,30 +62,13 @@ float float_atan2(float y, float x)
 
 /* The same of `real`. */
 #ifdef KILN_DOUBLES
+#    include "shaders/shared/sine.h"
+
 void real_sincos(real x, out real sine, out real cosine)
 {
     const real quarters = floor(x * 0.63661977236758134308LF + 0.5LF);
     const real r = (x - quarters * 1.57079632679489655800LF) - quarters * 6.12323399573676603587e-17LF;
-    const real r2 = r * r;
-    const real s =
-        r +
-        r * r2 *
-            (-1.6666666666666666667e-1LF +
-             r2 * (8.3333333333333333333e-3LF +
-                   r2 * (-1.9841269841269841270e-4LF +
-                         r2 * (2.7557319223985890653e-6LF +
-                               r2 * (-2.5052108385441718775e-8LF +
-                                     r2 * (1.6059043836821614599e-10LF +
-                                           r2 * (-7.6471637318198164759e-13LF + r2 * 2.8114572543455207632e-15LF)))))));
-    const real c =
-        1.0LF +
-        r2 * (-0.5LF +
-              r2 * (4.1666666666666666667e-2LF +
-                    r2 * (-1.3888888888888888889e-3LF +
-                          r2 * (2.4801587301587301587e-5LF +
-                                r2 * (-2.7557319223985890653e-7LF +
-                                      r2 * (2.0876756987868098979e-9LF + r2 * (-1.1470745597729724714e-11LF +
-                                                                               r2 * 4.7794773323873852974e-14LF)))))));
+    const real r2 = r * r, s = kiln_sine_series(r, r2), c = kiln_cosine_series(r2);
     const int quadrant = int(quarters) & 3;
     const real a = (quadrant & 1) == 0 ? s : c, b = (quadrant & 1) == 0 ? c : s;
     sine = (quadrant & 2) == 0 ? a : -a;

@@ -1,5 +1,7 @@
 /* Radiosity at a hit: barycentrics -> texel -> tile -> surface point, as worker/scene/surface.h says. */
 
+#include "shaders/shared/radiosity.h"
+
 layout(buffer_reference, scalar, buffer_reference_align = 16) readonly buffer RecordHalves { vec4 at[]; };
 KILN_ARRAY(Lightmaps, kiln_gpu_lightmap, 8);
 KILN_ARRAY(TileWords, uvec4, 16);
@@ -14,12 +16,10 @@ uint kiln_bits_below(uvec2 mask, uint bit)
 
 bool kiln_bit_set(uvec2 mask, uint bit) { return ((bit < 32u ? mask.x >> bit : mask.y >> (bit - 32u)) & 1u) != 0u; }
 
-/* Three unsigned floats of 21 bits: worker/scene/radiosity.h. */
 vec3 kiln_radiosity_unpack(uvec2 packed)
 {
-    return vec3(uintBitsToFloat((packed.x & 0x1fffffu) << 10),
-                uintBitsToFloat((packed.x >> 21 | (packed.y & 0x3ffu) << 11) << 10),
-                uintBitsToFloat((packed.y >> 10 & 0x1fffffu) << 10));
+    return uintBitsToFloat(uvec3(kiln_radiosity_red(packed.x), kiln_radiosity_green(packed.x, packed.y),
+                                 kiln_radiosity_blue(packed.y)));
 }
 
 /* What a hit on world triangle `triangle` leads to. */

@@ -5,14 +5,14 @@
 static void add_light_phases(struct kiln_bake *b)
 {
     const struct kiln_integrate_report *report = &b->solution->report;
-    const struct kiln_integrator *integrator = report->integrator;
-    for (uint32_t r = 0; r < integrator->role_count; r++)
-        kiln_phase_add(&b->phases, integrator->roles[r].phase, 0.0);
+    const struct kiln_roles *roles = &report->roles;
+    for (uint32_t r = 0; r < roles->count; r++)
+        kiln_phase_add(&b->phases, roles->of[r]->phase, 0.0);
     kiln_phase_add(&b->phases, "exchange", 0.0);
     kiln_phase_add(&b->phases, "waiting", report->waiting_seconds);
     for (size_t i = 0; i < report->steps.count; i++) {
         const struct kiln_step_report *step = &report->steps.of[i];
-        kiln_phase_add(&b->phases, integrator->roles[step->step.role].phase, step->seconds);
+        kiln_phase_add(&b->phases, roles->of[step->step.role]->phase, step->seconds);
         kiln_phase_add(&b->phases, "exchange", step->exchange_seconds);
     }
 }

@@ -19,7 +19,7 @@ enum {
     RANK_POINTS,
     RANK_INVALID,
     RANK_RSS,
-    RANK_RAYS, /* of steps of each of the integrator's roles */
+    RANK_RAYS, /* of steps of each role */
     RANK_PROBES = RANK_RAYS + KILN_ROLES_MAX,
     RANK_PSS,
     RANK_SHARED,
@@ -36,18 +36,32 @@ enum {
 
 static json_t *rgb_json(const double rgb[3]) { return json_pack("[f,f,f]", rgb[0], rgb[1], rgb[2]); }
 
+/* Settings of the quantities besides light that the bake has. */
+static void add_quantities(json_t *settings, const struct kiln_job *job)
+{
+    const double distance = job->occlusion.distance;
+    if (distance > 0.0)
+        json_object_set_new(settings, "ambient_occlusion",
+                            isfinite(distance) ? json_real(distance) : json_string("inf"));
+    if (job->directional != KILN_DIRECTIONAL_NONE)
+        json_object_set_new(settings, "directional",
+                            json_string(job->directional == KILN_DIRECTIONAL_SH1 ? "sh1" : "dominant"));
+}
+
 /* Settings that affect the result. */
 static json_t *settings_json(const struct kiln_job *job)
 {
-    return json_pack("{s:s, s:I, s:b, s:s, s:i, s:i, s:i, s:i, s:I, s:s}", "method",
-                     job->method != NULL ? job->method : "cells", "bounces", (json_int_t)job->bounces, "tail",
-                     job->tail || job->bounces < 0, "schedule", job->schedule == KILN_SCHEDULE_LEAN ? "lean" : "equal",
-                     "samples_direct", (int)job->samples_direct, "samples_bounce", (int)job->samples_bounce,
-                     "samples_indirect", (int)job->samples_indirect, "samples_probe", (int)job->samples_probe, "seed",
-                     (json_int_t)job->seed, "exchange",
-                     job->exchange == KILN_EXCHANGE_FULL      ? "full"
-                     : job->exchange == KILN_EXCHANGE_COMPACT ? "compact"
-                                                              : "auto");
+    json_t *settings = json_pack(
+        "{s:s, s:I, s:b, s:s, s:i, s:i, s:i, s:i, s:I, s:s}", "method", job->method != NULL ? job->method : "cells",
+        "bounces", (json_int_t)job->bounces, "tail", job->tail || job->bounces < 0, "schedule",
+        job->schedule == KILN_SCHEDULE_LEAN ? "lean" : "equal", "samples_direct", (int)job->samples_direct,
+        "samples_bounce", (int)job->samples_bounce, "samples_indirect", (int)job->samples_indirect, "samples_probe",
+        (int)job->samples_probe, "seed", (json_int_t)job->seed, "exchange",
+        job->exchange == KILN_EXCHANGE_FULL      ? "full"
+        : job->exchange == KILN_EXCHANGE_COMPACT ? "compact"
+                                                 : "auto");
+    add_quantities(settings, job);
+    return settings;
 }
 
 static json_t *scene_json(const struct kiln_prepared *p)
@@ -120,15 +134,18 @@ static json_t *rebalance_json(const struct kiln_step_balance *b)
                      "predicted_gain", b->gain, "predicted_cost", b->cost, "points", (json_int_t)b->points);
 }
 
-/* `stolen`: for each step the number of points that another rank than their own computed, over all ranks. */
-static json_t *steps_json(const struct kiln_integrate_report *t, const uint64_t *stolen)
+/* The steps of light, or those of the quantities besides. `stolen`: for each step the number of points that another
+ * rank than their own computed, over all ranks. */
+static json_t *steps_json(const struct kiln_integrate_report *t, const uint64_t *stolen, bool quantities)
 {
     json_t *array = json_array();
     for (size_t i = 0; i < t->steps.count; i++) {
         const struct kiln_step_report *p = &t->steps.of[i];
+        if ((p->step.quantity != NULL) != quantities)
+            continue;
         json_array_append_new(
             array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
-                             t->integrator->roles[p->step.role].kind, "bounce", (int)p->step.bounce, "samples",
+                             t->roles.of[p->step.role]->kind, "bounce", (int)p->step.bounce, "samples",
                              (int)p->step.samples, "seconds", p->seconds, "exchange_seconds", p->exchange_seconds,
                              "device_seconds", p->device_seconds, "energy", kiln_luminance(p->energy.incident),
                              "incident", rgb_json(p->energy.incident), "reflected", rgb_json(p->energy.reflected),
@@ -306,25 +323,25 @@ static json_int_t total(const uint64_t *values, int ranks, int what)
 }
 
 /* Numbers of rays, of the steps by role and of the probes; *sum receives their total. */
-static json_t *rays_json(const struct kiln_integrator *integrator, const uint64_t *values, int ranks, double *sum)
+static json_t *rays_json(const struct kiln_roles *roles, const uint64_t *values, int ranks, double *sum)
 {
     json_t *rays = json_object();
     *sum = 0.0;
-    for (uint32_t r = 0; r <= integrator->role_count; r++) {
-        const bool probes = r == integrator->role_count;
+    for (uint32_t r = 0; r <= roles->count; r++) {
+        const bool probes = r == roles->count;
         const json_int_t own = total(values, ranks, probes ? RANK_PROBES : RANK_RAYS + (int)r);
-        (void)json_object_set_new(rays, probes ? "probes" : integrator->roles[r].total, json_integer(own));
+        (void)json_object_set_new(rays, probes ? "probes" : roles->of[r]->total, json_integer(own));
         *sum += (double)own;
     }
     return rays;
 }
 
 /* Seconds that the slowest rank spent in the phases that trace rays. */
-static double tracing_seconds(const struct kiln_integrator *integrator, const json_t *phases)
+static double tracing_seconds(const struct kiln_roles *roles, const json_t *phases)
 {
     double sum = 0.0;
-    for (uint32_t r = 0; r <= integrator->role_count; r++) {
-        const char *name = r < integrator->role_count ? integrator->roles[r].phase : "probes";
+    for (uint32_t r = 0; r <= roles->count; r++) {
+        const char *name = r < roles->count ? roles->of[r]->phase : "probes";
         size_t index;
         const json_t *phase;
         json_array_foreach(phases, index,
@@ -366,8 +383,8 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     const struct kiln_prepared *p = run->prepared;
     const struct kiln_integrate_report *t = &run->solution->report;
     double total_rays;
-    json_t *rays = rays_json(t->integrator, values, p->ranks, &total_rays);
-    const double traced = tracing_seconds(t->integrator, phases);
+    json_t *rays = rays_json(&t->roles, values, p->ranks, &total_rays);
+    const double traced = tracing_seconds(&t->roles, phases);
     json_t *scene = scene_json(p);
     json_object_set_new(scene, "file", kiln_json_string(run->job->scene));
     char *path = realpath(run->job->scene, NULL); /* kiln export looks for the scene there */
@@ -390,7 +407,11 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "phases", phases);
     json_object_set_new(root, "rays", rays);
     json_object_set_new(root, "mrays_per_second", json_real(traced > 0.0 ? total_rays / traced * 1e-6 : 0.0));
-    json_object_set_new(root, "bounces", steps_json(t, stolen));
+    json_object_set_new(root, "bounces", steps_json(t, stolen, false));
+    json_t *quantities = steps_json(t, stolen, true);
+    if (json_array_size(quantities) > 0)
+        json_object_set(root, "quantities", quantities);
+    json_decref(quantities);
     json_object_set_new(root, "indirect_bounces", json_integer((json_int_t)t->bounces));
     json_object_set_new(
         root, "tail",

@@ -4,7 +4,7 @@
 #include <stdbool.h>
 #include <string.h>
 
-#include "coordinator/integrate/integrator.h"
+#include "coordinator/integrate/quantity.h"
 #include "coordinator/run/phases.h"
 #include "coordinator/run/progress.h"
 #include "worker/base/color.h"
@@ -85,7 +85,7 @@ static void note_imbalance(const json_t *report, json_t *notes)
             notes, json_sprintf("%s: the slowest rank took %.0f %% longer than the mean, which costs %.1f s a rank; %s",
                                 name_of(worst), 100.0 * json_number_value(json_object_get(worst, "imbalance")), most,
                                 advice_for(balance_advice, BALANCE_ADVICE, name_of(worst),
-                                           kiln_integrator_has_phase(name_of(worst))
+                                           kiln_is_phase_of_steps(name_of(worst))
                                                ? step_advice
                                                : "--trace FILE.json shows which rank, and when")));
 }

@@ -11,6 +11,8 @@ static void option_head(const struct kiln_option *option, char *text, size_t siz
         used += snprintf(text + used, size - (size_t)used, " %s", option->value);
         separator = "|";
     }
+    if (option->may_be_infinite)
+        used += snprintf(text + used, size - (size_t)used, "|inf");
     if (option->word != NULL)
         used += snprintf(text + used, size - (size_t)used, "%s%s", separator, option->word);
     for (size_t i = 0; option->choices != NULL && option->choices[i] != NULL; i++) {

@@ -42,11 +42,11 @@ static json_t *memory_json(const struct kiln_plan_memory *m)
 static json_t *seconds_json(const struct kiln_plan *p)
 {
     const struct kiln_plan_seconds *s = &p->seconds;
-    const struct kiln_integrator *integrator = p->steps.integrator;
+    const struct kiln_roles *roles = &p->steps.roles;
     json_t *seconds = json_pack("{s:f, s:f, s:f, s:f, s:f}", "import", s->import, "world", s->world, "surface",
                                 s->surface, "validity", s->validity, "emission", s->emission);
-    for (uint32_t r = 0; r < integrator->role_count; r++)
-        (void)json_object_set_new(seconds, integrator->roles[r].total, json_real(s->light[r]));
+    for (uint32_t r = 0; r < roles->count; r++)
+        (void)json_object_set_new(seconds, roles->of[r]->total, json_real(s->light[r]));
     json_t *after = json_pack("{s:f, s:f, s:f, s:f, s:f, s:i, s:f}", "probes", s->probes, "exchange", s->exchange,
                               "move", s->move, "write", s->write, "total", s->total, "assumed_bounces", (int)p->bounces,
                               "calibration", p->calibration_seconds);
@@ -64,25 +64,25 @@ static json_t *disk_json(const struct kiln_plan *p)
                      (json_int_t)p->checkpoint_bytes);
 }
 
-/* One value for each role of the integrator. */
-static json_t *roles_json(const struct kiln_integrator *integrator, const double values[KILN_ROLES_MAX])
+/* One value for each role. */
+static json_t *roles_json(const struct kiln_roles *roles, const double values[KILN_ROLES_MAX])
 {
     json_t *all = json_object();
-    for (uint32_t r = 0; r < integrator->role_count; r++)
-        (void)json_object_set_new(all, integrator->roles[r].kind, json_real(values[r]));
+    for (uint32_t r = 0; r < roles->count; r++)
+        (void)json_object_set_new(all, roles->of[r]->kind, json_real(values[r]));
     return all;
 }
 
 /* The imbalance of the ranks' work. */
-static json_t *balance_json(const struct kiln_integrator *integrator, const struct kiln_simulated_light *light)
+static json_t *balance_json(const struct kiln_roles *roles, const struct kiln_simulated_light *light)
 {
     return json_pack("{s:f, s:f, s:i, s:f, s:f, s:o, s:o, s:o}", "imbalance", light->imbalance, "imbalance_kept",
                      light->kept, "repartitions", (int)light->repartitions, "move_seconds", light->move, "points_most",
-                     light->points_most, "seconds", roles_json(integrator, light->seconds), "first_pass",
-                     roles_json(integrator, light->first), "last_pass", roles_json(integrator, light->last));
+                     light->points_most, "seconds", roles_json(roles, light->seconds), "first_pass",
+                     roles_json(roles, light->first), "last_pass", roles_json(roles, light->last));
 }
 
-static json_t *curve_json(const struct kiln_integrator *integrator, const struct kiln_scaled *curve, size_t count)
+static json_t *curve_json(const struct kiln_roles *roles, const struct kiln_scaled *curve, size_t count)
 {
     json_t *array = json_array();
     for (size_t i = 0; i < count; i++) {
@@ -90,9 +90,9 @@ static json_t *curve_json(const struct kiln_integrator *integrator, const struct
         (void)json_array_append_new(
             array, json_pack("{s:i, s:i, s:f, s:f, s:f, s:o, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "ranks",
                              (int)c->ranks, "nodes", (int)c->nodes, "points", c->points, "trace", c->trace, "imbalance",
-                             c->light.imbalance, "balance", balance_json(integrator, &c->light), "exchange",
-                             c->exchange, "find", c->find, "once", c->once, "write", c->write, "seconds", c->seconds,
-                             "efficiency", c->efficiency, "trace_efficiency", c->trace_efficiency));
+                             c->light.imbalance, "balance", balance_json(roles, &c->light), "exchange", c->exchange,
+                             "find", c->find, "once", c->once, "write", c->write, "seconds", c->seconds, "efficiency",
+                             c->efficiency, "trace_efficiency", c->trace_efficiency));
     }
     return array;
 }
@@ -107,11 +107,10 @@ static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)
                   (json_int_t)s->cells_occupied, "cells_total", (json_int_t)s->cells_total, "cell_size", s->cell_size,
                   "imbalance", s->imbalance, "probes", (json_int_t)p->probes, "bytes_per_point", p->bytes_per_point,
                   "bytes_per_triangle", p->bytes_per_triangle, "exchange_bytes_per_bounce", p->exchange_bytes);
-    json_t *more =
-        json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "memory_per_rank", memory_json(&p->memory), "balance",
-                  balance_json(p->steps.integrator, &p->here.light), "seconds", seconds_json(p), "disk_bytes",
-                  disk_json(p), "strong_scaling", curve_json(p->steps.integrator, p->strong, p->curve_count),
-                  "weak_scaling", curve_json(p->steps.integrator, p->weak, p->curve_count));
+    json_t *more = json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "memory_per_rank", memory_json(&p->memory), "balance",
+                             balance_json(&p->steps.roles, &p->here.light), "seconds", seconds_json(p), "disk_bytes",
+                             disk_json(p), "strong_scaling", curve_json(&p->steps.roles, p->strong, p->curve_count),
+                             "weak_scaling", curve_json(&p->steps.roles, p->weak, p->curve_count));
     if (all != NULL && more != NULL)
         (void)json_object_update(all, more);
     json_decref(more);
@@ -171,13 +170,13 @@ static void print_balance(const struct kiln_simulated_light *light)
 
 static void print_light(const struct kiln_plan *p)
 {
-    const struct kiln_integrator *integrator = p->steps.integrator;
+    const struct kiln_roles *roles = &p->steps.roles;
     double sum = p->seconds.probes;
-    for (uint32_t r = 0; r < integrator->role_count; r++)
+    for (uint32_t r = 0; r < roles->count; r++)
         sum += p->seconds.light[r];
     (void)printf("  light      %10.2f s ", sum);
-    for (uint32_t r = 0; r < integrator->role_count; r++)
-        (void)printf(" %s %.2f,", integrator->roles[r].phase, p->seconds.light[r]);
+    for (uint32_t r = 0; r < roles->count; r++)
+        (void)printf(" %s %.2f,", roles->of[r]->phase, p->seconds.light[r]);
     (void)printf(" probes %.2f\n", p->seconds.probes);
 }
 

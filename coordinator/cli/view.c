@@ -51,6 +51,15 @@ static int read_show(struct view *v, const char *name, struct kiln_error *error)
                            name, list);
 }
 
+/* Refuses an exposure for what is shown on a scale of its own. */
+static int check_exposure(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
+{
+    if (v->field == NULL || v->field->meaning == KILN_FIELD_AMOUNT || job->exposure == 0.0)
+        return KILN_OK;
+    return kiln_fail(error, KILN_USAGE, "--exposure %g: '%s' is shown on a fixed scale; leave --exposure out",
+                     job->exposure, kiln_field_shown_name(v->field));
+}
+
 static const char *quantity_of(const struct view *v)
 {
     return v->texels ? "a checkerboard of texels" : v->field != NULL ? v->field->description : "radiance";
@@ -59,9 +68,7 @@ static const char *quantity_of(const struct view *v)
 static const char *unit_of(const struct view *v)
 {
     const struct kiln_units *units = kiln_units_of_bake(v->results);
-    if (v->field == NULL)
-        return units->radiance;
-    return v->field->unit != NULL ? v->field->unit : units->irradiance;
+    return v->field == NULL ? units->radiance : kiln_field_unit(v->field, units);
 }
 
 static int open_scene(struct view *v, const struct kiln_job *job, const char *directory, struct kiln_error *error)
@@ -181,6 +188,8 @@ int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
     }
     if (status == KILN_OK)
         status = read_show(&v, job->show, error);
+    if (status == KILN_OK)
+        status = check_exposure(&v, job, error);
     if (status == KILN_OK)
         status = check_extension(path, error);
     const struct kiln_output_name name = {.option = "--output", .path = path, .bakes = {directory}};

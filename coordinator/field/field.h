@@ -17,6 +17,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "coordinator/field/units.h"
 #include "coordinator/job/job.h"
 #include "worker/base/status.h"
 
@@ -61,10 +62,21 @@ enum kiln_field_saved {
 /* Components that a published field has at most: spherical harmonics of bands 0 and 1 have 12. */
 enum { KILN_FIELD_COMPONENTS_MAX = 16 };
 
+/* What the values are, by which pictures show them, and texels are averaged. */
+enum kiln_field_meaning {
+    KILN_FIELD_AMOUNT,   /* of any magnitude: pictures choose the exposure */
+    KILN_FIELD_FRACTION, /* 0 to 1: pictures show 1 as white */
+    /* the first three components are a unit vector, world, or zero where there is none: means are brought to length 1,
+     * and pictures show v / 2 + 1 / 2 */
+    KILN_FIELD_DIRECTION
+};
+
 /* A row of the table. Strings and arrays are static. */
 struct kiln_field {
     const char *name; /* also of its block in a checkpoint: shorter than KILN_BLOCK_NAME */
-    const char *unit; /* "m2", "1", ...; NULL: that of the bake's irradiance (coordinator/field/units.h) */
+    const char *unit; /* "m2", "1", ...; NULL: that of the bake's light (coordinator/field/units.h) */
+    bool is_radiance; /* unit NULL: of radiance; otherwise of irradiance */
+    enum kiln_field_meaning meaning;
     enum kiln_field_type type;
     uint32_t components; /* of an item */
     enum kiln_domain domain;
@@ -77,8 +89,8 @@ struct kiln_field {
     enum kiln_field_saved saved;
     /* Finite values of published components lie in [low, high]: checked in checkpoints and by `kiln verify`. */
     double low, high;
-    /* kiln.h5: the dataset's name, below /points or /irradiance; NULL: not in the file. Points where no light can be
-     * gathered have 0, unless the field is of the surface. */
+    /* kiln.h5: the dataset's name, "/GROUP/NAME"; NULL: not in the file. Points where no light can be gathered have 0,
+     * unless the field is of the surface. */
     const char *dataset, *description;
     bool noisy; /* its digits are random: as kiln_chunk_pack has it */
     /* lightmaps: names of `components` channels; NULL: in no lightmap */
@@ -92,6 +104,9 @@ struct kiln_field {
 
 /* All rows. */
 const struct kiln_field *kiln_fields(size_t *count);
+
+/* The unit of a field in a bake of these units of light. */
+const char *kiln_field_unit(const struct kiln_field *field, const struct kiln_units *units);
 
 /* What users call a published field, and `kiln view --show` takes: the last part of its dataset's name ("direct"). NULL
  * for a field that is not published. */

@@ -12,11 +12,20 @@
 #define AT(member) offsetof(struct kiln_rank_data, member)
 
 static bool wants_error_map(const struct kiln_job *job) { return job->error_map; }
+static bool wants_occlusion(const struct kiln_job *job) { return job->occlusion.distance > 0.0; }
+static bool wants_harmonics(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_SH1; }
+static bool wants_dominant(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_DOMINANT; }
 
 static const char *const total_channels[] = {"R", "G", "B"};
 static const char *const direct_channels[] = {"direct.R", "direct.G", "direct.B"};
 static const char *const indirect_channels[] = {"indirect.R", "indirect.G", "indirect.B"};
 static const char *const error_channels[] = {"error.Y"};
+static const char *const occlusion_channels[] = {"ambient_occlusion.Y"};
+static const char *const bent_normal_channels[] = {"bent_normal.X", "bent_normal.Y", "bent_normal.Z"};
+static const char *const harmonics_channels[] = {"sh.L00.R",  "sh.L00.G",  "sh.L00.B", "sh.L1m1.R",
+                                                 "sh.L1m1.G", "sh.L1m1.B", "sh.L10.R", "sh.L10.G",
+                                                 "sh.L10.B",  "sh.L11.R",  "sh.L11.G", "sh.L11.B"};
+static const char *const dominant_channels[] = {"dominant.X", "dominant.Y", "dominant.Z", "dominant.directionality"};
 
 /* The order is that of datasets in kiln.h5 and of planes in lightmaps: new rows go to the end of their group. */
 static const struct kiln_field table[] = {
@@ -147,6 +156,76 @@ static const struct kiln_field table[] = {
      .noisy = true,
      .channels = error_channels,
      .in_lightmaps = wants_error_map},
+    {.name = "ambient_occlusion",
+     .unit = "1",
+     .meaning = KILN_FIELD_FRACTION,
+     .type = KILN_FIELD_UNORM16,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .saved = KILN_FIELD_SAVED,
+     .high = 1.0,
+     .dataset = "/occlusion/ambient_occlusion",
+     .description = "what of the hemisphere about the shading normal, weighted by the cosine, is open: no surface "
+                    "covers it within the distance of --ambient-occlusion; 1: all, 0: nothing",
+     .channels = occlusion_channels,
+     .attribute = "kiln:ambientOcclusion",
+     .smooth = true,
+     .present = wants_occlusion},
+    {.name = "bent_normal",
+     .unit = "1",
+     .meaning = KILN_FIELD_DIRECTION,
+     .type = KILN_FIELD_FLOAT,
+     .components = 3,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .saved = KILN_FIELD_SAVED,
+     .low = -1.0,
+     .high = 1.0,
+     .dataset = "/occlusion/bent_normal",
+     .description = "unit vector in world space, as in the scene's file: the mean direction of what is open of the "
+                    "hemisphere, weighted by the cosine; 0 0 0 where nothing is open",
+     .noisy = true,
+     .channels = bent_normal_channels,
+     .attribute = "kiln:bentNormal",
+     .smooth = true,
+     .present = wants_occlusion},
+    {.name = "sh",
+     .is_radiance = true,
+     .type = KILN_FIELD_FLOAT,
+     .components = 12,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .saved = KILN_FIELD_SAVED,
+     .low = -INFINITY,
+     .high = INFINITY,
+     .dataset = "/directional/sh",
+     .description = "radiance that arrives above the surface, in real orthonormal spherical harmonics L_lm of world "
+                    "space, as in the scene's file; (l, m) = (0, 0), (1, -1), (1, 0), (1, 1), RGB each. Irradiance "
+                    "about a unit vector n: 0.886227 L00 + 1.023327 (L1m1 n.y + L10 n.z + L11 n.x)",
+     .noisy = true,
+     .channels = harmonics_channels,
+     .attribute = "kiln:sh",
+     .smooth = true,
+     .present = wants_harmonics},
+    {.name = "dominant",
+     .unit = "1",
+     .meaning = KILN_FIELD_DIRECTION,
+     .type = KILN_FIELD_FLOAT,
+     .components = 4,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .saved = KILN_FIELD_SAVED,
+     .low = -1.0,
+     .high = 1.0,
+     .dataset = "/directional/dominant",
+     .description = "unit vector towards the light, in world space, as in the scene's file, by luminance, and how much "
+                    "of the light comes from there, 0 (none more than from elsewhere) to 1 (all)",
+     .noisy = true,
+     .channels = dominant_channels,
+     .attribute = "kiln:dominant",
+     .smooth = true,
+     .present = wants_dominant},
     /* scratch of a step */
     {.name = "next",
      .type = KILN_FIELD_RADIOSITY,
@@ -188,6 +267,13 @@ const struct kiln_field *kiln_fields(size_t *count)
 {
     *count = ROWS;
     return table;
+}
+
+const char *kiln_field_unit(const struct kiln_field *field, const struct kiln_units *units)
+{
+    if (field->unit != NULL)
+        return field->unit;
+    return field->is_radiance ? units->radiance : units->irradiance;
 }
 
 const char *kiln_field_shown_name(const struct kiln_field *field)
@@ -383,8 +469,8 @@ static uint32_t floats_of(const struct kiln_field *field)
 /* Light is added up in fixed point, where larger values have no place. A value that is no number is in no range. */
 bool kiln_field_is_sane(const struct kiln_field *field, const void *values, uint64_t count)
 {
-    const float low = (float)field->low,
-                high = (float)fmin(field->high, field->type == KILN_FIELD_ERROR ? (double)FLT_MAX : 1e36);
+    const double most = field->type == KILN_FIELD_ERROR ? (double)FLT_MAX : 1e36;
+    const float low = (float)fmax(field->low, -most), high = (float)fmin(field->high, most);
     const uint32_t floats = floats_of(field);
     bool sane = true;
     for (uint64_t i = 0; floats > 0 && i < count; i++) {

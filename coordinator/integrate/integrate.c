@@ -3,34 +3,10 @@
 #include <math.h>
 
 #include "coordinator/integrate/lockstep.h"
-#include "coordinator/integrate/packing.h"
+#include "coordinator/integrate/quantity.h"
 #include "coordinator/integrate/repartition_rule.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
-#include "worker/scene/radiosity.h"
-
-/* Of the random bits by which total radiosity is rounded; steps have lower ones. */
-enum { TOTAL_STREAM = 0x10000 };
-
-/* Collective. Total radiosity of all points, for probes and views. */
-static void publish_radiosity(const struct kiln_lockstep *l)
-{
-    const struct kiln_solution *solution = l->solution;
-    const struct kiln_surface *surface = &solution->own->surface;
-    for (size_t i = 0; i < surface->tile_run_count; i++) {
-        const struct kiln_tile_run *f = &surface->tile_runs[i];
-        struct kiln_own_point own = kiln_own_of_global(surface, f->first);
-        for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++) {
-            float albedo[3], total[3];
-            kiln_point_albedo(surface, own, albedo);
-            for (uint64_t c = 0; c < 3; c++)
-                total[c] = albedo[c] * (solution->direct[3 * own.at + c] + solution->indirect[3 * own.at + c]);
-            solution->own->next[own.at] =
-                kiln_radiosity_pack(total, kiln_packing_hash(f, (uint32_t)__builtin_ctzll(rest), TOTAL_STREAM));
-        }
-    }
-    kiln_exchange_radiosity(&l->exchange, KILN_EXCHANGE_NEXT, kiln_solution_step(solution));
-}
 
 /* ---- making ---- */
 
@@ -112,7 +88,7 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
     }
     if (status != KILN_OK)
         return status;
-    publish_radiosity(l);
+    kiln_exchange_total_radiosity(&l->exchange, kiln_solution_step(solution)); /* for probes and views */
     kiln_energy_close(&solution->report.energy, &solution->report.steps, p->emission);
     solution->report.received = kiln_radiosity_allgather_received(solution->allgather);
     return KILN_OK;
@@ -125,7 +101,7 @@ int kiln_integrate(struct kiln_solution **solution, const struct kiln_integrate_
     struct kiln_solution *s = NULL;
     int status = kiln_allocate(&s, 1, sizeof *s, "the solution", error);
     if (status == KILN_OK) {
-        s->report.integrator = params->settings->integrator;
+        s->report.roles = kiln_roles(params->settings);
         status = kiln_lockstep_create(&l, params, s, error);
     }
     status = kiln_agree(params->communicator, status, error);

@@ -19,6 +19,7 @@ struct kiln_radiosity_exchange;
 struct kiln_taking {
     const struct kiln_integrate_settings *settings;
     const struct kiln_step *step;
+    const struct kiln_field_set *fields; /* that the data has */
     const struct kiln_scene *scene;
     const uint64_t *radiosity; /* of all points, packed: what the step gathers from */
     double scale;              /* of the 4-byte form of radiosity */
@@ -37,7 +38,7 @@ struct kiln_integration {
 struct kiln_integrator {
     const char *name; /* for --method */
     const struct kiln_role *roles;
-    uint32_t role_count; /* KILN_ROLES_MAX at most */
+    uint32_t role_count; /* with the quantities KILN_ROLES_MAX at most */
 
     /* The step after those reported; false: there is none. A pure function, the same on all ranks: it reads what the
      * settings say of steps and what the reports say that is the same on all ranks (steps, energy, tail_error). After

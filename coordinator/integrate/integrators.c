@@ -1,7 +1,7 @@
 #include <string.h>
 
 #include "coordinator/integrate/cells/cells.h"
-#include "coordinator/integrate/integrator.h"
+#include "coordinator/integrate/quantity.h"
 #include "worker/base/memory.h"
 
 #define NAME(name) #name,
@@ -49,6 +49,6 @@ int kiln_integrate_outlook(const struct kiln_integrate_settings *settings, struc
         outlook->steps++;
         outlook->samples += (double)step.samples;
         reports->of[count++] = (struct kiln_step_report){.step = step};
-    } while (assumed.integrator->next(&assumed, reports->of, count, &step));
+    } while (kiln_steps_next(&assumed, reports->of, count, &step));
     return KILN_OK;
 }

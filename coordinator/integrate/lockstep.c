@@ -3,12 +3,13 @@
 #include <math.h>
 #include <stdio.h>
 
+#include "coordinator/integrate/quantity.h"
 #include "coordinator/integrate/repartition.h"
 #include "coordinator/mpi/agree.h"
 
 static const struct kiln_role *role_of(const struct kiln_lockstep *l, const struct kiln_step *step)
 {
-    return &l->params->settings->integrator->roles[step->role];
+    return kiln_roles(l->params->settings).of[step->role];
 }
 
 static uint32_t take_threads(const struct kiln_integrate_params *p)
@@ -105,7 +106,7 @@ static int end_step(struct kiln_lockstep *l, struct kiln_error *error)
     struct kiln_integrate_report *r = &l->solution->report;
     kiln_control_blocking(p->control, "adding up a pass", 0.0);
     int status = kiln_ledger_end_step(&l->ledger, p->communicator, &kiln_solution_step(l->solution)->energy, error);
-    if (status == KILN_OK)
+    if (status == KILN_OK && kiln_solution_step(l->solution)->step.quantity == NULL)
         status = p->settings->integrator->end_step(&l->integration, &r->steps, error);
     kiln_control_blocking(p->control, NULL, 0.0);
     return status;
@@ -118,6 +119,7 @@ static int run_step(struct kiln_lockstep *l, struct kiln_error *error)
     struct kiln_step_report *report = kiln_solution_step(l->solution);
     l->taker.taking = (struct kiln_taking){.settings = p->settings,
                                            .step = &report->step,
+                                           .fields = p->fields,
                                            .scene = p->backend->params.scene,
                                            .radiosity = l->solution->radiosity,
                                            .scale = kiln_radiosity_allgather_scale(l->solution->allgather),
@@ -160,7 +162,11 @@ static int do_step(struct kiln_lockstep *l, const struct kiln_step *step, struct
     const struct kiln_integrate_params *p = l->params;
     const bool first = l->solution->report.steps.count == 0;
     int status = KILN_OK;
-    p->settings->integrator->begin_step(&l->integration, first ? NULL : kiln_solution_step(l->solution), step);
+    struct kiln_step_report *last = first ? NULL : kiln_solution_step(l->solution);
+    if (step->quantity == NULL)
+        p->settings->integrator->begin_step(&l->integration, last, step);
+    else if (step->pass->reads_radiosity)
+        kiln_exchange_total_radiosity(&l->exchange, last);
     if (!first && p->ranks > 1 && l->may_repartition && l->work.measured)
         status = kiln_repartition(p, l->solution, step, error);
     if (status == KILN_OK)
@@ -182,7 +188,7 @@ int kiln_lockstep_run(struct kiln_lockstep *l, bool restored, bool finished, str
             kiln_exchange_radiosity(&l->exchange, KILN_EXCHANGE_IN_PLACE, report);
         status = run_step(l, error);
     }
-    while (status == KILN_OK && !finished && settings->integrator->next(settings, steps->of, steps->count, &step))
+    while (status == KILN_OK && !finished && kiln_steps_next(settings, steps->of, steps->count, &step))
         status = do_step(l, &step, error);
     return status == KILN_OK && !finished ? save_between(l, true, error) : status;
 }

@@ -2,6 +2,12 @@
 
 #include <string.h>
 
+#include "coordinator/integrate/packing.h"
+#include "worker/scene/radiosity.h"
+
+/* Of the random bits by which total radiosity is rounded; steps have lower ones. */
+enum { TOTAL_STREAM = 0x10000 };
+
 #define EXCHANGE_BYTES 10e6 /* a second, at the slowest network that is not taken for a dead one */
 
 void kiln_exchange_radiosity(const struct kiln_radiosity_exchange *x, enum kiln_exchange_source source,
@@ -25,4 +31,23 @@ void kiln_exchange_radiosity(const struct kiln_radiosity_exchange *x, enum kiln_
     report->exchange_seconds += end - start;
     kiln_trace_add(x->trace, KILN_TRACE_EXCHANGE, source == KILN_EXCHANGE_NEXT_COMPACT ? "end of exchange" : "exchange",
                    start, end, (int64_t)surface->count);
+}
+
+void kiln_exchange_total_radiosity(const struct kiln_radiosity_exchange *x, struct kiln_step_report *report)
+{
+    const struct kiln_solution *solution = x->solution;
+    const struct kiln_surface *surface = &solution->own->surface;
+    for (size_t i = 0; i < surface->tile_run_count; i++) {
+        const struct kiln_tile_run *f = &surface->tile_runs[i];
+        struct kiln_own_point own = kiln_own_of_global(surface, f->first);
+        for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++) {
+            float albedo[3], total[3];
+            kiln_point_albedo(surface, own, albedo);
+            for (uint64_t c = 0; c < 3; c++)
+                total[c] = albedo[c] * (solution->direct[3 * own.at + c] + solution->indirect[3 * own.at + c]);
+            solution->own->next[own.at] =
+                kiln_radiosity_pack(total, kiln_packing_hash(f, (uint32_t)__builtin_ctzll(rest), TOTAL_STREAM));
+        }
+    }
+    kiln_exchange_radiosity(x, KILN_EXCHANGE_NEXT, report);
 }

@@ -24,4 +24,7 @@ struct kiln_radiosity_exchange {
 void kiln_exchange_radiosity(const struct kiln_radiosity_exchange *exchange, enum kiln_exchange_source source,
                              struct kiln_step_report *report);
 
+/* Collective. The same of the points' total radiosity, albedo x (direct + indirect), when all light is known. */
+void kiln_exchange_total_radiosity(const struct kiln_radiosity_exchange *exchange, struct kiln_step_report *report);
+
 #endif

@@ -4,6 +4,7 @@
 #include <time.h>
 
 #include "coordinator/field/field_blocks.h"
+#include "coordinator/integrate/quantity.h"
 #include "coordinator/integrate/save.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
@@ -385,7 +386,7 @@ static int append_report(const struct kiln_saved *s, const struct saved_report *
     struct kiln_step_reports *reports = &s->solution->report.steps;
     struct kiln_step_report report = report_read(saved);
     struct kiln_step step;
-    if (!settings->integrator->next(settings, reports->of, reports->count, &step) || step.role != report.step.role ||
+    if (!kiln_steps_next(settings, reports->of, reports->count, &step) || step.role != report.step.role ||
         step.bounce != report.step.bounce || step.samples != report.step.samples)
         return no_such_step(reports->count, error);
     report.step = step;

@@ -8,6 +8,7 @@
 
 #include "coordinator/job/choices.h"
 #include "coordinator/job/faults.h"
+#include "worker/pass/occlusion.h"
 
 struct kiln_integrator;
 
@@ -22,6 +23,10 @@ struct kiln_integrate_settings {
     bool compact; /* radiosity travels in 4 bytes a point where an integrator can afford that: kiln_exchange_is_compact
                    */
     uint64_t seed;
+
+    /* which quantities (quantity.h) are computed besides; `next` of an integrator does not read these */
+    const struct kiln_occlusion_parameters *occlusion; /* borrowed; NULL: no ambient occlusion */
+    enum kiln_directional directional;
 
     /* how the ranks work together; none of these changes a result */
     bool work_stealing; /* ranks that are done compute for others of their node */

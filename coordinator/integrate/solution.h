@@ -9,7 +9,7 @@
 #include "coordinator/integrate/step.h"
 
 struct kiln_integrate_report {
-    const struct kiln_integrator *integrator;
+    struct kiln_roles roles; /* of the steps */
     struct kiln_step_reports steps;
     uint32_t bounces;       /* indirect bounces gathered one by one or summed for the final gather */
     bool tail;              /* a geometric tail was added */

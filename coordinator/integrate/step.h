@@ -20,12 +20,21 @@ struct kiln_role {
     bool numbered;     /* the progress line adds the number of the bounce */
 };
 
-enum { KILN_ROLES_MAX = 8 }; /* of an integrator */
+enum { KILN_ROLES_MAX = 8 }; /* of a bake */
+
+/* The roles of a bake's steps: kiln_roles (quantity.h). */
+struct kiln_roles {
+    const struct kiln_role *of[KILN_ROLES_MAX];
+    uint32_t count;
+};
+
+struct kiln_quantity;
 
 struct kiln_step {
-    const struct kiln_pass *pass; /* which the backends run; over tile runs */
-    const void *parameters;       /* the pass's own struct, borrowed; NULL for a pass without */
-    uint32_t role;                /* index into the roles of the integrator */
+    const struct kiln_pass *pass;         /* which the backends run; over tile runs */
+    const void *parameters;               /* the pass's own struct, borrowed; NULL for a pass without */
+    uint32_t role;                        /* index into the roles of the bake; the first are the integrator's */
+    const struct kiln_quantity *quantity; /* that the step computes (quantity.h); NULL: it is the integrator's */
     uint32_t bounce;  /* 0: direct light; 1, 2, ...; a final gather has the number of the bounce that it stands for */
     uint32_t samples; /* of each point; with samples_field their mean, by which the length of batches is chosen */
     /* Name of the bake's field (field/field.h) that has the samples of each tile run, 32 bits each; NULL: all tile runs

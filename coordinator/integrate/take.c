@@ -1,6 +1,17 @@
 #include "coordinator/integrate/take.h"
 
+#include "coordinator/integrate/quantity.h"
 #include "worker/base/memory.h"
+
+static void take_one(const struct kiln_taking *t, const struct kiln_rank_data *data,
+                     const struct kiln_tile_run *tile_run, const void *results, struct kiln_tally *tally,
+                     struct kiln_tile_run_tally *tile_run_tally)
+{
+    if (t->step->quantity != NULL)
+        t->step->quantity->take(t, data, tile_run, results);
+    else
+        t->settings->integrator->take(t, data, tile_run, results, tally, tile_run_tally);
+}
 
 int kiln_taker_take(struct kiln_taker *taker, const struct kiln_rank_data *data, size_t first, size_t count,
                     const void *results, struct kiln_error *error)
@@ -19,8 +30,7 @@ int kiln_taker_take(struct kiln_taker *taker, const struct kiln_rank_data *data,
         for (size_t i = 0; i < count; i++) {
             taker->tile_runs[i] = (struct kiln_tile_run_tally){0};
             const size_t point = (size_t)(tile_runs[i].first.at - tile_runs[0].first.at);
-            taking->settings->integrator->take(taking, data, &tile_runs[i], (const char *)results + point * bytes, &own,
-                                               &taker->tile_runs[i]);
+            take_one(taking, data, &tile_runs[i], (const char *)results + point * bytes, &own, &taker->tile_runs[i]);
         }
 #pragma omp critical(kiln_taker_take)
         kiln_ledger_add(taker->ledger, &own); /* exact: the order of threads does not matter */

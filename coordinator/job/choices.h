@@ -23,6 +23,10 @@ static inline bool kiln_exchange_is_compact(int form, uint64_t points)
  */
 enum kiln_rebalance { KILN_REBALANCE_AUTO = 0, KILN_REBALANCE_NEVER = 1, KILN_REBALANCE_ALWAYS = 2 };
 
+/* What a bake says of the directions that light comes from: nothing, one direction for each point, or spherical
+ * harmonics of bands 0 and 1. */
+enum kiln_directional { KILN_DIRECTIONAL_NONE = 0, KILN_DIRECTIONAL_DOMINANT = 1, KILN_DIRECTIONAL_SH1 = 2 };
+
 enum kiln_schedule {
     KILN_SCHEDULE_LEAN = 0, /* bounces with few rays, the energy tail, one final gather with many rays */
     KILN_SCHEDULE_EQUAL = 1 /* the same number of rays in every bounce, no tail, no final gather: the reference mode */

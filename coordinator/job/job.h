@@ -13,6 +13,7 @@
 #include "coordinator/job/faults.h"
 #include "coordinator/job/choices.h"
 #include "worker/base/status.h"
+#include "worker/pass/occlusion.h"
 
 /* Unit of the lights: AUTO takes what the file says; the others override it. */
 enum kiln_units_choice { KILN_UNITS_AUTO = 0, KILN_UNITS_RADIOMETRIC = 1, KILN_UNITS_PHOTOMETRIC = 2 };
@@ -52,6 +53,8 @@ struct kiln_job {
     bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
     enum kiln_schedule schedule;
     uint32_t samples_direct, samples_bounce, samples_indirect; /* rays for each texel */
+    struct kiln_occlusion_parameters occlusion;                /* distance 0: no ambient occlusion and no bent normal */
+    int directional;                                           /* enum kiln_directional */
     uint64_t seed;
 
     /* texels, cells, partition */

@@ -62,6 +62,7 @@ struct kiln_option {
     double minimum, maximum;    /* of numbers, both inclusive */
     const char *word;           /* accepted in place of a number; NULL: none */
     double word_value;          /* the number that the word stands for */
+    bool may_be_infinite;       /* of KILN_OPTION_DOUBLE: accepts "inf" */
     const char *const *choices; /* ends with NULL */
     int refusal;                /* status of an unknown choice; 0: KILN_USAGE, or KILN_BAD_INPUT in a job file */
     const char *help;           /* one line */

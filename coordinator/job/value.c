@@ -46,7 +46,7 @@ static int refuse_number(const struct kiln_option *option, const char *text, con
 {
     char word[48] = "", range[96];
     if (option->word != NULL)
-        (void)snprintf(word, sizeof word, ", or %s", option->word);
+        (void)snprintf(word, sizeof word, ", %s%s", option->may_be_infinite ? "inf, or " : "or ", option->word);
     if (option->maximum >= 0x1p64)
         (void)snprintf(range, sizeof range, "from %.15g to 18446744073709551615", option->minimum);
     else
@@ -68,6 +68,8 @@ static int set_number(struct kiln_job *job, const struct kiln_option *option, co
         value = option->word_value;
         negative = value < 0;
         magnitude = (uint64_t)fabs(value);
+    } else if (option->may_be_infinite && strcmp(text, "inf") == 0) {
+        value = INFINITY;
     } else {
         if (option->kind == KILN_OPTION_DOUBLE ? !decimal(text, &value) : !whole(text, &negative, &magnitude)) {
             double any;

@@ -23,7 +23,7 @@ struct kiln_column {
     enum kiln_column_type { KILN_DOUBLE, KILN_FLOAT, KILN_UINT32, KILN_UINT8 } type;
     uint32_t components;
     bool noisy;                      /* as kiln_chunk_pack has it */
-    const char *units, *description; /* units NULL: those of irradiance */
+    const char *units, *description; /* units NULL: those of field number `field` */
     /* writes one row; NULL: the row is that of field number `field` of the bake's field set */
     void (*put)(void *row, const struct kiln_column_point *point);
     size_t field;

@@ -9,7 +9,7 @@
 
 #include "coordinator/output/exr.h"
 
-enum { KILN_EXR_ROWS = 16, KILN_EXR_CHANNELS = 12 }; /* channels: of an image that is packed in strips, at most */
+enum { KILN_EXR_ROWS = 16, KILN_EXR_CHANNELS = 32 }; /* channels: of an image that is packed in strips, at most */
 
 struct kiln_exr_strip {
     uint8_t *bytes; /* from kiln_allocate */

@@ -305,3 +305,23 @@ int kiln_png_write(const char *directory, const char *name, const struct kiln_im
     kiln_free(&bytes);
     return status;
 }
+
+static uint8_t value_byte(double value) { return (uint8_t)(255.0 * fmin(fmax(value, 0.0), 1.0) + 0.5); }
+
+int kiln_png_write_values(const char *directory, const char *name, const struct kiln_image *image, double scale,
+                          double offset, const char *description, struct kiln_error *error)
+{
+    const size_t count = (size_t)image->width * image->height;
+    float *planes[3];
+    uint8_t *bytes = NULL;
+    if (!kiln_image_rgb(image, "", planes))
+        return kiln_fail(error, KILN_BAD_INPUT, "the image has no channels R, G and B to show");
+    int status = kiln_allocate(&bytes, count * 3, 1, "a picture's bytes", error);
+    for (size_t i = 0; status == KILN_OK && i < count; i++)
+        for (size_t c = 0; c < 3; c++)
+            bytes[3 * i + c] = value_byte(scale * (double)planes[c][i] + offset);
+    if (status == KILN_OK)
+        status = kiln_png_write_bytes(directory, name, bytes, image->width, image->height, description, error);
+    kiln_free(&bytes);
+    return status;
+}

@@ -82,6 +82,10 @@ int kiln_png_encode(const uint8_t *bytes, uint32_t width, uint32_t height, char 
 int kiln_png_write(const char *directory, const char *name, const struct kiln_image *image, const float *mask,
                    double stops, const char *description, struct kiln_error *error);
 
+/* The same without tone mapping: a pixel has the bytes 255 x (scale x value + offset), rounded, between 0 and 255. */
+int kiln_png_write_values(const char *directory, const char *name, const struct kiln_image *image, double scale,
+                          double offset, const char *description, struct kiln_error *error);
+
 /* Publishes 8-bit RGB pixels as a PNG file that contains KILN_MADE_BY and `description` (NULL: none) as text. */
 int kiln_png_write_bytes(const char *directory, const char *name, const uint8_t *bytes, uint32_t width, uint32_t height,
                          const char *description, struct kiln_error *error);

@@ -9,6 +9,8 @@
 #include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
+enum { GROUP_NAME = 64 }; /* longer than any group's name */
+
 /* Writes the names as a table of fixed-length strings, which every HDF5 library can read. */
 static int write_names(struct kiln_h5 *h5, const struct kiln_scene *scene, struct kiln_error *error)
 {
@@ -146,14 +148,37 @@ static int write_attributes(struct kiln_h5 *h5, const struct kiln_bake_result *r
     return status;
 }
 
+/* Creates the groups of the fields' datasets, each once, besides those that every file has. */
+static int make_groups(struct kiln_h5 *h5, const struct kiln_field_set *fields, struct kiln_error *error)
+{
+    static const char *const always[] = {"/points", "/irradiance", "/objects", "/cells"};
+    enum { ALWAYS = sizeof always / sizeof *always };
+    char names[ALWAYS + KILN_FIELDS_MAX][GROUP_NAME];
+    size_t count = 0;
+    int status = KILN_OK;
+    for (; status == KILN_OK && count < ALWAYS; count++) {
+        (void)snprintf(names[count], sizeof *names, "%s", always[count]);
+        status = kiln_h5_group(h5, names[count], error);
+    }
+    for (size_t i = 0; status == KILN_OK && i < fields->count; i++) {
+        const char *name = fields->entry[i].field->dataset;
+        size_t found = 0;
+        if (name == NULL)
+            continue;
+        (void)snprintf(names[count], sizeof *names, "%.*s", (int)(strrchr(name, '/') - name), name);
+        while (strcmp(names[found], names[count]) != 0)
+            found++;
+        if (found == count)
+            status = kiln_h5_group(h5, names[count++], error);
+    }
+    return status;
+}
+
 /* Rank 0 only. Writes everything except the points. */
 static int write_small(struct kiln_h5 *h5, const struct kiln_bake_result *result,
                        const struct kiln_output_params *params, const uint64_t *cell_points, struct kiln_error *error)
 {
-    static const char *const groups[] = {"/points", "/irradiance", "/objects", "/cells"};
-    int status = KILN_OK;
-    for (size_t i = 0; status == KILN_OK && i < sizeof groups / sizeof *groups; i++)
-        status = kiln_h5_group(h5, groups[i], error);
+    int status = make_groups(h5, result->fields, error);
     if (status == KILN_OK)
         status = write_attributes(h5, result, params, error);
     if (status == KILN_OK)

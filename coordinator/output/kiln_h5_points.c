@@ -234,11 +234,13 @@ static int make_datasets(struct kiln_points_writer *w, struct kiln_error *error)
     int status = KILN_OK;
     for (size_t c = 0; status == KILN_OK && c < w->columns.count; c++) {
         const struct kiln_column *info = column_at(w, c);
+        const struct kiln_field *field = w->result->fields->entry[info->field].field;
         const struct kiln_h5_dataset what = {.name = info->name,
                                              .type = h5_type(info),
                                              .rank = info->components > 1 ? 2 : 1,
                                              .size = {points, info->components},
-                                             .units = info->units != NULL ? info->units : w->result->units->irradiance,
+                                             .units = info->units != NULL ? info->units
+                                                                          : kiln_field_unit(field, w->result->units),
                                              .chunk = {points == 0 ? 0 : w->chunk_rows, info->components},
                                              .description = info->description};
         status = kiln_h5_make(w->h5, &what, &w->datasets[c], error);

@@ -22,9 +22,9 @@ struct kiln_output_params {
 /* The largest size of kiln.h5 in bytes, for which there must be room before it is begun. */
 uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface *surface,
                        const struct kiln_field_set *fields);
-/* Writes DIR/kiln.h5; all ranks and threads compress, rank 0 writes. Groups: /points and /irradiance with the
- * columns of columns.h, /objects and /cells. Provenance is stored
- * in attributes, and every dataset has `units` and `description`. */
+/* Writes DIR/kiln.h5; all ranks and threads compress, rank 0 writes. Groups: /points, /irradiance and those of
+ * further fields with the columns of columns.h, /objects and /cells. Provenance is stored in attributes, and every
+ * dataset has `units` and `description`. */
 int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                   struct kiln_error *error);
 

@@ -365,7 +365,7 @@ static void plan_light(struct kiln_plan *plan)
     s->move = plan->here.light.move;
     s->total =
         s->import + s->world + s->surface + s->validity + s->emission + s->probes + s->exchange + s->move + s->write;
-    for (uint32_t r = 0; r < plan->steps.integrator->role_count; r++) {
+    for (uint32_t r = 0; r < plan->steps.roles.count; r++) {
         s->light[r] = plan->here.light.seconds[r];
         s->total += s->light[r];
     }

@@ -29,7 +29,7 @@ struct kiln_plan_memory {
 struct kiln_plan_seconds {
     double import, world, surface, validity; /* reading, BVH, finding points (divided), finding buried ones */
     double emission;                         /* light traced from the lights */
-    double light[KILN_ROLES_MAX];            /* of the steps of each role of the integrator */
+    double light[KILN_ROLES_MAX];            /* of the steps of each role */
     double probes, exchange;
     double move;  /* of points to other ranks, when they are distributed anew */
     double write; /* lightmaps, kiln.h5, volume.hdf, preview */

@@ -44,7 +44,7 @@ int kiln_simulate(const struct kiln_simulation *s, uint32_t ranks, double densit
         return status;
     for (size_t i = 0; i < l->cell_count; i++)
         scaled->points += density * (double)l->cell_points[i];
-    for (uint32_t i = 0; i < l->steps->integrator->role_count; i++)
+    for (uint32_t i = 0; i < l->steps->roles.count; i++)
         scaled->trace += scaled->light.seconds[i];
     scaled->exchange = s->exchanges * exchange_seconds(s->radiosity_bytes * scaled->points, ranks, scaled->nodes,
                                                        l->bandwidth, l->latency);

@@ -15,8 +15,8 @@ static int find_kind(struct kiln_planned_steps *steps, struct kiln_planned_step 
     if (k < steps->kind_count)
         return KILN_OK;
     if (k == KILN_COST_KINDS_MAX)
-        return kiln_fail(error, KILN_SYSTEM, "a bake by '%s' has steps of more than %d kinds, which cannot be planned",
-                         steps->integrator->name, KILN_COST_KINDS_MAX);
+        return kiln_fail(error, KILN_SYSTEM, "this bake has steps of more than %d kinds, which cannot be planned",
+                         KILN_COST_KINDS_MAX);
     steps->kinds[steps->kind_count++] =
         (struct kiln_cost_kind){step->pass, step->parameters, step->samples, step->stream};
     return KILN_OK;
@@ -58,14 +58,13 @@ static int look_ahead(struct kiln_planned_steps *steps, const struct kiln_integr
 int kiln_planned_steps_make(struct kiln_planned_steps *steps, const struct kiln_integrate_settings *settings,
                             uint32_t typical, struct kiln_error *error)
 {
-    const struct kiln_integrator *integrator = settings->integrator;
     struct kiln_integrate_settings assumed = *settings;
     struct kiln_step_reports reports = {NULL, 0, 0};
     struct kiln_step step;
     int status = KILN_OK;
-    *steps = (struct kiln_planned_steps){.integrator = integrator};
+    *steps = (struct kiln_planned_steps){.roles = kiln_roles(settings)};
     assumed.bounces = settings->bounces < 0 ? typical : settings->bounces;
-    while (status == KILN_OK && integrator->next(&assumed, reports.of, reports.count, &step)) {
+    while (status == KILN_OK && kiln_steps_next(&assumed, reports.of, reports.count, &step)) {
         status = kiln_step_reports_reserve(&reports, reports.count + 1, error);
         if (status == KILN_OK)
             reports.of[reports.count++] = (struct kiln_step_report){.step = step};

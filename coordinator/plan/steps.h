@@ -1,8 +1,8 @@
-/* The steps that a planned bake has, as its integrator says, and which of them cost the same. */
+/* The steps that a planned bake has, and which of them cost the same. */
 #ifndef KILN_COORDINATOR_PLAN_STEPS_H
 #define KILN_COORDINATOR_PLAN_STEPS_H
 
-#include "coordinator/integrate/integrator.h"
+#include "coordinator/integrate/quantity.h"
 
 /* Steps that run the same pass with the same parameters and samples cost the same. */
 struct kiln_cost_kind {
@@ -21,7 +21,7 @@ struct kiln_planned_step {
 
 /* Release with kiln_planned_steps_release. */
 struct kiln_planned_steps {
-    const struct kiln_integrator *integrator;
+    struct kiln_roles roles;
     struct kiln_planned_step *of;
     size_t count, room;
     struct kiln_cost_kind kinds[KILN_COST_KINDS_MAX];

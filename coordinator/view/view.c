@@ -123,7 +123,9 @@ static int make_picture(const struct kiln_view_source *source, const struct kiln
     int status = kiln_view_aim(&lit, wish, &params.camera, &params.width, &params.height, &picture->viewpoint, error);
     if (status == KILN_OK)
         status = kiln_view_render(&params, &picture->image, &picture->approximate, error);
-    if (status == KILN_OK)
+    if (source->field != NULL)
+        picture->meaning = source->field->meaning;
+    if (status == KILN_OK && picture->meaning == KILN_FIELD_AMOUNT)
         picture->exposure = log2(kiln_auto_exposure(picture->image, NULL).scale);
     return status;
 }
@@ -171,12 +173,26 @@ void kiln_viewpoint_text(const struct kiln_viewpoint *v, char text[KILN_VIEWPOIN
             v->kind == KILN_VIEW_INSIDE ? "inside" : "outside", place);
 }
 
-void kiln_picture_text(const struct kiln_picture *picture, double stops, char text[KILN_PICTURE_TEXT])
+/* Which colour is which value. */
+static void scale_text(const struct kiln_picture *picture, double stops, char text[160])
 {
-    char viewpoint[KILN_VIEWPOINT_TEXT], added[80] = "", metals[120] = "", backs[120] = "";
-    kiln_viewpoint_text(&picture->viewpoint, viewpoint);
+    char added[80] = "";
     if (stops != 0.0)
         (void)snprintf(added, sizeof added, " and %+.4g asked for", stops);
+    if (picture->meaning == KILN_FIELD_FRACTION)
+        (void)snprintf(text, 160, "white is 1, black is 0");
+    else if (picture->meaning == KILN_FIELD_DIRECTION)
+        (void)snprintf(text, 160, "red, green and blue are x, y and z, from -1 to 1");
+    else
+        (void)snprintf(text, 160, "exposure %+.2f stops, automatic%s (--exposure STOPS adds to it)", picture->exposure,
+                       added);
+}
+
+void kiln_picture_text(const struct kiln_picture *picture, double stops, char text[KILN_PICTURE_TEXT])
+{
+    char viewpoint[KILN_VIEWPOINT_TEXT], scale[160], metals[120] = "", backs[120] = "";
+    kiln_viewpoint_text(&picture->viewpoint, viewpoint);
+    scale_text(picture, stops, scale);
     if (picture->approximate.front_light > 0.0005)
         (void)snprintf(backs, sizeof backs,
                        "\nbacks of double-sided surfaces, %.1f %% of it, show their fronts' light: approximate",
@@ -185,8 +201,7 @@ void kiln_picture_text(const struct kiln_picture *picture, double stops, char te
         (void)snprintf(metals, sizeof metals,
                        "\nmetals, %.1f %% of it, are shown by their base colour under the irradiance: approximate",
                        100.0 * picture->approximate.metal);
-    (void)snprintf(text, KILN_PICTURE_TEXT, "%s\nexposure %+.2f stops, automatic%s (--exposure STOPS adds to it)%s%s",
-                   viewpoint, picture->exposure, added, metals, backs);
+    (void)snprintf(text, KILN_PICTURE_TEXT, "%s\n%s%s%s", viewpoint, scale, metals, backs);
 }
 
 json_t *kiln_picture_json(const struct kiln_picture *picture, double stops)
@@ -205,5 +220,9 @@ int kiln_picture_write(const char *directory, const char *name, const struct kil
 {
     char text[KILN_PICTURE_TEXT];
     kiln_picture_text(picture, stops, text);
+    if (picture->meaning == KILN_FIELD_FRACTION)
+        return kiln_png_write_values(directory, name, picture->image, 1.0, 0.0, text, error);
+    if (picture->meaning == KILN_FIELD_DIRECTION)
+        return kiln_png_write_values(directory, name, picture->image, 0.5, 0.5, text, error);
     return kiln_png_write(directory, name, picture->image, NULL, stops, text, error);
 }

@@ -96,7 +96,10 @@ int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **
 struct kiln_picture {
     struct kiln_image *image; /* radiance */
     struct kiln_viewpoint viewpoint;
-    double exposure; /* automatic, stops; the picture shows radiance x 2^(exposure + requested stops) */
+    /* automatic, stops; the picture shows radiance x 2^(exposure + requested stops). 0 where the meaning is another
+     * than KILN_FIELD_AMOUNT, which has a scale of its own */
+    double exposure;
+    enum kiln_field_meaning meaning; /* of what is shown */
     struct kiln_view_approximate approximate;
 };
 
@@ -118,7 +121,8 @@ void kiln_picture_text(const struct kiln_picture *picture, double stops, char te
  * "exposure": {"automatic", "added"} in stops, "metal_share", "front_light_share"}. */
 json_t *kiln_picture_json(const struct kiln_picture *picture, double stops);
 
-/* Publishes the tone-mapped picture at the destination (publish.h), with kiln_picture_text as its PNG Description. */
+/* Publishes the picture, tone-mapped unless its meaning says otherwise, at the destination (publish.h), with
+ * kiln_picture_text as its PNG Description. */
 int kiln_picture_write(const char *directory, const char *name, const struct kiln_picture *picture, double stops,
                        struct kiln_error *error);
 

@@ -12,9 +12,10 @@
  * Kept apart, because one side could not take the other's form without changing its results or its speed:
  *
  *   - the volume of a spherical triangle: divisions in C, reciprocals in GLSL (spherical_triangle.h)
- *   - sines and cosines: of C's library, of C's lanes (area_light_sampler.c), of GLSL (shaders/real.glsl)
+ *   - sines and cosines: C's library; how an angle is brought near 0, in C's lanes and in GLSL (area_light_sampler.c,
+ *     real.glsl)
  *   - cosine-distributed directions of the bounce pass: C adds them up axis by axis of the world, GLSL along the
- *     tangents (gather.c, gather.comp)
+ *     tangents (gather.c, hemisphere.glsl)
  *   - the cut of the light tree: one loop, but kept in choices in C and in registers in GLSL (lights.c, lights.glsl)
  *   - texture coordinates: doubles in C, fixed point in GLSL (texture.c, material.glsl)
  *   - vertex colours and samples of footprints: bytes and polygons in C, floats and triangles in GLSL

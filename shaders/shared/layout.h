@@ -101,10 +101,28 @@ struct kiln_gpu_chunk {
 };
 KILN_SIZE_IS(kiln_gpu_chunk, 48);
 
-/* A gather pass sums up slices of samples, of so many floats each: incident, irradiance (3 each), escaped, blocked,
- * luminance of irradiance. */
+/* A pass that samples the hemisphere over points (shaders/hemisphere.glsl), its samples in slices. */
+struct kiln_gpu_hemisphere {
+    KILN_ADDRESS sobol; /* words: dimension d's samples from d * sobol_stride on */
+    /* floats: component c of row r of a point at (r * floats + c) * chunk.total + point - origin, with so many `floats`
+     * a slice */
+    KILN_ADDRESS slices;
+    KILN_WORD samples, stream, reuse, sobol_stride;
+    KILN_WORD per_quarter; /* slices a quarter */
+    KILN_WORD row_first;   /* slice of y = 0 */
+    KILN_WORD slice;       /* samples of a slice */
+    KILN_WORD row_step;    /* slice y goes to row y * row_step */
+};
+KILN_SIZE_IS(kiln_gpu_hemisphere, 48);
+
+/* A slice of the gather pass has so many floats: incident, irradiance (3 each), escaped, blocked, luminance of
+ * irradiance. */
 #define KILN_GPU_SLICE_FLOATS 9u
 #define KILN_GPU_SLICE_TINTED_FLOATS 12u /* in scenes with tinted surfaces; glass (3) is the last */
+/* One of the occlusion pass: open, direction (3). */
+#define KILN_GPU_OCCLUSION_FLOATS 4u
+/* One of the directional pass: radiance of its harmonics (3 each), shadow rays. */
+#define KILN_GPU_DIRECTIONAL_FLOATS 13u
 
 /* ---- answers ---- */
 
@@ -115,6 +133,16 @@ struct kiln_gpu_result { /* struct kiln_point_result */
     KILN_REAL32 present;
 };
 KILN_SIZE_IS(kiln_gpu_result, 52);
+
+struct kiln_gpu_occlusion_result { /* struct kiln_occlusion_result */
+    KILN_REAL32 open, direction[3], error;
+};
+KILN_SIZE_IS(kiln_gpu_occlusion_result, 20);
+
+struct kiln_gpu_directional_result { /* struct kiln_directional_result */
+    KILN_REAL32 radiance[12];
+};
+KILN_SIZE_IS(kiln_gpu_directional_result, 48);
 
 #include "shaders/shared/layout_trace.h"
 #include "shaders/shared/layout_material.h"

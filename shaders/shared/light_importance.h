@@ -9,6 +9,9 @@
 
 #define KILN_CUT_MAX 24u /* clusters that a point's lights are cut into, at most */
 
+/* The same for a point that has so many samples for them: two a cluster. */
+KILN_FUNCTION KILN_U32 kiln_cut_limit(KILN_U32 samples) { return word_max(1u, word_min(samples / 2u, KILN_CUT_MAX)); }
+
 /* Where a cluster is, which way it shines, how much. */
 struct kiln_light_bounds {
     kiln_real3 centre, axis;       /* m; unit */

@@ -53,34 +53,40 @@ struct kiln_gpu_direct_push {
 KILN_SIZE_IS(kiln_gpu_direct_push, 120);
 KILN_OFFSET_IS(kiln_gpu_direct_push, pass, 56);
 
-/* gather.comp: the bounce pass. */
-struct kiln_gpu_gather_push {
+/* gather.comp, directional.comp: the bounce pass, light by direction. The push constants of all kernels that sample the
+ * hemisphere begin like these. */
+struct kiln_gpu_hemisphere_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
-    KILN_ADDRESS sobol; /* words: dimension d's samples from d * sobol_stride on */
-    /* floats: component c of row r of a point at (r * SLICE_FLOATS + c) * chunk.total + point - origin */
-    KILN_ADDRESS slices;
-    KILN_WORD samples, stream, reuse, sobol_stride;
-    KILN_WORD per_quarter; /* slices a quarter */
-    KILN_WORD row_first;   /* slice of y = 0 */
-    KILN_WORD slice;       /* samples of a slice */
-    KILN_WORD row_step;    /* slice y goes to row y * row_step */
+    KILN_STRUCT kiln_gpu_hemisphere hemisphere;
 };
-KILN_SIZE_IS(kiln_gpu_gather_push, 104);
-KILN_OFFSET_IS(kiln_gpu_gather_push, sobol, 56);
-KILN_OFFSET_IS(kiln_gpu_gather_push, samples, 72);
+KILN_SIZE_IS(kiln_gpu_hemisphere_push, 104);
+KILN_OFFSET_IS(kiln_gpu_hemisphere_push, hemisphere, 56);
 
-/* gather_reduce.comp: adds up the slices. */
-struct kiln_gpu_gather_reduce_push {
+/* occlusion.comp: ambient occlusion. */
+struct kiln_gpu_occlusion_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk;
+    KILN_STRUCT kiln_gpu_hemisphere hemisphere;
+    KILN_REAL32 distance; /* m: what is farther away does not count */
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_occlusion_push, 112);
+KILN_OFFSET_IS(kiln_gpu_occlusion_push, hemisphere, 56);
+KILN_OFFSET_IS(kiln_gpu_occlusion_push, distance, 104);
+
+/* gather_reduce.comp, occlusion_reduce.comp, directional_reduce.comp: they add up the slices. */
+struct kiln_gpu_hemisphere_reduce_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
     KILN_ADDRESS slices, results;
+    KILN_ADDRESS rays; /* word: shadow rays of a point of the chunk, where there are any */
     KILN_WORD samples, per_quarter, split;
     KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_gather_reduce_push, 88);
-KILN_OFFSET_IS(kiln_gpu_gather_reduce_push, slices, 56);
-KILN_OFFSET_IS(kiln_gpu_gather_reduce_push, samples, 72);
+KILN_SIZE_IS(kiln_gpu_hemisphere_reduce_push, 96);
+KILN_OFFSET_IS(kiln_gpu_hemisphere_reduce_push, slices, 56);
+KILN_OFFSET_IS(kiln_gpu_hemisphere_reduce_push, samples, 80);
 
 /* probes.comp: radiance probes. */
 struct kiln_gpu_probes_push {

@@ -32,6 +32,10 @@ KILN_FUNCTION KILN_U32 kiln_direction_shift(KILN_U32 key, KILN_U32 dimension, KI
 KILN_FUNCTION KILN_U32 kiln_gather_chance(KILN_U32 key) { return kiln_hash1(key + 5u); }
 KILN_FUNCTION KILN_U32 kiln_gather_ray_seed(KILN_U32 chance, KILN_U32 k) { return kiln_hash2(chance, k); }
 
+/* In the place of a gather's stream, which is below 0x10000: the rays of the occlusion and the directional pass. */
+#define KILN_OCCLUSION_STREAM 0x10001u
+#define KILN_DIRECTIONAL_STREAM 0x10002u
+
 /* ---- samples of lights ---- */
 
 /* Name of a choice of lights; each of its strategies has one of its own, counted on from here. */

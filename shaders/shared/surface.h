@@ -1,5 +1,4 @@
-/* Codes in the data of surfaces that a hit leads through: worker/scene/geometry.h, surface.h, radiosity.h and scene.h.
- */
+/* Codes in the data of surfaces that a hit leads through: worker/scene/geometry.h, surface.h and scene.h. */
 #ifndef KILN_SHADERS_SHARED_SURFACE_H
 #define KILN_SHADERS_SHARED_SURFACE_H
 
@@ -49,11 +48,5 @@ KILN_FUNCTION KILN_U32 kiln_tile_of(KILN_U32 x, KILN_U32 y, KILN_U32 tiles_x) { 
 
 /* In the upper word of a tile's `first`: the rest is the index of the tile's first entry among the splits. */
 #define KILN_TILE_SPLIT_HIGH 0x80000000u
-
-/* ---- packed radiosity: three unsigned floats of 21 bits, the floats' own bits but for their sign and last 10 ---- */
-
-#define KILN_RADIOSITY_BITS 21
-#define KILN_RADIOSITY_MASK 0x1fffffu
-#define KILN_RADIOSITY_DROPPED 10
 
 #endif

@@ -184,6 +184,12 @@ kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 t
     return kiln_hit(found.triangle, found.u, found.v, found.distance, found.back);
 }
 
+bool kiln_is_met(vec3 origin, vec3 direction, float limit, uint seed)
+{
+    vec3 tint = vec3(1.0);
+    return kiln_walk(origin, direction, limit, true, KILN_BY_CHANCE, seed, tint).triangle != KILN_GPU_NONE;
+}
+
 kiln_hit kiln_trace(vec3 origin, vec3 direction)
 {
     vec3 share = vec3(1.0);

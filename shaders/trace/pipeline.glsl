@@ -11,12 +11,12 @@ const float kiln_far = 3.0e38; /* a finite number stands for "no limit" */
  * on, the triangle they had left: 0.3 % of all light was lost). */
 float kiln_start() { return SCENE.trace.extent * (1.0 / 262144.0); }
 
-kiln_hit kiln_nearest(vec3 origin, vec3 direction, uint question, uint seed)
+kiln_hit kiln_nearest(vec3 origin, vec3 direction, float limit, uint question, uint seed)
 {
     if (HAS_ALPHA >= KILN_PASSAGE_BLEND)
         kiln_answer = kiln_payload(0u, seed, question, 0u);
     traceRayEXT(accelerationStructureEXT(SCENE.trace.top_level), gl_RayFlagsNoneEXT, 0xff, 0, 0, 0, origin,
-                kiln_start(), direction, kiln_far, 0);
+                kiln_start(), direction, limit, 0);
     kiln_hit hit;
     hit.back = kiln_answer.triangle_back != KILN_GPU_NONE && (kiln_answer.triangle_back & KILN_PAYLOAD_BACK) != 0u;
     hit.triangle =
@@ -27,11 +27,14 @@ kiln_hit kiln_nearest(vec3 origin, vec3 direction, uint question, uint seed)
     return hit;
 }
 
-kiln_hit kiln_trace(vec3 origin, vec3 direction) { return kiln_nearest(origin, direction, KILN_BY_HALF, 0u); }
+kiln_hit kiln_trace(vec3 origin, vec3 direction)
+{
+    return kiln_nearest(origin, direction, kiln_far, KILN_BY_HALF, 0u);
+}
 
 kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 tint)
 {
-    const kiln_hit hit = kiln_nearest(origin, direction, KILN_BY_CHANCE, seed);
+    const kiln_hit hit = kiln_nearest(origin, direction, kiln_far, KILN_BY_CHANCE, seed);
     tint = vec3(1.0);
     if (HAS_ALPHA != KILN_PASSAGE_TINT)
         return hit;
@@ -58,4 +61,12 @@ vec3 kiln_through(vec3 origin, vec3 direction, float limit)
     if (kiln_answer.triangle_back != KILN_GPU_NONE)
         return vec3(0.0);
     return HAS_ALPHA >= KILN_PASSAGE_BLEND ? kiln_share_of(kiln_answer) : vec3(1.0);
+}
+
+bool kiln_is_met(vec3 origin, vec3 direction, float limit, uint seed)
+{
+    if (HAS_ALPHA < KILN_PASSAGE_BLEND) /* nothing is left to chance, and any triangle will do */
+        return kiln_through(origin, direction, limit) == vec3(0.0);
+    return limit > kiln_start() && kiln_nearest(origin, direction, min(limit, kiln_far), KILN_BY_CHANCE, seed).triangle !=
+                                       KILN_GPU_NONE;
 }

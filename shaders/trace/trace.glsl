@@ -1,10 +1,21 @@
 /* Tracing rays through the world.
  *
  *     kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 tint);
- *         the nearest triangle; one that is partly there with a chance that is its opacity. `tint`: share of what it
- * sends that arrives kiln_hit kiln_trace(vec3 origin, vec3 direction); the nearest triangle that is there by half at
- * least: for what chance must have no part in vec3 kiln_through(vec3 origin, vec3 direction, float limit); share of
- * light that comes from `limit` away: 0 with an opaque triangle in between
+ *
+ * is the nearest triangle; one that is partly there with a chance that is its opacity. `tint`: the share of what it
+ * sends that arrives.
+ *
+ *     bool kiln_is_met(vec3 origin, vec3 direction, float limit, uint seed);
+ *
+ * is whether there is such a triangle before `limit`.
+ *
+ *     kiln_hit kiln_trace(vec3 origin, vec3 direction);
+ *
+ * is the nearest triangle that is there by half at least: for what chance must have no part in.
+ *
+ *     vec3 kiln_through(vec3 origin, vec3 direction, float limit);
+ *
+ * is the share of light that comes from `limit` away: 0 with an opaque triangle in between.
  *
  * Directions are of unit length; a hit lies at a distance above 0. (u, v) are the weights of the triangle's corners 1
  * and 2. Triangles that may let rays through (worker/scene/geometry.h) are asked what they do when HAS_ALPHA is not 0.

@@ -153,6 +153,9 @@ class Points:
             self.indirect = get('irradiance/indirect').astype(np.float64)
             self.total = get('irradiance/total').astype(np.float64)
             self.error = get('irradiance/error').astype(np.float64)
+            # by name, of a bake with --ambient-occlusion or --directional
+            self.quantities = {name: get(group + '/' + name).astype(np.float64)
+                               for group in ('occlusion', 'directional') if group in f for name in f[group]}
         self.count = len(self.area)
 
     def of(self, index, side=0):

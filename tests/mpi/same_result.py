@@ -61,7 +61,8 @@ def points(bake):
     p = bake.points
     order = np.lexsort((p.x, p.y, p.side, p.object))
     return [hashlib.sha256(np.ascontiguousarray(a[order]).tobytes()).hexdigest() for a in (
-        p.object, p.side, p.x, p.y, p.area, p.valid, p.direct, p.indirect, p.total, p.error)]
+        p.object, p.side, p.x, p.y, p.area, p.valid, p.direct, p.indirect, p.total, p.error,
+        *(p.quantities[name] for name in sorted(p.quantities)))]
 
 
 class Result:
@@ -185,22 +186,25 @@ def main():
     pairs, some = (every, every) if arguments.full else (pairwise, each)
     both, small = ('cells', 'objects'), ['--lightmap-size', 32]
     checks = harness.Checks()
-    table = harness.Table(('scene', 24), ('how', 32), ('seconds', 8), ('result', 10), ('energy', 36))
+    table = harness.Table(('scene', 26), ('how', 32), ('seconds', 8), ('result', 10), ('energy', 36))
     first = try_all(checks, kiln, table, 'cornell_original', cornell, [*small, '--cell-size', 1],
                     pairs(RANKS, (1, 2), both))
-    lights = try_all(checks, kiln, table, 'punctual_zoo', zoo, ['--lightmap-size', 24], some((1, 3, 8), (1, 2), both))
+    by_direction = ['--lightmap-size', 24, '--directional', 'dominant']
+    lights = try_all(checks, kiln, table, 'punctual_zoo, dominant', zoo, by_direction, some((1, 3, 8), (1, 2), both))
     try_all(checks, kiln, table, 'several chunks of points', cornell, ['--lightmap-size', 128, '--cell-size', 1],
             some((1, 3, 5), (2,), both))
     two_sides = glb.partition_room(os.path.join(kiln.scratch, 'two_sides.glb'), False)
     sides = try_all(checks, kiln, table, 'double-sided', two_sides, ['--lightmap-size', 24, '--cell-size', 0.7],
                     some((1, 3, 8), (1, 2), both))
-    try_all(checks, kiln, table, 'both sides published', two_sides, ['--lightmap-size', 24, '--sides', 'two'],
-            some((1, 3), (2,), ('cells',)))
-    for name, scene, size, cells, before in (('cornell_original', cornell, 32, (0.3, 2.7, 100), first),
-                                             ('punctual_zoo', zoo, 24, (0.5, 50), lights),
-                                             ('double-sided', two_sides, 24, (0.4, 50), sides)):
+    try_all(checks, kiln, table, 'both sides, open share, sh', two_sides,
+            ['--lightmap-size', 24, '--sides', 'two', '--ambient-occlusion', 1, '--directional', 'sh1'],
+            some((1, 3, 4), (2, 1), both))
+    for name, scene, options, cells, before in (
+            ('cornell_original', cornell, small, (0.3, 2.7, 100), first),
+            ('punctual_zoo, dominant', zoo, by_direction, (0.5, 50), lights),
+            ('double-sided', two_sides, ['--lightmap-size', 24], (0.4, 50), sides)):
         if before is not None:
-            try_cell_sizes(checks, kiln, table, name, scene, ['--lightmap-size', size], cells, before)
+            try_cell_sizes(checks, kiln, table, name, scene, options, cells, before)
     try_odd_scenes(checks, kiln, table, some)
     other = kiln.bake(cornell, *OPTIONS, *small, '--seed', 1)
     if checks.baked(other) and first is not None:

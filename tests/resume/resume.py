@@ -4,6 +4,7 @@
     resume.py --kiln PATH ends        kill -9 a rank when the job is about to end (KILN_ENDS times, KILN_SEED), and
                                       mpirun itself
     resume.py --kiln PATH layouts     go on with other numbers of ranks and threads
+    resume.py --kiln PATH quantities  kill -9 within ambient occlusion and light by direction
     resume.py --kiln PATH bounces     hundreds of bounces, stopped and gone on with after the 256th
     resume.py --kiln PATH signals     SIGUSR1, SIGTERM, SIGINT, kiln stop, --max-time: 75, and what kiln status says
     resume.py --kiln PATH phases      a signal to one of two ranks in every phase: 75 within 5 s
@@ -49,6 +50,7 @@ OPTIONS = ('--backend', 'embree', '--lightmap-size', '48', '--samples-direct', '
            '--samples-probe', '64', '--error-map')
 PROBES = ('--samples-probe', '2048')
 OFTEN = ('--checkpoint-every', '0.05')
+QUANTITIES = ('--ambient-occlusion', '0.5', '--directional', 'sh1')
 
 
 class Tool:
@@ -494,6 +496,34 @@ def try_layouts(checks, tool):
          'double-sided, 2 ranks, then 3')
 
 
+def killed_within(checks, tool, folder, phase, ranks):
+    """Goes on, and kills a rank once it has saved something of the step."""
+    process = tool.start(folder, *OFTEN, *QUANTITIES, ranks=ranks)
+    wait_for(lambda: process.poll() is not None or phase.encode() in status_bytes(folder))
+    saved = generations(folder)
+    wait_for(lambda: process.poll() is not None or generations(folder)[-1:] != saved[-1:])
+    if process.poll() is None:
+        os.kill(ranks_of(process)[-1], signal.SIGKILL)
+    status = finish(process)
+    checks.that(status not in (None, 0) and phase.encode() in status_bytes(folder),
+                'within %s: killed it ended with %s: %s' % (phase, status, status_bytes(folder)))
+
+
+def try_quantities(checks, tool):
+    reference, _ = reference_of(checks, tool, *QUANTITIES)
+    checks.that('kiln.h5 occlusion/bent_normal' in reference and 'kiln.h5 directional/sh' in reference,
+                'the reference has no quantities: %s' % sorted(reference))
+    folder = tool.folder()
+    killed_within(checks, tool, folder, 'ambient occlusion', 2)
+    killed_within(checks, tool, folder, 'light by direction', 3)
+    same(checks, tool, reference, folder, tool.bake(folder, *QUANTITIES), 'killed within each quantity')
+    for changed in ((), (*QUANTITIES, '--ambient-occlusion', 0.6), (*QUANTITIES, '--directional', 'dominant')):
+        stopped = interrupted(tool, checks, more=QUANTITIES) if changed == () else stopped
+        process = tool.bake(stopped, *changed)
+        checks.that(process.status == BAD_INPUT and 'in the checkpoint' in process.stderr,
+                    'other quantities (%s) were not refused: %d' % (changed, process.status), process)
+
+
 def try_bounces(checks, tool):
     """More passes than an array of a fixed size would hold, at a stretch and in two."""
     few = ('--lightmap-size', 8, '--samples-direct', 4, '--samples-bounce', 2, '--samples-indirect', 4,
@@ -621,18 +651,18 @@ def try_signals(checks, tool):
     same(checks, tool, reference, folder, tool.bake(folder), 'two SIGINT')
 
 
-PHASES = ('import', 'scene and BVH', 'surface points', 'validity', 'emission', 'direct light', 'final gather', 'probes',
-          'lightmaps', 'kiln.h5', 'volume.hdf',
+PHASES = ('import', 'scene and BVH', 'surface points', 'validity', 'emission', 'direct light', 'final gather',
+          'ambient occlusion', 'light by direction', 'probes', 'lightmaps', 'kiln.h5', 'volume.hdf',
           'scene.glb', 'preview')
 
 
 def try_phases(checks, tool):
     """One of two ranks is told to stop when it has come to a phase (where it halts until it is told): all end within 5
     s, say what is kept, and go on from there."""
-    reference, _ = reference_of(checks, tool, '--preview')
+    reference, _ = reference_of(checks, tool, '--preview', *QUANTITIES)
     folder, slowest, kept = tool.folder(), 0, False
     for phase in PHASES:
-        process = tool.start(folder, '--preview', '--watchdog', 100, ranks=2, halt='1:' + phase)
+        process = tool.start(folder, '--preview', *QUANTITIES, '--watchdog', 100, ranks=2, halt='1:' + phase)
         wait_for(lambda: process.poll() is not None
                  or (len(ranks_of(process)) == 2 and 'T' in map(state_of, ranks_of(process))))
         halted = [rank for rank in ranks_of(process) if state_of(rank) == 'T']
@@ -654,7 +684,8 @@ def try_phases(checks, tool):
         checks.that(words in said and bool(generations(folder)) == kept, '%s: what is kept: %s' % (phase, said[-300:]))
         checks.that(not readable(folder), '%s: %s' % (phase, readable(folder)))
     checks.that(slowest < 5, 'the slowest stop took %.1f s' % slowest)
-    same(checks, tool, reference, folder, tool.bake(folder, '--preview'), 'stopped in each of %d phases' % len(PHASES))
+    same(checks, tool, reference, folder, tool.bake(folder, '--preview', *QUANTITIES),
+         'stopped in each of %d phases' % len(PHASES))
     print('stopped in each of %d phases, after %.1f s at most' % (len(PHASES), slowest))
 
 
@@ -1027,7 +1058,8 @@ def try_cost(checks, tool):
                   (max(ranks, 1), every, min(values), 100 * (min(values) / base - 1)))
 
 
-PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'bounces': try_bounces, 'signals': try_signals,
+PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'quantities': try_quantities,
+         'bounces': try_bounces, 'signals': try_signals,
          'phases': try_phases,
          'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults,
          'interrupted': try_interrupted,

@@ -26,8 +26,10 @@ static void rows_fit(void **state)
         const struct kiln_field *f = &table[i];
         assert_true(strlen(f->name) < KILN_BLOCK_NAME && f->components > 0);
         assert_true(f->components <= KILN_FIELD_COMPONENTS_MAX && f->low <= f->high);
-        assert_true(f->dataset == NULL || strncmp(f->dataset, "/points/", 8) == 0 ||
-                    strncmp(f->dataset, "/irradiance/", 12) == 0);
+        assert_true(f->dataset == NULL || (f->dataset[0] == '/' && strchr(f->dataset + 1, '/') != NULL &&
+                                           strchr(f->dataset + 1, '/') == strrchr(f->dataset, '/')));
+        assert_true(f->meaning != KILN_FIELD_DIRECTION || f->components >= 3);
+        assert_true(f->meaning != KILN_FIELD_FRACTION || (f->low == 0.0 && f->high == 1.0));
         assert_true(f->dataset == NULL || (f->domain == KILN_DOMAIN_POINT && f->description != NULL));
         assert_true(f->channels == NULL || f->dataset != NULL);
         assert_true(f->saved == KILN_FIELD_NOT_SAVED ||

@@ -19,6 +19,7 @@
 #include "tests/unit/vulkan_device.h"
 #include "worker/backend/backend.h"
 #include "worker/light/lights.h"
+#include "worker/pass/occlusion.h"
 #include "worker/pass/validity.h"
 #include "worker/scene/radiosity.h"
 
@@ -26,7 +27,9 @@ enum { PROBES = 24 };
 #define FIRST_PROBE 0xfffffff8ull /* numbers pass 2^32 */
 
 /* The parameters that each pass is tested with; NULL: it has none. */
-static const void *const parameters[KILN_PASS_COUNT] = {0};
+static const struct kiln_occlusion_parameters near_by = {.distance =
+                                                             2.0f}; /* the lamp is farther from most of the floor */
+static const void *const parameters[KILN_PASS_COUNT] = {[KILN_PASS_INDEX_occlusion] = &near_by};
 
 struct world {
     struct fixture *fixture;

@@ -1,5 +1,6 @@
 #include "worker/light/area_light_sampler.h"
 
+#include "shaders/shared/sine.h"
 #include "worker/base/clones.h"
 
 bool kiln_area_light_sampler(const struct kiln_lights *lights, const struct kiln_light_choice *choice,
@@ -28,24 +29,7 @@ static inline void sine_cosine(double x, double *sine, double *cosine)
 {
     const double rounder = 0x1.8p52, quarters = (x * 0.63661977236758134308 + rounder) - rounder;
     const double r = (x - quarters * 1.57079632679489655800) - quarters * 6.12323399573676603587e-17, r2 = r * r;
-    const double s =
-        r + r * r2 *
-                (-1.6666666666666666667e-1 +
-                 r2 * (8.3333333333333333333e-3 +
-                       r2 * (-1.9841269841269841270e-4 +
-                             r2 * (2.7557319223985890653e-6 +
-                                   r2 * (-2.5052108385441718775e-8 +
-                                         r2 * (1.6059043836821614599e-10 +
-                                               r2 * (-7.6471637318198164759e-13 + r2 * 2.8114572543455207632e-15)))))));
-    const double c =
-        1.0 +
-        r2 * (-0.5 +
-              r2 * (4.1666666666666666667e-2 +
-                    r2 * (-1.3888888888888888889e-3 +
-                          r2 * (2.4801587301587301587e-5 +
-                                r2 * (-2.7557319223985890653e-7 +
-                                      r2 * (2.0876756987868098979e-9 +
-                                            r2 * (-1.1470745597729724714e-11 + r2 * 4.7794773323873852974e-14)))))));
+    const double s = kiln_sine_series(r, r2), c = kiln_cosine_series(r2);
     const double halves = (quarters * 0.5 - 0.25 + rounder) - rounder; /* floor(quarters / 2) */
     const double odd = quarters - 2.0 * halves, half_odd = halves - 2.0 * ((halves * 0.5 - 0.25 + rounder) - rounder);
     const double sign = 1.0 - 2.0 * half_odd;

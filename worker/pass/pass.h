@@ -2,12 +2,13 @@
  *
  * A pass takes parameters of its own and a batch (the items, their samples, the random stream) and gives an array of
  * results, one an item. What a particular pass takes and gives, with its formula and units, stands in its own header:
- * validity.h, direct.h, gather.h, probes.h. kiln_backend_run (worker/backend/backend.h) runs any of them.
+ * validity.h, direct.h, gather.h, probes.h, occlusion.h, directional.h. kiln_backend_run (worker/backend/backend.h)
+ * runs any of them.
  *
  * A new pass called NAME is: NAME in KILN_PASS_LIST below, a row in passes.c, a header NAME.h in this folder, and a
- * file NAME.c in each backend's folder with the function that the backend's header declares for every name of the list
- * (embree_NAME in worker/backend/embree/embree.h, vulkan_NAME in worker/backend/vulkan/vulkan.h). The neutral layer,
- * the fallback and the verifying backend walk the table and know no pass by name.
+ * file NAME.c in each backend's folder with what the backend's header declares for every name of the list: the function
+ * embree_NAME (worker/backend/embree/embree.h), the row vulkan_pass_NAME (worker/backend/vulkan/vulkan.h). The neutral
+ * layer, the fallback and the verifying backend walk the table and know no pass by name.
  *
  * Determinism: a result is a function of (seed, item, stream, sample, parameters) and the scene alone. Any batch,
  * number of threads or rank gives the same bits. */
@@ -22,7 +23,7 @@
 #include "worker/base/vector.h"
 
 /* The names of all passes. */
-#define KILN_PASS_LIST(DO) DO(validity) DO(direct) DO(gather) DO(probes)
+#define KILN_PASS_LIST(DO) DO(validity) DO(direct) DO(gather) DO(probes) DO(occlusion) DO(directional)
 
 /* Where a pass stands in kiln_passes: KILN_PASS_INDEX_direct and so on. */
 #define KILN_PASS_INDEX_OF(name) KILN_PASS_INDEX_##name,

@@ -3,7 +3,9 @@
 
 #include "worker/pass/direct.h"
 #include "worker/base/color.h"
+#include "worker/pass/directional.h"
 #include "worker/pass/gather.h"
+#include "worker/pass/occlusion.h"
 #include "worker/pass/probes.h"
 #include "worker/pass/validity.h"
 
@@ -20,6 +22,19 @@ static void point_figures(const void *result, struct kiln_pass_figures *f)
     for (int c = 0; c < 6; c++)
         f->sound = f->sound && isfinite(f->value[c]) && f->value[c] >= 0.0f;
     f->level = kiln_luminance_of_floats(r->irradiance);
+    f->error = (double)r->error;
+}
+
+static void occlusion_figures(const void *result, struct kiln_pass_figures *f)
+{
+    const struct kiln_occlusion_result *r = result;
+    f->value[0] = r->open;
+    for (int c = 0; c < 3; c++)
+        f->value[1 + c] = r->direction[c];
+    f->sound = isfinite(r->error) && r->error >= 0.0f && r->open >= 0.0f && r->open <= 1.0f;
+    for (int c = 0; c < 3; c++)
+        f->sound = f->sound && fabsf(r->direction[c]) <= 1.0f;
+    f->level = (double)r->open;
     f->error = (double)r->error;
 }
 
@@ -64,6 +79,30 @@ const struct kiln_pass kiln_pass_probes = {.index = KILN_PASS_INDEX_probes,
                                            .result_bytes = sizeof(struct kiln_probe_result),
                                            .is_sampled = true,
                                            .reads_radiosity = true};
+
+const struct kiln_pass kiln_pass_occlusion = {
+    .index = KILN_PASS_INDEX_occlusion,
+    .name = "occlusion",
+    .what = "ambient occlusion",
+    .domain = KILN_DOMAIN_TILE_RUNS,
+    .parameter_bytes = sizeof(struct kiln_occlusion_parameters),
+    .result_bytes = sizeof(struct kiln_occlusion_result),
+    .is_sampled = true,
+    .is_stealable = true,
+    .figures = occlusion_figures,
+    .figure_count = 4,
+    .unit = "of the hemisphere",
+    .figure_names = {"open share", "open direction", "open direction", "open direction"}};
+
+/* Not verified: it carries no standard error to compare by. */
+const struct kiln_pass kiln_pass_directional = {.index = KILN_PASS_INDEX_directional,
+                                                .name = "directional",
+                                                .what = "light by direction",
+                                                .domain = KILN_DOMAIN_TILE_RUNS,
+                                                .result_bytes = sizeof(struct kiln_directional_result),
+                                                .is_sampled = true,
+                                                .reads_radiosity = true,
+                                                .is_stealable = true};
 
 #define ROW(name) [KILN_PASS_INDEX_##name] = &kiln_pass_##name,
 const struct kiln_pass *const kiln_passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};

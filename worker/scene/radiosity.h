@@ -18,7 +18,7 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "shaders/shared/surface.h"
+#include "shaders/shared/radiosity.h"
 
 static inline uint64_t kiln_radiosity_pack_channel(float value, uint32_t random10)
 {
@@ -42,11 +42,9 @@ static inline uint64_t kiln_radiosity_pack(const float rgb[3], uint32_t hash)
 
 static inline void kiln_radiosity_unpack(uint64_t packed, float rgb[3])
 {
-    for (int c = 0; c < 3; c++) {
-        const uint32_t bits = (uint32_t)(packed >> (KILN_RADIOSITY_BITS * c) & KILN_RADIOSITY_MASK)
-                              << KILN_RADIOSITY_DROPPED;
-        memcpy(&rgb[c], &bits, sizeof bits);
-    }
+    const uint32_t low = (uint32_t)packed, high = (uint32_t)(packed >> 32);
+    const uint32_t bits[3] = {kiln_radiosity_red(low), kiln_radiosity_green(low, high), kiln_radiosity_blue(high)};
+    memcpy(rgb, bits, sizeof bits);
 }
 
 enum { KILN_COMPACT_BIAS = 41, KILN_COMPACT_EXPONENT = 63 };

@@ -21,6 +21,7 @@ static int add_layer(struct kiln_layers *layers, const struct kiln_field_set *fi
     layers->planes.count += f->components;
     for (uint32_t p = first; p < layers->planes.count; p++)
         layers->planes.smooth[p] = f->smooth;
+    layers->planes.direction[first] = f->meaning == KILN_FIELD_DIRECTION;
     return KILN_OK;
 }
 

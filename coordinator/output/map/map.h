@@ -19,10 +19,11 @@ enum kiln_map_plane {
     KILN_MAP_PLANES_MAX = 64
 };
 
-/* Number of planes of a map, and the planes whose seams are smoothed. */
+/* Number of planes of a map, the planes whose seams are smoothed, and those with which the three planes of a direction
+ * begin: unit vectors, or zero where there is none. */
 struct kiln_map_planes {
     uint32_t count;
-    bool smooth[KILN_MAP_PLANES_MAX];
+    bool smooth[KILN_MAP_PLANES_MAX], direction[KILN_MAP_PLANES_MAX];
 };
 
 /* The planes of a map without other fields: direct and indirect light, whose seams are smoothed, and the error. */
@@ -64,6 +65,9 @@ int kiln_map_fill(struct kiln_map *map, struct kiln_error *error);
  * 2000, in linear time). KILN_NONE everywhere if there is no such texel. `nearest` has width x height entries. */
 int kiln_nearest_texels(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t *nearest,
                         struct kiln_error *error);
+
+/* Brings the directions of all surface texels, of which some are means, back to length 1. Means of length 0 stay. */
+void kiln_map_normalise(struct kiln_map *map);
 
 /* Copies to every margin texel the values of the surface texel that `nearest` gives for it. Returns the number of
  * margin texels, or 0 if there are no others. */

@@ -1,6 +1,6 @@
 /* A map stage is one operation on an object's lightmap, between the gathered points and the image: measure, fill,
- * borders, seams, dilate. Each is a struct in a file of its own. The table of all, in the order in which they run, is
- * stages.c; the writer of lightmaps walks it and knows no stage by name.
+ * borders, seams, directions, dilate. Each is a struct in a file of its own. The table of all, in the order in which
+ * they run, is stages.c; the writer of lightmaps walks it and knows no stage by name.
  *
  * A new stage is such a file, its line below, and a line in the table. Its row says what it reads besides the planes of
  * light, area, coverage and state, which every map has. A field that it names is sent with the texels even if no
@@ -14,6 +14,7 @@
 
 #include "coordinator/output/map/chart_graph.h"
 #include "coordinator/output/map/layers.h"
+#include "coordinator/output/map/lightmaps.h"
 #include "coordinator/output/output.h"
 
 /* What a stage can read that is no field. Made when the first stage that reads it is about to run, but for positions
@@ -52,7 +53,7 @@ struct kiln_map_stage {
 };
 
 extern const struct kiln_map_stage kiln_map_stage_measure, kiln_map_stage_fill, kiln_map_stage_borders,
-    kiln_map_stage_seams, kiln_map_stage_dilate;
+    kiln_map_stage_seams, kiln_map_stage_directions, kiln_map_stage_dilate;
 
 /* All stages in their order, ended by NULL. */
 extern const struct kiln_map_stage *const kiln_map_stages[];

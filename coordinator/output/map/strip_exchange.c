@@ -57,12 +57,13 @@ struct helper {
     size_t *list, count;
     struct slot *slots; /* two groups of slots: one is packed while the other is sent or received */
     size_t group, room; /* number of slots in a group; size of a message, bytes */
+    size_t channels;    /* of an image, at most */
     int (*pack)(const struct helper *h, struct slot *slot, size_t i, size_t bytes, struct kiln_error *error);
 };
 
-static size_t message_bytes(size_t values)
+static size_t message_bytes(size_t channels, size_t values)
 {
-    return sizeof(struct channel_words) + KILN_EXR_CHANNELS * values * sizeof(float);
+    return sizeof(struct channel_words) + channels * values * sizeof(float);
 }
 
 static void destroy_helper(struct helper *h)
@@ -93,7 +94,7 @@ static int create_helper(struct helper *h, int rank, struct kiln_error *error)
     h->count = kiln_strip_list(h->strips, (uint32_t)rank, h->list);
     for (size_t i = 0; i < h->count; i++) {
         const struct kiln_strip *strip = &h->strips->strips[h->list[i]];
-        const size_t bytes = message_bytes(values_of(&h->lightmaps[strip->object], strip->row));
+        const size_t bytes = message_bytes(h->channels, values_of(&h->lightmaps[strip->object], strip->row));
         h->room = bytes > h->room ? bytes : h->room;
     }
     h->group = size_of_group(h);
@@ -239,9 +240,9 @@ struct owner {
     uint32_t rank, count;
     uint32_t sent, own, written; /* numbers of strips that were sent or kept, searched for own ones, and written */
     struct passage *passages;
-    uint8_t *spare; /* receives a message when memory is short; as large as the largest message */
-    size_t room;
-    int status; /* of the first failure; its message is in `error` */
+    uint8_t *spare;        /* receives a message when memory is short; as large as the largest message */
+    size_t room, channels; /* size of that; channels of an image, at most */
+    int status;            /* of the first failure; its message is in `error` */
     struct kiln_error error;
 };
 
@@ -275,7 +276,8 @@ static int create_owner(struct owner *o, struct kiln_error *error)
     for (size_t i = 0; status == KILN_OK && i < o->source_count; i++)
         status = describe_channels(o->sources[i].image, &o->words[i], error);
     for (size_t i = 0; status == KILN_OK && i < o->count; i++) {
-        const size_t bytes = message_bytes(values_of(&o->lightmaps[o->stream[i].object], o->stream[i].row));
+        const size_t bytes =
+            message_bytes(o->channels, values_of(&o->lightmaps[o->stream[i].object], o->stream[i].row));
         o->room = bytes > o->room ? bytes : o->room;
         o->passages[i].sent = MPI_REQUEST_NULL;
     }
@@ -469,17 +471,34 @@ static int take_part(struct owner *owner, struct helper *helper, struct kiln_err
     return kiln_agree(helper->communicator, status, error);
 }
 
+/* Collective. The most channels that an image of any rank has. */
+static int count_channels(MPI_Comm communicator, const struct kiln_strip_source *sources, size_t count,
+                          size_t *channels, struct kiln_error *error)
+{
+    uint64_t most = 0;
+    for (size_t i = 0; i < count; i++)
+        most = sources[i].image->channel_count > most ? sources[i].image->channel_count : most;
+    if (MPI_Allreduce(MPI_IN_PLACE, &most, 1, MPI_UINT64_T, MPI_MAX, communicator) != MPI_SUCCESS)
+        return mpi_failed(error);
+    *channels = (size_t)most;
+    return KILN_OK;
+}
+
 int kiln_strips_write(MPI_Comm communicator, const struct kiln_strip_assignment *strips,
                       const struct kiln_lightmap *lightmaps, const struct kiln_strip_source *sources,
                       size_t source_count, const struct kiln_faults *faults, struct kiln_error *error)
 {
     int rank = 0;
-    size_t first = 0;
+    size_t first = 0, channels = 0;
     if (strips->count == 0)
         return KILN_OK;
     if (MPI_Comm_rank(communicator, &rank) != MPI_SUCCESS)
         return mpi_failed(error);
+    int status = count_channels(communicator, sources, source_count, &channels, error);
+    if (status != KILN_OK)
+        return status;
     struct owner owner = {.communicator = communicator,
+                          .channels = channels,
                           .lightmaps = lightmaps,
                           .sources = sources,
                           .source_count = source_count,
@@ -487,10 +506,11 @@ int kiln_strips_write(MPI_Comm communicator, const struct kiln_strip_assignment 
     owner.count = (uint32_t)kiln_strip_stream(strips, (uint32_t)rank, &first);
     owner.stream = strips->strips + first;
     struct helper helper = {.communicator = communicator,
+                            .channels = channels,
                             .strips = strips,
                             .lightmaps = lightmaps,
                             .pack = kiln_faults_packer_fails(faults, (uint32_t)rank) ? refuse_to_pack : pack_message};
-    int status = create_helper(&helper, rank, error);
+    status = create_helper(&helper, rank, error);
     if (status == KILN_OK && owner.count > 0)
         status = create_owner(&owner, error);
     status = kiln_agree(communicator, status, error);

@@ -1,12 +1,11 @@
 /* The direct pass (worker/pass/direct.h): light from all sources at each point, by shadow rays. */
 #include <math.h>
-#include <omp.h>
 #include <string.h>
 
 #include "shaders/shared/random.h"
-#include "worker/backend/embree/embree.h"
 #include "worker/backend/embree/frame.h"
 #include "worker/backend/embree/shadow.h"
+#include "worker/backend/embree/tile_runs.h"
 #include "worker/base/memory.h"
 #include "worker/light/area_light_sampler.h"
 #include "worker/pass/direct.h"
@@ -37,31 +36,35 @@ struct direct_work {
     struct target_lanes lanes;
     struct kiln_light_choice *choices;
     uint32_t *sobol[KILN_DIMENSIONS]; /* table_size points each */
-    uint32_t table_size;
+    uint32_t samples, table_size;
     /* by identity, direct mapped; the points of all tiles of a tile run choose alike */
     struct sequence sequences[SEQUENCES];
     uint32_t *sequence_points; /* what they are made of */
 };
 
-static void work_destroy(struct direct_work **work)
+static void work_destroy(void **work)
 {
-    if (*work == NULL)
-        return;
-    for (int d = 0; d < KILN_DIMENSIONS; d++)
-        kiln_free(&(*work)->sobol[d]);
-    kiln_free(&(*work)->choices);
-    kiln_free(&(*work)->sequence_points);
+    struct direct_work *w = *work;
+    for (int d = 0; d < KILN_DIMENSIONS && w != NULL; d++)
+        kiln_free(&w->sobol[d]);
+    if (w != NULL) {
+        kiln_free(&w->choices);
+        kiln_free(&w->sequence_points);
+    }
     kiln_free(work);
 }
 
-static int work_create(struct direct_work **work, const struct embree_backend *b, uint32_t samples,
-                       struct kiln_error *error)
+static int work_create(void **work, const struct embree_backend *b, const void *parameters,
+                       const struct kiln_batch *part, struct kiln_error *error)
 {
-    int status = kiln_allocate(work, 1, sizeof **work, "the direct pass", error);
+    (void)parameters;
+    struct direct_work *w = NULL;
+    int status = kiln_allocate(&w, 1, sizeof *w, "the direct pass", error);
+    *work = w;
     if (status != KILN_OK)
         return status;
-    struct direct_work *w = *work;
-    w->table_size = samples + 1; /* a lone choice gets all samples, rounded up at most */
+    w->samples = part->samples;
+    w->table_size = w->samples + 1; /* a lone choice gets all samples, rounded up at most */
     status = kiln_allocate(&w->choices, KILN_CUT_MAX + b->params.lights->directional_count + 1, sizeof *w->choices,
                            "the light choices", error);
     for (uint32_t d = 0; d < KILN_DIMENSIONS && status == KILN_OK; d++) {
@@ -104,19 +107,6 @@ static const struct sequence *find_sequence(struct direct_work *w, uint32_t iden
         q->made = count;
     }
     return q;
-}
-
-/* The same point of the light, seen from where the ray starts. */
-static void aim_from(struct kiln_light_sample *s, struct kiln_dvec3 place, struct kiln_dvec3 start)
-{
-    if (!isfinite(s->distance))
-        return;
-    const struct kiln_dvec3 to = dvec3_sub(dvec3_add(place, dvec3_scale(s->direction, s->distance)), start);
-    const double distance = dvec3_length(to);
-    if (!(distance > 0.0))
-        return;
-    s->direction = dvec3_scale(to, 1.0 / distance);
-    s->distance = distance;
 }
 
 /* Where rays of a packet start. */
@@ -258,7 +248,7 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
             continue;
         const double shading_cosine =
             f->smooth ? fmax(0.0, dvec3_dot(dvec3_of(frame_shading(f, j, n)), s.direction)) : cosine;
-        aim_from(&s, place, dvec3_of(p));
+        shadow_aim(&s, place, dvec3_of(p));
         shadow_add(&w->shadows, b, context, p, &s, i, cosine, shading_cosine);
         (*rays)++;
     }
@@ -266,15 +256,13 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
 }
 
 static void direct_point(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
-                         uint32_t j, uint32_t samples, struct kiln_point_result *result, uint64_t *rays)
+                         uint32_t j, struct kiln_point_result *result, uint64_t *rays)
 {
     const struct tile_run_frame *f = &w->frame;
-    const struct kiln_dvec3 normal =
-        f->extent[j].one_normal ? dvec3((double)f->normal[0][j], (double)f->normal[1][j], (double)f->normal[2][j])
-                                : dvec3(0.0, 0.0, 0.0);
-    const size_t limit = samples / 2 < 1 ? 1 : samples / 2 < KILN_CUT_MAX ? samples / 2 : KILN_CUT_MAX;
-    const size_t count = kiln_lights_choices(b->params.lights, dvec3_of(f->extent[j].centre),
-                                             (double)f->extent[j].spread, normal, limit, w->choices);
+    const uint32_t samples = w->samples;
+    const size_t count =
+        kiln_lights_choices(b->params.lights, dvec3_of(f->extent[j].centre), (double)f->extent[j].spread,
+                            frame_one_normal(f, j), kiln_cut_limit(samples), w->choices);
     (void)kiln_lights_allot(w->choices, count, samples);
     double incident[3] = {0}, irradiance[3] = {0}, variance = 0.0;
     for (size_t i = 0; i < count; i++) {
@@ -300,47 +288,22 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
     result->present = f->present[j];
 }
 
+static void direct_tile_run(void *work, const struct embree_backend *b, struct embree_context *context, size_t tile_run,
+                            void *results, uint64_t *rays)
+{
+    struct direct_work *w = work;
+    struct kiln_point_result *points = results;
+    frame_build(&w->frame, b, tile_run, FRAME_EXTENT);
+    for (int q = 0; q < SEQUENCES; q++)
+        w->sequences[q].used = false;
+    for (uint32_t j = 0; j < w->frame.count; j++)
+        direct_point(w, b, context, j, &points[w->frame.place[j]], rays);
+}
+
 int embree_direct(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
                   uint64_t *rays, struct kiln_error *error)
 {
-    (void)parameters;
-    struct kiln_point_result *const part_results = results;
-    const uint64_t base = b->surface->tile_runs[part->first].first.at;
-    uint64_t traced = 0;
-    double seconds = 0.0;
-    int status = KILN_OK;
-#pragma omp parallel num_threads((int)b->threads) reduction(+ : traced, seconds)
-    {
-        struct direct_work *w = NULL;
-        struct kiln_error own;
-        const int created = work_create(&w, b, part->samples, &own);
-        if (created != KILN_OK) {
-#pragma omp critical(kiln_direct_status)
-            status = kiln_fail(error, created, "%s", own.message);
-        }
-#pragma omp barrier
-        const unsigned saved = embree_enter();
-        struct embree_context context;
-        embree_context(b, &context);
-        const double begin = embree_thread_seconds();
-#pragma omp for schedule(dynamic, 4) nowait
-        for (size_t i = 0; i < part->count; i++) {
-            if (status != KILN_OK)
-                continue;
-            const size_t tile_run = part->first + i;
-            struct kiln_point_result *run = part_results + (b->surface->tile_runs[tile_run].first.at - base);
-            memset(run, 0, b->surface->tile_runs[tile_run].count * sizeof *run);
-            frame_build(&w->frame, b, tile_run, FRAME_EXTENT);
-            for (int q = 0; q < SEQUENCES; q++)
-                w->sequences[q].used = false;
-            for (uint32_t j = 0; j < w->frame.count; j++)
-                direct_point(w, b, &context, j, part->samples, &run[w->frame.place[j]], &traced);
-        }
-        seconds += embree_thread_seconds() - begin;
-        embree_leave(saved);
-        work_destroy(&w);
-    }
-    *rays += traced;
-    b->thread_seconds += seconds;
-    return status;
+    static const struct tile_run_pass pass = {work_create, work_destroy, direct_tile_run,
+                                              sizeof(struct kiln_point_result)};
+    return embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
 }

@@ -1,9 +1,11 @@
 /* The Embree backend: private declarations that its files share.
  *
- * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c. The
- * others: embree.c (life of the backend, running a pass in parts, closest hits), frame.c (a tile run's points made
- * ready for sampling), shadow.c (shadow rays in packets), passage.c (rays through surfaces that let light through),
- * lookup.h (radiosity at a hit), devices.c (the CPU). */
+ * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c,
+ * occlusion.c, directional.c. The others: embree.c (life of the backend, running a pass in parts, closest hits),
+ * tile_runs.c (threads over the tile runs of a part), frame.c (a tile run's points made ready for sampling), rays.c
+ * (rays over the hemisphere of its points), lookup.c (radiosity at their hits), light_samples.c (light from all
+ * directions straight from the lights), shadow.c (shadow rays in packets), passage.c (rays through surfaces that let
+ * light through), ceiling.c (tracing alone, for benches), devices.c (the CPU). */
 #ifndef KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 #define KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 
@@ -54,7 +56,7 @@ KILN_PASS_LIST(EMBREE_DECLARE)
 
 /* kiln_backend_devices (devices.c). */
 int embree_devices(struct kiln_device *list, size_t room, size_t *count, struct kiln_error *error);
-/* kiln_backend_ceiling (gather.c, whose rays it traces). */
+/* kiln_backend_ceiling (ceiling.c). */
 int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
                    struct kiln_error *error);
 

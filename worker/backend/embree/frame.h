@@ -54,6 +54,13 @@ static inline struct kiln_vec3 frame_shading(const struct tile_run_frame *f, uin
     return vec3_dot(shading, n) > 0.0f ? shading : n;
 }
 
+/* The geometric normal of point j, or 0 where its area has several; with FRAME_EXTENT. For choosing lights. */
+static inline struct kiln_dvec3 frame_one_normal(const struct tile_run_frame *f, uint32_t j)
+{
+    return f->extent[j].one_normal ? dvec3((double)f->normal[0][j], (double)f->normal[1][j], (double)f->normal[2][j])
+                                   : dvec3(0.0, 0.0, 0.0);
+}
+
 /* Whether a place (offset included) with this normal is buried: a ray along the normal and three around it all meet
  * back faces of single-sided surfaces. */
 bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 position, struct kiln_vec3 normal);

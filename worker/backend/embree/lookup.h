@@ -2,7 +2,7 @@
 #ifndef KILN_WORKER_BACKEND_EMBREE_LOOKUP_H
 #define KILN_WORKER_BACKEND_EMBREE_LOOKUP_H
 
-#include "worker/backend/embree/embree.h"
+#include "worker/backend/embree/rays.h"
 #include "worker/scene/radiosity.h"
 
 /* Barycentrics -> texel -> surface point, of the triangle's front or (`back`, where it has two sides) of its back.
@@ -25,5 +25,23 @@ static inline uint64_t embree_radiosity(const struct embree_backend *b, uint32_t
     const struct kiln_global_point point = embree_point(b, triangle, u, v, back);
     return point.at == KILN_NO_POINT ? 0 : b->radiosity[point.at];
 }
+
+/* What a step's rays met, in the order of lanes. */
+struct rays_found {
+    uint32_t count; /* lanes that met a surface with radiosity, and these: */
+    uint8_t lane[RAY_LANES];
+    uint64_t point[RAY_LANES]; /* surface point or KILN_NO_POINT; its radiosity has been prefetched */
+    uint32_t escaped, blocked; /* lanes that met nothing, and the back of a single-sided surface, and these: */
+    uint8_t escaped_lane[RAY_LANES], blocked_lane[RAY_LANES];
+    /* on the way there */
+    const struct kiln_tile *tile[RAY_LANES];
+    const struct kiln_split_tile_run *split_parts[RAY_LANES];
+    uint8_t bit[RAY_LANES], split_hit[RAY_LANES];
+};
+
+/* Finds the surface points that traced rays met. From hits to radiosity it goes in three rounds, the last of which is
+ * the caller's, so that each load has been asked for a round before: the way to memory is as long as tracing a ray. */
+void embree_find(const struct embree_backend *b, const struct tile_run_rays *rays, uint32_t lanes,
+                 struct rays_found *found);
 
 #endif

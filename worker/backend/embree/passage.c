@@ -150,19 +150,31 @@ static void find_tints8(const struct embree_backend *b, struct embree_context *c
             tint[i][c] = (float)share_of(context->depth[i][c]);
 }
 
+static void ask_by_chance(struct embree_context *context, struct RTCRay8 *rays, const uint32_t seed[PACKET])
+{
+    context->question = EMBREE_BY_CHANCE;
+    memcpy(context->seed, seed, sizeof context->seed);
+    memset(context->tinted, 0, sizeof context->tinted);
+    for (uint32_t i = 0; i < PACKET; i++)
+        rays->id[i] = i;
+}
+
 void embree_nearest8(const struct embree_backend *b, struct embree_context *context, const int *valid,
                      struct RTCRayHit8 *rays, const uint32_t seed[PACKET], float tint[PACKET][3])
 {
-    if (embree_blends(b)) {
-        context->question = EMBREE_BY_CHANCE;
-        memcpy(context->seed, seed, sizeof context->seed);
-        memset(context->tinted, 0, sizeof context->tinted);
-        for (uint32_t i = 0; i < PACKET; i++)
-            rays->ray.id[i] = i;
-    }
+    if (embree_blends(b))
+        ask_by_chance(context, &rays->ray, seed);
     rtcIntersect8(valid, b->scene, &context->rtc, rays);
     if (embree_tints(b))
         find_tints8(b, context, valid, rays, tint);
+}
+
+void embree_blocked8(const struct embree_backend *b, struct embree_context *context, const int *valid,
+                     struct RTCRay8 *rays, const uint32_t seed[PACKET])
+{
+    if (embree_blends(b))
+        ask_by_chance(context, rays, seed);
+    rtcOccluded8(valid, b->scene, &context->rtc, rays);
 }
 
 void embree_nearest1(const struct embree_backend *b, struct embree_context *context, struct RTCRayHit *ray,

@@ -58,6 +58,9 @@ void embree_nearest8(const struct embree_backend *b, struct embree_context *cont
                      struct RTCRayHit8 *rays, const uint32_t seed[PACKET], float tint[PACKET][3]);
 void embree_nearest1(const struct embree_backend *b, struct embree_context *context, struct RTCRayHit *ray,
                      uint32_t seed, float tint[3]);
+/* Whether anything is met, by the same chances: tfar is then negative. */
+void embree_blocked8(const struct embree_backend *b, struct embree_context *context, const int *valid,
+                     struct RTCRay8 *rays, const uint32_t seed[PACKET]);
 /* The nearest hit by EMBREE_BY_HALF. */
 void embree_nearest_half(const struct embree_backend *b, struct RTCRayHit *ray);
 /* Shadow rays: tfar is negative where nothing comes through; else `through` is the share that does, of each colour. */

@@ -4,11 +4,9 @@
 #include <omp.h>
 #include <string.h>
 
-#include "shaders/shared/area_light.h"
 #include "shaders/shared/streams.h"
-#include "worker/backend/embree/embree.h"
+#include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/lookup.h"
-#include "worker/backend/embree/passage.h"
 #include "worker/base/memory.h"
 #include "worker/pass/probes.h"
 #include "worker/sampling/harmonics.h"
@@ -39,7 +37,7 @@ static void gather_sphere(const struct embree_backend *b, struct embree_context 
     const struct kiln_geometry *g = b->params.geometry;
     const struct kiln_vec3 diagonal = vec3_sub(g->bounds_max, g->bounds_min);
     const double far = (double)vec3_length(diagonal), weight = 4.0 * KILN_PI / samples;
-    const bool sky = b->params.lights->environment && b->params.lights->conditional == NULL;
+    const bool sky = light_sky_is_constant(b->params.lights);
     for (uint32_t k = 0; k < samples; k++) {
         const double u = kiln_unit_double(kiln_owen_scramble(kiln_sobol(k, 0), kiln_hash2(key, 0))),
                      v = kiln_unit_double(kiln_owen_scramble(kiln_sobol(k, 1), kiln_hash2(key, 1)));
@@ -84,38 +82,17 @@ static uint64_t gather_lights(const struct embree_backend *b, struct embree_cont
 {
     const struct kiln_lights *lights = b->params.lights;
     const struct kiln_dvec3 p = dvec3_of(position), any = dvec3(0.0, 0.0, 0.0);
-    size_t count = kiln_lights_choices(lights, p, 0.0, any, KILN_CUT_MAX, choices);
-    if (lights->environment && lights->conditional == NULL)
-        count--; /* the environment is the last choice */
-    (void)kiln_lights_allot(choices, count, samples);
+    const size_t count = light_choose(lights, p, 0.0, any, KILN_CUT_MAX, samples, choices);
     uint64_t rays = 0;
     for (size_t i = 0; i < count; i++) {
-        const uint32_t identity = kiln_hash2(key, kiln_choice_identity((uint32_t)choices[i].kind, choices[i].index));
+        const uint32_t identity = light_identity(key, &choices[i]);
         for (uint32_t k = 0; k < choices[i].samples; k++) {
-            double random[3];
-            static const uint32_t dimension[3] = {KILN_DIMENSION_U, KILN_DIMENSION_V, KILN_DIMENSION_CHOICE};
-            for (uint32_t d = 0; d < 3; d++)
-                random[d] = kiln_unit_double(kiln_owen_scramble(kiln_sobol(k, dimension[d]), kiln_hash2(identity, d)));
             struct kiln_light_sample s;
-            if (!kiln_lights_sample(lights, &choices[i], k, p, any, random[2], random[0], random[1], &s))
+            if (!light_draw(lights, &choices[i], identity, k, p, &s))
                 continue;
-            struct RTCRay ray = {.org_x = position.x,
-                                 .org_y = position.y,
-                                 .org_z = position.z,
-                                 .dir_x = (float)s.direction.x,
-                                 .dir_y = (float)s.direction.y,
-                                 .dir_z = (float)s.direction.z,
-                                 .mask = ~0u,
-                                 .tfar = isfinite(s.distance) ? (float)((s.distance - s.backoff) * KILN_SHADOW_LENGTH)
-                                                              : INFINITY};
-            double through[3] = {1.0, 1.0, 1.0};
-            embree_through1(b, context, &ray, through);
             rays++;
-            if (ray.tfar < 0.0f)
-                continue;
-            for (int c = 0; c < 3; c++)
-                s.value[c] *= through[c] / choices[i].samples;
-            add(sums, s.direction, s.value);
+            if (light_arrives(b, context, position, &choices[i], &s))
+                add(sums, s.direction, s.value);
         }
     }
     return rays;
@@ -126,7 +103,7 @@ int embree_probes(struct embree_backend *b, const void *parameters, const struct
 {
     (void)parameters;
     const uint32_t seed = kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32) ^ KILN_PROBE_SEED);
-    const size_t room = KILN_CUT_MAX + b->params.lights->directional_count + 1;
+    const size_t room = light_choices_room(b->params.lights);
     struct kiln_light_choice *choices = NULL;
     const int status = kiln_allocate(&choices, room * b->threads, sizeof *choices, "the probes' light choices", error);
     if (status != KILN_OK)

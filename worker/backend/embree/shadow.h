@@ -2,6 +2,8 @@
 #ifndef KILN_WORKER_BACKEND_EMBREE_SHADOW_H
 #define KILN_WORKER_BACKEND_EMBREE_SHADOW_H
 
+#include <math.h>
+
 #include "shaders/shared/area_light.h"
 #include "worker/backend/embree/passage.h"
 
@@ -29,6 +31,19 @@ void shadow_add(struct shadow_packet *packet, const struct embree_backend *b, st
 void shadow_end(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context);
 /* Traces the valid ones of a packet that was filled as a whole, and sums up. */
 void shadow_trace(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context);
+/* Aims the sample, which was drawn at `place`, at the same point of the light from where its ray starts. */
+static inline void shadow_aim(struct kiln_light_sample *s, struct kiln_dvec3 place, struct kiln_dvec3 start)
+{
+    if (!isfinite(s->distance))
+        return;
+    const struct kiln_dvec3 to = dvec3_sub(dvec3_add(place, dvec3_scale(s->direction, s->distance)), start);
+    const double distance = dvec3_length(to);
+    if (!(distance > 0.0))
+        return;
+    s->direction = dvec3_scale(to, 1.0 / distance);
+    s->distance = distance;
+}
+
 /* How far a shadow ray goes towards a light so far away. */
 static inline float shadow_limit(double distance, double backoff)
 {

@@ -14,17 +14,17 @@
 #include "shaders/direct_reduce.h"
 #include "shaders/direct_reduce_float.h"
 
-const struct vulkan_shader vulkan_choose_shader = {
+static const struct vulkan_shader choose_shader = {
     .name = "direct: choices of lights", .compute = VULKAN_CODE(choose), .compute_float = VULKAN_CODE(choose_float)};
-const struct vulkan_shader vulkan_direct_shader = {.name = "direct",
+static const struct vulkan_shader direct_shader = {.name = "direct",
                                                    .compute = VULKAN_CODE(direct),
                                                    .pipeline = VULKAN_CODE(direct_pipeline),
                                                    .compute_float = VULKAN_CODE(direct_float),
                                                    .pipeline_float = VULKAN_CODE(direct_pipeline_float)};
-const struct vulkan_shader vulkan_direct_precise_shader = {.name = "direct: near lights",
+static const struct vulkan_shader direct_precise_shader = {.name = "direct: near lights",
                                                            .compute = VULKAN_CODE(direct_precise),
                                                            .pipeline = VULKAN_CODE(direct_precise_pipeline)};
-const struct vulkan_shader vulkan_direct_sums_shader = {
+static const struct vulkan_shader sums_shader = {
     .name = "direct: sums", .compute = VULKAN_CODE(direct_reduce), .compute_float = VULKAN_CODE(direct_reduce_float)};
 
 struct direct {
@@ -43,13 +43,13 @@ static int prepare(void *context, struct kiln_error *error)
     struct direct *d = context;
     int status = vulkan_sobol(d->b, d->samples + 1, error); /* a lone choice gets all samples, rounded up at most */
     if (status == KILN_OK)
-        status = vulkan_kernel_of(d->b, &vulkan_choose_shader, false, 0, &d->choose, error);
+        status = vulkan_kernel_of(d->b, &choose_shader, false, 0, &d->choose, error);
     if (status == KILN_OK)
-        status = vulkan_kernel_of(d->b, &vulkan_direct_shader, false, 0, &d->whole, error);
+        status = vulkan_kernel_of(d->b, &direct_shader, false, 0, &d->whole, error);
     if (status == KILN_OK && d->precise)
-        status = vulkan_kernel_of(d->b, &vulkan_direct_precise_shader, false, 0, &d->near, error);
+        status = vulkan_kernel_of(d->b, &direct_precise_shader, false, 0, &d->near, error);
     if (status == KILN_OK)
-        status = vulkan_kernel_of(d->b, &vulkan_direct_sums_shader, false, 0, &d->reduce, error);
+        status = vulkan_kernel_of(d->b, &sums_shader, false, 0, &d->reduce, error);
     return status;
 }
 
@@ -58,7 +58,7 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
 {
     struct direct *d = context;
     const int status =
-        chunk->buried.count > 0 ? vulkan_kernel_of(d->b, &vulkan_direct_shader, true, 0, &d->buried, error) : KILN_OK;
+        chunk->buried.count > 0 ? vulkan_kernel_of(d->b, &direct_shader, true, 0, &d->buried, error) : KILN_OK;
     if (status != KILN_OK)
         return status;
     const struct kiln_gpu_direct_push push = {.scene = d->b->scene.address,
@@ -108,6 +108,9 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
                                   : KILN_OK;
 }
 
+/* Whether area lights may be so near to points that they want doubles, which the device has. */
+static bool has_near_lights(const struct vulkan_backend *b) { return b->float64 && b->params.lights->area_count > 0; }
+
 /* Bytes of scratch a point, see struct kiln_gpu_direct. */
 static size_t scratch_bytes(const struct direct *d)
 {
@@ -116,16 +119,16 @@ static size_t scratch_bytes(const struct direct *d)
     return rows * vulkan_lights_sums_bytes(d->b->float64) + d->slots * choice + sizeof(uint32_t);
 }
 
-int vulkan_direct(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
-                  struct kiln_error *error)
+static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
+               struct kiln_error *error)
 {
     (void)parameters;
     const uint32_t samples = batch->samples;
     struct direct d = {.b = b, .batch = batch, .samples = samples};
     const struct kiln_lights *lights = b->params.lights;
     const size_t tree = lights->area_count + lights->point_count;
-    d.precise = b->float64 && lights->area_count > 0;
-    d.limit = samples / 2 < 1 ? 1 : samples / 2 < KILN_CUT_MAX ? samples / 2 : KILN_CUT_MAX;
+    d.precise = has_near_lights(b);
+    d.limit = kiln_cut_limit(samples);
     d.slots = (uint32_t)((tree < d.limit ? tree : d.limit) + lights->directional_count + 1);
     d.slices = vulkan_slices_of(b, samples);
     const uint32_t rows = 4 * d.slices.per_quarter;
@@ -147,3 +150,11 @@ int vulkan_direct(struct vulkan_backend *b, const void *parameters, const struct
     *rays += d.rays;
     return status;
 }
+
+const struct vulkan_pass vulkan_pass_direct = {
+    .run = run,
+    .ahead = {{.shader = &direct_shader, .draw_again = true},
+              {.shader = &direct_shader},
+              {.shader = &choose_shader},
+              {.shader = &sums_shader},
+              {.shader = &direct_precise_shader, .wanted = has_near_lights}}};

@@ -182,8 +182,8 @@ static int run_left(struct vulkan_backend *b, struct kiln_batch *left, uint64_t 
     return status;
 }
 
-int vulkan_probes(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
-                  struct kiln_error *error)
+static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
+               struct kiln_error *error)
 {
     (void)parameters;
     struct kiln_batch left = *batch;
@@ -196,3 +196,5 @@ int vulkan_probes(struct vulkan_backend *b, const void *parameters, const struct
     }
     return status;
 }
+
+const struct vulkan_pass vulkan_pass_probes = {.run = run};

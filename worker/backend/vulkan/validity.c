@@ -8,7 +8,7 @@
 #include "shaders/validity.h"
 #include "shaders/validity_pipeline.h"
 
-const struct vulkan_shader vulkan_validity_shader = {
+static const struct vulkan_shader validity_shader = {
     .name = "validity", .compute = VULKAN_CODE(validity), .pipeline = VULKAN_CODE(validity_pipeline)};
 
 struct validity {
@@ -137,7 +137,7 @@ static int prepare(void *context, struct kiln_error *error)
 {
     struct validity *v = context;
     const int status = vulkan_sobol(v->b, KILN_VALIDITY_SECOND_LOOK, error);
-    return status == KILN_OK ? vulkan_kernel_of(v->b, &vulkan_validity_shader, false, 0, &v->kernel, error) : status;
+    return status == KILN_OK ? vulkan_kernel_of(v->b, &validity_shader, false, 0, &v->kernel, error) : status;
 }
 
 /* Both looks, from the beginning. */
@@ -159,8 +159,8 @@ static int look(struct validity *v, const struct kiln_batch *batch, struct kiln_
     return status == KILN_OK ? look_at_open(v, batch->first, batch->count, error) : status;
 }
 
-int vulkan_validity(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
-                    struct kiln_error *error)
+static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
+               struct kiln_error *error)
 {
     (void)parameters;
     const struct kiln_tile_run *run = &b->surface->tile_runs[batch->first], *last = run + batch->count - 1;
@@ -183,3 +183,5 @@ int vulkan_validity(struct vulkan_backend *b, const void *parameters, const stru
     kiln_free(&v.visible);
     return status;
 }
+
+const struct vulkan_pass vulkan_pass_validity = {.run = run, .ahead = {{.shader = &validity_shader}}};

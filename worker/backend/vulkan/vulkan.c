@@ -293,31 +293,41 @@ static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error)
                       error);
 }
 
+#define ROW(name) [KILN_PASS_INDEX_##name] = &vulkan_pass_##name,
+static const struct vulkan_pass *const passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};
+#undef ROW
+
+/* The kernels that all passes want ahead and that are not there yet; how many. */
+static int wishes(const struct vulkan_backend *b, struct vulkan_kernel wished[KILN_PASS_COUNT * VULKAN_WISHES])
+{
+    int count = 0;
+    for (int p = 0; p < KILN_PASS_COUNT; p++)
+        for (int i = 0; i < VULKAN_WISHES && passes[p]->ahead[i].shader != NULL; i++) {
+            const struct vulkan_wish *wish = &passes[p]->ahead[i];
+            if ((wish->wanted == NULL || wish->wanted(b)) &&
+                find_kernel(b, wish->shader, wish->draw_again, wish->own) == NULL)
+                wished[count++] =
+                    (struct vulkan_kernel){.shader = wish->shader, .draw_again = wish->draw_again, .own = wish->own};
+        }
+    return count;
+}
+
 /* Makes what bakes need, all at once: drivers take a second for some kernels, and each on one core. Software devices
  * make theirs when they first run. What fails here is made again, and reported, when it is asked for. */
 static void make_ahead(struct vulkan_backend *b)
 {
-    struct vulkan_kernel wished[] = {{.shader = &vulkan_direct_shader, .draw_again = 1},
-                                     {.shader = &vulkan_direct_shader},
-                                     {.shader = &vulkan_gather_shader, .own = 1, .draw_again = 1},
-                                     {.shader = &vulkan_gather_shader, .own = 1},
-                                     {.shader = &vulkan_choose_shader},
-                                     {.shader = &vulkan_validity_shader},
-                                     {.shader = &vulkan_direct_sums_shader},
-                                     {.shader = &vulkan_gather_sums_shader},
-                                     {.shader = &vulkan_direct_precise_shader}};
-    enum { ALL = sizeof wished / sizeof *wished };
-    const int count = b->float64 && b->params.lights->area_count > 0 ? ALL : ALL - 1;
+    struct vulkan_kernel wished[KILN_PASS_COUNT * VULKAN_WISHES];
+    const int count = wishes(b, wished);
     if (gpu_about(b->gpu)->software || b->tracer.acceleration != NULL ||
         b->faults.wanted.kind != KILN_DEVICE_FAULT_NONE ||
-        kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + ALL, sizeof *b->kernels, "the device's kernels",
-                  NULL) != KILN_OK)
+        kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + (size_t)count, sizeof *b->kernels,
+                  "the device's kernels", NULL) != KILN_OK)
         return;
 #pragma omp parallel for num_threads(count + 1) schedule(static, 1)
     for (int i = 0; i <= count; i++)
         if (i == count)
             vulkan_passes_ahead(b);
-        else if (find_kernel(b, wished[i].shader, wished[i].draw_again != 0, wished[i].own) == NULL)
+        else
             (void)make_kernel(b, &wished[i], NULL);
     for (int i = 0; i < count; i++)
         if (wished[i].kernel != NULL)
@@ -446,18 +456,12 @@ static int intersect_again(struct kiln_backend *backend, const struct kiln_vec3 
 
 /* ---- passes ---- */
 
-typedef int (*pass_function)(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch,
-                             uint64_t *rays, struct kiln_error *error);
-#define ROW(name) [KILN_PASS_INDEX_##name] = vulkan_##name,
-static const pass_function pass_functions[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};
-#undef ROW
-
 static int vulkan_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                       const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
     assert(!pass->reads_radiosity || b->radiosity != NULL);
-    return pass_functions[pass->index](b, parameters, batch, rays, error);
+    return passes[pass->index]->run(b, parameters, batch, rays, error);
 }
 
 const struct kiln_backend_api kiln_backend_vulkan = {

@@ -1,7 +1,8 @@
 /* The Vulkan backend: private declarations that its files share.
  *
- * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c. The
- * others: vulkan.c (life of the backend, kernels, closest hits), chunks.c (running a pass over tile runs in chunks),
+ * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c,
+ * occlusion.c, directional.c. The others: vulkan.c (life of the backend, kernels, closest hits), chunks.c (running a
+ * pass over tile runs in chunks), hemisphere.c (what passes that sample the hemisphere over points have in common),
  * points.c (surface points on the device), lights.c and materials.c (the scene on the device), bvh.c, acceleration.c
  * and tracer.c (what finds hits), layout.h (what C and the shaders share). gpu/ is Vulkan for compute and knows no
  * light.
@@ -40,9 +41,6 @@ struct vulkan_shader {
     {                                                                                                                  \
         kiln_spirv_##name, sizeof kiln_spirv_##name                                                                    \
     }
-
-extern const struct vulkan_shader vulkan_validity_shader, vulkan_choose_shader, vulkan_direct_shader,
-    vulkan_direct_precise_shader, vulkan_direct_sums_shader, vulkan_gather_shader, vulkan_gather_sums_shader;
 
 /* The numbers of the specialisation constants that all kernels share (shaders/kernel.glsl); more are each kernel's own.
  */
@@ -147,12 +145,27 @@ static inline struct vulkan_slices vulkan_slices_of(const struct vulkan_backend 
 /* Makes what passes over the surface will ask for, as far as there is room for it (chunks.c). */
 void vulkan_passes_ahead(struct vulkan_backend *b);
 
-/* The passes: vulkan_validity in validity.c, vulkan_direct in direct.c and so on. Each runs over a batch, all of whose
- * items have batch->samples samples, calls its taker and adds its rays to *rays. When the device is lost or short of
- * memory each makes it anew (vulkan_recover) and goes on with what was not taken. */
-#define VULKAN_DECLARE(name)                                                                                           \
-    int vulkan_##name(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch,                \
-                      uint64_t *rays, struct kiln_error *error);
+/* A kernel that every bake runs, as vulkan_kernel_of is asked for it. */
+struct vulkan_wish {
+    const struct vulkan_shader *shader;
+    bool draw_again;
+    uint32_t own;
+    bool (*wanted)(const struct vulkan_backend *b); /* NULL: always */
+};
+
+/* A pass as this backend has it: vulkan_pass_validity in validity.c, vulkan_pass_direct in direct.c and so on. */
+enum { VULKAN_WISHES = 5 };
+struct vulkan_pass {
+    /* Runs over a batch, all of whose items have batch->samples samples, calls its taker and adds its rays to *rays.
+     * When the device is lost or short of memory it is made anew (vulkan_recover), and the pass goes on with what was
+     * not taken. */
+    int (*run)(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
+               struct kiln_error *error);
+    /* Kernels to make ahead, all at once, up to the first that has no shader. A pass that not every bake runs has none:
+     * its kernels are made when it first runs. */
+    struct vulkan_wish ahead[VULKAN_WISHES];
+};
+#define VULKAN_DECLARE(name) extern const struct vulkan_pass vulkan_pass_##name;
 KILN_PASS_LIST(VULKAN_DECLARE)
 #undef VULKAN_DECLARE
 

@@ -1,0 +1,56 @@
+/* From which directions light comes (worker/pass/directional.h): the field `sh`, or what `dominant` makes of it. */
+#include <math.h>
+#include <string.h>
+
+#include "coordinator/field/rank_data.h"
+#include "coordinator/integrate/quantity.h"
+#include "worker/base/color.h"
+#include "worker/pass/directional.h"
+
+static bool wanted(const struct kiln_integrate_settings *settings)
+{
+    return settings->directional != KILN_DIRECTIONAL_NONE;
+}
+
+static void make_step(const struct kiln_integrate_settings *settings, struct kiln_step *step)
+{
+    step->pass = &kiln_pass_directional;
+    step->samples = settings->samples_indirect;
+}
+
+/* The direction that light comes from on the whole, and how much of it comes from there: for light from one direction
+ * alone, the length of band 1 is sqrt(3) times band 0, for light from everywhere it is 0. */
+static void set_dominant(float dominant[4], const struct kiln_directional_result *result)
+{
+    const double zero = kiln_luminance_of_floats(result->radiance[0]);
+    const double axis[3] = {kiln_luminance_of_floats(result->radiance[3]),
+                            kiln_luminance_of_floats(result->radiance[1]),
+                            kiln_luminance_of_floats(result->radiance[2])};
+    const double length = sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
+    for (int c = 0; c < 3; c++)
+        dominant[c] = length > 0.0 ? (float)(axis[c] / length) : 0.0f;
+    dominant[3] = zero > 0.0 ? (float)fmin(1.0, length / (sqrt(3.0) * zero)) : 0.0f;
+}
+
+static void take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *tile_run,
+                 const void *answers)
+{
+    const struct kiln_directional_result *results = answers;
+    const bool dominant = t->settings->directional == KILN_DIRECTIONAL_DOMINANT;
+    const size_t field = kiln_field_set_find(t->fields, dominant ? "dominant" : "sh");
+    float *values = kiln_rank_field(data, t->fields, field);
+    const uint64_t first = kiln_own_of_global(&data->surface, tile_run->first).at;
+    for (uint64_t i = 0; i < tile_run->count; i++)
+        if (dominant)
+            set_dominant(&values[4 * (first + i)], &results[i]);
+        else
+            memcpy(&values[12 * (first + i)], results[i].radiance, sizeof results[i].radiance);
+}
+
+const struct kiln_quantity kiln_quantity_directional = {.role = {.kind = "directional",
+                                                                 .total = "directional",
+                                                                 .title = "light by direction",
+                                                                 .phase = "light by direction"},
+                                                        .wanted = wanted,
+                                                        .make_step = make_step,
+                                                        .take = take};

@@ -1,0 +1,35 @@
+#include <math.h>
+
+#include "coordinator/output/map/stage.h"
+
+static void normalise_texel(float *const axes[3], size_t texel)
+{
+    double square = 0.0;
+    for (int c = 0; c < 3; c++)
+        square += (double)axes[c][texel] * (double)axes[c][texel];
+    const double scale = square > 0.0 ? 1.0 / sqrt(square) : 0.0;
+    for (int c = 0; c < 3; c++)
+        axes[c][texel] = (float)((double)axes[c][texel] * scale);
+}
+
+void kiln_map_normalise(struct kiln_map *map)
+{
+    const size_t count = kiln_map_texels(map);
+    for (uint32_t p = 0; p < map->has.count; p++) {
+        if (!map->has.direction[p])
+            continue;
+#pragma omp parallel for schedule(static)
+        for (size_t i = 0; i < count; i++)
+            if (map->state[i] != KILN_TEXEL_MARGIN)
+                normalise_texel(&map->planes[p], i);
+    }
+}
+
+static int run(struct kiln_map_work *work, struct kiln_error *error)
+{
+    (void)error;
+    kiln_map_normalise(work->map);
+    return KILN_OK;
+}
+
+const struct kiln_map_stage kiln_map_stage_directions = {.name = "directions", .run = run};

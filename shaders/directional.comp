@@ -1,0 +1,112 @@
+/* The directional pass: each thread takes a slice of a point's samples (hemisphere.glsl): rays spread evenly over the
+ * hemisphere for what surfaces and a constant sky send, and as large a part of the shadow rays to the other lights
+ * (light_samples.glsl). directional_reduce.comp adds up the slices. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "shaders/kernel.glsl"
+#include "shaders/shared/harmonics.h"
+#include "shaders/shared/streams.h"
+
+KILN_PUSH(kiln_gpu_hemisphere_push);
+
+const uint HARMONICS = 4u; /* bands 0 and 1 */
+
+struct Sums {
+    vec3 radiance[HARMONICS];
+    float rays; /* shadow rays */
+};
+
+#include "shaders/hemisphere.glsl"
+#include "shaders/lights.glsl"
+
+struct Place {
+    kiln_gpu_point point;
+    Numbers numbers;
+    Start start;
+};
+
+#include "shaders/light_samples.glsl"
+
+/* Adds radiance x solid angle `value` that arrives from direction d. */
+void add_direction(inout Sums sums, vec3 d, vec3 value)
+{
+#define KILN_ADD(index, y) sums.radiance[index] += y * value;
+    KILN_HARMONICS_LINEAR(KILN_ADD, d)
+#undef KILN_ADD
+}
+
+void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed)
+{
+    const vec3 direction = hemisphere_direction(normal, sqrt(u * (2.0 - u)), 1.0 - u, v);
+    vec3 tint, radiance = vec3(0.0);
+    const kiln_hit hit = kiln_trace_by_chance(position, direction, seed, tint);
+    if (hit.triangle == KILN_GPU_NONE) {
+        if (light_kind(KILN_GPU_KIND_SKY))
+            radiance = kiln_environment_radiance(real3(direction));
+    } else {
+        const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v, hit.back);
+        if (!hit.back || (to.material & KILN_RECORD_DOUBLE_SIDED) != 0u)
+            radiance = kiln_radiosity_at(to) * KILN_INVERSE_PI;
+    }
+    if (HAS_ALPHA == KILN_PASSAGE_TINT)
+        radiance *= tint;
+    add_direction(sums, direction, radiance * (6.283185307179586 / float(push.hemisphere.samples)));
+}
+
+void add_light(inout Sums sums, inout Place place, kiln_light_choice choice, uint identity, uint k)
+{
+    hemisphere_start(place.start, place.point, place.numbers, k);
+    const real3 n = real3(place.start.normal), off = n * real(place.start.offset);
+    kiln_light_sample s;
+    if (!draw_light(Sobol(push.hemisphere.sobol, push.hemisphere.sobol_stride), choice, identity, k,
+                    real3(place.start.position) - off, s) ||
+        !(dot(n, s.direction) > 0))
+        return;
+    sums.rays += 1.0;
+    float limit;
+    const vec3 towards = kiln_shadow_ray(s, off, limit), through = kiln_through(place.start.position, towards, limit);
+    if (through != vec3(0.0))
+        add_direction(sums, vec3(s.direction), vec3(s.value / real(choice.samples)) * through);
+}
+
+/* The part of the lights' samples that is the slice's: all slices have as many, but for one. */
+bool add_lights(inout Sums sums, kiln_gpu_point p, Numbers numbers, Slice slice)
+{
+    const real3 n = (p.flags & KILN_GPU_POINT_ONE_NORMAL) != 0u ? real3(p.normal) : real3(0);
+    const uint samples = push.hemisphere.samples, key = kiln_hash2(p.key, push.hemisphere.stream),
+               slices = 4u * push.hemisphere.per_quarter;
+    const uint candidates = kiln_lights_choose(real3(p.centre), real(p.spread), n, kiln_cut_limit(samples),
+                                               light_kind(KILN_GPU_KIND_IMAGE));
+    const uint64_t count = light_sample_count(candidates, n, samples);
+    Place place;
+    place.point = p;
+    place.numbers = numbers;
+    place.start.number = KILN_GPU_NONE;
+    return light_samples(sums, place, candidates, n, samples, key, uint(count * slice.row / slices),
+                         uint(count * (slice.row + 1u) / slices));
+}
+
+void kiln_kernel(uint x, uint y)
+{
+    const Slice slice = hemisphere_slice(x, y);
+    if (slice.index == KILN_GPU_NONE)
+        return;
+    const kiln_gpu_point p = PointArray(push.chunk.points).at[slice.index];
+    const Numbers numbers = hemisphere_numbers(p);
+    Sums sums;
+    for (uint i = 0u; i < HARMONICS; i++)
+        sums.radiance[i] = vec3(0.0);
+    sums.rays = 0.0;
+    bool good = hemisphere_rays(sums, p, numbers, slice);
+    if (LIGHT_KINDS != 0u && LIGHT_KINDS != KILN_GPU_KIND_SKY)
+        good = add_lights(sums, p, numbers, slice) && good;
+    if (!good)
+        sums.radiance[0].r = -1.0e30;
+    FloatArray floats = hemisphere_store(slice, KILN_GPU_DIRECTIONAL_FLOATS);
+    for (uint i = 0u; i < HARMONICS; i++)
+        for (uint c = 0u; c < 3u; c++)
+            floats.at[(3u * i + c) * push.chunk.total] = sums.radiance[i][c];
+    floats.at[3u * HARMONICS * push.chunk.total] = sums.rays;
+}
+
+#include "shaders/main.glsl"

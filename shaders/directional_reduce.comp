@@ -1,0 +1,24 @@
+/* Adds up what directional.comp found and makes each point's answer of it; zeros for invalid points. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "shaders/kernel.glsl"
+
+const uint MOST_FLOATS = KILN_GPU_DIRECTIONAL_FLOATS;
+#include "shaders/hemisphere_reduce.glsl"
+
+KILN_ARRAY(ResultArray, kiln_gpu_directional_result, 4);
+
+void kiln_kernel(uint x, uint y)
+{
+    if (x >= push.chunk.total)
+        return;
+    Totals totals;
+    hemisphere_totals(x, KILN_GPU_DIRECTIONAL_FLOATS, 0u, totals);
+    kiln_gpu_directional_result r;
+    for (uint c = 0u; c + 1u < KILN_GPU_DIRECTIONAL_FLOATS; c++)
+        r.radiance[c] = totals.sum[c];
+    ResultArray(push.results).at[x] = r;
+    WordArray(push.rays).at[x] = uint(totals.sum[KILN_GPU_DIRECTIONAL_FLOATS - 1u]);
+}
+
+#include "shaders/main.glsl"

@@ -1,0 +1,57 @@
+/* Adds up the slices of hemisphere.glsl, one after the other. The slices of partly buried points fill all rows, those
+ * of other points each `split`-th. Before it stands MOST_FLOATS, how many floats a slice may have. */
+#include "shaders/sum.glsl"
+
+KILN_PUSH(kiln_gpu_hemisphere_reduce_push);
+
+KILN_ARRAY(PointArray, kiln_gpu_point, 8);
+KILN_ARRAY(WordArray, uint, 4);
+KILN_ARRAY(FloatArray, float, 4);
+
+struct Totals {
+    float sum[MOST_FLOATS];
+    float quarters[4]; /* what the four quarters of the samples have of the float that was asked for */
+};
+
+float float_of(kiln_sum sum) { return sum.high + sum.low; }
+
+/* Standard error of the mean of four sub-nets, from their means: more than the error of the whole net, whose parts
+ * balance one another. */
+float quarters_error(float quarters[4])
+{
+    const float middle = 0.25 * (quarters[0] + quarters[1] + quarters[2] + quarters[3]);
+    float square = 0.0;
+    for (uint q = 0u; q < 4u; q++)
+        square += (quarters[q] - middle) * (quarters[q] - middle);
+    return sqrt(square / 12.0);
+}
+
+/* False for an invalid point. Slices have `floats` floats, and the quarters are those of float `measured`. */
+bool hemisphere_totals(uint x, uint floats, uint measured, out Totals totals)
+{
+    const uint state = WordArray(push.chunk.states).at[push.chunk.origin + x];
+    const uint rows = push.per_quarter * push.split, step = state == KILN_GPU_STATE_BURIED ? 1u : push.split;
+    kiln_sum sums[MOST_FLOATS];
+    for (uint c = 0u; c < MOST_FLOATS; c++) {
+        sums[c] = kiln_sum(0.0, 0.0);
+        totals.sum[c] = 0.0;
+    }
+    for (uint q = 0u; q < 4u; q++)
+        totals.quarters[q] = 0.0;
+    if (state == KILN_GPU_STATE_INVALID)
+        return false;
+    for (uint q = 0u; q < 4u; q++) {
+        kiln_sum quarter = kiln_sum(0.0, 0.0);
+        for (uint i = 0u; i < rows; i += step) {
+            const uint64_t row = uint64_t((q * rows + i) * floats) * push.chunk.total * 4ul;
+            FloatArray slice = FloatArray(push.slices + row);
+            for (uint c = 0u; c < floats; c++)
+                kiln_add(sums[c], slice.at[c * push.chunk.total + x]);
+            kiln_add(quarter, slice.at[measured * push.chunk.total + x]);
+        }
+        totals.quarters[q] = float_of(quarter);
+    }
+    for (uint c = 0u; c < floats; c++)
+        totals.sum[c] = float_of(sums[c]);
+    return true;
+}

@@ -1,0 +1,217 @@
+/* The passes over the hemisphere of points (occlusion, light by direction) on a Vulkan device against Embree: both use
+ * the same rays and random numbers, so only rounding differs. Skipped (77) if there is no device. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "coordinator/surface/surface_build.h"
+#include "shaders/shared/random.h"
+#include "tests/unit/surface_scene.h"
+#include "tests/unit/vulkan_device.h"
+#include "worker/backend/backend.h"
+#include "worker/light/lights.h"
+#include "worker/pass/directional.h"
+#include "worker/pass/occlusion.h"
+#include "worker/pass/validity.h"
+#include "worker/scene/radiosity.h"
+
+enum { SAMPLES = 150 }; /* quarters that are not equally large, slices that are not full */
+
+struct world {
+    struct fixture *fixture;
+    struct kiln_light lights_of_scene[2];
+    float sky[6 * 3 * 3];
+    struct kiln_geometry *geometry;
+    struct kiln_lights *lights;
+    struct kiln_surface *surface;
+    uint64_t *radiosity;
+    struct kiln_backend *backends[2];
+};
+
+static const char *const names[2] = {"embree", "vulkan"};
+
+static void add_lights(struct world *w)
+{
+    struct fixture *f = w->fixture;
+    f->scene.lights = w->lights_of_scene;
+    w->lights_of_scene[f->scene.light_count++] =
+        (struct kiln_light){.kind = KILN_LIGHT_POINT, .position = {0.4, 1.5, -0.3}, .intensity = {3, 2, 1}};
+    w->lights_of_scene[f->scene.light_count++] =
+        (struct kiln_light){.kind = KILN_LIGHT_DIRECTIONAL, .direction = {0.6f, -0.8f, 0}, .intensity = {1, 1, 2}};
+    for (size_t i = 0; i < sizeof w->sky / sizeof *w->sky; i++)
+        w->sky[i] = (float)fixture_random(f);
+    f->environment = (struct kiln_environment){
+        .kind = KILN_ENVIRONMENT_LATLONG, .radiance = {1, 1, 1}, .rotation = 0.7f, .width = 6, .height = 3};
+    f->scene.environment_texels = w->sky;
+}
+
+/* Opens a backend and runs the validity pass. */
+static void open_backend(struct world *w, int b)
+{
+    struct kiln_error error = {""};
+    const struct kiln_backend_params params = {.scene = &w->fixture->scene,
+                                               .geometry = w->geometry,
+                                               .lights = w->lights,
+                                               .threads = 2,
+                                               .seed = 0x123456789abull};
+    const struct kiln_batch looks = {
+        .count = w->surface->tile_run_count, .take = kiln_validity_keep, .context = w->surface};
+    uint64_t rays = 0;
+    if (kiln_backend_create(&w->backends[b], names[b], &params, &error) != KILN_OK ||
+        kiln_backend_set_surface(w->backends[b], w->surface, &error) != KILN_OK ||
+        kiln_backend_set_radiosity(w->backends[b], w->radiosity, &error) != KILN_OK ||
+        kiln_backend_run(w->backends[b], &kiln_pass_validity, NULL, &looks, &rays, &error) != KILN_OK)
+        fail_msg("%s: %s", names[b], error.message);
+}
+
+static void finish(struct world *w)
+{
+    struct fixture *f = w->fixture;
+    assert_int_equal(kiln_geometry_create(&w->geometry, &f->scene, NULL), KILN_OK);
+    assert_int_equal(kiln_lights_create(&w->lights, &f->scene, w->geometry, NULL), KILN_OK);
+    const struct kiln_surface_params params = {.scene = &f->scene, .geometry = w->geometry, .ranks = 1, .threads = 1};
+    assert_int_equal(kiln_surface_build(&w->surface, &params, &(struct kiln_surface_report){0}, NULL), KILN_OK);
+    w->radiosity = calloc(w->surface->point_count, sizeof *w->radiosity);
+    for (uint64_t i = 0; i < w->surface->point_count; i++) { /* which of two texels a ray meets matters little */
+        const float level = 1.0f + 0.2f * (float)fixture_random(f), rgb[3] = {level, 2.0f * level, 0.5f};
+        w->radiosity[i] = kiln_radiosity_pack(rgb, kiln_hash1((uint32_t)i));
+    }
+    for (int b = 0; b < 2; b++)
+        open_backend(w, b);
+}
+
+/* A floor, a box sunk into it by a part of a texel, a sheet with shading normals, a coloured curtain that lets light
+ * through, and every kind of light but a constant sky. */
+static void build(struct world *w)
+{
+    static const double flat[4] = {0.02, 0.98, 0.02, 0.98}, sunk[12] = {0.5, 0, 0, 0.07, 0, 0.5, 0, 0.43, 0, 0, 0.5, 0};
+    *w = (struct world){.fixture = fixture_create()};
+    struct fixture *f = w->fixture;
+    const uint32_t grey = fixture_material(f, 0.5f, 0.5f, 0.5f), lamp = fixture_material(f, 0, 0, 0),
+                   curtain = fixture_material(f, 1, 1, 1);
+    uint32_t texture;
+    uint8_t *texels = fixture_texture(f, 8, 8, &texture);
+    for (int i = 0; i < 256; i++)
+        texels[i] = (uint8_t)(256.0 * fixture_random(f));
+    memcpy(f->materials[lamp].emission, (const float[3]){5, 4, 3}, sizeof f->materials[lamp].emission);
+    f->materials[curtain].double_sided = 1;
+    f->materials[curtain].alpha_mode = KILN_ALPHA_BLEND;
+    f->materials[curtain].transmission = 0.5f;
+    f->materials[curtain].transmission_texture = KILN_NONE;
+    f->materials[curtain].base_color_texture = texture;
+    fixture_mesh(f);
+    fixture_sheet(f, dvec3(-2, 0, 2), dvec3(4, 0, 0), dvec3(0, 0, -4), 3, flat, 0.2, grey);
+    fixture_cube(f, 1, 0.0, grey);
+    fixture_mesh(f);
+    fixture_sheet(f, dvec3(-0.5, 2.9, -0.5), dvec3(1, 0, 0), dvec3(0, 0, 1), 1, flat, 0.0, lamp);
+    const uint32_t smooth = fixture_mesh(f);
+    fixture_sheet(f, dvec3(-1.8, 0.3, 0), dvec3(0.8, 0, 0), dvec3(0, 0, -0.8), 2, flat, 0.1, grey);
+    f->meshes[smooth].flags = KILN_MESH_SMOOTH;
+    for (uint64_t i = 0; i < f->meshes[smooth].vertex_count; i++)
+        f->normals[f->meshes[smooth].vertex_first + i] =
+            vec3_normalize(vec3((float)(fixture_random(f) - 0.5), 1.0f, (float)(fixture_random(f) - 0.5)));
+    fixture_mesh(f);
+    fixture_sheet(f, dvec3(1.5, 0, -1), dvec3(0, 0, 2), dvec3(0, 2, 0), 2, flat, 0.0, curtain);
+    fixture_object(f, 0, NULL, 28, 28);
+    fixture_object(f, 1, sunk, 18, 12);
+    fixture_object(f, 2, NULL, 4, 4);
+    fixture_object(f, 3, NULL, 12, 12);
+    fixture_object(f, 4, NULL, 10, 10);
+    add_lights(w);
+    finish(w);
+}
+
+static void release(struct world *w)
+{
+    for (int b = 0; b < 2; b++)
+        kiln_backend_destroy(&w->backends[b]);
+    free(w->radiosity);
+    kiln_surface_destroy(&w->surface);
+    kiln_lights_destroy(&w->lights);
+    kiln_geometry_destroy(&w->geometry);
+    fixture_destroy(w->fixture);
+}
+
+/* Results of a run, in the order of points, all of the pass's type. */
+struct kept {
+    const struct kiln_surface *surface;
+    size_t result_bytes;
+    char *results;
+};
+
+static int keep(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)error;
+    const struct kept *k = context;
+    const struct kiln_tile_run *run = &k->surface->tile_runs[first], *last = run + count - 1;
+    memcpy(k->results + (run->first - k->surface->first) * k->result_bytes, results,
+           (size_t)(last->first + last->count - run->first) * k->result_bytes);
+    return KILN_OK;
+}
+
+/* Both backends' results of a pass, `floats` a point: nearly all agree to rounding; a ray that passes an edge on the
+ * other side changes a point by about a sample. */
+static void agree(const struct world *w, const struct kiln_pass *pass, const void *parameters)
+{
+    struct kiln_error error = {""};
+    struct kept k[2];
+    uint64_t rays[2] = {0, 0}, same = 0, valid = 0;
+    for (int b = 0; b < 2; b++) {
+        k[b] = (struct kept){.surface = w->surface,
+                             .result_bytes = pass->result_bytes,
+                             .results = calloc(w->surface->count, pass->result_bytes)};
+        const struct kiln_batch batch = {
+            .count = w->surface->tile_run_count, .samples = SAMPLES, .take = keep, .context = &k[b]};
+        if (kiln_backend_run(w->backends[b], pass, parameters, &batch, &rays[b], &error) != KILN_OK)
+            fail_msg("%s on %s: %s", pass->name, names[b], error.message);
+    }
+    const size_t floats = pass->result_bytes / sizeof(float);
+    double worst = 0.0;
+    for (uint64_t i = 0; i < w->surface->count; i++) {
+        double scale = 1e-3, off = 0.0;
+        for (size_t c = 0; c < floats; c++) {
+            const double x = (double)((const float *)(const void *)k[0].results)[i * floats + c],
+                         y = (double)((const float *)(const void *)k[1].results)[i * floats + c];
+            assert_true(kiln_point_valid(w->surface, i) || (x == 0.0 && y == 0.0));
+            scale = fmax(scale, fabs(x));
+            off = fmax(off, fabs(x - y));
+        }
+        valid += kiln_point_valid(w->surface, i);
+        same += kiln_point_valid(w->surface, i) && off < 1e-4 * scale;
+        worst = fmax(worst, off / scale);
+    }
+    print_message("%s: %llu of %llu points agree within 1e-4, the worst within %.1e; %llu and %llu rays\n", pass->name,
+                  (unsigned long long)same, (unsigned long long)valid, worst, (unsigned long long)rays[0],
+                  (unsigned long long)rays[1]);
+    assert_true(valid > 500 && same >= valid * 9 / 10 && worst < 0.1);
+    assert_true(rays[0] > 0 && fabs((double)rays[1] / (double)rays[0] - 1.0) < 1e-3);
+    free(k[0].results);
+    free(k[1].results);
+}
+
+static void both_passes_agree(void **state)
+{
+    (void)state;
+    struct world w;
+    uint64_t partly = 0;
+    build(&w);
+    for (uint64_t i = 0; i < w.surface->count; i++)
+        partly += w.surface->visible[i] != 0 && w.surface->visible[i] != 0xffff;
+    assert_true(partly > 4);
+    agree(&w, &kiln_pass_occlusion, &(struct kiln_occlusion_parameters){.distance = 0.7f});
+    agree(&w, &kiln_pass_directional, NULL);
+    release(&w);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(both_passes_agree)};
+    return vulkan_device_is_there() ? cmocka_run_group_tests(tests, NULL, NULL) : 77;
+}

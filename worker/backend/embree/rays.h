@@ -1,0 +1,79 @@
+/* Rays over the hemisphere of a tile run's points, in packets that go one way: a step's rays are of one sample of all
+ * points, or of a few consecutive ones, whose directions lie in one stratum of the hemisphere. Everything is done
+ * RAY_LANES lanes at a time in structures of arrays; Embree gets packets of 8. */
+#ifndef KILN_WORKER_BACKEND_EMBREE_RAYS_H
+#define KILN_WORKER_BACKEND_EMBREE_RAYS_H
+
+#include "worker/backend/embree/frame.h"
+#include "worker/backend/embree/passage.h"
+
+enum { RAY_LANES = 64, RAY_TABLE = 64, RAY_QUARTERS = 4 };
+
+/* How directions are distributed. */
+enum rays_distribution {
+    /* with density cosine / pi about the axis half-way between geometric and shading normal, for irradiance about
+     * either: see kiln_facet_weight */
+    RAYS_HALF_WAY,
+    RAYS_SHADING, /* with density cosine / pi about the shading normal; some may lie below the geometric surface */
+    RAYS_UNIFORM  /* with density 1 / (2 pi) over the hemisphere of the geometric normal */
+};
+
+/* A thread's rays. Lane l of step i takes sample i * copies + copy[l] of point `point[l]` of the frame. */
+struct tile_run_rays {
+    struct tile_run_frame frame;
+    enum rays_distribution distribution;
+    float distance; /* m: no ray goes farther */
+    uint32_t samples, copies, lanes, shared_digits;
+    uint8_t *quarter_of; /* of a sample */
+    uint32_t point[RAY_LANES], copy[RAY_LANES];
+    /* of the step made last */
+    float origin[3][RAY_LANES], direction[3][RAY_LANES]; /* offset included; unit */
+    float axis[3][RAY_LANES], cosine[RAY_LANES];         /* what directions are drawn about; with it */
+    float facet[3][RAY_LANES];                           /* geometric normal; kept up where the frame is smooth */
+    struct RTCRayHit8 packets[RAY_LANES / PACKET];
+    /* scenes that leave hits to chance, or tint them: what chance hangs on, of each lane's point and of each ray; and
+     * each ray's tint */
+    uint32_t chance[RAY_LANES], seed[RAY_LANES];
+    float tint[RAY_LANES][3];
+    /* positions = corner + s edge_s + t edge_t, and digital shifts of random numbers */
+    float corner[3][RAY_LANES], edge_s[3][RAY_LANES], edge_t[3][RAY_LANES];
+    uint32_t shift_u[RAY_LANES], shift_v[RAY_LANES], shift_s[RAY_LANES], shift_t[RAY_LANES];
+    /* positions of points whose texel is not one square of one triangle: sample k takes the (k / reuse)-th, which
+     * stands at entry k / reuse % RAY_TABLE from when it is first wanted; positions_made of them so far */
+    bool partial[RAY_LANES];
+    uint32_t partial_lanes, partial_lane[RAY_LANES];
+    uint32_t reuse, positions_made;
+    float table_position[3][RAY_LANES][RAY_TABLE], table_axis[3][RAY_LANES][RAY_TABLE];
+    float table_facet[3][RAY_LANES][RAY_TABLE];
+    /* Sobol' points of the pass, and scrambled for the tile: samples + 1 values each, for a lone light gets all
+     * samples, rounded up at most */
+    uint32_t *sobol[4], *scrambled[4];
+};
+
+/* Rays with `samples` of a point. Destroy with rays_destroy. */
+int rays_create(struct tile_run_rays **rays, enum rays_distribution distribution, float distance, uint32_t samples,
+                struct kiln_error *error);
+void rays_destroy(struct tile_run_rays **rays);
+
+/* Begins a tile run, with the random numbers of `stream`; `wish` is that of its frame. Returns the number of its steps,
+ * 0 where no point is valid. */
+uint32_t rays_begin(struct tile_run_rays *rays, const struct embree_backend *b, size_t tile_run, uint32_t stream,
+                    unsigned wish);
+/* Makes the rays of a step, the next one or the first. Returns how many lanes there are: samples that do not exist have
+ * none. */
+uint32_t rays_make(struct tile_run_rays *rays, const struct embree_backend *b, uint32_t step);
+/* Where sample k <= samples of point j starts, as its ray does: as frame_position, whose offset it returns. */
+float rays_place(struct tile_run_rays *rays, const struct embree_backend *b, uint32_t j, uint32_t k,
+                 struct kiln_vec3 *position, struct kiln_vec3 *normal);
+/* Finds the nearest hits of the rays made last, and their tints. */
+void rays_trace(struct tile_run_rays *rays, const struct embree_backend *b, struct embree_context *context,
+                uint32_t lanes);
+/* Finds which of the rays made last meet anything at all: see rays_is_blocked. */
+void rays_block(struct tile_run_rays *rays, const struct embree_backend *b, struct embree_context *context,
+                uint32_t lanes);
+static inline bool rays_is_blocked(const struct tile_run_rays *rays, uint32_t lane)
+{
+    return rays->packets[lane / PACKET].ray.tfar[lane % PACKET] < 0.0f;
+}
+
+#endif

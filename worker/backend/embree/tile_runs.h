@@ -1,0 +1,24 @@
+/* Passes over tile runs: the threads share out the tile runs of a part of a batch, each with a working set of its own.
+ */
+#ifndef KILN_WORKER_BACKEND_EMBREE_TILE_RUNS_H
+#define KILN_WORKER_BACKEND_EMBREE_TILE_RUNS_H
+
+#include "worker/backend/embree/passage.h"
+
+/* What a pass is made of. */
+struct tile_run_pass {
+    /* A thread's working set for samples and stream of the part; on failure there is none left. */
+    int (*create)(void **work, const struct embree_backend *b, const void *parameters, const struct kiln_batch *part,
+                  struct kiln_error *error);
+    void (*destroy)(void **work); /* NULL is accepted */
+    /* Computes one tile run. `results`: one for each of its points, all zeros. Adds its rays to *rays. */
+    void (*run)(void *work, const struct embree_backend *b, struct embree_context *context, size_t tile_run,
+                void *results, uint64_t *rays);
+    size_t result_bytes; /* of a point */
+};
+
+/* Runs the pass over the part; the arguments are those of embree_NAME in embree.h. */
+int embree_each_tile_run(struct embree_backend *b, const struct tile_run_pass *pass, const void *parameters,
+                         const struct kiln_batch *part, void *results, uint64_t *rays, struct kiln_error *error);
+
+#endif

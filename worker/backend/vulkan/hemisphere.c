@@ -1,0 +1,136 @@
+#include "worker/backend/vulkan/hemisphere.h"
+
+#include <assert.h>
+#include <string.h>
+
+#include "worker/sampling/keys.h"
+
+struct hemisphere {
+    struct vulkan_backend *b;
+    const struct vulkan_hemisphere *pass;
+    const struct kiln_batch *batch;
+    struct gpu_kernel *whole, *reduce;
+    struct gpu_kernel *buried; /* made when there is a point for it: it takes its time */
+    struct vulkan_slices slices;
+    uint64_t rays;
+};
+
+/* The push constants of the first kernel. */
+struct constants {
+    struct kiln_gpu_hemisphere_push shared;
+    unsigned char own[VULKAN_HEMISPHERE_OWN];
+};
+
+static void constants_of(const struct hemisphere *h, const struct vulkan_chunk *chunk, struct constants *constants)
+{
+    const uint32_t samples = h->batch->samples;
+    *constants = (struct constants){.shared = {.scene = h->b->scene.address,
+                                               .chunk = chunk->all,
+                                               .hemisphere = {.sobol = h->b->sobol.address,
+                                                              .slices = chunk->scratch,
+                                                              .samples = samples,
+                                                              .stream = h->pass->stream,
+                                                              .reuse = kiln_position_reuse(samples),
+                                                              .sobol_stride = h->b->sobol_count,
+                                                              .per_quarter = h->slices.per_quarter,
+                                                              .row_first = chunk->row_first,
+                                                              .slice = h->slices.samples,
+                                                              .row_step = h->slices.split}}};
+    if (h->pass->own != NULL)
+        memcpy(constants->own, h->pass->own, h->pass->own_bytes);
+}
+
+static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
+                  struct kiln_error *error)
+{
+    struct hemisphere *h = context;
+    const struct vulkan_hemisphere *pass = h->pass;
+    const int status = chunk->buried.count > 0
+                           ? vulkan_kernel_of(h->b, pass->shader, true, pass->constant, &h->buried, error)
+                           : KILN_OK;
+    if (status != KILN_OK)
+        return status;
+    struct constants push, buried;
+    constants_of(h, chunk, &push);
+    buried = push;
+    buried.shared.chunk = chunk->buried;
+    buried.shared.hemisphere.per_quarter *= h->slices.split;
+    buried.shared.hemisphere.row_first *= h->slices.split;
+    buried.shared.hemisphere.slice /= h->slices.split;
+    buried.shared.hemisphere.row_step = 1;
+    const struct vulkan_dispatch both[2] = {
+        {h->buried, chunk->buried.count, chunk->row_count * h->slices.split, &buried},
+        {h->whole, chunk->all.count, chunk->row_count, &push}};
+    vulkan_record_both(recording, both, sizeof push.shared + pass->own_bytes);
+    const struct kiln_gpu_hemisphere_reduce_push reduce = {.scene = h->b->scene.address,
+                                                           .chunk = chunk->all,
+                                                           .slices = chunk->scratch,
+                                                           .results = chunk->results,
+                                                           .rays = chunk->words,
+                                                           .samples = h->batch->samples,
+                                                           .per_quarter = h->slices.per_quarter,
+                                                           .split = h->slices.split};
+    if (chunk->last)
+        vulkan_record(recording, h->reduce, chunk->all.total, 1, &reduce, sizeof reduce);
+    return KILN_OK;
+}
+
+static int take(void *context, size_t tile_run_first, size_t tile_run_count, const void *results, const uint32_t *words,
+                struct kiln_error *error)
+{
+    struct hemisphere *h = context;
+    const struct kiln_surface *s = h->b->surface;
+    const struct kiln_tile_run *tile_runs = s->tile_runs + tile_run_first;
+    const uint64_t first = kiln_own_of_global(s, tile_runs[0].first).at,
+                   end = first + kiln_tile_runs_points(tile_runs, tile_runs + tile_run_count - 1);
+    uint64_t valid = 0, shadow_rays = 0;
+#pragma omp parallel for num_threads((int)h->b->threads) reduction(+ : valid, shadow_rays) if (end - first > 1 << 14)
+    for (uint64_t own = first; own < end; own++) {
+        valid += kiln_point_valid(s, (struct kiln_own_point){own});
+        shadow_rays += words != NULL ? words[own - first] : 0;
+    }
+    h->rays += valid * h->batch->samples + shadow_rays;
+    return h->batch->take != NULL ? h->batch->take(h->batch->context, tile_run_first, tile_run_count, results, error)
+                                  : KILN_OK;
+}
+
+static int prepare(void *context, struct kiln_error *error)
+{
+    struct hemisphere *h = context;
+    const struct vulkan_hemisphere *pass = h->pass;
+    /* a lone light gets as many samples as there are rays, rounded up at most */
+    int status = vulkan_sobol(h->b, h->batch->samples + (pass->counts_rays ? 1 : 0), error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(h->b, pass->shader, false, pass->constant, &h->whole, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(h->b, pass->sums, false, 0, &h->reduce, error);
+    return status;
+}
+
+int vulkan_hemisphere_run(struct vulkan_backend *b, const struct vulkan_hemisphere *pass,
+                          const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
+{
+    assert(pass->own_bytes <= VULKAN_HEMISPHERE_OWN);
+    struct hemisphere h = {
+        .b = b, .pass = pass, .batch = batch, .slices = vulkan_slices_of(b, batch->samples), .rays = 0};
+    const uint32_t rows = 4 * h.slices.per_quarter;
+    const struct vulkan_chunked chunked = {.pass = pass->pass,
+                                           .pace = pass->pace,
+                                           .states = true,
+                                           .result_bytes = pass->pass->result_bytes,
+                                           .failed_offset = pass->failed_offset,
+                                           .rows = rows,
+                                           .work = (double)batch->samples / rows,
+                                           .first_guess = 1 << 19,
+                                           .scratch_bytes =
+                                               (size_t)rows * h.slices.split * pass->floats * sizeof(float),
+                                           .wants_words = pass->counts_rays,
+                                           .prepare = prepare,
+                                           .record = record,
+                                           .take = take,
+                                           .context = &h,
+                                           .seconds = pass->seconds};
+    const int status = vulkan_run_in_chunks(b, &chunked, batch, error);
+    *rays += h.rays;
+    return status;
+}

@@ -1,0 +1,30 @@
+/* Passes that sample the hemisphere over points: a kernel that takes slices of each point's samples
+ * (shaders/hemisphere.glsl), and one that adds the slices up and makes results of them (hemisphere_reduce.glsl). */
+#ifndef KILN_WORKER_BACKEND_VULKAN_HEMISPHERE_H
+#define KILN_WORKER_BACKEND_VULKAN_HEMISPHERE_H
+
+#include "worker/backend/vulkan/chunks.h"
+
+/* Bytes that a pass's own push constants may have, after the members of struct kiln_gpu_hemisphere_push. */
+enum { VULKAN_HEMISPHERE_OWN = VULKAN_CONSTANT_BYTES - sizeof(struct kiln_gpu_hemisphere_push) };
+
+struct vulkan_hemisphere {
+    const struct kiln_pass *pass;
+    const struct vulkan_shader *shader, *sums;
+    uint32_t constant; /* the first kernel's own specialisation constant */
+    uint32_t pace;     /* whose speed it has: pass->index, or another of enum vulkan_pace */
+    uint32_t stream;   /* that random numbers hang on */
+    uint32_t floats;   /* of a slice */
+    /* of which results' float a kernel makes a negative number to say that the device ended its loops early */
+    size_t failed_offset;
+    bool counts_rays; /* the word of a point is its shadow rays; each sample is a ray besides */
+    const void *own;  /* its own push constants; NULL: none */
+    size_t own_bytes; /* at most VULKAN_HEMISPHERE_OWN */
+    double *seconds;  /* NULL, or what the device was busy is added here */
+};
+
+/* Runs the pass over the batch's points; adds its rays to *rays. */
+int vulkan_hemisphere_run(struct vulkan_backend *b, const struct vulkan_hemisphere *pass,
+                          const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
+
+#endif

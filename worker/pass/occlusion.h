@@ -1,0 +1,30 @@
+/* The occlusion pass: how much of the hemisphere over surface points is open near by, and which way.
+ *
+ *     A(x) = integral over the hemisphere of V(x, w) (n.w / pi) dw        ambient occlusion, as the share that is open
+ *     D(x) = integral over the hemisphere of V(x, w) w (n.w / pi) dw      its direction: D / |D| is the bent normal
+ *
+ * with n the shading normal and V(x, w) = 1 where a ray from x in direction w meets nothing within `distance`, else 0
+ * (Zhukov, Iones and Kronin, "An Ambient Light Illumination Model", Eurographics Workshop on Rendering 1998; Landis,
+ * "Production-Ready Global Illumination", SIGGRAPH 2002 course 16, for the bent normal). Directions below the
+ * geometric surface are not open. A surface that lets light through is met with a chance that is its opacity; the
+ * backs of surfaces close the hemisphere as their fronts do.
+ *
+ * Samples are drawn as those of the gather pass (gather.h): places uniform over what of the texel is there, directions
+ * in strata that the texels of a tile share.
+ *
+ * Items: tile runs. Result: struct kiln_occlusion_result, all zeros for a point that is not valid. Samples: rays of a
+ * point. Rays: the samples of all valid points. */
+#ifndef KILN_WORKER_PASS_OCCLUSION_H
+#define KILN_WORKER_PASS_OCCLUSION_H
+
+struct kiln_occlusion_parameters {
+    double distance; /* m, above 0: what is farther away does not count; INFINITY: everything counts */
+};
+
+struct kiln_occlusion_result {
+    float open;         /* A, 0 to 1 */
+    float direction[3]; /* D, world; its length is 0 to 1 */
+    float error;        /* standard error of `open`: an upper estimate, from the four quarters of the samples */
+};
+
+#endif
