@@ -94,7 +94,7 @@ static void compare_tile_run(const struct verified_run *run, const struct kiln_t
         compare_texel(t, &theirs, &ours, texel_of(s, f, mask));
         for (size_t c = 0; c < pass->figure_count; c++) {
             difference[c] += (double)theirs.value[c] - (double)ours.value[c];
-            total[c] += (double)ours.value[c];
+            total[c] += fabs((double)ours.value[c]); /* directions have signs, and may sum to nothing */
         }
     }
     for (size_t c = 0; c < pass->figure_count; c++) {
