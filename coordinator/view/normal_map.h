@@ -23,8 +23,8 @@
  * half-Lambert term, (1 + m.d) / 2, as some engines have: that is 3/4 for a lamp at 60 degrees where the truth is 1/2.
  *
  * Both divide by what can be near 0: light that grazes the surface, or comes from below it where shading and geometric
- * normals differ. There f goes to 1, with a weight that falls linearly from 1, at E_sh(n) = pi Y_00 L_00 / 4 and at
- * n.d = 1/8 (82.8 degrees), to 0 at 0. So f is continuous, f = 1 where m = n, and f is at most 13 or 9. */
+ * normals differ. There f - 1 has a weight t², where t falls linearly from 1, at E_sh(n) = pi Y_00 L_00 / 4 and at
+ * n.d = 1/8 (82.8 degrees), to 0 at 0. So f is continuous, f = 1 where m = n, and f is at most 12 or 8. */
 #ifndef KILN_COORDINATOR_VIEW_NORMAL_MAP_H
 #define KILN_COORDINATOR_VIEW_NORMAL_MAP_H
 
@@ -45,12 +45,13 @@ static inline double kiln_normal_sh_irradiance(const float sh[KILN_NORMAL_HARMON
     return sum;
 }
 
-/* 1 + weight (after / before - 1), where the weight falls to 0 as `before` falls from `least` to 0. */
+/* 1 + weight t² (after / before - 1), where t falls from 1 to 0 as `before` falls from `least` to 0. */
 static inline double kiln_normal_factor(double before, double after, double least, double weight)
 {
     if (!(before > 0.0 && least > 0.0 && isfinite(after)))
         return 1.0;
-    return 1.0 + weight * fmin(1.0, before / least) * (after / before - 1.0);
+    const double t = fmin(1.0, before / least);
+    return 1.0 + weight * t * t * (after / before - 1.0);
 }
 
 /* The factor f of one colour, by its harmonics; n and m are unit vectors. */
