@@ -100,8 +100,8 @@ static json_t *materials_json(const struct kiln_scene_survey *look)
                       (double)m->base_color[1], (double)m->base_color[2], (double)m->base_color[3], "emission",
                       (double)m->emission[0], (double)m->emission[1], (double)m->emission[2], "base_color_texture",
                       m->base_color_texture != KILN_NONE, "emission_texture", m->emission_texture != KILN_NONE,
-                      "normal_map", mapped, "metallic", (double)m->metallic, "transmission",
-                      (double)m->transmission, "alpha", alpha[m->alpha_mode], "double_sided", m->double_sided != 0));
+                      "normal_map", mapped, "metallic", (double)m->metallic, "transmission", (double)m->transmission,
+                      "alpha", alpha[m->alpha_mode], "double_sided", m->double_sided != 0));
     }
     return list;
 }

@@ -303,7 +303,7 @@ class Truth(NormalMaps):
               ("sun_and_sky", "dominant"): (0.06, 0.015)}
 
     def directional(self, name, light, form):
-        """The flat square's bake with channels of direction: a real one, or, without the option, with exact channels."""
+        """The flat square's bake with channels of direction: a real one, or, without the option, exact channels."""
         if has_directional():
             return self.bake(name + form, flat_scene, "--directional", form, "--samples-indirect", "1024", light=light)
         bake = self.bake(name + form, flat_scene, light=light)
