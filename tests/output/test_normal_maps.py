@@ -195,6 +195,13 @@ def sky(scene):
     scene.environment((0.5, 0.5, 0.5))
 
 
+def lamps(scene):
+    """A warm lamp at the left and a cold one at the right, both out of sight and turned towards the square."""
+    for name, side, radiance in (("warm", -1, (40, 25, 10)), ("cold", 1, (10, 25, 40))):
+        corners = np.array([(4.6, 1.9, 0.8), (3.8, 3.1, 0.8), (3.8, 3.1, -0.8), (4.6, 1.9, -0.8)])[::side]
+        scene.quad(name, corners * (side, 1, 1), scene.material(name, (0, 0, 0), radiance))
+
+
 class ClosedForms(NormalMaps):
     """A flat square under one lamp, with channels that a test wrote: the formulas, and which normals they are of."""
 
@@ -298,9 +305,12 @@ class Truth(NormalMaps):
     # (light, form): how far a slope is from the truth, and the mean over all. With exact channels it is 10.1 and 1.5 %,
     # 0.2 and 0.1 %, 2.0 and 0.8 % twice, 6.2 and 1.2 %, 4.7 and 0.7 %. Under the sky it is what ridges hide of it from
     # each other, of which a normal map knows nothing.
+    # Two coloured lamps, of real bakes only, whose channels have no closed form here: 27.6 and 0.8 % with harmonics for
+    # each colour, 50.4 and 0.8 % with the one direction, 53.1 % for a slope without normal maps.
     BOUNDS = {("sun", "sh1"): (0.12, 0.02), ("sun", "dominant"): (0.01, 0.005), ("sky", "sh1"): (0.03, 0.015),
               ("sky", "dominant"): (0.03, 0.015), ("sun_and_sky", "sh1"): (0.075, 0.02),
-              ("sun_and_sky", "dominant"): (0.06, 0.015)}
+              ("sun_and_sky", "dominant"): (0.06, 0.015), ("lamps", "sh1"): (0.33, 0.02),
+              ("lamps", "dominant"): (0.525, 0.02)}
 
     def directional(self, name, light, form):
         """The flat square's bake with channels of direction: a real one, or, without the option, exact channels."""
@@ -317,18 +327,19 @@ class Truth(NormalMaps):
     def test_truth(self):
         if not has_directional():
             print("kiln bake has no --directional: the channels of directions are exact ones, not baked")
-        for name, light in (("sun", sun), ("sky", sky), ("sun_and_sky", sun_and_sky)):
-            truth = stripes(self.bake(name + "truth", ridge_scene, light=light))[:, 0]
+        cases = (("sun", sun), ("sky", sky), ("sun_and_sky", sun_and_sky), ("lamps", lamps))
+        for name, light in cases if has_directional() else cases[:3]:
+            truth = stripes(self.bake(name + "truth", ridge_scene, light=light))
             for form in ("sh1", "dominant"):
-                got = stripes(self.directional(name, light, form))[:, 0]
+                got = stripes(self.directional(name, light, form))
                 slope = np.abs(got / truth - 1).max()
                 mean = abs(got.mean() / truth.mean() - 1)
-                print(f"{name}, {form}: a slope is off by {100 * slope:.1f} %, the mean by {100 * mean:.1f} %; "
-                      f"{got[:2]} against {truth[:2]}")
+                print(f"{name}, {form}: a slope is off by {100 * slope:.1f} %, the mean by {100 * mean:.1f} %")
                 self.assertLess(slope, self.BOUNDS[name, form][0])
                 self.assertLess(mean, self.BOUNDS[name, form][1])
                 # it is nearer to the truth than the view without normal maps
-                even = stripes(os.path.join(self.folder, name + form), "--no-normal-maps")[:, 0]
+                even = stripes(os.path.join(self.folder, name + form), "--no-normal-maps")
+                print(f"    without normal maps a slope is off by {100 * np.abs(even / truth - 1).max():.1f} %")
                 self.assertLess(slope, np.abs(even / truth - 1).max() + 1e-3)
 
 
