@@ -87,17 +87,21 @@ static json_t *materials_json(const struct kiln_scene_survey *look)
 {
     static const char *const alpha[] = {"opaque", "mask", "blend"};
     json_t *list = json_array();
-    for (size_t i = 0; i < look->scene->material_count; i++) {
-        const struct kiln_material *m = &look->scene->materials[i];
+    const struct kiln_scene *s = look->scene;
+    size_t maps = 0; /* normal maps of the materials so far: they stand in the same order */
+    for (size_t i = 0; i < s->material_count; i++) {
+        const struct kiln_material *m = &s->materials[i];
+        const bool mapped = maps < s->normal_map_count && s->normal_maps[maps].material == i;
+        maps += mapped;
         (void)json_array_append_new(
             list,
-            json_pack("{s:o, s:[f, f, f, f], s:[f, f, f], s:b, s:b, s:f, s:f, s:s, s:b}", "name",
+            json_pack("{s:o, s:[f, f, f, f], s:[f, f, f], s:b, s:b, s:b, s:f, s:f, s:s, s:b}", "name",
                       kiln_json_string(string_at(look, m->name)), "base_color", (double)m->base_color[0],
                       (double)m->base_color[1], (double)m->base_color[2], (double)m->base_color[3], "emission",
                       (double)m->emission[0], (double)m->emission[1], (double)m->emission[2], "base_color_texture",
                       m->base_color_texture != KILN_NONE, "emission_texture", m->emission_texture != KILN_NONE,
-                      "metallic", (double)m->metallic, "transmission", (double)m->transmission, "alpha",
-                      alpha[m->alpha_mode], "double_sided", m->double_sided != 0));
+                      "normal_map", mapped, "metallic", (double)m->metallic, "transmission", (double)m->transmission,
+                      "alpha", alpha[m->alpha_mode], "double_sided", m->double_sided != 0));
     }
     return list;
 }

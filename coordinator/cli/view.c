@@ -114,7 +114,8 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
                                             .lights = v->lights,
                                             .backend = v->backend,
                                             .texels = v->texels,
-                                            .field = v->field};
+                                            .field = v->field,
+                                            .no_normal_maps = !job->normal_maps};
     int status = KILN_OK;
     if (job->from != NULL && (status = read_point("from", job->from, from, error)) == KILN_OK)
         wish.from = from;
@@ -166,6 +167,8 @@ static int tell(const struct kiln_job *job, const struct view *v, const char *pa
         json_t *picture = kiln_picture_json(&v->picture, job->exposure);
         (void)json_object_update(root, picture);
         json_decref(picture);
+        (void)json_object_set_new(root, "normal_map_share", json_real(v->picture.approximate.mapped));
+        (void)json_object_set_new(root, "flat_share", json_real(v->picture.approximate.flat));
         return kiln_json_print(root, error);
     }
     if (job->quiet)
@@ -173,6 +176,10 @@ static int tell(const struct kiln_job *job, const struct view *v, const char *pa
     kiln_picture_text(&v->picture, job->exposure, text);
     kiln_print(stdout, "%s: %u x %u pixels\n", path, image->width, image->height);
     (void)puts(text); /* several lines; the names in them have no control characters */
+    if (v->picture.approximate.flat > 0.0005)
+        (void)printf("materials with normal maps, %.1f %% of it, are shown without them: the lightmaps do not say from "
+                     "where light comes (kiln bake --directional sh1 does)\n",
+                     100.0 * v->picture.approximate.flat);
     return KILN_OK;
 }
 

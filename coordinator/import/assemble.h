@@ -19,7 +19,7 @@
 #include "coordinator/scene/builder.h"
 
 struct kiln_attributes {
-    struct kiln_vec2 base, emission, lightmap;
+    struct kiln_vec2 base, emission, lightmap, normal; /* normal: of the normal map; kept if the scene has any */
     uint8_t color[4];
 };
 

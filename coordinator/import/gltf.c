@@ -145,6 +145,9 @@ static void write_notes(struct gltf *g)
         {g->without_material, 0, "primitives have no material: they are diffuse grey, 0.8"},
         {g->missing_texcoords, 1,
          "primitives lack the texture coordinates their material asks for; the texture's corner colour is used"},
+        {g->missing_normal_texcoords, 1,
+         "primitives lack the texture coordinates that their material's normal map asks for; kiln view shows them "
+         "without it"},
         {g->clamped_colors, 1, "primitives had vertex colours outside 0..1; they were clamped"},
         {g->without_area_objects, 1, "objects are scaled to nothing and were left out"},
         {g->skipped_lights, 1, "lights are scaled to nothing and were left out"},

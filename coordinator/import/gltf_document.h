@@ -49,7 +49,7 @@ struct gltf_texture_use {
 
 struct gltf_material {
     /* base also serves a transmission texture that has the same coordinates or is the only texture */
-    struct gltf_texture_use base, emission;
+    struct gltf_texture_use base, emission, normal;
 };
 
 #define GLTF_UNREAD 0xfffffffeu /* a mesh that has not been read yet */
@@ -80,8 +80,8 @@ struct gltf {
     uint64_t draco_triangles; /* triangles that the Draco data may hold, in addition to the limit by file size */
     uint64_t triangles, sparse_elements, objects, expanded;
     /* counts for notes */
-    uint64_t points_and_lines, without_material, missing_texcoords, clamped_colors, without_area_objects,
-        skipped_lights;
+    uint64_t points_and_lines, without_material, missing_texcoords, missing_normal_texcoords, clamped_colors,
+        without_area_objects, skipped_lights;
     uint64_t unknown_settings;
     bool skins, morphs;
 };
@@ -137,7 +137,7 @@ void gltf_read_meshopt(struct gltf *g, struct gltf_place place, const json_t *ex
 /* gltf_draco.c: decodes KHR_draco_mesh_compression. `uses` names copies of a primitive's accessors by attribute (count
  * 0: not used). The copies are pointed to decompressed values; those that the extension does not name are left alone.
  * Free the values with gltf_draco_values_free, also after a failure. */
-enum { GLTF_DRACO_ATTRIBUTES = 6 };
+enum { GLTF_DRACO_ATTRIBUTES = 7 };
 struct gltf_draco_use {
     const char *name; /* "POSITION" */
     struct gltf_accessor *accessor;

@@ -213,6 +213,49 @@ static void read_transmission(struct gltf *g, struct gltf_place place, const jso
     }
 }
 
+/* Why an image is no normal map; NULL: it may be one. A grey texel would stand for a normal that leans by 55 degrees,
+ * and a normal map has no normals that point into the surface. */
+static const char *why_no_normal_map(const struct gltf *g, const struct kiln_texture *texture)
+{
+    const uint8_t *rgba = KILN_BUILDER_DATA(g->builder, const uint8_t, KILN_SECTION_TEXELS) + texture->first;
+    const uint64_t texels = (uint64_t)texture->width * texture->height;
+    uint64_t grey = 0, inward = 0;
+    for (uint64_t i = 0; i < texels; i++) {
+        const uint8_t *t = rgba + 4 * i;
+        grey += t[0] == t[1] && t[1] == t[2];
+        inward += t[2] < 128;
+    }
+    return grey == texels        ? "all of it is grey, as in a map of heights"
+           : 2 * inward > texels ? "most of its normals point into the surface: their blue is below 128"
+                                 : NULL;
+}
+
+/* Reads a material's normal map, which no bake needs: kiln view shows it. `material` is the material's index in the
+ * builder. */
+static void read_normal_map(struct gltf *g, struct gltf_place place, const json_t *json, uint32_t material)
+{
+    struct gltf_texture_use *use = &g->materials[place.index].normal;
+    texture_info(g, place, json, "normalTexture", use);
+    const json_t *info = gltf_object(g, place, json, "normalTexture");
+    const double scale = info != NULL ? gltf_number(g, place, info, "scale", -1e6, 1e6, 1.0) : 0.0;
+    if (scale == 0.0) /* such a map is flat */
+        use->texture = KILN_NONE;
+    const struct kiln_normal_map map = {material, builder_texture(g, use->texture, false), (float)scale};
+    if (g->status != KILN_OK || use->texture == KILN_NONE)
+        return;
+    const char *why = why_no_normal_map(
+        g, &KILN_BUILDER_DATA(g->builder, const struct kiln_texture, KILN_SECTION_TEXTURES)[map.texture]);
+    if (why != NULL) {
+        use->texture = KILN_NONE;
+        gltf_take(g, kiln_builder_note(g->builder, KILN_NOTE_WARNING, g->error,
+                                       "materials[%zu].normalTexture: its image is no normal map (%s); kiln view shows "
+                                       "the material without it",
+                                       place.index, why));
+    } else {
+        gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_NORMAL_MAPS, &map, 1, NULL, g->error));
+    }
+}
+
 /* Notes how a material that transmits light is baked. */
 static void note_glass(struct gltf *g, struct gltf_place place, const json_t *json, const struct kiln_material *m)
 {
@@ -326,7 +369,6 @@ static void read_material(struct gltf *g, size_t index)
     material.emission_texture = builder_texture(g, uses->emission.texture, true);
     /* Not decoded, but an invalid reference is an error all the same. */
     struct gltf_texture_use unused;
-    texture_info(g, place, json, "normalTexture", &unused);
     texture_info(g, place, json, "occlusionTexture", &unused);
     note_glass(g, place, json, &material);
     note_unused(g, place, json);
@@ -335,7 +377,9 @@ static void read_material(struct gltf *g, size_t index)
     if (name == NULL)
         name = "";
     gltf_take(g, kiln_builder_string(g->builder, name, strlen(name), &material.name, g->error));
-    gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_MATERIALS, &material, 1, NULL, g->error));
+    size_t at = 0;
+    gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_MATERIALS, &material, 1, &at, g->error));
+    read_normal_map(g, place, json, (uint32_t)at);
 }
 
 /* Checks images and textures that no material uses: their references must be valid too, and no URI may point

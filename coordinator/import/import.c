@@ -196,7 +196,7 @@ static int take_scene_file(const struct kiln_import_params *params, int file, bo
     *same = status == KILN_OK && stat(params->path, &a) == 0 && stat(params->output, &b) == 0 && a.st_dev == b.st_dev &&
             a.st_ino == b.st_ino;
     if (status == KILN_OK && !*same)
-        status = kiln_write_all(file, scene->header, scene->mapped_bytes, 0, params->output, error);
+        status = kiln_write_all(file, scene->mapped, scene->mapped_bytes, 0, params->output, error);
     kiln_scene_close(&scene);
     return status;
 }

@@ -101,6 +101,7 @@ struct kiln_job {
     char *from, *to;                     /* "x,y,z", m: position and target of the eye */
     char *show;                          /* "light", "texels", or the name of a field in the lightmaps */
     double field_of_view;                /* degrees, vertical */
+    bool normal_maps;                    /* view: show materials' normal maps; default true */
     uint32_t ranks;                      /* plan: number of ranks */
     double node_memory;                  /* plan: memory of a node, GiB; 0: this machine's */
     uint64_t triangles;                  /* generate: approximate number; 0: the scene's default */

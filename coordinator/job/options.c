@@ -629,6 +629,14 @@ const struct kiln_option kiln_options[] = {
      .commands = KILN_FOR_VIEW,
      .offset = AT(show)},
 
+    {.name = "normal-maps",
+     .group = "View",
+     .kind = KILN_OPTION_FLAG,
+     .fallback = "true",
+     .help = "show the materials' normal maps, if the bake has directional lightmaps",
+     .commands = KILN_FOR_VIEW,
+     .offset = AT(normal_maps)},
+
     {.name = "ranks",
      .group = "Plan",
      .kind = KILN_OPTION_UINT32,

@@ -231,13 +231,14 @@ static int fill_header(const struct kiln_builder *builder, struct kiln_scene_hea
 {
     memset(header, 0, sizeof *header);
     header->magic = KILN_SCENE_MAGIC;
-    header->version = KILN_SCENE_VERSION;
+    header->version =
+        builder->sections[KILN_SECTION_NORMAL_MAPS].count > 0 ? KILN_SCENE_VERSION : KILN_SCENE_VERSION_PLAIN;
     memcpy(header->import_hash, builder->import_hash, sizeof header->import_hash);
     header->texels_per_metre = builder->texels_per_metre;
     header->padding_factor = builder->padding_factor;
     header->units = builder->units;
-    uint64_t offset = sizeof *header;
-    for (unsigned s = 0; s < KILN_SECTION_COUNT; s++) {
+    uint64_t offset = kiln_scene_header_bytes(header->version);
+    for (unsigned s = 0; s < kiln_scene_sections(header->version); s++) {
         offset = aligned(offset);
         header->sections[s].offset = offset;
         header->sections[s].count = builder->sections[s].count;
@@ -262,7 +263,7 @@ static int write_all(int file, const void *data, size_t size, uint64_t offset)
 /* Writes each section and frees its memory. */
 static int write_sections(struct kiln_builder *builder, int file, const struct kiln_scene_header *header)
 {
-    for (unsigned s = 0; s < KILN_SECTION_COUNT; s++) {
+    for (unsigned s = 0; s < kiln_scene_sections(header->version); s++) {
         const size_t size = builder->sections[s].count * kiln_scene_element_size((enum kiln_scene_section)s);
         if (write_all(file, builder->sections[s].data, size, header->sections[s].offset) != 0)
             return -1;
@@ -279,7 +280,8 @@ static int hash_file(int file, const char *path, struct kiln_scene_header *heade
     if (map == MAP_FAILED)
         return kiln_fail_errno(error, KILN_SYSTEM, "%s: the scene file of %llu bytes cannot be mapped", path,
                                (unsigned long long)header->size);
-    kiln_scene_content_hash(header, (const unsigned char *)map + sizeof *header, header->content_hash);
+    kiln_scene_content_hash(header, (const unsigned char *)map + kiln_scene_header_bytes(header->version),
+                            header->content_hash);
     (void)munmap(map, (size_t)header->size);
     return KILN_OK;
 }
@@ -298,7 +300,8 @@ int kiln_builder_write_to(struct kiln_builder *builder, int file, const char *na
     if (write_sections(builder, file, &header) != 0)
         return kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be written", name);
     status = hash_file(file, name, &header, error);
-    if (status == KILN_OK && (write_all(file, &header, sizeof header, 0) != 0 || kiln_fsync(file) != 0))
+    if (status == KILN_OK &&
+        (write_all(file, &header, kiln_scene_header_bytes(header.version), 0) != 0 || kiln_fsync(file) != 0))
         status = kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be written", name);
     return status;
 }

@@ -47,6 +47,8 @@ static void shade_pixel(const struct renderer *r, size_t first, uint32_t rays, f
             rgb[c] += seen.rgb[c] / (float)rays;
         row->metal += (double)seen.metal;
         row->front_light += (double)seen.front_light;
+        row->flat += (double)seen.flat;
+        row->mapped += (double)seen.mapped;
     }
 }
 
@@ -79,6 +81,8 @@ static int render_band(struct renderer *r, uint32_t first, uint32_t rows, struct
     for (uint32_t y = 0; y < rows; y++) {
         r->sums.metal += row_sums[y].metal;
         r->sums.front_light += row_sums[y].front_light;
+        r->sums.flat += row_sums[y].flat;
+        r->sums.mapped += row_sums[y].mapped;
     }
     kiln_free(&row_sums);
     return KILN_OK;
@@ -103,7 +107,8 @@ int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **
                      ? kiln_give_up(error)
                      : render_band(&r, y, params->height - y < rows ? params->height - y : rows, error);
     const double all = (double)row * params->height;
-    *approximate = (struct kiln_view_approximate){r.sums.metal / all, r.sums.front_light / all};
+    *approximate = (struct kiln_view_approximate){r.sums.metal / all, r.sums.front_light / all, r.sums.flat / all,
+                                                  r.sums.mapped / all};
     kiln_view_rays_destroy(&r.rays);
     kiln_view_maps_destroy(&r.maps);
     if (status != KILN_OK)

@@ -3,7 +3,9 @@
  *
  * The radiance of a pixel is the mean over a fixed grid of sub-pixel rays of base colour x E / pi + emission at the
  * first hit, or of the environment where a ray leaves the scene. E is read bilinearly from DIR/lightmaps/OBJECT.exr.
- * Lightmaps are loaded when first needed and all stay in memory, 12 bytes for each texel.
+ * Where the material has a normal map and the lightmaps were baked with --directional, E is that of the mapped normal:
+ * normal_map.h has the formulas. Lightmaps are loaded when first needed and all stay in memory, 12 bytes for each
+ * texel, and 48 (sh1) or 16 (dominant) more in a scene that has normal maps.
  *
  * Metals reflect nothing diffusely; they are shown as diffuse surfaces of their base colour, which is an approximation.
  * Single-sided surfaces are visible from their front only, as glTF defines: rays that hit their back continue. Rays
@@ -37,6 +39,7 @@ struct kiln_view_source {
     /* a field of the lightmaps whose values are drawn instead of light, its first three components as red, green and
      * blue; NULL: light */
     const struct kiln_field *field;
+    bool no_normal_maps;          /* draw materials as if they had no normal maps */
     const struct kiln_stop *stop; /* may ask to stop (KILN_STOPPED); NULL: never */
 };
 
@@ -85,6 +88,8 @@ struct kiln_view_params {
 struct kiln_view_approximate {
     double metal;       /* metals, shown as diffuse surfaces */
     double front_light; /* backs, shown with the light of their fronts */
+    double flat;        /* materials with a normal map, shown without it: the lightmaps lack the directions of light */
+    double mapped;      /* materials with a normal map, shown with it */
 };
 
 /* Renders an image with channels R G B, radiance. KILN_BAD_INPUT if a lightmap does not belong to the scene,

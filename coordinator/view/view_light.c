@@ -7,6 +7,7 @@
 
 #include "coordinator/output/exr.h"
 #include "coordinator/files/publish.h"
+#include "coordinator/view/normal_map.h"
 #include "worker/sampling/keys.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
@@ -118,11 +119,34 @@ int kiln_view_trace(const struct kiln_view_source *source, struct kiln_view_rays
 
 /* ---- lightmaps ---- */
 
+/* Channels of lightmaps that say from where light comes: --directional sh1, and dominant. */
+enum { LIGHT = 3, SH = 3 * KILN_NORMAL_HARMONICS, DOMINANT = 4, CHANNELS = LIGHT + SH + DOMINANT };
+static const char *const channels[CHANNELS] = {"R",
+                                               "G",
+                                               "B",
+                                               "sh.L00.R",
+                                               "sh.L00.G",
+                                               "sh.L00.B",
+                                               "sh.L1m1.R",
+                                               "sh.L1m1.G",
+                                               "sh.L1m1.B",
+                                               "sh.L10.R",
+                                               "sh.L10.G",
+                                               "sh.L10.B",
+                                               "sh.L11.R",
+                                               "sh.L11.G",
+                                               "sh.L11.B",
+                                               "dominant.X",
+                                               "dominant.Y",
+                                               "dominant.Z",
+                                               "dominant.directionality"};
+
 struct map {
-    struct kiln_image *image; /* NULL until needed */
-    float *planes[3];         /* of light, or of the field that is shown; one or two components: the last one again */
-    float scale_x, scale_y;   /* from texels of the scene's lightmap to texels here */
-    bool looked_for;          /* of backs */
+    struct kiln_image *image;   /* NULL until needed */
+    const float *planes[LIGHT]; /* of light, or of the field that is shown; one or two components: the last one again */
+    const float *sh[SH], *dominant[DOMINANT]; /* the first of each is NULL: without them, or not needed */
+    float scale_x, scale_y;                   /* from texels of the scene's lightmap to texels here */
+    bool looked_for;                          /* of backs */
 };
 
 struct kiln_view_maps {
@@ -156,8 +180,15 @@ void kiln_view_maps_destroy(struct kiln_view_maps **maps)
     kiln_free(maps);
 }
 
+/* Whether lightmaps are needed with the directions of light. */
+static bool needs_directions(const struct kiln_view_maps *maps)
+{
+    const struct kiln_view_source *s = maps->source;
+    return maps->coarse == 0 && s->field == NULL && !s->texels && !s->no_normal_maps && s->scene->normal_map_count > 0;
+}
+
 /* Averages boxes of `every` x `every` texels; boxes at the edge may be smaller. */
-static void average(const struct kiln_image *image, float *const from[3], uint32_t every,
+static void average(const struct kiln_image *image, const float *const from[3], uint32_t every,
                     const struct kiln_image *small, float *const to[3])
 {
     for (uint32_t y = 0; y < small->height; y++)
@@ -214,11 +245,27 @@ static int map_path(const struct kiln_view_maps *maps, uint32_t object, bool bac
     return KILN_OK;
 }
 
+/* Finds `count` channels of an image; if it lacks one, planes[0] is NULL. */
+static bool find_channels(const struct kiln_image *image, const char *const *names, size_t count, const float **planes)
+{
+    for (size_t c = 0; c < count; c++) {
+        const struct kiln_image_channel *channel = kiln_image_find(image, names[c]);
+        if (channel == NULL) {
+            planes[0] = NULL;
+            return false;
+        }
+        planes[c] = channel->values;
+    }
+    return true;
+}
+
 /* Finds the planes that are shown; false when the image lacks one. */
 static bool find_planes(const struct kiln_view_source *source, struct map *map)
 {
+    (void)find_channels(map->image, channels + LIGHT, SH, map->sh);
+    (void)find_channels(map->image, channels + LIGHT + SH, DOMINANT, map->dominant);
     if (source->field == NULL)
-        return kiln_image_rgb(map->image, "", map->planes);
+        return find_channels(map->image, channels, LIGHT, map->planes);
     for (uint32_t c = 0; c < 3; c++) {
         const uint32_t last = source->field->components - 1;
         const struct kiln_image_channel *channel =
@@ -249,18 +296,17 @@ static int no_field(const struct kiln_view_source *source, const char *name, str
 
 static int load(struct kiln_view_maps *maps, uint32_t object, bool back, struct kiln_error *error)
 {
-    static const char *const rgb[] = {"R", "G", "B"};
     const struct kiln_field *field = maps->source->field;
-    const char *const *wanted = field != NULL ? field->channels : rgb;
-    const size_t channels = field != NULL ? field->components : 3;
+    const char *const *wanted = field != NULL ? field->channels : channels;
+    const size_t count = field != NULL ? field->components : needs_directions(maps) ? CHANNELS : LIGHT;
     const struct kiln_object *o = &maps->source->scene->objects[object];
     struct map *map = &maps->maps[object + (back ? maps->source->scene->object_count : 0)];
     char name[KILN_PATH_SIZE], path[KILN_PATH_SIZE];
     int status = map_path(maps, object, back, name, path, error);
     if (status == KILN_OK)
         status = maps->source->results != NULL
-                     ? kiln_results_image(maps->source->results, name, wanted, channels, &map->image, error)
-                     : kiln_exr_read(path, wanted, channels, &map->image, error);
+                     ? kiln_results_image(maps->source->results, name, wanted, count, &map->image, error)
+                     : kiln_exr_read(path, wanted, count, &map->image, error);
     if (status == KILN_NO_INPUT && !is_whole(maps->source->directory))
         return kiln_fail(error, KILN_NO_INPUT,
                          "the bake in %s is not finished: it has no %s yet (kiln status %s says where it is)",
@@ -309,18 +355,20 @@ int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits
     return status;
 }
 
-static void look_up(const struct map *map, float x, float y, float rgb[3])
+/* The values of `count` planes at a place in the lightmap, in the scene's texels. */
+static void look_up(const struct map *map, const float at[2], const float *const *planes, size_t count, float *values)
 {
     const struct kiln_image *image = map->image;
+    const float x = at[0] * map->scale_x, y = at[1] * map->scale_y;
     const float fx = fminf(fmaxf(x - 0.5f, 0.0f), (float)(image->width - 1)),
                 fy = fminf(fmaxf(y - 0.5f, 0.0f), (float)(image->height - 1));
     const uint32_t x0 = (uint32_t)fx, y0 = (uint32_t)fy;
     const uint32_t x1 = x0 + 1 < image->width ? x0 + 1 : x0, y1 = y0 + 1 < image->height ? y0 + 1 : y0;
     const float wx = fx - (float)x0, wy = fy - (float)y0;
-    for (int c = 0; c < 3; c++) {
-        const float *row0 = map->planes[c] + (size_t)y0 * image->width,
-                    *row1 = map->planes[c] + (size_t)y1 * image->width;
-        rgb[c] = (1.0f - wy) * ((1.0f - wx) * row0[x0] + wx * row0[x1]) + wy * ((1.0f - wx) * row1[x0] + wx * row1[x1]);
+    for (size_t c = 0; c < count; c++) {
+        const float *row0 = planes[c] + (size_t)y0 * image->width, *row1 = planes[c] + (size_t)y1 * image->width;
+        values[c] =
+            (1.0f - wy) * ((1.0f - wx) * row0[x0] + wx * row0[x1]) + wy * ((1.0f - wx) * row1[x0] + wx * row1[x1]);
     }
 }
 
@@ -336,14 +384,55 @@ bool kiln_view_shows_front(const struct kiln_view_maps *maps, const struct kiln_
     return hit->back && map_of(maps, hit) == &maps->maps[maps->source->geometry->records[hit->triangle].object];
 }
 
-void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, float rgb[3])
+/* The hit's place in its object's lightmap, texels. */
+static void place_of(const struct kiln_view_maps *maps, const struct kiln_hit *hit, float at[2])
 {
     const struct kiln_hit_record *record = &maps->source->geometry->records[hit->triangle];
+    at[0] = kiln_hit_x(record, hit->u, hit->v);
+    at[1] = kiln_hit_y(record, hit->u, hit->v);
+}
+
+void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, float rgb[3])
+{
     const struct map *map = map_of(maps, hit);
-    const float x = kiln_hit_x(record, hit->u, hit->v), y = kiln_hit_y(record, hit->u, hit->v);
+    float at[2];
+    place_of(maps, hit, at);
     rgb[0] = rgb[1] = rgb[2] = 0.0f;
     if (map->image != NULL)
-        look_up(map, x * map->scale_x, y * map->scale_y, rgb);
+        look_up(map, at, map->planes, LIGHT, rgb);
+}
+
+/* Multiplies irradiance by what the material's normal map makes of it. */
+static void apply_normal_map(const struct kiln_view_maps *maps, const struct kiln_hit *hit, uint64_t stored,
+                             float rgb[3], struct kiln_view_seen *seen)
+{
+    const struct kiln_view_source *s = maps->source;
+    const struct map *map = map_of(maps, hit);
+    const struct kiln_normal_map *normals = kiln_normal_map_of(s->scene, stored);
+    if (s->no_normal_maps || normals == NULL || map->image == NULL)
+        return;
+    seen->mapped = map->sh[0] != NULL || map->dominant[0] != NULL ? 1.0f : 0.0f;
+    seen->flat = 1.0f - seen->mapped;
+    if (seen->flat != 0.0f)
+        return;
+    struct kiln_dvec3 n = dvec3_of(kiln_triangle_shading_normal(s->scene, s->geometry, hit->triangle, hit->u, hit->v));
+    struct kiln_dvec3 m = kiln_normal_map_apply(s->scene, s->geometry, normals, hit->triangle, hit->u, hit->v, n);
+    if (hit->back && !kiln_view_shows_front(maps, hit)) { /* what stands out at the front is a dent at the back */
+        n = dvec3_scale(n, -1.0);
+        m = dvec3_scale(m, -1.0);
+    }
+    float at[2], sh[SH], dominant[DOMINANT];
+    place_of(maps, hit, at);
+    if (map->sh[0] != NULL)
+        look_up(map, at, map->sh, SH, sh);
+    else
+        look_up(map, at, map->dominant, DOMINANT, dominant);
+    for (int c = 0; c < 3; c++)
+        rgb[c] *= (float)(map->sh[0] != NULL
+                              ? kiln_normal_factor_sh((const float[]){sh[c], sh[3 + c], sh[6 + c], sh[9 + c]}, n, m)
+                              : kiln_normal_factor_dominant(
+                                    dvec3((double)dominant[0], (double)dominant[1], (double)dominant[2]),
+                                    (double)dominant[3], n, m));
 }
 
 /* ---- texels ---- */
@@ -400,6 +489,7 @@ void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit
     kiln_surface_base_color(s->scene, mesh, stored, b1, b2, color);
     kiln_surface_emission(s->scene, mesh, stored, b1, b2, emission);
     kiln_view_irradiance(maps, hit, irradiance);
+    apply_normal_map(maps, hit, stored, irradiance, seen);
     seen->metal = s->scene->materials[s->scene->triangle_materials[stored]].metallic;
     seen->front_light = kiln_view_shows_front(maps, hit) ? 1.0f : 0.0f;
     for (int c = 0; c < 3; c++)

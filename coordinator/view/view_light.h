@@ -41,8 +41,8 @@ void kiln_view_maps_destroy(struct kiln_view_maps **maps);
 int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits, size_t count,
                         struct kiln_error *error);
 
-/* Irradiance (or the source's field) at a visible hit whose lightmap is loaded, filtered bilinearly and clamped at the
- * edge; 0 on a caster-only object, which has no lightmap. Thread-safe. */
+/* Irradiance about the shading normal (or the source's field) at a visible hit whose lightmap is loaded, filtered
+ * bilinearly and clamped at the edge; 0 on a caster-only object, which has no lightmap. Thread-safe. */
 void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, float rgb[3]);
 
 /* Whether the hit is on a back without a lightmap of its own, which is shown with the light of its front. */
@@ -50,11 +50,13 @@ bool kiln_view_shows_front(const struct kiln_view_maps *maps, const struct kiln_
 
 /* The radiance along a ray, and how much of it is approximate. */
 struct kiln_view_seen {
-    /* base colour x E / pi + emission, or the environment; with source->texels the checkerboard; with source->field its
-     * values, and 0 where there is no surface */
+    /* base colour x E / pi + emission, with E about the mapped normal, or the environment; with source->texels the
+     * checkerboard; with source->field its values, and 0 where there is no surface */
     float rgb[3];
     float metal;       /* metalness of the surface, 0 to 1, which is shown as diffuse */
     float front_light; /* 1: a back that is shown with the light of its front; else 0 */
+    float flat;        /* 1: a material with a normal map, without it: the lightmap lacks directions; else 0 */
+    float mapped;      /* 1: a material with a normal map, with it; else 0 */
 };
 
 /* Computes what is seen along the ray with this hit and direction. Thread-safe. */

@@ -9,7 +9,7 @@
 static const char *with_right_hash(const uint8_t *data, size_t size)
 {
     struct kiln_scene_header header;
-    if (size < sizeof header)
+    if (size < kiln_scene_header_bytes(KILN_SCENE_VERSION))
         return fuzz_file(data, size, "scene.kscene");
     uint8_t *copy = malloc(size);
     if (copy == NULL)
@@ -17,10 +17,12 @@ static const char *with_right_hash(const uint8_t *data, size_t size)
     memcpy(copy, data, size);
     memcpy(&header, copy, sizeof header);
     header.magic = KILN_SCENE_MAGIC;
-    header.version = KILN_SCENE_VERSION;
+    if (header.version != KILN_SCENE_VERSION_PLAIN)
+        header.version = KILN_SCENE_VERSION;
     header.size = size;
-    kiln_scene_content_hash(&header, copy + sizeof header, header.content_hash);
-    memcpy(copy, &header, sizeof header);
+    const size_t header_bytes = kiln_scene_header_bytes(header.version);
+    kiln_scene_content_hash(&header, copy + header_bytes, header.content_hash);
+    memcpy(copy, &header, header_bytes);
     const char *path = fuzz_file(copy, size, "scene.kscene");
     free(copy);
     return path;

@@ -30,9 +30,11 @@ BAKE = ('--backend', 'embree', '--lightmap-size', '4', '--samples-direct', '1', 
 SECTIONS = ('strings', 'materials', 'textures', 'texels', 'meshes', 'objects', 'lights', 'cameras', 'environment',
             'environment texels', 'positions', 'normals',
             'base', 'emission', 'lightmap', 'colors', 'triangles', 'triangle materials', 'sources', 'notes',
-            'triangle sources')
-# sizes in a scene file: of the header, and of what stands before its table of sections
-HEADER, SECTION_TABLE = 472, 136
+            'triangle sources', 'normal maps', 'texcoord normal')
+# 1 x 1 pixel, a normal map without bumps
+FLAT_PNG = 'iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAIAAACQd1PeAAAADElEQVR4nGNoaPgPAAODAgAApfuJAAAAAElFTkSuQmCC'
+# sizes in a scene file: of the header, by version, and of what stands before its table of sections
+HEADERS, SECTION_TABLE = {3: 472, 4: 504}, 136
 
 
 class Hash128(ctypes.Structure):
@@ -65,11 +67,12 @@ def unseal(data):
 
 def seal_scene(data):
     """A scene file whose size and hash are right (kiln_scene_content_hash)."""
-    if len(data) < HEADER:
+    header = HEADERS.get(struct.unpack_from('<I', data.ljust(8), 4)[0], max(HEADERS.values()))
+    if len(data) < header:
         return data
     data = data[:8] + struct.pack('<Q', len(data)) + bytes(16) + data[32:]
-    rest = data[HEADER:]
-    value = XXHASH.XXH3_128bits_withSeed(rest, len(rest), XXHASH.XXH3_64bits(data[:HEADER], HEADER))
+    rest = data[header:]
+    value = XXHASH.XXH3_128bits_withSeed(rest, len(rest), XXHASH.XXH3_64bits(data[:header], header))
     return data[:16] + struct.pack('<QQ', value.low, value.high) + data[32:]
 
 
@@ -85,7 +88,7 @@ def write(path, data):
 
 # ---- good files to begin with ----
 
-def quad(textured=True, uri='image.png'):
+def quad(textured=True, uri='image.png', normal_map=False):
     """A square as a .gltf, with an image of its own file."""
     points = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]], '<f4').tobytes() + np.array(
         [[0, 0], [1, 0], [1, 1], [0, 1]], '<f4').tobytes() + np.array([0, 2, 1, 0, 3, 2], '<u2').tobytes()
@@ -105,6 +108,9 @@ def quad(textured=True, uri='image.png'):
                           {'bufferView': 2, 'componentType': 5123, 'count': 6, 'type': 'SCALAR'}]}
     if textured:
         tree['images'], tree['textures'] = [{'uri': uri}], [{'source': 0}]
+    if normal_map:
+        material['normalTexture'] = {'index': 0, 'scale': 0.7, 'texCoord': 0,
+                                     'extensions': {'KHR_texture_transform': {'scale': [2, 3]}}}
     return json.dumps(tree).encode()
 
 
@@ -140,7 +146,7 @@ class Seeds:
                os.path.join(REPOSITORY, 'jobs', 'furnace.glb')]
         self.glb = [read(p) for p in sorted(glob.glob(os.path.join(corpus, '*.glb'))) + own]
         chunked = [formats.glb_parts(g) for g in self.glb]
-        self.gltf = [quad(), quad(False), read(os.path.join(corpus, 'data_uri.gltf'))] + [
+        self.gltf = [quad(), quad(False), quad(normal_map=True), read(os.path.join(corpus, 'data_uri.gltf'))] + [
             self.inlined(c) for c in chunked if len(c) > 1 and len(c[1][1]) < 9000]
         self.obj = [(read(os.path.join(corpus, n + '.obj')), read(os.path.join(corpus, n + '.mtl')))
                     for n in ('box_ok', 'cornell_original')]
@@ -150,7 +156,7 @@ class Seeds:
         self.jpeg = [p for p in pictures if p[:2] == b'\xff\xd8']
         self.hdr = [radiance(4, 2, False), radiance(16, 8, True), radiance(9, 3, True)]
         self.exr = self.exr_files()
-        self.bake = self.made_bake()
+        self.bake, self.mapped = self.made_bake(), self.mapped_bake()
         self.checkpoints = [c for c in (self.stopped(1), self.stopped(2)) if c]
         self.blocks = {name: hdf5.blocks(read(os.path.join(self.bake, name))) for name in ('kiln.h5', 'volume.hdf')}
 
@@ -184,6 +190,13 @@ class Seeds:
     def made_bake(self):
         target, scene = os.path.join(self.folder, 'bake'), os.path.join(self.folder, 'scene.glb')
         shutil.copy(os.path.join(REPOSITORY, 'jobs', 'furnace.glb'), scene)
+        self.run([self.program, 'bake', scene, '-o', target, *BAKE], (0,))
+        return target
+
+    def mapped_bake(self):
+        """A bake of a scene that has a normal map, and so more sections."""
+        target, scene = os.path.join(self.folder, 'mapped'), os.path.join(self.folder, 'mapped.gltf')
+        write(scene, quad(uri='data:image/png;base64,' + FLAT_PNG, normal_map=True))
         self.run([self.program, 'bake', scene, '-o', target, *BAKE], (0,))
         return target
 
@@ -346,7 +359,7 @@ def scene_file(r, data):
 
 
 def make_scene_file(r, w):
-    data = scene_file(r, read(os.path.join(w.seeds.bake, 'scene.kscene')))
+    data = scene_file(r, read(os.path.join(r.choice((w.seeds.bake, w.seeds.mapped)), 'scene.kscene')))
     return [r.choice(('info', 'check')), w.put('scene.kscene', seal_scene(data) if r.random() < 0.95 else data)]
 
 
@@ -406,7 +419,7 @@ def make_lightmap(r, w):
 
 
 def make_bake_scene(r, w):
-    folder = w.copy('bake', w.seeds.bake)
+    folder = w.copy('bake', r.choice((w.seeds.bake, w.seeds.mapped)))
     path = os.path.join(folder, 'scene.kscene')
     write(path, seal_scene(scene_file(r, read(path))))
     reseal_bake(folder, 'scene.kscene')

@@ -374,6 +374,39 @@ static void texture_transforms_follow_the_specification(void **state)
     assert_int_equal(DATA(struct kiln_mesh, KILN_SECTION_MESHES)[0].flags & KILN_MESH_HAS_EMISSION_UV, 0);
 }
 
+/* A normal map has a linear texture and coordinates of its own. A vertex whose material has none repeats the base
+ * colour's. The pixel is red, no normal map; 1 x 1 pixel of (128, 128, 255) is one. */
+#define FLAT_PIXEL                                                                                                     \
+    "{\"uri\":\"data:image/png;base64,"                                                                                \
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAIAAACQd1PeAAAADElEQVR4nGNoaPgPAAODAgAApfuJAAAAAElFTkSuQmCC\"}"
+static void normal_maps_are_read(void **state)
+{
+    struct fixture *f = *state;
+    accepted(f, HEAD ACCESSORS("") ",\"images\":[" FLAT_PIXEL "],\"textures\":[{\"source\":0}],\"materials\":["
+                                   "{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}},"
+                                   "{\"normalTexture\":{\"index\":0,\"scale\":0}},"
+                                   "{\"normalTexture\":{\"index\":0,\"scale\":0.5,\"texCoord\":1,\"extensions\":{"
+                                   "\"KHR_texture_transform\":{\"offset\":[3,4]}}}}],"
+                                   "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":2},"
+                                   "\"indices\":3,\"material\":0},{\"attributes\":{\"POSITION\":0,\"TEXCOORD_1\":2},"
+                                   "\"indices\":3,\"material\":2}]}]," ONE_NODE "}");
+    const struct kiln_normal_map *maps = DATA(struct kiln_normal_map, KILN_SECTION_NORMAL_MAPS);
+    const struct kiln_texture *t = DATA(struct kiln_texture, KILN_SECTION_TEXTURES);
+    const struct kiln_vec2 *uv = DATA(struct kiln_vec2, KILN_SECTION_TEXCOORD_NORMAL),
+                           *base = DATA(struct kiln_vec2, KILN_SECTION_TEXCOORD_BASE);
+    assert_int_equal(f->builder->sections[KILN_SECTION_NORMAL_MAPS].count, 1); /* not the one whose scale is 0 */
+    assert_int_equal(maps->material, 2);
+    near((double)maps->scale, 0.5);
+    assert_int_equal(t[maps->texture].srgb, 0);
+    assert_int_equal(f->builder->sections[KILN_SECTION_TEXCOORD_NORMAL].count, 8);
+    for (int v = 0; v < 4; v++) {
+        assert_memory_equal(&uv[v], &base[v], sizeof *uv);
+        near((double)uv[4 + v].x, (double)base[v].x + 3);
+        near((double)uv[4 + v].y, (double)base[v].y + 4);
+        assert_true(base[4 + v].x == 0.0f && base[4 + v].y == 0.0f); /* no texture of the bake's uses them */
+    }
+}
+
 static void colors_are_normalised(void **state)
 {
     struct fixture *f = *state;
@@ -483,6 +516,7 @@ int main(void)
                                        TEST(glass),
                                        TEST(glass_has_a_texture),
                                        TEST(texture_transforms_follow_the_specification),
+                                       TEST(normal_maps_are_read),
                                        TEST(colors_are_normalised),
                                        TEST(instances_are_objects),
                                        TEST(lights_and_cameras),

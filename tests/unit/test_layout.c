@@ -168,6 +168,7 @@ static struct kiln_builder *new_builder(void)
     uint32_t offset;
     assert_int_equal(kiln_builder_create(&b, NULL), KILN_OK);
     assert_int_equal(kiln_builder_string(b, "thing", 5, &offset, NULL), KILN_OK);
+    assert_int_equal(kiln_builder_append(b, KILN_SECTION_NORMAL_MAPS, NULL, 1, NULL, NULL), KILN_OK);
     return b;
 }
 
@@ -185,6 +186,7 @@ static size_t add_mesh(struct kiln_builder *b, const struct shape *s, const stru
         const struct kiln_vec2 tag = {(float)i, (float)(2 * i)};
         assert_int_equal(kiln_builder_append(b, KILN_SECTION_TEXCOORD_BASE, &tag, 1, NULL, NULL), KILN_OK);
         assert_int_equal(kiln_builder_append(b, KILN_SECTION_TEXCOORD_EMISSION, &tag, 1, NULL, NULL), KILN_OK);
+        assert_int_equal(kiln_builder_append(b, KILN_SECTION_TEXCOORD_NORMAL, &tag, 1, NULL, NULL), KILN_OK);
         assert_int_equal(kiln_builder_append(b, KILN_SECTION_COLORS, &i, 1, NULL, NULL), KILN_OK);
     }
     assert_int_equal(kiln_builder_append(b, KILN_SECTION_TEXCOORD_LIGHTMAP, uv, s->point_count, NULL, NULL), KILN_OK);
@@ -458,8 +460,8 @@ static struct quality quality_of(const struct view *v, uint32_t width, uint32_t 
     return q;
 }
 
-/* Base coordinates, emission coordinates, colours and normals still belong to their vertex, and triangles to their old
- * corners. */
+/* Coordinates of base colour, emission and normal map, colours and normals still belong to their vertex, and triangles
+ * to their old corners. */
 static void check_vertices(struct kiln_builder *b, size_t mesh, const struct shape *s)
 {
     const struct kiln_mesh *m = mesh_of(b, mesh);
@@ -467,6 +469,8 @@ static void check_vertices(struct kiln_builder *b, size_t mesh, const struct sha
     const struct kiln_vec2 *base = KILN_BUILDER_DATA(b, struct kiln_vec2, KILN_SECTION_TEXCOORD_BASE) + m->vertex_first;
     const struct kiln_vec2 *emission =
         KILN_BUILDER_DATA(b, struct kiln_vec2, KILN_SECTION_TEXCOORD_EMISSION) + m->vertex_first;
+    const struct kiln_vec2 *normal =
+        KILN_BUILDER_DATA(b, struct kiln_vec2, KILN_SECTION_TEXCOORD_NORMAL) + m->vertex_first;
     const struct kiln_vec3 *normals = KILN_BUILDER_DATA(b, struct kiln_vec3, KILN_SECTION_NORMALS) + m->vertex_first;
     const uint8_t *colors = KILN_BUILDER_DATA(b, uint8_t, KILN_SECTION_COLORS) + 4 * m->vertex_first;
     assert_int_equal(m->triangle_count, s->corner_count / 3);
@@ -479,11 +483,12 @@ static void check_vertices(struct kiln_builder *b, size_t mesh, const struct sha
         assert_memory_equal(&v.positions[now], &s->points[old], sizeof *s->points);
         assert_memory_equal(&normals[now], &s->points[old], sizeof *s->points);
         assert_true(base[now].x == (float)old && emission[now].y == (float)(2 * old));
+        assert_memory_equal(&normal[now], &base[now], sizeof *base);
         assert_true(v.uv[now].x >= 0.0f && v.uv[now].x <= 1.0f && v.uv[now].y >= 0.0f && v.uv[now].y <= 1.0f);
     }
-    static const enum kiln_scene_section sections[] = {KILN_SECTION_NORMALS, KILN_SECTION_TEXCOORD_BASE,
-                                                       KILN_SECTION_TEXCOORD_EMISSION, KILN_SECTION_TEXCOORD_LIGHTMAP,
-                                                       KILN_SECTION_COLORS};
+    static const enum kiln_scene_section sections[] = {
+        KILN_SECTION_NORMALS,           KILN_SECTION_TEXCOORD_BASE, KILN_SECTION_TEXCOORD_EMISSION,
+        KILN_SECTION_TEXCOORD_LIGHTMAP, KILN_SECTION_COLORS,        KILN_SECTION_TEXCOORD_NORMAL};
     for (size_t i = 0; i < sizeof sections / sizeof *sections; i++)
         assert_int_equal(b->sections[sections[i]].count, b->sections[KILN_SECTION_POSITIONS].count);
 }

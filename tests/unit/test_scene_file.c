@@ -8,6 +8,7 @@
 #include <cmocka.h>
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,6 +20,7 @@ struct fixture {
     char folder[64], path[96], damaged[96];
     unsigned char *bytes;
     size_t size;
+    bool normal_map;
 };
 
 static uint32_t text(struct kiln_builder *b, const char *string)
@@ -33,9 +35,9 @@ static void append(struct kiln_builder *b, enum kiln_scene_section section, cons
     assert_int_equal(kiln_builder_append(b, section, data, count, NULL, NULL), KILN_OK);
 }
 
-/* Two objects of one quad, a texture, a light, a camera, an environment image, a source, a note: something in every
- * section. */
-static void build(const char *path)
+/* Two objects of one quad, a texture, a light, a camera, an environment image, a source, a note, and perhaps a normal
+ * map: something in every section. */
+static void build(const char *path, bool normal_map)
 {
     struct kiln_builder *b = NULL;
     assert_int_equal(kiln_builder_create(&b, NULL), KILN_OK);
@@ -85,19 +87,25 @@ static void build(const char *path)
     append(b, KILN_SECTION_ENVIRONMENT, &environment, 1);
     append(b, KILN_SECTION_ENVIRONMENT_TEXELS, sky, 6);
     append(b, KILN_SECTION_SOURCES, &source, 1);
+    if (normal_map) {
+        const struct kiln_normal_map map = {.material = 0, .texture = 0, .scale = 0.5f};
+        append(b, KILN_SECTION_NORMAL_MAPS, &map, 1);
+        append(b, KILN_SECTION_TEXCOORD_NORMAL, uv, 4);
+    }
     assert_int_equal(kiln_builder_note(b, 1, NULL, "%d things", 7), KILN_OK);
     assert_int_equal(kiln_builder_write(b, path, NULL), KILN_OK);
     kiln_builder_destroy(&b);
 }
 
-static int set_up(void **state)
+static int make(void **state, bool normal_map)
 {
     struct fixture *f = calloc(1, sizeof *f);
+    f->normal_map = normal_map;
     (void)snprintf(f->folder, sizeof f->folder, "/tmp/kiln-test-XXXXXX");
     assert_non_null(mkdtemp(f->folder));
     (void)snprintf(f->path, sizeof f->path, "%s/a.kscene", f->folder);
     (void)snprintf(f->damaged, sizeof f->damaged, "%s/b.kscene", f->folder);
-    build(f->path);
+    build(f->path, normal_map);
     FILE *file = fopen(f->path, "rb");
     assert_non_null(file);
     f->bytes = malloc(1 << 16);
@@ -106,6 +114,9 @@ static int set_up(void **state)
     *state = f;
     return 0;
 }
+
+static int set_up(void **state) { return make(state, true); }
+static int set_up_plain(void **state) { return make(state, false); }
 
 static int tear_down(void **state)
 {
@@ -148,6 +159,9 @@ static void what_is_written_comes_back(void **state)
     assert_int_equal(s->triangles[5], 3);
     assert_true(s->environment_texels[5] == 6.0f);
     assert_int_equal(s->texels[15], 16);
+    assert_int_equal(s->normal_map_count, 1);
+    assert_true(s->normal_maps[0].scale == 0.5f);
+    assert_memory_equal(s->texcoord_normal, s->texcoord_base, 4 * sizeof *s->texcoord_normal);
     /* bounds of both objects: x from -10 to 11 */
     assert_true(s->header->bounds_min[0] == -10.0 && s->header->bounds_max[0] == 11.0);
     assert_true(s->header->centre[0] == 0.5 && s->header->centre[1] == 20.5 && s->header->centre[2] == 30.0);
@@ -160,7 +174,7 @@ static void what_is_written_comes_back(void **state)
 static void writing_again_gives_the_same_bytes(void **state)
 {
     const struct fixture *f = *state;
-    build(f->damaged);
+    build(f->damaged, f->normal_map);
     unsigned char *again = malloc(f->size + 1);
     FILE *file = fopen(f->damaged, "rb");
     assert_non_null(file);
@@ -173,7 +187,8 @@ static void writing_again_gives_the_same_bytes(void **state)
 static void any_flipped_bit_is_refused(void **state)
 {
     const struct fixture *f = *state;
-    for (size_t byte = 0; byte < f->size; byte++) {
+    const size_t end = f->normal_map ? f->size : 512; /* what differs without one is the header */
+    for (size_t byte = 0; byte < end; byte++) {
         struct kiln_error error = {""};
         const unsigned char bit = (unsigned char)(1u << (byte % 8));
         f->bytes[byte] ^= bit;
@@ -188,7 +203,7 @@ static void any_flipped_bit_is_refused(void **state)
 static void any_truncation_is_refused(void **state)
 {
     const struct fixture *f = *state;
-    for (size_t size = 0; size < f->size; size += size < 600 ? 1 : 37) {
+    for (size_t size = f->normal_map ? 0 : 460; size < f->size; size += size < 600 ? 1 : 37) {
         struct kiln_error error = {""};
         put(f, f->bytes, size);
         if (open_damaged(f, &error) != KILN_BAD_INPUT)
@@ -209,8 +224,9 @@ static void forged(const struct fixture *f, enum kiln_scene_section section, siz
     memcpy(copy, f->bytes, f->size);
     memcpy(&header, copy, sizeof header);
     memcpy(copy + header.sections[section].offset + offset, bytes, size);
-    kiln_scene_content_hash(&header, copy + sizeof header, header.content_hash);
-    memcpy(copy, &header, sizeof header);
+    const size_t header_bytes = kiln_scene_header_bytes(header.version);
+    kiln_scene_content_hash(&header, copy + header_bytes, header.content_hash);
+    memcpy(copy, &header, header_bytes);
     put(f, copy, f->size);
     free(copy);
     assert_int_equal(open_damaged(f, &error), KILN_BAD_INPUT);
@@ -249,6 +265,27 @@ static void a_right_hash_is_no_excuse(void **state)
     forged(f, KILN_SECTION_ENVIRONMENT_TEXELS, 8, &negative, 4, "environment");
     forged(f, KILN_SECTION_SOURCES, 0, &big, 4, "source 0");
     forged(f, KILN_SECTION_NOTES, 4, &big, 4, "note 0");
+    forged(f, KILN_SECTION_NORMAL_MAPS, offsetof(struct kiln_normal_map, material), &three, 4, "normal map 0");
+    forged(f, KILN_SECTION_NORMAL_MAPS, offsetof(struct kiln_normal_map, texture), &three, 4, "normal map 0");
+    forged(f, KILN_SECTION_NORMAL_MAPS, offsetof(struct kiln_normal_map, scale), &nan_value, 4, "scale");
+    forged(f, KILN_SECTION_TEXCOORD_NORMAL, 28, &nan_value, 4, "normal-map coordinate");
+}
+
+/* Without normal maps the file is one of version 3, whose header has no entries for them. */
+static void a_scene_without_normal_maps_is_of_the_version_before(void **state)
+{
+    const struct fixture *f = *state;
+    struct kiln_scene *s = NULL;
+    uint32_t version;
+    memcpy(&version, f->bytes + offsetof(struct kiln_scene_header, version), sizeof version);
+    assert_int_equal(version, KILN_SCENE_VERSION_PLAIN);
+    assert_int_equal(kiln_scene_header_bytes(version), 136 + 16 * 21);
+    assert_int_equal(kiln_scene_open(&s, f->path, NULL), KILN_OK);
+    assert_int_equal(s->header->sections[KILN_SECTION_STRINGS].offset, 512);
+    assert_int_equal(s->normal_map_count, 0);
+    assert_int_equal(s->header->sections[KILN_SECTION_TEXCOORD_NORMAL].count, 0);
+    assert_null(s->texcoord_normal);
+    kiln_scene_close(&s);
 }
 
 static void names_that_are_no_file_names_are_refused(void **state)
@@ -306,6 +343,10 @@ int main(void)
         cmocka_unit_test_setup_teardown(writing_again_gives_the_same_bytes, set_up, tear_down),
         cmocka_unit_test_setup_teardown(any_flipped_bit_is_refused, set_up, tear_down),
         cmocka_unit_test_setup_teardown(any_truncation_is_refused, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_scene_without_normal_maps_is_of_the_version_before, set_up_plain, tear_down),
+        cmocka_unit_test_setup_teardown(writing_again_gives_the_same_bytes, set_up_plain, tear_down),
+        cmocka_unit_test_setup_teardown(any_flipped_bit_is_refused, set_up_plain, tear_down),
+        cmocka_unit_test_setup_teardown(any_truncation_is_refused, set_up_plain, tear_down),
         cmocka_unit_test_setup_teardown(a_right_hash_is_no_excuse, set_up, tear_down),
         cmocka_unit_test_setup_teardown(names_that_are_no_file_names_are_refused, set_up, tear_down),
         cmocka_unit_test_setup_teardown(what_is_not_there_or_no_file_is_said, set_up, tear_down),

@@ -21,6 +21,7 @@ enum { SECTION_ALIGNMENT = 64 };
 
 /* The layout of these structs is the file format. */
 _Static_assert(sizeof(struct kiln_material) == 68, "format");
+_Static_assert(sizeof(struct kiln_normal_map) == 12, "format");
 _Static_assert(sizeof(struct kiln_texture) == 40, "format");
 _Static_assert(sizeof(struct kiln_mesh) == 56, "format");
 _Static_assert(sizeof(struct kiln_object) == 144, "format");
@@ -57,6 +58,8 @@ static const struct {
     [KILN_SECTION_SOURCES] = {sizeof(struct kiln_source), "sources"},
     [KILN_SECTION_NOTES] = {sizeof(struct kiln_note), "notes"},
     [KILN_SECTION_TRIANGLE_SOURCES] = {sizeof(struct kiln_triangle_source), "triangle sources"},
+    [KILN_SECTION_NORMAL_MAPS] = {sizeof(struct kiln_normal_map), "normal maps"},
+    [KILN_SECTION_TEXCOORD_NORMAL] = {sizeof(struct kiln_vec2), "normal-map coordinates"},
 };
 
 size_t kiln_scene_element_size(enum kiln_scene_section section)
@@ -76,9 +79,10 @@ void kiln_scene_content_hash(const struct kiln_scene_header *header, const void 
     /* The header is hashed first, and its hash seeds the hash of the rest. So no streaming state is needed, and no copy
      * of the file. */
     struct kiln_scene_header blank = *header;
+    const size_t bytes = kiln_scene_header_bytes(header->version);
     memset(blank.content_hash, 0, sizeof blank.content_hash);
-    const XXH64_hash_t seed = XXH3_64bits(&blank, sizeof blank);
-    const XXH128_hash_t value = XXH3_128bits_withSeed(rest, (size_t)(header->size - sizeof blank), seed);
+    const XXH64_hash_t seed = XXH3_64bits(&blank, bytes);
+    const XXH128_hash_t value = XXH3_128bits_withSeed(rest, (size_t)(header->size - bytes), seed);
     hash[0] = value.low64;
     hash[1] = value.high64;
 }
@@ -101,20 +105,23 @@ __attribute__((format(printf, 2, 3))) static int damaged(const struct check *che
                      check->path, text);
 }
 
+/* Checks the header, and copies it to the scene with the sections that its version lacks empty. */
 static int check_header(const struct check *check, const struct kiln_scene_header *header, uint64_t size)
 {
     if (header->magic != KILN_SCENE_MAGIC)
         return kiln_fail(check->error, KILN_BAD_INPUT, "%s: not a kiln scene file (the file signature is missing)",
                          check->path);
-    if (header->version != KILN_SCENE_VERSION)
+    if (header->version != KILN_SCENE_VERSION && header->version != KILN_SCENE_VERSION_PLAIN)
         return kiln_fail(check->error, KILN_BAD_INPUT,
-                         "%s: scene file of version %u, but this kiln reads version %u; import the scene again",
-                         check->path, header->version, KILN_SCENE_VERSION);
-    if (header->size != size)
+                         "%s: scene file of version %u, but this kiln reads versions %u and %u; import the scene again",
+                         check->path, header->version, KILN_SCENE_VERSION_PLAIN, KILN_SCENE_VERSION);
+    uint64_t end = kiln_scene_header_bytes(header->version);
+    if (header->size != size || size < end)
         return damaged(check, "the header says %llu bytes, the file has %llu", (unsigned long long)header->size,
                        (unsigned long long)size);
-    uint64_t end = sizeof *header;
-    for (unsigned s = 0; s < KILN_SECTION_COUNT; s++) {
+    memcpy(&check->scene->own_header, header, end);
+    check->scene->header = &check->scene->own_header;
+    for (unsigned s = 0; s < kiln_scene_sections(header->version); s++) {
         const uint64_t offset = header->sections[s].offset, count = header->sections[s].count;
         if (offset % SECTION_ALIGNMENT != 0 || offset < end || offset > size)
             return damaged(check, "section '%s' starts at byte %llu of %llu", section_kinds[s].name,
@@ -181,6 +188,12 @@ static int check_materials(const struct check *check)
             !within(&m->roughness, 1, 0.0f, 1.0f) || m->alpha_mode > KILN_ALPHA_BLEND || m->double_sided > 1)
             return damaged(check, "material %zu has a value outside its range", i);
     }
+    return KILN_OK;
+}
+
+static int check_textures(const struct check *check)
+{
+    const struct kiln_scene *scene = check->scene;
     const uint64_t bytes = scene->header->sections[KILN_SECTION_TEXELS].count;
     for (size_t i = 0; i < scene->texture_count; i++) {
         const struct kiln_texture *t = &scene->textures[i];
@@ -192,6 +205,27 @@ static int check_materials(const struct check *check)
         if (t->srgb > 1 || t->nearest > 1 || t->wrap_u > KILN_WRAP_MIRROR || t->wrap_v > KILN_WRAP_MIRROR)
             return damaged(check, "texture %zu has an unknown mode", i);
     }
+    return KILN_OK;
+}
+
+static int check_normal_maps(const struct check *check)
+{
+    const struct kiln_scene *scene = check->scene;
+    for (size_t i = 0; i < scene->normal_map_count; i++) {
+        const struct kiln_normal_map *map = &scene->normal_maps[i];
+        if (map->material >= scene->material_count || map->texture >= scene->texture_count)
+            return damaged(check, "normal map %zu refers to a material or texture that does not exist", i);
+        if (i > 0 && map->material <= scene->normal_maps[i - 1].material)
+            return damaged(check, "normal map %zu does not stand in the order of the materials", i);
+        if (!isfinite(map->scale))
+            return damaged(check, "normal map %zu has a scale that is not a number", i);
+    }
+    const uint64_t known = scene->header->sections[KILN_SECTION_TEXCOORD_NORMAL].count;
+    if (known != (scene->normal_map_count > 0 ? scene->vertex_count : 0))
+        return damaged(check, "there are %llu normal-map coordinates for %zu vertices and %zu normal maps",
+                       (unsigned long long)known, scene->vertex_count, scene->normal_map_count);
+    if (known > 0 && !all_finite(&scene->texcoord_normal[0].x, 2 * scene->vertex_count))
+        return damaged(check, "a normal-map coordinate is not a number");
     return KILN_OK;
 }
 
@@ -389,6 +423,10 @@ static int check_contents(const struct check *check)
     if (status == KILN_OK)
         status = check_materials(check);
     if (status == KILN_OK)
+        status = check_textures(check);
+    if (status == KILN_OK)
+        status = check_normal_maps(check);
+    if (status == KILN_OK)
         status = check_meshes(check);
     if (status == KILN_OK)
         status = check_vertices(check);
@@ -397,10 +435,10 @@ static int check_contents(const struct check *check)
     return status == KILN_OK ? check_lights(check) : status;
 }
 
-static void set_pointers(struct kiln_scene *scene, const unsigned char *base)
+static void set_pointers(struct kiln_scene *scene)
 {
-    const struct kiln_scene_header *header = (const struct kiln_scene_header *)(const void *)base;
-    scene->header = header;
+    const struct kiln_scene_header *header = scene->header;
+    const unsigned char *base = scene->mapped;
 #define SECTION(name) ((const void *)(base + header->sections[name].offset))
     scene->strings = SECTION(KILN_SECTION_STRINGS);
     scene->materials = SECTION(KILN_SECTION_MATERIALS);
@@ -424,6 +462,9 @@ static void set_pointers(struct kiln_scene *scene, const unsigned char *base)
     scene->notes = SECTION(KILN_SECTION_NOTES);
     scene->triangle_sources =
         header->sections[KILN_SECTION_TRIANGLE_SOURCES].count > 0 ? SECTION(KILN_SECTION_TRIANGLE_SOURCES) : NULL;
+    scene->normal_maps = SECTION(KILN_SECTION_NORMAL_MAPS);
+    scene->texcoord_normal =
+        header->sections[KILN_SECTION_TEXCOORD_NORMAL].count > 0 ? SECTION(KILN_SECTION_TEXCOORD_NORMAL) : NULL;
 #undef SECTION
     scene->material_count = (size_t)header->sections[KILN_SECTION_MATERIALS].count;
     scene->texture_count = (size_t)header->sections[KILN_SECTION_TEXTURES].count;
@@ -435,27 +476,34 @@ static void set_pointers(struct kiln_scene *scene, const unsigned char *base)
     scene->triangle_count = (size_t)header->sections[KILN_SECTION_TRIANGLES].count;
     scene->source_count = (size_t)header->sections[KILN_SECTION_SOURCES].count;
     scene->note_count = (size_t)header->sections[KILN_SECTION_NOTES].count;
+    scene->normal_map_count = (size_t)header->sections[KILN_SECTION_NORMAL_MAPS].count;
 }
 
-static int map_file(struct kiln_scene *scene, const char *path, void **base, struct kiln_error *error)
+static int map_file(struct kiln_scene *scene, const char *path, struct kiln_error *error)
 {
     struct stat status;
     if (fstat(scene->descriptor, &status) != 0)
         return kiln_fail_errno(error, 0, "%s: cannot read the scene file's size and type", path);
     if (!S_ISREG(status.st_mode))
         return kiln_fail(error, KILN_BAD_INPUT, "%s: not a regular file", path);
-    if ((uint64_t)status.st_size < sizeof(struct kiln_scene_header))
+    if ((uint64_t)status.st_size < kiln_scene_header_bytes(KILN_SCENE_VERSION_PLAIN))
         return kiln_fail(error, KILN_BAD_INPUT, "%s: not a kiln scene file: its %lld bytes are fewer than a header has",
                          path, (long long)status.st_size);
-    *base = mmap(NULL, (size_t)status.st_size, PROT_READ, MAP_SHARED, scene->descriptor, 0);
-    if (*base == MAP_FAILED)
+    void *base = mmap(NULL, (size_t)status.st_size, PROT_READ, MAP_SHARED, scene->descriptor, 0);
+    if (base == MAP_FAILED)
         return kiln_fail_errno(error, KILN_SYSTEM, "%s: cannot map the scene file of %lld bytes into memory", path,
                                (long long)status.st_size);
     scene->mapped_bytes = (size_t)status.st_size;
-    scene->header = *base;
+    scene->mapped = base;
     scene->modified = status.st_mtim;
-    kiln_mapped_watch(*base, scene->mapped_bytes, path);
+    kiln_mapped_watch(base, scene->mapped_bytes, path);
     return KILN_OK;
+}
+
+static void hash_mapped(const struct kiln_scene *scene, uint64_t hash[2])
+{
+    const unsigned char *base = scene->mapped;
+    kiln_scene_content_hash(scene->header, base + kiln_scene_header_bytes(scene->header->version), hash);
 }
 
 int kiln_scene_open(struct kiln_scene **result, const char *path, struct kiln_error *error)
@@ -478,21 +526,20 @@ int kiln_scene_open_descriptor(struct kiln_scene **result, int descriptor, const
         return status;
     }
     scene->descriptor = descriptor;
-    void *base = NULL;
-    status = map_file(scene, path, &base, error);
+    status = map_file(scene, path, error);
     if (status != KILN_OK)
         goto done;
     const struct check check = {scene, path, error};
-    status = check_header(&check, scene->header, scene->mapped_bytes);
+    status = check_header(&check, scene->mapped, scene->mapped_bytes);
     if (status != KILN_OK)
         goto done;
     uint64_t hash[2];
-    kiln_scene_content_hash(scene->header, scene->header + 1, hash);
+    hash_mapped(scene, hash);
     if (memcmp(hash, scene->header->content_hash, sizeof hash) != 0) {
         status = damaged(&check, "its bytes do not match its hash");
         goto done;
     }
-    set_pointers(scene, base);
+    set_pointers(scene);
     status = check_contents(&check);
 done:
     if (status != KILN_OK)
@@ -508,7 +555,7 @@ int kiln_scene_check_unchanged(const struct kiln_scene *scene, const char *path,
     bool same = fstat(scene->descriptor, &now) == 0 && (size_t)now.st_size == scene->mapped_bytes;
     if (same && (now.st_mtim.tv_sec != scene->modified.tv_sec || now.st_mtim.tv_nsec != scene->modified.tv_nsec)) {
         /* some network file systems change the modification time of unchanged files */
-        kiln_scene_content_hash(scene->header, scene->header + 1, hash);
+        hash_mapped(scene, hash);
         same = memcmp(hash, scene->header->content_hash, sizeof hash) == 0;
     }
     if (same)
@@ -524,9 +571,9 @@ void kiln_scene_close(struct kiln_scene **pointer)
     struct kiln_scene *scene = *pointer;
     if (scene == NULL)
         return;
-    if (scene->header != NULL) {
-        kiln_mapped_forget(scene->header);
-        (void)munmap((void *)(uintptr_t)scene->header, scene->mapped_bytes);
+    if (scene->mapped != NULL) {
+        kiln_mapped_forget(scene->mapped);
+        (void)munmap((void *)(uintptr_t)scene->mapped, scene->mapped_bytes);
     }
     if (scene->descriptor >= 0)
         (void)close(scene->descriptor);

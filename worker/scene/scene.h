@@ -20,7 +20,10 @@
 #include "worker/base/vector.h"
 
 #define KILN_SCENE_MAGIC 0x4e434b4cu /* "LKCN" */
-#define KILN_SCENE_VERSION 3u        /* version 3 added the triangle sources */
+/* The latest version, which added the sections of normal maps. A scene without normal maps is written as version 3,
+ * whose header ends before those sections: kiln_scene_sections. */
+#define KILN_SCENE_VERSION 4u
+#define KILN_SCENE_VERSION_PLAIN 3u
 
 enum kiln_light_kind { KILN_LIGHT_POINT = 0, KILN_LIGHT_SPOT = 1, KILN_LIGHT_DIRECTIONAL = 2 };
 enum kiln_environment_kind { KILN_ENVIRONMENT_NONE = 0, KILN_ENVIRONMENT_CONSTANT = 1, KILN_ENVIRONMENT_LATLONG = 2 };
@@ -43,6 +46,15 @@ struct kiln_material {
     /* Read at the base colour's coordinates; its red channel multiplies `transmission`. KILN_NONE: none. Ignored where
      * `transmission` is 0 */
     uint32_t transmission_texture;
+};
+
+/* The normal map of a material. Light transport does not read it; coordinator/view does. A texel's red, green and blue,
+ * 0 to 1, are the tangent-space normal (2 red - 1, 2 green - 1, 2 blue - 1): x along the texture's u, y against its v,
+ * z out of the surface (glTF 2.0, section 3.9.3, normalTexture). */
+struct kiln_normal_map {
+    uint32_t material; /* ascending in the section: at most one for each material */
+    uint32_t texture;  /* a linear one */
+    float scale;       /* multiplies x and y */
 };
 
 /* An image, 8 bits a channel RGBA. Texel (0,0) is the top left, at texture coordinate (0,0) as in glTF. */
@@ -163,6 +175,11 @@ enum kiln_scene_section {
     KILN_SECTION_NOTES,              /* struct kiln_note: what the importer noticed, changed or left out */
     /* struct kiln_triangle_source a triangle, or none at all: the triangle's place in its source */
     KILN_SECTION_TRIANGLE_SOURCES,
+    /* version 4 */
+    KILN_SECTION_NORMAL_MAPS, /* struct kiln_normal_map */
+    /* struct kiln_vec2 a vertex, or none at all if there is no normal map: normal-map coordinate, texture transform
+     * applied; the base-colour coordinate where a material has no normal map */
+    KILN_SECTION_TEXCOORD_NORMAL,
     KILN_SECTION_COUNT
 };
 
@@ -213,6 +230,7 @@ struct kiln_scene_header {
     float padding_factor;
     uint32_t units; /* enum kiln_scene_units: the unit of the lights' intensities */
     uint32_t reserved;
+    /* the file has the first kiln_scene_sections(version) of them; in memory the others are empty */
     struct {
         uint64_t offset, count;
     } sections[KILN_SECTION_COUNT];
@@ -242,19 +260,34 @@ struct kiln_scene {
     const struct kiln_source *sources;
     const struct kiln_note *notes;
     const struct kiln_triangle_source *triangle_sources; /* NULL: none */
+    const struct kiln_normal_map *normal_maps;
+    const struct kiln_vec2 *texcoord_normal; /* NULL: none */
     size_t material_count, texture_count, mesh_count, object_count, light_count, camera_count;
     size_t vertex_count, triangle_count; /* stored; instances not expanded */
-    size_t source_count, note_count;
+    size_t source_count, note_count, normal_map_count;
+    const void *mapped; /* the file */
     size_t mapped_bytes;
-    int descriptor;           /* private */
-    struct timespec modified; /* private: the file's modification time when it was opened */
+    struct kiln_scene_header own_header; /* private: what `header` points to */
+    int descriptor;                      /* private */
+    struct timespec modified;            /* private: the file's modification time when it was opened */
 };
 
 /* Element size of a section in bytes, and its name for messages. */
 size_t kiln_scene_element_size(enum kiln_scene_section section);
 const char *kiln_scene_section_name(enum kiln_scene_section section);
 
-/* Computes the content hash of a file: `header` is its header, `rest` its other bytes, [sizeof header,
+/* How many sections the header of a file of that version has, and how many bytes the header has. */
+static inline unsigned kiln_scene_sections(uint32_t version)
+{
+    return version == KILN_SCENE_VERSION_PLAIN ? KILN_SECTION_NORMAL_MAPS : KILN_SECTION_COUNT;
+}
+static inline size_t kiln_scene_header_bytes(uint32_t version)
+{
+    return offsetof(struct kiln_scene_header, sections) +
+           kiln_scene_sections(version) * sizeof((struct kiln_scene_header *)0)->sections[0];
+}
+
+/* Computes the content hash of a file: `header` is its header, `rest` its other bytes, [kiln_scene_header_bytes,
  * header->size). */
 void kiln_scene_content_hash(const struct kiln_scene_header *header, const void *rest, uint64_t hash[2]);
 

@@ -32,18 +32,13 @@ KILN_CLONES static void find_tiles(const struct embree_backend *b, const struct 
         }
         const struct kiln_lightmap *map = &lightmaps[record->object];
         const float u = r->hit.u[i], v = r->hit.v[i];
-        const int32_t right = (int32_t)map->width - 1, bottom = (int32_t)map->height - 1;
-        int32_t x = (int32_t)(record->texel[0] + u * record->texel[2] + v * record->texel[4]);
-        int32_t y = (int32_t)(record->texel[1] + u * record->texel[3] + v * record->texel[5]);
-        x = x < 0 ? 0 : x > right ? right : x;
-        y = y < 0 ? 0 : y > bottom ? bottom : y;
+        int32_t x = kiln_hit_column(record, u, v, map->width), y = kiln_hit_row(record, u, v, map->height);
         if (facing > 0.0f) {
             map = &lightmaps[b->surface->object_count + record->object];
             x >>= map->shift;
             y >>= map->shift;
         }
-        const struct kiln_tile *tile =
-            &tiles[map->tile_first + (uint64_t)((uint32_t)y / 8u) * map->tiles_x + (uint32_t)x / 8u];
+        const struct kiln_tile *tile = &tiles[map->tile_first + kiln_tile_of((uint32_t)x, (uint32_t)y, map->tiles_x)];
         __builtin_prefetch(tile);
         f->tile[count] = tile;
         f->bit[count] = morton_of[((uint32_t)y & 7u) << 3 | ((uint32_t)x & 7u)];
