@@ -213,23 +213,6 @@ static void read_transmission(struct gltf *g, struct gltf_place place, const jso
     }
 }
 
-/* Why an image is no normal map; NULL: it may be one. A grey texel would stand for a normal that leans by 55 degrees,
- * and a normal map has no normals that point into the surface. */
-static const char *why_no_normal_map(const struct gltf *g, const struct kiln_texture *texture)
-{
-    const uint8_t *rgba = KILN_BUILDER_DATA(g->builder, const uint8_t, KILN_SECTION_TEXELS) + texture->first;
-    const uint64_t texels = (uint64_t)texture->width * texture->height;
-    uint64_t grey = 0, inward = 0;
-    for (uint64_t i = 0; i < texels; i++) {
-        const uint8_t *t = rgba + 4 * i;
-        grey += t[0] == t[1] && t[1] == t[2];
-        inward += t[2] < 128;
-    }
-    return grey == texels        ? "all of it is grey, as in a map of heights"
-           : 2 * inward > texels ? "most of its normals point into the surface: their blue is below 128"
-                                 : NULL;
-}
-
 /* Reads a material's normal map, which no bake needs: kiln view shows it. `material` is the material's index in the
  * builder. */
 static void read_normal_map(struct gltf *g, struct gltf_place place, const json_t *json, uint32_t material)
@@ -243,8 +226,7 @@ static void read_normal_map(struct gltf *g, struct gltf_place place, const json_
     const struct kiln_normal_map map = {material, builder_texture(g, use->texture, false), (float)scale};
     if (g->status != KILN_OK || use->texture == KILN_NONE)
         return;
-    const char *why = why_no_normal_map(
-        g, &KILN_BUILDER_DATA(g->builder, const struct kiln_texture, KILN_SECTION_TEXTURES)[map.texture]);
+    const char *why = kiln_image_no_normals(&g->images, &g->image_of[source_image(g, use->texture)]);
     if (why != NULL) {
         use->texture = KILN_NONE;
         gltf_take(g, kiln_builder_note(g->builder, KILN_NOTE_WARNING, g->error,

@@ -233,6 +233,28 @@ int kiln_image_mean(struct kiln_images *images, const struct kiln_image_bytes *b
     return status;
 }
 
+/* A grey texel would stand for a normal that leans by 55 degrees, and a normal map has no normals that point into the
+ * surface. */
+const char *kiln_image_no_normals(struct kiln_images *images, const struct kiln_image *image)
+{
+    struct kiln_image *known = slot_of(images, image->hash, image->size);
+    if (known->judged)
+        return known->no_normals;
+    const uint8_t *rgba = KILN_BUILDER_DATA(images->builder, const uint8_t, KILN_SECTION_TEXELS) + image->first;
+    const uint64_t texels = (uint64_t)image->width * image->height;
+    uint64_t grey = 0, inward = 0;
+    for (uint64_t i = 0; i < texels; i++) {
+        const uint8_t *t = rgba + 4 * i;
+        grey += t[0] == t[1] && t[1] == t[2];
+        inward += t[2] < 128;
+    }
+    known->judged = true;
+    known->no_normals = grey == texels        ? "all of it is grey, as in a map of heights"
+                        : 2 * inward > texels ? "most of its normals point into the surface: their blue is below 128"
+                                              : NULL;
+    return known->no_normals;
+}
+
 void kiln_images_destroy(struct kiln_images *images)
 {
     kiln_free(&images->slots);

@@ -45,6 +45,8 @@ struct kiln_image {
     uint32_t width, height;
     bool decoded, averaged;
     double mean[4]; /* mean of each channel, 0..1, if `averaged` */
+    bool judged;    /* looked at by kiln_image_no_normals, which gave this: */
+    const char *no_normals;
 };
 
 /* The images of one scene, in a hash table by content: each is decoded and stored once, however often and by whatever
@@ -73,6 +75,8 @@ int kiln_image_append(struct kiln_images *images, const struct kiln_image_bytes 
 /* Computes the means of the image's channels. If it has not been decoded already, its texels are not kept. */
 int kiln_image_mean(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_image *image,
                     struct kiln_error *error);
+/* Why a decoded image is no normal map; NULL: it may be one. Each image's texels are looked at once. */
+const char *kiln_image_no_normals(struct kiln_images *images, const struct kiln_image *image);
 void kiln_images_destroy(struct kiln_images *images);
 
 /* Decodes a lat-long environment (Radiance .hdr; OpenEXR: first part, R G B or Y, scan lines or tiles) into the

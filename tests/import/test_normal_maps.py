@@ -91,6 +91,19 @@ class NormalMaps(importing.Case):
         uri = "data:image/png;base64," + base64.b64encode(big).decode()
         self.refused(self.check("big", {"index": 0}, uri), ["images[0]", "16384"])
 
+    def test_often(self):
+        """An image's texels are looked at once, however many materials and textures have it."""
+        row = b"\0" + bytes((128, 128, 255)) * 4000
+        data = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 4000, 4000, 8, 2, 0, 0, 0)) + chunk(
+            b"IDAT", zlib.compress(row * 4000)) + chunk(b"IEND", b"")
+        tree = scene({"index": 0}, "data:image/png;base64," + base64.b64encode(data).decode())
+        tree["textures"] = [{"source": 0}] * 1000
+        tree["materials"] = [{"normalTexture": {"index": i % 1000}} for i in range(10000)]
+        path = importing.write(self.folder(), "often.gltf", tree)
+        answer = importing.info(path)
+        self.assertEqual(answer.code, 0, answer.err)
+        self.assertLess(answer.seconds, 10 * importing.QUICK)  # 10,000 looks at 16 million texels take minutes
+
 
 if __name__ == "__main__":
     importing.main()
