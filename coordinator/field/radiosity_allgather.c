@@ -142,7 +142,7 @@ int kiln_radiosity_allgather_create(struct kiln_radiosity_allgather **allgather,
     kiln_assert_same(params->communicator, params->total, "the number of points that are exchanged");
     kiln_assert_same(params->communicator, params->groups, "the number of groups of points");
     kiln_assert_same(params->communicator, params->limit, "the limit of elements in a call");
-    kiln_assert_ranges(params->communicator, params->first, params->count, params->total, "the ranks' points");
+    kiln_assert_ranges(params->communicator, params->first.at, params->count, params->total, "the ranks' points");
     int status = kiln_agree(params->communicator, kiln_allocate(&x, 1, sizeof *x, "the exchange", error), error);
     if (status != KILN_OK) {
         kiln_free(&x);
@@ -184,7 +184,7 @@ void kiln_radiosity_allgather_destroy(struct kiln_radiosity_allgather **allgathe
 void kiln_radiosity_allgather_set_range(struct kiln_radiosity_allgather *x, struct kiln_global_point first,
                                         uint64_t count)
 {
-    kiln_assert_ranges(x->params.communicator, first, count, x->params.total, "the ranks' new points");
+    kiln_assert_ranges(x->params.communicator, first.at, count, x->params.total, "the ranks' new points");
     x->params.first = first;
     x->params.count = count;
     for (size_t i = 0; i < x->lane_count; i++)

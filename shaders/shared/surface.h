@@ -1,4 +1,5 @@
-/* Codes in the data of surfaces that a hit leads through: worker/scene/geometry.h, surface.h and scene.h. */
+/* Codes in the data of surfaces that a hit leads through, and the way from a hit to a texel and its tile:
+ * worker/scene/geometry.h, surface.h, radiosity.h and scene.h. */
 #ifndef KILN_SHADERS_SHARED_SURFACE_H
 #define KILN_SHADERS_SHARED_SURFACE_H
 

@@ -115,7 +115,7 @@ static void check_allgather(struct test *t)
     const struct kiln_radiosity_allgather_params params = {.communicator = MPI_COMM_WORLD,
                                                            .node = t->node,
                                                            .total = differs(t, "total") ? TOTAL + 1 : TOTAL,
-                                                           .first = t->rank == 0 ? 0 : half,
+                                                           .first = {t->rank == 0 ? 0 : half},
                                                            .count = differs(t, "ranges") ? half - 1 : half,
                                                            .threads = 1,
                                                            .groups = differs(t, "groups") ? 2 : 1};
@@ -125,7 +125,8 @@ static void check_allgather(struct test *t)
     kiln_radiosity_allgather_set_scale(x, differs(t, "scale") ? 2.0 : 1.0);
     kiln_radiosity_allgather_begin(x);
     kiln_radiosity_allgather_finish(x, next);
-    kiln_radiosity_allgather_set_range(x, t->rank == 0 || differs(t, "new_range") ? 0 : half, half);
+    kiln_radiosity_allgather_set_range(x, (struct kiln_global_point){t->rank == 0 || differs(t, "new_range") ? 0 : half},
+                                       half);
     if (!differs(t, "abandon"))
         kiln_radiosity_allgather_begin(x);
     kiln_radiosity_allgather_abandon(x);

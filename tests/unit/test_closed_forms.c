@@ -130,7 +130,7 @@ static int keep(void *context, size_t first, size_t count, const void *results, 
     for (size_t i = first; i < first + count; i++) {
         if (runs[i].map != 0)
             continue;
-        const uint64_t skipped = runs[i].first - runs[first].first;
+        const uint64_t skipped = runs[i].first.at - runs[first].first.at;
         assert_true(k->count + runs[i].count <= POINTS);
         memcpy(k->results + k->count * k->bytes, (const char *)results + skipped * k->bytes, runs[i].count * k->bytes);
         k->count += runs[i].count;

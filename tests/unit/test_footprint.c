@@ -305,6 +305,8 @@ static void normals_follow_the_transform(void **state)
             assert_true(fabsf(vec3_length(shading) - 1.0f) < 1e-5f && fabsf(vec3_length(geometric) - 1.0f) < 1e-5f);
             assert_true(vec3_dot(shading, ideal) > 0.99f); /* the texel has an extent of its own */
             assert_true(vec3_dot(geometric, ideal) > 0.9f);
+            const struct kiln_vec3 here = kiln_triangle_shading_normal(&f->scene, b.geometry, triangle, b1, b2);
+            assert_true(vec3_dot(here, ideal) > 0.9995f);
             bent += vec3_dot(shading, geometric) < 0.9999f;
         }
     }

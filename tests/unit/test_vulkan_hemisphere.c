@@ -151,8 +151,8 @@ static int keep(void *context, size_t first, size_t count, const void *results, 
     (void)error;
     const struct kept *k = context;
     const struct kiln_tile_run *run = &k->surface->tile_runs[first], *last = run + count - 1;
-    memcpy(k->results + (run->first - k->surface->first) * k->result_bytes, results,
-           (size_t)(last->first + last->count - run->first) * k->result_bytes);
+    memcpy(k->results + kiln_own_of_global(k->surface, run->first).at * k->result_bytes, results,
+           (size_t)kiln_tile_runs_points(run, last) * k->result_bytes);
     return KILN_OK;
 }
 
@@ -179,12 +179,12 @@ static void agree(const struct world *w, const struct kiln_pass *pass, const voi
         for (size_t c = 0; c < floats; c++) {
             const double x = (double)((const float *)(const void *)k[0].results)[i * floats + c],
                          y = (double)((const float *)(const void *)k[1].results)[i * floats + c];
-            assert_true(kiln_point_valid(w->surface, i) || (x == 0.0 && y == 0.0));
+            assert_true(kiln_point_valid(w->surface, (struct kiln_own_point){i}) || (x == 0.0 && y == 0.0));
             scale = fmax(scale, fabs(x));
             off = fmax(off, fabs(x - y));
         }
-        valid += kiln_point_valid(w->surface, i);
-        same += kiln_point_valid(w->surface, i) && off < 1e-4 * scale;
+        valid += kiln_point_valid(w->surface, (struct kiln_own_point){i});
+        same += kiln_point_valid(w->surface, (struct kiln_own_point){i}) && off < 1e-4 * scale;
         worst = fmax(worst, off / scale);
     }
     print_message("%s: %llu of %llu points agree within 1e-4, the worst within %.1e; %llu and %llu rays\n", pass->name,

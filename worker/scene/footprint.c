@@ -366,9 +366,6 @@ struct kiln_vec3 kiln_triangle_exact_normal(const struct kiln_scene *scene, cons
     return vec3_of(dvec3_dot(stored, normal) > 1.0 - 1e-6 ? stored : normal);
 }
 
-/* Unit shading normal: the stored normals interpolated over the triangle and transformed to the world by the inverse
- * transpose. It is the geometric normal where the mesh has no smooth normals, and where the interpolated normal is zero
- * or faces away from the geometric one. */
 static struct kiln_dvec3 shading_normal(const struct kiln_scene *scene, const struct kiln_geometry *g,
                                         uint32_t triangle, double b1, double b2)
 {
@@ -383,6 +380,12 @@ static struct kiln_dvec3 shading_normal(const struct kiln_scene *scene, const st
                                                        dvec3_scale(dvec3_of(scene->normals[vertex[2]]), b2)));
     const struct kiln_dvec3 shading = to_world(object, mesh);
     return dvec3_dot(shading, geometric) > 0.0 ? shading : geometric;
+}
+
+struct kiln_vec3 kiln_triangle_shading_normal(const struct kiln_scene *scene, const struct kiln_geometry *geometry,
+                                              uint32_t triangle, float b1, float b2)
+{
+    return vec3_of(shading_normal(scene, geometry, triangle, (double)b1, (double)b2));
 }
 
 /* Shading normal at the centroid of what the triangle covers of the texel. */

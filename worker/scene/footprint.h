@@ -185,6 +185,12 @@ struct kiln_vec3 kiln_triangle_normal(const struct kiln_geometry *geometry, uint
 struct kiln_vec3 kiln_triangle_exact_normal(const struct kiln_scene *scene, const struct kiln_geometry *geometry,
                                             uint32_t triangle);
 
+/* Unit shading normal: the stored normals interpolated over the triangle and transformed to the world by the inverse
+ * transpose. It is the geometric normal where the mesh has no smooth normals, and where the interpolated normal is zero
+ * or faces away from the geometric one. */
+struct kiln_vec3 kiln_triangle_shading_normal(const struct kiln_scene *scene, const struct kiln_geometry *geometry,
+                                              uint32_t triangle, float b1, float b2);
+
 /* The point's mean normals, weighted by area: of its pieces' geometric normals, and of the shading normals at the
  * pieces' centroids. Unit vectors. Where a mean is nearly zero (the surface folds back), the largest piece's normal is
  * used instead; where the shading normal faces away from the geometric normal, the geometric one is used for both. */
