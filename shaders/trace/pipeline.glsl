@@ -67,6 +67,7 @@ bool kiln_is_met(vec3 origin, vec3 direction, float limit, uint seed)
 {
     if (HAS_ALPHA < KILN_PASSAGE_BLEND) /* nothing is left to chance, and any triangle will do */
         return kiln_through(origin, direction, limit) == vec3(0.0);
-    return limit > kiln_start() && kiln_nearest(origin, direction, min(limit, kiln_far), KILN_BY_CHANCE, seed).triangle !=
-                                       KILN_GPU_NONE;
+    if (!(limit > kiln_start())) /* as in kiln_through */
+        return false;
+    return kiln_nearest(origin, direction, min(limit, kiln_far), KILN_BY_CHANCE, seed).triangle != KILN_GPU_NONE;
 }
