@@ -15,7 +15,7 @@
  *   - sines and cosines: C's library; how an angle is brought near 0, in C's lanes and in GLSL (area_light_sampler.c,
  *     real.glsl)
  *   - cosine-distributed directions of the bounce pass: C adds them up axis by axis of the world, GLSL along the
- *     tangents (gather.c, hemisphere.glsl)
+ *     tangents (embree/rays.c, hemisphere.glsl)
  *   - the cut of the light tree: one loop, but kept in choices in C and in registers in GLSL (lights.c, lights.glsl)
  *   - texture coordinates: doubles in C, fixed point in GLSL (texture.c, material.glsl)
  *   - vertex colours and samples of footprints: bytes and polygons in C, floats and triangles in GLSL
