@@ -5,8 +5,8 @@
  * with hit(x, w) the nearest surface point that a ray from x in direction w meets and B its radiosity (Kajiya, "The
  * Rendering Equation", SIGGRAPH 1986, equation 1, for surfaces that are diffuse). With directions drawn with density
  * n.w / pi this is the plain mean of B(hit). Where a mesh has shading normals s, directions are drawn about the axis
- * half-way between n and s, and E about n and about s are means with weights (shaders/shared/warp.h says which); their mean
- * weight is 1, so that no energy is lost.
+ * half-way between n and s, and E about n and about s are means with weights (shaders/shared/warp.h says which); their
+ * mean weight is 1, so that no energy is lost.
  *
  * The samples of a point start at places that are uniform over the part of its texel that is covered, not buried
  * (validity.h) and, by its opacity, there. A ray that meets the back of a double-sided surface finds the radiosity of
