@@ -16,6 +16,7 @@ struct Sums {
     float rays; /* shadow rays */
 };
 
+#define NO_SUMS Sums(vec3[HARMONICS](vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0)), 0.0)
 #include "shaders/hemisphere.glsl"
 #include "shaders/lights.glsl"
 
@@ -70,7 +71,7 @@ void add_light(inout Sums sums, inout Place place, kiln_light_choice choice, uin
 }
 
 /* The part of the lights' samples that is the slice's: all slices have as many, but for one. */
-bool add_lights(inout Sums sums, kiln_gpu_point p, Numbers numbers, Slice slice)
+bool add_lights(inout Sums sums, kiln_gpu_point p, uint row)
 {
     const real3 n = (p.flags & KILN_GPU_POINT_ONE_NORMAL) != 0u ? real3(p.normal) : real3(0);
     const uint samples = push.hemisphere.samples, key = kiln_hash2(p.key, push.hemisphere.stream),
@@ -80,33 +81,27 @@ bool add_lights(inout Sums sums, kiln_gpu_point p, Numbers numbers, Slice slice)
     const uint64_t count = light_sample_count(candidates, n, samples);
     Place place;
     place.point = p;
-    place.numbers = numbers;
+    place.numbers = hemisphere_numbers(p);
     place.start.number = KILN_GPU_NONE;
-    return light_samples(sums, place, candidates, n, samples, key, uint(count * slice.row / slices),
-                         uint(count * (slice.row + 1u) / slices));
+    return light_samples(sums, place, candidates, n, samples, key, uint(count * row / slices),
+                         uint(count * (row + 1u) / slices));
 }
 
-void kiln_kernel(uint x, uint y)
+void after_rays(inout Sums sums, kiln_gpu_point p, uint row, bool good)
 {
-    const Slice slice = hemisphere_slice(x, y);
-    if (slice.index == KILN_GPU_NONE)
-        return;
-    const kiln_gpu_point p = PointArray(push.chunk.points).at[slice.index];
-    const Numbers numbers = hemisphere_numbers(p);
-    Sums sums;
-    for (uint i = 0u; i < HARMONICS; i++)
-        sums.radiance[i] = vec3(0.0);
-    sums.rays = 0.0;
-    bool good = hemisphere_rays(sums, p, numbers, slice);
     if (LIGHT_KINDS != 0u && LIGHT_KINDS != KILN_GPU_KIND_SKY)
-        good = add_lights(sums, p, numbers, slice) && good;
+        good = add_lights(sums, p, row) && good;
     if (!good)
         sums.radiance[0].r = -1.0e30;
-    FloatArray floats = hemisphere_store(slice, KILN_GPU_DIRECTIONAL_FLOATS);
+}
+
+void store(Sums sums, uint x, uint row)
+{
+    FloatArray floats = hemisphere_floats(row, KILN_GPU_DIRECTIONAL_FLOATS);
     for (uint i = 0u; i < HARMONICS; i++)
         for (uint c = 0u; c < 3u; c++)
-            floats.at[(3u * i + c) * push.chunk.total] = sums.radiance[i][c];
-    floats.at[3u * HARMONICS * push.chunk.total] = sums.rays;
+            floats.at[(3u * i + c) * push.chunk.total + x] = sums.radiance[i][c];
+    floats.at[3u * HARMONICS * push.chunk.total + x] = sums.rays;
 }
 
 #include "shaders/main.glsl"

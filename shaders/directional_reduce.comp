@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
 
-const uint MOST_FLOATS = KILN_GPU_DIRECTIONAL_FLOATS;
+const uint FLOATS = KILN_GPU_DIRECTIONAL_FLOATS, MOST_FLOATS = FLOATS, MEASURED = KILN_GPU_NONE;
 #include "shaders/hemisphere_reduce.glsl"
 
 KILN_ARRAY(ResultArray, kiln_gpu_directional_result, 4);
@@ -13,7 +13,7 @@ void kiln_kernel(uint x, uint y)
     if (x >= push.chunk.total)
         return;
     Totals totals;
-    hemisphere_totals(x, KILN_GPU_DIRECTIONAL_FLOATS, 0u, totals);
+    hemisphere_totals(x, totals);
     kiln_gpu_directional_result r;
     for (uint c = 0u; c + 1u < KILN_GPU_DIRECTIONAL_FLOATS; c++)
         r.radiance[c] = totals.sum[c];

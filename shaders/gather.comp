@@ -15,6 +15,7 @@ struct Sums {
     float escaped, blocked, luminance;
 };
 
+#define NO_SUMS Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0)
 #include "shaders/hemisphere.glsl"
 
 const uint SLICE_FLOATS = HAS_ALPHA == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
@@ -63,31 +64,25 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     sums.luminance += weight * float_luminance(rgb);
 }
 
-void store(Sums sums, Slice slice)
+void after_rays(inout Sums sums, kiln_gpu_point p, uint row, bool good)
 {
-    FloatArray floats = hemisphere_store(slice, SLICE_FLOATS);
-    const uint step = push.chunk.total;
-    for (uint c = 0u; c < 3u; c++) {
-        floats.at[c * step] = sums.incident[c];
-        floats.at[(3u + c) * step] = HAS_SMOOTH != 0u ? sums.irradiance[c] : sums.incident[c];
-    }
-    floats.at[6u * step] = sums.escaped;
-    floats.at[7u * step] = sums.blocked;
-    floats.at[8u * step] = sums.luminance;
-    for (uint c = 0u; c < 3u && HAS_ALPHA == KILN_PASSAGE_TINT; c++)
-        floats.at[(9u + c) * step] = sums.glass[c];
+    if (!good)
+        sums.escaped = -1.0e9;
 }
 
-void kiln_kernel(uint x, uint y)
+void store(Sums sums, uint x, uint row)
 {
-    const Slice slice = hemisphere_slice(x, y);
-    if (slice.index == KILN_GPU_NONE)
-        return;
-    const kiln_gpu_point p = PointArray(push.chunk.points).at[slice.index];
-    Sums sums = Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0);
-    if (!hemisphere_rays(sums, p, hemisphere_numbers(p), slice))
-        sums.escaped = -1.0e9;
-    store(sums, slice);
+    FloatArray floats = hemisphere_floats(row, SLICE_FLOATS);
+    const uint step = push.chunk.total;
+    for (uint c = 0u; c < 3u; c++) {
+        floats.at[c * step + x] = sums.incident[c];
+        floats.at[(3u + c) * step + x] = HAS_SMOOTH != 0u ? sums.irradiance[c] : sums.incident[c];
+    }
+    floats.at[6u * step + x] = sums.escaped;
+    floats.at[7u * step + x] = sums.blocked;
+    floats.at[8u * step + x] = sums.luminance;
+    for (uint c = 0u; c < 3u && HAS_ALPHA == KILN_PASSAGE_TINT; c++)
+        floats.at[(9u + c) * step + x] = sums.glass[c];
 }
 
 #include "shaders/main.glsl"

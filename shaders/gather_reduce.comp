@@ -3,12 +3,11 @@
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
 
-const uint MOST_FLOATS = KILN_GPU_SLICE_TINTED_FLOATS;
+const uint FLOATS = HAS_ALPHA == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
+const uint MOST_FLOATS = KILN_GPU_SLICE_TINTED_FLOATS, MEASURED = 8u;
 #include "shaders/hemisphere_reduce.glsl"
 
 KILN_ARRAY(ResultArray, kiln_gpu_result, 4);
-
-const uint SLICE_FLOATS = HAS_ALPHA == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
 
 void kiln_kernel(uint x, uint y)
 {
@@ -17,7 +16,7 @@ void kiln_kernel(uint x, uint y)
     kiln_gpu_result r =
         kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), 0.0);
     Totals totals;
-    if (hemisphere_totals(x, SLICE_FLOATS, 8u, totals)) {
+    if (hemisphere_totals(x, totals)) {
         const float n = float(push.samples);
         for (uint c = 0u; c < 3u; c++) {
             r.incident[c] = totals.sum[c] / n;

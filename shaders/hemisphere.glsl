@@ -4,7 +4,9 @@
  * (shaders/shared/random.h). hemisphere_reduce.glsl adds up the slices.
  *
  * The kernel that includes this says what a ray adds. Before it stand push constants with the members `chunk` and
- * `hemisphere`, and `struct Sums`, what a thread adds up. The kernel defines add_ray and calls hemisphere_rays. */
+ * `hemisphere`, `struct Sums`, what a thread adds up, and NO_SUMS, its zeros. The kernel defines the functions that are
+ * declared here. All else stands in kiln_kernel and not in functions of its own, which cost the gather 4 % on an H200.
+ */
 #define KILN_TRACES
 #include "shaders/trace/trace.glsl"
 #include "shaders/surface.glsl"
@@ -15,6 +17,11 @@ KILN_ARRAY(FloatArray, float, 4);
 /* What one sample of the point adds: a ray from `position`, where the geometric normal is `normal`, with u and v in
  * (0, 1) for its direction and `seed` for its chances. */
 void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed);
+
+/* After the rays of slice `row` of the point. `good`: the device did not end the loop over them early. */
+void after_rays(inout Sums sums, kiln_gpu_point p, uint row, bool good);
+/* Stores what slice `row` of point `x` of the chunk has: float c at hemisphere_floats(row, ..).at[c * total + x]. */
+void store(Sums sums, uint x, uint row);
 
 /* `radius` away from the axis n, turned about it by v, and `cosine` along it. */
 vec3 hemisphere_direction(vec3 n, float radius, float cosine, float v)
@@ -33,39 +40,16 @@ vec3 hemisphere_cosine(vec3 n, float u, float v, out float cosine)
     return hemisphere_direction(n, sqrt(u), cosine, v);
 }
 
-/* The slice of thread (x, y): samples from .. to - 1 of a point. */
-struct Slice {
-    uint index;    /* the point's, or KILN_GPU_NONE: the thread has nothing to do */
-    uint row;      /* slice of all four quarters */
-    uint from, to; /* none where `from` is not below `to` */
-};
-
-Slice hemisphere_slice(uint x, uint y)
-{
-    const uint row = push.hemisphere.row_first + y, per_quarter = push.hemisphere.per_quarter;
-    Slice slice = Slice(kiln_point_of_thread(push.chunk, x), row, 0u, 0u);
-    if (row >= 4u * per_quarter)
-        slice.index = KILN_GPU_NONE;
-    if (slice.index == KILN_GPU_NONE)
-        return slice;
-    const uint q = row / per_quarter, n = push.hemisphere.samples;
-    const uint begin = kiln_quarter_first(q, n), end = kiln_quarter_first(q + 1u, n);
-    slice.from = begin + (row % per_quarter) * push.hemisphere.slice;
-    slice.to = min(end, slice.from + push.hemisphere.slice);
-    return slice;
-}
-
 /* What the random numbers of a point's samples hang on. */
 struct Numbers {
     uint seed[4], shift[4], chance;
-    uint reuse; /* sample k starts at place k / reuse */
+    bool shares; /* sample k starts at place k / push.hemisphere.reuse; else each sample has a place of its own */
 };
 
 Numbers hemisphere_numbers(kiln_gpu_point p)
 {
     const uint stream = push.hemisphere.stream, key = kiln_hash2(p.key, stream),
                shared_digits = kiln_shared_digits(push.hemisphere.samples);
-    const bool shares = DRAW_AGAIN != 0u || (p.flags & (KILN_GPU_POINT_PARTIAL | KILN_GPU_POINT_MASKED)) != 0u;
     Numbers numbers;
     for (uint d = 0u; d < 4u; d++)
         numbers.seed[d] = kiln_gather_seed(p.tile_key, stream, d);
@@ -74,7 +58,7 @@ Numbers hemisphere_numbers(kiln_gpu_point p)
     numbers.shift[KILN_DIMENSION_S] = kiln_gather_shift(key, KILN_DIMENSION_S);
     numbers.shift[KILN_DIMENSION_T] = kiln_gather_shift(key, KILN_DIMENSION_T);
     numbers.chance = kiln_gather_chance(key);
-    numbers.reuse = shares ? push.hemisphere.reuse : 1u;
+    numbers.shares = DRAW_AGAIN != 0u || (p.flags & (KILN_GPU_POINT_PARTIAL | KILN_GPU_POINT_MASKED)) != 0u;
     return numbers;
 }
 
@@ -94,7 +78,7 @@ struct Start {
 /* Goes on to the start of sample k. */
 void hemisphere_start(inout Start start, kiln_gpu_point p, Numbers numbers, uint k)
 {
-    const uint number = k / numbers.reuse;
+    const uint number = numbers.shares ? k / push.hemisphere.reuse : k; /* a division takes its time */
     if (number == start.number)
         return;
     kiln_position(p, push.chunk.parts, hemisphere_number(numbers, number, KILN_DIMENSION_S),
@@ -102,24 +86,36 @@ void hemisphere_start(inout Start start, kiln_gpu_point p, Numbers numbers, uint
     start.number = number;
 }
 
-/* Adds the slice's rays. False: the device ended the loop early. */
-bool hemisphere_rays(inout Sums sums, kiln_gpu_point p, Numbers numbers, Slice slice)
+/* The floats of a slice of all points, `floats` a point. */
+FloatArray hemisphere_floats(uint row, uint floats)
 {
+    return FloatArray(push.hemisphere.slices +
+                      uint64_t(row * push.hemisphere.row_step * floats) * push.chunk.total * 4ul);
+}
+
+void kiln_kernel(uint x, uint y)
+{
+    const uint row = push.hemisphere.row_first + y;
+    const uint index = kiln_point_of_thread(push.chunk, x);
+    if (index == KILN_GPU_NONE || row >= 4u * push.hemisphere.per_quarter)
+        return;
+    const kiln_gpu_point p = PointArray(push.chunk.points).at[index];
+    /* quarter q holds the samples k with k * 4 / samples == q */
+    const uint q = row / push.hemisphere.per_quarter, n = push.hemisphere.samples;
+    const uint begin = kiln_quarter_first(q, n), end = kiln_quarter_first(q + 1u, n);
+    const uint from = begin + (row % push.hemisphere.per_quarter) * push.hemisphere.slice,
+               to = min(end, from + push.hemisphere.slice);
+    Sums sums = NO_SUMS;
+    const Numbers numbers = hemisphere_numbers(p);
     Start start;
     start.number = KILN_GPU_NONE;
-    uint k = slice.from;
-    for (; k < slice.to; k++) {
+    uint k = from;
+    for (; k < to; k++) {
         hemisphere_start(start, p, numbers, k);
         add_ray(sums, p, start.position, start.normal, hemisphere_number(numbers, k, KILN_DIMENSION_U),
                 hemisphere_number(numbers, k, KILN_DIMENSION_V),
                 HAS_ALPHA >= KILN_PASSAGE_BLEND ? kiln_gather_ray_seed(numbers.chance, k) : 0u);
     }
-    return k >= slice.to;
-}
-
-/* Where the slice's first float goes; the next is `push.chunk.total` floats on. Slices have `floats` a point. */
-FloatArray hemisphere_store(Slice slice, uint floats)
-{
-    const uint64_t row = uint64_t(slice.row * push.hemisphere.row_step * floats) * push.chunk.total;
-    return FloatArray(push.hemisphere.slices + (row + slice.index - push.chunk.origin) * 4ul);
+    after_rays(sums, p, row, k >= to);
+    store(sums, index - push.chunk.origin, row);
 }

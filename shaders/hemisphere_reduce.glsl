@@ -1,5 +1,7 @@
 /* Adds up the slices of hemisphere.glsl, one after the other. The slices of partly buried points fill all rows, those
- * of other points each `split`-th. Before it stands MOST_FLOATS, how many floats a slice may have. */
+ * of other points each `split`-th. Before it stand three constants: FLOATS, how many floats a slice has; MOST_FLOATS, a
+ * literal, how many it may have; MEASURED, the float whose quarters are wanted (KILN_GPU_NONE: of none). As constants
+ * they let the compiler unroll the loops and keep the sums in registers. */
 #include "shaders/sum.glsl"
 
 KILN_PUSH(kiln_gpu_hemisphere_reduce_push);
@@ -10,7 +12,7 @@ KILN_ARRAY(FloatArray, float, 4);
 
 struct Totals {
     float sum[MOST_FLOATS];
-    float quarters[4]; /* what the four quarters of the samples have of the float that was asked for */
+    float quarters[4]; /* what the four quarters of the samples have of float MEASURED */
 };
 
 float float_of(kiln_sum sum) { return sum.high + sum.low; }
@@ -26,8 +28,8 @@ float quarters_error(float quarters[4])
     return sqrt(square / 12.0);
 }
 
-/* False for an invalid point. Slices have `floats` floats, and the quarters are those of float `measured`. */
-bool hemisphere_totals(uint x, uint floats, uint measured, out Totals totals)
+/* False for an invalid point. */
+bool hemisphere_totals(uint x, out Totals totals)
 {
     const uint state = WordArray(push.chunk.states).at[push.chunk.origin + x];
     const uint rows = push.per_quarter * push.split, step = state == KILN_GPU_STATE_BURIED ? 1u : push.split;
@@ -43,15 +45,17 @@ bool hemisphere_totals(uint x, uint floats, uint measured, out Totals totals)
     for (uint q = 0u; q < 4u; q++) {
         kiln_sum quarter = kiln_sum(0.0, 0.0);
         for (uint i = 0u; i < rows; i += step) {
-            const uint64_t row = uint64_t((q * rows + i) * floats) * push.chunk.total * 4ul;
+            const uint64_t row = uint64_t((q * rows + i) * FLOATS) * push.chunk.total * 4ul;
             FloatArray slice = FloatArray(push.slices + row);
-            for (uint c = 0u; c < floats; c++)
-                kiln_add(sums[c], slice.at[c * push.chunk.total + x]);
-            kiln_add(quarter, slice.at[measured * push.chunk.total + x]);
+            for (uint c = 0u; c < MOST_FLOATS; c++)
+                if (c < FLOATS)
+                    kiln_add(sums[c], slice.at[c * push.chunk.total + x]);
+            if (MEASURED != KILN_GPU_NONE)
+                kiln_add(quarter, slice.at[MEASURED * push.chunk.total + x]);
         }
         totals.quarters[q] = float_of(quarter);
     }
-    for (uint c = 0u; c < floats; c++)
+    for (uint c = 0u; c < MOST_FLOATS; c++)
         totals.sum[c] = float_of(sums[c]);
     return true;
 }

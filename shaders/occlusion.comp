@@ -12,6 +12,7 @@ struct Sums {
     vec3 direction;
 };
 
+#define NO_SUMS Sums(0.0, vec3(0.0))
 #include "shaders/hemisphere.glsl"
 
 void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed)
@@ -25,19 +26,18 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     sums.direction += direction;
 }
 
-void kiln_kernel(uint x, uint y)
+void after_rays(inout Sums sums, kiln_gpu_point p, uint row, bool good)
 {
-    const Slice slice = hemisphere_slice(x, y);
-    if (slice.index == KILN_GPU_NONE)
-        return;
-    const kiln_gpu_point p = PointArray(push.chunk.points).at[slice.index];
-    Sums sums = Sums(0.0, vec3(0.0));
-    if (!hemisphere_rays(sums, p, hemisphere_numbers(p), slice))
+    if (!good)
         sums.open = -1.0e9;
-    FloatArray floats = hemisphere_store(slice, KILN_GPU_OCCLUSION_FLOATS);
-    floats.at[0] = sums.open;
+}
+
+void store(Sums sums, uint x, uint row)
+{
+    FloatArray floats = hemisphere_floats(row, KILN_GPU_OCCLUSION_FLOATS);
+    floats.at[x] = sums.open;
     for (uint c = 0u; c < 3u; c++)
-        floats.at[(1u + c) * push.chunk.total] = sums.direction[c];
+        floats.at[(1u + c) * push.chunk.total + x] = sums.direction[c];
 }
 
 #include "shaders/main.glsl"

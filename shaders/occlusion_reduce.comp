@@ -4,7 +4,7 @@
 #include "shaders/kernel.glsl"
 #include "shaders/shared/streams.h"
 
-const uint MOST_FLOATS = KILN_GPU_OCCLUSION_FLOATS;
+const uint FLOATS = KILN_GPU_OCCLUSION_FLOATS, MOST_FLOATS = FLOATS, MEASURED = 0u;
 #include "shaders/hemisphere_reduce.glsl"
 
 KILN_ARRAY(ResultArray, kiln_gpu_occlusion_result, 4);
@@ -15,7 +15,7 @@ void kiln_kernel(uint x, uint y)
         return;
     kiln_gpu_occlusion_result r = kiln_gpu_occlusion_result(0.0, float[3](0.0, 0.0, 0.0), 0.0);
     Totals totals;
-    if (hemisphere_totals(x, KILN_GPU_OCCLUSION_FLOATS, 0u, totals)) {
+    if (hemisphere_totals(x, totals)) {
         const uint n = push.samples;
         r.open = totals.sum[0] / float(n);
         for (uint c = 0u; c < 3u; c++) /* the last bit of one direction may be above 1 */
