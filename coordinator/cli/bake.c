@@ -414,6 +414,7 @@ static int write_results(struct bake *b, const char *provenance, struct kiln_err
     const struct kiln_output_params params = {.directory = b->job->output,
                                               .half = b->job->half,
                                               .stitch = b->job->stitch,
+                                              .denoise = kiln_job_denoises(b->job),
                                               .faults = &b->job->faults,
                                               .provenance_json = provenance};
     kiln_phase(&b->phases, "lightmaps");

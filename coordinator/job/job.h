@@ -72,6 +72,7 @@ struct kiln_job {
     bool half;       /* write lightmaps as half floats where no value overflows */
     bool both_sides; /* also write lightmaps for the backs of double-sided surfaces */
     bool stitch;     /* smooth seams between charts; default true */
+    int denoise;     /* enum kiln_denoise */
     bool error_map;  /* write the standard error of each texel as a layer */
     bool preview;    /* write preview.png; default true */
     bool export;     /* write scene.glb; default true */
@@ -136,6 +137,9 @@ struct kiln_job {
  * with kiln_job_destroy. */
 int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_error *error);
 void kiln_job_destroy(struct kiln_job **job);
+
+/* Whether noise is taken out of the lightmaps: what --denoise and --quality say together. */
+bool kiln_job_denoises(const struct kiln_job *job);
 
 /* Prints one line for each option that was given by its former name, with the present name. Not collective. */
 void kiln_job_print_renamed(const struct kiln_job *job, FILE *stream);

@@ -9,9 +9,10 @@ static const char *const backends[] = {"auto", "embree", "vulkan", NULL};
 /* enum kiln_traversal */
 static const char *const traversals[] = {"auto", "compute", "pipeline", "all", "binary", "four", "eight", NULL};
 static const char *const trusts[] = {"winding", "normals", NULL};
-static const char *const schedules[] = {"lean", "equal", NULL};            /* in the order of enum kiln_schedule */
-static const char *const exchanges[] = {"auto", "compact", "full", NULL};  /* in the order of enum kiln_exchange_form */
-static const char *const rebalances[] = {"auto", "never", "always", NULL}; /* in the order of enum kiln_rebalance */
+static const char *const schedules[] = {"lean", "equal", NULL};           /* in the order of enum kiln_schedule */
+static const char *const exchanges[] = {"auto", "compact", "full", NULL}; /* in the order of enum kiln_exchange_form */
+static const char *const denoisers[] = {"none", "regression", "auto", NULL}; /* in the order of enum kiln_denoise */
+static const char *const rebalances[] = {"auto", "never", "always", NULL};   /* in the order of enum kiln_rebalance */
 /* in the order of enum kiln_units_choice */
 static const char *const units[] = {"auto", "radiometric", "photometric", NULL};
 /* in the order of enum kiln_page_format */
@@ -336,6 +337,14 @@ const struct kiln_option kiln_options[] = {
      .help = "two: write lightmaps for the backs of double-sided surfaces too, in lightmaps/back",
      .commands = TRACES,
      .offset = AT(both_sides)},
+    {.name = "denoise",
+     .group = "Lightmaps",
+     .kind = KILN_OPTION_CHOICE_ENUM,
+     .fallback = "auto",
+     .choices = denoisers,
+     .help = "take noise out of lightmaps by regression on the surface; auto: unless --quality is reference",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(denoise)},
     {.name = "error-map",
      .group = "Lightmaps",
      .kind = KILN_OPTION_FLAG,

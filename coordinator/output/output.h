@@ -13,6 +13,7 @@
 struct kiln_output_params {
     const char *directory;
     bool half, stitch;
+    bool denoise;           /* the bake's fields must have the errors of direct and of indirect light */
     uint64_t least_divided; /* texels from which on several ranks may pack a lightmap; 0: KILN_STRIPS_LEAST */
     /* kiln_provenance: one JSON object without time stamps, stored as an attribute of the HDF5 files */
     const char *provenance_json;
@@ -29,6 +30,9 @@ struct kiln_lightmap_report {
     double texels_per_metre;                              /* density that the object really has */
     /* over valid texels: mean luminance of irradiance, by area; root mean square of its standard error / that mean */
     double mean, error;
+    /* denoising: sums over gathered texels of area x variance of luminance, as gathered and what is left, of direct and
+     * of indirect light; time */
+    double noise_before[2], noise_after[2], denoise_seconds;
 };
 
 /* Writes DIR/lightmaps/OBJECT.exr for every object that is not caster-only, and DIR/lightmaps/back/OBJECT.exr for
@@ -36,7 +40,8 @@ struct kiln_lightmap_report {
  * coverage.Y, the fraction of the texel's square that the layout covers (half); validity.Y: 1 gathered, 0.5 on a
  * surface but filled from neighbours, 0 margin (half).
  *
- * Invalid points are filled, seams between charts of an object are smoothed, and margins are dilated over the whole
+ * With `denoise` noise is taken out (map/regression.h) before anything else, and error.Y is what is left of it. Invalid
+ * points are filled, seams between charts of an object are smoothed, and margins are dilated over the whole
  * image, each texel from the chart that reads it. A lightmap that is large compared with the work of the other ranks is
  * packed by several ranks (map/strips.h). The bytes do not depend on which rank writes an object and which ranks pack
  * it. With `half`, a file whose values exceed half precision is written as float, and its attribute kiln:precision says
