@@ -294,24 +294,31 @@ static void classify(struct kiln_neighbours *n, const struct kiln_neighbour_poin
     }
 }
 
+/* Lists the candidates that are neighbours, but not the point itself. Returns their number. */
+static size_t list_near(struct kiln_neighbours *n, size_t place)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < n->candidates; i++) {
+        n->near[count] = (uint32_t)i;
+        count += (size_t)((n->ring[i] != OUTSIDE) & (n->candidate[i] != place));
+    }
+    return count;
+}
+
 void kiln_neighbours_find(struct kiln_neighbours *n, const struct kiln_neighbour_grid *g, size_t place, float radius)
 {
-    size_t counts[KILN_NEIGHBOUR_RINGS + 1] = {0}, next[KILN_NEIGHBOUR_RINGS];
+    size_t counts[KILN_NEIGHBOUR_RINGS] = {0}, next[KILN_NEIGHBOUR_RINGS];
     classify(n, &g->points[place], radius);
-    for (size_t i = 0; i < n->candidates; i++) {
-        if (n->candidate[i] == place)
-            n->ring[i] = OUTSIDE;
-        counts[n->ring[i]]++;
-    }
+    const size_t count = list_near(n, place);
+    for (size_t k = 0; k < count; k++)
+        counts[n->ring[n->near[k]]]++;
     for (size_t r = 0, sum = 0; r < KILN_NEIGHBOUR_RINGS; r++) {
         next[r] = sum;
         sum += counts[r];
         n->within[r] = sum;
     }
-    for (size_t i = 0; i < n->candidates; i++) {
-        if (n->ring[i] == OUTSIDE)
-            continue;
-        const size_t to = next[n->ring[i]]++;
+    for (size_t k = 0; k < count; k++) {
+        const size_t i = n->near[k], to = next[n->ring[i]]++;
         n->place[to] = n->candidate[i];
         n->x[to] = n->tangent[0][i];
         n->y[to] = n->tangent[1][i];

@@ -68,6 +68,7 @@ struct kiln_neighbours {
     } of;                                   /* the candidates */
     float tangent[2][KILN_NEIGHBOURS_MOST]; /* of the candidates */
     int32_t ring[KILN_NEIGHBOURS_MOST];     /* of the candidates */
+    uint32_t near[KILN_NEIGHBOURS_MOST];    /* which of them are neighbours */
 };
 
 /* Collects the candidates of a cell, for neighbours within `radius` texels. */

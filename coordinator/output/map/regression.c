@@ -10,9 +10,9 @@ enum { SCALES = KILN_REGRESSION_SCALES, LIGHTS = KILN_REGRESSION_LIGHTS, RAW = S
 
 const float kiln_regression_scales[SCALES] = {0.75f, 1.0f, 1.5f, 2.0f, 3.0f, 4.0f};
 
-/* Of these scales, by their number: the one by which the variance is judged and choices are averaged, and the one over
- * whose weights estimates are averaged. */
-enum { NARROW = 1, WIDE = 3 };
+/* Of these scales, by their number: the one by which the variance is judged and choices are averaged, and the one
+ * over whose weights variances and risks are averaged. */
+enum { NARROW = 1, WIDE = 4 };
 
 /* In place of the second moment along an axis on which the neighbours do not extend, relative to the sum of weights. */
 static const double ridge = 1e-5;
@@ -29,7 +29,7 @@ static const double leverage_most = 0.95;
 /* What is known of a point's light. The last three are made by the second sweep. */
 struct estimate {
     float luminance, variance; /* as given */
-    float square[SCALES];      /* (fit - value)^2 */
+    float square[SCALES];      /* (fit - value)^2; then Stein's estimate over `pooled` */
     float pooled;              /* the mean variance around, lowered as the header says */
     float risk;                /* of the choice: the mean of Stein's estimate, at most `pooled` */
     uint32_t choice;           /* a scale, or RAW */
@@ -176,48 +176,56 @@ static void pool_variance(const struct regression *r, struct worker *w, size_t p
 
 /* ---- third sweep: risks, and the choice ---- */
 
-/* Weighted sums over a neighbourhood: of Stein's estimates over the variance, and of leverages. */
+/* Replaces the squared distances of a point from its fits by Stein's estimates over the variance. */
+static void estimate_risks(const struct regression *r, struct worker *w, size_t place)
+{
+    (void)w;
+    for (size_t l = 0; l < r->light_count; l++) {
+        struct estimate *e = &r->estimates[l][place];
+        for (size_t s = 0; s < SCALES && e->pooled > 0.0f; s++) {
+            const double risk = (double)e->square[s] / (double)e->pooled - 1.0 + 2.0 * (double)r->leverage[place][s];
+            e->square[s] = (float)fmin(risk, risk_most);
+        }
+    }
+}
+
+/* Weighted sums over a neighbourhood. */
 struct pool {
-    double weight, leverage[SCALES], risk[LIGHTS][SCALES];
+    float weight, leverage[SCALES], risk[LIGHTS][SCALES];
 };
 
-static void add_to_pool(const struct regression *r, struct pool *p, size_t place, double weight)
+static inline void add_to_pool(const struct regression *r, struct pool *p, size_t place, float weight)
 {
     p->weight += weight;
     for (size_t s = 0; s < SCALES; s++)
-        p->leverage[s] += weight * (double)r->leverage[place][s];
-    for (size_t l = 0; l < r->light_count; l++) {
-        const struct estimate *e = &r->estimates[l][place];
-        for (size_t s = 0; s < SCALES; s++) {
-            const double risk =
-                (double)e->square[s] / fmax((double)e->pooled, 1e-300) - 1.0 + 2.0 * (double)r->leverage[place][s];
-            p->risk[l][s] += weight * (risk < risk_most ? risk : risk_most);
-        }
-    }
+        p->leverage[s] += weight * r->leverage[place][s];
+    for (size_t l = 0; l < r->light_count; l++)
+        for (size_t s = 0; s < SCALES; s++)
+            p->risk[l][s] += weight * r->estimates[l][place].square[s];
 }
 
 /* The scale of the least risk of one light. */
 static void choose(struct estimate *e, const struct pool *p, size_t light)
 {
-    double least = 1.0;
+    float least = 1.0f;
     e->choice = RAW;
     for (size_t s = 0; s < SCALES && e->pooled > 0.0f; s++) {
-        const double risk = p->risk[light][s] / p->weight;
-        if (p->leverage[s] < leverage_most * p->weight && risk < least) {
+        const float risk = p->risk[light][s] / p->weight;
+        if (p->leverage[s] < (float)leverage_most * p->weight && risk < least) {
             least = risk;
             e->choice = (uint32_t)s;
         }
     }
-    e->risk = (float)(fmax(least, 0.0) * (double)e->pooled);
+    e->risk = fmaxf(least, 0.0f) * e->pooled;
 }
 
 static void judge_point(const struct regression *r, struct worker *w, size_t place)
 {
     struct pool pool = {0};
     kiln_neighbours_find(&w->n, r->grid, place, kiln_neighbour_rings[WIDE]);
-    add_to_pool(r, &pool, place, (double)r->grid->points[place].area);
+    add_to_pool(r, &pool, place, r->grid->points[place].area);
     for (size_t i = 0; i < w->n.within[WIDE]; i++)
-        add_to_pool(r, &pool, w->n.place[i], (double)weight_of(&w->n, i, WIDE));
+        add_to_pool(r, &pool, w->n.place[i], weight_of(&w->n, i, WIDE));
     for (size_t l = 0; l < r->light_count; l++)
         choose(&r->estimates[l][place], &pool, l);
 }
@@ -382,6 +390,8 @@ int kiln_regression_run(const struct kiln_neighbour_grid *grid, struct kiln_regr
         status = sweep(&r, KILN_NEIGHBOUR_RADIUS, fit_point, error);
     if (status == KILN_OK)
         status = sweep(&r, kiln_neighbour_rings[WIDE], pool_variance, error);
+    if (status == KILN_OK)
+        status = sweep(&r, 0.0f, estimate_risks, error);
     if (status == KILN_OK)
         status = sweep(&r, kiln_neighbour_rings[WIDE], judge_point, error);
     if (status == KILN_OK)

@@ -12,13 +12,13 @@
  *
  *     (fit - y_0)^2 - v + 2 l_0 v                                   (Stein, Annals of Statistics 1981, Theorem 1),
  *
- * v being the variance of y_0. Its three terms are averaged over neighbours with the weights of s = 2, and so is what
- * is stated of the variance; a stated variance that exceeds what the values scatter about the fit of s = 1 is lowered
- * to that. The scale of least risk is chosen, or the value itself, whose risk is v. Choices are averaged with the
- * weights of s = 1, so that the result is a mean of a few fits. All channels have the same weights; what is judged is
- * luminance.
+ * v being the variance of y_0: what is stated of it, averaged over neighbours with the weights of s = 3; where that
+ * exceeds what the values scatter about the fit of s = 1, it is lowered to that. The estimates over v are averaged with
+ * the weights of s = 3, too. The scale of least risk is chosen, or the value itself, whose risk is v. Choices are
+ * averaged with the weights of s = 1, so that the result is a mean of a few fits. All channels have the same weights;
+ * what is judged is luminance.
  *
- * A point's result depends on no more than the points within 12 texels. Not collective; the same bits for any number of
+ * A point's result depends on no more than the points within 30 texels. Not collective; the same bits for any number of
  * threads. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_REGRESSION_H
 #define KILN_COORDINATOR_OUTPUT_MAP_REGRESSION_H
