@@ -410,7 +410,8 @@ def bake_patches(kiln, case):
     samples = PATCHES[case['id']](scene, case)
     judgement = Judgement(kiln.thin > 1)
     path = scene.write(os.path.join(kiln.scratch, case['id'] + '-patches.glb'))
-    bake = kiln.bake(path, '--denoise', 'none', '--lightmap-size', 9, '--samples-direct', kiln.samples(4096), '--samples-probe', 0,
+    bake = kiln.bake(path, '--denoise', 'none', '--lightmap-size', 9, '--samples-direct', kiln.samples(4096),
+                     '--samples-probe', 0,
                      '--bounces', 0)
     if bake.process.status == 0:
         for i, sample in enumerate(samples):
