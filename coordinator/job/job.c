@@ -291,12 +291,6 @@ int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_err
     return status;
 }
 
-bool kiln_job_denoises(const struct kiln_job *job)
-{
-    return job->denoise == KILN_DENOISE_REGRESSION ||
-           (job->denoise == KILN_DENOISE_AUTO && job->quality != NULL && strcmp(job->quality, "reference") != 0);
-}
-
 void kiln_job_print_renamed(const struct kiln_job *job, FILE *stream)
 {
     const struct kiln_job_owned *own = job->strings;

@@ -9,6 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "coordinator/job/faults.h"
 #include "coordinator/job/choices.h"
@@ -139,7 +140,11 @@ int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_err
 void kiln_job_destroy(struct kiln_job **job);
 
 /* Whether noise is taken out of the lightmaps: what --denoise and --quality say together. */
-bool kiln_job_denoises(const struct kiln_job *job);
+static inline bool kiln_job_denoises(const struct kiln_job *job)
+{
+    return job->denoise == KILN_DENOISE_REGRESSION ||
+           (job->denoise == KILN_DENOISE_AUTO && job->quality != NULL && strcmp(job->quality, "reference") != 0);
+}
 
 /* Prints one line for each option that was given by its former name, with the present name. Not collective. */
 void kiln_job_print_renamed(const struct kiln_job *job, FILE *stream);
