@@ -19,7 +19,7 @@ import harness  # noqa: E402
 
 OPTIONS = ('--texels-per-metre', 14, '--samples-probe', 0, '--no-export', '--error-map', '--no-stitch')
 PREVIEW = ('--quality', 'preview')
-MORE = ('--samples-direct', 2048, '--samples-bounce', 32, '--samples-indirect', 8192, '--seed', 5)
+MORE = ('--samples-direct', 1024, '--samples-bounce', 16, '--samples-indirect', 8192, '--seed', 5)
 HIGH = ('--samples-direct', 512, '--samples-bounce', 32, '--samples-indirect', 1024)
 
 
@@ -88,7 +88,7 @@ def gains(checks, kiln, scene):
                 'and %s of the denoised one' % (method(raw), method(clean)))
     checks.that(same_points(raw, clean), 'kiln.h5 is not the same with and without denoising')
     r, c, b = layers(raw), layers(clean), layers(best)
-    for what, least in (('indirect', 2.8), ('direct', 1.5)):
+    for what, least in (('indirect', 2.8), ('direct', 1.3)):
         ratio = away(r, b, what) / away(c, b, what)
         print('%s light at preview: %.3f %% raw, %.3f %% denoised: %.2f times less' % (
             what, 100 * away(r, b, what), 100 * away(c, b, what), ratio))

@@ -159,13 +159,13 @@ static void does_not_believe_too_large_an_error(void **state)
     (void)state;
     struct field *f = make_field();
     uint64_t seed = 2;
-    for (size_t i = 0; i < COUNT; i++) /* waves that a fit of 3 texels would flatten */
-        set(f, i, 2.0f + sinf((float)(i % SIDE) * 0.7f) + 0.02f * noise(&seed), 0.1f);
+    for (size_t i = 0; i < COUNT; i++) /* waves that a fit of 1.5 texels flattens by 0.05 */
+        set(f, i, 2.0f + sinf((float)(i % SIDE) * 0.35f) + 0.02f * noise(&seed), 0.1f);
     run(f);
     double sum = 0.0;
     for (size_t i = 0; i < COUNT; i++)
-        sum += pow((double)(f->value[0][i] - 2.0f - sinf((float)(i % SIDE) * 0.7f)), 2.0) / COUNT;
-    assert_true(sqrt(sum) < 0.07);
+        sum += pow((double)(f->value[0][i] - 2.0f - sinf((float)(i % SIDE) * 0.35f)), 2.0) / COUNT;
+    assert_true(sqrt(sum) < 0.025);
     destroy(f);
 }
 
@@ -184,16 +184,20 @@ static void keeps_a_step(void **state)
     destroy(f);
 }
 
-/* Two sides of a sheet, and two faces at a right angle: each has a light of its own, with much noise. */
+/* Two sides of a sheet, two faces at a right angle, and two sheets that lie two texels apart: each has a light of its
+ * own, with much noise. */
 static void nothing_bleeds(void **state)
 {
     (void)state;
-    for (int back = 0; back < 2; back++) {
+    static const float above[3] = {0.0f, 0.0f, 0.1f};
+    for (int other = 0; other < 3; other++) {
         struct field *f = make_field();
-        if (back != 0)
+        if (other == 0)
             add_square(f, origin, y_axis, x_axis); /* its normal is the opposite */
-        else
+        else if (other == 1)
             add_square(f, origin, y_axis, z_axis);
+        else
+            add_square(f, above, x_axis, y_axis);
         assert_int_equal(f->count, 2 * COUNT);
         for (size_t i = 0; i < f->count; i++)
             set(f, i, i < COUNT ? 1.0f : 0.0f, 10.0f);
