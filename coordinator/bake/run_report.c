@@ -251,6 +251,23 @@ static json_t *borders_json(const struct kiln_run *run)
                      (double)scene->header->texels_per_metre);
 }
 
+/* What denoising did, over all lightmaps. `seconds` is the sum of what each lightmap took on its own threads. */
+static json_t *denoise_json(const struct kiln_run *run)
+{
+    double before[2] = {0}, after[2] = {0}, seconds = 0.0;
+    for (size_t i = 0; i < run->prepared->surface->map_count; i++) {
+        const struct kiln_lightmap_report *r = &run->lightmaps[i];
+        seconds += r->denoise_seconds;
+        for (int l = 0; l < 2; l++) {
+            before[l] += r->noise_before[l];
+            after[l] += r->noise_after[l];
+        }
+    }
+    return json_pack("{s:s, s:f, s:f, s:f}", "method", kiln_job_denoises(run->job) ? "regression" : "none", "seconds",
+                     seconds, "variance_left_direct", before[0] > 0.0 ? after[0] / before[0] : 1.0,
+                     "variance_left_indirect", before[1] > 0.0 ? after[1] / before[1] : 1.0);
+}
+
 static json_t *ranks_json(const struct kiln_run *run, const uint64_t *values, int value)
 {
     json_t *per_rank = json_array();
@@ -437,6 +454,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
                                       run->volume->spacing[0], run->volume->spacing[1], run->volume->spacing[2]));
     json_object_set_new(root, "objects", objects_json(run));
     json_object_set_new(root, "borders", borders_json(run));
+    json_object_set_new(root, "denoise", denoise_json(run));
     return root;
 }
 

@@ -262,6 +262,18 @@ static void print_reached(FILE *stream, const json_t *report)
                   100.0 * json_number_value(json_object_get(json_object_get(report, "energy"), "relative_residual")));
 }
 
+static void print_denoising(FILE *stream, const json_t *report)
+{
+    const json_t *denoise = json_object_get(report, "denoise");
+    const char *method = json_string_value(json_object_get(denoise, "method"));
+    if (method == NULL || strcmp(method, "none") == 0)
+        return;
+    (void)fprintf(
+        stream, "lightmaps denoised in %.1f s: %.3g %% of the variance of direct light is left, %.3g %% of indirect\n",
+        number_of(denoise, "seconds"), 100.0 * number_of(denoise, "variance_left_direct"),
+        100.0 * number_of(denoise, "variance_left_indirect"));
+}
+
 void kiln_run_table(FILE *stream, const json_t *report)
 {
     size_t index;
@@ -272,6 +284,7 @@ void kiln_run_table(FILE *stream, const json_t *report)
     print_time(stream, report);
     print_memory(stream, report);
     print_reached(stream, report);
+    print_denoising(stream, report);
     kiln_print(stream, "results in %s\n", output != NULL ? output : "?");
     json_array_foreach(json_object_get(report, "notes"), index, note)
         kiln_print(stream, "NOTE %s\n", json_string_value(note));

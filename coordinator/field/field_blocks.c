@@ -64,6 +64,12 @@ static int read_block(const struct kiln_checkpoint *checkpoint, const struct kil
 {
     const int status = kiln_checkpoint_read(checkpoint, field->name, surface->first.at, surface->count,
                                             block_size(field, moment), values, error);
+    if (status == KILN_IO && field->present != NULL)
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "the checkpoint has no '%s', which the options of this bake ask for and those of the earlier "
+                         "one did not; repeat the command that it was made with, or give --no-resume to start from the "
+                         "beginning",
+                         field->name);
     return status == KILN_OK && !is_compact(field, moment) && !kiln_field_is_sane(field, values, surface->count)
                ? kiln_block_insane(field->name, error)
                : status;

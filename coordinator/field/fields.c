@@ -15,6 +15,7 @@ static bool wants_error_map(const struct kiln_job *job) { return job->error_map;
 static bool wants_occlusion(const struct kiln_job *job) { return job->occlusion.distance > 0.0; }
 static bool wants_harmonics(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_SH1; }
 static bool wants_dominant(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_DOMINANT; }
+static bool wants_errors_apart(const struct kiln_job *job) { return job->error_map || kiln_job_denoises(job); }
 
 static const char *const total_channels[] = {"R", "G", "B"};
 static const char *const direct_channels[] = {"direct.R", "direct.G", "direct.B"};
@@ -114,8 +115,9 @@ static const struct kiln_field table[] = {
      .saved = KILN_FIELD_SAVED,
      .high = INFINITY,
      .dataset = "/irradiance/direct",
-     .description = "from lights, about the shading normal, linear RGB, as gathered: not filled and seams not smoothed "
-                    "(the lightmaps are)",
+     .description =
+         "from lights, about the shading normal, linear RGB, as gathered: not denoised, not filled, seams not "
+         "smoothed (the lightmaps are)",
      .channels = direct_channels,
      .smooth = true},
     {.name = "sum",
@@ -127,8 +129,9 @@ static const struct kiln_field table[] = {
      .saved = KILN_FIELD_SAVED,
      .high = INFINITY,
      .dataset = "/irradiance/indirect",
-     .description = "from other surfaces, about the shading normal, linear RGB, as gathered: not filled and seams not "
-                    "smoothed (the lightmaps are)",
+     .description =
+         "from other surfaces, about the shading normal, linear RGB, as gathered: not denoised, not filled, seams not "
+         "smoothed (the lightmaps are)",
      .noisy = true,
      .channels = indirect_channels,
      .smooth = true},
@@ -140,7 +143,7 @@ static const struct kiln_field table[] = {
      .terms = {"direct", "sum"},
      .high = INFINITY,
      .dataset = "/irradiance/total",
-     .description = "direct + indirect, as gathered: not filled and seams not smoothed (the lightmaps are)",
+     .description = "direct + indirect, as gathered: not denoised, not filled, seams not smoothed (the lightmaps are)",
      .noisy = true,
      .channels = total_channels},
     {.name = "error",
@@ -226,6 +229,30 @@ static const struct kiln_field table[] = {
      .attribute = "kiln:dominant",
      .smooth = true,
      .present = wants_dominant},
+    {.name = "error_direct",
+     .type = KILN_FIELD_ERROR,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(error_direct),
+     .saved = KILN_FIELD_SAVED,
+     .high = INFINITY,
+     .dataset = "/irradiance/error_direct",
+     .description = "standard error of the luminance of direct",
+     .noisy = true,
+     .present = wants_errors_apart},
+    {.name = "error_indirect",
+     .type = KILN_FIELD_ERROR,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(error_indirect),
+     .saved = KILN_FIELD_SAVED,
+     .high = INFINITY,
+     .dataset = "/irradiance/error_indirect",
+     .description = "standard error of the luminance of indirect",
+     .noisy = true,
+     .present = wants_errors_apart},
     /* scratch of a step */
     {.name = "next",
      .type = KILN_FIELD_RADIOSITY,

@@ -22,9 +22,10 @@ struct kiln_range_bounds {
 
 /* One rank's arrays. Those that code uses by name have a member; kiln_rank_field finds all. */
 struct kiln_rank_data {
-    struct kiln_surface surface;   /* a view: the map is this rank's, the arrays of own points are the owner's */
-    float *direct, *sum;           /* 3 a point, see struct kiln_solution and the integrator */
-    uint16_t *error;               /* 1 a point: kiln_error_pack */
+    struct kiln_surface surface; /* a view: the map is this rank's, the arrays of own points are the owner's */
+    float *direct, *sum;         /* 3 a point, see struct kiln_solution and the integrator */
+    uint16_t *error;             /* 1 a point: kiln_error_pack */
+    uint16_t *error_direct, *error_indirect; /* of these apart, likewise; NULL: nobody asks for them */
     uint64_t *next;                /* 1 a point: packed radiosity of the present step; or see kiln_next_compact */
     uint64_t *source;              /* 1 a point: packed radiosity that is gathered from; NULL: not known yet */
     float *cost;                   /* 1 a tile run: seconds that it took in the present step */

@@ -27,6 +27,10 @@ enum kiln_rebalance { KILN_REBALANCE_AUTO = 0, KILN_REBALANCE_NEVER = 1, KILN_RE
  * harmonics of bands 0 and 1. */
 enum kiln_directional { KILN_DIRECTIONAL_NONE = 0, KILN_DIRECTIONAL_DOMINANT = 1, KILN_DIRECTIONAL_SH1 = 2 };
 
+/* What takes noise out of lightmaps: nothing; surface regression (coordinator/output/map/regression.h); or regression
+ * unless --quality is reference. */
+enum kiln_denoise { KILN_DENOISE_NONE = 0, KILN_DENOISE_REGRESSION = 1, KILN_DENOISE_AUTO = 2 };
+
 enum kiln_schedule {
     KILN_SCHEDULE_LEAN = 0, /* bounces with few rays, the energy tail, one final gather with many rays */
     KILN_SCHEDULE_EQUAL = 1 /* the same number of rays in every bounce, no tail, no final gather: the reference mode */

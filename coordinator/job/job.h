@@ -9,6 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "coordinator/job/faults.h"
 #include "coordinator/job/choices.h"
@@ -75,6 +76,7 @@ struct kiln_job {
     bool half;       /* write lightmaps as half floats where no value overflows */
     bool both_sides; /* also write lightmaps for the backs of double-sided surfaces */
     bool stitch;     /* smooth seams between charts; default true */
+    int denoise;     /* enum kiln_denoise */
     bool error_map;  /* write the standard error of each texel as a layer */
     bool preview;    /* write preview.png; default true */
     bool export;     /* write scene.glb; default true */
@@ -140,6 +142,13 @@ struct kiln_job {
  * with kiln_job_destroy. */
 int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_error *error);
 void kiln_job_destroy(struct kiln_job **job);
+
+/* Whether noise is taken out of the lightmaps: what --denoise and --quality say together. */
+static inline bool kiln_job_denoises(const struct kiln_job *job)
+{
+    return job->denoise == KILN_DENOISE_REGRESSION ||
+           (job->denoise == KILN_DENOISE_AUTO && job->quality != NULL && strcmp(job->quality, "reference") != 0);
+}
 
 /* Prints one line for each option that was given by its former name, with the present name. Not collective. */
 void kiln_job_print_renamed(const struct kiln_job *job, FILE *stream);

@@ -37,6 +37,8 @@ static const double RECORD_BYTES = 2 * 58.0;
 static const double H5_ROW = 113.0, H5_KEPT = 90.0;
 /* Bytes that fields took in these measurements, of a texel and of a row of kiln.h5: those of other fields are added. */
 static const double MEASURED_PLANES = 28.0, MEASURED_COLUMNS = 56.0;
+/* Of denoising: planes of positions, normals and errors; what a texel takes meanwhile; seconds of one thread. */
+static const double DENOISE_PLANES = 32.0, DENOISE_WORK = 172.0, DENOISE_POINT_SECONDS = 18e-6;
 static const uint64_t ROWS_AT_ONCE = 1ull << 18;
 static const uint64_t PREVIEW_BYTES = 62ull << 20; /* rays of a band, 120 bytes each */
 static const double PREVIEW_TEXEL = 12.0;          /* lightmaps in view */
@@ -108,9 +110,12 @@ static uint64_t result_bytes(const struct kiln_plan *plan, const struct kiln_pre
     const double at_once = fmax(largest, least(texels / job->ranks, (double)LIGHTMAP_BUDGET));
     const double rows = least(own, (double)ROWS_AT_ONCE);
     const struct kiln_field_set fields = fields_of(job);
-    const double planes = (double)kiln_field_set_plane_bytes(&fields) - MEASURED_PLANES,
+    const bool denoises = kiln_job_denoises(job);
+    const double planes =
+                     (double)kiln_field_set_plane_bytes(&fields) - MEASURED_PLANES + (denoises ? DENOISE_PLANES : 0.0),
                  columns = (double)kiln_field_set_column_bytes(&fields) - MEASURED_COLUMNS;
-    const double lightmaps = (LIGHTMAP_WORK + planes) * at_once + (RECORD_BYTES + 2.0 * planes) * rows;
+    const double lightmaps =
+        (LIGHTMAP_WORK + planes + (denoises ? DENOISE_WORK : 0.0)) * at_once + (RECORD_BYTES + 2.0 * planes) * rows;
     const double preview =
         job->preview ? (double)PREVIEW_BYTES + PREVIEW_TEXEL * texels + (H5_KEPT + columns) * rows : 0.0;
     return (uint64_t)fmax(lightmaps, fmax((H5_ROW + columns) * rows, preview));
@@ -319,10 +324,17 @@ static double crowd(const struct kiln_prepared *p, const struct kiln_job *job)
     return on_device(p) || job->threads != 0 ? 1.0 : together < job->ranks ? together : job->ranks;
 }
 
+/* Of one thread, for a point. */
+static double denoise_seconds(const struct kiln_job *job)
+{
+    return kiln_job_denoises(job) ? DENOISE_POINT_SECONDS : 0.0;
+}
+
 static double write_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
     const double ranks = job->ranks / crowd(p, job);
     return LIGHTMAP_TEXEL_SECONDS * (double)plan->surface.texels / p->threads / ranks +
+           denoise_seconds(job) * (double)plan->surface.points / p->threads / ranks +
            H5_POINT_SECONDS * (double)plan->surface.points / ranks + preview_seconds(p, job);
 }
 
@@ -468,10 +480,12 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
         .find_a_point = s->surface * job->ranks / points,
         .map_a_point = MAP_POINT_SECONDS * together,
         .map_bytes = MAP_ENTRY_BYTES * (double)(p->surface->tile_count + p->surface->split_count) / points,
-        .shared_a_point = s->validity / fmax(1.0, (double)plan->surface.points_max) +
-                          together * (H5_POINT_SECONDS + texel * LIGHTMAP_TEXEL_SECONDS / p->threads),
+        .shared_a_point =
+            s->validity / fmax(1.0, (double)plan->surface.points_max) +
+            together * (H5_POINT_SECONDS + (texel * LIGHTMAP_TEXEL_SECONDS + denoise_seconds(job)) / p->threads),
         .shared = timing->probe * (double)plan->probes * together,
-        .largest_object = (OWNER_TEXEL_SECONDS + OWNER_TEXEL_BYTES / (job->node_bandwidth * 1e9)) *
+        .largest_object = (OWNER_TEXEL_SECONDS + denoise_seconds(job) / p->threads +
+                           OWNER_TEXEL_BYTES / (job->node_bandwidth * 1e9)) *
                           (double)largest_lightmap(p->scene),
         .alone_a_point = H5_WRITER_POINT_SECONDS,
         .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),

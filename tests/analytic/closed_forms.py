@@ -410,7 +410,8 @@ def bake_patches(kiln, case):
     samples = PATCHES[case['id']](scene, case)
     judgement = Judgement(kiln.thin > 1)
     path = scene.write(os.path.join(kiln.scratch, case['id'] + '-patches.glb'))
-    bake = kiln.bake(path, '--lightmap-size', 9, '--samples-direct', kiln.samples(4096), '--samples-probe', 0,
+    bake = kiln.bake(path, '--denoise', 'none', '--lightmap-size', 9, '--samples-direct', kiln.samples(4096),
+                     '--samples-probe', 0,
                      '--bounces', 0)
     if bake.process.status == 0:
         for i, sample in enumerate(samples):
@@ -433,7 +434,7 @@ def bake_case(kiln, case):
     if case['id'] in LONE:
         scene = glb.with_few_texels(scene, os.path.join(kiln.scratch, case['id'] + '-lone.glb'), {LONE[case['id']]},
                                     FEW)
-    bake = kiln.bake(scene, *options(case, kiln))
+    bake = kiln.bake(scene, '--denoise', 'none', *options(case, kiln))
     if bake.process.status != 0:
         return bake, judgement
     scale = max([max(s['E']) for s in case['samples']], default=0.0)

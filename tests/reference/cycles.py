@@ -88,9 +88,8 @@ def main():
         open(os.path.join(folder, 'done'), 'w').close()
         unit = 1.0 if interior == 'furnished' else LUMENS
         sky = json.loads(made[0][5:])['sky'] * unit
-        bake = kiln.bake(os.path.join(folder, 'scene.glb'), *SAMPLES, '--lightmap-size', arguments.side,
-                         '--environment',
-                         '%g,%g,%g' % (sky, sky, sky), timeout=3600)
+        bake = kiln.bake(os.path.join(folder, 'scene.glb'), *SAMPLES, '--denoise', 'none', '--lightmap-size',
+                         arguments.side, '--environment', '%g,%g,%g' % (sky, sky, sky), timeout=3600)
         if checks.baked(bake):
             compare(checks, table, interior, bake, folder, unit)
     checks.end()

@@ -758,7 +758,8 @@ def try_refusals(checks, tool):
          tool.bake(folder, '--checkpoint-every', 100, '--watchdog', 9, '--quiet', threads=2), 'after refusals')
     # what changes no light on surfaces is no reason to refuse, and those keep their bits
     folder = interrupted(tool, checks)
-    process = tool.bake(folder, '--half', '--no-stitch', '--no-error-map', '--probe-spacing', 1, '--samples-probe', 9)
+    process = tool.bake(folder, '--half', '--no-stitch', '--no-error-map', '--denoise', 'none', '--probe-spacing', 1,
+                        '--samples-probe', 9)
     checks.that(process.status == 0 and 'going on from checkpoint' in process.stderr,
                 'other files and probes: ended with %d' % process.status, process)
     kept = {k: v for k, v in result(folder).items() if k.startswith('kiln.h5')}

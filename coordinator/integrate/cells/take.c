@@ -19,10 +19,28 @@ static void add(float *values, struct kiln_own_point own, const float rgb[3])
 }
 
 /* To the error of what was there before, of which it is independent. */
-static void add_error(const struct kiln_rank_data *data, struct kiln_own_point own, float error)
+static void add_error(uint16_t *errors, struct kiln_own_point own, float error)
 {
-    const double before = (double)kiln_error_unpack(data->error[own.at]);
-    data->error[own.at] = kiln_error_pack((float)sqrt(before * before + (double)error * (double)error));
+    if (errors == NULL)
+        return;
+    const double before = (double)kiln_error_unpack(errors[own.at]);
+    errors[own.at] = kiln_error_pack((float)sqrt(before * before + (double)error * (double)error));
+}
+
+/* That of the direct light begins a point's errors. */
+static void set_errors(const struct kiln_rank_data *data, struct kiln_own_point own, float error)
+{
+    data->error[own.at] = kiln_error_pack(error);
+    if (data->error_direct != NULL)
+        data->error_direct[own.at] = data->error[own.at];
+    if (data->error_indirect != NULL)
+        data->error_indirect[own.at] = 0;
+}
+
+static void add_indirect_error(const struct kiln_rank_data *data, struct kiln_own_point own, float error)
+{
+    add_error(data->error, own, error);
+    add_error(data->error_indirect, own, error);
 }
 
 /* Enters a point's answer. `radiosity` is what the point sends by it. */
@@ -33,19 +51,19 @@ static void enter(const struct kiln_taking *t, const struct kiln_rank_data *data
     case KILN_CELLS_DIRECT:
         set(data->direct, own, r->irradiance);
         set(data->sum, own, radiosity);
-        data->error[own.at] = kiln_error_pack(r->error);
+        set_errors(data, own, r->error);
         break;
     case KILN_CELLS_BOUNCE:
         if (t->settings->schedule == KILN_SCHEDULE_LEAN) {
             add(data->sum, own, radiosity);
         } else { /* every bounce's irradiance counts as it is */
             add(data->sum, own, r->irradiance);
-            add_error(data, own, r->error);
+            add_indirect_error(data, own, r->error);
         }
         break;
     case KILN_CELLS_FINAL: /* replaces the sum that it was gathered from, which everybody has packed by now */
         set(data->sum, own, r->irradiance);
-        add_error(data, own, r->error);
+        add_indirect_error(data, own, r->error);
         break;
     }
 }

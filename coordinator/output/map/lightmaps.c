@@ -122,7 +122,7 @@ static int make_image(const struct writer *w, struct kiln_map *map, struct kiln_
     return KILN_OK;
 }
 
-enum { ATTRIBUTES = 14 }; /* attributes of every file; the last only if the seed is known */
+enum { ATTRIBUTES = 15 }; /* attributes of every file; the last only if the seed is known */
 
 /* Name of an object's file, and texts of its attributes. */
 struct file_words {
@@ -193,6 +193,7 @@ static int describe_file(const struct writer *w, uint32_t object, struct kiln_im
         {.name = "kiln:validTexels", .kind = KILN_EXR_INTEGER, .integer = integer_of(report->valid)},
         {.name = "kiln:filledTexels", .kind = KILN_EXR_INTEGER, .integer = integer_of(report->filled)},
         {.name = "kiln:seams", .kind = KILN_EXR_STRING, .text = w->params->stitch ? "smoothed" : "as gathered"},
+        {.name = "kiln:denoise", .kind = KILN_EXR_STRING, .text = w->params->denoise ? "regression" : "none"},
         {.name = "kiln:seed",
          .kind = KILN_EXR_STRING,
          .text = words->seed}, /* last, since it is left out if it is unknown */

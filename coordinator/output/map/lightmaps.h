@@ -14,6 +14,9 @@ struct kiln_lightmap_report {
     double texels_per_metre;                              /* density that the object really has */
     /* over valid texels: mean luminance of irradiance, by area; root mean square of its standard error / that mean */
     double mean, error;
+    /* denoising: sums over gathered texels of area x variance of luminance, as gathered and what is left, of direct and
+     * of indirect light; time */
+    double noise_before[2], noise_after[2], denoise_seconds;
 };
 
 /* Collective. Writes DIR/lightmaps/OBJECT.exr for every object that is not caster-only, and
@@ -21,7 +24,8 @@ struct kiln_lightmap_report {
  * (coordinator/field/fields.c); coverage.Y, the fraction of the texel's square that the layout covers (half);
  * validity.Y: 1 gathered, 0.5 on a surface but filled from neighbours, 0 margin (half).
  *
- * Invalid points are filled, seams between charts of an object are smoothed, and margins are dilated over the whole
+ * With `denoise` noise is taken out (regression.h) before anything else, and error.Y is what is left of it. Invalid
+ * points are filled, seams between charts of an object are smoothed, and margins are dilated over the whole
  * image, each texel from the chart that reads it. A lightmap that is large compared with the work of the other ranks is
  * packed by several ranks (strips.h). The bytes do not depend on which rank writes an object and which ranks pack
  * it. With `half`, a file whose values exceed half precision is written as float, and its attribute kiln:precision says

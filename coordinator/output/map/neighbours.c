@@ -1,0 +1,327 @@
+#include "coordinator/output/map/neighbours.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "worker/base/memory.h"
+
+/* Twice the scales of the regression (regression.h), where its weights end. */
+const float kiln_neighbour_rings[KILN_NEIGHBOUR_RINGS] = {1.5f, 2.0f, 3.0f, 4.0f, 6.0f, KILN_NEIGHBOUR_RADIUS};
+
+enum {
+    CELL_TEXELS = 8,    /* side of a cell, in the smallest texels that are in it */
+    FARTHEST = 1 << 30, /* number of a cell along an axis at most */
+    OUTSIDE = KILN_NEIGHBOUR_RINGS
+};
+
+/* A cell of the grid for texels of 2^level to 2^(level + 1) m. */
+struct kiln_neighbour_cell {
+    int32_t level, at[3];
+};
+
+/* A point that is sorted. */
+struct entry {
+    struct kiln_neighbour_cell cell;
+    uint32_t index, at; /* at: in the array as it was given */
+};
+
+static int level_of(float size)
+{
+    int exponent;
+    (void)frexpf(size, &exponent);
+    return exponent - 1;
+}
+
+static int32_t cell_along(float position, int level)
+{
+    const double at = floor(ldexp((double)position / CELL_TEXELS, -level));
+    return (int32_t)fmin(fmax(at, -(double)FARTHEST), (double)FARTHEST);
+}
+
+static int compare_cells(const struct kiln_neighbour_cell *a, const struct kiln_neighbour_cell *b)
+{
+    if (a->level != b->level)
+        return a->level < b->level ? -1 : 1;
+    for (int c = 0; c < 3; c++)
+        if (a->at[c] != b->at[c])
+            return a->at[c] < b->at[c] ? -1 : 1;
+    return 0;
+}
+
+static int compare_entries(const void *a, const void *b)
+{
+    const struct entry *p = a, *q = b;
+    const int order = compare_cells(&p->cell, &q->cell);
+    return order != 0 ? order : (p->index > q->index) - (p->index < q->index);
+}
+
+static void list_cells(struct kiln_neighbour_grid *g, const struct entry *entries)
+{
+    g->cell_count = 0;
+    for (size_t i = 0; i < g->count; i++) {
+        if (i > 0 && compare_cells(&entries[i].cell, &entries[i - 1].cell) == 0)
+            continue;
+        g->cells[g->cell_count] = entries[i].cell;
+        g->first[g->cell_count++] = (uint32_t)i;
+    }
+    g->first[g->cell_count] = (uint32_t)g->count;
+}
+
+static size_t count_cells(const struct entry *entries, size_t count)
+{
+    size_t cells = 1;
+    for (size_t i = 1; i < count; i++)
+        cells += compare_cells(&entries[i].cell, &entries[i - 1].cell) != 0;
+    return cells;
+}
+
+/* Brings the points into the order of the entries. */
+static int reorder(struct kiln_neighbour_grid *g, const struct entry *entries, struct kiln_error *error)
+{
+    struct kiln_neighbour_point *sorted = NULL;
+    const int status = kiln_allocate(&sorted, g->count, sizeof *sorted, "the order of surface points", error);
+    for (size_t i = 0; status == KILN_OK && i < g->count; i++)
+        sorted[i] = g->points[entries[i].at];
+    if (status == KILN_OK) {
+        kiln_free(&g->points);
+        g->points = sorted;
+    }
+    return status;
+}
+
+static int sort_points(struct kiln_neighbour_grid *g, struct kiln_error *error)
+{
+    struct entry *entries = NULL;
+    int status = kiln_allocate(&entries, g->count, sizeof *entries, "the order of surface points", error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < g->count; i++) {
+        const struct kiln_neighbour_point *point = &g->points[i];
+        entries[i] = (struct entry){{.level = level_of(point->size)}, point->index, (uint32_t)i};
+        for (int c = 0; c < 3; c++)
+            entries[i].cell.at[c] = cell_along(point->position[c], entries[i].cell.level);
+    }
+    qsort(entries, g->count, sizeof *entries, compare_entries);
+    const size_t cells = count_cells(entries, g->count);
+    status = kiln_allocate(&g->cells, cells, sizeof *g->cells, "the cells of surface points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&g->first, cells + 1, sizeof *g->first, "the cells of surface points", error);
+    if (status == KILN_OK)
+        list_cells(g, entries);
+    if (status == KILN_OK)
+        status = reorder(g, entries, error);
+    kiln_free(&entries);
+    return status;
+}
+
+int kiln_neighbour_grid_create(struct kiln_neighbour_grid **grid, struct kiln_neighbour_point **points, size_t count,
+                               struct kiln_error *error)
+{
+    int status = kiln_allocate(grid, 1, sizeof **grid, "the neighbours of surface points", error);
+    if (status == KILN_OK) {
+        (*grid)->points = *points;
+        (*grid)->count = count;
+        *points = NULL;
+        status = sort_points(*grid, error);
+    }
+    kiln_free(points);
+    if (status != KILN_OK)
+        kiln_neighbour_grid_destroy(grid);
+    return status;
+}
+
+void kiln_neighbour_grid_destroy(struct kiln_neighbour_grid **grid)
+{
+    struct kiln_neighbour_grid *g = *grid;
+    if (g == NULL)
+        return;
+    kiln_free(&g->points);
+    kiln_free(&g->first);
+    kiln_free(&g->cells);
+    kiln_free(grid);
+}
+
+/* ---- candidates ---- */
+
+/* The first cell that is not before `key`. */
+static size_t find_cell(const struct kiln_neighbour_grid *g, const struct kiln_neighbour_cell *key)
+{
+    size_t low = 0, high = g->cell_count;
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        if (compare_cells(&g->cells[middle], key) < 0)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+/* A box in space, and the candidates in it that have been met so far. */
+struct box {
+    float low[3], high[3];
+    uint64_t met;
+    uint32_t stride; /* every how many of them is taken */
+};
+
+/* Drops every second candidate, when there is no room for more. */
+static void thin_out(struct kiln_neighbours *n, struct box *box)
+{
+    for (size_t i = 0; 2 * i < n->candidates; i++)
+        n->candidate[i] = n->candidate[2 * i];
+    n->candidates = (n->candidates + 1) / 2;
+    box->stride *= 2;
+}
+
+static void take_cell(struct kiln_neighbours *n, const struct kiln_neighbour_grid *g, size_t cell, struct box *box)
+{
+    for (uint32_t i = g->first[cell]; i < g->first[cell + 1]; i++) {
+        const float *p = g->points[i].position;
+        if (p[0] < box->low[0] || p[0] > box->high[0] || p[1] < box->low[1] || p[1] > box->high[1] ||
+            p[2] < box->low[2] || p[2] > box->high[2])
+            continue;
+        if (box->met++ % box->stride != 0)
+            continue;
+        if (n->candidates == KILN_NEIGHBOURS_MOST)
+            thin_out(n, box);
+        n->candidate[n->candidates++] = i;
+    }
+}
+
+/* The box around the cell's points, with all that lies within `radius` of their texels. */
+static struct box box_of(const struct kiln_neighbour_grid *g, size_t cell, float radius)
+{
+    struct box box = {.stride = 1};
+    float reach = 0.0f;
+    for (uint32_t i = g->first[cell]; i < g->first[cell + 1]; i++)
+        for (int c = 0; c < 3; c++) {
+            const float at = g->points[i].position[c];
+            box.low[c] = i == g->first[cell] ? at : fminf(box.low[c], at);
+            box.high[c] = i == g->first[cell] ? at : fmaxf(box.high[c], at);
+            reach = fmaxf(reach, radius * g->points[i].size);
+        }
+    for (int c = 0; c < 3; c++) {
+        box.low[c] -= reach;
+        box.high[c] += reach;
+    }
+    return box;
+}
+
+/* Cells follow one another along z. */
+static void take_column(struct kiln_neighbours *n, const struct kiln_neighbour_grid *g,
+                        const struct kiln_neighbour_cell *begin, const struct kiln_neighbour_cell *end, struct box *box)
+{
+    for (size_t i = find_cell(g, begin); i < g->cell_count && compare_cells(&g->cells[i], end) <= 0; i++)
+        take_cell(n, g, i, box);
+}
+
+static void take_level(struct kiln_neighbours *n, const struct kiln_neighbour_grid *g, int level, struct box *box)
+{
+    struct kiln_neighbour_cell begin = {.level = level}, end = {.level = level};
+    int32_t low[3], high[3];
+    for (int c = 0; c < 3; c++) {
+        low[c] = cell_along(box->low[c], level);
+        high[c] = cell_along(box->high[c], level);
+    }
+    begin.at[0] = begin.at[1] = begin.at[2] = -FARTHEST;
+    const size_t first = find_cell(g, &begin);
+    if (first == g->cell_count || g->cells[first].level != level)
+        return;
+    begin.at[2] = low[2];
+    end.at[2] = high[2];
+    for (int32_t x = low[0]; x <= high[0]; x++)
+        for (int32_t y = low[1]; y <= high[1]; y++) {
+            begin.at[0] = end.at[0] = x;
+            begin.at[1] = end.at[1] = y;
+            take_column(n, g, &begin, &end, box);
+        }
+}
+
+void kiln_neighbours_collect(struct kiln_neighbours *n, const struct kiln_neighbour_grid *g, size_t cell, float radius)
+{
+    struct box box = box_of(g, cell, radius);
+    n->candidates = 0;
+    for (int level = g->cells[cell].level - 1; level <= g->cells[cell].level + 1; level++)
+        take_level(n, g, level, &box);
+    for (size_t i = 0; i < n->candidates; i++) {
+        const struct kiln_neighbour_point *p = &g->points[n->candidate[i]];
+        for (int c = 0; c < 3; c++) {
+            n->of.position[c][i] = p->position[c];
+            n->of.normal[c][i] = p->normal[c];
+        }
+        n->of.area[i] = p->area;
+    }
+}
+
+/* ---- neighbours ---- */
+
+/* Two unit vectors that are orthogonal to a third and to each other (Duff et al., "Building an Orthonormal Basis,
+ * Revisited", JCGT 2017). */
+static void make_basis(const float n[3], float t[3], float b[3])
+{
+    const float sign = copysignf(1.0f, n[2]), p = -1.0f / (sign + n[2]), q = n[0] * n[1] * p;
+    t[0] = 1.0f + sign * n[0] * n[0] * p;
+    t[1] = sign * q;
+    t[2] = -sign * n[0];
+    b[0] = q;
+    b[1] = sign + n[1] * n[1] * p;
+    b[2] = -n[1];
+}
+
+/* Fills in ring and tangent coordinates of all candidates. No branches, so that the loop becomes vector code. */
+static void classify(struct kiln_neighbours *n, const struct kiln_neighbour_point *p, float radius)
+{
+    const float ax = p->position[0], ay = p->position[1], az = p->position[2], nx = p->normal[0], ny = p->normal[1],
+                nz = p->normal[2], inverse = 1.0f / p->size, most = radius * radius;
+    float t[3], b[3];
+    make_basis(p->normal, t, b);
+    const float tx = t[0], ty = t[1], tz = t[2], bx = b[0], by = b[1], bz = b[2];
+    const size_t count = n->candidates;
+#pragma omp simd
+    for (size_t i = 0; i < count; i++) {
+        const float dx = (n->of.position[0][i] - ax) * inverse, dy = (n->of.position[1][i] - ay) * inverse,
+                    dz = (n->of.position[2][i] - az) * inverse, square = dx * dx + dy * dy + dz * dz;
+        const float cosine = n->of.normal[0][i] * nx + n->of.normal[1][i] * ny + n->of.normal[2][i] * nz;
+        const float off = fabsf(dx * nx + dy * ny + dz * nz) - 0.5f, sine = fabsf(1.0f - cosine * cosine);
+        const float x = dx * tx + dy * ty + dz * tz, y = dx * bx + dy * by + dz * bz, r = x * x + y * y;
+        const int ring = (r >= 2.25f) + (r >= 4.0f) + (r >= 9.0f) + (r >= 16.0f) + (r >= 36.0f);
+        const int flat = (off <= 0.0f) | (off * off <= 0.09f * square * sine);
+        const int near = (square < most) & (cosine >= KILN_NEIGHBOUR_COSINE) & flat;
+        n->tangent[0][i] = x;
+        n->tangent[1][i] = y;
+        n->ring[i] = near * ring + (1 - near) * OUTSIDE;
+    }
+}
+
+/* Lists the candidates that are neighbours, but not the point itself. Returns their number. */
+static size_t list_near(struct kiln_neighbours *n, size_t place)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < n->candidates; i++) {
+        n->near[count] = (uint32_t)i;
+        count += (size_t)((n->ring[i] != OUTSIDE) & (n->candidate[i] != place));
+    }
+    return count;
+}
+
+void kiln_neighbours_find(struct kiln_neighbours *n, const struct kiln_neighbour_grid *g, size_t place, float radius)
+{
+    size_t counts[KILN_NEIGHBOUR_RINGS] = {0}, next[KILN_NEIGHBOUR_RINGS];
+    classify(n, &g->points[place], radius);
+    const size_t count = list_near(n, place);
+    for (size_t k = 0; k < count; k++)
+        counts[n->ring[n->near[k]]]++;
+    for (size_t r = 0, sum = 0; r < KILN_NEIGHBOUR_RINGS; r++) {
+        next[r] = sum;
+        sum += counts[r];
+        n->within[r] = sum;
+    }
+    for (size_t k = 0; k < count; k++) {
+        const size_t i = n->near[k], to = next[n->ring[i]]++;
+        n->place[to] = n->candidate[i];
+        n->x[to] = n->tangent[0][i];
+        n->y[to] = n->tangent[1][i];
+        n->area[to] = n->of.area[i];
+    }
+}

@@ -1,0 +1,81 @@
+/* Neighbours of surface points: which points of one surface lie near a point, in space and not on the layout. So where
+ * charts end does not matter.
+ *
+ * Lengths around a point are measured in its texels: its `size` is the side of its texel, m. Point j is a neighbour of
+ * point i if
+ *   - it lies within `radius` texels of i,
+ *   - the cosine of the angle between their normals is at least KILN_NEIGHBOUR_COSINE,
+ *   - it lies in the tangent plane of i, but for half a texel and 0.3 d sin(angle), by which a curved surface leaves
+ *     its tangent plane within the distance d,
+ *   - its texel is less than four times as large or small as that of i.
+ * So a surface's two sides, the two faces at an edge, and a step of half a texel are not neighbours.
+ *
+ * Points are sorted into the cells of grids, one for each power of two of the texel's size. The points of a cell have
+ * the same candidates, which are collected once for all of them. Not collective. What is found depends on the points
+ * only. */
+#ifndef KILN_COORDINATOR_OUTPUT_MAP_NEIGHBOURS_H
+#define KILN_COORDINATOR_OUTPUT_MAP_NEIGHBOURS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "worker/base/status.h"
+
+#define KILN_NEIGHBOUR_COSINE 0.9f
+
+/* Largest radius that neighbours are looked for in, texels. */
+#define KILN_NEIGHBOUR_RADIUS 8.0f
+
+struct kiln_neighbour_point {
+    float position[3]; /* m */
+    float normal[3];   /* unit */
+    float area;        /* m2 */
+    float size;        /* m, above 0 */
+    uint32_t index;    /* the caller's: no two points have the same */
+};
+
+/* The points of a surface, in cells. Cell c has the places [first[c], first[c + 1]). */
+struct kiln_neighbour_grid {
+    size_t count, cell_count;
+    struct kiln_neighbour_point *points; /* sorted */
+    uint32_t *first;                     /* of each cell, and the end */
+    struct kiln_neighbour_cell *cells;   /* private */
+};
+
+/* Sorts the points, of which there must be less than 2^32 - 1, and at least one. *points (of kiln_allocate) is the
+ * grid's from then on and becomes NULL, even if this fails. */
+int kiln_neighbour_grid_create(struct kiln_neighbour_grid **grid, struct kiln_neighbour_point **points, size_t count,
+                               struct kiln_error *error);
+void kiln_neighbour_grid_destroy(struct kiln_neighbour_grid **grid);
+
+/* Candidates of a cell are at most so many. Of more, which takes a surface that lies upon itself many times, every
+ * second, third ... is left out. */
+enum { KILN_NEIGHBOURS_MOST = 4096, KILN_NEIGHBOUR_RINGS = 6 };
+
+/* Outer radius of each ring, texels. */
+extern const float kiln_neighbour_rings[KILN_NEIGHBOUR_RINGS];
+
+/* What one thread works with. `place`, `x`, `y` and `area` are of the neighbours of one point, those of the inner rings
+ * first; the point itself is not among them. x and y are in its tangent plane, in texels. */
+struct kiln_neighbours {
+    size_t within[KILN_NEIGHBOUR_RINGS]; /* number of neighbours within each ring's radius */
+    uint32_t place[KILN_NEIGHBOURS_MOST];
+    float x[KILN_NEIGHBOURS_MOST], y[KILN_NEIGHBOURS_MOST], area[KILN_NEIGHBOURS_MOST];
+    size_t candidates;
+    uint32_t candidate[KILN_NEIGHBOURS_MOST];
+    struct {
+        float position[3][KILN_NEIGHBOURS_MOST], normal[3][KILN_NEIGHBOURS_MOST], area[KILN_NEIGHBOURS_MOST];
+    } of;                                   /* the candidates */
+    float tangent[2][KILN_NEIGHBOURS_MOST]; /* of the candidates */
+    int32_t ring[KILN_NEIGHBOURS_MOST];     /* of the candidates */
+    uint32_t near[KILN_NEIGHBOURS_MOST];    /* which of them are neighbours */
+};
+
+/* Collects the candidates of a cell, for neighbours within `radius` texels. */
+void kiln_neighbours_collect(struct kiln_neighbours *n, const struct kiln_neighbour_grid *grid, size_t cell,
+                             float radius);
+/* Finds the neighbours of the point at `place`, which is in that cell, within at most that radius. */
+void kiln_neighbours_find(struct kiln_neighbours *n, const struct kiln_neighbour_grid *grid, size_t place,
+                          float radius);
+
+#endif

@@ -1,0 +1,43 @@
+/* Surface regression: takes noise out of irradiance on a surface, by local linear regression whose scale each point
+ * chooses for itself. Which points are neighbours: neighbours.h. There must be no other point of the same surface that
+ * is not given.
+ *
+ * At every point, for each scale s of kiln_regression_scales, in texels, a linear function of the tangent plane is
+ * fitted to the values y_j of the neighbours and of the point itself, with the weights
+ *
+ *     w_j = area_j (1 - r_j^2 / (2 s)^2)^2     for r_j < 2 s                          (Epanechnikov's kernel, squared)
+ *
+ * The fit at the point is a sum over l_j y_j; l_0 of the point itself is its leverage (Cleveland and Devlin, "Locally
+ * Weighted Regression", JASA 1988). Stein's unbiased estimate of the fit's squared error is
+ *
+ *     (fit - y_0)^2 - v + 2 l_0 v                                   (Stein, Annals of Statistics 1981, Theorem 1),
+ *
+ * v being the variance of y_0: what is stated of it, averaged over neighbours with the weights of s = 3; where that
+ * exceeds what the values scatter about the fit of s = 1, it is lowered to that. The estimates over v are averaged with
+ * the weights of s = 3, too. The scale of least risk is chosen, or the value itself, whose risk is v. Choices are
+ * averaged with the weights of s = 1, so that the result is a mean of a few fits. All channels have the same weights;
+ * what is judged is luminance.
+ *
+ * A point's result depends on no more than the points within 30 texels. Not collective; the same bits for any number of
+ * threads. */
+#ifndef KILN_COORDINATOR_OUTPUT_MAP_REGRESSION_H
+#define KILN_COORDINATOR_OUTPUT_MAP_REGRESSION_H
+
+#include "coordinator/output/map/neighbours.h"
+
+enum { KILN_REGRESSION_SCALES = KILN_NEIGHBOUR_RINGS, KILN_REGRESSION_LIGHTS = 2 };
+extern const float kiln_regression_scales[KILN_REGRESSION_SCALES];
+
+/* One kind of light: planes of values, by the points' index. */
+struct kiln_regression_light {
+    float *rgb[3];
+    float *variance; /* of the luminance, as stated. The result has the squared error that is left: at most what the
+                      * variance was taken for, and above 0 where that is */
+    double before, after; /* results: sums of area x variance over the points, as it was taken, and what is left */
+};
+
+/* Replaces the values of all lights. They are fitted apart, with the same neighbours. */
+int kiln_regression_run(const struct kiln_neighbour_grid *grid, struct kiln_regression_light *lights, size_t count,
+                        struct kiln_error *error);
+
+#endif
