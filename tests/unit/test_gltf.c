@@ -357,8 +357,7 @@ static void texture_transforms_follow_the_specification(void **state)
     struct fixture *f = *state;
     /* The example of KHR_texture_transform: the lower left quarter, turned; and texCoord in it overrides the other. */
     accepted(f,
-             HEAD ACCESSORS("") "," TWO_PIXELS
-                                ",\"textures\":[{\"source\":0,\"sampler\":0}],\"samplers\":[{\"wrapS\":33071,"
+             HEAD ACCESSORS("") "," PIXEL ",\"textures\":[{\"source\":0,\"sampler\":0}],\"samplers\":[{\"wrapS\":33071,"
                                 "\"wrapT\":33648,\"magFilter\":9728}],"
                                 "\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0,"
                                 "\"texCoord\":0,\"extensions\":{\"KHR_texture_transform\":"
