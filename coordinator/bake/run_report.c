@@ -368,6 +368,41 @@ static double tracing_seconds(const struct kiln_roles *roles, const json_t *phas
     return sum;
 }
 
+/* What the scene has that kernels do more for: without it, they leave that work out. */
+static json_t *features_json(const struct kiln_prepared *p)
+{
+    static const char *const passages[] = {[KILN_PASSAGE_NONE] = "none",
+                                           [KILN_PASSAGE_MASK] = "masks",
+                                           [KILN_PASSAGE_BLEND] = "fractions",
+                                           [KILN_PASSAGE_TINT] = "fractions that depend on colour"};
+    const struct kiln_lights *l = p->lights;
+    size_t textured = 0, spots = 0;
+    bool smooth = false;
+    for (size_t i = 0; i < l->area_count; i++)
+        textured += l->areas[i].textured;
+    for (size_t i = 0; i < l->point_count; i++)
+        spots += l->points[i].spot;
+    for (size_t i = 0; i < p->scene->mesh_count; i++)
+        smooth = smooth || (p->scene->meshes[i].flags & KILN_MESH_SMOOTH) != 0;
+    return json_pack("{s:s, s:b, s:{s:I, s:I, s:I, s:I, s:I, s:s}}", "let_through", passages[p->geometry->passage],
+                     "smooth_normals", smooth, "lights", "emissive_triangles", (json_int_t)(l->area_count - textured),
+                     "emissive_triangles_with_texture", (json_int_t)textured, "points",
+                     (json_int_t)(l->point_count - spots), "spots", (json_int_t)spots, "directional",
+                     (json_int_t)l->directional_count, "environment",
+                     !l->environment          ? "none"
+                     : l->conditional != NULL ? "image"
+                                              : "constant");
+}
+
+/* The kernels of the backend of rank 0 that ran. */
+static json_t *kernels_json(const struct kiln_backend_info *info)
+{
+    json_t *list = json_array();
+    for (size_t i = 0; i < info->kernel_count; i++)
+        (void)json_array_append_new(list, json_string(info->kernels[i]));
+    return list;
+}
+
 /* The backend of rank 0, with recoveries and verified texels of all ranks. */
 static json_t *backend_json(const struct kiln_prepared *p, const uint64_t *values)
 {
@@ -379,9 +414,10 @@ static json_t *backend_json(const struct kiln_prepared *p, const uint64_t *value
         memcpy(&own, &values[(size_t)r * RANK_VALUES + RANK_WORST], sizeof own);
         worst = fmax(worst, own);
     }
-    return json_pack("{s:s, s:s, s:s, s:f, s:f, s:I, s:I, s:I, s:I, s:f}", "name", info.name, "device", info.device,
-                     "instruction_set", p->instruction_set, "build_seconds", info.build_seconds, "device_seconds",
-                     info.device_seconds, "recoveries", total(values, p->ranks, RANK_RECOVERIES), "ranks_fallen_back",
+    return json_pack("{s:s, s:s, s:s, s:o, s:o, s:f, s:f, s:I, s:I, s:I, s:I, s:f}", "name", info.name, "device",
+                     info.device, "instruction_set", p->instruction_set, "kernels", kernels_json(&info), "because",
+                     features_json(p), "build_seconds", info.build_seconds, "device_seconds", info.device_seconds,
+                     "recoveries", total(values, p->ranks, RANK_RECOVERIES), "ranks_fallen_back",
                      total(values, p->ranks, RANK_FELL_BACK), "verified_texels", total(values, p->ranks, RANK_VERIFIED),
                      "verified_beyond", total(values, p->ranks, RANK_BEYOND), "verified_worst",
                      isfinite(worst) ? worst : 1e300);

@@ -8,6 +8,7 @@
 #include <xxhash.h>
 
 #include "coordinator/import/assemble.h"
+#include "coordinator/import/constant_textures.h"
 #include "coordinator/import/gltf.h"
 #include "coordinator/import/image.h"
 #include "coordinator/import/obj.h"
@@ -136,6 +137,8 @@ int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(con
                            "%.512s: kiln does not read files of this name; give a .glb, .gltf, .obj or .kscene",
                            params->path);
     }
+    if (status == KILN_OK)
+        (void)kiln_fold_constant_textures(builder);
     if (status == KILN_OK)
         status = set_environment(params, confine, builder, error);
     if (status == KILN_OK)

@@ -41,6 +41,40 @@ int64_t exr_write_stream(exr_const_context_t context, void *user, const void *bu
     return stream->status == KILN_OK ? (int64_t)size : -1;
 }
 
+/* Collects the library's many small writes, of one attribute or number each, in front of an output stream. */
+struct write_buffer {
+    struct exr_output_stream *stream;
+    char *bytes;
+    size_t size;     /* bytes that are held */
+    uint64_t offset; /* their place in the file */
+};
+
+enum { BUFFER_SIZE = 1 << 16 };
+
+static int64_t flush(struct write_buffer *b)
+{
+    const int64_t written =
+        b->size > 0 ? exr_write_stream(NULL, b->stream, b->bytes, b->size, b->offset, NULL) : (int64_t)b->size;
+    b->offset += b->size;
+    b->size = 0;
+    return written;
+}
+
+static int64_t write_buffered(exr_const_context_t context, void *user, const void *buffer, uint64_t size,
+                              uint64_t offset, exr_stream_error_func_ptr_t report)
+{
+    struct write_buffer *b = user;
+    if ((offset != b->offset + b->size || size > BUFFER_SIZE - b->size) && flush(b) < 0)
+        return -1;
+    if (size > BUFFER_SIZE)
+        return exr_write_stream(context, b->stream, buffer, size, offset, report);
+    if (b->size == 0)
+        b->offset = offset;
+    memcpy(b->bytes + b->size, buffer, size);
+    b->size += size;
+    return (int64_t)size;
+}
+
 exr_result_t exr_declare(exr_context_t file, const struct kiln_image *image,
                          const struct kiln_exr_attribute *attributes, size_t attribute_count)
 {
@@ -120,7 +154,7 @@ exr_result_t exr_pack_chunk(struct exr_packer *p, exr_context_t file, const stru
 static exr_result_t write_some(struct exr_packer *packers, uint32_t count, exr_context_t file,
                                const struct kiln_image *image, uint32_t y, uint32_t step, int32_t *written)
 {
-#pragma omp parallel for schedule(dynamic, 1)
+#pragma omp parallel for schedule(dynamic, 1) if (count > 1)
     for (uint32_t i = 0; i < count; i++)
         packers[i].code = exr_pack_chunk(&packers[i], file, image, y + i * step);
     for (uint32_t i = 0; i < count; i++) {
@@ -156,13 +190,14 @@ static exr_result_t write_chunks(exr_context_t file, const struct kiln_image *im
     return code;
 }
 
-static int write_file(struct exr_output_stream *stream, const struct kiln_image *image,
-                      const struct kiln_exr_attribute *attributes, size_t attribute_count)
+static int write_through(struct write_buffer *buffer, const struct kiln_image *image,
+                         const struct kiln_exr_attribute *attributes, size_t attribute_count)
 {
+    struct exr_output_stream *stream = buffer->stream;
     exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
     setup.error_handler_fn = exr_stay_silent;
-    setup.user_data = stream;
-    setup.write_fn = exr_write_stream;
+    setup.user_data = buffer;
+    setup.write_fn = write_buffered;
     exr_context_t file = NULL;
     int32_t written = 0, expected = 0;
     exr_result_t code = exr_start_write(&file, stream->path, EXR_WRITE_FILE_DIRECTLY, &setup);
@@ -176,6 +211,8 @@ static int write_file(struct exr_output_stream *stream, const struct kiln_image 
     const exr_result_t finished = exr_finish(&file);
     if (code == EXR_ERR_SUCCESS)
         code = finished;
+    if (stream->status == KILN_OK)
+        (void)flush(buffer); /* sets stream->status */
     if (stream->status != KILN_OK)
         return stream->status;
     if (code != EXR_ERR_SUCCESS)
@@ -184,6 +221,17 @@ static int write_file(struct exr_output_stream *stream, const struct kiln_image 
         return kiln_fail(stream->error, KILN_BUG, "'%s': %d of %d chunks were written", stream->path, (int)written,
                          (int)expected);
     return KILN_OK;
+}
+
+static int write_file(struct exr_output_stream *stream, const struct kiln_image *image,
+                      const struct kiln_exr_attribute *attributes, size_t attribute_count)
+{
+    struct write_buffer buffer = {.stream = stream};
+    int status = kiln_allocate(&buffer.bytes, BUFFER_SIZE, 1, "a file's bytes", stream->error);
+    if (status == KILN_OK)
+        status = write_through(&buffer, image, attributes, attribute_count);
+    kiln_free(&buffer.bytes);
+    return status;
 }
 
 static bool same_value(float expected, float found, bool half)
@@ -198,7 +246,7 @@ static bool same_value(float expected, float found, bool half)
 size_t exr_count_same(const struct kiln_image_channel *mine, const struct kiln_image_channel *theirs, size_t count)
 {
     size_t same = count;
-#pragma omp parallel for schedule(static) reduction(min : same)
+#pragma omp parallel for schedule(static) reduction(min : same) if (count > KILN_IMAGE_ALONE)
     for (size_t i = 0; i < count; i++)
         if (!same_value(mine->values[i], theirs->values[i], mine->half) && i < same)
             same = i;
@@ -248,8 +296,9 @@ int exr_check_image(const char *path, const struct kiln_image *image, struct kil
     return check_halves(path, image, error);
 }
 
-int kiln_exr_write_below(const char *directory, const char *name, const struct kiln_image *image,
-                         const struct kiln_exr_attribute *attributes, size_t attribute_count, struct kiln_error *error)
+int kiln_exr_put(struct kiln_publish_batch *batch, const char *directory, const char *name,
+                 const struct kiln_image *image, const struct kiln_exr_attribute *attributes, size_t attribute_count,
+                 struct kiln_error *error)
 {
     struct kiln_publish place;
     int status = exr_check_image(name, image, error);
@@ -268,9 +317,15 @@ int kiln_exr_write_below(const char *directory, const char *name, const struct k
     if (status == KILN_OK)
         status = read_back(&place, image, error);
     if (status == KILN_OK)
-        return kiln_publish_finish(&place, error);
+        return batch != NULL ? kiln_publish_put(batch, &place, error) : kiln_publish_finish(&place, error);
     kiln_publish_abandon(&place);
     return status;
+}
+
+int kiln_exr_write_below(const char *directory, const char *name, const struct kiln_image *image,
+                         const struct kiln_exr_attribute *attributes, size_t attribute_count, struct kiln_error *error)
+{
+    return kiln_exr_put(NULL, directory, name, image, attributes, attribute_count, error);
 }
 
 int kiln_exr_write(const char *path, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
@@ -474,7 +529,7 @@ exr_result_t exr_read_chunks(exr_const_context_t file, int32_t top, const struct
         failure = EXR_ERR_INVALID_ATTR;
     const uint32_t step = (uint32_t)lines, chunks = failure != EXR_ERR_SUCCESS ? 0 : (image->height + step - 1) / step;
     uint32_t failed = chunks;
-#pragma omp parallel
+#pragma omp parallel if (chunks > 1)
     {
         exr_decode_pipeline_t decoder = EXR_DECODE_PIPELINE_INITIALIZER;
         bool started = false;

@@ -5,6 +5,8 @@
 
 #include "coordinator/output/image.h"
 
+struct kiln_publish_batch;
+
 enum kiln_exr_kind { KILN_EXR_STRING, KILN_EXR_INTEGER, KILN_EXR_FLOAT };
 
 struct kiln_exr_attribute {
@@ -26,6 +28,10 @@ int kiln_exr_write_below(const char *directory, const char *name, const struct k
 /* The same at a path that a user gave. */
 int kiln_exr_write(const char *path, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
                    size_t attribute_count, struct kiln_error *error);
+/* As kiln_exr_write_below, but the file that was read back is put into the batch, which publishes it later. */
+int kiln_exr_put(struct kiln_publish_batch *batch, const char *directory, const char *name,
+                 const struct kiln_image *image, const struct kiln_exr_attribute *attributes, size_t attribute_count,
+                 struct kiln_error *error);
 
 /* Reads a scanline file: the channels in `wanted` that it has, or all half and float channels if `wanted` is NULL. An
  * image size that the length of the file cannot hold is refused before memory is allocated. Tiled, deep and subsampled

@@ -11,6 +11,9 @@
 
 enum { KILN_CHANNEL_NAME_SIZE = 64 };
 
+/* Loops over at most so many values use one thread: waiting for the others takes longer. */
+enum { KILN_IMAGE_ALONE = 1 << 14 };
+
 struct kiln_image_channel {
     char name[KILN_CHANNEL_NAME_SIZE]; /* "R", "direct.G", ... */
     bool half;                         /* stored in the file as 16-bit float */

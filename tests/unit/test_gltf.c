@@ -314,13 +314,18 @@ static void glass(void **state)
     "\"images\":[{\"uri\":\"data:image/png;base64,"                                                                    \
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mP8z8BQDwAEhQGAhKmMIQAAAABJRU5ErkJggg==\"}]"
 
-/* A transmission texture at the base colour's coordinates, or alone, is looked up; at others it counts as its mean. The
- * pixel is red. */
+/* A PNG of two pixels, embedded: red, and nearly so. */
+#define TWO_PIXELS                                                                                                     \
+    "\"images\":[{\"uri\":\"data:image/png;base64,"                                                                    \
+    "iVBORw0KGgoAAAANSUhEUgAAAAIAAAABCAIAAAB7QOjdAAAAD0lEQVR4nGP4z8Dwn4ERAAj/AgBM/rJyAAAAAElFTkSuQmCC\"}]"
+
+/* A transmission texture at the base colour's coordinates, or alone, is looked up; at others it counts as its mean.
+ * Both pixels are red, and not of one colour, which would be a factor instead. */
 static void glass_has_a_texture(void **state)
 {
     struct fixture *f = *state;
     accepted(f,
-             HEAD ACCESSORS("") "," PIXEL ",\"textures\":[{\"source\":0}],\"materials\":["
+             HEAD ACCESSORS("") "," TWO_PIXELS ",\"textures\":[{\"source\":0}],\"materials\":["
                                 "{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}},\"extensions\":{\"KHR_"
                                 "materials_transmission\":"
                                 "{\"transmissionFactor\":0.5,\"transmissionTexture\":{\"index\":0}}}},"
@@ -337,7 +342,7 @@ static void glass_has_a_texture(void **state)
     assert_int_equal(t[m[0].transmission_texture].srgb, 0);
     assert_int_equal(t[m[0].base_color_texture].srgb, 1);
     assert_int_equal(m[1].transmission_texture, KILN_NONE);
-    near((double)m[1].transmission, 0.5); /* x 1: the red of the pixel */
+    near((double)m[1].transmission, 0.5); /* x 1: the red of the pixels */
     assert_int_equal(m[2].transmission_texture, m[0].transmission_texture);
     assert_int_equal(m[2].base_color_texture, KILN_NONE);
     const struct kiln_vec2 *uv = DATA(struct kiln_vec2, KILN_SECTION_TEXCOORD_BASE);

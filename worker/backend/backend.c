@@ -133,6 +133,7 @@ int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass,
                          "the pass '%s' was given a batch, parameters or a state of the backend that do not fit it; "
                          "this is a bug of kiln: report it",
                          pass->name);
+    backend->ran[pass->index] = true;
     if (batch->samples_each == NULL)
         return backend->api->run(backend, pass, parameters, batch, rays, error);
     int status = KILN_OK;

@@ -81,6 +81,8 @@ struct kiln_emission_result {
     double error[3];                                        /* standard error of `received` */
 };
 
+enum { KILN_KERNELS_MOST = 32 };
+
 struct kiln_backend_info {
     char name[32];    /* "embree" */
     char device[128]; /* "Embree 3.13.5, avx2, 2 threads" */
@@ -98,6 +100,9 @@ struct kiln_backend_info {
     uint32_t recoveries;  /* how often it was lost or short of memory, and made anew */
     /* it failed for good and Embree went on: name, device, memory and build_seconds are Embree's */
     bool fell_back;
+    /* names of what has computed so far: the passes of the Embree backend, the kernels of the Vulkan backend */
+    const char *kernels[KILN_KERNELS_MOST];
+    size_t kernel_count;
     uint64_t verified; /* texels traced again with Embree so far, once for each pass (worker/backend/verify.h) */
     uint64_t beyond;   /* of these, how many were apart by more than rounding and noise explain; a few may be */
     double worst;      /* the largest difference of one, over what rounding and noise explain */
@@ -129,6 +134,7 @@ struct kiln_backend {
     /* what kiln_backend_set_surface and kiln_backend_set_radiosity were given last; NULL: nothing yet */
     const struct kiln_surface *surface;
     const uint64_t *radiosity;
+    bool ran[KILN_PASS_COUNT]; /* which passes kiln_backend_run was called for */
 };
 
 extern const struct kiln_backend_api kiln_backend_embree;

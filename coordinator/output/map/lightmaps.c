@@ -22,6 +22,7 @@ struct writer {
     const struct kiln_output_params *params;
     struct kiln_layers layers;
     struct kiln_lightmap_report *reports; /* reports of this rank's objects are filled in */
+    struct kiln_publish_batch *batch;     /* finished files that have yet to be published */
     struct kiln_map **maps;               /* one for each lightmap; only those of this rank and round exist */
     uint32_t ranks;
     int64_t seed;
@@ -88,7 +89,7 @@ static void add_terms(const struct kiln_image *image, const struct kiln_field_se
         const float *first = kiln_image_find(image, fields->entry[entry->terms[0]].field->channels[c])->values,
                     *second = kiln_image_find(image, fields->entry[entry->terms[1]].field->channels[c])->values;
         float *total = kiln_image_find(image, entry->field->channels[c])->values;
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (count > KILN_IMAGE_ALONE)
         for (size_t i = 0; i < count; i++)
             total[i] = first[i] + second[i];
     }
@@ -116,7 +117,7 @@ static int make_image(const struct writer *w, struct kiln_map *map, struct kiln_
     struct kiln_image_channel *validity = kiln_image_find(*image, "validity.Y");
     const size_t count = kiln_map_texels(map);
     kiln_image_find(*image, "coverage.Y")->half = validity->half = true;
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (count > KILN_IMAGE_ALONE)
     for (size_t i = 0; i < count; i++)
         validity->values[i] = 0.5f * (float)map->state[i];
     return KILN_OK;
@@ -259,7 +260,7 @@ static int write_object(const struct writer *w, uint32_t object, struct kiln_err
     struct file_words words;
     int status = finish_object(w, object, &image, &words, error);
     if (status == KILN_OK)
-        status = kiln_exr_write_below(w->params->directory, words.name, image, words.attributes, words.count, error);
+        status = kiln_exr_put(w->batch, w->params->directory, words.name, image, words.attributes, words.count, error);
     kiln_image_destroy(&image);
     return status;
 }
@@ -361,19 +362,15 @@ static int threads_for(const struct writer *w, uint32_t object, uint64_t texels,
     return threads < 1 ? 1 : (int)threads;
 }
 
-/* Writes the objects of a round. Each thread takes one object; the loops within a large object use several threads.
- * Keeps the message of the first object that failed. */
-static int write_round(const struct writer *w, const uint32_t *own, size_t count, struct kiln_error *error)
+/* Writes some objects of a round, which has so many texels. Each thread takes one object; the loops within a large
+ * object use several threads. Keeps the message of the first object that failed. */
+static int write_some(const struct writer *w, const uint32_t *own, size_t count, uint64_t texels,
+                      struct kiln_error *error)
 {
     size_t first_failed = SIZE_MAX;
     int status = KILN_OK;
-    uint64_t texels = 0;
-    for (size_t i = 0; i < count; i++)
-        texels += (uint64_t)w->result->surface->lightmaps[own[i]].width * w->result->surface->lightmaps[own[i]].height;
     const int threads = omp_get_max_threads(), team = count < (size_t)threads ? (int)count : threads,
               levels = omp_get_max_active_levels();
-    if (count == 0)
-        return KILN_OK;
     omp_set_max_active_levels(2);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(team)
     for (size_t i = 0; i < count; i++) {
@@ -392,6 +389,25 @@ static int write_round(const struct writer *w, const uint32_t *own, size_t count
     return status;
 }
 
+/* Writes the objects of a round, in batches whose files are published together. */
+static int write_round(struct writer *w, const uint32_t *own, size_t count, struct kiln_error *error)
+{
+    enum { AT_ONCE = 1024 };
+    uint64_t texels = 0;
+    int status = KILN_OK;
+    for (size_t i = 0; i < count; i++)
+        texels += (uint64_t)w->result->surface->lightmaps[own[i]].width * w->result->surface->lightmaps[own[i]].height;
+    if (count > 0)
+        status = kiln_publish_batch_create(&w->batch, error);
+    for (size_t first = 0; status == KILN_OK && first < count; first += AT_ONCE) {
+        status = write_some(w, own + first, count - first < AT_ONCE ? count - first : AT_ONCE, texels, error);
+        if (status == KILN_OK)
+            status = kiln_publish_batch_finish(w->batch, error);
+    }
+    kiln_publish_batch_destroy(&w->batch);
+    return status;
+}
+
 /* Moves own objects of the round whose strips are distributed to the front of `own`, in order. Returns their number. */
 static size_t sort_large(const struct kiln_strip_assignment *strips, uint32_t *own, size_t count)
 {
@@ -407,8 +423,8 @@ static size_t sort_large(const struct kiln_strip_assignment *strips, uint32_t *o
 }
 
 /* Collective. Writes the objects of the round: each rank its small ones, then all ranks together the large ones. */
-static int write_together(const struct writer *w, const struct kiln_assignment *assignment, uint32_t round,
-                          uint32_t *own, size_t count, struct kiln_error *error)
+static int write_together(struct writer *w, const struct kiln_assignment *assignment, uint32_t round, uint32_t *own,
+                          size_t count, struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
     const struct kiln_lightmap *lightmaps = w->result->surface->lightmaps;

@@ -150,6 +150,9 @@ static void embree_info(const struct kiln_backend *backend, struct kiln_backend_
                                        .computes_for_others = true,
                                        .part_points = PART_POINTS};
     memcpy(info->device, b->device_text, sizeof info->device);
+    for (size_t p = 0; p < KILN_PASS_COUNT; p++)
+        if (backend->ran[p])
+            info->kernels[info->kernel_count++] = kiln_passes[p]->name;
 }
 
 static int embree_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface,

@@ -55,22 +55,26 @@ static int make_kernel(struct vulkan_backend *b, struct vulkan_kernel *k, struct
     return gpu_kernel_create(b->gpu, &k->kernel, &params, error);
 }
 
-static struct gpu_kernel *find_kernel(const struct vulkan_backend *b, const struct vulkan_shader *shader,
-                                      bool draw_again, uint32_t own)
+static struct vulkan_kernel *find_kernel(const struct vulkan_backend *b, const struct vulkan_shader *shader,
+                                         bool draw_again, uint32_t own)
 {
     for (size_t i = 0; i < b->kernel_count; i++)
         if (b->kernels[i].shader == shader && b->kernels[i].draw_again == draw_again && b->kernels[i].own == own)
-            return b->kernels[i].kernel;
+            return &b->kernels[i];
     return NULL;
 }
 
 int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own,
                      struct gpu_kernel **kernel, struct kiln_error *error)
 {
-    *kernel = find_kernel(b, shader, draw_again, own);
-    if (*kernel != NULL)
+    struct vulkan_kernel *found = find_kernel(b, shader, draw_again, own);
+    *kernel = NULL;
+    if (found != NULL) {
+        found->ran = true;
+        *kernel = found->kernel;
         return KILN_OK;
-    struct vulkan_kernel k = {.shader = shader, .draw_again = draw_again, .own = own};
+    }
+    struct vulkan_kernel k = {.shader = shader, .draw_again = draw_again, .own = own, .ran = true};
     int status =
         kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + 1, sizeof *b->kernels, "the device's kernels", error);
     if (status == KILN_OK)
@@ -244,6 +248,16 @@ static int vulkan_create(struct kiln_backend **backend, const struct kiln_backen
     return status;
 }
 
+/* Each name once, though a kernel may have several variants. */
+static void add_kernel(struct kiln_backend_info *info, const char *name)
+{
+    for (size_t i = 0; i < info->kernel_count; i++)
+        if (strcmp(info->kernels[i], name) == 0)
+            return;
+    if (info->kernel_count < KILN_KERNELS_MOST)
+        info->kernels[info->kernel_count++] = name;
+}
+
 static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     const struct vulkan_backend *b = (const struct vulkan_backend *)backend;
@@ -257,6 +271,9 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
                                        .recoveries = b->recoveries,
                                        .take_threads = b->threads};
     (void)snprintf(info->device, sizeof info->device, "%s", b->device_text);
+    for (size_t i = 0; i < b->kernel_count; i++)
+        if (b->kernels[i].ran)
+            add_kernel(info, b->kernels[i].shader->name);
 }
 
 /* ---- what changes ---- */

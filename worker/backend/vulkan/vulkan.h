@@ -57,6 +57,7 @@ enum vulkan_constant {
 struct vulkan_kernel {
     const struct vulkan_shader *shader;
     uint32_t draw_again, own;
+    bool ran;
     struct gpu_kernel *kernel;
 };
 
