@@ -413,9 +413,10 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
         json_object_set(root, "quantities", quantities);
     json_decref(quantities);
     json_object_set_new(root, "indirect_bounces", json_integer((json_int_t)t->bounces));
-    json_object_set_new(
-        root, "tail",
-        json_pack("{s:b, s:o, s:f}", "added", t->tail, "ratio", rgb_json(t->tail_ratio), "share", t->tail_share));
+    json_object_set_new(root, "tail",
+                        json_pack("{s:b, s:o, s:f, s:f, s:b}", "added", t->tail, "ratio", rgb_json(t->tail_ratio),
+                                  "share", t->tail_share, "error", fmax(t->tail_error, 0.0), "diverges",
+                                  t->tail_error == KILN_TAIL_DIVERGES));
     json_object_set_new(root, "energy", energy_json(&t->energy, kiln_units_of(run->job->units, p->scene)));
     json_object_set_new(root, "error", error_reached);
     json_object_set_new(root, "points",

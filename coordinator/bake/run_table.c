@@ -11,7 +11,8 @@
 #include "worker/base/text.h"
 
 enum { ROWS = KILN_PHASES_MAX + 1, COLUMNS = 6, CELL = 32 };
-static const double NOTE_IMBALANCE = 0.05, NOTE_FILES = 0.10, NOTE_SECONDS = 1.0, NOTE_LOST = 0.01, NOTE_BORDERS = 0.01;
+static const double NOTE_IMBALANCE = 0.05, NOTE_FILES = 0.10, NOTE_SECONDS = 1.0, NOTE_LOST = 0.01, NOTE_BORDERS = 0.01,
+                    NOTE_TAIL = 2e-3;
 
 struct advice {
     const char *phase, *text;
@@ -184,10 +185,27 @@ static void note_borders(const json_t *report, json_t *notes)
             100.0 * share, number_of(borders, "disturbed_lightmaps"), padding));
 }
 
+/* Bounces whose sum is not known as well as it should be. */
+static void note_tail(const json_t *report, json_t *notes)
+{
+    const json_t *tail = json_object_get(report, "tail");
+    const double error = number_of(tail, "error");
+    if (json_is_true(json_object_get(tail, "diverges")))
+        (void)json_array_append_new(
+            notes, json_string("the bounces diverge: the scene is closed and reflects all light, so that its light has "
+                               "no end and the result no meaning; lower the albedo of its materials"));
+    else if (error > NOTE_TAIL)
+        (void)json_array_append_new(
+            notes, json_sprintf("the bounces have not converged: their sum may be off by %.2g %%; more of them are "
+                                "counted by --bounces N --tail, and a lower albedo needs fewer",
+                                100.0 * error));
+}
+
 json_t *kiln_run_notes(const json_t *report)
 {
     json_t *notes = json_array();
     note_lost_light(report, notes);
+    note_tail(report, notes);
     note_imbalance(report, notes);
     note_files(report, notes);
     note_borders(report, notes);

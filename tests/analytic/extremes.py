@@ -1,7 +1,8 @@
 """Closed forms where numbers and shapes get extreme.
 
 In a closed furnace everything emits e and reflects rho, so that E = pi e / (1 - rho) everywhere; two coincident opposite
-faces that divide it change nothing, in either order.
+faces that divide it change nothing, in either order. Near rho = 1 the light of a thousand bounces counts, and at 1 it
+has no end.
 """
 import math
 import os
@@ -51,8 +52,48 @@ def check_coincident(kiln, checks, table):
         bake.remove()
 
 
+def check_tail(kiln, checks, table):
+    """Bounces go on until the tail is known."""
+    for rho in (0.99, 0.999, 1.0):
+        what = 'furnace of albedo %g' % rho
+        bake = kiln.bake(furnace(os.path.join(kiln.scratch, 'tail.glb'), rho), '--texels-per-metre', 6,
+                         '--samples-direct', kiln.samples(64), '--samples-bounce', 8,
+                         '--samples-indirect', kiln.samples(128), '--samples-probe', 0)
+        process = bake.process
+        if not checks.baked(bake):
+            continue
+        tail, points = bake.run['tail'], bake.points
+        notes = ' '.join(bake.run['notes'])
+        checks.that(tail['diverges'] == (rho == 1) and ('diverge' in notes) == (rho == 1),
+                    '%s: diverges %s, %s' % (what, tail['diverges'], notes), process)
+        if rho < 1:
+            mean = float(np.average(points.total[points.valid, 1], weights=points.area[points.valid]))
+            off = mean * (1 - rho) / math.pi - 1
+            checks.that(abs(off) < 3e-3 and 0 < tail['error'] <= 2e-3 and 'converged' not in notes,
+                        '%s: off by %.3f %%, %.3f %% said' % (what, 100 * off, 100 * tail['error']), process)
+            table.row(what, 'off by %+.3f %% after %d bounces' % (100 * off, bake.run['indirect_bounces']))
+        bake.remove()
+
+
+def check_left(kiln, checks, table):
+    """The equal schedule ends at 254 bounces, and says what it has left out: q^255 of all light."""
+    rho = 0.99
+    bake = kiln.bake(furnace(os.path.join(kiln.scratch, 'left.glb'), rho), '--texels-per-metre', 6,
+                     '--samples-direct', 64, '--schedule', 'equal', '--samples-indirect', 16, '--samples-probe', 0)
+    if not checks.baked(bake):
+        return
+    said, want = bake.run['tail']['error'], rho ** 255
+    points = bake.points
+    mean = float(np.average(points.total[points.valid, 1], weights=points.area[points.valid]))
+    off = mean * (1 - rho) / math.pi - 1
+    checks.that(abs(said / want - 1) < 0.05 and abs(off + want) < 3e-3 and 'not converged' in ' '.join(bake.run['notes']),
+                'equal schedule: off by %g, %g said to be left, not %g' % (off, said, want), bake.process)
+    table.row('equal schedule, albedo %g' % rho, 'off by %+.2f %%, %.2f %% said to be left out' % (100 * off, 100 * said))
+    bake.remove()
+
+
 def main():
-    every = {'coincident': check_coincident}
+    every = {'coincident': check_coincident, 'tail': check_tail, 'left': check_left}
     arguments, kiln = harness.start(
         __doc__, lambda p: p.add_argument('--only', action='append', choices=every, help='these cases'))
     checks = harness.Checks()
