@@ -92,8 +92,71 @@ def check_left(kiln, checks, table):
     bake.remove()
 
 
+def check_ledger(kiln, checks, table):
+    """Radiance below the smallest float that keeps its digits: most of the light is missing, which is said."""
+    # a GPU may keep what Embree takes for 0, and then has the right light
+    for radiance, off in ((1e-3, (False,)), (1e-38, (True,) if kiln.backend == 'embree' else (False, True))):
+        what = 'ledger at radiance %g' % radiance
+        bake = kiln.bake(furnace(os.path.join(kiln.scratch, 'ledger.glb'), 0.5, radiance), '--texels-per-metre', 4,
+                         '--samples-direct', kiln.samples(256), '--samples-bounce', 16,
+                         '--samples-indirect', kiln.samples(64), '--samples-probe', 0)
+        if not checks.baked(bake):
+            continue
+        notes = [n for n in bake.run['notes'] if 'ledger' in n]
+        share = bake.run['energy']['relative_residual']
+        checks.that((share > 0.01) in off and len(notes) == (share > 0.01) and all('so faint' in n for n in notes),
+                    '%s: off by %g, %s' % (what, share, notes), bake.process)
+        table.row(what, notes[0][:60] if notes else 'off by %.2f %%' % (100 * share))
+        bake.remove()
+
+
+def check_warnings(kiln, checks, table):
+    """What the importer leaves out is said in the bake, one line a kind, and stands in run.json."""
+    scene = glb.Scene()
+    grey = scene.material('grey', (0.5,) * 3)
+    scene.quad('floor', [(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], grey)
+    scene.quad('far', [(3e7, 0, 8), (3e7 + 8, 0, 8), (3e7 + 8, 0, 0), (3e7, 0, 0)], grey, cuts=8)
+    directory = os.path.join(kiln.scratch, 'warnings')
+    process = kiln.command('bake', scene.write(os.path.join(kiln.scratch, 'flat.glb')), '-o', directory,
+                           '--backend', kiln.backend, '--no-preview', '--lightmap-size', 16, '--samples-probe', 0)
+    bake = harness.Bake(directory, process)
+    if not checks.baked(bake):
+        return
+    for place, text in (('stderr', process.stderr), ('run.json', ' '.join(bake.run['scene']['warnings']))):
+        for words in ('triangles without area', 'coarser than a tenth of a texel', 'there is no light'):
+            checks.that(text.count(words) == 1, '%s says %r %d times' % (place, words, text.count(words)), process)
+    table.row('warnings of the importer', '%d in run.json' % len(bake.run['scene']['warnings']))
+    bake.remove()
+
+
+def check_hard_spot(kiln, checks, table):
+    """A cone of 0.5 rad with a hard edge, 2 m above a floor: I cos^3 / h^2 inside, 0 outside."""
+    scene = glb.Scene()
+    scene.quad('floor', [(-2, 0, 2), (2, 0, 2), (2, 0, -2), (-2, 0, -2)], scene.material('grey', (0.5,) * 3))
+    half = math.sqrt(0.5)
+    scene.light('spot', {'type': 'spot', 'intensity': 8.0, 'spot': {'innerConeAngle': 0.5, 'outerConeAngle': 0.5}},
+                translation=[0, 2, 0], rotation=[-half, 0, 0, half])
+    bake = kiln.bake(scene.write(os.path.join(kiln.scratch, 'spot.glb')), '--texels-per-metre', 16, '--samples-direct',
+                     16, '--samples-probe', 0, '--bounces', 0)
+    if not checks.baked(bake):
+        return
+    points = bake.points
+    angle = np.arctan(np.hypot(points.position[:, 0], points.position[:, 2]) / 2)
+    margin = 0.03  # a texel
+    inside, outside = angle < 0.5 - margin, angle > 0.5 + margin
+    worst = float(np.abs(points.direct[inside, 1] / (2 * np.cos(angle[inside]) ** 3) - 1).max())
+    warnings = ' '.join(bake.run['scene']['warnings'])
+    checks.that(inside.any() and worst < 0.01 and float(points.direct[outside].max()) == 0.0 and
+                'same inner and outer' in warnings,
+                'hard cone: off by %g inside, %g outside; %s' % (worst, points.direct[outside].max(), warnings),
+                bake.process)
+    table.row('cone with a hard edge', 'worst texel off by %.2f %%' % (100 * worst))
+    bake.remove()
+
+
 def main():
-    every = {'coincident': check_coincident, 'tail': check_tail, 'left': check_left}
+    every = {'coincident': check_coincident, 'tail': check_tail, 'left': check_left, 'ledger': check_ledger,
+             'warnings': check_warnings, 'hard_spot': check_hard_spot}
     arguments, kiln = harness.start(
         __doc__, lambda p: p.add_argument('--only', action='append', choices=every, help='these cases'))
     checks = harness.Checks()
