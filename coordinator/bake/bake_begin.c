@@ -4,6 +4,7 @@
 
 #include "coordinator/bake/bake_private.h"
 #include "coordinator/bake/identity.h"
+#include "coordinator/bake/run_report.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/manifest.h"
@@ -36,12 +37,13 @@ static int check_lightmaps(const struct kiln_bake *b, const struct kiln_prepared
     return kiln_manifest_look(b->job->output, p->scene, p->surface, &parts, error);
 }
 
-/* Prints the notes of the importer. */
-static void say_notes(const struct kiln_scene *scene)
+static void say_warnings(const struct kiln_prepared *prepared)
 {
-    for (size_t i = 0; i < scene->note_count; i++)
-        if (scene->notes[i].severity == KILN_NOTE_REPEATED)
-            kiln_print(stderr, "kiln: note: %s\n", kiln_scene_string(scene, scene->notes[i].text));
+    json_t *warnings = kiln_scene_warnings(prepared);
+    size_t index;
+    const json_t *warning;
+    json_array_foreach(warnings, index, warning) kiln_print(stderr, "kiln: note: %s\n", json_string_value(warning));
+    json_decref(warnings);
 }
 
 /* Compares the bake with its checkpoint, and prints which checkpoint it continues. */
@@ -125,6 +127,6 @@ int kiln_bake_prepare(struct kiln_bake *b, struct kiln_error *error)
     const int status =
         kiln_prepare(&b->prepared, b->communicator, &job, b->scene_file, &b->phases, b->progress, &care, error);
     if (status == KILN_OK && b->rank == 0 && !b->job->quiet)
-        say_notes(b->prepared->scene);
+        say_warnings(b->prepared);
     return status;
 }

@@ -79,6 +79,21 @@ static json_t *scene_json(const struct kiln_prepared *p)
                      (double)s->header->texels_per_metre);
 }
 
+json_t *kiln_scene_warnings(const struct kiln_prepared *p)
+{
+    const struct kiln_scene *s = p->scene;
+    const struct kiln_lights *lights = p->lights;
+    json_t *warnings = json_array();
+    for (size_t i = 0; i < s->note_count; i++)
+        if (s->notes[i].severity == KILN_NOTE_REPEATED)
+            (void)json_array_append_new(warnings, kiln_json_string(kiln_scene_string(s, s->notes[i].text)));
+    if (lights->area_count + lights->point_count + lights->directional_count == 0 && !lights->environment)
+        (void)json_array_append_new(warnings,
+                                    json_string("there is no light: no emissive triangle, no light, no environment "
+                                                "(--environment R,G,B gives one)"));
+    return warnings;
+}
+
 char *kiln_provenance(const struct kiln_job *job, const struct kiln_prepared *prepared)
 {
     json_t *scene = scene_json(prepared);
@@ -439,6 +454,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_t *rays = rays_json(&t->roles, values, p->ranks, &total_rays);
     const double traced = tracing_seconds(&t->roles, phases);
     json_t *scene = scene_json(p);
+    json_object_set_new(scene, "warnings", kiln_scene_warnings(p));
     json_object_set_new(scene, "file", kiln_json_string(run->job->scene));
     char *path = realpath(run->job->scene, NULL); /* kiln export looks for the scene there */
     if (path != NULL)
@@ -466,9 +482,10 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
         json_object_set(root, "quantities", quantities);
     json_decref(quantities);
     json_object_set_new(root, "indirect_bounces", json_integer((json_int_t)t->bounces));
-    json_object_set_new(
-        root, "tail",
-        json_pack("{s:b, s:o, s:f}", "added", t->tail, "ratio", rgb_json(t->tail_ratio), "share", t->tail_share));
+    json_object_set_new(root, "tail",
+                        json_pack("{s:b, s:o, s:f, s:f, s:b}", "added", t->tail, "ratio", rgb_json(t->tail_ratio),
+                                  "share", t->tail_share, "error", fmax(t->tail_error, 0.0), "diverges",
+                                  t->tail_error == KILN_TAIL_DIVERGES));
     json_object_set_new(root, "energy", energy_json(&t->energy, kiln_units_of(run->job->units, p->scene)));
     json_object_set_new(root, "error", error_reached);
     json_object_set_new(root, "points",

@@ -23,6 +23,10 @@ struct kiln_run {
  * ranks and threads, and is stored in the HDF5 files too. Compact JSON; release with free. NULL if memory is short. */
 char *kiln_provenance(const struct kiln_job *job, const struct kiln_prepared *prepared);
 
+/* What the importer found of which every bake reminds (KILN_NOTE_REPEATED), and that there is no light: an array of
+ * sentences. Release with json_decref. */
+json_t *kiln_scene_warnings(const struct kiln_prepared *prepared);
+
 /* Collective. Creates the report on rank 0; the other ranks get NULL. Release with json_decref. */
 int kiln_run_report(json_t **report, const struct kiln_run *run, struct kiln_error *error);
 

@@ -11,7 +11,9 @@
 #include "worker/base/text.h"
 
 enum { ROWS = KILN_PHASES_MAX + 1, COLUMNS = 6, CELL = 32 };
-static const double NOTE_IMBALANCE = 0.05, NOTE_FILES = 0.10, NOTE_SECONDS = 1.0, NOTE_LOST = 0.01, NOTE_BORDERS = 0.01;
+static const double NOTE_IMBALANCE = 0.05, NOTE_FILES = 0.10, NOTE_SECONDS = 1.0, NOTE_LOST = 0.01, NOTE_BORDERS = 0.01,
+                    NOTE_TAIL = 2e-3, NOTE_SIGMAS = 5.0,
+                    FAINTEST = 1e-35; /* W/m2; the smallest normal float is 1.2e-38 */
 
 struct advice {
     const char *phase, *text;
@@ -130,8 +132,6 @@ static void note_lost_light(const json_t *report, json_t *notes)
     const double blocked = luminance_of(energy, "blocked"), met = luminance_of(energy, "absorbed") +
                                                                   luminance_of(energy, "glass") +
                                                                   luminance_of(energy, "left_over") + blocked;
-    const double residual = fabs(json_number_value(json_object_get(energy, "residual"))),
-                 error = json_number_value(json_object_get(energy, "error"));
     if (met > 0.0 && blocked > NOTE_LOST * met)
         (void)json_array_append_new(
             notes,
@@ -139,17 +139,49 @@ static void note_lost_light(const json_t *report, json_t *notes)
                 "%.1f %% of the light that reached surfaces hit backs of single-sided ones and is lost (%.3g W); "
                 "flip those faces, or make their materials double-sided",
                 100.0 * blocked / met, blocked));
-    if (met > 0.0 && residual > NOTE_LOST * met && residual > 4.0 * error)
-        (void)json_array_append_new(
-            notes,
-            json_sprintf("%.1f %% of the light that reached surfaces is unaccounted for (%.3g W); kiln check names "
-                         "surfaces without texels and lightmaps that are too coarse",
-                         100.0 * residual / met, residual));
 }
 
 static double number_of(const json_t *object, const char *key)
 {
     return json_number_value(json_object_get(object, key));
+}
+
+/* What the report knows of why the ledger does not balance; the first that applies. */
+static const char *cause_of_imbalance(const json_t *report)
+{
+    const json_t *points = json_object_get(report, "points"), *tail = json_object_get(report, "tail");
+    const double count = number_of(points, "count"), area = number_of(points, "area"),
+                 whole_area = number_of(points, "geometry_area");
+    const double emitted = luminance_of(json_object_get(report, "energy"), "emitted");
+    if (whole_area > 0.0 && emitted / whole_area < FAINTEST)
+        return "the light is so faint that floats lose it; make the lights brighter, by 1e10 for example";
+    if (json_is_true(json_object_get(tail, "diverges")) || number_of(tail, "error") > NOTE_TAIL)
+        return "the bounces have not converged";
+    if (fabs(area - whole_area) > 0.5 * NOTE_LOST * whole_area)
+        return "surfaces have no texels of their own, or too many; finer lightmaps have them, and kiln check names "
+               "the objects";
+    if (number_of(points, "shared") > NOTE_LOST * count)
+        return "charts share texels; finer lightmaps or --repack part them";
+    if (number_of(points, "invalid") > NOTE_LOST * count)
+        return "texels that are partly buried stand for surface that light reaches; finer lightmaps tell the two apart";
+    return "lightmaps too coarse for their surfaces, or surfaces without texels, which kiln check names, do that";
+}
+
+/* An energy ledger that is off by more than its error allows. */
+static void note_imbalanced_energy(const json_t *report, json_t *notes)
+{
+    const json_t *energy = json_object_get(report, "energy");
+    const double emitted = luminance_of(energy, "emitted"), residual = number_of(energy, "residual"),
+                 off = fabs(residual), error = number_of(energy, "error");
+    const double met = luminance_of(energy, "absorbed") + luminance_of(energy, "glass") +
+                       luminance_of(energy, "left_over") + luminance_of(energy, "blocked");
+    const bool of_met = met > off;
+    const double base = of_met ? met : emitted;
+    if (base > 0.0 && off > NOTE_LOST * base && off > NOTE_SIGMAS * error)
+        (void)json_array_append_new(
+            notes, json_sprintf("the energy ledger is off by %.1f %% of the light that %s (%.3g W %s): %s",
+                                100.0 * off / base, of_met ? "reached surfaces" : "was emitted", off,
+                                residual > 0.0 ? "missing" : "too much", cause_of_imbalance(report)));
 }
 
 /* Names the density, or the size of lightmaps, at which charts lie two texels apart. */
@@ -184,10 +216,28 @@ static void note_borders(const json_t *report, json_t *notes)
             100.0 * share, number_of(borders, "disturbed_lightmaps"), padding));
 }
 
+/* Bounces whose sum is not known as well as it should be. */
+static void note_tail(const json_t *report, json_t *notes)
+{
+    const json_t *tail = json_object_get(report, "tail");
+    const double error = number_of(tail, "error");
+    if (json_is_true(json_object_get(tail, "diverges")))
+        (void)json_array_append_new(
+            notes, json_string("the bounces diverge: the scene is closed and reflects all light, so that its light has "
+                               "no end and the result no meaning; lower the albedo of its materials"));
+    else if (error > NOTE_TAIL)
+        (void)json_array_append_new(
+            notes, json_sprintf("the bounces have not converged: their sum may be off by %.2g %%; more of them are "
+                                "counted by --bounces N --tail, and a lower albedo needs fewer",
+                                100.0 * error));
+}
+
 json_t *kiln_run_notes(const json_t *report)
 {
     json_t *notes = json_array();
     note_lost_light(report, notes);
+    note_imbalanced_energy(report, notes);
+    note_tail(report, notes);
     note_imbalance(report, notes);
     note_files(report, notes);
     note_borders(report, notes);

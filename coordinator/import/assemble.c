@@ -374,3 +374,70 @@ int kiln_note_winding(struct kiln_builder *builder, struct kiln_error *error)
             "%zu more objects have triangles with normals that point to the back of their winding", count - NOTES_MAX);
     return status;
 }
+
+/* ---- coordinates that are coarse against texels ---- */
+
+static double largest_coordinate(const struct kiln_builder *builder, const struct kiln_mesh *mesh)
+{
+    const struct kiln_vec3 *p =
+        KILN_BUILDER_DATA(builder, const struct kiln_vec3, KILN_SECTION_POSITIONS) + mesh->vertex_first;
+    float most = 0.0f;
+    for (uint64_t v = 0; v < mesh->vertex_count; v++)
+        most = fmaxf(most, fmaxf(fabsf(p[v].x), fmaxf(fabsf(p[v].y), fabsf(p[v].z))));
+    return (double)most;
+}
+
+/* How far the transform stretches the axis that it stretches most. */
+static double largest_scale(const double t[12])
+{
+    double most = 0.0;
+    for (int c = 0; c < 3; c++)
+        most = fmax(most, t[c] * t[c] + t[4 + c] * t[4 + c] + t[8 + c] * t[8 + c]);
+    return sqrt(most);
+}
+
+/* Texels a metre, of all objects together; 0 where there is no area. */
+static double mean_density(const struct kiln_mesh *meshes, const struct kiln_object *objects, size_t count)
+{
+    double texels = 0.0, area = 0.0;
+    for (size_t i = 0; i < count; i++) {
+        const struct kiln_mesh *mesh = &meshes[objects[i].mesh];
+        const double scale = largest_scale(objects[i].transform);
+        texels += mesh->uv_area * (double)objects[i].lightmap_width * (double)objects[i].lightmap_height;
+        area += mesh->surface_area * scale * scale;
+    }
+    return area > 0.0 ? sqrt(texels / area) : 0.0;
+}
+
+int kiln_note_coarse_coordinates(struct kiln_builder *builder, struct kiln_error *error)
+{
+    const double float_step = 0x1p-23, texel_share = 0.1;
+    const struct kiln_mesh *meshes = KILN_BUILDER_DATA(builder, const struct kiln_mesh, KILN_SECTION_MESHES);
+    const struct kiln_object *objects = KILN_BUILDER_DATA(builder, const struct kiln_object, KILN_SECTION_OBJECTS);
+    const size_t count = builder->sections[KILN_SECTION_OBJECTS].count;
+    const double density = mean_density(meshes, objects, count);
+    double *most = NULL, worst = 0.0;
+    size_t coarse = 0, worst_object = 0;
+    const int status =
+        kiln_allocate(&most, builder->sections[KILN_SECTION_MESHES].count, sizeof *most, "meshes", error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t m = 0; m < builder->sections[KILN_SECTION_MESHES].count; m++)
+        most[m] = largest_coordinate(builder, &meshes[m]);
+    for (size_t i = 0; i < count; i++) {
+        const double step = most[objects[i].mesh] * float_step * largest_scale(objects[i].transform);
+        coarse += step * density > texel_share;
+        worst_object = step > worst ? i : worst_object;
+        worst = fmax(worst, step);
+    }
+    kiln_free(&most);
+    if (coarse == 0)
+        return KILN_OK;
+    return kiln_builder_note(
+        builder, KILN_NOTE_REPEATED, error,
+        "%zu object%s coordinates in the file that are coarser than a tenth of a texel (most in \"%.200s\": %.3g m "
+        "apart, a texel has %.3g m): model near the mesh's origin, and let the node's translation move it",
+        coarse, coarse == 1 ? " has" : "s have",
+        KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS) + objects[worst_object].name, worst,
+        1.0 / density);
+}

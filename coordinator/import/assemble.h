@@ -54,6 +54,11 @@ int kiln_mesh_add(struct kiln_builder *builder, uint32_t mesh, const struct kiln
  * Call it after the last object. */
 int kiln_note_winding(struct kiln_builder *builder, struct kiln_error *error);
 
+/* Adds a note on the objects whose coordinates in the file, floats of 24 bits, are farther apart than a tenth of a
+ * texel of the scene's mean density: far from their mesh's origin they are moved, and triangles collapse. Call it when
+ * lightmaps have their sizes. */
+int kiln_note_coarse_coordinates(struct kiln_builder *builder, struct kiln_error *error);
+
 /* Appends an object, unless it has no area in the world: then *skipped is set. `transform` is checked to be finite;
  * `name` and `original` are as in struct kiln_object. `source` (NULL: unknown) is the object's place in its file.
  * `where` begins error sentences. */

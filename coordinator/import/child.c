@@ -1,3 +1,4 @@
+#include "coordinator/import/assemble.h"
 #include "coordinator/import/child.h"
 
 #include <errno.h>
@@ -191,6 +192,8 @@ static int read_layout_write(const struct child *child, struct kiln_error *error
         limit_layout_time(params, builder);
         status = kiln_layout(builder, &layout, error);
     }
+    if (status == KILN_OK)
+        status = kiln_note_coarse_coordinates(builder, error);
     if (status == KILN_OK)
         status = check_own_texels(params, builder, error);
     if (status == KILN_OK) {

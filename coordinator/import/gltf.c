@@ -138,7 +138,7 @@ static void write_notes(struct gltf *g)
         uint32_t severity;
         const char *text;
     } notes[] = {
-        {g->assembly.without_area, 1, "triangles without area were left out"},
+        {g->assembly.without_area, KILN_NOTE_REPEATED, "triangles without area were left out"},
         {g->assembly.replaced_normals, 1,
          "corner normals were zero or pointed to the back of their triangle; the geometric normal replaces them"},
         {g->points_and_lines, 0, "primitives of points or lines were left out"},
@@ -149,8 +149,10 @@ static void write_notes(struct gltf *g)
          "primitives lack the texture coordinates that their material's normal map asks for; kiln view shows them "
          "without it"},
         {g->clamped_colors, 1, "primitives had vertex colours outside 0..1; they were clamped"},
-        {g->without_area_objects, 1, "objects are scaled to nothing and were left out"},
-        {g->skipped_lights, 1, "lights are scaled to nothing and were left out"},
+        {g->without_area_objects, KILN_NOTE_REPEATED, "objects are scaled to nothing and were left out"},
+        {g->skipped_lights, KILN_NOTE_REPEATED, "lights are scaled to nothing and were left out"},
+        {g->hard_spots, KILN_NOTE_REPEATED,
+         "spot lights have the same inner and outer angle, which glTF does not allow; their cones have hard edges"},
         {g->skins, 1, "or more skinned nodes bake in their rest pose, at their node's position"},
         {g->morphs, 1, "or more morph targets are left out: their meshes bake in their rest shape"},
     };

@@ -81,7 +81,7 @@ struct gltf {
     uint64_t triangles, sparse_elements, objects, expanded;
     /* counts for notes */
     uint64_t points_and_lines, without_material, missing_texcoords, missing_normal_texcoords, clamped_colors,
-        without_area_objects, skipped_lights;
+        without_area_objects, skipped_lights, hard_spots;
     uint64_t unknown_settings;
     bool skins, morphs;
 };

@@ -212,8 +212,10 @@ static void spot_cone(struct gltf *g, struct gltf_place place, const json_t *jso
     const json_t *spot = gltf_object(g, place, json, "spot");
     const double inner = gltf_number(g, place, spot, "innerConeAngle", 0.0, KILN_PI / 2, 0.0);
     const double outer = gltf_number(g, place, spot, "outerConeAngle", 0.0, KILN_PI / 2, KILN_PI / 4);
+    if (g->status == KILN_OK && inner > outer)
+        gltf_fail(g, place, "spot.innerConeAngle", "is %g, more than the outer angle of %g", inner, outer);
     if (g->status == KILN_OK && !(inner < outer))
-        gltf_fail(g, place, "spot.innerConeAngle", "is %g, not less than the outer angle of %g", inner, outer);
+        g->hard_spots++;
     light->cos_inner = (float)cos(inner);
     light->cos_outer = (float)cos(outer);
 }

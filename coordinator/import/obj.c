@@ -596,20 +596,23 @@ static int write_notes(struct reader *r)
     const struct {
         uint64_t count;
         const char *text;
+        uint32_t severity;
     } notes[] = {
-        {r->assembly.without_area, "triangles without area were left out"},
+        {r->assembly.without_area, "triangles without area were left out", KILN_NOTE_REPEATED},
         {r->assembly.replaced_normals,
-         "corner normals were zero or pointed to the back of their triangle; the geometric normal replaces them"},
-        {r->lines, "points or lines were left out"},
-        {r->without_area_objects, "objects are scaled to nothing and were left out"},
-        {r->free_form, "statements of free-form curves and surfaces were left out; export them as polygons"},
+         "corner normals were zero or pointed to the back of their triangle; the geometric normal replaces them",
+         KILN_NOTE_WARNING},
+        {r->lines, "points or lines were left out", KILN_NOTE_WARNING},
+        {r->without_area_objects, "objects are scaled to nothing and were left out", KILN_NOTE_REPEATED},
+        {r->free_form, "statements of free-form curves and surfaces were left out; export them as polygons",
+         KILN_NOTE_WARNING},
         {r->materials.physical,
-         "statements Pr, Pm or their maps were left out: kiln ignores roughness and metal in MTL"}};
+         "statements Pr, Pm or their maps were left out: kiln ignores roughness and metal in MTL", KILN_NOTE_WARNING}};
     int status = KILN_OK;
     for (size_t i = 0; i < sizeof notes / sizeof notes[0] && status == KILN_OK; i++)
         if (notes[i].count > 0)
-            status = kiln_builder_note(r->builder, 1, r->error, "%llu %s", (unsigned long long)notes[i].count,
-                                       notes[i].text);
+            status = kiln_builder_note(r->builder, notes[i].severity, r->error, "%llu %s",
+                                       (unsigned long long)notes[i].count, notes[i].text);
     if (status == KILN_OK && r->strange > 0)
         status =
             kiln_builder_note(r->builder, 1, r->error,

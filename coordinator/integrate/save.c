@@ -23,10 +23,10 @@ static_assert((int)KILN_FIELDS_MAX + (int)OTHER_BLOCKS <= (int)KILN_BLOCKS_MAX, 
 /* The block "state", once: where the bake stands. */
 struct saved_state {
     uint32_t finished, bounces, tail, restarts;
-    double tail_ratio[3], tail_share;
+    double tail_ratio[3], tail_share, tail_sum_error;
     double unit, unit_squared, seconds;
 };
-static_assert(sizeof(struct saved_state) == 4 * 4 + 7 * 8, "a record has no gaps");
+static_assert(sizeof(struct saved_state) == 4 * 4 + 8 * 8, "a record has no gaps");
 
 /* The block "steps", once, an element a step: what all ranks have the same of it. */
 struct saved_report {
@@ -226,6 +226,7 @@ static struct saved_state state_of(const struct kiln_saved *s, bool finished)
                                 .tail = r->tail,
                                 .restarts = r->restarts,
                                 .tail_share = r->tail_share,
+                                .tail_sum_error = r->tail_error,
                                 .unit = s->ledger->unit,
                                 .unit_squared = s->ledger->unit_squared,
                                 .seconds = r->seconds_before + MPI_Wtime() - s->params->begin};
@@ -322,8 +323,8 @@ static int no_such_step(size_t number, struct kiln_error *error)
 static bool state_is_sane(const struct saved_state *state)
 {
     enum { BOUNCES_MOST = 1 << 20 };
-    bool sane = state->bounces <= BOUNCES_MOST && isfinite(state->tail_share) && isfinite(state->seconds) &&
-                state->seconds >= 0.0;
+    bool sane = state->bounces <= BOUNCES_MOST && isfinite(state->tail_share) && isfinite(state->tail_sum_error) &&
+                isfinite(state->seconds) && state->seconds >= 0.0;
     if (state->finished == 0) /* no sums come after the last step */
         sane = sane && isfinite(state->unit) && state->unit > 0.0 && isfinite(state->unit_squared) &&
                state->unit_squared > 0.0;
@@ -354,6 +355,7 @@ static int restore_state(const struct kiln_saved *s, bool *finished, struct kiln
     r->restarts = state.restarts + 1;
     r->seconds_before = state.seconds;
     r->tail_share = state.tail_share;
+    r->tail_error = state.tail_sum_error;
     memcpy(r->tail_ratio, state.tail_ratio, sizeof r->tail_ratio);
     s->ledger->unit = state.unit;
     s->ledger->unit_squared = state.unit_squared;

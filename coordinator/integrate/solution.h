@@ -8,13 +8,18 @@
 #include "coordinator/field/rank_data.h"
 #include "coordinator/integrate/step.h"
 
+#define KILN_TAIL_DIVERGES (-1.0)
+
 struct kiln_integrate_report {
     struct kiln_roles roles; /* of the steps */
     struct kiln_step_reports steps;
-    uint32_t bounces;       /* indirect bounces gathered one by one or summed for the final gather */
-    bool tail;              /* a geometric tail was added */
-    double tail_ratio[3];   /* power of one bounce over that of the one before, at the end */
-    double tail_share;      /* of all reflected power, luminance */
+    uint32_t bounces;     /* indirect bounces gathered one by one or summed for the final gather */
+    bool tail;            /* a geometric tail was added */
+    double tail_ratio[3]; /* power of one bounce over that of the one before, at the end */
+    double tail_share;    /* of all reflected power, luminance */
+    /* of all light, relative: what is not known of the tail; of bounces that go on without one (the equal schedule),
+     * what is left out; KILN_TAIL_DIVERGES: their sum has no end */
+    double tail_error;
     uint32_t restarts;      /* how often the bake was gone on with from a checkpoint */
     double seconds_before;  /* that the earlier runs of it took up to their last checkpoint */
     double waiting_seconds; /* of this rank, at the ends of steps: for others to be done */

@@ -5,6 +5,8 @@
 #include "worker/base/memory.h"
 #include "worker/scene/texture.h"
 
+static const double DITHERED_ALBEDO = 0.95; /* below it rounding costs at most 1.6e-4 of the light */
+
 enum { COLOR_SAMPLES = 16 }; /* positions at which the texture of a whole texel is read */
 
 /* Working memory of one thread. */
@@ -103,10 +105,23 @@ static void add_piece_color(const struct kiln_build *build, const struct kiln_co
         sample_polygon(build, piece->triangle, local, piece->area, piece->area / total, sum);
 }
 
-static uint16_t albedo_of(const struct color_sum *sum, int channel)
+/* How texel (x, y) rounds a number between two whole ones: up where its fraction is above this. Neighbours differ as
+ * much as can be, so that the mean of a few is the number (the R2 sequence of the plastic number). */
+static double threshold_of(uint32_t x, uint32_t y)
+{
+    const double place = 0.5 + 0.7548776662466927 * (double)x + 0.5698402909980532 * (double)y;
+    return place - floor(place);
+}
+
+/* Where nearly all light is reflected the last digit counts: in a furnace of albedo 0.999 the nearest of 65,536 values
+ * is 0.7 % off in light. There neighbours round up and down in turn. */
+static uint16_t albedo_of(const struct color_sum *sum, int channel, uint32_t x, uint32_t y)
 {
     const double value = sum->weight > 0.0 ? sum->opaque[channel] / sum->weight : sum->all[channel] / sum->area;
-    return value > 0.0 ? (uint16_t)lrint(fmin(value, 1.0) * 65535.0) : 0;
+    const double steps = fmin(value, 1.0) * 65535.0;
+    if (value > DITHERED_ALBEDO)
+        return (uint16_t)fmin(floor(steps + threshold_of(x, y)), 65535.0);
+    return value > 0.0 ? (uint16_t)lrint(steps) : 0;
 }
 
 static int descending(const void *a, const void *b)
@@ -177,7 +192,7 @@ static int fill_point(struct kiln_build *build, struct fill_scratch *scratch, ui
     s->area[p] = fmaxf((float)total, 0x1p-126f); /* never 0, however small the scene */
     s->visible[p] = 0xffff;
     for (int c = 0; c < 3; c++)
-        s->albedo[3 * p + (uint64_t)c] = albedo_of(&color, c);
+        s->albedo[3 * p + (uint64_t)c] = albedo_of(&color, c, place->x, place->y);
     return KILN_OK;
 }
 

@@ -58,8 +58,9 @@ class Scene:
         normals = np.zeros_like(positions, np.float64)
         for a, b, c in triangles:
             n = np.cross(positions[b].astype(float) - positions[a], positions[c].astype(float) - positions[a])
+            length = np.linalg.norm(n)
             for corner in (a, b, c):
-                normals[corner] += n / np.linalg.norm(n)
+                normals[corner] += n / length if length > 0 else (0, 1, 0)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         position = self.accessor(positions, 'VEC3', 5126, 34962)
         self.document['accessors'][position]['min'] = [float(x) for x in positions.min(0)]

@@ -38,6 +38,8 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
     const struct kiln_rank_data *own = in->solution->own;
     if (in->settings->bounces == 0) /* there is no indirect light */
         memset(own->sum, 0, 3 * own->surface.count * sizeof *own->sum);
+    if (in->settings->schedule == KILN_SCHEDULE_EQUAL && in->settings->bounces < 0)
+        kiln_tail_note_left(&in->solution->report);
     const bool decides = in->settings->schedule == KILN_SCHEDULE_LEAN && in->settings->bounces < 0 &&
                          last->step.role != KILN_CELLS_FINAL;
     return decides ? kiln_tail_measure(in, reports, &last->tail_error, error) : KILN_OK;

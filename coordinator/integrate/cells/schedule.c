@@ -1,12 +1,17 @@
 #include "coordinator/integrate/cells/schedule.h"
 
+#include <math.h>
+
 #include "coordinator/integrate/cells/cells.h"
 
 #define LONG_TAIL_RATIO 0.8 /* of a bounce to the one before */
 #define LEAST_LEFT 1e-5     /* equal schedule: reflected power of a bounce over that of all, after which none comes */
 #define LEAST_LIGHT 1e-7    /* lean schedule: likewise */
 #define TAIL_ERROR 2e-3     /* lean schedule: step_report.tail_error with which the tail is good enough */
-enum { LEAST_BOUNCES = 3 }; /* before the ratio of two is believed */
+enum {
+    LEAST_BOUNCES = 3,      /* before the ratio of two is believed */
+    DIVERGING_BOUNCES = 32, /* before a sum is believed to have no end */
+};
 
 static double reflected(const struct kiln_step_report *report) { return kiln_luminance(report->energy.reflected); }
 
@@ -24,12 +29,47 @@ double kiln_cells_ratio(const struct kiln_step_report *reports, size_t i)
     return before > 0.0 ? reflected(&reports[i]) / before : 0.0;
 }
 
+/* Mean ratio of a step to the one before, from step `first` to `last`. */
+static double mean_ratio(double power_first, double power_last, size_t steps)
+{
+    return power_first > 0.0 && steps > 0 ? pow(power_last / power_first, 1.0 / (double)steps) : 0.0;
+}
+
+/* dq of struct kiln_tail_fit, of the ratios of the steps after `first`, whose mean is q. */
+static double ratio_error(const struct kiln_step_report *reports, size_t first, size_t last, double q)
+{
+    const size_t middle = (first + last) / 2, steps = last - first;
+    const double low = mean_ratio(reflected(&reports[first]), reflected(&reports[middle]), middle - first),
+                 high = mean_ratio(reflected(&reports[middle]), reflected(&reports[last]), last - middle);
+    double square = 0.0;
+    for (size_t i = first + 1; i <= last; i++)
+        square += (kiln_cells_ratio(reports, i) - q) * (kiln_cells_ratio(reports, i) - q);
+    return fmax(0.5 * fabs(high - low), sqrt(square / (double)(steps * (steps - 1))));
+}
+
+void kiln_cells_fit_tail(const struct kiln_step_report *reports, size_t count, struct kiln_tail_fit *fit)
+{
+    *fit = (struct kiln_tail_fit){.is_long = count >= 2 && kiln_cells_ratio(reports, count - 1) > LONG_TAIL_RATIO};
+    if (count < 2)
+        return;
+    const size_t last = count - 1, first = fit->is_long && last >= KILN_TAIL_BOUNCES ? last / 2 : last - 1;
+    for (int c = 0; c < 3; c++)
+        fit->ratio[c] = mean_ratio(reports[first].energy.reflected[c], reports[last].energy.reflected[c], last - first);
+    const double q = mean_ratio(reflected(&reports[first]), reflected(&reports[last]), last - first);
+    fit->diverges = q > KILN_TAIL_RATIO_MOST;
+    if (!fit->is_long)
+        return;
+    fit->error = last < KILN_TAIL_BOUNCES || !(q < 1.0) ? 1.0 : ratio_error(reports, first, last, q) / (1.0 - q);
+}
+
 /* A tail multiplies the rounding of the last bounces by 1 / (1 - ratio): in a furnace that costs more than 4 bytes a
  * point are worth. */
 static bool tail_is_long(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                          size_t count)
 {
-    return kiln_cells_adds_tail(settings) && count >= 2 && kiln_cells_ratio(reports, count - 1) > LONG_TAIL_RATIO;
+    struct kiln_tail_fit fit;
+    kiln_cells_fit_tail(reports, count, &fit);
+    return kiln_cells_adds_tail(settings) && fit.is_long;
 }
 
 /* In which form the radiosity of the step after `count` others goes on. */
@@ -45,9 +85,13 @@ static void choose_form(const struct kiln_integrate_settings *settings, const st
 static bool has_settled(const struct kiln_step_report *reports, size_t count)
 {
     const struct kiln_step_report *last = &reports[count - 1];
+    struct kiln_tail_fit fit;
+    kiln_cells_fit_tail(reports, count, &fit);
+    if (fit.diverges && count > DIVERGING_BOUNCES)
+        return true;
     return !(reflected(last) > LEAST_LIGHT * reflected_by_all(reports, count)) ||
            (count > LEAST_BOUNCES && kiln_cells_ratio(reports, count - 1) < KILN_TAIL_RATIO_MOST &&
-            last->tail_error <= TAIL_ERROR);
+            last->tail_error <= TAIL_ERROR && fit.error <= TAIL_ERROR);
 }
 
 static bool next_lean(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,

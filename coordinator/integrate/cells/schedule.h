@@ -4,7 +4,7 @@
  * with many samples, which reads the radiosity of direct light and all bounces summed up (with a geometric tail, where
  * that is asked for) and replaces what the bounces have found. The noise of the cheap bounces averages out in it. With
  * a number of bounces N given there are N - 1 bounces and the final gather; without, bounces go on until the tail is
- * good enough.
+ * good enough, or diverges: a closed scene of albedo 1.
  *
  * Equal: direct light; bounces with many samples, whose irradiance counts as it is. Without a number given they go on
  * until what is left is below 1e-5 of all. */
@@ -23,6 +23,19 @@ bool kiln_cells_next(const struct kiln_integrate_settings *settings, const struc
 
 /* Reflected power of step `i` over that of the one before, luminance; 0 where the latter has none. */
 double kiln_cells_ratio(const struct kiln_step_report *reports, size_t i);
+
+/* How power falls from bounce to bounce at the end of a list of steps. */
+struct kiln_tail_fit {
+    bool is_long;    /* a bounce has more than 0.8 of the one before: then the rest is of more than one ratio */
+    double ratio[3]; /* of a bounce to the one before, each channel; of a long tail the mean over the second half */
+    /* What is not known of the tail, relative to it: dq / (1 - q) of the luminance's ratio q. dq is the standard error
+     * of the mean of the ratios that it is of, or half of what their two halves differ by; 0 of a tail that is not long
+     * and 1 where there are fewer than KILN_TAIL_BOUNCES. */
+    double error;
+    bool diverges; /* q is above KILN_TAIL_RATIO_MOST: light hardly gets less */
+};
+enum { KILN_TAIL_BOUNCES = 8 };
+void kiln_cells_fit_tail(const struct kiln_step_report *reports, size_t count, struct kiln_tail_fit *fit);
 
 /* Whether the lean schedule adds a geometric tail to the bounces. */
 static inline bool kiln_cells_adds_tail(const struct kiln_integrate_settings *settings)

@@ -33,16 +33,26 @@ int kiln_tail_measure(const struct kiln_integration *in, const struct kiln_step_
     return status;
 }
 
+/* Relative error of all light that follows from that of the tail; where the tail is left out, the tail. */
+static double error_of_all(const struct kiln_tail_fit *fit, double share, bool left_out)
+{
+    if (fit->diverges)
+        return KILN_TAIL_DIVERGES;
+    return left_out ? share : fmin(fit->error, 1.0) * share;
+}
+
 /* The sum of q + q^2 + ... for each channel's own ratio q. */
 static void find_factors(struct kiln_integrate_report *r, float factor[3])
 {
     const struct kiln_step_report *reports = r->steps.of;
     const size_t last = r->steps.count - 1;
     double tail[3], total[3] = {0};
+    struct kiln_tail_fit fit;
+    kiln_cells_fit_tail(reports, r->steps.count, &fit);
     for (int c = 0; c < 3; c++) {
         const double now = reports[last].energy.reflected[c],
                      before = last > 0 ? reports[last - 1].energy.reflected[c] : 0.0;
-        const double ratio = before > 0.0 ? fmin(now / before, KILN_TAIL_RATIO_MOST) : 0.0;
+        const double ratio = before > 0.0 ? fmin(fit.is_long ? fit.ratio[c] : now / before, KILN_TAIL_RATIO_MOST) : 0.0;
         r->tail_ratio[c] = ratio;
         factor[c] = (float)(ratio / (1.0 - ratio));
         tail[c] = now * ratio / (1.0 - ratio);
@@ -52,6 +62,20 @@ static void find_factors(struct kiln_integrate_report *r, float factor[3])
     }
     const double all = kiln_luminance(total);
     r->tail_share = all > 0.0 ? kiln_luminance(tail) / all : 0.0;
+    r->tail_error = error_of_all(&fit, r->tail_share, false);
+}
+
+void kiln_tail_note_left(struct kiln_integrate_report *r)
+{
+    struct kiln_tail_fit fit;
+    const struct kiln_step_report *reports = r->steps.of;
+    kiln_cells_fit_tail(reports, r->steps.count, &fit);
+    const double q = fmin(kiln_luminance(fit.ratio), KILN_TAIL_RATIO_MOST),
+                 left = kiln_luminance(reports[r->steps.count - 1].energy.reflected) * q / (1.0 - q);
+    double all = left;
+    for (size_t i = 0; i < r->steps.count; i++)
+        all += kiln_luminance(reports[i].energy.reflected);
+    r->tail_error = error_of_all(&fit, all > 0.0 ? left / all : 0.0, true);
 }
 
 void kiln_tail_add(const struct kiln_integration *in)

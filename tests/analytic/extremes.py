@@ -1,0 +1,170 @@
+"""Closed forms where numbers and shapes get extreme.
+
+In a closed furnace everything emits e and reflects rho, so that E = pi e / (1 - rho) everywhere; two coincident opposite
+faces that divide it change nothing, in either order. Near rho = 1 the light of a thousand bounces counts, and at 1 it
+has no end.
+"""
+import math
+import os
+import sys
+
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
+import glb  # noqa: E402
+import harness  # noqa: E402
+
+
+def furnace(path, rho, emission=1.0, sheets=()):
+    scene = glb.Scene()
+    wall = scene.material('wall', (rho,) * 3, (emission,) * 3)
+    glb.box(scene, 'room', (-1, -1, -1), (1, 1, 1), wall, range(6))
+    for name, corners in sheets:
+        scene.quad(name, corners, wall)
+    return scene.write(path)
+
+
+def check_coincident(kiln, checks, table):
+    """The two sheets have different diagonals, so that no triangle has a twin with the same corners."""
+    rho, e = 0.5, 1.0
+    sheets = [('towards +x', [(0, -1, 1), (0, -1, -1), (0, 1, -1), (0, 1, 1)]),
+              ('towards -x', [(0, -1, -1), (0, -1, 1), (0, 1, 1), (0, 1, -1)])]
+    want = math.pi * e / (1 - rho)
+    for order in (sheets, sheets[::-1]):
+        what = 'coincident faces, first %s' % order[0][0]
+        bake = kiln.bake(furnace(os.path.join(kiln.scratch, 'coincident.glb'), rho, e, order), '--texels-per-metre', 4,
+                         '--samples-direct', kiln.samples(512), '--samples-bounce', 64,
+                         '--samples-indirect', kiln.samples(256), '--samples-probe', 0, '--no-preview')
+        process = bake.process
+        if not checks.baked(bake):
+            continue
+        energy, points = bake.run['energy'], bake.points
+        blocked = energy['blocked'][1] / energy['emitted'][1]
+        checks.that(blocked <= 1e-6, '%s: %g of the light met backs' % (what, blocked), process)
+        checks.that(points.valid.mean() > 0.99, '%s: %g of the points are valid' % (what, points.valid.mean()), process)
+        worst = 0.0
+        for name in bake.names():
+            chosen = points.of(bake.index(name))
+            mean = float(np.average(points.total[chosen, 1], weights=points.area[chosen]))
+            checks.that(abs(mean / want - 1) < 3e-3, '%s, %s: %g, not %g' % (what, name, mean, want), process)
+            worst = max(worst, abs(mean / want - 1))
+        table.row(what, 'off by %.3f %% at most, met from behind %.1e' % (100 * worst, blocked))
+        bake.remove()
+
+
+def check_tail(kiln, checks, table):
+    """Bounces go on until the tail is known."""
+    for rho in (0.99, 0.999, 1.0):
+        what = 'furnace of albedo %g' % rho
+        bake = kiln.bake(furnace(os.path.join(kiln.scratch, 'tail.glb'), rho), '--texels-per-metre', 6,
+                         '--samples-direct', kiln.samples(64), '--samples-bounce', 8,
+                         '--samples-indirect', kiln.samples(128), '--samples-probe', 0)
+        process = bake.process
+        if not checks.baked(bake):
+            continue
+        tail, points = bake.run['tail'], bake.points
+        notes = ' '.join(bake.run['notes'])
+        checks.that(tail['diverges'] == (rho == 1) and ('diverge' in notes) == (rho == 1),
+                    '%s: diverges %s, %s' % (what, tail['diverges'], notes), process)
+        if rho < 1:
+            mean = float(np.average(points.total[points.valid, 1], weights=points.area[points.valid]))
+            off = mean * (1 - rho) / math.pi - 1
+            checks.that(abs(off) < 3e-3 and 0 < tail['error'] <= 2e-3 and 'converged' not in notes,
+                        '%s: off by %.3f %%, %.3f %% said' % (what, 100 * off, 100 * tail['error']), process)
+            table.row(what, 'off by %+.3f %% after %d bounces' % (100 * off, bake.run['indirect_bounces']))
+        bake.remove()
+
+
+def check_left(kiln, checks, table):
+    """The equal schedule ends at 254 bounces, and says what it has left out: q^255 of all light."""
+    rho = 0.99
+    bake = kiln.bake(furnace(os.path.join(kiln.scratch, 'left.glb'), rho), '--texels-per-metre', 6,
+                     '--samples-direct', 64, '--schedule', 'equal', '--samples-indirect', 16, '--samples-probe', 0)
+    if not checks.baked(bake):
+        return
+    said, want = bake.run['tail']['error'], rho ** 255
+    points = bake.points
+    mean = float(np.average(points.total[points.valid, 1], weights=points.area[points.valid]))
+    off = mean * (1 - rho) / math.pi - 1
+    checks.that(abs(said / want - 1) < 0.05 and abs(off + want) < 3e-3 and 'not converged' in ' '.join(bake.run['notes']),
+                'equal schedule: off by %g, %g said to be left, not %g' % (off, said, want), bake.process)
+    table.row('equal schedule, albedo %g' % rho, 'off by %+.2f %%, %.2f %% said to be left out' % (100 * off, 100 * said))
+    bake.remove()
+
+
+def check_ledger(kiln, checks, table):
+    """Radiance below the smallest float that keeps its digits: most of the light is missing, which is said."""
+    # a GPU may keep what Embree takes for 0, and then has the right light
+    for radiance, off in ((1e-3, (False,)), (1e-38, (True,) if kiln.backend == 'embree' else (False, True))):
+        what = 'ledger at radiance %g' % radiance
+        bake = kiln.bake(furnace(os.path.join(kiln.scratch, 'ledger.glb'), 0.5, radiance), '--texels-per-metre', 4,
+                         '--samples-direct', kiln.samples(256), '--samples-bounce', 16,
+                         '--samples-indirect', kiln.samples(64), '--samples-probe', 0)
+        if not checks.baked(bake):
+            continue
+        notes = [n for n in bake.run['notes'] if 'ledger' in n]
+        share = bake.run['energy']['relative_residual']
+        checks.that((share > 0.01) in off and len(notes) == (share > 0.01) and all('so faint' in n for n in notes),
+                    '%s: off by %g, %s' % (what, share, notes), bake.process)
+        table.row(what, notes[0][:60] if notes else 'off by %.2f %%' % (100 * share))
+        bake.remove()
+
+
+def check_warnings(kiln, checks, table):
+    """What the importer leaves out is said in the bake, one line a kind, and stands in run.json."""
+    scene = glb.Scene()
+    grey = scene.material('grey', (0.5,) * 3)
+    scene.quad('floor', [(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], grey)
+    scene.quad('far', [(3e7, 0, 8), (3e7 + 8, 0, 8), (3e7 + 8, 0, 0), (3e7, 0, 0)], grey, cuts=8)
+    directory = os.path.join(kiln.scratch, 'warnings')
+    process = kiln.command('bake', scene.write(os.path.join(kiln.scratch, 'flat.glb')), '-o', directory,
+                           '--backend', kiln.backend, '--no-preview', '--lightmap-size', 16, '--samples-probe', 0)
+    bake = harness.Bake(directory, process)
+    if not checks.baked(bake):
+        return
+    for place, text in (('stderr', process.stderr), ('run.json', ' '.join(bake.run['scene']['warnings']))):
+        for words in ('triangles without area', 'coarser than a tenth of a texel', 'there is no light'):
+            checks.that(text.count(words) == 1, '%s says %r %d times' % (place, words, text.count(words)), process)
+    table.row('warnings of the importer', '%d in run.json' % len(bake.run['scene']['warnings']))
+    bake.remove()
+
+
+def check_hard_spot(kiln, checks, table):
+    """A cone of 0.5 rad with a hard edge, 2 m above a floor: I cos^3 / h^2 inside, 0 outside."""
+    scene = glb.Scene()
+    scene.quad('floor', [(-2, 0, 2), (2, 0, 2), (2, 0, -2), (-2, 0, -2)], scene.material('grey', (0.5,) * 3))
+    half = math.sqrt(0.5)
+    scene.light('spot', {'type': 'spot', 'intensity': 8.0, 'spot': {'innerConeAngle': 0.5, 'outerConeAngle': 0.5}},
+                translation=[0, 2, 0], rotation=[-half, 0, 0, half])
+    bake = kiln.bake(scene.write(os.path.join(kiln.scratch, 'spot.glb')), '--texels-per-metre', 16, '--samples-direct',
+                     16, '--samples-probe', 0, '--bounces', 0)
+    if not checks.baked(bake):
+        return
+    points = bake.points
+    angle = np.arctan(np.hypot(points.position[:, 0], points.position[:, 2]) / 2)
+    margin = 0.03  # a texel
+    inside, outside = angle < 0.5 - margin, angle > 0.5 + margin
+    worst = float(np.abs(points.direct[inside, 1] / (2 * np.cos(angle[inside]) ** 3) - 1).max())
+    warnings = ' '.join(bake.run['scene']['warnings'])
+    checks.that(inside.any() and worst < 0.01 and float(points.direct[outside].max()) == 0.0 and
+                'same inner and outer' in warnings,
+                'hard cone: off by %g inside, %g outside; %s' % (worst, points.direct[outside].max(), warnings),
+                bake.process)
+    table.row('cone with a hard edge', 'worst texel off by %.2f %%' % (100 * worst))
+    bake.remove()
+
+
+def main():
+    every = {'coincident': check_coincident, 'tail': check_tail, 'left': check_left, 'ledger': check_ledger,
+             'warnings': check_warnings, 'hard_spot': check_hard_spot}
+    arguments, kiln = harness.start(
+        __doc__, lambda p: p.add_argument('--only', action='append', choices=every, help='these cases'))
+    checks = harness.Checks()
+    table = harness.Table(('case', 36), ('found', 60))
+    for name in arguments.only or every:
+        every[name](kiln, checks, table)
+    checks.end()
+
+
+if __name__ == '__main__':
+    main()
