@@ -1,8 +1,8 @@
 """Closed forms where numbers and shapes get extreme.
 
-In a closed furnace everything emits e and reflects rho, so that E = pi e / (1 - rho) everywhere; two coincident opposite
-faces that divide it change nothing, in either order. Near rho = 1 the light of a thousand bounces counts, and at 1 it
-has no end.
+In a closed furnace everything emits e and reflects rho, so that E = pi e / (1 - rho) everywhere; two coincident
+opposite faces that divide it change nothing, in either order. Near rho = 1 the light of a thousand bounces counts, and
+at 1 it has no end.
 """
 import math
 import os
@@ -86,9 +86,11 @@ def check_left(kiln, checks, table):
     points = bake.points
     mean = float(np.average(points.total[points.valid, 1], weights=points.area[points.valid]))
     off = mean * (1 - rho) / math.pi - 1
-    checks.that(abs(said / want - 1) < 0.05 and abs(off + want) < 3e-3 and 'not converged' in ' '.join(bake.run['notes']),
+    checks.that(abs(said / want - 1) < 0.05 and abs(off + want) < 3e-3 and
+                'not converged' in ' '.join(bake.run['notes']),
                 'equal schedule: off by %g, %g said to be left, not %g' % (off, said, want), bake.process)
-    table.row('equal schedule, albedo %g' % rho, 'off by %+.2f %%, %.2f %% said to be left out' % (100 * off, 100 * said))
+    table.row('equal schedule, albedo %g' % rho,
+              'off by %+.2f %%, %.2f %% said to be left out' % (100 * off, 100 * said))
     bake.remove()
 
 
