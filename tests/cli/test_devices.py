@@ -57,7 +57,12 @@ class Devices(unittest.TestCase):
             self.skipTest("there is a GPU here")
         self.assertEqual(self.bake("--backend", "auto").code, 0)
         with open(os.path.join(self.folder.name, "out", "run.json"), encoding="utf-8") as file:
-            self.assertEqual(json.load(file)["backend"]["name"], "embree")
+            backend = json.load(file)["backend"]
+        self.assertEqual(backend["name"], "embree")
+        self.assertEqual(sorted(backend["kernels"]), ["direct", "gather", "validity"])
+        self.assertEqual(backend["because"]["let_through"], "none")
+        self.assertEqual(backend["because"]["lights"]["emissive_triangles"], 2)
+        self.assertEqual(backend["because"]["lights"]["environment"], "none")
 
     def test_arguments(self):
         for arguments in (["info", "--devices", self.scene], ["bake", self.scene, "--verify-fraction", "1.5"],
