@@ -81,6 +81,15 @@ static void choose_form(const struct kiln_integrate_settings *settings, const st
     step->early = step->compact && (settings->bounces < 0 || (int64_t)count + 1 < settings->bounces);
 }
 
+/* What the tail's error makes of all light: little where what is left is little, as where light that hardly matters is
+ * caught between white walls. */
+static double error_by_tail(const struct kiln_tail_fit *fit, const struct kiln_step_report *reports, size_t count)
+{
+    const double q = fmin(kiln_luminance(fit->ratio), KILN_TAIL_RATIO_MOST),
+                 left = reflected(&reports[count - 1]) * q / (1.0 - q), all = reflected_by_all(reports, count) + left;
+    return all > 0.0 ? fmin(fit->error, 1.0) * left / all : 0.0;
+}
+
 /* Whether a geometric series from the last step on is good enough: two parts in a thousand. */
 static bool has_settled(const struct kiln_step_report *reports, size_t count)
 {
@@ -91,7 +100,7 @@ static bool has_settled(const struct kiln_step_report *reports, size_t count)
         return true;
     return !(reflected(last) > LEAST_LIGHT * reflected_by_all(reports, count)) ||
            (count > LEAST_BOUNCES && kiln_cells_ratio(reports, count - 1) < KILN_TAIL_RATIO_MOST &&
-            last->tail_error <= TAIL_ERROR && fit.error <= TAIL_ERROR);
+            last->tail_error <= TAIL_ERROR && error_by_tail(&fit, reports, count) <= TAIL_ERROR);
 }
 
 static bool next_lean(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
