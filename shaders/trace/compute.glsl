@@ -15,12 +15,11 @@ struct kiln_ray {
     vec3 across, up;   /* right-handed: across x up = direction */
     float after;       /* what lies up to here was met before and let the ray through: */
     uint after_number; /* at this very distance, triangles up to this number */
-    float behind;      /* m by which a back counts as farther than it is: KILN_COINCIDENT */
 };
 
-/* The nearest triangle so far; `distance`, which counts, begins as the ray's limit; `met` is where the triangle is. */
+/* The nearest triangle so far; `distance` begins as the ray's limit. */
 struct kiln_found {
-    float distance, met, u, v;
+    float distance, u, v;
     uint triangle;
     bool back;
 };
@@ -33,7 +32,7 @@ kiln_ray kiln_ray_of(vec3 origin, vec3 direction)
     precise const float b = direction.x * direction.y * a;
     precise const vec3 across = vec3(1.0 + s * direction.x * direction.x * a, s * b, -s * direction.x);
     precise const vec3 up = vec3(b, s + direction.y * direction.y * a, -direction.y);
-    return kiln_ray(origin, direction, across, up, 0.0, KILN_GPU_NONE, 0.0);
+    return kiln_ray(origin, direction, across, up, 0.0, KILN_GPU_NONE);
 }
 
 /* For slabs, t = (plane - origin) / direction; finite also where the direction has a zero (margins of boxes hide the
@@ -85,14 +84,6 @@ float kiln_hit_distance(vec3 a, vec3 b, vec3 c, vec3 direction, vec3 w, float sc
     return clamp(edge_on ? weighted : height / steepness, min(min(at_a, at_b), at_c), max(max(at_a, at_b), at_c));
 }
 
-/* How much farther the back of a triangle counts. */
-float kiln_behind(float behind, vec3 a, vec3 b, vec3 c, vec3 direction)
-{
-    const vec3 normal = cross(b - a, c - a);
-    const float cosine = abs(dot(normal, direction)) * inversesqrt(max(dot(normal, normal), 1.0e-37));
-    return behind / max(cosine, KILN_COINCIDENT_LEAST_COSINE);
-}
-
 /* Tests a triangle; true when it is now the one found. */
 bool kiln_test(const kiln_ray ray, TraceQuads triangles, uint index, inout kiln_found found)
 {
@@ -118,17 +109,12 @@ bool kiln_test(const kiln_ray ray, TraceQuads triangles, uint index, inout kiln_
     precise const float u = w.y * scale, v = w.z * scale;
     const float t = kiln_hit_distance(a, b, c, ray.direction, w, scale);
     const uint number = first.w;
-    const bool back = area > 0.0;
-    float counts = t;
-    if (back && ray.behind > 0.0)
-        counts += kiln_behind(ray.behind, a, b, c, ray.direction);
     bool beyond = t > 0.0;
     if (HAS_ALPHA != 0u)
-        beyond = beyond && (counts > ray.after || (counts == ray.after && ray.after_number != KILN_GPU_NONE &&
-                                                   number > ray.after_number));
-    if (!(beyond && (counts < found.distance || (counts == found.distance && number < found.triangle))))
+        beyond = t > ray.after || (t == ray.after && ray.after_number != KILN_GPU_NONE && number > ray.after_number);
+    if (!(beyond && (t < found.distance || (t == found.distance && number < found.triangle))))
         return false;
-    found = kiln_found(counts, t, u, v, number, back);
+    found = kiln_found(t, u, v, number, area > 0.0);
     return true;
 }
 
@@ -161,7 +147,7 @@ void kiln_walk_brute(const kiln_ray ray, bool any, inout kiln_found found)
 
 kiln_found kiln_walk_once(const kiln_ray ray, float limit, bool any)
 {
-    kiln_found found = kiln_found(limit, limit, 0.0, 0.0, KILN_GPU_NONE, false);
+    kiln_found found = kiln_found(limit, 0.0, 0.0, KILN_GPU_NONE, false);
     if (TRAVERSAL == KILN_TRAVERSAL_BINARY)
         kiln_walk_binary(ray, any, found);
     else if (TRAVERSAL == KILN_TRAVERSAL_FOUR)
@@ -178,8 +164,6 @@ kiln_found kiln_walk_once(const kiln_ray ray, float limit, bool any)
 kiln_found kiln_walk(vec3 origin, vec3 direction, float limit, bool any, uint question, uint seed, inout vec3 share)
 {
     kiln_ray ray = kiln_ray_of(origin, direction);
-    if (!any)
-        ray.behind = SCENE.trace.extent * KILN_COINCIDENT;
     kiln_found found = kiln_walk_once(ray, limit, any);
     if (HAS_ALPHA != 0u) {
         while (found.triangle != KILN_GPU_NONE && found.triangle >= SCENE.opaque_count &&
@@ -197,7 +181,7 @@ kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 t
     tint = vec3(1.0);
     const kiln_found found =
         kiln_walk(origin, direction, uintBitsToFloat(0x7f800000u), false, KILN_BY_CHANCE, seed, tint);
-    return kiln_hit(found.triangle, found.u, found.v, found.met, found.back);
+    return kiln_hit(found.triangle, found.u, found.v, found.distance, found.back);
 }
 
 bool kiln_is_met(vec3 origin, vec3 direction, float limit, uint seed)
@@ -210,7 +194,7 @@ kiln_hit kiln_trace(vec3 origin, vec3 direction)
 {
     vec3 share = vec3(1.0);
     const kiln_found found = kiln_walk(origin, direction, uintBitsToFloat(0x7f800000u), false, KILN_BY_HALF, 0u, share);
-    return kiln_hit(found.triangle, found.u, found.v, found.met, found.back);
+    return kiln_hit(found.triangle, found.u, found.v, found.distance, found.back);
 }
 
 vec3 kiln_through(vec3 origin, vec3 direction, float limit)

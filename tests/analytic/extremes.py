@@ -1,8 +1,7 @@
 """Closed forms where numbers and shapes get extreme.
 
-In a closed furnace everything emits e and reflects rho, so that E = pi e / (1 - rho) everywhere; two coincident
-opposite faces that divide it change nothing, in either order. Near rho = 1 the light of a thousand bounces counts, and
-at 1 it has no end.
+In a closed furnace everything emits e and reflects rho, so that E = pi e / (1 - rho) everywhere. Near rho = 1 the light
+of a thousand bounces counts, and at 1 it has no end.
 """
 import math
 import os
@@ -15,41 +14,11 @@ import glb  # noqa: E402
 import harness  # noqa: E402
 
 
-def furnace(path, rho, emission=1.0, sheets=()):
+def furnace(path, rho, emission=1.0):
     scene = glb.Scene()
     wall = scene.material('wall', (rho,) * 3, (emission,) * 3)
     glb.box(scene, 'room', (-1, -1, -1), (1, 1, 1), wall, range(6))
-    for name, corners in sheets:
-        scene.quad(name, corners, wall)
     return scene.write(path)
-
-
-def check_coincident(kiln, checks, table):
-    """The two sheets have different diagonals, so that no triangle has a twin with the same corners."""
-    rho, e = 0.5, 1.0
-    sheets = [('towards +x', [(0, -1, 1), (0, -1, -1), (0, 1, -1), (0, 1, 1)]),
-              ('towards -x', [(0, -1, -1), (0, -1, 1), (0, 1, 1), (0, 1, -1)])]
-    want = math.pi * e / (1 - rho)
-    for order in (sheets, sheets[::-1]):
-        what = 'coincident faces, first %s' % order[0][0]
-        bake = kiln.bake(furnace(os.path.join(kiln.scratch, 'coincident.glb'), rho, e, order), '--texels-per-metre', 4,
-                         '--samples-direct', kiln.samples(512), '--samples-bounce', 64,
-                         '--samples-indirect', kiln.samples(256), '--samples-probe', 0, '--no-preview')
-        process = bake.process
-        if not checks.baked(bake):
-            continue
-        energy, points = bake.run['energy'], bake.points
-        blocked = energy['blocked'][1] / energy['emitted'][1]
-        checks.that(blocked <= 1e-6, '%s: %g of the light met backs' % (what, blocked), process)
-        checks.that(points.valid.mean() > 0.99, '%s: %g of the points are valid' % (what, points.valid.mean()), process)
-        worst = 0.0
-        for name in bake.names():
-            chosen = points.of(bake.index(name))
-            mean = float(np.average(points.total[chosen, 1], weights=points.area[chosen]))
-            checks.that(abs(mean / want - 1) < 3e-3, '%s, %s: %g, not %g' % (what, name, mean, want), process)
-            worst = max(worst, abs(mean / want - 1))
-        table.row(what, 'off by %.3f %% at most, met from behind %.1e' % (100 * worst, blocked))
-        bake.remove()
 
 
 def check_tail(kiln, checks, table):
@@ -157,7 +126,7 @@ def check_hard_spot(kiln, checks, table):
 
 
 def main():
-    every = {'coincident': check_coincident, 'tail': check_tail, 'left': check_left, 'ledger': check_ledger,
+    every = {'tail': check_tail, 'left': check_left, 'ledger': check_ledger,
              'warnings': check_warnings, 'hard_spot': check_hard_spot}
     arguments, kiln = harness.start(
         __doc__, lambda p: p.add_argument('--only', action='append', choices=every, help='these cases'))
