@@ -20,10 +20,12 @@ struct Sums {
 #include "shaders/hemisphere.glsl"
 #include "shaders/lights.glsl"
 
+/* Where light samples are seen from: sample k from where the ray of sample k starts. */
 struct Place {
     kiln_gpu_point point;
-    Numbers numbers;
-    Start start;
+    uint number;           /* of the place; KILN_GPU_NONE: none yet */
+    vec3 position, normal; /* with its offset off the surface; geometric */
+    float offset;
 };
 
 #include "shaders/light_samples.glsl"
@@ -54,18 +56,36 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     add_direction(sums, direction, radiance * (6.283185307179586 / float(push.hemisphere.samples)));
 }
 
+float place_number(uint k, uint dimension, kiln_gpu_point p)
+{
+    const uint stream = push.hemisphere.stream,
+               point = WordArray(push.hemisphere.sobol).at[dimension * push.hemisphere.sobol_stride + k];
+    return kiln_unit_float(kiln_owen_scramble(point, kiln_gather_seed(p.tile_key, stream, dimension)) ^
+                           kiln_gather_shift(kiln_hash2(p.key, stream), dimension));
+}
+
+void go_to(inout Place place, uint k)
+{
+    const uint number = hemisphere_shares(place.point) ? k / push.hemisphere.reuse : k;
+    if (number == place.number)
+        return;
+    kiln_position(place.point, push.chunk.parts, place_number(number, KILN_DIMENSION_S, place.point),
+                  place_number(number, KILN_DIMENSION_T, place.point), place.position, place.normal, place.offset);
+    place.number = number;
+}
+
 void add_light(inout Sums sums, inout Place place, kiln_light_choice choice, uint identity, uint k)
 {
-    hemisphere_start(place.start, place.point, place.numbers, k);
-    const real3 n = real3(place.start.normal), off = n * real(place.start.offset);
+    go_to(place, k);
+    const real3 n = real3(place.normal), off = n * real(place.offset);
     kiln_light_sample s;
     if (!draw_light(Sobol(push.hemisphere.sobol, push.hemisphere.sobol_stride), choice, identity, k,
-                    real3(place.start.position) - off, s) ||
+                    real3(place.position) - off, s) ||
         !(dot(n, s.direction) > 0))
         return;
     sums.rays += 1.0;
     float limit;
-    const vec3 towards = kiln_shadow_ray(s, off, limit), through = kiln_through(place.start.position, towards, limit);
+    const vec3 towards = kiln_shadow_ray(s, off, limit), through = kiln_through(place.position, towards, limit);
     if (through != vec3(0.0))
         add_direction(sums, vec3(s.direction), vec3(s.value / real(choice.samples)) * through);
 }
@@ -81,8 +101,7 @@ bool add_lights(inout Sums sums, kiln_gpu_point p, uint row)
     const uint64_t count = light_sample_count(candidates, n, samples);
     Place place;
     place.point = p;
-    place.numbers = hemisphere_numbers(p);
-    place.start.number = KILN_GPU_NONE;
+    place.number = KILN_GPU_NONE;
     return light_samples(sums, place, candidates, n, samples, key, uint(count * row / slices),
                          uint(count * (row + 1u) / slices));
 }

@@ -40,50 +40,10 @@ vec3 hemisphere_cosine(vec3 n, float u, float v, out float cosine)
     return hemisphere_direction(n, sqrt(u), cosine, v);
 }
 
-/* What the random numbers of a point's samples hang on. */
-struct Numbers {
-    uint seed[4], shift[4], chance;
-    bool shares; /* sample k starts at place k / push.hemisphere.reuse; else each sample has a place of its own */
-};
-
-Numbers hemisphere_numbers(kiln_gpu_point p)
+/* Whether several samples of a point start at one place, sample k at place k / reuse; else each has one of its own. */
+bool hemisphere_shares(kiln_gpu_point p)
 {
-    const uint stream = push.hemisphere.stream, key = kiln_hash2(p.key, stream),
-               shared_digits = kiln_shared_digits(push.hemisphere.samples);
-    Numbers numbers;
-    for (uint d = 0u; d < 4u; d++)
-        numbers.seed[d] = kiln_gather_seed(p.tile_key, stream, d);
-    numbers.shift[KILN_DIMENSION_U] = kiln_direction_shift(key, KILN_DIMENSION_U, shared_digits);
-    numbers.shift[KILN_DIMENSION_V] = kiln_direction_shift(key, KILN_DIMENSION_V, shared_digits);
-    numbers.shift[KILN_DIMENSION_S] = kiln_gather_shift(key, KILN_DIMENSION_S);
-    numbers.shift[KILN_DIMENSION_T] = kiln_gather_shift(key, KILN_DIMENSION_T);
-    numbers.chance = kiln_gather_chance(key);
-    numbers.shares = DRAW_AGAIN != 0u || (p.flags & (KILN_GPU_POINT_PARTIAL | KILN_GPU_POINT_MASKED)) != 0u;
-    return numbers;
-}
-
-float hemisphere_number(Numbers numbers, uint k, uint dimension)
-{
-    const uint point = WordArray(push.hemisphere.sobol).at[dimension * push.hemisphere.sobol_stride + k];
-    return kiln_unit_float(kiln_owen_scramble(point, numbers.seed[dimension]) ^ numbers.shift[dimension]);
-}
-
-/* Where a sample starts: position with its offset off the surface, geometric normal, that offset. */
-struct Start {
-    uint number; /* KILN_GPU_NONE: none yet */
-    vec3 position, normal;
-    float offset;
-};
-
-/* Goes on to the start of sample k. */
-void hemisphere_start(inout Start start, kiln_gpu_point p, Numbers numbers, uint k)
-{
-    const uint number = numbers.shares ? k / push.hemisphere.reuse : k; /* a division takes its time */
-    if (number == start.number)
-        return;
-    kiln_position(p, push.chunk.parts, hemisphere_number(numbers, number, KILN_DIMENSION_S),
-                  hemisphere_number(numbers, number, KILN_DIMENSION_T), start.position, start.normal, start.offset);
-    start.number = number;
+    return DRAW_AGAIN != 0u || (p.flags & (KILN_GPU_POINT_PARTIAL | KILN_GPU_POINT_MASKED)) != 0u;
 }
 
 /* The floats of a slice of all points, `floats` a point. */
@@ -106,15 +66,35 @@ void kiln_kernel(uint x, uint y)
     const uint from = begin + (row % push.hemisphere.per_quarter) * push.hemisphere.slice,
                to = min(end, from + push.hemisphere.slice);
     Sums sums = NO_SUMS;
-    const Numbers numbers = hemisphere_numbers(p);
-    Start start;
-    start.number = KILN_GPU_NONE;
+    uint seed[4];
+    for (uint d = 0u; d < 4u; d++)
+        seed[d] = kiln_gather_seed(p.tile_key, push.hemisphere.stream, d);
+    const uint key = kiln_hash2(p.key, push.hemisphere.stream), shared_digits = kiln_shared_digits(n);
+    const uint shift_u = kiln_direction_shift(key, KILN_DIMENSION_U, shared_digits);
+    const uint shift_v = kiln_direction_shift(key, KILN_DIMENSION_V, shared_digits);
+    const uint chance = kiln_gather_chance(key);
+    const uint shift_s = kiln_gather_shift(key, KILN_DIMENSION_S), shift_t = kiln_gather_shift(key, KILN_DIMENSION_T);
+    const bool shares = hemisphere_shares(p);
+    WordArray sobol = WordArray(push.hemisphere.sobol);
+    vec3 position, normal;
+    uint drawn = KILN_GPU_NONE;
     uint k = from;
     for (; k < to; k++) {
-        hemisphere_start(start, p, numbers, k);
-        add_ray(sums, p, start.position, start.normal, hemisphere_number(numbers, k, KILN_DIMENSION_U),
-                hemisphere_number(numbers, k, KILN_DIMENSION_V),
-                HAS_ALPHA >= KILN_PASSAGE_BLEND ? kiln_gather_ray_seed(numbers.chance, k) : 0u);
+        const uint place = shares ? k / push.hemisphere.reuse : k;
+        if (place != drawn) {
+            const float s = kiln_unit_float(
+                kiln_owen_scramble(sobol.at[2u * push.hemisphere.sobol_stride + place], seed[2]) ^ shift_s);
+            const float t = kiln_unit_float(
+                kiln_owen_scramble(sobol.at[3u * push.hemisphere.sobol_stride + place], seed[3]) ^ shift_t);
+            float offset;
+            kiln_position(p, push.chunk.parts, s, t, position, normal, offset);
+            drawn = place;
+        }
+        const float u = kiln_unit_float(kiln_owen_scramble(sobol.at[k], seed[0]) ^ shift_u);
+        const float v =
+            kiln_unit_float(kiln_owen_scramble(sobol.at[push.hemisphere.sobol_stride + k], seed[1]) ^ shift_v);
+        add_ray(sums, p, position, normal, u, v,
+                HAS_ALPHA >= KILN_PASSAGE_BLEND ? kiln_gather_ray_seed(chance, k) : 0u);
     }
     after_rays(sums, p, row, k >= to);
     store(sums, index - push.chunk.origin, row);
