@@ -16,7 +16,7 @@
 
 enum { STEPS_MOST = 400 };
 
-/* A bake whose first step reflects `first` W, the first bounce 1 W and each bounce `ratio` times the one before. */
+/* A bake whose first step reflects some power, and each bounce `ratio` to the power of its number, W. */
 struct bake {
     struct kiln_integrate_settings settings;
     struct kiln_step_report reports[STEPS_MOST];
