@@ -318,10 +318,9 @@ static void print_denoising(FILE *stream, const json_t *report)
     const char *method = json_string_value(json_object_get(denoise, "method"));
     if (method == NULL || strcmp(method, "none") == 0)
         return;
-    (void)fprintf(
-        stream, "lightmaps denoised in %.1f s: %.3g %% of the variance of direct light is left, %.3g %% of indirect\n",
-        number_of(denoise, "seconds"), 100.0 * number_of(denoise, "variance_left_direct"),
-        100.0 * number_of(denoise, "variance_left_indirect"));
+    (void)fprintf(stream, "lightmaps denoised: %.3g %% of the variance of direct light is left, %.3g %% of indirect\n",
+                  100.0 * number_of(denoise, "variance_left_direct"),
+                  100.0 * number_of(denoise, "variance_left_indirect"));
 }
 
 void kiln_run_table(FILE *stream, const json_t *report)
