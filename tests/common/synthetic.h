@@ -249,8 +249,12 @@ static inline int synthetic_create(struct synthetic *s, uint32_t width, uint32_t
     synthetic_surface(s);
     synthetic_share(s, rank, ranks);
     kiln_field_set_choose(&s->fields, &(struct kiln_job){.error_map = true});
-    s->data =
-        (struct kiln_rank_data){.surface = s->surface, .direct = s->direct, .sum = s->indirect, .error = s->error};
+    s->data = (struct kiln_rank_data){.surface = s->surface,
+                                      .direct = s->direct,
+                                      .sum = s->indirect,
+                                      .error = s->error,
+                                      .error_direct = s->error,
+                                      .error_indirect = s->error};
     return kiln_allocate(&s->radiosity, s->surface.point_count, sizeof(uint64_t), "radiosity", error);
 }
 
