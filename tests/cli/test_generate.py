@@ -106,9 +106,9 @@ class Generate(unittest.TestCase):
 
     def test_the_importer_has_nothing_to_complain_of(self):
         """But for what the scenes are made to show."""
-        expected = {"cornell-offset": ["8 objects have coordinates in the file that are coarser than a tenth of a texel "
-                                       "(most in \"back\": 0.0119 m apart, a texel has 0.0848 m): model near the mesh's "
-                                       "origin, and let the node's translation move it"],
+        expected = {"cornell-offset": ["8 objects have coordinates in the file that are coarser than a tenth of a "
+                                       "texel (most in \"back\": 0.0119 m apart, a texel has 0.0848 m): model "
+                                       "near the mesh's origin, and let the node's translation move it"],
                     "cornell-shapes": ["3 of 11 meshes have no second UV set and are unwrapped"],
                     "cornell-statue": ["1 of 8 meshes have no second UV set and are unwrapped"],
                     "cornell-spheres": ["2 of 8 meshes have no second UV set and are unwrapped",

@@ -50,7 +50,8 @@ OPTIONS = ('--backend', 'embree', '--lightmap-size', '48', '--samples-direct', '
            '--samples-probe', '64', '--error-map')
 PROBES = ('--samples-probe', '2048')
 OFTEN = ('--checkpoint-every', '0.05')
-QUANTITIES = ('--ambient-occlusion', '0.5', '--directional', 'sh1')
+# With so many samples that their steps last long enough to be interrupted.
+QUANTITIES = ('--ambient-occlusion', '0.5', '--directional', 'sh1', '--samples-indirect', '1024')
 
 
 class Tool:
