@@ -12,7 +12,8 @@ def png(width, height, rgb=(255, 0, 0)):
     """The last column has another colour: an image of one becomes a factor of its material."""
     chunk = lambda kind, data: struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
     return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)) +
-            chunk(b"IDAT", zlib.compress((b"\0" + bytes(rgb) * (width - 1) + bytes(rgb[::-1])) * height)) + chunk(b"IEND", b""))
+            chunk(b"IDAT", zlib.compress((b"\0" + bytes(rgb) * (width - 1) + bytes(rgb[::-1])) * height)) +
+            chunk(b"IEND", b""))
 
 
 def tga(width, height):
