@@ -24,7 +24,9 @@ struct kiln_occlusion_parameters {
 struct kiln_occlusion_result {
     float open;         /* A, 0 to 1 */
     float direction[3]; /* D, world; its length is 0 to 1 */
-    float error;        /* standard error of `open`: an upper estimate, from the four quarters of the samples */
+    /* standard error of `open`, from the four quarters of the samples; beside low walls it may be half of the true one
+     */
+    float error;
 };
 
 #endif

@@ -43,7 +43,7 @@ struct kiln_neighbour_grid {
 };
 
 /* Sorts the points, of which there must be less than 2^32 - 1, and at least one. *points (of kiln_allocate) is the
- * grid's from then on and becomes NULL, even if this fails. */
+ * grid's from then on and becomes NULL, even if this fails: KILN_SYSTEM. */
 int kiln_neighbour_grid_create(struct kiln_neighbour_grid **grid, struct kiln_neighbour_point **points, size_t count,
                                struct kiln_error *error);
 void kiln_neighbour_grid_destroy(struct kiln_neighbour_grid **grid);

@@ -1,6 +1,5 @@
 /* Surface regression: takes noise out of irradiance on a surface, by local linear regression whose scale each point
- * chooses for itself. Which points are neighbours: neighbours.h. There must be no other point of the same surface that
- * is not given.
+ * chooses for itself. Which points are neighbours: neighbours.h. All points of the surface must be given at once.
  *
  * At every point, for each scale s of kiln_regression_scales, in texels, a linear function of the tangent plane is
  * fitted to the values y_j of the neighbours and of the point itself, with the weights
@@ -28,15 +27,16 @@
 enum { KILN_REGRESSION_SCALES = KILN_NEIGHBOUR_RINGS, KILN_REGRESSION_LIGHTS = 2 };
 extern const float kiln_regression_scales[KILN_REGRESSION_SCALES];
 
-/* One kind of light: planes of values, by the points' index. */
+/* One kind of light: planes of irradiance, W/m2 or lux, by the points' index. Borrowed. */
 struct kiln_regression_light {
     float *rgb[3];
-    float *variance; /* of the luminance, as stated. The result has the squared error that is left: at most what the
-                      * variance was taken for, and above 0 where that is */
+    float *variance; /* of the luminance, its unit squared, as stated. The result has the squared error that is left: at
+                      * most what the variance was taken for, and above 0 where that is */
     double before, after; /* results: sums of area x variance over the points, as it was taken, and what is left */
 };
 
-/* Replaces the values of all lights. They are fitted apart, with the same neighbours. */
+/* Replaces the values of all lights, of which there are at most KILN_REGRESSION_LIGHTS. They are fitted apart, with the
+ * same neighbours. KILN_SYSTEM: the values may be of any stage then. */
 int kiln_regression_run(const struct kiln_neighbour_grid *grid, struct kiln_regression_light *lights, size_t count,
                         struct kiln_error *error);
 
