@@ -121,25 +121,19 @@ int kiln_view_trace(const struct kiln_view_source *source, struct kiln_view_rays
 
 /* Channels of lightmaps that say from where light comes: --directional sh1, and dominant. */
 enum { LIGHT = 3, SH = 3 * KILN_NORMAL_HARMONICS, DOMINANT = 4, CHANNELS = LIGHT + SH + DOMINANT };
-static const char *const channels[CHANNELS] = {"R",
-                                               "G",
-                                               "B",
-                                               "sh.L00.R",
-                                               "sh.L00.G",
-                                               "sh.L00.B",
-                                               "sh.L1m1.R",
-                                               "sh.L1m1.G",
-                                               "sh.L1m1.B",
-                                               "sh.L10.R",
-                                               "sh.L10.G",
-                                               "sh.L10.B",
-                                               "sh.L11.R",
-                                               "sh.L11.G",
-                                               "sh.L11.B",
-                                               "dominant.X",
-                                               "dominant.Y",
-                                               "dominant.Z",
-                                               "dominant.directionality"};
+
+/* Their names, those of light first. */
+static void name_channels(const char *names[CHANNELS])
+{
+    static const struct {
+        const char *field;
+        size_t count;
+    } fields[] = {{"total", LIGHT}, {"sh", SH}, {"dominant", DOMINANT}};
+    for (size_t f = 0; f < sizeof fields / sizeof *fields; f++) {
+        memcpy(names, kiln_field_shown(fields[f].field)->channels, fields[f].count * sizeof *names);
+        names += fields[f].count;
+    }
+}
 
 struct map {
     struct kiln_image *image;   /* NULL until needed */
@@ -262,6 +256,8 @@ static bool find_channels(const struct kiln_image *image, const char *const *nam
 /* Finds the planes that are shown; false when the image lacks one. */
 static bool find_planes(const struct kiln_view_source *source, struct map *map)
 {
+    const char *channels[CHANNELS];
+    name_channels(channels);
     (void)find_channels(map->image, channels + LIGHT, SH, map->sh);
     (void)find_channels(map->image, channels + LIGHT + SH, DOMINANT, map->dominant);
     if (source->field == NULL)
@@ -297,6 +293,8 @@ static int no_field(const struct kiln_view_source *source, const char *name, str
 static int load(struct kiln_view_maps *maps, uint32_t object, bool back, struct kiln_error *error)
 {
     const struct kiln_field *field = maps->source->field;
+    const char *channels[CHANNELS];
+    name_channels(channels);
     const char *const *wanted = field != NULL ? field->channels : channels;
     const size_t count = field != NULL ? field->components : needs_directions(maps) ? CHANNELS : LIGHT;
     const struct kiln_object *o = &maps->source->scene->objects[object];

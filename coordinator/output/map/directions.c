@@ -12,7 +12,8 @@ static void normalise_texel(float *const axes[3], size_t texel)
         axes[c][texel] = (float)((double)axes[c][texel] * scale);
 }
 
-void kiln_map_normalise(struct kiln_map *map)
+/* Brings the directions of all surface texels, of which some are means, back to length 1. Means of length 0 stay. */
+static void normalise(struct kiln_map *map)
 {
     const size_t count = kiln_map_texels(map);
     for (uint32_t p = 0; p < map->has.count; p++) {
@@ -28,7 +29,7 @@ void kiln_map_normalise(struct kiln_map *map)
 static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
     (void)error;
-    kiln_map_normalise(work->map);
+    normalise(work->map);
     return KILN_OK;
 }
 

@@ -66,9 +66,6 @@ int kiln_map_fill(struct kiln_map *map, struct kiln_error *error);
 int kiln_nearest_texels(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t *nearest,
                         struct kiln_error *error);
 
-/* Brings the directions of all surface texels, of which some are means, back to length 1. Means of length 0 stay. */
-void kiln_map_normalise(struct kiln_map *map);
-
 /* Copies to every margin texel the values of the surface texel that `nearest` gives for it. Returns the number of
  * margin texels, or 0 if there are no others. */
 uint64_t kiln_map_dilate(struct kiln_map *map, const uint32_t *nearest);

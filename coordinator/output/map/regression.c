@@ -6,9 +6,9 @@
 #include "coordinator/output/image.h"
 #include "worker/base/memory.h"
 
-enum { SCALES = KILN_REGRESSION_SCALES, LIGHTS = KILN_REGRESSION_LIGHTS, RAW = SCALES };
+enum { SCALES = KILN_NEIGHBOUR_RINGS, LIGHTS = KILN_REGRESSION_LIGHTS, RAW = SCALES };
 
-const float kiln_regression_scales[SCALES] = {0.75f, 1.0f, 1.5f, 2.0f, 3.0f, 4.0f};
+static const float scales[SCALES] = {0.75f, 1.0f, 1.5f, 2.0f, 3.0f, 4.0f};
 
 /* Of these scales, by their number: the one by which the variance is judged and choices are averaged, and the one
  * over whose weights variances and risks are averaged. */
@@ -68,7 +68,7 @@ struct fit {
 static struct moments gather_moments(const struct worker *w, size_t scale)
 {
     const struct kiln_neighbours *n = &w->n;
-    const float inverse = 0.25f / (kiln_regression_scales[scale] * kiln_regression_scales[scale]);
+    const float inverse = 0.25f / (scales[scale] * scales[scale]);
     float one = 0, sx = 0, sy = 0, xx = 0, xy = 0, yy = 0, p = 0, px = 0, py = 0, q = 0, qx = 0, qy = 0;
 #pragma omp simd reduction(+ : one, sx, sy, xx, xy, yy, p, px, py, q, qx, qy)
     for (size_t i = 0; i < n->within[scale]; i++) {
@@ -138,7 +138,7 @@ static void fit_point(const struct regression *r, struct worker *w, size_t place
 
 static float weight_of(const struct kiln_neighbours *n, size_t i, size_t scale)
 {
-    const float s = kiln_regression_scales[scale], u = 1.0f - (n->x[i] * n->x[i] + n->y[i] * n->y[i]) * 0.25f / (s * s);
+    const float s = scales[scale], u = 1.0f - (n->x[i] * n->x[i] + n->y[i] * n->y[i]) * 0.25f / (s * s);
     return u * u * n->area[i];
 }
 
@@ -268,7 +268,7 @@ static void add_factors(const struct kiln_neighbours *n, size_t scale, const str
                         float *factors)
 {
     const float a = (float)(share * fit->a), b = (float)(share * fit->b), c = (float)(share * fit->c),
-                s = kiln_regression_scales[scale], inverse = 0.25f / (s * s);
+                s = scales[scale], inverse = 0.25f / (s * s);
 #pragma omp simd
     for (size_t i = 0; i < n->within[scale]; i++) {
         const float x = n->x[i], y = n->y[i], u = 1.0f - (x * x + y * y) * inverse;

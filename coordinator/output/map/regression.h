@@ -1,7 +1,7 @@
 /* Surface regression: takes noise out of irradiance on a surface, by local linear regression whose scale each point
  * chooses for itself. Which points are neighbours: neighbours.h. All points of the surface must be given at once.
  *
- * At every point, for each scale s of kiln_regression_scales, in texels, a linear function of the tangent plane is
+ * At every point, for each scale s of 0.75, 1, 1.5, 2, 3 and 4 texels, a linear function of the tangent plane is
  * fitted to the values y_j of the neighbours and of the point itself, with the weights
  *
  *     w_j = area_j (1 - r_j^2 / (2 s)^2)^2     for r_j < 2 s                          (Epanechnikov's kernel, squared)
@@ -24,8 +24,7 @@
 
 #include "coordinator/output/map/neighbours.h"
 
-enum { KILN_REGRESSION_SCALES = KILN_NEIGHBOUR_RINGS, KILN_REGRESSION_LIGHTS = 2 };
-extern const float kiln_regression_scales[KILN_REGRESSION_SCALES];
+enum { KILN_REGRESSION_LIGHTS = 2 };
 
 /* One kind of light: planes of irradiance, W/m2 or lux, by the points' index. Borrowed. */
 struct kiln_regression_light {
@@ -36,7 +35,7 @@ struct kiln_regression_light {
 };
 
 /* Replaces the values of all lights, of which there are at most KILN_REGRESSION_LIGHTS. They are fitted apart, with the
- * same neighbours. KILN_SYSTEM: the values may be of any stage then. */
+ * same neighbours. KILN_SYSTEM: what the planes hold is of no use then. */
 int kiln_regression_run(const struct kiln_neighbour_grid *grid, struct kiln_regression_light *lights, size_t count,
                         struct kiln_error *error);
 
