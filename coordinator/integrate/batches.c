@@ -288,8 +288,9 @@ void kiln_batches_begin(struct kiln_batches *b, struct kiln_step_report *report,
     const struct kiln_integrate_settings *settings = b->params->settings;
     b->slowness = kiln_faults_slowness(&settings->faults, (uint32_t)b->params->rank);
     b->report = report;
-    if (!(b->rate > 0.0))
+    if (b->pass != report->step.pass) /* another pass may be many times slower: its first batch must be short */
         b->rate = RATE_START * b->params->threads;
+    b->pass = report->step.pass;
     b->status = report->step.pass->reads_radiosity
                     ? kiln_backend_set_radiosity(b->params->backend, b->solution->radiosity, error)
                     : KILN_OK;

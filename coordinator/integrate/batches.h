@@ -18,7 +18,8 @@ struct kiln_batches {
     struct kiln_step_work *work;
     struct kiln_taker *taker;
     /* own */
-    double rate;     /* rays a second of this rank, as far as is known; 0: not at all */
+    const struct kiln_pass *pass; /* of the step under way; NULL: none yet */
+    double rate;                  /* rays a second of this rank in that pass, as far as is known */
     double slowness; /* how many times the time of a batch it shall take (for tests); 1: as long as it takes */
     struct kiln_step_report *report; /* of the step under way */
     int status;                      /* of it, on this rank */
