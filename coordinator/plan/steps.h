@@ -11,7 +11,7 @@ struct kiln_cost_kind {
     uint32_t samples, stream; /* stream: of the first such step */
 };
 
-enum { KILN_COST_KINDS_MAX = 8 };
+enum { KILN_COST_KINDS_MAX = 12 };
 
 struct kiln_planned_step {
     struct kiln_step step;

@@ -65,6 +65,9 @@ static void expect(const struct kiln_step *step, uint32_t role, uint32_t bounce,
     assert_int_equal(step->counted, counted);
 }
 
+/* Of samples_bounce = 4: more in the first bounces, and 2 at least. */
+static uint32_t bounce_samples(uint32_t bounce) { return bounce == 1 ? 12 : bounce == 2 ? 6 : bounce == 3 ? 4 : 2; }
+
 static void lean_given(void **state)
 {
     (void)state;
@@ -75,7 +78,7 @@ static void lean_given(void **state)
         expect(&b.reports[0].step, KILN_CELLS_DIRECT, 0, 16, 0, true);
         for (uint32_t i = 1; i < b.count; i++)
             if (i + 1 < b.count)
-                expect(&b.reports[i].step, KILN_CELLS_BOUNCE, i, 4, i, false);
+                expect(&b.reports[i].step, KILN_CELLS_BOUNCE, i, bounce_samples(i), i, false);
             else
                 expect(&b.reports[i].step, KILN_CELLS_FINAL, i, 32, 0xffff, true);
     }
@@ -103,6 +106,33 @@ static void lean_all(void **state)
     run(&b, KILN_SCHEDULE_LEAN, -1, 0.99995, 0.0);
     assert_int_equal(b.count, 1 + 32 + 1);
     expect(&b.reports[b.count - 1].step, KILN_CELLS_FINAL, 33, 32, 0xffff, true);
+}
+
+/* The rays of a bounce fall with its number. */
+static void falling(void **state)
+{
+    (void)state;
+    static struct bake b;
+    static const uint32_t expected[] = {48, 24, 16, 8, 8, 4, 4, 4};
+    struct kiln_step step;
+    run(&b, KILN_SCHEDULE_LEAN, 9, 0.5, 1.0);
+    b.settings.samples_bounce = 16;
+    for (size_t i = 0; i < 8; i++) {
+        assert_true(b.settings.integrator->next(&b.settings, b.reports, i + 1, &step));
+        assert_int_equal(step.samples, expected[i]);
+    }
+    run(&b, KILN_SCHEDULE_LEAN, 9, 0.81, 1.0); /* a long tail */
+    b.settings.samples_bounce = 16;
+    for (size_t i = 0; i < 8; i++) {
+        assert_true(b.settings.integrator->next(&b.settings, b.reports, i + 1, &step));
+        assert_int_equal(step.samples, expected[i] > 16 ? expected[i] : 16);
+    }
+    run(&b, KILN_SCHEDULE_LEAN, 9, 0.5, 1.0);
+    b.settings.samples_bounce = 1048576; /* the most that the option takes */
+    assert_true(b.settings.integrator->next(&b.settings, b.reports, 1, &step) && step.samples == 3145728);
+    b.settings.samples_bounce = 1;
+    assert_true(b.settings.integrator->next(&b.settings, b.reports, 1, &step) && step.samples == 3);
+    assert_true(b.settings.integrator->next(&b.settings, b.reports, 8, &step) && step.samples == 2);
 }
 
 static void equal(void **state)
@@ -194,7 +224,10 @@ static void outlook(void **state)
         memcpy(reports.of, b.reports, b.count * sizeof *reports.of); /* what lies beyond the count was used */
         const bool last = i + 1 == b.count;
         assert_int_equal(bake.steps, last ? 1 : 4);
-        assert_true(bake.samples == (last ? 32.0 : 3 * 4.0 + 32.0));
+        double samples = 32.0;
+        for (uint32_t k = 0; k < 3 && !last; k++)
+            samples += bounce_samples((uint32_t)i + k);
+        assert_true(bake.samples == samples);
         if (!last)
             assert_true(plan.of[i].outlook.steps == bake.steps && plan.of[i].outlook.samples == bake.samples);
     }
@@ -280,9 +313,9 @@ static void another_integrator(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(lean_given),   cmocka_unit_test(lean_all),
-                                       cmocka_unit_test(equal),        cmocka_unit_test(form),
-                                       cmocka_unit_test(plan_as_bake), cmocka_unit_test(outlook),
-                                       cmocka_unit_test(table),        cmocka_unit_test(another_integrator)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(lean_given), cmocka_unit_test(lean_all), cmocka_unit_test(falling),
+        cmocka_unit_test(equal),      cmocka_unit_test(form),     cmocka_unit_test(plan_as_bake),
+        cmocka_unit_test(outlook),    cmocka_unit_test(table),    cmocka_unit_test(another_integrator)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -11,6 +11,7 @@
 enum {
     LEAST_BOUNCES = 3,      /* before the ratio of two is believed */
     DIVERGING_BOUNCES = 32, /* before a sum is believed to have no end */
+    LEAST_SAMPLES = 2,      /* of a bounce, lean schedule */
 };
 
 static double reflected(const struct kiln_step_report *report) { return kiln_luminance(report->energy.reflected); }
@@ -103,6 +104,21 @@ static bool has_settled(const struct kiln_step_report *reports, size_t count)
             last->tail_error <= TAIL_ERROR && error_by_tail(&fit, reports, count) <= TAIL_ERROR);
 }
 
+/* Rays of a point in the bounce after `count` steps, lean schedule. The first bounces carry most of the light, and
+ * their noise is what the final gather of all neighbours shares; the light of later ones is less, and has been averaged
+ * over more surface. Where a step has nearly the power of the one before, late light is no less. */
+static uint32_t bounce_samples(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
+                               size_t count)
+{
+    static const uint8_t quarters[] = {12, 6, 4, 2, 2, 1}; /* of samples_bounce, from bounce 1 on; the last goes on */
+    const size_t last = sizeof quarters / sizeof *quarters - 1;
+    const bool is_long = count >= 2 && kiln_cells_ratio(reports, count - 1) > LONG_TAIL_RATIO;
+    const uint64_t falling = quarters[count - 1 < last ? count - 1 : last],
+                   quarter = is_long && falling < 4 ? 4 : falling;
+    const uint32_t samples = (uint32_t)(quarter * settings->samples_bounce / 4);
+    return samples > LEAST_SAMPLES ? samples : LEAST_SAMPLES;
+}
+
 static bool next_lean(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                       size_t count, struct kiln_step *step)
 {
@@ -111,7 +127,7 @@ static bool next_lean(const struct kiln_integrate_settings *settings, const stru
     const bool more = settings->bounces > 0 ? (int64_t)count < settings->bounces
                                             : count <= KILN_BOUNCES_ALL && !has_settled(reports, count);
     step->role = more ? KILN_CELLS_BOUNCE : KILN_CELLS_FINAL;
-    step->samples = more ? settings->samples_bounce : settings->samples_indirect;
+    step->samples = more ? bounce_samples(settings, reports, count) : settings->samples_indirect;
     step->stream = more ? step->bounce : KILN_CELLS_FINAL_STREAM;
     step->counted = !more;
     return true;

@@ -2,9 +2,11 @@
  *
  * Lean: direct light; bounces with few samples, each of which gathers the radiosity of the one before; one final gather
  * with many samples, which reads the radiosity of direct light and all bounces summed up (with a geometric tail, where
- * that is asked for) and replaces what the bounces have found. The noise of the cheap bounces averages out in it. With
- * a number of bounces N given there are N - 1 bounces and the final gather; without, bounces go on until the tail is
- * good enough, or diverges: a closed scene of albedo 1.
+ * that is asked for) and replaces what the bounces have found. The noise of the cheap bounces averages out in it. The
+ * setting samples_bounce is the samples of the third bounce: the first has 3 times as many, the second 1.5 times, the
+ * fourth and the fifth 1/2, all later ones 1/4, and none has less than 2; after a step with more than 0.8 of the power
+ * of the one before, a bounce has samples_bounce at least. With a number of bounces N given there are N - 1 bounces and
+ * the final gather; without, bounces go on until the tail is good enough, or diverges: a closed scene of albedo 1.
  *
  * Equal: direct light; bounces with many samples, whose irradiance counts as it is. Without a number given they go on
  * until what is left is below 1e-5 of all. */
