@@ -94,7 +94,7 @@ void kiln_kernel(uint x, uint y)
         const float v =
             kiln_unit_float(kiln_owen_scramble(sobol.at[push.hemisphere.sobol_stride + k], seed[1]) ^ shift_v);
         add_ray(sums, p, position, normal, u, v,
-                HAS_ALPHA >= KILN_PASSAGE_BLEND ? kiln_gather_ray_seed(chance, k) : 0u);
+                HAS_ALPHA >= KILN_PASSAGE_BLEND ? kiln_gather_ray_seed(chance, push.hemisphere.first_sample + k) : 0u);
     }
     after_rays(sums, p, row, k >= to);
     store(sums, index - push.chunk.origin, row);

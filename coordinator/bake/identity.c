@@ -30,13 +30,14 @@ static const char *const counting[] = {"environment",
                                        "sides",
                                        "cell-size",
                                        "partition",
-                                       "exchange"};
+                                       "exchange",
+                                       "error-map"};
 /* Options that affect only the probes. */
 static const char *const probing[] = {"probe-spacing", "samples-probe"};
 /* Options that affect neither: devices, speed, limits, messages and output files. --quality is covered by the sample
  * counts that it sets. */
 static const char *const other[] = {
-    "output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "denoise", "error-map", "preview",
+    "output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "denoise", "preview",
     "exposure", "json", "quiet", "verbose", "resume", "checkpoint-every", "max-time", "watchdog", "device", "devices",
     "traversal", "dispatch-time", "device-memory", "verify-fraction",
     /* units give the numbers a name and change none of them */

@@ -14,6 +14,7 @@ struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, u
         .samples_indirect = job->samples_indirect,
         .compact = kiln_exchange_is_compact(job->exchange, points),
         .seed = job->seed,
+        .parts = kiln_job_parts(job),
         .occlusion = job->occlusion.distance > 0.0 ? &job->occlusion : NULL,
         .directional = (enum kiln_directional)job->directional,
         .work_stealing = job->work_stealing,

@@ -159,8 +159,9 @@ static json_t *steps_json(const struct kiln_integrate_report *t, const uint64_t 
         if ((p->step.quantity != NULL) != quantities)
             continue;
         json_array_append_new(
-            array, json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
-                             t->roles.of[p->step.role]->kind, "bounce", (int)p->step.bounce, "samples",
+            array, json_pack("{s:s, s:i, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
+                             t->roles.of[p->step.role]->kind, "part", (int)p->step.part, "bounce",
+                             (int)p->step.bounce, "samples",
                              (int)p->step.samples, "seconds", p->seconds, "exchange_seconds", p->exchange_seconds,
                              "device_seconds", p->device_seconds, "energy", kiln_luminance(p->energy.incident),
                              "incident", rgb_json(p->energy.incident), "reflected", rgb_json(p->energy.reflected),

@@ -15,6 +15,7 @@ static bool wants_error_map(const struct kiln_job *job) { return job->error_map;
 static bool wants_occlusion(const struct kiln_job *job) { return job->occlusion.distance > 0.0; }
 static bool wants_harmonics(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_SH1; }
 static bool wants_dominant(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_DOMINANT; }
+static bool wants_parts(const struct kiln_job *job) { return kiln_job_parts(job) > 1; }
 static bool wants_errors_apart(const struct kiln_job *job) { return job->error_map || kiln_job_denoises(job); }
 
 static const char *const total_channels[] = {"R", "G", "B"};
@@ -253,6 +254,29 @@ static const struct kiln_field table[] = {
      .description = "standard error of the luminance of indirect",
      .noisy = true,
      .present = wants_errors_apart},
+    {.name = "indirect_mean",
+     .type = KILN_FIELD_FLOAT,
+     .components = 3,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(indirect),
+     .saved = KILN_FIELD_SAVED,
+     .high = INFINITY,
+     .present = wants_parts},
+    {.name = "parts",
+     .type = KILN_FIELD_FLOAT,
+     .components = KILN_PARTS,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(parts),
+     .saved = KILN_FIELD_SAVED,
+     .high = INFINITY,
+     .dataset = "/irradiance/parts",
+     .description = "luminance of total as each of four independent parts of the bake found it; total is their mean, and "
+                    "the standard error of the mean over any set of points follows from what their means over it "
+                    "differ by (Student's t, 3 degrees of freedom)",
+     .noisy = true,
+     .present = wants_parts},
     /* scratch of a step */
     {.name = "next",
      .type = KILN_FIELD_RADIOSITY,

@@ -131,6 +131,7 @@ static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct k
                                      .count = range.count,
                                      .stream = step->stream,
                                      .samples = step->samples,
+                                     .first_sample = step->first_sample,
                                      .samples_each = samples_from(b, range.first),
                                      .take = take_part,
                                      .context = b};

@@ -33,6 +33,12 @@ void kiln_ledger_release(struct kiln_ledger *ledger)
 
 double kiln_ledger_power(const struct kiln_ledger *ledger) { return ldexp(ledger->unit, 82); }
 
+void kiln_ledger_forget_groups(struct kiln_ledger *ledger)
+{
+    memset(ledger->group_before, 0, ledger->group_count * sizeof *ledger->group_before);
+    memset(ledger->group_total, 0, ledger->group_count * sizeof *ledger->group_total);
+}
+
 void kiln_ledger_begin_step(struct kiln_ledger *ledger)
 {
     memset(ledger->sums, 0, sizeof ledger->sums);
@@ -116,9 +122,8 @@ int kiln_ledger_end_step(struct kiln_ledger *ledger, MPI_Comm communicator, stru
     return status;
 }
 
-/* What the lights send, and what of it the surfaces take at once. */
-static void open_energy(struct kiln_energy *e, const struct kiln_step_energy *direct,
-                        const struct kiln_emission_result *light)
+/* What the lights send. */
+static void open_energy(struct kiln_energy *e, const struct kiln_emission_result *light)
 {
     for (int c = 0; c < 3; c++) {
         e->emitted[c] = light->emitted[c];
@@ -126,28 +131,36 @@ static void open_energy(struct kiln_energy *e, const struct kiln_step_energy *di
         e->blocked[c] = light->blocked[c];
         e->ranged[c] = light->ranged[c];
         e->glass[c] = light->glass[c];
-        e->absorbed[c] = direct->incident[c] - direct->reflected[c];
-        e->left_over[c] = direct->reflected[c];
+        e->absorbed[c] = e->left_over[c] = 0.0;
+    }
+}
+
+/* What a counted step found, of which the bake has `share`: one part's. */
+static void add_step(struct kiln_energy *e, const struct kiln_step_energy *p, double share)
+{
+    for (int c = 0; c < 3; c++) {
+        e->absorbed[c] += share * (p->incident[c] - p->reflected[c]);
+        e->escaped[c] += share * p->escaped[c];
+        e->blocked[c] += share * p->blocked[c];
+        e->glass[c] += share * p->glass[c];
+        e->left_over[c] += share * (p->reflected[c] - p->sent[c]);
     }
 }
 
 void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *steps,
                        const struct kiln_emission_result *emission)
 {
-    double variance = steps->of[0].energy.variance, residual[3];
-    open_energy(e, &steps->of[0].energy, emission);
-    for (size_t i = 1; i < steps->count; i++) {
-        const struct kiln_step_energy *p = &steps->of[i].energy;
+    double variance = 0.0, residual[3];
+    uint32_t parts = 1;
+    open_energy(e, emission);
+    for (size_t i = 0; i < steps->count; i++)
+        parts = steps->of[i].step.part + 1 > parts ? steps->of[i].step.part + 1 : parts;
+    for (size_t i = 0; i < steps->count; i++) {
+        const double share = 1.0 / parts;
         if (!steps->of[i].step.counted)
             continue;
-        for (int c = 0; c < 3; c++) {
-            e->absorbed[c] += p->incident[c] - p->reflected[c];
-            e->escaped[c] += p->escaped[c];
-            e->blocked[c] += p->blocked[c];
-            e->glass[c] += p->glass[c];
-            e->left_over[c] += p->reflected[c] - p->sent[c];
-        }
-        variance += p->variance;
+        add_step(e, &steps->of[i].energy, share);
+        variance += share * share * steps->of[i].energy.variance;
     }
     for (int c = 0; c < 3; c++)
         residual[c] = e->emitted[c] - e->absorbed[c] - e->escaped[c] - e->blocked[c] - e->ranged[c] - e->glass[c] -

@@ -52,6 +52,9 @@ void kiln_ledger_release(struct kiln_ledger *ledger);
 /* The lights' power, to within a factor of two, as it stands in the unit: that one is kept in checkpoints. */
 double kiln_ledger_power(const struct kiln_ledger *ledger);
 
+/* The groups' powers are of no step: before the first of a series whose tail is judged. */
+void kiln_ledger_forget_groups(struct kiln_ledger *ledger);
+
 /* A step begins: its sums are zero. */
 void kiln_ledger_begin_step(struct kiln_ledger *ledger);
 

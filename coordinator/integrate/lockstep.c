@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdio.h>
 
+#include "coordinator/integrate/parts.h"
 #include "coordinator/integrate/quantity.h"
 #include "coordinator/integrate/repartition.h"
 #include "coordinator/mpi/agree.h"
@@ -74,10 +75,12 @@ static int begin_step(struct kiln_lockstep *l, const struct kiln_step *step, str
 static void show_step(const struct kiln_lockstep *l, const struct kiln_step *step)
 {
     const struct kiln_role *role = role_of(l, step);
-    char name[64];
+    const uint32_t parts = step->quantity == NULL ? l->params->settings->parts : 1;
+    char name[64], with_part[96];
     (void)snprintf(name, sizeof name, "%s %u", role->title, step->bounce);
     const char *text = role->numbered ? name : role->title;
-    kiln_progress_phase(l->params->progress, text, l->params->surface->count);
+    (void)snprintf(with_part, sizeof with_part, "%s, part %u of %u", text, step->part + 1, parts);
+    kiln_progress_phase(l->params->progress, parts > 1 ? with_part : text, l->params->surface->count);
     if (l->work.points_done > 0)
         kiln_progress_advance(l->params->progress, l->work.points_done);
     kiln_control_begin(l->params->control, text);
@@ -99,6 +102,18 @@ static int run_batches(struct kiln_lockstep *l, struct kiln_error *error)
     }
 }
 
+/* When the integrator's last step of a part is done. */
+static void end_part(struct kiln_lockstep *l)
+{
+    const struct kiln_integrate_settings *settings = l->params->settings;
+    const struct kiln_step_reports *steps = &l->solution->report.steps;
+    const uint32_t part = steps->of[steps->count - 1].step.part;
+    struct kiln_step next;
+    const bool more = kiln_parts_next(settings, steps->of, steps->count, &next);
+    if (!more || next.part != part)
+        kiln_part_end(l->solution->own, part, !more);
+}
+
 /* Collective. Adds up over the ranks. */
 static int end_step(struct kiln_lockstep *l, struct kiln_error *error)
 {
@@ -106,8 +121,10 @@ static int end_step(struct kiln_lockstep *l, struct kiln_error *error)
     struct kiln_integrate_report *r = &l->solution->report;
     kiln_control_blocking(p->control, "adding up a pass", 0.0);
     int status = kiln_ledger_end_step(&l->ledger, p->communicator, &kiln_solution_step(l->solution)->energy, error);
-    if (status == KILN_OK && kiln_solution_step(l->solution)->step.quantity == NULL)
+    if (status == KILN_OK && kiln_solution_step(l->solution)->step.quantity == NULL) {
         status = p->settings->integrator->end_step(&l->integration, &r->steps, error);
+        end_part(l);
+    }
     kiln_control_blocking(p->control, NULL, 0.0);
     return status;
 }

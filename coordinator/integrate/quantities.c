@@ -1,5 +1,6 @@
 #include <string.h>
 
+#include "coordinator/integrate/parts.h"
 #include "coordinator/integrate/quantity.h"
 
 #define STRUCT(name) &kiln_quantity_##name,
@@ -12,7 +13,7 @@ bool kiln_steps_next(const struct kiln_integrate_settings *settings, const struc
     size_t light = 0, wanted = 0; /* the integrator's steps come first */
     while (light < count && reports[light].step.quantity == NULL)
         light++;
-    if (light == count && settings->integrator->next(settings, reports, count, step))
+    if (light == count && kiln_parts_next(settings, reports, count, step))
         return true;
     for (size_t q = 0; q < QUANTITIES; q++) {
         if (!quantities[q]->wanted(settings) || wanted++ < count - light)

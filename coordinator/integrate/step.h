@@ -40,6 +40,8 @@ struct kiln_step {
     /* Name of the bake's field (field/field.h) that has the samples of each tile run, 32 bits each; NULL: all tile runs
      * have the same. Being a field, it lies where a rank that steals work sees it, and moves with the points. */
     const char *samples_field;
+    /* of a bake in parts (parts.h): which part the step is of, and the number of the first of its samples; else 0 */
+    uint32_t part, first_sample;
     uint32_t stream; /* tells steps of one pass apart in the random numbers; 0 for a pass without streams */
     /* The radiosity that the step makes is rounded to 4 bytes a point (worker/scene/radiosity.h); else it has 8. */
     bool compact;

@@ -144,6 +144,9 @@ int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_err
 void kiln_job_destroy(struct kiln_job **job);
 
 /* Whether noise is taken out of the lightmaps: what --denoise and --quality say together. */
+enum { KILN_PARTS = 4 }; /* that light is computed in where its errors are to be known (integrate/parts.h) */
+static inline uint32_t kiln_job_parts(const struct kiln_job *job) { return job->error_map ? KILN_PARTS : 1; }
+
 static inline bool kiln_job_denoises(const struct kiln_job *job)
 {
     return job->denoise == KILN_DENOISE_REGRESSION ||

@@ -112,8 +112,11 @@ struct kiln_gpu_hemisphere {
     KILN_WORD row_first;   /* slice of y = 0 */
     KILN_WORD slice;       /* samples of a slice */
     KILN_WORD row_step;    /* slice y goes to row y * row_step */
+    /* number of the first sample in the sequence, of which `sobol` begins there; chances hang on a sample's number */
+    KILN_WORD first_sample;
+    KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_hemisphere, 48);
+KILN_SIZE_IS(kiln_gpu_hemisphere, 56);
 
 /* A slice of the gather pass has so many floats: incident, irradiance (3 each), escaped, blocked, luminance of
  * irradiance. */

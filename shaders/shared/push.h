@@ -60,7 +60,7 @@ struct kiln_gpu_hemisphere_push {
     KILN_STRUCT kiln_gpu_chunk chunk;
     KILN_STRUCT kiln_gpu_hemisphere hemisphere;
 };
-KILN_SIZE_IS(kiln_gpu_hemisphere_push, 104);
+KILN_SIZE_IS(kiln_gpu_hemisphere_push, 112);
 KILN_OFFSET_IS(kiln_gpu_hemisphere_push, hemisphere, 56);
 
 /* occlusion.comp: ambient occlusion. */
@@ -71,9 +71,9 @@ struct kiln_gpu_occlusion_push {
     KILN_REAL32 distance; /* m: what is farther away does not count */
     KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_occlusion_push, 112);
+KILN_SIZE_IS(kiln_gpu_occlusion_push, 120);
 KILN_OFFSET_IS(kiln_gpu_occlusion_push, hemisphere, 56);
-KILN_OFFSET_IS(kiln_gpu_occlusion_push, distance, 104);
+KILN_OFFSET_IS(kiln_gpu_occlusion_push, distance, 112);
 
 /* gather_reduce.comp, occlusion_reduce.comp, directional_reduce.comp: they add up the slices. */
 struct kiln_gpu_hemisphere_reduce_push {

@@ -10,7 +10,7 @@
  * embree_NAME (worker/backend/embree/embree.h), the row vulkan_pass_NAME (worker/backend/vulkan/vulkan.h). The neutral
  * layer, the fallback and the verifying backend walk the table and know no pass by name.
  *
- * Determinism: a result is a function of (seed, item, stream, sample, parameters) and the scene alone. Any batch,
+ * Determinism: a result is a function of (seed, item, stream, samples, parameters) and the scene alone. Any batch,
  * number of threads or rank gives the same bits. */
 #ifndef KILN_WORKER_PASS_PASS_H
 #define KILN_WORKER_PASS_PASS_H
@@ -58,6 +58,7 @@ struct kiln_pass {
     size_t result_bytes;    /* of one result */
     bool is_sampled;        /* it takes kiln_batch.samples; else it has a number of its own, and 0 is given */
     bool has_streams;       /* it tells streams apart; else kiln_batch.stream is 0 */
+    bool is_divisible;      /* it takes kiln_batch.first_sample; else that is 0 */
     bool reads_radiosity;   /* kiln_backend_set_radiosity must come before it */
     /* A rank may run it over tile runs of another rank of its node (work stealing): it needs no more than that rank's
      * surface, and nothing that the ranks exchange hangs on who ran it. */
@@ -89,6 +90,9 @@ struct kiln_batch {
     const struct kiln_vec3 *positions; /* `count` positions, m from the scene's centre; NULL for tile runs */
     uint32_t stream;                   /* tells runs of one pass apart in the random numbers */
     uint32_t samples;                  /* of every point or position */
+    /* The samples are numbers first_sample, first_sample + 1, ... of an endless sequence: batches that share an item's
+     * sequence out in stretches have samples that are as well distributed together as those of one batch. */
+    uint32_t first_sample;
     /* NULL: all items have `samples`. Else `count` numbers, one an item, for adaptive sampling; an item with 0 is left
      * out (its results are not computed and not taken). An item's results are the same bits as in a batch where all
      * items have its number of samples. Backends never see this array: kiln_backend_run cuts the batch into stretches

@@ -5,6 +5,7 @@
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/cells/tail.h"
 #include "coordinator/integrate/cells/take.h"
+#include "coordinator/integrate/parts.h"
 #include "coordinator/integrate/radiosity_exchange.h"
 
 /* in the order of KILN_CELLS_DIRECT, ... */
@@ -16,8 +17,10 @@ static const struct kiln_role roles[] = {
 static void begin_step(struct kiln_integration *in, struct kiln_step_report *last, const struct kiln_step *step)
 {
     const struct kiln_rank_data *own = in->solution->own;
-    if (step->role == KILN_CELLS_DIRECT)
+    if (step->role == KILN_CELLS_DIRECT) {
+        kiln_ledger_forget_groups(in->ledger);
         return;
+    }
     if (in->settings->schedule == KILN_SCHEDULE_EQUAL) {
         if (step->bounce == 1) /* the sum is of irradiance now, and of bounces only */
             memset(own->sum, 0, 3 * own->surface.count * sizeof *own->sum);
@@ -35,6 +38,7 @@ static void begin_step(struct kiln_integration *in, struct kiln_step_report *las
 static int end_step(struct kiln_integration *in, struct kiln_step_reports *reports, struct kiln_error *error)
 {
     struct kiln_step_report *last = &reports->of[reports->count - 1];
+    const struct kiln_step_reports part = kiln_part_reports(reports);
     const struct kiln_rank_data *own = in->solution->own;
     if (in->settings->bounces == 0) /* there is no indirect light */
         memset(own->sum, 0, 3 * own->surface.count * sizeof *own->sum);
@@ -42,7 +46,7 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
         kiln_tail_note_left(&in->solution->report);
     const bool decides = in->settings->schedule == KILN_SCHEDULE_LEAN && in->settings->bounces < 0 &&
                          last->step.role != KILN_CELLS_FINAL;
-    return decides ? kiln_tail_measure(in, reports, &last->tail_error, error) : KILN_OK;
+    return decides ? kiln_tail_measure(in, &part, &last->tail_error, error) : KILN_OK;
 }
 
 const struct kiln_integrator kiln_integrator_cells = {.name = "cells",

@@ -4,6 +4,7 @@
 
 #include "coordinator/field/radiosity_allgather.h"
 #include "coordinator/integrate/cells/schedule.h"
+#include "coordinator/integrate/parts.h"
 #include "worker/scene/radiosity.h"
 
 int kiln_tail_measure(const struct kiln_integration *in, const struct kiln_step_reports *reports, double *tail_error,
@@ -44,11 +45,12 @@ static double error_of_all(const struct kiln_tail_fit *fit, double share, bool l
 /* The sum of q + q^2 + ... for each channel's own ratio q. */
 static void find_factors(struct kiln_integrate_report *r, float factor[3])
 {
-    const struct kiln_step_report *reports = r->steps.of;
-    const size_t last = r->steps.count - 1;
+    const struct kiln_step_reports part = kiln_part_reports(&r->steps);
+    const struct kiln_step_report *reports = part.of;
+    const size_t last = part.count - 1;
     double tail[3], total[3] = {0};
     struct kiln_tail_fit fit;
-    kiln_cells_fit_tail(reports, r->steps.count, &fit);
+    kiln_cells_fit_tail(reports, part.count, &fit);
     for (int c = 0; c < 3; c++) {
         const double now = reports[last].energy.reflected[c],
                      before = last > 0 ? reports[last - 1].energy.reflected[c] : 0.0;
@@ -68,12 +70,13 @@ static void find_factors(struct kiln_integrate_report *r, float factor[3])
 void kiln_tail_note_left(struct kiln_integrate_report *r)
 {
     struct kiln_tail_fit fit;
-    const struct kiln_step_report *reports = r->steps.of;
-    kiln_cells_fit_tail(reports, r->steps.count, &fit);
+    const struct kiln_step_reports part = kiln_part_reports(&r->steps);
+    const struct kiln_step_report *reports = part.of;
+    kiln_cells_fit_tail(reports, part.count, &fit);
     const double q = fmin(kiln_luminance(fit.ratio), KILN_TAIL_RATIO_MOST),
-                 left = kiln_luminance(reports[r->steps.count - 1].energy.reflected) * q / (1.0 - q);
+                 left = kiln_luminance(reports[part.count - 1].energy.reflected) * q / (1.0 - q);
     double all = left;
-    for (size_t i = 0; i < r->steps.count; i++)
+    for (size_t i = 0; i < part.count; i++)
         all += kiln_luminance(reports[i].energy.reflected);
     r->tail_error = error_of_all(&fit, all > 0.0 ? left / all : 0.0, true);
 }

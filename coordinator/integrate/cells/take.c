@@ -1,15 +1,16 @@
 #include "coordinator/integrate/cells/take.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/packing.h"
+#include "coordinator/integrate/parts.h"
 #include "worker/scene/radiosity.h"
 
 static void set(float *values, struct kiln_own_point own, const float rgb[3])
 {
-    for (uint64_t c = 0; c < 3; c++)
-        values[3 * own.at + c] = rgb[c];
+    memcpy(values + 3 * own.at, rgb, 3 * sizeof *rgb);
 }
 
 static void add(float *values, struct kiln_own_point own, const float rgb[3])
@@ -27,20 +28,28 @@ static void add_error(uint16_t *errors, struct kiln_own_point own, float error)
     errors[own.at] = kiln_error_pack((float)sqrt(before * before + (double)error * (double)error));
 }
 
-/* That of the direct light begins a point's errors. */
-static void set_errors(const struct kiln_rank_data *data, struct kiln_own_point own, float error)
+/* That of the direct light begins a point's errors in a part. */
+static void mix_error(uint16_t *errors, struct kiln_own_point own, float error, uint32_t part)
 {
-    data->error[own.at] = kiln_error_pack(error);
-    if (data->error_direct != NULL)
-        data->error_direct[own.at] = data->error[own.at];
-    if (data->error_indirect != NULL)
-        data->error_indirect[own.at] = 0;
+    if (errors != NULL)
+        errors[own.at] =
+            kiln_error_pack((float)kiln_part_mix_error((double)kiln_error_unpack(errors[own.at]), (double)error, part));
 }
 
-static void add_indirect_error(const struct kiln_rank_data *data, struct kiln_own_point own, float error)
+static void begin_errors(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
+                         float error)
 {
-    add_error(data->error, own, error);
-    add_error(data->error_indirect, own, error);
+    mix_error(data->error, own, error, t->step->part);
+    mix_error(data->error_direct, own, error, t->step->part);
+    mix_error(data->error_indirect, own, 0.0f, t->step->part);
+}
+
+static void add_indirect_error(const struct kiln_taking *t, const struct kiln_rank_data *data,
+                               struct kiln_own_point own, float error)
+{
+    const float share = error / (float)(t->step->part + 1); /* of the mean over the parts so far */
+    add_error(data->error, own, share);
+    add_error(data->error_indirect, own, share);
 }
 
 /* Enters a point's answer. `radiosity` is what the point sends by it. */
@@ -49,21 +58,22 @@ static void enter(const struct kiln_taking *t, const struct kiln_rank_data *data
 {
     switch (t->step->role) {
     case KILN_CELLS_DIRECT:
-        set(data->direct, own, r->irradiance);
+        kiln_part_mix(data->direct + 3 * own.at, r->irradiance, 3, t->step->part);
+        kiln_part_add(data, own, kiln_luminance_in_float(r->irradiance), t->step->part);
         set(data->sum, own, radiosity);
-        set_errors(data, own, r->error);
+        begin_errors(t, data, own, r->error);
         break;
     case KILN_CELLS_BOUNCE:
         if (t->settings->schedule == KILN_SCHEDULE_LEAN) {
             add(data->sum, own, radiosity);
         } else { /* every bounce's irradiance counts as it is */
             add(data->sum, own, r->irradiance);
-            add_indirect_error(data, own, r->error);
+            add_indirect_error(t, data, own, r->error);
         }
         break;
     case KILN_CELLS_FINAL: /* replaces the sum that it was gathered from, which everybody has packed by now */
         set(data->sum, own, r->irradiance);
-        add_indirect_error(data, own, r->error);
+        add_indirect_error(t, data, own, r->error);
         break;
     }
 }

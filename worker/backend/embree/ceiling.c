@@ -16,7 +16,7 @@ int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch,
 {
     struct embree_backend *b = (struct embree_backend *)backend;
     struct tile_run_rays *r = NULL;
-    const int status = rays_create(&r, RAYS_HALF_WAY, INFINITY, batch->samples, error);
+    const int status = rays_create(&r, RAYS_HALF_WAY, INFINITY, batch, error);
     if (status != KILN_OK)
         return status;
     const unsigned saved = embree_enter();

@@ -70,7 +70,7 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     for (uint32_t d = 0; d < KILN_DIMENSIONS && status == KILN_OK; d++) {
         status = kiln_allocate(&w->sobol[d], w->table_size, sizeof(uint32_t), "the samples of a pass", error);
         for (uint32_t k = 0; status == KILN_OK && k < w->table_size; k++)
-            w->sobol[d][k] = kiln_sobol(k, d);
+            w->sobol[d][k] = kiln_sobol(part->first_sample + k, d);
     }
     if (status == KILN_OK)
         status = kiln_allocate(&w->sequence_points, (size_t)SEQUENCES * KILN_DIMENSIONS * w->table_size,

@@ -45,7 +45,7 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     int status = kiln_allocate(&w, 1, sizeof *w, "the directional pass", error);
     *work = w;
     if (status == KILN_OK)
-        status = rays_create(&w->rays, RAYS_UNIFORM, INFINITY, part->samples, error);
+        status = rays_create(&w->rays, RAYS_UNIFORM, INFINITY, part, error);
     if (status == KILN_OK)
         status = kiln_allocate(&w->choices, light_choices_room(b->params.lights), sizeof *w->choices,
                                "the light choices", error);

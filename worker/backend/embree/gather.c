@@ -39,7 +39,7 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     if (status != KILN_OK)
         return status;
     w->stream = part->stream;
-    status = rays_create(&w->rays, RAYS_HALF_WAY, INFINITY, part->samples, error);
+    status = rays_create(&w->rays, RAYS_HALF_WAY, INFINITY, part, error);
     if (status != KILN_OK)
         work_destroy(work);
     return status;

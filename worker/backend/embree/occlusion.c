@@ -34,7 +34,7 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     int status = kiln_allocate(&w, 1, sizeof *w, "the occlusion pass", error);
     *work = w;
     if (status == KILN_OK)
-        status = rays_create(&w->rays, RAYS_SHADING, (float)p->distance, part->samples, error);
+        status = rays_create(&w->rays, RAYS_SHADING, (float)p->distance, part, error);
     if (status != KILN_OK)
         work_destroy(work);
     return status;

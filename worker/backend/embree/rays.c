@@ -34,9 +34,10 @@ static void start_packets(struct tile_run_rays *r)
         }
 }
 
-int rays_create(struct tile_run_rays **rays, enum rays_distribution distribution, float distance, uint32_t samples,
-                struct kiln_error *error)
+int rays_create(struct tile_run_rays **rays, enum rays_distribution distribution, float distance,
+                const struct kiln_batch *batch, struct kiln_error *error)
 {
+    const uint32_t samples = batch->samples;
     int status = kiln_allocate(rays, 1, sizeof **rays, "the rays of a pass", error);
     if (status == KILN_OK)
         status = kiln_allocate(&(*rays)->quarter_of, samples, sizeof(uint8_t), "the samples of a pass", error);
@@ -48,7 +49,7 @@ int rays_create(struct tile_run_rays **rays, enum rays_distribution distribution
         if (status == KILN_OK)
             status = kiln_allocate(&(*rays)->scrambled[d], numbers, sizeof(uint32_t), "the samples of a tile", error);
         for (uint32_t k = 0; status == KILN_OK && k < numbers; k++)
-            (*rays)->sobol[d][k] = kiln_sobol(k, (uint32_t)d);
+            (*rays)->sobol[d][k] = kiln_sobol(batch->first_sample + k, (uint32_t)d);
     }
     if (status != KILN_OK) {
         rays_destroy(rays);
@@ -57,6 +58,7 @@ int rays_create(struct tile_run_rays **rays, enum rays_distribution distribution
     (*rays)->distribution = distribution;
     (*rays)->distance = distance;
     (*rays)->samples = samples;
+    (*rays)->first_sample = batch->first_sample;
     (*rays)->shared_digits = kiln_shared_digits(samples);
     (*rays)->reuse = kiln_position_reuse(samples);
     start_packets(*rays);
@@ -246,7 +248,7 @@ uint32_t rays_make(struct tile_run_rays *r, const struct embree_backend *b, uint
             make_cosine_rays(r, c * count, (c + 1) * count, numbers);
     }
     for (uint32_t l = 0; l < copies * count && embree_blends(b); l++)
-        r->seed[l] = kiln_gather_ray_seed(r->chance[l], first + r->copy[l]);
+        r->seed[l] = kiln_gather_ray_seed(r->chance[l], r->first_sample + first + r->copy[l]);
     fill_packets(r, copies * count);
     return copies * count;
 }

@@ -23,7 +23,7 @@ struct tile_run_rays {
     struct tile_run_frame frame;
     enum rays_distribution distribution;
     float distance; /* m: no ray goes farther */
-    uint32_t samples, copies, lanes, shared_digits;
+    uint32_t samples, first_sample, copies, lanes, shared_digits;
     uint8_t *quarter_of; /* of a sample */
     uint32_t point[RAY_LANES], copy[RAY_LANES];
     /* of the step made last */
@@ -50,9 +50,9 @@ struct tile_run_rays {
     uint32_t *sobol[4], *scrambled[4];
 };
 
-/* Rays with `samples` of a point. Destroy with rays_destroy. */
-int rays_create(struct tile_run_rays **rays, enum rays_distribution distribution, float distance, uint32_t samples,
-                struct kiln_error *error);
+/* Rays with the samples of a batch. Destroy with rays_destroy. */
+int rays_create(struct tile_run_rays **rays, enum rays_distribution distribution, float distance,
+                const struct kiln_batch *batch, struct kiln_error *error);
 void rays_destroy(struct tile_run_rays **rays);
 
 /* Begins a tile run, with the random numbers of `stream`; `wish` is that of its frame. Returns the number of its steps,

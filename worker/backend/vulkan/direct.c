@@ -41,7 +41,8 @@ struct direct {
 static int prepare(void *context, struct kiln_error *error)
 {
     struct direct *d = context;
-    int status = vulkan_sobol(d->b, d->samples + 1, error); /* a lone choice gets all samples, rounded up at most */
+    /* a lone choice gets all samples, rounded up at most */
+    int status = vulkan_sobol(d->b, d->batch->first_sample + d->samples + 1, error);
     if (status == KILN_OK)
         status = vulkan_kernel_of(d->b, &choose_shader, false, 0, &d->choose, error);
     if (status == KILN_OK)
@@ -64,7 +65,7 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     const struct kiln_gpu_direct_push push = {.scene = d->b->scene.address,
                                               .chunk = chunk->all,
                                               .pass = {.results = chunk->results,
-                                                       .sobol = d->b->sobol.address,
+                                                       .sobol = vulkan_sobol_from(d->b, d->batch),
                                                        .scratch = chunk->scratch,
                                                        .rays = chunk->words,
                                                        .room = chunk->all.total,

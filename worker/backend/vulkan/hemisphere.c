@@ -26,7 +26,7 @@ static void constants_of(const struct hemisphere *h, const struct vulkan_chunk *
     const uint32_t samples = h->batch->samples;
     *constants = (struct constants){.shared = {.scene = h->b->scene.address,
                                                .chunk = chunk->all,
-                                               .hemisphere = {.sobol = h->b->sobol.address,
+                                               .hemisphere = {.sobol = vulkan_sobol_from(h->b, h->batch),
                                                               .slices = chunk->scratch,
                                                               .samples = samples,
                                                               .stream = h->pass->stream,
@@ -35,7 +35,8 @@ static void constants_of(const struct hemisphere *h, const struct vulkan_chunk *
                                                               .per_quarter = h->slices.per_quarter,
                                                               .row_first = chunk->row_first,
                                                               .slice = h->slices.samples,
-                                                              .row_step = h->slices.split}}};
+                                                              .row_step = h->slices.split,
+                                                              .first_sample = h->batch->first_sample}}};
     if (h->pass->own != NULL)
         memcpy(constants->own, h->pass->own, h->pass->own_bytes);
 }
@@ -99,7 +100,7 @@ static int prepare(void *context, struct kiln_error *error)
     struct hemisphere *h = context;
     const struct vulkan_hemisphere *pass = h->pass;
     /* a lone light gets as many samples as there are rays, rounded up at most */
-    int status = vulkan_sobol(h->b, h->batch->samples + (pass->counts_rays ? 1 : 0), error);
+    int status = vulkan_sobol(h->b, h->batch->first_sample + h->batch->samples + (pass->counts_rays ? 1 : 0), error);
     if (status == KILN_OK)
         status = vulkan_kernel_of(h->b, pass->shader, false, pass->constant, &h->whole, error);
     if (status == KILN_OK)

@@ -125,6 +125,11 @@ int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error);
 
 /* Sobol' points 0 .. count-1 of all dimensions on the device: dimension d from word d * b->sobol_count on. */
 int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *error);
+/* The address of the point of the batch's first sample in dimension 0. */
+static inline uint64_t vulkan_sobol_from(const struct vulkan_backend *b, const struct kiln_batch *batch)
+{
+    return b->sobol.address + batch->first_sample * sizeof(uint32_t);
+}
 
 /* How each quarter of a point's samples is dealt out: `per_quarter` slices of `samples` each, one a thread. Of a partly
  * buried point each slice goes to `split` threads, which divides `samples`: a software device ends a thread's loops
