@@ -58,6 +58,7 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
                                             .stop = kiln_control_stop(b->control)};
     const struct kiln_output_params params = {.directory = b->job->output,
                                               .half = b->job->half,
+                                              .parts = kiln_job_parts(b->job) > 1,
                                               .denoise = kiln_job_denoises(b->job),
                                               .stitch = b->job->stitch,
                                               .faults = &b->job->faults,

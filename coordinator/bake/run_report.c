@@ -158,14 +158,14 @@ static json_t *steps_json(const struct kiln_integrate_report *t, const uint64_t 
         const struct kiln_step_report *p = &t->steps.of[i];
         if ((p->step.quantity != NULL) != quantities)
             continue;
-        json_array_append_new(
-            array, json_pack("{s:s, s:i, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
-                             t->roles.of[p->step.role]->kind, "part", (int)p->step.part, "bounce",
-                             (int)p->step.bounce, "samples",
-                             (int)p->step.samples, "seconds", p->seconds, "exchange_seconds", p->exchange_seconds,
-                             "device_seconds", p->device_seconds, "energy", kiln_luminance(p->energy.incident),
-                             "incident", rgb_json(p->energy.incident), "reflected", rgb_json(p->energy.reflected),
-                             "stolen_points", (json_int_t)stolen[i], "rebalance", rebalance_json(&p->balance)));
+        json_array_append_new(array, json_pack("{s:s, s:i, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
+                                               t->roles.of[p->step.role]->kind, "part", (int)p->step.part, "bounce",
+                                               (int)p->step.bounce, "samples", (int)p->step.samples, "seconds",
+                                               p->seconds, "exchange_seconds", p->exchange_seconds, "device_seconds",
+                                               p->device_seconds, "energy", kiln_luminance(p->energy.incident),
+                                               "incident", rgb_json(p->energy.incident), "reflected",
+                                               rgb_json(p->energy.reflected), "stolen_points", (json_int_t)stolen[i],
+                                               "rebalance", rebalance_json(&p->balance)));
     }
     return array;
 }
@@ -234,6 +234,8 @@ static json_t *objects_json(const struct kiln_run *run)
             "border_texels", r->border, "border_disturbed", r->border_disturbed, "seam_before",
             r->seam_difference_before, "seam_after", r->seam_difference_after, "texels_per_metre", r->texels_per_metre,
             "mean", r->mean, "relative_error", r->error);
+        if (kiln_job_parts(run->job) > 1)
+            json_object_set_new(object, "mean_error", json_real(r->mean_error));
         if (scene->objects[i].source_node != KILN_NONE) { /* the source is glTF */
             json_object_set_new(object, "node", json_integer((json_int_t)scene->objects[i].source_node));
             json_object_set_new(object, "mesh", json_integer((json_int_t)scene->objects[i].source_mesh));

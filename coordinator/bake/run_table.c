@@ -300,6 +300,22 @@ static void print_memory(FILE *stream, const json_t *report)
     (void)fputc('\n', stream);
 }
 
+/* Of a bake in parts: how well the objects' means are known. */
+static void print_mean_errors(FILE *stream, const json_t *report)
+{
+    const json_t *object, *worst = NULL;
+    size_t index;
+    json_array_foreach(json_object_get(report, "objects"), index, object)
+    {
+        if (json_object_get(object, "mean_error") != NULL &&
+            (worst == NULL || number_of(object, "mean_error") > number_of(worst, "mean_error")))
+            worst = object;
+    }
+    if (worst != NULL)
+        (void)fprintf(stream, "standard error of an object's mean %.3f %% at most (%s)\n",
+                      100.0 * number_of(worst, "mean_error"), json_string_value(json_object_get(worst, "name")));
+}
+
 static void print_reached(FILE *stream, const json_t *report)
 {
     const json_t *points = json_object_get(report, "points");
@@ -310,6 +326,7 @@ static void print_reached(FILE *stream, const json_t *report)
     (void)fprintf(stream, "standard error %.3f %% of the mean; energy balanced to %.3f %% of what was emitted\n",
                   100.0 * json_number_value(json_object_get(json_object_get(report, "error"), "mean_relative")),
                   100.0 * json_number_value(json_object_get(json_object_get(report, "energy"), "relative_residual")));
+    print_mean_errors(stream, report);
 }
 
 static void print_denoising(FILE *stream, const json_t *report)

@@ -272,9 +272,10 @@ static const struct kiln_field table[] = {
      .saved = KILN_FIELD_SAVED,
      .high = INFINITY,
      .dataset = "/irradiance/parts",
-     .description = "luminance of total as each of four independent parts of the bake found it; total is their mean, and "
-                    "the standard error of the mean over any set of points follows from what their means over it "
-                    "differ by (Student's t, 3 degrees of freedom)",
+     .description =
+         "luminance of total as each of four independent parts of the bake found it; total is their mean, and "
+         "the standard error of the mean over any set of points follows from what their means over it "
+         "differ by (Student's t, 3 degrees of freedom)",
      .noisy = true,
      .present = wants_parts},
     /* scratch of a step */

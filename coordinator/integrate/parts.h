@@ -1,6 +1,6 @@
 /* Parts: a bake that is to know its errors solves the light several times, each time from the beginning, with a share
- * of the samples. What the parts find is averaged; what they differ by shows the error of the average, with all noise of
- * the bounces, which neighbouring texels share and which no texel can tell from its own samples.
+ * of the samples. What the parts find is averaged; what they differ by shows the error of the average, with all noise
+ * of the bounces, which neighbouring texels share and which no texel can tell from its own samples.
  *
  * Part k of K takes samples k n / K to (k + 1) n / K - 1 of a step with n samples (kiln_batch.first_sample): all parts
  * together have the samples that one solve would have, and each has one at least. An integrator solves a part as it

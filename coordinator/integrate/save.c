@@ -12,7 +12,7 @@
 #define WRITE_BYTES 20e6 /* a second, at the slowest disk that is not taken for a dead one */
 
 enum { STEPS_MOST = KILN_PARTS * 10002 }; /* with the most bounces that can be asked for */
-enum { OTHER_BLOCKS = 12 };  /* besides the fields: those listed here, and what kiln_integrate_save adds */
+enum { OTHER_BLOCKS = 12 };               /* besides the fields: those listed here, and what kiln_integrate_save adds */
 static_assert((int)KILN_FIELDS_MAX + (int)OTHER_BLOCKS <= (int)KILN_BLOCKS_MAX, "a checkpoint has room for all fields");
 
 /* ---- records ----

@@ -13,6 +13,7 @@
 struct kiln_output_params {
     const char *directory;
     bool half, stitch;
+    bool parts;             /* the bake is one in parts: its fields have what each of them found */
     bool denoise;           /* the bake's fields must have the errors of direct and of indirect light */
     uint64_t least_divided; /* texels from which on several ranks may pack a lightmap; 0: KILN_STRIPS_LEAST */
     /* kiln_provenance: one JSON object without time stamps, stored as an attribute of the HDF5 files */

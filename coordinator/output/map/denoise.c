@@ -68,13 +68,29 @@ static void square_plane(float *values, size_t count)
         values[i] *= values[i];
 }
 
+/* What of the error's square neighbours share, as they share the noise of the bounces that they gather: no regression
+ * takes that out. Of a bake in parts the error knows of it, while the errors of direct and of indirect light are those
+ * of a point's own samples. */
+static float shared_part(const struct kiln_neighbour_grid *grid, const struct kiln_regression_light lights[2],
+                         const float *error)
+{
+    double all = 0.0, own = 0.0;
+    for (size_t i = 0; i < grid->count; i++) {
+        const uint32_t at = grid->points[i].index;
+        all += (double)error[at] * (double)error[at];
+        own += (double)lights[0].variance[at] + (double)lights[1].variance[at];
+    }
+    return all > own ? (float)(1.0 - own / all) : 0.0f;
+}
+
 /* The error of the sum of both: what is left, and never more than it was. */
 static void state_error(const struct kiln_neighbour_grid *grid, const struct kiln_regression_light lights[2],
-                        float *error)
+                        float shared, float *error)
 {
     for (size_t i = 0; i < grid->count; i++) {
         const uint32_t at = grid->points[i].index;
-        error[at] = fminf(error[at], sqrtf(lights[0].variance[at] + lights[1].variance[at]));
+        error[at] =
+            fminf(error[at], sqrtf(lights[0].variance[at] + lights[1].variance[at] + shared * error[at] * error[at]));
     }
 }
 
@@ -84,10 +100,11 @@ static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid 
     find_lights(work, lights);
     for (int l = 0; l < 2; l++)
         square_plane(lights[l].variance, kiln_map_texels(work->map));
+    const float shared = work->params->parts ? shared_part(grid, lights, work->map->planes[KILN_MAP_ERROR]) : 0.0f;
     const int status = kiln_regression_run(grid, lights, 2, error);
     if (status != KILN_OK)
         return status;
-    state_error(grid, lights, work->map->planes[KILN_MAP_ERROR]);
+    state_error(grid, lights, shared, work->map->planes[KILN_MAP_ERROR]);
     for (int l = 0; l < 2; l++) {
         work->report->noise_before[l] = lights[l].before;
         work->report->noise_after[l] = lights[l].after;

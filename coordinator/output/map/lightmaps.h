@@ -14,6 +14,7 @@ struct kiln_lightmap_report {
     double texels_per_metre;                              /* density that the object really has */
     /* over valid texels: mean luminance of irradiance, by area; root mean square of its standard error / that mean */
     double mean, error;
+    double mean_error; /* of a bake in parts (integrate/parts.h): standard error of the mean / the mean; else 0 */
     /* denoising: sums over gathered texels of area x variance of luminance, as gathered and what is left, of direct and
      * of indirect light; time */
     double noise_before[2], noise_after[2], denoise_seconds;

@@ -1,6 +1,6 @@
-/* A map stage is one operation on an object's lightmap, between the gathered points and the image: measure, denoise,
- * fill, borders, seams, directions, dilate. Each is a struct in a file of its own. The table of all, in the order in
- * which they run, is stages.c; the writer of lightmaps walks it and knows no stage by name.
+/* A map stage is one operation on an object's lightmap, between the gathered points and the image: measure, mean
+ * error, denoise, fill, borders, seams, directions, dilate. Each is a struct in a file of its own. The table of all, in
+ * the order in which they run, is stages.c; the writer of lightmaps walks it and knows no stage by name.
  *
  * A new stage is such a file, its line below, and a line in the table. Its row says what it reads besides the planes of
  * light, area, coverage and state, which every map has. A field that it names is sent with the texels even if no
@@ -52,8 +52,8 @@ struct kiln_map_stage {
     int (*run)(struct kiln_map_work *work, struct kiln_error *error);
 };
 
-extern const struct kiln_map_stage kiln_map_stage_measure, kiln_map_stage_denoise, kiln_map_stage_fill,
-    kiln_map_stage_borders, kiln_map_stage_seams, kiln_map_stage_directions, kiln_map_stage_dilate;
+extern const struct kiln_map_stage kiln_map_stage_measure, kiln_map_stage_mean_error, kiln_map_stage_denoise,
+    kiln_map_stage_fill, kiln_map_stage_borders, kiln_map_stage_seams, kiln_map_stage_directions, kiln_map_stage_dilate;
 
 /* All stages in their order, ended by NULL. */
 extern const struct kiln_map_stage *const kiln_map_stages[];

@@ -6,8 +6,9 @@
  * seams need every surface texel, and which texel a margin texel is a copy of; directions that were mixed get their
  * length back; the copies are made last. */
 const struct kiln_map_stage *const kiln_map_stages[] = {
-    &kiln_map_stage_measure, &kiln_map_stage_denoise,    &kiln_map_stage_fill,   &kiln_map_stage_borders,
-    &kiln_map_stage_seams,   &kiln_map_stage_directions, &kiln_map_stage_dilate, NULL};
+    &kiln_map_stage_measure,    &kiln_map_stage_mean_error, &kiln_map_stage_denoise,
+    &kiln_map_stage_fill,       &kiln_map_stage_borders,    &kiln_map_stage_seams,
+    &kiln_map_stage_directions, &kiln_map_stage_dilate,     NULL};
 
 static bool is_wanted(const struct kiln_map_stage *stage, const struct kiln_output_params *params)
 {
