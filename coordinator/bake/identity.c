@@ -31,7 +31,8 @@ static const char *const counting[] = {"environment",
                                        "cell-size",
                                        "partition",
                                        "exchange",
-                                       "error-map"};
+                                       "error-map",
+                                       "target-error"};
 /* Options that affect only the probes. */
 static const char *const probing[] = {"probe-spacing", "samples-probe"};
 /* Options that affect neither: devices, speed, limits, messages and output files. --quality is covered by the sample

@@ -15,6 +15,7 @@ struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, u
         .compact = kiln_exchange_is_compact(job->exchange, points),
         .seed = job->seed,
         .parts = kiln_job_parts(job),
+        .target_error = job->target_error,
         .occlusion = job->occlusion.distance > 0.0 ? &job->occlusion : NULL,
         .directional = (enum kiln_directional)job->directional,
         .work_stealing = job->work_stealing,

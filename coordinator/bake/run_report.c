@@ -179,6 +179,21 @@ static json_t *energy_json(const struct kiln_energy *e, const struct kiln_units 
                      e->relative);
 }
 
+/* What has become of --target-error: after the last round of parts. */
+static void add_target(const struct kiln_run *run, json_t *json)
+{
+    const struct kiln_step_reports *steps = &run->solution->report.steps;
+    size_t last = steps->count;
+    while (last > 0 && steps->of[last - 1].step.quantity != NULL)
+        last--;
+    if (!(run->job->target_error > 0.0) || last == 0)
+        return;
+    (void)json_object_set_new(json, "target", json_real(run->job->target_error));
+    (void)json_object_set_new(json, "above_target", json_real(steps->of[last - 1].unfinished));
+    (void)json_object_set_new(json, "rounds",
+                              json_integer((json_int_t)(steps->of[last - 1].step.part / KILN_PARTS + 1)));
+}
+
 /* Collective. Means over all points of the irradiance and of its standard error, luminance. */
 static json_t *error_json(const struct kiln_run *run)
 {
@@ -197,8 +212,10 @@ static json_t *error_json(const struct kiln_run *run)
     }
     (void)MPI_Allreduce(MPI_IN_PLACE, sums, 3, MPI_DOUBLE, MPI_SUM, run->prepared->communicator);
     const double mean = sums[2] > 0.0 ? sums[1] / sums[2] : 0.0, rms = sums[2] > 0.0 ? sqrt(sums[0] / sums[2]) : 0.0;
-    return json_pack("{s:f, s:f, s:f}", "mean_irradiance", mean, "rms_standard_error", rms, "mean_relative",
-                     mean > 0.0 ? rms / mean : 0.0);
+    json_t *json = json_pack("{s:f, s:f, s:f}", "mean_irradiance", mean, "rms_standard_error", rms, "mean_relative",
+                             mean > 0.0 ? rms / mean : 0.0);
+    add_target(run, json);
+    return json;
 }
 
 /* Adds the lightmap of the object's back, if one is published. */

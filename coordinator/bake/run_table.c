@@ -316,6 +316,15 @@ static void print_mean_errors(FILE *stream, const json_t *report)
                       100.0 * number_of(worst, "mean_error"), json_string_value(json_object_get(worst, "name")));
 }
 
+static void print_target(FILE *stream, const json_t *error)
+{
+    if (json_object_get(error, "target") != NULL)
+        (void)fprintf(stream,
+                      "%.2f %% of the surface points are above the target error of %.3g %%, after %.0f round%s\n",
+                      100.0 * number_of(error, "above_target"), 100.0 * number_of(error, "target"),
+                      number_of(error, "rounds"), number_of(error, "rounds") > 1.0 ? "s" : "");
+}
+
 static void print_reached(FILE *stream, const json_t *report)
 {
     const json_t *points = json_object_get(report, "points");
@@ -327,6 +336,7 @@ static void print_reached(FILE *stream, const json_t *report)
                   100.0 * json_number_value(json_object_get(json_object_get(report, "error"), "mean_relative")),
                   100.0 * json_number_value(json_object_get(json_object_get(report, "energy"), "relative_residual")));
     print_mean_errors(stream, report);
+    print_target(stream, json_object_get(report, "error"));
 }
 
 static void print_denoising(FILE *stream, const json_t *report)

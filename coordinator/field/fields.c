@@ -16,6 +16,7 @@ static bool wants_occlusion(const struct kiln_job *job) { return job->occlusion.
 static bool wants_harmonics(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_SH1; }
 static bool wants_dominant(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_DOMINANT; }
 static bool wants_parts(const struct kiln_job *job) { return kiln_job_parts(job) > 1; }
+static bool wants_target(const struct kiln_job *job) { return job->target_error > 0.0; }
 static bool wants_errors_apart(const struct kiln_job *job) { return job->error_map || kiln_job_denoises(job); }
 
 static const char *const total_channels[] = {"R", "G", "B"};
@@ -278,6 +279,16 @@ static const struct kiln_field table[] = {
          "differ by (Student's t, 3 degrees of freedom)",
      .noisy = true,
      .present = wants_parts},
+    {.name = "final_samples",
+     .unit = "1",
+     .type = KILN_FIELD_UINT32,
+     .components = 1,
+     .domain = KILN_DOMAIN_TILE_RUN,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(final_samples),
+     .saved = KILN_FIELD_SAVED,
+     .high = INFINITY,
+     .present = wants_target},
     /* scratch of a step */
     {.name = "next",
      .type = KILN_FIELD_RADIOSITY,

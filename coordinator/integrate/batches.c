@@ -121,6 +121,16 @@ static const uint32_t *samples_from(const struct kiln_batches *b, size_t first)
     return (const uint32_t *)kiln_rank_field(b->data, fields, place) + first;
 }
 
+/* Points of the range that the step leaves out. */
+static uint64_t points_left_out(const struct kiln_batches *b, struct kiln_range range)
+{
+    const uint32_t *samples = samples_from(b, range.first);
+    uint64_t points = 0;
+    for (size_t i = 0; samples != NULL && i < range.count; i++)
+        points += samples[i] == 0 ? b->data->surface.tile_runs[range.first + i].count : 0;
+    return points;
+}
+
 /* Runs the step's pass of the backend. */
 static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct kiln_error *error)
 {
@@ -150,6 +160,8 @@ static int run_batch(struct kiln_batches *b, const struct kiln_rank_data *data, 
     const double start = MPI_Wtime();
     b->since = start;
     const int status = trace_batch(b, range, error);
+    if (data == b->solution->own)
+        b->work->points_done += points_left_out(b, range);
     be_slow(b, MPI_Wtime() - start);
     *seconds = MPI_Wtime() - start;
     kiln_backend_info(p->backend, &end);
@@ -157,7 +169,8 @@ static int run_batch(struct kiln_batches *b, const struct kiln_rank_data *data, 
     kiln_trace_add(p->trace, data == b->solution->own ? KILN_TRACE_BATCH : KILN_TRACE_HELP, "batch", start,
                    start + *seconds, (int64_t)b->points);
     b->report->device_seconds += fmax(0.0, end.device_seconds - begin.device_seconds);
-    note_rate(b, b->points, *seconds);
+    if (b->points > 0)
+        note_rate(b, b->points, *seconds);
     return status;
 }
 

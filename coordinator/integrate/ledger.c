@@ -154,7 +154,8 @@ void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *st
     uint32_t parts = 1;
     open_energy(e, emission);
     for (size_t i = 0; i < steps->count; i++)
-        parts = steps->of[i].step.part + 1 > parts ? steps->of[i].step.part + 1 : parts;
+        if (steps->of[i].step.counted && steps->of[i].step.part + 1 > parts)
+            parts = steps->of[i].step.part + 1;
     for (size_t i = 0; i < steps->count; i++) {
         const double share = 1.0 / parts;
         if (!steps->of[i].step.counted)

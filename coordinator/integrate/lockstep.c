@@ -75,12 +75,16 @@ static int begin_step(struct kiln_lockstep *l, const struct kiln_step *step, str
 static void show_step(const struct kiln_lockstep *l, const struct kiln_step *step)
 {
     const struct kiln_role *role = role_of(l, step);
-    const uint32_t parts = step->quantity == NULL ? l->params->settings->parts : 1;
-    char name[64], with_part[96];
+    const bool in_parts = step->quantity == NULL && l->params->settings->parts > 1;
+    char name[64], with_part[128];
     (void)snprintf(name, sizeof name, "%s %u", role->title, step->bounce);
     const char *text = role->numbered ? name : role->title;
-    (void)snprintf(with_part, sizeof with_part, "%s, part %u of %u", text, step->part + 1, parts);
-    kiln_progress_phase(l->params->progress, parts > 1 ? with_part : text, l->params->surface->count);
+    int length =
+        snprintf(with_part, sizeof with_part, "%s, part %u of %d", text, step->part % KILN_PARTS + 1, (int)KILN_PARTS);
+    if (step->part >= KILN_PARTS)
+        (void)snprintf(with_part + length, sizeof with_part - (size_t)length, ", round %u",
+                       step->part / KILN_PARTS + 1);
+    kiln_progress_phase(l->params->progress, in_parts ? with_part : text, l->params->surface->count);
     if (l->work.points_done > 0)
         kiln_progress_advance(l->params->progress, l->work.points_done);
     kiln_control_begin(l->params->control, text);
@@ -102,18 +106,6 @@ static int run_batches(struct kiln_lockstep *l, struct kiln_error *error)
     }
 }
 
-/* When the integrator's last step of a part is done. */
-static void end_part(struct kiln_lockstep *l)
-{
-    const struct kiln_integrate_settings *settings = l->params->settings;
-    const struct kiln_step_reports *steps = &l->solution->report.steps;
-    const uint32_t part = steps->of[steps->count - 1].step.part;
-    struct kiln_step next;
-    const bool more = kiln_parts_next(settings, steps->of, steps->count, &next);
-    if (!more || next.part != part)
-        kiln_part_end(l->solution->own, part, !more);
-}
-
 /* Collective. Adds up over the ranks. */
 static int end_step(struct kiln_lockstep *l, struct kiln_error *error)
 {
@@ -123,7 +115,8 @@ static int end_step(struct kiln_lockstep *l, struct kiln_error *error)
     int status = kiln_ledger_end_step(&l->ledger, p->communicator, &kiln_solution_step(l->solution)->energy, error);
     if (status == KILN_OK && kiln_solution_step(l->solution)->step.quantity == NULL) {
         status = p->settings->integrator->end_step(&l->integration, &r->steps, error);
-        end_part(l);
+        if (status == KILN_OK)
+            status = kiln_part_end(p, l->solution, l->ledger.unit, error);
     }
     kiln_control_blocking(p->control, NULL, 0.0);
     return status;

@@ -2,20 +2,24 @@
  * of the samples. What the parts find is averaged; what they differ by shows the error of the average, with all noise
  * of the bounces, which neighbouring texels share and which no texel can tell from its own samples.
  *
- * Part k of K takes samples k n / K to (k + 1) n / K - 1 of a step with n samples (kiln_batch.first_sample): all parts
- * together have the samples that one solve would have, and each has one at least. An integrator solves a part as it
- * would solve all, and knows nothing of the others. Quantities (quantity.h) are computed once, after the last part.
+ * K = KILN_PARTS parts are a round. In the first round part k takes samples k n / K to (k + 1) n / K - 1 of a step with
+ * n samples (kiln_batch.first_sample; n is rounded up to a multiple of K): all parts together have the samples that one
+ * solve would have. An integrator solves a part as it would solve all, and knows nothing of the others. Quantities
+ * (quantity.h) are computed once, after the last part.
  *
  * The standard error of a mean of K independent values x_k with the mean m is sqrt(sum (x_k - m)^2 / (K (K - 1))). Of
  * four values it is itself off by 40 %, so its square is averaged over the points of the tile run that are at most two
  * texels away. The parts' samples stratify one another, which makes the average better than independent parts would be:
- * the error is stated too large rather than too small. */
+ * the error is stated too large rather than too small.
+ *
+ * With a target error more rounds follow, each with as many samples as all before it, until the error of 95 % of the
+ * points is below the target times the point's luminance, or times a tenth of the mean luminance where that is more. A
+ * tile run is finished when that holds for 95 % of its points: it is left out of terminal steps from then on, and its
+ * results change no more; its radiosity is still part of each solve. The first round alone is in the energy ledger. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PARTS_H
 #define KILN_COORDINATOR_INTEGRATE_PARTS_H
 
-#include "coordinator/field/rank_data.h"
-#include "coordinator/integrate/settings.h"
-#include "coordinator/integrate/step.h"
+#include "coordinator/integrate/integrate.h"
 
 /* The place of the first report of the part that the last of `count` reports is of. */
 size_t kiln_part_first(const struct kiln_step_report *reports, size_t count);
@@ -32,20 +36,35 @@ static inline struct kiln_step_reports kiln_part_reports(const struct kiln_step_
 bool kiln_parts_next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                      size_t count, struct kiln_step *step);
 
-/* Changes the mean over parts 0 .. part - 1 of `components` values to that over parts 0 .. part. */
+/* How many times the samples of a part all parts before it have. */
+static inline uint32_t kiln_part_before(uint32_t part)
+{
+    return part < KILN_PARTS ? part : KILN_PARTS + part % KILN_PARTS;
+}
+/* Changes the mean over all samples before the part to that with the part's values. */
 static inline void kiln_part_mix(float *mean, const float *values, size_t components, uint32_t part)
 {
     for (size_t c = 0; c < components; c++)
-        mean[c] = part == 0 ? values[c] : mean[c] + (values[c] - mean[c]) / (float)(part + 1);
+        mean[c] = part == 0 ? values[c] : mean[c] + (values[c] - mean[c]) / (float)(kiln_part_before(part) + 1);
 }
 /* The standard error of that mean: of the mean before, whose error is `before`, and a value with the error `error`. */
 double kiln_part_mix_error(double before, double error, uint32_t part);
 
-/* Adds a luminance that part `part` found at a point to what it has found there. Nothing where no parts are kept. */
-void kiln_part_add(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance, uint32_t part);
+/* Whether the results of a tile run's points still change in the part. */
+static inline bool kiln_part_changes(const struct kiln_rank_data *data, const struct kiln_tile_run *tile_run,
+                                     uint32_t part)
+{
+    return part < KILN_PARTS || data->final_samples == NULL ||
+           data->final_samples[tile_run - data->surface.tile_runs] > 0;
+}
 
-/* Part `part` is over for all own points: indirect light is taken into its mean. After the last part that is the
- * result, and the parts' spread is the error. */
-void kiln_part_end(const struct kiln_rank_data *own_data, uint32_t part, bool is_last);
+/* What the part finds at a point begins with the luminance of direct light. Nothing where no parts are kept. */
+void kiln_part_begin(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance, uint32_t part);
+
+/* Collective. A step of the integrator is over. If it was the last of its part, indirect light is taken into its mean;
+ * after a round, the error is looked at, in the report of the step; after the last part, the means are the result, and
+ * the parts' spread is the error. `unit` is that of exact sums of power, W. KILN_SYSTEM. */
+int kiln_part_end(const struct kiln_integrate_params *params, struct kiln_solution *solution, double unit,
+                  struct kiln_error *error);
 
 #endif

@@ -31,12 +31,13 @@ static_assert(sizeof(struct saved_state) == 4 * 4 + 8 * 8, "a record has no gaps
 /* The block "steps", once, an element a step: what all ranks have the same of it. */
 struct saved_report {
     uint32_t role, bounce, samples;
-    uint32_t judged, moved, reserved; /* of the balance: 0 or 1; 0 */
+    uint32_t judged, moved; /* of the balance: 0 or 1 */
+    uint32_t out_of_time;   /* 0 or 1 */
     double incident[3], reflected[3], sent[3], escaped[3], blocked[3], glass[3], variance;
-    double tail_error, imbalance, gain, cost;
+    double tail_error, unfinished, imbalance, gain, cost;
     uint64_t points;
 };
-static_assert(sizeof(struct saved_report) == 6 * 4 + 24 * 8, "a record has no gaps");
+static_assert(sizeof(struct saved_report) == 6 * 4 + 25 * 8, "a record has no gaps");
 
 /* The block "own_steps" of each rank, an element a step: what that rank did in it. */
 struct saved_own_step {
@@ -86,6 +87,8 @@ static struct saved_report report_saved(const struct kiln_step_report *r)
                                  .bounce = r->step.bounce,
                                  .samples = r->step.samples,
                                  .tail_error = r->tail_error,
+                                 .unfinished = r->unfinished,
+                                 .out_of_time = r->out_of_time,
                                  .judged = r->balance.judged,
                                  .moved = r->balance.moved,
                                  .variance = e->variance,
@@ -109,6 +112,8 @@ static struct kiln_step_report report_read(const struct saved_report *saved)
 {
     struct kiln_step_report r = {.step = {.role = saved->role, .bounce = saved->bounce, .samples = saved->samples},
                                  .tail_error = saved->tail_error,
+                                 .unfinished = saved->unfinished,
+                                 .out_of_time = saved->out_of_time != 0,
                                  .energy = {.variance = saved->variance},
                                  .balance = {.judged = saved->judged != 0,
                                              .moved = saved->moved != 0,
@@ -373,8 +378,8 @@ static int restore_state(const struct kiln_saved *s, bool *finished, struct kiln
 
 static bool report_is_sane(const struct saved_report *r)
 {
-    bool sane = r->judged <= 1 && r->moved <= 1 && isfinite(r->imbalance) && isfinite(r->gain) && isfinite(r->cost) &&
-                isfinite(r->variance) && isfinite(r->tail_error);
+    bool sane = r->judged <= 1 && r->moved <= 1 && r->out_of_time <= 1 && isfinite(r->imbalance) && isfinite(r->gain) &&
+                isfinite(r->cost) && isfinite(r->variance) && isfinite(r->tail_error) && isfinite(r->unfinished);
     for (int c = 0; c < 3; c++)
         sane = sane && isfinite(r->incident[c]) && isfinite(r->reflected[c]) && isfinite(r->sent[c]) &&
                isfinite(r->escaped[c]) && isfinite(r->blocked[c]) && isfinite(r->glass[c]);

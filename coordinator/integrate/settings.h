@@ -23,7 +23,8 @@ struct kiln_integrate_settings {
     bool compact; /* radiosity travels in 4 bytes a point where an integrator can afford that: kiln_exchange_is_compact
                    */
     uint64_t seed;
-    uint32_t parts; /* that the bake is computed in (parts.h): KILN_PARTS to know its errors, or 1 */
+    uint32_t parts;      /* that the bake is computed in (parts.h): KILN_PARTS to know its errors, or 1 */
+    double target_error; /* relative; parts are added until a texel's error is below it (parts.h); 0: none */
 
     /* which quantities (quantity.h) are computed besides; `next` of an integrator does not read these */
     const struct kiln_occlusion_parameters *occlusion; /* borrowed; NULL: no ambient occlusion */

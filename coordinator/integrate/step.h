@@ -45,8 +45,9 @@ struct kiln_step {
     uint32_t stream; /* tells steps of one pass apart in the random numbers; 0 for a pass without streams */
     /* The radiosity that the step makes is rounded to 4 bytes a point (worker/scene/radiosity.h); else it has 8. */
     bool compact;
-    bool early;   /* and travels while the step goes on, for a step that gathers from it will follow */
-    bool counted; /* in the bake's energy ledger */
+    bool early;    /* and travels while the step goes on, for a step that gathers from it will follow */
+    bool counted;  /* in the bake's energy ledger */
+    bool terminal; /* no step of the integrator gathers from what it makes: points may be left out */
 };
 
 /* What was found after a step about the balance of the ranks, and done; the same on all ranks. */
@@ -70,6 +71,9 @@ struct kiln_step_report {
     /* Root mean square over groups of tiles of the error that a geometric series from this step on would make, relative
      * to what the group reflects in all; 0 where nothing depends on it. */
     double tail_error;
+    /* after the last step of a round of parts (parts.h): share of the points whose error is above the target; else 0 */
+    double unfinished;
+    bool out_of_time; /* and whether another round would hardly end in time */
     struct kiln_step_balance balance;
 };
 

@@ -54,8 +54,9 @@ struct kiln_job {
     bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
     enum kiln_schedule schedule;
     uint32_t samples_direct, samples_bounce, samples_indirect; /* rays for each texel */
-    struct kiln_occlusion_parameters occlusion;                /* distance 0: no ambient occlusion and no bent normal */
-    int directional;                                           /* enum kiln_directional */
+    double target_error;                        /* of a texel, relative: more samples until it is reached; 0: none */
+    struct kiln_occlusion_parameters occlusion; /* distance 0: no ambient occlusion and no bent normal */
+    int directional;                            /* enum kiln_directional */
     uint64_t seed;
 
     /* texels, cells, partition */
@@ -145,7 +146,10 @@ void kiln_job_destroy(struct kiln_job **job);
 
 /* Whether noise is taken out of the lightmaps: what --denoise and --quality say together. */
 enum { KILN_PARTS = 4 }; /* that light is computed in where its errors are to be known (integrate/parts.h) */
-static inline uint32_t kiln_job_parts(const struct kiln_job *job) { return job->error_map ? KILN_PARTS : 1; }
+static inline uint32_t kiln_job_parts(const struct kiln_job *job)
+{
+    return job->error_map || job->target_error > 0.0 ? KILN_PARTS : 1;
+}
 
 static inline bool kiln_job_denoises(const struct kiln_job *job)
 {

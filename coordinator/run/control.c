@@ -347,6 +347,12 @@ double kiln_control_batch_seconds(const struct kiln_control *c)
     return fmax(seconds, 0.02);
 }
 
+double kiln_control_seconds_left(const struct kiln_control *c)
+{
+    return c->params.max_time > 0.0 ? c->params.max_time - (seconds_now(CLOCK_MONOTONIC) - c->monotonic_begin)
+                                    : INFINITY;
+}
+
 enum kiln_event kiln_control_poll(struct kiln_control *c, bool done, double progress, double batch, int failed)
 {
     int complete = 0;

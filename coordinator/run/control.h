@@ -66,6 +66,8 @@ void kiln_control_follow(struct kiln_control *control, struct kiln_progress *pro
 void kiln_control_begin(struct kiln_control *control, const char *phase);
 /* Seconds that a batch should take: one, or less when checkpoints or heartbeats are wanted more often. */
 double kiln_control_batch_seconds(const struct kiln_control *control);
+/* s until the longest time of the run is over; INFINITY: it has none. */
+double kiln_control_seconds_left(const struct kiln_control *control);
 /* Returns at once what this rank has to do now. All ranks get the same events in the same order. `done`: this rank has
  * no more work in the pass. `progress`: fraction of its work that is done, 0 to 1. `batch`: seconds that its last batch
  * took. `failed`: its status; not KILN_OK ends the pass on all ranks. */

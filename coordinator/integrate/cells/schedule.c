@@ -130,6 +130,7 @@ static bool next_lean(const struct kiln_integrate_settings *settings, const stru
     step->samples = more ? bounce_samples(settings, reports, count) : settings->samples_indirect;
     step->stream = more ? step->bounce : KILN_CELLS_FINAL_STREAM;
     step->counted = !more;
+    step->terminal = !more;
     return true;
 }
 

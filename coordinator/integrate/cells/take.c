@@ -47,20 +47,23 @@ static void begin_errors(const struct kiln_taking *t, const struct kiln_rank_dat
 static void add_indirect_error(const struct kiln_taking *t, const struct kiln_rank_data *data,
                                struct kiln_own_point own, float error)
 {
-    const float share = error / (float)(t->step->part + 1); /* of the mean over the parts so far */
+    const float share = error / (float)(kiln_part_before(t->step->part) + 1); /* of the mean over the parts so far */
     add_error(data->error, own, share);
     add_error(data->error_indirect, own, share);
 }
 
-/* Enters a point's answer. `radiosity` is what the point sends by it. */
+/* Enters a point's answer. `radiosity` is what the point sends by it. `counts`: the point's error is not small enough
+ * yet. */
 static void enter(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
-                  const struct kiln_point_result *r, const float radiosity[3])
+                  const struct kiln_point_result *r, const float radiosity[3], bool counts)
 {
     switch (t->step->role) {
     case KILN_CELLS_DIRECT:
-        kiln_part_mix(data->direct + 3 * own.at, r->irradiance, 3, t->step->part);
-        kiln_part_add(data, own, kiln_luminance_in_float(r->irradiance), t->step->part);
         set(data->sum, own, radiosity);
+        if (!counts)
+            break;
+        kiln_part_mix(data->direct + 3 * own.at, r->irradiance, 3, t->step->part);
+        kiln_part_begin(data, own, kiln_luminance_in_float(r->irradiance), t->step->part);
         begin_errors(t, data, own, r->error);
         break;
     case KILN_CELLS_BOUNCE:
@@ -124,6 +127,7 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
 {
     const struct kiln_point_result *results = answers;
     struct kiln_own_point own = kiln_own_of_global(&data->surface, f->first);
+    const bool unfinished = kiln_part_changes(data, f, t->step->part);
     /* what no ray meets takes no light from the scene */
     const bool counts =
         (t->scene->objects[kiln_map_object(&data->surface, f->map)].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
@@ -134,7 +138,7 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
             radiosity[c] = albedo[c] * results->incident[c];
         if (counts)
             tally(t, &data->surface, own, results, albedo, sums, tile_run);
-        enter(t, data, own, results, radiosity);
+        enter(t, data, own, results, radiosity, unfinished);
         pack_next(t, data, own, f, (uint32_t)__builtin_ctzll(rest), radiosity);
     }
 }
