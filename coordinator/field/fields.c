@@ -11,6 +11,7 @@
 
 #define AT(member) offsetof(struct kiln_rank_data, member)
 
+static bool is_lean(const struct kiln_job *job) { return job->schedule == KILN_SCHEDULE_LEAN; }
 static bool wants_error_map(const struct kiln_job *job) { return job->error_map; }
 static bool wants_occlusion(const struct kiln_job *job) { return job->occlusion.distance > 0.0; }
 static bool wants_harmonics(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_SH1; }
@@ -253,6 +254,16 @@ static const struct kiln_field table[] = {
      .description = "standard error of the luminance of indirect",
      .noisy = true,
      .present = wants_errors_apart},
+    {.name = KILN_FIELD_SAMPLES,
+     .unit = "1",
+     .type = KILN_FIELD_UINT32,
+     .components = 1,
+     .domain = KILN_DOMAIN_TILE_RUN,
+     .life = KILN_FIELD_RESULT, /* they are settled in one step for the next, and move with the points between them */
+     .member = AT(samples),
+     .saved = KILN_FIELD_SAVED_IN_STEP,
+     .high = 0x1p31,
+     .present = is_lean},
     /* scratch of a step */
     {.name = "next",
      .type = KILN_FIELD_RADIOSITY,
@@ -500,6 +511,8 @@ bool kiln_field_is_sane(const struct kiln_field *field, const void *values, uint
     const float low = (float)fmax(field->low, -most), high = (float)fmin(field->high, most);
     const uint32_t floats = floats_of(field);
     bool sane = true;
+    for (uint64_t i = 0; field->type == KILN_FIELD_UINT32 && i < count * field->components; i++)
+        sane = sane && (double)((const uint32_t *)values)[i] <= field->high;
     for (uint64_t i = 0; floats > 0 && i < count; i++) {
         float value[3 * KILN_FIELD_COMPONENTS_MAX];
         kiln_field_floats(field, values, i, value);

@@ -26,8 +26,10 @@ struct kiln_rank_data {
     float *direct, *sum;         /* 3 a point, see struct kiln_solution and the integrator */
     uint16_t *error;             /* 1 a point: kiln_error_pack */
     uint16_t *error_direct, *error_indirect; /* of these apart, likewise; NULL: nobody asks for them */
-    uint64_t *next;                /* 1 a point: packed radiosity of the present step; or see kiln_next_compact */
-    uint64_t *source;              /* 1 a point: packed radiosity that is gathered from; NULL: not known yet */
+    uint64_t *next;   /* 1 a point: packed radiosity of the present step; or see kiln_next_compact */
+    uint64_t *source; /* 1 a point: packed radiosity that is gathered from; NULL: not known yet */
+    /* 1 a tile run: of each point, in a step with adaptive samples; NULL: the bake has no such steps */
+    uint32_t *samples;
     float *cost;                   /* 1 a tile run: seconds that it took in the present step */
     struct kiln_work_queue *queue; /* the owner's work of the present step that may be stolen */
     void *more[KILN_FIELDS_MAX];   /* fields without a member, at their places in the set */

@@ -134,9 +134,12 @@ static void open_energy(struct kiln_energy *e, const struct kiln_step_energy *di
 void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *steps,
                        const struct kiln_emission_result *emission)
 {
-    double variance = steps->of[0].energy.variance, residual[3];
-    open_energy(e, &steps->of[0].energy, emission);
-    for (size_t i = 1; i < steps->count; i++) {
+    size_t first = 0; /* that counts: direct light */
+    while (first + 1 < steps->count && !steps->of[first].step.counted)
+        first++;
+    double variance = steps->of[first].energy.variance, residual[3];
+    open_energy(e, &steps->of[first].energy, emission);
+    for (size_t i = first + 1; i < steps->count; i++) {
         const struct kiln_step_energy *p = &steps->of[i].energy;
         if (!steps->of[i].step.counted)
             continue;

@@ -4,6 +4,7 @@
 #define KILN_COORDINATOR_INTEGRATE_SETTINGS_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #include "coordinator/job/choices.h"
@@ -23,6 +24,7 @@ struct kiln_integrate_settings {
     bool compact; /* radiosity travels in 4 bytes a point where an integrator can afford that: kiln_exchange_is_compact
                    */
     uint64_t seed;
+    size_t lights; /* of the scene: emitting triangles, punctual lights, suns, the environment */
 
     /* which quantities (quantity.h) are computed besides; `next` of an integrator does not read these */
     const struct kiln_occlusion_parameters *occlusion; /* borrowed; NULL: no ambient occlusion */
