@@ -160,7 +160,7 @@ void add_sample(inout Sums sums, kiln_gpu_point p, kiln_light_choice choice, Seq
 /* Samples begin .. end-1 of a choice. */
 Sums sample_choice(kiln_gpu_point p, kiln_light_choice choice, uint begin, uint end, inout uint stopped)
 {
-    const uint identity = kiln_choice_identity(choice.kind, choice.index),
+    const uint identity = kiln_direct_identity(choice.kind, choice.index, push.pass.stream),
                strategies = kiln_lights_strategies(choice, real3(p.normal));
     Sums sums = Sums(real3(0), real3(0), 0, 0, 0u);
     uint i = begin;
@@ -188,7 +188,7 @@ void add_target_sample(inout Sums sums, kiln_gpu_point p, kiln_area_light_sample
 Sums sample_target(kiln_gpu_point p, uint node, uint begin, uint end, inout uint stopped)
 {
     const kiln_area_light_sampler target = kiln_area_light_sampler_of(node, p.centre);
-    const Sequence sequence = sequence_of(p, kiln_choice_identity(KILN_CHOICE_NODE, node));
+    const Sequence sequence = sequence_of(p, kiln_direct_identity(KILN_CHOICE_NODE, node, push.pass.stream));
     Sums sums = Sums(real3(0), real3(0), 0, 0, 0u);
     uint k = begin;
     for (; k < end; k++)

@@ -27,7 +27,7 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
         return status;
     kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0,
                        kiln_checkpoint_written(b->checkpoint));
-    b->light_settings = kiln_light_settings(b->job, b->prepared->surface->point_count);
+    b->light_settings = kiln_light_settings(b->job, b->prepared->lights, b->prepared->surface->point_count);
     kiln_field_set_choose(&b->fields, b->job);
     b->light_params = (struct kiln_integrate_params){.communicator = b->communicator,
                                                      .rank = b->rank,

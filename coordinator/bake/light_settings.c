@@ -2,7 +2,8 @@
 
 #include "coordinator/integrate/integrator.h"
 
-struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, uint64_t points)
+struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, const struct kiln_lights *lights,
+                                                   uint64_t points)
 {
     return (struct kiln_integrate_settings){
         .integrator = kiln_integrator_find(job->method != NULL ? job->method : kiln_integrator_names[0]),
@@ -16,6 +17,7 @@ struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, u
         .seed = job->seed,
         .parts = kiln_job_parts(job),
         .target_error = job->target_error,
+        .lights = lights->area_count + lights->point_count + lights->directional_count + lights->environment,
         .occlusion = job->occlusion.distance > 0.0 ? &job->occlusion : NULL,
         .directional = (enum kiln_directional)job->directional,
         .work_stealing = job->work_stealing,

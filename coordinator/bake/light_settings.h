@@ -4,8 +4,10 @@
 
 #include "coordinator/integrate/settings.h"
 #include "coordinator/job/job.h"
+#include "worker/light/lights.h"
 
-/* The settings of the job for a scene with `points` surface points. Not collective. */
-struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, uint64_t points);
+/* The settings of the job for a scene with these lights and `points` surface points. Not collective. */
+struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, const struct kiln_lights *lights,
+                                                   uint64_t points);
 
 #endif

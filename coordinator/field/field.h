@@ -114,6 +114,9 @@ const char *kiln_field_shown_name(const struct kiln_field *field);
 /* The field of the table that users call so and that lightmaps may have; NULL when there is none. */
 const struct kiln_field *kiln_field_shown(const char *name);
 
+/* Name of the field that has the samples of each tile run in a step with adaptive samples. */
+#define KILN_FIELD_SAMPLES "samples"
+
 enum { KILN_FIELDS_MAX = 32 };
 
 /* The fields that one bake has, in the table's order. */
@@ -158,8 +161,8 @@ uint64_t kiln_field_set_column_bytes(const struct kiln_field_set *set);
 /* One item's components as published: floats in the field's unit. `values` is the field's array. Of the types that are
  * no numbers (tile runs, queues) there are none. */
 void kiln_field_floats(const struct kiln_field *field, const void *values, uint64_t item, float *floats);
-/* Whether the values of `count` items are such as a bake can have: finite, and within the row's range. Always true of
- * integers. */
+/* Whether the values of `count` items are such as a bake can have: finite, and within the row's range. Of integers
+ * only those of 32 bits are looked at. */
 bool kiln_field_is_sane(const struct kiln_field *field, const void *values, uint64_t count);
 
 #endif

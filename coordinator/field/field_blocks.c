@@ -39,6 +39,19 @@ static size_t block_size(const struct kiln_field *field, const struct kiln_save_
     return is_compact(field, moment) ? field->components * sizeof(uint32_t) : kiln_field_size(field);
 }
 
+/* This rank's items of a field's domain, in the global order. */
+struct items {
+    uint64_t first, count;
+};
+
+static struct items items_of(const struct kiln_field *field, const struct kiln_save_moment *moment,
+                             const struct kiln_surface *surface)
+{
+    assert(field->domain == KILN_DOMAIN_POINT || field->domain == KILN_DOMAIN_TILE_RUN);
+    return field->domain == KILN_DOMAIN_TILE_RUN ? (struct items){moment->tile_run_first, surface->tile_run_count}
+                                                 : (struct items){surface->first.at, surface->count};
+}
+
 size_t kiln_field_blocks(const struct kiln_field_set *fields, const struct kiln_rank_data *data,
                          const struct kiln_save_moment *moment, struct kiln_block *blocks)
 {
@@ -47,9 +60,10 @@ size_t kiln_field_blocks(const struct kiln_field_set *fields, const struct kiln_
         const struct kiln_field *field = fields->entry[i].field;
         if (!is_saved(field, moment))
             continue;
-        assert(field->domain == KILN_DOMAIN_POINT && field->length == KILN_FIELD_EACH);
-        blocks[count] = (struct kiln_block){.first = data->surface.first.at,
-                                            .count = data->surface.count,
+        assert(field->length == KILN_FIELD_EACH);
+        const struct items items = items_of(field, moment, &data->surface);
+        blocks[count] = (struct kiln_block){.first = items.first,
+                                            .count = items.count,
                                             .size = block_size(field, moment),
                                             .data = kiln_rank_field(data, fields, i)};
         (void)strncpy(blocks[count].name, field->name, sizeof blocks[count].name - 1);
@@ -62,7 +76,8 @@ static int read_block(const struct kiln_checkpoint *checkpoint, const struct kil
                       const struct kiln_save_moment *moment, const struct kiln_surface *surface, void *values,
                       struct kiln_error *error)
 {
-    const int status = kiln_checkpoint_read(checkpoint, field->name, surface->first.at, surface->count,
+    const struct items items = items_of(field, moment, surface);
+    const int status = kiln_checkpoint_read(checkpoint, field->name, items.first, items.count,
                                             block_size(field, moment), values, error);
     if (status == KILN_IO && field->present != NULL)
         return kiln_fail(error, KILN_BAD_INPUT,
@@ -70,7 +85,7 @@ static int read_block(const struct kiln_checkpoint *checkpoint, const struct kil
                          "one did not; repeat the command that it was made with, or give --no-resume to start from the "
                          "beginning",
                          field->name);
-    return status == KILN_OK && !is_compact(field, moment) && !kiln_field_is_sane(field, values, surface->count)
+    return status == KILN_OK && !is_compact(field, moment) && !kiln_field_is_sane(field, values, items.count)
                ? kiln_block_insane(field->name, error)
                : status;
 }

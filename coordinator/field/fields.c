@@ -16,7 +16,10 @@ static bool wants_occlusion(const struct kiln_job *job) { return job->occlusion.
 static bool wants_harmonics(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_SH1; }
 static bool wants_dominant(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_DOMINANT; }
 static bool wants_parts(const struct kiln_job *job) { return kiln_job_parts(job) > 1; }
-static bool wants_target(const struct kiln_job *job) { return job->target_error > 0.0; }
+static bool has_adaptive_samples(const struct kiln_job *job)
+{
+    return job->schedule == KILN_SCHEDULE_LEAN || job->target_error > 0.0;
+}
 static bool wants_errors_apart(const struct kiln_job *job) { return job->error_map || kiln_job_denoises(job); }
 
 static const char *const total_channels[] = {"R", "G", "B"};
@@ -279,16 +282,16 @@ static const struct kiln_field table[] = {
          "differ by (Student's t, 3 degrees of freedom)",
      .noisy = true,
      .present = wants_parts},
-    {.name = "final_samples",
+    {.name = KILN_FIELD_SAMPLES,
      .unit = "1",
      .type = KILN_FIELD_UINT32,
      .components = 1,
      .domain = KILN_DOMAIN_TILE_RUN,
-     .life = KILN_FIELD_RESULT,
-     .member = AT(final_samples),
+     .life = KILN_FIELD_RESULT, /* they are settled in one step for another, and move with the points between them */
+     .member = AT(samples),
      .saved = KILN_FIELD_SAVED,
-     .high = INFINITY,
-     .present = wants_target},
+     .high = 0x1p31,
+     .present = has_adaptive_samples},
     /* scratch of a step */
     {.name = "next",
      .type = KILN_FIELD_RADIOSITY,
@@ -536,6 +539,8 @@ bool kiln_field_is_sane(const struct kiln_field *field, const void *values, uint
     const float low = (float)fmax(field->low, -most), high = (float)fmin(field->high, most);
     const uint32_t floats = floats_of(field);
     bool sane = true;
+    for (uint64_t i = 0; field->type == KILN_FIELD_UINT32 && i < count * field->components; i++)
+        sane = sane && (double)((const uint32_t *)values)[i] <= field->high;
     for (uint64_t i = 0; floats > 0 && i < count; i++) {
         float value[3 * KILN_FIELD_COMPONENTS_MAX];
         kiln_field_floats(field, values, i, value);

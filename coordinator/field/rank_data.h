@@ -27,10 +27,11 @@ struct kiln_rank_data {
     uint16_t *error;             /* 1 a point: kiln_error_pack */
     uint16_t *error_direct, *error_indirect; /* of these apart, likewise; NULL: nobody asks for them */
     float *indirect, *parts; /* 3 and KILN_PARTS a point, of a bake in parts (integrate/parts.h); NULL: it is in one */
-    uint32_t *final_samples; /* 1 a tile run, of a bake with a target error (integrate/parts.h); NULL: it has none */
     uint64_t *next;          /* 1 a point: packed radiosity of the present step; or see kiln_next_compact */
     uint64_t *source;        /* 1 a point: packed radiosity that is gathered from; NULL: not known yet */
-    float *cost;             /* 1 a tile run: seconds that it took in the present step */
+    /* 1 a tile run: of each point, in a step with adaptive samples; NULL: the bake has no such steps */
+    uint32_t *samples;
+    float *cost;                   /* 1 a tile run: seconds that it took in the present step */
     struct kiln_work_queue *queue; /* the owner's work of the present step that may be stolen */
     void *more[KILN_FIELDS_MAX];   /* fields without a member, at their places in the set */
 };

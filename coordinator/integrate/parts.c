@@ -35,7 +35,7 @@ static void share_samples(const struct kiln_integrate_settings *settings, uint32
     step->first_sample = (uint32_t)(samples * (before + own));
     step->counted = step->counted && round == 0;
     if (step->terminal && round > 0)
-        step->samples_field = "final_samples";
+        step->samples_field = KILN_FIELD_SAMPLES;
 }
 
 /* Whether another round comes after the last of the reports, which ends one. */
@@ -208,7 +208,7 @@ static int judge(const struct kiln_integrate_params *p, const struct kiln_rank_d
             (double)here <= ENOUGH * (double)run->count || !kiln_part_changes(data, run, last->step.part);
         missing += here;
         const uint32_t samples = (p->settings->samples_indirect + KILN_PARTS - 1) / KILN_PARTS;
-        data->final_samples[i] = finished ? 0 : samples << (round - 1);
+        data->samples[i] = finished ? 0 : samples << (round - 1);
     }
     (void)MPI_Allreduce(MPI_IN_PLACE, &missing, 1, MPI_UINT64_T, MPI_SUM, p->communicator);
     last->unfinished = p->surface->point_count > 0 ? (double)missing / (double)p->surface->point_count : 0.0;

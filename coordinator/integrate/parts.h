@@ -54,8 +54,7 @@ double kiln_part_mix_error(double before, double error, uint32_t part);
 static inline bool kiln_part_changes(const struct kiln_rank_data *data, const struct kiln_tile_run *tile_run,
                                      uint32_t part)
 {
-    return part < KILN_PARTS || data->final_samples == NULL ||
-           data->final_samples[tile_run - data->surface.tile_runs] > 0;
+    return part < KILN_PARTS || data->samples == NULL || data->samples[tile_run - data->surface.tile_runs] > 0;
 }
 
 /* What the part finds at a point begins with the luminance of direct light. Nothing where no parts are kept. */

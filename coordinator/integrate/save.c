@@ -137,11 +137,22 @@ static const struct kiln_field_set *fields_of(const struct kiln_saved *s)
     return kiln_node_data_fields(s->solution->node_data);
 }
 
-static struct kiln_save_moment moment_of(const struct kiln_saved *s, bool finished)
+/* Collective. How many tile runs the ranks before this one have. */
+static uint64_t count_before(const struct kiln_saved *s)
+{
+    const uint64_t own = s->solution->own->surface.tile_run_count;
+    uint64_t before = 0;
+    (void)MPI_Exscan(&own, &before, 1, MPI_UINT64_T, MPI_SUM, s->params->communicator);
+    return before;
+}
+
+static struct kiln_save_moment moment_of(const struct kiln_saved *s, uint64_t tile_run_first, bool finished)
 {
     const struct kiln_step *step = &kiln_solution_step(s->solution)->step;
-    return (struct kiln_save_moment){
-        .in_step = !finished, .in_gather = step->pass->reads_radiosity, .compact = step->compact};
+    return (struct kiln_save_moment){.in_step = !finished,
+                                     .in_gather = step->pass->reads_radiosity,
+                                     .compact = step->compact,
+                                     .tile_run_first = tile_run_first};
 }
 
 uint64_t kiln_save_bytes(const struct kiln_saved *s)
@@ -239,10 +250,11 @@ static struct saved_state state_of(const struct kiln_saved *s, bool finished)
     return state;
 }
 
+/* Collective. */
 static void list_blocks(const struct kiln_saved *s, struct save_work *w, bool finished)
 {
     const struct kiln_integrate_report *r = &s->solution->report;
-    const struct kiln_save_moment moment = moment_of(s, finished);
+    const struct kiln_save_moment moment = moment_of(s, count_before(s), finished);
     if (s->params->rank == 0) {
         add_block(w, "state", 0, 1, sizeof w->state, &w->state);
         add_block(w, "steps", 0, r->steps.count, sizeof *w->reports, w->reports);
@@ -429,9 +441,9 @@ static int restore_steps(const struct kiln_saved *s, struct kiln_error *error)
 }
 
 /* Which points are buried was found by the backend that began; another one may see a point at an edge otherwise. */
-static int restore_points(const struct kiln_saved *s, bool finished, struct kiln_error *error)
+static int restore_points(const struct kiln_saved *s, uint64_t tile_run_first, bool finished, struct kiln_error *error)
 {
-    const struct kiln_save_moment moment = moment_of(s, finished);
+    const struct kiln_save_moment moment = moment_of(s, tile_run_first, finished);
     bool changed = false;
     const int status =
         kiln_field_blocks_read(s->params->checkpoint, fields_of(s), s->solution->own, &moment, &changed, error);
@@ -521,11 +533,12 @@ static int restore_todo(const struct kiln_saved *s, struct kiln_error *error)
 int kiln_restore(const struct kiln_saved *s, bool *finished, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = s->params;
+    const uint64_t before = count_before(s);
     int status = restore_state(s, finished, error);
     if (status == KILN_OK)
         status = restore_steps(s, error);
     if (status == KILN_OK)
-        status = restore_points(s, *finished, error);
+        status = restore_points(s, before, *finished, error);
     for (size_t part = (size_t)p->rank; status == KILN_OK && part < kiln_checkpoint_parts(p->checkpoint);
          part += (size_t)p->ranks)
         status = add_part(s, part, *finished, error);

@@ -4,6 +4,7 @@
 #define KILN_COORDINATOR_INTEGRATE_SETTINGS_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #include "coordinator/job/choices.h"
@@ -25,6 +26,7 @@ struct kiln_integrate_settings {
     uint64_t seed;
     uint32_t parts;      /* that the bake is computed in (parts.h): KILN_PARTS to know its errors, or 1 */
     double target_error; /* relative; parts are added until a texel's error is below it (parts.h); 0: none */
+    size_t lights;       /* of the scene: emitting triangles, punctual lights, suns, the environment */
 
     /* which quantities (quantity.h) are computed besides; `next` of an integrator does not read these */
     const struct kiln_occlusion_parameters *occlusion; /* borrowed; NULL: no ambient occlusion */

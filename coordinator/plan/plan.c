@@ -506,7 +506,7 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
 static int simulate(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
                     const struct timing *timing, struct kiln_error *error)
 {
-    const struct kiln_integrate_settings settings = kiln_light_settings(job, plan->surface.points);
+    const struct kiln_integrate_settings settings = kiln_light_settings(job, p->lights, plan->surface.points);
     struct cells cells = {0};
     int status = fill_cells(plan, p, job, &cells, error);
     if (status == KILN_OK) {
@@ -562,7 +562,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     struct timing timing = {0};
     if (status == KILN_OK && job->samples_probe > 0)
         status = kiln_volume_grid(&volume, prepared->scene, job->probe_spacing, error);
-    const struct kiln_integrate_settings settings = kiln_light_settings(job, plan->surface.points);
+    const struct kiln_integrate_settings settings = kiln_light_settings(job, prepared->lights, plan->surface.points);
     if (status == KILN_OK)
         status = kiln_planned_steps_make(&plan->steps, &settings, TYPICAL_BOUNCES, error);
     if (status == KILN_OK) {

@@ -64,5 +64,7 @@ struct kiln_gpu_direct {
     KILN_WORD room, slots, samples, limit, sobol_stride;
     KILN_WORD row_first; /* thread (x, y) is y + row_first of its point's */
     KILN_WORD slices, split;
+    KILN_WORD stream;
+    KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_direct, 64);
+KILN_SIZE_IS(kiln_gpu_direct, 72);

@@ -50,7 +50,7 @@ struct kiln_gpu_direct_push {
     KILN_STRUCT kiln_gpu_chunk chunk;
     KILN_STRUCT kiln_gpu_direct pass;
 };
-KILN_SIZE_IS(kiln_gpu_direct_push, 120);
+KILN_SIZE_IS(kiln_gpu_direct_push, 128);
 KILN_OFFSET_IS(kiln_gpu_direct_push, pass, 56);
 
 /* gather.comp, directional.comp: the bounce pass, light by direction. The push constants of all kernels that sample the

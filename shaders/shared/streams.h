@@ -41,6 +41,13 @@ KILN_FUNCTION KILN_U32 kiln_gather_ray_seed(KILN_U32 chance, KILN_U32 k) { retur
 /* Name of a choice of lights; each of its strategies has one of its own, counted on from here. */
 KILN_FUNCTION KILN_U32 kiln_choice_identity(KILN_U32 kind, KILN_U32 index) { return kiln_hash2(kind * 2u + 1u, index); }
 
+/* The same in the direct pass, for one of its streams. */
+KILN_FUNCTION KILN_U32 kiln_direct_identity(KILN_U32 kind, KILN_U32 index, KILN_U32 stream)
+{
+    const KILN_U32 identity = kiln_choice_identity(kind, index);
+    return stream == 0u ? identity : kiln_hash2(identity, stream);
+}
+
 /* From this many samples of a choice on, its error is that of four quarters, each a net of its own; quarter q begins at
  * sample kiln_quarter_first(q, samples), and sample k is of quarter k * 4 / samples. */
 #define KILN_QUARTERS_FROM 8u

@@ -25,7 +25,7 @@ def bake(kiln, scene, schedule, bounce, indirect, seed):
 
 def gather_cost(b):
     """(rays a point, microseconds a point) of everything but direct light, which is the same in both."""
-    passes = [p for p in b.run['bounces'] if p['kind'] != 'direct']
+    passes = [p for p in b.run['bounces'] if p['kind'] not in ('direct', 'pilot')]
     return sum(p['samples'] for p in passes), 1e6 * sum(p['seconds'] for p in passes) / b.points.count
 
 

@@ -20,7 +20,7 @@ import harness  # noqa: E402
 import resume  # noqa: E402
 from same_result import Result, differences  # noqa: E402
 
-SMALL = ('--backend', 'embree', '--lightmap-size', 40, '--cell-size', 1, '--samples-direct', 16, '--samples-bounce', 16,
+SMALL = ('--backend', 'embree', '--lightmap-size', 40, '--cell-size', 1, '--samples-direct', 64, '--samples-bounce', 16,
          '--samples-indirect', 64,
          '--bounces', 3, '--samples-probe', 16, '--threads', 1, '--watchdog', 20)
 # than resume.OPTIONS: for there to be something to interrupt

@@ -19,7 +19,7 @@ enum { RANKS = 2, SAMPLES = 16 };
 
 /* ---- the integrator ---- */
 
-static const struct kiln_field samples_field = {.name = "samples",
+static const struct kiln_field samples_field = {.name = "test_samples",
                                                 .unit = "1",
                                                 .type = KILN_FIELD_UINT32,
                                                 .components = 1,

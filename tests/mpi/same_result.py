@@ -21,7 +21,7 @@ import glb  # noqa: E402
 import harness  # noqa: E402
 
 RANKS = (1, 2, 3, 5, 8)
-OPTIONS = ('--samples-direct', 8, '--samples-bounce', 4, '--samples-indirect', 16, '--samples-probe', 32)
+OPTIONS = ('--samples-direct', 64, '--samples-bounce', 4, '--samples-indirect', 16, '--samples-probe', 32)
 
 
 def datasets(path):

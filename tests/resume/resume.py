@@ -45,7 +45,7 @@ import harness  # noqa: E402
 STOPPED, LOST, BAD_INPUT, SYSTEM, CANNOT_CREATE, IO, PERMISSION = 75, 76, 65, 71, 73, 74, 77
 SCENE = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
 # A few seconds on two cores, in enough batches that there is something to interrupt.
-OPTIONS = ('--backend', 'embree', '--lightmap-size', '48', '--samples-direct', '32', '--samples-bounce', '32',
+OPTIONS = ('--backend', 'embree', '--lightmap-size', '48', '--samples-direct', '64', '--samples-bounce', '32',
            '--samples-indirect', '256', '--bounces', '4',
            '--samples-probe', '64', '--error-map')
 PROBES = ('--samples-probe', '2048')

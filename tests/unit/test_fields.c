@@ -32,8 +32,9 @@ static void rows_fit(void **state)
         assert_true(f->meaning != KILN_FIELD_FRACTION || (f->low == 0.0 && f->high == 1.0));
         assert_true(f->dataset == NULL || (f->domain == KILN_DOMAIN_POINT && f->description != NULL));
         assert_true(f->channels == NULL || f->dataset != NULL);
-        assert_true(f->saved == KILN_FIELD_NOT_SAVED ||
-                    (f->domain == KILN_DOMAIN_POINT && f->length == KILN_FIELD_EACH));
+        assert_true(
+            f->saved == KILN_FIELD_NOT_SAVED ||
+            ((f->domain == KILN_DOMAIN_POINT || f->domain == KILN_DOMAIN_TILE_RUN) && f->length == KILN_FIELD_EACH));
         for (size_t j = 0; j < i; j++) {
             assert_string_not_equal(f->name, table[j].name);
             assert_true(f->dataset == NULL || table[j].dataset == NULL || strcmp(f->dataset, table[j].dataset) != 0);

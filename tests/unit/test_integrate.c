@@ -10,6 +10,7 @@
 
 #include <cmocka.h>
 
+#include "coordinator/field/field.h"
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/plan/simulate_light.h"
@@ -33,25 +34,26 @@ static struct kiln_integrate_settings settings_of(enum kiln_schedule schedule, i
                                             .samples_indirect = 32};
 }
 
-static void run_from(struct bake *b, double first, enum kiln_schedule schedule, int64_t bounces, double ratio,
-                     double tail_error)
+static void run_with(struct bake *b, double first, enum kiln_schedule schedule, int64_t bounces, double ratio,
+                     double tail_error, uint32_t samples_direct)
 {
     b->settings = settings_of(schedule, bounces);
+    b->settings.samples_direct = samples_direct;
     b->count = 0;
     struct kiln_step step;
     while (b->settings.integrator->next(&b->settings, b->reports, b->count, &step)) {
         assert_true(b->count < STEPS_MOST);
         struct kiln_step_report *report = &b->reports[b->count];
         *report = (struct kiln_step_report){.step = step, .tail_error = tail_error};
-        for (int c = 0; c < 3; c++)
-            report->energy.reflected[c] = b->count == 0 ? first : pow(ratio, (double)b->count);
+        for (int c = 0; c < 3 && step.role != KILN_CELLS_PILOT; c++)
+            report->energy.reflected[c] = step.bounce == 0 ? first : pow(ratio, step.bounce);
         b->count++;
     }
 }
 
 static void run(struct bake *b, enum kiln_schedule schedule, int64_t bounces, double ratio, double tail_error)
 {
-    run_from(b, 1.0, schedule, bounces, ratio, tail_error);
+    run_with(b, 1.0, schedule, bounces, ratio, tail_error, 16);
 }
 
 static void expect(const struct kiln_step *step, uint32_t role, uint32_t bounce, uint32_t samples, uint32_t stream,
@@ -84,6 +86,36 @@ static void lean_given(void **state)
     }
 }
 
+/* With many samples direct light has a pilot, whose energy does not count; the steps after it are as without one, and
+ * end by the same rule. */
+static void pilot(void **state)
+{
+    (void)state;
+    static struct bake b, plain;
+    for (int64_t bounces = -1; bounces <= 6; bounces++) {
+        run(&plain, KILN_SCHEDULE_LEAN, bounces, 0.5, 1e-3);
+        run_with(&b, 1.0, KILN_SCHEDULE_LEAN, bounces, 0.5, 1e-3, 256);
+        assert_int_equal(b.count, plain.count + 1);
+        assert_true(b.reports[0].step.role == KILN_CELLS_PILOT && b.reports[0].step.samples == 32);
+        assert_true(b.reports[0].step.samples_field == NULL && b.reports[0].step.stream == 0);
+        expect(&b.reports[1].step, KILN_CELLS_DIRECT, 0, 224, KILN_CELLS_DIRECT_STREAM, true);
+        assert_string_equal(b.reports[1].step.samples_field, KILN_FIELD_SAMPLES);
+        for (size_t i = 1; i < plain.count; i++) {
+            const struct kiln_step *step = &plain.reports[i].step;
+            expect(&b.reports[i + 1].step, step->role, step->bounce, step->samples, step->stream, step->counted);
+        }
+    }
+    for (size_t lights = 16; lights <= 17; lights++) {
+        b.settings.lights = lights;
+        assert_true(b.settings.integrator->next(&b.settings, b.reports, 0, &b.reports[0].step));
+        assert_int_equal(b.reports[0].step.role, lights == 16 ? KILN_CELLS_PILOT : KILN_CELLS_DIRECT);
+        assert_int_equal(b.reports[0].step.samples, lights == 16 ? 32 : 256);
+    }
+    run_with(&b, 1.0, KILN_SCHEDULE_EQUAL, 0, 0.5, 1.0, 256);
+    assert_int_equal(b.count, 1);
+    expect(&b.reports[0].step, KILN_CELLS_DIRECT, 0, 256, 0, true);
+}
+
 /* Without a number: at least three bounces, until a tail is good enough, or nothing is left, or it is plain that they
  * have no end. A ratio above 0.8 is believed after eight bounces, unless what is left hardly matters. */
 static void lean_all(void **state)
@@ -99,7 +131,7 @@ static void lean_all(void **state)
     assert_int_equal(b.count, 1 + 1 + 1);
     run(&b, KILN_SCHEDULE_LEAN, -1, 0.9, 0.0);
     assert_int_equal(b.count, 1 + KILN_TAIL_BOUNCES + 1);
-    run_from(&b, 1e5, KILN_SCHEDULE_LEAN, -1, 0.95, 0.0);
+    run_with(&b, 1e5, KILN_SCHEDULE_LEAN, -1, 0.95, 0.0, 16);
     assert_int_equal(b.count, 1 + 3 + 1);
     run(&b, KILN_SCHEDULE_LEAN, -1, 0.9, 1.0); /* 0.9^132 is the first below 1e-7 of 10 */
     assert_int_equal(b.count, 1 + 132 + 1);
@@ -313,9 +345,10 @@ static void another_integrator(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(lean_given), cmocka_unit_test(lean_all), cmocka_unit_test(falling),
-        cmocka_unit_test(equal),      cmocka_unit_test(form),     cmocka_unit_test(plan_as_bake),
-        cmocka_unit_test(outlook),    cmocka_unit_test(table),    cmocka_unit_test(another_integrator)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(lean_given),   cmocka_unit_test(pilot),
+                                       cmocka_unit_test(lean_all),     cmocka_unit_test(falling),
+                                       cmocka_unit_test(equal),        cmocka_unit_test(form),
+                                       cmocka_unit_test(plan_as_bake), cmocka_unit_test(outlook),
+                                       cmocka_unit_test(table),        cmocka_unit_test(another_integrator)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -12,7 +12,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..'
 import glb  # noqa: E402
 import harness  # noqa: E402
 
-OPTIONS = ('--samples-direct', 16, '--samples-bounce', 4, '--samples-indirect', 24, '--samples-probe', 16)
+OPTIONS = ('--samples-direct', 64, '--samples-bounce', 4, '--samples-indirect', 24, '--samples-probe', 16)
 WAYS = (  # name, ranks, options, environment: what --full does on every scene
     ('dispatches of 1 ms', 0, ('--dispatch-time', 1), {}),
     ('dispatches of 1 s', 0, ('--dispatch-time', 1000), {}),

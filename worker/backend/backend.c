@@ -114,13 +114,20 @@ static bool is_well_formed(const struct kiln_backend *backend, const struct kiln
            (batch->samples_each != NULL ? pass->is_sampled : (batch->samples > 0) == pass->is_sampled);
 }
 
-/* How many of the batch's items from number i on have the same number of samples. */
-static size_t equal_samples(const struct kiln_batch *batch, size_t i)
+/* The batch's items from number i on that the backend takes in one call: those with the same number of samples or, if
+ * it takes `mixed` numbers, all before the next that is left out. */
+static struct kiln_batch stretch_from(const struct kiln_batch *batch, size_t i, bool mixed)
 {
+    const uint32_t *each = batch->samples_each;
+    uint32_t most = each[i];
     size_t end = i + 1;
-    while (end < batch->count && batch->samples_each[end] == batch->samples_each[i])
-        end++;
-    return end - i;
+    for (; end < batch->count && (each[end] == each[i] || (mixed && each[end] > 0 && each[i] > 0)); end++)
+        most = each[end] > most ? each[end] : most;
+    struct kiln_batch part = kiln_batch_part(batch, batch->first + i, end - i);
+    part.samples = most;
+    if (!mixed)
+        part.samples_each = NULL;
+    return part;
 }
 
 int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
@@ -137,13 +144,12 @@ int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass,
     if (batch->samples_each == NULL)
         return backend->api->run(backend, pass, parameters, batch, rays, error);
     int status = KILN_OK;
-    for (size_t i = 0, some; i < batch->count && status == KILN_OK; i += some) {
-        some = equal_samples(batch, i);
-        struct kiln_batch part = kiln_batch_part(batch, batch->first + i, some);
-        part.samples = batch->samples_each[i];
-        part.samples_each = NULL;
+    const bool mixed = (backend->api->mixed >> pass->index & 1u) != 0;
+    for (size_t i = 0; i < batch->count && status == KILN_OK;) {
+        const struct kiln_batch part = stretch_from(batch, i, mixed);
         if (part.samples > 0)
             status = backend->api->run(backend, pass, parameters, &part, rays, error);
+        i += part.count;
     }
     return status;
 }

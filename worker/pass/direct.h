@@ -14,7 +14,8 @@
  * chance: V is the product of what all surfaces on the way let through.
  *
  * Items: tile runs. Result: struct kiln_point_result. No parameters. Samples: those of a point, dealt out to the lights
- * that are chosen. Rays: shadow rays; samples that cannot bring light have none. */
+ * that are chosen. Streams: any; answers of two streams are independent. Rays: shadow rays; samples that cannot bring
+ * light have none. */
 #ifndef KILN_WORKER_PASS_DIRECT_H
 #define KILN_WORKER_PASS_DIRECT_H
 

@@ -95,8 +95,8 @@ struct kiln_batch {
     uint32_t first_sample;
     /* NULL: all items have `samples`. Else `count` numbers, one an item, for adaptive sampling; an item with 0 is left
      * out (its results are not computed and not taken). An item's results are the same bits as in a batch where all
-     * items have its number of samples. Backends never see this array: kiln_backend_run cuts the batch into stretches
-     * of equal numbers, so long stretches run faster. */
+     * items have its number of samples. Unless the backend takes such an array for the pass itself, kiln_backend_run
+     * cuts the batch into stretches of equal numbers, so long stretches run faster. */
     const uint32_t *samples_each;
     kiln_take_results take; /* NULL: results are dropped */
     void *context;          /* given to `take` */

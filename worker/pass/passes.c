@@ -57,6 +57,7 @@ const struct kiln_pass kiln_pass_direct = {.index = KILN_PASS_INDEX_direct,
                                            .domain = KILN_DOMAIN_TILE_RUNS,
                                            .result_bytes = sizeof(struct kiln_point_result),
                                            .is_sampled = true,
+                                           .has_streams = true,
                                            .is_divisible = true,
                                            .is_stealable = true,
                                            POINT_FIGURES};

@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "coordinator/integrate/cells/adapt.h"
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/cells/tail.h"
 #include "coordinator/integrate/cells/take.h"
@@ -12,15 +13,16 @@
 static const struct kiln_role roles[] = {
     {.kind = "direct", .total = "direct", .title = "direct light", .phase = "direct light"},
     {.kind = "bounce", .total = "bounces", .title = "bounce", .phase = "bounces", .numbered = true},
-    {.kind = "final", .total = "final", .title = "final gather", .phase = "final gather"}};
+    {.kind = "final", .total = "final", .title = "final gather", .phase = "final gather"},
+    {.kind = "pilot", .total = "pilot", .title = "direct light, pilot", .phase = "direct light"}};
 
 static void begin_step(struct kiln_integration *in, struct kiln_step_report *last, const struct kiln_step *step)
 {
     const struct kiln_rank_data *own = in->solution->own;
-    if (step->role == KILN_CELLS_DIRECT) {
+    if (step->role == KILN_CELLS_DIRECT)
         kiln_ledger_forget_groups(in->ledger);
+    if (step->role == KILN_CELLS_DIRECT || step->role == KILN_CELLS_PILOT)
         return;
-    }
     if (in->settings->schedule == KILN_SCHEDULE_EQUAL) {
         if (step->bounce == 1) /* the sum is of irradiance now, and of bounces only */
             memset(own->sum, 0, 3 * own->surface.count * sizeof *own->sum);
@@ -40,6 +42,8 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
     struct kiln_step_report *last = &reports->of[reports->count - 1];
     const struct kiln_step_reports part = kiln_part_reports(reports);
     const struct kiln_rank_data *own = in->solution->own;
+    if (last->step.role == KILN_CELLS_PILOT)
+        return kiln_adapt_samples(in, in->settings->samples_direct - last->step.samples, error);
     if (in->settings->bounces == 0) /* there is no indirect light */
         memset(own->sum, 0, 3 * own->surface.count * sizeof *own->sum);
     if (in->settings->schedule == KILN_SCHEDULE_EQUAL && in->settings->bounces < 0)

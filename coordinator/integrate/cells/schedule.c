@@ -2,6 +2,8 @@
 
 #include <math.h>
 
+#include "coordinator/field/field.h"
+#include "coordinator/integrate/cells/adapt.h"
 #include "coordinator/integrate/cells/cells.h"
 
 #define LONG_TAIL_RATIO 0.8 /* of a bounce to the one before */
@@ -22,6 +24,11 @@ static double reflected_by_all(const struct kiln_step_report *reports, size_t co
     for (size_t i = 0; i < count; i++)
         total += reflected(&reports[i]);
     return total;
+}
+
+size_t kiln_cells_first(const struct kiln_integrate_settings *settings)
+{
+    return kiln_adapt_pilot(settings) > 0 ? 1 : 0;
 }
 
 double kiln_cells_ratio(const struct kiln_step_report *reports, size_t i)
@@ -147,14 +154,32 @@ static bool next_equal(const struct kiln_integrate_settings *settings, const str
            !(reflected(&reports[count - 1]) <= LEAST_LEFT * reflected_by_all(reports, count));
 }
 
+static void direct_step(const struct kiln_integrate_settings *settings, struct kiln_step *step)
+{
+    const uint32_t pilot = kiln_adapt_pilot(settings);
+    *step = (struct kiln_step){.pass = &kiln_pass_direct,
+                               .role = KILN_CELLS_DIRECT,
+                               .samples = settings->samples_direct - pilot,
+                               .samples_field = pilot > 0 ? KILN_FIELD_SAMPLES : NULL,
+                               .stream = pilot > 0 ? KILN_CELLS_DIRECT_STREAM : 0,
+                               .counted = true};
+}
+
 bool kiln_cells_next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                      size_t count, struct kiln_step *step)
 {
+    const uint32_t pilot = kiln_adapt_pilot(settings);
     bool any = true;
+    if (count == 0 && pilot > 0) {
+        *step = (struct kiln_step){.pass = &kiln_pass_direct, .role = KILN_CELLS_PILOT, .samples = pilot};
+        return true;
+    }
+    const size_t first = kiln_cells_first(settings);
+    reports = count > 0 ? reports + first : reports;
+    count -= first;
     *step = (struct kiln_step){.pass = &kiln_pass_gather, .bounce = (uint32_t)count};
     if (count == 0)
-        *step = (struct kiln_step){
-            .pass = &kiln_pass_direct, .role = KILN_CELLS_DIRECT, .samples = settings->samples_direct, .counted = true};
+        direct_step(settings, step);
     else
         any = settings->schedule == KILN_SCHEDULE_EQUAL ? next_equal(settings, reports, count, step)
                                                         : next_lean(settings, reports, count, step);

@@ -1,12 +1,13 @@
-/* Which steps a bake by "cells" has.
+/* Which steps a bake by "cells" has. `samples_direct`, `samples_bounce` and `samples_indirect` are those settings.
  *
- * Lean: direct light; bounces with few samples, each of which gathers the radiosity of the one before; one final gather
- * with many samples, which reads the radiosity of direct light and all bounces summed up (with a geometric tail, where
- * that is asked for) and replaces what the bounces have found. The noise of the cheap bounces averages out in it. The
- * setting samples_bounce is the samples of the third bounce: the first has 3 times as many, the second 1.5 times, the
- * fourth and the fifth 1/2, all later ones 1/4, and none has less than 2; after a step with more than 0.8 of the power
- * of the one before, a bounce has samples_bounce at least. With a number of bounces N given there are N - 1 bounces and
- * the final gather; without, bounces go on until the tail is good enough, or diverges: a closed scene of albedo 1.
+ * Lean: direct light, in two steps where that pays (adapt.h); bounces with few samples, each of which gathers the
+ * radiosity of the one before; one final gather with many samples, which reads the radiosity of direct light and all
+ * bounces summed up (with a geometric tail, where that is asked for) and replaces what the bounces have found. The
+ * noise of the cheap bounces averages out in it. The setting samples_bounce is the samples of the third bounce: the
+ * first has 3 times as many, the second 1.5 times, the fourth and the fifth 1/2, all later ones 1/4, and none has less
+ * than 2; after a step with more than 0.8 of the power of the one before, a bounce has samples_bounce at least. With a
+ * number of bounces N given there are N - 1 bounces and the final gather; without, bounces go on until the tail is good
+ * enough, or diverges: a closed scene of albedo 1.
  *
  * Equal: direct light; bounces with many samples, whose irradiance counts as it is. Without a number given they go on
  * until what is left is below 1e-5 of all. */
@@ -18,6 +19,9 @@
 
 enum { KILN_BOUNCES_ALL = 254 };    /* at most so many where their number is not given */
 #define KILN_TAIL_RATIO_MOST 0.9999 /* of a bounce to the one before, that a tail is reckoned with */
+
+/* The number of the first step that counts: of direct light, after its pilot (adapt.h). */
+size_t kiln_cells_first(const struct kiln_integrate_settings *settings);
 
 /* kiln_integrator.next */
 bool kiln_cells_next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,

@@ -12,7 +12,8 @@ int kiln_tail_measure(const struct kiln_integration *in, const struct kiln_step_
 {
     struct kiln_ledger *l = in->ledger;
     const size_t last = reports->count - 1;
-    const double q = fmin(last > 0 ? kiln_cells_ratio(reports->of, last) : 1.0, KILN_TAIL_RATIO_MOST);
+    const double q =
+        fmin(last > kiln_cells_first(in->settings) ? kiln_cells_ratio(reports->of, last) : 1.0, KILN_TAIL_RATIO_MOST);
     const int status = kiln_exact_reduce(in->communicator, l->group_now, l->group_count, error);
     double mean = 0.0, square = 0.0;
     size_t lit = 0;
@@ -43,14 +44,14 @@ static double error_of_all(const struct kiln_tail_fit *fit, double share, bool l
 }
 
 /* The sum of q + q^2 + ... for each channel's own ratio q. */
-static void find_factors(struct kiln_integrate_report *r, float factor[3])
+static void find_factors(struct kiln_integrate_report *r, size_t first, float factor[3])
 {
     const struct kiln_step_reports part = kiln_part_reports(&r->steps);
-    const struct kiln_step_report *reports = part.of;
-    const size_t last = part.count - 1;
+    const struct kiln_step_report *reports = part.of + first;
+    const size_t last = part.count - first - 1;
     double tail[3], total[3] = {0};
     struct kiln_tail_fit fit;
-    kiln_cells_fit_tail(reports, part.count, &fit);
+    kiln_cells_fit_tail(reports, last + 1, &fit);
     for (int c = 0; c < 3; c++) {
         const double now = reports[last].energy.reflected[c],
                      before = last > 0 ? reports[last - 1].energy.reflected[c] : 0.0;
@@ -88,7 +89,7 @@ void kiln_tail_add(const struct kiln_integration *in)
     const bool is_compact = kiln_solution_step(in->solution)->step.compact;
     const double scale = kiln_radiosity_allgather_scale(in->solution->allgather);
     float factor[3];
-    find_factors(&in->solution->report, factor);
+    find_factors(&in->solution->report, kiln_cells_first(in->settings), factor);
     in->solution->report.tail = true;
     for (uint64_t i = 0; i < own->surface.count; i++) {
         float last[3];

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "coordinator/integrate/cells/adapt.h"
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/packing.h"
 #include "coordinator/integrate/parts.h"
@@ -58,6 +59,11 @@ static void enter(const struct kiln_taking *t, const struct kiln_rank_data *data
                   const struct kiln_point_result *r, const float radiosity[3], bool counts)
 {
     switch (t->step->role) {
+    case KILN_CELLS_PILOT: /* the sum is of incident light until the second step makes radiosity of it */
+        set(data->direct, own, r->irradiance);
+        set(data->sum, own, r->incident);
+        begin_errors(t, data, own, r->error);
+        break;
     case KILN_CELLS_DIRECT:
         set(data->sum, own, radiosity);
         if (!counts)
@@ -122,23 +128,43 @@ static void tally(const struct kiln_taking *t, const struct kiln_surface *surfac
     kiln_tally_add(&point, r, t->unit, sums, tile_run);
 }
 
+/* What the pilot and the second step of direct light say together. */
+static struct kiln_point_result combined(const struct kiln_rank_data *data, struct kiln_own_point own, double share,
+                                         const struct kiln_point_result *second)
+{
+    struct kiln_point_result both = *second;
+    const double rest = 1.0 - share,
+                 errors[2] = {rest * (double)kiln_error_unpack(data->error[own.at]), share * (double)second->error};
+    for (uint64_t c = 0; c < 3; c++) {
+        both.irradiance[c] =
+            (float)(rest * (double)data->direct[3 * own.at + c] + share * (double)second->irradiance[c]);
+        both.incident[c] = (float)(rest * (double)data->sum[3 * own.at + c] + share * (double)second->incident[c]);
+    }
+    both.error = (float)sqrt(errors[0] * errors[0] + errors[1] * errors[1]);
+    return both;
+}
+
 void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
                      const void *answers, struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
 {
     const struct kiln_point_result *results = answers;
     struct kiln_own_point own = kiln_own_of_global(&data->surface, f->first);
     const bool unfinished = kiln_part_changes(data, f, t->step->part);
+    const bool second = t->step->role == KILN_CELLS_DIRECT && t->step->samples_field != NULL;
+    const double share =
+        second ? kiln_adapt_share(kiln_adapt_pilot(t->settings), data->samples[f - data->surface.tile_runs]) : 1.0;
     /* what no ray meets takes no light from the scene */
     const bool counts =
         (t->scene->objects[kiln_map_object(&data->surface, f->map)].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
     for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++, results++) {
         float albedo[3], radiosity[3];
+        const struct kiln_point_result r = second ? combined(data, own, share, results) : *results;
         kiln_point_albedo(&data->surface, own, albedo);
         for (int c = 0; c < 3; c++)
-            radiosity[c] = albedo[c] * results->incident[c];
-        if (counts)
-            tally(t, &data->surface, own, results, albedo, sums, tile_run);
-        enter(t, data, own, results, radiosity, unfinished);
+            radiosity[c] = albedo[c] * r.incident[c];
+        if (counts && t->step->role != KILN_CELLS_PILOT)
+            tally(t, &data->surface, own, &r, albedo, sums, tile_run);
+        enter(t, data, own, &r, radiosity, unfinished);
         pack_next(t, data, own, f, (uint32_t)__builtin_ctzll(rest), radiosity);
     }
 }

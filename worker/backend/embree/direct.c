@@ -36,7 +36,8 @@ struct direct_work {
     struct target_lanes lanes;
     struct kiln_light_choice *choices;
     uint32_t *sobol[KILN_DIMENSIONS]; /* table_size points each */
-    uint32_t samples, table_size;
+    uint32_t samples, table_size;     /* samples: of the present tile run */
+    const struct kiln_batch *part;    /* borrowed */
     /* by identity, direct mapped; the points of all tiles of a tile run choose alike */
     struct sequence sequences[SEQUENCES];
     uint32_t *sequence_points; /* what they are made of */
@@ -63,8 +64,8 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     *work = w;
     if (status != KILN_OK)
         return status;
-    w->samples = part->samples;
-    w->table_size = w->samples + 1; /* a lone choice gets all samples, rounded up at most */
+    w->part = part;
+    w->table_size = part->samples + 1; /* a lone choice gets all samples, rounded up at most */
     status = kiln_allocate(&w->choices, KILN_CUT_MAX + b->params.lights->directional_count + 1, sizeof *w->choices,
                            "the light choices", error);
     for (uint32_t d = 0; d < KILN_DIMENSIONS && status == KILN_OK; d++) {
@@ -83,9 +84,9 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     return status;
 }
 
-static uint32_t identity_of(const struct kiln_light_choice *choice)
+static uint32_t identity_of(const struct direct_work *w, const struct kiln_light_choice *choice)
 {
-    return kiln_choice_identity((uint32_t)choice->kind, choice->index);
+    return kiln_direct_identity((uint32_t)choice->kind, choice->index, w->part->stream);
 }
 
 /* The first `count` samples of the choice called `identity`. */
@@ -218,7 +219,7 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
                           uint32_t j, const struct kiln_light_choice *choice, struct shadow_sums *sums, uint64_t *rays)
 {
     struct tile_run_frame *f = &w->frame;
-    const uint32_t identity = identity_of(choice);
+    const uint32_t identity = identity_of(w, choice);
     const struct kiln_dvec3 normal0 = dvec3((double)f->normal[0][j], (double)f->normal[1][j], (double)f->normal[2][j]);
     const uint32_t strategies = kiln_lights_strategies(b->params.lights, choice, normal0);
     const struct sequence *sequence[2];
@@ -270,7 +271,7 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
         const struct kiln_light_choice *choice = &w->choices[i];
         if (kiln_area_light_sampler(b->params.lights, choice, dvec3_of(f->extent[j].centre),
                                     (double)f->extent[j].spread, &w->target))
-            sample_target(w, b, context, j, identity_of(choice), choice->samples, &sums, rays);
+            sample_target(w, b, context, j, identity_of(w, choice), choice->samples, &sums, rays);
         else
             sample_choice(w, b, context, j, choice, &sums, rays);
         const double scale = 1.0 / (double)w->choices[i].samples;
@@ -293,6 +294,7 @@ static void direct_tile_run(void *work, const struct embree_backend *b, struct e
 {
     struct direct_work *w = work;
     struct kiln_point_result *points = results;
+    w->samples = w->part->samples_each != NULL ? w->part->samples_each[tile_run - w->part->first] : w->part->samples;
     frame_build(&w->frame, b, tile_run, FRAME_EXTENT);
     for (int q = 0; q < SEQUENCES; q++)
         w->sequences[q].used = false;

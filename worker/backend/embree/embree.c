@@ -256,6 +256,7 @@ const struct kiln_backend_api kiln_backend_embree = {
     .info = embree_info,
     .set_surface = embree_set_surface,
     .set_radiosity = embree_set_radiosity,
+    .mixed = 1u << KILN_PASS_INDEX_direct,
     .run = embree_run,
     .intersect = embree_intersect,
     .ceiling = embree_ceiling,

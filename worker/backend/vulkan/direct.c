@@ -75,7 +75,8 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
                                                        .sobol_stride = d->b->sobol_count,
                                                        .row_first = chunk->row_first,
                                                        .slices = d->slices.per_quarter,
-                                                       .split = d->slices.split}};
+                                                       .split = d->slices.split,
+                                                       .stream = d->batch->stream}};
     if (chunk->row_first == 0)
         vulkan_record(recording, d->choose, chunk->all.total, 1, &push, sizeof push);
     struct kiln_gpu_direct_push buried = push;

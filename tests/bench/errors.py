@@ -1,0 +1,132 @@
+"""Whether stated errors are true: bakes of many seeds against the standard errors that they state.
+
+  /usr/bin/python3 tests/bench/errors.py --kiln build/release/kiln [--seeds 24] [--quality draft]
+                                         [--texels-per-metre X] [--options '...'] [SCENE ...]
+
+Without scenes: the Cornell box, three rooms, and a zoo of punctual lights. Values are luminances of kiln.h5, which
+holds what was gathered, before denoising. z of a texel in one bake is its value less the mean of the bakes by other
+seeds, over the root of the squared stated error and the squared standard error of that mean. A table has what share of
+all texels of all bakes lies within 1, 2, 3 (68.3, 95.4, 99.7 % of a normal distribution), the 99th percentile of |z|,
+and the root mean square of the true deviation (over seeds) over that of the stated error: above 1 the bakes promise
+too much. Texels that are buried with any seed are left out, and those that no seed changes and that state no error.
+
+The rows of objects are the same for the mean of each object, weighted by area. Its stated error is mean_error of
+run.json, where that is, else that of texels with independent errors.
+"""
+import os
+import shlex
+import sys
+
+import h5py
+import numpy as np
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import measure  # noqa: E402
+import harness  # noqa: E402
+
+LIGHTS = (('total', 'error'), ('direct', 'error_direct'), ('indirect', 'error_indirect'))
+
+
+class Seed:
+    """What one bake says, points by object, side and texel: (value, stated error) of each light; object means."""
+
+    def __init__(self, bake):
+        p = bake.points
+        order = np.lexsort((p.x, p.y, p.side, p.object))
+        self.valid, self.area, self.object = p.valid[order], p.area[order], p.object[order]
+        with h5py.File(os.path.join(bake.directory, 'kiln.h5'), 'r') as f:
+            group = f['irradiance']
+            self.lights = {name: ((group[name][...].astype(np.float64) @ harness.LUMINANCE)[order],
+                                  group[error][...].astype(np.float64)[order])
+                           for name, error in LIGHTS if error in group}
+        self.mean_errors = np.array([o.get('mean_error', np.nan) for o in bake.run['objects']])
+
+
+def deviations(values, stated):
+    """|z| of all values, the deviations and the stated errors they are of; a row a seed."""
+    seeds = len(values)
+    others = (values.sum(0) - values) / (seeds - 1)
+    off = values - others
+    spread = values.var(0, ddof=1)
+    # of the mean of the others: the sum of squares of all less what the one adds to it
+    variance = np.maximum(0.0, ((seeds - 1) * spread - off ** 2 * (seeds - 1) / seeds) / (seeds - 2)) / (seeds - 1)
+    scale = np.sqrt(stated ** 2 + variance)
+    counts = np.broadcast_to((spread > 0) | (stated > 0).any(0), off.shape)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        z = np.where(scale > 0, np.abs(off) / scale, np.where(off == 0, 0.0, np.inf))
+    true = np.sqrt(spread[counts[0]].mean()) if counts.any() else 0.0
+    said = np.sqrt((stated ** 2)[counts].mean()) if counts.any() else 0.0
+    return z[counts], true / said if said > 0 else np.inf
+
+
+def show(table, scene, what, values, stated):
+    z, ratio = deviations(values, stated)
+    if len(z) == 0:
+        return
+    table.row(scene, what, '%d' % (len(z) // len(values)), *('%.1f %%' % (100 * (z < k).mean()) for k in (1, 2, 3)),
+              '%.2f' % np.percentile(z, 99), '%.2f' % ratio)
+
+
+def object_means(seeds, light, valid):
+    """(means, stated errors), a row a seed, a column an object that has area."""
+    area, which = seeds[0].area * valid, seeds[0].object
+    count = int(which.max()) + 1
+    whole = np.bincount(which, area, count)
+    lit = whole > 0
+    means, stated = [], []
+    for s in seeds:
+        value, error = s.lights[light]
+        mean = np.bincount(which, area * value, count)[lit] / whole[lit]
+        independent = np.sqrt(np.bincount(which, (area * error) ** 2, count)[lit]) / whole[lit]
+        known = np.full(count, np.nan)
+        if light == 'total':
+            known[:len(s.mean_errors)] = s.mean_errors[:count]
+        means.append(mean)
+        stated.append(np.where(np.isfinite(known[lit]), known[lit] * mean, independent))
+    return np.array(means), np.array(stated)
+
+
+def study(table, kiln, name, path, density, arguments):
+    seeds = []
+    for seed in range(1, arguments.seeds + 1):
+        bake = measure.must(kiln.bake(path, '--quality', arguments.quality, '--texels-per-metre', density,
+                                      '--error-map', '--denoise', 'none', '--samples-probe', 0, '--no-export',
+                                      '--seed', seed, *shlex.split(arguments.options), timeout=3600))
+        seeds.append(Seed(bake))
+        bake.remove()
+    valid = np.all([s.valid for s in seeds], 0) & (seeds[0].area > 0)
+    for light in seeds[0].lights:
+        values, stated = (np.array([s.lights[light][i][valid] for s in seeds]) for i in (0, 1))
+        show(table, name, light, values, stated)
+    for light in seeds[0].lights:
+        show(table, name, light + ' of objects', *object_means(seeds, light, valid))
+
+
+def own_scenes(kiln):
+    """(name, path, texels per metre)"""
+    return [('cornell', os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb'), 8),
+            ('rooms', measure.made(kiln, 'rooms', '--columns', 3, '--rows', 1), 4),
+            ('zoo', os.path.join(harness.DATA, 'punctual_zoo.glb'), 3)]
+
+
+def main():
+    def more(parser):
+        parser.add_argument('--seeds', type=int, default=24)
+        parser.add_argument('--quality', default='draft')
+        parser.add_argument('--texels-per-metre', type=float, default=0,
+                            help='0: 4, and each scene of the own set has its own')
+        parser.add_argument('--options', default='', help='more options for kiln bake, in one string')
+        parser.add_argument('scenes', nargs='*')
+
+    arguments, kiln = harness.start(__doc__, more)
+    if arguments.seeds < 3:
+        sys.exit('--seeds must be 3 at least: the spread of the others is asked for')
+    scenes = [(os.path.splitext(os.path.basename(s))[0], s, 4) for s in arguments.scenes] or own_scenes(kiln)
+    table = harness.Table(('scene', 14), ('light', 20), ('count', 8), ('in 1', 8), ('in 2', 8), ('in 3', 8),
+                          ('p99 of z', 9), ('true/said', 10))
+    for name, path, density in scenes:
+        study(table, kiln, name, path, arguments.texels_per_metre or density, arguments)
+
+
+if __name__ == '__main__':
+    main()
