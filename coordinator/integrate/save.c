@@ -143,7 +143,7 @@ static uint64_t count_before(const struct kiln_saved *s)
     const uint64_t own = s->solution->own->surface.tile_run_count;
     uint64_t before = 0;
     (void)MPI_Exscan(&own, &before, 1, MPI_UINT64_T, MPI_SUM, s->params->communicator);
-    return before;
+    return s->params->rank > 0 ? before : 0;
 }
 
 static struct kiln_save_moment moment_of(const struct kiln_saved *s, uint64_t tile_run_first, bool finished)
