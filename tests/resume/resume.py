@@ -733,12 +733,12 @@ def try_refusals(checks, tool):
                ('schedule', 'equal'),
                ('lightmap-size', 63), ('cell-size', 0.7), ('partition', 'objects'), ('environment', '1,1,1'),
                ('environment-scale', 2),
-               ('environment-rotation', 3), ('texels-per-metre', 20), ('lightmap-max', 2048)]
+               ('environment-rotation', 3), ('texels-per-metre', 20), ('lightmap-max', 2048), ('target-error', 0.1)]
     for name, value in changes:
         process = tool.bake(folder, '--' + name, value)
         checks.that(process.status == BAD_INPUT and 'in the checkpoint' in process.stderr and name in process.stderr,
                     '--%s %s was not refused with a table: %d' % (name, value, process.status), process)
-    for flag in ('--tail', '--repack'):
+    for flag in ('--tail', '--repack', '--no-error-map'):
         process = tool.bake(folder, flag)
         checks.that(process.status == BAD_INPUT, '%s was not refused: %d' % (flag, process.status), process)
     changed = os.path.join(tool.scratch, 'cornell.glb')
@@ -757,8 +757,8 @@ def try_refusals(checks, tool):
          tool.bake(folder, '--checkpoint-every', 100, '--watchdog', 9, '--quiet', threads=2), 'after refusals')
     # what changes no light on surfaces is no reason to refuse, and those keep their bits
     folder = interrupted(tool, checks)
-    process = tool.bake(folder, '--half', '--no-stitch', '--no-error-map', '--denoise', 'none', '--probe-spacing', 1,
-                        '--samples-probe', 9)
+    process = tool.bake(folder, '--half', '--no-stitch', '--denoise', 'none', '--probe-spacing', 1, '--samples-probe',
+                        9)
     checks.that(process.status == 0 and 'going on from checkpoint' in process.stderr,
                 'other files and probes: ended with %d' % process.status, process)
     kept = {k: v for k, v in result(folder).items() if k.startswith('kiln.h5')}

@@ -60,10 +60,10 @@ static void a_bake_has_what_it_wants(void **state)
     kiln_field_set_choose(&set, &with_errors);
     assert_true(set.entry[error].in_lightmaps);
     kiln_columns_make(&columns, &set, false);
-    assert_int_equal(columns.count, 14); /* the errors of direct and of indirect light, too */
-    assert_int_equal(kiln_columns_row(&columns), 117);
+    assert_int_equal(columns.count, 15); /* the errors of direct and of indirect light, and the parts, too */
+    assert_int_equal(kiln_columns_row(&columns), 117 + 16);
     kiln_columns_make(&columns, &set, true);
-    assert_string_equal(columns.column[14].name, "/points/side");
+    assert_string_equal(columns.column[15].name, "/points/side");
     assert_int_equal(kiln_columns_find(&columns, "/irradiance/total"), 10);
 }
 
