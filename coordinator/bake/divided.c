@@ -8,22 +8,24 @@
 #include "worker/scene/clip.h"
 #include "worker/scene/footprint.h"
 
-enum { CHUNK_POINTS = 1 << 16, SEGMENTS = 2, PLACES = 4, PAIRS = PLACES * PLACES, PAIR_RAYS = 2 * PAIRS };
+enum { CHUNK_POINTS = 1 << 16, SEGMENTS = 2, PLACES = 5, PAIRS = PLACES * PLACES, PAIR_RAYS = 2 * PAIRS };
 enum { CHUNK_CANDIDATES = 2048, NEIGHBOURS = 8 };
 static const double LIFT = 1e-3;         /* of a texel's side: how far above the surface the rays go */
 static const double LEAST_SHARE = 1e-4;  /* of its area that a texel has on the smaller side */
 static const double LEAST_SLOPE = 0.1;   /* sine of the angle between wall and texel */
+static const double NEAR_CORNERS = 0.99; /* from the middle of a side of a texel to its corners: where rays start */
 static const double SAME_NORMAL = 0.999; /* cosine: a texel is flat, or a wall's two faces are parallel */
 
-/* The plane of a texel: place (x, y) is origin + x du + y dv, m, above the surface by LIFT. */
+/* The plane of a texel: place (x, y) is origin + x du + y dv, m; rays start at `lift` above it. */
 struct texel_plane {
-    struct kiln_dvec3 origin, du, dv, normal;
+    struct kiln_dvec3 origin, du, dv, normal, lift;
 };
 
 /* A line through a texel, in the middle of a wall; where the face of the near, larger side is (line[2] of a parallel);
  * and a place on either side. */
 struct texel_line {
     float line[3], face;
+    bool ends; /* the texel ends within the wall: there is no place beyond */
     float centre[2], beyond[2];
 };
 
@@ -97,7 +99,7 @@ static int segments_create(struct segments *r, size_t count, struct kiln_error *
 
 static struct kiln_dvec3 place_of(const struct texel_plane *p, double x, double y)
 {
-    return dvec3_add(p->origin, dvec3_add(dvec3_scale(p->du, x), dvec3_scale(p->dv, y)));
+    return dvec3_add(dvec3_add(p->origin, p->lift), dvec3_add(dvec3_scale(p->du, x), dvec3_scale(p->dv, y)));
 }
 
 static void set_segment(struct segments *r, size_t i, struct kiln_dvec3 from, struct kiln_dvec3 to)
@@ -152,7 +154,8 @@ static bool find_plane(const struct search *s, const struct kiln_point_cursor *a
     const double side = fmin(dvec3_length(along[1]), dvec3_length(along[2])),
                  lift = fmax(LIFT * side, 4.0 * (double)kiln_offset_distance(s->geometry, pieces[0], front));
     plane->normal = dvec3_scale(dvec3_of(front), at->back ? -1.0 : 1.0);
-    plane->origin = dvec3_add(dvec3_add(c0, along[0]), dvec3_scale(plane->normal, lift));
+    plane->lift = dvec3_scale(plane->normal, lift);
+    plane->origin = dvec3_add(c0, along[0]);
     plane->du = along[1];
     plane->dv = along[2];
     return side > 0.0;
@@ -286,8 +289,8 @@ static void spread_places(const struct search *s, const struct candidate *c, con
     (void)near_side(s, &c->at, line, polygon, &corners, &centre);
     for (uint32_t k = 0; k < PLACES; k++) {
         const struct kiln_clip_corner *corner = corners > 0 ? &polygon[k * corners / PLACES] : &centre;
-        places[k] =
-            place_of(&c->plane, centre.x + 0.9 * (corner->x - centre.x), centre.y + 0.9 * (corner->y - centre.y));
+        places[k] = place_of(&c->plane, centre.x + NEAR_CORNERS * (corner->x - centre.x),
+                             centre.y + NEAR_CORNERS * (corner->y - centre.y));
     }
 }
 
@@ -325,7 +328,16 @@ static bool middle_line(const struct search *s, struct candidate *c, const struc
     if (!settle_line(s, &c->at, &c->line))
         return false;
     const bool turned = one[0] * line[0] + one[1] * line[1] < 0.0f;
+    const float far = parallel ? fmaxf(turned ? -one[2] : two[2], line[2]) : line[2],
+                other[3] = {-line[0], -line[1], -far};
     c->line.face = parallel ? fminf(turned ? -two[2] : one[2], line[2]) : line[2];
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], beyond;
+    uint32_t corners;
+    c->line.ends = !(near_side(s, &c->at, other, polygon, &corners, &beyond) > 0.0);
+    if (!c->line.ends) {
+        c->line.beyond[0] = (float)beyond.x;
+        c->line.beyond[1] = (float)beyond.y;
+    }
     return true;
 }
 
@@ -537,10 +549,11 @@ static int find_neighbours(const struct search *s, struct told *own, size_t *cou
         const size_t end = k + NEIGHBOURS;
         while (k < end && (points[k].at == KILN_NO_POINT || meets(&r, k)))
             k++;
-        if (k == end)
+        if (k == end && !f->list[i].line.ends)
             continue;
         own[*count] = own[i];
-        own[(*count)++].texel.beyond = points[k];
+        own[*count].texel.beyond = k < end ? points[k] : own[i].texel.point;
+        ++*count;
     }
     segments_destroy(&r);
     kiln_free(&points);
