@@ -8,7 +8,15 @@
 #include "worker/scene/clip.h"
 #include "worker/scene/footprint.h"
 
-enum { CHUNK_POINTS = 1 << 16, SEGMENTS = 2, PLACES = 5, PAIRS = PLACES * PLACES, PAIR_RAYS = 2 * PAIRS };
+enum {
+    CHUNK_POINTS = 1 << 16,
+    SEGMENTS = 2,
+    PLACES = 5,
+    PAIRS = PLACES * PLACES,
+    SIDES = 4,
+    TRIAL_RAYS = 2 * PAIRS + SIDES
+};
+enum { GRID = 2 * (KILN_TILE_SIDE + 1) }; /* lines between the texels of a tile */
 enum { CHUNK_CANDIDATES = 2048, NEIGHBOURS = 8 };
 static const double LIFT = 1e-3;         /* of a texel's side: how far above the surface the rays go */
 static const double LEAST_SHARE = 1e-4;  /* of its area that a texel has on the smaller side */
@@ -294,7 +302,19 @@ static void spread_places(const struct search *s, const struct candidate *c, con
     }
 }
 
-static void set_pairs(const struct search *s, const struct candidate *c, struct segments *r, size_t first)
+/* Rays along the sides of a texel: the parts of the lines of set_grid that it has. */
+static void set_sides(const struct candidate *c, struct segments *r, size_t first)
+{
+    const uint32_t x = c->at.x % KILN_TILE_SIDE, y = c->at.y % KILN_TILE_SIDE;
+    const double x0 = x == 0 ? LIFT : 0.0, x1 = x == KILN_TILE_SIDE - 1 ? 1.0 - LIFT : 1.0, y0 = y == 0 ? LIFT : 0.0,
+                 y1 = y == KILN_TILE_SIDE - 1 ? 1.0 - LIFT : 1.0;
+    const struct kiln_dvec3 corner[SIDES] = {place_of(&c->plane, x0, y0), place_of(&c->plane, x1, y0),
+                                             place_of(&c->plane, x1, y1), place_of(&c->plane, x0, y1)};
+    for (size_t k = 0; k < SIDES; k++)
+        set_segment(r, first + k, corner[k], corner[(k + 1) % SIDES]);
+}
+
+static void set_trial(const struct search *s, const struct candidate *c, struct segments *r, size_t first)
 {
     struct kiln_dvec3 here[PLACES], there[PLACES];
     const float other[3] = {-c->line.line[0], -c->line.line[1], -c->line.line[2]};
@@ -304,6 +324,7 @@ static void set_pairs(const struct search *s, const struct candidate *c, struct 
         set_segment(r, first + 2 * k, here[k / PLACES], there[k % PLACES]);
         set_segment(r, first + 2 * k + 1, there[k % PLACES], here[k / PLACES]);
     }
+    set_sides(c, r, first + 2 * (size_t)PAIRS);
 }
 
 static bool is_inside(const struct search *s, const struct kiln_hit *hit)
@@ -341,10 +362,21 @@ static bool middle_line(const struct search *s, struct candidate *c, const struc
     return true;
 }
 
+/* Whether something stands on a side of the texel. Of texels that are covered in part the sides do not count. */
+static bool sides_meet(const struct search *s, const struct candidate *c, const struct segments *r, size_t first)
+{
+    bool met = !kiln_point_whole(s->surface, c->at.point);
+    for (size_t k = 0; k < SIDES; k++)
+        met = met || meets(r, first + k);
+    return met;
+}
+
 /* Whether nothing goes from side to side. What starts inside of something is left out. */
-static bool pairs_part(const struct search *s, struct candidate *c, const struct segments *r, size_t first)
+static bool is_divided(const struct search *s, struct candidate *c, const struct segments *r, size_t first)
 {
     size_t apart = PAIRS;
+    if (!sides_meet(s, c, r, first + 2 * (size_t)PAIRS))
+        return false;
     for (size_t k = 0; k < PAIRS; k++) {
         const size_t there = first + 2 * k, back = there + 1;
         if (!meets(r, there) || !meets(r, back))
@@ -358,15 +390,15 @@ static bool pairs_part(const struct search *s, struct candidate *c, const struct
 static int try_candidates(struct search *s, struct candidate *list, size_t count, struct kiln_error *error)
 {
     struct segments r = {0};
-    int status = segments_create(&r, (count < CHUNK_CANDIDATES ? count : CHUNK_CANDIDATES) * PAIR_RAYS, error);
+    int status = segments_create(&r, (count < CHUNK_CANDIDATES ? count : CHUNK_CANDIDATES) * TRIAL_RAYS, error);
     for (size_t done = 0; status == KILN_OK && done < count; done += CHUNK_CANDIDATES) {
         const size_t some = count - done < CHUNK_CANDIDATES ? count - done : CHUNK_CANDIDATES;
 #pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
         for (size_t i = 0; i < some; i++)
-            set_pairs(s, &list[done + i], &r, i * PAIR_RAYS);
-        status = kiln_backend_intersect(s->backend, r.origins, r.directions, some * PAIR_RAYS, r.hits, error);
+            set_trial(s, &list[done + i], &r, i * TRIAL_RAYS);
+        status = kiln_backend_intersect(s->backend, r.origins, r.directions, some * TRIAL_RAYS, r.hits, error);
         for (size_t i = 0; status == KILN_OK && i < some; i++)
-            list[done + i].divides = pairs_part(s, &list[done + i], &r, i * PAIR_RAYS);
+            list[done + i].divides = is_divided(s, &list[done + i], &r, i * TRIAL_RAYS);
     }
     segments_destroy(&r);
     return status;
@@ -406,33 +438,112 @@ static int keep_divided(struct search *s, const struct candidates *c, struct kil
     return KILN_OK;
 }
 
+/* Whether a tile run is all of its tile and lies on one triangle. */
+static bool is_plain(const struct search *s, size_t run)
+{
+    const struct kiln_surface *surface = s->surface;
+    const struct kiln_tile_run *f = &surface->tile_runs[run];
+    const uint32_t *pieces = surface->pieces + surface->piece_base[run];
+    if (f->count < KILN_TILE_TEXELS || surface->piece_base[run + 1] - surface->piece_base[run] != KILN_TILE_TEXELS)
+        return false;
+    for (uint64_t k = 0, own = kiln_own_of_global(surface, f->first).at; k < KILN_TILE_TEXELS; k++)
+        if (!kiln_point_whole(surface, (struct kiln_own_point){own + k}) || pieces[k] != pieces[0])
+            return false;
+    return true;
+}
+
+/* The rays of a plain tile run, along the lines between its texels: a wall that divides a texel crosses the texel's
+ * sides (sides_meet), so that no texel of a tile run is divided where they meet nothing. */
+static void set_grid(const struct search *s, size_t run, struct segments *r, size_t first)
+{
+    const struct kiln_point_cursor at = kiln_point_first(s->surface, run);
+    struct texel_plane p;
+    if (!find_plane(s, &at, &p)) {
+        for (size_t k = 0; k < GRID; k++)
+            set_no_segment(r, first + k);
+        return;
+    }
+    for (size_t k = 0; k < GRID; k++) {
+        const double line = fmin(fmax((double)(k / 2), LIFT), KILN_TILE_SIDE - LIFT), end = KILN_TILE_SIDE - LIFT;
+        if (k % 2 == 0)
+            set_segment(r, first + k, place_of(&p, LIFT, line), place_of(&p, end, line));
+        else
+            set_segment(r, first + k, place_of(&p, line, LIFT), place_of(&p, line, end));
+    }
+}
+
+/* Finds the plain tile runs among [begin, end) that nothing stands on: 1 in `empty`. */
+static int find_empty(struct search *s, size_t begin, size_t end, struct segments *r, size_t *ray, uint8_t *empty,
+                      struct kiln_error *error)
+{
+    size_t rays = 0;
+    for (size_t f = begin; f < end; f++) {
+        empty[f - begin] = is_plain(s, f);
+        ray[f - begin] = rays;
+        rays += empty[f - begin] != 0 ? GRID : 0;
+    }
+#pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
+    for (size_t f = begin; f < end; f++)
+        if (empty[f - begin] != 0)
+            set_grid(s, f, r, ray[f - begin]);
+    const int status =
+        rays > 0 ? kiln_backend_intersect(s->backend, r->origins, r->directions, rays, r->hits, error) : KILN_OK;
+    for (size_t f = begin; status == KILN_OK && f < end; f++)
+        for (size_t k = 0; k < GRID && empty[f - begin] != 0; k++)
+            empty[f - begin] = !meets(r, ray[f - begin] + k);
+    return status;
+}
+
+/* Traces the rays of all points of the tile runs [begin, end) but for empty ones. */
+static int trace_diagonals(struct search *s, size_t begin, size_t end, struct segments *r, size_t *ray,
+                           const uint8_t *empty, struct kiln_error *error)
+{
+    const struct kiln_surface *surface = s->surface;
+    size_t rays = 0;
+    for (size_t f = begin; f < end; f++) {
+        ray[f - begin] = rays;
+        rays += empty[f - begin] != 0 ? 0 : SEGMENTS * (size_t)surface->tile_runs[f].count;
+    }
+#pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
+    for (size_t f = begin; f < end; f++) {
+        struct kiln_point_cursor at = kiln_point_first(surface, f);
+        for (uint32_t k = 0; k < surface->tile_runs[f].count && empty[f - begin] == 0;
+             k++, kiln_point_next(surface, &at))
+            set_diagonals(s, &at, r, ray[f - begin] + SEGMENTS * (size_t)k);
+    }
+    return rays > 0 ? kiln_backend_intersect(s->backend, r->origins, r->directions, rays, r->hits, error) : KILN_OK;
+}
+
 /* Looks at tile runs [begin, end), whose rays fit. */
 static int look_at(struct search *s, size_t begin, size_t end, struct segments *r, struct kiln_error *error)
 {
     const struct kiln_surface *surface = s->surface;
-    const uint64_t first = surface->tile_runs[begin].first.at;
-    const size_t points = (size_t)kiln_tile_runs_points(&surface->tile_runs[begin], &surface->tile_runs[end - 1]);
     struct candidates c = {0};
-#pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
-    for (size_t f = begin; f < end; f++) {
-        struct kiln_point_cursor at = kiln_point_first(surface, f);
-        for (uint32_t k = 0; k < surface->tile_runs[f].count; k++, kiln_point_next(surface, &at))
-            set_diagonals(s, &at, r, SEGMENTS * (size_t)(surface->tile_runs[f].first.at - first + k));
-    }
-    int status = kiln_backend_intersect(s->backend, r->origins, r->directions, SEGMENTS * points, r->hits, error);
+    size_t *ray = NULL;
+    uint8_t *empty = NULL;
+    int status = kiln_allocate(&ray, end - begin, sizeof *ray, "rays along texels", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&empty, end - begin, 1, "rays along texels", error);
+    if (status == KILN_OK)
+        status = find_empty(s, begin, end, r, ray, empty, error);
+    if (status == KILN_OK)
+        status = trace_diagonals(s, begin, end, r, ray, empty, error);
     for (size_t f = begin; status == KILN_OK && f < end; f++) {
         struct kiln_point_cursor at = kiln_point_first(surface, f);
-        size_t ray = SEGMENTS * (size_t)(surface->tile_runs[f].first.at - first);
-        for (uint32_t k = 0; status == KILN_OK && k < surface->tile_runs[f].count;
-             k++, ray += SEGMENTS, kiln_point_next(surface, &at))
-            if (meets(r, ray) || meets(r, ray + 1))
-                status = add_candidates(s, &at, f, r, ray, &c, error);
+        for (uint32_t k = 0; status == KILN_OK && k < surface->tile_runs[f].count && empty[f - begin] == 0;
+             k++, kiln_point_next(surface, &at)) {
+            const size_t first = ray[f - begin] + SEGMENTS * (size_t)k;
+            if (meets(r, first) || meets(r, first + 1))
+                status = add_candidates(s, &at, f, r, first, &c, error);
+        }
     }
     if (status == KILN_OK && c.count > 0)
         status = try_candidates(s, c.list, c.count, error);
     if (status == KILN_OK)
         status = keep_divided(s, &c, error);
     kiln_free(&c.list);
+    kiln_free(&ray);
+    kiln_free(&empty);
     return status;
 }
 
