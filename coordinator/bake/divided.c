@@ -302,6 +302,15 @@ static void spread_places(const struct search *s, const struct candidate *c, con
     }
 }
 
+/* Places on both sides of a candidate's line. */
+static void spread_all(const struct search *s, const struct candidate *c, struct kiln_dvec3 here[PLACES],
+                       struct kiln_dvec3 there[PLACES])
+{
+    const float other[3] = {-c->line.line[0], -c->line.line[1], -c->line.line[2]};
+    spread_places(s, c, c->line.line, here);
+    spread_places(s, c, other, there);
+}
+
 /* Rays along the sides of a texel: the parts of the lines of set_grid that it has. */
 static void set_sides(const struct candidate *c, struct segments *r, size_t first)
 {
@@ -314,12 +323,19 @@ static void set_sides(const struct candidate *c, struct segments *r, size_t firs
         set_segment(r, first + k, corner[k], corner[(k + 1) % SIDES]);
 }
 
+/* Some of the rays of a trial: if one of them meets nothing, the wall divides nothing. */
+static void set_glance(const struct search *s, const struct candidate *c, struct segments *r, size_t first)
+{
+    struct kiln_dvec3 here[PLACES], there[PLACES];
+    spread_all(s, c, here, there);
+    for (size_t k = 0; k < PLACES; k++)
+        set_segment(r, first + k, here[k], there[k]);
+}
+
 static void set_trial(const struct search *s, const struct candidate *c, struct segments *r, size_t first)
 {
     struct kiln_dvec3 here[PLACES], there[PLACES];
-    const float other[3] = {-c->line.line[0], -c->line.line[1], -c->line.line[2]};
-    spread_places(s, c, c->line.line, here);
-    spread_places(s, c, other, there);
+    spread_all(s, c, here, there);
     for (size_t k = 0; k < PAIRS; k++) {
         set_segment(r, first + 2 * k, here[k / PLACES], there[k % PLACES]);
         set_segment(r, first + 2 * k + 1, there[k % PLACES], here[k / PLACES]);
@@ -387,18 +403,55 @@ static bool is_divided(const struct search *s, struct candidate *c, const struct
     return apart < PAIRS && middle_line(s, c, &r->hits[first + 2 * apart], &r->hits[first + 2 * apart + 1]);
 }
 
-static int try_candidates(struct search *s, struct candidate *list, size_t count, struct kiln_error *error)
+/* Keeps the candidates whose glances all meet something; returns their number. */
+static size_t keep_hidden(struct candidate *list, size_t count, const struct segments *r)
 {
+    size_t kept = 0;
+    for (size_t i = 0; i < count; i++) {
+        bool hidden = true;
+        for (size_t k = 0; k < PLACES; k++)
+            hidden = hidden && meets(r, i * PLACES + k);
+        if (hidden)
+            list[kept++] = list[i];
+    }
+    return kept;
+}
+
+/* `some` candidates, whose rays fit. */
+static int try_some(struct search *s, struct candidate *list, size_t some, struct segments *r, struct kiln_error *error)
+{
+#pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
+    for (size_t i = 0; i < some; i++)
+        set_trial(s, &list[i], r, i * TRIAL_RAYS);
+    const int status = kiln_backend_intersect(s->backend, r->origins, r->directions, some * TRIAL_RAYS, r->hits, error);
+    for (size_t i = 0; status == KILN_OK && i < some; i++)
+        list[i].divides = is_divided(s, &list[i], r, i * TRIAL_RAYS);
+    return status;
+}
+
+/* Tries the candidates, and drops those that divide nothing at a glance. */
+static int try_candidates(struct search *s, struct candidates *c, struct kiln_error *error)
+{
+    enum { GLANCES = CHUNK_CANDIDATES * TRIAL_RAYS / PLACES };
     struct segments r = {0};
-    int status = segments_create(&r, (count < CHUNK_CANDIDATES ? count : CHUNK_CANDIDATES) * TRIAL_RAYS, error);
-    for (size_t done = 0; status == KILN_OK && done < count; done += CHUNK_CANDIDATES) {
-        const size_t some = count - done < CHUNK_CANDIDATES ? count - done : CHUNK_CANDIDATES;
+    size_t kept = 0;
+    int status = segments_create(&r, (size_t)CHUNK_CANDIDATES * TRIAL_RAYS, error);
+    for (size_t done = 0, some; status == KILN_OK && done < c->count; done += some) {
+        some = c->count - done < GLANCES ? c->count - done : GLANCES;
 #pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
         for (size_t i = 0; i < some; i++)
-            set_trial(s, &list[done + i], &r, i * TRIAL_RAYS);
-        status = kiln_backend_intersect(s->backend, r.origins, r.directions, some * TRIAL_RAYS, r.hits, error);
-        for (size_t i = 0; status == KILN_OK && i < some; i++)
-            list[done + i].divides = is_divided(s, &list[done + i], &r, i * TRIAL_RAYS);
+            set_glance(s, &c->list[done + i], &r, i * PLACES);
+        status = kiln_backend_intersect(s->backend, r.origins, r.directions, some * PLACES, r.hits, error);
+        if (status != KILN_OK)
+            break;
+        const size_t hidden = keep_hidden(c->list + done, some, &r);
+        memmove(c->list + kept, c->list + done, hidden * sizeof *c->list);
+        kept += hidden;
+    }
+    c->count = kept;
+    for (size_t done = 0, some; status == KILN_OK && done < kept; done += some) {
+        some = kept - done < CHUNK_CANDIDATES ? kept - done : CHUNK_CANDIDATES;
+        status = try_some(s, c->list + done, some, &r, error);
     }
     segments_destroy(&r);
     return status;
@@ -538,7 +591,7 @@ static int look_at(struct search *s, size_t begin, size_t end, struct segments *
         }
     }
     if (status == KILN_OK && c.count > 0)
-        status = try_candidates(s, c.list, c.count, error);
+        status = try_candidates(s, &c, error);
     if (status == KILN_OK)
         status = keep_divided(s, &c, error);
     kiln_free(&c.list);
