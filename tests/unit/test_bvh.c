@@ -195,7 +195,7 @@ static void trace(struct gpu *gpu, const struct world *w, const struct bvh *bvh,
                                              .code = kiln_spirv_intersect,
                                              .code_bytes = sizeof kiln_spirv_intersect,
                                              .constants = constants,
-                                             .constant_count = 6};
+                                             .constant_count = 7};
     assert_int_equal(gpu_kernel_create(gpu, &kernel, &params, &error), KILN_OK);
     const struct push push = {b[2].address, b[3].address, b[4].address, b[5].address, RAYS};
     const struct gpu_step step = {
