@@ -76,6 +76,7 @@ struct search {
     const struct kiln_geometry *geometry;
     struct kiln_backend *backend;
     const struct kiln_surface_exchange *exchange;
+    const struct kiln_stop *stop;
     uint32_t threads;
     struct candidates found;
     struct list all;
@@ -611,7 +612,7 @@ static int look_at_all(struct search *s, struct kiln_error *error)
         uint64_t points = 0;
         for (end = begin; end < runs && points + surface->tile_runs[end].count <= CHUNK_POINTS; end++)
             points += surface->tile_runs[end].count;
-        status = look_at(s, begin, end, &r, error);
+        status = kiln_stop_asked(s->stop) ? kiln_give_up(error) : look_at(s, begin, end, &r, error);
     }
     segments_destroy(&r);
     return status;
@@ -821,13 +822,15 @@ static void describe(const struct search *s, struct told *own)
 
 int kiln_divide_texels(struct kiln_surface *surface, const struct kiln_scene *scene,
                        const struct kiln_geometry *geometry, struct kiln_backend *backend, uint32_t threads,
-                       const struct kiln_surface_exchange *exchange, struct kiln_error *error)
+                       const struct kiln_surface_exchange *exchange, const struct kiln_stop *stop,
+                       struct kiln_error *error)
 {
     struct search s = {.surface = surface,
                        .scene = scene,
                        .geometry = geometry,
                        .backend = backend,
                        .exchange = exchange,
+                       .stop = stop,
                        .threads = threads};
     struct told *own = NULL;
     size_t count = 0;

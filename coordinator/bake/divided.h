@@ -14,10 +14,12 @@
 #include "worker/backend/backend.h"
 
 /* Collective over the ranks of the exchange (NULL: this process is alone). Finds the divided texels, enters them in the
- * surface's global arrays, the same on all ranks, and cuts the own points' areas. The surface's global arrays must not
+ * surface's global arrays, the same on all ranks, and cuts the own points' areas. KILN_STOPPED when `stop` (NULL: none)
+ * asks to end. The surface's global arrays must not
  * be shared yet, and the backend need not have the surface. */
 int kiln_divide_texels(struct kiln_surface *surface, const struct kiln_scene *scene,
                        const struct kiln_geometry *geometry, struct kiln_backend *backend, uint32_t threads,
-                       const struct kiln_surface_exchange *exchange, struct kiln_error *error);
+                       const struct kiln_surface_exchange *exchange, const struct kiln_stop *stop,
+                       struct kiln_error *error);
 
 #endif

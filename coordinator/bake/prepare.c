@@ -248,7 +248,7 @@ static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, co
         kiln_agree(p->communicator, kiln_surface_build(&p->surface, &params, &p->surface_report, error), error);
     if (status == KILN_OK)
         status = kiln_divide_texels(p->surface, p->scene, p->geometry, p->backend, p->threads,
-                                    p->ranks > 1 ? &exchange : NULL, error);
+                                    p->ranks > 1 ? &exchange : NULL, stop_of(care), error);
     if (status == KILN_OK)
         share_map(p);
     if (status == KILN_OK)
