@@ -8,7 +8,7 @@
 
 KILN_PUSH(kiln_gpu_hemisphere_push);
 
-layout(constant_id = 5) const uint LOOKUP = 1u; /* 0: trace only, for benches */
+layout(constant_id = 6) const uint LOOKUP = 1u; /* 0: trace only, for benches */
 
 struct Sums {
     vec3 incident, irradiance, glass;

@@ -84,7 +84,7 @@ static int check_room(const struct kiln_bake *b, const struct kiln_prepared *p, 
 {
     const double memory = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
     const uint64_t probes = volume->size[0] * volume->size[1] * volume->size[2];
-    const double needed = (double)probes / p->ranks * p->node_ranks * (double)sizeof(struct kiln_probe_result);
+    const double needed = (double)probes / p->ranks * p->node_ranks * (double)KILN_PROBE_BYTES;
     if (memory > 0.0 && needed > memory)
         return kiln_fail(
             error, KILN_SYSTEM,

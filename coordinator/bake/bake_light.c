@@ -67,6 +67,7 @@ static struct kiln_volume_params volume_params(struct kiln_bake *b)
     return (struct kiln_volume_params){.communicator = b->communicator,
                                        .backend = b->prepared->backend,
                                        .scene = b->prepared->scene,
+                                       .geometry = b->prepared->geometry,
                                        .radiosity = b->solution->radiosity,
                                        .spacing = b->job->probe_spacing,
                                        .samples = b->job->samples_probe,

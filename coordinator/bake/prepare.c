@@ -1,4 +1,5 @@
 #include "coordinator/bake/prepare.h"
+#include "coordinator/bake/divided.h"
 
 #include <omp.h>
 #include <sched.h>
@@ -219,6 +220,8 @@ static void share_map(struct kiln_prepared *p)
     s->tiles = tiles;
     s->global_is_borrowed = true;
     (void)share_array(p, &s->splits, s->split_count, sizeof *s->splits, "the split lightmap tiles");
+    if (s->divided_count > 0)
+        (void)share_array(p, &s->divided, s->divided_count, sizeof *s->divided, "divided texels");
     (void)share_array(p, &s->lightmaps, s->map_count, sizeof *s->lightmaps, "the lightmaps");
     if (s->cell_first != NULL)
         (void)share_array(p, &s->cell_first, s->cell_count + 1, sizeof *s->cell_first, "the cells");
@@ -243,6 +246,9 @@ static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, co
                                                .stop = stop_of(care)};
     int status =
         kiln_agree(p->communicator, kiln_surface_build(&p->surface, &params, &p->surface_report, error), error);
+    if (status == KILN_OK)
+        status = kiln_divide_texels(p->surface, p->scene, p->geometry, p->backend, p->threads,
+                                    p->ranks > 1 ? &exchange : NULL, stop_of(care), error);
     if (status == KILN_OK)
         share_map(p);
     if (status == KILN_OK)

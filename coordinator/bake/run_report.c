@@ -508,13 +508,13 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
                                   t->tail_error == KILN_TAIL_DIVERGES));
     json_object_set_new(root, "energy", energy_json(&t->energy, kiln_units_of(run->job->units, p->scene)));
     json_object_set_new(root, "error", error_reached);
-    json_object_set_new(root, "points",
-                        json_pack("{s:I, s:I, s:I, s:I, s:f, s:f, s:f}", "count", (json_int_t)p->surface_report.points,
-                                  "texels", (json_int_t)p->surface_report.texels, "invalid",
-                                  total(values, p->ranks, RANK_INVALID), "shared",
-                                  (json_int_t)p->surface_report.shared_texels, "area", p->surface_report.area,
-                                  "geometry_area", p->surface_report.geometry_area, "worst_object_area_error",
-                                  p->surface_report.worst_object_area_error));
+    json_object_set_new(
+        root, "points",
+        json_pack("{s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:f}", "count", (json_int_t)p->surface_report.points, "texels",
+                  (json_int_t)p->surface_report.texels, "invalid", total(values, p->ranks, RANK_INVALID), "shared",
+                  (json_int_t)p->surface_report.shared_texels, "divided", (json_int_t)p->surface->divided_count, "area",
+                  p->surface_report.area, "geometry_area", p->surface_report.geometry_area, "worst_object_area_error",
+                  p->surface_report.worst_object_area_error));
     json_object_set_new(root, "balance", balance_json(run, values));
     json_object_set_new(root, "memory", memory_json(run, values));
     json_object_set_new(mpi, "received_between_nodes", json_integer(total(values, p->ranks, RANK_RECEIVED)));

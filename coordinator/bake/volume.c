@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "coordinator/bake/occluders.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
@@ -58,9 +59,10 @@ static uint64_t batch_size(uint32_t samples)
 struct volume_work {
     const struct kiln_volume_params *params;
     struct kiln_volume_result *volume;
-    struct kiln_probe_result *probes; /* own */
-    uint8_t *done;                    /* own: 1 if the probe has been gathered */
-    struct kiln_vec3 *positions;      /* of the probes of a batch */
+    struct kiln_probe_result *probes;       /* own */
+    struct kiln_probe_occluders *occluders; /* own */
+    uint8_t *done;                          /* own: 1 if the probe has been gathered */
+    struct kiln_vec3 *positions;            /* of the probes of a batch */
     uint64_t batch, batch_most, next, finished;
     uint64_t *rays;
 };
@@ -70,9 +72,12 @@ static int restore(struct volume_work *w, int rank, int ranks, struct kiln_error
 {
     const struct kiln_checkpoint *c = w->params->checkpoint;
     const uint64_t first = w->volume->first, count = w->volume->count;
-    if (!w->params->restore || kiln_checkpoint_generation(c) == 0 || !kiln_checkpoint_has(c, "probes"))
+    if (!w->params->restore || kiln_checkpoint_generation(c) == 0 || !kiln_checkpoint_has(c, "probes") ||
+        !kiln_checkpoint_has(c, "probe_occluders"))
         return KILN_OK;
     int status = kiln_checkpoint_read(c, "probes", first, count, sizeof *w->probes, w->probes, error);
+    if (status == KILN_OK)
+        status = kiln_checkpoint_read(c, "probe_occluders", first, count, sizeof *w->occluders, w->occluders, error);
     if (status == KILN_OK)
         status = kiln_checkpoint_read(c, "probes_done", first, count, 1, w->done, error);
     for (uint64_t i = 0; i < count; i++) {
@@ -93,6 +98,7 @@ static int save(const struct volume_work *w, bool stop, struct kiln_error *error
 {
     const uint64_t first = w->volume->first, count = w->volume->count;
     const struct kiln_block blocks[] = {{"probes", first, count, sizeof *w->probes, w->probes},
+                                        {"probe_occluders", first, count, sizeof *w->occluders, w->occluders},
                                         {"probes_done", first, count, 1, w->done},
                                         {"probe_rays", 0, 1, sizeof *w->rays, w->rays}};
     return w->params->save(w->params->context, blocks, sizeof blocks / sizeof *blocks, stop, error);
@@ -129,7 +135,10 @@ static int gather_batch(struct volume_work *w, double *seconds, struct kiln_erro
                                      .samples = p->samples,
                                      .take = keep_probes,
                                      .context = w};
-    const int status = kiln_backend_run(p->backend, &kiln_pass_probes, NULL, &items, w->rays, error);
+    int status = kiln_backend_run(p->backend, &kiln_pass_probes, NULL, &items, w->rays, error);
+    if (status == KILN_OK)
+        status =
+            kiln_occluders_find(p->backend, p->geometry, w->positions, count, w->occluders + first, w->rays, error);
     if (status == KILN_OK)
         memset(w->done + first, 1, count);
     w->next += count;
@@ -174,6 +183,7 @@ int kiln_volume_save_all(const struct kiln_volume_result *volume, const struct k
 {
     struct volume_work w = {.params = params, .volume = (struct kiln_volume_result *)(uintptr_t)volume, .rays = rays};
     w.probes = (struct kiln_probe_result *)(uintptr_t)volume->probes;
+    w.occluders = (struct kiln_probe_occluders *)(uintptr_t)volume->occluders;
     int status = kiln_agree(params->communicator, kiln_allocate(&w.done, volume->count, 1, "the probes", error), error);
     if (status == KILN_OK && volume->count > 0)
         memset(w.done, 1, volume->count);
@@ -200,10 +210,13 @@ int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_
     w.batch = 1; /* start with one probe, which may take a second if it has many samples */
     status = kiln_allocate(&w.probes, volume->count, sizeof *w.probes, "the probes", error);
     if (status == KILN_OK)
+        status = kiln_allocate(&w.occluders, volume->count, sizeof *w.occluders, "the probes", error);
+    if (status == KILN_OK)
         status = kiln_allocate(&w.done, volume->count, 1, "the probes", error);
     if (status == KILN_OK)
         status = kiln_allocate(&w.positions, w.batch_most, sizeof *w.positions, "probe positions", error);
     volume->probes = w.probes;
+    volume->occluders = w.occluders;
     if (status == KILN_OK)
         status = restore(&w, rank, ranks, error);
     status = kiln_agree(params->communicator, status, error);
@@ -219,6 +232,9 @@ int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_
 void kiln_volume_destroy(struct kiln_volume_result *volume)
 {
     struct kiln_probe_result *probes = (struct kiln_probe_result *)(uintptr_t)volume->probes;
+    struct kiln_probe_occluders *occluders = (struct kiln_probe_occluders *)(uintptr_t)volume->occluders;
     kiln_free(&probes);
+    kiln_free(&occluders);
     volume->probes = NULL;
+    volume->occluders = NULL;
 }

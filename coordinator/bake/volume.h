@@ -16,6 +16,7 @@ struct kiln_volume_params {
     MPI_Comm communicator;
     struct kiln_backend *backend; /* has its surface */
     const struct kiln_scene *scene;
+    const struct kiln_geometry *geometry;
     const uint64_t *radiosity; /* of all points, packed (kiln_radiosity_pack) */
     double spacing;            /* m; 0: chosen automatically */
     uint32_t samples;          /* rays for each probe */

@@ -22,7 +22,7 @@ struct question {
 struct answer {
     struct kiln_volume_probe light;
     double irradiance[3]; /* about the normal */
-    bool outside;
+    struct kiln_volume_place place;
 };
 
 static int read_number(const char *text, const char *what, double *number, struct kiln_error *error)
@@ -66,8 +66,8 @@ static int find_answer(struct kiln_results *results, const struct question *q, s
     int descriptor;
     int status = kiln_results_file(results, "volume.hdf", &descriptor, path, error);
     if (status == KILN_OK)
-        status = kiln_reader_light(kiln_results_reader(results), descriptor, path, q->position, &a->light, &a->outside,
-                                   error);
+        status =
+            kiln_reader_light(kiln_results_reader(results), descriptor, path, q->position, &a->light, &a->place, error);
     if (status == KILN_OK && q->has_normal)
         kiln_volume_irradiance(&a->light, q->normal, a->irradiance);
     if (descriptor >= 0)
@@ -83,9 +83,10 @@ static json_t *rgb_json(const float rgb[3])
 static int print_json(const struct question *q, const struct answer *a, const struct kiln_units *units,
                       struct kiln_error *error)
 {
-    json_t *root = json_pack("{s:s, s:s, s:[f,f,f], s:b, s:f, s:f}", "status", "done", "units", units->irradiance,
-                             "position", q->position[0], q->position[1], q->position[2], "outside", a->outside,
-                             "validity", (double)a->light.validity, "mean_distance", (double)a->light.mean_distance);
+    json_t *root =
+        json_pack("{s:s, s:s, s:[f,f,f], s:b, s:f, s:f, s:f}", "status", "done", "units", units->irradiance, "position",
+                  q->position[0], q->position[1], q->position[2], "outside", a->place.outside, "validity",
+                  (double)a->light.validity, "mean_distance", (double)a->light.mean_distance, "seen", a->place.seen);
     if (root != NULL && q->has_normal) {
         json_object_set_new(root, "normal", json_pack("[f, f, f]", q->normal[0], q->normal[1], q->normal[2]));
         json_object_set_new(root, "irradiance",
@@ -117,14 +118,18 @@ static void print_text(const struct question *q, const struct answer *a, const s
                          (double)a->light.harmonics[i][1], (double)a->light.harmonics[i][2]);
     }
     (void)printf("validity %.3f, mean distance %.4g m\n", (double)a->light.validity, (double)a->light.mean_distance);
-    if (a->outside)
+    if (a->place.outside)
         (void)puts("the point is outside the volume: this is the light at the nearest point inside");
+    if (!(a->place.seen > 0.0))
+        (void)puts(
+            "no probe around the point sees it: this is the light of probes behind surfaces; bake with a smaller "
+            "--probe-spacing");
 }
 
 int kiln_command_probe(struct kiln_job *job, struct kiln_error *error)
 {
     struct question question = {{0}, {0}, false};
-    struct answer answer = {.outside = false};
+    struct answer answer = {.place = {0}};
     struct kiln_results *results = NULL;
     const struct kiln_units *units = NULL;
     int status = read_question(job, &question, error);

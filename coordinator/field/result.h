@@ -25,6 +25,19 @@ struct kiln_bake_result {
     const struct kiln_stop *stop; /* what asks to end before all files are written; NULL: nothing does */
 };
 
+/* What is around a probe: plane g of direction i = (dx + 1) + 3 (dy + 1) + 9 (dz + 1), dx dy dz of -1 0 1, is that of
+ * the first surface which the ray in this direction meets. A place v, m from the probe, lies behind it where g . v > 1:
+ * g is the plane's unit normal, which leads away from the probe, divided by the plane's distance, 1/m. It is 0 where
+ * nothing is met, and in the middle (i = 13), which is no direction. */
+enum { KILN_OCCLUDER_DIRECTIONS = 27 };
+#define KILN_OCCLUDER_NEAREST 1e-6 /* of the scene's diagonal: planes count as so far away at least */
+struct kiln_probe_occluders {
+    float planes[KILN_OCCLUDER_DIRECTIONS][3];
+};
+
+/* Bytes of a probe in memory. */
+#define KILN_PROBE_BYTES (sizeof(struct kiln_probe_result) + sizeof(struct kiln_probe_occluders))
+
 /* The irradiance volume: a regular grid of probes, this rank's share of them a contiguous range of z-major order
  * (index = (z * size[1] + y) * size[0] + x). */
 struct kiln_volume_result {
@@ -32,7 +45,8 @@ struct kiln_volume_result {
     double origin[3];  /* world, m: position of probe (0,0,0) */
     double spacing[3]; /* m */
     uint64_t first, count;
-    const struct kiln_probe_result *probes; /* own */
+    const struct kiln_probe_result *probes;       /* own */
+    const struct kiln_probe_occluders *occluders; /* own */
 };
 
 #endif

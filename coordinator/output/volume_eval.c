@@ -11,7 +11,8 @@
 #include "worker/base/memory.h"
 #include "worker/sampling/harmonics.h"
 
-enum { ARRAYS = 9, VALUES = sizeof(struct kiln_volume_probe) / sizeof(float) };
+enum { ARRAYS = 9, OCCLUDERS = 3 * KILN_OCCLUDER_DIRECTIONS };
+enum { VALUES = sizeof(struct kiln_volume_probe) / sizeof(float) };
 
 /* The arrays of the file, in the order of struct kiln_volume_probe. */
 static const struct {
@@ -21,11 +22,15 @@ static const struct {
                     {"irradiance_posy", 3}, {"irradiance_negy", 3}, {"irradiance_posz", 3},
                     {"irradiance_negz", 3}, {"validity", 1},        {"mean_distance", 1}};
 
+/* A plane hides what lies more than this share of its distance behind it. What a probe does not see has this weight
+ * still, so that a place that no probe sees gets the light of all. */
+static const double SEES_MARGIN = 0.01, SEES_LEAST = 1e-6;
+
 struct kiln_volume {
     char *path;
     int own; /* descriptor to close with the volume; -1: it belongs to the caller */
     struct kiln_h5_file *file;
-    hid_t datasets[ARRAYS];
+    hid_t datasets[ARRAYS], occluders; /* occluders: invalid in files of kiln before it had them */
     uint64_t size[3];
     double origin[3], spacing[3];
 };
@@ -70,20 +75,21 @@ static int read_grid(struct kiln_volume *v, struct kiln_error *error)
     return KILN_OK;
 }
 
-static int open_array(struct kiln_volume *v, int array, struct kiln_error *error)
+static int open_array(const struct kiln_volume *v, const char *array, int components, hid_t *dataset,
+                      struct kiln_error *error)
 {
     char name[64] = "/VTKHDF/PointData/";
-    strcat(name, arrays[array].name);
-    v->datasets[array] = H5Dopen2(kiln_h5_file_id(v->file), name, H5P_DEFAULT);
-    const hid_t space = v->datasets[array] < 0 ? H5I_INVALID_HID : H5Dget_space(v->datasets[array]);
+    strcat(name, array);
+    *dataset = H5Dopen2(kiln_h5_file_id(v->file), name, H5P_DEFAULT);
+    const hid_t space = *dataset < 0 ? H5I_INVALID_HID : H5Dget_space(*dataset);
     hsize_t size[8] = {0};
     const int rank =
         space < 0 || H5Sget_simple_extent_ndims(space) > 4 ? -1 : H5Sget_simple_extent_dims(space, size, NULL);
     if (space >= 0)
         (void)H5Sclose(space);
-    if (rank != (arrays[array].components > 1 ? 4 : 3) || size[0] != v->size[2] || size[1] != v->size[1] ||
-        size[2] != v->size[0] || (rank == 4 && size[3] != (hsize_t)arrays[array].components))
-        return not_a_volume(v->path, arrays[array].name, error);
+    if (rank != (components > 1 ? 4 : 3) || size[0] != v->size[2] || size[1] != v->size[1] || size[2] != v->size[0] ||
+        (rank == 4 && size[3] != (hsize_t)components))
+        return not_a_volume(v->path, array, error);
     return KILN_OK;
 }
 
@@ -96,6 +102,7 @@ int kiln_volume_open_file(struct kiln_volume **volume, int descriptor, const cha
     v->own = -1;
     for (int a = 0; a < ARRAYS; a++)
         v->datasets[a] = H5I_INVALID_HID;
+    v->occluders = H5I_INVALID_HID;
     if ((status = kiln_allocate(&v->path, strlen(path) + 1, 1, "a path", error)) == KILN_OK) {
         memcpy(v->path, path, strlen(path) + 1);
         status = kiln_h5_file_open(&v->file, descriptor, v->path, error);
@@ -103,7 +110,9 @@ int kiln_volume_open_file(struct kiln_volume **volume, int descriptor, const cha
     if (status == KILN_OK)
         status = read_grid(v, error);
     for (int a = 0; status == KILN_OK && a < ARRAYS; a++)
-        status = open_array(v, a, error);
+        status = open_array(v, arrays[a].name, arrays[a].components, &v->datasets[a], error);
+    if (status == KILN_OK && H5Lexists(kiln_h5_file_id(v->file), "/VTKHDF/PointData/occluders", H5P_DEFAULT) > 0)
+        status = open_array(v, "occluders", OCCLUDERS, &v->occluders, error);
     if (status != KILN_OK)
         kiln_volume_close(volume);
     return status;
@@ -132,6 +141,8 @@ void kiln_volume_close(struct kiln_volume **volume)
     for (int a = 0; a < ARRAYS; a++)
         if (v->datasets[a] >= 0)
             (void)H5Dclose(v->datasets[a]);
+    if (v->occluders >= 0)
+        (void)H5Dclose(v->occluders);
     kiln_h5_file_close(&v->file);
     if (v->own >= 0)
         (void)close(v->own);
@@ -156,18 +167,25 @@ static bool read_values(hid_t dataset, const uint64_t at[3], int components, flo
 
 _Static_assert(VALUES == 27 + 18 + 2, "the arrays fill struct kiln_volume_probe");
 
+static int unreadable(const struct kiln_volume *v, const char *array, const uint64_t at[3], struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_IO, "'%s': %s of probe (%llu, %llu, %llu) cannot be read", v->path, array,
+                     (unsigned long long)at[0], (unsigned long long)at[1], (unsigned long long)at[2]);
+}
+
 int kiln_volume_read(const struct kiln_volume *v, const uint64_t at[3], struct kiln_volume_probe *probe,
-                     struct kiln_error *error)
+                     struct kiln_probe_occluders *occluders, struct kiln_error *error)
 {
     float values[VALUES], *next = values;
     for (int a = 0; a < ARRAYS; a++) {
         if (!read_values(v->datasets[a], at, arrays[a].components, next))
-            return kiln_fail(error, KILN_IO, "'%s': %s of probe (%llu, %llu, %llu) cannot be read", v->path,
-                             arrays[a].name, (unsigned long long)at[0], (unsigned long long)at[1],
-                             (unsigned long long)at[2]);
+            return unreadable(v, arrays[a].name, at, error);
         next += arrays[a].components;
     }
     memcpy(probe, values, sizeof values);
+    memset(occluders, 0, sizeof *occluders);
+    if (v->occluders >= 0 && !read_values(v->occluders, at, OCCLUDERS, occluders->planes[0]))
+        return unreadable(v, "occluders", at, error);
     return KILN_OK;
 }
 
@@ -210,20 +228,54 @@ int kiln_volume_corners(const uint64_t size[3], const double origin[3], const do
     return count;
 }
 
+/* From the planes of one octant's directions e1, e1 + e2, e1 + e2 + e3, where e1, e2, e3 are the axes that v has most,
+ * less and least of: v is |v1|-|v2|, |v2|-|v3|, |v3| of these. */
+double kiln_volume_sees(const struct kiln_probe_occluders *occluders, const double v[3])
+{
+    int axis[3] = {0, 1, 2};
+    for (int i = 1; i < 3; i++) /* by falling size */
+        for (int k = i; k > 0 && fabs(v[axis[k]]) > fabs(v[axis[k - 1]]); k--) {
+            const int swapped = axis[k];
+            axis[k] = axis[k - 1];
+            axis[k - 1] = swapped;
+        }
+    double direction[3] = {0}, between = 0.0, behind = 0.0;
+    for (int i = 0; i < 3; i++) {
+        direction[axis[i]] = v[axis[i]] < 0.0 ? -1.0 : 1.0;
+        const float *g =
+            occluders->planes[(int)(direction[0] + 1.0 + 3.0 * (direction[1] + 1.0) + 9.0 * (direction[2] + 1.0))];
+        double along = 0.0, at_v = 0.0;
+        for (int a = 0; a < 3; a++) {
+            along += (double)g[a] * direction[a];
+            at_v += (double)g[a] * v[a];
+        }
+        between += (fabs(v[axis[i]]) - (i < 2 ? fabs(v[axis[i + 1]]) : 0.0)) * along;
+        behind = fmax(behind, at_v);
+    }
+    return fmin(fmax((1.0 + SEES_MARGIN - fmin(between, behind)) / SEES_MARGIN, 0.0), 1.0);
+}
+
 int kiln_volume_light(const struct kiln_volume *v, const double position[3], struct kiln_volume_probe *light,
-                      bool *outside, struct kiln_error *error)
+                      struct kiln_volume_place *place, struct kiln_error *error)
 {
     uint64_t at[8][3];
-    double weight[8], sum[VALUES] = {0}, total = 0.0;
-    const int count = kiln_volume_corners(v->size, v->origin, v->spacing, position, at, weight, outside);
+    double weight[8], sum[VALUES] = {0}, total = 0.0, trusted = 0.0, seeing = 0.0;
+    const int count = kiln_volume_corners(v->size, v->origin, v->spacing, position, at, weight, &place->outside);
     for (int k = 0; k < count; k++) {
         struct kiln_volume_probe probe;
+        struct kiln_probe_occluders occluders;
         float values[VALUES];
-        const int status = kiln_volume_read(v, at[k], &probe, error);
+        double from[3];
+        const int status = kiln_volume_read(v, at[k], &probe, &occluders, error);
         if (status != KILN_OK)
             return status;
         memcpy(values, &probe, sizeof values);
-        const double w = weight[k] * (double)kiln_volume_trust(probe.validity);
+        for (int i = 0; i < 3; i++)
+            from[i] = position[i] - (v->origin[i] + v->spacing[i] * (double)at[k][i]);
+        const double trust = weight[k] * (double)kiln_volume_trust(probe.validity),
+                     sees = kiln_volume_sees(&occluders, from), w = trust * fmax(sees, SEES_LEAST);
+        trusted += trust;
+        seeing += trust * sees;
         total += w;
         for (int i = 0; i < VALUES; i++)
             sum[i] += w * (double)values[i];
@@ -243,6 +295,7 @@ int kiln_volume_light(const struct kiln_volume *v, const double position[3], str
                              position[0], position[1], position[2]);
     }
     memcpy(light, values, sizeof values);
+    place->seen = seeing / trusted;
     return KILN_OK;
 }
 

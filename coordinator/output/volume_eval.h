@@ -6,6 +6,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "coordinator/field/result.h"
 #include "worker/base/status.h"
 
 /* The light of a probe, or interpolated at a point. */
@@ -25,26 +26,39 @@ int kiln_volume_open(struct kiln_volume **volume, const char *path, struct kiln_
 int kiln_volume_open_file(struct kiln_volume **volume, int descriptor, const char *path, struct kiln_error *error);
 void kiln_volume_close(struct kiln_volume **volume);
 
-/* Reads the probe with grid indices `at` (x, y, z), which must exist. */
+/* Reads the probe with grid indices `at` (x, y, z), which must exist. Occluders are 0 in a file that has none. */
 int kiln_volume_read(const struct kiln_volume *volume, const uint64_t at[3], struct kiln_volume_probe *probe,
-                     struct kiln_error *error);
+                     struct kiln_probe_occluders *occluders, struct kiln_error *error);
 
 /* Factor on the trilinear weight of a probe: 0 up to validity 0.5 (the probe is inside or behind geometry), 1 from 0.75
  * on, linear in between. */
 float kiln_volume_trust(float validity);
 
-/* Light at a world position: the mean of the eight probes around it, with trilinear weight x kiln_volume_trust,
- * normalised. Outside the grid the nearest point on its boundary is used, and *outside is set (`outside` may be NULL).
- * KILN_BAD_INPUT if all weights are 0, since the position is inside geometry then. */
+/* Whether a probe sees the place v, m from it: 1, or 0 where something lies between, or in between where it lies just
+ * behind a surface. The planes of the three directions nearest to v hide v if both of these are above 1: the largest
+ * g . v of the three; and the mean of g . d of the three directions d, weighted by what v has of each of them. For one
+ * wall, and for a corner of a room seen from inside, this is exact; beside the edge of something that ends between two
+ * directions it is a guess. */
+double kiln_volume_sees(const struct kiln_probe_occluders *occluders, const double v[3]);
+
+struct kiln_volume_place {
+    bool outside; /* of the grid */
+    double seen;  /* share of the trusted probes' trilinear weight that sees the position, 0 to 1 */
+};
+
+/* Light at a world position: the mean of the eight probes around it, with trilinear weight x kiln_volume_trust x
+ * kiln_volume_sees (1e-6 at least), normalised. Outside the grid the weights are those of the nearest point on its
+ * boundary. KILN_BAD_INPUT if all weights are 0, since the position is inside geometry then. */
 int kiln_volume_light(const struct kiln_volume *volume, const double position[3], struct kiln_volume_probe *light,
-                      bool *outside, struct kiln_error *error);
+                      struct kiln_volume_place *place, struct kiln_error *error);
 
 /* Irradiance on a surface with the given unit normal, from the harmonics. Negative values, which the series can have
  * for concentrated light, become 0. */
 void kiln_volume_irradiance(const struct kiln_volume_probe *light, const double normal[3], double irradiance[3]);
 
 /* The interpolation of kiln_volume_light without the file: grid indices and trilinear weights of up to eight probes
- * around `position`; *outside as above. Returns the number of probes with a weight above 0. */
+ * around `position`; *outside (may be NULL) is set beyond the grid. Returns the number of probes with a weight above 0.
+ */
 int kiln_volume_corners(const uint64_t size[3], const double origin[3], const double spacing[3],
                         const double position[3], uint64_t at[8][3], double weight[8], bool *outside);
 

@@ -52,8 +52,9 @@ static bool select_range(hid_t space, const uint64_t size[3], uint64_t first, ui
     return good;
 }
 
-static int write_array(struct volume_writer *w, const char *name, uint64_t components, const char *units,
-                       const char *description, struct kiln_error *error)
+/* `values`: own probes x components. */
+static int write_array(struct volume_writer *w, const char *name, const float *values, uint64_t components,
+                       const char *units, const char *description, struct kiln_error *error)
 {
     const uint64_t *size = w->volume->size;
     struct kiln_h5_dataset what = {.name = name,
@@ -75,7 +76,7 @@ static int write_array(struct volume_writer *w, const char *name, uint64_t compo
         (count == 0 && H5Sselect_none(memory) < 0))
         status = kiln_h5_failed(&w->h5, "select a part of", name, error);
     status = kiln_agree(w->h5.communicator, status, error);
-    if (status == KILN_OK && H5Dwrite(dataset, H5T_NATIVE_FLOAT, memory, space, w->h5.transfer, w->values) < 0)
+    if (status == KILN_OK && H5Dwrite(dataset, H5T_NATIVE_FLOAT, memory, space, w->h5.transfer, values) < 0)
         status = kiln_h5_failed(&w->h5, "write", name, error);
     const bool kept_memory = memory >= 0 && H5Sclose(memory) < 0, kept_space = space >= 0 && H5Sclose(space) < 0,
                kept_dataset = H5Dclose(dataset) < 0;
@@ -84,10 +85,11 @@ static int write_array(struct volume_writer *w, const char *name, uint64_t compo
     return kiln_agree(w->h5.communicator, status, error);
 }
 
-static int check_finite(const struct volume_writer *w, uint64_t components, const char *name, struct kiln_error *error)
+static int check_finite(const struct volume_writer *w, const float *values, uint64_t components, const char *name,
+                        struct kiln_error *error)
 {
     for (uint64_t i = 0; i < w->volume->count * components; i++)
-        if (!isfinite(w->values[i]))
+        if (!isfinite(values[i]))
             return kiln_fail(error, KILN_BUG, "probe %llu of the volume: %s is not a finite number",
                              (unsigned long long)(w->volume->first + i / components), name);
     return KILN_OK;
@@ -100,11 +102,11 @@ static int write_harmonics(struct volume_writer *w, struct kiln_error *error)
             for (int c = 0; c < 3; c++)
                 w->values[27 * p + 3 * (uint64_t)i + (uint64_t)c] =
                     (float)(kiln_harmonics_cosine(i) * (double)w->volume->probes[p].radiance[i][c]);
-    const int status = kiln_agree(w->h5.communicator, check_finite(w, 27, "its light", error), error);
+    const int status = kiln_agree(w->h5.communicator, check_finite(w, w->values, 27, "its light", error), error);
     if (status != KILN_OK)
         return status;
     return write_array(
-        w, "/VTKHDF/PointData/irradiance_sh", 27, w->result->units->irradiance,
+        w, "/VTKHDF/PointData/irradiance_sh", w->values, 27, w->result->units->irradiance,
         "spherical harmonics of irradiance, component 3 i + channel (linear RGB): E(n) = sum over i of c_i Y_i(n) for "
         "unit "
         "normal n; real orthonormal Y_00 Y_1-1 Y_10 Y_11 Y_2-2 Y_2-1 Y_20 Y_21 Y_22 in x, y, z as in Ramamoorthi and "
@@ -121,9 +123,9 @@ static int write_axes(struct volume_writer *w, struct kiln_error *error)
     for (int a = 0; status == KILN_OK && a < 6; a++) {
         for (uint64_t p = 0; p < w->volume->count; p++)
             memcpy(w->values + 3 * p, w->volume->probes[p].irradiance_axes[a], 3 * sizeof(float));
-        status = kiln_agree(w->h5.communicator, check_finite(w, 3, "its light along an axis", error), error);
+        status = kiln_agree(w->h5.communicator, check_finite(w, w->values, 3, "its light along an axis", error), error);
         if (status == KILN_OK)
-            status = write_array(w, names[a], 3, w->result->units->irradiance,
+            status = write_array(w, names[a], w->values, 3, w->result->units->irradiance,
                                  "irradiance on a face looking along this axis, linear RGB, estimated directly", error);
     }
     return status;
@@ -134,17 +136,34 @@ static int write_scalars(struct volume_writer *w, struct kiln_error *error)
     for (uint64_t p = 0; p < w->volume->count; p++)
         w->values[p] = 1.0f - w->volume->probes[p].back_share;
     int status = write_array(
-        w, "/VTKHDF/PointData/validity", 1, "1",
+        w, "/VTKHDF/PointData/validity", w->values, 1, "1",
         "share of directions in which no back face is met first: near 0 inside geometry, where a probe is of no use",
         error);
     for (uint64_t p = 0; p < w->volume->count; p++)
         w->values[p] = w->volume->probes[p].mean_distance;
     if (status == KILN_OK)
         status = write_array(
-            w, "/VTKHDF/PointData/mean_distance", 1, "m",
+            w, "/VTKHDF/PointData/mean_distance", w->values, 1, "m",
             "mean distance to what is met, over all directions; the scene's diagonal stands in where nothing is",
             error);
     return status;
+}
+
+static int write_occluders(struct volume_writer *w, struct kiln_error *error)
+{
+    enum { COMPONENTS = 3 * KILN_OCCLUDER_DIRECTIONS };
+    const float *values = w->volume->count > 0 ? w->volume->occluders[0].planes[0] : NULL;
+    const int status =
+        kiln_agree(w->h5.communicator, check_finite(w, values, COMPONENTS, "what is around it", error), error);
+    if (status != KILN_OK)
+        return status;
+    return write_array(
+        w, "/VTKHDF/PointData/occluders", values, COMPONENTS, "1/m",
+        "planes of the first surfaces around, component 3 ((dx + 1) + 3 (dy + 1) + 9 (dz + 1)) + axis for the "
+        "directions dx dy dz of -1 0 1: unit normal away from the probe / distance of the plane; a place v, m from the "
+        "probe, lies behind where g . v > 1; 0: nothing is there. How to tell what the probe sees: "
+        "jobs/recipes/README.md",
+        error);
 }
 
 static int write_header(struct volume_writer *w, const struct kiln_output_params *params, struct kiln_error *error)
@@ -200,7 +219,10 @@ static int read_back(const struct volume_writer *w, const struct kiln_publish *p
         const uint64_t own = k == 0 ? 0 : v->count - 1, index = v->first + own;
         const uint64_t at[3] = {index % v->size[0], index / v->size[0] % v->size[1], index / (v->size[0] * v->size[1])};
         struct kiln_volume_probe probe;
-        status = kiln_volume_read(volume, at, &probe, &why);
+        struct kiln_probe_occluders occluders;
+        status = kiln_volume_read(volume, at, &probe, &occluders, &why);
+        if (status == KILN_OK && memcmp(&occluders, &v->occluders[own], sizeof occluders) != 0)
+            status = kiln_fail(&why, KILN_IO, "what is around probe %llu", (unsigned long long)index);
         for (int c = 0; status == KILN_OK && c < 3; c++)
             if (probe.harmonics[8][c] != (float)(kiln_harmonics_cosine(8) * (double)v->probes[own].radiance[8][c]) ||
                 probe.axes[5][c] != v->probes[own].irradiance_axes[5][c] ||
@@ -223,7 +245,7 @@ uint64_t kiln_volume_space(const struct kiln_volume_result *volume)
         const uint64_t side = volume->size[i] < CHUNK_SIDE ? volume->size[i] : CHUNK_SIDE;
         probes *= side == 0 ? 0 : (volume->size[i] + side - 1) / side * side;
     }
-    return probes * (27 + 18 + 2) * sizeof(float) + (1 << 17);
+    return probes * (27 + 18 + 2 + 3 * KILN_OCCLUDER_DIRECTIONS) * sizeof(float) + (1 << 17);
 }
 
 int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_volume_result *volume,
@@ -254,6 +276,8 @@ int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_v
             status = write_axes(&w, error);
         if (status == KILN_OK)
             status = write_scalars(&w, error);
+        if (status == KILN_OK)
+            status = write_occluders(&w, error);
         status = kiln_agree(result->communicator, kiln_h5_close(&w.h5, status, error), error);
     }
     if (status == KILN_OK)

@@ -8,6 +8,7 @@
 #include "coordinator/run/process_memory.h"
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/bake/light_settings.h"
+#include "coordinator/bake/occluders.h"
 #include "coordinator/bake/volume.h"
 #include "coordinator/export/export.h"
 #include "worker/base/memory.h"
@@ -60,7 +61,8 @@ static const double MAP_ENTRY_BYTES = 24.0;                /* of a tile or split
 static const double MAP_POINT_SECONDS = 0.5e-9;            /* of a rank, for a point that another found */
 
 /* Compressed bytes, measured over the project's scenes. */
-static const double LIGHTMAP_POINT_DISK = 33.0, H5_POINT_DISK = 45.5, PROBE_DISK = 0.85, PREVIEW_DISK = 0.55e6;
+static const double LIGHTMAP_POINT_DISK = 33.0, H5_POINT_DISK = 45.5, PROBE_DISK = 0.85, OCCLUDER_DISK = 0.2,
+                    PREVIEW_DISK = 0.55e6;
 
 static struct kiln_field_set fields_of(const struct kiln_job *job)
 {
@@ -163,7 +165,7 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     const double results = (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_RESULT); /* they move, too */
     m->surface_own = (uint64_t)(own * plan->here.light.points_most);
     m->light = kiln_field_set_light_bytes(&fields, (uint64_t)plan->here.light.points_most, plan->surface.points);
-    m->volume = plan->probes * sizeof(struct kiln_probe_result);
+    m->volume = plan->probes * KILN_PROBE_BYTES;
     m->results = result_bytes(plan, p, job);
     m->moving = plan->here.light.repartitions > 0 ? (uint64_t)(fmax(own, results) * plan->here.light.points_most) : 0;
     const uint64_t last = m->volume + m->results; /* there is none of these while points move */
@@ -188,7 +190,9 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
                    ((double)kiln_field_set_channels(&fields) / 9.0));
     plan->h5_bytes = (uint64_t)(points * (H5_POINT_DISK + (double)kiln_field_set_column_bytes(&fields) -
                                           MEASURED_COLUMNS + (denoises ? DENOISE_POINT_DISK : 0.0)));
-    plan->volume_bytes = (uint64_t)((double)(plan->probes * sizeof(struct kiln_probe_result)) * PROBE_DISK);
+    plan->volume_bytes =
+        (uint64_t)((double)plan->probes * (PROBE_DISK * (double)sizeof(struct kiln_probe_result) +
+                                           OCCLUDER_DISK * (double)sizeof(struct kiln_probe_occluders)));
     plan->scene_bytes = p->scene->mapped_bytes;
     plan->preview_bytes = job->preview ? (uint64_t)PREVIEW_DISK : 0;
     plan->export_bytes = job->export ? kiln_export_size(p->scene) : 0;
@@ -292,6 +296,7 @@ static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *j
                          struct kiln_error *error)
 {
     struct kiln_vec3 positions[SAMPLE_PROBES];
+    struct kiln_probe_occluders occluders[SAMPLE_PROBES];
     uint64_t rays = 0;
     const struct kiln_vec3 low = p->geometry->bounds_min, size = vec3_sub(p->geometry->bounds_max, low);
     for (int i = 0; i < SAMPLE_PROBES; i++) {
@@ -300,7 +305,9 @@ static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *j
     }
     const double start = MPI_Wtime();
     const struct kiln_batch items = {.count = SAMPLE_PROBES, .positions = positions, .samples = job->samples_probe};
-    const int status = kiln_backend_run(p->backend, &kiln_pass_probes, NULL, &items, &rays, error);
+    int status = kiln_backend_run(p->backend, &kiln_pass_probes, NULL, &items, &rays, error);
+    if (status == KILN_OK)
+        status = kiln_occluders_find(p->backend, p->geometry, positions, SAMPLE_PROBES, occluders, &rays, error);
     *seconds = (MPI_Wtime() - start) / SAMPLE_PROBES;
     return status;
 }

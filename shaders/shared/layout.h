@@ -42,6 +42,14 @@ struct kiln_gpu_lightmap { /* struct kiln_lightmap */
 };
 KILN_SIZE_IS(kiln_gpu_lightmap, 32);
 
+struct kiln_gpu_divided { /* struct kiln_divided_texel */
+    KILN_WORD64 point, beyond;
+    KILN_REAL32 face[3], middle;
+    KILN_WORD64 tile;
+    KILN_WORD bit, reserved;
+};
+KILN_SIZE_IS(kiln_gpu_divided, 48);
+
 struct kiln_gpu_tile { /* struct kiln_tile, struct kiln_split_tile_run */
     KILN_WORD64 mask, first;
 };
@@ -157,7 +165,7 @@ struct kiln_gpu_scene {
     KILN_STRUCT kiln_gpu_trace trace;
     KILN_STRUCT kiln_gpu_materials materials;
     KILN_STRUCT kiln_gpu_lights lights;
-    KILN_ADDRESS records, lightmaps, tiles, splits, radiosity;
+    KILN_ADDRESS records, lightmaps, tiles, splits, divided, radiosity;
     KILN_WORD opaque_count; /* world triangles from opaque_count on may let rays through */
     KILN_WORD object_count; /* lightmaps from here on are those of backs: worker/scene/surface.h */
 };

@@ -4,6 +4,9 @@ A probe in empty space under one directional light: harmonics of bands 0 to 2 tu
 / 2 + 5/16 P2(cos t)), negative beyond the terminator; the irradiance along the six axes is not from harmonics and must
 be exact. A probe under half a sky: pi L (1 + cos t) / 2, which harmonics hold exactly. The half sky is a black bowl
 whose rim is level with the probe.
+
+Then light at points between probes: in a dark room behind a wall of 1 cm there is none, whatever the wall's slope
+against the grid of probes, and in front of the wall there is.
 """
 import json
 import math
@@ -47,6 +50,30 @@ def bowl(path):
         scene.quad('wall%d' % i, [(a[0], -1, a[1]), (b[0], -1, b[1]), (b[0], 0, b[1]), (a[0], 0, a[1])], black)
     speck(scene, 'high', (1, 1, 1), black)
     return scene.write(path)
+
+
+def turned(angle):
+    """Turns by that about y, and by half of it about z; as a matrix, and as a quaternion."""
+    y, z = math.sin(angle / 2), math.sin(angle / 4)
+    y, w = np.array([0, y, 0]), math.sqrt(1 - y * y)
+    z, v = np.array([0, 0, z]), math.sqrt(1 - z * z)
+    q = np.append(w * z + v * y + np.cross(y, z), w * v - y @ z)
+    x, s = q[:3], q[3]
+    matrix = [2 * (x @ e) * x + (s * s - x @ x) * e + 2 * s * np.cross(x, e) for e in np.eye(3)]
+    return np.array(matrix).T, q
+
+
+def two_rooms(path, angle):
+    """Two rooms without a surface in common, cubes of 1 m, 1 cm apart at x = 0. A lamp is in that of x < 0."""
+    scene = glb.Scene()
+    white, lamp = scene.material('white', (0.7, 0.7, 0.7)), scene.material('lamp', (0, 0, 0), (10, 10, 10))
+    glb.box(scene, 'lit', (-1.005, 0, -0.5), (-0.005, 1, 0.5), white, range(6))
+    glb.box(scene, 'dark', (0.005, 0, -0.5), (1.005, 1, 0.5), white, range(6))
+    scene.quad('lamp', [(-0.6, 0.99, -0.1), (-0.4, 0.99, -0.1), (-0.4, 0.99, 0.1), (-0.6, 0.99, 0.1)], lamp)
+    matrix, rotation = turned(angle)
+    for node in scene.document['nodes']:
+        node['rotation'] = [float(c) for c in rotation]
+    return scene.write(path), matrix
 
 
 def harmonics(n):
@@ -99,6 +126,34 @@ def compare(checks, table, kiln, bake, name, angles, axes, scale, tolerance):
         table.row(name, 'axis ' + axis, '%.5f' % want, '%.1e' % (off / scale))
 
 
+def walls(checks, table, kiln, angle):
+    """Irradiance on both sides of the wall: `behind` it there is 1 % of what is before it, at most, from 1 cm on."""
+    name = 'rooms at %g degrees' % angle
+    scene, matrix = two_rooms(os.path.join(kiln.scratch, 'rooms%g.glb' % angle), math.radians(angle))
+    bake = kiln.bake(scene, '--texels-per-metre', 4, '--bounces', 1, '--samples-direct', 16, '--samples-probe', 64,
+                     '--probe-spacing', 0.2)
+    if not checks.baked(bake):
+        return
+    worst, lit, unseen = 0.0, [], 0
+    for height, aside in ((0.5, 0.0), (0.04, 0.1), (0.96, 0.46), (0.3, -0.47)):
+        for away in (0.01, 0.05, 0.1):
+            found = []
+            for side in (-1, 1):
+                place, normal = matrix @ (side * (0.005 + away), height, aside), matrix @ (-side, 0, 0)
+                asked = kiln.command('probe', bake.directory, *place.round(6), *normal.round(9), '--json')
+                if not checks.that(asked.status == 0, '%s: kiln probe ended with %d' % (name, asked.status), asked):
+                    return
+                found.append(max(asked.json()['irradiance']))
+                unseen += asked.json()['seen'] <= 0
+            lit.append(found[0])
+            worst = max(worst, found[1] / max(found[0], 1e-9))
+    checks.that(worst <= 0.01, '%s: behind the wall there is %.3g of what is before it' % (name, worst), bake.process)
+    checks.that(min(lit) > 0.2 * max(lit), '%s: before the wall there is from %g to %g' % (name, min(lit), max(lit)),
+                bake.process)
+    checks.that(unseen == 0, '%s: %d places are not seen by any probe' % (name, unseen), bake.process)
+    table.row(name, 'behind a wall of 1 cm', '0', '%.1e' % worst)
+
+
 def main():
     _, kiln = harness.start(__doc__)
     path = harness.own_scene('analytic', 'expected.json')
@@ -125,6 +180,9 @@ def main():
     if checks.baked(bake):
         axes = {'posy': sky[0], 'negy': 0.0, 'posx': sky[90], 'negx': sky[90], 'posz': sky[90], 'negz': sky[90]}
         compare(checks, table, kiln, bake, 'probe_half_sky', sky, axes, sky[0], 5e-3)
+
+    for angle in (0, 30):
+        walls(checks, table, kiln, angle)
     checks.end()
 
 

@@ -136,10 +136,13 @@ def check_volume(folder):
         posx, validity = group["PointData/irradiance_posx"][...], group["PointData/validity"][...]
         assert posx.shape == (3, 4, 5, 3) and validity.shape == (3, 4, 5)
         distance = group["PointData/mean_distance"][...]
+        occluders = group["PointData/occluders"][...]
     x = np.arange(5)
     assert np.allclose(posx[..., 0], 1 + x) and np.allclose(distance, 0.5 + np.arange(3)[:, None, None])
     assert np.allclose(harmonics[..., 0], np.pi * (1 + x) / 0.28209479,
                        rtol=1e-6), "the constant band is pi times radiance"
+    assert occluders.shape == (3, 4, 5, 81) and np.count_nonzero(occluders) == 60
+    assert np.array_equal(occluders[..., 42], 1 + np.arange(60).reshape(3, 4, 5)), "what is around the probes"
     assert validity.argmin() == 3 and np.isclose(validity.min(), 0.1)
 
     def probe(*numbers):

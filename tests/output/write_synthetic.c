@@ -53,11 +53,14 @@ static int write_all(const char *directory, bool half, bool divided, int rank, i
     volume.first = 60 * (uint64_t)rank / (uint64_t)ranks;
     volume.count = 60 * (uint64_t)(rank + 1) / (uint64_t)ranks - volume.first;
     struct kiln_probe_result probes[60] = {0};
+    struct kiln_probe_occluders occluders[60] = {0};
     for (uint64_t i = 0; i < volume.count; i++) {
         const uint64_t index = volume.first + i, at[3] = {index % 5, index / 5 % 4, index / 20};
         make_probe(&probes[i], at, index);
+        occluders[i].planes[14][0] = 1.0f + (float)index;
     }
     volume.probes = probes;
+    volume.occluders = occluders;
     return status == KILN_OK ? kiln_write_volume(&result, &volume, &params, error) : status;
 }
 

@@ -4,7 +4,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
 
-layout(constant_id = 5) const uint STEP = 0u;
+layout(constant_id = 6) const uint STEP = 0u;
 
 KILN_ARRAY(Words, uint, 4);
 

@@ -30,12 +30,12 @@ static struct gpu *create(const struct gpu_choice *choice)
 
 static struct gpu_kernel *counter(struct gpu *gpu, uint32_t step)
 {
-    const uint32_t constants[] = {0, 0, 0, 0, 0, step};
+    const uint32_t constants[] = {0, 0, 0, 0, 0, 0, step};
     const struct gpu_kernel_params params = {.name = "counter",
                                              .code = kiln_spirv_counter,
                                              .code_bytes = sizeof kiln_spirv_counter,
                                              .constants = constants,
-                                             .constant_count = 6};
+                                             .constant_count = 7};
     struct gpu_kernel *kernel = NULL;
     assert_int_equal(gpu_kernel_create(gpu, &kernel, &params, NULL), KILN_OK);
     return kernel;
@@ -212,12 +212,12 @@ static int work(struct gpu_faults *faults, bool *lost, bool *short_of_memory)
     struct gpu_buffer a = {0}, b = {0};
     struct gpu_kernel *kernel = NULL;
     uint32_t words[N] = {0};
-    const uint32_t constants[] = {0, 0, 0, 0, 0, 1};
+    const uint32_t constants[] = {0, 0, 0, 0, 0, 0, 1};
     const struct gpu_kernel_params params = {.name = "counter",
                                              .code = kiln_spirv_counter,
                                              .code_bytes = sizeof kiln_spirv_counter,
                                              .constants = constants,
-                                             .constant_count = 6};
+                                             .constant_count = 7};
     *lost = *short_of_memory = false;
     struct kiln_error error = {0};
     int status = gpu_create(&gpu, &(struct gpu_choice){.device = -1, .faults = faults}, &error);

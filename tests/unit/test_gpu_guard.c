@@ -51,12 +51,12 @@ static int add_words(struct gpu *gpu, const struct deed *deed, struct kiln_error
         uint64_t scene, from, to;
         uint32_t width, height;
     };
-    static const uint32_t words[WORDS] = {0}, constants[] = {0, 0, 0, 0, 0, 1};
+    static const uint32_t words[WORDS] = {0}, constants[] = {0, 0, 0, 0, 0, 0, 1};
     const struct gpu_kernel_params params = {.name = "counter",
                                              .code = kiln_spirv_counter,
                                              .code_bytes = sizeof kiln_spirv_counter,
                                              .constants = constants,
-                                             .constant_count = 6};
+                                             .constant_count = 7};
     struct gpu_kernel *kernel = NULL;
     struct gpu_buffer source, target;
     int status = gpu_kernel_create(gpu, &kernel, &params, error);

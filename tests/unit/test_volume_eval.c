@@ -103,6 +103,68 @@ static void test_irradiance_of_known_light(void **state)
     assert_true(irradiance[0] == 0.0 && irradiance[1] == 0.0 && irradiance[2] == 0.0);
 }
 
+static void add_plane(struct kiln_probe_occluders *o, const double normal[3], double away)
+{
+    for (int i = 0; i < KILN_OCCLUDER_DIRECTIONS; i++) {
+        const double d[3] = {i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1};
+        double now = 0.0, then = 0.0;
+        for (int a = 0; a < 3; a++) {
+            now += (double)o->planes[i][a] * d[a];
+            then += normal[a] / away * d[a];
+        }
+        for (int a = 0; then > now && a < 3; a++) /* it is met first */
+            o->planes[i][a] = (float)(normal[a] / away);
+    }
+}
+
+/* Whether what the planes hide is seen and what they do not hide is not, at places all around. */
+static void check_sees(const struct kiln_probe_occluders *o, const double normals[][3], const double *away, int count)
+{
+    for (int i = 0; i < 9 * 9 * 9; i++) {
+        const double v[3] = {0.31 * (i % 9 - 4) + 0.01, 0.31 * (i / 9 % 9 - 4) - 0.02, 0.31 * (i / 81 - 4) + 0.03};
+        double behind = 0.0;
+        for (int k = 0; k < count; k++)
+            behind = fmax(behind, (normals[k][0] * v[0] + normals[k][1] * v[1] + normals[k][2] * v[2]) / away[k]);
+        const double sees = kiln_volume_sees(o, v);
+        if (behind < 0.999)
+            assert_true(sees == 1.0);
+        else if (behind > 1.011)
+            assert_true(sees == 0.0);
+    }
+}
+
+/* No plane, planes of any slope, and two and three at a corner of a room: exact everywhere. */
+static void test_planes_hide_what_is_behind_them(void **state)
+{
+    (void)state;
+    const double slopes[4][3] = {{1, 0, 0}, {0, -0.6, 0.8}, {0.48, -0.6, 0.64}, {-0.28, 0, 0.96}};
+    const double corner[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, -1}}, corner_away[3] = {0.9, 0.5, 0.35};
+    struct kiln_probe_occluders o = {{{0}}};
+    check_sees(&o, NULL, NULL, 0);
+    for (int i = 0; i < 4; i++) {
+        o = (struct kiln_probe_occluders){{{0}}};
+        add_plane(&o, slopes[i], 0.7);
+        check_sees(&o, &slopes[i], &(const double){0.7}, 1);
+    }
+    o = (struct kiln_probe_occluders){{{0}}};
+    for (int i = 0; i < 3; i++) {
+        add_plane(&o, corner[i], corner_away[i]);
+        check_sees(&o, corner, corner_away, i + 1);
+    }
+}
+
+/* Something that ends beside a direction in which nothing is: half of what is between is hidden. */
+static void test_sight_past_an_edge(void **state)
+{
+    (void)state;
+    struct kiln_probe_occluders o = {{{0}}};
+    o.planes[14][0] = 2.0f; /* met along +x, half a metre away, and nowhere else */
+    assert_true(kiln_volume_sees(&o, (const double[3]){0.6, 0.0, 0.0}) == 0.0);
+    assert_true(kiln_volume_sees(&o, (const double[3]){0.6, 0.05, 0.0}) == 0.0);
+    assert_true(kiln_volume_sees(&o, (const double[3]){0.6, 0.3, 0.0}) == 1.0);
+    assert_true(kiln_volume_sees(&o, (const double[3]){-0.6, 0.0, 0.0}) == 1.0);
+}
+
 static void test_other_files_are_refused(void **state)
 {
     (void)state;
@@ -125,7 +187,10 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_corners),
                                        cmocka_unit_test(test_a_probe_counts_alone_where_it_stands),
-                                       cmocka_unit_test(test_trust), cmocka_unit_test(test_irradiance_of_known_light),
+                                       cmocka_unit_test(test_trust),
+                                       cmocka_unit_test(test_irradiance_of_known_light),
+                                       cmocka_unit_test(test_planes_hide_what_is_behind_them),
+                                       cmocka_unit_test(test_sight_past_an_edge),
                                        cmocka_unit_test(test_other_files_are_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -90,6 +90,34 @@ uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, dou
     return count;
 }
 
+uint32_t kiln_clip_line(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t count, const float line[3])
+{
+    struct kiln_clip_corner out[2 * KILN_CLIP_CORNERS];
+    uint32_t kept = 0;
+    if (count < 3)
+        return 0;
+    const struct kiln_clip_corner *a = &polygon[count - 1];
+    double da = (double)line[2] - (double)line[0] * a->x - (double)line[1] * a->y;
+    for (uint32_t i = 0; i < count; i++) {
+        const struct kiln_clip_corner *b = &polygon[i];
+        const double db = (double)line[2] - (double)line[0] * b->x - (double)line[1] * b->y;
+        if ((da > 0.0 && db < 0.0) || (da < 0.0 && db > 0.0)) {
+            const double t = da / (da - db);
+            out[kept++] = (struct kiln_clip_corner){a->x + t * (b->x - a->x), a->y + t * (b->y - a->y),
+                                                    a->b1 + t * (b->b1 - a->b1), a->b2 + t * (b->b2 - a->b2)};
+        }
+        if (db >= 0.0)
+            out[kept++] = *b;
+        a = b;
+        da = db;
+    }
+    if (kept > KILN_CLIP_CORNERS)
+        return count;
+    for (uint32_t i = 0; i < kept; i++)
+        polygon[i] = out[i];
+    return kept;
+}
+
 /* Sums over the polygon's triangle fan: doubled areas, in the lightmap or in barycentric weights, and centroids times
  * those. */
 static double fan_sum(const struct kiln_clip_corner *polygon, uint32_t count, bool weights,

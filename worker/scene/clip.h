@@ -30,6 +30,10 @@ struct kiln_clip_corner {
 uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, double x1, double y1,
                             struct kiln_clip_corner polygon[KILN_CLIP_CORNERS]);
 
+/* Cuts a convex polygon along a line: keeps what lies at line[0] x + line[1] y <= line[2]. Returns the new number of
+ * corners; fewer than 3 mean that nothing is left. A polygon that has no room for the corners is kept as it is. */
+uint32_t kiln_clip_line(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t count, const float line[3]);
+
 /* Area (>= 0, in the lightmap) and centroid of a convex polygon. `centroid` is left as it is when the area is 0. */
 double kiln_clip_area(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid);
 

@@ -13,6 +13,14 @@ static void local_corners(const struct kiln_footprint *f, uint32_t triangle, dou
     kiln_clip_local(corner, f->x, f->y, local);
 }
 
+/* What the footprint has of a triangle. Returns the number of corners. */
+static uint32_t clip(const struct kiln_footprint *f, const double local[3][2],
+                     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
+{
+    const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
+    return f->line == NULL ? corners : kiln_clip_line(polygon, corners, f->line);
+}
+
 static void prepare_whole(struct kiln_footprint *f)
 {
     double local[3][2];
@@ -58,7 +66,7 @@ static bool prepare_few(struct kiln_footprint *f)
         struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
         double local[3][2], until[KILN_CLIP_CORNERS];
         local_corners(f, f->pieces[i], local);
-        out->corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
+        out->corners = clip(f, local, polygon);
         if (out->corners < 3 || out->corners > KILN_FOOTPRINT_CORNERS)
             return false;
         fan_areas(polygon, out->corners, until);
@@ -86,7 +94,10 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
     f->y = at->y;
     f->shift = at->shift;
     f->back = at->back;
-    if (kiln_point_whole(surface, at->point)) {
+    const struct kiln_divided_texel *divided =
+        surface->divided_count > 0 ? kiln_surface_divided(surface, kiln_global_of_own(surface, at->point)) : NULL;
+    f->line = divided != NULL ? divided->face : NULL;
+    if (kiln_point_whole(surface, at->point) && divided == NULL) {
         f->kind = KILN_FOOTPRINT_WHOLE;
         prepare_whole(f);
         return;
@@ -148,7 +159,7 @@ static void sample_many(const struct kiln_footprint *f, uint32_t triangle, doubl
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
     double local[3][2];
     local_corners(f, triangle, local);
-    const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
+    const uint32_t corners = clip(f, local, polygon);
     sample_polygon(polygon, corners, u1, u2, b1, b2);
 }
 
@@ -177,7 +188,7 @@ uint32_t kiln_footprint_triangles(const struct kiln_footprint *f, uint32_t piece
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
     double local[3][2], until[KILN_CLIP_CORNERS];
     local_corners(f, f->pieces[piece], local);
-    const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
+    const uint32_t corners = clip(f, local, polygon);
     if (corners < 3)
         return 0;
     fan_areas(polygon, corners, until);
@@ -193,6 +204,15 @@ uint32_t kiln_footprint_triangles(const struct kiln_footprint *f, uint32_t piece
         }
     }
     return corners - 2;
+}
+
+double kiln_footprint_piece_area(const struct kiln_footprint *f, uint32_t piece)
+{
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid;
+    double local[3][2];
+    local_corners(f, f->pieces[piece], local);
+    return kiln_clip_fraction(polygon, clip(f, local, polygon), &centroid) *
+           kiln_geometry_triangle_area(f->geometry, f->pieces[piece]);
 }
 
 static struct kiln_vec3 lower(struct kiln_vec3 a, struct kiln_vec3 b)

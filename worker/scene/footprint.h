@@ -91,10 +91,11 @@ struct kiln_footprint {
     /* area CDF: the cumulative fractions of the point's area; piece_count - 1 entries, since the last is 1 */
     const float *area_cdf;
     uint32_t piece_count;
-    uint32_t x, y;  /* the texel */
-    uint32_t shift; /* of the lightmap */
-    uint8_t kind;   /* enum kiln_footprint_kind */
-    bool back;      /* the point is on the backs: kiln_footprint_normals reverses the triangles' normals */
+    uint32_t x, y;     /* the texel */
+    uint32_t shift;    /* of the lightmap */
+    uint8_t kind;      /* enum kiln_footprint_kind */
+    const float *line; /* a wall divides the texel along it (face of struct kiln_divided_texel); NULL: none */
+    bool back;         /* the point is on the backs: kiln_footprint_normals reverses the triangles' normals */
     union {
         /* KILN_FOOTPRINT_WHOLE. The position at (s, t) in the texel's square, both 0..1, is origin + s du + t dv, m,
          * relative to the scene's centre. Its barycentric weight of corner 1 is b[0] + s b_du[0] + t b_dv[0]; that of
@@ -129,6 +130,9 @@ enum { KILN_FOOTPRINT_TRIANGLES = 11 }; /* triangles of one piece, at most: a cl
 /* Writes the triangles of piece `piece`, at most KILN_FOOTPRINT_TRIANGLES, and returns their number. */
 uint32_t kiln_footprint_triangles(const struct kiln_footprint *footprint, uint32_t piece,
                                   struct kiln_footprint_triangle *triangles);
+
+/* Area of what the footprint has of piece `piece`, m2. */
+double kiln_footprint_piece_area(const struct kiln_footprint *footprint, uint32_t piece);
 
 /* Bounds of a point's surface: the centre of its bounding box, the greatest distance from there, and whether all pieces
  * lie in parallel planes. */

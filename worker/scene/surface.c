@@ -2,6 +2,19 @@
 
 #include "worker/base/memory.h"
 
+const struct kiln_divided_texel *kiln_surface_divided(const struct kiln_surface *s, struct kiln_global_point point)
+{
+    uint64_t low = 0, high = s->divided_count;
+    while (low < high) {
+        const uint64_t middle = low + (high - low) / 2;
+        if (s->divided[middle].point.at < point.at)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low < s->divided_count && s->divided[low].point.at == point.at ? &s->divided[low] : NULL;
+}
+
 void kiln_surface_destroy(struct kiln_surface **surface)
 {
     struct kiln_surface *s = *surface;
@@ -10,6 +23,7 @@ void kiln_surface_destroy(struct kiln_surface **surface)
     if (!s->global_is_borrowed) {
         kiln_free(&s->tiles);
         kiln_free(&s->splits);
+        kiln_free(&s->divided);
         kiln_free(&s->lightmaps);
         kiln_free(&s->cell_first);
     }

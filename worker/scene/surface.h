@@ -42,11 +42,28 @@ struct kiln_tile {
      * `splits` */
     uint64_t first;
 };
-/* One tile run of a split tile. A tile's entries are consecutive; together their masks are the tile's mask. */
+/* One tile run of a split tile. A tile's entries are consecutive; together their masks are the tile's mask. Before them
+ * come entries of single texels that a wall divides: `first` is KILN_TILE_SPLIT | index in `divided`. */
 struct kiln_split_tile_run {
     uint64_t mask;
     struct kiln_global_point first;
 };
+
+/* A texel that a wall divides: the wall stands across it, and nothing passes from one side to the other. Its point has
+ * the larger side alone, up to the wall's face: what of the place (x, y) of the texel, both from 0 to 1, is at
+ * face[0] x + face[1] y <= face[2]. What lies beyond the wall, above `middle` in place of face[2], has the light of a
+ * neighbour's point on that side. */
+struct kiln_divided_texel {
+    struct kiln_global_point point, beyond;
+    float face[3], middle;
+    uint64_t tile; /* index in `tiles` */
+    uint32_t bit;  /* of the texel in the tile */
+    uint32_t reserved;
+};
+static inline struct kiln_global_point kiln_divided_choose(const struct kiln_divided_texel *texel, float x, float y)
+{
+    return texel->face[0] * x + texel->face[1] * y > texel->middle ? texel->beyond : texel->point;
+}
 
 struct kiln_lightmap {
     uint64_t tile_first;
@@ -77,6 +94,8 @@ struct kiln_surface {
     uint64_t tile_count, split_count;
     struct kiln_tile *tiles;
     struct kiln_split_tile_run *splits;
+    uint64_t divided_count;
+    struct kiln_divided_texel *divided; /* by point */
     uint32_t object_count;
     uint32_t map_count;              /* object_count; twice that if any object has backs */
     struct kiln_lightmap *lightmaps; /* one per lightmap; that of the backs has no tiles if the object has none */
@@ -149,10 +168,13 @@ static inline uint32_t kiln_map_object(const struct kiln_surface *s, uint32_t ma
 }
 static inline bool kiln_map_back(const struct kiln_surface *s, uint32_t map) { return map >= s->object_count; }
 
-/* The point at texel (x, y) of lightmap `number`; its `at` is KILN_NO_POINT if there is none. (x, y) must lie inside
- * the lightmap. */
-static inline struct kiln_global_point kiln_surface_find(const struct kiln_surface *s, uint32_t number, uint32_t x,
-                                                         uint32_t y)
+/* The entry of `divided` of a point; NULL: no wall divides its texel. */
+const struct kiln_divided_texel *kiln_surface_divided(const struct kiln_surface *s, struct kiln_global_point point);
+
+/* What the map has at texel (x, y) of lightmap `number`: a point, KILN_TILE_SPLIT | index in `divided`, or
+ * KILN_NO_POINT. (x, y) must lie inside the lightmap. */
+static inline struct kiln_global_point kiln_surface_entry(const struct kiln_surface *s, uint32_t number, uint32_t x,
+                                                          uint32_t y)
 {
     const struct kiln_lightmap *map = &s->lightmaps[number];
     const struct kiln_tile *tile = &s->tiles[map->tile_first + kiln_tile_of(x, y, map->tiles_x)];
@@ -165,6 +187,17 @@ static inline struct kiln_global_point kiln_surface_find(const struct kiln_surfa
     while ((run->mask & bit) == 0)
         run++;
     return (struct kiln_global_point){run->first.at + (uint64_t)__builtin_popcountll(run->mask & (bit - 1))};
+}
+
+/* The point at texel (x, y) of lightmap `number`; its `at` is KILN_NO_POINT if there is none. (x, y) must lie inside
+ * the lightmap. */
+static inline struct kiln_global_point kiln_surface_find(const struct kiln_surface *s, uint32_t number, uint32_t x,
+                                                         uint32_t y)
+{
+    const struct kiln_global_point entry = kiln_surface_entry(s, number, x, y);
+    if ((entry.at & KILN_TILE_SPLIT) == 0 || entry.at == KILN_NO_POINT)
+        return entry;
+    return s->divided[entry.at & ~KILN_TILE_SPLIT].point;
 }
 
 void kiln_surface_destroy(struct kiln_surface **surface);

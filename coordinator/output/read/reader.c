@@ -185,14 +185,14 @@ int kiln_reader_ranges(struct kiln_reader *r, int descriptor, const char *path, 
 }
 
 int kiln_reader_light(struct kiln_reader *r, int descriptor, const char *path, const double position[3],
-                      struct kiln_volume_probe *light, bool *outside, struct kiln_error *error)
+                      struct kiln_volume_probe *light, struct kiln_volume_place *place, struct kiln_error *error)
 {
     clear(r, READER_LIGHT);
     memcpy(r->request.position, position, sizeof r->request.position);
     const int status = ask(r, path, &descriptor, 1, error);
     if (status == KILN_OK) {
         *light = r->reply.light;
-        *outside = r->reply.outside != 0;
+        *place = r->reply.place;
     }
     return status;
 }

@@ -29,7 +29,7 @@ int kiln_reader_image(struct kiln_reader *reader, int descriptor, const char *pa
                       size_t wanted_count, struct kiln_image **image, struct kiln_error *error);
 /* Does the same as kiln_volume_light (volume_eval.h) for this volume. */
 int kiln_reader_light(struct kiln_reader *reader, int descriptor, const char *path, const double position[3],
-                      struct kiln_volume_probe *light, bool *outside, struct kiln_error *error);
+                      struct kiln_volume_probe *light, struct kiln_volume_place *place, struct kiln_error *error);
 
 /* Not a command for users: the confined child that takes results apart (reader_child.c). argv as it was spawned.
  * Returns its exit status. */

@@ -88,12 +88,10 @@ static int read_light(const struct reader_request *request, int file, struct rea
                       struct kiln_error *error)
 {
     struct kiln_volume *volume = NULL;
-    bool outside = false;
     int status = kiln_volume_open_file(&volume, file, request->path, error);
     if (status == KILN_OK)
-        status = kiln_volume_light(volume, request->position, &reply->light, &outside, error);
+        status = kiln_volume_light(volume, request->position, &reply->light, &reply->place, error);
     kiln_volume_close(&volume);
-    reply->outside = outside;
     return status == KILN_IO ? KILN_BAD_INPUT : status;
 }
 

@@ -34,7 +34,7 @@ struct reader_reply {
         uint32_t half;
     } channels[READER_CHANNELS];
     struct kiln_volume_probe light; /* READER_LIGHT */
-    uint32_t outside;
+    struct kiln_volume_place place;
 };
 
 #endif

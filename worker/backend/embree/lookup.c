@@ -49,8 +49,24 @@ KILN_CLONES static void find_tiles(const struct embree_backend *b, const struct 
     f->blocked = blocked;
 }
 
+/* The point that an entry of a divided texel stands for where lane l met it. */
+static uint64_t of_divided(const struct embree_backend *b, const struct tile_run_rays *rays, uint32_t l,
+                           struct kiln_global_point entry)
+{
+    const struct RTCRayHit8 *r = &rays->packets[l / PACKET];
+    const uint32_t i = l % PACKET;
+    const struct kiln_hit_record *record =
+        &b->params.geometry->records[embree_triangle(b, r->hit.geomID[i], r->hit.primID[i])];
+    const bool back = r->hit.Ng_x[i] * rays->direction[0][l] + r->hit.Ng_y[i] * rays->direction[1][l] +
+                          r->hit.Ng_z[i] * rays->direction[2][l] >
+                      0.0f;
+    const uint32_t number = record->object + (back ? b->surface->object_count : 0u);
+    return embree_of_divided(b, record, r->hit.u[i], r->hit.v[i], b->surface->lightmaps[number].shift, entry).at;
+}
+
 /* Then the point in its tile; a tile that lies in several cells has parts, which are looked at in the end. */
-KILN_CLONES static void find_points(const struct embree_backend *b, struct rays_found *restrict f)
+KILN_CLONES static void find_points(const struct embree_backend *b, const struct tile_run_rays *rays,
+                                    struct rays_found *restrict f)
 {
     const uint32_t count = f->count;
     uint32_t split_count = 0;
@@ -75,7 +91,9 @@ KILN_CLONES static void find_points(const struct embree_backend *b, struct rays_
         const struct kiln_split_tile_run *part = f->split_parts[k];
         while ((part->mask & bit) == 0)
             part++;
-        f->point[i] = part->first.at + (uint64_t)__builtin_popcountll(part->mask & (bit - 1));
+        f->point[i] = (part->first.at & KILN_TILE_SPLIT) != 0
+                          ? of_divided(b, rays, f->lane[i], part->first)
+                          : part->first.at + (uint64_t)__builtin_popcountll(part->mask & (bit - 1));
         __builtin_prefetch(&b->radiosity[f->point[i]]);
     }
 }
@@ -84,5 +102,5 @@ void embree_find(const struct embree_backend *b, const struct tile_run_rays *ray
                  struct rays_found *found)
 {
     find_tiles(b, rays, lanes, found);
-    find_points(b, found);
+    find_points(b, rays, found);
 }

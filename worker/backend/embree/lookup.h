@@ -5,6 +5,18 @@
 #include "worker/backend/embree/rays.h"
 #include "worker/scene/radiosity.h"
 
+/* The point that an entry of the map (kiln_surface_entry) at a hit stands for. */
+static inline struct kiln_global_point embree_of_divided(const struct embree_backend *b,
+                                                         const struct kiln_hit_record *record, float u, float v,
+                                                         uint32_t shift, struct kiln_global_point entry)
+{
+    if ((entry.at & KILN_TILE_SPLIT) == 0 || entry.at == KILN_NO_POINT)
+        return entry;
+    const float scale = 1.0f / (float)(1u << shift), x = kiln_hit_x(record, u, v) * scale,
+                y = kiln_hit_y(record, u, v) * scale;
+    return kiln_divided_choose(&b->surface->divided[entry.at & ~KILN_TILE_SPLIT], x - floorf(x), y - floorf(y));
+}
+
 /* Barycentrics -> texel -> surface point, of the triangle's front or (`back`, where it has two sides) of its back.
  * KILN_NO_POINT for a hit beside every point (a sliver without texels). */
 static inline struct kiln_global_point embree_point(const struct embree_backend *b, uint32_t triangle, float u, float v,
@@ -16,7 +28,8 @@ static inline struct kiln_global_point embree_point(const struct embree_backend 
                    shift = b->surface->lightmaps[number].shift;
     const uint32_t x = (uint32_t)kiln_hit_column(record, u, v, front->width),
                    y = (uint32_t)kiln_hit_row(record, u, v, front->height);
-    return kiln_surface_find(b->surface, number, x >> shift, y >> shift);
+    const struct kiln_global_point entry = kiln_surface_entry(b->surface, number, x >> shift, y >> shift);
+    return embree_of_divided(b, record, u, v, shift, entry);
 }
 
 /* Packed radiosity there; 0 beside every point. */

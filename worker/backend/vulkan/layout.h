@@ -11,6 +11,7 @@
 
 /* Copied to the device as they are. */
 _Static_assert(sizeof(struct kiln_gpu_record) == sizeof(struct kiln_hit_record), "hit records");
+_Static_assert(sizeof(struct kiln_gpu_divided) == sizeof(struct kiln_divided_texel), "divided texels");
 _Static_assert(sizeof(struct kiln_gpu_lightmap) == sizeof(struct kiln_lightmap), "lightmaps");
 _Static_assert(sizeof(struct kiln_gpu_tile) == sizeof(struct kiln_tile) &&
                    sizeof(struct kiln_gpu_tile) == sizeof(struct kiln_split_tile_run),

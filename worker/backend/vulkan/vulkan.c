@@ -128,6 +128,7 @@ static void clear_surface(struct vulkan_backend *b)
     gpu_buffer_destroy(b->gpu, &b->lightmaps);
     gpu_buffer_destroy(b->gpu, &b->tiles);
     gpu_buffer_destroy(b->gpu, &b->splits);
+    gpu_buffer_destroy(b->gpu, &b->divided);
     gpu_buffer_destroy(b->gpu, &b->radiosity_buffer);
 }
 
@@ -292,6 +293,9 @@ static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
         status = gpu_buffer_of(b->gpu, &b->splits, s->splits, s->split_count * sizeof *s->splits,
                                "the tiles of the lightmaps", error);
     if (status == KILN_OK)
+        status = gpu_buffer_of(b->gpu, &b->divided, s->divided, s->divided_count * sizeof *s->divided,
+                               "the texels that walls divide", error);
+    if (status == KILN_OK)
         status = gpu_buffer_create(b->gpu, &b->radiosity_buffer, s->point_count * sizeof(uint64_t), GPU_DEVICE,
                                    "the radiosity of all points", error);
     if (status == KILN_OK)
@@ -300,6 +304,8 @@ static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
     b->layout.object_count = s->object_count;
     b->layout.tiles = b->tiles.address;
     b->layout.splits = b->splits.address;
+    b->layout.divided = b->divided.address;
+    b->constants[VULKAN_HAS_DIVIDED] = s->divided_count > 0;
     b->layout.radiosity = b->radiosity_buffer.address;
     return status == KILN_OK ? vulkan_upload_root(b, error) : status;
 }

@@ -50,6 +50,7 @@ enum vulkan_constant {
     VULKAN_HAS_SMOOTH,
     VULKAN_LIGHT_KINDS,
     VULKAN_DRAW_AGAIN,
+    VULKAN_HAS_DIVIDED,
     VULKAN_OWN,
     VULKAN_CONSTANTS
 };
@@ -89,7 +90,7 @@ struct vulkan_backend {
     struct vulkan_materials materials;
     struct vulkan_lights lights;
     /* the surface */
-    struct gpu_buffer lightmaps, tiles, splits, radiosity_buffer;
+    struct gpu_buffer lightmaps, tiles, splits, divided, radiosity_buffer;
     struct vulkan_points *points;
     /* the passes */
     uint32_t constants[VULKAN_CONSTANTS];

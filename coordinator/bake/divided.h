@@ -1,0 +1,25 @@
+/* Divided texels: texels of which a wall that stands on them leaves a part on either side (struct kiln_divided_texel of
+ * worker/scene/surface.h). Without them a texel has one light for both sides, and the wall lets light through.
+ *
+ * A texel is divided if its surface is flat, rays just above it from end to end meet a surface, and then all rays
+ * between places on one side of that surface's plane and places on the other side meet fronts, or surfaces with two
+ * sides, both ways: nothing goes round the wall within the texel. Where what is met from one side are backs of
+ * single-sided surfaces, that side is buried, and the validity pass leaves it out. A texel stays whole whose neighbours
+ * have none on the smaller side, as in a gap that is narrower than a texel, and in which more than one wall stands, one
+ * of them counts. */
+#ifndef KILN_COORDINATOR_BAKE_DIVIDED_H
+#define KILN_COORDINATOR_BAKE_DIVIDED_H
+
+#include "coordinator/surface/surface_build.h"
+#include "worker/backend/backend.h"
+
+/* Collective over the ranks of the exchange (NULL: this process is alone). Finds the divided texels, enters them in the
+ * surface's global arrays, the same on all ranks, and cuts the own points' areas. KILN_STOPPED when `stop` (NULL: none)
+ * asks to end. The surface's global arrays must not
+ * be shared yet, and the backend need not have the surface. */
+int kiln_divide_texels(struct kiln_surface *surface, const struct kiln_scene *scene,
+                       const struct kiln_geometry *geometry, struct kiln_backend *backend, uint32_t threads,
+                       const struct kiln_surface_exchange *exchange, const struct kiln_stop *stop,
+                       struct kiln_error *error);
+
+#endif

@@ -1,0 +1,87 @@
+"""A dark room behind a wall has no light, whatever the texels.
+
+A closed room with a lamp is divided by a wall from floor to ceiling: 1 cm thick with two faces, or a sheet without
+thickness, along the texels or askew. Texels of floor, ceiling and walls lie on both sides of it. In the dark part there
+may be 1e-4 of the light of the lit part, at any size of the texels (goal; in fact there is none). Texels that the wall
+divides are counted in run.json; with a gap below the wall, light goes through and no texel of the floor is divided.
+"""
+import math
+import os
+import sys
+
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
+import glb  # noqa: E402
+import harness  # noqa: E402
+
+WALL = 0.1  # x of the middle of the wall at z = 0
+SHELL = ('floor', 'ceiling', 'back', 'front', 'left', 'right')
+
+
+def room(path, degrees, thickness, gap=0.0):
+    """A room of 4 x 2 x 2 m. thickness 0: a double-sided sheet."""
+    scene = glb.Scene()
+    white, lamp = scene.material('white', (0.7, 0.7, 0.7)), scene.material('lamp', (0, 0, 0), (1, 1, 1))
+    low, high = (-2, 0, -1), (2, 2, 1)
+
+    def corners(*chosen):
+        return [tuple((low, high)[int(c)][a] for a, c in enumerate(bits)) for bits in chosen]
+    for name, bits in zip(SHELL, (('001', '101', '100', '000'), ('010', '110', '111', '011'),
+                                  ('000', '100', '110', '010'), ('101', '001', '011', '111'),
+                                  ('001', '000', '010', '011'), ('100', '101', '111', '110'))):
+        scene.quad(name, corners(*bits), white)
+    scene.quad('lamp', [(-1.25, 1.99, -.25), (-.75, 1.99, -.25), (-.75, 1.99, .25), (-1.25, 1.99, .25)], lamp)
+    slope, cosine = math.tan(math.radians(degrees)), math.cos(math.radians(degrees))
+
+    def place(height, z, side):
+        return (WALL + z * slope + side * thickness / 2 / cosine, height, z)
+    paper = white if thickness > 0 else scene.material('paper', (0.7, 0.7, 0.7), double_sided=True)
+    scene.quad('dark face', [place(gap, 1, 1), place(gap, -1, 1), place(2, -1, 1), place(2, 1, 1)], paper)
+    if thickness > 0:
+        scene.quad('lit face', [place(gap, -1, -1), place(gap, 1, -1), place(2, 1, -1), place(2, -1, -1)], paper)
+    return scene.write(path)
+
+
+def bake_room(kiln, checks, degrees, thickness, texels, gap=0.0):
+    """Mean light of the dark part over that of the lit part, and how many texels the wall divides; None: no bake."""
+    bake = kiln.bake(room(os.path.join(kiln.scratch, 'room.glb'), degrees, thickness, gap), '--lightmap-size', texels,
+                     '--samples-direct', kiln.samples(64), '--samples-bounce', kiln.samples(32), '--samples-indirect',
+                     kiln.samples(64), '--samples-probe', 0, '--denoise', 'none')
+    if not checks.baked(bake):
+        return None
+    points, sides = bake.points, ([], [])
+    for name in SHELL:
+        chosen = points.of(bake.index(name))
+        across = (points.position[chosen, 0] - WALL - points.position[chosen, 2] * math.tan(math.radians(degrees)))
+        for side, there in ((0, across < -6 / texels), (1, across > 6 / texels)):
+            sides[side].append(points.total[chosen[there], 1] * points.area[chosen[there]])
+    lit, dark = (np.concatenate(s).sum() for s in sides)
+    found = dark / lit, bake.run['points']['divided'], bake.process
+    bake.remove()
+    return found
+
+
+def main():
+    _, kiln = harness.start(__doc__)
+    checks = harness.Checks()
+    table = harness.Table(('wall', 24), ('texels', 8), ('divided', 8), ('dark / lit', 12))
+    for degrees, thickness, texels in ((0, 0.01, 12), (0, 0.01, 24), (0, 0, 12), (17, 0.01, 12), (17, 0, 24),
+                                       (45, 0.01, 24), (45, 0, 12)):
+        found = bake_room(kiln, checks, degrees, thickness, texels)
+        if found is None:
+            continue
+        name = '%g degrees, %g mm' % (degrees, 1000 * thickness)
+        checks.that(found[0] <= 1e-4, '%s, %d texels: dark / lit is %g' % (name, texels, found[0]), found[2])
+        checks.that(found[1] >= 4 * texels, '%s, %d texels: only %d are divided' % (name, texels, found[1]), found[2])
+        table.row(name, texels, found[1], '%.1e' % found[0])
+    found = bake_room(kiln, checks, 0, 0.01, 12, gap=0.2)
+    if found is not None:
+        checks.that(found[0] > 1e-3 and found[1] <= 3 * 12, 'above a gap: dark / lit is %g, %d texels are divided' %
+                    found[:2], found[2])
+        table.row('above a gap', 12, found[1], '%.1e' % found[0])
+    checks.end()
+
+
+if __name__ == '__main__':
+    main()
