@@ -399,11 +399,11 @@ static json_t *features_json(const struct kiln_prepared *p)
         spots += l->points[i].spot;
     for (size_t i = 0; i < p->scene->mesh_count; i++)
         smooth = smooth || (p->scene->meshes[i].flags & KILN_MESH_SMOOTH) != 0;
-    return json_pack("{s:s, s:b, s:{s:I, s:I, s:I, s:I, s:I, s:s}}", "let_through", passages[p->geometry->passage],
-                     "smooth_normals", smooth, "lights", "emissive_triangles", (json_int_t)(l->area_count - textured),
-                     "emissive_triangles_with_texture", (json_int_t)textured, "points",
-                     (json_int_t)(l->point_count - spots), "spots", (json_int_t)spots, "directional",
-                     (json_int_t)l->directional_count, "environment",
+    return json_pack("{s:s, s:b, s:b, s:{s:I, s:I, s:I, s:I, s:I, s:s}}", "let_through", passages[p->geometry->passage],
+                     "smooth_normals", smooth, "coincident_opposite_faces", (int)p->geometry->coincident, "lights",
+                     "emissive_triangles", (json_int_t)(l->area_count - textured), "emissive_triangles_with_texture",
+                     (json_int_t)textured, "points", (json_int_t)(l->point_count - spots), "spots", (json_int_t)spots,
+                     "directional", (json_int_t)l->directional_count, "environment",
                      !l->environment          ? "none"
                      : l->conditional != NULL ? "image"
                                               : "constant");
