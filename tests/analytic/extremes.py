@@ -160,9 +160,26 @@ def check_hard_spot(kiln, checks, table):
     bake.remove()
 
 
+def check_near_light(kiln, checks, table):
+    """A light nearer than its texels are wide is named; one that is farther, or behind the floor, is not."""
+    for height, near in ((0.001, True), (0.3, False), (-0.001, False)):
+        scene = glb.Scene()
+        scene.quad('floor', [(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], scene.material('grey', (0.5,) * 3))
+        scene.light('lamp', {'type': 'point', 'intensity': 1.0}, translation=[0.1, height, 0])
+        bake = kiln.bake(scene.write(os.path.join(kiln.scratch, 'near.glb')), '--lightmap-size', 16,
+                         '--samples-direct', 4, '--samples-probe', 0, '--bounces', 0)
+        if not checks.baked(bake):
+            continue
+        said = [w for w in bake.run['scene']['warnings'] if 'nearer than its texels' in w]
+        checks.that(len(said) == near and all("'floor'" in w and '0.001 m' in w and '(0.125 m)' in w for w in said),
+                    'a light %g m above texels of 0.125 m: %s' % (height, said), bake.process)
+        bake.remove()
+    table.row('a light nearer than a texel is wide', 'named, and only that')
+
+
 def main():
     every = {'coincident': check_coincident, 'tail': check_tail, 'left': check_left, 'ledger': check_ledger,
-             'warnings': check_warnings, 'hard_spot': check_hard_spot}
+             'warnings': check_warnings, 'hard_spot': check_hard_spot, 'near_light': check_near_light}
     arguments, kiln = harness.start(
         __doc__, lambda p: p.add_argument('--only', action='append', choices=every, help='these cases'))
     checks = harness.Checks()
