@@ -36,13 +36,14 @@
 #include "shaders/shared/push.h"
 #include "shaders/shared/random.h"
 
-/* The same numbers in every kernel; a kernel's own start at 6. */
+/* The same numbers in every kernel; a kernel's own is 6. */
 layout(constant_id = 0) const uint TRAVERSAL = 0u;
 layout(constant_id = 1) const uint HAS_ALPHA = 3u; /* KILN_PASSAGE_...: what surfaces may do to light */
 layout(constant_id = 2) const uint HAS_SMOOTH = 1u;
 layout(constant_id = 3) const uint LIGHT_KINDS = 0xffffffffu;
 layout(constant_id = 4) const uint DRAW_AGAIN = 1u;
-layout(constant_id = 5) const uint HAS_DIVIDED = 1u; /* walls divide texels (worker/scene/surface.h) */
+layout(constant_id = 5) const uint HAS_DIVIDED = 1u;    /* walls divide texels (worker/scene/surface.h) */
+layout(constant_id = 7) const uint HAS_COINCIDENT = 1u; /* opposite faces coincide: KILN_COINCIDENT */
 
 /* `alignment` in bytes: 8 where the element has 64-bit members, else 4. */
 #define KILN_ARRAY(Name, type, alignment)                                                                              \

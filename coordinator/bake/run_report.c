@@ -7,12 +7,14 @@
 #include <unistd.h>
 
 #include "coordinator/run/process_memory.h"
+#include "coordinator/bake/near_lights.h"
 #include "coordinator/bake/run_table.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/checksummed_json.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
+#include "worker/base/text.h"
 
 /* Numbers that rank 0 gathers from each rank. */
 enum {
@@ -79,6 +81,23 @@ static json_t *scene_json(const struct kiln_prepared *p)
                      (double)s->header->texels_per_metre);
 }
 
+/* Lights that texels are too wide for. */
+static void warn_of_near_lights(const struct kiln_prepared *p, json_t *warnings)
+{
+    char name[128], others[64] = "";
+    const struct kiln_near_light near = kiln_near_lights(p->lights);
+    if (near.objects == 0)
+        return;
+    kiln_text_plain(name, sizeof name, kiln_scene_string(p->scene, p->scene->objects[near.object].name));
+    if (near.objects > 1)
+        (void)snprintf(others, sizeof others, ", and %zu more objects have such lights", near.objects - 1);
+    (void)json_array_append_new(
+        warnings, json_sprintf("object '%s' has a point or spot light %.3g m away, nearer than its texels are wide "
+                               "(%.3g m)%s: what such a light brings to those texels may be far off; move it away, or "
+                               "make the lightmap finer",
+                               name, near.distance, near.side, others));
+}
+
 json_t *kiln_scene_warnings(const struct kiln_prepared *p)
 {
     const struct kiln_scene *s = p->scene;
@@ -91,6 +110,7 @@ json_t *kiln_scene_warnings(const struct kiln_prepared *p)
         (void)json_array_append_new(warnings,
                                     json_string("there is no light: no emissive triangle, no light, no environment "
                                                 "(--environment R,G,B gives one)"));
+    warn_of_near_lights(p, warnings);
     return warnings;
 }
 
@@ -419,11 +439,11 @@ static json_t *features_json(const struct kiln_prepared *p)
         spots += l->points[i].spot;
     for (size_t i = 0; i < p->scene->mesh_count; i++)
         smooth = smooth || (p->scene->meshes[i].flags & KILN_MESH_SMOOTH) != 0;
-    return json_pack("{s:s, s:b, s:{s:I, s:I, s:I, s:I, s:I, s:s}}", "let_through", passages[p->geometry->passage],
-                     "smooth_normals", smooth, "lights", "emissive_triangles", (json_int_t)(l->area_count - textured),
-                     "emissive_triangles_with_texture", (json_int_t)textured, "points",
-                     (json_int_t)(l->point_count - spots), "spots", (json_int_t)spots, "directional",
-                     (json_int_t)l->directional_count, "environment",
+    return json_pack("{s:s, s:b, s:b, s:{s:I, s:I, s:I, s:I, s:I, s:s}}", "let_through", passages[p->geometry->passage],
+                     "smooth_normals", smooth, "coincident_opposite_faces", (int)p->geometry->coincident, "lights",
+                     "emissive_triangles", (json_int_t)(l->area_count - textured), "emissive_triangles_with_texture",
+                     (json_int_t)textured, "points", (json_int_t)(l->point_count - spots), "spots", (json_int_t)spots,
+                     "directional", (json_int_t)l->directional_count, "environment",
                      !l->environment          ? "none"
                      : l->conditional != NULL ? "image"
                                               : "constant");

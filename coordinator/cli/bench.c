@@ -1,8 +1,9 @@
-/* kiln bench NAME SCENE: measurements on this machine. */
+/* kiln bench NAME ...: measurements on this machine. */
 #include <stdio.h>
 #include <string.h>
 
 #include "coordinator/bake/rays_bench.h"
+#include "coordinator/bench/stability.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/scaling.h"
@@ -37,10 +38,17 @@ static int bench_rays(struct kiln_job *job, const char *scene_file, struct kiln_
 
 int kiln_command_bench(struct kiln_job *job, struct kiln_error *error)
 {
-    if (strcmp(job->arguments[0], "scaling") == 0)
+    const char *name = job->arguments[0];
+    const bool rays = strcmp(name, "rays") == 0, scaling = strcmp(name, "scaling") == 0;
+    if (strcmp(name, "stability") == 0)
+        return kiln_stability_bench(job, error);
+    if (!rays && !scaling)
+        return kiln_fail(error, KILN_USAGE, "no bench is called '%.100s'; there are: rays, scaling, stability", name);
+    if (job->argument_count != 2)
+        return kiln_fail(error, KILN_USAGE, "kiln bench %s takes one scene; for example: kiln bench %s room.glb", name,
+                         name);
+    if (scaling)
         return kiln_scaling_bench(job, error);
-    if (strcmp(job->arguments[0], "rays") != 0)
-        return kiln_fail(error, KILN_USAGE, "no bench is called '%.100s'; there are: rays, scaling", job->arguments[0]);
     int rank;
     (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
     int status = KILN_OK;

@@ -1,30 +1,24 @@
 #include "coordinator/cli/scaling.h"
 
-#include <errno.h>
 #include <jansson.h>
 #include <math.h>
-#include <signal.h>
-#include <spawn.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
+#include "coordinator/bench/child.h"
 #include "coordinator/run/phases.h"
 #include "coordinator/bake/prepare.h"
 #include "coordinator/job/job_private.h"
 #include "coordinator/files/json.h"
-#include "coordinator/job/options.h"
 #include "coordinator/view/curve.h"
 #include "coordinator/files/html.h"
 #include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 
-extern char **environ;
-
-enum { RUNS_MOST = 32, TEXT = 64, ARGUMENTS_MOST = 256 };
+enum { RUNS_MOST = 32, TEXT = 64 };
 
 /* One bake of the bench. */
 struct run {
@@ -68,156 +62,42 @@ static int read_ranks(struct bench *b, struct kiln_error *error)
                : kiln_fail(error, KILN_USAGE, "--ranks is empty; it takes ascending numbers such as 1,2,4");
 }
 
-static int find_program(struct bench *b, struct kiln_error *error)
-{
-    const ssize_t length = readlink("/proc/self/exe", b->program, sizeof b->program - 1);
-    if (length <= 0)
-        return kiln_fail_errno(error, KILN_SYSTEM, "the path of the running kiln cannot be found");
-    b->program[length] = '\0';
-    return KILN_OK;
-}
-
-/* ---- a command line ---- */
-
-struct arguments {
-    char *text[ARGUMENTS_MOST];
-    size_t count;
-    int status;
-    struct kiln_error *error;
-};
-
-static void push(struct arguments *a, const char *text)
-{
-    if (a->status == KILN_OK && a->count + 1 >= ARGUMENTS_MOST)
-        a->status = kiln_fail(a->error, KILN_USAGE, "too many options");
-    if (a->status == KILN_OK)
-        a->status = kiln_allocate(&a->text[a->count], strlen(text) + 1, 1, "a command line", a->error);
-    if (a->status == KILN_OK)
-        memcpy(a->text[a->count++], text, strlen(text) + 1);
-}
-
-static void push_option(struct arguments *a, const struct kiln_job *job, const struct kiln_option *option)
-{
-    char name[TEXT + 8], room[KILN_OPTION_TEXT];
-    if (option->kind == KILN_OPTION_FLAG) {
-        (void)snprintf(name, sizeof name, "--%s%s",
-                       *(const bool *)(const void *)((const char *)job + option->offset) ? "" : "no-", option->name);
-        push(a, name);
-        return;
-    }
-    (void)snprintf(name, sizeof name, "--%s", option->name);
-    push(a, name);
-    push(a, kiln_option_text(job, option, room));
-}
-
-/* Passes on the options that were given to the bench and that bake also has. */
-static void push_given(struct arguments *a, const struct kiln_job *job)
-{
-    static const char *const own[] = {"output", "threads", "texels-per-metre", "json", "quiet", "verbose"};
-    const struct kiln_job_owned *owned = job->strings;
-    for (size_t i = 0; i < kiln_option_count; i++) {
-        bool mine = false;
-        for (size_t k = 0; k < sizeof own / sizeof *own; k++)
-            mine = mine || strcmp(own[k], kiln_options[i].name) == 0;
-        if (owned->given[i] && !mine && (kiln_options[i].commands & KILN_FOR_BAKE) != 0)
-            push_option(a, job, &kiln_options[i]);
-    }
-}
-
-static void push_number(struct arguments *a, const char *name, const char *format, double value)
-{
-    char text[TEXT];
-    (void)snprintf(text, sizeof text, format, value);
-    push(a, name);
-    push(a, text);
-}
+/* ---- a bake ---- */
 
 /* A density of 0 leaves it to the scene and the options. */
-static void make_command(const struct bench *b, const struct run *run, const char *folder, struct arguments *a)
+static void make_command(const struct bench *b, const struct run *run, const char *folder, struct kiln_child *a)
 {
-    push(a, "mpirun");
-    push_number(a, "-n", "%.0f", run->ranks);
-    push(a, b->program);
-    push(a, "bake");
-    push(a, b->job->scene);
-    push(a, "-o");
-    push(a, folder);
-    push(a, "--quiet");
-    push(a, "--no-resume");
-    push_number(a, "--threads", "%.0f", b->threads);
+    static const char *const own[] = {"output", "threads", "texels-per-metre", "json", "quiet", "verbose", NULL};
+    kiln_child_push(a, "mpirun");
+    kiln_child_push_number(a, "-n", "%.0f", run->ranks);
+    kiln_child_push(a, b->program);
+    kiln_child_push(a, "bake");
+    kiln_child_push(a, b->job->scene);
+    kiln_child_push(a, "-o");
+    kiln_child_push(a, folder);
+    kiln_child_push(a, "--quiet");
+    kiln_child_push(a, "--no-resume");
+    kiln_child_push_number(a, "--threads", "%.0f", b->threads);
     if (run->density > 0.0)
-        push_number(a, "--texels-per-metre", "%.17g", run->density);
-    push_given(a, b->job);
+        kiln_child_push_number(a, "--texels-per-metre", "%.17g", run->density);
+    kiln_child_push_given(a, b->job, own);
 }
 
-/* Starts a process with the signal mask `signals`, and with its stdout on our stderr, since our stdout is for the
- * result. */
-static int start(struct arguments *a, const sigset_t *signals, pid_t *process, struct kiln_error *error)
+/* The bake's stdout is our stderr, since our stdout is for the result. */
+static int run_command(struct kiln_child *child, struct kiln_error *error)
 {
-    posix_spawn_file_actions_t actions;
-    posix_spawnattr_t attributes;
-    if (posix_spawn_file_actions_init(&actions) != 0)
-        return kiln_fail(error, KILN_SYSTEM, "out of memory: starting mpirun");
-    if (posix_spawnattr_init(&attributes) != 0) {
-        (void)posix_spawn_file_actions_destroy(&actions);
-        return kiln_fail(error, KILN_SYSTEM, "out of memory: starting mpirun");
-    }
-    errno = posix_spawn_file_actions_adddup2(&actions, STDERR_FILENO, STDOUT_FILENO);
-    if (errno == 0)
-        errno = posix_spawnattr_setsigmask(&attributes, signals);
-    if (errno == 0)
-        errno = posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK);
-    if (errno == 0)
-        errno = posix_spawnp(process, a->text[0], &actions, &attributes, a->text, environ);
-    const int status =
-        errno == 0 ? KILN_OK : kiln_fail_errno(error, KILN_SITE, "mpirun cannot be started; is Open MPI in PATH?");
-    (void)posix_spawn_file_actions_destroy(&actions);
-    (void)posix_spawnattr_destroy(&attributes);
-    return status;
-}
-
-/* Waits for a process while the signals of `set`, including SIGCHLD, are blocked. Signals that ask this process to end
- * are passed on, since mpirun would continue without it. Returns the exit status of waitpid; *asked is the last such
- * signal, or 0. */
-static int wait_for(pid_t process, const sigset_t *set, int *asked)
-{
-    int exit_status = 0;
-    for (*asked = 0; waitpid(process, &exit_status, WNOHANG) == 0;) {
-        const int number = sigwaitinfo(set, NULL);
-        if (number <= 0 || number == SIGCHLD)
-            continue;
-        *asked = number;
-        (void)kill(process, number == SIGHUP ? SIGTERM : number);
-    }
-    return exit_status;
-}
-
-static int run_command(struct arguments *a, struct kiln_error *error)
-{
-    sigset_t set, before;
-    pid_t process = 0;
-    int asked = 0, exit_status = 0;
-    (void)sigemptyset(&set);
-    (void)sigaddset(&set, SIGCHLD);
-    (void)sigaddset(&set, SIGINT);
-    (void)sigaddset(&set, SIGTERM);
-    (void)sigaddset(&set, SIGHUP);
-    (void)sigprocmask(SIG_BLOCK, &set, &before);
-    const int status = start(a, &before, &process, error);
-    if (status == KILN_OK)
-        exit_status = wait_for(process, &set, &asked);
-    (void)sigprocmask(SIG_SETMASK, &before, NULL);
+    struct kiln_child_end end;
+    const int status = kiln_child_run(child, STDERR_FILENO, STDERR_FILENO, &end, error);
     if (status != KILN_OK)
         return status;
-    if (asked != 0)
+    if (end.asked != 0)
         return kiln_fail(error, KILN_STOPPED,
-                         "stopped by %s, in the bake with %s rank(s); the same command starts again", strsignal(asked),
-                         a->text[2]);
-    const int code = WIFEXITED(exit_status) ? WEXITSTATUS(exit_status) : KILN_SYSTEM;
-    if (code == KILN_OK)
+                         "stopped by %s, in the bake with %s rank(s); the same command starts again",
+                         strsignal(end.asked), child->text[2]);
+    if (end.code == KILN_OK)
         return KILN_OK;
-    return kiln_fail(error, code >= KILN_USAGE && code <= KILN_SITE ? code : KILN_SYSTEM,
-                     "the bake with %s rank(s) failed with %d: its own message is above", a->text[2], code);
+    return kiln_fail(error, end.code >= KILN_USAGE && end.code <= KILN_SITE ? end.code : KILN_SYSTEM,
+                     "the bake with %s rank(s) failed with %d: its own message is above", child->text[2], end.code);
 }
 
 /* ---- results ---- */
@@ -253,7 +133,7 @@ static int read_report(struct run *run, const char *folder, struct kiln_error *e
 static int bake(struct bench *b, struct run *run, struct kiln_error *error)
 {
     char name[TEXT], folder[KILN_PATH_SIZE];
-    struct arguments a = {.error = error};
+    struct kiln_child a = {.error = error};
     (void)snprintf(name, sizeof name, "%s-%u", run->weak ? "weak" : "strong", run->ranks);
     int status = kiln_path_join(folder, b->job->output, name, error);
     if (status == KILN_OK) {
@@ -267,8 +147,7 @@ static int bake(struct bench *b, struct run *run, struct kiln_error *error)
         status = run_command(&a, error);
     if (status == KILN_OK)
         status = read_report(run, folder, error);
-    for (size_t i = 0; i < a.count; i++)
-        kiln_free(&a.text[i]);
+    kiln_child_clear(&a);
     return status;
 }
 
@@ -430,7 +309,7 @@ static int prepare(struct bench *b, struct kiln_error *error)
     if (status == KILN_OK && b->job->output == NULL)
         status = kiln_job_default_output(b->job, b->job->scene, "-scaling", error);
     if (status == KILN_OK)
-        status = find_program(b, error);
+        status = kiln_child_program(b->program, error);
     if (status == KILN_OK)
         status = kiln_make_directories(b->job->output, error);
     if (status == KILN_OK)

@@ -265,7 +265,7 @@ int kiln_glb_add_mesh(struct kiln_glb *glb, const struct kiln_glb_mesh *mesh, ui
 static int add_node(struct kiln_glb *glb, const char *name, const char *key, json_t *value,
                     const struct kiln_glb_placement *placement, struct kiln_error *error)
 {
-    static const double none[4] = {0, 0, 0, 0};
+    static const double none[16] = {0};
     json_t *node = json_pack("{s:s, s:o}", "name", name, key, value);
     if (node == NULL)
         return out_of_memory(error);
@@ -277,6 +277,8 @@ static int add_node(struct kiln_glb *glb, const char *name, const char *key, jso
             failed |= json_object_set_new(node, "rotation", json_reals(placement->rotation, 4));
         if (memcmp(placement->scale, none, sizeof placement->scale) != 0)
             failed |= json_object_set_new(node, "scale", json_reals(placement->scale, 3));
+        if (memcmp(placement->matrix, none, sizeof placement->matrix) != 0)
+            failed |= json_object_set_new(node, "matrix", json_reals(placement->matrix, 16));
     }
     glb->totals.nodes++;
     if (failed != 0) {
@@ -304,18 +306,30 @@ int kiln_glb_add_camera(struct kiln_glb *glb, const char *name, double angle, do
     return status != KILN_OK ? status : add_node(glb, name, "camera", json_integer(index), placement, error);
 }
 
-int kiln_glb_add_sun(struct kiln_glb *glb, const char *name, const double color[3], double intensity,
+static int add_light(struct kiln_glb *glb, const char *name, const char *type, const double color[3], double intensity,
                      const struct kiln_glb_placement *placement, struct kiln_error *error)
 {
     const json_int_t index = (json_int_t)json_array_size(glb->lights);
     const int status = append(glb->lights,
-                              json_pack("{s:s, s:s, s:o*, s:f}", "name", name, "type", "directional", "color",
+                              json_pack("{s:s, s:s, s:o*, s:f}", "name", name, "type", type, "color",
                                         json_reals(color, 3), "intensity", intensity),
                               error);
     if (status != KILN_OK)
         return status;
     return add_node(glb, name, "extensions", json_pack("{s:{s:I}}", "KHR_lights_punctual", "light", index), placement,
                     error);
+}
+
+int kiln_glb_add_sun(struct kiln_glb *glb, const char *name, const double color[3], double intensity,
+                     const struct kiln_glb_placement *placement, struct kiln_error *error)
+{
+    return add_light(glb, name, "directional", color, intensity, placement, error);
+}
+
+int kiln_glb_add_point(struct kiln_glb *glb, const char *name, const double color[3], double intensity,
+                       const struct kiln_glb_placement *placement, struct kiln_error *error)
+{
+    return add_light(glb, name, "point", color, intensity, placement, error);
 }
 
 int kiln_glb_set_environment(struct kiln_glb *glb, const double radiance[3], struct kiln_error *error)

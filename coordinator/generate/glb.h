@@ -43,11 +43,13 @@ struct kiln_glb_mesh {
     size_t primitive_count;
 };
 
-/* A node's transform. Scale (0,0,0) means none, rotation (0,0,0,0) too. */
+/* A node's transform. Scale (0,0,0) means none, rotation (0,0,0,0) too. A matrix, unless it is 0, stands for all three:
+ * 4 x 4, column after column. */
 struct kiln_glb_placement {
     double translation[3];
     double rotation[4]; /* unit quaternion x y z w */
     double scale[3];
+    double matrix[16];
 };
 
 struct kiln_glb_totals {
@@ -72,6 +74,9 @@ int kiln_glb_add_camera(struct kiln_glb *glb, const char *name, double angle, do
 /* Adds a directional light along -z of the placement; `intensity` is the irradiance on a facing surface. */
 int kiln_glb_add_sun(struct kiln_glb *glb, const char *name, const double color[3], double intensity,
                      const struct kiln_glb_placement *placement, struct kiln_error *error);
+/* Adds a point light at the placement; `intensity` is W/sr. */
+int kiln_glb_add_point(struct kiln_glb *glb, const char *name, const double color[3], double intensity,
+                       const struct kiln_glb_placement *placement, struct kiln_error *error);
 /* Sets the environment to a constant radiance. */
 int kiln_glb_set_environment(struct kiln_glb *glb, const double radiance[3], struct kiln_error *error);
 /* Sets a sentence about the scene, stored as scenes[0].extras.note. */

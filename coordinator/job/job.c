@@ -233,7 +233,7 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
         status = read_command_line(job, command, argc, argv, "quality", error);
     if (status == KILN_OK)
         status = check_arguments(job, command, error);
-    if (status == KILN_OK && command->bit == KILN_FOR_BENCH)
+    if (status == KILN_OK && command->bit == KILN_FOR_BENCH && strcmp(job->arguments[0], "stability") != 0)
         job->scene = job->arguments[1];
     const bool scene = status == KILN_OK && command->scene && job->argument_count > 0;
     const char *file = scene && is_job_file(job->arguments[0]) ? job->arguments[0] : NULL;

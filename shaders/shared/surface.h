@@ -12,6 +12,13 @@
 #define KILN_RECORD_EMITS 0x40000000u
 #define KILN_RECORD_MATERIAL 0x3fffffffu /* index of the material */
 
+/* Two surfaces coincide that a ray at right angles meets within this share of the world's extent of one another:
+ * rounding decides which it meets first. Where a scene has such faces (worker/scene/coincident.h), a ray that looks for
+ * the nearest surface meets, of a front and a back that coincide, the front. At a slant the distance grows as
+ * 1 / cosine, of cosines from the least on. */
+#define KILN_COINCIDENT KILN_RATIO32(1, 1048576)
+#define KILN_COINCIDENT_LEAST_COSINE KILN_RATIO32(1, 64)
+
 /* How a texture goes on beyond its edges. */
 #define KILN_WRAP_REPEAT 0u
 #define KILN_WRAP_CLAMP 1u

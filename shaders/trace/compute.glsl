@@ -17,7 +17,7 @@ struct kiln_ray {
     uint after_number; /* at this very distance, triangles up to this number */
 };
 
-/* The nearest triangle so far; `distance` begins as the ray's limit. */
+/* The nearest triangle so far; `distance` begins as the ray's limit. Of a back it has kiln_behind in it. */
 struct kiln_found {
     float distance, u, v;
     uint triangle;
@@ -84,6 +84,14 @@ float kiln_hit_distance(vec3 a, vec3 b, vec3 c, vec3 direction, vec3 w, float sc
     return clamp(edge_on ? weighted : height / steepness, min(min(at_a, at_b), at_c), max(max(at_a, at_b), at_c));
 }
 
+/* How much farther the back of a triangle counts than it is, where opposite faces coincide, m. */
+float kiln_behind(vec3 a, vec3 b, vec3 c, vec3 direction)
+{
+    const vec3 normal = cross(b - a, c - a);
+    const float cosine = abs(dot(normal, direction)) * inversesqrt(max(dot(normal, normal), 1.0e-37));
+    return SCENE.trace.extent * KILN_COINCIDENT / max(cosine, KILN_COINCIDENT_LEAST_COSINE);
+}
+
 /* Tests a triangle; true when it is now the one found. */
 bool kiln_test(const kiln_ray ray, TraceQuads triangles, uint index, inout kiln_found found)
 {
@@ -107,11 +115,14 @@ bool kiln_test(const kiln_ray ray, TraceQuads triangles, uint index, inout kiln_
     }
     precise const float scale = 1.0 / area;
     precise const float u = w.y * scale, v = w.z * scale;
-    const float t = kiln_hit_distance(a, b, c, ray.direction, w, scale);
+    float t = kiln_hit_distance(a, b, c, ray.direction, w, scale);
     const uint number = first.w;
     bool beyond = t > 0.0;
+    if (HAS_COINCIDENT != 0u && beyond && area > 0.0)
+        t += kiln_behind(a, b, c, ray.direction);
     if (HAS_ALPHA != 0u)
-        beyond = t > ray.after || (t == ray.after && ray.after_number != KILN_GPU_NONE && number > ray.after_number);
+        beyond = (HAS_COINCIDENT == 0u || beyond) &&
+                 (t > ray.after || (t == ray.after && ray.after_number != KILN_GPU_NONE && number > ray.after_number));
     if (!(beyond && (t < found.distance || (t == found.distance && number < found.triangle))))
         return false;
     found = kiln_found(t, u, v, number, area > 0.0);

@@ -11,12 +11,30 @@ const float kiln_far = 3.0e38; /* a finite number stands for "no limit" */
  * on, the triangle they had left: 0.3 % of all light was lost). */
 float kiln_start() { return SCENE.trace.extent * (1.0 / 262144.0); }
 
+/* After the back of a triangle was met: a front that coincides with it takes its place (KILN_COINCIDENT; the margin is
+ * kiln_start's, since the device knows distances no better). */
+void kiln_prefer_front(vec3 origin, vec3 direction, uint question, uint seed)
+{
+    const kiln_payload back = kiln_answer;
+    const float margin = kiln_start(), distance = uintBitsToFloat(back.distance);
+    kiln_answer = kiln_payload(0u, seed, question, 0u);
+    traceRayEXT(accelerationStructureEXT(SCENE.trace.top_level), gl_RayFlagsCullBackFacingTrianglesEXT, 0xff, 0, 0, 0,
+                origin, max(distance - margin, margin), direction, distance + margin, 0);
+    if (kiln_answer.triangle_back == KILN_GPU_NONE)
+        kiln_answer = back;
+    else if ((back.triangle_back & KILN_PAYLOAD_TINTED) != 0u)
+        kiln_answer.triangle_back |= KILN_PAYLOAD_TINTED;
+}
+
 kiln_hit kiln_nearest(vec3 origin, vec3 direction, float limit, uint question, uint seed)
 {
     if (HAS_ALPHA >= KILN_PASSAGE_BLEND)
         kiln_answer = kiln_payload(0u, seed, question, 0u);
     traceRayEXT(accelerationStructureEXT(SCENE.trace.top_level), gl_RayFlagsNoneEXT, 0xff, 0, 0, 0, origin,
                 kiln_start(), direction, limit, 0);
+    if (HAS_COINCIDENT != 0u && kiln_answer.triangle_back != KILN_GPU_NONE &&
+        (kiln_answer.triangle_back & KILN_PAYLOAD_BACK) != 0u)
+        kiln_prefer_front(origin, direction, question, seed);
     kiln_hit hit;
     hit.back = kiln_answer.triangle_back != KILN_GPU_NONE && (kiln_answer.triangle_back & KILN_PAYLOAD_BACK) != 0u;
     hit.triangle =

@@ -1,7 +1,7 @@
 """Closed forms where numbers and shapes get extreme.
 
 In a closed furnace everything emits e and reflects rho, so that E = pi e / (1 - rho) everywhere. Near rho = 1 the light
-of a thousand bounces counts, and at 1 it has no end.
+of a thousand bounces counts, and at 1 it has no end. Two coincident opposite faces that divide it change nothing.
 """
 import math
 import os
@@ -14,11 +14,46 @@ import glb  # noqa: E402
 import harness  # noqa: E402
 
 
-def furnace(path, rho, emission=1.0):
+def furnace(path, rho, emission=1.0, sheets=()):
     scene = glb.Scene()
     wall = scene.material('wall', (rho,) * 3, (emission,) * 3)
     glb.box(scene, 'room', (-1, -1, -1), (1, 1, 1), wall, range(6))
+    for name, corners in sheets:
+        scene.quad(name, corners, wall)
     return scene.write(path)
+
+
+TOWARDS = ('towards +x', [(0, -1, 1), (0, -1, -1), (0, 1, -1), (0, 1, 1)])
+AWAY = ('towards -x', [(0, -1, -1), (0, -1, 1), (0, 1, 1), (0, 1, -1)])  # cut along the other diagonal
+AWAY_SAME = ('towards -x, same diagonal', [(0, -1, 1), (0, 1, 1), (0, 1, -1), (0, -1, -1)])
+
+
+def check_coincident(kiln, checks, table):
+    """Two coincident opposite sheets in either order; and one sheet alone, whose back loses light, as a control."""
+    rho, e = 0.5, 1.0
+    want = math.pi * e / (1 - rho)
+    for sheets in ((TOWARDS, AWAY), (AWAY, TOWARDS), (TOWARDS, AWAY_SAME), (TOWARDS,)):
+        what = 'sheets: ' + ', then '.join(name for name, _ in sheets)
+        bake = kiln.bake(furnace(os.path.join(kiln.scratch, 'coincident.glb'), rho, e, sheets), '--texels-per-metre', 4,
+                         '--samples-direct', kiln.samples(512), '--samples-bounce', 64,
+                         '--samples-indirect', kiln.samples(256), '--samples-probe', 0, '--no-preview')
+        process = bake.process
+        if not checks.baked(bake):
+            continue
+        energy, points, two = bake.run['energy'], bake.points, len(sheets) == 2
+        blocked = energy['blocked'][1] / energy['emitted'][1]
+        found = bake.run['backend']['because']['coincident_opposite_faces']
+        checks.that(found == two, '%s: coincident faces found: %s' % (what, found), process)
+        checks.that(blocked <= 1e-6 if two else blocked > 0.1, '%s: %g of the light met backs' % (what, blocked),
+                    process)
+        worst = 0.0
+        for name in bake.names() if two else ():
+            chosen = points.of(bake.index(name))
+            mean = float(np.average(points.total[chosen, 1], weights=points.area[chosen]))
+            checks.that(abs(mean / want - 1) < 3e-3, '%s, %s: %g, not %g' % (what, name, mean, want), process)
+            worst = max(worst, abs(mean / want - 1))
+        table.row(what[:50], 'off by %.3f %% at most, met from behind %.1e' % (100 * worst, blocked))
+        bake.remove()
 
 
 def check_tail(kiln, checks, table):
@@ -125,9 +160,26 @@ def check_hard_spot(kiln, checks, table):
     bake.remove()
 
 
+def check_near_light(kiln, checks, table):
+    """A light nearer than its texels are wide is named; one that is farther, or behind the floor, is not."""
+    for height, near in ((0.001, True), (0.3, False), (-0.001, False)):
+        scene = glb.Scene()
+        scene.quad('floor', [(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], scene.material('grey', (0.5,) * 3))
+        scene.light('lamp', {'type': 'point', 'intensity': 1.0}, translation=[0.1, height, 0])
+        bake = kiln.bake(scene.write(os.path.join(kiln.scratch, 'near.glb')), '--lightmap-size', 16,
+                         '--samples-direct', 4, '--samples-probe', 0, '--bounces', 0)
+        if not checks.baked(bake):
+            continue
+        said = [w for w in bake.run['scene']['warnings'] if 'nearer than its texels' in w]
+        checks.that(len(said) == near and all("'floor'" in w and '0.001 m' in w and '(0.125 m)' in w for w in said),
+                    'a light %g m above texels of 0.125 m: %s' % (height, said), bake.process)
+        bake.remove()
+    table.row('a light nearer than a texel is wide', 'named, and only that')
+
+
 def main():
-    every = {'tail': check_tail, 'left': check_left, 'ledger': check_ledger,
-             'warnings': check_warnings, 'hard_spot': check_hard_spot}
+    every = {'coincident': check_coincident, 'tail': check_tail, 'left': check_left, 'ledger': check_ledger,
+             'warnings': check_warnings, 'hard_spot': check_hard_spot, 'near_light': check_near_light}
     arguments, kiln = harness.start(
         __doc__, lambda p: p.add_argument('--only', action='append', choices=every, help='these cases'))
     checks = harness.Checks()

@@ -4,6 +4,7 @@
 #include <stdbool.h>
 
 #include "worker/base/memory.h"
+#include "worker/scene/coincident.h"
 #include "worker/scene/solids.h"
 
 /* triangles or vertices that one thread takes at a time: one large mesh then keeps all threads busy */
@@ -371,6 +372,8 @@ int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_s
         find_bounds(e.geometry);
         status = kiln_solids_make_one_sided(e.geometry, scene, error);
     }
+    if (status == KILN_OK)
+        status = kiln_coincident_find(e.geometry, &e.geometry->coincident, error);
     if (status == KILN_OK) {
         count_two_sided(e.geometry);
         find_passage(scene, e.geometry);

@@ -59,6 +59,7 @@ struct kiln_object_range {
 struct kiln_geometry {
     size_t vertex_count, triangle_count, opaque_count;
     uint32_t passage; /* KILN_PASSAGE_NONE ... */
+    bool coincident;  /* opposite faces coincide somewhere (coincident.h): of those a ray is to meet the front */
     /* triangles of receiver-only objects: the last opaque_receivers opaque ones, and the last alpha_receivers of all */
     size_t opaque_receivers, alpha_receivers;
     float *vertices;   /* x y z; 4 floats of padding after the last, as Embree wants */

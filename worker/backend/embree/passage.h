@@ -52,8 +52,9 @@ static inline bool embree_tints(const struct embree_backend *b)
     return b->params.geometry->passage >= KILN_PASSAGE_TINT;
 }
 
-/* Nearest hits. `tint`: share of what is found there that arrives, of each colour. `valid`: -1 for a ray, 0 for none.
- */
+/* Nearest hits; of a front and a back that coincide, the front, where the scene has such faces (KILN_COINCIDENT in
+ * shaders/shared/surface.h). `tint`: share of what is found there that arrives, of each colour. `valid`: -1 for a ray,
+ * 0 for none. */
 void embree_nearest8(const struct embree_backend *b, struct embree_context *context, const int *valid,
                      struct RTCRayHit8 *rays, const uint32_t seed[PACKET], float tint[PACKET][3]);
 void embree_nearest1(const struct embree_backend *b, struct embree_context *context, struct RTCRayHit *ray,

@@ -108,6 +108,7 @@ static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
     b->layout.records = b->records.address;
     b->layout.opaque_count = (uint32_t)g->opaque_count;
     b->constants[VULKAN_HAS_ALPHA] = g->passage;
+    b->constants[VULKAN_HAS_COINCIDENT] = g->coincident;
     b->constants[VULKAN_LIGHT_KINDS] = b->lights.kinds;
     for (size_t i = 0; i < b->params.scene->mesh_count; i++)
         b->constants[VULKAN_HAS_SMOOTH] |= (b->params.scene->meshes[i].flags & KILN_MESH_SMOOTH) != 0;

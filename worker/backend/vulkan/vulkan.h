@@ -42,8 +42,8 @@ struct vulkan_shader {
         kiln_spirv_##name, sizeof kiln_spirv_##name                                                                    \
     }
 
-/* The numbers of the specialisation constants that all kernels share (shaders/kernel.glsl); more are each kernel's own.
- */
+/* The numbers of the specialisation constants that all kernels share (shaders/kernel.glsl); VULKAN_OWN is each
+ * kernel's own. */
 enum vulkan_constant {
     VULKAN_TRAVERSAL,
     VULKAN_HAS_ALPHA,
@@ -52,6 +52,7 @@ enum vulkan_constant {
     VULKAN_DRAW_AGAIN,
     VULKAN_HAS_DIVIDED,
     VULKAN_OWN,
+    VULKAN_HAS_COINCIDENT,
     VULKAN_CONSTANTS
 };
 
