@@ -33,7 +33,8 @@ struct texel_plane {
  * and a place on either side. */
 struct texel_line {
     float line[3], face;
-    bool ends; /* the texel ends within the wall: there is no place beyond */
+    double smaller; /* area of the smaller side, m2 */
+    bool ends;      /* the texel ends within the wall: there is no place beyond */
     float centre[2], beyond[2];
 };
 
@@ -55,6 +56,7 @@ struct candidates {
 struct told {
     struct kiln_divided_texel texel;
     float centre[2]; /* of its larger side */
+    float smaller;   /* area of its smaller side, m2 */
 };
 
 struct list {
@@ -282,6 +284,7 @@ static bool settle_line(const struct search *s, const struct kiln_point_cursor *
     const struct kiln_clip_corner *larger = near >= far ? &centre : &beyond, *smaller = near >= far ? &beyond : &centre;
     if (near < far)
         turn_line(l->line);
+    l->smaller = fmin(near, far);
     l->centre[0] = (float)larger->x, l->centre[1] = (float)larger->y;
     l->beyond[0] = (float)smaller->x, l->beyond[1] = (float)smaller->y;
     return true;
@@ -804,6 +807,21 @@ static void cut_areas(const struct search *s)
     }
 }
 
+/* The area of each smaller side goes to the point that stands in for it, so that sums over areas have its light. */
+static void move_areas(const struct search *s)
+{
+    struct kiln_surface *surface = s->surface;
+    for (size_t i = 0; i < s->all.count; i++) {
+        const struct told *t = &s->all.told[i];
+        if (t->texel.point.at == t->texel.beyond.at)
+            continue;
+        if (t->texel.point.at - surface->first.at < surface->count)
+            surface->area[kiln_own_of_global(surface, t->texel.point).at] -= t->smaller;
+        if (t->texel.beyond.at - surface->first.at < surface->count)
+            surface->area[kiln_own_of_global(surface, t->texel.beyond).at] += t->smaller;
+    }
+}
+
 /* ---- all of it ---- */
 
 static void describe(const struct search *s, struct told *own)
@@ -816,7 +834,8 @@ static void describe(const struct search *s, struct told *own)
                                          .middle = c->line.line[2],
                                          .bit = kiln_morton8(c->at.x % KILN_TILE_SIDE, c->at.y % KILN_TILE_SIDE),
                                          .tile = map->tile_first + kiln_tile_of(c->at.x, c->at.y, map->tiles_x)},
-                               .centre = {c->line.centre[0], c->line.centre[1]}};
+                               .centre = {c->line.centre[0], c->line.centre[1]},
+                               .smaller = (float)c->line.smaller};
     }
 }
 
@@ -846,8 +865,10 @@ int kiln_divide_texels(struct kiln_surface *surface, const struct kiln_scene *sc
     }
     if (status == KILN_OK && s.all.count > 0) {
         status = kiln_allocate(&surface->divided, s.all.count, sizeof *surface->divided, "divided texels", error);
-        if (status == KILN_OK)
+        if (status == KILN_OK) {
+            move_areas(&s);
             status = enter(&s, error);
+        }
         if (status == KILN_OK)
             cut_areas(&s);
         if (exchange != NULL)

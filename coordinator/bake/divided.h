@@ -14,7 +14,8 @@
 #include "worker/backend/backend.h"
 
 /* Collective over the ranks of the exchange (NULL: this process is alone). Finds the divided texels, enters them in the
- * surface's global arrays, the same on all ranks, and cuts the own points' areas. KILN_STOPPED when `stop` (NULL: none)
+ * surface's global arrays, the same on all ranks, cuts the own points' areas, and gives
+ * what is cut off to the neighbours that stand in for it. KILN_STOPPED when `stop` (NULL: none)
  * asks to end. The surface's global arrays must not
  * be shared yet, and the backend need not have the surface. */
 int kiln_divide_texels(struct kiln_surface *surface, const struct kiln_scene *scene,

@@ -607,6 +607,31 @@ static void tile_runs_are_cut_alike(void **state)
     release(&b);
 }
 
+/* A line cuts a polygon into two parts that add up to it, and each lies on its side. */
+static void lines_cut_polygons(void **state)
+{
+    (void)state;
+    const double corner[3][2] = {{-0.5, -0.25}, {1.75, 0.0}, {0.25, 2.0}};
+    for (int i = 0; i < 64; i++) {
+        const double angle = 0.1 * i;
+        const float line[3] = {(float)cos(angle), (float)sin(angle), (float)(0.02 * i - 0.4)},
+                    other[3] = {-line[0], -line[1], -line[2]};
+        struct kiln_clip_corner whole[KILN_CLIP_CORNERS], part[2][KILN_CLIP_CORNERS], middle;
+        const uint32_t count = kiln_clip_triangle(corner, 0.0, 0.0, 1.0, 1.0, whole);
+        double area = 0.0;
+        for (int side = 0; side < 2; side++) {
+            const float *l = side == 0 ? line : other;
+            memcpy(part[side], whole, sizeof whole);
+            const uint32_t corners = kiln_clip_line(part[side], count, l);
+            assert_true(corners <= count + 1);
+            for (uint32_t k = 0; k < corners; k++)
+                assert_true((double)l[0] * part[side][k].x + (double)l[1] * part[side][k].y <= (double)l[2] + 1e-12);
+            area += kiln_clip_fraction(part[side], corners, &middle);
+        }
+        assert_true(fabs(area - kiln_clip_fraction(whole, count, &middle)) < 1e-12);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -624,6 +649,7 @@ int main(void)
         cmocka_unit_test(cell_sizes),
         cmocka_unit_test(cuts_are_near_the_mean),
         cmocka_unit_test(tile_runs_are_cut_alike),
+        cmocka_unit_test(lines_cut_polygons),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
