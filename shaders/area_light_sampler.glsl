@@ -32,7 +32,7 @@ kiln_area_light_sampler kiln_area_light_sampler_of(uint node, vec3 centre)
     t.height = real(abs(side));
     t.towards = real3(side > 0 ? -stored3_of(light.normal) : stored3_of(light.normal));
     t.seen = kiln_spherical_triangle_of(t.to0, real3_of(light.e1), real3_of(light.e2), real(light.area), t.height);
-    t.spherical = t.seen.omega > KILN_SPHERICAL_FROM;
+    t.spherical = kiln_spherical_triangle_wanted(t.seen);
     return t;
 }
 

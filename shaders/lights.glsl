@@ -346,7 +346,7 @@ bool sample_area_light(uint index, real3 p, real weight, real u, real v, out kil
         return false;
     const real3 to0 = real3(stored0), e1 = real3_of(light.e1), e2 = real3_of(light.e2);
     const kiln_spherical_triangle t = kiln_spherical_triangle_of(to0, e1, e2, real(light.area), height);
-    const bool spherical = t.omega > KILN_SPHERICAL_FROM;
+    const bool spherical = kiln_spherical_triangle_wanted(t);
     real3 to;
     if (spherical) {
         const real3 direction = kiln_spherical_triangle_direction(t, u, v);

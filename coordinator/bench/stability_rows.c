@@ -334,25 +334,24 @@ static int run_one_texel(struct kiln_trial *t, const struct kiln_row *row, struc
                   100.0 * floor, 100.0 * walls);
 }
 
-/* The floor of 16384 x 16384 texels, 1/64 of whose sides the mesh covers. */
+/* A floor of 16384 x 16384 texels, whose halves cover two opposite corners of its layout, 1/64 of its sides each. */
 static int run_largest_map(struct kiln_trial *t, const struct kiln_row *row, struct kiln_row_found *found)
 {
-    static const char *const options[] = {"--lightmap-size", "16384", "--lightmap-max", "16384", NULL};
-    static const struct kiln_vec2 layout[4] = {{0, 0.015625f}, {0.015625f, 0.015625f}, {0.015625f, 0}, {0, 0}};
-    static const uint32_t indices[6] = {0, 1, 2, 0, 2, 3};
+    static const char *const options[] = {
+        "--lightmap-size", "16384", "--lightmap-max", "16384", "--objects", "{object1: {lightmap-size: 16}}", NULL};
+    static const struct kiln_vec3 corner[8] = {{-1, 0, 1}, {0, 0, 1}, {0, 0, -1}, {-1, 0, -1},
+                                               {0, 0, 1},  {1, 0, 1}, {1, 0, -1}, {0, 0, -1}};
+    static const uint32_t indices[12] = {0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7};
+    const float high = 0.015625f;
+    const struct kiln_vec2 layout[8] = {{0, high},     {high, high}, {high, 0},        {0, 0},
+                                        {1 - high, 1}, {1, 1},       {1, 1.0f - high}, {1 - high, 1.0f - high}};
     const struct setup s = {.open = true};
-    struct kiln_dvec3 floor[4], lamp[4];
-    struct kiln_vec3 at[4];
+    struct kiln_dvec3 lamp[4];
     bool done;
-    floor_corners(floor);
     setup_lamp(&s, lamp);
     kiln_trial_scene(t);
-    for (int i = 0; i < 4; i++)
-        at[i] = vec3((float)floor[i].x, (float)floor[i].y, (float)floor[i].z);
-    kiln_trial_mesh(t, at, layout, 4, indices, 6, kiln_trial_material(t, 0, 0), NULL);
-    for (int i = 0; i < 4; i++)
-        at[i] = vec3((float)lamp[i].x, (float)lamp[i].y, (float)lamp[i].z);
-    kiln_trial_mesh(t, at, layout, 4, indices, 6, kiln_trial_material(t, 0, 1), NULL);
+    kiln_trial_mesh(t, corner, layout, 8, indices, 12, kiln_trial_material(t, 0, 0), NULL);
+    add_quad(t, &s, lamp, 0, kiln_trial_material(t, 0, 1));
     const int status = bake(t, options, found, &done);
     if (!done)
         return status;

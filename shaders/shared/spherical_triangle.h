@@ -22,6 +22,11 @@ struct kiln_spherical_triangle {
 
 /* sr: smaller ones are better sampled by area, whose density varies little there. */
 #define KILN_SPHERICAL_FROM KILN_RATIO(2, 100)
+/* But not long ones, however thin: along them the density varies much. Long: two corners are farther apart than this
+ * cosine, 18 degrees; a triangle that is half a square of less than 0.02 sr is not. What is smaller than the last is
+ * nothing that floats could tell. */
+#define KILN_SPHERICAL_LONG KILN_RATIO(95, 100)
+#define KILN_SPHERICAL_LEAST KILN_RATIO(1, 1000000000)
 
 /* A triangle of `area` m2, whose plane is `height` > 0 m away: `to0` to corner 0, edges e1 and e2 from there, in
  * metres. */
@@ -46,6 +51,15 @@ KILN_FUNCTION KILN_STRUCT kiln_spherical_triangle kiln_spherical_triangle_of(kil
     t.ca_bc = real3_dot(t.c, t.a) + real3_dot(t.b, t.c);
     t.omega = 2 * real_atan2(t.volume, t.ab + t.ca_bc);
     return t;
+}
+
+/* Whether samples of the triangle are to be even in its solid angle; else in its area. */
+KILN_FUNCTION bool kiln_spherical_triangle_wanted(KILN_STRUCT kiln_spherical_triangle t)
+{
+    if (t.omega > KILN_SPHERICAL_FROM)
+        return true;
+    const kiln_real least = real_min(t.ab - 1, real_min(real3_dot(t.b, t.c), real3_dot(t.c, t.a)));
+    return t.omega > KILN_SPHERICAL_LEAST && least < KILN_SPHERICAL_LONG;
 }
 
 /* The direction, unit, for u and v in (0, 1), from the sine and cosine of u omega / 2. */

@@ -160,6 +160,37 @@ def check_hard_spot(kiln, checks, table):
     bake.remove()
 
 
+def check_strips(kiln, checks, table):
+    """A lamp of radiance 1, 100 m long and ever narrower, 1 m above a floor of 2 m: E in closed form along the lamp, by
+    64 midpoints across it."""
+    for width in (0.05, 0.02, 0.002, 1e-4):
+        scene = glb.Scene()
+        black = scene.material('floor')
+        scene.quad('floor', [(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], black)
+        low, high = 0.1 - width / 2, 0.1 + width / 2
+        scene.quad('lamp', [(low, 1, -50), (high, 1, -50), (high, 1, 50), (low, 1, 50)],
+                   scene.material('lamp', (0, 0, 0), (1, 1, 1)))
+        bake = kiln.bake(scene.write(os.path.join(kiln.scratch, 'strip.glb')), '--lightmap-size', 24,
+                         '--samples-direct', 256, '--samples-probe', 0, '--bounces', 0)
+        if not checks.baked(bake):
+            continue
+        points = bake.points
+        floor = points.of(bake.index('floor'))
+        x, z = points.position[floor][:, 0], points.position[floor][:, 2]
+        want = np.zeros(len(floor))
+        low, high = float(np.float32(low)), float(np.float32(high))
+        for at in low + (np.arange(64) + 0.5) / 64 * (high - low):
+            square = (at - x) ** 2 + 1
+            for end in (50 - z, 50 + z):
+                want += (high - low) / 64 * (end / (2 * square * (square + end ** 2)) +
+                                             np.arctan(end / np.sqrt(square)) / (2 * square ** 1.5))
+        off = points.direct[floor, 1] / want - 1
+        rms = float(np.sqrt((off ** 2).mean()))
+        checks.that(len(floor) > 500 and rms < 3e-3, 'strip %g m wide: rms %.2f %%' % (width, 100 * rms), bake.process)
+        table.row('strip %g m wide' % width, 'rms %.2f %%' % (100 * rms))
+        bake.remove()
+
+
 def check_near_light(kiln, checks, table):
     """A light nearer than its texels are wide is named; one that is farther, or behind the floor, is not."""
     for height, near in ((0.001, True), (0.3, False), (-0.001, False)):
@@ -179,7 +210,8 @@ def check_near_light(kiln, checks, table):
 
 def main():
     every = {'coincident': check_coincident, 'tail': check_tail, 'left': check_left, 'ledger': check_ledger,
-             'warnings': check_warnings, 'hard_spot': check_hard_spot, 'near_light': check_near_light}
+             'warnings': check_warnings, 'hard_spot': check_hard_spot, 'near_light': check_near_light,
+             'strips': check_strips}
     arguments, kiln = harness.start(
         __doc__, lambda p: p.add_argument('--only', action='append', choices=every, help='these cases'))
     checks = harness.Checks()

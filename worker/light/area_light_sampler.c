@@ -19,7 +19,7 @@ bool kiln_area_light_sampler(const struct kiln_lights *lights, const struct kiln
     if (!kiln_target_is_near(target->height, light->rounding, spread))
         return false;
     target->seen = kiln_spherical_triangle_of(target->to0, light->e1, light->e2, light->area, target->height);
-    target->spherical = target->seen.omega > KILN_SPHERICAL_FROM;
+    target->spherical = kiln_spherical_triangle_wanted(target->seen);
     return kiln_target_is_apart(target->seen);
 }
 

@@ -267,7 +267,7 @@ static bool sample_area_light(const struct kiln_lights *lights, const struct kil
     if ((light->two_sided ? height : side) <= KILN_AREA_LIGHT_HEIGHT * light->rounding)
         return false;
     const struct kiln_spherical_triangle t = kiln_spherical_triangle_of(to0, light->e1, light->e2, light->area, height);
-    const bool spherical = t.omega > KILN_SPHERICAL_FROM;
+    const bool spherical = kiln_spherical_triangle_wanted(t);
     struct kiln_dvec3 to;
     if (spherical) {
         const struct kiln_dvec3 direction = kiln_spherical_triangle_direction(t, u, v);
