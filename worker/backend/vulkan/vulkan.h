@@ -155,7 +155,7 @@ struct vulkan_wish {
 };
 
 /* A pass as this backend has it: vulkan_pass_validity in validity.c, vulkan_pass_direct in direct.c and so on. */
-enum { VULKAN_WISHES = 5 };
+enum { VULKAN_WISHES = 6 };
 struct vulkan_pass {
     /* Runs over a batch, all of whose items have batch->samples samples, calls its taker and adds its rays to *rays.
      * When the device is lost or short of memory it is made anew (vulkan_recover), and the pass goes on with what was
