@@ -1,5 +1,5 @@
-/* What the kernels of the direct pass share: choose.comp, direct.comp, direct_precise.comp, direct_reduce.comp. Their
- * push constants are the same. */
+/* What the kernels of the direct pass share: choose.comp, direct_pilot.comp, direct.comp, direct_precise.comp,
+ * direct_reduce.comp. Their push constants are the same. */
 
 KILN_PUSH(kiln_gpu_direct_push);
 
@@ -30,3 +30,10 @@ DirectFloats direct_luminance(uint i, uint row)
     return DirectFloats(direct_luminances_at() + 4ul * (uint64_t(direct_rows()) * i + row) * push.pass.room);
 }
 DirectWords direct_counts() { return DirectWords(direct_counts_at()); }
+/* Whether directional lights have pilots (direct_pilot.comp). */
+bool direct_has_pilots()
+{
+    return light_kind(KILN_GPU_KIND_SUN) && light_kind(KILN_GPU_KIND_SKY | KILN_GPU_KIND_IMAGE);
+}
+/* Where they have: the rays of a point's pilots. */
+DirectWords direct_pilot_rays() { return DirectWords(direct_counts_at() + 4ul * push.pass.room); }

@@ -48,6 +48,8 @@ void kiln_kernel(uint x, uint y)
         real3 incident = real3(0), irradiance = real3(0);
         real variance = 0;
         uint stopped = 0u;
+        if (direct_has_pilots())
+            rays = direct_pilot_rays().at[x];
         for (uint row = 0u; row < direct_rows(); row += step) {
             const kiln_gpu_direct_sums sums = direct_sums(row).at[x];
             stopped |= sums.stopped;

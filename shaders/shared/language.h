@@ -40,6 +40,7 @@
 #    define KILN_AT(parameter) parameter /* its value in the function; */
 #    define KILN_TO(variable) variable   /* and the argument for it */
 #    define KILN_TO_U32(x) uint(x)       /* conversions */
+#    define KILN_TO_U64(x) uint64_t(x)
 #    define KILN_TO_I32(x) int(x)
 #    define KILN_TO_F32(x) float(x)
 #    define KILN_RATIO32(a, b) (float(a) / float(b)) /* the float nearest to a / b, both integers */
@@ -65,6 +66,7 @@
 #    define KILN_AT(a) (*(a))
 #    define KILN_TO(x) (&(x))
 #    define KILN_TO_U32(x) ((uint32_t)(x))
+#    define KILN_TO_U64(x) ((uint64_t)(x))
 #    define KILN_TO_I32(x) ((int32_t)(x))
 #    define KILN_TO_F32(x) ((float)(x))
 #    define KILN_VECTOR struct kiln_vec3

@@ -46,7 +46,7 @@ KILN_SIZE_IS(kiln_gpu_choice, 8);
  * slices is cut in as many again, the kernel runs with `slices` so many times larger and `split` 1. The other kernels
  * get the former.
  *
- * `scratch` holds four arrays strided by `room` >= the chunk's points, each beginning at a multiple of 8 bytes
+ * `scratch` holds these arrays strided by `room` >= the chunk's points, each beginning at a multiple of 8 bytes
  * (shaders/direct.glsl computes where):
  *
  *   struct kiln_gpu_direct_sums sums[rows * room], at row * room + point: see shaders/shared/layout_light_real.h
@@ -54,7 +54,8 @@ KILN_SIZE_IS(kiln_gpu_choice, 8);
  *                directional_count + 1
  *   float luminances[slots * rows * room], at (rows * i + row) * room + point: sum over the row's samples of choice i,
  *                for choices of KILN_QUARTERS_FROM samples and more
- *   word counts[room]: choices of a point; with KILN_GPU_COUNT_PRECISE where some of them are precise */
+ *   word counts[room]: choices of a point; with KILN_GPU_COUNT_PRECISE where some of them are precise
+ *   word pilot_rays[room]: where directional lights have pilots (direct_pilot.comp) */
 #define KILN_GPU_COUNT_PRECISE 0x80000000u
 struct kiln_gpu_direct {
     KILN_ADDRESS results; /* struct kiln_gpu_result, one a point of the chunk */

@@ -14,8 +14,9 @@
  * chance: V is the product of what all surfaces on the way let through.
  *
  * Items: tile runs. Result: struct kiln_point_result. No parameters. Samples: those of a point, dealt out to the lights
- * that are chosen. Streams: any; answers of two streams are independent. Rays: shadow rays; samples that cannot bring
- * light have none. */
+ * that are chosen; where a scene has an environment and directional lights, pilots change how (sun_pilot.h of
+ * shaders/shared), and a point at the edge of a shadow has up to four times the samples. Streams: any; answers of two
+ * streams are independent. Rays: shadow rays, those of pilots included; samples that cannot bring light have none. */
 #ifndef KILN_WORKER_PASS_DIRECT_H
 #define KILN_WORKER_PASS_DIRECT_H
 

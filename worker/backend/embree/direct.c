@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "shaders/shared/random.h"
+#include "shaders/shared/sun_pilot.h"
 #include "worker/backend/embree/frame.h"
 #include "worker/backend/embree/shadow.h"
 #include "worker/backend/embree/tile_runs.h"
@@ -55,6 +56,12 @@ static void work_destroy(void **work)
     kiln_free(work);
 }
 
+/* Whether directional lights have pilots (shaders/shared/sun_pilot.h). */
+static bool has_pilots(const struct embree_backend *b)
+{
+    return b->params.lights->environment && b->params.lights->directional_count > 0;
+}
+
 static int work_create(void **work, const struct embree_backend *b, const void *parameters,
                        const struct kiln_batch *part, struct kiln_error *error)
 {
@@ -65,13 +72,15 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     if (status != KILN_OK)
         return status;
     w->part = part;
-    w->table_size = part->samples + 1; /* a lone choice gets all samples, rounded up at most */
+    /* a lone choice gets all samples, rounded up at most; with pilots a stretch of the sequence has room for more */
+    const uint32_t times = has_pilots(b) ? KILN_SUN_TIMES : 1, first_sample = times * part->first_sample;
+    w->table_size = times * part->samples + 1;
     status = kiln_allocate(&w->choices, KILN_CUT_MAX + b->params.lights->directional_count + 1, sizeof *w->choices,
                            "the light choices", error);
     for (uint32_t d = 0; d < KILN_DIMENSIONS && status == KILN_OK; d++) {
         status = kiln_allocate(&w->sobol[d], w->table_size, sizeof(uint32_t), "the samples of a pass", error);
         for (uint32_t k = 0; status == KILN_OK && k < w->table_size; k++)
-            w->sobol[d][k] = kiln_sobol(part->first_sample + k, d);
+            w->sobol[d][k] = kiln_sobol(first_sample + k, d);
     }
     if (status == KILN_OK)
         status = kiln_allocate(&w->sequence_points, (size_t)SEQUENCES * KILN_DIMENSIONS * w->table_size,
@@ -256,6 +265,84 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
     shadow_end(&w->shadows, b, context);
 }
 
+/* The pilot's rays first .. first+PACKET-1 at point j, of `count`. What each would bring of the light, as a share, goes
+ * to `share`. */
+static void aim_pilot(struct direct_work *w, const struct embree_backend *b, uint32_t j, struct kiln_dvec3 towards,
+                      uint32_t identity, uint32_t first, uint32_t count, double share[PACKET])
+{
+    const struct tile_run_frame *f = &w->frame;
+    const struct sequence *q = find_sequence(w, identity, count);
+    const uint32_t key = kiln_hash2(f->key[j], identity);
+    const uint32_t shift_s = kiln_hash2(key, KILN_DIMENSION_S), shift_t = kiln_hash2(key, KILN_DIMENSION_T);
+    struct RTCRay8 *rays = &w->shadows.rays;
+    for (uint32_t l = 0; l < PACKET; l++) {
+        const uint32_t k = first + l < count ? first + l : count - 1;
+        struct kiln_vec3 p, n;
+        (void)frame_position(&w->frame, b, j, (float)kiln_unit_double(q->points[KILN_DIMENSION_S][k] ^ shift_s),
+                             (float)kiln_unit_double(q->points[KILN_DIMENSION_T][k] ^ shift_t), &p, &n);
+        if (k >= count / 2) /* and as much farther off the surface */
+            p = vec3_madd(p, vec3_sub(p, f->extent[j].centre), KILN_SUN_PILOT_BEYOND);
+        share[l] = dvec3_dot(dvec3_of(n), towards) > 0.0
+                       ? fmax(0.0, dvec3_dot(dvec3_of(frame_shading(f, j, n)), towards))
+                       : 0.0;
+        w->shadows.valid[l] = first + l < count && share[l] > 0.0 ? -1 : 0;
+        rays->org_x[l] = p.x, rays->org_y[l] = p.y, rays->org_z[l] = p.z;
+        rays->dir_x[l] = (float)towards.x, rays->dir_y[l] = (float)towards.y, rays->dir_z[l] = (float)towards.z;
+        rays->tnear[l] = 0.0f, rays->tfar[l] = INFINITY, rays->time[l] = 0.0f;
+        rays->mask[l] = ~0u, rays->flags[l] = 0;
+    }
+}
+
+/* Whether the directional light of the choice is not the same all over and around point j, by a pilot of `count` rays.
+ */
+static bool pilot_differs(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
+                          uint32_t j, const struct kiln_light_choice *choice, uint32_t count, uint64_t *rays)
+{
+    const struct kiln_dvec3 towards = b->params.lights->directionals[choice->index].towards;
+    double least = INFINITY, most = 0.0, share[PACKET], through[PACKET][3];
+    for (uint32_t first = 0; first < count; first += PACKET) {
+        aim_pilot(w, b, j, towards, identity_of(w, choice) + 1, first, count, share);
+        for (uint32_t l = 0; l < PACKET; l++)
+            *rays += w->shadows.valid[l] != 0;
+        embree_through8(b, context, w->shadows.valid, &w->shadows.rays, through);
+        for (uint32_t l = 0; l < PACKET && first + l < count; l++) {
+            if (w->shadows.valid[l] != 0 && w->shadows.rays.tfar[l] < 0.0f)
+                share[l] = 0.0;
+            else if (w->shadows.valid[l] != 0 && embree_blends(b))
+                share[l] *= kiln_luminance(through[l]);
+            least = fmin(least, share[l]);
+            most = fmax(most, share[l]);
+        }
+    }
+    return least < (double)KILN_SUN_SAME * most;
+}
+
+/* Shares out the samples of point j's choices again, after pilots of its directional lights. */
+static void use_pilots(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
+                       uint32_t j, size_t count, uint64_t *rays)
+{
+    const uint32_t samples = w->samples, pilot = kiln_sun_pilot(samples), least = kiln_sun_least(samples);
+    uint32_t rest = samples;
+    uint32_t others = 0;
+    bool any = false;
+    for (size_t i = 0; i < count; i++) {
+        struct kiln_light_choice *c = &w->choices[i];
+        if (c->kind != KILN_CHOICE_DIRECTIONAL) {
+            others += c->samples;
+            continue;
+        }
+        rest = kiln_samples_left(rest, c->samples < least ? c->samples : least);
+        if (c->samples < least)
+            continue;
+        c->samples =
+            pilot_differs(w, b, context, j, c, pilot, rays) ? KILN_SUN_TIMES * c->samples : kiln_sun_few(samples);
+        any = true;
+    }
+    for (size_t i = 0; any && i < count; i++)
+        if (w->choices[i].kind != KILN_CHOICE_DIRECTIONAL)
+            w->choices[i].samples = kiln_sun_other(w->choices[i].samples, others, rest);
+}
+
 static void direct_point(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
                          uint32_t j, struct kiln_point_result *result, uint64_t *rays)
 {
@@ -265,6 +352,8 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
         kiln_lights_choices(b->params.lights, dvec3_of(f->extent[j].centre), (double)f->extent[j].spread,
                             frame_one_normal(f, j), kiln_cut_limit(samples), w->choices);
     (void)kiln_lights_allot(w->choices, count, samples);
+    if (has_pilots(b) && !f->partly_buried[j])
+        use_pilots(w, b, context, j, count, rays);
     double incident[3] = {0}, irradiance[3] = {0}, variance = 0.0;
     for (size_t i = 0; i < count; i++) {
         struct shadow_sums sums = {0};

@@ -1,12 +1,18 @@
-/* The direct pass (worker/pass/direct.h): shaders/choose.comp, direct.comp, direct_precise.comp and direct_reduce.comp
- * over the batch's points. */
+/* The direct pass (worker/pass/direct.h): shaders/choose.comp, direct_pilot.comp, direct.comp, direct_precise.comp and
+ * direct_reduce.comp over the batch's points. */
 #include "worker/backend/vulkan/chunks.h"
 #include "worker/pass/direct.h"
+
+#include "shaders/shared/sun_pilot.h"
 
 #include "shaders/choose.h"
 #include "shaders/choose_float.h"
 #include "shaders/direct.h"
 #include "shaders/direct_float.h"
+#include "shaders/direct_pilot.h"
+#include "shaders/direct_pilot_float.h"
+#include "shaders/direct_pilot_pipeline.h"
+#include "shaders/direct_pilot_pipeline_float.h"
 #include "shaders/direct_pipeline.h"
 #include "shaders/direct_pipeline_float.h"
 #include "shaders/direct_precise.h"
@@ -16,6 +22,11 @@
 
 static const struct vulkan_shader choose_shader = {
     .name = "direct: choices of lights", .compute = VULKAN_CODE(choose), .compute_float = VULKAN_CODE(choose_float)};
+static const struct vulkan_shader pilot_shader = {.name = "direct: pilots",
+                                                  .compute = VULKAN_CODE(direct_pilot),
+                                                  .pipeline = VULKAN_CODE(direct_pilot_pipeline),
+                                                  .compute_float = VULKAN_CODE(direct_pilot_float),
+                                                  .pipeline_float = VULKAN_CODE(direct_pilot_pipeline_float)};
 static const struct vulkan_shader direct_shader = {.name = "direct",
                                                    .compute = VULKAN_CODE(direct),
                                                    .pipeline = VULKAN_CODE(direct_pipeline),
@@ -30,8 +41,11 @@ static const struct vulkan_shader sums_shader = {
 struct direct {
     struct vulkan_backend *b;
     const struct kiln_batch *batch;
-    bool precise; /* near lights may want doubles, which the device has */
-    struct gpu_kernel *choose, *whole, *near, *reduce;
+    bool precise;          /* near lights may want doubles, which the device has */
+    bool pilots;           /* directional lights have them */
+    uint32_t most;         /* samples of a choice */
+    uint32_t first_sample; /* of its sequence: with pilots a stretch has room for the most */
+    struct gpu_kernel *choose, *pilot, *whole, *near, *reduce;
     struct gpu_kernel *buried; /* made when there is a point for it: it takes its time */
     uint32_t samples, limit, slots;
     struct vulkan_slices slices;
@@ -42,9 +56,11 @@ static int prepare(void *context, struct kiln_error *error)
 {
     struct direct *d = context;
     /* a lone choice gets all samples, rounded up at most */
-    int status = vulkan_sobol(d->b, d->batch->first_sample + d->samples + 1, error);
+    int status = vulkan_sobol(d->b, d->first_sample + d->most + 1, error);
     if (status == KILN_OK)
         status = vulkan_kernel_of(d->b, &choose_shader, false, 0, &d->choose, error);
+    if (status == KILN_OK && d->pilots)
+        status = vulkan_kernel_of(d->b, &pilot_shader, false, 0, &d->pilot, error);
     if (status == KILN_OK)
         status = vulkan_kernel_of(d->b, &direct_shader, false, 0, &d->whole, error);
     if (status == KILN_OK && d->precise)
@@ -65,7 +81,7 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     const struct kiln_gpu_direct_push push = {.scene = d->b->scene.address,
                                               .chunk = chunk->all,
                                               .pass = {.results = chunk->results,
-                                                       .sobol = vulkan_sobol_from(d->b, d->batch),
+                                                       .sobol = vulkan_sobol_from(d->b, d->first_sample),
                                                        .scratch = chunk->scratch,
                                                        .rays = chunk->words,
                                                        .room = chunk->all.total,
@@ -79,6 +95,8 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
                                                        .stream = d->batch->stream}};
     if (chunk->row_first == 0)
         vulkan_record(recording, d->choose, chunk->all.total, 1, &push, sizeof push);
+    if (chunk->row_first == 0 && d->pilots)
+        vulkan_record(recording, d->pilot, chunk->all.total, 1, &push, sizeof push);
     struct kiln_gpu_direct_push buried = push;
     buried.chunk = chunk->buried;
     buried.pass.row_first *= d->slices.split;
@@ -113,12 +131,18 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
 /* Whether area lights may be so near to points that they want doubles, which the device has. */
 static bool has_near_lights(const struct vulkan_backend *b) { return b->float64 && b->params.lights->area_count > 0; }
 
+/* Whether directional lights have pilots (shaders/shared/sun_pilot.h). */
+static bool has_pilots(const struct vulkan_backend *b)
+{
+    return b->params.lights->environment && b->params.lights->directional_count > 0;
+}
+
 /* Bytes of scratch a point, see struct kiln_gpu_direct. */
 static size_t scratch_bytes(const struct direct *d)
 {
     const size_t rows = 4 * (size_t)d->slices.per_quarter * d->slices.split,
                  choice = sizeof(struct kiln_gpu_choice) + rows * sizeof(float);
-    return rows * vulkan_lights_sums_bytes(d->b->float64) + d->slots * choice + sizeof(uint32_t);
+    return rows * vulkan_lights_sums_bytes(d->b->float64) + d->slots * choice + (d->pilots ? 2 : 1) * sizeof(uint32_t);
 }
 
 static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
@@ -132,7 +156,10 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     d.precise = has_near_lights(b);
     d.limit = kiln_cut_limit(samples);
     d.slots = (uint32_t)((tree < d.limit ? tree : d.limit) + lights->directional_count + 1);
-    d.slices = vulkan_slices_of(b, samples);
+    d.pilots = has_pilots(b);
+    d.most = d.pilots ? KILN_SUN_TIMES * samples : samples;
+    d.first_sample = d.pilots ? KILN_SUN_TIMES * batch->first_sample : batch->first_sample;
+    d.slices = vulkan_slices_of(b, d.most);
     const uint32_t rows = 4 * d.slices.per_quarter;
     const struct vulkan_chunked pass = {.pass = &kiln_pass_direct,
                                         .pace = KILN_PASS_INDEX_direct,
@@ -158,5 +185,6 @@ const struct vulkan_pass vulkan_pass_direct = {
     .ahead = {{.shader = &direct_shader, .draw_again = true},
               {.shader = &direct_shader},
               {.shader = &choose_shader},
+              {.shader = &pilot_shader, .wanted = has_pilots},
               {.shader = &sums_shader},
               {.shader = &direct_precise_shader, .wanted = has_near_lights}}};

@@ -26,7 +26,7 @@ static void constants_of(const struct hemisphere *h, const struct vulkan_chunk *
     const uint32_t samples = h->batch->samples;
     *constants = (struct constants){.shared = {.scene = h->b->scene.address,
                                                .chunk = chunk->all,
-                                               .hemisphere = {.sobol = vulkan_sobol_from(h->b, h->batch),
+                                               .hemisphere = {.sobol = vulkan_sobol_from(h->b, h->batch->first_sample),
                                                               .slices = chunk->scratch,
                                                               .samples = samples,
                                                               .stream = h->pass->stream,

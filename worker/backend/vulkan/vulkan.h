@@ -127,10 +127,10 @@ int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error);
 
 /* Sobol' points 0 .. count-1 of all dimensions on the device: dimension d from word d * b->sobol_count on. */
 int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *error);
-/* The address of the point of the batch's first sample in dimension 0. */
-static inline uint64_t vulkan_sobol_from(const struct vulkan_backend *b, const struct kiln_batch *batch)
+/* The address of Sobol' point `first_sample` in dimension 0. */
+static inline uint64_t vulkan_sobol_from(const struct vulkan_backend *b, uint32_t first_sample)
 {
-    return b->sobol.address + batch->first_sample * sizeof(uint32_t);
+    return b->sobol.address + first_sample * sizeof(uint32_t);
 }
 
 /* How each quarter of a point's samples is dealt out: `per_quarter` slices of `samples` each, one a thread. Of a partly
@@ -162,7 +162,7 @@ struct vulkan_wish {
 };
 
 /* A pass as this backend has it: vulkan_pass_validity in validity.c, vulkan_pass_direct in direct.c and so on. */
-enum { VULKAN_WISHES = 5 };
+enum { VULKAN_WISHES = 6 };
 struct vulkan_pass {
     /* Runs over a batch, all of whose items have batch->samples samples, calls its taker and adds its rays to *rays.
      * When the device is lost or short of memory it is made anew (vulkan_recover), and the pass goes on with what was

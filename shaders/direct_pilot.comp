@@ -1,0 +1,89 @@
+/* The direct pass, between choose.comp and direct.comp: pilots of directional lights, and what they change in how often
+ * choices are sampled (shaders/shared/sun_pilot.h; use_pilots of worker/backend/embree/direct.c). Thread x: point x of
+ * the chunk; partly buried points have no pilots. For scenes with an environment and directional lights. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "shaders/kernel.glsl"
+#include "shaders/direct.glsl"
+
+#define KILN_TRACES
+#include "shaders/trace/trace.glsl"
+#include "shaders/surface.glsl"
+#include "shaders/position.glsl"
+#include "shaders/direct_sequence.glsl"
+#include "shaders/shared/sun_pilot.h"
+
+/* What the pilot's ray k would bring of the light, as a share. */
+float share_of(kiln_gpu_point p, vec3 towards, Sequence sequence, uint k, bool beyond, inout uint rays)
+{
+    vec3 position, n;
+    float offset;
+    kiln_position(p, push.chunk.parts, float(real_unit(draw(sequence, k, KILN_DIMENSION_S))),
+                  float(real_unit(draw(sequence, k, KILN_DIMENSION_T))), position, n, offset);
+    if (beyond) /* and as much farther off the surface */
+        position += (position - p.centre) * KILN_SUN_PILOT_BEYOND;
+    const float share = dot(n, towards) > 0.0 ? max(0.0, dot(kiln_shading(p, n), towards)) : 0.0;
+    if (!(share > 0.0))
+        return 0.0;
+    rays++;
+    return share * float(real_luminance(real3(kiln_through(position, towards, KILN_INFINITY))));
+}
+
+/* Whether the light is not the same all over and around the point. */
+bool pilot_differs(kiln_gpu_point p, uint light, uint count, inout uint rays)
+{
+    const vec3 towards = vec3(real3_of(DirectionalLights(SCENE.lights.directionals).at[light].towards));
+    const Sequence sequence = sequence_of(p, kiln_direct_identity(KILN_CHOICE_DIRECTIONAL, light, push.pass.stream) + 1u);
+    float least = KILN_INFINITY, most = 0.0;
+    for (uint k = 0u; k < count; k++) {
+        const float share = share_of(p, towards, sequence, k, k >= count / 2u, rays);
+        least = min(least, share);
+        most = max(most, share);
+    }
+    return least < KILN_SUN_SAME * most;
+}
+
+bool is_sun(kiln_gpu_choice choice) { return choice.what >> KILN_GPU_CHOICE_KIND_SHIFT == KILN_CHOICE_DIRECTIONAL; }
+
+/* Shares out `rest` samples among the choices that are no directional lights and have `others` now. */
+void share_out(uint x, uint count, uint others, uint rest)
+{
+    for (uint i = 0u; i < count; i++) {
+        const kiln_gpu_choice c = direct_choice(i).at[x];
+        if (is_sun(c))
+            continue;
+        const uint samples = kiln_sun_other(c.samples & ~KILN_GPU_CHOICE_PRECISE, others, rest);
+        direct_choice(i).at[x].samples = samples | (c.samples & KILN_GPU_CHOICE_PRECISE);
+    }
+}
+
+void kiln_kernel(uint x, uint y)
+{
+    const uint index = push.chunk.origin + x;
+    const uint state = x < push.chunk.total ? DirectWords(push.chunk.states).at[index] : KILN_GPU_STATE_INVALID;
+    if (state == KILN_GPU_STATE_INVALID)
+        return;
+    const uint samples = push.pass.samples, pilot = kiln_sun_pilot(samples), least = kiln_sun_least(samples),
+               count = state == KILN_GPU_STATE_BURIED ? 0u : direct_counts().at[x] & ~KILN_GPU_COUNT_PRECISE;
+    uint rest = samples, others = 0u, rays = 0u;
+    bool any = false;
+    for (uint i = 0u; i < count; i++) {
+        const kiln_gpu_choice c = direct_choice(i).at[x];
+        if (!is_sun(c)) {
+            others += c.samples & ~KILN_GPU_CHOICE_PRECISE;
+            continue;
+        }
+        rest = kiln_samples_left(rest, min(c.samples, least));
+        if (c.samples < least)
+            continue;
+        const bool differs = pilot_differs(PointArray(push.chunk.points).at[index],
+                                           c.what & ((1u << KILN_GPU_CHOICE_KIND_SHIFT) - 1u), pilot, rays);
+        direct_choice(i).at[x].samples = differs ? KILN_SUN_TIMES * c.samples : kiln_sun_few(samples);
+        any = true;
+    }
+    if (any)
+        share_out(x, count, others, rest);
+    direct_pilot_rays().at[x] = rays;
+}
+
+#include "shaders/main.glsl"
