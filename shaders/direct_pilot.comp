@@ -33,7 +33,8 @@ float share_of(kiln_gpu_point p, vec3 towards, Sequence sequence, uint k, bool b
 bool pilot_differs(kiln_gpu_point p, uint light, uint count, inout uint rays)
 {
     const vec3 towards = vec3(real3_of(DirectionalLights(SCENE.lights.directionals).at[light].towards));
-    const Sequence sequence = sequence_of(p, kiln_direct_identity(KILN_CHOICE_DIRECTIONAL, light, push.pass.stream) + 1u);
+    const uint identity = kiln_direct_identity(KILN_CHOICE_DIRECTIONAL, light, push.pass.stream);
+    const Sequence sequence = sequence_of(p, identity + 1u);
     float least = KILN_INFINITY, most = 0.0;
     for (uint k = 0u; k < count; k++) {
         const float share = share_of(p, towards, sequence, k, k >= count / 2u, rays);
