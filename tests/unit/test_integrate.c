@@ -13,6 +13,7 @@
 #include "coordinator/field/field.h"
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/schedule.h"
+#include "coordinator/integrate/quantity.h"
 #include "coordinator/plan/simulate_light.h"
 
 enum { STEPS_MOST = 400 };
@@ -343,12 +344,62 @@ static void another_integrator(void **state)
     assert_true(fabs(light.first[0] - 0.5) < 1e-3 && light.last[1] < 1e-3);
 }
 
+/* Appends the bake's next step; false: there is none. */
+static bool go_on(struct bake *b, const struct kiln_integrate_settings *settings)
+{
+    struct kiln_step step;
+    const bool any = kiln_steps_next(settings, b->reports, b->count, &step);
+    assert_true(b->count < sizeof b->reports / sizeof *b->reports);
+    if (any)
+        b->reports[b->count++] = (struct kiln_step_report){.step = step};
+    return any;
+}
+
+/* Each part has all steps and a share of the samples, which follow one another; a round has as many as all before. */
+static void parts(void **state)
+{
+    (void)state;
+    struct kiln_integrate_settings settings = settings_of(KILN_SCHEDULE_LEAN, 2);
+    struct bake b = {.count = 0};
+    settings.parts = KILN_PARTS;
+    settings.target_error = 0.01;
+    settings.samples_indirect = 30;
+    while (go_on(&b, &settings))
+        ;
+    assert_int_equal(b.count, 3 * KILN_PARTS); /* direct, a bounce, the final gather */
+    for (size_t i = 0; i < b.count; i++) {
+        const struct kiln_step *step = &b.reports[i].step;
+        assert_int_equal(step->part, i / 3);
+        assert_int_equal(step->role, b.reports[i % 3].step.role);
+        assert_int_equal(step->samples, b.reports[i % 3].step.samples);
+        assert_int_equal(step->first_sample, step->part * step->samples);
+        assert_true(step->counted == b.reports[i % 3].step.counted && step->samples_field == NULL);
+    }
+    assert_int_equal(b.reports[2].step.samples, 8); /* 30, rounded up, by 4 */
+    b.reports[b.count - 1].unfinished = 0.06;
+    while (go_on(&b, &settings))
+        ;
+    assert_int_equal(b.count, 2 * 3 * KILN_PARTS);
+    assert_int_equal(b.reports[3 * KILN_PARTS + 2].step.samples, 8);
+    assert_int_equal(b.reports[3 * KILN_PARTS + 2].step.first_sample, 32);
+    assert_string_equal(b.reports[3 * KILN_PARTS + 2].step.samples_field, KILN_FIELD_SAMPLES);
+    assert_false(b.reports[3 * KILN_PARTS + 2].step.counted);
+    b.reports[b.count - 1].unfinished = 0.06;
+    b.reports[b.count - 1].out_of_time = true;
+    assert_false(go_on(&b, &settings));
+    b.reports[b.count - 1].out_of_time = false;
+    assert_true(go_on(&b, &settings) && go_on(&b, &settings) && go_on(&b, &settings));
+    assert_int_equal(b.reports[b.count - 1].step.samples, 16);
+    assert_int_equal(b.reports[b.count - 1].step.first_sample, 64);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(lean_given),   cmocka_unit_test(pilot),
                                        cmocka_unit_test(lean_all),     cmocka_unit_test(falling),
                                        cmocka_unit_test(equal),        cmocka_unit_test(form),
                                        cmocka_unit_test(plan_as_bake), cmocka_unit_test(outlook),
-                                       cmocka_unit_test(table),        cmocka_unit_test(another_integrator)};
+                                       cmocka_unit_test(table),        cmocka_unit_test(another_integrator),
+                                       cmocka_unit_test(parts)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
