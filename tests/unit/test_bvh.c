@@ -15,6 +15,7 @@
 #include "tests/unit/vulkan_device.h"
 #include "worker/backend/backend.h"
 #include "worker/backend/vulkan/bvh.h"
+#include "worker/backend/vulkan/vulkan.h"
 
 enum { RAYS = 16384, LAYOUTS = 4 };
 static const uint32_t layouts[LAYOUTS] = {KILN_TRAVERSAL_BRUTE, KILN_TRAVERSAL_BINARY, KILN_TRAVERSAL_FOUR,
@@ -189,13 +190,13 @@ static void trace(struct gpu *gpu, const struct world *w, const struct bvh *bvh,
     assert_int_equal(gpu_buffer_of(gpu, &b[3], w->origins, sizeof w->origins, "origins", &error), KILN_OK);
     assert_int_equal(gpu_buffer_of(gpu, &b[4], w->directions, sizeof w->directions, "directions", &error), KILN_OK);
     assert_int_equal(gpu_buffer_of(gpu, &b[5], hits, RAYS * sizeof *hits, "hits", &error), KILN_OK);
-    const uint32_t constants[7] = {traversal, 0, 0, 0, 0, 0, occlusion};
+    const uint32_t constants[VULKAN_CONSTANTS] = {[VULKAN_TRAVERSAL] = traversal, [VULKAN_OWN] = occlusion};
     struct gpu_kernel *kernel = NULL;
     const struct gpu_kernel_params params = {.name = "intersect",
                                              .code = kiln_spirv_intersect,
                                              .code_bytes = sizeof kiln_spirv_intersect,
                                              .constants = constants,
-                                             .constant_count = 7};
+                                             .constant_count = VULKAN_CONSTANTS};
     assert_int_equal(gpu_kernel_create(gpu, &kernel, &params, &error), KILN_OK);
     const struct push push = {b[2].address, b[3].address, b[4].address, b[5].address, RAYS};
     const struct gpu_step step = {
