@@ -47,7 +47,7 @@ SETTINGS = {
     'point_inverse_square': {'size': 9, 'direct': 64},
     'directional_cosine': {'size': 9, 'direct': 64},
     'sky_long_wall': {'size': 56},
-    'strip_light': {'size': 16, 'direct': 131072},
+    'strip_light': {'size': 48},
     'sky_roof_opening': {'size': 16, 'direct': 524288},
     'furnace_cube_rho0': {'direct': 16384},
     'furnace_cube_rho0.5': {'direct': 16384, **ALL},
