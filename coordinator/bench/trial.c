@@ -193,7 +193,7 @@ static void make_command(struct kiln_trial *t, const char *const *options, struc
 {
     static const char *const own[] = {"output", "json", "quiet", "verbose", NULL};
     static const char *const always[] = {
-        "--no-preview",    "--no-resume", "--samples-probe",  "0",   "--denoise", "none",
+        "--no-preview",    "--no-resume", "--samples-probe",  "0",    "--denoise", "none",
         "--lightmap-size", "16",          "--samples-direct", "2048", NULL};
     kiln_child_push(child, t->program);
     kiln_child_push(child, "bake");
