@@ -289,7 +289,7 @@ static const struct kiln_field table[] = {
      .domain = KILN_DOMAIN_TILE_RUN,
      .life = KILN_FIELD_RESULT, /* they are settled in one step for another, and move with the points between them */
      .member = AT(samples),
-     .saved = KILN_FIELD_SAVED,
+     .saved = KILN_FIELD_SAVED_IN_STEP,
      .high = 0x1p31,
      .present = has_adaptive_samples},
     /* scratch of a step */

@@ -27,7 +27,7 @@ struct synthetic {
     struct kiln_scene scene;
     struct kiln_geometry *geometry;
     struct kiln_surface surface;
-    float *direct, *indirect;
+    float *direct, *indirect, *parts;
     uint16_t *error;
     uint64_t *radiosity;
     struct kiln_field_set fields; /* of a bake with an error map */
@@ -202,6 +202,7 @@ static inline void synthetic_share(struct synthetic *s, int rank, int ranks)
     const uint64_t last = end < f->tile_run_count ? f->tile_runs[end].first.at : f->point_count;
     (void)kiln_allocate(&s->direct, 3 * (last - first), sizeof(float), "light", NULL);
     (void)kiln_allocate(&s->indirect, 3 * (last - first), sizeof(float), "light", NULL);
+    (void)kiln_allocate(&s->parts, KILN_PARTS * (last - first), sizeof(float), "parts", NULL);
     (void)kiln_allocate(&s->error, last - first, sizeof *s->error, "light", NULL);
     for (uint64_t p = first; p < last; p++) {
         for (uint64_t c = 0; c < 3; c++) {
@@ -252,6 +253,7 @@ static inline int synthetic_create(struct synthetic *s, uint32_t width, uint32_t
     s->data = (struct kiln_rank_data){.surface = s->surface,
                                       .direct = s->direct,
                                       .sum = s->indirect,
+                                      .parts = s->parts,
                                       .error = s->error,
                                       .error_direct = s->error,
                                       .error_indirect = s->error};

@@ -24,6 +24,8 @@ COARSE = ('--quality', 'draft', '--lightmap-max', 64, '--samples-direct', 16, '-
 MORE = {
     'city_instanced.glb': ('--lightmap-max', 8),
     'voxelcity_47k.glb': ('--lightmap-max', 64),
+    # with texels 4 m wide, of which columns divide many, light beside a column is taken from too far away
+    'crytek_sponza.glb': ('--lightmap-max', 48),
     'godot_living_room.glb': ('--environment', '1,1,1'),
     'godot_room.glb': ('--environment', '1,1,1'),
     'godot_zdm2.glb': ('--environment', '1,1,1'),
