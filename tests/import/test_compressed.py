@@ -100,8 +100,8 @@ class Compressed(importing.Case):
 
     def bake(self, scene):
         out = os.path.join(self.folder(), "out")
-        answer = kiln("bake", scene, "-o", out, "--texels-per-metre", 6, "--samples-direct", 64, "--samples-indirect",
-                      64, "--samples-probe", 0,
+        answer = kiln("bake", scene, "-o", out, "--texels-per-metre", 6, "--samples-direct", 128, "--samples-indirect",
+                      256, "--samples-probe", 0,
                       "--bounces", 1, "--backend", "embree", "--no-preview", "--quiet", "--denoise", "none")
         self.assertEqual(answer.code, 0, answer.err)
         return {name: exr.read(os.path.join(out, "lightmaps", name))[0]["G"]
