@@ -167,11 +167,13 @@ class Objects(importing.Case):
 
     def test_roles(self):
         without = self.receiver("embree")
-        _, shaded, _ = self.bake("plain", self.scene, "--preview")
+        more = ("--samples-bounce", 128)  # the light in the shade is that of bounces
+        _, shaded, _ = self.bake("plain", self.scene, "--preview", *more)
         self.assertGreater(without, 4 * shaded, "the awning shades the floor")
         unseen, seen = self.view("without"), self.view("receiver")
         self.assertGreater(abs(seen - unseen).max(), 0.02, "a receiver is in pictures")
-        caster, stopped, means = self.bake("caster", self.scene, "--objects", "{Awning: {role: caster-only}}")
+        caster, stopped, means = self.bake("caster", self.scene, "--objects", "{Awning: {role: caster-only}}",
+                                           *more)
         self.assertAlmostEqual(stopped / shaded, 1.0, delta=0.03, msg="it stops and reflects light all the same")
         self.assertNotIn("Awning", means)
         self.assertFalse(os.path.exists(os.path.join(self.at, "caster", "lightmaps", "Awning.exr")))
