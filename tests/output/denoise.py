@@ -17,7 +17,7 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
 import harness  # noqa: E402
 
-OPTIONS = ('--texels-per-metre', 14, '--samples-probe', 0, '--no-export', '--error-map', '--no-stitch')
+OPTIONS = ('--texels-per-metre', 10, '--samples-probe', 0, '--no-export', '--error-map', '--no-stitch')
 PREVIEW = ('--quality', 'preview')
 MORE = ('--samples-direct', 1024, '--samples-bounce', 16, '--samples-indirect', 8192, '--seed', 5)
 HIGH = ('--samples-direct', 512, '--samples-bounce', 32, '--samples-indirect', 1024)
