@@ -17,8 +17,8 @@ def bench(*arguments):
 
 class Stability(unittest.TestCase):
     def test_rows_hold(self):
-        process, left = bench('half-floats', 'not-a-number', 'mirror', '--json', '--schedule', 'equal', '--samples-direct',
-                              '512', '--samples-indirect', '64')
+        process, left = bench('half-floats', 'not-a-number', 'mirror', '--json', '--schedule', 'equal',
+                              '--samples-direct', '512', '--samples-indirect', '64')
         self.assertEqual(process.returncode, 0, process.stdout + process.stderr)
         table = json.loads(process.stdout)
         self.assertEqual([row['holds'] for row in table['rows']], [True] * len(table['rows']))
