@@ -174,7 +174,9 @@ static const char work[] =
     "# shellcheck disable=SC2317 # the trap calls it\n"
     "tell() {\n"
     "  told=yes\n"
-    "  [ -z \"${bake:-}\" ] || kill -USR1 \"$bake\" 2>/dev/null\n"
+    "  [ -n \"${bake:-}\" ] || return 0\n"
+    "  # more than once: what mpirun hears before the ranks have started is lost\n"
+    "  while kill -USR1 \"$bake\" 2>/dev/null; do sleep 5; done &\n"
     "}\n"
     "trap tell USR1 TERM\n";
 
