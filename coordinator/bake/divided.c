@@ -44,7 +44,6 @@ struct candidate {
     size_t tile_run;
     struct texel_plane plane;
     struct texel_line line;
-    double whole; /* area of the texel, m2 */
     bool divides;
 };
 
@@ -788,19 +787,15 @@ static int enter(struct search *s, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* The own divided points have the area of their larger side, which nobody else has, and the fractions of its pieces:
- * what lies within the wall has no light, and counts for none. After the smaller sides have gone elsewhere. */
+/* The fractions of area of the own divided points. */
 static void cut_areas(const struct search *s)
 {
     for (size_t i = 0; i < s->found.count; i++) {
-        const struct candidate *c = &s->found.list[i];
-        const struct kiln_point_cursor *at = &c->at;
+        const struct kiln_point_cursor *at = &s->found.list[i].at;
         const uint32_t pieces = kiln_piece_count(s->surface, at->point);
-        const struct kiln_divided_texel *texel =
-            kiln_surface_divided(s->surface, kiln_global_of_own(s->surface, at->point));
         struct kiln_footprint f;
         double total = 0.0, sum = 0.0;
-        if (texel == NULL)
+        if (pieces == 1 || kiln_surface_divided(s->surface, kiln_global_of_own(s->surface, at->point)) == NULL)
             continue;
         kiln_footprint_prepare(&f, s->scene, s->geometry, s->surface, at);
         for (uint32_t k = 0; k < pieces; k++)
@@ -809,7 +804,6 @@ static void cut_areas(const struct search *s)
             sum += kiln_footprint_piece_area(&f, k);
             s->surface->area_cdf[at->cdf + k] = (float)fmin(sum / total, 1.0);
         }
-        s->surface->area[at->point.at] -= (float)fmax(0.0, c->whole - c->line.smaller - total);
     }
 }
 
@@ -833,9 +827,8 @@ static void move_areas(const struct search *s)
 static void describe(const struct search *s, struct told *own)
 {
     for (size_t i = 0; i < s->found.count; i++) {
-        struct candidate *c = &s->found.list[i];
+        const struct candidate *c = &s->found.list[i];
         const struct kiln_lightmap *map = &s->surface->lightmaps[c->at.map];
-        c->whole = (double)s->surface->area[c->at.point.at];
         own[i] = (struct told){.texel = {.point = kiln_global_of_own(s->surface, c->at.point),
                                          .face = {c->line.line[0], c->line.line[1], c->line.face},
                                          .middle = c->line.line[2],
