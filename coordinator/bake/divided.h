@@ -14,10 +14,10 @@
 #include "worker/backend/backend.h"
 
 /* Collective over the ranks of the exchange (NULL: this process is alone). Finds the divided texels, enters them in the
- * surface's global arrays, the same on all ranks, cuts the own points' areas, and gives
- * what is cut off to the neighbours that stand in for it. KILN_STOPPED when `stop` (NULL: none)
- * asks to end. The surface's global arrays must not
- * be shared yet, and the backend need not have the surface. */
+ * surface's global arrays, the same on all ranks, and moves the area of each smaller side (m2) to the neighbour that
+ * stands in for it. All is borrowed but what is entered, which belongs to the surface. The surface's global arrays must
+ * not be shared yet, and the backend need not have the surface. KILN_SYSTEM; KILN_STOPPED when `stop` (NULL: none) asks
+ * to end. */
 int kiln_divide_texels(struct kiln_surface *surface, const struct kiln_scene *scene,
                        const struct kiln_geometry *geometry, struct kiln_backend *backend, uint32_t threads,
                        const struct kiln_surface_exchange *exchange, const struct kiln_stop *stop,

@@ -7,10 +7,11 @@
  * solve would have. An integrator solves a part as it would solve all, and knows nothing of the others. Quantities
  * (quantity.h) are computed once, after the last part.
  *
- * The standard error of a mean of K independent values x_k with the mean m is sqrt(sum (x_k - m)^2 / (K (K - 1))). Of
- * four values it is itself off by 40 %, so its square is averaged over the points of the tile run that are at most two
- * texels away. The parts' samples stratify one another, which makes the average better than independent parts would be:
- * the error is stated too large rather than too small.
+ * The standard error of a mean of K independent values x_k with the mean m is sqrt(sum (x_k - m)^2 / (K (K - 1))): the
+ * method of random groups (Wolter, "Introduction to Variance Estimation", chapter 2). Of four values it is off by 40 %,
+ * so its square is averaged over the points of the tile run that are at most two texels away. The parts' samples
+ * stratify one another, which makes the average better than independent parts would be: the error is stated too large
+ * rather than too small.
  *
  * With a target error more rounds follow, each with as many samples as all before it, until the error of 95 % of the
  * points is below the target times the point's luminance, or times a tenth of the mean luminance where that is more. A

@@ -77,7 +77,8 @@ static void enter(const struct kiln_taking *t, const struct kiln_rank_data *data
             add(data->sum, own, radiosity);
         } else { /* every bounce's irradiance counts as it is */
             add(data->sum, own, r->irradiance);
-            add_indirect_error(t, data, own, r->error);
+            if (counts)
+                add_indirect_error(t, data, own, r->error);
         }
         break;
     case KILN_CELLS_FINAL: /* replaces the sum that it was gathered from, which everybody has packed by now */
