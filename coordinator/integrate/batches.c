@@ -96,7 +96,8 @@ static int take_part(void *context, size_t first, size_t count, const void *resu
         return KILN_OK;
     b->work->points_done += points;
     kiln_progress_advance(b->params->progress, kiln_step_work_points(b->work, own));
-    send_done(b, first + count);
+    if (b->report->step.samples_field == NULL) /* else what is before `first` may not be done yet */
+        send_done(b, first + count);
     return KILN_OK;
 }
 

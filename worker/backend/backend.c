@@ -6,6 +6,7 @@
 
 #include "worker/backend/fallback.h"
 #include "worker/backend/verify.h"
+#include "worker/base/memory.h"
 
 static const struct kiln_backend_api *const backends[] = {&kiln_backend_embree, &kiln_backend_vulkan};
 
@@ -114,20 +115,67 @@ static bool is_well_formed(const struct kiln_backend *backend, const struct kiln
            (batch->samples_each != NULL ? pass->is_sampled : (batch->samples > 0) == pass->is_sampled);
 }
 
-/* The batch's items from number i on that the backend takes in one call: those with the same number of samples or, if
- * it takes `mixed` numbers, all before the next that is left out. */
-static struct kiln_batch stretch_from(const struct kiln_batch *batch, size_t i, bool mixed)
+/* The least of the batch's numbers of samples above `number`; 0: there is none. */
+static uint32_t number_above(const struct kiln_batch *batch, uint32_t number)
+{
+    uint32_t least = 0;
+    for (size_t i = 0; i < batch->count; i++)
+        if (batch->samples_each[i] > number && (least == 0 || batch->samples_each[i] < least))
+            least = batch->samples_each[i];
+    return least;
+}
+
+static uint32_t greatest_number(const struct kiln_batch *batch)
+{
+    uint32_t most = 0;
+    for (size_t i = 0; i < batch->count; i++)
+        most = batch->samples_each[i] > most ? batch->samples_each[i] : most;
+    return most;
+}
+
+/* Runs the batch once for each of its numbers of samples, and leaves the items of others out. */
+static int run_by_numbers(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
+                          const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
+{
+    uint32_t *numbers = NULL;
+    int status = kiln_allocate(&numbers, batch->count, sizeof *numbers, "the samples of a batch's items", error);
+    struct kiln_batch part = *batch;
+    part.samples_each = numbers;
+    for (part.samples = number_above(batch, 0); part.samples > 0 && status == KILN_OK;
+         part.samples = number_above(batch, part.samples)) {
+        for (size_t i = 0; i < batch->count; i++)
+            numbers[i] = batch->samples_each[i] == part.samples ? part.samples : 0;
+        status = backend->api->run(backend, pass, parameters, &part, rays, error);
+    }
+    kiln_free(&numbers);
+    return status;
+}
+
+/* Runs stretches of positions that have the same number of samples. */
+static int run_by_stretches(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
+                            const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     const uint32_t *each = batch->samples_each;
-    uint32_t most = each[i];
-    size_t end = i + 1;
-    for (; end < batch->count && (each[end] == each[i] || (mixed && each[end] > 0 && each[i] > 0)); end++)
-        most = each[end] > most ? each[end] : most;
-    struct kiln_batch part = kiln_batch_part(batch, batch->first + i, end - i);
-    part.samples = most;
-    if (!mixed)
+    int status = KILN_OK;
+    for (size_t i = 0, end; i < batch->count && status == KILN_OK; i = end) {
+        for (end = i + 1; end < batch->count && each[end] == each[i];)
+            end++;
+        struct kiln_batch part = kiln_batch_part(batch, batch->first + i, end - i);
+        part.samples = each[i];
         part.samples_each = NULL;
-    return part;
+        if (each[i] > 0)
+            status = backend->api->run(backend, pass, parameters, &part, rays, error);
+    }
+    return status;
+}
+
+/* Any numbers at once. */
+static int run_mixed(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
+                     const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
+{
+    struct kiln_batch all = *batch;
+    all.samples = greatest_number(batch);
+    return all.samples > 0 ? backend->api->run(backend, pass, parameters, &all, rays, error) : KILN_OK;
 }
 
 int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
@@ -143,15 +191,11 @@ int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass,
     backend->ran[pass->index] = true;
     if (batch->samples_each == NULL)
         return backend->api->run(backend, pass, parameters, batch, rays, error);
-    int status = KILN_OK;
-    const bool mixed = (backend->api->mixed >> pass->index & 1u) != 0;
-    for (size_t i = 0; i < batch->count && status == KILN_OK;) {
-        const struct kiln_batch part = stretch_from(batch, i, mixed);
-        if (part.samples > 0)
-            status = backend->api->run(backend, pass, parameters, &part, rays, error);
-        i += part.count;
-    }
-    return status;
+    if ((backend->api->mixed >> pass->index & 1u) != 0)
+        return run_mixed(backend, pass, parameters, batch, rays, error);
+    if (pass->domain != KILN_DOMAIN_TILE_RUNS)
+        return run_by_stretches(backend, pass, parameters, batch, rays, error);
+    return run_by_numbers(backend, pass, parameters, batch, rays, error);
 }
 
 int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,

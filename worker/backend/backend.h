@@ -118,8 +118,8 @@ struct kiln_backend_api {
     void (*info)(const struct kiln_backend *backend, struct kiln_backend_info *info);
     int (*set_surface)(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error);
     int (*set_radiosity)(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error);
-    /* Passes that `run` takes with samples_each: bit KILN_PASS_INDEX_...; none of the numbers is 0 then, and `samples`
-     * is the largest. For all others samples_each is NULL. */
+    /* Passes that `run` takes with any numbers in samples_each: bit KILN_PASS_INDEX_...; `samples` is the largest then.
+     * For other passes over tile runs each number is `samples` or 0, for those over positions samples_each is NULL. */
     uint32_t mixed;
     /* The arguments of kiln_backend_run, checked; at least one item */
     int (*run)(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,

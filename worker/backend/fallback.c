@@ -46,7 +46,8 @@ static int change_over(struct fallback_backend *f, int status, struct kiln_error
 
 struct watched_run {
     const struct kiln_batch *batch; /* the caller's */
-    size_t next;                    /* first item not handed over */
+    size_t next;                    /* first item not handed over; or, where items differ in their samples, */
+    uint32_t *left;                 /* the samples of each, 0 once it is handed over; else NULL */
     int taken;                      /* what the caller said last */
 };
 
@@ -57,10 +58,23 @@ static int take_part(void *context, size_t first, size_t count, const void *resu
     if (w->batch->take != NULL)
         w->taken = w->batch->take(w->batch->context, first, count, results, error);
     w->next = first + count;
+    if (w->left != NULL)
+        memset(w->left + (first - w->batch->first), 0, count * sizeof *w->left);
     return w->taken;
 }
 
-/* What the device has handed over stands; Embree goes on with the first item that it has not. */
+/* What has not been handed over; `left` lasts as long as that. */
+static struct kiln_batch rest_of(const struct watched_run *w)
+{
+    const struct kiln_batch *batch = w->batch;
+    if (w->left == NULL)
+        return kiln_batch_part(batch, w->next, batch->first + batch->count - w->next);
+    struct kiln_batch rest = *batch;
+    rest.samples_each = w->left;
+    return rest;
+}
+
+/* What the device has handed over stands; Embree goes on with what it has not. */
 static int fallback_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                         const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
@@ -69,12 +83,20 @@ static int fallback_run(struct kiln_backend *backend, const struct kiln_pass *pa
     struct kiln_batch watched = *batch;
     watched.take = take_part;
     watched.context = &w;
-    int status = kiln_backend_run(present(f), pass, parameters, &watched, rays, error);
-    if (status == KILN_OK || w.taken != KILN_OK)
-        return status;
-    status = change_over(f, status, error);
-    const struct kiln_batch rest = kiln_batch_part(batch, w.next, batch->first + batch->count - w.next);
-    return status == KILN_OK ? kiln_backend_run(f->embree, pass, parameters, &rest, rays, error) : status;
+    int status = KILN_OK;
+    if (batch->samples_each != NULL)
+        status = kiln_allocate(&w.left, batch->count, sizeof *w.left, "the samples of a batch's items", error);
+    if (status == KILN_OK) {
+        if (w.left != NULL)
+            memcpy(w.left, batch->samples_each, batch->count * sizeof *w.left);
+        status = kiln_backend_run(present(f), pass, parameters, &watched, rays, error);
+        if (status != KILN_OK && w.taken == KILN_OK && (status = change_over(f, status, error)) == KILN_OK) {
+            const struct kiln_batch rest = rest_of(&w);
+            status = kiln_backend_run(f->embree, pass, parameters, &rest, rays, error);
+        }
+    }
+    kiln_free(&w.left);
+    return status;
 }
 
 /* ---- calls that are made again as a whole ---- */
@@ -144,6 +166,7 @@ int kiln_fallback_create(struct kiln_backend **backend, const struct kiln_backen
                                        .info = fallback_info,
                                        .set_surface = fallback_set_surface,
                                        .set_radiosity = fallback_set_radiosity,
+                                       .mixed = UINT32_MAX,
                                        .run = fallback_run,
                                        .intersect = fallback_intersect,
                                        .ceiling = fallback_ceiling};

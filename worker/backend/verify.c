@@ -291,6 +291,7 @@ int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_
                                        .info = verify_info,
                                        .set_surface = verify_set_surface,
                                        .set_radiosity = verify_set_radiosity,
+                                       .mixed = UINT32_MAX,
                                        .run = verify_run,
                                        .intersect = verify_intersect,
                                        .ceiling = verify_ceiling};

@@ -79,7 +79,8 @@ extern const struct kiln_pass *const kiln_passes[KILN_PASS_COUNT];
 /* What is done with results: called on the thread that called kiln_backend_run, for consecutive parts of a batch, in
  * order, while a device may already be busy with the next part. `first` and `count` are items. `results` points to an
  * array of the pass's result struct, for all points of the tile runs or for all positions, in order; it is only lent
- * until the call returns. A status other than KILN_OK ends the run with that status. */
+ * until the call returns. A status other than KILN_OK ends the run with that status. Where items differ in their number
+ * of samples, the order holds among items of one number only. */
 typedef int (*kiln_take_results)(void *context, size_t first, size_t count, const void *results,
                                  struct kiln_error *error);
 
@@ -95,12 +96,26 @@ struct kiln_batch {
     uint32_t first_sample;
     /* NULL: all items have `samples`. Else `count` numbers, one an item, for adaptive sampling; an item with 0 is left
      * out (its results are not computed and not taken). An item's results are the same bits as in a batch where all
-     * items have its number of samples. Unless the backend takes such an array for the pass itself, kiln_backend_run
-     * cuts the batch into stretches of equal numbers, so long stretches run faster. */
+     * items have its number of samples. Unless the backend takes any numbers for the pass, kiln_backend_run runs the
+     * batch once for each number, and leaves the other items out: a few different numbers run faster. */
     const uint32_t *samples_each;
     kiln_take_results take; /* NULL: results are dropped */
     void *context;          /* given to `take` */
 };
+
+static inline bool kiln_batch_leaves_out(const struct kiln_batch *batch, size_t item)
+{
+    return batch->samples_each != NULL && batch->samples_each[item - batch->first] == 0;
+}
+
+/* Where the stretch of items from `first` on ends, before `end`, of which all are left out or none. */
+static inline size_t kiln_batch_stretch(const struct kiln_batch *batch, size_t first, size_t end)
+{
+    size_t i = first + 1;
+    while (i < end && kiln_batch_leaves_out(batch, i) == kiln_batch_leaves_out(batch, first))
+        i++;
+    return i;
+}
 
 /* The items [first, first + count) of the batch, which lie in it. */
 static inline struct kiln_batch kiln_batch_part(const struct kiln_batch *batch, size_t first, size_t count)

@@ -184,6 +184,22 @@ static uint64_t results_of(const struct embree_backend *b, const struct kiln_pas
     return pass->domain == KILN_DOMAIN_TILE_RUNS ? b->surface->tile_runs[item].count : 1;
 }
 
+/* Hands over the results of the items that are not left out. */
+static int take_results(const struct embree_backend *b, const struct kiln_pass *pass, const struct kiln_batch *part,
+                        const char *results, struct kiln_error *error)
+{
+    const size_t end = part->first + part->count;
+    int status = KILN_OK;
+    for (size_t i = part->first, next; i < end && status == KILN_OK; i = next) {
+        next = kiln_batch_stretch(part, i, end);
+        if (!kiln_batch_leaves_out(part, i))
+            status = part->take(part->context, i, next - i, results, error);
+        for (size_t item = i; item < next; item++)
+            results += results_of(b, pass, item) * pass->result_bytes;
+    }
+    return status;
+}
+
 /* The batch in parts of some PART_POINTS results, which are taken before the next part is computed. */
 static int embree_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                       const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
@@ -202,7 +218,7 @@ static int embree_run(struct kiln_backend *backend, const struct kiln_pass *pass
         const struct kiln_batch part = kiln_batch_part(batch, first, end - first);
         status = pass_functions[pass->index](b, parameters, &part, results, rays, error);
         if (status == KILN_OK && batch->take != NULL)
-            status = batch->take(batch->context, first, end - first, results, error);
+            status = take_results(b, pass, &part, results, error);
         first = end;
     }
     kiln_free(&results);

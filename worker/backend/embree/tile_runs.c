@@ -25,7 +25,7 @@ int embree_each_tile_run(struct embree_backend *b, const struct tile_run_pass *p
         const double begin = embree_thread_seconds();
 #pragma omp for schedule(dynamic, 4) nowait
         for (size_t i = 0; i < part->count; i++) {
-            if (status != KILN_OK)
+            if (status != KILN_OK || kiln_batch_leaves_out(part, part->first + i))
                 continue;
             char *run = (char *)results + (tile_runs[i].first.at - tile_runs[0].first.at) * pass->result_bytes;
             memset(run, 0, tile_runs[i].count * pass->result_bytes);

@@ -37,14 +37,16 @@ void vulkan_record_both(struct vulkan_recording *recording, const struct vulkan_
 struct flight {
     bool under_way;
     size_t tile_run_first, tile_run_count;
-    uint32_t total;
-    double work; /* of what was submitted last */
+    uint32_t total;  /* points, */
+    uint32_t chosen; /* and how many of them are not left out */
+    double work;     /* of what was submitted last */
 };
 
 /* A pass that is being run. */
 struct run {
     struct vulkan_backend *b;
     const struct vulkan_chunked *pass;
+    const struct kiln_batch *batch;
     size_t next, end;     /* tile runs not yet begun */
     size_t taken;         /* first tile run not yet handed over */
     uint32_t most_points; /* that a slot holds */
@@ -143,17 +145,35 @@ static void size_chunk(const struct run *r, uint64_t *points, uint32_t *rows)
         *points = wanted * pass->rows < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : (uint64_t)(wanted * pass->rows);
 }
 
-/* The next tile runs of one block, at most so many points (but at least one tile run). */
+/* Adds the next tile run to the flight, unless it makes it too large. */
+static bool take_tile_run(struct run *r, uint64_t points, struct flight *flight)
+{
+    const uint32_t count = r->b->surface->tile_runs[r->next].count,
+                   chosen = kiln_batch_leaves_out(r->batch, r->next) ? 0 : count;
+    if (flight->tile_run_count > 0 && (flight->chosen + chosen > points || flight->total + count > r->most_points))
+        return false;
+    flight->total += count;
+    flight->chosen += chosen;
+    flight->tile_run_count++;
+    r->next++;
+    return true;
+}
+
+/* The next tile runs of one block, at most so many points that are not left out (but at least one tile run). */
 static void take_tile_runs(struct run *r, const struct vulkan_block *block, uint64_t points, struct flight *flight)
 {
-    const struct kiln_tile_run *tile_runs = r->b->surface->tile_runs;
     size_t end = block->tile_run_first + block->tile_run_count;
     end = end > r->end ? r->end : end;
     *flight = (struct flight){.tile_run_first = r->next};
-    while (r->next < end && (flight->tile_run_count == 0 || flight->total + tile_runs[r->next].count <= points)) {
-        flight->total += tile_runs[r->next++].count;
-        flight->tile_run_count++;
-    }
+    while (r->next < end && take_tile_run(r, points, flight))
+        ;
+}
+
+/* Passes over tile runs that are left out. */
+static void skip_left_out(struct run *r)
+{
+    while (r->next < r->end && kiln_batch_leaves_out(r->batch, r->next))
+        r->next++;
 }
 
 static void describe(const struct run *r, const struct vulkan_block *block, const struct flight *flight,
@@ -213,6 +233,26 @@ static int check(const struct run *r, const struct flight *flight, const char *r
     return KILN_OK;
 }
 
+/* Hands over the answers of the tile runs that are not left out. */
+static int hand_over(struct run *r, const struct flight *flight, const char *results, struct kiln_error *error)
+{
+    const struct kiln_tile_run *tile_runs = r->b->surface->tile_runs;
+    const uint32_t *words = (const uint32_t *)(const void *)(results + flight->total * r->pass->result_bytes);
+    const size_t begin = flight->tile_run_first, end = begin + flight->tile_run_count;
+    int status = KILN_OK;
+    for (size_t f = begin, next; f < end && status == KILN_OK; f = next) {
+        const uint64_t point = tile_runs[f].first.at - tile_runs[begin].first.at;
+        next = kiln_batch_stretch(r->batch, f, end);
+        if (!kiln_batch_leaves_out(r->batch, f))
+            status = r->pass->take(r->pass->context, f, next - f, results + point * r->pass->result_bytes,
+                                   r->pass->wants_words ? words + point : NULL, error);
+        if (status == KILN_OK)
+            r->taken = next;
+        r->refused = status != KILN_OK;
+    }
+    return status;
+}
+
 /* Waits for the flight in a slot and hands its answers over. */
 static int land(struct run *r, uint32_t slot, struct kiln_error *error)
 {
@@ -222,16 +262,9 @@ static int land(struct run *r, uint32_t slot, struct kiln_error *error)
     int status = wait_slot(r, slot, error);
     flight->under_way = false;
     const char *results = r->b->slots[slot].host.mapped;
-    const uint32_t *words = (const uint32_t *)(const void *)(results + flight->total * r->pass->result_bytes);
     if (status == KILN_OK && r->pass->result_bytes > 0)
         status = check(r, flight, results, error);
-    if (status == KILN_OK) {
-        r->taken = flight->tile_run_first + flight->tile_run_count;
-        status = r->pass->take(r->pass->context, flight->tile_run_first, flight->tile_run_count, results,
-                               r->pass->wants_words ? words : NULL, error);
-        r->refused = status != KILN_OK;
-    }
-    return status;
+    return status == KILN_OK ? hand_over(r, flight, results, error) : status;
 }
 
 static int submit_portion(struct run *r, struct vulkan_chunk *chunk, struct flight *flight, struct kiln_error *error)
@@ -247,7 +280,7 @@ static int submit_portion(struct run *r, struct vulkan_chunk *chunk, struct flig
             .to = &slot->host,
             .from_offset = chunk->results - slot->answers.address,
             .size = flight->total * (r->pass->wants_words ? answer_bytes(r->pass) : r->pass->result_bytes)};
-    flight->work = r->pass->work * (double)flight->total * (double)chunk->row_count;
+    flight->work = r->pass->work * (double)flight->chosen * (double)chunk->row_count;
     return gpu_submit(r->b->gpu, r->slot, recording.steps, recording.count, error);
 }
 
@@ -295,12 +328,14 @@ static int start(struct run *r, struct kiln_error *error)
 
 static int run_chunks(struct run *r, struct kiln_error *error)
 {
+    skip_left_out(r);
     int status = r->next < r->end ? make_slots(r, error) : KILN_OK;
     while (r->next < r->end && status == KILN_OK) {
         status = land(r, r->slot, error);
         if (status == KILN_OK)
             status = start(r, error);
         r->slot = (r->slot + 1) % GPU_SLOTS;
+        skip_left_out(r);
     }
     for (uint32_t i = 0; i < GPU_SLOTS; i++) { /* the rest, oldest first; after a failure they are only waited for */
         const uint32_t slot = (r->slot + i) % GPU_SLOTS;
@@ -314,23 +349,34 @@ static int run_chunks(struct run *r, struct kiln_error *error)
     return status;
 }
 
+/* Runs what has not been handed over yet. */
+static int run_left(struct run *r, struct kiln_error *error)
+{
+    int status = r->pass->prepare(r->pass->context, error);
+    if (status == KILN_OK && r->pass->states) {
+        vulkan_points_choose(r->b->points, r->batch);
+        status = vulkan_points_ready(r->b->points, error);
+    }
+    return status == KILN_OK ? run_chunks(r, error) : status;
+}
+
 int vulkan_run_in_chunks(struct vulkan_backend *b, const struct vulkan_chunked *pass, const struct kiln_batch *batch,
                          struct kiln_error *error)
 {
-    struct run r = {
-        .b = b, .pass = pass, .next = batch->first, .end = batch->first + batch->count, .taken = batch->first};
+    struct run r = {.b = b,
+                    .pass = pass,
+                    .batch = batch,
+                    .next = batch->first,
+                    .end = batch->first + batch->count,
+                    .taken = batch->first};
     assert(pass->result_bytes == 0 || pass->result_bytes == pass->pass->result_bytes);
-    for (;;) {
-        int status = pass->prepare(pass->context, error);
-        if (status == KILN_OK && pass->states)
-            status = vulkan_points_ready(b->points, error);
-        if (status == KILN_OK)
-            status = run_chunks(&r, error);
-        if (status == KILN_OK || r.refused || !vulkan_can_recover(b))
-            return status;
-        status = vulkan_recover(b, error);
-        if (status != KILN_OK)
-            return status;
+    int status = run_left(&r, error);
+    while (status != KILN_OK && !r.refused && vulkan_can_recover(b) &&
+           (status = vulkan_recover(b, error)) == KILN_OK) {
         r.next = r.taken; /* what was handed over is not done again */
+        status = run_left(&r, error);
     }
+    if (b->points != NULL) /* gone when the device could not be made anew */
+        vulkan_points_choose(b->points, NULL);
+    return status;
 }

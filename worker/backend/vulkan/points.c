@@ -90,6 +90,23 @@ void vulkan_points_forget_states(struct vulkan_points *points)
         points->blocks[i].states_known = false;
 }
 
+/* The states of blocks that hold an item of the batch (NULL: of none) are to be made anew. */
+static void forget_states_of(struct vulkan_points *points, const struct kiln_batch *batch)
+{
+    for (size_t i = 0; batch != NULL && i < points->block_count; i++) {
+        struct vulkan_block *b = &points->blocks[i];
+        if (b->tile_run_first < batch->first + batch->count && batch->first < b->tile_run_first + b->tile_run_count)
+            b->states_known = false;
+    }
+}
+
+void vulkan_points_choose(struct vulkan_points *points, const struct kiln_batch *batch)
+{
+    forget_states_of(points, points->chosen);
+    points->chosen = batch != NULL && batch->samples_each != NULL ? batch : NULL;
+    forget_states_of(points, points->chosen);
+}
+
 /* The parts that a thread has made, in an array of its own. */
 struct part_list {
     struct kiln_gpu_part *at;
@@ -405,32 +422,47 @@ static int bring(struct vulkan_points *p, struct vulkan_block *block, uint64_t s
     return status;
 }
 
+static uint32_t state_of(uint16_t visible)
+{
+    return visible == 0 ? KILN_GPU_STATE_INVALID : visible == 0xffff ? KILN_GPU_STATE_VALID : KILN_GPU_STATE_BURIED;
+}
+
+/* The state of each of the block's points; returns how many of them are partly buried. */
+static uint64_t find_states(const struct vulkan_points *p, const struct vulkan_block *block, uint32_t *states)
+{
+    const struct kiln_surface *s = p->surface;
+    const struct kiln_batch *chosen = p->chosen;
+    uint64_t buried = 0;
+#pragma omp parallel for num_threads((int)vulkan_light_threads(p->threads)) reduction(+ : buried)
+    for (size_t f = block->tile_run_first; f < block->tile_run_first + block->tile_run_count; f++) {
+        const uint64_t first = kiln_own_of_global(s, s->tile_runs[f].first).at;
+        const bool left_out = chosen != NULL && f >= chosen->first && f < chosen->first + chosen->count &&
+                              kiln_batch_leaves_out(chosen, f);
+        for (uint64_t i = first; i < first + s->tile_runs[f].count; i++) {
+            const uint32_t state = left_out ? KILN_GPU_STATE_INVALID : state_of(s->visible[i]);
+            states[i - block->first.at] = state;
+            buried += state == KILN_GPU_STATE_BURIED;
+        }
+    }
+    return buried;
+}
+
 static int bring_states(struct vulkan_points *p, struct vulkan_block *block, struct kiln_error *error)
 {
-    const uint16_t *visible = p->surface->visible + block->first.at;
     uint32_t *states = NULL;
     gpu_buffer_destroy(p->gpu, &block->list);
     kiln_free(&block->buried);
     block->buried_count = 0;
-    uint64_t buried = 0;
-#pragma omp parallel for num_threads((int)vulkan_light_threads(p->threads)) reduction(+ : buried)
-    for (uint64_t i = 0; i < block->count; i++)
-        buried += visible[i] != 0 && visible[i] != 0xffff;
-    block->buried_count = (uint32_t)buried;
     int status = kiln_allocate(&states, block->count, sizeof *states, "the states of a block of points", error);
-    if (status == KILN_OK)
+    if (status == KILN_OK) {
+        block->buried_count = (uint32_t)find_states(p, block, states);
         status = kiln_allocate(&block->buried, block->buried_count, sizeof *block->buried, "the partly buried points",
                                error);
-    if (status == KILN_OK) {
-#pragma omp parallel for num_threads((int)vulkan_light_threads(p->threads))
-        for (uint64_t i = 0; i < block->count; i++)
-            states[i] = visible[i] == 0        ? KILN_GPU_STATE_INVALID
-                        : visible[i] == 0xffff ? KILN_GPU_STATE_VALID
-                                               : KILN_GPU_STATE_BURIED;
+    }
+    if (status == KILN_OK)
         for (uint32_t i = 0, n = 0; n < block->buried_count; i++)
             if (states[i] == KILN_GPU_STATE_BURIED)
                 block->buried[n++] = i;
-    }
     if (status == KILN_OK)
         status = gpu_upload(p->gpu, &block->states, 0, states, block->count * sizeof *states, error);
     if (status == KILN_OK)

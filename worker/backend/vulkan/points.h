@@ -29,6 +29,8 @@ struct vulkan_points {
     uint32_t threads;                   /* that make points */
     struct points_workspace *workspace; /* private: what blocks are made in, kept from one to the next */
     bool smooth;                        /* some object has shading normals of its own */
+    /* the batch whose items it leaves out have the state of points that are not valid; NULL: none. Borrowed */
+    const struct kiln_batch *chosen;
 };
 
 /* Threads for loops of a few operations a point while the device is at work: more would wait for each other at the end
@@ -55,5 +57,10 @@ int vulkan_points_ready(struct vulkan_points *points, struct kiln_error *error);
 
 /* surface->visible has changed. */
 void vulkan_points_forget_states(struct vulkan_points *points);
+
+/* From now on the points of items that the batch leaves out have the state of points that are not valid, so that
+ * kernels pass them over. NULL, or a batch whose items all have the same number: none has. No kernel is at work; the
+ * batch is borrowed until the next call. */
+void vulkan_points_choose(struct vulkan_points *points, const struct kiln_batch *batch);
 
 #endif
