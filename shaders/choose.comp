@@ -10,16 +10,17 @@ KILN_ARRAY(PointArray, kiln_gpu_point, 8);
 void kiln_kernel(uint x, uint y)
 {
     const uint index = push.chunk.origin + x;
-    const uint state = x < push.chunk.total ? DirectWords(push.chunk.states).at[index] : KILN_GPU_STATE_INVALID;
+    const uint word = x < push.chunk.total ? DirectWords(push.chunk.states).at[index] : KILN_GPU_STATE_INVALID,
+               state = word & KILN_GPU_STATE_MASK;
     if (state == KILN_GPU_STATE_INVALID)
         return;
     const kiln_gpu_point p = PointArray(push.chunk.points).at[index];
     const real3 normal = (p.flags & KILN_GPU_POINT_ONE_NORMAL) != 0u ? real3(p.normal) : real3(0);
-    const uint candidates = kiln_lights_choose(real3(p.centre), real(p.spread), normal, push.pass.limit, true);
+    const uint candidates = kiln_lights_choose(real3(p.centre), real(p.spread), normal, direct_limit(word), true);
     uint count = 0u, precise_ones = 0u;
     for (uint i = 0u; i < candidates; i++) {
         kiln_light_choice choice;
-        if (!kiln_lights_candidate(i, normal, push.pass.samples, choice))
+        if (!kiln_lights_candidate(i, normal, direct_samples(word), choice))
             continue;
         const bool is_target = kiln_light_is_target(choice, p.centre, p.spread);
         const uint kind = is_target ? KILN_GPU_CHOICE_TARGET : choice.kind;

@@ -4,7 +4,9 @@
 KILN_PUSH(kiln_gpu_direct_push);
 
 #include "shaders/lights.glsl"
+#include "shaders/shared/slices.h"
 #include "shaders/shared/streams.h"
+#include "shaders/shared/sun_pilot.h"
 
 KILN_ARRAY(DirectSums, kiln_gpu_direct_sums, 8);
 KILN_ARRAY(DirectChoices, kiln_gpu_choice, 4);
@@ -17,6 +19,7 @@ const uint64_t DIRECT_SUMS_BYTES = 64ul;
 const uint64_t DIRECT_SUMS_BYTES = 36ul;
 #endif
 
+/* Rows that there is room for. */
 uint direct_rows() { return 4u * push.pass.slices * push.pass.split; }
 
 uint64_t direct_choices_at() { return push.pass.scratch + DIRECT_SUMS_BYTES * direct_rows() * push.pass.room; }
@@ -30,6 +33,16 @@ DirectFloats direct_luminance(uint i, uint row)
     return DirectFloats(direct_luminances_at() + 4ul * (uint64_t(direct_rows()) * i + row) * push.pass.room);
 }
 DirectWords direct_counts() { return DirectWords(direct_counts_at()); }
+/* Samples of a point, whose word of chunk.states is given. */
+uint direct_samples(uint state)
+{
+    return push.pass.samples != 0u ? push.pass.samples : state >> KILN_GPU_STATE_SAMPLES_SHIFT;
+}
+/* The clusters that its cut may have. */
+uint direct_limit(uint state)
+{
+    return push.pass.samples != 0u ? push.pass.limit : kiln_cut_limit(direct_samples(state));
+}
 /* Whether directional lights have pilots (direct_pilot.comp). */
 bool direct_has_pilots()
 {
@@ -37,3 +50,16 @@ bool direct_has_pilots()
 }
 /* Where they have: the rays of a point's pilots. */
 DirectWords direct_pilot_rays() { return DirectWords(direct_counts_at() + 4ul * push.pass.room); }
+/* How the point's samples are dealt out: slices of a quarter, and rows of a slice. `split_up`: in the kernel over partly
+ * buried points. */
+void direct_slices(uint state, bool split_up, out uint slices, out uint split)
+{
+    slices = push.pass.slices;
+    split = push.pass.split;
+    if (push.pass.samples != 0u)
+        return;
+    const uint most = direct_samples(state) * (direct_has_pilots() ? KILN_SUN_TIMES : 1u);
+    const kiln_slices s = kiln_slices_of(most, push.pass.software != 0u);
+    slices = split_up ? s.per_quarter * s.split : s.per_quarter;
+    split = split_up ? 1u : s.split;
+}

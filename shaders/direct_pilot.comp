@@ -61,10 +61,11 @@ void share_out(uint x, uint count, uint others, uint rest)
 void kiln_kernel(uint x, uint y)
 {
     const uint index = push.chunk.origin + x;
-    const uint state = x < push.chunk.total ? DirectWords(push.chunk.states).at[index] : KILN_GPU_STATE_INVALID;
+    const uint word = x < push.chunk.total ? DirectWords(push.chunk.states).at[index] : KILN_GPU_STATE_INVALID,
+               state = word & KILN_GPU_STATE_MASK;
     if (state == KILN_GPU_STATE_INVALID)
         return;
-    const uint samples = push.pass.samples, pilot = kiln_sun_pilot(samples), least = kiln_sun_least(samples),
+    const uint samples = direct_samples(word), pilot = kiln_sun_pilot(samples), least = kiln_sun_least(samples),
                count = state == KILN_GPU_STATE_BURIED ? 0u : direct_counts().at[x] & ~KILN_GPU_COUNT_PRECISE;
     uint rest = samples, others = 0u, rays = 0u;
     bool any = false;

@@ -17,6 +17,7 @@
 struct Row {
     uint index;     /* the point's, or KILN_GPU_NONE: nothing */
     uint slot;      /* the point's in the chunk */
+    uint slices;    /* of a quarter */
     uint part, row; /* slice of all four quarters; row of the sums */
 };
 
@@ -25,9 +26,15 @@ Row row_of(uint x, uint y)
     Row r;
     r.index = kiln_point_of_thread(push.chunk, x);
     r.slot = r.index - push.chunk.origin;
+    r.slices = 0u;
     r.part = push.pass.row_first + y;
-    r.row = r.part * push.pass.split;
-    if (r.part >= 4u * push.pass.slices)
+    r.row = 0u;
+    if (r.index == KILN_GPU_NONE)
+        return r;
+    uint split;
+    direct_slices(DirectWords(push.chunk.states).at[r.index], DRAW_AGAIN != 0u, r.slices, split);
+    r.row = r.part * split;
+    if (r.part >= 4u * r.slices)
         r.index = KILN_GPU_NONE;
     return r;
 }
@@ -36,15 +43,15 @@ Row row_of(uint x, uint y)
 void share_of(Row r, uint i, uint samples, out uint begin, out uint end)
 {
     begin = 0u;
-    end = i % (4u * push.pass.slices) == r.part ? samples : 0u;
+    end = i % (4u * r.slices) == r.part ? samples : 0u;
     if (samples < KILN_QUARTERS_FROM)
         return;
     /* quarter q holds the samples k with k * 4 / samples == q; 2^20 samples and 1024 slices fit 32 bits, whose division
      * is fast */
-    const uint quarter = r.part / push.pass.slices, slice = r.part % push.pass.slices;
+    const uint quarter = r.part / r.slices, slice = r.part % r.slices;
     const uint first = (quarter * samples + 3u) / 4u, last = ((quarter + 1u) * samples + 3u) / 4u;
-    begin = first + (last - first) * slice / push.pass.slices;
-    end = first + (last - first) * (slice + 1u) / push.pass.slices;
+    begin = first + (last - first) * slice / r.slices;
+    end = first + (last - first) * (slice + 1u) / r.slices;
 }
 
 /* Plain sums over the samples of a choice. */

@@ -7,22 +7,26 @@
 KILN_ARRAY(PointArray, kiln_gpu_point, 8);
 KILN_ARRAY(ResultArray, kiln_gpu_result, 4);
 
-/* Luminance of quarter q of choice i's samples; each `step`-th row is used. */
-real quarter_of(uint i, uint q, uint step, uint x)
+/* Rows of a quarter of a point, of which each `step`-th is used. */
+struct Rows {
+    uint count, step;
+};
+
+/* Luminance of quarter q of choice i's samples. */
+real quarter_of(uint i, uint q, Rows rows, uint x)
 {
-    const uint rows = push.pass.slices * push.pass.split;
     real sum = 0;
-    for (uint s = 0u; s < rows; s += step)
-        sum += real(direct_luminance(i, q * rows + s).at[x]);
+    for (uint s = 0u; s < rows.count; s += rows.step)
+        sum += real(direct_luminance(i, q * rows.count + s).at[x]);
     return sum;
 }
 
 /* Variance of the mean of choice i's luminance from the spread of its four quarters (shadow_variance). */
-real quarters_variance(uint i, uint step, uint x, uint samples)
+real quarters_variance(uint i, Rows rows, uint x, uint samples)
 {
     real quarter[4], total = 0, spread = 0;
     for (uint q = 0u; q < 4u; q++) {
-        quarter[q] = quarter_of(i, q, step, x);
+        quarter[q] = quarter_of(i, q, rows, x);
         total += quarter[q];
     }
     const real mean = total / real(samples);
@@ -42,15 +46,17 @@ void kiln_kernel(uint x, uint y)
     uint rays = 0u;
     kiln_gpu_result r =
         kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), 0.0);
-    const uint state = DirectWords(push.chunk.states).at[index],
-               step = state == KILN_GPU_STATE_BURIED ? 1u : push.pass.split;
+    const uint word = DirectWords(push.chunk.states).at[index], state = word & KILN_GPU_STATE_MASK;
     if (state != KILN_GPU_STATE_INVALID) {
         real3 incident = real3(0), irradiance = real3(0);
         real variance = 0;
         uint stopped = 0u;
+        uint slices, split;
+        direct_slices(word, false, slices, split);
+        const Rows rows = Rows(slices * split, state == KILN_GPU_STATE_BURIED ? 1u : split);
         if (direct_has_pilots())
             rays = direct_pilot_rays().at[x];
-        for (uint row = 0u; row < direct_rows(); row += step) {
+        for (uint row = 0u; row < 4u * rows.count; row += rows.step) {
             const kiln_gpu_direct_sums sums = direct_sums(row).at[x];
             stopped |= sums.stopped;
             incident += real3_of(sums.incident);
@@ -62,7 +68,7 @@ void kiln_kernel(uint x, uint y)
         for (uint i = 0u; i < count; i++) {
             const uint samples = direct_choice(i).at[x].samples & ~KILN_GPU_CHOICE_PRECISE;
             if (samples >= KILN_QUARTERS_FROM)
-                variance += quarters_variance(i, step, x, samples);
+                variance += quarters_variance(i, rows, x, samples);
         }
         for (uint c = 0u; c < 3u; c++) {
             r.incident[c] = float(incident[c]);

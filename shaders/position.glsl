@@ -112,5 +112,5 @@ uint kiln_point_of_thread(kiln_gpu_chunk chunk, uint x)
         return KILN_GPU_NONE;
     const uint index = chunk.list != 0ul ? WordArray(chunk.list).at[chunk.first + x] : chunk.first + x;
     const uint wanted = DRAW_AGAIN != 0u ? KILN_GPU_STATE_BURIED : KILN_GPU_STATE_VALID;
-    return WordArray(chunk.states).at[index] == wanted ? index : KILN_GPU_NONE;
+    return (WordArray(chunk.states).at[index] & KILN_GPU_STATE_MASK) == wanted ? index : KILN_GPU_NONE;
 }

@@ -98,6 +98,10 @@ KILN_SIZE_IS(kiln_gpu_mask, 56);
 #define KILN_GPU_STATE_INVALID 0u
 #define KILN_GPU_STATE_VALID 1u
 #define KILN_GPU_STATE_BURIED 2u /* partly: positions are drawn again while they are buried */
+/* In a pass over points that differ in their number of samples the number stands above the state, which are the lowest
+ * bits. Points that are left out are not valid then. */
+#define KILN_GPU_STATE_SAMPLES_SHIFT 2u
+#define KILN_GPU_STATE_MASK 3u
 
 /* The points that a kernel works on: thread x has point `first + x`, or the point that `list` (of words, 0: none) names
  * at first + x. Answers stand by x of the chunk: point index - origin. */

@@ -44,7 +44,9 @@ KILN_SIZE_IS(kiln_gpu_choice, 8);
 /* A direct pass over a chunk of points, in `rows` = 4 `slices` `split` rows a point. Thread q * slices + s takes slice
  * s of quarter q of every choice's samples, and row (q * slices + s) * split; for partly buried points, each of whose
  * slices is cut in as many again, the kernel runs with `slices` so many times larger and `split` 1. The other kernels
- * get the former.
+ * get the former. Where points differ in their number of samples, `samples` is 0, each point's number is in its state
+ * (KILN_GPU_STATE_SAMPLES_SHIFT), from which each has slices of its own (shaders/shared/slices.h), and `slices` and
+ * `split` say how much room there is.
  *
  * `scratch` holds these arrays strided by `room` >= the chunk's points, each beginning at a multiple of 8 bytes
  * (shaders/direct.glsl computes where):
@@ -66,6 +68,6 @@ struct kiln_gpu_direct {
     KILN_WORD row_first; /* thread (x, y) is y + row_first of its point's */
     KILN_WORD slices, split;
     KILN_WORD stream;
-    KILN_WORD reserved;
+    KILN_WORD software; /* 1: the device is one (kiln_slices_of) */
 };
 KILN_SIZE_IS(kiln_gpu_direct, 72);

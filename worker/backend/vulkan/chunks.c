@@ -37,9 +37,9 @@ void vulkan_record_both(struct vulkan_recording *recording, const struct vulkan_
 struct flight {
     bool under_way;
     size_t tile_run_first, tile_run_count;
-    uint32_t total;  /* points, */
-    uint32_t chosen; /* and how many of them are not left out */
-    double work;     /* of what was submitted last */
+    uint32_t total; /* points, */
+    double weight;  /* and as many with the batch's `samples` would have as many samples */
+    double work;    /* of what was submitted last */
 };
 
 /* A pass that is being run. */
@@ -148,18 +148,23 @@ static void size_chunk(const struct run *r, uint64_t *points, uint32_t *rows)
 /* Adds the next tile run to the flight, unless it makes it too large. */
 static bool take_tile_run(struct run *r, uint64_t points, struct flight *flight)
 {
-    const uint32_t count = r->b->surface->tile_runs[r->next].count,
-                   chosen = kiln_batch_leaves_out(r->batch, r->next) ? 0 : count;
-    if (flight->tile_run_count > 0 && (flight->chosen + chosen > points || flight->total + count > r->most_points))
+    const struct kiln_batch *batch = r->batch;
+    const uint32_t count = r->b->surface->tile_runs[r->next].count;
+    const double share = batch->samples_each == NULL
+                             ? 1.0
+                             : (double)batch->samples_each[r->next - batch->first] / (double)batch->samples,
+                 weight = (double)count * share;
+    if (flight->tile_run_count > 0 &&
+        (flight->weight + weight > (double)points || flight->total + count > r->most_points))
         return false;
     flight->total += count;
-    flight->chosen += chosen;
+    flight->weight += weight;
     flight->tile_run_count++;
     r->next++;
     return true;
 }
 
-/* The next tile runs of one block, at most so many points that are not left out (but at least one tile run). */
+/* The next tile runs of one block, at most so many points by weight (but at least one tile run). */
 static void take_tile_runs(struct run *r, const struct vulkan_block *block, uint64_t points, struct flight *flight)
 {
     size_t end = block->tile_run_first + block->tile_run_count;
@@ -280,7 +285,7 @@ static int submit_portion(struct run *r, struct vulkan_chunk *chunk, struct flig
             .to = &slot->host,
             .from_offset = chunk->results - slot->answers.address,
             .size = flight->total * (r->pass->wants_words ? answer_bytes(r->pass) : r->pass->result_bytes)};
-    flight->work = r->pass->work * (double)flight->chosen * (double)chunk->row_count;
+    flight->work = r->pass->work * flight->weight * (double)chunk->row_count;
     return gpu_submit(r->b->gpu, r->slot, recording.steps, recording.count, error);
 }
 
@@ -354,7 +359,7 @@ static int run_left(struct run *r, struct kiln_error *error)
 {
     int status = r->pass->prepare(r->pass->context, error);
     if (status == KILN_OK && r->pass->states) {
-        vulkan_points_choose(r->b->points, r->batch);
+        vulkan_points_choose(r->b->points, r->batch, r->pass->mixed);
         status = vulkan_points_ready(r->b->points, error);
     }
     return status == KILN_OK ? run_chunks(r, error) : status;
@@ -371,12 +376,11 @@ int vulkan_run_in_chunks(struct vulkan_backend *b, const struct vulkan_chunked *
                     .taken = batch->first};
     assert(pass->result_bytes == 0 || pass->result_bytes == pass->pass->result_bytes);
     int status = run_left(&r, error);
-    while (status != KILN_OK && !r.refused && vulkan_can_recover(b) &&
-           (status = vulkan_recover(b, error)) == KILN_OK) {
+    while (status != KILN_OK && !r.refused && vulkan_can_recover(b) && (status = vulkan_recover(b, error)) == KILN_OK) {
         r.next = r.taken; /* what was handed over is not done again */
         status = run_left(&r, error);
     }
     if (b->points != NULL) /* gone when the device could not be made anew */
-        vulkan_points_choose(b->points, NULL);
+        vulkan_points_choose(b->points, NULL, false);
     return status;
 }

@@ -43,16 +43,17 @@ struct vulkan_chunked {
     uint32_t pace; /* whose speed it has: pass->index, or another of enum vulkan_pace */
     /* points as the validity pass left them; else all points */
     bool states;
+    bool mixed; /* with their numbers of samples: it takes any (vulkan_points_choose) */
     /* bytes of a point's result on the device, which are those of the pass's result struct; 0: there are words only */
     size_t result_bytes;
     /* where in a result a float stands that a kernel makes negative to say that the device ended its loops early
      * (results only) */
     size_t failed_offset;
-    uint32_t rows;                                           /* slices of samples */
-    double work;                                             /* of one row of a point: rays, about */
-    uint64_t first_guess;                                    /* work of the first chunk, when nothing is known yet */
-    size_t scratch_bytes;                                    /* a point */
-    bool wants_words;                                        /* else they are not copied back */
+    uint32_t rows;        /* slices of samples */
+    double work;          /* of one row of a point with the batch's `samples`: rays, about */
+    uint64_t first_guess; /* work of the first chunk, when nothing is known yet */
+    size_t scratch_bytes; /* a point */
+    bool wants_words;     /* else they are not copied back */
     int (*prepare)(void *context, struct kiln_error *error); /* gets kernels and tables; again after each recovery */
     int (*record)(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
                   struct kiln_error *error);

@@ -45,10 +45,11 @@ struct direct {
     bool pilots;           /* directional lights have them */
     uint32_t most;         /* samples of a choice */
     uint32_t first_sample; /* of its sequence: with pilots a stretch has room for the most */
+    uint32_t samples;      /* of each point; 0: they differ */
     struct gpu_kernel *choose, *pilot, *whole, *near, *reduce;
     struct gpu_kernel *buried; /* made when there is a point for it: it takes its time */
-    uint32_t samples, limit, slots;
-    struct vulkan_slices slices;
+    uint32_t limit, slots;
+    struct kiln_slices slices; /* room for those of every point */
     uint64_t rays;
 };
 
@@ -92,7 +93,8 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
                                                        .row_first = chunk->row_first,
                                                        .slices = d->slices.per_quarter,
                                                        .split = d->slices.split,
-                                                       .stream = d->batch->stream}};
+                                                       .stream = d->batch->stream,
+                                                       .software = gpu_about(d->b->gpu)->software}};
     if (chunk->row_first == 0)
         vulkan_record(recording, d->choose, chunk->all.total, 1, &push, sizeof push);
     if (chunk->row_first == 0 && d->pilots)
@@ -137,6 +139,22 @@ static bool has_pilots(const struct vulkan_backend *b)
     return b->params.lights->environment && b->params.lights->directional_count > 0;
 }
 
+/* Room for the slices of all the batch's points, each of which has `times` as many samples as it is given at most. */
+static struct kiln_slices room_for_slices(const struct vulkan_backend *b, const struct kiln_batch *batch,
+                                          uint32_t times)
+{
+    struct kiln_slices room = vulkan_slices_of(b, times * batch->samples);
+    uint32_t rows = room.per_quarter * room.split;
+    for (size_t i = 0; batch->samples_each != NULL && i < batch->count; i++)
+        if (batch->samples_each[i] > 0) {
+            const struct kiln_slices s = vulkan_slices_of(b, times * batch->samples_each[i]);
+            room.per_quarter = s.per_quarter > room.per_quarter ? s.per_quarter : room.per_quarter;
+            rows = s.per_quarter * s.split > rows ? s.per_quarter * s.split : rows;
+        }
+    room.split = (rows + room.per_quarter - 1) / room.per_quarter;
+    return room;
+}
+
 /* Bytes of scratch a point, see struct kiln_gpu_direct. */
 static size_t scratch_bytes(const struct direct *d)
 {
@@ -150,7 +168,7 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
 {
     (void)parameters;
     const uint32_t samples = batch->samples;
-    struct direct d = {.b = b, .batch = batch, .samples = samples};
+    struct direct d = {.b = b, .batch = batch, .samples = batch->samples_each != NULL ? 0 : samples};
     const struct kiln_lights *lights = b->params.lights;
     const size_t tree = lights->area_count + lights->point_count;
     d.precise = has_near_lights(b);
@@ -159,11 +177,12 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     d.pilots = has_pilots(b);
     d.most = d.pilots ? KILN_SUN_TIMES * samples : samples;
     d.first_sample = d.pilots ? KILN_SUN_TIMES * batch->first_sample : batch->first_sample;
-    d.slices = vulkan_slices_of(b, d.most);
+    d.slices = room_for_slices(b, batch, d.pilots ? KILN_SUN_TIMES : 1);
     const uint32_t rows = 4 * d.slices.per_quarter;
     const struct vulkan_chunked pass = {.pass = &kiln_pass_direct,
                                         .pace = KILN_PASS_INDEX_direct,
                                         .states = true,
+                                        .mixed = true,
                                         .result_bytes = sizeof(struct kiln_gpu_result),
                                         .failed_offset = offsetof(struct kiln_gpu_result, error),
                                         .rows = rows,

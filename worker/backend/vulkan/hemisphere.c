@@ -11,7 +11,7 @@ struct hemisphere {
     const struct kiln_batch *batch;
     struct gpu_kernel *whole, *reduce;
     struct gpu_kernel *buried; /* made when there is a point for it: it takes its time */
-    struct vulkan_slices slices;
+    struct kiln_slices slices;
     uint64_t rays;
 };
 

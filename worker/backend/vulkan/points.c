@@ -100,9 +100,10 @@ static void forget_states_of(struct vulkan_points *points, const struct kiln_bat
     }
 }
 
-void vulkan_points_choose(struct vulkan_points *points, const struct kiln_batch *batch)
+void vulkan_points_choose(struct vulkan_points *points, const struct kiln_batch *batch, bool mixed)
 {
     forget_states_of(points, points->chosen);
+    points->mixed = mixed;
     points->chosen = batch != NULL && batch->samples_each != NULL ? batch : NULL;
     forget_states_of(points, points->chosen);
 }
@@ -427,7 +428,7 @@ static uint32_t state_of(uint16_t visible)
     return visible == 0 ? KILN_GPU_STATE_INVALID : visible == 0xffff ? KILN_GPU_STATE_VALID : KILN_GPU_STATE_BURIED;
 }
 
-/* The state of each of the block's points; returns how many of them are partly buried. */
+/* The word of state of each of the block's points; returns how many of them are partly buried. */
 static uint64_t find_states(const struct vulkan_points *p, const struct vulkan_block *block, uint32_t *states)
 {
     const struct kiln_surface *s = p->surface;
@@ -436,11 +437,12 @@ static uint64_t find_states(const struct vulkan_points *p, const struct vulkan_b
 #pragma omp parallel for num_threads((int)vulkan_light_threads(p->threads)) reduction(+ : buried)
     for (size_t f = block->tile_run_first; f < block->tile_run_first + block->tile_run_count; f++) {
         const uint64_t first = kiln_own_of_global(s, s->tile_runs[f].first).at;
-        const bool left_out = chosen != NULL && f >= chosen->first && f < chosen->first + chosen->count &&
-                              kiln_batch_leaves_out(chosen, f);
+        const bool known = chosen != NULL && f >= chosen->first && f < chosen->first + chosen->count,
+                   left_out = known && kiln_batch_leaves_out(chosen, f);
+        const uint32_t samples = known && p->mixed ? chosen->samples_each[f - chosen->first] : 0;
         for (uint64_t i = first; i < first + s->tile_runs[f].count; i++) {
             const uint32_t state = left_out ? KILN_GPU_STATE_INVALID : state_of(s->visible[i]);
-            states[i - block->first.at] = state;
+            states[i - block->first.at] = state | samples << KILN_GPU_STATE_SAMPLES_SHIFT;
             buried += state == KILN_GPU_STATE_BURIED;
         }
     }
@@ -461,7 +463,7 @@ static int bring_states(struct vulkan_points *p, struct vulkan_block *block, str
     }
     if (status == KILN_OK)
         for (uint32_t i = 0, n = 0; n < block->buried_count; i++)
-            if (states[i] == KILN_GPU_STATE_BURIED)
+            if ((states[i] & KILN_GPU_STATE_MASK) == KILN_GPU_STATE_BURIED)
                 block->buried[n++] = i;
     if (status == KILN_OK)
         status = gpu_upload(p->gpu, &block->states, 0, states, block->count * sizeof *states, error);

@@ -31,6 +31,7 @@ struct vulkan_points {
     bool smooth;                        /* some object has shading normals of its own */
     /* the batch whose items it leaves out have the state of points that are not valid; NULL: none. Borrowed */
     const struct kiln_batch *chosen;
+    bool mixed; /* their states hold their numbers of samples */
 };
 
 /* Threads for loops of a few operations a point while the device is at work: more would wait for each other at the end
@@ -59,8 +60,9 @@ int vulkan_points_ready(struct vulkan_points *points, struct kiln_error *error);
 void vulkan_points_forget_states(struct vulkan_points *points);
 
 /* From now on the points of items that the batch leaves out have the state of points that are not valid, so that
- * kernels pass them over. NULL, or a batch whose items all have the same number: none has. No kernel is at work; the
- * batch is borrowed until the next call. */
-void vulkan_points_choose(struct vulkan_points *points, const struct kiln_batch *batch);
+ * kernels pass them over. NULL, or a batch whose items all have the same number: none has. `mixed`: the others' state
+ * holds their number of samples, too (KILN_GPU_STATE_SAMPLES_SHIFT). No kernel is at work; the batch is borrowed until
+ * the next call. */
+void vulkan_points_choose(struct vulkan_points *points, const struct kiln_batch *batch, bool mixed);
 
 #endif

@@ -496,6 +496,7 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .info = vulkan_info,
     .set_surface = vulkan_set_surface,
     .set_radiosity = vulkan_set_radiosity,
+    .mixed = 1u << KILN_PASS_INDEX_direct,
     .run = vulkan_run,
     .intersect = intersect_again,
     .ceiling = vulkan_ceiling,

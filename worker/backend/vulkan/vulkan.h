@@ -27,6 +27,8 @@
 #include "worker/backend/vulkan/tracer.h"
 #include "worker/light/lights.h"
 
+#include "shaders/shared/slices.h"
+
 /* A shader and its variants; those that do not exist are NULL. Ray tracing kernels have a pipeline variant. */
 struct vulkan_code {
     const uint32_t *words;
@@ -133,21 +135,10 @@ static inline uint64_t vulkan_sobol_from(const struct vulkan_backend *b, uint32_
     return b->sobol.address + first_sample * sizeof(uint32_t);
 }
 
-/* How each quarter of a point's samples is dealt out: `per_quarter` slices of `samples` each, one a thread. Of a partly
- * buried point each slice goes to `split` threads, which divides `samples`: a software device ends a thread's loops
- * after 65,535 rounds in all, which such a point needs for a dozen samples. (Slices are not that small for all points,
- * for it executes code at least once wherever no thread has anything to do in it.) */
-struct vulkan_slices {
-    uint32_t samples, per_quarter, split;
-};
-static inline struct vulkan_slices vulkan_slices_of(const struct vulkan_backend *b, uint32_t samples)
+/* How the samples of a point are dealt out on the device. */
+static inline struct kiln_slices vulkan_slices_of(const struct vulkan_backend *b, uint32_t samples)
 {
-    enum { WORTH_A_THREAD = 16, MOST = 1024 /* threads a quarter */ };
-    const uint32_t quarter = (samples + 3) / 4, least = (quarter + MOST - 1) / MOST,
-                   few = quarter < WORTH_A_THREAD ? quarter : WORTH_A_THREAD;
-    const uint32_t split = gpu_about(b->gpu)->software && least < few ? (few + least - 1) / least : 1;
-    const uint32_t slice = split > 1 ? split * least : least > few ? least : few;
-    return (struct vulkan_slices){.samples = slice, .per_quarter = (quarter + slice - 1) / slice, .split = split};
+    return kiln_slices_of(samples, gpu_about(b->gpu)->software);
 }
 
 /* Makes what passes over the surface will ask for, as far as there is room for it (chunks.c). */

@@ -1,0 +1,29 @@
+/* How a GPU deals out the samples of a point to its threads. */
+#ifndef KILN_SHADERS_SHARED_SLICES_H
+#define KILN_SHADERS_SHARED_SLICES_H
+
+#include "shaders/shared/language.h"
+
+#define KILN_SLICE_WORTH 16u   /* samples that are worth a thread */
+#define KILN_SLICES_MOST 1024u /* threads of a quarter of the samples */
+
+/* Each quarter of a point's samples is dealt out in `per_quarter` slices of `samples` each, one a thread. Of a partly
+ * buried point each slice goes to `split` threads, which divides `samples`: a software device ends a thread's loops
+ * after 65,535 rounds in all, which such a point needs for a dozen samples. (Slices are not that small for all points,
+ * for it executes code at least once wherever no thread has anything to do in it.) */
+struct kiln_slices {
+    KILN_U32 samples, per_quarter, split;
+};
+
+KILN_FUNCTION KILN_STRUCT kiln_slices kiln_slices_of(KILN_U32 samples, bool software)
+{
+    const KILN_U32 quarter = (samples + 3u) / 4u, least = (quarter + KILN_SLICES_MOST - 1u) / KILN_SLICES_MOST,
+                   few = word_min(quarter, KILN_SLICE_WORTH);
+    KILN_STRUCT kiln_slices s;
+    s.split = software && least < few ? (few + least - 1u) / least : 1u;
+    s.samples = s.split > 1u ? s.split * least : word_max(least, few);
+    s.per_quarter = (quarter + s.samples - 1u) / s.samples;
+    return s;
+}
+
+#endif
