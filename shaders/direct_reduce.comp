@@ -40,8 +40,8 @@ void kiln_kernel(uint x, uint y)
         return;
     const uint index = push.chunk.origin + x;
     uint rays = 0u;
-    kiln_gpu_result r =
-        kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), 0.0);
+    kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0,
+                                        float[3](0.0, 0.0, 0.0), 0.0, 0u);
     const uint state = DirectWords(push.chunk.states).at[index],
                step = state == KILN_GPU_STATE_BURIED ? 1u : push.pass.split;
     if (state != KILN_GPU_STATE_INVALID) {
@@ -64,11 +64,13 @@ void kiln_kernel(uint x, uint y)
             if (samples >= KILN_QUARTERS_FROM)
                 variance += quarters_variance(i, step, x, samples);
         }
+        const real n = real(push.pass.samples); /* the point's, whatever a light has of them */
         for (uint c = 0u; c < 3u; c++) {
-            r.incident[c] = float(incident[c]);
-            r.irradiance[c] = float(irradiance[c]);
+            r.incident[c] = float(n * incident[c]);
+            r.irradiance[c] = float(n * irradiance[c]);
         }
-        r.error = stopped != 0u ? -1.0 : float(sqrt(variance)); /* -1: the answer is not good */
+        r.error = stopped != 0u ? -1.0 : float(n * sqrt(variance)); /* -1: the answer is not good */
+        r.count = push.pass.samples;
         r.present = PointArray(push.chunk.points).at[index].present;
     }
     ResultArray(push.pass.results).at[x] = r;
