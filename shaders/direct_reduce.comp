@@ -44,8 +44,8 @@ void kiln_kernel(uint x, uint y)
         return;
     const uint index = push.chunk.origin + x;
     uint rays = 0u;
-    kiln_gpu_result r =
-        kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), 0.0);
+    kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0,
+                                        float[3](0.0, 0.0, 0.0), 0.0, 0u);
     const uint word = DirectWords(push.chunk.states).at[index], state = word & KILN_GPU_STATE_MASK;
     if (state != KILN_GPU_STATE_INVALID) {
         real3 incident = real3(0), irradiance = real3(0);
@@ -70,11 +70,13 @@ void kiln_kernel(uint x, uint y)
             if (samples >= KILN_QUARTERS_FROM)
                 variance += quarters_variance(i, rows, x, samples);
         }
+        const real n = real(direct_samples(word)); /* the point's, whatever a light has of them */
         for (uint c = 0u; c < 3u; c++) {
-            r.incident[c] = float(incident[c]);
-            r.irradiance[c] = float(irradiance[c]);
+            r.incident[c] = float(n * incident[c]);
+            r.irradiance[c] = float(n * irradiance[c]);
         }
-        r.error = stopped != 0u ? -1.0 : float(sqrt(variance)); /* -1: the answer is not good */
+        r.error = stopped != 0u ? -1.0 : float(n * sqrt(variance)); /* -1: the answer is not good */
+        r.count = direct_samples(word);
         r.present = PointArray(push.chunk.points).at[index].present;
     }
     ResultArray(push.pass.results).at[x] = r;

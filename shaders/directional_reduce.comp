@@ -13,10 +13,10 @@ void kiln_kernel(uint x, uint y)
     if (x >= push.chunk.total)
         return;
     Totals totals;
-    hemisphere_totals(x, totals);
     kiln_gpu_directional_result r;
+    r.count = hemisphere_totals(x, totals) ? push.samples : 0u;
     for (uint c = 0u; c + 1u < KILN_GPU_DIRECTIONAL_FLOATS; c++)
-        r.radiance[c] = totals.sum[c];
+        r.radiance[c] = float(r.count) * totals.sum[c];
     ResultArray(push.results).at[x] = r;
     WordArray(push.rays).at[x] = uint(totals.sum[KILN_GPU_DIRECTIONAL_FLOATS - 1u]);
 }

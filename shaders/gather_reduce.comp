@@ -13,22 +13,23 @@ void kiln_kernel(uint x, uint y)
 {
     if (x >= push.chunk.total)
         return;
-    kiln_gpu_result r =
-        kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0), 0.0);
+    kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0,
+                                        float[3](0.0, 0.0, 0.0), 0.0, 0u);
     Totals totals;
     if (hemisphere_totals(x, totals)) {
         const float n = float(push.samples);
         for (uint c = 0u; c < 3u; c++) {
-            r.incident[c] = totals.sum[c] / n;
-            r.irradiance[c] = totals.sum[3u + c] / n;
-            r.glass[c] = totals.sum[9u + c] / n;
+            r.incident[c] = totals.sum[c];
+            r.irradiance[c] = totals.sum[3u + c];
+            r.glass[c] = totals.sum[9u + c];
         }
-        r.escaped = totals.sum[6] / n;
-        r.blocked = totals.sum[7] / n;
+        r.escaped = totals.sum[6];
+        r.blocked = totals.sum[7];
+        r.count = push.samples;
         for (uint q = 0u; q < 4u; q++)
             totals.quarters[q] /= 0.25 * n;
         if (push.samples >= 4u)
-            r.error = quarters_error(totals.quarters);
+            r.error = n * quarters_error(totals.quarters);
         if (r.escaped < 0.0)
             r.error = -1.0; /* the answer is not good */
         r.present = PointArray(push.chunk.points).at[push.chunk.origin + x].present;

@@ -48,7 +48,7 @@ void kiln_ledger_begin_step(struct kiln_ledger *ledger)
 
 /* What becomes of the radiosity that a point sends, by a gather's rays; returns the variance of what is lost of it,
  * times the samples. */
-static double add_sent(const struct kiln_ledger_point *point, const struct kiln_point_result *r, double per_unit,
+static double add_sent(const struct kiln_ledger_point *point, const struct kiln_point_mean *r, double per_unit,
                        struct kiln_exact_sum sums[KILN_SUMS])
 {
     const double glass[3] = {(double)r->glass[0], (double)r->glass[1], (double)r->glass[2]};
@@ -68,7 +68,7 @@ static double add_sent(const struct kiln_ledger_point *point, const struct kiln_
     return luminance * luminance * lost * (1.0 - lost);
 }
 
-void kiln_tally_add(const struct kiln_ledger_point *point, const struct kiln_point_result *r, double unit,
+void kiln_tally_add(const struct kiln_ledger_point *point, const struct kiln_point_mean *r, double unit,
                     struct kiln_tally *tally, struct kiln_tile_run_tally *tile_run)
 {
     const double area = point->area, per_unit = 1.0 / unit;
@@ -82,7 +82,7 @@ void kiln_tally_add(const struct kiln_ledger_point *point, const struct kiln_poi
     kiln_exact_add(&tile_run->reflected, kiln_luminance(reflected), per_unit);
     tile_run->variance += area * area * (double)r->error * (double)r->error;
     if (point->sent != NULL)
-        tile_run->variance += add_sent(point, r, per_unit, tally->sums) / point->samples;
+        tile_run->variance += add_sent(point, r, per_unit, tally->sums) / r->count;
 }
 
 void kiln_ledger_add(struct kiln_ledger *ledger, const struct kiln_tally *tally)

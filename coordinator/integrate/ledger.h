@@ -64,9 +64,8 @@ struct kiln_ledger_point {
     double area;
     const float *albedo; /* 3 */
     const float *sent;   /* 3; or NULL */
-    uint32_t samples;
 };
-void kiln_tally_add(const struct kiln_ledger_point *point, const struct kiln_point_result *result, double unit,
+void kiln_tally_add(const struct kiln_ledger_point *point, const struct kiln_point_mean *result, double unit,
                     struct kiln_tally *tally, struct kiln_tile_run_tally *tile_run);
 
 /* Not by two threads at once. The surface is that of the tile run's owner. */

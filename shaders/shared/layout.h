@@ -146,18 +146,21 @@ struct kiln_gpu_result { /* struct kiln_point_result */
     KILN_REAL32 error, escaped, blocked;
     KILN_REAL32 glass[3];
     KILN_REAL32 present;
+    KILN_WORD count;
 };
-KILN_SIZE_IS(kiln_gpu_result, 52);
+KILN_SIZE_IS(kiln_gpu_result, 56);
 
 struct kiln_gpu_occlusion_result { /* struct kiln_occlusion_result */
     KILN_REAL32 open, direction[3], error;
+    KILN_WORD count;
 };
-KILN_SIZE_IS(kiln_gpu_occlusion_result, 20);
+KILN_SIZE_IS(kiln_gpu_occlusion_result, 24);
 
 struct kiln_gpu_directional_result { /* struct kiln_directional_result */
     KILN_REAL32 radiance[12];
+    KILN_WORD count;
 };
-KILN_SIZE_IS(kiln_gpu_directional_result, 48);
+KILN_SIZE_IS(kiln_gpu_directional_result, 52);
 
 #include "shaders/shared/layout_trace.h"
 #include "shaders/shared/layout_material.h"

@@ -61,22 +61,21 @@ static void pair_take(const struct kiln_taking *t, const struct kiln_rank_data *
     struct kiln_own_point own = kiln_own_of_global(surface, f->first);
     for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++, results++) {
         float albedo[3], radiosity[3], sent[3];
+        const struct kiln_point_mean mean = kiln_point_mean(results);
         kiln_point_albedo(surface, own, albedo);
         kiln_radiosity_unpack(t->radiosity[kiln_global_of_own(surface, own).at], sent);
         for (int c = 0; c < 3; c++) {
-            radiosity[c] = albedo[c] * results->incident[c];
-            values[3 * own.at + (uint64_t)c] = results->irradiance[c];
+            radiosity[c] = albedo[c] * mean.incident[c];
+            values[3 * own.at + (uint64_t)c] = mean.irradiance[c];
         }
         data->next[own.at] =
             kiln_radiosity_pack(radiosity, kiln_packing_hash(f, (uint32_t)__builtin_ctzll(rest), t->step->stream));
-        const struct kiln_ledger_point point = {.area = (double)surface->area[own.at] *
-                                                        ((double)surface->visible[own.at] / 65535.0) *
-                                                        (double)results->present,
-                                                .albedo = albedo,
-                                                .sent = t->step->pass->reads_radiosity ? sent : NULL,
-                                                .samples = t->step->samples};
+        const struct kiln_ledger_point point = {
+            .area = (double)surface->area[own.at] * ((double)surface->visible[own.at] / 65535.0) * (double)mean.present,
+            .albedo = albedo,
+            .sent = t->step->pass->reads_radiosity ? sent : NULL};
         if (kiln_point_valid(surface, own))
-            kiln_tally_add(&point, results, t->unit, tally, tile_run_tally);
+            kiln_tally_add(&point, &mean, t->unit, tally, tile_run_tally);
     }
 }
 

@@ -1,7 +1,7 @@
 /* The table of passes, and what every row promises on every backend: numbers of samples that differ from item to item
  * give each item the bits of its own number, however the batch is cut; results come in order, once each; rays are
- * counted alike on all backends. The tests walk the table: a new row is tested once it has its parameters below.
- * Without a Vulkan device Embree alone is tested. */
+ * counted alike on all backends; sums of two stretches of samples add up. The tests walk the table: a new row is tested
+ * once it has its parameters below. Without a Vulkan device Embree alone is tested. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -20,6 +20,7 @@
 #include "worker/backend/backend.h"
 #include "worker/light/lights.h"
 #include "worker/pass/occlusion.h"
+#include "worker/pass/point.h"
 #include "worker/pass/validity.h"
 #include "worker/scene/radiosity.h"
 
@@ -187,6 +188,38 @@ static void numbers_may_differ(struct kiln_backend *backend, const struct world 
     drop(&uniform);
 }
 
+/* Sum over all points of the irradiance that a stretch of samples adds up to, red; and samples of all points. */
+static double stretch(struct kiln_backend *backend, const struct world *w, const struct kiln_pass *pass, uint32_t first,
+                      uint32_t samples, uint64_t *count)
+{
+    struct kiln_batch all;
+    struct kept k = keeper(w, pass, &all);
+    double sum = 0.0;
+    all.samples = samples;
+    all.first_sample = first;
+    (void)run(backend, pass, all, &k);
+    for (uint64_t i = 0; i < w->surface->count; i++) {
+        const struct kiln_point_result *r = (const struct kiln_point_result *)(const void *)k.results + i;
+        const bool valid = kiln_point_valid(w->surface, (struct kiln_own_point){i});
+        assert_true(r->count == (valid ? samples : 0) && (valid || r->irradiance[0] == 0.0f));
+        assert_true(kiln_point_mean(r).count == r->count && isfinite(kiln_point_mean(r).irradiance[0]));
+        sum += (double)r->irradiance[0];
+        *count += r->count;
+    }
+    drop(&k);
+    return sum;
+}
+
+/* Results are sums over the samples: 5 and then 11 of the sequence come to what 16 do, up to their noise. */
+static void sums_add_up(struct kiln_backend *backend, const struct world *w, const struct kiln_pass *pass)
+{
+    uint64_t counts[2] = {0, 0};
+    const double parts = stretch(backend, w, pass, 0, 5, &counts[0]) + stretch(backend, w, pass, 5, 11, &counts[0]);
+    const double whole = stretch(backend, w, pass, 0, 16, &counts[1]);
+    print_message("%s: 5 and 11 samples sum up to %.6g, 16 to %.6g\n", pass->name, parts, whole);
+    assert_true(counts[0] == counts[1] && whole > 0.0 && fabs(parts / whole - 1.0) < 0.01);
+}
+
 /* Runs every pass, validity first; gives the rays of each. */
 static void run_all(const struct world *w, const char *name, uint64_t rays[KILN_PASS_COUNT])
 {
@@ -215,6 +248,8 @@ static void run_all(const struct world *w, const char *name, uint64_t rays[KILN_
         drop(&k);
         if (pass->is_sampled)
             numbers_may_differ(backend, w, pass);
+        if (pass->is_divisible)
+            sums_add_up(backend, w, pass);
     }
     kiln_backend_destroy(&backend);
 }

@@ -18,7 +18,7 @@
 #include "worker/pass/gather.h"
 #include "worker/scene/radiosity.h"
 
-enum lie { HONEST, ROUNDED, A_LITTLE_BRIGHTER, HALF, ONE_NAN, SOME_WRONG, FEW_WRONG };
+enum lie { HONEST, ROUNDED, A_LITTLE_BRIGHTER, HALF, ONE_NAN, SOME_WRONG, FEW_WRONG, ONE_CUT_SHORT };
 
 struct liar {
     struct kiln_backend base;
@@ -71,11 +71,14 @@ static int take_and_lie(void *context, size_t first, size_t count, const void *r
         points += s->tile_runs[i].count;
     told = malloc(points * sizeof *told);
     memcpy(told, results, points * sizeof *told);
-    for (size_t i = 0; i < points; i++)
+    for (size_t i = 0; i < points; i++) {
         for (int c = 0; c < 3; c++) {
             told[i].irradiance[c] = distort(l->lie, l->points + i, told[i].irradiance[c]);
             told[i].incident[c] = distort(l->lie, l->points + i, told[i].incident[c]);
         }
+        if (l->lie == ONE_CUT_SHORT && l->points + i == 1234)
+            told[i].count--;
+    }
     l->points += points;
     const int status = l->batch->take(l->batch->context, first, count, told, error);
     free(told);
@@ -233,6 +236,7 @@ static void liars_are_found(void **state)
                  {HALF, 1.0, "6 standard errors"},
                  {HALF, 0.1, "6 standard errors"},
                  {ONE_NAN, 1.0, "not numbers"},
+                 {ONE_CUT_SHORT, 1.0, "another number of samples"},
                  {SOME_WRONG, 1.0, "too many texels"},
                  {SOME_WRONG, 0.3, "too many texels"}};
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {

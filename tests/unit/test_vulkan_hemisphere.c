@@ -156,8 +156,8 @@ static int keep(void *context, size_t first, size_t count, const void *results, 
     return KILN_OK;
 }
 
-/* Both backends' results of a pass, `floats` a point: nearly all agree to rounding; a ray that passes an edge on the
- * other side changes a point by about a sample. */
+/* Both backends' results of a pass, each some floats and the number of samples: nearly all agree to rounding; a ray
+ * that passes an edge on the other side changes a point by about a sample. */
 static void agree(const struct world *w, const struct kiln_pass *pass, const void *parameters)
 {
     struct kiln_error error = {""};
@@ -172,19 +172,23 @@ static void agree(const struct world *w, const struct kiln_pass *pass, const voi
         if (kiln_backend_run(w->backends[b], pass, parameters, &batch, &rays[b], &error) != KILN_OK)
             fail_msg("%s on %s: %s", pass->name, names[b], error.message);
     }
-    const size_t floats = pass->result_bytes / sizeof(float);
+    const size_t words = pass->result_bytes / sizeof(float), floats = words - 1;
     double worst = 0.0;
     for (uint64_t i = 0; i < w->surface->count; i++) {
-        double scale = 1e-3, off = 0.0;
+        double scale = 1e-3 * SAMPLES, off = 0.0;
+        const uint32_t *counts[2] = {(const uint32_t *)(const void *)k[0].results + i * words + floats,
+                                     (const uint32_t *)(const void *)k[1].results + i * words + floats};
+        const bool is_valid = kiln_point_valid(w->surface, (struct kiln_own_point){i});
+        assert_true(*counts[0] == (is_valid ? SAMPLES : 0) && *counts[1] == *counts[0]);
         for (size_t c = 0; c < floats; c++) {
-            const double x = (double)((const float *)(const void *)k[0].results)[i * floats + c],
-                         y = (double)((const float *)(const void *)k[1].results)[i * floats + c];
-            assert_true(kiln_point_valid(w->surface, (struct kiln_own_point){i}) || (x == 0.0 && y == 0.0));
+            const double x = (double)((const float *)(const void *)k[0].results)[i * words + c],
+                         y = (double)((const float *)(const void *)k[1].results)[i * words + c];
+            assert_true(is_valid || (x == 0.0 && y == 0.0));
             scale = fmax(scale, fabs(x));
             off = fmax(off, fabs(x - y));
         }
-        valid += kiln_point_valid(w->surface, (struct kiln_own_point){i});
-        same += kiln_point_valid(w->surface, (struct kiln_own_point){i}) && off < 1e-4 * scale;
+        valid += is_valid;
+        same += is_valid && off < 1e-4 * scale;
         worst = fmax(worst, off / scale);
     }
     print_message("%s: %llu of %llu points agree within 1e-4, the worst within %.1e; %llu and %llu rays\n", pass->name,

@@ -54,22 +54,22 @@ static struct texel texel_of(const struct kiln_surface *s, const struct kiln_til
 static void compare_texel(struct tally *t, const struct kiln_pass_figures *got,
                           const struct kiln_pass_figures *expected, struct texel texel)
 {
+    const bool sound = got->sound && got->count == expected->count;
     texel.got = got->level;
     texel.expected = expected->level;
     const double mean = t->texels > 0 ? t->level_total / (double)t->texels : 0.0;
-    const double error = got->sound ? hypot(got->error, expected->error) : expected->error;
+    const double error = sound ? hypot(got->error, expected->error) : expected->error;
     const double allowed =
         MOST_ERRORS * error + ROUNDING * fmax(fabs(texel.got), texel.expected) + 0.1 * ROUNDING * mean;
-    const double apart = fabs(texel.got - texel.expected),
-                 ratio = got->sound ? apart / fmax(allowed, 1e-300) : INFINITY;
+    const double apart = fabs(texel.got - texel.expected), ratio = sound ? apart / fmax(allowed, 1e-300) : INFINITY;
     t->texels++;
-    t->broken += got->sound ? 0 : 1;
+    t->broken += sound ? 0 : 1;
     t->beyond += ratio > 1.0 ? 1 : 0;
     if (ratio > t->worst_ratio) {
         t->worst_ratio = ratio;
         t->worst = texel;
     }
-    if (!got->sound)
+    if (!sound)
         return;
     t->level_difference += texel.got - texel.expected;
     t->level_total += texel.expected;
@@ -126,7 +126,7 @@ static bool complains(const struct kiln_pass *pass, const struct tally *t, char 
 {
     const char *wrong = NULL, *suffix = "";
     if (t->broken > 0)
-        wrong = "values that are not numbers";
+        wrong = "values that are not numbers, or another number of samples";
     else if ((double)t->beyond > 4.0 + 0.002 * (double)t->texels)
         wrong = "too many texels beyond 6 standard errors";
     else if (t->texels >= 64 &&

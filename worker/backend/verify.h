@@ -5,7 +5,8 @@
  * All backends draw the same random numbers. So a healthy device differs from Embree by rounding, and here and there by
  * a ray that passes an edge on the other side, which moves a texel by about its own standard error. A pass has failed
  * when
- *   - a result is not sound (kiln_pass_figures.sound): not a number, infinite, negative;
+ *   - a result is not sound (kiln_pass_figures.sound): not a number, infinite, negative; or of another number of
+ *     samples;
  *   - more than 4 and 0.2 % of its texels have levels that differ by more than 6 standard errors of both and 1e-4 of
  *     their value;
  *   - the sum of the texels' levels differs by more than 6 standard errors of both and 1 % (from 64 texels on); or

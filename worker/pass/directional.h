@@ -24,9 +24,12 @@
 
 enum { KILN_DIRECTIONAL_HARMONICS = 4 };
 
+/* Of several lights, each with its own part of the samples, there is no plain sum: it is `count` times the mean. */
 struct kiln_directional_result {
-    /* L_lm, W/(m2 sr) by the convention above, order (l,m) = 00, 1-1, 10, 11, RGB for each */
+    /* count x L_lm, W/(m2 sr) by the convention above, order (l,m) = 00, 1-1, 10, 11, RGB for each; kiln_mean divides
+     */
     float radiance[KILN_DIRECTIONAL_HARMONICS][3];
+    uint32_t count; /* samples */
 };
 
 #endif

@@ -17,16 +17,20 @@
 #ifndef KILN_WORKER_PASS_OCCLUSION_H
 #define KILN_WORKER_PASS_OCCLUSION_H
 
+#include "worker/pass/pass.h"
+
 struct kiln_occlusion_parameters {
     double distance; /* m, above 0: what is farther away does not count; INFINITY: everything counts */
 };
 
+/* Sums over a point's samples: divided by `count` (kiln_mean) they are the means A and D. */
 struct kiln_occlusion_result {
-    float open;         /* A, 0 to 1 */
-    float direction[3]; /* D, world; its length is 0 to 1 */
+    float open;         /* number of rays that meet nothing, 0 to count */
+    float direction[3]; /* their directions added up, world; its length is 0 to count */
     /* standard error of `open`, from the four quarters of the samples; beside low walls it may be half of the true one
      */
     float error;
+    uint32_t count; /* samples */
 };
 
 #endif

@@ -39,11 +39,12 @@ enum kiln_pass_domain {
     KILN_DOMAIN_POSITIONS
 };
 
-/* The figures of one result by which the verifying backend compares it with another backend's. */
+/* The figures of one result by which the verifying backend compares it with another backend's: means over samples. */
 enum { KILN_PASS_FIGURES = 6 };
 struct kiln_pass_figures {
-    double level; /* the figure that stands for the whole result, in the pass's unit: a luminance, a share */
-    double error; /* its standard error, same unit; 0: unknown */
+    uint32_t count; /* samples that the result is of; 0: the point is not valid */
+    double level;   /* the figure that stands for the whole result, in the pass's unit: a luminance, a share */
+    double error;   /* its standard error, same unit; 0: unknown */
     float value[KILN_PASS_FIGURES]; /* all figures: kiln_pass.figure_count of them */
     bool sound;                     /* all are finite and none is below what is possible */
 };
@@ -75,6 +76,14 @@ struct kiln_pass {
 KILN_PASS_LIST(KILN_PASS_DECLARE)
 #undef KILN_PASS_DECLARE
 extern const struct kiln_pass *const kiln_passes[KILN_PASS_COUNT];
+
+/* Passes over tile runs whose samples are counted give sums over a point's samples, and their number. This is the mean
+ * of `count` samples with the sum `sum`, 0 of none. With a power of two it is exact: the sum's rounding is the only
+ * one. */
+static inline float kiln_mean(float sum, uint32_t count)
+{
+    return count > 0 ? (float)((double)sum / (double)count) : 0.0f;
+}
 
 /* What is done with results: called on the thread that called kiln_backend_run, for consecutive parts of a batch, in
  * order, while a device may already be busy with the next part. `first` and `count` are items. `results` points to an

@@ -13,29 +13,31 @@
 
 static void point_figures(const void *result, struct kiln_pass_figures *f)
 {
-    const struct kiln_point_result *r = result;
-    f->sound = isfinite(r->error) && r->error >= 0.0f;
+    const struct kiln_point_mean mean = kiln_point_mean(result);
+    f->count = mean.count;
+    f->sound = isfinite(mean.error) && mean.error >= 0.0f;
     for (int c = 0; c < 3; c++) {
-        f->value[c] = r->irradiance[c];
-        f->value[3 + c] = r->incident[c];
+        f->value[c] = mean.irradiance[c];
+        f->value[3 + c] = mean.incident[c];
     }
     for (int c = 0; c < 6; c++)
         f->sound = f->sound && isfinite(f->value[c]) && f->value[c] >= 0.0f;
-    f->level = kiln_luminance_of_floats(r->irradiance);
-    f->error = (double)r->error;
+    f->level = kiln_luminance_of_floats(mean.irradiance);
+    f->error = (double)mean.error;
 }
 
 static void occlusion_figures(const void *result, struct kiln_pass_figures *f)
 {
     const struct kiln_occlusion_result *r = result;
-    f->value[0] = r->open;
+    f->count = r->count;
+    f->value[0] = kiln_mean(r->open, r->count);
     for (int c = 0; c < 3; c++)
-        f->value[1 + c] = r->direction[c];
-    f->sound = isfinite(r->error) && r->error >= 0.0f && r->open >= 0.0f && r->open <= 1.0f;
-    for (int c = 0; c < 3; c++)
-        f->sound = f->sound && fabsf(r->direction[c]) <= 1.0f;
-    f->level = (double)r->open;
-    f->error = (double)r->error;
+        f->value[1 + c] = kiln_mean(r->direction[c], r->count);
+    f->sound = isfinite(r->error) && r->error >= 0.0f && f->value[0] >= 0.0f && f->value[0] <= 1.0f;
+    for (int c = 1; c < 4; c++)
+        f->sound = f->sound && fabsf(f->value[c]) <= 1.0f;
+    f->level = (double)f->value[0];
+    f->error = (double)kiln_mean(r->error, r->count);
 }
 
 /* ---- the table ---- */

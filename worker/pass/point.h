@@ -2,24 +2,55 @@
 #ifndef KILN_WORKER_PASS_POINT_H
 #define KILN_WORKER_PASS_POINT_H
 
-/* The mean over the point's samples; their number is the batch's. All zeros for a point that is not valid
- * (kiln_point_valid): no sample is taken there.
+#include "worker/pass/pass.h"
+
+/* Sums over a point's samples, and how many samples these are: results of batches with different numbers of samples can
+ * be added. kiln_point_mean divides. All zeros for a point that is not valid (kiln_point_valid): no sample is taken
+ * there.
  *
- * Means and not sums, because the division is not one operation that a caller could do with the same bits. Embree sums
- * in double and multiplies by 1 / samples before it rounds to float; Vulkan divides a sum of two floats. In the direct
- * pass there is no one number to divide by: each light that is chosen has its own share of the samples. */
+ * The direct pass shares a point's samples out to several lights, each with its own part of them: there a sum is
+ * `count` times the estimate of the mean.
+ *
+ * Sums are floats and must stay below 3.4e38: with radiance L and n samples pi L n must, which 1e25 W/(m2 sr) and 1e6
+ * samples do. */
 struct kiln_point_result {
     float irradiance[3]; /* about the shading normal, W/m2: the lightmap's quantity */
     float incident[3];   /* about the geometric normal, W/m2: what is absorbed or reflected */
-    /* standard error of the luminance of `irradiance`, W/m2 (an upper estimate: from the spread of the means of the
-     * four quarters of the samples) */
+    /* standard error of the sum of the luminances of `irradiance`, W/m2 (an upper estimate: from the spread of the
+     * means of the four quarters of the samples); errors of batches add up by their squares */
     float error;
-    float escaped; /* share of gather rays that met nothing (0 in the direct pass) */
-    float blocked; /* share of gather rays that met the back of a single-sided surface (0 in the direct pass) */
-    /* by colour: share of what gather rays find that tinted surfaces on the way take; 0 without any */
+    float escaped; /* number of gather rays that met nothing (0 in the direct pass) */
+    float blocked; /* number of gather rays that met the back of a single-sided surface (0 in the direct pass) */
+    /* by colour: what tinted surfaces on the way take of what gather rays find, in rays; 0 without any */
     float glass[3];
-    /* mean opacity of the point (kiln_surface_opacity): share of its area that is there to be lit; 1 for opaque ones */
+    /* no sum: mean opacity of the point (kiln_surface_opacity), the share of its area that is there to be lit; 1 for
+     * opaque ones */
     float present;
+    uint32_t count; /* samples */
 };
+
+/* The same for one sample, on the average; all zeros where no sample was taken. */
+struct kiln_point_mean {
+    float irradiance[3], incident[3]; /* W/m2 */
+    float error;                      /* standard error of the luminance of `irradiance`, W/m2 */
+    float escaped, blocked, glass[3]; /* shares of the gather rays, or of what they find */
+    float present;
+    uint32_t count; /* samples that the mean is of */
+};
+
+static inline struct kiln_point_mean kiln_point_mean(const struct kiln_point_result *r)
+{
+    struct kiln_point_mean mean = {.error = kiln_mean(r->error, r->count),
+                                   .escaped = kiln_mean(r->escaped, r->count),
+                                   .blocked = kiln_mean(r->blocked, r->count),
+                                   .present = r->present,
+                                   .count = r->count};
+    for (int c = 0; c < 3; c++) {
+        mean.irradiance[c] = kiln_mean(r->irradiance[c], r->count);
+        mean.incident[c] = kiln_mean(r->incident[c], r->count);
+        mean.glass[c] = kiln_mean(r->glass[c], r->count);
+    }
+    return mean;
+}
 
 #endif

@@ -14,6 +14,8 @@
 
 #include "worker/pass/pass.h"
 
+/* Integrals, not sums: a probe's samples are not taken in stretches (kiln_pass.is_divisible), and a bake keeps this
+ * struct for each of its probes as it is. */
 struct kiln_probe_result {
     /* SH coefficients of incident radiance, W/(m2 sr) by the convention above, bands 0..2, order (l,m) = 00, 1-1, 10,
      * 11, 2-2, 2-1, 20, 21, 22, RGB for each */

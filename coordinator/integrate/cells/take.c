@@ -56,7 +56,7 @@ static void add_indirect_error(const struct kiln_taking *t, const struct kiln_ra
 /* Enters a point's answer. `radiosity` is what the point sends by it. `counts`: the point's error is not small enough
  * yet. */
 static void enter(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
-                  const struct kiln_point_result *r, const float radiosity[3], bool counts)
+                  const struct kiln_point_mean *r, const float radiosity[3], bool counts)
 {
     switch (t->step->role) {
     case KILN_CELLS_PILOT: /* the sum is of incident light until the second step makes radiosity of it */
@@ -112,7 +112,7 @@ static void pack_next(const struct kiln_taking *t, const struct kiln_rank_data *
 }
 
 static void tally(const struct kiln_taking *t, const struct kiln_surface *surface, struct kiln_own_point own,
-                  const struct kiln_point_result *r, const float albedo[3], struct kiln_tally *sums,
+                  const struct kiln_point_mean *r, const float albedo[3], struct kiln_tally *sums,
                   struct kiln_tile_run_tally *tile_run)
 {
     float sent[3];
@@ -120,8 +120,7 @@ static void tally(const struct kiln_taking *t, const struct kiln_surface *surfac
         return;
     struct kiln_ledger_point point = {.area = (double)surface->area[own.at] *
                                               ((double)surface->visible[own.at] / 65535.0) * (double)r->present,
-                                      .albedo = albedo,
-                                      .samples = t->step->samples};
+                                      .albedo = albedo};
     if (t->step->pass->reads_radiosity) {
         kiln_radiosity_unpack(t->radiosity[kiln_global_of_own(surface, own).at], sent);
         point.sent = sent;
@@ -130,10 +129,10 @@ static void tally(const struct kiln_taking *t, const struct kiln_surface *surfac
 }
 
 /* What the pilot and the second step of direct light say together. */
-static struct kiln_point_result combined(const struct kiln_rank_data *data, struct kiln_own_point own, double share,
-                                         const struct kiln_point_result *second)
+static struct kiln_point_mean combined(const struct kiln_rank_data *data, struct kiln_own_point own, double share,
+                                       const struct kiln_point_mean *second)
 {
-    struct kiln_point_result both = *second;
+    struct kiln_point_mean both = *second;
     const double rest = 1.0 - share,
                  errors[2] = {rest * (double)kiln_error_unpack(data->error[own.at]), share * (double)second->error};
     for (uint64_t c = 0; c < 3; c++) {
@@ -159,7 +158,8 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
         (t->scene->objects[kiln_map_object(&data->surface, f->map)].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
     for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++, results++) {
         float albedo[3], radiosity[3];
-        const struct kiln_point_result r = second ? combined(data, own, share, results) : *results;
+        const struct kiln_point_mean mean = kiln_point_mean(results),
+                                     r = second ? combined(data, own, share, &mean) : mean;
         kiln_point_albedo(&data->surface, own, albedo);
         for (int c = 0; c < 3; c++)
             radiosity[c] = albedo[c] * r.incident[c];

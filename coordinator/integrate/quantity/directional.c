@@ -20,12 +20,11 @@ static void make_step(const struct kiln_integrate_settings *settings, struct kil
 
 /* The direction that light comes from on the whole, and how much of it comes from there: for light from one direction
  * alone, the length of band 1 is sqrt(3) times band 0, for light from everywhere it is 0. */
-static void set_dominant(float dominant[4], const struct kiln_directional_result *result)
+static void set_dominant(float dominant[4], const float harmonics[KILN_DIRECTIONAL_HARMONICS][3])
 {
-    const double zero = kiln_luminance_of_floats(result->radiance[0]);
-    const double axis[3] = {kiln_luminance_of_floats(result->radiance[3]),
-                            kiln_luminance_of_floats(result->radiance[1]),
-                            kiln_luminance_of_floats(result->radiance[2])};
+    const double zero = kiln_luminance_of_floats(harmonics[0]);
+    const double axis[3] = {kiln_luminance_of_floats(harmonics[3]), kiln_luminance_of_floats(harmonics[1]),
+                            kiln_luminance_of_floats(harmonics[2])};
     const double length = sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
     for (int c = 0; c < 3; c++)
         dominant[c] = length > 0.0 ? (float)(axis[c] / length) : 0.0f;
@@ -40,11 +39,16 @@ static void take(const struct kiln_taking *t, const struct kiln_rank_data *data,
     const size_t field = kiln_field_set_find(t->fields, dominant ? "dominant" : "sh");
     float *values = kiln_rank_field(data, t->fields, field);
     const uint64_t first = kiln_own_of_global(&data->surface, tile_run->first).at;
-    for (uint64_t i = 0; i < tile_run->count; i++)
+    for (uint64_t i = 0; i < tile_run->count; i++) {
+        float harmonics[KILN_DIRECTIONAL_HARMONICS][3];
+        for (int h = 0; h < KILN_DIRECTIONAL_HARMONICS; h++)
+            for (int c = 0; c < 3; c++)
+                harmonics[h][c] = kiln_mean(results[i].radiance[h][c], results[i].count);
         if (dominant)
-            set_dominant(&values[4 * (first + i)], &results[i]);
+            set_dominant(&values[4 * (first + i)], harmonics);
         else
-            memcpy(&values[12 * (first + i)], results[i].radiance, sizeof results[i].radiance);
+            memcpy(&values[12 * (first + i)], harmonics, sizeof harmonics);
+    }
 }
 
 const struct kiln_quantity kiln_quantity_directional = {.role = {.kind = "directional",

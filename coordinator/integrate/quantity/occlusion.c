@@ -19,7 +19,7 @@ static void *values_of(const struct kiln_taking *t, const struct kiln_rank_data 
     return kiln_rank_field(data, t->fields, kiln_field_set_find(t->fields, field));
 }
 
-/* Where nothing is open there is no direction. */
+/* Where nothing is open there is no direction. Of what length `direction` is does not matter: a sum does as a mean. */
 static void set_unit(float unit[3], const float direction[3])
 {
     const double x = (double)direction[0], y = (double)direction[1], z = (double)direction[2];
@@ -36,7 +36,7 @@ static void take(const struct kiln_taking *t, const struct kiln_rank_data *data,
     uint16_t *open = values_of(t, data, "ambient_occlusion");
     float *bent_normal = values_of(t, data, "bent_normal");
     for (uint64_t i = 0; i < tile_run->count; i++) {
-        open[first + i] = (uint16_t)lrintf(results[i].open * 65535.0f);
+        open[first + i] = (uint16_t)lrintf(kiln_mean(results[i].open, results[i].count) * 65535.0f);
         set_unit(&bent_normal[3 * (first + i)], results[i].direction);
     }
 }

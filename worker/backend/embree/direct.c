@@ -371,11 +371,12 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
         variance += shadow_variance(&sums, w->choices[i].samples);
     }
     for (int c = 0; c < 3; c++) {
-        result->incident[c] = (float)incident[c];
-        result->irradiance[c] = (float)irradiance[c];
+        result->incident[c] = (float)(samples * incident[c]);
+        result->irradiance[c] = (float)(samples * irradiance[c]);
     }
-    result->error = (float)sqrt(variance);
+    result->error = (float)(samples * sqrt(variance));
     result->present = f->present[j];
+    result->count = samples;
 }
 
 static void direct_tile_run(void *work, const struct embree_backend *b, struct embree_context *context, size_t tile_run,

@@ -138,10 +138,12 @@ static uint64_t add_lights(struct directional_sums *sums, struct directional_wor
 static void store(const struct directional_work *w, uint32_t j, const struct directional_sums *lights,
                   struct kiln_directional_result *result)
 {
+    const uint32_t samples = w->rays->samples;
     for (int i = 0; i < KILN_DIRECTIONAL_HARMONICS; i++)
         for (int c = 0; c < 3; c++)
             result->radiance[i][c] =
-                (float)(w->surfaces[j].radiance[i][c] + w->sky[j].radiance[i][c] + lights->radiance[i][c]);
+                (float)(samples * (w->surfaces[j].radiance[i][c] + w->sky[j].radiance[i][c] + lights->radiance[i][c]));
+    result->count = samples;
 }
 
 static void directional_tile_run(void *work, const struct embree_backend *b, struct embree_context *context,

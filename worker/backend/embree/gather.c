@@ -98,8 +98,8 @@ KILN_CLONES static void collect(const struct embree_backend *b, struct gather_wo
     }
 }
 
-/* Standard error of the mean of four quarters: more than the error of the whole net, whose parts balance one another.
- */
+/* Standard error of the sum, by the spread of the means of its four quarters: more than the error of the whole net,
+ * whose parts balance one another. */
 static float quarters_error(const struct gather_work *w, uint32_t j)
 {
     if (w->rays->samples < RAY_QUARTERS)
@@ -111,23 +111,23 @@ static float quarters_error(const struct gather_work *w, uint32_t j)
     }
     for (int i = 0; i < RAY_QUARTERS; i++)
         square += (value[i] - mean) * (value[i] - mean);
-    return (float)sqrt(square / (RAY_QUARTERS * (RAY_QUARTERS - 1)));
+    return (float)(w->rays->samples * sqrt(square / (RAY_QUARTERS * (RAY_QUARTERS - 1))));
 }
 
 static void store(const struct gather_work *w, struct kiln_point_result *results)
 {
-    const double scale = 1.0 / (double)w->rays->samples;
     for (uint32_t j = 0; j < w->rays->frame.count; j++) {
         struct kiln_point_result *r = &results[w->rays->frame.place[j]];
         for (int c = 0; c < 3; c++) {
-            r->incident[c] = (float)(w->incident[j][c] * scale);
-            r->irradiance[c] = w->rays->frame.smooth ? (float)(w->irradiance[j][c] * scale) : r->incident[c];
-            r->glass[c] = (float)(w->glass[j][c] * scale);
+            r->incident[c] = (float)w->incident[j][c];
+            r->irradiance[c] = w->rays->frame.smooth ? (float)w->irradiance[j][c] : r->incident[c];
+            r->glass[c] = (float)w->glass[j][c];
         }
         r->error = quarters_error(w, j);
         r->present = w->rays->frame.present[j];
-        r->escaped = (float)(w->escaped[j] * scale);
-        r->blocked = (float)(w->blocked[j] * scale);
+        r->escaped = (float)w->escaped[j];
+        r->blocked = (float)w->blocked[j];
+        r->count = w->rays->samples;
     }
 }
 

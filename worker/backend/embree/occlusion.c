@@ -61,7 +61,7 @@ static void collect(struct occlusion_work *w, uint32_t step, uint32_t lanes)
     }
 }
 
-/* Standard error of the open share, from the spread of those of the four quarters of the samples. */
+/* Standard error of the number of open rays, from the spread of the open shares of the four quarters of the samples. */
 static float quarters_error(const struct occlusion_work *w, uint32_t j, double open)
 {
     const uint32_t samples = w->rays->samples;
@@ -73,21 +73,22 @@ static float quarters_error(const struct occlusion_work *w, uint32_t j, double o
         const double off = (double)w->open[q][j] / count - open;
         square += off * off;
     }
-    return (float)sqrt(square / (RAY_QUARTERS * (RAY_QUARTERS - 1)));
+    return (float)(samples * sqrt(square / (RAY_QUARTERS * (RAY_QUARTERS - 1))));
 }
 
 static void store(const struct occlusion_work *w, struct kiln_occlusion_result *results)
 {
-    const double samples = (double)w->rays->samples;
+    const uint32_t samples = w->rays->samples;
     for (uint32_t j = 0; j < w->rays->frame.count; j++) {
         struct kiln_occlusion_result *r = &results[w->rays->frame.place[j]];
         uint32_t open = 0;
         for (int q = 0; q < RAY_QUARTERS; q++)
             open += w->open[q][j];
-        r->open = (float)(open / samples);
+        r->open = (float)open;
         for (int c = 0; c < 3; c++) /* the last bit of one direction may be above 1 */
-            r->direction[c] = fmaxf(-1.0f, fminf((float)(w->direction[c][j] / samples), 1.0f));
-        r->error = quarters_error(w, j, open / samples);
+            r->direction[c] = fmaxf(-(float)samples, fminf((float)w->direction[c][j], (float)samples));
+        r->error = quarters_error(w, j, (double)open / samples);
+        r->count = samples;
     }
 }
 
