@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -21,6 +22,15 @@ static double now(void)
     struct timespec time;
     (void)clock_gettime(CLOCK_MONOTONIC, &time);
     return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
+}
+
+/* Seconds of processor time of all children that have ended. */
+static double processor_time(void)
+{
+    struct rusage used = {0};
+    (void)getrusage(RUSAGE_CHILDREN, &used);
+    return (double)(used.ru_utime.tv_sec + used.ru_stime.tv_sec) +
+           1e-6 * (double)(used.ru_utime.tv_usec + used.ru_stime.tv_usec);
 }
 
 /* ---- before the sweep ---- */
@@ -181,9 +191,10 @@ static int measure(struct kiln_tradeoff *sweep, size_t i, struct kiln_error *err
     begin_command(sweep, sweep->trial, &child);
     push_words(&child, options);
     kiln_child_push(&child, "--no-resume");
-    const double begin = now();
+    const double begin = now(), before = processor_time();
     int status = run(sweep, &child, sweep->settings[i].name, error);
     result.seconds = now() - begin;
+    result.processor_seconds = processor_time() - before;
     if (status == KILN_OK)
         status = kiln_child_report(sweep->trial, &report, error);
     if (status == KILN_OK)

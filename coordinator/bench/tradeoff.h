@@ -7,7 +7,8 @@
  * published (denoised, seams smoothed), at the centres of the reference's texels; a bake of another density is read
  * there bilinearly, as an engine reads it. Texels that are buried in either are left out. The parts of direct and
  * indirect light are divided by the same mean. Time is that of the whole process, by the clock, without volume, preview
- * and export, and of its passes of light; memory is the peak of the process. */
+ * and export, and of its passes of light; processor time is that of all its threads, and memory the peak of the
+ * process. */
 #ifndef KILN_COORDINATOR_BENCH_TRADEOFF_H
 #define KILN_COORDINATOR_BENCH_TRADEOFF_H
 

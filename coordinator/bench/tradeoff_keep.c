@@ -38,20 +38,23 @@ static json_t *identity(const struct kiln_job *job)
 
 static json_t *result_json(const struct kiln_setting_result *r)
 {
-    return json_pack("{s:[f,f,f], s:f, s:f, s:f, s:f, s:f, s:f}", "nrmse", r->error[0], r->error[1], r->error[2],
-                     "seconds", r->seconds, "light_seconds", r->light_seconds, "peak_bytes", r->bytes, "points",
-                     r->points, "rays", r->rays, "texels_per_metre", r->texels_per_metre);
+    return json_pack("{s:[f,f,f], s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "nrmse", r->error[0], r->error[1], r->error[2],
+                     "seconds", r->seconds, "light_seconds", r->light_seconds, "processor_seconds",
+                     r->processor_seconds, "peak_bytes", r->bytes, "points", r->points, "rays", r->rays,
+                     "texels_per_metre", r->texels_per_metre);
 }
 
 static void read_result(const json_t *json, struct kiln_setting_result *r)
 {
-    *r = (struct kiln_setting_result){.done = true,
-                                      .seconds = json_number_value(json_object_get(json, "seconds")),
-                                      .light_seconds = json_number_value(json_object_get(json, "light_seconds")),
-                                      .bytes = json_number_value(json_object_get(json, "peak_bytes")),
-                                      .points = json_number_value(json_object_get(json, "points")),
-                                      .rays = json_number_value(json_object_get(json, "rays")),
-                                      .texels_per_metre = json_number_value(json_object_get(json, "texels_per_metre"))};
+    *r =
+        (struct kiln_setting_result){.done = true,
+                                     .seconds = json_number_value(json_object_get(json, "seconds")),
+                                     .light_seconds = json_number_value(json_object_get(json, "light_seconds")),
+                                     .processor_seconds = json_number_value(json_object_get(json, "processor_seconds")),
+                                     .bytes = json_number_value(json_object_get(json, "peak_bytes")),
+                                     .points = json_number_value(json_object_get(json, "points")),
+                                     .rays = json_number_value(json_object_get(json, "rays")),
+                                     .texels_per_metre = json_number_value(json_object_get(json, "texels_per_metre"))};
     for (size_t i = 0; i < KILN_LAYERS; i++)
         r->error[i] = json_number_value(json_array_get(json_object_get(json, "nrmse"), i));
 }
@@ -116,9 +119,10 @@ static int write_csv(const struct kiln_tradeoff *sweep, struct kiln_error *error
 {
     char path[KILN_PATH_SIZE], options[KILN_SETTING_OPTIONS];
     struct kiln_html page = {.error = error};
-    kiln_html_add(&page, "group,name,options,samples_direct,samples_bounce,samples_indirect,bounces,schedule,denoised,"
-                         "texels_per_metre,points,rays,nrmse,nrmse_direct,nrmse_indirect,seconds,light_seconds,"
-                         "peak_bytes,front\n");
+    kiln_html_add(
+        &page, "group,name,options,samples_direct,samples_bounce,samples_indirect,bounces,schedule,denoised,"
+               "texels_per_metre,points,rays,nrmse,nrmse_direct,nrmse_indirect,seconds,light_seconds,processor_seconds,"
+               "peak_bytes,front\n");
     for (size_t i = 0; i < sweep->count; i++) {
         const struct kiln_setting *s = &sweep->settings[i];
         const struct kiln_setting_result *r = &sweep->results[i];
@@ -130,9 +134,10 @@ static int write_csv(const struct kiln_tradeoff *sweep, struct kiln_error *error
             kiln_html_add(&page, "all");
         else
             kiln_html_add(&page, "%d", s->bounces);
-        kiln_html_add(&page, ",%s,%s,%.9g,%.0f,%.0f,%.6g,%.6g,%.6g,%.6g,%.6g,%.0f,%s\n", s->equal ? "equal" : "lean",
-                      s->raw ? "no" : "yes", r->texels_per_metre, r->points, r->rays, r->error[0], r->error[1],
-                      r->error[2], r->seconds, r->light_seconds, r->bytes, r->front ? "yes" : "no");
+        kiln_html_add(&page, ",%s,%s,%.9g,%.0f,%.0f,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.0f,%s\n",
+                      s->equal ? "equal" : "lean", s->raw ? "no" : "yes", r->texels_per_metre, r->points, r->rays,
+                      r->error[0], r->error[1], r->error[2], r->seconds, r->light_seconds, r->processor_seconds,
+                      r->bytes, r->front ? "yes" : "no");
     }
     const int status = kiln_path_join(path, sweep->job->output, "tradeoff.csv", error);
     if (status == KILN_OK)

@@ -26,7 +26,7 @@ struct kiln_setting {
 struct kiln_setting_result {
     bool done, front;
     double error[KILN_LAYERS]; /* nrmse: of all light, of direct, of indirect */
-    double seconds, light_seconds, bytes, points, rays, texels_per_metre;
+    double seconds, light_seconds, processor_seconds, bytes, points, rays, texels_per_metre;
 };
 
 struct kiln_tradeoff {

@@ -6,7 +6,7 @@
 #include "coordinator/files/json.h"
 #include "worker/base/text.h"
 
-enum { SENTENCE = 400, SENTENCES = 8 };
+enum { SENTENCE = 400, SENTENCES = 16 };
 
 struct sentences {
     char text[SENTENCES][SENTENCE];
@@ -25,41 +25,26 @@ void kiln_tradeoff_list(const struct kiln_tradeoff *sweep)
                  sweep->job->texels_per_metre > 0.0 ? "" : "; densities are relative to that of the reference");
 }
 
-/* The bake of the front with the best efficiency, 1 / (error squared x time): with plain samples alone that is
- * constant, so that from there on less error costs more than before. */
-static size_t choose(const struct kiln_tradeoff *sweep, const size_t *front, size_t count)
-{
-    size_t best = 0;
-    double least = INFINITY;
-    for (size_t i = 0; i < count; i++) {
-        const struct kiln_setting_result *r = &sweep->results[front[i]];
-        const double cost = r->error[0] * r->error[0] * r->seconds;
-        if (cost < least) {
-            least = cost;
-            best = i;
-        }
-    }
-    return best;
-}
-
 static char *next(struct sentences *s) { return s->text[s->count < SENTENCES - 1 ? s->count++ : s->count]; }
 
-static void say_choice(const struct kiln_tradeoff *sweep, struct sentences *said)
+/* For each round error that the front reaches, the quickest bake that has it. */
+static void say_choices(const struct kiln_tradeoff *sweep, struct sentences *said)
 {
-    size_t front[KILN_SETTINGS_MOST];
-    char options[KILN_SETTING_OPTIONS];
+    static const double errors[] = {0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001};
+    size_t front[KILN_SETTINGS_MOST], last = SIZE_MAX;
     const size_t count = kiln_front_list(sweep, front);
-    if (count == 0)
-        return;
-    const size_t best = choose(sweep, front, count);
-    const struct kiln_setting *s = &sweep->settings[front[best]];
-    const struct kiln_setting_result *r = &sweep->results[front[best]];
-    kiln_setting_options(s, sweep->density, options);
-    (void)snprintf(
-        next(said), SENTENCE,
-        "choose '%s' (%s): nrmse %.3g %% in %.3g s; it has the best efficiency of the front, the least error "
-        "squared times time",
-        s->name, options, 100.0 * r->error[0], r->seconds);
+    for (size_t e = sizeof errors / sizeof *errors; e-- > 0;) {
+        size_t i = 0;
+        while (i < count && sweep->results[front[i]].error[0] > errors[e])
+            i++;
+        if (i == count || front[i] == last)
+            continue;
+        char options[KILN_SETTING_OPTIONS];
+        last = front[i];
+        kiln_setting_options(&sweep->settings[last], sweep->density, options);
+        (void)snprintf(next(said), SENTENCE, "for an nrmse below %g %% choose '%s' (%s), which takes %.3g s",
+                       100.0 * errors[e], sweep->settings[last].name, options, sweep->results[last].seconds);
+    }
 }
 
 static void say_presets(const struct kiln_tradeoff *sweep, struct sentences *said)
@@ -120,11 +105,12 @@ static json_t *rows_json(const struct kiln_tradeoff *sweep)
         char options[KILN_SETTING_OPTIONS];
         kiln_setting_options(s, sweep->density, options);
         if (r->done)
-            (void)json_array_append_new(
-                rows, json_pack("{s:s, s:s, s:s, s:f, s:f, s:f, s:f, s:f, s:f, s:b}", "group", s->group, "name",
-                                s->name, "options", options, "nrmse", r->error[0], "nrmse_direct", r->error[1],
-                                "nrmse_indirect", r->error[2], "seconds", r->seconds, "light_seconds", r->light_seconds,
-                                "peak_bytes", r->bytes, "front", (int)r->front));
+            (void)json_array_append_new(rows, json_pack("{s:s, s:s, s:s, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:b}",
+                                                        "group", s->group, "name", s->name, "options", options, "nrmse",
+                                                        r->error[0], "nrmse_direct", r->error[1], "nrmse_indirect",
+                                                        r->error[2], "seconds", r->seconds, "light_seconds",
+                                                        r->light_seconds, "processor_seconds", r->processor_seconds,
+                                                        "peak_bytes", r->bytes, "front", (int)r->front));
     }
     return rows;
 }
@@ -137,7 +123,7 @@ int kiln_tradeoff_tell(const struct kiln_tradeoff *sweep, size_t left, struct ki
             next(&said), SENTENCE,
             "%zu of %zu bakes are left, for the budget of %.4g s is used up; the same command goes on with them", left,
             sweep->count, sweep->job->budget);
-    say_choice(sweep, &said);
+    say_choices(sweep, &said);
     say_presets(sweep, &said);
     say_reference(sweep, &said);
     if (!sweep->job->json) {
