@@ -1,6 +1,8 @@
 #include "coordinator/bench/child.h"
 
 #include <errno.h>
+#include <fcntl.h>
+#include <ftw.h>
 #include <signal.h>
 #include <spawn.h>
 #include <stdio.h>
@@ -142,3 +144,52 @@ int kiln_child_run(struct kiln_child *child, int output, int errors, struct kiln
     (void)sigprocmask(SIG_SETMASK, &before, NULL);
     return status;
 }
+
+/* Runs the command with stderr at this descriptor. */
+static int run_into(struct kiln_child *child, int errors, int *code, char said[KILN_CHILD_SAID],
+                    struct kiln_error *error)
+{
+    struct kiln_child_end end = {0};
+    const int none = open("/dev/null", O_WRONLY | O_CLOEXEC);
+    if (none < 0)
+        return kiln_fail_errno(error, KILN_SYSTEM, "/dev/null cannot be opened");
+    const int status = kiln_child_run(child, none, errors, &end, error);
+    (void)close(none);
+    *code = end.code;
+    if (status == KILN_OK && end.asked != 0)
+        return kiln_fail(error, KILN_STOPPED, "stopped by %s; run the same command again", strsignal(end.asked));
+    const ssize_t length = status == KILN_OK ? pread(errors, said, KILN_CHILD_SAID - 1, 0) : 0;
+    said[length > 0 ? length : 0] = '\0';
+    return status;
+}
+
+int kiln_child_run_quietly(struct kiln_child *child, const char *path, int *code, char said[KILN_CHILD_SAID],
+                           struct kiln_error *error)
+{
+    const int errors = open(path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600);
+    if (errors < 0)
+        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot make the file %.500s", path);
+    const int status = run_into(child, errors, code, said, error);
+    (void)close(errors);
+    return status;
+}
+
+int kiln_child_report(const char *folder, json_t **report, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    json_error_t where;
+    const int status = kiln_path_join(path, folder, "run.json", error);
+    if (status != KILN_OK)
+        return status;
+    *report = json_load_file(path, 0, &where);
+    return *report != NULL ? KILN_OK : kiln_fail(error, KILN_BAD_INPUT, "'%s' cannot be read: %s", path, where.text);
+}
+
+static int remove_entry(const char *path, const struct stat *status, int type, struct FTW *walk)
+{
+    (void)status, (void)type, (void)walk;
+    (void)remove(path);
+    return 0;
+}
+
+void kiln_remove_tree(const char *path) { (void)nftw(path, remove_entry, 16, FTW_DEPTH | FTW_PHYS); }

@@ -2,10 +2,12 @@
 #ifndef KILN_COORDINATOR_BENCH_CHILD_H
 #define KILN_COORDINATOR_BENCH_CHILD_H
 
+#include <jansson.h>
+
 #include "coordinator/files/folder.h"
 #include "coordinator/job/job.h"
 
-enum { KILN_CHILD_ARGUMENTS = 256 };
+enum { KILN_CHILD_ARGUMENTS = 256, KILN_CHILD_SAID = 8192 };
 
 /* A command line. A failing push is remembered: `status` has it, and kiln_child_run reports it. Start with zeros and
  * `error`; release with kiln_child_clear. */
@@ -36,5 +38,17 @@ struct kiln_child_end {
  * passed on. From a process with one thread. KILN_SITE if it cannot be started. */
 int kiln_child_run(struct kiln_child *child, int output, int errors, struct kiln_child_end *end,
                    struct kiln_error *error);
+
+/* Runs the command with its stdout thrown away and its stderr in the file `path`, which is made or emptied. *code is
+ * the exit code, and `said` what it wrote to stderr, as much as fits. KILN_OK whatever the code; KILN_STOPPED if a
+ * signal asked for the end. */
+int kiln_child_run_quietly(struct kiln_child *child, const char *path, int *code, char said[KILN_CHILD_SAID],
+                           struct kiln_error *error);
+
+/* The run.json of the bake in `folder`, which a child has just made; json_decref it. KILN_BAD_INPUT. */
+int kiln_child_report(const char *folder, json_t **report, struct kiln_error *error);
+
+/* Removes a file, or a folder with all that is in it; follows no link. What cannot be removed stays. */
+void kiln_remove_tree(const char *path);
 
 #endif

@@ -1,15 +1,11 @@
 #include "coordinator/bench/trial.h"
 
-#include <errno.h>
-#include <fcntl.h>
-#include <ftw.h>
 #include <hdf5.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/bench/child.h"
 #include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 
@@ -31,18 +27,9 @@ int kiln_trial_begin(struct kiln_trial *t, const struct kiln_job *job, struct ki
     return status;
 }
 
-static int remove_entry(const char *path, const struct stat *status, int type, struct FTW *walk)
-{
-    (void)status, (void)type, (void)walk;
-    (void)remove(path);
-    return 0;
-}
-
-static void remove_tree(const char *path) { (void)nftw(path, remove_entry, 16, FTW_DEPTH | FTW_PHYS); }
-
 static void forget_bake(struct kiln_trial *t)
 {
-    remove_tree(t->result);
+    kiln_remove_tree(t->result);
     json_decref(t->report);
     t->report = NULL;
     kiln_free(&t->points);
@@ -55,7 +42,7 @@ void kiln_trial_end(struct kiln_trial *t)
     forget_bake(t);
     kiln_glb_destroy(&t->glb);
     if (t->folder[0] != '\0')
-        remove_tree(t->folder);
+        kiln_remove_tree(t->folder);
 }
 
 /* ---- the scene ---- */
@@ -191,7 +178,7 @@ static int read_points(struct kiln_trial *t)
 
 static void make_command(struct kiln_trial *t, const char *const *options, struct kiln_child *child)
 {
-    static const char *const own[] = {"output", "json", "quiet", "verbose", NULL};
+    static const char *const own[] = {"output", "resume", "json", "quiet", "verbose", NULL};
     static const char *const always[] = {
         "--no-preview",    "--no-resume", "--samples-probe",  "0",    "--denoise", "none",
         "--lightmap-size", "16",          "--samples-direct", "2048", NULL};
@@ -207,43 +194,11 @@ static void make_command(struct kiln_trial *t, const char *const *options, struc
     kiln_child_push_given(child, t->job, own);
 }
 
-/* Runs the child with its stderr in a file, which is read afterwards. */
 static int run(struct kiln_trial *t, struct kiln_child *child)
 {
     char path[KILN_PATH_SIZE];
-    struct kiln_child_end end = {0};
-    int status = kiln_path_join(path, t->folder, "said", t->error);
-    if (status != KILN_OK)
-        return status;
-    const int none = open("/dev/null", O_WRONLY | O_CLOEXEC),
-              errors = open(path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
-    if (none < 0 || errors < 0)
-        status = kiln_fail_errno(t->error, KILN_CANNOT_CREATE, "cannot make the file %.500s", path);
-    if (status == KILN_OK)
-        status = kiln_child_run(child, none, errors, &end, t->error);
-    t->code = end.code;
-    if (status == KILN_OK && end.asked != 0)
-        status =
-            kiln_fail(t->error, KILN_STOPPED, "stopped by %s; the same command starts again", strsignal(end.asked));
-    const ssize_t length = status == KILN_OK ? pread(errors, t->said, sizeof t->said - 1, 0) : 0;
-    t->said[length > 0 ? length : 0] = '\0';
-    if (errors >= 0)
-        (void)close(errors);
-    if (none >= 0)
-        (void)close(none);
-    return status;
-}
-
-static int read_report(struct kiln_trial *t)
-{
-    char path[KILN_PATH_SIZE];
-    json_error_t where;
-    const int status = kiln_path_join(path, t->result, "run.json", t->error);
-    if (status != KILN_OK)
-        return status;
-    t->report = json_load_file(path, 0, &where);
-    return t->report != NULL ? KILN_OK
-                             : kiln_fail(t->error, KILN_BAD_INPUT, "'%s' cannot be read: %s", path, where.text);
+    const int status = kiln_path_join(path, t->folder, "said", t->error);
+    return status == KILN_OK ? kiln_child_run_quietly(child, path, &t->code, t->said, t->error) : status;
 }
 
 int kiln_trial_bake(struct kiln_trial *t, const char *const *options)
@@ -258,7 +213,7 @@ int kiln_trial_bake(struct kiln_trial *t, const char *const *options)
         status = run(t, &child);
     }
     if (status == KILN_OK && t->code == KILN_OK)
-        status = read_report(t);
+        status = kiln_child_report(t->result, &t->report, t->error);
     if (status == KILN_OK && t->code == KILN_OK)
         status = read_points(t);
     kiln_child_clear(&child);

@@ -3,11 +3,8 @@
 #ifndef KILN_COORDINATOR_BENCH_TRIAL_H
 #define KILN_COORDINATOR_BENCH_TRIAL_H
 
-#include <jansson.h>
-
-#include "coordinator/files/folder.h"
+#include "coordinator/bench/child.h"
 #include "coordinator/generate/glb.h"
-#include "coordinator/job/job.h"
 
 struct kiln_trial_point {
     double position[3]; /* m, of the world */
@@ -16,8 +13,6 @@ struct kiln_trial_point {
     uint32_t object, texel[2];
     uint8_t valid;
 };
-
-enum { KILN_TRIAL_SAID = 8192 };
 
 struct kiln_trial {
     const struct kiln_job *job;
@@ -28,7 +23,7 @@ struct kiln_trial {
     size_t quads;         /* how many the scene has: objects 0, 1, ... of the bake */
     /* of the last bake */
     int code;                        /* its exit code */
-    char said[KILN_TRIAL_SAID];      /* what it wrote to stderr, as much as fits */
+    char said[KILN_CHILD_SAID];      /* what it wrote to stderr, as much as fits */
     json_t *report;                  /* run.json; NULL after another code than 0 */
     struct kiln_trial_point *points; /* by object, row and column */
     size_t point_count;

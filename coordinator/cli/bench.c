@@ -4,6 +4,7 @@
 
 #include "coordinator/bake/rays_bench.h"
 #include "coordinator/bench/stability.h"
+#include "coordinator/bench/tradeoff.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/scaling.h"
@@ -42,8 +43,11 @@ int kiln_command_bench(struct kiln_job *job, struct kiln_error *error)
     const bool rays = strcmp(name, "rays") == 0, scaling = strcmp(name, "scaling") == 0;
     if (strcmp(name, "stability") == 0)
         return kiln_stability_bench(job, error);
+    if (strcmp(name, "tradeoff") == 0)
+        return kiln_tradeoff_bench(job, error);
     if (!rays && !scaling)
-        return kiln_fail(error, KILN_USAGE, "no bench is called '%.100s'; there are: rays, scaling, stability", name);
+        return kiln_fail(error, KILN_USAGE,
+                         "no bench is called '%.100s'; there are: rays, scaling, stability, tradeoff", name);
     if (job->argument_count != 2)
         return kiln_fail(error, KILN_USAGE, "kiln bench %s takes one scene; for example: kiln bench %s room.glb", name,
                          name);

@@ -429,7 +429,8 @@ static int run_command_line(int argc, char **argv)
     const struct kiln_command *command = argc > 1 ? kiln_command_find(argv[1]) : NULL;
     /* a bench that starts mpirun, or bakes, must not start MPI itself */
     const bool starts_mpi = command != NULL && command->bit == KILN_FOR_BENCH &&
-                            (has_argument(argc, argv, "scaling") || has_argument(argc, argv, "stability"));
+                            (has_argument(argc, argv, "scaling") || has_argument(argc, argv, "stability") ||
+                             has_argument(argc, argv, "tradeoff"));
     const bool help = asks_for_help(argc, argv); /* rank 0 answers at once, whatever the other ranks do */
     const bool needs_mpi = command != NULL && command->mpi && !starts_mpi && !help;
     if (is_launched() && !needs_mpi && !starts_mpi && !help)

@@ -67,7 +67,8 @@ static int read_ranks(struct bench *b, struct kiln_error *error)
 /* A density of 0 leaves it to the scene and the options. */
 static void make_command(const struct bench *b, const struct run *run, const char *folder, struct kiln_child *a)
 {
-    static const char *const own[] = {"output", "threads", "texels-per-metre", "json", "quiet", "verbose", NULL};
+    static const char *const own[] = {"output", "threads", "texels-per-metre", "resume",
+                                      "json",   "quiet",   "verbose",          NULL};
     kiln_child_push(a, "mpirun");
     kiln_child_push_number(a, "-n", "%.0f", run->ranks);
     kiln_child_push(a, b->program);

@@ -114,6 +114,10 @@ struct kiln_job {
     uint64_t points;                     /* plan: surface points of the scaling curve; 0: those of the scene */
     char *rank_counts;                   /* bench scaling: "1,2,4" */
     uint32_t repeats;                    /* bench: runs of each measurement */
+    char *reference;                     /* bench tradeoff: folder of a converged bake; NULL: one is made */
+    uint32_t reference_samples;          /* bench tradeoff: rays in its final gather */
+    double budget;                       /* bench tradeoff: seconds; 0: no limit */
+    bool list;                           /* bench tradeoff: only list the bakes */
 
     /* submit: what the batch job requests */
     uint32_t nodes, gpus, ranks_per_node; /* gpus: of each node; ranks_per_node 0: one for each GPU, or one */

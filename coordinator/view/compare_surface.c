@@ -61,6 +61,19 @@ static bool same_corners(const struct kiln_dvec3 a[3], const struct kiln_dvec3 b
     return true;
 }
 
+static int moved(uint64_t k, struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_BAD_INPUT, "triangle %llu is not in the same place in both", (unsigned long long)k);
+}
+
+static int check_counts(const struct kiln_compared *a, const struct kiln_compared *b, struct kiln_error *error)
+{
+    const uint64_t in_a = triangles_of(a->scene, a->object), in_b = triangles_of(b->scene, b->object);
+    return in_a == in_b ? KILN_OK
+                        : kiln_fail(error, KILN_BAD_INPUT, "it has %llu triangles in one and %llu in the other",
+                                    (unsigned long long)in_a, (unsigned long long)in_b);
+}
+
 /* ---- lightmaps ---- */
 
 struct reader {
@@ -94,39 +107,59 @@ static int open_reader(struct reader *r, const struct kiln_compared *from, size_
     return status;
 }
 
-/* Reads the lightmap at a point of the object's k-th triangle, with barycentric weights b1 and b2 of corners 1 and 2.
- */
-static void read_place(const struct reader *r, uint64_t k, double b1, double b2, size_t to)
+/* A place in a lightmap: the texels around it with their bilinear weights, and the one that contains it. */
+struct footprint {
+    size_t texels[4], own;
+    double weights[4];
+};
+
+/* Lightmap coordinates of the corners, times `width` and `height`. */
+static void layout_corners(const struct kiln_compared *from, uint64_t k, double width, double height,
+                           double corners[3][2])
 {
-    const struct kiln_image *image = r->from->lightmap;
-    const struct kiln_scene *scene = r->from->scene;
     uint64_t corner[3];
-    stored_corners(scene, r->from->object, k, corner);
-    double uv[2] = {0.0, 0.0};
+    stored_corners(from->scene, from->object, k, corner);
     for (int c = 0; c < 3; c++) {
-        const double weight = c == 0 ? 1.0 - b1 - b2 : c == 1 ? b1 : b2;
-        uv[0] += weight * (double)scene->texcoord_lightmap[corner[c]].x;
-        uv[1] += weight * (double)scene->texcoord_lightmap[corner[c]].y;
+        corners[c][0] = (double)from->scene->texcoord_lightmap[corner[c]].x * width;
+        corners[c][1] = (double)from->scene->texcoord_lightmap[corner[c]].y * height;
     }
-    const double x = uv[0] * image->width, y = uv[1] * image->height, last_x = image->width - 1.0,
-                 last_y = image->height - 1.0;
+}
+
+/* The place of the object's k-th triangle with barycentric weights b1 and b2 of corners 1 and 2. */
+static struct footprint find_place(const struct kiln_compared *from, uint64_t k, double b1, double b2)
+{
+    const struct kiln_image *image = from->lightmap;
+    double corners[3][2];
+    layout_corners(from, k, 1.0, 1.0, corners);
+    const double b0 = 1.0 - b1 - b2, x = (b0 * corners[0][0] + b1 * corners[1][0] + b2 * corners[2][0]) * image->width,
+                 y = (b0 * corners[0][1] + b1 * corners[1][1] + b2 * corners[2][1]) * image->height,
+                 last_x = image->width - 1.0, last_y = image->height - 1.0;
     const double fx = fmin(fmax(x - 0.5, 0.0), last_x), fy = fmin(fmax(y - 0.5, 0.0), last_y), wx = fx - floor(fx),
                  wy = fy - floor(fy);
     const size_t x0 = (size_t)fx, y0 = (size_t)fy, x1 = wx > 0.0 ? x0 + 1 : x0, y1 = wy > 0.0 ? y0 + 1 : y0;
-    const size_t texels[4] = {y0 * image->width + x0, y0 * image->width + x1, y1 * image->width + x0,
-                              y1 * image->width + x1};
-    const double weights[4] = {(1.0 - wx) * (1.0 - wy), wx * (1.0 - wy), (1.0 - wx) * wy, wx * wy};
-    const size_t own = (size_t)fmin(fmax(y, 0.0), last_y) * image->width + (size_t)fmin(fmax(x, 0.0), last_x);
+    return (struct footprint){
+        .texels = {y0 * image->width + x0, y0 * image->width + x1, y1 * image->width + x0, y1 * image->width + x1},
+        .weights = {(1.0 - wx) * (1.0 - wy), wx * (1.0 - wy), (1.0 - wx) * wy, wx * wy},
+        .own = (size_t)fmin(fmax(y, 0.0), last_y) * image->width + (size_t)fmin(fmax(x, 0.0), last_x)};
+}
+
+static double read_at(const float *values, const struct footprint *place)
+{
+    double sum = 0.0;
+    for (int t = 0; t < 4; t++)
+        sum += place->weights[t] * (double)values[place->texels[t]];
+    return sum;
+}
+
+static void read_place(const struct reader *r, uint64_t k, double b1, double b2, size_t to)
+{
+    const struct footprint place = find_place(r->from, k, b1, b2);
     float least = 1.0f;
-    for (int c = 0; c < 3; c++) {
-        double sum = 0.0;
-        for (int t = 0; t < 4; t++)
-            sum += weights[t] * (double)r->planes[c][texels[t]];
-        r->to[c][to] = (float)sum;
-    }
+    for (int c = 0; c < 3; c++)
+        r->to[c][to] = (float)read_at(r->planes[c], &place);
     for (int t = 0; r->coverage != NULL && t < 4; t++)
-        least = fminf(least, r->coverage[texels[t]]);
-    r->to[3][to] = r->validity == NULL ? 1.0f : r->validity[own];
+        least = fminf(least, r->coverage[place.texels[t]]);
+    r->to[3][to] = r->validity == NULL ? 1.0f : r->validity[place.own];
     r->to[4][to] = least;
 }
 
@@ -161,8 +194,7 @@ static int take_samples(struct kiln_samples *s, const struct reader readers[2], 
         world_corners(a->scene, a->object, k, place);
         world_corners(b->scene, b->object, k, other);
         if (!same_corners(place, other))
-            return kiln_fail(error, KILN_BAD_INPUT, "triangle %llu is not in the same place in both",
-                             (unsigned long long)k);
+            return moved(k, error);
         sum += area_of(place);
         while (taken < s->count && (double)s->count * sum > ((double)taken + 0.5) * s->area)
             take_sample(s, readers, place, k, taken++);
@@ -175,11 +207,9 @@ int kiln_samples_take(struct kiln_samples *samples, const struct kiln_compared *
 {
     struct reader readers[2] = {{0}, {0}};
     *samples = (struct kiln_samples){.count = count, .area = kiln_object_area(a->scene, a->object)};
-    if (triangles_of(a->scene, a->object) != triangles_of(b->scene, b->object))
-        return kiln_fail(error, KILN_BAD_INPUT, "it has %llu triangles in one and %llu in the other",
-                         (unsigned long long)triangles_of(a->scene, a->object),
-                         (unsigned long long)triangles_of(b->scene, b->object));
-    int status = kiln_allocate(&samples->positions, count, sizeof *samples->positions, "places to compare", error);
+    int status = check_counts(a, b, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&samples->positions, count, sizeof *samples->positions, "places to compare", error);
     if (status == KILN_OK)
         status = open_reader(&readers[0], a, count, &samples->a, error);
     if (status == KILN_OK)
@@ -196,4 +226,105 @@ void kiln_samples_destroy(struct kiln_samples *samples)
     kiln_image_destroy(&samples->a);
     kiln_image_destroy(&samples->b);
     kiln_free(&samples->positions);
+}
+
+/* ---- texels ---- */
+
+/* The planes of both lightmaps. */
+struct layers {
+    float *a[KILN_LAYERS][3], *b[KILN_LAYERS][3];
+    const float *valid_a, *valid_b; /* NULL: all are */
+};
+
+static int find_layers(struct layers *l, const struct kiln_image *a, const struct kiln_image *b,
+                       struct kiln_error *error)
+{
+    static const char *const prefixes[KILN_LAYERS] = {"", "direct.", "indirect."};
+    l->valid_a = plane(a, "validity.Y");
+    l->valid_b = plane(b, "validity.Y");
+    for (int i = 0; i < KILN_LAYERS; i++)
+        if (!kiln_image_rgb(a, prefixes[i], l->a[i]) || !kiln_image_rgb(b, prefixes[i], l->b[i]))
+            return kiln_fail(error, KILN_BAD_INPUT, "a lightmap has no channels %sR, G and B", prefixes[i]);
+    return KILN_OK;
+}
+
+static void add_texel(struct kiln_texel_sums *sums, const struct layers *l, double area, const struct footprint *in_a,
+                      size_t in_b)
+{
+    if ((l->valid_a != NULL && l->valid_a[in_a->own] < 1.0f) || (l->valid_b != NULL && l->valid_b[in_b] < 1.0f))
+        return;
+    double squares[KILN_LAYERS] = {0.0}, reference = 0.0;
+    for (int i = 0; i < KILN_LAYERS; i++)
+        for (int c = 0; c < 3; c++) {
+            const double b = (double)l->b[i][c][in_b], off = read_at(l->a[i][c], in_a) - b;
+            squares[i] += off * off;
+            reference += i == 0 ? b : 0.0;
+        }
+    if (!isfinite(reference) || !isfinite(squares[0] + squares[1] + squares[2])) {
+        sums->not_finite++;
+        return;
+    }
+    sums->texels++;
+    sums->area += area;
+    sums->reference += area * reference;
+    for (int i = 0; i < KILN_LAYERS; i++)
+        sums->squares[i] += area * squares[i];
+}
+
+static double edge(const double p[2], const double q[2], double x, double y)
+{
+    return (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]);
+}
+
+/* Whether a place is on the inner side of the edge from p to q, where `inside` is edge() times the triangle's winding.
+ * Of two triangles that share the edge, one has the places on it. */
+static bool is_inside(const double p[2], const double q[2], double winding, double inside)
+{
+    const double across = winding * (q[1] - p[1]), along = winding * (q[0] - p[0]);
+    return inside > 0.0 || (inside == 0.0 && (across > 0.0 || (across == 0.0 && along < 0.0)));
+}
+
+/* Adds the texels of b's lightmap whose centres lie in the k-th triangle, which has `area` m2. */
+static void add_triangle(struct kiln_texel_sums *sums, const struct layers *l, const struct kiln_compared *a,
+                         const struct kiln_compared *b, uint64_t k, double area)
+{
+    double p[3][2];
+    const double width = b->lightmap->width, height = b->lightmap->height;
+    layout_corners(b, k, width, height, p);
+    const double twice = edge(p[0], p[1], p[2][0], p[2][1]), winding = twice < 0.0 ? -1.0 : 1.0,
+                 each = 2.0 * area / fabs(twice);
+    const double left = fmax(0.0, floor(fmin(p[0][0], fmin(p[1][0], p[2][0])))),
+                 right = fmin(width, ceil(fmax(p[0][0], fmax(p[1][0], p[2][0])))),
+                 top = fmax(0.0, floor(fmin(p[0][1], fmin(p[1][1], p[2][1])))),
+                 bottom = fmin(height, ceil(fmax(p[0][1], fmax(p[1][1], p[2][1]))));
+    if (!(fabs(twice) > 0.0) || !isfinite(each))
+        return;
+    for (double y = top + 0.5; y < bottom; y += 1.0)
+        for (double x = left + 0.5; x < right; x += 1.0) {
+            const double w0 = winding * edge(p[1], p[2], x, y), w1 = winding * edge(p[2], p[0], x, y),
+                         w2 = winding * edge(p[0], p[1], x, y);
+            if (!is_inside(p[1], p[2], winding, w0) || !is_inside(p[2], p[0], winding, w1) ||
+                !is_inside(p[0], p[1], winding, w2))
+                continue;
+            const struct footprint in_a = find_place(a, k, w1 / fabs(twice), w2 / fabs(twice));
+            add_texel(sums, l, each, &in_a, (size_t)y * b->lightmap->width + (size_t)x);
+        }
+}
+
+int kiln_texels_add(struct kiln_texel_sums *sums, const struct kiln_compared *a, const struct kiln_compared *b,
+                    struct kiln_error *error)
+{
+    struct layers layers;
+    int status = check_counts(a, b, error);
+    if (status == KILN_OK)
+        status = find_layers(&layers, a->lightmap, b->lightmap, error);
+    for (uint64_t k = 0; status == KILN_OK && k < triangles_of(b->scene, b->object); k++) {
+        struct kiln_dvec3 in_a[3], in_b[3];
+        world_corners(a->scene, a->object, k, in_a);
+        world_corners(b->scene, b->object, k, in_b);
+        if (!same_corners(in_a, in_b))
+            return moved(k, error);
+        add_triangle(sums, &layers, a, b, k, area_of(in_b));
+    }
+    return status;
 }

@@ -1,4 +1,5 @@
-/* Comparison of two bakes of one scene at sample points on its surfaces, for lightmaps of different sizes or layouts.
+/* Comparison of two bakes of one scene on its surfaces, for lightmaps of different sizes or layouts: at sample points,
+ * or at the texels of one of them.
  *
  * The sample points of an object are spread evenly over its area: the triangles in order are divided into `count` parts
  * of equal area, and each part gets one point. At each point both lightmaps are read bilinearly, as an engine reads
@@ -31,6 +32,21 @@ struct kiln_samples {
 int kiln_samples_take(struct kiln_samples *samples, const struct kiln_compared *a, const struct kiln_compared *b,
                       size_t count, struct kiln_error *error);
 void kiln_samples_destroy(struct kiln_samples *samples);
+
+/* What two lightmaps of an object differ by over the texels of the second, b: those whose centres lie on the object,
+ * and which are buried in neither. The first is read bilinearly at these centres, so that lightmaps of one size and
+ * layout are compared texel by texel. Each texel weighs by its area on the surface. */
+enum { KILN_LAYERS = 3 }; /* all light, direct, indirect */
+struct kiln_texel_sums {
+    uint64_t texels, not_finite; /* compared; left out because a value is NaN or infinite */
+    double area;                 /* m2 */
+    double reference;            /* sum of area times all light in b, over R, G, B */
+    double squares[KILN_LAYERS]; /* sums of area times (a - b)^2, over R, G, B */
+};
+
+/* Adds the texels of an object. KILN_BAD_INPUT as kiln_samples_take. */
+int kiln_texels_add(struct kiln_texel_sums *sums, const struct kiln_compared *a, const struct kiln_compared *b,
+                    struct kiln_error *error);
 
 /* Area of the object in the world, m2. */
 double kiln_object_area(const struct kiln_scene *scene, uint32_t object);
