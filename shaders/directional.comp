@@ -47,9 +47,9 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
         if (light_kind(KILN_GPU_KIND_SKY))
             radiance = kiln_environment_radiance(real3(direction));
     } else {
-        const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v, hit.back);
+        const kiln_store_way to = kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back);
         if (!hit.back || (to.material & KILN_RECORD_DOUBLE_SIDED) != 0u)
-            radiance = kiln_radiosity_at(to) * KILN_INVERSE_PI;
+            radiance = kiln_store_radiosity(to) * KILN_INVERSE_PI;
     }
     if (HAS_ALPHA == KILN_PASSAGE_TINT)
         radiance *= tint;

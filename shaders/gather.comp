@@ -48,12 +48,12 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
         sums.escaped += facet;
         return;
     }
-    const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v, hit.back);
+    const kiln_store_way to = kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back);
     if (hit.back && (to.material & KILN_RECORD_DOUBLE_SIDED) == 0u) {
         sums.blocked += facet;
         return;
     }
-    vec3 rgb = facet > 0.0 ? kiln_radiosity_at(to) : vec3(0.0);
+    vec3 rgb = facet > 0.0 ? kiln_store_radiosity(to) : vec3(0.0);
     if (HAS_ALPHA == KILN_PASSAGE_TINT) {
         rgb *= tint;
         sums.glass += facet * (1.0 - tint);

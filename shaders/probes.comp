@@ -60,11 +60,11 @@ void sphere_sample(inout Sums sums, vec3 p, uint key, uint k)
             radiance = kiln_environment_radiance(direction);
     } else {
         sums.distance += min(hit.distance, push.far);
-        const kiln_landing to = kiln_land(hit.triangle, hit.u, hit.v, hit.back);
+        const kiln_store_way to = kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back);
         if (hit.back && (to.material & KILN_RECORD_DOUBLE_SIDED) == 0u)
             sums.back += 1.0;
         else
-            radiance = kiln_radiosity_at(to) * KILN_INVERSE_PI;
+            radiance = kiln_store_radiosity(to) * KILN_INVERSE_PI;
     }
     if (HAS_ALPHA == KILN_PASSAGE_TINT)
         radiance *= tint;

@@ -14,6 +14,7 @@
 #include "worker/base/memory.h"
 #include "worker/pass/probes.h"
 #include "worker/scene/radiosity.h"
+#include "worker/store/store.h"
 
 /* Bounces that `--bounces all` is taken to make, the final gather among them: scenes settle after 5 to 8. */
 enum { TYPICAL_BOUNCES = 7 };
@@ -81,10 +82,11 @@ static uint64_t rank_surface_bytes(const struct kiln_surface *s, const struct ki
     return kiln_field_set_bytes(fields, KILN_FIELD_SURFACE, items);
 }
 
-static uint64_t all_bytes(const struct kiln_surface *s)
+static uint64_t all_bytes(const struct kiln_surface *s, const struct kiln_geometry *geometry)
 {
-    return s->tile_count * sizeof *s->tiles + s->split_count * sizeof *s->splits + s->map_count * sizeof *s->lightmaps +
-           (s->cell_first != NULL ? s->cell_count * sizeof *s->cell_first : 0);
+    struct kiln_store store;
+    kiln_store_build(&store, s, geometry);
+    return kiln_store_bytes(&store) + (s->cell_first != NULL ? s->cell_count * sizeof *s->cell_first : 0);
 }
 
 static uint64_t section_bytes(const struct kiln_scene *scene, enum kiln_scene_section section)
@@ -145,8 +147,8 @@ static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *
 {
     struct kiln_plan_memory *m = &plan->memory;
     const struct kiln_field_set fields = fields_of(job);
-    const uint64_t named =
-        m->textures + m->scene + m->geometry + m->bvh + all_bytes(p->surface) + rank_surface_bytes(p->surface, &fields);
+    const uint64_t named = m->textures + m->scene + m->geometry + m->bvh + all_bytes(p->surface, p->geometry) +
+                           rank_surface_bytes(p->surface, &fields);
     const uint64_t resident = kiln_process_memory(KILN_MEMORY_NOW);
     m->program = PASS_BYTES + (resident > named + LEAST_PROGRAM_BYTES ? resident - named : LEAST_PROGRAM_BYTES);
 }
@@ -158,7 +160,7 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     struct kiln_backend_info info = {0};
     kiln_backend_info(p->backend, &info);
     m->device = on_device(p) ? info.memory : 0;
-    m->surface_all = all_bytes(rank_surface);
+    m->surface_all = all_bytes(rank_surface, p->geometry);
     const struct kiln_field_set fields = fields_of(job);
     const double own =
         rank_surface->count > 0 ? (double)rank_surface_bytes(rank_surface, &fields) / (double)rank_surface->count : 0.0;

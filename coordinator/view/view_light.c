@@ -13,6 +13,7 @@
 #include "worker/sampling/sequence.h"
 #include "worker/scene/footprint.h"
 #include "worker/scene/texture.h"
+#include "worker/store/store.h"
 
 enum { MOST_BACK_FACES = 64 };
 

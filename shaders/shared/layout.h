@@ -24,11 +24,12 @@
 
 #include "shaders/shared/mask.h"
 #include "shaders/shared/passage.h"
+#include "shaders/shared/store.h"
 #include "shaders/shared/surface.h"
 
 #define KILN_GPU_NONE KILN_NONE
 
-/* ---- the scene's surfaces: what a hit needs to know (worker/scene/geometry.h, surface.h) ---- */
+/* ---- the scene's surfaces: what a hit needs to know (worker/scene/geometry.h, worker/store/store.h) ---- */
 
 struct kiln_gpu_record { /* struct kiln_hit_record */
     KILN_REAL32 texel[6];
@@ -36,24 +37,9 @@ struct kiln_gpu_record { /* struct kiln_hit_record */
 };
 KILN_SIZE_IS(kiln_gpu_record, 32);
 
-struct kiln_gpu_lightmap { /* struct kiln_lightmap */
-    KILN_WORD64 tile_first;
-    KILN_WORD width, height, tiles_x, tiles_y, shift, published;
-};
-KILN_SIZE_IS(kiln_gpu_lightmap, 32);
-
-struct kiln_gpu_divided { /* struct kiln_divided_texel */
-    KILN_WORD64 point, beyond;
-    KILN_REAL32 face[3], middle;
-    KILN_WORD64 tile;
-    KILN_WORD bit, reserved;
-};
-KILN_SIZE_IS(kiln_gpu_divided, 48);
-
-struct kiln_gpu_tile { /* struct kiln_tile, struct kiln_split_tile_run */
-    KILN_WORD64 mask, first;
-};
-KILN_SIZE_IS(kiln_gpu_tile, 16);
+#if KILN_STORE == KILN_STORE_LIGHTMAP
+#    include "shaders/shared/layout_store_lightmap.h"
+#endif
 
 /* ---- surface points made ready for sampling ---- */
 
@@ -172,7 +158,9 @@ struct kiln_gpu_scene {
     KILN_STRUCT kiln_gpu_trace trace;
     KILN_STRUCT kiln_gpu_materials materials;
     KILN_STRUCT kiln_gpu_lights lights;
-    KILN_ADDRESS records, lightmaps, tiles, splits, divided, radiosity;
+    KILN_ADDRESS records;
+    KILN_STRUCT kiln_gpu_store store;
+    KILN_ADDRESS radiosity; /* of the store's places, packed */
     KILN_WORD opaque_count; /* world triangles from opaque_count on may let rays through */
     KILN_WORD object_count; /* lightmaps from here on are those of backs: worker/scene/surface.h */
 };

@@ -1,5 +1,5 @@
-/* Codes in the data of surfaces that a hit leads through, and the way from a hit to a texel and its tile:
- * worker/scene/geometry.h, surface.h, radiosity.h and scene.h. */
+/* Codes in the data of surfaces that a hit leads through, and tiles of lightmaps: worker/scene/geometry.h, surface.h
+ * and scene.h. */
 #ifndef KILN_SHADERS_SHARED_SURFACE_H
 #define KILN_SHADERS_SHARED_SURFACE_H
 
@@ -23,22 +23,6 @@
 #define KILN_WRAP_REPEAT 0u
 #define KILN_WRAP_CLAMP 1u
 #define KILN_WRAP_MIRROR 2u
-
-/* ---- from a hit to a texel of a lightmap ---- */
-
-/* One coordinate of a hit on its object's lightmap, in texels. `corner`, `along_u` and `along_v` are that coordinate's
- * entries of the triangle's hit record: at corner 0, and from there to corners 1 and 2. u and v are the hit's
- * barycentric weights of those corners. */
-KILN_FUNCTION float kiln_texel_coordinate(float corner, float along_u, float along_v, float u, float v)
-{
-    return corner + u * along_u + v * along_v;
-}
-
-/* Column or row of the texel there, from 0 to `last`: rounding may put a hit on the rim a little outside. */
-KILN_FUNCTION KILN_I32 kiln_texel_of(float coordinate, KILN_I32 last)
-{
-    return integer_clamp(KILN_TO_I32(coordinate), 0, last);
-}
 
 /* ---- tiles of a lightmap ---- */
 

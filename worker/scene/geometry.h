@@ -29,25 +29,6 @@ struct kiln_hit_record {
     uint32_t material; /* index of the material, and KILN_RECORD_ flags (shaders/shared/surface.h) */
 };
 
-/* Where hit (u, v) lies on the object's lightmap, in texels; and column and row of the texel, of a lightmap of so many.
- */
-static inline float kiln_hit_x(const struct kiln_hit_record *r, float u, float v)
-{
-    return kiln_texel_coordinate(r->texel[0], r->texel[2], r->texel[4], u, v);
-}
-static inline float kiln_hit_y(const struct kiln_hit_record *r, float u, float v)
-{
-    return kiln_texel_coordinate(r->texel[1], r->texel[3], r->texel[5], u, v);
-}
-static inline int32_t kiln_hit_column(const struct kiln_hit_record *r, float u, float v, uint32_t width)
-{
-    return kiln_texel_of(kiln_hit_x(r, u, v), (int32_t)width - 1);
-}
-static inline int32_t kiln_hit_row(const struct kiln_hit_record *r, float u, float v, uint32_t height)
-{
-    return kiln_texel_of(kiln_hit_y(r, u, v), (int32_t)height - 1);
-}
-
 /* The ranges of an object's triangles in the world's numbering. The k-th opaque (alpha) triangle of the object is the
  * k-th opaque (alpha) triangle of its mesh in stored order. */
 struct kiln_object_range {

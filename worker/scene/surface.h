@@ -1,4 +1,5 @@
-/* The surface: all surface points (the texels of all lightmaps that lie on geometry), and how to find them from a hit.
+/* The surface: all surface points (the texels of all lightmaps that lie on geometry), and the tables by which a texel
+ * finds its point. The way from a ray's hit to a point is the store's (worker/store/store.h).
  *
  * Every object has a lightmap for its front. An object with double-sided triangles (KILN_RECORD_DOUBLE_SIDED) has a
  * second one for their backs, with the same layout. Unless it is published, only rays see it, and its texels are twice

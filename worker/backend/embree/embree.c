@@ -159,7 +159,9 @@ static int embree_set_surface(struct kiln_backend *backend, const struct kiln_su
                               struct kiln_error *error)
 {
     (void)error;
-    ((struct embree_backend *)backend)->surface = surface;
+    struct embree_backend *b = (struct embree_backend *)backend;
+    b->surface = surface;
+    kiln_store_build(&b->store, surface, b->params.geometry);
     return KILN_OK;
 }
 

@@ -14,6 +14,7 @@
 #include "worker/backend/backend.h"
 #include "worker/base/clones.h"
 #include "worker/light/lights.h"
+#include "worker/store/store.h"
 
 enum { PACKET = 8 }; /* rays traced together; 8 beat 1, 4 and 16 on AVX2 in Cornell box and Sponza */
 
@@ -21,6 +22,7 @@ struct embree_backend {
     struct kiln_backend base;
     struct kiln_backend_params params;
     const struct kiln_surface *surface;
+    struct kiln_store store; /* the surface's */
     const uint64_t *radiosity;
     RTCDevice device;
     RTCScene scene;

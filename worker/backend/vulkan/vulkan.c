@@ -126,10 +126,8 @@ int vulkan_upload_root(struct vulkan_backend *b, struct kiln_error *error)
 static void clear_surface(struct vulkan_backend *b)
 {
     vulkan_points_destroy(&b->points);
-    gpu_buffer_destroy(b->gpu, &b->lightmaps);
-    gpu_buffer_destroy(b->gpu, &b->tiles);
-    gpu_buffer_destroy(b->gpu, &b->splits);
-    gpu_buffer_destroy(b->gpu, &b->divided);
+    for (size_t i = 0; i < KILN_STORE_ARRAYS; i++)
+        gpu_buffer_destroy(b->gpu, &b->store_arrays[i]);
     gpu_buffer_destroy(b->gpu, &b->radiosity_buffer);
 }
 
@@ -280,32 +278,37 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
 
 /* ---- what changes ---- */
 
+/* Copies the store's arrays to the device. */
+static int upload_store(struct vulkan_backend *b, const struct kiln_store *store, struct kiln_error *error)
+{
+    struct kiln_store_array arrays[KILN_STORE_ARRAYS];
+    uint64_t addresses[KILN_STORE_ARRAYS];
+    int status = KILN_OK;
+    kiln_store_arrays(store, arrays);
+    for (size_t i = 0; i < KILN_STORE_ARRAYS; i++) {
+        const struct kiln_store_array *array = &arrays[i];
+        if (status == KILN_OK)
+            status = gpu_buffer_of(b->gpu, &b->store_arrays[i], array->data, array->bytes, array->what, error);
+        addresses[i] = b->store_arrays[i].address;
+    }
+    _Static_assert(sizeof b->layout.store == sizeof addresses, "the store's arrays");
+    memcpy(&b->layout.store, addresses, sizeof addresses);
+    return status;
+}
+
 static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
 {
     const struct kiln_surface *s = b->surface;
-    const size_t maps = s->map_count;
+    struct kiln_store store;
     clear_surface(b);
-    int status =
-        gpu_buffer_of(b->gpu, &b->lightmaps, s->lightmaps, maps * sizeof *s->lightmaps, "the lightmaps' sizes", error);
+    kiln_store_build(&store, s, b->params.geometry);
+    int status = upload_store(b, &store, error);
     if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &b->tiles, s->tiles, s->tile_count * sizeof *s->tiles,
-                               "the tiles of the lightmaps", error);
-    if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &b->splits, s->splits, s->split_count * sizeof *s->splits,
-                               "the tiles of the lightmaps", error);
-    if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &b->divided, s->divided, s->divided_count * sizeof *s->divided,
-                               "the texels that walls divide", error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(b->gpu, &b->radiosity_buffer, s->point_count * sizeof(uint64_t), GPU_DEVICE,
-                                   "the radiosity of all points", error);
+        status = gpu_buffer_create(b->gpu, &b->radiosity_buffer, kiln_store_count(&store) * sizeof(uint64_t),
+                                   GPU_DEVICE, "the radiosity of all points", error);
     if (status == KILN_OK)
         status = vulkan_points_create(&b->points, b->gpu, &b->params, s, error);
-    b->layout.lightmaps = b->lightmaps.address;
     b->layout.object_count = s->object_count;
-    b->layout.tiles = b->tiles.address;
-    b->layout.splits = b->splits.address;
-    b->layout.divided = b->divided.address;
     b->constants[VULKAN_HAS_DIVIDED] = s->divided_count > 0;
     b->layout.radiosity = b->radiosity_buffer.address;
     return status == KILN_OK ? vulkan_upload_root(b, error) : status;

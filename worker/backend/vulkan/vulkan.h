@@ -26,6 +26,7 @@
 #include "worker/backend/vulkan/points.h"
 #include "worker/backend/vulkan/tracer.h"
 #include "worker/light/lights.h"
+#include "worker/store/store.h"
 
 #include "shaders/shared/slices.h"
 
@@ -93,7 +94,7 @@ struct vulkan_backend {
     struct vulkan_materials materials;
     struct vulkan_lights lights;
     /* the surface */
-    struct gpu_buffer lightmaps, tiles, splits, divided, radiosity_buffer;
+    struct gpu_buffer store_arrays[KILN_STORE_ARRAYS], radiosity_buffer;
     struct vulkan_points *points;
     /* the passes */
     uint32_t constants[VULKAN_CONSTANTS];

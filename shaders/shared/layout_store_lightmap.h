@@ -1,0 +1,27 @@
+/* The lightmap as a store, on the device; part of shaders/shared/layout.h. worker/scene/surface.h says what its structs
+ * are. */
+
+struct kiln_gpu_lightmap { /* struct kiln_lightmap */
+    KILN_WORD64 tile_first;
+    KILN_WORD width, height, tiles_x, tiles_y, shift, published;
+};
+KILN_SIZE_IS(kiln_gpu_lightmap, 32);
+
+struct kiln_gpu_divided { /* struct kiln_divided_texel */
+    KILN_WORD64 point, beyond;
+    KILN_REAL32 face[3], middle;
+    KILN_WORD64 tile;
+    KILN_WORD bit, reserved;
+};
+KILN_SIZE_IS(kiln_gpu_divided, 48);
+
+struct kiln_gpu_tile { /* struct kiln_tile, struct kiln_split_tile_run */
+    KILN_WORD64 mask, first;
+};
+KILN_SIZE_IS(kiln_gpu_tile, 16);
+
+/* The arrays of kiln_store_arrays, in their order. */
+struct kiln_gpu_store {
+    KILN_ADDRESS lightmaps, tiles, splits, divided;
+};
+KILN_SIZE_IS(kiln_gpu_store, 32);

@@ -1,0 +1,72 @@
+/* The lightmap as a store (worker/store/lightmap.h): barycentrics -> texel -> tile -> surface point. */
+
+#include "shaders/shared/store_lightmap.h"
+
+KILN_ARRAY(Lightmaps, kiln_gpu_lightmap, 8);
+KILN_ARRAY(TileWords, uvec4, 16);
+KILN_ARRAY(DividedArray, kiln_gpu_divided, 8);
+
+/* Number of bits of `mask` below `bit`. */
+uint kiln_bits_below(uvec2 mask, uint bit)
+{
+    const uint inside = (1u << (bit & 31u)) - 1u;
+    return bit < 32u ? bitCount(mask.x & inside) : bitCount(mask.x) + bitCount(mask.y & inside);
+}
+
+bool kiln_bit_set(uvec2 mask, uint bit) { return ((bit < 32u ? mask.x >> bit : mask.y >> (bit - 32u)) & 1u) != 0u; }
+
+/* What a hit on world triangle `triangle` leads to. */
+struct kiln_store_way {
+    uint object, material; /* material as in struct kiln_hit_record, flags included */
+    uint64_t tile;         /* address of the tile */
+    uint bit;              /* of the texel in the tile */
+    vec2 place;            /* in the texel, 0 to 1; set where HAS_DIVIDED */
+};
+
+/* `back`: of a triangle with two sides, whose backs have a lightmap of their own. */
+kiln_store_way kiln_store_enter(uint triangle, float u, float v, bool back)
+{
+    RecordHalves halves = RecordHalves(SCENE.records + uint64_t(triangle) * 32ul);
+    const vec4 a = halves.at[0], b = halves.at[1];
+    kiln_store_way to;
+    to.object = floatBitsToUint(b.z);
+    to.material = floatBitsToUint(b.w);
+    kiln_gpu_lightmap map = Lightmaps(SCENE.store.lightmaps).at[to.object];
+    const float along = kiln_texel_coordinate(a.x, a.z, b.x, u, v), down = kiln_texel_coordinate(a.y, a.w, b.y, u, v);
+    int x = kiln_texel_of(along, int(map.width) - 1), y = kiln_texel_of(down, int(map.height) - 1);
+    if (back && (to.material & KILN_RECORD_DOUBLE_SIDED) != 0u) {
+        map = Lightmaps(SCENE.store.lightmaps).at[SCENE.object_count + to.object];
+        x >>= map.shift;
+        y >>= map.shift;
+    }
+    if (HAS_DIVIDED != 0u)
+        to.place = fract(vec2(along, down) * (back ? 1.0 / float(1u << map.shift) : 1.0));
+    to.tile = SCENE.store.tiles + (map.tile_first + kiln_tile_of(uint(x), uint(y), map.tiles_x)) * 16ul;
+    to.bit = kiln_morton8(uint(x) & 7u, uint(y) & 7u);
+    return to;
+}
+
+/* Radiosity there, W/m2; 0 beside every point. */
+vec3 kiln_store_radiosity(kiln_store_way to)
+{
+    uvec4 tile = TileWords(to.tile).at[0];
+    if (!kiln_bit_set(tile.xy, to.bit))
+        return vec3(0.0);
+    if ((tile.w & KILN_TILE_SPLIT_HIGH) != 0u) { /* the tile lies in several cells: look for the part */
+        uint64_t part = SCENE.store.splits + (uint64_t(tile.w & ~KILN_TILE_SPLIT_HIGH) << 32 | tile.z) * 16ul;
+        tile = TileWords(part).at[0];
+        while (!kiln_bit_set(tile.xy, to.bit)) {
+            part += 16ul;
+            tile = TileWords(part).at[0];
+        }
+        if (HAS_DIVIDED != 0u && (tile.w & KILN_TILE_SPLIT_HIGH) != 0u) {
+            const uint64_t number = uint64_t(tile.w & ~KILN_TILE_SPLIT_HIGH) << 32 | tile.z;
+            const kiln_gpu_divided texel = DividedArray(SCENE.store.divided + number * 48ul).at[0];
+            const bool beyond = texel.face[0] * to.place.x + texel.face[1] * to.place.y > texel.middle;
+            const uint64_t of = beyond ? texel.beyond : texel.point;
+            return kiln_radiosity_unpack(RadiosityWords(SCENE.radiosity + of * 8ul).at[0]);
+        }
+    }
+    const uint64_t point = (uint64_t(tile.w) << 32 | tile.z) + kiln_bits_below(tile.xy, to.bit);
+    return kiln_radiosity_unpack(RadiosityWords(SCENE.radiosity + point * 8ul).at[0]);
+}
