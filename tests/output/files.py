@@ -188,6 +188,23 @@ def check_divided(folder):
                                                               []), os.listdir(os.path.join(failing, "lightmaps"))
 
 
+def check_touching(folder, apart):
+    """Two objects that touch: the same bytes on any number of ranks, and whether their maps are kept in memory until
+    they are written or made twice. The texels that change much lie at the common edge; those at other seams change a
+    little, since values weigh by their area relative to the mean area of the system."""
+    made = [(os.path.join(folder, "%s%d" % (mode, ranks)), ranks, mode) for mode in ("touching", "rounds")
+            for ranks in (1, 3)]
+    for one, ranks, mode in made:
+        write(one, ranks, mode)
+    files = [{n: d for n, d in digests(one).items() if n.endswith(".exr")} for one, _, _ in made]
+    assert len(files[0]) == 2 and all(f == files[0] for f in files), files
+    for name, height in (("first", 64), ("second", 33)):
+        before, after = (exr.read(os.path.join(f, "lightmaps", name + ".exr"))[0] for f in (apart, made[0][0]))
+        changed = np.argwhere((np.abs(before["direct.G"] - after["direct.G"]) > 0.05) & (before["validity.Y"] > 0))
+        assert len(changed) > height / 2 and (np.abs(changed[:, 1] + 0.5 - 0.06 * 75) < 2.6).all(), changed
+        assert np.array_equal(before["error.Y"], after["error.Y"])
+
+
 def check_full_disk(folder):
     """On file systems too small for the lightmaps, and for the rest: exit 74 and a sentence, nothing half under its
     name."""
@@ -223,5 +240,6 @@ with tempfile.TemporaryDirectory() as temporary:
     write(os.path.join(temporary, "half"), 2, "half")
     check_half(os.path.join(temporary, "half"))
     check_divided(os.path.join(temporary, "divided"))
+    check_touching(os.path.join(temporary, "touching"), folders[0])
     check_full_disk(os.path.join(temporary, "full"))
 print("the same files on 1, 2, 3 and 5 ranks, and right")

@@ -26,6 +26,15 @@ struct kiln_map_planes {
     bool smooth[KILN_MAP_PLANES_MAX], direction[KILN_MAP_PLANES_MAX];
 };
 
+/* How many planes are smoothed. The first six are. */
+static inline uint32_t kiln_map_smooth_planes(const struct kiln_map_planes *planes)
+{
+    uint32_t count = 0;
+    for (uint32_t p = 0; p < planes->count; p++)
+        count += planes->smooth[p];
+    return count;
+}
+
 /* The planes of a map without other fields: direct and indirect light, whose seams are smoothed, and the error. */
 extern const struct kiln_map_planes kiln_map_light;
 
