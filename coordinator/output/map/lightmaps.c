@@ -610,8 +610,8 @@ static int write_rounds(struct writer *w, const struct kiln_assignment *assignme
 {
     struct kiln_assignment others = {0};
     int status = KILN_OK;
-    if (joints->count == 0)
-        return walk_rounds(w, assignment, assignment, NULL, write_together, error);
+    if (joints->count == 0 || !w->params->stitch)
+        return walk_rounds(w, assignment, assignment, w->ghosts, write_together, error);
     w->keeps = assignment->rounds == 1;
     status = join_seams(w, assignment, joints, error);
     if (status == KILN_OK)
@@ -623,13 +623,14 @@ static int write_rounds(struct writer *w, const struct kiln_assignment *assignme
     return status;
 }
 
-/* Collective. Finds where objects touch, if their seams are to be smoothed, and writes all files. */
+/* Collective. Finds where objects touch, if their seams are to be smoothed or noise to be taken out, and writes all
+ * files. */
 static int write_all(struct writer *w, const struct kiln_assignment *assignment, struct kiln_error *error)
 {
     static const struct kiln_joints none = {0};
     struct kiln_joints *joints = NULL;
     int status = KILN_OK;
-    if (w->params->stitch)
+    if (w->params->stitch || w->params->denoise)
         status =
             kiln_joints_find(&joints, w->result->scene, w->result->surface, (double)w->result->geometry->extent, error);
     if (status == KILN_OK && joints != NULL && w->params->denoise)
