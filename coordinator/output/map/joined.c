@@ -196,10 +196,11 @@ static int hand_over(struct kiln_joined *j, const struct part *p, struct kiln_er
     return KILN_OK;
 }
 
-int kiln_joined_add(struct kiln_joined *j, uint32_t number, const struct kiln_map *map,
-                    const struct kiln_chart_graph *graph, const uint32_t *nearest, struct kiln_error *error)
+int kiln_joined_add(struct kiln_joined *j, uint32_t number, struct kiln_map *map, const struct kiln_chart_graph *graph,
+                    const uint32_t *nearest, struct kiln_error *error)
 {
     struct part part = {.number = number, .map = map};
+    (void)kiln_map_dilate(map, nearest);
     int status = kiln_seams_sample(map, graph, nearest, &part.own, &part.own_count, error);
     for (size_t i = j->first[number]; status == KILN_OK && i < j->first[number + 1]; i++)
         status = add_halves(j, &part, j->joints_of[i], nearest, error);
@@ -547,7 +548,7 @@ static bool is_before(const struct kiln_joined *j, const struct texel *texel, ui
     return groups < 0 || (groups == 0 && texel->map < number);
 }
 
-void kiln_joined_apply(const struct kiln_joined *j, uint32_t number, struct kiln_map *map)
+void kiln_joined_apply(const struct kiln_joined *j, uint32_t number, struct kiln_map *map, uint32_t *nearest)
 {
     size_t low = 0, high = j->solution.count;
     while (low < high) {
@@ -563,6 +564,6 @@ void kiln_joined_apply(const struct kiln_joined *j, uint32_t number, struct kiln
             return;
         for (uint32_t plane = 0, from = 0; plane < j->planes.count; plane++)
             if (j->planes.smooth[plane])
-                map->planes[plane][texel->at] = texel->values[from++];
+                kiln_seam_set(map, nearest, plane, texel->at, texel->values[from++]);
     }
 }

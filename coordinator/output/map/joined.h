@@ -22,15 +22,16 @@ int kiln_joined_create(struct kiln_joined **joined, MPI_Comm communicator, const
                        struct kiln_error *error);
 void kiln_joined_destroy(struct kiln_joined **joined);
 
-/* Adds a map that has a joint. It must be filled, and `nearest` be that of the stage "borders". The map is only read.
- * Not collective; several threads may add different maps at once. */
-int kiln_joined_add(struct kiln_joined *joined, uint32_t number, const struct kiln_map *map,
+/* Adds a map that has a joint. It must be filled, and `nearest` be that of the stage "borders"; its margin will be
+ * filled. Not collective; several threads may add different maps at once. */
+int kiln_joined_add(struct kiln_joined *joined, uint32_t number, struct kiln_map *map,
                     const struct kiln_chart_graph *graph, const uint32_t *nearest, struct kiln_error *error);
 
 /* Collective: solves all groups, once every map with a joint has been added on one rank. */
 int kiln_joined_solve(struct kiln_joined *joined, struct kiln_error *error);
 
-/* Puts the solution into a map of this rank that has a joint. Not collective. */
-void kiln_joined_apply(const struct kiln_joined *joined, uint32_t number, struct kiln_map *map);
+/* Puts the solution into a map of this rank that has a joint; margin texels with a value of their own become their own
+ * `nearest`. Not collective. */
+void kiln_joined_apply(const struct kiln_joined *joined, uint32_t number, struct kiln_map *map, uint32_t *nearest);
 
 #endif

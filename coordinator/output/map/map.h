@@ -75,8 +75,8 @@ int kiln_map_fill(struct kiln_map *map, struct kiln_error *error);
 int kiln_nearest_texels(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t *nearest,
                         struct kiln_error *error);
 
-/* Copies to every margin texel the values of the surface texel that `nearest` gives for it. Returns the number of
- * margin texels, or 0 if there are no others. */
+/* Copies to every margin texel the values of the texel that `nearest` gives for it: one of the surface, or itself.
+ * Returns the number of margin texels, or 0 if there are no others. */
 uint64_t kiln_map_dilate(struct kiln_map *map, const uint32_t *nearest);
 
 #endif

@@ -5,7 +5,12 @@
 #include "coordinator/output/image.h"
 #include "worker/base/memory.h"
 
-enum { SIDE = KILN_SEAM_SIDE, ENTRIES = KILN_SEAM_ENTRIES, MOST_ITERATIONS = 200 };
+enum { SIDE = KILN_SEAM_SIDE, ENTRIES = KILN_SEAM_ENTRIES, MOST_ITERATIONS = 200, MOST_ROUNDS = 4 };
+
+/* In place of the relative area of values that stand for none. */
+static const double margin_pull = 0.01;
+/* The weight of a value that is held where it is. */
+static const double hold = 1e3;
 
 /* Working memory of conjugate gradients for one plane. */
 struct solver {
@@ -110,12 +115,15 @@ static void weigh_unknowns(struct solver *v)
 {
     const struct kiln_seam_system *s = v->system;
     double mean = 0.0;
-    for (size_t i = 0; i < s->unknown_count; i++)
+    size_t count = 0;
+    for (size_t i = 0; i < s->unknown_count; i++) {
         mean += (double)s->area[i];
-    mean /= (double)s->unknown_count;
+        count += s->area[i] > 0.0f;
+    }
+    mean /= (double)count; /* not a number without area; then all weigh the same */
     for (size_t i = 0; i < s->unknown_count; i++) {
         const double relative = mean > 0.0 ? (double)s->area[i] / mean : 1.0;
-        v->pull[i] = KILN_SEAM_WEIGHT * fmax(relative, 0.1);
+        v->pull[i] = KILN_SEAM_WEIGHT * (s->area[i] > 0.0f ? fmax(relative, 0.1) : margin_pull);
         v->diagonal[i] = v->pull[i];
     }
     /* A value that occurs twice in a sample (through margin texels) has the square of its summed weight on the
@@ -210,6 +218,24 @@ static void find_ranges(struct solver *v, const float *plane)
     }
 }
 
+/* Takes the change x, and holds those values at the ends of their ranges that it leads beyond. Returns whether there
+ * are any: what the others are depends on them. */
+static bool hold_values(struct solver *v, float *plane)
+{
+    const struct kiln_seam_system *s = v->system;
+    bool any = false;
+    for (size_t i = 0; i < s->unknown_count; i++) {
+        const float value = (float)((double)plane[i] + v->x[i]), within = fmaxf(v->low[i], fminf(v->high[i], value));
+        if (value == within)
+            continue;
+        plane[i] = within;
+        v->diagonal[i] += hold - v->pull[i];
+        v->pull[i] = hold;
+        any = true;
+    }
+    return any;
+}
+
 static int solve_plane(const struct kiln_seam_system *s, float *plane, struct kiln_error *error)
 {
     struct solver v = {.system = s};
@@ -218,6 +244,8 @@ static int solve_plane(const struct kiln_seam_system *s, float *plane, struct ki
         weigh_unknowns(&v);
         find_ranges(&v, plane);
         conjugate_gradients(&v, plane);
+        for (int round = 0; round < MOST_ROUNDS && hold_values(&v, plane); round++)
+            conjugate_gradients(&v, plane);
         for (size_t i = 0; i < s->unknown_count; i++) {
             const float value = (float)((double)plane[i] + v.x[i]);
             plane[i] = fmaxf(v.low[i], fminf(v.high[i], value));

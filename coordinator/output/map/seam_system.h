@@ -6,11 +6,12 @@
  *
  *     sum over samples (value on side 0 - value on side 1)^2 + w sum over values a (x - baked)^2,
  *
- * where a is the area that the value stands for relative to the mean area (at least 0.1) and w = KILN_SEAM_WEIGHT. The
- * minimum is found by conjugate gradients (after Iwanicki, "Lighting technology of The Last of Us", 2013). The bilinear
- * weights of both sides sum to one, so the sum of a x does not change: energy moves across the seam, and none is
- * created. A result outside the range of the baked values around it is clamped to that range. Planes are solved
- * separately, so that direct + indirect = total still holds.
+ * where a is the area that the value stands for relative to the mean of those that stand for any (at least 0.1; 0.01
+ * for those that stand for none), and w = KILN_SEAM_WEIGHT. The minimum is found by conjugate gradients (after
+ * Iwanicki, "Lighting technology of The Last of Us", 2013). The bilinear weights of both sides sum to one, so the sum
+ * of a x does not change: energy moves across the seam, and none is created. A value that would leave the range of the
+ * baked values around it is held at its end, and the others are solved again. Planes are solved separately, so that
+ * direct + indirect = total still holds.
  *
  * Nothing is collective. The result depends on the order of values and samples, and on nothing else. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_SEAM_SYSTEM_H

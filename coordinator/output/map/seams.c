@@ -18,8 +18,8 @@ bool kiln_seam_footprint(const struct kiln_map *map, const uint32_t *nearest, fl
         const int64_t ix = (int64_t)bx + (k & 1), iy = (int64_t)by + (k >> 1);
         const int64_t cx = ix < 0 ? 0 : ix >= map->width ? map->width - 1 : ix;
         const int64_t cy = iy < 0 ? 0 : iy >= map->height ? map->height - 1 : iy;
-        at[k] = nearest[cy * map->width + cx];
-        if (at[k] == KILN_NONE)
+        at[k] = (uint32_t)(cy * map->width + cx);
+        if (nearest[at[k]] == KILN_NONE)
             return false;
         weight[k] = sign * ((k & 1) != 0 ? fx - bx : 1.0f - (fx - bx)) * ((k >> 1) != 0 ? fy - by : 1.0f - (fy - by));
     }
@@ -142,17 +142,19 @@ static void fill_system(struct kiln_seam_system *s, const struct kiln_map *map, 
         }
 }
 
-static void take_values(const struct kiln_seam_system *s, struct kiln_map *map, const uint32_t *texels)
+static void take_values(const struct kiln_seam_system *s, struct kiln_map *map, uint32_t *nearest,
+                        const uint32_t *texels)
 {
     for (uint32_t p = 0, from = 0; p < map->has.count; p++)
         if (map->has.smooth[p]) {
             for (size_t i = 0; i < s->unknown_count; i++)
-                map->planes[p][texels[i]] = s->planes[from][i];
+                kiln_seam_set(map, nearest, p, texels[i], s->planes[from][i]);
             from++;
         }
 }
 
-static int solve(struct kiln_map *map, const struct kiln_seam_sample *samples, size_t count, struct kiln_error *error)
+static int solve(struct kiln_map *map, uint32_t *nearest, const struct kiln_seam_sample *samples, size_t count,
+                 struct kiln_error *error)
 {
     struct kiln_seam_system *system = NULL;
     uint32_t *numbers = NULL, *texels = NULL;
@@ -167,25 +169,26 @@ static int solve(struct kiln_map *map, const struct kiln_seam_sample *samples, s
         status = kiln_seam_system_solve(system, error);
     }
     if (status == KILN_OK)
-        take_values(system, map, texels);
+        take_values(system, map, nearest, texels);
     kiln_free(&numbers);
     kiln_free(&texels);
     kiln_seam_system_destroy(&system);
     return status;
 }
 
-int kiln_seams_smooth(struct kiln_map *map, const struct kiln_chart_graph *graph, const uint32_t *nearest, bool smooth,
+int kiln_seams_smooth(struct kiln_map *map, const struct kiln_chart_graph *graph, uint32_t *nearest, bool smooth,
                       struct kiln_seam_report *report, struct kiln_error *error)
 {
     struct kiln_seam_sample *samples = NULL;
     size_t count = 0;
+    (void)kiln_map_dilate(map, nearest);
     int status = kiln_seams_sample(map, graph, nearest, &samples, &count, error);
     *report = (struct kiln_seam_report){.samples = count, .mean = mean_luminance(map)};
     if (status == KILN_OK && count > 0) {
         const double unit = report->mean > 0.0 ? 1.0 / report->mean : 0.0;
         report->difference_before = report->difference_after = unit * kiln_seam_difference(map->planes, samples, count);
         if (smooth && report->difference_before > 0.0) {
-            status = solve(map, samples, count, error);
+            status = solve(map, nearest, samples, count, error);
             report->difference_after = unit * kiln_seam_difference(map->planes, samples, count);
         }
     }
@@ -198,12 +201,13 @@ static int apply_joined(struct kiln_map_work *work, struct kiln_seam_report *rep
 {
     struct kiln_seam_sample *samples = NULL;
     size_t count = 0;
+    (void)kiln_map_dilate(work->map, work->nearest);
     const int status = kiln_seams_sample(work->map, work->graph, work->nearest, &samples, &count, error);
     if (status == KILN_OK) {
         const double mean = mean_luminance(work->map), unit = mean > 0.0 ? 1.0 / mean : 0.0;
         *report = (struct kiln_seam_report){.samples = count, .mean = mean};
         report->difference_before = unit * kiln_seam_difference(work->map->planes, samples, count);
-        kiln_joined_apply(work->joined, work->object, work->map);
+        kiln_joined_apply(work->joined, work->object, work->map, work->nearest);
         report->difference_after = unit * kiln_seam_difference(work->map->planes, samples, count);
     }
     kiln_free(&samples);
