@@ -96,7 +96,7 @@ struct kiln_field {
     /* lightmaps: names of `components` channels; NULL: in no lightmap */
     const char *const *channels;
     const char *attribute; /* name of the attribute of lightmaps that holds `description`; NULL: none */
-    bool smooth;           /* seams between charts are smoothed */
+    bool smooth;           /* seams of charts and of objects that touch are smoothed */
     /* Whether a bake has the field, and whether its lightmaps do; NULL: always. */
     bool (*present)(const struct kiln_job *job);
     bool (*in_lightmaps)(const struct kiln_job *job);

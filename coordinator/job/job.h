@@ -76,7 +76,7 @@ struct kiln_job {
     /* results */
     bool half;       /* write lightmaps as half floats where no value overflows */
     bool both_sides; /* also write lightmaps for the backs of double-sided surfaces */
-    bool stitch;     /* smooth seams between charts; default true */
+    bool stitch;     /* smooth seams between charts, and between objects that touch; default true */
     int denoise;     /* enum kiln_denoise */
     bool error_map;  /* write the standard error of each texel as a layer */
     bool preview;    /* write preview.png; default true */

@@ -54,9 +54,8 @@ static void add_position(const struct kiln_scene *scene, const struct triangle_v
         position[i] += share * (m[4 * i] * local[0] + m[4 * i + 1] * local[1] + m[4 * i + 2] * local[2] + m[4 * i + 3]);
 }
 
-/* Transforms a normal by the inverse transpose, that is, the cofactor matrix over the determinant, of which only the
- * sign matters here. */
-static struct kiln_dvec3 transform_normal(const double m[12], struct kiln_dvec3 n)
+/* The inverse transpose is the cofactor matrix over the determinant, of which only the sign matters here. */
+struct kiln_dvec3 kiln_world_normal(const double m[12], struct kiln_dvec3 n)
 {
     const struct kiln_dvec3 r0 = dvec3(m[0], m[1], m[2]), r1 = dvec3(m[4], m[5], m[6]), r2 = dvec3(m[8], m[9], m[10]);
     const struct kiln_dvec3 c0 = dvec3_cross(r1, r2), c1 = dvec3_cross(r2, r0), c2 = dvec3_cross(r0, r1);
@@ -75,7 +74,7 @@ static void add_normal(const struct kiln_scene *scene, const struct triangle_vie
     const struct kiln_dvec3 local = dvec3(weigh((double)n[0]->x, (double)n[1]->x, (double)n[2]->x, b1, b2),
                                           weigh((double)n[0]->y, (double)n[1]->y, (double)n[2]->y, b1, b2),
                                           weigh((double)n[0]->z, (double)n[1]->z, (double)n[2]->z, b1, b2));
-    *normal = dvec3_add(*normal, dvec3_scale(transform_normal(view->object->transform, local), share));
+    *normal = dvec3_add(*normal, dvec3_scale(kiln_world_normal(view->object->transform, local), share));
 }
 
 static void describe(const struct kiln_bake_result *result, const struct kiln_point_cursor *at, const uint32_t *pieces,

@@ -19,4 +19,8 @@ struct kiln_point_detail {
 uint32_t kiln_tile_run_details(const struct kiln_bake_result *result, size_t tile_run,
                                struct kiln_point_detail *details);
 
+/* Transforms a normal by the inverse transpose of a matrix as objects have it (worker/scene/scene.h). Unit; the zero
+ * vector if the matrix or the normal leaves none. */
+struct kiln_dvec3 kiln_world_normal(const double m[12], struct kiln_dvec3 normal);
+
 #endif

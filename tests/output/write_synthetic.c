@@ -1,5 +1,7 @@
 /* Writes the three files of a bake from a synthetic result; run by mpirun, so that tests can compare numbers of ranks.
- * Usage: write_synthetic DIR [half | divided]. divided: tall lightmaps, which all ranks pack however small they are. */
+ * Usage: write_synthetic DIR [half | divided | touching | rounds]. divided: tall lightmaps, which all ranks pack
+ * however small they are. touching: the objects lie side by side. rounds: the same, but a rank has one lightmap at a
+ * time. */
 #include <stdio.h>
 #include <string.h>
 
@@ -22,14 +24,19 @@ static void make_probe(struct kiln_probe_result *probe, const uint64_t at[3], ui
     probe->back_share = index == 3 ? 0.9f : 0.05f;
 }
 
-static int write_all(const char *directory, bool half, bool divided, int rank, int ranks, struct kiln_error *error)
+static bool is(const char *mode, const char *name) { return strcmp(mode, name) == 0; }
+
+static int write_all(const char *directory, const char *mode, int rank, int ranks, struct kiln_error *error)
 {
     static struct synthetic s;
+    const bool half = is(mode, "half"), divided = is(mode, "divided");
     int status = synthetic_create(&s, 75, divided ? 631 : 64, rank, ranks, error);
     if (status != KILN_OK)
         return status;
     if (half && s.surface.first.at == 0 && s.surface.count > 100)
         s.direct[0] = 70000.0f; /* must make the first object's file a float one */
+    if (is(mode, "touching") || is(mode, "rounds"))
+        s.objects[1].transform[7] = 0.0; /* its left edge is the first one's */
     struct kiln_faults faults;
     status = kiln_faults_read(&faults, error);
     if (status != KILN_OK)
@@ -40,6 +47,7 @@ static int write_all(const char *directory, bool half, bool divided, int rank, i
                                               .stitch = true,
                                               .faults = &faults,
                                               .least_divided = divided ? 1 : 0,
+                                              .texel_budget = is(mode, "rounds") ? 1 : 0,
                                               .provenance_json = "{\"seed\": 77, \"scene\": \"synthetic\"}"};
     struct kiln_lightmap_report reports[2];
     status = kiln_write_lightmaps(&result, &params, reports, error);
@@ -71,8 +79,7 @@ int main(int argc, char **argv)
     if (argc < 2 || MPI_Init(&argc, &argv) != MPI_SUCCESS || MPI_Comm_rank(MPI_COMM_WORLD, &rank) != MPI_SUCCESS ||
         MPI_Comm_size(MPI_COMM_WORLD, &ranks) != MPI_SUCCESS)
         return KILN_USAGE;
-    const char *mode = argc > 2 ? argv[2] : "";
-    const int status = write_all(argv[1], strcmp(mode, "half") == 0, strcmp(mode, "divided") == 0, rank, ranks, &error);
+    const int status = write_all(argv[1], argc > 2 ? argv[2] : "", rank, ranks, &error);
     if (status != KILN_OK)
         fprintf(stderr, "rank %d: %d: %s\n", rank, status, error.message);
     (void)MPI_Finalize();

@@ -85,6 +85,7 @@ static void test_smoothing(void **state)
     assert_int_equal(kiln_chart_graph_create(&graph, &s.scene, 0, WIDTH, HEIGHT, NULL), 0);
     struct kiln_map *map = make_map(&s, 0.4f, &nearest), *before = make_map(&s, 0.4f, &nearest);
     const double energy_before = energy(map);
+    (void)kiln_map_dilate(before, nearest);
     assert_int_equal(kiln_seams_smooth(map, graph, nearest, true, &report, NULL), 0);
     printf("seam: %.4f of the mean before, %.4f after; energy changed by %.2g\n", report.difference_before,
            report.difference_after, energy(map) / energy_before - 1.0);
@@ -92,17 +93,18 @@ static void test_smoothing(void **state)
     assert_true(report.difference_before > 0.05);
     assert_true(report.difference_after < 0.1 * report.difference_before);
     assert_true(fabs(energy(map) / energy_before - 1.0) < 2e-3);
-    size_t changed = 0;
+    size_t changed = 0, beyond = 0;
     for (uint32_t i = 0; i < WIDTH * HEIGHT; i++) {
         if (map->planes[0][i] == before->planes[0][i])
             continue;
         changed++;
-        assert_int_equal(map->state[i], KILN_TEXEL_VALID);
+        assert_int_equal(nearest[i], i); /* so that it stays as it is when the map is dilated */
+        beyond += map->state[i] == KILN_TEXEL_MARGIN;
         const float x = (float)(i % WIDTH) + 0.5f, y = (float)(i / WIDTH) + 0.5f; /* within a footprint of the seam */
         assert_true(fabsf(x - 0.41f * WIDTH) < 1.6f || fabsf(y - 0.17f * HEIGHT) < 1.6f);
         assert_true(map->planes[0][i] >= 2.0f - 0.2f && map->planes[0][i] <= 3.6f);
     }
-    assert_true(changed > 20);
+    assert_true(changed > 20 && beyond > 5);
     kiln_map_destroy(&map);
     kiln_map_destroy(&before);
     kiln_free(&nearest);
@@ -120,6 +122,7 @@ static void test_what_stays(void **state)
     synthetic_scene(&s, WIDTH, HEIGHT);
     assert_int_equal(kiln_chart_graph_create(&graph, &s.scene, 0, WIDTH, HEIGHT, NULL), 0);
     struct kiln_map *map = make_map(&s, 0.4f, &nearest), *same = make_map(&s, 0.4f, &nearest);
+    (void)kiln_map_dilate(same, nearest);
     assert_int_equal(kiln_seams_smooth(map, graph, nearest, false, &report, NULL), 0);
     assert_true(report.difference_after == report.difference_before && report.difference_before > 0.0);
     for (int p = 0; p < KILN_MAP_PLANES; p++)
@@ -129,7 +132,7 @@ static void test_what_stays(void **state)
             map->planes[p][i] = map->state[i] == KILN_TEXEL_MARGIN ? 0.0f : 0.7f;
     assert_int_equal(kiln_seams_smooth(map, graph, nearest, true, &report, NULL), 0);
     for (size_t i = 0; i < WIDTH * HEIGHT; i++)
-        assert_true(map->planes[0][i] == (map->state[i] == KILN_TEXEL_MARGIN ? 0.0f : 0.7f));
+        assert_true(map->planes[0][i] == 0.7f);
     for (size_t i = 0; i < WIDTH * HEIGHT; i++)
         for (int p = 0; p < 6; p++)
             map->planes[p][i] = map->chart[i] == 0 ? 0.0f : map->planes[p][i];

@@ -1,6 +1,7 @@
 #include "coordinator/output/map/chart_graph.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -249,4 +250,48 @@ void kiln_chart_graph_destroy(struct kiln_chart_graph **graph)
     kiln_free(&(*graph)->edges);
     kiln_free(&(*graph)->borders);
     kiln_free(graph);
+}
+
+/* ---- where the surface ends ---- */
+
+/* Whether the normals of both edges are alike at both ends. */
+static bool goes_on(const struct builder *b, const struct half_edge *first, const struct half_edge *second)
+{
+    const struct kiln_vec3 *normals = b->scene->normals + b->mesh->vertex_first;
+    for (int e = 0; e < 2; e++)
+        if (vec3_dot(normals[vertex_at(b, first, e)], normals[vertex_at(b, second, e)]) < KILN_SEAM_COSINE)
+            return false;
+    return true;
+}
+
+/* Finds the ends among the half edges [first, end), which are one edge in space. */
+static void find_ends(const struct builder *b, size_t first, size_t end, uint8_t *ends)
+{
+    for (size_t i = first; i < end; i++) {
+        bool found = end - first > MOST_AT_AN_EDGE;
+        for (size_t j = first; !found && j < end; j++)
+            found = j != i && goes_on(b, &b->halves[i], &b->halves[j]);
+        if (!found)
+            ends[b->halves[i].triangle] |= (uint8_t)(1u << b->halves[i].corner);
+    }
+}
+
+int kiln_mesh_ends(uint8_t **ends, const struct kiln_scene *scene, uint32_t mesh, struct kiln_error *error)
+{
+    struct builder b = {.scene = scene, .mesh = &scene->meshes[mesh]};
+    int status = kiln_allocate(ends, b.mesh->triangle_count, 1, "where a mesh ends", error);
+    if (status == KILN_OK)
+        status = weld_vertices(&b, error);
+    if (status == KILN_OK)
+        status = list_halves(&b, error);
+    for (size_t first = 0, end; status == KILN_OK && first < b.half_count; first = end) {
+        end = first + 1;
+        while (end < b.half_count && b.halves[end].low == b.halves[first].low &&
+               b.halves[end].high == b.halves[first].high)
+            end++;
+        find_ends(&b, first, end, *ends);
+    }
+    kiln_free(&b.weld);
+    kiln_free(&b.halves);
+    return status;
 }

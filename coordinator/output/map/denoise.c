@@ -1,8 +1,11 @@
 #include <math.h>
+#include <stdlib.h>
+#include <string.h>
 #include <time.h>
 
 #include "coordinator/output/map/regression.h"
 #include "coordinator/output/map/stage.h"
+#include "coordinator/output/map/texel_gather.h"
 #include "worker/base/memory.h"
 
 /* Texels smaller than this part of the distance from the scene's centre have no places of their own in float. */
@@ -17,49 +20,146 @@ static double seconds_now(void)
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-/* The point of a gathered texel. False if it has no size or normal of use: it then keeps its value, and is no
- * neighbour. */
-static bool make_point(const struct kiln_map_work *work, size_t texel, struct kiln_neighbour_point *point)
+/* Whether a point has a size and a normal of use. Else it keeps its value, and is no neighbour. */
+static bool is_usable(const struct kiln_neighbour_point *point)
 {
-    const struct kiln_map *map = work->map;
     float square = 0.0f, farthest = 0.0f;
-    *point = (struct kiln_neighbour_point){.area = map->area[texel], .index = (uint32_t)texel};
     for (uint32_t c = 0; c < 3; c++) {
-        point->position[c] = map->planes[work->layers->position + c][texel];
-        point->normal[c] = map->planes[work->layers->normal + c][texel];
         square += point->normal[c] * point->normal[c];
         farthest = fmaxf(farthest, fabsf(point->position[c]));
     }
-    point->size = map->coverage[texel] > 0.0f ? sqrtf(map->area[texel] / map->coverage[texel]) : 0.0f;
     return point->size > least_size * farthest && isnormal(point->size) && isfinite(point->area) && square > 0.5f &&
            square < 2.0f;
 }
 
-static int collect_points(const struct kiln_map_work *work, struct kiln_neighbour_point **points, size_t *count,
+static float size_of(float area, float coverage) { return coverage > 0.0f ? sqrtf(area / coverage) : 0.0f; }
+
+/* The point of a gathered texel. */
+static bool make_point(const struct kiln_map_work *work, size_t texel, struct kiln_neighbour_point *point)
+{
+    const struct kiln_map *map = work->map;
+    *point = (struct kiln_neighbour_point){
+        .area = map->area[texel], .size = size_of(map->area[texel], map->coverage[texel]), .index = (uint32_t)texel};
+    for (uint32_t c = 0; c < 3; c++) {
+        point->position[c] = map->planes[work->layers->position + c][texel];
+        point->normal[c] = map->planes[work->layers->normal + c][texel];
+    }
+    return is_usable(point);
+}
+
+static const struct kiln_texel_record *ghost_at(const struct kiln_map_work *work, size_t i)
+{
+    return (const void *)(work->ghosts.records + i * work->ghosts.size);
+}
+
+/* The point of the i-th ghost: its index follows those of all texels. */
+static bool make_ghost(const struct kiln_map_work *work, size_t i, struct kiln_neighbour_point *point)
+{
+    const struct kiln_texel_record *record = ghost_at(work, i);
+    *point = (struct kiln_neighbour_point){.area = record->area,
+                                           .size = size_of(record->area, record->coverage),
+                                           .index = (uint32_t)(kiln_map_texels(work->map) + i)};
+    for (uint32_t c = 0; c < 3; c++) {
+        point->position[c] = record->values[work->layers->position + c];
+        point->normal[c] = record->values[work->layers->normal + c];
+    }
+    return is_usable(point);
+}
+
+static int compare_ghosts(const void *a, const void *b)
+{
+    const struct kiln_texel_record *p = a, *q = b;
+    if (p->from != q->from)
+        return p->from < q->from ? -1 : 1;
+    if (p->y != q->y)
+        return p->y < q->y ? -1 : 1;
+    return (p->x > q->x) - (p->x < q->x);
+}
+
+/* The points of gathered texels, and the ghosts in an order that does not depend on how they came. */
+static int collect_points(struct kiln_map_work *work, struct kiln_neighbour_point **points, size_t *count,
                           struct kiln_error *error)
 {
-    const size_t texels = kiln_map_texels(work->map);
+    const size_t texels = kiln_map_texels(work->map), ghosts = work->ghosts.count;
     size_t gathered = 0;
+    *count = 0;
+    if (texels + ghosts >= UINT32_MAX)
+        return kiln_fail(error, KILN_CANNOT_CREATE,
+                         "a lightmap of %u x %u texels with %zu beside it is too large to denoise; use --denoise none",
+                         work->map->width, work->map->height, ghosts);
     for (size_t i = 0; i < texels; i++)
         gathered += work->map->state[i] == KILN_TEXEL_VALID;
-    *count = 0;
-    const int status = kiln_allocate(points, gathered, sizeof **points, "the points of a lightmap", error);
+    const int status = kiln_allocate(points, gathered + ghosts, sizeof **points, "the points of a lightmap", error);
     for (size_t i = 0; status == KILN_OK && i < texels; i++)
         if (work->map->state[i] == KILN_TEXEL_VALID && make_point(work, i, *points + *count))
             *count += 1;
+    if (status == KILN_OK && ghosts > 0)
+        qsort(work->ghosts.records, ghosts, work->ghosts.size, compare_ghosts);
+    for (size_t i = 0; status == KILN_OK && gathered > 0 && i < ghosts; i++)
+        *count += make_ghost(work, i, *points + *count);
     return status;
 }
 
-/* The planes of direct and of indirect light, with those of their errors. */
-static void find_lights(const struct kiln_map_work *work, struct kiln_regression_light lights[2])
+enum { LIGHT_PLANES = 8 };
+
+/* The planes of direct and of indirect light, each with that of its error. */
+static void find_planes(const struct kiln_map_work *work, uint32_t planes[LIGHT_PLANES])
 {
     static const char *const errors[] = {"error_direct", "error_indirect"};
     static const uint32_t first[] = {KILN_MAP_DIRECT, KILN_MAP_INDIRECT};
-    float **planes = work->map->planes;
-    for (int l = 0; l < 2; l++)
-        lights[l] = (struct kiln_regression_light){
-            .rgb = {planes[first[l]], planes[first[l] + 1], planes[first[l] + 2]},
-            .variance = planes[kiln_layers_plane(work->layers, work->result->fields, errors[l])]};
+    for (uint32_t l = 0; l < 2; l++) {
+        for (uint32_t c = 0; c < 3; c++)
+            planes[4 * l + c] = first[l] + c;
+        planes[4 * l + 3] = kiln_layers_plane(work->layers, work->result->fields, errors[l]);
+    }
+}
+
+/* What is denoised: the map's planes, or copies to which the values of the ghosts are appended. */
+struct values {
+    uint32_t planes[LIGHT_PLANES];
+    float *copies[LIGHT_PLANES]; /* NULL: there are no ghosts */
+    struct kiln_regression_light lights[2];
+};
+
+static int copy_plane(const struct kiln_map_work *work, uint32_t plane, float **copy, struct kiln_error *error)
+{
+    const size_t texels = kiln_map_texels(work->map), ghosts = work->ghosts.count;
+    const int status = kiln_allocate(copy, texels + ghosts, sizeof **copy, "the values of a lightmap", error);
+    if (status == KILN_OK)
+        memcpy(*copy, work->map->planes[plane], texels * sizeof **copy);
+    for (size_t i = 0; status == KILN_OK && i < ghosts; i++)
+        (*copy)[texels + i] = ghost_at(work, i)->values[plane];
+    return status;
+}
+
+static int take_values(struct values *v, const struct kiln_map_work *work, struct kiln_error *error)
+{
+    float *at[LIGHT_PLANES];
+    int status = KILN_OK;
+    find_planes(work, v->planes);
+    for (uint32_t p = 0; p < LIGHT_PLANES && status == KILN_OK; p++) {
+        if (work->ghosts.count > 0)
+            status = copy_plane(work, v->planes[p], &v->copies[p], error);
+        at[p] = work->ghosts.count > 0 ? v->copies[p] : work->map->planes[v->planes[p]];
+    }
+    for (uint32_t l = 0; status == KILN_OK && l < 2; l++)
+        v->lights[l] =
+            (struct kiln_regression_light){.rgb = {at[4 * l], at[4 * l + 1], at[4 * l + 2]}, .variance = at[4 * l + 3]};
+    return status;
+}
+
+/* Puts what was denoised into the map, unless it is there. */
+static void give_values(const struct values *v, const struct kiln_map_work *work)
+{
+    for (uint32_t p = 0; p < LIGHT_PLANES; p++)
+        if (v->copies[p] != NULL)
+            memcpy(work->map->planes[v->planes[p]], v->copies[p], kiln_map_texels(work->map) * sizeof(float));
+}
+
+static void drop_values(struct values *v)
+{
+    for (uint32_t p = 0; p < LIGHT_PLANES; p++)
+        kiln_free(&v->copies[p]);
 }
 
 static void square_plane(float *values, size_t count)
@@ -70,13 +170,15 @@ static void square_plane(float *values, size_t count)
 
 /* What of the error's square neighbours share, as they share the noise of the bounces that they gather: no regression
  * takes that out. Of a bake in parts the error knows of it, while the errors of direct and of indirect light are those
- * of a point's own samples. */
+ * of a point's own samples. Ghosts, whose index is not below `texels`, are left out. */
 static float shared_part(const struct kiln_neighbour_grid *grid, const struct kiln_regression_light lights[2],
-                         const float *error)
+                         const float *error, size_t texels)
 {
     double all = 0.0, own = 0.0;
     for (size_t i = 0; i < grid->count; i++) {
         const uint32_t at = grid->points[i].index;
+        if (at >= texels)
+            continue;
         all += (double)error[at] * (double)error[at];
         own += (double)lights[0].variance[at] + (double)lights[1].variance[at];
     }
@@ -85,34 +187,42 @@ static float shared_part(const struct kiln_neighbour_grid *grid, const struct ki
 
 /* The error of the sum of both: what is left, and never more than it was. */
 static void state_error(const struct kiln_neighbour_grid *grid, const struct kiln_regression_light lights[2],
-                        float shared, float *error)
+                        float shared, float *error, size_t texels)
 {
     for (size_t i = 0; i < grid->count; i++) {
         const uint32_t at = grid->points[i].index;
-        error[at] =
-            fminf(error[at], sqrtf(lights[0].variance[at] + lights[1].variance[at] + shared * error[at] * error[at]));
+        if (at < texels)
+            error[at] = fminf(error[at],
+                              sqrtf(lights[0].variance[at] + lights[1].variance[at] + shared * error[at] * error[at]));
     }
 }
 
 static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid *grid, struct kiln_error *error)
 {
-    struct kiln_regression_light lights[2];
-    find_lights(work, lights);
-    for (int l = 0; l < 2; l++)
-        square_plane(lights[l].variance, kiln_map_texels(work->map));
-    const float shared = work->params->parts ? shared_part(grid, lights, work->map->planes[KILN_MAP_ERROR]) : 0.0f;
-    const int status = kiln_regression_run(grid, lights, 2, error);
-    if (status != KILN_OK)
-        return status;
-    state_error(grid, lights, shared, work->map->planes[KILN_MAP_ERROR]);
-    for (int l = 0; l < 2; l++) {
-        work->report->noise_before[l] = lights[l].before;
-        work->report->noise_after[l] = lights[l].after;
+    const size_t texels = kiln_map_texels(work->map);
+    float *stated = work->map->planes[KILN_MAP_ERROR];
+    struct values v = {.copies = {NULL}};
+    int status = take_values(&v, work, error);
+    if (status == KILN_OK) {
+        for (int l = 0; l < 2; l++)
+            square_plane(v.lights[l].variance, texels + work->ghosts.count);
+        const float shared = work->params->parts ? shared_part(grid, v.lights, stated, texels) : 0.0f;
+        status = kiln_regression_run(grid, v.lights, 2, error);
+        if (status == KILN_OK)
+            state_error(grid, v.lights, shared, stated, texels);
     }
-    return KILN_OK;
+    if (status == KILN_OK)
+        give_values(&v, work);
+    for (int l = 0; status == KILN_OK && l < 2; l++) {
+        work->report->noise_before[l] = v.lights[l].before;
+        work->report->noise_after[l] = v.lights[l].after;
+    }
+    drop_values(&v);
+    return status;
 }
 
-/* Takes noise out of direct and of indirect light, apart, and lowers the error to what is left. */
+/* Takes noise out of direct and of indirect light, apart, and lowers the error to what is left. Where the surface goes
+ * on in another object, the texels there are neighbours too. */
 static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
     const double begin = seconds_now();
@@ -126,6 +236,8 @@ static int run(struct kiln_map_work *work, struct kiln_error *error)
         status = denoise(work, grid, error);
     kiln_free(&points);
     kiln_neighbour_grid_destroy(&grid);
+    kiln_free(&work->ghosts.records);
+    work->ghosts = (struct kiln_map_ghosts){0};
     work->report->denoise_seconds = seconds_now() - begin;
     return status;
 }

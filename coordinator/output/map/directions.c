@@ -12,8 +12,9 @@ static void normalise_texel(float *const axes[3], size_t texel)
         axes[c][texel] = (float)((double)axes[c][texel] * scale);
 }
 
-/* Brings the directions of all surface texels, of which some are means, back to length 1. Means of length 0 stay. */
-static void normalise(struct kiln_map *map)
+/* Brings the directions of all texels that have values of their own, of which some are means, back to length 1. Means
+ * of length 0 stay. */
+static void normalise(struct kiln_map *map, const uint32_t *nearest)
 {
     const size_t count = kiln_map_texels(map);
     for (uint32_t p = 0; p < map->has.count; p++) {
@@ -21,7 +22,7 @@ static void normalise(struct kiln_map *map)
             continue;
 #pragma omp parallel for schedule(static)
         for (size_t i = 0; i < count; i++)
-            if (map->state[i] != KILN_TEXEL_MARGIN)
+            if (nearest[i] == i)
                 normalise_texel(&map->planes[p], i);
     }
 }
@@ -29,8 +30,9 @@ static void normalise(struct kiln_map *map)
 static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
     (void)error;
-    normalise(work->map);
+    normalise(work->map, work->nearest);
     return KILN_OK;
 }
 
-const struct kiln_map_stage kiln_map_stage_directions = {.name = "directions", .run = run};
+const struct kiln_map_stage kiln_map_stage_directions = {
+    .name = "directions", .features = KILN_MAP_NEAREST, .run = run};

@@ -23,8 +23,14 @@ struct writer {
     struct kiln_layers layers;
     struct kiln_lightmap_report *reports; /* reports of this rank's objects are filled in */
     struct kiln_publish_batch *batch;     /* finished files that have yet to be published */
-    struct kiln_map **maps;               /* one for each lightmap; only those of this rank and round exist */
-    uint32_t ranks;
+    /* one for each lightmap; only those of this rank and round have a map, and those that are kept from joining */
+    struct kiln_map_work *works;
+    struct kiln_joined *joined; /* NULL: no objects touch */
+    struct kiln_ghosts *ghosts; /* if objects are denoised that touch */
+    int ghost_status;           /* of keeping those that come */
+    struct kiln_error ghost_error;
+    bool keeps; /* maps of objects that touch stay in memory from joining to writing */
+    uint32_t rank, ranks;
     int64_t seed;
     bool has_seed;
 };
@@ -219,26 +225,35 @@ static int check_arrived(const struct writer *w, uint32_t object, struct kiln_er
 {
     const uint64_t covered = count_covered(w->result->surface, object);
     uint64_t arrived = 0;
-    for (size_t i = 0; i < kiln_map_texels(w->maps[object]); i++)
-        arrived += w->maps[object]->state[i] != KILN_TEXEL_MARGIN;
+    for (size_t i = 0; i < kiln_map_texels(w->works[object].map); i++)
+        arrived += w->works[object].map->state[i] != KILN_TEXEL_MARGIN;
     if (arrived != covered)
         return kiln_fail(error, KILN_BUG, "object %u: %llu of its %llu points arrived where its lightmap is written",
                          object, (unsigned long long)arrived, (unsigned long long)covered);
     return KILN_OK;
 }
 
+/* Begins to turn gathered points into a map, unless that has been begun: the map may have been kept. */
+static int begin_map(const struct writer *w, uint32_t object, struct kiln_error *error)
+{
+    struct kiln_map_work *work = &w->works[object];
+    if (work->next > 0)
+        return KILN_OK;
+    const int status = check_arrived(w, object, error);
+    return status == KILN_OK ? kiln_map_stages_begin(kiln_map_stages, work, error) : status;
+}
+
+static void drop_map(const struct writer *w, uint32_t object)
+{
+    kiln_map_stages_release(&w->works[object]);
+    kiln_map_destroy(&w->works[object].map);
+}
+
 /* Turns gathered points into a map with a value in every texel. */
 static int complete_map(const struct writer *w, uint32_t object, struct kiln_error *error)
 {
-    struct kiln_map_work work = {.result = w->result,
-                                 .params = w->params,
-                                 .layers = &w->layers,
-                                 .object = object,
-                                 .map = w->maps[object],
-                                 .report = &w->reports[object]};
-    work.report->map = object;
-    const int status = check_arrived(w, object, error);
-    return status == KILN_OK ? kiln_map_stages_run(kiln_map_stages, &work, error) : status;
+    const int status = begin_map(w, object, error);
+    return status == KILN_OK ? kiln_map_stages_run(kiln_map_stages, &w->works[object], error) : status;
 }
 
 /* Creates the image of an object and the texts of its file; releases its map. */
@@ -247,8 +262,8 @@ static int finish_object(const struct writer *w, uint32_t object, struct kiln_im
 {
     int status = complete_map(w, object, error);
     if (status == KILN_OK)
-        status = make_image(w, w->maps[object], image, error);
-    kiln_map_destroy(&w->maps[object]);
+        status = make_image(w, w->works[object].map, image, error);
+    drop_map(w, object);
     return status == KILN_OK ? describe_file(w, object, *image, words, error) : status;
 }
 
@@ -311,10 +326,31 @@ static int begin_large(const struct writer *w, const uint32_t *objects, size_t c
 
 /* ---- rounds ---- */
 
+/* Keeps a ghost of a map. */
+static void put_ghost(struct writer *w, const struct kiln_texel_record *record)
+{
+    struct kiln_map_ghosts *ghosts = &w->works[record->map].ghosts;
+    if (record->valid == 0)
+        return;
+#pragma omp critical(kiln_put_ghost)
+    {
+        ghosts->size = sizeof *record + w->layers.planes.count * sizeof(float);
+        if (w->ghost_status == KILN_OK)
+            w->ghost_status = kiln_grow(&ghosts->records, &ghosts->capacity, ghosts->count + 1, ghosts->size,
+                                        "texels of objects that touch", &w->ghost_error);
+        if (w->ghost_status == KILN_OK)
+            memcpy(ghosts->records + ghosts->count++ * ghosts->size, record, ghosts->size);
+    }
+}
+
 static void put_point(void *context, const struct kiln_texel_record *record)
 {
-    const struct writer *w = context;
-    struct kiln_map *map = w->maps[record->map];
+    struct writer *w = context;
+    if (record->from != record->map) {
+        put_ghost(w, record);
+        return;
+    }
+    struct kiln_map *map = w->works[record->map].map;
     const size_t texel = (size_t)record->y * map->width + record->x;
     const struct kiln_mesh *mesh =
         &w->result->scene->meshes[w->result->scene->objects[kiln_map_object(w->result->surface, record->map)].mesh];
@@ -334,8 +370,23 @@ static int compare_texels(const void *a, const void *b, void *context)
     return p != q ? (p > q ? -1 : 1) : (i > j) - (i < j);
 }
 
+static int open_map(const struct writer *w, uint32_t object, struct kiln_error *error)
+{
+    const struct kiln_lightmap *lightmap = &w->result->surface->lightmaps[object];
+    struct kiln_map_work *work = &w->works[object];
+    if (work->map != NULL)
+        return KILN_OK;
+    work->result = w->result;
+    work->params = w->params;
+    work->layers = &w->layers;
+    work->object = object;
+    work->report = &w->reports[object];
+    *work->report = (struct kiln_lightmap_report){.map = object};
+    return kiln_map_create(&work->map, lightmap->width, lightmap->height, &w->layers.planes, error);
+}
+
 /* Lists own objects of the round in `own`, largest first, so that a thread does not start the largest when the others
- * are done; creates their maps. */
+ * are done; creates their maps, unless they have been kept. */
 static int open_round(const struct writer *w, const struct kiln_assignment *assignment, uint32_t rank, uint32_t round,
                       uint32_t *own, size_t *count, struct kiln_error *error)
 {
@@ -343,8 +394,7 @@ static int open_round(const struct writer *w, const struct kiln_assignment *assi
     for (size_t i = 0; i < assignment->count; i++) {
         if (assignment->owner[i] != rank || assignment->round[i] != round)
             continue;
-        const struct kiln_lightmap *lightmap = &w->result->surface->lightmaps[i];
-        const int status = kiln_map_create(&w->maps[i], lightmap->width, lightmap->height, &w->layers.planes, error);
+        const int status = open_map(w, (uint32_t)i, error);
         if (status != KILN_OK)
             return status;
         own[(*count)++] = (uint32_t)i;
@@ -362,21 +412,31 @@ static int threads_for(const struct writer *w, uint32_t object, uint64_t texels,
     return threads < 1 ? 1 : (int)threads;
 }
 
-/* Writes some objects of a round, which has so many texels. Each thread takes one object; the loops within a large
- * object use several threads. Keeps the message of the first object that failed. */
-static int write_some(const struct writer *w, const uint32_t *own, size_t count, uint64_t texels,
-                      struct kiln_error *error)
+static uint64_t texels_of(const struct writer *w, const uint32_t *own, size_t count)
+{
+    uint64_t texels = 0;
+    for (size_t i = 0; i < count; i++)
+        texels += (uint64_t)w->result->surface->lightmaps[own[i]].width * w->result->surface->lightmaps[own[i]].height;
+    return texels;
+}
+
+/* Calls `run` for some objects of a round, which has so many texels. Each thread takes one object; the loops within a
+ * large object use several threads. Keeps the message of the first object that failed. */
+static int run_some(const struct writer *w, const uint32_t *own, size_t count, uint64_t texels,
+                    int (*run)(const struct writer *, uint32_t, struct kiln_error *), struct kiln_error *error)
 {
     size_t first_failed = SIZE_MAX;
     int status = KILN_OK;
     const int threads = omp_get_max_threads(), team = count < (size_t)threads ? (int)count : threads,
               levels = omp_get_max_active_levels();
+    if (count == 0)
+        return KILN_OK;
     omp_set_max_active_levels(2);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(team)
     for (size_t i = 0; i < count; i++) {
         struct kiln_error mine = {{0}};
         omp_set_num_threads(threads_for(w, own[i], texels, threads)); /* for the loops within the object */
-        const int result = write_object(w, own[i], &mine);
+        const int result = run(w, own[i], &mine);
         if (result == KILN_OK)
             continue;
 #pragma omp critical(kiln_write_round)
@@ -393,14 +453,13 @@ static int write_some(const struct writer *w, const uint32_t *own, size_t count,
 static int write_round(struct writer *w, const uint32_t *own, size_t count, struct kiln_error *error)
 {
     enum { AT_ONCE = 1024 };
-    uint64_t texels = 0;
+    const uint64_t texels = texels_of(w, own, count);
     int status = KILN_OK;
-    for (size_t i = 0; i < count; i++)
-        texels += (uint64_t)w->result->surface->lightmaps[own[i]].width * w->result->surface->lightmaps[own[i]].height;
     if (count > 0)
         status = kiln_publish_batch_create(&w->batch, error);
     for (size_t first = 0; status == KILN_OK && first < count; first += AT_ONCE) {
-        status = write_some(w, own + first, count - first < AT_ONCE ? count - first : AT_ONCE, texels, error);
+        const size_t some = count - first < AT_ONCE ? count - first : AT_ONCE;
+        status = run_some(w, own + first, some, texels, write_object, error);
         if (status == KILN_OK)
             status = kiln_publish_batch_finish(w->batch, error);
     }
@@ -446,26 +505,142 @@ static int write_together(struct writer *w, const struct kiln_assignment *assign
     return status;
 }
 
-static int write_rounds(struct writer *w, const struct kiln_assignment *assignment, uint32_t rank,
-                        struct kiln_error *error)
+/* ---- objects that touch ---- */
+
+/* Begins the map of an object that touches others, and adds it to what is joined. Only if all maps fit in one round is
+ * it kept; else it is made again when its file is written. */
+static int join_object(const struct writer *w, uint32_t object, struct kiln_error *error)
+{
+    if (kiln_stop_asked(w->result->stop))
+        return kiln_give_up(error);
+    const struct kiln_map_work *work = &w->works[object];
+    int status = begin_map(w, object, error);
+    if (status == KILN_OK)
+        status = kiln_joined_add(w->joined, object, work->map, work->graph, work->nearest, error);
+    if (!w->keeps)
+        drop_map(w, object);
+    return status;
+}
+
+/* Collective. Lets the points of a round come, and ghosts. */
+static int gather_round(struct writer *w, struct kiln_texel_gather *gather, uint32_t round, struct kiln_error *error)
+{
+    int status = kiln_texel_gather_round(gather, round, put_point, w, error);
+    if (status != KILN_OK)
+        return status;
+    if (w->ghost_status != KILN_OK)
+        status = kiln_fail(error, w->ghost_status, "%s", w->ghost_error.message);
+    return kiln_agree(w->result->communicator, status, error);
+}
+
+/* Collective. Calls `finish` with the objects of each round, when their points and their ghosts have arrived. The
+ * points of lightmaps whose owner in `gathered` is KILN_NONE stay where they are. */
+static int walk_rounds(struct writer *w, const struct kiln_assignment *assignment,
+                       const struct kiln_assignment *gathered, const struct kiln_ghosts *ghosts,
+                       int (*finish)(struct writer *, const struct kiln_assignment *, uint32_t round, uint32_t *own,
+                                     size_t count, struct kiln_error *),
+                       struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
     struct kiln_texel_gather *gather = NULL;
     uint32_t *own = NULL;
-    int status = kiln_texel_gather_create(&gather, w->result, assignment, &w->layers, 0, error); /* collective */
+    int status = kiln_texel_gather_create(&gather, w->result, gathered, &w->layers, ghosts, 0, error); /* collective */
     if (status != KILN_OK)
         return status;
     status = kiln_agree(comm, kiln_allocate(&own, assignment->count, sizeof *own, "objects to write", error), error);
     for (uint32_t round = 0; status == KILN_OK && round < assignment->rounds; round++) {
         size_t count = 0;
-        status = kiln_agree(comm, open_round(w, assignment, rank, round, own, &count, error), error);
+        status = kiln_agree(comm, open_round(w, assignment, w->rank, round, own, &count, error), error);
         if (status == KILN_OK)
-            status = kiln_texel_gather_round(gather, round, put_point, w, error);
+            status = gather_round(w, gather, round, error);
         if (status == KILN_OK)
-            status = write_together(w, assignment, round, own, count, error);
+            status = finish(w, assignment, round, own, count, error);
     }
     kiln_free(&own);
     kiln_texel_gather_destroy(&gather);
+    return status;
+}
+
+/* Collective: as walk_rounds wants it. */
+static int join_together(struct writer *w, const struct kiln_assignment *assignment, uint32_t round, uint32_t *own,
+                         size_t count, struct kiln_error *error)
+{
+    (void)assignment;
+    (void)round;
+    return kiln_agree(w->result->communicator, run_some(w, own, count, texels_of(w, own, count), join_object, error),
+                      error);
+}
+
+/* A copy of the assignment without the lightmaps that have a joint, or without those that have none. */
+static int choose_maps(struct kiln_assignment *chosen, const struct kiln_assignment *all,
+                       const struct kiln_joints *joints, bool joined, struct kiln_error *error)
+{
+    *chosen = *all;
+    const int status =
+        kiln_allocate(&chosen->owner, all->count, sizeof *chosen->owner, "the assignment of lightmaps", error);
+    for (size_t i = 0; status == KILN_OK && i < all->count; i++)
+        chosen->owner[i] = (joints->group[i] != KILN_NONE) == joined ? all->owner[i] : KILN_NONE;
+    return status;
+}
+
+/* Collective. Solves the seams of objects that touch. Sets `joined` of their works. */
+static int join_seams(struct writer *w, const struct kiln_assignment *assignment, const struct kiln_joints *joints,
+                      struct kiln_error *error)
+{
+    const MPI_Comm comm = w->result->communicator;
+    struct kiln_assignment touching = {0};
+    int status = choose_maps(&touching, assignment, joints, true, error);
+    if (status == KILN_OK)
+        status = kiln_joined_create(&w->joined, comm, joints, assignment, &w->layers.planes, error);
+    status = kiln_agree(comm, status, error);
+    if (status == KILN_OK)
+        status = walk_rounds(w, &touching, &touching, w->ghosts, join_together, error);
+    if (status == KILN_OK)
+        status = kiln_joined_solve(w->joined, error);
+    for (size_t i = 0; status == KILN_OK && i < joints->map_count; i++)
+        w->works[i].joined = joints->group[i] != KILN_NONE ? w->joined : NULL;
+    kiln_free(&touching.owner);
+    return status;
+}
+
+/* Collective. Writes all files, with the seams of objects that touch as they were solved. Of maps that were kept no
+ * points are sent again. */
+static int write_rounds(struct writer *w, const struct kiln_assignment *assignment, const struct kiln_joints *joints,
+                        struct kiln_error *error)
+{
+    struct kiln_assignment others = {0};
+    int status = KILN_OK;
+    if (joints->count == 0 || !w->params->stitch)
+        return walk_rounds(w, assignment, assignment, w->ghosts, write_together, error);
+    w->keeps = assignment->rounds == 1;
+    status = join_seams(w, assignment, joints, error);
+    if (status == KILN_OK)
+        status = kiln_agree(w->result->communicator, choose_maps(&others, assignment, joints, false, error), error);
+    if (status == KILN_OK)
+        status = walk_rounds(w, assignment, w->keeps ? &others : assignment, w->keeps ? NULL : w->ghosts,
+                             write_together, error);
+    kiln_free(&others.owner);
+    return status;
+}
+
+/* Collective. Finds where objects touch, if their seams are to be smoothed or noise to be taken out, and writes all
+ * files. */
+static int write_all(struct writer *w, const struct kiln_assignment *assignment, struct kiln_error *error)
+{
+    static const struct kiln_joints none = {0};
+    struct kiln_joints *joints = NULL;
+    int status = KILN_OK;
+    if (w->params->stitch || w->params->denoise)
+        status =
+            kiln_joints_find(&joints, w->result->scene, w->result->surface, (double)w->result->geometry->extent, error);
+    if (status == KILN_OK && joints != NULL && w->params->denoise)
+        status = kiln_ghosts_create(&w->ghosts, joints, w->result->surface, error);
+    status = kiln_agree(w->result->communicator, status, error);
+    if (status == KILN_OK)
+        status = write_rounds(w, assignment, joints != NULL ? joints : &none, error);
+    kiln_joined_destroy(&w->joined);
+    kiln_ghosts_destroy(&w->ghosts);
+    kiln_joints_destroy(&joints);
     return status;
 }
 
@@ -509,6 +684,7 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
     if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS ||
         MPI_Comm_size(result->communicator, &ranks) != MPI_SUCCESS)
         return kiln_fail(error, KILN_RANK_LOST, "MPI cannot give the rank number");
+    w.rank = (uint32_t)rank;
     w.ranks = (uint32_t)ranks;
     w.has_seed = kiln_provenance_seed(params->provenance_json, &w.seed);
     int status = rank == 0 ? make_folders(result->surface, params->directory, error) : KILN_OK;
@@ -519,18 +695,18 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
     if (status == KILN_OK)
         status = kiln_allocate(&w.reports, maps, sizeof *w.reports, "reports on lightmaps", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&w.maps, maps, sizeof(struct kiln_map *), "lightmaps", error);
+        status = kiln_allocate(&w.works, maps, sizeof *w.works, "lightmaps", error);
     if (status == KILN_OK)
-        status =
-            kiln_assignment_create(&assignment, result->surface->lightmaps, maps, (uint32_t)ranks, texel_budget, error);
+        status = kiln_assignment_create(&assignment, result->surface->lightmaps, maps, (uint32_t)ranks,
+                                        params->texel_budget > 0 ? params->texel_budget : texel_budget, error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
-        status = write_rounds(&w, assignment, (uint32_t)rank, error);
+        status = write_all(&w, assignment, error);
     if (status == KILN_OK && reports != NULL)
         status = kiln_agree(result->communicator, gather_reports(result, w.reports, rank, reports, error), error);
-    for (size_t i = 0; w.maps != NULL && i < maps; i++)
-        kiln_map_destroy(&w.maps[i]);
-    kiln_free(&w.maps);
+    for (size_t i = 0; w.works != NULL && i < maps; i++)
+        drop_map(&w, (uint32_t)i);
+    kiln_free(&w.works);
     kiln_free(&w.reports);
     kiln_assignment_destroy(&assignment);
     return status;

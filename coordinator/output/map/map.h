@@ -26,6 +26,15 @@ struct kiln_map_planes {
     bool smooth[KILN_MAP_PLANES_MAX], direction[KILN_MAP_PLANES_MAX];
 };
 
+/* How many planes are smoothed. The first six are. */
+static inline uint32_t kiln_map_smooth_planes(const struct kiln_map_planes *planes)
+{
+    uint32_t count = 0;
+    for (uint32_t p = 0; p < planes->count; p++)
+        count += planes->smooth[p];
+    return count;
+}
+
 /* The planes of a map without other fields: direct and indirect light, whose seams are smoothed, and the error. */
 extern const struct kiln_map_planes kiln_map_light;
 
@@ -66,8 +75,8 @@ int kiln_map_fill(struct kiln_map *map, struct kiln_error *error);
 int kiln_nearest_texels(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t *nearest,
                         struct kiln_error *error);
 
-/* Copies to every margin texel the values of the surface texel that `nearest` gives for it. Returns the number of
- * margin texels, or 0 if there are no others. */
+/* Copies to every margin texel the values of the texel that `nearest` gives for it: one of the surface, or itself.
+ * Returns the number of margin texels, or 0 if there are no others. */
 uint64_t kiln_map_dilate(struct kiln_map *map, const uint32_t *nearest);
 
 #endif

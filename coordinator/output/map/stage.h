@@ -8,11 +8,15 @@
  *
  * A stage has the whole map of one object, so it may read neighbours of a texel; `chart` tells which of them belong to
  * the same chart. Nothing is collective. A stage must be deterministic and depend on its object only. Several objects
- * are processed at once, each by its own threads. */
+ * are processed at once, each by its own threads.
+ *
+ * Maps of objects that touch others wait for one another before the first stage with `after_joining`. What they have
+ * in common is solved there (joined.h), and is `joined` of the work in the stages after. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_STAGE_H
 #define KILN_COORDINATOR_OUTPUT_MAP_STAGE_H
 
 #include "coordinator/output/map/chart_graph.h"
+#include "coordinator/output/map/joined.h"
 #include "coordinator/output/map/layers.h"
 #include "coordinator/output/map/lightmaps.h"
 #include "coordinator/output/output.h"
@@ -26,7 +30,14 @@ enum kiln_map_feature {
     KILN_MAP_NORMAL = 8    /* 3 planes from layers->normal: mean shading normal there, unit, world */
 };
 
-/* What the stages work on: the map of one object. Borrowed, but for `graph` and `nearest`. */
+/* Ghosts of a map (ghosts.h), as they came. */
+struct kiln_map_ghosts {
+    size_t count, capacity, size; /* size: of a record, bytes */
+    uint8_t *records;             /* struct kiln_texel_record, of valid points */
+};
+
+/* What the stages work on: the map of one object. Borrowed, but for `graph`, `nearest` and ghosts. These and `next`
+ * begin as zero. */
 struct kiln_map_work {
     const struct kiln_bake_result *result;
     const struct kiln_output_params *params;
@@ -35,6 +46,9 @@ struct kiln_map_work {
     struct kiln_map *map;
     struct kiln_lightmap_report *report; /* each stage fills in what it measures */
     struct kiln_chart_graph *graph;      /* KILN_MAP_CHARTS */
+    struct kiln_map_ghosts ghosts;       /* if objects are denoised that touch */
+    const struct kiln_joined *joined;    /* if the object touches others, after joining; else NULL */
+    size_t next;                         /* the stage that runs next */
     /* KILN_MAP_NEAREST: for every texel, the surface texel whose values it gets when the map is dilated:
      * kiln_nearest_texels with KILN_TEXEL_FILLED, until the stage "borders" changes it */
     uint32_t *nearest;
@@ -44,6 +58,7 @@ enum { KILN_MAP_STAGE_FIELDS = 4 };
 
 struct kiln_map_stage {
     const char *name;
+    bool after_joining;                                      /* see above */
     bool (*wanted)(const struct kiln_output_params *params); /* NULL: always */
     uint32_t features;                                       /* of enum kiln_map_feature, or'ed */
     /* names of the fields it reads besides direct light, indirect light and the error (map.h). Planes of fields,
@@ -62,8 +77,14 @@ extern const struct kiln_map_stage *const kiln_map_stages[];
  * have, or if they are too many. */
 int kiln_map_stages_layers(const struct kiln_map_stage *const *stages, const struct kiln_output_params *params,
                            struct kiln_layers *layers, const struct kiln_field_set *fields, struct kiln_error *error);
-/* Runs the wanted stages on the work, whose `graph` and `nearest` are NULL before and after. Ends with the first stage
- * that fails. */
+/* Runs the wanted stages up to the first with `after_joining`; kiln_map_stages_run runs the others. Ends with the first
+ * stage that fails. What the stages have made is kept until kiln_map_stages_release, after which the work can begin
+ * again with another map. */
+int kiln_map_stages_begin(const struct kiln_map_stage *const *stages, struct kiln_map_work *work,
+                          struct kiln_error *error);
+void kiln_map_stages_release(struct kiln_map_work *work);
+/* Runs the wanted stages, all or those that are left, and releases what they have made. Ends with the first stage that
+ * fails. */
 int kiln_map_stages_run(const struct kiln_map_stage *const *stages, struct kiln_map_work *work,
                         struct kiln_error *error);
 

@@ -66,14 +66,32 @@ static int run_stage(const struct kiln_map_stage *stage, struct kiln_map_work *w
     return status == KILN_OK ? stage->run(work, error) : status;
 }
 
+int kiln_map_stages_begin(const struct kiln_map_stage *const *stages, struct kiln_map_work *work,
+                          struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (; status == KILN_OK && stages[work->next] != NULL && !stages[work->next]->after_joining; work->next++)
+        if (is_wanted(stages[work->next], work->params))
+            status = run_stage(stages[work->next], work, error);
+    return status;
+}
+
+void kiln_map_stages_release(struct kiln_map_work *work)
+{
+    kiln_free(&work->nearest);
+    kiln_free(&work->ghosts.records);
+    work->ghosts.count = work->ghosts.capacity = 0;
+    kiln_chart_graph_destroy(&work->graph);
+    work->next = 0;
+}
+
 int kiln_map_stages_run(const struct kiln_map_stage *const *stages, struct kiln_map_work *work,
                         struct kiln_error *error)
 {
     int status = KILN_OK;
-    for (size_t i = 0; status == KILN_OK && stages[i] != NULL; i++)
-        if (is_wanted(stages[i], work->params))
-            status = run_stage(stages[i], work, error);
-    kiln_free(&work->nearest);
-    kiln_chart_graph_destroy(&work->graph);
+    for (; status == KILN_OK && stages[work->next] != NULL; work->next++)
+        if (is_wanted(stages[work->next], work->params))
+            status = run_stage(stages[work->next], work, error);
+    kiln_map_stages_release(work);
     return status;
 }

@@ -117,9 +117,16 @@ void kiln_assignment_destroy(struct kiln_assignment **assignment)
 
 /* ---- exchange ---- */
 
-/* Where the records of a tile run lie in a pass. */
+/* A tile run that is sent for a lightmap: its own, or one that has its points as ghosts. */
+struct shipment {
+    size_t tile_run;
+    uint32_t map;
+};
+
+/* Where the records of a shipment lie in a pass. */
 struct place {
-    size_t tile_run, at;
+    struct shipment shipment;
+    size_t at;
 };
 
 struct kiln_texel_gather {
@@ -127,42 +134,72 @@ struct kiln_texel_gather {
     const struct kiln_assignment *assignment;
     const struct kiln_layers *layers;
     int ranks;
-    size_t record;          /* bytes */
-    size_t limit;           /* records to one rank in a pass; a tile run's worth at least */
-    uint64_t *bucket_first; /* rounds x ranks + 1: where the tile runs for (round, owner) stand in `order` */
+    size_t record; /* bytes */
+    size_t limit;  /* records to one rank in a pass; a tile run's worth at least */
+    const struct kiln_ghosts *ghosts;
+    uint64_t *bucket_first; /* rounds x ranks + 1: where the shipments for (round, owner) stand in `order` */
     uint64_t *cursor;       /* per destination, during a round */
-    size_t *order;          /* own tile runs by (round, owner), else in their own order */
-    uint8_t *out, *in;      /* records */
-    struct place *places;   /* of the pass at hand, one a tile run */
+    struct shipment *order; /* of own tile runs by (round, owner), else in the order of tile runs */
+    size_t shipment_count;
+    uint8_t *out, *in;    /* records */
+    struct place *places; /* of the pass at hand, one a shipment */
     size_t in_capacity;
     int *out_counts, *out_starts, *in_counts, *in_starts;
     MPI_Datatype type;
 };
 
-/* The bucket of a tile run; SIZE_MAX: its lightmap is not published. */
-static size_t bucket_of(const struct kiln_texel_gather *e, size_t tile_run)
+/* The bucket of a lightmap; SIZE_MAX: it has none. */
+static size_t bucket_of(const struct kiln_texel_gather *e, uint32_t map)
 {
-    const uint32_t map = e->result->surface->tile_runs[tile_run].map;
     if (e->assignment->owner[map] == KILN_NONE)
         return SIZE_MAX;
     return (size_t)e->assignment->round[map] * (size_t)e->ranks + e->assignment->owner[map];
 }
 
-static void sort_tile_runs(struct kiln_texel_gather *e)
+/* Calls `visit` for all shipments of a tile run. */
+static void visit_shipments(struct kiln_texel_gather *e, size_t tile_run,
+                            void (*visit)(struct kiln_texel_gather *, const struct shipment *, size_t bucket))
+{
+    const struct kiln_tile_run *run = &e->result->surface->tile_runs[tile_run];
+    size_t first = 0;
+    const size_t ghosts = kiln_ghosts_of(e->ghosts, run->map, run->tile, &first);
+    for (size_t i = 0; i <= ghosts; i++) {
+        const struct shipment shipment = {tile_run, i == 0 ? run->map : e->ghosts->tiles[first + i - 1].to};
+        const size_t bucket = bucket_of(e, shipment.map);
+        if (bucket != SIZE_MAX)
+            visit(e, &shipment, bucket);
+    }
+}
+
+static void count_shipment(struct kiln_texel_gather *e, const struct shipment *shipment, size_t bucket)
+{
+    (void)shipment;
+    e->bucket_first[bucket + 1]++;
+    e->shipment_count++;
+}
+
+static void list_shipment(struct kiln_texel_gather *e, const struct shipment *shipment, size_t bucket)
+{
+    e->order[e->bucket_first[bucket]++] = *shipment;
+}
+
+static int sort_tile_runs(struct kiln_texel_gather *e, struct kiln_error *error)
 {
     const size_t tile_runs = e->result->surface->tile_run_count,
                  buckets = (size_t)e->assignment->rounds * (size_t)e->ranks;
     for (size_t f = 0; f < tile_runs; f++)
-        if (bucket_of(e, f) != SIZE_MAX)
-            e->bucket_first[bucket_of(e, f) + 1]++;
+        visit_shipments(e, f, count_shipment);
+    const int status = kiln_allocate(&e->order, e->shipment_count, sizeof *e->order, "the exchange of points", error);
+    if (status != KILN_OK)
+        return status;
     for (size_t b = 0; b < buckets; b++)
         e->bucket_first[b + 1] += e->bucket_first[b];
     for (size_t f = 0; f < tile_runs; f++)
-        if (bucket_of(e, f) != SIZE_MAX)
-            e->order[e->bucket_first[bucket_of(e, f)]++] = f;
+        visit_shipments(e, f, list_shipment);
     for (size_t b = buckets; b > 0; b--)
         e->bucket_first[b] = e->bucket_first[b - 1];
     e->bucket_first[0] = 0;
+    return KILN_OK;
 }
 
 static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *error)
@@ -174,9 +211,6 @@ static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *err
     if (status == KILN_OK)
         status = kiln_allocate(&e->cursor, ranks, sizeof(uint64_t), "the exchange of points", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&e->order, e->result->surface->tile_run_count, sizeof(size_t), "the exchange of points",
-                               error);
-    if (status == KILN_OK)
         status = kiln_allocate(&e->out, e->limit * ranks, e->record, "points to send", error);
     if (status == KILN_OK) /* a tile run has a point at least */
         status = kiln_allocate(&e->places, e->limit * ranks, sizeof *e->places, "points to send", error);
@@ -187,7 +221,7 @@ static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *err
 
 int kiln_texel_gather_create(struct kiln_texel_gather **gather, const struct kiln_bake_result *result,
                              const struct kiln_assignment *assignment, const struct kiln_layers *layers,
-                             size_t records_per_pass, struct kiln_error *error)
+                             const struct kiln_ghosts *ghosts, size_t records_per_pass, struct kiln_error *error)
 {
     int status = kiln_allocate(gather, 1, sizeof **gather, "the exchange of points", error);
     if (status == KILN_OK) {
@@ -195,6 +229,7 @@ int kiln_texel_gather_create(struct kiln_texel_gather **gather, const struct kil
         e->result = result;
         e->assignment = assignment;
         e->layers = layers;
+        e->ghosts = ghosts;
         e->record = sizeof(struct kiln_texel_record) + layers->planes.count * sizeof(float);
         e->type = MPI_DATATYPE_NULL;
         if (MPI_Comm_size(result->communicator, &e->ranks) != MPI_SUCCESS ||
@@ -209,7 +244,7 @@ int kiln_texel_gather_create(struct kiln_texel_gather **gather, const struct kil
             status = allocate_exchange(e, error);
     }
     if (status == KILN_OK)
-        sort_tile_runs(*gather);
+        status = sort_tile_runs(*gather, error);
     status = kiln_agree(result->communicator, status, error);
     if (status != KILN_OK)
         kiln_texel_gather_destroy(gather);
@@ -261,23 +296,26 @@ static int pack_values(const struct kiln_texel_gather *e, struct kiln_own_point 
             if (!isfinite(floats[c]))
                 return kiln_fail(
                     error, KILN_BUG, "object '%s', texel (%u, %u): the field '%s' is not a finite number there",
-                    kiln_scene_string(r->scene, r->scene->objects[kiln_map_object(r->surface, record->map)].name),
+                    kiln_scene_string(r->scene, r->scene->objects[kiln_map_object(r->surface, record->from)].name),
                     record->x, record->y, field->name);
         memcpy(record->values + layer->plane, floats, field->components * sizeof *floats);
     }
     return KILN_OK;
 }
 
-static int pack_tile_run(const struct kiln_texel_gather *e, size_t tile_run, uint8_t *out, struct kiln_error *error)
+static int pack_tile_run(const struct kiln_texel_gather *e, const struct shipment *shipment, uint8_t *out,
+                         struct kiln_error *error)
 {
     const struct kiln_bake_result *r = e->result;
+    const size_t tile_run = shipment->tile_run;
     struct kiln_own_point point = kiln_own_of_global(r->surface, r->surface->tile_runs[tile_run].first);
     struct kiln_point_detail details[KILN_TILE_TEXELS];
-    const uint32_t count = kiln_tile_run_details(r, tile_run, details), map = r->surface->tile_runs[tile_run].map;
+    const uint32_t count = kiln_tile_run_details(r, tile_run, details);
     int status = KILN_OK;
     for (uint32_t i = 0; i < count && status == KILN_OK; i++, point.at++) {
         struct kiln_texel_record *record = (void *)(out + i * e->record);
-        *record = (struct kiln_texel_record){.map = map,
+        *record = (struct kiln_texel_record){.map = shipment->map,
+                                             .from = r->surface->tile_runs[tile_run].map,
                                              .x = details[i].x,
                                              .y = details[i].y,
                                              .triangle = details[i].triangle,
@@ -290,8 +328,8 @@ static int pack_tile_run(const struct kiln_texel_gather *e, size_t tile_run, uin
     return status;
 }
 
-/* Plans a pass: takes as many tile runs for each rank as fit. *more tells whether some are left. Returns the number of
- * tile runs. */
+/* Plans a pass: takes as many shipments for each rank as fit. *more tells whether some are left. Returns their number.
+ */
 static size_t plan_pass(struct kiln_texel_gather *e, uint32_t round, int *more)
 {
     size_t total = 0, count = 0;
@@ -301,11 +339,12 @@ static size_t plan_pass(struct kiln_texel_gather *e, uint32_t round, int *more)
         e->out_starts[rank] = (int)total;
         size_t packed = 0;
         for (; e->cursor[rank] < end; e->cursor[rank]++) {
-            const size_t tile_run = e->order[e->cursor[rank]];
-            if (packed + e->result->surface->tile_runs[tile_run].count > e->limit)
+            const struct shipment shipment = e->order[e->cursor[rank]];
+            const uint32_t points = e->result->surface->tile_runs[shipment.tile_run].count;
+            if (packed + points > e->limit)
                 break;
-            e->places[count++] = (struct place){.tile_run = tile_run, .at = total + packed};
-            packed += e->result->surface->tile_runs[tile_run].count;
+            e->places[count++] = (struct place){.shipment = shipment, .at = total + packed};
+            packed += points;
         }
         *more = *more || e->cursor[rank] < end;
         e->out_counts[rank] = (int)packed;
@@ -321,7 +360,7 @@ static int pack_pass(struct kiln_texel_gather *e, uint32_t round, int *more, str
 #pragma omp parallel for schedule(dynamic, 32)
     for (size_t i = 0; i < count; i++) {
         struct kiln_error mine = {{0}};
-        const int result = pack_tile_run(e, e->places[i].tile_run, e->out + e->places[i].at * e->record, &mine);
+        const int result = pack_tile_run(e, &e->places[i].shipment, e->out + e->places[i].at * e->record, &mine);
         if (result == KILN_OK)
             continue;
 #pragma omp critical(kiln_pack_pass)

@@ -8,6 +8,7 @@
 #define KILN_COORDINATOR_OUTPUT_MAP_TEXEL_GATHER_H
 
 #include "coordinator/field/result.h"
+#include "coordinator/output/map/ghosts.h"
 #include "coordinator/output/map/layers.h"
 
 /* The assignment of lightmaps to ranks and rounds. It depends on sizes only and is the same on all ranks. Lightmaps
@@ -21,9 +22,10 @@ int kiln_assignment_create(struct kiln_assignment **assignment, const struct kil
                            uint32_t ranks, uint64_t texel_budget, struct kiln_error *error);
 void kiln_assignment_destroy(struct kiln_assignment **assignment);
 
-/* One point on its way. `triangle` is the world triangle of its first piece; `values` are of all planes. */
+/* One point on its way to `map`. It is a texel of the lightmap `from`: the same, unless it is a ghost (ghosts.h).
+ * `triangle` is the world triangle of its first piece; `values` are of all planes. */
 struct kiln_texel_record {
-    uint32_t map, x, y, triangle, valid;
+    uint32_t map, from, x, y, triangle, valid;
     float area, coverage;
     float values[];
 };
@@ -31,16 +33,17 @@ struct kiln_texel_record {
 /* The schedule of messages, computed once. */
 struct kiln_texel_gather;
 
-/* `layers` are of the result's fields. `records_per_pass` bounds what a rank sends in one pass (and about what it
- * receives); 0 chooses 2^18, which is 15 MB with the planes that every map has. */
+/* `layers` are of the result's fields. `ghosts` (borrowed; NULL: none) are sent besides. `records_per_pass` bounds what
+ * a rank sends in one pass (and about what it receives); 0 chooses 2^18, which is 15 MB with the planes that every map
+ * has. */
 int kiln_texel_gather_create(struct kiln_texel_gather **gather, const struct kiln_bake_result *result,
                              const struct kiln_assignment *assignment, const struct kiln_layers *layers,
-                             size_t records_per_pass, struct kiln_error *error);
+                             const struct kiln_ghosts *ghosts, size_t records_per_pass, struct kiln_error *error);
 void kiln_texel_gather_destroy(struct kiln_texel_gather **gather);
 
 /* Collective. Sends this rank's points of all objects of the round, and calls `put` exactly once for each point of the
- * objects that this rank writes. The calls come from several threads at once, in an order that depends on the
- * partition. KILN_BUG if a value is not finite. */
+ * objects that this rank writes, and for each of their ghosts. The calls come from several threads at once, in an order
+ * that depends on the partition. KILN_BUG if a value is not finite. */
 int kiln_texel_gather_round(struct kiln_texel_gather *gather, uint32_t round,
                             void (*put)(void *context, const struct kiln_texel_record *record), void *context,
                             struct kiln_error *error);

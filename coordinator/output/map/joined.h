@@ -1,0 +1,37 @@
+/* Joined seams: the seams of lightmaps whose objects touch are solved together, each group of them (joints.h) as one
+ * system of least squares (seam_system.h), wherever its maps are.
+ *
+ * The rank that has a map adds what its seams and joints read: texels with their values, and the samples. All of a
+ * group travels to the owner of its least lightmap, which solves it; the values travel back to the maps' owners. What
+ * travels are texels at borders only. A system is in the order of lightmaps, texels and joints, so the result is the
+ * same on any number of ranks. */
+#ifndef KILN_COORDINATOR_OUTPUT_MAP_JOINED_H
+#define KILN_COORDINATOR_OUTPUT_MAP_JOINED_H
+
+#include <mpi.h>
+
+#include "coordinator/output/map/joints.h"
+#include "coordinator/output/map/map.h"
+#include "coordinator/output/map/texel_gather.h"
+
+struct kiln_joined;
+
+/* Joints, assignment and communicator are borrowed. `planes` are those of all maps. Not collective. */
+int kiln_joined_create(struct kiln_joined **joined, MPI_Comm communicator, const struct kiln_joints *joints,
+                       const struct kiln_assignment *assignment, const struct kiln_map_planes *planes,
+                       struct kiln_error *error);
+void kiln_joined_destroy(struct kiln_joined **joined);
+
+/* Adds a map that has a joint. It must be filled, and `nearest` be that of the stage "borders"; its margin will be
+ * filled. Not collective; several threads may add different maps at once. */
+int kiln_joined_add(struct kiln_joined *joined, uint32_t number, struct kiln_map *map,
+                    const struct kiln_chart_graph *graph, const uint32_t *nearest, struct kiln_error *error);
+
+/* Collective: solves all groups, once every map with a joint has been added on one rank. */
+int kiln_joined_solve(struct kiln_joined *joined, struct kiln_error *error);
+
+/* Puts the solution into a map of this rank that has a joint; margin texels with a value of their own become their own
+ * `nearest`. Not collective. */
+void kiln_joined_apply(const struct kiln_joined *joined, uint32_t number, struct kiln_map *map, uint32_t *nearest);
+
+#endif
