@@ -98,13 +98,13 @@ static void take_indirect(const struct kiln_rank_data *data, const struct kiln_s
     }
 }
 
-static void state_errors(const struct kiln_rank_data *data)
+static void state_errors(const struct kiln_rank_data *data, const struct kiln_part_survey *survey)
 {
     for (size_t i = 0; i < data->surface.tile_run_count; i++) {
         const struct kiln_tile_run *run = &data->surface.tile_runs[i];
         const struct kiln_own_point first = kiln_own_of_global(&data->surface, run->first);
         float errors[KILN_PART_ERRORS];
-        kiln_part_errors(data, run, errors);
+        kiln_part_errors(data, run, survey, errors);
         for (uint32_t k = 0; k < run->count; k++)
             data->error[first.at + k] = kiln_error_pack(errors[k]);
     }
@@ -124,6 +124,7 @@ int kiln_part_end(const struct kiln_integrate_params *p, struct kiln_solution *s
     const struct kiln_rank_data *data = solution->own;
     const struct kiln_step_reports *steps = &solution->report.steps, part = kiln_part_reports(steps);
     struct kiln_step_report *last = kiln_solution_step(solution);
+    struct kiln_part_survey survey;
     struct kiln_step next;
     int status = KILN_OK;
     if (data->parts == NULL || !is_over(p->settings, &part))
@@ -134,6 +135,7 @@ int kiln_part_end(const struct kiln_integrate_params *p, struct kiln_solution *s
     if (status != KILN_OK || kiln_parts_next(p->settings, steps->of, steps->count, &next))
         return status;
     memcpy(data->sum, data->indirect, 3 * data->surface.count * sizeof *data->sum);
-    state_errors(data);
-    return KILN_OK;
+    status = kiln_part_survey(p, data, &part, unit, &survey, error);
+    state_errors(data, &survey);
+    return status;
 }

@@ -7,11 +7,7 @@
  * solve would have. An integrator solves a part as it would solve all, and knows nothing of the others. Quantities
  * (quantity.h) are computed once, after the last part.
  *
- * The standard error of a mean of K independent values x_k with the mean m is sqrt(sum (x_k - m)^2 / (K (K - 1))): the
- * method of random groups (Wolter, "Introduction to Variance Estimation", chapter 2). Of four values it is off by 40 %,
- * so its square is averaged over the points of the tile run that are at most two texels away. The parts' samples
- * stratify one another, which makes the average better than independent parts would be: the error is stated too large
- * rather than too small.
+ * What the parts differ by shows the error of their mean: part_errors.h.
  *
  * With a target error the first round has fewer samples, and more rounds follow until the error is what was asked for
  * (rounds.h). The mean is over all samples: parts of different rounds count by theirs. The first round alone is in the

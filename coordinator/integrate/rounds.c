@@ -8,14 +8,12 @@
 enum {
     FIRST = 4 * KILN_PARTS, /* the settings' samples over those of a part of the first round */
     LEVELS = 40,
-    LEVELS_LEAST = 2, /* that a round goes on by */
     LEVELS_MOST = 6,       /* that a round goes on by: what few samples say of an error is not known well */
     SAMPLES_MOST = 1 << 18 /* of a step of one part */
 };
-#define LEFT 0.025      /* share of the points that may lie in tile runs that are not finished */
-#define MORE 0.1        /* share of the points that are not finished which may get more samples than they need */
-#define SAFETY 1.25     /* of what a round is expected to take */
-#define LEAST_LIGHT 0.1 /* of the mean luminance: darker points need no smaller errors than points as bright */
+#define LEFT 0.025  /* share of the points that may lie in tile runs that are not finished */
+#define MORE 0.1    /* share of the points that are not finished which may get more samples than they need */
+#define SAFETY 1.25 /* of what a round is expected to take */
 
 /* ---- samples ---- */
 
@@ -59,49 +57,29 @@ void kiln_round_share(const struct kiln_round *round, uint32_t own, bool counts,
 
 /* ---- the target ---- */
 
-static double luminance_at(const struct kiln_rank_data *data, uint64_t own)
-{
-    return kiln_luminance_of_floats(data->direct + 3 * own) + kiln_luminance_of_floats(data->indirect + 3 * own);
-}
-
-/* Collective. Mean luminance of the irradiance of all points, by area. */
-static int find_mean(const struct kiln_integrate_params *p, const struct kiln_rank_data *data, double unit,
-                     double *mean, struct kiln_error *error)
-{
-    struct kiln_exact_sum power = {0};
-    for (uint64_t i = 0; i < data->surface.count; i++)
-        if (kiln_point_valid(&data->surface, (struct kiln_own_point){i}))
-            kiln_exact_add(&power, (double)data->surface.area[i] * luminance_at(data, i), 1.0 / unit);
-    const int status = kiln_exact_reduce(p->communicator, &power, 1, error);
-    *mean = p->area > 0.0 ? kiln_exact_value(&power, unit) / p->area : 0.0;
-    return status;
-}
-
-/* How good a tile run is. */
-struct judgement {
-    uint64_t missing; /* points whose standard error is above the target */
-    double square;    /* mean square of the errors over what is allowed */
+/* What tile runs are judged by. */
+struct target {
+    struct kiln_part_survey survey;
+    double relative; /* error over luminance */
 };
 
-static struct judgement judge_tile_run(const struct kiln_rank_data *data, const struct kiln_tile_run *run,
-                                       double target, double least)
+/* Mean square, over a tile run's points, of the errors over what is allowed. */
+static double mean_square(const struct kiln_rank_data *data, const struct kiln_tile_run *run, const struct target *t)
 {
     const struct kiln_own_point first = kiln_own_of_global(&data->surface, run->first);
-    struct judgement j = {0, 0.0};
-    uint32_t valid = 0;
+    double square = 0.0, valid = 0.0;
     float errors[KILN_PART_ERRORS];
-    kiln_part_errors(data, run, errors);
+    kiln_part_errors(data, run, &t->survey, errors);
     for (uint32_t k = 0; k < run->count; k++) {
         if (!kiln_point_valid(&data->surface, (struct kiln_own_point){first.at + k}))
             continue;
-        const double allowed = target * fmax(luminance_at(data, first.at + k), least),
+        const double allowed = t->relative *
+                               fmax(kiln_part_light(data, first.at + k), KILN_PART_LEAST_LIGHT * t->survey.mean),
                      ratio = errors[k] > 0.0f ? (double)errors[k] / allowed : 0.0;
-        j.missing += ratio > 1.0;
-        j.square += fmin(ratio * ratio, 1e30);
-        valid++;
+        square += fmin(ratio * ratio, 1e30);
+        valid += 1.0;
     }
-    j.square /= valid > 0 ? (double)valid : 1.0;
-    return j;
+    return valid > 0.0 ? square / valid : 0.0;
 }
 
 /* ---- the next round ---- */
@@ -109,11 +87,10 @@ static struct judgement judge_tile_run(const struct kiln_rank_data *data, const 
 /* The level at which a tile run is expected to be finished. */
 static uint32_t level_needed(uint32_t level, double square)
 {
-    const double wanted = square / (KILN_ROUND_AIM * KILN_ROUND_AIM);
     uint32_t needed = level + 1;
     for (; needed < LEVELS - 1; needed++) {
         const double times = (double)level_times(needed) / (double)level_times(level);
-        if (times * sqrt(times) >= wanted)
+        if (times * sqrt(times) >= square)
             break;
     }
     return needed;
@@ -121,7 +98,7 @@ static uint32_t level_needed(uint32_t level, double square)
 
 /* Points that are not finished by the level they need. */
 struct needs {
-    uint64_t points[LEVELS], missing;
+    uint64_t points[LEVELS];
 };
 
 /* The most samples that a part of the first round has in a step. */
@@ -141,12 +118,11 @@ static void choose_level(const struct kiln_integrate_params *p, const struct nee
     uint64_t unfinished = 0, below = 0;
     for (uint32_t l = 0; l < LEVELS; l++)
         unfinished += needs->points[l];
-    if ((double)unfinished <= LEFT * (double)points)
+    round->share = points > 0 ? (double)unfinished / (double)points : 0.0;
+    if (round->share <= LEFT)
         return;
-    round->share = (double)unfinished / (double)points;
     for (uint32_t l = now + 1; l < LEVELS && l <= now + LEVELS_MOST; l++) {
-        const bool some = l <= now + LEVELS_LEAST || (double)below <= MORE * (double)unfinished;
-        if (first / 2 * level_times(l) > SAMPLES_MOST || !some)
+        if (first / 2 * level_times(l) > SAMPLES_MOST || (double)below > MORE * (double)unfinished)
             break;
         below += needs->points[l];
         round->to = l;
@@ -201,25 +177,23 @@ int kiln_round_judge(const struct kiln_integrate_params *p, const struct kiln_ra
                      struct kiln_step_reports *steps, struct kiln_error *error)
 {
     struct kiln_step_report *last = &steps->of[steps->count - 1];
-    struct needs needs = {{0}, 0};
-    double mean = 0.0;
+    const struct kiln_step_reports part = kiln_part_reports(steps);
+    struct target t = {.relative = p->settings->target_error};
+    struct needs needs = {{0}};
     struct kiln_round round = {.from = level_of_last(steps)};
-    const int status = find_mean(p, data, unit, &mean, error);
+    const int status = kiln_part_survey(p, data, &part, unit, &t.survey, error);
     for (size_t i = 0; status == KILN_OK && i < data->surface.tile_run_count; i++) {
         const struct kiln_tile_run *run = &data->surface.tile_runs[i];
-        const struct judgement j = judge_tile_run(data, run, p->settings->target_error, LEAST_LIGHT * mean);
-        const bool finished =
-            j.square <= KILN_ROUND_AIM * KILN_ROUND_AIM || !kiln_part_changes(data, run, last->step.part);
-        needs.missing += j.missing;
-        needs.points[finished ? 0 : level_needed(round.from, j.square)] += finished ? 0 : run->count;
+        const double square = mean_square(data, run, &t);
+        const bool finished = square <= 1.0 || !kiln_part_changes(data, run, last->step.part);
+        needs.points[finished ? 0 : level_needed(round.from, square)] += finished ? 0 : run->count;
         data->samples[i] = !finished;
     }
-    (void)MPI_Allreduce(MPI_IN_PLACE, &needs, (int)(sizeof needs / sizeof(uint64_t)), MPI_UINT64_T, MPI_SUM,
-                        p->communicator);
+    (void)MPI_Allreduce(MPI_IN_PLACE, needs.points, LEVELS, MPI_UINT64_T, MPI_SUM, p->communicator);
     choose_level(p, &needs, &round);
+    last->unfinished = round.share;
     last->out_of_time = keep_in_time(p, steps, &round);
     last->round = round;
-    last->unfinished = p->surface->point_count > 0 ? (double)needs.missing / (double)p->surface->point_count : 0.0;
     for (size_t i = 0; status == KILN_OK && round.to > 0 && i < data->surface.tile_run_count; i++)
         set_samples(p->settings, data, &round, i, data->samples[i] == 0);
     return status;

@@ -2,16 +2,16 @@
  *
  * A tile run's error is the root mean square, over its points, of the standard error over what is allowed there: the
  * target times the point's luminance, or times a tenth of the mean luminance where that is more. A tile run whose error
- * is KILN_ROUND_AIM at most is finished: it is left out of terminal steps from then on, and its results change no more;
- * its light is still part of each solve, with the samples of direct light that it had in the first round. Rounds end
- * when 2.5 % of the points at most lie in other tile runs.
+ * is 1 at most is finished: it is left out of terminal steps from then on, and its results change no more; its light is
+ * still part of each solve, with the samples of direct light that it had in the first round. Rounds end when 2.5 % of
+ * the points at most lie in other tile runs.
  *
  * How much light is known of a tile run goes by levels: with level l, a step's samples are level_times(l) / 2 times
  * those of the first round: 1, 1.5, 2, 3, 4, 6, 8, ... times. All tile runs that are not finished have the same level.
  * The next round takes them to the level that a tenth of their points is expected to need at most, if a variance falls
  * with the samples to the power of 1.5, which is more than most do (Mitchell, "Consequences of Stratified Sampling in
  * Graphics", SIGGRAPH 1996): so few have more samples than they need, and a finished tile run's error lies within a
- * level of the aim. The stretches of a Sobol' sequence that rounds take follow one another.
+ * level of the target. The stretches of a Sobol' sequence that rounds take follow one another.
  *
  * Steps that others gather from need not be as good as the final gather of few points: their samples are fewer by the
  * share of points that is not finished. */
@@ -19,8 +19,6 @@
 #define KILN_COORDINATOR_INTEGRATE_ROUNDS_H
 
 #include "coordinator/integrate/integrate.h"
-
-#define KILN_ROUND_AIM 0.85 /* of the target */
 
 /* The round that the last of `count` reports is of; NULL: the first. */
 const struct kiln_round *kiln_round_of(const struct kiln_step_report *reports, size_t count);

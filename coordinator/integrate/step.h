@@ -78,7 +78,7 @@ struct kiln_step_report {
     /* Root mean square over groups of tiles of the error that a geometric series from this step on would make, relative
      * to what the group reflects in all; 0 where nothing depends on it. */
     double tail_error;
-    /* after the last step of a round of parts (parts.h): share of the points whose error is above the target; else 0 */
+    /* after the last step of a round (rounds.h): share of the points that lie where the error is above the target */
     double unfinished;
     struct kiln_round round; /* and the round that comes next */
     bool out_of_time;        /* and whether that would hardly end in time, and so does not come */
