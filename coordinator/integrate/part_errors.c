@@ -10,8 +10,8 @@ enum {
     SIDE = 8   /* of a tile, texels */
 };
 
-#define UNIT 0x1p-60   /* of exact sums of relative variances */
-#define GAIN_LEAST 0.2 /* of nets by which variances fall with the square of the samples: 3 / (4^2 - 1) */
+#define UNIT 0x1p-60           /* of exact sums of relative variances */
+#define GAIN_LEAST (3.0 / 7.0) /* 3 / (4^p - 1) for p = 1.5 */
 
 /* Square of the standard error of the mean over the parts at a point. */
 static float variance_of(const float parts[KILN_PARTS])

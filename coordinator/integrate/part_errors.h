@@ -14,7 +14,8 @@
  *
  * with V and W averaged over all points, relative to the square of their light. But p falls with n: what is smooth
  * converges first, and edges, the chances of masks and the noise of the bounces are left. So that is the least that
- * v(n) can be, and V the most (p = 1); where W is less than V, the noise of the bounces, which W does not have,
+ * v(n) can be, where p is at most 1.5, as at edges (Mitchell, "Consequences of Stratified Sampling in Graphics",
+ * SIGGRAPH 1996). V is the most (p = 1); where W is less than V, the noise of the bounces, which W does not have,
  * prevails, and V stands. What is stated is the geometric mean of the two; with fewer than four samples a part, which
  * have no quarters, V. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PART_ERRORS_H
