@@ -20,6 +20,7 @@ static bool has_adaptive_samples(const struct kiln_job *job)
 {
     return job->schedule == KILN_SCHEDULE_LEAN || job->target_error > 0.0;
 }
+static bool has_target(const struct kiln_job *job) { return job->target_error > 0.0; }
 static bool wants_errors_apart(const struct kiln_job *job) { return job->error_map || kiln_job_denoises(job); }
 
 static const char *const total_channels[] = {"R", "G", "B"};
@@ -292,6 +293,16 @@ static const struct kiln_field table[] = {
      .saved = KILN_FIELD_SAVED_IN_STEP,
      .high = 0x1p31,
      .present = has_adaptive_samples},
+    {.name = KILN_FIELD_SAMPLES_DIRECT,
+     .unit = "1",
+     .type = KILN_FIELD_UINT32,
+     .components = 1,
+     .domain = KILN_DOMAIN_TILE_RUN,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(samples_direct),
+     .saved = KILN_FIELD_SAVED_IN_STEP,
+     .high = 0x1p31,
+     .present = has_target},
     /* scratch of a step */
     {.name = "next",
      .type = KILN_FIELD_RADIOSITY,

@@ -7,16 +7,11 @@
  * solve would have. An integrator solves a part as it would solve all, and knows nothing of the others. Quantities
  * (quantity.h) are computed once, after the last part.
  *
- * The standard error of a mean of K independent values x_k with the mean m is sqrt(sum (x_k - m)^2 / (K (K - 1))): the
- * method of random groups (Wolter, "Introduction to Variance Estimation", chapter 2). Of four values it is off by 40 %,
- * so its square is averaged over the points of the tile run that are at most two texels away. The parts' samples
- * stratify one another, which makes the average better than independent parts would be: the error is stated too large
- * rather than too small.
+ * What the parts differ by shows the error of their mean: part_errors.h.
  *
- * With a target error more rounds follow, each with as many samples as all before it, until the error of 95 % of the
- * points is below the target times the point's luminance, or times a tenth of the mean luminance where that is more. A
- * tile run is finished when that holds for 95 % of its points: it is left out of terminal steps from then on, and its
- * results change no more; its radiosity is still part of each solve. The first round alone is in the energy ledger. */
+ * With a target error the first round has fewer samples, and more rounds follow until the error is what was asked for
+ * (rounds.h). The mean is over all samples: parts of different rounds count by theirs. The first round alone is in the
+ * energy ledger. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PARTS_H
 #define KILN_COORDINATOR_INTEGRATE_PARTS_H
 
@@ -37,19 +32,19 @@ static inline struct kiln_step_reports kiln_part_reports(const struct kiln_step_
 bool kiln_parts_next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                      size_t count, struct kiln_step *step);
 
-/* How many times the samples of a part all parts before it have. */
-static inline uint32_t kiln_part_before(uint32_t part)
+/* How many times the samples of a part all parts before it have, in a step that counts for the result. */
+static inline double kiln_part_before(const struct kiln_step *step)
 {
-    return part < KILN_PARTS ? part : KILN_PARTS + part % KILN_PARTS;
+    return step->part == 0 ? 0.0 : (double)step->first_sample / (double)step->samples;
 }
 /* Changes the mean over all samples before the part to that with the part's values. */
-static inline void kiln_part_mix(float *mean, const float *values, size_t components, uint32_t part)
+static inline void kiln_part_mix(float *mean, const float *values, size_t components, const struct kiln_step *step)
 {
     for (size_t c = 0; c < components; c++)
-        mean[c] = part == 0 ? values[c] : mean[c] + (values[c] - mean[c]) / (float)(kiln_part_before(part) + 1);
+        mean[c] = step->part == 0 ? values[c] : mean[c] + (values[c] - mean[c]) / (float)(kiln_part_before(step) + 1.0);
 }
 /* The standard error of that mean: of the mean before, whose error is `before`, and a value with the error `error`. */
-double kiln_part_mix_error(double before, double error, uint32_t part);
+double kiln_part_mix_error(double before, double error, const struct kiln_step *step);
 
 /* Whether the results of a tile run's points still change in the part. */
 static inline bool kiln_part_changes(const struct kiln_rank_data *data, const struct kiln_tile_run *tile_run,
@@ -59,7 +54,8 @@ static inline bool kiln_part_changes(const struct kiln_rank_data *data, const st
 }
 
 /* What the part finds at a point begins with the luminance of direct light. Nothing where no parts are kept. */
-void kiln_part_begin(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance, uint32_t part);
+void kiln_part_begin(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance,
+                     const struct kiln_step *step);
 
 /* Collective. A step of the integrator is over. If it was the last of its part, indirect light is taken into its mean;
  * after a round, the error is looked at, in the report of the step; after the last part, the means are the result, and

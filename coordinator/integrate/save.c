@@ -5,6 +5,7 @@
 
 #include "coordinator/field/field_blocks.h"
 #include "coordinator/integrate/quantity.h"
+#include "coordinator/integrate/rounds.h"
 #include "coordinator/integrate/save.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
@@ -33,11 +34,12 @@ struct saved_report {
     uint32_t role, bounce, samples;
     uint32_t judged, moved; /* of the balance: 0 or 1 */
     uint32_t out_of_time;   /* 0 or 1 */
+    uint32_t from, to;      /* of the next round */
     double incident[3], reflected[3], sent[3], escaped[3], blocked[3], glass[3], variance;
-    double tail_error, unfinished, imbalance, gain, cost;
+    double tail_error, unfinished, share, imbalance, gain, cost;
     uint64_t points;
 };
-static_assert(sizeof(struct saved_report) == 6 * 4 + 25 * 8, "a record has no gaps");
+static_assert(sizeof(struct saved_report) == 8 * 4 + 26 * 8, "a record has no gaps");
 
 /* The block "own_steps" of each rank, an element a step: what that rank did in it. */
 struct saved_own_step {
@@ -89,6 +91,9 @@ static struct saved_report report_saved(const struct kiln_step_report *r)
                                  .tail_error = r->tail_error,
                                  .unfinished = r->unfinished,
                                  .out_of_time = r->out_of_time,
+                                 .from = r->round.from,
+                                 .to = r->round.to,
+                                 .share = r->round.share,
                                  .judged = r->balance.judged,
                                  .moved = r->balance.moved,
                                  .variance = e->variance,
@@ -114,6 +119,7 @@ static struct kiln_step_report report_read(const struct saved_report *saved)
                                  .tail_error = saved->tail_error,
                                  .unfinished = saved->unfinished,
                                  .out_of_time = saved->out_of_time != 0,
+                                 .round = {saved->from, saved->to, saved->share},
                                  .energy = {.variance = saved->variance},
                                  .balance = {.judged = saved->judged != 0,
                                              .moved = saved->moved != 0,
@@ -391,7 +397,8 @@ static int restore_state(const struct kiln_saved *s, bool *finished, struct kiln
 static bool report_is_sane(const struct saved_report *r)
 {
     bool sane = r->judged <= 1 && r->moved <= 1 && r->out_of_time <= 1 && isfinite(r->imbalance) && isfinite(r->gain) &&
-                isfinite(r->cost) && isfinite(r->variance) && isfinite(r->tail_error) && isfinite(r->unfinished);
+                isfinite(r->cost) && isfinite(r->variance) && isfinite(r->tail_error) && isfinite(r->unfinished) &&
+                kiln_round_is_sane(&(struct kiln_round){r->from, r->to, r->share});
     for (int c = 0; c < 3; c++)
         sane = sane && isfinite(r->incident[c]) && isfinite(r->reflected[c]) && isfinite(r->sent[c]) &&
                isfinite(r->escaped[c]) && isfinite(r->blocked[c]) && isfinite(r->glass[c]);

@@ -59,6 +59,13 @@ struct kiln_step_balance {
     uint64_t points;  /* that the rank that gets most gets, or would */
 };
 
+/* A round of a bake with a target error (rounds.h): the levels that it goes from and to, and the share of the points
+ * that are not finished. Zero: there is none. */
+struct kiln_round {
+    uint32_t from, to;
+    double share;
+};
+
 /* One step, as it went. Step, energy, tail_error and balance are the same on all ranks. */
 struct kiln_step_report {
     struct kiln_step step;
@@ -71,9 +78,10 @@ struct kiln_step_report {
     /* Root mean square over groups of tiles of the error that a geometric series from this step on would make, relative
      * to what the group reflects in all; 0 where nothing depends on it. */
     double tail_error;
-    /* after the last step of a round of parts (parts.h): share of the points whose error is above the target; else 0 */
+    /* after the last step of a round (rounds.h): share of the points that lie where the error is above the target */
     double unfinished;
-    bool out_of_time; /* and whether another round would hardly end in time */
+    struct kiln_round round; /* and the round that comes next */
+    bool out_of_time;        /* and whether that would hardly end in time, and so does not come */
     struct kiln_step_balance balance;
 };
 

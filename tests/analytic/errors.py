@@ -2,7 +2,7 @@
 
   /usr/bin/python3 tests/analytic/errors.py --kiln build/release/kiln [--backend vulkan]
 
-A bake with --error-map is the mean of four parts. Between 93 and 99.5 % of the texels must lie within two standard
+A bake with --error-map is the mean of four parts. Between 93 and 98 % of the texels must lie within two standard
 errors of the mean over all seeds, and the objects' means within 3.2 of theirs (Student's t with 3 degrees of freedom)
 in 93 %. One sample must state an error, too. With --target-error 0.1 the deviation over seeds, pooled, must be below
 it nearly everywhere; three ranks give the same bits. With --max-time the bake ends with what it has.
@@ -71,7 +71,7 @@ def try_errors(checks, kiln, scene):
     t = objects_t(values, parts, area, objects)
     within, means = 100 * (z < 2).mean(), 100 * (t < 3.2).mean()
     print('%.1f %% of texels within 2 stated errors, %.1f %% of the means of objects within 3.2' % (within, means))
-    checks.that(93 <= within <= 99.5, '%.1f %% of texels within 2 stated errors' % within)
+    checks.that(93 <= within <= 98, '%.1f %% of texels within 2 stated errors' % within)
     checks.that(means >= 93, '%.1f %% of the means of objects within 3.2 stated errors' % means)
     checks.that(np.allclose(parts.mean(2), values, rtol=1e-4, atol=1e-6), 'the parts are not what the total is of')
 
@@ -101,7 +101,7 @@ def try_target(checks, kiln, scene):
     kept = 100 * (deviation[lit] < 1.6 * wanted[lit]).mean()  # of four values: 1.6 is the 95th percentile
     rms = np.sqrt(((deviation / wanted)[lit] ** 2).mean())
     print('--target-error: %.1f %% of texels keep it; root mean square %.2f of it' % (kept, rms))
-    checks.that(kept >= 95 and 0.25 < rms < 1.0, '--target-error: %.1f %% kept, rms %.2f of it' % (kept, rms))
+    checks.that(kept >= 95 and 0.5 < rms < 1.0, '--target-error: %.1f %% kept, rms %.2f of it' % (kept, rms))
     one = kiln.bake(scene, *OPTIONS, *TARGET, '--error-map')
     checks.that(one.run['error']['above_target'] <= 0.05 and one.run['error']['rounds'] > 1, str(one.run['error']))
     three = kiln.bake(scene, *OPTIONS, *TARGET, '--error-map', ranks=3)

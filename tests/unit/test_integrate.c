@@ -355,14 +355,13 @@ static bool go_on(struct bake *b, const struct kiln_integrate_settings *settings
     return any;
 }
 
-/* Each part has all steps and a share of the samples, which follow one another; a round has as many as all before. */
+/* Each part has all steps and a share of the samples, which follow one another. */
 static void parts(void **state)
 {
     (void)state;
     struct kiln_integrate_settings settings = settings_of(KILN_SCHEDULE_LEAN, 2);
     struct bake b = {.count = 0};
     settings.parts = KILN_PARTS;
-    settings.target_error = 0.01;
     settings.samples_indirect = 30;
     while (go_on(&b, &settings))
         ;
@@ -376,21 +375,61 @@ static void parts(void **state)
         assert_true(step->counted == b.reports[i % 3].step.counted && step->samples_field == NULL);
     }
     assert_int_equal(b.reports[2].step.samples, 8); /* 30, rounded up, by 4 */
-    b.reports[b.count - 1].unfinished = 0.06;
-    while (go_on(&b, &settings))
-        ;
-    assert_int_equal(b.count, 2 * 3 * KILN_PARTS);
-    assert_int_equal(b.reports[3 * KILN_PARTS + 2].step.samples, 8);
-    assert_int_equal(b.reports[3 * KILN_PARTS + 2].step.first_sample, 32);
-    assert_string_equal(b.reports[3 * KILN_PARTS + 2].step.samples_field, KILN_FIELD_SAMPLES);
-    assert_false(b.reports[3 * KILN_PARTS + 2].step.counted);
-    b.reports[b.count - 1].unfinished = 0.06;
-    b.reports[b.count - 1].out_of_time = true;
+}
+
+/* No two steps of a role have a sample of the sequence in common, and those that count leave none out. */
+static void assert_stretches(const struct bake *b)
+{
+    for (size_t i = 0; i < b->count; i++) {
+        const struct kiln_step *one = &b->reports[i].step;
+        uint32_t before = 0;
+        for (size_t j = 0; j < i; j++) {
+            const struct kiln_step *other = &b->reports[j].step;
+            if (other->role != one->role)
+                continue;
+            assert_true(one->first_sample >= other->first_sample + other->samples);
+            before += other->samples;
+        }
+        if (one->role == b->reports[0].step.role || one->terminal)
+            assert_int_equal(one->first_sample, before);
+    }
+}
+
+/* With a target error the first round has few samples; others go from level to level, and what only others gather from
+ * has fewer by the square root of the points that are not finished. */
+static void rounds(void **state)
+{
+    (void)state;
+    static const struct kiln_round next[] = {{0, 3, 0.25}, {3, 4, 1.0}, {4, 5, 0.04}, {5, 9, 0.5}};
+    enum { ROUNDS = 1 + sizeof next / sizeof *next, STEPS = 3 * KILN_PARTS };
+    struct kiln_integrate_settings settings = settings_of(KILN_SCHEDULE_LEAN, 2);
+    struct bake b = {.count = 0};
+    settings.parts = KILN_PARTS;
+    settings.target_error = 0.01;
+    settings.samples_direct = settings.samples_indirect = 30;
+    settings.samples_bounce = 11; /* 33 in the first bounce */
+    for (size_t r = 0; r < ROUNDS; r++) {
+        while (go_on(&b, &settings))
+            ;
+        assert_int_equal(b.count, STEPS * (r + 1));
+        b.reports[b.count - 1].round = r + 1 < ROUNDS ? next[r] : (struct kiln_round){9, 0, 0.1};
+        const struct kiln_step *last = &b.reports[b.count - 1].step, *first = &b.reports[STEPS * r].step;
+        assert_true(last->terminal && last->counted == (r == 0) && first->counted == (r == 0));
+        if (r > 0) {
+            assert_string_equal(last->samples_field, KILN_FIELD_SAMPLES);
+            assert_string_equal(first->samples_field, KILN_FIELD_SAMPLES_DIRECT);
+            assert_null(b.reports[STEPS * r + 1].step.samples_field);
+        }
+    }
     assert_false(go_on(&b, &settings));
-    b.reports[b.count - 1].out_of_time = false;
-    assert_true(go_on(&b, &settings) && go_on(&b, &settings) && go_on(&b, &settings));
-    assert_int_equal(b.reports[b.count - 1].step.samples, 16);
-    assert_int_equal(b.reports[b.count - 1].step.first_sample, 64);
+    assert_stretches(&b);
+    /* of 30 samples a part of the first round has 2, an even number; level 3 is three times as many in all */
+    assert_int_equal(b.reports[2].step.samples, 2);
+    assert_int_equal(b.reports[STEPS + 2].step.samples, 4);
+    assert_int_equal(b.reports[2 * STEPS + 2].step.samples, 2);
+    assert_int_equal(b.reports[4 * STEPS + 2].step.samples, 48 - 12);
+    assert_int_equal(b.reports[1].step.samples, 3);
+    assert_int_equal(b.reports[STEPS + 1].step.samples, 2); /* 3 times 2, of which a quarter, rounded up */
 }
 
 int main(void)
@@ -400,6 +439,6 @@ int main(void)
                                        cmocka_unit_test(equal),        cmocka_unit_test(form),
                                        cmocka_unit_test(plan_as_bake), cmocka_unit_test(outlook),
                                        cmocka_unit_test(table),        cmocka_unit_test(another_integrator),
-                                       cmocka_unit_test(parts)};
+                                       cmocka_unit_test(parts),        cmocka_unit_test(rounds)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

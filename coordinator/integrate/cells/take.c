@@ -30,25 +30,25 @@ static void add_error(uint16_t *errors, struct kiln_own_point own, float error)
 }
 
 /* That of the direct light begins a point's errors in a part. */
-static void mix_error(uint16_t *errors, struct kiln_own_point own, float error, uint32_t part)
+static void mix_error(uint16_t *errors, struct kiln_own_point own, float error, const struct kiln_step *step)
 {
     if (errors != NULL)
         errors[own.at] =
-            kiln_error_pack((float)kiln_part_mix_error((double)kiln_error_unpack(errors[own.at]), (double)error, part));
+            kiln_error_pack((float)kiln_part_mix_error((double)kiln_error_unpack(errors[own.at]), (double)error, step));
 }
 
 static void begin_errors(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
                          float error)
 {
-    mix_error(data->error, own, error, t->step->part);
-    mix_error(data->error_direct, own, error, t->step->part);
-    mix_error(data->error_indirect, own, 0.0f, t->step->part);
+    mix_error(data->error, own, error, t->step);
+    mix_error(data->error_direct, own, error, t->step);
+    mix_error(data->error_indirect, own, 0.0f, t->step);
 }
 
 static void add_indirect_error(const struct kiln_taking *t, const struct kiln_rank_data *data,
                                struct kiln_own_point own, float error)
 {
-    const float share = error / (float)(kiln_part_before(t->step->part) + 1); /* of the mean over the parts so far */
+    const float share = error / (float)(kiln_part_before(t->step) + 1.0); /* of the mean over the parts so far */
     add_error(data->error, own, share);
     add_error(data->error_indirect, own, share);
 }
@@ -68,8 +68,8 @@ static void enter(const struct kiln_taking *t, const struct kiln_rank_data *data
         set(data->sum, own, radiosity);
         if (!counts)
             break;
-        kiln_part_mix(data->direct + 3 * own.at, r->irradiance, 3, t->step->part);
-        kiln_part_begin(data, own, kiln_luminance_in_float(r->irradiance), t->step->part);
+        kiln_part_mix(data->direct + 3 * own.at, r->irradiance, 3, t->step);
+        kiln_part_begin(data, own, kiln_luminance_in_float(r->irradiance), t->step);
         begin_errors(t, data, own, r->error);
         break;
     case KILN_CELLS_BOUNCE:
@@ -150,7 +150,7 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
     const struct kiln_point_result *results = answers;
     struct kiln_own_point own = kiln_own_of_global(&data->surface, f->first);
     const bool unfinished = kiln_part_changes(data, f, t->step->part);
-    const bool second = t->step->role == KILN_CELLS_DIRECT && t->step->samples_field != NULL;
+    const bool second = t->step->role == KILN_CELLS_DIRECT && kiln_adapt_pilot(t->settings) > 0;
     const double share =
         second ? kiln_adapt_share(kiln_adapt_pilot(t->settings), data->samples[f - data->surface.tile_runs]) : 1.0;
     /* what no ray meets takes no light from the scene */

@@ -1,0 +1,116 @@
+#include "coordinator/integrate/part_errors.h"
+
+#include <math.h>
+
+#include "coordinator/field/packed_error.h"
+#include "coordinator/job/job.h"
+
+enum {
+    REACH = 2, /* texels: how far variances are averaged */
+    SIDE = 8   /* of a tile, texels */
+};
+
+#define UNIT 0x1p-60           /* of exact sums of relative variances */
+#define GAIN_LEAST (3.0 / 7.0) /* 3 / (4^p - 1) for p = 1.5 */
+
+/* Square of the standard error of the mean over the parts at a point. */
+static float variance_of(const float parts[KILN_PARTS])
+{
+    float mean = 0.0f, square = 0.0f;
+    for (int k = 0; k < KILN_PARTS; k++)
+        mean += parts[k] / (float)KILN_PARTS;
+    for (int k = 0; k < KILN_PARTS; k++)
+        square += (parts[k] - mean) * (parts[k] - mean);
+    return square / (float)(KILN_PARTS * (KILN_PARTS - 1));
+}
+
+/* The variances of a tile run's points at their places in the tile; -1 where there is none. */
+static void lay_out(const struct kiln_rank_data *data, const struct kiln_tile_run *run, float tile[SIDE * SIDE])
+{
+    struct kiln_own_point own = kiln_own_of_global(&data->surface, run->first);
+    for (int i = 0; i < SIDE * SIDE; i++)
+        tile[i] = -1.0f;
+    for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, own.at++)
+        if (kiln_point_valid(&data->surface, own))
+            tile[__builtin_ctzll(rest)] = variance_of(data->parts + KILN_PARTS * own.at);
+}
+
+static float pooled(const float tile[SIDE * SIDE], int place)
+{
+    const int x = place % SIDE, y = place / SIDE;
+    float sum = 0.0f, count = 0.0f;
+    for (int v = y > REACH ? y - REACH : 0; v <= y + REACH && v < SIDE; v++)
+        for (int u = x > REACH ? x - REACH : 0; u <= x + REACH && u < SIDE; u++)
+            if (tile[v * SIDE + u] >= 0.0f) {
+                sum += tile[v * SIDE + u];
+                count += 1.0f;
+            }
+    return count > 0.0f ? sum / count : 0.0f;
+}
+
+/* Whether direct light and the last step, which have most of what the result is of, have a sample for each quarter. */
+static bool has_quarters(const struct kiln_step_reports *part)
+{
+    return part->of[0].step.samples >= 4 && part->of[part->count - 1].step.samples >= 4;
+}
+
+double kiln_part_light(const struct kiln_rank_data *data, uint64_t own)
+{
+    return kiln_luminance_of_floats(data->direct + 3 * own) + kiln_luminance_of_floats(data->indirect + 3 * own);
+}
+
+/* Collective. Mean luminance of the irradiance of all points, by area. */
+static int find_mean(const struct kiln_integrate_params *p, const struct kiln_rank_data *data, double unit,
+                     double *mean, struct kiln_error *error)
+{
+    struct kiln_exact_sum power = {0};
+    for (uint64_t i = 0; i < data->surface.count; i++)
+        if (kiln_point_valid(&data->surface, (struct kiln_own_point){i}))
+            kiln_exact_add(&power, (double)data->surface.area[i] * kiln_part_light(data, i), 1.0 / unit);
+    const int status = kiln_exact_reduce(p->communicator, &power, 1, error);
+    *mean = p->area > 0.0 ? kiln_exact_value(&power, unit) / p->area : 0.0;
+    return status;
+}
+
+/* Collective. Sums over all points of V and W, relative to light; an error of more than all counts as all. */
+static int add_variances(const struct kiln_integrate_params *p, const struct kiln_rank_data *data, double mean,
+                         double sums[2], struct kiln_error *error)
+{
+    struct kiln_exact_sum exact[2] = {{0}, {0}};
+    for (uint64_t i = 0; i < data->surface.count; i++) {
+        const double light = fmax(kiln_part_light(data, i), KILN_PART_LEAST_LIGHT * mean),
+                     own = (double)kiln_error_unpack(data->error[i]) / light,
+                     parts = sqrt((double)variance_of(data->parts + KILN_PARTS * i)) / light;
+        if (!(light > 0.0) || !kiln_point_valid(&data->surface, (struct kiln_own_point){i}))
+            continue;
+        kiln_exact_add(&exact[0], fmin(parts * parts, 1.0), 1.0 / UNIT);
+        kiln_exact_add(&exact[1], fmin(own * own, 1.0), 1.0 / UNIT);
+    }
+    const int status = kiln_exact_reduce(p->communicator, exact, 2, error);
+    for (int k = 0; k < 2; k++)
+        sums[k] = kiln_exact_value(&exact[k], UNIT);
+    return status;
+}
+
+int kiln_part_survey(const struct kiln_integrate_params *p, const struct kiln_rank_data *data,
+                     const struct kiln_step_reports *part, double unit, struct kiln_part_survey *survey,
+                     struct kiln_error *error)
+{
+    double sums[2] = {0.0, 0.0};
+    int status = find_mean(p, data, unit, &survey->mean, error);
+    if (status == KILN_OK)
+        status = add_variances(p, data, survey->mean, sums, error);
+    survey->gain = has_quarters(part) && sums[1] > sums[0]
+                       ? sqrt(fmax(3.0 * sums[0] / (4.0 * sums[1] - sums[0]), GAIN_LEAST))
+                       : 1.0;
+    return status;
+}
+
+void kiln_part_errors(const struct kiln_rank_data *data, const struct kiln_tile_run *run,
+                      const struct kiln_part_survey *survey, float errors[KILN_PART_ERRORS])
+{
+    float tile[SIDE * SIDE];
+    lay_out(data, run, tile);
+    for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1)
+        *errors++ = sqrtf((float)survey->gain * pooled(tile, __builtin_ctzll(rest)));
+}
