@@ -19,7 +19,7 @@
 
 #include "coordinator/output/map/map.h"
 
-#define KILN_SEAM_WEIGHT 0.02
+#define KILN_SEAM_WEIGHT 0.1
 
 /* If the values on both sides differ by more than this factor, the edge is one of the light, such as a wall between two
  * rooms on the seam, and not an error of sampling. Such samples are left out, and black stays black. */
