@@ -14,7 +14,8 @@
 
 #include "coordinator/job/job.h"
 
-/* Runs the bakes of the groups that are arguments 2, 3, ... of the job, or of all groups, on job->scene. Bakes the
+/* Runs the bakes of the groups that are arguments 2, 3, ... of the job, or of all groups, on job->scene; an argument
+ * such as 32,4,64 is a bake with so many samples of direct light, of the bounces and of the final gather. Bakes the
  * reference first, with job->reference_samples gather rays for each texel and another seed, unless job->reference names
  * one. Options of the job that bake also has are passed on to all bakes, but those that are swept are refused.
  *

@@ -43,8 +43,8 @@ struct kiln_tradeoff {
     double reference_error; /* of the reference's own, as it states it, relative to its mean */
 };
 
-/* tradeoff_settings.c. Lists the bakes of the groups that are named, or of all. KILN_USAGE for a group that there is
- * none of. */
+/* tradeoff_settings.c. Lists the bakes of the groups that are named, or of all, after those whose samples are given.
+ * KILN_USAGE for a group that there is none of. */
 int kiln_settings_choose(struct kiln_tradeoff *sweep, struct kiln_error *error);
 /* The options of a bake, as words with a blank between. `density`: of the reference. */
 void kiln_setting_options(const struct kiln_setting *setting, double density, char text[KILN_SETTING_OPTIONS]);

@@ -1,9 +1,12 @@
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "coordinator/bench/tradeoff_private.h"
 #include "coordinator/job/options.h"
+
+enum { SAMPLES_MOST = 1 << 20 };
 
 /* What is swept, in this order, so that a sweep that ends early has the presets and what is quick. */
 static const char *const groups[] = {"presets", "denoise", "schedule", "density", "bounces", "samples", NULL};
@@ -114,6 +117,37 @@ static void add_samples(struct kiln_tradeoff *sweep)
         }
 }
 
+/* Reads "DIRECT,BOUNCE,INDIRECT", such as 32,4,64. */
+static bool read_samples(const char *text, struct kiln_setting *s)
+{
+    unsigned long values[3];
+    for (int i = 0; i < 3; i++) {
+        char *end = NULL;
+        if (*text < '0' || *text > '9')
+            return false;
+        values[i] = strtoul(text, &end, 10);
+        if (values[i] < 1 || values[i] > SAMPLES_MOST || *end != (i < 2 ? ',' : '\0'))
+            return false;
+        text = end + 1;
+    }
+    *s = (struct kiln_setting){.group = "given",
+                               .direct = (uint32_t)values[0],
+                               .bounce = (uint32_t)values[1],
+                               .indirect = (uint32_t)values[2],
+                               .bounces = -1,
+                               .density = 1.0};
+    (void)snprintf(s->name, sizeof s->name, "%u %u %u", s->direct, s->bounce, s->indirect);
+    return true;
+}
+
+static void add_given(struct kiln_tradeoff *sweep)
+{
+    struct kiln_setting s;
+    for (size_t i = 2; i < sweep->job->argument_count; i++)
+        if (read_samples(sweep->job->arguments[i], &s))
+            add(sweep, s);
+}
+
 static bool is_named(const struct kiln_job *job, const char *group)
 {
     for (size_t i = 2; i < job->argument_count; i++)
@@ -130,11 +164,14 @@ static int check_names(const struct kiln_job *job, struct kiln_error *error)
         (void)snprintf(names + used, sizeof names - used, "%s%s", g == 0 ? "" : ", ", groups[g]);
     }
     for (size_t i = 2; i < job->argument_count; i++) {
-        bool known = false;
+        struct kiln_setting given;
+        bool known = read_samples(job->arguments[i], &given);
         for (size_t g = 0; groups[g] != NULL; g++)
             known = known || strcmp(groups[g], job->arguments[i]) == 0;
         if (!known)
-            return kiln_fail(error, KILN_USAGE, "kiln bench tradeoff sweeps no '%.100s'; it sweeps: %s",
+            return kiln_fail(error, KILN_USAGE,
+                             "kiln bench tradeoff sweeps no '%.100s'; it sweeps: %s, and samples given as "
+                             "DIRECT,BOUNCE,INDIRECT, such as 32,4,64",
                              job->arguments[i], names);
     }
     return KILN_OK;
@@ -144,6 +181,8 @@ int kiln_settings_choose(struct kiln_tradeoff *sweep, struct kiln_error *error)
 {
     const struct kiln_job *job = sweep->job;
     const int status = check_names(job, error);
+    if (status == KILN_OK)
+        add_given(sweep);
     for (size_t g = 0; status == KILN_OK && groups[g] != NULL; g++) {
         if (!is_named(job, groups[g]) || (strcmp(groups[g], "density") == 0 && job->lightmap_size != 0))
             continue;
@@ -154,6 +193,8 @@ int kiln_settings_choose(struct kiln_tradeoff *sweep, struct kiln_error *error)
         else
             add_variants(sweep, groups[g]);
     }
+    if (status == KILN_OK && sweep->count == KILN_SETTINGS_MOST)
+        return kiln_fail(error, KILN_USAGE, "there are too many bakes in one sweep: give fewer samples");
     if (status == KILN_OK && sweep->count == 0)
         return kiln_fail(error, KILN_USAGE,
                          "density cannot be swept with --lightmap-size, which sets the size of every lightmap");

@@ -159,6 +159,8 @@ class Tradeoff(unittest.TestCase):
         reference = os.path.join(self.out, 'reference')
         for code, words, arguments, scene in (
                 (64, "it sweeps: presets, denoise", ['guessed'], SCENE),
+                (64, "sweeps no '32,0,64'", ['32,0,64'], SCENE),
+                (64, "sweeps no '32,4'", ['32,4'], SCENE),
                 (64, 'takes no --samples-direct', ['--samples-direct', 8], SCENE),
                 (64, 'density cannot be swept', ['density'], SCENE),
                 (66, 'cannot read scene /none.glb', [], '/none.glb'),
@@ -180,6 +182,10 @@ class Tradeoff(unittest.TestCase):
         self.assertRegex(answer.sentence(), "the bake 'reference' failed with 65: .*broken.glb")
 
     def test_the_list(self):
+        answer = kiln('bench', 'tradeoff', SCENE, '32,4,64', '--list')
+        self.assertRegex(answer.out.splitlines()[0], '^given +32 4 64 +--samples-direct 32 --samples-bounce 4 '
+                                                     '--samples-indirect 64 ')
+        self.assertEqual(len(answer.out.splitlines()), 2)
         answer = kiln('bench', 'tradeoff', SCENE, '--list', '-o', os.path.join(self.folder, 'listed'))
         self.assertEqual(answer.code, 0, answer.err)
         self.assertFalse(os.path.exists(os.path.join(self.folder, 'listed')))
