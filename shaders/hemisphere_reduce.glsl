@@ -18,14 +18,22 @@ struct Totals {
 float float_of(kiln_sum sum) { return sum.high + sum.low; }
 
 /* Standard error of the mean of four sub-nets, from their means: more than the error of the whole net, whose parts
- * balance one another. */
+ * balance one another. Squares are of differences over a power of two near the largest, so that they fit a float. */
 float quarters_error(float quarters[4])
 {
     const float middle = 0.25 * (quarters[0] + quarters[1] + quarters[2] + quarters[3]);
-    float square = 0.0;
+    float most = 0.0, square = 0.0;
     for (uint q = 0u; q < 4u; q++)
-        square += (quarters[q] - middle) * (quarters[q] - middle);
-    return sqrt(square / 12.0);
+        most = max(most, abs(quarters[q] - middle));
+    int exponent;
+    frexp(most, exponent);
+    exponent = clamp(exponent, -126, 126);
+    const float down = ldexp(1.0, -exponent);
+    for (uint q = 0u; q < 4u; q++) {
+        const float off = down * (quarters[q] - middle);
+        square += off * off;
+    }
+    return ldexp(1.0, exponent) * sqrt(square / 12.0);
 }
 
 /* False for an invalid point. */
