@@ -320,7 +320,7 @@ static void print_target(FILE *stream, const json_t *error)
 {
     if (json_object_get(error, "target") != NULL)
         (void)fprintf(stream,
-                      "%.2f %% of the surface points lie where the error is above the target of %.3g %%, after %.0f round%s\n",
+                      "%.2f %% of the surface points lie where the error is above %.3g %%, after %.0f round%s\n",
                       100.0 * number_of(error, "above_target"), 100.0 * number_of(error, "target"),
                       number_of(error, "rounds"), number_of(error, "rounds") > 1.0 ? "s" : "");
 }

@@ -8,8 +8,8 @@ holds what was gathered, before denoising. z of a texel in one bake is its value
 seeds, over the root of the squared stated error and the squared standard error of that mean. A table has what share of
 all texels of all bakes lies within 1, 2, 3, 3.2 (68.3, 95.4, 99.7, 99.9 % of a normal distribution), the 99th
 percentile of |z|, and the root mean square of the true deviation (over seeds) over that of the stated error: above 1
-the bakes promise too much. Texels that are buried with any seed are left out, and those that neither change by more than rounding with
-the seed nor state such an error.
+the bakes promise too much. Texels that are buried with any seed are left out, and those that neither change by more
+than rounding with the seed nor state such an error.
 
 The rows of objects are the same for the mean of each object, weighted by area. Its stated error is mean_error of
 run.json, where that is, else that of texels with independent errors. It is of three degrees of freedom, of which 95 %
@@ -68,7 +68,8 @@ def show(table, scene, what, values, stated):
     z, ratio = deviations(values, stated)
     if len(z) == 0:
         return
-    table.row(scene, what, '%d' % (len(z) // len(values)), *('%.1f %%' % (100 * (z < k).mean()) for k in (1, 2, 3, 3.2)),
+    table.row(scene, what, '%d' % (len(z) // len(values)),
+              *('%.1f %%' % (100 * (z < k).mean()) for k in (1, 2, 3, 3.2)),
               '%.2f' % np.percentile(z, 99), '%.2f' % ratio)
 
 
