@@ -50,8 +50,8 @@ bool direct_has_pilots()
 }
 /* Where they have: the rays of a point's pilots. */
 DirectWords direct_pilot_rays() { return DirectWords(direct_counts_at() + 4ul * push.pass.room); }
-/* How the point's samples are dealt out: slices of a quarter, and rows of a slice. `split_up`: in the kernel over partly
- * buried points. */
+/* How the point's samples are dealt out: slices of a quarter, and rows of a slice. `split_up`: in the kernel over
+ * partly buried points. */
 void direct_slices(uint state, bool split_up, out uint slices, out uint split)
 {
     slices = push.pass.slices;
