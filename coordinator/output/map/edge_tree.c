@@ -19,6 +19,10 @@ struct kiln_edge_tree {
 
 /* ---- boxes ---- */
 
+/* fminf and fmaxf are calls; no coordinate is other than a number. */
+static inline float least(float a, float b) { return a < b ? a : b; }
+static inline float most(float a, float b) { return a > b ? a : b; }
+
 struct kiln_box kiln_box_empty(void)
 {
     return (struct kiln_box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
@@ -32,8 +36,8 @@ bool kiln_box_is_empty(const struct kiln_box *b)
 void kiln_box_add(struct kiln_box *box, const float point[3])
 {
     for (int c = 0; c < 3; c++) {
-        box->low[c] = fminf(box->low[c], point[c]);
-        box->high[c] = fmaxf(box->high[c], point[c]);
+        box->low[c] = least(box->low[c], point[c]);
+        box->high[c] = most(box->high[c], point[c]);
     }
 }
 
@@ -49,8 +53,8 @@ struct kiln_box kiln_box_common(const struct kiln_box *a, const struct kiln_box 
 {
     struct kiln_box common;
     for (int c = 0; c < 3; c++) {
-        common.low[c] = fmaxf(a->low[c], b->low[c]);
-        common.high[c] = fminf(a->high[c], b->high[c]);
+        common.low[c] = most(a->low[c], b->low[c]);
+        common.high[c] = least(a->high[c], b->high[c]);
     }
     return common;
 }
@@ -187,8 +191,10 @@ struct visitor {
 
 static bool is_near(const struct kiln_box *a, const struct kiln_box *b)
 {
-    const struct kiln_box common = kiln_box_common(a, b);
-    return !kiln_box_is_empty(&common);
+    bool near = true;
+    for (int c = 0; c < 3; c++)
+        near &= a->low[c] <= b->high[c] && b->low[c] <= a->high[c];
+    return near;
 }
 
 static void descend(const struct kiln_edge_tree *t, const struct visitor *v, size_t level, size_t node)
