@@ -942,7 +942,7 @@ const struct kiln_option kiln_options[] = {
 const size_t kiln_option_count = ARRAY_COUNT(kiln_options);
 
 const struct kiln_quality kiln_qualities[] = {
-    {"draft", 16, 4, 32, 16},
+    {"draft", 64, 4, 32, 16},
     {"preview", 64, 8, 128, 64},
     {"production", 256, 16, 512, 256},
     {"reference", 1024, 64, 4096, 1024},

@@ -19,7 +19,7 @@ import measure  # noqa: E402
 import harness  # noqa: E402
 
 LUMINANCE = np.array((0.2126, 0.7152, 0.0722))
-SAMPLES = {'draft': (16, 4, 32), 'preview': (64, 8, 128), 'production': (256, 16, 512)}
+SAMPLES = {'draft': (64, 4, 32), 'preview': (64, 8, 128), 'production': (256, 16, 512)}
 
 
 def layers(bake):
