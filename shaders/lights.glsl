@@ -95,17 +95,19 @@ void cut_set(uint i, uint node, real importance)
     cut_leaves = (cut_leaves & ~(1u << i)) | leaf << i;
 }
 
-/* The most important cluster that can be split; cut_count if none can. */
+/* The most important cluster that can be split and is worth it (KILN_CUT_SHARE); cut_count if there is none. */
 uint cut_best()
 {
     uint best = cut_count;
-    real most = 0;
-    for (uint i = 0u; i < cut_count; i++)
+    real most = 0, total = 0;
+    for (uint i = 0u; i < cut_count; i++) {
+        total += cut_importance[i];
         if ((cut_leaves >> i & 1u) == 0u && (best == cut_count || cut_importance[i] > most)) {
             best = i;
             most = cut_importance[i];
         }
-    return best;
+    }
+    return most > KILN_CUT_SHARE * total ? best : cut_count;
 }
 
 void cut_split(uint best, real3 p, real spread, real3 n)

@@ -12,6 +12,10 @@
 /* The same for a point that has so many samples for them: two a cluster. */
 KILN_FUNCTION KILN_U32 kiln_cut_limit(KILN_U32 samples) { return word_max(1u, word_min(samples / 2u, KILN_CUT_MAX)); }
 
+/* A cluster with at most this share of the importance of a point's lights is not split: one sample is enough for it. So
+ * small, because what the important lights seem to bring may be hidden from the point. */
+#define KILN_CUT_SHARE KILN_RATIO(1, 1048576)
+
 /* Where a cluster is, which way it shines, how much. */
 struct kiln_light_bounds {
     kiln_real3 centre, axis;       /* m; unit */

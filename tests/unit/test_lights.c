@@ -215,6 +215,45 @@ static void environment_image(void **state)
     free(lights.conditional);
 }
 
+/* A bright light and a hundred that hardly matter beside it: these are one choice, whose samples tell their sum.
+ * Without the bright one they are split as any. */
+static void dim_lights_share_a_choice(void **state)
+{
+    (void)state;
+    enum { DIM = 100, SAMPLES = 1 << 16 };
+    struct kiln_geometry geometry = {.extent = 1.0f};
+    struct kiln_point_light points[DIM + 1] = {{.position = {0, 2, 0}, .intensity = {1, 1, 1}}};
+    const struct kiln_dvec3 p = {0, 0, 0}, n = {0, 1, 0};
+    double exact = 0.0;
+    uint32_t seed = 3;
+    for (int i = 1; i <= DIM; i++) {
+        points[i] = (struct kiln_point_light){
+            .position = {uniform(&seed) - 0.5, 1.0 + uniform(&seed), uniform(&seed) - 0.5}, .intensity = {0, 1e-9f, 0}};
+        const double d = dvec3_length(points[i].position);
+        exact += (double)points[i].intensity[1] * points[i].position.y / (d * d * d);
+    }
+    struct kiln_lights lights = {.points = points, .point_count = DIM + 1, .geometry = &geometry};
+    assert_int_equal(kiln_light_tree_build(&lights, NULL), KILN_OK);
+    struct kiln_light_choice choices[KILN_CUT_MAX];
+    const size_t count = kiln_lights_choices(&lights, p, 0.0, n, KILN_CUT_MAX, choices);
+    assert_in_range(count, 2, 8); /* those that share a cluster with the bright one go apart from it on the way */
+    double dim = 0.0;
+    for (size_t i = 0; i < count; i++)
+        for (uint32_t k = 0; k < SAMPLES; k++) {
+            struct kiln_light_sample s;
+            const double pick = kiln_unit_double(kiln_sobol(k, 0));
+            if (kiln_lights_sample(&lights, &choices[i], k, p, n, pick, 0.5, 0.5, &s) && s.value[0] == 0.0)
+                dim += s.value[1] * dvec3_dot(n, s.direction) / SAMPLES;
+        }
+    if (fabs(dim / exact - 1.0) > 1e-3)
+        fail_msg("%g instead of %g", dim, exact);
+    free(lights.nodes);
+    lights.points++, lights.point_count = DIM;
+    assert_int_equal(kiln_light_tree_build(&lights, NULL), KILN_OK);
+    assert_int_equal(kiln_lights_choices(&lights, p, 0.0, n, KILN_CUT_MAX, choices), KILN_CUT_MAX);
+    free(lights.nodes);
+}
+
 static void every_choice_gets_a_sample(void **state)
 {
     (void)state;
@@ -234,6 +273,7 @@ int main(void)
         cmocka_unit_test(many_triangles_through_the_tree),
         cmocka_unit_test(points_spots_and_ranges),
         cmocka_unit_test(environment_image),
+        cmocka_unit_test(dim_lights_share_a_choice),
         cmocka_unit_test(every_choice_gets_a_sample),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -321,6 +321,10 @@ static void points_and_suns(void **state)
                                                   .irradiance = {1.0f, (float)uniform(&seed), 0.1f}};
     struct kiln_lights lights = {.points = points, .point_count = 40};
     compare(*state, &lights, 1.5, "point and spot lights");
+    for (size_t i = 1; i < 40; i++)
+        for (int c = 0; c < 3; c++)
+            points[i].intensity[c] *= 1e-8f;
+    compare(*state, &lights, 1.5, "one bright light among dim ones");
     lights = (struct kiln_lights){.points = points, .point_count = 3, .directionals = suns, .directional_count = 7};
     compare(*state, &lights, 1.5, "suns");
 }

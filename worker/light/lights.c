@@ -147,7 +147,21 @@ void kiln_lights_destroy(struct kiln_lights **lights)
     kiln_free(lights);
 }
 
-/* Splits the most important inner cluster until there is room for no more or only single lights are left. */
+/* The most important cluster of a cut that can be split and is worth it (KILN_CUT_SHARE); `count`: there is none. */
+static size_t cut_best(const struct kiln_lights *lights, const struct kiln_light_choice *choices, size_t count)
+{
+    size_t best = count;
+    double total = 0.0;
+    for (size_t i = 0; i < count; i++) {
+        total += choices[i].importance;
+        if (lights->nodes[choices[i].index].left != KILN_NONE &&
+            (best == count || choices[i].importance > choices[best].importance))
+            best = i;
+    }
+    return best < count && choices[best].importance > KILN_CUT_SHARE * total ? best : count;
+}
+
+/* Splits the most important inner cluster until there is room for no more or none is worth it. */
 static size_t cut_tree(const struct kiln_lights *lights, struct kiln_dvec3 p, double spread, struct kiln_dvec3 n,
                        size_t limit, struct kiln_light_choice *choices)
 {
@@ -159,11 +173,7 @@ static size_t cut_tree(const struct kiln_lights *lights, struct kiln_dvec3 p, do
     size_t count = 1;
     choices[0] = (struct kiln_light_choice){KILN_CHOICE_NODE, 0, 0, importance};
     while (count < limit) {
-        size_t best = count;
-        for (size_t i = 0; i < count; i++)
-            if (lights->nodes[choices[i].index].left != KILN_NONE &&
-                (best == count || choices[i].importance > choices[best].importance))
-                best = i;
+        const size_t best = cut_best(lights, choices, count);
         if (best == count)
             break;
         const struct kiln_light_node *node = &lights->nodes[choices[best].index];

@@ -2,9 +2,10 @@
  *
  * Emissive triangles, point and spot lights hang in a light tree (Conty Estevez and Kulla, "Importance Sampling of Many
  * Lights with Adaptive Tree Splitting", 2018; bounds as in pbrt-v4 section 12.6). For a shaded point the tree is cut
- * into at most KILN_CUT_MAX clusters by splitting the most important one again and again; directional lights and the
- * environment are choices of their own. Each choice then gets a fixed number of samples, in proportion to its
- * importance, so that a lone light has no choice noise at all. Importance is zero only where the contribution is.
+ * into at most KILN_CUT_MAX clusters by splitting the most important one again and again, as long as it may bring
+ * enough of all (KILN_CUT_SHARE); directional lights and the environment are choices of their own. Each choice then
+ * gets a fixed number of samples, in proportion to its importance, so that a lone light has no choice noise at all.
+ * Importance is zero only where the contribution is.
  *
  * Lights are built once and only read afterwards: safe to share between threads. Positions are relative to the scene's
  * centre. Radiance in W m-2 sr-1, intensity in W/sr, directional lights in W/m2. */
