@@ -588,7 +588,7 @@ static void gather(const struct kiln_run *run, struct gathered *g)
 int kiln_run_report(json_t **report, const struct kiln_run *run, struct kiln_error *error)
 {
     const struct kiln_prepared *p = run->prepared;
-    struct gathered g = {NULL};
+    struct gathered g = {.values = NULL};
     *report = NULL;
     const int status = make_room(run, &g, error);
     if (status == KILN_OK) {
