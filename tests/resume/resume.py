@@ -124,10 +124,17 @@ def ranks_of(process):
 def state_of(pid):
     """R, S, D, T (stopped), Z as in /proc; Z too when it is gone."""
     try:
-        with open('/proc/%d/stat' % pid) as f:
+        with open('/proc/%s/stat' % pid) as f:
             return f.read().rsplit(')', 1)[1].split()[0]
     except OSError:
         return 'Z'
+
+
+def threads_of(pid):
+    try:
+        return os.listdir('/proc/%d/task' % pid)
+    except OSError:
+        return []
 
 
 def digest(values):
@@ -438,8 +445,8 @@ def kill_mpirun(checks, tool, subject, stopped):
     segments = belongings(ranks)
     if stopped:
         os.kill(ranks[1], signal.SIGSTOP)
-        # the kernel wakes and ends what stands still when its parent goes, not what is about to
-        wait_for(lambda: state_of(ranks[1]) == 'T')
+        # the kernel wakes and ends what stands still when its parent goes, not what is about to: all of its threads
+        wait_for(lambda: all(state_of('%d/task/%s' % (ranks[1], t)) == 'T' for t in threads_of(ranks[1])))
     began = time.monotonic()
     process.kill()
     process.wait()
