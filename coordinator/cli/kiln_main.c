@@ -11,7 +11,6 @@
 #include <unistd.h>
 
 #include "coordinator/bake/prepare.h"
-#include "coordinator/mpi/launcher.h"
 #include "coordinator/mpi/waiting.h"
 #include "coordinator/mpi/watchdog.h"
 #include "coordinator/mpi/agree.h"
@@ -235,9 +234,8 @@ static void watch_departure(bool many, int rank)
     kiln_on_uncaught(leave);
 }
 
-enum { START_SECONDS = 30 }; /* the ranks have at least so long to start */
-/* threads of Open MPI; those, the watchdog's, the launcher's and the status file's */
-enum { MPI_THREADS = 3, OTHER_THREADS = 7 };
+enum { START_SECONDS = 30 };                 /* the ranks have at least so long to start */
+enum { MPI_THREADS = 3, OTHER_THREADS = 6 }; /* threads of Open MPI; those, the watchdog's and the status file's */
 
 /* MPI error handler: reports failures of MPI like all others. */
 static void report_mpi_failure(MPI_Comm *communicator, int *code, ...)
@@ -274,8 +272,6 @@ static int start_mpi(bool many, int *rank, double seconds, struct kiln_error *er
     (void)setenv("OMPI_MCA_sharedfp", "individual", 0);
     if (many) {
         kiln_watchdog_start(*rank, seconds);
-        if (is_launched())
-            kiln_launcher_watch();
     } else { /* a single process needs no daemon of Open MPI */
         (void)setenv("OMPI_MCA_ess_singleton_isolated", "1", 0);
         /* and no session folder in TMPDIR: processes that start at the same time collide there, and a killed one leaves
