@@ -4,6 +4,7 @@ Every test is a program, `test.py --kiln PATH`, whose exit code is 0 (passed), 1
 sentence). It runs under /usr/bin/python3 with numpy and h5py. A failed check prints the command that repeats it.
 """
 import argparse
+import hashlib
 import json
 import os
 import shutil
@@ -302,6 +303,15 @@ class Table:
     def row(self, *cells):
         print(' '.join(('%-*s' if i == 0 else '%*s') % (w, c) for i,
                        ((_, w), c) in enumerate(zip(self.columns, cells))), flush=True)
+
+
+def lightmap_hashes(bake):
+    """{file: hash} of a bake's lightmaps."""
+    found = {}
+    for entry in bake.run['objects']:
+        with open(os.path.join(bake.directory, entry['lightmap']), 'rb') as f:
+            found[entry['lightmap']] = hashlib.sha256(f.read()).hexdigest()
+    return found
 
 
 def start(description, *more):

@@ -8,7 +8,6 @@ ranks; the stated error is never above the raw one, and 0 only where that is. Wh
 a tenth of its mean from texel to texel, at the edges of shadows, the error does not rise. With --backend vulkan the
 lightmaps are compared with Embree's instead.
 """
-import hashlib
 import os
 import sys
 
@@ -59,14 +58,6 @@ def edges(bake):
                 mask[tuple(slice(*(ends if k == axis else (None, None))) for k in (0, 1))] |= both
         masks.append(mask.ravel())
     return np.concatenate(masks)
-
-
-def files(bake):
-    found = {}
-    for entry in bake.run['objects']:
-        with open(os.path.join(bake.directory, entry['lightmap']), 'rb') as f:
-            found[entry['lightmap']] = hashlib.sha256(f.read()).hexdigest()
-    return found
 
 
 def same_points(a, b):
@@ -122,8 +113,9 @@ def same_over_ranks(checks, kiln, scene):
     for ranks, threads in ((0, 1), (3, 1), (4, 2)):
         bake = kiln.bake(scene, *OPTIONS, '--quality', 'draft', '--threads', threads, ranks=ranks)
         if checks.baked(bake):
-            first = first or files(bake)
-            checks.that(files(bake) == first, 'lightmaps of %d ranks are not the same bytes' % ranks, bake.process)
+            first = first or harness.lightmap_hashes(bake)
+            checks.that(harness.lightmap_hashes(bake) == first,
+                        'lightmaps of %d ranks are not the same bytes' % ranks, bake.process)
 
 
 def not_of_a_reference(checks, kiln, scene):

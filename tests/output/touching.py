@@ -8,7 +8,6 @@ filter does. The step between them, in units of the stated error there, must nea
 the whole, nor much on the surface where the layout has a margin, and the same bytes must come from 1, 3 and 4 ranks.
 Objects 1 mm apart, at a right angle, back to back, and one upon the other keep their bits.
 """
-import hashlib
 import os
 import sys
 
@@ -129,22 +128,15 @@ def check_steps(checks, kiln, table):
                         'move by %.3g of the step' % (name, how, moved / before))
 
 
-def files(bake):
-    found = {}
-    for entry in bake.run['objects']:
-        with open(os.path.join(bake.directory, entry['lightmap']), 'rb') as f:
-            found[entry['lightmap']] = hashlib.sha256(f.read()).hexdigest()
-    return found
-
-
 def check_ranks(checks, kiln):
     scene = floor(os.path.join(kiln.scratch, 'ranks.glb'), *FLOORS['four, padded'])
     first = None
     for ranks, threads in ((1, 2), (3, 1), (4, 1)):
         bake = kiln.bake(scene, *OPTIONS, '--threads', threads, ranks=ranks)
         if checks.baked(bake):
-            first = first or files(bake)
-            checks.that(files(bake) == first, 'lightmaps of %d ranks are not the same bytes' % ranks, bake.process)
+            first = first or harness.lightmap_hashes(bake)
+            checks.that(harness.lightmap_hashes(bake) == first,
+                        'lightmaps of %d ranks are not the same bytes' % ranks, bake.process)
 
 
 def pixels(bake):
