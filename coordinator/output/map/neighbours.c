@@ -15,6 +15,9 @@ enum {
     OUTSIDE = KILN_NEIGHBOUR_RINGS
 };
 
+/* How far a neighbour may lie off the tangent plane: so many texels, or so many times d sin(angle). */
+static const float off_most = 0.05f, off_slope = 0.6f;
+
 /* A cell of the grid for texels of 2^level to 2^(level + 1) m. */
 struct kiln_neighbour_cell {
     int32_t level, at[3];
@@ -273,7 +276,7 @@ static void make_basis(const float n[3], float t[3], float b[3])
 static void classify(struct kiln_neighbours *n, const struct kiln_neighbour_point *p, float radius)
 {
     const float ax = p->position[0], ay = p->position[1], az = p->position[2], nx = p->normal[0], ny = p->normal[1],
-                nz = p->normal[2], inverse = 1.0f / p->size, most = radius * radius;
+                nz = p->normal[2], inverse = 1.0f / p->size, most = radius * radius, slope = off_slope * off_slope;
     float t[3], b[3];
     make_basis(p->normal, t, b);
     const float tx = t[0], ty = t[1], tz = t[2], bx = b[0], by = b[1], bz = b[2];
@@ -283,10 +286,10 @@ static void classify(struct kiln_neighbours *n, const struct kiln_neighbour_poin
         const float dx = (n->of.position[0][i] - ax) * inverse, dy = (n->of.position[1][i] - ay) * inverse,
                     dz = (n->of.position[2][i] - az) * inverse, square = dx * dx + dy * dy + dz * dz;
         const float cosine = n->of.normal[0][i] * nx + n->of.normal[1][i] * ny + n->of.normal[2][i] * nz;
-        const float off = fabsf(dx * nx + dy * ny + dz * nz) - 0.5f, sine = fabsf(1.0f - cosine * cosine);
+        const float off = fabsf(dx * nx + dy * ny + dz * nz) - off_most, sine = fabsf(1.0f - cosine * cosine);
         const float x = dx * tx + dy * ty + dz * tz, y = dx * bx + dy * by + dz * bz, r = x * x + y * y;
         const int ring = (r >= 2.25f) + (r >= 4.0f) + (r >= 9.0f) + (r >= 16.0f) + (r >= 36.0f);
-        const int flat = (off <= 0.0f) | (off * off <= 0.09f * square * sine);
+        const int flat = (off <= 0.0f) | (off * off <= slope * square * sine);
         const int near = (square < most) & (cosine >= KILN_NEIGHBOUR_COSINE) & flat;
         n->tangent[0][i] = x;
         n->tangent[1][i] = y;

@@ -5,10 +5,11 @@
  * point i if
  *   - it lies within `radius` texels of i,
  *   - the cosine of the angle between their normals is at least KILN_NEIGHBOUR_COSINE,
- *   - it lies in the tangent plane of i, but for half a texel and 0.3 d sin(angle), by which a curved surface leaves
- *     its tangent plane within the distance d,
+ *   - it lies in the tangent plane of i, but for a twentieth of a texel or 0.6 d sin(angle),
+ *     where a circle leaves it by 0.5 d sin(angle) within a small distance d,
  *   - its texel is less than four times as large or small as that of i.
- * So a surface's two sides, the two faces at an edge, and a step of half a texel are not neighbours.
+ * So a surface's two sides, the two faces at an edge, and two faces that are parallel and a tenth of a texel apart are
+ * not neighbours.
  *
  * Points are sorted into the cells of grids, one for each power of two of the texel's size. The points of a cell have
  * the same candidates, which are collected once for all of them. Not collective. What is found depends on the points

@@ -1,14 +1,17 @@
 #include "coordinator/output/map/regression.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <string.h>
 
 #include "coordinator/output/image.h"
 #include "worker/base/memory.h"
 
-enum { SCALES = KILN_NEIGHBOUR_RINGS, LIGHTS = KILN_REGRESSION_LIGHTS, RAW = SCALES };
+/* Fits: a linear one at each scale, and quadratic ones after them. */
+enum { SCALES = KILN_NEIGHBOUR_RINGS, FITS = SCALES + 4, LIGHTS = KILN_REGRESSION_LIGHTS, RAW = FITS, TERMS = 6 };
 
 static const float scales[SCALES] = {0.75f, 1.0f, 1.5f, 2.0f, 3.0f, 4.0f};
+static const size_t scale_of[FITS] = {0, 1, 2, 3, 4, 5, 1, 2, 3, 5};
 
 /* Of these scales, by their number: the one by which the variance is judged and choices are averaged, and the one
  * over whose weights variances and risks are averaged. */
@@ -17,22 +20,30 @@ enum { NARROW = 1, WIDE = 4 };
 /* In place of the second moment along an axis on which the neighbours do not extend, relative to the sum of weights. */
 static const double ridge = 1e-5;
 
+/* Added to the moments of a quadratic fit's terms, relative to the sum of weights, with lengths in radii of the kernel.
+ */
+static const double ridge_quadratic = 1e-6;
+
 /* Stein's estimate of one point over its variance is limited to this. */
 static const double risk_most = 1000.0;
 
 /* The share of the variance that values must scatter about a fit if they are to tell about the variance. */
 static const double scatter_least = 0.25;
 
+/* What (fit - value)^2 over the variance is taken for at least. */
+static const float square_least = 1e-6f;
+
 /* A fit whose leverage exceeds this is the value itself. */
 static const double leverage_most = 0.95;
 
-/* What is known of a point's light. The last three are made by the second sweep. */
+/* What is known of a point's light. The last four are made by the second sweep. */
 struct estimate {
     float luminance, variance; /* as given */
-    float square[SCALES];      /* (fit - value)^2; then Stein's estimate over `pooled` */
+    float square[FITS];        /* (fit - value)^2; then Stein's estimate over `pooled` */
     float pooled;              /* the mean variance around, lowered as the header says */
     float risk;                /* of the choice: the mean of Stein's estimate, at most `pooled` */
-    uint32_t choice;           /* a scale, or RAW */
+    float part;                /* of the way from the value to the chosen fit */
+    uint32_t choice;           /* a fit, or RAW */
 };
 
 /* Arrays by the points' place in the grid. */
@@ -42,7 +53,7 @@ struct regression {
     size_t light_count;
     struct estimate *estimates[LIGHTS];
     float (*values[LIGHTS])[3]; /* as given */
-    float (*leverage)[SCALES];
+    float (*leverage)[FITS];
 };
 
 /* What one thread works with; arrays by neighbours, or by neighbours of each light. */
@@ -59,9 +70,10 @@ struct moments {
     float one, x, y, xx, xy, yy, v[LIGHTS][3];
 };
 
-/* The linear function's value at the point is own value + sum over w_j (a + b x_j + c y_j) (value_j - own value). */
+/* The function's value at the point is own value + sum over w_j (a + b x_j + c y_j + d x_j^2 + e x_j y_j + f y_j^2)
+ * (value_j - own value). */
 struct fit {
-    double a, b, c;
+    double a, b, c, d, e, f;
     double leverage;
 };
 
@@ -107,13 +119,112 @@ static struct fit solve(const struct moments *m, float own)
     return fit;
 }
 
-/* The fit's value - own value, of one light. */
-static double fitted(const struct fit *fit, const float v[3])
+/* Sums over neighbours of weight x the monomials of third and fourth order, by the power of y; and of weight x (value -
+ * own value) x xx, xy, yy of each light. */
+struct high_moments {
+    float third[4], fourth[5], v[LIGHTS][3];
+};
+
+static struct high_moments gather_high_moments(const struct worker *w, size_t scale)
 {
-    return fit->a * (double)v[0] + fit->b * (double)v[1] + fit->c * (double)v[2];
+    const struct kiln_neighbours *n = &w->n;
+    const float inverse = 0.25f / (scales[scale] * scales[scale]);
+    float xxx = 0, xxy = 0, xyy = 0, yyy = 0, x4 = 0, x3y = 0, xxyy = 0, xy3 = 0, y4 = 0, pxx = 0, pxy = 0, pyy = 0,
+          qxx = 0, qxy = 0, qyy = 0;
+#pragma omp simd reduction(+ : xxx, xxy, xyy, yyy, x4, x3y, xxyy, xy3, y4, pxx, pxy, pyy, qxx, qxy, qyy)
+    for (size_t i = 0; i < n->within[scale]; i++) {
+        const float x = n->x[i], y = n->y[i], u = 1.0f - (x * x + y * y) * inverse, weight = u * u * n->area[i],
+                    xx = weight * x * x, xy = weight * x * y, yy = weight * y * y, v0 = w->difference[0][i],
+                    v1 = w->difference[1][i];
+        xxx += xx * x;
+        xxy += xx * y;
+        xyy += yy * x;
+        yyy += yy * y;
+        x4 += xx * x * x;
+        x3y += xx * x * y;
+        xxyy += xx * y * y;
+        xy3 += yy * x * y;
+        y4 += yy * y * y;
+        pxx += xx * v0;
+        pxy += xy * v0;
+        pyy += yy * v0;
+        qxx += xx * v1;
+        qxy += xy * v1;
+        qyy += yy * v1;
+    }
+    return (struct high_moments){{xxx, xxy, xyy, yyy}, {x4, x3y, xxyy, xy3, y4}, {{pxx, pxy, pyy}, {qxx, qxy, qyy}}};
 }
 
-/* ---- first sweep: fits at all scales ---- */
+/* The first column of a matrix's inverse, from its lower triangle, which is overwritten (Cholesky's method). */
+static void invert_first(double m[TERMS][TERMS], double column[TERMS])
+{
+    for (int i = 0; i < TERMS; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = m[i][j];
+            for (int k = 0; k < j; k++)
+                sum -= m[i][k] * m[j][k];
+            m[i][j] = i == j ? sqrt(fmax(sum, 1e-12)) : sum / m[j][j];
+        }
+    for (int i = 0; i < TERMS; i++) {
+        column[i] = i == 0 ? 1.0 : 0.0;
+        for (int k = 0; k < i; k++)
+            column[i] -= m[i][k] * column[k];
+        column[i] /= m[i][i];
+    }
+    for (int i = TERMS - 1; i >= 0; i--) {
+        for (int k = i + 1; k < TERMS; k++)
+            column[i] -= m[k][i] * column[k];
+        column[i] /= m[i][i];
+    }
+}
+
+/* As `solve`, for the quadratic function. Lengths are divided by the kernel's radius, moments by the sum of weights. */
+static struct fit solve_quadratic(const struct moments *m, const struct high_moments *h, float own, double radius)
+{
+    static const int power_x[TERMS] = {0, 1, 0, 2, 1, 0}, power_y[TERMS] = {0, 0, 1, 0, 1, 2};
+    const float *const orders[] = {(const float[]){m->one + own}, (const float[]){m->x, m->y},
+                                   (const float[]){m->xx, m->xy, m->yy}, h->third, h->fourth};
+    const double sum = (double)m->one + (double)own, inverse = 1.0 / radius;
+    const double powers[] = {1.0, inverse, inverse * inverse, pow(inverse, 3.0), pow(inverse, 4.0)};
+    double matrix[TERMS][TERMS], column[TERMS];
+    for (int i = 0; i < TERMS; i++)
+        for (int j = 0; j <= i; j++) {
+            const int y = power_y[i] + power_y[j], order = power_x[i] + power_x[j] + y;
+            matrix[i][j] = (double)orders[order][y] * powers[order] / sum + (i == j && i > 0 ? ridge_quadratic : 0.0);
+        }
+    invert_first(matrix, column);
+    for (int i = 0; i < TERMS; i++)
+        column[i] *= powers[power_x[i] + power_y[i]] / sum;
+    return (struct fit){column[0], column[1], column[2], column[3], column[4], column[5], column[0] * (double)own};
+}
+
+/* Both moments of a fit. Those of high orders are of use if it is quadratic. */
+struct sums {
+    struct moments low;
+    struct high_moments high;
+};
+
+/* Makes a fit from scratch, or, if it is quadratic and `sums` has its low moments already, from them. */
+static struct fit make_fit(const struct worker *w, size_t fit, float own, bool has_low, struct sums *sums)
+{
+    const size_t scale = scale_of[fit];
+    if (!has_low)
+        sums->low = gather_moments(w, scale);
+    if (fit < SCALES)
+        return solve(&sums->low, own);
+    sums->high = gather_high_moments(w, scale);
+    return solve_quadratic(&sums->low, &sums->high, own, 2.0 * (double)scales[scale]);
+}
+
+/* The fit's value - own value, of one light. */
+static double fitted(const struct fit *fit, size_t light, const struct sums *sums)
+{
+    const float *v = sums->low.v[light], *high = sums->high.v[light];
+    return fit->a * (double)v[0] + fit->b * (double)v[1] + fit->c * (double)v[2] + fit->d * (double)high[0] +
+           fit->e * (double)high[1] + fit->f * (double)high[2];
+}
+
+/* ---- first sweep: all fits ---- */
 
 static void fit_point(const struct regression *r, struct worker *w, size_t place)
 {
@@ -125,13 +236,15 @@ static void fit_point(const struct regression *r, struct worker *w, size_t place
         for (size_t i = 0; i < n->within[SCALES - 1]; i++)
             w->difference[l][i] = e[n->place[i]].luminance - e[place].luminance;
     }
-    for (size_t s = 0; s < SCALES; s++) {
-        const struct moments m = gather_moments(w, s);
-        const struct fit fit = solve(&m, own);
-        r->leverage[place][s] = (float)fmin(fmax(fit.leverage, 0.0), 1.0);
+    struct sums sums[SCALES];
+    memset(sums, 0, sizeof sums);
+    for (size_t f = 0; f < FITS; f++) {
+        struct sums *at = &sums[scale_of[f]];
+        const struct fit fit = make_fit(w, f, own, f >= SCALES, at);
+        r->leverage[place][f] = (float)fmin(fmax(fit.leverage, 0.0), 1.0);
         for (size_t l = 0; l < r->light_count; l++) {
-            const double away = fitted(&fit, m.v[l]);
-            r->estimates[l][place].square[s] = (float)(away * away);
+            const double away = fitted(&fit, l, at);
+            r->estimates[l][place].square[f] = (float)(away * away);
         }
     }
 }
@@ -182,38 +295,43 @@ static void estimate_risks(const struct regression *r, struct worker *w, size_t 
     (void)w;
     for (size_t l = 0; l < r->light_count; l++) {
         struct estimate *e = &r->estimates[l][place];
-        for (size_t s = 0; s < SCALES && e->pooled > 0.0f; s++) {
-            const double risk = (double)e->square[s] / (double)e->pooled - 1.0 + 2.0 * (double)r->leverage[place][s];
-            e->square[s] = (float)fmin(risk, risk_most);
+        for (size_t f = 0; f < FITS && e->pooled > 0.0f; f++) {
+            const double risk = (double)e->square[f] / (double)e->pooled - 1.0 + 2.0 * (double)r->leverage[place][f];
+            e->square[f] = (float)fmin(risk, risk_most);
         }
     }
 }
 
 /* Weighted sums over a neighbourhood. */
 struct pool {
-    float weight, leverage[SCALES], risk[LIGHTS][SCALES];
+    float weight, leverage[FITS], risk[LIGHTS][FITS];
 };
 
 static inline void add_to_pool(const struct regression *r, struct pool *p, size_t place, float weight)
 {
     p->weight += weight;
-    for (size_t s = 0; s < SCALES; s++)
-        p->leverage[s] += weight * r->leverage[place][s];
+    for (size_t f = 0; f < FITS; f++)
+        p->leverage[f] += weight * r->leverage[place][f];
     for (size_t l = 0; l < r->light_count; l++)
-        for (size_t s = 0; s < SCALES; s++)
-            p->risk[l][s] += weight * r->estimates[l][place].square[s];
+        for (size_t f = 0; f < FITS; f++)
+            p->risk[l][f] += weight * r->estimates[l][place].square[f];
 }
 
-/* The scale of the least risk of one light. */
+/* The fit of the least risk of one light, and the part of the way to it. */
 static void choose(struct estimate *e, const struct pool *p, size_t light)
 {
     float least = 1.0f;
     e->choice = RAW;
-    for (size_t s = 0; s < SCALES && e->pooled > 0.0f; s++) {
-        const float risk = p->risk[light][s] / p->weight;
-        if (p->leverage[s] < (float)leverage_most * p->weight && risk < least) {
+    e->part = 0.0f;
+    for (size_t f = 0; f < FITS && e->pooled > 0.0f; f++) {
+        const float free = 1.0f - p->leverage[f] / p->weight;
+        /* the mean of (fit - value)^2 over the variance; not quite 0 */
+        const float square = fmaxf(p->risk[light][f] / p->weight - 1.0f + 2.0f * free, square_least);
+        const float part = fminf(free / square, 1.0f), risk = 1.0f + part * (part * square - 2.0f * free);
+        if (free > 1.0f - (float)leverage_most && risk < least) {
             least = risk;
-            e->choice = (uint32_t)s;
+            e->choice = (uint32_t)f;
+            e->part = part;
         }
     }
     e->risk = fmaxf(least, 0.0f) * e->pooled;
@@ -234,19 +352,20 @@ static void judge_point(const struct regression *r, struct worker *w, size_t pla
 
 /* The choices around a point. */
 struct shares {
-    double of[SCALES + 1], risk; /* risk: the mean of theirs */
-    size_t largest;              /* scale that has a share; RAW: none has */
+    double of[FITS + 1], risk; /* risk: the mean of theirs */
+    size_t largest;            /* scale of a fit that has a share; SCALES: none has */
 };
 
 static void add_share(struct shares *shares, const struct estimate *e, double weight)
 {
-    shares->of[e->choice] += weight;
+    shares->of[e->choice] += weight * (double)e->part;
+    shares->of[RAW] += weight * (1.0 - (double)e->part);
     shares->risk += weight * (double)e->risk;
 }
 
 static struct shares share_choices(const struct estimate *e, const struct kiln_neighbours *n, size_t place, float own)
 {
-    struct shares shares = {.largest = RAW};
+    struct shares shares = {.largest = SCALES};
     double sum = (double)own;
     add_share(&shares, &e[place], (double)own);
     for (size_t i = 0; i < n->within[NARROW]; i++) {
@@ -255,10 +374,10 @@ static struct shares share_choices(const struct estimate *e, const struct kiln_n
         sum += weight;
     }
     shares.risk /= sum;
-    for (size_t s = 0; s <= SCALES; s++) {
-        shares.of[s] /= sum;
-        if (s < SCALES && shares.of[s] > 0.0)
-            shares.largest = s;
+    for (size_t f = 0; f <= FITS; f++) {
+        shares.of[f] /= sum;
+        if (f < FITS && shares.of[f] > 0.0 && (shares.largest == SCALES || shares.largest < scale_of[f]))
+            shares.largest = scale_of[f];
     }
     return shares;
 }
@@ -268,11 +387,12 @@ static void add_factors(const struct kiln_neighbours *n, size_t scale, const str
                         float *factors)
 {
     const float a = (float)(share * fit->a), b = (float)(share * fit->b), c = (float)(share * fit->c),
-                s = scales[scale], inverse = 0.25f / (s * s);
+                d = (float)(share * fit->d), e = (float)(share * fit->e), f = (float)(share * fit->f),
+                inverse = 0.25f / (scales[scale] * scales[scale]);
 #pragma omp simd
     for (size_t i = 0; i < n->within[scale]; i++) {
         const float x = n->x[i], y = n->y[i], u = 1.0f - (x * x + y * y) * inverse;
-        factors[i] += u * u * n->area[i] * (a + b * x + c * y);
+        factors[i] += u * u * n->area[i] * (a + b * x + c * y + (d * x + e * y) * x + f * y * y);
     }
 }
 
@@ -299,15 +419,15 @@ static void smooth_light(const struct regression *r, size_t light, struct worker
 {
     const float own = r->grid->points[place].area, pooled = r->estimates[light][place].pooled;
     const struct shares shares = share_choices(r->estimates[light], &w->n, place, own);
-    const size_t count = shares.largest < RAW ? w->n.within[shares.largest] : 0;
+    const size_t count = shares.largest < SCALES ? w->n.within[shares.largest] : 0;
     memset(w->factors, 0, count * sizeof *w->factors);
-    for (size_t s = 0; s < SCALES; s++) {
-        if (!(shares.of[s] > 0.0))
+    for (size_t f = 0; f < FITS; f++) {
+        struct sums sums;
+        if (!(shares.of[f] > 0.0))
             continue;
-        const struct moments m = gather_moments(w, s);
-        const struct fit fit = solve(&m, own);
+        const struct fit fit = make_fit(w, f, own, false, &sums);
         if (fit.leverage < leverage_most)
-            add_factors(&w->n, s, &fit, shares.of[s], w->factors);
+            add_factors(&w->n, scale_of[f], &fit, shares.of[f], w->factors);
     }
     const double variance = add_up(r, light, w, count, place);
     r->lights[light].variance[r->grid->points[place].index] = (float)fmin(fmax(shares.risk, variance), (double)pooled);

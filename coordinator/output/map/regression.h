@@ -1,4 +1,4 @@
-/* Surface regression: takes noise out of irradiance on a surface, by local linear regression whose scale each point
+/* Surface regression: takes noise out of irradiance on a surface, by local regression whose scale and order each point
  * chooses for itself. Which points are neighbours: neighbours.h. All points of the surface must be given at once.
  *
  * At every point, for each scale s of 0.75, 1, 1.5, 2, 3 and 4 texels, a linear function of the tangent plane is
@@ -6,16 +6,19 @@
  *
  *     w_j = area_j (1 - r_j^2 / (2 s)^2)^2     for r_j < 2 s                          (Epanechnikov's kernel, squared)
  *
- * The fit at the point is a sum over l_j y_j; l_0 of the point itself is its leverage (Cleveland and Devlin, "Locally
- * Weighted Regression", JASA 1988). Stein's unbiased estimate of the fit's squared error is
+ * For s of 1, 1.5, 2 and 4 a quadratic function is fitted too, with the same weights. A fit at the point is a sum over
+ * l_j y_j; l_0 of the point itself is its leverage (Cleveland and Devlin, "Locally Weighted Regression", JASA 1988).
+ * Stein's unbiased estimate of the fit's squared error is
  *
  *     (fit - y_0)^2 - v + 2 l_0 v                                   (Stein, Annals of Statistics 1981, Theorem 1),
  *
  * v being the variance of y_0: what is stated of it, averaged over neighbours with the weights of s = 3; where that
- * exceeds what the values scatter about the fit of s = 1, it is lowered to that. The estimates over v are averaged with
- * the weights of s = 3, too. The scale of least risk is chosen, or the value itself, whose risk is v. Choices are
- * averaged with the weights of s = 1, so that the result is a mean of a few fits. All channels have the same weights;
- * what is judged is luminance.
+ * exceeds what the values scatter about the linear fit of s = 1, it is lowered to that. The estimates over v are
+ * averaged with the weights of s = 3, too. What is chosen lies a part t of the way from the value to a fit, at most all
+ * of it. Its estimate is v - 2 t (1 - l_0) v + t^2 (fit - y_0)^2; with the means of both it is least at t = (1 - l_0) v
+ * / (fit - y_0)^2 (James and Stein, "Estimation with Quadratic Loss", 1961, for one fit). The fit of least risk is
+ * chosen. Choices are averaged with the weights of s = 1, so that the result is a mean of a few fits. All channels have
+ * the same weights; what is judged is luminance.
  *
  * A point's result depends on no more than the points within 30 texels. Not collective; the same bits for any number of
  * threads. */
