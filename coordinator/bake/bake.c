@@ -34,6 +34,9 @@ static int run_phases(struct kiln_bake *b, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     b->light_done = true;
+    status = kiln_bake_check_density(b, error);
+    if (status != KILN_OK)
+        return status;
     note_checkpoints(b);
     status = kiln_bake_clear_folder(b, error);
     return status == KILN_OK ? kiln_bake_write(b, error) : status;
@@ -158,6 +161,7 @@ void kiln_bake_end(struct kiln_bake **bake, int status, const struct kiln_error 
     json_decref(b->preview);
     kiln_progress_destroy(&b->progress);
     kiln_free(&b->lightmaps);
+    kiln_density_check_release(&b->density);
     kiln_volume_destroy(&b->volume);
     kiln_solution_destroy(&b->solution);
     kiln_prepared_destroy(&b->prepared);

@@ -53,6 +53,17 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
     return status;
 }
 
+int kiln_bake_check_density(struct kiln_bake *b, struct kiln_error *error)
+{
+    if (!b->job->check_density || !(b->solution->report.energy.emitted[1] > 0.0))
+        return KILN_OK;
+    kiln_phase(&b->phases, "texel density");
+    kiln_progress_phase(b->progress, "texel density", 0);
+    const int status = kiln_density_check_run(&b->density, b->prepared, b->job, &b->light_params, b->solution, error);
+    kiln_phase(&b->phases, NULL);
+    return status;
+}
+
 /* kiln_volume_save */
 static int save_volume(void *context, const struct kiln_block *blocks, size_t count, bool stop,
                        struct kiln_error *error)

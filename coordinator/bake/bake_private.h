@@ -4,6 +4,7 @@
 #define KILN_COORDINATOR_BAKE_BAKE_PRIVATE_H
 
 #include "coordinator/bake/bake.h"
+#include "coordinator/bake/density_check.h"
 #include "coordinator/bake/prepare.h"
 #include "coordinator/bake/volume.h"
 #include "coordinator/files/folder.h"
@@ -33,6 +34,7 @@ struct kiln_bake {
     struct kiln_solution *solution;
     struct kiln_volume_result volume;
     struct kiln_lightmap_report *lightmaps;
+    struct kiln_density_check density;
     uint64_t probe_rays;
     bool same_probes; /* the probes of the checkpoint can be used */
     bool saves;       /* in steps and in the probe pass, where stopping writes a checkpoint */
@@ -70,6 +72,8 @@ int kiln_bake_prepare(struct kiln_bake *bake, struct kiln_error *error);
 /* ---- bake_light.c: light on surfaces, and the volume ---- */
 
 int kiln_bake_light(struct kiln_bake *bake, struct kiln_error *error);
+/* Checks the texel density, if the job asks for that and there is light. */
+int kiln_bake_check_density(struct kiln_bake *bake, struct kiln_error *error);
 /* Gathers the probes, if the job has any. */
 int kiln_bake_volume(struct kiln_bake *bake, struct kiln_error *error);
 /* Writes a checkpoint of the complete light, probes included. Returns KILN_STOPPED, or the error of writing. */

@@ -178,6 +178,7 @@ static int write_report(struct kiln_bake *b, struct kiln_error *error)
                                  .solution = b->solution,
                                  .volume = &b->volume,
                                  .lightmaps = b->lightmaps,
+                                 .density = &b->density,
                                  .phases = &b->phases,
                                  .probe_rays = b->probe_rays,
                                  .directory = b->job->output};

@@ -38,9 +38,9 @@ static const char *const probing[] = {"probe-spacing", "samples-probe"};
 /* Options that affect neither: devices, speed, limits, messages and output files. --quality is covered by the sample
  * counts that it sets. */
 static const char *const other[] = {
-    "output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "denoise", "preview", "exposure",
-    "json", "quiet", "verbose", "resume", "checkpoint-every", "max-time", "watchdog", "device", "devices", "traversal",
-    "dispatch-time", "device-memory", "verify-fraction",
+    "output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "denoise", "check-density",
+    "preview", "exposure", "json", "quiet", "verbose", "resume", "checkpoint-every", "max-time", "watchdog", "device",
+    "devices", "traversal", "dispatch-time", "device-memory", "verify-fraction",
     /* units give the numbers a name and change none of them */
     "trace", "shared-memory-ranks", "work-stealing", "rebalance", "exchange-limit", "units", "export"};
 

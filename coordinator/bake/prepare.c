@@ -163,19 +163,11 @@ static int check_same_scene(const struct kiln_prepared *p, const char *scene_fil
     return kiln_agree(p->communicator, status, error);
 }
 
-static int build_world(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file,
-                       const struct kiln_prepare_care *care, struct kiln_error *error)
+/* Collective. What the backends need of an open scene: geometry, lights and the backend itself. */
+static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_prepare_care *care,
+                         struct kiln_error *error)
 {
-    int status = agree_on_instruction_set(p, job->instruction_set, error);
-    if (status == KILN_OK)
-        status = kiln_scene_open(&p->scene, scene_file, error);
-    status = go_on(p, care, status, error);
-    if (status == KILN_OK)
-        status = check_same_scene(p, scene_file, error);
-    if (status == KILN_OK)
-        status = refuse(p, care, error);
-    if (status == KILN_OK)
-        status = go_on(p, care, share_geometry(p, error), error);
+    int status = go_on(p, care, share_geometry(p, error), error);
     if (status == KILN_OK)
         status = kiln_lights_create(&p->lights, p->scene, p->geometry, error);
     if (status == KILN_OK) {
@@ -190,6 +182,20 @@ static int build_world(struct kiln_prepared *p, const struct kiln_job *job, cons
         status = kiln_backend_create(&p->backend, job->backend != NULL ? job->backend : "auto", &params, error);
     }
     return go_on(p, care, status, error);
+}
+
+static int build_world(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file,
+                       const struct kiln_prepare_care *care, struct kiln_error *error)
+{
+    int status = agree_on_instruction_set(p, job->instruction_set, error);
+    if (status == KILN_OK)
+        status = kiln_scene_open(&p->scene, scene_file, error);
+    status = go_on(p, care, status, error);
+    if (status == KILN_OK)
+        status = check_same_scene(p, scene_file, error);
+    if (status == KILN_OK)
+        status = refuse(p, care, error);
+    return status == KILN_OK ? build_backend(p, job, care, error) : status;
 }
 
 /* Collective over the node. Moves an array that is the same on all ranks of the node to a shared block. If there is no
@@ -358,6 +364,49 @@ int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const s
     return status;
 }
 
+/* A view of the scene whose lightmaps have half as many texels a side. */
+static int halve_lightmaps(struct kiln_prepared *p, const struct kiln_scene *scene, struct kiln_error *error)
+{
+    int status = kiln_allocate(&p->coarser, scene->object_count, sizeof *p->coarser, "coarser lightmaps", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&p->scene, 1, sizeof *p->scene, "coarser lightmaps", error);
+    if (status != KILN_OK)
+        return status;
+    *p->scene = *scene;
+    p->scene->objects = p->coarser;
+    for (size_t i = 0; i < scene->object_count; i++) {
+        p->coarser[i] = scene->objects[i];
+        p->coarser[i].lightmap_width = (scene->objects[i].lightmap_width + 1) / 2;
+        p->coarser[i].lightmap_height = (scene->objects[i].lightmap_height + 1) / 2;
+    }
+    return KILN_OK;
+}
+
+int kiln_prepare_coarser(struct kiln_prepared **prepared, const struct kiln_prepared *fine, const struct kiln_job *job,
+                         struct kiln_control *control, struct kiln_error *error)
+{
+    const struct kiln_prepare_care care = {.control = control};
+    struct kiln_prepared *p = NULL;
+    int status = kiln_agree(fine->communicator, kiln_allocate(&p, 1, sizeof *p, "the run", error), error);
+    if (status == KILN_OK) {
+        p->communicator = fine->communicator;
+        memcpy(p->instruction_set, fine->instruction_set, sizeof p->instruction_set);
+        status = learn_about_ranks(p, job, error);
+    }
+    if (status == KILN_OK)
+        status = go_on(p, &care, halve_lightmaps(p, fine->scene, error), error);
+    if (status == KILN_OK)
+        status = build_backend(p, job, &care, error);
+    if (status == KILN_OK)
+        status = build_surface(p, job, &care, error);
+    if (status == KILN_OK)
+        status = find_valid_points(p, &care, NULL, error);
+    if (status != KILN_OK)
+        kiln_prepared_destroy(&p);
+    *prepared = p;
+    return status;
+}
+
 void kiln_prepared_destroy(struct kiln_prepared **prepared)
 {
     struct kiln_prepared *p = *prepared;
@@ -367,7 +416,11 @@ void kiln_prepared_destroy(struct kiln_prepared **prepared)
     kiln_surface_destroy(&p->surface);
     kiln_lights_destroy(&p->lights);
     kiln_geometry_destroy(&p->geometry);
-    kiln_scene_close(&p->scene);
+    if (p->coarser != NULL)
+        kiln_free(&p->scene);
+    else
+        kiln_scene_close(&p->scene);
+    kiln_free(&p->coarser);
     kiln_node_destroy(&p->node);
     kiln_free(prepared);
 }

@@ -29,6 +29,7 @@ struct kiln_prepared {
     char instruction_set[16];
     struct kiln_import_report import; /* rank 0 */
     struct kiln_scene *scene;
+    struct kiln_object *coarser; /* the objects of a scene that is a view of another (kiln_prepare_coarser); or NULL */
     struct kiln_geometry *geometry;
     struct kiln_lights *lights;
     struct kiln_backend *backend;
@@ -58,6 +59,11 @@ bool kiln_instruction_set_common(MPI_Comm communicator, const char *name);
 int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const struct kiln_job *job,
                  const char *scene_file, struct kiln_phases *phases, struct kiln_progress *progress,
                  const struct kiln_prepare_care *care, struct kiln_error *error);
+/* Collective. The same scene with half as many texels a side in each lightmap, rounded up, and a backend, lights and a
+ * surface of its own. `fine` is borrowed, and must outlive the result. `control` may ask to stop: KILN_STOPPED. Destroy
+ * with kiln_prepared_destroy. */
+int kiln_prepare_coarser(struct kiln_prepared **prepared, const struct kiln_prepared *fine, const struct kiln_job *job,
+                         struct kiln_control *control, struct kiln_error *error);
 void kiln_prepared_destroy(struct kiln_prepared **prepared);
 
 #endif

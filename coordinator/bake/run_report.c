@@ -16,6 +16,8 @@
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 
+static const double DOUBLED = 1e-3; /* of all surface: so much of it that is there twice is told */
+
 /* Numbers that rank 0 gathers from each rank. */
 enum {
     RANK_POINTS,
@@ -98,6 +100,23 @@ static void warn_of_near_lights(const struct kiln_prepared *p, json_t *warnings)
                                name, near.distance, near.side, others));
 }
 
+/* Surfaces that are there twice: both are lit, and rays that meet the place find either. */
+static void warn_of_doubled_faces(const struct kiln_prepared *p, json_t *warnings)
+{
+    const struct kiln_geometry *g = p->geometry;
+    char name[2][96];
+    if (!(g->doubled_area > DOUBLED * p->surface_report.geometry_area))
+        return;
+    for (size_t i = 0; i < 2; i++)
+        kiln_text_plain(name[i], sizeof name[i], kiln_scene_string(p->scene, p->scene->objects[g->doubled[i]].name));
+    (void)json_array_append_new(
+        warnings,
+        json_sprintf("at least %.3g m2 of surface are there twice, in one place and facing the same way, in objects "
+                     "'%s' and '%s' for one: each is lit as if it were alone, but only one of the two "
+                     "reflects light, whichever a ray happens to meet; remove one, or move them apart",
+                     g->doubled_area, name[0], name[1]));
+}
+
 json_t *kiln_scene_warnings(const struct kiln_prepared *p)
 {
     const struct kiln_scene *s = p->scene;
@@ -111,6 +130,7 @@ json_t *kiln_scene_warnings(const struct kiln_prepared *p)
                                     json_string("there is no light: no emissive triangle, no light, no environment "
                                                 "(--environment R,G,B gives one)"));
     warn_of_near_lights(p, warnings);
+    warn_of_doubled_faces(p, warnings);
     return warnings;
 }
 
@@ -238,6 +258,43 @@ static json_t *error_json(const struct kiln_run *run)
     return json;
 }
 
+/* The objects that double texel density would move, the worst first. */
+static json_t *moved_json(const struct kiln_run *run)
+{
+    const struct kiln_density_check *d = run->density;
+    const struct kiln_scene *scene = run->prepared->scene;
+    json_t *moved = json_array();
+    double below = INFINITY;
+    while (json_array_size(moved) < d->count) { /* one after the other, and all that move by the same together */
+        double next = 0.0;
+        for (size_t i = 0; i < scene->object_count; i++)
+            if (d->objects[i].moves < below)
+                next = fmax(next, d->objects[i].moves);
+        for (size_t i = 0; i < scene->object_count; i++)
+            if (d->objects[i].moves == next)
+                (void)json_array_append_new(moved,
+                                            json_pack("{s:s, s:f, s:f, s:f}", "name",
+                                                      kiln_scene_string(scene, scene->objects[i].original_name), "mean",
+                                                      d->objects[i].mean, "mean_at_half_density", d->objects[i].coarse,
+                                                      "moves_at_double_density", d->objects[i].moves));
+        below = next;
+    }
+    return moved;
+}
+
+/* Whether the texel density was checked, and what was found. */
+static json_t *density_json(const struct kiln_run *run)
+{
+    const struct kiln_density_check *d = run->density;
+    if (!d->done)
+        return json_pack("{s:b, s:s}", "checked", 0, "because",
+                         d->wanted                 ? d->because.message
+                         : run->job->check_density ? "there is no light"
+                                                   : "--check-density asks for it");
+    return json_pack("{s:b, s:f, s:I, s:f, s:o}", "checked", 1, "seconds", d->seconds, "points", (json_int_t)d->points,
+                     "threshold", KILN_DENSITY_MOST, "objects", moved_json(run));
+}
+
 /* Adds the lightmap of the object's back, if one is published. */
 static void add_back(const struct kiln_run *run, size_t object, const char *name, json_t *json)
 {
@@ -273,6 +330,10 @@ static json_t *objects_json(const struct kiln_run *run)
             "mean", r->mean, "relative_error", r->error);
         if (kiln_job_parts(run->job) > 1)
             json_object_set_new(object, "mean_error", json_real(r->mean_error));
+        if (run->density->done) {
+            json_object_set_new(object, "mean_at_half_density", json_real(run->density->objects[i].coarse));
+            json_object_set_new(object, "half_density_error", json_real(run->density->objects[i].error));
+        }
         if (scene->objects[i].source_node != KILN_NONE) { /* the source is glTF */
             json_object_set_new(object, "node", json_integer((json_int_t)scene->objects[i].source_node));
             json_object_set_new(object, "mesh", json_integer((json_int_t)scene->objects[i].source_mesh));
@@ -548,6 +609,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "objects", objects_json(run));
     json_object_set_new(root, "borders", borders_json(run));
     json_object_set_new(root, "denoise", denoise_json(run));
+    json_object_set_new(root, "density", density_json(run));
     return root;
 }
 

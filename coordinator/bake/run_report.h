@@ -3,6 +3,7 @@
 #ifndef KILN_COORDINATOR_BAKE_RUN_REPORT_H
 #define KILN_COORDINATOR_BAKE_RUN_REPORT_H
 
+#include "coordinator/bake/density_check.h"
 #include "coordinator/bake/prepare.h"
 #include "coordinator/field/result.h"
 #include "coordinator/integrate/integrate.h"
@@ -14,6 +15,7 @@ struct kiln_run {
     const struct kiln_solution *solution;
     const struct kiln_volume_result *volume;      /* size 0: there is no volume */
     const struct kiln_lightmap_report *lightmaps; /* rank 0: one for each lightmap of the surface */
+    const struct kiln_density_check *density;
     const struct kiln_phases *phases;
     uint64_t probe_rays; /* rays of the probes on this rank */
     const char *directory;

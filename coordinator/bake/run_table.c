@@ -4,13 +4,14 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "coordinator/bake/density_check.h"
 #include "coordinator/integrate/quantity.h"
 #include "coordinator/run/phases.h"
 #include "coordinator/run/progress.h"
 #include "worker/base/color.h"
 #include "worker/base/text.h"
 
-enum { ROWS = KILN_PHASES_MAX + 1, COLUMNS = 6, CELL = 32 };
+enum { ROWS = KILN_PHASES_MAX + 1, COLUMNS = 6, CELL = 32, NAMED = 3 };
 static const double NOTE_IMBALANCE = 0.05, NOTE_FILES = 0.10, NOTE_SECONDS = 1.0, NOTE_LOST = 0.01, NOTE_BORDERS = 0.01,
                     NOTE_TAIL = 2e-3, NOTE_SIGMAS = 5.0,
                     FAINTEST = 1e-35; /* W/m2; the smallest normal float is 1.2e-38 */
@@ -232,6 +233,31 @@ static void note_tail(const json_t *report, json_t *notes)
                                 100.0 * error));
 }
 
+/* Objects whose texels are too coarse: the worst three by name. */
+static void note_density(const json_t *report, json_t *notes)
+{
+    const json_t *objects = json_object_get(json_object_get(report, "density"), "objects"), *object;
+    const size_t count = json_array_size(objects);
+    char names[400] = "", name[96];
+    size_t index, used = 0;
+    json_array_foreach(objects, index, object)
+    {
+        if (index == NAMED)
+            break;
+        kiln_text_plain(name, sizeof name, json_string_value(json_object_get(object, "name")));
+        used += (size_t)snprintf(names + used, sizeof names - used, "%s'%s' by about %.0f %%", index == 0 ? "" : ", ",
+                                 name, 100.0 * number_of(object, "moves_at_double_density"));
+    }
+    if (count > NAMED)
+        (void)snprintf(names + used, sizeof names - used, ", and %zu more (run.json)", count - NAMED);
+    if (count > 0)
+        (void)json_array_append_new(
+            notes,
+            json_sprintf("texels twice as fine would change the mean light of %zu object%s by more than %.0f %%: "
+                         "%s; raise --texels-per-metre for all, or density-scale for these",
+                         count, count == 1 ? "" : "s", 100.0 * KILN_DENSITY_MOST, names));
+}
+
 json_t *kiln_run_notes(const json_t *report)
 {
     json_t *notes = json_array();
@@ -241,6 +267,7 @@ json_t *kiln_run_notes(const json_t *report)
     note_imbalance(report, notes);
     note_files(report, notes);
     note_borders(report, notes);
+    note_density(report, notes);
     return notes;
 }
 

@@ -548,6 +548,29 @@ static int run_coincident(struct kiln_trial *t, const struct kiln_row *row, stru
     return coincident(t, row, which % 2, which / 2 == 0 ? 1 : 0, found);
 }
 
+/* Two floors in one place that face the same way, under a lamp. */
+static int run_doubled(struct kiln_trial *t, const struct kiln_row *row, struct kiln_row_found *found)
+{
+    const struct setup s = {.open = true};
+    struct kiln_dvec3 floor[4], lamp[4];
+    bool done;
+    floor_corners(floor);
+    setup_lamp(&s, lamp);
+    kiln_trial_scene(t);
+    const uint32_t black = kiln_trial_material(t, 0, 0);
+    add_quad(t, &s, floor, 0, black);
+    add_quad(t, &s, floor, (unsigned)row->x, black);
+    add_quad(t, &s, lamp, 0, kiln_trial_material(t, 0, 1));
+    const int status = bake(t, no_options, found, &done);
+    if (!done)
+        return status;
+    const double off = fmax(floor_error(t, 0, &s, lamp, 1.0, 16), floor_error(t, 1, &s, lamp, 1.0, 16));
+    const bool said = kiln_trial_says(t, "'object0' and 'object1'");
+    return finish(found, off <= row->tolerance && said,
+                  said ? "a floor off by %.3g %%; a note names both" : "a floor off by %.3g %%, nothing is said",
+                  100.0 * off, 0.0);
+}
+
 /* ---- lights ---- */
 
 static int run_strip(struct kiln_trial *t, const struct kiln_row *row, struct kiln_row_found *found)
@@ -647,6 +670,10 @@ const struct kiln_row kiln_rows[] = {
     {"coincident", "the same in the other order", "E within 0.3 %, none lost", 1, 0.003, run_coincident, false},
     {"coincident", "with the same diagonal", "E within 0.3 %, none lost", 2, 0.003, run_coincident, false},
     {"coincident", "the same in the other order", "E within 0.3 %, none lost", 3, 0.003, run_coincident, false},
+    {"coincident", "two floors that face the same way", "closed form at each texel, and a note", 0, 0.01, run_doubled,
+     false},
+    {"coincident", "the same with another diagonal", "closed form at each texel, and a note", 1, 0.01, run_doubled,
+     false},
     {"largest-map", "16384 x 16384 texels", FLOOR_FORM, 16384, 0.01, run_largest_map, true}};
 
 const size_t kiln_row_count = sizeof kiln_rows / sizeof *kiln_rows;

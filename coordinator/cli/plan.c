@@ -168,6 +168,24 @@ static void print_balance(const struct kiln_simulated_light *light)
                  100.0 * light->imbalance, 100.0 * light->kept);
 }
 
+/* The first role of a role's phase. */
+static uint32_t first_of_phase(const struct kiln_roles *roles, uint32_t role)
+{
+    uint32_t first = 0;
+    while (strcmp(roles->of[first]->phase, roles->of[role]->phase) != 0)
+        first++;
+    return first;
+}
+
+/* Of all roles that have the phase of role `first`. */
+static double phase_seconds(const struct kiln_plan *p, uint32_t first)
+{
+    double sum = 0.0;
+    for (uint32_t r = 0; r < p->steps.roles.count; r++)
+        sum += first_of_phase(&p->steps.roles, r) == first ? p->seconds.light[r] : 0.0;
+    return sum;
+}
+
 static void print_light(const struct kiln_plan *p)
 {
     const struct kiln_roles *roles = &p->steps.roles;
@@ -175,12 +193,13 @@ static void print_light(const struct kiln_plan *p)
     for (uint32_t r = 0; r < roles->count; r++)
         sum += p->seconds.light[r];
     (void)printf("  light      %10.2f s ", sum);
-    for (uint32_t r = 0; r < roles->count; r++)
-        (void)printf(" %s %.2f,", roles->of[r]->phase, p->seconds.light[r]);
+    for (uint32_t r = 0; r < roles->count; r++) /* roles of one phase are told as one, where its first stands */
+        if (r == first_of_phase(roles, r))
+            (void)printf(" %s %.2f,", roles->of[r]->phase, phase_seconds(p, r));
     (void)printf(" probes %.2f\n", p->seconds.probes);
 }
 
-static void print_time(const struct kiln_plan *p)
+static void print_time(const struct kiln_plan *p, const struct kiln_job *job)
 {
     const struct kiln_plan_seconds *s = &p->seconds;
     (void)printf("time of the slowest rank, if its cores do nothing else, from samples traced here in %.1f s (%u "
@@ -190,6 +209,9 @@ static void print_time(const struct kiln_plan *p)
                  s->import + s->world + s->surface + s->validity + s->emission, s->import, s->world, s->surface,
                  s->validity, s->emission);
     print_light(p);
+    if (job->target_error > 0.0)
+        (void)printf(
+            "                          a first round; how many more the target error takes shows in the bake\n");
     (void)printf("  exchange   %10.2f s  a rank receives %.1f MiB in each bounce\n", s->exchange,
                  p->exchange_bytes / 1048576.0);
     if (p->here.ranks > 1)
@@ -300,7 +322,7 @@ static void print_plan(const struct kiln_plan *p, const struct kiln_job *job)
 {
     print_cells(p, job);
     print_memory(p, job);
-    print_time(p);
+    print_time(p, job);
     if (job->ranks > 1 || job->points > 0) {
         print_curve("strong", p->strong, p->curve_count, false);
         print_curve("weak", p->weak, p->curve_count, true);

@@ -116,6 +116,8 @@ const struct kiln_field *kiln_field_shown(const char *name);
 
 /* Name of the field that has the samples of each tile run in a step with adaptive samples. */
 #define KILN_FIELD_SAMPLES "samples"
+/* The same of late bounces. */
+#define KILN_FIELD_SAMPLES_BOUNCE "samples_bounce"
 /* The same of direct light, in a bake with a target error. */
 #define KILN_FIELD_SAMPLES_DIRECT "samples_direct"
 

@@ -20,6 +20,10 @@ static bool has_adaptive_samples(const struct kiln_job *job)
 {
     return job->schedule == KILN_SCHEDULE_LEAN || job->target_error > 0.0;
 }
+static bool has_late_bounces(const struct kiln_job *job)
+{
+    return job->schedule == KILN_SCHEDULE_LEAN && job->bounces < 0;
+}
 static bool has_target(const struct kiln_job *job) { return job->target_error > 0.0; }
 static bool wants_errors_apart(const struct kiln_job *job) { return job->error_map || kiln_job_denoises(job); }
 
@@ -293,6 +297,16 @@ static const struct kiln_field table[] = {
      .saved = KILN_FIELD_SAVED_IN_STEP,
      .high = 0x1p31,
      .present = has_adaptive_samples},
+    {.name = KILN_FIELD_SAMPLES_BOUNCE,
+     .unit = "1",
+     .type = KILN_FIELD_UINT32,
+     .components = 1,
+     .domain = KILN_DOMAIN_TILE_RUN,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(samples_bounce),
+     .saved = KILN_FIELD_SAVED_IN_STEP,
+     .high = 0x1p31,
+     .present = has_late_bounces},
     {.name = KILN_FIELD_SAMPLES_DIRECT,
      .unit = "1",
      .type = KILN_FIELD_UINT32,

@@ -31,6 +31,7 @@ struct kiln_rank_data {
     uint64_t *source;        /* 1 a point: packed radiosity that is gathered from; NULL: not known yet */
     /* 1 a tile run: of each point, in a step with adaptive samples; NULL: the bake has no such steps */
     uint32_t *samples;
+    uint32_t *samples_bounce;      /* likewise, of late bounces; NULL: their number is given */
     uint32_t *samples_direct;      /* likewise, of direct light, in a bake with a target error */
     float *cost;                   /* 1 a tile run: seconds that it took in the present step */
     struct kiln_work_queue *queue; /* the owner's work of the present step that may be stolen */

@@ -75,7 +75,7 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = l->params;
     struct kiln_solution *solution = l->solution;
-    const bool restored = kiln_checkpoint_generation(p->checkpoint) != 0;
+    const bool restored = p->checkpoint != NULL && kiln_checkpoint_generation(p->checkpoint) != 0;
     bool finished = false;
     int status = make_allgather(l, error);
     if (status == KILN_OK) /* after the radiosity: that is the node's most useful block */

@@ -24,14 +24,15 @@ struct kiln_integrate_params {
     const struct kiln_emission_result *emission;
     struct kiln_progress *progress;     /* may be NULL */
     struct kiln_control *control;       /* what asks to save and to stop */
-    struct kiln_checkpoint *checkpoint; /* an open generation is gone on from */
+    struct kiln_checkpoint *checkpoint; /* an open generation is gone on from; NULL: nothing is saved */
     const json_t *identity;             /* of the bake, for the checkpoints it writes */
     struct kiln_trace *trace;           /* may be NULL */
     uint32_t threads;                   /* that take over the answers */
 };
 
 /* Collective. Goes on from the open generation of the checkpoint, whatever ranks wrote it. KILN_STOPPED, with a new
- * generation written, when something asked to stop. Destroy, collectively, with kiln_solution_destroy. */
+ * generation written, when something asked to stop; without a checkpoint nothing is written. Destroy, collectively,
+ * with kiln_solution_destroy. */
 int kiln_integrate(struct kiln_solution **solution, const struct kiln_integrate_params *params,
                    struct kiln_error *error);
 

@@ -47,8 +47,8 @@ struct kiln_integrator {
                  struct kiln_step *step);
     /* Collective. Makes what `step` gathers from, of what the steps before have left, and exchanges it. Called for
      * every step but one that is gone on with from a checkpoint. `last`: the report of the step before; NULL: none. */
-    void (*begin_step)(struct kiln_integration *integration, struct kiln_step_report *last,
-                       const struct kiln_step *step);
+    int (*begin_step)(struct kiln_integration *integration, struct kiln_step_report *last, const struct kiln_step *step,
+                      struct kiln_error *error);
     /* Takes the answers of one tile run over into `data`, the data of the rank that owns it (this one or another of its
      * node), and adds to the tallies. `results` is an array of the result struct of the
      * step's pass, one for each point of the tile run. Called by several threads

@@ -174,10 +174,10 @@ static int do_step(struct kiln_lockstep *l, const struct kiln_step *step, struct
     int status = KILN_OK;
     struct kiln_step_report *last = first ? NULL : kiln_solution_step(l->solution);
     if (step->quantity == NULL)
-        p->settings->integrator->begin_step(&l->integration, last, step);
+        status = p->settings->integrator->begin_step(&l->integration, last, step, error);
     else if (step->pass->reads_radiosity)
         kiln_exchange_total_radiosity(&l->exchange, last);
-    if (!first && p->ranks > 1 && l->may_repartition && l->work.measured)
+    if (status == KILN_OK && !first && p->ranks > 1 && l->may_repartition && l->work.measured)
         status = kiln_repartition(p, l->solution, step, error);
     if (status == KILN_OK)
         status = begin_step(l, step, error);

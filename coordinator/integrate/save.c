@@ -316,7 +316,7 @@ static int save_with(const struct kiln_saved *s, bool finished, const struct kil
 
 int kiln_save(const struct kiln_saved *s, bool finished, struct kiln_error *error)
 {
-    return save_with(s, finished, NULL, 0, error);
+    return s->params->checkpoint != NULL ? save_with(s, finished, NULL, 0, error) : KILN_OK;
 }
 
 int kiln_integrate_save(struct kiln_solution *solution, const struct kiln_integrate_params *params,
@@ -330,6 +330,8 @@ int kiln_integrate_save(struct kiln_solution *solution, const struct kiln_integr
 
 int kiln_save_and_stop(const struct kiln_saved *s, bool finished, struct kiln_error *error)
 {
+    if (s->params->checkpoint == NULL)
+        return kiln_give_up(error);
     const int status = kiln_save(s, finished, error);
     return status == KILN_OK ? kiln_stopped(s->params->control, error) : status;
 }

@@ -15,9 +15,9 @@ struct kiln_saved {
 };
 
 /* Collective. Writes a checkpoint: at any time within the last reported step, or with `finished` after the last (when
- * radiosities and groups are of no more use). */
+ * radiosities and groups are of no more use). Does nothing where the integration has no checkpoint. */
 int kiln_save(const struct kiln_saved *saved, bool finished, struct kiln_error *error);
-/* Collective. Saves and returns KILN_STOPPED with its sentence, or why it cannot. */
+/* Collective. Saves, where there is a checkpoint, and returns KILN_STOPPED with its sentence, or why it cannot. */
 int kiln_save_and_stop(const struct kiln_saved *saved, bool finished, struct kiln_error *error);
 /* Collective. Takes over the open generation: everything but the radiosity of other ranks' points. */
 int kiln_restore(const struct kiln_saved *saved, bool *finished, struct kiln_error *error);

@@ -74,13 +74,14 @@ struct kiln_job {
     uint32_t samples_probe; /* rays for each probe; 0: no volume */
 
     /* results */
-    bool half;       /* write lightmaps as half floats where no value overflows */
-    bool both_sides; /* also write lightmaps for the backs of double-sided surfaces */
-    bool stitch;     /* smooth seams between charts, and between objects that touch; default true */
-    int denoise;     /* enum kiln_denoise */
-    bool error_map;  /* write the standard error of each texel as a layer */
-    bool preview;    /* write preview.png; default true */
-    bool export;     /* write scene.glb; default true */
+    bool half;          /* write lightmaps as half floats where no value overflows */
+    bool both_sides;    /* also write lightmaps for the backs of double-sided surfaces */
+    bool stitch;        /* smooth seams between charts, and between objects that touch; default true */
+    int denoise;        /* enum kiln_denoise */
+    bool error_map;     /* write the standard error of each texel as a layer */
+    bool check_density; /* whether the texels are fine enough (coordinator/bake/density_check.h) */
+    bool preview;       /* write preview.png; default true */
+    bool export;        /* write scene.glb; default true */
 
     /* checkpoints and limits, seconds; 0: none */
     bool resume; /* continue from an existing checkpoint; default true */

@@ -197,8 +197,9 @@ def try_differ(checks, bakes):
     ]
     environment = {**os.environ, **harness.MPI_ENVIRONMENT}
     for what, second, wanted, words in cases:
+        first = bake + (['--watchdog', '3'] if second[-1] == '--help' else [])  # which waits for its end
         try:
-            done = subprocess.run(['mpirun', '-n', '1'] + bake + [':', '-n', '1'] + second, env=environment,
+            done = subprocess.run(['mpirun', '-n', '1'] + first + [':', '-n', '1'] + second, env=environment,
                                   capture_output=True, text=True, timeout=60, check=False)
         except subprocess.TimeoutExpired:
             checks.that(False, 'another rank was given %s: nothing for 60 s' % what)

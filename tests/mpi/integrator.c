@@ -40,9 +40,10 @@ static bool pair_next(const struct kiln_integrate_settings *settings, const stru
     return count < 2;
 }
 
-static void pair_begin(struct kiln_integration *integration, struct kiln_step_report *last,
-                       const struct kiln_step *step)
+static int pair_begin(struct kiln_integration *integration, struct kiln_step_report *last, const struct kiln_step *step,
+                      struct kiln_error *error)
 {
+    (void)error;
     const struct kiln_solution *solution = integration->solution;
     const struct kiln_field_set *fields = kiln_node_data_fields(solution->node_data);
     uint32_t *samples = kiln_rank_field(solution->own, fields, kiln_field_set_find(fields, samples_field.name));
@@ -50,6 +51,7 @@ static void pair_begin(struct kiln_integration *integration, struct kiln_step_re
         samples[i] = step->samples;
     if (step->pass->reads_radiosity)
         kiln_exchange_radiosity(integration->exchange, KILN_EXCHANGE_NEXT, last);
+    return KILN_OK;
 }
 
 static void pair_take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,

@@ -12,6 +12,7 @@
 
 #include "coordinator/field/field.h"
 #include "coordinator/integrate/cells/cells.h"
+#include "coordinator/integrate/cells/late.h"
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/quantity.h"
 #include "coordinator/plan/simulate_light.h"
@@ -48,6 +49,8 @@ static void run_with(struct bake *b, double first, enum kiln_schedule schedule, 
         *report = (struct kiln_step_report){.step = step, .tail_error = tail_error};
         for (int c = 0; c < 3 && step.role != KILN_CELLS_PILOT; c++)
             report->energy.reflected[c] = step.bounce == 0 ? first : pow(ratio, step.bounce);
+        if (step.bounce > 0)
+            memcpy(report->energy.sent, b->reports[b->count - 1].energy.reflected, sizeof report->energy.sent);
         b->count++;
     }
 }
@@ -139,6 +142,35 @@ static void lean_all(void **state)
     run(&b, KILN_SCHEDULE_LEAN, -1, 0.99995, 0.0);
     assert_int_equal(b.count, 1 + 32 + 1);
     expect(&b.reports[b.count - 1].step, KILN_CELLS_FINAL, 33, 32, 0xffff, true);
+}
+
+/* Late bounces have a field of samples, and only where their number is not given. Their ratio is over the power that
+ * they gather for: tiles that have ended do not make it less. */
+static void late(void **state)
+{
+    (void)state;
+    static struct bake b;
+    struct kiln_tail_fit fit;
+    for (int64_t bounces = -1; bounces <= 20; bounces += 21) {
+        run_with(&b, 1.0, KILN_SCHEDULE_LEAN, bounces, 0.9, 1.0, 256);
+        assert_true(b.count > 20);
+        for (size_t i = 2; i + 1 < b.count; i++) {
+            const bool is_late = bounces < 0 && b.reports[i].step.bounce >= KILN_LATE_FIRST;
+            assert_int_equal(kiln_late_is(&b.reports[i].step), is_late);
+            assert_true(is_late == (b.reports[i].step.samples_field != NULL));
+        }
+        assert_false(kiln_late_is(&b.reports[1].step) || kiln_late_is(&b.reports[b.count - 1].step));
+    }
+    run(&b, KILN_SCHEDULE_LEAN, -1, 0.9, 1.0);
+    for (size_t i = 14; i < b.count; i++) /* half of the power ends before bounce 14 */
+        for (int c = 0; c < 3; c++) {
+            b.reports[i].energy.reflected[c] *= 0.5;
+            b.reports[i].energy.sent[c] *= 0.5;
+        }
+    kiln_cells_fit_tail(b.reports, 20, &fit);
+    assert_true(fit.is_long && fabs(kiln_cells_ratio(b.reports, 14) - 0.9) < 1e-12);
+    for (int c = 0; c < 3; c++)
+        assert_true(fabs(fit.ratio[c] - 0.9) < 1e-12 && fabs(fit.latest[c] - 0.9) < 1e-12);
 }
 
 /* The rays of a bounce fall with its number. */
@@ -434,11 +466,18 @@ static void rounds(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(lean_given),   cmocka_unit_test(pilot),
-                                       cmocka_unit_test(lean_all),     cmocka_unit_test(falling),
-                                       cmocka_unit_test(equal),        cmocka_unit_test(form),
-                                       cmocka_unit_test(plan_as_bake), cmocka_unit_test(outlook),
-                                       cmocka_unit_test(table),        cmocka_unit_test(another_integrator),
-                                       cmocka_unit_test(parts),        cmocka_unit_test(rounds)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(lean_given),
+                                       cmocka_unit_test(pilot),
+                                       cmocka_unit_test(lean_all),
+                                       cmocka_unit_test(late),
+                                       cmocka_unit_test(falling),
+                                       cmocka_unit_test(equal),
+                                       cmocka_unit_test(form),
+                                       cmocka_unit_test(plan_as_bake),
+                                       cmocka_unit_test(outlook),
+                                       cmocka_unit_test(table),
+                                       cmocka_unit_test(another_integrator),
+                                       cmocka_unit_test(parts),
+                                       cmocka_unit_test(rounds)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "coordinator/field/packed_error.h"
+#include "coordinator/integrate/cells/tiles.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
@@ -39,22 +40,6 @@ double kiln_adapt_share(uint32_t pilot, uint32_t samples)
 
 /* ---- spreads ---- */
 
-/* The mean irradiance of all valid points, luminance. Collective. */
-static int mean_irradiance(const struct kiln_integration *in, double *mean, struct kiln_error *error)
-{
-    const struct kiln_rank_data *own = in->solution->own;
-    const double unit = kiln_exact_unit(kiln_radiosity_allgather_scale(in->solution->allgather));
-    struct kiln_exact_sum sums[2] = {{0}, {0}}; /* irradiance, points */
-    for (uint64_t i = 0; i < own->surface.count; i++)
-        if (kiln_point_valid(&own->surface, (struct kiln_own_point){i})) {
-            kiln_exact_add(&sums[0], kiln_luminance_of_floats(&own->direct[3 * i]), 1.0 / unit);
-            sums[1].value++;
-        }
-    const int status = kiln_exact_reduce(in->communicator, sums, 2, error);
-    *mean = sums[1].value > 0 ? kiln_exact_value(&sums[0], unit) / (double)sums[1].value : 0.0;
-    return status;
-}
-
 /* Adds the spreads of the own points to those of their tiles, in steps of SPREAD_STEPS. */
 static void add_spreads(const struct kiln_rank_data *own, double mean, uint64_t *tiles)
 {
@@ -70,15 +55,6 @@ static void add_spreads(const struct kiln_rank_data *own, double mean, uint64_t 
             *tile += (uint64_t)(fmin(spread, SPREAD_MOST) * SPREAD_STEPS);
         }
     }
-}
-
-/* Collective. Sums over ranks, in messages of at most `limit` elements (0: any). */
-static void reduce(MPI_Comm communicator, uint64_t *values, uint64_t count, uint64_t limit)
-{
-    const uint64_t most = limit > 0 && limit < 1u << 30 ? limit : 1u << 30;
-    for (uint64_t at = 0; at < count; at += most)
-        (void)MPI_Allreduce(MPI_IN_PLACE, values + at, (int)(count - at < most ? count - at : most), MPI_UINT64_T,
-                            MPI_SUM, communicator);
 }
 
 static double tile_spread(const struct kiln_surface *surface, const uint64_t *tiles, uint64_t tile)
@@ -183,11 +159,11 @@ int kiln_adapt_samples(const struct kiln_integration *in, uint32_t mean, struct 
         in->communicator,
         kiln_allocate(&tiles, (size_t)surface->tile_count, sizeof *tiles, "the spreads of tiles", error), error);
     if (status == KILN_OK)
-        status = mean_irradiance(in, &light, error);
+        status = kiln_tiles_mean(in, own->direct, &light, error);
     if (status == KILN_OK) {
         if (light > 0.0)
             add_spreads(own, light, tiles);
-        reduce(in->communicator, tiles, surface->tile_count, in->settings->exchange_limit);
+        kiln_tiles_reduce(in, tiles, surface->tile_count);
         choose_samples(own, tiles, &budget);
     }
     kiln_free(&tiles);

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "coordinator/integrate/cells/adapt.h"
+#include "coordinator/integrate/cells/late.h"
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/cells/tail.h"
 #include "coordinator/integrate/cells/take.h"
@@ -16,13 +17,16 @@ static const struct kiln_role roles[] = {
     {.kind = "final", .total = "final", .title = "final gather", .phase = "final gather"},
     {.kind = "pilot", .total = "pilot", .title = "direct light, pilot", .phase = "direct light"}};
 
-static void begin_step(struct kiln_integration *in, struct kiln_step_report *last, const struct kiln_step *step)
+static int begin_step(struct kiln_integration *in, struct kiln_step_report *last, const struct kiln_step *step,
+                      struct kiln_error *error)
 {
     const struct kiln_rank_data *own = in->solution->own;
     if (step->role == KILN_CELLS_DIRECT)
         kiln_ledger_forget_groups(in->ledger);
+    if (step->role == KILN_CELLS_DIRECT)
+        kiln_late_reset(own);
     if (step->role == KILN_CELLS_DIRECT || step->role == KILN_CELLS_PILOT)
-        return;
+        return KILN_OK;
     if (in->settings->schedule == KILN_SCHEDULE_EQUAL) {
         if (step->bounce == 1) /* the sum is of irradiance now, and of bounces only */
             memset(own->sum, 0, 3 * own->surface.count * sizeof *own->sum);
@@ -33,8 +37,15 @@ static void begin_step(struct kiln_integration *in, struct kiln_step_report *las
         kiln_cells_pack_sum(own);
         in->solution->report.bounces = step->bounce;
     }
+    const bool late = kiln_late_is(step);
+    const int status = late ? kiln_late_choose(in, step->samples, error) : KILN_OK;
+    if (status != KILN_OK)
+        return status;
     const bool compact = last->step.compact && step->role == KILN_CELLS_BOUNCE;
     kiln_exchange_radiosity(in->exchange, compact ? KILN_EXCHANGE_NEXT_COMPACT : KILN_EXCHANGE_NEXT, last);
+    if (late)
+        kiln_late_clear(own);
+    return KILN_OK;
 }
 
 static int end_step(struct kiln_integration *in, struct kiln_step_reports *reports, struct kiln_error *error)

@@ -5,6 +5,7 @@
 #include "coordinator/field/field.h"
 #include "coordinator/integrate/cells/adapt.h"
 #include "coordinator/integrate/cells/cells.h"
+#include "coordinator/integrate/cells/late.h"
 
 #define LONG_TAIL_RATIO 0.8 /* of a bounce to the one before */
 #define LEAST_LEFT 1e-5     /* equal schedule: reflected power of a bounce over that of all, after which none comes */
@@ -31,24 +32,42 @@ size_t kiln_cells_first(const struct kiln_integrate_settings *settings)
     return kiln_adapt_pilot(settings) > 0 ? 1 : 0;
 }
 
-double kiln_cells_ratio(const struct kiln_step_report *reports, size_t i)
+/* One of three channels, or the luminance. */
+enum { LUMINANCE = 3 };
+static double power_of(const double power[3], int channel)
 {
-    const double before = reflected(&reports[i - 1]);
-    return before > 0.0 ? reflected(&reports[i]) / before : 0.0;
+    return channel == LUMINANCE ? kiln_luminance(power) : power[channel];
+}
+
+/* The share of the power of step i - 1 that step i gathers for: all, but for a late bounce (late.h). */
+static double gone_on(const struct kiln_step_report *reports, size_t i, int channel)
+{
+    const double before = power_of(reports[i - 1].energy.reflected, channel);
+    return kiln_late_is(&reports[i].step) && before > 0.0 ? power_of(reports[i].energy.sent, channel) / before : 1.0;
 }
 
 /* Mean ratio of a step to the one before, from step `first` to `last`. */
-static double mean_ratio(double power_first, double power_last, size_t steps)
+static double mean_ratio(const struct kiln_step_report *reports, size_t first, size_t last, int channel)
 {
-    return power_first > 0.0 && steps > 0 ? pow(power_last / power_first, 1.0 / (double)steps) : 0.0;
+    double from = power_of(reports[first].energy.reflected, channel);
+    for (size_t i = first + 1; i <= last; i++)
+        from *= gone_on(reports, i, channel);
+    return from > 0.0 && last > first
+               ? pow(power_of(reports[last].energy.reflected, channel) / from, 1.0 / (double)(last - first))
+               : 0.0;
+}
+
+double kiln_cells_ratio(const struct kiln_step_report *reports, size_t i)
+{
+    return mean_ratio(reports, i - 1, i, LUMINANCE);
 }
 
 /* dq of struct kiln_tail_fit, of the ratios of the steps after `first`, whose mean is q. */
 static double ratio_error(const struct kiln_step_report *reports, size_t first, size_t last, double q)
 {
     const size_t middle = (first + last) / 2, steps = last - first;
-    const double low = mean_ratio(reflected(&reports[first]), reflected(&reports[middle]), middle - first),
-                 high = mean_ratio(reflected(&reports[middle]), reflected(&reports[last]), last - middle);
+    const double low = mean_ratio(reports, first, middle, LUMINANCE),
+                 high = mean_ratio(reports, middle, last, LUMINANCE);
     double square = 0.0;
     for (size_t i = first + 1; i <= last; i++)
         square += (kiln_cells_ratio(reports, i) - q) * (kiln_cells_ratio(reports, i) - q);
@@ -61,9 +80,11 @@ void kiln_cells_fit_tail(const struct kiln_step_report *reports, size_t count, s
     if (count < 2)
         return;
     const size_t last = count - 1, first = fit->is_long && last >= KILN_TAIL_BOUNCES ? last / 2 : last - 1;
-    for (int c = 0; c < 3; c++)
-        fit->ratio[c] = mean_ratio(reports[first].energy.reflected[c], reports[last].energy.reflected[c], last - first);
-    const double q = mean_ratio(reflected(&reports[first]), reflected(&reports[last]), last - first);
+    for (int c = 0; c < 3; c++) {
+        fit->ratio[c] = mean_ratio(reports, first, last, c);
+        fit->latest[c] = mean_ratio(reports, last - 1, last, c);
+    }
+    const double q = mean_ratio(reports, first, last, LUMINANCE);
     fit->diverges = q > KILN_TAIL_RATIO_MOST;
     if (!fit->is_long)
         return;
@@ -138,6 +159,8 @@ static bool next_lean(const struct kiln_integrate_settings *settings, const stru
     step->stream = more ? step->bounce : KILN_CELLS_FINAL_STREAM;
     step->counted = !more;
     step->terminal = !more;
+    if (more && settings->bounces < 0 && step->bounce >= KILN_LATE_FIRST)
+        step->samples_field = KILN_FIELD_SAMPLES_BOUNCE;
     return true;
 }
 

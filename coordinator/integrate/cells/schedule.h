@@ -7,7 +7,7 @@
  * first has 3 times as many, the second 1.5 times, the fourth and the fifth 1/2, all later ones 1/4, and none has less
  * than 2; after a step with more than 0.8 of the power of the one before, a bounce has samples_bounce at least. With a
  * number of bounces N given there are N - 1 bounces and the final gather; without, bounces go on until the tail is good
- * enough, or diverges: a closed scene of albedo 1.
+ * enough, or diverges: a closed scene of albedo 1. Late ones of these compute only where much is left (late.h).
  *
  * Equal: direct light; bounces with many samples, whose irradiance counts as it is. Without a number given they go on
  * until what is left is below 1e-5 of all. */
@@ -27,13 +27,15 @@ size_t kiln_cells_first(const struct kiln_integrate_settings *settings);
 bool kiln_cells_next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                      size_t count, struct kiln_step *step);
 
-/* Reflected power of step `i` over that of the one before, luminance; 0 where the latter has none. */
+/* Reflected power of step `i` over that of the one before, luminance; 0 where the latter has none. Of a late bounce
+ * (late.h), over the power that it gathers for. */
 double kiln_cells_ratio(const struct kiln_step_report *reports, size_t i);
 
 /* How power falls from bounce to bounce at the end of a list of steps. */
 struct kiln_tail_fit {
-    bool is_long;    /* a bounce has more than 0.8 of the one before: then the rest is of more than one ratio */
-    double ratio[3]; /* of a bounce to the one before, each channel; of a long tail the mean over the second half */
+    bool is_long;     /* a bounce has more than 0.8 of the one before: then the rest is of more than one ratio */
+    double ratio[3];  /* of a bounce to the one before, each channel; of a long tail the mean over the second half */
+    double latest[3]; /* of the last bounce to the one before */
     /* What is not known of the tail, relative to it: dq / (1 - q) of the luminance's ratio q. dq is the standard error
      * of the mean of the ratios that it is of, or half of what their two halves differ by; 0 of a tail that is not long
      * and 1 where there are fewer than KILN_TAIL_BOUNCES. */

@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "coordinator/field/radiosity_allgather.h"
+#include "coordinator/integrate/cells/late.h"
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/parts.h"
 #include "worker/scene/radiosity.h"
@@ -43,7 +44,25 @@ static double error_of_all(const struct kiln_tail_fit *fit, double share, bool l
     return left_out ? share : fmin(fit->error, 1.0) * share;
 }
 
-/* The sum of q + q^2 + ... for each channel's own ratio q. */
+void kiln_tail_factors(const struct kiln_tail_fit *fit, float factor[3])
+{
+    for (int c = 0; c < 3; c++) {
+        const double ratio = fmin(fit->ratio[c], KILN_TAIL_RATIO_MOST);
+        factor[c] = (float)(ratio / (1.0 - ratio));
+    }
+}
+
+/* Power that the tiles which have ended (late.h) would have sent, W: each loses power by the last ratio at most. */
+static double left_out(const struct kiln_step_report *reports, size_t count, double q)
+{
+    double power = 0.0;
+    for (size_t i = 1; i < count; i++)
+        if (kiln_late_is(&reports[i].step))
+            power += kiln_luminance(reports[i - 1].energy.reflected) - kiln_luminance(reports[i].energy.sent);
+    return fmax(0.0, power) * q / (1.0 - q);
+}
+
+/* The tail's factors, for a tail after the last step. */
 static void find_factors(struct kiln_integrate_report *r, size_t first, float factor[3])
 {
     const struct kiln_step_reports part = kiln_part_reports(&r->steps);
@@ -52,20 +71,20 @@ static void find_factors(struct kiln_integrate_report *r, size_t first, float fa
     double tail[3], total[3] = {0};
     struct kiln_tail_fit fit;
     kiln_cells_fit_tail(reports, last + 1, &fit);
+    kiln_tail_factors(&fit, factor);
     for (int c = 0; c < 3; c++) {
-        const double now = reports[last].energy.reflected[c],
-                     before = last > 0 ? reports[last - 1].energy.reflected[c] : 0.0;
-        const double ratio = before > 0.0 ? fmin(fit.is_long ? fit.ratio[c] : now / before, KILN_TAIL_RATIO_MOST) : 0.0;
+        const double ratio = fmin(fit.ratio[c], KILN_TAIL_RATIO_MOST);
         r->tail_ratio[c] = ratio;
-        factor[c] = (float)(ratio / (1.0 - ratio));
-        tail[c] = now * ratio / (1.0 - ratio);
+        tail[c] = reports[last].energy.reflected[c] * ratio / (1.0 - ratio);
         for (size_t i = 0; i <= last; i++)
             total[c] += reports[i].energy.reflected[c];
         total[c] += tail[c];
     }
-    const double all = kiln_luminance(total);
+    const double all = kiln_luminance(total), q = kiln_luminance(r->tail_ratio);
     r->tail_share = all > 0.0 ? kiln_luminance(tail) / all : 0.0;
     r->tail_error = error_of_all(&fit, r->tail_share, false);
+    if (all > 0.0 && !fit.diverges)
+        r->tail_error += left_out(reports, last + 1, q) / all;
 }
 
 void kiln_tail_note_left(struct kiln_integrate_report *r)
@@ -82,22 +101,31 @@ void kiln_tail_note_left(struct kiln_integrate_report *r)
     r->tail_error = error_of_all(&fit, all > 0.0 ? left / all : 0.0, true);
 }
 
-void kiln_tail_add(const struct kiln_integration *in)
+void kiln_tail_last(const struct kiln_integration *in, struct kiln_own_point point, float rgb[3])
 {
     const struct kiln_rank_data *own = in->solution->own;
-    const uint32_t *compact = kiln_next_compact(own);
-    const bool is_compact = kiln_solution_step(in->solution)->step.compact;
-    const double scale = kiln_radiosity_allgather_scale(in->solution->allgather);
+    if (kiln_solution_step(in->solution)->step.compact)
+        kiln_radiosity_expand(kiln_next_compact(own)[point.at], kiln_radiosity_allgather_scale(in->solution->allgather),
+                              rgb);
+    else
+        kiln_radiosity_unpack(own->next[point.at], rgb);
+}
+
+void kiln_tail_extend(const struct kiln_integration *in, struct kiln_own_point first, uint64_t count,
+                      const float factor[3])
+{
+    for (uint64_t i = first.at; i < first.at + count; i++) {
+        float last[3];
+        kiln_tail_last(in, (struct kiln_own_point){i}, last);
+        for (uint64_t c = 0; c < 3; c++)
+            in->solution->own->sum[3 * i + c] += factor[c] * last[c];
+    }
+}
+
+void kiln_tail_add(const struct kiln_integration *in)
+{
     float factor[3];
     find_factors(&in->solution->report, kiln_cells_first(in->settings), factor);
     in->solution->report.tail = true;
-    for (uint64_t i = 0; i < own->surface.count; i++) {
-        float last[3];
-        if (is_compact)
-            kiln_radiosity_expand(compact[i], scale, last);
-        else
-            kiln_radiosity_unpack(own->next[i], last);
-        for (uint64_t c = 0; c < 3; c++)
-            own->sum[3 * i + c] += factor[c] * last[c];
-    }
+    kiln_tail_extend(in, (struct kiln_own_point){0}, in->solution->own->surface.count, factor);
 }

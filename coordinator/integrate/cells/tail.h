@@ -3,6 +3,7 @@
 #ifndef KILN_COORDINATOR_INTEGRATE_CELLS_TAIL_H
 #define KILN_COORDINATOR_INTEGRATE_CELLS_TAIL_H
 
+#include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/integrator.h"
 
 /* Collective, after a step whose number of bounces is not given. Adds up the groups' powers over ranks; `before` and
@@ -17,5 +18,15 @@ void kiln_tail_note_left(struct kiln_integrate_report *report);
 
 /* Adds the tail after the last step to the sum of the own points, and notes it in the report. */
 void kiln_tail_add(const struct kiln_integration *integration);
+
+/* The sum of q + q^2 + ... for each channel's ratio q, which is taken for KILN_TAIL_RATIO_MOST at most. */
+void kiln_tail_factors(const struct kiln_tail_fit *fit, float factor[3]);
+
+/* The radiosity of an own point in the last step reported, RGB, before it is overwritten by the next. */
+void kiln_tail_last(const struct kiln_integration *integration, struct kiln_own_point point, float rgb[3]);
+
+/* Adds `factor` times that to the sums of `count` own points. */
+void kiln_tail_extend(const struct kiln_integration *integration, struct kiln_own_point first, uint64_t count,
+                      const float factor[3]);
 
 #endif

@@ -1,0 +1,26 @@
+#include "coordinator/integrate/cells/tiles.h"
+
+#include "worker/base/color.h"
+
+void kiln_tiles_reduce(const struct kiln_integration *in, uint64_t *values, uint64_t count)
+{
+    const uint64_t limit = in->settings->exchange_limit, most = limit > 0 && limit < 1u << 30 ? limit : 1u << 30;
+    for (uint64_t at = 0; at < count; at += most)
+        (void)MPI_Allreduce(MPI_IN_PLACE, values + at, (int)(count - at < most ? count - at : most), MPI_UINT64_T,
+                            MPI_SUM, in->communicator);
+}
+
+int kiln_tiles_mean(const struct kiln_integration *in, const float *values, double *mean, struct kiln_error *error)
+{
+    const struct kiln_rank_data *own = in->solution->own;
+    const double unit = kiln_exact_unit(kiln_radiosity_allgather_scale(in->solution->allgather));
+    struct kiln_exact_sum sums[2] = {{0}, {0}}; /* values, points */
+    for (uint64_t i = 0; i < own->surface.count; i++)
+        if (kiln_point_valid(&own->surface, (struct kiln_own_point){i})) {
+            kiln_exact_add(&sums[0], kiln_luminance_of_floats(&values[3 * i]), 1.0 / unit);
+            sums[1].value++;
+        }
+    const int status = kiln_exact_reduce(in->communicator, sums, 2, error);
+    *mean = sums[1].value > 0 ? kiln_exact_value(&sums[0], unit) / (double)sums[1].value : 0.0;
+    return status;
+}

@@ -1,0 +1,15 @@
+/* Sums over the tiles of all lightmaps, for decisions that hang on tiles and not on tile runs: cells cut tiles into
+ * runs and must not change a result. */
+#ifndef KILN_COORDINATOR_INTEGRATE_CELLS_TILES_H
+#define KILN_COORDINATOR_INTEGRATE_CELLS_TILES_H
+
+#include "coordinator/integrate/integrator.h"
+
+/* Collective. Adds up each of `count` values over the ranks. */
+void kiln_tiles_reduce(const struct kiln_integration *integration, uint64_t *values, uint64_t count);
+
+/* Collective. The mean luminance over all valid points of `values`, 3 an own point, W/m2: the same for any ranks. */
+int kiln_tiles_mean(const struct kiln_integration *integration, const float *values, double *mean,
+                    struct kiln_error *error);
+
+#endif

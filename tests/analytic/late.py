@@ -1,0 +1,116 @@
+"""Late bounces, which leave out tiles where little is left: a white box with a slit in its lid, beside a street
+under a sky. Against as many bounces that leave nothing out: the same light outside, less rays; against many more
+bounces: the light in the box. The same bits for any cells and ranks, and the same light from both
+backends.
+
+  /usr/bin/python3 tests/analytic/late.py --kiln build/release/kiln [--backend vulkan]
+"""
+import os
+import sys
+
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
+import glb  # noqa: E402
+import harness  # noqa: E402
+
+OPTIONS = ('--texels-per-metre', 6, '--samples-probe', 0, '--no-export', '--denoise', 'none', '--samples-direct', 16,
+           '--samples-bounce', 4, '--samples-indirect', 16)
+LEFT = 5e-4  # of a tile's light, when it is left out; KILN_LATE_LEFT
+FIRST = 9    # the first late bounce
+SLIT = 0.05  # m
+
+
+def pocket(path):
+    """A street of 12 m, its walls 3 m high, of albedo 0.9; a box of 1 m, open on top by a slit, of albedo 0.98."""
+    scene = glb.Scene()
+    scene.environment((1, 1, 1))
+    grey, white = scene.material('grey', (0.9, 0.9, 0.9)), scene.material('white', (0.98, 0.98, 0.98))
+    scene.quad('floor', [(0, 0, 3), (12, 0, 3), (12, 0, 0), (0, 0, 0)], grey)
+    scene.quad('wall', [(0, 0, 0), (12, 0, 0), (12, 3, 0), (0, 3, 0)], grey)
+    scene.quad('other wall', [(12, 0, 3), (0, 0, 3), (0, 3, 3), (12, 3, 3)], grey)
+    low = np.array((-3.0, 0.0, 0.0))
+    for i, face in enumerate(glb.FACES):
+        corners = low + np.array(face[::-1], float)
+        if i != 4:
+            scene.quad('side %d' % i, corners, white)
+            continue
+        for name, begin, end in (('left', 0, 0.5 - SLIT / 2), ('right', 0.5 + SLIT / 2, 1)):
+            part = corners.copy()
+            part[:, 0] = low[0] + np.where(part[:, 0] > low[0] + 0.5, end, begin)
+            scene.quad('lid ' + name, part, white)
+    return scene.write(path)
+
+
+def indirect(bake):
+    """(luminance of indirect light, area, whether it is in the box) of all points by object and texel."""
+    p = bake.points
+    order = np.lexsort((p.x, p.y, p.object))
+    return (p.indirect[order] @ harness.LUMINANCE, p.area[order], p.position[order][:, 0] < -1)
+
+
+def off_by(bake, other):
+    """{part: (mean, rms)} of what a bake's light is off by: each texel's final gather has the same rays in both."""
+    (found, area, inside), (expected, _, _) = indirect(bake), indirect(other)
+    result = {}
+    for name, part in (('in the box', inside), ('outside', ~inside)):
+        off = found[part] - expected[part]
+        result[name] = (float(off @ area[part] / (expected[part] @ area[part])),
+                        float(np.sqrt(np.mean(off ** 2)) / expected[part].mean()))
+    return result
+
+
+def late_share(late, full):
+    """Rays of late bounces over those of as many that leave nothing out."""
+    samples = np.array([(b['bounce'], b['samples']) for b in full.run['bounces'] if b['kind'] == 'bounce'])
+    share = samples[samples[:, 0] >= FIRST, 1].sum() / samples[:, 1].sum()
+    return 1 - (1 - late.run['rays']['bounces'] / full.run['rays']['bounces']) / share
+
+
+def compare(checks, late, full, converged):
+    share, off = late_share(late, full), off_by(late, full)
+    before, after = off_by(full, converged), off_by(late, converged)
+    print('rays of late bounces: %.3f' % share)
+    for name in off:
+        print('%-12s against full %+.2e, rms %.2e; against converged %+.2e, rms %.2e (full %+.2e, rms %.2e)' %
+              (name, *off[name], *after[name], *before[name]))
+    checks.that(share < 0.9, 'late bounces have %.2f of the rays' % share)
+    mean, rms = off['outside']
+    checks.that(0 < rms < LEFT and abs(mean) < LEFT, 'outside, light is off by %g, rms %g' % (mean, rms))
+    for name in after:
+        checks.that(abs(after[name][0]) < abs(before[name][0]) + 4 * LEFT,
+                    '%s, light is off by %g, with full bounces %g' % (name, after[name][0], before[name][0]))
+
+
+def main():
+    _, kiln = harness.start(__doc__)
+    checks = harness.Checks()
+    scene = pocket(os.path.join(kiln.scratch, 'pocket.glb'))
+    late = kiln.bake(scene, *OPTIONS)
+    if not checks.baked(late):
+        checks.end()
+    bounces = late.run['indirect_bounces']
+    print('%d bounces, %d rays of them; tail %s' % (bounces, late.run['rays']['bounces'], late.run['tail']))
+    checks.that(bounces > FIRST + 4, 'there are %d bounces, too few for late ones' % bounces)
+    full = kiln.bake(scene, *OPTIONS, '--bounces', bounces, '--tail')
+    converged = kiln.bake(scene, *OPTIONS, '--bounces', 10 * bounces, '--tail')
+    if checks.baked(full) and checks.baked(converged):
+        compare(checks, late, full, converged)
+    for ranks, options in ((3, ()), (0, ('--cell-size', 0.37)), (2, ('--partition', 'objects', '--threads', 1))):
+        bake = kiln.bake(scene, *OPTIONS, *options, ranks=ranks)
+        if checks.baked(bake):
+            checks.that(np.array_equal(indirect(bake)[0], indirect(late)[0]), '%d ranks, %s: other bits' %
+                        (ranks, options))
+            checks.that(bake.run['indirect_bounces'] == bounces, 'other bounces')
+    if kiln.backend == 'vulkan':
+        kiln.backend = 'embree'
+        bake = kiln.bake(scene, *OPTIONS)
+        if checks.baked(bake):
+            a, b = indirect(bake)[0], indirect(late)[0]
+            off = float(np.sqrt(np.mean((a - b) ** 2)) / a.mean())
+            checks.that(off < 0.01 and abs(b.mean() / a.mean() - 1) < 1e-3, 'backends differ by %g' % off)
+    checks.end()
+
+
+if __name__ == '__main__':
+    main()
