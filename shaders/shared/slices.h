@@ -4,8 +4,10 @@
 
 #include "shaders/shared/language.h"
 
-#define KILN_SLICE_WORTH 16u   /* samples that are worth a thread */
-#define KILN_SLICES_MOST 1024u /* threads of a quarter of the samples */
+#define KILN_SLICE_WORTH 16u    /* samples that are worth a thread */
+#define KILN_SLICES_ENOUGH 256u /* of a quarter: from there on slices are longer instead, for their sums take room */
+#define KILN_SLICE_ENOUGH 64u   /* samples: from there on there are more slices again, for each has to end in time */
+#define KILN_SLICES_MOST 1024u  /* threads of a quarter of the samples */
 
 /* Each quarter of a point's samples is dealt out in `per_quarter` slices of `samples` each, one a thread. Of a partly
  * buried point each slice goes to `split` threads, which divides `samples`: a software device ends a thread's loops
@@ -18,7 +20,8 @@ struct kiln_slices {
 KILN_FUNCTION KILN_STRUCT kiln_slices kiln_slices_of(KILN_U32 samples, bool software)
 {
     const KILN_U32 quarter = (samples + 3u) / 4u, least = (quarter + KILN_SLICES_MOST - 1u) / KILN_SLICES_MOST,
-                   few = word_min(quarter, KILN_SLICE_WORTH);
+                   worth = word_max(KILN_SLICE_WORTH, word_min(quarter / KILN_SLICES_ENOUGH, KILN_SLICE_ENOUGH)),
+                   few = word_min(quarter, worth);
     KILN_STRUCT kiln_slices s;
     s.split = software && least < few ? (few + least - 1u) / least : 1u;
     s.samples = s.split > 1u ? s.split * least : word_max(least, few);

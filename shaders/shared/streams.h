@@ -66,6 +66,9 @@ static inline uint32_t kiln_quarter_first(uint32_t quarter, uint32_t samples)
 #define KILN_VALIDITY_SECOND_STREAM 0x76616c32u
 #define KILN_VALIDITY_FIRST_LOOK 16u
 #define KILN_VALIDITY_SECOND_LOOK 64u
+/* Where a point's places lie hangs on neither the seed nor the point: which points are buried is a property of the
+ * scene. */
+KILN_FUNCTION KILN_U32 kiln_validity_key(KILN_U32 stream) { return kiln_hash1(stream); }
 
 /* A place of a partly buried point that is buried itself is drawn again, so often at most; try i by this hash. */
 #define KILN_BURIED_TRIES 32u

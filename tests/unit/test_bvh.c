@@ -168,9 +168,53 @@ static void rays_at_edges(struct world *w, float half)
 
 /* ---- tracing ---- */
 
-static void trace(struct gpu *gpu, const struct world *w, const struct bvh *bvh, uint32_t traversal, bool occlusion,
+/* The device and its kernels, one for each layout and either use. A software device takes longer to compile a kernel
+ * than to trace with it: each is made once, for all worlds. */
+struct tracer {
+    struct gpu *gpu;
+    struct gpu_kernel *kernels[LAYOUTS][2];
+};
+
+static int tracer_open(void **state)
+{
+    struct tracer *t = calloc(1, sizeof *t);
+    struct kiln_error error = {""};
+    if (vulkan_device_open((void **)&t->gpu) != 0) {
+        free(t);
+        return -1;
+    }
+    *state = t;
+    for (uint32_t i = 0; i < 2 * LAYOUTS; i++) {
+        const uint32_t constants[VULKAN_CONSTANTS] = {[VULKAN_TRAVERSAL] = layouts[i / 2], [VULKAN_OWN] = i % 2};
+        const struct gpu_kernel_params params = {.name = "intersect",
+                                                 .code = kiln_spirv_intersect,
+                                                 .code_bytes = sizeof kiln_spirv_intersect,
+                                                 .constants = constants,
+                                                 .constant_count = VULKAN_CONSTANTS};
+        if (gpu_kernel_create(t->gpu, &t->kernels[i / 2][i % 2], &params, &error) != KILN_OK) {
+            print_error("%s\n", error.message);
+            return -1;
+        }
+    }
+    return 0;
+}
+
+static int tracer_close(void **state)
+{
+    struct tracer *t = *state;
+    for (int i = 0; t != NULL && i < 2 * LAYOUTS; i++)
+        gpu_kernel_destroy(t->gpu, &t->kernels[i / 2][i % 2]);
+    if (t != NULL)
+        gpu_destroy(&t->gpu);
+    free(t);
+    return 0;
+}
+
+static void trace(const struct tracer *t, const struct world *w, const struct bvh *bvh, int at, bool occlusion,
                   struct kiln_gpu_hit *hits)
 {
+    struct gpu *gpu = t->gpu;
+    const uint32_t traversal = layouts[at];
     struct bvh_layout layout;
     struct kiln_error error = {""};
     if (bvh_layout_create(&layout, bvh, traversal, &error) != KILN_OK)
@@ -190,22 +234,16 @@ static void trace(struct gpu *gpu, const struct world *w, const struct bvh *bvh,
     assert_int_equal(gpu_buffer_of(gpu, &b[3], w->origins, sizeof w->origins, "origins", &error), KILN_OK);
     assert_int_equal(gpu_buffer_of(gpu, &b[4], w->directions, sizeof w->directions, "directions", &error), KILN_OK);
     assert_int_equal(gpu_buffer_of(gpu, &b[5], hits, RAYS * sizeof *hits, "hits", &error), KILN_OK);
-    const uint32_t constants[VULKAN_CONSTANTS] = {[VULKAN_TRAVERSAL] = traversal, [VULKAN_OWN] = occlusion};
-    struct gpu_kernel *kernel = NULL;
-    const struct gpu_kernel_params params = {.name = "intersect",
-                                             .code = kiln_spirv_intersect,
-                                             .code_bytes = sizeof kiln_spirv_intersect,
-                                             .constants = constants,
-                                             .constant_count = VULKAN_CONSTANTS};
-    assert_int_equal(gpu_kernel_create(gpu, &kernel, &params, &error), KILN_OK);
     const struct push push = {b[2].address, b[3].address, b[4].address, b[5].address, RAYS};
-    const struct gpu_step step = {
-        .kernel = kernel, .threads_x = RAYS, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
+    const struct gpu_step step = {.kernel = t->kernels[at][occlusion],
+                                  .threads_x = RAYS,
+                                  .threads_y = 1,
+                                  .constants = &push,
+                                  .constant_bytes = sizeof push};
     double seconds = 0.0;
     assert_int_equal(gpu_run(gpu, &step, 1, &seconds, &error), KILN_OK);
     assert_int_equal(gpu_download(gpu, &b[5], 0, hits, RAYS * sizeof *hits, &error), KILN_OK);
     print_message("traversal %2u%s: %6.2f Mrays/s\n", traversal, occlusion ? " occlusion" : "", RAYS / seconds * 1e-6);
-    gpu_kernel_destroy(gpu, &kernel);
     for (int i = 0; i < 6; i++)
         gpu_buffer_destroy(gpu, &b[i]);
     bvh_layout_free(&layout);
@@ -236,21 +274,21 @@ static size_t unlike_embree(const struct kiln_gpu_hit *ours, const struct kiln_h
 }
 
 /* Limits just before and just behind what is met. */
-static void check_occlusion(struct gpu *gpu, const struct world *w, const struct bvh *bvh, uint32_t traversal,
+static void check_occlusion(const struct tracer *t, const struct world *w, const struct bvh *bvh, int at,
                             const struct kiln_gpu_hit *hits)
 {
     static struct kiln_gpu_hit limits[RAYS];
     size_t wrong = 0;
     for (int i = 0; i < RAYS; i++)
         limits[i].distance = hits[i].triangle == KILN_GPU_NONE ? INFINITY : hits[i].distance * (i & 1 ? 0.999f : 1.0f);
-    trace(gpu, w, bvh, traversal, true, limits);
+    trace(t, w, bvh, at, true, limits);
     for (int i = 0; i < RAYS; i++)
         wrong += (limits[i].triangle == 0) != (hits[i].triangle != KILN_GPU_NONE && (i & 1) == 0);
     assert_int_equal(wrong, 0);
 }
 
 /* All layouts against brute force, bit by bit, and against Embree but for `allowed` rays. */
-static void check_world(struct gpu *gpu, struct world *w, size_t allowed, bool closed, uint32_t depth_limit)
+static void check_world(const struct tracer *t, struct world *w, size_t allowed, bool closed, uint32_t depth_limit)
 {
     static struct kiln_gpu_hit first[RAYS], hits[RAYS];
     static struct kiln_hit embree[RAYS];
@@ -263,10 +301,10 @@ static void check_world(struct gpu *gpu, struct world *w, size_t allowed, bool c
     const bool few = w->g.triangle_count < 2000;
     for (int i = few ? 0 : 1; i < LAYOUTS; i++) {
         struct kiln_gpu_hit *to = i == (few ? 0 : 1) ? first : hits;
-        trace(gpu, w, bvh, layouts[i], false, to);
+        trace(t, w, bvh, i, false, to);
         if (to == hits)
             assert_memory_equal(hits, first, sizeof hits);
-        check_occlusion(gpu, w, bvh, layouts[i], first);
+        check_occlusion(t, w, bvh, i, first);
     }
     trace_embree(w, embree);
     const size_t unlike = unlike_embree(first, embree, w->g.extent);
@@ -346,7 +384,7 @@ static void hardly_any(void **state)
         static struct kiln_gpu_hit hits[RAYS];
         assert_int_equal(bvh_create(&bvh, &w->g, &(struct bvh_params){0}, NULL), KILN_OK);
         for (int i = 0; i < LAYOUTS; i++) {
-            trace(*state, w, bvh, layouts[i], false, hits);
+            trace(*state, w, bvh, i, false, hits);
             for (int j = 0; j < RAYS; j++)
                 assert_int_equal(hits[j].triangle, KILN_GPU_NONE);
         }
@@ -372,5 +410,5 @@ int main(void)
                                        cmocka_unit_test(too_deep)};
     if (!vulkan_device_is_there())
         return 77;
-    return cmocka_run_group_tests(tests, vulkan_device_open, vulkan_device_close);
+    return cmocka_run_group_tests(tests, tracer_open, tracer_close);
 }

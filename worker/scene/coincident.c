@@ -75,54 +75,82 @@ static struct kiln_dvec3 normal_of(const struct kiln_geometry *g, uint64_t trian
     return dvec3_cross(dvec3_sub(dvec3_of(corner[1]), a), dvec3_sub(dvec3_of(corner[2]), a));
 }
 
-/* Whether two triangles with the same shortest edge coincide and look opposite ways. */
-static bool are_opposite(const struct kiln_geometry *g, uint64_t t, uint64_t other, const struct shortest *s,
-                         const struct shortest *o)
+/* Whether two triangles with the same shortest edge lie in one plane, on the same side of that edge. */
+static bool coincide(const struct kiln_geometry *g, uint64_t t, const struct shortest *s, const struct shortest *o)
 {
-    if ((g->records[t].material & g->records[other].material & KILN_RECORD_DOUBLE_SIDED) != 0)
-        return false;
     const struct kiln_dvec3 normal = normal_of(g, t), low = dvec3_of(s->low), along = dvec3_sub(dvec3_of(s->high), low),
                             across = dvec3_cross(normal, along), to_own = dvec3_sub(dvec3_of(s->third), low),
                             to_other = dvec3_sub(dvec3_of(o->third), low);
     const double height = dvec3_dot(normal, to_other), margin = (double)(KILN_COINCIDENT * g->extent);
-    return dvec3_dot(normal, normal_of(g, other)) < 0.0 &&
-           height * height <= margin * margin * dvec3_dot(normal, normal) &&
+    return height * height <= margin * margin * dvec3_dot(normal, normal) &&
            dvec3_dot(across, to_own) * dvec3_dot(across, to_other) > 0.0;
 }
 
-/* Puts the triangle into the table. Whether it coincides with one that is there. */
-static bool put(const struct kiln_geometry *g, struct entry *table, uint64_t mask, uint64_t triangle)
+/* What the search has found so far. */
+struct search {
+    struct kiln_geometry *g;
+    struct entry *table;
+    uint64_t mask;
+    double largest; /* m2: the smaller of the two triangles of the pair that `doubled` names */
+};
+
+static bool is_opaque(const struct kiln_geometry *g, uint64_t triangle) { return triangle < g->opaque_count; }
+
+/* Takes down two triangles that coincide. */
+static void take(struct search *search, uint64_t triangle, uint64_t other)
 {
+    struct kiln_geometry *g = search->g;
+    const bool two_sided = (g->records[triangle].material & g->records[other].material & KILN_RECORD_DOUBLE_SIDED) != 0,
+               opposite = dvec3_dot(normal_of(g, triangle), normal_of(g, other)) < 0.0;
+    g->coincident = g->coincident || (opposite && !two_sided);
+    if ((opposite && !two_sided) || !is_opaque(g, triangle) || !is_opaque(g, other))
+        return;
+    const double area = fmin(kiln_geometry_triangle_area(g, triangle), kiln_geometry_triangle_area(g, other));
+    g->doubled_area += area;
+    if (area > search->largest) {
+        search->largest = area;
+        g->doubled[0] = g->records[other].object;
+        g->doubled[1] = g->records[triangle].object;
+    }
+}
+
+/* Puts the triangle into the table, and takes down those there that it coincides with. */
+static void put(struct search *search, uint64_t triangle)
+{
+    const struct kiln_geometry *g = search->g;
+    struct entry *table = search->table;
     struct shortest s = {0}, o = {0};
     uint32_t same = 0;
     if (!shortest_of(g, triangle, &s))
-        return false;
+        return;
     const uint32_t hash = hash_of(&s);
-    uint64_t at = hash & mask;
-    for (; table[at].triangle != 0 && same < SAME_EDGE_MOST; at = (at + 1) & mask) {
+    uint64_t at = hash & search->mask;
+    for (; table[at].triangle != 0 && same < SAME_EDGE_MOST; at = (at + 1) & search->mask) {
         const uint64_t other = table[at].triangle - 1;
         if (table[at].hash != hash || !shortest_of(g, other, &o) || !is_same(s.low, o.low) || !is_same(s.high, o.high))
             continue;
         same++;
-        if (are_opposite(g, triangle, other, &s, &o))
-            return true;
+        if (coincide(g, triangle, &s, &o))
+            take(search, triangle, other);
     }
     if (table[at].triangle == 0)
         table[at] = (struct entry){hash, (uint32_t)triangle + 1};
-    return false;
 }
 
-int kiln_coincident_find(const struct kiln_geometry *g, bool *found, struct kiln_error *error)
+int kiln_coincident_find(struct kiln_geometry *g, struct kiln_error *error)
 {
     const size_t count = kiln_geometry_hittable_count(g);
-    struct entry *table = NULL;
+    struct search search = {.g = g};
     uint64_t size = 16;
-    *found = false;
+    g->coincident = false;
+    g->doubled_area = 0.0;
     while (size < 2 * (uint64_t)count)
         size *= 2;
-    const int status = kiln_allocate(&table, size, sizeof *table, "the search for coincident faces", error);
-    for (size_t i = 0; status == KILN_OK && i < count && !*found; i++)
-        *found = put(g, table, size - 1, kiln_geometry_hittable(g, i));
-    kiln_free(&table);
+    const int status =
+        kiln_allocate(&search.table, size, sizeof *search.table, "the search for coincident faces", error);
+    search.mask = size - 1;
+    for (size_t i = 0; status == KILN_OK && i < count; i++)
+        put(&search, kiln_geometry_hittable(g, i));
+    kiln_free(&search.table);
     return status;
 }

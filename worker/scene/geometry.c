@@ -373,7 +373,7 @@ int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_s
         status = kiln_solids_make_one_sided(e.geometry, scene, error);
     }
     if (status == KILN_OK)
-        status = kiln_coincident_find(e.geometry, &e.geometry->coincident, error);
+        status = kiln_coincident_find(e.geometry, error);
     if (status == KILN_OK) {
         count_two_sided(e.geometry);
         find_passage(scene, e.geometry);

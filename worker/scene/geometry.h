@@ -41,6 +41,9 @@ struct kiln_geometry {
     size_t vertex_count, triangle_count, opaque_count;
     uint32_t passage; /* KILN_PASSAGE_NONE ... */
     bool coincident;  /* opposite faces coincide somewhere (coincident.h): of those a ray is to meet the front */
+    /* faces that look the same way and coincide: m2, and the objects of the largest such pair */
+    double doubled_area;
+    uint32_t doubled[2];
     /* triangles of receiver-only objects: the last opaque_receivers opaque ones, and the last alpha_receivers of all */
     size_t opaque_receivers, alpha_receivers;
     float *vertices;   /* x y z; 4 floats of padding after the last, as Embree wants */

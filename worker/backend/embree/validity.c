@@ -12,7 +12,7 @@
 static uint32_t count_buried(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, uint32_t samples,
                              uint32_t stream)
 {
-    const uint32_t key = kiln_hash2(f->key[j], stream), shift_s = kiln_hash1(key), shift_t = kiln_hash1(key + 1u);
+    const uint32_t key = kiln_validity_key(stream), shift_s = kiln_hash1(key), shift_t = kiln_hash1(key + 1u);
     uint32_t buried = 0;
     for (uint32_t k = 0; k < samples; k++) {
         struct kiln_vec3 p, n;

@@ -85,12 +85,13 @@ static int make_room(struct vulkan_backend *b, uint64_t answers, uint64_t scratc
 
 static uint64_t lesser(uint64_t a, uint64_t b) { return a < b ? a : b; }
 
-/* What most passes would ask for, since memory takes its time to come by: scratch up to the most, but no more than the
+/* What most passes would ask for, since memory takes its time to come by: the usual scratch, but no more than the
  * share's points need when many samples are summed up for them; and a quarter of the memory that is left at most. */
 void vulkan_passes_ahead(struct vulkan_backend *b)
 {
     const uint64_t a_slot = gpu_memory_left(b->gpu) / (4 * 2 * GPU_SLOTS); /* half of it for answers */
-    const uint64_t scratch = lesser(lesser(b->surface->count << 10, b->scratch_most), a_slot);
+    const uint64_t usual = lesser(b->scratch_most, VULKAN_USUAL_SCRATCH),
+                   scratch = lesser(lesser(b->surface->count << 10, usual), a_slot);
     const uint64_t answers = lesser(points_there(b) * (sizeof(struct kiln_gpu_result) + sizeof(uint32_t)), a_slot);
     (void)make_room(b, answers, scratch, NULL);
 }

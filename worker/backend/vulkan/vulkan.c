@@ -191,8 +191,15 @@ static int set_up(struct vulkan_backend *b, struct kiln_error *error)
     return status;
 }
 
-enum { MOST_RECOVERIES = 3 };
-static const uint64_t MOST_SCRATCH = 512ull << 20, LEAST_SCRATCH = 1ull << 20;
+enum { MOST_RECOVERIES = 3, SCRATCH_PART = 16 };
+static const uint64_t LEAST_SCRATCH = 1ull << 20;
+
+/* Sums of points with many samples take much room, and chunks of few points leave most of a large device idle. */
+static uint64_t scratch_of(const struct gpu *gpu)
+{
+    const uint64_t part = gpu_about(gpu)->software ? 0 : gpu_memory_left(gpu) / SCRATCH_PART;
+    return part > VULKAN_USUAL_SCRATCH ? part : VULKAN_USUAL_SCRATCH;
+}
 
 bool vulkan_can_recover(const struct vulkan_backend *b)
 {
@@ -236,11 +243,13 @@ static int vulkan_create(struct kiln_backend **backend, const struct kiln_backen
         return status;
     b->base.api = &kiln_backend_vulkan;
     b->params = *params;
-    b->scratch_most = MOST_SCRATCH;
+    b->scratch_most = VULKAN_USUAL_SCRATCH;
     b->threads = vulkan_light_threads(params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs());
     b->faults.wanted = params->faults;
     status = set_up(b, error);
-    if (status != KILN_OK && vulkan_can_recover(b))
+    if (status == KILN_OK)
+        b->scratch_most = scratch_of(b->gpu);
+    else if (vulkan_can_recover(b))
         status = vulkan_recover(b, error);
     *backend = &b->base;
     if (status != KILN_OK)

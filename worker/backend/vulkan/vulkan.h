@@ -71,6 +71,8 @@ struct vulkan_slot {
     struct gpu_buffer scratch, answers, host;
 };
 
+#define VULKAN_USUAL_SCRATCH (512ull << 20) /* bytes */
+
 /* What has a speed of its own that is learned: each pass (KILN_PASS_INDEX_gather and so on), and these. */
 enum vulkan_pace { VULKAN_PACE_CEILING = KILN_PASS_COUNT, VULKAN_PACE_INTERSECT, VULKAN_PACES };
 
@@ -84,7 +86,8 @@ struct vulkan_backend {
     struct gpu_faults faults;
     uint32_t recoveries;   /* so far */
     double busy_before;    /* s, of the devices before them */
-    uint64_t scratch_most; /* bytes that a slot's partial sums may take */
+    uint64_t scratch_most; /* bytes that a slot's partial sums may take: of a sixteenth of the device's memory or
+                            * VULKAN_USUAL_SCRATCH the more; less after memory was short */
     bool float64;
     uint32_t threads; /* vulkan_light_threads */
     /* the scene on the device */
