@@ -1,16 +1,19 @@
-"""Runs inside Blender: bakes a .glb's lightmap atlas with Cycles on the CPU, once for each `samples:seed`.
+"""Runs inside Blender: bakes what `kiln bake` laid out with Cycles on the CPU, once for each `samples:seed`.
 
-  blender --background -noaudio --factory-startup --python cycles_bake.py -- SCENE.glb OUT_FOLDER SIDE BOUNCES THREADS
-  64:1 256:2 ...
+  blender --background -noaudio --factory-startup --python cycles_bake.py -- PLAN.json 64:1 256:2 ...
 
-Every material becomes a Lambertian surface (diffuse of the base colour plus emission): the importer's own has a
-specular lobe. All meshes that reflect are joined, which is the fastest way to bake: one session, one BVH. Type DIFFUSE,
-direct and indirect, without colour, no margin, no clamping, no adaptive sampling, no denoiser; a 32-bit OpenEXR file
-whose unit is irradiance over pi. Prints one line BAKE {json} a bake; `seconds` is the bake operator alone.
+The plan says the scene (scene.glb of a bake, whose nodes link to their lightmaps), where each object's lightmap lies in
+one atlas, bounces, threads, the sky and the folder for results. Every material becomes a Lambertian surface: diffuse of
+the base colour, less what is metal, plus emission. The backs of single-sided materials are black, as kiln has them, and
+alpha masks let light through. All objects of the plan are joined, which is the fastest way to bake: one session, one
+BVH. Type DIFFUSE, direct and indirect, without colour, no margin, no clamping, no adaptive sampling, no denoiser; a
+32-bit OpenEXR file whose unit is irradiance over pi. Prints one line BAKE {json} a bake; `seconds` and `processor` are
+of the bake operator alone.
 """
 import builtins
 import json
 import os
+import resource
 import sys
 import time
 
@@ -21,70 +24,168 @@ for name in ('bool', 'int', 'float'):  # Debian's glTF importer uses names that 
     if name not in numpy.__dict__:
         setattr(numpy, name, getattr(builtins, name))
 
+LAYOUT = 'kiln'
 
-def colours(path):
-    """{material: (albedo, radiance)} from the file itself."""
+
+def document(path):
     with open(path, 'rb') as f:
         data = f.read()
-    document = json.loads(data[20:20 + int.from_bytes(data[12:16], 'little')])
-    result = {}
-    for m in document['materials']:
-        strength = m.get('extensions', {}).get('KHR_materials_emissive_strength', {}).get('emissiveStrength', 1.0)
-        result[m['name']] = (m['pbrMetallicRoughness']['baseColorFactor'][:3],
-                             [c * strength for c in m.get('emissiveFactor', (0, 0, 0))])
-    return result
+    return json.loads(data[20:20 + int.from_bytes(data[12:16], 'little')])
 
 
-def make_lambertian(material, albedo, radiance):
-    tree = material.node_tree
-    tree.nodes.clear()
-    output, diffuse = tree.nodes.new('ShaderNodeOutputMaterial'), tree.nodes.new('ShaderNodeBsdfDiffuse')
-    diffuse.inputs['Color'].default_value = (*albedo, 1.0)
-    diffuse.inputs['Roughness'].default_value = 0.0
-    surface = diffuse.outputs[0]
-    if max(radiance) > 0:
-        emission, both = tree.nodes.new('ShaderNodeEmission'), tree.nodes.new('ShaderNodeAddShader')
-        emission.inputs['Color'].default_value = (*[c / max(radiance) for c in radiance], 1.0)
-        emission.inputs['Strength'].default_value = max(radiance)
-        tree.links.new(surface, both.inputs[0])
-        tree.links.new(emission.outputs[0], both.inputs[1])
-        surface = both.outputs[0]
-    tree.links.new(surface, output.inputs['Surface'])
+class Colours:
+    """What kiln reads of a glTF material."""
+
+    def __init__(self, material):
+        pbr = material.get('pbrMetallicRoughness', {})
+        colour = pbr.get('baseColorFactor', (1.0, 1.0, 1.0, 1.0))
+        matt = 1.0 - pbr.get('metallicFactor', 1.0)
+        strength = material.get('extensions', {}).get('KHR_materials_emissive_strength', {})
+        self.albedo, self.alpha = [c * matt for c in colour[:3]], colour[3]
+        self.radiance = [c * strength.get('emissiveStrength', 1.0) for c in material.get('emissiveFactor', (0, 0, 0))]
+        self.single_sided = not material.get('doubleSided', False)
+        self.cutoff = material.get('alphaCutoff', 0.5) if material.get('alphaMode') == 'MASK' else None
 
 
-def prepare(path, bounces, threads):
-    """The joined object to bake."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    bpy.ops.import_scene.gltf(filepath=os.path.abspath(path))
-    table = colours(path)
-    for material in bpy.data.materials:
-        if material.name in table:
-            make_lambertian(material, *table[material.name])
-    meshes = [o for o in bpy.data.objects if o.type == 'MESH'
-              and any(max(table[s.material.name][0]) > 0 for s in o.material_slots)]
-    bpy.ops.object.select_all(action='DESELECT')
-    for o in meshes:
-        o.select_set(True)
-    bpy.context.view_layer.objects.active = meshes[0]
-    bpy.ops.object.join()
-    scene = bpy.context.scene
-    scene.world = bpy.data.worlds.new('black')
+def base_image(tree):
+    """The image that the importer joined to the base colour, or None."""
+    shader = next((n for n in tree.nodes if n.type == 'BSDF_PRINCIPLED'), None)
+    links = list(shader.inputs['Base Color'].links) if shader else []
+    while links:
+        node = links.pop().from_node
+        if node.type == 'TEX_IMAGE':
+            return node.image
+        links += [l for i in node.inputs for l in i.links]
+    return None
+
+
+class Shader:
+    """Nodes of one material."""
+
+    def __init__(self, material, colours):
+        image = base_image(material.node_tree)
+        self.tree = material.node_tree
+        self.tree.nodes.clear()
+        diffuse = self.node('ShaderNodeBsdfDiffuse')
+        diffuse.inputs['Color'].default_value = (*colours.albedo, 1.0)
+        texture = self.texture(image, colours, diffuse) if image else None
+        surface = self.front_only(diffuse.outputs[0]) if colours.single_sided else diffuse.outputs[0]
+        if max(colours.radiance) > 0:
+            surface = self.emitting(surface, colours)
+        if colours.cutoff is not None and texture:
+            surface = self.masked(surface, texture, colours)
+        self.tree.links.new(surface, self.node('ShaderNodeOutputMaterial').inputs['Surface'])
+
+    def node(self, kind):
+        return self.tree.nodes.new(kind)
+
+    def texture(self, image, colours, diffuse):
+        """Base colour times texture."""
+        texture, uv, product = (self.node('ShaderNode' + k) for k in ('TexImage', 'UVMap', 'MixRGB'))
+        texture.image, uv.uv_map = image, 'UVMap'
+        product.blend_type, product.inputs['Fac'].default_value = 'MULTIPLY', 1.0
+        product.inputs['Color2'].default_value = (*colours.albedo, 1.0)
+        self.tree.links.new(uv.outputs[0], texture.inputs['Vector'])
+        self.tree.links.new(texture.outputs['Color'], product.inputs['Color1'])
+        self.tree.links.new(product.outputs[0], diffuse.inputs['Color'])
+        return texture
+
+    def mixed(self, share, first, second):
+        mix = self.node('ShaderNodeMixShader')
+        for value, socket in zip((share, first, second), mix.inputs):
+            self.tree.links.new(value, socket)
+        return mix.outputs[0]
+
+    def front_only(self, surface):
+        black = self.node('ShaderNodeBsdfDiffuse')
+        black.inputs['Color'].default_value = (0, 0, 0, 1)
+        return self.mixed(self.node('ShaderNodeNewGeometry').outputs['Backfacing'], surface, black.outputs[0])
+
+    def emitting(self, surface, colours):
+        emission, both = self.node('ShaderNodeEmission'), self.node('ShaderNodeAddShader')
+        strength = max(colours.radiance)
+        emission.inputs['Color'].default_value = (*[c / strength for c in colours.radiance], 1.0)
+        emission.inputs['Strength'].default_value = strength
+        self.tree.links.new(surface, both.inputs[0])
+        self.tree.links.new(emission.outputs[0], both.inputs[1])
+        return both.outputs[0]
+
+    def masked(self, surface, texture, colours):
+        there = self.node('ShaderNodeMath')
+        there.operation, there.inputs[1].default_value = 'GREATER_THAN', colours.cutoff / colours.alpha
+        self.tree.links.new(texture.outputs['Alpha'], there.inputs[0])
+        return self.mixed(there.outputs[0], self.node('ShaderNodeBsdfTransparent').outputs[0], surface)
+
+
+def light_suns(gltf):
+    """Irradiance as in the file; the importer's own takes lux for it."""
+    for light in gltf.get('extensions', {}).get('KHR_lights_punctual', {}).get('lights', []):
+        if light['type'] != 'directional':
+            sys.exit('only directional lights are carried over, not "%s"' % light['type'])
+        sun = bpy.data.lights[light['name']]
+        sun.energy, sun.angle, sun.color = light['intensity'], 0.0, light.get('color', (1, 1, 1))
+
+
+def light_sky(scene, radiance):
+    scene.world = bpy.data.worlds.new('sky')
     scene.world.use_nodes = True
-    scene.world.node_tree.nodes['Background'].inputs['Strength'].default_value = 0.0
+    background = scene.world.node_tree.nodes['Background'].inputs
+    strength = max(radiance)
+    background['Color'].default_value = (*[c / strength if strength > 0 else 0.0 for c in radiance], 1.0)
+    background['Strength'].default_value = strength
+
+
+def lay_out(target, number, place, atlas):
+    """A UV layer that maps the object's lightmap to its place in the atlas; all numbers in texels, top row first."""
+    if target.data.users > 1:
+        target.data = target.data.copy()
+    layers = target.data.uv_layers
+    uv = numpy.empty(2 * len(target.data.loops), numpy.float32)
+    layers[number].data.foreach_get('uv', uv)
+    uv = uv.reshape(-1, 2).astype(numpy.float64)
+    x, y, width, height = place
+    uv[:, 0] = (x + uv[:, 0] * width) / atlas[0]
+    uv[:, 1] = 1.0 - (y + (1.0 - uv[:, 1]) * height) / atlas[1]
+    layers.new(name=LAYOUT, do_init=False).data.foreach_set('uv', uv.astype(numpy.float32).ravel())
+
+
+def settings(scene, plan):
     scene.render.engine = 'CYCLES'
-    scene.render.threads_mode, scene.render.threads = 'FIXED', threads
+    scene.render.threads_mode, scene.render.threads = 'FIXED', plan['threads']
     c = scene.cycles
     c.device, c.use_denoising, c.use_adaptive_sampling = 'CPU', False, False
-    c.max_bounces = c.diffuse_bounces = bounces
+    c.max_bounces = c.diffuse_bounces = plan['bounces']
+    c.transparent_max_bounces = 32
     c.sample_clamp_direct = c.sample_clamp_indirect = 0.0
     bake = scene.render.bake
     bake.use_pass_direct, bake.use_pass_indirect, bake.use_pass_color = True, True, False
     bake.margin, bake.use_clear = 0, True
+
+
+def prepare(plan):
+    """The joined object to bake."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.import_scene.gltf(filepath=plan['scene'])
+    gltf = document(plan['scene'])
+    for material in gltf['materials']:
+        Shader(bpy.data.materials[material['name']], Colours(material))
+    light_suns(gltf)
+    light_sky(bpy.context.scene, plan['sky'])
+    numbers = {n['name']: n['extensions']['KILN_lightmap']['texCoord'] for n in gltf['nodes']
+               if 'KILN_lightmap' in n.get('extensions', {})}
+    bpy.ops.object.select_all(action='DESELECT')
+    for name, place in plan['places'].items():
+        target = bpy.data.objects[name]
+        lay_out(target, numbers[name], place, plan['atlas'])
+        target.select_set(True)
+        bpy.context.view_layer.objects.active = target
+    bpy.ops.object.join()
+    settings(bpy.context.scene, plan)
     return bpy.context.view_layer.objects.active
 
 
-def new_target(target, side):
-    image = bpy.data.images.new('atlas', side, side, alpha=True, float_buffer=True)
+def new_image(target, atlas):
+    image = bpy.data.images.new('atlas', *atlas, alpha=True, float_buffer=True)
     image.colorspace_settings.name = 'Non-Color'
     for slot in target.material_slots:
         tree = slot.material.node_tree
@@ -95,28 +196,35 @@ def new_target(target, side):
 
 
 def save(image, path):
-    settings = bpy.context.scene.render.image_settings
-    settings.file_format, settings.color_mode = 'OPEN_EXR', 'RGBA'
-    settings.color_depth, settings.exr_codec = '32', 'ZIP'
+    options = bpy.context.scene.render.image_settings
+    options.file_format, options.color_mode = 'OPEN_EXR', 'RGBA'
+    options.color_depth, options.exr_codec = '32', 'ZIP'
     image.save_render(path)
 
 
+def processor():
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return usage.ru_utime + usage.ru_stime
+
+
 def main():
-    scene_path, folder, side, bounces, threads, *runs = sys.argv[sys.argv.index('--') + 1:]
-    target = prepare(scene_path, int(bounces), int(threads))
+    plan_path, *runs = sys.argv[sys.argv.index('--') + 1:]
+    with open(plan_path) as f:
+        plan = json.load(f)
+    target = prepare(plan)
     for run in runs:
         samples, seed = map(int, run.split(':'))
-        scene = bpy.context.scene
-        scene.cycles.samples, scene.cycles.seed = samples, seed
-        image = new_target(target, int(side))
-        begin = time.perf_counter()
+        cycles = bpy.context.scene.cycles
+        cycles.samples, cycles.seed = samples, seed
+        image = new_image(target, plan['atlas'])
+        begin, before = time.perf_counter(), processor()
         bpy.ops.object.bake(type='DIFFUSE', pass_filter={'DIRECT', 'INDIRECT'}, margin=0, use_clear=True,
-                            uv_layer=target.data.uv_layers[1].name, target='IMAGE_TEXTURES', save_mode='INTERNAL')
-        seconds = time.perf_counter() - begin
-        path = os.path.join(folder, 'cycles_%d_%d.exr' % (samples, seed))
+                            uv_layer=LAYOUT, target='IMAGE_TEXTURES', save_mode='INTERNAL')
+        record = {'seconds': time.perf_counter() - begin, 'processor': processor() - before}
+        path = os.path.join(plan['folder'], 'cycles_%d_%d.exr' % (samples, seed))
         save(image, path)
         bpy.data.images.remove(image)
-        print('BAKE ' + json.dumps({'file': path, 'samples': samples, 'seed': seed, 'seconds': seconds,
+        print('BAKE ' + json.dumps({'file': path, 'samples': samples, 'seed': seed, **record,
                                     'version': bpy.app.version_string}), flush=True)
 
 

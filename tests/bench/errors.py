@@ -1,7 +1,7 @@
 """Whether stated errors are true: bakes of many seeds against the standard errors that they state.
 
   /usr/bin/python3 tests/bench/errors.py --kiln build/release/kiln [--seeds 24] [--quality draft]
-                                         [--texels-per-metre X] [--options '...'] [SCENE ...]
+                                         [--texels-per-metre X] [--target X] [--options '...'] [SCENE ...]
 
 Without scenes: the Cornell box, three rooms, and a zoo of punctual lights. Values are luminances of kiln.h5, which
 holds what was gathered, before denoising. z of a texel in one bake is its value less the mean of the bakes by other
@@ -10,6 +10,11 @@ all texels of all bakes lies within 1, 2, 3, 3.2 (68.3, 95.4, 99.7, 99.9 % of a 
 percentile of |z|, and the root mean square of the true deviation (over seeds) over that of the stated error: above 1
 the bakes promise too much. Texels that are buried with any seed are left out, and those that neither change by more
 than rounding with the seed nor state such an error.
+
+--target X bakes with `--target-error X` and prints of the true deviation over what is allowed the 5th, 50th and 95th
+percentile of all texels, the shares below 0.5, within 0.5 to 1.0 and above 1.0, and the processor seconds of a bake.
+The deviation is the root mean square over seeds and over 5 x 5 texels of the same object; allowed is X of a texel's
+light, or of a tenth of the mean light where that is more.
 
 The rows of objects are the same for the mean of each object, weighted by area. Its stated error is mean_error of
 run.json, where that is, else that of texels with independent errors. It is of three degrees of freedom, of which 95 %
@@ -28,6 +33,7 @@ import measure  # noqa: E402
 import harness  # noqa: E402
 
 ROUNDING = 1e-6  # of a value
+POOLED = 2  # texels to each side
 LIGHTS = (('total', 'error'), ('direct', 'error_direct'), ('indirect', 'error_indirect'))
 
 
@@ -38,6 +44,8 @@ class Seed:
         p = bake.points
         order = np.lexsort((p.x, p.y, p.side, p.object))
         self.valid, self.area, self.object = p.valid[order], p.area[order], p.object[order]
+        self.side, self.y, self.x = p.side[order], p.y[order], p.x[order]
+        self.processor = bake.process.processor
         with h5py.File(os.path.join(bake.directory, 'kiln.h5'), 'r') as f:
             group = f['irradiance']
             self.lights = {name: ((group[name][...].astype(np.float64) @ harness.LUMINANCE)[order],
@@ -92,15 +100,49 @@ def object_means(seeds, light, valid):
     return np.array(means), np.array(stated)
 
 
+def pooled(values, seed, valid):
+    """Means of `values` (of the valid points of `seed`) over the points of the same object and side that are at most
+    POOLED texels away."""
+    side, y, x = (a[valid].astype(np.int64) for a in (seed.object * 2 + seed.side, seed.y, seed.x))
+    key = lambda j, i: (side * (1 << 20) + j + POOLED) * (1 << 20) + i + POOLED
+    own = key(y, x)
+    order = np.argsort(own, kind='stable')
+    ranked = own[order]
+    total, count = np.zeros(len(values)), np.zeros(len(values))
+    for dy in range(-POOLED, POOLED + 1):
+        for dx in range(-POOLED, POOLED + 1):
+            wanted = key(y + dy, x + dx)
+            place = np.minimum(np.searchsorted(ranked, wanted), len(ranked) - 1)
+            there = ranked[place] == wanted
+            total[there] += values[order[place[there]]]
+            count += there
+    return total / count
+
+
+def against_target(table, name, seeds, valid, target):
+    """The row of a scene that was baked with a target."""
+    values = np.array([s.lights['total'][0][valid] for s in seeds])
+    light, area = values.mean(0), seeds[0].area[valid]
+    allowed = target * np.maximum(light, 0.1 * (light * area).sum() / area.sum())
+    ratio = np.sqrt(pooled(values.var(0, ddof=1) / allowed ** 2, seeds[0], valid))
+    table.row(name, '%d' % valid.sum(), *('%.2f' % np.percentile(ratio, p) for p in (5, 50, 95)),
+              *('%.1f %%' % (100 * share.mean()) for share in (ratio < 0.5, (ratio >= 0.5) & (ratio <= 1), ratio > 1)),
+              '%.1f' % np.mean([s.processor for s in seeds]))
+
+
 def study(table, kiln, name, path, density, arguments):
     seeds = []
+    target = ('--target-error', arguments.target) if arguments.target else ()
     for seed in range(1, arguments.seeds + 1):
         bake = measure.must(kiln.bake(path, '--quality', arguments.quality, '--texels-per-metre', density,
                                       '--error-map', '--denoise', 'none', '--samples-probe', 0, '--no-export',
-                                      '--seed', seed, *shlex.split(arguments.options), timeout=3600))
+                                      '--seed', seed, *target, *shlex.split(arguments.options), timeout=3600))
         seeds.append(Seed(bake))
         bake.remove()
     valid = np.all([s.valid for s in seeds], 0) & (seeds[0].area > 0)
+    if arguments.target:
+        against_target(table, name, seeds, valid, arguments.target)
+        return
     for light in seeds[0].lights:
         values, stated = (np.array([s.lights[light][i][valid] for s in seeds]) for i in (0, 1))
         show(table, name, light, values, stated)
@@ -121,6 +163,7 @@ def main():
         parser.add_argument('--quality', default='draft')
         parser.add_argument('--texels-per-metre', type=float, default=0,
                             help='0: 4, and each scene of the own set has its own')
+        parser.add_argument('--target', type=float, default=0)
         parser.add_argument('--options', default='', help='more options for kiln bake, in one string')
         parser.add_argument('scenes', nargs='*')
 
@@ -128,8 +171,12 @@ def main():
     if arguments.seeds < 3:
         sys.exit('--seeds must be 3 at least: the spread of the others is asked for')
     scenes = [(os.path.splitext(os.path.basename(s))[0], s, 4) for s in arguments.scenes] or own_scenes(kiln)
-    table = harness.Table(('scene', 14), ('light', 20), ('count', 8), ('in 1', 8), ('in 2', 8), ('in 3', 8),
-                          ('in 3.2', 8), ('p99 of z', 9), ('true/said', 10))
+    if arguments.target:
+        table = harness.Table(('scene', 14), ('texels', 8), ('5th', 6), ('median', 7), ('95th', 6), ('below 0.5', 10),
+                              ('0.5 to 1.0', 10), ('above', 8), ('processor s', 12))
+    else:
+        table = harness.Table(('scene', 14), ('light', 20), ('count', 8), ('in 1', 8), ('in 2', 8), ('in 3', 8),
+                              ('in 3.2', 8), ('p99 of z', 9), ('true/said', 10))
     for name, path, density in scenes:
         study(table, kiln, name, path, arguments.texels_per_metre or density, arguments)
 
