@@ -12,6 +12,7 @@ from hosts import bits, require
 
 KILN = os.environ["KILN"]
 PROJECT = pathlib.Path(__file__).resolve().parents[2]
+DRAFT = ["--quality", "draft", "--texels-per-metre", "8"]
 TOOLS = ["sh", "readlink", "dirname", "grep", "cat", "ls"]
 
 
@@ -38,7 +39,7 @@ class Bundle(unittest.TestCase):
         cls.alone = cls.folder / "alone"
         subprocess.run([KILN, "generate", "cornell", "-o", cls.root / "tmp/cornell.glb"], check=True,
                        stdout=subprocess.DEVNULL)
-        subprocess.run([KILN, "bake", cls.root / "tmp/cornell.glb", "-o", cls.alone, "--quality", "draft", "--quiet"],
+        subprocess.run([KILN, "bake", cls.root / "tmp/cornell.glb", "-o", cls.alone, *DRAFT, "--quiet"],
                        check=True)
 
     @classmethod
@@ -71,15 +72,14 @@ class Bundle(unittest.TestCase):
                               text=True, timeout=120, stdin=subprocess.DEVNULL)
 
     def test_in_a_bare_root(self):
-        done = self.bare("/opt/a b'c/kiln", "bake", "/tmp/cornell.glb", "-o", "/tmp/one", "--quality", "draft",
-                         "--backend", "embree")
+        done = self.bare("/opt/a b'c/kiln", "bake", "/tmp/cornell.glb", "-o", "/tmp/one", *DRAFT, "--backend", "embree")
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertEqual(bits(self.root / "tmp/one"), bits(self.alone))
 
     def test_in_a_bare_root_with_its_own_mpirun(self):
         done = self.bare("/opt/a b'c/mpirun", "--oversubscribe", "-n", "2", "/opt/a b'c/kiln", "bake",
-                         "/tmp/cornell.glb", "-o", "/tmp/two", "--quality",
-                         "draft", "--threads", "1", "--backend", "embree")
+                         "/tmp/cornell.glb", "-o", "/tmp/two", *DRAFT, "--threads", "1", "--backend",
+                         "embree")
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn('"ranks": 2', (self.root / "tmp/two/run.json").read_text())
         self.assertEqual(bits(self.root / "tmp/two"), bits(self.alone))

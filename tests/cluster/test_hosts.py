@@ -10,9 +10,11 @@ import unittest
 
 from hosts import KILN, Cluster, bake_can, bits, require, wait_for
 
-LONG = ["--quality", "draft", "--schedule", "equal", "--bounces", "6", "--samples-indirect", "128", "--no-preview",
-        "--checkpoint-every", "2"]
-KEEPALIVE = ["--mca", "oob_tcp_keepalive_time", "3", "--mca", "oob_tcp_keepalive_intvl", "2", "--mca",
+SHORT = ["--quality", "draft", "--texels-per-metre", "8"]
+# Some seconds on three hosts, nearly all of them in the bounces, and a checkpoint soon.
+LONG = ["--quality", "draft", "--texels-per-metre", "16", "--schedule", "equal", "--bounces", "6", "--samples-indirect",
+        "160", "--samples-probe", "0", "--denoise", "none", "--no-preview", "--checkpoint-every", "0.3"]
+KEEPALIVE = ["--mca", "oob_tcp_keepalive_time", "2", "--mca", "oob_tcp_keepalive_intvl", "1", "--mca",
              "oob_tcp_keepalive_probes", "3"]
 
 
@@ -45,8 +47,8 @@ class Hosts(unittest.TestCase):
         self.assertEqual(bits(self.folder_of(one)), bits(self.folder_of(other)))
 
     def test_same_bits_as_one_host(self):
-        self.bake_here("alone", "--quality", "draft")
-        three = self.cluster.hosts[0].run(*self.bake_words("three", "--quality", "draft"))
+        self.bake_here("alone", *SHORT)
+        three = self.cluster.hosts[0].run(*self.bake_words("three", *SHORT))
         self.assertEqual(three.returncode, 0, three.stderr)
         self.assert_same("three", "alone")
         for host in self.cluster.hosts:
@@ -55,7 +57,7 @@ class Hosts(unittest.TestCase):
     def test_unequal_hosts(self):
         """Two ranks, two and one, one host after the other and in turn: what a host's ranks share and what travels is
         not the same."""
-        options = ["--quality", "draft", "--no-preview"]
+        options = [*SHORT, "--no-preview"]
         self.bake_here("one", *options)
         hosts = ",".join(f"{host.name}:{slots}" for host, slots in zip(self.cluster.hosts, (2, 2, 1)))
         for order in ("slot", "node"):
@@ -72,13 +74,13 @@ class Hosts(unittest.TestCase):
     def test_rank_that_stands_still_is_named_with_its_host(self):
         """On one host after the other, while results are written: rank 0 hears the others, and the last one rank 0."""
         for rank, host, place in ((1, "birch", "lightmaps"), (0, "alder", "volume.hdf")):
-            words = self.bake_words("still", "--quality", "draft", "--watchdog", "2")
+            words = self.bake_words("still", *SHORT, "--no-preview", "--watchdog", "2")
             begin = time.monotonic()
             bake = self.cluster.hosts[0].run(words[0], "-x", f"KILN_HALT_RANK={rank}:{place}", *words[1:], timeout=60)
             print(f"\nstill: the job ended after {time.monotonic() - begin:.1f} s")
             self.assertEqual(bake.returncode, 76, bake.stderr)
             self.assertIn(f"rank {rank} on {host} has given no sign of life for 2.", bake.stderr)
-            self.bake_here("still", "--quality", "draft")
+            self.bake_here("still", *SHORT, "--no-preview")
 
     def lose(self, output, loss, repair):
         """A bake that has come to its bounces loses something; what mpirun says in the end, on one line."""
@@ -86,7 +88,7 @@ class Hosts(unittest.TestCase):
                                            stderr=subprocess.PIPE)
         checkpoints = pathlib.Path(self.folder_of(output), "checkpoint")
         wait_for(lambda: bake.poll() is not None or list(checkpoints.glob("gen-*")), 60, "the first checkpoint")
-        time.sleep(1)
+        time.sleep(0.2)
         self.assertIsNone(bake.poll(), "the bake ended before anything happened to it")
         loss()
         begin = time.monotonic()

@@ -9,15 +9,15 @@ from hosts import require
 from slurm import Bakes
 
 LONG = ["quality: production", "texels-per-metre: 32", "schedule: equal", "bounces: 6", "samples-indirect: 256",
-        "preview: false"]
+        "denoise: none", "preview: false"]
 
 
 class Queue(Bakes):
     @classmethod
     def setUpClass(cls):
         super().setUpClass()
-        cls.write("small", "quality: draft")
-        cls.write("other", "quality: draft", "seed: 1")
+        cls.write("small", "quality: draft", "texels-per-metre: 8")
+        cls.write("other", "quality: draft", "texels-per-metre: 8", "seed: 1")
         cls.write("long", *LONG)
 
     def test_1_an_array_over_two_nodes_each(self):

@@ -65,11 +65,13 @@ def own_scene(*parts):
 
 
 class Run:
-    """One finished command: status, what it printed, how long it took and the most memory it held."""
+    """One finished command: status, what it printed, how long it took, the processor time of it and its children
+    (user and system), and the most memory it held."""
 
-    def __init__(self, command, status, stdout, stderr, seconds, peak, timed_out):
+    def __init__(self, command, status, stdout, stderr, seconds, usage, timed_out):
         self.command, self.status, self.stdout, self.stderr = command, status, stdout, stderr
-        self.seconds, self.peak_bytes, self.timed_out = seconds, peak, timed_out
+        self.seconds, self.timed_out = seconds, timed_out
+        self.processor, self.peak_bytes = usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024
 
     def line(self):
         return ' '.join("'%s'" % a if ' ' in a else a for a in self.command)
@@ -108,7 +110,7 @@ def run(command, timeout=600, environment=None):
         err.seek(0)
         return Run(command, child.returncode, out.read().decode('utf-8', 'replace'),
                    err.read().decode('utf-8', 'replace'),
-                   seconds, usage.ru_maxrss * 1024, timed_out)
+                   seconds, usage, timed_out)
 
 
 class Lightmap:

@@ -26,6 +26,7 @@ MORE = {
     'voxelcity_47k.glb': ('--lightmap-max', 64),
     # with texels 4 m wide, of which columns divide many, light beside a column is taken from too far away
     'crytek_sponza.glb': ('--lightmap-max', 48),
+    'dining_room.glb': ('--bounces', 6),  # of some seventy
     'godot_living_room.glb': ('--environment', '1,1,1'),
     'godot_room.glb': ('--environment', '1,1,1'),
     'godot_zdm2.glb': ('--environment', '1,1,1'),
