@@ -86,6 +86,16 @@ class Run:
         return json.loads(self.stdout)
 
 
+def own_status(status, errors):
+    """The status that the ranks ended with, where mpirun's says something else. A rank that ends waits five seconds at
+    most for mpirun's answer. If mpirun had no processor time for so long, it ends with 1 and "exiting improperly",
+    although that rank ended with 0: another status would be mpirun's too, and kiln's are 64 or more."""
+    if status == 1 and 'exiting improperly' in errors and 'kiln: error' not in errors:
+        print('mpirun got too little processor time to see how a rank ended; its status 1 is taken for 0', flush=True)
+        return 0
+    return status
+
+
 def run(command, timeout=600, environment=None):
     """Runs `command` to its end. After `timeout` seconds it and its children are killed and timed_out is set."""
     env = dict(os.environ)
@@ -108,8 +118,8 @@ def run(command, timeout=600, environment=None):
         seconds = time.monotonic() - start
         out.seek(0)
         err.seek(0)
-        return Run(command, child.returncode, out.read().decode('utf-8', 'replace'),
-                   err.read().decode('utf-8', 'replace'),
+        errors = err.read().decode('utf-8', 'replace')
+        return Run(command, own_status(child.returncode, errors), out.read().decode('utf-8', 'replace'), errors,
                    seconds, usage, timed_out)
 
 

@@ -386,9 +386,9 @@ def try_kills(checks, tool):
                     count[within[0] if within else WHENEVER] += 1
                     longest, seen, interruptions = max(longest, killed[0]), seen + killed[1], interruptions + 1
                     continue
-            status = finish(process)
+            status = harness.own_status(finish(process), text(folder))
             what = '%s after %d interruptions' % (os.path.basename(scene), interruptions)
-            if checks.that(status == 0, '%s: the last run ended with %s: %s' % (what, status, text(folder)[-300:])):
+            if checks.that(status == 0, '%s: the last run ended with %s: %s' % (what, status, text(folder)[-3000:])):
                 different = differences(subject.reference, result(folder))
                 checks.that(not different, '%s: not the same: %s' % (what, different))
                 verdict, hidden = tool.run('verify', folder), glob.glob(os.path.join(folder, '**', '.*'),
