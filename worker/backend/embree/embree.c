@@ -77,6 +77,7 @@ static void embree_destroy(struct kiln_backend **backend)
         rtcReleaseScene(b->scene);
     if (b->device != NULL)
         rtcReleaseDevice(b->device);
+    kiln_free(&b->coincides);
     kiln_free(backend);
 }
 
@@ -108,8 +109,10 @@ static int embree_create(struct kiln_backend **backend, const struct kiln_backen
     (void)snprintf(config, sizeof config, "threads=%u%s%s", b->threads, isa != NULL ? ",isa=" : "",
                    isa != NULL ? isa : "");
     const double start = seconds_of(CLOCK_MONOTONIC);
+    if (params->geometry->coincident)
+        status = kiln_allocate(&b->coincides, params->geometry->triangle_count, 1, "the coincident triangles", error);
     b->device = rtcNewDevice(config);
-    if (b->device == NULL) {
+    if (status == KILN_OK && b->device == NULL) {
         status = embree_failure(NULL, "creating the device", error);
         if (status == KILN_OK)
             status = kiln_fail(error, KILN_NO_DEVICE, "Embree could not create its device with '%s'", config);

@@ -5,7 +5,8 @@
  * tile_runs.c (threads over the tile runs of a part), frame.c (a tile run's points made ready for sampling), rays.c
  * (rays over the hemisphere of its points), lookup.c (radiosity at their hits), light_samples.h (light from all
  * directions straight from the lights), shadow.c (shadow rays in packets), passage.c (rays through surfaces that let
- * light through), ceiling.c (tracing alone, for benches), devices.c (the CPU). */
+ * light through), coincident.c (fronts before backs where both coincide), ceiling.c (tracing alone, for benches),
+ * devices.c (the CPU). */
 #ifndef KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 #define KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 
@@ -26,6 +27,7 @@ struct embree_backend {
     const uint64_t *radiosity;
     RTCDevice device;
     RTCScene scene;
+    uint8_t *coincides; /* of each triangle, found when it is first asked for (coincident.c); NULL: none does */
     uint32_t threads;
     bool coherent; /* so few triangles that packets stay together all the way down */
     double build_seconds;

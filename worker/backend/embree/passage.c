@@ -5,6 +5,7 @@
 
 #include "shaders/shared/passage.h"
 #include "shaders/shared/surface.h"
+#include "worker/backend/embree/coincident.h"
 #include "worker/scene/footprint.h"
 #include "worker/scene/texture.h"
 
@@ -131,110 +132,6 @@ void embree_context(const struct embree_backend *b, struct embree_context *conte
     context->rtc.flags = b->coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
 }
 
-/* ---- of a front and a back that coincide, the front ---- */
-
-struct front_search {
-    const struct embree_backend *b;
-    const struct embree_context *context;
-    uint32_t lane; /* of the context's seeds */
-    struct kiln_dvec3 place, direction;
-    double margin; /* m */
-    double inside; /* least barycentric weight of the best one so far */
-    struct RTCHit *hit;
-};
-
-/* Whether a ray of that context meets the triangle at (u, v) at all. */
-static bool is_there(const struct front_search *s, uint32_t triangle, float u, float v)
-{
-    const struct kiln_geometry *g = s->b->params.geometry;
-    const struct kiln_scene *scene = s->b->params.scene;
-    if (triangle < g->opaque_count)
-        return true;
-    float b1, b2;
-    kiln_geometry_stored_barycentrics(scene, g, triangle, u, v, &b1, &b2);
-    const struct kiln_mesh *mesh = &scene->meshes[scene->objects[g->records[triangle].object].mesh];
-    const float opacity = kiln_surface_opacity(scene, mesh, g->stored_triangle[triangle], b1, b2);
-    if (s->context->question == EMBREE_BY_HALF)
-        return opacity >= KILN_OPACITY_HALF;
-    return embree_blends(s->b) ? kiln_is_there(s->context->seed[s->lane], triangle, opacity) : opacity > 0.0f;
-}
-
-/* Embree's question about each triangle whose box is near the place. */
-static bool consider_front(struct RTCPointQueryFunctionArguments *arguments)
-{
-    struct front_search *s = arguments->userPtr;
-    struct kiln_vec3 corner[3];
-    const uint32_t triangle = embree_triangle(s->b, arguments->geomID, arguments->primID);
-    kiln_geometry_corners(s->b->params.geometry, triangle, corner);
-    const struct kiln_dvec3 a = dvec3_of(corner[0]), to_b = dvec3_sub(dvec3_of(corner[1]), a),
-                            to_c = dvec3_sub(dvec3_of(corner[2]), a), at = dvec3_sub(s->place, a);
-    const struct kiln_dvec3 normal = dvec3_cross(to_b, to_c);
-    const double square = dvec3_dot(normal, normal), height = dvec3_dot(normal, at);
-    if (!(dvec3_dot(normal, s->direction) < 0.0) || height * height > s->margin * s->margin * square)
-        return false;
-    const double u = dvec3_dot(normal, dvec3_cross(at, to_c)) / square,
-                 v = dvec3_dot(normal, dvec3_cross(to_b, at)) / square, inside = fmin(fmin(u, v), 1.0 - u - v);
-    if (!(inside > s->inside) || !is_there(s, triangle, (float)u, (float)v))
-        return false;
-    s->inside = inside;
-    s->hit->u = (float)fmin(fmax(u, 0.0), 1.0), s->hit->v = (float)fmin(fmax(v, 0.0), 1.0);
-    s->hit->Ng_x = (float)normal.x, s->hit->Ng_y = (float)normal.y, s->hit->Ng_z = (float)normal.z;
-    s->hit->geomID = arguments->geomID;
-    s->hit->primID = arguments->primID;
-    return false;
-}
-
-/* What a ray has met: where it is the back of a single-sided surface, a front that coincides with it (KILN_COINCIDENT)
- * takes its place. `lane`: of the context's seeds. Whether one does. */
-static bool prefer_front(const struct embree_backend *b, const struct embree_context *context, uint32_t lane,
-                         struct kiln_vec3 direction, struct RTCHit *hit)
-{
-    const struct kiln_geometry *g = b->params.geometry;
-    const uint32_t triangle = embree_triangle(b, hit->geomID, hit->primID);
-    if ((g->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0)
-        return false;
-    struct front_search s = {.b = b,
-                             .context = context,
-                             .lane = lane,
-                             .place = dvec3_of(kiln_triangle_position(g, triangle, hit->u, hit->v)),
-                             .direction = dvec3_of(direction),
-                             .margin = (double)(KILN_COINCIDENT * g->extent),
-                             .inside = -(double)KILN_COINCIDENT,
-                             .hit = hit};
-    struct RTCPointQuery query = {
-        .x = (float)s.place.x, .y = (float)s.place.y, .z = (float)s.place.z, .radius = KILN_COINCIDENT * g->extent};
-    struct RTCPointQueryContext round;
-    rtcInitPointQueryContext(&round);
-    (void)rtcPointQuery(b->scene, &query, &round, consider_front, &s);
-    return s.inside > -(double)KILN_COINCIDENT;
-}
-
-static void prefer_front1(const struct embree_backend *b, const struct embree_context *context, struct RTCRayHit *r)
-{
-    const struct kiln_vec3 d = vec3(r->ray.dir_x, r->ray.dir_y, r->ray.dir_z);
-    if (r->hit.geomID != RTC_INVALID_GEOMETRY_ID && vec3_dot(vec3(r->hit.Ng_x, r->hit.Ng_y, r->hit.Ng_z), d) > 0.0f)
-        (void)prefer_front(b, context, 0, d, &r->hit);
-}
-
-static void prefer_front8(const struct embree_backend *b, const struct embree_context *context, const int *valid,
-                          struct RTCRayHit8 *r)
-{
-    for (uint32_t i = 0; i < PACKET; i++) {
-        const struct kiln_vec3 d = vec3(r->ray.dir_x[i], r->ray.dir_y[i], r->ray.dir_z[i]);
-        if (valid[i] == 0 || r->hit.geomID[i] == RTC_INVALID_GEOMETRY_ID ||
-            !(vec3_dot(vec3(r->hit.Ng_x[i], r->hit.Ng_y[i], r->hit.Ng_z[i]), d) > 0.0f))
-            continue;
-        struct RTCHit hit = {
-            .u = r->hit.u[i], .v = r->hit.v[i], .primID = r->hit.primID[i], .geomID = r->hit.geomID[i]};
-        if (!prefer_front(b, context, i, d, &hit))
-            continue;
-        r->hit.Ng_x[i] = hit.Ng_x, r->hit.Ng_y[i] = hit.Ng_y, r->hit.Ng_z[i] = hit.Ng_z;
-        r->hit.u[i] = hit.u, r->hit.v[i] = hit.v;
-        r->hit.primID[i] = hit.primID;
-        r->hit.geomID[i] = hit.geomID;
-    }
-}
-
 /* Tints of the rays that have passed something with a colour; the others' are 1. */
 static void find_tints8(const struct embree_backend *b, struct embree_context *context, const int *valid,
                         const struct RTCRayHit8 *rays, float tint[PACKET][3])
@@ -271,8 +168,8 @@ void embree_nearest8(const struct embree_backend *b, struct embree_context *cont
     if (embree_blends(b))
         ask_by_chance(context, &rays->ray, seed);
     rtcIntersect8(valid, b->scene, &context->rtc, rays);
-    if (b->params.geometry->coincident)
-        prefer_front8(b, context, valid, rays);
+    if (b->coincides != NULL)
+        embree_prefer_front8(b, context, valid, rays);
     if (embree_tints(b))
         find_tints8(b, context, valid, rays, tint);
 }
@@ -293,8 +190,8 @@ void embree_nearest1(const struct embree_backend *b, struct embree_context *cont
     context->tinted[0] = false;
     ray->ray.id = 0;
     rtcIntersect1(b->scene, &context->rtc, ray);
-    if (b->params.geometry->coincident)
-        prefer_front1(b, context, ray);
+    if (b->coincides != NULL)
+        embree_prefer_front1(b, context, ray);
     if (!embree_tints(b))
         return;
     memset(context->depth[0], 0, sizeof context->depth[0]);
@@ -313,8 +210,8 @@ void embree_nearest_half(const struct embree_backend *b, struct RTCRayHit *ray)
     rtcInitIntersectContext(&context.rtc);
     ray->ray.id = 0;
     rtcIntersect1(b->scene, &context.rtc, ray);
-    if (b->params.geometry->coincident)
-        prefer_front1(b, &context, ray);
+    if (b->coincides != NULL)
+        embree_prefer_front1(b, &context, ray);
 }
 
 void embree_through8(const struct embree_backend *b, struct embree_context *context, const int *valid,

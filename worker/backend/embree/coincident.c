@@ -1,0 +1,218 @@
+#include "worker/backend/embree/coincident.h"
+
+#include <math.h>
+
+#include "shaders/shared/surface.h"
+#include "worker/scene/footprint.h"
+#include "worker/scene/texture.h"
+
+/* ---- which triangles to look at ---- */
+
+enum { UNKNOWN, APART, COINCIDES }; /* of embree_backend.coincides */
+
+/* Planes that turn from one another by more than this coincide within seven times KILN_COINCIDENT of a line only. */
+#define PARALLEL (-0.99)
+/* The normal of a triangle that is not higher than so many times KILN_COINCIDENT says nothing. */
+#define HEIGHT_LEAST 64.0
+
+/* A triangle in one plane. */
+struct flat {
+    struct kiln_dvec3 corner[3], normal; /* normal: as long as twice the area */
+    double length;                       /* of the normal */
+    bool low;                            /* see HEIGHT_LEAST */
+};
+
+static struct flat flat_of(const struct kiln_geometry *g, uint32_t triangle, double margin)
+{
+    struct kiln_vec3 corner[3];
+    struct flat f;
+    double side = 0.0;
+    kiln_geometry_corners(g, triangle, corner);
+    for (int i = 0; i < 3; i++)
+        f.corner[i] = dvec3_of(corner[i]);
+    f.normal = dvec3_cross(dvec3_sub(f.corner[1], f.corner[0]), dvec3_sub(f.corner[2], f.corner[0]));
+    f.length = sqrt(dvec3_dot(f.normal, f.normal));
+    for (int i = 0; i < 3; i++) {
+        const struct kiln_dvec3 edge = dvec3_sub(f.corner[(i + 1) % 3], f.corner[i]);
+        side = fmax(side, sqrt(dvec3_dot(edge, edge)));
+    }
+    f.low = f.length < HEIGHT_LEAST * margin * side;
+    return f;
+}
+
+/* Whether all corners of one are on one side of the other's plane, farther from it than the margin. */
+static bool is_beside(const struct flat *one, const struct flat *other, double margin)
+{
+    double least = INFINITY, most = -INFINITY;
+    for (int i = 0; i < 3; i++) {
+        const double height = dvec3_dot(other->normal, dvec3_sub(one->corner[i], other->corner[0]));
+        least = fmin(least, height);
+        most = fmax(most, height);
+    }
+    return least > margin * other->length || most < -margin * other->length;
+}
+
+struct partner_search {
+    const struct embree_backend *b;
+    uint32_t triangle;
+    struct flat own;
+    double margin; /* m */
+    bool found;
+};
+
+/* Embree's question about each triangle whose box is near the own one. True: the search is over. */
+static bool consider_partner(struct RTCPointQueryFunctionArguments *arguments)
+{
+    struct partner_search *s = arguments->userPtr;
+    const uint32_t triangle = embree_triangle(s->b, arguments->geomID, arguments->primID);
+    if (triangle == s->triangle)
+        return false;
+    const struct flat other = flat_of(s->b->params.geometry, triangle, s->margin);
+    const bool opposite =
+        s->own.low || other.low || dvec3_dot(s->own.normal, other.normal) <= PARALLEL * s->own.length * other.length;
+    if (!(other.length > 0.0) || !opposite || is_beside(&s->own, &other, s->margin) ||
+        is_beside(&other, &s->own, s->margin))
+        return false;
+    s->found = true;
+    arguments->query->radius = 0.0f;
+    return true;
+}
+
+/* Whether a front may coincide with the back of this triangle somewhere, by the planes of those near it. */
+static bool find_partner(const struct embree_backend *b, uint32_t triangle)
+{
+    const struct kiln_geometry *g = b->params.geometry;
+    const double margin = 2.0 * (double)(KILN_COINCIDENT * g->extent);
+    struct partner_search s = {
+        .b = b, .triangle = triangle, .own = flat_of(g, triangle, margin), .margin = margin, .found = false};
+    const struct kiln_dvec3 *c = s.own.corner;
+    struct RTCPointQuery query = {.x = (float)((c[0].x + c[1].x + c[2].x) / 3.0),
+                                  .y = (float)((c[0].y + c[1].y + c[2].y) / 3.0),
+                                  .z = (float)((c[0].z + c[1].z + c[2].z) / 3.0)};
+    double radius = 0.0;
+    for (int i = 0; i < 3; i++) {
+        const struct kiln_dvec3 way = dvec3_sub(c[i], dvec3((double)query.x, (double)query.y, (double)query.z));
+        radius = fmax(radius, sqrt(dvec3_dot(way, way)));
+    }
+    query.radius = (float)(radius * (1.0 + 1e-6) + margin);
+    struct RTCPointQueryContext round;
+    rtcInitPointQueryContext(&round);
+    (void)rtcPointQuery(b->scene, &query, &round, consider_partner, &s);
+    return s.found;
+}
+
+/* The same, looked up. Threads that ask at once find the same. */
+static bool may_coincide(const struct embree_backend *b, uint32_t triangle)
+{
+    uint8_t *known = &b->coincides[triangle];
+    uint8_t state = __atomic_load_n(known, __ATOMIC_RELAXED);
+    if (state == UNKNOWN) {
+        state = find_partner(b, triangle) ? COINCIDES : APART;
+        __atomic_store_n(known, state, __ATOMIC_RELAXED);
+    }
+    return state == COINCIDES;
+}
+
+/* ---- the front ---- */
+
+struct front_search {
+    const struct embree_backend *b;
+    const struct embree_context *context;
+    uint32_t lane; /* of the context's seeds */
+    struct kiln_dvec3 place, direction;
+    double margin; /* m */
+    double inside; /* least barycentric weight of the best one so far */
+    struct RTCHit *hit;
+};
+
+/* Whether a ray of that context meets the triangle at (u, v) at all. */
+static bool is_there(const struct front_search *s, uint32_t triangle, float u, float v)
+{
+    const struct kiln_geometry *g = s->b->params.geometry;
+    const struct kiln_scene *scene = s->b->params.scene;
+    if (triangle < g->opaque_count)
+        return true;
+    float b1, b2;
+    kiln_geometry_stored_barycentrics(scene, g, triangle, u, v, &b1, &b2);
+    const struct kiln_mesh *mesh = &scene->meshes[scene->objects[g->records[triangle].object].mesh];
+    const float opacity = kiln_surface_opacity(scene, mesh, g->stored_triangle[triangle], b1, b2);
+    if (s->context->question == EMBREE_BY_HALF)
+        return opacity >= KILN_OPACITY_HALF;
+    return embree_blends(s->b) ? kiln_is_there(s->context->seed[s->lane], triangle, opacity) : opacity > 0.0f;
+}
+
+/* Embree's question about each triangle whose box is near the place. */
+static bool consider_front(struct RTCPointQueryFunctionArguments *arguments)
+{
+    struct front_search *s = arguments->userPtr;
+    struct kiln_vec3 corner[3];
+    const uint32_t triangle = embree_triangle(s->b, arguments->geomID, arguments->primID);
+    kiln_geometry_corners(s->b->params.geometry, triangle, corner);
+    const struct kiln_dvec3 a = dvec3_of(corner[0]), to_b = dvec3_sub(dvec3_of(corner[1]), a),
+                            to_c = dvec3_sub(dvec3_of(corner[2]), a), at = dvec3_sub(s->place, a);
+    const struct kiln_dvec3 normal = dvec3_cross(to_b, to_c);
+    const double square = dvec3_dot(normal, normal), height = dvec3_dot(normal, at);
+    if (!(dvec3_dot(normal, s->direction) < 0.0) || height * height > s->margin * s->margin * square)
+        return false;
+    const double u = dvec3_dot(normal, dvec3_cross(at, to_c)) / square,
+                 v = dvec3_dot(normal, dvec3_cross(to_b, at)) / square, inside = fmin(fmin(u, v), 1.0 - u - v);
+    if (!(inside > s->inside) || !is_there(s, triangle, (float)u, (float)v))
+        return false;
+    s->inside = inside;
+    s->hit->u = (float)fmin(fmax(u, 0.0), 1.0), s->hit->v = (float)fmin(fmax(v, 0.0), 1.0);
+    s->hit->Ng_x = (float)normal.x, s->hit->Ng_y = (float)normal.y, s->hit->Ng_z = (float)normal.z;
+    s->hit->geomID = arguments->geomID;
+    s->hit->primID = arguments->primID;
+    return false;
+}
+
+/* What a ray has met: where it is the back of a single-sided surface, a front that coincides with it (KILN_COINCIDENT)
+ * takes its place. `lane`: of the context's seeds. Whether one does. */
+static bool prefer_front(const struct embree_backend *b, const struct embree_context *context, uint32_t lane,
+                         struct kiln_vec3 direction, struct RTCHit *hit)
+{
+    const struct kiln_geometry *g = b->params.geometry;
+    const uint32_t triangle = embree_triangle(b, hit->geomID, hit->primID);
+    if ((g->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0 || !may_coincide(b, triangle))
+        return false;
+    struct front_search s = {.b = b,
+                             .context = context,
+                             .lane = lane,
+                             .place = dvec3_of(kiln_triangle_position(g, triangle, hit->u, hit->v)),
+                             .direction = dvec3_of(direction),
+                             .margin = (double)(KILN_COINCIDENT * g->extent),
+                             .inside = -(double)KILN_COINCIDENT,
+                             .hit = hit};
+    struct RTCPointQuery query = {
+        .x = (float)s.place.x, .y = (float)s.place.y, .z = (float)s.place.z, .radius = KILN_COINCIDENT * g->extent};
+    struct RTCPointQueryContext round;
+    rtcInitPointQueryContext(&round);
+    (void)rtcPointQuery(b->scene, &query, &round, consider_front, &s);
+    return s.inside > -(double)KILN_COINCIDENT;
+}
+
+void embree_prefer_front1(const struct embree_backend *b, const struct embree_context *context, struct RTCRayHit *r)
+{
+    const struct kiln_vec3 d = vec3(r->ray.dir_x, r->ray.dir_y, r->ray.dir_z);
+    if (r->hit.geomID != RTC_INVALID_GEOMETRY_ID && vec3_dot(vec3(r->hit.Ng_x, r->hit.Ng_y, r->hit.Ng_z), d) > 0.0f)
+        (void)prefer_front(b, context, 0, d, &r->hit);
+}
+
+void embree_prefer_front8(const struct embree_backend *b, const struct embree_context *context, const int *valid,
+                          struct RTCRayHit8 *r)
+{
+    for (uint32_t i = 0; i < PACKET; i++) {
+        const struct kiln_vec3 d = vec3(r->ray.dir_x[i], r->ray.dir_y[i], r->ray.dir_z[i]);
+        if (valid[i] == 0 || r->hit.geomID[i] == RTC_INVALID_GEOMETRY_ID ||
+            !(vec3_dot(vec3(r->hit.Ng_x[i], r->hit.Ng_y[i], r->hit.Ng_z[i]), d) > 0.0f))
+            continue;
+        struct RTCHit hit = {
+            .u = r->hit.u[i], .v = r->hit.v[i], .primID = r->hit.primID[i], .geomID = r->hit.geomID[i]};
+        if (!prefer_front(b, context, i, d, &hit))
+            continue;
+        r->hit.Ng_x[i] = hit.Ng_x, r->hit.Ng_y[i] = hit.Ng_y, r->hit.Ng_z[i] = hit.Ng_z;
+        r->hit.u[i] = hit.u, r->hit.v[i] = hit.v;
+        r->hit.primID[i] = hit.primID;
+        r->hit.geomID[i] = hit.geomID;
+    }
+}
