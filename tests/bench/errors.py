@@ -1,7 +1,8 @@
 """Whether stated errors are true: bakes of many seeds against the standard errors that they state.
 
   /usr/bin/python3 tests/bench/errors.py --kiln build/release/kiln [--seeds 24] [--quality draft]
-                                         [--texels-per-metre X] [--target X] [--options '...'] [SCENE ...]
+                                         [--texels-per-metre X] [--target X] [--options '...']
+                                         [--denoise [--times 64]] [SCENE ...]
 
 Without scenes: the Cornell box, three rooms, and a zoo of punctual lights. Values are luminances of kiln.h5, which
 holds what was gathered, before denoising. z of a texel in one bake is its value less the mean of the bakes by other
@@ -16,6 +17,11 @@ percentile of all texels, the shares below 0.5, within 0.5 to 1.0 and above 1.0,
 The deviation is the root mean square over seeds and over 5 x 5 texels of the same object; allowed is X of a texel's
 light, or of a tenth of the mean light where that is more.
 
+--denoise looks at lightmaps instead, denoised: at their texels that were gathered and that the layout covers by half at
+least. Their deviation is that from a bake of `--times` as many samples that is not denoised, so that a bias counts, and
+z is it over the root of the squared stated errors of both. "bias": the part of the squared deviation that all seeds
+have in common.
+
 The rows of objects are the same for the mean of each object, weighted by area. Its stated error is mean_error of
 run.json, where that is, else that of texels with independent errors. It is of three degrees of freedom, of which 95 %
 lie within 3.2 (Student's t). The rows of direct and indirect light are of the errors that a texel's own rays state,
@@ -29,6 +35,7 @@ import h5py
 import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import denoise  # noqa: E402
 import measure  # noqa: E402
 import harness  # noqa: E402
 
@@ -78,7 +85,7 @@ def show(table, scene, what, values, stated):
         return
     table.row(scene, what, '%d' % (len(z) // len(values)),
               *('%.1f %%' % (100 * (z < k).mean()) for k in (1, 2, 3, 3.2)),
-              '%.2f' % np.percentile(z, 99), '%.2f' % ratio)
+              '%.2f' % np.percentile(z, 99), '%.2f' % ratio, '')
 
 
 def object_means(seeds, light, valid):
@@ -150,6 +157,38 @@ def study(table, kiln, name, path, density, arguments):
         show(table, name, light + ' of objects', *object_means(seeds, light, valid))
 
 
+def against_reference(table, scene, maps, reference):
+    """The row of denoised lightmaps: layers by seed, and those of the reference."""
+    values, stated = (np.array([value(m) for m in maps]) for value in (lambda m: m['direct'] + m['indirect'],
+                                                                       lambda m: m['error'].astype(np.float64)))
+    truth, known = reference['direct'] + reference['indirect'], reference['error'].astype(np.float64)
+    off, scale = values - truth, np.sqrt(stated ** 2 + known ** 2)
+    counts = np.all([m['counts'] for m in maps], 0) & reference['counts']
+    counts &= (scale > ROUNDING * truth).all(0) | (np.abs(off) > ROUNDING * truth).any(0)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        z = np.where(scale > 0, np.abs(off) / scale, np.where(off == 0, 0.0, np.inf))[:, counts]
+    true = np.mean((off ** 2 - known ** 2)[:, counts])
+    bias = np.mean((off.mean(0) ** 2 - off.var(0, ddof=1) / len(off) - known ** 2)[counts])
+    table.row(scene, 'denoised', '%d' % counts.sum(), *('%.1f %%' % (100 * (z < k).mean()) for k in (1, 2, 3, 3.2)),
+              '%.2f' % np.percentile(z, 99), '%.2f' % np.sqrt(max(true, 0) / np.mean(stated[:, counts] ** 2)),
+              '%.0f %%' % (100 * max(bias, 0) / true))
+
+
+def study_denoised(table, kiln, name, path, density, arguments):
+    options = ('--quality', arguments.quality, '--texels-per-metre', density, '--error-map', '--samples-probe', 0,
+               '--no-export', *shlex.split(arguments.options))
+    names = ('--samples-direct', '--samples-bounce', '--samples-indirect')
+    more = [text for name_, count in zip(names, denoise.SAMPLES[arguments.quality])
+            for text in (name_, min(count * arguments.times, 65536))]
+    maps = []
+    for how in [('--seed', 1001, '--denoise', 'none', *more)] + [
+            ('--seed', seed, '--denoise', 'regression') for seed in range(1, arguments.seeds + 1)]:
+        bake = measure.must(kiln.bake(path, *options, *how, timeout=3600))
+        maps.append(denoise.layers(bake))
+        bake.remove()
+    against_reference(table, name, maps[1:], maps[0])
+
+
 def own_scenes(kiln):
     """(name, path, texels per metre)"""
     return [('cornell', os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb'), 8),
@@ -164,6 +203,8 @@ def main():
         parser.add_argument('--texels-per-metre', type=float, default=0,
                             help='0: 4, and each scene of the own set has its own')
         parser.add_argument('--target', type=float, default=0)
+        parser.add_argument('--denoise', action='store_true')
+        parser.add_argument('--times', type=int, default=64)
         parser.add_argument('--options', default='', help='more options for kiln bake, in one string')
         parser.add_argument('scenes', nargs='*')
 
@@ -176,9 +217,10 @@ def main():
                               ('0.5 to 1.0', 10), ('above', 8), ('processor s', 12))
     else:
         table = harness.Table(('scene', 14), ('light', 20), ('count', 8), ('in 1', 8), ('in 2', 8), ('in 3', 8),
-                              ('in 3.2', 8), ('p99 of z', 9), ('true/said', 10))
+                              ('in 3.2', 8), ('p99 of z', 9), ('true/said', 10), ('bias', 6))
     for name, path, density in scenes:
-        study(table, kiln, name, path, arguments.texels_per_metre or density, arguments)
+        how = study_denoised if arguments.denoise else study
+        how(table, kiln, name, path, arguments.texels_per_metre or density, arguments)
 
 
 if __name__ == '__main__':

@@ -4,9 +4,9 @@
 
 Indirect light at `--quality preview` must have 3.2 times less error, which is worth ten times the samples. A bake that
 has converged must not lose more than 2 %. kiln.h5 holds the same with and without; the same bytes come from 1, 3 and 4
-ranks; the stated error is never above the raw one, and 0 only where that is. Where direct light changes by more than
-a tenth of its mean from texel to texel, at the edges of shadows, the error does not rise. With --backend vulkan the
-lightmaps are compared with Embree's instead.
+ranks. Of the texels 93 to 98.5 % lie within two stated errors; an error is 0 only where that of raw light is. Where
+direct light changes by more than a tenth of its mean from texel to texel, at the edges of shadows, the error does not
+rise. With --backend vulkan the lightmaps are compared with Embree's instead.
 """
 import os
 import sys
@@ -90,12 +90,15 @@ def gains(checks, kiln, scene):
     checks.that(edge.sum() > 100 and clean_edge <= raw_edge, 'the error at edges of shadows rises from %.4g to %.4g' % (
         raw_edge, clean_edge))
     gathered = r['gathered']
-    checks.that(np.isfinite(c['error']).all() and (c['error'] <= r['error'])[gathered].all(),
-                'a stated error is above that of the raw value, or no number')
+    checks.that(np.isfinite(c['error']).all(), 'a stated error is no number')
     checks.that((c['error'][gathered & (r['error'] > 0)] > 0).all(), 'a stated error is 0 where that of the raw is not')
-    said, true = (float(np.sqrt(np.mean(x[c['counts']] ** 2))) for x in (
-        c['error'], c['direct'] + c['indirect'] - b['direct'] - b['indirect']))
-    checks.that(0.5 < said / true < 2.0, 'the stated error is %.4g, the true one %.4g' % (said, true))
+    off = c['direct'] + c['indirect'] - b['direct'] - b['indirect']
+    said, was, true = (float(np.sqrt(np.mean(x[c['counts']] ** 2))) for x in (c['error'], r['error'], off))
+    within = 100 * float((np.abs(off) < 2 * np.hypot(c['error'], b['error']))[c['counts'] & b['counts']].mean())
+    print('stated error: %.4g raw, %.4g denoised, where %.4g is true; %.1f %% within two' % (was, said, true, within))
+    checks.that(0.7 < said / true < 1.5 and said < was / 2, 'the stated error is %.4g, of raw light %.4g, the true one '
+                '%.4g' % (said, was, true))
+    checks.that(93 < within < 98.5, '%.1f %% of the texels lie within two stated errors' % within)
     left = clean.run['denoise']
     checks.that(left['method'] == 'regression' and left['seconds'] > 0 and 0 < left['variance_left_indirect'] < 0.3,
                 'run.json says %s' % left)

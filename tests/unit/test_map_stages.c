@@ -97,6 +97,48 @@ static void planes_only_for_those_that_read_them(void **state)
     assert_true(layers.position == KILN_MAP_PLANES + 3 && layers.normal == KILN_MAP_PLANES + 6);
 }
 
+/* An object of which a fifth is margin; four parts, each with noise of its own for each texel, of variance 1, and with
+ * `shared` added or taken off everywhere. Returns what the stage finds that neighbours share. */
+static float find_shared(float shared)
+{
+    struct kiln_field_set fields;
+    struct kiln_layers layers;
+    struct kiln_lightmap_report report = {0};
+    const struct kiln_output_params params = {.parts = true};
+    const struct kiln_map_stage *const stages[] = {&kiln_map_stage_mean_error, NULL};
+    uint64_t random = 1;
+    kiln_field_set_choose(&fields, &(struct kiln_job){.error_map = true});
+    const struct kiln_bake_result result = {.fields = &fields};
+    struct kiln_map_work work = {.result = &result, .params = &params, .layers = &layers, .report = &report};
+    assert_int_equal(kiln_layers_make(&layers, &fields, NULL), KILN_OK);
+    assert_int_equal(kiln_map_stages_layers(stages, &params, &layers, &fields, NULL), KILN_OK);
+    assert_int_equal(kiln_map_create(&work.map, 70, 65, &layers.planes, NULL), KILN_OK);
+    float **parts = work.map->planes + kiln_layers_plane(&layers, &fields, "parts");
+    for (size_t i = 0; i < kiln_map_texels(work.map); i++) {
+        work.map->state[i] = i % 5 == 0 ? KILN_TEXEL_MARGIN : KILN_TEXEL_VALID;
+        work.map->area[i] = 1.0f;
+        for (int k = 0; k < KILN_PARTS; k++) {
+            random = random * 6364136223846793005u + 1442695040888963407u;
+            const float even = (float)(random >> 40) * 0x1p-24f - 0.5f;
+            parts[k][i] = 10.0f + even * 3.4641016f + (k % 2 == 0 ? shared : -shared);
+        }
+    }
+    assert_int_equal(kiln_map_stages_run(stages, &work, NULL), KILN_OK);
+    kiln_map_destroy(&work.map);
+    return work.shared;
+}
+
+/* The variance of the mean is 1/4 of texels' own noise, and 1/3 of the square of what is shared. */
+static void finds_what_neighbours_share(void **state)
+{
+    (void)state;
+    const float none = find_shared(0.0f), quarter = find_shared(0.5f), half = find_shared(0.8660254f);
+    print_message("neighbours share %.3f, %.3f and %.3f\n", (double)none, (double)quarter, (double)half);
+    assert_true(none >= 0.0f && none < 0.02f);
+    assert_true(quarter > 0.23f && quarter < 0.27f);
+    assert_true(half > 0.48f && half < 0.52f);
+}
+
 /* What the points of the round bring. */
 struct arrived {
     const struct kiln_layers *layers;
@@ -152,9 +194,9 @@ static void features_arrive_with_the_texels(void **state)
 
 int main(int argc, char **argv)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(runs_in_order_what_is_wanted),
-                                       cmocka_unit_test(planes_only_for_those_that_read_them),
-                                       cmocka_unit_test(features_arrive_with_the_texels)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(runs_in_order_what_is_wanted), cmocka_unit_test(planes_only_for_those_that_read_them),
+        cmocka_unit_test(finds_what_neighbours_share), cmocka_unit_test(features_arrive_with_the_texels)};
     if (MPI_Init(&argc, &argv) != MPI_SUCCESS)
         return 1;
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);

@@ -191,6 +191,45 @@ static void does_not_believe_too_large_an_error(void **state)
 
 static float step(size_t i) { return i % SIDE < SIDE / 2 ? 1.0f : 0.0f; }
 
+static float waves(size_t i) { return 2.0f + sinf((float)(i % SIDE) * 0.35f) * cosf((float)(i / SIDE) * 0.2f); }
+
+/* Noise of mean 0 and variance 1 that is skewed, as that of few bright rays is: its logarithm is normal. */
+static float skewed_noise(uint64_t *state)
+{
+    const float e = expf(1.0f);
+    return (expf(noise(state)) - sqrtf(e)) / sqrtf(e * (e - 1.0f));
+}
+
+/* The share of all texels within two stated errors, percent, of a field with such noise. */
+static double share_within_two(float (*expected)(size_t))
+{
+    enum { SEEDS = 3 };
+    size_t within = 0;
+    for (uint64_t seed = 11; seed < 11 + SEEDS; seed++) {
+        uint64_t random = seed;
+        struct field *f = make_field();
+        for (size_t i = 0; i < COUNT; i++)
+            set(f, i, expected(i) + 0.1f * skewed_noise(&random), 0.1f);
+        run(f);
+        for (size_t i = 0; i < COUNT; i++)
+            within += fabsf(f->value[0][i] - expected(i)) < 2.0f * sqrtf(f->variance[i]);
+        destroy(f);
+    }
+    return 100.0 * (double)within / (SEEDS * (double)COUNT);
+}
+
+/* 98.4, 98.4 and 98.1 % are measured; without the bias that all points are taken to have 90.6, 93.6 and 95.6 %. */
+static void states_a_true_error(void **state)
+{
+    (void)state;
+    static float (*const fields[])(size_t) = {ramp, bowl, waves};
+    for (int k = 0; k < 3; k++) {
+        const double share = share_within_two(fields[k]);
+        print_message("%.1f %% within two stated errors\n", share);
+        assert_true(share > 95.0 && share < 99.0);
+    }
+}
+
 static void keeps_a_step(void **state)
 {
     (void)state;
@@ -312,6 +351,7 @@ int main(void)
                                        cmocka_unit_test(takes_noise_out),
                                        cmocka_unit_test(takes_noise_out_of_what_is_curved),
                                        cmocka_unit_test(does_not_believe_too_large_an_error),
+                                       cmocka_unit_test(states_a_true_error),
                                        cmocka_unit_test(keeps_a_step),
                                        cmocka_unit_test(nothing_bleeds),
                                        cmocka_unit_test(says_nothing_of_what_is_exact),

@@ -168,48 +168,32 @@ static void square_plane(float *values, size_t count)
         values[i] *= values[i];
 }
 
-/* What of the error's square neighbours share, as they share the noise of the bounces that they gather: no regression
- * takes that out. Of a bake in parts the error knows of it, while the errors of direct and of indirect light are those
- * of a point's own samples. Ghosts, whose index is not below `texels`, are left out. */
-static float shared_part(const struct kiln_neighbour_grid *grid, const struct kiln_regression_light lights[2],
-                         const float *error, size_t texels)
-{
-    double all = 0.0, own = 0.0;
-    for (size_t i = 0; i < grid->count; i++) {
-        const uint32_t at = grid->points[i].index;
-        if (at >= texels)
-            continue;
-        all += (double)error[at] * (double)error[at];
-        own += (double)lights[0].variance[at] + (double)lights[1].variance[at];
-    }
-    return all > own ? (float)(1.0 - own / all) : 0.0f;
-}
-
-/* The error of the sum of both: what is left, and never more than it was. */
+/* The error of the sum of both: what is left of a point's own noise, the bias, and the part of the error's square that
+ * neighbours share, which no regression takes out. It may be more than was stated of the point before, which is too low
+ * by chance at some. An error whose square is no float stays as it was. */
 static void state_error(const struct kiln_neighbour_grid *grid, const struct kiln_regression_light lights[2],
                         float shared, float *error, size_t texels)
 {
     for (size_t i = 0; i < grid->count; i++) {
         const uint32_t at = grid->points[i].index;
-        if (at < texels)
-            error[at] = fminf(error[at],
-                              sqrtf(lights[0].variance[at] + lights[1].variance[at] + shared * error[at] * error[at]));
+        const float square =
+            at < texels ? lights[0].variance[at] + lights[1].variance[at] + shared * error[at] * error[at] : INFINITY;
+        if (isfinite(square))
+            error[at] = sqrtf(square);
     }
 }
 
 static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid *grid, struct kiln_error *error)
 {
     const size_t texels = kiln_map_texels(work->map);
-    float *stated = work->map->planes[KILN_MAP_ERROR];
     struct values v = {.copies = {NULL}};
     int status = take_values(&v, work, error);
     if (status == KILN_OK) {
         for (int l = 0; l < 2; l++)
             square_plane(v.lights[l].variance, texels + work->ghosts.count);
-        const float shared = work->params->parts ? shared_part(grid, v.lights, stated, texels) : 0.0f;
         status = kiln_regression_run(grid, v.lights, 2, error);
         if (status == KILN_OK)
-            state_error(grid, v.lights, shared, stated, texels);
+            state_error(grid, v.lights, work->shared, work->map->planes[KILN_MAP_ERROR], texels);
     }
     if (status == KILN_OK)
         give_values(&v, work);
@@ -221,8 +205,8 @@ static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid 
     return status;
 }
 
-/* Takes noise out of direct and of indirect light, apart, and lowers the error to what is left. Where the surface goes
- * on in another object, the texels there are neighbours too. */
+/* Takes noise out of direct and of indirect light, apart, and makes the error that of what is left. Where the surface
+ * goes on in another object, the texels there are neighbours too. */
 static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
     const double begin = seconds_now();

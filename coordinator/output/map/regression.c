@@ -36,14 +36,21 @@ static const float square_least = 1e-6f;
 /* A fit whose leverage exceeds this is the value itself. */
 static const double leverage_most = 0.95;
 
-/* What is known of a point's light. The last four are made by the second sweep. */
+/* What is known of a point's light. */
 struct estimate {
-    float luminance, variance; /* as given */
-    float square[FITS];        /* (fit - value)^2; then Stein's estimate over `pooled` */
-    float pooled;              /* the mean variance around, lowered as the header says */
-    float risk;                /* of the choice: the mean of Stein's estimate, at most `pooled` */
-    float part;                /* of the way from the value to the chosen fit */
-    uint32_t choice;           /* a fit, or RAW */
+    union {
+        float luminance; /* as given */
+        float noise;     /* after the last sweep: the variance of the result */
+    };
+    union {
+        float variance; /* as given */
+        float bias;     /* after the last sweep: squared, what the risk of the choices exceeds the noise by */
+    };
+    float square[FITS]; /* (fit - value)^2; then Stein's estimate over `pooled` */
+    float pooled;       /* the mean variance around, lowered as the header says */
+    float risk;         /* of the choice: the mean of Stein's estimate, at most `pooled` */
+    float part;         /* of the way from the value to the chosen fit */
+    uint32_t choice;    /* a fit, or RAW */
 };
 
 /* Arrays by the points' place in the grid. */
@@ -417,7 +424,7 @@ static double add_up(const struct regression *r, size_t light, const struct work
 
 static void smooth_light(const struct regression *r, size_t light, struct worker *w, size_t place)
 {
-    const float own = r->grid->points[place].area, pooled = r->estimates[light][place].pooled;
+    const float own = r->grid->points[place].area;
     const struct shares shares = share_choices(r->estimates[light], &w->n, place, own);
     const size_t count = shares.largest < SCALES ? w->n.within[shares.largest] : 0;
     memset(w->factors, 0, count * sizeof *w->factors);
@@ -430,7 +437,8 @@ static void smooth_light(const struct regression *r, size_t light, struct worker
             add_factors(&w->n, scale_of[f], &fit, shares.of[f], w->factors);
     }
     const double variance = add_up(r, light, w, count, place);
-    r->lights[light].variance[r->grid->points[place].index] = (float)fmin(fmax(shares.risk, variance), (double)pooled);
+    r->estimates[light][place].noise = (float)variance;
+    r->estimates[light][place].bias = (float)fmax(shares.risk - variance, 0.0);
 }
 
 static void smooth_point(const struct regression *r, struct worker *w, size_t place)
@@ -488,16 +496,31 @@ static int take_values(struct regression *r, struct kiln_error *error)
     return status;
 }
 
-static void sum_up(const struct regression *r)
+/* The squared bias of the average point, over its variance as it was pooled. */
+static double mean_bias(const struct regression *r, size_t light)
 {
-    for (size_t l = 0; l < r->light_count; l++) {
-        struct kiln_regression_light *light = &r->lights[l];
-        light->before = light->after = 0.0;
-        for (size_t i = 0; i < r->grid->count; i++) {
-            const struct kiln_neighbour_point *p = &r->grid->points[i];
-            light->before += (double)p->area * (double)r->estimates[l][i].pooled;
-            light->after += (double)p->area * (double)light->variance[p->index];
-        }
+    double bias = 0.0, pooled = 0.0;
+    for (size_t i = 0; i < r->grid->count; i++) {
+        const double area = (double)r->grid->points[i].area;
+        bias += area * (double)r->estimates[light][i].bias;
+        pooled += area * (double)r->estimates[light][i].pooled;
+    }
+    return pooled > 0.0 ? bias / pooled : 0.0;
+}
+
+/* States what is left at all points, and sums it up. */
+static void state(const struct regression *r, size_t light)
+{
+    struct kiln_regression_light *of = &r->lights[light];
+    const float mean = (float)mean_bias(r, light);
+    of->before = of->after = 0.0;
+    for (size_t i = 0; i < r->grid->count; i++) {
+        const struct kiln_neighbour_point *p = &r->grid->points[i];
+        const struct estimate *e = &r->estimates[light][i];
+        const float left = fminf(e->noise + fmaxf(e->bias, mean * e->pooled), e->pooled);
+        of->variance[p->index] = left;
+        of->before += (double)p->area * (double)e->pooled;
+        of->after += (double)p->area * (double)left;
     }
 }
 
@@ -516,9 +539,9 @@ int kiln_regression_run(const struct kiln_neighbour_grid *grid, struct kiln_regr
         status = sweep(&r, kiln_neighbour_rings[WIDE], judge_point, error);
     if (status == KILN_OK)
         status = sweep(&r, KILN_NEIGHBOUR_RADIUS, smooth_point, error);
-    if (status == KILN_OK)
-        sum_up(&r);
     for (size_t l = 0; l < count; l++) {
+        if (status == KILN_OK)
+            state(&r, l);
         kiln_free(&r.estimates[l]);
         kiln_free(&r.values[l]);
     }

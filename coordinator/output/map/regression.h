@@ -20,8 +20,13 @@
  * chosen. Choices are averaged with the weights of s = 1, so that the result is a mean of a few fits. All channels have
  * the same weights; what is judged is luminance.
  *
- * A point's result depends on no more than the points within 30 texels. Not collective; the same bits for any number of
- * threads. */
+ * The squared error that is left is the variance of that sum, sum over f_j^2 v_j, and the square of its bias. An
+ * estimate of the bias is what the risk of the choices exceeds the variance by. But a risk is itself of few values, and
+ * the least of ten is too low as a rule. So the bias, relative to v, is taken to be at least what it is in the mean
+ * over all points, by area x v.
+ *
+ * A point's light depends on no more than the points within 30 texels, its error through that mean on all. Not
+ * collective; the same bits for any number of threads. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_REGRESSION_H
 #define KILN_COORDINATOR_OUTPUT_MAP_REGRESSION_H
 
@@ -33,7 +38,7 @@ enum { KILN_REGRESSION_LIGHTS = 2 };
 struct kiln_regression_light {
     float *rgb[3];
     float *variance; /* of the luminance, its unit squared, as stated. The result has the squared error that is left: at
-                      * most what the variance was taken for, and above 0 where that is */
+                      * most v, and above 0 where that is */
     double before, after; /* results: sums of area x variance over the points, as it was taken, and what is left */
 };
 

@@ -36,8 +36,8 @@ struct kiln_map_ghosts {
     uint8_t *records;             /* struct kiln_texel_record, of valid points */
 };
 
-/* What the stages work on: the map of one object. Borrowed, but for `graph`, `nearest` and ghosts. These and `next`
- * begin as zero. */
+/* What the stages work on: the map of one object. Borrowed, but for `graph`, `nearest` and ghosts. These, `shared` and
+ * `next` begin as zero. */
 struct kiln_map_work {
     const struct kiln_bake_result *result;
     const struct kiln_output_params *params;
@@ -48,6 +48,7 @@ struct kiln_map_work {
     struct kiln_chart_graph *graph;      /* KILN_MAP_CHARTS */
     struct kiln_map_ghosts ghosts;       /* if objects are denoised that touch */
     const struct kiln_joined *joined;    /* if the object touches others, after joining; else NULL */
+    float shared;                        /* of the squared error, which neighbours share; mean_error.c, else 0 */
     size_t next;                         /* the stage that runs next */
     /* KILN_MAP_NEAREST: for every texel, the surface texel whose values it gets when the map is dilated:
      * kiln_nearest_texels with KILN_TEXEL_FILLED, until the stage "borders" changes it */
