@@ -94,12 +94,15 @@ static int draw_picture(struct kiln_bake *b, struct kiln_error *error)
                                             .backend = p->backend,
                                             .stop = kiln_control_stop(b->control)};
     const struct kiln_view_wish wish = {0};
+    const struct kiln_look look = {.curve = (enum kiln_tone_curve)b->job->tone_map,
+                                   .stops = b->job->exposure,
+                                   .no_metering = !b->job->auto_exposure};
     struct kiln_picture picture = {0};
-    int status = kiln_picture_make(&source, &wish, 2, &picture, error);
+    int status = kiln_picture_make(&source, &wish, 2, &look, &picture, error);
     if (status == KILN_OK)
-        status = kiln_picture_write(b->job->output, "preview.png", &picture, b->job->exposure, error);
+        status = kiln_picture_write(b->job->output, "preview.png", &picture, &look, error);
     if (status == KILN_OK)
-        b->preview = kiln_picture_json(&picture, b->job->exposure);
+        b->preview = kiln_picture_json(&picture, &look);
     if (status == KILN_OK && !b->job->quiet) {
         kiln_viewpoint_text(&picture.viewpoint, b->preview_text);
     }

@@ -39,8 +39,8 @@ static const char *const probing[] = {"probe-spacing", "samples-probe"};
  * counts that it sets. */
 static const char *const other[] = {
     "output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "denoise", "check-density",
-    "preview", "exposure", "json", "quiet", "verbose", "resume", "checkpoint-every", "max-time", "watchdog", "device",
-    "devices", "traversal", "dispatch-time", "device-memory", "verify-fraction",
+    "preview", "exposure", "auto-exposure", "tone-map", "json", "quiet", "verbose", "resume", "checkpoint-every",
+    "max-time", "watchdog", "device", "devices", "traversal", "dispatch-time", "device-memory", "verify-fraction",
     /* units give the numbers a name and change none of them */
     "trace", "shared-memory-ranks", "work-stealing", "rebalance", "exchange-limit", "units", "export"};
 

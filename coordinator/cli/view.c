@@ -1,4 +1,4 @@
-/* kiln view: renders a picture of a finished bake. */
+/* kiln view: renders pictures of a finished bake. */
 #include "coordinator/view/view.h"
 
 #include <stdio.h>
@@ -10,6 +10,7 @@
 
 #include "coordinator/run/lock.h"
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/view_shots.h"
 #include "coordinator/bake/devices.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/output_name.h"
@@ -25,9 +26,15 @@ struct view {
     struct kiln_geometry *geometry;
     struct kiln_lights *lights;
     struct kiln_backend *backend;
-    struct kiln_picture picture;
-    bool texels;                    /* --show texels */
-    const struct kiln_field *field; /* the field that --show names; NULL: none */
+    struct kiln_view_maps *maps;
+    struct kiln_shots shots;
+    struct kiln_look look;
+    struct kiln_exposure exposure;    /* of all frames of a path */
+    struct kiln_picture picture;      /* the present one */
+    struct kiln_view_approximate sum; /* over pictures */
+    json_t *pictures;                 /* what --json says of each */
+    bool texels;                      /* --show texels */
+    const struct kiln_field *field;   /* the field that --show names; NULL: none */
 };
 
 /* Finds the field that --show names. */
@@ -71,13 +78,17 @@ static const char *unit_of(const struct view *v)
     return v->field == NULL ? units->radiance : kiln_field_unit(v->field, units);
 }
 
-static int open_scene(struct view *v, const struct kiln_job *job, const char *directory, struct kiln_error *error)
+static int open_scene(struct view *v, const char *directory, struct kiln_error *error)
 {
     int status = kiln_results_open(&v->results, directory, error);
     if (status == KILN_OK)
         status = kiln_results_scene(v->results, &v->scene, error);
-    if (status == KILN_OK)
-        status = kiln_geometry_create(&v->geometry, v->scene, error);
+    return status;
+}
+
+static int open_backend(struct view *v, const struct kiln_job *job, struct kiln_error *error)
+{
+    int status = kiln_geometry_create(&v->geometry, v->scene, error);
     if (status == KILN_OK)
         kiln_geometry_make_all_hittable(v->geometry);
     if (status == KILN_OK)
@@ -93,35 +104,56 @@ static int open_scene(struct view *v, const struct kiln_job *job, const char *di
     return kiln_backend_create(&v->backend, job->backend, &params, error);
 }
 
-static int read_point(const char *option, const char *text, double point[3], struct kiln_error *error)
+static struct kiln_view_source source_of(const struct view *v, const struct kiln_job *job, const char *directory)
 {
-    char after;
-    if (sscanf(text, "%lf,%lf,%lf%c", &point[0], &point[1], &point[2], &after) != 3)
-        return kiln_fail(error, KILN_USAGE, "--%s %s: it must be three numbers separated by commas, such as 1,1.5,3",
-                         option, text);
-    return KILN_OK;
+    return (struct kiln_view_source){.directory = directory,
+                                     .results = v->results,
+                                     .scene = v->scene,
+                                     .geometry = v->geometry,
+                                     .lights = v->lights,
+                                     .backend = v->backend,
+                                     .texels = v->texels,
+                                     .field = v->field,
+                                     .no_normal_maps = !job->normal_maps,
+                                     .maps = v->maps};
 }
 
-static int render(struct view *v, const struct kiln_job *job, const char *directory, struct kiln_error *error)
+/* Whether the pictures have the colours of an exposure. */
+static bool is_exposed(const struct view *v, const char *output)
 {
-    double from[3], to[3];
-    struct kiln_view_wish wish = {
-        .camera = job->camera, .field_of_view = job->field_of_view, .width = job->width, .height = job->height};
-    const struct kiln_view_source source = {.directory = directory,
-                                            .results = v->results,
-                                            .scene = v->scene,
-                                            .geometry = v->geometry,
-                                            .lights = v->lights,
-                                            .backend = v->backend,
-                                            .texels = v->texels,
-                                            .field = v->field,
-                                            .no_normal_maps = !job->normal_maps};
-    int status = KILN_OK;
-    if (job->from != NULL && (status = read_point("from", job->from, from, error)) == KILN_OK)
-        wish.from = from;
-    if (status == KILN_OK && job->to != NULL && (status = read_point("to", job->to, to, error)) == KILN_OK)
-        wish.to = to;
-    return status == KILN_OK ? kiln_picture_make(&source, &wish, 4, &v->picture, error) : status;
+    const char *dot = strrchr(output, '.');
+    return strcasecmp(dot, ".png") == 0 && (v->field == NULL || v->field->meaning == KILN_FIELD_AMOUNT);
+}
+
+/* Opens what the pictures have in common: lightmaps, and the exposure of the frames of a path. */
+static int prepare(struct view *v, const struct kiln_job *job, const char *directory, struct kiln_error *error)
+{
+    struct kiln_view_source source = source_of(v, job, directory);
+    v->look = (struct kiln_look){
+        .curve = (enum kiln_tone_curve)job->tone_map, .stops = job->exposure, .no_metering = !job->auto_exposure};
+    v->pictures = json_array();
+    int status = kiln_view_maps_create(&v->maps, &source, 0, error);
+    source.maps = v->maps;
+    if (status == KILN_OK && v->shots.kind == KILN_SHOTS_PATH && !v->look.no_metering && is_exposed(v, v->shots.output))
+        status = kiln_view_meter(&source, v->shots.wishes, v->shots.count, &v->exposure, error);
+    return status;
+}
+
+static int render(struct view *v, const struct kiln_job *job, const char *directory, size_t index,
+                  struct kiln_error *error)
+{
+    const struct kiln_view_source source = source_of(v, job, directory);
+    kiln_image_destroy(&v->picture.image);
+    const int status = kiln_picture_make(&source, &v->shots.wishes[index], 4, &v->look, &v->picture, error);
+    if (status == KILN_OK && v->exposure.scale > 0.0) {
+        v->picture.exposure = v->exposure;
+        v->picture.metering = KILN_METERED_PATH;
+    }
+    const double part = 1.0 / (double)v->shots.count;
+    v->sum.metal += part * v->picture.approximate.metal;
+    v->sum.front_light += part * v->picture.approximate.front_light;
+    v->sum.flat += part * v->picture.approximate.flat;
+    return status;
 }
 
 /* Approximations in the picture, by bits: 1, it shows metals; 2, it shows backs that have no lightmap. */
@@ -129,14 +161,14 @@ static const char *const approximations[] = {"", "metals: base colour x irradian
                                              "backs: the front's irradiance",
                                              "metals: base colour x irradiance / pi; backs: the front's irradiance"};
 
-static int write_picture(const struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
+static int write_picture(const struct view *v, const char *path, struct kiln_error *error)
 {
     const char *dot = strrchr(path, '.');
     char viewpoint[KILN_VIEWPOINT_TEXT];
     const char *approximate =
         approximations[(v->picture.approximate.metal > 0.0) + 2 * (v->picture.approximate.front_light > 0.0)];
     if (dot != NULL && strcasecmp(dot, ".png") == 0)
-        return kiln_picture_write(NULL, path, &v->picture, job->exposure, error);
+        return kiln_picture_write(NULL, path, &v->picture, &v->look, error);
     kiln_viewpoint_text(&v->picture.viewpoint, viewpoint);
     const struct kiln_exr_attribute attributes[] = {
         {.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
@@ -157,30 +189,93 @@ static int check_extension(const char *path, struct kiln_error *error)
                      path);
 }
 
-static int tell(const struct kiln_job *job, const struct view *v, const char *path, struct kiln_error *error)
+static json_t *picture_json(const struct view *v, const char *path)
 {
     const struct kiln_image *image = v->picture.image;
-    char text[KILN_PICTURE_TEXT];
-    if (job->json) {
-        json_t *root = json_pack("{s:s, s:o, s:i, s:i}", "status", "done", "output", kiln_json_string(path), "width",
-                                 (int)image->width, "height", (int)image->height);
-        json_t *picture = kiln_picture_json(&v->picture, job->exposure);
-        (void)json_object_update(root, picture);
-        json_decref(picture);
-        (void)json_object_set_new(root, "normal_map_share", json_real(v->picture.approximate.mapped));
-        (void)json_object_set_new(root, "flat_share", json_real(v->picture.approximate.flat));
-        return kiln_json_print(root, error);
-    }
-    if (job->quiet)
-        return KILN_OK;
-    kiln_picture_text(&v->picture, job->exposure, text);
-    kiln_print(stdout, "%s: %u x %u pixels\n", path, image->width, image->height);
-    (void)puts(text); /* several lines; the names in them have no control characters */
-    if (v->picture.approximate.flat > 0.0005)
+    json_t *root = json_pack("{s:o, s:i, s:i}", "output", kiln_json_string(path), "width", (int)image->width, "height",
+                             (int)image->height);
+    json_t *picture = kiln_picture_json(&v->picture, &v->look);
+    (void)json_object_update(root, picture);
+    json_decref(picture);
+    (void)json_object_set_new(root, "normal_map_share", json_real(v->picture.approximate.mapped));
+    (void)json_object_set_new(root, "flat_share", json_real(v->picture.approximate.flat));
+    return root;
+}
+
+/* Says in lines what stands under a picture, or under all frames of a path. */
+static void print_notes(const struct kiln_picture *picture, const struct kiln_look *look)
+{
+    char notes[KILN_PICTURE_TEXT];
+    kiln_picture_notes(picture, look, notes);
+    (void)puts(notes); /* several lines; they have no control characters */
+    if (picture->approximate.flat > 0.0005)
         (void)printf("materials with normal maps, %.1f %% of it, are shown without them: the lightmaps do not say from "
                      "where light comes (kiln bake --directional sh1 does)\n",
-                     100.0 * v->picture.approximate.flat);
+                     100.0 * picture->approximate.flat);
+}
+
+static void tell_picture(const struct kiln_job *job, struct view *v, const char *path)
+{
+    const struct kiln_image *image = v->picture.image;
+    char viewpoint[KILN_VIEWPOINT_TEXT];
+    if (job->json)
+        (void)json_array_append_new(v->pictures, picture_json(v, path));
+    if (job->json || job->quiet)
+        return;
+    kiln_viewpoint_text(&v->picture.viewpoint, viewpoint);
+    kiln_print(stdout, "%s: %u x %u pixels%s%s\n", path, image->width, image->height,
+               v->shots.kind == KILN_SHOTS_PATH ? ", " : "", v->shots.kind == KILN_SHOTS_PATH ? viewpoint : "");
+    if (v->shots.kind != KILN_SHOTS_PATH) {
+        (void)puts(viewpoint);
+        print_notes(&v->picture, &v->look);
+    }
+}
+
+/* Says what all pictures have in common. */
+static int tell_all(const struct kiln_job *job, struct view *v, struct kiln_error *error)
+{
+    if (job->json && v->shots.kind == KILN_SHOTS_ONE) {
+        json_t *root = json_pack("{s:s}", "status", "done");
+        (void)json_object_update(root, json_array_get(v->pictures, 0));
+        return kiln_json_print(root, error);
+    }
+    if (job->json)
+        return kiln_json_print(json_pack("{s:s, s:O}", "status", "done", "pictures", v->pictures), error);
+    if (!job->quiet && v->shots.kind == KILN_SHOTS_PATH) {
+        v->picture.approximate = v->sum;
+        print_notes(&v->picture, &v->look);
+    }
     return KILN_OK;
+}
+
+static int draw_all(struct view *v, const struct kiln_job *job, const char *directory, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    int status = prepare(v, job, directory, error);
+    for (size_t i = 0; status == KILN_OK && i < v->shots.count; i++) {
+        status = render(v, job, directory, i, error);
+        if (status == KILN_OK)
+            status = kiln_shots_path(&v->shots, v->scene, i, path, error);
+        if (status == KILN_OK)
+            status = write_picture(v, path, error);
+        if (status == KILN_OK)
+            tell_picture(job, v, path);
+    }
+    return status == KILN_OK ? tell_all(job, v, error) : status;
+}
+
+/* Checks, before any work is done, that all pictures can be written. */
+static int check_names(const struct view *v, const char *directory, struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    int status = KILN_OK;
+    for (size_t i = 0; status == KILN_OK && i < v->shots.count; i++) {
+        const struct kiln_output_name name = {.option = "--output", .path = path, .bakes = {directory}};
+        status = kiln_shots_path(&v->shots, v->scene, i, path, error);
+        if (status == KILN_OK)
+            status = kiln_output_name_check(&name, error);
+    }
+    return status;
 }
 
 int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
@@ -205,13 +300,18 @@ int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
     if (status == KILN_OK && job->output == NULL)
         status = kiln_lock_refuse(directory, error);
     if (status == KILN_OK)
-        status = open_scene(&v, job, directory, error);
+        status = open_scene(&v, directory, error);
     if (status == KILN_OK)
-        status = render(&v, job, directory, error);
+        status = kiln_shots_make(job, v.scene, path, &v.shots, error);
     if (status == KILN_OK)
-        status = write_picture(&v, job, path, error);
+        status = check_names(&v, directory, error);
     if (status == KILN_OK)
-        status = tell(job, &v, path, error);
+        status = open_backend(&v, job, error);
+    if (status == KILN_OK)
+        status = draw_all(&v, job, directory, error);
+    json_decref(v.pictures);
+    kiln_shots_destroy(&v.shots);
+    kiln_view_maps_destroy(&v.maps);
     kiln_image_destroy(&v.picture.image);
     kiln_backend_destroy(&v.backend);
     kiln_lights_destroy(&v.lights);

@@ -99,9 +99,13 @@ struct kiln_job {
     bool json, quiet, verbose;
 
     /* view, compare, probe, generate, bench, plan */
-    char *camera; /* name of a camera in the scene */
+    char *camera; /* name of a camera in the scene, names separated by commas, or "all" */
     uint32_t width, height;
     double exposure;                     /* stops */
+    bool auto_exposure;                  /* default true */
+    int tone_map;                        /* enum kiln_tone_curve */
+    char *path;                          /* view: file of key frames */
+    uint32_t frames;                     /* view: number of frames of the path; 0: 24 for each interval, and one */
     char *from, *to;                     /* "x,y,z", m: position and target of the eye */
     char *show;                          /* "light", "texels", or the name of a field in the lightmaps */
     double field_of_view;                /* degrees, vertical */

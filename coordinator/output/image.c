@@ -113,94 +113,6 @@ bool kiln_image_rgb(const struct kiln_image *image, const char *prefix, float *p
     return true;
 }
 
-/* Histogram of luminances, with bins of 1/16 stop over the range of a float. */
-enum { STOP_LEAST = -150, STOP_PARTS = 16, STOP_BINS = (128 - STOP_LEAST) * STOP_PARTS };
-
-static int bin_of(double luminance)
-{
-    const int bin = (int)floor((log2(luminance) - STOP_LEAST) * STOP_PARTS);
-    return bin < 0 ? 0 : bin >= STOP_BINS ? STOP_BINS - 1 : bin;
-}
-
-static int bin_at(const uint64_t bins[STOP_BINS], double below)
-{
-    uint64_t sum = 0;
-    int bin = 0;
-    for (; bin < STOP_BINS - 1; bin++) {
-        sum += bins[bin];
-        if ((double)sum > below)
-            break;
-    }
-    return bin;
-}
-
-struct kiln_exposure kiln_auto_exposure(const struct kiln_image *image, const float *mask)
-{
-    uint64_t bins[STOP_BINS] = {0}, used = 0, kept = 0;
-    double sum = 0.0;
-    float *rgb[3];
-    const size_t count = (size_t)image->width * image->height;
-    if (!kiln_image_rgb(image, "", rgb))
-        return (struct kiln_exposure){1.0, INFINITY};
-    for (int pass = 0; pass < 2; pass++) {
-        const int low = pass == 0 ? 0 : bin_at(bins, 0.05 * (double)used),
-                  high = pass == 0 ? STOP_BINS : bin_at(bins, 0.95 * (double)used);
-        for (size_t i = 0; i < count; i++) {
-            const float luminance = kiln_rgb_luminance(rgb[0][i], rgb[1][i], rgb[2][i]);
-            if ((mask != NULL && !(mask[i] > 0.0f)) || !isfinite(luminance) || !(luminance > 0.0f))
-                continue;
-            const int bin = bin_of((double)luminance);
-            if (pass == 0) {
-                bins[bin]++;
-                used++;
-            } else if (bin >= low && bin <= high) {
-                sum += log((double)luminance);
-                kept++;
-            }
-        }
-    }
-    if (kept == 0)
-        return (struct kiln_exposure){1.0, INFINITY};
-    const double scale = 0.18 / exp(sum / (double)kept),
-                 bright = exp2((double)(bin_at(bins, 0.99 * (double)used) + 1) / STOP_PARTS + STOP_LEAST);
-    return (struct kiln_exposure){scale, fmax(0.5, scale * bright)};
-}
-
-static uint8_t srgb_byte(double linear)
-{
-    const double clamped = linear < 0.0 ? 0.0 : linear > 1.0 ? 1.0 : linear;
-    const double coded = clamped <= 0.0031308 ? 12.92 * clamped : 1.055 * pow(clamped, 1.0 / 2.4) - 0.055;
-    return (uint8_t)(255.0 * coded + 0.5);
-}
-
-static void tone_map_pixel(const float rgb[3], double exposure, double white, uint8_t out[3])
-{
-    if (!isfinite(rgb[0]) || !isfinite(rgb[1]) || !isfinite(rgb[2])) {
-        out[0] = out[2] = 255;
-        out[1] = 0;
-        return;
-    }
-    const double luminance = exposure * (double)kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
-    const double scale =
-        luminance > 0.0 ? exposure * (1.0 + luminance / (white * white)) / (1.0 + luminance) : exposure;
-    for (int c = 0; c < 3; c++)
-        out[c] = srgb_byte(scale * (double)rgb[c]);
-}
-
-int kiln_tone_map(const struct kiln_image *image, double exposure, double white, uint8_t *bytes,
-                  struct kiln_error *error)
-{
-    float *planes[3];
-    if (!kiln_image_rgb(image, "", planes))
-        return kiln_fail(error, KILN_BAD_INPUT, "the image has no channels R, G and B to show");
-    const size_t count = (size_t)image->width * image->height;
-    for (size_t i = 0; i < count; i++) {
-        const float rgb[3] = {planes[0][i], planes[1][i], planes[2][i]};
-        tone_map_pixel(rgb, exposure, white, bytes + 3 * i);
-    }
-    return KILN_OK;
-}
-
 struct sink {
     char *bytes;
     size_t size, capacity;
@@ -289,20 +201,6 @@ int kiln_png_write_bytes(const char *directory, const char *name, const uint8_t 
     if (status == KILN_OK)
         status = kiln_publish_bytes_below(directory, name, png, size, error);
     kiln_free(&png);
-    return status;
-}
-
-int kiln_png_write(const char *directory, const char *name, const struct kiln_image *image, const float *mask,
-                   double stops, const char *description, struct kiln_error *error)
-{
-    const struct kiln_exposure exposure = kiln_auto_exposure(image, mask);
-    uint8_t *bytes = NULL;
-    int status = kiln_allocate(&bytes, (size_t)image->width * image->height * 3, 1, "a picture's bytes", error);
-    if (status == KILN_OK)
-        status = kiln_tone_map(image, exposure.scale * exp2(stops), exposure.white, bytes, error);
-    if (status == KILN_OK)
-        status = kiln_png_write_bytes(directory, name, bytes, image->width, image->height, description, error);
-    kiln_free(&bytes);
     return status;
 }
 

@@ -1,4 +1,4 @@
-/* Images in memory: named channels of floats; and their tone mapping and PNG encoding. Nothing here is collective. */
+/* Images in memory: named channels of floats; and their PNG encoding. Nothing here is collective. */
 #ifndef KILN_COORDINATOR_OUTPUT_IMAGE_H
 #define KILN_COORDINATOR_OUTPUT_IMAGE_H
 
@@ -54,24 +54,6 @@ static inline float kiln_rgb_luminance(float r, float g, float b)
     return kiln_luminance_in_float((float[3]){r, g, b});
 }
 
-/* Exposure: radiance is multiplied by `scale`; scaled values of `white` and more are shown white. */
-struct kiln_exposure {
-    double scale, white;
-};
-
-/* Automatic exposure: the scale that brings the logarithmic mean of luminance to 0.18 (Reinhard et al. 2002), and as
- * white the 99th percentile of scaled luminance, at least 0.5. Uses pixels with finite luminance above 0 and, unless
- * `mask` is NULL, mask > 0. The mean leaves out the darkest and the brightest 5 % of them, so that neither a lamp nor a
- * black corner determines it. Without such pixels the scale is 1 and white infinite. Deterministic. */
-struct kiln_exposure kiln_auto_exposure(const struct kiln_image *image, const float *mask);
-
-/* Tone-maps to 8-bit sRGB, 3 x width x height bytes at `bytes`. Applies Reinhard's operator to luminance,
- * L' = s L (1 + s L / w^2) / (1 + s L) with s = exposure and white point w (infinite: s L / (1 + s L)), keeps the hue,
- * and converts linear Rec. 709 to sRGB with rounding. Pixels that are not finite become magenta, so that errors are
- * visible. KILN_BAD_INPUT if the image has no R, G, B. */
-int kiln_tone_map(const struct kiln_image *image, double exposure, double white, uint8_t *bytes,
-                  struct kiln_error *error);
-
 /* Encodes 8-bit pixels of `channels` (3: RGB, 4: RGB and straight alpha) as a PNG file in memory; *png is from
  * kiln_allocate. */
 int kiln_png_encode_channels(const uint8_t *bytes, uint32_t width, uint32_t height, int channels, char **png,
@@ -80,12 +62,8 @@ int kiln_png_encode_channels(const uint8_t *bytes, uint32_t width, uint32_t heig
 int kiln_png_encode(const uint8_t *bytes, uint32_t width, uint32_t height, char **png, size_t *size,
                     struct kiln_error *error);
 
-/* Tone-maps the image with automatic exposure times 2^stops, and publishes it as a PNG file at the destination
- * (publish.h). `mask` is as for kiln_auto_exposure, `description` as for kiln_png_write_bytes. */
-int kiln_png_write(const char *directory, const char *name, const struct kiln_image *image, const float *mask,
-                   double stops, const char *description, struct kiln_error *error);
-
-/* The same without tone mapping: a pixel has the bytes 255 x (scale x value + offset), rounded, between 0 and 255. */
+/* Publishes the image without tone mapping as a PNG file at the destination (publish.h): a pixel has the bytes 255 x
+ * (scale x value + offset), rounded, between 0 and 255. `description` is as for kiln_png_write_bytes. */
 int kiln_png_write_values(const char *directory, const char *name, const struct kiln_image *image, double scale,
                           double offset, const char *description, struct kiln_error *error);
 

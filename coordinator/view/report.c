@@ -10,6 +10,7 @@
 #include "coordinator/files/html.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/output/read/results.h"
+#include "coordinator/output/tone_map.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 
@@ -174,12 +175,12 @@ static int add_lightmap(struct report *r, const char *file, const char *name, co
     int status = kiln_results_image(r->results, file, wanted, 3, &image, error);
     if (status == KILN_OK)
         status = shrink(image, &small, error);
-    const struct kiln_exposure exposure =
-        status == KILN_OK ? kiln_auto_exposure(small, NULL) : (struct kiln_exposure){1.0, INFINITY};
+    const struct kiln_exposure exposure = status == KILN_OK ? kiln_auto_exposure(small) : kiln_plain_exposure;
     if (status == KILN_OK)
         status = kiln_allocate(&bytes, (size_t)small->width * small->height * 3, 1, "a picture", error);
     if (status == KILN_OK)
-        status = kiln_tone_map(small, exposure.scale, exposure.white, bytes, error);
+        status =
+            kiln_tone_map(small, &(struct kiln_tone){KILN_TONE_REINHARD, exposure.scale, exposure.white}, bytes, error);
     if (status == KILN_OK)
         status = kiln_png_encode(bytes, small->width, small->height, &png, &size, error);
     if (status == KILN_OK) {

@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "coordinator/files/publish.h"
 #include "coordinator/view/view_light.h"
@@ -93,13 +94,18 @@ int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **
 {
     static const char *const names[] = {"R", "G", "B"};
     struct renderer r = {.params = params, .side = params->side == 0 ? 3 : params->side};
+    struct kiln_view_maps *own = NULL;
     const size_t row = (size_t)params->width * r.side * r.side;
     const uint32_t rows = row >= BAND_RAYS ? 1 : (uint32_t)(BAND_RAYS / row);
     int status = kiln_image_create(image, params->width, params->height, names, 3, error);
     if (status != KILN_OK)
         return status;
     (void)kiln_image_rgb(*image, "", r.planes);
-    status = kiln_view_maps_create(&r.maps, &params->source, 0, error);
+    r.maps = params->source.maps;
+    if (r.maps == NULL)
+        status = kiln_view_maps_create(&own, &params->source, 0, error);
+    if (status == KILN_OK && r.maps == NULL)
+        r.maps = own;
     if (status == KILN_OK)
         status = kiln_view_rays_create(&r.rays, row * rows, error);
     for (uint32_t y = 0; status == KILN_OK && y < params->height; y += rows)
@@ -110,7 +116,7 @@ int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **
     *approximate = (struct kiln_view_approximate){r.sums.metal / all, r.sums.front_light / all, r.sums.flat / all,
                                                   r.sums.mapped / all};
     kiln_view_rays_destroy(&r.rays);
-    kiln_view_maps_destroy(&r.maps);
+    kiln_view_maps_destroy(&own);
     if (status != KILN_OK)
         kiln_image_destroy(image);
     return status;
@@ -119,10 +125,10 @@ int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **
 /* ---- pictures ---- */
 
 static int make_picture(const struct kiln_view_source *source, const struct kiln_view_wish *wish, uint32_t side,
-                        struct kiln_picture *picture, struct kiln_error *error)
+                        const struct kiln_look *look, struct kiln_picture *picture, struct kiln_error *error)
 {
     struct kiln_view_params params = {.source = *source, .side = side};
-    *picture = (struct kiln_picture){0};
+    *picture = (struct kiln_picture){.exposure = kiln_plain_exposure, .metering = KILN_METERED_NOTHING};
     struct kiln_view_source lit = *source; /* whatever is shown, it is seen from where light would be */
     lit.field = NULL;
     int status = kiln_view_aim(&lit, wish, &params.camera, &params.width, &params.height, &picture->viewpoint, error);
@@ -130,16 +136,18 @@ static int make_picture(const struct kiln_view_source *source, const struct kiln
         status = kiln_view_render(&params, &picture->image, &picture->approximate, error);
     if (source->field != NULL)
         picture->meaning = source->field->meaning;
-    if (status == KILN_OK && picture->meaning == KILN_FIELD_AMOUNT)
-        picture->exposure = log2(kiln_auto_exposure(picture->image, NULL).scale);
+    if (status == KILN_OK && picture->meaning == KILN_FIELD_AMOUNT && !look->no_metering) {
+        picture->exposure = kiln_auto_exposure(picture->image);
+        picture->metering = KILN_METERED_PICTURE;
+    }
     return status;
 }
 
 int kiln_picture_make(const struct kiln_view_source *source, const struct kiln_view_wish *wish, uint32_t side,
-                      struct kiln_picture *picture, struct kiln_error *error)
+                      const struct kiln_look *look, struct kiln_picture *picture, struct kiln_error *error)
 {
     if (kiln_geometry_hittable_count(source->geometry) == source->geometry->triangle_count)
-        return make_picture(source, wish, side, picture, error);
+        return make_picture(source, wish, side, look, picture, error);
     struct kiln_view_source own = *source;
     struct kiln_geometry *geometry = NULL;
     own.backend = NULL;
@@ -155,7 +163,7 @@ int kiln_picture_make(const struct kiln_view_source *source, const struct kiln_v
         status = kiln_backend_create(&own.backend, "embree", &params, error);
     }
     if (status == KILN_OK)
-        status = make_picture(&own, wish, side, picture, error);
+        status = make_picture(&own, wish, side, look, picture, error);
     kiln_backend_destroy(&own.backend);
     kiln_geometry_destroy(&geometry);
     return status;
@@ -179,25 +187,28 @@ void kiln_viewpoint_text(const struct kiln_viewpoint *v, char text[KILN_VIEWPOIN
 }
 
 /* Which colour is which value. */
-static void scale_text(const struct kiln_picture *picture, double stops, char text[160])
+static void scale_text(const struct kiln_picture *picture, const struct kiln_look *look, char text[200])
 {
+    static const char *const automatic[] = {"automatic", "automatic for all frames together"};
+    const char *curve = kiln_tone_name(look->curve);
     char added[80] = "";
-    if (stops != 0.0)
-        (void)snprintf(added, sizeof added, " and %+.4g asked for", stops);
+    if (look->stops != 0.0)
+        (void)snprintf(added, sizeof added, " and %+.4g asked for", look->stops);
     if (picture->meaning == KILN_FIELD_FRACTION)
-        (void)snprintf(text, 160, "white is 1, black is 0");
+        (void)snprintf(text, 200, "white is 1, black is 0");
     else if (picture->meaning == KILN_FIELD_DIRECTION)
-        (void)snprintf(text, 160, "red, green and blue are x, y and z, from -1 to 1");
+        (void)snprintf(text, 200, "red, green and blue are x, y and z, from -1 to 1");
+    else if (picture->metering == KILN_METERED_NOTHING)
+        (void)snprintf(text, 200, "exposure %+.4g stops, not automatic; tone map %s", look->stops, curve);
     else
-        (void)snprintf(text, 160, "exposure %+.2f stops, automatic%s (--exposure STOPS adds to it)", picture->exposure,
-                       added);
+        (void)snprintf(text, 200, "exposure %+.2f stops, %s%s (--exposure STOPS adds to it); tone map %s",
+                       log2(picture->exposure.scale), automatic[picture->metering], added, curve);
 }
 
-void kiln_picture_text(const struct kiln_picture *picture, double stops, char text[KILN_PICTURE_TEXT])
+void kiln_picture_notes(const struct kiln_picture *picture, const struct kiln_look *look, char text[KILN_PICTURE_TEXT])
 {
-    char viewpoint[KILN_VIEWPOINT_TEXT], scale[160], metals[120] = "", backs[120] = "";
-    kiln_viewpoint_text(&picture->viewpoint, viewpoint);
-    scale_text(picture, stops, scale);
+    char scale[200], metals[120] = "", backs[120] = "";
+    scale_text(picture, look, scale);
     if (picture->approximate.front_light > 0.0005)
         (void)snprintf(backs, sizeof backs,
                        "\nbacks of double-sided surfaces, %.1f %% of it, show their fronts' light: approximate",
@@ -206,28 +217,71 @@ void kiln_picture_text(const struct kiln_picture *picture, double stops, char te
         (void)snprintf(metals, sizeof metals,
                        "\nmetals, %.1f %% of it, are shown by their base colour under the irradiance: approximate",
                        100.0 * picture->approximate.metal);
-    (void)snprintf(text, KILN_PICTURE_TEXT, "%s\n%s%s%s", viewpoint, scale, metals, backs);
+    (void)snprintf(text, KILN_PICTURE_TEXT, "%s%s%s", scale, metals, backs);
 }
 
-json_t *kiln_picture_json(const struct kiln_picture *picture, double stops)
+json_t *kiln_picture_json(const struct kiln_picture *picture, const struct kiln_look *look)
 {
     /* in the order of enum kiln_view_kind */
     static const char *const kinds[] = {"camera", "given", "inside", "outside"};
     const struct kiln_viewpoint *v = &picture->viewpoint;
-    return json_pack("{s:{s:s, s:s*, s:[f,f,f], s:[f,f,f]}, s:{s:f, s:f}, s:f, s:f}", "viewpoint", "chosen",
+    return json_pack("{s:{s:s, s:s*, s:[f,f,f], s:[f,f,f]}, s:{s:f, s:f}, s:s*, s:f, s:f}", "viewpoint", "chosen",
                      kinds[v->kind], "camera", v->camera, "from", v->from[0], v->from[1], v->from[2], "to", v->to[0],
-                     v->to[1], v->to[2], "exposure", "automatic", picture->exposure, "added", stops, "metal_share",
-                     picture->approximate.metal, "front_light_share", picture->approximate.front_light);
+                     v->to[1], v->to[2], "exposure", "automatic", log2(picture->exposure.scale), "added", look->stops,
+                     "tone_map", picture->meaning == KILN_FIELD_AMOUNT ? kiln_tone_name(look->curve) : NULL,
+                     "metal_share", picture->approximate.metal, "front_light_share", picture->approximate.front_light);
 }
 
-int kiln_picture_write(const char *directory, const char *name, const struct kiln_picture *picture, double stops,
-                       struct kiln_error *error)
+int kiln_picture_write(const char *directory, const char *name, const struct kiln_picture *picture,
+                       const struct kiln_look *look, struct kiln_error *error)
 {
-    char text[KILN_PICTURE_TEXT];
-    kiln_picture_text(picture, stops, text);
+    char viewpoint[KILN_VIEWPOINT_TEXT], notes[KILN_PICTURE_TEXT], text[KILN_VIEWPOINT_TEXT + KILN_PICTURE_TEXT];
+    kiln_viewpoint_text(&picture->viewpoint, viewpoint);
+    kiln_picture_notes(picture, look, notes);
+    (void)snprintf(text, sizeof text, "%s\n%s", viewpoint, notes);
     if (picture->meaning == KILN_FIELD_FRACTION)
         return kiln_png_write_values(directory, name, picture->image, 1.0, 0.0, text, error);
     if (picture->meaning == KILN_FIELD_DIRECTION)
         return kiln_png_write_values(directory, name, picture->image, 0.5, 0.5, text, error);
-    return kiln_png_write(directory, name, picture->image, NULL, stops, text, error);
+    const struct kiln_tone tone = {look->curve, picture->exposure.scale * exp2(look->stops), picture->exposure.white};
+    return kiln_png_write(directory, name, picture->image, &tone, text, error);
+}
+
+/* ---- exposure of several views ---- */
+
+enum { METER_WIDTH = 96, METER_HEIGHT = 72, MOST_METERED = 48 };
+
+/* Renders a view small, into a picture of the size of *all, and puts it below the `index` pictures there. */
+static int meter_one(const struct kiln_view_source *source, const struct kiln_view_wish *wish, size_t index,
+                     struct kiln_image *all, struct kiln_error *error)
+{
+    const struct kiln_look plain = {.no_metering = true};
+    struct kiln_view_wish small = *wish;
+    struct kiln_picture picture = {0};
+    float *from[3], *to[3];
+    small.width = METER_WIDTH;
+    small.height = METER_HEIGHT;
+    int status = kiln_picture_make(source, &small, 1, &plain, &picture, error);
+    if (status == KILN_OK && kiln_image_rgb(picture.image, "", from) && kiln_image_rgb(all, "", to)) {
+        const size_t pixels = (size_t)small.width * small.height;
+        for (int c = 0; c < 3; c++)
+            memcpy(to[c] + index * pixels, from[c], pixels * sizeof *from[c]);
+    }
+    kiln_image_destroy(&picture.image);
+    return status;
+}
+
+int kiln_view_meter(const struct kiln_view_source *source, const struct kiln_view_wish *wishes, size_t count,
+                    struct kiln_exposure *exposure, struct kiln_error *error)
+{
+    static const char *const names[] = {"R", "G", "B"};
+    const size_t used = count < MOST_METERED ? count : MOST_METERED;
+    struct kiln_image *all = NULL;
+    int status = kiln_image_create(&all, METER_WIDTH, (uint32_t)(METER_HEIGHT * used), names, 3, error);
+    for (size_t i = 0; status == KILN_OK && i < used; i++)
+        status = meter_one(source, &wishes[used < 2 ? 0 : i * (count - 1) / (used - 1)], i, all, error);
+    if (status == KILN_OK)
+        *exposure = kiln_auto_exposure(all);
+    kiln_image_destroy(&all);
+    return status;
 }

@@ -23,6 +23,7 @@
 #include "coordinator/field/field.h"
 #include "coordinator/output/image.h"
 #include "coordinator/output/read/results.h"
+#include "coordinator/output/tone_map.h"
 #include "worker/backend/backend.h"
 #include "worker/light/lights.h"
 
@@ -40,8 +41,18 @@ struct kiln_view_source {
      * blue; NULL: light */
     const struct kiln_field *field;
     bool no_normal_maps;          /* draw materials as if they had no normal maps */
+    struct kiln_view_maps *maps;  /* lightmaps for several pictures; NULL: each picture reads its own */
     const struct kiln_stop *stop; /* may ask to stop (KILN_STOPPED); NULL: never */
 };
+
+/* The lightmaps of a bake; each is read when it is first needed. */
+struct kiln_view_maps;
+
+/* Copies the source, with its borrowed pointers. With `coarse` > 0 each lightmap is averaged down to at most `coarse`
+ * texels a side, which bounds the memory. */
+int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_source *source, uint32_t coarse,
+                          struct kiln_error *error);
+void kiln_view_maps_destroy(struct kiln_view_maps **maps);
 
 struct kiln_view_camera {
     struct kiln_dvec3 position;           /* m, relative to the scene's centre */
@@ -52,7 +63,7 @@ struct kiln_view_camera {
 
 /* The requested view. In every field, zero or NULL means the default. */
 struct kiln_view_wish {
-    const char *camera; /* name of a camera of the scene; default: the first */
+    const struct kiln_camera *camera; /* a camera of the scene; default: the first */
     /* positions of eye and target, world, m; `to` alone turns the camera, `from` alone looks at the middle of the scene
      */
     const double *from, *to;
@@ -69,10 +80,13 @@ struct kiln_viewpoint {
     double from[3], to[3]; /* world, m */
 };
 
+/* Finds a camera of the scene. KILN_USAGE if there is none of that name; the message lists those that are there. */
+int kiln_view_find_camera(const struct kiln_scene *scene, const char *name, const struct kiln_camera **camera,
+                          struct kiln_error *error);
+
 /* Chooses camera and size. If the scene has no camera and none is requested, the view is from inside if the scene is
- * closed (view_seek.h), else from outside with all of the scene in the picture. KILN_USAGE if there is no camera of
- * that name (the message lists the existing ones), or if eye and target coincide; also the statuses of reading
- * lightmaps. */
+ * closed (view_seek.h), else from outside with all of the scene in the picture. KILN_USAGE if eye and target coincide;
+ * also the statuses of reading lightmaps. */
 int kiln_view_aim(const struct kiln_view_source *source, const struct kiln_view_wish *wish,
                   struct kiln_view_camera *camera, uint32_t *width, uint32_t *height, struct kiln_viewpoint *viewpoint,
                   struct kiln_error *error);
@@ -97,38 +111,54 @@ struct kiln_view_approximate {
 int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **image,
                      struct kiln_view_approximate *approximate, struct kiln_error *error);
 
+/* How an exposure was chosen: from the picture, from all frames of a path, or not at all. */
+enum kiln_metering { KILN_METERED_PICTURE, KILN_METERED_PATH, KILN_METERED_NOTHING };
+
 /* A rendered picture with its viewpoint and exposure. */
 struct kiln_picture {
     struct kiln_image *image; /* radiance */
     struct kiln_viewpoint viewpoint;
-    /* automatic, stops; the picture shows radiance x 2^(exposure + requested stops). 0 where the meaning is another
-     * than KILN_FIELD_AMOUNT, which has a scale of its own */
-    double exposure;
+    /* the picture shows radiance x exposure.scale x 2^(requested stops); scale 1 where the meaning is another than
+     * KILN_FIELD_AMOUNT, which has a scale of its own */
+    struct kiln_exposure exposure;
+    enum kiln_metering metering;
     enum kiln_field_meaning meaning; /* of what is shown */
     struct kiln_view_approximate approximate;
 };
 
+/* What a user may ask of the looks of a picture. */
+struct kiln_look {
+    enum kiln_tone_curve curve;
+    double stops;     /* powers of two on the exposure */
+    bool no_metering; /* no automatic exposure: kiln_plain_exposure */
+};
+
 /* Chooses the camera and renders, with `side` x `side` rays for each pixel. Receiver-only objects are visible too: if
  * rays pass through them in the source's geometry, a BVH with them is built for the picture. Release with
- * kiln_image_destroy(&picture->image). */
+ * kiln_image_destroy(&picture->image). Of the look only `no_metering` matters. */
 int kiln_picture_make(const struct kiln_view_source *source, const struct kiln_view_wish *wish, uint32_t side,
-                      struct kiln_picture *picture, struct kiln_error *error);
+                      const struct kiln_look *look, struct kiln_picture *picture, struct kiln_error *error);
+
+/* Automatic exposure for several views together, such as the frames of a path, which must not flicker:
+ * kiln_auto_exposure of all their pictures together, or of 48 spread over them, each of 96 x 72 rays. */
+int kiln_view_meter(const struct kiln_view_source *source, const struct kiln_view_wish *wishes, size_t count,
+                    struct kiln_exposure *exposure, struct kiln_error *error);
 
 enum { KILN_VIEWPOINT_TEXT = 640, KILN_PICTURE_TEXT = 1024 };
 
 /* Describes the viewpoint: "seen from inside, at 1.2,1.5,0.3 towards 0.1,1.2,-3 (...)". */
 void kiln_viewpoint_text(const struct kiln_viewpoint *viewpoint, char text[KILN_VIEWPOINT_TEXT]);
 
-/* Describes viewpoint, exposure (`stops` was added to it) and approximations, one sentence on each line. */
-void kiln_picture_text(const struct kiln_picture *picture, double stops, char text[KILN_PICTURE_TEXT]);
+/* Describes exposure, tone curve and approximations, one sentence on each line. */
+void kiln_picture_notes(const struct kiln_picture *picture, const struct kiln_look *look, char text[KILN_PICTURE_TEXT]);
 
 /* The same as JSON: {"viewpoint": {"chosen": "camera" | "given" | "inside" | "outside", "camera", "from", "to"},
- * "exposure": {"automatic", "added"} in stops, "metal_share", "front_light_share"}. */
-json_t *kiln_picture_json(const struct kiln_picture *picture, double stops);
+ * "exposure": {"automatic", "added"} in stops, "tone_map" (where there is one), "metal_share", "front_light_share"}. */
+json_t *kiln_picture_json(const struct kiln_picture *picture, const struct kiln_look *look);
 
-/* Publishes the picture, tone-mapped unless its meaning says otherwise, at the destination (publish.h), with
- * kiln_picture_text as its PNG Description. */
-int kiln_picture_write(const char *directory, const char *name, const struct kiln_picture *picture, double stops,
-                       struct kiln_error *error);
+/* Publishes the picture, tone-mapped unless its meaning says otherwise, at the destination (publish.h), with its
+ * viewpoint and notes as PNG Description. */
+int kiln_picture_write(const char *directory, const char *name, const struct kiln_picture *picture,
+                       const struct kiln_look *look, struct kiln_error *error);
 
 #endif

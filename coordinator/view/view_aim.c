@@ -62,12 +62,9 @@ static int no_such_camera(const struct kiln_scene *scene, const char *name, stru
                      scene->camera_count == 0 ? "none" : names);
 }
 
-static int find_camera(const struct kiln_scene *scene, const char *name, const struct kiln_camera **found,
-                       struct kiln_error *error)
+int kiln_view_find_camera(const struct kiln_scene *scene, const char *name, const struct kiln_camera **found,
+                          struct kiln_error *error)
 {
-    *found = scene->camera_count > 0 ? &scene->cameras[0] : NULL;
-    if (name == NULL)
-        return KILN_OK;
     for (size_t i = 0; i < scene->camera_count; i++)
         if (strcmp(kiln_scene_string(scene, scene->cameras[i].name), name) == 0) {
             *found = &scene->cameras[i];
@@ -166,12 +163,12 @@ int kiln_view_aim(const struct kiln_view_source *source, const struct kiln_view_
                   struct kiln_error *error)
 {
     const struct kiln_scene *scene = source->scene;
-    const struct kiln_camera *own = NULL;
+    const struct kiln_camera *first = scene->camera_count > 0 ? &scene->cameras[0] : NULL,
+                             *own = wish->from != NULL     ? NULL
+                                    : wish->camera != NULL ? wish->camera
+                                                           : first;
     double distance = 1.0;
-    int status = find_camera(scene, wish->camera, &own, error);
-    if (status != KILN_OK)
-        return status;
-    own = wish->from == NULL ? own : NULL;
+    int status = KILN_OK;
     *camera = (struct kiln_view_camera){.extent_y = degrees_to_extent(45.0)};
     *viewpoint = (struct kiln_viewpoint){.kind = KILN_VIEW_GIVEN};
     if (own != NULL) {

@@ -145,7 +145,8 @@ struct map {
 };
 
 struct kiln_view_maps {
-    const struct kiln_view_source *source;
+    struct kiln_view_source own;           /* a copy */
+    const struct kiln_view_source *source; /* = &own */
     uint32_t coarse;
     struct map *maps; /* one for each object, then one for the back of each object */
 };
@@ -156,7 +157,8 @@ int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_s
     int status = kiln_allocate(maps, 1, sizeof **maps, "lightmaps in view", error);
     if (status != KILN_OK)
         return status;
-    (*maps)->source = source;
+    (*maps)->own = *source;
+    (*maps)->source = &(*maps)->own;
     (*maps)->coarse = coarse;
     status = kiln_allocate(&(*maps)->maps, 2 * source->scene->object_count, sizeof *(*maps)->maps, "lightmaps in view",
                            error);

@@ -28,14 +28,6 @@ int kiln_view_trace(const struct kiln_view_source *source, struct kiln_view_rays
  * which has no lightmap, unless that emits. */
 bool kiln_view_is_seen(const struct kiln_view_source *source, const struct kiln_hit *hit);
 
-/* The lightmaps of a bake; each is read when it is first needed. */
-struct kiln_view_maps;
-
-/* With `coarse` > 0 each lightmap is averaged down to at most `coarse` texels a side, which bounds the memory. */
-int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_source *source, uint32_t coarse,
-                          struct kiln_error *error);
-void kiln_view_maps_destroy(struct kiln_view_maps **maps);
-
 /* Reads the lightmaps of the objects at hits 0..count-1; for hits on backs, that in lightmaps/back if it was baked
  * (--sides two). KILN_NO_INPUT, KILN_BAD_INPUT. */
 int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits, size_t count,

@@ -330,6 +330,18 @@ def make_job(r, w):
     return ['info', job, *SMALL]
 
 
+WALK = (b'from.x from.y from.z to.x to.y to.z field-of-view time\n0.3 0.4 0.5 0.3 0.4 0 60 0\n'
+        b'0.4 0.4 0.6 0.1 0.4 0 50 1\n0.5 0.3 0.5 0.2 0.4 0 40 2.5\n')
+COLUMNS = WALK.split(b'\n', 1)[0].split() + [b'"to.x"', b'roll', b'#']
+
+
+def make_camera_path(r, w):
+    folder = w.copy('bake', w.seeds.bake)
+    path = w.put('walk.csv', formats.lines(r, WALK, COLUMNS).replace(b' ', b','))
+    return ['view', folder, '--path', path, '--frames', r.choice(('1', '2', '3')), '--width', '4', '--height', '4',
+            '-o', w.output(r.choice(('f.png', 'f.exr')))]
+
+
 def scene_file(r, data):
     """Numbers of the header, of the table of sections or within one section; the hash is made right."""
     kind = r.random()
@@ -551,6 +563,7 @@ READERS = {
     'obj': (8, make_obj),
     'mtl': (5, make_mtl),
     'job': (7, make_job),
+    'camera path': (1, make_camera_path),
     'scene': (5, make_scene_file),
     'kiln.h5': (3, lambda r,
                 w: make_hdf5(r, w, 'kiln.h5', ('verify', 6), ('report', 2), ('compare', 1), ('view', 0.5))),
