@@ -106,7 +106,7 @@ def try_target(checks, kiln, scene):
     checks.that(one.run['error']['above_target'] <= 0.05 and one.run['error']['rounds'] > 1, str(one.run['error']))
     three = kiln.bake(scene, *OPTIONS, *TARGET, '--error-map', ranks=3)
     checks.that(digest(one) == digest(three), '--target-error: three ranks give other bits')
-    short = kiln.bake(scene, *OPTIONS, *TARGET, '--target-error', 1e-4, '--max-time', 8)
+    short = kiln.bake(scene, *OPTIONS, *TARGET, '--target-error', 1e-4, '--max-time', 4)
     if short.process.status != STOPPED:  # a round took much longer than the one before
         checks.that(short.run['error']['above_target'] > 0.05, '--max-time with a target: %s' % short.run['error'])
 

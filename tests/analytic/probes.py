@@ -181,7 +181,7 @@ def main():
         axes = {'posy': sky[0], 'negy': 0.0, 'posx': sky[90], 'negx': sky[90], 'posz': sky[90], 'negz': sky[90]}
         compare(checks, table, kiln, bake, 'probe_half_sky', sky, axes, sky[0], 5e-3)
 
-    for angle in (0, 30):
+    for angle in (0, 30) if kiln.backend == 'embree' else (30,):  # what is kept behind walls is the host's work
         walls(checks, table, kiln, angle)
     checks.end()
 
