@@ -212,15 +212,15 @@ class ClosedForms(NormalMaps):
         bake = self.bake("sun", flat_scene, light=sun)
         even = np.full((SLOPES, 3), 3 * SUN[1])
         self.close(stripes(bake), even, 1e-3)  # without directions the view is that of the flat square
-        answer = json.loads(kiln("view", bake, "--json"))
+        answer = json.loads(kiln("view", bake, "--width", "64", "--json"))
         self.assertEqual((answer["normal_map_share"], answer["flat_share"]), (0, 1))
-        self.assertIn("--directional", kiln("view", bake))
+        self.assertIn("--directional", kiln("view", bake, "--width", "64"))
         rewrite(bake, lambda channels: add_sh(channels, lamp_sh(SUN, 3)))
         wanted = even * np.array([[self.factor(LEFT)], [self.factor(RIGHT)]] * (SLOPES // 2))
         self.close(stripes(bake), wanted, 4e-3)  # 0 is not an 8-bit code: 128 is 0.004
-        answer = json.loads(kiln("view", bake, "--json"))
+        answer = json.loads(kiln("view", bake, "--width", "64", "--json"))
         self.assertEqual((answer["normal_map_share"], answer["flat_share"]), (1, 0))
-        self.assertNotIn("--directional", kiln("view", bake))
+        self.assertNotIn("--directional", kiln("view", bake, "--width", "64"))
         self.close(stripes(bake, "--no-normal-maps"), even, 1e-3)
         # colours have each their own factor: red and blue are lit from everywhere
         rewrite(bake, lambda channels: add_sh(channels, np.outer(lamp_sh(SUN, 3), (0, 1, 0)) + np.outer(

@@ -16,7 +16,7 @@ import unittest
 
 KILN = os.path.abspath(os.environ["KILN"])
 SEED = int(os.environ.get("KILN_SEED", "1"))
-PAIRS = int(os.environ.get("KILN_PAIRS", "3"))
+PAIRS = int(os.environ.get("KILN_PAIRS", "2"))
 KILLS = int(os.environ.get("KILN_KILLS", "6"))
 BAKE = ["--lightmap-size", "4", "--quality", "draft", "--backend", "embree", "--no-preview", "--quiet",
         "--samples-probe", "0", "--threads", "1"]

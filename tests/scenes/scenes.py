@@ -25,11 +25,16 @@ MORE = {
     'city_instanced.glb': ('--lightmap-max', 8),
     'voxelcity_47k.glb': ('--lightmap-max', 64),
     # with texels 4 m wide, of which columns divide many, light beside a column is taken from too far away
-    'crytek_sponza.glb': ('--lightmap-max', 48),
+    'crytek_sponza.glb': ('--lightmap-max', 48, '--bounces', 6),
     'dining_room.glb': ('--bounces', 6),  # of some seventy
     'godot_living_room.glb': ('--environment', '1,1,1'),
     'godot_room.glb': ('--environment', '1,1,1'),
     'godot_zdm2.glb': ('--environment', '1,1,1'),
+}
+# Many points, of which fewer do; not with --full.
+COARSER = {
+    'ext_mesh_gpu_instancing_required.glb': ('--lightmap-max', 16),
+    'many_lights.glb': ('--lightmap-max', 24),
 }
 # 1601 objects in few texels: some thousand charts want the same texel, and the choice among them is slow. With --full
 # only.
@@ -92,7 +97,7 @@ def check_outputs(checks, name, bake):
 
 def good(checks, kiln, table, path, options):
     name = os.path.basename(path)
-    bake = kiln.bake(path, *COARSE, *options, *MORE.get(name, ()), timeout=400)
+    bake = kiln.bake(path, *COARSE, *options, *kiln.more.get(name, ()), timeout=400)
     if checks.baked(bake):
         text = check_outputs(checks, name, bake)
         invalid = bake.points.count - int(bake.points.valid.sum())
@@ -145,6 +150,7 @@ def main():
         arguments.full or os.path.basename(path) not in SLOW)
     checks = harness.Checks()
     coarser = ('--lightmap-max', 32) if kiln.thin > 1 else ('--lightmap-max', 128) if arguments.full else ()
+    kiln.more = MORE if arguments.full else {**MORE, **COARSER}
     if arguments.set == 'own':
         found = listed(os.path.join(harness.SHARED, 'own')) or listed(harness.DATA)
         all_good(checks, kiln, filter(wanted, found), *coarser)
