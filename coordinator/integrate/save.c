@@ -352,7 +352,7 @@ static bool state_is_sane(const struct saved_state *state)
 {
     enum { BOUNCES_MOST = 1 << 20 };
     bool sane = state->bounces <= BOUNCES_MOST && isfinite(state->tail_share) && isfinite(state->tail_sum_error) &&
-                isfinite(state->seconds) && state->seconds >= 0.0;
+                isfinite(state->tail_tile_error) && isfinite(state->seconds) && state->seconds >= 0.0;
     if (state->finished == 0) /* no sums come after the last step */
         sane = sane && isfinite(state->unit) && state->unit > 0.0 && isfinite(state->unit_squared) &&
                state->unit_squared > 0.0;
