@@ -584,17 +584,18 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_decref(quantities);
     json_object_set_new(root, "indirect_bounces", json_integer((json_int_t)t->bounces));
     json_object_set_new(root, "tail",
-                        json_pack("{s:b, s:o, s:f, s:f, s:b}", "added", t->tail, "ratio", rgb_json(t->tail_ratio),
-                                  "share", t->tail_share, "error", fmax(t->tail_error, 0.0), "diverges",
-                                  t->tail_error == KILN_TAIL_DIVERGES));
+                        json_pack("{s:b, s:o, s:f, s:f, s:f, s:b}", "added", t->tail, "ratio", rgb_json(t->tail_ratio),
+                                  "share", t->tail_share, "error", fmax(t->tail_error, 0.0), "tile_error",
+                                  t->tail_tile_error, "diverges", t->tail_error == KILN_TAIL_DIVERGES));
     json_object_set_new(root, "energy", energy_json(&t->energy, kiln_units_of(run->job->units, p->scene)));
     json_object_set_new(root, "error", error_reached);
     json_object_set_new(
         root, "points",
-        json_pack("{s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:f}", "count", (json_int_t)p->surface_report.points, "texels",
-                  (json_int_t)p->surface_report.texels, "invalid", total(values, p->ranks, RANK_INVALID), "shared",
-                  (json_int_t)p->surface_report.shared_texels, "divided", (json_int_t)p->surface->divided_count, "area",
-                  p->surface_report.area, "geometry_area", p->surface_report.geometry_area, "worst_object_area_error",
+        json_pack("{s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:f, s:f}", "count", (json_int_t)p->surface_report.points,
+                  "texels", (json_int_t)p->surface_report.texels, "invalid", total(values, p->ranks, RANK_INVALID),
+                  "shared", (json_int_t)p->surface_report.shared_texels, "divided",
+                  (json_int_t)p->surface->divided_count, "area", p->surface_report.area, "geometry_area",
+                  p->surface_report.geometry_area, "doubled_area", p->geometry->doubled_area, "worst_object_area_error",
                   p->surface_report.worst_object_area_error));
     json_object_set_new(root, "balance", balance_json(run, values));
     json_object_set_new(root, "memory", memory_json(run, values));

@@ -13,7 +13,7 @@
 
 enum { ROWS = KILN_PHASES_MAX + 1, COLUMNS = 6, CELL = 32, NAMED = 3 };
 static const double NOTE_IMBALANCE = 0.05, NOTE_FILES = 0.10, NOTE_SECONDS = 1.0, NOTE_LOST = 0.01, NOTE_BORDERS = 0.01,
-                    NOTE_TAIL = 2e-3, NOTE_SIGMAS = 5.0,
+                    NOTE_TAIL = 2e-3, NOTE_TILE_TAIL = 5e-2, NOTE_SIGMAS = 5.0,
                     FAINTEST = 1e-35; /* W/m2; the smallest normal float is 1.2e-38 */
 
 struct advice {
@@ -161,6 +161,8 @@ static const char *cause_of_imbalance(const json_t *report)
     if (fabs(area - whole_area) > 0.5 * NOTE_LOST * whole_area)
         return "surfaces have no texels of their own, or too many; finer lightmaps have them, and kiln check names "
                "the objects";
+    if (number_of(points, "doubled_area") > 0.5 * NOTE_LOST * whole_area)
+        return "surfaces that are there twice take light twice; remove one of each, which a warning names";
     if (number_of(points, "shared") > NOTE_LOST * count)
         return "charts share texels; finer lightmaps or --repack part them";
     if (number_of(points, "invalid") > NOTE_LOST * count)
@@ -231,6 +233,12 @@ static void note_tail(const json_t *report, json_t *notes)
             notes, json_sprintf("the bounces have not converged: their sum may be off by %.2g %%; more of them are "
                                 "counted by --bounces N --tail, and a lower albedo needs fewer",
                                 100.0 * error));
+    else if (number_of(tail, "tile_error") > NOTE_TILE_TAIL)
+        (void)json_array_append_new(
+            notes, json_sprintf("the bounces have not converged in small closed places: texels there may be off by "
+                                "%.2g %%; more of them are counted by --bounces N --tail, and a lower albedo needs "
+                                "fewer",
+                                100.0 * number_of(tail, "tile_error")));
 }
 
 /* Objects whose texels are too coarse: the worst three by name. */

@@ -24,10 +24,10 @@ static_assert((int)KILN_FIELDS_MAX + (int)OTHER_BLOCKS <= (int)KILN_BLOCKS_MAX, 
 /* The block "state", once: where the bake stands. */
 struct saved_state {
     uint32_t finished, bounces, tail, restarts;
-    double tail_ratio[3], tail_share, tail_sum_error;
+    double tail_ratio[3], tail_share, tail_sum_error, tail_tile_error;
     double unit, unit_squared, seconds;
 };
-static_assert(sizeof(struct saved_state) == 4 * 4 + 8 * 8, "a record has no gaps");
+static_assert(sizeof(struct saved_state) == 4 * 4 + 9 * 8, "a record has no gaps");
 
 /* The block "steps", once, an element a step: what all ranks have the same of it. */
 struct saved_report {
@@ -36,10 +36,10 @@ struct saved_report {
     uint32_t out_of_time;   /* 0 or 1 */
     uint32_t from, to;      /* of the next round */
     double incident[3], reflected[3], sent[3], escaped[3], blocked[3], glass[3], variance;
-    double tail_error, unfinished, share, imbalance, gain, cost;
+    double tail_error, tile_error, unfinished, share, imbalance, gain, cost;
     uint64_t points;
 };
-static_assert(sizeof(struct saved_report) == 8 * 4 + 26 * 8, "a record has no gaps");
+static_assert(sizeof(struct saved_report) == 8 * 4 + 27 * 8, "a record has no gaps");
 
 /* The block "own_steps" of each rank, an element a step: what that rank did in it. */
 struct saved_own_step {
@@ -89,6 +89,7 @@ static struct saved_report report_saved(const struct kiln_step_report *r)
                                  .bounce = r->step.bounce,
                                  .samples = r->step.samples,
                                  .tail_error = r->tail_error,
+                                 .tile_error = r->tile_error,
                                  .unfinished = r->unfinished,
                                  .out_of_time = r->out_of_time,
                                  .from = r->round.from,
@@ -117,6 +118,7 @@ static struct kiln_step_report report_read(const struct saved_report *saved)
 {
     struct kiln_step_report r = {.step = {.role = saved->role, .bounce = saved->bounce, .samples = saved->samples},
                                  .tail_error = saved->tail_error,
+                                 .tile_error = saved->tile_error,
                                  .unfinished = saved->unfinished,
                                  .out_of_time = saved->out_of_time != 0,
                                  .round = {saved->from, saved->to, saved->share},
@@ -249,6 +251,7 @@ static struct saved_state state_of(const struct kiln_saved *s, bool finished)
                                 .restarts = r->restarts,
                                 .tail_share = r->tail_share,
                                 .tail_sum_error = r->tail_error,
+                                .tail_tile_error = r->tail_tile_error,
                                 .unit = s->ledger->unit,
                                 .unit_squared = s->ledger->unit_squared,
                                 .seconds = r->seconds_before + MPI_Wtime() - s->params->begin};
@@ -349,7 +352,7 @@ static bool state_is_sane(const struct saved_state *state)
 {
     enum { BOUNCES_MOST = 1 << 20 };
     bool sane = state->bounces <= BOUNCES_MOST && isfinite(state->tail_share) && isfinite(state->tail_sum_error) &&
-                isfinite(state->seconds) && state->seconds >= 0.0;
+                isfinite(state->tail_tile_error) && isfinite(state->seconds) && state->seconds >= 0.0;
     if (state->finished == 0) /* no sums come after the last step */
         sane = sane && isfinite(state->unit) && state->unit > 0.0 && isfinite(state->unit_squared) &&
                state->unit_squared > 0.0;
@@ -381,6 +384,7 @@ static int restore_state(const struct kiln_saved *s, bool *finished, struct kiln
     r->seconds_before = state.seconds;
     r->tail_share = state.tail_share;
     r->tail_error = state.tail_sum_error;
+    r->tail_tile_error = state.tail_tile_error;
     memcpy(r->tail_ratio, state.tail_ratio, sizeof r->tail_ratio);
     s->ledger->unit = state.unit;
     s->ledger->unit_squared = state.unit_squared;
@@ -399,8 +403,8 @@ static int restore_state(const struct kiln_saved *s, bool *finished, struct kiln
 static bool report_is_sane(const struct saved_report *r)
 {
     bool sane = r->judged <= 1 && r->moved <= 1 && r->out_of_time <= 1 && isfinite(r->imbalance) && isfinite(r->gain) &&
-                isfinite(r->cost) && isfinite(r->variance) && isfinite(r->tail_error) && isfinite(r->unfinished) &&
-                kiln_round_is_sane(&(struct kiln_round){r->from, r->to, r->share});
+                isfinite(r->cost) && isfinite(r->variance) && isfinite(r->tail_error) && isfinite(r->tile_error) &&
+                isfinite(r->unfinished) && kiln_round_is_sane(&(struct kiln_round){r->from, r->to, r->share});
     for (int c = 0; c < 3; c++)
         sane = sane && isfinite(r->incident[c]) && isfinite(r->reflected[c]) && isfinite(r->sent[c]) &&
                isfinite(r->escaped[c]) && isfinite(r->blocked[c]) && isfinite(r->glass[c]);

@@ -20,6 +20,7 @@ struct kiln_integrate_report {
     /* of all light, relative: what is not known of the tail; of bounces that go on without one (the equal schedule),
      * what is left out; KILN_TAIL_DIVERGES: their sum has no end */
     double tail_error;
+    double tail_tile_error; /* of the tile for which it is largest: kiln_step_report.tile_error of the last bounce */
     uint32_t restarts;      /* how often the bake was gone on with from a checkpoint */
     double seconds_before;  /* that the earlier runs of it took up to their last checkpoint */
     double waiting_seconds; /* of this rank, at the ends of steps: for others to be done */

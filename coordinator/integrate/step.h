@@ -78,6 +78,9 @@ struct kiln_step_report {
     /* Root mean square over groups of tiles of the error that a geometric series from this step on would make, relative
      * to what the group reflects in all; 0 where nothing depends on it. */
     double tail_error;
+    /* The largest of such errors of a tile, beyond chance; 0 where nothing depends on it, as where the tail is not good
+     * enough for the scene as a whole. */
+    double tile_error;
     /* after the last step of a round (rounds.h): share of the points that lie where the error is above the target */
     double unfinished;
     struct kiln_round round; /* and the round that comes next */

@@ -12,7 +12,7 @@
 
 /* In the light's own plane, as far as floats tell, nothing of it is seen: a lamp laid flush on a ceiling does not light
  * it. Heights count from this many times the rounding of the light's corners on. */
-#define KILN_AREA_LIGHT_HEIGHT 2
+#define KILN_AREA_LIGHT_HEIGHT 1
 #define KILN_TARGET_HEIGHT 4
 
 /* Whether the rule above holds; `height` of the point's centre over the light's front, m. */

@@ -292,6 +292,9 @@ def check_doubled(kiln, checks, table):
         named = [w for w in said if "'floor' and 'carpet'" in w and w.startswith('at least')]
         checks.that(len(said) == len(named) == doubled,
                     'two floors in one place: %s' % said, bake.process)
+        ledger = [n for n in bake.run['notes'] if 'ledger' in n]
+        checks.that(len(ledger) == doubled and all('are there twice' in n for n in ledger),
+                    'two floors in one place: %s' % ledger, bake.process)
         means = [o['mean'] for o in bake.run['objects'][:2]]
         checks.that(not doubled or abs(means[0] / means[1] - 1) < 0.01, 'two floors in one place have %s' % means)
         bake.remove()

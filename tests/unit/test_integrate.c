@@ -146,6 +146,34 @@ static void lean_all(void **state)
 
 /* Late bounces have a field of samples, and only where their number is not given. Their ratio is over the power that
  * they gather for: tiles that have ended do not make it less. */
+/* Steps after bounces whose tile errors are `before` and `last`, and once `most` some bounces earlier. */
+static bool goes_on(double most, double before, double last)
+{
+    const struct kiln_integrate_settings settings = settings_of(KILN_SCHEDULE_LEAN, -1);
+    static struct bake b;
+    struct kiln_step step;
+    run(&b, KILN_SCHEDULE_LEAN, -1, 0.5, 0.0);
+    const size_t count = b.count - 1; /* without the final gather */
+    assert_true(count >= 3);
+    b.reports[count - 3].tile_error = most;
+    b.reports[count - 2].tile_error = before;
+    b.reports[count - 1].tile_error = last;
+    assert_true(settings.integrator->next(&settings, b.reports, count, &step));
+    return step.role == KILN_CELLS_BOUNCE;
+}
+
+/* What is off by little in a tile does not ask for bounces; what is off by more does until it is good twice. */
+static void tiles(void **state)
+{
+    (void)state;
+    assert_false(goes_on(0.0, 0.0, 0.04));
+    assert_true(goes_on(0.0, 0.0, 0.06));
+    assert_true(goes_on(0.3, 0.06, 0.015));
+    assert_true(goes_on(0.3, 0.0, 0.015)); /* the one before was not measured */
+    assert_false(goes_on(0.3, 0.015, 0.015));
+    assert_false(goes_on(0.3, 0.3, 0.0)); /* all tiles have ended */
+}
+
 static void late(void **state)
 {
     (void)state;
@@ -466,18 +494,11 @@ static void rounds(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(lean_given),
-                                       cmocka_unit_test(pilot),
-                                       cmocka_unit_test(lean_all),
-                                       cmocka_unit_test(late),
-                                       cmocka_unit_test(falling),
-                                       cmocka_unit_test(equal),
-                                       cmocka_unit_test(form),
-                                       cmocka_unit_test(plan_as_bake),
-                                       cmocka_unit_test(outlook),
-                                       cmocka_unit_test(table),
-                                       cmocka_unit_test(another_integrator),
-                                       cmocka_unit_test(parts),
-                                       cmocka_unit_test(rounds)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(lean_given), cmocka_unit_test(pilot), cmocka_unit_test(lean_all),
+        cmocka_unit_test(tiles),      cmocka_unit_test(late),  cmocka_unit_test(falling),
+        cmocka_unit_test(equal),      cmocka_unit_test(form),  cmocka_unit_test(plan_as_bake),
+        cmocka_unit_test(outlook),    cmocka_unit_test(table), cmocka_unit_test(another_integrator),
+        cmocka_unit_test(parts),      cmocka_unit_test(rounds)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

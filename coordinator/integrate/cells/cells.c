@@ -7,6 +7,7 @@
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/cells/tail.h"
 #include "coordinator/integrate/cells/take.h"
+#include "coordinator/integrate/cells/tile_error.h"
 #include "coordinator/integrate/parts.h"
 #include "coordinator/integrate/radiosity_exchange.h"
 
@@ -61,7 +62,12 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
         kiln_tail_note_left(&in->solution->report);
     const bool decides = in->settings->schedule == KILN_SCHEDULE_LEAN && in->settings->bounces < 0 &&
                          last->step.role != KILN_CELLS_FINAL;
-    return decides ? kiln_tail_measure(in, &part, &last->tail_error, error) : KILN_OK;
+    const int status = decides ? kiln_tail_measure(in, &part, &last->tail_error, error) : KILN_OK;
+    const size_t first = kiln_cells_first(in->settings), count = part.count - first;
+    if (status != KILN_OK || !decides || last->step.role != KILN_CELLS_BOUNCE ||
+        (!kiln_cells_settled(part.of + first, count) && count <= KILN_BOUNCES_ALL))
+        return status;
+    return kiln_tile_error(in, &last->tile_error, error);
 }
 
 const struct kiln_integrator kiln_integrator_cells = {.name = "cells",

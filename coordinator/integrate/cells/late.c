@@ -11,7 +11,6 @@
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 
-#define DARK 1e-4         /* of the mean radiosity: what a point has had is never taken to be less */
 #define STEPS 0x1p32      /* of the fixed point in the share 1 */
 #define SHARE_MOST 0x1p16 /* of a point: the sum over a tile fits into 64 bits */
 
@@ -39,7 +38,7 @@ static uint64_t share_of(const struct kiln_integration *in, struct kiln_own_poin
     if (!(so_far > 0.0))
         return albedo[0] > 0 || albedo[1] > 0 || albedo[2] > 0 ? (uint64_t)STEPS : 0;
     kiln_tail_last(in, point, last);
-    return (uint64_t)(fmin(kiln_luminance_of_floats(last) / (so_far + DARK * mean), SHARE_MOST) * STEPS);
+    return (uint64_t)(fmin(kiln_luminance_of_floats(last) / (so_far + KILN_LATE_DARK * mean), SHARE_MOST) * STEPS);
 }
 
 /* Adds the shares of the own points to those of their tiles. */

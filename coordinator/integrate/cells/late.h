@@ -18,6 +18,7 @@
 #include "coordinator/integrate/integrator.h"
 
 #define KILN_LATE_LEFT 5e-4
+#define KILN_LATE_DARK 1e-4   /* of the mean radiosity: what a point has had is never taken to be less */
 enum { KILN_LATE_FIRST = 9 }; /* the number of the first late bounce: most scenes settle before it */
 
 /* Whether a step is a late bounce. */

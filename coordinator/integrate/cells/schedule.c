@@ -11,6 +11,11 @@
 #define LEAST_LEFT 1e-5     /* equal schedule: reflected power of a bounce over that of all, after which none comes */
 #define LEAST_LIGHT 1e-7    /* lean schedule: likewise */
 #define TAIL_ERROR 2e-3     /* lean schedule: step_report.tail_error with which the tail is good enough */
+/* Lean schedule: step_report.tile_error. Single tiles of any scene are off by a few per cent of little light, and more
+ * bounces for them alone are not worth their time; where one is off by more, it is gone on with until all are good
+ * twice in turn, for once may be chance. */
+#define TILE_ERROR_MOST 5e-2
+#define TILE_ERROR_GOOD 2e-2
 enum {
     LEAST_BOUNCES = 3,      /* before the ratio of two is believed */
     DIVERGING_BOUNCES = 32, /* before a sum is believed to have no end */
@@ -119,17 +124,35 @@ static double error_by_tail(const struct kiln_tail_fit *fit, const struct kiln_s
     return all > 0.0 ? fmin(fit->error, 1.0) * left / all : 0.0;
 }
 
-/* Whether a geometric series from the last step on is good enough: two parts in a thousand. */
-static bool has_settled(const struct kiln_step_report *reports, size_t count)
+bool kiln_cells_settled(const struct kiln_step_report *reports, size_t count)
 {
     const struct kiln_step_report *last = &reports[count - 1];
     struct kiln_tail_fit fit;
     kiln_cells_fit_tail(reports, count, &fit);
-    if (fit.diverges && count > DIVERGING_BOUNCES)
-        return true;
     return !(reflected(last) > LEAST_LIGHT * reflected_by_all(reports, count)) ||
            (count > LEAST_BOUNCES && kiln_cells_ratio(reports, count - 1) < KILN_TAIL_RATIO_MOST &&
             last->tail_error <= TAIL_ERROR && error_by_tail(&fit, reports, count) <= TAIL_ERROR);
+}
+
+static bool tiles_have_settled(const struct kiln_step_report *reports, size_t count)
+{
+    const double last = reports[count - 1].tile_error, before = count > 1 ? reports[count - 2].tile_error : 0.0;
+    double most = 0.0;
+    for (size_t i = 0; i < count; i++)
+        most = fmax(most, reports[i].tile_error);
+    return most <= TILE_ERROR_MOST || !(last > 0.0) ||
+           (last <= TILE_ERROR_GOOD && before > 0.0 && before <= TILE_ERROR_GOOD);
+}
+
+/* Whether a geometric series from the last step on is good enough, for the scene and for each of its tiles; or has no
+ * end. */
+static bool has_settled(const struct kiln_step_report *reports, size_t count)
+{
+    struct kiln_tail_fit fit;
+    kiln_cells_fit_tail(reports, count, &fit);
+    if (fit.diverges && count > DIVERGING_BOUNCES)
+        return true;
+    return kiln_cells_settled(reports, count) && tiles_have_settled(reports, count);
 }
 
 /* Rays of a point in the bounce after `count` steps, lean schedule. The first bounces carry most of the light, and

@@ -52,14 +52,21 @@ void kiln_tail_factors(const struct kiln_tail_fit *fit, float factor[3])
     }
 }
 
-/* Power that the tiles which have ended (late.h) would have sent, W: each loses power by the last ratio at most. */
-static double left_out(const struct kiln_step_report *reports, size_t count, double q)
+/* Power that the tiles which have ended (late.h) would have sent, W: each loses power by the ratio at which it ended,
+ * or faster. */
+static double left_out(const struct kiln_step_report *reports, size_t count)
 {
     double power = 0.0;
-    for (size_t i = 1; i < count; i++)
-        if (kiln_late_is(&reports[i].step))
-            power += kiln_luminance(reports[i - 1].energy.reflected) - kiln_luminance(reports[i].energy.sent);
-    return fmax(0.0, power) * q / (1.0 - q);
+    for (size_t i = 1; i < count; i++) {
+        struct kiln_tail_fit fit;
+        if (!kiln_late_is(&reports[i].step))
+            continue;
+        kiln_cells_fit_tail(reports, i, &fit);
+        const double q = fmin(fmax(kiln_luminance(fit.ratio), kiln_luminance(fit.latest)), KILN_TAIL_RATIO_MOST),
+                     ended = kiln_luminance(reports[i - 1].energy.reflected) - kiln_luminance(reports[i].energy.sent);
+        power += fmax(0.0, ended) * q / (1.0 - q);
+    }
+    return power;
 }
 
 /* The tail's factors, for a tail after the last step. */
@@ -80,11 +87,12 @@ static void find_factors(struct kiln_integrate_report *r, size_t first, float fa
             total[c] += reports[i].energy.reflected[c];
         total[c] += tail[c];
     }
-    const double all = kiln_luminance(total), q = kiln_luminance(r->tail_ratio);
+    const double all = kiln_luminance(total);
     r->tail_share = all > 0.0 ? kiln_luminance(tail) / all : 0.0;
     r->tail_error = error_of_all(&fit, r->tail_share, false);
     if (all > 0.0 && !fit.diverges)
-        r->tail_error += left_out(reports, last + 1, q) / all;
+        r->tail_error += left_out(reports, last + 1) / all;
+    r->tail_tile_error = reports[last].tile_error;
 }
 
 void kiln_tail_note_left(struct kiln_integrate_report *r)
