@@ -120,7 +120,7 @@ void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 o
 
 #ifdef KILN_PRECISE
 /* Of a lone area light. */
-bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, Sequence sequence, uint k,
+bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, real3 shading, Sequence sequence, uint k,
                 out kiln_light_sample s)
 {
     const uint light = LightNodes(SCENE.lights.nodes).at[choice.index].right;
@@ -128,10 +128,10 @@ bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, Sequence
                              real_unit(draw(sequence, k, KILN_DIMENSION_V)), s);
 }
 #else
-bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, Sequence sequence, uint k,
+bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, real3 shading, Sequence sequence, uint k,
                 out kiln_light_sample s)
 {
-    return kiln_lights_sample(choice, i, place, n, real_unit(draw(sequence, k, KILN_DIMENSION_CHOICE)),
+    return kiln_lights_sample(choice, i, place, n, shading, real_unit(draw(sequence, k, KILN_DIMENSION_CHOICE)),
                               real_unit(draw(sequence, k, KILN_DIMENSION_U)),
                               real_unit(draw(sequence, k, KILN_DIMENSION_V)), s);
 }
@@ -145,7 +145,7 @@ void add_sample(inout Sums sums, kiln_gpu_point p, kiln_light_choice choice, Seq
                   float(real_unit(draw(sequence, k, KILN_DIMENSION_T))), position, n, offset);
     const real3 off = real3(n) * real(offset);
     kiln_light_sample s;
-    if (draw_light(choice, i, real3(position) - off, real3(n), sequence, k, s))
+    if (draw_light(choice, i, real3(position) - off, real3(n), real3(kiln_shading(p, n)), sequence, k, s))
         add_light(sums, p, position, n, off, s);
 }
 

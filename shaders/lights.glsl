@@ -267,19 +267,21 @@ uint kiln_lights_strategies(kiln_light_choice choice, real3 n)
                : 1u;
 }
 
-bool sample_environment(kiln_light_choice choice, uint index, real3 n, real u, real v, inout kiln_light_sample s)
+bool sample_environment(kiln_light_choice choice, uint index, real3 n, real3 shading, real pick, real u, real v,
+                        inout kiln_light_sample s)
 {
+    const bool two = shading != n;
     const bool probe = is_probe(n), both = kiln_lights_strategies(choice, n) == 2u;
     real density = 1;
     if (probe || (both && (index & 1u) == 1u))
         s.direction = kiln_environment_sample(u, v, density);
     else
-        s.direction = cosine_direction(n, u, v);
+        s.direction = cosine_direction(two && pick < KILN_RATIO(1, 2) ? shading : n, u, v);
     const real cosine = probe ? real(1) : dot(n, s.direction);
     if (!(cosine > 0))
         return false;
     if (!probe) {
-        density = cosine / KILN_REAL_PI;
+        density = (two ? kiln_sky_two_cosines(cosine, dot(shading, s.direction)) : cosine) / KILN_REAL_PI;
         if (both)
             density = kiln_sky_cosine_density(choice.samples, kiln_environment_density(s.direction), density);
     }
@@ -386,15 +388,15 @@ bool pick_light(uint node, real3 p, real3 n, real pick, out uint light, out real
 
 /* Draws the choice's `index`-th sample with random numbers in (0,1): `pick` goes down the tree, u and v over the light.
  * False when it brings nothing. */
-bool kiln_lights_sample(kiln_light_choice choice, uint index, real3 p, real3 n, real pick, real u, real v,
-                        out kiln_light_sample s)
+bool kiln_lights_sample(kiln_light_choice choice, uint index, real3 p, real3 n, real3 shading, real pick, real u,
+                        real v, out kiln_light_sample s)
 {
     s.direction = real3(0);
     s.value = real3(0);
     s.distance = real(KILN_INFINITY);
     s.backoff = 0;
     if (light_kind(KILN_GPU_KIND_SKY | KILN_GPU_KIND_IMAGE) && choice.kind == KILN_CHOICE_ENVIRONMENT)
-        return sample_environment(choice, index, n, u, v, s);
+        return sample_environment(choice, index, n, shading, pick, u, v, s);
     if (light_kind(KILN_GPU_KIND_SUN) && choice.kind == KILN_CHOICE_DIRECTIONAL) {
         const kiln_gpu_directional_light light = DirectionalLights(SCENE.lights.directionals).at[choice.index];
         s.direction = real3_of(light.towards);

@@ -76,6 +76,14 @@ KILN_FUNCTION kiln_real3 kiln_sky_direction(KILN_U32 x, kiln_real fx, kiln_real 
     return real3_make(r * sine, height, -r * cosine);
 }
 
+/* Pi times the density of a direction of which half are drawn by the cosine about the geometric normal, half about the
+ * shading normal, when these are the two cosines; the first is above 0. Directions about the geometric normal alone,
+ * weighted by the second cosine over the first, have a variance without bound (the integral of 1 / n.w). */
+KILN_FUNCTION kiln_real kiln_sky_two_cosines(kiln_real cosine, kiln_real shading_cosine)
+{
+    return KILN_RATIO(1, 2) * (cosine + real_max(kiln_real_of(0), shading_cosine));
+}
+
 /* Density of a direction that is drawn in turn by the image and by the cosine, an odd sample being the image's (balance
  * heuristic: Veach and Guibas, "Optimally Combining Sampling Techniques for Monte Carlo Rendering", 1995). */
 KILN_FUNCTION kiln_real kiln_sky_cosine_density(KILN_U32 samples, kiln_real by_sky, kiln_real by_cosine)

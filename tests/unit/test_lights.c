@@ -57,7 +57,7 @@ static double sampled_irradiance(const struct kiln_lights *lights, struct kiln_d
                 r[d] = kiln_unit_double(
                     kiln_owen_scramble(kiln_sobol(k / strategies, d < 2 ? d : 4), kiln_hash2(scramble, d)));
             struct kiln_light_sample s;
-            if (kiln_lights_sample(lights, &choices[i], k, p, n, r[2], r[0], r[1], &s))
+            if (kiln_lights_sample(lights, &choices[i], k, p, n, n, r[2], r[0], r[1], &s))
                 total += s.value[1] * fmax(0.0, dvec3_dot(n, s.direction)) / choices[i].samples;
         }
     }
@@ -242,7 +242,7 @@ static void dim_lights_share_a_choice(void **state)
         for (uint32_t k = 0; k < SAMPLES; k++) {
             struct kiln_light_sample s;
             const double pick = kiln_unit_double(kiln_sobol(k, 0));
-            if (kiln_lights_sample(&lights, &choices[i], k, p, n, pick, 0.5, 0.5, &s) && s.value[0] == 0.0)
+            if (kiln_lights_sample(&lights, &choices[i], k, p, n, n, pick, 0.5, 0.5, &s) && s.value[0] == 0.0)
                 dim += s.value[1] * dvec3_dot(n, s.direction) / SAMPLES;
         }
     if (fabs(dim / exact - 1.0) > 1e-3)
@@ -252,6 +252,43 @@ static void dim_lights_share_a_choice(void **state)
     assert_int_equal(kiln_light_tree_build(&lights, NULL), KILN_OK);
     assert_int_equal(kiln_lights_choices(&lights, p, 0.0, n, KILN_CUT_MAX, choices), KILN_CUT_MAX);
     free(lights.nodes);
+}
+
+/* The irradiance about a shading normal that is `angle` off the geometric one, under a constant sky, and the most that
+ * a sample brings of it or of the irradiance about the geometric normal. */
+static double tilted_irradiance(const struct kiln_lights *lights, double angle, double *most)
+{
+    const struct kiln_dvec3 n = {0, 1, 0}, shading = {sin(angle), cos(angle), 0};
+    const struct kiln_light_choice sky = {.kind = KILN_CHOICE_ENVIRONMENT, .samples = 16384};
+    double total = 0.0;
+    *most = 0.0;
+    for (uint32_t k = 0; k < sky.samples; k++) {
+        struct kiln_light_sample s;
+        if (!kiln_lights_sample(lights, &sky, k, dvec3(0, 0, 0), n, shading, kiln_unit_double(kiln_sobol(k, 2)),
+                                kiln_unit_double(kiln_sobol(k, 0)), kiln_unit_double(kiln_sobol(k, 1)), &s))
+            continue;
+        const double cosine = dvec3_dot(n, s.direction), tilted = fmax(0.0, dvec3_dot(shading, s.direction));
+        total += s.value[1] * tilted / sky.samples;
+        *most = fmax(*most, s.value[1] * fmax(cosine, tilted));
+    }
+    return total;
+}
+
+/* A sky is pi (1 + cos a) / 2 about a normal at an angle a to that of the horizon, and no sample brings more than twice
+ * what a sky brings at most. */
+static void sky_about_a_shading_normal(void **state)
+{
+    (void)state;
+    const struct kiln_environment environment = {.kind = KILN_ENVIRONMENT_CONSTANT, .radiance = {1.0f, 1.0f, 1.0f}};
+    const struct kiln_scene scene = {.environment = &environment};
+    struct kiln_lights lights = {.scene = &scene};
+    assert_int_equal(kiln_environment_build(&lights, NULL), KILN_OK);
+    for (double angle = 0.0; angle < 1.5; angle += 0.3) {
+        double most;
+        const double exact = 0.5 * KILN_PI * (1.0 + cos(angle)), sampled = tilted_irradiance(&lights, angle, &most);
+        if (fabs(sampled / exact - 1.0) > 3e-3 || most > 2.0 * KILN_PI * (1.0 + 1e-9))
+            fail_msg("at %g rad: %g instead of %g, a sample of %g", angle, sampled, exact, most);
+    }
 }
 
 static void every_choice_gets_a_sample(void **state)
@@ -273,6 +310,7 @@ int main(void)
         cmocka_unit_test(many_triangles_through_the_tree),
         cmocka_unit_test(points_spots_and_ranges),
         cmocka_unit_test(environment_image),
+        cmocka_unit_test(sky_about_a_shading_normal),
         cmocka_unit_test(dim_lights_share_a_choice),
         cmocka_unit_test(every_choice_gets_a_sample),
     };

@@ -24,7 +24,7 @@
 enum { QUERIES = 4000, CHOICES = 40 };
 
 struct query {
-    float p[3], n[3], place[3], spread;
+    float p[3], n[3], shading[3], place[3], spread;
     uint32_t limit, samples, kind, index, count, k, pick, u, v;
 };
 struct answer {
@@ -59,7 +59,8 @@ static void store3(float to[3], struct kiln_dvec3 a)
     to[2] = (float)a.z;
 }
 
-/* A random place within `reach`, of which every eighth is a probe, and a random sample of one of its choices there. */
+/* A random place within `reach`, of which every eighth is a probe and half of the others have a shading normal, and a
+ * random sample of one of its choices there. */
 static bool make_query(const struct kiln_lights *lights, double reach, uint32_t *seed, struct query *q)
 {
     struct kiln_light_choice choices[CHOICES];
@@ -69,6 +70,8 @@ static bool make_query(const struct kiln_lights *lights, double reach, uint32_t 
     memset(q, 0, sizeof *q);
     store3(q->p, p);
     store3(q->n, probe ? dvec3(0, 0, 0) : any_direction(seed));
+    uint32_t other = ~*seed;
+    store3(q->shading, probe || uniform(&other) < 0.5 ? array3(q->n) : any_direction(&other));
     q->spread = uniform(seed) < 0.5 ? 0.0f : (float)(0.05 * reach * uniform(seed));
     store3(q->place, dvec3_add(array3(q->p), dvec3_scale(any_direction(seed), 0.99 * (double)q->spread)));
     q->limit = 1 + (uint32_t)(uniform(seed) * KILN_CUT_MAX);
@@ -121,7 +124,8 @@ static bool draw_sample(const struct kiln_lights *lights, const struct query *q,
     const double u = kiln_unit_double(q->u), v = kiln_unit_double(q->v);
     struct kiln_area_light_sampler target;
     if (!kiln_area_light_sampler(lights, &choice, array3(q->p), (double)q->spread, &target)) {
-        *brings = kiln_lights_sample(lights, &choice, q->k, place, array3(q->n), kiln_unit_double(q->pick), u, v, s);
+        *brings = kiln_lights_sample(lights, &choice, q->k, place, array3(q->n), array3(q->shading),
+                                     kiln_unit_double(q->pick), u, v, s);
         return false;
     }
     struct kiln_area_light_samples t;

@@ -5,7 +5,7 @@
 const uint CHOICES = 40u;
 
 struct Query {
-    float p[3], n[3], place[3], spread; /* a sample is seen from `place`, which is within `spread` of p */
+    float p[3], n[3], shading[3], place[3], spread; /* a sample is seen from `place`, which is within `spread` of p */
     uint limit, samples;                /* for choosing */
     uint kind, index, count, k;         /* sample k of a choice of `count` samples */
     uint pick, u, v;                    /* fractions */
@@ -55,8 +55,8 @@ void sample_light(Query q, uint x)
         brings = kiln_area_light_sampler_draw(kiln_area_light_sampler_of(choice.index, vec3_of(q.p)),
                                               place - real3(vec3_of(q.p)), real_unit(q.u), real_unit(q.v), s);
     else
-        brings = kiln_lights_sample(choice, q.k, place, real3(vec3_of(q.n)), real_unit(q.pick), real_unit(q.u),
-                                    real_unit(q.v), s);
+        brings = kiln_lights_sample(choice, q.k, place, real3(vec3_of(q.n)), real3(vec3_of(q.shading)),
+                                    real_unit(q.pick), real_unit(q.u), real_unit(q.v), s);
     Answers(push.answers).at[x].aimed = aimed ? 1u : 0u;
     Answers(push.answers).at[x].brings = brings ? 1u : 0u;
     for (uint c = 0u; c < 3u; c++) {

@@ -320,7 +320,8 @@ static bool pick_light(const struct kiln_lights *lights, uint32_t node, struct k
 }
 
 /* An image is sampled in turn by its own luminance and by the cosine, weighted by the balance heuristic; a constant
- * sky, or a lone sample, by the cosine only (a probe: by the sky only). */
+ * sky, or a lone sample, by the cosine only (a probe: by the sky only). Half of the directions by the cosine are about
+ * the shading normal where that is another (kiln_sky_two_cosines). */
 uint32_t kiln_lights_strategies(const struct kiln_lights *lights, const struct kiln_light_choice *choice,
                                 struct kiln_dvec3 n)
 {
@@ -329,29 +330,33 @@ uint32_t kiln_lights_strategies(const struct kiln_lights *lights, const struct k
                                                                                                                     : 1;
 }
 
-static bool sample_environment(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index,
-                               struct kiln_dvec3 n, double u, double v, struct kiln_light_sample *s)
+static struct kiln_dvec3 cosine_direction(struct kiln_dvec3 n, double u, double v)
 {
+    const struct kiln_dvec3 local = kiln_cosine_direction(u, v);
+    struct kiln_vec3 t, b;
+    kiln_basis(vec3_of(n), &t, &b);
+    return unit(dvec3_add(dvec3_add(dvec3_scale(dvec3_of(t), local.x), dvec3_scale(dvec3_of(b), local.y)),
+                          dvec3_scale(n, local.z)));
+}
+
+static bool sample_environment(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index,
+                               struct kiln_dvec3 n, struct kiln_dvec3 shading, double pick, double u, double v,
+                               struct kiln_light_sample *s)
+{
+    const bool two = shading.x != n.x || shading.y != n.y || shading.z != n.z;
     const bool probe = kiln_any_direction(n);
     const bool both = kiln_lights_strategies(lights, choice, n) == 2;
     const bool by_sky = probe || (both && (index & 1u) == 1u);
     double density;
-    if (by_sky) {
-        s->direction = kiln_environment_sample(lights, u, v, &density);
-    } else {
-        const struct kiln_dvec3 local = kiln_cosine_direction(u, v);
-        struct kiln_vec3 t, b;
-        kiln_basis(vec3_of(n), &t, &b);
-        s->direction = unit(dvec3_add(dvec3_add(dvec3_scale(dvec3_of(t), local.x), dvec3_scale(dvec3_of(b), local.y)),
-                                      dvec3_scale(n, local.z)));
-    }
+    s->direction = by_sky ? kiln_environment_sample(lights, u, v, &density)
+                          : cosine_direction(two && pick < 0.5 ? shading : n, u, v);
     s->distance = (double)INFINITY;
     s->backoff = 0.0;
     const double cosine = probe ? 1.0 : dvec3_dot(n, s->direction);
     if (!(cosine > 0.0))
         return false;
     if (!probe) {
-        density = cosine / KILN_PI;
+        density = (two ? kiln_sky_two_cosines(cosine, dvec3_dot(shading, s->direction)) : cosine) / KILN_PI;
         if (both)
             density = kiln_sky_cosine_density(choice->samples, kiln_environment_density(lights, s->direction), density);
     }
@@ -363,11 +368,11 @@ static bool sample_environment(const struct kiln_lights *lights, const struct ki
 }
 
 bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index,
-                        struct kiln_dvec3 p, struct kiln_dvec3 n, double pick, double u, double v,
-                        struct kiln_light_sample *sample)
+                        struct kiln_dvec3 p, struct kiln_dvec3 n, struct kiln_dvec3 shading, double pick, double u,
+                        double v, struct kiln_light_sample *sample)
 {
     if (choice->kind == KILN_CHOICE_ENVIRONMENT)
-        return sample_environment(lights, choice, index, n, u, v, sample);
+        return sample_environment(lights, choice, index, n, shading, pick, u, v, sample);
     if (choice->kind == KILN_CHOICE_DIRECTIONAL) {
         const struct kiln_directional_light *d = &lights->directionals[choice->index];
         sample->direction = d->towards;

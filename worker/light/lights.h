@@ -111,10 +111,10 @@ uint32_t kiln_lights_strategies(const struct kiln_lights *lights, const struct k
                                 struct kiln_dvec3 n);
 
 /* Draws the choice's `index`-th sample with random numbers in (0,1): `pick` goes down the tree, u and v over the light.
- * False when it brings nothing. n as above. */
+ * False when it brings nothing. n as above; `shading` is the shading normal there, n where it has no other. */
 bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index,
-                        struct kiln_dvec3 p, struct kiln_dvec3 n, double pick, double u, double v,
-                        struct kiln_light_sample *sample);
+                        struct kiln_dvec3 p, struct kiln_dvec3 n, struct kiln_dvec3 shading, double pick, double u,
+                        double v, struct kiln_light_sample *sample);
 
 /* Radiance at barycentric (b1, b2) of an emissive triangle, world corner order. */
 void kiln_area_light_radiance(const struct kiln_lights *lights, const struct kiln_area_light *light, double b1,

@@ -248,16 +248,15 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
         const float offset =
             frame_position(f, b, j, (float)random[KILN_DIMENSION_S], (float)random[KILN_DIMENSION_T], &p, &n);
         struct kiln_light_sample s;
-        const struct kiln_dvec3 normal = dvec3_of(n),
+        const struct kiln_dvec3 normal = dvec3_of(n), shading = dvec3_of(frame_shading(f, j, n)),
                                 place = dvec3_sub(dvec3_of(p), dvec3_scale(normal, (double)offset));
-        if (!kiln_lights_sample(b->params.lights, choice, i, place, normal, random[KILN_DIMENSION_CHOICE],
+        if (!kiln_lights_sample(b->params.lights, choice, i, place, normal, shading, random[KILN_DIMENSION_CHOICE],
                                 random[KILN_DIMENSION_U], random[KILN_DIMENSION_V], &s))
             continue;
         const double cosine = dvec3_dot(normal, s.direction);
         if (!(cosine > 0.0))
             continue;
-        const double shading_cosine =
-            f->smooth ? fmax(0.0, dvec3_dot(dvec3_of(frame_shading(f, j, n)), s.direction)) : cosine;
+        const double shading_cosine = f->smooth ? fmax(0.0, dvec3_dot(shading, s.direction)) : cosine;
         shadow_aim(&s, place, dvec3_of(p));
         shadow_add(&w->shadows, b, context, p, &s, i, cosine, shading_cosine);
         (*rays)++;

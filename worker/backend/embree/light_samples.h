@@ -56,7 +56,7 @@ static inline bool light_draw(const struct kiln_lights *lights, const struct kil
     const double u = light_number(identity, k, KILN_DIMENSION_U, 0), v = light_number(identity, k, KILN_DIMENSION_V, 1),
                  pick = light_number(identity, k, KILN_DIMENSION_CHOICE, 2);
     const struct kiln_dvec3 any = dvec3(0.0, 0.0, 0.0);
-    return kiln_lights_sample(lights, choice, k, p, any, pick, u, v, sample);
+    return kiln_lights_sample(lights, choice, k, p, any, any, pick, u, v, sample);
 }
 
 /* Traces the sample's shadow ray from `start`. False: nothing comes through; else the sample's value becomes radiance x
