@@ -44,8 +44,9 @@ LIBRARIES = ('/usr/', '/lib/', '/lib64/', '/etc/', '/proc/', '/sys/', '/dev/null
 MPI = {'OMPI_ALLOW_RUN_AS_ROOT': '1', 'OMPI_ALLOW_RUN_AS_ROOT_CONFIRM': '1', 'OMPI_MCA_btl': 'self,vader,tcp',
        'OMPI_MCA_pml': 'ob1', 'OMPI_MCA_rmaps_base_oversubscribe': '1',
        'OMPI_MCA_hwloc_base_binding_policy': 'none', 'OMP_NUM_THREADS': '1', 'OMP_WAIT_POLICY': 'passive'}
-# no threads that a fork would lose, no symbols to be looked up in each
-SANITIZERS = {'OMP_THREAD_LIMIT': '1', 'LD_BIND_NOW': '1',
+# no threads that a fork would lose, no symbols to be looked up in each, no GPU: a driver that is unloaded again leaves
+# a leak without a module's name
+SANITIZERS = {'OMP_THREAD_LIMIT': '1', 'LD_BIND_NOW': '1', 'VK_ICD_FILENAMES': '/dev/null',
               'ASAN_OPTIONS': 'abort_on_error=1:symbolize=0:allocator_may_return_null=1:max_allocation_size_mb=4096:'
                                'quarantine_size_mb=8:detect_leaks=1:log_to_syslog=0',
               'UBSAN_OPTIONS': 'abort_on_error=1:print_stacktrace=1:symbolize=0',
