@@ -1,6 +1,8 @@
 /* Positions on surface points: as kiln_footprint_sample and frame_position of the other backend. Needs trace.glsl
  * before it where DRAW_AGAIN may be 1. */
 
+#include "shaders/material.glsl"
+#include "shaders/shared/passage.h"
 #include "shaders/shared/streams.h"
 #include "shaders/shared/warp.h"
 
@@ -33,18 +35,17 @@ void kiln_mask_place(uint64_t address, inout float s, inout float t)
     t = kiln_mask_t(cell, t);
 }
 
-/* A place on the point for s and t in (0, 1): position with its offset, geometric normal, and that offset. */
-void kiln_place(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 position, out vec3 normal,
-                out float offset)
+/* A part of a point and where in it: position = p + w1 e1 + w2 e2. A whole point is one part, of which they are (s, t).
+ */
+struct kiln_part_place {
+    uint part;
+    float w1, w2;
+};
+
+kiln_part_place kiln_find_part(kiln_gpu_point p, uint64_t parts, float s, float t)
 {
-    if (HAS_ALPHA != 0u && (p.flags & KILN_GPU_POINT_MASKED) != 0u)
-        kiln_mask_place(parts + (uint64_t(p.first_part) + p.part_count) * 56ul, s, t);
-    if ((p.flags & KILN_GPU_POINT_PARTIAL) == 0u) {
-        position = p.origin + s * p.edge_s + t * p.edge_t;
-        normal = p.normal;
-        offset = p.offset;
-        return;
-    }
+    if ((p.flags & KILN_GPU_POINT_PARTIAL) == 0u)
+        return kiln_part_place(0u, s, t);
     PartArray all = PartArray(parts + uint64_t(p.first_part) * 56ul);
     uint low = 0u, high = p.part_count - 1u;
     while (low < high) {
@@ -54,11 +55,55 @@ void kiln_place(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 pos
         else
             low = middle + 1u;
     }
-    const float before = low > 0u ? all.at[low - 1u].until : 0.0;
-    const kiln_gpu_part part = all.at[low];
-    const float width = part.until - before;
-    const float root = sqrt(width > 0.0 ? clamp((s - before) / width, 0.0, 1.0) : 0.5), w2 = root * t, w1 = root - w2;
-    position = part.p + w1 * part.e1 + w2 * part.e2;
+    const float before = low > 0u ? all.at[low - 1u].until : 0.0, width = all.at[low].until - before;
+    const float root = sqrt(width > 0.0 ? clamp((s - before) / width, 0.0, 1.0) : 0.5), w2 = root * t;
+    return kiln_part_place(low, root - w2, w2);
+}
+
+KILN_ARRAY(PartTriangleArray, kiln_gpu_part_triangle, 4);
+
+/* kiln_footprint_sample_present of worker/scene/footprint.h. */
+kiln_part_place kiln_find_present(kiln_gpu_point p, uint64_t parts, float s, float t)
+{
+    const uint64_t mask = parts + (uint64_t(p.first_part) + p.part_count) * 56ul;
+    PartTriangleArray triangles = PartTriangleArray(mask + 56ul);
+    const float most = MaskArray(mask).at[0].most;
+    float u = s, v = t;
+    kiln_part_place place;
+    for (uint i = 0u; i < KILN_PLACE_TRIES; i++) {
+        const uint hash = kiln_place_try(s, t, p.key, i);
+        kiln_mask_place(mask, u, v);
+        place = kiln_find_part(p, parts, u, v);
+        const kiln_gpu_part_triangle of = triangles.at[place.part];
+        const float b1 = of.weight[0] + place.w1 * of.along_e1[0] + place.w2 * of.along_e2[0],
+                    b2 = of.weight[1] + place.w1 * of.along_e1[1] + place.w2 * of.along_e2[1];
+        const float opacity =
+            of.triangle < SCENE.opaque_count ? 1.0 : kiln_surface_passage(of.triangle, b1, b2).opacity;
+        if (kiln_is_there(hash, of.triangle, opacity / most))
+            break;
+        u = kiln_unit_float(hash);
+        v = kiln_unit_float(kiln_hash1(hash));
+    }
+    return place;
+}
+
+/* A place on the point for s and t in (0, 1): position with its offset, geometric normal, and that offset. */
+void kiln_place(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 position, out vec3 normal,
+                out float offset)
+{
+    kiln_part_place place;
+    if (HAS_ALPHA != 0u && (p.flags & KILN_GPU_POINT_MASKED) != 0u)
+        place = kiln_find_present(p, parts, s, t);
+    else
+        place = kiln_find_part(p, parts, s, t);
+    if ((p.flags & KILN_GPU_POINT_PARTIAL) == 0u) {
+        position = p.origin + place.w1 * p.edge_s + place.w2 * p.edge_t;
+        normal = p.normal;
+        offset = p.offset;
+        return;
+    }
+    const kiln_gpu_part part = PartArray(parts + uint64_t(p.first_part) * 56ul).at[place.part];
+    position = part.p + place.w1 * part.e1 + place.w2 * part.e2;
     normal = part.normal;
     offset = part.offset;
 }

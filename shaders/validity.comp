@@ -17,8 +17,9 @@ void kiln_kernel(uint x, uint y)
         return;
     const uint index =
         push.chunk.list != 0ul ? WordArray(push.chunk.list).at[push.chunk.first + x] : push.chunk.first + x;
-    const kiln_gpu_point p = PointArray(push.chunk.points).at[index];
     const uint key = kiln_validity_key(push.stream);
+    kiln_gpu_point p = PointArray(push.chunk.points).at[index];
+    p.key = key;
     const uint shift_s = kiln_hash1(key), shift_t = kiln_hash1(key + 1u);
     WordArray sobol = WordArray(push.sobol);
     uint buried = 0u;

@@ -46,7 +46,9 @@ KILN_SIZE_IS(kiln_gpu_record, 32);
 #define KILN_GPU_POINT_PARTIAL 1u /* edges unused: parts[first_part .. first_part + part_count) */
 #define KILN_GPU_POINT_ONE_NORMAL 2u
 #define KILN_GPU_POINT_SMOOTH 4u /* the shading normal may differ from the geometric one */
-#define KILN_GPU_POINT_MASKED 8u /* something is not everywhere on it: its mask is parts[first_part + part_count] */
+/* something is not everywhere on it: its mask is parts[first_part + part_count], and behind it stand the triangles of
+ * its parts, or the one triangle of a point that is not partial */
+#define KILN_GPU_POINT_MASKED 8u
 
 /* Position of a whole point = origin + s edge_s + t edge_t, the offset off the surface included. */
 struct kiln_gpu_point {
@@ -72,13 +74,23 @@ struct kiln_gpu_part {
 };
 KILN_SIZE_IS(kiln_gpu_part, 56);
 
-/* A point's mask (shaders/shared/mask.h), as large as a part. */
+/* A point's mask (struct kiln_mask of worker/scene/footprint.h), as large as a part. */
 struct kiln_gpu_mask {
     KILN_WORD cells[KILN_MASK_WORDS];
     KILN_WORD count; /* bits that are set, at least 1 */
-    KILN_WORD reserved[5];
+    KILN_REAL32 most;
+    KILN_WORD reserved[4];
 };
 KILN_SIZE_IS(kiln_gpu_mask, 56);
+
+/* Where a part of a masked point is on its world triangle, as large as a part: the weights of corners 1 and 2 at
+ * p + b1 e1 + b2 e2 are weight + b1 along_e1 + b2 along_e2. Of a whole point: at (s, t) in the place of (b1, b2). */
+struct kiln_gpu_part_triangle {
+    KILN_WORD triangle;
+    KILN_REAL32 weight[2], along_e1[2], along_e2[2];
+    KILN_WORD reserved[7];
+};
+KILN_SIZE_IS(kiln_gpu_part_triangle, 56);
 
 /* What became of a point in the validity pass: a word each. */
 #define KILN_GPU_STATE_INVALID 0u

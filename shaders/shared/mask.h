@@ -1,5 +1,5 @@
-/* Where on a surface point something is, the same in C and GLSL: the square of (s, t) in (0, 1)^2 from which places of
- * the point are drawn is cut into 16 x 16 cells, and a bit says of each whether its places are drawn. Cell (x, y) is
+/* Where on a surface point something may be, the same in C and GLSL: the square of (s, t) in (0, 1)^2 from which places
+ * of the point are drawn is cut into 16 x 16 cells, and a bit says of each whether its places are drawn. Cell (x, y) is
  * bit 32 w + b of word w, whose binary digits are those of x and y in turn, x lowest: consecutive bits are neighbours,
  * so that places which were drawn in strata stay so. */
 #ifndef KILN_SHADERS_MASK_H

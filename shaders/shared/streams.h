@@ -77,6 +77,19 @@ KILN_FUNCTION KILN_U32 kiln_buried_retry(float s, float t, KILN_U32 key, KILN_U3
     return kiln_hash2(kiln_hash2(KILN_TO_U32(s * 16777216.0f), KILN_TO_U32(t * 16777216.0f)), key + i);
 }
 
+/* What is where on a point with an opacity mask is looked at in places that hang on the texel, not on the seed: in the
+ * place of the seed's key. */
+#define KILN_LOOKS_KEY 0x6c6f6f6bu
+
+/* A place of such a point where its surface is not is drawn again, so often in all at most. Try i's hash decides
+ * whether something is there (kiln_is_there), and gives the next place: kiln_unit_float of it, and of kiln_hash1 of it.
+ */
+#define KILN_PLACE_TRIES 64u
+KILN_FUNCTION KILN_U32 kiln_place_try(float s, float t, KILN_U32 key, KILN_U32 i)
+{
+    return kiln_hash2(kiln_hash2(KILN_TO_U32(s * 16777216.0f), KILN_TO_U32(t * 16777216.0f)), kiln_hash1(key) + i);
+}
+
 /* A place is buried where a ray along the normal and three around it, 53 degrees off, all meet backs: 0.6 of the normal
  * and, of the tangents, (0.8, 0) turned by thirds. */
 #define KILN_BURIED_ALONG 0.6f

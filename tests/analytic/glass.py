@@ -293,6 +293,44 @@ def with_holes(cases):
     cases.row('with holes', bake, off)
 
 
+def fine_stripes(cases):
+    """Sheets of 2 x 2 texels, each under 64 stripes of its texture, which get wider towards an emitter: beside holes,
+    and of more opacity than what is beside them. A texel's irradiance is the mean over what is there, weighted by
+    opacity; with two seeds it is off by no more than its stated error says."""
+    pixels, rows = 1024, 6
+    stripe = np.arange(pixels) // 8
+    inside = np.arange(pixels) % 8 < 1 + stripe * 6 // stripe.max()
+    light = [(0.5, 0.7, -0.5), (1.5, 0.7, -0.5), (1.5, 0.7, 0.5), (0.5, 0.7, 0.5)]
+    nodes, weights = np.polynomial.legendre.leggauss(rows)
+    falls = np.array([sum(w / 2 * lambert(np.array([2 * (i + 0.5) / pixels - 1, 0, (z - 1) / 2]), UP, light, 10.0)
+                          for z, w in zip(nodes, weights)) for i in range(pixels)])
+    for name, alpha in ('holes', np.where(inside, 255, 0)), ('blended', np.where(inside, 204, 51)):
+        scene, image = glb.Scene(), np.zeros((4, pixels, 4), int) + 255
+        image[:, :, 3] = alpha
+        material = pane(scene, 'sheet', mask=name == 'holes', alpha=1.0, base_texture=texture(scene, image))
+        flat(scene, 'sheet', 0, 0, 1, 0, material)
+        scene.quad('light', light, scene.material('light', radiance=(10, 10, 10)))
+        want = (alpha * falls).reshape(2, -1).sum(1) / alpha.reshape(2, -1).sum(1)
+        most, samples = 0.0, cases.kiln.samples(16384)
+        for seed in (1, 2) if cases.kiln.backend == 'embree' else (1,):
+            bake = cases.bake('fine stripes ' + name, scene, '--lightmap-size', 2, '--bounces', 0, '--seed', seed,
+                              '--samples-direct', samples)
+            if bake is None:
+                return
+            own = bake.points.of(bake.index('sheet'))
+            mean = want[bake.points.x[own]]
+            off, stated = bake.points.total[own][:, 0] / mean - 1, bake.points.error[own] / mean
+            error = math.sqrt(float(np.mean(stated ** 2)))
+            cases.checks.that(len(own) == 4 and bool((np.abs(off) <= 4 * error).all()),
+                              '%s, seed %d: off by %s, stated errors %s' % (name, seed, off, stated), bake.process)
+            cases.checks.that(error < 0.01 * math.sqrt(16384 / samples),
+                              '%s, seed %d: stated errors %s' % (name, seed, stated), bake.process)
+            most, seconds = max(most, float(np.abs(off).max())), bake.process.seconds
+            bake.remove()
+        # no look at the energy: how much of a texel is there is known from 256 looks, to a hundredth or so
+        cases.table.row('fine stripes, ' + name, '%.1e' % most, '%.1f' % seconds, '')
+
+
 def all_kinds(path):
     """A scene with every kind of surface that lets light through, lit by a lamp and whatever else is asked for: for
     other tests."""
@@ -317,7 +355,7 @@ def all_kinds(path):
 
 def main():
     every = {case.__name__: case
-             for case in (under_a_sun, around_an_emitter, under_a_sky, between_surfaces, with_holes)}
+             for case in (under_a_sun, around_an_emitter, under_a_sky, between_surfaces, with_holes, fine_stripes)}
     arguments, kiln = harness.start(
         __doc__, lambda p: p.add_argument('--only', action='append', choices=every, help='these cases'))
     checks = harness.Checks()

@@ -2,6 +2,9 @@
 
 #include <math.h>
 
+#include "shaders/shared/passage.h"
+#include "shaders/shared/streams.h"
+#include "shaders/shared/warp.h"
 #include "worker/sampling/sequence.h"
 #include "worker/scene/clip.h"
 #include "worker/scene/texture.h"
@@ -283,31 +286,51 @@ static uint32_t lookups_of(const struct kiln_footprint *f)
     return detail <= 1.0 ? 4 : detail <= 4.0 ? 8 : KILN_MASK_SIDE;
 }
 
-static float opacity_at(const struct kiln_footprint *f, float u1, float u2)
+/* Opacity of a world triangle where (u, v) are the weights of its corners 1 and 2. */
+static float opacity_at(const struct kiln_footprint *f, uint32_t triangle, float u, float v)
 {
     const struct kiln_geometry *g = f->geometry;
-    uint32_t triangle;
-    float u, v, b1, b2;
-    kiln_footprint_sample(f, u1, u2, &triangle, &u, &v);
+    float b1, b2;
+    if (triangle < g->opaque_count)
+        return 1.0f;
     kiln_geometry_stored_barycentrics(f->scene, g, triangle, u, v, &b1, &b2);
     return kiln_surface_opacity(f->scene, &f->scene->meshes[f->scene->objects[g->records[triangle].object].mesh],
                                 g->stored_triangle[triangle], b1, b2);
 }
 
-/* Sets the cells whose opacity (`side` x `side` lookups) is above a threshold. The thresholds of the cells are the 256
- * multiples of 1/256 in the order of van der Corput's sequence, which spreads neighbours far apart; the order starts at
- * a position given by `key`. */
-static void fill_mask(struct kiln_mask *mask, const float *opacity, uint32_t side, uint32_t key)
+/* A point has places drawn all over it when one look in so many finds something: a part that the looks missed is
+ * found, and KILN_PLACE_TRIES places do. */
+enum { LOOKS_A_FIND = 8 };
+
+/* Whether the look in (x, y) or one beside it found something. */
+static bool found_near(const float *opacity, uint32_t side, uint32_t x, uint32_t y)
 {
-    const uint32_t begin = kiln_hash1(key) >> 24;
+    for (uint32_t j = y > 0 ? y - 1 : 0; j <= y + 1 && j < side; j++)
+        for (uint32_t i = x > 0 ? x - 1 : 0; i <= x + 1 && i < side; i++)
+            if (opacity[j * side + i] > 0.0f)
+                return true;
+    return false;
+}
+
+/* Sets the cells where `side` x `side` looks, of which `found` found something, say that something may be. */
+static void fill_mask(struct kiln_mask *mask, const float *opacity, uint32_t side, uint32_t found)
+{
+    const bool everywhere = found * LOOKS_A_FIND >= side * side;
     for (uint32_t cell = 0; cell < KILN_MASK_SIDE * KILN_MASK_SIDE; cell++) {
         const uint32_t x = kiln_cell_column(cell) * side / KILN_MASK_SIDE,
                        y = kiln_cell_column(cell >> 1) * side / KILN_MASK_SIDE;
-        const float threshold = ((float)(((kiln_reverse_bits(cell) >> 24) + begin) & 255u) + 0.5f) / 256.0f;
-        const uint32_t set = opacity[y * side + x] > threshold;
+        const uint32_t set = everywhere || found_near(opacity, side, x, y);
         mask->cells[cell / 32] |= set << cell % 32;
         mask->count += set;
     }
+}
+
+static float look(const struct kiln_footprint *f, float u1, float u2)
+{
+    uint32_t triangle;
+    float b1, b2;
+    kiln_footprint_sample(f, u1, u2, &triangle, &b1, &b2);
+    return opacity_at(f, triangle, b1, b2);
 }
 
 float kiln_footprint_opacity(const struct kiln_footprint *f, uint32_t key, struct kiln_mask *mask)
@@ -316,19 +339,37 @@ float kiln_footprint_opacity(const struct kiln_footprint *f, uint32_t key, struc
     if (f->pieces[f->piece_count - 1] < f->geometry->opaque_count) /* pieces ascend: those with alpha come last */
         return 1.0f;
     const uint32_t side = lookups_of(f), count = side * side;
+    uint32_t found = 0;
     float opacity[KILN_MASK_SIDE * KILN_MASK_SIDE], sum = 0.0f, low = 1.0f, high = 0.0f;
     for (uint32_t i = 0; i < count; i++) {
         const uint32_t hash = kiln_hash2(key, i);
         const float x = (float)(i % side) + kiln_unit_float(hash),
                     y = (float)(i / side) + kiln_unit_float(kiln_hash1(hash));
-        opacity[i] = opacity_at(f, fminf(x / (float)side, 0x1.fffffep-1f), fminf(y / (float)side, 0x1.fffffep-1f));
+        opacity[i] = look(f, fminf(x / (float)side, 0x1.fffffep-1f), fminf(y / (float)side, 0x1.fffffep-1f));
         sum += opacity[i];
+        found += opacity[i] > 0.0f;
         low = fminf(low, opacity[i]);
         high = fmaxf(high, opacity[i]);
     }
+    mask->most = fminf(2.0f * high, 1.0f);
     if (high - low > 1.0f / 256.0f)
-        fill_mask(mask, opacity, side, key);
+        fill_mask(mask, opacity, side, found);
     return sum / (float)count;
+}
+
+void kiln_footprint_sample_present(const struct kiln_footprint *footprint, const struct kiln_mask *mask, uint32_t key,
+                                   float u1, float u2, uint32_t *triangle, float *b1, float *b2)
+{
+    float s = u1, t = u2;
+    for (uint32_t i = 0; i < KILN_PLACE_TRIES; i++) {
+        const uint32_t hash = kiln_place_try(u1, u2, key, i);
+        kiln_mask_place(mask, &s, &t);
+        kiln_footprint_sample(footprint, s, t, triangle, b1, b2);
+        if (kiln_is_there(hash, *triangle, opacity_at(footprint, *triangle, *b1, *b2) / mask->most))
+            return;
+        s = kiln_unit_float(hash);
+        t = kiln_unit_float(kiln_hash1(hash));
+    }
 }
 
 static struct kiln_dvec3 unit(struct kiln_dvec3 v)

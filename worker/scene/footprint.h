@@ -143,19 +143,28 @@ struct kiln_footprint_extent {
 };
 struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *footprint);
 
-/* An opacity mask: which cells of the unit square of (u1, u2), as kiln_footprint_sample takes them, hold surface
+/* An opacity mask: which cells of the unit square of (u1, u2), as kiln_footprint_sample takes them, may hold surface
  * (shaders/shared/mask.h). */
 struct kiln_mask {
     uint32_t cells[KILN_MASK_WORDS];
     uint32_t count; /* number of set bits; 0: no mask, sample the whole point */
+    float most;     /* no place is taken to be more opaque than this; above 0, at most 1 */
 };
 
-/* Returns the mean opacity over the point (kiln_surface_opacity); 1 where the material is opaque everywhere. Where
- * opacity varies over the point, it is read at 16 positions (texture as coarse as the lightmap) up to 256 (texture 4
- * times as fine, or finer), and `mask` is filled: each cell is set with a probability equal to its opacity, stratified
- * over the point. So opaque places are sampled uniformly, and places of opacity 1/2 half as often. The random choice is
- * a function of `key`, which should differ from point to point. */
+/* Returns the mean opacity over the point (kiln_surface_opacity); 1 where the material is opaque everywhere. It is the
+ * mean of looks: one in each cell of a grid of 4 x 4 (texture as coarse as the lightmap) up to 16 x 16 (texture 4 times
+ * as fine, or finer). Where they differ, `mask` is filled: the cells whose looks, or whose neighbours' looks, found
+ * something; all cells when one look in eight did. `most` is twice what the looks found at most, or 1. The looks'
+ * places are a function of `key`, which should differ from point to point, and should not hang on the seed: what a look
+ * misses is the same for all samples of the point. */
 float kiln_footprint_opacity(const struct kiln_footprint *footprint, uint32_t key, struct kiln_mask *mask);
+
+/* Draws a sample from u1, u2 in [0, 1) with a density proportional to the opacity, of a point with a mask whose count
+ * is not 0: opaque places uniformly, places of opacity 1/2 half as often. The mask says where to look; the opacity at
+ * the place itself decides, and a place where nothing is is drawn again, from hashes of u1, u2 and `key`. The last of
+ * KILN_PLACE_TRIES places stands, whatever is there. */
+void kiln_footprint_sample_present(const struct kiln_footprint *footprint, const struct kiln_mask *mask, uint32_t key,
+                                   float u1, float u2, uint32_t *triangle, float *b1, float *b2);
 
 /* Maps (u1, u2) in [0, 1)^2 uniformly onto the cells that the mask has set. */
 static inline void kiln_mask_place(const struct kiln_mask *mask, float *u1, float *u2)

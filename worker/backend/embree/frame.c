@@ -70,8 +70,9 @@ static void draw_position(struct tile_run_frame *frame, const struct embree_back
     uint32_t triangle;
     float b1, b2;
     if (frame->mask[j].count != 0)
-        kiln_mask_place(&frame->mask[j], &s, &t);
-    kiln_footprint_sample(&frame->footprint[j], s, t, &triangle, &b1, &b2);
+        kiln_footprint_sample_present(&frame->footprint[j], &frame->mask[j], frame->key[j], s, t, &triangle, &b1, &b2);
+    else
+        kiln_footprint_sample(&frame->footprint[j], s, t, &triangle, &b1, &b2);
     const struct kiln_geometry *g = backend->params.geometry;
     know(frame, backend, triangle);
     *normal = frame->known_normal;
@@ -111,7 +112,7 @@ static void build_point(struct tile_run_frame *f, const struct embree_backend *b
         kiln_footprint_normals(p, &mean, &shading);
         f->shading[0][j] = shading.x, f->shading[1][j] = shading.y, f->shading[2][j] = shading.z;
     }
-    f->present[j] = kiln_footprint_opacity(p, f->key[j], &f->mask[j]);
+    f->present[j] = kiln_footprint_opacity(p, kiln_texel_key(KILN_LOOKS_KEY, at->map, texel), &f->mask[j]);
     f->partly_buried[j] = partly_buried;
     f->whole[j] = p->kind == KILN_FOOTPRINT_WHOLE && !partly_buried && f->mask[j].count == 0;
     know(f, b, p->pieces[0]);

@@ -13,7 +13,7 @@ struct tile_run_frame {
     bool smooth;                      /* some shading normal differs from the geometric one */
     bool back;                        /* of backs: all normals are those of the triangles turned round */
     uint32_t place[KILN_TILE_TEXELS]; /* of point j among the tile run's points */
-    uint32_t key[KILN_TILE_TEXELS];   /* hash of (seed, object, texel) */
+    uint32_t key[KILN_TILE_TEXELS];   /* hash of (seed, object, texel); what places are drawn again by */
     bool whole[KILN_TILE_TEXELS];     /* position = origin + s edge_s + t edge_t, one normal; else use frame_position */
     bool partly_buried[KILN_TILE_TEXELS]; /* frame_position draws again until a place is not buried; never `whole` */
     float origin[3][KILN_TILE_TEXELS], edge_s[3][KILN_TILE_TEXELS], edge_t[3][KILN_TILE_TEXELS];
@@ -21,7 +21,7 @@ struct tile_run_frame {
     float offset[KILN_TILE_TEXELS];          /* m along the normal that positions of a whole point carry */
     float shading[3][KILN_TILE_TEXELS];      /* unit; set where `smooth` */
     float present[KILN_TILE_TEXELS];         /* see struct kiln_point_result */
-    struct kiln_mask mask[KILN_TILE_TEXELS]; /* where something is; a point with one is never `whole` */
+    struct kiln_mask mask[KILN_TILE_TEXELS]; /* where something may be; a point with one is never `whole` */
     /* with FRAME_EXTENT only */
     struct kiln_footprint_extent extent[KILN_TILE_TEXELS];
     struct kiln_footprint footprint[KILN_TILE_TEXELS];

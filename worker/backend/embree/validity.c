@@ -14,6 +14,7 @@ static uint32_t count_buried(struct tile_run_frame *f, const struct embree_backe
 {
     const uint32_t key = kiln_validity_key(stream), shift_s = kiln_hash1(key), shift_t = kiln_hash1(key + 1u);
     uint32_t buried = 0;
+    f->key[j] = key;
     for (uint32_t k = 0; k < samples; k++) {
         struct kiln_vec3 p, n;
         frame_position(f, b, j, kiln_unit_float(kiln_sobol(k, 0) ^ shift_s),

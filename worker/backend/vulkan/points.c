@@ -4,6 +4,7 @@
 #include <omp.h>
 #include <string.h>
 
+#include "shaders/shared/streams.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 #include "worker/scene/footprint.h"
@@ -191,6 +192,18 @@ static void box_add(struct box *box, struct kiln_vec3 p)
     box->high = vec3(fmaxf(box->high.x, p.x), fmaxf(box->high.y, p.y), fmaxf(box->high.z, p.z));
 }
 
+/* The triangles of piece i, `already` after those of the pieces before it. */
+static uint32_t triangles_of(const struct kiln_footprint *f, uint32_t i, size_t already,
+                             struct kiln_footprint_triangle triangles[KILN_FOOTPRINT_TRIANGLES])
+{
+    const uint32_t count = kiln_footprint_triangles(f, i, triangles);
+    if (count != 0 || i + 1 != f->piece_count || already != 0)
+        return count;
+    /* clipping left nothing of the point: a place stands in */
+    triangles[0] = (struct kiln_footprint_triangle){.triangle = f->pieces[0], .until = 1.0};
+    return 1;
+}
+
 static int make_parts(struct maker *m, struct part_list *list, struct known *k, const struct kiln_footprint *f,
                       struct kiln_gpu_point *point, struct kiln_error *error)
 {
@@ -200,12 +213,7 @@ static int make_parts(struct maker *m, struct part_list *list, struct known *k, 
     point->first_part = (uint32_t)list->count;
     for (uint32_t i = 0; i < f->piece_count; i++) {
         struct kiln_footprint_triangle parts[KILN_FOOTPRINT_TRIANGLES];
-        uint32_t count = kiln_footprint_triangles(f, i, parts);
-        /* clipping left nothing of it: a place stands in */
-        if (count == 0 && i + 1 == f->piece_count && list->count == point->first_part) {
-            parts[0] = (struct kiln_footprint_triangle){.triangle = f->pieces[0], .until = 1.0};
-            count = 1;
-        }
+        const uint32_t count = triangles_of(f, i, list->count - point->first_part, parts);
         const int status =
             kiln_grow(&list->at, &list->room, list->count + count, sizeof *list->at, "the parts of points", error);
         if (status != KILN_OK)
@@ -237,13 +245,36 @@ static void make_whole(const struct known *k, const struct kiln_footprint *f, st
     point->edge_t = f->whole.dv;
 }
 
-/* A point's mask stands behind its parts. */
-static int make_mask(struct part_list *list, struct kiln_gpu_point *point, const struct kiln_mask *mask,
-                     struct kiln_error *error)
+static struct kiln_gpu_part_triangle part_triangle_of(const struct kiln_footprint_triangle *from)
 {
-    struct kiln_gpu_mask to = {.count = mask->count};
+    const double *b1 = from->b1, *b2 = from->b2;
+    return (struct kiln_gpu_part_triangle){.triangle = from->triangle,
+                                           .weight = {(float)b1[0], (float)b2[0]},
+                                           .along_e1 = {(float)(b1[1] - b1[0]), (float)(b2[1] - b2[0])},
+                                           .along_e2 = {(float)(b1[2] - b1[0]), (float)(b2[2] - b2[0])}};
+}
+
+static struct kiln_gpu_part_triangle whole_triangle_of(const struct kiln_footprint *f)
+{
+    return (struct kiln_gpu_part_triangle){.triangle = f->pieces[0],
+                                           .weight = {f->whole.b[0], f->whole.b[1]},
+                                           .along_e1 = {f->whole.b_du[0], f->whole.b_du[1]},
+                                           .along_e2 = {f->whole.b_dv[0], f->whole.b_dv[1]}};
+}
+
+static void add_part_triangle(struct part_list *list, struct kiln_gpu_part_triangle from)
+{
+    memcpy(&list->at[list->count++], &from, sizeof from);
+}
+
+/* A point's mask stands behind its parts, and their triangles behind it. */
+static int make_mask(struct part_list *list, const struct kiln_footprint *f, struct kiln_gpu_point *point,
+                     const struct kiln_mask *mask, struct kiln_error *error)
+{
+    struct kiln_gpu_mask to = {.count = mask->count, .most = mask->most};
+    const size_t triangles = f->kind == KILN_FOOTPRINT_WHOLE ? 1 : point->part_count;
     const int status =
-        kiln_grow(&list->at, &list->room, list->count + 1, sizeof *list->at, "the parts of points", error);
+        kiln_grow(&list->at, &list->room, list->count + 1 + triangles, sizeof *list->at, "the parts of points", error);
     if (status != KILN_OK)
         return status;
     if ((point->flags & KILN_GPU_POINT_PARTIAL) == 0)
@@ -251,6 +282,15 @@ static int make_mask(struct part_list *list, struct kiln_gpu_point *point, const
     point->flags |= KILN_GPU_POINT_MASKED;
     memcpy(to.cells, mask->cells, sizeof to.cells);
     memcpy(&list->at[list->count++], &to, sizeof to);
+    const size_t first = list->count;
+    if (f->kind == KILN_FOOTPRINT_WHOLE)
+        add_part_triangle(list, whole_triangle_of(f));
+    for (uint32_t i = 0; f->kind != KILN_FOOTPRINT_WHOLE && i < f->piece_count; i++) {
+        struct kiln_footprint_triangle of_piece[KILN_FOOTPRINT_TRIANGLES];
+        const uint32_t count = triangles_of(f, i, list->count - first, of_piece);
+        for (uint32_t k = 0; k < count; k++)
+            add_part_triangle(list, part_triangle_of(&of_piece[k]));
+    }
     return KILN_OK;
 }
 
@@ -259,6 +299,7 @@ static int make_point(struct maker *m, struct part_list *list, struct known *k, 
 {
     const struct kiln_surface *s = m->p->surface;
     const struct kiln_backend_params *params = m->p->params;
+    const uint64_t texel = (uint64_t)at->y * s->lightmaps[at->map].width + at->x;
     struct kiln_footprint f;
     kiln_footprint_prepare(&f, params->scene, params->geometry, s, at);
     know(k, m, f.pieces[0]);
@@ -266,10 +307,9 @@ static int make_point(struct maker *m, struct part_list *list, struct known *k, 
                                      .shading = k->normal,
                                      .offset = k->offset,
                                      .tile_key = tile_key,
-                                     .key = kiln_texel_key(kiln_seed_key(params->seed), at->map,
-                                                           (uint64_t)at->y * s->lightmaps[at->map].width + at->x)};
+                                     .key = kiln_texel_key(kiln_seed_key(params->seed), at->map, texel)};
     struct kiln_mask mask;
-    point->present = kiln_footprint_opacity(&f, point->key, &mask);
+    point->present = kiln_footprint_opacity(&f, kiln_texel_key(KILN_LOOKS_KEY, at->map, texel), &mask);
     if (smooth) {
         struct kiln_vec3 mean;
         kiln_footprint_normals(&f, &mean, &point->shading);
@@ -280,7 +320,7 @@ static int make_point(struct maker *m, struct part_list *list, struct known *k, 
         status = make_parts(m, list, k, &f, point, error);
     else
         make_whole(k, &f, point);
-    return status == KILN_OK && mask.count != 0 ? make_mask(list, point, &mask, error) : status;
+    return status == KILN_OK && mask.count != 0 ? make_mask(list, &f, point, &mask, error) : status;
 }
 
 static int make_tile_run(struct maker *m, struct part_list *list, struct known *k, size_t tile_run,
