@@ -10,7 +10,7 @@ static bool beats(const struct kiln_setting_result *a, const struct kiln_setting
            (a->seconds < b->seconds || a->error[0] < b->error[0]);
 }
 
-void kiln_front_mark(struct kiln_tradeoff *sweep)
+void kiln_front_mark(struct kiln_sweep *sweep)
 {
     for (size_t i = 0; i < sweep->count; i++) {
         struct kiln_setting_result *one = &sweep->results[i];
@@ -21,7 +21,7 @@ void kiln_front_mark(struct kiln_tradeoff *sweep)
 }
 
 /* Sorts bakes by time. */
-static void sort(const struct kiln_tradeoff *sweep, size_t *indices, size_t count)
+static void sort(const struct kiln_sweep *sweep, size_t *indices, size_t count)
 {
     for (size_t i = 1; i < count; i++)
         for (size_t j = i; j > 0 && sweep->results[indices[j]].seconds < sweep->results[indices[j - 1]].seconds; j--) {
@@ -31,7 +31,7 @@ static void sort(const struct kiln_tradeoff *sweep, size_t *indices, size_t coun
         }
 }
 
-size_t kiln_front_list(const struct kiln_tradeoff *sweep, size_t *indices)
+size_t kiln_front_list(const struct kiln_sweep *sweep, size_t *indices)
 {
     size_t count = 0;
     for (size_t i = 0; i < sweep->count; i++)
@@ -42,7 +42,7 @@ size_t kiln_front_list(const struct kiln_tradeoff *sweep, size_t *indices)
 }
 
 /* The front of the bakes that are no presets. */
-static size_t list_others(const struct kiln_tradeoff *sweep, size_t *indices)
+static size_t list_others(const struct kiln_sweep *sweep, size_t *indices)
 {
     size_t count = 0;
     for (size_t i = 0; i < sweep->count; i++) {
@@ -56,7 +56,7 @@ static size_t list_others(const struct kiln_tradeoff *sweep, size_t *indices)
     return count;
 }
 
-double kiln_front_seconds(const struct kiln_tradeoff *sweep, double error)
+double kiln_front_seconds(const struct kiln_sweep *sweep, double error)
 {
     size_t indices[KILN_SETTINGS_MOST];
     const size_t count = list_others(sweep, indices);

@@ -1,7 +1,6 @@
 #include <math.h>
 
 #include "coordinator/bench/tradeoff_private.h"
-#include "coordinator/files/html.h"
 
 enum { WIDTH = 860, HEIGHT = 560, LEFT = 78, RIGHT = 150, TOP = 48, BOTTOM = 58 };
 
@@ -22,7 +21,7 @@ static double up(const struct frame *f, double error)
 
 static bool is_shown(const struct kiln_setting_result *r) { return r->done && r->seconds > 0.0 && r->error[0] > 0.0; }
 
-static struct frame fit(const struct kiln_tradeoff *sweep)
+static struct frame fit(const struct kiln_sweep *sweep)
 {
     struct frame f = {{INFINITY, INFINITY}, {-INFINITY, -INFINITY}};
     for (size_t i = 0; i < sweep->count; i++) {
@@ -82,7 +81,7 @@ static void add_frame(struct kiln_html *page, const struct frame *f, const char 
         (LEFT + WIDTH - RIGHT) / 2, HEIGHT - 16, (TOP + HEIGHT - BOTTOM) / 2);
 }
 
-static void add_front(struct kiln_html *page, const struct kiln_tradeoff *sweep, const struct frame *f)
+static void add_front(struct kiln_html *page, const struct kiln_sweep *sweep, const struct frame *f)
 {
     size_t indices[KILN_SETTINGS_MOST];
     const size_t count = kiln_front_list(sweep, indices);
@@ -113,23 +112,16 @@ static void add_point(struct kiln_html *page, const struct frame *f, const struc
     kiln_html_add(page, "</text>\n");
 }
 
-int kiln_tradeoff_plot(const struct kiln_tradeoff *sweep, struct kiln_error *error)
+void kiln_tradeoff_plot(const struct kiln_sweep *sweep, struct kiln_html *page)
 {
     const struct frame f = fit(sweep);
-    char path[KILN_PATH_SIZE];
-    struct kiln_html page = {.error = error};
-    add_frame(&page, &f, sweep->job->scene);
-    add_front(&page, sweep, &f);
+    add_frame(page, &f, sweep->job->scene);
+    add_front(page, sweep, &f);
     for (size_t i = 0; i < sweep->count; i++)
         if (is_shown(&sweep->results[i]))
-            add_point(&page, &f, &sweep->settings[i], &sweep->results[i]);
-    kiln_html_add(&page,
+            add_point(page, &f, &sweep->settings[i], &sweep->results[i]);
+    kiln_html_add(page,
                   "<text x=\"%d\" y=\"%d\" font-size=\"11\" fill=\"#555\">samples: direct, bounce, final "
                   "gather; red: presets</text>\n</svg>\n",
                   LEFT, TOP - 8);
-    const int status = kiln_path_join(path, sweep->job->output, "tradeoff.svg", error);
-    if (status == KILN_OK)
-        return kiln_html_publish(&page, path);
-    kiln_html_free(&page);
-    return status;
 }

@@ -11,12 +11,6 @@ enum { SAMPLES_MOST = 1 << 20 };
 /* What is swept, in this order, so that a sweep that ends early has the presets and what is quick. */
 static const char *const groups[] = {"presets", "denoise", "schedule", "density", "bounces", "samples", NULL};
 
-static void add(struct kiln_tradeoff *sweep, struct kiln_setting setting)
-{
-    if (sweep->count < KILN_SETTINGS_MOST)
-        sweep->settings[sweep->count++] = setting;
-}
-
 static struct kiln_setting of_preset(const char *group, size_t preset)
 {
     const struct kiln_quality *q = &kiln_qualities[preset];
@@ -30,18 +24,18 @@ static struct kiln_setting of_preset(const char *group, size_t preset)
                                  .raw = strcmp(q->name, "reference") == 0};
 }
 
-static void add_presets(struct kiln_tradeoff *sweep)
+static void add_presets(struct kiln_sweep *sweep)
 {
     for (size_t i = 0; i < kiln_quality_count; i++) {
         struct kiln_setting s = of_preset("presets", i);
         s.preset = true;
         (void)snprintf(s.name, sizeof s.name, "%s", s.quality);
-        add(sweep, s);
+        kiln_sweep_add(sweep, &s);
     }
 }
 
 /* The presets with one thing changed; `reference` takes too long to be tried in many ways. */
-static void add_variants(struct kiln_tradeoff *sweep, const char *group)
+static void add_variants(struct kiln_sweep *sweep, const char *group)
 {
     static const double densities[] = {0.7071, 0.5};
     static const int bounces[] = {1, 2, 4};
@@ -50,23 +44,23 @@ static void add_variants(struct kiln_tradeoff *sweep, const char *group)
         if (strcmp(group, "denoise") == 0) {
             s.raw = true;
             (void)snprintf(s.name, sizeof s.name, "%s, not denoised", s.quality);
-            add(sweep, s);
+            kiln_sweep_add(sweep, &s);
         } else if (strcmp(group, "schedule") == 0) {
             s.equal = true;
             (void)snprintf(s.name, sizeof s.name, "%s, equal", s.quality);
-            add(sweep, s);
+            kiln_sweep_add(sweep, &s);
         } else if (strcmp(group, "density") == 0) {
             for (size_t d = 0; d < sizeof densities / sizeof *densities; d++) {
                 s.density = densities[d];
                 (void)snprintf(s.name, sizeof s.name, "%s, density %.2g", s.quality, s.density);
-                add(sweep, s);
+                kiln_sweep_add(sweep, &s);
             }
         } else if (i + 2 == kiln_quality_count) { /* where noise hides least what bounces leave out */
             for (size_t b = 0; b < sizeof bounces / sizeof *bounces; b++) {
                 s.bounces = bounces[b];
                 (void)snprintf(s.name, sizeof s.name, "%s, %d bounce%s", s.quality, s.bounces,
                                s.bounces == 1 ? "" : "s");
-                add(sweep, s);
+                kiln_sweep_add(sweep, &s);
             }
         }
     }
@@ -91,7 +85,7 @@ double kiln_setting_rays(const struct kiln_setting *s)
 }
 
 /* All products of samples, the quickest first. */
-static void add_samples(struct kiln_tradeoff *sweep)
+static void add_samples(struct kiln_sweep *sweep)
 {
     static const uint32_t directs[] = {16, 64, 256, 1024}, bounces[] = {4, 16, 64}, indirects[] = {32, 128, 512, 2048};
     const size_t first = sweep->count;
@@ -106,7 +100,7 @@ static void add_samples(struct kiln_tradeoff *sweep)
                                          .density = 1.0};
                 (void)snprintf(s.name, sizeof s.name, "%u %u %u", s.direct, s.bounce, s.indirect);
                 if (!is_preset(&s))
-                    add(sweep, s);
+                    kiln_sweep_add(sweep, &s);
             }
     for (size_t i = first + 1; i < sweep->count; i++)
         for (size_t j = i;
@@ -140,12 +134,12 @@ static bool read_samples(const char *text, struct kiln_setting *s)
     return true;
 }
 
-static void add_given(struct kiln_tradeoff *sweep)
+static void add_given(struct kiln_sweep *sweep)
 {
     struct kiln_setting s;
     for (size_t i = 2; i < sweep->job->argument_count; i++)
         if (read_samples(sweep->job->arguments[i], &s))
-            add(sweep, s);
+            kiln_sweep_add(sweep, &s);
 }
 
 static bool is_named(const struct kiln_job *job, const char *group)
@@ -177,7 +171,7 @@ static int check_names(const struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-int kiln_settings_choose(struct kiln_tradeoff *sweep, struct kiln_error *error)
+int kiln_settings_choose(struct kiln_sweep *sweep, struct kiln_error *error)
 {
     const struct kiln_job *job = sweep->job;
     const int status = check_names(job, error);

@@ -13,7 +13,7 @@ struct sentences {
     size_t count;
 };
 
-void kiln_tradeoff_list(const struct kiln_tradeoff *sweep)
+void kiln_tradeoff_list(const struct kiln_sweep *sweep)
 {
     for (size_t i = 0; i < sweep->count; i++) {
         const struct kiln_setting *s = &sweep->settings[i];
@@ -28,7 +28,7 @@ void kiln_tradeoff_list(const struct kiln_tradeoff *sweep)
 static char *next(struct sentences *s) { return s->text[s->count < SENTENCES - 1 ? s->count++ : s->count]; }
 
 /* For each round error that the front reaches, the quickest bake that has it. */
-static void say_choices(const struct kiln_tradeoff *sweep, struct sentences *said)
+static void say_choices(const struct kiln_sweep *sweep, struct sentences *said)
 {
     static const double errors[] = {0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001};
     size_t front[KILN_SETTINGS_MOST], last = SIZE_MAX;
@@ -47,7 +47,7 @@ static void say_choices(const struct kiln_tradeoff *sweep, struct sentences *sai
     }
 }
 
-static void say_presets(const struct kiln_tradeoff *sweep, struct sentences *said)
+static void say_presets(const struct kiln_sweep *sweep, struct sentences *said)
 {
     for (size_t i = 0; i < sweep->count; i++) {
         const struct kiln_setting_result *r = &sweep->results[i];
@@ -67,7 +67,7 @@ static void say_presets(const struct kiln_tradeoff *sweep, struct sentences *sai
     }
 }
 
-static void say_reference(const struct kiln_tradeoff *sweep, struct sentences *said)
+static void say_reference(const struct kiln_sweep *sweep, struct sentences *said)
 {
     double least = INFINITY;
     for (size_t i = 0; i < sweep->count; i++)
@@ -80,7 +80,7 @@ static void say_reference(const struct kiln_tradeoff *sweep, struct sentences *s
                        100.0 * sweep->reference_error, 300.0 * sweep->reference_error);
 }
 
-static void print_text(const struct kiln_tradeoff *sweep, const struct sentences *said)
+static void print_text(const struct kiln_sweep *sweep, const struct sentences *said)
 {
     size_t front[KILN_SETTINGS_MOST];
     const size_t count = kiln_front_list(sweep, front);
@@ -96,7 +96,7 @@ static void print_text(const struct kiln_tradeoff *sweep, const struct sentences
     kiln_print(stdout, "%s/tradeoff.csv, %s/tradeoff.svg\n", sweep->job->output, sweep->job->output);
 }
 
-static json_t *rows_json(const struct kiln_tradeoff *sweep)
+static json_t *rows_json(const struct kiln_sweep *sweep)
 {
     json_t *rows = json_array();
     for (size_t i = 0; i < sweep->count; i++) {
@@ -115,7 +115,7 @@ static json_t *rows_json(const struct kiln_tradeoff *sweep)
     return rows;
 }
 
-int kiln_tradeoff_tell(const struct kiln_tradeoff *sweep, size_t left, struct kiln_error *error)
+int kiln_tradeoff_tell(const struct kiln_sweep *sweep, size_t left, struct kiln_error *error)
 {
     struct sentences said = {.count = 0};
     if (left > 0)

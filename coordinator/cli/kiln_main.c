@@ -426,7 +426,8 @@ static int run_command_line(int argc, char **argv)
     /* a bench that starts mpirun, or bakes, must not start MPI itself */
     const bool starts_mpi = command != NULL && command->bit == KILN_FOR_BENCH &&
                             (has_argument(argc, argv, "scaling") || has_argument(argc, argv, "stability") ||
-                             has_argument(argc, argv, "tradeoff"));
+                             has_argument(argc, argv, "tradeoff") || has_argument(argc, argv, "cell-size") ||
+                             has_argument(argc, argv, "per-object"));
     const bool help = asks_for_help(argc, argv); /* rank 0 answers at once, whatever the other ranks do */
     const bool needs_mpi = command != NULL && command->mpi && !starts_mpi && !help;
     if (is_launched() && !needs_mpi && !starts_mpi && !help)

@@ -117,11 +117,11 @@ struct kiln_job {
     double albedo;                       /* generate furnace; -1: not given */
     double node_bandwidth, node_latency; /* plan: of the network, GB/s and microseconds */
     uint64_t points;                     /* plan: surface points of the scaling curve; 0: those of the scene */
-    char *rank_counts;                   /* bench scaling: "1,2,4" */
+    char *rank_counts;                   /* bench scaling, cell-size, per-object: "1,2,4" */
     uint32_t repeats;                    /* bench: runs of each measurement */
     char *reference;                     /* bench tradeoff: folder of a converged bake; NULL: one is made */
     uint32_t reference_samples;          /* bench tradeoff: rays in its final gather */
-    double budget;                       /* bench tradeoff: seconds; 0: no limit */
+    double budget;                       /* benches that sweep: seconds; 0: no limit */
     bool list;                           /* bench tradeoff: only list the bakes */
 
     /* submit: what the batch job requests */

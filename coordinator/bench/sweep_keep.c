@@ -1,18 +1,23 @@
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-#include "coordinator/bench/tradeoff_private.h"
+#include "coordinator/bench/sweep.h"
 #include "coordinator/files/checksummed_json.h"
-#include "coordinator/files/html.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/job/job_private.h"
 #include "coordinator/job/options.h"
 #include "worker/base/memory.h"
 
-enum { BYTES_MOST = 1 << 24 };
+enum { BYTES_MOST = 1 << 24, FILE_NAME = 64 };
 
-static const char file[] = "tradeoff.json";
+/* A file of the bench: its name and `suffix`. */
+static const char *file_name(const struct kiln_sweep *sweep, const char *suffix, char name[FILE_NAME])
+{
+    (void)snprintf(name, FILE_NAME, "%s%s", sweep->kind->name, suffix);
+    return name;
+}
 
 /* ---- what the results hold for ---- */
 
@@ -36,43 +41,51 @@ static json_t *identity(const struct kiln_job *job)
                      "reference_samples", job->reference != NULL ? 0 : (int)job->reference_samples);
 }
 
+json_t *kiln_sweep_number(double value) { return isfinite(value) ? json_real(value) : json_null(); }
+
 static json_t *result_json(const struct kiln_setting_result *r)
 {
-    return json_pack("{s:[f,f,f], s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "nrmse", r->error[0], r->error[1], r->error[2],
-                     "seconds", r->seconds, "light_seconds", r->light_seconds, "processor_seconds",
-                     r->processor_seconds, "peak_bytes", r->bytes, "points", r->points, "rays", r->rays,
-                     "texels_per_metre", r->texels_per_metre);
+    json_t *runs = json_array();
+    for (size_t i = 0; i < r->runs; i++) {
+        json_t *run = json_array();
+        for (int t = 0; t < KILN_TIMES; t++)
+            (void)json_array_append_new(run, kiln_sweep_number(r->run[i][t]));
+        (void)json_array_append_new(runs, run);
+    }
+    return json_pack("{s:[f,f,f], s:o, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "nrmse", r->error[0], r->error[1],
+                     r->error[2], "runs", runs, "differing", r->differing, "peak_bytes", r->bytes, "points", r->points,
+                     "rays", r->rays, "texels_per_metre", r->texels_per_metre, "cells", r->cells, "cell_size",
+                     r->cell_size, "imbalance", r->imbalance, "received", r->received);
 }
 
 static void read_result(const json_t *json, struct kiln_setting_result *r)
 {
-    *r =
-        (struct kiln_setting_result){.done = true,
-                                     .seconds = json_number_value(json_object_get(json, "seconds")),
-                                     .light_seconds = json_number_value(json_object_get(json, "light_seconds")),
-                                     .processor_seconds = json_number_value(json_object_get(json, "processor_seconds")),
-                                     .bytes = json_number_value(json_object_get(json, "peak_bytes")),
-                                     .points = json_number_value(json_object_get(json, "points")),
-                                     .rays = json_number_value(json_object_get(json, "rays")),
-                                     .texels_per_metre = json_number_value(json_object_get(json, "texels_per_metre"))};
+    const struct {
+        const char *name;
+        double *value;
+    } numbers[] = {{"differing", &r->differing}, {"peak_bytes", &r->bytes},  {"points", &r->points},
+                   {"rays", &r->rays},           {"cells", &r->cells},       {"texels_per_metre", &r->texels_per_metre},
+                   {"cell_size", &r->cell_size}, {"received", &r->received}, {"imbalance", &r->imbalance}};
+    const json_t *runs = json_object_get(json, "runs");
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
+        *numbers[i].value = json_number_value(json_object_get(json, numbers[i].name));
     for (size_t i = 0; i < KILN_LAYERS; i++)
         r->error[i] = json_number_value(json_array_get(json_object_get(json, "nrmse"), i));
-}
-
-/* The name under which a bake's result is kept. */
-static void key_of(const struct kiln_setting *s, char key[KILN_SETTING_OPTIONS])
-{
-    kiln_setting_options(s, 1.0, key);
-    const size_t used = strlen(key);
-    (void)snprintf(key + used, KILN_SETTING_OPTIONS - used, " (%u %u %u, density %.6g)", s->direct, s->bounce,
-                   s->indirect, s->density);
+    for (size_t i = 0; i < json_array_size(runs) && i < KILN_REPEATS_MOST; i++) {
+        for (size_t t = 0; t < KILN_TIMES; t++) {
+            const json_t *value = json_array_get(json_array_get(runs, i), t);
+            r->run[i][t] = json_is_number(value) ? json_number_value(value) : (double)NAN;
+        }
+        kiln_sweep_note_run(r);
+    }
 }
 
 /* ---- reading ---- */
 
-static int read_kept(struct kiln_tradeoff *sweep, struct kiln_error *error)
+static int read_kept(struct kiln_sweep *sweep, struct kiln_error *error)
 {
-    char *text = NULL;
+    char *text = NULL, name[FILE_NAME];
+    const char *file = file_name(sweep, ".json", name);
     size_t size = 0;
     struct kiln_error unread = {{0}};
     if (!sweep->job->resume)
@@ -91,7 +104,7 @@ static int read_kept(struct kiln_tradeoff *sweep, struct kiln_error *error)
                            sweep->job->output, file);
 }
 
-int kiln_tradeoff_take_up(struct kiln_tradeoff *sweep, struct kiln_error *error)
+int kiln_sweep_take_up(struct kiln_sweep *sweep, struct kiln_error *error)
 {
     json_t *now = identity(sweep->job);
     int status = read_kept(sweep, error);
@@ -104,7 +117,7 @@ int kiln_tradeoff_take_up(struct kiln_tradeoff *sweep, struct kiln_error *error)
                            sweep->job->output);
     for (size_t i = 0; status == KILN_OK && i < sweep->count; i++) {
         char key[KILN_SETTING_OPTIONS];
-        key_of(&sweep->settings[i], key);
+        sweep->kind->key(&sweep->settings[i], key);
         const json_t *result = json_object_get(json_object_get(sweep->kept, "results"), key);
         if (result != NULL)
             read_result(result, &sweep->results[i]);
@@ -115,45 +128,29 @@ int kiln_tradeoff_take_up(struct kiln_tradeoff *sweep, struct kiln_error *error)
 
 /* ---- writing ---- */
 
-static int write_csv(const struct kiln_tradeoff *sweep, struct kiln_error *error)
+/* A text file of the bench, written by `add`. */
+static int write_text(const struct kiln_sweep *sweep, const char *suffix,
+                      void (*add)(const struct kiln_sweep *sweep, struct kiln_html *page), struct kiln_error *error)
 {
-    char path[KILN_PATH_SIZE], options[KILN_SETTING_OPTIONS];
+    char path[KILN_PATH_SIZE], name[FILE_NAME];
     struct kiln_html page = {.error = error};
-    kiln_html_add(
-        &page, "group,name,options,samples_direct,samples_bounce,samples_indirect,bounces,schedule,denoised,"
-               "texels_per_metre,points,rays,nrmse,nrmse_direct,nrmse_indirect,seconds,light_seconds,processor_seconds,"
-               "peak_bytes,front\n");
-    for (size_t i = 0; i < sweep->count; i++) {
-        const struct kiln_setting *s = &sweep->settings[i];
-        const struct kiln_setting_result *r = &sweep->results[i];
-        if (!r->done)
-            continue;
-        kiln_setting_options(s, sweep->density, options);
-        kiln_html_add(&page, "%s,\"%s\",%s,%u,%u,%u,", s->group, s->name, options, s->direct, s->bounce, s->indirect);
-        if (s->bounces < 0)
-            kiln_html_add(&page, "all");
-        else
-            kiln_html_add(&page, "%d", s->bounces);
-        kiln_html_add(&page, ",%s,%s,%.9g,%.0f,%.0f,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.0f,%s\n",
-                      s->equal ? "equal" : "lean", s->raw ? "no" : "yes", r->texels_per_metre, r->points, r->rays,
-                      r->error[0], r->error[1], r->error[2], r->seconds, r->light_seconds, r->processor_seconds,
-                      r->bytes, r->front ? "yes" : "no");
-    }
-    const int status = kiln_path_join(path, sweep->job->output, "tradeoff.csv", error);
+    add(sweep, &page);
+    const int status = kiln_path_join(path, sweep->job->output, file_name(sweep, suffix, name), error);
     if (status == KILN_OK)
         return kiln_html_publish(&page, path);
     kiln_html_free(&page);
     return status;
 }
 
-static int write_kept(const struct kiln_tradeoff *sweep, struct kiln_error *error)
+static int write_kept(const struct kiln_sweep *sweep, struct kiln_error *error)
 {
-    char *text = NULL;
+    char *text = NULL, name[FILE_NAME];
+    const char *file = file_name(sweep, ".json", name);
     size_t size = 0;
     json_t *results = json_object_get(sweep->kept, "results");
     for (size_t i = 0; i < sweep->count; i++) {
         char key[KILN_SETTING_OPTIONS];
-        key_of(&sweep->settings[i], key);
+        sweep->kind->key(&sweep->settings[i], key);
         if (sweep->results[i].done)
             (void)json_object_set_new(results, key, result_json(&sweep->results[i]));
     }
@@ -164,13 +161,14 @@ static int write_kept(const struct kiln_tradeoff *sweep, struct kiln_error *erro
     return status;
 }
 
-int kiln_tradeoff_keep(struct kiln_tradeoff *sweep, struct kiln_error *error)
+int kiln_sweep_keep(struct kiln_sweep *sweep, struct kiln_error *error)
 {
-    kiln_front_mark(sweep);
+    if (sweep->kind->judge != NULL)
+        sweep->kind->judge(sweep);
     int status = write_kept(sweep, error);
     if (status == KILN_OK)
-        status = write_csv(sweep, error);
+        status = write_text(sweep, ".csv", sweep->kind->csv, error);
     if (status == KILN_OK)
-        status = kiln_tradeoff_plot(sweep, error);
+        status = write_text(sweep, ".svg", sweep->kind->plot, error);
     return status;
 }

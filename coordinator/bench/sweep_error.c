@@ -2,11 +2,11 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "coordinator/bench/tradeoff_private.h"
+#include "coordinator/bench/sweep.h"
 
 /* ---- the reference ---- */
 
-int kiln_reference_open(struct kiln_tradeoff *sweep, struct kiln_error *error)
+int kiln_reference_open(struct kiln_sweep *sweep, struct kiln_error *error)
 {
     int status = kiln_results_open(&sweep->reference_results, sweep->reference, error);
     if (status == KILN_OK)
@@ -16,12 +16,14 @@ int kiln_reference_open(struct kiln_tradeoff *sweep, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     sweep->density = (double)sweep->reference_scene->header->texels_per_metre;
+    sweep->cell_size =
+        json_number_value(json_object_get(json_object_get(sweep->reference_report, "balance"), "cell_size"));
     sweep->reference_error =
         json_number_value(json_object_get(json_object_get(sweep->reference_report, "error"), "mean_relative"));
     return KILN_OK;
 }
 
-void kiln_reference_close(struct kiln_tradeoff *sweep)
+void kiln_reference_close(struct kiln_sweep *sweep)
 {
     kiln_scene_close(&sweep->reference_scene);
     kiln_results_close(&sweep->reference_results);
@@ -34,10 +36,11 @@ void kiln_reference_close(struct kiln_tradeoff *sweep)
 struct pair {
     struct kiln_results *results[2]; /* of the bake, of the reference */
     struct kiln_scene *scenes[2];
+    double differing; /* values that have other bits in the two */
 };
 
 /* The files that a scene was read from must be the same ones as the reference's. */
-static int check_sources(const struct kiln_tradeoff *sweep, const json_t *report, struct kiln_error *error)
+static int check_sources(const struct kiln_sweep *sweep, const json_t *report, struct kiln_error *error)
 {
     const json_t *bake = json_object_get(json_object_get(report, "scene"), "sources"),
                  *reference = json_object_get(json_object_get(sweep->reference_report, "scene"), "sources");
@@ -52,7 +55,22 @@ static int check_sources(const struct kiln_tradeoff *sweep, const json_t *report
                             sweep->reference, sweep->job->scene);
 }
 
-static int add_object(const struct pair *p, uint32_t object, struct kiln_texel_sums *sums, struct kiln_error *error)
+/* How many values of two images have other bits; all of the larger one if they differ in size or channels. */
+static double count_differing(const struct kiln_image *a, const struct kiln_image *b)
+{
+    const size_t sizes[2] = {(size_t)a->width * a->height, (size_t)b->width * b->height};
+    uint64_t differing = 0;
+    if (a->width != b->width || a->height != b->height || a->channel_count != b->channel_count)
+        return fmax((double)(sizes[0] * a->channel_count), (double)(sizes[1] * b->channel_count));
+    for (size_t c = 0; c < a->channel_count; c++) {
+        const bool same_name = strcmp(a->channels[c].name, b->channels[c].name) == 0;
+        for (size_t i = 0; i < sizes[0]; i++)
+            differing += !same_name || memcmp(&a->channels[c].values[i], &b->channels[c].values[i], sizeof(float)) != 0;
+    }
+    return (double)differing;
+}
+
+static int add_object(struct pair *p, uint32_t object, struct kiln_texel_sums *sums, struct kiln_error *error)
 {
     static const char *const wanted[] = {"R",        "G",          "B",          "direct.R",   "direct.G",
                                          "direct.B", "indirect.R", "indirect.G", "indirect.B", "validity.Y"};
@@ -68,6 +86,7 @@ static int add_object(const struct pair *p, uint32_t object, struct kiln_texel_s
         in[i] = (struct kiln_compared){p->scenes[i], object, images[i]};
     }
     if (status == KILN_OK) {
+        p->differing += count_differing(images[0], images[1]);
         status = kiln_texels_add(sums, &in[0], &in[1], &inner);
         if (status != KILN_OK)
             (void)kiln_fail(error, status, "%s cannot be compared with the reference's: %s", name, inner.message);
@@ -77,7 +96,7 @@ static int add_object(const struct pair *p, uint32_t object, struct kiln_texel_s
     return status;
 }
 
-static int add_all(const struct kiln_tradeoff *sweep, const struct pair *p, struct kiln_texel_sums *sums,
+static int add_all(const struct kiln_sweep *sweep, struct pair *p, struct kiln_texel_sums *sums,
                    struct kiln_error *error)
 {
     const struct kiln_scene *scene = p->scenes[1];
@@ -94,7 +113,7 @@ static int add_all(const struct kiln_tradeoff *sweep, const struct pair *p, stru
     return status;
 }
 
-int kiln_reference_compare(struct kiln_tradeoff *sweep, const json_t *report, double error_of[KILN_LAYERS],
+int kiln_reference_compare(struct kiln_sweep *sweep, const json_t *report, struct kiln_setting_result *result,
                            struct kiln_error *error)
 {
     struct pair p = {.results = {NULL, sweep->reference_results}, .scenes = {NULL, sweep->reference_scene}};
@@ -106,8 +125,10 @@ int kiln_reference_compare(struct kiln_tradeoff *sweep, const json_t *report, do
         status = kiln_results_scene(p.results[0], &p.scenes[0], error);
     if (status == KILN_OK)
         status = add_all(sweep, &p, &sums, error);
-    for (int i = 0; status == KILN_OK && i < KILN_LAYERS; i++) /* sqrt(sum of squares / 3 A) / (sum of light / 3 A) */
-        error_of[i] = sqrt(3.0 * sums.area * sums.squares[i]) / sums.reference;
+    /* sqrt(sum of squares / 3 A) / (sum of light / 3 A); equal images are read with rounding */
+    for (int i = 0; status == KILN_OK && i < KILN_LAYERS; i++)
+        result->error[i] = p.differing > 0.0 ? sqrt(3.0 * sums.area * sums.squares[i]) / sums.reference : 0.0;
+    result->differing = fmax(result->differing, p.differing);
     kiln_scene_close(&p.scenes[0]);
     kiln_results_close(&p.results[0]);
     return status;
