@@ -121,7 +121,7 @@ static size_t line_of(const struct kiln_sweep *sweep, const struct frame *f, uin
     return count;
 }
 
-/* The medians, with a bar from the least to the most of the runs at each; dashed for indirect light. */
+/* The medians, with a bar from the least to the most of the runs at each; indirect light is dashed, without bars. */
 static void add_line(struct kiln_html *page, const struct kiln_sweep *sweep, const struct frame *f, size_t number,
                      enum kiln_sweep_time time, const size_t *indices, size_t count)
 {
@@ -138,10 +138,11 @@ static void add_line(struct kiln_html *page, const struct kiln_sweep *sweep, con
         const struct kiln_setting_result *r = &sweep->results[indices[i]];
         const struct kiln_spread t = kiln_sweep_spread(r, time);
         const double x = across(f, position(f, &sweep->settings[indices[i]], r));
-        kiln_html_add(page,
-                      "<path d=\"M%.1f %.1fV%.1f\" stroke=\"%s\" stroke-width=\"1.5\"/><circle cx=\"%.1f\" cy=\"%.1f\" "
-                      "r=\"4\" fill=\"%s\" stroke=\"%s\"><title>",
-                      x, up(f, t.least), up(f, t.most), color, x, up(f, t.median), all ? color : "#fff", color);
+        if (all)
+            kiln_html_add(page, "<path d=\"M%.1f %.1fV%.1f\" stroke=\"%s\" stroke-width=\"1.5\"/>", x, up(f, t.least),
+                          up(f, t.most), color);
+        kiln_html_add(page, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"4\" fill=\"%s\" stroke=\"%s\"><title>", x,
+                      up(f, t.median), all ? color : "#fff", color);
         kiln_html_text(page, sweep->settings[indices[i]].name);
         kiln_html_add(page, ": %.3g s (%.3g to %.3g), %.0f cells</title></circle>\n", t.median, t.least, t.most,
                       r->cells);
@@ -193,6 +194,6 @@ void kiln_order_plot(const struct kiln_sweep *sweep, struct kiln_html *page)
     }
     kiln_html_add(page,
                   "<text x=\"%d\" y=\"%d\" font-size=\"11\" fill=\"#555\">medians of the runs; bars from the least "
-                  "to the most</text>\n</svg>\n",
+                  "to the most, of all light</text>\n</svg>\n",
                   LEFT, TOP - 8);
 }
