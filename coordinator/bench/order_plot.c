@@ -121,6 +121,12 @@ static size_t line_of(const struct kiln_sweep *sweep, const struct frame *f, uin
     return count;
 }
 
+/* Lines lie a little beside each other, so that bars can be told apart. */
+static double place(const struct kiln_sweep *sweep, const struct frame *f, size_t number, size_t i)
+{
+    return across(f, position(f, &sweep->settings[i], &sweep->results[i])) + 6.0 * (double)number;
+}
+
 /* The medians, with a bar from the least to the most of the runs at each; indirect light is dashed, without bars. */
 static void add_line(struct kiln_html *page, const struct kiln_sweep *sweep, const struct frame *f, size_t number,
                      enum kiln_sweep_time time, const size_t *indices, size_t count)
@@ -130,14 +136,13 @@ static void add_line(struct kiln_html *page, const struct kiln_sweep *sweep, con
     kiln_html_add(page, "<polyline fill=\"none\" stroke=\"%s\" stroke-width=\"2\"%s points=\"", color,
                   all ? "" : " stroke-dasharray=\"5 4\"");
     for (size_t i = 0; i < count; i++)
-        kiln_html_add(page, "%.1f,%.1f ",
-                      across(f, position(f, &sweep->settings[indices[i]], &sweep->results[indices[i]])),
+        kiln_html_add(page, "%.1f,%.1f ", place(sweep, f, number, indices[i]),
                       up(f, kiln_sweep_spread(&sweep->results[indices[i]], time).median));
     kiln_html_add(page, "\"/>\n");
     for (size_t i = 0; i < count; i++) {
         const struct kiln_setting_result *r = &sweep->results[indices[i]];
         const struct kiln_spread t = kiln_sweep_spread(r, time);
-        const double x = across(f, position(f, &sweep->settings[indices[i]], r));
+        const double x = place(sweep, f, number, indices[i]);
         if (all)
             kiln_html_add(page, "<path d=\"M%.1f %.1fV%.1f\" stroke=\"%s\" stroke-width=\"1.5\"/>", x, up(f, t.least),
                           up(f, t.most), color);
