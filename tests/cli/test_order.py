@@ -111,6 +111,7 @@ class Order(unittest.TestCase):
         self.assertEqual(rows['cells, 1 rank']['point_imbalance'], 0)
         self.assertGreater(rows['objects, 2 ranks']['point_imbalance'], rows['cells, 2 ranks']['point_imbalance'])
         self.assertIn('share its memory', answer.out)
+        self.assertIn('too few runs to tell them apart', answer.out)
         with open(os.path.join(self.out, 'per-object.svg')) as file:
             plot = file.read()
         self.assertEqual(plot.count('<circle'), 8)
