@@ -839,8 +839,7 @@ const struct kiln_option kiln_options[] = {
      .word = "none",
      .minimum = 1e-3,
      .maximum = 1e9,
-     .help = "begin no bake that would end later; the same command goes on with the rest (tradeoff, cell-size, "
-             "per-object)",
+     .help = "begin no bake that would end later; run again to go on (tradeoff, cell-size, per-object)",
      .commands = KILN_FOR_BENCH,
      .offset = AT(budget)},
     {.name = "list",
