@@ -46,14 +46,14 @@ import harness  # noqa: E402
 STOPPED, LOST, BAD_INPUT, SYSTEM, CANNOT_CREATE, IO, PERMISSION = 75, 76, 65, 71, 73, 74, 77
 SCENE = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
 # A few seconds on two cores, in enough batches that there is something to interrupt.
-OPTIONS = ('--backend', 'embree', '--lightmap-size', '32', '--samples-direct', '64', '--samples-bounce', '32',
+OPTIONS = ('--backend', 'embree', '--lightmap-size', '48', '--samples-direct', '64', '--samples-bounce', '32',
            '--samples-indirect', '256', '--bounces', '4',
            '--samples-probe', '64', '--error-map')
-PROBES = ('--samples-probe', '1024')
+PROBES = ('--samples-probe', '2048')
 OFTEN = ('--checkpoint-every', '0.05')
 LOOK = 0.02  # seconds between two looks at all processes, which take milliseconds
 # With so many samples that their steps last long enough to be interrupted.
-QUANTITIES = ('--ambient-occlusion', '0.5', '--directional', 'sh1', '--samples-indirect', '1024')
+QUANTITIES = ('--ambient-occlusion', '0.5', '--directional', 'sh1', '--samples-indirect', '2048')
 
 
 class Tool:
