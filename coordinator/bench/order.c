@@ -229,42 +229,40 @@ static void list(const struct kiln_sweep *sweep)
 
 /* ---- the benches ---- */
 
+/* Runs a bench whose name, suffix, refused options, settings and their options `kind` has. */
+static int run_order(struct kiln_sweep_kind kind, struct kiln_job *job, struct kiln_error *error)
+{
+    kind.exact = true;
+    kind.key = key;
+    kind.push_reference = push_reference;
+    kind.rays = rays;
+    kind.csv = add_csv;
+    kind.plot = kiln_order_plot;
+    kind.list = list;
+    kind.tell = kiln_order_tell;
+    return kiln_sweep_run(&kind, job, error);
+}
+
 int kiln_cell_size_bench(struct kiln_job *job, struct kiln_error *error)
 {
     static const char *const refused[] = {"cell-size",         "samples-probe",   "reference",
                                           "reference-samples", "verify-fraction", NULL};
-    static const struct kiln_sweep_kind kind = {.name = "cell-size",
-                                                .suffix = "-cell-size",
-                                                .refused = refused,
-                                                .exact = true,
-                                                .choose = choose_sides,
-                                                .options = side_options,
-                                                .key = key,
-                                                .push_reference = push_reference,
-                                                .rays = rays,
-                                                .csv = add_csv,
-                                                .plot = kiln_order_plot,
-                                                .list = list,
-                                                .tell = kiln_order_tell};
-    return kiln_sweep_run(&kind, job, error);
+    const struct kiln_sweep_kind own = {.name = "cell-size",
+                                        .suffix = "-cell-size",
+                                        .refused = refused,
+                                        .choose = choose_sides,
+                                        .options = side_options};
+    return run_order(own, job, error);
 }
 
 int kiln_per_object_bench(struct kiln_job *job, struct kiln_error *error)
 {
     static const char *const refused[] = {"partition",         "samples-probe",   "reference",
                                           "reference-samples", "verify-fraction", NULL};
-    static const struct kiln_sweep_kind kind = {.name = "per-object",
-                                                .suffix = "-per-object",
-                                                .refused = refused,
-                                                .exact = true,
-                                                .choose = choose_orders,
-                                                .options = order_options,
-                                                .key = key,
-                                                .push_reference = push_reference,
-                                                .rays = rays,
-                                                .csv = add_csv,
-                                                .plot = kiln_order_plot,
-                                                .list = list,
-                                                .tell = kiln_order_tell};
-    return kiln_sweep_run(&kind, job, error);
+    const struct kiln_sweep_kind own = {.name = "per-object",
+                                        .suffix = "-per-object",
+                                        .refused = refused,
+                                        .choose = choose_orders,
+                                        .options = order_options};
+    return run_order(own, job, error);
 }
