@@ -4,6 +4,7 @@
 #include <fcntl.h>
 #include <math.h>
 #include <omp.h>
+#include <stdatomic.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -349,6 +350,7 @@ struct input_stream {
     int descriptor;
     const char *path; /* for messages */
     int64_t bytes;
+    atomic_int number; /* errno of a read that failed: its thread's chunk is then said to be damaged; 0: none did */
 };
 
 static int64_t input_size(exr_const_context_t context, void *user)
@@ -361,7 +363,7 @@ static int64_t input_size(exr_const_context_t context, void *user)
 static int64_t read_stream(exr_const_context_t context, void *user, void *buffer, uint64_t size, uint64_t offset,
                            exr_stream_error_func_ptr_t report)
 {
-    const struct input_stream *stream = user;
+    struct input_stream *stream = user;
     uint64_t done = 0;
     (void)context;
     (void)report;
@@ -371,8 +373,10 @@ static int64_t read_stream(exr_const_context_t context, void *user, void *buffer
         const ssize_t got = pread(stream->descriptor, (char *)buffer + done, size - done, (off_t)(offset + done));
         if (got < 0 && errno == EINTR)
             continue;
-        if (got < 0)
+        if (got < 0) {
+            stream->number = errno;
             return -1;
+        }
         if (got == 0)
             break;
         done += (uint64_t)got;
@@ -412,7 +416,7 @@ static bool attributes_are_sane(const uint8_t *bytes, size_t size)
 }
 
 /* Checks the header before the library reads it: one part of scanlines, with a reasonable number of attributes. */
-static int check_header(const struct input_stream *stream, struct kiln_error *error)
+static int check_header(struct input_stream *stream, struct kiln_error *error)
 {
     enum { SCANLINES = 2, LONG_NAMES = 0x400 };
     static const uint8_t magic[4] = {0x76, 0x2f, 0x31, 0x01};
@@ -421,7 +425,7 @@ static int check_header(const struct input_stream *stream, struct kiln_error *er
     int status = kiln_allocate(&bytes, size, 1, "a header of OpenEXR", error);
     if (status != KILN_OK)
         return status;
-    if (read_stream(NULL, (void *)(uintptr_t)stream, bytes, size, 0, NULL) != (int64_t)size || size < 8 ||
+    if (read_stream(NULL, stream, bytes, size, 0, NULL) != (int64_t)size || size < 8 ||
         memcmp(bytes, magic, sizeof magic) != 0)
         status = kiln_fail(error, KILN_BAD_INPUT,
                            "'%s' cannot be read as OpenEXR: its first bytes are not those of one", stream->path);
@@ -584,6 +588,27 @@ static int read_part(exr_const_context_t file, const struct input_stream *stream
     return status;
 }
 
+static int read_stream_image(struct input_stream *stream, const char *const *wanted, size_t wanted_count,
+                             struct kiln_image **image, struct kiln_error *error)
+{
+    int status = check_header(stream, error);
+    if (status != KILN_OK)
+        return status;
+    exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
+    setup.error_handler_fn = exr_stay_silent;
+    setup.user_data = stream;
+    setup.read_fn = read_stream;
+    setup.size_fn = input_size;
+    setup.flags = EXR_CONTEXT_FLAG_DISABLE_CHUNK_RECONSTRUCTION;
+    exr_context_t file = NULL;
+    const exr_result_t code = exr_start_read(&file, stream->path, &setup);
+    if (code != EXR_ERR_SUCCESS)
+        return exr_failed(KILN_BAD_INPUT, stream->path, "read", code, error);
+    status = read_part(file, stream, wanted, wanted_count, image, error);
+    (void)exr_finish(&file);
+    return status;
+}
+
 int kiln_exr_read_open(int descriptor, const char *path, const char *const *wanted, size_t wanted_count,
                        struct kiln_image **image, struct kiln_error *error)
 {
@@ -591,23 +616,12 @@ int kiln_exr_read_open(int descriptor, const char *path, const char *const *want
     *image = NULL;
     if (fstat(descriptor, &found) != 0 || !S_ISREG(found.st_mode))
         return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a plain file", path);
-    struct input_stream stream = {descriptor, path, (int64_t)found.st_size};
-    int status = check_header(&stream, error);
-    if (status != KILN_OK)
+    struct input_stream stream = {.descriptor = descriptor, .path = path, .bytes = (int64_t)found.st_size};
+    const int status = read_stream_image(&stream, wanted, wanted_count, image, error);
+    if (status == KILN_OK || stream.number == 0)
         return status;
-    exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
-    setup.error_handler_fn = exr_stay_silent;
-    setup.user_data = &stream;
-    setup.read_fn = read_stream;
-    setup.size_fn = input_size;
-    setup.flags = EXR_CONTEXT_FLAG_DISABLE_CHUNK_RECONSTRUCTION;
-    exr_context_t file = NULL;
-    const exr_result_t code = exr_start_read(&file, path, &setup);
-    if (code != EXR_ERR_SUCCESS)
-        return exr_failed(KILN_BAD_INPUT, path, "read", code, error);
-    status = read_part(file, &stream, wanted, wanted_count, image, error);
-    (void)exr_finish(&file);
-    return status;
+    errno = stream.number; /* the file itself may be sound */
+    return kiln_fail_errno(error, KILN_IO, "'%s' cannot be read", path);
 }
 
 int kiln_exr_read(const char *path, const char *const *wanted, size_t wanted_count, struct kiln_image **image,
