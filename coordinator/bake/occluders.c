@@ -15,7 +15,7 @@ struct occluder_rays {
 
 static int direction_of_ray(int ray) { return ray < MIDDLE ? ray : ray + 1; }
 
-static struct kiln_dvec3 unit_direction(int direction)
+struct kiln_dvec3 kiln_occluder_direction(int direction)
 {
     const struct kiln_dvec3 d =
         dvec3((double)(direction % 3 - 1), (double)(direction / 3 % 3 - 1), (double)(direction / 9 - 1));
@@ -43,7 +43,7 @@ static int find_some(struct kiln_backend *backend, const struct kiln_geometry *g
                      struct kiln_error *error)
 {
     for (size_t i = 0; i < count * RAYS; i++) {
-        const struct kiln_dvec3 d = unit_direction(direction_of_ray((int)(i % RAYS)));
+        const struct kiln_dvec3 d = kiln_occluder_direction(direction_of_ray((int)(i % RAYS)));
         r->origins[i] = positions[i / RAYS];
         r->directions[i] = vec3((float)d.x, (float)d.y, (float)d.z);
     }
@@ -51,7 +51,7 @@ static int find_some(struct kiln_backend *backend, const struct kiln_geometry *g
     for (size_t i = 0; status == KILN_OK && i < count * RAYS; i++) {
         const int direction = direction_of_ray((int)(i % RAYS));
         if (r->hits[i].triangle != KILN_NONE)
-            plane_of(g, positions[i / RAYS], &r->hits[i], unit_direction(direction),
+            plane_of(g, positions[i / RAYS], &r->hits[i], kiln_occluder_direction(direction),
                      occluders[i / RAYS].planes[direction]);
     }
     return status;

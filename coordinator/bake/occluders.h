@@ -5,6 +5,9 @@
 
 #include "coordinator/field/result.h"
 
+/* Unit vector of one of the KILN_OCCLUDER_DIRECTIONS directions, which is not the middle. */
+struct kiln_dvec3 kiln_occluder_direction(int direction);
+
 /* Computes the occluders of `count` probes: one ray in each of 26 directions, to the first surface. `positions`: m from
  * the scene's centre. Adds the number of rays to *rays. Not collective. A probe's result does not hang on the others.
  */

@@ -35,7 +35,8 @@ enum {
     RANK_VERIFIED,
     RANK_BEYOND,
     RANK_WORST /* bits of a non-negative double, which order like the double itself */,
-    RANK_VALUES
+    RANK_PROBES_IN, /* state KILN_PROBE_IN_PLACE, and so on */
+    RANK_VALUES = RANK_PROBES_IN + KILN_PROBE_STATES
 };
 
 static json_t *rgb_json(const double rgb[3]) { return json_pack("[f,f,f]", rgb[0], rgb[1], rgb[2]); }
@@ -170,6 +171,8 @@ static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
     values[RANK_VERIFIED] = info.verified;
     values[RANK_BEYOND] = info.beyond;
     memcpy(&values[RANK_WORST], &info.worst, sizeof info.worst);
+    for (uint64_t i = 0; i < run->volume->count; i++)
+        values[RANK_PROBES_IN + run->volume->places[i].state]++;
     for (size_t i = 0; i < t->steps.count; i++) {
         values[RANK_RAYS + t->steps.of[i].step.role] += t->steps.of[i].rays;
         values[RANK_STOLEN_FROM] += t->steps.of[i].given;
@@ -455,6 +458,19 @@ static json_int_t total(const uint64_t *values, int ranks, int what)
     return (json_int_t)sum;
 }
 
+static json_t *volume_json(const struct kiln_run *run, const uint64_t *values)
+{
+    const struct kiln_volume_result *v = run->volume;
+    const int ranks = run->prepared->ranks;
+    return json_pack("{s:[I,I,I], s:[f,f,f], s:[f,f,f], s:{s:I, s:I, s:I, s:I}}", "size", (json_int_t)v->size[0],
+                     (json_int_t)v->size[1], (json_int_t)v->size[2], "origin", v->origin[0], v->origin[1], v->origin[2],
+                     "spacing", v->spacing[0], v->spacing[1], v->spacing[2], "probes", "in_place",
+                     total(values, ranks, RANK_PROBES_IN + KILN_PROBE_IN_PLACE), "moved",
+                     total(values, ranks, RANK_PROBES_IN + KILN_PROBE_MOVED), "filled",
+                     total(values, ranks, RANK_PROBES_IN + KILN_PROBE_FILLED), "buried",
+                     total(values, ranks, RANK_PROBES_IN + KILN_PROBE_BURIED));
+}
+
 /* Numbers of rays, of the steps by role and of the probes; *sum receives their total. */
 static json_t *rays_json(const struct kiln_roles *roles, const uint64_t *values, int ranks, double *sum)
 {
@@ -602,11 +618,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(mpi, "received_between_nodes", json_integer(total(values, p->ranks, RANK_RECEIVED)));
     json_object_set_new(root, "mpi", mpi);
     if (run->volume->size[0] != 0)
-        json_object_set_new(root, "volume",
-                            json_pack("{s:[I,I,I], s:[f,f,f], s:[f,f,f]}", "size", (json_int_t)run->volume->size[0],
-                                      (json_int_t)run->volume->size[1], (json_int_t)run->volume->size[2], "origin",
-                                      run->volume->origin[0], run->volume->origin[1], run->volume->origin[2], "spacing",
-                                      run->volume->spacing[0], run->volume->spacing[1], run->volume->spacing[2]));
+        json_object_set_new(root, "volume", volume_json(run, values));
     json_object_set_new(root, "objects", objects_json(run));
     json_object_set_new(root, "borders", borders_json(run));
     json_object_set_new(root, "denoise", denoise_json(run));

@@ -4,8 +4,13 @@
 #include <string.h>
 
 #include "coordinator/bake/occluders.h"
+#include "coordinator/bake/probe_fill.h"
+#include "coordinator/bake/probe_places.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
+
+/* Of half the spacing: how far a probe inside geometry is moved at most, so that it stays in its box of the grid. */
+static const double REACH = 0.9;
 
 enum { PROBES_ALONG = 16, BATCH_LEAST = 256, BATCH_MOST = 1 << 16, BATCH_RAYS = 1 << 24 };
 
@@ -61,6 +66,7 @@ struct volume_work {
     struct kiln_volume_result *volume;
     struct kiln_probe_result *probes;       /* own */
     struct kiln_probe_occluders *occluders; /* own */
+    struct kiln_probe_place *places;        /* own */
     uint8_t *done;                          /* own: 1 if the probe has been gathered */
     struct kiln_vec3 *positions;            /* of the probes of a batch */
     uint64_t batch, batch_most, next, finished;
@@ -73,11 +79,13 @@ static int restore(struct volume_work *w, int rank, int ranks, struct kiln_error
     const struct kiln_checkpoint *c = w->params->checkpoint;
     const uint64_t first = w->volume->first, count = w->volume->count;
     if (!w->params->restore || kiln_checkpoint_generation(c) == 0 || !kiln_checkpoint_has(c, "probes") ||
-        !kiln_checkpoint_has(c, "probe_occluders"))
+        !kiln_checkpoint_has(c, "probe_occluders") || !kiln_checkpoint_has(c, "probe_places"))
         return KILN_OK;
     int status = kiln_checkpoint_read(c, "probes", first, count, sizeof *w->probes, w->probes, error);
     if (status == KILN_OK)
         status = kiln_checkpoint_read(c, "probe_occluders", first, count, sizeof *w->occluders, w->occluders, error);
+    if (status == KILN_OK)
+        status = kiln_checkpoint_read(c, "probe_places", first, count, sizeof *w->places, w->places, error);
     if (status == KILN_OK)
         status = kiln_checkpoint_read(c, "probes_done", first, count, 1, w->done, error);
     for (uint64_t i = 0; i < count; i++) {
@@ -99,6 +107,7 @@ static int save(const struct volume_work *w, bool stop, struct kiln_error *error
     const uint64_t first = w->volume->first, count = w->volume->count;
     const struct kiln_block blocks[] = {{"probes", first, count, sizeof *w->probes, w->probes},
                                         {"probe_occluders", first, count, sizeof *w->occluders, w->occluders},
+                                        {"probe_places", first, count, sizeof *w->places, w->places},
                                         {"probes_done", first, count, 1, w->done},
                                         {"probe_rays", 0, 1, sizeof *w->rays, w->rays}};
     return w->params->save(w->params->context, blocks, sizeof blocks / sizeof *blocks, stop, error);
@@ -135,7 +144,13 @@ static int gather_batch(struct volume_work *w, double *seconds, struct kiln_erro
                                      .samples = p->samples,
                                      .take = keep_probes,
                                      .context = w};
-    int status = kiln_backend_run(p->backend, &kiln_pass_probes, NULL, &items, w->rays, error);
+    double reach[3];
+    for (int a = 0; a < 3; a++)
+        reach[a] = REACH * 0.5 * w->volume->spacing[a];
+    int status =
+        kiln_probe_places_find(p->backend, p->geometry, w->positions, count, reach, w->places + first, w->rays, error);
+    if (status == KILN_OK)
+        status = kiln_backend_run(p->backend, &kiln_pass_probes, NULL, &items, w->rays, error);
     if (status == KILN_OK)
         status =
             kiln_occluders_find(p->backend, p->geometry, w->positions, count, w->occluders + first, w->rays, error);
@@ -184,6 +199,7 @@ int kiln_volume_save_all(const struct kiln_volume_result *volume, const struct k
     struct volume_work w = {.params = params, .volume = (struct kiln_volume_result *)(uintptr_t)volume, .rays = rays};
     w.probes = (struct kiln_probe_result *)(uintptr_t)volume->probes;
     w.occluders = (struct kiln_probe_occluders *)(uintptr_t)volume->occluders;
+    w.places = (struct kiln_probe_place *)(uintptr_t)volume->places;
     int status = kiln_agree(params->communicator, kiln_allocate(&w.done, volume->count, 1, "the probes", error), error);
     if (status == KILN_OK && volume->count > 0)
         memset(w.done, 1, volume->count);
@@ -212,11 +228,14 @@ int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_
     if (status == KILN_OK)
         status = kiln_allocate(&w.occluders, volume->count, sizeof *w.occluders, "the probes", error);
     if (status == KILN_OK)
+        status = kiln_allocate(&w.places, volume->count, sizeof *w.places, "the probes", error);
+    if (status == KILN_OK)
         status = kiln_allocate(&w.done, volume->count, 1, "the probes", error);
     if (status == KILN_OK)
         status = kiln_allocate(&w.positions, w.batch_most, sizeof *w.positions, "probe positions", error);
     volume->probes = w.probes;
     volume->occluders = w.occluders;
+    volume->places = w.places;
     if (status == KILN_OK)
         status = restore(&w, rank, ranks, error);
     status = kiln_agree(params->communicator, status, error);
@@ -224,6 +243,8 @@ int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_
     kiln_control_begin(params->control, "probes");
     if (status == KILN_OK)
         status = gather_all(&w, error);
+    if (status == KILN_OK)
+        status = kiln_probe_fill(params->communicator, volume, error);
     kiln_free(&w.positions);
     kiln_free(&w.done);
     return status;
@@ -233,8 +254,11 @@ void kiln_volume_destroy(struct kiln_volume_result *volume)
 {
     struct kiln_probe_result *probes = (struct kiln_probe_result *)(uintptr_t)volume->probes;
     struct kiln_probe_occluders *occluders = (struct kiln_probe_occluders *)(uintptr_t)volume->occluders;
+    struct kiln_probe_place *places = (struct kiln_probe_place *)(uintptr_t)volume->places;
     kiln_free(&probes);
     kiln_free(&occluders);
+    kiln_free(&places);
     volume->probes = NULL;
     volume->occluders = NULL;
+    volume->places = NULL;
 }

@@ -35,8 +35,24 @@ struct kiln_probe_occluders {
     float planes[KILN_OCCLUDER_DIRECTIONS][3];
 };
 
+/* What became of a probe. */
+enum kiln_probe_state {
+    KILN_PROBE_IN_PLACE, /* its light is that of its place in the grid */
+    KILN_PROBE_MOVED,    /* that place lies inside geometry: its light is that of a place beside it, outside */
+    KILN_PROBE_FILLED,   /* there is no such place in reach: its light is a mean of that of other probes near it */
+    KILN_PROBE_BURIED,   /* nor are there such probes */
+    KILN_PROBE_STATES
+};
+
+/* Where a probe's light was gathered: its place in the grid + offset, m. */
+struct kiln_probe_place {
+    float offset[3];
+    uint32_t state; /* enum kiln_probe_state */
+};
+
 /* Bytes of a probe in memory. */
-#define KILN_PROBE_BYTES (sizeof(struct kiln_probe_result) + sizeof(struct kiln_probe_occluders))
+#define KILN_PROBE_BYTES                                                                                               \
+    (sizeof(struct kiln_probe_result) + sizeof(struct kiln_probe_occluders) + sizeof(struct kiln_probe_place))
 
 /* The irradiance volume: a regular grid of probes, this rank's share of them a contiguous range of z-major order
  * (index = (z * size[1] + y) * size[0] + x). */
@@ -47,6 +63,7 @@ struct kiln_volume_result {
     uint64_t first, count;
     const struct kiln_probe_result *probes;       /* own */
     const struct kiln_probe_occluders *occluders; /* own */
+    const struct kiln_probe_place *places;        /* own */
 };
 
 #endif

@@ -30,7 +30,7 @@ struct kiln_volume {
     char *path;
     int own; /* descriptor to close with the volume; -1: it belongs to the caller */
     struct kiln_h5_file *file;
-    hid_t datasets[ARRAYS], occluders; /* occluders: invalid in files of kiln before it had them */
+    hid_t datasets[ARRAYS], occluders, offset; /* the last two: invalid in files of kiln before it had them */
     uint64_t size[3];
     double origin[3], spacing[3];
 };
@@ -102,7 +102,7 @@ int kiln_volume_open_file(struct kiln_volume **volume, int descriptor, const cha
     v->own = -1;
     for (int a = 0; a < ARRAYS; a++)
         v->datasets[a] = H5I_INVALID_HID;
-    v->occluders = H5I_INVALID_HID;
+    v->occluders = v->offset = H5I_INVALID_HID;
     if ((status = kiln_allocate(&v->path, strlen(path) + 1, 1, "a path", error)) == KILN_OK) {
         memcpy(v->path, path, strlen(path) + 1);
         status = kiln_h5_file_open(&v->file, descriptor, v->path, error);
@@ -113,6 +113,8 @@ int kiln_volume_open_file(struct kiln_volume **volume, int descriptor, const cha
         status = open_array(v, arrays[a].name, arrays[a].components, &v->datasets[a], error);
     if (status == KILN_OK && H5Lexists(kiln_h5_file_id(v->file), "/VTKHDF/PointData/occluders", H5P_DEFAULT) > 0)
         status = open_array(v, "occluders", OCCLUDERS, &v->occluders, error);
+    if (status == KILN_OK && H5Lexists(kiln_h5_file_id(v->file), "/VTKHDF/PointData/offset", H5P_DEFAULT) > 0)
+        status = open_array(v, "offset", 3, &v->offset, error);
     if (status != KILN_OK)
         kiln_volume_close(volume);
     return status;
@@ -143,6 +145,8 @@ void kiln_volume_close(struct kiln_volume **volume)
             (void)H5Dclose(v->datasets[a]);
     if (v->occluders >= 0)
         (void)H5Dclose(v->occluders);
+    if (v->offset >= 0)
+        (void)H5Dclose(v->offset);
     kiln_h5_file_close(&v->file);
     if (v->own >= 0)
         (void)close(v->own);
@@ -174,7 +178,7 @@ static int unreadable(const struct kiln_volume *v, const char *array, const uint
 }
 
 int kiln_volume_read(const struct kiln_volume *v, const uint64_t at[3], struct kiln_volume_probe *probe,
-                     struct kiln_probe_occluders *occluders, struct kiln_error *error)
+                     struct kiln_probe_surroundings *around, struct kiln_error *error)
 {
     float values[VALUES], *next = values;
     for (int a = 0; a < ARRAYS; a++) {
@@ -183,9 +187,11 @@ int kiln_volume_read(const struct kiln_volume *v, const uint64_t at[3], struct k
         next += arrays[a].components;
     }
     memcpy(probe, values, sizeof values);
-    memset(occluders, 0, sizeof *occluders);
-    if (v->occluders >= 0 && !read_values(v->occluders, at, OCCLUDERS, occluders->planes[0]))
+    memset(around, 0, sizeof *around);
+    if (v->occluders >= 0 && !read_values(v->occluders, at, OCCLUDERS, around->occluders.planes[0]))
         return unreadable(v, "occluders", at, error);
+    if (v->offset >= 0 && !read_values(v->offset, at, 3, around->offset))
+        return unreadable(v, "offset", at, error);
     return KILN_OK;
 }
 
@@ -263,17 +269,17 @@ int kiln_volume_light(const struct kiln_volume *v, const double position[3], str
     const int count = kiln_volume_corners(v->size, v->origin, v->spacing, position, at, weight, &place->outside);
     for (int k = 0; k < count; k++) {
         struct kiln_volume_probe probe;
-        struct kiln_probe_occluders occluders;
+        struct kiln_probe_surroundings around;
         float values[VALUES];
         double from[3];
-        const int status = kiln_volume_read(v, at[k], &probe, &occluders, error);
+        const int status = kiln_volume_read(v, at[k], &probe, &around, error);
         if (status != KILN_OK)
             return status;
         memcpy(values, &probe, sizeof values);
         for (int i = 0; i < 3; i++)
-            from[i] = position[i] - (v->origin[i] + v->spacing[i] * (double)at[k][i]);
+            from[i] = position[i] - (v->origin[i] + v->spacing[i] * (double)at[k][i] + (double)around.offset[i]);
         const double trust = weight[k] * (double)kiln_volume_trust(probe.validity),
-                     sees = kiln_volume_sees(&occluders, from), w = trust * fmax(sees, SEES_LEAST);
+                     sees = kiln_volume_sees(&around.occluders, from), w = trust * fmax(sees, SEES_LEAST);
         trusted += trust;
         seeing += trust * sees;
         total += w;

@@ -17,6 +17,12 @@ struct kiln_volume_probe {
     float mean_distance;   /* to the surfaces around, m */
 };
 
+/* Where it was gathered, and what is around there. */
+struct kiln_probe_surroundings {
+    struct kiln_probe_occluders occluders;
+    float offset[3]; /* m, from the probe's place in the grid */
+};
+
 struct kiln_volume;
 
 /* Opens a volume. KILN_NO_INPUT; KILN_BAD_INPUT if it is not a volume of kiln (h5_file.h). A volume that somebody
@@ -26,9 +32,10 @@ int kiln_volume_open(struct kiln_volume **volume, const char *path, struct kiln_
 int kiln_volume_open_file(struct kiln_volume **volume, int descriptor, const char *path, struct kiln_error *error);
 void kiln_volume_close(struct kiln_volume **volume);
 
-/* Reads the probe with grid indices `at` (x, y, z), which must exist. Occluders are 0 in a file that has none. */
+/* Reads the probe with grid indices `at` (x, y, z), which must exist. Occluders and offset are 0 in a file that has
+ * none. */
 int kiln_volume_read(const struct kiln_volume *volume, const uint64_t at[3], struct kiln_volume_probe *probe,
-                     struct kiln_probe_occluders *occluders, struct kiln_error *error);
+                     struct kiln_probe_surroundings *around, struct kiln_error *error);
 
 /* Factor on the trilinear weight of a probe: 0 up to validity 0.5 (the probe is inside or behind geometry), 1 from 0.75
  * on, linear in between. */

@@ -149,6 +149,25 @@ static int write_scalars(struct volume_writer *w, struct kiln_error *error)
     return status;
 }
 
+static int write_places(struct volume_writer *w, struct kiln_error *error)
+{
+    for (uint64_t p = 0; p < w->volume->count; p++)
+        memcpy(w->values + 3 * p, w->volume->places[p].offset, 3 * sizeof(float));
+    int status = write_array(w, "/VTKHDF/PointData/offset", w->values, 3, "m",
+                             "how far from its place in the grid the probe's light was gathered, x y z: probes inside "
+                             "geometry are moved out of it",
+                             error);
+    for (uint64_t p = 0; p < w->volume->count; p++)
+        w->values[p] = (float)w->volume->places[p].state;
+    if (status == KILN_OK)
+        status = write_array(w, "/VTKHDF/PointData/state", w->values, 1, "1",
+                             "0: the probe is in its place; 1: moved out of geometry by `offset`; 2: inside geometry, "
+                             "and filled with the light of the nearest probes that are not; 3: inside geometry, and no "
+                             "such probe is near",
+                             error);
+    return status;
+}
+
 static int write_occluders(struct volume_writer *w, struct kiln_error *error)
 {
     enum { COMPONENTS = 3 * KILN_OCCLUDER_DIRECTIONS };
@@ -219,9 +238,10 @@ static int read_back(const struct volume_writer *w, const struct kiln_publish *p
         const uint64_t own = k == 0 ? 0 : v->count - 1, index = v->first + own;
         const uint64_t at[3] = {index % v->size[0], index / v->size[0] % v->size[1], index / (v->size[0] * v->size[1])};
         struct kiln_volume_probe probe;
-        struct kiln_probe_occluders occluders;
-        status = kiln_volume_read(volume, at, &probe, &occluders, &why);
-        if (status == KILN_OK && memcmp(&occluders, &v->occluders[own], sizeof occluders) != 0)
+        struct kiln_probe_surroundings around;
+        status = kiln_volume_read(volume, at, &probe, &around, &why);
+        if (status == KILN_OK && (memcmp(&around.occluders, &v->occluders[own], sizeof around.occluders) != 0 ||
+                                  memcmp(around.offset, v->places[own].offset, sizeof around.offset) != 0))
             status = kiln_fail(&why, KILN_IO, "what is around probe %llu", (unsigned long long)index);
         for (int c = 0; status == KILN_OK && c < 3; c++)
             if (probe.harmonics[8][c] != (float)(kiln_harmonics_cosine(8) * (double)v->probes[own].radiance[8][c]) ||
@@ -245,7 +265,7 @@ uint64_t kiln_volume_space(const struct kiln_volume_result *volume)
         const uint64_t side = volume->size[i] < CHUNK_SIDE ? volume->size[i] : CHUNK_SIDE;
         probes *= side == 0 ? 0 : (volume->size[i] + side - 1) / side * side;
     }
-    return probes * (27 + 18 + 2 + 3 * KILN_OCCLUDER_DIRECTIONS) * sizeof(float) + (1 << 17);
+    return probes * (27 + 18 + 6 + 3 * KILN_OCCLUDER_DIRECTIONS) * sizeof(float) + (1 << 17);
 }
 
 int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_volume_result *volume,
@@ -276,6 +296,8 @@ int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_v
             status = write_axes(&w, error);
         if (status == KILN_OK)
             status = write_scalars(&w, error);
+        if (status == KILN_OK)
+            status = write_places(&w, error);
         if (status == KILN_OK)
             status = write_occluders(&w, error);
         status = kiln_agree(result->communicator, kiln_h5_close(&w.h5, status, error), error);

@@ -20,6 +20,7 @@ class Volume:
             self.harmonics = data['irradiance_sh'][...]  # [z, y, x, 27]; 27 = 9 coefficients of 3 channels
             self.validity = data['validity'][...]  # [z, y, x]; low where a probe is inside geometry
             self.occluders = data['occluders'][...]  # [z, y, x, 81]; 81 = 27 directions (z, y, x of -1 0 1) of 3 axes
+            self.offset = data['offset'][...]  # [z, y, x, 3]; m, where its light is from: probes are moved out of walls
             self.size = np.array(self.validity.shape[::-1])
 
     def light(self, position):
@@ -34,7 +35,8 @@ class Volume:
             if weight > 0:
                 x, y, z = low + corner
                 weight *= np.clip(4 * (self.validity[z, y, x] - 0.5), 0, 1)  # no light from inside a wall
-                weight *= max(self.sees((x, y, z), position - self.origin - self.spacing * (x, y, z)), 1e-6)
+                probe = self.origin + self.spacing * (x, y, z) + self.offset[z, y, x]
+                weight *= max(self.sees((x, y, z), position - probe), 1e-6)
                 sum_ += weight * self.harmonics[z, y, x]
                 total += weight
         return (sum_ / total).reshape(9, 3) if total > 0 else None

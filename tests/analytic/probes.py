@@ -5,6 +5,8 @@ A probe in empty space under one directional light: harmonics of bands 0 to 2 tu
 be exact. A probe under half a sky: pi L (1 + cos t) / 2, which harmonics hold exactly. The half sky is a black bowl
 whose rim is level with the probe.
 
+Probes inside of a pillar: those near its sides are moved out of it, those within are filled, and none is dark.
+
 Then light at points between probes: in a dark room behind a wall of 1 cm there is none, whatever the wall's slope
 against the grid of probes, and in front of the wall there is.
 """
@@ -126,6 +128,37 @@ def compare(checks, table, kiln, bake, name, angles, axes, scale, tolerance):
         table.row(name, 'axis ' + axis, '%.5f' % want, '%.1e' % (off / scale))
 
 
+def buried(checks, table, kiln):
+    """A room of 2 m, all of whose light is alike, round a pillar of 1.1 x 2 x 1.1 m: albedo 0.5 and emission 1 everywhere
+    make a radiance of 2, so E = 2 pi wherever a probe stands and whichever way it looks."""
+    scene = glb.Scene()
+    glow = scene.material('glow', (0.5, 0.5, 0.5), (1, 1, 1))
+    glb.box(scene, 'room', (-1, -1, -1), (1, 1, 1), glow, range(6))
+    glb.box(scene, 'pillar', (-0.55, -1, -0.55), (0.55, 1, 0.55), glow)
+    bake = kiln.bake(scene.write(os.path.join(kiln.scratch, 'pillar.glb')), '--texels-per-metre', 4, '--bounces', 8,
+                     '--samples-direct', 64, '--samples-bounce', 16, '--samples-probe', 256, '--probe-spacing', 0.2)
+    if not checks.baked(bake):
+        return
+    volume = Volume(os.path.join(bake.directory, 'volume.hdf'))
+    at = [volume.origin[a] + volume.spacing[a] * np.arange(volume.data['state'].shape[2 - a]) for a in range(3)]
+    z, y, x = np.meshgrid(at[2], at[1], at[0], indexing='ij')
+    depth = 0.55 - np.maximum(abs(x), abs(z))  # m, below 0 outside
+    state = volume.data['state']
+    checks.that(bool((state[depth < 0] == 0).all()), 'probes outside of the pillar are in place', bake.process)
+    near = (depth > 0) & (depth < 0.08)
+    checks.that(bool((state[near] == 1).all()), 'probes near its sides are moved', bake.process)
+    checks.that(bool((state[depth > 0.1] == 2).all()), 'probes within are filled', bake.process)
+    checks.that(all((state == s).any() for s in (0, 1, 2)), 'there are such probes', bake.process)
+    offset = volume.data['offset']
+    moved = np.maximum(abs(x + offset[..., 0]), abs(z + offset[..., 2]))[state == 1]
+    checks.that(bool((moved > 0.55).all()), 'moved probes stand outside', bake.process)
+    checks.that(bool((abs(offset) <= 0.1).all()) and not offset[state != 1].any(), 'within their box', bake.process)
+    light = volume.data['irradiance_sh'][..., 0] * 0.282095 / (2 * math.pi)
+    checks.that(bool((abs(light - 1) < 0.1).all()),
+                'a probe has %.3f to %.3f of the light' % (light.min(), light.max()), bake.process)
+    table.row('pillar', 'mean of all probes', '1', '%.1e' % abs(light.mean() - 1))
+
+
 def walls(checks, table, kiln, angle):
     """Irradiance on both sides of the wall: `behind` it there is 1 % of what is before it, at most, from 1 cm on."""
     name = 'rooms at %g degrees' % angle
@@ -181,6 +214,7 @@ def main():
         axes = {'posy': sky[0], 'negy': 0.0, 'posx': sky[90], 'negx': sky[90], 'posz': sky[90], 'negz': sky[90]}
         compare(checks, table, kiln, bake, 'probe_half_sky', sky, axes, sky[0], 5e-3)
 
+    buried(checks, table, kiln)
     for angle in (0, 30) if kiln.backend == 'embree' else (30,):  # what is kept behind walls is the host's work
         walls(checks, table, kiln, angle)
     checks.end()

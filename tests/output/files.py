@@ -145,11 +145,15 @@ def check_volume(folder):
         assert posx.shape == (3, 4, 5, 3) and validity.shape == (3, 4, 5)
         distance = group["PointData/mean_distance"][...]
         occluders = group["PointData/occluders"][...]
+        offset, state = group["PointData/offset"][...], group["PointData/state"][...]
     x = np.arange(5)
     assert np.allclose(posx[..., 0], 1 + x) and np.allclose(distance, 0.5 + np.arange(3)[:, None, None])
     assert np.allclose(harmonics[..., 0], np.pi * (1 + x) / 0.28209479,
                        rtol=1e-6), "the constant band is pi times radiance"
     assert occluders.shape == (3, 4, 5, 81) and np.count_nonzero(occluders) == 60
+    number = np.arange(60).reshape(3, 4, 5)
+    assert np.array_equal(offset[..., 1], number) and np.count_nonzero(offset) == 59, "where probes were moved"
+    assert np.array_equal(state, number % 4), "what became of the probes"
     assert np.array_equal(occluders[..., 42], 1 + np.arange(60).reshape(3, 4, 5)), "what is around the probes"
     assert validity.argmin() == 3 and np.isclose(validity.min(), 0.1)
 

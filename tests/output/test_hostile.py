@@ -103,8 +103,7 @@ def probe_and_verify(label, base, folder, make, word=None):
 # ---- volumes ----
 
 ARRAYS = {"irradiance_sh": 27, "irradiance_posx": 3, "irradiance_negx": 3, "irradiance_posy": 3, "irradiance_negy": 3,
-          "irradiance_posz": 3,
-          "irradiance_negz": 3, "validity": 1, "mean_distance": 1, "occluders": 81}
+          "irradiance_posz": 3, "irradiance_negz": 3, "validity": 1, "mean_distance": 1, "occluders": 81, "offset": 3}
 
 
 def volume(path, side=(4, 4, 4), change=None, after=None):

@@ -62,13 +62,16 @@ static int write_all(const char *directory, const char *mode, int rank, int rank
     volume.count = 60 * (uint64_t)(rank + 1) / (uint64_t)ranks - volume.first;
     struct kiln_probe_result probes[60] = {0};
     struct kiln_probe_occluders occluders[60] = {0};
+    struct kiln_probe_place places[60] = {0};
     for (uint64_t i = 0; i < volume.count; i++) {
         const uint64_t index = volume.first + i, at[3] = {index % 5, index / 5 % 4, index / 20};
         make_probe(&probes[i], at, index);
         occluders[i].planes[14][0] = 1.0f + (float)index;
+        places[i] = (struct kiln_probe_place){{0.0f, (float)index, 0.0f}, index % KILN_PROBE_STATES};
     }
     volume.probes = probes;
     volume.occluders = occluders;
+    volume.places = places;
     return status == KILN_OK ? kiln_write_volume(&result, &volume, &params, error) : status;
 }
 

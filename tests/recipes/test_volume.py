@@ -72,6 +72,7 @@ class VolumeRecipe(unittest.TestCase):
             group['PointData/irradiance_sh'] = np.repeat(np.arange(9.0, 0.0, -1.0), 3).reshape(1, 1, 1, 27)
             group['PointData/validity'] = np.ones((1, 1, 1), np.float32)
             group['PointData/occluders'] = np.zeros((1, 1, 1, 81), np.float32)
+            group['PointData/offset'] = np.zeros((1, 1, 1, 3), np.float32)
         one = volume.Volume(path)
         np.testing.assert_allclose(one.irradiance((5, -3, 0), (0, 2, 0)),
                                    volume.basis((0, 1, 0)) @ np.arange(9.0, 0.0, -1.0))
