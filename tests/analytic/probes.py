@@ -129,8 +129,8 @@ def compare(checks, table, kiln, bake, name, angles, axes, scale, tolerance):
 
 
 def buried(checks, table, kiln):
-    """A room of 2 m, all of whose light is alike, round a pillar of 1.1 x 2 x 1.1 m: albedo 0.5 and emission 1 everywhere
-    make a radiance of 2, so E = 2 pi wherever a probe stands and whichever way it looks."""
+    """A room of 2 m round a pillar of 1.1 x 2 x 1.1 m: albedo 0.5 and emission 1 everywhere make a radiance of 2, so
+    E = 2 pi wherever a probe stands and whichever way it looks."""
     scene = glb.Scene()
     glow = scene.material('glow', (0.5, 0.5, 0.5), (1, 1, 1))
     glb.box(scene, 'room', (-1, -1, -1), (1, 1, 1), glow, range(6))

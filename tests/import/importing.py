@@ -115,11 +115,24 @@ def quad(**more):
     return scene
 
 
+def lacks(parts):
+    return f"../shared/scenes/{'/'.join(parts)} is not here"
+
+
 def need_shared(*parts):
+    """A path below ../shared/scenes, or the end of the program: for what all of its tests need."""
     path = os.path.join(SHARED, *parts)
     if not os.path.exists(path):
-        print(f"skipped: ../shared/scenes/{'/'.join(parts)} is not here")
+        print("skipped: " + lacks(parts))
         sys.exit(SKIPPED)
+    return path
+
+
+def want_shared(*parts):
+    """The same for one test of several: it is skipped."""
+    path = os.path.join(SHARED, *parts)
+    if not os.path.exists(path):
+        raise unittest.SkipTest(lacks(parts))
     return path
 
 

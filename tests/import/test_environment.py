@@ -113,7 +113,7 @@ class Environment(importing.Case):
                 self.assertLess(answer.seconds, importing.QUICK)
 
     def test_hostile_files(self):
-        folder = importing.need_shared("own", "hostile")
+        folder = importing.want_shared("own", "hostile")
         for name in ("hdr_loop_49_bytes.hdr", "hdr_8192_claim.hdr"):
             answer = importing.info(self.scene, "--environment", os.path.join(folder, name), space=SPACE)
             self.assertEqual(answer.code, 65, answer.err)

@@ -67,7 +67,7 @@ class Winding(importing.Case):
                                        msg=f"{trust}: {name}")
 
     def test_a_solid_turned_inside_out(self):
-        path = os.path.join(importing.need_shared("own"), "nasty_valid.glb")
+        path = os.path.join(importing.want_shared("own"), "nasty_valid.glb")
         inward = lambda *options: [p["place"] for p in kiln("check", path, "--json", *options).json()["problems"]
                                    if "inward" in p["text"]]
         self.assertIn("mesh 'inverted_winding'", inward())
