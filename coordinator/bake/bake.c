@@ -161,6 +161,7 @@ void kiln_bake_end(struct kiln_bake **bake, int status, const struct kiln_error 
     json_decref(b->preview);
     kiln_progress_destroy(&b->progress);
     kiln_free(&b->lightmaps);
+    kiln_vertex_light_release(&b->vertices);
     kiln_density_check_release(&b->density);
     kiln_volume_destroy(&b->volume);
     kiln_solution_destroy(&b->solution);

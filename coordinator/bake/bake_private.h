@@ -10,6 +10,7 @@
 #include "coordinator/files/folder.h"
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/output/map/lightmaps.h"
+#include "coordinator/output/vertex_light.h"
 #include "coordinator/view/view.h"
 
 struct kiln_bake {
@@ -35,6 +36,7 @@ struct kiln_bake {
     struct kiln_volume_result volume;
     struct kiln_lightmap_report *lightmaps;
     struct kiln_density_check density;
+    struct kiln_vertex_light vertices;
     uint64_t probe_rays;
     bool same_probes; /* the probes of the checkpoint can be used */
     bool saves;       /* in steps and in the probe pass, where stopping writes a checkpoint */

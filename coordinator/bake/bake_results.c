@@ -56,13 +56,13 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
                                             .data = kiln_rank_data(data, kiln_node_data_own(data)),
                                             .radiosity = b->solution->radiosity,
                                             .stop = kiln_control_stop(b->control)};
-    const struct kiln_output_params params = {.directory = b->job->output,
-                                              .half = b->job->half,
-                                              .parts = kiln_job_parts(b->job) > 1,
-                                              .denoise = kiln_job_denoises(b->job),
-                                              .stitch = b->job->stitch,
-                                              .faults = &b->job->faults,
-                                              .provenance_json = provenance};
+    struct kiln_output_params params = {.directory = b->job->output,
+                                        .half = b->job->half,
+                                        .parts = kiln_job_parts(b->job) > 1,
+                                        .denoise = kiln_job_denoises(b->job),
+                                        .stitch = b->job->stitch,
+                                        .faults = &b->job->faults,
+                                        .provenance_json = provenance};
     kiln_phase(&b->phases, "lightmaps");
     kiln_progress_phase(b->progress, "lightmaps", 0);
     int status = kiln_allocate(&b->lightmaps, b->prepared->surface->map_count, sizeof *b->lightmaps,
@@ -70,6 +70,12 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
     status = kiln_agree(b->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_write_lightmaps(&result, &params, b->lightmaps, error);
+    if (status == KILN_OK && b->job->vertex_light) {
+        kiln_phase(&b->phases, "vertices");
+        kiln_progress_phase(b->progress, "vertices", 0);
+        status = kiln_vertex_light_fit(&b->vertices, &result, error);
+        params.vertices = b->rank == 0 ? &b->vertices : NULL;
+    }
     if (status == KILN_OK) {
         kiln_phase(&b->phases, "kiln.h5");
         kiln_progress_phase(b->progress, "kiln.h5", 0);

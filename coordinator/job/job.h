@@ -79,6 +79,7 @@ struct kiln_job {
     bool stitch;        /* smooth seams between charts, and between objects that touch; default true */
     int denoise;        /* enum kiln_denoise */
     bool error_map;     /* write the standard error of each texel as a layer */
+    bool vertex_light;  /* irradiance at vertices (coordinator/output/vertex_light.h) */
     bool check_density; /* whether the texels are fine enough (coordinator/bake/density_check.h) */
     bool preview;       /* write preview.png; default true */
     bool export;        /* write scene.glb; default true */

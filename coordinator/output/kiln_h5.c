@@ -127,6 +127,70 @@ static int write_cells(struct kiln_h5 *h5, const struct kiln_surface *s, const u
     return status;
 }
 
+/* Positions of vertices in the world, m. */
+static int write_vertex_positions(struct kiln_h5 *h5, const struct kiln_scene *scene,
+                                  const struct kiln_vertex_light *vertices, struct kiln_error *error)
+{
+    const uint64_t count = vertices->first[vertices->object_count];
+    float *positions = NULL;
+    int status = kiln_allocate(&positions, count, 3 * sizeof *positions, "positions of vertices", error);
+    for (size_t o = 0; status == KILN_OK && o < vertices->object_count; o++) {
+        const struct kiln_object *object = &scene->objects[o];
+        const struct kiln_vec3 *from = scene->positions + scene->meshes[object->mesh].vertex_first;
+        for (uint64_t v = vertices->first[o]; v < vertices->first[o + 1]; v++, from++)
+            for (int a = 0; a < 3; a++) {
+                const double *m = object->transform + 4 * a;
+                positions[3 * v + (uint64_t)a] =
+                    (float)(m[0] * (double)from->x + m[1] * (double)from->y + m[2] * (double)from->z + m[3]);
+            }
+    }
+    const struct kiln_h5_dataset what = {.name = "/vertices/position",
+                                         .type = H5T_NATIVE_FLOAT,
+                                         .rank = 2,
+                                         .size = {count, 3},
+                                         .units = "m",
+                                         .description = "in the world"};
+    if (status == KILN_OK)
+        status = kiln_h5_small(h5, &what, positions, error);
+    kiln_free(&positions);
+    return status;
+}
+
+static int write_vertices(struct kiln_h5 *h5, const struct kiln_bake_result *result,
+                          const struct kiln_vertex_light *vertices, struct kiln_error *error)
+{
+    const struct kiln_h5_dataset irradiance = {
+        .name = "/vertices/irradiance",
+        .type = H5T_NATIVE_FLOAT,
+        .rank = 2,
+        .size = {vertices->first[vertices->object_count], 3},
+        .units = result->units->irradiance,
+        .description = "at the vertices of all objects, one object after the other, linear RGB: interpolated over "
+                       "triangles it is nearest to that of /points, by least squares"};
+    const struct kiln_h5_dataset first = {.name = "/vertices/first",
+                                          .type = H5T_NATIVE_UINT64,
+                                          .rank = 1,
+                                          .size = {vertices->object_count + 1},
+                                          .units = "1",
+                                          .description = "where each object's vertices begin, and where the last end"};
+    const struct kiln_h5_dataset off = {.name = "/vertices/error",
+                                        .type = H5T_NATIVE_FLOAT,
+                                        .rank = 1,
+                                        .size = {vertices->object_count},
+                                        .units = "1",
+                                        .description =
+                                            "of each object: root mean square difference between interpolated light "
+                                            "and that of /points, over the mean light (luminance)"};
+    int status = kiln_h5_group(h5, "/vertices", error);
+    if (status == KILN_OK)
+        status = kiln_h5_small(h5, &irradiance, vertices->irradiance, error);
+    if (status == KILN_OK)
+        status = kiln_h5_small(h5, &first, vertices->first, error);
+    if (status == KILN_OK)
+        status = kiln_h5_small(h5, &off, vertices->error, error);
+    return status == KILN_OK ? write_vertex_positions(h5, result->scene, vertices, error) : status;
+}
+
 static int write_attributes(struct kiln_h5 *h5, const struct kiln_bake_result *result,
                             const struct kiln_output_params *params, struct kiln_error *error)
 {
@@ -185,6 +249,8 @@ static int write_small(struct kiln_h5 *h5, const struct kiln_bake_result *result
         status = write_objects(h5, result->scene, error);
     if (status == KILN_OK)
         status = write_cells(h5, result->surface, cell_points, error);
+    if (status == KILN_OK && params->vertices != NULL)
+        status = write_vertices(h5, result, params->vertices, error);
     return status;
 }
 
@@ -217,6 +283,11 @@ uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface
            (1 << 17);
 }
 
+static uint64_t vertices_space(const struct kiln_vertex_light *v)
+{
+    return v != NULL ? v->first[v->object_count] * 24 + v->object_count * 12 + (1 << 14) : 0;
+}
+
 int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                   struct kiln_error *error)
 {
@@ -230,8 +301,9 @@ int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_outpu
     if (status == KILN_OK && rank == 0)
         kiln_publish_sweep(&place);
     if (status == KILN_OK && rank == 0)
-        status =
-            kiln_require_space(params->directory, kiln_h5_space(result->scene, result->surface, result->fields), error);
+        status = kiln_require_space(
+            params->directory,
+            kiln_h5_space(result->scene, result->surface, result->fields) + vertices_space(params->vertices), error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_points_writer_create(&writer, result, error);

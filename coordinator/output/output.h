@@ -9,6 +9,7 @@
 
 #include "coordinator/field/result.h"
 #include "coordinator/job/faults.h"
+#include "coordinator/output/vertex_light.h"
 
 struct kiln_output_params {
     const char *directory;
@@ -21,13 +22,15 @@ struct kiln_output_params {
     /* kiln_provenance: one JSON object without time stamps, stored as an attribute of the HDF5 files */
     const char *provenance_json;
     const struct kiln_faults *faults; /* for tests; NULL: none */
+    /* for kiln.h5, on rank 0: irradiance at vertices; NULL: none */
+    const struct kiln_vertex_light *vertices;
 };
 
 /* The largest size of kiln.h5 in bytes, for which there must be room before it is begun. */
 uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface *surface,
                        const struct kiln_field_set *fields);
 /* Writes DIR/kiln.h5; all ranks and threads compress, rank 0 writes. Groups: /points, /irradiance and those of
- * further fields with the columns of columns.h, /objects and /cells. Provenance is stored in attributes, and every
+ * further fields with the columns of columns.h, /objects, /cells and /vertices. Provenance is stored in attributes, and every
  * dataset has `units` and `description`. */
 int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                   struct kiln_error *error);
