@@ -147,9 +147,9 @@ static int export_beside(const struct kiln_bake *b, struct kiln_error *error)
     for (uint32_t i = s->object_count; status == KILN_OK && i < s->map_count; i++)
         backs[i - s->object_count] = s->lightmaps[i].published != 0;
     if (status == KILN_OK)
-        status = kiln_export_beside(b->job->output, b->job->scene, b->prepared->scene, backs,
-                                    kiln_units_of(b->job->units, b->prepared->scene)->irradiance_text,
-                                    kiln_control_stop(b->control), error);
+        status = kiln_export_beside(
+            b->job->output, b->job->scene, b->prepared->scene, backs, (const float(*)[3])b->vertices.irradiance,
+            kiln_units_of(b->job->units, b->prepared->scene)->irradiance_text, kiln_control_stop(b->control), error);
     kiln_free(&backs);
     return status;
 }

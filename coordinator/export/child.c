@@ -25,6 +25,29 @@ void kiln_export_root(struct kiln_glb_build *b, json_t *plan)
     kiln_glb_use(b, KILN_LIGHTMAP_EXTENSION);
 }
 
+uint32_t kiln_export_colors(struct kiln_glb_build *b, const float (*colors)[3], size_t count)
+{
+    unsigned char *bytes;
+    const uint32_t view = kiln_glb_view(b, count * sizeof *colors, 0, KILN_GLTF_ARRAY_BUFFER, &bytes);
+    if (bytes != NULL)
+        memcpy(bytes, colors, count * sizeof *colors);
+    return kiln_glb_append(b, b->root, "accessors",
+                           json_pack("{s:i, s:i, s:I, s:s}", "bufferView", (int)view, "componentType", KILN_GLTF_FLOAT,
+                                     "count", (json_int_t)count, "type", "VEC3"));
+}
+
+uint32_t kiln_export_white(struct kiln_glb_build *b, size_t count)
+{
+    unsigned char *bytes;
+    const uint32_t view = kiln_glb_view(b, count * 4, 0, KILN_GLTF_ARRAY_BUFFER, &bytes);
+    if (bytes != NULL)
+        memset(bytes, 255, count * 4);
+    return kiln_glb_append(b, b->root, "accessors",
+                           json_pack("{s:i, s:i, s:I, s:s, s:b}", "bufferView", (int)view, "componentType",
+                                     KILN_GLTF_UNSIGNED_BYTE, "count", (json_int_t)count, "type", "VEC4", "normalized",
+                                     1));
+}
+
 /* Opens all that comes from the parent, before system calls are restricted. */
 static int open_task(struct kiln_export_task *task, struct kiln_error *error)
 {
@@ -40,15 +63,23 @@ static int open_task(struct kiln_export_task *task, struct kiln_error *error)
         got = fread(task->input + size, 1, READ_BYTES, stdin);
         size += got;
     }
-    const size_t length = strnlen(task->input, size), moved = task->scene->vertex_count * sizeof *task->coordinates;
+    const size_t length = strnlen(task->input, size);
     task->plan = json_loadb(task->input, length, JSON_REJECT_DUPLICATES, &report);
     task->coordinates = task->scene->texcoord_lightmap;
-    /* moves the coordinates to the input's beginning, where they are aligned */
-    if (length < size && size - length - 1 == moved) {
-        memmove(task->input, task->input + length + 1, moved);
+    const bool has_coordinates = json_is_true(json_object_get(task->plan, "has_coordinates")),
+               has_light = json_is_true(json_object_get(task->plan, "has_light"));
+    const size_t moved = has_coordinates ? task->scene->vertex_count * sizeof *task->coordinates : 0,
+                 light = has_light ? kiln_export_vertices(task->scene) * sizeof *task->light : 0,
+                 rest = length < size ? size - length - 1 : 0;
+    /* to the input's beginning, where numbers are aligned */
+    if (rest > 0 && rest == moved + light)
+        memmove(task->input, task->input + length + 1, rest);
+    if (has_coordinates)
         task->coordinates = (const struct kiln_vec2 *)(const void *)task->input;
-    }
-    if (task->plan == NULL || json_array_size(json_object_get(task->plan, "objects")) != task->scene->object_count)
+    if (has_light)
+        task->light = (const float(*)[3])(const void *)(task->input + moved);
+    if (task->plan == NULL || rest != moved + light ||
+        json_array_size(json_object_get(task->plan, "objects")) != task->scene->object_count)
         return kiln_fail(error, KILN_BUG, "the export's plan does not match the scene file %.512s", task->scene_file);
     return KILN_OK;
 }

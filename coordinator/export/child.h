@@ -3,9 +3,11 @@
  * argv: PROGRAM export-child SOURCE SCENE_FILE OUTPUT
  *       SOURCE is "" where the export is made from kiln's own scene file alone.
  *
- * Standard input is one JSON object, written by kiln and trusted. Where coordinates have moved, a zero byte follows it
- * and a struct kiln_vec2 for each vertex of the scene. The object is:
- *   {"objects": [LINK or null, one per object], "root": ROOT, "drop_baked_lights": false}
+ * Standard input is one JSON object, written by kiln and trusted. Then come a zero byte; where coordinates have moved,
+ * a struct kiln_vec2 for each vertex of the scene; where there is light at vertices, three floats for each vertex of
+ * each object. The JSON object is:
+ *   {"objects": [LINK or null, one per object], "root": ROOT, "drop_baked_lights": false, "has_coordinates": false,
+ *    "has_light": false}
  * LINK becomes extensions.KILN_lightmap of the object's node (the child fills in texCoord); ROOT becomes that of the
  * file. */
 #ifndef KILN_COORDINATOR_EXPORT_CHILD_H
@@ -25,7 +27,14 @@ struct kiln_export_task {
     char *input; /* everything read from standard input */
     json_t *plan;
     const struct kiln_vec2 *coordinates; /* per vertex: lightmap coordinates */
+    const float (*light)[3];             /* per vertex of each object: irradiance; NULL: none */
 };
+
+/* The number of vertices of all objects together, each with those of its mesh. */
+uint64_t kiln_export_vertices(const struct kiln_scene *scene);
+/* Adds an accessor of `count` colours, RGB, and returns its index; that of as many white ones. */
+uint32_t kiln_export_colors(struct kiln_glb_build *b, const float (*colors)[3], size_t count);
+uint32_t kiln_export_white(struct kiln_glb_build *b, size_t count);
 
 /* Writes the source's glTF, with TEXCOORD_1 as baked and the plan's links, to the descriptor KILN_CHILD_OUTPUT.
  * `mapped`: as in struct kiln_confine. KILN_BAD_INPUT when the source is not the one that was baked. */

@@ -28,6 +28,14 @@ bool kiln_export_is_published(const struct kiln_scene *scene, size_t object)
     return (scene->objects[object].flags & KILN_OBJECT_CASTER_ONLY) == 0;
 }
 
+uint64_t kiln_export_vertices(const struct kiln_scene *scene)
+{
+    uint64_t count = 0;
+    for (size_t i = 0; i < scene->object_count; i++)
+        count += scene->meshes[scene->objects[i].mesh].vertex_count;
+    return count;
+}
+
 uint64_t kiln_export_size(const struct kiln_scene *scene)
 {
     enum { VERTEX = 12 + 12 + 8 + 8, CORNER = 4 }; /* bytes of position, normal and two sets of coordinates */
@@ -84,8 +92,9 @@ static char *plan_text(const struct kiln_export_params *p)
         failed |= json_array_append_new(objects, link_json(p, i));
     for (size_t i = 0; i < p->page_count; i++)
         failed |= json_array_append_new(pages, page_json(p, i));
-    json_t *plan = json_pack("{s:o, s:{s:i, s:o}, s:b}", "objects", objects, "root", "version", 1, "pages", pages,
-                             "drop_baked_lights", (int)p->drop_baked_lights);
+    json_t *plan = json_pack("{s:o, s:{s:i, s:o}, s:b, s:b, s:b}", "objects", objects, "root", "version", 1, "pages",
+                             pages, "drop_baked_lights", (int)p->drop_baked_lights, "has_coordinates",
+                             p->coordinates != NULL, "has_light", p->light != NULL);
     char *text = failed != 0 || plan == NULL ? NULL : json_dumps(plan, JSON_COMPACT);
     json_decref(plan);
     return text;
@@ -101,9 +110,13 @@ static int plan_file(const struct kiln_export_params *p, int *descriptor, struct
                                    : KILN_OK;
     if (status == KILN_OK)
         status = kiln_write_all(*descriptor, text, strlen(text), 0, "the export's plan", error);
-    if (status == KILN_OK && p->coordinates != NULL) /* after the zero byte that ends the text */
-        status = kiln_write_all(*descriptor, p->coordinates, p->scene->vertex_count * sizeof *p->coordinates,
-                                strlen(text) + 1, "the export's plan", error);
+    const size_t begin = text == NULL ? 0 : strlen(text) + 1, /* after the zero byte that ends the text */
+        moved = p->coordinates == NULL ? 0 : p->scene->vertex_count * sizeof *p->coordinates;
+    if (status == KILN_OK && p->coordinates != NULL)
+        status = kiln_write_all(*descriptor, p->coordinates, moved, begin, "the export's plan", error);
+    if (status == KILN_OK && p->light != NULL)
+        status = kiln_write_all(*descriptor, p->light, kiln_export_vertices(p->scene) * sizeof *p->light, begin + moved,
+                                "the export's plan", error);
     if (status == KILN_OK && lseek(*descriptor, 0, SEEK_SET) != 0)
         status = kiln_fail_errno(error, KILN_SYSTEM, "cannot read a file in memory");
     free(text);
@@ -201,7 +214,8 @@ static void own_files(const struct kiln_scene *scene, const uint8_t *has_back, s
 }
 
 int kiln_export_beside(const char *directory, const char *path, const struct kiln_scene *scene, const uint8_t *has_back,
-                       const char *unit, const struct kiln_stop *stop, struct kiln_error *error)
+                       const float (*light)[3], const char *unit, const struct kiln_stop *stop,
+                       struct kiln_error *error)
 {
     char scene_file[KILN_PATH_SIZE];
     struct kiln_link *links = NULL;
@@ -214,6 +228,7 @@ int kiln_export_beside(const char *directory, const char *path, const struct kil
                                         .scene = scene,
                                         .directory = directory,
                                         .output = "scene.glb",
+                                        .light = light,
                                         .unit = unit,
                                         .encoding = "exr",
                                         .stop = stop};

@@ -16,6 +16,10 @@
  * extension is listed as used, never as required. Nodes of lights whose light is in the lightmaps have
  * extras.kiln_baked = true. Coordinates go to TEXCOORD_1 or, if a texture uses that one, to the first free set.
  *
+ * Irradiance at vertices, where it is given, is COLOR_1 (float, linear RGB). Then every object that is placed by a node
+ * has a mesh of its own, which shares all other attributes; instances (EXT_mesh_gpu_instancing) have none. glTF counts
+ * colours without gaps, so a primitive without COLOR_0 gets a white one.
+ *
  * The source comes from outside: it is read again in a confined child (child.h), and must be the file that was baked,
  * byte for byte. Nothing here is collective. */
 #ifndef KILN_COORDINATOR_EXPORT_EXPORT_H
@@ -53,6 +57,8 @@ struct kiln_export_params {
     const struct kiln_page_info *pages;
     size_t page_count;
     const struct kiln_vec2 *coordinates; /* per vertex of the scene, instead of texcoord_lightmap; NULL: use that */
+    /* irradiance of the vertices of all objects, one object after the other, each with those of its mesh; NULL: none */
+    const float (*light)[3];
     bool drop_baked_lights;
     const struct kiln_stop *stop; /* borrowed; NULL: none. When asked, returns KILN_STOPPED and leaves no file */
 };
@@ -71,8 +77,9 @@ bool kiln_export_is_published(const struct kiln_scene *scene, size_t object);
 uint64_t kiln_export_size(const struct kiln_scene *scene);
 
 /* Writes DIRECTORY/scene.glb for a bake's own lightmaps. `path`: the source, as it was given to the bake.
- * has_back[object] (or NULL): the bake has a lightmap of the object's backs, too. */
+ * has_back[object] (or NULL): the bake has a lightmap of the object's backs, too. `light`: as in the params. */
 int kiln_export_beside(const char *directory, const char *path, const struct kiln_scene *scene, const uint8_t *has_back,
-                       const char *unit, const struct kiln_stop *stop, struct kiln_error *error);
+                       const float (*light)[3], const char *unit, const struct kiln_stop *stop,
+                       struct kiln_error *error);
 
 #endif

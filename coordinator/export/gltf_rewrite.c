@@ -369,6 +369,8 @@ static void edit(struct rewrite *a)
     settle_compression(a);
     if (a->b.status == KILN_OK)
         link_nodes(a);
+    if (a->b.status == KILN_OK && a->light != NULL)
+        kiln_rewrite_light(a);
     settle_lights(a);
     kiln_export_root(&a->b, a->plan);
 }
@@ -381,6 +383,7 @@ int kiln_export_gltf(const struct kiln_export_task *task, void (*mapped)(const s
     struct rewrite a = {.scene = task->scene,
                         .plan = task->plan,
                         .coordinates = task->coordinates,
+                        .light = task->light,
                         .b = {.subject = task->source, .error = error}};
     int status = kiln_confine_create(&confine, task->source, error);
     if (status == KILN_OK)
@@ -397,6 +400,7 @@ int kiln_export_gltf(const struct kiln_export_task *task, void (*mapped)(const s
         edit(&a);
     status = a.b.status == KILN_OK ? kiln_glb_build_write(&a.b, KILN_CHILD_OUTPUT, task->output) : a.b.status;
     kiln_free(&a.set_of);
+    kiln_rewrite_corners_free(&a);
     kiln_glb_build_free(&a.b);
     gltf_close(&a.g);
 done:

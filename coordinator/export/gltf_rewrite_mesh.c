@@ -34,6 +34,7 @@ struct patch {
     unsigned mode;
     size_t triangle_count;
     uint32_t *vertex_of; /* 3 per triangle: the layout vertices of its corners; KILN_NONE: not known (yet) */
+    uint32_t *of_mesh;   /* 3 per triangle, likewise: the vertices of the scene's mesh */
     uint32_t *first;     /* per vertex of the file: its first layout vertex, or KILN_NONE */
     struct layout_vertex *layout_vertices;
     size_t layout_vertex_count, layout_vertex_capacity;
@@ -203,9 +204,11 @@ static void place_triangle(struct patch *p, const struct kiln_mesh *mesh, uint64
         take(p->a, kiln_fail(p->a->b.error, KILN_BAD_INPUT,
                              "%.512s: %s[%zu]%s: triangle %u is not the one that was baked; bake again",
                              p->a->b.subject, p->where.array, p->where.index, p->where.below, k));
-    for (int c = 0; c < 3 && p->a->b.status == KILN_OK; c++)
+    for (int c = 0; c < 3 && p->a->b.status == KILN_OK; c++) {
         p->vertex_of[3 * (size_t)k + slot[c]] =
             layout_vertex_at(p, corner[slot[c]], p->a->coordinates[mesh->vertex_first + own[c]]);
+        p->of_mesh[3 * (size_t)k + slot[c]] = own[c];
+    }
 }
 
 /* Triangles without area have no position in the layout. Their corners take a layout vertex of their vertex, or of
@@ -451,11 +454,15 @@ static bool begin_patch(struct patch *p)
     take(p->a, kiln_allocate(&p->vertex_of, 3 * p->triangle_count, sizeof *p->vertex_of,
                              "corners of the exported scene", p->a->b.error));
     if (p->a->b.status == KILN_OK)
+        take(p->a, kiln_allocate(&p->of_mesh, 3 * p->triangle_count, sizeof *p->of_mesh,
+                                 "corners of the exported scene", p->a->b.error));
+    if (p->a->b.status == KILN_OK)
         take(p->a, kiln_allocate(&p->first, p->position->count, sizeof *p->first, "vertices of the exported scene",
                                  p->a->b.error));
     if (p->a->b.status != KILN_OK)
         return false;
     memset(p->vertex_of, 0xff, 3 * p->triangle_count * sizeof *p->vertex_of);
+    memset(p->of_mesh, 0xff, 3 * p->triangle_count * sizeof *p->of_mesh);
     memset(p->first, 0xff, p->position->count * sizeof *p->first);
     return p->triangle_count > 0;
 }
@@ -483,13 +490,38 @@ static bool drop_compression(json_t *primitive)
     return dropped;
 }
 
-static void write_primitive(struct patch *p, uint32_t set)
+/* Tells whether the primitive has new vertices. */
+static bool write_primitive(struct patch *p, uint32_t set)
 {
     const bool compressed = drop_compression(p->json);
-    if (!compressed && p->layout_vertex_count == p->used && 2 * p->used >= p->position->count)
+    if (!compressed && p->layout_vertex_count == p->used && 2 * p->used >= p->position->count) {
         add_coordinates(p, set);
-    else
-        rewrite(p, set);
+        return false;
+    }
+    rewrite(p, set);
+    return true;
+}
+
+/* Keeps the primitive's corners, whose arrays go over to `a`. `anew`: its vertices are the layout vertices. */
+static void keep_corners(struct patch *p, size_t mesh, size_t primitive, bool anew)
+{
+    struct rewrite *a = p->a;
+    take(a, kiln_grow(&a->corners, &a->corner_capacity, a->corner_count + 1, sizeof *a->corners,
+                      "corners of the exported scene", a->b.error));
+    if (a->b.status != KILN_OK)
+        return;
+    for (size_t i = 0; i < 3 * p->triangle_count; i++) {
+        const struct layout_vertex *v = &p->layout_vertices[p->vertex_of[i]];
+        p->vertex_of[i] = anew ? v->vertex : v->source;
+    }
+    a->corners[a->corner_count++] =
+        (struct written_corners){.mesh = mesh,
+                                 .primitive = primitive,
+                                 .count = 3 * p->triangle_count,
+                                 .vertex_count = anew ? p->layout_vertex_count : p->position->count,
+                                 .vertex = p->vertex_of,
+                                 .of_mesh = p->of_mesh};
+    p->vertex_of = p->of_mesh = NULL;
 }
 
 static void end_patch(struct patch *p)
@@ -498,6 +530,7 @@ static void end_patch(struct patch *p)
     kiln_free(&p->layout_vertices);
     kiln_free(&p->first);
     kiln_free(&p->vertex_of);
+    kiln_free(&p->of_mesh);
 }
 
 /* Walks through the mesh's primitives: first to see whether any has new coordinates, then to write them. */
@@ -512,9 +545,10 @@ static bool patch_primitives(struct rewrite *a, size_t index, const struct kiln_
         struct patch p = {.a = a, .where = {"meshes", index, below}, .json = json_array_get(primitives, i)};
         if (begin_patch(&p))
             place_primitive(&p, mesh, (uint32_t)i, &next);
-        if (write && p.position != NULL && a->b.status == KILN_OK && p.triangle_count > 0 &&
-            (p.changed || set != FIRST_SET))
-            write_primitive(&p, set);
+        const bool whole = p.position != NULL && a->b.status == KILN_OK && p.triangle_count > 0,
+                   anew = write && whole && (p.changed || set != FIRST_SET) && write_primitive(&p, set);
+        if (write && whole && a->light != NULL && a->b.status == KILN_OK)
+            keep_corners(&p, index, i, anew);
         changed |= p.changed;
         end_patch(&p);
     }
@@ -530,10 +564,13 @@ static void patch_mesh(struct rewrite *a, size_t index, const struct kiln_mesh *
         gltf_array(&a->g, (struct gltf_place){"meshes", index, ""}, gltf_element(&a->g, "meshes", index), "primitives");
     take(a, a->g.status);
     a->set_of[index] = FIRST_SET;
-    if (a->b.status != KILN_OK || !patch_primitives(a, index, mesh, primitives, false, FIRST_SET) ||
-        a->b.status != KILN_OK)
+    if (a->b.status != KILN_OK)
         return;
-    a->set_of[index] = choose_set(a, primitives);
+    const bool changed = patch_primitives(a, index, mesh, primitives, false, FIRST_SET);
+    if (a->b.status != KILN_OK || (!changed && a->light == NULL))
+        return;
+    if (changed)
+        a->set_of[index] = choose_set(a, primitives);
     (void)patch_primitives(a, index, mesh, primitives, true, a->set_of[index]);
 }
 

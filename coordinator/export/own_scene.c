@@ -13,7 +13,8 @@ struct own {
     const struct kiln_scene *scene;
     json_t *plan;
     const struct kiln_vec2 *coordinates;
-    bool emission_set; /* some material's emission has its own coordinates: all meshes get TEXCOORD_2 */
+    const float (*light)[3]; /* per vertex, from the next object's first on; NULL: none */
+    bool emission_set;       /* some material's emission has its own coordinates: all meshes get TEXCOORD_2 */
 };
 
 static json_t *name_of(const struct own *o, uint32_t offset)
@@ -218,12 +219,33 @@ static json_t *matrix_json(const double m[12])
     return array;
 }
 
+/* Makes a mesh with the same primitives and the object's own light as COLOR_1; returns its index. */
+static uint32_t add_lit_mesh(struct own *o, size_t mesh)
+{
+    const size_t count = o->scene->meshes[mesh].vertex_count;
+    json_t *copy = json_deep_copy(json_array_get(json_object_get(o->b.root, "meshes"), mesh)),
+           *primitives = json_object_get(copy, "primitives");
+    const uint32_t light = kiln_export_colors(&o->b, o->light, count), none = UINT32_MAX;
+    uint32_t white = none;
+    o->light += count;
+    for (size_t i = 0; i < json_array_size(primitives); i++) {
+        json_t *attributes = json_object_get(json_array_get(primitives, i), "attributes");
+        if (json_object_get(attributes, "COLOR_0") == NULL) {
+            white = white == none ? kiln_export_white(&o->b, count) : white;
+            kiln_glb_set(&o->b, attributes, "COLOR_0", json_integer(white));
+        }
+        kiln_glb_set(&o->b, attributes, "COLOR_1", json_integer(light));
+    }
+    return kiln_glb_append(&o->b, o->b.root, "meshes", copy);
+}
+
 static void add_object(struct own *o, size_t index)
 {
     static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
     const struct kiln_object *object = &o->scene->objects[index];
     json_t *link = json_array_get(json_object_get(o->plan, "objects"), index);
-    json_t *node = json_pack("{s:o, s:i}", "name", name_of(o, object->name), "mesh", (int)object->mesh);
+    const uint32_t mesh = o->light != NULL ? add_lit_mesh(o, object->mesh) : object->mesh;
+    json_t *node = json_pack("{s:o, s:i}", "name", name_of(o, object->name), "mesh", (int)mesh);
     if (memcmp(identity, object->transform, sizeof identity) != 0)
         kiln_glb_set(&o->b, node, "matrix", matrix_json(object->transform));
     if (!json_is_null(link))
@@ -314,7 +336,8 @@ int kiln_export_own(const struct kiln_export_task *task, struct kiln_error *erro
     struct own o = {.b = {.subject = task->scene_file, .error = error},
                     .scene = s,
                     .plan = task->plan,
-                    .coordinates = task->coordinates};
+                    .coordinates = task->coordinates,
+                    .light = task->light};
     begin(&o);
     for (size_t i = 0; i < s->texture_count && o.b.status == KILN_OK; i++)
         add_texture(&o, &s->textures[i]);

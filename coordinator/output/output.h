@@ -30,8 +30,8 @@ struct kiln_output_params {
 uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface *surface,
                        const struct kiln_field_set *fields);
 /* Writes DIR/kiln.h5; all ranks and threads compress, rank 0 writes. Groups: /points, /irradiance and those of
- * further fields with the columns of columns.h, /objects, /cells and /vertices. Provenance is stored in attributes, and every
- * dataset has `units` and `description`. */
+ * further fields with the columns of columns.h, /objects, /cells and /vertices. Provenance is stored in attributes, and
+ * every dataset has `units` and `description`. */
 int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                   struct kiln_error *error);
 

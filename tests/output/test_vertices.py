@@ -2,7 +2,9 @@
 
 Where all light is alike the vertices have it. Where it is not, the stated error is that of the interpolated light at
 the points, and taking the nearest point's light for a vertex is worse. Vertices that a mesh has twice, at one place and
-with one normal, have one value. One rank and three give the same bits."""
+with one normal, have one value. One rank and three give the same bits. scene.glb has the values as COLOR_1, each
+object's own, though two objects share a mesh."""
+import json
 import math
 import os
 import subprocess
@@ -53,6 +55,8 @@ def floor(path):
                 layout.append(((i + s) / SIDE, (k + t) / SIDE))
             triangles += [(first, first + 2, first + 1), (first, first + 3, first + 2)]
     scene.mesh("floor", positions, layout, triangles, grey)
+    scene.document["nodes"].append({"name": "lower", "mesh": 0, "translation": [0, -2, 5]})
+    scene.document["scenes"][0]["nodes"].append(len(scene.document["nodes"]) - 1)
     scene.light("lamp", {"type": "point", "intensity": 100.0}, translation=[1, 0.7, 1.2])
     return scene.write(path)
 
@@ -69,13 +73,36 @@ def interpolated(position, irradiance, at):
     return np.einsum("pk,pkc->pc", weights, corners)
 
 
+def exported(path):
+    """{node's name: (positions in the world, COLOR_1)} of a .glb."""
+    with open(path, "rb") as file:
+        data = file.read()
+    length = int.from_bytes(data[12:16], "little")
+    document, blob = json.loads(data[20:20 + length]), data[28 + length:]
+
+    def values(index):
+        accessor = document["accessors"][index]
+        view = document["bufferViews"][accessor["bufferView"]]
+        assert accessor["componentType"] == 5126 and accessor["type"] == "VEC3"
+        return np.frombuffer(blob, np.float32, 3 * accessor["count"], view.get("byteOffset", 0)).reshape(-1, 3)
+
+    found = {}
+    for node in document["nodes"]:
+        for primitive in document["meshes"][node["mesh"]]["primitives"] if "mesh" in node else ():
+            attributes = primitive["attributes"]
+            assert document["accessors"][attributes["COLOR_0"]]["count"] == len(values(attributes["COLOR_1"]))
+            found[node["name"]] = (values(attributes["POSITION"]) + np.float32(node.get("translation", [0, 0, 0])),
+                                   values(attributes["COLOR_1"]))
+    return found
+
+
 def luminance(rgb):
     return rgb @ np.array([0.2126, 0.7152, 0.0722])
 
 
 with tempfile.TemporaryDirectory() as folder:
-    found = bake(furnace(os.path.join(folder, "furnace.glb")), os.path.join(folder, "furnace"), "--texels-per-metre", "4",
-                 "--bounces", "12", "--samples-direct", "256", "--samples-bounce", "64", "--samples-indirect", "256")
+    found = bake(furnace(os.path.join(folder, "furnace.glb")), os.path.join(folder, "furnace"),
+                 "--texels-per-metre", "4", "--bounces", "12", "--samples-direct", "256", "--samples-bounce", "64", "--samples-indirect", "256")
     light = found["vertices/irradiance"]
     assert np.all(abs(light / (2 * math.pi) - 1) < 0.03), light
     assert np.all(found["vertices/error"] < 0.03), found["vertices/error"]
@@ -83,9 +110,11 @@ with tempfile.TemporaryDirectory() as folder:
     scene = floor(os.path.join(folder, "floor.glb"))
     options = ("--texels-per-metre", "40", "--bounces", "0", "--samples-direct", "16")
     found = bake(scene, os.path.join(folder, "floor"), *options)
-    position, light, points = found["vertices/position"], found["vertices/irradiance"], found["points/position"]
-    assert list(found["vertices/first"]) == [0, 4 * SIDE * SIDE]
-    total, area = found["irradiance/total"], found["points/area"]
+    whole = 4 * SIDE * SIDE
+    assert list(found["vertices/first"]) == [0, whole, 2 * whole]
+    position, light = found["vertices/position"][:whole], found["vertices/irradiance"][:whole]
+    own = found["points/position"][:, 1] > -1
+    points, total, area = (found[name][own] for name in ("points/position", "irradiance/total", "points/area"))
 
     def error(vertices):
         off = luminance(interpolated(position, vertices, points)) - luminance(total)
@@ -96,9 +125,16 @@ with tempfile.TemporaryDirectory() as folder:
     nearest = total[((position[:, None] - points) ** 2).sum(axis=2).argmin(axis=1)]
     assert error(light) < 0.75 * error(nearest), (error(light), error(nearest))
     places = {}
-    for place, rgb in zip(position.round(6).tolist(), light.tolist()):
+    for place, rgb in zip(found["vertices/position"].round(5).tolist(), found["vertices/irradiance"].tolist()):
         assert places.setdefault(tuple(place), rgb) == rgb, (place, rgb)
-    assert len(places) == (SIDE + 1) ** 2
+    assert len(places) == 2 * (SIDE + 1) ** 2
+
+    written = exported(os.path.join(folder, "floor", "scene.glb"))
+    assert set(written) == {"floor", "lower"}, set(written)
+    for name, (corners, colors) in written.items():
+        assert len(corners) == len(colors) == whole
+        for place, rgb in zip(corners.round(5).tolist(), colors.tolist()):
+            assert np.allclose(places[tuple(place)], rgb, rtol=1e-6), (name, place, rgb)
 
     again = bake(scene, os.path.join(folder, "ranks"), *options, ranks=3)
     for name in found:
