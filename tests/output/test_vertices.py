@@ -102,7 +102,8 @@ def luminance(rgb):
 
 with tempfile.TemporaryDirectory() as folder:
     found = bake(furnace(os.path.join(folder, "furnace.glb")), os.path.join(folder, "furnace"),
-                 "--texels-per-metre", "4", "--bounces", "12", "--samples-direct", "256", "--samples-bounce", "64", "--samples-indirect", "256")
+                 "--texels-per-metre", "4", "--bounces", "12", "--samples-direct", "256",
+                 "--samples-bounce", "64", "--samples-indirect", "256")
     light = found["vertices/irradiance"]
     assert np.all(abs(light / (2 * math.pi) - 1) < 0.03), light
     assert np.all(found["vertices/error"] < 0.03), found["vertices/error"]
