@@ -151,6 +151,21 @@ kiln_passage kiln_surface_passage(uint triangle, float u, float v)
     return kiln_passage(covered - let, (1.0 - covered) + let * color.rgb);
 }
 
+/* Base colour x vertex colour x texture; `seen`: with a metal's own colour, which as an albedo is 0. */
+vec3 kiln_surface_color(uint triangle, float u, float v, bool seen)
+{
+    const kiln_gpu_coating coating = kiln_coating_of(triangle, u, v);
+    const kiln_gpu_material m = kiln_material_of(coating.material);
+    const vec3 factor = seen ? vec3(m.seen_color[0], m.seen_color[1], m.seen_color[2])
+                             : vec3(m.base_color[0], m.base_color[1], m.base_color[2]);
+    vec3 color = factor * ((1.0 - u - v) * kiln_vertex_color(coating.colors[0]) +
+                           u * kiln_vertex_color(coating.colors[1]) + v * kiln_vertex_color(coating.colors[2]))
+                              .rgb;
+    if (m.base_color_texture != KILN_GPU_NONE)
+        color *= kiln_texture_sample(m.base_color_texture, kiln_interpolated(coating.base, u, v)).rgb;
+    return clamp(color, 0.0, 1.0);
+}
+
 /* Emitted radiance, W m-2 sr-1. */
 vec3 kiln_surface_emission(uint triangle, float u, float v)
 {

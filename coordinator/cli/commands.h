@@ -12,7 +12,7 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error); /* (MPI) 
 int kiln_command_plan(struct kiln_job *job, struct kiln_error *error); /* (MPI) */
 int kiln_command_info(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_check(struct kiln_job *job, struct kiln_error *error);
-int kiln_command_view(struct kiln_job *job, struct kiln_error *error);
+int kiln_command_view(struct kiln_job *job, struct kiln_error *error); /* (MPI) with --method path */
 int kiln_command_compare(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_probe(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_generate(struct kiln_job *job, struct kiln_error *error);

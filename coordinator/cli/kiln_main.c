@@ -106,11 +106,22 @@ static int check_folder(const char *folder, struct kiln_error *error)
         folder);
 }
 
+/* Whether the argument of a command that takes the folder of a bake is a scene in its place, which path-traced views
+ * take too. */
+static bool takes_scene(const struct kiln_job *job)
+{
+    struct stat status;
+    return job->view_method == KILN_VIEW_METHOD_path && stat(job->arguments[0], &status) == 0 &&
+           !S_ISDIR(status.st_mode);
+}
+
 static int prepare(struct kiln_job **job, int argc, char **argv, const struct kiln_command *command,
                    struct kiln_error *error)
 {
     int status = kiln_job_parse(job, argc, argv, error);
-    if (status == KILN_OK && command->folder)
+    if (status == KILN_OK && command->folder && takes_scene(*job))
+        (*job)->scene = (*job)->arguments[0];
+    else if (status == KILN_OK && command->folder)
         status = check_folder((*job)->arguments[0], error);
     return status != KILN_OK ? status : check_scene(*job, error);
 }
@@ -414,6 +425,15 @@ static bool answer_help(int argc, char **argv, int rank, int *status, struct kil
     return true;
 }
 
+/* Whether the command line asks for a path-traced view, which several ranks may compute. */
+static bool traces_paths(int argc, char **argv)
+{
+    bool method = has_argument(argc, argv, "--method=path");
+    for (int i = 1; i + 1 < argc && !method; i++)
+        method = strcmp(argv[i], "--method") == 0 && strcmp(argv[i + 1], "path") == 0;
+    return method;
+}
+
 static int run_command_line(int argc, char **argv)
 {
     struct kiln_error error = {{0}};
@@ -429,7 +449,8 @@ static int run_command_line(int argc, char **argv)
                              has_argument(argc, argv, "tradeoff") || has_argument(argc, argv, "cell-size") ||
                              has_argument(argc, argv, "per-object"));
     const bool help = asks_for_help(argc, argv); /* rank 0 answers at once, whatever the other ranks do */
-    const bool needs_mpi = command != NULL && command->mpi && !starts_mpi && !help;
+    const bool paths = command != NULL && command->bit == KILN_FOR_VIEW && traces_paths(argc, argv);
+    const bool needs_mpi = command != NULL && (command->mpi || paths) && !starts_mpi && !help;
     if (is_launched() && !needs_mpi && !starts_mpi && !help)
         status = meet_others(argv, &rank, &error);
     if (status == KILN_OK && !answer_help(argc, argv, rank, &status, &error)) {

@@ -1,4 +1,4 @@
-/* kiln view: renders pictures of a finished bake. */
+/* kiln view: renders pictures of a finished bake from its lightmaps, or of a scene by path tracing. */
 #include "coordinator/view/view.h"
 
 #include <stdio.h>
@@ -7,22 +7,31 @@
 #include <strings.h>
 
 #include <jansson.h>
+#include <mpi.h>
 
 #include "coordinator/run/lock.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/view_shots.h"
+#include "coordinator/cli/view_team.h"
 #include "coordinator/bake/devices.h"
+#include "coordinator/bake/import_params.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/output_name.h"
+#include "coordinator/files/temporary.h"
 #include "coordinator/field/field.h"
+#include "coordinator/mpi/agree.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/field/units.h"
+#include "coordinator/job/job_private.h"
+#include "coordinator/job/options.h"
 #include "worker/base/text.h"
 
 struct view {
-    struct kiln_results *results;
+    struct kiln_results *results; /* NULL: the scene is none of a bake */
+    struct kiln_temporary temporary;
     struct kiln_scene *scene;
+    struct kiln_view_team *team; /* path tracing; NULL: lightmaps */
     struct kiln_geometry *geometry;
     struct kiln_lights *lights;
     struct kiln_backend *backend;
@@ -74,16 +83,34 @@ static const char *quantity_of(const struct view *v)
 
 static const char *unit_of(const struct view *v)
 {
-    const struct kiln_units *units = kiln_units_of_bake(v->results);
+    const struct kiln_units *units =
+        v->results != NULL ? kiln_units_of_bake(v->results) : kiln_units_of(KILN_UNITS_AUTO, v->scene);
     return v->field == NULL ? units->radiance : kiln_field_unit(v->field, units);
 }
 
-static int open_scene(struct view *v, const char *directory, struct kiln_error *error)
+static int open_bake(struct view *v, const char *directory, struct kiln_error *error)
 {
     int status = kiln_results_open(&v->results, directory, error);
     if (status == KILN_OK)
         status = kiln_results_scene(v->results, &v->scene, error);
     return status;
+}
+
+/* Imports job->scene to a file of this process. */
+static int import_scene(struct view *v, const struct kiln_job *job, struct kiln_error *error)
+{
+    int status = kiln_temporary_make(&v->temporary, error);
+    if (status != KILN_OK)
+        return status;
+    struct kiln_import_report report;
+    const struct kiln_import_params params = kiln_job_import_params(job, v->temporary.scene_file, NULL);
+    status = kiln_import(&params, &report, error);
+    return status == KILN_OK ? kiln_scene_open(&v->scene, v->temporary.scene_file, error) : status;
+}
+
+static int open_scene(struct view *v, const struct kiln_job *job, struct kiln_error *error)
+{
+    return job->scene != NULL ? import_scene(v, job, error) : open_bake(v, job->arguments[0], error);
 }
 
 static int open_backend(struct view *v, const struct kiln_job *job, struct kiln_error *error)
@@ -106,16 +133,19 @@ static int open_backend(struct view *v, const struct kiln_job *job, struct kiln_
 
 static struct kiln_view_source source_of(const struct view *v, const struct kiln_job *job, const char *directory)
 {
-    return (struct kiln_view_source){.directory = directory,
-                                     .results = v->results,
-                                     .scene = v->scene,
-                                     .geometry = v->geometry,
-                                     .lights = v->lights,
-                                     .backend = v->backend,
-                                     .texels = v->texels,
-                                     .field = v->field,
-                                     .no_normal_maps = !job->normal_maps,
-                                     .maps = v->maps};
+    struct kiln_view_source source = {.directory = directory,
+                                      .results = v->results,
+                                      .scene = v->scene,
+                                      .geometry = v->geometry,
+                                      .lights = v->lights,
+                                      .backend = v->backend,
+                                      .texels = v->texels,
+                                      .field = v->field,
+                                      .no_normal_maps = !job->normal_maps,
+                                      .maps = v->maps};
+    if (v->team != NULL)
+        kiln_view_team_lend(v->team, &source);
+    return source;
 }
 
 /* Whether the pictures have the colours of an exposure. */
@@ -199,7 +229,23 @@ static json_t *picture_json(const struct view *v, const char *path)
     json_decref(picture);
     (void)json_object_set_new(root, "normal_map_share", json_real(v->picture.approximate.mapped));
     (void)json_object_set_new(root, "flat_share", json_real(v->picture.approximate.flat));
+    if (v->team != NULL) {
+        const struct kiln_view_work work = kiln_view_team_work(v->team);
+        (void)json_object_set_new(root, "rays", json_integer((json_int_t)work.rays));
+        (void)json_object_set_new(root, "seconds", json_real(work.seconds));
+    }
     return root;
+}
+
+/* Says how much was traced so far. */
+static void print_work(const struct view *v, const struct kiln_job *job)
+{
+    const struct kiln_view_work work = kiln_view_team_work(v->team);
+    char bounces[32] = "all";
+    if (job->bounces >= 0)
+        (void)snprintf(bounces, sizeof bounces, "%lld", (long long)job->bounces);
+    (void)printf("path-traced, %u paths a pixel, %s indirect bounces; %.3g million rays in %.3g s\n",
+                 job->samples_pixel, bounces, 1e-6 * (double)work.rays, work.seconds);
 }
 
 /* Says in lines what stands under a picture, or under all frames of a path. */
@@ -228,6 +274,8 @@ static void tell_picture(const struct kiln_job *job, struct view *v, const char 
     if (v->shots.kind != KILN_SHOTS_PATH) {
         (void)puts(viewpoint);
         print_notes(&v->picture, &v->look);
+        if (v->team != NULL)
+            print_work(v, job);
     }
 }
 
@@ -244,6 +292,8 @@ static int tell_all(const struct kiln_job *job, struct view *v, struct kiln_erro
     if (!job->quiet && v->shots.kind == KILN_SHOTS_PATH) {
         v->picture.approximate = v->sum;
         print_notes(&v->picture, &v->look);
+        if (v->team != NULL)
+            print_work(v, job);
     }
     return KILN_OK;
 }
@@ -278,45 +328,139 @@ static int check_names(const struct view *v, const char *directory, struct kiln_
     return status;
 }
 
-int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
+/* ---- options of one method ---- */
+
+static bool was_given(const struct kiln_job *job, const char *name)
 {
-    struct view v = {0};
-    char fallback[KILN_PATH_SIZE];
-    const char *directory = job->arguments[0], *path = job->output;
-    int status = KILN_OK;
-    if (path == NULL) {
-        status = kiln_path_join(fallback, directory, "view.png", error);
-        path = fallback;
-    }
+    const struct kiln_job_owned *owned = job->strings;
+    return owned->given[kiln_option_find_for(name, KILN_FOR_VIEW) - kiln_options];
+}
+
+static int check_method(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
+{
+    static const char *const of_paths[] = {"bounces", "samples-pixel", "seed"};
+    for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths && job->view_method != KILN_VIEW_METHOD_path; i++)
+        if (was_given(job, of_paths[i]))
+            return kiln_fail(error, KILN_USAGE,
+                             "--%s: the light in lightmaps is as it was baked; only --method path computes light",
+                             of_paths[i]);
+    if (job->view_method == KILN_VIEW_METHOD_path && (v->texels || v->field != NULL))
+        return kiln_fail(error, KILN_USAGE,
+                         "--method path --show %.100s: path tracing shows light; leave one of the two out", job->show);
+    return KILN_OK;
+}
+
+/* Refuses views of a scene without a bake that nobody aims: an automatic view looks at the light in lightmaps. */
+static int check_aim(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
+{
+    if (v->results != NULL || v->scene->camera_count > 0 || job->from != NULL || job->path != NULL)
+        return KILN_OK;
+    return kiln_fail(error, KILN_USAGE,
+                     "the scene has no camera: --from X,Y,Z --to X,Y,Z says where to look from (of a bake, kiln view "
+                     "finds a place by itself)");
+}
+
+/* ---- the command ---- */
+
+/* What can be checked of the options before the scene is open. */
+static int check_options(struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
+{
+    const bool bake = job->scene == NULL;
+    const struct kiln_output_name name = {
+        .option = "--output", .path = path, .inputs = {job->scene}, .bakes = {bake ? job->arguments[0] : NULL}};
+    int status = read_show(v, job->show, error);
     if (status == KILN_OK)
-        status = read_show(&v, job->show, error);
+        status = check_method(v, job, error);
     if (status == KILN_OK)
-        status = check_exposure(&v, job, error);
+        status = check_exposure(v, job, error);
     if (status == KILN_OK)
         status = check_extension(path, error);
-    const struct kiln_output_name name = {.option = "--output", .path = path, .bakes = {directory}};
     if (status == KILN_OK)
         status = kiln_output_name_check(&name, error);
-    if (status == KILN_OK && job->output == NULL)
-        status = kiln_lock_refuse(directory, error);
+    if (status == KILN_OK && job->output == NULL && bake)
+        status = kiln_lock_refuse(job->arguments[0], error);
+    return status;
+}
+
+/* Path of the picture: --output, or else in the bake's folder, or named after the scene. */
+static int choose_output(struct kiln_job *job, char path[KILN_PATH_SIZE], struct kiln_error *error)
+{
+    if (job->output == NULL && job->scene == NULL)
+        return kiln_path_join(path, job->arguments[0], "view.png", error);
+    const char *given = job->output;
+    int status = given == NULL ? kiln_job_default_output(job, job->scene, "-view.png", error) : KILN_OK;
+    if (status == KILN_OK && snprintf(path, KILN_PATH_SIZE, "%s", job->output) >= KILN_PATH_SIZE)
+        status = kiln_fail(error, KILN_USAGE, "--output %.200s: the path is too long", job->output);
+    return status;
+}
+
+static void close_view(struct view *v)
+{
+    json_decref(v->pictures);
+    kiln_shots_destroy(&v->shots);
+    kiln_view_maps_destroy(&v->maps);
+    kiln_image_destroy(&v->picture.image);
+    kiln_view_team_destroy(&v->team);
+    kiln_backend_destroy(&v->backend);
+    kiln_lights_destroy(&v->lights);
+    kiln_geometry_destroy(&v->geometry);
+    kiln_scene_close(&v->scene);
+    kiln_results_close(&v->results);
+    kiln_temporary_remove(&v->temporary);
+}
+
+/* Draws from lightmaps, in one process. */
+static int view_lightmaps(struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
+{
+    int status = check_options(v, job, path, error);
     if (status == KILN_OK)
-        status = open_scene(&v, directory, error);
+        status = open_scene(v, job, error);
     if (status == KILN_OK)
-        status = kiln_shots_make(job, v.scene, path, &v.shots, error);
+        status = kiln_shots_make(job, v->scene, path, &v->shots, error);
     if (status == KILN_OK)
-        status = check_names(&v, directory, error);
+        status = check_names(v, job->arguments[0], error);
     if (status == KILN_OK)
-        status = open_backend(&v, job, error);
+        status = open_backend(v, job, error);
+    return status == KILN_OK ? draw_all(v, job, job->arguments[0], error) : status;
+}
+
+/* Collective. Traces paths: rank 0 draws, and the others compute their parts of its pictures. */
+static int view_paths(struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
+{
+    int rank;
+    (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+    int status = rank == 0 ? check_options(v, job, path, error) : KILN_OK;
+    status = kiln_agree(MPI_COMM_WORLD, status, error);
+    if (status != KILN_OK)
+        return status;
+    status = open_scene(v, job, error);
     if (status == KILN_OK)
-        status = draw_all(&v, job, directory, error);
-    json_decref(v.pictures);
-    kiln_shots_destroy(&v.shots);
-    kiln_view_maps_destroy(&v.maps);
-    kiln_image_destroy(&v.picture.image);
-    kiln_backend_destroy(&v.backend);
-    kiln_lights_destroy(&v.lights);
-    kiln_geometry_destroy(&v.geometry);
-    kiln_scene_close(&v.scene);
-    kiln_results_close(&v.results);
+        status = kiln_path_view_check(v->scene, error);
+    if (status == KILN_OK)
+        status = check_aim(v, job, error);
+    status = kiln_view_team_create(&v->team, job, v->scene, status, error);
+    if (status == KILN_OK && rank != 0)
+        kiln_view_team_serve(v->team);
+    if (status != KILN_OK || rank != 0)
+        return status;
+    status = kiln_shots_make(job, v->scene, path, &v->shots, error);
+    if (status == KILN_OK)
+        status = check_names(v, job->scene == NULL ? job->arguments[0] : NULL, error);
+    if (status == KILN_OK)
+        status = draw_all(v, job, job->arguments[0], error);
+    kiln_view_team_end(v->team);
+    return status;
+}
+
+int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
+{
+    struct view v = {.temporary = {.descriptor = -1}};
+    char path[KILN_PATH_SIZE];
+    int status = choose_output(job, path, error);
+    if (status == KILN_OK && job->view_method == KILN_VIEW_METHOD_path)
+        status = view_paths(&v, job, path, error);
+    else if (status == KILN_OK)
+        status = view_lightmaps(&v, job, path, error);
+    close_view(&v);
     return status;
 }

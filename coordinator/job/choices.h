@@ -9,6 +9,13 @@
  * (coordinator/integrate/integrator.h). */
 #define KILN_METHOD_LIST(DO) DO(cells)
 
+/* How views are drawn, by their names for --method of kiln view; the first is the default: from the lightmaps of a
+ * bake, or by path tracing (coordinator/view/path_view.h). */
+#define KILN_VIEW_METHOD_LIST(DO) DO(lightmaps) DO(path)
+#define KILN_VIEW_METHOD_OF(name) KILN_VIEW_METHOD_##name,
+enum kiln_view_method { KILN_VIEW_METHOD_LIST(KILN_VIEW_METHOD_OF) KILN_VIEW_METHODS };
+#undef KILN_VIEW_METHOD_OF
+
 /* Format in which ranks exchange radiosity: COMPACT has 4 bytes a point, FULL 8. AUTO is compact for 2^22 surface
  * points or more. With fewer points its rounding is visible in the energy ratio of two bounces, which the tail
  * magnifies a hundred times for an albedo of 0.99; with more points it averages out. */

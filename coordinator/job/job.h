@@ -110,6 +110,8 @@ struct kiln_job {
     char *from, *to;                     /* "x,y,z", m: position and target of the eye */
     char *show;                          /* "light", "texels", or the name of a field in the lightmaps */
     double field_of_view;                /* degrees, vertical */
+    int view_method;                     /* view: enum kiln_view_method */
+    uint32_t samples_pixel;              /* view: paths of a pixel */
     bool normal_maps;                    /* view: show materials' normal maps; default true */
     uint32_t ranks;                      /* plan: number of ranks */
     double node_memory;                  /* plan: memory of a node, GiB; 0: this machine's */

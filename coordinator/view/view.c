@@ -132,7 +132,10 @@ static int make_picture(const struct kiln_view_source *source, const struct kiln
     struct kiln_view_source lit = *source; /* whatever is shown, it is seen from where light would be */
     lit.field = NULL;
     int status = kiln_view_aim(&lit, wish, &params.camera, &params.width, &params.height, &picture->viewpoint, error);
-    if (status == KILN_OK)
+    const struct kiln_view_renderer *renderer = source->renderer;
+    if (status == KILN_OK && renderer != NULL)
+        status = renderer->render(renderer->context, &params, &picture->image, error);
+    else if (status == KILN_OK)
         status = kiln_view_render(&params, &picture->image, &picture->approximate, error);
     if (source->field != NULL)
         picture->meaning = source->field->meaning;
@@ -146,7 +149,7 @@ static int make_picture(const struct kiln_view_source *source, const struct kiln
 int kiln_picture_make(const struct kiln_view_source *source, const struct kiln_view_wish *wish, uint32_t side,
                       const struct kiln_look *look, struct kiln_picture *picture, struct kiln_error *error)
 {
-    if (kiln_geometry_hittable_count(source->geometry) == source->geometry->triangle_count)
+    if (source->renderer != NULL || kiln_geometry_hittable_count(source->geometry) == source->geometry->triangle_count)
         return make_picture(source, wish, side, look, picture, error);
     struct kiln_view_source own = *source;
     struct kiln_geometry *geometry = NULL;

@@ -27,6 +27,16 @@
 #include "worker/backend/backend.h"
 #include "worker/light/lights.h"
 
+struct kiln_view_params;
+
+/* What draws views in another way than from lightmaps. `render` creates the image, with channels R G B, radiance; with
+ * `side` 1 it is for an exposure, and may be noisy. */
+struct kiln_view_renderer {
+    int (*render)(void *context, const struct kiln_view_params *params, struct kiln_image **image,
+                  struct kiln_error *error);
+    void *context;
+};
+
 /* The bake that is drawn. All pointers are borrowed. */
 struct kiln_view_source {
     const char *directory; /* folder of the bake, from which lightmaps are read */
@@ -40,9 +50,10 @@ struct kiln_view_source {
     /* a field of the lightmaps whose values are drawn instead of light, its first three components as red, green and
      * blue; NULL: light */
     const struct kiln_field *field;
-    bool no_normal_maps;          /* draw materials as if they had no normal maps */
-    struct kiln_view_maps *maps;  /* lightmaps for several pictures; NULL: each picture reads its own */
-    const struct kiln_stop *stop; /* may ask to stop (KILN_STOPPED); NULL: never */
+    bool no_normal_maps;                       /* draw materials as if they had no normal maps */
+    struct kiln_view_maps *maps;               /* lightmaps for several pictures; NULL: each picture reads its own */
+    const struct kiln_stop *stop;              /* may ask to stop (KILN_STOPPED); NULL: never */
+    const struct kiln_view_renderer *renderer; /* NULL: lightmaps are drawn */
 };
 
 /* The lightmaps of a bake; each is read when it is first needed. */

@@ -1,7 +1,7 @@
 /* Materials and textures on the device; part of shaders/shared/layout.h.
  *
  * Only what kernels ask for is there: surfaces that may let rays through, and surfaces whose emission has a texture. A
- * scene with neither has address 0 everywhere. */
+ * scene with neither has address 0 everywhere. Once paths are traced, all surfaces are there. */
 
 struct kiln_gpu_material { /* struct kiln_material, with its index in the scene */
     KILN_REAL32 base_alpha, alpha_cutoff, emission[3];
@@ -9,9 +9,10 @@ struct kiln_gpu_material { /* struct kiln_material, with its index in the scene 
     KILN_WORD base_color_texture, emission_texture; /* KILN_GPU_NONE: none */
     KILN_REAL32 base_color[3];                      /* times what is not metal */
     KILN_REAL32 transmission;
-    KILN_WORD transmission_texture, reserved;
+    KILN_WORD transmission_texture;
+    KILN_REAL32 seen_color[3]; /* the base colour itself: as what a camera sees metals */
 };
-KILN_SIZE_IS(kiln_gpu_material, 56);
+KILN_SIZE_IS(kiln_gpu_material, 64);
 
 struct kiln_gpu_texture { /* struct kiln_texture */
     KILN_ADDRESS texels;  /* words of RGBA, red lowest; 0: no kernel asks for this texture */

@@ -20,6 +20,7 @@
 #include "shaders/intersect.h"
 #include "shaders/occlusion.h"
 #include "shaders/occlusion_reduce.h"
+#include "shaders/path.h"
 #include "shaders/probes.h"
 #include "shaders/probes_reduce.h"
 #include "shaders/shared/area_light.h"
@@ -43,10 +44,11 @@ struct module {
     {                                                                                                                  \
 #        kernel, kiln_spirv_##kernel, sizeof kiln_spirv_##kernel / sizeof(uint32_t)                                    \
     }
-static const struct module modules[] = {MODULE(choose),           MODULE(direct),      MODULE(gather),
-                                        MODULE(gather_reduce),    MODULE(probes),      MODULE(probes_reduce),
-                                        MODULE(intersect),        MODULE(validity),    MODULE(occlusion),
-                                        MODULE(occlusion_reduce), MODULE(directional), MODULE(directional_reduce)};
+static const struct module modules[] = {
+    MODULE(choose),    MODULE(direct),           MODULE(gather),      MODULE(gather_reduce),
+    MODULE(probes),    MODULE(probes_reduce),    MODULE(intersect),   MODULE(validity),
+    MODULE(occlusion), MODULE(occlusion_reduce), MODULE(directional), MODULE(directional_reduce),
+    MODULE(path)};
 
 /* The next instruction from *at on with this code; NULL: none. */
 static const uint32_t *next(const struct module *m, size_t *at, uint32_t code)
@@ -171,6 +173,10 @@ static void offsets(void **state)
                                             MEMBER(kiln_gpu_result, present),
                                             MEMBER(kiln_gpu_result, count),
                                             MEMBER(kiln_gpu_material, transmission),
+                                            MEMBER(kiln_gpu_material, seen_color),
+                                            MEMBER(kiln_gpu_path_triangle, shading2),
+                                            MEMBER(kiln_gpu_path_triangle, flags),
+                                            MEMBER(kiln_gpu_path_sums, rays),
                                             MEMBER(kiln_gpu_texture, wrap_v),
                                             MEMBER(kiln_gpu_coating, material),
                                             MEMBER(kiln_gpu_hit, tint),

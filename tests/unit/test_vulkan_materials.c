@@ -126,7 +126,7 @@ static void compare(struct device *device, const struct kiln_scene *scene, const
     const struct kiln_backend_params params = {.scene = scene, .geometry = g};
     struct vulkan_materials materials;
     struct kiln_gpu_materials layout;
-    assert_int_equal(vulkan_materials_create(device->gpu, &params, &materials, &layout, NULL), KILN_OK);
+    assert_int_equal(vulkan_materials_create(device->gpu, &params, false, &materials, &layout, NULL), KILN_OK);
     struct place *places = malloc(PLACES * sizeof *places);
     float *answers = malloc(PLACES * 4 * sizeof *answers);
     choose_places(&params, places);
@@ -234,7 +234,7 @@ static void plain_scenes_cost_nothing(void **state)
     struct kiln_gpu_materials layout;
     const uint64_t before = gpu_memory_used(device->gpu);
     assert_int_equal(vulkan_materials_create(device->gpu,
-                                             &(struct kiln_backend_params){.scene = &f->scene, .geometry = g},
+                                             &(struct kiln_backend_params){.scene = &f->scene, .geometry = g}, false,
                                              &materials, &layout, NULL),
                      KILN_OK);
     assert_int_equal(gpu_memory_used(device->gpu), before);

@@ -109,7 +109,8 @@ static bool is_well_formed(const struct kiln_backend *backend, const struct kiln
                            const struct kiln_batch *batch)
 {
     const bool surface = pass->domain == KILN_DOMAIN_TILE_RUNS;
-    return (parameters != NULL) == (pass->parameter_bytes > 0) && (batch->positions == NULL) == surface &&
+    const bool positions = pass->domain == KILN_DOMAIN_POSITIONS;
+    return (parameters != NULL) == (pass->parameter_bytes > 0) && (batch->positions != NULL) == positions &&
            (!surface || backend->surface != NULL) && (!pass->reads_radiosity || backend->radiosity != NULL) &&
            (pass->has_streams || batch->stream == 0) && (pass->is_divisible || batch->first_sample == 0) &&
            (batch->samples_each != NULL ? pass->is_sampled : (batch->samples > 0) == pass->is_sampled);
@@ -151,7 +152,7 @@ static int run_by_numbers(struct kiln_backend *backend, const struct kiln_pass *
     return status;
 }
 
-/* Runs stretches of positions that have the same number of samples. */
+/* Runs stretches of positions or pixels that have the same number of samples. */
 static int run_by_stretches(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                             const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {

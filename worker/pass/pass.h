@@ -2,8 +2,8 @@
  *
  * A pass takes parameters of its own and a batch (the items, their samples, the random stream) and gives an array of
  * results, one an item. What a particular pass takes and gives, with its formula and units, stands in its own header:
- * validity.h, direct.h, gather.h, probes.h, occlusion.h, directional.h. kiln_backend_run (worker/backend/backend.h)
- * runs any of them.
+ * validity.h, direct.h, gather.h, probes.h, occlusion.h, directional.h, path.h. kiln_backend_run
+ * (worker/backend/backend.h) runs any of them.
  *
  * A new pass called NAME is: NAME in KILN_PASS_LIST below, a row in passes.c, a header NAME.h in this folder, and a
  * file NAME.c in each backend's folder with what the backend's header declares for every name of the list: the function
@@ -23,7 +23,7 @@
 #include "worker/base/vector.h"
 
 /* The names of all passes. */
-#define KILN_PASS_LIST(DO) DO(validity) DO(direct) DO(gather) DO(probes) DO(occlusion) DO(directional)
+#define KILN_PASS_LIST(DO) DO(validity) DO(direct) DO(gather) DO(probes) DO(occlusion) DO(directional) DO(path)
 
 /* Where a pass stands in kiln_passes: KILN_PASS_INDEX_direct and so on. */
 #define KILN_PASS_INDEX_OF(name) KILN_PASS_INDEX_##name,
@@ -36,7 +36,9 @@ enum kiln_pass_domain {
      * of the tile run's points, in order. */
     KILN_DOMAIN_TILE_RUNS,
     /* An item is a position in space; it has one result. */
-    KILN_DOMAIN_POSITIONS
+    KILN_DOMAIN_POSITIONS,
+    /* An item is a pixel of the camera that the parameters describe; it has one result. */
+    KILN_DOMAIN_PIXELS
 };
 
 /* The figures of one result by which the verifying backend compares it with another backend's: means over samples. */
@@ -87,9 +89,9 @@ static inline float kiln_mean(float sum, uint32_t count)
 
 /* What is done with results: called on the thread that called kiln_backend_run, for consecutive parts of a batch, in
  * order, while a device may already be busy with the next part. `first` and `count` are items. `results` points to an
- * array of the pass's result struct, for all points of the tile runs or for all positions, in order; it is only lent
- * until the call returns. A status other than KILN_OK ends the run with that status. Where items differ in their number
- * of samples, the order holds among items of one number only. */
+ * array of the pass's result struct, for all points of the tile runs or for each position or pixel, in order; it is
+ * only lent until the call returns. A status other than KILN_OK ends the run with that status. Where items differ in
+ * their number of samples, the order holds among items of one number only. */
 typedef int (*kiln_take_results)(void *context, size_t first, size_t count, const void *results,
                                  struct kiln_error *error);
 
@@ -97,9 +99,10 @@ typedef int (*kiln_take_results)(void *context, size_t first, size_t count, cons
 struct kiln_batch {
     size_t first, count; /* items. Tile runs: of the backend's surface. Positions: of all that there are; random numbers
                           * are a function of the item's number */
-    const struct kiln_vec3 *positions; /* `count` positions, m from the scene's centre; NULL for tile runs */
-    uint32_t stream;                   /* tells runs of one pass apart in the random numbers */
-    uint32_t samples;                  /* of every point or position */
+    const struct kiln_vec3
+        *positions;   /* `count` positions, m from the scene's centre; NULL unless items are positions */
+    uint32_t stream;  /* tells runs of one pass apart in the random numbers */
+    uint32_t samples; /* of every point or position */
     /* The samples are numbers first_sample, first_sample + 1, ... of an endless sequence: batches that share an item's
      * sequence out in stretches have samples that are as well distributed together as those of one batch. */
     uint32_t first_sample;

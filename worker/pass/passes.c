@@ -6,6 +6,7 @@
 #include "worker/pass/directional.h"
 #include "worker/pass/gather.h"
 #include "worker/pass/occlusion.h"
+#include "worker/pass/path.h"
 #include "worker/pass/probes.h"
 #include "worker/pass/validity.h"
 
@@ -109,11 +110,27 @@ const struct kiln_pass kiln_pass_directional = {.index = KILN_PASS_INDEX_directi
                                                 .reads_radiosity = true,
                                                 .is_stealable = true};
 
+/* Not verified: the verifying backend looks at tile runs. */
+const struct kiln_pass kiln_pass_path = {.index = KILN_PASS_INDEX_path,
+                                         .name = "path",
+                                         .what = "path-traced light",
+                                         .domain = KILN_DOMAIN_PIXELS,
+                                         .parameter_bytes = sizeof(struct kiln_path_parameters),
+                                         .result_bytes = sizeof(struct kiln_path_result),
+                                         .is_sampled = true,
+                                         .is_divisible = true};
+
 #define ROW(name) [KILN_PASS_INDEX_##name] = &kiln_pass_##name,
 const struct kiln_pass *const kiln_passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};
 #undef ROW
 
 /* ---- results ---- */
+
+double kiln_path_error(const struct kiln_path_result *result)
+{
+    const double n = result->count, mean = n > 0.0 ? kiln_luminance_of_floats(result->radiance) / n : 0.0;
+    return n > 1.0 ? sqrt(fmax(0.0, (double)result->square / n - mean * mean) / (n - 1.0)) : 0.0;
+}
 
 int kiln_validity_keep(void *surface, size_t first, size_t count, const void *results, struct kiln_error *error)
 {

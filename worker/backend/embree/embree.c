@@ -183,7 +183,7 @@ typedef int (*pass_function)(struct embree_backend *b, const void *parameters, c
 static const pass_function pass_functions[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};
 #undef ROW
 
-/* Results that one item of the surface or of positions has. */
+/* Results that one item has. */
 static uint64_t results_of(const struct embree_backend *b, const struct kiln_pass *pass, size_t item)
 {
     return pass->domain == KILN_DOMAIN_TILE_RUNS ? b->surface->tile_runs[item].count : 1;

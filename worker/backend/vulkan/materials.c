@@ -12,6 +12,7 @@ static const uint64_t most_texel_bytes = (uint64_t)1 << 30;
 struct staging {
     const struct kiln_backend_params *params;
     struct gpu *gpu;
+    bool all; /* triangles are coated */
     struct kiln_gpu_material *materials;
     struct kiln_gpu_texture *textures;
     struct kiln_gpu_coating *coatings;
@@ -30,21 +31,26 @@ bool vulkan_materials_holds(const struct kiln_backend_params *params, uint32_t t
             params->scene->materials[word & KILN_RECORD_MATERIAL].emission_texture != KILN_NONE);
 }
 
+static bool is_coated(const struct staging *s, uint32_t triangle)
+{
+    return s->all || vulkan_materials_holds(s->params, triangle);
+}
+
 /* The shortest run of world triangles that has all that are wanted. */
 static void find_slots(struct staging *s)
 {
     const struct kiln_geometry *g = s->params->geometry;
     size_t end = g->triangle_count;
-    while (s->slot_first < end && !vulkan_materials_holds(s->params, (uint32_t)s->slot_first))
+    while (s->slot_first < end && !is_coated(s, (uint32_t)s->slot_first))
         s->slot_first++;
-    while (end > s->slot_first && !vulkan_materials_holds(s->params, (uint32_t)(end - 1)))
+    while (end > s->slot_first && !is_coated(s, (uint32_t)(end - 1)))
         end--;
     s->slot_count = end - s->slot_first;
 }
 
 static void want_textures(struct staging *s, uint32_t triangle, const struct kiln_material *material)
 {
-    if (triangle >= s->params->geometry->opaque_count && material->base_color_texture != KILN_NONE)
+    if ((s->all || triangle >= s->params->geometry->opaque_count) && material->base_color_texture != KILN_NONE)
         s->wanted[material->base_color_texture] = true;
     if (triangle >= s->params->geometry->opaque_count && material->transmission > 0.0f &&
         material->transmission_texture != KILN_NONE)
@@ -79,7 +85,7 @@ static void number_coatings(struct staging *s)
     for (size_t i = 0; i < s->slot_count; i++) {
         const uint32_t triangle = (uint32_t)(s->slot_first + i), stored = g->stored_triangle[triangle];
         s->slots[i] = KILN_GPU_NONE;
-        if (!vulkan_materials_holds(s->params, triangle))
+        if (!is_coated(s, triangle))
             continue;
         if (s->coating_of[stored] == KILN_NONE)
             s->coating_of[stored] = (uint32_t)s->coating_count++;
@@ -115,6 +121,7 @@ static void fill_materials(struct staging *s)
         to->emission_texture = from->emission_texture;
         for (int c = 0; c < 3; c++)
             to->base_color[c] = from->base_color[c] * (1.0f - from->metallic);
+        memcpy(to->seen_color, from->base_color, sizeof to->seen_color);
         to->transmission = from->transmission;
         to->transmission_texture = from->transmission > 0.0f ? from->transmission_texture : KILN_NONE;
     }
@@ -139,10 +146,10 @@ static int make_staging(struct staging *s, struct kiln_error *error)
     number_coatings(s);
     kiln_free(&s->coating_of);
     if (s->coating_count > KILN_GPU_FLIPPED - 1)
-        return kiln_fail(
-            error, KILN_NO_DEVICE,
-            "%zu triangles with alpha or textured emission are more than the Vulkan backend's %u: bake with Embree",
-            s->coating_count, KILN_GPU_FLIPPED - 1);
+        return kiln_fail(error, KILN_NO_DEVICE,
+                         "%zu triangles whose colours, alpha or emission kernels ask for are more than the Vulkan "
+                         "backend's %u: bake with Embree",
+                         s->coating_count, KILN_GPU_FLIPPED - 1);
     status = kiln_allocate(&s->coatings, s->coating_count, sizeof *s->coatings, "the coatings", error);
     if (status != KILN_OK)
         return status;
@@ -248,11 +255,11 @@ static int upload_all(struct staging *s, struct vulkan_materials *m, struct kiln
     return status;
 }
 
-int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *params,
+int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *params, bool all,
                             struct vulkan_materials *materials, struct kiln_gpu_materials *layout,
                             struct kiln_error *error)
 {
-    struct staging s = {.params = params, .gpu = gpu};
+    struct staging s = {.params = params, .gpu = gpu, .all = all};
     *materials = (struct vulkan_materials){0};
     *layout = (struct kiln_gpu_materials){0};
     find_slots(&s);

@@ -1,6 +1,6 @@
 /* Materials and textures on the device, for shaders/material.glsl. Only what kernels ask for is uploaded: coatings of
  * triangles that may let rays through or whose emission has a texture, and the textures these need. Nothing at all in a
- * scene without. */
+ * scene without. The path pass asks for all triangles. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_MATERIALS_H
 #define KILN_WORKER_BACKEND_VULKAN_MATERIALS_H
 
@@ -17,14 +17,16 @@ struct vulkan_materials {
     size_t texel_buffers;
 };
 
-/* Uploads and writes the addresses into `layout` (all 0 when there is nothing). `params` are read only during the call.
- * KILN_NO_DEVICE when it does not fit, KILN_SYSTEM. Not collective. */
-int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *params,
+/* Uploads and writes the addresses into `layout` (all 0 when there is nothing); with `all` the coatings of all
+ * triangles, and what their colours need. `params` are read only during the call. KILN_NO_DEVICE when it does not fit,
+ * KILN_SYSTEM. Not collective. */
+int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *params, bool all,
                             struct vulkan_materials *materials, struct kiln_gpu_materials *layout,
                             struct kiln_error *error);
 void vulkan_materials_destroy(struct gpu *gpu, struct vulkan_materials *materials);
 
-/* Whether a kernel may ask for world triangle `triangle`: what is uploaded, and what the test goes through. */
+/* Whether kernels other than that of paths may ask for world triangle `triangle`: what is uploaded, and what the test
+ * goes through. */
 bool vulkan_materials_holds(const struct kiln_backend_params *params, uint32_t triangle);
 
 #endif

@@ -100,7 +100,8 @@ static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
     int status = gpu_buffer_of(b->gpu, &b->records, g->records, g->triangle_count * sizeof *g->records,
                                "what rays need to know of triangles", error);
     if (status == KILN_OK)
-        status = vulkan_materials_create(b->gpu, &b->params, &b->materials, &b->layout.materials, error);
+        status =
+            vulkan_materials_create(b->gpu, &b->params, b->all_materials, &b->materials, &b->layout.materials, error);
     if (status == KILN_OK && b->params.lights != NULL)
         status = vulkan_lights_create(b->gpu, b->params.lights, b->float64, &b->lights, &b->layout.lights, error);
     if (status == KILN_OK)
@@ -151,6 +152,7 @@ static void clear(struct vulkan_backend *b)
     gpu_buffer_destroy(b->gpu, &b->scene);
     vulkan_lights_destroy(b->gpu, &b->lights);
     vulkan_materials_destroy(b->gpu, &b->materials);
+    gpu_buffer_destroy(b->gpu, &b->path_triangles);
     gpu_buffer_destroy(b->gpu, &b->records);
     vulkan_tracer_destroy(b->gpu, &b->tracer);
     gpu_destroy(&b->gpu);

@@ -1,11 +1,11 @@
 /* The Vulkan backend: private declarations that its files share.
  *
  * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c,
- * occlusion.c, directional.c. The others: vulkan.c (life of the backend, kernels, closest hits), chunks.c (running a
- * pass over tile runs in chunks), hemisphere.c (what passes that sample the hemisphere over points have in common),
- * points.c (surface points on the device), lights.c and materials.c (the scene on the device), bvh.c, acceleration.c
- * and tracer.c (what finds hits), layout.h (what C and the shaders share). gpu/ is Vulkan for compute and knows no
- * light.
+ * occlusion.c, directional.c, path.c. The others: vulkan.c (life of the backend, kernels, closest hits), chunks.c
+ * (running a pass over tile runs in chunks), hemisphere.c (what passes that sample the hemisphere over points have in
+ * common), points.c (surface points on the device), lights.c and materials.c (the scene on the device), bvh.c,
+ * acceleration.c and tracer.c (what finds hits), layout.h (what C and the shaders share). gpu/ is Vulkan for compute
+ * and knows no light.
  *
  * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of
  * all points, and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one
@@ -95,6 +95,8 @@ struct vulkan_backend {
     struct gpu_buffer scene, records;
     struct vulkan_tracer tracer;
     struct vulkan_materials materials;
+    bool all_materials;               /* they are those of all surfaces: paths are traced */
+    struct gpu_buffer path_triangles; /* struct kiln_gpu_path_triangle; made when paths are first traced */
     struct vulkan_lights lights;
     /* the surface */
     struct gpu_buffer store_arrays[KILN_STORE_ARRAYS], radiosity_buffer;

@@ -1,0 +1,241 @@
+#include "coordinator/cli/view_team.h"
+
+#include <math.h>
+#include <mpi.h>
+#include <omp.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "coordinator/bake/devices.h"
+#include "coordinator/bake/prepare.h"
+#include "coordinator/mpi/agree.h"
+#include "worker/base/memory.h"
+
+/* Views that choose an exposure are drawn with so many paths a pixel at most: a mean over a picture needs few. */
+enum { METER_SAMPLES = 16 };
+
+struct kiln_view_team {
+    int rank, ranks;
+    bool tells; /* how far it is, on stderr */
+    int64_t bounces;
+    uint32_t samples;
+    struct kiln_geometry *geometry;
+    struct kiln_lights *lights;
+    struct kiln_backend *backend;
+    struct kiln_view_renderer renderer;
+    struct kiln_view_work work;
+    double told; /* MPI_Wtime() of the last line about progress */
+};
+
+/* What rank 0 tells the others. */
+struct order {
+    struct kiln_path_view view;
+    uint32_t ends; /* 1: there is nothing more to do */
+    uint32_t reserved;
+};
+
+/* ---- begin and end ---- */
+
+/* The best of Embree's instruction sets that all ranks have, or the one that is asked for. */
+static int choose_instruction_set(const struct kiln_job *job, const char **chosen, struct kiln_error *error)
+{
+    static const char *const sets[] = {"avx512", "avx2", "avx", "sse4.2", "sse2"};
+    const char *best = NULL;
+    for (size_t i = 0; i < sizeof sets / sizeof *sets && best == NULL; i++)
+        if (kiln_instruction_set_common(MPI_COMM_WORLD, sets[i]))
+            best = sets[i];
+    *chosen = job->instruction_set != NULL ? job->instruction_set : best;
+    if (job->instruction_set == NULL || kiln_instruction_set_common(MPI_COMM_WORLD, job->instruction_set))
+        return KILN_OK;
+    return kiln_fail(error, KILN_NO_DEVICE, "instruction set %s is not available on every rank; all have %s",
+                     job->instruction_set, best != NULL ? best : "none");
+}
+
+static int open_backend(struct kiln_view_team *t, const struct kiln_job *job, const struct kiln_scene *scene,
+                        const char *instruction_set, const int of_node[2], struct kiln_error *error)
+{
+    int status = kiln_geometry_create(&t->geometry, scene, error);
+    if (status == KILN_OK)
+        status = kiln_lights_create(&t->lights, scene, t->geometry, error);
+    if (status != KILN_OK)
+        return status;
+    struct kiln_backend_params params = {.scene = scene,
+                                         .geometry = t->geometry,
+                                         .lights = t->lights,
+                                         .threads = (uint32_t)omp_get_max_threads(),
+                                         .instruction_set = instruction_set,
+                                         .seed = job->seed};
+    kiln_devices_choose(job, of_node[0], of_node[1], &params);
+    return kiln_backend_create(&t->backend, job->backend, &params, error);
+}
+
+/* Collective. This rank's number among those of its node, and theirs. */
+static void learn_node(int of_node[2])
+{
+    MPI_Comm node;
+    (void)MPI_Comm_split_type(MPI_COMM_WORLD, MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, &node);
+    (void)MPI_Comm_rank(node, &of_node[0]);
+    (void)MPI_Comm_size(node, &of_node[1]);
+    (void)MPI_Comm_free(&node);
+}
+
+static int render(void *context, const struct kiln_view_params *params, struct kiln_image **image,
+                  struct kiln_error *error);
+
+int kiln_view_team_create(struct kiln_view_team **team, const struct kiln_job *job, const struct kiln_scene *scene,
+                          int opened, struct kiln_error *error)
+{
+    const char *instruction_set = NULL;
+    int of_node[2];
+    *team = NULL;
+    int status = opened == KILN_OK ? kiln_allocate(team, 1, sizeof **team, "a view", error) : opened;
+    status = kiln_agree(MPI_COMM_WORLD, status, error);
+    if (status == KILN_OK)
+        status = choose_instruction_set(job, &instruction_set, error);
+    if (status == KILN_OK) {
+        struct kiln_view_team *t = *team;
+        learn_node(of_node);
+        omp_set_num_threads((int)(job->threads != 0 ? job->threads : kiln_own_cores(of_node[1])));
+        (void)MPI_Comm_rank(MPI_COMM_WORLD, &t->rank);
+        (void)MPI_Comm_size(MPI_COMM_WORLD, &t->ranks);
+        t->tells = t->rank == 0 && !job->quiet && !job->json;
+        t->bounces = job->bounces;
+        t->samples = job->samples_pixel;
+        t->renderer = (struct kiln_view_renderer){render, t};
+        status = kiln_agree(MPI_COMM_WORLD, open_backend(t, job, scene, instruction_set, of_node, error), error);
+    }
+    if (status != KILN_OK)
+        kiln_view_team_destroy(team);
+    return status;
+}
+
+void kiln_view_team_destroy(struct kiln_view_team **team)
+{
+    if (*team == NULL)
+        return;
+    kiln_backend_destroy(&(*team)->backend);
+    kiln_lights_destroy(&(*team)->lights);
+    kiln_geometry_destroy(&(*team)->geometry);
+    kiln_free(team);
+}
+
+void kiln_view_team_lend(struct kiln_view_team *team, struct kiln_view_source *source)
+{
+    source->geometry = team->geometry;
+    source->lights = team->lights;
+    source->backend = team->backend;
+    source->renderer = &team->renderer;
+}
+
+struct kiln_view_work kiln_view_team_work(const struct kiln_view_team *team) { return team->work; }
+
+/* ---- pictures ---- */
+
+/* A line at most every two seconds. */
+static void tell(void *context, double share)
+{
+    struct kiln_view_team *t = context;
+    const double now = MPI_Wtime();
+    if (!t->tells || now - t->told < 2.0)
+        return;
+    t->told = now;
+    (void)fprintf(stderr, "kiln: %.0f %% of the paths\n", 100.0 * share);
+}
+
+/* The first pixel of a rank's range. */
+static size_t range_of(const struct kiln_view_team *t, size_t pixels, int rank)
+{
+    return pixels / (size_t)t->ranks * (size_t)rank + pixels % (size_t)t->ranks * (size_t)rank / (size_t)t->ranks;
+}
+
+/* Collective. All ranks' pixels, in order, on rank 0. A picture has at most 2^30 pixels, which an int counts. */
+static int gather(const struct kiln_view_team *t, size_t pixels, const float *own, float *all, struct kiln_error *error)
+{
+    MPI_Datatype pixel;
+    int *counts = NULL;
+    const size_t ranks = (size_t)t->ranks;
+    int status =
+        kiln_agree(MPI_COMM_WORLD, kiln_allocate(&counts, 2 * ranks, sizeof *counts, "the ranks", error), error);
+    for (int r = 0; r < t->ranks && status == KILN_OK; r++) {
+        counts[r] = (int)(range_of(t, pixels, r + 1) - range_of(t, pixels, r));
+        counts[t->ranks + r] = (int)range_of(t, pixels, r);
+    }
+    if (status == KILN_OK) {
+        (void)MPI_Type_contiguous(3, MPI_FLOAT, &pixel);
+        (void)MPI_Type_commit(&pixel);
+        (void)MPI_Gatherv(own, counts[t->rank], pixel, all, counts, counts + t->ranks, pixel, 0, MPI_COMM_WORLD);
+        (void)MPI_Type_free(&pixel);
+    }
+    kiln_free(&counts);
+    return status;
+}
+
+/* Collective. Draws a picture; `all` has its pixels, on rank 0. */
+static int draw(struct kiln_view_team *t, const struct kiln_path_view *view, float *all, struct kiln_error *error)
+{
+    const size_t pixels = (size_t)view->parameters.width * view->parameters.height;
+    const size_t first = range_of(t, pixels, t->rank), count = range_of(t, pixels, t->rank + 1) - first;
+    const struct kiln_path_progress progress = {.tell = tell, .context = t};
+    const double begin = MPI_Wtime();
+    float *own = NULL;
+    uint64_t rays = 0;
+    t->told = begin;
+    int status = kiln_allocate(&own, 3 * count, sizeof *own, "the pixels of a view", error);
+    if (status == KILN_OK && count > 0)
+        status = kiln_path_view_pixels(t->backend, view, first, count, &progress, own, NULL, &rays, error);
+    status = kiln_agree(MPI_COMM_WORLD, status, error);
+    if (status == KILN_OK)
+        status = gather(t, pixels, own, all, error);
+    (void)MPI_Allreduce(MPI_IN_PLACE, &rays, 1, MPI_UINT64_T, MPI_SUM, MPI_COMM_WORLD);
+    t->work.rays += rays;
+    t->work.seconds += MPI_Wtime() - begin;
+    kiln_free(&own);
+    return status;
+}
+
+/* struct kiln_view_renderer: on rank 0, in step with kiln_view_team_serve on the others. */
+static int render(void *context, const struct kiln_view_params *params, struct kiln_image **image,
+                  struct kiln_error *error)
+{
+    static const char *const names[] = {"R", "G", "B"};
+    struct kiln_view_team *t = context;
+    const uint32_t samples = params->side == 1 && t->samples > METER_SAMPLES ? METER_SAMPLES : t->samples;
+    struct order order = {.view =
+                              kiln_path_view_of(&params->camera, params->width, params->height, t->bounces, samples)};
+    const size_t pixels = (size_t)params->width * params->height;
+    float *all = NULL, *planes[3];
+    int status = kiln_image_create(image, params->width, params->height, names, 3, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&all, 3 * pixels, sizeof *all, "the pixels of a view", error);
+    if (status == KILN_OK) {
+        (void)MPI_Bcast(&order, (int)sizeof order, MPI_BYTE, 0, MPI_COMM_WORLD);
+        status = draw(t, &order.view, all, error);
+    }
+    if (status == KILN_OK) {
+        (void)kiln_image_rgb(*image, "", planes);
+        for (size_t i = 0; i < 3 * pixels; i++)
+            planes[i % 3][i / 3] = all[i];
+    } else {
+        kiln_image_destroy(image);
+    }
+    kiln_free(&all);
+    return status;
+}
+
+void kiln_view_team_end(struct kiln_view_team *team)
+{
+    struct order order = {.ends = 1};
+    (void)team;
+    (void)MPI_Bcast(&order, (int)sizeof order, MPI_BYTE, 0, MPI_COMM_WORLD);
+}
+
+void kiln_view_team_serve(struct kiln_view_team *team)
+{
+    struct order order;
+    for (;;) {
+        (void)MPI_Bcast(&order, (int)sizeof order, MPI_BYTE, 0, MPI_COMM_WORLD);
+        if (order.ends != 0)
+            return;
+        (void)draw(team, &order.view, NULL, NULL); /* a failure is every rank's, and rank 0 says it */
+    }
+}

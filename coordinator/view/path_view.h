@@ -1,0 +1,37 @@
+/* Path-traced views: the reference for what views of a bake show. The path pass (worker/pass/path.h) computes pixels;
+ * here they are asked for in order, and added up. Nothing here is collective. */
+#ifndef KILN_COORDINATOR_VIEW_PATH_VIEW_H
+#define KILN_COORDINATOR_VIEW_PATH_VIEW_H
+
+#include "coordinator/view/view.h"
+#include "worker/pass/path.h"
+
+/* A picture, and how it is to be traced. */
+struct kiln_path_view {
+    struct kiln_path_parameters parameters;
+    uint32_t samples; /* paths of a pixel, at least 1 */
+};
+
+/* The view of this camera, with `bounces` indirect bounces; below 0: all. */
+struct kiln_path_view kiln_path_view_of(const struct kiln_view_camera *camera, uint32_t width, uint32_t height,
+                                        int64_t bounces, uint32_t samples);
+
+/* What has been computed. */
+struct kiln_path_progress {
+    void (*tell)(void *context, double share); /* of the pixels' paths that are done, 0 to 1; NULL: nobody is told */
+    void *context;
+    const struct kiln_stop *stop; /* may ask to stop; NULL: never */
+};
+
+/* Computes the radiance of pixels [first, first + count), row by row from the top: three floats each in `rgb`. Any
+ * ranges give the same bits. `errors`, if it is not NULL, gets the standard error of each pixel's luminance. Adds the
+ * rays to *rays. KILN_STOPPED, or the status of the backend. */
+int kiln_path_view_pixels(struct kiln_backend *backend, const struct kiln_path_view *view, size_t first, size_t count,
+                          const struct kiln_path_progress *progress, float *rgb, float *errors, uint64_t *rays,
+                          struct kiln_error *error);
+
+/* Refuses scenes with receiver-only objects (KILN_OBJECT_RECEIVER_ONLY), which rays would have to see from the camera
+ * and nowhere else. KILN_USAGE. */
+int kiln_path_view_check(const struct kiln_scene *scene, struct kiln_error *error);
+
+#endif

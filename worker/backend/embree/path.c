@@ -1,0 +1,366 @@
+/* The path pass (worker/pass/path.h): one path after the other, ray by ray. shaders/path.comp goes the same ways. */
+#include <math.h>
+#include <omp.h>
+#include <string.h>
+
+#include "shaders/shared/color.h"
+#include "shaders/shared/warp.h"
+#include "worker/backend/embree/light_samples.h"
+#include "worker/backend/embree/shadow.h"
+#include "worker/base/memory.h"
+#include "worker/pass/path.h"
+#include "worker/scene/footprint.h"
+#include "worker/scene/texture.h"
+
+/* A path under way. */
+struct path {
+    const struct embree_backend *b;
+    struct embree_context *context;
+    const struct kiln_path_parameters *camera;
+    struct kiln_light_choice *choices;
+    uint32_t key, k; /* of the pixel; number of the sample */
+    float weight[3]; /* what of the radiance that comes now reaches the camera, by colour */
+    float radiance[3];
+    uint64_t rays;
+};
+
+/* A surface that a path meets, on the side that it comes from. */
+struct meeting {
+    uint32_t triangle, stored;
+    const struct kiln_mesh *mesh;
+    float u, v, b1, b2; /* weights of the world triangle's corners, and of the stored one's */
+    bool back;
+    struct kiln_vec3 position, normal, shading; /* normals: geometric and of the mesh */
+    float offset;                               /* m along the normal from which rays start */
+};
+
+/* Two numbers in (0, 1) of this sample. */
+static void draw(const struct path *p, uint32_t use, double *u, double *v)
+{
+    uint32_t a, b;
+    kiln_path_numbers(kiln_path_key(p->key, use), p->k, &a, &b);
+    *u = kiln_unit_double(a);
+    *v = kiln_unit_double(b);
+}
+
+static void add(struct path *p, const float rgb[3])
+{
+    for (int c = 0; c < 3; c++)
+        p->radiance[c] += p->weight[c] * rgb[c];
+}
+
+static void add_environment(struct path *p, struct kiln_vec3 direction)
+{
+    float rgb[3];
+    kiln_environment_radiance(p->b->params.lights, dvec3_of(direction), rgb);
+    add(p, rgb);
+}
+
+/* ---- rays ---- */
+
+/* Traces the ray that leads to surface number `surface`; false: it meets nothing. */
+static bool trace(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 direction, uint32_t surface,
+                  struct RTCRayHit *ray)
+{
+    float tint[3] = {1.0f, 1.0f, 1.0f};
+    *ray = (struct RTCRayHit){.ray = {.org_x = origin.x,
+                                      .org_y = origin.y,
+                                      .org_z = origin.z,
+                                      .dir_x = direction.x,
+                                      .dir_y = direction.y,
+                                      .dir_z = direction.z,
+                                      .tfar = INFINITY,
+                                      .mask = ~0u},
+                              .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
+    const uint32_t chance = kiln_path_key(p->key, kiln_path_use(surface, KILN_PATH_CHANCE));
+    embree_nearest1(p->b, p->context, ray, kiln_hash2(chance, p->k), tint);
+    for (int c = 0; c < 3; c++)
+        p->weight[c] *= tint[c];
+    return ray->hit.geomID != RTC_INVALID_GEOMETRY_ID;
+}
+
+static bool is_back(const struct RTCRayHit *r)
+{
+    return r->hit.Ng_x * r->ray.dir_x + r->hit.Ng_y * r->ray.dir_y + r->hit.Ng_z * r->ray.dir_z > 0.0f;
+}
+
+/* Whether a ray that comes from this side finds the surface there. */
+static bool has_side(const struct kiln_hit_record *record, bool back)
+{
+    return !back || (record->material & KILN_RECORD_DOUBLE_SIDED) != 0;
+}
+
+static bool is_seen(const struct embree_backend *b, const struct RTCRayHit *r)
+{
+    const struct kiln_hit_record *record =
+        &b->params.geometry->records[embree_triangle(b, r->hit.geomID, r->hit.primID)];
+    const bool hidden = (b->params.scene->objects[record->object].flags & KILN_OBJECT_CASTER_ONLY) != 0 &&
+                        (record->material & KILN_RECORD_EMITS) == 0;
+    return !hidden && has_side(record, is_back(r));
+}
+
+/* What the camera sees along the ray; false: nothing but the environment. */
+static bool look(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 direction, struct RTCRayHit *ray)
+{
+    p->rays++;
+    for (uint32_t i = 0; i <= KILN_PATH_UNSEEN; i++) {
+        if (!trace(p, origin, direction, 0, ray))
+            return false;
+        if (is_seen(p->b, ray))
+            return true;
+        origin = vec3_madd(origin, direction, kiln_path_beyond(ray->ray.tfar, p->b->params.geometry->extent));
+    }
+    return false;
+}
+
+/* ---- surfaces ---- */
+
+static struct meeting meet(const struct embree_backend *b, const struct RTCRayHit *r)
+{
+    const struct kiln_geometry *g = b->params.geometry;
+    const struct kiln_scene *scene = b->params.scene;
+    struct meeting m = {
+        .triangle = embree_triangle(b, r->hit.geomID, r->hit.primID), .u = r->hit.u, .v = r->hit.v, .back = is_back(r)};
+    m.stored = g->stored_triangle[m.triangle];
+    m.mesh = &scene->meshes[scene->objects[g->records[m.triangle].object].mesh];
+    kiln_geometry_stored_barycentrics(scene, g, m.triangle, m.u, m.v, &m.b1, &m.b2);
+    m.position = kiln_triangle_position(g, m.triangle, m.u, m.v);
+    m.normal = kiln_triangle_exact_normal(scene, g, m.triangle);
+    m.shading = m.normal;
+    m.offset = kiln_offset_distance(g, m.triangle, m.normal);
+    return m;
+}
+
+/* Turns the normals to the side that the path comes from; `first`: of the surface that the camera sees. */
+static void face(const struct embree_backend *b, bool first, struct meeting *m)
+{
+    if (first && (m->mesh->flags & KILN_MESH_SMOOTH) != 0) {
+        m->shading = kiln_triangle_shading_normal(b->params.scene, b->params.geometry, m->triangle, m->u, m->v);
+        if (!(vec3_dot(m->shading, m->normal) > 0.0f))
+            m->shading = m->normal;
+    }
+    if (m->back) {
+        m->normal = vec3_scale(m->normal, -1.0f);
+        m->shading = vec3_scale(m->shading, -1.0f);
+    }
+}
+
+static void add_emission(struct path *p, const struct meeting *m)
+{
+    float rgb[3];
+    if ((p->b->params.geometry->records[m->triangle].material & KILN_RECORD_EMITS) == 0)
+        return;
+    kiln_surface_emission(p->b->params.scene, m->mesh, m->stored, m->b1, m->b2, rgb);
+    add(p, rgb);
+}
+
+/* Goes on to what the surface reflects; false: it is black. */
+static bool reflect(struct path *p, const struct meeting *m, bool first)
+{
+    float color[4];
+    (first ? kiln_surface_base_color : kiln_surface_color)(p->b->params.scene, m->mesh, m->stored, m->b1, m->b2, color);
+    for (int c = 0; c < 3; c++)
+        p->weight[c] *= color[c];
+    return p->weight[0] > 0.0f || p->weight[1] > 0.0f || p->weight[2] > 0.0f;
+}
+
+/* ---- straight from the lights ---- */
+
+static struct kiln_light_sample draw_light(const struct path *p, const struct meeting *m, uint32_t surface,
+                                           const struct kiln_light_choice *choice, uint32_t index, bool *good)
+{
+    const bool sky = choice->kind == KILN_CHOICE_ENVIRONMENT;
+    struct kiln_light_sample sample = {0};
+    double u = 0.5, v = 0.5, pick = 0.5, rest;
+    if (choice->kind != KILN_CHOICE_DIRECTIONAL) {
+        draw(p, kiln_path_use(surface, sky ? KILN_PATH_SKY + index : KILN_PATH_LIGHT), &u, &v);
+        draw(p, kiln_path_use(surface, KILN_PATH_PICK), &pick, &rest);
+    }
+    *good = kiln_lights_sample(p->b->params.lights, choice, index, dvec3_of(m->position), dvec3_of(m->normal),
+                               dvec3_of(m->shading), pick, u, v, &sample);
+    return sample;
+}
+
+/* Adds irradiance over pi of one sample of a choice. */
+static void add_sample(struct path *p, const struct meeting *m, const struct kiln_light_choice *choice,
+                       struct kiln_light_sample *sample)
+{
+    const double above = dvec3_dot(dvec3_of(m->normal), sample->direction),
+                 cosine = dvec3_dot(dvec3_of(m->shading), sample->direction);
+    const struct kiln_vec3 start = vec3_madd(m->position, m->normal, m->offset);
+    if (!(above > 0.0) || !(cosine > 0.0))
+        return;
+    p->rays++;
+    shadow_aim(sample, dvec3_of(m->position), dvec3_of(start));
+    if (!light_arrives(p->b, p->context, start, choice, sample))
+        return;
+    float rgb[3];
+    for (int c = 0; c < 3; c++)
+        rgb[c] = (float)(sample->value[c] * cosine * (1.0 / KILN_PI));
+    add(p, rgb);
+}
+
+static void add_direct(struct path *p, const struct meeting *m, uint32_t surface)
+{
+    const struct kiln_lights *lights = p->b->params.lights;
+    size_t count = kiln_lights_choices(lights, dvec3_of(m->position), 0.0, dvec3_of(m->normal), 1, p->choices);
+    if (light_sky_is_constant(lights))
+        count--; /* the environment is the last choice */
+    for (size_t i = 0; i < count; i++) {
+        struct kiln_light_choice *choice = &p->choices[i];
+        choice->samples = choice->kind == KILN_CHOICE_ENVIRONMENT ? 2 : 1; /* by the cosine, and by luminance */
+        for (uint32_t index = 0; index < choice->samples; index++) {
+            bool good;
+            struct kiln_light_sample sample = draw_light(p, m, surface, choice, index, &good);
+            if (good)
+                add_sample(p, m, choice, &sample);
+        }
+    }
+}
+
+/* ---- the way on ---- */
+
+/* Cosine-distributed about the axis, with which it has the cosine `cosine`. */
+static struct kiln_vec3 cosine_direction(struct kiln_vec3 axis, double u, double v, float *cosine)
+{
+    struct kiln_vec3 s, t;
+    const float radius = (float)sqrt(u), turn = (float)(2.0 * KILN_PI * v);
+    kiln_basis(axis, &s, &t);
+    *cosine = (float)sqrt(1.0 - u);
+    return vec3_madd(vec3_madd(vec3_scale(axis, *cosine), s, radius * cosf(turn)), t, radius * sinf(turn));
+}
+
+/* Chooses the way on from the surface, and weighs it as the gather pass does; false: it brings nothing. */
+static bool turn(struct path *p, const struct meeting *m, uint32_t surface, struct kiln_vec3 *direction)
+{
+    double u, v;
+    float cosine;
+    draw(p, kiln_path_use(surface, KILN_PATH_BOUNCE), &u, &v);
+    const struct kiln_vec3 both = vec3_add(m->normal, m->shading); /* twice the normal but for smooth meshes */
+    *direction = cosine_direction(vec3_normalize(both), u, v, &cosine);
+    const float weight = kiln_shading_weight(vec3_dot(m->shading, *direction), cosine);
+    for (int c = 0; c < 3; c++)
+        p->weight[c] *= weight;
+    return weight > 0.0f && vec3_dot(m->normal, *direction) > 0.0f;
+}
+
+/* Whether a path without a last surface goes on from surface number `surface`. */
+static bool survives(struct path *p, uint32_t surface)
+{
+    double u, v;
+    if (p->camera->bounces != KILN_PATH_ALL_BOUNCES || surface < KILN_PATH_CERTAIN)
+        return true;
+    const float chance = kiln_path_chance(p->weight[0], p->weight[1], p->weight[2]);
+    draw(p, kiln_path_use(surface, KILN_PATH_END), &u, &v);
+    for (int c = 0; c < 3; c++)
+        p->weight[c] /= chance;
+    return u < (double)chance;
+}
+
+/* From surface number `surface` to the next; false: the path ends. */
+static bool go_on(struct path *p, const struct meeting *m, uint32_t surface, struct RTCRayHit *ray)
+{
+    const bool last = surface == p->camera->bounces, sky = light_sky_is_constant(p->b->params.lights);
+    struct kiln_vec3 direction;
+    if ((last && !sky) || !survives(p, surface) || !turn(p, m, surface, &direction))
+        return false;
+    p->rays++;
+    if (trace(p, vec3_madd(m->position, m->normal, m->offset), direction, surface + 1, ray))
+        return !last &&
+               has_side(&p->b->params.geometry->records[embree_triangle(p->b, ray->hit.geomID, ray->hit.primID)],
+                        is_back(ray));
+    if (sky)
+        add_environment(p, direction);
+    return false;
+}
+
+/* ---- paths ---- */
+
+static void camera_ray(const struct path *p, uint64_t pixel, struct kiln_vec3 *origin, struct kiln_vec3 *direction)
+{
+    const struct kiln_path_parameters *c = p->camera;
+    double u, v;
+    draw(p, 0, &u, &v);
+    const float x = (float)(((double)(pixel % c->width) + u) / c->width * 2.0 - 1.0),
+                y = (float)(1.0 - ((double)(pixel / c->width) + v) / c->height * 2.0);
+    const struct kiln_vec3 aside = vec3_madd(vec3_scale(c->right, x), c->up, y);
+    *origin = c->orthographic ? vec3_add(c->position, aside) : c->position;
+    *direction = vec3_normalize(c->orthographic ? c->forward : vec3_add(c->forward, aside));
+}
+
+static void follow(struct path *p, uint64_t pixel)
+{
+    struct kiln_vec3 origin, direction;
+    struct RTCRayHit ray;
+    for (int c = 0; c < 3; c++) {
+        p->weight[c] = 1.0f;
+        p->radiance[c] = 0.0f;
+    }
+    camera_ray(p, pixel, &origin, &direction);
+    if (!look(p, origin, direction, &ray)) {
+        add_environment(p, direction);
+        return;
+    }
+    for (uint32_t surface = 0;; surface++) {
+        struct meeting m = meet(p->b, &ray);
+        face(p->b, surface == 0, &m);
+        if (surface == 0)
+            add_emission(p, &m);
+        if (!reflect(p, &m, surface == 0))
+            return;
+        add_direct(p, &m, surface);
+        if (!go_on(p, &m, surface, &ray))
+            return;
+    }
+}
+
+static void trace_pixel(struct path *p, uint64_t pixel, uint32_t seed, const struct kiln_batch *part,
+                        struct kiln_path_result *result)
+{
+    double sum[3] = {0.0, 0.0, 0.0}, square = 0.0;
+    p->key = kiln_hash2(kiln_hash2(seed, (uint32_t)pixel), (uint32_t)(pixel >> 32));
+    for (uint32_t i = 0; i < part->samples; i++) {
+        p->k = part->first_sample + i;
+        follow(p, pixel);
+        const double luminance = kiln_luminance_of_floats(p->radiance);
+        square += luminance * luminance;
+        for (int c = 0; c < 3; c++)
+            sum[c] += (double)p->radiance[c];
+    }
+    *result = (struct kiln_path_result){
+        .radiance = {(float)sum[0], (float)sum[1], (float)sum[2]}, .square = (float)square, .count = part->samples};
+}
+
+int embree_path(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
+                uint64_t *rays, struct kiln_error *error)
+{
+    const uint32_t seed = kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32) ^ KILN_PATH_SEED);
+    const size_t room = light_choices_room(b->params.lights);
+    struct kiln_light_choice *choices = NULL;
+    uint64_t traced = 0;
+    double seconds = 0.0;
+    const int status = kiln_allocate(&choices, room * b->threads, sizeof *choices, "the paths' light choices", error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel num_threads((int)b->threads) reduction(+ : traced, seconds)
+    {
+        const unsigned saved = embree_enter();
+        const double begin = embree_thread_seconds();
+        struct embree_context context;
+        embree_context(b, &context);
+        struct path p = {.b = b,
+                         .context = &context,
+                         .camera = parameters,
+                         .choices = choices + room * (size_t)omp_get_thread_num()};
+#pragma omp for schedule(dynamic, 16) nowait
+        for (size_t i = 0; i < part->count; i++)
+            trace_pixel(&p, (uint64_t)part->first + i, seed, part, (struct kiln_path_result *)results + i);
+        traced += p.rays;
+        seconds += embree_thread_seconds() - begin;
+        embree_leave(saved);
+    }
+    *rays += traced;
+    b->thread_seconds += seconds;
+    kiln_free(&choices);
+    return KILN_OK;
+}

@@ -1,0 +1,222 @@
+/* The path pass (worker/pass/path.h): shaders/path.comp follows some paths of each pixel of a chunk, and adds them to
+ * what it has found so far. How many at once is what a slice of time is enough for; results do not depend on it. */
+#include <stdint.h> /* before the shaders */
+#include <string.h>
+
+#include "shaders/path.h"
+#include "shaders/path_float.h"
+#include "shaders/path_pipeline.h"
+#include "shaders/path_pipeline_float.h"
+#include "worker/backend/vulkan/vulkan.h"
+#include "worker/base/memory.h"
+#include "worker/pass/path.h"
+#include "worker/scene/footprint.h"
+
+static const struct vulkan_shader path_shader = {.name = "path",
+                                                 .compute = VULKAN_CODE(path),
+                                                 .pipeline = VULKAN_CODE(path_pipeline),
+                                                 .compute_float = VULKAN_CODE(path_float),
+                                                 .pipeline_float = VULKAN_CODE(path_pipeline_float)};
+
+/* Of a dispatch: a software device ends a thread's loops after 65,535 rounds in all. */
+enum { MOST_PIXELS = 1 << 18, MOST_SAMPLES = 16, MOST_SAMPLES_SOFTWARE = 2, FIRST_GUESS = 1 << 14 };
+
+/* A call's working set. */
+struct path_run {
+    struct vulkan_backend *b;
+    struct gpu_kernel *kernel;
+    struct gpu_buffer sums;
+    struct kiln_path_result *answers; /* of a chunk, for the taker */
+    uint32_t room;                    /* pixels that the buffer and `answers` hold */
+    struct kiln_gpu_path_push push;
+};
+
+/* ---- the scene ---- */
+
+static struct kiln_gpu_path_triangle triangle_of(const struct kiln_scene *scene, const struct kiln_geometry *g,
+                                                 uint32_t triangle)
+{
+    const struct kiln_hit_record *record = &g->records[triangle];
+    const struct kiln_object *object = &scene->objects[record->object];
+    struct kiln_vec3 corner[3];
+    kiln_geometry_corners(g, triangle, corner);
+    struct kiln_gpu_path_triangle t = {.p = corner[0],
+                                       .e1 = vec3_sub(corner[1], corner[0]),
+                                       .e2 = vec3_sub(corner[2], corner[0]),
+                                       .normal = kiln_triangle_exact_normal(scene, g, triangle)};
+    t.offset = kiln_offset_distance(g, triangle, t.normal);
+    if ((scene->meshes[object->mesh].flags & KILN_MESH_SMOOTH) != 0) {
+        t.flags |= KILN_GPU_PATH_SMOOTH;
+        t.shading0 = kiln_triangle_shading_normal(scene, g, triangle, 0.0f, 0.0f);
+        t.shading1 = kiln_triangle_shading_normal(scene, g, triangle, 1.0f, 0.0f);
+        t.shading2 = kiln_triangle_shading_normal(scene, g, triangle, 0.0f, 1.0f);
+    }
+    if ((object->flags & KILN_OBJECT_CASTER_ONLY) != 0 && (record->material & KILN_RECORD_EMITS) == 0)
+        t.flags |= KILN_GPU_PATH_HIDDEN;
+    return t;
+}
+
+static int upload_triangles(struct vulkan_backend *b, struct kiln_error *error)
+{
+    const struct kiln_geometry *g = b->params.geometry;
+    struct kiln_gpu_path_triangle *triangles = NULL;
+    int status = kiln_allocate(&triangles, g->triangle_count, sizeof *triangles, "the triangles of paths", error);
+    if (status == KILN_OK) {
+        for (size_t i = 0; i < g->triangle_count; i++)
+            triangles[i] = triangle_of(b->params.scene, g, (uint32_t)i);
+        status = gpu_buffer_of(b->gpu, &b->path_triangles, triangles, g->triangle_count * sizeof *triangles,
+                               "the triangles of paths", error);
+    }
+    kiln_free(&triangles);
+    return status;
+}
+
+/* What paths need of the scene, and other passes do not: the colours of all surfaces, and their normals. */
+static int upload_surfaces(struct vulkan_backend *b, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    if (!b->all_materials) {
+        vulkan_materials_destroy(b->gpu, &b->materials);
+        b->all_materials = true;
+        status = vulkan_materials_create(b->gpu, &b->params, true, &b->materials, &b->layout.materials, error);
+        if (status == KILN_OK)
+            status = vulkan_upload_root(b, error);
+    }
+    if (status == KILN_OK && b->path_triangles.size == 0)
+        status = upload_triangles(b, error);
+    return status;
+}
+
+/* ---- pixels ---- */
+
+static int prepare(struct path_run *r, const struct kiln_path_parameters *c, const struct kiln_batch *batch,
+                   struct kiln_error *error)
+{
+    struct vulkan_backend *b = r->b;
+    const uint64_t seed = b->params.seed;
+    r->room = (uint32_t)(batch->count < MOST_PIXELS ? batch->count : MOST_PIXELS);
+    int status = upload_surfaces(b, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(b, &path_shader, false, 0, &r->kernel, error);
+    if (status == KILN_OK)
+        status = gpu_buffer_create(b->gpu, &r->sums, r->room * sizeof(struct kiln_gpu_path_sums), GPU_HOST,
+                                   "the sums of pixels", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&r->answers, r->room, sizeof *r->answers, "the answers of pixels", error);
+    r->push = (struct kiln_gpu_path_push){.scene = b->scene.address,
+                                          .triangles = b->path_triangles.address,
+                                          .seed = kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32) ^ KILN_PATH_SEED),
+                                          .width = c->width,
+                                          .height = c->height,
+                                          .bounces = c->bounces,
+                                          .orthographic = c->orthographic,
+                                          .position = c->position,
+                                          .forward = c->forward,
+                                          .right = c->right,
+                                          .up = c->up,
+                                          .extent = b->params.geometry->extent};
+    return status;
+}
+
+static void finish(struct path_run *r)
+{
+    gpu_buffer_destroy(r->b->gpu, &r->sums);
+    kiln_free(&r->answers);
+}
+
+/* So many pixels at once as there is room for, if a slice of time is enough for one path of each. */
+static uint32_t size_chunk(const struct path_run *r, size_t left)
+{
+    const uint64_t paths = gpu_pacer_next(&r->b->pacers[KILN_PASS_INDEX_path], FIRST_GUESS);
+    const uint64_t some = paths < 64 ? 64 : paths < r->room ? paths : r->room; /* a workgroup at least */
+    return (uint32_t)(some < left ? some : left);
+}
+
+static int run_samples(struct path_run *r, uint32_t done, uint32_t left, struct kiln_error *error)
+{
+    struct gpu_pacer *pacer = &r->b->pacers[KILN_PASS_INDEX_path];
+    const uint32_t most = gpu_about(r->b->gpu)->software ? MOST_SAMPLES_SOFTWARE : MOST_SAMPLES;
+    const uint64_t enough = gpu_pacer_next(pacer, FIRST_GUESS) / r->push.count;
+    uint32_t some = enough < 1 ? 1 : enough < most ? (uint32_t)enough : most;
+    r->push.first_sample = done;
+    r->push.samples = some < left ? some : left;
+    const struct gpu_step step = {.kernel = r->kernel,
+                                  .threads_x = r->push.count,
+                                  .threads_y = 1,
+                                  .constants = &r->push,
+                                  .constant_bytes = sizeof r->push};
+    double seconds;
+    const int status = gpu_run(r->b->gpu, &step, 1, &seconds, error);
+    if (status == KILN_OK)
+        gpu_pacer_learn(pacer, (uint64_t)r->push.count * r->push.samples, seconds);
+    return status;
+}
+
+/* Reads a chunk's answers and adds up their rays. */
+static int read_answers(struct path_run *r, const struct kiln_gpu_path_sums *sums, uint64_t *rays,
+                        struct kiln_error *error)
+{
+    for (uint32_t i = 0; i < r->push.count; i++) {
+        const struct kiln_gpu_path_sums *s = &sums[i];
+        if (s->count == KILN_GPU_PATH_STOPPED) /* see `check` in chunks.c */
+            return kiln_fail(error, KILN_NO_DEVICE,
+                             "%s ends long loops early, and a path needs one; use another device or --backend embree",
+                             gpu_about(r->b->gpu)->name);
+        for (int c = 0; c < 3; c++)
+            r->answers[i].radiance[c] = s->high[c] + s->low[c];
+        r->answers[i].square = s->high[3] + s->low[3];
+        r->answers[i].count = s->count;
+        *rays += s->rays;
+    }
+    return KILN_OK;
+}
+
+static int run_chunk(struct path_run *r, const struct kiln_batch *left, uint64_t *rays, struct kiln_error *error)
+{
+    const size_t bytes = r->push.count * sizeof(struct kiln_gpu_path_sums),
+                 place = gpu_buffer_tail(r->b->gpu, &r->sums, bytes);
+    struct kiln_gpu_path_sums *sums = (struct kiln_gpu_path_sums *)((char *)r->sums.mapped + place);
+    r->push.sums = r->sums.address + place;
+    r->push.index = left->first;
+    memset(sums, 0, bytes);
+    int status = KILN_OK;
+    for (uint32_t done = 0; done < left->samples && status == KILN_OK; done += r->push.samples)
+        status = run_samples(r, left->first_sample + done, left->samples - done, error);
+    return status == KILN_OK ? read_answers(r, sums, rays, error) : status;
+}
+
+/* Runs what is left of the batch until it is done or something fails; `left` then is what has not been taken.
+ * `refused`: it was the taker that failed, not the device. */
+static int run_left(struct vulkan_backend *b, const void *parameters, struct kiln_batch *left, uint64_t *rays,
+                    bool *refused, struct kiln_error *error)
+{
+    struct path_run r = {.b = b};
+    int status = prepare(&r, parameters, left, error);
+    while (left->count > 0 && status == KILN_OK) {
+        const uint32_t pixels = r.push.count = size_chunk(&r, left->count);
+        status = run_chunk(&r, left, rays, error);
+        if (status == KILN_OK) {
+            status = left->take != NULL ? left->take(left->context, left->first, pixels, r.answers, error) : KILN_OK;
+            *refused = status != KILN_OK;
+            *left = kiln_batch_part(left, left->first + pixels, left->count - pixels);
+        }
+    }
+    finish(&r);
+    return status;
+}
+
+static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
+               struct kiln_error *error)
+{
+    struct kiln_batch left = *batch;
+    bool refused = false;
+    int status = run_left(b, parameters, &left, rays, &refused, error);
+    while (status != KILN_OK && !refused && vulkan_can_recover(b)) {
+        status = vulkan_recover(b, error);
+        if (status == KILN_OK)
+            status = run_left(b, parameters, &left, rays, &refused, error);
+    }
+    return status;
+}
+
+const struct vulkan_pass vulkan_pass_path = {.run = run};

@@ -1,0 +1,56 @@
+/* The path pass: the radiance that pixels of a camera see, by path tracing. It reads no radiosity and no lightmap: it
+ * is the reference for what views of a bake show.
+ *
+ * A pixel is the mean over its paths (Kajiya, "The Rendering Equation", SIGGRAPH 1986). A path begins as a camera ray
+ * through a place in the pixel, and meets a first surface x0 with base colour c0. It brings
+ *
+ *     L = Le(x0) + c0 / pi D(x0) + c0 w1 (albedo(x1) / pi D(x1) + albedo(x1) (albedo(x2) / pi D(x2) + ...))
+ *
+ * Le is what the surface emits towards the camera. D(x) is the irradiance straight from the lights, by one sample of
+ * all emitting triangles, points and spots, of which a tree chooses one (worker/light/lights.h), one of each
+ * directional light, and of an environment with an image one by the cosine and one by its luminance, weighted against
+ * each other. A sky of one radiance all over is met by the rays that go on. These are cosine-distributed about the
+ * normal, x1 is what the first of them meets, and so on for `bounces` surfaces after x0, none of which is left to
+ * chance. With KILN_PATH_ALL_BOUNCES paths have no last surface, and end by chance (shaders/shared/path.h).
+ *
+ * It is the light that a bake with so many bounces gives: surfaces are diffuse; D(x0) and the direction to x1 are about
+ * the shading normal with the weights of the gather pass (gather.h; w1, whose mean is 1), everything further about the
+ * geometric normal; a metal that the camera sees is shown by its base colour, and reflects nothing else; materials have
+ * no normal maps. A ray that meets the back of a single-sided surface, or of a solid's, brings nothing. A ray meets a
+ * surface that lets light through with a chance that is its opacity, and is tinted by those that it passes; shadow rays
+ * take the product of what they let through.
+ *
+ * The camera sees what views of a bake show (coordinator/view/view.h): not the backs of single-sided surfaces, and not
+ * objects that have no lightmap (KILN_OBJECT_CASTER_ONLY), unless they emit; camera rays go on behind these. A camera
+ * ray that leaves the scene brings the environment.
+ *
+ * Items: pixels of the camera, row by row from the top, left to right. Result: struct kiln_path_result. Samples: paths
+ * of a pixel. Rays: one a camera ray, and all others. */
+#ifndef KILN_WORKER_PASS_PATH_H
+#define KILN_WORKER_PASS_PATH_H
+
+#include "shaders/shared/path.h"
+#include "worker/pass/pass.h"
+
+struct kiln_path_parameters {
+    struct kiln_vec3 position; /* m, from the scene's centre */
+    struct kiln_vec3 forward;  /* unit */
+    /* from the picture's middle to its right and its upper edge: at distance 1; in metres when orthographic */
+    struct kiln_vec3 right, up;
+    bool orthographic;      /* all rays go forward; else they start at `position` */
+    uint32_t width, height; /* pixels */
+    uint32_t bounces;       /* surfaces after the first; or KILN_PATH_ALL_BOUNCES */
+};
+
+/* Sums over a pixel's paths. */
+struct kiln_path_result {
+    float radiance[3]; /* W/(m2 sr) */
+    float square;      /* of the luminances' squares */
+    uint32_t count;    /* paths */
+};
+
+/* Standard error of the mean luminance, W/(m2 sr), as if the paths were independent: they are better. 0 for fewer than
+ * two. */
+double kiln_path_error(const struct kiln_path_result *result);
+
+#endif
