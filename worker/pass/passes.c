@@ -61,6 +61,7 @@ const struct kiln_pass kiln_pass_direct = {.index = KILN_PASS_INDEX_direct,
                                            .is_sampled = true,
                                            .has_streams = true,
                                            .is_divisible = true,
+                                           .is_masked = true,
                                            .is_stealable = true,
                                            POINT_FIGURES};
 
@@ -73,6 +74,7 @@ const struct kiln_pass kiln_pass_gather = {.index = KILN_PASS_INDEX_gather,
                                            .has_streams = true,
                                            .reads_radiosity = true,
                                            .is_divisible = true,
+                                           .is_masked = true,
                                            .is_stealable = true,
                                            POINT_FIGURES};
 
@@ -93,6 +95,7 @@ const struct kiln_pass kiln_pass_occlusion = {
     .parameter_bytes = sizeof(struct kiln_occlusion_parameters),
     .result_bytes = sizeof(struct kiln_occlusion_result),
     .is_sampled = true,
+    .is_masked = true,
     .is_stealable = true,
     .figures = occlusion_figures,
     .figure_count = 4,
@@ -107,6 +110,7 @@ const struct kiln_pass kiln_pass_directional = {.index = KILN_PASS_INDEX_directi
                                                 .result_bytes = sizeof(struct kiln_directional_result),
                                                 .is_sampled = true,
                                                 .reads_radiosity = true,
+                                                .is_masked = true,
                                                 .is_stealable = true};
 
 #define ROW(name) [KILN_PASS_INDEX_##name] = &kiln_pass_##name,
