@@ -22,7 +22,7 @@ static const float OVER_EDGE = 0.3f;
 
 /* A point as it is compared with others. */
 struct place {
-    struct kiln_vec3 position, normal; /* of the middle of its surface, m; mean, unit */
+    struct kiln_vec3 position, normal; /* of a place on its surface, m; mean, unit */
     float offset;                      /* m: rays start that far above it at least */
     float side;                        /* m: of the texel */
     bool whole;                        /* not partly there */
@@ -94,7 +94,10 @@ static void find_place(const struct search *s, const struct kiln_point_cursor *a
     uint32_t triangle;
     float b1, b2;
     kiln_footprint_prepare(&footprint, world->scene, world->geometry, s->surface, at);
-    kiln_footprint_sample(&footprint, 0.5f, 0.5f, &triangle, &b1, &b2);
+    if (footprint.kind == KILN_FOOTPRINT_WHOLE)
+        kiln_footprint_sample(&footprint, 0.5f, 0.5f, &triangle, &b1, &b2);
+    else /* within a triangle of the piece: a half may be its rim, where a wall stands that divides the texel */
+        kiln_footprint_sample(&footprint, 0.45f, 0.55f, &triangle, &b1, &b2);
     kiln_footprint_normals(&footprint, &place->normal, &shading);
     place->position = kiln_triangle_position(world->geometry, triangle, b1, b2);
     place->offset = 4.0f * kiln_offset_distance(world->geometry, triangle, place->normal);
