@@ -13,6 +13,7 @@ struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, c
         .samples_direct = job->samples_direct,
         .samples_bounce = job->samples_bounce,
         .samples_indirect = job->samples_indirect,
+        .indirect_scale = 1u << job->indirect_scale,
         .compact = kiln_exchange_is_compact(job->exchange, points),
         .seed = job->seed,
         .parts = kiln_job_parts(job),

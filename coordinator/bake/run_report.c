@@ -65,6 +65,8 @@ static json_t *settings_json(const struct kiln_job *job)
         job->exchange == KILN_EXCHANGE_FULL      ? "full"
         : job->exchange == KILN_EXCHANGE_COMPACT ? "compact"
                                                  : "auto");
+    if (job->indirect_scale > 0)
+        json_object_set_new(settings, "indirect_scale", json_integer((json_int_t)1 << job->indirect_scale));
     add_quantities(settings, job);
     return settings;
 }

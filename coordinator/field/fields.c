@@ -24,6 +24,7 @@ static bool has_late_bounces(const struct kiln_job *job)
 {
     return job->schedule == KILN_SCHEDULE_LEAN && job->bounces < 0;
 }
+static bool has_blocks(const struct kiln_job *job) { return job->indirect_scale > 0; }
 static bool has_target(const struct kiln_job *job) { return job->target_error > 0.0; }
 static bool wants_errors_apart(const struct kiln_job *job) { return job->error_map || kiln_job_denoises(job); }
 
@@ -317,6 +318,15 @@ static const struct kiln_field table[] = {
      .saved = KILN_FIELD_SAVED_IN_STEP,
      .high = 0x1p31,
      .present = has_target},
+    {.name = "block",
+     .unit = "1",
+     .type = KILN_FIELD_UINT16,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(block),
+     .high = KILN_TILE_TEXELS,
+     .present = has_blocks},
     /* scratch of a step */
     {.name = "next",
      .type = KILN_FIELD_RADIOSITY,

@@ -7,7 +7,9 @@
 #include <stdlib.h>
 #include <time.h>
 
+#include "coordinator/integrate/blocks.h"
 #include "coordinator/mpi/agree.h"
+#include "worker/base/memory.h"
 
 enum { LEAVES = 8 };     /* a batch takes at most one part in so many of what is left */
 #define LEAST_HELP 0.005 /* s of work that is left to a rank, for others to take any of it */
@@ -132,18 +134,39 @@ static uint64_t points_left_out(const struct kiln_batches *b, struct kiln_range 
     return points;
 }
 
+/* The points that gather, of each tile run of the batch. */
+static int draw_points(struct kiln_batches *b, struct kiln_range range, struct kiln_error *error)
+{
+    const struct kiln_rank_data *data = b->data;
+    const struct kiln_surface *surface = &data->surface;
+    const int status =
+        kiln_grow(&b->masks, &b->mask_room, range.count, sizeof *b->masks, "the points of a batch that gather", error);
+    for (size_t i = 0; i < range.count && status == KILN_OK; i++) {
+        const struct kiln_tile_run *run = &surface->tile_runs[range.first + i];
+        struct kiln_blocks_draw draw;
+        kiln_blocks_draw(&draw, surface, run, data->block + kiln_own_of_global(surface, run->first).at,
+                         b->params->settings->seed, &b->report->step);
+        b->masks[i] = draw.gathers;
+    }
+    return status;
+}
+
 /* Runs the step's pass of the backend. */
 static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct kiln_error *error)
 {
     struct kiln_backend *backend = b->params->backend;
     const struct kiln_step *step = &b->report->step;
     assert(b->data == b->solution->own || step->pass->is_stealable);
+    const int status = step->by_blocks ? draw_points(b, range, error) : KILN_OK;
+    if (status != KILN_OK)
+        return status;
     const struct kiln_batch batch = {.first = range.first,
                                      .count = range.count,
                                      .stream = step->stream,
                                      .samples = step->samples,
                                      .first_sample = step->first_sample,
                                      .samples_each = samples_from(b, range.first),
+                                     .point_masks = step->by_blocks ? b->masks : NULL,
                                      .take = take_part,
                                      .context = b};
     return kiln_backend_run(backend, step->pass, step->parameters, &batch, &b->report->rays, error);
@@ -303,9 +326,11 @@ void kiln_batches_begin(struct kiln_batches *b, struct kiln_step_report *report,
     const struct kiln_integrate_settings *settings = b->params->settings;
     b->slowness = kiln_faults_slowness(&settings->faults, (uint32_t)b->params->rank);
     b->report = report;
-    if (b->pass != report->step.pass) /* another pass may be many times slower: its first batch must be short */
+    /* another pass may be many times slower: its first batch must be short */
+    if (b->pass != report->step.pass || b->by_blocks != report->step.by_blocks)
         b->rate = RATE_START * b->params->threads;
     b->pass = report->step.pass;
+    b->by_blocks = report->step.by_blocks;
     b->status = report->step.pass->reads_radiosity
                     ? kiln_backend_set_radiosity(b->params->backend, b->solution->radiosity, error)
                     : KILN_OK;
@@ -321,3 +346,5 @@ int kiln_batches_run(struct kiln_batches *b, enum kiln_event *event, struct kiln
                ? kiln_agree(b->params->communicator, b->status, error)
                : KILN_OK;
 }
+
+void kiln_batches_release(struct kiln_batches *batches) { kiln_free(&batches->masks); }

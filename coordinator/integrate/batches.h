@@ -19,14 +19,17 @@ struct kiln_batches {
     struct kiln_taker *taker;
     /* own */
     const struct kiln_pass *pass; /* of the step under way; NULL: none yet */
-    double rate;                  /* rays a second of this rank in that pass, as far as is known */
+    bool by_blocks;               /* likewise */
+    double rate;                  /* rays a second of this rank in such a step, as far as is known */
     double slowness; /* how many times the time of a batch it shall take (for tests); 1: as long as it takes */
     struct kiln_step_report *report; /* of the step under way */
     int status;                      /* of it, on this rank */
     /* the batch under way */
     const struct kiln_rank_data *data; /* whose tile runs */
     uint64_t points;                   /* taken so far */
-    double since;                      /* when the part that is computed now was begun */
+    uint64_t *masks;                   /* of a step by blocks, with room for mask_room tile runs */
+    size_t mask_room;
+    double since; /* when the part that is computed now was begun */
 };
 
 /* A step begins, or is gone on with: what of it is to do stands in `work`. A failure is kept for kiln_batches_run. */
@@ -36,5 +39,7 @@ void kiln_batches_begin(struct kiln_batches *batches, struct kiln_step_report *r
  * (KILN_EVENT_SAVE: call again afterwards; STOP, FAIL, DONE). The error of a rank that failed is on all ranks with
  * KILN_EVENT_FAIL. */
 int kiln_batches_run(struct kiln_batches *batches, enum kiln_event *event, struct kiln_error *error);
+
+void kiln_batches_release(struct kiln_batches *batches);
 
 #endif

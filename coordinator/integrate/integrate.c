@@ -2,6 +2,7 @@
 
 #include <math.h>
 
+#include "coordinator/integrate/blocks.h"
 #include "coordinator/integrate/lockstep.h"
 #include "coordinator/integrate/quantity.h"
 #include "coordinator/integrate/repartition_rule.h"
@@ -61,6 +62,17 @@ static int make_allgather(struct kiln_lockstep *l, struct kiln_error *error)
     return status;
 }
 
+/* Collective. */
+static int find_blocks(const struct kiln_lockstep *l, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    const struct kiln_rank_data *own = l->solution->own;
+    const int status = own->block != NULL ? kiln_blocks_find(&own->surface, p->backend, p->threads,
+                                                             p->settings->indirect_scale, own->block, error)
+                                          : KILN_OK;
+    return kiln_agree(p->communicator, status, error);
+}
+
 /* The scale of the 4-byte form is settled by what was emitted. */
 static void choose_scale(struct kiln_lockstep *l)
 {
@@ -82,6 +94,8 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
         status = make_data(l, error);
     if (status == KILN_OK && restored)
         status = kiln_restore(&l->saved, &finished, error);
+    if (status == KILN_OK && p->settings->indirect_scale > 1)
+        status = find_blocks(l, error);
     if (status == KILN_OK) {
         choose_scale(l);
         status = kiln_lockstep_run(l, restored, finished, error);

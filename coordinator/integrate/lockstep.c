@@ -41,6 +41,7 @@ void kiln_lockstep_release(struct kiln_lockstep *l)
 {
     kiln_ledger_release(&l->ledger);
     kiln_taker_release(&l->taker);
+    kiln_batches_release(&l->batches);
     kiln_step_work_release(&l->work);
 }
 

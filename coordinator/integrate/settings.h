@@ -21,6 +21,7 @@ struct kiln_integrate_settings {
     int64_t bounces; /* indirect bounces; -1: as many as there is energy for, and a tail */
     bool tail;       /* add the geometric tail after the last bounce, though `bounces` is given */
     uint32_t samples_direct, samples_bounce, samples_indirect;
+    uint32_t indirect_scale; /* texels a side of a block in bounces (blocks.h): a power of two; 1: each gathers */
     bool compact; /* radiosity travels in 4 bytes a point where an integrator can afford that: kiln_exchange_is_compact
                    */
     uint64_t seed;

@@ -45,9 +45,10 @@ struct kiln_step {
     uint32_t stream; /* tells steps of one pass apart in the random numbers; 0 for a pass without streams */
     /* The radiosity that the step makes is rounded to 4 bytes a point (worker/scene/radiosity.h); else it has 8. */
     bool compact;
-    bool early;    /* and travels while the step goes on, for a step that gathers from it will follow */
-    bool counted;  /* in the bake's energy ledger */
-    bool terminal; /* no step of the integrator gathers from what it makes: points may be left out */
+    bool by_blocks; /* one point of each block gathers (blocks.h) */
+    bool early;     /* and travels while the step goes on, for a step that gathers from it will follow */
+    bool counted;   /* in the bake's energy ledger */
+    bool terminal;  /* no step of the integrator gathers from what it makes: points may be left out */
 };
 
 /* What was found after a step about the balance of the ranks, and done; the same on all ranks. */

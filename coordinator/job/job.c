@@ -252,6 +252,10 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
         status = kiln_job_default_output(job, job->arguments[0], "-bake", error);
     if (status == KILN_OK && !given(job, "tail"))
         job->tail = job->bounces < 0;
+    if (status == KILN_OK && job->indirect_scale > 0 && job->schedule == KILN_SCHEDULE_EQUAL)
+        status = kiln_fail(error, KILN_USAGE,
+                           "--indirect-scale is for bounces that a final gather reads: --schedule equal has no final "
+                           "gather; give --schedule lean, or --indirect-scale 1");
     if (status == KILN_OK && job->quiet && job->verbose)
         status = kiln_fail(error, KILN_USAGE, "--quiet and --verbose exclude each other");
     return status;

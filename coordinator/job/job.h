@@ -54,6 +54,7 @@ struct kiln_job {
     bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
     enum kiln_schedule schedule;
     uint32_t samples_direct, samples_bounce, samples_indirect; /* rays for each texel */
+    int indirect_scale;                         /* log2 of texels a side of a block in bounces (integrate/blocks.h) */
     double target_error;                        /* of a texel, relative: more samples until it is reached; 0: none */
     struct kiln_occlusion_parameters occlusion; /* distance 0: no ambient occlusion and no bent normal */
     int directional;                            /* enum kiln_directional */

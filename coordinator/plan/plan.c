@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "coordinator/field/field.h"
+#include "coordinator/integrate/blocks.h"
 #include "coordinator/integrate/energy.h"
 #include "coordinator/run/process_memory.h"
 #include "coordinator/integrate/integrate.h"
@@ -229,21 +230,51 @@ static bool is_cheap(const struct kiln_planned_steps *steps, uint32_t kind)
     return cheap;
 }
 
-static int take_sample(const struct kiln_planned_steps *steps, const struct kiln_prepared *p, size_t first,
-                       size_t count, struct kiln_plan_sample *sample, struct kiln_error *error)
+/* What samples are taken of. */
+struct calibration {
+    const struct kiln_prepared *p;
+    uint16_t *block; /* of all points (integrate/blocks.h); NULL: there are none */
+    uint64_t seed;
+};
+
+/* The points of a batch's tile runs that gather: as many as the batch has, to be freed. */
+static int draw_points(const struct calibration *c, const struct kiln_batch *batch, uint64_t **masks,
+                       struct kiln_error *error)
 {
+    const struct kiln_surface *s = c->p->surface;
+    const struct kiln_step step = {.stream = batch->stream};
+    const int status = kiln_allocate(masks, batch->count, sizeof **masks, "a sample's points", error);
+    for (size_t i = 0; status == KILN_OK && i < batch->count; i++) {
+        const struct kiln_tile_run *run = &s->tile_runs[batch->first + i];
+        struct kiln_blocks_draw draw;
+        kiln_blocks_draw(&draw, s, run, c->block + kiln_own_of_global(s, run->first).at, c->seed, &step);
+        (*masks)[i] = draw.gathers;
+    }
+    return status;
+}
+
+static int take_sample(const struct kiln_planned_steps *steps, const struct calibration *c, size_t first, size_t count,
+                       struct kiln_plan_sample *sample, struct kiln_error *error)
+{
+    const struct kiln_prepared *p = c->p;
     const struct kiln_tile_run *tile_runs = p->surface->tile_runs;
     const size_t rest = p->surface->tile_run_count - first;
     int status = KILN_OK;
     *sample = (struct kiln_plan_sample){.first = tile_runs[first].first.at};
     for (uint32_t k = 0; k < steps->kind_count && status == KILN_OK; k++) {
         const size_t wanted = is_cheap(steps, k) ? CHEAP_TILE_RUNS * count : count;
-        const struct kiln_batch batch = {.first = first,
-                                         .count = wanted < rest ? wanted : rest,
-                                         .stream = steps->kinds[k].stream,
-                                         .samples = steps->kinds[k].samples};
+        struct kiln_batch batch = {.first = first,
+                                   .count = wanted < rest ? wanted : rest,
+                                   .stream = steps->kinds[k].stream,
+                                   .samples = steps->kinds[k].samples};
+        uint64_t *masks = NULL;
+        if (steps->kinds[k].by_blocks && c->block != NULL)
+            status = draw_points(c, &batch, &masks, error);
+        batch.point_masks = masks;
         sample->points[k] = kiln_tile_runs_points(&tile_runs[first], &tile_runs[first + batch.count - 1]);
-        status = sample_step(p, &batch, &steps->kinds[k], &sample->seconds[k], error);
+        if (status == KILN_OK)
+            status = sample_step(p, &batch, &steps->kinds[k], &sample->seconds[k], error);
+        kiln_free(&masks);
     }
     return status;
 }
@@ -267,8 +298,9 @@ static int fill_radiosity(const struct kiln_prepared *p, uint64_t **radiosity, s
     return status == KILN_OK ? kiln_backend_set_radiosity(p->backend, *radiosity, error) : status;
 }
 
-static int calibrate(struct kiln_plan *plan, const struct kiln_prepared *p, struct kiln_error *error)
+static int calibrate(struct kiln_plan *plan, const struct calibration *c, struct kiln_error *error)
 {
+    const struct kiln_prepared *p = c->p;
     const size_t count = p->surface->tile_run_count,
                  busy = on_device(p) ? DEVICE_TILE_RUNS : (size_t)p->threads * THREAD_TILE_RUNS;
     size_t run = busy < LEAST_TILE_RUNS ? LEAST_TILE_RUNS : busy;
@@ -277,12 +309,12 @@ static int calibrate(struct kiln_plan *plan, const struct kiln_prepared *p, stru
                            : (count + KILN_PLAN_SAMPLES - 1) / KILN_PLAN_SAMPLES;
     const double start = MPI_Wtime();
     struct kiln_plan_sample warm;
-    int status = count > 0 ? take_sample(&plan->steps, p, 0, run < 4 ? run : 4, &warm, error) : KILN_OK;
+    int status = count > 0 ? take_sample(&plan->steps, c, 0, run < 4 ? run : 4, &warm, error) : KILN_OK;
     for (size_t i = 0; i < KILN_PLAN_SAMPLES && status == KILN_OK && count > 0; i++) {
         if (i >= LEAST_SAMPLES && MPI_Wtime() - start > CALIBRATION_SECONDS)
             break;
         const size_t first = sample_place(i) * (count - run) / (KILN_PLAN_SAMPLES - 1);
-        status = take_sample(&plan->steps, p, first, run, &plan->samples[plan->sample_count++], error);
+        status = take_sample(&plan->steps, c, first, run, &plan->samples[plan->sample_count++], error);
     }
     return status;
 }
@@ -533,20 +565,32 @@ static int simulate(struct kiln_plan *plan, const struct kiln_prepared *p, const
     return status;
 }
 
+static int find_blocks(struct calibration *c, uint32_t scale, struct kiln_error *error)
+{
+    const struct kiln_prepared *p = c->p;
+    const int status =
+        kiln_allocate(&c->block, p->surface->count, sizeof *c->block, "the blocks of a sample's points", error);
+    return status == KILN_OK ? kiln_blocks_find(p->surface, p->backend, p->threads, scale, c->block, error) : status;
+}
+
 static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
                          struct timing *timing, struct kiln_error *error)
 {
     uint64_t *radiosity = NULL;
+    struct calibration c = {.p = p, .seed = job->seed};
     const double start = MPI_Wtime();
     int status = fill_radiosity(p, &radiosity, error);
+    if (status == KILN_OK && job->indirect_scale > 0)
+        status = find_blocks(&c, 1u << job->indirect_scale, error);
     if (status == KILN_OK)
-        status = calibrate(plan, p, error);
+        status = calibrate(plan, &c, error);
     if (status == KILN_OK && plan->probes > 0)
         status = probe_seconds(p, job, &timing->probe, error);
     if (status == KILN_OK)
         status = emission_seconds(p, &timing->emission, error);
     plan->calibration_seconds = MPI_Wtime() - start;
     kiln_free(&radiosity);
+    kiln_free(&c.block);
     return status;
 }
 
@@ -563,6 +607,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
                                                .cell_size = job->cell_size,
                                                .partition = job->partition_objects ? KILN_PARTITION_OBJECTS
                                                                                    : KILN_PARTITION_CELLS,
+                                               .whole_tiles = job->indirect_scale > 0,
                                                .both_sides = job->both_sides,
                                                .ranks = job->ranks,
                                                .threads = prepared->threads};

@@ -9,7 +9,7 @@ static int find_kind(struct kiln_planned_steps *steps, struct kiln_planned_step 
     uint32_t k = 0;
     while (k < steps->kind_count &&
            (steps->kinds[k].pass != step->pass || steps->kinds[k].parameters != step->parameters ||
-            steps->kinds[k].samples != step->samples))
+            steps->kinds[k].samples != step->samples || steps->kinds[k].by_blocks != step->by_blocks))
         k++;
     planned->kind = k;
     if (k < steps->kind_count)
@@ -18,7 +18,7 @@ static int find_kind(struct kiln_planned_steps *steps, struct kiln_planned_step 
         return kiln_fail(error, KILN_SYSTEM, "this bake has steps of more than %d kinds, which cannot be planned",
                          KILN_COST_KINDS_MAX);
     steps->kinds[steps->kind_count++] =
-        (struct kiln_cost_kind){step->pass, step->parameters, step->samples, step->stream};
+        (struct kiln_cost_kind){step->pass, step->parameters, step->samples, step->stream, step->by_blocks};
     return KILN_OK;
 }
 

@@ -9,6 +9,7 @@ struct kiln_cost_kind {
     const struct kiln_pass *pass;
     const void *parameters;   /* of the pass */
     uint32_t samples, stream; /* stream: of the first such step */
+    bool by_blocks;           /* one point of each block gathers (integrate/blocks.h) */
 };
 
 enum { KILN_COST_KINDS_MAX = 12 };

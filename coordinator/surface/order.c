@@ -122,6 +122,8 @@ static int number_cells(struct kiln_build *build)
 {
     size_t cells;
     uint64_t points;
+    if (build->params->whole_tiles)
+        merge_runs(build, 0, true);
     int status = list_cells(build, &cells, &points);
     if (status != KILN_OK)
         return status;

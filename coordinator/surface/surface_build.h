@@ -43,6 +43,7 @@ struct kiln_surface_params {
      * occupied cell holds 1024 points on average */
     double cell_size;
     enum kiln_partition partition;
+    bool whole_tiles; /* cells cut no tile: its points lie in the cell of the first one */
     /* the lightmaps of backs of all objects are published, and as fine as those of the fronts */
     bool both_sides;
     uint32_t rank, ranks; /* the rank whose points are wanted, and the number of ranks the surface is divided between */

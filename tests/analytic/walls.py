@@ -43,11 +43,11 @@ def room(path, degrees, thickness, gap=0.0):
     return scene.write(path)
 
 
-def bake_room(kiln, checks, degrees, thickness, texels, gap=0.0):
+def bake_room(kiln, checks, degrees, thickness, texels, gap=0.0, more=()):
     """Mean light of the dark part over that of the lit part, and how many texels the wall divides; None: no bake."""
     bake = kiln.bake(room(os.path.join(kiln.scratch, 'room.glb'), degrees, thickness, gap), '--lightmap-size', texels,
                      '--samples-direct', kiln.samples(64), '--samples-bounce', kiln.samples(32), '--samples-indirect',
-                     kiln.samples(64), '--samples-probe', 0, '--denoise', 'none')
+                     kiln.samples(64), '--samples-probe', 0, '--denoise', 'none', *more)
     if not checks.baked(bake):
         return None
     points, sides = bake.points, ([], [])

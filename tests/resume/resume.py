@@ -5,6 +5,7 @@
                                       mpirun itself
     resume.py --kiln PATH layouts     go on with other numbers of ranks and threads
     resume.py --kiln PATH quantities  kill -9 within ambient occlusion and light by direction
+    resume.py --kiln PATH blocks      kill -9 within a bounce at a quarter of the resolution
     resume.py --kiln PATH bounces     hundreds of bounces, stopped and gone on with after the 256th
     resume.py --kiln PATH signals     SIGUSR1, SIGTERM, SIGINT, kiln stop, --max-time: 75, and what kiln status says
     resume.py --kiln PATH phases      a signal to one of two ranks in every phase (without --full: in some): 75
@@ -508,9 +509,9 @@ def try_layouts(checks, tool):
          'double-sided, 1 rank, then 3')
 
 
-def killed_within(checks, tool, folder, phase, ranks):
+def killed_within(checks, tool, folder, phase, ranks, more=QUANTITIES):
     """Goes on, and kills a rank once it has saved something of the step."""
-    process = tool.start(folder, *OFTEN, *QUANTITIES, ranks=ranks)
+    process = tool.start(folder, *OFTEN, *more, ranks=ranks)
     wait_for(lambda: process.poll() is not None or phase.encode() in status_bytes(folder))
     saved = generations(folder)
     wait_for(lambda: process.poll() is not None or generations(folder)[-1:] != saved[-1:])
@@ -534,6 +535,19 @@ def try_quantities(checks, tool):
         process = tool.bake(stopped, *changed)
         checks.that(process.status == BAD_INPUT and 'in the checkpoint' in process.stderr,
                     'other quantities (%s) were not refused: %d' % (changed, process.status), process)
+
+
+def try_blocks(checks, tool):
+    """Blocks are found again, by other ranks too; another scale is another bake."""
+    more = ('--indirect-scale', 4, '--samples-bounce', 4096)
+    reference, _ = reference_of(checks, tool, *more)
+    folder = tool.folder()
+    killed_within(checks, tool, folder, 'bounce 1', 3, more)
+    process = tool.bake(folder, '--samples-bounce', 4096)
+    checks.that(process.status == BAD_INPUT and 'indirect-scale' in process.stderr,
+                'another scale was not refused: %d' % process.status, process)
+    killed_within(checks, tool, folder, 'bounce 2', 2, more)
+    same(checks, tool, reference, folder, tool.bake(folder, *more), 'killed within bounces by blocks')
 
 
 def try_bounces(checks, tool):
@@ -1083,7 +1097,7 @@ def try_cost(checks, tool):
 
 
 PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'quantities': try_quantities,
-         'bounces': try_bounces, 'signals': try_signals,
+         'blocks': try_blocks, 'bounces': try_bounces, 'signals': try_signals,
          'phases': try_phases,
          'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults,
          'interrupted': try_interrupted,

@@ -1,7 +1,8 @@
 /* The table of passes, and what every row promises on every backend: numbers of samples that differ from item to item
  * give each item the bits of its own number, however the batch is cut; results come in order, once each; rays are
- * counted alike on all backends; sums of two stretches of samples add up. The tests walk the table: a new row is tested
- * once it has its parameters below. Without a Vulkan device Embree alone is tested. */
+ * counted alike on all backends; sums of two stretches of samples add up; with masks the points that are asked for have
+ * the same bits, and the others are zero. The tests walk the table: a new row is tested once it has its parameters
+ * below. Without a Vulkan device Embree alone is tested. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -188,6 +189,41 @@ static void numbers_may_differ(struct kiln_backend *backend, const struct world 
     drop(&uniform);
 }
 
+/* The points of an item that are asked for: none, one, some or all. */
+static uint64_t mask_of(size_t item)
+{
+    static const uint64_t masks[] = {0x0041000000810012ull, UINT64_MAX, 0, 1, 0x8888888888888888ull, 0x1ull << 20};
+    return masks[item % (sizeof masks / sizeof *masks)];
+}
+
+/* A batch with masks against one without. */
+static void points_may_be_left_out(struct kiln_backend *backend, const struct world *w, const struct kiln_pass *pass)
+{
+    struct kiln_batch all;
+    struct kept some = keeper(w, pass, &all), every = keeper(w, pass, &all);
+    uint64_t *masks = calloc(all.count, sizeof *masks), asked = 0, lit = 0, points = 0;
+    static const char zeros[256];
+    for (size_t i = 0; i < all.count; i++)
+        masks[i] = mask_of(i);
+    all.samples = 9;
+    const uint64_t every_ray = run(backend, pass, all, &every);
+    all.point_masks = masks;
+    const uint64_t rays = run(backend, pass, all, &some);
+    for (size_t i = 0; i < all.count; i++)
+        for (uint64_t k = 0; k < every.offset[i + 1] - every.offset[i]; k++, points++) {
+            const size_t at = (every.offset[i] + k) * pass->result_bytes;
+            const bool is_asked = (masks[i] >> k & 1u) != 0;
+            const char *expected = is_asked ? every.results + at : zeros;
+            assert_memory_equal(some.results + at, expected, pass->result_bytes);
+            asked += is_asked;
+            lit += is_asked && memcmp(every.results + at, zeros, pass->result_bytes) != 0;
+        }
+    assert_true(lit > 20 && asked < points / 2 && rays > 0 && rays < every_ray * 2 / 3);
+    free(masks);
+    drop(&some);
+    drop(&every);
+}
+
 /* Sum over all points of the irradiance that a stretch of samples adds up to, red; and samples of all points. */
 static double stretch(struct kiln_backend *backend, const struct world *w, const struct kiln_pass *pass, uint32_t first,
                       uint32_t samples, uint64_t *count)
@@ -248,6 +284,8 @@ static void run_all(const struct world *w, const char *name, uint64_t rays[KILN_
         drop(&k);
         if (pass->is_sampled)
             numbers_may_differ(backend, w, pass);
+        if (pass->is_masked)
+            points_may_be_left_out(backend, w, pass);
         if (pass->is_divisible)
             sums_add_up(backend, w, pass);
     }
@@ -302,6 +340,7 @@ static void wrong_calls_are_refused(void **state)
     struct kiln_error error;
     struct kiln_backend *backend = NULL;
     uint64_t rays = 0;
+    const uint64_t mask = 1;
     build(&w);
     const struct kiln_backend_params params = {
         .scene = &w.fixture->scene, .geometry = w.geometry, .lights = w.lights, .threads = 1};
@@ -331,6 +370,10 @@ static void wrong_calls_are_refused(void **state)
         all.positions = all.positions != NULL ? NULL : w.positions;
         assert_int_equal(kiln_backend_run(backend, pass, parameters[i], &all, &rays, &error), KILN_BUG);
         all.positions = all.positions != NULL ? NULL : w.positions;
+        all.point_masks = &mask;
+        if (!pass->is_masked)
+            assert_int_equal(kiln_backend_run(backend, pass, parameters[i], &all, &rays, &error), KILN_BUG);
+        all.point_masks = NULL;
         all.stream = pass->has_streams ? all.stream : 1;
         if (!pass->has_streams)
             assert_int_equal(kiln_backend_run(backend, pass, parameters[i], &all, &rays, &error), KILN_BUG);

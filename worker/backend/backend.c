@@ -113,6 +113,7 @@ static bool is_well_formed(const struct kiln_backend *backend, const struct kiln
     return (parameters != NULL) == (pass->parameter_bytes > 0) && (batch->positions != NULL) == positions &&
            (!surface || backend->surface != NULL) && (!pass->reads_radiosity || backend->radiosity != NULL) &&
            (pass->has_streams || batch->stream == 0) && (pass->is_divisible || batch->first_sample == 0) &&
+           (pass->is_masked || batch->point_masks == NULL) &&
            (batch->samples_each != NULL ? pass->is_sampled : (batch->samples > 0) == pass->is_sampled);
 }
 

@@ -84,9 +84,10 @@ static void compare_tile_run(const struct verified_run *run, const struct kiln_t
     struct tally *t = run->tally;
     double difference[KILN_PASS_FIGURES] = {0}, total[KILN_PASS_FIGURES] = {0};
     struct kiln_own_point own = kiln_own_of_global(s, f->first);
+    const uint64_t points = kiln_batch_points(run->batch, (size_t)(f - s->tile_runs));
     uint64_t mask = f->mask;
     for (uint32_t i = 0; i < f->count; i++, own.at++, mask &= mask - 1) {
-        if (!kiln_point_valid(s, own))
+        if ((points >> i & 1u) == 0 || !kiln_point_valid(s, own))
             continue;
         struct kiln_pass_figures theirs, ours;
         pass->figures(got + i * pass->result_bytes, &theirs);

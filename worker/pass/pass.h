@@ -62,6 +62,7 @@ struct kiln_pass {
     bool is_sampled;        /* it takes kiln_batch.samples; else it has a number of its own, and 0 is given */
     bool has_streams;       /* it tells streams apart; else kiln_batch.stream is 0 */
     bool is_divisible;      /* it takes kiln_batch.first_sample; else that is 0 */
+    bool is_masked;         /* it takes kiln_batch.point_masks; else that is NULL */
     bool reads_radiosity;   /* kiln_backend_set_radiosity must come before it */
     /* A rank may run it over tile runs of another rank of its node (work stealing): it needs no more than that rank's
      * surface, and nothing that the ranks exchange hangs on who ran it. */
@@ -111,6 +112,10 @@ struct kiln_batch {
      * items have its number of samples. Unless the backend takes any numbers for the pass, kiln_backend_run runs the
      * batch once for each number, and leaves the other items out: a few different numbers run faster. */
     const uint32_t *samples_each;
+    /* NULL: all points of a tile run are computed. Else `count` masks, one a tile run: bit k says that its k-th point
+     * is. Such a point's result is the same bits as without masks; the others' results are all zeros, as those of
+     * points that are not valid. */
+    const uint64_t *point_masks;
     kiln_take_results take; /* NULL: results are dropped */
     void *context;          /* given to `take` */
 };
@@ -118,6 +123,12 @@ struct kiln_batch {
 static inline bool kiln_batch_leaves_out(const struct kiln_batch *batch, size_t item)
 {
     return batch->samples_each != NULL && batch->samples_each[item - batch->first] == 0;
+}
+
+/* The points of a tile run that are computed: bit k says that its k-th is. */
+static inline uint64_t kiln_batch_points(const struct kiln_batch *batch, size_t item)
+{
+    return batch->point_masks != NULL ? batch->point_masks[item - batch->first] : UINT64_MAX;
 }
 
 /* Where the stretch of items from `first` on ends, before `end`, of which all are left out or none. */
@@ -139,6 +150,8 @@ static inline struct kiln_batch kiln_batch_part(const struct kiln_batch *batch, 
         part.positions = batch->positions + (first - batch->first);
     if (batch->samples_each != NULL)
         part.samples_each = batch->samples_each + (first - batch->first);
+    if (batch->point_masks != NULL)
+        part.point_masks = batch->point_masks + (first - batch->first);
     return part;
 }
 

@@ -62,6 +62,7 @@ const struct kiln_pass kiln_pass_direct = {.index = KILN_PASS_INDEX_direct,
                                            .is_sampled = true,
                                            .has_streams = true,
                                            .is_divisible = true,
+                                           .is_masked = true,
                                            .is_stealable = true,
                                            POINT_FIGURES};
 
@@ -74,6 +75,7 @@ const struct kiln_pass kiln_pass_gather = {.index = KILN_PASS_INDEX_gather,
                                            .has_streams = true,
                                            .reads_radiosity = true,
                                            .is_divisible = true,
+                                           .is_masked = true,
                                            .is_stealable = true,
                                            POINT_FIGURES};
 
@@ -94,6 +96,7 @@ const struct kiln_pass kiln_pass_occlusion = {
     .parameter_bytes = sizeof(struct kiln_occlusion_parameters),
     .result_bytes = sizeof(struct kiln_occlusion_result),
     .is_sampled = true,
+    .is_masked = true,
     .is_stealable = true,
     .figures = occlusion_figures,
     .figure_count = 4,
@@ -108,6 +111,7 @@ const struct kiln_pass kiln_pass_directional = {.index = KILN_PASS_INDEX_directi
                                                 .result_bytes = sizeof(struct kiln_directional_result),
                                                 .is_sampled = true,
                                                 .reads_radiosity = true,
+                                                .is_masked = true,
                                                 .is_stealable = true};
 
 /* Not verified: the verifying backend looks at tile runs. */

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "coordinator/integrate/blocks.h"
 #include "coordinator/integrate/cells/adapt.h"
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/packing.h"
@@ -144,6 +145,74 @@ static struct kiln_point_mean combined(const struct kiln_rank_data *data, struct
     return both;
 }
 
+/* ---- blocks ---- */
+
+/* A block's answer, and what its points come to: m2, and m2 times albedo and times what was sent. */
+struct block {
+    struct kiln_point_mean mean;
+    double area, albedo[3], sent[3];
+};
+
+static void add_to_block(const struct kiln_taking *t, const struct kiln_surface *surface, struct kiln_own_point own,
+                         const float albedo[3], struct block *block)
+{
+    const double area = (double)surface->area[own.at] * ((double)surface->visible[own.at] / 65535.0);
+    float sent[3];
+    kiln_radiosity_unpack(t->radiosity[kiln_global_of_own(surface, own).at], sent);
+    block->area += area;
+    for (int c = 0; c < 3; c++) {
+        block->albedo[c] += area * (double)albedo[c];
+        block->sent[c] += area * (double)sent[c];
+    }
+}
+
+/* A block's points in the tally as one: they have one answer. */
+static void tally_block(const struct kiln_taking *t, const struct block *block, struct kiln_tally *sums,
+                        struct kiln_tile_run_tally *tile_run)
+{
+    const double present = (double)block->mean.present;
+    float albedo[3], sent[3];
+    for (int c = 0; c < 3 && block->area > 0.0; c++) {
+        albedo[c] = (float)(block->albedo[c] / block->area);
+        sent[c] = (float)(block->sent[c] / block->area);
+    }
+    const struct kiln_ledger_point point = {.area = block->area * present, .albedo = albedo, .sent = sent};
+    if (block->area > 0.0)
+        kiln_tally_add(&point, &block->mean, t->unit, sums, tile_run);
+}
+
+/* A bounce in which one point of each block has gathered. */
+static void take_blocks(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
+                        const struct kiln_point_result *results, bool counts, struct kiln_tally *sums,
+                        struct kiln_tile_run_tally *tile_run)
+{
+    struct kiln_own_point own = kiln_own_of_global(&data->surface, f->first);
+    struct kiln_blocks_draw draw;
+    struct block blocks[KILN_TILE_TEXELS]; /* at the place of the point that has gathered */
+    kiln_blocks_draw(&draw, &data->surface, f, data->block + own.at, t->settings->seed, t->step);
+    for (uint64_t rest = draw.gathers; rest != 0; rest &= rest - 1) {
+        const int k = __builtin_ctzll(rest);
+        blocks[k] = (struct block){.mean = kiln_point_mean(&results[k])};
+    }
+    const struct kiln_point_mean none = {.count = 0};
+    uint32_t k = 0;
+    for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++, k++) {
+        const bool valid = (draw.gathers >> draw.answer[k] & 1u) != 0;
+        struct block *block = &blocks[draw.answer[k]];
+        const struct kiln_point_mean *mean = valid ? &block->mean : &none;
+        float albedo[3], radiosity[3];
+        kiln_point_albedo(&data->surface, own, albedo);
+        for (int c = 0; c < 3; c++)
+            radiosity[c] = albedo[c] * mean->incident[c];
+        if (valid && counts)
+            add_to_block(t, &data->surface, own, albedo, block);
+        enter(t, data, own, mean, radiosity, false);
+        pack_next(t, data, own, f, (uint32_t)__builtin_ctzll(rest), radiosity);
+    }
+    for (uint64_t rest = counts ? draw.gathers : 0; rest != 0; rest &= rest - 1)
+        tally_block(t, &blocks[__builtin_ctzll(rest)], sums, tile_run);
+}
+
 void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
                      const void *answers, struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
 {
@@ -156,6 +225,10 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
     /* what no ray meets takes no light from the scene */
     const bool counts =
         (t->scene->objects[kiln_map_object(&data->surface, f->map)].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
+    if (t->step->by_blocks) {
+        take_blocks(t, data, f, results, counts, sums, tile_run);
+        return;
+    }
     for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++, results++) {
         float albedo[3], radiosity[3];
         const struct kiln_point_mean mean = kiln_point_mean(results),

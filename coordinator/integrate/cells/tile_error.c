@@ -12,12 +12,13 @@
 #include "worker/base/memory.h"
 #include "worker/scene/radiosity.h"
 
-/* Sums over a tile's points, in steps of STEPS; relative to what each point has had. */
-enum { NOW, BEFORE, SQUARE, POINTS, SUMS };
+/* Sums over a tile's points, in steps of STEPS; relative to what each point has had. ANSWERS are the points whose
+ * answers are their own: of those of a block (blocks.h), one. */
+enum { NOW, BEFORE, SQUARE, POINTS, ANSWERS, SUMS };
 #define STEPS 0x1p32
 #define SHARE_MOST 0x1p10 /* of a point, so that its square times STEPS times 64 points fits into 64 bits */
 
-static void add_point(const struct kiln_integration *in, struct kiln_own_point point, double mean,
+static void add_point(const struct kiln_integration *in, struct kiln_own_point point, bool is_first, double mean,
                       uint64_t sums[static SUMS])
 {
     const struct kiln_surface *surface = &in->solution->own->surface;
@@ -32,6 +33,7 @@ static void add_point(const struct kiln_integration *in, struct kiln_own_point p
     sums[BEFORE] += (uint64_t)(fmin(kiln_luminance_of_floats(before) / all, SHARE_MOST) * STEPS);
     sums[SQUARE] += (uint64_t)(now * now * STEPS);
     sums[POINTS]++;
+    sums[ANSWERS] += is_first;
 }
 
 /* Adds the own points that have not ended to the sums of their tiles. */
@@ -44,7 +46,7 @@ static void add_points(const struct kiln_integration *in, double mean, uint64_t 
         struct kiln_own_point point = kiln_own_of_global(surface, run->first);
         uint64_t *sums = &tiles[SUMS * (surface->lightmaps[run->map].tile_first + run->tile)];
         for (uint32_t k = 0; own->samples_bounce[f] > 0 && k < run->count; k++, point.at++)
-            add_point(in, point, mean, sums);
+            add_point(in, point, own->block == NULL || own->block[point.at] == k, mean, sums);
     }
 }
 
@@ -70,9 +72,9 @@ static double ratio_by_share(double share, size_t bounces)
 /* Standard error of a tile's last bounce, relative. */
 static double spread_of(const uint64_t sums[static SUMS])
 {
-    const double points = (double)sums[POINTS], now = (double)sums[NOW] / STEPS;
+    const double points = (double)sums[POINTS], answers = (double)sums[ANSWERS], now = (double)sums[NOW] / STEPS;
     const double square = points * (double)sums[SQUARE] / STEPS / (now * now);
-    return points > 1.0 ? sqrt(fmax(0.0, square - 1.0) / (points - 1.0) / points) : 1.0;
+    return answers > 1.0 ? sqrt(fmax(0.0, square - 1.0) / (answers - 1.0) / answers) : 1.0;
 }
 
 /* A tile's ratio, as far from q as both its last two bounces and its share say beyond chance. */

@@ -384,7 +384,7 @@ static void direct_tile_run(void *work, const struct embree_backend *b, struct e
     struct direct_work *w = work;
     struct kiln_point_result *points = results;
     w->samples = w->part->samples_each != NULL ? w->part->samples_each[tile_run - w->part->first] : w->part->samples;
-    frame_build(&w->frame, b, tile_run, FRAME_EXTENT);
+    frame_build(&w->frame, b, tile_run, kiln_batch_points(w->part, tile_run), FRAME_EXTENT);
     for (int q = 0; q < SEQUENCES; q++)
         w->sequences[q].used = false;
     for (uint32_t j = 0; j < w->frame.count; j++)

@@ -123,7 +123,8 @@ static void build_point(struct tile_run_frame *f, const struct embree_backend *b
         f->extent[j] = kiln_footprint_extent(p);
 }
 
-void frame_build(struct tile_run_frame *frame, const struct embree_backend *backend, size_t tile_run, unsigned wish)
+void frame_build(struct tile_run_frame *frame, const struct embree_backend *backend, size_t tile_run, uint64_t points,
+                 unsigned wish)
 {
     const struct kiln_surface *s = backend->surface;
     const struct kiln_tile_run *f = &s->tile_runs[tile_run];
@@ -136,7 +137,7 @@ void frame_build(struct tile_run_frame *frame, const struct embree_backend *back
     struct kiln_point_cursor at = kiln_point_first(s, tile_run);
     for (uint32_t k = 0; k < f->count; k++, kiln_point_next(s, &at)) {
         const bool every = (wish & FRAME_EVERY) != 0;
-        if (!every && !kiln_point_valid(s, at.point))
+        if ((points >> k & 1u) == 0 || (!every && !kiln_point_valid(s, at.point)))
             continue;
         const uint32_t j = frame->count++;
         frame->place[j] = k;

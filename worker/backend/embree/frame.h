@@ -5,10 +5,11 @@
 #include "worker/backend/embree/embree.h"
 #include "worker/scene/footprint.h"
 
-/* Of the tile run's points only the valid ones, in order. Positions already carry the offset off their surface that
- * keeps rays from meeting it again (see worker/scene/footprint.h). About 40 KiB: keep one a thread. */
+/* Of the tile run's points only the valid ones that are asked for, in order. Positions already carry the offset off
+ * their surface that keeps rays from meeting it again (see worker/scene/footprint.h). About 40 KiB: keep one a thread.
+ */
 struct tile_run_frame {
-    uint32_t count;                   /* valid points */
+    uint32_t count;                   /* points */
     uint32_t tile_key;                /* hash of (seed, object, tile) */
     bool smooth;                      /* some shading normal differs from the geometric one */
     bool back;                        /* of backs: all normals are those of the triangles turned round */
@@ -36,7 +37,9 @@ enum frame_wish {
     FRAME_EVERY = 1,
     FRAME_EXTENT = 2 /* `extent` too: for choosing lights */
 };
-void frame_build(struct tile_run_frame *frame, const struct embree_backend *backend, size_t tile_run, unsigned wish);
+/* `points`: bit k says whether the k-th point is asked for. */
+void frame_build(struct tile_run_frame *frame, const struct embree_backend *backend, size_t tile_run, uint64_t points,
+                 unsigned wish);
 
 /* Position (offset included) and geometric normal of a sample of point j; s and t in (0,1), uniform over what of its
  * area is there and not buried. Returns the offset, m along the normal: light is weighed where the surface is, only its

@@ -57,6 +57,7 @@ int rays_create(struct tile_run_rays **rays, enum rays_distribution distribution
     }
     (*rays)->distribution = distribution;
     (*rays)->distance = distance;
+    (*rays)->batch = batch;
     (*rays)->samples = samples;
     (*rays)->first_sample = batch->first_sample;
     (*rays)->shared_digits = kiln_shared_digits(samples);
@@ -115,7 +116,7 @@ static void fill_tables(struct tile_run_rays *r, const struct embree_backend *b,
 uint32_t rays_begin(struct tile_run_rays *r, const struct embree_backend *b, size_t tile_run, uint32_t stream,
                     unsigned wish)
 {
-    frame_build(&r->frame, b, tile_run, wish);
+    frame_build(&r->frame, b, tile_run, kiln_batch_points(r->batch, tile_run), wish);
     const uint32_t count = r->frame.count;
     if (count == 0)
         return 0;

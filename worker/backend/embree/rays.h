@@ -23,6 +23,7 @@ struct tile_run_rays {
     struct tile_run_frame frame;
     enum rays_distribution distribution;
     float distance; /* m: no ray goes farther */
+    const struct kiln_batch *batch;
     uint32_t samples, first_sample, copies, lanes, shared_digits;
     uint8_t *quarter_of; /* of a sample */
     uint32_t point[RAY_LANES], copy[RAY_LANES];
@@ -50,13 +51,13 @@ struct tile_run_rays {
     uint32_t *sobol[4], *scrambled[4];
 };
 
-/* Rays with the samples of a batch. Destroy with rays_destroy. */
+/* Rays with the samples of a batch, which is borrowed. Destroy with rays_destroy. */
 int rays_create(struct tile_run_rays **rays, enum rays_distribution distribution, float distance,
                 const struct kiln_batch *batch, struct kiln_error *error);
 void rays_destroy(struct tile_run_rays **rays);
 
 /* Begins a tile run, with the random numbers of `stream`; `wish` is that of its frame. Returns the number of its steps,
- * 0 where no point is valid. */
+ * 0 where no point is valid, or none is asked for. */
 uint32_t rays_begin(struct tile_run_rays *rays, const struct embree_backend *b, size_t tile_run, uint32_t stream,
                     unsigned wish);
 /* Makes the rays of a step, the next one or the first. Returns how many lanes there are: samples that do not exist have

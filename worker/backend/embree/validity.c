@@ -51,7 +51,7 @@ int embree_validity(struct embree_backend *b, const void *parameters, const stru
 #pragma omp for schedule(dynamic, 4)
         for (size_t i = 0; i < part->count; i++) {
             uint16_t *visible = (uint16_t *)results + (tile_runs[i].first.at - tile_runs[0].first.at);
-            frame_build(f, b, part->first + i, FRAME_EVERY);
+            frame_build(f, b, part->first + i, UINT64_MAX, FRAME_EVERY);
             for (uint32_t j = 0; j < f->count; j++)
                 visible[f->place[j]] = visible_share(f, b, j, &traced);
         }

@@ -151,10 +151,12 @@ static bool take_tile_run(struct run *r, uint64_t points, struct flight *flight)
 {
     const struct kiln_batch *batch = r->batch;
     const uint32_t count = r->b->surface->tile_runs[r->next].count;
+    const uint32_t asked =
+        batch->point_masks != NULL ? (uint32_t)__builtin_popcountll(kiln_batch_points(batch, r->next)) : count;
     const double share = batch->samples_each == NULL
                              ? 1.0
                              : (double)batch->samples_each[r->next - batch->first] / (double)batch->samples,
-                 weight = (double)count * share;
+                 weight = (double)asked * share;
     if (flight->tile_run_count > 0 &&
         (flight->weight + weight > (double)points || flight->total + count > r->most_points))
         return false;
@@ -182,6 +184,15 @@ static void skip_left_out(struct run *r)
         r->next++;
 }
 
+/* Of the chunk's points only those that a list names. */
+static void name_points(struct kiln_gpu_chunk *chunk, const struct gpu_buffer *buffer, const uint32_t *list,
+                        uint32_t count)
+{
+    chunk->list = buffer->address;
+    chunk->first = lower_bound(list, count, chunk->origin);
+    chunk->count = lower_bound(list, count, (uint64_t)chunk->origin + chunk->total) - chunk->first;
+}
+
 static void describe(const struct run *r, const struct vulkan_block *block, const struct flight *flight,
                      struct vulkan_chunk *chunk)
 {
@@ -205,10 +216,9 @@ static void describe(const struct run *r, const struct vulkan_block *block, cons
                                          .origin = (uint32_t)first,
                                          .total = flight->total};
     chunk->buried = chunk->all;
-    chunk->buried.list = block->list.address;
-    chunk->buried.first = lower_bound(block->buried, r->pass->states ? block->buried_count : 0, first);
-    chunk->buried.count = lower_bound(block->buried, r->pass->states ? block->buried_count : 0, first + flight->total) -
-                          chunk->buried.first;
+    name_points(&chunk->buried, &block->list, block->buried, r->pass->states ? block->buried_count : 0);
+    if (r->batch->point_masks != NULL) /* threads for the points that are computed alone */
+        name_points(&chunk->all, &block->asked_list, block->asked, block->asked_count);
 }
 
 static int wait_slot(struct run *r, uint32_t slot, struct kiln_error *error)

@@ -86,9 +86,13 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
                    end = first + kiln_tile_runs_points(tile_runs, tile_runs + tile_run_count - 1);
     uint64_t valid = 0, shadow_rays = 0;
 #pragma omp parallel for num_threads((int)h->b->threads) reduction(+ : valid, shadow_rays) if (end - first > 1 << 14)
-    for (uint64_t own = first; own < end; own++) {
-        valid += kiln_point_valid(s, (struct kiln_own_point){own});
-        shadow_rays += words != NULL ? words[own - first] : 0;
+    for (size_t f = 0; f < tile_run_count; f++) {
+        const uint64_t points = kiln_batch_points(h->batch, tile_run_first + f),
+                       run = kiln_own_of_global(s, tile_runs[f].first).at;
+        for (uint32_t k = 0; k < tile_runs[f].count; k++) {
+            valid += (points >> k & 1u) != 0 && kiln_point_valid(s, (struct kiln_own_point){run + k});
+            shadow_rays += words != NULL ? words[run + k - first] : 0;
+        }
     }
     h->rays += valid * h->batch->samples + shadow_rays;
     return h->batch->take != NULL ? h->batch->take(h->batch->context, tile_run_first, tile_run_count, results, error)

@@ -62,14 +62,21 @@ int vulkan_points_create(struct vulkan_points **points, struct gpu *gpu, const s
 
 static void workspace_destroy(struct points_workspace **workspace);
 
+static void forget_lists(struct vulkan_points *p, struct vulkan_block *block)
+{
+    gpu_buffer_destroy(p->gpu, &block->list);
+    gpu_buffer_destroy(p->gpu, &block->asked_list);
+    kiln_free(&block->buried);
+    kiln_free(&block->asked);
+    block->buried_count = block->asked_count = 0;
+}
+
 static void release(struct vulkan_points *p, struct vulkan_block *block)
 {
     gpu_buffer_destroy(p->gpu, &block->points);
     gpu_buffer_destroy(p->gpu, &block->parts);
     gpu_buffer_destroy(p->gpu, &block->states);
-    gpu_buffer_destroy(p->gpu, &block->list);
-    kiln_free(&block->buried);
-    block->buried_count = 0;
+    forget_lists(p, block);
     block->resident = block->states_known = false;
 }
 
@@ -105,7 +112,7 @@ void vulkan_points_choose(struct vulkan_points *points, const struct kiln_batch 
 {
     forget_states_of(points, points->chosen);
     points->mixed = mixed;
-    points->chosen = batch != NULL && batch->samples_each != NULL ? batch : NULL;
+    points->chosen = batch != NULL && (batch->samples_each != NULL || batch->point_masks != NULL) ? batch : NULL;
     forget_states_of(points, points->chosen);
 }
 
@@ -468,48 +475,59 @@ static uint32_t state_of(uint16_t visible)
     return visible == 0 ? KILN_GPU_STATE_INVALID : visible == 0xffff ? KILN_GPU_STATE_VALID : KILN_GPU_STATE_BURIED;
 }
 
-/* The word of state of each of the block's points; returns how many of them are partly buried. */
-static uint64_t find_states(const struct vulkan_points *p, const struct vulkan_block *block, uint32_t *states)
+/* The word of state of each of the block's points. */
+static void find_states(const struct vulkan_points *p, const struct vulkan_block *block, uint32_t *states)
 {
     const struct kiln_surface *s = p->surface;
     const struct kiln_batch *chosen = p->chosen;
-    uint64_t buried = 0;
-#pragma omp parallel for num_threads((int)vulkan_light_threads(p->threads)) reduction(+ : buried)
+#pragma omp parallel for num_threads((int)vulkan_light_threads(p->threads))
     for (size_t f = block->tile_run_first; f < block->tile_run_first + block->tile_run_count; f++) {
         const uint64_t first = kiln_own_of_global(s, s->tile_runs[f].first).at;
         const bool known = chosen != NULL && f >= chosen->first && f < chosen->first + chosen->count,
                    left_out = known && kiln_batch_leaves_out(chosen, f);
-        const uint32_t samples = known && p->mixed ? chosen->samples_each[f - chosen->first] : 0;
-        for (uint64_t i = first; i < first + s->tile_runs[f].count; i++) {
-            const uint32_t state = left_out ? KILN_GPU_STATE_INVALID : state_of(s->visible[i]);
-            states[i - block->first.at] = state | samples << KILN_GPU_STATE_SAMPLES_SHIFT;
-            buried += state == KILN_GPU_STATE_BURIED;
+        const bool has_number = known && p->mixed && chosen->samples_each != NULL;
+        const uint32_t samples = has_number ? chosen->samples_each[f - chosen->first] : 0;
+        const uint64_t points = left_out ? 0 : known ? kiln_batch_points(chosen, f) : UINT64_MAX;
+        for (uint32_t k = 0; k < s->tile_runs[f].count; k++) {
+            const uint32_t state = (points >> k & 1u) != 0 ? state_of(s->visible[first + k]) : KILN_GPU_STATE_INVALID;
+            states[first + k - block->first.at] = state | samples << KILN_GPU_STATE_SAMPLES_SHIFT;
         }
     }
-    return buried;
+}
+
+/* Lists the block's points in one of two states, here and on the device. */
+static int list_points(struct vulkan_points *p, const struct vulkan_block *block, const uint32_t *states, uint32_t one,
+                       uint32_t other, uint32_t **list, uint32_t *count, struct gpu_buffer *buffer,
+                       struct kiln_error *error)
+{
+    uint32_t found = 0;
+    for (uint64_t i = 0; i < block->count; i++)
+        found += (states[i] & KILN_GPU_STATE_MASK) == one || (states[i] & KILN_GPU_STATE_MASK) == other;
+    const int status = kiln_allocate(list, found, sizeof **list, "a list of points", error);
+    if (status != KILN_OK)
+        return status;
+    *count = found;
+    for (uint32_t i = 0, n = 0; n < found; i++)
+        if ((states[i] & KILN_GPU_STATE_MASK) == one || (states[i] & KILN_GPU_STATE_MASK) == other)
+            (*list)[n++] = i;
+    return gpu_buffer_of(p->gpu, buffer, *list, found * sizeof **list, "a list of points", error);
 }
 
 static int bring_states(struct vulkan_points *p, struct vulkan_block *block, struct kiln_error *error)
 {
     uint32_t *states = NULL;
-    gpu_buffer_destroy(p->gpu, &block->list);
-    kiln_free(&block->buried);
-    block->buried_count = 0;
+    forget_lists(p, block);
     int status = kiln_allocate(&states, block->count, sizeof *states, "the states of a block of points", error);
     if (status == KILN_OK) {
-        block->buried_count = (uint32_t)find_states(p, block, states);
-        status = kiln_allocate(&block->buried, block->buried_count, sizeof *block->buried, "the partly buried points",
-                               error);
+        find_states(p, block, states);
+        status = gpu_upload(p->gpu, &block->states, 0, states, block->count * sizeof *states, error);
     }
     if (status == KILN_OK)
-        for (uint32_t i = 0, n = 0; n < block->buried_count; i++)
-            if ((states[i] & KILN_GPU_STATE_MASK) == KILN_GPU_STATE_BURIED)
-                block->buried[n++] = i;
-    if (status == KILN_OK)
-        status = gpu_upload(p->gpu, &block->states, 0, states, block->count * sizeof *states, error);
-    if (status == KILN_OK)
-        status = gpu_buffer_of(p->gpu, &block->list, block->buried, block->buried_count * sizeof *block->buried,
-                               "the partly buried points", error);
+        status = list_points(p, block, states, KILN_GPU_STATE_BURIED, KILN_GPU_STATE_BURIED, &block->buried,
+                             &block->buried_count, &block->list, error);
+    if (status == KILN_OK && p->chosen != NULL && p->chosen->point_masks != NULL)
+        status = list_points(p, block, states, KILN_GPU_STATE_VALID, KILN_GPU_STATE_BURIED, &block->asked,
+                             &block->asked_count, &block->asked_list, error);
     block->states_known = status == KILN_OK;
     kiln_free(&states);
     return status;

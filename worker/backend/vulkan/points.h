@@ -15,6 +15,10 @@ struct vulkan_block {
     /* partly buried points, index within the block, ascending; the device's `list` holds the same */
     uint32_t *buried;
     uint32_t buried_count;
+    /* the points that are computed, likewise, of a batch with point_masks; else none */
+    struct gpu_buffer asked_list;
+    uint32_t *asked;
+    uint32_t asked_count;
     uint64_t last_used;
     bool resident, states_known;
 };
@@ -29,7 +33,8 @@ struct vulkan_points {
     uint32_t threads;                   /* that make points */
     struct points_workspace *workspace; /* private: what blocks are made in, kept from one to the next */
     bool smooth;                        /* some object has shading normals of its own */
-    /* the batch whose items it leaves out have the state of points that are not valid; NULL: none. Borrowed */
+    /* the batch whose items and points it leaves out have the state of points that are not valid; NULL: none.
+     * Borrowed */
     const struct kiln_batch *chosen;
     bool mixed; /* their states hold their numbers of samples */
 };
@@ -59,10 +64,10 @@ int vulkan_points_ready(struct vulkan_points *points, struct kiln_error *error);
 /* surface->visible has changed. */
 void vulkan_points_forget_states(struct vulkan_points *points);
 
-/* From now on the points of items that the batch leaves out have the state of points that are not valid, so that
- * kernels pass them over. NULL, or a batch whose items all have the same number: none has. `mixed`: the others' state
- * holds their number of samples, too (KILN_GPU_STATE_SAMPLES_SHIFT). No kernel is at work; the batch is borrowed until
- * the next call. */
+/* From now on the points of items that the batch leaves out, and those that are not in its masks, have the state of
+ * points that are not valid, so that kernels pass them over. NULL, or a batch that has neither: none has. `mixed`: the
+ * others' state holds their number of samples, too (KILN_GPU_STATE_SAMPLES_SHIFT). No kernel is at work; the batch is
+ * borrowed until the next call. */
 void vulkan_points_choose(struct vulkan_points *points, const struct kiln_batch *batch, bool mixed);
 
 #endif

@@ -1,0 +1,282 @@
+#include "coordinator/integrate/blocks.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "worker/base/memory.h"
+#include "worker/sampling/keys.h"
+#include "worker/scene/footprint.h"
+
+enum {
+    CHUNK_TILE_RUNS = 1024,
+    LEVELS = 2, /* rays from point to point, at different heights */
+    ROUNDS = 16 /* blocks that a square is cut into before the rest of its points are each their own */
+};
+#define UNKNOWN UINT16_MAX
+#define TURN_KEY 0x626c6f63u
+static const float ALIKE = 0.9063f; /* cosine of 25 degrees */
+/* How high above the surface the rays go, in texels' sides; and over a surface that bends away, in the distance times
+ * the difference of the normals: the edge in between is a quarter of it high. */
+static const float HEIGHTS[LEVELS] = {1e-3f, 0.05f};
+static const float OVER_EDGE = 0.3f;
+
+/* A point as it is compared with others. */
+struct place {
+    struct kiln_vec3 position, normal; /* of a place on its surface, m; mean, unit */
+    float offset;                      /* m: rays start that far above it at least */
+    float side;                        /* m: of the texel */
+    bool whole;                        /* not partly there */
+};
+
+/* A point that is asked about: `points` are own points of the chunk's range. */
+struct pair {
+    uint64_t first, other;
+};
+
+struct search {
+    const struct kiln_surface *surface;
+    struct kiln_backend *backend;
+    uint32_t threads, scale;
+    uint16_t *block;
+    /* of a chunk of tile runs */
+    size_t begin, end;
+    uint64_t first; /* own point with which it begins */
+    struct place *places;
+    struct pair *pairs;
+    size_t pair_count;
+    struct kiln_vec3 *origins, *directions;
+    float *lengths;
+    struct kiln_hit *hits;
+};
+
+static void release(struct search *s)
+{
+    kiln_free(&s->places);
+    kiln_free(&s->pairs);
+    kiln_free(&s->origins);
+    kiln_free(&s->directions);
+    kiln_free(&s->lengths);
+    kiln_free(&s->hits);
+}
+
+static int make_room(struct search *s, struct kiln_error *error)
+{
+    const char *what = "the blocks of points";
+    const size_t points = (size_t)CHUNK_TILE_RUNS * KILN_TILE_TEXELS, rays = points * LEVELS;
+    int status = kiln_allocate(&s->places, points, sizeof *s->places, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->pairs, points, sizeof *s->pairs, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->origins, rays, sizeof *s->origins, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->directions, rays, sizeof *s->directions, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->lengths, rays, sizeof *s->lengths, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->hits, rays, sizeof *s->hits, what, error);
+    return status;
+}
+
+/* ---- places ---- */
+
+/* A texel's side by its footprint; 0: unknown. */
+static float side_of(const struct kiln_footprint *f)
+{
+    return f->kind == KILN_FOOTPRINT_WHOLE ? fmaxf(vec3_length(f->whole.du), vec3_length(f->whole.dv)) : 0.0f;
+}
+
+static void find_place(const struct search *s, const struct kiln_point_cursor *at, struct place *place)
+{
+    const struct kiln_backend_params *world = &s->backend->params;
+    struct kiln_footprint footprint;
+    struct kiln_mask mask;
+    struct kiln_vec3 shading;
+    uint32_t triangle;
+    float b1, b2;
+    kiln_footprint_prepare(&footprint, world->scene, world->geometry, s->surface, at);
+    if (footprint.kind == KILN_FOOTPRINT_WHOLE)
+        kiln_footprint_sample(&footprint, 0.5f, 0.5f, &triangle, &b1, &b2);
+    else /* within a triangle of the piece: a half may be its rim, where a wall stands that divides the texel */
+        kiln_footprint_sample(&footprint, 0.45f, 0.55f, &triangle, &b1, &b2);
+    kiln_footprint_normals(&footprint, &place->normal, &shading);
+    place->position = kiln_triangle_position(world->geometry, triangle, b1, b2);
+    place->offset = 4.0f * kiln_offset_distance(world->geometry, triangle, place->normal);
+    place->side = side_of(&footprint);
+    const uint64_t texel = (uint64_t)at->y * s->surface->lightmaps[at->map].width + at->x;
+    place->whole = kiln_footprint_opacity(&footprint, kiln_texel_key(KILN_LOOKS_KEY, at->map, texel), &mask) >= 1.0f;
+}
+
+/* Where no texel of the tile run says how wide it is, the largest area does. */
+static void fill_sides(const struct search *s, const struct kiln_tile_run *run, struct place *places)
+{
+    const uint64_t own = kiln_own_of_global(s->surface, run->first).at;
+    float side = 0.0f, area = 0.0f;
+    for (uint32_t k = 0; k < run->count; k++) {
+        side = fmaxf(side, places[k].side);
+        area = fmaxf(area, s->surface->area[own + k]);
+    }
+    for (uint32_t k = 0; k < run->count; k++)
+        places[k].side = side > 0.0f ? side : 2.0f * sqrtf(area);
+}
+
+static void find_places(const struct search *s)
+{
+#pragma omp parallel for schedule(dynamic, 8) num_threads((int)s->threads)
+    for (size_t f = s->begin; f < s->end; f++) {
+        struct kiln_point_cursor at = kiln_point_first(s->surface, f);
+        struct place *places = s->places + (at.point.at - s->first);
+        for (uint32_t k = 0; k < s->surface->tile_runs[f].count; k++, kiln_point_next(s->surface, &at)) {
+            const bool valid = kiln_point_valid(s->surface, at.point);
+            if (valid)
+                find_place(s, &at, &places[k]);
+            else
+                places[k] = (struct place){.whole = false};
+            s->block[at.point.at] = valid && places[k].whole ? UNKNOWN : (uint16_t)k;
+        }
+        fill_sides(s, &s->surface->tile_runs[f], places);
+    }
+}
+
+/* ---- pairs ---- */
+
+/* The bits of the tile's squares of K x K texels: these are stretches of the Morton order. */
+static uint64_t square_mask(uint32_t scale, uint32_t square)
+{
+    const uint32_t bits = scale * scale;
+    return bits == KILN_TILE_TEXELS ? UINT64_MAX : ((1ull << bits) - 1) << (square * bits);
+}
+
+/* Whether the points of two texels may be of one block, for all that is known without rays. */
+static bool may_be_alike(const struct place *a, const struct place *b, uint32_t bit_a, uint32_t bit_b)
+{
+    const float dx = (float)kiln_morton8_x(bit_a) - (float)kiln_morton8_x(bit_b),
+                dy = (float)kiln_morton8_y(bit_a) - (float)kiln_morton8_y(bit_b);
+    const float away = vec3_length(vec3_sub(b->position, a->position));
+    return vec3_dot(a->normal, b->normal) >= ALIKE && away > 0.0f &&
+           away <= 1.5f * a->side * (sqrtf(dx * dx + dy * dy) + 1.0f);
+}
+
+/* Takes the first point of the square that has no block yet as the first of a new one; asks about the others. */
+static void begin_block(struct search *s, const struct kiln_tile_run *run, uint64_t square, bool last)
+{
+    const uint64_t own = kiln_own_of_global(s->surface, run->first).at;
+    const struct place *places = s->places + (own - s->first);
+    uint32_t first = KILN_TILE_TEXELS, first_bit = 0, k = 0;
+    for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, k++) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        if ((square >> bit & 1u) == 0 || s->block[own + k] != UNKNOWN)
+            continue;
+        if (first == KILN_TILE_TEXELS || last) {
+            first = k;
+            first_bit = bit;
+            s->block[own + k] = (uint16_t)k;
+        } else if (may_be_alike(&places[first], &places[k], first_bit, bit)) {
+            s->pairs[s->pair_count++] = (struct pair){own + first, own + k};
+        }
+    }
+}
+
+static void begin_blocks(struct search *s, bool last)
+{
+    s->pair_count = 0;
+    for (size_t f = s->begin; f < s->end; f++)
+        for (uint32_t q = 0; q < KILN_TILE_TEXELS / (s->scale * s->scale); q++)
+            begin_block(s, &s->surface->tile_runs[f], square_mask(s->scale, q), last);
+}
+
+/* The ray from point to point at a height. */
+static void make_ray(const struct search *s, const struct pair *pair, int level, size_t ray)
+{
+    const struct place *a = &s->places[pair->first - s->first], *b = &s->places[pair->other - s->first];
+    const float away = vec3_length(vec3_sub(b->position, a->position)),
+                bend = vec3_length(vec3_sub(b->normal, a->normal));
+    const float height = fmaxf(HEIGHTS[level] * a->side, fmaxf(a->offset, b->offset)) + OVER_EDGE * bend * away;
+    const struct kiln_vec3 from = vec3_madd(a->position, a->normal, height),
+                           way = vec3_sub(vec3_madd(b->position, b->normal, height), from);
+    const float length = vec3_length(way);
+    s->origins[ray] = from;
+    s->directions[ray] = length > 0.0f ? vec3_scale(way, 1.0f / length) : a->normal;
+    s->lengths[ray] = length;
+}
+
+/* Traces the rays of all pairs; those between which nothing is come into one block. */
+static int join(struct search *s, struct kiln_error *error)
+{
+    for (size_t i = 0; i < s->pair_count; i++)
+        for (int level = 0; level < LEVELS; level++)
+            make_ray(s, &s->pairs[i], level, i * LEVELS + (size_t)level);
+    const int status =
+        kiln_backend_intersect(s->backend, s->origins, s->directions, s->pair_count * LEVELS, s->hits, error);
+    for (size_t i = 0; status == KILN_OK && i < s->pair_count; i++) {
+        bool open = true;
+        for (size_t ray = i * LEVELS; ray < (i + 1) * LEVELS; ray++)
+            open = open && !(s->hits[ray].triangle != KILN_NONE && s->hits[ray].distance < s->lengths[ray]);
+        if (open)
+            s->block[s->pairs[i].other] = s->block[s->pairs[i].first];
+    }
+    return status;
+}
+
+static int find_chunk(struct search *s, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    find_places(s);
+    s->pair_count = 1;
+    for (uint32_t round = 0; round < ROUNDS && s->pair_count > 0 && status == KILN_OK; round++) {
+        begin_blocks(s, false);
+        status = join(s, error);
+    }
+    begin_blocks(s, true);
+    return status;
+}
+
+int kiln_blocks_find(const struct kiln_surface *surface, struct kiln_backend *backend, uint32_t threads, uint32_t scale,
+                     uint16_t *block, struct kiln_error *error)
+{
+    struct search s = {.surface = surface, .backend = backend, .threads = threads, .scale = scale, .block = block};
+    int status = make_room(&s, error);
+    for (size_t f = 0; f < surface->tile_run_count && status == KILN_OK; f = s.end) {
+        s.begin = f;
+        s.end = surface->tile_run_count - f < CHUNK_TILE_RUNS ? surface->tile_run_count : f + CHUNK_TILE_RUNS;
+        s.first = kiln_own_of_global(surface, surface->tile_runs[f].first).at;
+        status = find_chunk(&s, error);
+    }
+    release(&s);
+    return status;
+}
+
+/* ---- drawing ---- */
+
+/* Which of `count` points of a block gathers. */
+static uint32_t turn_of(const struct kiln_tile_run *run, uint32_t first, uint32_t count, uint64_t seed,
+                        const struct kiln_step *step)
+{
+    const uint32_t tile = kiln_tile_key(kiln_seed_key(seed), run->map, run->tile),
+                   start = kiln_hash2(kiln_hash2(tile ^ TURN_KEY, first), step->part);
+    return (uint32_t)((uint64_t)(start + kiln_reverse_bits(step->stream)) * count >> 32);
+}
+
+void kiln_blocks_draw(struct kiln_blocks_draw *draw, const struct kiln_surface *surface,
+                      const struct kiln_tile_run *run, const uint16_t *block, uint64_t seed,
+                      const struct kiln_step *step)
+{
+    const struct kiln_own_point own = kiln_own_of_global(surface, run->first);
+    uint8_t count[KILN_TILE_TEXELS] = {0}, chosen[KILN_TILE_TEXELS] = {0}, turn[KILN_TILE_TEXELS] = {0};
+    uint32_t k = 0;
+    draw->gathers = 0;
+    for (k = 0; k < run->count; k++)
+        count[block[k]]++;
+    k = 0;
+    for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, k++) {
+        const uint32_t first = block[k];
+        if (first == k)
+            turn[k] = (uint8_t)turn_of(run, (uint32_t)__builtin_ctzll(rest), count[k], seed, step);
+        if (turn[first]-- == 0) {
+            chosen[first] = (uint8_t)k;
+            if (kiln_point_valid(surface, (struct kiln_own_point){own.at + k}))
+                draw->gathers |= 1ull << k;
+        }
+    }
+    for (k = 0; k < run->count; k++)
+        draw->answer[k] = chosen[block[k]];
+}

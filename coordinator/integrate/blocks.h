@@ -1,0 +1,42 @@
+/* Blocks: bounces at a part of the resolution (--indirect-scale K). In a bounce one point of each block gathers, and
+ * all points of the block take its answer: Vandersanden 2023, section 4.5, shades indirect light at a lower resolution.
+ *
+ * A lightmap's tiles are cut into squares of K x K texels, 16 of 8 x 8. Alike points of a square are a block. A point
+ * is alike the first one of its block if
+ *
+ *   - their normals are no more than 25 degrees apart,
+ *   - it lies no farther away than the texels between them are wide, so that both are of one chart, or of charts that
+ *     go on into each other,
+ *   - two rays between them, close above the surface, meet nothing: no wall stands between them, no edge and no step.
+ *
+ * What is partly there (a texture with holes) is a block of its own. A block never lies in two tiles, and with K > 1
+ * cells cut no tile (struct kiln_surface_params): blocks are the same for any ranks and cells.
+ *
+ * Which of a block's points gathers changes from bounce to bounce, so that each has its turn: over n bounces a rotated
+ * van der Corput sequence spreads the n choices evenly over the block. It is a function of the seed, the tile, the
+ * block, the step's stream and its part. Each answer is right for its own point and not for the others: bounces lose
+ * detail within a block, and the direct light and the final gather, which every point has of its own, do not. */
+#ifndef KILN_COORDINATOR_INTEGRATE_BLOCKS_H
+#define KILN_COORDINATOR_INTEGRATE_BLOCKS_H
+
+#include "coordinator/integrate/step.h"
+#include "worker/backend/backend.h"
+
+/* Finds the blocks of all points of the surface: block[i] is the place, within its tile run, of the first point of the
+ * block that own point i is of. `scale`: 1 to KILN_TILE_SIDE, a power of two. `backend` traces; it need not have the
+ * surface, whose validity is known. Not collective. KILN_SYSTEM, KILN_NO_DEVICE. */
+int kiln_blocks_find(const struct kiln_surface *surface, struct kiln_backend *backend, uint32_t threads, uint32_t scale,
+                     uint16_t *block, struct kiln_error *error);
+
+/* Which points of a tile run gather in a step. */
+struct kiln_blocks_draw {
+    uint64_t gathers;                 /* bit k: its k-th point does; none that is not valid */
+    uint8_t answer[KILN_TILE_TEXELS]; /* of its k-th point: the place of the point whose answer it takes */
+};
+
+/* `block` is that of the tile run's first point. Pure. */
+void kiln_blocks_draw(struct kiln_blocks_draw *draw, const struct kiln_surface *surface,
+                      const struct kiln_tile_run *tile_run, const uint16_t *block, uint64_t seed,
+                      const struct kiln_step *step);
+
+#endif
