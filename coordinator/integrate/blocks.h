@@ -1,6 +1,6 @@
 /* Blocks: bounces at a part of the resolution (--indirect-scale K). In a bounce one point of each block gathers, and
- * all points of the block take its answer: Vandersanden 2023, section 4.7.2, proposes to shade indirect light at a lower
- * resolution.
+ * all points of the block take its answer: Vandersanden 2023, section 4.7.2, proposes to shade indirect light at a
+ * lower resolution.
  *
  * A lightmap's tiles are cut into squares of K x K texels, 16 of 8 x 8. Alike points of a square are a block. A point
  * is alike the first one of its block if
