@@ -236,7 +236,7 @@ static int fit(struct kiln_crossover *c, struct kiln_error *error)
 
 static double users_of(double bake, double view, double path)
 {
-    return path > view ? fmax(1.0, ceil(bake / (path - view))) : INFINITY;
+    return path > view ? fmax(1.0, ceil(bake / (path - view))) : (double)INFINITY;
 }
 
 static double difference(double large, double small, double by) { return fmax(0.0, large - small) / by; }

@@ -59,7 +59,7 @@ static bool place_of(const struct search *s, uint32_t k, struct kiln_vec3 *eye)
 /* Whether the place is open: in no solid, not outside, nothing close to it, and far from the others. */
 static bool is_open(const struct search *s, struct kiln_vec3 eye)
 {
-    double backs = 0.0, escaping = 0.0, near = INFINITY;
+    double backs = 0.0, escaping = 0.0, near = (double)INFINITY;
     for (size_t i = 0; i < s->count; i++)
         if ((double)vec3_length(vec3_sub(s->eyes[i], eye)) < LEAST_APART * s->diagonal)
             return false;
