@@ -7,6 +7,7 @@
 #include <cmocka.h>
 #include <math.h>
 
+#include "shaders/shared/path.h"
 #include "shaders/shared/random.h"
 #include "worker/sampling/harmonics.h"
 #include "worker/sampling/sequence.h"
@@ -152,6 +153,27 @@ static void basis_is_orthonormal(void **state)
     }
 }
 
+/* Sobol' points that are computed are those of the table, and what paths make of them are nets, of each aligned power
+ * of two of the samples, that tell nothing of each other. */
+static void paths_draw_nets(void **state)
+{
+    (void)state;
+    for (uint32_t k = 0; k < 5000; k++)
+        assert_int_equal(kiln_path_sobol_second(k * 65537u), kiln_sobol(k * 65537u, 1));
+    for (uint32_t first = 0; first < 1024; first += 256) {
+        uint32_t x[256], y[256], other[256], rest;
+        uint32_t joint[16] = {0};
+        for (uint32_t k = 0; k < 256; k++) {
+            kiln_path_numbers(kiln_path_key(7u, 1u), first + k, &x[k], &y[k]);
+            kiln_path_numbers(kiln_path_key(7u, 2u), first + k, &other[k], &rest);
+            joint[(x[k] >> 30) * 4 + (other[k] >> 30)]++;
+        }
+        check_net(x, y);
+        for (int i = 0; i < 16; i++) /* 16 of 256 on the average */
+            assert_in_range(joint[i], 4, 36);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -162,6 +184,7 @@ int main(void)
         cmocka_unit_test(cosine_direction_has_the_right_moments),
         cmocka_unit_test(harmonics_are_orthonormal),
         cmocka_unit_test(basis_is_orthonormal),
+        cmocka_unit_test(paths_draw_nets),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

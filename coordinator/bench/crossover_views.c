@@ -1,0 +1,164 @@
+#include <math.h>
+#include <stdlib.h>
+
+#include "coordinator/bench/crossover_private.h"
+#include "coordinator/files/html.h"
+#include "worker/backend/backend.h"
+#include "worker/base/memory.h"
+#include "worker/scene/footprint.h"
+
+enum { TRIES = 4096, LOOKS = 64, TURNS = 24 };
+static const double MOST_BACKS = 0.0, MOST_ESCAPING = 0.5; /* shares of the rays from a place */
+static const double LEAST_NEAR = 0.01, LEAST_APART = 0.05; /* of the scene's diagonal */
+
+struct search {
+    const struct kiln_scene *scene;
+    struct kiln_geometry *geometry;
+    struct kiln_backend *backend;
+    double *until; /* area of the triangles up to and with each */
+    double diagonal;
+    size_t count;
+    struct kiln_vec3 eyes[KILN_CROSSOVER_VIEWS], ways[KILN_CROSSOVER_VIEWS];
+};
+
+static double fraction(double x) { return x - floor(x); }
+
+static struct kiln_hit look(const struct search *s, struct kiln_vec3 origin, struct kiln_vec3 direction)
+{
+    struct kiln_hit hit = {.triangle = KILN_NONE};
+    (void)kiln_backend_intersect(s->backend, &origin, &direction, 1, &hit, NULL);
+    return hit;
+}
+
+/* The k-th place: half-way along the normal of a point that is uniform over all surfaces. False: nothing is opposite.
+ */
+static bool place_of(const struct search *s, uint32_t k, struct kiln_vec3 *eye)
+{
+    const size_t n = s->geometry->triangle_count;
+    const double at = fraction((k + 0.5) * 0.8191725133961645) * s->until[n - 1],
+                 u = fraction((k + 0.5) * 0.6710436067037893), v = fraction((k + 0.5) * 0.5497004779019703);
+    size_t low = 0, high = n - 1;
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        if (s->until[middle] > at)
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    const struct kiln_vec3 normal = kiln_triangle_normal(s->geometry, (uint32_t)low);
+    const float root = (float)sqrt(u), b2 = root * (float)v;
+    const struct kiln_vec3 point = kiln_offset_origin(kiln_triangle_position(s->geometry, (uint32_t)low, root - b2, b2),
+                                                      normal, s->geometry, (uint32_t)low);
+    const struct kiln_hit hit = look(s, point, normal);
+    if (hit.triangle == KILN_NONE)
+        return false;
+    *eye = vec3_madd(point, normal, 0.5f * hit.distance);
+    return true;
+}
+
+/* Whether the place is open: in no solid, not outside, nothing close to it, and far from the others. */
+static bool is_open(const struct search *s, struct kiln_vec3 eye)
+{
+    double backs = 0.0, escaping = 0.0, near = (double)INFINITY;
+    for (size_t i = 0; i < s->count; i++)
+        if ((double)vec3_length(vec3_sub(s->eyes[i], eye)) < LEAST_APART * s->diagonal)
+            return false;
+    for (int i = 0; i < LOOKS; i++) {
+        const double y = 1.0 - 2.0 * (i + 0.5) / LOOKS, r = sqrt(1.0 - y * y),
+                     phi = 2.0 * KILN_PI * fraction(i * 0.6180339887498949);
+        const struct kiln_hit hit = look(s, eye, vec3_of(dvec3(r * cos(phi), y, r * sin(phi))));
+        const bool met = hit.triangle != KILN_NONE;
+        escaping += met ? 0.0 : 1.0 / LOOKS;
+        if (met && hit.back && (s->geometry->records[hit.triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0)
+            backs += 1.0 / LOOKS;
+        near = met ? fmin(near, (double)hit.distance) : near;
+    }
+    return backs <= MOST_BACKS && escaping <= MOST_ESCAPING && near >= LEAST_NEAR * s->diagonal;
+}
+
+/* The level direction in which one sees farthest and yet something. */
+static struct kiln_vec3 farthest(const struct search *s, struct kiln_vec3 eye)
+{
+    struct kiln_vec3 best = vec3(0.0f, 0.0f, -1.0f);
+    float most = 0.0f;
+    for (int i = 0; i < TURNS; i++) {
+        const double phi = 2.0 * KILN_PI * (i + 0.5) / TURNS;
+        const struct kiln_vec3 way = vec3((float)cos(phi), 0.0f, (float)sin(phi));
+        const struct kiln_hit hit = look(s, eye, way);
+        if (hit.triangle != KILN_NONE && hit.distance > most) {
+            most = hit.distance;
+            best = way;
+        }
+    }
+    return best;
+}
+
+static void find(struct search *s)
+{
+    struct kiln_vec3 eye;
+    for (uint32_t k = 0; k < TRIES && s->count < KILN_CROSSOVER_VIEWS; k++) {
+        if (!place_of(s, k, &eye) || !is_open(s, eye))
+            continue;
+        s->ways[s->count] = farthest(s, eye);
+        s->eyes[s->count++] = eye;
+    }
+}
+
+static int prepare(struct search *s, struct kiln_error *error)
+{
+    int status = kiln_geometry_create(&s->geometry, s->scene, error);
+    if (status == KILN_OK && s->geometry->triangle_count == 0)
+        status = kiln_fail(error, KILN_BAD_INPUT, "the scene has no triangles, so there is nothing to see");
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->until, s->geometry->triangle_count, sizeof *s->until, "areas", error);
+    if (status != KILN_OK)
+        return status;
+    double area = 0.0;
+    for (size_t i = 0; i < s->geometry->triangle_count; i++)
+        s->until[i] = area += kiln_geometry_triangle_area(s->geometry, i);
+    s->diagonal = (double)vec3_length(vec3_sub(s->geometry->bounds_max, s->geometry->bounds_min));
+    const struct kiln_backend_params params = {.scene = s->scene, .geometry = s->geometry, .threads = 1};
+    return kiln_backend_create(&s->backend, "embree", &params, error);
+}
+
+static int write_keys(const struct search *s, const char *path, struct kiln_error *error)
+{
+    struct kiln_html file = {.error = error};
+    const double *centre = s->scene->header->centre;
+    kiln_html_add(&file, "from.x,from.y,from.z,to.x,to.y,to.z,field-of-view\n");
+    for (size_t i = 0; i < s->count; i++) {
+        const struct kiln_vec3 a = s->eyes[i], b = vec3_add(a, s->ways[i]);
+        kiln_html_add(&file, "%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,60\n", (double)a.x + centre[0], (double)a.y + centre[1],
+                      (double)a.z + centre[2], (double)b.x + centre[0], (double)b.y + centre[1],
+                      (double)b.z + centre[2]);
+    }
+    return kiln_html_publish(&file, path);
+}
+
+int kiln_crossover_views(const char *bake, const char *path, struct kiln_error *error)
+{
+    struct search s = {0};
+    struct kiln_results *results = NULL;
+    struct kiln_scene *scene = NULL;
+    int status = kiln_results_open(&results, bake, error);
+    if (status == KILN_OK)
+        status = kiln_results_scene(results, &scene, error);
+    s.scene = scene;
+    if (status == KILN_OK)
+        status = prepare(&s, error);
+    if (status == KILN_OK)
+        find(&s);
+    if (status == KILN_OK && s.count < KILN_CROSSOVER_VIEWS)
+        status = kiln_fail(error, KILN_BAD_INPUT,
+                           "the scene has %zu of the %d places inside that the bench looks from: it is for scenes that "
+                           "are rooms, streets or courts",
+                           s.count, KILN_CROSSOVER_VIEWS);
+    if (status == KILN_OK)
+        status = write_keys(&s, path, error);
+    kiln_backend_destroy(&s.backend);
+    kiln_free(&s.until);
+    kiln_geometry_destroy(&s.geometry);
+    kiln_scene_close(&scene);
+    kiln_results_close(&results);
+    return status;
+}

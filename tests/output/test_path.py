@@ -1,0 +1,149 @@
+"""kiln view --method path: closed forms, the light of a bake, both backends, the same bits on any number of ranks."""
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
+import exr  # noqa: E402
+import png  # noqa: E402
+
+KILN = os.environ["KILN"]
+DATA = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "data")
+RHO = 0.5
+
+
+def run(*arguments, code=0, ranks=0):
+    start = ["mpirun", "-n", str(ranks)] if ranks else []
+    done = subprocess.run([*start, KILN, *arguments], capture_output=True, text=True)
+    assert done.returncode == code, f"kiln {' '.join(arguments)}: exit {done.returncode}, wanted {code}\n{done.stderr}"
+    return done
+
+
+def blocks(image, seen, side=8):
+    """Sums over blocks of the pixels that are `seen`, as luminance."""
+    light = (image @ (0.2126, 0.7152, 0.0722)) * seen
+    height, width = light.shape
+    return light.reshape(height // side, side, width // side, side).sum((1, 3))
+
+
+class Paths(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        temporary = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(temporary.cleanup)
+        cls.folder = temporary.name
+        cls.furnace, cls.cornell = (os.path.join(cls.folder, name) for name in ("furnace.glb", "cornell.glb"))
+        run("generate", "furnace", "--albedo", str(RHO), "-o", cls.furnace, "--quiet")
+        run("generate", "cornell", "-o", cls.cornell, "--quiet")
+        cls.bake = os.path.join(cls.folder, "bake")
+        run("bake", cls.cornell, "-o", cls.bake, "--texels-per-metre", "12", "--quality", "preview", "--bounces", "2",
+            "--samples-indirect", "512", "--samples-probe", "0", "--denoise", "none", "--no-preview", "--no-export",
+            "--quiet")
+        devices = json.loads(run("info", "--devices", "--json").stdout)["vulkan"]
+        cls.backends = ["embree"] + ["vulkan"] * any(d["fit"] for d in devices)
+
+    def view(self, scene, name, *options, **more):
+        path = os.path.join(self.folder, name)
+        run("view", scene, "--method", "path", "-o", path, "--quiet", *options, **more)
+        return path
+
+    def pixels(self, scene, *options):
+        return exr.rgb(self.view(scene, "pixels.exr", *options))
+
+    def test_furnace(self):
+        """A closed box that emits 1 and reflects rho: 1 + rho + rho^2 + ... whichever way one looks, one term for what
+        is seen, one for direct light and one a bounce; also through the back of a wall."""
+        eyes = (("0.1,0.2,0.1", "0.9,0.3,0.2"), ("0.5,0.5,-1.5", "0.5,0.5,0.5"))
+        for backend in self.backends:
+            for bounces in ("0", "2", "all"):
+                for eye, target in eyes if bounces == "2" else eyes[:1]:
+                    image = self.pixels(self.furnace, f"--from={eye}", f"--to={target}", "--bounces", bounces,
+                                        "--width", "32", "--height", "24", "--field-of-view", "25", "--backend",
+                                        backend, "--samples-pixel", "64" if backend == "embree" else "16")
+                    terms = 60 if bounces == "all" else int(bounces) + 2
+                    wanted = sum(RHO ** k for k in range(terms))
+                    self.assertLess(abs(image.mean() / wanted - 1), 0.01, (backend, bounces, image.mean(), wanted))
+                    self.assertLess(np.abs(image / wanted - 1).max(), 0.5)
+
+    def test_same_as_bake(self):
+        """The light of a bake with as many bounces: 8 x 8 blocks of the picture, without the lamp. One bounce less is
+        seen."""
+        size = ("--width", "64", "--height", "64")
+        baked = os.path.join(self.folder, "baked.exr")
+        run("view", self.bake, "-o", baked, "--quiet", *size)
+        baked, traced, short = exr.rgb(baked), *(self.pixels(self.bake, "--bounces", n, "--samples-pixel", "128", *size)
+                                                 for n in ("2", "1"))
+        seen = (baked.max(-1) < 0.6) & (traced.max(-1) < 0.6)
+        self.assertGreater(seen.mean(), 0.97)
+        one, other = blocks(baked, seen), blocks(traced, seen)
+        self.assertLess(abs(other.sum() / one.sum() - 1), 0.01)
+        self.assertLess(np.sqrt(((other - one) ** 2).mean()) / one.mean(), 0.03)
+        self.assertLess(blocks(short, seen).sum() / one.sum(), 0.97)
+
+    def test_backends(self):
+        """The same paths, ray by ray, but for rounding."""
+        if "vulkan" not in self.backends:
+            self.skipTest("no Vulkan device")
+        size = ("--width", "24", "--height", "18", "--bounces", "2", "--samples-pixel", "4")
+        for scene in (self.cornell, os.path.join(DATA, "punctual_zoo.glb"), os.path.join(DATA, "many_lights.glb")):
+            one, other = (self.pixels(scene, *size, "--backend", backend) for backend in ("embree", "vulkan"))
+            self.assertLess(np.sqrt(((one - other) ** 2).mean()) / one.mean(), 1e-3, scene)
+        # dispatches of any length
+        paths = [self.view(self.cornell, f"{ms}.exr", *size, "--backend", "vulkan", "--dispatch-time", ms)
+                 for ms in ("1", "1000")]
+        np.testing.assert_array_equal(*map(exr.rgb, paths))
+
+    def test_ranks(self):
+        """The same bits over any number of ranks and threads, of one picture and of frames with one exposure."""
+        size = ("--width", "37", "--height", "23", "--bounces", "1", "--samples-pixel", "70")  # more than one stretch
+        images = [exr.rgb(self.view(self.bake, f"{n}.exr", *size, "--threads", str(threads), ranks=n))
+                  for n, threads in ((1, 2), (3, 1), (4, 2))]
+        for image in images[1:]:
+            np.testing.assert_array_equal(image, images[0])
+        self.assertTrue((self.pixels(self.bake, *size, "--seed", "1") != images[0]).any(), "the seed does nothing")
+        keys = os.path.join(self.folder, "walk.csv")
+        with open(keys, "w", encoding="utf-8") as file:
+            file.write("from.x,from.y,from.z,to.x,to.y,to.z\n0.1,0.25,0.5,0.3,0.3,0.0\n0.3,0.3,0.4,0.3,0.2,0.0\n")
+        frames = []
+        for n in (1, 3):
+            self.view(self.bake, f"walk{n}.png", "--path", keys, "--frames", "2", *size, ranks=n)
+            frames.append([png.read(os.path.join(self.folder, f"walk{n}-000{k}.png")) for k in (1, 2)])
+        for one, other in zip(*frames):
+            np.testing.assert_array_equal(one, other)
+
+    def test_noise(self):
+        """Sixteen times the paths have at most a third of the error, and what is printed names both."""
+        size = ("--width", "32", "--height", "32", "--bounces", "1")
+        best = self.pixels(self.bake, *size, "--samples-pixel", "1024", "--seed", "5")
+        seen = best.max(-1) < 0.6
+        errors = [np.sqrt(((self.pixels(self.bake, *size, "--samples-pixel", n) - best)[seen] ** 2).mean())
+                  for n in ("4", "64")]
+        self.assertLess(errors[1], errors[0] / 3, errors)
+        said = json.loads(run("view", self.bake, "--method", "path", "--samples-pixel", "2", *size, "-o",
+                              os.path.join(self.folder, "said.exr"), "--json").stdout)
+        self.assertGreater(said["rays"], 2 * 32 * 32)
+        self.assertGreater(said["seconds"], 0)
+
+    def test_refused(self):
+        out = ("-o", os.path.join(self.folder, "no.exr"))
+        for arguments, code, words in (
+                ((self.bake, "--bounces", "2"), 64, "--bounces: the light in lightmaps is as it was baked"),
+                ((self.bake, "--samples-pixel", "2"), 64, "only --method path"),
+                ((self.bake, "--method", "path", "--show", "direct"), 64, "path tracing shows light"),
+                ((self.bake, "--method", "rays"), 64, "lightmaps, path"),
+                ((os.path.join(DATA, "analytic", "leak_box.glb"), "--method", "path"), 64, "--from X,Y,Z"),
+                ((os.path.join(self.folder, "absent.glb"), "--method", "path"), 66, "absent.glb"),
+                ((self.cornell,), 66, "is a file")):
+            for ranks in (0, 2) if "path" in arguments else (0,):
+                said = run("view", *arguments, *out, code=code, ranks=ranks).stderr
+                self.assertIn(words, said)
+        self.assertFalse(os.path.exists(out[1]))
+
+
+if __name__ == "__main__":
+    unittest.main()
