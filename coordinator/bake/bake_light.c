@@ -17,11 +17,25 @@ static void add_light_phases(struct kiln_bake *b)
     }
 }
 
+/* Collective. What the job's views need. */
+static int find_visible(struct kiln_bake *b, struct kiln_error *error)
+{
+    if (b->job->only_visible_from == NULL)
+        return KILN_OK;
+    kiln_phase(&b->phases, "views");
+    kiln_progress_phase(b->progress, "views", 0);
+    const int status = kiln_visible_from_find(&b->visible, b->prepared, b->job->only_visible_from, error);
+    return kiln_bake_end_phase(b, status, error);
+}
+
 int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
 {
+    int status = find_visible(b, error);
+    if (status != KILN_OK)
+        return status;
     kiln_phase(&b->phases, "emission");
     kiln_progress_phase(b->progress, "emission", 0);
-    int status = kiln_backend_emission(b->prepared->backend, KILN_EMISSION_SAMPLES, &b->emission, error);
+    status = kiln_backend_emission(b->prepared->backend, KILN_EMISSION_SAMPLES, &b->emission, error);
     status = kiln_bake_end_phase(b, status, error);
     if (status != KILN_OK)
         return status;
@@ -37,6 +51,7 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
                                                      .fields = &b->fields,
                                                      .backend = b->prepared->backend,
                                                      .surface = b->prepared->surface,
+                                                     .seen = b->visible.seen,
                                                      .node = b->prepared->node,
                                                      .area = b->prepared->surface_report.geometry_area,
                                                      .trace = b->trace,
@@ -50,6 +65,8 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
     status = kiln_integrate(&b->solution, &b->light_params, error);
     if (status == KILN_OK)
         add_light_phases(b);
+    if (status == KILN_OK && b->solution->own->seen != NULL)
+        kiln_visible_from_leave_seen(&b->solution->own->surface, b->solution->own->seen);
     return status;
 }
 

@@ -6,6 +6,7 @@
 #include "coordinator/bake/bake.h"
 #include "coordinator/bake/density_check.h"
 #include "coordinator/bake/prepare.h"
+#include "coordinator/bake/visible_from.h"
 #include "coordinator/bake/volume.h"
 #include "coordinator/files/folder.h"
 #include "coordinator/integrate/integrate.h"
@@ -28,6 +29,7 @@ struct kiln_bake {
     json_t *identity;
     struct kiln_progress *progress;
     struct kiln_prepared *prepared;
+    struct kiln_visible_from visible; /* what the views need, if the job names some */
     struct kiln_emission_result emission;
     struct kiln_integrate_settings light_settings;
     struct kiln_field_set fields;

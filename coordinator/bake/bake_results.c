@@ -188,6 +188,7 @@ static int write_report(struct kiln_bake *b, struct kiln_error *error)
                                  .volume = &b->volume,
                                  .lightmaps = b->lightmaps,
                                  .density = &b->density,
+                                 .visible = &b->visible,
                                  .phases = &b->phases,
                                  .probe_rays = b->probe_rays,
                                  .directory = b->job->output};

@@ -615,6 +615,12 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
                   (json_int_t)p->surface->divided_count, "area", p->surface_report.area, "geometry_area",
                   p->surface_report.geometry_area, "doubled_area", p->geometry->doubled_area, "worst_object_area_error",
                   p->surface_report.worst_object_area_error));
+    if (run->job->only_visible_from != NULL)
+        json_object_set_new(root, "visible_from",
+                            json_pack("{s:s, s:I, s:I, s:I, s:I}", "given", run->job->only_visible_from, "views",
+                                      (json_int_t)run->visible->views, "valid", (json_int_t)run->visible->points,
+                                      "seen", (json_int_t)run->visible->points_seen, "reached",
+                                      (json_int_t)run->visible->points_reached));
     json_object_set_new(root, "balance", balance_json(run, values));
     json_object_set_new(root, "memory", memory_json(run, values));
     json_object_set_new(mpi, "received_between_nodes", json_integer(total(values, p->ranks, RANK_RECEIVED)));

@@ -5,6 +5,7 @@
 
 #include "coordinator/bake/density_check.h"
 #include "coordinator/bake/prepare.h"
+#include "coordinator/bake/visible_from.h"
 #include "coordinator/field/result.h"
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/output/map/lightmaps.h"
@@ -16,6 +17,7 @@ struct kiln_run {
     const struct kiln_volume_result *volume;      /* size 0: there is no volume */
     const struct kiln_lightmap_report *lightmaps; /* rank 0: one for each lightmap of the surface */
     const struct kiln_density_check *density;
+    const struct kiln_visible_from *visible;
     const struct kiln_phases *phases;
     uint64_t probe_rays; /* rays of the probes on this rank */
     const char *directory;

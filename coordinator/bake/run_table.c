@@ -171,6 +171,18 @@ static const char *cause_of_imbalance(const json_t *report)
 }
 
 /* An energy ledger that is off by more than its error allows. */
+/* Most surfaces of a bake for some views may have no light. */
+static void note_views(const json_t *report, json_t *notes)
+{
+    const json_t *v = json_object_get(report, "visible_from");
+    const double valid = number_of(v, "valid"), seen = number_of(v, "seen");
+    if (v != NULL && valid > 0.0)
+        (void)json_array_append_new(
+            notes, json_sprintf("%.1f %% of the surface points are seen from %.0f views and have light of their own; "
+                                "%.1f %% were lit for what is seen alone; the energy ledger is of these",
+                                100.0 * seen / valid, number_of(v, "views"), 100.0 * number_of(v, "reached") / valid));
+}
+
 static void note_imbalanced_energy(const json_t *report, json_t *notes)
 {
     const json_t *energy = json_object_get(report, "energy");
@@ -180,7 +192,8 @@ static void note_imbalanced_energy(const json_t *report, json_t *notes)
                        luminance_of(energy, "left_over") + luminance_of(energy, "blocked");
     const bool of_met = met > off;
     const double base = of_met ? met : emitted;
-    if (base > 0.0 && off > NOTE_LOST * base && off > NOTE_SIGMAS * error)
+    if (json_object_get(report, "visible_from") == NULL && base > 0.0 && off > NOTE_LOST * base &&
+        off > NOTE_SIGMAS * error)
         (void)json_array_append_new(
             notes, json_sprintf("the energy ledger is off by %.1f %% of the light that %s (%.3g W %s): %s",
                                 100.0 * off / base, of_met ? "reached surfaces" : "was emitted", off,
@@ -270,6 +283,7 @@ json_t *kiln_run_notes(const json_t *report)
 {
     json_t *notes = json_array();
     note_lost_light(report, notes);
+    note_views(report, notes);
     note_imbalanced_energy(report, notes);
     note_tail(report, notes);
     note_imbalance(report, notes);

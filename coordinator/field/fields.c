@@ -24,6 +24,7 @@ static bool has_late_bounces(const struct kiln_job *job)
 {
     return job->schedule == KILN_SCHEDULE_LEAN && job->bounces < 0;
 }
+static bool has_views(const struct kiln_job *job) { return job->only_visible_from != NULL; }
 static bool has_blocks(const struct kiln_job *job) { return job->indirect_scale > 0; }
 static bool has_target(const struct kiln_job *job) { return job->target_error > 0.0; }
 static bool wants_errors_apart(const struct kiln_job *job) { return job->error_map || kiln_job_denoises(job); }
@@ -327,6 +328,15 @@ static const struct kiln_field table[] = {
      .member = AT(block),
      .high = KILN_TILE_TEXELS,
      .present = has_blocks},
+    {.name = "seen",
+     .unit = "1",
+     .type = KILN_FIELD_UINT16,
+     .components = 1,
+     .domain = KILN_DOMAIN_TILE_RUN,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(seen),
+     .high = 1.0,
+     .present = has_views},
     /* scratch of a step */
     {.name = "next",
      .type = KILN_FIELD_RADIOSITY,

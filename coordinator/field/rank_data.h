@@ -33,6 +33,7 @@ struct kiln_rank_data {
     uint32_t *samples;
     uint32_t *samples_bounce;      /* likewise, of late bounces; NULL: their number is given */
     uint32_t *samples_direct;      /* likewise, of direct light, in a bake with a target error */
+    uint16_t *seen;                /* 1 a tile run: 0 where no view sees it (kiln_integrate_params); NULL: all are */
     uint16_t *block;               /* 1 a point: integrate/blocks.h; NULL: there are no blocks */
     float *cost;                   /* 1 a tile run: seconds that it took in the present step */
     struct kiln_work_queue *queue; /* the owner's work of the present step that may be stolen */

@@ -134,20 +134,31 @@ static uint64_t points_left_out(const struct kiln_batches *b, struct kiln_range 
     return points;
 }
 
-/* The points that gather, of each tile run of the batch. */
-static int draw_points(struct kiln_batches *b, struct kiln_range range, struct kiln_error *error)
+static bool has_masks(const struct kiln_step *step) { return step->by_blocks || step->seen_only; }
+
+/* The points of a tile run that the step computes. */
+static uint64_t points_to_compute(const struct kiln_batches *b, size_t tile_run)
 {
     const struct kiln_rank_data *data = b->data;
-    const struct kiln_surface *surface = &data->surface;
+    const struct kiln_tile_run *run = &data->surface.tile_runs[tile_run];
+    const struct kiln_step *step = &b->report->step;
+    struct kiln_blocks_draw draw;
+    if (step->seen_only && data->seen[tile_run] == 0)
+        return 0;
+    if (!step->by_blocks)
+        return UINT64_MAX;
+    kiln_blocks_draw(&draw, &data->surface, run, data->block + kiln_own_of_global(&data->surface, run->first).at,
+                     b->params->settings->seed, step);
+    return draw.gathers;
+}
+
+/* Those of each tile run of the batch. */
+static int choose_points(struct kiln_batches *b, struct kiln_range range, struct kiln_error *error)
+{
     const int status =
-        kiln_grow(&b->masks, &b->mask_room, range.count, sizeof *b->masks, "the points of a batch that gather", error);
-    for (size_t i = 0; i < range.count && status == KILN_OK; i++) {
-        const struct kiln_tile_run *run = &surface->tile_runs[range.first + i];
-        struct kiln_blocks_draw draw;
-        kiln_blocks_draw(&draw, surface, run, data->block + kiln_own_of_global(surface, run->first).at,
-                         b->params->settings->seed, &b->report->step);
-        b->masks[i] = draw.gathers;
-    }
+        kiln_grow(&b->masks, &b->mask_room, range.count, sizeof *b->masks, "the points of a batch", error);
+    for (size_t i = 0; i < range.count && status == KILN_OK; i++)
+        b->masks[i] = points_to_compute(b, range.first + i);
     return status;
 }
 
@@ -157,7 +168,7 @@ static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct k
     struct kiln_backend *backend = b->params->backend;
     const struct kiln_step *step = &b->report->step;
     assert(b->data == b->solution->own || step->pass->is_stealable);
-    const int status = step->by_blocks ? draw_points(b, range, error) : KILN_OK;
+    const int status = has_masks(step) ? choose_points(b, range, error) : KILN_OK;
     if (status != KILN_OK)
         return status;
     const struct kiln_batch batch = {.first = range.first,
@@ -166,7 +177,7 @@ static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct k
                                      .samples = step->samples,
                                      .first_sample = step->first_sample,
                                      .samples_each = samples_from(b, range.first),
-                                     .point_masks = step->by_blocks ? b->masks : NULL,
+                                     .point_masks = has_masks(step) ? b->masks : NULL,
                                      .take = take_part,
                                      .context = b};
     return kiln_backend_run(backend, step->pass, step->parameters, &batch, &b->report->rays, error);
@@ -327,10 +338,10 @@ void kiln_batches_begin(struct kiln_batches *b, struct kiln_step_report *report,
     b->slowness = kiln_faults_slowness(&settings->faults, (uint32_t)b->params->rank);
     b->report = report;
     /* another pass may be many times slower: its first batch must be short */
-    if (b->pass != report->step.pass || b->by_blocks != report->step.by_blocks)
+    if (b->pass != report->step.pass || b->has_masks != has_masks(&report->step))
         b->rate = RATE_START * b->params->threads;
     b->pass = report->step.pass;
-    b->by_blocks = report->step.by_blocks;
+    b->has_masks = has_masks(&report->step);
     b->status = report->step.pass->reads_radiosity
                     ? kiln_backend_set_radiosity(b->params->backend, b->solution->radiosity, error)
                     : KILN_OK;

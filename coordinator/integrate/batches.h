@@ -19,7 +19,7 @@ struct kiln_batches {
     struct kiln_taker *taker;
     /* own */
     const struct kiln_pass *pass; /* of the step under way; NULL: none yet */
-    bool by_blocks;               /* likewise */
+    bool has_masks;               /* it leaves points out; likewise */
     double rate;                  /* rays a second of this rank in such a step, as far as is known */
     double slowness; /* how many times the time of a batch it shall take (for tests); 1: as long as it takes */
     struct kiln_step_report *report; /* of the step under way */
@@ -27,7 +27,7 @@ struct kiln_batches {
     /* the batch under way */
     const struct kiln_rank_data *data; /* whose tile runs */
     uint64_t points;                   /* taken so far */
-    uint64_t *masks;                   /* of a step by blocks, with room for mask_room tile runs */
+    uint64_t *masks;                   /* of a step that leaves points out, with room for mask_room tile runs */
     size_t mask_room;
     double since; /* when the part that is computed now was begun */
 };

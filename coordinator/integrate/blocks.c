@@ -9,21 +9,20 @@
 
 enum {
     CHUNK_TILE_RUNS = 1024,
-    LEVELS = 2, /* rays from point to point, at different heights */
-    ROUNDS = 16 /* blocks that a square is cut into before the rest of its points are each their own */
+    ROUNDS = 16 /* after which points that are like none of the first ones are each their own block */
 };
 #define UNKNOWN UINT16_MAX
 #define TURN_KEY 0x626c6f63u
 static const float ALIKE = 0.9063f; /* cosine of 25 degrees */
-/* How high above the surface the rays go, in texels' sides; and over a surface that bends away, in the distance times
- * the difference of the normals: the edge in between is a quarter of it high. */
-static const float HEIGHTS[LEVELS] = {1e-3f, 0.05f};
-static const float OVER_EDGE = 0.3f;
+/* How high above the surface a ray goes: in texels' sides, so that it passes over what is small; but no higher than a
+ * part of the way to what is above the points. And over a surface that bends away, in the distance times the difference
+ * of the normals: the edge in between is a quarter of it high. */
+static const float HEIGHT = 0.25f, BELOW = 0.5f, OVER_EDGE = 0.3f;
 
 /* A point as it is compared with others. */
 struct place {
     struct kiln_vec3 position, normal; /* of a place on its surface, m; mean, unit */
-    float offset;                      /* m: rays start that far above it at least */
+    float height;                      /* m: of rays above it */
     float side;                        /* m: of the texel */
     bool whole;                        /* not partly there */
 };
@@ -62,18 +61,18 @@ static void release(struct search *s)
 static int make_room(struct search *s, struct kiln_error *error)
 {
     const char *what = "the blocks of points";
-    const size_t points = (size_t)CHUNK_TILE_RUNS * KILN_TILE_TEXELS, rays = points * LEVELS;
+    const size_t points = (size_t)CHUNK_TILE_RUNS * KILN_TILE_TEXELS;
     int status = kiln_allocate(&s->places, points, sizeof *s->places, what, error);
     if (status == KILN_OK)
         status = kiln_allocate(&s->pairs, points, sizeof *s->pairs, what, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->origins, rays, sizeof *s->origins, what, error);
+        status = kiln_allocate(&s->origins, points, sizeof *s->origins, what, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->directions, rays, sizeof *s->directions, what, error);
+        status = kiln_allocate(&s->directions, points, sizeof *s->directions, what, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->lengths, rays, sizeof *s->lengths, what, error);
+        status = kiln_allocate(&s->lengths, points, sizeof *s->lengths, what, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->hits, rays, sizeof *s->hits, what, error);
+        status = kiln_allocate(&s->hits, points, sizeof *s->hits, what, error);
     return status;
 }
 
@@ -100,7 +99,7 @@ static void find_place(const struct search *s, const struct kiln_point_cursor *a
         kiln_footprint_sample(&footprint, 0.45f, 0.55f, &triangle, &b1, &b2);
     kiln_footprint_normals(&footprint, &place->normal, &shading);
     place->position = kiln_triangle_position(world->geometry, triangle, b1, b2);
-    place->offset = 4.0f * kiln_offset_distance(world->geometry, triangle, place->normal);
+    place->height = 4.0f * kiln_offset_distance(world->geometry, triangle, place->normal);
     place->side = side_of(&footprint);
     const uint64_t texel = (uint64_t)at->y * s->surface->lightmaps[at->map].width + at->x;
     place->whole = kiln_footprint_opacity(&footprint, kiln_texel_key(KILN_LOOKS_KEY, at->map, texel), &mask) >= 1.0f;
@@ -137,14 +136,25 @@ static void find_places(const struct search *s)
     }
 }
 
-/* ---- pairs ---- */
-
-/* The bits of the tile's squares of K x K texels: these are stretches of the Morton order. */
-static uint64_t square_mask(uint32_t scale, uint32_t square)
+/* How high rays above each place may go: one along its normal says what is there. */
+static int find_heights(struct search *s, struct kiln_error *error)
 {
-    const uint32_t bits = scale * scale;
-    return bits == KILN_TILE_TEXELS ? UINT64_MAX : ((1ull << bits) - 1) << (square * bits);
+    const struct kiln_tile_run *last = &s->surface->tile_runs[s->end - 1];
+    const size_t count = (size_t)(kiln_own_of_global(s->surface, last->first).at + last->count - s->first);
+    for (size_t i = 0; i < count; i++) {
+        const bool known = s->places[i].height > 0.0f;
+        s->directions[i] = known ? s->places[i].normal : vec3(1.0f, 0.0f, 0.0f);
+        s->origins[i] = vec3_madd(s->places[i].position, s->directions[i], s->places[i].height);
+    }
+    const int status = kiln_backend_intersect(s->backend, s->origins, s->directions, count, s->hits, error);
+    for (size_t i = 0; i < count && status == KILN_OK; i++) {
+        const float free = s->hits[i].triangle != KILN_NONE ? BELOW * s->hits[i].distance : INFINITY;
+        s->places[i].height += fminf(HEIGHT * s->places[i].side, free);
+    }
+    return status;
 }
+
+/* ---- pairs ---- */
 
 /* Whether the points of two texels may be of one block, for all that is known without rays. */
 static bool may_be_alike(const struct place *a, const struct place *b, uint32_t bit_a, uint32_t bit_b)
@@ -156,41 +166,74 @@ static bool may_be_alike(const struct place *a, const struct place *b, uint32_t 
            away <= 1.5f * a->side * (sqrtf(dx * dx + dy * dy) + 1.0f);
 }
 
-/* Takes the first point of the square that has no block yet as the first of a new one; asks about the others. */
-static void begin_block(struct search *s, const struct kiln_tile_run *run, uint64_t square, bool last)
+/* The texels that a block has so far. */
+struct extent {
+    uint32_t low[2], high[2];
+};
+
+/* Takes in the texel of a bit, if that leaves the block at most so many texels wide and high. */
+static bool take_in(struct extent *e, uint32_t bit, uint32_t most)
+{
+    const uint32_t at[2] = {kiln_morton8_x(bit), kiln_morton8_y(bit)};
+    struct extent larger = *e;
+    for (int i = 0; i < 2; i++) {
+        larger.low[i] = at[i] < e->low[i] ? at[i] : e->low[i];
+        larger.high[i] = at[i] > e->high[i] ? at[i] : e->high[i];
+        if (larger.high[i] - larger.low[i] >= most)
+            return false;
+    }
+    *e = larger;
+    return true;
+}
+
+/* The point at place `first`, which has no block yet, is the first of a new one; asks about others after it. */
+static void begin_block(struct search *s, const struct kiln_tile_run *run, uint32_t first, const uint8_t *bits,
+                        uint64_t *asked)
 {
     const uint64_t own = kiln_own_of_global(s->surface, run->first).at;
     const struct place *places = s->places + (own - s->first);
-    uint32_t first = KILN_TILE_TEXELS, first_bit = 0, k = 0;
-    for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, k++) {
-        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        if ((square >> bit & 1u) == 0 || s->block[own + k] != UNKNOWN)
-            continue;
-        if (first == KILN_TILE_TEXELS || last) {
-            first = k;
-            first_bit = bit;
-            s->block[own + k] = (uint16_t)k;
-        } else if (may_be_alike(&places[first], &places[k], first_bit, bit)) {
+    struct extent extent = {{kiln_morton8_x(bits[first]), kiln_morton8_y(bits[first])},
+                            {kiln_morton8_x(bits[first]), kiln_morton8_y(bits[first])}};
+    s->block[own + first] = (uint16_t)first;
+    for (uint32_t k = first + 1; k < run->count; k++)
+        if (s->block[own + k] == UNKNOWN && (*asked >> k & 1u) == 0 &&
+            may_be_alike(&places[first], &places[k], bits[first], bits[k]) && take_in(&extent, bits[k], s->scale)) {
+            *asked |= 1ull << k;
             s->pairs[s->pair_count++] = (struct pair){own + first, own + k};
         }
-    }
+}
+
+/* Begins blocks until each point of the tile run has one or is asked about; `last`: none is asked about. */
+static void begin_blocks_of(struct search *s, const struct kiln_tile_run *run, bool last)
+{
+    const uint64_t own = kiln_own_of_global(s->surface, run->first).at;
+    uint8_t bits[KILN_TILE_TEXELS];
+    uint64_t asked = 0, rest = run->mask;
+    for (uint32_t k = 0; k < run->count; k++, rest &= rest - 1)
+        bits[k] = (uint8_t)__builtin_ctzll(rest);
+    for (uint32_t k = 0; k < run->count; k++)
+        if (s->block[own + k] == UNKNOWN && (asked >> k & 1u) == 0) {
+            if (last)
+                s->block[own + k] = (uint16_t)k;
+            else
+                begin_block(s, run, k, bits, &asked);
+        }
 }
 
 static void begin_blocks(struct search *s, bool last)
 {
     s->pair_count = 0;
     for (size_t f = s->begin; f < s->end; f++)
-        for (uint32_t q = 0; q < KILN_TILE_TEXELS / (s->scale * s->scale); q++)
-            begin_block(s, &s->surface->tile_runs[f], square_mask(s->scale, q), last);
+        begin_blocks_of(s, &s->surface->tile_runs[f], last);
 }
 
-/* The ray from point to point at a height. */
-static void make_ray(const struct search *s, const struct pair *pair, int level, size_t ray)
+/* The ray from point to point. */
+static void make_ray(const struct search *s, const struct pair *pair, size_t ray)
 {
     const struct place *a = &s->places[pair->first - s->first], *b = &s->places[pair->other - s->first];
     const float away = vec3_length(vec3_sub(b->position, a->position)),
                 bend = vec3_length(vec3_sub(b->normal, a->normal));
-    const float height = fmaxf(HEIGHTS[level] * a->side, fmaxf(a->offset, b->offset)) + OVER_EDGE * bend * away;
+    const float height = fminf(a->height, b->height) + OVER_EDGE * bend * away;
     const struct kiln_vec3 from = vec3_madd(a->position, a->normal, height),
                            way = vec3_sub(vec3_madd(b->position, b->normal, height), from);
     const float length = vec3_length(way);
@@ -203,17 +246,11 @@ static void make_ray(const struct search *s, const struct pair *pair, int level,
 static int join(struct search *s, struct kiln_error *error)
 {
     for (size_t i = 0; i < s->pair_count; i++)
-        for (int level = 0; level < LEVELS; level++)
-            make_ray(s, &s->pairs[i], level, i * LEVELS + (size_t)level);
-    const int status =
-        kiln_backend_intersect(s->backend, s->origins, s->directions, s->pair_count * LEVELS, s->hits, error);
-    for (size_t i = 0; status == KILN_OK && i < s->pair_count; i++) {
-        bool open = true;
-        for (size_t ray = i * LEVELS; ray < (i + 1) * LEVELS; ray++)
-            open = open && !(s->hits[ray].triangle != KILN_NONE && s->hits[ray].distance < s->lengths[ray]);
-        if (open)
+        make_ray(s, &s->pairs[i], i);
+    const int status = kiln_backend_intersect(s->backend, s->origins, s->directions, s->pair_count, s->hits, error);
+    for (size_t i = 0; status == KILN_OK && i < s->pair_count; i++)
+        if (s->hits[i].triangle == KILN_NONE || s->hits[i].distance >= s->lengths[i])
             s->block[s->pairs[i].other] = s->block[s->pairs[i].first];
-    }
     return status;
 }
 
@@ -221,6 +258,7 @@ static int find_chunk(struct search *s, struct kiln_error *error)
 {
     int status = KILN_OK;
     find_places(s);
+    status = find_heights(s, error);
     s->pair_count = 1;
     for (uint32_t round = 0; round < ROUNDS && s->pair_count > 0 && status == KILN_OK; round++) {
         begin_blocks(s, false);

@@ -1,14 +1,14 @@
 /* Blocks: bounces at a part of the resolution (--indirect-scale K). In a bounce one point of each block gathers, and
- * all points of the block take its answer: Vandersanden 2023, section 4.7.2, proposes to shade indirect light at a
- * lower resolution.
+ * all points of the block take its answer: Vandersanden 2023, section 4.7.2, proposes it.
  *
- * A lightmap's tiles are cut into squares of K x K texels, 16 of 8 x 8. Alike points of a square are a block. A point
- * is alike the first one of its block if
+ * A block has alike points of one tile, K x K texels at most: where a tile is full, the squares that it falls into. It
+ * begins with the first point, in Morton order, that is in no block yet. A point is alike that one if
  *
  *   - their normals are no more than 25 degrees apart,
  *   - it lies no farther away than the texels between them are wide, so that both are of one chart, or of charts that
  *     go on into each other,
- *   - two rays between them, close above the surface, meet nothing: no wall stands between them, no edge and no step.
+ *   - a ray between them meets nothing, a quarter of a texel above the surface or half as high as there is room: no
+ * wall stands between them, and no step that is higher.
  *
  * What is partly there (a texture with holes) is a block of its own. A block never lies in two tiles, and with K > 1
  * cells cut no tile (struct kiln_surface_params): blocks are the same for any ranks and cells.

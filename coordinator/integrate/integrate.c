@@ -62,6 +62,13 @@ static int make_allgather(struct kiln_lockstep *l, struct kiln_error *error)
     return status;
 }
 
+static void note_seen(const struct kiln_lockstep *l)
+{
+    const struct kiln_rank_data *own = l->solution->own;
+    for (size_t f = 0; own->seen != NULL && f < own->surface.tile_run_count; f++)
+        own->seen[f] = l->params->seen[f] != 0;
+}
+
 /* Collective. */
 static int find_blocks(const struct kiln_lockstep *l, struct kiln_error *error)
 {
@@ -94,6 +101,8 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
         status = make_data(l, error);
     if (status == KILN_OK && restored)
         status = kiln_restore(&l->saved, &finished, error);
+    if (status == KILN_OK && p->seen != NULL)
+        note_seen(l);
     if (status == KILN_OK && p->settings->indirect_scale > 1)
         status = find_blocks(l, error);
     if (status == KILN_OK) {

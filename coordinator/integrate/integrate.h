@@ -19,6 +19,7 @@ struct kiln_integrate_params {
     const struct kiln_field_set *fields; /* that the bake keeps */
     struct kiln_backend *backend;        /* has its surface */
     struct kiln_surface *surface;        /* its own part belongs to the solution from then on: see field/rank_data.h */
+    const uint16_t *seen;                /* 1 an own tile run: 0 where it is not; NULL: all are (bake/visible_from.h) */
     struct kiln_node_memory *node;       /* must outlive the solution */
     double area;                         /* m2, of the scene's triangles */
     const struct kiln_emission_result *emission;

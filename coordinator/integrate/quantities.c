@@ -21,6 +21,7 @@ bool kiln_steps_next(const struct kiln_integrate_settings *settings, const struc
         *step = (struct kiln_step){.quantity = quantities[q],
                                    .role = settings->integrator->role_count + (uint32_t)(count - light)};
         quantities[q]->make_step(settings, step);
+        step->seen_only = settings->seen_only;
         return true;
     }
     return false;

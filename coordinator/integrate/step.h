@@ -45,6 +45,7 @@ struct kiln_step {
     uint32_t stream; /* tells steps of one pass apart in the random numbers; 0 for a pass without streams */
     /* The radiosity that the step makes is rounded to 4 bytes a point (worker/scene/radiosity.h); else it has 8. */
     bool compact;
+    bool seen_only; /* tile runs that no view sees are not computed (bake/visible_from.h) */
     bool by_blocks; /* one point of each block gathers (blocks.h) */
     bool early;     /* and travels while the step goes on, for a step that gathers from it will follow */
     bool counted;   /* in the bake's energy ledger */

@@ -223,6 +223,20 @@ static bool given(struct kiln_job *job, const char *name)
     return owned(job)->given[kiln_option_find(name) - kiln_options];
 }
 
+/* What judges the light of all surfaces cannot judge that of some. */
+static int check_visible_from(const struct kiln_job *job, struct kiln_error *error)
+{
+    const char *other = job->target_error > 0.0   ? "--target-error"
+                        : kiln_job_parts(job) > 1 ? "--error-map"
+                        : job->check_density      ? "--check-density"
+                                                  : NULL;
+    return other == NULL ? KILN_OK
+                         : kiln_fail(error, KILN_USAGE,
+                                     "--only-visible-from and %s exclude each other: surfaces that no view needs have "
+                                     "no light to judge; leave one of the two out",
+                                     other);
+}
+
 static int fill(struct kiln_job *job, const struct kiln_command *command, int argc, char **argv,
                 struct kiln_error *error)
 {
@@ -256,6 +270,8 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
         status = kiln_fail(error, KILN_USAGE,
                            "--indirect-scale is for bounces that a final gather reads: --schedule equal has no final "
                            "gather; give --schedule lean, or --indirect-scale 1");
+    if (status == KILN_OK && job->only_visible_from != NULL)
+        status = check_visible_from(job, error);
     if (status == KILN_OK && job->quiet && job->verbose)
         status = kiln_fail(error, KILN_USAGE, "--quiet and --verbose exclude each other");
     return status;

@@ -54,8 +54,9 @@ struct kiln_job {
     bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
     enum kiln_schedule schedule;
     uint32_t samples_direct, samples_bounce, samples_indirect; /* rays for each texel */
-    int indirect_scale;                         /* log2 of texels a side of a block in bounces (integrate/blocks.h) */
-    double target_error;                        /* of a texel, relative: more samples until it is reached; 0: none */
+    int indirect_scale;      /* log2 of texels a side of a block in bounces (integrate/blocks.h) */
+    char *only_visible_from; /* cameras, or a path's file: bake/visible_from.h; NULL: all surfaces are lit */
+    double target_error;     /* of a texel, relative: more samples until it is reached; 0: none */
     struct kiln_occlusion_parameters occlusion; /* distance 0: no ambient occlusion and no bent normal */
     int directional;                            /* enum kiln_directional */
     uint64_t seed;

@@ -5,7 +5,7 @@
                                       mpirun itself
     resume.py --kiln PATH layouts     go on with other numbers of ranks and threads
     resume.py --kiln PATH quantities  kill -9 within ambient occlusion and light by direction
-    resume.py --kiln PATH blocks      kill -9 within a bounce at a quarter of the resolution
+    resume.py --kiln PATH blocks      kill -9 within a bounce at a quarter of the resolution, and a gather for a view
     resume.py --kiln PATH bounces     hundreds of bounces, stopped and gone on with after the 256th
     resume.py --kiln PATH signals     SIGUSR1, SIGTERM, SIGINT, kiln stop, --max-time: 75, and what kiln status says
     resume.py --kiln PATH phases      a signal to one of two ranks in every phase (without --full: in some): 75
@@ -548,6 +548,11 @@ def try_blocks(checks, tool):
                 'another scale was not refused: %d' % process.status, process)
     killed_within(checks, tool, folder, 'bounce 2', 2, more)
     same(checks, tool, reference, folder, tool.bake(folder, *more), 'killed within bounces by blocks')
+    views = (*more, '--only-visible-from', 'all', '--no-error-map', '--samples-indirect', 2048)
+    reference, _ = reference_of(checks, tool, *views)
+    folder = tool.folder()
+    killed_within(checks, tool, folder, 'final gather', 3, views)
+    same(checks, tool, reference, folder, tool.bake(folder, *views), 'killed within a final gather for a view')
 
 
 def try_bounces(checks, tool):

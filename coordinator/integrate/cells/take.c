@@ -213,11 +213,30 @@ static void take_blocks(const struct kiln_taking *t, const struct kiln_rank_data
         tally_block(t, &blocks[__builtin_ctzll(rest)], sums, tile_run);
 }
 
+/* A tile run that no view sees, in the final gather: it keeps what the bounces have found, for what gathers from the
+ * result. The sum is of radiosity, direct light among it. */
+static void keep_bounces(const struct kiln_rank_data *data, const struct kiln_tile_run *f)
+{
+    const uint64_t first = kiln_own_of_global(&data->surface, f->first).at;
+    for (uint64_t i = first; i < first + f->count; i++) {
+        float albedo[3];
+        kiln_point_albedo(&data->surface, (struct kiln_own_point){i}, albedo);
+        for (uint64_t c = 0; c < 3; c++) {
+            const float all = albedo[c] > 0.0f ? data->sum[3 * i + c] / albedo[c] : 0.0f;
+            data->sum[3 * i + c] = fmaxf(0.0f, all - data->direct[3 * i + c]);
+        }
+    }
+}
+
 void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
                      const void *answers, struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
 {
     const struct kiln_point_result *results = answers;
     struct kiln_own_point own = kiln_own_of_global(&data->surface, f->first);
+    if (t->step->seen_only && data->seen[f - data->surface.tile_runs] == 0) {
+        keep_bounces(data, f);
+        return;
+    }
     const bool unfinished = kiln_part_changes(data, f, t->step->part);
     const bool second = t->step->role == KILN_CELLS_DIRECT && kiln_adapt_pilot(t->settings) > 0;
     const double share =
