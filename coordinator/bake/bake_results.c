@@ -63,13 +63,14 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
                                         .stitch = b->job->stitch,
                                         .faults = &b->job->faults,
                                         .provenance_json = provenance};
-    kiln_phase(&b->phases, "lightmaps");
-    kiln_progress_phase(b->progress, "lightmaps", 0);
     int status = kiln_allocate(&b->lightmaps, b->prepared->surface->map_count, sizeof *b->lightmaps,
                                "the lightmaps' report", error);
     status = kiln_agree(b->communicator, status, error);
-    if (status == KILN_OK)
+    if (status == KILN_OK && b->job->store == KILN_STORE_KIND_LIGHTMAP) {
+        kiln_phase(&b->phases, "lightmaps");
+        kiln_progress_phase(b->progress, "lightmaps", 0);
         status = kiln_write_lightmaps(&result, &params, b->lightmaps, error);
+    }
     if (status == KILN_OK && b->job->vertex_light) {
         kiln_phase(&b->phases, "vertices");
         kiln_progress_phase(b->progress, "vertices", 0);
