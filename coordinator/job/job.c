@@ -223,18 +223,18 @@ static bool given(struct kiln_job *job, const char *name)
     return owned(job)->given[kiln_option_find(name) - kiln_options];
 }
 
-/* What octrees have no use for: pictures and exports show lightmaps, and denoising works in their texels. */
+/* What octrees have no use for: exports have lightmaps, and denoising works in their texels. */
 static int settle_store(struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_lightmaps[] = {"check-density", "denoise", "preview", "export"};
-    const bool *const wanted[] = {&job->check_density, NULL, &job->preview, &job->export};
+    static const char *const of_lightmaps[] = {"check-density", "denoise", "export"};
+    const bool *const wanted[] = {&job->check_density, NULL, &job->export};
     if (job->store == KILN_STORE_KIND_LIGHTMAP)
         return job->leaf_size > 0.0 ? kiln_fail(error, KILN_USAGE, "--leaf-size needs --store octree") : KILN_OK;
     for (size_t i = 0; i < sizeof of_lightmaps / sizeof *of_lightmaps; i++)
         if (given(job, of_lightmaps[i]) && (wanted[i] != NULL ? *wanted[i] : job->denoise == KILN_DENOISE_REGRESSION))
             return kiln_fail(error, KILN_USAGE, "--%s needs lightmaps, which --store octree does not make",
                              of_lightmaps[i]);
-    job->check_density = job->preview = job->export = false;
+    job->check_density = job->export = false;
     job->denoise = KILN_DENOISE_NONE;
     return KILN_OK;
 }
