@@ -223,19 +223,25 @@ static bool given(struct kiln_job *job, const char *name)
     return owned(job)->given[kiln_option_find(name) - kiln_options];
 }
 
-/* What octrees have no use for: exports have lightmaps, and denoising works in their texels. */
+/* What octrees have no use for: denoising works in lightmaps' texels, and without these and without light at vertices
+ * there is nothing to export. */
 static int settle_store(struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_lightmaps[] = {"check-density", "denoise", "export"};
-    const bool *const wanted[] = {&job->check_density, NULL, &job->export};
+    const struct {
+        const char *name;
+        bool wanted;
+    } of_lightmaps[] = {{"check-density", job->check_density},
+                        {"denoise", job->denoise == KILN_DENOISE_REGRESSION},
+                        {"export", job->export && !job->vertex_light}};
     if (job->store == KILN_STORE_KIND_LIGHTMAP)
         return job->leaf_size > 0.0 ? kiln_fail(error, KILN_USAGE, "--leaf-size needs --store octree") : KILN_OK;
     for (size_t i = 0; i < sizeof of_lightmaps / sizeof *of_lightmaps; i++)
-        if (given(job, of_lightmaps[i]) && (wanted[i] != NULL ? *wanted[i] : job->denoise == KILN_DENOISE_REGRESSION))
-            return kiln_fail(error, KILN_USAGE, "--%s needs lightmaps, which --store octree does not make",
-                             of_lightmaps[i]);
-    job->check_density = job->export = false;
+        if (given(job, of_lightmaps[i].name) && of_lightmaps[i].wanted)
+            return kiln_fail(error, KILN_USAGE, "--%s needs lightmaps%s, which --store octree does not make",
+                             of_lightmaps[i].name, i == 2 ? " or --vertex-light" : "");
+    job->check_density = false;
     job->denoise = KILN_DENOISE_NONE;
+    job->export = job->export && job->vertex_light;
     return KILN_OK;
 }
 

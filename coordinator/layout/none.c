@@ -38,6 +38,7 @@ int kiln_layout_none(struct kiln_builder *builder, double texels_per_metre, stru
     for (size_t m = 0; m < builder->sections[KILN_SECTION_MESHES].count; m++) {
         meshes[m].surface_area = area_of(builder, &meshes[m], identity);
         meshes[m].uv_area = 0.0;
+        meshes[m].flags |= KILN_MESH_NO_LAYOUT;
     }
     for (size_t o = 0; o < builder->sections[KILN_SECTION_OBJECTS].count; o++) {
         objects[o].lightmap_width = objects[o].lightmap_height = 1;

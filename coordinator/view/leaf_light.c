@@ -4,7 +4,7 @@
 
 #include "coordinator/field/field.h"
 #include "coordinator/output/read/leaves.h"
-#include "shaders/shared/random.h"
+#include "worker/sampling/keys.h"
 #include "worker/base/memory.h"
 #include "worker/scene/leaves.h"
 #include "worker/store/store.h"

@@ -22,11 +22,17 @@ LIGHT = ("--samples-direct", "64", "--samples-bounce", "16", "--samples-indirect
          "none", "--samples-probe", "0", "--backend", "embree", "--threads", "1", "--quiet")
 
 
-def run(*arguments, status=0):
+def run(*arguments, status=0, faults=None):
     done = subprocess.run([KILN, *map(str, arguments)], capture_output=True, text=True,
-                          env={**os.environ, **harness.MPI_ENVIRONMENT})
+                          env={**os.environ, **harness.MPI_ENVIRONMENT, **(faults or {})})
     assert done.returncode == status, f"{' '.join(map(str, arguments))}: exit {done.returncode}\n{done.stderr}"
     return done.stderr
+
+
+def json_of(path):
+    with open(path, "rb") as f:
+        data = f.read()
+    return json.loads(data[20:20 + int.from_bytes(data[12:16], "little")])
 
 
 def rgb(path):
@@ -50,7 +56,7 @@ class Octree(unittest.TestCase):
 
     def test_files(self):
         names = set(os.listdir(self.bakes["octree"]))
-        self.assertEqual(names, {"kiln.h5", "manifest", "preview.png", "run.json", "scene.kscene"})
+        self.assertEqual(names, {"kiln.h5", "manifest", "preview.png", "run.json", "scene.glb", "scene.kscene"})
         run("verify", self.bakes["octree"])
         with open(os.path.join(self.bakes["octree"], "run.json")) as f:
             report = json.load(f)
@@ -94,10 +100,21 @@ class Octree(unittest.TestCase):
                 light.append(f["vertices/irradiance"][...].mean())
         self.assertLess(abs(light[1] / light[0] - 1), 0.05)
 
+    def test_scene(self):
+        """scene.glb has the light at vertices, no lightmaps, and the source's coordinates."""
+        scene, source = (json_of(path) for path in (os.path.join(self.bakes["octree"], "scene.glb"), CORNELL))
+        coordinates = [[p["attributes"].get("TEXCOORD_1") for m in s["meshes"][:len(source["meshes"])]
+                        for p in m["primitives"]] for s in (scene, source)]
+        self.assertEqual(*coordinates)
+        self.assertTrue(any("COLOR_1" in p["attributes"] for m in scene["meshes"] for p in m["primitives"]))
+        self.assertNotIn(".exr", json.dumps(scene))
+        there = os.path.join(self.folder, "s.glb")
+        self.assertIn("octree", run("export", self.bakes["octree"], "-o", there, status=65))
+
     def test_goes_on(self):
         folder = os.path.join(self.folder, "stopped")
         command = ("bake", CORNELL, "-o", folder, "--store", "octree", "--leaf-size", LEAF, "--vertex-light", *LIGHT)
-        run(*command, "--max-time", "0.2", "--checkpoint-every", "0.05", status=75)
+        run(*command, "--max-time", 1, "--checkpoint-every", 0.1, status=75, faults={"KILN_SLOW_RANK": "0:100"})
         run(*command)
         with h5py.File(os.path.join(folder, "kiln.h5"), "r") as f, \
                 h5py.File(os.path.join(self.bakes["octree"], "kiln.h5"), "r") as g:
@@ -105,7 +122,7 @@ class Octree(unittest.TestCase):
 
     def test_refused(self):
         for options, what in ((("--leaf-size", 1), "--store octree"),
-                              (("--store", "octree", "--export"), "needs lightmaps"),
+                              (("--store", "octree", "--export"), "--vertex-light"),
                               (("--store", "octree", "--denoise", "regression"), "needs lightmaps"),
                               (("--store", "octree", "--check-density"), "needs lightmaps")):
             self.assertIn(what, run("bake", CORNELL, "-o", os.path.join(self.folder, "no"), *options, status=64))
