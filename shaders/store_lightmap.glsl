@@ -1,10 +1,13 @@
-/* The lightmap as a store (worker/store/lightmap.h): barycentrics -> texel -> tile -> surface point. */
+/* The lightmap as a store (worker/store/lightmap.h): barycentrics -> texel -> tile -> surface point. With HAS_OCTREE
+ * the octree: the way to the tile is another (store_octree.glsl). */
 
 #include "shaders/shared/store_lightmap.h"
 
 KILN_ARRAY(Lightmaps, kiln_gpu_lightmap, 8);
 KILN_ARRAY(TileWords, uvec4, 16);
 KILN_ARRAY(DividedArray, kiln_gpu_divided, 8);
+
+#include "shaders/store_octree.glsl"
 
 /* Number of bits of `mask` below `bit`. */
 uint kiln_bits_below(uvec2 mask, uint bit)
@@ -18,7 +21,7 @@ bool kiln_bit_set(uvec2 mask, uint bit) { return ((bit < 32u ? mask.x >> bit : m
 /* What a hit on world triangle `triangle` leads to. */
 struct kiln_store_way {
     uint object, material; /* material as in struct kiln_hit_record, flags included */
-    uint64_t tile;         /* address of the tile */
+    uint64_t tile;         /* address of the tile; of octrees 0: beside every brick */
     uint bit;              /* of the texel in the tile */
     vec2 place;            /* in the texel, 0 to 1; set where HAS_DIVIDED */
 };
@@ -31,8 +34,14 @@ kiln_store_way kiln_store_enter(uint triangle, float u, float v, bool back)
     kiln_store_way to;
     to.object = floatBitsToUint(b.z);
     to.material = floatBitsToUint(b.w);
-    kiln_gpu_lightmap map = Lightmaps(SCENE.store.lightmaps).at[to.object];
     const float along = kiln_texel_coordinate(a.x, a.z, b.x, u, v), down = kiln_texel_coordinate(a.y, a.w, b.y, u, v);
+    if (HAS_OCTREE != 0u) {
+        const bool behind = back && (to.material & KILN_RECORD_DOUBLE_SIDED) != 0u;
+        kiln_octree_enter(triangle, u, v, behind, to.object, along, down, to.tile, to.bit);
+        to.place = fract(vec2(along, down));
+        return to;
+    }
+    kiln_gpu_lightmap map = Lightmaps(SCENE.store.lightmaps).at[to.object];
     int x = kiln_texel_of(along, int(map.width) - 1), y = kiln_texel_of(down, int(map.height) - 1);
     if (back && (to.material & KILN_RECORD_DOUBLE_SIDED) != 0u) {
         map = Lightmaps(SCENE.store.lightmaps).at[SCENE.object_count + to.object];
@@ -49,6 +58,8 @@ kiln_store_way kiln_store_enter(uint triangle, float u, float v, bool back)
 /* Radiosity there, W/m2; 0 beside every point. */
 vec3 kiln_store_radiosity(kiln_store_way to)
 {
+    if (HAS_OCTREE != 0u && to.tile == 0ul)
+        return vec3(0.0);
     uvec4 tile = TileWords(to.tile).at[0];
     if (!kiln_bit_set(tile.xy, to.bit))
         return vec3(0.0);

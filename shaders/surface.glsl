@@ -1,4 +1,5 @@
-/* Radiosity at a hit. The way there is the store's, of which one is compiled in (worker/store/store.h); it gives
+/* Radiosity at a hit. The way there is the store's (worker/store/store.h), which the constant HAS_OCTREE chooses. It
+ * gives
  *
  *   kiln_store_way         what a hit leads to: the hit record's `object` and `material`, and the store's own
  *   kiln_store_enter       that of a hit (u, v) on a world triangle; `back`: of a triangle with two sides
@@ -15,6 +16,4 @@ vec3 kiln_radiosity_unpack(uvec2 packed)
                                  kiln_radiosity_blue(packed.y)));
 }
 
-#if KILN_STORE == KILN_STORE_LIGHTMAP
-#    include "shaders/store_lightmap.glsl"
-#endif
+#include "shaders/store_lightmap.glsl"

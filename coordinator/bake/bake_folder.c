@@ -47,7 +47,7 @@ static int make_lightmap_folder(struct kiln_bake *b, struct kiln_error *error)
 {
     struct kiln_folder folder;
     int status = KILN_OK;
-    if (b->rank == 0) {
+    if (b->rank == 0 && b->job->store == KILN_STORE_KIND_LIGHTMAP) {
         status = kiln_folder_open(&folder, b->job->output, "lightmaps", true, error);
         kiln_folder_close(&folder);
     }

@@ -10,6 +10,7 @@
 #include "coordinator/files/publish.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/manifest.h"
+#include "coordinator/output/read/results.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 
@@ -63,13 +64,14 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
                                         .stitch = b->job->stitch,
                                         .faults = &b->job->faults,
                                         .provenance_json = provenance};
-    kiln_phase(&b->phases, "lightmaps");
-    kiln_progress_phase(b->progress, "lightmaps", 0);
     int status = kiln_allocate(&b->lightmaps, b->prepared->surface->map_count, sizeof *b->lightmaps,
                                "the lightmaps' report", error);
     status = kiln_agree(b->communicator, status, error);
-    if (status == KILN_OK)
+    if (status == KILN_OK && b->job->store == KILN_STORE_KIND_LIGHTMAP) {
+        kiln_phase(&b->phases, "lightmaps");
+        kiln_progress_phase(b->progress, "lightmaps", 0);
         status = kiln_write_lightmaps(&result, &params, b->lightmaps, error);
+    }
     if (status == KILN_OK && b->job->vertex_light) {
         kiln_phase(&b->phases, "vertices");
         kiln_progress_phase(b->progress, "vertices", 0);
@@ -93,18 +95,21 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
 static int draw_picture(struct kiln_bake *b, struct kiln_error *error)
 {
     const struct kiln_prepared *p = b->prepared;
-    const struct kiln_view_source source = {.directory = b->job->output,
-                                            .scene = p->scene,
-                                            .geometry = p->geometry,
-                                            .lights = p->lights,
-                                            .backend = p->backend,
-                                            .stop = kiln_control_stop(b->control)};
+    struct kiln_view_source source = {.directory = b->job->output,
+                                      .scene = p->scene,
+                                      .geometry = p->geometry,
+                                      .lights = p->lights,
+                                      .backend = p->backend,
+                                      .stop = kiln_control_stop(b->control)};
     const struct kiln_view_wish wish = {0};
     const struct kiln_look look = {.curve = (enum kiln_tone_curve)b->job->tone_map,
                                    .stops = b->job->exposure,
                                    .no_metering = !b->job->auto_exposure};
     struct kiln_picture picture = {0};
-    int status = kiln_picture_make(&source, &wish, 2, &look, &picture, error);
+    /* leaves are read as a reader of the bake does it; lightmaps were written here, and are read directly */
+    int status = p->surface->bricks != NULL ? kiln_results_open(&source.results, b->job->output, error) : KILN_OK;
+    if (status == KILN_OK)
+        status = kiln_picture_make(&source, &wish, 2, &look, &picture, error);
     if (status == KILN_OK)
         status = kiln_picture_write(b->job->output, "preview.png", &picture, &look, error);
     if (status == KILN_OK)
@@ -113,6 +118,7 @@ static int draw_picture(struct kiln_bake *b, struct kiln_error *error)
         kiln_viewpoint_text(&picture.viewpoint, b->preview_text);
     }
     kiln_image_destroy(&picture.image);
+    kiln_results_close(&source.results);
     return status;
 }
 

@@ -149,13 +149,13 @@ static bool is_flat(const struct search *s, const uint32_t *pieces, uint32_t cou
 static bool find_plane(const struct search *s, const struct kiln_point_cursor *at, struct texel_plane *plane)
 {
     const uint32_t *pieces = s->surface->pieces + at->piece;
-    double corner[3][2], local[3][2];
+    struct kiln_texel_triangle local;
     struct kiln_vec3 c[3];
-    kiln_geometry_map_corners(s->scene, s->geometry, pieces[0], at->shift, corner);
-    kiln_clip_local(corner, at->x, at->y, local);
-    if (!(fabs(kiln_clip_twice_area(local)) > 0.0) || !is_flat(s, pieces, kiln_piece_count(s->surface, at->point)))
+    kiln_texel_triangle(s->scene, s->geometry, pieces[0], &at->place, &local);
+    if (!(fabs(kiln_clip_twice_area(local.corner)) > 0.0) ||
+        !is_flat(s, pieces, kiln_piece_count(s->surface, at->point)))
         return false;
-    const struct kiln_clip_weights w = kiln_clip_weights(local);
+    const struct kiln_clip_weights w = kiln_clip_weights(local.corner);
     kiln_geometry_corners(s->geometry, pieces[0], c);
     const struct kiln_dvec3 c0 = dvec3_of(c[0]), e1 = dvec3_sub(dvec3_of(c[1]), c0), e2 = dvec3_sub(dvec3_of(c[2]), c0);
     struct kiln_dvec3 along[3];
@@ -183,10 +183,9 @@ static void find_ends(const struct search *s, const struct kiln_point_cursor *at
     double best[4] = {-INFINITY, -INFINITY, -INFINITY, -INFINITY};
     for (uint32_t i = 0; i < kiln_piece_count(s->surface, at->point); i++) {
         struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
-        double corner[3][2], local[3][2];
-        kiln_geometry_map_corners(s->scene, s->geometry, s->surface->pieces[at->piece + i], at->shift, corner);
-        kiln_clip_local(corner, at->x, at->y, local);
-        const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
+        struct kiln_texel_triangle local;
+        kiln_texel_triangle(s->scene, s->geometry, s->surface->pieces[at->piece + i], &at->place, &local);
+        const uint32_t corners = kiln_texel_clip(&local, 0.0, 0.0, 1.0, 1.0, polygon);
         for (uint32_t c = 0; c < corners; c++)
             for (int e = 0; e < 4; e++)
                 if (way[e][0] * polygon[c].x + way[e][1] * polygon[c].y > best[e]) {
@@ -252,10 +251,9 @@ static double near_side(const struct search *s, const struct kiln_point_cursor *
     for (uint32_t i = 0; i < kiln_piece_count(s->surface, at->point); i++) {
         const uint32_t triangle = s->surface->pieces[at->piece + i];
         struct kiln_clip_corner own[KILN_CLIP_CORNERS], middle;
-        double corner[3][2], local[3][2];
-        kiln_geometry_map_corners(s->scene, s->geometry, triangle, at->shift, corner);
-        kiln_clip_local(corner, at->x, at->y, local);
-        const uint32_t count = kiln_clip_line(own, kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, own), line);
+        struct kiln_texel_triangle local;
+        kiln_texel_triangle(s->scene, s->geometry, triangle, &at->place, &local);
+        const uint32_t count = kiln_clip_line(own, kiln_texel_clip(&local, 0.0, 0.0, 1.0, 1.0, own), line);
         const double area =
             count < 3 ? 0.0
                       : kiln_clip_fraction(own, count, &middle) * kiln_geometry_triangle_area(s->geometry, triangle);
@@ -318,7 +316,7 @@ static void spread_all(const struct search *s, const struct candidate *c, struct
 /* Rays along the sides of a texel: the parts of the lines of set_grid that it has. */
 static void set_sides(const struct candidate *c, struct segments *r, size_t first)
 {
-    const uint32_t x = c->at.x % KILN_TILE_SIDE, y = c->at.y % KILN_TILE_SIDE;
+    const uint32_t x = c->at.place.x % KILN_TILE_SIDE, y = c->at.place.y % KILN_TILE_SIDE;
     const double x0 = x == 0 ? LIFT : 0.0, x1 = x == KILN_TILE_SIDE - 1 ? 1.0 - LIFT : 1.0, y0 = y == 0 ? LIFT : 0.0,
                  y1 = y == KILN_TILE_SIDE - 1 ? 1.0 - LIFT : 1.0;
     const struct kiln_dvec3 corner[SIDES] = {place_of(&c->plane, x0, y0), place_of(&c->plane, x1, y0),
@@ -671,21 +669,35 @@ static void centre_of(const struct search *s, struct kiln_global_point point, do
     centre[1] = found != NULL ? (double)found->centre[1] : 0.5;
 }
 
+/* The point of the texel so many steps away in x and y; of octrees, of the leaf there in the same layer or in one
+ * beside it. */
+static struct kiln_global_point neighbour(const struct kiln_surface *s, const struct kiln_point_cursor *at,
+                                          const int step[2])
+{
+    static const int layers[3] = {0, -1, 1};
+    const struct kiln_lightmap *map = &s->lightmaps[at->map];
+    const int64_t x = (int64_t)at->place.x + step[0], y = (int64_t)at->place.y + step[1];
+    struct kiln_global_point point = {KILN_NO_POINT};
+    if (x < 0 || y < 0 || (!at->leaves && (x >= map->width || y >= map->height)))
+        return point;
+    if (!at->leaves)
+        return kiln_surface_find(s, at->map, (uint32_t)x, (uint32_t)y);
+    for (int i = 0; i < 3 && point.at == KILN_NO_POINT; i++)
+        point = kiln_surface_find_leaf(s, at->map, (uint32_t)x, (uint32_t)y,
+                                       (uint32_t)((int64_t)at->place.layer + layers[i]));
+    return point;
+}
+
 /* The neighbours of a divided texel whose light is from beyond the line; a ray to each. */
 static void set_neighbours(const struct search *s, const struct candidate *c, struct segments *r, size_t first,
                            struct kiln_global_point *points)
 {
     static const int step[NEIGHBOURS][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {-1, 1}, {1, -1}, {-1, -1}};
-    const struct kiln_lightmap *map = &s->surface->lightmaps[c->at.map];
     const struct kiln_dvec3 from = place_of(&c->plane, (double)c->line.beyond[0], (double)c->line.beyond[1]);
     for (size_t k = 0; k < NEIGHBOURS; k++) {
-        const int64_t x = (int64_t)c->at.x + step[k][0], y = (int64_t)c->at.y + step[k][1];
         double centre[2];
         set_no_segment(r, first + k);
-        points[k].at = KILN_NO_POINT;
-        if (x < 0 || y < 0 || x >= map->width || y >= map->height)
-            continue;
-        points[k] = kiln_surface_find(s->surface, c->at.map, (uint32_t)x, (uint32_t)y);
+        points[k] = neighbour(s->surface, &c->at, step[k]);
         if (points[k].at == KILN_NO_POINT)
             continue;
         centre_of(s, points[k], centre);

@@ -9,6 +9,7 @@ struct kiln_import_params kiln_job_import_params(const struct kiln_job *job, con
                                        .lightmap_size = job->lightmap_size,
                                        .lightmap_max = job->lightmap_max,
                                        .repack = job->repack,
+                                       .no_layout = job->store != KILN_STORE_KIND_LIGHTMAP,
                                        .environment = job->environment,
                                        .environment_scale = job->environment_scale,
                                        .environment_rotation_degrees = job->environment_rotation,

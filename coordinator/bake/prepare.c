@@ -12,6 +12,7 @@
 #include "coordinator/mpi/agree.h"
 #include "coordinator/bake/devices.h"
 #include "worker/base/memory.h"
+#include "worker/scene/leaves.h"
 #include "worker/pass/validity.h"
 
 enum { FIRST_TILE_RUNS = 256, MOST_TILE_RUNS = 1 << 16 }; /* sizes of a batch of the validity pass */
@@ -130,7 +131,8 @@ static int import_scene(struct kiln_prepared *p, const struct kiln_job *job, con
 static int build_geometry(void *context, const struct kiln_allocator *memory, struct kiln_error *error)
 {
     struct kiln_prepared *p = context;
-    return kiln_geometry_create_in(&p->geometry, p->scene, memory, error);
+    const int status = kiln_geometry_create_in(&p->geometry, p->scene, memory, error);
+    return status == KILN_OK && p->leaf_size > 0.0 ? kiln_leaves_lay(p->geometry, p->leaf_size, error) : status;
 }
 
 /* Collective. One rank of the node builds the geometry for all. */
@@ -138,7 +140,7 @@ static int share_geometry(struct kiln_prepared *p, struct kiln_error *error)
 {
     int status = kiln_node_build(p->node, build_geometry, p, error);
     if (status != KILN_OK)
-        return kiln_node_full(p->node) ? kiln_geometry_create(&p->geometry, p->scene, error) : status;
+        return kiln_node_full(p->node) ? build_geometry(p, &kiln_own_memory, error) : status;
     struct kiln_geometry made = {0};
     if (p->geometry != NULL)
         made = *p->geometry;
@@ -167,6 +169,8 @@ static int check_same_scene(const struct kiln_prepared *p, const char *scene_fil
 static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_prepare_care *care,
                          struct kiln_error *error)
 {
+    if (job->store != KILN_STORE_KIND_LIGHTMAP)
+        p->leaf_size = job->leaf_size > 0.0 ? job->leaf_size : 1.0 / (double)p->scene->header->texels_per_metre;
     int status = go_on(p, care, share_geometry(p, error), error);
     if (status == KILN_OK)
         status = kiln_lights_create(&p->lights, p->scene, p->geometry, error);
@@ -229,6 +233,10 @@ static void share_map(struct kiln_prepared *p)
     if (s->divided_count > 0)
         (void)share_array(p, &s->divided, s->divided_count, sizeof *s->divided, "divided texels");
     (void)share_array(p, &s->lightmaps, s->map_count, sizeof *s->lightmaps, "the lightmaps");
+    if (s->bricks != NULL) {
+        (void)share_array(p, &s->bricks, s->tile_count, sizeof *s->bricks, "the bricks");
+        (void)share_array(p, &s->slots, s->slot_count, sizeof *s->slots, "the slots of bricks");
+    }
     if (s->cell_first != NULL)
         (void)share_array(p, &s->cell_first, s->cell_count + 1, sizeof *s->cell_first, "the cells");
     kiln_node_wait(p->node);

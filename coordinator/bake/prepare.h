@@ -31,6 +31,7 @@ struct kiln_prepared {
     struct kiln_scene *scene;
     struct kiln_object *coarser; /* the objects of a scene that is a view of another (kiln_prepare_coarser); or NULL */
     struct kiln_geometry *geometry;
+    double leaf_size; /* m; 0: the store is the lightmap */
     struct kiln_lights *lights;
     struct kiln_backend *backend;
     struct kiln_surface *surface;

@@ -86,6 +86,19 @@ static json_t *scene_json(const struct kiln_prepared *p)
                      (double)s->header->texels_per_metre);
 }
 
+/* The store, and the leaves of octrees. */
+static json_t *store_json(const struct kiln_prepared *p)
+{
+    const struct kiln_surface *s = p->surface;
+    if (s->bricks == NULL)
+        return json_pack("{s:s}", "kind", "lightmap");
+    return json_pack("{s:s, s:f, s:[f, f, f], s:I, s:I, s:I}", "kind", "octree", "leaf_size", p->leaf_size, "origin",
+                     p->geometry->leaf_origin.x + p->scene->header->centre[0],
+                     p->geometry->leaf_origin.y + p->scene->header->centre[1],
+                     p->geometry->leaf_origin.z + p->scene->header->centre[2], "leaves", (json_int_t)s->point_count,
+                     "bricks", (json_int_t)s->tile_count, "slots", (json_int_t)s->slot_count);
+}
+
 /* Lights that texels are too wide for. */
 static void warn_of_near_lights(const struct kiln_prepared *p, json_t *warnings)
 {
@@ -306,7 +319,7 @@ static void add_back(const struct kiln_run *run, size_t object, const char *name
     const struct kiln_surface *s = run->prepared->surface;
     const size_t map = s->object_count + object;
     char path[512];
-    if (map >= s->map_count || s->lightmaps[map].published == 0)
+    if (s->bricks != NULL || map >= s->map_count || s->lightmaps[map].published == 0)
         return;
     (void)snprintf(path, sizeof path, "lightmaps/back/%s.exr", name);
     (void)json_object_set_new(json, "lightmap_back", json_string(path));
@@ -322,7 +335,7 @@ static json_t *objects_json(const struct kiln_run *run)
         const char *name = kiln_scene_string(scene, scene->objects[i].name);
         const struct kiln_lightmap_report *r = &run->lightmaps[i];
         char path[512];
-        const bool published = (scene->objects[i].flags & KILN_OBJECT_CASTER_ONLY) == 0;
+        const bool published = run->prepared->surface->lightmaps[i].published != 0;
         (void)snprintf(path, sizeof path, "lightmaps/%s.exr", name);
         json_t *object = json_pack(
             "{s:s, s:s, s:s?, s:i, s:i, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "name",
@@ -621,6 +634,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
                                       (json_int_t)run->visible->views, "valid", (json_int_t)run->visible->points,
                                       "seen", (json_int_t)run->visible->points_seen, "reached",
                                       (json_int_t)run->visible->points_reached));
+    json_object_set_new(root, "store", store_json(p));
     json_object_set_new(root, "balance", balance_json(run, values));
     json_object_set_new(root, "memory", memory_json(run, values));
     json_object_set_new(mpi, "received_between_nodes", json_integer(total(values, p->ranks, RANK_RECEIVED)));

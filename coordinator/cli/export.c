@@ -41,6 +41,12 @@ static int read_run(struct export *e, struct kiln_error *error)
         return kiln_fail(error, KILN_NO_INPUT, "%.512s holds no finished bake: there is no run.json in it; bake first",
                          e->directory);
     const char *source = json_string_value(json_object_get(json_object_get(e->run, "scene"), "path"));
+    const json_t *store = json_object_get(json_object_get(e->run, "store"), "kind");
+    if (status == KILN_OK && json_is_string(store) && strcmp(json_string_value(store), "lightmap") != 0)
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%.512s has no lightmaps to export: its light is in an octree, in kiln.h5; bake with --store "
+                         "lightmap, or with --vertex-light for a scene.glb with light at vertices",
+                         e->directory);
     if (status == KILN_OK)
         (void)snprintf(e->source, sizeof e->source, "%s",
                        e->job->source != NULL ? e->job->source

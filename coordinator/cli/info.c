@@ -46,7 +46,8 @@ static const char *string_at(const struct kiln_scene_survey *look, uint32_t offs
 
 static const char *layout_of(const struct kiln_mesh *mesh)
 {
-    return (mesh->flags & KILN_MESH_REPACKED) != 0    ? "repacked"
+    return (mesh->flags & KILN_MESH_NO_LAYOUT) != 0   ? "none"
+           : (mesh->flags & KILN_MESH_REPACKED) != 0  ? "repacked"
            : (mesh->flags & KILN_MESH_UNWRAPPED) != 0 ? "unwrapped"
                                                       : "own";
 }

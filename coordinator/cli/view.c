@@ -26,6 +26,7 @@
 #include "coordinator/job/job_private.h"
 #include "coordinator/job/options.h"
 #include "worker/base/text.h"
+#include "worker/scene/leaves.h"
 
 struct view {
     struct kiln_results *results; /* NULL: the scene is none of a bake */
@@ -113,9 +114,26 @@ static int open_scene(struct view *v, const struct kiln_job *job, struct kiln_er
     return job->scene != NULL ? import_scene(v, job, error) : open_bake(v, job->arguments[0], error);
 }
 
+/* Lays the leaves of a bake that has an octree: run.json says how wide they are. */
+static int lay_leaves(struct view *v, struct kiln_error *error)
+{
+    json_t *run = NULL;
+    int status = KILN_OK;
+    if (v->results == NULL || !kiln_results_has(v->results, "run.json"))
+        return KILN_OK;
+    status = kiln_results_json(v->results, "run.json", &run, error);
+    const json_t *store = json_object_get(run, "store"), *kind = json_object_get(store, "kind");
+    if (status == KILN_OK && json_is_string(kind) && strcmp(json_string_value(kind), "octree") == 0)
+        status = kiln_leaves_lay(v->geometry, json_number_value(json_object_get(store, "leaf_size")), error);
+    json_decref(run);
+    return status;
+}
+
 static int open_backend(struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
     int status = kiln_geometry_create(&v->geometry, v->scene, error);
+    if (status == KILN_OK)
+        status = lay_leaves(v, error);
     if (status == KILN_OK)
         kiln_geometry_make_all_hittable(v->geometry);
     if (status == KILN_OK)

@@ -25,7 +25,8 @@ bool kiln_export_has_gltf(const struct kiln_scene *scene)
 
 bool kiln_export_is_published(const struct kiln_scene *scene, size_t object)
 {
-    return (scene->objects[object].flags & KILN_OBJECT_CASTER_ONLY) == 0;
+    const struct kiln_object *o = &scene->objects[object];
+    return (o->flags & KILN_OBJECT_CASTER_ONLY) == 0 && (scene->meshes[o->mesh].flags & KILN_MESH_NO_LAYOUT) == 0;
 }
 
 uint64_t kiln_export_vertices(const struct kiln_scene *scene)

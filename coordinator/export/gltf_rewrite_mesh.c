@@ -475,7 +475,7 @@ static void place_primitive(struct patch *p, const struct kiln_mesh *mesh, uint3
     for (; *next < end && p->a->scene->triangle_sources[*next].primitive == index && p->a->b.status == KILN_OK; ++*next)
         place_triangle(p, mesh, *next);
     if (p->a->b.status == KILN_OK)
-        p->changed = !is_unchanged(p);
+        p->changed = (mesh->flags & KILN_MESH_NO_LAYOUT) == 0 && !is_unchanged(p);
     if (p->a->b.status == KILN_OK)
         place_rest(p);
 }

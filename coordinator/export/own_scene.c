@@ -141,8 +141,9 @@ static json_t *add_attributes(struct own *o, const struct kiln_mesh *mesh)
     kiln_glb_set(&o->b, attributes, "NORMAL", add_attribute(o, s->normals, mesh, sizeof *s->normals, "VEC3"));
     kiln_glb_set(&o->b, attributes, "TEXCOORD_0",
                  add_attribute(o, s->texcoord_base, mesh, sizeof *s->texcoord_base, "VEC2"));
-    kiln_glb_set(&o->b, attributes, "TEXCOORD_1",
-                 add_attribute(o, o->coordinates, mesh, sizeof *o->coordinates, "VEC2"));
+    if (o->emission_set || (mesh->flags & KILN_MESH_NO_LAYOUT) == 0) /* sets have no gap between them */
+        kiln_glb_set(&o->b, attributes, "TEXCOORD_1",
+                     add_attribute(o, o->coordinates, mesh, sizeof *o->coordinates, "VEC2"));
     if (o->emission_set)
         kiln_glb_set(&o->b, attributes, "TEXCOORD_2",
                      add_attribute(o, s->texcoord_emission, mesh, sizeof *s->texcoord_emission, "VEC2"));

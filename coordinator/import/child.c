@@ -190,7 +190,8 @@ static int read_layout_write(const struct child *child, struct kiln_error *error
         status = kiln_import_read(params, kiln_child_follower(params), builder, error);
     if (status == KILN_OK) {
         limit_layout_time(params, builder);
-        status = kiln_layout(builder, &layout, error);
+        status = params->no_layout ? kiln_layout_none(builder, params->texels_per_metre, error)
+                                   : kiln_layout(builder, &layout, error);
     }
     if (status == KILN_OK)
         status = kiln_note_coarse_coordinates(builder, error);
@@ -231,7 +232,8 @@ static bool parse_arguments(int argc, char **argv, struct child *child)
                                                 .time_limit = (uint32_t)strtoul(argv[11], NULL, 10),
                                                 .objects = argv[13],
                                                 .trust_normals = strcmp(argv[14], "normals") == 0,
-                                                .repack = argv[15][0] != '\0'};
+                                                .repack = strcmp(argv[15], "repack") == 0,
+                                                .no_layout = strcmp(argv[15], "none") == 0};
     child->program = strtoull(argv[12], NULL, 16);
     return true;
 }

@@ -2,7 +2,7 @@
  * to restrict itself before it reads anything.
  *
  * argv: PROGRAM import-child PATH OUTPUT TEXELS_PER_METRE SIZE MAX ENVIRONMENT SCALE ROTATION MEMORY SECONDS
- *       PROGRAM_HASH OBJECTS TRUST REPACK
+ *       PROGRAM_HASH OBJECTS TRUST LAYOUT
  *
  * OUTPUT is used in sentences only: the result goes to the descriptor KILN_CHILD_OUTPUT (confined.h). */
 #ifndef KILN_COORDINATOR_IMPORT_CHILD_H

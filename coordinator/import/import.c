@@ -134,7 +134,9 @@ static int run_child(const struct kiln_import_params *params, uint64_t program, 
                                                        numbers[7],
                                                        params->objects == NULL ? "" : params->objects,
                                                        params->trust_normals ? "normals" : "winding",
-                                                       params->repack ? "repack" : "",
+                                                       params->no_layout ? "none"
+                                                       : params->repack  ? "repack"
+                                                                         : "",
                                                        NULL};
     const struct kiln_confined_call call = {.program = program_of(params),
                                             .arguments = arguments,
@@ -166,7 +168,8 @@ static int check_made(const char *opens, const char *name, struct kiln_error *er
 static int check_settings(const struct kiln_import_params *params, const struct kiln_scene *scene,
                           struct kiln_error *error)
 {
-    bool fits = !params->repack && (params->environment == NULL || params->environment[0] == '\0') &&
+    bool fits = !params->repack && !params->no_layout &&
+                (params->environment == NULL || params->environment[0] == '\0') &&
                 (params->objects == NULL || params->objects[0] == '\0') && !params->trust_normals &&
                 params->environment_scale == 1.0 && params->environment_rotation_degrees == 0.0 &&
                 (params->texels_per_metre == 0.0 || (float)params->texels_per_metre == scene->header->texels_per_metre);

@@ -22,6 +22,7 @@ struct kiln_import_params {
     double texels_per_metre;
     uint32_t lightmap_size, lightmap_max;
     bool repack;              /* as in struct kiln_layout_params */
+    bool no_layout;           /* no lightmap layout is made, for stores that need none (kiln_layout_none) */
     const char *environment;  /* as in struct kiln_job; an image that the user names may lie anywhere */
     double environment_scale; /* factor; 1: unchanged, 0: no light from the environment */
     double environment_rotation_degrees;

@@ -153,10 +153,10 @@ void kiln_import_key(const struct kiln_import_params *params, uint64_t program, 
                      size_t source_count, const char *strings, uint64_t key[2])
 {
     char text[512];
-    const int length =
-        snprintf(text, sizeof text, "%016llx %.17g %u %u %d %.17g %.17g %d ", (unsigned long long)program,
-                 params->texels_per_metre, params->lightmap_size, params->lightmap_max, params->repack,
-                 params->environment_scale, params->environment_rotation_degrees, params->trust_normals);
+    const int length = snprintf(text, sizeof text, "%016llx %.17g %u %u %d %.17g %.17g %d ",
+                                (unsigned long long)program, params->texels_per_metre, params->lightmap_size,
+                                params->lightmap_max, params->no_layout ? 2 : params->repack, params->environment_scale,
+                                params->environment_rotation_degrees, params->trust_normals);
     const char *environment = params->environment == NULL ? "" : params->environment;
     XXH128_hash_t hash = XXH3_128bits(text, (size_t)length);
     hash = XXH3_128bits_withSeed(environment, strlen(environment), hash.low64 ^ hash.high64);

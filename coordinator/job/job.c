@@ -237,6 +237,28 @@ static int check_visible_from(const struct kiln_job *job, struct kiln_error *err
                                      other);
 }
 
+/* What octrees have no use for: denoising works in lightmaps' texels, and without these and without light at vertices
+ * there is nothing to export. */
+static int settle_store(struct kiln_job *job, struct kiln_error *error)
+{
+    const struct {
+        const char *name;
+        bool wanted;
+    } of_lightmaps[] = {{"check-density", job->check_density},
+                        {"denoise", job->denoise == KILN_DENOISE_REGRESSION},
+                        {"export", job->export && !job->vertex_light}};
+    if (job->store == KILN_STORE_KIND_LIGHTMAP)
+        return job->leaf_size > 0.0 ? kiln_fail(error, KILN_USAGE, "--leaf-size needs --store octree") : KILN_OK;
+    for (size_t i = 0; i < sizeof of_lightmaps / sizeof *of_lightmaps; i++)
+        if (given(job, of_lightmaps[i].name) && of_lightmaps[i].wanted)
+            return kiln_fail(error, KILN_USAGE, "--%s needs lightmaps%s, which --store octree does not make",
+                             of_lightmaps[i].name, i == 2 ? " or --vertex-light" : "");
+    job->check_density = false;
+    job->denoise = KILN_DENOISE_NONE;
+    job->export = job->export && job->vertex_light;
+    return KILN_OK;
+}
+
 static int fill(struct kiln_job *job, const struct kiln_command *command, int argc, char **argv,
                 struct kiln_error *error)
 {
@@ -274,7 +296,7 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
         status = check_visible_from(job, error);
     if (status == KILN_OK && job->quiet && job->verbose)
         status = kiln_fail(error, KILN_USAGE, "--quiet and --verbose exclude each other");
-    return status;
+    return status == KILN_OK ? settle_store(job, error) : status;
 }
 
 int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_error *error)

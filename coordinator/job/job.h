@@ -62,6 +62,8 @@ struct kiln_job {
     uint64_t seed;
 
     /* texels, cells, partition */
+    int store;        /* enum kiln_store_kind */
+    double leaf_size; /* m, of octrees; 0: 1 / texels_per_metre */
     double texels_per_metre;
     uint32_t lightmap_size; /* 0: by density */
     uint32_t lightmap_max;  /* texels a side */

@@ -19,6 +19,7 @@ static const char *const units[] = {"auto", "radiometric", "photometric", NULL};
 static const char *const directionals[] = {"none", "dominant", "sh1", NULL}; /* in the order of enum kiln_directional */
 /* in the order of enum kiln_page_format */
 static const char *const formats[] = {"exr", "exr-half", "rgbm", "rgbe", "ktx2", NULL};
+static const char *const stores[] = {"lightmap", "octree", NULL}; /* in the order of enum kiln_store_kind */
 static const char *const partitions[] = {"cells", "objects", NULL};
 static const char *const tone_curves[] = {"filmic", "reinhard", "aces", "none", NULL};
 static const char *const side_choices[] = {"one", "two", NULL};
@@ -467,6 +468,26 @@ const struct kiln_option kiln_options[] = {
      .help = "remove the punctual lights whose light is in the lightmaps; otherwise they are marked",
      .commands = KILN_FOR_EXPORT,
      .offset = AT(drop_baked_lights)},
+
+    {.name = "store",
+     .group = "Lightmaps",
+     .kind = KILN_OPTION_CHOICE_ENUM,
+     .fallback = "lightmap",
+     .choices = stores,
+     .help = "where light lives: lightmaps, or octrees, which need no layout and are in kiln.h5 alone",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(store)},
+    {.name = "leaf-size",
+     .group = "Lightmaps",
+     .kind = KILN_OPTION_DOUBLE,
+     .value = "METRES",
+     .fallback = "auto",
+     .word = "auto",
+     .minimum = 1e-12,
+     .maximum = 1e12,
+     .help = "side of an octree's leaf; auto: 1 / --texels-per-metre",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(leaf_size)},
 
     {.name = "cell-size",
      .group = "Cells and probes",

@@ -30,4 +30,9 @@ struct kiln_layout_params {
  * scene header's padding_factor says the latter, too. */
 int kiln_layout(struct kiln_builder *builder, const struct kiln_layout_params *params, struct kiln_error *error);
 
+/* Makes no layouts, for stores that need none: every lightmap is one texel, and all coordinates in it are 0. Fills
+ * mesh.surface_area and KILN_MESH_NO_LAYOUT, and the header's density: `texels_per_metre` or, with 0, as many as give
+ * the whole scene about 2^18 texels. */
+int kiln_layout_none(struct kiln_builder *builder, double texels_per_metre, struct kiln_error *error);
+
 #endif

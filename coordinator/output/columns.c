@@ -27,6 +27,19 @@ static void put_texel(void *row, const struct kiln_column_point *p)
     memcpy(row, (const uint32_t[]){p->detail->x, p->detail->y}, 2 * sizeof(uint32_t));
 }
 
+static void put_leaf(void *row, const struct kiln_column_point *p)
+{
+    memcpy(row, p->detail->leaf, sizeof p->detail->leaf);
+}
+
+/* The side of the triangles that an octree has; of backs that of the triangles' fronts reversed. */
+static void put_facing(void *row, const struct kiln_column_point *p)
+{
+    const struct kiln_surface *s = p->result->surface;
+    const uint32_t side = p->tile_run->map / s->object_count;
+    *(uint8_t *)row = (uint8_t)(side < KILN_SIDES ? side : (side - KILN_SIDES) ^ 1u);
+}
+
 static void put_valid(void *row, const struct kiln_column_point *p)
 {
     *(uint8_t *)row = kiln_point_valid(p->result->surface, p->own);
@@ -74,6 +87,20 @@ static const struct computed {
       .units = "texel",
       .description = "x and y in the object's lightmap, from the top left, v = 0 at the top",
       .put = put_texel}},
+    {0,
+     {.name = "/points/leaf",
+      .type = KILN_UINT32,
+      .components = 3,
+      .units = "1",
+      .description = "x, y and z of the octree's leaf, counted from the file's leaf_origin, each leaf_size wide",
+      .put = put_leaf}},
+    {0,
+     {.name = "/points/facing",
+      .type = KILN_UINT8,
+      .components = 1,
+      .units = "1",
+      .description = "side that the surface looks to: 0 to 5 for +x, -x, +y, -y, +z, -z; each has an octree of its own",
+      .put = put_facing}},
     {1,
      {.name = "/points/valid",
       .type = KILN_UINT8,
@@ -118,12 +145,21 @@ static void add_fields(struct kiln_columns *columns, const struct kiln_field_set
     }
 }
 
-void kiln_columns_make(struct kiln_columns *columns, const struct kiln_field_set *fields, bool backs)
+static bool is_in(const struct computed *c, bool backs, bool octree)
+{
+    if (c->column.put == put_side)
+        return backs;
+    if (c->column.put == put_texel)
+        return !octree;
+    return octree || (c->column.put != put_leaf && c->column.put != put_facing);
+}
+
+void kiln_columns_make(struct kiln_columns *columns, const struct kiln_field_set *fields, bool backs, bool octree)
 {
     columns->count = 0;
     for (int group = 0; group < GROUPS; group++) {
         for (size_t i = 0; i < COMPUTED; i++)
-            if (computed[i].group == group && (backs || computed[i].column.put != put_side))
+            if (computed[i].group == group && is_in(&computed[i], backs, octree))
                 columns->column[columns->count++] = computed[i].column;
         if (group + 1 < GROUPS)
             add_fields(columns, fields, group == 0);

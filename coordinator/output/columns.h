@@ -37,8 +37,9 @@ struct kiln_columns {
     struct kiln_column column[KILN_COLUMNS_MAX];
 };
 
-/* Lists the columns. With `backs` there is one that distinguishes backs from fronts. */
-void kiln_columns_make(struct kiln_columns *columns, const struct kiln_field_set *fields, bool backs);
+/* Lists the columns. With `backs` there is one that distinguishes backs from fronts; with `octree` points are leaves,
+ * not texels. */
+void kiln_columns_make(struct kiln_columns *columns, const struct kiln_field_set *fields, bool backs, bool octree);
 /* Index of the column of that name; columns->count if there is none. */
 size_t kiln_columns_find(const struct kiln_columns *columns, const char *name);
 

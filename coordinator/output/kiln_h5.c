@@ -45,7 +45,7 @@ static int write_names(struct kiln_h5 *h5, const struct kiln_scene *scene, struc
     return status;
 }
 
-static int write_objects(struct kiln_h5 *h5, const struct kiln_scene *scene, struct kiln_error *error)
+static int write_objects(struct kiln_h5 *h5, const struct kiln_scene *scene, bool lightmaps, struct kiln_error *error)
 {
     uint32_t *meshes = NULL, *sizes = NULL;
     int status = kiln_allocate(&meshes, scene->object_count, sizeof *meshes, "objects", error);
@@ -72,7 +72,7 @@ static int write_objects(struct kiln_h5 *h5, const struct kiln_scene *scene, str
     status = kiln_agree(h5->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_h5_small(h5, &mesh, meshes, error);
-    if (status == KILN_OK)
+    if (status == KILN_OK && lightmaps)
         status = kiln_h5_small(h5, &size, sizes, error);
     kiln_free(&meshes);
     kiln_free(&sizes);
@@ -191,6 +191,18 @@ static int write_vertices(struct kiln_h5 *h5, const struct kiln_bake_result *res
     return status == KILN_OK ? write_vertex_positions(h5, result->scene, vertices, error) : status;
 }
 
+/* Of octrees: how leaves lie in the world. */
+static int write_leaves(struct kiln_h5 *h5, const struct kiln_bake_result *result, struct kiln_error *error)
+{
+    const struct kiln_geometry *g = result->geometry;
+    const double *centre = result->scene->header->centre;
+    const double origin[3] = {g->leaf_origin.x + centre[0], g->leaf_origin.y + centre[1], g->leaf_origin.z + centre[2]};
+    int status = kiln_h5_attribute_text(h5, "/", "store", "octree", error);
+    if (status == KILN_OK)
+        status = kiln_h5_attribute(h5, "/", "leaf_size", H5T_NATIVE_DOUBLE, &g->leaf_size, 1, error);
+    return status == KILN_OK ? kiln_h5_attribute(h5, "/", "leaf_origin", H5T_NATIVE_DOUBLE, origin, 3, error) : status;
+}
+
 static int write_attributes(struct kiln_h5 *h5, const struct kiln_bake_result *result,
                             const struct kiln_output_params *params, struct kiln_error *error)
 {
@@ -245,8 +257,10 @@ static int write_small(struct kiln_h5 *h5, const struct kiln_bake_result *result
     int status = make_groups(h5, result->fields, error);
     if (status == KILN_OK)
         status = write_attributes(h5, result, params, error);
+    if (status == KILN_OK && result->surface->bricks != NULL)
+        status = write_leaves(h5, result, error);
     if (status == KILN_OK)
-        status = write_objects(h5, result->scene, error);
+        status = write_objects(h5, result->scene, result->surface->bricks == NULL, error);
     if (status == KILN_OK)
         status = write_cells(h5, result->surface, cell_points, error);
     if (status == KILN_OK && params->vertices != NULL)

@@ -438,7 +438,7 @@ uint64_t kiln_points_largest(const struct kiln_field_set *fields, uint64_t point
 {
     const uint64_t held = points < CHUNK_ROWS ? points : round_up(points, CHUNK_ROWS) * CHUNK_ROWS;
     struct kiln_columns columns;
-    kiln_columns_make(&columns, fields, true);
+    kiln_columns_make(&columns, fields, true, true);
     return held * (kiln_columns_row(&columns) + 1) + (held / CHUNK_ROWS + 1) * columns.count * 256;
 }
 
@@ -486,7 +486,8 @@ int kiln_points_writer_create(struct kiln_points_writer **writer, const struct k
     if (status == KILN_OK) {
         struct kiln_points_writer *w = *writer;
         w->result = result;
-        kiln_columns_make(&w->columns, result->fields, result->surface->map_count > result->surface->object_count);
+        kiln_columns_make(&w->columns, result->fields, result->surface->map_count > kiln_front_maps(result->surface),
+                          result->surface->bricks != NULL);
         w->total = kiln_columns_find(&w->columns, TOTAL);
         w->chunk_rows = minimum(result->surface->point_count, CHUNK_ROWS);
         w->chunk_rows = w->chunk_rows == 0 ? 1 : w->chunk_rows;

@@ -1,6 +1,5 @@
 #include "coordinator/output/points.h"
 
-#include "worker/scene/clip.h"
 #include "worker/scene/footprint.h"
 
 struct triangle_view {
@@ -35,6 +34,20 @@ static double piece_centroid(const struct kiln_scene *scene, const struct triang
     const double area = count < 3 ? 0.0 : kiln_clip_area(polygon, count, &centroid);
     *b1 = centroid.b1;
     *b2 = centroid.b2;
+    return area;
+}
+
+/* The same of a leaf, in the area of its square. */
+static double leaf_centroid(const struct kiln_bake_result *result, uint32_t triangle,
+                            const struct kiln_texel_place *place, bool flipped, double *b1, double *b2)
+{
+    struct kiln_texel_triangle local;
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid = {0.5, 0.5, 1.0 / 3.0, 1.0 / 3.0};
+    kiln_texel_triangle(result->scene, result->geometry, triangle, place, &local);
+    const uint32_t count = kiln_texel_clip(&local, 0.0, 0.0, 1.0, 1.0, polygon);
+    const double area = count < 3 ? 0.0 : kiln_clip_area(polygon, count, &centroid);
+    *b1 = flipped ? centroid.b2 : centroid.b1; /* a mirrored object's corners 1 and 2 are exchanged in the world */
+    *b2 = flipped ? centroid.b1 : centroid.b2;
     return area;
 }
 
@@ -80,14 +93,15 @@ static void add_normal(const struct kiln_scene *scene, const struct triangle_vie
 static void describe(const struct kiln_bake_result *result, const struct kiln_point_cursor *at, const uint32_t *pieces,
                      const float *shares, uint32_t piece_count, struct kiln_point_detail *detail)
 {
-    const double scale = 1.0 / (double)(1u << at->shift), side = at->back ? -1.0 : 1.0;
+    const double scale = 1.0 / (double)(1u << at->place.shift), side = at->back ? -1.0 : 1.0;
     struct kiln_dvec3 normal = dvec3(0.0, 0.0, 0.0);
     double coverage = 0.0, before = 0.0;
     for (uint32_t i = 0; i < piece_count; i++) {
         const double until = i + 1 < piece_count ? (double)shares[i] : 1.0;
         const struct triangle_view view = view_triangle(result, at->object, pieces[i]);
         double b1, b2;
-        coverage += piece_centroid(result->scene, &view, detail->x, detail->y, scale, &b1, &b2);
+        coverage += at->leaves ? leaf_centroid(result, pieces[i], &at->place, view.object->flipped != 0, &b1, &b2)
+                               : piece_centroid(result->scene, &view, detail->x, detail->y, scale, &b1, &b2);
         add_position(result->scene, &view, b1, b2, until - before, detail->position);
         add_normal(result->scene, &view, b1, b2, until - before, &normal);
         before = until;
@@ -100,6 +114,14 @@ static void describe(const struct kiln_bake_result *result, const struct kiln_po
     detail->coverage = (float)(coverage < 1.0 ? coverage : 1.0);
 }
 
+static void find_leaf(const struct kiln_geometry *g, uint32_t triangle, const struct kiln_texel_place *place,
+                      uint32_t leaf[3])
+{
+    const uint32_t side = g->leaves[triangle].side, of[3] = {place->x, place->y, place->layer};
+    for (int k = 0; k < 3; k++)
+        leaf[kiln_leaf_axis(side, k)] = of[k];
+}
+
 uint32_t kiln_tile_run_details(const struct kiln_bake_result *result, size_t tile_run,
                                struct kiln_point_detail *details)
 {
@@ -110,6 +132,8 @@ uint32_t kiln_tile_run_details(const struct kiln_bake_result *result, size_t til
         const uint32_t *pieces = s->pieces + at.piece;
         const uint32_t piece_count = kiln_piece_count(s, at.point);
         details[i] = (struct kiln_point_detail){.x = at.x, .y = at.y, .triangle = pieces[0]};
+        if (at.leaves)
+            find_leaf(result->geometry, pieces[0], &at.place, details[i].leaf);
         describe(result, &at, pieces, s->area_cdf + at.cdf, piece_count, &details[i]);
         if (kiln_point_whole(s, at.point))
             details[i].coverage = 1.0f;

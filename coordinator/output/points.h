@@ -8,6 +8,7 @@
 
 struct kiln_point_detail {
     uint32_t x, y;      /* texel in the object's lightmap */
+    uint32_t leaf[3];   /* of an octree: the leaf along the axes of the world, from the leaves' origin on */
     uint32_t triangle;  /* world triangle of its first piece */
     float coverage;     /* fraction of the texel's square that the layout covers, 0 to 1 */
     double position[3]; /* m, world: centroid of the covered part of the surface */

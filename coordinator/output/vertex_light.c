@@ -408,12 +408,12 @@ static int sort_tile_runs(struct fit *f, struct kiln_error *error)
     size_t *next = f->object_runs + 1; /* counted one further on, so that filling in leaves the begins */
     for (size_t i = 0; i < s->tile_run_count; i++)
         if (!kiln_map_back(s, s->tile_runs[i].map))
-            next[s->tile_runs[i].map + 1]++;
+            next[kiln_map_object(s, s->tile_runs[i].map) + 1]++;
     for (size_t o = 0; o < objects; o++)
         next[o + 1] += next[o];
     for (size_t i = 0; i < s->tile_run_count; i++)
         if (!kiln_map_back(s, s->tile_runs[i].map))
-            f->tile_runs[next[s->tile_runs[i].map]++] = (uint32_t)i;
+            f->tile_runs[next[kiln_map_object(s, s->tile_runs[i].map)]++] = (uint32_t)i;
     return KILN_OK;
 }
 

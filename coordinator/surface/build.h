@@ -1,6 +1,7 @@
 /* Private to coordinator/surface: the state that the steps of kiln_surface_build pass to one another. Each step reads
  * what the steps before it left and adds its own.
  *
+ *   bricks.c        the bricks of octrees
  *   points.c        lightmap sizes, blocks of tiles; covers the blocks of this rank: unplaced runs
  *   order.c         gives the unplaced runs their places in the global order; fills the map of all tiles on every rank
  *   assignment.c    splits the global order between the ranks and sends each tile run to the rank that owns it

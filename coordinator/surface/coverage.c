@@ -2,7 +2,9 @@
 
 #include <stdlib.h>
 
+#include "coordinator/surface/bricks.h"
 #include "worker/base/memory.h"
+#include "worker/scene/footprint.h"
 
 static uint64_t world_triangle(const struct kiln_object_range *range, uint64_t k)
 {
@@ -12,31 +14,6 @@ static uint64_t world_triangle(const struct kiln_object_range *range, uint64_t k
 /* fmin and fmax would become calls into the mathematics library here. */
 static inline double least(double a, double b) { return a < b ? a : b; }
 static inline double most(double a, double b) { return a > b ? a : b; }
-
-/* The range in x that the triangle reaches between the heights y0 and y1. It is widened by more than the rounding
- * error: clipping decides in the end. False when the triangle does not reach between them. */
-static bool reach_between(const double c[3][2], double y0, double y1, double *low, double *high)
-{
-    double x0 = INFINITY, x1 = -INFINITY;
-    for (int i = 0; i < 3; i++) {
-        const double *a = c[i], *b = c[i == 2 ? 0 : i + 1];
-        if (a[1] >= y0 && a[1] <= y1) {
-            x0 = least(x0, a[0]);
-            x1 = most(x1, a[0]);
-        }
-        for (int side = 0; side < 2; side++) {
-            const double y = side == 0 ? y0 : y1;
-            if ((a[1] < y) != (b[1] < y)) {
-                const double x = a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);
-                x0 = least(x0, x);
-                x1 = most(x1, x);
-            }
-        }
-    }
-    *low = x0 - 1e-9 * (1.0 + fabs(x0));
-    *high = x1 + 1e-9 * (1.0 + fabs(x1));
-    return x0 <= x1;
-}
 
 /* Index of the interval of length `size` that holds x, clamped to 0 .. count - 1. */
 static uint32_t clamped_index(double x, double size, uint32_t count)
@@ -66,10 +43,39 @@ static void bin_into(uint64_t tile, uint32_t triangle, uint64_t *place, uint32_t
         out[at] = triangle;
 }
 
+/* Where bin_brick puts a triangle. */
+struct brick_bin {
+    const struct kiln_coverage *coverage;
+    uint32_t triangle;
+    uint64_t *place;
+    uint32_t *out;
+};
+
+static void bin_brick(void *context, uint64_t place)
+{
+    const struct brick_bin *b = context;
+    const struct kiln_surface *s = b->coverage->surface;
+    const struct kiln_brick_slot *slot = kiln_brick_slot(s, b->coverage->map, place);
+    bin_into(slot->tile - 1 - s->lightmaps[b->coverage->map].tile_first, b->triangle, b->place, b->out);
+}
+
+/* The same for an octree. */
+static void bin_leaves(const struct kiln_coverage *c, uint32_t triangle, uint64_t *place, uint32_t *out)
+{
+    struct brick_bin b = {c, triangle, place, out};
+    if (c->geometry->leaves[triangle].side == c->side &&
+        (!c->back || (c->geometry->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0))
+        kiln_bricks_of(c->geometry, triangle, bin_brick, &b);
+}
+
 /* Passes each tile that the triangle touches to bin_into. A triangle without area in the world touches none. */
 static void bin(const struct kiln_coverage *c, uint32_t triangle, uint64_t *place, uint32_t *out)
 {
     double corner[3][2];
+    if (c->leaves) {
+        bin_leaves(c, triangle, place, out);
+        return;
+    }
     kiln_geometry_map_corners(c->scene, c->geometry, triangle, c->shift, corner);
     if (!(kiln_geometry_triangle_area(c->geometry, triangle) > 0.0))
         return;
@@ -86,7 +92,7 @@ static void bin(const struct kiln_coverage *c, uint32_t triangle, uint64_t *plac
     const uint32_t ty1 = clamped_index(top, KILN_TILE_SIDE, c->tiles_y);
     for (uint32_t ty = clamped_index(bottom, KILN_TILE_SIDE, c->tiles_y); ty <= ty1; ty++) {
         double low, high;
-        if (!reach_between(corner, (double)ty * KILN_TILE_SIDE, ((double)ty + 1.0) * KILN_TILE_SIDE, &low, &high))
+        if (!kiln_clip_reach(corner, (double)ty * KILN_TILE_SIDE, ((double)ty + 1.0) * KILN_TILE_SIDE, &low, &high))
             continue;
         const uint32_t tx1 = clamped_index(high, KILN_TILE_SIDE, c->tiles_x);
         for (uint32_t tx = clamped_index(low, KILN_TILE_SIDE, c->tiles_x); tx <= tx1; tx++)
@@ -117,6 +123,10 @@ int kiln_coverage_create(struct kiln_coverage *coverage, const struct kiln_scene
     const struct kiln_lightmap *lightmap = &surface->lightmaps[map];
     *coverage = (struct kiln_coverage){.scene = scene,
                                        .geometry = geometry,
+                                       .surface = surface,
+                                       .map = map,
+                                       .leaves = surface->bricks != NULL,
+                                       .side = map % kiln_front_maps(surface) / surface->object_count,
                                        .width = lightmap->width,
                                        .height = lightmap->height,
                                        .tiles_x = lightmap->tiles_x,
@@ -223,7 +233,7 @@ static void cover(const struct kiln_coverage *c, const struct tile_window *windo
     const uint32_t row_last = clamped_index(top - y0, 1.0, window->height);
     for (uint32_t y = clamped_index(bottom - y0, 1.0, window->height); y <= row_last; y++) {
         double low, high;
-        if (!reach_between(corner, y0 + y, y0 + y + 1.0, &low, &high))
+        if (!kiln_clip_reach(corner, y0 + y, y0 + y + 1.0, &low, &high))
             continue;
         const uint32_t x_last = clamped_index(high - x0, 1.0, window->width);
         for (uint32_t x = clamped_index(low - x0, 1.0, window->width); x <= x_last; x++)
@@ -231,10 +241,120 @@ static void cover(const struct kiln_coverage *c, const struct tile_window *windo
     }
 }
 
+/* ---- leaves ---- */
+
+/* A triangle over one column of a brick's leaves. */
+struct leaf_column {
+    const struct kiln_coverage *coverage;
+    uint32_t triangle;
+    struct kiln_texel_place first; /* its first leaf */
+    double area, texels;           /* of the triangle: m2, and squares of leaves */
+};
+
+static void add_leaf(struct kiln_coverage_scratch *scratch, const struct leaf_column *at, uint32_t layer, bool whole,
+                     double area, double b1, double b2)
+{
+    scratch->pieces[scratch->count++] = (struct kiln_coverage_piece){
+        area, b1, b2, at->triangle, (uint8_t)kiln_morton4(at->first.x, at->first.y, layer), whole};
+}
+
+/* Adds the piece that lies in one leaf of the column. */
+static void cover_leaf(struct kiln_coverage_scratch *scratch, const struct leaf_column *at, uint32_t layer)
+{
+    struct kiln_texel_place place = at->first;
+    struct kiln_texel_triangle local;
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid;
+    place.layer += layer;
+    kiln_texel_triangle(at->coverage->scene, at->coverage->geometry, at->triangle, &place, &local);
+    const uint32_t count = kiln_texel_clip(&local, 0.0, 0.0, 1.0, 1.0, polygon);
+    const double fraction = kiln_clip_fraction(polygon, count, &centroid);
+    if (fraction > kiln_clip_smallest(at->texels))
+        add_leaf(scratch, at, layer, false, fraction * at->area, centroid.b1, centroid.b2);
+}
+
+/* Whether the triangle holds the whole square of the column within one layer, which is then in `low`. */
+static bool is_one_layer(const struct kiln_texel_triangle *local, const struct kiln_clip_weights *w, double *low,
+                         double *high)
+{
+    *low = INFINITY;
+    *high = -INFINITY;
+    for (int k = 0; k < 4; k++) {
+        const double x = k % 2, y = k / 2;
+        const struct kiln_clip_corner corner = {.b1 = w->b1[0] + w->b1[1] * x + w->b1[2] * y,
+                                                .b2 = w->b2[0] + w->b2[1] * x + w->b2[2] * y};
+        *low = least(*low, kiln_clip_depth(&corner, local->depth));
+        *high = most(*high, kiln_clip_depth(&corner, local->depth));
+    }
+    return floor(*low) >= floor(*high);
+}
+
+/* Adds the pieces in the leaves of a column, of a triangle that has area over x and y. */
+static void cover_column(struct kiln_coverage_scratch *scratch, const struct leaf_column *at)
+{
+    struct kiln_texel_triangle local;
+    double low = INFINITY, high = -INFINITY;
+    kiln_texel_triangle(at->coverage->scene, at->coverage->geometry, at->triangle, &at->first, &local);
+    const enum kiln_clip_class class = kiln_clip_classify(local.corner, 0.0, 0.0, 1.0, 1.0);
+    if (class == KILN_CLIP_OUTSIDE)
+        return;
+    if (class == KILN_CLIP_INSIDE) {
+        const struct kiln_clip_weights w = kiln_clip_weights(local.corner);
+        if (is_one_layer(&local, &w, &low, &high)) {
+            if (low >= 0.0 && low < KILN_BRICK_SIDE)
+                add_leaf(scratch, at, (uint32_t)low, true, at->area / at->texels, w.b1[0] + 0.5 * (w.b1[1] + w.b1[2]),
+                         w.b2[0] + 0.5 * (w.b2[1] + w.b2[2]));
+            return;
+        }
+    } else {
+        struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
+        const uint32_t count = kiln_clip_triangle(local.corner, 0.0, 0.0, 1.0, 1.0, polygon);
+        for (uint32_t i = 0; i < count; i++) {
+            low = least(low, kiln_clip_depth(&polygon[i], local.depth));
+            high = most(high, kiln_clip_depth(&polygon[i], local.depth));
+        }
+    }
+    for (uint32_t layer = clamped_index(low, 1.0, KILN_BRICK_SIDE);
+         layer < KILN_BRICK_SIDE && (double)layer <= high && low < KILN_BRICK_SIDE; layer++)
+        cover_leaf(scratch, at, layer);
+}
+
+/* Adds the pieces of one triangle in one brick. The scratch has room for 64 more. */
+static void cover_brick(const struct kiln_coverage *c, const struct kiln_texel_place *brick, uint32_t triangle,
+                        struct kiln_coverage_scratch *scratch)
+{
+    struct kiln_texel_triangle local;
+    struct leaf_column at = {.coverage = c, .triangle = triangle, .first = *brick};
+    kiln_texel_triangle(c->scene, c->geometry, triangle, brick, &local);
+    at.area = kiln_geometry_triangle_area(c->geometry, triangle);
+    at.texels = 0.5 * fabs(kiln_clip_twice_area(local.corner));
+    if (is_collapsed(local.corner)) {
+        at.first.x += clamped_index(mean(local.corner, 0), 1.0, KILN_BRICK_SIDE);
+        at.first.y += clamped_index(mean(local.corner, 1), 1.0, KILN_BRICK_SIDE);
+        cover_leaf(scratch, &at,
+                   clamped_index((local.depth[0] + local.depth[1] + local.depth[2]) / 3.0, 1.0, KILN_BRICK_SIDE));
+        return;
+    }
+    double bottom, top, low, high;
+    vertical_reach(local.corner, &bottom, &top);
+    const uint32_t last = clamped_index(top, 1.0, KILN_BRICK_SIDE);
+    for (uint32_t y = clamped_index(bottom, 1.0, KILN_BRICK_SIDE); y <= last; y++) {
+        if (!kiln_clip_reach(local.corner, y, y + 1.0, &low, &high))
+            continue;
+        const uint32_t x_last = clamped_index(high, 1.0, KILN_BRICK_SIDE);
+        for (uint32_t x = clamped_index(low, 1.0, KILN_BRICK_SIDE); x <= x_last; x++) {
+            at.first.x = brick->x + x;
+            at.first.y = brick->y + y;
+            cover_column(scratch, &at);
+        }
+    }
+}
+
 int kiln_coverage_tile(const struct kiln_coverage *coverage, uint32_t tile, struct kiln_coverage_scratch *scratch,
                        struct kiln_error *error)
 {
     const struct kiln_coverage *c = coverage;
+    const struct kiln_texel_place brick =
+        c->leaves ? kiln_brick_first(c->surface, c->map, tile) : (struct kiln_texel_place){0};
     struct tile_window window = {.x = tile % c->tiles_x * KILN_TILE_SIDE, .y = tile / c->tiles_x * KILN_TILE_SIDE};
     window.width = c->width - window.x < KILN_TILE_SIDE ? c->width - window.x : KILN_TILE_SIDE;
     window.height = c->height - window.y < KILN_TILE_SIDE ? c->height - window.y : KILN_TILE_SIDE;
@@ -244,7 +364,10 @@ int kiln_coverage_tile(const struct kiln_coverage *coverage, uint32_t tile, stru
                                      sizeof *scratch->pieces, "the pieces of a lightmap tile", error);
         if (status != KILN_OK)
             return status;
-        cover(c, &window, c->triangles[i], scratch);
+        if (c->leaves)
+            cover_brick(c, &brick, c->triangles[i], scratch);
+        else
+            cover(c, &window, c->triangles[i], scratch);
     }
     return KILN_OK;
 }

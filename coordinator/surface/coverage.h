@@ -7,14 +7,18 @@
 #include "worker/scene/clip.h"
 #include "worker/scene/surface.h"
 
-/* The triangles of one lightmap, binned by the tiles they touch. Exists while the lightmap is worked on. Borrows scene
- * and geometry. */
+/* The triangles of one lightmap or octree, binned by the tiles they touch. Exists while it is worked on. Borrows scene,
+ * geometry and surface. */
 struct kiln_coverage {
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
+    const struct kiln_surface *surface;
+    uint32_t map;
     uint32_t width, height, tiles_x, tiles_y, shift; /* as in the lightmap */
     /* the lightmap is that of the object's backs: only double-sided triangles are binned */
     bool back;
+    bool leaves;   /* it is an octree, and its tiles are bricks: only the triangles of one side are binned */
+    uint32_t side; /* that side */
     /* one per tile, and one more at the end: its first entry in `triangles` */
     uint64_t *tile_first;
     uint32_t *triangles; /* world triangle numbers, ascending within a tile */
@@ -25,8 +29,8 @@ struct kiln_coverage_piece {
     double area;   /* on the surface, m2 */
     double b1, b2; /* barycentric weights of the piece's centroid, for the triangle's corners 1 and 2 */
     uint32_t triangle;
-    uint8_t bit; /* the texel's bit in its tile: kiln_morton8(x, y) */
-    bool whole;  /* the triangle holds the whole square of the texel */
+    uint8_t bit; /* the texel's bit in its tile, kiln_morton8(x, y), or the leaf's in its brick, kiln_morton4 */
+    bool whole;  /* the triangle holds the whole square of the texel, or crosses the leaf over all of its square */
 };
 
 /* Working memory of one thread. Zero-initialise; free with kiln_coverage_scratch_destroy. */

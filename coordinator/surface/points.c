@@ -1,5 +1,6 @@
 #include <string.h>
 
+#include "coordinator/surface/bricks.h"
 #include "coordinator/surface/build.h"
 #include "coordinator/surface/charts.h"
 #include "worker/base/memory.h"
@@ -75,14 +76,14 @@ static bool has_backs(const struct kiln_build *build, size_t object)
     return build->geometry->ranges[object].two_sided > 0 && (met || publishes_backs(build, object));
 }
 
-/* The number of lightmaps: one per object or, if any object has backs, two per object. */
+/* The number of lightmaps: one per object (of octrees one for each side) or, if any object has backs, twice that. */
 static uint32_t count_maps(const struct kiln_build *build)
 {
-    const size_t objects = build->scene->object_count;
+    const size_t objects = build->scene->object_count, fronts = build->geometry->leaves != NULL ? KILN_SIDES : 1;
     for (size_t o = 0; o < objects; o++)
         if (has_backs(build, o))
-            return (uint32_t)(2 * objects);
-    return (uint32_t)objects;
+            return (uint32_t)(2 * fronts * objects);
+    return (uint32_t)(fronts * objects);
 }
 
 /* Sets a lightmap's size. A lightmap of backs that is published is as fine as that of the front; one that only rays see
@@ -105,14 +106,30 @@ static void size_lightmap(const struct kiln_build *build, uint32_t number, struc
     map->tiles_y = (map->height - 1) / KILN_TILE_SIDE + 1;
 }
 
+static void number_blocks(struct kiln_build *build, uint32_t map)
+{
+    build->map_block[map + 1] =
+        build->map_block[map] + (tiles_of(build, map) + KILN_BLOCK_TILES - 1) / KILN_BLOCK_TILES;
+}
+
+static int place_octrees(struct kiln_build *build)
+{
+    const int status = kiln_bricks_find(build, has_backs);
+    for (uint32_t map = 0; map < build->surface->map_count && status == KILN_OK; map++)
+        number_blocks(build, map);
+    build->report->texels = KILN_TILE_TEXELS * build->surface->tile_count;
+    return status;
+}
+
 static int place_lightmaps(struct kiln_build *build)
 {
     const struct kiln_scene *scene = build->scene;
     struct kiln_surface *surface = build->surface;
-    if (scene->object_count > UINT32_MAX / 2)
+    const uint32_t most = build->geometry->leaves != NULL ? UINT32_MAX / 2 / KILN_SIDES : UINT32_MAX / 2;
+    if (scene->object_count > most)
         return kiln_fail(build->error, KILN_BAD_INPUT,
                          "the scene has %zu objects, and at most %u are possible: join some of them",
-                         scene->object_count, UINT32_MAX / 2);
+                         scene->object_count, most);
     surface->object_count = (uint32_t)scene->object_count;
     surface->map_count = count_maps(build);
     int status = kiln_allocate(&surface->lightmaps, surface->map_count, sizeof *surface->lightmaps, "the lightmaps",
@@ -122,6 +139,8 @@ static int place_lightmaps(struct kiln_build *build)
                                "the lightmaps", build->error);
     if (status != KILN_OK)
         return status;
+    if (build->geometry->leaves != NULL)
+        return place_octrees(build);
     for (uint32_t o = 0; o < surface->map_count; o++) {
         struct kiln_lightmap *map = &surface->lightmaps[o];
         size_lightmap(build, o, map);
@@ -133,7 +152,7 @@ static int place_lightmaps(struct kiln_build *build)
                              kiln_scene_string(scene, scene->objects[kiln_map_object(surface, o)].name), map->width,
                              map->height);
         surface->tile_count += tiles_of(build, o);
-        build->map_block[o + 1] = build->map_block[o] + (tiles_of(build, o) + KILN_BLOCK_TILES - 1) / KILN_BLOCK_TILES;
+        number_blocks(build, o);
         build->report->texels += (uint64_t)map->width * map->height;
     }
     return KILN_OK;
@@ -228,7 +247,7 @@ static void add_to_texel(const struct kiln_build *build, struct texel_sum *sum, 
     uint64_t vertex[3];
     kiln_geometry_corners(g, piece->triangle, corner);
     kiln_geometry_stored_vertices(build->scene, g, piece->triangle, vertex);
-    const uint32_t chart = build->vertex_chart[vertex[0]];
+    const uint32_t chart = build->vertex_chart != NULL ? build->vertex_chart[vertex[0]] : 0;
     if (sum->pieces == 0)
         sum->chart = chart;
     else if (sum->chart != chart)
@@ -321,7 +340,7 @@ static void cover_map(struct kiln_build *build, uint32_t number, uint32_t thread
     const int team = (int)threads;
     if (triangles_of(build, number) == 0 || own_first >= own_end)
         return;
-    if (own_first == block_first && !kiln_map_back(build->surface, number))
+    if (own_first == block_first && number < build->surface->object_count)
         build->object_area[number] = area_of(build, number);
     int status = kiln_allocate(&order, tiles, sizeof *order, "the order of a lightmap's tiles", &error);
     if (status == KILN_OK)
@@ -333,7 +352,11 @@ static void cover_map(struct kiln_build *build, uint32_t number, uint32_t thread
     }
     while (side < map->tiles_x || side < map->tiles_y)
         side *= 2;
-    order_tiles(order, map, 0, 0, side);
+    if (coverage.leaves) /* bricks are in Morton order */
+        for (uint32_t i = 0; i < tiles; i++)
+            order[i] = i;
+    else
+        order_tiles(order, map, 0, 0, side);
 #pragma omp parallel num_threads(team)
     {
         struct kiln_coverage_scratch scratch = {0};
@@ -366,7 +389,7 @@ static int cover_own(struct kiln_build *build)
     int status = kiln_allocate(&wanted, build->scene->mesh_count, sizeof *wanted, "the meshes to cover", build->error);
     for (uint64_t b = build->own_first; b < build->own_end && status == KILN_OK; b++)
         wanted[build->scene->objects[kiln_map_object(build->surface, build->blocks[b].map)].mesh] = 1;
-    if (status == KILN_OK)
+    if (status == KILN_OK && build->geometry->leaves == NULL)
         status = kiln_charts_find(&build->vertex_chart, build->scene, wanted, build->threads, build->error);
     if (status == KILN_OK) {
         kiln_build_for_maps(build, NULL, cover_map, NULL);
@@ -419,10 +442,13 @@ static void report_areas(struct kiln_build *build)
     struct kiln_surface_report *report = build->report;
     for (size_t o = 0; o < build->scene->object_count; o++) {
         double area = 0.0;
-        for (uint64_t b = build->map_block[o]; b < build->map_block[o + 1]; b++) {
-            area += build->blocks[b].area;
-            report->shared_texels += build->blocks[b].shared_texels;
-        }
+        for (size_t map = o; map < kiln_front_maps(build->surface); map += build->scene->object_count)
+            for (uint64_t b = build->map_block[map]; b < build->map_block[map + 1]; b++) {
+                area += build->blocks[b].area;
+                report->shared_texels += build->blocks[b].shared_texels;
+            }
+        if (build->surface->bricks != NULL) /* the first octree of an object may have no blocks */
+            build->object_area[o] = area_of(build, (uint32_t)o);
         report->area += area;
         report->geometry_area += build->object_area[o];
         if (!(build->object_area[o] > 0.0))

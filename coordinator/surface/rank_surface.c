@@ -3,6 +3,7 @@
 
 #include "coordinator/surface/build.h"
 #include "worker/base/memory.h"
+#include "worker/scene/footprint.h"
 #include "worker/scene/texture.h"
 
 static const double DITHERED_ALBEDO = 0.95; /* below it rounding costs at most 1.6e-4 of the light */
@@ -60,18 +61,18 @@ static void sample_square(const struct kiln_build *build, uint32_t triangle, con
 /* Samples the colour of a piece that does not fill its texel. The piece's bounding box is cut into equal rectangles,
  * more of them the larger the piece is; each is sampled at the centroid of what the piece covers of it. All pieces of a
  * texel together get at least about 8 samples. `fraction`: the piece's area / the point's area. */
-static void sample_polygon(const struct kiln_build *build, uint32_t triangle, const double local[3][2], double area,
-                           double fraction, struct color_sum *sum)
+static void sample_polygon(const struct kiln_build *build, uint32_t triangle, const struct kiln_texel_triangle *local,
+                           double area, double fraction, struct color_sum *sum)
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid;
-    const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
+    const uint32_t corners = kiln_texel_clip(local, 0.0, 0.0, 1.0, 1.0, polygon);
     const double whole = kiln_clip_fraction(polygon, corners, &centroid);
     double x0 = 1.0, y0 = 1.0, x1 = 0.0, y1 = 0.0;
     for (uint32_t i = 0; i < corners; i++) {
         x0 = fmin(x0, polygon[i].x), y0 = fmin(y0, polygon[i].y);
         x1 = fmax(x1, polygon[i].x), y1 = fmax(y1, polygon[i].y);
     }
-    if (!(fabs(kiln_clip_twice_area(local)) > 0.0)) { /* collapsed in the lightmap: it cannot be clipped */
+    if (!(fabs(kiln_clip_twice_area(local->corner)) > 0.0)) { /* collapsed in the lightmap: it cannot be clipped */
         sample_color(build, triangle, centroid.b1, centroid.b2, area, sum);
         return;
     }
@@ -79,30 +80,29 @@ static void sample_polygon(const struct kiln_build *build, uint32_t triangle, co
     const double dx = (x1 - x0) / side, dy = (y1 - y0) / side;
     for (int i = 0; i < side * side; i++) {
         const double x = x0 + i % side * dx, y = y0 + i / side * dy;
-        if (kiln_clip_classify(local, x, y, x + dx, y + dy) == KILN_CLIP_OUTSIDE)
+        if (kiln_clip_classify(local->corner, x, y, x + dx, y + dy) == KILN_CLIP_OUTSIDE)
             continue;
-        const uint32_t count = kiln_clip_triangle(local, x, y, x + dx, y + dy, polygon);
+        const uint32_t count = kiln_texel_clip(local, x, y, x + dx, y + dy, polygon);
         const double covered = kiln_clip_fraction(polygon, count, &centroid);
         if (covered > 0.0)
             sample_color(build, triangle, centroid.b1, centroid.b2, area * (covered / whole), sum);
     }
 }
 
-static void add_piece_color(const struct kiln_build *build, const struct kiln_coverage_piece *piece, uint32_t x,
-                            uint32_t y, uint32_t shift, double total, struct color_sum *sum)
+static void add_piece_color(const struct kiln_build *build, const struct kiln_coverage_piece *piece,
+                            const struct kiln_texel_place *place, double total, struct color_sum *sum)
 {
     const struct kiln_hit_record *record = &build->geometry->records[piece->triangle];
     if (build->scene->materials[record->material & KILN_RECORD_MATERIAL].base_color_texture == KILN_NONE) {
         sample_color(build, piece->triangle, piece->b1, piece->b2, piece->area, sum);
         return;
     }
-    double corner[3][2], local[3][2];
-    kiln_geometry_map_corners(build->scene, build->geometry, piece->triangle, shift, corner);
-    kiln_clip_local(corner, x, y, local);
+    struct kiln_texel_triangle local;
+    kiln_texel_triangle(build->scene, build->geometry, piece->triangle, place, &local);
     if (piece->whole)
-        sample_square(build, piece->triangle, local, piece->area, sum);
+        sample_square(build, piece->triangle, local.corner, piece->area, sum);
     else
-        sample_polygon(build, piece->triangle, local, piece->area, piece->area / total, sum);
+        sample_polygon(build, piece->triangle, &local, piece->area, piece->area / total, sum);
 }
 
 /* How texel (x, y) rounds a number between two whole ones: up where its fraction is above this. Neighbours differ as
@@ -159,8 +159,9 @@ static int keep_largest(struct fill_scratch *scratch, uint32_t *order, uint32_t 
 
 struct point_place {
     struct kiln_own_point point;
-    uint64_t piece, cdf;  /* indices in the surface's arrays where the point's pieces and fractions of area go */
-    uint32_t x, y, shift; /* the point's texel, and the lightmap's shift */
+    uint64_t piece, cdf; /* indices in the surface's arrays where the point's pieces and fractions of area go */
+    uint32_t x, y;       /* the point's texel */
+    struct kiln_texel_place texel; /* the same, or its leaf */
 };
 
 static int fill_point(struct kiln_build *build, struct fill_scratch *scratch, uint32_t *order, uint32_t count,
@@ -181,7 +182,7 @@ static int fill_point(struct kiln_build *build, struct fill_scratch *scratch, ui
     struct color_sum color = {0};
     for (uint32_t i = 0; i < count; i++) {
         const struct kiln_coverage_piece *piece = &pieces[order[i]];
-        add_piece_color(build, piece, place->x, place->y, place->shift, kept, &color);
+        add_piece_color(build, piece, &place->texel, kept, &color);
         s->pieces[place->piece++] = piece->triangle;
         sum += piece->area;
         if (i + 1 < count)
@@ -229,11 +230,13 @@ static int fill_tile_run(struct kiln_build *build, const struct kiln_coverage *c
     if (status == KILN_OK)
         status = sort_pieces(scratch, first, error);
     struct point_place place = {
-        kiln_own_of_global(s, tile_run->first), s->piece_base[f], s->area_cdf_base[f], 0, 0, coverage->shift};
-    for (uint64_t rest = tile_run->mask; rest != 0 && status == KILN_OK; rest &= rest - 1) {
-        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        place.x = tile_run->tile % coverage->tiles_x * KILN_TILE_SIDE + kiln_morton8_x(bit);
-        place.y = tile_run->tile / coverage->tiles_x * KILN_TILE_SIDE + kiln_morton8_y(bit);
+        .point = kiln_own_of_global(s, tile_run->first), .piece = s->piece_base[f], .cdf = s->area_cdf_base[f]};
+    struct kiln_point_cursor at = kiln_point_begin(s, tile_run);
+    for (; at.rest != 0 && status == KILN_OK; at.rest &= at.rest - 1, kiln_point_locate(&at)) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(at.rest);
+        place.x = at.x;
+        place.y = at.y;
+        place.texel = at.place;
         status = fill_point(build, scratch, scratch->order + first[bit], (uint32_t)(first[bit + 1] - first[bit]),
                             &place, error);
     }

@@ -48,7 +48,8 @@ static const struct kiln_surface_exchange alone = {
 static uint64_t count_back_points(const struct kiln_surface *s)
 {
     uint64_t count = 0;
-    const uint64_t first = s->map_count > s->object_count ? s->lightmaps[s->object_count].tile_first : s->tile_count;
+    const uint32_t fronts = kiln_front_maps(s);
+    const uint64_t first = s->map_count > fronts ? s->lightmaps[fronts].tile_first : s->tile_count;
     for (uint64_t t = first; t < s->tile_count; t++)
         count += (uint64_t)__builtin_popcountll(s->tiles[t].mask);
     return count;

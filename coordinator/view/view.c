@@ -8,6 +8,7 @@
 #include "coordinator/view/view_light.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
+#include "worker/scene/leaves.h"
 
 /* Rays of a band of pixel rows are traced together: about 2^19 rays, 63 MB. */
 enum { BAND_RAYS = 1 << 19 };
@@ -155,6 +156,8 @@ int kiln_picture_make(const struct kiln_view_source *source, const struct kiln_v
     struct kiln_geometry *geometry = NULL;
     own.backend = NULL;
     int status = kiln_geometry_create(&geometry, source->scene, error);
+    if (status == KILN_OK && source->geometry->leaves != NULL)
+        status = kiln_leaves_lay(geometry, source->geometry->leaf_size, error);
     if (status == KILN_OK) {
         kiln_geometry_make_all_hittable(geometry);
         own.geometry = geometry;

@@ -7,6 +7,7 @@
 
 #include "coordinator/output/exr.h"
 #include "coordinator/files/publish.h"
+#include "coordinator/view/leaf_light.h"
 #include "coordinator/view/normal_map.h"
 #include "worker/sampling/keys.h"
 #include "worker/base/memory.h"
@@ -148,7 +149,8 @@ struct kiln_view_maps {
     struct kiln_view_source own;           /* a copy */
     const struct kiln_view_source *source; /* = &own */
     uint32_t coarse;
-    struct map *maps; /* one for each object, then one for the back of each object */
+    struct map *maps;               /* one for each object, then one for the back of each object */
+    struct kiln_leaf_light *leaves; /* of an octree, in their place; NULL: not needed, or not yet */
 };
 
 int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_source *source, uint32_t coarse,
@@ -174,6 +176,7 @@ void kiln_view_maps_destroy(struct kiln_view_maps **maps)
     for (size_t i = 0; (*maps)->maps != NULL && i < 2 * (*maps)->source->scene->object_count; i++)
         kiln_image_destroy(&(*maps)->maps[i].image);
     kiln_free(&(*maps)->maps);
+    kiln_leaf_light_destroy(&(*maps)->leaves);
     kiln_free(maps);
 }
 
@@ -339,6 +342,8 @@ int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits
 {
     const size_t objects = maps->source->scene->object_count;
     int status = KILN_OK;
+    if (maps->source->geometry->leaves != NULL)
+        return maps->leaves != NULL ? KILN_OK : kiln_leaf_light_create(&maps->leaves, maps->source, error);
     for (size_t i = 0; status == KILN_OK && i < count; i++) {
         if (hits[i].triangle == KILN_NONE)
             continue;
@@ -382,6 +387,9 @@ static const struct map *map_of(const struct kiln_view_maps *maps, const struct 
 
 bool kiln_view_shows_front(const struct kiln_view_maps *maps, const struct kiln_hit *hit)
 {
+    float rgb[3];
+    if (maps->leaves != NULL)
+        return hit->back && !kiln_leaf_light_at(maps->leaves, maps->source->geometry, hit, true, rgb);
     return hit->back && map_of(maps, hit) == &maps->maps[maps->source->geometry->records[hit->triangle].object];
 }
 
@@ -397,6 +405,11 @@ void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_h
 {
     const struct map *map = map_of(maps, hit);
     float at[2];
+    if (maps->leaves != NULL) {
+        if (!hit->back || !kiln_leaf_light_at(maps->leaves, maps->source->geometry, hit, true, rgb))
+            (void)kiln_leaf_light_at(maps->leaves, maps->source->geometry, hit, false, rgb);
+        return;
+    }
     place_of(maps, hit, at);
     rgb[0] = rgb[1] = rgb[2] = 0.0f;
     if (map->image != NULL)

@@ -24,7 +24,6 @@
 
 #include "shaders/shared/mask.h"
 #include "shaders/shared/passage.h"
-#include "shaders/shared/store.h"
 #include "shaders/shared/surface.h"
 
 #define KILN_GPU_NONE KILN_NONE
@@ -37,9 +36,8 @@ struct kiln_gpu_record { /* struct kiln_hit_record */
 };
 KILN_SIZE_IS(kiln_gpu_record, 32);
 
-#if KILN_STORE == KILN_STORE_LIGHTMAP
-#    include "shaders/shared/layout_store_lightmap.h"
-#endif
+#include "shaders/shared/layout_store_lightmap.h"
+#include "shaders/shared/layout_store_octree.h"
 
 /* ---- surface points made ready for sampling ---- */
 
@@ -175,6 +173,7 @@ struct kiln_gpu_scene {
     KILN_ADDRESS radiosity; /* of the store's places, packed */
     KILN_WORD opaque_count; /* world triangles from opaque_count on may let rays through */
     KILN_WORD object_count; /* lightmaps from here on are those of backs: worker/scene/surface.h */
+    KILN_WORD64 slot_last;  /* of octrees: the number of slots of bricks, a power of two, less 1 */
 };
 
 #endif

@@ -19,9 +19,3 @@ struct kiln_gpu_tile { /* struct kiln_tile, struct kiln_split_tile_run */
     KILN_WORD64 mask, first;
 };
 KILN_SIZE_IS(kiln_gpu_tile, 16);
-
-/* The arrays of kiln_store_arrays, in their order. */
-struct kiln_gpu_store {
-    KILN_ADDRESS lightmaps, tiles, splits, divided;
-};
-KILN_SIZE_IS(kiln_gpu_store, 32);

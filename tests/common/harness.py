@@ -158,7 +158,10 @@ class Points:
             self.position = get('points/position').astype(np.float64)
             self.normal = get('points/normal').astype(np.float64)
             self.object = get('points/object').astype(np.int64)
-            self.x, self.y = get('points/texel').astype(np.int64).reshape(-1, 2).T
+            if 'points/texel' in f:
+                self.x, self.y = get('points/texel').astype(np.int64).reshape(-1, 2).T
+            else:  # of octrees
+                self.leaf, self.facing = get('points/leaf').astype(np.int64), get('points/facing')
             self.side = get('points/side') if 'points/side' in f else np.zeros(len(self.object), np.uint8)
             self.area = get('points/area').astype(np.float64)
             self.valid = get('points/valid').astype(bool)

@@ -169,7 +169,7 @@ static struct built sheet_with_alpha(uint32_t mode)
 static double opacity_of(const struct built *b, const struct kiln_footprint *f, uint32_t triangle, float b1, float b2,
                          double *s, double *t)
 {
-    texel_of(b, triangle, (double)b1, (double)b2, f->x, f->y, s, t);
+    texel_of(b, triangle, (double)b1, (double)b2, f->place.x, f->place.y, s, t);
     return (double)kiln_surface_opacity(&b->fixture->scene, &b->fixture->meshes[0],
                                         b->geometry->stored_triangle[triangle], b1, b2);
 }

@@ -1,8 +1,5 @@
 #include "worker/scene/clip.h"
 
-#include <math.h>
-#include <stdbool.h>
-
 /* Clips to one half-plane: keeps sign * (coordinate - bound) >= 0. `axis` 0 is x. Axis and sign are constants in the
  * callers. */
 static inline uint32_t clip_half_plane(const struct kiln_clip_corner *in, uint32_t count, int axis, double bound,
@@ -116,6 +113,46 @@ uint32_t kiln_clip_line(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint
     for (uint32_t i = 0; i < kept; i++)
         polygon[i] = out[i];
     return kept;
+}
+
+/* Keeps what is at sign * (depth - bound) >= 0. */
+static uint32_t cut_depth(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t count, const double depth[3],
+                          double bound, double sign)
+{
+    struct kiln_clip_corner out[2 * KILN_CLIP_CORNERS];
+    uint32_t kept = 0;
+    if (count < 3)
+        return 0;
+    const struct kiln_clip_corner *a = &polygon[count - 1];
+    double da = sign * (kiln_clip_depth(a, depth) - bound);
+    for (uint32_t i = 0; i < count; i++) {
+        const struct kiln_clip_corner *b = &polygon[i];
+        const double db = sign * (kiln_clip_depth(b, depth) - bound);
+        if ((da > 0.0 && db < 0.0) || (da < 0.0 && db > 0.0)) {
+            const double t = da / (da - db);
+            out[kept++] = (struct kiln_clip_corner){a->x + t * (b->x - a->x), a->y + t * (b->y - a->y),
+                                                    a->b1 + t * (b->b1 - a->b1), a->b2 + t * (b->b2 - a->b2)};
+        }
+        if (db >= 0.0)
+            out[kept++] = *b;
+        a = b;
+        da = db;
+    }
+    if (kept > KILN_CLIP_CORNERS)
+        return count;
+    for (uint32_t i = 0; i < kept; i++)
+        polygon[i] = out[i];
+    return kept;
+}
+
+uint32_t kiln_clip_depths(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t count, const double depth[3])
+{
+    const double low = fmin(depth[0], fmin(depth[1], depth[2])), high = fmax(depth[0], fmax(depth[1], depth[2]));
+    if (!(low < high))
+        return low >= 0.0 && low < 1.0 ? count : 0;
+    if (low < 0.0)
+        count = cut_depth(polygon, count, depth, 0.0, 1.0);
+    return high > 1.0 ? cut_depth(polygon, count, depth, 1.0, -1.0) : count;
 }
 
 /* Sums over the polygon's triangle fan: doubled areas, in the lightmap or in barycentric weights, and centroids times

@@ -7,6 +7,8 @@
 #ifndef KILN_WORKER_SCENE_CLIP_H
 #define KILN_WORKER_SCENE_CLIP_H
 
+#include <math.h>
+#include <stdbool.h>
 #include <stdint.h>
 
 /* Corners of a clipped polygon, at most. A triangle clipped by a rectangle has at most 7. Where rounding makes the
@@ -33,6 +35,11 @@ uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, dou
 /* Cuts a convex polygon along a line: keeps what lies at line[0] x + line[1] y <= line[2]. Returns the new number of
  * corners; fewer than 3 mean that nothing is left. A polygon that has no room for the corners is kept as it is. */
 uint32_t kiln_clip_line(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t count, const float line[3]);
+
+/* Cuts a convex polygon of a triangle to the depths 0..1: `depth` is that of the triangle's corners, and between them
+ * it is linear. A triangle of one depth lies there wholly, at 0 <= depth < 1, or not at all. Returns the new number of
+ * corners, as kiln_clip_line does. */
+uint32_t kiln_clip_depths(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t count, const double depth[3]);
 
 /* Area (>= 0, in the lightmap) and centroid of a convex polygon. `centroid` is left as it is when the area is 0. */
 double kiln_clip_area(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid);
@@ -66,6 +73,12 @@ static inline struct kiln_clip_weights kiln_clip_weights(const double c[3][2])
     return w;
 }
 
+/* Depth at a corner of a clipped polygon. */
+static inline double kiln_clip_depth(const struct kiln_clip_corner *corner, const double depth[3])
+{
+    return depth[0] + corner->b1 * (depth[1] - depth[0]) + corner->b2 * (depth[2] - depth[0]);
+}
+
 /* Twice the signed area of a triangle in the lightmap. */
 static inline double kiln_clip_twice_area(const double c[3][2])
 {
@@ -97,6 +110,31 @@ static inline enum kiln_clip_class kiln_clip_classify(const double c[3][2], doub
             result = KILN_CLIP_PARTLY;
     }
     return result;
+}
+
+/* The range in x that the triangle reaches between the heights y0 and y1. It is widened by more than the rounding
+ * error: clipping decides in the end. False when the triangle does not reach between them. */
+static inline bool kiln_clip_reach(const double c[3][2], double y0, double y1, double *low, double *high)
+{
+    double x0 = INFINITY, x1 = -INFINITY;
+    for (int i = 0; i < 3; i++) {
+        const double *a = c[i], *b = c[i == 2 ? 0 : i + 1];
+        if (a[1] >= y0 && a[1] <= y1) {
+            x0 = a[0] < x0 ? a[0] : x0; /* fmin and fmax would become calls into the mathematics library here */
+            x1 = a[0] > x1 ? a[0] : x1;
+        }
+        for (int side = 0; side < 2; side++) {
+            const double y = side == 0 ? y0 : y1;
+            if ((a[1] < y) != (b[1] < y)) {
+                const double x = a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);
+                x0 = x < x0 ? x : x0;
+                x1 = x > x1 ? x : x1;
+            }
+        }
+    }
+    *low = x0 - 1e-9 * (1.0 + fabs(x0));
+    *high = x1 + 1e-9 * (1.0 + fabs(x1));
+    return x0 <= x1;
 }
 
 #endif

@@ -9,26 +9,26 @@
 #include "worker/scene/clip.h"
 #include "worker/scene/texture.h"
 
-static void local_corners(const struct kiln_footprint *f, uint32_t triangle, double local[3][2])
+static void local_corners(const struct kiln_footprint *f, uint32_t triangle, struct kiln_texel_triangle *local)
 {
-    double corner[3][2];
-    kiln_geometry_map_corners(f->scene, f->geometry, triangle, f->shift, corner);
-    kiln_clip_local(corner, f->x, f->y, local);
+    kiln_texel_triangle(f->scene, f->geometry, triangle, &f->place, local);
 }
 
 /* What the footprint has of a triangle. Returns the number of corners. */
-static uint32_t clip(const struct kiln_footprint *f, const double local[3][2],
+static uint32_t clip(const struct kiln_footprint *f, uint32_t triangle,
                      struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
 {
-    const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
+    struct kiln_texel_triangle local;
+    local_corners(f, triangle, &local);
+    const uint32_t corners = kiln_texel_clip(&local, 0.0, 0.0, 1.0, 1.0, polygon);
     return f->line == NULL ? corners : kiln_clip_line(polygon, corners, f->line);
 }
 
 static void prepare_whole(struct kiln_footprint *f)
 {
-    double local[3][2];
-    local_corners(f, f->pieces[0], local);
-    const struct kiln_clip_weights w = kiln_clip_weights(local);
+    struct kiln_texel_triangle local;
+    local_corners(f, f->pieces[0], &local);
+    const struct kiln_clip_weights w = kiln_clip_weights(local.corner);
     struct kiln_vec3 c[3];
     kiln_geometry_corners(f->geometry, f->pieces[0], c);
     const struct kiln_dvec3 c0 = dvec3_of(c[0]);
@@ -67,9 +67,8 @@ static bool prepare_few(struct kiln_footprint *f)
     for (uint32_t i = 0; i < f->piece_count; i++) {
         struct kiln_footprint_polygon *out = &f->few[i];
         struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
-        double local[3][2], until[KILN_CLIP_CORNERS];
-        local_corners(f, f->pieces[i], local);
-        out->corners = clip(f, local, polygon);
+        double until[KILN_CLIP_CORNERS];
+        out->corners = clip(f, f->pieces[i], polygon);
         if (out->corners < 3 || out->corners > KILN_FOOTPRINT_CORNERS)
             return false;
         fan_areas(polygon, out->corners, until);
@@ -93,9 +92,7 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
     f->pieces = surface->pieces + at->piece;
     f->piece_count = kiln_piece_count(surface, at->point);
     f->area_cdf = surface->area_cdf + at->cdf;
-    f->x = at->x;
-    f->y = at->y;
-    f->shift = at->shift;
+    f->place = at->place;
     f->back = at->back;
     const struct kiln_divided_texel *divided =
         surface->divided_count > 0 ? kiln_surface_divided(surface, kiln_global_of_own(surface, at->point)) : NULL;
@@ -160,9 +157,7 @@ static void sample_few(const struct kiln_footprint_polygon *polygon, double u1, 
 static void sample_many(const struct kiln_footprint *f, uint32_t triangle, double u1, double u2, float *b1, float *b2)
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
-    double local[3][2];
-    local_corners(f, triangle, local);
-    const uint32_t corners = clip(f, local, polygon);
+    const uint32_t corners = clip(f, triangle, polygon);
     sample_polygon(polygon, corners, u1, u2, b1, b2);
 }
 
@@ -189,9 +184,8 @@ uint32_t kiln_footprint_triangles(const struct kiln_footprint *f, uint32_t piece
                                   struct kiln_footprint_triangle *triangles)
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
-    double local[3][2], until[KILN_CLIP_CORNERS];
-    local_corners(f, f->pieces[piece], local);
-    const uint32_t corners = clip(f, local, polygon);
+    double until[KILN_CLIP_CORNERS];
+    const uint32_t corners = clip(f, f->pieces[piece], polygon);
     if (corners < 3)
         return 0;
     fan_areas(polygon, corners, until);
@@ -212,9 +206,7 @@ uint32_t kiln_footprint_triangles(const struct kiln_footprint *f, uint32_t piece
 double kiln_footprint_piece_area(const struct kiln_footprint *f, uint32_t piece)
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid;
-    double local[3][2];
-    local_corners(f, f->pieces[piece], local);
-    return kiln_clip_fraction(polygon, clip(f, local, polygon), &centroid) *
+    return kiln_clip_fraction(polygon, clip(f, f->pieces[piece], polygon), &centroid) *
            kiln_geometry_triangle_area(f->geometry, f->pieces[piece]);
 }
 
@@ -263,17 +255,18 @@ static double texture_detail(const struct kiln_footprint *f, uint32_t triangle)
     const uint32_t texture = m->transmission > 0.0f && m->transmission_texture != KILN_NONE ? m->transmission_texture
                              : m->alpha_mode != KILN_ALPHA_OPAQUE                           ? m->base_color_texture
                                                                                             : KILN_NONE;
-    double local[3][2], at[3][2];
+    struct kiln_texel_triangle local;
+    double at[3][2];
     uint64_t vertex[3];
     if (texture == KILN_NONE)
         return 0.0;
-    local_corners(f, triangle, local);
+    local_corners(f, triangle, &local);
     kiln_geometry_stored_vertices(scene, f->geometry, triangle, vertex);
     for (int c = 0; c < 3; c++) {
         at[c][0] = (double)scene->texcoord_base[vertex[c]].x * scene->textures[texture].width;
         at[c][1] = (double)scene->texcoord_base[vertex[c]].y * scene->textures[texture].height;
     }
-    const double area = fabs(kiln_clip_twice_area(local));
+    const double area = fabs(kiln_clip_twice_area(local.corner));
     return area > 0.0 ? fabs(kiln_clip_twice_area(at)) / area : 0.0;
 }
 
@@ -453,10 +446,9 @@ struct kiln_vec3 kiln_triangle_shading_normal(const struct kiln_scene *scene, co
 static struct kiln_dvec3 piece_normal(const struct kiln_footprint *f, uint32_t triangle)
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid = {0.0, 0.0, 1.0 / 3.0, 1.0 / 3.0};
-    double local[3][2];
-    local_corners(f, triangle, local);
-    const uint32_t corners = kiln_clip_triangle(local, 0.0, 0.0, 1.0, 1.0, polygon);
-    kiln_clip_fraction(polygon, corners, &centroid);
+    struct kiln_texel_triangle local;
+    local_corners(f, triangle, &local);
+    kiln_clip_fraction(polygon, kiln_texel_clip(&local, 0.0, 0.0, 1.0, 1.0, polygon), &centroid);
     return shading_normal(f->scene, f->geometry, triangle, centroid.b1, centroid.b2);
 }
 

@@ -14,6 +14,7 @@
 
 #include "shaders/shared/mask.h"
 #include "worker/scene/surface.h"
+#include "worker/scene/texel.h"
 
 /* A cursor over the points of a tile run, in order:
  *
@@ -21,15 +22,25 @@
  *   for (uint32_t k = 0; k < surface->tile_runs[run].count; k++, kiln_point_next(surface, &at)) ... */
 struct kiln_point_cursor {
     struct kiln_own_point point;
-    uint64_t piece;     /* index of its first piece in surface->pieces */
-    uint64_t cdf;       /* index of its first entry in surface->area_cdf, if it has more than one piece */
-    uint64_t rest;      /* mask of the tile run's texels from this point on */
-    uint32_t map, x, y; /* lightmap and texel of the point; undefined after the last point */
+    uint64_t piece;                /* index of its first piece in surface->pieces */
+    uint64_t cdf;                  /* index of its first entry in surface->area_cdf, if it has more than one piece */
+    uint64_t rest;                 /* mask of the tile run's texels from this point on */
+    uint32_t map, x, y;            /* lightmap and texel of the point; undefined after the last point */
+    struct kiln_texel_place place; /* the same texel or, of an octree, the leaf; undefined after the last point */
     uint32_t object;
-    uint32_t shift;          /* of the lightmap */
-    bool back;               /* the lightmap is that of the backs: normals are those of the triangles reversed */
-    uint32_t tile_x, tile_y; /* first texel of the tile */
+    bool leaves;                   /* the lightmap is an octree, and the tile a brick */
+    bool back;                     /* the lightmap is that of the backs: normals are those of the triangles reversed */
+    uint32_t tile_x, tile_y;       /* first texel of the tile */
+    struct kiln_texel_place first; /* first leaf of the brick */
 };
+
+/* The first leaf of brick `tile` of an octree. */
+static inline struct kiln_texel_place kiln_brick_first(const struct kiln_surface *s, uint32_t map, uint32_t tile)
+{
+    const uint64_t place = s->bricks[s->lightmaps[map].tile_first + tile];
+    return (struct kiln_texel_place){KILN_BRICK_SIDE * kiln_brick_x(place), KILN_BRICK_SIDE * kiln_brick_y(place),
+                                     KILN_BRICK_SIDE * kiln_brick_layer(place), 0};
+}
 
 static inline void kiln_point_locate(struct kiln_point_cursor *at)
 {
@@ -37,24 +48,36 @@ static inline void kiln_point_locate(struct kiln_point_cursor *at)
         const uint32_t bit = (uint32_t)__builtin_ctzll(at->rest);
         at->x = at->tile_x + kiln_morton8_x(bit);
         at->y = at->tile_y + kiln_morton8_y(bit);
+        at->place.x = at->leaves ? at->first.x + kiln_morton4_x(bit) : at->x;
+        at->place.y = at->leaves ? at->first.y + kiln_morton4_y(bit) : at->y;
+        at->place.layer = at->leaves ? at->first.layer + kiln_morton4_layer(bit) : 0;
     }
+}
+
+/* A cursor that knows where its points are, and not yet their pieces. */
+static inline struct kiln_point_cursor kiln_point_begin(const struct kiln_surface *s, const struct kiln_tile_run *f)
+{
+    const uint32_t tiles_x = s->lightmaps[f->map].tiles_x;
+    struct kiln_point_cursor at = {.point = kiln_own_of_global(s, f->first),
+                                   .rest = f->mask,
+                                   .map = f->map,
+                                   .object = kiln_map_object(s, f->map),
+                                   .place = {.shift = s->lightmaps[f->map].shift},
+                                   .leaves = s->bricks != NULL,
+                                   .back = kiln_map_back(s, f->map),
+                                   .tile_x = f->tile % tiles_x * KILN_TILE_SIDE,
+                                   .tile_y = f->tile / tiles_x * KILN_TILE_SIDE};
+    if (at.leaves)
+        at.first = kiln_brick_first(s, f->map, f->tile);
+    kiln_point_locate(&at);
+    return at;
 }
 
 static inline struct kiln_point_cursor kiln_point_first(const struct kiln_surface *s, size_t tile_run)
 {
-    const struct kiln_tile_run *f = &s->tile_runs[tile_run];
-    const uint32_t tiles_x = s->lightmaps[f->map].tiles_x;
-    struct kiln_point_cursor at = {.point = kiln_own_of_global(s, f->first),
-                                   .piece = s->piece_base[tile_run],
-                                   .cdf = s->area_cdf_base[tile_run],
-                                   .rest = f->mask,
-                                   .map = f->map,
-                                   .object = kiln_map_object(s, f->map),
-                                   .shift = s->lightmaps[f->map].shift,
-                                   .back = kiln_map_back(s, f->map),
-                                   .tile_x = f->tile % tiles_x * KILN_TILE_SIDE,
-                                   .tile_y = f->tile / tiles_x * KILN_TILE_SIDE};
-    kiln_point_locate(&at);
+    struct kiln_point_cursor at = kiln_point_begin(s, &s->tile_runs[tile_run]);
+    at.piece = s->piece_base[tile_run];
+    at.cdf = s->area_cdf_base[tile_run];
     return at;
 }
 
@@ -91,9 +114,8 @@ struct kiln_footprint {
     /* area CDF: the cumulative fractions of the point's area; piece_count - 1 entries, since the last is 1 */
     const float *area_cdf;
     uint32_t piece_count;
-    uint32_t x, y;     /* the texel */
-    uint32_t shift;    /* of the lightmap */
-    uint8_t kind;      /* enum kiln_footprint_kind */
+    struct kiln_texel_place place; /* the texel or leaf */
+    uint8_t kind;                  /* enum kiln_footprint_kind */
     const float *line; /* a wall divides the texel along it (face of struct kiln_divided_texel); NULL: none */
     bool back;         /* the point is on the backs: kiln_footprint_normals reverses the triangles' normals */
     union {

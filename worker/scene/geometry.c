@@ -407,6 +407,7 @@ int kiln_geometry_attach(struct kiln_geometry **geometry, const struct kiln_geom
     g->records = place(memory->context, made->records);
     g->ranges = place(memory->context, made->ranges);
     g->stored_triangle = place(memory->context, made->stored_triangle);
+    g->leaves = made->leaves != NULL ? place(memory->context, made->leaves) : NULL;
     return KILN_OK;
 }
 
@@ -415,7 +416,7 @@ void kiln_geometry_destroy(struct kiln_geometry **geometry)
     struct kiln_geometry *g = *geometry;
     if (g == NULL)
         return;
-    void *const arrays[] = {&g->vertices, &g->indices, &g->records, &g->ranges, &g->stored_triangle};
+    void *const arrays[] = {&g->vertices, &g->indices, &g->records, &g->ranges, &g->stored_triangle, &g->leaves};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays && g->memory.release != NULL; i++)
         g->memory.release(g->memory.context, arrays[i]);
     kiln_free(geometry);

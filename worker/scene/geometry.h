@@ -24,9 +24,18 @@
 
 /* What a ray needs to know of the triangle it hit, 32 bytes. */
 struct kiln_hit_record {
-    float texel[6]; /* x and y in the object's lightmap of corner 0; then how far corners 1 and 2 are from there */
+    /* x and y of corner 0 in the object's lightmap, in texels, or among leaves; then how far corners 1 and 2 are from
+     * there */
+    float texel[6];
     uint32_t object;
     uint32_t material; /* index of the material, and KILN_RECORD_ flags (shaders/shared/surface.h) */
+};
+
+/* What a ray needs to know besides where surfaces have leaves (worker/scene/leaves.h): the depth of corner 0, in
+ * leaves, and how much deeper corners 1 and 2 are; and the side that the triangle looks to. */
+struct kiln_leaf_record {
+    float depth[3];
+    uint32_t side;
 };
 
 /* The ranges of an object's triangles in the world's numbering. The k-th opaque (alpha) triangle of the object is the
@@ -49,6 +58,11 @@ struct kiln_geometry {
     float *vertices;   /* x y z; 4 floats of padding after the last, as Embree wants */
     uint32_t *indices; /* 3 a triangle */
     struct kiln_hit_record *records;
+    /* Leaves (worker/scene/leaves.h): their side, m, and where they begin, m, relative to the centre; one record a
+     * triangle. 0 and NULL: there are none. */
+    double leaf_size;
+    struct kiln_dvec3 leaf_origin;
+    struct kiln_leaf_record *leaves;
     struct kiln_object_range *ranges;        /* one per object */
     uint32_t *stored_triangle;               /* world triangle -> index among the scene's stored triangles */
     struct kiln_vec3 bounds_min, bounds_max; /* m, relative to the centre; both 0 for an empty scene */

@@ -77,10 +77,11 @@ struct kiln_mesh {
     double uv_area;      /* area of the lightmap layout, as a fraction of the unit square */
 };
 enum {
-    KILN_MESH_SMOOTH = 1,         /* shading normals differ from geometric ones somewhere */
-    KILN_MESH_UNWRAPPED = 2,      /* the lightmap layout is kiln's own */
-    KILN_MESH_REPACKED = 8,       /* the layout is the mesh's own charts, packed anew */
-    KILN_MESH_HAS_EMISSION_UV = 4 /* texcoord_emission differs from texcoord_base somewhere */
+    KILN_MESH_SMOOTH = 1,          /* shading normals differ from geometric ones somewhere */
+    KILN_MESH_UNWRAPPED = 2,       /* the lightmap layout is kiln's own */
+    KILN_MESH_REPACKED = 8,        /* the layout is the mesh's own charts, packed anew */
+    KILN_MESH_HAS_EMISSION_UV = 4, /* texcoord_emission differs from texcoord_base somewhere */
+    KILN_MESH_NO_LAYOUT = 16       /* there is no layout: all of texcoord_lightmap is 0 */
 };
 
 /* An object: one placed instance of a mesh, with a lightmap of its own. */

@@ -15,6 +15,18 @@ const struct kiln_divided_texel *kiln_surface_divided(const struct kiln_surface 
     return low < s->divided_count && s->divided[low].point.at == point.at ? &s->divided[low] : NULL;
 }
 
+struct kiln_global_point kiln_surface_find_leaf(const struct kiln_surface *s, uint32_t number, uint32_t x, uint32_t y,
+                                                uint32_t layer)
+{
+    const struct kiln_brick_slot *slot =
+        kiln_brick_slot(s, number, kiln_brick_place(x / KILN_BRICK_SIDE, y / KILN_BRICK_SIDE, layer / KILN_BRICK_SIDE));
+    if (slot->tile == 0)
+        return (struct kiln_global_point){KILN_NO_POINT};
+    const uint32_t bit = kiln_morton4(x, y, layer),
+                   brick = (uint32_t)(slot->tile - 1 - s->lightmaps[number].tile_first);
+    return kiln_surface_find(s, number, KILN_TILE_SIDE * brick + kiln_morton8_x(bit), kiln_morton8_y(bit));
+}
+
 void kiln_surface_destroy(struct kiln_surface **surface)
 {
     struct kiln_surface *s = *surface;
@@ -25,6 +37,8 @@ void kiln_surface_destroy(struct kiln_surface **surface)
         kiln_free(&s->splits);
         kiln_free(&s->divided);
         kiln_free(&s->lightmaps);
+        kiln_free(&s->bricks);
+        kiln_free(&s->slots);
         kiln_free(&s->cell_first);
     }
     if (!s->own_is_borrowed) {

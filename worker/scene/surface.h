@@ -13,6 +13,15 @@
  * cells has several tile runs. (With partition by objects a tile is one tile run, and its `cell` is that of its first
  * point.) A rank owns a contiguous range of tile runs, so a contiguous range of points.
  *
+ * Octrees. Where the geometry has leaves (worker/scene/leaves.h) there is no lightmap, and what is called so here is an
+ * octree: the surface of one object that looks to one of six sides. Its tiles are the *bricks*, cubes of 4 x 4 x 4
+ * leaves that hold some of that surface, in Morton order: a brick is the lowest two levels of the octree, and in it
+ * leaf (x, y, layer) has the bit kiln_morton4(x, y, layer). So a tile's mask has a bit for each occupied leaf, a
+ * surface point is an occupied leaf, and everything else is as with lightmaps. As texels, for random numbers and
+ * messages, the leaves of brick b are those of tile b in a lightmap of one row of tiles. The octree of object o's front
+ * to side s is lightmap s * object_count + o; those of the backs of the triangles of these come after all fronts, in
+ * the same order. A hash table leads from a brick's place to its tile.
+ *
  * Tiles and splits are the same on all ranks; tile runs, pieces and per-point data exist for the rank's own points
  * only. */
 #ifndef KILN_WORKER_SCENE_SURFACE_H
@@ -22,6 +31,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "shaders/shared/store_octree.h"
 #include "worker/scene/geometry.h"
 
 #define KILN_TILE_SPLIT ((uint64_t)KILN_TILE_SPLIT_HIGH << 32)
@@ -74,6 +84,13 @@ struct kiln_lightmap {
     uint32_t published; /* 1: it is written to a file */
 };
 
+/* A slot of the hash table of bricks. */
+struct kiln_brick_slot {
+    uint64_t place; /* kiln_brick_place */
+    uint32_t map;
+    uint32_t tile; /* index in `tiles`, and 1; 0: the slot is empty */
+};
+
 /* A tile run: the points of one tile in one cell. */
 struct kiln_tile_run {
     struct kiln_global_point first;
@@ -97,8 +114,12 @@ struct kiln_surface {
     struct kiln_split_tile_run *splits;
     uint64_t divided_count;
     struct kiln_divided_texel *divided; /* by point */
+    /* octrees: the place of each tile's brick (kiln_brick_place), and the hash table; NULL with lightmaps */
+    uint64_t *bricks;
+    struct kiln_brick_slot *slots;
+    uint64_t slot_count; /* a power of two */
     uint32_t object_count;
-    uint32_t map_count;              /* object_count; twice that if any object has backs */
+    uint32_t map_count;              /* object_count, times the sides of octrees; twice that if any object has backs */
     struct kiln_lightmap *lightmaps; /* one per lightmap; that of the backs has no tiles if the object has none */
     uint64_t cell_count;             /* cells that hold points */
     /* one per cell, and one more at the end: global index of its first point. NULL without partition by cells */
@@ -165,21 +186,47 @@ static inline uint32_t kiln_morton8_y(uint32_t bit) { return (bit >> 1 & 1u) | (
 /* The object of a lightmap, and whether the lightmap is that of its backs. */
 static inline uint32_t kiln_map_object(const struct kiln_surface *s, uint32_t map)
 {
-    return map < s->object_count ? map : map - s->object_count;
+    return map < s->object_count ? map : map % s->object_count;
 }
-static inline bool kiln_map_back(const struct kiln_surface *s, uint32_t map) { return map >= s->object_count; }
+/* How many lightmaps or octrees the fronts have. */
+static inline uint32_t kiln_front_maps(const struct kiln_surface *s)
+{
+    return s->bricks != NULL ? KILN_SIDES * s->object_count : s->object_count;
+}
+static inline bool kiln_map_back(const struct kiln_surface *s, uint32_t map) { return map >= kiln_front_maps(s); }
+
+/* The place of a brick, in bricks, as one word; and back. */
+static inline uint64_t kiln_brick_place(uint32_t x, uint32_t y, uint32_t layer)
+{
+    return (uint64_t)kiln_brick_high(y, layer) << 32 | kiln_brick_low(x, y);
+}
+static inline uint32_t kiln_brick_x(uint64_t place) { return (uint32_t)place & 0x7ffffu; }
+static inline uint32_t kiln_brick_y(uint64_t place) { return (uint32_t)(place >> 19) & 0x7ffffu; }
+static inline uint32_t kiln_brick_layer(uint64_t place) { return (uint32_t)(place >> 38) & 0x7ffffu; }
+
+/* Column, row and layer in its brick of a leaf's bit (kiln_morton4). */
+static inline uint32_t kiln_morton4_x(uint32_t bit) { return (bit & 1u) | (bit >> 2 & 2u); }
+static inline uint32_t kiln_morton4_y(uint32_t bit) { return (bit >> 1 & 1u) | (bit >> 3 & 2u); }
+static inline uint32_t kiln_morton4_layer(uint32_t bit) { return (bit >> 2 & 1u) | (bit >> 4 & 2u); }
+
+/* The slot of a brick of an octree, or the empty one where it would be. */
+static inline const struct kiln_brick_slot *kiln_brick_slot(const struct kiln_surface *s, uint32_t map, uint64_t place)
+{
+    const uint64_t last = s->slot_count - 1;
+    uint64_t i = kiln_brick_hash((uint32_t)place, (uint32_t)(place >> 32), map) & last;
+    while (s->slots[i].tile != 0 && (s->slots[i].place != place || s->slots[i].map != map))
+        i = (i + 1) & last;
+    return &s->slots[i];
+}
 
 /* The entry of `divided` of a point; NULL: no wall divides its texel. */
 const struct kiln_divided_texel *kiln_surface_divided(const struct kiln_surface *s, struct kiln_global_point point);
 
-/* What the map has at texel (x, y) of lightmap `number`: a point, KILN_TILE_SPLIT | index in `divided`, or
- * KILN_NO_POINT. (x, y) must lie inside the lightmap. */
-static inline struct kiln_global_point kiln_surface_entry(const struct kiln_surface *s, uint32_t number, uint32_t x,
-                                                          uint32_t y)
+/* What a tile has at the bit of a texel: a point, KILN_TILE_SPLIT | index in `divided`, or KILN_NO_POINT. */
+static inline struct kiln_global_point kiln_tile_entry(const struct kiln_surface *s, const struct kiln_tile *tile,
+                                                       uint32_t number)
 {
-    const struct kiln_lightmap *map = &s->lightmaps[number];
-    const struct kiln_tile *tile = &s->tiles[map->tile_first + kiln_tile_of(x, y, map->tiles_x)];
-    const uint64_t bit = 1ull << kiln_morton8(x % 8, y % 8);
+    const uint64_t bit = 1ull << number;
     if ((tile->mask & bit) == 0)
         return (struct kiln_global_point){KILN_NO_POINT};
     if ((tile->first & KILN_TILE_SPLIT) == 0)
@@ -188,6 +235,16 @@ static inline struct kiln_global_point kiln_surface_entry(const struct kiln_surf
     while ((run->mask & bit) == 0)
         run++;
     return (struct kiln_global_point){run->first.at + (uint64_t)__builtin_popcountll(run->mask & (bit - 1))};
+}
+
+/* What the map has at texel (x, y) of lightmap `number`: a point, KILN_TILE_SPLIT | index in `divided`, or
+ * KILN_NO_POINT. (x, y) must lie inside the lightmap. */
+static inline struct kiln_global_point kiln_surface_entry(const struct kiln_surface *s, uint32_t number, uint32_t x,
+                                                          uint32_t y)
+{
+    const struct kiln_lightmap *map = &s->lightmaps[number];
+    return kiln_tile_entry(s, &s->tiles[map->tile_first + kiln_tile_of(x, y, map->tiles_x)],
+                           kiln_morton8(x % 8, y % 8));
 }
 
 /* The point at texel (x, y) of lightmap `number`; its `at` is KILN_NO_POINT if there is none. (x, y) must lie inside
@@ -200,6 +257,10 @@ static inline struct kiln_global_point kiln_surface_find(const struct kiln_surfa
         return entry;
     return s->divided[entry.at & ~KILN_TILE_SPLIT].point;
 }
+
+/* The point in the leaf (x, y, layer) of octree `number`; its `at` is KILN_NO_POINT if there is none. */
+struct kiln_global_point kiln_surface_find_leaf(const struct kiln_surface *s, uint32_t number, uint32_t x, uint32_t y,
+                                                uint32_t layer);
 
 void kiln_surface_destroy(struct kiln_surface **surface);
 

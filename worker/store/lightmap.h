@@ -16,7 +16,7 @@ struct kiln_store {
     const struct kiln_geometry *geometry;
 };
 
-enum { KILN_STORE_WAYS = 64, KILN_STORE_ARRAYS = 4 };
+enum { KILN_STORE_WAYS = 64, KILN_STORE_ARRAYS = 6 };
 
 struct kiln_store_ways {
     const struct kiln_tile *tile[KILN_STORE_WAYS];

@@ -2,21 +2,24 @@
  * the radiosity of all places is one array by that number, in the packed form of worker/scene/radiosity.h, which ranks
  * exchange and backends read (kiln_backend_set_radiosity). A place is a surface point, by its global number.
  *
- * One store is compiled in (KILN_STORE of shaders/shared/store.h), and what follows are its functions: a loop over hits
- * has no pointer to go through. A store gives
+ * There are two, and a surface has one of them: the lightmap (lightmap.h), whose points are texels, and the octree
+ * (octree.h), whose points are leaves; the surface's `bricks` says which. Both have the same struct kiln_store, tiles,
+ * splits and divided texels; only the way from a hit to its tile differs. What follows is of both but for
+ * kiln_store_find and kiln_store_enter, which are the lightmap's: kiln_octree_find, kiln_octree_enter and
+ * kiln_octree_reach stand in for these. Whoever follows hits chooses once for many of them, so that a loop over hits
+ * has no pointer to go through; kernels have a constant (HAS_OCTREE of shaders/kernel.glsl). A store gives
  *
  *   build   struct kiln_store, what the way reads, from the surface and the geometry
  *   count   the number of its places
  *   bytes   the memory that the way takes, and its arrays, which a device copies
  *   find    the place of a hit, in one go or in rounds
  *
- * A new store called NAME is worker/store/NAME.h and NAME.c, which define what is declared here; the same for kernels,
- * shaders/store_NAME.glsl with its structs in shaders/shared/layout_store_NAME.h; and a row each in
- * shaders/shared/store.h, at the end of this header, in shaders/surface.glsl and in shaders/shared/layout.h. */
+ * A new store called NAME whose places are points of tiles, too, is worker/store/NAME.h with its way to the tile,
+ * shaders/store_NAME.glsl and the structs of its arrays in shaders/shared/layout_store_NAME.h; its arrays in
+ * kiln_store_arrays; and the choice in worker/backend/embree/lookup.c and .h and in shaders/store_lightmap.glsl. */
 #ifndef KILN_WORKER_STORE_STORE_H
 #define KILN_WORKER_STORE_STORE_H
 
-#include "shaders/shared/store.h"
 #include "worker/scene/geometry.h"
 #include "worker/scene/surface.h"
 
@@ -62,8 +65,7 @@ static inline uint32_t kiln_store_follow(const struct kiln_store *store, struct 
 static inline struct kiln_global_point kiln_store_settle(const struct kiln_store *store, uint32_t triangle, float u,
                                                          float v, bool back, struct kiln_global_point place);
 
-#if KILN_STORE == KILN_STORE_LIGHTMAP
-#    include "worker/store/lightmap.h"
-#endif
+#include "worker/store/lightmap.h"
+#include "worker/store/octree.h"
 
 #endif

@@ -59,6 +59,9 @@ KILN_CLONES static void follow(const struct embree_backend *b, const struct tile
 void embree_find(const struct embree_backend *b, const struct tile_run_rays *rays, uint32_t lanes,
                  struct rays_found *found)
 {
-    enter(b, rays, lanes, found);
+    if (b->store.surface->bricks != NULL)
+        embree_enter_octrees(b, rays, lanes, found);
+    else
+        enter(b, rays, lanes, found);
     follow(b, rays, found);
 }

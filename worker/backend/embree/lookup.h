@@ -8,7 +8,9 @@
 /* Packed radiosity at a hit (kiln_store_find); 0 beside every point. */
 static inline uint64_t embree_radiosity(const struct embree_backend *b, uint32_t triangle, float u, float v, bool back)
 {
-    const struct kiln_global_point point = kiln_store_find(&b->store, triangle, u, v, back);
+    const struct kiln_global_point point = b->store.surface->bricks != NULL
+                                               ? kiln_octree_find(&b->store, triangle, u, v, back)
+                                               : kiln_store_find(&b->store, triangle, u, v, back);
     return point.at == KILN_NO_POINT ? 0 : b->radiosity[point.at];
 }
 
@@ -23,6 +25,10 @@ struct rays_found {
     uint8_t escaped_lane[RAY_LANES], blocked_lane[RAY_LANES];
     struct kiln_store_ways ways; /* to the points */
 };
+
+/* Of embree_find, where the store is the octree: the rounds to the bricks (lookup_octree.c). */
+void embree_enter_octrees(const struct embree_backend *b, const struct tile_run_rays *rays, uint32_t lanes,
+                          struct rays_found *restrict found);
 
 /* Finds the surface points that traced rays met: the store's rounds (worker/store/store.h). The last round, reading the
  * radiosity that was asked for, is the caller's. */

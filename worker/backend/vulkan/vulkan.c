@@ -320,7 +320,9 @@ static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
     if (status == KILN_OK)
         status = vulkan_points_create(&b->points, b->gpu, &b->params, s, error);
     b->layout.object_count = s->object_count;
+    b->layout.slot_last = s->bricks != NULL ? s->slot_count - 1 : 0;
     b->constants[VULKAN_HAS_DIVIDED] = s->divided_count > 0;
+    b->constants[VULKAN_HAS_OCTREE] = s->bricks != NULL;
     b->layout.radiosity = b->radiosity_buffer.address;
     return status == KILN_OK ? vulkan_upload_root(b, error) : status;
 }

@@ -56,6 +56,7 @@ enum vulkan_constant {
     VULKAN_HAS_DIVIDED,
     VULKAN_OWN,
     VULKAN_HAS_COINCIDENT,
+    VULKAN_HAS_OCTREE,
     VULKAN_CONSTANTS
 };
 

@@ -1,0 +1,140 @@
+#include "coordinator/view/leaf_light.h"
+
+#include <math.h>
+
+#include "coordinator/field/field.h"
+#include "coordinator/output/read/leaves.h"
+#include "worker/sampling/keys.h"
+#include "worker/base/memory.h"
+#include "worker/scene/leaves.h"
+#include "worker/store/store.h"
+
+struct kiln_leaf_light {
+    struct kiln_image *image;
+    const float *leaf[3], *object, *facing, *side, *valid, *rgb[3];
+    uint32_t *slots; /* number of a leaf, and 1; 0: empty */
+    uint32_t last;   /* slots, a power of two, less 1 */
+};
+
+/* What tells leaves apart. All numbers are below 2^24, which floats hold. */
+struct key {
+    float leaf[3], object, facing, side;
+};
+
+static uint32_t begin_of(const struct kiln_leaf_light *l, const struct key *k)
+{
+    const uint32_t place = kiln_hash2((uint32_t)k->leaf[0], kiln_hash2((uint32_t)k->leaf[1], (uint32_t)k->leaf[2]));
+    return kiln_hash2(place, kiln_hash2((uint32_t)k->object, (uint32_t)(2.0f * k->facing + k->side))) & l->last;
+}
+
+static bool is_at(const struct kiln_leaf_light *l, uint32_t i, const struct key *k)
+{
+    const float off = fabsf(l->leaf[0][i] - k->leaf[0]) + fabsf(l->leaf[1][i] - k->leaf[1]) +
+                      fabsf(l->leaf[2][i] - k->leaf[2]) + fabsf(l->object[i] - k->object) +
+                      fabsf(l->facing[i] - k->facing) + fabsf(l->side[i] - k->side);
+    return !(off > 0.0f);
+}
+
+/* The slot of a leaf, or the empty one where it would be. */
+static uint32_t *slot_of(const struct kiln_leaf_light *l, const struct key *k)
+{
+    uint32_t i = begin_of(l, k);
+    while (l->slots[i] != 0 && !is_at(l, l->slots[i] - 1, k))
+        i = (i + 1) & l->last;
+    return &l->slots[i];
+}
+
+/* Finds the channels; false: one of them holds what leaves cannot have. */
+static bool find_channels(struct kiln_leaf_light *l)
+{
+    static const char *const names[KILN_LEAF_CHANNEL_COUNT] = KILN_LEAF_CHANNELS;
+    const float **const to[KILN_LEAF_CHANNEL_COUNT] = {&l->rgb[2],  &l->rgb[1],  &l->rgb[0], &l->facing, &l->leaf[0],
+                                                       &l->leaf[1], &l->leaf[2], &l->object, &l->side,   &l->valid};
+    bool good = true;
+    for (int c = 0; c < KILN_LEAF_CHANNEL_COUNT; c++) {
+        const struct kiln_image_channel *channel = kiln_image_find(l->image, names[c]);
+        *to[c] = channel != NULL ? channel->values : NULL;
+        good = good && channel != NULL;
+        for (uint32_t i = 0; good && c > 2 && i < l->image->width; i++)
+            good = (*to[c])[i] >= 0.0f && (*to[c])[i] <= 0x1p24f;
+    }
+    return good;
+}
+
+static int fill_slots(struct kiln_leaf_light *l, struct kiln_error *error)
+{
+    l->last = 1;
+    while (l->last / 2 < l->image->width)
+        l->last = 2 * l->last + 1;
+    const int status = kiln_allocate(&l->slots, (size_t)l->last + 1, sizeof *l->slots, "an octree's leaves", error);
+    for (uint32_t i = 0; status == KILN_OK && i < l->image->width; i++) {
+        const struct key key = {{l->leaf[0][i], l->leaf[1][i], l->leaf[2][i]}, l->object[i], l->facing[i], l->side[i]};
+        uint32_t *slot = slot_of(l, &key);
+        if (*slot == 0)
+            *slot = i + 1;
+    }
+    return status;
+}
+
+int kiln_leaf_light_create(struct kiln_leaf_light **leaves, const struct kiln_view_source *source,
+                           struct kiln_error *error)
+{
+    const char *const dataset = source->field != NULL ? source->field->dataset : "/irradiance/total";
+    int status = kiln_allocate(leaves, 1, sizeof **leaves, "an octree's leaves", error);
+    if (status == KILN_OK)
+        status = kiln_results_image(source->results, "kiln.h5", &dataset, 1, &(*leaves)->image, error);
+    if (status == KILN_OK && !find_channels(*leaves))
+        status = kiln_fail(error, KILN_BAD_INPUT, "'%s/kiln.h5' does not have the leaves of an octree; bake again",
+                           source->directory);
+    if (status == KILN_OK)
+        status = fill_slots(*leaves, error);
+    if (status != KILN_OK)
+        kiln_leaf_light_destroy(leaves);
+    return status;
+}
+
+void kiln_leaf_light_destroy(struct kiln_leaf_light **leaves)
+{
+    if (*leaves == NULL)
+        return;
+    kiln_image_destroy(&(*leaves)->image);
+    kiln_free(&(*leaves)->slots);
+    kiln_free(leaves);
+}
+
+bool kiln_leaf_light_at(const struct kiln_leaf_light *l, const struct kiln_geometry *g, const struct kiln_hit *hit,
+                        bool back, float rgb[3])
+{
+    const struct kiln_hit_record *record = &g->records[hit->triangle];
+    const struct kiln_leaf_record *leaf = &g->leaves[hit->triangle];
+    const float own[3] = {kiln_hit_x(record, hit->u, hit->v), kiln_hit_y(record, hit->u, hit->v),
+                          kiln_texel_coordinate(leaf->depth[0], leaf->depth[1], leaf->depth[2], hit->u, hit->v)};
+    float low[3], part[3], sum = 0.0f, value[3] = {0.0f, 0.0f, 0.0f};
+    for (int k = 0; k < 3; k++) {
+        const int axis = kiln_leaf_axis(leaf->side, k);
+        low[axis] = floorf(own[k] - 0.5f);
+        part[axis] = own[k] - 0.5f - low[axis];
+    }
+    for (uint32_t i = 0; i < 8; i++) {
+        struct key key = {.object = (float)record->object,
+                          .facing = (float)(back ? leaf->side ^ 1u : leaf->side),
+                          .side = back ? 1.0f : 0.0f};
+        float weight = 1.0f;
+        bool inside = true;
+        for (uint32_t a = 0; a < 3; a++) {
+            const uint32_t up = i >> a & 1u;
+            key.leaf[a] = low[a] + (float)up;
+            weight *= up != 0 ? part[a] : 1.0f - part[a];
+            inside = inside && key.leaf[a] >= 0.0f;
+        }
+        const uint32_t at = inside ? *slot_of(l, &key) : 0;
+        if (at == 0 || !(l->valid[at - 1] > 0.0f))
+            continue;
+        sum += weight;
+        for (int c = 0; c < 3; c++)
+            value[c] += weight * l->rgb[c][at - 1];
+    }
+    for (int c = 0; c < 3; c++)
+        rgb[c] = sum > 0.0f ? value[c] / sum : 0.0f;
+    return sum > 0.0f;
+}

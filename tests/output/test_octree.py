@@ -1,0 +1,135 @@
+"""What a bake into an octree leaves behind: leaves in kiln.h5, a preview, and no lightmaps; views of it are those of
+lightmaps; light at vertices needs no layout; a bake that was stopped goes on to the same bits; options that do not fit
+are refused."""
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import h5py
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
+import harness  # noqa: E402
+
+KILN = os.environ["KILN"]
+CORNELL = os.path.join(harness.REPOSITORY, "jobs", "cornell.glb")
+LEAF = 0.21
+LIGHT = ("--samples-direct", "64", "--samples-bounce", "16", "--samples-indirect", "64", "--bounces", "2", "--denoise",
+         "none", "--samples-probe", "0", "--backend", "embree", "--threads", "1", "--quiet")
+
+
+def run(*arguments, status=0, faults=None):
+    done = subprocess.run([KILN, *map(str, arguments)], capture_output=True, text=True,
+                          env={**os.environ, **harness.MPI_ENVIRONMENT, **(faults or {})})
+    assert done.returncode == status, f"{' '.join(map(str, arguments))}: exit {done.returncode}\n{done.stderr}"
+    return done.stderr
+
+
+def json_of(path):
+    with open(path, "rb") as f:
+        data = f.read()
+    return json.loads(data[20:20 + int.from_bytes(data[12:16], "little")])
+
+
+def rgb(path):
+    channels, _ = harness.read_exr(path)
+    return np.stack([channels[c] for c in "RGB"], -1).astype(np.float64)
+
+
+class Octree(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.mkdtemp(prefix="kiln-octree-")
+        cls.bakes = {}
+        for store, more in (("lightmap", ("--texels-per-metre", 1 / LEAF, "--no-preview")),
+                            ("octree", ("--leaf-size", LEAF))):
+            cls.bakes[store] = os.path.join(cls.folder, store)
+            run("bake", CORNELL, "-o", cls.bakes[store], "--store", store, "--vertex-light", *more, *LIGHT)
+
+    @classmethod
+    def tearDownClass(cls):
+        shutil.rmtree(cls.folder, ignore_errors=True)
+
+    def test_files(self):
+        names = set(os.listdir(self.bakes["octree"]))
+        self.assertEqual(names, {"kiln.h5", "manifest", "preview.png", "run.json", "scene.glb", "scene.kscene"})
+        run("verify", self.bakes["octree"])
+        with open(os.path.join(self.bakes["octree"], "run.json")) as f:
+            report = json.load(f)
+        self.assertEqual(report["store"]["kind"], "octree")
+        self.assertEqual(report["store"]["leaf_size"], LEAF)
+        self.assertTrue(all(o["lightmap"] is None for o in report["objects"]))
+
+    def test_leaves(self):
+        with h5py.File(os.path.join(self.bakes["octree"], "kiln.h5"), "r") as f:
+            self.assertNotIn("points/texel", f)
+            self.assertNotIn("objects/lightmap", f)
+            self.assertEqual(f.attrs["leaf_size"], LEAF)
+            leaf, position = f["points/leaf"][...], f["points/position"][...]
+            normal, facing, thing = f["points/normal"][...], f["points/facing"][...], f["points/object"][...]
+            place = (position - f.attrs["leaf_origin"]) / LEAF - leaf
+        self.assertTrue((place > -1e-4).all() and (place < 1 + 1e-4).all(), "centroids lie in their leaves")
+        along = normal[np.arange(len(facing)), facing // 2] * np.where(facing % 2, -1, 1)
+        self.assertGreater(along.min(), 0.577)
+        keys = np.column_stack([thing, facing, leaf])
+        self.assertEqual(len(np.unique(keys, axis=0)), len(keys), "one point in each leaf")
+
+    def test_view(self):
+        pictures = []
+        for store, bake in self.bakes.items():
+            pictures.append(os.path.join(self.folder, store + ".exr"))
+            run("view", bake, "-o", pictures[-1], "--width", 96, "--quiet", "--threads", 1)
+        a, b = map(rgb, pictures)
+        self.assertLess(abs(b.mean() / a.mean() - 1), 0.01)
+        self.assertLess(np.sqrt(((a - b) ** 2).mean()) / a.mean(), 0.05)
+        self.assertTrue(((a > 0) == (b > 0)).all(), "no place is without light")
+        shown = os.path.join(self.folder, "direct.exr")
+        run("view", self.bakes["octree"], "-o", shown, "--width", 96, "--quiet", "--threads", 1, "--show", "direct")
+        self.assertGreater(rgb(shown).max(), 0)
+        error = run("view", self.bakes["octree"], "-o", shown, "--quiet", "--show", "sh", status=66)
+        self.assertIn("has no dataset", error)
+
+    def test_vertices(self):
+        light = []
+        for bake in self.bakes.values():
+            with h5py.File(os.path.join(bake, "kiln.h5"), "r") as f:
+                light.append(f["vertices/irradiance"][...].mean())
+        self.assertLess(abs(light[1] / light[0] - 1), 0.05)
+
+    def test_scene(self):
+        """scene.glb has the light at vertices, no lightmaps, and the source's coordinates."""
+        scene, source = (json_of(path) for path in (os.path.join(self.bakes["octree"], "scene.glb"), CORNELL))
+        coordinates = [[p["attributes"].get("TEXCOORD_1") for m in s["meshes"][:len(source["meshes"])]
+                        for p in m["primitives"]] for s in (scene, source)]
+        self.assertEqual(*coordinates)
+        self.assertTrue(any("COLOR_1" in p["attributes"] for m in scene["meshes"] for p in m["primitives"]))
+        self.assertNotIn(".exr", json.dumps(scene))
+        there = os.path.join(self.folder, "s.glb")
+        self.assertIn("octree", run("export", self.bakes["octree"], "-o", there, status=65))
+
+    def test_goes_on(self):
+        folder = os.path.join(self.folder, "stopped")
+        command = ("bake", CORNELL, "-o", folder, "--store", "octree", "--leaf-size", LEAF, "--vertex-light", *LIGHT)
+        run(*command, "--max-time", 1, "--checkpoint-every", 0.1, status=75, faults={"KILN_SLOW_RANK": "0:100"})
+        run(*command)
+        with h5py.File(os.path.join(folder, "kiln.h5"), "r") as f, \
+                h5py.File(os.path.join(self.bakes["octree"], "kiln.h5"), "r") as g:
+            self.assertEqual(f["irradiance/total"][...].tobytes(), g["irradiance/total"][...].tobytes())
+
+    def test_refused(self):
+        for options, what in ((("--leaf-size", 1), "--store octree"),
+                              (("--store", "octree", "--export"), "--vertex-light"),
+                              (("--store", "octree", "--denoise", "regression"), "needs lightmaps"),
+                              (("--store", "octree", "--check-density"), "needs lightmaps")):
+            self.assertIn(what, run("bake", CORNELL, "-o", os.path.join(self.folder, "no"), *options, status=64))
+        error = run("bake", CORNELL, "-o", os.path.join(self.folder, "no"), "--store", "octree", "--leaf-size", 1e-9,
+                    status=65)
+        self.assertIn("--leaf-size", error)
+
+
+if __name__ == "__main__":
+    unittest.main()
