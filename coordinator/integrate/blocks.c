@@ -14,10 +14,10 @@ enum {
 #define UNKNOWN UINT16_MAX
 #define TURN_KEY 0x626c6f63u
 static const float ALIKE = 0.9063f; /* cosine of 25 degrees */
-/* How high above the surface a ray goes: in texels' sides, so that it passes over what is small; but no higher than a
- * part of the way to what is above the points. And over a surface that bends away, in the distance times the difference
- * of the normals: the edge in between is a quarter of it high. */
-static const float HEIGHT = 0.25f, BELOW = 0.5f, OVER_EDGE = 0.3f;
+/* How high above the surface a ray goes: in texels' sides, so that it passes over what is small; and over a surface
+ * that bends away, in the distance times the difference of the normals: the edge in between is a quarter of it high. */
+static const float HEIGHT = 0.25f, OVER_EDGE = 0.3f;
+static const float ROOM = 0.5f; /* of its side that a texel has above it, if it is to share its light with others */
 
 /* A point as it is compared with others. */
 struct place {
@@ -136,8 +136,9 @@ static void find_places(const struct search *s)
     }
 }
 
-/* How high rays above each place may go: one along its normal says what is there. */
-static int find_heights(struct search *s, struct kiln_error *error)
+/* A place that something is close above is a block of its own: light changes too fast there. One ray along the normal
+ * says whether there is room. */
+static int find_room(struct search *s, struct kiln_error *error)
 {
     const struct kiln_tile_run *last = &s->surface->tile_runs[s->end - 1];
     const size_t count = (size_t)(kiln_own_of_global(s->surface, last->first).at + last->count - s->first);
@@ -147,9 +148,15 @@ static int find_heights(struct search *s, struct kiln_error *error)
         s->origins[i] = vec3_madd(s->places[i].position, s->directions[i], s->places[i].height);
     }
     const int status = kiln_backend_intersect(s->backend, s->origins, s->directions, count, s->hits, error);
-    for (size_t i = 0; i < count && status == KILN_OK; i++) {
-        const float free = s->hits[i].triangle != KILN_NONE ? BELOW * s->hits[i].distance : INFINITY;
-        s->places[i].height += fminf(HEIGHT * s->places[i].side, free);
+    for (size_t f = s->begin; f < s->end && status == KILN_OK; f++) {
+        const struct kiln_tile_run *run = &s->surface->tile_runs[f];
+        const uint64_t own = kiln_own_of_global(s->surface, run->first).at;
+        for (uint32_t k = 0; k < run->count; k++) {
+            const size_t i = (size_t)(own + k - s->first);
+            if (s->hits[i].triangle != KILN_NONE && s->hits[i].distance < ROOM * s->places[i].side)
+                s->block[own + k] = (uint16_t)k;
+            s->places[i].height += HEIGHT * s->places[i].side;
+        }
     }
     return status;
 }
@@ -258,7 +265,7 @@ static int find_chunk(struct search *s, struct kiln_error *error)
 {
     int status = KILN_OK;
     find_places(s);
-    status = find_heights(s, error);
+    status = find_room(s, error);
     s->pair_count = 1;
     for (uint32_t round = 0; round < ROUNDS && s->pair_count > 0 && status == KILN_OK; round++) {
         begin_blocks(s, false);

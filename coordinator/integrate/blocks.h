@@ -7,11 +7,12 @@
  *   - their normals are no more than 25 degrees apart,
  *   - it lies no farther away than the texels between them are wide, so that both are of one chart, or of charts that
  *     go on into each other,
- *   - a ray between them meets nothing, a quarter of a texel above the surface or half as high as there is room: no
- * wall stands between them, and no step that is higher.
+ *   - a ray between them, a quarter of a texel above the surface, meets nothing: no wall stands between them, and no
+ * step that is higher.
  *
- * What is partly there (a texture with holes) is a block of its own. A block never lies in two tiles, and with K > 1
- * cells cut no tile (struct kiln_surface_params): blocks are the same for any ranks and cells.
+ * A point that has something less than half a texel above it is a block of its own, for light changes fast there; so is
+ * one that is partly there (a texture with holes). A block never lies in two tiles, and with K > 1 cells cut no tile
+ * (struct kiln_surface_params): blocks are the same for any ranks and cells.
  *
  * Which of a block's points gathers changes from bounce to bounce, so that each has its turn: over n bounces a rotated
  * van der Corput sequence spreads the n choices evenly over the block. It is a function of the seed, the tile, the

@@ -246,7 +246,9 @@ static int settle_store(struct kiln_job *job, struct kiln_error *error)
         bool wanted;
     } of_lightmaps[] = {{"check-density", job->check_density},
                         {"denoise", job->denoise == KILN_DENOISE_REGRESSION},
-                        {"export", job->export && !job->vertex_light}};
+                        {"export", job->export && !job->vertex_light},
+                        {"indirect-scale", job->indirect_scale > 0},
+                        {"only-visible-from", job->only_visible_from != NULL}};
     if (job->store == KILN_STORE_KIND_LIGHTMAP)
         return job->leaf_size > 0.0 ? kiln_fail(error, KILN_USAGE, "--leaf-size needs --store octree") : KILN_OK;
     for (size_t i = 0; i < sizeof of_lightmaps / sizeof *of_lightmaps; i++)

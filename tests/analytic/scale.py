@@ -122,9 +122,10 @@ def main():
         check_wall(kiln, checks, table, degrees, thickness, texels, scale)
     check_cornell(kiln, checks, table)
     check_same(kiln, checks)
-    refused = cornell(kiln, 4, '--schedule', 'equal')
-    checks.that(refused.process.status == 64 and '--indirect-scale' in refused.process.stderr,
-                'the equal schedule was not refused: %d' % refused.process.status, refused.process)
+    for more in (('--schedule', 'equal'), ('--store', 'octree')):
+        refused = kiln.bake(os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb'), '--indirect-scale', 4, *more)
+        checks.that(refused.process.status == 64 and '--indirect-scale' in refused.process.stderr,
+                    '%s was not refused: %d' % (more, refused.process.status), refused.process)
     checks.end()
 
 
