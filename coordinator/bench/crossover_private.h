@@ -40,8 +40,8 @@ struct kiln_crossover {
 
 /* crossover_views.c. Chooses KILN_CROSSOVER_VIEWS cameras, the same for every run: places half-way from surfaces along
  * their normals to what is opposite, from where no back of a surface is seen and little of the outside, each looking
- * level into the direction where it sees farthest. Writes them to `path` as key frames (camera_path.h). KILN_BAD_INPUT
- * if the scene has too few such places. */
+ * level into the direction where it sees farthest, and seeing light there, by a few paths. Writes them to `path` as key
+ * frames (camera_path.h). KILN_BAD_INPUT if the scene has too few such places. */
 int kiln_crossover_views(const char *bake, const char *path, struct kiln_error *error);
 
 /* crossover_tell.c. Writes crossover.csv and crossover.svg, and prints the result. */

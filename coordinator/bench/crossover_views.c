@@ -1,24 +1,30 @@
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "coordinator/bench/crossover_private.h"
 #include "coordinator/files/html.h"
+#include "coordinator/view/path_view.h"
 #include "worker/backend/backend.h"
 #include "worker/base/memory.h"
 #include "worker/scene/footprint.h"
 
-enum { TRIES = 4096, LOOKS = 64, TURNS = 24 };
+enum { TRIES = 4096, LOOKS = 64, TURNS = 24, CANDIDATES = 48 };
+enum { WIDE = 16, HIGH = 9, PATHS = 8, BOUNCES = 2 };      /* of the look at a candidate's light */
 static const double MOST_BACKS = 0.0, MOST_ESCAPING = 0.5; /* shares of the rays from a place */
+static const double LEAST_LIGHT = 0.1;                     /* of what the lightest quarter of the candidates has */
 static const double LEAST_NEAR = 0.01, LEAST_APART = 0.05; /* of the scene's diagonal */
 
 struct search {
     const struct kiln_scene *scene;
     struct kiln_geometry *geometry;
+    struct kiln_lights *lights;
     struct kiln_backend *backend;
     double *until; /* area of the triangles up to and with each */
     double diagonal;
     size_t count;
-    struct kiln_vec3 eyes[KILN_CROSSOVER_VIEWS], ways[KILN_CROSSOVER_VIEWS];
+    struct kiln_vec3 eyes[CANDIDATES], ways[CANDIDATES];
+    double light[CANDIDATES]; /* geometric mean of the radiance that is seen; 0: a part of it is black */
 };
 
 static double fraction(double x) { return x - floor(x); }
@@ -93,15 +99,66 @@ static struct kiln_vec3 farthest(const struct search *s, struct kiln_vec3 eye)
     return best;
 }
 
-static void find(struct search *s)
+/* What light is seen from candidate i: more than half of the pixels have some, else it counts as dark. */
+static int look_at_light(struct search *s, size_t i, struct kiln_error *error)
+{
+    const struct kiln_vec3 way = s->ways[i], right = vec3(-way.z, 0.0f, way.x);
+    const struct kiln_view_camera camera = {.position = dvec3_of(s->eyes[i]),
+                                            .forward = dvec3_of(way),
+                                            .right = dvec3_of(right),
+                                            .up = dvec3(0.0, 1.0, 0.0),
+                                            .extent_x = 1.0,
+                                            .extent_y = (double)HIGH / WIDE};
+    const struct kiln_path_view view = kiln_path_view_of(&camera, WIDE, HIGH, BOUNCES, PATHS);
+    float rgb[3 * WIDE * HIGH];
+    uint64_t rays = 0;
+    double sum = 0.0, lit = 0.0;
+    const int status = kiln_path_view_pixels(s->backend, &view, 0, (size_t)WIDE * HIGH, NULL, rgb, NULL, &rays, error);
+    for (size_t p = 0; status == KILN_OK && p < (size_t)WIDE * HIGH; p++) {
+        const double luminance = kiln_luminance_of_floats(rgb + 3 * p);
+        sum += luminance > 0.0 ? log(luminance) : 0.0;
+        lit += luminance > 0.0 ? 1.0 : 0.0;
+    }
+    s->light[i] = 2.0 * lit > (double)WIDE * HIGH ? exp(sum / lit) : 0.0;
+    return status;
+}
+
+static int compare_numbers(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return x < y ? -1 : x > y;
+}
+
+/* Keeps the first candidates that see enough light. */
+static void keep_lit(struct search *s)
+{
+    double sorted[CANDIDATES];
+    size_t kept = 0;
+    memcpy(sorted, s->light, s->count * sizeof *sorted);
+    qsort(sorted, s->count, sizeof *sorted, compare_numbers);
+    const double least = s->count > 0 ? LEAST_LIGHT * sorted[(s->count - 1) * 3 / 4] : 0.0;
+    for (size_t i = 0; i < s->count && kept < KILN_CROSSOVER_VIEWS; i++) {
+        if (!(s->light[i] > 0.0) || s->light[i] < least)
+            continue;
+        s->eyes[kept] = s->eyes[i];
+        s->ways[kept++] = s->ways[i];
+    }
+    s->count = kept;
+}
+
+static int find(struct search *s, struct kiln_error *error)
 {
     struct kiln_vec3 eye;
-    for (uint32_t k = 0; k < TRIES && s->count < KILN_CROSSOVER_VIEWS; k++) {
+    int status = KILN_OK;
+    for (uint32_t k = 0; k < TRIES && s->count < CANDIDATES && status == KILN_OK; k++) {
         if (!place_of(s, k, &eye) || !is_open(s, eye))
             continue;
+        s->eyes[s->count] = eye;
         s->ways[s->count] = farthest(s, eye);
-        s->eyes[s->count++] = eye;
+        status = look_at_light(s, s->count++, error);
     }
+    keep_lit(s);
+    return status;
 }
 
 static int prepare(struct search *s, struct kiln_error *error)
@@ -117,8 +174,10 @@ static int prepare(struct search *s, struct kiln_error *error)
     for (size_t i = 0; i < s->geometry->triangle_count; i++)
         s->until[i] = area += kiln_geometry_triangle_area(s->geometry, i);
     s->diagonal = (double)vec3_length(vec3_sub(s->geometry->bounds_max, s->geometry->bounds_min));
-    const struct kiln_backend_params params = {.scene = s->scene, .geometry = s->geometry, .threads = 1};
-    return kiln_backend_create(&s->backend, "embree", &params, error);
+    status = kiln_lights_create(&s->lights, s->scene, s->geometry, error);
+    const struct kiln_backend_params params = {
+        .scene = s->scene, .geometry = s->geometry, .lights = s->lights, .threads = 1};
+    return status != KILN_OK ? status : kiln_backend_create(&s->backend, "embree", &params, error);
 }
 
 static int write_keys(const struct search *s, const char *path, struct kiln_error *error)
@@ -147,15 +206,16 @@ int kiln_crossover_views(const char *bake, const char *path, struct kiln_error *
     if (status == KILN_OK)
         status = prepare(&s, error);
     if (status == KILN_OK)
-        find(&s);
+        status = find(&s, error);
     if (status == KILN_OK && s.count < KILN_CROSSOVER_VIEWS)
         status = kiln_fail(error, KILN_BAD_INPUT,
-                           "the scene has %zu of the %d places inside that the bench looks from: it is for scenes that "
-                           "are rooms, streets or courts",
+                           "the scene has %zu of the %d lit places inside that the bench looks from: it is for scenes "
+                           "that are rooms, streets or courts",
                            s.count, KILN_CROSSOVER_VIEWS);
     if (status == KILN_OK)
         status = write_keys(&s, path, error);
     kiln_backend_destroy(&s.backend);
+    kiln_lights_destroy(&s.lights);
     kiln_free(&s.until);
     kiln_geometry_destroy(&s.geometry);
     kiln_scene_close(&scene);

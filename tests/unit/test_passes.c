@@ -21,6 +21,7 @@
 #include "worker/backend/backend.h"
 #include "worker/light/lights.h"
 #include "worker/pass/occlusion.h"
+#include "worker/pass/path.h"
 #include "worker/pass/point.h"
 #include "worker/pass/validity.h"
 #include "worker/scene/radiosity.h"
@@ -31,7 +32,16 @@ enum { PROBES = 24 };
 /* The parameters that each pass is tested with; NULL: it has none. */
 static const struct kiln_occlusion_parameters near_by = {.distance =
                                                              2.0f}; /* the lamp is farther from most of the floor */
-static const void *const parameters[KILN_PASS_COUNT] = {[KILN_PASS_INDEX_occlusion] = &near_by};
+/* towards the floor and the box; numbers of pixels pass 2^32, far below the picture's middle */
+static const struct kiln_path_parameters camera = {.position = {0.3f, 2.5f, 0.2f},
+                                                   .forward = {0.0f, -1.0f, 0.0f},
+                                                   .right = {0.4f, 0.0f, 0.0f},
+                                                   .up = {0.0f, 0.0f, 0.4f},
+                                                   .width = 1u << 31,
+                                                   .height = 4,
+                                                   .bounces = 2};
+static const void *const parameters[KILN_PASS_COUNT] = {
+    [KILN_PASS_INDEX_occlusion] = &near_by, [KILN_PASS_INDEX_path] = &camera};
 
 struct world {
     struct fixture *fixture;
@@ -83,7 +93,7 @@ static void release(struct world *w)
 
 /* Results of a run, in the order of items. */
 struct kept {
-    const struct kiln_surface *surface; /* NULL: items are positions */
+    const struct kiln_surface *surface; /* NULL: items are positions or pixels */
     size_t result_bytes, first, next;   /* items */
     char *results;
     uint64_t *offset; /* of each item's first result, and one more */
@@ -111,7 +121,7 @@ static struct kept keeper(const struct world *w, const struct kiln_pass *pass, s
     const bool surface = pass->domain == KILN_DOMAIN_TILE_RUNS;
     *all = (struct kiln_batch){.first = surface ? 0 : FIRST_PROBE,
                                .count = surface ? w->surface->tile_run_count : PROBES,
-                               .positions = surface ? NULL : w->positions,
+                               .positions = pass->domain == KILN_DOMAIN_POSITIONS ? w->positions : NULL,
                                .stream = pass->has_streams ? 2 : 0,
                                .take = keep};
     struct kept k = {.surface = surface ? w->surface : NULL, .result_bytes = pass->result_bytes, .first = all->first};
@@ -246,12 +256,35 @@ static double stretch(struct kiln_backend *backend, const struct world *w, const
     return sum;
 }
 
+/* The same of pixels. */
+static double pixel_stretch(struct kiln_backend *backend, const struct world *w, const struct kiln_pass *pass,
+                            uint32_t first, uint32_t samples, uint64_t *count)
+{
+    struct kiln_batch all;
+    struct kept k = keeper(w, pass, &all);
+    double sum = 0.0;
+    all.samples = samples;
+    all.first_sample = first;
+    (void)run(backend, pass, all, &k);
+    for (size_t i = 0; i < all.count; i++) {
+        const struct kiln_path_result *r = (const struct kiln_path_result *)(const void *)k.results + i;
+        assert_true(r->count == samples && isfinite(r->radiance[0]) && r->square >= 0.0f);
+        sum += (double)r->radiance[0];
+        *count += r->count;
+    }
+    drop(&k);
+    return sum;
+}
+
 /* Results are sums over the samples: 5 and then 11 of the sequence come to what 16 do, up to their noise. */
 static void sums_add_up(struct kiln_backend *backend, const struct world *w, const struct kiln_pass *pass)
 {
     uint64_t counts[2] = {0, 0};
-    const double parts = stretch(backend, w, pass, 0, 5, &counts[0]) + stretch(backend, w, pass, 5, 11, &counts[0]);
-    const double whole = stretch(backend, w, pass, 0, 16, &counts[1]);
+    const bool pixels = pass->domain == KILN_DOMAIN_PIXELS;
+    double (*const add)(struct kiln_backend *, const struct world *, const struct kiln_pass *, uint32_t, uint32_t,
+                        uint64_t *) = pixels ? pixel_stretch : stretch;
+    const double parts = add(backend, w, pass, 0, 5, &counts[0]) + add(backend, w, pass, 5, 11, &counts[0]);
+    const double whole = add(backend, w, pass, 0, 16, &counts[1]);
     print_message("%s: 5 and 11 samples sum up to %.6g, 16 to %.6g\n", pass->name, parts, whole);
     assert_true(counts[0] == counts[1] && whole > 0.0 && fabs(parts / whole - 1.0) < 0.01);
 }
