@@ -108,18 +108,33 @@ static int find_views(struct search *s, const char *views, struct kiln_error *er
 
 /* ---- marks ---- */
 
+static void mark_tile(struct search *s, uint64_t tile, uint32_t bit, uint8_t value)
+{
+    s->marks[tile] = s->marks[tile] == UNSEEN || value == SEEN ? value : s->marks[tile];
+    const struct kiln_global_point entry = kiln_tile_entry(s->p->surface, &s->p->surface->tiles[tile], bit);
+    /* of a texel that a wall divides the ray may have met the side where its point is not */
+    if (value == FOUND && !s->hits_known && entry.at != KILN_NO_POINT && (entry.at & KILN_TILE_SPLIT) == 0)
+        s->hit[tile] |= 1ull << bit;
+}
+
 static void mark(struct search *s, uint32_t map, uint32_t x, uint32_t y, uint8_t value)
 {
     const struct kiln_lightmap *m = &s->p->surface->lightmaps[map];
     if (m->tiles_x == 0)
         return;
     const uint32_t column = x >> m->shift, row = y >> m->shift;
-    const uint64_t tile = m->tile_first + kiln_tile_of(column, row, m->tiles_x);
-    s->marks[tile] = s->marks[tile] == UNSEEN || value == SEEN ? value : s->marks[tile];
-    const struct kiln_global_point entry = kiln_surface_entry(s->p->surface, map, column, row);
-    /* of a texel that a wall divides the ray may have met the side where its point is not */
-    if (value == FOUND && !s->hits_known && entry.at != KILN_NO_POINT && (entry.at & KILN_TILE_SPLIT) == 0)
-        s->hit[tile] |= 1ull << kiln_morton8(column % KILN_TILE_SIDE, row % KILN_TILE_SIDE);
+    mark_tile(s, m->tile_first + kiln_tile_of(column, row, m->tiles_x),
+              kiln_morton8(column % KILN_TILE_SIDE, row % KILN_TILE_SIDE), value);
+}
+
+/* The same for an octree's brick. */
+static void mark_brick(struct search *s, const struct kiln_hit *hit, bool back, uint8_t value)
+{
+    const struct kiln_store store = {s->p->surface, s->p->geometry};
+    const struct kiln_octree_leaf leaf = kiln_octree_leaf(&store, hit->triangle, hit->u, hit->v, back);
+    const struct kiln_brick_slot *slot = kiln_brick_slot(s->p->surface, leaf.map, leaf.brick);
+    if (slot->tile != 0)
+        mark_tile(s, slot->tile - 1, leaf.bit, value);
 }
 
 /* Marks the tile that a hit lies in; of a back, and of its front too if `both`. */
@@ -128,6 +143,13 @@ static void mark_hit(struct search *s, const struct kiln_hit *hit, bool both, ui
     const struct kiln_surface *surface = s->p->surface;
     const struct kiln_hit_record *record = &s->p->geometry->records[hit->triangle];
     const struct kiln_lightmap *front = &surface->lightmaps[record->object];
+    if (surface->bricks != NULL) {
+        if (hit->back)
+            mark_brick(s, hit, true, value);
+        if (!hit->back || both)
+            mark_brick(s, hit, false, value);
+        return;
+    }
     if (front->width == 0 || front->height == 0)
         return;
     const uint32_t x = (uint32_t)kiln_hit_column(record, hit->u, hit->v, front->width),

@@ -111,6 +111,22 @@ class Octree(unittest.TestCase):
         there = os.path.join(self.folder, "s.glb")
         self.assertIn("octree", run("export", self.bakes["octree"], "-o", there, status=65))
 
+    def test_some_views(self):
+        """What the camera sees has light, as with lightmaps, and its view is that of the whole bake."""
+        folder, shares, pictures = os.path.join(self.folder, "some"), [], []
+        for store, size in (("lightmap", ("--texels-per-metre", 1 / LEAF)), ("octree", ("--leaf-size", LEAF))):
+            run("bake", CORNELL, "-o", folder, "--store", store, *size, *LIGHT, "--no-preview", "--only-visible-from",
+                "all")
+            with h5py.File(os.path.join(folder, "kiln.h5"), "r") as f:
+                shares.append((f["irradiance/total"][...].sum(1) > 0).mean())
+        self.assertGreater(shares[1], 0.5)
+        self.assertLess(shares[1], shares[0] + 0.05)  # bricks are smaller than tiles
+        for bake in (folder, self.bakes["octree"]):
+            pictures.append(os.path.join(self.folder, "some.exr"))
+            run("view", bake, "-o", pictures[-1], "--width", 96, "--quiet", "--threads", 1)
+            pictures[-1] = rgb(pictures[-1])
+        self.assertLess(abs(pictures[0].mean() / pictures[1].mean() - 1), 0.02)
+
     def test_goes_on(self):
         folder = os.path.join(self.folder, "stopped")
         command = ("bake", CORNELL, "-o", folder, "--store", "octree", "--leaf-size", LEAF, "--vertex-light", *LIGHT)

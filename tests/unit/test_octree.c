@@ -197,22 +197,30 @@ static void samples_lie_in_their_leaf(void **state)
     release(&w);
 }
 
-/* Two sheets, back to back, a tenth of a leaf apart: one object, one leaf, and two points there. */
-static void keeps_the_faces_of_a_thin_wall_apart(void **state)
+/* Two sheets of 1 m2, one above the other: the upper one looks up, the lower one down (`apart`) or up. */
+static struct world build_sheets(double height, bool apart, double leaf)
 {
     static const double uv[4] = {0.1, 0.4, 0.1, 0.4};
-    (void)state;
+    const struct kiln_dvec3 x = dvec3(1, 0, 0), y = dvec3(0, 1, 0);
     struct world w = {.fixture = fixture_create()};
     struct fixture *f = w.fixture;
     const uint32_t grey = fixture_material(f, 0.5f, 0.5f, 0.5f), wall = fixture_mesh(f);
-    fixture_sheet(f, dvec3(0, 0, 0.01), dvec3(1, 0, 0), dvec3(0, 1, 0), 1, uv, 0.0, grey);
-    fixture_sheet(f, dvec3(0, 0, 0), dvec3(0, 1, 0), dvec3(1, 0, 0), 1, uv, 0.0, grey);
+    fixture_sheet(f, dvec3(0, 0, height), x, y, 1, uv, 0.0, grey);
+    fixture_sheet(f, dvec3(0, 0, 0), apart ? y : x, apart ? x : y, 1, uv, 0.0, grey);
     (void)fixture_object(f, wall, NULL, 8, 8);
     assert_int_equal(kiln_geometry_create(&w.geometry, &f->scene, NULL), KILN_OK);
-    assert_int_equal(kiln_leaves_lay(w.geometry, 0.1, NULL), KILN_OK);
+    assert_int_equal(kiln_leaves_lay(w.geometry, leaf, NULL), KILN_OK);
     const struct kiln_surface_params params = {.scene = &f->scene, .geometry = w.geometry, .ranks = 1, .threads = 1};
     assert_int_equal(kiln_surface_build(&w.surface, &params, &w.report, NULL), KILN_OK);
     kiln_store_build(&w.store, w.surface, w.geometry);
+    return w;
+}
+
+/* The faces of a wall a tenth of a leaf thick: one object, one leaf, and two points there. */
+static void keeps_the_faces_of_a_thin_wall_apart(void **state)
+{
+    (void)state;
+    struct world w = build_sheets(0.01, true, 0.1);
     assert_int_equal(w.surface->point_count, 2 * 11 * 11);
     const uint64_t front = kiln_octree_find(&w.store, 0, 0.3f, 0.3f, false).at,
                    back = kiln_octree_find(&w.store, 2, 0.3f, 0.3f, false).at;
@@ -220,6 +228,20 @@ static void keeps_the_faces_of_a_thin_wall_apart(void **state)
     const struct kiln_point_cursor a = cursor_of(w.surface, front), b = cursor_of(w.surface, back);
     assert_int_equal(a.place.layer, b.place.layer);
     assert_int_not_equal(a.map, b.map);
+    release(&w);
+}
+
+/* The upper sheet lies where two layers of leaves meet, exactly: in the upper one of them, and nowhere else. */
+static void a_sheet_between_layers_lies_in_one(void **state)
+{
+    (void)state;
+    struct world w = build_sheets(0.125, false, 0.25);
+    assert_int_equal(w.surface->point_count, 2 * 5 * 5);
+    assert_true(fabs(w.report.area - 2.0) < 1e-9);
+    const struct kiln_point_cursor low = cursor_of(w.surface, kiln_octree_find(&w.store, 2, 0.3f, 0.3f, false).at),
+                                   high = cursor_of(w.surface, kiln_octree_find(&w.store, 0, 0.3f, 0.3f, false).at);
+    assert_int_equal(low.place.layer, 0);
+    assert_int_equal(high.place.layer, 1);
     release(&w);
 }
 
@@ -245,6 +267,7 @@ int main(void)
         cmocka_unit_test(goes_the_same_way_in_rounds),
         cmocka_unit_test(samples_lie_in_their_leaf),
         cmocka_unit_test(keeps_the_faces_of_a_thin_wall_apart),
+        cmocka_unit_test(a_sheet_between_layers_lies_in_one),
         cmocka_unit_test(refuses_leaves_that_fit_no_grid),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
