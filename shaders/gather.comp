@@ -6,9 +6,17 @@
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"
 
-KILN_PUSH(kiln_gpu_hemisphere_push);
+KILN_PUSH(kiln_gpu_gather_push);
 
-layout(constant_id = 6) const uint LOOKUP = 1u; /* 0: trace only, for benches */
+const uint TRACE_ONLY = 0u, SURFACES = 1u, SURFACES_AND_PROBES = 2u; /* what is asked; the first for benches */
+layout(constant_id = 6) const uint LOOKUP = SURFACES;
+
+uint near_probes; /* of the thread's point */
+#define HEMISPHERE_BEGIN(index)                                                                                        \
+    if (LOOKUP == SURFACES_AND_PROBES)                                                                                 \
+    near_probes = NearArray(push.near_probes).at[index]
+#define HEMISPHERE_SEEDS (LOOKUP == SURFACES_AND_PROBES)
+KILN_ARRAY(NearArray, uint, 4);
 
 struct Sums {
     vec3 incident, irradiance, glass;
@@ -17,6 +25,32 @@ struct Sums {
 
 #define NO_SUMS Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0)
 #include "shaders/hemisphere.glsl"
+#include "shaders/radiance_probes.glsl"
+
+/* The nearest hit, of points that see a probe within their range. */
+kiln_hit nearest(vec3 position, vec3 direction, uint seed, out vec3 tint)
+{
+    if (LOOKUP != SURFACES_AND_PROBES || (near_probes & KILN_PROBE_SEEN) == 0u)
+        return kiln_trace_by_chance(position, direction, seed, tint);
+    const float range = ProbesRef(push.probes).value.grid.range;
+    tint = vec3(1.0);
+    if (range > 0.0)
+        return kiln_trace_within(position, direction, range, seed, tint);
+    return kiln_hit(KILN_GPU_NONE, 0.0, 0.0, 0.0, false);
+}
+
+/* What a ray adds that finds the radiosity `rgb`. */
+void add_light(inout Sums sums, vec3 rgb, vec3 tint, float facet, float weight)
+{
+    if (HAS_ALPHA == KILN_PASSAGE_TINT) {
+        rgb *= tint;
+        sums.glass += facet * (1.0 - tint);
+    }
+    sums.incident += facet * rgb;
+    if (HAS_SMOOTH != 0u)
+        sums.irradiance += weight * rgb;
+    sums.luminance += weight * float_luminance(rgb);
+}
 
 const uint SLICE_FLOATS = HAS_ALPHA == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
 
@@ -34,8 +68,8 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     float cosine;
     const vec3 direction = hemisphere_cosine(axis, u, v, cosine);
     vec3 tint;
-    const kiln_hit hit = kiln_trace_by_chance(position, direction, seed, tint);
-    if (LOOKUP == 0u) {
+    const kiln_hit hit = nearest(position, direction, seed, tint);
+    if (LOOKUP == TRACE_ONLY) {
         sums.escaped += hit.triangle == KILN_GPU_NONE ? 1.0 : hit.u;
         return;
     }
@@ -43,6 +77,17 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     if (smooth_point) {
         facet = kiln_facet_weight(dot(normal, direction), tilt, cosine);
         weight = kiln_shading_weight(dot(soft, direction), cosine);
+    }
+    if (LOOKUP == SURFACES_AND_PROBES && hit.triangle == KILN_GPU_NONE && (near_probes & KILN_PROBE_SEEN) != 0u) {
+        const kiln_probe_grid grid = ProbesRef(push.probes).value.grid;
+        const float far = kiln_probe_far(grid, position, direction);
+        if (far > grid.range) {
+            const uint probe = kiln_probe_of_ray(push.probes, near_probes, position, direction, seed);
+            const vec3 radiance =
+                facet > 0.0 ? kiln_probe_ask(push.probes, probe, position, direction, far) : vec3(0.0);
+            add_light(sums, 3.14159265358979 * radiance, tint, facet, weight);
+            return;
+        }
     }
     if (hit.triangle == KILN_GPU_NONE) {
         sums.escaped += facet;
@@ -53,15 +98,7 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
         sums.blocked += facet;
         return;
     }
-    vec3 rgb = facet > 0.0 ? kiln_store_radiosity(to) : vec3(0.0);
-    if (HAS_ALPHA == KILN_PASSAGE_TINT) {
-        rgb *= tint;
-        sums.glass += facet * (1.0 - tint);
-    }
-    sums.incident += facet * rgb;
-    if (HAS_SMOOTH != 0u)
-        sums.irradiance += weight * rgb;
-    sums.luminance += weight * float_luminance(rgb);
+    add_light(sums, facet > 0.0 ? kiln_store_radiosity(to) : vec3(0.0), tint, facet, weight);
 }
 
 void after_rays(inout Sums sums, kiln_gpu_point p, uint row, bool good)

@@ -9,6 +9,9 @@ const uint MOST_FLOATS = KILN_GPU_SLICE_TINTED_FLOATS, MEASURED = 8u;
 
 KILN_ARRAY(ResultArray, kiln_gpu_result, 4);
 
+/* The harmonics of radiance probes may be negative; a point's light is not. */
+float at_least_zero(float sum) { return sum < 0.0 ? 0.0 : sum; }
+
 void kiln_kernel(uint x, uint y)
 {
     if (x >= push.chunk.total)
@@ -19,8 +22,8 @@ void kiln_kernel(uint x, uint y)
     if (hemisphere_totals(x, totals)) {
         const float n = float(push.samples);
         for (uint c = 0u; c < 3u; c++) {
-            r.incident[c] = totals.sum[c];
-            r.irradiance[c] = totals.sum[3u + c];
+            r.incident[c] = at_least_zero(totals.sum[c]);
+            r.irradiance[c] = at_least_zero(totals.sum[3u + c]);
             r.glass[c] = totals.sum[9u + c];
         }
         r.escaped = totals.sum[6];

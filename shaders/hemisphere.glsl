@@ -5,8 +5,15 @@
  *
  * The kernel that includes this says what a ray adds. Before it stand push constants with the members `chunk` and
  * `hemisphere`, `struct Sums`, what a thread adds up, and NO_SUMS, its zeros. The kernel defines the functions that are
- * declared here. All else stands in kiln_kernel and not in functions of its own, which cost the gather 4 % on an H200.
+ * declared here; it may define HEMISPHERE_BEGIN, what is done with the point's index in its block before its rays, and
+ * HEMISPHERE_SEEDS, whether add_ray wants seeds in any scene. All else stands in kiln_kernel and not in functions of its own, which cost the gather 4 % on an H200.
  */
+#ifndef HEMISPHERE_BEGIN
+#    define HEMISPHERE_BEGIN(index)
+#endif
+#ifndef HEMISPHERE_SEEDS
+#    define HEMISPHERE_SEEDS false
+#endif
 #define KILN_TRACES
 #include "shaders/trace/trace.glsl"
 #include "shaders/surface.glsl"
@@ -65,6 +72,7 @@ void kiln_kernel(uint x, uint y)
     const uint begin = kiln_quarter_first(q, n), end = kiln_quarter_first(q + 1u, n);
     const uint from = begin + (row % push.hemisphere.per_quarter) * push.hemisphere.slice,
                to = min(end, from + push.hemisphere.slice);
+    HEMISPHERE_BEGIN(index);
     Sums sums = NO_SUMS;
     uint seed[4];
     for (uint d = 0u; d < 4u; d++)
@@ -94,7 +102,9 @@ void kiln_kernel(uint x, uint y)
         const float v =
             kiln_unit_float(kiln_owen_scramble(sobol.at[push.hemisphere.sobol_stride + k], seed[1]) ^ shift_v);
         add_ray(sums, p, position, normal, u, v,
-                HAS_ALPHA >= KILN_PASSAGE_BLEND ? kiln_gather_ray_seed(chance, push.hemisphere.first_sample + k) : 0u);
+                HEMISPHERE_SEEDS || HAS_ALPHA >= KILN_PASSAGE_BLEND
+                    ? kiln_gather_ray_seed(chance, push.hemisphere.first_sample + k)
+                    : 0u);
     }
     after_rays(sums, p, row, k >= to);
     store(sums, index - push.chunk.origin, row);

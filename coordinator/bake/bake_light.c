@@ -8,12 +8,16 @@ static void add_light_phases(struct kiln_bake *b)
     const struct kiln_roles *roles = &report->roles;
     for (uint32_t r = 0; r < roles->count; r++)
         kiln_phase_add(&b->phases, roles->of[r]->phase, 0.0);
+    if (report->radiance.probes > 0)
+        kiln_phase_add(&b->phases, "radiance probes", 0.0);
     kiln_phase_add(&b->phases, "exchange", 0.0);
     kiln_phase_add(&b->phases, "waiting", report->waiting_seconds);
     for (size_t i = 0; i < report->steps.count; i++) {
         const struct kiln_step_report *step = &report->steps.of[i];
         kiln_phase_add(&b->phases, roles->of[step->step.role]->phase, step->seconds);
         kiln_phase_add(&b->phases, "exchange", step->exchange_seconds);
+        if (report->radiance.probes > 0)
+            kiln_phase_add(&b->phases, "radiance probes", step->probe_seconds);
     }
 }
 

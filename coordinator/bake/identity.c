@@ -36,7 +36,13 @@ static const char *const counting[] = {"environment",
                                        "partition",
                                        "exchange",
                                        "error-map",
-                                       "target-error"};
+                                       "target-error",
+                                       "tracing-range",
+                                       "radiance-probe-spacing",
+                                       "probe-basis",
+                                       "probe-side",
+                                       "distant-projection",
+                                       "samples-radiance-probe"};
 /* Options that affect only the probes. */
 static const char *const probing[] = {"probe-spacing", "samples-probe"};
 /* Options that affect neither: devices, speed, limits, messages and output files. --quality is covered by the sample

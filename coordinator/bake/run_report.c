@@ -53,6 +53,18 @@ static void add_quantities(json_t *settings, const struct kiln_job *job)
                             json_string(job->directional == KILN_DIRECTIONAL_SH1 ? "sh1" : "dominant"));
 }
 
+/* Settings of the radiance probes, where gather rays end at a range. */
+static void add_range(json_t *settings, const struct kiln_job *job)
+{
+    const struct kiln_radiance_settings *r = &job->radiance;
+    static const char *const bases[] = {"sh", "octahedral", "cubemap"};
+    if (!kiln_job_has_probes(job))
+        return;
+    json_object_set_new(settings, "tracing_range", json_real(r->range));
+    json_object_set_new(settings, "probe_basis", json_string(bases[r->basis]));
+    json_object_set_new(settings, "distant_projection", json_string(r->approximate ? "approximate" : "exact"));
+}
+
 /* Settings that affect the result. */
 static json_t *settings_json(const struct kiln_job *job)
 {
@@ -68,6 +80,7 @@ static json_t *settings_json(const struct kiln_job *job)
     if (job->indirect_scale > 0)
         json_object_set_new(settings, "indirect_scale", json_integer((json_int_t)1 << job->indirect_scale));
     add_quantities(settings, job);
+    add_range(settings, job);
     return settings;
 }
 
@@ -216,16 +229,32 @@ static json_t *steps_json(const struct kiln_integrate_report *t, const uint64_t 
         const struct kiln_step_report *p = &t->steps.of[i];
         if ((p->step.quantity != NULL) != quantities)
             continue;
-        json_array_append_new(array, json_pack("{s:s, s:i, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
-                                               t->roles.of[p->step.role]->kind, "part", (int)p->step.part, "bounce",
-                                               (int)p->step.bounce, "samples", (int)p->step.samples, "seconds",
-                                               p->seconds, "exchange_seconds", p->exchange_seconds, "device_seconds",
-                                               p->device_seconds, "energy", kiln_luminance(p->energy.incident),
-                                               "incident", rgb_json(p->energy.incident), "reflected",
-                                               rgb_json(p->energy.reflected), "stolen_points", (json_int_t)stolen[i],
-                                               "rebalance", rebalance_json(&p->balance)));
+        json_t *step =
+            json_pack("{s:s, s:i, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
+                      t->roles.of[p->step.role]->kind, "part", (int)p->step.part, "bounce", (int)p->step.bounce,
+                      "samples", (int)p->step.samples, "seconds", p->seconds, "exchange_seconds", p->exchange_seconds,
+                      "device_seconds", p->device_seconds, "energy", kiln_luminance(p->energy.incident), "incident",
+                      rgb_json(p->energy.incident), "reflected", rgb_json(p->energy.reflected), "stolen_points",
+                      (json_int_t)stolen[i], "rebalance", rebalance_json(&p->balance));
+        if (t->radiance.probes > 0 && p->probe_seconds > 0.0) {
+            (void)json_object_set_new(step, "probe_rays", json_integer((json_int_t)p->probe_rays));
+            (void)json_object_set_new(step, "probe_seconds", json_real(p->probe_seconds));
+        }
+        json_array_append_new(array, step);
     }
     return array;
+}
+
+/* The radiance probes. A bake of which only files were missing does not know which of them were moved. */
+static json_t *radiance_json(const struct kiln_radiance_report *r)
+{
+    json_t *json = json_pack("{s:f, s:I, s:I, s:i, s:i, s:I, s:b}", "spacing", r->spacing, "probes",
+                             (json_int_t)r->probes, "bytes", (json_int_t)r->bytes, "side", (int)r->side, "samples",
+                             (int)r->samples, "rays", (json_int_t)r->rays, "biased", true);
+    if (r->placed)
+        (void)json_object_update_new(json, json_pack("{s:I, s:I, s:I}", "moved", (json_int_t)r->moved, "off",
+                                                     (json_int_t)r->off, "points_without", (json_int_t)r->alone));
+    return json;
 }
 
 static json_t *energy_json(const struct kiln_energy *e, const struct kiln_units *units)
@@ -504,8 +533,8 @@ static json_t *rays_json(const struct kiln_roles *roles, const uint64_t *values,
 static double tracing_seconds(const struct kiln_roles *roles, const json_t *phases)
 {
     double sum = 0.0;
-    for (uint32_t r = 0; r <= roles->count; r++) {
-        const char *name = r < roles->count ? roles->of[r]->phase : "probes";
+    for (uint32_t r = 0; r <= roles->count + 1; r++) {
+        const char *name = r < roles->count ? roles->of[r]->phase : r == roles->count ? "probes" : "radiance probes";
         size_t index;
         const json_t *phase;
         json_array_foreach(phases, index,
@@ -618,6 +647,8 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
                         json_pack("{s:b, s:o, s:f, s:f, s:f, s:b}", "added", t->tail, "ratio", rgb_json(t->tail_ratio),
                                   "share", t->tail_share, "error", fmax(t->tail_error, 0.0), "tile_error",
                                   t->tail_tile_error, "diverges", t->tail_error == KILN_TAIL_DIVERGES));
+    if (kiln_job_has_probes(run->job))
+        json_object_set_new(root, "radiance_probes", radiance_json(&t->radiance));
     json_object_set_new(root, "energy", energy_json(&t->energy, kiln_units_of(run->job->units, p->scene)));
     json_object_set_new(root, "error", error_reached);
     json_object_set_new(

@@ -147,6 +147,19 @@ static double number_of(const json_t *object, const char *key)
     return json_number_value(json_object_get(object, key));
 }
 
+/* Light that is not what rays without an end would find. */
+static void note_bias(const json_t *report, json_t *notes)
+{
+    const json_t *probes = json_object_get(report, "radiance_probes");
+    if (probes != NULL)
+        (void)json_array_append_new(
+            notes, json_sprintf("indirect light is biased: rays end at %.4g m, and %.0f radiance probes, %.3g m apart, "
+                                "answer for what is farther (%.1f MiB; %.0f moved out of geometry, %.0f off)",
+                                number_of(json_object_get(report, "job"), "tracing_range"), number_of(probes, "probes"),
+                                number_of(probes, "spacing"), number_of(probes, "bytes") / 0x1p20,
+                                number_of(probes, "moved"), number_of(probes, "off")));
+}
+
 /* What the report knows of why the ledger does not balance; the first that applies. */
 static const char *cause_of_imbalance(const json_t *report)
 {
@@ -190,6 +203,8 @@ static void note_imbalanced_energy(const json_t *report, json_t *notes)
                  off = fabs(residual), error = number_of(energy, "error");
     const double met = luminance_of(energy, "absorbed") + luminance_of(energy, "glass") +
                        luminance_of(energy, "left_over") + luminance_of(energy, "blocked");
+    if (json_object_get(report, "radiance_probes") != NULL)
+        return; /* the ledger knows nothing of what probes answer for */
     const bool of_met = met > off;
     const double base = of_met ? met : emitted;
     if (json_object_get(report, "visible_from") == NULL && base > 0.0 && off > NOTE_LOST * base &&
@@ -285,6 +300,7 @@ json_t *kiln_run_notes(const json_t *report)
     note_lost_light(report, notes);
     note_views(report, notes);
     note_imbalanced_energy(report, notes);
+    note_bias(report, notes);
     note_tail(report, notes);
     note_imbalance(report, notes);
     note_files(report, notes);

@@ -178,7 +178,7 @@ static double number_in(const json_t *report, const char *group, const char *nam
 /* What the report says of this run, and of all runs. */
 static void read_report(const json_t *report, double times[KILN_TIMES], struct kiln_setting_result *result)
 {
-    static const char *const light[] = {"direct light", "bounces", "final gather", "exchange", NULL};
+    static const char *const light[] = {"direct light", "bounces", "final gather", "radiance probes", "exchange", NULL};
     static const char *const indirect[] = {"bounces", "final gather", NULL};
     static const char *const exchange[] = {"exchange", NULL};
     const char *name;
@@ -193,6 +193,10 @@ static void read_report(const json_t *report, double times[KILN_TIMES], struct k
     result->cell_size = number_in(report, "balance", "cell_size");
     result->imbalance = number_in(report, "balance", "point_imbalance");
     result->received = number_in(report, "mpi", "received_between_nodes");
+    result->probes = number_in(report, "radiance_probes", "probes");
+    result->probe_bytes = number_in(report, "radiance_probes", "bytes");
+    result->probe_rays = number_in(report, "radiance_probes", "rays");
+    result->points_alone = number_in(report, "radiance_probes", "points_without");
     result->rays = 0.0;
     json_object_foreach(json_object_get(report, "rays"), name, value) result->rays += json_number_value(value);
 }

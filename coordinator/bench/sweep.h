@@ -32,6 +32,11 @@ struct kiln_setting {
     double cell_factor; /* side of a cell relative to the automatic one; 0: cell_size is given */
     double cell_size;   /* m */
     bool objects;       /* work in order of objects */
+    /* of tracing-range */
+    double range_factor;   /* range over the scene's longest side; 0: `range` is given */
+    double range;          /* m */
+    uint32_t probes_along; /* spacings of probes along that side */
+    int basis;             /* of the probes */
 };
 
 /* What a run of a bake took: seconds of the whole process, of its passes of light, of those of indirect light among
@@ -54,7 +59,8 @@ struct kiln_setting_result {
     double differing;                                 /* values of the lightmaps whose bits are not the reference's */
     double seconds, light_seconds, processor_seconds; /* medians of the runs */
     double bytes, points, rays, texels_per_metre;
-    double cells, cell_size, imbalance, received; /* occupied; m; most points of a rank / mean - 1; bytes */
+    double cells, cell_size, imbalance, received;         /* occupied; m; most points of a rank / mean - 1; bytes */
+    double probes, probe_bytes, probe_rays, points_alone; /* radiance probes; points that see none */
 };
 
 struct kiln_sweep;

@@ -52,10 +52,12 @@ static json_t *result_json(const struct kiln_setting_result *r)
             (void)json_array_append_new(run, kiln_sweep_number(r->run[i][t]));
         (void)json_array_append_new(runs, run);
     }
-    return json_pack("{s:[f,f,f], s:o, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "nrmse", r->error[0], r->error[1],
-                     r->error[2], "runs", runs, "differing", r->differing, "peak_bytes", r->bytes, "points", r->points,
-                     "rays", r->rays, "texels_per_metre", r->texels_per_metre, "cells", r->cells, "cell_size",
-                     r->cell_size, "imbalance", r->imbalance, "received", r->received);
+    return json_pack("{s:[f,f,f], s:o, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "nrmse",
+                     r->error[0], r->error[1], r->error[2], "runs", runs, "differing", r->differing, "peak_bytes",
+                     r->bytes, "points", r->points, "rays", r->rays, "texels_per_metre", r->texels_per_metre, "cells",
+                     r->cells, "cell_size", r->cell_size, "imbalance", r->imbalance, "received", r->received, "probes",
+                     r->probes, "probe_bytes", r->probe_bytes, "probe_rays", r->probe_rays, "points_alone",
+                     r->points_alone);
 }
 
 static void read_result(const json_t *json, struct kiln_setting_result *r)
@@ -63,9 +65,19 @@ static void read_result(const json_t *json, struct kiln_setting_result *r)
     const struct {
         const char *name;
         double *value;
-    } numbers[] = {{"differing", &r->differing}, {"peak_bytes", &r->bytes},  {"points", &r->points},
-                   {"rays", &r->rays},           {"cells", &r->cells},       {"texels_per_metre", &r->texels_per_metre},
-                   {"cell_size", &r->cell_size}, {"received", &r->received}, {"imbalance", &r->imbalance}};
+    } numbers[] = {{"differing", &r->differing},
+                   {"peak_bytes", &r->bytes},
+                   {"points", &r->points},
+                   {"rays", &r->rays},
+                   {"cells", &r->cells},
+                   {"texels_per_metre", &r->texels_per_metre},
+                   {"cell_size", &r->cell_size},
+                   {"received", &r->received},
+                   {"imbalance", &r->imbalance},
+                   {"probes", &r->probes},
+                   {"probe_bytes", &r->probe_bytes},
+                   {"probe_rays", &r->probe_rays},
+                   {"points_alone", &r->points_alone}};
     const json_t *runs = json_object_get(json, "runs");
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
         *numbers[i].value = json_number_value(json_object_get(json, numbers[i].name));

@@ -11,6 +11,7 @@
 
 #define AT(member) offsetof(struct kiln_rank_data, member)
 
+static bool has_probes(const struct kiln_job *job) { return kiln_job_has_probes(job); }
 static bool wants_error_map(const struct kiln_job *job) { return job->error_map; }
 static bool wants_occlusion(const struct kiln_job *job) { return job->occlusion.distance > 0.0; }
 static bool wants_harmonics(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_SH1; }
@@ -337,6 +338,14 @@ static const struct kiln_field table[] = {
      .member = AT(seen),
      .high = 1.0,
      .present = has_views},
+    {.name = "near_probes",
+     .unit = "1",
+     .type = KILN_FIELD_UINT32,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT, /* found once, and moves with the points */
+     .member = AT(surface.near_probes),
+     .present = has_probes},
     /* scratch of a step */
     {.name = "next",
      .type = KILN_FIELD_RADIOSITY,

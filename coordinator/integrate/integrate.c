@@ -113,6 +113,8 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
         return status;
     kiln_exchange_total_radiosity(&l->exchange, kiln_solution_step(solution)); /* for probes and views */
     kiln_energy_close(&solution->report.energy, &solution->report.steps, p->emission);
+    if (l->radiance != NULL)
+        kiln_radiance_end(l->radiance);
     solution->report.received = kiln_radiosity_allgather_received(solution->allgather);
     return KILN_OK;
 }

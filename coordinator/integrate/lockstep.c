@@ -34,11 +34,16 @@ int kiln_lockstep_create(struct kiln_lockstep *l, const struct kiln_integrate_pa
                                                .ledger = &l->ledger,
                                                .exchange = &l->exchange};
     l->saved = (struct kiln_saved){params, solution, &l->ledger, &l->work};
-    return kiln_ledger_create(&l->ledger, params->surface, kiln_luminance(params->emission->emitted), error);
+    const int status =
+        kiln_ledger_create(&l->ledger, params->surface, kiln_luminance(params->emission->emitted), error);
+    return status == KILN_OK && params->settings->radiance != NULL
+               ? kiln_radiance_create(&l->radiance, params, solution, &l->saved, error)
+               : status;
 }
 
 void kiln_lockstep_release(struct kiln_lockstep *l)
 {
+    kiln_radiance_destroy(&l->radiance);
     kiln_ledger_release(&l->ledger);
     kiln_taker_release(&l->taker);
     kiln_batches_release(&l->batches);
@@ -123,11 +128,23 @@ static int end_step(struct kiln_lockstep *l, struct kiln_error *error)
     return status;
 }
 
+/* Collective. What a step of the integrator needs before its batches: where its gather rays end, the radiance probes.
+ */
+static int prepare_step(struct kiln_lockstep *l, struct kiln_error *error)
+{
+    const struct kiln_step *step = &kiln_solution_step(l->solution)->step;
+    const bool asks = l->radiance != NULL && step->quantity == NULL && step->pass->reads_radiosity;
+    return asks ? kiln_radiance_update(l->radiance, error) : KILN_OK;
+}
+
 /* Collective. Does what is to do in the step last reported, which gets this rank's time and all ranks' energies. */
 static int run_step(struct kiln_lockstep *l, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = l->params;
     struct kiln_step_report *report = kiln_solution_step(l->solution);
+    int status = prepare_step(l, error);
+    if (status != KILN_OK)
+        return status;
     l->taker.taking = (struct kiln_taking){.settings = p->settings,
                                            .step = &report->step,
                                            .fields = p->fields,
@@ -139,7 +156,7 @@ static int run_step(struct kiln_lockstep *l, struct kiln_error *error)
     kiln_radiosity_allgather_begin(l->solution->allgather);
     const double start = MPI_Wtime();
     kiln_batches_begin(&l->batches, report, error);
-    const int status = run_batches(l, error);
+    status = run_batches(l, error);
     if (status != KILN_OK)
         kiln_radiosity_allgather_abandon(l->solution->allgather);
     report->given += kiln_work_queue_returned(l->solution->own->queue);

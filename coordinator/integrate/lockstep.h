@@ -4,6 +4,7 @@
 #define KILN_COORDINATOR_INTEGRATE_LOCKSTEP_H
 
 #include "coordinator/integrate/batches.h"
+#include "coordinator/integrate/radiance.h"
 #include "coordinator/integrate/radiosity_exchange.h"
 #include "coordinator/integrate/save.h"
 
@@ -19,6 +20,7 @@ struct kiln_lockstep {
     struct kiln_radiosity_exchange exchange;
     struct kiln_integration integration; /* for the integrator */
     struct kiln_saved saved;             /* for checkpoints */
+    struct kiln_radiance *radiance;      /* NULL: gather rays have no end */
     bool may_repartition;                /* points may be distributed anew; the same on all ranks */
 };
 

@@ -45,8 +45,10 @@ static_assert(sizeof(struct saved_report) == 8 * 4 + 27 * 8, "a record has no ga
 struct saved_own_step {
     uint64_t rays;
     double seconds, exchange_seconds, device_seconds;
+    uint64_t probe_rays;
+    double probe_seconds;
 };
-static_assert(sizeof(struct saved_own_step) == 4 * 8, "a record has no gaps");
+static_assert(sizeof(struct saved_own_step) == 6 * 8, "a record has no gaps");
 
 /* A sum in 128 bits. */
 struct saved_sum {
@@ -236,7 +238,8 @@ static int collect_steps(const struct kiln_saved *s, struct save_work *w, struct
         status = kiln_allocate(&w->reports, r->steps.count, sizeof *w->reports, "a checkpoint's steps", error);
     for (size_t i = 0; status == KILN_OK && i < r->steps.count; i++) {
         const struct kiln_step_report *p = &r->steps.of[i];
-        w->own_steps[i] = (struct saved_own_step){p->rays, p->seconds, p->exchange_seconds, p->device_seconds};
+        w->own_steps[i] = (struct saved_own_step){p->rays,           p->seconds,    p->exchange_seconds,
+                                                  p->device_seconds, p->probe_rays, p->probe_seconds};
         w->reports[i] = report_saved(p);
     }
     return status;
@@ -479,6 +482,8 @@ static int add_part(const struct kiln_saved *s, size_t part, bool finished, stru
         r->steps.of[i].seconds += steps[i].seconds;
         r->steps.of[i].exchange_seconds += steps[i].exchange_seconds;
         r->steps.of[i].device_seconds += steps[i].device_seconds;
+        r->steps.of[i].probe_rays += steps[i].probe_rays;
+        r->steps.of[i].probe_seconds += steps[i].probe_seconds;
     }
     if (status == KILN_OK && !finished)
         status = kiln_checkpoint_read_part(c, part, "own_sums", sizeof *sums, &sums, &count, error);

@@ -30,6 +30,10 @@ struct kiln_integrate_settings {
     double target_error; /* relative; parts are added until a texel's error is below it (parts.h); 0: none */
     size_t lights;       /* of the scene: emitting triangles, punctual lights, suns, the environment */
 
+    /* where gather rays end, and the probes that answer then (radiance.h); borrowed; NULL: they have no end. `next` of
+     * an integrator does not read it */
+    const struct kiln_radiance_settings *radiance;
+
     /* which quantities (quantity.h) are computed besides; `next` of an integrator does not read these */
     const struct kiln_occlusion_parameters *occlusion; /* borrowed; NULL: no ambient occlusion */
     enum kiln_directional directional;

@@ -10,6 +10,18 @@
 
 #define KILN_TAIL_DIVERGES (-1.0)
 
+/* Of the radiance probes of a bake whose gather rays end at a range; all zeros: there are none. The same on all ranks.
+ */
+struct kiln_radiance_report {
+    bool placed;                 /* the next two and `alone` are known */
+    uint64_t probes, moved, off; /* of all, those moved off the grid, and those that nobody asks */
+    uint64_t rays;               /* of all steps, of this run and those before; known when all light is */
+    uint64_t bytes;              /* of what all of them keep, on each rank */
+    uint64_t alone;              /* surface points that see no probe: their rays have no end */
+    double spacing;              /* m */
+    uint32_t side, samples;      /* of a probe: elements along the side of its map; rays in each step that gathers */
+};
+
 struct kiln_integrate_report {
     struct kiln_roles roles; /* of the steps */
     struct kiln_step_reports steps;
@@ -26,6 +38,7 @@ struct kiln_integrate_report {
     double waiting_seconds; /* of this rank, at the ends of steps: for others to be done */
     bool steals_work;       /* whether the ranks of this rank's node compute points for each other */
     uint64_t received;      /* bytes of radiosity from other nodes */
+    struct kiln_radiance_report radiance;
     struct kiln_energy energy;
 };
 

@@ -74,6 +74,8 @@ struct kiln_step_report {
     uint64_t rays;                    /* of this rank, and of earlier runs' ranks whose work it took over */
     double seconds, exchange_seconds; /* likewise: computing; waiting and exchanging */
     double device_seconds;            /* likewise: of `seconds`, what the device was busy; 0 without one */
+    uint64_t probe_rays;              /* likewise: of the radiance probes that were gathered for it; not in `rays` */
+    double probe_seconds;             /* likewise; not in `seconds` */
     /* points of this rank that others of its node computed in this run, and the other way round */
     uint64_t given, taken;
     struct kiln_step_energy energy;

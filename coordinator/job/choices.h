@@ -41,6 +41,16 @@ enum kiln_directional { KILN_DIRECTIONAL_NONE = 0, KILN_DIRECTIONAL_DOMINANT = 1
  * unless --quality is reference. */
 enum kiln_denoise { KILN_DENOISE_NONE = 0, KILN_DENOISE_REGRESSION = 1, KILN_DENOISE_AUTO = 2 };
 
+/* Where gather rays end, and the probes that answer for what lies farther away (worker/pass/gather.h). */
+struct kiln_radiance_settings {
+    double range;     /* m, from 0 on; INFINITY: rays have no end, and there are no probes */
+    double spacing;   /* m between probes; 0: chosen automatically */
+    int basis;        /* what probes keep: KILN_PROBE_HARMONICS, ... of shaders/shared/radiance_probe.h */
+    uint32_t side;    /* elements along a side of a probe's map; 0: the default of the basis */
+    bool approximate; /* probes look towards a place at a fixed distance along the ray, not where it leaves the scene */
+    uint32_t samples; /* rays of a probe, about; 0: there are no probes, whatever the range */
+};
+
 enum kiln_schedule {
     KILN_SCHEDULE_LEAN = 0, /* bounces with few rays, the energy tail, one final gather with many rays */
     KILN_SCHEDULE_EQUAL = 1 /* the same number of rays in every bounce, no tail, no final gather: the reference mode */

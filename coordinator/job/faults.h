@@ -26,6 +26,9 @@ struct kiln_faults {
     uint32_t failing_packer;
     /* KILN_LOCKS=none. The lock of a bake's folder behaves as on a file system without locks. */
     bool no_locks;
+    /* KILN_PROBES=plain. Radiance probes stay where the grid has them, also inside geometry, and every point takes all
+     * eight about it for seen: what a bake without coordinator/integrate/radiance_sight.h would do. */
+    bool plain_probes;
     /* KILN_GPU_FAULT=lost:K, memory:K, or either with :N after it: the K-th call of a device's driver fails, and again
      * every N calls after it. KILN_VULKAN_GUARD=after, before, or 0 for none: guarded buffers
      * (worker/backend/vulkan/gpu/gpu.h). */

@@ -5,6 +5,7 @@
 #ifndef KILN_COORDINATOR_JOB_JOB_H
 #define KILN_COORDINATOR_JOB_JOB_H
 
+#include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -57,6 +58,7 @@ struct kiln_job {
     int indirect_scale;      /* log2 of texels a side of a block in bounces (integrate/blocks.h) */
     char *only_visible_from; /* cameras, or a path's file: bake/visible_from.h; NULL: all surfaces are lit */
     double target_error;     /* of a texel, relative: more samples until it is reached; 0: none */
+    struct kiln_radiance_settings radiance;     /* probes that answer for what is far; see kiln_job_has_probes */
     struct kiln_occlusion_parameters occlusion; /* distance 0: no ambient occlusion and no bent normal */
     int directional;                            /* enum kiln_directional */
     uint64_t seed;
@@ -165,6 +167,12 @@ enum { KILN_PARTS = 4 }; /* that light is computed in where its errors are to be
 static inline uint32_t kiln_job_parts(const struct kiln_job *job)
 {
     return job->error_map || job->target_error > 0.0 ? KILN_PARTS : 1;
+}
+
+/* Whether gather rays end at a range, and radiance probes answer for what lies behind it. */
+static inline bool kiln_job_has_probes(const struct kiln_job *job)
+{
+    return job->radiance.samples > 0 && job->radiance.range < (double)INFINITY;
 }
 
 static inline bool kiln_job_denoises(const struct kiln_job *job)

@@ -84,13 +84,13 @@ extern const size_t kiln_quality_count;
 struct kiln_command {
     const char *name;
     uint32_t bit;
-    const char *arguments;   /* as shown in usage lines: "SCENE|JOB.yaml" */
-    size_t minimum, maximum; /* number of arguments */
-    bool scene;              /* the first argument is a scene or a job file */
-    bool folder;             /* the first argument is the folder of a bake */
-    bool mpi;                /* runs between MPI_Init and MPI_Finalize */
-    const char *summary;     /* one line */
-    const char *examples[8]; /* command lines; ends with NULL */
+    const char *arguments;    /* as shown in usage lines: "SCENE|JOB.yaml" */
+    size_t minimum, maximum;  /* number of arguments */
+    bool scene;               /* the first argument is a scene or a job file */
+    bool folder;              /* the first argument is the folder of a bake */
+    bool mpi;                 /* runs between MPI_Init and MPI_Finalize */
+    const char *summary;      /* one line */
+    const char *examples[10]; /* command lines; ends with NULL */
 };
 extern const struct kiln_command kiln_commands[];
 extern const size_t kiln_command_count;

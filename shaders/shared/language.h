@@ -45,6 +45,8 @@
 #    define KILN_TO_F32(x) float(x)
 #    define KILN_RATIO32(a, b) (float(a) / float(b)) /* the float nearest to a / b, both integers */
 #    define float_min(a, b) min(a, b)
+#    define float_max(a, b) max(a, b)
+#    define float_abs(a) abs(a)
 #    define word_min(a, b) min(a, b)
 #    define word_max(a, b) max(a, b)
 #    define integer_clamp(i, low, high) clamp(i, low, high)
@@ -72,6 +74,8 @@
 #    define KILN_VECTOR struct kiln_vec3
 #    define KILN_RATIO32(a, b) ((float)(a) / (float)(b))
 #    define float_min fminf
+#    define float_max fmaxf
+#    define float_abs fabsf
 static inline uint32_t word_min(uint32_t a, uint32_t b) { return a < b ? a : b; }
 static inline uint32_t word_max(uint32_t a, uint32_t b) { return a > b ? a : b; }
 static inline int32_t integer_clamp(int32_t i, int32_t low, int32_t high)

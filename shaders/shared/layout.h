@@ -24,6 +24,7 @@
 
 #include "shaders/shared/mask.h"
 #include "shaders/shared/passage.h"
+#include "shaders/shared/radiance_probe.h"
 #include "shaders/shared/surface.h"
 
 #define KILN_GPU_NONE KILN_NONE
@@ -134,6 +135,15 @@ KILN_SIZE_IS(kiln_gpu_hemisphere, 56);
 #define KILN_GPU_OCCLUSION_FLOATS 4u
 /* One of the directional pass: radiance of its harmonics (3 each), shadow rays. */
 #define KILN_GPU_DIRECTIONAL_FLOATS 13u
+
+/* ---- radiance probes ---- */
+
+struct kiln_gpu_radiance_probes { /* struct kiln_radiance_probes */
+    KILN_STRUCT kiln_probe_grid grid;
+    KILN_ADDRESS positions; /* three floats each */
+    KILN_ADDRESS data;      /* grid.floats floats each */
+};
+KILN_SIZE_IS(kiln_gpu_radiance_probes, 88);
 
 /* ---- answers ---- */
 

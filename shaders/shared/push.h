@@ -53,7 +53,7 @@ struct kiln_gpu_direct_push {
 KILN_SIZE_IS(kiln_gpu_direct_push, 128);
 KILN_OFFSET_IS(kiln_gpu_direct_push, pass, 56);
 
-/* gather.comp, directional.comp: the bounce pass, light by direction. The push constants of all kernels that sample the
+/* directional.comp: light by direction. The push constants of all kernels that sample the
  * hemisphere begin like these. */
 struct kiln_gpu_hemisphere_push {
     KILN_ADDRESS scene;
@@ -62,6 +62,18 @@ struct kiln_gpu_hemisphere_push {
 };
 KILN_SIZE_IS(kiln_gpu_hemisphere_push, 112);
 KILN_OFFSET_IS(kiln_gpu_hemisphere_push, hemisphere, 56);
+
+/* gather.comp: the bounce pass. */
+struct kiln_gpu_gather_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk;
+    KILN_STRUCT kiln_gpu_hemisphere hemisphere;
+    KILN_ADDRESS probes;      /* struct kiln_gpu_radiance_probes; 0: rays have no end */
+    KILN_ADDRESS near_probes; /* words: of each point of the block, which probes it sees */
+};
+KILN_SIZE_IS(kiln_gpu_gather_push, 128);
+KILN_OFFSET_IS(kiln_gpu_gather_push, hemisphere, 56);
+KILN_OFFSET_IS(kiln_gpu_gather_push, probes, 112);
 
 /* occlusion.comp: ambient occlusion. */
 struct kiln_gpu_occlusion_push {
@@ -102,6 +114,21 @@ struct kiln_gpu_probes_push {
 KILN_SIZE_IS(kiln_gpu_probes_push, 72);
 KILN_OFFSET_IS(kiln_gpu_probes_push, count, 40);
 KILN_OFFSET_IS(kiln_gpu_probes_push, far, 64);
+
+/* radiance.comp: radiance at the elements of probes' maps. */
+struct kiln_gpu_radiance_push {
+    KILN_ADDRESS scene;
+    KILN_ADDRESS positions; /* three floats each */
+    KILN_ADDRESS results;   /* struct kiln_radiance_result: four floats each */
+    KILN_ADDRESS sobol;     /* words: dimension d's samples from d * sobol_stride on */
+    KILN_WORD64 index;      /* of the first item */
+    KILN_WORD count, samples, sobol_stride, seed, stream;
+    KILN_WORD basis, side;
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_radiance_push, 72);
+KILN_OFFSET_IS(kiln_gpu_radiance_push, count, 40);
+KILN_OFFSET_IS(kiln_gpu_radiance_push, basis, 60);
 
 /* probes_reduce.comp: adds up the slices. */
 struct kiln_gpu_probes_reduce_push {

@@ -101,6 +101,16 @@ KILN_FUNCTION KILN_U32 kiln_place_try(float s, float t, KILN_U32 key, KILN_U32 i
 
 /* With the seed's upper half, in place of it: probes draw other numbers than texels. */
 #define KILN_PROBE_SEED 0x70726f62u
+/* The same of radiance probes. */
+#define KILN_RADIANCE_SEED 0x72616469u
+/* What the samples of an element hang on; the numbers of its places, and of its rays' chances. */
+KILN_FUNCTION KILN_U32 kiln_radiance_key(KILN_U32 seed, KILN_U32 stream, KILN_U32 low, KILN_U32 high)
+{
+    return kiln_hash2(kiln_hash2(kiln_hash2(seed, stream), low), high);
+}
+KILN_FUNCTION KILN_U32 kiln_radiance_chance(KILN_U32 key, KILN_U32 k) { return kiln_hash2(key + 1u, k); }
+/* By which a gather ray with the seed kiln_gather_ray_seed chooses its probe. */
+KILN_FUNCTION KILN_U32 kiln_probe_choice(KILN_U32 ray_seed) { return kiln_hash1(ray_seed + 0x70726f62u); }
 
 /* ---- any rays ---- */
 

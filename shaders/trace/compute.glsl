@@ -195,6 +195,13 @@ kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 t
     return kiln_hit(found.triangle, found.u, found.v, found.distance, found.back);
 }
 
+kiln_hit kiln_trace_within(vec3 origin, vec3 direction, float limit, uint seed, out vec3 tint)
+{
+    tint = vec3(1.0);
+    const kiln_found found = kiln_walk(origin, direction, limit, false, KILN_BY_CHANCE, seed, tint);
+    return kiln_hit(found.triangle, found.u, found.v, found.distance, found.back);
+}
+
 bool kiln_is_met(vec3 origin, vec3 direction, float limit, uint seed)
 {
     vec3 tint = vec3(1.0);

@@ -50,10 +50,13 @@ kiln_hit kiln_trace(vec3 origin, vec3 direction)
     return kiln_nearest(origin, direction, kiln_far, KILN_BY_HALF, 0u);
 }
 
-kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 tint)
+kiln_hit kiln_trace_within(vec3 origin, vec3 direction, float limit, uint seed, out vec3 tint)
 {
-    const kiln_hit hit = kiln_nearest(origin, direction, kiln_far, KILN_BY_CHANCE, seed);
+    const float far = min(limit, kiln_far);
     tint = vec3(1.0);
+    if (!(far > kiln_start())) /* traceRayEXT wants the far end not before the near one */
+        return kiln_hit(KILN_GPU_NONE, 0.0, 0.0, 0.0, false);
+    const kiln_hit hit = kiln_nearest(origin, direction, far, KILN_BY_CHANCE, seed);
     if (HAS_ALPHA != KILN_PASSAGE_TINT)
         return hit;
     const bool missed = hit.triangle == KILN_GPU_NONE;
@@ -61,9 +64,14 @@ kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 t
         return hit;
     kiln_answer = kiln_payload(seed, 0u, 0u, 0u);
     traceRayEXT(accelerationStructureEXT(SCENE.trace.top_level), gl_RayFlagsSkipClosestHitShaderEXT, 0xff, 0, 0, 0,
-                origin, kiln_start(), direction, missed ? kiln_far : max(hit.distance, kiln_start()), 0);
+                origin, kiln_start(), direction, missed ? far : max(hit.distance, kiln_start()), 0);
     tint = kiln_share_of(kiln_answer);
     return hit;
+}
+
+kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 tint)
+{
+    return kiln_trace_within(origin, direction, kiln_far, seed, tint);
 }
 
 vec3 kiln_through(vec3 origin, vec3 direction, float limit)

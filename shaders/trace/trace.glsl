@@ -5,6 +5,10 @@
  * is the nearest triangle; one that is partly there with a chance that is its opacity. `tint`: the share of what it
  * sends that arrives.
  *
+ *     kiln_hit kiln_trace_within(vec3 origin, vec3 direction, float limit, uint seed, out vec3 tint);
+ *
+ * is the same, of what is nearer than `limit`.
+ *
  *     bool kiln_is_met(vec3 origin, vec3 direction, float limit, uint seed);
  *
  * is whether there is such a triangle before `limit`.

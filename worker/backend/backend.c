@@ -104,6 +104,13 @@ int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *rad
     return backend->api->set_radiosity(backend, radiosity, error);
 }
 
+int kiln_backend_set_probes(struct kiln_backend *backend, const struct kiln_radiance_probes *probes,
+                            struct kiln_error *error)
+{
+    backend->probes = probes;
+    return backend->api->set_probes(backend, probes, error);
+}
+
 /* Whether a call of kiln_backend_run keeps to the pass's row. */
 static bool is_well_formed(const struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                            const struct kiln_batch *batch)

@@ -18,6 +18,7 @@
 #include "worker/pass/pass.h"
 #include "worker/scene/scene.h"
 #include "worker/scene/geometry.h"
+#include "worker/scene/radiance_probes.h"
 #include "worker/scene/surface.h"
 
 struct kiln_lights;
@@ -118,6 +119,8 @@ struct kiln_backend_api {
     void (*info)(const struct kiln_backend *backend, struct kiln_backend_info *info);
     int (*set_surface)(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error);
     int (*set_radiosity)(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error);
+    int (*set_probes)(struct kiln_backend *backend, const struct kiln_radiance_probes *probes,
+                      struct kiln_error *error);
     /* Passes that `run` takes with any numbers in samples_each: bit KILN_PASS_INDEX_...; `samples` is the largest then.
      * For other passes over tile runs each number is `samples` or 0, for those over positions samples_each is NULL. */
     uint32_t mixed;
@@ -134,9 +137,10 @@ struct kiln_backend_api {
 struct kiln_backend {
     const struct kiln_backend_api *api;
     struct kiln_backend_params params; /* as kiln_backend_create filled them in */
-    /* what kiln_backend_set_surface and kiln_backend_set_radiosity were given last; NULL: nothing yet */
+    /* what kiln_backend_set_surface, _set_radiosity and _set_probes were given last; NULL: nothing yet */
     const struct kiln_surface *surface;
     const uint64_t *radiosity;
+    const struct kiln_radiance_probes *probes;
     bool ran[KILN_PASS_COUNT]; /* which passes kiln_backend_run was called for */
 };
 
@@ -162,6 +166,11 @@ int kiln_backend_set_surface(struct kiln_backend *backend, const struct kiln_sur
 /* Hands over the radiosity of all points, packed, surface->point_count values (borrowed until the next call). Must come
  * before any pass that reads radiosity. */
 int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error);
+/* From now on rays of the gather pass end at the probes' range and ask them (worker/pass/gather.h), at points whose
+ * word `near_probes` names one that they see; the surface has these words. Borrowed until the next call, after which
+ * `data` may have changed. NULL: rays have no end, as at first. */
+int kiln_backend_set_probes(struct kiln_backend *backend, const struct kiln_radiance_probes *probes,
+                            struct kiln_error *error);
 /* Runs a pass over a batch's items and hands the results to the batch's taker. `parameters` is the pass's own struct,
  * as its header says; NULL for a pass without. Adds the number of rays that were traced to *rays, counted as the pass's
  * header says, the same on all backends. When it fails, the parts that were taken before stand. */

@@ -28,6 +28,8 @@ static int change_over(struct fallback_backend *f, int status, struct kiln_error
     int result = f->base.surface != NULL ? kiln_backend_set_surface(embree, f->base.surface, &other) : KILN_OK;
     if (result == KILN_OK && f->base.radiosity != NULL)
         result = kiln_backend_set_radiosity(embree, f->base.radiosity, &other);
+    if (result == KILN_OK && f->base.probes != NULL)
+        result = kiln_backend_set_probes(embree, f->base.probes, &other);
     if (result != KILN_OK) {
         kiln_backend_destroy(&embree);
         return status;
@@ -127,6 +129,14 @@ static int fallback_set_radiosity(struct kiln_backend *backend, const uint64_t *
     return status != KILN_OK ? change_over(f, status, error) : KILN_OK;
 }
 
+static int fallback_set_probes(struct kiln_backend *backend, const struct kiln_radiance_probes *probes,
+                               struct kiln_error *error)
+{
+    struct fallback_backend *f = (struct fallback_backend *)backend;
+    const int status = kiln_backend_set_probes(present(f), probes, error);
+    return status != KILN_OK ? change_over(f, status, error) : KILN_OK;
+}
+
 /* A measurement of the device: no other one will do. */
 static int fallback_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds,
                             uint64_t *rays, struct kiln_error *error)
@@ -166,6 +176,7 @@ int kiln_fallback_create(struct kiln_backend **backend, const struct kiln_backen
                                        .info = fallback_info,
                                        .set_surface = fallback_set_surface,
                                        .set_radiosity = fallback_set_radiosity,
+                                       .set_probes = fallback_set_probes,
                                        .mixed = UINT32_MAX,
                                        .run = fallback_run,
                                        .intersect = fallback_intersect,

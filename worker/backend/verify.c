@@ -258,6 +258,14 @@ static int verify_set_radiosity(struct kiln_backend *backend, const uint64_t *ra
     return status == KILN_OK ? kiln_backend_set_radiosity(v->embree, radiosity, error) : status;
 }
 
+static int verify_set_probes(struct kiln_backend *backend, const struct kiln_radiance_probes *probes,
+                             struct kiln_error *error)
+{
+    struct verify_backend *v = (struct verify_backend *)backend;
+    const int status = kiln_backend_set_probes(v->checked, probes, error);
+    return status == KILN_OK ? kiln_backend_set_probes(v->embree, probes, error) : status;
+}
+
 static int verify_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                             const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
                             struct kiln_error *error)
@@ -292,6 +300,7 @@ int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_
                                        .info = verify_info,
                                        .set_surface = verify_set_surface,
                                        .set_radiosity = verify_set_radiosity,
+                                       .set_probes = verify_set_probes,
                                        .mixed = UINT32_MAX,
                                        .run = verify_run,
                                        .intersect = verify_intersect,

@@ -14,8 +14,17 @@
  * brings nothing and counts as blocked; a ray that meets nothing as escaped. A ray meets a surface that lets light
  * through with a chance that is the surface's opacity, and is tinted by the surfaces that it passes.
  *
+ * Where the backend has radiance probes (kiln_backend_set_probes), a ray of a point that sees one ends at their range.
+ * If it meets nothing before, and does not leave the scene's box, it asks a probe for the radiance from where it goes
+ * on to: one of the eight about its end, drawn by trilinear weights, if another short ray says that it is seen from
+ * there; else one of those that the point sees, drawn likewise at the ray's origin. It counts as neither escaped nor
+ * blocked (Vandersanden, "Radiance Cells", 2023, chapters 3.6 and 3.7; worker/README.md says what differs). That is
+ * biased. With range 0 such a point traces no ray. Harmonics may be negative in places; the sum of a point is at least
+ * 0.
+ *
  * Items: tile runs. Result: struct kiln_point_result. No parameters. Samples: rays of a point. Streams: 1, 2, ... for
- * bounces, 0xffff for the final gather. Rays: the samples of all valid points. */
+ * bounces, 0xffff for the final gather. Rays: the samples of all valid points; with range 0 of those that see no
+ * probe. The short rays to probes are not counted. */
 #ifndef KILN_WORKER_PASS_GATHER_H
 #define KILN_WORKER_PASS_GATHER_H
 

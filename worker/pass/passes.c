@@ -8,6 +8,7 @@
 #include "worker/pass/occlusion.h"
 #include "worker/pass/path.h"
 #include "worker/pass/probes.h"
+#include "worker/pass/radiance.h"
 #include "worker/pass/validity.h"
 
 /* ---- how results compare ---- */
@@ -123,6 +124,17 @@ const struct kiln_pass kiln_pass_path = {.index = KILN_PASS_INDEX_path,
                                          .result_bytes = sizeof(struct kiln_path_result),
                                          .is_sampled = true,
                                          .is_divisible = true};
+
+/* Not verified: it carries no standard error to compare by. */
+const struct kiln_pass kiln_pass_radiance = {.index = KILN_PASS_INDEX_radiance,
+                                             .name = "radiance",
+                                             .what = "radiance at probes",
+                                             .domain = KILN_DOMAIN_POSITIONS,
+                                             .parameter_bytes = sizeof(struct kiln_radiance_parameters),
+                                             .result_bytes = sizeof(struct kiln_radiance_result),
+                                             .is_sampled = true,
+                                             .has_streams = true,
+                                             .reads_radiosity = true};
 
 #define ROW(name) [KILN_PASS_INDEX_##name] = &kiln_pass_##name,
 const struct kiln_pass *const kiln_passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};

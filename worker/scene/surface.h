@@ -145,6 +145,9 @@ struct kiln_surface {
     /* per point: 65535 x the fraction of its area that is not buried in other geometry. Until the validity pass it is
      * 65535. Where it is 0 no light can be gathered, and the point is filled from valid neighbours at the end */
     uint16_t *visible;
+    /* per point: which radiance probes are near it (KILN_PROBE_SEEN in shaders/shared/radiance_probe.h). NULL: the bake
+     * has none */
+    uint32_t *near_probes;
 };
 
 /* The point must be one of this rank's, or of the rank whose arrays the surface views. */

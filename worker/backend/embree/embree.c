@@ -175,6 +175,14 @@ static int embree_set_radiosity(struct kiln_backend *backend, const uint64_t *ra
     return KILN_OK;
 }
 
+static int embree_set_probes(struct kiln_backend *backend, const struct kiln_radiance_probes *probes,
+                             struct kiln_error *error)
+{
+    (void)error;
+    ((struct embree_backend *)backend)->probes = probes;
+    return KILN_OK;
+}
+
 /* ---- passes ---- */
 
 typedef int (*pass_function)(struct embree_backend *b, const void *parameters, const struct kiln_batch *part,
@@ -277,6 +285,7 @@ const struct kiln_backend_api kiln_backend_embree = {
     .info = embree_info,
     .set_surface = embree_set_surface,
     .set_radiosity = embree_set_radiosity,
+    .set_probes = embree_set_probes,
     .mixed = 1u << KILN_PASS_INDEX_direct,
     .run = embree_run,
     .intersect = embree_intersect,

@@ -1,12 +1,12 @@
 /* The Embree backend: private declarations that its files share.
  *
  * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c,
- * occlusion.c, directional.c, path.c. The others: embree.c (life of the backend, running a pass in parts, closest
- * hits), tile_runs.c (threads over the tile runs of a part), frame.c (a tile run's points made ready for sampling),
- * rays.c (rays over the hemisphere of its points), lookup.c (radiosity at their hits), light_samples.h (light from all
- * directions straight from the lights), shadow.c (shadow rays in packets), passage.c (rays through surfaces that let
- * light through), coincident.c (fronts before backs where both coincide), ceiling.c (tracing alone, for benches),
- * devices.c (the CPU). */
+ * occlusion.c, directional.c, path.c, radiance.c. The others: embree.c (life of the backend, running a pass in parts,
+ * closest hits), tile_runs.c (threads over the tile runs of a part), frame.c (a tile run's points made ready for
+ * sampling), rays.c (rays over the hemisphere of its points), lookup.c (radiosity at their hits), light_samples.h
+ * (light from all directions straight from the lights), shadow.c (shadow rays in packets), passage.c (rays through
+ * surfaces that let light through), coincident.c (fronts before backs where both coincide), ceiling.c (tracing alone,
+ * for benches), devices.c (the CPU). */
 #ifndef KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 #define KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 
@@ -25,6 +25,7 @@ struct embree_backend {
     const struct kiln_surface *surface;
     struct kiln_store store; /* the surface's */
     const uint64_t *radiosity;
+    const struct kiln_radiance_probes *probes; /* NULL: gather rays have no end */
     RTCDevice device;
     RTCScene scene;
     uint8_t *coincides; /* of each triangle, found when it is first asked for (coincident.c); NULL: none does */

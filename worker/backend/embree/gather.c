@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "shaders/shared/color.h"
+#include "shaders/shared/streams.h"
 #include "shaders/shared/warp.h"
 #include "worker/backend/embree/lookup.h"
 #include "worker/backend/embree/rays.h"
@@ -15,7 +16,17 @@
 struct gather_work {
     struct tile_run_rays *rays;
     uint32_t stream;
+    float range; /* m: rays of points that see a radiance probe end there */
     struct rays_found found;
+    /* where the backend has radiance probes: of each valid point, the word of surface->near_probes; of each lane
+     * whether its point sees one, the distance at which it leaves the scene's box, and the probe that it asks; and the
+     * lanes that ask, with the ends of their rays */
+    uint32_t near_probes[RAY_LANES];
+    bool sees[RAY_LANES];
+    float far[RAY_LANES];
+    uint32_t probe[RAY_LANES], asking;
+    uint8_t asks[RAY_LANES];
+    struct kiln_vec3 end[RAY_LANES];
     /* sums of a point */
     double incident[RAY_LANES][3], irradiance[RAY_LANES][3], quarter[RAY_QUARTERS][RAY_LANES];
     double escaped[RAY_LANES], blocked[RAY_LANES], glass[RAY_LANES][3];
@@ -39,6 +50,7 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     if (status != KILN_OK)
         return status;
     w->stream = part->stream;
+    w->range = b->probes != NULL ? b->probes->grid.range : INFINITY;
     status = rays_create(&w->rays, RAYS_HALF_WAY, INFINITY, part, error);
     if (status != KILN_OK)
         work_destroy(work);
@@ -66,37 +78,198 @@ static void count_lost(struct gather_work *w)
         w->blocked[rays->point[found->blocked_lane[i]]] += (double)facet_weight(rays, found->blocked_lane[i]);
 }
 
+/* Adds radiosity that the ray of lane l has found. */
+static inline void add(struct gather_work *w, uint32_t step, uint32_t l, float rgb[3], bool tints)
+{
+    const struct tile_run_rays *rays = w->rays;
+    const uint32_t j = rays->point[l];
+    const float facet = facet_weight(rays, l);
+    float weight = facet;
+    for (int c = 0; c < 3 && tints; c++) {
+        rgb[c] *= rays->tint[l][c];
+        w->glass[j][c] += (double)(facet * (1.0f - rays->tint[l][c]));
+    }
+    if (rays->frame.smooth) {
+        const struct kiln_vec3 shading =
+            frame_shading(&rays->frame, j, vec3(rays->facet[0][l], rays->facet[1][l], rays->facet[2][l]));
+        const float cosine =
+            shading.x * rays->direction[0][l] + shading.y * rays->direction[1][l] + shading.z * rays->direction[2][l];
+        weight = kiln_shading_weight(cosine, rays->cosine[l]);
+        for (int c = 0; c < 3; c++)
+            w->irradiance[j][c] += (double)(weight * rgb[c]);
+    }
+    for (int c = 0; c < 3; c++)
+        w->incident[j][c] += (double)(facet * rgb[c]);
+    w->quarter[rays->quarter_of[step * rays->copies + rays->copy[l]]][j] +=
+        (double)(weight * kiln_luminance_in_float(rgb));
+}
+
 /* Adds the radiosity lane by lane: for each point in the order of its samples, whatever the number of lanes. */
 KILN_CLONES static void collect(const struct embree_backend *b, struct gather_work *w, uint32_t step)
 {
-    const struct tile_run_rays *rays = w->rays;
     const struct rays_found *found = &w->found;
-    const uint32_t first = step * rays->copies, count = found->count;
+    const uint32_t count = found->count;
     const bool tints = embree_tints(b);
     for (uint32_t i = 0; i < count; i++) {
-        const uint32_t l = found->lane[i], j = rays->point[l];
-        const float facet = facet_weight(rays, l);
-        float rgb[3] = {0.0f, 0.0f, 0.0f}, weight = facet;
-        if (found->point[i] != KILN_NO_POINT && facet > 0.0f)
+        float rgb[3] = {0.0f, 0.0f, 0.0f};
+        if (found->point[i] != KILN_NO_POINT && facet_weight(w->rays, found->lane[i]) > 0.0f)
             kiln_radiosity_unpack(b->radiosity[found->point[i]], rgb);
-        for (int c = 0; c < 3 && tints; c++) {
-            rgb[c] *= rays->tint[l][c];
-            w->glass[j][c] += (double)(facet * (1.0f - rays->tint[l][c]));
-        }
-        if (rays->frame.smooth) {
-            const struct kiln_vec3 shading =
-                frame_shading(&rays->frame, j, vec3(rays->facet[0][l], rays->facet[1][l], rays->facet[2][l]));
-            const float cosine = shading.x * rays->direction[0][l] + shading.y * rays->direction[1][l] +
-                                 shading.z * rays->direction[2][l];
-            weight = kiln_shading_weight(cosine, rays->cosine[l]);
-            for (int c = 0; c < 3; c++)
-                w->irradiance[j][c] += (double)(weight * rgb[c]);
-        }
-        for (int c = 0; c < 3; c++)
-            w->incident[j][c] += (double)(facet * rgb[c]);
-        w->quarter[rays->quarter_of[first + rays->copy[l]]][j] += (double)(weight * kiln_luminance_in_float(rgb));
+        add(w, step, found->lane[i], rgb, tints);
     }
 }
+
+/* ---- with radiance probes ---- */
+
+/* Which probes the tile run's points see. */
+static void begin_probes(struct gather_work *w, const struct embree_backend *b, size_t tile_run)
+{
+    const struct kiln_surface *s = b->surface;
+    const uint64_t first = kiln_own_of_global(s, s->tile_runs[tile_run].first).at;
+    for (uint32_t j = 0; j < w->rays->frame.count; j++)
+        w->near_probes[j] = s->near_probes[first + w->rays->frame.place[j]];
+}
+
+/* Rays of points that see a probe end at the range; those of range 0 are none. Returns how many there are. */
+static uint64_t end_rays(struct gather_work *w, uint32_t lanes)
+{
+    struct tile_run_rays *rays = w->rays;
+    uint64_t traced = 0;
+    for (uint32_t l = 0; l < lanes; l++) {
+        const bool sees = (w->near_probes[rays->point[l]] & KILN_PROBE_SEEN) != 0;
+        w->sees[l] = sees;
+        traced += !sees || w->range > 0.0f;
+        if (sees) /* before its begin: Embree leaves such a ray out */
+            rays->packets[l / PACKET].ray.tfar[l % PACKET] = w->range > 0.0f ? w->range : -1.0f;
+    }
+    return traced;
+}
+
+static struct kiln_vec3 origin_of(const struct tile_run_rays *r, uint32_t l)
+{
+    return vec3(r->origin[0][l], r->origin[1][l], r->origin[2][l]);
+}
+
+static struct kiln_vec3 direction_of(const struct tile_run_rays *r, uint32_t l)
+{
+    return vec3(r->direction[0][l], r->direction[1][l], r->direction[2][l]);
+}
+
+/* The random number that chooses the lane's probe. */
+static uint32_t choice_of(const struct tile_run_rays *r, uint32_t step, uint32_t l)
+{
+    return kiln_probe_choice(kiln_gather_ray_seed(r->chance[l], r->first_sample + step * r->copies + r->copy[l]));
+}
+
+/* What of the lanes ended at the range: a ray that leaves the scene's box before has escaped. The others ask a probe
+ * near the end of the ray; the rays from there to their probes stand in `sight`. */
+static void end_at_range(const struct embree_backend *b, struct gather_work *w, uint32_t step)
+{
+    struct rays_found *found = &w->found;
+    const struct tile_run_rays *r = w->rays;
+    const struct kiln_probe_grid *grid = &b->probes->grid;
+    uint32_t lost = 0;
+    w->asking = 0;
+    for (uint32_t i = 0; i < found->escaped; i++) {
+        const uint32_t l = found->escaped_lane[i];
+        const struct kiln_vec3 origin = origin_of(r, l), direction = direction_of(r, l);
+        w->far[l] = kiln_probe_far(*grid, origin, direction);
+        if (!w->sees[l] || w->far[l] <= w->range) {
+            found->escaped_lane[lost++] = (uint8_t)l;
+            continue;
+        }
+        const struct kiln_vec3 end = vec3_madd(origin, direction, KILN_PROBE_END * w->range);
+        w->end[w->asking] = end;
+        w->probe[l] = kiln_probe_draw(grid, kiln_probe_cell(grid, end), kiln_probe_corners(*grid), end,
+                                      kiln_unit_float(choice_of(r, step, l)));
+        w->asks[w->asking++] = (uint8_t)l;
+    }
+    found->escaped = lost;
+}
+
+/* Rays from the ends of the asking lanes [first, first + PACKET) to their probes: which of them nothing bars. */
+static void look_at_probes(const struct embree_backend *b, struct embree_context *context, const struct gather_work *w,
+                           uint32_t first, bool free[PACKET])
+{
+    struct RTCRay8 rays = {.mask = {0}};
+    int valid[PACKET] __attribute__((aligned(32))) = {0};
+    uint32_t seed[PACKET] = {0};
+    for (uint32_t i = 0; i < PACKET && first + i < w->asking; i++) {
+        const uint32_t probe = w->probe[w->asks[first + i]];
+        const struct kiln_vec3 to = vec3_sub(b->probes->positions[probe], w->end[first + i]);
+        const float distance = vec3_length(to);
+        if (kiln_probe_is_off(b->probes, probe) || !(distance > 0.0f))
+            continue;
+        const struct kiln_vec3 d = vec3_scale(to, 1.0f / distance);
+        valid[i] = -1;
+        seed[i] = kiln_ray_seed(w->end[first + i], d);
+        rays.org_x[i] = w->end[first + i].x, rays.org_y[i] = w->end[first + i].y, rays.org_z[i] = w->end[first + i].z;
+        rays.dir_x[i] = d.x, rays.dir_y[i] = d.y, rays.dir_z[i] = d.z;
+        rays.tfar[i] = distance + KILN_PROBE_CLEAR * b->probes->grid.spacing;
+        rays.mask[i] = ~0u;
+    }
+    embree_blocked8(b, context, valid, &rays, seed);
+    for (int i = 0; i < PACKET; i++)
+        free[i] = valid[i] != 0 && !(rays.tfar[i] < 0.0f);
+}
+
+/* The asking lanes whose probe is not seen from the end of the ray ask one that the point sees. */
+static void settle_probes(const struct embree_backend *b, struct embree_context *context, struct gather_work *w,
+                          uint32_t step)
+{
+    for (uint32_t first = 0; first < w->asking; first += PACKET) {
+        bool free[PACKET] = {false};
+        if (w->range > 0.0f)
+            look_at_probes(b, context, w, first, free);
+        for (uint32_t i = 0; i < PACKET && first + i < w->asking; i++) {
+            const uint32_t l = w->asks[first + i], near = w->near_probes[w->rays->point[l]];
+            if (!free[i])
+                w->probe[l] =
+                    kiln_probe_draw(&b->probes->grid, near >> KILN_PROBE_CORNERS, near & KILN_PROBE_SEEN,
+                                    origin_of(w->rays, l), kiln_unit_float(kiln_hash1(choice_of(w->rays, step, l))));
+        }
+    }
+}
+
+/* As count_lost and collect: what surfaces and probes send, lane by lane, so that a point's samples are added in their
+ * order. */
+static void collect_with_probes(const struct embree_backend *b, struct embree_context *context, struct gather_work *w,
+                                uint32_t step, uint32_t lanes)
+{
+    const struct rays_found *found = &w->found;
+    end_at_range(b, w, step);
+    settle_probes(b, context, w, step);
+    count_lost(w);
+    for (uint32_t l = 0, hit = 0, ask = 0; l < lanes; l++) {
+        float rgb[3] = {0.0f, 0.0f, 0.0f};
+        const bool counts = facet_weight(w->rays, l) > 0.0f;
+        if (hit < found->count && found->lane[hit] == l) {
+            if (counts && found->point[hit] != KILN_NO_POINT)
+                kiln_radiosity_unpack(b->radiosity[found->point[hit]], rgb);
+            hit++;
+        } else if (ask < w->asking && w->asks[ask] == l) {
+            if (counts)
+                kiln_probe_ask(b->probes, w->probe[l], origin_of(w->rays, l), direction_of(w->rays, l), w->far[l], rgb);
+            for (int c = 0; c < 3; c++)
+                rgb[c] *= (float)KILN_PI; /* as radiosity */
+            ask++;
+        } else {
+            continue;
+        }
+        add(w, step, l, rgb, embree_tints(b));
+    }
+}
+
+/* Harmonics may be negative; a point's light is not. */
+static void raise_to_zero(struct gather_work *w)
+{
+    for (uint32_t j = 0; j < w->rays->frame.count; j++)
+        for (int c = 0; c < 3; c++) {
+            w->incident[j][c] = w->incident[j][c] < 0.0 ? 0.0 : w->incident[j][c];
+            w->irradiance[j][c] = w->irradiance[j][c] < 0.0 ? 0.0 : w->irradiance[j][c];
+        }
+}
+
+/* ---- results ---- */
 
 /* Standard error of the sum, by the spread of the means of its four quarters: more than the error of the whole net,
  * whose parts balance one another. */
@@ -149,14 +322,22 @@ static void gather_tile_run(void *work, const struct embree_backend *b, struct e
     if (steps == 0)
         return;
     clear_sums(w);
+    if (b->probes != NULL)
+        begin_probes(w, b, tile_run);
     for (uint32_t step = 0; step < steps; step++) {
         const uint32_t lanes = rays_make(w->rays, b, step);
+        *rays += b->probes != NULL ? end_rays(w, lanes) : lanes;
         rays_trace(w->rays, b, context, lanes);
         embree_find(b, w->rays, lanes, &w->found);
+        if (b->probes != NULL) {
+            collect_with_probes(b, context, w, step, lanes);
+            continue;
+        }
         count_lost(w);
         collect(b, w, step);
-        *rays += lanes;
     }
+    if (b->probes != NULL)
+        raise_to_zero(w);
     store(w, results);
 }
 

@@ -205,7 +205,8 @@ static void describe(const struct run *r, const struct vulkan_block *block, cons
     *chunk = (struct vulkan_chunk){
         .scratch = slot->scratch.address + gpu_buffer_tail(gpu, &slot->scratch, flight->total * r->pass->scratch_bytes),
         .results = results,
-        .words = results + (uint64_t)flight->total * r->pass->result_bytes};
+        .words = results + (uint64_t)flight->total * r->pass->result_bytes,
+        .near_probes = block->near_probes.address};
     gpu_buffer_forget(gpu, &slot->scratch);
     gpu_buffer_forget(gpu, &slot->answers);
     chunk->all = (struct kiln_gpu_chunk){.points = block->points.address,

@@ -13,6 +13,7 @@ struct vulkan_chunk {
     uint64_t scratch;             /* address; lasts from the first to the last portion */
     uint64_t results;             /* address: the pass's result of each point */
     uint64_t words;               /* address: one word of each point */
+    uint64_t near_probes;         /* address: of each point of the block, which probes it sees; 0: nobody knows */
     uint32_t row_first, row_count;
     bool last; /* the last portion: results and words must be complete after it */
 };

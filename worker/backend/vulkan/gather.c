@@ -10,15 +10,27 @@ static const struct vulkan_shader gather_shader = {
     .name = "gather", .compute = VULKAN_CODE(gather), .pipeline = VULKAN_CODE(gather_pipeline)};
 static const struct vulkan_shader sums_shader = {.name = "gather: sums", .compute = VULKAN_CODE(gather_reduce)};
 
-/* `lookup` 0: rays are traced and that is all. */
+/* What the kernel asks: nothing, rays are traced and that is all; surfaces; surfaces, and probes behind the range. */
+enum { TRACE_ONLY, SURFACES, SURFACES_AND_PROBES };
+
+/* What its push constants have beside those of every pass over the hemisphere. */
+struct own {
+    uint64_t probes, near_probes;
+};
+_Static_assert(sizeof(struct kiln_gpu_gather_push) == sizeof(struct kiln_gpu_hemisphere_push) + sizeof(struct own),
+               "the pass's own push constants come last");
+
 static struct vulkan_hemisphere gather_of(const struct vulkan_backend *b, const struct kiln_batch *batch,
-                                          uint32_t lookup)
+                                          uint32_t lookup, const struct own *own)
 {
     const bool tints = b->params.geometry->passage == KILN_PASSAGE_TINT;
     return (struct vulkan_hemisphere){.pass = &kiln_pass_gather,
                                       .shader = &gather_shader,
                                       .sums = &sums_shader,
                                       .constant = lookup,
+                                      .own = own,
+                                      .own_bytes = sizeof *own,
+                                      .asks_probes = lookup == SURFACES_AND_PROBES,
                                       .pace = KILN_PASS_INDEX_gather,
                                       .stream = batch->stream,
                                       .floats = tints ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS,
@@ -29,7 +41,8 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
                struct kiln_error *error)
 {
     (void)parameters;
-    const struct vulkan_hemisphere pass = gather_of(b, batch, 1);
+    const struct own own = {0}; /* filled in for each chunk */
+    const struct vulkan_hemisphere pass = gather_of(b, batch, b->probes != NULL ? SURFACES_AND_PROBES : SURFACES, &own);
     return vulkan_hemisphere_run(b, &pass, batch, rays, error);
 }
 
@@ -39,13 +52,15 @@ int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch,
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
     struct kiln_batch nobody = *batch;
     nobody.take = NULL;
-    struct vulkan_hemisphere pass = gather_of(b, &nobody, 0);
+    const struct own own = {0};
+    struct vulkan_hemisphere pass = gather_of(b, &nobody, TRACE_ONLY, &own);
     pass.pace = VULKAN_PACE_CEILING;
     pass.seconds = seconds;
     return vulkan_hemisphere_run(b, &pass, &nobody, rays, error);
 }
 
-const struct vulkan_pass vulkan_pass_gather = {.run = run,
-                                               .ahead = {{.shader = &gather_shader, .draw_again = true, .own = 1},
-                                                         {.shader = &gather_shader, .own = 1},
-                                                         {.shader = &sums_shader}}};
+const struct vulkan_pass vulkan_pass_gather = {
+    .run = run,
+    .ahead = {{.shader = &gather_shader, .draw_again = true, .own = SURFACES},
+              {.shader = &gather_shader, .own = SURFACES},
+              {.shader = &sums_shader}}};

@@ -39,6 +39,9 @@ static void constants_of(const struct hemisphere *h, const struct vulkan_chunk *
                                                               .first_sample = h->batch->first_sample}}};
     if (h->pass->own != NULL)
         memcpy(constants->own, h->pass->own, h->pass->own_bytes);
+    const uint64_t probes[2] = {h->b->probes_root.address, chunk->near_probes};
+    if (h->pass->asks_probes)
+        memcpy(constants->own, probes, sizeof probes);
 }
 
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
@@ -76,6 +79,14 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     return KILN_OK;
 }
 
+/* Whether an own point traces rays. */
+static bool traces(const struct hemisphere *h, struct kiln_own_point own)
+{
+    const struct kiln_surface *s = h->b->surface;
+    const bool asks_at_once = h->pass->asks_probes && !(h->b->probes->grid.range > 0.0f);
+    return kiln_point_valid(s, own) && !(asks_at_once && (s->near_probes[own.at] & KILN_PROBE_SEEN) != 0);
+}
+
 static int take(void *context, size_t tile_run_first, size_t tile_run_count, const void *results, const uint32_t *words,
                 struct kiln_error *error)
 {
@@ -84,17 +95,17 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
     const struct kiln_tile_run *tile_runs = s->tile_runs + tile_run_first;
     const uint64_t first = kiln_own_of_global(s, tile_runs[0].first).at,
                    end = first + kiln_tile_runs_points(tile_runs, tile_runs + tile_run_count - 1);
-    uint64_t valid = 0, shadow_rays = 0;
-#pragma omp parallel for num_threads((int)h->b->threads) reduction(+ : valid, shadow_rays) if (end - first > 1 << 14)
+    uint64_t tracing = 0, shadow_rays = 0;
+#pragma omp parallel for num_threads((int)h->b->threads) reduction(+ : tracing, shadow_rays) if (end - first > 1 << 14)
     for (size_t f = 0; f < tile_run_count; f++) {
         const uint64_t points = kiln_batch_points(h->batch, tile_run_first + f),
                        run = kiln_own_of_global(s, tile_runs[f].first).at;
         for (uint32_t k = 0; k < tile_runs[f].count; k++) {
-            valid += (points >> k & 1u) != 0 && kiln_point_valid(s, (struct kiln_own_point){run + k});
+            tracing += (points >> k & 1u) != 0 && traces(h, (struct kiln_own_point){run + k});
             shadow_rays += words != NULL ? words[run + k - first] : 0;
         }
     }
-    h->rays += valid * h->batch->samples + shadow_rays;
+    h->rays += tracing * h->batch->samples + shadow_rays;
     return h->batch->take != NULL ? h->batch->take(h->batch->context, tile_run_first, tile_run_count, results, error)
                                   : KILN_OK;
 }

@@ -20,7 +20,10 @@ struct vulkan_hemisphere {
     bool counts_rays; /* the word of a point is its shadow rays; each sample is a ray besides */
     const void *own;  /* its own push constants; NULL: none */
     size_t own_bytes; /* at most VULKAN_HEMISPHERE_OWN */
-    double *seconds;  /* NULL, or what the device was busy is added here */
+    /* its own push constants begin with the addresses of the radiance probes and of the words that say which of them
+     * the points of a block see; with range 0 those that see one trace no rays */
+    bool asks_probes;
+    double *seconds; /* NULL, or what the device was busy is added here */
 };
 
 /* Runs the pass over the batch's points; adds its rays to *rays. */

@@ -77,6 +77,7 @@ static void release(struct vulkan_points *p, struct vulkan_block *block)
     gpu_buffer_destroy(p->gpu, &block->parts);
     gpu_buffer_destroy(p->gpu, &block->states);
     forget_lists(p, block);
+    gpu_buffer_destroy(p->gpu, &block->near_probes);
     block->resident = block->states_known = false;
 }
 
@@ -90,6 +91,12 @@ void vulkan_points_destroy(struct vulkan_points **points)
     kiln_free(&p->blocks);
     workspace_destroy(&p->workspace);
     kiln_free(points);
+}
+
+void vulkan_points_forget_probes(struct vulkan_points *points)
+{
+    for (size_t i = 0; i < points->block_count; i++)
+        gpu_buffer_destroy(points->gpu, &points->blocks[i].near_probes);
 }
 
 void vulkan_points_forget_states(struct vulkan_points *points)
@@ -458,7 +465,8 @@ static int bring(struct vulkan_points *p, struct vulkan_block *block, uint64_t s
     struct maker m = {.p = p, .block = block, .w = p->workspace};
     if (status == KILN_OK)
         status = fill(&m, error);
-    const uint64_t wanted = block->count * (sizeof(struct kiln_gpu_point) + 2 * sizeof(uint32_t)) +
+    const uint64_t words = p->surface->near_probes != NULL ? 3 : 2;
+    const uint64_t wanted = block->count * (sizeof(struct kiln_gpu_point) + words * sizeof(uint32_t)) +
                             m.part_count * sizeof(struct kiln_gpu_part) + RESERVE;
     while (status == KILN_OK && gpu_memory_left(p->gpu) < wanted && make_way(p, since))
         ;
@@ -533,6 +541,15 @@ static int bring_states(struct vulkan_points *p, struct vulkan_block *block, str
     return status;
 }
 
+static int bring_probes(struct vulkan_points *p, struct vulkan_block *block, struct kiln_error *error)
+{
+    const uint32_t *words = p->surface->near_probes;
+    if (words == NULL || block->near_probes.size > 0)
+        return KILN_OK;
+    return gpu_buffer_of(p->gpu, &block->near_probes, words + block->first.at, block->count * sizeof *words,
+                         "which probes a block of points sees", error);
+}
+
 int vulkan_points_ready(struct vulkan_points *points, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -559,6 +576,8 @@ int vulkan_points_block(struct vulkan_points *points, size_t tile_run, bool stat
     int status = b->resident ? KILN_OK : bring(points, b, since, error);
     if (status == KILN_OK && states && !b->states_known)
         status = bring_states(points, b, error);
+    if (status == KILN_OK)
+        status = bring_probes(points, b, error);
     *block = b;
     return status;
 }

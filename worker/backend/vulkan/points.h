@@ -12,6 +12,7 @@ struct vulkan_block {
     struct kiln_own_point first; /* its points */
     uint64_t count;
     struct gpu_buffer points, parts, states, list;
+    struct gpu_buffer near_probes; /* words of surface->near_probes, where it has them */
     /* partly buried points, index within the block, ascending; the device's `list` holds the same */
     uint32_t *buried;
     uint32_t buried_count;
@@ -60,6 +61,9 @@ int vulkan_points_block(struct vulkan_points *points, size_t tile_run, bool stat
 
 /* Brings the states of all blocks that are on the device: at once, while it has nothing else to do. */
 int vulkan_points_ready(struct vulkan_points *points, struct kiln_error *error);
+
+/* surface->near_probes has changed. */
+void vulkan_points_forget_probes(struct vulkan_points *points);
 
 /* surface->visible has changed. */
 void vulkan_points_forget_states(struct vulkan_points *points);

@@ -122,6 +122,35 @@ int vulkan_upload_root(struct vulkan_backend *b, struct kiln_error *error)
     return gpu_upload(b->gpu, &b->scene, 0, &b->layout, sizeof b->layout, error);
 }
 
+/* ---- radiance probes ---- */
+
+static void clear_probes(struct vulkan_backend *b)
+{
+    gpu_buffer_destroy(b->gpu, &b->probes_root);
+    gpu_buffer_destroy(b->gpu, &b->probe_positions);
+    gpu_buffer_destroy(b->gpu, &b->probe_data);
+}
+
+/* Copies the probes to the device, in the place of those before. */
+static int upload_probes(struct vulkan_backend *b, struct kiln_error *error)
+{
+    const struct kiln_radiance_probes *p = b->probes;
+    clear_probes(b);
+    if (p == NULL)
+        return KILN_OK;
+    const size_t count = (size_t)kiln_probes_count(&p->grid);
+    int status = gpu_buffer_of(b->gpu, &b->probe_positions, p->positions, count * sizeof *p->positions,
+                               "the positions of radiance probes", error);
+    if (status == KILN_OK)
+        status = gpu_buffer_of(b->gpu, &b->probe_data, p->data, count * p->grid.floats * sizeof *p->data,
+                               "the radiance of probes", error);
+    const struct kiln_gpu_radiance_probes root = {
+        .grid = p->grid, .positions = b->probe_positions.address, .data = b->probe_data.address};
+    if (status == KILN_OK)
+        status = gpu_buffer_of(b->gpu, &b->probes_root, &root, sizeof root, "radiance probes", error);
+    return status;
+}
+
 /* ---- life ---- */
 
 static void clear_surface(struct vulkan_backend *b)
@@ -142,6 +171,7 @@ static void clear(struct vulkan_backend *b)
     b->busy_before += clock.busy;
     vulkan_forget_kernels(b);
     clear_surface(b);
+    clear_probes(b);
     for (int i = 0; i < GPU_SLOTS; i++) {
         gpu_buffer_destroy(b->gpu, &b->slots[i].scratch);
         gpu_buffer_destroy(b->gpu, &b->slots[i].answers);
@@ -227,6 +257,8 @@ int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error)
             status = upload_surface(b, error);
         if (status == KILN_OK && b->radiosity != NULL)
             status = upload_radiosity(b, error);
+        if (status == KILN_OK)
+            status = upload_probes(b, error);
     }
     if (status != KILN_OK)
         return kiln_fail(error, KILN_NO_DEVICE,
@@ -394,6 +426,17 @@ static int vulkan_set_radiosity(struct kiln_backend *backend, const uint64_t *ra
     return status != KILN_OK && vulkan_can_recover(b) ? vulkan_recover(b, error) : status;
 }
 
+static int vulkan_set_probes(struct kiln_backend *backend, const struct kiln_radiance_probes *probes,
+                             struct kiln_error *error)
+{
+    struct vulkan_backend *b = (struct vulkan_backend *)backend;
+    b->probes = probes;
+    if (b->points != NULL)
+        vulkan_points_forget_probes(b->points);
+    const int status = upload_probes(b, error);
+    return status != KILN_OK && vulkan_can_recover(b) ? vulkan_recover(b, error) : status;
+}
+
 int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *error)
 {
     const bool exact = gpu_guarded(b->gpu);
@@ -512,6 +555,7 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .info = vulkan_info,
     .set_surface = vulkan_set_surface,
     .set_radiosity = vulkan_set_radiosity,
+    .set_probes = vulkan_set_probes,
     .mixed = 1u << KILN_PASS_INDEX_direct,
     .run = vulkan_run,
     .intersect = intersect_again,

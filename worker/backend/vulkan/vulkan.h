@@ -1,9 +1,9 @@
 /* The Vulkan backend: private declarations that its files share.
  *
  * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c,
- * occlusion.c, directional.c, path.c. The others: vulkan.c (life of the backend, kernels, closest hits), chunks.c
- * (running a pass over tile runs in chunks), hemisphere.c (what passes that sample the hemisphere over points have in
- * common), points.c (surface points on the device), lights.c and materials.c (the scene on the device), bvh.c,
+ * occlusion.c, directional.c, path.c, radiance.c. The others: vulkan.c (life of the backend, kernels, closest hits),
+ * chunks.c (running a pass over tile runs in chunks), hemisphere.c (what passes that sample the hemisphere over points
+ * have in common), points.c (surface points on the device), lights.c and materials.c (the scene on the device), bvh.c,
  * acceleration.c and tracer.c (what finds hits), layout.h (what C and the shaders share). gpu/ is Vulkan for compute
  * and knows no light.
  *
@@ -102,6 +102,8 @@ struct vulkan_backend {
     /* the surface */
     struct gpu_buffer store_arrays[KILN_STORE_ARRAYS], radiosity_buffer;
     struct vulkan_points *points;
+    const struct kiln_radiance_probes *probes; /* NULL: gather rays have no end */
+    struct gpu_buffer probes_root, probe_positions, probe_data;
     /* the passes */
     uint32_t constants[VULKAN_CONSTANTS];
     size_t kernel_count, kernel_room;

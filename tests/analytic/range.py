@@ -1,0 +1,172 @@
+"""Gather rays that end at a range, and radiance probes that answer for what is farther (--tracing-range).
+
+A furnace is one at every range and with every basis. No light crosses a wall without thickness into a sealed room. In
+a Cornell box the error against the unbiased bake falls as the range grows, and is 0 where nothing is as far. A probe
+inside a crate darkens its surroundings where probes stay in geometry and nobody asks who sees them, as in Vandersanden
+2023 (figure 4.3.5), and does not where they move. The light hangs on neither ranks nor cells, nor on interruptions.
+"""
+import math
+import os
+import sys
+
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
+import glb  # noqa: E402
+import harness  # noqa: E402
+
+BASES = ('sh', 'octahedral', 'cubemap')
+DARK = ('--samples-probe', 0, '--no-export', '--denoise', 'none', '--no-stitch')
+
+
+def means(bake, of=None):
+    """Mean irradiance, area-weighted, of the points that `of` names."""
+    points = bake.points
+    keep = points.valid if of is None else points.valid & of
+    return float(((points.total @ harness.LUMINANCE) * points.area)[keep].sum() / points.area[keep].sum())
+
+
+def check_furnace(kiln, checks, table):
+    scene = glb.Scene()
+    glb.box(scene, 'room', (-1, -1, -1), (1, 1, 1), scene.material('glows', (0.5,) * 3, (2.0,) * 3), range(6))
+    path, expected = scene.write(os.path.join(kiln.scratch, 'furnace.glb')), math.pi * 2.0 / 0.5
+    for basis in BASES if kiln.backend == 'embree' else ('sh', 'cubemap'):
+        for reach in (0, 0.7, 'inf') if basis == 'sh' else (0, 0.7):
+            bake = kiln.bake(path, '--texels-per-metre', 4, '--samples-direct', kiln.samples(256), '--samples-bounce', 16,
+                             '--samples-indirect', kiln.samples(64), '--bounces', 'all', '--tracing-range', reach,
+                             '--probe-basis', basis, '--radiance-probe-spacing', 0.5, *DARK)
+            if not checks.baked(bake):
+                continue
+            found = means(bake) / expected - 1
+            checks.that(abs(found) < 0.01, 'furnace, range %s, %s: %+.2f %%' % (reach, basis, 100 * found),
+                        bake.process)
+            table.row('furnace, range %s, %s' % (reach, basis), '%+.3f %%' % (100 * found))
+            bake.remove()
+
+
+def split(path, at):
+    """A closed room of 4 x 2 x 2 m that a sheet without thickness divides at x = `at`: a lamp on one side."""
+    scene = glb.Scene()
+    grey = scene.material('grey', (0.6, 0.6, 0.6), double_sided=True)
+    glb.box(scene, 'box', (-2, -1, -1), (2, 1, 1), grey, range(6))
+    scene.quad('wall', [(at, -1, 1), (at, -1, -1), (at, 1, -1), (at, 1, 1)], grey)
+    scene.light('lamp', {'type': 'point', 'intensity': 100.0}, translation=[-1.2, 0.3, 0.2])
+    return scene.write(path)
+
+
+def check_sealed(kiln, checks, table):
+    """Also with the sheet right through probes."""
+    for at, reach, basis, spacing in ((0.05, 0, 'sh', 0.5), (0.05, 0.4, 'octahedral', 0.5), (0.25, 0, 'cubemap', 0.5),
+                                      (0.25, 0.3, 'sh', 0.5), (0.05, 0.2, 'sh', 1.9)):
+        bake = kiln.bake(split(os.path.join(kiln.scratch, 'split.glb'), at), '--texels-per-metre', 4,
+                         '--samples-direct', 16, '--samples-bounce', 16, '--samples-indirect', kiln.samples(64),
+                         '--bounces', 3, '--tracing-range', reach, '--probe-basis', basis,
+                         '--radiance-probe-spacing', spacing, *DARK)
+        if not checks.baked(bake):
+            continue
+        points = bake.points
+        x = points.position[:, 0]
+        luminance = points.total @ harness.LUMINANCE
+        dark, lit = luminance[points.valid & (x > at + 0.26)], luminance[points.valid & (x < at - 0.26)]
+        leak = float(dark.max() / lit.mean())
+        what = 'sealed room, sheet at %g, range %g, %s, a probe every %g m' % (at, reach, basis, spacing)
+        checks.that(leak <= 1e-4, '%s: %.1e of the lit side' % (what, leak), bake.process)
+        table.row('sealed %g %g %s' % (at, reach, basis), 'dark / lit %.1e' % leak)
+        bake.remove()
+
+
+def check_falls(kiln, checks, table):
+    cornell = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
+    options = ('--texels-per-metre', 3, '--samples-direct', 32, '--samples-bounce', kiln.samples(64),
+               '--samples-indirect', kiln.samples(256), '--bounces', 3, *DARK)
+    true = kiln.bake(cornell, *options)
+    if not checks.baked(true):
+        return
+    area, light = true.points.area[:, None], true.points.total
+    for basis in ('octahedral', 'sh') if kiln.backend == 'embree' else ('octahedral',):
+        errors = []
+        for reach in (0, 2, 4, 20):
+            bake = kiln.bake(cornell, *options, '--tracing-range', reach, '--probe-basis', basis,
+                             '--radiance-probe-spacing', 0.6)
+            if not checks.baked(bake):
+                return
+            off = bake.points.total - light
+            errors.append(math.sqrt(float((area * off ** 2).sum() / (area * light ** 2).sum())))
+            bake.remove()
+        table.row('Cornell box, ' + basis, 'rms error at 0, 2, 4, 20 m: ' + ' '.join('%.4f' % e for e in errors))
+        checks.that(errors[0] < (0.05 if kiln.thin == 1 else 0.1) and errors[2] < 0.7 * errors[0] and errors[1] < 1.2 * errors[0] and
+                    errors[3] == 0.0, 'the error falls with the range, %s: %s' % (basis, errors), true.process)
+    true.remove()
+
+
+def crates(path):
+    """A white room with two closed crates, in each of which a grid of 0.5 m has two probes."""
+    scene = glb.Scene()
+    white = scene.material('white', (0.7, 0.7, 0.7))
+    glb.box(scene, 'room', (-2, -1.5, -2), (2, 1.5, 2), white, range(6))
+    for i, (x, z) in enumerate(((-0.25, -0.75), (0.75, 0.25))):
+        glb.box(scene, 'crate %d' % i, (x - 0.2, -1.45, z - 0.2), (x + 0.2, -0.55, z + 0.2), white)
+    scene.light('lamp', {'type': 'point', 'intensity': 200.0}, translation=[0, 1.2, 0.1])
+    return scene.write(path)
+
+
+def check_leak(kiln, checks, table):
+    scene = crates(os.path.join(kiln.scratch, 'crates.glb'))
+    options = ('--texels-per-metre', 5, '--samples-direct', 32, '--samples-bounce', 32, '--samples-indirect',
+               kiln.samples(128), '--bounces', 3, *DARK)
+    found = {}
+    for name, more in (('true', ()), ('plain', ('--tracing-range', 0.05, '--radiance-probe-spacing', 0.5)),
+                       ('ours', ('--tracing-range', 0.05, '--radiance-probe-spacing', 0.5))):
+        if name == 'plain':
+            kiln.environment['KILN_PROBES'] = 'plain'
+        bake = kiln.bake(scene, *options, *more)
+        kiln.environment.pop('KILN_PROBES', None)
+        if not checks.baked(bake):
+            return
+        found[name] = (bake.points.indirect @ harness.LUMINANCE)
+        points, report, room = bake.points, bake.run.get('radiance_probes'), bake.index('room')
+        if name == 'ours':
+            checks.that(report['moved'] + report['off'] >= 4, 'probes in crates: %s' % report, bake.process)
+        process = bake.process
+        bake.remove()
+    crate = points.valid & (points.object != room)
+    share = {name: float((found[name] * points.area)[crate].sum() / (found['true'] * points.area)[crate].sum())
+             for name in found}
+    table.row('crates', 'indirect light against the true one: plain %.2f, ours %.2f' % (share['plain'], share['ours']))
+    checks.that(share['plain'] < 0.85, 'probes inside geometry darken the crates: %.3f' % share['plain'], process)
+    checks.that(abs(share['ours'] - 1) < 0.06, 'and do not once they are moved: %.3f' % share['ours'], process)
+
+
+def check_same(kiln, checks, table):
+    cornell = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
+    options = ('--texels-per-metre', 4, '--samples-direct', 16, '--samples-bounce', 16, '--samples-indirect', 64,
+               '--bounces', 3, '--tracing-range', 1, '--radiance-probe-spacing', 0.7, *DARK)
+    first = kiln.bake(cornell, *options)
+    if not checks.baked(first):
+        return
+    expected = harness.lightmap_hashes(first)
+    ways = [(3, ('--cell-size', 0.4)), (2, ('--rebalance', 'always', '--threads', 2))]
+    for ranks, more in ways if kiln.backend == 'embree' else ways[:1]:
+        bake = kiln.bake(cornell, *options, *more, ranks=ranks)
+        if checks.baked(bake):
+            checks.that(harness.lightmap_hashes(bake) == expected, 'the same bits with %d ranks, %s' % (ranks, more),
+                        bake.process)
+            checks.that(bake.run['radiance_probes'] == first.run['radiance_probes'], 'the same probes: %s and %s' %
+                        (bake.run['radiance_probes'], first.run['radiance_probes']), bake.process)
+    table.row('same bits', '%d ways' % len(ways))
+
+
+def main():
+    every = {'furnace': check_furnace, 'sealed': check_sealed, 'falls': check_falls, 'leak': check_leak,
+             'same': check_same}
+    arguments, kiln = harness.start(
+        __doc__, lambda p: p.add_argument('--only', action='append', choices=every, help='these cases'))
+    checks = harness.Checks()
+    table = harness.Table(('case', 34), ('found', 60))
+    for name in arguments.only or every:
+        every[name](kiln, checks, table)
+    checks.end()
+
+
+if __name__ == '__main__':
+    main()
