@@ -1,5 +1,5 @@
-/* Radiance probes: thread x takes item x, an element of a probe's map, and all of its samples. Directions, random numbers
- * and estimator are those of worker/backend/embree/radiance.c. */
+/* Radiance probes: thread x takes item x, an element of a probe's map, and all of its samples. Directions, random
+ * numbers and estimator are those of worker/backend/embree/radiance.c. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

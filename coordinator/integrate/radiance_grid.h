@@ -3,7 +3,7 @@
 #define KILN_COORDINATOR_INTEGRATE_RADIANCE_GRID_H
 
 #include "coordinator/job/choices.h"
-#include "shaders/shared/harmonics.h"
+#include "worker/sampling/harmonics.h"
 #include "worker/pass/radiance.h"
 #include "worker/scene/geometry.h"
 #include "worker/scene/radiance_probes.h"
