@@ -6,7 +6,7 @@
  * The kernel that includes this says what a ray adds. Before it stand push constants with the members `chunk` and
  * `hemisphere`, `struct Sums`, what a thread adds up, and NO_SUMS, its zeros. The kernel defines the functions that are
  * declared here; it may define HEMISPHERE_BEGIN, what is done with the point's index in its block before its rays, and
- * HEMISPHERE_SEEDS, whether add_ray wants seeds in any scene. All else stands in kiln_kernel and not in functions of its
+ * HEMISPHERE_SEEDS, whether add_ray wants seeds in any scene. All else stands in kiln_kernel, not in functions of its
  * own, which cost the gather 4 % on an H200.
  */
 #ifndef HEMISPHERE_BEGIN

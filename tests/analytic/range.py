@@ -33,8 +33,8 @@ def check_furnace(kiln, checks, table):
     for basis in BASES if kiln.backend == 'embree' else ('sh', 'cubemap'):
         for reach in (0, 0.7, 'inf') if basis == 'sh' else (0, 0.7):
             bake = kiln.bake(path, '--texels-per-metre', 4, '--samples-direct', kiln.samples(256),
-                             '--samples-bounce', 16, '--samples-indirect kiln.samples(64), '--bounces', 'all', '--tracing-range', reach,
-                             '--probe-basis', basis, '--radiance-probe-spacing', 0.5, *DARK)
+                             '--samples-bounce', 16, '--samples-indirect', kiln.samples(64), '--bounces', 'all',
+                             '--tracing-range', reach, '--probe-basis', basis, '--radiance-probe-spacing', 0.5, *DARK)
             if not checks.baked(bake):
                 continue
             found = means(bake) / expected - 1
