@@ -21,6 +21,8 @@
 #include "worker/backend/backend.h"
 #include "worker/light/lights.h"
 #include "worker/pass/occlusion.h"
+#include "worker/pass/radiance.h"
+#include "worker/scene/radiance_probes.h"
 #include "worker/pass/point.h"
 #include "worker/pass/validity.h"
 #include "worker/scene/radiosity.h"
@@ -31,7 +33,9 @@ enum { PROBES = 24 };
 /* The parameters that each pass is tested with; NULL: it has none. */
 static const struct kiln_occlusion_parameters near_by = {.distance =
                                                              2.0f}; /* the lamp is farther from most of the floor */
-static const void *const parameters[KILN_PASS_COUNT] = {[KILN_PASS_INDEX_occlusion] = &near_by};
+static const struct kiln_radiance_parameters map = {.basis = KILN_PROBE_CUBE, .side = 2};
+static const void *const parameters[KILN_PASS_COUNT] = {
+    [KILN_PASS_INDEX_occlusion] = &near_by, [KILN_PASS_INDEX_radiance] = &map};
 
 struct world {
     struct fixture *fixture;
