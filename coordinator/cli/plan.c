@@ -97,6 +97,15 @@ static json_t *curve_json(const struct kiln_roles *roles, const struct kiln_scal
     return array;
 }
 
+static json_t *working_set_json(const struct kiln_working_set *w)
+{
+    return json_pack("{s:I, s:f, s:I, s:f, s:I, s:f, s:I, s:I, s:I}", "triangles_most", (json_int_t)w->triangles_most,
+                     "triangles_mean", w->triangles_mean, "points_most", (json_int_t)w->points_most, "points_mean",
+                     w->points_mean, "bytes_most", (json_int_t)w->bytes_most, "bytes_mean", w->bytes_mean, "bytes_all",
+                     (json_int_t)w->bytes_all, "radiance_probes", (json_int_t)w->probes, "radiance_probe_bytes",
+                     (json_int_t)w->probe_bytes);
+}
+
 static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)
 {
     const struct kiln_surface_report *s = &p->surface;
@@ -114,6 +123,8 @@ static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)
     if (all != NULL && more != NULL)
         (void)json_object_update(all, more);
     json_decref(more);
+    if (all != NULL && p->working_set.probes > 0)
+        (void)json_object_set_new(all, "working_set", working_set_json(&p->working_set));
     return all;
 }
 
@@ -158,6 +169,22 @@ static void print_memory(const struct kiln_plan *p, const struct kiln_job *job)
     const double fits = node_memory(job) * 0x1p30 / (double)m->total;
     (void)printf("a node with %.1f GiB holds %s%.0f such ranks\n\n", node_memory(job), fits < 1.0 ? "only " : "",
                  fits < 1.0 ? 0.0 : floor(fits));
+}
+
+static void print_working_set(const struct kiln_plan *p, const struct kiln_job *job)
+{
+    const struct kiln_working_set *w = &p->working_set;
+    if (w->probes == 0)
+        return;
+    (void)printf("within %g m of its points a rank has at most %llu of %llu triangles (mean %.0f) and %llu of %llu "
+                 "surface points (mean %.0f)\n",
+                 job->radiance.range, (unsigned long long)w->triangles_most, (unsigned long long)p->triangles,
+                 w->triangles_mean, (unsigned long long)w->points_most, (unsigned long long)p->surface.points,
+                 w->points_mean);
+    (void)printf("its rays need at most %.1f MiB (mean %.1f), %.1f of them for %llu radiance probes; without a range "
+                 "%.1f MiB\n\n",
+                 mebibytes(w->bytes_most), w->bytes_mean / 0x1p20, mebibytes(w->probe_bytes),
+                 (unsigned long long)w->probes, mebibytes(w->bytes_all));
 }
 
 static void print_balance(const struct kiln_simulated_light *light)
@@ -322,6 +349,7 @@ static void print_plan(const struct kiln_plan *p, const struct kiln_job *job)
 {
     print_cells(p, job);
     print_memory(p, job);
+    print_working_set(p, job);
     print_time(p, job);
     if (job->ranks > 1 || job->points > 0) {
         print_curve("strong", p->strong, p->curve_count, false);

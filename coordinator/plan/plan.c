@@ -631,6 +631,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     if (status == KILN_OK) {
         plan_light(plan);
         plan_memory(plan, prepared, rank_surface, job);
+        status = kiln_working_set_find(&plan->working_set, prepared, job, plan->bytes_per_triangle, error);
     }
     kiln_surface_destroy(&rank_surface);
     return status;

@@ -2,6 +2,7 @@
 #ifndef KILN_COORDINATOR_PLAN_PLAN_H
 #define KILN_COORDINATOR_PLAN_PLAN_H
 
+#include "coordinator/plan/working_set.h"
 #include "coordinator/bake/prepare.h"
 #include "coordinator/plan/simulate.h"
 
@@ -63,6 +64,7 @@ struct kiln_plan {
     double bytes_per_triangle; /* scene and geometry; images and Embree's BVH aside */
     double exchange_bytes;     /* that a rank receives in each bounce */
     uint32_t bounces;          /* assumed */
+    struct kiln_working_set working_set; /* where gather rays end at a range */
     struct kiln_plan_sample samples[KILN_PLAN_SAMPLES];
     size_t sample_count;
     double calibration_seconds;

@@ -156,9 +156,33 @@ def check_same(kiln, checks, table):
     table.row('same bits', '%d ways' % len(ways))
 
 
+def check_interrupted(kiln, checks, table):
+    """A bake that is stopped again and again, within steps too, has the bits of one that is not."""
+    cornell = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
+    options = ('--texels-per-metre', 5, '--samples-direct', 16, '--samples-bounce', 64, '--samples-indirect', 128,
+               '--bounces', 3, '--tracing-range', 1, '--radiance-probe-spacing', 0.7, '--threads', 1, *DARK)
+    first = kiln.bake(cornell, *options)
+    if not checks.baked(first):
+        return
+    folder, stops, process = os.path.join(kiln.scratch, 'again'), 0, None
+    for tries in range(40):
+        process = kiln.command('bake', cornell, '-o', folder, '--quiet', '--no-preview', '--backend', kiln.backend,
+                               *options, '--max-time', 0.3 + 0.15 * tries)
+        if process.status == 0:
+            break
+        stops += 1
+    checks.that(process.status == 0 and stops > 1, 'stopped %d times, then %d' % (stops, process.status), process)
+    again = harness.Bake(folder, process)
+    if process.status == 0:
+        checks.that(harness.lightmap_hashes(again) == harness.lightmap_hashes(first), 'the same bits after %d stops' %
+                    stops, process)
+        checks.that(again.run['radiance_probes']['probes'] == first.run['radiance_probes']['probes'], 'probes', process)
+    table.row('interrupted', 'stopped %d times' % stops)
+
+
 def main():
     every = {'furnace': check_furnace, 'sealed': check_sealed, 'falls': check_falls, 'leak': check_leak,
-             'same': check_same}
+             'same': check_same, 'interrupted': check_interrupted}
     arguments, kiln = harness.start(
         __doc__, lambda p: p.add_argument('--only', action='append', choices=every, help='these cases'))
     checks = harness.Checks()

@@ -22,6 +22,8 @@
 #include "worker/light/lights.h"
 #include "worker/pass/occlusion.h"
 #include "worker/pass/path.h"
+#include "worker/pass/radiance.h"
+#include "worker/scene/radiance_probes.h"
 #include "worker/pass/point.h"
 #include "worker/pass/validity.h"
 #include "worker/scene/radiosity.h"
@@ -40,8 +42,9 @@ static const struct kiln_path_parameters camera = {.position = {0.3f, 2.5f, 0.2f
                                                    .width = 1u << 31,
                                                    .height = 4,
                                                    .bounces = 2};
+static const struct kiln_radiance_parameters map = {.basis = KILN_PROBE_CUBE, .side = 2};
 static const void *const parameters[KILN_PASS_COUNT] = {
-    [KILN_PASS_INDEX_occlusion] = &near_by, [KILN_PASS_INDEX_path] = &camera};
+    [KILN_PASS_INDEX_occlusion] = &near_by, [KILN_PASS_INDEX_path] = &camera, [KILN_PASS_INDEX_radiance] = &map};
 
 struct world {
     struct fixture *fixture;

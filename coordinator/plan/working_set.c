@@ -1,0 +1,208 @@
+#include "coordinator/plan/working_set.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "coordinator/integrate/radiance_grid.h"
+#include "worker/base/memory.h"
+#include "worker/scene/footprint.h"
+
+enum { ALONG = 48 }; /* voxels along the scene's longest side */
+
+struct voxels {
+    struct kiln_vec3 low;
+    float side; /* m */
+    uint32_t size[3];
+    uint32_t *of_point; /* of each surface point */
+    uint8_t *near;      /* of each voxel: within the range of a rank's points */
+    uint32_t *sums;     /* of `near` over all voxels before, in a grid larger by one on each axis */
+};
+
+static uint32_t along(float at, float low, float side, uint32_t size)
+{
+    const float n = (at - low) / side;
+    return !(n > 0.0f) ? 0 : n >= (float)(size - 1) ? size - 1 : (uint32_t)n;
+}
+
+static void voxel_of(const struct voxels *v, struct kiln_vec3 at, uint32_t place[3])
+{
+    place[0] = along(at.x, v->low.x, v->side, v->size[0]);
+    place[1] = along(at.y, v->low.y, v->side, v->size[1]);
+    place[2] = along(at.z, v->low.z, v->side, v->size[2]);
+}
+
+static size_t index_of(const struct voxels *v, const uint32_t place[3])
+{
+    return ((size_t)place[2] * v->size[1] + place[1]) * v->size[0] + place[0];
+}
+
+static void find_points(struct voxels *v, const struct kiln_prepared *p)
+{
+    const struct kiln_surface *s = p->surface;
+#pragma omp parallel for num_threads((int)p->threads) schedule(dynamic, 64)
+    for (size_t f = 0; f < s->tile_run_count; f++) {
+        struct kiln_point_cursor at = kiln_point_first(s, f);
+        for (uint32_t i = 0; i < s->tile_runs[f].count; i++, kiln_point_next(s, &at)) {
+            struct kiln_footprint footprint;
+            uint32_t triangle, place[3];
+            float b1, b2;
+            kiln_footprint_prepare(&footprint, p->scene, p->geometry, s, &at);
+            kiln_footprint_sample(&footprint, 0.5f, 0.5f, &triangle, &b1, &b2);
+            voxel_of(v, kiln_triangle_position(p->geometry, triangle, b1, b2), place);
+            v->of_point[at.point.at] = (uint32_t)index_of(v, place);
+        }
+    }
+}
+
+/* Spreads `near` by `reach` voxels along an axis, whose neighbours are `step` apart. */
+static void spread(struct voxels *v, int axis, size_t step, uint32_t reach, uint8_t *line)
+{
+    const size_t count = (size_t)v->size[0] * v->size[1] * v->size[2];
+    const uint32_t length = v->size[axis];
+    for (size_t first = 0; first < count; first++) {
+        if (first / step % length != 0)
+            continue;
+        for (uint32_t i = 0; i < length; i++)
+            line[i] = v->near[first + i * step];
+        for (uint32_t i = 0; i < length; i++)
+            for (uint32_t k = i > reach ? i - reach : 0; v->near[first + i * step] == 0 && k < length && k <= i + reach;
+                 k++)
+                v->near[first + i * step] = line[k];
+    }
+}
+
+/* Marks what is within the range of the points [first, end). */
+static void mark(struct voxels *v, uint64_t first, uint64_t end, double range)
+{
+    uint8_t line[ALONG + 1];
+    const uint32_t reach = (uint32_t)fmin(ceil(range / (double)v->side), ALONG);
+    memset(v->near, 0, (size_t)v->size[0] * v->size[1] * v->size[2]);
+    for (uint64_t i = first; i < end; i++)
+        v->near[v->of_point[i]] = 1;
+    spread(v, 0, 1, reach, line);
+    spread(v, 1, v->size[0], reach, line);
+    spread(v, 2, (size_t)v->size[0] * v->size[1], reach, line);
+}
+
+/* Sum of `near` over the voxels before (x, y, z) on all axes. */
+static uint32_t *sum_at(const struct voxels *v, uint32_t x, uint32_t y, uint32_t z)
+{
+    return &v->sums[((size_t)z * (v->size[1] + 1) + y) * (v->size[0] + 1) + x];
+}
+
+static void add_up(struct voxels *v)
+{
+    for (uint32_t z = 1; z <= v->size[2]; z++)
+        for (uint32_t y = 1; y <= v->size[1]; y++)
+            for (uint32_t x = 1, row = 0; x <= v->size[0]; x++) {
+                row += v->near[((size_t)(z - 1) * v->size[1] + y - 1) * v->size[0] + x - 1];
+                *sum_at(v, x, y, z) =
+                    row + *sum_at(v, x, y - 1, z) + *sum_at(v, x, y, z - 1) - *sum_at(v, x, y - 1, z - 1);
+            }
+}
+
+/* Whether the triangle's box has a voxel that is near. */
+static bool is_near(const struct voxels *v, const struct kiln_geometry *g, uint64_t triangle)
+{
+    struct kiln_vec3 corner[3];
+    uint32_t low[3], high[3];
+    kiln_geometry_corners(g, triangle, corner);
+    voxel_of(v,
+             vec3(fminf(corner[0].x, fminf(corner[1].x, corner[2].x)),
+                  fminf(corner[0].y, fminf(corner[1].y, corner[2].y)),
+                  fminf(corner[0].z, fminf(corner[1].z, corner[2].z))),
+             low);
+    voxel_of(v,
+             vec3(fmaxf(corner[0].x, fmaxf(corner[1].x, corner[2].x)),
+                  fmaxf(corner[0].y, fmaxf(corner[1].y, corner[2].y)),
+                  fmaxf(corner[0].z, fmaxf(corner[1].z, corner[2].z))),
+             high);
+    const uint32_t x = high[0] + 1, y = high[1] + 1, z = high[2] + 1;
+    const uint32_t count = *sum_at(v, x, y, z) - *sum_at(v, low[0], y, z) - *sum_at(v, x, low[1], z) -
+                           *sum_at(v, x, y, low[2]) + *sum_at(v, low[0], low[1], z) + *sum_at(v, low[0], y, low[2]) +
+                           *sum_at(v, x, low[1], low[2]) - *sum_at(v, low[0], low[1], low[2]);
+    return count > 0;
+}
+
+/* Where rank r's points begin: at a cell. */
+static uint64_t begin_of(const struct kiln_surface *s, uint32_t r, uint32_t ranks)
+{
+    const uint64_t wanted = (uint64_t)((double)s->point_count * r / ranks);
+    if (r >= ranks || s->cell_first == NULL)
+        return r >= ranks ? s->point_count : wanted;
+    uint64_t low = 0, high = s->cell_count;
+    while (low < high) {
+        const uint64_t middle = low + (high - low) / 2;
+        if (s->cell_first[middle] < wanted)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return s->cell_first[low];
+}
+
+static void add_rank(struct kiln_working_set *set, const struct voxels *v, const struct kiln_prepared *p,
+                     double triangle_bytes, uint32_t ranks)
+{
+    uint64_t triangles = 0, points = 0;
+#pragma omp parallel for num_threads((int)p->threads) reduction(+ : triangles)
+    for (size_t t = 0; t < p->geometry->triangle_count; t++)
+        triangles += is_near(v, p->geometry, t);
+    for (uint64_t i = 0; i < p->surface->point_count; i++)
+        points += v->near[v->of_point[i]];
+    const double bytes = triangle_bytes * (double)triangles + (double)(points * sizeof(uint64_t) + set->probe_bytes);
+    set->triangles_most = triangles > set->triangles_most ? triangles : set->triangles_most;
+    set->points_most = points > set->points_most ? points : set->points_most;
+    set->bytes_most = bytes > (double)set->bytes_most ? (uint64_t)bytes : set->bytes_most;
+    set->triangles_mean += (double)triangles / ranks;
+    set->points_mean += (double)points / ranks;
+    set->bytes_mean += bytes / ranks;
+}
+
+static int make_voxels(struct voxels *v, const struct kiln_prepared *p, struct kiln_error *error)
+{
+    const struct kiln_vec3 low = p->geometry->bounds_min, size = vec3_sub(p->geometry->bounds_max, low);
+    const float longest = fmaxf(size.x, fmaxf(size.y, size.z)), extents[3] = {size.x, size.y, size.z};
+    const char *what = "the voxels of the working set";
+    *v = (struct voxels){.low = low, .side = longest > 0.0f ? longest / ALONG : 1.0f};
+    for (int a = 0; a < 3; a++)
+        v->size[a] = (uint32_t)fminf(fmaxf(ceilf(extents[a] / v->side), 1.0f), ALONG);
+    const size_t count = (size_t)v->size[0] * v->size[1] * v->size[2],
+                 sums = ((size_t)v->size[0] + 1) * (v->size[1] + 1) * (v->size[2] + 1);
+    int status = kiln_allocate(&v->near, count, 1, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&v->sums, sums, sizeof *v->sums, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&v->of_point, p->surface->point_count, sizeof *v->of_point, what, error);
+    return status;
+}
+
+int kiln_working_set_find(struct kiln_working_set *set, const struct kiln_prepared *prepared,
+                          const struct kiln_job *job, double triangle_bytes, struct kiln_error *error)
+{
+    struct voxels v = {.side = 0.0f};
+    struct kiln_probe_grid grid;
+    *set = (struct kiln_working_set){0};
+    if (!kiln_job_has_probes(job))
+        return KILN_OK;
+    int status = kiln_probe_grid_make(&grid, &job->radiance, prepared->geometry, error);
+    if (status == KILN_OK)
+        status = make_voxels(&v, prepared, error);
+    if (status == KILN_OK) {
+        set->probes = kiln_probes_count(&grid);
+        set->probe_bytes = set->probes * (grid.floats * sizeof(float) + sizeof(struct kiln_vec3));
+        set->bytes_all = (uint64_t)(triangle_bytes * (double)prepared->geometry->triangle_count) +
+                         prepared->surface->point_count * sizeof(uint64_t);
+        find_points(&v, prepared);
+    }
+    for (uint32_t r = 0; status == KILN_OK && r < job->ranks; r++) {
+        mark(&v, begin_of(prepared->surface, r, job->ranks), begin_of(prepared->surface, r + 1, job->ranks),
+             job->radiance.range);
+        add_up(&v);
+        add_rank(set, &v, prepared, triangle_bytes, job->ranks);
+    }
+    kiln_free(&v.near);
+    kiln_free(&v.sums);
+    kiln_free(&v.of_point);
+    return status;
+}

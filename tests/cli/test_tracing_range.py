@@ -1,0 +1,77 @@
+"""kiln bench tracing-range and kiln plan --tracing-range on the Cornell box: rows hold what the bakes say, errors fall
+with the range, the same command goes on, the working set grows with the range, and wrong input is refused."""
+import csv
+import json
+import os
+import shutil
+import tempfile
+import unittest
+
+from kiln_cli import kiln
+
+SCENE = os.path.join(os.path.dirname(os.path.abspath(__file__)), '../../jobs/cornell.glb')
+SMALL = ('--lightmap-size', 8, '--backend', 'embree', '--threads', 1, '--samples-direct', 8, '--samples-bounce', 16,
+         '--samples-indirect', 32, '--bounces', 2, '--samples-radiance-probe', 16)
+
+
+class TracingRange(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.mkdtemp()
+        self.out = os.path.join(self.folder, 'out')
+
+    def tearDown(self):
+        shutil.rmtree(self.folder)
+
+    def test_ranges(self):
+        command = ('bench', 'tracing-range', SCENE, '0', '4', *SMALL, '-o', self.out)
+        answer = kiln(*command, timeout=200)
+        self.assertEqual(answer.code, 0, answer.err)
+        with open(os.path.join(self.out, 'tracing-range.csv'), newline='') as file:
+            rows = {row['name']: row for row in csv.DictReader(file)}
+        self.assertEqual(len(rows), 11)
+        self.assertEqual(float(rows['inf']['nrmse']), 0)
+        self.assertEqual(float(rows['inf']['probes']), 0)
+        for name in ('1/8, sh', '1/16, sh', '1/16, octahedral', '1/16, cubemap', '1/32, sh'):
+            near, far = rows['0, ' + name], rows['4, ' + name]
+            self.assertLess(float(far['nrmse_indirect']), float(near['nrmse_indirect']))
+            self.assertGreater(float(far['nrmse_indirect']), 0)
+            self.assertGreater(float(far['rays']), float(near['rays']), 'a range of 0 needs no rays')
+            self.assertEqual(near['probe_bytes'], far['probe_bytes'])
+        probes = [float(rows['4, 1/%d, sh' % n]['probes']) for n in (8, 16, 32)]
+        self.assertLess(3 * probes[0], probes[1])
+        self.assertLess(3 * probes[1], probes[2])
+        with open(os.path.join(self.out, 'tracing-range.svg')) as file:
+            self.assertEqual(file.read().count('<circle'), 10)
+        answer = kiln(*command, '--json', timeout=60)
+        self.assertEqual(len(json.loads(answer.out)['bakes']), 11)
+        self.assertNotIn('kiln: bake ', answer.err)
+
+    def test_plan(self):
+        sets = []
+        few = ('--ranks', 4, '--texels-per-metre', 4, '--cell-size', 0.5, '--backend', 'embree', '--json')
+        for reach in (0, 1, 100):
+            answer = kiln('plan', SCENE, *few, '--tracing-range', reach, timeout=100)
+            self.assertEqual(answer.code, 0, answer.err)
+            plan = json.loads(answer.out)
+            sets.append(plan['working_set'])
+        self.assertLessEqual(sets[0]['points_mean'], sets[1]['points_mean'])
+        self.assertLess(sets[0]['points_mean'], 0.7 * sets[2]['points_mean'])
+        self.assertEqual((sets[2]['points_most'], sets[2]['triangles_most']), (plan['points'], plan['triangles']))
+        answer = kiln('plan', SCENE, *few, timeout=100)
+        self.assertNotIn('working_set', json.loads(answer.out))
+
+    def test_wrong_input_is_refused(self):
+        for code, words, arguments in ((64, 'takes ranges in metres', ('bench', 'tracing-range', SCENE, 'far')),
+                                       (64, 'takes no --tracing-range',
+                                        ('bench', 'tracing-range', SCENE, '--tracing-range', 1)),
+                                       (64, '--tracing-range', ('bake', SCENE, '--tracing-range', -1)),
+                                       (64, '--radiance-probe-spacing',
+                                        ('bake', SCENE, '--tracing-range', 1, '--radiance-probe-spacing', 1e-4,
+                                         '--lightmap-size', 8, '--backend', 'embree'))):
+            answer = kiln(*arguments, '-o', self.out, timeout=60)
+            self.assertEqual(answer.code, code, answer.err)
+            self.assertIn(words, answer.sentence())
+
+
+if __name__ == '__main__':
+    unittest.main()
