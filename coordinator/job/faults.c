@@ -49,6 +49,12 @@ static int read_locks(struct kiln_faults *faults, const char *text, struct kiln_
     return faults->no_locks ? KILN_OK : kiln_fail(error, KILN_USAGE, "KILN_LOCKS is '%.100s'; it is none", text);
 }
 
+static int read_sight(struct kiln_faults *faults, const char *text, struct kiln_error *error)
+{
+    faults->no_sight = strcmp(text, "none") == 0;
+    return faults->no_sight ? KILN_OK : kiln_fail(error, KILN_USAGE, "KILN_SIGHT is '%.100s'; it is none", text);
+}
+
 static int read_device(struct kiln_faults *faults, const char *text, struct kiln_error *error)
 {
     char kind[16];
@@ -86,7 +92,8 @@ int kiln_faults_read(struct kiln_faults *faults, struct kiln_error *error)
         int (*read)(struct kiln_faults *faults, const char *text, struct kiln_error *error);
     } variables[] = {{"KILN_SLOW_RANK", read_slowness},    {"KILN_HALT_RANK", read_halt},
                      {"KILN_FAILING_PACKER", read_packer}, {"KILN_LOCKS", read_locks},
-                     {"KILN_GPU_FAULT", read_device},      {"KILN_VULKAN_GUARD", read_guard}};
+                     {"KILN_SIGHT", read_sight},           {"KILN_GPU_FAULT", read_device},
+                     {"KILN_VULKAN_GUARD", read_guard}};
     int status = KILN_OK;
     *faults = (struct kiln_faults){0};
     for (size_t i = 0; status == KILN_OK && i < sizeof variables / sizeof *variables; i++) {
