@@ -8,6 +8,7 @@
 #include "coordinator/bake/run_report.h"
 #include "coordinator/export/export.h"
 #include "coordinator/files/publish.h"
+#include "coordinator/integrate/sight.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/read/results.h"
@@ -48,6 +49,7 @@ static int write_twice(struct kiln_bake *b, const struct kiln_bake_result *resul
 static int write_results(struct kiln_bake *b, const char *provenance, struct kiln_error *error)
 {
     const struct kiln_node_data *data = b->solution->node_data;
+    const struct kiln_sight *sight = b->solution->sight;
     const struct kiln_bake_result result = {.units = kiln_units_of(b->job->units, b->prepared->scene),
                                             .communicator = b->communicator,
                                             .scene = b->prepared->scene,
@@ -56,6 +58,10 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
                                             .fields = kiln_node_data_fields(data),
                                             .data = kiln_rank_data(data, kiln_node_data_own(data)),
                                             .radiosity = b->solution->radiosity,
+                                            .sight_units = sight != NULL ? sight->units : 0,
+                                            .sight_pair_count = sight != NULL ? sight->pair_count : 0,
+                                            .sight_first = sight != NULL ? sight->first : NULL,
+                                            .sight_pairs = sight != NULL ? sight->pairs : NULL,
                                             .stop = kiln_control_stop(b->control)};
     struct kiln_output_params params = {.directory = b->job->output,
                                         .half = b->job->half,

@@ -52,7 +52,8 @@ static const char *const other[] = {
     "preview", "exposure", "auto-exposure", "tone-map", "json", "quiet", "verbose", "resume", "checkpoint-every",
     "max-time", "watchdog", "device", "devices", "traversal", "dispatch-time", "device-memory", "verify-fraction",
     /* units give the numbers a name and change none of them */
-    "trace", "shared-memory-ranks", "work-stealing", "rebalance", "exchange-limit", "units", "export", "vertex-light"};
+    "trace", "shared-memory-ranks", "work-stealing", "rebalance", "exchange-points", "exchange-limit", "units",
+    "export", "vertex-light"};
 
 static bool is_among(const char *name, const char *const *list, size_t count)
 {

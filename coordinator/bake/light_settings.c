@@ -26,6 +26,8 @@ struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, c
         .work_stealing = job->work_stealing,
         .rebalance = (enum kiln_rebalance)job->rebalance,
         .whole_objects = job->partition_objects,
+        .probes = job->samples_probe > 0,
+        .visible_only = job->exchange_points == KILN_EXCHANGE_VISIBLE,
         .exchange_limit = job->exchange_limit,
         .faults = job->faults};
 }

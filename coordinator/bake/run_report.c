@@ -9,6 +9,7 @@
 #include "coordinator/run/process_memory.h"
 #include "coordinator/bake/near_lights.h"
 #include "coordinator/bake/run_table.h"
+#include "coordinator/integrate/sight.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/checksummed_json.h"
@@ -28,6 +29,10 @@ enum {
     RANK_PSS,
     RANK_SHARED,
     RANK_RECEIVED,
+    RANK_WHOLE,
+    RANK_AGAIN,
+    RANK_GRID_PAIRS,
+    RANK_GRID_SENT,
     RANK_STOLEN_FROM,
     RANK_STOLEN_BY,
     RANK_RECOVERIES,
@@ -192,6 +197,12 @@ static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
     values[RANK_PSS] = kiln_process_memory(KILN_MEMORY_SHARE);
     values[RANK_SHARED] = kiln_node_rank(run->prepared->node) == 0 ? kiln_node_bytes(run->prepared->node) : 0;
     values[RANK_RECEIVED] = t->received;
+    values[RANK_WHOLE] = t->whole;
+    values[RANK_AGAIN] = t->computed_again;
+    if (run->solution->sight != NULL) {
+        values[RANK_GRID_PAIRS] = run->solution->sight->pair_count;
+        values[RANK_GRID_SENT] = run->solution->sight->sent;
+    }
     struct kiln_backend_info info;
     kiln_backend_info(run->prepared->backend, &info);
     values[RANK_RECOVERIES] = info.recoveries;
@@ -515,6 +526,17 @@ static json_t *volume_json(const struct kiln_run *run, const uint64_t *values)
                      total(values, ranks, RANK_PROBES_IN + KILN_PROBE_BURIED));
 }
 
+/* What it came to that nodes received the radiosity of what they see. */
+static json_t *visible_json(const struct kiln_run *run, const uint64_t *values)
+{
+    const int ranks = run->prepared->ranks;
+    const struct kiln_sight *sight = run->solution->sight;
+    return json_pack("{s:I, s:I, s:I, s:f, s:I, s:I}", "patches", (json_int_t)sight->units, "pairs",
+                     total(values, ranks, RANK_GRID_PAIRS), "grid_bytes_sent", total(values, ranks, RANK_GRID_SENT),
+                     "grid_seconds", sight->seconds, "received_between_nodes_of_all", total(values, ranks, RANK_WHOLE),
+                     "points_computed_again", total(values, ranks, RANK_AGAIN));
+}
+
 /* Numbers of rays, of the steps by role and of the probes; *sum receives their total. */
 static json_t *rays_json(const struct kiln_roles *roles, const uint64_t *values, int ranks, double *sum)
 {
@@ -669,6 +691,8 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "balance", balance_json(run, values));
     json_object_set_new(root, "memory", memory_json(run, values));
     json_object_set_new(mpi, "received_between_nodes", json_integer(total(values, p->ranks, RANK_RECEIVED)));
+    if (run->solution->sight != NULL)
+        json_object_set_new(mpi, "visible", visible_json(run, values));
     json_object_set_new(root, "mpi", mpi);
     if (run->volume->size[0] != 0)
         json_object_set_new(root, "volume", volume_json(run, values));

@@ -27,6 +27,7 @@ static bool has_late_bounces(const struct kiln_job *job)
 }
 static bool has_views(const struct kiln_job *job) { return job->only_visible_from != NULL; }
 static bool has_blocks(const struct kiln_job *job) { return job->indirect_scale > 0; }
+static bool receives_visible(const struct kiln_job *job) { return job->exchange_points == KILN_EXCHANGE_VISIBLE; }
 static bool has_target(const struct kiln_job *job) { return job->target_error > 0.0; }
 static bool wants_errors_apart(const struct kiln_job *job) { return job->error_map || kiln_job_denoises(job); }
 
@@ -363,6 +364,15 @@ static const struct kiln_field table[] = {
      .life = KILN_FIELD_STEP,
      .member = AT(cost),
      .high = INFINITY},
+    {.name = "lacking",
+     .unit = "1",
+     .type = KILN_FIELD_UINT32,
+     .components = 1,
+     .domain = KILN_DOMAIN_TILE_RUN,
+     .life = KILN_FIELD_STEP,
+     .member = AT(lacking),
+     .high = 1.0,
+     .present = receives_visible},
     {.name = "queue",
      .unit = "1",
      .type = KILN_FIELD_QUEUE,

@@ -4,12 +4,20 @@
 #include <sched.h>
 #include <string.h>
 
+#include "coordinator/field/reach.h"
 #include "coordinator/mpi/waiting.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/mpi/assert_same.h"
 #include "worker/scene/radiosity.h"
 
 enum { GROUPS_MOST = 8, GROUP_POINTS = 512 };
+enum { EXPAND_ALONE = 4096 }; /* values that are not worth waking threads */
+
+/* Messages that are under way. */
+struct requests {
+    MPI_Request *of;
+    size_t count, room;
+};
 
 /* Ranks of different nodes that exchange with each other, one of each. */
 struct lane {
@@ -18,11 +26,12 @@ struct lane {
     bool own;         /* this rank's own values go here; else it only receives for its node */
     uint64_t *ranges; /* of each member: first, count; 0 values where it only receives */
     int *counts, *places;
-    uint32_t started; /* groups of this bounce */
-    double since;     /* when the last one was */
-    uint64_t bytes;   /* of it, to receive */
-    MPI_Request *requests;
-    size_t request_count, request_room;
+    uint32_t started;              /* groups of this bounce */
+    double since;                  /* when the last one was */
+    uint64_t bytes;                /* of it, to receive */
+    struct kiln_reach_asked asked; /* with a reach: what the members want of own points */
+    /* of groups, which travel while the bounce goes on; of what is exchanged meanwhile, and waited for */
+    struct requests groups, now;
 };
 
 struct kiln_radiosity_allgather {
@@ -34,9 +43,10 @@ struct kiln_radiosity_allgather {
     uint32_t *incoming; /* all points; NULL with one node */
     struct lane *lanes;
     size_t lane_count;
-    uint64_t received;
+    uint64_t received, whole; /* bytes; the second as if nodes wanted all */
     double scale;
     bool under_way;
+    struct kiln_reach *reach; /* NULL: nodes receive all */
 };
 
 uint64_t *kiln_radiosity_allgather_values(const struct kiln_radiosity_allgather *allgather)
@@ -47,6 +57,7 @@ uint64_t kiln_radiosity_allgather_received(const struct kiln_radiosity_allgather
 {
     return allgather->received;
 }
+uint64_t kiln_radiosity_allgather_whole(const struct kiln_radiosity_allgather *allgather) { return allgather->whole; }
 
 void kiln_radiosity_allgather_set_scale(struct kiln_radiosity_allgather *allgather, double scale)
 {
@@ -174,21 +185,36 @@ void kiln_radiosity_allgather_destroy(struct kiln_radiosity_allgather **allgathe
         kiln_free(&x->lanes[i].ranges);
         kiln_free(&x->lanes[i].counts);
         kiln_free(&x->lanes[i].places);
-        kiln_free(&x->lanes[i].requests);
+        kiln_free(&x->lanes[i].groups.of);
+        kiln_free(&x->lanes[i].now.of);
+        kiln_free(&x->lanes[i].asked.states);
     }
     kiln_free(&x->lanes);
+    kiln_reach_destroy(&x->reach);
     kiln_node_destroy(&x->private_node);
     kiln_free(allgather);
 }
 
-void kiln_radiosity_allgather_set_range(struct kiln_radiosity_allgather *x, struct kiln_global_point first,
-                                        uint64_t count)
+/* Collective. The members of all lanes tell each other what they want. */
+static int tell_lanes(struct kiln_radiosity_allgather *x, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; i < x->lane_count && status == KILN_OK; i++) {
+        struct lane *lane = &x->lanes[i];
+        status = kiln_reach_tell(x->reach, lane->communicator, lane->ranges, &lane->asked, error);
+    }
+    return kiln_agree(x->params.communicator, status, error);
+}
+
+int kiln_radiosity_allgather_set_range(struct kiln_radiosity_allgather *x, struct kiln_global_point first,
+                                       uint64_t count, struct kiln_error *error)
 {
     kiln_assert_ranges(x->params.communicator, first.at, count, x->params.total, "the ranks' new points");
     x->params.first = first;
     x->params.count = count;
     for (size_t i = 0; i < x->lane_count; i++)
         learn_ranges(x, &x->lanes[i]);
+    return x->reach != NULL ? tell_lanes(x, error) : KILN_OK;
 }
 
 /* ---- a group ---- */
@@ -199,87 +225,297 @@ static uint64_t group_begin(uint64_t count, uint32_t group, uint32_t groups)
     return count / groups * group + count % groups * group / groups;
 }
 
-static MPI_Request *new_request(struct lane *lane)
+static MPI_Request *new_request(struct requests *r)
 {
     struct kiln_error error;
-    if (kiln_grow(&lane->requests, &lane->request_room, lane->request_count + 1, sizeof *lane->requests,
-                  "messages between nodes", &error) != KILN_OK)
+    if (kiln_grow(&r->of, &r->room, r->count + 1, sizeof *r->of, "messages between nodes", &error) != KILN_OK)
         kiln_end_all_ranks(KILN_SYSTEM, &error); /* others wait for it already */
-    return &lane->requests[lane->request_count++];
+    return &r->of[r->count++];
+}
+
+enum { WANTED = 1u << KILN_REACH_WANTED, NEW = 1u << KILN_REACH_NEW, FETCHED = 1u << KILN_REACH_FETCHED };
+
+/* What goes out of a lane's members: one group of their points. */
+struct message {
+    void *all; /* the array of all points that it is read from and written to */
+    size_t size;
+    uint32_t group, groups;
+    uint32_t mask;       /* with a reach: only of units in these states, of the receiver */
+    struct requests *to; /* of the lane */
+    uint64_t bytes;      /* that this rank receives: filled in */
+};
+
+static MPI_Datatype element_of(const struct message *g)
+{
+    return g->size == sizeof(uint64_t) ? MPI_UINT64_T : MPI_UINT32_T;
 }
 
 /* Beyond what int holds: one member's part after the other, in pieces. */
-static void start_pieces(const struct kiln_radiosity_allgather *x, struct lane *lane, void *all, size_t size,
-                         MPI_Datatype type, uint32_t group, uint32_t groups)
+static void start_pieces(const struct kiln_radiosity_allgather *x, struct lane *lane, const struct message *g)
 {
     for (int m = 0; m < lane->members; m++) {
         const uint64_t first = lane->ranges[2 * m], count = lane->ranges[2 * m + 1];
-        const uint64_t end = group_begin(count, group + 1, groups);
-        for (uint64_t at = group_begin(count, group, groups); at < end;) {
+        const uint64_t end = group_begin(count, g->group + 1, g->groups);
+        for (uint64_t at = group_begin(count, g->group, g->groups); at < end;) {
             const uint64_t piece = end - at < x->params.limit ? end - at : x->params.limit;
-            (void)MPI_Ibcast((char *)all + (first + at) * size, (int)piece, type, m, lane->communicator,
-                             new_request(lane));
+            (void)MPI_Ibcast((char *)g->all + (first + at) * g->size, (int)piece, element_of(g), m, lane->communicator,
+                             new_request(g->to));
             at += piece;
         }
     }
 }
 
-/* Begins to send and receive a group of all members. */
-static void start_group(struct kiln_radiosity_allgather *x, struct lane *lane, void *all, size_t size, uint32_t group,
-                        uint32_t groups)
+/* All of the group. */
+static void start_whole(struct kiln_radiosity_allgather *x, struct lane *lane, const struct message *g)
 {
-    const MPI_Datatype type = size == sizeof(uint64_t) ? MPI_UINT64_T : MPI_UINT32_T;
-    uint64_t sum = 0;
-    for (int m = 0; m < lane->members; m++)
-        sum += group_begin(lane->ranges[2 * m + 1], group + 1, groups) -
-               group_begin(lane->ranges[2 * m + 1], group, groups);
-    const uint64_t own = group_begin(x->params.count, group + 1, groups) - group_begin(x->params.count, group, groups);
-    lane->since = MPI_Wtime();
-    lane->bytes = (sum - (lane->own ? own : 0)) * size;
-    x->received += lane->bytes;
     if (x->params.total > x->params.limit) {
-        start_pieces(x, lane, all, size, type, group, groups);
+        start_pieces(x, lane, g);
         return;
     }
-    MPI_Request *request = new_request(lane);
+    MPI_Request *request = new_request(g->to);
     /* read when the call begins, and until it ends by some libraries: see finish */
     for (int m = 0; m < lane->members; m++) {
-        const uint64_t count = lane->ranges[2 * m + 1], begin = group_begin(count, group, groups);
+        const uint64_t count = lane->ranges[2 * m + 1], begin = group_begin(count, g->group, g->groups);
         lane->places[m] = (int)(lane->ranges[2 * m] + begin);
-        lane->counts[m] = (int)(group_begin(count, group + 1, groups) - begin);
+        lane->counts[m] = (int)(group_begin(count, g->group + 1, g->groups) - begin);
     }
-    (void)MPI_Iallgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, all, lane->counts, lane->places, type, lane->communicator,
-                          request);
+    (void)MPI_Iallgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, g->all, lane->counts, lane->places, element_of(g),
+                          lane->communicator, request);
+}
+
+/* What is wanted of the group's points of member `owner`, by the states of the receiver from unit `unit` on. Returns
+ * the number of values; see kiln_reach_type. */
+static uint64_t wanted_type(const struct kiln_radiosity_allgather *x, const struct lane *lane, const struct message *g,
+                            int owner, const uint8_t *states, uint64_t unit, MPI_Datatype *type)
+{
+    const uint64_t first = lane->ranges[2 * owner], count = lane->ranges[2 * owner + 1];
+    return kiln_reach_type(x->reach, states, unit, g->mask, first + group_begin(count, g->group, g->groups),
+                           first + group_begin(count, g->group + 1, g->groups), element_of(g), g->size, type);
+}
+
+/* What is wanted of the group: a message for each pair of members that has any; both know which pairs these are. Groups
+ * have their numbers for tags; what is exchanged meanwhile has another. */
+static void start_wanted(struct kiln_radiosity_allgather *x, struct lane *lane, struct message *g)
+{
+    const int tag = g->to == &lane->now ? GROUPS_MOST : (int)g->group;
+    const struct kiln_reach_units own = lane->asked.units;
+    MPI_Datatype type;
+    int self;
+    (void)MPI_Comm_rank(lane->communicator, &self);
+    g->bytes = 0;
+    for (int m = 0; m < lane->members; m++) {
+        const uint64_t values = m != self ? wanted_type(x, lane, g, m, x->reach->states, 0, &type) : 0;
+        if (values == 0)
+            continue;
+        (void)MPI_Irecv(g->all, 1, type, m, tag, lane->communicator, new_request(g->to));
+        (void)MPI_Type_free(&type);
+        g->bytes += values * g->size;
+    }
+    for (int m = 0; m < lane->members; m++) {
+        const uint8_t *states = lane->asked.states + (uint64_t)m * (own.end - own.begin);
+        if (m == self || wanted_type(x, lane, g, self, states, own.begin, &type) == 0)
+            continue;
+        (void)MPI_Isend(g->all, 1, type, m, tag, lane->communicator, new_request(g->to));
+        (void)MPI_Type_free(&type);
+    }
+}
+
+/* Begins to send and receive a group of all members. */
+static void start_group(struct kiln_radiosity_allgather *x, struct lane *lane, struct message *g)
+{
+    uint64_t sum = 0;
+    for (int m = 0; m < lane->members; m++)
+        sum += group_begin(lane->ranges[2 * m + 1], g->group + 1, g->groups) -
+               group_begin(lane->ranges[2 * m + 1], g->group, g->groups);
+    const uint64_t own =
+        group_begin(x->params.count, g->group + 1, g->groups) - group_begin(x->params.count, g->group, g->groups);
+    g->bytes = (sum - (lane->own ? own : 0)) * g->size;
+    /* what is asked for besides has no counterpart where nodes receive all */
+    if ((g->mask & WANTED) != 0)
+        x->whole += g->bytes;
+    if (x->reach != NULL)
+        start_wanted(x, lane, g);
+    else
+        start_whole(x, lane, g);
+    x->received += g->bytes;
+}
+
+/* The next group of a bounce. */
+static void start_next(struct kiln_radiosity_allgather *x, struct lane *lane)
+{
+    struct message message = {.all = x->incoming,
+                              .size = sizeof *x->incoming,
+                              .group = lane->started++,
+                              .groups = x->params.groups,
+                              .mask = WANTED,
+                              .to = &lane->groups};
+    lane->since = MPI_Wtime();
+    start_group(x, lane, &message);
+    lane->bytes = message.bytes;
 }
 
 /* Whether all that was started is over. Never waits. */
 static bool settled(const struct kiln_radiosity_allgather *x, struct lane *lane)
 {
     int complete = 1;
-    if (lane->request_count == 0)
+    if (lane->groups.count == 0)
         return true;
-    (void)MPI_Testall((int)lane->request_count, lane->requests, &complete, MPI_STATUSES_IGNORE);
+    (void)MPI_Testall((int)lane->groups.count, lane->groups.of, &complete, MPI_STATUSES_IGNORE);
     if (complete != 0) {
         kiln_trace_add(x->params.trace, KILN_TRACE_TRAVEL, "group of points", lane->since, MPI_Wtime(),
                        (int64_t)lane->bytes);
-        lane->request_count = 0;
+        lane->groups.count = 0;
     }
     return complete != 0;
 }
 
-static void wait_for(struct lane *lane)
+static void wait_for(struct requests *r)
 {
-    (void)MPI_Waitall((int)lane->request_count, lane->requests, MPI_STATUSES_IGNORE);
-    lane->request_count = 0;
+    (void)MPI_Waitall((int)r->count, r->of, MPI_STATUSES_IGNORE);
+    r->count = 0;
+}
+
+/* All lanes: what nodes want in the states `mask`, at once. */
+static void exchange_now(struct kiln_radiosity_allgather *x, void *all, size_t size, uint32_t mask)
+{
+    for (size_t i = 0; i < x->lane_count; i++) {
+        struct message message = {.all = all, .size = size, .groups = 1, .mask = mask, .to = &x->lanes[i].now};
+        start_group(x, &x->lanes[i], &message);
+    }
+    for (size_t i = 0; i < x->lane_count; i++)
+        wait_for(&x->lanes[i].now);
+}
+
+/* On both sides. */
+static void replace_states(struct kiln_radiosity_allgather *x, enum kiln_reach_state from, enum kiln_reach_state to)
+{
+    if (x->reach == NULL)
+        return;
+    kiln_reach_replace(x->reach->states, x->reach->count, from, to);
+    for (size_t i = 0; i < x->lane_count; i++) {
+        const struct kiln_reach_asked *asked = &x->lanes[i].asked;
+        kiln_reach_replace(asked->states, (uint64_t)x->lanes[i].members * (asked->units.end - asked->units.begin), from,
+                           to);
+    }
 }
 
 void kiln_radiosity_allgather_all(struct kiln_radiosity_allgather *x)
 {
-    for (size_t i = 0; i < x->lane_count; i++)
-        start_group(x, &x->lanes[i], x->values, sizeof *x->values, 0, 1);
-    for (size_t i = 0; i < x->lane_count; i++)
-        wait_for(&x->lanes[i]);
+    exchange_now(x, x->values, sizeof *x->values, WANTED | NEW);
+    replace_states(x, KILN_REACH_NEW, KILN_REACH_WANTED);
     kiln_node_wait(x->node);
+}
+
+/* ---- the reach ---- */
+
+/* This rank's part of all points of the node, as the ranks share work among each other. */
+struct part {
+    uint64_t begin, end;
+};
+static struct part part_of(const struct kiln_radiosity_allgather *x)
+{
+    const uint64_t ranks = (uint64_t)kiln_node_ranks(x->node), rank = (uint64_t)kiln_node_rank(x->node),
+                   total = x->params.total;
+    return (struct part){total / ranks * rank + total % ranks * rank / ranks,
+                         total / ranks * (rank + 1) + total % ranks * (rank + 1) / ranks};
+}
+
+void kiln_radiosity_allgather_mark(struct kiln_radiosity_allgather *x,
+                                   uint64_t (*mark)(const void *context, uint64_t unit), const void *context)
+{
+    const struct part part = part_of(x);
+    const struct kiln_reach *r = x->reach;
+    const struct kiln_reach_units units = kiln_reach_units(r, part.begin, part.end - part.begin);
+    kiln_node_wait(x->node);
+    for (uint64_t u = units.begin; u < units.end; u++) {
+        const uint64_t begin = r->first[u] > part.begin ? r->first[u] : part.begin,
+                       end = r->first[u + 1] < part.end ? r->first[u + 1] : part.end;
+        const uint64_t value = r->states[u] == KILN_REACH_ABSENT ? mark(context, u) : 0;
+        for (uint64_t i = begin; i < end && r->states[u] == KILN_REACH_ABSENT; i++)
+            x->values[i] = value;
+    }
+    kiln_node_wait(x->node);
+}
+
+static uint64_t absent(const void *context, uint64_t unit)
+{
+    (void)context, (void)unit;
+    return kiln_radiosity_absent(KILN_RADIOSITY_ALL_CHANNELS);
+}
+
+void kiln_radiosity_allgather_mark_absent(struct kiln_radiosity_allgather *x)
+{
+    kiln_radiosity_allgather_mark(x, absent, NULL);
+}
+
+/* Collective on the node: units that any rank of it wants, or has points of, are asked for. */
+static void merge_wishes(struct kiln_radiosity_allgather *x, uint8_t *wanted)
+{
+    uint64_t count = x->reach->count;
+    for (uint64_t at = 0, some; at < count; at += some) {
+        some = count - at < INT_MAX ? count - at : INT_MAX;
+        (void)MPI_Allreduce(MPI_IN_PLACE, wanted + at, (int)some, MPI_UINT8_T, MPI_MAX,
+                            kiln_node_communicator(x->params.node));
+    }
+    for (uint64_t u = 0; u < count; u++)
+        if (wanted[u] != 0 && x->reach->states[u] == KILN_REACH_ABSENT)
+            x->reach->states[u] = KILN_REACH_FETCHED;
+}
+
+int kiln_radiosity_allgather_want(struct kiln_radiosity_allgather *x, uint8_t *wanted, bool now,
+                                  struct kiln_error *error)
+{
+    const struct kiln_reach_units own = kiln_reach_units(x->reach, x->params.first.at, x->params.count);
+    for (uint64_t u = own.begin; u < own.end; u++)
+        wanted[u] = 1;
+    merge_wishes(x, wanted);
+    const int status = tell_lanes(x, error);
+    if (status != KILN_OK)
+        return status;
+    if (now)
+        exchange_now(x, x->values, sizeof *x->values, FETCHED);
+    replace_states(x, KILN_REACH_FETCHED, x->under_way ? KILN_REACH_NEW : KILN_REACH_WANTED);
+    kiln_node_wait(x->node);
+    return KILN_OK;
+}
+
+int kiln_radiosity_allgather_drop(struct kiln_radiosity_allgather *x, const uint8_t *wanted, struct kiln_error *error)
+{
+    for (uint64_t u = 0; u < x->reach->count; u++)
+        if (wanted[u] == 0)
+            x->reach->states[u] = KILN_REACH_ABSENT;
+    const int status = tell_lanes(x, error);
+    if (status == KILN_OK)
+        kiln_radiosity_allgather_mark_absent(x);
+    return status;
+}
+
+int kiln_radiosity_allgather_limit(struct kiln_radiosity_allgather *x, const uint64_t *first, uint64_t count,
+                                   struct kiln_error *error)
+{
+    uint8_t *none = NULL;
+    kiln_assert_same(x->params.communicator, count, "the number of units");
+    if (x->nodes == 1)
+        return KILN_OK;
+    int status = kiln_reach_create(&x->reach, first, count, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&none, (size_t)count, sizeof *none, "the reach of a node", error);
+    status = kiln_agree(x->params.communicator, status, error);
+    if (status == KILN_OK)
+        status = kiln_radiosity_allgather_want(x, none, false, error);
+    if (status == KILN_OK)
+        kiln_radiosity_allgather_mark_absent(x);
+    else
+        kiln_reach_destroy(&x->reach);
+    kiln_free(&none);
+    return status;
+}
+
+void kiln_radiosity_allgather_unlimit(struct kiln_radiosity_allgather *x) { kiln_reach_destroy(&x->reach); }
+
+const uint8_t *kiln_radiosity_allgather_reach(const struct kiln_radiosity_allgather *x)
+{
+    return x->reach != NULL ? x->reach->states : NULL;
 }
 
 /* ---- a bounce ---- */
@@ -287,6 +523,7 @@ void kiln_radiosity_allgather_all(struct kiln_radiosity_allgather *x)
 void kiln_radiosity_allgather_begin(struct kiln_radiosity_allgather *x)
 {
     x->under_way = true;
+    replace_states(x, KILN_REACH_NEW, KILN_REACH_WANTED);
     for (size_t i = 0; i < x->lane_count; i++)
         x->lanes[i].started = 0;
 }
@@ -310,8 +547,7 @@ static void advance_lane(struct kiln_radiosity_allgather *x, struct lane *lane, 
             return;
         if (lane->own)
             put_group(x, next, group);
-        lane->started++;
-        start_group(x, lane, x->incoming, sizeof *x->incoming, group, groups);
+        start_next(x, lane);
     }
 }
 
@@ -332,9 +568,9 @@ static void drive(struct kiln_radiosity_allgather *x, const uint32_t *next, uint
             if (settled(x, lane) && lane->started < groups) {
                 if (lane->own && next != NULL)
                     put_group(x, next, lane->started);
-                start_group(x, lane, x->incoming, sizeof *x->incoming, lane->started++, x->params.groups);
+                start_next(x, lane);
             }
-            busy = busy || lane->request_count > 0 || lane->started < groups;
+            busy = busy || lane->groups.count > 0 || lane->started < groups;
         }
         if (busy)
             (void)sched_yield(); /* a rank that is not done may want the core */
@@ -346,7 +582,7 @@ static void drive(struct kiln_radiosity_allgather *x, const uint32_t *next, uint
 static void expand(const struct kiln_radiosity_allgather *x, const uint32_t *from, uint64_t *to, uint64_t count)
 {
     const double scale = x->scale;
-#pragma omp parallel for schedule(static) num_threads((int)x->params.threads)
+#pragma omp parallel for schedule(static) num_threads((int)x->params.threads) if (count > EXPAND_ALONE)
     for (uint64_t i = 0; i < count; i++) {
         float rgb[3];
         kiln_radiosity_expand(from[i], scale, rgb);
@@ -354,14 +590,31 @@ static void expand(const struct kiln_radiosity_allgather *x, const uint32_t *fro
     }
 }
 
-/* This rank's part of all points, from `incoming` to `values`. */
+/* This rank's part of all points that the node has, from `incoming` to `values`. */
 static void expand_part(struct kiln_radiosity_allgather *x)
 {
-    const uint64_t ranks = (uint64_t)kiln_node_ranks(x->node), rank = (uint64_t)kiln_node_rank(x->node),
-                   total = x->params.total;
-    const uint64_t begin = total / ranks * rank + total % ranks * rank / ranks;
-    const uint64_t end = total / ranks * (rank + 1) + total % ranks * (rank + 1) / ranks;
-    expand(x, x->incoming + begin, x->values + begin, end - begin);
+    const struct part part = part_of(x);
+    if (x->reach == NULL) {
+        expand(x, x->incoming + part.begin, x->values + part.begin, part.end - part.begin);
+        return;
+    }
+    const struct kiln_reach *r = x->reach;
+    const struct kiln_reach_units units = kiln_reach_units(r, part.begin, part.end - part.begin);
+    for (uint64_t u = units.begin; u < units.end; u++) {
+        const uint64_t begin = r->first[u] > part.begin ? r->first[u] : part.begin,
+                       end = r->first[u + 1] < part.end ? r->first[u + 1] : part.end;
+        if (r->states[u] != KILN_REACH_ABSENT)
+            expand(x, x->incoming + begin, x->values + begin, end - begin);
+    }
+}
+
+/* What nodes have asked for since the groups began to leave. */
+static void send_new(struct kiln_radiosity_allgather *x)
+{
+    if (x->reach == NULL)
+        return;
+    exchange_now(x, x->incoming, sizeof *x->incoming, NEW);
+    replace_states(x, KILN_REACH_NEW, KILN_REACH_WANTED);
 }
 
 void kiln_radiosity_allgather_finish(struct kiln_radiosity_allgather *x, const uint32_t *next)
@@ -371,6 +624,7 @@ void kiln_radiosity_allgather_finish(struct kiln_radiosity_allgather *x, const u
     x->under_way = false;
     if (x->nodes > 1) {
         drive(x, next, x->params.groups);
+        send_new(x);
         kiln_node_wait(x->node);
         expand_part(x);
     } else {

@@ -12,6 +12,11 @@
  * second block, 4 bytes a point, until the bounce is over and nobody gathers from the old radiosity any more; the
  * node's ranks then expand it, each a part. Nodes that are alone have no such block.
  *
+ * A node may have a reach: then it receives only the points of units (patches of surface) that it wants. Those of its
+ * own ranks it always has; the others are marked as absent (worker/scene/radiosity.h). What is wanted is only ever
+ * added to: values that are already there come at once, and those that are on their way follow at the end. The messages
+ * are those of pairs of ranks then, with types that pick the values out where they stand.
+ *
  * Counts and displacements of MPI are int. Within a limit (2^31 - 1 points) a group is one collective call; beyond, one
  * broadcast for each rank's part, in pieces. */
 #ifndef KILN_COORDINATOR_FIELD_RADIOSITY_ALLGATHER_H
@@ -44,9 +49,10 @@ int kiln_radiosity_allgather_create(struct kiln_radiosity_allgather **allgather,
 /* Collective. The radiosity goes with it, or with the node memory. */
 void kiln_radiosity_allgather_destroy(struct kiln_radiosity_allgather **allgather);
 
-/* Collective, between bounces. Own points are others from now on; the ranges still follow one another and cover all. */
-void kiln_radiosity_allgather_set_range(struct kiln_radiosity_allgather *allgather, struct kiln_global_point first,
-                                        uint64_t count);
+/* Collective, between bounces. Own points are others from now on; the ranges still follow one another and cover all.
+ * KILN_SYSTEM on all ranks; without a reach it cannot fail. */
+int kiln_radiosity_allgather_set_range(struct kiln_radiosity_allgather *allgather, struct kiln_global_point first,
+                                       uint64_t count, struct kiln_error *error);
 
 /* The radiosity of all points, packed, total values. Own values may be written while no rank of the node gathers. */
 uint64_t *kiln_radiosity_allgather_values(const struct kiln_radiosity_allgather *allgather);
@@ -67,7 +73,41 @@ void kiln_radiosity_allgather_finish(struct kiln_radiosity_allgather *allgather,
 /* Collective. Ends a bounce that is not to be finished. */
 void kiln_radiosity_allgather_abandon(struct kiln_radiosity_allgather *allgather);
 
-/* Bytes that this rank has received from other nodes. */
+/* Bytes that this rank has received from other nodes; and that it would have received without a reach. */
 uint64_t kiln_radiosity_allgather_received(const struct kiln_radiosity_allgather *allgather);
+uint64_t kiln_radiosity_allgather_whole(const struct kiln_radiosity_allgather *allgather);
+
+/* ---- the reach ---- */
+
+/* Collective, between bounces. From now on nodes receive what they want; at first what is their own. Own values are
+ * there; of the others none is believed. `first`: first point of each of `count` units, and one more at the end,
+ * borrowed; the same on all ranks. Without other nodes it does nothing. KILN_SYSTEM on all ranks, and nodes receive
+ * all.
+ */
+int kiln_radiosity_allgather_limit(struct kiln_radiosity_allgather *allgather, const uint64_t *first, uint64_t count,
+                                   struct kiln_error *error);
+/* Collective, between bounces. Nodes receive all again: with the next exchange. */
+void kiln_radiosity_allgather_unlimit(struct kiln_radiosity_allgather *allgather);
+
+/* How this node stands to each unit, 0: its points are absent. NULL: there is no reach. */
+const uint8_t *kiln_radiosity_allgather_reach(const struct kiln_radiosity_allgather *allgather);
+
+/* Collective, while nobody gathers. The node wants the units for which `wanted` (one byte a unit, which becomes the
+ * node's) is not 0 on any of its ranks, from now on. `now`: it receives their present values; else those of the next
+ * exchange are the first. KILN_SYSTEM on all ranks. */
+int kiln_radiosity_allgather_want(struct kiln_radiosity_allgather *allgather, uint8_t *wanted, bool now,
+                                  struct kiln_error *error);
+
+/* Collective, between bounces, after it was asked for what the new ranges see: units that no rank of the node has a
+ * part in, and for which `wanted` is 0 (as kiln_radiosity_allgather_want has left it), are not wanted any more.
+ * KILN_SYSTEM on all ranks. */
+int kiln_radiosity_allgather_drop(struct kiln_radiosity_allgather *allgather, const uint8_t *wanted,
+                                  struct kiln_error *error);
+
+/* Collective on the node, with a reach, while no other rank of it gathers. The values of absent points become
+ * mark(context, unit); the second puts the mark of all back (kiln_radiosity_absent). */
+void kiln_radiosity_allgather_mark(struct kiln_radiosity_allgather *allgather,
+                                   uint64_t (*mark)(const void *context, uint64_t unit), const void *context);
+void kiln_radiosity_allgather_mark_absent(struct kiln_radiosity_allgather *allgather);
 
 #endif

@@ -31,11 +31,14 @@ struct kiln_rank_data {
     uint64_t *source;        /* 1 a point: packed radiosity that is gathered from; NULL: not known yet */
     /* 1 a tile run: of each point, in a step with adaptive samples; NULL: the bake has no such steps */
     uint32_t *samples;
-    uint32_t *samples_bounce;      /* likewise, of late bounces; NULL: their number is given */
-    uint32_t *samples_direct;      /* likewise, of direct light, in a bake with a target error */
-    uint16_t *seen;                /* 1 a tile run: 0 where no view sees it (kiln_integrate_params); NULL: all are */
-    uint16_t *block;               /* 1 a point: integrate/blocks.h; NULL: there are no blocks */
-    float *cost;                   /* 1 a tile run: seconds that it took in the present step */
+    uint32_t *samples_bounce; /* likewise, of late bounces; NULL: their number is given */
+    uint32_t *samples_direct; /* likewise, of direct light, in a bake with a target error */
+    uint16_t *seen;           /* 1 a tile run: 0 where no view sees it (kiln_integrate_params); NULL: all are */
+    uint16_t *block;          /* 1 a point: integrate/blocks.h; NULL: there are no blocks */
+    float *cost;              /* 1 a tile run: seconds that it took in the present step */
+    /* 1 a tile run, in the present step: 1 where its rays met a point whose radiosity is absent, so that its answers
+     * were not taken; NULL: all radiosity is there */
+    uint32_t *lacking;
     struct kiln_work_queue *queue; /* the owner's work of the present step that may be stolen */
     void *more[KILN_FIELDS_MAX];   /* fields without a member, at their places in the set */
 };

@@ -21,7 +21,10 @@ struct kiln_bake_result {
     /* what was computed of the own points: read with kiln_rank_field and kiln_rank_floats */
     const struct kiln_field_set *fields;
     const struct kiln_rank_data *data;
-    const uint64_t *radiosity;    /* all points: packed total radiosity (albedo x irradiance), for views and probes */
+    const uint64_t *radiosity; /* all points: packed total radiosity (albedo x irradiance), for views and probes */
+    /* of the visibility grid (integrate/sight.h): its units, 0: there is none; pairs of the own ones */
+    uint64_t sight_units, sight_pair_count;
+    const uint64_t *sight_first, *sight_pairs;
     const struct kiln_stop *stop; /* what asks to end before all files are written; NULL: nothing does */
 };
 

@@ -162,13 +162,24 @@ static int choose_points(struct kiln_batches *b, struct kiln_range range, struct
     return status;
 }
 
+int kiln_batches_masks(struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range range,
+                       const uint64_t **masks, struct kiln_error *error)
+{
+    const bool any = has_masks(&b->report->step);
+    b->data = data;
+    const int status = any ? choose_points(b, range, error) : KILN_OK;
+    *masks = any ? b->masks : NULL;
+    return status;
+}
+
 /* Runs the step's pass of the backend. */
 static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct kiln_error *error)
 {
     struct kiln_backend *backend = b->params->backend;
     const struct kiln_step *step = &b->report->step;
     assert(b->data == b->solution->own || step->pass->is_stealable);
-    const int status = has_masks(step) ? choose_points(b, range, error) : KILN_OK;
+    const uint64_t *masks;
+    const int status = kiln_batches_masks(b, b->data, range, &masks, error);
     if (status != KILN_OK)
         return status;
     const struct kiln_batch batch = {.first = range.first,
@@ -177,7 +188,8 @@ static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct k
                                      .samples = step->samples,
                                      .first_sample = step->first_sample,
                                      .samples_each = samples_from(b, range.first),
-                                     .point_masks = has_masks(step) ? b->masks : NULL,
+                                     .point_masks = masks,
+                                     .may_lack = b->taker->may_lack,
                                      .take = take_part,
                                      .context = b};
     return kiln_backend_run(backend, step->pass, step->parameters, &batch, &b->report->rays, error);

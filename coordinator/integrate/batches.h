@@ -40,6 +40,11 @@ void kiln_batches_begin(struct kiln_batches *batches, struct kiln_step_report *r
  * KILN_EVENT_FAIL. */
 int kiln_batches_run(struct kiln_batches *batches, enum kiln_event *event, struct kiln_error *error);
 
+/* The points of the tile runs of `data` in the range that the step under way computes, as kiln_batch has it; valid
+ * until the next call of any of these. KILN_SYSTEM. */
+int kiln_batches_masks(struct kiln_batches *batches, const struct kiln_rank_data *data, struct kiln_range range,
+                       const uint64_t **masks, struct kiln_error *error);
+
 void kiln_batches_release(struct kiln_batches *batches);
 
 #endif

@@ -87,6 +87,20 @@ static void choose_scale(struct kiln_lockstep *l)
     kiln_radiosity_allgather_set_scale(l->solution->allgather, ldexp(1.0, ilogb(kiln_ledger_power(&l->ledger) / area)));
 }
 
+/* Collective. From now on nodes receive what their points see. */
+static int limit_exchange(struct kiln_lockstep *l, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    struct kiln_solution *s = l->solution;
+    if (!p->settings->visible_only)
+        return KILN_OK;
+    kiln_control_meet(p->control);
+    int status = kiln_sight_create(&s->sight, p, error);
+    if (status == KILN_OK)
+        status = kiln_radiosity_allgather_limit(s->allgather, s->sight->first, s->sight->units, error);
+    return status == KILN_OK ? kiln_sight_want(s->sight, p, s->allgather, false, error) : status;
+}
+
 /* ---- running ---- */
 
 /* Collective. All steps; then what is made of them. */
@@ -105,17 +119,23 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
         note_seen(l);
     if (status == KILN_OK && p->settings->indirect_scale > 1)
         status = find_blocks(l, error);
+    if (status == KILN_OK)
+        status = limit_exchange(l, error);
     if (status == KILN_OK) {
         choose_scale(l);
         status = kiln_lockstep_run(l, restored, finished, error);
     }
     if (status != KILN_OK)
         return status;
-    kiln_exchange_total_radiosity(&l->exchange, kiln_solution_step(solution)); /* for probes and views */
+    kiln_radiosity_allgather_abandon(solution->allgather);
+    kiln_radiosity_allgather_unlimit(solution->allgather);
+    if (p->settings->probes)
+        kiln_exchange_total_radiosity(&l->exchange, kiln_solution_step(solution));
     kiln_energy_close(&solution->report.energy, &solution->report.steps, p->emission);
     if (l->radiance != NULL)
         kiln_radiance_end(l->radiance);
     solution->report.received = kiln_radiosity_allgather_received(solution->allgather);
+    solution->report.whole = kiln_radiosity_allgather_whole(solution->allgather);
     return KILN_OK;
 }
 

@@ -27,6 +27,7 @@ int kiln_lockstep_create(struct kiln_lockstep *l, const struct kiln_integrate_pa
     l->taker.ledger = &l->ledger;
     l->taker.threads = take_threads(params);
     l->batches = (struct kiln_batches){.params = params, .solution = solution, .work = &l->work, .taker = &l->taker};
+    l->second_go = (struct kiln_second_go){params, solution, &l->batches, &l->taker};
     l->exchange = (struct kiln_radiosity_exchange){solution, params->control, params->trace};
     l->integration = (struct kiln_integration){.communicator = params->communicator,
                                                .settings = params->settings,
@@ -104,6 +105,8 @@ static int run_batches(struct kiln_lockstep *l, struct kiln_error *error)
         int status = kiln_batches_run(&l->batches, &event, error);
         if (event == KILN_EVENT_STOP)
             return kiln_save_and_stop(&l->saved, false, error);
+        if (event == KILN_EVENT_DONE && status == KILN_OK)
+            return kiln_second_go(&l->second_go, error);
         if (event != KILN_EVENT_SAVE)
             return status;
         status = kiln_save(&l->saved, false, error);
@@ -152,6 +155,8 @@ static int run_step(struct kiln_lockstep *l, struct kiln_error *error)
                                            .radiosity = l->solution->radiosity,
                                            .scale = kiln_radiosity_allgather_scale(l->solution->allgather),
                                            .unit = l->ledger.unit};
+    l->taker.may_lack = report->step.pass->reads_radiosity && l->solution->own->lacking != NULL &&
+                        kiln_radiosity_allgather_reach(l->solution->allgather) != NULL;
     show_step(l, &report->step);
     kiln_radiosity_allgather_begin(l->solution->allgather);
     const double start = MPI_Wtime();

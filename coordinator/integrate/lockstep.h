@@ -7,6 +7,7 @@
 #include "coordinator/integrate/radiance.h"
 #include "coordinator/integrate/radiosity_exchange.h"
 #include "coordinator/integrate/save.h"
+#include "coordinator/integrate/second_go.h"
 
 struct kiln_lockstep {
     /* borrowed */
@@ -17,6 +18,7 @@ struct kiln_lockstep {
     struct kiln_step_work work;
     struct kiln_taker taker;
     struct kiln_batches batches;
+    struct kiln_second_go second_go;
     struct kiln_radiosity_exchange exchange;
     struct kiln_integration integration; /* for the integrator */
     struct kiln_saved saved;             /* for checkpoints */

@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "coordinator/integrate/repartition_rule.h"
+#include "coordinator/integrate/sight.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
@@ -135,6 +136,38 @@ static double cost_of(const struct repartition *s, uint64_t moved)
 
 /* ---- moving ---- */
 
+/* Collective, with a reach. The new owners have the radiosity of their points. */
+static int bring_radiosity(const struct repartition *s, const struct kiln_range_bounds *after, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = s->params;
+    const struct kiln_sight *sight = s->solution->sight;
+    const uint64_t *bounds = after->of[KILN_DOMAIN_POINT] + p->rank;
+    uint8_t *wanted = NULL;
+    int status = kiln_agree(
+        p->communicator, kiln_allocate(&wanted, (size_t)sight->units, sizeof *wanted, "the cells of new points", error),
+        error);
+    for (uint64_t u = 0; status == KILN_OK && u < sight->units; u++)
+        wanted[u] = sight->first[u] < bounds[1] && sight->first[u + 1] > bounds[0];
+    if (status == KILN_OK)
+        status = kiln_radiosity_allgather_want(s->solution->allgather, wanted, true, error);
+    kiln_free(&wanted);
+    return status;
+}
+
+/* Collective. The exchange goes by the new ranges. */
+static int follow(const struct repartition *s, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = s->params;
+    struct kiln_radiosity_allgather *allgather = s->solution->allgather;
+    int status = kiln_radiosity_allgather_set_range(allgather, p->surface->first, p->surface->count, error);
+    if (status == KILN_OK)
+        status = kiln_agree(p->communicator, kiln_backend_set_surface(p->backend, p->surface, error), error);
+    if (status != KILN_OK || s->solution->sight == NULL)
+        return status;
+    status = kiln_sight_look(s->solution->sight, p, error);
+    return status == KILN_OK ? kiln_sight_want(s->solution->sight, p, allgather, true, error) : status;
+}
+
 /* Collective. */
 static int redistribute(const struct repartition *s, const struct kiln_range_bounds *before,
                         const struct kiln_range_bounds *after, double expected, struct kiln_error *error)
@@ -142,12 +175,14 @@ static int redistribute(const struct repartition *s, const struct kiln_range_bou
     const struct kiln_integrate_params *p = s->params;
     const double start = MPI_Wtime();
     kiln_control_blocking(p->control, "moving points between ranks", 60.0 + 10.0 * expected);
-    int status = kiln_node_data_redistribute(s->solution->node_data, p->communicator, before, after,
+    int status =
+        kiln_radiosity_allgather_reach(s->solution->allgather) != NULL ? bring_radiosity(s, after, error) : KILN_OK;
+    if (status == KILN_OK)
+        status = kiln_node_data_redistribute(s->solution->node_data, p->communicator, before, after,
                                              p->settings->exchange_limit, error);
     if (status == KILN_OK) {
         kiln_solution_refresh(s->solution);
-        kiln_radiosity_allgather_set_range(s->solution->allgather, p->surface->first, p->surface->count);
-        status = kiln_agree(p->communicator, kiln_backend_set_surface(p->backend, p->surface, error), error);
+        status = follow(s, error);
     }
     kiln_control_blocking(p->control, NULL, 0.0);
     const double end = MPI_Wtime();

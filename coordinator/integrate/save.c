@@ -205,28 +205,40 @@ static int collect_groups(const struct kiln_saved *s, struct save_work *w, struc
     return status;
 }
 
-/* The points of the tile runs [first, end). */
-static void add_done(const struct kiln_surface *surface, struct save_work *w, size_t first, size_t end)
+static size_t count_lacking(const struct kiln_rank_data *own)
 {
-    if (first >= end)
-        return;
-    const struct kiln_tile_run *run = &surface->tile_runs[first], *last = &surface->tile_runs[end - 1];
-    w->done[w->done_count++] = (struct saved_range){run->first.at, kiln_tile_runs_points(run, last)};
+    size_t count = 0;
+    for (size_t f = 0; own->lacking != NULL && f < own->surface.tile_run_count; f++)
+        count += own->lacking[f];
+    return count;
+}
+
+/* The points of the tile runs [first, end), but for those that are to be computed again. */
+static void add_done(const struct kiln_rank_data *own, struct save_work *w, size_t first, size_t end)
+{
+    const struct kiln_tile_run *runs = own->surface.tile_runs;
+    for (size_t f = first, next; f < end; f = next + 1) {
+        for (next = f; next < end && (own->lacking == NULL || own->lacking[next] == 0);)
+            next++;
+        if (next > f)
+            w->done[w->done_count++] =
+                (struct saved_range){runs[f].first.at, kiln_tile_runs_points(&runs[f], &runs[next - 1])};
+    }
 }
 
 /* What lies between what is to do is done. */
 static int collect_done(const struct kiln_saved *s, struct save_work *w, struct kiln_error *error)
 {
-    const struct kiln_surface *surface = s->params->surface;
-    const int status = kiln_allocate(&w->done, s->work->todo_count - s->work->todo_first + 1, sizeof *w->done,
-                                     "a checkpoint's ranges", error);
+    const struct kiln_rank_data *own = s->solution->own;
+    const int status = kiln_allocate(&w->done, s->work->todo_count - s->work->todo_first + count_lacking(own) + 1,
+                                     sizeof *w->done, "a checkpoint's ranges", error);
     size_t at = 0;
     for (size_t i = s->work->todo_first; status == KILN_OK && i < s->work->todo_count; i++) {
-        add_done(surface, w, at, s->work->todo[i].first);
+        add_done(own, w, at, s->work->todo[i].first);
         at = s->work->todo[i].first + s->work->todo[i].count;
     }
     if (status == KILN_OK)
-        add_done(surface, w, at, surface->tile_run_count);
+        add_done(own, w, at, own->surface.tile_run_count);
     return status;
 }
 

@@ -42,6 +42,8 @@ struct kiln_integrate_settings {
     bool work_stealing; /* ranks that are done compute for others of their node */
     enum kiln_rebalance rebalance;
     bool whole_objects;      /* new ranges of points begin at objects rather than at cells */
+    bool probes;             /* the total radiosity of all points is gathered by probes in the end */
+    bool visible_only;       /* nodes receive the radiosity of what their points see (sight.h) */
     uint64_t exchange_limit; /* elements in one call of MPI; 0: what it can count */
 
     struct kiln_faults faults; /* for tests: which rank is slow */

@@ -1,5 +1,6 @@
 #include "coordinator/integrate/solution.h"
 
+#include "coordinator/integrate/sight.h"
 #include "worker/base/memory.h"
 
 void kiln_solution_refresh(struct kiln_solution *solution)
@@ -18,6 +19,7 @@ void kiln_solution_destroy(struct kiln_solution **solution)
         return;
     kiln_node_data_destroy(&s->node_data);
     kiln_radiosity_allgather_destroy(&s->allgather);
+    kiln_sight_destroy(&s->sight);
     kiln_free(&s->report.steps.of);
     kiln_free(solution);
 }

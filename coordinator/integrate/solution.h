@@ -8,6 +8,8 @@
 #include "coordinator/field/rank_data.h"
 #include "coordinator/integrate/step.h"
 
+struct kiln_sight;
+
 #define KILN_TAIL_DIVERGES (-1.0)
 
 /* Of the radiance probes of a bake whose gather rays end at a range; all zeros: there are none. The same on all ranks.
@@ -32,12 +34,14 @@ struct kiln_integrate_report {
     /* of all light, relative: what is not known of the tail; of bounces that go on without one (the equal schedule),
      * what is left out; KILN_TAIL_DIVERGES: their sum has no end */
     double tail_error;
-    double tail_tile_error; /* of the tile for which it is largest: kiln_step_report.tile_error of the last bounce */
-    uint32_t restarts;      /* how often the bake was gone on with from a checkpoint */
-    double seconds_before;  /* that the earlier runs of it took up to their last checkpoint */
-    double waiting_seconds; /* of this rank, at the ends of steps: for others to be done */
-    bool steals_work;       /* whether the ranks of this rank's node compute points for each other */
-    uint64_t received;      /* bytes of radiosity from other nodes */
+    double tail_tile_error;  /* of the tile for which it is largest: kiln_step_report.tile_error of the last bounce */
+    uint32_t restarts;       /* how often the bake was gone on with from a checkpoint */
+    double seconds_before;   /* that the earlier runs of it took up to their last checkpoint */
+    double waiting_seconds;  /* of this rank, at the ends of steps: for others to be done */
+    bool steals_work;        /* whether the ranks of this rank's node compute points for each other */
+    uint64_t received;       /* bytes of radiosity from other nodes */
+    uint64_t whole;          /* the same if nodes received the radiosity of all points */
+    uint64_t computed_again; /* points of this rank, once for each time, whose rays met what was not there */
     struct kiln_radiance_report radiance;
     struct kiln_energy energy;
 };
@@ -50,6 +54,7 @@ struct kiln_solution {
     const struct kiln_rank_data *own;
     struct kiln_node_data *node_data;
     struct kiln_radiosity_allgather *allgather;
+    struct kiln_sight *sight; /* what sees what (sight.h); NULL: nobody asks */
     uint64_t *radiosity; /* of all points, packed: what a step gathers from; in the end the total. The allgather's */
     struct kiln_integrate_report report;
 };

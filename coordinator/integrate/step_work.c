@@ -58,8 +58,10 @@ uint64_t kiln_step_work_done_before(struct kiln_step_work *work, const struct ki
     const struct kiln_surface *surface = &own->surface;
     if (kiln_work_queue_away(own->queue) == 0)
         work->held = false;
-    if (!work->held)
+    if (!work->held && own->lacking == NULL)
         work->sent = end;
+    while (!work->held && work->sent < end && own->lacking[work->sent] == 0)
+        work->sent++;
     return work->sent < surface->tile_run_count ? kiln_own_of_global(surface, surface->tile_runs[work->sent].first).at
                                                 : surface->count;
 }

@@ -13,6 +13,15 @@ static void take_one(const struct kiln_taking *t, const struct kiln_rank_data *d
         t->settings->integrator->take(t, data, tile_run, results, tally, tile_run_tally);
 }
 
+/* Whether an answer of the tile run lacks radiosity. */
+static bool lacks(const struct kiln_pass *pass, const struct kiln_tile_run *tile_run, const char *results)
+{
+    uint32_t any = 0;
+    for (uint32_t i = 0; i < tile_run->count; i++)
+        any |= pass->lacks(results + i * pass->result_bytes);
+    return any != 0;
+}
+
 int kiln_taker_take(struct kiln_taker *taker, const struct kiln_rank_data *data, size_t first, size_t count,
                     const void *results, struct kiln_error *error)
 {
@@ -29,8 +38,11 @@ int kiln_taker_take(struct kiln_taker *taker, const struct kiln_rank_data *data,
 #pragma omp for schedule(static)
         for (size_t i = 0; i < count; i++) {
             taker->tile_runs[i] = (struct kiln_tile_run_tally){0};
-            const size_t point = (size_t)(tile_runs[i].first.at - tile_runs[0].first.at);
-            take_one(taking, data, &tile_runs[i], (const char *)results + point * bytes, &own, &taker->tile_runs[i]);
+            const char *answers = (const char *)results + (tile_runs[i].first.at - tile_runs[0].first.at) * bytes;
+            if (taker->may_lack && lacks(taking->step->pass, &tile_runs[i], answers))
+                data->lacking[first + i] = 1;
+            else
+                take_one(taking, data, &tile_runs[i], answers, &own, &taker->tile_runs[i]);
         }
 #pragma omp critical(kiln_taker_take)
         kiln_ledger_add(taker->ledger, &own); /* exact: the order of threads does not matter */

@@ -8,6 +8,9 @@ struct kiln_taker {
     struct kiln_taking taking; /* of the step under way */
     struct kiln_ledger *ledger;
     uint32_t threads;
+    /* some radiosity is absent: tile runs of which an answer lacks some are marked in their owner's data (lacking) and
+     * not taken */
+    bool may_lack;
     struct kiln_tile_run_tally *tile_runs; /* of the part being taken */
     size_t tile_run_room;
 };

@@ -29,6 +29,9 @@ static inline bool kiln_exchange_is_compact(int form, uint64_t points)
     return form == KILN_EXCHANGE_COMPACT || (form == KILN_EXCHANGE_AUTO && points >= 1u << 22);
 }
 
+/* Whose radiosity a node receives: that of all points, or of those in patches of surface that its points see. */
+enum kiln_exchange_points { KILN_EXCHANGE_ALL = 0, KILN_EXCHANGE_VISIBLE = 1 };
+
 /* Whether points are repartitioned among ranks between steps: if it saves time, never, or after every step (for tests).
  */
 enum kiln_rebalance { KILN_REBALANCE_AUTO = 0, KILN_REBALANCE_NEVER = 1, KILN_REBALANCE_ALWAYS = 2 };

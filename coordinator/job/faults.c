@@ -55,6 +55,12 @@ static int read_probes(struct kiln_faults *faults, const char *text, struct kiln
     return faults->plain_probes ? KILN_OK : kiln_fail(error, KILN_USAGE, "KILN_PROBES is '%.100s'; it is plain", text);
 }
 
+static int read_sight(struct kiln_faults *faults, const char *text, struct kiln_error *error)
+{
+    faults->no_sight = strcmp(text, "none") == 0;
+    return faults->no_sight ? KILN_OK : kiln_fail(error, KILN_USAGE, "KILN_SIGHT is '%.100s'; it is none", text);
+}
+
 static int read_device(struct kiln_faults *faults, const char *text, struct kiln_error *error)
 {
     char kind[16];
@@ -93,7 +99,7 @@ int kiln_faults_read(struct kiln_faults *faults, struct kiln_error *error)
     } variables[] = {{"KILN_SLOW_RANK", read_slowness},    {"KILN_HALT_RANK", read_halt},
                      {"KILN_FAILING_PACKER", read_packer}, {"KILN_LOCKS", read_locks},
                      {"KILN_GPU_FAULT", read_device},      {"KILN_VULKAN_GUARD", read_guard},
-                     {"KILN_PROBES", read_probes}};
+                     {"KILN_PROBES", read_probes},         {"KILN_SIGHT", read_sight}};
     int status = KILN_OK;
     *faults = (struct kiln_faults){0};
     for (size_t i = 0; status == KILN_OK && i < sizeof variables / sizeof *variables; i++) {

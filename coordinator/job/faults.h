@@ -24,6 +24,8 @@ struct kiln_faults {
     /* KILN_FAILING_PACKER=RANK. The rank fails to pack strips of other ranks' lightmaps. */
     bool packer_fails;
     uint32_t failing_packer;
+    /* KILN_SIGHT=none. The visibility grid is empty, so that everything that rays meet was not expected. */
+    bool no_sight;
     /* KILN_LOCKS=none. The lock of a bake's folder behaves as on a file system without locks. */
     bool no_locks;
     /* KILN_PROBES=plain. Radiance probes stay where the grid has them, also inside geometry, and every point takes all

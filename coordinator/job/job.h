@@ -99,6 +99,7 @@ struct kiln_job {
     bool work_stealing;           /* ranks that are done compute points of other ranks of their host; default true */
     int rebalance;                /* enum kiln_rebalance */
     int exchange;                 /* enum kiln_exchange_form */
+    int exchange_points;          /* enum kiln_exchange_points */
     uint64_t exchange_limit;      /* most elements in one MPI call; 0: the largest count that MPI takes */
     char *trace;                  /* file for the timeline of all ranks; NULL: none */
 

@@ -4,6 +4,7 @@
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/h5.h"
 #include "coordinator/output/kiln_h5_points.h"
+#include "coordinator/output/kiln_h5_sight.h"
 #include "coordinator/output/output.h"
 #include "coordinator/output/provenance.h"
 #include "coordinator/files/publish.h"
@@ -252,7 +253,8 @@ static int make_groups(struct kiln_h5 *h5, const struct kiln_field_set *fields, 
 
 /* Rank 0 only. Writes everything except the points. */
 static int write_small(struct kiln_h5 *h5, const struct kiln_bake_result *result,
-                       const struct kiln_output_params *params, const uint64_t *cell_points, struct kiln_error *error)
+                       const struct kiln_output_params *params, const uint64_t *cell_points,
+                       const struct kiln_h5_sight *sight, struct kiln_error *error)
 {
     int status = make_groups(h5, result->fields, error);
     if (status == KILN_OK)
@@ -265,6 +267,8 @@ static int write_small(struct kiln_h5 *h5, const struct kiln_bake_result *result
         status = write_cells(h5, result->surface, cell_points, error);
     if (status == KILN_OK && params->vertices != NULL)
         status = write_vertices(h5, result, params->vertices, error);
+    if (status == KILN_OK)
+        status = kiln_h5_sight_write(h5, sight, result, error);
     return status;
 }
 
@@ -274,13 +278,17 @@ static int write_file(struct kiln_points_writer *writer, const struct kiln_bake_
 {
     struct kiln_h5 h5 = {.file = H5I_INVALID_HID, .transfer = H5I_INVALID_HID};
     uint64_t *cell_points = NULL;
+    struct kiln_h5_sight sight = {0};
     int status = count_cells(result, &cell_points, error);
+    if (status == KILN_OK)
+        status = kiln_h5_sight_gather(&sight, result, error);
     if (status == KILN_OK && rank == 0) {
         status = kiln_h5_create(&h5, MPI_COMM_SELF, place, error);
         if (status == KILN_OK)
-            status = write_small(&h5, result, params, cell_points, error);
+            status = write_small(&h5, result, params, cell_points, &sight, error);
     }
     kiln_free(&cell_points);
+    kiln_h5_sight_release(&sight);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_points_write(writer, rank == 0 ? &h5 : NULL, error);
@@ -314,10 +322,10 @@ int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_outpu
     int status = kiln_publish_begin(&place, params->directory, "kiln.h5", error);
     if (status == KILN_OK && rank == 0)
         kiln_publish_sweep(&place);
+    const uint64_t space = kiln_h5_space(result->scene, result->surface, result->fields) + kiln_h5_sight_space(result) +
+                           vertices_space(params->vertices);
     if (status == KILN_OK && rank == 0)
-        status = kiln_require_space(
-            params->directory,
-            kiln_h5_space(result->scene, result->surface, result->fields) + vertices_space(params->vertices), error);
+        status = kiln_require_space(params->directory, space, error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_points_writer_create(&writer, result, error);

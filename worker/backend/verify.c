@@ -92,6 +92,10 @@ static void compare_tile_run(const struct verified_run *run, const struct kiln_t
         struct kiln_pass_figures theirs, ours;
         pass->figures(got + i * pass->result_bytes, &theirs);
         pass->figures(expected + i * pass->result_bytes, &ours);
+        /* what lacks radiosity is computed again when that is there; the two may differ in what they meet */
+        if (run->batch->may_lack && pass->lacks != NULL &&
+            (pass->lacks(got + i * pass->result_bytes) != 0 || pass->lacks(expected + i * pass->result_bytes) != 0))
+            continue;
         compare_texel(t, &theirs, &ours, texel_of(s, f, mask));
         for (size_t c = 0; c < pass->figure_count; c++) {
             difference[c] += (double)theirs.value[c] - (double)ours.value[c];

@@ -65,6 +65,9 @@ struct kiln_pass {
     bool is_divisible;      /* it takes kiln_batch.first_sample; else that is 0 */
     bool is_masked;         /* it takes kiln_batch.point_masks; else that is NULL */
     bool reads_radiosity;   /* kiln_backend_set_radiosity must come before it */
+    /* In which channels a result lacks radiosity that was absent (worker/scene/radiosity.h): bit 0 red, 1 green, 2
+     * blue; 0: none. NULL: the pass does not tell; all radiosity must be there. */
+    uint32_t (*lacks)(const void *result);
     /* A rank may run it over tile runs of another rank of its node (work stealing): it needs no more than that rank's
      * surface, and nothing that the ranks exchange hangs on who ran it. */
     bool is_stealable;
@@ -117,6 +120,7 @@ struct kiln_batch {
      * is. Such a point's result is the same bits as without masks; the others' results are all zeros, as those of
      * points that are not valid. */
     const uint64_t *point_masks;
+    bool may_lack;          /* some radiosity is absent: who takes the results looks at them (kiln_pass.lacks) */
     kiln_take_results take; /* NULL: results are dropped */
     void *context;          /* given to `take` */
 };

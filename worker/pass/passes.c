@@ -42,6 +42,23 @@ static void occlusion_figures(const void *result, struct kiln_pass_figures *f)
     f->error = (double)kiln_mean(r->error, r->count);
 }
 
+/* ---- what results lack ---- */
+
+static uint32_t channels_without(const float rgb[3])
+{
+    return (isnan(rgb[0]) ? 1u : 0u) | (isnan(rgb[1]) ? 2u : 0u) | (isnan(rgb[2]) ? 4u : 0u);
+}
+
+static uint32_t gather_lacks(const void *result)
+{
+    return channels_without(((const struct kiln_point_result *)result)->incident);
+}
+
+static uint32_t directional_lacks(const void *result)
+{
+    return channels_without(((const struct kiln_directional_result *)result)->radiance[0]);
+}
+
 /* ---- the table ---- */
 
 #define POINT_FIGURES                                                                                                  \
@@ -75,6 +92,7 @@ const struct kiln_pass kiln_pass_gather = {.index = KILN_PASS_INDEX_gather,
                                            .is_sampled = true,
                                            .has_streams = true,
                                            .reads_radiosity = true,
+                                           .lacks = gather_lacks,
                                            .is_divisible = true,
                                            .is_masked = true,
                                            .is_stealable = true,
@@ -113,6 +131,7 @@ const struct kiln_pass kiln_pass_directional = {.index = KILN_PASS_INDEX_directi
                                                 .is_sampled = true,
                                                 .reads_radiosity = true,
                                                 .is_masked = true,
+                                                .lacks = directional_lacks,
                                                 .is_stealable = true};
 
 /* Not verified: the verifying backend looks at tile runs. */

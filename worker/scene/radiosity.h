@@ -47,6 +47,20 @@ static inline void kiln_radiosity_unpack(uint64_t packed, float rgb[3])
     memcpy(rgb, bits, sizeof bits);
 }
 
+/* What stands in place of the radiosity of a point that is not known here: no number in the channels of which
+ * `channels` has the bit (red 1, green 2, blue 4), 0 in the others. No value that is packed has this form, and what is
+ * computed with it is no number either: so a gather that meets it tells by its sums, and costs no more than any other.
+ */
+enum { KILN_RADIOSITY_ALL_CHANNELS = 7 };
+static inline uint64_t kiln_radiosity_absent(uint32_t channels)
+{
+    uint64_t packed = 0;
+    for (uint32_t c = 0; c < 3; c++)
+        if ((channels >> c & 1u) != 0)
+            packed |= (uint64_t)KILN_RADIOSITY_MASK << (c * KILN_RADIOSITY_BITS);
+    return packed;
+}
+
 enum { KILN_COMPACT_BIAS = 41, KILN_COMPACT_EXPONENT = 63 };
 
 /* A channel divided by its quantum, rounded up or down by 10 random bits. Whole numbers are kept. */
