@@ -296,6 +296,11 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
                            "gather; give --schedule lean, or --indirect-scale 1");
     if (status == KILN_OK && job->only_visible_from != NULL)
         status = check_visible_from(job, error);
+    if (status == KILN_OK && job->exchange_points == KILN_EXCHANGE_VISIBLE && kiln_job_has_probes(job))
+        status =
+            kiln_fail(error, KILN_USAGE,
+                      "--exchange-points visible sends what surface points see, and radiance probes see more: give "
+                      "--tracing-range inf, or --exchange-points all");
     if (status == KILN_OK && job->quiet && job->verbose)
         status = kiln_fail(error, KILN_USAGE, "--quiet and --verbose exclude each other");
     return status == KILN_OK ? settle_store(job, error) : status;

@@ -89,6 +89,9 @@ def try_same(checks, kiln, full):
     if full:
         try_ways(checks, kiln, scene, WAYS + ((3, 1, False, False, ('full', *CELLS)),), ('--target-error', 0.1))
     try_ways(checks, kiln, scene, MORE_WAYS, MORE)
+    refused = kiln.bake(scene, *SMALL, *VISIBLE, '--tracing-range', 1)
+    checks.that(refused.process.status == 64 and '--tracing-range' in refused.process.stderr,
+                'with radiance probes: ended with %d' % refused.process.status, refused.process)
     kiln.environment['KILN_SIGHT'] = 'some'
     refused = kiln.bake(scene, *SMALL)
     checks.that(refused.process.status == 64 and 'KILN_SIGHT' in refused.process.stderr,
