@@ -4,6 +4,7 @@
 
 #include "coordinator/bake/bake_private.h"
 #include "coordinator/bake/identity.h"
+#include "coordinator/bake/results_memory.h"
 #include "coordinator/bake/run_report.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/mpi/agree.h"
@@ -111,6 +112,10 @@ static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_
     status = kiln_agree(b->communicator, status, error);
     if (status == KILN_OK && p->surface != NULL)
         status = compare_with_checkpoint(b, p, error);
+    if (status == KILN_OK)
+        status = kiln_agree(
+            b->communicator,
+            kiln_memory_budget_check(p, b->job, volume.size[0] * volume.size[1] * volume.size[2], error), error);
     if (status == KILN_OK) /* a checkpoint that --no-resume discards has been removed by now */
         status = kiln_agree(b->communicator, b->rank == 0 ? check_room(b, p, &volume, error) : KILN_OK, error);
     return status;

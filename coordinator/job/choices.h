@@ -16,8 +16,9 @@
 enum kiln_view_method { KILN_VIEW_METHOD_LIST(KILN_VIEW_METHOD_OF) KILN_VIEW_METHODS };
 #undef KILN_VIEW_METHOD_OF
 
-/* Where light lives (worker/store/store.h). */
-enum kiln_store_kind { KILN_STORE_KIND_LIGHTMAP = 0, KILN_STORE_KIND_OCTREE = 1 };
+/* Where light lives (worker/store/store.h). VERTEX: in octrees while it is computed, and from there it is fitted to the
+ * vertices (coordinator/output/vertex_light.h). */
+enum kiln_store_kind { KILN_STORE_KIND_LIGHTMAP = 0, KILN_STORE_KIND_OCTREE = 1, KILN_STORE_KIND_VERTEX = 2 };
 
 /* Format in which ranks exchange radiosity: COMPACT has 4 bytes a point, FULL 8. AUTO is compact for 2^22 surface
  * points or more. With fewer points its rounding is visible in the energy ratio of two bounces, which the tail

@@ -241,20 +241,24 @@ static int check_visible_from(const struct kiln_job *job, struct kiln_error *err
  * there is nothing to export. */
 static int settle_store(struct kiln_job *job, struct kiln_error *error)
 {
+    if (job->store == KILN_STORE_KIND_VERTEX && given(job, "vertex-light") && !job->vertex_light)
+        return kiln_fail(error, KILN_USAGE, "--store vertex and --no-vertex-light exclude each other");
+    job->vertex_light = job->vertex_light || job->store == KILN_STORE_KIND_VERTEX;
     const struct {
         const char *name;
         bool wanted;
     } of_lightmaps[] = {{"check-density", job->check_density},
                         {"denoise", job->denoise == KILN_DENOISE_REGRESSION},
                         {"export", job->export && !job->vertex_light},
-                        {"indirect-scale", job->indirect_scale > 0},
-                        {"only-visible-from", job->only_visible_from != NULL}};
+                        {"indirect-scale", job->indirect_scale > 0}};
     if (job->store == KILN_STORE_KIND_LIGHTMAP)
-        return job->leaf_size > 0.0 ? kiln_fail(error, KILN_USAGE, "--leaf-size needs --store octree") : KILN_OK;
+        return job->leaf_size > 0.0 ? kiln_fail(error, KILN_USAGE, "--leaf-size needs --store octree or vertex")
+                                    : KILN_OK;
     for (size_t i = 0; i < sizeof of_lightmaps / sizeof *of_lightmaps; i++)
         if (given(job, of_lightmaps[i].name) && of_lightmaps[i].wanted)
-            return kiln_fail(error, KILN_USAGE, "--%s needs lightmaps%s, which --store octree does not make",
-                             of_lightmaps[i].name, i == 2 ? " or --vertex-light" : "");
+            return kiln_fail(error, KILN_USAGE, "--%s needs lightmaps%s, which --store %s does not make",
+                             of_lightmaps[i].name, i == 2 ? " or --vertex-light" : "",
+                             job->store == KILN_STORE_KIND_VERTEX ? "vertex" : "octree");
     job->check_density = false;
     job->denoise = KILN_DENOISE_NONE;
     job->export = job->export && job->vertex_light;

@@ -64,8 +64,9 @@ struct kiln_job {
     uint64_t seed;
 
     /* texels, cells, partition */
-    int store;        /* enum kiln_store_kind */
-    double leaf_size; /* m, of octrees; 0: 1 / texels_per_metre */
+    int store;            /* enum kiln_store_kind */
+    double memory_budget; /* GiB of a host; 0: none (coordinator/bake/results_memory.h) */
+    double leaf_size;     /* m, of octrees; 0: 1 / texels_per_metre */
     double texels_per_metre;
     uint32_t lightmap_size; /* 0: by density */
     uint32_t lightmap_max;  /* texels a side */

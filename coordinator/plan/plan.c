@@ -10,6 +10,7 @@
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/bake/light_settings.h"
 #include "coordinator/bake/occluders.h"
+#include "coordinator/bake/results_memory.h"
 #include "coordinator/bake/volume.h"
 #include "coordinator/export/export.h"
 #include "worker/base/memory.h"
@@ -31,22 +32,10 @@ static const uint64_t LEAST_PROGRAM_BYTES = 40ull << 20;
 /* what passes and MPI take that is not there yet when the program is measured */
 static const uint64_t PASS_BYTES = 8ull << 20;
 
-/* What writing the results takes, measured: see the rows' words. */
-static const double LIGHTMAP_WORK = 85.0;           /* bytes a texel of the lightmaps under way */
-static const uint64_t LIGHTMAP_BUDGET = 1ull << 21; /* texels under way on a rank, or one lightmap */
-/* a point on its way to the lightmap's writer: sent and received */
-static const double RECORD_BYTES = 2 * 58.0;
-/* bytes a point of kiln.h5 in hand; of them still held afterwards */
-static const double H5_ROW = 113.0, H5_KEPT = 90.0;
-/* Bytes that fields took in these measurements, of a texel and of a row of kiln.h5: those of other fields are added. */
-static const double MEASURED_PLANES = 28.0, MEASURED_COLUMNS = 56.0;
-/* Of denoising: planes of positions, normals and errors; what a point takes meanwhile; seconds of one thread. Smooth
- * lightmaps pack better, and of the two errors in kiln.h5 half of the bits are zero. */
-static const double DENOISE_PLANES = 32.0, DENOISE_WORK = 172.0, DENOISE_POINT_SECONDS = 18e-6;
+/* Of denoising: seconds of one thread a point. Smooth lightmaps pack better, and of the two errors in kiln.h5 half of
+ * the bits are zero. */
+static const double DENOISE_POINT_SECONDS = 18e-6;
 static const double DENOISE_LIGHTMAP_DISK = 0.87, DENOISE_POINT_DISK = -4.0;
-static const uint64_t ROWS_AT_ONCE = 1ull << 18;
-static const uint64_t PREVIEW_BYTES = 62ull << 20; /* rays of a band, 120 bytes each */
-static const double PREVIEW_TEXEL = 12.0;          /* lightmaps in view */
 
 static const double TAKE_POINT_SECONDS = 0.11e-6;    /* of one thread, in each pass: entered into results and sums */
 static const double LIGHTMAP_TEXEL_SECONDS = 1.6e-6; /* of one thread: filled, smoothed, compressed, read back */
@@ -97,38 +86,15 @@ static uint64_t section_bytes(const struct kiln_scene *scene, enum kiln_scene_se
 
 static bool on_device(const struct kiln_prepared *p) { return strcmp(p->backend->api->name, "embree") != 0; }
 
-static uint64_t largest_lightmap(const struct kiln_scene *scene)
-{
-    uint64_t most = 0;
-    for (size_t i = 0; i < scene->object_count; i++) {
-        const uint64_t texels = (uint64_t)scene->objects[i].lightmap_width * scene->objects[i].lightmap_height;
-        most = texels > most ? texels : most;
-    }
-    return most;
-}
-
-static double least(double a, double b) { return a < b ? a : b; }
-
-/* The phases that write follow one another; the fullest is the first rank, which draws the preview. */
 static uint64_t result_bytes(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
-    const double own = plan->here.light.points_most, texels = (double)plan->surface.texels,
-                 largest = (double)largest_lightmap(p->scene);
-    const double at_once = fmax(largest, least(texels / job->ranks, (double)LIGHTMAP_BUDGET));
-    const double rows = least(own, (double)ROWS_AT_ONCE);
-    const struct kiln_field_set fields = fields_of(job);
-    const bool denoises = kiln_job_denoises(job);
-    const double planes =
-                     (double)kiln_field_set_plane_bytes(&fields) - MEASURED_PLANES + (denoises ? DENOISE_PLANES : 0.0),
-                 columns = (double)kiln_field_set_column_bytes(&fields) - MEASURED_COLUMNS;
-    const double points_a_texel = texels > 0.0 ? (double)plan->surface.points / texels : 1.0;
-    /* not all lightmaps under way are denoised at the same time: measured memory is that of about two a thread */
-    const double denoised = denoises ? least(at_once, 2.0 * p->threads * largest) * points_a_texel : 0.0;
-    const double lightmaps =
-        (LIGHTMAP_WORK + planes) * at_once + DENOISE_WORK * denoised + (RECORD_BYTES + 2.0 * planes) * rows;
-    const double preview =
-        job->preview ? (double)PREVIEW_BYTES + PREVIEW_TEXEL * texels + (H5_KEPT + columns) * rows : 0.0;
-    return (uint64_t)fmax(lightmaps, fmax((H5_ROW + columns) * rows, preview));
+    return kiln_results_memory(&(struct kiln_results_size){.scene = p->scene,
+                                                           .job = job,
+                                                           .ranks = job->ranks,
+                                                           .threads = p->threads,
+                                                           .own = plan->here.light.points_most,
+                                                           .points = (double)plan->surface.points,
+                                                           .texels = (double)plan->surface.texels});
 }
 
 static void known_memory(struct kiln_plan *plan, const struct kiln_prepared *p)
@@ -192,7 +158,7 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
         (uint64_t)(points * LIGHTMAP_POINT_DISK * (job->half ? 0.45 : 1.0) * (denoises ? DENOISE_LIGHTMAP_DISK : 1.0) *
                    ((double)kiln_field_set_channels(&fields) / 9.0));
     plan->h5_bytes = (uint64_t)(points * (H5_POINT_DISK + (double)kiln_field_set_column_bytes(&fields) -
-                                          MEASURED_COLUMNS + (denoises ? DENOISE_POINT_DISK : 0.0)));
+                                          KILN_RESULTS_COLUMNS + (denoises ? DENOISE_POINT_DISK : 0.0)));
     plan->volume_bytes =
         (uint64_t)((double)plan->probes * (PROBE_DISK * (double)sizeof(struct kiln_probe_result) +
                                            OCCLUDER_DISK * (double)sizeof(struct kiln_probe_occluders)));
@@ -534,7 +500,7 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
         .shared = timing->probe * (double)plan->probes * together,
         .largest_object = (OWNER_TEXEL_SECONDS + denoise_seconds(job) / p->threads +
                            OWNER_TEXEL_BYTES / (job->node_bandwidth * 1e9)) *
-                          (double)largest_lightmap(p->scene),
+                          (double)kiln_largest_lightmap(p->scene),
         .alone_a_point = H5_WRITER_POINT_SECONDS,
         .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),
         .exchanges = plan->bounces + 1};

@@ -54,6 +54,18 @@ class Octree(unittest.TestCase):
     def tearDownClass(cls):
         shutil.rmtree(cls.folder, ignore_errors=True)
 
+    def test_store_vertex(self):
+        """--store vertex: an octree's light, fitted to the vertices."""
+        folder = os.path.join(self.folder, "vertex")
+        run("bake", CORNELL, "-o", folder, "--store", "vertex", "--leaf-size", LEAF, "--no-preview", *LIGHT)
+        with h5py.File(os.path.join(folder, "kiln.h5"), "r") as f, \
+                h5py.File(os.path.join(self.bakes["octree"], "kiln.h5"), "r") as octree:
+            self.assertTrue(np.array_equal(f["vertices/irradiance"][...], octree["vertices/irradiance"][...]))
+        mesh = json_of(os.path.join(folder, "scene.glb"))["meshes"][-1]
+        self.assertIn("COLOR_1", mesh["primitives"][0]["attributes"])
+        self.assertIn("exclude each other", run("bake", CORNELL, "-o", folder, "--store", "vertex", "--no-vertex-light",
+                                                status=64))
+
     def test_files(self):
         names = set(os.listdir(self.bakes["octree"]))
         self.assertEqual(names, {"kiln.h5", "manifest", "preview.png", "run.json", "scene.glb", "scene.kscene"})

@@ -539,16 +539,16 @@ def try_quantities(checks, tool):
 
 def try_blocks(checks, tool):
     """Blocks are found again, by other ranks too; another scale is another bake."""
-    more = ('--indirect-scale', 4, '--samples-bounce', 4096)
+    more = ('--indirect-scale', 4, '--samples-bounce', 8192, '--bounces', 3, '--no-error-map')
     reference, _ = reference_of(checks, tool, *more)
     folder = tool.folder()
     killed_within(checks, tool, folder, 'bounce 1', 3, more)
-    process = tool.bake(folder, '--samples-bounce', 4096)
+    process = tool.bake(folder, '--samples-bounce', 8192, '--bounces', 3, '--no-error-map')
     checks.that(process.status == BAD_INPUT and 'indirect-scale' in process.stderr,
                 'another scale was not refused: %d' % process.status, process)
     killed_within(checks, tool, folder, 'bounce 2', 2, more)
     same(checks, tool, reference, folder, tool.bake(folder, *more), 'killed within bounces by blocks')
-    views = (*more, '--only-visible-from', 'all', '--no-error-map', '--samples-indirect', 2048)
+    views = ('--indirect-scale', 4, '--only-visible-from', 'all', '--no-error-map', '--samples-indirect', 4096)
     reference, _ = reference_of(checks, tool, *views)
     folder = tool.folder()
     killed_within(checks, tool, folder, 'final gather', 3, views)

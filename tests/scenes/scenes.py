@@ -85,7 +85,7 @@ def check_outputs(checks, name, bake):
     with h5py.File(os.path.join(bake.directory, 'volume.hdf'), 'r') as f:
         for field, data in f['VTKHDF/PointData'].items():
             numbers_are_good(checks, '%s: volume.hdf %s' % (name, field), data[...], process,
-                             negative=field in ('irradiance_sh', 'occluders'))
+                             negative=field in ('irradiance_sh', 'occluders', 'offset'))
     found, wanted = set(os.listdir(bake.directory)), {'run.json', 'kiln.h5', 'volume.hdf', 'lightmaps', 'scene.kscene',
                                                       'scene.glb', 'manifest'}
     checks.that(found == wanted, '%s: the folder holds also %s, and not %s' %

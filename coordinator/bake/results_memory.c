@@ -1,0 +1,100 @@
+#include "coordinator/bake/results_memory.h"
+
+#include <math.h>
+
+#include "coordinator/field/result.h"
+#include "coordinator/mpi/agree.h"
+#include "coordinator/run/process_memory.h"
+
+/* What writing the results takes, measured: see the rows' words. */
+static const double LIGHTMAP_WORK = 85.0; /* bytes a texel of the lightmaps under way */
+/* a point on its way to the lightmap's writer: sent and received */
+static const double RECORD_BYTES = 2 * 58.0;
+/* bytes a point of kiln.h5 in hand; of them still held afterwards */
+static const double H5_ROW = 113.0, H5_KEPT = 90.0;
+/* Bytes that fields took in these measurements, of a texel: those of other fields are added. */
+static const double MEASURED_PLANES = 28.0;
+/* Of denoising: planes of positions, normals and errors; what a point takes meanwhile. */
+static const double DENOISE_PLANES = 32.0, DENOISE_WORK = 172.0;
+static const uint64_t ROWS_AT_ONCE = 1ull << 18;
+static const uint64_t PREVIEW_BYTES = 62ull << 20; /* rays of a band, 120 bytes each */
+static const double PREVIEW_TEXEL = 12.0;          /* lightmaps in view */
+
+uint64_t kiln_largest_lightmap(const struct kiln_scene *scene)
+{
+    uint64_t most = 0;
+    for (size_t i = 0; i < scene->object_count; i++) {
+        const uint64_t texels = (uint64_t)scene->objects[i].lightmap_width * scene->objects[i].lightmap_height;
+        most = texels > most ? texels : most;
+    }
+    return most;
+}
+
+uint64_t kiln_results_memory(const struct kiln_results_size *size)
+{
+    const double largest = (double)kiln_largest_lightmap(size->scene);
+    const double at_once = fmax(largest, fmin(size->texels / size->ranks, (double)KILN_RESULTS_TEXELS));
+    const double rows = fmin(size->own, (double)ROWS_AT_ONCE);
+    struct kiln_field_set fields;
+    kiln_field_set_choose(&fields, size->job);
+    const bool denoises = kiln_job_denoises(size->job);
+    const double planes =
+                     (double)kiln_field_set_plane_bytes(&fields) - MEASURED_PLANES + (denoises ? DENOISE_PLANES : 0.0),
+                 columns = (double)kiln_field_set_column_bytes(&fields) - KILN_RESULTS_COLUMNS;
+    const double points_a_texel = size->texels > 0.0 ? size->points / size->texels : 1.0;
+    /* not all lightmaps under way are denoised at the same time: measured memory is that of about two a thread */
+    const double denoised = denoises ? fmin(at_once, 2.0 * size->threads * largest) * points_a_texel : 0.0;
+    const double lightmaps =
+        (LIGHTMAP_WORK + planes) * at_once + DENOISE_WORK * denoised + (RECORD_BYTES + 2.0 * planes) * rows;
+    const double preview =
+        size->job->preview ? (double)PREVIEW_BYTES + PREVIEW_TEXEL * size->texels + (H5_KEPT + columns) * rows : 0.0;
+    return (uint64_t)fmax(lightmaps, fmax((H5_ROW + columns) * rows, preview));
+}
+
+/* ---- the budget ---- */
+
+/* The largest over the hosts; of what grows with the points, `growing`. Collective. */
+static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *job, uint64_t probes, double *growing)
+{
+    const struct kiln_surface *s = p->surface;
+    struct kiln_field_set fields;
+    kiln_field_set_choose(&fields, job);
+    const double point = (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_SURFACE);
+    const uint64_t most = p->surface_report.points_max, of_host = most * (uint64_t)p->node_ranks;
+    const double light = (double)kiln_field_set_light_bytes(
+                     &fields, of_host < s->point_count ? of_host : s->point_count, s->point_count),
+                 results = (double)kiln_results_memory(
+                     &(struct kiln_results_size){.scene = p->scene,
+                                                 .job = job,
+                                                 .ranks = p->ranks,
+                                                 .threads = p->threads,
+                                                 .own = (double)most,
+                                                 .points = (double)s->point_count,
+                                                 .texels = (double)p->surface_report.texels});
+    double now = (double)kiln_process_memory(KILN_MEMORY_SHARE) * p->node_ranks;
+    (void)MPI_Allreduce(MPI_IN_PLACE, &now, 1, MPI_DOUBLE, MPI_MAX, p->communicator);
+    *growing = light + results + point * (double)of_host;
+    return now + light + results + (double)probes / p->ranks * p->node_ranks * (double)KILN_PROBE_BYTES;
+}
+
+int kiln_memory_budget_check(const struct kiln_prepared *prepared, const struct kiln_job *job, uint64_t probes,
+                             struct kiln_error *error)
+{
+    const double budget = job->memory_budget * 0x1p30, density = (double)prepared->scene->header->texels_per_metre;
+    double growing = 0.0;
+    if (!(budget > 0.0) || prepared->surface == NULL)
+        return KILN_OK;
+    const double needed = host_bytes(prepared, job, probes, &growing), left = budget - (needed - growing);
+    if (needed <= budget)
+        return KILN_OK;
+    if (!(left > 0.0))
+        return kiln_fail(
+            error, KILN_USAGE,
+            "the bake would take about %.2f GiB on a host, of which the scene and its BVH alone take %.2f; "
+            "--memory-budget is %.2f: give it more, or use fewer ranks a host",
+            needed / 0x1p30, (needed - growing) / 0x1p30, job->memory_budget);
+    return kiln_fail(error, KILN_USAGE,
+                     "the bake would take about %.2f GiB on a host, and --memory-budget is %.2f: with "
+                     "--texels-per-metre %.3g in place of %.3g it would fit; so would a share of it on more hosts",
+                     needed / 0x1p30, job->memory_budget, density * sqrt(0.85 * left / growing), density);
+}
