@@ -546,8 +546,7 @@ def try_blocks(checks, tool):
     process = tool.bake(folder, '--samples-bounce', 8192, '--bounces', 3, '--no-error-map')
     checks.that(process.status == BAD_INPUT and 'indirect-scale' in process.stderr,
                 'another scale was not refused: %d' % process.status, process)
-    killed_within(checks, tool, folder, 'bounce 2', 2, more)
-    same(checks, tool, reference, folder, tool.bake(folder, *more), 'killed within bounces by blocks')
+    same(checks, tool, reference, folder, tool.bake(folder, *more), 'killed within a bounce by blocks')
     views = ('--indirect-scale', 4, '--only-visible-from', 'all', '--no-error-map', '--samples-indirect', 4096)
     reference, _ = reference_of(checks, tool, *views)
     folder = tool.folder()
