@@ -168,7 +168,7 @@ static void ask(const struct search *s, uint64_t i, uint32_t level, uint64_t beg
         return;
     }
     for (uint64_t digit = 0; digit < 3; digit++)
-        if ((s->met[level * s->held->points + i] >> digit & 1u) != 0 && begin + digit * stride < s->count)
+        if (((uint32_t)s->met[level * s->held->points + i] >> digit & 1u) != 0 && begin + digit * stride < s->count)
             ask(s, i, level + 1, begin + digit * stride, stride / 3, wanted);
 }
 

@@ -120,7 +120,7 @@ static void each_has_its_turn(void **state)
             for (uint32_t k = 0; k < run->count; k++) {
                 assert_int_equal(block[draw.answer[k]], block[k]);
                 assert_true((draw.gathers >> draw.answer[k] & 1u) != 0);
-                turns[k] += draw.gathers >> k & 1u;
+                turns[k] += (uint32_t)(draw.gathers >> k & 1u);
             }
         }
         for (uint32_t k = 0; k < run->count; k++)
