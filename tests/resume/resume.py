@@ -635,7 +635,7 @@ def try_signals(checks, tool):
                 state)
 
     limit = 0.35 * seconds
-    # as many short runs as it takes; the reference may have been made when the machine was busier than now, or less busy
+    # as many short runs as it takes; the reference may have been made when the machine was more or less busy than now
     while True:
         folder, runs = tool.folder(), 0
         while runs < 50:
