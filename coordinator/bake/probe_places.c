@@ -83,7 +83,8 @@ static void find_ways(const struct places_work *w, size_t i, struct homeless *h)
     }
 }
 
-/* Tries the next way out of each of them; those that are outside then have their place. Returns how many are left. */
+/* Tries the next way out of each of the *count that have no place; those that are outside then have it, and *count is
+ * how many are left. */
 static int try_ways(const struct places_work *w, uint32_t way, size_t *count, struct kiln_vec3 *positions,
                     struct kiln_probe_place *places, uint64_t *rays, struct kiln_error *error)
 {

@@ -87,17 +87,16 @@ uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, dou
     return count;
 }
 
-uint32_t kiln_clip_line(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t count, const float line[3])
+/* Keeps what is at distance[i] >= 0, the distance of corner i. */
+static uint32_t cut(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t count,
+                    const double distance[KILN_CLIP_CORNERS])
 {
     struct kiln_clip_corner out[2 * KILN_CLIP_CORNERS];
     uint32_t kept = 0;
-    if (count < 3)
-        return 0;
-    const struct kiln_clip_corner *a = &polygon[count - 1];
-    double da = (double)line[2] - (double)line[0] * a->x - (double)line[1] * a->y;
     for (uint32_t i = 0; i < count; i++) {
-        const struct kiln_clip_corner *b = &polygon[i];
-        const double db = (double)line[2] - (double)line[0] * b->x - (double)line[1] * b->y;
+        const uint32_t before = i > 0 ? i - 1 : count - 1;
+        const struct kiln_clip_corner *a = &polygon[before], *b = &polygon[i];
+        const double da = distance[before], db = distance[i];
         if ((da > 0.0 && db < 0.0) || (da < 0.0 && db > 0.0)) {
             const double t = da / (da - db);
             out[kept++] = (struct kiln_clip_corner){a->x + t * (b->x - a->x), a->y + t * (b->y - a->y),
@@ -105,8 +104,6 @@ uint32_t kiln_clip_line(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint
         }
         if (db >= 0.0)
             out[kept++] = *b;
-        a = b;
-        da = db;
     }
     if (kept > KILN_CLIP_CORNERS)
         return count;
@@ -115,34 +112,22 @@ uint32_t kiln_clip_line(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint
     return kept;
 }
 
+uint32_t kiln_clip_line(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t count, const float line[3])
+{
+    double distance[KILN_CLIP_CORNERS];
+    for (uint32_t i = 0; i < count; i++)
+        distance[i] = (double)line[2] - (double)line[0] * polygon[i].x - (double)line[1] * polygon[i].y;
+    return count < 3 ? 0 : cut(polygon, count, distance);
+}
+
 /* Keeps what is at sign * (depth - bound) >= 0. */
 static uint32_t cut_depth(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t count, const double depth[3],
                           double bound, double sign)
 {
-    struct kiln_clip_corner out[2 * KILN_CLIP_CORNERS];
-    uint32_t kept = 0;
-    if (count < 3)
-        return 0;
-    const struct kiln_clip_corner *a = &polygon[count - 1];
-    double da = sign * (kiln_clip_depth(a, depth) - bound);
-    for (uint32_t i = 0; i < count; i++) {
-        const struct kiln_clip_corner *b = &polygon[i];
-        const double db = sign * (kiln_clip_depth(b, depth) - bound);
-        if ((da > 0.0 && db < 0.0) || (da < 0.0 && db > 0.0)) {
-            const double t = da / (da - db);
-            out[kept++] = (struct kiln_clip_corner){a->x + t * (b->x - a->x), a->y + t * (b->y - a->y),
-                                                    a->b1 + t * (b->b1 - a->b1), a->b2 + t * (b->b2 - a->b2)};
-        }
-        if (db >= 0.0)
-            out[kept++] = *b;
-        a = b;
-        da = db;
-    }
-    if (kept > KILN_CLIP_CORNERS)
-        return count;
-    for (uint32_t i = 0; i < kept; i++)
-        polygon[i] = out[i];
-    return kept;
+    double distance[KILN_CLIP_CORNERS];
+    for (uint32_t i = 0; i < count; i++)
+        distance[i] = sign * (kiln_clip_depth(&polygon[i], depth) - bound);
+    return count < 3 ? 0 : cut(polygon, count, distance);
 }
 
 uint32_t kiln_clip_depths(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t count, const double depth[3])

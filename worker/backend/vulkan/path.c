@@ -208,15 +208,7 @@ static int run_left(struct vulkan_backend *b, const void *parameters, struct kil
 static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
                struct kiln_error *error)
 {
-    struct kiln_batch left = *batch;
-    bool refused = false;
-    int status = run_left(b, parameters, &left, rays, &refused, error);
-    while (status != KILN_OK && !refused && vulkan_can_recover(b)) {
-        status = vulkan_recover(b, error);
-        if (status == KILN_OK)
-            status = run_left(b, parameters, &left, rays, &refused, error);
-    }
-    return status;
+    return vulkan_run_to_end(b, run_left, parameters, batch, rays, error);
 }
 
 const struct vulkan_pass vulkan_pass_path = {.run = run};

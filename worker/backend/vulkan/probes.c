@@ -160,9 +160,10 @@ static int read_answers(struct probes_run *r, uint32_t count, uint64_t *rays, st
 
 /* Runs what is left of the batch until it is done or something fails; `left` then is what has not been taken.
  * `refused`: it was the taker that failed, not the device. */
-static int run_left(struct vulkan_backend *b, struct kiln_batch *left, uint64_t *rays, bool *refused,
-                    struct kiln_error *error)
+static int run_left(struct vulkan_backend *b, const void *parameters, struct kiln_batch *left, uint64_t *rays,
+                    bool *refused, struct kiln_error *error)
 {
+    (void)parameters;
     struct probes_run r = {.b = b};
     int status = prepare(&r, left->count, left->samples, error);
     while (left->count > 0 && status == KILN_OK) {
@@ -185,16 +186,7 @@ static int run_left(struct vulkan_backend *b, struct kiln_batch *left, uint64_t 
 static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
                struct kiln_error *error)
 {
-    (void)parameters;
-    struct kiln_batch left = *batch;
-    bool refused = false;
-    int status = run_left(b, &left, rays, &refused, error);
-    while (status != KILN_OK && !refused && vulkan_can_recover(b)) {
-        status = vulkan_recover(b, error);
-        if (status == KILN_OK)
-            status = run_left(b, &left, rays, &refused, error);
-    }
-    return status;
+    return vulkan_run_to_end(b, run_left, parameters, batch, rays, error);
 }
 
 const struct vulkan_pass vulkan_pass_probes = {.run = run};

@@ -89,9 +89,10 @@ static int run_chunk(struct radiance_run *r, const struct kiln_batch *left, uint
 
 /* Runs what is left of the batch until it is done or something fails; `left` then is what has not been taken.
  * `refused`: it was the taker that failed, not the device. */
-static int run_left(struct vulkan_backend *b, const struct kiln_radiance_parameters *map, struct kiln_batch *left,
-                    uint64_t *rays, bool *refused, struct kiln_error *error)
+static int run_left(struct vulkan_backend *b, const void *parameters, struct kiln_batch *left, uint64_t *rays,
+                    bool *refused, struct kiln_error *error)
 {
+    const struct kiln_radiance_parameters *map = parameters;
     struct radiance_run r = {.b = b};
     int status = prepare(&r, map, left, error);
     while (left->count > 0 && status == KILN_OK) {
@@ -113,15 +114,7 @@ static int run_left(struct vulkan_backend *b, const struct kiln_radiance_paramet
 static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
                struct kiln_error *error)
 {
-    struct kiln_batch left = *batch;
-    bool refused = false;
-    int status = run_left(b, parameters, &left, rays, &refused, error);
-    while (status != KILN_OK && !refused && vulkan_can_recover(b)) {
-        status = vulkan_recover(b, error);
-        if (status == KILN_OK)
-            status = run_left(b, parameters, &left, rays, &refused, error);
-    }
-    return status;
+    return vulkan_run_to_end(b, run_left, parameters, batch, rays, error);
 }
 
 const struct vulkan_pass vulkan_pass_radiance = {.run = run};

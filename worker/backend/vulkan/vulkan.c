@@ -267,6 +267,20 @@ int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error)
     return KILN_OK;
 }
 
+int vulkan_run_to_end(struct vulkan_backend *b, vulkan_run_left run_left, const void *parameters,
+                      const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
+{
+    struct kiln_batch left = *batch;
+    bool refused = false;
+    int status = run_left(b, parameters, &left, rays, &refused, error);
+    while (status != KILN_OK && !refused && vulkan_can_recover(b)) {
+        status = vulkan_recover(b, error);
+        if (status == KILN_OK)
+            status = run_left(b, parameters, &left, rays, &refused, error);
+    }
+    return status;
+}
+
 static int vulkan_create(struct kiln_backend **backend, const struct kiln_backend_params *params,
                          struct kiln_error *error)
 {

@@ -136,6 +136,15 @@ bool vulkan_can_recover(const struct vulkan_backend *b);
  * much from now on. Pointers to kernels and addresses are no longer valid. KILN_NO_DEVICE when that fails too. */
 int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error);
 
+/* Runs what is left of a batch, and takes what was taken off *left. *refused: the taker failed, so that trying again is
+ * of no use. */
+typedef int (*vulkan_run_left)(struct vulkan_backend *b, const void *parameters, struct kiln_batch *left,
+                               uint64_t *rays, bool *refused, struct kiln_error *error);
+/* Runs a batch to its end, and goes on with a device made anew as long as that may help. For passes that are not over
+ * tile runs; chunks.h does the same for those that are. */
+int vulkan_run_to_end(struct vulkan_backend *b, vulkan_run_left run_left, const void *parameters,
+                      const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
+
 /* Sobol' points 0 .. count-1 of all dimensions on the device: dimension d from word d * b->sobol_count on. */
 int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *error);
 /* The address of Sobol' point `first_sample` in dimension 0. */
