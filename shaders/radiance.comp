@@ -41,7 +41,8 @@ void kiln_kernel(uint x, uint y)
     if (x >= push.count)
         return;
     const uint64_t item = push.index + x;
-    const uint key = kiln_radiance_key(push.seed, push.stream, uint(item), uint(item >> 32));
+    const uint64_t draws = push.period > 0u ? item % uint64_t(push.period) : item;
+    const uint key = kiln_radiance_key(push.seed, push.stream, uint(draws), uint(draws >> 32));
     const uint element = uint(item % uint64_t(kiln_probe_elements(push.basis, push.side)));
     const vec3 position = PositionArray(push.positions).at[x];
     vec4 sum = vec4(0.0);

@@ -13,7 +13,8 @@
 enum {
     BATCH_ITEMS = 1 << 18, /* elements of maps in a batch of probes, and a few tile runs' points with their rays */
     BATCH_TILE_RUNS = 1 << 10,
-    SEARCH_SIDE = 8, /* of the maps of which places for probes are judged */
+    SEARCH_SIDE = 8, /* of the maps by which places for probes are judged */
+    SEARCH_ELEMENTS = SEARCH_SIDE * SEARCH_SIDE,
     CANDIDATES = 52,
     PLACING_STREAM = 0x706c6163
 };
@@ -60,8 +61,7 @@ int kiln_radiance_create(struct kiln_radiance **radiance, const struct kiln_inte
         r->batch_probes = r->elements < BATCH_ITEMS ? BATCH_ITEMS / r->elements : 1;
         status = kiln_allocate(&r->positions, r->probes, sizeof *r->positions, what, error);
     }
-    const size_t candidates = (size_t)CANDIDATES * SEARCH_SIDE * SEARCH_SIDE,
-                 items = (size_t)r->batch_probes * r->elements, room = items > candidates ? items : candidates;
+    const size_t items = (size_t)r->batch_probes * r->elements, room = items > BATCH_ITEMS ? items : BATCH_ITEMS;
     if (status == KILN_OK)
         status = kiln_allocate(&r->data, r->probes * r->set.grid.floats, sizeof *r->data, what, error);
     if (status == KILN_OK)
@@ -204,7 +204,7 @@ static int run_pass(struct kiln_radiance *r, const struct kiln_radiance_paramete
 /* The maps of this rank's probes [first, first + count). */
 static int run_probes(struct kiln_radiance *r, uint64_t first, uint64_t count, struct kiln_error *error)
 {
-    const struct kiln_radiance_parameters map = {r->set.grid.basis, r->set.grid.side};
+    const struct kiln_radiance_parameters map = {r->set.grid.basis, r->set.grid.side, 0};
     for (uint64_t i = 0; i < count * r->elements; i++) {
         const uint64_t probe = r->first + first + i / r->elements;
         const bool off = kiln_probe_is_off(&r->set, (uint32_t)probe); /* then its rays find something, for nobody */
@@ -235,23 +235,17 @@ static struct kiln_vec3 candidate(uint32_t number)
     return vec3(far * ((float)(way % 3) - 1.0f), far * ((float)(way / 3 % 3) - 1.0f), far * ((float)(way / 9) - 1.0f));
 }
 
-/* Moves a probe that is inside something to the nearest candidates that are not, among them to that with the fewest
- * backs; or switches it off. */
-static int move_probe(struct kiln_radiance *r, uint64_t probe, const struct kiln_probe_element *element,
-                      struct kiln_error *error)
+/* Where a probe that is inside something goes: to the nearest candidates that are not, among them to that with the
+ * fewest backs; or it is switched off. `results` are those of its candidates' maps. */
+static void move_probe(struct kiln_radiance *r, uint64_t probe, const struct kiln_probe_element *element,
+                       const struct kiln_radiance_result *results)
 {
-    enum { ELEMENTS = SEARCH_SIDE * SEARCH_SIDE };
-    const struct kiln_radiance_parameters map = {KILN_PROBE_OCTAHEDRAL, SEARCH_SIDE};
     const struct kiln_vec3 from = kiln_probe_grid_position(&r->set.grid, probe);
-    for (uint32_t i = 0; i < CANDIDATES * ELEMENTS; i++)
-        r->places[i] = vec3_madd(from, candidate(i / ELEMENTS), r->set.grid.spacing);
-    const int status =
-        run_pass(r, &map, (size_t)(probe * CANDIDATES * ELEMENTS), CANDIDATES * ELEMENTS, 1, PLACING_STREAM + 1, error);
     double least = MOST_BACKS;
     bool found = false;
     r->positions[probe] = vec3(KILN_PROBE_OFF, 0.0f, 0.0f);
-    for (uint32_t i = 0; i < CANDIDATES && status == KILN_OK; i++) {
-        const double backs = kiln_probe_back_share(element, r->results + i * ELEMENTS, ELEMENTS);
+    for (uint32_t i = 0; i < CANDIDATES; i++) {
+        const double backs = kiln_probe_back_share(element, results + i * SEARCH_ELEMENTS, SEARCH_ELEMENTS);
         if (i == CANDIDATES / 2 && found)
             break;
         if (backs > least || (found && backs == least))
@@ -260,27 +254,44 @@ static int move_probe(struct kiln_radiance *r, uint64_t probe, const struct kiln
         found = true;
         r->positions[probe] = vec3_madd(from, candidate(i), r->set.grid.spacing);
     }
+}
+
+/* Moves the probes `inside[0 .. count)`, so many at once that a batch is full. All draw the same random numbers, so
+ * that it does not matter which are moved together. */
+static int move_probes(struct kiln_radiance *r, const uint64_t *inside, uint64_t count, struct kiln_error *error)
+{
+    enum { ITEMS = CANDIDATES * SEARCH_ELEMENTS, AT_ONCE = BATCH_ITEMS / ITEMS };
+    const struct kiln_radiance_parameters map = {KILN_PROBE_OCTAHEDRAL, SEARCH_SIDE, ITEMS};
+    const struct kiln_probe_grid grid = {.basis = KILN_PROBE_OCTAHEDRAL, .side = SEARCH_SIDE};
+    struct kiln_probe_element search[SEARCH_ELEMENTS];
+    int status = KILN_OK;
+    kiln_probe_elements_make(&grid, search);
+    for (uint64_t first = 0; first < count && status == KILN_OK; first += AT_ONCE) {
+        const uint64_t some = count - first < AT_ONCE ? count - first : AT_ONCE;
+        for (uint64_t i = 0; i < some * ITEMS; i++)
+            r->places[i] = vec3_madd(kiln_probe_grid_position(&r->set.grid, inside[first + i / ITEMS]),
+                                     candidate((uint32_t)(i % ITEMS) / SEARCH_ELEMENTS), r->set.grid.spacing);
+        status = run_pass(r, &map, 0, (size_t)(some * ITEMS), 1, PLACING_STREAM + 1, error);
+        for (uint64_t i = 0; i < some && status == KILN_OK; i++)
+            move_probe(r, inside[first + i], search, r->results + i * ITEMS);
+    }
     return status;
 }
 
 /* radiance_batch: where this rank's probes [first, first + count) are. */
 static int place_batch(struct kiln_radiance *r, uint64_t first, uint64_t count, struct kiln_error *error)
 {
-    uint8_t *inside = NULL;
-    struct kiln_probe_element search[SEARCH_SIDE * SEARCH_SIDE];
-    const struct kiln_probe_grid map = {.basis = KILN_PROBE_OCTAHEDRAL, .side = SEARCH_SIDE};
-    int status = kiln_allocate(&inside, count, 1, "the radiance probes", error);
+    uint64_t *inside = NULL, insides = 0;
+    int status = kiln_allocate(&inside, count, sizeof *inside, "the radiance probes", error);
     for (uint64_t i = 0; i < count && status == KILN_OK; i++)
         r->positions[r->first + first + i] = kiln_probe_grid_position(&r->set.grid, r->first + first + i);
     if (status == KILN_OK)
         status = run_probes(r, first, count, error);
-    for (uint64_t i = 0; i < count && status == KILN_OK; i++)
-        inside[i] = !r->params->settings->faults.plain_probes &&
-                    kiln_probe_back_share(r->element, r->results + i * r->elements, r->elements) > MOST_BACKS;
-    kiln_probe_elements_make(&map, search);
-    for (uint64_t i = 0; i < count && status == KILN_OK; i++)
-        if (inside[i] != 0)
-            status = move_probe(r, r->first + first + i, search, error);
+    for (uint64_t i = 0; i < count && status == KILN_OK && !r->params->settings->faults.plain_probes; i++)
+        if (kiln_probe_back_share(r->element, r->results + i * r->elements, r->elements) > MOST_BACKS)
+            inside[insides++] = r->first + first + i;
+    if (status == KILN_OK)
+        status = move_probes(r, inside, insides, error);
     kiln_free(&inside);
     return status;
 }

@@ -123,8 +123,7 @@ struct kiln_gpu_radiance_push {
     KILN_ADDRESS sobol;     /* words: dimension d's samples from d * sobol_stride on */
     KILN_WORD64 index;      /* of the first item */
     KILN_WORD count, samples, sobol_stride, seed, stream;
-    KILN_WORD basis, side;
-    KILN_WORD reserved;
+    KILN_WORD basis, side, period; /* struct kiln_radiance_parameters */
 };
 KILN_SIZE_IS(kiln_gpu_radiance_push, 72);
 KILN_OFFSET_IS(kiln_gpu_radiance_push, count, 40);

@@ -19,6 +19,8 @@
 struct kiln_radiance_parameters {
     uint32_t basis; /* which map: KILN_PROBE_CUBE, or another value for the octahedral one */
     uint32_t side;  /* elements along its side, at least 1 */
+    /* items whose numbers differ by a multiple of it draw the same random numbers; 0: no two items do */
+    uint32_t period;
 };
 
 struct kiln_radiance_result {

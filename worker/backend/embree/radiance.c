@@ -76,7 +76,8 @@ int embree_radiance(struct embree_backend *b, const void *parameters, const stru
 #pragma omp for schedule(dynamic, 64)
         for (size_t i = 0; i < part->count; i++) {
             const uint64_t item = (uint64_t)part->first + i;
-            const uint32_t key = kiln_radiance_key(seed, part->stream, (uint32_t)item, (uint32_t)(item >> 32));
+            const uint64_t draws = map->period > 0 ? item % map->period : item;
+            const uint32_t key = kiln_radiance_key(seed, part->stream, (uint32_t)draws, (uint32_t)(draws >> 32));
             gather_element(b, &context, map, (uint32_t)(item % elements), part->positions[i], key, part->samples,
                            &r[i]);
         }

@@ -49,7 +49,8 @@ static int prepare(struct radiance_run *r, const struct kiln_radiance_parameters
                                         .seed = kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32) ^ KILN_RADIANCE_SEED),
                                         .stream = batch->stream,
                                         .basis = map->basis,
-                                        .side = map->side};
+                                        .side = map->side,
+                                        .period = map->period};
     return status;
 }
 
