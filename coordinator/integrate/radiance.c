@@ -205,6 +205,7 @@ static int run_pass(struct kiln_radiance *r, const struct kiln_radiance_paramete
 static int run_probes(struct kiln_radiance *r, uint64_t first, uint64_t count, struct kiln_error *error)
 {
     const struct kiln_radiance_parameters map = {r->set.grid.basis, r->set.grid.side, 0};
+#pragma omp parallel for num_threads((int)r->params->threads) schedule(static)
     for (uint64_t i = 0; i < count * r->elements; i++) {
         const uint64_t probe = r->first + first + i / r->elements;
         const bool off = kiln_probe_is_off(&r->set, (uint32_t)probe); /* then its rays find something, for nobody */
@@ -218,10 +219,13 @@ static int run_probes(struct kiln_radiance *r, uint64_t first, uint64_t count, s
 static int gather_batch(struct kiln_radiance *r, uint64_t first, uint64_t count, struct kiln_error *error)
 {
     const int status = run_probes(r, first, count, error);
-    for (uint64_t i = 0; i < count && status == KILN_OK; i++)
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads((int)r->params->threads) schedule(static)
+    for (uint64_t i = 0; i < count; i++)
         kiln_probe_keep(&r->set.grid, r->element, r->results + i * r->elements,
                         r->data + (r->first + first + i) * r->set.grid.floats);
-    return status;
+    return KILN_OK;
 }
 
 /* ---- places of probes ---- */
