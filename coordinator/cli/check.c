@@ -10,6 +10,7 @@
 #include "coordinator/bake/scene_survey.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
+#include "worker/scene/gloss.h"
 
 static const double density_outlier = 4.0, buried_share = 0.5, bright_albedo = 0.98;
 
@@ -72,12 +73,27 @@ static void check_lights(struct report *r)
             "there is no light: no emissive triangle, no light, no environment (--environment R,G,B gives one)");
 }
 
+static void check_gloss(struct report *r, const struct kiln_material *m, const struct kiln_gloss *gloss)
+{
+    const char *name = text_at(r, m->name);
+    if (kiln_gloss_kind(m, gloss) == KILN_GLOSS_KIND_THIN_GLASS)
+        add(r, INFORMATION, "material", name,
+            "it transmits light but bounds no body, so that it is a thin wall, which bends no light: glass that is to "
+            "gather light into caustics needs KHR_materials_volume with a thickness above 0 (illum 6 or 7 in MTL)");
+    if (gloss->mean_metallic > 0.0f && m->metallic < 1.0f)
+        add(r, INFORMATION, "material", name, "%.3g %% of it is metal, and a bake leaves out what metal reflects",
+            100.0 * (double)gloss->mean_metallic);
+}
+
 static void check_materials(struct report *r)
 {
     const struct kiln_scene *s = r->look->scene;
     for (size_t i = 0; i < s->material_count; i++) {
         const struct kiln_material *m = &s->materials[i];
         const float brightest = fmaxf(m->base_color[0], fmaxf(m->base_color[1], m->base_color[2]));
+        const struct kiln_gloss *gloss = kiln_gloss_find(s, (uint32_t)i);
+        if (gloss != NULL)
+            check_gloss(r, m, gloss);
         if (m->metallic >= 1.0f)
             add(r, INFORMATION, "material", text_at(r, m->name), "it is a metal and reflects no diffuse light");
         else if ((double)brightest * (1.0 - (double)m->metallic) > bright_albedo && m->base_color_texture == KILN_NONE)
@@ -188,6 +204,18 @@ static int closed_volume(const struct kiln_scene *s, const struct kiln_mesh *mes
     return status;
 }
 
+/* The first material of a mesh that is glass with a volume; NULL: none is. */
+static const struct kiln_material *body_material(const struct kiln_scene *s, const struct kiln_mesh *mesh)
+{
+    for (uint64_t t = 0; s->gloss_count > 0 && t < mesh->triangle_count; t++) {
+        const uint32_t material = s->triangle_materials[mesh->triangle_first + t];
+        const struct kiln_gloss *gloss = kiln_gloss_find(s, material);
+        if (gloss != NULL && kiln_gloss_kind(&s->materials[material], gloss) == KILN_GLOSS_KIND_VOLUME_GLASS)
+            return &s->materials[material];
+    }
+    return NULL;
+}
+
 static void check_meshes(struct report *r)
 {
     const struct kiln_scene *s = r->look->scene;
@@ -202,6 +230,12 @@ static void check_meshes(struct report *r)
             add(r, INFORMATION, "mesh", text_at(r, mesh->name),
                 "it has no usable second UV set and is unwrapped; a viewer needs kiln's layout");
         r->status = closed_volume(s, mesh, &closed, &volume, r->error);
+        const struct kiln_material *body = closed ? NULL : body_material(s, mesh);
+        if (body != NULL)
+            add(r, WARNING, "mesh", text_at(r, mesh->name),
+                "its material '%.80s' is glass with a volume, which the mesh has to bound, but the mesh is not closed: "
+                "close it, or make the glass a thin wall (thickness 0)",
+                text_at(r, body->name));
         if (closed && volume < 0.0)
             add(r, WARNING, "mesh", text_at(r, mesh->name),
                 "it is closed and faces inward: right for a room seen from inside, wrong for a solid (turn its "

@@ -10,6 +10,7 @@
 #include "coordinator/field/units.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
+#include "worker/scene/gloss.h"
 
 static const char *const light_kinds[] = {"point", "spot", "directional"};
 static const char *const environment_kinds[] = {"none", "constant", "lat-long image"};
@@ -84,6 +85,38 @@ static json_t *objects_json(const struct kiln_scene_survey *look)
     return list;
 }
 
+/* Gloss as glTF's extensions name its numbers; null: the material has none. */
+static json_t *gloss_json(const struct kiln_gloss *g)
+{
+    static const char *const uses[KILN_GLOSS_USES] = {
+        "metallic",  "roughness", "transmission",        "specular",         "specular_color",
+        "thickness", "clearcoat", "clearcoat_roughness", "clearcoat_normal", "anisotropy"};
+    if (g == NULL)
+        return json_null();
+    json_t *textures = json_array();
+    for (int i = 0; i < KILN_GLOSS_USES; i++)
+        if (g->textures[i].texture != KILN_NONE)
+            (void)json_array_append_new(textures, json_string(uses[i]));
+    json_t *json = json_pack(
+        "{s:s, s:f, s:f, s:f, s:f, s:f, s:f, s:[f, f, f], s:f, s:b, s:f, s:f, s:f, s:o}", "model",
+        g->model == KILN_GLOSS_PHONG ? "phong" : "metallic-roughness", "metallic", (double)g->metallic, "roughness",
+        (double)g->roughness, "mean_metallic", (double)g->mean_metallic, "mean_roughness", (double)g->mean_roughness,
+        "ior", (double)g->ior, "specular", (double)g->specular, "specular_color", (double)g->specular_color[0],
+        (double)g->specular_color[1], (double)g->specular_color[2], "transmission", (double)g->transmission, "volume",
+        (g->flags & KILN_GLOSS_VOLUME) != 0, "thickness", (double)g->thickness, "dispersion", (double)g->dispersion,
+        "exponent", (double)g->exponent, "textures", textures);
+    json_t *more =
+        json_pack("{s:[f, f, f], s:f, s:[f, f, f], s:f, s:f, s:f, s:f, s:b}", "attenuation_color",
+                  (double)g->attenuation_color[0], (double)g->attenuation_color[1], (double)g->attenuation_color[2],
+                  "attenuation_distance", (double)g->attenuation_distance, "filter", (double)g->filter[0],
+                  (double)g->filter[1], (double)g->filter[2], "clearcoat", (double)g->clearcoat, "clearcoat_roughness",
+                  (double)g->clearcoat_roughness, "anisotropy", (double)g->anisotropy, "anisotropy_rotation",
+                  (double)g->anisotropy_rotation, "mirror", (g->flags & KILN_GLOSS_MIRROR) != 0);
+    (void)json_object_update_missing(json, more);
+    json_decref(more);
+    return json;
+}
+
 static json_t *materials_json(const struct kiln_scene_survey *look)
 {
     static const char *const alpha[] = {"opaque", "mask", "blend"};
@@ -94,15 +127,17 @@ static json_t *materials_json(const struct kiln_scene_survey *look)
         const struct kiln_material *m = &s->materials[i];
         const bool mapped = maps < s->normal_map_count && s->normal_maps[maps].material == i;
         maps += mapped;
+        const struct kiln_gloss *gloss = kiln_gloss_find(s, (uint32_t)i);
         (void)json_array_append_new(
-            list,
-            json_pack("{s:o, s:[f, f, f, f], s:[f, f, f], s:b, s:b, s:b, s:f, s:f, s:s, s:b}", "name",
-                      kiln_json_string(string_at(look, m->name)), "base_color", (double)m->base_color[0],
-                      (double)m->base_color[1], (double)m->base_color[2], (double)m->base_color[3], "emission",
-                      (double)m->emission[0], (double)m->emission[1], (double)m->emission[2], "base_color_texture",
-                      m->base_color_texture != KILN_NONE, "emission_texture", m->emission_texture != KILN_NONE,
-                      "normal_map", mapped, "metallic", (double)m->metallic, "transmission", (double)m->transmission,
-                      "alpha", alpha[m->alpha_mode], "double_sided", m->double_sided != 0));
+            list, json_pack("{s:o, s:[f, f, f, f], s:[f, f, f], s:b, s:b, s:b, s:f, s:f, s:s, s:b, s:f, s:s, s:o}",
+                            "name", kiln_json_string(string_at(look, m->name)), "base_color", (double)m->base_color[0],
+                            (double)m->base_color[1], (double)m->base_color[2], (double)m->base_color[3], "emission",
+                            (double)m->emission[0], (double)m->emission[1], (double)m->emission[2],
+                            "base_color_texture", m->base_color_texture != KILN_NONE, "emission_texture",
+                            m->emission_texture != KILN_NONE, "normal_map", mapped, "metallic", (double)m->metallic,
+                            "transmission", (double)m->transmission, "alpha", alpha[m->alpha_mode], "double_sided",
+                            m->double_sided != 0, "roughness", (double)m->roughness, "kind",
+                            kiln_gloss_kind_name(kiln_gloss_kind(m, gloss)), "gloss", gloss_json(gloss)));
     }
     return list;
 }
@@ -276,6 +311,57 @@ static void print_glass(const struct kiln_scene_survey *look, const struct kiln_
                m->alpha_mode == KILN_ALPHA_OPAQUE ? "" : "; holes by its alpha");
 }
 
+/* The numbers of a material that is more than diffuse, after its kind. */
+static void print_gloss(const struct kiln_gloss *g)
+{
+    const bool glass = g->transmission > 0.0f, body = (g->flags & KILN_GLOSS_VOLUME) != 0;
+    if (g->model == KILN_GLOSS_PHONG)
+        (void)printf(", Phong %s of %g %g %g", (g->flags & KILN_GLOSS_MIRROR) != 0 ? "mirror" : "lobe",
+                     (double)g->specular_color[0], (double)g->specular_color[1], (double)g->specular_color[2]);
+    if (g->model == KILN_GLOSS_PHONG && (g->flags & KILN_GLOSS_MIRROR) == 0)
+        (void)printf(", exponent %g", (double)g->exponent);
+    if (g->mean_metallic > 0.0f)
+        (void)printf(", metallic %.3g", (double)g->mean_metallic);
+    if (g->model != KILN_GLOSS_PHONG)
+        (void)printf(", roughness %.3g", (double)g->mean_roughness);
+    if (g->anisotropy > 0.0f)
+        (void)printf(", anisotropy %.3g", (double)g->anisotropy);
+    if (glass)
+        (void)printf(", transmission %.3g", (double)g->transmission);
+    if (g->ior != 1.5f || glass)
+        (void)printf(", index %g", (double)g->ior);
+    if (body && g->attenuation_distance > 0.0f)
+        (void)printf(", white becomes %g %g %g in %g m", (double)g->attenuation_color[0],
+                     (double)g->attenuation_color[1], (double)g->attenuation_color[2], (double)g->attenuation_distance);
+    if (body && g->dispersion > 0.0f)
+        (void)printf(", Abbe number %.3g", 20.0 / (double)g->dispersion);
+    if (g->clearcoat > 0.0f)
+        (void)printf(", clear coat %.3g of roughness %.3g", (double)g->clearcoat, (double)g->clearcoat_roughness);
+}
+
+/* Lists the materials that are more than diffuse. */
+static void print_kinds(const struct kiln_scene_survey *look, bool all)
+{
+    const struct kiln_scene *s = look->scene;
+    size_t shown = 0, found = 0;
+    for (size_t i = 0; i < s->material_count; i++) {
+        const struct kiln_gloss *known = kiln_gloss_find(s, (uint32_t)i);
+        const struct kiln_gloss gloss = known != NULL ? *known : kiln_gloss_default(&s->materials[i], (uint32_t)i);
+        const enum kiln_gloss_kind kind = kiln_gloss_kind(&s->materials[i], &gloss);
+        if (kind == KILN_GLOSS_KIND_DIFFUSE || (found++ >= OBJECTS_SHOWN && !all))
+            continue;
+        (void)fputs(shown++ == 0 ? "\n" : "", stdout);
+        kiln_print(stdout, "material '%s': %s", string_at(look, s->materials[i].name), kiln_gloss_kind_name(kind));
+        print_gloss(&gloss);
+        (void)fputs("\n", stdout);
+    }
+    if (found > shown)
+        (void)printf("... and %zu more (--verbose shows all)\n", found - shown);
+    if (found > 0)
+        (void)printf("a bake takes %s diffuse, and glass as thin walls: mirrors, gloss and bent light are left out\n",
+                     found == 1 ? "this material as" : "these materials as");
+}
+
 static void print_texts(const struct kiln_scene_survey *look, const struct kiln_job *job)
 {
     const struct kiln_scene *s = look->scene;
@@ -291,6 +377,7 @@ static void print_texts(const struct kiln_scene_survey *look, const struct kiln_
                    light_kinds[s->lights[i].kind], (double)s->lights[i].intensity[0], (double)s->lights[i].intensity[1],
                    (double)s->lights[i].intensity[2],
                    s->lights[i].kind == KILN_LIGHT_DIRECTIONAL ? units->irradiance : units->intensity);
+    print_kinds(look, job->verbose);
     for (size_t i = 0, shown = 0; i < s->material_count; i++)
         if (s->materials[i].transmission > 0.0f) {
             (void)fputs(shown++ == 0 ? "\n" : "", stdout);

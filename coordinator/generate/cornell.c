@@ -5,7 +5,7 @@
 
 #include "coordinator/generate/scenes.h"
 
-enum { WHITE, GREEN, RED, LIGHT, SOLID, ORANGE, BLUE, MIRROR, GLASS, MATERIALS };
+enum { WHITE, GREEN, RED, LIGHT, SOLID, ORANGE, BLUE, MIRROR, GLASS, WATER, MATERIALS };
 
 struct box {
     struct kiln_glb *glb;
@@ -28,7 +28,14 @@ static const struct kiln_glb_material table[MATERIALS] = {
     [ORANGE] = {.name = "orange", .base_color = {0.8f, 0.5f, 0.2f}, .roughness = 1},
     [BLUE] = {.name = "blue", .base_color = {0.2f, 0.4f, 0.8f}, .roughness = 1},
     [MIRROR] = {.name = "mirror", .base_color = {0.95f, 0.95f, 0.95f}, .metallic = 1},
-    [GLASS] = {.name = "glass", .base_color = {1, 1, 1}, .transmissive = true},
+    [GLASS] = {.name = "glass", .base_color = {1, 1, 1}, .transmissive = true, .ior = 1.5f, .thickness = 2},
+    [WATER] = {.name = "water",
+               .base_color = {1, 1, 1},
+               .transmissive = true,
+               .ior = 1.33f,
+               .thickness = 1.2f,
+               .attenuation_color = {0.6f, 0.9f, 0.95f},
+               .attenuation_distance = 5},
 };
 
 static void finish(struct box *box, struct kiln_shape *shape, const char *name)
@@ -147,6 +154,70 @@ static void balls(struct box *box)
     ellipsoid(box, "glass_ball", GLASS, dvec3(3.8, 1.01, 1.9), dvec3(1, 1, 1), 96);
 }
 
+/* The body of water: its sides and its bottom lie behind the walls and below the floor, so that these stand in the
+ * water, and its front is free. */
+static const double WATER_LOW[3] = {-0.05, -0.05, 0.02}, WATER_HIGH[3] = {5.61, 1.2, 5.642};
+enum { WATER_SIDE = 48 }; /* quads along each side */
+
+/* Four waves of different length and direction, 6 cm high in all. */
+static double waves(double x, double z)
+{
+    static const double wave[4][4] = {/* height, along x, along z, phase; radians per m */
+                                      {0.024, 4.1, 1.3, 0.3},
+                                      {0.018, -2.2, 5.0, 1.7},
+                                      {0.012, 6.3, 4.4, 4.1},
+                                      {0.006, -7.9, 6.1, 2.6}};
+    double height = 0;
+    for (int i = 0; i < 4; i++)
+        height += wave[i][0] * sin(wave[i][1] * x + wave[i][2] * z + wave[i][3]);
+    return height;
+}
+
+static struct kiln_dvec3 water_top(const void *unused, double s, double t)
+{
+    (void)unused;
+    const double x = WATER_LOW[0] + t * (WATER_HIGH[0] - WATER_LOW[0]),
+                 z = WATER_LOW[2] + s * (WATER_HIGH[2] - WATER_LOW[2]);
+    return dvec3(x, WATER_HIGH[1] + waves(x, z), z);
+}
+
+static struct kiln_dvec3 water_bottom(const void *unused, double s, double t)
+{
+    const struct kiln_dvec3 top = water_top(unused, t, s);
+    return dvec3(top.x, WATER_LOW[1], top.z);
+}
+
+/* Adds one side, from point i to i + 1 of an edge of the top, with the top's own points: the body is closed. */
+static void water_side(struct kiln_shape *shape, const struct kiln_dvec3 edge[WATER_SIDE + 1])
+{
+    for (int i = 0; i < WATER_SIDE; i++)
+        kiln_shape_quad(shape, WATER, dvec3(edge[i].x, WATER_LOW[1], edge[i].z),
+                        dvec3(edge[i + 1].x, WATER_LOW[1], edge[i + 1].z), edge[i + 1], edge[i]);
+}
+
+static void water(struct box *box)
+{
+    struct kiln_shape shape = {0};
+    struct kiln_dvec3 edge[4]
+                          [WATER_SIDE + 1]; /* left, back, right, front: round the body, counter-clockwise from above */
+    kiln_shape_surface(
+        &shape, WATER,
+        &(struct kiln_shape_surface){water_top, NULL, .columns = WATER_SIDE, .rows = WATER_SIDE, .open = true});
+    kiln_shape_surface(
+        &shape, WATER,
+        &(struct kiln_shape_surface){water_bottom, NULL, .columns = WATER_SIDE, .rows = WATER_SIDE, .open = true});
+    for (int i = 0; i <= WATER_SIDE; i++) {
+        const double at = (double)i / WATER_SIDE, back = (double)(WATER_SIDE - i) / WATER_SIDE;
+        edge[0][i] = water_top(NULL, at, 0);
+        edge[1][i] = water_top(NULL, 1, at);
+        edge[2][i] = water_top(NULL, back, 1);
+        edge[3][i] = water_top(NULL, 0, back);
+    }
+    for (int i = 0; i < 4; i++)
+        water_side(&shape, edge[i]);
+    finish(box, &shape, "water");
+}
+
 /* A carved figure: a turned outline, flutes that wind around it, and fine grain. */
 static struct kiln_dvec3 statue_point(const void *unused, double s, double t)
 {
@@ -184,12 +255,12 @@ int kiln_generate_cornell(struct kiln_glb *glb, const struct kiln_generator *sel
                           const struct kiln_generate_params *params, struct kiln_error *error)
 {
     const char *variant = self->name + strlen("cornell");
-    const bool narrow = strcmp(variant, "-shapes") == 0;
-    /* Radiance of the measured lamp, and of the narrow one. */
+    const bool narrow = strcmp(variant, "-shapes") == 0, wet = strcmp(variant, "-water") == 0;
+    /* Radiance of the measured lamp, and of the narrow and the small one. */
     static const float measured[3] = {18.387f, 13.987300f, 6.753570f}, bright[3] = {60, 55, 45};
     struct kiln_glb_material materials[MATERIALS];
     memcpy(materials, table, sizeof materials);
-    memcpy(materials[LIGHT].emission, narrow ? bright : measured, sizeof measured);
+    memcpy(materials[LIGHT].emission, narrow || wet ? bright : measured, sizeof measured);
     struct box box = {.glb = glb, .palette = {.table = materials}, .scale = 1, .error = error};
     if (strcmp(variant, "-offset") == 0)
         box.offset = dvec3(1e5, 0, 0);
@@ -200,6 +271,8 @@ int kiln_generate_cornell(struct kiln_glb *glb, const struct kiln_generator *sel
     walls(&box);
     if (narrow)
         ceiling_and_light(&box, 2.7, 2.86, 1.0, 4.6);
+    else if (wet)
+        ceiling_and_light(&box, 2.48, 3.08, 2.5, 3.1);
     else
         ceiling_and_light(&box, 2.13, 3.43, 2.27, 3.32);
     if (strcmp(variant, "-layers") == 0)
@@ -208,6 +281,8 @@ int kiln_generate_cornell(struct kiln_glb *glb, const struct kiln_generator *sel
         solids(&box);
     else if (strcmp(variant, "-spheres") == 0)
         balls(&box);
+    else if (wet)
+        water(&box);
     else if (strcmp(variant, "-statue") == 0)
         statue(&box, params->triangles > 0 ? params->triangles : 20000);
     else

@@ -14,7 +14,7 @@ enum { GLTF_FLOAT = 5126, GLTF_UNSIGNED_INT = 5125, GLTF_ARRAY_BUFFER = 34962, G
 
 struct kiln_glb {
     json_t *materials, *meshes, *nodes, *cameras, *lights, *accessors, *views, *extras;
-    bool strength, transmission;
+    bool strength, transmission, volume, dispersion;
     uint8_t *binary;
     size_t size, capacity;
     uint64_t *mesh_triangles;
@@ -103,6 +103,31 @@ static json_t *json_reals(const double *values, size_t count)
     return array;
 }
 
+/* Sets the extensions of glass. Returns 0, or another number when there is no memory. */
+static int add_glass(struct kiln_glb *glb, json_t *extensions, const struct kiln_glb_material *material)
+{
+    int failed =
+        json_object_set_new(extensions, "KHR_materials_transmission", json_pack("{s:f}", "transmissionFactor", 1.0));
+    failed |= json_object_set_new(extensions, "KHR_materials_ior",
+                                  json_pack("{s:o*}", "ior", json_float(material->ior > 0 ? material->ior : 1.5f)));
+    glb->transmission = true;
+    if (material->thickness > 0) {
+        json_t *volume = json_pack("{s:o*}", "thicknessFactor", json_float(material->thickness));
+        if (material->attenuation_distance > 0) {
+            failed |= json_object_set_new(volume, "attenuationDistance", json_float(material->attenuation_distance));
+            failed |= json_object_set_new(volume, "attenuationColor", json_floats(material->attenuation_color, 3));
+        }
+        failed |= json_object_set_new(extensions, "KHR_materials_volume", volume);
+        glb->volume = true;
+    }
+    if (material->dispersion > 0) {
+        failed |= json_object_set_new(extensions, "KHR_materials_dispersion",
+                                      json_pack("{s:o*}", "dispersion", json_float(material->dispersion)));
+        glb->dispersion = true;
+    }
+    return failed;
+}
+
 int kiln_glb_add_material(struct kiln_glb *glb, const struct kiln_glb_material *material, uint32_t *index,
                           struct kiln_error *error)
 {
@@ -123,12 +148,8 @@ int kiln_glb_add_material(struct kiln_glb *glb, const struct kiln_glb_material *
             glb->strength = true;
         }
     }
-    if (material->transmissive) {
-        failed |= json_object_set_new(extensions, "KHR_materials_transmission",
-                                      json_pack("{s:f}", "transmissionFactor", 1.0));
-        failed |= json_object_set_new(extensions, "KHR_materials_ior", json_pack("{s:f}", "ior", 1.5));
-        glb->transmission = true;
-    }
+    if (material->transmissive)
+        failed |= add_glass(glb, extensions, material);
     if (failed == 0 && json_object_size(extensions) > 0)
         failed |= json_object_set(object, "extensions", extensions);
     json_decref(extensions);
@@ -306,13 +327,14 @@ int kiln_glb_add_camera(struct kiln_glb *glb, const char *name, double angle, do
     return status != KILN_OK ? status : add_node(glb, name, "camera", json_integer(index), placement, error);
 }
 
+/* Adds a light and its node; `spot` are its cone's members, or NULL. */
 static int add_light(struct kiln_glb *glb, const char *name, const char *type, const double color[3], double intensity,
-                     const struct kiln_glb_placement *placement, struct kiln_error *error)
+                     json_t *spot, const struct kiln_glb_placement *placement, struct kiln_error *error)
 {
     const json_int_t index = (json_int_t)json_array_size(glb->lights);
     const int status = append(glb->lights,
-                              json_pack("{s:s, s:s, s:o*, s:f}", "name", name, "type", type, "color",
-                                        json_reals(color, 3), "intensity", intensity),
+                              json_pack("{s:s, s:s, s:o*, s:f, s:o*}", "name", name, "type", type, "color",
+                                        json_reals(color, 3), "intensity", intensity, "spot", spot),
                               error);
     if (status != KILN_OK)
         return status;
@@ -323,13 +345,20 @@ static int add_light(struct kiln_glb *glb, const char *name, const char *type, c
 int kiln_glb_add_sun(struct kiln_glb *glb, const char *name, const double color[3], double intensity,
                      const struct kiln_glb_placement *placement, struct kiln_error *error)
 {
-    return add_light(glb, name, "directional", color, intensity, placement, error);
+    return add_light(glb, name, "directional", color, intensity, NULL, placement, error);
 }
 
 int kiln_glb_add_point(struct kiln_glb *glb, const char *name, const double color[3], double intensity,
                        const struct kiln_glb_placement *placement, struct kiln_error *error)
 {
-    return add_light(glb, name, "point", color, intensity, placement, error);
+    return add_light(glb, name, "point", color, intensity, NULL, placement, error);
+}
+
+int kiln_glb_add_spot(struct kiln_glb *glb, const char *name, const double color[3], double intensity, double inner,
+                      double outer, const struct kiln_glb_placement *placement, struct kiln_error *error)
+{
+    json_t *spot = json_pack("{s:f, s:f}", "innerConeAngle", inner, "outerConeAngle", outer);
+    return spot == NULL ? out_of_memory(error) : add_light(glb, name, "spot", color, intensity, spot, placement, error);
 }
 
 int kiln_glb_set_environment(struct kiln_glb *glb, const double radiance[3], struct kiln_error *error)
@@ -365,6 +394,10 @@ static json_t *describe(const struct kiln_glb *glb)
         failed |= json_array_append_new(used, json_string("KHR_materials_transmission"));
         failed |= json_array_append_new(used, json_string("KHR_materials_ior"));
     }
+    if (glb->volume)
+        failed |= json_array_append_new(used, json_string("KHR_materials_volume"));
+    if (glb->dispersion)
+        failed |= json_array_append_new(used, json_string("KHR_materials_dispersion"));
     if (json_array_size(glb->lights) > 0) {
         failed |= json_array_append_new(used, json_string("KHR_lights_punctual"));
         failed |= json_object_set_new(root, "extensions",

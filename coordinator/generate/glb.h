@@ -22,7 +22,12 @@ struct kiln_glb_material {
     float base_color[3];
     float emission[3]; /* radiance */
     float metallic, roughness;
-    bool transmissive; /* KHR_materials_transmission of 1, ior 1.5 */
+    bool transmissive; /* KHR_materials_transmission of 1, with this index of refraction; 0: 1.5 */
+    float ior;
+    /* KHR_materials_volume of what is transmissive, m; 0: a thin wall. The mesh has to be closed */
+    float thickness;
+    float attenuation_color[3], attenuation_distance; /* m; 0: the body absorbs nothing */
+    float dispersion;                                 /* KHR_materials_dispersion: 20 / Abbe number; 0: none */
 };
 
 /* A glTF primitive: triangles of one material. The primitives of a mesh index the mesh's one vertex array. */
@@ -77,6 +82,9 @@ int kiln_glb_add_sun(struct kiln_glb *glb, const char *name, const double color[
 /* Adds a point light at the placement; `intensity` is W/sr. */
 int kiln_glb_add_point(struct kiln_glb *glb, const char *name, const double color[3], double intensity,
                        const struct kiln_glb_placement *placement, struct kiln_error *error);
+/* Adds a spot light along -z of the placement; `intensity` is W/sr; angles are radians from the axis, inner < outer. */
+int kiln_glb_add_spot(struct kiln_glb *glb, const char *name, const double color[3], double intensity, double inner,
+                      double outer, const struct kiln_glb_placement *placement, struct kiln_error *error);
 /* Sets the environment to a constant radiance. */
 int kiln_glb_set_environment(struct kiln_glb *glb, const double radiance[3], struct kiln_error *error);
 /* Sets a sentence about the scene, stored as scenes[0].extras.note. */

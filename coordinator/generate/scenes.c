@@ -6,7 +6,9 @@ const struct kiln_generator kiln_generators[] = {
      kiln_generate_cornell},
     {"cornell-shapes", "the box with a cube, a ball, a torus, an ellipsoid and a slab under a narrow light", 0,
      kiln_generate_cornell},
-    {"cornell-spheres", "the box with a mirror ball and a glass ball", 0, kiln_generate_cornell},
+    {"cornell-spheres", "the box with a mirror ball and a ball of glass", 0, kiln_generate_cornell},
+    {"cornell-water", "the box with water and its waves under a small light: caustics on the floor", 0,
+     kiln_generate_cornell},
     {"cornell-statue", "the box with a finely carved statue: --triangles N, default 20000", KILN_TAKES_TRIANGLES,
      kiln_generate_cornell},
     {"cornell-offset", "the box 100 km from the origin", 0, kiln_generate_cornell},
@@ -20,6 +22,10 @@ const struct kiln_generator kiln_generators[] = {
      kiln_generate_rooms},
     {"lights", "a hall under many small lamps: --columns N --rows M, default 32 x 16, two triangles a lamp",
      KILN_TAKES_GRID, kiln_generate_lights},
+    {"mirrors", "a room of four plane mirrors around a lamp: the floor's light is a sum over the lamp's images", 0,
+     kiln_generate_mirrors},
+    {"prism", "a narrow beam through a prism of dense flint glass, whose dispersion spreads it on a wall", 0,
+     kiln_generate_prism},
 };
 const size_t kiln_generator_count = sizeof kiln_generators / sizeof kiln_generators[0];
 

@@ -39,6 +39,11 @@ int kiln_generate_rooms(struct kiln_glb *glb, const struct kiln_generator *self,
 int kiln_generate_lights(struct kiln_glb *glb, const struct kiln_generator *self,
                          const struct kiln_generate_params *params, struct kiln_error *error);
 
+int kiln_generate_mirrors(struct kiln_glb *glb, const struct kiln_generator *self,
+                          const struct kiln_generate_params *params, struct kiln_error *error);
+int kiln_generate_prism(struct kiln_glb *glb, const struct kiln_generator *self,
+                        const struct kiln_generate_params *params, struct kiln_error *error);
+
 /* Adds an upright camera at `eye` that looks at `target`. */
 int kiln_generate_camera(struct kiln_glb *glb, struct kiln_dvec3 eye, struct kiln_dvec3 target, double angle,
                          double aspect, struct kiln_error *error);

@@ -93,6 +93,18 @@ void kiln_shape_face(struct kiln_shape *shape, uint32_t material, struct kiln_dv
     kiln_shape_quad(shape, material, a, b, c, d);
 }
 
+void kiln_shape_triangle(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 a, struct kiln_dvec3 b,
+                         struct kiln_dvec3 c)
+{
+    const struct kiln_dvec3 corners[3] = {a, b, c}, normal = unit(dvec3_cross(dvec3_sub(b, a), dvec3_sub(c, a)));
+    static const struct kiln_vec2 texcoords[3] = {{0, 0}, {1, 0}, {0, 1}};
+    uint32_t index[3];
+    chart_of_face(shape, a, b, c);
+    for (int i = 0; i < 3; i++)
+        index[i] = add_vertex(shape, corners[i], normal, texcoords[i]);
+    add_triangle(shape, material, index[0], index[1], index[2]);
+}
+
 void kiln_shape_face_with_hole(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 origin,
                                struct kiln_dvec3 u, struct kiln_dvec3 v, const double hole_u[2], const double hole_v[2])
 {
@@ -135,7 +147,8 @@ static struct kiln_dvec3 surface_normal(const struct kiln_shape_surface *surface
         const double inside = t < 0.5 ? 2 * step : 1 - 2 * step;
         return unit(dvec3_add(surface_normal(surface, 0, inside), surface_normal(surface, 0.5, inside)));
     }
-    const double before = s - step < 0 ? s - step + 1 : s - step, after = s + step > 1 ? s + step - 1 : s + step;
+    const double before = s - step < 0 && !surface->open ? s - step + 1 : s - step,
+                 after = s + step > 1 && !surface->open ? s + step - 1 : s + step;
     const struct kiln_dvec3 along_s =
         dvec3_sub(surface->point(surface->data, after, t), surface->point(surface->data, before, t));
     const struct kiln_dvec3 along_t =
@@ -152,7 +165,8 @@ void kiln_shape_surface(struct kiln_shape *shape, uint32_t material, const struc
         for (uint32_t column = 0; column <= columns && shape->status == KILN_OK; column++) {
             const double s = (double)column / columns, t = (double)row / rows;
             /* Where the surface closes, the same parameters are used, so that the seam is closed to the last bit. */
-            const double s_closed = column == columns ? 0 : s, t_closed = !surface->poles && row == rows ? 0 : t;
+            const double s_closed = column == columns && !surface->open ? 0 : s,
+                         t_closed = row == rows && !surface->poles && !surface->open ? 0 : t;
             const double s_here = surface->poles && (row == 0 || row == rows) ? 0 : s_closed;
             add_vertex(shape, surface->point(surface->data, s_here, t_closed),
                        surface_normal(surface, s_here, t_closed), (struct kiln_vec2){(float)s, (float)t});

@@ -54,6 +54,9 @@ void kiln_shape_quad(struct kiln_shape *shape, uint32_t material, struct kiln_dv
 /* The same, in a chart of its own. */
 void kiln_shape_face(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 a, struct kiln_dvec3 b,
                      struct kiln_dvec3 c, struct kiln_dvec3 d);
+/* Adds a triangle a b c, counter-clockwise seen from its front, in a chart of its own. */
+void kiln_shape_triangle(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 a, struct kiln_dvec3 b,
+                         struct kiln_dvec3 c);
 /* Adds a parallelogram at `origin` with sides u and v, front towards u x v, in one chart, with a hole whose sides lie
  * at the given fractions of u and v (all inside 0..1). */
 void kiln_shape_face_with_hole(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 origin,
@@ -70,6 +73,8 @@ struct kiln_shape_surface {
     const void *data;
     uint32_t columns, rows; /* 2 x columns x rows triangles, 2 x columns fewer with poles */
     bool poles;
+    /* an open sheet: it closes neither way, and the point is asked for a little outside of 0..1 too */
+    bool open;
 };
 void kiln_shape_surface(struct kiln_shape *shape, uint32_t material, const struct kiln_shape_surface *surface);
 

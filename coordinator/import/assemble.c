@@ -84,7 +84,8 @@ static int add_vertex(struct kiln_builder *builder, struct kiln_mesh *mesh, cons
                          primitive->where);
     primitive->attributes(primitive->context, source, &a);
     if (!isfinite(a.base.x) || !isfinite(a.base.y) || !isfinite(a.emission.x) || !isfinite(a.emission.y) ||
-        !isfinite(a.lightmap.x) || !isfinite(a.lightmap.y) || !isfinite(a.normal.x) || !isfinite(a.normal.y))
+        !isfinite(a.lightmap.x) || !isfinite(a.lightmap.y) || !isfinite(a.normal.x) || !isfinite(a.normal.y) ||
+        !isfinite(a.gloss.x) || !isfinite(a.gloss.y))
         return kiln_fail(error, KILN_BAD_INPUT,
                          "%s: a texture coordinate of vertex %u is infinite or not a number; repair the file",
                          primitive->where, source);
@@ -94,10 +95,10 @@ static int add_vertex(struct kiln_builder *builder, struct kiln_mesh *mesh, cons
     } columns[] = {{KILN_SECTION_POSITIONS, &position},           {KILN_SECTION_NORMALS, &normal},
                    {KILN_SECTION_TEXCOORD_BASE, &a.base},         {KILN_SECTION_TEXCOORD_EMISSION, &a.emission},
                    {KILN_SECTION_TEXCOORD_LIGHTMAP, &a.lightmap}, {KILN_SECTION_COLORS, a.color},
-                   {KILN_SECTION_TEXCOORD_NORMAL, &a.normal}};
-    const size_t count =
-        sizeof columns / sizeof columns[0] - (builder->sections[KILN_SECTION_NORMAL_MAPS].count > 0 ? 0 : 1);
-    for (size_t i = 0; i < count; i++) {
+                   {KILN_SECTION_TEXCOORD_NORMAL, &a.normal},     {KILN_SECTION_TEXCOORD_GLOSS, &a.gloss}};
+    for (size_t i = 0; i < sizeof columns / sizeof columns[0]; i++) {
+        if (!kiln_builder_has(builder, columns[i].section))
+            continue;
         const int status = kiln_builder_append(builder, columns[i].section, columns[i].data, 1, NULL, error);
         if (status != KILN_OK)
             return status;

@@ -19,7 +19,8 @@
 #include "coordinator/scene/builder.h"
 
 struct kiln_attributes {
-    struct kiln_vec2 base, emission, lightmap, normal; /* normal: of the normal map; kept if the scene has any */
+    /* normal: of the normal map; gloss: of the gloss's textures; each is kept if the scene has any */
+    struct kiln_vec2 base, emission, lightmap, normal, gloss;
     uint8_t color[4];
 };
 

@@ -148,6 +148,9 @@ static void write_notes(struct gltf *g)
         {g->missing_normal_texcoords, 1,
          "primitives lack the texture coordinates that their material's normal map asks for; kiln view shows them "
          "without it"},
+        {g->missing_gloss_texcoords, 1,
+         "primitives lack the texture coordinates that their material's gloss asks for; its textures' corner colours "
+         "are used"},
         {g->clamped_colors, 1, "primitives had vertex colours outside 0..1; they were clamped"},
         {g->without_area_objects, KILN_NOTE_REPEATED, "objects are scaled to nothing and were left out"},
         {g->skipped_lights, KILN_NOTE_REPEATED, "lights are scaled to nothing and were left out"},

@@ -50,6 +50,9 @@ struct gltf_texture_use {
 struct gltf_material {
     /* base also serves a transmission texture that has the same coordinates or is the only texture */
     struct gltf_texture_use base, emission, normal;
+    /* gloss.texcoord is the set of all textures of its gloss; its transform is none, for each of them has its own. Its
+     * texture is KILN_NONE if no such set is needed */
+    struct gltf_texture_use gloss;
 };
 
 #define GLTF_UNREAD 0xfffffffeu /* a mesh that has not been read yet */
@@ -80,8 +83,8 @@ struct gltf {
     uint64_t draco_triangles; /* triangles that the Draco data may hold, in addition to the limit by file size */
     uint64_t triangles, sparse_elements, objects, expanded;
     /* counts for notes */
-    uint64_t points_and_lines, without_material, missing_texcoords, missing_normal_texcoords, clamped_colors,
-        without_area_objects, skipped_lights, hard_spots;
+    uint64_t points_and_lines, without_material, missing_texcoords, missing_normal_texcoords, missing_gloss_texcoords,
+        clamped_colors, without_area_objects, skipped_lights, hard_spots;
     uint64_t unknown_settings;
     bool skins, morphs;
 };
@@ -137,7 +140,7 @@ void gltf_read_meshopt(struct gltf *g, struct gltf_place place, const json_t *ex
 /* gltf_draco.c: decodes KHR_draco_mesh_compression. `uses` names copies of a primitive's accessors by attribute (count
  * 0: not used). The copies are pointed to decompressed values; those that the extension does not name are left alone.
  * Free the values with gltf_draco_values_free, also after a failure. */
-enum { GLTF_DRACO_ATTRIBUTES = 7 };
+enum { GLTF_DRACO_ATTRIBUTES = 8 };
 struct gltf_draco_use {
     const char *name; /* "POSITION" */
     struct gltf_accessor *accessor;
@@ -165,6 +168,20 @@ double gltf_accessor_raw(const struct gltf_accessor *accessor, size_t index, uns
 /* gltf_material.c */
 void gltf_read_materials(struct gltf *g);
 uint32_t gltf_default_material(struct gltf *g);
+/* Reads a textureInfo; use->texture stays KILN_NONE if it is absent. */
+void gltf_texture_info(struct gltf *g, struct gltf_place place, const json_t *parent, const char *key,
+                       struct gltf_texture_use *use);
+/* The image of a glTF texture; a failure if it has none that kiln reads. */
+uint32_t gltf_source_image(struct gltf *g, uint32_t texture);
+/* The builder's texture for a glTF texture, made on first use. `srgb`: its colours are sRGB-coded, else linear. */
+uint32_t gltf_builder_texture(struct gltf *g, uint32_t texture, bool srgb);
+/* Mean of one channel of a glTF texture's image, 0..1, as it is coded. */
+double gltf_image_mean(struct gltf *g, uint32_t texture, unsigned channel);
+
+/* gltf_gloss.c: reads what a material says besides its diffuse part, and appends a struct kiln_gloss if that is more
+ * than the defaults. `material` stands in the builder at `index`; sets the gloss of g->materials[place.index]. */
+void gltf_read_gloss(struct gltf *g, struct gltf_place place, const json_t *json, const struct kiln_material *material,
+                     uint32_t index);
 
 /* gltf_mesh.c: the corners of triangle k of a primitive (mode 4, 5 or 6; `indices` may be NULL), counter-clockwise seen
  * from the front. */

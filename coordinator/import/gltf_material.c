@@ -49,7 +49,7 @@ static void image_open(struct gltf *g, uint32_t index, struct image_bytes *bytes
     }
 }
 
-static uint32_t source_image(struct gltf *g, uint32_t texture)
+uint32_t gltf_source_image(struct gltf *g, uint32_t texture)
 {
     const struct gltf_place place = {"textures", texture, ""};
     const json_t *json = gltf_element(g, "textures", texture);
@@ -95,8 +95,7 @@ static uint32_t wrap_mode(struct gltf *g, struct gltf_place place, const json_t 
     }
 }
 
-/* The builder's texture for a glTF texture, made on first use. `srgb`: its colours are sRGB-coded, else linear. */
-static uint32_t builder_texture(struct gltf *g, uint32_t texture, bool srgb)
+uint32_t gltf_builder_texture(struct gltf *g, uint32_t texture, bool srgb)
 {
     if (texture == KILN_NONE || g->status != KILN_OK)
         return KILN_NONE;
@@ -117,7 +116,7 @@ static uint32_t builder_texture(struct gltf *g, uint32_t texture, bool srgb)
         if (filter != 9728 && filter != 9729)
             gltf_fail(g, at, "magFilter", "is %llu, not one of 9728, 9729", (unsigned long long)filter);
     }
-    const uint32_t image = source_image(g, texture);
+    const uint32_t image = gltf_source_image(g, texture);
     if (g->status == KILN_OK)
         decode_image(g, image);
     if (g->status != KILN_OK)
@@ -131,9 +130,8 @@ static uint32_t builder_texture(struct gltf *g, uint32_t texture, bool srgb)
     return (uint32_t)index;
 }
 
-/* Reads a textureInfo; use->texture stays KILN_NONE if it is absent. */
-static void texture_info(struct gltf *g, struct gltf_place place, const json_t *parent, const char *key,
-                         struct gltf_texture_use *use)
+void gltf_texture_info(struct gltf *g, struct gltf_place place, const json_t *parent, const char *key,
+                       struct gltf_texture_use *use)
 {
     *use = (struct gltf_texture_use){.texture = KILN_NONE, .transform = {1.0f, 0.0f, 0.0f, 0.0f, 1.0f, 0.0f}};
     const json_t *json = gltf_object(g, place, parent, key);
@@ -164,10 +162,9 @@ static bool same_coordinates(const struct gltf_texture_use *a, const struct gltf
     return a->texcoord == b->texcoord && memcmp(a->transform, b->transform, sizeof a->transform) == 0;
 }
 
-/* Mean of one channel of an image, 0..1, for textures that are replaced by their mean. */
-static double image_mean(struct gltf *g, uint32_t texture, unsigned channel)
+double gltf_image_mean(struct gltf *g, uint32_t texture, unsigned channel)
 {
-    const uint32_t index = source_image(g, texture);
+    const uint32_t index = gltf_source_image(g, texture);
     struct image_bytes bytes = {0};
     char where[640];
     if (g->status != KILN_OK)
@@ -194,15 +191,15 @@ static void read_transmission(struct gltf *g, struct gltf_place place, const jso
     if (extension == NULL)
         return;
     material->transmission = (float)gltf_number(g, place, extension, "transmissionFactor", 0.0, 1.0, 0.0);
-    texture_info(g, place, extension, "transmissionTexture", &use);
+    gltf_texture_info(g, place, extension, "transmissionTexture", &use);
     if (g->status != KILN_OK || !(material->transmission > 0.0f))
         return;
     if (uses->base.texture == KILN_NONE) /* no other texture uses the base coordinates */
         uses->base = use;
     if (use.texture != KILN_NONE && same_coordinates(&use, &uses->base)) {
-        material->transmission_texture = builder_texture(g, use.texture, false);
+        material->transmission_texture = gltf_builder_texture(g, use.texture, false);
     } else if (use.texture != KILN_NONE) {
-        const double mean = image_mean(g, use.texture, 0);
+        const double mean = gltf_image_mean(g, use.texture, 0);
         material->transmission = (float)fmin(1.0, (double)material->transmission * mean);
         if (g->status == KILN_OK)
             gltf_take(g, kiln_builder_note(
@@ -218,15 +215,15 @@ static void read_transmission(struct gltf *g, struct gltf_place place, const jso
 static void read_normal_map(struct gltf *g, struct gltf_place place, const json_t *json, uint32_t material)
 {
     struct gltf_texture_use *use = &g->materials[place.index].normal;
-    texture_info(g, place, json, "normalTexture", use);
+    gltf_texture_info(g, place, json, "normalTexture", use);
     const json_t *info = gltf_object(g, place, json, "normalTexture");
     const double scale = info != NULL ? gltf_number(g, place, info, "scale", -1e6, 1e6, 1.0) : 0.0;
     if (scale == 0.0) /* such a map is flat */
         use->texture = KILN_NONE;
-    const struct kiln_normal_map map = {material, builder_texture(g, use->texture, false), (float)scale};
+    const struct kiln_normal_map map = {material, gltf_builder_texture(g, use->texture, false), (float)scale};
     if (g->status != KILN_OK || use->texture == KILN_NONE)
         return;
-    const char *why = kiln_image_no_normals(&g->images, &g->image_of[source_image(g, use->texture)]);
+    const char *why = kiln_image_no_normals(&g->images, &g->image_of[gltf_source_image(g, use->texture)]);
     if (why != NULL) {
         use->texture = KILN_NONE;
         gltf_take(g, kiln_builder_note(g->builder, KILN_NOTE_WARNING, g->error,
@@ -261,10 +258,11 @@ static void note_glass(struct gltf *g, struct gltf_place place, const json_t *js
 static void read_metallic(struct gltf *g, struct gltf_place place, const json_t *pbr, struct kiln_material *material)
 {
     struct gltf_texture_use use;
-    texture_info(g, place, pbr, "metallicRoughnessTexture", &use);
+    gltf_texture_info(g, place, pbr, "metallicRoughnessTexture", &use);
     if (g->status != KILN_OK || use.texture == KILN_NONE || material->metallic == 0.0f)
         return;
-    const double mean = image_mean(g, use.texture, 2);
+    (void)gltf_builder_texture(g, use.texture, false); /* gloss needs all of it: so it is decoded once */
+    const double mean = gltf_image_mean(g, use.texture, 2);
     if (g->status != KILN_OK)
         return;
     material->metallic = (float)fmin(1.0, (double)material->metallic * mean);
@@ -308,7 +306,7 @@ static void read_alpha(struct gltf *g, struct gltf_place place, const json_t *js
         gltf_fail(g, place, "alphaMode", "is '%.20s', not one of OPAQUE, MASK, BLEND", mode);
 }
 
-/* Notes which of a material's extensions have no effect on diffuse light. */
+/* Notes which of a material's extensions have no effect on diffuse light, or are not read. */
 static void note_unused(struct gltf *g, struct gltf_place place, const json_t *json)
 {
     static const struct {
@@ -320,6 +318,15 @@ static void note_unused(struct gltf *g, struct gltf_place place, const json_t *j
             gltf_take(g, kiln_builder_note(g->builder, 0, g->error,
                                            "materials[%zu] (%s): bakes as a diffuse surface that %s", place.index,
                                            known[i].name, known[i].what));
+    if (gltf_extension(g, place, json, "KHR_materials_pbrSpecularGlossiness") != NULL)
+        gltf_take(g, kiln_builder_note(g->builder, KILN_NOTE_WARNING, g->error,
+                                       "materials[%zu] (KHR_materials_pbrSpecularGlossiness): it is not read; the "
+                                       "material is what its pbrMetallicRoughness says, %s; export again with "
+                                       "metallic-roughness materials",
+                                       place.index,
+                                       json_object_get(json, "pbrMetallicRoughness") == NULL
+                                           ? "and without one a white metal"
+                                           : "which may lack its colours and textures"));
 }
 
 static void read_material(struct gltf *g, size_t index)
@@ -341,17 +348,17 @@ static void read_material(struct gltf *g, size_t index)
     read_alpha(g, place, json, &material);
     read_emission(g, place, json, &material);
     read_metallic(g, place, pbr, &material);
-    texture_info(g, place, pbr, "baseColorTexture", &uses->base);
-    texture_info(g, place, json, "emissiveTexture", &uses->emission);
+    gltf_texture_info(g, place, pbr, "baseColorTexture", &uses->base);
+    gltf_texture_info(g, place, json, "emissiveTexture", &uses->emission);
     /* A black emitter needs no texture. */
     if (material.emission[0] == 0.0f && material.emission[1] == 0.0f && material.emission[2] == 0.0f)
         uses->emission.texture = KILN_NONE;
-    material.base_color_texture = builder_texture(g, uses->base.texture, true);
+    material.base_color_texture = gltf_builder_texture(g, uses->base.texture, true);
     read_transmission(g, place, json, uses, &material);
-    material.emission_texture = builder_texture(g, uses->emission.texture, true);
+    material.emission_texture = gltf_builder_texture(g, uses->emission.texture, true);
     /* Not decoded, but an invalid reference is an error all the same. */
     struct gltf_texture_use unused;
-    texture_info(g, place, json, "occlusionTexture", &unused);
+    gltf_texture_info(g, place, json, "occlusionTexture", &unused);
     note_glass(g, place, json, &material);
     note_unused(g, place, json);
     if (g->status != KILN_OK)
@@ -362,6 +369,7 @@ static void read_material(struct gltf *g, size_t index)
     size_t at = 0;
     gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_MATERIALS, &material, 1, &at, g->error));
     read_normal_map(g, place, json, (uint32_t)at);
+    gltf_read_gloss(g, place, json, &material, (uint32_t)at);
 }
 
 /* Checks images and textures that no material uses: their references must be valid too, and no URI may point

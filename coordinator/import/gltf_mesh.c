@@ -9,7 +9,7 @@ enum { POINTS = 0, LINES_LAST = 3, TRIANGLES = 4, STRIP = 5, FAN = 6 };
 
 /* A primitive's accessors; NULL where absent. */
 struct primitive {
-    const struct gltf_accessor *indices, *position, *normal, *color, *base, *emission, *lightmap, *normal_map;
+    const struct gltf_accessor *indices, *position, *normal, *color, *base, *emission, *lightmap, *normal_map, *gloss;
     const struct gltf_material *material; /* NULL: the default material */
     unsigned mode;
     size_t corner_count;
@@ -91,6 +91,8 @@ static void read_attributes(void *context, uint32_t vertex, struct kiln_attribut
         out->base = out->emission;
     out->normal = m != NULL && m->normal.texture != KILN_NONE ? transformed(p->normal_map, m->normal.transform, vertex)
                                                               : out->base;
+    out->gloss =
+        m != NULL && m->gloss.texture != KILN_NONE ? transformed(p->gloss, m->gloss.transform, vertex) : out->base;
     if (p->lightmap != NULL)
         gltf_accessor_float(p->lightmap, vertex, &out->lightmap.x);
     if (p->color == NULL)
@@ -144,6 +146,9 @@ static void read_primitive(struct gltf *g, struct gltf_place place, const json_t
         p->emission = texcoord(g, place, attributes, p->material->emission.texcoord, count);
     if (p->material->normal.texture != KILN_NONE)
         p->normal_map = texcoord(g, place, attributes, p->material->normal.texcoord, count);
+    if (p->material->gloss.texture != KILN_NONE)
+        p->gloss = texcoord(g, place, attributes, p->material->gloss.texcoord, count);
+    g->missing_gloss_texcoords += p->material->gloss.texture != KILN_NONE && p->gloss == NULL;
     g->missing_normal_texcoords += p->material->normal.texture != KILN_NONE && p->normal_map == NULL;
     g->missing_texcoords += (p->material->base.texture != KILN_NONE && p->base == NULL) ||
                             (p->material->emission.texture != KILN_NONE && p->emission == NULL);
@@ -152,16 +157,17 @@ static void read_primitive(struct gltf *g, struct gltf_place place, const json_t
 /* Replaces the accessors' values by decompressed ones. */
 static void decompress(struct gltf *g, struct gltf_place place, const json_t *json, struct primitive *p)
 {
-    char base[32], emission[32], normal[32];
+    char base[32], emission[32], normal[32], gloss[32];
     (void)snprintf(base, sizeof base, "TEXCOORD_%u", p->material == NULL ? 0 : p->material->base.texcoord);
     (void)snprintf(emission, sizeof emission, "TEXCOORD_%u", p->material == NULL ? 0 : p->material->emission.texcoord);
     (void)snprintf(normal, sizeof normal, "TEXCOORD_%u", p->material == NULL ? 0 : p->material->normal.texcoord);
+    (void)snprintf(gloss, sizeof gloss, "TEXCOORD_%u", p->material == NULL ? 0 : p->material->gloss.texcoord);
     const struct {
         const char *name;
         const struct gltf_accessor **accessor;
     } used[GLTF_DRACO_ATTRIBUTES] = {{"POSITION", &p->position},   {"NORMAL", &p->normal}, {"COLOR_0", &p->color},
                                      {"TEXCOORD_1", &p->lightmap}, {base, &p->base},       {emission, &p->emission},
-                                     {normal, &p->normal_map}};
+                                     {normal, &p->normal_map},     {gloss, &p->gloss}};
     struct gltf_draco_use uses[GLTF_DRACO_ATTRIBUTES];
     if (p->mode != TRIANGLES) {
         gltf_fail(g, place, "mode", "is %u; with Draco kiln reads triangles (4)", p->mode);

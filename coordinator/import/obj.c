@@ -512,6 +512,7 @@ static void give_attributes(void *context, uint32_t v, struct kiln_attributes *o
     out->emission =
         view->material->emission_map.path != 0 ? mapped(value.texcoord, &view->material->emission_map) : out->base;
     out->lightmap = (struct kiln_vec2){value.texcoord.x, 1.0f - value.texcoord.y};
+    out->gloss = view->material->glossy ? out->lightmap : out->base;
 }
 
 static int add_part(struct reader *r, const char *name, uint32_t mesh, const struct face_run *face_run)
@@ -607,7 +608,13 @@ static int write_notes(struct reader *r)
         {r->free_form, "statements of free-form curves and surfaces were left out; export them as polygons",
          KILN_NOTE_WARNING},
         {r->materials.physical,
-         "statements Pr, Pm or their maps were left out: kiln ignores roughness and metal in MTL", KILN_NOTE_WARNING}};
+         "statements Pr, Pm or their maps change nothing in a bake: it takes materials of MTL files as diffuse",
+         KILN_NOTE_WARNING},
+        {r->materials.sheen, "statements of sheen (Ps, map_Ps) were left out", KILN_NOTE_INFORMATION},
+        {r->materials.mended,
+         "numbers of gloss (Ks, Ns, Ni, Pr, ...) were outside their range or unreadable; the nearest number, or the "
+         "default, replaces them",
+         KILN_NOTE_WARNING}};
     int status = KILN_OK;
     for (size_t i = 0; i < sizeof notes / sizeof notes[0] && status == KILN_OK; i++)
         if (notes[i].count > 0)

@@ -13,12 +13,26 @@ struct obj_map {
     bool clamp, moved; /* moved: a scale or an offset was given */
 };
 
+/* What an .mtl file says of a material besides its diffuse part, as it stands there. */
+struct obj_gloss {
+    /* Ks, Tf, Ns, Ni; and the extension for physically based materials: Pr, Pm, Pc, Pcr, aniso, anisor */
+    float specular[3], filter[3], exponent, ior;
+    float roughness, metallic, clearcoat, clearcoat_roughness, anisotropy, rotation;
+    float illum; /* the illumination model, 0 to 10 */
+    bool has_filter, has_exponent, has_roughness;
+    bool physical;   /* it has statements of the extension */
+    uint64_t mended; /* numbers outside their range, which became the nearest one in it, and unread statements */
+    struct obj_map specular_map, exponent_map, roughness_map, metallic_map;
+};
+
 struct obj_material {
     /* offsets into obj_materials.text; folder: that of the material file, with a slash, or empty */
     size_t name, folder;
     float diffuse[3], emission[3], alpha;
     struct obj_map diffuse_map, emission_map;
+    struct obj_gloss gloss;
     bool alpha_map, defined; /* defined: a newmtl defines it */
+    bool glossy;             /* the builder has a struct kiln_gloss of it */
 };
 
 struct obj_materials {
@@ -33,6 +47,8 @@ struct obj_materials {
     struct kiln_images images;
     struct obj_symbols textures; /* the builder's texture by path and wrapping */
     uint64_t physical;           /* number of statements Pr, Pm and their maps */
+    uint64_t sheen;              /* number of statements Ps and map_Ps */
+    uint64_t mended;             /* sum of obj_gloss.mended over the materials with gloss */
 };
 
 /* obj_material.c. Each gives a status and writes its sentence. */
@@ -44,5 +60,17 @@ int obj_read_libraries(struct obj_materials *materials, struct obj_word names);
 int obj_find_material(struct obj_materials *materials, struct obj_word name, uint32_t *index);
 /* Appends all materials with their textures to the builder, in the order of the list. */
 int obj_add_materials(struct obj_materials *materials);
+/* The builder's texture for a map; materials that name the same file share it. `srgb`: its colours are sRGB-coded, else
+ * linear; `what` is the statement, for sentences. *index stays if there is no map. */
+int obj_find_texture(struct obj_materials *materials, const struct obj_material *material, const struct obj_map *map,
+                     bool srgb, const char *what, uint32_t *index);
+/* Whether the map's file can be opened. */
+bool obj_map_opens(struct obj_materials *materials, const struct obj_material *material, const struct obj_map *map);
+
+/* obj_gloss.c. Sets the defaults of a new material. */
+void obj_gloss_begin(struct obj_gloss *gloss);
+/* Appends the gloss of a material, the builder's material number `index`, if that is more than diffuse; sets
+ * material->glossy. */
+int obj_add_gloss(struct obj_materials *materials, struct obj_material *material, uint32_t index);
 
 #endif

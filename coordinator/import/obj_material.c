@@ -1,4 +1,5 @@
 /* The MTL reader: materials of an OBJ file. */
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -31,6 +32,7 @@ static int add_material(struct obj_materials *m, struct obj_word name)
         return status;
     struct obj_material *material = &m->list[m->count];
     *material = (struct obj_material){.diffuse = {0.6f, 0.6f, 0.6f}, .alpha = 1.0f};
+    obj_gloss_begin(&material->gloss);
     status = keep_text(m, name, &material->name);
     m->count += status == KILN_OK;
     return status;
@@ -194,14 +196,117 @@ static int read_alpha_map(struct library *l, struct obj_material *m)
     return KILN_OK;
 }
 
-static int read_physical(struct library *l, struct obj_material *m)
+/* Reads one to three numbers of gloss. A diffuse bake does without them, so that numbers outside 0 to `high` become the
+ * nearest one inside, and what is no number ("spectral", "xyz") is left out; both are counted. */
+static int read_gloss_numbers(struct library *l, struct obj_material *m, float *values, size_t most, double high)
 {
-    (void)m;
-    l->materials->physical++;
+    double numbers[3];
+    size_t count = 0;
+    struct obj_word word;
+    while (count < most && obj_next_word(&l->text, &word) && obj_parse_number(word, &numbers[count]))
+        count++;
+    if (count == 0) {
+        m->gloss.mended++;
+        return KILN_OK;
+    }
+    for (size_t i = 0; i < most; i++) {
+        const double value = numbers[i < count ? i : 0];
+        m->gloss.mended += i < count && !(value >= 0.0 && value <= high);
+        values[i] = (float)fmin(fmax(value, 0.0), high);
+    }
     return KILN_OK;
 }
 
-/* The statements that affect diffuse light. All others concern gloss or appearance and are left out. */
+static int read_specular(struct library *l, struct obj_material *m)
+{
+    return read_gloss_numbers(l, m, m->gloss.specular, 3, 1.0);
+}
+
+static int read_filter(struct library *l, struct obj_material *m)
+{
+    m->gloss.has_filter = true;
+    return read_gloss_numbers(l, m, m->gloss.filter, 3, 1.0);
+}
+
+static int read_exponent(struct library *l, struct obj_material *m)
+{
+    m->gloss.has_exponent = true;
+    return read_gloss_numbers(l, m, &m->gloss.exponent, 1, 1e6);
+}
+
+static int read_ior(struct library *l, struct obj_material *m)
+{
+    return read_gloss_numbers(l, m, &m->gloss.ior, 1, 1e6);
+}
+
+static int read_illum(struct library *l, struct obj_material *m)
+{
+    return read_gloss_numbers(l, m, &m->gloss.illum, 1, 10.0);
+}
+
+static int read_roughness(struct library *l, struct obj_material *m)
+{
+    m->gloss.physical = m->gloss.has_roughness = true;
+    l->materials->physical++;
+    return read_gloss_numbers(l, m, &m->gloss.roughness, 1, 1.0);
+}
+
+static int read_metallic(struct library *l, struct obj_material *m)
+{
+    m->gloss.physical = true;
+    l->materials->physical++;
+    return read_gloss_numbers(l, m, &m->gloss.metallic, 1, 1.0);
+}
+
+static int read_clearcoat(struct library *l, struct obj_material *m)
+{
+    m->gloss.physical = true;
+    return read_gloss_numbers(l, m, &m->gloss.clearcoat, 1, 1.0);
+}
+
+static int read_clearcoat_roughness(struct library *l, struct obj_material *m)
+{
+    m->gloss.physical = true;
+    return read_gloss_numbers(l, m, &m->gloss.clearcoat_roughness, 1, 1.0);
+}
+
+static int read_anisotropy(struct library *l, struct obj_material *m)
+{
+    m->gloss.physical = true;
+    return read_gloss_numbers(l, m, &m->gloss.anisotropy, 1, 1.0);
+}
+
+static int read_anisotropy_rotation(struct library *l, struct obj_material *m)
+{
+    m->gloss.physical = true;
+    return read_gloss_numbers(l, m, &m->gloss.rotation, 1, 1.0);
+}
+
+static int read_specular_map(struct library *l, struct obj_material *m) { return read_map(l, &m->gloss.specular_map); }
+static int read_exponent_map(struct library *l, struct obj_material *m) { return read_map(l, &m->gloss.exponent_map); }
+
+static int read_roughness_map(struct library *l, struct obj_material *m)
+{
+    m->gloss.physical = m->gloss.has_roughness = true;
+    l->materials->physical++;
+    return read_map(l, &m->gloss.roughness_map);
+}
+
+static int read_metallic_map(struct library *l, struct obj_material *m)
+{
+    m->gloss.physical = true;
+    l->materials->physical++;
+    return read_map(l, &m->gloss.metallic_map);
+}
+
+static int read_sheen(struct library *l, struct obj_material *m)
+{
+    (void)m;
+    l->materials->sheen++;
+    return KILN_OK;
+}
+
+/* The statements that kiln reads: those that affect diffuse light, then those of gloss. All others are left out. */
 static const struct {
     const char *keyword;
     int (*read)(struct library *l, struct obj_material *m);
@@ -214,10 +319,23 @@ static const struct {
                   {"map_emissive", read_emission_map},
                   {"map_d", read_alpha_map},
                   {"map_opacity", read_alpha_map},
-                  {"Pr", read_physical},
-                  {"Pm", read_physical},
-                  {"map_Pr", read_physical},
-                  {"map_Pm", read_physical}};
+                  {"Ks", read_specular},
+                  {"Tf", read_filter},
+                  {"Ns", read_exponent},
+                  {"Ni", read_ior},
+                  {"illum", read_illum},
+                  {"map_Ks", read_specular_map},
+                  {"map_Ns", read_exponent_map},
+                  {"Pr", read_roughness},
+                  {"Pm", read_metallic},
+                  {"map_Pr", read_roughness_map},
+                  {"map_Pm", read_metallic_map},
+                  {"Pc", read_clearcoat},
+                  {"Pcr", read_clearcoat_roughness},
+                  {"aniso", read_anisotropy},
+                  {"anisor", read_anisotropy_rotation},
+                  {"Ps", read_sheen},
+                  {"map_Ps", read_sheen}};
 
 static int read_statement(struct library *l, struct obj_word keyword)
 {
@@ -336,10 +454,22 @@ static int map_picture(struct obj_materials *m, const struct obj_material *mater
     return kiln_confine_map(m->confine, m->builder, path, what, file, m->error);
 }
 
-static int make_texture(struct obj_materials *m, const struct obj_material *material, const struct obj_map *map,
-                        const char *what, uint32_t *index)
+bool obj_map_opens(struct obj_materials *m, const struct obj_material *material, const struct obj_map *map)
 {
-    struct kiln_texture texture = {.srgb = 1,
+    struct kiln_error *told = m->error;
+    struct kiln_file file;
+    m->error = NULL;
+    const bool opens = map_picture(m, material, map, "", &file) == KILN_OK;
+    m->error = told;
+    if (opens)
+        kiln_file_unmap(&file);
+    return opens;
+}
+
+static int make_texture(struct obj_materials *m, const struct obj_material *material, const struct obj_map *map,
+                        bool srgb, const char *what, uint32_t *index)
+{
+    struct kiln_texture texture = {.srgb = srgb,
                                    .wrap_u = map->clamp ? KILN_WRAP_CLAMP : KILN_WRAP_REPEAT,
                                    .wrap_v = map->clamp ? KILN_WRAP_CLAMP : KILN_WRAP_REPEAT};
     struct kiln_image image = {0};
@@ -362,24 +492,23 @@ static int make_texture(struct obj_materials *m, const struct obj_material *mate
     return status;
 }
 
-/* The builder's texture for a map; materials that name the same file share it. */
-static int find_texture(struct obj_materials *m, const struct obj_material *material, const struct obj_map *map,
-                        const char *what, uint32_t *index)
+int obj_find_texture(struct obj_materials *m, const struct obj_material *material, const struct obj_map *map, bool srgb,
+                     const char *what, uint32_t *index)
 {
     char key[2 * PATH_LENGTH + 8];
     if (map->path == 0)
         return KILN_OK;
-    const int length = snprintf(key, sizeof key, "%c%.1024s\n%.1024s", map->clamp ? 'c' : 'r',
+    const int length = snprintf(key, sizeof key, "%c%.1024s\n%.1024s", (map->clamp ? "cC" : "rR")[srgb ? 0 : 1],
                                 m->text + material->folder, m->text + map->path);
     const uint32_t fresh = (uint32_t)m->builder->sections[KILN_SECTION_TEXTURES].count;
     *index = fresh;
     int status = obj_symbol(&m->textures, key, (size_t)length, index, m->error);
     if (status == KILN_OK && *index == fresh)
-        status = make_texture(m, material, map, what, index);
+        status = make_texture(m, material, map, srgb, what, index);
     return status;
 }
 
-static int add_to_builder(struct obj_materials *m, const struct obj_material *source)
+static int add_to_builder(struct obj_materials *m, struct obj_material *source)
 {
     const char *name = m->text + source->name;
     struct kiln_material material = {.base_color_texture = KILN_NONE,
@@ -391,9 +520,9 @@ static int add_to_builder(struct obj_materials *m, const struct obj_material *so
     material.base_color[3] = source->alpha;
     material.alpha_mode = source->alpha < 1.0f ? KILN_ALPHA_BLEND : KILN_ALPHA_OPAQUE;
     memcpy(material.emission, source->emission, sizeof source->emission);
-    int status = find_texture(m, source, &source->diffuse_map, "map_Kd", &material.base_color_texture);
+    int status = obj_find_texture(m, source, &source->diffuse_map, true, "map_Kd", &material.base_color_texture);
     if (status == KILN_OK)
-        status = find_texture(m, source, &source->emission_map, "map_Ke", &material.emission_texture);
+        status = obj_find_texture(m, source, &source->emission_map, true, "map_Ke", &material.emission_texture);
     if (material.emission_texture != KILN_NONE &&
         material.emission[0] + material.emission[1] + material.emission[2] == 0.0f)
         material.emission[0] = material.emission[1] = material.emission[2] = 1.0f;
@@ -401,8 +530,10 @@ static int add_to_builder(struct obj_materials *m, const struct obj_material *so
         status = kiln_builder_note(m->builder, 1, m->error, "material '%.80s': its opacity map is left out", name);
     if (status == KILN_OK)
         status = kiln_builder_string(m->builder, name, strlen(name), &material.name, m->error);
-    return status != KILN_OK ? status
-                             : kiln_builder_append(m->builder, KILN_SECTION_MATERIALS, &material, 1, NULL, m->error);
+    size_t at = 0;
+    if (status == KILN_OK)
+        status = kiln_builder_append(m->builder, KILN_SECTION_MATERIALS, &material, 1, &at, m->error);
+    return status == KILN_OK ? obj_add_gloss(m, source, (uint32_t)at) : status;
 }
 
 int obj_add_materials(struct obj_materials *m)

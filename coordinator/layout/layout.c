@@ -850,30 +850,25 @@ static int gather_section(struct planner *p, enum kiln_scene_section section, st
 }
 
 static const enum kiln_scene_section VERTEX_SECTIONS[] = {
-    KILN_SECTION_POSITIONS,         KILN_SECTION_NORMALS, KILN_SECTION_TEXCOORD_BASE,  KILN_SECTION_TEXCOORD_EMISSION,
-    KILN_SECTION_TEXCOORD_LIGHTMAP, KILN_SECTION_COLORS,  KILN_SECTION_TEXCOORD_NORMAL};
+    KILN_SECTION_POSITIONS,         KILN_SECTION_NORMALS, KILN_SECTION_TEXCOORD_BASE,   KILN_SECTION_TEXCOORD_EMISSION,
+    KILN_SECTION_TEXCOORD_LIGHTMAP, KILN_SECTION_COLORS,  KILN_SECTION_TEXCOORD_NORMAL, KILN_SECTION_TEXCOORD_GLOSS};
 enum { VERTEX_SECTION_COUNT = sizeof VERTEX_SECTIONS / sizeof *VERTEX_SECTIONS };
-
-/* How many of the sections above the scene has: the last one only if it has normal maps. */
-static size_t vertex_sections(const struct planner *p)
-{
-    return VERTEX_SECTION_COUNT - (p->builder->sections[KILN_SECTION_NORMAL_MAPS].count > 0 ? 0 : 1);
-}
 
 /* Rewrites all vertex sections so that every mesh has the vertices of its layout. */
 static int rebuild_vertices(struct planner *p, struct kiln_error *error)
 {
     int status = KILN_OK;
-    const size_t count = vertex_sections(p);
-    for (size_t i = 0; i < count; i++)
-        if (p->builder->sections[VERTEX_SECTIONS[i]].count != p->builder->sections[KILN_SECTION_POSITIONS].count)
+    for (size_t i = 0; i < VERTEX_SECTION_COUNT; i++)
+        if (kiln_builder_has(p->builder, VERTEX_SECTIONS[i]) &&
+            p->builder->sections[VERTEX_SECTIONS[i]].count != p->builder->sections[KILN_SECTION_POSITIONS].count)
             return kiln_fail(error, KILN_BUG, "vertex section %d has %zu elements where there are %zu positions",
                              (int)VERTEX_SECTIONS[i], p->builder->sections[VERTEX_SECTIONS[i]].count,
                              p->builder->sections[KILN_SECTION_POSITIONS].count);
     for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++)
         status = collect_mesh(p, i, error);
-    for (size_t i = 0; i < count && status == KILN_OK; i++)
-        status = gather_section(p, VERTEX_SECTIONS[i], error);
+    for (size_t i = 0; i < VERTEX_SECTION_COUNT && status == KILN_OK; i++)
+        if (kiln_builder_has(p->builder, VERTEX_SECTIONS[i]))
+            status = gather_section(p, VERTEX_SECTIONS[i], error);
     if (status == KILN_OK && p->vertex_count > 0)
         memcpy(p->builder->sections[KILN_SECTION_TEXCOORD_LIGHTMAP].data, p->uv, p->vertex_count * sizeof *p->uv);
     return status;

@@ -80,6 +80,12 @@ int kiln_builder_append(struct kiln_builder *builder, enum kiln_scene_section se
     return KILN_OK;
 }
 
+bool kiln_builder_has(const struct kiln_builder *builder, enum kiln_scene_section section)
+{
+    return (section != KILN_SECTION_TEXCOORD_NORMAL || builder->sections[KILN_SECTION_NORMAL_MAPS].count > 0) &&
+           (section != KILN_SECTION_TEXCOORD_GLOSS || builder->sections[KILN_SECTION_GLOSS].count > 0);
+}
+
 int kiln_builder_string(struct kiln_builder *builder, const char *text, size_t length, uint32_t *offset,
                         struct kiln_error *error)
 {
@@ -231,8 +237,9 @@ static int fill_header(const struct kiln_builder *builder, struct kiln_scene_hea
 {
     memset(header, 0, sizeof *header);
     header->magic = KILN_SCENE_MAGIC;
-    header->version =
-        builder->sections[KILN_SECTION_NORMAL_MAPS].count > 0 ? KILN_SCENE_VERSION : KILN_SCENE_VERSION_PLAIN;
+    header->version = builder->sections[KILN_SECTION_GLOSS].count > 0         ? KILN_SCENE_VERSION
+                      : builder->sections[KILN_SECTION_NORMAL_MAPS].count > 0 ? KILN_SCENE_VERSION_NORMAL_MAPS
+                                                                              : KILN_SCENE_VERSION_PLAIN;
     memcpy(header->import_hash, builder->import_hash, sizeof header->import_hash);
     header->texels_per_metre = builder->texels_per_metre;
     header->padding_factor = builder->padding_factor;

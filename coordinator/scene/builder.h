@@ -39,6 +39,9 @@ void kiln_builder_destroy(struct kiln_builder **builder);
 /* Appends `count` elements (copied from `data`; zeroed if data is NULL). Gives the index of the first. */
 int kiln_builder_append(struct kiln_builder *builder, enum kiln_scene_section section, const void *data, size_t count,
                         size_t *first, struct kiln_error *error);
+/* Whether the scene has that section of its vertices: normal-map coordinates only if it has normal maps, gloss
+ * coordinates only if it has gloss, all others always. Materials are there before vertices. */
+bool kiln_builder_has(const struct kiln_builder *builder, enum kiln_scene_section section);
 /* Appends a string (at most `length` bytes). Gives its offset. */
 int kiln_builder_string(struct kiln_builder *builder, const char *text, size_t length, uint32_t *offset,
                         struct kiln_error *error);

@@ -106,15 +106,19 @@ class Generate(unittest.TestCase):
 
     def test_the_importer_has_nothing_to_complain_of(self):
         """But for what the scenes are made to show."""
+        def glass(index, thickness):
+            return [f"materials[{index}] (KHR_materials_transmission): lets 100 % of the light through, tinted by its "
+                    "base colour, as thin walls do; refraction and mirror reflection are not modelled",
+                    f"materials[{index}] (KHR_materials_volume): bakes as thin walls, not as a body {thickness} m "
+                    "thick; refraction and absorption inside are not modelled"]
         expected = {"cornell-offset": ["8 objects have coordinates in the file that are coarser than a tenth of a "
                                        "texel (most in \"back\": 0.0119 m apart, a texel has 0.0848 m): model "
                                        "near the mesh's origin, and let the node's translation move it"],
                     "cornell-shapes": ["3 of 11 meshes have no second UV set and are unwrapped"],
                     "cornell-statue": ["1 of 8 meshes have no second UV set and are unwrapped"],
-                    "cornell-spheres": ["2 of 8 meshes have no second UV set and are unwrapped",
-                                        "materials[5] (KHR_materials_transmission): lets 100 % of the light through, "
-                                        "tinted by its base colour, as thin "
-                                        "walls do; refraction and mirror reflection are not modelled"]}
+                    "cornell-spheres": ["2 of 8 meshes have no second UV set and are unwrapped", *glass(5, 2)],
+                    "cornell-water": ["1 of 7 meshes have no second UV set and are unwrapped", *glass(4, 1.2)],
+                    "prism": glass(1, 0.3)}
         for name in self.names:
             path, report = self.make(name)
             answer = kiln("info", path, "--json", "--lightmap-size", 64)
@@ -126,6 +130,84 @@ class Generate(unittest.TestCase):
             self.assertEqual(found, expected.get(name, []), name)
             self.assertEqual(len(info["meshes"]), report["meshes"])
             self.assertEqual(len(info["cameras"]), 1)
+
+    def test_glass_is_a_body(self):
+        """Its mesh is closed and faces outwards: every edge is there once each way, and the volume is above 0."""
+        for name, mesh_name, extensions in (
+                ("cornell-spheres", "glass_ball", {"ior": {"ior": 1.5}, "volume": {"thicknessFactor": 2}}),
+                ("cornell-water", "water", {"ior": {"ior": 1.33}, "volume": {
+                    "thicknessFactor": 1.2, "attenuationDistance": 5, "attenuationColor": [0.6, 0.9, 0.95]}}),
+                ("prism", "prism", {"ior": {"ior": 1.728}, "volume": {"thicknessFactor": 0.3},
+                                    "dispersion": {"dispersion": 0.70175}})):
+            document, binary = read_glb(self.make(name)[0])
+            mesh, = [m for m in document["meshes"] if m["name"] == mesh_name]
+            part, = mesh["primitives"]
+            wanted = {"transmission": {"transmissionFactor": 1}, **extensions}
+            self.assertEqual(document["materials"][part["material"]]["extensions"],
+                             {"KHR_materials_" + key: value for key, value in wanted.items()})
+            self.assertLessEqual({"KHR_materials_" + key for key in wanted}, set(document["extensionsUsed"]))
+            positions = accessor(document, binary, part["attributes"]["POSITION"]).astype(float)
+            _, welded = numpy.unique(positions, axis=0, return_inverse=True)
+            triangles = accessor(document, binary, part["indices"]).reshape(-1, 3)
+            around = welded.reshape(-1)[triangles]
+            edges = numpy.vstack([around[:, [0, 1]], around[:, [1, 2]], around[:, [2, 0]]])
+            self.assertEqual(len(numpy.unique(edges, axis=0)), len(edges), name)
+            self.assertEqual({tuple(e) for e in edges}, {tuple(e[::-1]) for e in edges}, name)
+            corners = positions[triangles]
+            self.assertGreater(numpy.einsum("ij,ij->", corners[:, 0], numpy.cross(corners[:, 1], corners[:, 2])), 0)
+
+    def test_the_prism_bends_its_beam_least(self):
+        """The beam, traced through the mesh: 59.5 degrees, and 2.9 between the lines F and C; it ends on a wall."""
+        document, binary = read_glb(self.make("prism")[0])
+        part, = [m for m in document["meshes"] if m["name"] == "prism"][0]["primitives"]
+        corners = accessor(document, binary, part["attributes"]["POSITION"]).astype(float)[
+            accessor(document, binary, part["indices"]).reshape(-1, 3)]
+        node, = [n for n in document["nodes"] if n["name"] == "beam"]
+        spot = document["extensions"]["KHR_lights_punctual"]["lights"][0]["spot"]
+        self.assertLess(spot["innerConeAngle"], spot["outerConeAngle"])
+        x, y, z, w = node["rotation"]
+        start = numpy.array([-2 * (x * z + w * y), -2 * (y * z - w * x), -1 + 2 * (x * x + y * y)])  # -z, turned
+
+        def leaves(index):
+            place, way, inside = numpy.array(node["translation"]), start, False
+            for _ in range(2):
+                hits = []
+                for a, b, c in corners:
+                    solved = numpy.linalg.solve(numpy.array([b - a, c - a, -way]).T, place - a) \
+                        if abs(numpy.dot(numpy.cross(b - a, c - a), way)) > 1e-9 else (-1, -1, -1)
+                    if min(solved[0], solved[1], 1 - solved[0] - solved[1]) > -1e-9 and solved[2] > 1e-6:
+                        hits.append((solved[2], numpy.cross(b - a, c - a)))
+                distance, normal = min(hits, key=lambda hit: hit[0])
+                normal = normal / numpy.linalg.norm(normal) * (-1 if inside else 1)
+                eta, cosine = (index if inside else 1 / index), -numpy.dot(normal, way)
+                self.assertGreater(cosine, 0)
+                place = place + distance * way
+                way = eta * way + (eta * cosine - (1 - eta * eta * (1 - cosine * cosine))**0.5) * normal
+                inside = not inside
+            return place, way
+
+        place, way = leaves(1.728)
+        self.assertAlmostEqual(numpy.degrees(numpy.arccos(way @ start)), 59.5, delta=0.1)
+        self.assertAlmostEqual(way[0], start[0], places=5)  # least: the way is symmetric
+        spread = leaves(1.728 + 0.4 * 0.728 / 28.5)[1], leaves(1.728 - 0.6 * 0.728 / 28.5)[1]
+        self.assertAlmostEqual(numpy.degrees(numpy.arccos(spread[0] @ spread[1])), 2.9, delta=0.1)
+        wall = place + (5.5 - place[0]) / way[0] * way
+        self.assertTrue(0 < wall[1] < 2.4 and 0.2 < wall[2] < 3.8, wall)
+
+    def test_the_mirrors_are_plane_and_face_inwards(self):
+        document, binary = read_glb(self.make("mirrors")[0])
+        faces = 0
+        for mesh in document["meshes"]:
+            part, = mesh["primitives"]
+            material = document["materials"][part["material"]]["pbrMetallicRoughness"]
+            positions = accessor(document, binary, part["attributes"]["POSITION"])
+            normal = accessor(document, binary, part["attributes"]["NORMAL"])[0]
+            self.assertGreater(numpy.dot(numpy.array([2, 1.5, 2.5]) - positions[0], normal), 0, mesh["name"])
+            if material["metallicFactor"] == 1:
+                faces += 1
+                self.assertEqual((material["roughnessFactor"], material["baseColorFactor"][:3]), (0, [0.9] * 3))
+                self.assertEqual(normal[1], 0)
+        self.assertEqual(faces, 4)
 
     def test_the_cornell_box_has_its_measures(self):
         path, _ = self.make("cornell")

@@ -12,7 +12,7 @@ import exr  # noqa: E402
 import gltf_file  # noqa: E402
 
 NONE = 0xffffffff
-VERSION, HEADER = 3, 136  # of the scene file
+VERSIONS, HEADER = (3, 4, 5), 136  # of the scene file; later ones only have more sections
 SECTIONS = ['strings', 'materials', 'textures', 'texels', 'meshes', 'objects', 'lights', 'cameras', 'environment',
             'environment_texels', 'positions',
             'normals', 'texcoord_base', 'texcoord_emission', 'texcoord_lightmap', 'colors', 'triangles',
@@ -35,7 +35,8 @@ class SceneFile:
     def __init__(self, path):
         with open(path, 'rb') as file:
             data = file.read()
-        assert struct.unpack_from('<II', data) == (0x4e434b4c, VERSION), 'another version of the scene file'
+        magic, version = struct.unpack_from('<II', data)
+        assert magic == 0x4e434b4c and version in VERSIONS, 'another version of the scene file'
         places = struct.unpack_from('<%dQ' % (2 * len(SECTIONS)), data, HEADER)
         for i, name in enumerate(SECTIONS):
             if name in TYPES:

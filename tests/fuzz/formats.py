@@ -22,6 +22,24 @@ WORDS = ['', ' ', '.', '..', '/', '\\', 'a' * 300, 'x' * 5000, 'é', '\u202e', '
 OUTSIDE = []  # references that lead out of the folder given: set by the driver, which watches whether they are followed
 
 
+def gloss(r):
+    """Extensions of gloss with any numbers and textures."""
+    texture = {'index': r.choice((0, 0, integer(r))), 'texCoord': r.choice((0, 1, integer(r)))}
+    known = {'KHR_materials_ior': {'ior': r.choice(NUMBERS)},
+             'KHR_materials_specular': {'specularFactor': r.choice(NUMBERS), 'specularTexture': texture,
+                                        'specularColorFactor': [r.choice(NUMBERS)] * 3, 'specularColorTexture': texture},
+             'KHR_materials_transmission': {'transmissionFactor': 0.5, 'transmissionTexture': texture},
+             'KHR_materials_volume': {'thicknessFactor': r.choice(NUMBERS), 'thicknessTexture': texture,
+                                      'attenuationDistance': r.choice(NUMBERS),
+                                      'attenuationColor': [r.choice(NUMBERS)] * 3},
+             'KHR_materials_dispersion': {'dispersion': r.choice(NUMBERS)},
+             'KHR_materials_clearcoat': {'clearcoatFactor': r.choice(NUMBERS), 'clearcoatTexture': texture,
+                                         'clearcoatNormalTexture': {**texture, 'scale': r.choice(NUMBERS)}},
+             'KHR_materials_anisotropy': {'anisotropyStrength': r.choice(NUMBERS), 'anisotropyTexture': texture,
+                                          'anisotropyRotation': r.choice(NUMBERS)}}
+    return {name: known[name] for name in r.sample(sorted(known), r.randrange(1, 4))}
+
+
 def word(r):
     return r.choice(OUTSIDE) if OUTSIDE and r.random() < 0.25 else r.choice(WORDS)
 
@@ -299,7 +317,7 @@ def gltf_tree(r, tree):
     elif kind < 15:
         material = one('materials')
         if material:
-            how = r.randrange(6)
+            how = r.randrange(7)
             if how == 0:
                 material['emissiveFactor'] = [r.choice(NUMBERS) for _ in range(3)]
             elif how == 1:
@@ -313,6 +331,8 @@ def gltf_tree(r, tree):
             elif how == 4:
                 material['extensions'] = {'KHR_materials_transmission': {'transmissionFactor': r.choice(NUMBERS),
                                                                          'transmissionTexture': {'index': integer(r)}}}
+            elif how == 5:
+                material['extensions'] = gloss(r)
             else:
                 material['name'] = word(r)
     elif kind == 15:
@@ -771,7 +791,8 @@ def channel_list(r, value):
 OBJ_WORDS = [b'v', b'vt', b'vn', b'f', b'o', b'g', b'usemtl', b'mtllib', b's', b'l', b'p', b'vp', b'curv', b'#', b'\\',
              b'call', b'csh']
 MTL_WORDS = [b'newmtl', b'Kd', b'Ka', b'Ks', b'Ke', b'd', b'Tr', b'illum', b'Ns', b'Ni', b'map_Kd', b'map_Ke', b'map_d',
-             b'bump', b'refl', b'-s', b'-o', b'-mm', b'-clamp', b'on']
+             b'bump', b'refl', b'-s', b'-o', b'-mm', b'-clamp', b'on', b'Tf', b'Pr', b'Pm', b'Pc', b'Pcr', b'aniso',
+             b'anisor', b'map_Ks', b'map_Ns', b'map_Pr', b'map_Pm']
 
 
 def token(r, words):

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "tests/fuzz/fuzz.h"
+#include "worker/scene/gloss.h"
 #include "worker/scene/scene.h"
 #include "worker/scene/texture.h"
 
@@ -17,7 +18,7 @@ static const char *with_right_hash(const uint8_t *data, size_t size)
     memcpy(copy, data, size);
     memcpy(&header, copy, sizeof header);
     header.magic = KILN_SCENE_MAGIC;
-    if (header.version != KILN_SCENE_VERSION_PLAIN)
+    if (header.version < KILN_SCENE_VERSION_PLAIN || header.version > KILN_SCENE_VERSION)
         header.version = KILN_SCENE_VERSION;
     header.size = size;
     const size_t header_bytes = kiln_scene_header_bytes(header.version);
@@ -46,6 +47,16 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             kiln_surface_emission(scene, &scene->meshes[m], scene->meshes[m].triangle_first + t, 0.3f, 0.3f, value);
             sum += value[0];
         }
+    for (size_t m = 0; m < scene->material_count; m++) {
+        const struct kiln_gloss *gloss = kiln_gloss_find(scene, (uint32_t)m);
+        sum += kiln_gloss_needed(&scene->materials[m], gloss, KILN_GLOSS_MODE_AUTO) ? 1.0f : 0.0f;
+        for (int i = 0; gloss != NULL && i < KILN_GLOSS_USES; i++) {
+            float value[4] = {0.0f};
+            if (gloss->textures[i].texture != KILN_NONE)
+                kiln_texture_sample(scene, gloss->textures[i].texture, 0.3f, 0.3f, value);
+            sum += value[gloss->textures[i].channel];
+        }
+    }
     size_t letters = 0;
     for (size_t i = 0; i < scene->object_count; i++)
         letters += strlen(kiln_scene_string(scene, scene->objects[i].name));

@@ -30,11 +30,11 @@ BAKE = ('--backend', 'embree', '--lightmap-size', '4', '--samples-direct', '1', 
 SECTIONS = ('strings', 'materials', 'textures', 'texels', 'meshes', 'objects', 'lights', 'cameras', 'environment',
             'environment texels', 'positions', 'normals',
             'base', 'emission', 'lightmap', 'colors', 'triangles', 'triangle materials', 'sources', 'notes',
-            'triangle sources', 'normal maps', 'texcoord normal')
+            'triangle sources', 'normal maps', 'texcoord normal', 'gloss', 'texcoord gloss')
 # 1 x 1 pixel, a normal map without bumps
 FLAT_PNG = 'iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAIAAACQd1PeAAAADElEQVR4nGNoaPgPAAODAgAApfuJAAAAAElFTkSuQmCC'
 # sizes in a scene file: of the header, by version, and of what stands before its table of sections
-HEADERS, SECTION_TABLE = {3: 472, 4: 504}, 136
+HEADERS, SECTION_TABLE = {3: 472, 4: 504, 5: 536}, 136
 
 
 class Hash128(ctypes.Structure):
@@ -111,6 +111,10 @@ def quad(textured=True, uri='image.png', normal_map=False):
     if normal_map:
         material['normalTexture'] = {'index': 0, 'scale': 0.7, 'texCoord': 0,
                                      'extensions': {'KHR_texture_transform': {'scale': [2, 3]}}}
+        material['pbrMetallicRoughness']['metallicRoughnessTexture'] = {'index': 0}
+        material['extensions'] = {
+            'KHR_materials_clearcoat': {'clearcoatFactor': 0.5, 'clearcoatNormalTexture': {'index': 0}},
+            'KHR_materials_anisotropy': {'anisotropyStrength': 0.5, 'anisotropyTexture': {'index': 0, 'texCoord': 0}}}
     return json.dumps(tree).encode()
 
 

@@ -163,6 +163,45 @@ def hard(folder):
     assert exported.check_against_bake(again, exported.SceneFile(os.path.join(twice, "scene.kscene"))) == 6
 
 
+def gloss(folder):
+    """Everything that is said of a material stays: extensions, their textures, their sets of coordinates, for which the
+    lightmap's makes room."""
+    at = os.path.join(folder, "gloss.glb")
+    kiln("generate", "prism", "-o", at)
+    s = glb.Scene()
+    s.load(at)
+    use = {"index": 0, "texCoord": 1}
+    moved = {**use, "extensions": {"KHR_texture_transform": {"offset": [0.5, 0.25], "rotation": 1, "scale": [2, 3]}}}
+    more = {"KHR_materials_specular": {"specularFactor": 0.5, "specularColorFactor": [1, 2, 3],
+                                       "specularColorTexture": moved},
+            "KHR_materials_clearcoat": {"clearcoatFactor": 0.5, "clearcoatNormalTexture": {**use, "scale": 0.5}},
+            "KHR_materials_anisotropy": {"anisotropyStrength": 0.5, "anisotropyTexture": use}}
+    glass, = [m for m in s.document["materials"] if m["name"] == "flint_glass"]
+    glass["extensions"].update(more)
+    glass["extensions"]["KHR_materials_volume"].update(attenuationDistance=2.5, attenuationColor=[0.25, 0.5, 1])
+    glass["pbrMetallicRoughness"]["metallicRoughnessTexture"] = moved
+    s.document["extensionsUsed"] += [*more, "KHR_texture_transform"]
+    s.document.update(images=[{"uri": "a%20pixel.png"}], textures=[{"source": 0}],
+                      buffers=[{"byteLength": len(s.blob), "uri": "the%20buffer.bin"}])
+    for name, data in (("the buffer.bin", s.blob), ("a pixel.png", PIXEL),
+                       ("gloss.gltf", json.dumps(s.document).encode())):
+        with open(os.path.join(folder, name), "wb") as file:
+            file.write(data)
+    scene = os.path.join(folder, "gloss.gltf")
+    there = bake(scene, os.path.join(folder, "gloss-bake"), "--lightmap-size", "8", "--repack")
+    file = check(there, scene, 7)
+    assert file.json["materials"] == s.document["materials"]
+    node, = [n for n in file.json["nodes"] if n["name"] == "prism"]
+    assert node["extensions"]["KILN_lightmap"]["texCoord"] == 2
+    before, after = (f.json["meshes"][node["mesh"]]["primitives"][0] for f in (gltf_file.File(scene), file))
+    coordinates = [f.floats(p["attributes"]["TEXCOORD_1"])[f.corners(p)]
+                   for f, p in ((gltf_file.File(scene), before), (file, after))]
+    assert (coordinates[0] == coordinates[1]).all(), "gloss has lost its coordinates"
+    out = os.path.join(folder, "gloss-out.glb")
+    kiln("export", there, "-o", out)
+    assert gltf_file.File(out).json["materials"] == s.document["materials"]
+
+
 def other_formats(folder):
     """No glTF: the scene comes from kiln's own scene file."""
     scene = os.path.join(folder, "plates.obj")
@@ -365,6 +404,7 @@ def main():
         there = own_layout(folder)
         unwrapped(folder)
         hard(folder)
+        gloss(folder)
         other_formats(folder)
         formats(folder, there)
         atlas(folder, there)

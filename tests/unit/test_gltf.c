@@ -15,6 +15,7 @@
 
 #include "coordinator/import/read.h"
 #include "worker/base/memory.h"
+#include "worker/scene/gloss.h"
 
 /* What "scene.bin" holds: a quad in the plane z = 0 as floats, and what the tests need besides. */
 static const struct {
@@ -412,6 +413,197 @@ static void normal_maps_are_read(void **state)
     }
 }
 
+/* ---- gloss ---- */
+
+#define MATERIALS(list)                                                                                                \
+    HEAD ACCESSORS("") ",\"images\":[" FLAT_PIXEL "],\"textures\":[{\"source\":0}],\"materials\":[" list "]"
+#define DULL "\"pbrMetallicRoughness\":{\"metallicFactor\":0,\"roughnessFactor\":0.8}"
+#define EXTENSION(name, body) "{" DULL ",\"extensions\":{\"KHR_materials_" name "\":" body "}}"
+
+/* What is as diffuse as glTF allows leaves no trace; what says anything else has a record, and keeps its order. */
+static void only_what_says_more_has_gloss(void **state)
+{
+    struct fixture *f = *state;
+    accepted(
+        f,
+        MATERIALS(
+            "{" DULL "}," EXTENSION("ior", "{\"ior\":1.5}") ","
+            /* none of these matters without its factor: a body that lets nothing in, a coat of nothing */
+            EXTENSION("volume", "{\"thicknessFactor\":2}") "," EXTENSION(
+                "clearcoat",
+                "{\"clearcoatRoughnessFactor\""
+                ":0.3,\"clearcoatTexture\":{"
+                "\"index\":0}}") "," EXTENSION("anisotropy",
+                                               "{\"anisotropyRotation\":1}") "," EXTENSION("dispersion",
+                                                                                           "{\"dispersion\":1}")) "}");
+    assert_int_equal(COUNT(KILN_SECTION_GLOSS), 0);
+    assert_int_equal(COUNT(KILN_SECTION_TEXTURES), 0);
+    accepted(f, MATERIALS("{},{" DULL
+                          "},{\"pbrMetallicRoughness\":{\"metallicFactor\":0,\"roughnessFactor\":0.25}}," EXTENSION(
+                              "ior", "{\"ior\":1.4}")) "}");
+    const struct kiln_gloss *g = DATA(struct kiln_gloss, KILN_SECTION_GLOSS);
+    assert_int_equal(COUNT(KILN_SECTION_GLOSS), 3);
+    assert_int_equal(g[0].material, 0);
+    near((double)g[0].metallic, 1.0); /* the specification's defaults */
+    near((double)g[0].roughness, 1.0);
+    assert_int_equal(g[1].material, 2);
+    near((double)g[1].mean_roughness, 0.25);
+    assert_int_equal(g[2].material, 3);
+    near((double)g[2].ior, 1.4);
+    for (size_t i = 0; i < 3; i++)
+        assert_null(kiln_gloss_fault(&g[i], 4, 0));
+}
+
+static void gloss_has_its_numbers(void **state)
+{
+    struct fixture *f = *state;
+    accepted(f,
+             MATERIALS(
+                 "{" DULL ",\"extensions\":{\"KHR_materials_ior\":{\"ior\":1.33},"
+                 "\"KHR_materials_specular\":{\"specularFactor\":0.5,\"specularColorFactor\":[1,2,3]},"
+                 "\"KHR_materials_transmission\":{\"transmissionFactor\":0.75},"
+                 "\"KHR_materials_volume\":{\"thicknessFactor\":0.1,\"attenuationDistance\":0.2,"
+                 "\"attenuationColor\":[0.3,0.4,0.5]},\"KHR_materials_dispersion\":{\"dispersion\":0.6},"
+                 "\"KHR_materials_clearcoat\":{\"clearcoatFactor\":0.7,\"clearcoatRoughnessFactor\":0.8},"
+                 "\"KHR_materials_anisotropy\":{\"anisotropyStrength\":0.9,\"anisotropyRotation\":-2}}}," EXTENSION(
+                     "ior", "{\"ior\":0}") ","
+                                           "{" DULL
+                                           ",\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":1},"
+                                           "\"KHR_materials_volume\":{\"thicknessFactor\":1,\"attenuationDistance\":3."
+                                           "4e38}}}") "}");
+    const struct kiln_gloss *g = DATA(struct kiln_gloss, KILN_SECTION_GLOSS);
+    assert_int_equal(COUNT(KILN_SECTION_GLOSS), 3);
+    assert_int_equal(g->model, KILN_GLOSS_METALLIC_ROUGHNESS);
+    assert_int_equal(g->flags, KILN_GLOSS_VOLUME);
+    const struct {
+        float is;
+        double wanted;
+    } numbers[] = {{g->metallic, 0.0},
+                   {g->roughness, 0.8},
+                   {g->ior, 1.33},
+                   {g->specular, 0.5},
+                   {g->specular_color[0], 1.0},
+                   {g->specular_color[2], 3.0},
+                   {g->transmission, 0.75},
+                   {g->thickness, 0.1},
+                   {g->attenuation_distance, 0.2},
+                   {g->attenuation_color[1], 0.4},
+                   {g->dispersion, 0.6},
+                   {g->clearcoat, 0.7},
+                   {g->clearcoat_roughness, 0.8},
+                   {g->anisotropy, 0.9},
+                   {g->anisotropy_rotation, -2.0},
+                   {g[1].ior, 0.0},
+                   {g[2].attenuation_distance, 0.0}}; /* the largest float: it absorbs nothing */
+    for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++)
+        near((double)numbers[i].is, numbers[i].wanted);
+    for (int i = 0; i < KILN_GLOSS_USES; i++)
+        assert_int_equal(g->textures[i].texture, KILN_NONE);
+}
+
+/* One image serves several uses and is stored once for linear and once for sRGB-coded colours. Each use has its own
+ * transform; one of another set is its mean. */
+static void gloss_has_textures(void **state)
+{
+    struct fixture *f = *state;
+    accepted(
+        f,
+        MATERIALS("{\"pbrMetallicRoughness\":{\"metallicRoughnessTexture\":{\"index\":0,\"texCoord\":1,"
+                  "\"extensions\":{\"KHR_texture_transform\":{\"offset\":[0.25,0.5],\"scale\":[2,3]}}}},"
+                  "\"extensions\":{\"KHR_materials_specular\":{"
+                  "\"specularColorTexture\":{\"index\":0,\"texCoord\":1},"
+                  "\"specularTexture\":{\"index\":0,\"texCoord\":1}},"
+                  "\"KHR_materials_clearcoat\":{\"clearcoatFactor\":1,\"clearcoatRoughnessFactor\":1,"
+                  "\"clearcoatTexture\":{\"index\":0,\"texCoord\":0},"
+                  "\"clearcoatRoughnessTexture\":{\"index\":0,\"texCoord\":1},"
+                  "\"clearcoatNormalTexture\":{\"index\":0,\"texCoord\":1,\"scale\":0.5}},"
+                  "\"KHR_materials_anisotropy\":{\"anisotropyStrength\":1,"
+                  "\"anisotropyTexture\":{\"index\":0,\"texCoord\":1}}}},{" DULL
+                  "}") ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"TEXCOORD_1\":2},\"indices\":3,"
+                       "\"material\":0},{\"attributes\":{\"POSITION\":0,\"TEXCOORD_1\":2},\"indices\":3,"
+                       "\"material\":1}]}]," ONE_NODE "}");
+    const struct kiln_gloss *g = DATA(struct kiln_gloss, KILN_SECTION_GLOSS);
+    const struct kiln_texture *t = DATA(struct kiln_texture, KILN_SECTION_TEXTURES);
+    assert_int_equal(COUNT(KILN_SECTION_GLOSS), 1);
+    assert_int_equal(COUNT(KILN_SECTION_TEXTURES), 2);
+    assert_int_equal(COUNT(KILN_SECTION_TEXELS), 4);
+    const uint32_t linear = g->textures[KILN_GLOSS_METALLIC].texture;
+    static const struct {
+        enum kiln_gloss_use use;
+        uint32_t channel;
+    } uses[] = {{KILN_GLOSS_METALLIC, 2},         {KILN_GLOSS_ROUGHNESS, 1},
+                {KILN_GLOSS_SPECULAR, 3},         {KILN_GLOSS_CLEARCOAT_ROUGHNESS, 1},
+                {KILN_GLOSS_CLEARCOAT_NORMAL, 0}, {KILN_GLOSS_ANISOTROPY, 0}};
+    for (size_t i = 0; i < sizeof uses / sizeof uses[0]; i++) {
+        assert_int_equal(g->textures[uses[i].use].texture, linear);
+        assert_int_equal(g->textures[uses[i].use].channel, uses[i].channel);
+    }
+    assert_int_equal(t[linear].srgb, 0);
+    assert_int_equal(t[g->textures[KILN_GLOSS_SPECULAR_COLOR].texture].srgb, 1);
+    assert_int_equal(g->textures[KILN_GLOSS_CLEARCOAT].texture, KILN_NONE);
+    near((double)g->clearcoat, 128.0 / 255.0); /* of red: its coordinates are of another set */
+    near((double)g->clearcoat_normal_scale, 0.5);
+    near((double)g->mean_metallic, 1.0);
+    near((double)g->mean_roughness, 128.0 / 255.0);
+    static const float moved[6] = {2.0f, 0.0f, 0.25f, 0.0f, 3.0f, 0.5f}, as_it_is[6] = {1.0f, 0.0f, 0.0f, 0.0f, 1.0f};
+    for (int c = 0; c < 6; c++) {
+        near((double)g->textures[KILN_GLOSS_ROUGHNESS].transform[c], (double)moved[c]);
+        near((double)g->textures[KILN_GLOSS_SPECULAR].transform[c], (double)as_it_is[c]);
+    }
+    /* the coordinates are those of the file; a vertex whose material has no gloss repeats the base colour's */
+    const struct kiln_vec2 *uv = DATA(struct kiln_vec2, KILN_SECTION_TEXCOORD_GLOSS);
+    assert_int_equal(COUNT(KILN_SECTION_TEXCOORD_GLOSS), 8);
+    assert_memory_equal(uv, binary.uv, sizeof binary.uv);
+    assert_memory_equal(uv + 4, DATA(struct kiln_vec2, KILN_SECTION_TEXCOORD_BASE) + 4, 4 * sizeof *uv);
+}
+
+/* Anisotropy needs a direction along u, also without a texture. */
+static void anisotropy_has_coordinates(void **state)
+{
+    struct fixture *f = *state;
+    accepted(f, MATERIALS(EXTENSION("anisotropy",
+                                    "{\"anisotropyStrength\":0.5}")) ",\"meshes\":[{\"primitives\":[{\"attributes\":{"
+                                                                     "\"POSITION\":0,\"TEXCOORD_0\":2},\"indices\":3,"
+                                                                     "\"material\":0}]}]," ONE_NODE "}");
+    assert_int_equal(COUNT(KILN_SECTION_TEXTURES), 0);
+    assert_memory_equal(DATA(struct kiln_vec2, KILN_SECTION_TEXCOORD_GLOSS), binary.uv, sizeof binary.uv);
+}
+
+static void gloss_out_of_range_is_refused(void **state)
+{
+    struct fixture *f = *state;
+    static const struct {
+        const char *text, *word;
+    } cases[] = {
+        {MATERIALS(EXTENSION("ior", "{\"ior\":0.9}")) "}", "KHR_materials_ior.ior is 0.9, neither 0 nor at least 1"},
+        {MATERIALS(EXTENSION("ior", "{\"ior\":-1}")) "}", "materials[0].ior"},
+        {MATERIALS(EXTENSION("ior", "{\"ior\":\"glass\"}")) "}", "ior is a string"},
+        {MATERIALS(EXTENSION("specular", "{\"specularFactor\":1.1}")) "}", "specularFactor"},
+        {MATERIALS(EXTENSION("specular", "{\"specularColorFactor\":[1,-1,1]}")) "}", "specularColorFactor"},
+        {MATERIALS(EXTENSION("specular", "{\"specularColorFactor\":[1,1]}")) "}", "specularColorFactor"},
+        {MATERIALS(EXTENSION("specular", "{\"specularTexture\":{\"index\":1}}")) "}", "index is 1"},
+        {MATERIALS(EXTENSION("volume", "{\"thicknessFactor\":-1}")) "}", "thicknessFactor"},
+        {MATERIALS(EXTENSION("volume", "{\"attenuationDistance\":0}")) "}", "attenuationDistance is 0, not above 0"},
+        {MATERIALS(EXTENSION("volume", "{\"attenuationColor\":[1,1,1.5]}")) "}", "attenuationColor"},
+        {MATERIALS(EXTENSION("dispersion", "{\"dispersion\":-0.5}")) "}", "dispersion"},
+        {MATERIALS(EXTENSION("clearcoat", "{\"clearcoatFactor\":2}")) "}", "clearcoatFactor"},
+        {MATERIALS(EXTENSION("clearcoat", "{\"clearcoatRoughnessFactor\":2}")) "}", "clearcoatRoughnessFactor"},
+        {MATERIALS(EXTENSION("anisotropy", "{\"anisotropyStrength\":-0.1}")) "}", "anisotropyStrength"},
+        {MATERIALS(EXTENSION("anisotropy", "{\"anisotropyRotation\":[1]}")) "}", "anisotropyRotation is an array"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
+        refused(f, cases[i].text, cases[i].word);
+}
+
+static void specular_glossiness_is_told(void **state)
+{
+    struct fixture *f = *state;
+    accepted(f, MATERIALS("{\"extensions\":{\"KHR_materials_pbrSpecularGlossiness\":{}}}") "}");
+    const struct kiln_note *notes = DATA(struct kiln_note, KILN_SECTION_NOTES);
+    assert_int_equal(notes[0].severity, KILN_NOTE_WARNING);
+    assert_non_null(strstr(DATA(char, KILN_SECTION_STRINGS) + notes[0].text, "a white metal"));
+}
+
 static void colors_are_normalised(void **state)
 {
     struct fixture *f = *state;
@@ -522,6 +714,12 @@ int main(void)
                                        TEST(glass_has_a_texture),
                                        TEST(texture_transforms_follow_the_specification),
                                        TEST(normal_maps_are_read),
+                                       TEST(only_what_says_more_has_gloss),
+                                       TEST(gloss_has_its_numbers),
+                                       TEST(gloss_has_textures),
+                                       TEST(anisotropy_has_coordinates),
+                                       TEST(gloss_out_of_range_is_refused),
+                                       TEST(specular_glossiness_is_told),
                                        TEST(colors_are_normalised),
                                        TEST(instances_are_objects),
                                        TEST(lights_and_cameras),

@@ -15,12 +15,13 @@
 #include <unistd.h>
 
 #include "coordinator/scene/builder.h"
+#include "worker/scene/gloss.h"
 
 struct fixture {
     char folder[64], path[96], damaged[96];
     unsigned char *bytes;
     size_t size;
-    bool normal_map;
+    bool normal_map, gloss;
 };
 
 static uint32_t text(struct kiln_builder *b, const char *string)
@@ -36,8 +37,8 @@ static void append(struct kiln_builder *b, enum kiln_scene_section section, cons
 }
 
 /* Two objects of one quad, a texture, a light, a camera, an environment image, a source, a note, and perhaps a normal
- * map: something in every section. */
-static void build(const char *path, bool normal_map)
+ * map and gloss: something in every section. */
+static void build(const char *path, bool normal_map, bool gloss)
 {
     struct kiln_builder *b = NULL;
     assert_int_equal(kiln_builder_create(&b, NULL), KILN_OK);
@@ -92,20 +93,28 @@ static void build(const char *path, bool normal_map)
         append(b, KILN_SECTION_NORMAL_MAPS, &map, 1);
         append(b, KILN_SECTION_TEXCOORD_NORMAL, uv, 4);
     }
+    if (gloss) {
+        struct kiln_gloss glass = kiln_gloss_default(&material, 0);
+        glass.transmission = 0.75f;
+        glass.textures[KILN_GLOSS_TRANSMISSION].texture = 0;
+        append(b, KILN_SECTION_GLOSS, &glass, 1);
+        append(b, KILN_SECTION_TEXCOORD_GLOSS, uv, 4);
+    }
     assert_int_equal(kiln_builder_note(b, 1, NULL, "%d things", 7), KILN_OK);
     assert_int_equal(kiln_builder_write(b, path, NULL), KILN_OK);
     kiln_builder_destroy(&b);
 }
 
-static int make(void **state, bool normal_map)
+static int make(void **state, bool normal_map, bool gloss)
 {
     struct fixture *f = calloc(1, sizeof *f);
     f->normal_map = normal_map;
+    f->gloss = gloss;
     (void)snprintf(f->folder, sizeof f->folder, "/tmp/kiln-test-XXXXXX");
     assert_non_null(mkdtemp(f->folder));
     (void)snprintf(f->path, sizeof f->path, "%s/a.kscene", f->folder);
     (void)snprintf(f->damaged, sizeof f->damaged, "%s/b.kscene", f->folder);
-    build(f->path, normal_map);
+    build(f->path, normal_map, gloss);
     FILE *file = fopen(f->path, "rb");
     assert_non_null(file);
     f->bytes = malloc(1 << 16);
@@ -115,8 +124,9 @@ static int make(void **state, bool normal_map)
     return 0;
 }
 
-static int set_up(void **state) { return make(state, true); }
-static int set_up_plain(void **state) { return make(state, false); }
+static int set_up(void **state) { return make(state, true, true); }
+static int set_up_mapped(void **state) { return make(state, true, false); }
+static int set_up_plain(void **state) { return make(state, false, false); }
 
 static int tear_down(void **state)
 {
@@ -162,6 +172,10 @@ static void what_is_written_comes_back(void **state)
     assert_int_equal(s->normal_map_count, 1);
     assert_true(s->normal_maps[0].scale == 0.5f);
     assert_memory_equal(s->texcoord_normal, s->texcoord_base, 4 * sizeof *s->texcoord_normal);
+    assert_int_equal(s->gloss_count, 1);
+    assert_true(kiln_gloss_find(s, 0) == s->glosses && kiln_gloss_find(s, 1) == NULL);
+    assert_true(s->glosses[0].transmission == 0.75f && s->glosses[0].ior == 1.5f);
+    assert_memory_equal(s->texcoord_gloss, s->texcoord_base, 4 * sizeof *s->texcoord_gloss);
     /* bounds of both objects: x from -10 to 11 */
     assert_true(s->header->bounds_min[0] == -10.0 && s->header->bounds_max[0] == 11.0);
     assert_true(s->header->centre[0] == 0.5 && s->header->centre[1] == 20.5 && s->header->centre[2] == 30.0);
@@ -174,7 +188,7 @@ static void what_is_written_comes_back(void **state)
 static void writing_again_gives_the_same_bytes(void **state)
 {
     const struct fixture *f = *state;
-    build(f->damaged, f->normal_map);
+    build(f->damaged, f->normal_map, f->gloss);
     unsigned char *again = malloc(f->size + 1);
     FILE *file = fopen(f->damaged, "rb");
     assert_non_null(file);
@@ -187,7 +201,7 @@ static void writing_again_gives_the_same_bytes(void **state)
 static void any_flipped_bit_is_refused(void **state)
 {
     const struct fixture *f = *state;
-    const size_t end = f->normal_map ? f->size : 512; /* what differs without one is the header */
+    const size_t end = f->gloss ? f->size : 512; /* what differs without it is the header */
     for (size_t byte = 0; byte < end; byte++) {
         struct kiln_error error = {""};
         const unsigned char bit = (unsigned char)(1u << (byte % 8));
@@ -203,7 +217,7 @@ static void any_flipped_bit_is_refused(void **state)
 static void any_truncation_is_refused(void **state)
 {
     const struct fixture *f = *state;
-    for (size_t size = f->normal_map ? 0 : 460; size < f->size; size += size < 600 ? 1 : 37) {
+    for (size_t size = f->gloss ? 0 : 460; size < f->size; size += size < 600 ? 1 : 37) {
         struct kiln_error error = {""};
         put(f, f->bytes, size);
         if (open_damaged(f, &error) != KILN_BAD_INPUT)
@@ -269,6 +283,73 @@ static void a_right_hash_is_no_excuse(void **state)
     forged(f, KILN_SECTION_NORMAL_MAPS, offsetof(struct kiln_normal_map, texture), &three, 4, "normal map 0");
     forged(f, KILN_SECTION_NORMAL_MAPS, offsetof(struct kiln_normal_map, scale), &nan_value, 4, "scale");
     forged(f, KILN_SECTION_TEXCOORD_NORMAL, 28, &nan_value, 4, "normal-map coordinate");
+    forged(f, KILN_SECTION_TEXCOORD_GLOSS, 28, &nan_value, 4, "gloss coordinate");
+}
+
+static void gloss_with_a_right_hash_is_no_excuse(void **state)
+{
+    const struct fixture *f = *state;
+    const uint32_t three = 3, nine = 9;
+    const float nan_value = NAN, above = 1.5f, half = 0.5f, negative = -1.0f, endless = INFINITY;
+    const size_t texture =
+        offsetof(struct kiln_gloss, textures) + KILN_GLOSS_ANISOTROPY * sizeof(struct kiln_gloss_texture);
+    const struct {
+        size_t offset;
+        const void *bytes;
+        const char *word;
+    } cases[] = {
+        {offsetof(struct kiln_gloss, material), &three, "gloss 0 refers to a material"},
+        {offsetof(struct kiln_gloss, model), &three, "unknown model"},
+        {offsetof(struct kiln_gloss, flags), &nine, "unknown model or flag"},
+        {offsetof(struct kiln_gloss, metallic), &above, "outside 0 to 1"},
+        {offsetof(struct kiln_gloss, mean_metallic), &negative, "outside 0 to 1"},
+        {offsetof(struct kiln_gloss, roughness), &negative, "outside 0 to 1"},
+        {offsetof(struct kiln_gloss, mean_roughness), &nan_value, "outside 0 to 1"},
+        {offsetof(struct kiln_gloss, ior), &half, "index of refraction"},
+        {offsetof(struct kiln_gloss, ior), &nan_value, "index of refraction"},
+        {offsetof(struct kiln_gloss, specular), &above, "outside 0 to 1"},
+        {offsetof(struct kiln_gloss, specular_color) + 4, &negative, "below 0"},
+        {offsetof(struct kiln_gloss, specular_color) + 8, &endless, "without an end"},
+        {offsetof(struct kiln_gloss, transmission), &above, "outside 0 to 1"},
+        {offsetof(struct kiln_gloss, filter), &above, "outside 0 to 1"},
+        {offsetof(struct kiln_gloss, thickness), &negative, "below 0"},
+        {offsetof(struct kiln_gloss, attenuation_color), &above, "outside 0 to 1"},
+        {offsetof(struct kiln_gloss, attenuation_distance), &endless, "without an end"},
+        {offsetof(struct kiln_gloss, dispersion), &nan_value, "below 0"},
+        {offsetof(struct kiln_gloss, clearcoat), &above, "outside 0 to 1"},
+        {offsetof(struct kiln_gloss, clearcoat_roughness), &above, "outside 0 to 1"},
+        {offsetof(struct kiln_gloss, clearcoat_normal_scale), &endless, "scale or an angle"},
+        {offsetof(struct kiln_gloss, anisotropy), &above, "outside 0 to 1"},
+        {offsetof(struct kiln_gloss, anisotropy_rotation), &nan_value, "scale or an angle"},
+        {offsetof(struct kiln_gloss, exponent), &negative, "below 0"},
+        {texture, &three, "texture that does not exist"},
+        {texture + 4, &nine, "channel"},
+        {texture + 8 + 20, &nan_value, "texture transform"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
+        forged(f, KILN_SECTION_GLOSS, cases[i].offset, cases[i].bytes, 4, cases[i].word);
+}
+
+static uint32_t version_of(const struct fixture *f)
+{
+    uint32_t version;
+    memcpy(&version, f->bytes + offsetof(struct kiln_scene_header, version), sizeof version);
+    return version;
+}
+
+/* Without gloss the file is one of version 4, whose header has no entries for it. */
+static void a_scene_without_gloss_is_of_the_version_before(void **state)
+{
+    const struct fixture *f = *state;
+    struct kiln_scene *s = NULL;
+    assert_int_equal(version_of(f), KILN_SCENE_VERSION_NORMAL_MAPS);
+    assert_int_equal(kiln_scene_header_bytes(version_of(f)), 136 + 16 * 23);
+    assert_int_equal(kiln_scene_open(&s, f->path, NULL), KILN_OK);
+    assert_int_equal(s->normal_map_count, 1);
+    assert_int_equal(s->gloss_count, 0);
+    assert_null(kiln_gloss_find(s, 0));
+    assert_null(s->texcoord_gloss);
+    kiln_scene_close(&s);
 }
 
 /* Without normal maps the file is one of version 3, whose header has no entries for them. */
@@ -276,8 +357,7 @@ static void a_scene_without_normal_maps_is_of_the_version_before(void **state)
 {
     const struct fixture *f = *state;
     struct kiln_scene *s = NULL;
-    uint32_t version;
-    memcpy(&version, f->bytes + offsetof(struct kiln_scene_header, version), sizeof version);
+    const uint32_t version = version_of(f);
     assert_int_equal(version, KILN_SCENE_VERSION_PLAIN);
     assert_int_equal(kiln_scene_header_bytes(version), 136 + 16 * 21);
     assert_int_equal(kiln_scene_open(&s, f->path, NULL), KILN_OK);
@@ -347,7 +427,10 @@ int main(void)
         cmocka_unit_test_setup_teardown(writing_again_gives_the_same_bytes, set_up_plain, tear_down),
         cmocka_unit_test_setup_teardown(any_flipped_bit_is_refused, set_up_plain, tear_down),
         cmocka_unit_test_setup_teardown(any_truncation_is_refused, set_up_plain, tear_down),
+        cmocka_unit_test_setup_teardown(a_scene_without_gloss_is_of_the_version_before, set_up_mapped, tear_down),
+        cmocka_unit_test_setup_teardown(any_flipped_bit_is_refused, set_up_mapped, tear_down),
         cmocka_unit_test_setup_teardown(a_right_hash_is_no_excuse, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(gloss_with_a_right_hash_is_no_excuse, set_up, tear_down),
         cmocka_unit_test_setup_teardown(names_that_are_no_file_names_are_refused, set_up, tear_down),
         cmocka_unit_test_setup_teardown(what_is_not_there_or_no_file_is_said, set_up, tear_down),
         cmocka_unit_test_setup_teardown(objects_out_of_range_are_not_written, set_up, tear_down),

@@ -16,12 +16,15 @@
 #include "worker/base/calls.h"
 #include "worker/base/mapped.h"
 #include "worker/base/memory.h"
+#include "worker/scene/gloss.h"
 
 enum { SECTION_ALIGNMENT = 64 };
 
 /* The layout of these structs is the file format. */
 _Static_assert(sizeof(struct kiln_material) == 68, "format");
 _Static_assert(sizeof(struct kiln_normal_map) == 12, "format");
+_Static_assert(sizeof(struct kiln_gloss_texture) == 32, "format");
+_Static_assert(sizeof(struct kiln_gloss) == 112 + 32 * KILN_GLOSS_USES, "format");
 _Static_assert(sizeof(struct kiln_texture) == 40, "format");
 _Static_assert(sizeof(struct kiln_mesh) == 56, "format");
 _Static_assert(sizeof(struct kiln_object) == 144, "format");
@@ -60,6 +63,8 @@ static const struct {
     [KILN_SECTION_TRIANGLE_SOURCES] = {sizeof(struct kiln_triangle_source), "triangle sources"},
     [KILN_SECTION_NORMAL_MAPS] = {sizeof(struct kiln_normal_map), "normal maps"},
     [KILN_SECTION_TEXCOORD_NORMAL] = {sizeof(struct kiln_vec2), "normal-map coordinates"},
+    [KILN_SECTION_GLOSS] = {sizeof(struct kiln_gloss), "gloss"},
+    [KILN_SECTION_TEXCOORD_GLOSS] = {sizeof(struct kiln_vec2), "gloss coordinates"},
 };
 
 size_t kiln_scene_element_size(enum kiln_scene_section section)
@@ -111,9 +116,9 @@ static int check_header(const struct check *check, const struct kiln_scene_heade
     if (header->magic != KILN_SCENE_MAGIC)
         return kiln_fail(check->error, KILN_BAD_INPUT, "%s: not a kiln scene file (the file signature is missing)",
                          check->path);
-    if (header->version != KILN_SCENE_VERSION && header->version != KILN_SCENE_VERSION_PLAIN)
+    if (header->version < KILN_SCENE_VERSION_PLAIN || header->version > KILN_SCENE_VERSION)
         return kiln_fail(check->error, KILN_BAD_INPUT,
-                         "%s: scene file of version %u, but this kiln reads versions %u and %u; import the scene again",
+                         "%s: scene file of version %u, but this kiln reads versions %u to %u; import the scene again",
                          check->path, header->version, KILN_SCENE_VERSION_PLAIN, KILN_SCENE_VERSION);
     uint64_t end = kiln_scene_header_bytes(header->version);
     if (header->size != size || size < end)
@@ -208,6 +213,20 @@ static int check_textures(const struct check *check)
     return KILN_OK;
 }
 
+/* Checks a section of coordinates that a scene has if it has any of what they are for. */
+static int check_coordinates(const struct check *check, enum kiln_scene_section section, size_t uses,
+                             const struct kiln_vec2 *coordinates)
+{
+    const struct kiln_scene *scene = check->scene;
+    const uint64_t known = scene->header->sections[section].count;
+    if (known != (uses > 0 ? scene->vertex_count : 0))
+        return damaged(check, "there are %llu %s for %zu vertices and %zu materials that have them",
+                       (unsigned long long)known, section_kinds[section].name, scene->vertex_count, uses);
+    if (known > 0 && !all_finite(&coordinates[0].x, 2 * scene->vertex_count))
+        return damaged(check, "one of the %s is not a number", section_kinds[section].name);
+    return KILN_OK;
+}
+
 static int check_normal_maps(const struct check *check)
 {
     const struct kiln_scene *scene = check->scene;
@@ -220,13 +239,20 @@ static int check_normal_maps(const struct check *check)
         if (!isfinite(map->scale))
             return damaged(check, "normal map %zu has a scale that is not a number", i);
     }
-    const uint64_t known = scene->header->sections[KILN_SECTION_TEXCOORD_NORMAL].count;
-    if (known != (scene->normal_map_count > 0 ? scene->vertex_count : 0))
-        return damaged(check, "there are %llu normal-map coordinates for %zu vertices and %zu normal maps",
-                       (unsigned long long)known, scene->vertex_count, scene->normal_map_count);
-    if (known > 0 && !all_finite(&scene->texcoord_normal[0].x, 2 * scene->vertex_count))
-        return damaged(check, "a normal-map coordinate is not a number");
-    return KILN_OK;
+    return check_coordinates(check, KILN_SECTION_TEXCOORD_NORMAL, scene->normal_map_count, scene->texcoord_normal);
+}
+
+static int check_glosses(const struct check *check)
+{
+    const struct kiln_scene *scene = check->scene;
+    for (size_t i = 0; i < scene->gloss_count; i++) {
+        const char *fault = kiln_gloss_fault(&scene->glosses[i], scene->material_count, scene->texture_count);
+        if (fault != NULL)
+            return damaged(check, "gloss %zu %s", i, fault);
+        if (i > 0 && scene->glosses[i].material <= scene->glosses[i - 1].material)
+            return damaged(check, "gloss %zu does not stand in the order of the materials", i);
+    }
+    return check_coordinates(check, KILN_SECTION_TEXCOORD_GLOSS, scene->gloss_count, scene->texcoord_gloss);
 }
 
 static int check_mesh(const struct check *check, size_t index)
@@ -427,6 +453,8 @@ static int check_contents(const struct check *check)
     if (status == KILN_OK)
         status = check_normal_maps(check);
     if (status == KILN_OK)
+        status = check_glosses(check);
+    if (status == KILN_OK)
         status = check_meshes(check);
     if (status == KILN_OK)
         status = check_vertices(check);
@@ -465,6 +493,9 @@ static void set_pointers(struct kiln_scene *scene)
     scene->normal_maps = SECTION(KILN_SECTION_NORMAL_MAPS);
     scene->texcoord_normal =
         header->sections[KILN_SECTION_TEXCOORD_NORMAL].count > 0 ? SECTION(KILN_SECTION_TEXCOORD_NORMAL) : NULL;
+    scene->glosses = SECTION(KILN_SECTION_GLOSS);
+    scene->texcoord_gloss =
+        header->sections[KILN_SECTION_TEXCOORD_GLOSS].count > 0 ? SECTION(KILN_SECTION_TEXCOORD_GLOSS) : NULL;
 #undef SECTION
     scene->material_count = (size_t)header->sections[KILN_SECTION_MATERIALS].count;
     scene->texture_count = (size_t)header->sections[KILN_SECTION_TEXTURES].count;
@@ -477,6 +508,7 @@ static void set_pointers(struct kiln_scene *scene)
     scene->source_count = (size_t)header->sections[KILN_SECTION_SOURCES].count;
     scene->note_count = (size_t)header->sections[KILN_SECTION_NOTES].count;
     scene->normal_map_count = (size_t)header->sections[KILN_SECTION_NORMAL_MAPS].count;
+    scene->gloss_count = (size_t)header->sections[KILN_SECTION_GLOSS].count;
 }
 
 static int map_file(struct kiln_scene *scene, const char *path, struct kiln_error *error)

@@ -20,16 +20,19 @@
 #include "worker/base/vector.h"
 
 #define KILN_SCENE_MAGIC 0x4e434b4cu /* "LKCN" */
-/* The latest version, which added the sections of normal maps. A scene without normal maps is written as version 3,
- * whose header ends before those sections: kiln_scene_sections. */
-#define KILN_SCENE_VERSION 4u
+/* The latest version, which added the sections of gloss; the one before added those of normal maps. A scene is written
+ * as the oldest version that has all of its sections: without gloss as version 4, whose header ends before the sections
+ * of gloss, and without normal maps too as version 3 (kiln_scene_sections). */
+#define KILN_SCENE_VERSION 5u
+#define KILN_SCENE_VERSION_NORMAL_MAPS 4u
 #define KILN_SCENE_VERSION_PLAIN 3u
 
 enum kiln_light_kind { KILN_LIGHT_POINT = 0, KILN_LIGHT_SPOT = 1, KILN_LIGHT_DIRECTIONAL = 2 };
 enum kiln_environment_kind { KILN_ENVIRONMENT_NONE = 0, KILN_ENVIRONMENT_CONSTANT = 1, KILN_ENVIRONMENT_LATLONG = 2 };
 
 /* A material, as far as diffuse light transport needs it. Diffuse albedo = base_color x texture x (1 - metallic). How
- * much light a material lets through: struct kiln_passage in worker/scene/texture.h. */
+ * much light a material lets through: struct kiln_passage in worker/scene/texture.h. What mirrors, gloss and glass need
+ * besides: struct kiln_gloss. */
 struct kiln_material {
     uint32_t name;               /* offset into `strings` */
     float base_color[4];         /* linear, 0..1; [3] is alpha */
@@ -39,8 +42,8 @@ struct kiln_material {
     uint32_t alpha_mode;         /* KILN_ALPHA_OPAQUE ... */
     float alpha_cutoff;          /* for KILN_ALPHA_MASK */
     uint32_t double_sided;       /* 0 or 1: emits and reflects on both faces */
-    float metallic;              /* factor, 0..1; metal has no diffuse part */
-    float roughness;
+    float metallic;              /* factor x mean of its texture, 0..1; metal has no diffuse part */
+    float roughness;             /* factor, 0..1 */
     /* KHR_materials_transmission: fraction of the light, 0..1, that a thin wall of the material lets through */
     float transmission;
     /* Read at the base colour's coordinates; its red channel multiplies `transmission`. KILN_NONE: none. Ignored where
@@ -55,6 +58,78 @@ struct kiln_normal_map {
     uint32_t material; /* ascending in the section: at most one for each material */
     uint32_t texture;  /* a linear one */
     float scale;       /* multiplies x and y */
+};
+
+/* ---- gloss: what a file says of a material besides its diffuse part (worker/scene/gloss.h) ---- */
+
+/* What a texture of struct kiln_gloss multiplies, or is. */
+enum kiln_gloss_use {
+    KILN_GLOSS_METALLIC,            /* x metallic */
+    KILN_GLOSS_ROUGHNESS,           /* x roughness; Phong: x exponent */
+    KILN_GLOSS_TRANSMISSION,        /* x transmission */
+    KILN_GLOSS_SPECULAR,            /* x specular */
+    KILN_GLOSS_SPECULAR_COLOR,      /* x specular_color, red green blue */
+    KILN_GLOSS_THICKNESS,           /* x thickness */
+    KILN_GLOSS_CLEARCOAT,           /* x clearcoat */
+    KILN_GLOSS_CLEARCOAT_ROUGHNESS, /* x clearcoat_roughness */
+    /* the clear coat's normal map, as struct kiln_normal_map says, with clearcoat_normal_scale */
+    KILN_GLOSS_CLEARCOAT_NORMAL,
+    /* 2 red - 1, 2 green - 1: the direction in which the highlight is long, x along the texture's u, y against its v,
+     * which anisotropy_rotation turns further; blue x anisotropy */
+    KILN_GLOSS_ANISOTROPY,
+    KILN_GLOSS_USES
+};
+
+/* A texture of a material. (u, v) is the vertices' texcoord_gloss, interpolated; the texture is read at u' = t[0] u +
+ * t[1] v + t[2], v' = t[3] u + t[4] v + t[5], where t is `transform`. */
+struct kiln_gloss_texture {
+    uint32_t texture; /* KILN_NONE: none */
+    uint32_t channel; /* 0..3: which of red, green, blue, alpha is the number; 0 where several are */
+    float transform[6];
+};
+
+enum kiln_gloss_model {
+    KILN_GLOSS_METALLIC_ROUGHNESS = 0, /* glTF 2.0, appendix B, with the extensions KHR_materials_... named below */
+    /* Phong, from an .mtl file: the specular lobe is specular_color x (cosine to the mirror direction)^exponent. Of the
+     * numbers below it has specular_color, exponent, ior, transmission, filter; metallic is 0, roughness 1 */
+    KILN_GLOSS_PHONG = 1
+};
+enum {
+    /* KHR_materials_volume with a thickness above 0, or illum 6 and 7 of an .mtl file: the mesh bounds a body, and
+     * light bends at both faces. Without it a material that transmits is a thin wall */
+    KILN_GLOSS_VOLUME = 1,
+    KILN_GLOSS_MIRROR = 2, /* Phong: illum 3 to 7, the specular lobe is an ideal mirror of specular_color */
+    /* Phong: 1 - alpha of struct kiln_material is what is also given as `transmission`. Whoever uses `transmission`
+     * takes the surface as opaque */
+    KILN_GLOSS_ALPHA_TRANSMITS = 4
+};
+
+/* What a file says of a material besides its diffuse part. Only materials that say something other than
+ * kiln_gloss_default have one, and scenes without such materials have no section of them. Numbers are factors, before
+ * their textures; angles are counter-clockwise about the normal, seen from the front. */
+struct kiln_gloss {
+    uint32_t material;            /* ascending in the section: at most one for each material */
+    uint32_t model;               /* enum kiln_gloss_model */
+    uint32_t flags;               /* KILN_GLOSS_VOLUME ... */
+    float metallic, roughness;    /* 0..1; alpha of the microfacets is roughness^2 */
+    float mean_metallic;          /* metallic x mean of its texture */
+    float mean_roughness;         /* roughness x mean of its texture; Phong: that of a lobe as wide */
+    float ior;                    /* >= 1, or 0: an index so high that all light is reflected (KHR_materials_ior) */
+    float specular;               /* KHR_materials_specular: 0..1 */
+    float specular_color[3];      /* linear, >= 0; Phong: Ks, 0..1 */
+    float transmission;           /* KHR_materials_transmission: 0..1 */
+    float filter[3];              /* 0..1; Phong: Tf, the colour that is let through; else 1 1 1 */
+    float thickness;              /* KHR_materials_volume: m in mesh space, >= 0; only above 0 matters for rays */
+    float attenuation_color[3];   /* 0..1: what white light becomes after attenuation_distance in the body */
+    float attenuation_distance;   /* m, world space; 0: the body absorbs nothing */
+    float dispersion;             /* KHR_materials_dispersion: 20 / Abbe number, >= 0; 0: none */
+    float clearcoat;              /* KHR_materials_clearcoat: 0..1 */
+    float clearcoat_roughness;    /* 0..1 */
+    float clearcoat_normal_scale; /* of the clear coat's normal map: multiplies x and y */
+    float anisotropy;             /* KHR_materials_anisotropy: strength, 0..1 */
+    float anisotropy_rotation;    /* radians, from the tangent on; the tangent is along u of texcoord_gloss */
+    float exponent;               /* Phong: Ns, >= 0; else 0 */
+    struct kiln_gloss_texture textures[KILN_GLOSS_USES];
 };
 
 /* An image, 8 bits a channel RGBA. Texel (0,0) is the top left, at texture coordinate (0,0) as in glTF. */
@@ -181,6 +256,11 @@ enum kiln_scene_section {
     /* struct kiln_vec2 a vertex, or none at all if there is no normal map: normal-map coordinate, texture transform
      * applied; the base-colour coordinate where a material has no normal map */
     KILN_SECTION_TEXCOORD_NORMAL,
+    /* version 5 */
+    KILN_SECTION_GLOSS, /* struct kiln_gloss */
+    /* struct kiln_vec2 a vertex, or none at all if there is no gloss: the coordinate of the set that the textures of
+     * the vertex's gloss use, no transform applied; the base-colour coordinate where a material has none */
+    KILN_SECTION_TEXCOORD_GLOSS,
     KILN_SECTION_COUNT
 };
 
@@ -263,9 +343,11 @@ struct kiln_scene {
     const struct kiln_triangle_source *triangle_sources; /* NULL: none */
     const struct kiln_normal_map *normal_maps;
     const struct kiln_vec2 *texcoord_normal; /* NULL: none */
+    const struct kiln_gloss *glosses;
+    const struct kiln_vec2 *texcoord_gloss; /* NULL: none */
     size_t material_count, texture_count, mesh_count, object_count, light_count, camera_count;
     size_t vertex_count, triangle_count; /* stored; instances not expanded */
-    size_t source_count, note_count, normal_map_count;
+    size_t source_count, note_count, normal_map_count, gloss_count;
     const void *mapped; /* the file */
     size_t mapped_bytes;
     struct kiln_scene_header own_header; /* private: what `header` points to */
@@ -280,7 +362,9 @@ const char *kiln_scene_section_name(enum kiln_scene_section section);
 /* How many sections the header of a file of that version has, and how many bytes the header has. */
 static inline unsigned kiln_scene_sections(uint32_t version)
 {
-    return version == KILN_SCENE_VERSION_PLAIN ? KILN_SECTION_NORMAL_MAPS : KILN_SECTION_COUNT;
+    return version == KILN_SCENE_VERSION_PLAIN         ? KILN_SECTION_NORMAL_MAPS
+           : version == KILN_SCENE_VERSION_NORMAL_MAPS ? KILN_SECTION_GLOSS
+                                                       : KILN_SECTION_COUNT;
 }
 static inline size_t kiln_scene_header_bytes(uint32_t version)
 {

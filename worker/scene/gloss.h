@@ -1,0 +1,50 @@
+/* Gloss of materials: what it is where a file says nothing, what kind of material a user sees in it, and which
+ * materials light transport treats as more than diffuse. Pure functions, thread-safe. */
+#ifndef KILN_WORKER_SCENE_GLOSS_H
+#define KILN_WORKER_SCENE_GLOSS_H
+
+#include <stdbool.h>
+
+#include "worker/scene/scene.h"
+
+/* Gloss of a material that has no struct kiln_gloss: glTF's defaults (a dielectric of index 1.5) with the material's
+ * own metallic, roughness and transmission. `index` is the material's index. */
+struct kiln_gloss kiln_gloss_default(const struct kiln_material *material, uint32_t index);
+
+/* The gloss that the scene file has for a material; NULL: none. */
+const struct kiln_gloss *kiln_gloss_find(const struct kiln_scene *scene, uint32_t material);
+
+/* What is wrong with a gloss, as the end of a sentence: an index without its material or texture, a number outside its
+ * range (struct kiln_gloss), an unknown model, flag or channel. NULL: nothing. */
+const char *kiln_gloss_fault(const struct kiln_gloss *gloss, size_t material_count, size_t texture_count);
+
+/* The roughness whose GGX lobe is about as wide as a Phong lobe of that exponent: alpha^2 = 2 / (exponent + 2), and
+ * roughness^2 = alpha (Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007, section
+ * 5.2, for Beckmann's distribution). 0..1. */
+float kiln_gloss_phong_roughness(float exponent);
+
+/* Which materials are more than diffuse to light transport. */
+enum kiln_gloss_mode {
+    KILN_GLOSS_MODE_AUTO,    /* those with metal, transmission, a clear coat, or a reflection of roughness below 0.5 */
+    KILN_GLOSS_MODE_DIFFUSE, /* none */
+    KILN_GLOSS_MODE_FULL     /* all */
+};
+#define KILN_GLOSS_ROUGHNESS_AUTO 0.5f /* the mean over a texture counts */
+/* Whether a material is. `gloss` is its gloss; NULL: it has none. */
+bool kiln_gloss_needed(const struct kiln_material *material, const struct kiln_gloss *gloss, enum kiln_gloss_mode mode);
+
+/* What a user sees in a material: the first of these that fits, from the last on. */
+enum kiln_gloss_kind {
+    KILN_GLOSS_KIND_DIFFUSE,    /* nothing of what follows: not needed by KILN_GLOSS_MODE_AUTO */
+    KILN_GLOSS_KIND_GLOSS,      /* a reflection that is not diffuse */
+    KILN_GLOSS_KIND_METAL,      /* metallic above 0 */
+    KILN_GLOSS_KIND_CLEAR_COAT, /* a clear coat on whatever lies below */
+    KILN_GLOSS_KIND_THIN_GLASS, /* transmission without a body */
+    KILN_GLOSS_KIND_VOLUME_GLASS,
+    KILN_GLOSS_KINDS
+};
+enum kiln_gloss_kind kiln_gloss_kind(const struct kiln_material *material, const struct kiln_gloss *gloss);
+/* "diffuse", "gloss", "metal", "clear coat", "thin glass", "volume glass". */
+const char *kiln_gloss_kind_name(enum kiln_gloss_kind kind);
+
+#endif
