@@ -163,6 +163,15 @@ class Mtl(importing.Case):
         material, notes = self.gloss("Ks 0\nNs -3\n")
         self.assertNotIn("numbers of gloss", notes)  # they mean nothing where nothing is reflected
 
+    def test_what_a_diffuse_bake_does_without_stops_none(self):
+        """What concerns gloss alone is no reason to refuse a file: a map without a name, a number before any
+        material."""
+        material, notes = self.gloss("Ks 1 1 1\nmap_Ks -clamp on\nmap_Pr\n")
+        self.assertEqual(material["gloss"]["textures"], [])
+        self.assertIn("2 numbers of gloss", notes)
+        self.assertEqual(self.read("Ks 1 1 1\nmap_Ks\nillum 2\nnewmtl a\nKd 0.5\n").json()["materials"][1]["kind"],
+                         "diffuse")
+
     def test_check(self):
         glass = "newmtl a\nillum 7\nNi 1.5\nd 0\nKd 1 1 1\n"
         self.assertIn("is glass with a volume", self.read(glass, command=lambda *a: importing.kiln("check", *a)).out)
