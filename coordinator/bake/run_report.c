@@ -388,6 +388,8 @@ static json_t *objects_json(const struct kiln_run *run)
             "mean", r->mean, "relative_error", r->error);
         if (kiln_job_parts(run->job) > 1)
             json_object_set_new(object, "mean_error", json_real(r->mean_error));
+        if (run->job->vertex_light)
+            json_object_set_new(object, "vertex_error", json_real((double)run->vertices->error[i]));
         if (run->density->done) {
             json_object_set_new(object, "mean_at_half_density", json_real(run->density->objects[i].coarse));
             json_object_set_new(object, "half_density_error", json_real(run->density->objects[i].error));
@@ -696,6 +698,9 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "mpi", mpi);
     if (run->volume->size[0] != 0)
         json_object_set_new(root, "volume", volume_json(run, values));
+    if (run->job->vertex_light)
+        json_object_set_new(root, "vertices",
+                            json_pack("{s:I}", "count", (json_int_t)run->vertices->first[run->vertices->object_count]));
     json_object_set_new(root, "objects", objects_json(run));
     json_object_set_new(root, "borders", borders_json(run));
     json_object_set_new(root, "denoise", denoise_json(run));

@@ -120,8 +120,11 @@ class Octree(unittest.TestCase):
         self.assertEqual(*coordinates)
         self.assertTrue(any("COLOR_1" in p["attributes"] for m in scene["meshes"] for p in m["primitives"]))
         self.assertNotIn(".exr", json.dumps(scene))
-        there = os.path.join(self.folder, "s.glb")
-        self.assertIn("octree", run("export", self.bakes["octree"], "-o", there, status=65))
+        there = os.path.join(self.folder, "there", "scene.glb")
+        run("export", self.bakes["octree"], "-o", there, "--quiet")
+        with open(there, "rb") as f, open(os.path.join(self.bakes["octree"], "scene.glb"), "rb") as g:
+            self.assertEqual(f.read(), g.read())
+        self.assertIn("has none", run("export", self.bakes["octree"], "-o", there, "--atlas", 512, status=64))
 
     def test_some_views(self):
         """What the camera sees has light, as with lightmaps, and its view is that of the whole bake."""
