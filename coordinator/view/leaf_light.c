@@ -1,6 +1,7 @@
 #include "coordinator/view/leaf_light.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "coordinator/field/field.h"
 #include "coordinator/output/read/rows.h"
@@ -134,18 +135,57 @@ void kiln_leaf_light_destroy(struct kiln_leaf_light **leaves)
     kiln_free(leaves);
 }
 
+/* A hit's place among leaves, along the axes of the world. */
+static void place_of(const struct kiln_geometry *g, const struct kiln_hit *hit, float place[3])
+{
+    const struct kiln_hit_record *record = &g->records[hit->triangle];
+    const struct kiln_leaf_record *leaf = &g->leaves[hit->triangle];
+    place[kiln_leaf_axis(leaf->side, 0)] = kiln_hit_x(record, hit->u, hit->v);
+    place[kiln_leaf_axis(leaf->side, 1)] = kiln_hit_y(record, hit->u, hit->v);
+    place[kiln_leaf_axis(leaf->side, 2)] =
+        kiln_texel_coordinate(leaf->depth[0], leaf->depth[1], leaf->depth[2], hit->u, hit->v);
+}
+
+bool kiln_leaf_light_in(const struct kiln_leaf_light *l, const struct kiln_geometry *g, const struct kiln_hit *hit,
+                        float rgb[3])
+{
+    struct key key = {.object = (float)g->records[hit->triangle].object,
+                      .facing = (float)g->leaves[hit->triangle].side};
+    float place[3];
+    place_of(g, hit, place);
+    for (int a = 0; a < 3; a++)
+        key.leaf[a] = (float)kiln_leaf_of(place[a]);
+    const uint32_t at = *slot_of(l, &key);
+    for (int c = 0; c < 3; c++)
+        rgb[c] = at != 0 ? l->rgb[c][at - 1] : 0.0f;
+    return at != 0 && l->valid[at - 1] > 0.0f;
+}
+
+bool kiln_leaf_light_same(const struct kiln_leaf_light *a, const struct kiln_leaf_light *b, bool light)
+{
+    const float *const of_a[] = {a->leaf[0], a->leaf[1], a->leaf[2], a->object, a->facing,
+                                 a->side,    a->valid,   a->rgb[0],  a->rgb[1], a->rgb[2]},
+                       *const of_b[] = {b->leaf[0], b->leaf[1], b->leaf[2], b->object, b->facing,
+                                        b->side,    b->valid,   b->rgb[0],  b->rgb[1], b->rgb[2]};
+    const int count = light ? 10 : 6;
+    bool same = a->image->width == b->image->width;
+    for (int i = 0; same && i < count; i++)
+        same = (of_a[i] == NULL) == (of_b[i] == NULL) &&
+               (of_a[i] == NULL || memcmp(of_a[i], of_b[i], a->image->width * sizeof(float)) == 0);
+    return same;
+}
+
 bool kiln_leaf_light_at(const struct kiln_leaf_light *l, const struct kiln_geometry *g, const struct kiln_hit *hit,
                         bool back, float rgb[3])
 {
     const struct kiln_hit_record *record = &g->records[hit->triangle];
     const struct kiln_leaf_record *leaf = &g->leaves[hit->triangle];
-    const float own[3] = {kiln_hit_x(record, hit->u, hit->v), kiln_hit_y(record, hit->u, hit->v),
-                          kiln_texel_coordinate(leaf->depth[0], leaf->depth[1], leaf->depth[2], hit->u, hit->v)};
+    float own[3];
+    place_of(g, hit, own);
     float low[3], part[3], sum = 0.0f, value[3] = {0.0f, 0.0f, 0.0f};
-    for (int k = 0; k < 3; k++) {
-        const int axis = kiln_leaf_axis(leaf->side, k);
-        low[axis] = floorf(own[k] - 0.5f);
-        part[axis] = own[k] - 0.5f - low[axis];
+    for (int a = 0; a < 3; a++) {
+        low[a] = floorf(own[a] - 0.5f);
+        part[a] = own[a] - 0.5f - low[a];
     }
     for (uint32_t i = 0; i < 8; i++) {
         struct key key = {.object = (float)record->object,
