@@ -95,6 +95,15 @@ class Octree(unittest.TestCase):
         self.assertEqual(report["store"]["kind"], "octree")
         self.assertEqual(report["store"]["leaf_size"], LEAF)
         self.assertTrue(all(o["lightmap"] is None for o in report["objects"]))
+        page = os.path.join(self.folder, "report.html")
+        run("report", self.bakes["octree"], "-o", page, "--quiet")
+        with open(page) as f:
+            text = f.read()
+        self.assertNotIn("<h2>Lightmaps", text)
+        self.assertIn("leaves/m", text)
+        look = subprocess.run([KILN, "info", os.path.join(self.bakes["octree"], "scene.kscene")], capture_output=True,
+                              text=True)
+        self.assertIn("octrees", look.stdout)
 
     def test_leaves(self):
         with h5py.File(os.path.join(self.bakes["octree"], "kiln.h5"), "r") as f:
