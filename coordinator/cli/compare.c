@@ -243,14 +243,13 @@ static int list_pairs(struct comparison *c, struct kiln_error *error)
     return status;
 }
 
-/* The object of that name, or whose lightmap is lightmaps/NAME. */
-static int find_object(const struct kiln_scene *scene, const char *name, const char *directory, uint32_t *object,
-                       struct kiln_error *error)
+/* The object whose name and `ending` make up `name`: that of a lightmap, or of the object itself. */
+static int find_object(const struct kiln_scene *scene, const char *name, const char *ending, const char *directory,
+                       uint32_t *object, struct kiln_error *error)
 {
     for (*object = 0; *object < scene->object_count; (*object)++) {
         const char *own = kiln_scene_string(scene, scene->objects[*object].name);
-        if (strncmp(own, name, strlen(own)) == 0 &&
-            (name[strlen(own)] == '\0' || strcmp(name + strlen(own), ".exr") == 0))
+        if (strncmp(own, name, strlen(own)) == 0 && strcmp(name + strlen(own), ending) == 0)
             return KILN_OK;
     }
     return kiln_fail(error, KILN_BAD_INPUT, "'%s/scene.kscene' has no object for the lightmap '%s'", directory, name);
@@ -261,6 +260,7 @@ static int find_object(const struct kiln_scene *scene, const char *name, const c
 static int decide_how(struct comparison *c, struct kiln_error *error)
 {
     bool same = c->leaves_a == NULL && c->leaves_b == NULL;
+    const char *ending = same ? ".exr" : "";
     int status = KILN_OK;
     if (!kiln_results_has(c->results_a, "scene.kscene") || !kiln_results_has(c->results_b, "scene.kscene"))
         return KILN_OK;
@@ -270,9 +270,9 @@ static int decide_how(struct comparison *c, struct kiln_error *error)
         status = kiln_results_scene(c->results_b, &c->scene_b, error);
     for (size_t k = 0; status == KILN_OK && k < c->count; k++) {
         struct one *one = &c->ones[k];
-        status = find_object(c->scene_a, one->name, c->a, &one->object_a, error);
+        status = find_object(c->scene_a, one->name, ending, c->a, &one->object_a, error);
         if (status == KILN_OK)
-            status = find_object(c->scene_b, one->name, c->b, &one->object_b, error);
+            status = find_object(c->scene_b, one->name, ending, c->b, &one->object_b, error);
         if (status != KILN_OK)
             break;
         const struct kiln_object *a = &c->scene_a->objects[one->object_a], *b = &c->scene_b->objects[one->object_b];

@@ -523,7 +523,7 @@ void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit
     kiln_view_lit(maps, hit, irradiance, seen->rgb);
     seen->metal = s->scene->materials[s->scene->triangle_materials[stored]].metallic;
     seen->front_light = kiln_view_shows_front(maps, hit) ? 1.0f : 0.0f;
-    for (int c = 0; c < 3 && !(hit->tint[c] < 1.0f); c++)
-        seen->irradiance[c] = irradiance[c];
+    if (!(hit->tint[0] < 1.0f || hit->tint[1] < 1.0f || hit->tint[2] < 1.0f))
+        memcpy(seen->irradiance, irradiance, sizeof irradiance);
     tint(hit, seen->rgb);
 }
