@@ -137,6 +137,40 @@ def check_leak(kiln, checks, table):
     checks.that(abs(share['ours'] - 1) < 0.06, 'and do not once they are moved: %.3f' % share['ours'], process)
 
 
+def gap(path, width):
+    """The white room with two closed crates, `width` apart and half of it above the floor, with probes about them."""
+    scene = glb.Scene()
+    white = scene.material('white', (0.7, 0.7, 0.7))
+    glb.box(scene, 'room', (-2, -1.5, -2), (2, 1.5, 2), white, range(6))
+    for i, x in enumerate((-0.4 - width / 2, width / 2)):
+        glb.box(scene, 'crate %d' % i, (x, -1.5 + width / 2, -0.45), (x + 0.4, -0.55, -0.05), white)
+    scene.light('lamp', {'type': 'point', 'intensity': 200.0}, translation=[0, 1.2, 0.1])
+    return scene.write(path)
+
+
+def check_gap(kiln, checks, table):
+    """Points between and under the crates see probes that are farther than what is around them, and do not ask these:
+    light there is that of rays without an end, within the noise and what a probe within the gap is off by."""
+    width, found = 0.1, []
+    scene = gap(os.path.join(kiln.scratch, 'gap.glb'), width)
+    for more in ((), ('--tracing-range', 0.05, '--radiance-probe-spacing', 0.5)):
+        bake = kiln.bake(scene, '--texels-per-metre', 6, '--samples-direct', 32, '--samples-bounce', kiln.samples(32),
+                         '--samples-indirect', kiln.samples(128), '--bounces', 3, *more, *DARK)
+        if not checks.baked(bake):
+            return
+        points, process = bake.points, bake.process
+        x, y, z = points.position.T
+        within = points.valid & (z > -0.45) & (z < -0.05) & (y < -0.55)
+        light = (points.indirect @ harness.LUMINANCE) * points.area
+        under = within & (y < -1.5 + 0.501 * width) & (abs(x) < 0.4 + width / 2)
+        found.append([float(light[part].sum()) for part in (within & (abs(x) < 0.501 * width) & ~under, under)])
+        bake.remove()
+    between, under = found[1][0] / found[0][0], found[1][1] / found[0][1]
+    table.row('gap', 'against the true light: between %.2f, under %.2f' % (between, under))
+    checks.that(0.9 < between < 1.4 and 0.9 < under < 1.3, 'light in gaps: between the crates %.3f, under them %.3f' %
+                (between, under), process)
+
+
 def check_same(kiln, checks, table):
     cornell = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
     options = ('--texels-per-metre', 4, '--samples-direct', 16, '--samples-bounce', 16, '--samples-indirect', 64,
@@ -181,7 +215,7 @@ def check_interrupted(kiln, checks, table):
 
 
 def main():
-    every = {'furnace': check_furnace, 'sealed': check_sealed, 'falls': check_falls, 'leak': check_leak,
+    every = {'furnace': check_furnace, 'sealed': check_sealed, 'falls': check_falls, 'leak': check_leak, 'gap': check_gap,
              'same': check_same, 'interrupted': check_interrupted}
     arguments, kiln = harness.start(
         __doc__, lambda p: p.add_argument('--only', action='append', choices=every, help='these cases'))
