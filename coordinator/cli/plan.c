@@ -140,10 +140,9 @@ static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)
         (void)json_object_set_new(all, "working_set", working_set_json(&p->working_set));
     if (all != NULL && p->visible.views > 0)
         (void)json_object_set_new(all, "visible_from",
-                                  json_pack("{s:I, s:I, s:I, s:I}", "views", (json_int_t)p->visible.views,
-                                            "valid", (json_int_t)p->visible.points, "seen",
-                                            (json_int_t)p->visible.points_seen, "reached",
-                                            (json_int_t)p->visible.points_reached));
+                                  json_pack("{s:I, s:I, s:I, s:I}", "views", (json_int_t)p->visible.views, "valid",
+                                            (json_int_t)p->visible.points, "seen", (json_int_t)p->visible.points_seen,
+                                            "reached", (json_int_t)p->visible.points_reached));
     return all;
 }
 

@@ -54,7 +54,8 @@ def check_plan(kiln, checks, options, some):
     """kiln plan counts what the bake `some` for the rooms' views counts, and plans a shorter final gather for it."""
     plans = []
     for more in ((), ('--only-visible-from', 'all')):
-        process = kiln.command('plan', *options[:3], '--samples-indirect', 32, '--samples-probe', 0, '--backend', 'embree', '--threads', 1, '--json', *more)
+        process = kiln.command('plan', *options[:3], '--samples-indirect', 32, '--samples-probe', 0, '--backend',
+                               'embree', '--threads', 1, '--json', *more)
         checks.that(process.status == 0, 'kiln plan ended with %d' % process.status, process)
         if process.status != 0:
             return
