@@ -4,8 +4,9 @@
 
 A bake with --error-map is the mean of four parts. Between 93 and 98 % of the texels must lie within two standard
 errors of the mean over all seeds, and the objects' means within 3.2 of theirs (Student's t with 3 degrees of freedom)
-in 93 %. One sample must state an error, too. Cells change no bit. With --target-error 0.1 the deviation over seeds, pooled, must be below
-it nearly everywhere; three ranks give the same bits. With --max-time the bake ends with what it has.
+in 93 %. One sample must state an error, too. Cells change no bit. With --target-error 0.1 the deviation over seeds,
+pooled, must be below it nearly everywhere; three ranks give the same bits. With --max-time the bake ends with what it
+has.
 """
 import hashlib
 import os
