@@ -213,8 +213,8 @@ static void print_working_set(const struct kiln_plan *p, const struct kiln_job *
         return;
     (void)printf(
         "what rays of a rank's points may reach, which end at %g m, and the radiance probes that they may ask\n"
-        "%9s%12s%12s%12s%12s\n",
-        job->radiance.range, "rank", "triangles", "points", "probes", "MiB");
+        "%9s%12s%12s%12s%12s%12s\n",
+        job->radiance.range, "rank", "own points", "triangles", "points", "probes", "MiB");
     for (uint32_t r = 0; r < w->rank_count && w->rank_count <= RANKS_TOLD; r++) {
         char name[16];
         (void)snprintf(name, sizeof name, "%u", r);

@@ -106,7 +106,8 @@ class TracingRange(unittest.TestCase):
             self.assertEqual(answer.code, 0, answer.err)
             lines = answer.out.split('radiance probes that they may ask\n')[1].split('a rank keeps all')[0].splitlines()
             self.assertEqual(len(lines), 1 + rows + 3, answer.out)
-            self.assertIn('mean', lines[-2])
+            self.assertEqual([len(line.split()) for line in lines[1:-1]], [6] * (rows + 2), answer.out)
+            self.assertEqual(lines[0].split(), ['rank', 'own', 'points', 'triangles', 'points', 'probes', 'MiB'])
 
     def test_wrong_input_is_refused(self):
         for code, words, arguments in ((64, 'takes ranges in metres', ('bench', 'tracing-range', SCENE, 'far')),
