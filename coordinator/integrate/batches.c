@@ -136,40 +136,41 @@ static uint64_t points_left_out(const struct kiln_batches *b, struct kiln_range 
 
 static bool has_masks(const struct kiln_step *step) { return step->by_blocks || step->seen_only; }
 
-/* The points of a tile run that the step computes. */
-static uint64_t points_to_compute(const struct kiln_batches *b, size_t tile_run)
+/* The points of a tile run that the step computes, and those of them that take fewer samples. */
+static uint64_t points_to_compute(const struct kiln_batches *b, size_t tile_run, uint64_t *few)
 {
     const struct kiln_rank_data *data = b->data;
     const struct kiln_tile_run *run = &data->surface.tile_runs[tile_run];
     const struct kiln_step *step = &b->report->step;
+    const struct kiln_integrate_settings *settings = b->params->settings;
     struct kiln_blocks_draw draw;
+    *few = 0;
     if (step->seen_only && data->seen[tile_run] == 0)
         return 0;
     if (!step->by_blocks)
         return UINT64_MAX;
     kiln_blocks_draw(&draw, &data->surface, run, data->block + kiln_own_of_global(&data->surface, run->first).at,
-                     b->params->settings->seed, step);
+                     settings->indirect_scale, settings->seed, step);
+    *few = draw.few;
     return draw.gathers;
 }
 
-/* Those of each tile run of the batch. */
-static int choose_points(struct kiln_batches *b, struct kiln_range range, struct kiln_error *error)
+int kiln_batches_choose(struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_batch *batch,
+                        struct kiln_error *error)
 {
-    const int status =
-        kiln_grow(&b->masks, &b->mask_room, range.count, sizeof *b->masks, "the points of a batch", error);
-    for (size_t i = 0; i < range.count && status == KILN_OK; i++)
-        b->masks[i] = points_to_compute(b, range.first + i);
-    return status;
-}
-
-int kiln_batches_masks(struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range range,
-                       const uint64_t **masks, struct kiln_error *error)
-{
-    const bool any = has_masks(&b->report->step);
     b->data = data;
-    const int status = any ? choose_points(b, range, error) : KILN_OK;
-    *masks = any ? b->masks : NULL;
-    return status;
+    if (!has_masks(&b->report->step))
+        return KILN_OK;
+    const int status =
+        kiln_grow(&b->masks, &b->mask_room, 2 * batch->count, sizeof *b->masks, "the points of a batch", error);
+    if (status != KILN_OK)
+        return status;
+    uint64_t *few = b->masks + batch->count;
+    for (size_t i = 0; i < batch->count; i++)
+        b->masks[i] = points_to_compute(b, batch->first + i, &few[i]);
+    batch->point_masks = b->masks;
+    batch->few_masks = b->report->step.by_blocks ? few : NULL;
+    return KILN_OK;
 }
 
 /* Runs the step's pass of the backend. */
@@ -178,21 +179,18 @@ static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct k
     struct kiln_backend *backend = b->params->backend;
     const struct kiln_step *step = &b->report->step;
     assert(b->data == b->solution->own || step->pass->is_stealable);
-    const uint64_t *masks;
-    const int status = kiln_batches_masks(b, b->data, range, &masks, error);
-    if (status != KILN_OK)
-        return status;
-    const struct kiln_batch batch = {.first = range.first,
-                                     .count = range.count,
-                                     .stream = step->stream,
-                                     .samples = step->samples,
-                                     .first_sample = step->first_sample,
-                                     .samples_each = samples_from(b, range.first),
-                                     .point_masks = masks,
-                                     .may_lack = b->taker->may_lack,
-                                     .take = take_part,
-                                     .context = b};
-    return kiln_backend_run(backend, step->pass, step->parameters, &batch, &b->report->rays, error);
+    struct kiln_batch batch = {.first = range.first,
+                               .count = range.count,
+                               .stream = step->stream,
+                               .samples = step->samples,
+                               .first_sample = step->first_sample,
+                               .samples_each = samples_from(b, range.first),
+                               .may_lack = b->taker->may_lack,
+                               .take = take_part,
+                               .context = b};
+    const int status = kiln_batches_choose(b, b->data, &batch, error);
+    return status == KILN_OK ? kiln_backend_run(backend, step->pass, step->parameters, &batch, &b->report->rays, error)
+                             : status;
 }
 
 /* Computes a range of a rank's tile runs, of this one's or another's. */

@@ -27,7 +27,7 @@ struct kiln_batches {
     /* the batch under way */
     const struct kiln_rank_data *data; /* whose tile runs */
     uint64_t points;                   /* taken so far */
-    uint64_t *masks;                   /* of a step that leaves points out, with room for mask_room tile runs */
+    uint64_t *masks; /* of a step that leaves points out, with room for mask_room; after them those of few samples */
     size_t mask_room;
     double since; /* when the part that is computed now was begun */
 };
@@ -40,10 +40,10 @@ void kiln_batches_begin(struct kiln_batches *batches, struct kiln_step_report *r
  * KILN_EVENT_FAIL. */
 int kiln_batches_run(struct kiln_batches *batches, enum kiln_event *event, struct kiln_error *error);
 
-/* The points of the tile runs of `data` in the range that the step under way computes, as kiln_batch has it; valid
- * until the next call of any of these. KILN_SYSTEM. */
-int kiln_batches_masks(struct kiln_batches *batches, const struct kiln_rank_data *data, struct kiln_range range,
-                       const uint64_t **masks, struct kiln_error *error);
+/* Fills in which points of the batch's tile runs, which are of `data`, the step under way computes: its masks, which
+ * are valid until the next call of any of these. KILN_SYSTEM. */
+int kiln_batches_choose(struct kiln_batches *batches, const struct kiln_rank_data *data, struct kiln_batch *batch,
+                        struct kiln_error *error);
 
 void kiln_batches_release(struct kiln_batches *batches);
 

@@ -9,7 +9,8 @@
 
 enum {
     CHUNK_TILE_RUNS = 1024,
-    ROUNDS = 16 /* after which points that are like none of the first ones are each their own block */
+    SMALL_PART = 4, /* a block of one part in so many of K x K texels, or less, is small */
+    ROUNDS = 16     /* after which points that are like none of the first ones are each their own block */
 };
 #define UNKNOWN UINT16_MAX
 #define TURN_KEY 0x626c6f63u
@@ -302,13 +303,14 @@ static uint32_t turn_of(const struct kiln_tile_run *run, uint32_t first, uint32_
 }
 
 void kiln_blocks_draw(struct kiln_blocks_draw *draw, const struct kiln_surface *surface,
-                      const struct kiln_tile_run *run, const uint16_t *block, uint64_t seed,
+                      const struct kiln_tile_run *run, const uint16_t *block, uint32_t scale, uint64_t seed,
                       const struct kiln_step *step)
 {
+    const uint32_t small = scale * scale / SMALL_PART;
     const struct kiln_own_point own = kiln_own_of_global(surface, run->first);
     uint8_t count[KILN_TILE_TEXELS] = {0}, chosen[KILN_TILE_TEXELS] = {0}, turn[KILN_TILE_TEXELS] = {0};
     uint32_t k = 0;
-    draw->gathers = 0;
+    draw->gathers = draw->few = 0;
     for (k = 0; k < run->count; k++)
         count[block[k]]++;
     k = 0;
@@ -320,8 +322,11 @@ void kiln_blocks_draw(struct kiln_blocks_draw *draw, const struct kiln_surface *
             chosen[first] = (uint8_t)k;
             if (kiln_point_valid(surface, (struct kiln_own_point){own.at + k}))
                 draw->gathers |= 1ull << k;
+            if (count[first] <= small)
+                draw->few |= 1ull << k;
         }
     }
+    draw->few &= draw->gathers;
     for (k = 0; k < run->count; k++)
         draw->answer[k] = chosen[block[k]];
 }

@@ -14,6 +14,10 @@
  * one that is partly there (a texture with holes). A block never lies in two tiles, and with K > 1 cells cut no tile
  * (struct kiln_surface_params): blocks are the same for any ranks and cells.
  *
+ * A block of a quarter of K x K points or less takes an eighth of the samples (kiln_batch_few): for each of its texels
+ * half of what a full block has, or more. Else small blocks, which have little weight in what others gather, would have
+ * most of the rays.
+ *
  * Which of a block's points gathers changes from bounce to bounce, so that each has its turn: over n bounces a rotated
  * van der Corput sequence spreads the n choices evenly over the block. It is a function of the seed, the tile, the
  * block, the step's stream and its part. Each answer is right for its own point and not for the others: bounces lose
@@ -33,12 +37,13 @@ int kiln_blocks_find(const struct kiln_surface *surface, struct kiln_backend *ba
 /* Which points of a tile run gather in a step. */
 struct kiln_blocks_draw {
     uint64_t gathers;                 /* bit k: its k-th point does; none that is not valid */
+    uint64_t few;                     /* likewise of these, those whose block is small */
     uint8_t answer[KILN_TILE_TEXELS]; /* of its k-th point: the place of the point whose answer it takes */
 };
 
-/* `block` is that of the tile run's first point. Pure. */
+/* `block` is that of the tile run's first point; `scale` as for kiln_blocks_find. Pure. */
 void kiln_blocks_draw(struct kiln_blocks_draw *draw, const struct kiln_surface *surface,
-                      const struct kiln_tile_run *tile_run, const uint16_t *block, uint64_t seed,
+                      const struct kiln_tile_run *tile_run, const uint16_t *block, uint32_t scale, uint64_t seed,
                       const struct kiln_step *step);
 
 #endif

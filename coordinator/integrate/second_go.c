@@ -69,25 +69,21 @@ static int run_held(const struct held *h, kiln_take_results take, void *context,
 {
     const struct kiln_second_go *go = h->go;
     const struct kiln_step *step = &kiln_solution_step(go->solution)->step;
-    const uint64_t *masks;
     if (h->count == 0)
         return KILN_OK;
-    int status = kiln_batches_masks(go->batches, go->solution->own, (struct kiln_range){h->first, h->end - h->first},
-                                    &masks, error);
-    if (status != KILN_OK)
-        return status;
-    const struct kiln_batch batch = {.first = h->first,
-                                     .count = h->end - h->first,
-                                     .stream = step->stream,
-                                     .samples = step->samples,
-                                     .first_sample = step->first_sample,
-                                     .samples_each = h->samples,
-                                     .point_masks = masks,
-                                     .may_lack = may_lack,
-                                     .take = take,
-                                     .context = context};
+    struct kiln_batch batch = {.first = h->first,
+                               .count = h->end - h->first,
+                               .stream = step->stream,
+                               .samples = step->samples,
+                               .first_sample = step->first_sample,
+                               .samples_each = h->samples,
+                               .may_lack = may_lack,
+                               .take = take,
+                               .context = context};
+    int status = kiln_batches_choose(go->batches, go->solution->own, &batch, error);
     uint64_t rays = 0; /* the step's rays are counted */
-    status = kiln_backend_set_radiosity(go->params->backend, go->solution->radiosity, error);
+    if (status == KILN_OK)
+        status = kiln_backend_set_radiosity(go->params->backend, go->solution->radiosity, error);
     return status == KILN_OK ? kiln_backend_run(go->params->backend, step->pass, step->parameters, &batch, &rays, error)
                              : status;
 }

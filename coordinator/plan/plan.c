@@ -201,22 +201,26 @@ struct calibration {
     const struct kiln_prepared *p;
     uint16_t *block;      /* of all points (integrate/blocks.h); NULL: there are none */
     const uint16_t *seen; /* of all tile runs (bake/visible_from.h); NULL: there are no views */
+    uint32_t scale;
     uint64_t seed;
 };
 
-/* The points of a batch's tile runs that gather: as many as the batch has, to be freed. */
+/* The points of a batch's tile runs that gather: as many as the batch has, then likewise those of them that take few
+ * samples; to be freed. */
 static int draw_points(const struct calibration *c, const struct kiln_cost_kind *kind, const struct kiln_batch *batch,
                        uint64_t **masks, struct kiln_error *error)
 {
     const struct kiln_surface *s = c->p->surface;
     const struct kiln_step step = {.stream = batch->stream};
-    const int status = kiln_allocate(masks, batch->count, sizeof **masks, "a sample's points", error);
+    const int status = kiln_allocate(masks, 2 * batch->count, sizeof **masks, "a sample's points", error);
     for (size_t i = 0; status == KILN_OK && i < batch->count; i++) {
         const struct kiln_tile_run *run = &s->tile_runs[batch->first + i];
-        struct kiln_blocks_draw draw = {.gathers = run->mask};
+        const uint64_t own = kiln_own_of_global(s, run->first).at;
+        struct kiln_blocks_draw draw = {.gathers = UINT64_MAX};
         if (kind->by_blocks)
-            kiln_blocks_draw(&draw, s, run, c->block + kiln_own_of_global(s, run->first).at, c->seed, &step);
+            kiln_blocks_draw(&draw, s, run, c->block + own, c->scale, c->seed, &step);
         (*masks)[i] = kind->seen_only && c->seen[batch->first + i] == 0 ? 0 : draw.gathers;
+        (*masks)[batch->count + i] = draw.few;
     }
     return status;
 }
@@ -239,6 +243,7 @@ static int take_sample(const struct kiln_planned_steps *steps, const struct cali
         if (steps->kinds[k].by_blocks || steps->kinds[k].seen_only)
             status = draw_points(c, &steps->kinds[k], &batch, &masks, error);
         batch.point_masks = masks;
+        batch.few_masks = masks != NULL ? masks + batch.count : NULL;
         sample->points[k] = kiln_tile_runs_points(&tile_runs[first], &tile_runs[first + batch.count - 1]);
         if (status == KILN_OK)
             status = sample_step(p, &batch, &steps->kinds[k], &sample->seconds[k], error);
@@ -535,23 +540,26 @@ static int simulate(struct kiln_plan *plan, const struct kiln_prepared *p, const
     return status;
 }
 
-static int find_blocks(struct calibration *c, uint32_t scale, struct kiln_error *error)
+static int find_blocks(struct calibration *c, struct kiln_error *error)
 {
     const struct kiln_prepared *p = c->p;
     const int status =
         kiln_allocate(&c->block, p->surface->count, sizeof *c->block, "the blocks of a sample's points", error);
-    return status == KILN_OK ? kiln_blocks_find(p->surface, p->backend, p->threads, scale, c->block, error) : status;
+    return status == KILN_OK ? kiln_blocks_find(p->surface, p->backend, p->threads, c->scale, c->block, error) : status;
 }
 
 static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
                          struct timing *timing, struct kiln_error *error)
 {
     uint64_t *radiosity = NULL;
-    struct calibration c = {.p = p, .seen = plan->visible.seen, .seed = job->seed};
+    struct calibration c = {.p = p,
+                            .seen = plan->visible.seen,
+                            .scale = 1u << job->indirect_scale,
+                            .seed = job->seed};
     const double start = MPI_Wtime();
     int status = fill_radiosity(p, &radiosity, error);
     if (status == KILN_OK && job->indirect_scale > 0)
-        status = find_blocks(&c, 1u << job->indirect_scale, error);
+        status = find_blocks(&c, error);
     if (status == KILN_OK)
         status = calibrate(plan, &c, error);
     if (status == KILN_OK && plan->probes > 0)

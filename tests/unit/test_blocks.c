@@ -99,11 +99,13 @@ static void squares_and_a_wall(void **state)
         look_at_blocks(scale);
 }
 
-/* In sixteen bounces each of sixteen points gathers once, and its answer is that of all. */
+/* In sixteen bounces each of sixteen points gathers once, and its answer is that of all; small blocks take few samples.
+ */
 static void each_has_its_turn(void **state)
 {
     (void)state;
     struct world w;
+    uint64_t few = 0;
     build(&w, 4);
     for (size_t f = 0; f < w.surface->tile_run_count; f++) {
         const struct kiln_tile_run *run = &w.surface->tile_runs[f];
@@ -114,18 +116,21 @@ static void each_has_its_turn(void **state)
         for (uint32_t bounce = 0; bounce < 16; bounce++) {
             const struct kiln_step step = {.stream = bounce};
             struct kiln_blocks_draw draw, again;
-            kiln_blocks_draw(&draw, w.surface, run, block, 5, &step);
-            kiln_blocks_draw(&again, w.surface, run, block, 5, &step);
+            kiln_blocks_draw(&draw, w.surface, run, block, 4, 5, &step);
+            kiln_blocks_draw(&again, w.surface, run, block, 4, 5, &step);
             assert_true(draw.gathers == again.gathers);
             for (uint32_t k = 0; k < run->count; k++) {
                 assert_int_equal(block[draw.answer[k]], block[k]);
                 assert_true((draw.gathers >> draw.answer[k] & 1u) != 0);
                 turns[k] += (uint32_t)(draw.gathers >> k & 1u);
+                assert_true((draw.few >> k & 1u) == ((draw.gathers >> k & 1u) != 0 && size[block[k]] <= 4));
+                few += draw.few >> k & 1u;
             }
         }
         for (uint32_t k = 0; k < run->count; k++)
             assert_true(size[block[k]] != 16 || turns[k] == 1);
     }
+    assert_true(few > 0);
     release(&w);
 }
 

@@ -237,6 +237,40 @@ static void points_may_be_left_out(struct kiln_backend *backend, const struct wo
     drop(&every);
 }
 
+/* A batch in which some of the points asked for take fewer samples, against batches in which all take so many. */
+static void points_may_take_fewer(struct kiln_backend *backend, const struct world *w, const struct kiln_pass *pass)
+{
+    enum { SAMPLES = 24 };
+    struct kiln_batch all;
+    struct kept mixed = keeper(w, pass, &all), many = keeper(w, pass, &all), few = keeper(w, pass, &all);
+    uint64_t *masks = calloc(2 * all.count, sizeof *masks), differ = 0;
+    all.point_masks = masks;
+    for (size_t i = 0; i < all.count; i++) {
+        masks[i] = mask_of(i);
+        masks[all.count + i] = i % 3 == 0 ? 0x0101010101010102ull : i % 3 == 1 ? UINT64_MAX : 0;
+    }
+    all.samples = SAMPLES;
+    const uint64_t many_rays = run(backend, pass, all, &many);
+    all.few_masks = masks + all.count;
+    const uint64_t rays = run(backend, pass, all, &mixed);
+    all.few_masks = NULL;
+    all.samples = kiln_batch_few(SAMPLES);
+    const uint64_t few_rays = run(backend, pass, all, &few);
+    for (size_t i = 0; i < all.count; i++)
+        for (uint64_t k = 0; k < many.offset[i + 1] - many.offset[i]; k++) {
+            const size_t at = (many.offset[i] + k) * pass->result_bytes;
+            const bool is_few = (masks[all.count + i] >> k & 1u) != 0;
+            const char *expected = is_few ? few.results + at : many.results + at;
+            assert_memory_equal(mixed.results + at, expected, pass->result_bytes);
+            differ += is_few && memcmp(many.results + at, expected, pass->result_bytes) != 0;
+        }
+    assert_true(kiln_batch_few(SAMPLES) == 3 && differ > 10 && rays < many_rays && rays > few_rays);
+    free(masks);
+    drop(&mixed);
+    drop(&many);
+    drop(&few);
+}
+
 /* Sum over all points of the irradiance that a stretch of samples adds up to, red; and samples of all points. */
 static double stretch(struct kiln_backend *backend, const struct world *w, const struct kiln_pass *pass, uint32_t first,
                       uint32_t samples, uint64_t *count)
@@ -322,6 +356,8 @@ static void run_all(const struct world *w, const char *name, uint64_t rays[KILN_
             numbers_may_differ(backend, w, pass);
         if (pass->is_masked)
             points_may_be_left_out(backend, w, pass);
+        if (pass->is_masked && pass->is_sampled)
+            points_may_take_fewer(backend, w, pass);
         if (pass->is_divisible)
             sums_add_up(backend, w, pass);
     }
@@ -410,6 +446,9 @@ static void wrong_calls_are_refused(void **state)
         if (!pass->is_masked)
             assert_int_equal(kiln_backend_run(backend, pass, parameters[i], &all, &rays, &error), KILN_BUG);
         all.point_masks = NULL;
+        all.few_masks = &mask;
+        assert_int_equal(kiln_backend_run(backend, pass, parameters[i], &all, &rays, &error), KILN_BUG);
+        all.few_masks = NULL;
         all.stream = pass->has_streams ? all.stream : 1;
         if (!pass->has_streams)
             assert_int_equal(kiln_backend_run(backend, pass, parameters[i], &all, &rays, &error), KILN_BUG);

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "worker/backend/fallback.h"
+#include "worker/backend/few.h"
 #include "worker/backend/verify.h"
 #include "worker/base/memory.h"
 
@@ -121,6 +122,7 @@ static bool is_well_formed(const struct kiln_backend *backend, const struct kiln
            (!surface || backend->surface != NULL) && (!pass->reads_radiosity || backend->radiosity != NULL) &&
            (pass->has_streams || batch->stream == 0) && (pass->is_divisible || batch->first_sample == 0) &&
            (pass->is_masked || batch->point_masks == NULL) &&
+           (batch->few_masks == NULL || (surface && batch->samples > 0 && batch->point_masks != NULL)) &&
            (batch->samples_each != NULL ? pass->is_sampled : (batch->samples > 0) == pass->is_sampled);
 }
 
@@ -198,6 +200,8 @@ int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass,
                          "this is a bug of kiln: report it",
                          pass->name);
     backend->ran[pass->index] = true;
+    if (batch->few_masks != NULL)
+        return kiln_backend_run_few(backend, pass, parameters, batch, rays, error);
     if (batch->samples_each == NULL)
         return backend->api->run(backend, pass, parameters, batch, rays, error);
     if ((backend->api->mixed >> pass->index & 1u) != 0)

@@ -120,6 +120,9 @@ struct kiln_batch {
      * is. Such a point's result is the same bits as without masks; the others' results are all zeros, as those of
      * points that are not valid. */
     const uint64_t *point_masks;
+    /* NULL, or with point_masks `count` masks, one a tile run: its points of these have fewer samples than the others
+     * (kiln_batch_few), and the same bits as in a batch of that many. */
+    const uint64_t *few_masks;
     bool may_lack;          /* some radiosity is absent: who takes the results looks at them (kiln_pass.lacks) */
     kiln_take_results take; /* NULL: results are dropped */
     void *context;          /* given to `take` */
@@ -134,6 +137,12 @@ static inline bool kiln_batch_leaves_out(const struct kiln_batch *batch, size_t 
 static inline uint64_t kiln_batch_points(const struct kiln_batch *batch, size_t item)
 {
     return batch->point_masks != NULL ? batch->point_masks[item - batch->first] : UINT64_MAX;
+}
+
+/* The samples of the points of few_masks where others have `samples`: an eighth, two at least. */
+static inline uint32_t kiln_batch_few(uint32_t samples)
+{
+    return samples >= 16 ? samples / 8 : samples < 2 ? samples : 2;
 }
 
 /* Where the stretch of items from `first` on ends, before `end`, of which all are left out or none. */
@@ -157,6 +166,8 @@ static inline struct kiln_batch kiln_batch_part(const struct kiln_batch *batch, 
         part.samples_each = batch->samples_each + (first - batch->first);
     if (batch->point_masks != NULL)
         part.point_masks = batch->point_masks + (first - batch->first);
+    if (batch->few_masks != NULL)
+        part.few_masks = batch->few_masks + (first - batch->first);
     return part;
 }
 

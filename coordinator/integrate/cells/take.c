@@ -92,22 +92,25 @@ static void enter(const struct kiln_taking *t, const struct kiln_rank_data *data
 /* Random bits for the 4-byte form: those of the tile, moved on for each texel by its bit reversed, so that every
  * aligned square of texels rounds up and down in turn, and its mean is kept much better than by chance (a rotated van
  * der Corput sequence). */
-static uint32_t compact_hash(const struct kiln_taking *t, const struct kiln_tile_run *f, uint32_t bit)
+static uint32_t compact_hash(uint32_t tile, uint32_t bit)
 {
-    const uint32_t tile = kiln_hash2(kiln_packing_hash(f, 0, t->step->stream), (uint32_t)t->settings->seed);
-    uint32_t reversed = 0;
-    for (uint32_t i = 0; i < 6; i++)
-        reversed |= (bit >> i & 1u) << (9 - i);
+    const uint32_t reversed = kiln_reverse_bits(bit) >> 22; /* 6 bits, the highest of 10 */
     return ((tile + reversed) & 1023u) | (((tile >> 10) + reversed) & 1023u) << 10 |
            (((tile >> 20) + reversed) & 1023u) << 20;
 }
 
-/* The radiosity that the next bounce gathers, in the form in which it travels. */
-static void pack_next(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
-                      const struct kiln_tile_run *f, uint32_t bit, const float radiosity[3])
+/* The tile's random bits for the radiosity of its points. */
+static uint32_t tile_hash(const struct kiln_taking *t, const struct kiln_tile_run *f)
+{
+    return t->step->compact ? kiln_hash2(kiln_packing_hash(f, 0, t->step->stream), (uint32_t)t->settings->seed) : 0;
+}
+
+/* The radiosity that the next bounce gathers, in the form in which it travels. `tile`: tile_hash. */
+static inline void pack_next(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
+                             const struct kiln_tile_run *f, uint32_t tile, uint32_t bit, const float radiosity[3])
 {
     if (t->step->compact)
-        kiln_next_compact(data)[own.at] = kiln_radiosity_compact(radiosity, t->scale, compact_hash(t, f, bit));
+        kiln_next_compact(data)[own.at] = kiln_radiosity_compact(radiosity, t->scale, compact_hash(tile, bit));
     else
         data->next[own.at] = kiln_radiosity_pack(radiosity, kiln_packing_hash(f, bit, t->step->stream));
 }
@@ -186,10 +189,12 @@ static void take_blocks(const struct kiln_taking *t, const struct kiln_rank_data
                         const struct kiln_point_result *results, bool counts, struct kiln_tally *sums,
                         struct kiln_tile_run_tally *tile_run)
 {
+    const uint32_t tile = tile_hash(t, f);
     struct kiln_own_point own = kiln_own_of_global(&data->surface, f->first);
     struct kiln_blocks_draw draw;
     struct block blocks[KILN_TILE_TEXELS]; /* at the place of the point that has gathered */
-    kiln_blocks_draw(&draw, &data->surface, f, data->block + own.at, t->settings->seed, t->step);
+    kiln_blocks_draw(&draw, &data->surface, f, data->block + own.at, t->settings->indirect_scale, t->settings->seed,
+                     t->step);
     for (uint64_t rest = draw.gathers; rest != 0; rest &= rest - 1) {
         const int k = __builtin_ctzll(rest);
         blocks[k] = (struct block){.mean = kiln_point_mean(&results[k])};
@@ -207,7 +212,7 @@ static void take_blocks(const struct kiln_taking *t, const struct kiln_rank_data
         if (valid && counts)
             add_to_block(t, &data->surface, own, albedo, block);
         enter(t, data, own, mean, radiosity, false);
-        pack_next(t, data, own, f, (uint32_t)__builtin_ctzll(rest), radiosity);
+        pack_next(t, data, own, f, tile, (uint32_t)__builtin_ctzll(rest), radiosity);
     }
     for (uint64_t rest = counts ? draw.gathers : 0; rest != 0; rest &= rest - 1)
         tally_block(t, &blocks[__builtin_ctzll(rest)], sums, tile_run);
@@ -248,6 +253,7 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
         take_blocks(t, data, f, results, counts, sums, tile_run);
         return;
     }
+    const uint32_t tile = tile_hash(t, f);
     for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++, results++) {
         float albedo[3], radiosity[3];
         const struct kiln_point_mean mean = kiln_point_mean(results),
@@ -258,7 +264,7 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
         if (counts && t->step->role != KILN_CELLS_PILOT)
             tally(t, &data->surface, own, &r, albedo, sums, tile_run);
         enter(t, data, own, &r, radiosity, unfinished);
-        pack_next(t, data, own, f, (uint32_t)__builtin_ctzll(rest), radiosity);
+        pack_next(t, data, own, f, tile, (uint32_t)__builtin_ctzll(rest), radiosity);
     }
 }
 

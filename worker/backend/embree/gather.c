@@ -306,12 +306,14 @@ static void store(const struct gather_work *w, struct kiln_point_result *results
 
 static void clear_sums(struct gather_work *w)
 {
-    memset(w->incident, 0, sizeof w->incident);
-    memset(w->irradiance, 0, sizeof w->irradiance);
-    memset(w->quarter, 0, sizeof w->quarter);
-    memset(w->glass, 0, sizeof w->glass);
-    memset(w->escaped, 0, sizeof w->escaped);
-    memset(w->blocked, 0, sizeof w->blocked);
+    const size_t count = w->rays->frame.count;
+    memset(w->incident, 0, count * sizeof *w->incident);
+    memset(w->irradiance, 0, count * sizeof *w->irradiance);
+    memset(w->glass, 0, count * sizeof *w->glass);
+    memset(w->escaped, 0, count * sizeof *w->escaped);
+    memset(w->blocked, 0, count * sizeof *w->blocked);
+    for (int i = 0; i < RAY_QUARTERS; i++)
+        memset(w->quarter[i], 0, count * sizeof *w->quarter[i]);
 }
 
 static void gather_tile_run(void *work, const struct embree_backend *b, struct embree_context *context, size_t tile_run,

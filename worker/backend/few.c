@@ -1,0 +1,128 @@
+#include "worker/backend/few.h"
+
+#include <string.h>
+
+#include "worker/base/memory.h"
+
+struct few_run {
+    const struct kiln_batch *batch;
+    const struct kiln_surface *surface;
+    size_t bytes; /* of a result */
+    /* one an item of the batch */
+    uint64_t *points, *others; /* those that take fewer samples, and those that do not */
+    uint32_t *samples;         /* of `points`; 0: it has none */
+    size_t *place;             /* where its results begin in `kept`; and the end */
+    char *kept;
+    char *whole; /* a part's results put together */
+    size_t whole_room;
+};
+
+static void release(struct few_run *r)
+{
+    kiln_free(&r->points);
+    kiln_free(&r->others);
+    kiln_free(&r->samples);
+    kiln_free(&r->place);
+    kiln_free(&r->kept);
+    kiln_free(&r->whole);
+}
+
+static int make_room(struct few_run *r, struct kiln_error *error)
+{
+    const char *what = "points with fewer samples";
+    const size_t count = r->batch->count;
+    int status = kiln_allocate(&r->points, count, sizeof *r->points, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&r->others, count, sizeof *r->others, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&r->samples, count, sizeof *r->samples, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&r->place, count + 1, sizeof *r->place, what, error);
+    return status;
+}
+
+/* Which points are which, and where results are kept. */
+static int divide(struct few_run *r, struct kiln_error *error)
+{
+    const struct kiln_batch *batch = r->batch;
+    for (size_t i = 0; i < batch->count; i++) {
+        const uint32_t count = r->surface->tile_runs[batch->first + i].count;
+        const uint64_t all = count < KILN_TILE_TEXELS ? (1ull << count) - 1 : UINT64_MAX;
+        const uint64_t asked = kiln_batch_leaves_out(batch, batch->first + i) ? 0 : all & batch->point_masks[i];
+        r->points[i] = asked & batch->few_masks[i];
+        r->others[i] = asked & ~batch->few_masks[i];
+        r->place[i + 1] = r->place[i] + (size_t)__builtin_popcountll(r->points[i]);
+        if (r->points[i] != 0)
+            r->samples[i] = kiln_batch_few(batch->samples_each != NULL ? batch->samples_each[i] : batch->samples);
+    }
+    return kiln_allocate(&r->kept, r->place[batch->count], r->bytes, "results of points with fewer samples", error);
+}
+
+/* kiln_take_results of the points with fewer samples. */
+static int keep(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)error;
+    struct few_run *r = context;
+    const struct kiln_tile_run *runs = &r->surface->tile_runs[first];
+    for (size_t i = 0; i < count; i++) {
+        const size_t item = first + i - r->batch->first;
+        const char *of_run = (const char *)results + (runs[i].first.at - runs[0].first.at) * r->bytes;
+        char *to = r->kept + r->place[item] * r->bytes;
+        for (uint64_t rest = r->points[item]; rest != 0; rest &= rest - 1, to += r->bytes)
+            memcpy(to, of_run + (size_t)__builtin_ctzll(rest) * r->bytes, r->bytes);
+    }
+    return KILN_OK;
+}
+
+/* kiln_take_results of the others: hands all on. */
+static int put_together(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    struct few_run *r = context;
+    const size_t begin = first - r->batch->first;
+    const struct kiln_tile_run *runs = &r->surface->tile_runs[first];
+    if (r->batch->take == NULL || r->place[begin] == r->place[begin + count])
+        return r->batch->take == NULL ? KILN_OK : r->batch->take(r->batch->context, first, count, results, error);
+    const size_t points = (size_t)kiln_tile_runs_points(runs, runs + count - 1);
+    const int status = kiln_grow(&r->whole, &r->whole_room, points, r->bytes, "a part's results", error);
+    if (status != KILN_OK)
+        return status;
+    memcpy(r->whole, results, points * r->bytes);
+    const char *from = r->kept + r->place[begin] * r->bytes;
+    for (size_t i = 0; i < count; i++) {
+        char *of_run = r->whole + (runs[i].first.at - runs[0].first.at) * r->bytes;
+        for (uint64_t rest = r->points[begin + i]; rest != 0; rest &= rest - 1, from += r->bytes)
+            memcpy(of_run + (size_t)__builtin_ctzll(rest) * r->bytes, from, r->bytes);
+    }
+    return r->batch->take(r->batch->context, first, count, r->whole, error);
+}
+
+static int run_both(struct few_run *r, struct kiln_backend *backend, const struct kiln_pass *pass,
+                    const void *parameters, uint64_t *rays, struct kiln_error *error)
+{
+    struct kiln_batch few = *r->batch, rest = *r->batch;
+    few.few_masks = rest.few_masks = NULL;
+    few.point_masks = r->points;
+    few.samples = 0;
+    few.samples_each = r->samples;
+    few.first_sample = (uint32_t)((uint64_t)few.first_sample * kiln_batch_few(r->batch->samples) / r->batch->samples);
+    few.take = keep;
+    rest.point_masks = r->others;
+    rest.take = put_together;
+    few.context = rest.context = r;
+    const int status =
+        r->place[r->batch->count] > 0 ? kiln_backend_run(backend, pass, parameters, &few, rays, error) : KILN_OK;
+    return status == KILN_OK ? kiln_backend_run(backend, pass, parameters, &rest, rays, error) : status;
+}
+
+int kiln_backend_run_few(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
+                         const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
+{
+    struct few_run r = {.batch = batch, .surface = backend->surface, .bytes = pass->result_bytes};
+    int status = make_room(&r, error);
+    if (status == KILN_OK)
+        status = divide(&r, error);
+    if (status == KILN_OK)
+        status = run_both(&r, backend, pass, parameters, rays, error);
+    release(&r);
+    return status;
+}
