@@ -129,7 +129,7 @@ static struct kiln_integrate_settings coarse_settings(const struct kiln_job *job
     }
     s.parts = 1;
     s.target_error = 0.0;
-    s.indirect_scale = 1;
+    s.indirect_scale = s.final_scale = 1;
     s.occlusion = NULL;
     s.directional = KILN_DIRECTIONAL_NONE;
     s.faults = (struct kiln_faults){0};
@@ -147,7 +147,7 @@ static int solve(struct kiln_density_check *check, const struct kiln_prepared *c
     struct kiln_solution *solved = NULL;
     plain.error_map = false;
     plain.target_error = 0.0;
-    plain.indirect_scale = 0;
+    plain.indirect_scale = plain.final_scale = 0;
     plain.denoise = KILN_DENOISE_NONE;
     plain.occlusion.distance = 0.0;
     plain.directional = KILN_DIRECTIONAL_NONE;

@@ -252,7 +252,7 @@ static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, co
                                                .cell_size = job->cell_size,
                                                .partition = job->partition_objects ? KILN_PARTITION_OBJECTS
                                                                                    : KILN_PARTITION_CELLS,
-                                               .whole_tiles = job->indirect_scale > 0,
+                                               .whole_tiles = job->indirect_scale > 0 || job->final_scale > 0,
                                                .both_sides = job->both_sides,
                                                .rank = (uint32_t)p->rank,
                                                .ranks = (uint32_t)p->ranks,

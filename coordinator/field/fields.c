@@ -27,6 +27,7 @@ static bool has_late_bounces(const struct kiln_job *job)
 }
 static bool has_views(const struct kiln_job *job) { return job->only_visible_from != NULL; }
 static bool has_blocks(const struct kiln_job *job) { return job->indirect_scale > 0; }
+static bool has_nodes(const struct kiln_job *job) { return job->final_scale > 0; }
 static bool receives_visible(const struct kiln_job *job) { return job->exchange_points == KILN_EXCHANGE_VISIBLE; }
 static bool has_target(const struct kiln_job *job) { return job->target_error > 0.0; }
 static bool wants_errors_apart(const struct kiln_job *job) { return job->error_map || kiln_job_denoises(job); }
@@ -330,6 +331,15 @@ static const struct kiln_field table[] = {
      .member = AT(block),
      .high = KILN_TILE_TEXELS,
      .present = has_blocks},
+    {.name = "mixture",
+     .unit = "1",
+     .type = KILN_FIELD_UINT64,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(mixture),
+     .high = 0x1p64,
+     .present = has_nodes},
     {.name = "seen",
      .unit = "1",
      .type = KILN_FIELD_UINT16,

@@ -8,6 +8,7 @@
 #include <time.h>
 
 #include "coordinator/integrate/blocks.h"
+#include "coordinator/integrate/nodes.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
@@ -134,7 +135,7 @@ static uint64_t points_left_out(const struct kiln_batches *b, struct kiln_range 
     return points;
 }
 
-static bool has_masks(const struct kiln_step *step) { return step->by_blocks || step->seen_only; }
+static bool has_masks(const struct kiln_step *step) { return step->by_blocks || step->by_nodes || step->seen_only; }
 
 /* The points of a tile run that the step computes, and those of them that take fewer samples. */
 static uint64_t points_to_compute(const struct kiln_batches *b, size_t tile_run, uint64_t *few)
@@ -147,10 +148,10 @@ static uint64_t points_to_compute(const struct kiln_batches *b, size_t tile_run,
     *few = 0;
     if (step->seen_only && data->seen[tile_run] == 0)
         return 0;
+    const uint64_t own = kiln_own_of_global(&data->surface, run->first).at;
     if (!step->by_blocks)
-        return UINT64_MAX;
-    kiln_blocks_draw(&draw, &data->surface, run, data->block + kiln_own_of_global(&data->surface, run->first).at,
-                     settings->indirect_scale, settings->seed, step);
+        return step->by_nodes ? kiln_nodes_of(&data->surface, run, data->mixture + own) : UINT64_MAX;
+    kiln_blocks_draw(&draw, &data->surface, run, data->block + own, settings->indirect_scale, settings->seed, step);
     *few = draw.few;
     return draw.gathers;
 }

@@ -3,12 +3,14 @@
 #include <math.h>
 #include <string.h>
 
+#include "shaders/shared/warp.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 #include "worker/scene/footprint.h"
 
 enum {
     CHUNK_TILE_RUNS = 1024,
+    LINKS_MOST = KILN_TILE_TEXELS / 2 * (KILN_TILE_TEXELS / 2 - 1) / 2, /* of blocks of two points in a tile run */
     SMALL_PART = 4, /* a block of one part in so many of K x K texels, or less, is small */
     ROUNDS = 16     /* after which points that are like none of the first ones are each their own block */
 };
@@ -18,7 +20,9 @@ static const float ALIKE = 0.9063f; /* cosine of 25 degrees */
 /* How high above the surface a ray goes: in texels' sides, so that it passes over what is small; and over a surface
  * that bends away, in the distance times the difference of the normals: the edge in between is a quarter of it high. */
 static const float HEIGHT = 0.25f, OVER_EDGE = 0.3f;
-static const float ROOM = 0.5f; /* of its side that a texel has above it, if it is to share its light with others */
+/* Of its side that a texel has above it, if it is to share its light with others; and on all sides. */
+#define ROOM 0.5f
+#define ROOM_BESIDE 1.5f
 
 /* A point as it is compared with others. */
 struct place {
@@ -28,9 +32,9 @@ struct place {
     bool whole;                        /* not partly there */
 };
 
-/* A point that is asked about: `points` are own points of the chunk's range. */
+/* Two points that are asked about, and the first of their tile run: own points of the chunk's range. */
 struct pair {
-    uint64_t first, other;
+    uint64_t run, first, other;
 };
 
 struct search {
@@ -38,6 +42,7 @@ struct search {
     struct kiln_backend *backend;
     uint32_t threads, scale;
     uint16_t *block;
+    uint64_t *links; /* NULL: nobody asks for them */
     /* of a chunk of tile runs */
     size_t begin, end;
     uint64_t first; /* own point with which it begins */
@@ -137,28 +142,50 @@ static void find_places(const struct search *s)
     }
 }
 
-/* A place that something is close above is a block of its own: light changes too fast there. One ray along the normal
- * says whether there is room. */
+/* Directions in which a place looks for what is close: along the normal, and for nodes across it, too. A direction is
+ * `along` times the normal and two parts across it. */
+static const struct {
+    float along, across[2], room;
+} looks[] = {{1.0f, {0.0f, 0.0f}, ROOM},
+             {0.3f, {0.954f, 0.0f}, ROOM_BESIDE},
+             {0.3f, {0.0f, 0.954f}, ROOM_BESIDE},
+             {0.3f, {-0.954f, 0.0f}, ROOM_BESIDE},
+             {0.3f, {0.0f, -0.954f}, ROOM_BESIDE}};
+
+static void look(const struct search *s, size_t i, size_t direction)
+{
+    const struct place *place = &s->places[i];
+    const struct kiln_vec3 n = place->height > 0.0f ? place->normal : vec3(1.0f, 0.0f, 0.0f);
+    struct kiln_vec3 u, v;
+    kiln_basis(n, &u, &v);
+    const struct kiln_vec3 across = vec3_madd(vec3_scale(u, looks[direction].across[0]), v, looks[direction].across[1]);
+    s->directions[i] = vec3_madd(across, n, looks[direction].along);
+    s->origins[i] = vec3_madd(place->position, n, place->height);
+}
+
+/* A place that something is close to is a block of its own: light changes too fast there. */
 static int find_room(struct search *s, struct kiln_error *error)
 {
     const struct kiln_tile_run *last = &s->surface->tile_runs[s->end - 1];
-    const size_t count = (size_t)(kiln_own_of_global(s->surface, last->first).at + last->count - s->first);
-    for (size_t i = 0; i < count; i++) {
-        const bool known = s->places[i].height > 0.0f;
-        s->directions[i] = known ? s->places[i].normal : vec3(1.0f, 0.0f, 0.0f);
-        s->origins[i] = vec3_madd(s->places[i].position, s->directions[i], s->places[i].height);
-    }
-    const int status = kiln_backend_intersect(s->backend, s->origins, s->directions, count, s->hits, error);
-    for (size_t f = s->begin; f < s->end && status == KILN_OK; f++) {
-        const struct kiln_tile_run *run = &s->surface->tile_runs[f];
-        const uint64_t own = kiln_own_of_global(s->surface, run->first).at;
-        for (uint32_t k = 0; k < run->count; k++) {
-            const size_t i = (size_t)(own + k - s->first);
-            if (s->hits[i].triangle != KILN_NONE && s->hits[i].distance < ROOM * s->places[i].side)
-                s->block[own + k] = (uint16_t)k;
-            s->places[i].height += HEIGHT * s->places[i].side;
+    const size_t count = (size_t)(kiln_own_of_global(s->surface, last->first).at + last->count - s->first),
+                 directions = s->links != NULL ? sizeof looks / sizeof *looks : 1;
+    int status = KILN_OK;
+    for (size_t d = 0; d < directions && status == KILN_OK; d++) {
+        for (size_t i = 0; i < count; i++)
+            look(s, i, d);
+        status = kiln_backend_intersect(s->backend, s->origins, s->directions, count, s->hits, error);
+        for (size_t f = s->begin; f < s->end && status == KILN_OK; f++) {
+            const struct kiln_tile_run *run = &s->surface->tile_runs[f];
+            const uint64_t own = kiln_own_of_global(s->surface, run->first).at;
+            for (uint32_t k = 0; k < run->count; k++) {
+                const size_t i = (size_t)(own + k - s->first);
+                if (s->hits[i].triangle != KILN_NONE && s->hits[i].distance < looks[d].room * s->places[i].side)
+                    s->block[own + k] = (uint16_t)k;
+            }
         }
     }
+    for (size_t i = 0; i < count; i++)
+        s->places[i].height += HEIGHT * s->places[i].side;
     return status;
 }
 
@@ -172,6 +199,14 @@ static bool may_be_alike(const struct place *a, const struct place *b, uint32_t 
     const float away = vec3_length(vec3_sub(b->position, a->position));
     return vec3_dot(a->normal, b->normal) >= ALIKE && away > 0.0f &&
            away <= 1.5f * a->side * (sqrtf(dx * dx + dy * dy) + 1.0f);
+}
+
+/* Whether two texels are near enough for what lies between to be mixed of both: corners of blocks that touch. */
+static bool are_near(uint32_t bit_a, uint32_t bit_b, uint32_t scale)
+{
+    const int dx = (int)kiln_morton8_x(bit_a) - (int)kiln_morton8_x(bit_b),
+              dy = (int)kiln_morton8_y(bit_a) - (int)kiln_morton8_y(bit_b), most = 2 * (int)scale - 1;
+    return dx * dx <= most * most && dy * dy <= most * most;
 }
 
 /* The texels that a block has so far. */
@@ -207,7 +242,7 @@ static void begin_block(struct search *s, const struct kiln_tile_run *run, uint3
         if (s->block[own + k] == UNKNOWN && (*asked >> k & 1u) == 0 &&
             may_be_alike(&places[first], &places[k], bits[first], bits[k]) && take_in(&extent, bits[k], s->scale)) {
             *asked |= 1ull << k;
-            s->pairs[s->pair_count++] = (struct pair){own + first, own + k};
+            s->pairs[s->pair_count++] = (struct pair){own, own + first, own + k};
         }
 }
 
@@ -250,16 +285,94 @@ static void make_ray(const struct search *s, const struct pair *pair, size_t ray
     s->lengths[ray] = length;
 }
 
-/* Traces the rays of all pairs; those between which nothing is come into one block. */
-static int join(struct search *s, struct kiln_error *error)
+static int trace_pairs(struct search *s, struct kiln_error *error)
 {
     for (size_t i = 0; i < s->pair_count; i++)
         make_ray(s, &s->pairs[i], i);
-    const int status = kiln_backend_intersect(s->backend, s->origins, s->directions, s->pair_count, s->hits, error);
+    return kiln_backend_intersect(s->backend, s->origins, s->directions, s->pair_count, s->hits, error);
+}
+
+/* Whether nothing stands between the points of a pair that was traced. */
+static bool is_free(const struct search *s, size_t pair)
+{
+    return s->hits[pair].triangle == KILN_NONE || s->hits[pair].distance >= s->lengths[pair];
+}
+
+/* Traces the rays of all pairs; those between which nothing is come into one block. */
+static int join(struct search *s, struct kiln_error *error)
+{
+    const int status = trace_pairs(s, error);
     for (size_t i = 0; status == KILN_OK && i < s->pair_count; i++)
-        if (s->hits[i].triangle == KILN_NONE || s->hits[i].distance >= s->lengths[i])
+        if (is_free(s, i))
             s->block[s->pairs[i].other] = s->block[s->pairs[i].first];
     return status;
+}
+
+/* ---- blocks that go on into each other ---- */
+
+void kiln_block_corners(const struct kiln_tile_run *run, const uint16_t *block, uint8_t corner[KILN_TILE_TEXELS])
+{
+    int farthest[KILN_TILE_TEXELS];
+    uint64_t rest = run->mask;
+    for (uint32_t k = 0; k < run->count; k++, rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest), first = block[k];
+        const int x = 2 * (int)kiln_morton8_x(bit) - (KILN_TILE_SIDE - 1),
+                  y = 2 * (int)kiln_morton8_y(bit) - (KILN_TILE_SIDE - 1), away = x * x + y * y;
+        if (first == k || away > farthest[first]) {
+            farthest[first] = away;
+            corner[first] = (uint8_t)k;
+        }
+    }
+}
+
+/* Asks about the corners of each two blocks of the tile run that may go on into each other. */
+static void ask_links(struct search *s, const struct kiln_tile_run *run)
+{
+    const uint64_t own = kiln_own_of_global(s->surface, run->first).at;
+    const uint16_t *block = s->block + own;
+    const struct place *places = s->places + (own - s->first);
+    uint8_t corner[KILN_TILE_TEXELS], bits[KILN_TILE_TEXELS], count[KILN_TILE_TEXELS] = {0};
+    uint64_t rest = run->mask;
+    kiln_block_corners(run, block, corner);
+    for (uint32_t k = 0; k < run->count; k++, rest &= rest - 1) {
+        bits[k] = (uint8_t)__builtin_ctzll(rest);
+        count[block[k]]++;
+        s->links[own + k] = 0;
+    }
+    for (uint32_t a = 0; a < run->count; a++)
+        for (uint32_t b = a + 1; b < run->count && count[a] > 1; b++) {
+            const uint32_t i = corner[a], j = corner[b];
+            if (count[b] > 1 && are_near(bits[i], bits[j], s->scale) &&
+                may_be_alike(&places[i], &places[j], bits[i], bits[j]))
+                s->pairs[s->pair_count++] = (struct pair){own, own + i, own + j};
+        }
+}
+
+/* Traces the rays of the pairs asked about. */
+static int link_pairs(struct search *s, struct kiln_error *error)
+{
+    const int status = trace_pairs(s, error);
+    for (size_t i = 0; status == KILN_OK && i < s->pair_count; i++)
+        if (is_free(s, i)) {
+            const uint64_t run = s->pairs[i].run, a = s->block[s->pairs[i].first], b = s->block[s->pairs[i].other];
+            s->links[run + a] |= 1ull << b;
+            s->links[run + b] |= 1ull << a;
+        }
+    s->pair_count = 0;
+    return status;
+}
+
+static int find_links(struct search *s, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    s->pair_count = 0;
+    for (size_t f = s->begin; f < s->end && status == KILN_OK; f++) {
+        if (s->pair_count + LINKS_MOST > (size_t)CHUNK_TILE_RUNS * KILN_TILE_TEXELS)
+            status = link_pairs(s, error);
+        if (status == KILN_OK)
+            ask_links(s, &s->surface->tile_runs[f]);
+    }
+    return status == KILN_OK ? link_pairs(s, error) : status;
 }
 
 static int find_chunk(struct search *s, struct kiln_error *error)
@@ -273,13 +386,14 @@ static int find_chunk(struct search *s, struct kiln_error *error)
         status = join(s, error);
     }
     begin_blocks(s, true);
-    return status;
+    return status == KILN_OK && s->links != NULL ? find_links(s, error) : status;
 }
 
 int kiln_blocks_find(const struct kiln_surface *surface, struct kiln_backend *backend, uint32_t threads, uint32_t scale,
-                     uint16_t *block, struct kiln_error *error)
+                     uint16_t *block, uint64_t *links, struct kiln_error *error)
 {
-    struct search s = {.surface = surface, .backend = backend, .threads = threads, .scale = scale, .block = block};
+    struct search s = {
+        .surface = surface, .backend = backend, .threads = threads, .scale = scale, .block = block, .links = links};
     int status = make_room(&s, error);
     for (size_t f = 0; f < surface->tile_run_count && status == KILN_OK; f = s.end) {
         s.begin = f;

@@ -29,10 +29,16 @@
 #include "worker/backend/backend.h"
 
 /* Finds the blocks of all points of the surface: block[i] is the place, within its tile run, of the first point of the
- * block that own point i is of. `scale`: 1 to KILN_TILE_SIDE, a power of two. `backend` traces; it need not have the
- * surface, whose validity is known. Not collective. KILN_SYSTEM, KILN_NO_DEVICE. */
+ * block that own point i is of. `links`: NULL, or 1 an own point; that of a block's first point says which blocks of
+ * its tile run go on from it (nodes.h): bit k, the one whose first point is the k-th. `scale`: 1 to KILN_TILE_SIDE, a
+ * power of two. `backend` traces; it need not have the surface, whose validity is known. Not collective. KILN_SYSTEM,
+ * KILN_NO_DEVICE. */
 int kiln_blocks_find(const struct kiln_surface *surface, struct kiln_backend *backend, uint32_t threads, uint32_t scale,
-                     uint16_t *block, struct kiln_error *error);
+                     uint16_t *block, uint64_t *links, struct kiln_error *error);
+
+/* Of each block of a tile run, at the place of its first point: the place of its point farthest from the tile's middle.
+ * `block` is that of the tile run's first point. */
+void kiln_block_corners(const struct kiln_tile_run *tile_run, const uint16_t *block, uint8_t corner[KILN_TILE_TEXELS]);
 
 /* Which points of a tile run gather in a step. */
 struct kiln_blocks_draw {

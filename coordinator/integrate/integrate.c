@@ -4,6 +4,7 @@
 
 #include "coordinator/integrate/blocks.h"
 #include "coordinator/integrate/lockstep.h"
+#include "coordinator/integrate/nodes.h"
 #include "coordinator/integrate/quantity.h"
 #include "coordinator/integrate/repartition_rule.h"
 #include "coordinator/mpi/agree.h"
@@ -75,8 +76,19 @@ static int find_blocks(const struct kiln_lockstep *l, struct kiln_error *error)
     const struct kiln_integrate_params *p = l->params;
     const struct kiln_rank_data *own = l->solution->own;
     const int status = own->block != NULL ? kiln_blocks_find(&own->surface, p->backend, p->threads,
-                                                             p->settings->indirect_scale, own->block, error)
+                                                             p->settings->indirect_scale, own->block, NULL, error)
                                           : KILN_OK;
+    return kiln_agree(p->communicator, status, error);
+}
+
+/* Collective. */
+static int find_nodes(const struct kiln_lockstep *l, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    const struct kiln_rank_data *own = l->solution->own;
+    const int status = own->mixture != NULL ? kiln_nodes_find(&own->surface, p->backend, p->threads,
+                                                              p->settings->final_scale, own->mixture, error)
+                                            : KILN_OK;
     return kiln_agree(p->communicator, status, error);
 }
 
@@ -119,6 +131,8 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
         note_seen(l);
     if (status == KILN_OK && p->settings->indirect_scale > 1)
         status = find_blocks(l, error);
+    if (status == KILN_OK && p->settings->final_scale > 1)
+        status = find_nodes(l, error);
     if (status == KILN_OK)
         status = limit_exchange(l, error);
     if (status == KILN_OK) {

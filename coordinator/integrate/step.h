@@ -47,6 +47,7 @@ struct kiln_step {
     bool compact;
     bool seen_only; /* tile runs that no view sees are not computed (bake/visible_from.h) */
     bool by_blocks; /* one point of each block gathers (blocks.h) */
+    bool by_nodes;  /* nodes gather, and the other points mix their answers (nodes.h) */
     bool early;     /* and travels while the step goes on, for a step that gathers from it will follow */
     bool counted;   /* in the bake's energy ledger */
     bool terminal;  /* no step of the integrator gathers from what it makes: points may be left out */

@@ -237,6 +237,22 @@ static int check_visible_from(const struct kiln_job *job, struct kiln_error *err
                                      other);
 }
 
+/* An error that is measured knows nothing of the light that is lost between nodes. */
+static int check_final_scale(const struct kiln_job *job, struct kiln_error *error)
+{
+    const char *other = job->target_error > 0.0 ? "--target-error" : kiln_job_parts(job) > 1 ? "--error-map" : NULL;
+    if (other != NULL)
+        return kiln_fail(error, KILN_USAGE,
+                         "--final-scale and %s exclude each other: the error that mixing texels' light makes is not "
+                         "measured; leave one of the two out",
+                         other);
+    return job->schedule == KILN_SCHEDULE_EQUAL
+               ? kiln_fail(error, KILN_USAGE,
+                           "--final-scale is for the final gather, which --schedule equal does not have; give "
+                           "--schedule lean, or --final-scale 1")
+               : KILN_OK;
+}
+
 /* What octrees have no use for: denoising works in lightmaps' texels, and without these and without light at vertices
  * there is nothing to export. */
 static int settle_store(struct kiln_job *job, struct kiln_error *error)
@@ -250,7 +266,8 @@ static int settle_store(struct kiln_job *job, struct kiln_error *error)
     } of_lightmaps[] = {{"check-density", job->check_density},
                         {"denoise", job->denoise == KILN_DENOISE_REGRESSION},
                         {"export", job->export && !job->vertex_light},
-                        {"indirect-scale", job->indirect_scale > 0}};
+                        {"indirect-scale", job->indirect_scale > 0},
+                        {"final-scale", job->final_scale > 0}};
     if (job->store == KILN_STORE_KIND_LIGHTMAP)
         return job->leaf_size > 0.0 ? kiln_fail(error, KILN_USAGE, "--leaf-size needs --store octree or vertex")
                                     : KILN_OK;
@@ -298,6 +315,8 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
         status = kiln_fail(error, KILN_USAGE,
                            "--indirect-scale is for bounces that a final gather reads: --schedule equal has no final "
                            "gather; give --schedule lean, or --indirect-scale 1");
+    if (status == KILN_OK && job->final_scale > 0)
+        status = check_final_scale(job, error);
     if (status == KILN_OK && job->only_visible_from != NULL)
         status = check_visible_from(job, error);
     if (status == KILN_OK && job->exchange_points == KILN_EXCHANGE_VISIBLE && kiln_job_has_probes(job))

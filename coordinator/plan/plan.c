@@ -5,6 +5,7 @@
 
 #include "coordinator/field/field.h"
 #include "coordinator/integrate/blocks.h"
+#include "coordinator/integrate/nodes.h"
 #include "coordinator/integrate/energy.h"
 #include "coordinator/run/process_memory.h"
 #include "coordinator/integrate/integrate.h"
@@ -200,8 +201,9 @@ static bool is_cheap(const struct kiln_planned_steps *steps, uint32_t kind)
 struct calibration {
     const struct kiln_prepared *p;
     uint16_t *block;      /* of all points (integrate/blocks.h); NULL: there are none */
+    uint64_t *mixture;    /* likewise (integrate/nodes.h) */
     const uint16_t *seen; /* of all tile runs (bake/visible_from.h); NULL: there are no views */
-    uint32_t scale;
+    uint32_t scale, final_scale;
     uint64_t seed;
 };
 
@@ -219,6 +221,8 @@ static int draw_points(const struct calibration *c, const struct kiln_cost_kind 
         struct kiln_blocks_draw draw = {.gathers = UINT64_MAX};
         if (kind->by_blocks)
             kiln_blocks_draw(&draw, s, run, c->block + own, c->scale, c->seed, &step);
+        else if (kind->by_nodes)
+            draw.gathers = kiln_nodes_of(s, run, c->mixture + own);
         (*masks)[i] = kind->seen_only && c->seen[batch->first + i] == 0 ? 0 : draw.gathers;
         (*masks)[batch->count + i] = draw.few;
     }
@@ -240,7 +244,7 @@ static int take_sample(const struct kiln_planned_steps *steps, const struct cali
                                    .stream = steps->kinds[k].stream,
                                    .samples = steps->kinds[k].samples};
         uint64_t *masks = NULL;
-        if (steps->kinds[k].by_blocks || steps->kinds[k].seen_only)
+        if (steps->kinds[k].by_blocks || steps->kinds[k].by_nodes || steps->kinds[k].seen_only)
             status = draw_points(c, &steps->kinds[k], &batch, &masks, error);
         batch.point_masks = masks;
         batch.few_masks = masks != NULL ? masks + batch.count : NULL;
@@ -545,7 +549,17 @@ static int find_blocks(struct calibration *c, struct kiln_error *error)
     const struct kiln_prepared *p = c->p;
     const int status =
         kiln_allocate(&c->block, p->surface->count, sizeof *c->block, "the blocks of a sample's points", error);
-    return status == KILN_OK ? kiln_blocks_find(p->surface, p->backend, p->threads, c->scale, c->block, error) : status;
+    return status == KILN_OK ? kiln_blocks_find(p->surface, p->backend, p->threads, c->scale, c->block, NULL, error)
+                             : status;
+}
+
+static int find_nodes(struct calibration *c, struct kiln_error *error)
+{
+    const struct kiln_prepared *p = c->p;
+    const int status =
+        kiln_allocate(&c->mixture, p->surface->count, sizeof *c->mixture, "the nodes of a sample's points", error);
+    return status == KILN_OK ? kiln_nodes_find(p->surface, p->backend, p->threads, c->final_scale, c->mixture, error)
+                             : status;
 }
 
 static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
@@ -555,11 +569,14 @@ static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, 
     struct calibration c = {.p = p,
                             .seen = plan->visible.seen,
                             .scale = 1u << job->indirect_scale,
+                            .final_scale = 1u << job->final_scale,
                             .seed = job->seed};
     const double start = MPI_Wtime();
     int status = fill_radiosity(p, &radiosity, error);
     if (status == KILN_OK && job->indirect_scale > 0)
         status = find_blocks(&c, error);
+    if (status == KILN_OK && job->final_scale > 0)
+        status = find_nodes(&c, error);
     if (status == KILN_OK)
         status = calibrate(plan, &c, error);
     if (status == KILN_OK && plan->probes > 0)
@@ -569,6 +586,7 @@ static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, 
     plan->calibration_seconds = MPI_Wtime() - start;
     kiln_free(&radiosity);
     kiln_free(&c.block);
+    kiln_free(&c.mixture);
     return status;
 }
 
@@ -597,7 +615,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
                                                .cell_size = job->cell_size,
                                                .partition = job->partition_objects ? KILN_PARTITION_OBJECTS
                                                                                    : KILN_PARTITION_CELLS,
-                                               .whole_tiles = job->indirect_scale > 0,
+                                               .whole_tiles = job->indirect_scale > 0 || job->final_scale > 0,
                                                .both_sides = job->both_sides,
                                                .ranks = job->ranks,
                                                .threads = prepared->threads};

@@ -47,7 +47,7 @@ static void build(struct world *w, uint32_t scale)
         .scene = &f->scene, .geometry = w->geometry, .lights = w->lights, .threads = 1};
     assert_int_equal(kiln_backend_create(&w->backend, "embree", &of_backend, NULL), KILN_OK);
     w->block = calloc(w->surface->count, sizeof *w->block);
-    assert_int_equal(kiln_blocks_find(w->surface, w->backend, 1, scale, w->block, NULL), KILN_OK);
+    assert_int_equal(kiln_blocks_find(w->surface, w->backend, 1, scale, w->block, NULL, NULL), KILN_OK);
 }
 
 static void release(struct world *w)

@@ -184,6 +184,7 @@ static bool next_lean(const struct kiln_integrate_settings *settings, const stru
     step->terminal = !more;
     step->seen_only = !more && settings->seen_only;
     step->by_blocks = more && settings->indirect_scale > 1;
+    step->by_nodes = !more && settings->final_scale > 1;
     if (more && settings->bounces < 0 && step->bounce >= KILN_LATE_FIRST)
         step->samples_field = KILN_FIELD_SAMPLES_BOUNCE;
     return true;

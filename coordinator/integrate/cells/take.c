@@ -6,6 +6,7 @@
 #include "coordinator/integrate/blocks.h"
 #include "coordinator/integrate/cells/adapt.h"
 #include "coordinator/integrate/cells/cells.h"
+#include "coordinator/integrate/nodes.h"
 #include "coordinator/integrate/packing.h"
 #include "coordinator/integrate/parts.h"
 #include "worker/scene/radiosity.h"
@@ -156,10 +157,11 @@ struct block {
     double area, albedo[3], sent[3];
 };
 
+/* `share`: of the point that takes this answer. */
 static void add_to_block(const struct kiln_taking *t, const struct kiln_surface *surface, struct kiln_own_point own,
-                         const float albedo[3], struct block *block)
+                         const float albedo[3], double share, struct block *block)
 {
-    const double area = (double)surface->area[own.at] * ((double)surface->visible[own.at] / 65535.0);
+    const double area = share * (double)surface->area[own.at] * ((double)surface->visible[own.at] / 65535.0);
     float sent[3];
     kiln_radiosity_unpack(t->radiosity[kiln_global_of_own(surface, own).at], sent);
     block->area += area;
@@ -210,11 +212,59 @@ static void take_blocks(const struct kiln_taking *t, const struct kiln_rank_data
         for (int c = 0; c < 3; c++)
             radiosity[c] = albedo[c] * mean->incident[c];
         if (valid && counts)
-            add_to_block(t, &data->surface, own, albedo, block);
+            add_to_block(t, &data->surface, own, albedo, 1.0, block);
         enter(t, data, own, mean, radiosity, false);
         pack_next(t, data, own, f, tile, (uint32_t)__builtin_ctzll(rest), radiosity);
     }
     for (uint64_t rest = counts ? draw.gathers : 0; rest != 0; rest &= rest - 1)
+        tally_block(t, &blocks[__builtin_ctzll(rest)], sums, tile_run);
+}
+
+/* ---- nodes ---- */
+
+/* What a point makes of the answers of the nodes that it mixes. The errors of nodes that share directions may be alike:
+ * they are added as if they were the same. */
+static struct kiln_point_mean mixed(const struct kiln_mixture *m, const struct block *nodes)
+{
+    struct kiln_point_mean mean = {.present = nodes[m->place[0]].mean.present, .count = nodes[m->place[0]].mean.count};
+    for (uint32_t i = 0; i < m->count; i++) {
+        const struct kiln_point_mean *from = &nodes[m->place[i]].mean;
+        const float weight = (float)m->weight[i];
+        for (int c = 0; c < 3; c++) {
+            mean.irradiance[c] += weight * from->irradiance[c];
+            mean.incident[c] += weight * from->incident[c];
+        }
+        mean.error += weight * from->error;
+    }
+    return mean;
+}
+
+/* A final gather in which nodes have gathered. */
+static void take_nodes(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
+                       const struct kiln_point_result *results, bool counts, struct kiln_tally *sums,
+                       struct kiln_tile_run_tally *tile_run)
+{
+    const uint32_t tile = tile_hash(t, f);
+    struct kiln_own_point own = kiln_own_of_global(&data->surface, f->first);
+    const uint64_t *mixtures = data->mixture + own.at, nodes = kiln_nodes_of(&data->surface, f, mixtures);
+    struct block blocks[KILN_TILE_TEXELS]; /* at the places of nodes */
+    for (uint32_t k = 0; k < f->count; k++)
+        blocks[k] = (struct block){.mean = kiln_point_mean(&results[k])};
+    uint32_t k = 0;
+    for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++, k++) {
+        struct kiln_mixture mixture;
+        float albedo[3], radiosity[3];
+        kiln_mixture_unpack(mixtures[k], &mixture);
+        const struct kiln_point_mean mean = mixed(&mixture, blocks);
+        kiln_point_albedo(&data->surface, own, albedo);
+        for (int c = 0; c < 3; c++)
+            radiosity[c] = albedo[c] * mean.incident[c];
+        for (uint32_t i = 0; counts && i < mixture.count; i++)
+            add_to_block(t, &data->surface, own, albedo, mixture.weight[i], &blocks[mixture.place[i]]);
+        enter(t, data, own, &mean, radiosity, false);
+        pack_next(t, data, own, f, tile, (uint32_t)__builtin_ctzll(rest), radiosity);
+    }
+    for (uint64_t rest = counts ? nodes : 0; rest != 0; rest &= rest - 1)
         tally_block(t, &blocks[__builtin_ctzll(rest)], sums, tile_run);
 }
 
@@ -251,6 +301,10 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
         (t->scene->objects[kiln_map_object(&data->surface, f->map)].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
     if (t->step->by_blocks) {
         take_blocks(t, data, f, results, counts, sums, tile_run);
+        return;
+    }
+    if (t->step->by_nodes) {
+        take_nodes(t, data, f, results, counts, sums, tile_run);
         return;
     }
     const uint32_t tile = tile_hash(t, f);
