@@ -149,16 +149,16 @@ static void choose(const struct tile *t, uint32_t p, struct kiln_mixture *m)
     }
 }
 
-/* Moving least squares: the weights of the nodes in the value at point p of the best linear function. */
+/* Moving least squares: the weights of the nodes in the value at point p of the best linear function, but for a factor.
+ */
 static void weigh(const struct tile *t, uint32_t p, struct kiln_mixture *m)
 {
-    double n = 0.0, x = 0.0, y = 0.0, xx = RIDGE, xy = 0.0, yy = RIDGE, sum = 0.0;
+    double x = 0.0, y = 0.0, xx = RIDGE, xy = 0.0, yy = RIDGE;
     double weight[KILN_NODES_OF_POINT], dx[KILN_NODES_OF_POINT], dy[KILN_NODES_OF_POINT];
     for (uint32_t i = 0; i < m->count; i++) {
         weight[i] = 1.0 / away(t, m->place[i], p);
         dx[i] = (double)(t->at[m->place[i]][0] - t->at[p][0]);
         dy[i] = (double)(t->at[m->place[i]][1] - t->at[p][1]);
-        n += weight[i];
         x += weight[i] * dx[i];
         y += weight[i] * dy[i];
         xx += weight[i] * dx[i] * dx[i];
@@ -167,10 +167,29 @@ static void weigh(const struct tile *t, uint32_t p, struct kiln_mixture *m)
     }
     /* the first column of the inverse of the normal equations' matrix, times its determinant */
     const double c0 = xx * yy - xy * xy, c1 = xy * y - x * yy, c2 = x * xy - xx * y;
-    for (uint32_t i = 0; i < m->count; i++) {
-        m->weight[i] = fmax(0.0, weight[i] * (c0 + c1 * dx[i] + c2 * dy[i]) / (n * xx * yy));
+    for (uint32_t i = 0; i < m->count; i++)
+        m->weight[i] = weight[i] * (c0 + c1 * dx[i] + c2 * dy[i]);
+}
+
+/* Leaves out the node whose weight is farthest below 0. False: none is. */
+static bool leave_out(struct kiln_mixture *m)
+{
+    uint32_t least = 0;
+    for (uint32_t i = 1; i < m->count; i++)
+        least = m->weight[i] < m->weight[least] ? i : least;
+    if (m->count < 2 || m->weight[least] >= 0.0)
+        return false;
+    m->count--;
+    for (uint32_t i = least; i < m->count; i++)
+        m->place[i] = m->place[i + 1];
+    return true;
+}
+
+static void normalise(struct kiln_mixture *m)
+{
+    double sum = 0.0;
+    for (uint32_t i = 0; i < m->count; i++)
         sum += m->weight[i];
-    }
     for (uint32_t i = 0; i < m->count; i++)
         m->weight[i] /= sum;
 }
@@ -181,7 +200,10 @@ static uint64_t mix(const struct tile *t, uint32_t p)
     if ((t->blocks[t->block[p]].nodes >> p & 1u) != 0)
         return alone(p);
     choose(t, p, &m);
-    weigh(t, p, &m);
+    do
+        weigh(t, p, &m);
+    while (leave_out(&m));
+    normalise(&m);
     return pack(&m);
 }
 

@@ -24,25 +24,25 @@ import walls  # noqa: E402
 FEW = ('--samples-probe', 0, '--no-export', '--denoise', 'none')
 
 
-def check_furnace(kiln, checks, table, scale):
+def check_furnace(kiln, checks, table, scale, option='--indirect-scale'):
     rho = 0.8
     want = math.pi / (1 - rho)
     bake = kiln.bake(extremes.furnace(os.path.join(kiln.scratch, 'furnace.glb'), rho), '--texels-per-metre', 8, *FEW,
                      '--samples-direct', kiln.samples(256), '--samples-bounce', 16, '--samples-indirect', 64,
-                     '--indirect-scale', scale)
+                     option, scale)
     if not checks.baked(bake):
         return
     p = bake.points
     mean, worst = (p.total[:, 1] @ p.area) / p.area.sum() / want - 1, np.abs(p.total[:, 1] / want - 1).max()
     table.row('furnace', scale, '%+.2e' % mean, '%.2e' % worst)
-    checks.that(abs(mean) < 0.01 and worst < 0.03, 'furnace at %d: the mean is off by %g, a texel by %g' %
-                (scale, mean, worst), bake.process)
-    checks.energy(bake, 'furnace at %d' % scale)
+    checks.that(abs(mean) < 0.01 and worst < 0.03, 'furnace, %s %d: the mean is off by %g, a texel by %g' %
+                (option, scale, mean, worst), bake.process)
+    checks.energy(bake, 'furnace, %s %d' % (option, scale))
     bake.remove()
 
 
-def check_wall(kiln, checks, table, degrees, thickness, texels, scale):
-    found = walls.bake_room(kiln, checks, degrees, thickness, texels, more=('--indirect-scale', scale))
+def check_wall(kiln, checks, table, degrees, thickness, texels, scale, option='--indirect-scale'):
+    found = walls.bake_room(kiln, checks, degrees, thickness, texels, more=(option, scale))
     if found is None:
         return
     name = 'wall, %g degrees, %g mm' % (degrees, 1000 * thickness)
@@ -50,8 +50,8 @@ def check_wall(kiln, checks, table, degrees, thickness, texels, scale):
     checks.that(found[0] <= 1e-4, '%s, at %d: dark / lit is %g' % (name, scale, found[0]), found[2])
 
 
-def cornell(kiln, scale, *more, ranks=0):
-    return kiln.bake(os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb'), *FEW, '--bounces', 5, '--indirect-scale',
+def cornell(kiln, scale, *more, ranks=0, option='--indirect-scale'):
+    return kiln.bake(os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb'), *FEW, '--bounces', 5, option,
                      scale, *more, ranks=ranks)
 
 
@@ -80,30 +80,32 @@ def check_cornell(kiln, checks, table):
     part.remove()
 
 
-def check_same(kiln, checks):
+def check_same(kiln, checks, option='--indirect-scale'):
     few = ('--lightmap-size', 32, '--samples-direct', 16, '--samples-bounce', 16, '--samples-indirect', 16)
     ways = ((0, ()), (3, ('--threads', 1)), (1, ('--partition', 'objects')), (0, ('--cell-size', 0.3)),
             (0, ('--exchange', 'compact')))
-    bakes = [cornell(kiln, 4, *few, *more, ranks=ranks) for ranks, more in ways]
+    bakes = [cornell(kiln, 4, *few, *more, ranks=ranks, option=option) for ranks, more in ways]
     if not all([checks.baked(bake) for bake in bakes]):
         return
     points = [same_result.points(bake) for bake in bakes]
     for (ranks, more), found in zip(ways[1:4], points[1:4]):
-        checks.that(found == points[0], 'at 4, %d ranks, %s: other bits' % (ranks, ' '.join(map(str, more))))
+        checks.that(found == points[0], '%s 4, %d ranks, %s: other bits' % (option, ranks, ' '.join(map(str, more))))
     checks.that(points[4] != points[0], 'another form of radiosity gives the same bits: the comparison sees nothing')
 
 
-def check_vulkan(kiln, checks, table):
+def check_vulkan(kiln, checks, table, option='--indirect-scale', steps='bounces'):
     """`kiln` has the Vulkan backend: against Embree."""
     few = ('--lightmap-size', 24, '--samples-direct', 64, '--samples-bounce', 64, '--samples-indirect', 64)
-    device, host = cornell(kiln, 4, *few), cornell(kiln, 4, *few, '--backend', 'embree')
+    device = cornell(kiln, 4, *few, option=option)
+    host = cornell(kiln, 4, *few, '--backend', 'embree', option=option)
     if not (checks.baked(device) and checks.baked(host)):
         return
     (a, area), (b, _) = luminances(host), luminances(device)
     rms, sum_ = math.sqrt((a - b)**2 @ area / area.sum()) / (a @ area / area.sum()), (b @ area) / (a @ area) - 1
     table.row('Cornell box, Vulkan', 4, '%+.2e' % sum_, '%.2e' % rms)
-    checks.that(rms < 0.01 and abs(sum_) < 1e-3, 'Vulkan at 4: off by %g, the sum by %g' % (rms, sum_), device.process)
-    rays = device.run['rays']['bounces'] / host.run['rays']['bounces']
+    checks.that(rms < 0.01 and abs(sum_) < 1e-3, 'Vulkan, %s 4: off by %g, the sum by %g' % (option, rms, sum_),
+                device.process)
+    rays = device.run['rays'][steps] / host.run['rays'][steps]
     checks.that(abs(rays - 1) < 0.01, 'Vulkan has %g of the rays' % rays, device.process)
 
 

@@ -5,7 +5,7 @@
                                       mpirun itself
     resume.py --kiln PATH layouts     go on with other numbers of ranks and threads
     resume.py --kiln PATH quantities  kill -9 within ambient occlusion and light by direction
-    resume.py --kiln PATH blocks      kill -9 within a bounce at a quarter of the resolution, and a gather for a view
+    resume.py --kiln PATH blocks      kill -9 within a bounce at a quarter of the resolution, and a gather by nodes
     resume.py --kiln PATH bounces     hundreds of bounces, stopped and gone on with after the 256th
     resume.py --kiln PATH signals     SIGUSR1, SIGTERM, SIGINT, kiln stop, --max-time: 75, and what kiln status says
     resume.py --kiln PATH phases      a signal to one of two ranks in every phase (without --full: in some): 75
@@ -547,11 +547,14 @@ def try_blocks(checks, tool):
     checks.that(process.status == BAD_INPUT and 'indirect-scale' in process.stderr,
                 'another scale was not refused: %d' % process.status, process)
     same(checks, tool, reference, folder, tool.bake(folder, *more), 'killed within a bounce by blocks')
-    views = ('--indirect-scale', 4, '--only-visible-from', 'all', '--no-error-map', '--samples-indirect', 4096)
+    views = ('--indirect-scale', 4, '--final-scale', 2, '--only-visible-from', 'all', '--no-error-map', '--samples-indirect', 4096)
     reference, _ = reference_of(checks, tool, *views)
     folder = tool.folder()
     killed_within(checks, tool, folder, 'final gather', 3, views)
-    same(checks, tool, reference, folder, tool.bake(folder, *views), 'killed within a final gather for a view')
+    process = tool.bake(folder, *views, '--final-scale', 4)
+    checks.that(process.status == BAD_INPUT and 'final-scale' in process.stderr,
+                'another scale of the final gather was not refused: %d' % process.status, process)
+    same(checks, tool, reference, folder, tool.bake(folder, *views), 'killed within a final gather by nodes for a view')
 
 
 def try_range(checks, tool):

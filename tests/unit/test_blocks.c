@@ -1,5 +1,6 @@
 /* Blocks (coordinator/integrate/blocks.h): a flat sheet has squares of K x K texels, a wall and a sharp edge cut them,
- * and each of a block's points has its turn. */
+ * and each of a block's points has its turn. Nodes (nodes.h): points mix those of their side of the wall, so that what
+ * is linear is kept. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -7,9 +8,11 @@
 
 #include <cmocka.h>
 
+#include <math.h>
 #include <stdlib.h>
 
 #include "coordinator/integrate/blocks.h"
+#include "coordinator/integrate/nodes.h"
 #include "coordinator/surface/surface_build.h"
 #include "tests/unit/surface_scene.h"
 #include "worker/light/lights.h"
@@ -134,8 +137,67 @@ static void each_has_its_turn(void **state)
     release(&w);
 }
 
+/* The mean column, or row, of what a point mixes. */
+static double mixed_texel(const struct kiln_mixture *m, bool row)
+{
+    double sum = 0.0;
+    for (uint32_t i = 0; i < m->count; i++)
+        sum += m->weight[i] * (row ? kiln_morton8_y(m->place[i]) : kiln_morton8_x(m->place[i]));
+    return sum;
+}
+
+/* A point of a full tile: mixes nodes alone, on its side of the wall; away from the wall what is linear is kept. */
+static void look_at_mixture(const struct kiln_tile_run *run, uint32_t k, const struct kiln_mixture *m, uint64_t nodes)
+{
+    const uint32_t tile = run->tile % 4 * 8, x = tile + kiln_morton8_x(k);
+    double sum = 0.0;
+    for (uint32_t i = 0; i < m->count; i++) {
+        const uint32_t from = tile + kiln_morton8_x(m->place[i]);
+        assert_true((nodes >> m->place[i] & 1u) != 0 && m->weight[i] > 0.0);
+        assert_true((x < 20) == (from < 20) || x == from);
+        sum += m->weight[i];
+    }
+    assert_true(sum > 0.999999 && sum < 1.000001 && m->count >= 1);
+    assert_true((nodes >> k & 1u) == (m->count == 1 && m->place[0] == k));
+    if (tile < 16 || tile >= 24) {
+        assert_true(fabs(mixed_texel(m, false) - kiln_morton8_x(k)) < 0.02);
+        assert_true(fabs(mixed_texel(m, true) - kiln_morton8_y(k)) < 0.02);
+    } else if (x >= 19 && x <= 21) { /* close to the wall */
+        assert_true(m->count == 1 && m->place[0] == k);
+    }
+}
+
+/* Points mix nodes; a node has its own answer. */
+static void points_mix_nodes(void **state)
+{
+    (void)state;
+    struct world w;
+    build(&w, 1);
+    for (uint32_t scale = 2; scale <= 4; scale *= 2) {
+        uint64_t *mixtures = calloc(w.surface->count, sizeof *mixtures);
+        assert_int_equal(kiln_nodes_find(w.surface, w.backend, 1, scale, mixtures, NULL), KILN_OK);
+        for (size_t f = 0; f < w.surface->tile_run_count; f++) {
+            const struct kiln_tile_run *run = &w.surface->tile_runs[f];
+            const uint64_t own = kiln_own_of_global(w.surface, run->first).at,
+                           nodes = kiln_nodes_of(w.surface, run, mixtures + own);
+            if (run->map != 0)
+                continue;
+            if (run->tile % 4 != 2)
+                assert_int_equal(__builtin_popcountll(nodes), KILN_TILE_TEXELS / (scale * scale));
+            for (uint32_t k = 0; k < run->count; k++) {
+                struct kiln_mixture m;
+                kiln_mixture_unpack(mixtures[own + k], &m);
+                look_at_mixture(run, k, &m, nodes);
+            }
+        }
+        free(mixtures);
+    }
+    release(&w);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(squares_and_a_wall), cmocka_unit_test(each_has_its_turn)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(squares_and_a_wall), cmocka_unit_test(each_has_its_turn),
+                                       cmocka_unit_test(points_mix_nodes)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
