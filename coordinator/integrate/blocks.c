@@ -3,7 +3,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "shaders/shared/warp.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 #include "worker/scene/footprint.h"
@@ -156,8 +155,8 @@ static void look(const struct search *s, size_t i, size_t direction)
 {
     const struct place *place = &s->places[i];
     const struct kiln_vec3 n = place->height > 0.0f ? place->normal : vec3(1.0f, 0.0f, 0.0f);
-    struct kiln_vec3 u, v;
-    kiln_basis(n, &u, &v);
+    const struct kiln_vec3 axis = fabsf(n.x) < 0.6f ? vec3(1.0f, 0.0f, 0.0f) : vec3(0.0f, 1.0f, 0.0f);
+    const struct kiln_vec3 u = vec3_normalize(vec3_cross(n, axis)), v = vec3_cross(n, u);
     const struct kiln_vec3 across = vec3_madd(vec3_scale(u, looks[direction].across[0]), v, looks[direction].across[1]);
     s->directions[i] = vec3_madd(across, n, looks[direction].along);
     s->origins[i] = vec3_madd(place->position, n, place->height);

@@ -547,7 +547,8 @@ def try_blocks(checks, tool):
     checks.that(process.status == BAD_INPUT and 'indirect-scale' in process.stderr,
                 'another scale was not refused: %d' % process.status, process)
     same(checks, tool, reference, folder, tool.bake(folder, *more), 'killed within a bounce by blocks')
-    views = ('--indirect-scale', 4, '--final-scale', 2, '--only-visible-from', 'all', '--no-error-map', '--samples-indirect', 4096)
+    views = ('--indirect-scale', 4, '--final-scale', 2, '--only-visible-from', 'all', '--no-error-map',
+             '--samples-indirect', 4096)
     reference, _ = reference_of(checks, tool, *views)
     folder = tool.folder()
     killed_within(checks, tool, folder, 'final gather', 3, views)
