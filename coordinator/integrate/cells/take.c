@@ -158,8 +158,8 @@ struct block {
 };
 
 /* `share`: of the point that takes this answer. */
-static void add_to_block(const struct kiln_taking *t, const struct kiln_surface *surface, struct kiln_own_point own,
-                         const float albedo[3], double share, struct block *block)
+static inline void add_to_block(const struct kiln_taking *t, const struct kiln_surface *surface,
+                                struct kiln_own_point own, const float albedo[3], double share, struct block *block)
 {
     const double area = share * (double)surface->area[own.at] * ((double)surface->visible[own.at] / 65535.0);
     float sent[3];
