@@ -2,13 +2,15 @@
 
   /usr/bin/python3 tests/bench/scale.py --kiln build/release/kiln [SCENE] [--density D]
 
-Times are of one thread, each bounce's least of three bakes, at production's samples; the time of finding the blocks is
-not in them, and the table has it apart: it is the rise of what is not in any phase. The error is that of
+Times are processor times of one thread, the least of three bakes, at production's samples: a bake of six bounces less
+one of one, in which only the final gather is left. The time of finding the blocks is not in them, and the table has it
+apart: it is the rise of the bake of one bounce. The error is that of
 indirect light against the bake at full resolution with the same rays in the final gather and many in the bounces, so
 that it is that of the resolution alone: rms over the mean, by area.
 """
 import math
 import os
+import resource
 import sys
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
@@ -16,25 +18,31 @@ import measure  # noqa: E402
 import harness  # noqa: E402
 import numpy as np  # noqa: E402
 
-COMMON = ('--samples-probe', 0, '--no-export', '--denoise', 'none', '--bounces', 6)
+COMMON = ('--samples-probe', 0, '--no-export', '--denoise', 'none')
 
 
-def bake(kiln, scene, density, scale, direct, bounce, indirect):
-    return measure.must(kiln.bake(scene, *COMMON, *density, '--samples-direct', direct, '--samples-bounce', bounce,
-                                  '--samples-indirect', indirect, '--indirect-scale', scale, '--threads', 1,
-                                  timeout=3600))
+def bake(kiln, scene, density, scale, direct, bounce, indirect, bounces=6):
+    return measure.must(kiln.bake(scene, *COMMON, *density, '--bounces', bounces, '--samples-direct', direct,
+                                  '--samples-bounce', bounce, '--samples-indirect', indirect, '--indirect-scale', scale,
+                                  '--threads', 1, timeout=3600))
+
+
+def processor_time(kiln, scene, density, scale, bounces):
+    """(s, rays of the bounces)"""
+    seconds = []
+    for _ in range(3):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+        b = bake(kiln, scene, density, scale, 16, 16, 4, bounces)
+        seconds.append(resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before)
+        rays = b.run['rays']['bounces']
+        b.remove()
+    return min(seconds), rays
 
 
 def cost(kiln, scene, density, scale):
-    """(s of the bounces, s that no phase has, their rays)"""
-    seconds, other = [], []
-    for _ in range(3):
-        b = bake(kiln, scene, density, scale, 16, 16, 4)
-        seconds.append([p['seconds'] for p in b.run['bounces'] if p['kind'] == 'bounce'])
-        other.append(next(p['seconds']['avg'] for p in b.run['phases'] if p['name'] == 'other'))
-        rays = b.run['rays']['bounces']
-        b.remove()
-    return sum(min(s) for s in zip(*seconds)), min(other), rays
+    """(s of the bounces, s of all else, their rays)"""
+    (few, _), (many, rays) = [processor_time(kiln, scene, density, scale, bounces) for bounces in (1, 6)]
+    return many - few, few, rays
 
 
 def light(b):
