@@ -349,10 +349,12 @@ void kiln_batches_begin(struct kiln_batches *b, struct kiln_step_report *report,
     b->slowness = kiln_faults_slowness(&settings->faults, (uint32_t)b->params->rank);
     b->report = report;
     /* another pass may be many times slower: its first batch must be short */
-    if (b->pass != report->step.pass || b->has_masks != has_masks(&report->step))
+    if (b->pass != report->step.pass || b->has_masks != has_masks(&report->step) ||
+        b->by_blocks != report->step.by_blocks)
         b->rate = RATE_START * b->params->threads;
     b->pass = report->step.pass;
     b->has_masks = has_masks(&report->step);
+    b->by_blocks = report->step.by_blocks;
     b->status = report->step.pass->reads_radiosity
                     ? kiln_backend_set_radiosity(b->params->backend, b->solution->radiosity, error)
                     : KILN_OK;

@@ -20,6 +20,7 @@ struct kiln_batches {
     /* own */
     const struct kiln_pass *pass; /* of the step under way; NULL: none yet */
     bool has_masks;               /* it leaves points out; likewise */
+    bool by_blocks;               /* and which; likewise */
     double rate;                  /* rays a second of this rank in such a step, as far as is known */
     double slowness; /* how many times the time of a batch it shall take (for tests); 1: as long as it takes */
     struct kiln_step_report *report; /* of the step under way */
