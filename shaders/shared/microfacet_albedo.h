@@ -38,7 +38,7 @@ KILN_FUNCTION float kiln_fit_index(float index)
 /* The interface of a medium, seen from outside: what it reflects. */
 struct kiln_interface {
     float alpha, index;
-    KILN_STRUCT kiln_curve lost;      /* 1 - albedo, were all reflected: error 0.003 */
+    KILN_STRUCT kiln_curve lost;      /* 1 - albedo, were all reflected: error 0.001 */
     KILN_STRUCT kiln_curve effective; /* the cosine at which a smooth interface reflects the same share */
 };
 
@@ -93,8 +93,8 @@ KILN_FUNCTION float kiln_interface_albedo(KILN_STRUCT kiln_interface s, float mu
 
 struct kiln_boundary {
     float alpha, critical;                /* cosine of the critical angle in the denser medium */
-    KILN_STRUCT kiln_curve thin;          /* from the medium with the lower index: error 0.006 */
-    KILN_STRUCT kiln_curve dense, beyond; /* from the other: error 0.007 */
+    KILN_STRUCT kiln_curve thin;          /* from the medium with the lower index: error 0.003 */
+    KILN_STRUCT kiln_curve dense, beyond; /* from the other: error 0.006 */
 };
 
 KILN_FUNCTION KILN_STRUCT kiln_boundary kiln_boundary_of(float alpha, float index)
@@ -170,7 +170,7 @@ KILN_FUNCTION float kiln_coat_albedo(KILN_STRUCT kiln_coat s, float mu)
     return s.strength * kiln_interface_albedo(s.face, mu);
 }
 /* The base's scattering is multiplied by this of both directions. With it a white base sends on, from each direction,
- * what the coat lets in: h(o) integral h(i) f(o, i) |cos| di = 1 - coat albedo(o), to 0.01 of it (balanced after
+ * what the coat lets in: h(o) integral h(i) f(o, i) |cos| di = 1 - coat albedo(o), to 0.01 (balanced after
  * Sinkhorn). For a mirror it is sqrt(1 - E), for a matt surface (1 - E) / sqrt(1 - mean E). */
 KILN_FUNCTION float kiln_coat_factor(KILN_STRUCT kiln_coat s, float mu)
 {
