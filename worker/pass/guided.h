@@ -20,7 +20,8 @@
  *
  * Items: tile runs. Result: struct kiln_guided_result. Parameters: struct
  * kiln_guided_parameters. Samples, streams, rays: as the gather pass. Counts of rays (escaped, blocked, glass) are sums
- * of 1 / q. Embree only. */
+ * of 1 / q. With point masks what is learnt is of the points that are computed, and stands in the results of all.
+ * Embree only. */
 #ifndef KILN_WORKER_PASS_GUIDED_H
 #define KILN_WORKER_PASS_GUIDED_H
 
