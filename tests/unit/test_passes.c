@@ -86,7 +86,7 @@ static void build(struct world *w)
     }
     w->surface->guide = calloc(w->surface->count, KILN_GUIDE_FLOATS * sizeof *w->surface->guide);
     for (uint64_t i = 0; i < KILN_GUIDE_FLOATS * w->surface->count; i++) /* more light from near the normals */
-        w->surface->guide[i] = i % 256 < 128 ? 3.0f : 0.2f;
+        w->surface->guide[i] = i % 256 < 96 ? 3.0f : 0.1f;
     for (int i = 0; i < PROBES; i++)
         w->positions[i] = vec3((float)(4.0 * fixture_random(f) - 2.0), (float)(2.0 * fixture_random(f) + 0.01),
                                (float)(4.0 * fixture_random(f) - 2.0));

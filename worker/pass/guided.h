@@ -28,7 +28,7 @@
 #include "worker/pass/pass.h"
 #include "worker/pass/point.h"
 
-#define KILN_GUIDE_LEAST 1.5
+#define KILN_GUIDE_LEAST 2.0
 enum { KILN_GUIDE_SIDE_MOST = 16, KILN_GUIDE_FLOATS = 4 };
 
 struct kiln_guided_parameters {

@@ -92,7 +92,8 @@ static inline void learn(struct gather_work *w, uint32_t step, uint32_t l, float
     const struct tile_run_rays *r = w->rays;
     const uint32_t k = step * r->copies + r->copy[l], u = r->scrambled[0][k] ^ r->shift_u[l],
                    v = r->scrambled[1][k] ^ r->shift_v[l];
-    const uint32_t cell = r->guide != NULL ? guide_cell(r->guide, u, v) : (u >> w->shift) * w->side + (v >> w->shift);
+    const uint32_t cell =
+        r->guide != NULL ? guide_cell(r->guide, w->side, u, v) : (u >> w->shift) * w->side + (v >> w->shift);
     w->square[cell] += (double)luminance * (double)luminance / (double)r->weight[l];
 }
 

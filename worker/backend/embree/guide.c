@@ -20,34 +20,35 @@ static void smooth(double cells[MOST][MOST], uint32_t side)
         }
 }
 
-/* The cumulative shares of `count` positive values. */
-static void accumulate(const double *values, uint32_t count, float *cumulative)
+/* The cumulative shares of positive values. */
+static void accumulate(const double values[MOST], float *cumulative)
 {
     double all = 0.0, sum = 0.0;
-    for (uint32_t i = 0; i < count; i++)
+    for (uint32_t i = 0; i < MOST; i++)
         all += values[i];
-    for (uint32_t i = 0; i < count; i++) {
+    for (uint32_t i = 0; i < MOST; i++) {
         cumulative[i] = (float)(sum / all);
         sum += values[i];
     }
-    cumulative[count] = 1.0f;
+    cumulative[MOST] = 1.0f;
 }
 
 /* The weights are those of the cumulative shares as rounded: so that the mean is right. */
-static void make(struct guide *g, double density[MOST][MOST], uint32_t side)
+static void make(struct guide *g, double density[MOST][MOST])
 {
     double rows[MOST] = {0};
-    g->side = side;
-    for (uint32_t i = 0; i < side; i++) {
-        for (uint32_t j = 0; j < side; j++)
+    for (uint32_t i = 0; i < MOST; i++) {
+        for (uint32_t j = 0; j < MOST; j++)
             rows[i] += density[i][j];
-        accumulate(density[i], side, g->columns[i]);
+        accumulate(density[i], &g->columns[i * GUIDE_EDGES]);
     }
-    accumulate(rows, side, g->rows);
-    for (uint32_t i = 0; i < side; i++)
-        for (uint32_t j = 0; j < side; j++)
-            g->weight[i][j] = 1.0f / ((float)(side * side) * (g->rows[i + 1] - g->rows[i]) *
-                                      (g->columns[i][j + 1] - g->columns[i][j]));
+    accumulate(rows, g->rows);
+    for (uint32_t i = 0; i < MOST; i++)
+        for (uint32_t j = 0; j < MOST; j++) {
+            const float *column = &g->columns[i * GUIDE_EDGES + j];
+            g->weight[i * MOST + j] =
+                1.0f / ((float)(MOST * MOST) * (g->rows[i + 1] - g->rows[i]) * (column[1] - column[0]));
+        }
 }
 
 bool guide_make(struct guide *g, const float *learnt, uint32_t side)
@@ -66,9 +67,10 @@ bool guide_make(struct guide *g, const float *learnt, uint32_t side)
         }
     if (!(sum > 0.0) || !(count * squares >= KILN_GUIDE_LEAST * sum * sum))
         return false;
-    for (uint32_t i = 0; i < side; i++)
-        for (uint32_t j = 0; j < side; j++)
-            cells[i][j] = DEFENSIVE + (1.0 - DEFENSIVE) * cells[i][j] * count / sum;
-    make(g, cells, side);
+    double density[MOST][MOST];
+    for (uint32_t i = 0; i < MOST; i++)
+        for (uint32_t j = 0; j < MOST; j++)
+            density[i][j] = DEFENSIVE + (1.0 - DEFENSIVE) * cells[i * side / MOST][j * side / MOST] * count / sum;
+    make(g, density);
     return true;
 }
