@@ -84,6 +84,8 @@ static json_t *settings_json(const struct kiln_job *job)
                                                  : "auto");
     if (job->indirect_scale > 0)
         json_object_set_new(settings, "indirect_scale", json_integer((json_int_t)1 << job->indirect_scale));
+    if (job->guide > 0)
+        json_object_set_new(settings, "guide", json_string("auto"));
     add_quantities(settings, job);
     add_range(settings, job);
     return settings;

@@ -589,7 +589,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
                                                .cell_size = job->cell_size,
                                                .partition = job->partition_objects ? KILN_PARTITION_OBJECTS
                                                                                    : KILN_PARTITION_CELLS,
-                                               .whole_tiles = job->indirect_scale > 0,
+                                               .whole_tiles = job->indirect_scale > 0 || job->guide > 0,
                                                .both_sides = job->both_sides,
                                                .ranks = job->ranks,
                                                .threads = prepared->threads};
