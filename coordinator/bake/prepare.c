@@ -165,6 +165,20 @@ static int check_same_scene(const struct kiln_prepared *p, const char *scene_fil
     return kiln_agree(p->communicator, status, error);
 }
 
+/* Guides are Embree's (worker/pass/guided.h). */
+static int refuse_guide(const struct kiln_prepared *p, struct kiln_error *error)
+{
+    struct kiln_backend_info info;
+    kiln_backend_info(p->backend, &info);
+    return strcmp(info.name, "embree") == 0
+               ? KILN_OK
+               : kiln_fail(
+                     error, KILN_USAGE,
+                     "--guide auto needs the Embree backend, and this is the backend '%s': give --backend embree, "
+                     "or --guide none",
+                     info.name);
+}
+
 /* Collective. What the backends need of an open scene: geometry, lights and the backend itself. */
 static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_prepare_care *care,
                          struct kiln_error *error)
@@ -185,6 +199,8 @@ static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, co
         kiln_devices_choose(job, p->node_rank, p->node_ranks, &params);
         status = kiln_backend_create(&p->backend, job->backend != NULL ? job->backend : "auto", &params, error);
     }
+    if (status == KILN_OK && job->guide > 0)
+        status = refuse_guide(p, error);
     return go_on(p, care, status, error);
 }
 
@@ -247,18 +263,18 @@ static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, co
 {
     struct kiln_surface_meeting meeting = {.communicator = p->communicator};
     const struct kiln_surface_exchange exchange = kiln_surface_exchange_over(&meeting);
-    const struct kiln_surface_params params = {.scene = p->scene,
-                                               .geometry = p->geometry,
-                                               .cell_size = job->cell_size,
-                                               .partition = job->partition_objects ? KILN_PARTITION_OBJECTS
-                                                                                   : KILN_PARTITION_CELLS,
-                                               .whole_tiles = job->indirect_scale > 0 || job->final_scale > 0,
-                                               .both_sides = job->both_sides,
-                                               .rank = (uint32_t)p->rank,
-                                               .ranks = (uint32_t)p->ranks,
-                                               .exchange = p->ranks > 1 ? &exchange : NULL,
-                                               .threads = p->threads,
-                                               .stop = stop_of(care)};
+    const struct kiln_surface_params params = {
+        .scene = p->scene,
+        .geometry = p->geometry,
+        .cell_size = job->cell_size,
+        .partition = job->partition_objects ? KILN_PARTITION_OBJECTS : KILN_PARTITION_CELLS,
+        .whole_tiles = job->indirect_scale > 0 || job->final_scale > 0 || job->guide > 0,
+        .both_sides = job->both_sides,
+        .rank = (uint32_t)p->rank,
+        .ranks = (uint32_t)p->ranks,
+        .exchange = p->ranks > 1 ? &exchange : NULL,
+        .threads = p->threads,
+        .stop = stop_of(care)};
     int status =
         kiln_agree(p->communicator, kiln_surface_build(&p->surface, &params, &p->surface_report, error), error);
     if (status == KILN_OK)

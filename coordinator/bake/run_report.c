@@ -86,6 +86,8 @@ static json_t *settings_json(const struct kiln_job *job)
         json_object_set_new(settings, "indirect_scale", json_integer((json_int_t)1 << job->indirect_scale));
     if (job->final_scale > 0)
         json_object_set_new(settings, "final_scale", json_integer((json_int_t)1 << job->final_scale));
+    if (job->guide > 0)
+        json_object_set_new(settings, "guide", json_string("auto"));
     add_quantities(settings, job);
     add_range(settings, job);
     return settings;

@@ -610,15 +610,15 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     known_memory(plan, prepared);
     measure_program(plan, prepared, job);
     struct kiln_surface *rank_surface = NULL;
-    const struct kiln_surface_params params = {.scene = prepared->scene,
-                                               .geometry = prepared->geometry,
-                                               .cell_size = job->cell_size,
-                                               .partition = job->partition_objects ? KILN_PARTITION_OBJECTS
-                                                                                   : KILN_PARTITION_CELLS,
-                                               .whole_tiles = job->indirect_scale > 0 || job->final_scale > 0,
-                                               .both_sides = job->both_sides,
-                                               .ranks = job->ranks,
-                                               .threads = prepared->threads};
+    const struct kiln_surface_params params = {
+        .scene = prepared->scene,
+        .geometry = prepared->geometry,
+        .cell_size = job->cell_size,
+        .partition = job->partition_objects ? KILN_PARTITION_OBJECTS : KILN_PARTITION_CELLS,
+        .whole_tiles = job->indirect_scale > 0 || job->final_scale > 0 || job->guide > 0,
+        .both_sides = job->both_sides,
+        .ranks = job->ranks,
+        .threads = prepared->threads};
     int status = kiln_surface_build(&rank_surface, &params, &plan->surface, error);
     struct kiln_volume_result volume = {0};
     struct timing timing = {0};

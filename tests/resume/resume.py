@@ -569,6 +569,21 @@ def try_range(checks, tool):
         same(checks, tool, reference, folder, tool.bake(folder, *more, ranks=after), 'killed within %s' % phase)
 
 
+def try_guide(checks, tool):
+    """What rays have learnt is kept: killed while they learn, while they learn and follow, and while they follow, on
+    other numbers of ranks."""
+    more = ('--guide', 'auto', '--samples-bounce', 1024, '--samples-indirect', 2048, '--bounces', 3, '--no-error-map')
+    reference, _ = reference_of(checks, tool, *more)
+    folder = tool.folder()
+    killed_within(checks, tool, folder, 'bounce 1', 2, more)
+    killed_within(checks, tool, folder, 'bounce 2', 3, more)
+    process = tool.bake(folder, *(word for word in more if word not in ('--guide', 'auto')))
+    checks.that(process.status == BAD_INPUT and 'guide' in process.stderr,
+                'a bake without a guide was not refused: %d' % process.status, process)
+    killed_within(checks, tool, folder, 'final gather', 1, more)
+    same(checks, tool, reference, folder, tool.bake(folder, *more), 'killed within guided gathers')
+
+
 def try_bounces(checks, tool):
     """More passes than an array of a fixed size would hold, at a stretch and in two."""
     few = ('--lightmap-size', 8, '--samples-direct', 4, '--samples-bounce', 2, '--samples-indirect', 4,
@@ -1128,7 +1143,8 @@ def try_cost(checks, tool):
 
 
 PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'quantities': try_quantities,
-         'blocks': try_blocks, 'range': try_range, 'bounces': try_bounces, 'signals': try_signals,
+         'blocks': try_blocks, 'range': try_range, 'guide': try_guide,
+         'bounces': try_bounces, 'signals': try_signals,
          'phases': try_phases,
          'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults,
          'interrupted': try_interrupted,
