@@ -281,6 +281,19 @@ static int settle_store(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
+static int check_guide(const struct kiln_job *job, struct kiln_error *error)
+{
+    if (job->schedule == KILN_SCHEDULE_EQUAL)
+        return kiln_fail(error, KILN_USAGE,
+                         "--guide is for the final gather, which --schedule equal does not have; give --schedule lean, "
+                         "or --guide none");
+    if (job->indirect_scale > 0 || job->final_scale > 0)
+        return kiln_fail(error, KILN_USAGE,
+                         "--guide learns from the rays of every texel: give --indirect-scale 1 and --final-scale 1, or "
+                         "--guide none");
+    return KILN_OK;
+}
+
 static int fill(struct kiln_job *job, const struct kiln_command *command, int argc, char **argv,
                 struct kiln_error *error)
 {
@@ -316,10 +329,8 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
                            "gather; give --schedule lean, or --indirect-scale 1");
     if (status == KILN_OK && job->final_scale > 0)
         status = check_final_scale(job, error);
-    if (status == KILN_OK && job->guide > 0 && job->schedule == KILN_SCHEDULE_EQUAL)
-        status = kiln_fail(error, KILN_USAGE,
-                           "--guide is for the final gather, which --schedule equal does not have; give --schedule "
-                           "lean, or --guide none");
+    if (status == KILN_OK && job->guide > 0)
+        status = check_guide(job, error);
     if (status == KILN_OK && job->only_visible_from != NULL)
         status = check_visible_from(job, error);
     if (status == KILN_OK && job->exchange_points == KILN_EXCHANGE_VISIBLE && kiln_job_has_probes(job))
