@@ -47,6 +47,18 @@
 #    define float_min(a, b) min(a, b)
 #    define float_max(a, b) max(a, b)
 #    define float_abs(a) abs(a)
+#    define float_sqrt(a) sqrt(a)
+#    define float_exp(a) exp(a)
+#    define float_log(a) log(a)
+#    define float_pow(a, b) pow(a, b)
+#    define vec3_add(a, b) ((a) + (b))
+#    define vec3_sub(a, b) ((a) - (b))
+#    define vec3_mul(a, b) ((a) * (b))
+#    define vec3_scale(a, s) ((a) * (s))
+#    define vec3_madd(a, b, s) ((a) + (b) * (s))
+#    define vec3_dot(a, b) dot(a, b)
+#    define vec3_length(a) length(a)
+#    define KILN_CONSTANT const /* before a table */
 #    define word_min(a, b) min(a, b)
 #    define word_max(a, b) max(a, b)
 #    define integer_clamp(i, low, high) clamp(i, low, high)
@@ -76,6 +88,11 @@
 #    define float_min fminf
 #    define float_max fmaxf
 #    define float_abs fabsf
+#    define float_sqrt sqrtf
+#    define float_exp expf
+#    define float_log logf
+#    define float_pow powf
+#    define KILN_CONSTANT static const
 static inline uint32_t word_min(uint32_t a, uint32_t b) { return a < b ? a : b; }
 static inline uint32_t word_max(uint32_t a, uint32_t b) { return a > b ? a : b; }
 static inline int32_t integer_clamp(int32_t i, int32_t low, int32_t high)
@@ -86,5 +103,6 @@ static inline int32_t integer_clamp(int32_t i, int32_t low, int32_t high)
 #endif
 
 #define KILN_INVERSE_PI 0.31830988618379067f /* 1 / pi, in float */
+#define KILN_FLOAT_TINY 1.0e-20f             /* keeps a quotient from being 0 / 0 */
 
 #endif

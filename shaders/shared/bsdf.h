@@ -1,0 +1,553 @@
+/* The scattering functions of whole materials, in float, the same in C and GLSL: f(o, i), how it is sampled, densities
+ * both ways, albedos.
+ *
+ * Directions are unit, point away from the surface, and are given in the frame whose z is the shading normal of the
+ * front and whose x is the tangent of anisotropy; z < 0 lies behind the face. o is where a path came from, i where it
+ * goes on. Along paths from the eye (KILN_RADIANCE) light arrives from i and leaves to o; along paths from lights
+ * (KILN_IMPORTANCE) it arrives from o and leaves to i. The two differ by the square of the indices where light is
+ * refracted: f(o, i) of one is f(i, o) of the other (Veach, "Robust Monte Carlo Methods for Light Transport
+ * Simulation", 1997, section 5.2). kiln_shading_correction is the rest, for normals that are not the geometric ones.
+ *
+ * `lobes` says which parts are asked: KILN_LOBE_DIFFUSE is the diffuse surface, KILN_LOBE_GLOSS all else of the base,
+ * KILN_LOBE_COAT the clear coat's reflection. Mirrors and smooth glass have no density: kiln_bsdf_evaluate and
+ * kiln_bsdf_density leave them out, kiln_bsdf_draw says so in `delta`. */
+#ifndef KILN_SHADERS_SHARED_BSDF_H
+#define KILN_SHADERS_SHARED_BSDF_H
+
+#include "shaders/shared/bsdf_lobes.h"
+
+#define KILN_RADIANCE 0u
+#define KILN_IMPORTANCE 1u
+
+#define KILN_LOBE_DIFFUSE 1u
+#define KILN_LOBE_GLOSS 2u
+#define KILN_LOBE_COAT 4u
+#define KILN_LOBE_ALL 7u
+
+/* ---- albedos and choices ---- */
+
+/* Shares of light from a direction that the lobes send on, about; the lobes are chosen by them. */
+struct kiln_bsdf_albedo {
+    KILN_VECTOR diffuse, gloss, coat;
+    KILN_VECTOR spread_near, spread_far; /* what facets give back, on the direction's side and on the other */
+};
+
+/* Chances of the ways of drawing a direction; their sum is 1, or all are 0. */
+struct kiln_bsdf_choice {
+    float coat, gloss, diffuse, near, far;
+};
+
+/* What a facet of the base reflects and lets through, and the chance that a drawn direction is the former's. */
+struct kiln_bsdf_split {
+    KILN_VECTOR reflected, through;
+    float chance;
+};
+
+/* Index of the other side of glass over that of this side. */
+KILN_FUNCTION KILN_VECTOR kiln_bsdf_eta(KILN_STRUCT kiln_bsdf p, bool front)
+{
+    if (front || p.thin_wall != 0u)
+        return p.eta;
+    return vec3(1.0f / p.eta.x, 1.0f / p.eta.y, 1.0f / p.eta.z);
+}
+
+KILN_FUNCTION KILN_VECTOR kiln_bsdf_metal(KILN_VECTOR color, float cosine)
+{
+    const float share = kiln_schlick_share(cosine);
+    return vec3(color.x + (1.0f - color.x) * share, color.y + (1.0f - color.y) * share,
+                color.z + (1.0f - color.z) * share);
+}
+
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_split kiln_bsdf_split_at(KILN_STRUCT kiln_bsdf_lobes l, bool front, float cosine)
+{
+    KILN_STRUCT kiln_bsdf_split s;
+    s.through = vec3(0.0f, 0.0f, 0.0f);
+    s.reflected = vec3_scale(kiln_bsdf_metal(l.p.base_color, cosine), l.metal);
+    if (l.p.model == KILN_BSDF_COOK_TORRANCE)
+        s.reflected = kiln_bsdf_metal(l.p.specular_color, cosine);
+    if (l.matt > 0.0f && l.p.model == KILN_BSDF_LAYERS)
+        s.reflected =
+            vec3_madd(s.reflected, kiln_bsdf_fresnel_at(l.p, cosine, kiln_bsdf_eta(l.p, true)).reflected, l.matt);
+    if (l.glass > 0.0f) {
+        const KILN_VECTOR eta = kiln_bsdf_eta(l.p, front);
+        KILN_STRUCT kiln_bsdf_fresnel f = kiln_bsdf_fresnel_at(l.p, cosine, eta);
+        if (!front && l.coat.strength > 0.0f &&
+            l.p.thin_wall == 0u) { /* what the coat reflects of what comes through goes back */
+            const float outside = kiln_refracted_cosine(cosine, eta.y);
+            f.reflected = vec3_madd(f.reflected, f.through, kiln_coat_albedo(l.coat, outside));
+        }
+        s.reflected = vec3_madd(s.reflected, f.reflected, l.glass);
+        s.through = vec3_scale(vec3_mul(f.through, l.p.base_color), l.glass);
+    }
+    const float back = kiln_bsdf_luminance(s.reflected), on = kiln_bsdf_luminance(s.through);
+    s.chance = on > 0.0f ? back / (back + on) : 1.0f;
+    return s;
+}
+
+/* What the base's glass gives back, on the same side and on the other: l(o) l(i) n(i)^2 / (pi sum over both sides of
+ * n^2 mean l), l what is lost from a direction; light that has been scattered often comes out as in a furnace. */
+struct kiln_bsdf_forgotten {
+    float same, other; /* without l(i) / pi; `other` with n(i)^2, which is importance */
+};
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_forgotten kiln_bsdf_forgotten_of(KILN_STRUCT kiln_bsdf_lobes l, bool front,
+                                                                     float mu)
+{
+    KILN_STRUCT kiln_bsdf_forgotten s;
+    const float eta = l.p.thin_wall != 0u ? 1.0f : l.p.eta.y, squared = eta * eta;
+    const float sum = l.glass_lost_front + squared * l.glass_lost_back;
+    const float lost = l.glass * kiln_bsdf_glass_lost(l, front, mu) / float_max(sum, KILN_FLOAT_TINY);
+    s.same = lost * (front ? 1.0f : squared);
+    s.other = lost * (front ? squared : 1.0f);
+    if (l.coat.strength > 0.0f && l.p.thin_wall == 0u) {
+        if (front) /* the coat lets less in, and what it holds back on the way out goes round again */
+            s.same = s.same * l.glass_lost_front / float_max(l.glass_lost_coat, KILN_FLOAT_TINY);
+        else
+            s.same = s.same +
+                     lost * (l.glass_lost_front - l.glass_lost_coat) / float_max(l.glass_lost_back, KILN_FLOAT_TINY);
+    }
+    return s;
+}
+
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o)
+{
+    KILN_STRUCT kiln_bsdf_albedo a;
+    const bool front = o.z > 0.0f;
+    const float mu = float_abs(o.z), coat = kiln_bsdf_coat_albedo(l, front, mu), rest = 1.0f - coat;
+    const float lost = kiln_interface_lost(l.face, mu), base = l.matt * kiln_diffuse_in(l, o.z);
+    a.coat = kiln_bsdf_gray(coat);
+    a.diffuse = vec3_scale(l.p.base_color, base);
+    if (l.p.model == KILN_BSDF_PHONG)
+        a.gloss = l.p.specular_color;
+    else {
+        const KILN_STRUCT kiln_bsdf_split s = kiln_bsdf_split_at(l, front, mu);
+        a.gloss = vec3_scale(vec3_add(s.reflected, s.through), rest * (1.0f - lost));
+    }
+    a.spread_near = vec3_scale(l.metal_spread, rest * l.metal * lost);
+    a.spread_far = vec3(0.0f, 0.0f, 0.0f);
+    if (l.glass > 0.0f && !l.base_is_mirror) {
+        const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, mu);
+        const float same = f.same * (front ? l.glass_lost_coat : l.glass_lost_back);
+        const float other = f.other * (front ? l.glass_lost_back : l.glass_lost_coat);
+        a.spread_near = vec3_add(a.spread_near, kiln_bsdf_gray(rest * same));
+        a.spread_far = vec3_scale(l.p.base_color, rest * other);
+    }
+    return a;
+}
+
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_choose(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o,
+                                                            KILN_U32 lobes)
+{
+    const KILN_STRUCT kiln_bsdf_albedo a = kiln_bsdf_albedo_of(l, o);
+    const bool gloss = (lobes & KILN_LOBE_GLOSS) != 0u;
+    KILN_STRUCT kiln_bsdf_choice c;
+    c.coat = (lobes & KILN_LOBE_COAT) != 0u ? a.coat.x : 0.0f;
+    c.diffuse = (lobes & KILN_LOBE_DIFFUSE) != 0u ? kiln_bsdf_luminance(a.diffuse) : 0.0f;
+    c.gloss = gloss ? kiln_bsdf_luminance(a.gloss) : 0.0f;
+    c.near = gloss ? kiln_bsdf_luminance(a.spread_near) : 0.0f;
+    c.far = gloss ? kiln_bsdf_luminance(a.spread_far) : 0.0f;
+    const float sum = c.coat + c.diffuse + c.gloss + c.near + c.far;
+    const float scale = sum > 0.0f ? 1.0f / sum : 0.0f;
+    c.coat *= scale;
+    c.diffuse *= scale;
+    c.gloss *= scale;
+    c.near *= scale;
+    c.far *= scale;
+    return c;
+}
+
+/* ---- values and densities ---- */
+
+struct kiln_bsdf_value {
+    KILN_VECTOR value; /* f(o, i) |i.z|, per steradian */
+    float density;     /* of i by kiln_bsdf_draw from o, per steradian */
+};
+
+/* GGX's part of what two directions on one side have in common: value is facets * G2 / (4 o.z i.z) * i.z. */
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_facets(KILN_VECTOR o, KILN_VECTOR i, KILN_VECTOR h, float alpha_x,
+                                                           float alpha_y)
+{
+    KILN_STRUCT kiln_bsdf_value s;
+    const float facets = kiln_ggx(h, alpha_x, alpha_y);
+    const float so = kiln_ggx_stretch(o, alpha_x, alpha_y), si = kiln_ggx_stretch(i, alpha_x, alpha_y);
+    const float value = 0.25f * facets * kiln_ggx_visible(o.z, i.z, so, si) * i.z;
+    s.value = kiln_bsdf_gray(value);
+    s.density = 0.25f * kiln_ggx_seen(facets, o.z, so);
+    return s;
+}
+
+/* Reflection by the base's facets; o and i on one side, both with z > 0. */
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_reflection(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR o,
+                                                               KILN_VECTOR i)
+{
+    const KILN_VECTOR h = kiln_direction_of(vec3_add(o, i));
+    KILN_STRUCT kiln_bsdf_value s = kiln_bsdf_facets(o, i, h, l.alpha_x, l.alpha_y);
+    const KILN_STRUCT kiln_bsdf_split split = kiln_bsdf_split_at(l, front, vec3_dot(o, h));
+    const float coat = kiln_bsdf_coat_factor(l, front, o.z) * kiln_bsdf_coat_factor(l, front, i.z);
+    s.value = vec3_scale(split.reflected, s.value.x * coat);
+    s.density *= split.chance;
+    return s;
+}
+
+/* What the coat lets through of light that crosses the face, of the cosines' absolute values. */
+KILN_FUNCTION float kiln_bsdf_crossing(KILN_STRUCT kiln_bsdf_lobes l, bool front, float o, float i)
+{
+    if (l.p.thin_wall != 0u)
+        return kiln_bsdf_coat_factor(l, true, o) * kiln_bsdf_coat_factor(l, true, i);
+    return 1.0f - kiln_bsdf_coat_albedo(l, true, front ? o : i);
+}
+
+/* Refraction of one colour (Walter et al. 2007, equations 17 and 21): o.z > 0 > i.z, `eta` the index behind the face
+ * over that before it. The value is radiance's, without what a facet lets through; both have the same bits from either
+ * side. The cosines are those to the facet, 0 where there is none. */
+struct kiln_bsdf_refraction {
+    float value, density, cosine_o, cosine_i;
+};
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_refraction kiln_bsdf_refract(KILN_STRUCT kiln_bsdf_lobes l, bool front,
+                                                                 KILN_VECTOR o, KILN_VECTOR i, float eta)
+{
+    KILN_STRUCT kiln_bsdf_refraction s;
+    s.value = 0.0f;
+    s.density = 0.0f;
+    s.cosine_o = 0.0f;
+    s.cosine_i = 0.0f;
+    const KILN_VECTOR sum = front ? vec3_madd(o, i, eta) : vec3_madd(i, o, eta);
+    KILN_VECTOR h = kiln_direction_of(sum);
+    if (h.z < 0.0f)
+        h = vec3_scale(h, -1.0f);
+    const float oh = vec3_dot(o, h), ih = -vec3_dot(i, h), squared = vec3_dot(sum, sum);
+    if (!(oh > 0.0f) || !(ih > 0.0f) || !(squared > 0.0f))
+        return s;
+    const float facets = kiln_ggx(h, l.alpha_x, l.alpha_y);
+    const float so = kiln_ggx_stretch(o, l.alpha_x, l.alpha_y), si = kiln_ggx_stretch(i, l.alpha_x, l.alpha_y);
+    const float both = oh * ih / squared, behind = eta * eta;
+    s.value = facets * kiln_ggx_visible(o.z, -i.z, so, si) * -i.z * both * (front ? 1.0f : behind);
+    s.density = kiln_ggx_seen(facets, o.z, so) * both * (front ? behind : 1.0f);
+    s.cosine_o = oh;
+    s.cosine_i = ih;
+    return s;
+}
+
+/* The same times what facets let through of each colour, and the density with the chance of refraction. */
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_refracted(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR o,
+                                                              KILN_VECTOR i, float eta, KILN_U32 mode)
+{
+    KILN_STRUCT kiln_bsdf_value s;
+    const KILN_STRUCT kiln_bsdf_refraction r = kiln_bsdf_refract(l, front, o, i, eta);
+    const bool thin = front == (eta >= 1.0f); /* o lies in the medium with the lower index: there 1 - F is exact */
+    const KILN_STRUCT kiln_bsdf_split split = kiln_bsdf_split_at(l, thin == front, thin ? r.cosine_o : r.cosine_i);
+    const float squared = front ? eta * eta : 1.0f / (eta * eta);
+    s.value = vec3_scale(split.through, r.value * (mode == KILN_IMPORTANCE ? squared : 1.0f));
+    s.density = r.density * (1.0f - kiln_bsdf_split_at(l, front, r.cosine_o).chance);
+    return s;
+}
+
+/* Light through rough glass; o.z > 0 > i.z. */
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_transmission(KILN_STRUCT kiln_bsdf_lobes l, bool front,
+                                                                 KILN_VECTOR o, KILN_VECTOR i, KILN_U32 mode)
+{
+    KILN_STRUCT kiln_bsdf_value s;
+    if (l.p.thin_wall != 0u) {
+        const KILN_VECTOR mirrored = vec3(i.x, i.y, -i.z), h = kiln_direction_of(vec3_add(o, mirrored));
+        const KILN_STRUCT kiln_bsdf_split split = kiln_bsdf_split_at(l, front, vec3_dot(o, h));
+        s = kiln_bsdf_facets(o, mirrored, h, l.alpha_x, l.alpha_y);
+        s.value = vec3_mul(split.through, s.value);
+        s.density *= 1.0f - split.chance;
+        return s;
+    }
+    s = kiln_bsdf_refracted(l, front, o, i, l.p.eta.y, mode);
+    if (l.disperses) { /* a third of the directions is drawn for each colour */
+        const KILN_STRUCT kiln_bsdf_value red = kiln_bsdf_refracted(l, front, o, i, l.p.eta.x, mode);
+        const KILN_STRUCT kiln_bsdf_value blue = kiln_bsdf_refracted(l, front, o, i, l.p.eta.z, mode);
+        s.value = vec3(red.value.x, s.value.y, blue.value.z);
+        s.density = (red.density + s.density + blue.density) * KILN_RATIO32(1, 3);
+    }
+    return s;
+}
+
+/* What facets give back, of the base; z as above. */
+KILN_FUNCTION KILN_VECTOR kiln_bsdf_given_back(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR o, KILN_VECTOR i,
+                                               KILN_U32 mode)
+{
+    KILN_VECTOR sum = vec3(0.0f, 0.0f, 0.0f);
+    const float mu = float_abs(i.z);
+    if (l.base_is_mirror)
+        return sum;
+    if (i.z > 0.0f && l.metal > 0.0f) {
+        const float coat = kiln_bsdf_coat_factor(l, front, o.z) * kiln_bsdf_coat_factor(l, front, mu);
+        const float lost = kiln_interface_lost(l.face, o.z) * kiln_interface_lost(l.face, mu);
+        sum = vec3_scale(l.metal_spread, l.metal * coat * lost / float_max(l.lost_mean, KILN_FLOAT_TINY));
+    }
+    if (l.glass > 0.0f) {
+        const bool same = i.z > 0.0f;
+        const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, o.z);
+        const float lost = kiln_bsdf_glass_lost(l, front == same, mu);
+        const float eta = l.p.thin_wall != 0u ? 1.0f : kiln_bsdf_eta(l.p, front).y;
+        float coats = kiln_bsdf_crossing(l, front, o.z, mu);
+        if (same && l.p.thin_wall == 0u)
+            coats = (1.0f - kiln_bsdf_coat_albedo(l, front, o.z)) * (1.0f - kiln_bsdf_coat_albedo(l, front, mu));
+        if (same)
+            sum = vec3_add(sum, kiln_bsdf_gray(f.same * lost * coats));
+        else
+            sum = vec3_madd(sum, l.p.base_color, f.other * lost * coats / (mode == KILN_IMPORTANCE ? 1.0f : eta * eta));
+    }
+    return vec3_scale(sum, mu * KILN_INVERSE_PI);
+}
+
+/* The specular part of Phong's and of Cook and Torrance's model. */
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_older(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, KILN_VECTOR i)
+{
+    KILN_STRUCT kiln_bsdf_value s;
+    if (l.p.model == KILN_BSDF_PHONG) {
+        const float n = l.p.exponent, cosine = i.z * o.z - i.x * o.x - i.y * o.y;
+        const float lobe = cosine > 0.0f ? float_pow(cosine, n) * 0.5f * KILN_INVERSE_PI : 0.0f;
+        s.value = vec3_scale(l.p.specular_color, lobe * (n + 2.0f) * i.z);
+        s.density = lobe * (n + 1.0f);
+        return s;
+    }
+    const KILN_VECTOR h = kiln_direction_of(vec3_add(o, i));
+    const float cosine = vec3_dot(o, h), facets = kiln_beckmann(h, l.alpha_x);
+    const KILN_STRUCT kiln_bsdf_split split = kiln_bsdf_split_at(l, true, cosine);
+    s.value = vec3_scale(split.reflected, facets * kiln_grooves(o, i, h) / (4.0f * o.z));
+    s.density = facets * h.z / (4.0f * float_max(cosine, KILN_FLOAT_TINY));
+    return s;
+}
+
+/* `choice`: of o. */
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate_chosen(KILN_STRUCT kiln_bsdf_lobes l,
+                                                                    KILN_STRUCT kiln_bsdf_choice choice, KILN_VECTOR o,
+                                                                    KILN_VECTOR i, KILN_U32 mode, KILN_U32 lobes)
+{
+    KILN_STRUCT kiln_bsdf_value s;
+    s.value = vec3(0.0f, 0.0f, 0.0f);
+    s.density = 0.0f;
+    if (o.z == 0.0f || i.z == 0.0f)
+        return s;
+    const bool front = o.z > 0.0f, gloss = (lobes & KILN_LOBE_GLOSS) != 0u;
+    const float out_ = kiln_diffuse_out(l, o.z), in_ = kiln_diffuse_in(l, i.z); /* of signed cosines */
+    o.z = float_abs(o.z);
+    i.z = front ? i.z : -i.z;
+    if (i.z > 0.0f) {
+        if ((lobes & KILN_LOBE_DIFFUSE) != 0u)
+            s.value = vec3_scale(kiln_diffuse_color(l), in_ * out_ * i.z * KILN_INVERSE_PI);
+        s.density = (choice.diffuse + choice.near) * i.z * KILN_INVERSE_PI;
+    } else
+        s.density = choice.far * -i.z * KILN_INVERSE_PI;
+    KILN_STRUCT kiln_bsdf_value part;
+    if ((lobes & KILN_LOBE_COAT) != 0u && choice.coat > 0.0f && !l.coat_is_mirror && i.z > 0.0f) {
+        const KILN_VECTOR h = kiln_direction_of(vec3_add(o, i));
+        part = kiln_bsdf_facets(o, i, h, l.p.coat_alpha, l.p.coat_alpha);
+        s.value = vec3_madd(s.value, part.value, l.coat.strength * kiln_fresnel(vec3_dot(o, h), KILN_COAT_INDEX));
+        s.density += choice.coat * part.density;
+    }
+    if (!gloss)
+        return s;
+    if (l.p.model != KILN_BSDF_LAYERS) {
+        if (i.z > 0.0f) {
+            part = kiln_bsdf_older(l, o, i);
+            s.value = vec3_add(s.value, part.value);
+            s.density += choice.gloss * part.density;
+        }
+        return s;
+    }
+    s.value = vec3_add(s.value, kiln_bsdf_given_back(l, front, o, i, mode));
+    if (l.base_is_mirror)
+        return s;
+    if (i.z > 0.0f)
+        part = kiln_bsdf_reflection(l, front, o, i);
+    else if (l.glass > 0.0f) {
+        part = kiln_bsdf_transmission(l, front, o, i, mode);
+        part.value = vec3_scale(part.value, kiln_bsdf_crossing(l, front, o.z, -i.z));
+    } else
+        return s;
+    s.value = vec3_add(s.value, part.value);
+    s.density += choice.gloss * part.density;
+    return s;
+}
+
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o,
+                                                             KILN_VECTOR i, KILN_U32 mode, KILN_U32 lobes)
+{
+    return kiln_bsdf_evaluate_chosen(l, kiln_bsdf_choose(l, o, lobes), o, i, mode, lobes);
+}
+
+/* Density of i by kiln_bsdf_draw from o, per steradian, without mirrors and smooth glass. The density the other way is
+ * kiln_bsdf_density(l, i, o, lobes). */
+KILN_FUNCTION float kiln_bsdf_density(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, KILN_VECTOR i, KILN_U32 lobes)
+{
+    return kiln_bsdf_evaluate(l, o, i, KILN_RADIANCE, lobes).density;
+}
+
+/* ---- drawing ---- */
+
+struct kiln_bsdf_drawn {
+    KILN_VECTOR i;
+    KILN_VECTOR weight;     /* f(o, i) |i.z| / density; 0: the path ends */
+    float density, reverse; /* of i from o and of o from i, per steradian; of a delta: chances */
+    KILN_U32 lobe;          /* the one drawn from, KILN_LOBE_... */
+    bool delta;             /* a mirror or smooth glass: only this direction */
+};
+
+/* A direction by the cosine, for u and v in (0, 1). */
+KILN_FUNCTION KILN_VECTOR kiln_bsdf_cosine(float u, float v)
+{
+    const float r = float_sqrt(v);
+    float sine, cosine;
+    kiln_turn(u, KILN_TO(sine), KILN_TO(cosine));
+    return vec3(r * cosine, r * sine, float_sqrt(1.0f - v));
+}
+
+/* Chance of reflection, or of refraction of one colour, at the smooth base. */
+KILN_FUNCTION float kiln_bsdf_mirror_chance(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, bool same, KILN_U32 lobes)
+{
+    const float gloss = kiln_bsdf_choose(l, o, lobes).gloss;
+    const float chance = kiln_bsdf_split_at(l, o.z > 0.0f, float_abs(o.z)).chance;
+    if (same)
+        return gloss * chance;
+    return gloss * (1.0f - chance) * (l.disperses && l.p.thin_wall == 0u ? KILN_RATIO32(1, 3) : 1.0f);
+}
+
+/* Through the facet h, for the colour 0, 1 or 2 that has the index eta; the length is 0 where all is reflected. */
+KILN_FUNCTION KILN_VECTOR kiln_bsdf_through(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, KILN_VECTOR h, float eta)
+{
+    if (l.p.thin_wall != 0u) {
+        const KILN_VECTOR i = kiln_reflected(o, h);
+        return vec3(i.x, i.y, -i.z);
+    }
+    const float cosine = vec3_dot(o, h), behind = kiln_refracted_cosine(cosine, eta);
+    return behind > 0.0f ? kiln_refracted(o, h, 1.0f / eta, cosine, behind) : vec3(0.0f, 0.0f, 0.0f);
+}
+
+/* Draws from the smooth base; o.z > 0. `pick` in (0, 1) is what the choice of the lobe has left. */
+KILN_FUNCTION void kiln_bsdf_draw_mirror(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR o, float pick,
+                                         float gloss, KILN_U32 mode, KILN_INOUT(KILN_STRUCT kiln_bsdf_drawn) d)
+{
+    const KILN_VECTOR normal = vec3(0.0f, 0.0f, 1.0f), eta = kiln_bsdf_eta(l.p, front);
+    const KILN_STRUCT kiln_bsdf_split split = kiln_bsdf_split_at(l, front, o.z);
+    KILN_AT(d).delta = true;
+    if (pick < split.chance) {
+        const float coat = kiln_bsdf_coat_factor(l, front, o.z);
+        KILN_AT(d).i = vec3(-o.x, -o.y, o.z);
+        KILN_AT(d).density = gloss * split.chance;
+        KILN_AT(d).weight = vec3_scale(split.reflected, coat * coat / KILN_AT(d).density);
+        return;
+    }
+    KILN_VECTOR color = split.through;
+    float index = eta.y, share = 1.0f;
+    if (l.disperses && l.p.thin_wall == 0u) {
+        const float third = 3.0f * (pick - split.chance) / (1.0f - split.chance);
+        share = KILN_RATIO32(1, 3);
+        index = third < 1.0f ? eta.x : third < 2.0f ? eta.y : eta.z;
+        color = third < 1.0f   ? vec3(color.x, 0.0f, 0.0f)
+                : third < 2.0f ? vec3(0.0f, color.y, 0.0f)
+                               : vec3(0.0f, 0.0f, color.z);
+    }
+    const KILN_VECTOR i = kiln_bsdf_through(l, o, normal, index);
+    const float squared = mode == KILN_IMPORTANCE || l.p.thin_wall != 0u ? 1.0f : index * index;
+    KILN_AT(d).i = i;
+    KILN_AT(d).density = gloss * (1.0f - split.chance) * share;
+    KILN_AT(d).weight = vec3_scale(
+        color, i.z == 0.0f ? 0.0f : kiln_bsdf_crossing(l, front, o.z, -i.z) / (KILN_AT(d).density * squared));
+}
+
+/* A direction from the rough base's facets; o.z > 0. */
+KILN_FUNCTION KILN_VECTOR kiln_bsdf_draw_gloss(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR o, float pick,
+                                               float u, float v)
+{
+    if (l.p.model == KILN_BSDF_PHONG) {
+        const float cosine = float_pow(v, 1.0f / (l.p.exponent + 1.0f));
+        const float r = float_sqrt(float_max(0.0f, (1.0f - cosine) * (1.0f + cosine)));
+        KILN_VECTOR s, t;
+        const KILN_VECTOR axis = vec3(-o.x, -o.y, o.z);
+        float a, b;
+        kiln_turn(u, KILN_TO(a), KILN_TO(b));
+        kiln_basis(axis, KILN_TO(s), KILN_TO(t));
+        return vec3_madd(vec3_madd(vec3_scale(axis, cosine), s, r * b), t, r * a);
+    }
+    if (l.p.model == KILN_BSDF_COOK_TORRANCE)
+        return kiln_reflected(o, kiln_beckmann_sample(l.alpha_x, u, v));
+    const KILN_VECTOR h = kiln_ggx_sample(o, l.alpha_x, l.alpha_y, u, v), eta = kiln_bsdf_eta(l.p, front);
+    const float chance = kiln_bsdf_split_at(l, front, vec3_dot(o, h)).chance;
+    KILN_VECTOR i = kiln_reflected(o, h);
+    if (pick < chance)
+        return i.z > 0.0f ? i : vec3(0.0f, 0.0f, 0.0f);
+    float index = eta.y;
+    if (l.disperses) {
+        const float third = 3.0f * (pick - chance) / (1.0f - chance);
+        index = third < 1.0f ? eta.x : third < 2.0f ? eta.y : eta.z;
+    }
+    i = kiln_bsdf_through(l, o, h, index);
+    return i.z < 0.0f ? i : vec3(0.0f, 0.0f, 0.0f);
+}
+
+/* The next direction of a path that comes from o; pick, u and v are random numbers in (0, 1). */
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_drawn kiln_bsdf_draw(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, float pick,
+                                                         float u, float v, KILN_U32 mode, KILN_U32 lobes)
+{
+    KILN_STRUCT kiln_bsdf_drawn d;
+    const bool front = o.z > 0.0f;
+    const KILN_STRUCT kiln_bsdf_choice c = kiln_bsdf_choose(l, o, lobes);
+    const KILN_VECTOR up = vec3(o.x, o.y, float_abs(o.z));
+    d.i = vec3(0.0f, 0.0f, 0.0f);
+    d.weight = d.i;
+    d.density = 0.0f;
+    d.reverse = 0.0f;
+    d.lobe = KILN_LOBE_GLOSS;
+    d.delta = false;
+    if (o.z == 0.0f || c.coat + c.gloss + c.diffuse + c.near + c.far == 0.0f)
+        return d;
+    if (pick < c.coat) {
+        d.lobe = KILN_LOBE_COAT;
+        d.delta = l.coat_is_mirror;
+        if (d.delta) {
+            d.i = vec3(-up.x, -up.y, up.z);
+            d.weight = kiln_bsdf_gray(kiln_coat_albedo(l.coat, up.z) / c.coat);
+            d.density = c.coat;
+            d.reverse = c.coat;
+        } else
+            d.i = kiln_reflected(up, kiln_ggx_sample(up, l.p.coat_alpha, l.p.coat_alpha, u, v));
+        if (d.i.z < 0.0f)
+            d.i = vec3(0.0f, 0.0f, 0.0f);
+    } else if (pick < c.coat + c.gloss) {
+        const float left = (pick - c.coat) / c.gloss;
+        if (l.base_is_mirror && l.p.model == KILN_BSDF_LAYERS)
+            kiln_bsdf_draw_mirror(l, front, up, left, c.gloss, mode, KILN_TO(d));
+        else
+            d.i = kiln_bsdf_draw_gloss(l, front, up, left, u, v);
+    } else {
+        d.i = kiln_bsdf_cosine(u, v);
+        if (pick < c.coat + c.gloss + c.diffuse)
+            d.lobe = KILN_LOBE_DIFFUSE;
+        else if (pick >= c.coat + c.gloss + c.diffuse + c.near && c.far > 0.0f)
+            d.i.z = -d.i.z;
+    }
+    if (!front)
+        d.i.z = -d.i.z;
+    if (d.i.z == 0.0f) {
+        d.weight = vec3(0.0f, 0.0f, 0.0f);
+        return d;
+    }
+    if (d.delta) {
+        if (d.lobe == KILN_LOBE_GLOSS)
+            d.reverse = kiln_bsdf_mirror_chance(l, d.i, (d.i.z > 0.0f) == front, lobes);
+        return d;
+    }
+    const KILN_STRUCT kiln_bsdf_value s = kiln_bsdf_evaluate_chosen(l, c, o, d.i, mode, lobes);
+    d.density = s.density;
+    d.weight = s.density > 0.0f ? vec3_scale(s.value, 1.0f / s.density) : vec3(0.0f, 0.0f, 0.0f);
+    d.reverse = kiln_bsdf_density(l, d.i, o, lobes);
+    return d;
+}
+
+/* ---- shading normals ---- */
+
+/* Whether both normals have a direction on one side; where not, nothing is scattered (Veach 1997, section 5.3.3).
+ * `normal` is the geometric normal of the front, in the frame of the shading normal. */
+KILN_FUNCTION bool kiln_shading_agrees(KILN_VECTOR w, KILN_VECTOR normal) { return w.z * vec3_dot(w, normal) > 0.0f; }
+
+/* Values of importance are multiplied by this (Veach 1997, equation 5.19). */
+KILN_FUNCTION float kiln_shading_correction(KILN_VECTOR o, KILN_VECTOR i, KILN_VECTOR normal)
+{
+    return float_abs(o.z * vec3_dot(i, normal)) / float_max(float_abs(vec3_dot(o, normal) * i.z), KILN_FLOAT_TINY);
+}
+
+#endif

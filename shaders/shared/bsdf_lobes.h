@@ -1,0 +1,222 @@
+/* The material at a point, and what of its scattering does not depend on directions; part of shaders/shared/bsdf.h.
+ *
+ * The layers are those of glTF 2.0 (appendix B) with KHR_materials_specular, _ior, _transmission, _volume, _clearcoat,
+ * _anisotropy and _dispersion. A clear coat (a dielectric of index 1.5, on the front alone; on
+ * both sides of a thin wall) lies over a base, and the
+ * base is a mixture of three: metal, glass and matt, by area.
+ *
+ *   metal   GGX with Schlick's reflectance, which the base colour is at normal incidence
+ *   glass   GGX by visible normals that reflects and refracts, exact Fresnel; what goes through has the base colour.
+ *           A thin wall lets light go on straight: the reflected lobe, turned over to the other side
+ *   matt    the reflection of a dielectric over a diffuse surface of the base colour
+ *
+ * Light that facets lose to each other is given back: by metals as Kulla and Conty (2017) do it; by glass on both
+ * sides, as if several scatterings forget where light came from; the matt layer gets it in the diffuse surface below,
+ * which is (1 - E(o)) (1 - E(i)) / (pi (1 - mean E)) of its colour, E the albedo of all above it. */
+#ifndef KILN_SHADERS_SHARED_BSDF_LOBES_H
+#define KILN_SHADERS_SHARED_BSDF_LOBES_H
+
+#include "shaders/shared/color.h"
+#include "shaders/shared/microfacet.h"
+#include "shaders/shared/microfacet_albedo.h"
+
+/* `model` */
+#define KILN_BSDF_LAYERS 0u /* as above */
+/* base_color / pi + specular_color (n + 2) / (2 pi) cos^n of the angle to the mirror direction */
+#define KILN_BSDF_PHONG 1u
+/* base_color / pi + Beckmann's facets with Schlick's reflectance, which specular_color is at normal incidence */
+#define KILN_BSDF_COOK_TORRANCE 2u
+
+/* A material at a point. Colours are linear, 0 to 1. */
+struct kiln_bsdf {
+    KILN_VECTOR base_color;
+    KILN_VECTOR specular_color; /* KHR_materials_specular; of the other models the reflectance of the specular part */
+    KILN_VECTOR eta;            /* index of the medium behind the face over that before it, for red, green and blue */
+    float metallic, transmission, specular; /* 0 to 1; `specular` is 1 by default */
+    float alpha_x, alpha_y;                 /* roughness squared (kiln_bsdf_alphas); Beckmann's is alpha_x */
+    float coat, coat_alpha;                 /* KHR_materials_clearcoat; its roughness squared */
+    float exponent;                         /* Phong's n, >= 0 */
+    KILN_U32 thin_wall;                     /* 1: transmission through a thin wall; 0: the face bounds a volume */
+    KILN_U32 model;
+};
+
+/* What is prepared for all directions at a point; for use within bsdf.h. */
+struct kiln_bsdf_lobes {
+    KILN_STRUCT kiln_bsdf p;
+    float metal, glass, matt; /* shares of the base; their sum is 1 */
+    float alpha_x, alpha_y;
+    bool base_is_mirror, coat_is_mirror, disperses;
+    KILN_STRUCT kiln_interface face;
+    KILN_STRUCT kiln_boundary boundary; /* set for a rough boundary of glass */
+    KILN_STRUCT kiln_coat coat;
+    KILN_VECTOR metal_spread; /* colour of what metals give back */
+    float lost_mean;          /* means over the hemisphere by the cosine: of what facets lose, */
+    float glass_lost_front, glass_lost_back, glass_lost_coat; /* glass, on both sides, and what the coat passes of it */
+    float under_front, under_back;                            /* and of what reaches the diffuse surface */
+};
+
+/* Roughnesses along the tangent and across it, of glTF's roughness and anisotropy strength, 0 to 1
+ * (KHR_materials_anisotropy). The tangent is turned by the caller. */
+KILN_FUNCTION void kiln_bsdf_alphas(float roughness, float strength, KILN_OUT(float) alpha_x, KILN_OUT(float) alpha_y)
+{
+    const float alpha = roughness * roughness;
+    KILN_AT(alpha_x) = alpha + (1.0f - alpha) * strength * strength;
+    KILN_AT(alpha_y) = alpha;
+}
+
+KILN_FUNCTION float kiln_bsdf_luminance(KILN_VECTOR rgb)
+{
+    return vec3_dot(
+        rgb, vec3(KILN_RED_WEIGHT(KILN_RATIO32), KILN_GREEN_WEIGHT(KILN_RATIO32), KILN_BLUE_WEIGHT(KILN_RATIO32)));
+}
+KILN_FUNCTION KILN_VECTOR kiln_bsdf_gray(float a) { return vec3(a, a, a); }
+
+/* ---- the reflectance of a dielectric with KHR_materials_specular ---- */
+
+struct kiln_bsdf_fresnel {
+    KILN_VECTOR reflected, through; /* through: 1 - the largest channel, so that no colour comes in by that */
+};
+/* One channel: exact index, at normal incidence `normal` times color is reflected. */
+KILN_FUNCTION float kiln_bsdf_scaled(KILN_STRUCT kiln_bsdf p, float exact, float normal, float color)
+{
+    const float low = float_min(normal * color, 1.0f) * p.specular;
+    return low + (p.specular - low) * kiln_fresnel_share(exact, normal);
+}
+KILN_FUNCTION float kiln_bsdf_largest(KILN_VECTOR rgb) { return float_max(rgb.x, float_max(rgb.y, rgb.z)); }
+
+/* At a facet, from a medium on whose other side the index is eta times as large. */
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_fresnel kiln_bsdf_fresnel_at(KILN_STRUCT kiln_bsdf p, float cosine, KILN_VECTOR eta)
+{
+    KILN_STRUCT kiln_bsdf_fresnel f;
+    const KILN_VECTOR color = p.specular_color;
+    const float most = kiln_bsdf_largest(color);
+    const float y = kiln_fresnel(cosine, eta.y);
+    const float x = eta.x == eta.y ? y : kiln_fresnel(cosine, eta.x);
+    const float z = eta.z == eta.y ? y : kiln_fresnel(cosine, eta.z);
+    const float nx = kiln_fresnel_normal(eta.x), ny = kiln_fresnel_normal(eta.y), nz = kiln_fresnel_normal(eta.z);
+    /* total reflection is total whatever the colour */
+    f.reflected = vec3(x < 1.0f ? kiln_bsdf_scaled(p, x, nx, color.x) : 1.0f,
+                       y < 1.0f ? kiln_bsdf_scaled(p, y, ny, color.y) : 1.0f,
+                       z < 1.0f ? kiln_bsdf_scaled(p, z, nz, color.z) : 1.0f);
+    f.through = vec3(x < 1.0f ? 1.0f - kiln_bsdf_scaled(p, x, nx, most) : 0.0f,
+                     y < 1.0f ? 1.0f - kiln_bsdf_scaled(p, y, ny, most) : 0.0f,
+                     z < 1.0f ? 1.0f - kiln_bsdf_scaled(p, z, nz, most) : 0.0f);
+    return f;
+}
+
+/* ---- shares ---- */
+
+/* Where the coat lies, what it reflects, and the factor of what the base scatters. */
+KILN_FUNCTION bool kiln_bsdf_coated(KILN_STRUCT kiln_bsdf_lobes l, bool front)
+{
+    return l.coat.strength > 0.0f && (front || l.p.thin_wall != 0u);
+}
+KILN_FUNCTION float kiln_bsdf_coat_albedo(KILN_STRUCT kiln_bsdf_lobes l, bool front, float mu)
+{
+    return kiln_bsdf_coated(l, front) ? kiln_coat_albedo(l.coat, mu) : 0.0f;
+}
+KILN_FUNCTION float kiln_bsdf_coat_factor(KILN_STRUCT kiln_bsdf_lobes l, bool front, float mu)
+{
+    return kiln_bsdf_coated(l, front) ? kiln_coat_factor(l.coat, mu) : 1.0f;
+}
+
+/* The largest channel of what the matt layer's interface reflects. */
+KILN_FUNCTION float kiln_bsdf_matt_albedo(KILN_STRUCT kiln_bsdf_lobes l, float mu)
+{
+    const float exact = kiln_interface_fresnel(l.face, mu), normal = kiln_fresnel_normal(l.face.index);
+    return (1.0f - kiln_interface_lost(l.face, mu)) *
+           kiln_bsdf_scaled(l.p, exact, normal, kiln_bsdf_largest(l.p.specular_color));
+}
+
+/* What glass loses from one side. */
+KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool front, float mu)
+{
+    if (l.base_is_mirror)
+        return 0.0f;
+    if (l.p.thin_wall != 0u)
+        return kiln_interface_lost(l.face, mu);
+    return kiln_boundary_lost(l.boundary, mu, front == (l.p.eta.y < 1.0f));
+}
+
+/* ---- the diffuse surface, for what stores its radiosity ----
+ *
+ * Irradiance counts with weight `in` of the direction that it comes from; with the reflectance `color` it becomes
+ * radiosity B; the radiance that leaves towards a direction is B / pi times `out` of that direction. Cosines have a
+ * sign: negative ones are of directions behind the face. */
+KILN_FUNCTION KILN_VECTOR kiln_diffuse_color(KILN_STRUCT kiln_bsdf_lobes l)
+{
+    return vec3_scale(l.p.base_color, l.matt);
+}
+KILN_FUNCTION float kiln_diffuse_in(KILN_STRUCT kiln_bsdf_lobes l, float cosine)
+{
+    const float mu = float_abs(cosine);
+    if (l.p.model != KILN_BSDF_LAYERS)
+        return 1.0f;
+    return (1.0f - kiln_bsdf_coat_albedo(l, cosine > 0.0f, mu)) * (1.0f - kiln_bsdf_matt_albedo(l, mu));
+}
+KILN_FUNCTION float kiln_diffuse_out(KILN_STRUCT kiln_bsdf_lobes l, float cosine)
+{
+    return kiln_diffuse_in(l, cosine) / (cosine > 0.0f ? l.under_front : l.under_back);
+}
+
+/* ---- preparing ---- */
+
+KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
+{
+    float lost = 0.0f, front = 0.0f, back = 0.0f, coat = 0.0f, under_front = 0.0f, under_back = 0.0f;
+    for (int k = 0; k < KILN_MEAN_POINTS; k++) {
+        const float mu = KILN_MEAN_COSINES[k], w = KILN_MEAN_WEIGHTS[k];
+        lost += w * kiln_interface_lost(KILN_AT(l).face, mu);
+        under_front += w * kiln_diffuse_in(KILN_AT(l), mu);
+        under_back += w * kiln_diffuse_in(KILN_AT(l), -mu);
+        if (KILN_AT(l).glass > 0.0f) {
+            const float there = w * kiln_bsdf_glass_lost(KILN_AT(l), true, mu);
+            front += there;
+            back += w * kiln_bsdf_glass_lost(KILN_AT(l), false, mu);
+            coat += there * (1.0f - kiln_bsdf_coat_albedo(KILN_AT(l), true, mu)); /* of a boundary */
+        }
+    }
+    KILN_AT(l).lost_mean = lost;
+    KILN_AT(l).glass_lost_front = front;
+    KILN_AT(l).glass_lost_back = back;
+    KILN_AT(l).glass_lost_coat = coat;
+    KILN_AT(l).under_front = float_max(under_front, KILN_FLOAT_TINY);
+    KILN_AT(l).under_back = float_max(under_back, KILN_FLOAT_TINY);
+}
+
+/* Kulla and Conty 2017: reflectance of light that is scattered more than once, of the mean reflectance of a facet. */
+KILN_FUNCTION float kiln_bsdf_spread(float facet, float lost_mean)
+{
+    return facet * facet * (1.0f - lost_mean) / (1.0f - facet * lost_mean);
+}
+
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare(KILN_STRUCT kiln_bsdf p)
+{
+    KILN_STRUCT kiln_bsdf_lobes l;
+    const float index = float_max(p.eta.y, 1.0f / p.eta.y);
+    const bool layers = p.model == KILN_BSDF_LAYERS;
+    l.p = p;
+    l.metal = layers ? p.metallic : 0.0f;
+    l.glass = layers ? (1.0f - p.metallic) * p.transmission : 0.0f;
+    l.matt = layers ? (1.0f - p.metallic) * (1.0f - p.transmission) : 1.0f;
+    /* what hardly bends light is hardly seen, however rough: no facet hides another */
+    const float seen = l.glass > 0.0f && p.thin_wall == 0u ? float_min((index - 1.0f) * 20.0f, 1.0f) : 1.0f;
+    l.alpha_x = float_min(p.alpha_x, 1.0f) * seen;
+    l.alpha_y = float_min(p.alpha_y, 1.0f) * seen;
+    l.base_is_mirror = float_max(l.alpha_x, l.alpha_y) < KILN_MIRROR_ALPHA;
+    l.alpha_x = float_max(l.alpha_x, KILN_MIRROR_ALPHA);
+    l.alpha_y = float_max(l.alpha_y, KILN_MIRROR_ALPHA);
+    l.coat_is_mirror = p.coat_alpha < KILN_MIRROR_ALPHA;
+    l.disperses = p.eta.x != p.eta.y || p.eta.z != p.eta.y;
+    const float alpha = l.base_is_mirror ? 0.0f : float_sqrt(0.5f * (l.alpha_x * l.alpha_x + l.alpha_y * l.alpha_y));
+    l.face = kiln_interface_of(alpha, index);
+    l.boundary = kiln_boundary_of(alpha, index);
+    l.coat = kiln_coat_of(layers ? p.coat : 0.0f, l.coat_is_mirror ? 0.0f : float_min(p.coat_alpha, 1.0f), alpha);
+    kiln_bsdf_means(KILN_TO(l));
+    l.metal_spread = vec3(kiln_bsdf_spread(kiln_schlick_mean(p.base_color.x), l.lost_mean),
+                          kiln_bsdf_spread(kiln_schlick_mean(p.base_color.y), l.lost_mean),
+                          kiln_bsdf_spread(kiln_schlick_mean(p.base_color.z), l.lost_mean));
+    return l;
+}
+
+#endif

@@ -1,0 +1,61 @@
+/* How much light an interface between two media reflects, in float. Cosines are between a direction and the normal of
+ * the surface or microfacet, 0 to 1; an index `eta` is that of the medium behind the interface over that of the medium
+ * which the light is in. */
+#ifndef KILN_SHADERS_SHARED_FRESNEL_H
+#define KILN_SHADERS_SHARED_FRESNEL_H
+
+#include "shaders/shared/language.h"
+
+/* The cosine on the other side; 0 where the reflection is total (Snell's law). */
+KILN_FUNCTION float kiln_refracted_cosine(float cosine, float eta)
+{
+    return float_sqrt(float_max(0.0f, 1.0f - (1.0f - cosine) * (1.0f + cosine) / (eta * eta)));
+}
+
+/* Of a dielectric, exactly, unpolarised light (Born and Wolf, "Principles of Optics", section 1.5.2); 1 where the
+ * reflection is total. With eta 1 nothing is reflected at any angle. */
+KILN_FUNCTION float kiln_fresnel(float cosine, float eta)
+{
+    const float t = kiln_refracted_cosine(cosine, eta);
+    if (t == 0.0f && eta != 1.0f)
+        return 1.0f;
+    const float s = (cosine - eta * t) / float_max(cosine + eta * t, KILN_FLOAT_TINY);
+    const float p = (eta * cosine - t) / float_max(eta * cosine + t, KILN_FLOAT_TINY);
+    return float_min(0.5f * (s * s + p * p), 1.0f);
+}
+
+/* At normal incidence. */
+KILN_FUNCTION float kiln_fresnel_normal(float eta)
+{
+    const float a = (eta - 1.0f) / (eta + 1.0f);
+    return a * a;
+}
+
+/* What is added to the reflectance at normal incidence, as a share of what is missing there to that at grazing: Schlick
+ * ("An Inexpensive BRDF Model for Physically-based Rendering", EUROGRAPHICS 1994, equation 15), for metals, whose base
+ * colour is the reflectance at normal incidence (glTF 2.0, appendix B.2.3), */
+KILN_FUNCTION float kiln_schlick_share(float cosine)
+{
+    const float a = 1.0f - cosine, b = a * a;
+    return b * b * a;
+}
+/* and for dielectrics, from the exact reflectance, so that the exact one comes back where colour and factor of
+ * KHR_materials_specular are 1. `normal`: the exact one at normal incidence. */
+KILN_FUNCTION float kiln_fresnel_share(float exact, float normal)
+{
+    return float_max(exact - normal, 0.0f) / (1.0f - normal);
+}
+
+/* Mean of Schlick's reflectance over a hemisphere by the cosine. */
+KILN_FUNCTION float kiln_schlick_mean(float normal) { return (20.0f * normal + 1.0f) * KILN_RATIO32(1, 21); }
+
+/* Index of a medium for red, green and blue (KHR_materials_dispersion): Cauchy's law by `index`, that at 587.56 nm, and
+ * the Abbe number, 20 / dispersion; at 611.4, 549.1 and 464.3 nm, the dominant wavelengths of sRGB's primaries. */
+KILN_FUNCTION KILN_VECTOR kiln_dispersed_index(float index, float dispersion)
+{
+    const float spread = (index - 1.0f) * dispersion * 0.05f;
+    return vec3(float_max(index - 0.11594f * spread, 1.0f), float_max(index + 0.21997f * spread, 1.0f),
+                float_max(index + 0.91231f * spread, 1.0f));
+}
+
+#endif

@@ -1,0 +1,185 @@
+/* How much light a rough interface (GGX) sends on after one scattering, as fitted polynomials, in float. From it
+ * follows what facets lose to each other, which shaders/shared/bsdf.h gives back (Kulla and Conty, "Revisiting
+ * Physically Based Shading at Imageworks", SIGGRAPH course 2017), and what is left for what lies beneath.
+ *
+ * Fits are over cosines to the normal, `mu`; roughness alpha, 0.001 to 1; and `index`, that of the denser medium over
+ * that of the other, 1.05 to 3 (outside the nearest of these is taken). tests/bench/albedo_fit.py makes them. With
+ * alpha and index given, a polynomial in near = sqrt(mu / (mu + alpha)) is left, a `curve`. */
+#ifndef KILN_SHADERS_SHARED_MICROFACET_ALBEDO_H
+#define KILN_SHADERS_SHARED_MICROFACET_ALBEDO_H
+
+#include "shaders/shared/fresnel.h"
+#include "shaders/shared/microfacet_fit.h"
+
+/* Below this roughness a surface is a mirror: it sends light on in one direction. */
+#define KILN_MIRROR_ALPHA 1.0e-3f
+
+struct kiln_curve {
+    float c[9]; /* of powers of 2 near - 1 */
+};
+KILN_FUNCTION float kiln_curve_at(KILN_STRUCT kiln_curve curve, float x)
+{
+    float sum = 0.0f;
+    for (int i = 8; i >= 0; i--)
+        sum = sum * x + curve.c[i];
+    return sum;
+}
+/* Where a curve is asked: 2 near - 1. */
+KILN_FUNCTION float kiln_curve_place(float mu, float alpha)
+{
+    return 2.0f * float_sqrt(mu / float_max(mu + alpha, KILN_FLOAT_TINY)) - 1.0f;
+}
+/* The variable of the index, -1 to 1. */
+KILN_FUNCTION float kiln_fit_index(float index)
+{
+    return 2.0f * float_sqrt(1.5f * (1.0f - 1.0f / float_min(float_max(index, 1.05f), 3.0f))) - 1.0f;
+}
+
+/* The interface of a medium, seen from outside: what it reflects. */
+struct kiln_interface {
+    float alpha, index;
+    KILN_STRUCT kiln_curve lost;      /* 1 - albedo, were all reflected: error 0.003 */
+    KILN_STRUCT kiln_curve effective; /* the cosine at which a smooth interface reflects the same share */
+};
+
+KILN_FUNCTION KILN_STRUCT kiln_interface kiln_interface_of(float alpha, float index)
+{
+    KILN_STRUCT kiln_interface s;
+    const float rough = alpha < KILN_MIRROR_ALPHA ? 0.0f : 1.0f; /* a mirror loses nothing */
+    const float a = 2.0f * alpha - 1.0f, r = 2.0f * float_sqrt(alpha) - 1.0f, z = kiln_fit_index(index);
+    s.alpha = alpha;
+    s.index = index;
+    for (int i = 0; i < 9; i++) {
+        float sum = 0.0f;
+        for (int j = 4; j >= 0; j--)
+            sum = sum * a + KILN_FIT_WHOLE[5 * i + j];
+        s.lost.c[i] = rough * sum;
+    }
+    for (int i = 0; i < 9; i++) {
+        float sum = 0.0f;
+        for (int j = 3; j >= 0 && i < 5; j--) {
+            const int k = 12 * i + 3 * j;
+            sum = sum * r + (KILN_FIT_EFFECTIVE[k] + z * (KILN_FIT_EFFECTIVE[k + 1] + z * KILN_FIT_EFFECTIVE[k + 2]));
+        }
+        s.effective.c[i] = rough * sum;
+    }
+    return s;
+}
+
+/* Lost were all reflected, 0 to 1. */
+KILN_FUNCTION float kiln_interface_lost(KILN_STRUCT kiln_interface s, float mu)
+{
+    return float_min(float_max(kiln_curve_at(s.lost, kiln_curve_place(mu, s.alpha)), 0.0f), 1.0f);
+}
+/* The mean exact Fresnel reflectance over the facets that mu sees, weighted by what they reflect. Times the whole
+ * albedo it is the reflected share: error 0.005. */
+KILN_FUNCTION float kiln_interface_fresnel(KILN_STRUCT kiln_interface s, float mu)
+{
+    const float off = float_sqrt(s.alpha) * kiln_curve_at(s.effective, kiln_curve_place(mu, s.alpha));
+    return kiln_fresnel(float_min(float_max(mu + off, 0.0f), 1.0f), s.index);
+}
+KILN_FUNCTION float kiln_interface_albedo(KILN_STRUCT kiln_interface s, float mu)
+{
+    return (1.0f - kiln_interface_lost(s, mu)) * kiln_interface_fresnel(s, mu);
+}
+
+/* ---- what a boundary of glass loses, reflected and refracted light together ---- */
+
+struct kiln_boundary {
+    float alpha, critical;                /* cosine of the critical angle in the denser medium */
+    KILN_STRUCT kiln_curve thin;          /* from the medium with the lower index: error 0.006 */
+    KILN_STRUCT kiln_curve dense, beyond; /* from the other: error 0.007 */
+};
+
+KILN_FUNCTION KILN_STRUCT kiln_boundary kiln_boundary_of(float alpha, float index)
+{
+    KILN_STRUCT kiln_boundary s;
+    const float r = 2.0f * float_sqrt(alpha) - 1.0f, z = kiln_fit_index(index);
+    s.alpha = alpha;
+    s.critical = float_sqrt(float_max(0.0f, 1.0f - 1.0f / (index * index)));
+    for (int i = 0; i < 9; i++) {
+        float thin = 0.0f, dense = 0.0f, beyond = 0.0f;
+        for (int j = 5; j >= 0 && i < 8; j--) {
+            const int k = 24 * i + 4 * j;
+            thin = thin * r + (KILN_FIT_LOST[k] +
+                               z * (KILN_FIT_LOST[k + 1] + z * (KILN_FIT_LOST[k + 2] + z * KILN_FIT_LOST[k + 3])));
+        }
+        for (int j = 4; j >= 0 && i < 7; j--) {
+            const int k = 20 * i + 4 * j;
+            dense = dense * r + (KILN_FIT_DENSE[k] +
+                                 z * (KILN_FIT_DENSE[k + 1] + z * (KILN_FIT_DENSE[k + 2] + z * KILN_FIT_DENSE[k + 3])));
+            beyond =
+                beyond * r + (KILN_FIT_BEYOND[k] +
+                              z * (KILN_FIT_BEYOND[k + 1] + z * (KILN_FIT_BEYOND[k + 2] + z * KILN_FIT_BEYOND[k + 3])));
+        }
+        s.thin.c[i] = thin;
+        s.dense.c[i] = dense;
+        s.beyond.c[i] = beyond;
+    }
+    return s;
+}
+
+KILN_FUNCTION float kiln_boundary_lost(KILN_STRUCT kiln_boundary s, float mu, bool dense)
+{
+    const float at = kiln_curve_place(mu, s.alpha), x = mu - s.critical;
+    const float step = 0.5f + 0.5f * x / float_sqrt(x * x + 0.25f * s.alpha * s.alpha + 1.0e-6f);
+    const float lost =
+        dense ? kiln_curve_at(s.dense, at) + step * kiln_curve_at(s.beyond, at) : kiln_curve_at(s.thin, at);
+    return float_min(float_max(lost, 0.0f), 1.0f);
+}
+
+/* ---- a clear coat over a rough base ---- */
+
+#define KILN_COAT_INDEX 1.5f /* KHR_materials_clearcoat */
+
+struct kiln_coat {
+    float strength; /* 0: there is none */
+    KILN_STRUCT kiln_interface face;
+    float base_alpha;
+    KILN_STRUCT kiln_curve effective; /* the cosine at which light that base and coat scatter leaves */
+};
+
+KILN_FUNCTION KILN_STRUCT kiln_coat kiln_coat_of(float strength, float alpha, float base_alpha)
+{
+    KILN_STRUCT kiln_coat s;
+    const float r = 2.0f * float_sqrt(base_alpha) - 1.0f, z = 2.0f * float_sqrt(alpha) - 1.0f;
+    s.strength = strength;
+    s.face = kiln_interface_of(alpha, KILN_COAT_INDEX);
+    s.base_alpha = base_alpha;
+    for (int i = 0; i < 9; i++) {
+        float sum = 0.0f;
+        for (int j = 4; j >= 0 && i < 7; j--) {
+            const int k = 20 * i + 4 * j;
+            sum = sum * r + (KILN_FIT_COAT[k] +
+                             z * (KILN_FIT_COAT[k + 1] + z * (KILN_FIT_COAT[k + 2] + z * KILN_FIT_COAT[k + 3])));
+        }
+        s.effective.c[i] = sum;
+    }
+    return s;
+}
+
+/* What the coat reflects. */
+KILN_FUNCTION float kiln_coat_albedo(KILN_STRUCT kiln_coat s, float mu)
+{
+    return s.strength * kiln_interface_albedo(s.face, mu);
+}
+/* The base's scattering is multiplied by this of both directions. With it a white base sends on, from each direction,
+ * what the coat lets in: h(o) integral h(i) f(o, i) |cos| di = 1 - coat albedo(o), to 0.01 of it (balanced after
+ * Sinkhorn). For a mirror it is sqrt(1 - E), for a matt surface (1 - E) / sqrt(1 - mean E). */
+KILN_FUNCTION float kiln_coat_factor(KILN_STRUCT kiln_coat s, float mu)
+{
+    const float scale = s.base_alpha / float_sqrt(float_max(mu + s.base_alpha, KILN_FLOAT_TINY));
+    const float off = scale * kiln_curve_at(s.effective, kiln_curve_place(mu, s.base_alpha));
+    const float leaves = float_min(float_max(mu + off, 0.0f), 1.0f);
+    return (1.0f - kiln_coat_albedo(s, mu)) / float_sqrt(1.0f - 0.9999f * kiln_coat_albedo(s, leaves));
+}
+
+/* ---- means over a hemisphere by the cosine: Gauss's rule of 8 points over the root of the cosine ---- */
+
+#define KILN_MEAN_POINTS 8
+KILN_CONSTANT float KILN_MEAN_COSINES[8] = {0.000394223874f, 0.0103361304f, 0.0562798735f, 0.166694746f,
+                                            0.350129388f,    0.581812283f,  0.807002608f,  0.96068408f};
+KILN_CONSTANT float KILN_MEAN_WEIGHTS[8] = {1.58470101e-06f, 0.000467374172f, 0.00837690102f, 0.0493674846f,
+                                            0.150279929f,    0.278437704f,    0.322433494f,   0.190635529f};
+
+#endif
