@@ -45,6 +45,10 @@ int kiln_export_gltf(const struct kiln_export_task *task, void (*mapped)(const s
  * PNG. */
 int kiln_export_own(const struct kiln_export_task *task, struct kiln_error *error);
 
+/* Sets a material's metallic-roughness numbers and extensions from its gloss. Texture indices are the scene's; `set` is
+ * the TEXCOORD that has texcoord_gloss. glTF has no Phong: such a material gets the roughness of a lobe as wide. */
+void kiln_export_gloss(struct kiln_glb_build *b, json_t *material, const struct kiln_gloss *gloss, int set);
+
 /* Sets `link` (borrowed) as a node's extensions.KILN_lightmap, and as extras.kiln_lightmap if extras is an object or
  * absent. */
 void kiln_export_link(struct kiln_glb_build *b, json_t *node, json_t *link);

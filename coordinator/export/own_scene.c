@@ -7,6 +7,7 @@
 #include "coordinator/export/child.h"
 #include "coordinator/output/image.h"
 #include "worker/base/memory.h"
+#include "worker/scene/gloss.h"
 
 struct own {
     struct kiln_glb_build b;
@@ -69,8 +70,13 @@ static void set_emission(struct own *o, json_t *json, const struct kiln_material
     }
 }
 
-static void add_material(struct own *o, const struct kiln_material *m)
+/* The set of the gloss's coordinates: after that of emission, if there is one. */
+static int gloss_set(const struct own *o) { return o->emission_set ? 3 : 2; }
+
+static void add_material(struct own *o, uint32_t index)
 {
+    const struct kiln_material *m = &o->scene->materials[index];
+    const struct kiln_gloss *gloss = kiln_gloss_find(o->scene, index);
     static const char *const modes[] = {"OPAQUE", "MASK", "BLEND"};
     json_t *surface = json_pack("{s:[f, f, f, f], s:f, s:f}", "baseColorFactor", (double)m->base_color[0],
                                 (double)m->base_color[1], (double)m->base_color[2], (double)m->base_color[3],
@@ -82,6 +88,8 @@ static void add_material(struct own *o, const struct kiln_material *m)
     if (m->alpha_mode == KILN_ALPHA_MASK)
         kiln_glb_set(&o->b, json, "alphaCutoff", json_real((double)m->alpha_cutoff));
     set_emission(o, json, m);
+    if (gloss != NULL)
+        kiln_export_gloss(&o->b, json, gloss, gloss_set(o));
     (void)kiln_glb_append(&o->b, o->b.root, "materials", json);
 }
 
@@ -141,12 +149,16 @@ static json_t *add_attributes(struct own *o, const struct kiln_mesh *mesh)
     kiln_glb_set(&o->b, attributes, "NORMAL", add_attribute(o, s->normals, mesh, sizeof *s->normals, "VEC3"));
     kiln_glb_set(&o->b, attributes, "TEXCOORD_0",
                  add_attribute(o, s->texcoord_base, mesh, sizeof *s->texcoord_base, "VEC2"));
-    if (o->emission_set || (mesh->flags & KILN_MESH_NO_LAYOUT) == 0) /* sets have no gap between them */
+    if (o->emission_set || s->texcoord_gloss != NULL ||
+        (mesh->flags & KILN_MESH_NO_LAYOUT) == 0) /* sets have no gap between them */
         kiln_glb_set(&o->b, attributes, "TEXCOORD_1",
                      add_attribute(o, o->coordinates, mesh, sizeof *o->coordinates, "VEC2"));
     if (o->emission_set)
         kiln_glb_set(&o->b, attributes, "TEXCOORD_2",
                      add_attribute(o, s->texcoord_emission, mesh, sizeof *s->texcoord_emission, "VEC2"));
+    if (s->texcoord_gloss != NULL)
+        kiln_glb_set(&o->b, attributes, o->emission_set ? "TEXCOORD_3" : "TEXCOORD_2",
+                     add_attribute(o, s->texcoord_gloss, mesh, sizeof *s->texcoord_gloss, "VEC2"));
     if (!is_white(colors, mesh->vertex_count)) {
         const uint32_t index = add_accessor(o, colors, mesh->vertex_count, 4, KILN_GLTF_UNSIGNED_BYTE, "VEC4",
                                             KILN_GLTF_ARRAY_BUFFER, &json);
@@ -343,7 +355,7 @@ int kiln_export_own(const struct kiln_export_task *task, struct kiln_error *erro
     for (size_t i = 0; i < s->texture_count && o.b.status == KILN_OK; i++)
         add_texture(&o, &s->textures[i]);
     for (size_t i = 0; i < s->material_count && o.b.status == KILN_OK; i++)
-        add_material(&o, &s->materials[i]);
+        add_material(&o, (uint32_t)i);
     for (size_t i = 0; i < s->mesh_count && o.b.status == KILN_OK; i++)
         add_mesh(&o, &s->meshes[i]);
     for (size_t i = 0; i < s->object_count && o.b.status == KILN_OK; i++)

@@ -198,8 +198,8 @@ static void water_side(struct kiln_shape *shape, const struct kiln_dvec3 edge[WA
 static void water(struct box *box)
 {
     struct kiln_shape shape = {0};
-    struct kiln_dvec3 edge[4]
-                          [WATER_SIDE + 1]; /* left, back, right, front: round the body, counter-clockwise from above */
+    /* left, back, right, front: round the body, counter-clockwise from above */
+    struct kiln_dvec3 edge[4][WATER_SIDE + 1];
     kiln_shape_surface(
         &shape, WATER,
         &(struct kiln_shape_surface){water_top, NULL, .columns = WATER_SIDE, .rows = WATER_SIDE, .open = true});

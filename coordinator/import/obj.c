@@ -612,8 +612,8 @@ static int write_notes(struct reader *r)
          KILN_NOTE_WARNING},
         {r->materials.sheen, "statements of sheen (Ps, map_Ps) were left out", KILN_NOTE_INFORMATION},
         {r->materials.mended,
-         "numbers of gloss (Ks, Ns, Ni, Pr, ...) were outside their range or unreadable; the nearest number, or the "
-         "default, replaces them",
+         "numbers of gloss (Ks, Ns, Ni, Pr, ...) or names of its maps were outside their range or unreadable; the "
+         "nearest number or none replaces them",
          KILN_NOTE_WARNING}};
     int status = KILN_OK;
     for (size_t i = 0; i < sizeof notes / sizeof notes[0] && status == KILN_OK; i++)

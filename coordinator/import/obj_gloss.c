@@ -61,6 +61,7 @@ static void set_transmission(const struct obj_material *source, int illum, struc
     gloss->transmission = source->alpha < 1.0f ? 1.0f - source->alpha : 1.0f;
     for (int c = 0; c < 3; c++)
         gloss->filter[c] = source->gloss.filter[c];
+    gloss->thickness = illum == 6 || illum == 7 ? 1.0f : 0.0f; /* of any size: the file says none */
     gloss->flags |= (illum == 6 || illum == 7 ? (uint32_t)KILN_GLOSS_VOLUME : 0u) |
                     (source->alpha < 1.0f ? (uint32_t)KILN_GLOSS_ALPHA_TRANSMITS : 0u);
 }

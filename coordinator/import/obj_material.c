@@ -176,12 +176,18 @@ static bool read_option(struct library *l, struct obj_map *map)
     return false;
 }
 
-static int read_map(struct library *l, struct obj_map *map)
+/* Reads a map's options, and gives the name of its file. */
+static struct obj_word map_name(struct library *l, struct obj_map *map)
 {
     *map = (struct obj_map){.scale = {1.0f, 1.0f}};
     while (read_option(l, map))
         ;
-    const struct obj_word name = obj_rest(&l->text);
+    return obj_rest(&l->text);
+}
+
+static int read_map(struct library *l, struct obj_map *map)
+{
+    const struct obj_word name = map_name(l, map);
     return name.length == 0 ? obj_fail(&l->text, "a map without the name of a file", NULL)
                             : keep_text(l->materials, name, &map->path);
 }
@@ -215,6 +221,14 @@ static int read_gloss_numbers(struct library *l, struct obj_material *m, float *
         values[i] = (float)fmin(fmax(value, 0.0), high);
     }
     return KILN_OK;
+}
+
+/* The same for a map: one without a name is left out and counted. */
+static int read_gloss_map(struct library *l, struct obj_material *m, struct obj_map *map)
+{
+    const struct obj_word name = map_name(l, map);
+    m->gloss.mended += name.length == 0;
+    return name.length == 0 ? KILN_OK : keep_text(l->materials, name, &map->path);
 }
 
 static int read_specular(struct library *l, struct obj_material *m)
@@ -282,21 +296,28 @@ static int read_anisotropy_rotation(struct library *l, struct obj_material *m)
     return read_gloss_numbers(l, m, &m->gloss.rotation, 1, 1.0);
 }
 
-static int read_specular_map(struct library *l, struct obj_material *m) { return read_map(l, &m->gloss.specular_map); }
-static int read_exponent_map(struct library *l, struct obj_material *m) { return read_map(l, &m->gloss.exponent_map); }
+static int read_specular_map(struct library *l, struct obj_material *m)
+{
+    return read_gloss_map(l, m, &m->gloss.specular_map);
+}
+
+static int read_exponent_map(struct library *l, struct obj_material *m)
+{
+    return read_gloss_map(l, m, &m->gloss.exponent_map);
+}
 
 static int read_roughness_map(struct library *l, struct obj_material *m)
 {
     m->gloss.physical = m->gloss.has_roughness = true;
     l->materials->physical++;
-    return read_map(l, &m->gloss.roughness_map);
+    return read_gloss_map(l, m, &m->gloss.roughness_map);
 }
 
 static int read_metallic_map(struct library *l, struct obj_material *m)
 {
     m->gloss.physical = true;
     l->materials->physical++;
-    return read_map(l, &m->gloss.metallic_map);
+    return read_gloss_map(l, m, &m->gloss.metallic_map);
 }
 
 static int read_sheen(struct library *l, struct obj_material *m)
@@ -306,42 +327,46 @@ static int read_sheen(struct library *l, struct obj_material *m)
     return KILN_OK;
 }
 
-/* The statements that kiln reads: those that affect diffuse light, then those of gloss. All others are left out. */
+/* The statements that kiln reads: those that affect diffuse light, then those of gloss. All others are left out, and
+ * those of gloss too before any newmtl. */
 static const struct {
     const char *keyword;
     int (*read)(struct library *l, struct obj_material *m);
-} statements[] = {{"Kd", read_diffuse},
-                  {"Ke", read_emission},
-                  {"d", read_alpha},
-                  {"Tr", read_transparency},
-                  {"map_Kd", read_diffuse_map},
-                  {"map_Ke", read_emission_map},
-                  {"map_emissive", read_emission_map},
-                  {"map_d", read_alpha_map},
-                  {"map_opacity", read_alpha_map},
-                  {"Ks", read_specular},
-                  {"Tf", read_filter},
-                  {"Ns", read_exponent},
-                  {"Ni", read_ior},
-                  {"illum", read_illum},
-                  {"map_Ks", read_specular_map},
-                  {"map_Ns", read_exponent_map},
-                  {"Pr", read_roughness},
-                  {"Pm", read_metallic},
-                  {"map_Pr", read_roughness_map},
-                  {"map_Pm", read_metallic_map},
-                  {"Pc", read_clearcoat},
-                  {"Pcr", read_clearcoat_roughness},
-                  {"aniso", read_anisotropy},
-                  {"anisor", read_anisotropy_rotation},
-                  {"Ps", read_sheen},
-                  {"map_Ps", read_sheen}};
+    bool gloss;
+} statements[] = {{"Kd", read_diffuse, false},
+                  {"Ke", read_emission, false},
+                  {"d", read_alpha, false},
+                  {"Tr", read_transparency, false},
+                  {"map_Kd", read_diffuse_map, false},
+                  {"map_Ke", read_emission_map, false},
+                  {"map_emissive", read_emission_map, false},
+                  {"map_d", read_alpha_map, false},
+                  {"map_opacity", read_alpha_map, false},
+                  {"Ks", read_specular, true},
+                  {"Tf", read_filter, true},
+                  {"Ns", read_exponent, true},
+                  {"Ni", read_ior, true},
+                  {"illum", read_illum, true},
+                  {"map_Ks", read_specular_map, true},
+                  {"map_Ns", read_exponent_map, true},
+                  {"Pr", read_roughness, true},
+                  {"Pm", read_metallic, true},
+                  {"map_Pr", read_roughness_map, true},
+                  {"map_Pm", read_metallic_map, true},
+                  {"Pc", read_clearcoat, true},
+                  {"Pcr", read_clearcoat_roughness, true},
+                  {"aniso", read_anisotropy, true},
+                  {"anisor", read_anisotropy_rotation, true},
+                  {"Ps", read_sheen, true},
+                  {"map_Ps", read_sheen, true}};
 
 static int read_statement(struct library *l, struct obj_word keyword)
 {
     for (size_t i = 0; i < sizeof statements / sizeof statements[0]; i++) {
         if (!same(keyword, statements[i].keyword))
             continue;
+        if (l->current == KILN_NONE && statements[i].gloss)
+            return KILN_OK;
         if (l->current == KILN_NONE)
             return obj_fail(&l->text, "a statement before any newmtl:", &keyword);
         return statements[i].read(l, &l->materials->list[l->current]);

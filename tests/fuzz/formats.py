@@ -27,7 +27,8 @@ def gloss(r):
     texture = {'index': r.choice((0, 0, integer(r))), 'texCoord': r.choice((0, 1, integer(r)))}
     known = {'KHR_materials_ior': {'ior': r.choice(NUMBERS)},
              'KHR_materials_specular': {'specularFactor': r.choice(NUMBERS), 'specularTexture': texture,
-                                        'specularColorFactor': [r.choice(NUMBERS)] * 3, 'specularColorTexture': texture},
+                                        'specularColorFactor': [r.choice(NUMBERS)] * 3,
+                                        'specularColorTexture': texture},
              'KHR_materials_transmission': {'transmissionFactor': 0.5, 'transmissionTexture': texture},
              'KHR_materials_volume': {'thicknessFactor': r.choice(NUMBERS), 'thicknessTexture': texture,
                                       'attenuationDistance': r.choice(NUMBERS),

@@ -1,6 +1,5 @@
 """Gloss of materials, as users see it: what kiln info and kiln check say of glTF's and MTL's materials. unit.test_gltf
 looks at the records, unit.test_gloss at the kinds."""
-
 import importing
 from test_normal_maps import FLAT, GREY, LEANING, png
 from test_obj import SQUARE
@@ -43,8 +42,8 @@ class Gltf(importing.Case):
         text = importing.kiln("info", path).out
         for words in ("material 'm1': metal, metallic 1, roughness 1\n",
                       "material 'm2': thin glass, roughness 0.9, transmission 1, index 1.4\n",
-                      "material 'm3': volume glass, roughness 0.9, transmission 1, index 1.4, white becomes 0.9 0.5 0.1 "
-                      "in 0.5 m, Abbe number 40\n",
+                      "material 'm3': volume glass, roughness 0.9, transmission 1, index 1.4, white becomes 0.9 0.5 "
+                      "0.1 in 0.5 m, Abbe number 40\n",
                       "material 'm4': clear coat, roughness 0.9, clear coat 0.5 of roughness 0.25\n",
                       "material 'm5': gloss, roughness 0.2\n", "a bake takes these materials as diffuse"):
             self.assertIn(words, text)
@@ -124,7 +123,8 @@ class Mtl(importing.Case):
                                                    (6, "Tf 1 0.5 0\n", "volume glass", 1, [1, 0.5, 0]),
                                                    (4, "Tr 0.5\n", "thin glass", 0.5, [1, 1, 1]),
                                                    (9, "d 0.5\n", "thin glass", 0.5, [1, 1, 1]),
-                                                   (7, "", "diffuse", None, None), (2, "d 0.5\n", "diffuse", None, None)):
+                                                   (7, "", "diffuse", None, None),
+                                                   (2, "d 0.5\n", "diffuse", None, None)):
             material, _ = self.gloss(f"Kd 0.1 0.1 0.1\nNi 1.33\nillum {illum}\n" + lines)
             self.assertEqual(material["kind"], kind, (illum, lines))
             if passes is not None:
@@ -135,7 +135,8 @@ class Mtl(importing.Case):
     def test_physical(self):
         material, notes = self.gloss("Pr 0.3\nPm 0.75\nPc 0.5\nPcr 0.25\naniso 0.5\nanisor 0.25\nNi 1.6\nPs 1\n")
         gloss = material["gloss"]
-        self.assertEqual((material["kind"], gloss["model"], material["metallic"]), ("clear coat", "metallic-roughness", 0))
+        self.assertEqual((material["kind"], gloss["model"], material["metallic"]),
+                         ("clear coat", "metallic-roughness", 0))
         for name, value in (("roughness", 0.3), ("metallic", 0.75), ("clearcoat", 0.5), ("clearcoat_roughness", 0.25),
                             ("anisotropy", 0.5), ("anisotropy_rotation", 1.5707963), ("ior", 1.6)):
             self.assertAlmostEqual(gloss[name], value, places=6)
@@ -161,6 +162,15 @@ class Mtl(importing.Case):
         self.assertIn("6 numbers of gloss", notes)
         material, notes = self.gloss("Ks 0\nNs -3\n")
         self.assertNotIn("numbers of gloss", notes)  # they mean nothing where nothing is reflected
+
+    def test_what_a_diffuse_bake_does_without_stops_none(self):
+        """What concerns gloss alone is no reason to refuse a file: a map without a name, a number before any
+        material."""
+        material, notes = self.gloss("Ks 1 1 1\nmap_Ks -clamp on\nmap_Pr\n")
+        self.assertEqual(material["gloss"]["textures"], [])
+        self.assertIn("2 numbers of gloss", notes)
+        self.assertEqual(self.read("Ks 1 1 1\nmap_Ks\nillum 2\nnewmtl a\nKd 0.5\n").json()["materials"][1]["kind"],
+                         "diffuse")
 
     def test_check(self):
         glass = "newmtl a\nillum 7\nNi 1.5\nd 0\nKd 1 1 1\n"

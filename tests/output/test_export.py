@@ -174,12 +174,13 @@ def gloss(folder):
     moved = {**use, "extensions": {"KHR_texture_transform": {"offset": [0.5, 0.25], "rotation": 1, "scale": [2, 3]}}}
     more = {"KHR_materials_specular": {"specularFactor": 0.5, "specularColorFactor": [1, 2, 3],
                                        "specularColorTexture": moved},
-            "KHR_materials_clearcoat": {"clearcoatFactor": 0.5, "clearcoatNormalTexture": {**use, "scale": 0.5}},
+            "KHR_materials_clearcoat": {"clearcoatFactor": 0.5, "clearcoatTexture": use,
+                                        "clearcoatNormalTexture": {**use, "scale": 0.5}},
             "KHR_materials_anisotropy": {"anisotropyStrength": 0.5, "anisotropyTexture": use}}
     glass, = [m for m in s.document["materials"] if m["name"] == "flint_glass"]
     glass["extensions"].update(more)
     glass["extensions"]["KHR_materials_volume"].update(attenuationDistance=2.5, attenuationColor=[0.25, 0.5, 1])
-    glass["pbrMetallicRoughness"]["metallicRoughnessTexture"] = moved
+    glass["pbrMetallicRoughness"].update(metallicRoughnessTexture=moved, metallicFactor=0.25, roughnessFactor=0.5)
     s.document["extensionsUsed"] += [*more, "KHR_texture_transform"]
     s.document.update(images=[{"uri": "a%20pixel.png"}], textures=[{"source": 0}],
                       buffers=[{"byteLength": len(s.blob), "uri": "the%20buffer.bin"}])
@@ -200,6 +201,19 @@ def gloss(folder):
     out = os.path.join(folder, "gloss-out.glb")
     kiln("export", there, "-o", out)
     assert gltf_file.File(out).json["materials"] == s.document["materials"]
+    # from the scene file alone, materials are written anew: read again, they are the same
+    own = bake(os.path.join(there, "scene.kscene"), os.path.join(folder, "gloss-own"))
+    read = [[m["gloss"] for m in json.loads(kiln("info", path, "--json").stdout)["materials"]]
+            for path in (scene, os.path.join(own, "scene.glb"))]
+    assert read[0] == read[1] and len(read[0][1]["textures"]) == 5, read
+    file = gltf_file.File(os.path.join(own, "scene.glb"))
+    info = file.json["materials"][1]["pbrMetallicRoughness"]["metallicRoughnessTexture"]
+    transform = info["extensions"]["KHR_texture_transform"]
+    assert np.allclose([*transform["offset"], transform["rotation"], *transform["scale"]], [0.5, 0.25, 1, 2, 3])
+    part = file.json["meshes"][node["mesh"]]["primitives"][0]
+    assert info["texCoord"] == 2
+    assert np.array_equal(np.unique(file.floats(part["attributes"]["TEXCOORD_2"]), axis=0),
+                          np.unique(coordinates[0].reshape(-1, 2), axis=0))
 
 
 def other_formats(folder):

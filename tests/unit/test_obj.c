@@ -1,4 +1,4 @@
-/* Tests of the parts of the OBJ reader: numbers, words and lines, polygons. */
+/* Tests of the parts of the OBJ reader: numbers, words and lines, polygons; and where maps of gloss lie. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -9,10 +9,12 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "coordinator/import/obj_polygon.h"
 #include "coordinator/import/obj_symbols.h"
 #include "coordinator/import/obj_text.h"
+#include "coordinator/import/read.h"
 
 static bool parse(const char *text, double *value)
 {
@@ -216,6 +218,57 @@ static void names_keep_their_numbers(void **state)
     obj_symbols_destroy(&s);
 }
 
+static void put(const char *folder, const char *name, const void *bytes, size_t size)
+{
+    char path[128];
+    (void)snprintf(path, sizeof path, "%s/%s", folder, name);
+    FILE *file = fopen(path, "wb");
+    assert_non_null(file);
+    assert_int_equal(fwrite(bytes, 1, size, file), size);
+    (void)fclose(file);
+}
+
+/* -s and -o of a map: the gloss coordinate, transformed, is where the same map as base colour is read. */
+static void maps_of_gloss_lie_where_those_of_colour_do(void **state)
+{
+    (void)state;
+    static const char scene[] = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.1 0.2\nvt 0.9 0.3\nvt 0.4 0.8\n"
+                                "usemtl a\nf 1/1 2/2 3/3\n",
+                      materials[] = "newmtl a\nmap_Kd -s 2 3 1 -o 0.5 0.25 0 t.tga\n"
+                                    "map_Pr -s 2 3 1 -o 0.5 0.25 0 t.tga\nmap_Pm t.tga\n";
+    static const unsigned char image[18 + 6] = {[2] = 2, [12] = 2, [14] = 1, [16] = 24, [18] = 1, 2, 3, 4, 5, 6};
+    static const char *const names[] = {"scene.obj", "m.mtl", "t.tga"};
+    char folder[] = "/tmp/kiln-test-XXXXXX", path[64];
+    struct kiln_builder *b = NULL;
+    struct kiln_error error = {""};
+    assert_non_null(mkdtemp(folder));
+    put(folder, names[0], scene, sizeof scene - 1);
+    put(folder, names[1], materials, sizeof materials - 1);
+    put(folder, names[2], image, sizeof image);
+    (void)snprintf(path, sizeof path, "%s/scene.obj", folder);
+    assert_int_equal(kiln_builder_create(&b, NULL), KILN_OK);
+    const struct kiln_import_params params = {.path = path, .environment_scale = 1.0};
+    if (kiln_import_read(&params, NULL, b, &error) != KILN_OK)
+        fail_msg("%s", error.message);
+    const struct kiln_gloss *g = KILN_BUILDER_DATA(b, const struct kiln_gloss, KILN_SECTION_GLOSS);
+    const struct kiln_vec2 *gloss = KILN_BUILDER_DATA(b, const struct kiln_vec2, KILN_SECTION_TEXCOORD_GLOSS),
+                           *base = KILN_BUILDER_DATA(b, const struct kiln_vec2, KILN_SECTION_TEXCOORD_BASE);
+    assert_int_equal(b->sections[KILN_SECTION_GLOSS].count, 1);
+    assert_int_equal(b->sections[KILN_SECTION_TEXCOORD_GLOSS].count, 3);
+    const float *t = g->textures[KILN_GLOSS_ROUGHNESS].transform, *same = g->textures[KILN_GLOSS_METALLIC].transform;
+    for (int v = 0; v < 3; v++) {
+        assert_true(fabsf(t[0] * gloss[v].x + t[1] * gloss[v].y + t[2] - base[v].x) < 1e-6f);
+        assert_true(fabsf(t[3] * gloss[v].x + t[4] * gloss[v].y + t[5] - base[v].y) < 1e-6f);
+        assert_true(same[0] == 1.0f && same[4] == 1.0f && same[2] == 0.0f && same[5] == 0.0f);
+    }
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        (void)snprintf(path, sizeof path, "%s/%s", folder, names[i]);
+        (void)unlink(path);
+    }
+    (void)rmdir(folder);
+    kiln_builder_destroy(&b);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -228,6 +281,7 @@ int main(void)
         cmocka_unit_test(a_concave_quadrilateral_is_cut_at_its_reflex_corner),
         cmocka_unit_test(large_and_hopeless_polygons_end),
         cmocka_unit_test(names_keep_their_numbers),
+        cmocka_unit_test(maps_of_gloss_lie_where_those_of_colour_do),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -104,8 +104,8 @@ enum {
     KILN_GLOSS_ALPHA_TRANSMITS = 4
 };
 
-/* What a file says of a material besides its diffuse part. Only materials that say something other than
- * kiln_gloss_default have one, and scenes without such materials have no section of them. Numbers are factors, before
+/* What a file says of a material besides its diffuse part. Materials that are diffuse (kiln_gloss_kind) and of which
+ * kiln_gloss_default says all have none; scenes of such materials have no section of them. Numbers are factors, before
  * their textures; angles are counter-clockwise about the normal, seen from the front. */
 struct kiln_gloss {
     uint32_t material;            /* ascending in the section: at most one for each material */
