@@ -22,10 +22,9 @@
  * they let light straight through.
  *
  * Else it is the light that a bake with so many bounces gives: surfaces are diffuse; D(x0) and the direction to x1 are
- * about
- * the shading normal with the weights of the gather pass (gather.h; w1, whose mean is 1), everything further about the
- * geometric normal; a metal that the camera sees is shown by its base colour, and reflects nothing else; materials have
- * no normal maps. A ray that meets the back of a single-sided surface, or of a solid's, brings nothing. A ray meets a
+ * about the shading normal with the weights of the gather pass (gather.h; w1, whose mean is 1), everything further about
+ * the geometric normal; a metal that the camera sees is shown by its base colour, and reflects nothing else; materials
+ * have no normal maps. A ray that meets the back of a single-sided surface, or of a solid's, brings nothing. A ray meets a
  * surface that lets light through with a chance that is its opacity, and is tinted by those that it passes; shadow rays
  * take the product of what they let through.
  *
