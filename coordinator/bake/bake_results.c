@@ -5,6 +5,7 @@
 #include <sys/stat.h>
 
 #include "coordinator/bake/bake_private.h"
+#include "coordinator/bake/leaf_means.h"
 #include "coordinator/bake/run_report.h"
 #include "coordinator/export/export.h"
 #include "coordinator/files/publish.h"
@@ -12,6 +13,7 @@
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/read/results.h"
+#include "worker/base/color.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 
@@ -77,6 +79,8 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
         kiln_phase(&b->phases, "lightmaps");
         kiln_progress_phase(b->progress, "lightmaps", 0);
         status = kiln_write_lightmaps(&result, &params, b->lightmaps, error);
+    } else if (status == KILN_OK) {
+        status = kiln_leaf_means(b->lightmaps, &result, kiln_luminance(b->emission.emitted), error);
     }
     if (status == KILN_OK && b->job->vertex_light) {
         kiln_phase(&b->phases, "vertices");
@@ -199,6 +203,7 @@ static int write_report(struct kiln_bake *b, struct kiln_error *error)
                                  .solution = b->solution,
                                  .volume = &b->volume,
                                  .lightmaps = b->lightmaps,
+                                 .vertices = &b->vertices,
                                  .density = &b->density,
                                  .visible = &b->visible,
                                  .phases = &b->phases,

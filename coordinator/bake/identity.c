@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "coordinator/bake/visible_from.h"
 #include "coordinator/job/options.h"
 #include "coordinator/files/checksummed_json.h"
 #include "worker/base/text.h"
@@ -19,6 +20,7 @@ static const char *const counting[] = {"environment",
                                        "samples-bounce",
                                        "samples-indirect",
                                        "indirect-scale",
+                                       "guide",
                                        "only-visible-from",
                                        "seed",
                                        "ambient-occlusion",
@@ -97,6 +99,9 @@ json_t *kiln_identity_make(const struct kiln_job *job, const struct kiln_prepare
     for (size_t i = 0; i < scene->source_count; i++)
         (void)json_object_set_new(sources, kiln_scene_string(scene, scene->sources[i].path),
                                   kiln_hash_json(scene->sources[i].hash));
+    uint64_t views[2];
+    if (job->only_visible_from != NULL && kiln_visible_from_hash(job->only_visible_from, views))
+        (void)json_object_set_new(fields, "camera path", kiln_hash_json(views));
     (void)json_object_set_new(fields, "scene content", kiln_hash_json(scene->header->content_hash));
     (void)json_object_set_new(fields, "kiln", json_string(KILN_VERSION));
     return json_pack("{s:o, s:o, s:o, s:{s:s, s:s}}", "fields", fields, "probes", probes, "sources", sources, "machine",

@@ -14,6 +14,7 @@ struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, c
         .samples_bounce = job->samples_bounce,
         .samples_indirect = job->samples_indirect,
         .indirect_scale = 1u << job->indirect_scale,
+        .guide = job->guide > 0,
         .seen_only = job->only_visible_from != NULL,
         .compact = kiln_exchange_is_compact(job->exchange, points),
         .seed = job->seed,

@@ -84,6 +84,8 @@ static json_t *settings_json(const struct kiln_job *job)
                                                  : "auto");
     if (job->indirect_scale > 0)
         json_object_set_new(settings, "indirect_scale", json_integer((json_int_t)1 << job->indirect_scale));
+    if (job->guide > 0)
+        json_object_set_new(settings, "guide", json_string("auto"));
     add_quantities(settings, job);
     add_range(settings, job);
     return settings;
@@ -101,7 +103,7 @@ static json_t *scene_json(const struct kiln_prepared *p)
                      "sources", sources, "objects", (json_int_t)s->object_count, "triangles",
                      (json_int_t)p->geometry->triangle_count, "emissive_triangles", (json_int_t)p->lights->area_count,
                      "punctual_lights", (json_int_t)s->light_count, "texels_per_metre",
-                     (double)s->header->texels_per_metre);
+                     p->surface->bricks == NULL ? (double)s->header->texels_per_metre : 0.0);
 }
 
 /* The store, and the leaves of octrees. */
@@ -375,19 +377,22 @@ static json_t *objects_json(const struct kiln_run *run)
         const char *name = kiln_scene_string(scene, scene->objects[i].name);
         const struct kiln_lightmap_report *r = &run->lightmaps[i];
         char path[512];
-        const bool published = run->prepared->surface->lightmaps[i].published != 0;
+        const bool published = run->prepared->surface->lightmaps[i].published != 0,
+                   octree = run->prepared->surface->bricks != NULL;
         (void)snprintf(path, sizeof path, "lightmaps/%s.exr", name);
         json_t *object = json_pack(
             "{s:s, s:s, s:s?, s:i, s:i, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "name",
             kiln_scene_string(scene, scene->objects[i].original_name), "file_name", name, "lightmap",
-            published ? path : NULL, "width", (int)scene->objects[i].lightmap_width, "height",
-            (int)scene->objects[i].lightmap_height, "valid", (json_int_t)r->valid, "filled", (json_int_t)r->filled,
-            "dilated", (json_int_t)r->dilated, "contested", (json_int_t)r->contested, "foreign", (json_int_t)r->foreign,
-            "border_texels", r->border, "border_disturbed", r->border_disturbed, "seam_before",
+            published ? path : NULL, "width", octree ? 0 : (int)scene->objects[i].lightmap_width, "height",
+            octree ? 0 : (int)scene->objects[i].lightmap_height, "valid", (json_int_t)r->valid, "filled",
+            (json_int_t)r->filled, "dilated", (json_int_t)r->dilated, "contested", (json_int_t)r->contested, "foreign",
+            (json_int_t)r->foreign, "border_texels", r->border, "border_disturbed", r->border_disturbed, "seam_before",
             r->seam_difference_before, "seam_after", r->seam_difference_after, "texels_per_metre", r->texels_per_metre,
             "mean", r->mean, "relative_error", r->error);
         if (kiln_job_parts(run->job) > 1)
             json_object_set_new(object, "mean_error", json_real(r->mean_error));
+        if (run->job->vertex_light)
+            json_object_set_new(object, "vertex_error", json_real((double)run->vertices->error[i]));
         if (run->density->done) {
             json_object_set_new(object, "mean_at_half_density", json_real(run->density->objects[i].coarse));
             json_object_set_new(object, "half_density_error", json_real(run->density->objects[i].error));
@@ -696,6 +701,9 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "mpi", mpi);
     if (run->volume->size[0] != 0)
         json_object_set_new(root, "volume", volume_json(run, values));
+    if (run->job->vertex_light)
+        json_object_set_new(root, "vertices",
+                            json_pack("{s:I}", "count", (json_int_t)run->vertices->first[run->vertices->object_count]));
     json_object_set_new(root, "objects", objects_json(run));
     json_object_set_new(root, "borders", borders_json(run));
     json_object_set_new(root, "denoise", denoise_json(run));

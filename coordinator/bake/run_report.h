@@ -9,6 +9,7 @@
 #include "coordinator/field/result.h"
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/output/map/lightmaps.h"
+#include "coordinator/output/vertex_light.h"
 
 struct kiln_run {
     const struct kiln_job *job;
@@ -16,6 +17,7 @@ struct kiln_run {
     const struct kiln_solution *solution;
     const struct kiln_volume_result *volume;      /* size 0: there is no volume */
     const struct kiln_lightmap_report *lightmaps; /* rank 0: one for each lightmap of the surface */
+    const struct kiln_vertex_light *vertices;     /* rank 0, if the job asks for them */
     const struct kiln_density_check *density;
     const struct kiln_visible_from *visible;
     const struct kiln_phases *phases;

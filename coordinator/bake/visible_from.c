@@ -5,6 +5,8 @@
 #include <string.h>
 #include <strings.h>
 
+#include <xxhash.h>
+
 #include "coordinator/mpi/agree.h"
 #include "coordinator/view/camera_path.h"
 #include "coordinator/view/view.h"
@@ -98,10 +100,30 @@ static int named_cameras(struct search *s, const char *names, struct kiln_error 
     return status;
 }
 
-static int find_views(struct search *s, const char *views, struct kiln_error *error)
+static bool is_file(const char *views)
 {
     const size_t length = strlen(views);
-    if (length > 4 && strcasecmp(views + length - 4, ".csv") == 0)
+    return length > 4 && strcasecmp(views + length - 4, ".csv") == 0;
+}
+
+bool kiln_visible_from_hash(const char *views, uint64_t hash[2])
+{
+    struct search s = {.count = 0};
+    struct kiln_error error;
+    const bool known = is_file(views) && path_views(&s, views, &error) == KILN_OK;
+    if (known) {
+        const XXH128_hash_t of = XXH3_128bits(s.frames, s.count * sizeof *s.frames);
+        hash[0] = of.low64;
+        hash[1] = of.high64;
+    }
+    kiln_free(&s.wishes);
+    kiln_free(&s.frames);
+    return known;
+}
+
+static int find_views(struct search *s, const char *views, struct kiln_error *error)
+{
+    if (is_file(views))
         return path_views(s, views, error);
     return strcmp(views, "all") == 0 ? all_cameras(s, error) : named_cameras(s, views, error);
 }

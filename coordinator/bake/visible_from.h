@@ -32,6 +32,10 @@ int kiln_visible_from_find(struct kiln_visible_from *visible, const struct kiln_
                            struct kiln_error *error);
 void kiln_visible_from_release(struct kiln_visible_from *visible);
 
+/* Hash of the frames of a path, low half first, where `views` names a file; false where it does not, or where the file
+ * cannot be read. Not collective. */
+bool kiln_visible_from_hash(const char *views, uint64_t hash[2]);
+
 /* Takes the validity of the surface's own points that are not seen, once nothing will gather from them. */
 void kiln_visible_from_leave_seen(const struct kiln_surface *surface, const uint16_t *seen);
 

@@ -83,7 +83,7 @@ static int add_object(struct pair *p, uint32_t object, struct kiln_texel_sums *s
         (void)snprintf(name, sizeof name, "lightmaps/%s.exr",
                        kiln_scene_string(p->scenes[i], p->scenes[i]->objects[object].name));
         status = kiln_results_image(p->results[i], name, wanted, sizeof wanted / sizeof *wanted, &images[i], error);
-        in[i] = (struct kiln_compared){p->scenes[i], object, images[i]};
+        in[i] = (struct kiln_compared){.scene = p->scenes[i], .object = object, .lightmap = images[i]};
     }
     if (status == KILN_OK) {
         p->differing += count_differing(images[0], images[1]);

@@ -1,5 +1,5 @@
-/* kiln compare: compares two lightmaps, or all lightmaps of two bakes. If lightmaps differ in size, they are compared
- * at sample points on the surfaces. */
+/* kiln compare: compares two lightmaps, or all lightmaps of two bakes. If lightmaps differ in size, or a bake has
+ * octrees, they are compared at sample points on the surfaces. */
 #include "coordinator/view/compare.h"
 
 #include <dirent.h>
@@ -25,7 +25,7 @@
 #include "worker/base/text.h"
 
 struct one {
-    char name[256]; /* name of the lightmap's file; empty if two files are compared */
+    char name[256]; /* of the lightmap's file, or with octrees of the object; empty if two files are compared */
     struct kiln_difference difference;
     double worst_place[3];       /* position, m; only if sampled */
     uint32_t object_a, object_b; /* only if sampled */
@@ -36,11 +36,13 @@ struct comparison {
     struct one *ones;
     size_t count, capacity;
     struct kiln_difference total;
-    size_t worst;                               /* index of the image with the worst texel */
-    struct kiln_results *results_a, *results_b; /* if folders are compared */
-    struct kiln_reader *reader;                 /* if files are compared */
-    struct kiln_scene *scene_a, *scene_b; /* not NULL: the lightmaps differ in size and are compared at sample points */
-    double area;                          /* of all objects, m2; only if sampled */
+    size_t worst;                                     /* index of the image with the worst texel */
+    struct kiln_results *results_a, *results_b;       /* if folders are compared */
+    struct kiln_reader *reader;                       /* if files are compared */
+    struct kiln_scene *scene_a, *scene_b;             /* not NULL: the bakes are compared at sample points */
+    struct kiln_compared_leaves *leaves_a, *leaves_b; /* of bakes with octrees; else NULL */
+    bool same_leaves, same_light;                     /* both have the same ones; and the same light in them */
+    double area;                                      /* of all objects, m2; only if sampled */
 };
 
 /* Number of sample points on all objects, and the least number on an object. */
@@ -73,13 +75,17 @@ static int read_pair(const struct comparison *c, size_t k, struct kiln_image **a
 {
     char name[300];
     *a = *b = NULL;
-    const bool files = c->ones[k].name[0] == '\0';
-    (void)snprintf(name, sizeof name, "lightmaps/%s", c->ones[k].name);
-    int status =
-        files ? read_file(c->reader, c->a, a, error) : kiln_results_image(c->results_a, name, NULL, 0, a, error);
-    if (status == KILN_OK)
-        status =
-            files ? read_file(c->reader, c->b, b, error) : kiln_results_image(c->results_b, name, NULL, 0, b, error);
+    const bool octrees = c->leaves_a != NULL || c->leaves_b != NULL;
+    int status = KILN_OK;
+    if (c->ones[k].name[0] == '\0') {
+        status = read_file(c->reader, c->a, a, error);
+        return status == KILN_OK ? read_file(c->reader, c->b, b, error) : status;
+    }
+    (void)snprintf(name, sizeof name, "lightmaps/%s%s", c->ones[k].name, octrees ? ".exr" : "");
+    if (c->leaves_a == NULL)
+        status = kiln_results_image(c->results_a, name, NULL, 0, a, error);
+    if (status == KILN_OK && c->leaves_b == NULL)
+        status = kiln_results_image(c->results_b, name, NULL, 0, b, error);
     return status;
 }
 
@@ -87,7 +93,8 @@ static int read_pair(const struct comparison *c, size_t k, struct kiln_image **a
 static int compare_sampled(const struct comparison *c, struct one *one, const struct kiln_image *a,
                            const struct kiln_image *b, struct kiln_error *error)
 {
-    const struct kiln_compared in_a = {c->scene_a, one->object_a, a}, in_b = {c->scene_b, one->object_b, b};
+    const struct kiln_compared in_a = {c->scene_a, one->object_a, a, c->leaves_a},
+                               in_b = {c->scene_b, one->object_b, b, c->leaves_b};
     const double share = c->area > 0.0 ? kiln_object_area(c->scene_a, one->object_a) / c->area : 0.0;
     struct kiln_samples samples;
     int status = kiln_samples_take(&samples, &in_a, &in_b, (size_t)fmax(SAMPLES_LEAST, SAMPLES * share), error);
@@ -95,7 +102,7 @@ static int compare_sampled(const struct comparison *c, struct one *one, const st
         return status;
     status = kiln_compare_images(samples.a, samples.b, &one->difference, error);
     if (status == KILN_OK) {
-        one->difference.identical = false;
+        one->difference.identical = c->same_light;
         one->difference.weight = samples.area / (double)samples.count;
         memcpy(one->worst_place, samples.positions[one->difference.worst_x], sizeof one->worst_place);
     }
@@ -163,8 +170,51 @@ static int list_lightmaps(struct comparison *c, const struct kiln_results *resul
     return status;
 }
 
-/* Lists the lightmaps of both folders, which must have the same names; a lightmap that is missing on one side is an
- * error. */
+static void close_scenes(struct comparison *c)
+{
+    kiln_scene_close(&c->scene_a);
+    kiln_scene_close(&c->scene_b);
+}
+
+/* Opens both scenes, and the leaves of the bakes that have octrees; without any, closes the scenes again. */
+static int open_leaves(struct comparison *c, struct kiln_error *error)
+{
+    if (!kiln_results_has(c->results_a, "scene.kscene") || !kiln_results_has(c->results_b, "scene.kscene"))
+        return KILN_OK;
+    int status = kiln_results_scene(c->results_a, &c->scene_a, error);
+    if (status == KILN_OK)
+        status = kiln_results_scene(c->results_b, &c->scene_b, error);
+    if (status == KILN_OK)
+        status = kiln_compared_leaves_open(&c->leaves_a, c->results_a, c->scene_a, c->a, error);
+    if (status == KILN_OK)
+        status = kiln_compared_leaves_open(&c->leaves_b, c->results_b, c->scene_b, c->b, error);
+    if (status != KILN_OK || (c->leaves_a == NULL && c->leaves_b == NULL)) {
+        close_scenes(c);
+    } else if (c->leaves_a != NULL && c->leaves_b != NULL) {
+        c->same_light = kiln_compared_leaves_same(c->leaves_a, c->leaves_b, true);
+        c->same_leaves = c->same_light || kiln_compared_leaves_same(c->leaves_a, c->leaves_b, false);
+    }
+    if (c->same_leaves) {
+        kiln_compared_leaves_alone(c->leaves_a);
+        kiln_compared_leaves_alone(c->leaves_b);
+    }
+    return status;
+}
+
+/* Lists the objects of a scene that have light. */
+static int list_objects(struct comparison *c, const struct kiln_scene *scene, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; status == KILN_OK && i < scene->object_count; i++)
+        if ((scene->objects[i].flags & KILN_OBJECT_CASTER_ONLY) == 0)
+            status = add_one(c, kiln_scene_string(scene, scene->objects[i].name), error);
+    if (status == KILN_OK && c->count > 0)
+        qsort(c->ones, c->count, sizeof *c->ones, compare_names);
+    return status;
+}
+
+/* Lists the lightmaps or, of bakes with octrees, the objects of both folders, which must have the same names; a
+ * lightmap that is missing on one side is an error. */
 static int list_pairs(struct comparison *c, struct kiln_error *error)
 {
     struct comparison other = {0};
@@ -172,16 +222,19 @@ static int list_pairs(struct comparison *c, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_results_open(&c->results_b, c->b, error);
     if (status == KILN_OK)
-        status = list_lightmaps(c, c->results_a, c->a, error);
+        status = open_leaves(c, error);
+    const bool octrees = c->leaves_a != NULL || c->leaves_b != NULL;
     if (status == KILN_OK)
-        status = list_lightmaps(&other, c->results_b, c->b, error);
+        status = octrees ? list_objects(c, c->scene_a, error) : list_lightmaps(c, c->results_a, c->a, error);
+    if (status == KILN_OK)
+        status = octrees ? list_objects(&other, c->scene_b, error) : list_lightmaps(&other, c->results_b, c->b, error);
     for (size_t i = 0; status == KILN_OK && (i < c->count || i < other.count); i++) {
         const int order = i >= c->count ? 1 : i >= other.count ? -1 : strcmp(c->ones[i].name, other.ones[i].name);
         if (order != 0)
             status = kiln_fail(error, KILN_BAD_INPUT,
-                               "lightmap '%s' is in '%s' but not in '%s': these are not bakes of the same scene",
-                               order < 0 ? c->ones[i].name : other.ones[i].name, order < 0 ? c->a : c->b,
-                               order < 0 ? c->b : c->a);
+                               "%s '%s' is in '%s' but not in '%s': these are not bakes of the same scene",
+                               octrees ? "object" : "lightmap", order < 0 ? c->ones[i].name : other.ones[i].name,
+                               order < 0 ? c->a : c->b, order < 0 ? c->b : c->a);
     }
     if (status == KILN_OK && c->count == 0)
         status =
@@ -190,39 +243,36 @@ static int list_pairs(struct comparison *c, struct kiln_error *error)
     return status;
 }
 
-/* The object whose lightmap is lightmaps/NAME. */
-static int find_object(const struct kiln_scene *scene, const char *name, const char *directory, uint32_t *object,
-                       struct kiln_error *error)
+/* The object whose name and `ending` make up `name`: that of a lightmap, or of the object itself. */
+static int find_object(const struct kiln_scene *scene, const char *name, const char *ending, const char *directory,
+                       uint32_t *object, struct kiln_error *error)
 {
     for (*object = 0; *object < scene->object_count; (*object)++) {
         const char *own = kiln_scene_string(scene, scene->objects[*object].name);
-        if (strncmp(own, name, strlen(own)) == 0 && strcmp(name + strlen(own), ".exr") == 0)
+        if (strncmp(own, name, strlen(own)) == 0 && strcmp(name + strlen(own), ending) == 0)
             return KILN_OK;
     }
     return kiln_fail(error, KILN_BAD_INPUT, "'%s/scene.kscene' has no object for the lightmap '%s'", directory, name);
 }
 
-static void close_scenes(struct comparison *c)
-{
-    kiln_scene_close(&c->scene_a);
-    kiln_scene_close(&c->scene_b);
-}
-
-/* Opens the scenes of both bakes, and keeps them open if any lightmap differs in size. Folders without scene files are
- * compared texel by texel. */
+/* Opens the scenes of both bakes, and keeps them open if any lightmap differs in size, or one is an octree. Folders
+ * without scene files are compared texel by texel. */
 static int decide_how(struct comparison *c, struct kiln_error *error)
 {
-    bool same = true;
+    bool same = c->leaves_a == NULL && c->leaves_b == NULL;
+    const char *ending = same ? ".exr" : "";
+    int status = KILN_OK;
     if (!kiln_results_has(c->results_a, "scene.kscene") || !kiln_results_has(c->results_b, "scene.kscene"))
         return KILN_OK;
-    int status = kiln_results_scene(c->results_a, &c->scene_a, error);
-    if (status == KILN_OK)
+    if (c->scene_a == NULL)
+        status = kiln_results_scene(c->results_a, &c->scene_a, error);
+    if (status == KILN_OK && c->scene_b == NULL)
         status = kiln_results_scene(c->results_b, &c->scene_b, error);
     for (size_t k = 0; status == KILN_OK && k < c->count; k++) {
         struct one *one = &c->ones[k];
-        status = find_object(c->scene_a, one->name, c->a, &one->object_a, error);
+        status = find_object(c->scene_a, one->name, ending, c->a, &one->object_a, error);
         if (status == KILN_OK)
-            status = find_object(c->scene_b, one->name, c->b, &one->object_b, error);
+            status = find_object(c->scene_b, one->name, ending, c->b, &one->object_b, error);
         if (status != KILN_OK)
             break;
         const struct kiln_object *a = &c->scene_a->objects[one->object_a], *b = &c->scene_b->objects[one->object_b];
@@ -306,8 +356,10 @@ static int print_json(const struct comparison *c, struct kiln_error *error)
     for (size_t k = 0; k < c->count && c->ones[k].name[0] != '\0'; k++)
         json_object_set_new(objects, c->ones[k].name, difference_json(&c->ones[k].difference));
     if (json_object_size(objects) > 0) {
-        json_object_set_new(json_object_get(root, "worst"), "lightmap", json_string(c->ones[c->worst].name));
-        json_object_set(root, "lightmaps", objects);
+        json_object_set_new(json_object_get(root, "worst"),
+                            c->leaves_a != NULL || c->leaves_b != NULL ? "object" : "lightmap",
+                            json_string(c->ones[c->worst].name));
+        json_object_set(root, c->leaves_a != NULL || c->leaves_b != NULL ? "objects" : "lightmaps", objects);
     }
     json_decref(objects);
     return kiln_json_print(root, error);
@@ -320,7 +372,11 @@ static void print_text(const struct comparison *c)
     const char *unit = c->results_b != NULL ? kiln_units_of_bake(c->results_b)->irradiance_text : "W/m2";
     (void)printf("%s\n", d->identical ? "bit-identical" : "different");
     if (c->scene_a != NULL)
-        (void)puts("sampled    at points spread over the surfaces by area, since the lightmaps differ in size");
+        (void)printf("sampled    at points spread over the surfaces by area, %s\n",
+                     c->same_leaves                               ? "each for the leaf that it lies in"
+                     : c->leaves_a != NULL && c->leaves_b != NULL ? "between leaves, since these differ"
+                     : c->leaves_a != NULL || c->leaves_b != NULL ? "since one bake has leaves and the other lightmaps"
+                                                                  : "since the lightmaps differ in size");
     (void)printf("%s     %llu valid in both, %llu of them wholly inside charts\n",
                  c->scene_a != NULL ? "places" : "texels", (unsigned long long)d->texels,
                  (unsigned long long)d->interior);
@@ -354,10 +410,9 @@ static int write_picture(const struct comparison *c, const char *path, struct ki
     struct kiln_image *a, *b;
     uint8_t *bytes = NULL;
     if (c->scene_a != NULL)
-        return kiln_fail(
-            error, KILN_USAGE,
-            "--output %s: there is no picture of lightmaps that differ in size; without it the numbers are printed",
-            path);
+        return kiln_fail(error, KILN_USAGE,
+                         "--output %s: there is no picture of %s; without it the numbers are printed", path,
+                         c->leaves_a != NULL || c->leaves_b != NULL ? "octrees" : "lightmaps that differ in size");
     int status = read_pair(c, c->worst, &a, &b, error);
     if (status == KILN_OK)
         status = kiln_allocate(&bytes, (size_t)a->width * a->height * 3, 1, "a picture", error);
@@ -387,6 +442,8 @@ int kiln_command_compare(struct kiln_job *job, struct kiln_error *error)
         status = print_json(&c, error);
     else if (status == KILN_OK && !job->quiet)
         print_text(&c);
+    kiln_compared_leaves_close(&c.leaves_a);
+    kiln_compared_leaves_close(&c.leaves_b);
     close_scenes(&c);
     kiln_reader_destroy(&c.reader);
     kiln_results_close(&c.results_a);

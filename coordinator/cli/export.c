@@ -1,8 +1,9 @@
-/* kiln export DIR: writes the scene with its lightmaps for engines. */
+/* kiln export DIR: writes the scene with its lightmaps, or its light at vertices, for engines. */
 #include "coordinator/export/export.h"
 
 #include <errno.h>
 #include <jansson.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,6 +17,7 @@
 #include "coordinator/export/pages.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/field/units.h"
+#include "coordinator/output/read/rows.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 
@@ -26,10 +28,40 @@ struct export
     char fallback[KILN_PATH_SIZE], folder[KILN_PATH_SIZE], scene_file[KILN_PATH_SIZE], source[KILN_PATH_SIZE];
     struct kiln_results *results;
     struct kiln_scene *scene;
-    uint8_t *backs; /* for each object, whether its back has a lightmap; NULL: none has */
-    struct kiln_pages *pages;
-    json_t *run; /* content of run.json */
+    uint8_t *backs;           /* for each object, whether its back has a lightmap; NULL: none has */
+    struct kiln_pages *pages; /* NULL: the bake has no lightmaps */
+    struct kiln_link *none;   /* then: one for each object */
+    float(*light)[3];         /* irradiance of the vertices of all objects; NULL: the bake has none */
+    uint64_t vertices;        /* how many */
+    json_t *run;              /* content of run.json */
 };
+
+static bool has_lightmaps(const struct export *e)
+{
+    const json_t *store = json_object_get(json_object_get(e->run, "store"), "kind");
+    return !json_is_string(store) || strcmp(json_string_value(store), "lightmap") == 0;
+}
+
+/* Refuses a bake that has nothing for an engine, and options for lightmaps where there are none. */
+static int check_store(const struct export *e, struct kiln_error *error)
+{
+    if (has_lightmaps(e))
+        return KILN_OK;
+    if (json_object_get(e->run, "vertices") == NULL)
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%.512s has neither lightmaps nor light at vertices to export: its light is in the leaves of "
+                         "an octree, /points and /irradiance of kiln.h5; bake with --vertex-light, or with --store "
+                         "lightmap",
+                         e->directory);
+    const char *option = e->job->atlas != 0                ? "atlas"
+                         : e->job->range > 0.0             ? "range"
+                         : e->job->format != KILN_PAGE_EXR ? "format"
+                                                           : NULL;
+    return option == NULL
+               ? KILN_OK
+               : kiln_fail(error, KILN_USAGE, "--%s is for lightmaps, and %.512s has none: its light is at vertices",
+                           option, e->directory);
+}
 
 /* Reads run.json, which names the scene that was baked. */
 static int read_run(struct export *e, struct kiln_error *error)
@@ -41,18 +73,12 @@ static int read_run(struct export *e, struct kiln_error *error)
         return kiln_fail(error, KILN_NO_INPUT, "%.512s holds no finished bake: there is no run.json in it; bake first",
                          e->directory);
     const char *source = json_string_value(json_object_get(json_object_get(e->run, "scene"), "path"));
-    const json_t *store = json_object_get(json_object_get(e->run, "store"), "kind");
-    if (status == KILN_OK && json_is_string(store) && strcmp(json_string_value(store), "lightmap") != 0)
-        return kiln_fail(error, KILN_BAD_INPUT,
-                         "%.512s has no lightmaps to export: its light is in an octree, in kiln.h5; bake with --store "
-                         "lightmap, or with --vertex-light for a scene.glb with light at vertices",
-                         e->directory);
     if (status == KILN_OK)
         (void)snprintf(e->source, sizeof e->source, "%s",
                        e->job->source != NULL ? e->job->source
                        : source != NULL       ? source
                                               : "");
-    return status;
+    return status == KILN_OK ? check_store(e, error) : status;
 }
 
 /* Finds out from run.json which objects have a lightmap of their back. */
@@ -74,6 +100,31 @@ static int find_backs(struct export *e, struct kiln_error *error)
         e->backs[i] = 1;
     }
     return KILN_OK;
+}
+
+/* Reads the light at vertices, if the bake has it. */
+static int read_light(struct export *e, struct kiln_error *error)
+{
+    static const char *const dataset = "/vertices/irradiance";
+    struct kiln_image *rows = NULL;
+    e->vertices = kiln_export_vertices(e->scene);
+    if (json_object_get(e->run, "vertices") == NULL || e->vertices == 0)
+        return KILN_OK;
+    int status = kiln_results_image(e->results, "kiln.h5", &dataset, 1, &rows, error);
+    if (status == KILN_OK && (rows->width != e->vertices || kiln_rows_of(rows, dataset, 2) == NULL))
+        status = kiln_fail(error, KILN_BAD_INPUT,
+                           "%.512s/kiln.h5 does not have the vertices of scene.kscene; bake again", e->directory);
+    if (status == KILN_OK)
+        status = kiln_allocate(&e->light, (size_t)e->vertices, sizeof *e->light, "irradiance at vertices", error);
+    for (uint64_t i = 0; status == KILN_OK && i < 3 * e->vertices; i++) {
+        const float value = kiln_rows_of(rows, dataset, (unsigned)(i % 3))[i / 3];
+        e->light[i / 3][i % 3] = value;
+        if (!(value >= 0.0f && isfinite(value)))
+            status = kiln_fail(error, KILN_BAD_INPUT, "%.512s/kiln.h5: vertex %llu has irradiance %g; bake again",
+                               e->directory, (unsigned long long)(i / 3), (double)value);
+    }
+    kiln_image_destroy(&rows);
+    return status;
 }
 
 /* Creates the folder of the .glb file unless it exists. */
@@ -113,7 +164,7 @@ static bool is_scene_file(const char *path)
     return length >= 7 && strcmp(path + length - 7, ".kscene") == 0;
 }
 
-static int write_all(struct export *e, struct kiln_error *error)
+static int write_pages(struct export *e, struct kiln_error *error)
 {
     const struct kiln_pages_params params = {.directory = e->directory,
                                              .results = e->results,
@@ -123,7 +174,14 @@ static int write_all(struct export *e, struct kiln_error *error)
                                              .format = (enum kiln_page_format)e->job->format,
                                              .range = e->job->range,
                                              .atlas = e->job->atlas};
-    int status = kiln_pages_write(&e->pages, &params, error);
+    return has_lightmaps(e)
+               ? kiln_pages_write(&e->pages, &params, error)
+               : kiln_allocate(&e->none, e->scene->object_count, sizeof *e->none, "the export's links", error);
+}
+
+static int write_all(struct export *e, struct kiln_error *error)
+{
+    const int status = write_pages(e, error);
     if (status != KILN_OK)
         return status;
     const bool gltf = kiln_export_has_gltf(e->scene) && !is_scene_file(e->source);
@@ -131,33 +189,45 @@ static int write_all(struct export *e, struct kiln_error *error)
         return kiln_fail(error, KILN_NO_INPUT,
                          "%.512s/run.json does not say where the scene is that was baked; say it with --scene",
                          e->directory);
-    const struct kiln_export_params scene = {.source = gltf ? e->source : NULL,
-                                             .scene_file = e->scene_file,
-                                             .scene = e->scene,
-                                             .output = e->output,
-                                             .unit = kiln_units_of_bake(e->results)->irradiance_text,
-                                             .encoding = kiln_page_encoding(params.format),
-                                             .links = e->pages->links,
-                                             .pages = e->pages->pages,
-                                             .page_count = e->pages->page_count,
-                                             .coordinates = e->pages->coordinates,
-                                             .drop_baked_lights = e->job->drop_baked_lights};
+    struct kiln_export_params scene = {.source = gltf ? e->source : NULL,
+                                       .scene_file = e->scene_file,
+                                       .scene = e->scene,
+                                       .output = e->output,
+                                       .unit = kiln_units_of_bake(e->results)->irradiance_text,
+                                       .encoding = kiln_page_encoding((enum kiln_page_format)e->job->format),
+                                       .links = e->none,
+                                       .light = (const float(*)[3])e->light,
+                                       .drop_baked_lights = e->job->drop_baked_lights};
+    if (e->pages != NULL) {
+        scene.links = e->pages->links;
+        scene.pages = e->pages->pages;
+        scene.page_count = e->pages->page_count;
+        scene.coordinates = e->pages->coordinates;
+    }
     return kiln_export_scene(&scene, error);
 }
 
 static int tell(const struct export *e, struct kiln_error *error)
 {
+    const size_t pages = e->pages != NULL ? e->pages->page_count : 0;
+    const double used = e->pages != NULL ? e->pages->used : 0.0;
+    const uint64_t vertices = e->light != NULL ? e->vertices : 0;
     uint64_t texels = 0;
-    for (size_t i = 0; i < e->pages->page_count; i++)
+    char at_vertices[64] = "";
+    for (size_t i = 0; i < pages; i++)
         texels += (uint64_t)e->pages->pages[i].width * e->pages->pages[i].height;
     if (e->job->json)
-        return kiln_json_print(json_pack("{s:s, s:o, s:I, s:I, s:f}", "status", "done", "output",
-                                         kiln_json_string(e->output), "pages", (json_int_t)e->pages->page_count,
-                                         "texels", (json_int_t)texels, "used", e->pages->used),
+        return kiln_json_print(json_pack("{s:s, s:o, s:I, s:I, s:f, s:I}", "status", "done", "output",
+                                         kiln_json_string(e->output), "pages", (json_int_t)pages, "texels",
+                                         (json_int_t)texels, "used", used, "vertices", (json_int_t)vertices),
                                error);
-    if (!e->job->quiet)
-        kiln_print(stdout, "%s: %zu objects, %zu pages, %.2f million texels, %.1f %% of them used\n", e->output,
-                   e->scene->object_count, e->pages->page_count, 1e-6 * (double)texels, 100.0 * e->pages->used);
+    if (vertices > 0)
+        (void)snprintf(at_vertices, sizeof at_vertices, ", light at %llu vertices", (unsigned long long)vertices);
+    if (!e->job->quiet && e->pages == NULL)
+        kiln_print(stdout, "%s: %zu objects, no lightmaps%s\n", e->output, e->scene->object_count, at_vertices);
+    else if (!e->job->quiet)
+        kiln_print(stdout, "%s: %zu objects, %zu pages, %.2f million texels, %.1f %% of them used%s\n", e->output,
+                   e->scene->object_count, pages, 1e-6 * (double)texels, 100.0 * used, at_vertices);
     return KILN_OK;
 }
 
@@ -182,10 +252,14 @@ int kiln_command_export(struct kiln_job *job, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_lock_refuse(e.directory, error);
     if (status == KILN_OK)
+        status = read_light(&e, error);
+    if (status == KILN_OK)
         status = write_all(&e, error);
     if (status == KILN_OK)
         status = tell(&e, error);
     kiln_pages_destroy(&e.pages);
+    kiln_free(&e.none);
+    kiln_free(&e.light);
     kiln_free(&e.backs);
     json_decref(e.run);
     kiln_scene_close(&e.scene);

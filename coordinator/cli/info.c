@@ -221,11 +221,43 @@ static json_t *info_json(const struct kiln_scene_survey *look, const struct kiln
                      (json_int_t)s->mapped_bytes, "import_seconds", look->import.seconds);
 }
 
+/* Whether no mesh has a layout for lightmaps, as in the scene file of a bake into octrees. */
+static bool lacks_layouts(const struct kiln_scene *s)
+{
+    for (size_t i = 0; i < s->mesh_count; i++)
+        if ((s->meshes[i].flags & KILN_MESH_NO_LAYOUT) == 0)
+            return false;
+    return s->mesh_count > 0;
+}
+
+/* What is said of lightmaps. */
+static void print_surface(const struct kiln_scene_survey *look)
+{
+    const struct kiln_scene *s = look->scene;
+    const struct kiln_surface_report *r = &look->surface;
+    if (lacks_layouts(s)) {
+        (void)printf("  layout       none: this scene was baked into octrees, whose leaves are in kiln.h5\n");
+        return;
+    }
+    (void)printf("  density      ");
+    if (s->header->texels_per_metre > 0.0f)
+        (void)printf("%.3g texels per metre; it comes to ", (double)s->header->texels_per_metre);
+    (void)printf("%.3g to %.3g texels per metre, median %.3g\n", look->density_min, look->density_max,
+                 look->density_median);
+    (void)printf("  lightmaps    %llu texels, %llu of them surface points\n", (unsigned long long)look->texels,
+                 (unsigned long long)r->points);
+    (void)printf("  overlap      %.3g %% of the points are shared by charts\n",
+                 100.0 * share(r->shared_texels, r->points));
+    (void)printf("  invalid      %.3g %% of the points lie inside other geometry\n",
+                 100.0 * share(look->invalid, r->points));
+    (void)printf("  area         %.6g m2; texel areas of the worst object are off by %.2g %%\n", r->geometry_area,
+                 100.0 * r->worst_object_area_error);
+}
+
 static void print_counts(const struct kiln_scene_survey *look, const struct kiln_job *job)
 {
     const struct kiln_scene *s = look->scene;
     const double *low = s->header->bounds_min, *high = s->header->bounds_max;
-    const struct kiln_surface_report *r = &look->surface;
     const struct kiln_environment *e = s->environment;
     const struct kiln_units *units = kiln_units_of(job->units, s);
     kiln_print(stdout, "%s\n", job->scene);
@@ -244,19 +276,8 @@ static void print_counts(const struct kiln_scene_survey *look, const struct kiln
         (void)printf(", %u x %u", e->width, e->height);
     (void)printf("\n  units        %s, %s: %s (--units says otherwise)", units->kind, units->irradiance_text,
                  kiln_units_reason(job->units, s));
-    (void)printf("\n  density      ");
-    if (s->header->texels_per_metre > 0.0f)
-        (void)printf("%.3g texels per metre; it comes to ", (double)s->header->texels_per_metre);
-    (void)printf("%.3g to %.3g texels per metre, median %.3g\n", look->density_min, look->density_max,
-                 look->density_median);
-    (void)printf("  lightmaps    %llu texels, %llu of them surface points\n", (unsigned long long)look->texels,
-                 (unsigned long long)r->points);
-    (void)printf("  overlap      %.3g %% of the points are shared by charts\n",
-                 100.0 * share(r->shared_texels, r->points));
-    (void)printf("  invalid      %.3g %% of the points lie inside other geometry\n",
-                 100.0 * share(look->invalid, r->points));
-    (void)printf("  area         %.6g m2; texel areas of the worst object are off by %.2g %%\n", r->geometry_area,
-                 100.0 * r->worst_object_area_error);
+    (void)fputc('\n', stdout);
+    print_surface(look);
 }
 
 static int print_objects(const struct kiln_scene_survey *look, bool all, struct kiln_error *error)

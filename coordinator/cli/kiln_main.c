@@ -90,11 +90,15 @@ static int check_scene(const struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-static int check_folder(const char *folder, struct kiln_error *error)
+/* Whether a scene may stand in the place of the folder of a bake: path-traced views take both. */
+static bool may_be_scene(const struct kiln_job *job) { return job->view_method == KILN_VIEW_METHOD_path; }
+
+static int check_folder(const struct kiln_job *job, const char *folder, struct kiln_error *error)
 {
     struct stat status;
     if (stat(folder, &status) != 0)
-        return kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "cannot read folder %.500s", folder);
+        return kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "cannot read %s %.500s",
+                               may_be_scene(job) ? "scene or folder of a bake" : "folder", folder);
     if (!S_ISDIR(status.st_mode))
         return kiln_fail(error, KILN_NO_INPUT, "%.500s is a file; name the folder that a bake was written to", folder);
     if (kiln_folder_of_bake(folder))
@@ -106,13 +110,11 @@ static int check_folder(const char *folder, struct kiln_error *error)
         folder);
 }
 
-/* Whether the argument of a command that takes the folder of a bake is a scene in its place, which path-traced views
- * take too. */
+/* Whether the argument of a command that takes the folder of a bake is a scene in its place. */
 static bool takes_scene(const struct kiln_job *job)
 {
     struct stat status;
-    return job->view_method == KILN_VIEW_METHOD_path && stat(job->arguments[0], &status) == 0 &&
-           !S_ISDIR(status.st_mode);
+    return may_be_scene(job) && stat(job->arguments[0], &status) == 0 && !S_ISDIR(status.st_mode);
 }
 
 static int prepare(struct kiln_job **job, int argc, char **argv, const struct kiln_command *command,
@@ -122,7 +124,7 @@ static int prepare(struct kiln_job **job, int argc, char **argv, const struct ki
     if (status == KILN_OK && command->folder && takes_scene(*job))
         (*job)->scene = (*job)->arguments[0];
     else if (status == KILN_OK && command->folder)
-        status = check_folder((*job)->arguments[0], error);
+        status = check_folder(*job, (*job)->arguments[0], error);
     return status != KILN_OK ? status : check_scene(*job, error);
 }
 

@@ -45,6 +45,8 @@ static json_t *seconds_json(const struct kiln_plan *p)
     const struct kiln_roles *roles = &p->steps.roles;
     json_t *seconds = json_pack("{s:f, s:f, s:f, s:f, s:f}", "import", s->import, "world", s->world, "surface",
                                 s->surface, "validity", s->validity, "emission", s->emission);
+    if (p->visible.views > 0)
+        (void)json_object_set_new(seconds, "views", json_real(s->views));
     for (uint32_t r = 0; r < roles->count; r++)
         (void)json_object_set_new(seconds, roles->of[r]->total, json_real(s->light[r]));
     json_t *after = json_pack("{s:f, s:f, s:f, s:f, s:f, s:i, s:f}", "probes", s->probes, "exchange", s->exchange,
@@ -97,13 +99,24 @@ static json_t *curve_json(const struct kiln_roles *roles, const struct kiln_scal
     return array;
 }
 
+static json_t *rank_set_json(const struct kiln_rank_set *r, uint32_t rank)
+{
+    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I}", "rank", (json_int_t)rank, "own_points",
+                     (json_int_t)r->own_points, "triangles", (json_int_t)r->triangles, "points", (json_int_t)r->points,
+                     "radiance_probes", (json_int_t)r->probes, "bytes", (json_int_t)r->bytes);
+}
+
 static json_t *working_set_json(const struct kiln_working_set *w)
 {
-    return json_pack("{s:I, s:f, s:I, s:f, s:I, s:f, s:I, s:I, s:I}", "triangles_most", (json_int_t)w->triangles_most,
-                     "triangles_mean", w->triangles_mean, "points_most", (json_int_t)w->points_most, "points_mean",
-                     w->points_mean, "bytes_most", (json_int_t)w->bytes_most, "bytes_mean", w->bytes_mean, "bytes_all",
-                     (json_int_t)w->bytes_all, "radiance_probes", (json_int_t)w->probes, "radiance_probe_bytes",
-                     (json_int_t)w->probe_bytes);
+    json_t *ranks = json_array();
+    for (uint32_t r = 0; r < w->rank_count; r++)
+        (void)json_array_append_new(ranks, rank_set_json(&w->ranks[r], r));
+    return json_pack(
+        "{s:I, s:f, s:I, s:f, s:I, s:f, s:I, s:f, s:I, s:I, s:I, s:o}", "triangles_most", (json_int_t)w->most.triangles,
+        "triangles_mean", w->triangles_mean, "points_most", (json_int_t)w->most.points, "points_mean", w->points_mean,
+        "radiance_probes_most", (json_int_t)w->most.probes, "radiance_probes_mean", w->probes_mean, "bytes_most",
+        (json_int_t)w->most.bytes, "bytes_mean", w->bytes_mean, "bytes_all", (json_int_t)w->bytes_all,
+        "radiance_probes", (json_int_t)w->probes, "radiance_probe_bytes", (json_int_t)w->probe_bytes, "ranks", ranks);
 }
 
 static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)
@@ -125,6 +138,11 @@ static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)
     json_decref(more);
     if (all != NULL && p->working_set.probes > 0)
         (void)json_object_set_new(all, "working_set", working_set_json(&p->working_set));
+    if (all != NULL && p->visible.views > 0)
+        (void)json_object_set_new(all, "visible_from",
+                                  json_pack("{s:I, s:I, s:I, s:I}", "views", (json_int_t)p->visible.views, "valid",
+                                            (json_int_t)p->visible.points, "seen", (json_int_t)p->visible.points_seen,
+                                            "reached", (json_int_t)p->visible.points_reached));
     return all;
 }
 
@@ -134,6 +152,10 @@ static void print_cells(const struct kiln_plan *p, const struct kiln_job *job)
 {
     (void)printf("%llu triangles, %llu surface points, %llu probes\n", (unsigned long long)p->triangles,
                  (unsigned long long)p->surface.points, (unsigned long long)p->probes);
+    if (p->visible.views > 0)
+        (void)printf("of %llu that light can reach, %llu are seen from %llu views, and %llu more light these\n",
+                     (unsigned long long)p->visible.points, (unsigned long long)p->visible.points_seen,
+                     (unsigned long long)p->visible.views, (unsigned long long)p->visible.points_reached);
     (void)printf("%llu cells of %g m, %llu of them occupied\n", (unsigned long long)p->surface.cells_total,
                  p->surface.cell_size, (unsigned long long)p->surface.cells_occupied);
     (void)printf("%u rank%s: %.1f cells and %llu to %llu points each, imbalance %.1f %% by points\n\n", job->ranks,
@@ -171,20 +193,40 @@ static void print_memory(const struct kiln_plan *p, const struct kiln_job *job)
                  fits < 1.0 ? 0.0 : floor(fits));
 }
 
+enum { RANKS_TOLD = 16 };
+
+static void print_set(const char *name, double own, double triangles, double points, double probes, double bytes)
+{
+    (void)printf("%9s%12.0f%12.0f%12.0f%12.0f%12.1f\n", name, own, triangles, points, probes, bytes / 0x1p20);
+}
+
+static void print_rank_set(const char *name, const struct kiln_rank_set *r)
+{
+    print_set(name, (double)r->own_points, (double)r->triangles, (double)r->points, (double)r->probes,
+              (double)r->bytes);
+}
+
 static void print_working_set(const struct kiln_plan *p, const struct kiln_job *job)
 {
     const struct kiln_working_set *w = &p->working_set;
     if (w->probes == 0)
         return;
-    (void)printf("within %g m of its points a rank has at most %llu of %llu triangles (mean %.0f) and %llu of %llu "
-                 "surface points (mean %.0f)\n",
-                 job->radiance.range, (unsigned long long)w->triangles_most, (unsigned long long)p->triangles,
-                 w->triangles_mean, (unsigned long long)w->points_most, (unsigned long long)p->surface.points,
-                 w->points_mean);
-    (void)printf("its rays need at most %.1f MiB (mean %.1f), %.1f of them for %llu radiance probes; without a range "
-                 "%.1f MiB\n\n",
-                 mebibytes(w->bytes_most), w->bytes_mean / 0x1p20, mebibytes(w->probe_bytes),
-                 (unsigned long long)w->probes, mebibytes(w->bytes_all));
+    (void)printf(
+        "what rays of a rank's points may reach, which end at %g m, and the radiance probes that they may ask\n"
+        "%9s%12s%12s%12s%12s%12s\n",
+        job->radiance.range, "rank", "own points", "triangles", "points", "probes", "MiB");
+    for (uint32_t r = 0; r < w->rank_count && w->rank_count <= RANKS_TOLD; r++) {
+        char name[16];
+        (void)snprintf(name, sizeof name, "%u", r);
+        print_rank_set(name, &w->ranks[r]);
+    }
+    print_rank_set("most", &w->most);
+    print_set("mean", (double)p->surface.points / w->rank_count, w->triangles_mean, w->points_mean, w->probes_mean,
+              w->bytes_mean);
+    print_set("no range", (double)p->surface.points, (double)p->triangles, (double)p->surface.points, 0.0,
+              (double)w->bytes_all);
+    (void)printf("a rank keeps all %llu probes, %.1f MiB; points that see none have rays without an end\n\n",
+                 (unsigned long long)w->probes, mebibytes(w->probe_bytes));
 }
 
 static void print_balance(const struct kiln_simulated_light *light)
@@ -233,8 +275,10 @@ static void print_time(const struct kiln_plan *p, const struct kiln_job *job)
                  "bounces assumed)\n",
                  p->calibration_seconds, p->bounces);
     (void)printf("  before     %10.2f s  import %.2f, BVH %.2f, surface points %.2f, validity %.2f, emission %.2f\n",
-                 s->import + s->world + s->surface + s->validity + s->emission, s->import, s->world, s->surface,
-                 s->validity, s->emission);
+                 s->import + s->world + s->surface + s->validity + s->views + s->emission, s->import, s->world,
+                 s->surface, s->validity, s->emission);
+    if (p->visible.views > 0)
+        (void)printf("                          and what the views see %.2f\n", s->views);
     print_light(p);
     if (job->target_error > 0.0)
         (void)printf(

@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "coordinator/export/export.h"
 #include "coordinator/import/child.h"
 #include "worker/base/memory.h"
 

@@ -30,8 +30,6 @@ struct kiln_export_task {
     const float (*light)[3];             /* per vertex of each object: irradiance; NULL: none */
 };
 
-/* The number of vertices of all objects together, each with those of its mesh. */
-uint64_t kiln_export_vertices(const struct kiln_scene *scene);
 /* Adds an accessor of `count` colours, RGB, and returns its index; that of as many white ones. */
 uint32_t kiln_export_colors(struct kiln_glb_build *b, const float (*colors)[3], size_t count);
 uint32_t kiln_export_white(struct kiln_glb_build *b, size_t count);

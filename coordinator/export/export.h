@@ -73,6 +73,9 @@ bool kiln_export_has_gltf(const struct kiln_scene *scene);
 /* Whether an object's lightmap is among the results. */
 bool kiln_export_is_published(const struct kiln_scene *scene, size_t object);
 
+/* The number of vertices of all objects together, each with those of its mesh. */
+uint64_t kiln_export_vertices(const struct kiln_scene *scene);
+
 /* Estimate of the size in bytes of a scene's .glb. */
 uint64_t kiln_export_size(const struct kiln_scene *scene);
 

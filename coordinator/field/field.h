@@ -121,7 +121,7 @@ const struct kiln_field *kiln_field_shown(const char *name);
 /* The same of direct light, in a bake with a target error. */
 #define KILN_FIELD_SAMPLES_DIRECT "samples_direct"
 
-enum { KILN_FIELDS_MAX = 32 };
+enum { KILN_FIELDS_MAX = 36 };
 
 /* The fields that one bake has, in the table's order. */
 struct kiln_field_set {

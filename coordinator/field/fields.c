@@ -7,6 +7,7 @@
 
 #include "coordinator/field/packed_error.h"
 #include "coordinator/field/rank_data.h"
+#include "worker/pass/guided.h"
 #include "worker/scene/radiosity.h"
 
 #define AT(member) offsetof(struct kiln_rank_data, member)
@@ -27,6 +28,7 @@ static bool has_late_bounces(const struct kiln_job *job)
 }
 static bool has_views(const struct kiln_job *job) { return job->only_visible_from != NULL; }
 static bool has_blocks(const struct kiln_job *job) { return job->indirect_scale > 0; }
+static bool has_guide(const struct kiln_job *job) { return job->guide > 0; }
 static bool receives_visible(const struct kiln_job *job) { return job->exchange_points == KILN_EXCHANGE_VISIBLE; }
 static bool has_target(const struct kiln_job *job) { return job->target_error > 0.0; }
 static bool wants_errors_apart(const struct kiln_job *job) { return job->error_map || kiln_job_denoises(job); }
@@ -347,6 +349,15 @@ static const struct kiln_field table[] = {
      .life = KILN_FIELD_RESULT, /* found once, and moves with the points */
      .member = AT(surface.near_probes),
      .present = has_probes},
+    {.name = "guide",
+     .type = KILN_FIELD_FLOAT,
+     .components = KILN_GUIDE_FLOATS,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(surface.guide),
+     .saved = KILN_FIELD_SAVED,
+     .high = FLT_MAX,
+     .present = has_guide},
     /* scratch of a step */
     {.name = "next",
      .type = KILN_FIELD_RADIOSITY,

@@ -131,11 +131,12 @@ static int end_step(struct kiln_lockstep *l, struct kiln_error *error)
     return status;
 }
 
-/* Collective. What a step of the integrator needs before its batches: where its gather rays end, the radiance probes.
- */
+/* Collective. What a step of the integrator needs before its batches: guides, and where its gather rays end, the
+ * radiance probes. */
 static int prepare_step(struct kiln_lockstep *l, struct kiln_error *error)
 {
     const struct kiln_step *step = &kiln_solution_step(l->solution)->step;
+    l->params->surface->guide = l->solution->own->surface.guide; /* which may have moved */
     const bool asks = l->radiance != NULL && step->quantity == NULL && step->pass->reads_radiosity;
     return asks ? kiln_radiance_update(l->radiance, error) : KILN_OK;
 }

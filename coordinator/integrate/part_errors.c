@@ -4,6 +4,8 @@
 
 #include "coordinator/field/packed_error.h"
 #include "coordinator/job/job.h"
+#include "coordinator/mpi/agree.h"
+#include "worker/base/memory.h"
 
 enum {
     REACH = 2, /* texels: how far variances are averaged */
@@ -24,15 +26,59 @@ static float variance_of(const float parts[KILN_PARTS])
     return square / (float)(KILN_PARTS * (KILN_PARTS - 1));
 }
 
-/* The variances of a tile run's points at their places in the tile; -1 where there is none. */
+/* The variances of a tile run's points, to their places in the tile. */
 static void lay_out(const struct kiln_rank_data *data, const struct kiln_tile_run *run, float tile[SIDE * SIDE])
 {
     struct kiln_own_point own = kiln_own_of_global(&data->surface, run->first);
-    for (int i = 0; i < SIDE * SIDE; i++)
-        tile[i] = -1.0f;
     for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, own.at++)
         if (kiln_point_valid(&data->surface, own))
             tile[__builtin_ctzll(rest)] = variance_of(data->parts + KILN_PARTS * own.at);
+}
+
+static void clear(float *variances, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        variances[i] = -1.0f;
+}
+
+/* Where the variances of a tile that has several tile runs stand; NULL: it has one, or they are not shared. */
+static float *shared_of(const struct kiln_part_survey *survey, const struct kiln_surface *s,
+                        const struct kiln_tile_run *run)
+{
+    const struct kiln_tile *tile = &s->tiles[s->lightmaps[run->map].tile_first + run->tile];
+    if ((tile->first & KILN_TILE_SPLIT) == 0 || survey->shared == NULL)
+        return NULL;
+    return survey->shared + (size_t)KILN_PART_ERRORS * survey->shared_of[tile->first & ~KILN_TILE_SPLIT];
+}
+
+/* Collective. The variances of all points of tiles that have several tile runs. */
+static int share(const struct kiln_integrate_params *p, const struct kiln_rank_data *data,
+                 struct kiln_part_survey *survey, struct kiln_error *error)
+{
+    const struct kiln_surface *s = &data->surface;
+    const uint64_t limit = p->settings->exchange_limit, most = limit > 0 && limit < 1u << 30 ? limit : 1u << 30;
+    uint32_t tiles = 0;
+    int status = kiln_allocate(&survey->shared_of, (size_t)s->split_count, sizeof *survey->shared_of,
+                               "the errors of tiles", error);
+    for (uint64_t t = 0; t < s->tile_count && status == KILN_OK; t++)
+        if ((s->tiles[t].first & KILN_TILE_SPLIT) != 0 && s->tiles[t].mask != 0)
+            survey->shared_of[s->tiles[t].first & ~KILN_TILE_SPLIT] = tiles++;
+    const size_t count = (size_t)KILN_PART_ERRORS * tiles;
+    if (status == KILN_OK)
+        status = kiln_allocate(&survey->shared, count, sizeof *survey->shared, "the errors of tiles", error);
+    status = kiln_agree(p->communicator, status, error);
+    if (status != KILN_OK)
+        return status;
+    clear(survey->shared, count);
+    for (size_t i = 0; i < s->tile_run_count; i++) {
+        float *tile = shared_of(survey, s, &s->tile_runs[i]);
+        if (tile != NULL)
+            lay_out(data, &s->tile_runs[i], tile);
+    }
+    for (size_t at = 0; at < count; at += most)
+        (void)MPI_Allreduce(MPI_IN_PLACE, survey->shared + at, (int)(count - at < most ? count - at : most), MPI_FLOAT,
+                            MPI_MAX, p->communicator);
+    return KILN_OK;
 }
 
 static float pooled(const float tile[SIDE * SIDE], int place)
@@ -97,9 +143,12 @@ int kiln_part_survey(const struct kiln_integrate_params *p, const struct kiln_ra
                      struct kiln_error *error)
 {
     double sums[2] = {0.0, 0.0};
+    *survey = (struct kiln_part_survey){.shared = NULL};
     int status = find_mean(p, data, unit, &survey->mean, error);
     if (status == KILN_OK)
         status = add_variances(p, data, survey->mean, sums, error);
+    if (status == KILN_OK && !(p->settings->target_error > 0.0))
+        status = share(p, data, survey, error);
     survey->gain = has_quarters(part) && sums[1] > sums[0]
                        ? sqrt(fmax(3.0 * sums[0] / (4.0 * sums[1] - sums[0]), GAIN_LEAST))
                        : 1.0;
@@ -109,8 +158,19 @@ int kiln_part_survey(const struct kiln_integrate_params *p, const struct kiln_ra
 void kiln_part_errors(const struct kiln_rank_data *data, const struct kiln_tile_run *run,
                       const struct kiln_part_survey *survey, float errors[KILN_PART_ERRORS])
 {
-    float tile[SIDE * SIDE];
-    lay_out(data, run, tile);
+    float own[SIDE * SIDE];
+    const float *tile = shared_of(survey, &data->surface, run);
+    if (tile == NULL) {
+        clear(own, SIDE * SIDE);
+        lay_out(data, run, own);
+        tile = own;
+    }
     for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1)
         *errors++ = sqrtf((float)survey->gain * pooled(tile, __builtin_ctzll(rest)));
+}
+
+void kiln_part_survey_release(struct kiln_part_survey *survey)
+{
+    kiln_free(&survey->shared);
+    kiln_free(&survey->shared_of);
 }

@@ -136,6 +136,8 @@ int kiln_part_end(const struct kiln_integrate_params *p, struct kiln_solution *s
         return status;
     memcpy(data->sum, data->indirect, 3 * data->surface.count * sizeof *data->sum);
     status = kiln_part_survey(p, data, &part, unit, &survey, error);
-    state_errors(data, &survey);
+    if (status == KILN_OK)
+        state_errors(data, &survey);
+    kiln_part_survey_release(&survey);
     return status;
 }

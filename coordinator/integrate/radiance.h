@@ -9,7 +9,8 @@
  * fewest backs are; where that is still more than a quarter, it is off, and nobody asks it.
  *
  * No leaks. A point asks only probes that it sees: rays say so, once, before the first step that gathers. They are
- * exact for walls of any thickness. A point that sees none traces its rays without an end, which is not biased. */
+ * exact for walls of any thickness. A point that sees none, or none but such as are farther than the range and than
+ * what is around the point (radiance_sight.h), traces its rays without an end, which is not biased. */
 #ifndef KILN_COORDINATOR_INTEGRATE_RADIANCE_H
 #define KILN_COORDINATOR_INTEGRATE_RADIANCE_H
 

@@ -196,5 +196,6 @@ int kiln_round_judge(const struct kiln_integrate_params *p, const struct kiln_ra
     last->round = round;
     for (size_t i = 0; status == KILN_OK && round.to > 0 && i < data->surface.tile_run_count; i++)
         set_samples(p->settings, data, &round, i, data->samples[i] == 0);
+    kiln_part_survey_release(&t.survey);
     return status;
 }

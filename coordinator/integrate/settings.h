@@ -22,6 +22,7 @@ struct kiln_integrate_settings {
     bool tail;       /* add the geometric tail after the last bounce, though `bounces` is given */
     uint32_t samples_direct, samples_bounce, samples_indirect;
     uint32_t indirect_scale; /* texels a side of a block in bounces (blocks.h): a power of two; 1: each gathers */
+    bool guide;     /* bounces learn where light comes from, and the final gather follows (worker/pass/guided.h) */
     bool seen_only; /* the final gather and quantities are of tile runs that are seen (struct kiln_rank_data) */
     bool compact; /* radiosity travels in 4 bytes a point where an integrator can afford that: kiln_exchange_is_compact
                    */

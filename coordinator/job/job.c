@@ -250,7 +250,8 @@ static int settle_store(struct kiln_job *job, struct kiln_error *error)
     } of_lightmaps[] = {{"check-density", job->check_density},
                         {"denoise", job->denoise == KILN_DENOISE_REGRESSION},
                         {"export", job->export && !job->vertex_light},
-                        {"indirect-scale", job->indirect_scale > 0}};
+                        {"indirect-scale", job->indirect_scale > 0},
+                        {"guide", job->guide > 0}};
     if (job->store == KILN_STORE_KIND_LIGHTMAP)
         return job->leaf_size > 0.0 ? kiln_fail(error, KILN_USAGE, "--leaf-size needs --store octree or vertex")
                                     : KILN_OK;
@@ -298,6 +299,10 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
         status = kiln_fail(error, KILN_USAGE,
                            "--indirect-scale is for bounces that a final gather reads: --schedule equal has no final "
                            "gather; give --schedule lean, or --indirect-scale 1");
+    if (status == KILN_OK && job->guide > 0 && job->schedule == KILN_SCHEDULE_EQUAL)
+        status = kiln_fail(error, KILN_USAGE,
+                           "--guide is for the final gather, which --schedule equal does not have; give --schedule "
+                           "lean, or --guide none");
     if (status == KILN_OK && job->only_visible_from != NULL)
         status = check_visible_from(job, error);
     if (status == KILN_OK && job->exchange_points == KILN_EXCHANGE_VISIBLE && kiln_job_has_probes(job))

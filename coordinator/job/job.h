@@ -56,6 +56,7 @@ struct kiln_job {
     enum kiln_schedule schedule;
     uint32_t samples_direct, samples_bounce, samples_indirect; /* rays for each texel */
     int indirect_scale;      /* log2 of texels a side of a block in bounces (integrate/blocks.h) */
+    int guide;               /* 1: the final gather follows what the bounces learn (worker/pass/guided.h) */
     char *only_visible_from; /* cameras, or a path's file: bake/visible_from.h; NULL: all surfaces are lit */
     double target_error;     /* of a texel, relative: more samples until it is reached; 0: none */
     struct kiln_radiance_settings radiance;     /* probes that answer for what is far; see kiln_job_has_probes */

@@ -199,22 +199,24 @@ static bool is_cheap(const struct kiln_planned_steps *steps, uint32_t kind)
 /* What samples are taken of. */
 struct calibration {
     const struct kiln_prepared *p;
-    uint16_t *block; /* of all points (integrate/blocks.h); NULL: there are none */
+    uint16_t *block;      /* of all points (integrate/blocks.h); NULL: there are none */
+    const uint16_t *seen; /* of all tile runs (bake/visible_from.h); NULL: there are no views */
     uint64_t seed;
 };
 
 /* The points of a batch's tile runs that gather: as many as the batch has, to be freed. */
-static int draw_points(const struct calibration *c, const struct kiln_batch *batch, uint64_t **masks,
-                       struct kiln_error *error)
+static int draw_points(const struct calibration *c, const struct kiln_cost_kind *kind, const struct kiln_batch *batch,
+                       uint64_t **masks, struct kiln_error *error)
 {
     const struct kiln_surface *s = c->p->surface;
     const struct kiln_step step = {.stream = batch->stream};
     const int status = kiln_allocate(masks, batch->count, sizeof **masks, "a sample's points", error);
     for (size_t i = 0; status == KILN_OK && i < batch->count; i++) {
         const struct kiln_tile_run *run = &s->tile_runs[batch->first + i];
-        struct kiln_blocks_draw draw;
-        kiln_blocks_draw(&draw, s, run, c->block + kiln_own_of_global(s, run->first).at, c->seed, &step);
-        (*masks)[i] = draw.gathers;
+        struct kiln_blocks_draw draw = {.gathers = run->mask};
+        if (kind->by_blocks)
+            kiln_blocks_draw(&draw, s, run, c->block + kiln_own_of_global(s, run->first).at, c->seed, &step);
+        (*masks)[i] = kind->seen_only && c->seen[batch->first + i] == 0 ? 0 : draw.gathers;
     }
     return status;
 }
@@ -234,8 +236,8 @@ static int take_sample(const struct kiln_planned_steps *steps, const struct cali
                                    .stream = steps->kinds[k].stream,
                                    .samples = steps->kinds[k].samples};
         uint64_t *masks = NULL;
-        if (steps->kinds[k].by_blocks && c->block != NULL)
-            status = draw_points(c, &batch, &masks, error);
+        if (steps->kinds[k].by_blocks || steps->kinds[k].seen_only)
+            status = draw_points(c, &steps->kinds[k], &batch, &masks, error);
         batch.point_masks = masks;
         sample->points[k] = kiln_tile_runs_points(&tile_runs[first], &tile_runs[first + batch.count - 1]);
         if (status == KILN_OK)
@@ -362,6 +364,7 @@ static double bounce_bytes(const struct kiln_job *job, uint64_t points)
 struct timing {
     double probe;    /* s each */
     double emission; /* s in all */
+    double views;    /* s in all, by one rank */
 };
 
 /* All that does not depend on how even the ranks' work is. */
@@ -377,6 +380,7 @@ static void plan_before_and_after(struct kiln_plan *plan, const struct kiln_prep
         s->validity = phase_seconds(phases, "validity") * (double)plan->surface.points_max * together /
                       (double)plan->surface.points;
     s->emission = timing->emission * together;
+    s->views = timing->views * together / ranks;
     s->probes = timing->probe * ceil((double)plan->probes / ranks) * together;
     if (ranks > 1.0)
         plan->exchange_bytes =
@@ -389,8 +393,8 @@ static void plan_light(struct kiln_plan *plan)
     struct kiln_plan_seconds *s = &plan->seconds;
     s->exchange = plan->here.exchange;
     s->move = plan->here.light.move;
-    s->total =
-        s->import + s->world + s->surface + s->validity + s->emission + s->probes + s->exchange + s->move + s->write;
+    s->total = s->import + s->world + s->surface + s->validity + s->views + s->emission + s->probes + s->exchange +
+               s->move + s->write;
     for (uint32_t r = 0; r < plan->steps.roles.count; r++) {
         s->light[r] = plan->here.light.seconds[r];
         s->total += s->light[r];
@@ -497,7 +501,7 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
         .shared_a_point =
             s->validity / fmax(1.0, (double)plan->surface.points_max) +
             together * (H5_POINT_SECONDS + (texel * LIGHTMAP_TEXEL_SECONDS + denoise_seconds(job)) / p->threads),
-        .shared = timing->probe * (double)plan->probes * together,
+        .shared = (timing->probe * (double)plan->probes + timing->views) * together,
         .largest_object = (OWNER_TEXEL_SECONDS + denoise_seconds(job) / p->threads +
                            OWNER_TEXEL_BYTES / (job->node_bandwidth * 1e9)) *
                           (double)kiln_largest_lightmap(p->scene),
@@ -543,7 +547,7 @@ static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, 
                          struct timing *timing, struct kiln_error *error)
 {
     uint64_t *radiosity = NULL;
-    struct calibration c = {.p = p, .seed = job->seed};
+    struct calibration c = {.p = p, .seen = plan->visible.seen, .seed = job->seed};
     const double start = MPI_Wtime();
     int status = fill_radiosity(p, &radiosity, error);
     if (status == KILN_OK && job->indirect_scale > 0)
@@ -560,6 +564,18 @@ static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, 
     return status;
 }
 
+/* What the job's views need. */
+static int find_visible(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
+                        struct timing *timing, struct kiln_error *error)
+{
+    const double start = MPI_Wtime();
+    if (job->only_visible_from == NULL)
+        return KILN_OK;
+    const int status = kiln_visible_from_find(&plan->visible, p, job->only_visible_from, error);
+    timing->views = MPI_Wtime() - start;
+    return status;
+}
+
 int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared, const struct kiln_job *job,
                    const struct kiln_phases *phases, struct kiln_error *error)
 {
@@ -573,7 +589,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
                                                .cell_size = job->cell_size,
                                                .partition = job->partition_objects ? KILN_PARTITION_OBJECTS
                                                                                    : KILN_PARTITION_CELLS,
-                                               .whole_tiles = job->indirect_scale > 0,
+                                               .whole_tiles = job->indirect_scale > 0 || job->guide > 0,
                                                .both_sides = job->both_sides,
                                                .ranks = job->ranks,
                                                .threads = prepared->threads};
@@ -588,8 +604,10 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     if (status == KILN_OK) {
         plan->probes = volume.size[0] * volume.size[1] * volume.size[2];
         plan_disk(plan, prepared, job);
-        status = trace_samples(plan, prepared, job, &timing, error);
+        status = find_visible(plan, prepared, job, &timing, error);
     }
+    if (status == KILN_OK)
+        status = trace_samples(plan, prepared, job, &timing, error);
     if (status == KILN_OK) {
         plan_before_and_after(plan, prepared, job, phases, &timing);
         status = simulate(plan, prepared, job, &timing, error);
@@ -603,4 +621,9 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     return status;
 }
 
-void kiln_plan_release(struct kiln_plan *plan) { kiln_planned_steps_release(&plan->steps); }
+void kiln_plan_release(struct kiln_plan *plan)
+{
+    kiln_planned_steps_release(&plan->steps);
+    kiln_working_set_release(&plan->working_set);
+    kiln_visible_from_release(&plan->visible);
+}

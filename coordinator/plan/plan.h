@@ -4,6 +4,7 @@
 
 #include "coordinator/plan/working_set.h"
 #include "coordinator/bake/prepare.h"
+#include "coordinator/bake/visible_from.h"
 #include "coordinator/plan/simulate.h"
 
 /* Bytes of the fullest rank, by purpose. */
@@ -29,6 +30,7 @@ struct kiln_plan_memory {
  * samples of light. */
 struct kiln_plan_seconds {
     double import, world, surface, validity; /* reading, BVH, finding points (divided), finding buried ones */
+    double views;                            /* finding what the views of --only-visible-from see (divided) */
     double emission;                         /* light traced from the lights */
     double light[KILN_ROLES_MAX];            /* of the steps of each role */
     double probes, exchange;
@@ -60,10 +62,11 @@ struct kiln_plan {
     uint64_t disk_bytes;       /* their sum */
     uint64_t checkpoint_bytes; /* of a generation; two are kept while the bake runs */
     uint64_t probes;
-    double bytes_per_point;    /* fullest rank: surface and light, for each of its own points when it has all */
-    double bytes_per_triangle; /* scene and geometry; images and Embree's BVH aside */
-    double exchange_bytes;     /* that a rank receives in each bounce */
-    uint32_t bounces;          /* assumed */
+    double bytes_per_point;           /* fullest rank: surface and light, for each of its own points when it has all */
+    double bytes_per_triangle;        /* scene and geometry; images and Embree's BVH aside */
+    double exchange_bytes;            /* that a rank receives in each bounce */
+    uint32_t bounces;                 /* assumed */
+    struct kiln_visible_from visible; /* what the job's views need: numbers of points */
     struct kiln_working_set working_set; /* where gather rays end at a range */
     struct kiln_plan_sample samples[KILN_PLAN_SAMPLES];
     size_t sample_count;
@@ -76,8 +79,9 @@ struct kiln_plan {
 
 /* Not collective (prepared on MPI_COMM_SELF, with `phases` as it took them). Builds the surface points of one of
  * job->ranks ranks for their sizes, and traces a sample of the surface points for the times (20 s at most), with the
- * backend and the threads that a rank of this machine has. job->points, when not 0, stands for how many surface points
- * the scaling curves begin with. */
+ * backend and the threads that a rank of this machine has. With --only-visible-from, points that no view needs lose
+ * their validity, as in the bake. job->points, when not 0, stands for how many surface points the scaling curves begin
+ * with. */
 int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared, const struct kiln_job *job,
                    const struct kiln_phases *phases, struct kiln_error *error);
 void kiln_plan_release(struct kiln_plan *plan);

@@ -7,7 +7,6 @@
 #include "coordinator/surface/surface_build.h"
 #include "worker/base/memory.h"
 
-static const double WHOLE_CELLS = 0.1;   /* as the partition: cells stay whole up to so much imbalance */
 static const double BATCH_SECONDS = 1.0; /* of work in a batch, where checkpoints and signs of life ask for no less */
 
 struct state {
@@ -122,7 +121,7 @@ static int first_bounds(struct state *t, struct kiln_error *error)
         for (uint32_t r = 0; status == KILN_OK && r < t->ranks; r++)
             most = fmax(most, t->points[begins[r + 1]] - t->points[begins[r]]);
     }
-    const bool whole = most <= (1.0 + WHOLE_CELLS) * all / t->ranks;
+    const bool whole = most <= (1.0 + KILN_PARTITION_IMBALANCE) * all / t->ranks;
     t->grain = whole ? 1.0 : ceil(tile_runs) / tile_runs;
     for (uint32_t r = 0; status == KILN_OK && r <= t->ranks; r++)
         t->bounds[r] = whole ? t->points[begins[r]] : all * r / t->ranks;

@@ -10,6 +10,7 @@ struct kiln_cost_kind {
     const void *parameters;   /* of the pass */
     uint32_t samples, stream; /* stream: of the first such step */
     bool by_blocks;           /* one point of each block gathers (integrate/blocks.h) */
+    bool seen_only;           /* tile runs that no view sees are left out (bake/visible_from.h) */
 };
 
 enum { KILN_COST_KINDS_MAX = 12 };

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "coordinator/integrate/radiance_grid.h"
+#include "coordinator/surface/surface_build.h"
 #include "worker/base/memory.h"
 #include "worker/scene/footprint.h"
 
@@ -124,39 +125,96 @@ static bool is_near(const struct voxels *v, const struct kiln_geometry *g, uint6
     return count > 0;
 }
 
-/* Where rank r's points begin: at a cell. */
-static uint64_t begin_of(const struct kiln_surface *s, uint32_t r, uint32_t ranks)
+/* ---- ranks ---- */
+
+/* Cuts the points between cells, or with `runs` between tile runs, to `ranks` ranges: point begins[r] is the first of
+ * rank r. *imbalance is how much the largest is above the mean; INFINITY where there are fewer cells than ranks. */
+static int cut(const struct kiln_surface *s, bool runs, uint32_t ranks, uint64_t *begins, double *imbalance,
+               struct kiln_error *error)
 {
-    const uint64_t wanted = (uint64_t)((double)s->point_count * r / ranks);
-    if (r >= ranks || s->cell_first == NULL)
-        return r >= ranks ? s->point_count : wanted;
-    uint64_t low = 0, high = s->cell_count;
-    while (low < high) {
-        const uint64_t middle = low + (high - low) / 2;
-        if (s->cell_first[middle] < wanted)
-            low = middle + 1;
-        else
-            high = middle;
+    const size_t count = runs ? s->tile_run_count : s->cell_first != NULL ? (size_t)s->cell_count : 0;
+    uint64_t *points = NULL, most = 0;
+    *imbalance = INFINITY;
+    if (!runs && count < ranks)
+        return KILN_OK;
+    const int status = kiln_allocate(&points, count, sizeof *points, "the ranks' ranges", error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < count; i++)
+        points[i] = runs ? s->tile_runs[i].count : s->cell_first[i + 1] - s->cell_first[i];
+    kiln_partition_cut(points, count, ranks, begins);
+    for (uint32_t r = 0; r <= ranks; r++) {
+        const uint64_t unit = begins[r];
+        begins[r] = unit == count ? s->point_count : runs ? s->tile_runs[unit].first.at : s->cell_first[unit];
+        most = r > 0 && begins[r] - begins[r - 1] > most ? begins[r] - begins[r - 1] : most;
     }
-    return s->cell_first[low];
+    *imbalance = (double)most * ranks / (double)s->point_count - 1.0;
+    kiln_free(&points);
+    return KILN_OK;
 }
 
-static void add_rank(struct kiln_working_set *set, const struct voxels *v, const struct kiln_prepared *p,
-                     double triangle_bytes, uint32_t ranks)
+/* Where the ranks' points begin, and after the last of them: as the partition of a bake has them. */
+static int find_begins(const struct kiln_surface *s, uint32_t ranks, uint64_t *begins, struct kiln_error *error)
 {
-    uint64_t triangles = 0, points = 0;
+    double imbalance;
+    int status = cut(s, false, ranks, begins, &imbalance, error);
+    if (status == KILN_OK && !(imbalance <= KILN_PARTITION_IMBALANCE))
+        status = cut(s, true, ranks, begins, &imbalance, error);
+    return status;
+}
+
+static uint64_t probe_bytes(const struct kiln_probe_grid *grid)
+{
+    return grid->floats * sizeof(float) + sizeof(struct kiln_vec3);
+}
+
+/* Probes in voxels that are near. */
+static uint64_t count_probes(const struct voxels *v, const struct kiln_probe_grid *grid)
+{
+    uint64_t near = 0;
+    for (uint64_t i = 0; i < kiln_probes_count(grid); i++) {
+        uint32_t place[3];
+        voxel_of(v, kiln_probe_grid_position(grid, i), place);
+        near += v->near[index_of(v, place)];
+    }
+    return near;
+}
+
+/* From the rank's points [first, end). A ray asks corners of the cell that its end lies in: at most a spacing away, and
+ * a half more at the scene's bounds, where the end is outside of the grid. */
+static struct kiln_rank_set rank_set(struct voxels *v, const struct kiln_prepared *p,
+                                     const struct kiln_probe_grid *grid, uint64_t first, uint64_t end,
+                                     double triangle_bytes)
+{
+    uint64_t triangles = 0;
+    struct kiln_rank_set set = {.own_points = end - first};
+    mark(v, first, end, (double)grid->range + 1.5 * (double)grid->spacing);
+    set.probes = count_probes(v, grid);
+    mark(v, first, end, (double)grid->range);
+    add_up(v);
 #pragma omp parallel for num_threads((int)p->threads) reduction(+ : triangles)
     for (size_t t = 0; t < p->geometry->triangle_count; t++)
         triangles += is_near(v, p->geometry, t);
     for (uint64_t i = 0; i < p->surface->point_count; i++)
-        points += v->near[v->of_point[i]];
-    const double bytes = triangle_bytes * (double)triangles + (double)(points * sizeof(uint64_t) + set->probe_bytes);
-    set->triangles_most = triangles > set->triangles_most ? triangles : set->triangles_most;
-    set->points_most = points > set->points_most ? points : set->points_most;
-    set->bytes_most = bytes > (double)set->bytes_most ? (uint64_t)bytes : set->bytes_most;
-    set->triangles_mean += (double)triangles / ranks;
-    set->points_mean += (double)points / ranks;
-    set->bytes_mean += bytes / ranks;
+        set.points += v->near[v->of_point[i]];
+    set.triangles = triangles;
+    set.bytes =
+        (uint64_t)(triangle_bytes * (double)triangles) + set.points * sizeof(uint64_t) + set.probes * probe_bytes(grid);
+    return set;
+}
+
+static void add_rank(struct kiln_working_set *set, const struct kiln_rank_set *rank)
+{
+    struct kiln_rank_set *most = &set->most;
+    most->own_points = rank->own_points > most->own_points ? rank->own_points : most->own_points;
+    most->triangles = rank->triangles > most->triangles ? rank->triangles : most->triangles;
+    most->points = rank->points > most->points ? rank->points : most->points;
+    most->probes = rank->probes > most->probes ? rank->probes : most->probes;
+    most->bytes = rank->bytes > most->bytes ? rank->bytes : most->bytes;
+    set->triangles_mean += (double)rank->triangles / set->rank_count;
+    set->points_mean += (double)rank->points / set->rank_count;
+    set->probes_mean += (double)rank->probes / set->rank_count;
+    set->bytes_mean += (double)rank->bytes / set->rank_count;
 }
 
 static int make_voxels(struct voxels *v, const struct kiln_prepared *p, struct kiln_error *error)
@@ -182,27 +240,36 @@ int kiln_working_set_find(struct kiln_working_set *set, const struct kiln_prepar
 {
     struct voxels v = {.side = 0.0f};
     struct kiln_probe_grid grid;
+    uint64_t *begins = NULL;
     *set = (struct kiln_working_set){0};
     if (!kiln_job_has_probes(job))
         return KILN_OK;
     int status = kiln_probe_grid_make(&grid, &job->radiance, prepared->geometry, error);
     if (status == KILN_OK)
         status = make_voxels(&v, prepared, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&begins, (size_t)job->ranks + 1, sizeof *begins, "the ranks' ranges", error);
+    if (status == KILN_OK)
+        status = find_begins(prepared->surface, job->ranks, begins, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&set->ranks, job->ranks, sizeof *set->ranks, "the ranks' working sets", error);
     if (status == KILN_OK) {
+        set->rank_count = job->ranks;
         set->probes = kiln_probes_count(&grid);
-        set->probe_bytes = set->probes * (grid.floats * sizeof(float) + sizeof(struct kiln_vec3));
+        set->probe_bytes = set->probes * probe_bytes(&grid);
         set->bytes_all = (uint64_t)(triangle_bytes * (double)prepared->geometry->triangle_count) +
                          prepared->surface->point_count * sizeof(uint64_t);
         find_points(&v, prepared);
     }
-    for (uint32_t r = 0; status == KILN_OK && r < job->ranks; r++) {
-        mark(&v, begin_of(prepared->surface, r, job->ranks), begin_of(prepared->surface, r + 1, job->ranks),
-             job->radiance.range);
-        add_up(&v);
-        add_rank(set, &v, prepared, triangle_bytes, job->ranks);
+    for (uint32_t r = 0; r < set->rank_count; r++) {
+        set->ranks[r] = rank_set(&v, prepared, &grid, begins[r], begins[r + 1], triangle_bytes);
+        add_rank(set, &set->ranks[r]);
     }
     kiln_free(&v.near);
     kiln_free(&v.sums);
     kiln_free(&v.of_point);
+    kiln_free(&begins);
     return status;
 }
+
+void kiln_working_set_release(struct kiln_working_set *set) { kiln_free(&set->ranks); }

@@ -1,9 +1,6 @@
 #include "coordinator/surface/build.h"
 #include "worker/base/memory.h"
 
-/* ranks get whole units as long as the largest rank is at most so much above the mean */
-static const double MOST_IMBALANCE = 0.1;
-
 /* Where the ranks' ranges begin in the global order: ranks + 1 entries of each. */
 struct rank_bounds {
     uint64_t *all; /* one allocation: the tile_run entries, then the point entries */
@@ -48,7 +45,7 @@ static bool split_between_units(const struct kiln_build *build, const struct ran
     const uint64_t points = build->surface->point_count;
     return ranks == 1 || points == 0 ||
            (units->count >= ranks &&
-            (double)most_points(build, bounds) <= (1.0 + MOST_IMBALANCE) * ((double)points / ranks));
+            (double)most_points(build, bounds) <= (1.0 + KILN_PARTITION_IMBALANCE) * ((double)points / ranks));
 }
 
 /* The first rank whose range should begin beyond `point`. */

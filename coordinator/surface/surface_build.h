@@ -105,6 +105,9 @@ struct kiln_surface_report {
 int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_params *params,
                        struct kiln_surface_report *report, struct kiln_error *error);
 
+/* Ranks get whole cells (or objects) as long as the largest rank is at most so much above the mean; else tile runs. */
+#define KILN_PARTITION_IMBALANCE 0.1
+
 /* Splits a row of units (cells, objects or tile runs in global order, with unit_points[i] points each) into `ranks`
  * contiguous ranges with nearly equal numbers of points: the border before range r is the unit border nearest to r /
  * ranks of all points (of two equally near, the first). Range r is units bounds[r] .. bounds[r + 1] - 1. Writes ranks +

@@ -94,17 +94,18 @@ static int open_reader(struct reader *r, const struct kiln_compared *from, size_
     static const char *const names[] = {"R", "G", "B", "validity.Y", "coverage.Y"};
     int status = kiln_image_create(made, (uint32_t)count, 1, names, 5, error);
     r->from = from;
-    for (int c = 0; status == KILN_OK && c < 5; c++) {
-        const float *values = plane(from->lightmap, names[c]);
-        if (c < 3)
-            r->planes[c] = values;
+    for (int c = 0; status == KILN_OK && c < 5; c++)
         r->to[c] = kiln_image_find(*made, names[c])->values;
-        if (c < 3 && values == NULL)
-            status = kiln_fail(error, KILN_BAD_INPUT, "a lightmap has no channels R, G and B");
+    if (status != KILN_OK || from->leaves != NULL)
+        return status;
+    for (int c = 0; c < 3; c++) {
+        r->planes[c] = plane(from->lightmap, names[c]);
+        if (r->planes[c] == NULL)
+            return kiln_fail(error, KILN_BAD_INPUT, "a lightmap has no channels R, G and B");
     }
     r->validity = plane(from->lightmap, "validity.Y");
     r->coverage = plane(from->lightmap, "coverage.Y");
-    return status;
+    return KILN_OK;
 }
 
 /* A place in a lightmap: the texels around it with their bilinear weights, and the one that contains it. */
@@ -151,8 +152,22 @@ static double read_at(const float *values, const struct footprint *place)
     return sum;
 }
 
+/* The same in leaves, which have no margins. */
+static void read_leaf(const struct reader *r, uint64_t k, double b1, double b2, size_t to)
+{
+    float rgb[3];
+    r->to[3][to] = kiln_compared_leaves_at(r->from->leaves, r->from->object, k, b1, b2, rgb) ? 1.0f : 0.0f;
+    r->to[4][to] = 1.0f;
+    for (int c = 0; c < 3; c++)
+        r->to[c][to] = rgb[c];
+}
+
 static void read_place(const struct reader *r, uint64_t k, double b1, double b2, size_t to)
 {
+    if (r->from->leaves != NULL) {
+        read_leaf(r, k, b1, b2, to);
+        return;
+    }
     const struct footprint place = find_place(r->from, k, b1, b2);
     float least = 1.0f;
     for (int c = 0; c < 3; c++)

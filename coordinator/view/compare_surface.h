@@ -3,19 +3,21 @@
  *
  * The sample points of an object are spread evenly over its area: the triangles in order are divided into `count` parts
  * of equal area, and each part gets one point. At each point both lightmaps are read bilinearly, as an engine reads
- * them. The result is two images of count x 1 texels for kiln_compare_images, whose dssim has no meaning then. Nothing
- * here is collective. */
+ * them, and octrees as compare_leaves.h says. The result is two images of count x 1 texels for kiln_compare_images,
+ * whose dssim has no meaning then. Nothing here is collective. */
 #ifndef KILN_COORDINATOR_VIEW_COMPARE_SURFACE_H
 #define KILN_COORDINATOR_VIEW_COMPARE_SURFACE_H
 
 #include "coordinator/output/image.h"
+#include "coordinator/view/compare_leaves.h"
 #include "worker/scene/scene.h"
 
 /* An object of a bake. */
 struct kiln_compared {
     const struct kiln_scene *scene;
     uint32_t object;
-    const struct kiln_image *lightmap;
+    const struct kiln_image *lightmap;         /* NULL: its light is in leaves */
+    const struct kiln_compared_leaves *leaves; /* NULL: its light is in a lightmap */
 };
 
 struct kiln_samples {
@@ -27,8 +29,9 @@ struct kiln_samples {
     double area; /* of the object, m2 */
 };
 
-/* Samples both lightmaps of an object. KILN_BAD_INPUT if the object differs between the bakes (its triangles and their
- * corners; layout and lightmap may differ), or if a lightmap has no R, G, B. Release with kiln_samples_destroy. */
+/* Samples the light of an object in both bakes. KILN_BAD_INPUT if the object differs between the bakes (its triangles
+ * and their corners; layout and lightmap may differ), or if a lightmap has no R, G, B. Release with
+ * kiln_samples_destroy. */
 int kiln_samples_take(struct kiln_samples *samples, const struct kiln_compared *a, const struct kiln_compared *b,
                       size_t count, struct kiln_error *error);
 void kiln_samples_destroy(struct kiln_samples *samples);
@@ -44,7 +47,7 @@ struct kiln_texel_sums {
     double squares[KILN_LAYERS]; /* sums of area times (a - b)^2, over R, G, B */
 };
 
-/* Adds the texels of an object. KILN_BAD_INPUT as kiln_samples_take. */
+/* Adds the texels of an object, whose light is in lightmaps in both. KILN_BAD_INPUT as kiln_samples_take. */
 int kiln_texels_add(struct kiln_texel_sums *sums, const struct kiln_compared *a, const struct kiln_compared *b,
                     struct kiln_error *error);
 

@@ -1,13 +1,16 @@
 #include "coordinator/view/leaf_light.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "coordinator/field/field.h"
-#include "coordinator/output/read/leaves.h"
+#include "coordinator/output/read/rows.h"
 #include "worker/sampling/keys.h"
 #include "worker/base/memory.h"
 #include "worker/scene/leaves.h"
 #include "worker/store/store.h"
+
+#define SIDE "/points/side"
 
 struct kiln_leaf_light {
     struct kiln_image *image;
@@ -27,11 +30,18 @@ static uint32_t begin_of(const struct kiln_leaf_light *l, const struct key *k)
     return kiln_hash2(place, kiln_hash2((uint32_t)k->object, (uint32_t)(2.0f * k->facing + k->side))) & l->last;
 }
 
+static struct key key_of(const struct kiln_leaf_light *l, uint32_t i)
+{
+    return (struct key){
+        {l->leaf[0][i], l->leaf[1][i], l->leaf[2][i]}, l->object[i], l->facing[i], l->side != NULL ? l->side[i] : 0.0f};
+}
+
 static bool is_at(const struct kiln_leaf_light *l, uint32_t i, const struct key *k)
 {
-    const float off = fabsf(l->leaf[0][i] - k->leaf[0]) + fabsf(l->leaf[1][i] - k->leaf[1]) +
-                      fabsf(l->leaf[2][i] - k->leaf[2]) + fabsf(l->object[i] - k->object) +
-                      fabsf(l->facing[i] - k->facing) + fabsf(l->side[i] - k->side);
+    const struct key own = key_of(l, i);
+    const float off = fabsf(own.leaf[0] - k->leaf[0]) + fabsf(own.leaf[1] - k->leaf[1]) +
+                      fabsf(own.leaf[2] - k->leaf[2]) + fabsf(own.object - k->object) + fabsf(own.facing - k->facing) +
+                      fabsf(own.side - k->side);
     return !(off > 0.0f);
 }
 
@@ -44,21 +54,31 @@ static uint32_t *slot_of(const struct kiln_leaf_light *l, const struct key *k)
     return &l->slots[i];
 }
 
-/* Finds the channels; false: one of them holds what leaves cannot have. */
-static bool find_channels(struct kiln_leaf_light *l)
+static bool is_key(const float *values, uint32_t count)
 {
-    static const char *const names[KILN_LEAF_CHANNEL_COUNT] = KILN_LEAF_CHANNELS;
-    const float **const to[KILN_LEAF_CHANNEL_COUNT] = {&l->rgb[2],  &l->rgb[1],  &l->rgb[0], &l->facing, &l->leaf[0],
-                                                       &l->leaf[1], &l->leaf[2], &l->object, &l->side,   &l->valid};
+    for (uint32_t i = 0; values != NULL && i < count; i++)
+        if (!(values[i] >= 0.0f && values[i] <= 0x1p24f))
+            return false;
+    return values != NULL;
+}
+
+/* Finds the channels; false: one of them holds what leaves cannot have. */
+static bool find_channels(struct kiln_leaf_light *l, const char *dataset)
+{
+    const uint32_t count = l->image->width;
     bool good = true;
-    for (int c = 0; c < KILN_LEAF_CHANNEL_COUNT; c++) {
-        const struct kiln_image_channel *channel = kiln_image_find(l->image, names[c]);
-        *to[c] = channel != NULL ? channel->values : NULL;
-        good = good && channel != NULL;
-        for (uint32_t i = 0; good && c > 2 && i < l->image->width; i++)
-            good = (*to[c])[i] >= 0.0f && (*to[c])[i] <= 0x1p24f;
+    for (unsigned c = 0; c < 3; c++) {
+        const float *values = kiln_rows_of(l->image, dataset, c);
+        l->rgb[c] = values == NULL && c > 0 ? l->rgb[c - 1] : values; /* one or two components: the last one again */
+        l->leaf[c] = kiln_rows_of(l->image, "/points/leaf", c);
+        good = good && l->rgb[c] != NULL && is_key(l->leaf[c], count);
     }
-    return good;
+    l->facing = kiln_rows_of(l->image, "/points/facing", 0);
+    l->object = kiln_rows_of(l->image, "/points/object", 0);
+    l->valid = kiln_rows_of(l->image, "/points/valid", 0);
+    l->side = kiln_rows_of(l->image, SIDE, 0);
+    return good && is_key(l->facing, count) && is_key(l->object, count) && is_key(l->valid, count) &&
+           (l->side == NULL || is_key(l->side, count));
 }
 
 static int fill_slots(struct kiln_leaf_light *l, struct kiln_error *error)
@@ -68,7 +88,7 @@ static int fill_slots(struct kiln_leaf_light *l, struct kiln_error *error)
         l->last = 2 * l->last + 1;
     const int status = kiln_allocate(&l->slots, (size_t)l->last + 1, sizeof *l->slots, "an octree's leaves", error);
     for (uint32_t i = 0; status == KILN_OK && i < l->image->width; i++) {
-        const struct key key = {{l->leaf[0][i], l->leaf[1][i], l->leaf[2][i]}, l->object[i], l->facing[i], l->side[i]};
+        const struct key key = key_of(l, i);
         uint32_t *slot = slot_of(l, &key);
         if (*slot == 0)
             *slot = i + 1;
@@ -76,14 +96,27 @@ static int fill_slots(struct kiln_leaf_light *l, struct kiln_error *error)
     return status;
 }
 
+/* Reads light and what tells leaves apart; only bakes with backs say which leaves are theirs. */
+static int read_leaves(const struct kiln_view_source *source, const char *light, struct kiln_image **image,
+                       struct kiln_error *error)
+{
+    enum { WITHOUT_SIDE = 5 };
+    const char *const datasets[WITHOUT_SIDE + 1] = {
+        light, "/points/leaf", "/points/facing", "/points/object", "/points/valid", SIDE};
+    const int status = kiln_results_image(source->results, "kiln.h5", datasets, WITHOUT_SIDE + 1, image, error);
+    return status == KILN_NO_INPUT
+               ? kiln_results_image(source->results, "kiln.h5", datasets, WITHOUT_SIDE, image, error)
+               : status;
+}
+
 int kiln_leaf_light_create(struct kiln_leaf_light **leaves, const struct kiln_view_source *source,
                            struct kiln_error *error)
 {
-    const char *const dataset = source->field != NULL ? source->field->dataset : "/irradiance/total";
+    const char *const light = source->field != NULL ? source->field->dataset : "/irradiance/total";
     int status = kiln_allocate(leaves, 1, sizeof **leaves, "an octree's leaves", error);
     if (status == KILN_OK)
-        status = kiln_results_image(source->results, "kiln.h5", &dataset, 1, &(*leaves)->image, error);
-    if (status == KILN_OK && !find_channels(*leaves))
+        status = read_leaves(source, light, &(*leaves)->image, error);
+    if (status == KILN_OK && !find_channels(*leaves, light))
         status = kiln_fail(error, KILN_BAD_INPUT, "'%s/kiln.h5' does not have the leaves of an octree; bake again",
                            source->directory);
     if (status == KILN_OK)
@@ -102,18 +135,57 @@ void kiln_leaf_light_destroy(struct kiln_leaf_light **leaves)
     kiln_free(leaves);
 }
 
+/* A hit's place among leaves, along the axes of the world. */
+static void place_of(const struct kiln_geometry *g, const struct kiln_hit *hit, float place[3])
+{
+    const struct kiln_hit_record *record = &g->records[hit->triangle];
+    const struct kiln_leaf_record *leaf = &g->leaves[hit->triangle];
+    place[kiln_leaf_axis(leaf->side, 0)] = kiln_hit_x(record, hit->u, hit->v);
+    place[kiln_leaf_axis(leaf->side, 1)] = kiln_hit_y(record, hit->u, hit->v);
+    place[kiln_leaf_axis(leaf->side, 2)] =
+        kiln_texel_coordinate(leaf->depth[0], leaf->depth[1], leaf->depth[2], hit->u, hit->v);
+}
+
+bool kiln_leaf_light_in(const struct kiln_leaf_light *l, const struct kiln_geometry *g, const struct kiln_hit *hit,
+                        float rgb[3])
+{
+    struct key key = {.object = (float)g->records[hit->triangle].object,
+                      .facing = (float)g->leaves[hit->triangle].side};
+    float place[3];
+    place_of(g, hit, place);
+    for (int a = 0; a < 3; a++)
+        key.leaf[a] = (float)kiln_leaf_of(place[a]);
+    const uint32_t at = *slot_of(l, &key);
+    for (int c = 0; c < 3; c++)
+        rgb[c] = at != 0 ? l->rgb[c][at - 1] : 0.0f;
+    return at != 0 && l->valid[at - 1] > 0.0f;
+}
+
+bool kiln_leaf_light_same(const struct kiln_leaf_light *a, const struct kiln_leaf_light *b, bool light)
+{
+    const float *const of_a[] = {a->leaf[0], a->leaf[1], a->leaf[2], a->object, a->facing,
+                                 a->side,    a->valid,   a->rgb[0],  a->rgb[1], a->rgb[2]},
+                       *const of_b[] = {b->leaf[0], b->leaf[1], b->leaf[2], b->object, b->facing,
+                                        b->side,    b->valid,   b->rgb[0],  b->rgb[1], b->rgb[2]};
+    const int count = light ? 10 : 6;
+    bool same = a->image->width == b->image->width;
+    for (int i = 0; same && i < count; i++)
+        same = (of_a[i] == NULL) == (of_b[i] == NULL) &&
+               (of_a[i] == NULL || memcmp(of_a[i], of_b[i], a->image->width * sizeof(float)) == 0);
+    return same;
+}
+
 bool kiln_leaf_light_at(const struct kiln_leaf_light *l, const struct kiln_geometry *g, const struct kiln_hit *hit,
                         bool back, float rgb[3])
 {
     const struct kiln_hit_record *record = &g->records[hit->triangle];
     const struct kiln_leaf_record *leaf = &g->leaves[hit->triangle];
-    const float own[3] = {kiln_hit_x(record, hit->u, hit->v), kiln_hit_y(record, hit->u, hit->v),
-                          kiln_texel_coordinate(leaf->depth[0], leaf->depth[1], leaf->depth[2], hit->u, hit->v)};
+    float own[3];
+    place_of(g, hit, own);
     float low[3], part[3], sum = 0.0f, value[3] = {0.0f, 0.0f, 0.0f};
-    for (int k = 0; k < 3; k++) {
-        const int axis = kiln_leaf_axis(leaf->side, k);
-        low[axis] = floorf(own[k] - 0.5f);
-        part[axis] = own[k] - 0.5f - low[axis];
+    for (int a = 0; a < 3; a++) {
+        low[a] = floorf(own[a] - 0.5f);
+        part[a] = own[a] - 0.5f - low[a];
     }
     for (uint32_t i = 0; i < 8; i++) {
         struct key key = {.object = (float)record->object,

@@ -19,4 +19,11 @@ void kiln_leaf_light_destroy(struct kiln_leaf_light **leaves);
 bool kiln_leaf_light_at(const struct kiln_leaf_light *leaves, const struct kiln_geometry *geometry,
                         const struct kiln_hit *hit, bool back, float rgb[3]);
 
+/* The value of the leaf that a hit on a front lies in. False: it has no valid point. Thread-safe. */
+bool kiln_leaf_light_in(const struct kiln_leaf_light *leaves, const struct kiln_geometry *geometry,
+                        const struct kiln_hit *hit, float rgb[3]);
+
+/* Whether both have the same leaves; with `light` also whether all values are the same, bit for bit. */
+bool kiln_leaf_light_same(const struct kiln_leaf_light *a, const struct kiln_leaf_light *b, bool light);
+
 #endif

@@ -202,11 +202,17 @@ static int add_lightmap(struct report *r, const char *file, const char *name, co
 /* Whether a path in run.json stays within the folder. */
 static bool stays_inside(const char *path) { return path[0] != '/' && strstr(path, "..") == NULL; }
 
+static bool has_lightmaps(const struct report *r)
+{
+    const char *kind = json_string_value(field(field(r->run, "store"), "kind"));
+    return kind == NULL || strcmp(kind, "lightmap") == 0;
+}
+
 static void add_lightmaps(struct report *r)
 {
     const json_t *objects = field(r->run, "objects");
     const size_t count = json_array_size(objects);
-    if (count == 0)
+    if (count == 0 || !has_lightmaps(r))
         return;
     kiln_html_add(&r->page, "<h2>Lightmaps</h2>\n");
     if (count > MOST_PICTURES)
@@ -411,10 +417,11 @@ static const struct object_column {
     {"filled", "filled", 1.0},
     {"mean", "mean irradiance", 1.0},
     {"relative_error", "error %", 100.0},
+    {"vertex_error", "error at vertices %", 100.0},
     {"seam_before", "seams before %", 100.0},
     {"seam_after", "seams after %", 100.0},
 };
-enum { OBJECT_COLUMNS = sizeof object_columns / sizeof *object_columns };
+enum { DENSITY = 2, OBJECT_COLUMNS = sizeof object_columns / sizeof *object_columns };
 
 static void add_objects_row(struct report *r, const json_t *object, const bool shown[OBJECT_COLUMNS])
 {
@@ -449,7 +456,8 @@ static void add_objects_table(struct report *r)
                   seams ? "<p>Seams: root mean square of the difference across them, relative to the mean.</p>\n" : "");
     for (int c = 0; c < OBJECT_COLUMNS; c++)
         if (shown[c])
-            kiln_html_add(&r->page, "<th class=n>%s</th>", object_columns[c].title);
+            kiln_html_add(&r->page, "<th class=n>%s</th>",
+                          c == DENSITY && !has_lightmaps(r) ? "leaves/m" : object_columns[c].title);
     kiln_html_add(&r->page, "</tr>\n");
     for (size_t i = 0; i < json_array_size(objects); i++)
         add_objects_row(r, json_array_get(objects, i), shown);
@@ -488,6 +496,7 @@ static void write_page(struct report *r)
     add_section(r, "Error reached", "error");
     add_section(r, "Rays", "rays");
     add_section(r, "Surface points", "points");
+    add_section(r, "Store", has_lightmaps(r) ? "" : "store");
     add_section(r, "Memory", "memory");
     add_section(r, "Device", "backend");
     add_section(r, "Settings", "job");

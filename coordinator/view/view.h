@@ -2,10 +2,13 @@
  * published lightmaps.
  *
  * The radiance of a pixel is the mean over a fixed grid of sub-pixel rays of base colour x E / pi + emission at the
- * first hit, or of the environment where a ray leaves the scene. E is read bilinearly from DIR/lightmaps/OBJECT.exr.
- * Where the material has a normal map and the lightmaps were baked with --directional, E is that of the mapped normal:
- * normal_map.h has the formulas. Lightmaps are loaded when first needed and all stay in memory, 12 bytes for each
- * texel, and 48 (sh1) or 16 (dominant) more in a scene that has normal maps.
+ * first hit, or of the environment where a ray leaves the scene. Of 4 x 4 rays 4 come first, one in each row and column
+ * of the grid. They suffice where they, and those of the pixels around, see much the same; else the others follow.
+ * These are not traced, only shaded, where all first rays of the nine pixels meet opaque triangles with corners in
+ * common, those of the pixel one triangle in even light. Fields that are shown have all rays, so that they add up. E is
+ * read bilinearly from DIR/lightmaps/OBJECT.exr. Where the material has a normal map and the lightmaps were baked with
+ * --directional, E is that of the mapped normal: normal_map.h has the formulas. Lightmaps are loaded when first needed
+ * and all stay in memory, 12 bytes for each texel, and 48 (sh1) or 16 (dominant) more in a scene that has normal maps.
  *
  * Metals reflect nothing diffusely; they are shown as diffuse surfaces of their base colour, which is an approximation.
  * Single-sided surfaces are visible from their front only, as glTF defines: rays that hit their back continue. Rays
@@ -106,7 +109,7 @@ struct kiln_view_params {
     struct kiln_view_source source;
     struct kiln_view_camera camera;
     uint32_t width, height;
-    uint32_t side; /* side x side rays for each pixel; 0: 3 */
+    uint32_t side; /* side x side rays for each pixel, 1 or more */
 };
 
 /* Fractions of the picture, 0 to 1, that are approximate. */

@@ -104,7 +104,7 @@ static void advance_hit(struct kiln_hit *hit, const struct kiln_hit *next)
 int kiln_view_trace(const struct kiln_view_source *source, struct kiln_view_rays *r, size_t count,
                     struct kiln_error *error)
 {
-    int status = kiln_backend_intersect(source->backend, r->origins, r->directions, count, r->hits, error);
+    int status = kiln_backend_intersect_alike(source->backend, r->origins, r->directions, count, r->hits, error);
     for (size_t i = 0; i < count; i++)
         r->passed[i] = 0.0f;
     for (int step = 0; status == KILN_OK && step < MOST_BACK_FACES; step++) {
@@ -361,13 +361,19 @@ int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits
     return status;
 }
 
+/* x, but 0 at least and `most` at most. */
+static inline float between(float x, float most)
+{
+    const float some = x > 0.0f ? x : 0.0f;
+    return some < most ? some : most;
+}
+
 /* The values of `count` planes at a place in the lightmap, in the scene's texels. */
 static void look_up(const struct map *map, const float at[2], const float *const *planes, size_t count, float *values)
 {
     const struct kiln_image *image = map->image;
     const float x = at[0] * map->scale_x, y = at[1] * map->scale_y;
-    const float fx = fminf(fmaxf(x - 0.5f, 0.0f), (float)(image->width - 1)),
-                fy = fminf(fmaxf(y - 0.5f, 0.0f), (float)(image->height - 1));
+    const float fx = between(x - 0.5f, (float)(image->width - 1)), fy = between(y - 0.5f, (float)(image->height - 1));
     const uint32_t x0 = (uint32_t)fx, y0 = (uint32_t)fy;
     const uint32_t x1 = x0 + 1 < image->width ? x0 + 1 : x0, y1 = y0 + 1 < image->height ? y0 + 1 : y0;
     const float wx = fx - (float)x0, wy = fy - (float)y0;
@@ -473,11 +479,26 @@ static void tint(const struct kiln_hit *hit, float rgb[3])
         rgb[c] *= hit->tint[c];
 }
 
+void kiln_view_lit(const struct kiln_view_maps *maps, const struct kiln_hit *hit, const float irradiance[3],
+                   float rgb[3])
+{
+    const struct kiln_view_source *s = maps->source;
+    const struct kiln_mesh *mesh =
+        &s->scene->meshes[s->scene->objects[s->geometry->records[hit->triangle].object].mesh];
+    const uint64_t stored = s->geometry->stored_triangle[hit->triangle];
+    float color[4], emission[3], b1, b2;
+    kiln_geometry_stored_barycentrics(s->scene, s->geometry, hit->triangle, hit->u, hit->v, &b1, &b2);
+    kiln_surface_base_color(s->scene, mesh, stored, b1, b2, color);
+    kiln_surface_emission(s->scene, mesh, stored, b1, b2, emission);
+    for (int c = 0; c < 3; c++)
+        rgb[c] = color[c] * irradiance[c] * (float)(1.0 / KILN_PI) + emission[c];
+}
+
 void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, struct kiln_vec3 direction,
                         struct kiln_view_seen *seen)
 {
     const struct kiln_view_source *s = maps->source;
-    *seen = (struct kiln_view_seen){0};
+    *seen = (struct kiln_view_seen){.irradiance = {-1.0f, -1.0f, -1.0f}};
     if (s->texels && kiln_view_is_seen(s, hit)) {
         texel_color(s, hit, direction, seen->rgb);
         return;
@@ -495,18 +516,14 @@ void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit
         tint(hit, seen->rgb);
         return;
     }
-    const struct kiln_mesh *mesh =
-        &s->scene->meshes[s->scene->objects[s->geometry->records[hit->triangle].object].mesh];
     const uint64_t stored = s->geometry->stored_triangle[hit->triangle];
-    float color[4], irradiance[3], emission[3], b1, b2;
-    kiln_geometry_stored_barycentrics(s->scene, s->geometry, hit->triangle, hit->u, hit->v, &b1, &b2);
-    kiln_surface_base_color(s->scene, mesh, stored, b1, b2, color);
-    kiln_surface_emission(s->scene, mesh, stored, b1, b2, emission);
+    float irradiance[3];
     kiln_view_irradiance(maps, hit, irradiance);
     apply_normal_map(maps, hit, stored, irradiance, seen);
+    kiln_view_lit(maps, hit, irradiance, seen->rgb);
     seen->metal = s->scene->materials[s->scene->triangle_materials[stored]].metallic;
     seen->front_light = kiln_view_shows_front(maps, hit) ? 1.0f : 0.0f;
-    for (int c = 0; c < 3; c++)
-        seen->rgb[c] = color[c] * irradiance[c] * (float)(1.0 / KILN_PI) + emission[c];
+    if (!(hit->tint[0] < 1.0f || hit->tint[1] < 1.0f || hit->tint[2] < 1.0f))
+        memcpy(seen->irradiance, irradiance, sizeof irradiance);
     tint(hit, seen->rgb);
 }

@@ -49,10 +49,16 @@ struct kiln_view_seen {
     float front_light; /* 1: a back that is shown with the light of its front; else 0 */
     float flat;        /* 1: a material with a normal map, without it: the lightmap lacks directions; else 0 */
     float mapped;      /* 1: a material with a normal map, with it; else 0 */
+    /* E, where base colour x E / pi + emission is seen through nothing; else -1 */
+    float irradiance[3];
 };
 
 /* Computes what is seen along the ray with this hit and direction. Thread-safe. */
 void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, struct kiln_vec3 direction,
                         struct kiln_view_seen *seen);
+
+/* What is seen at a hit where E is known: base colour x E / pi + emission. Thread-safe. */
+void kiln_view_lit(const struct kiln_view_maps *maps, const struct kiln_hit *hit, const float irradiance[3],
+                   float rgb[3]);
 
 #endif

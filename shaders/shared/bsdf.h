@@ -87,23 +87,31 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_split kiln_bsdf_split_at(KILN_STRUCT kiln_bs
 /* What the base's glass gives back, on the same side and on the other: l(o) l(i) n(i)^2 / (pi sum over both sides of
  * n^2 mean l), l what is lost from a direction; light that has been scattered often comes out as in a furnace. */
 struct kiln_bsdf_forgotten {
-    float same, other; /* without l(i) / pi; `other` with n(i)^2, which is importance */
+    KILN_VECTOR same, other; /* without l(i) / pi; `other` with n(i)^2, which is importance */
 };
+KILN_FUNCTION float kiln_bsdf_forgotten_sum(KILN_STRUCT kiln_bsdf_lobes l, float squared)
+{
+    return float_max(l.glass_lost_front + squared * l.glass_lost_back, KILN_FLOAT_TINY);
+}
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_forgotten kiln_bsdf_forgotten_of(KILN_STRUCT kiln_bsdf_lobes l, bool front,
                                                                      float mu)
 {
     KILN_STRUCT kiln_bsdf_forgotten s;
-    const float eta = l.p.thin_wall != 0u ? 1.0f : l.p.eta.y, squared = eta * eta;
-    const float sum = l.glass_lost_front + squared * l.glass_lost_back;
-    const float lost = l.glass * kiln_bsdf_glass_lost(l, front, mu) / float_max(sum, KILN_FLOAT_TINY);
-    s.same = lost * (front ? 1.0f : squared);
-    s.other = lost * (front ? squared : 1.0f);
+    const float lost = l.glass * kiln_bsdf_glass_lost(l, front, mu);
+    const KILN_VECTOR squared = l.p.thin_wall != 0u ? vec3(1.0f, 1.0f, 1.0f) : vec3_mul(l.p.eta, l.p.eta);
+    const KILN_VECTOR of_front =
+        vec3(lost / kiln_bsdf_forgotten_sum(l, squared.x), lost / kiln_bsdf_forgotten_sum(l, squared.y),
+             lost / kiln_bsdf_forgotten_sum(l, squared.z));
+    const KILN_VECTOR of_back = vec3_mul(of_front, squared);
+    s.same = front ? of_front : of_back;
+    s.other = front ? of_back : of_front;
     if (l.coat.strength > 0.0f && l.p.thin_wall == 0u) {
         if (front) /* the coat lets less in, and what it holds back on the way out goes round again */
-            s.same = s.same * l.glass_lost_front / float_max(l.glass_lost_coat, KILN_FLOAT_TINY);
+            s.same = vec3_scale(s.same, l.glass_lost_front / float_max(l.glass_lost_coat, KILN_FLOAT_TINY));
         else
-            s.same = s.same +
-                     lost * (l.glass_lost_front - l.glass_lost_coat) / float_max(l.glass_lost_back, KILN_FLOAT_TINY);
+            s.same =
+                vec3_madd(s.same, of_front,
+                          (l.glass_lost_front - l.glass_lost_coat) / float_max(l.glass_lost_back, KILN_FLOAT_TINY));
     }
     return s;
 }
@@ -126,10 +134,10 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
     a.spread_far = vec3(0.0f, 0.0f, 0.0f);
     if (l.glass > 0.0f && !l.base_is_mirror) {
         const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, mu);
-        const float same = f.same * (front ? l.glass_lost_coat : l.glass_lost_back);
-        const float other = f.other * (front ? l.glass_lost_back : l.glass_lost_coat);
-        a.spread_near = vec3_add(a.spread_near, kiln_bsdf_gray(rest * same));
-        a.spread_far = vec3_scale(l.p.base_color, rest * other);
+        const float here = front ? l.glass_lost_coat : l.glass_lost_back;
+        const float there = front ? l.glass_lost_back : l.glass_lost_coat;
+        a.spread_near = vec3_madd(a.spread_near, f.same, rest * here);
+        a.spread_far = vec3_scale(vec3_mul(l.p.base_color, f.other), rest * there);
     }
     return a;
 }
@@ -157,6 +165,22 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_choose(KILN_STRUCT kiln_bsd
 
 /* ---- values and densities ---- */
 
+/* Light that facets give back is drawn with density mu / (mu^2 + (2 alpha)^2), mu the cosine, about as it is spread:
+ * what facets lose falls with (alpha / mu)^2. */
+KILN_FUNCTION float kiln_bsdf_spread_norm(float alpha) { return float_log(1.0f + 0.25f / (alpha * alpha)); }
+KILN_FUNCTION float kiln_bsdf_spread_density(float alpha, float mu)
+{
+    return KILN_INVERSE_PI * mu / ((mu * mu + 4.0f * alpha * alpha) * kiln_bsdf_spread_norm(alpha));
+}
+KILN_FUNCTION KILN_VECTOR kiln_bsdf_spread_draw(float alpha, float u, float v)
+{
+    const float mu = float_min(2.0f * alpha * float_sqrt(float_exp(v * kiln_bsdf_spread_norm(alpha)) - 1.0f), 1.0f);
+    const float r = float_sqrt((1.0f - mu) * (1.0f + mu));
+    float sine, cosine;
+    kiln_turn(u, KILN_TO(sine), KILN_TO(cosine));
+    return vec3(r * cosine, r * sine, mu);
+}
+
 struct kiln_bsdf_value {
     KILN_VECTOR value; /* f(o, i) |i.z|, per steradian */
     float density;     /* of i by kiln_bsdf_draw from o, per steradian */
@@ -181,7 +205,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_reflection(KILN_STRUCT kiln_
 {
     const KILN_VECTOR h = kiln_direction_of(vec3_add(o, i));
     KILN_STRUCT kiln_bsdf_value s = kiln_bsdf_facets(o, i, h, l.alpha_x, l.alpha_y);
-    const KILN_STRUCT kiln_bsdf_split split = kiln_bsdf_split_at(l, front, vec3_dot(o, h));
+    const float cosine = 0.5f * (vec3_dot(o, h) + vec3_dot(i, h)); /* the same bits for i and o exchanged */
+    const KILN_STRUCT kiln_bsdf_split split = kiln_bsdf_split_at(l, front, cosine);
     const float coat = kiln_bsdf_coat_factor(l, front, o.z) * kiln_bsdf_coat_factor(l, front, i.z);
     s.value = vec3_scale(split.reflected, s.value.x * coat);
     s.density *= split.chance;
@@ -254,12 +279,16 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_transmission(KILN_STRUCT kil
         s.density *= 1.0f - split.chance;
         return s;
     }
-    s = kiln_bsdf_refracted(l, front, o, i, l.p.eta.y, mode);
-    if (l.disperses) { /* a third of the directions is drawn for each colour */
-        const KILN_STRUCT kiln_bsdf_value red = kiln_bsdf_refracted(l, front, o, i, l.p.eta.x, mode);
-        const KILN_STRUCT kiln_bsdf_value blue = kiln_bsdf_refracted(l, front, o, i, l.p.eta.z, mode);
-        s.value = vec3(red.value.x, s.value.y, blue.value.z);
-        s.density = (red.density + s.density + blue.density) * KILN_RATIO32(1, 3);
+    s.value = vec3(0.0f, 0.0f, 0.0f);
+    s.density = 0.0f;
+    const int colors = l.disperses ? 3 : 1; /* a part of the directions is drawn for each colour */
+    for (int c = 0; c < colors; c++) {
+        const float eta = c == 0 ? l.p.eta.x : c == 1 ? l.p.eta.y : l.p.eta.z;
+        const KILN_STRUCT kiln_bsdf_value color = kiln_bsdf_refracted(l, front, o, i, eta, mode);
+        s.value = colors == 1 ? color.value
+                              : vec3(c == 0 ? color.value.x : s.value.x, c == 1 ? color.value.y : s.value.y,
+                                     c == 2 ? color.value.z : s.value.z);
+        s.density += color.density / KILN_TO_F32(colors);
     }
     return s;
 }
@@ -281,14 +310,18 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_given_back(KILN_STRUCT kiln_bsdf_lobes l, bo
         const bool same = i.z > 0.0f;
         const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, o.z);
         const float lost = kiln_bsdf_glass_lost(l, front == same, mu);
-        const float eta = l.p.thin_wall != 0u ? 1.0f : kiln_bsdf_eta(l.p, front).y;
         float coats = kiln_bsdf_crossing(l, front, o.z, mu);
         if (same && l.p.thin_wall == 0u)
             coats = (1.0f - kiln_bsdf_coat_albedo(l, front, o.z)) * (1.0f - kiln_bsdf_coat_albedo(l, front, mu));
         if (same)
-            sum = vec3_add(sum, kiln_bsdf_gray(f.same * lost * coats));
-        else
-            sum = vec3_madd(sum, l.p.base_color, f.other * lost * coats / (mode == KILN_IMPORTANCE ? 1.0f : eta * eta));
+            sum = vec3_madd(sum, f.same, lost * coats);
+        else {
+            const KILN_VECTOR eta = kiln_bsdf_eta(l.p, front);
+            KILN_VECTOR color = vec3_mul(l.p.base_color, f.other);
+            if (mode == KILN_RADIANCE && l.p.thin_wall == 0u)
+                color = vec3(color.x / (eta.x * eta.x), color.y / (eta.y * eta.y), color.z / (eta.z * eta.z));
+            sum = vec3_madd(sum, color, lost * coats);
+        }
     }
     return vec3_scale(sum, mu * KILN_INVERSE_PI);
 }
@@ -329,9 +362,11 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate_chosen(KILN_STRUCT 
     if (i.z > 0.0f) {
         if ((lobes & KILN_LOBE_DIFFUSE) != 0u)
             s.value = vec3_scale(kiln_diffuse_color(l), in_ * out_ * i.z * KILN_INVERSE_PI);
-        s.density = (choice.diffuse + choice.near) * i.z * KILN_INVERSE_PI;
-    } else
-        s.density = choice.far * -i.z * KILN_INVERSE_PI;
+        s.density = choice.diffuse * i.z * KILN_INVERSE_PI;
+    }
+    const float spread = i.z > 0.0f ? choice.near : choice.far;
+    if (spread > 0.0f)
+        s.density += spread * kiln_bsdf_spread_density(l.face.alpha, float_abs(i.z));
     KILN_STRUCT kiln_bsdf_value part;
     if ((lobes & KILN_LOBE_COAT) != 0u && choice.coat > 0.0f && !l.coat_is_mirror && i.z > 0.0f) {
         const KILN_VECTOR h = kiln_direction_of(vec3_add(o, i));
@@ -381,10 +416,10 @@ KILN_FUNCTION float kiln_bsdf_density(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR
 
 struct kiln_bsdf_drawn {
     KILN_VECTOR i;
-    KILN_VECTOR weight;     /* f(o, i) |i.z| / density; 0: the path ends */
-    float density, reverse; /* of i from o and of o from i, per steradian; of a delta: chances */
-    KILN_U32 lobe;          /* the one drawn from, KILN_LOBE_... */
-    bool delta;             /* a mirror or smooth glass: only this direction */
+    KILN_VECTOR weight; /* f(o, i) |i.z| / density; 0: the path ends */
+    float density;      /* of i, per steradian; of a delta its chance */
+    KILN_U32 lobe;      /* the one drawn from, KILN_LOBE_... */
+    bool delta;         /* a mirror or smooth glass: only this direction */
 };
 
 /* A direction by the cosine, for u and v in (0, 1). */
@@ -394,16 +429,6 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_cosine(float u, float v)
     float sine, cosine;
     kiln_turn(u, KILN_TO(sine), KILN_TO(cosine));
     return vec3(r * cosine, r * sine, float_sqrt(1.0f - v));
-}
-
-/* Chance of reflection, or of refraction of one colour, at the smooth base. */
-KILN_FUNCTION float kiln_bsdf_mirror_chance(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, bool same, KILN_U32 lobes)
-{
-    const float gloss = kiln_bsdf_choose(l, o, lobes).gloss;
-    const float chance = kiln_bsdf_split_at(l, o.z > 0.0f, float_abs(o.z)).chance;
-    if (same)
-        return gloss * chance;
-    return gloss * (1.0f - chance) * (l.disperses && l.p.thin_wall == 0u ? KILN_RATIO32(1, 3) : 1.0f);
 }
 
 /* Through the facet h, for the colour 0, 1 or 2 that has the index eta; the length is 0 where all is reflected. */
@@ -479,18 +504,18 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_draw_gloss(KILN_STRUCT kiln_bsdf_lobes l, bo
     return i.z < 0.0f ? i : vec3(0.0f, 0.0f, 0.0f);
 }
 
-/* The next direction of a path that comes from o; pick, u and v are random numbers in (0, 1). */
-KILN_FUNCTION KILN_STRUCT kiln_bsdf_drawn kiln_bsdf_draw(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, float pick,
-                                                         float u, float v, KILN_U32 mode, KILN_U32 lobes)
+/* Draws as kiln_bsdf_draw, without weight and density where it is no delta: for kernels that evaluate in one place
+ * only, as the code of kiln_bsdf_evaluate is long. `c`: kiln_bsdf_choose of o. */
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_drawn kiln_bsdf_propose(KILN_STRUCT kiln_bsdf_lobes l,
+                                                            KILN_STRUCT kiln_bsdf_choice c, KILN_VECTOR o, float pick,
+                                                            float u, float v, KILN_U32 mode)
 {
     KILN_STRUCT kiln_bsdf_drawn d;
     const bool front = o.z > 0.0f;
-    const KILN_STRUCT kiln_bsdf_choice c = kiln_bsdf_choose(l, o, lobes);
     const KILN_VECTOR up = vec3(o.x, o.y, float_abs(o.z));
     d.i = vec3(0.0f, 0.0f, 0.0f);
     d.weight = d.i;
     d.density = 0.0f;
-    d.reverse = 0.0f;
     d.lobe = KILN_LOBE_GLOSS;
     d.delta = false;
     if (o.z == 0.0f || c.coat + c.gloss + c.diffuse + c.near + c.far == 0.0f)
@@ -502,7 +527,6 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_drawn kiln_bsdf_draw(KILN_STRUCT kiln_bsdf_l
             d.i = vec3(-up.x, -up.y, up.z);
             d.weight = kiln_bsdf_gray(kiln_coat_albedo(l.coat, up.z) / c.coat);
             d.density = c.coat;
-            d.reverse = c.coat;
         } else
             d.i = kiln_reflected(up, kiln_ggx_sample(up, l.p.coat_alpha, l.p.coat_alpha, u, v));
         if (d.i.z < 0.0f)
@@ -513,29 +537,50 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_drawn kiln_bsdf_draw(KILN_STRUCT kiln_bsdf_l
             kiln_bsdf_draw_mirror(l, front, up, left, c.gloss, mode, KILN_TO(d));
         else
             d.i = kiln_bsdf_draw_gloss(l, front, up, left, u, v);
-    } else {
+    } else if (pick < c.coat + c.gloss + c.diffuse || c.near + c.far == 0.0f) {
+        d.lobe = KILN_LOBE_DIFFUSE;
         d.i = kiln_bsdf_cosine(u, v);
-        if (pick < c.coat + c.gloss + c.diffuse)
-            d.lobe = KILN_LOBE_DIFFUSE;
-        else if (pick >= c.coat + c.gloss + c.diffuse + c.near && c.far > 0.0f)
+    } else {
+        d.i = kiln_bsdf_spread_draw(l.face.alpha, u, v);
+        if (pick >= c.coat + c.gloss + c.diffuse + c.near && c.far > 0.0f)
             d.i.z = -d.i.z;
     }
     if (!front)
         d.i.z = -d.i.z;
     if (d.i.z == 0.0f) {
         d.weight = vec3(0.0f, 0.0f, 0.0f);
-        return d;
+        d.density = 0.0f;
     }
-    if (d.delta) {
-        if (d.lobe == KILN_LOBE_GLOSS)
-            d.reverse = kiln_bsdf_mirror_chance(l, d.i, (d.i.z > 0.0f) == front, lobes);
+    return d;
+}
+
+/* The next direction of a path that comes from o; pick, u and v are random numbers in (0, 1). */
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_drawn kiln_bsdf_draw(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, float pick,
+                                                         float u, float v, KILN_U32 mode, KILN_U32 lobes)
+{
+    const KILN_STRUCT kiln_bsdf_choice c = kiln_bsdf_choose(l, o, lobes);
+    KILN_STRUCT kiln_bsdf_drawn d = kiln_bsdf_propose(l, c, o, pick, u, v, mode);
+    if (d.delta || d.i.z == 0.0f)
         return d;
-    }
     const KILN_STRUCT kiln_bsdf_value s = kiln_bsdf_evaluate_chosen(l, c, o, d.i, mode, lobes);
     d.density = s.density;
     d.weight = s.density > 0.0f ? vec3_scale(s.value, 1.0f / s.density) : vec3(0.0f, 0.0f, 0.0f);
-    d.reverse = kiln_bsdf_density(l, d.i, o, lobes);
     return d;
+}
+
+/* The density with which a path that comes from d.i is drawn on to o, per steradian; of a delta its chance. */
+KILN_FUNCTION float kiln_bsdf_reverse(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, KILN_STRUCT kiln_bsdf_drawn d,
+                                      KILN_U32 lobes)
+{
+    if (!d.delta)
+        return kiln_bsdf_density(l, d.i, o, lobes);
+    const KILN_STRUCT kiln_bsdf_choice c = kiln_bsdf_choose(l, d.i, lobes);
+    if (d.lobe == KILN_LOBE_COAT)
+        return c.coat;
+    const float chance = kiln_bsdf_split_at(l, d.i.z > 0.0f, float_abs(d.i.z)).chance;
+    if (o.z * d.i.z > 0.0f)
+        return c.gloss * chance;
+    return c.gloss * (1.0f - chance) * (l.disperses && l.p.thin_wall == 0u ? KILN_RATIO32(1, 3) : 1.0f);
 }
 
 /* ---- shading normals ---- */

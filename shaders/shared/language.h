@@ -22,7 +22,8 @@
  *   - what comes through several surfaces: sums of optical depths in Embree's filters and in the ray-tracing pipeline,
  *     a product in the compute kernels (passage.c, trace/payload.glsl, trace/alpha.glsl)
  *
- * tests/unit/test_shared.c, test_vulkan_lights.c, test_vulkan_materials.c and test_vulkan_probes.c compare both sides.
+ * tests/unit/test_shared.c, test_vulkan_lights.c, test_vulkan_materials.c, test_vulkan_probes.c and test_vulkan_bsdf.c
+ * compare both sides.
  */
 #ifndef KILN_SHADERS_SHARED_LANGUAGE_H
 #define KILN_SHADERS_SHARED_LANGUAGE_H

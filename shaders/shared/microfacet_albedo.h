@@ -38,7 +38,7 @@ KILN_FUNCTION float kiln_fit_index(float index)
 /* The interface of a medium, seen from outside: what it reflects. */
 struct kiln_interface {
     float alpha, index;
-    KILN_STRUCT kiln_curve lost;      /* 1 - albedo, were all reflected: error 0.003 */
+    KILN_STRUCT kiln_curve lost;      /* 1 - albedo, were all reflected: error 0.001 */
     KILN_STRUCT kiln_curve effective; /* the cosine at which a smooth interface reflects the same share */
 };
 
@@ -66,10 +66,16 @@ KILN_FUNCTION KILN_STRUCT kiln_interface kiln_interface_of(float alpha, float in
     return s;
 }
 
+/* What a fit says is lost, between its bounds: small where facets are flat. */
+KILN_FUNCTION float kiln_lost(float fit, float mu, float alpha)
+{
+    const float slope = 2.0f * alpha / float_max(mu, KILN_FLOAT_TINY);
+    return float_max(float_min(fit, float_min(slope, 1.0f) * float_min(slope, 1.0f)), 0.0f);
+}
 /* Lost were all reflected, 0 to 1. */
 KILN_FUNCTION float kiln_interface_lost(KILN_STRUCT kiln_interface s, float mu)
 {
-    return float_min(float_max(kiln_curve_at(s.lost, kiln_curve_place(mu, s.alpha)), 0.0f), 1.0f);
+    return kiln_lost(kiln_curve_at(s.lost, kiln_curve_place(mu, s.alpha)), mu, s.alpha);
 }
 /* The mean exact Fresnel reflectance over the facets that mu sees, weighted by what they reflect. Times the whole
  * albedo it is the reflected share: error 0.005. */
@@ -87,8 +93,8 @@ KILN_FUNCTION float kiln_interface_albedo(KILN_STRUCT kiln_interface s, float mu
 
 struct kiln_boundary {
     float alpha, critical;                /* cosine of the critical angle in the denser medium */
-    KILN_STRUCT kiln_curve thin;          /* from the medium with the lower index: error 0.006 */
-    KILN_STRUCT kiln_curve dense, beyond; /* from the other: error 0.007 */
+    KILN_STRUCT kiln_curve thin;          /* from the medium with the lower index: error 0.003 */
+    KILN_STRUCT kiln_curve dense, beyond; /* from the other: error 0.006 */
 };
 
 KILN_FUNCTION KILN_STRUCT kiln_boundary kiln_boundary_of(float alpha, float index)
@@ -125,7 +131,7 @@ KILN_FUNCTION float kiln_boundary_lost(KILN_STRUCT kiln_boundary s, float mu, bo
     const float step = 0.5f + 0.5f * x / float_sqrt(x * x + 0.25f * s.alpha * s.alpha + 1.0e-6f);
     const float lost =
         dense ? kiln_curve_at(s.dense, at) + step * kiln_curve_at(s.beyond, at) : kiln_curve_at(s.thin, at);
-    return float_min(float_max(lost, 0.0f), 1.0f);
+    return kiln_lost(lost, mu, s.alpha);
 }
 
 /* ---- a clear coat over a rough base ---- */
@@ -148,8 +154,8 @@ KILN_FUNCTION KILN_STRUCT kiln_coat kiln_coat_of(float strength, float alpha, fl
     s.base_alpha = base_alpha;
     for (int i = 0; i < 9; i++) {
         float sum = 0.0f;
-        for (int j = 4; j >= 0 && i < 7; j--) {
-            const int k = 20 * i + 4 * j;
+        for (int j = 6; j >= 0; j--) {
+            const int k = 28 * i + 4 * j;
             sum = sum * r + (KILN_FIT_COAT[k] +
                              z * (KILN_FIT_COAT[k + 1] + z * (KILN_FIT_COAT[k + 2] + z * KILN_FIT_COAT[k + 3])));
         }
@@ -164,7 +170,7 @@ KILN_FUNCTION float kiln_coat_albedo(KILN_STRUCT kiln_coat s, float mu)
     return s.strength * kiln_interface_albedo(s.face, mu);
 }
 /* The base's scattering is multiplied by this of both directions. With it a white base sends on, from each direction,
- * what the coat lets in: h(o) integral h(i) f(o, i) |cos| di = 1 - coat albedo(o), to 0.01 of it (balanced after
+ * what the coat lets in: h(o) integral h(i) f(o, i) |cos| di = 1 - coat albedo(o), to 0.01 (balanced after
  * Sinkhorn). For a mirror it is sqrt(1 - E), for a matt surface (1 - E) / sqrt(1 - mean E). */
 KILN_FUNCTION float kiln_coat_factor(KILN_STRUCT kiln_coat s, float mu)
 {
@@ -174,7 +180,7 @@ KILN_FUNCTION float kiln_coat_factor(KILN_STRUCT kiln_coat s, float mu)
     return (1.0f - kiln_coat_albedo(s, mu)) / float_sqrt(1.0f - 0.9999f * kiln_coat_albedo(s, leaves));
 }
 
-/* ---- means over a hemisphere by the cosine: Gauss's rule of 8 points over the root of the cosine ---- */
+/* ---- means over a hemisphere by the cosine: Gauss's rule over the root of the cosine ---- */
 
 #define KILN_MEAN_POINTS 8
 KILN_CONSTANT float KILN_MEAN_COSINES[8] = {0.000394223874f, 0.0103361304f, 0.0562798735f, 0.166694746f,

@@ -4,8 +4,9 @@
 
 A bake with --error-map is the mean of four parts. Between 93 and 98 % of the texels must lie within two standard
 errors of the mean over all seeds, and the objects' means within 3.2 of theirs (Student's t with 3 degrees of freedom)
-in 93 %. One sample must state an error, too. With --target-error 0.1 the deviation over seeds, pooled, must be below
-it nearly everywhere; three ranks give the same bits. With --max-time the bake ends with what it has.
+in 93 %. One sample must state an error, too. Cells change no bit. With --target-error 0.1 the deviation over seeds,
+pooled, must be below it nearly everywhere; three ranks give the same bits. With --max-time the bake ends with what it
+has.
 """
 import hashlib
 import os
@@ -92,6 +93,15 @@ def digest(bake):
     return joined.hexdigest()
 
 
+def try_cells(checks, kiln, scene):
+    """Cells cut tiles, of whose points errors are pooled, and change nothing; nor do three ranks."""
+    bakes = [kiln.bake(scene, *OPTIONS, '--lightmap-size', 20, '--error-map', *FEW, '--cell-size', size, ranks=ranks)
+             for size, ranks in ((9, 0), (0.4, 0), (0.7, 3))]
+    if all([checks.baked(bake) for bake in bakes]):
+        checks.that(len({digest(bake) for bake in bakes}) == 1, '--error-map: other cells give other bits',
+                    bakes[1].process)
+
+
 def try_target(checks, kiln, scene):
     values, errors, *_ = bake_all(kiln, scene, SEEDS // 2, *TARGET)
     lit = (values > 0).all(0)
@@ -120,6 +130,7 @@ def main():
     else:
         try_errors(checks, kiln, scene)
         try_one_sample(checks, kiln, scene)
+        try_cells(checks, kiln, scene)
         try_target(checks, kiln, scene)
     return checks.end()
 

@@ -2,10 +2,11 @@
 
 - In three open rooms and one camera, what is seen has the direct light of the whole bake and all but 0.2 % of its
   indirect light; the rest is not valid and 0. The final gather has rays for the seen points alone. The same bits on 3
-  ranks.
+  ranks. kiln plan counts the same points, and plans a shorter final gather.
 - In a room behind a sealed wall, with a path of a camera in the lit part, little beyond the wall is lit.
 - Views that there are not, or that see nothing, and options that judge all light, are refused with a sentence.
 """
+import json
 import os
 import sys
 
@@ -49,6 +50,24 @@ def check(checks, what, whole, some):
     return seen, x
 
 
+def check_plan(kiln, checks, options, some):
+    """kiln plan counts what the bake `some` for the rooms' views counts, and plans a shorter final gather for it."""
+    plans = []
+    for more in ((), ('--only-visible-from', 'all')):
+        process = kiln.command('plan', *options[:3], '--samples-indirect', 32, '--samples-probe', 0, '--backend',
+                               'embree', '--threads', 1, '--json', *more)
+        checks.that(process.status == 0, 'kiln plan ended with %d' % process.status, process)
+        if process.status != 0:
+            return
+        plans.append(json.loads(process.stdout))
+    said = {name: some.run['visible_from'][name] for name in ('views', 'valid', 'seen', 'reached')}
+    checks.that(plans[1].get('visible_from') == said and 'visible_from' not in plans[0], 'rooms: the plan says %s, and '
+                'the bake %s' % (plans[1].get('visible_from'), said), process)
+    whole, few = (p['seconds']['final'] for p in plans)
+    checks.that(few < 0.7 * whole, 'rooms: the plan has a final gather of %g s for all, of %g s for %s' %
+                (whole, few, said), process)
+
+
 def check_rooms(kiln, checks):
     options = (ROOMS, '--texels-per-metre', 4, *FEW)
     whole, some = kiln.bake(*options), kiln.bake(*options, '--only-visible-from', 'all')
@@ -58,6 +77,7 @@ def check_rooms(kiln, checks):
     checks.that(0.1 < seen.mean() < 0.6, 'rooms: %g of all is seen' % seen.mean(), some.process)
     if kiln.backend == 'vulkan':
         return
+    check_plan(kiln, checks, options, some)
     ranks = kiln.bake(*options, '--only-visible-from', 'all', ranks=3)
     if checks.baked(ranks):
         checks.that(same_result.points(ranks) == same_result.points(some), 'rooms: 3 ranks have other bits',

@@ -1,12 +1,15 @@
 """What a bake into an octree leaves behind: leaves in kiln.h5, a preview, and no lightmaps; views of it are those of
 lightmaps; light at vertices needs no layout; a bake that was stopped goes on to the same bits; options that do not fit
 are refused."""
+import glob
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 
 import h5py
@@ -27,6 +30,23 @@ def run(*arguments, status=0, faults=None):
                           env={**os.environ, **harness.MPI_ENVIRONMENT, **(faults or {})})
     assert done.returncode == status, f"{' '.join(map(str, arguments))}: exit {done.returncode}\n{done.stderr}"
     return done.stderr
+
+
+def light_of(bake):
+    """What must have the same bits."""
+    with h5py.File(os.path.join(bake, "kiln.h5"), "r") as f, open(os.path.join(bake, "scene.glb"), "rb") as scene:
+        return {name: f[name][...].tobytes() for name in ("irradiance/total", "irradiance/error",
+                                                          "vertices/irradiance", "vertices/error")}, scene.read()
+
+
+def children_of(process):
+    with open("/proc/%d/task/%d/children" % (process, process)) as f:
+        return [int(child) for child in f.read().split()]
+
+
+def report_of(bake):
+    with open(os.path.join(bake, "run.json")) as f:
+        return json.load(f)
 
 
 def json_of(path):
@@ -75,6 +95,15 @@ class Octree(unittest.TestCase):
         self.assertEqual(report["store"]["kind"], "octree")
         self.assertEqual(report["store"]["leaf_size"], LEAF)
         self.assertTrue(all(o["lightmap"] is None for o in report["objects"]))
+        page = os.path.join(self.folder, "report.html")
+        run("report", self.bakes["octree"], "-o", page, "--quiet")
+        with open(page) as f:
+            text = f.read()
+        self.assertNotIn("<h2>Lightmaps", text)
+        self.assertIn("leaves/m", text)
+        look = subprocess.run([KILN, "info", os.path.join(self.bakes["octree"], "scene.kscene")], capture_output=True,
+                              text=True)
+        self.assertIn("octrees", look.stdout)
 
     def test_leaves(self):
         with h5py.File(os.path.join(self.bakes["octree"], "kiln.h5"), "r") as f:
@@ -120,8 +149,11 @@ class Octree(unittest.TestCase):
         self.assertEqual(*coordinates)
         self.assertTrue(any("COLOR_1" in p["attributes"] for m in scene["meshes"] for p in m["primitives"]))
         self.assertNotIn(".exr", json.dumps(scene))
-        there = os.path.join(self.folder, "s.glb")
-        self.assertIn("octree", run("export", self.bakes["octree"], "-o", there, status=65))
+        there = os.path.join(self.folder, "there", "scene.glb")
+        run("export", self.bakes["octree"], "-o", there, "--quiet")
+        with open(there, "rb") as f, open(os.path.join(self.bakes["octree"], "scene.glb"), "rb") as g:
+            self.assertEqual(f.read(), g.read())
+        self.assertIn("has none", run("export", self.bakes["octree"], "-o", there, "--atlas", 512, status=64))
 
     def test_some_views(self):
         """What the camera sees has light, as with lightmaps, and its view is that of the whole bake."""
@@ -138,6 +170,73 @@ class Octree(unittest.TestCase):
             run("view", bake, "-o", pictures[-1], "--width", 96, "--quiet", "--threads", 1)
             pictures[-1] = rgb(pictures[-1])
         self.assertLess(abs(pictures[0].mean() / pictures[1].mean() - 1), 0.02)
+
+    def test_means(self):
+        """run.json has each object's mean and error by its leaves, which are near those by lightmaps."""
+        objects, lightmaps = (report_of(self.bakes[store])["objects"] for store in ("octree", "lightmap"))
+        with h5py.File(os.path.join(self.bakes["octree"], "kiln.h5"), "r") as f:
+            light, error = f["irradiance/total"][...] @ (0.2126, 0.7152, 0.0722), f["irradiance/error"][...]
+            area, thing, valid = f["points/area"][...], f["points/object"][...], f["points/valid"][...] > 0
+            ends, off = f["vertices/first"][...], f["vertices/error"][...]
+        self.assertEqual(report_of(self.bakes["octree"])["vertices"]["count"], ends[-1])
+        for i, (a, b) in enumerate(zip(objects, lightmaps)):
+            own = valid & (thing == i)
+            mean = np.average(light[own], weights=area[own])
+            self.assertEqual(a["valid"], own.sum())
+            self.assertLess(abs(a["mean"] / mean - 1), 1e-5)
+            noise = np.sqrt(np.average(error[own] ** 2, weights=area[own])) / mean
+            self.assertLess(abs(a["relative_error"] / noise - 1), 1e-5)
+            self.assertLess(abs(a["vertex_error"] / off[i] - 1), 1e-6)
+            self.assertLess(abs(a["mean"] / b["mean"] - 1), 0.05)  # the lamp has 49 leaves
+
+    def test_compare(self):
+        """Octrees with the same leaves are compared leaf by leaf; others, and lightmaps, where they are read."""
+        def compare(a, b):
+            done = subprocess.run([KILN, "compare", a, b, "--json"], capture_output=True, text=True)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            return json.loads(done.stdout)
+        folders = [os.path.join(self.folder, name) for name in ("seed", "wide")]
+        for folder, more in zip(folders, (("--leaf-size", LEAF, "--seed", 7), ("--leaf-size", 2 * LEAF))):
+            run("bake", CORNELL, "-o", folder, "--store", "octree", "--no-preview", *more, *LIGHT)
+        rows = []
+        for bake in (self.bakes["octree"], folders[0]):
+            with h5py.File(os.path.join(bake, "kiln.h5"), "r") as f:
+                rows.append(f["irradiance/total"][...].astype(float))
+                area, thing, valid = f["points/area"][...], f["points/object"][...], f["points/valid"][...] > 0
+        found = compare(self.bakes["octree"], folders[0])
+        self.assertFalse(found["identical"])
+        for i, o in enumerate(report_of(folders[0])["objects"]):
+            own = valid & (thing == i)
+            rmse = np.sqrt(np.average(((rows[0] - rows[1])[own] ** 2).mean(1), weights=area[own]))
+            self.assertLess(abs(found["objects"][o["name"]]["rmse"] / rmse - 1), 0.05)
+        self.assertTrue(compare(folders[0], folders[0])["identical"])
+        for a, b, most in ((folders[1], folders[0], 0.15), (self.bakes["lightmap"], self.bakes["octree"], 0.12)):
+            found = compare(a, b)
+            self.assertTrue(found["sampled"] and not found["identical"])
+            self.assertLess(found["nrmse"], most)
+            self.assertLess(abs(found["channels"]["G"]["mean_difference"] / found["channels"]["G"]["mean"]), 0.02)
+
+    def test_ranks_and_kill(self):
+        """The same bits over 3 and 4 ranks, the latter after one of them was killed."""
+        command = (CORNELL, "--store", "vertex", "--leaf-size", LEAF, "--no-preview", *LIGHT)
+        for ranks, kill in ((3, False), (4, True)):
+            folder = os.path.join(self.folder, "ranks%d" % ranks)
+            start = ["mpirun", "-n", str(ranks), KILN, "bake", *map(str, command), "-o", folder]
+            environment = {**os.environ, **harness.MPI_ENVIRONMENT}
+            if kill:
+                environment["KILN_SLOW_RANK"] = "1:30"
+                bake = subprocess.Popen([*start, "--checkpoint-every", "0.1"], env=environment,
+                                        stderr=subprocess.DEVNULL)
+                while bake.poll() is None and not glob.glob(os.path.join(folder, "checkpoint", "gen-*")):
+                    time.sleep(0.01)
+                self.assertIsNone(bake.poll(), "the bake is still under way")
+                os.kill(children_of(bake.pid)[1], signal.SIGKILL)
+                self.assertNotEqual(bake.wait(), 0)
+                del environment["KILN_SLOW_RANK"]
+            done = subprocess.run(start, env=environment, capture_output=True, text=True)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertEqual(report_of(folder)["restarts"] > 0, kill)
+            self.assertEqual(light_of(folder), light_of(self.bakes["octree"]))
 
     def test_goes_on(self):
         folder = os.path.join(self.folder, "stopped")

@@ -137,7 +137,7 @@ class Paths(unittest.TestCase):
                 ((self.bake, "--method", "path", "--show", "direct"), 64, "path tracing shows light"),
                 ((self.bake, "--method", "rays"), 64, "lightmaps, path"),
                 ((os.path.join(DATA, "analytic", "leak_box.glb"), "--method", "path"), 64, "--from X,Y,Z"),
-                ((os.path.join(self.folder, "absent.glb"), "--method", "path"), 66, "absent.glb"),
+                ((os.path.join(self.folder, "absent.glb"), "--method", "path"), 66, "cannot read scene"),
                 ((self.cornell,), 66, "is a file")):
             for ranks in (0, 2) if "path" in arguments else (0,):
                 said = run("view", *arguments, *out, code=code, ranks=ranks).stderr

@@ -136,6 +136,12 @@ with tempfile.TemporaryDirectory() as folder:
         assert len(corners) == len(colors) == whole
         for place, rgb in zip(corners.round(5).tolist(), colors.tolist()):
             assert np.allclose(places[tuple(place)], rgb, rtol=1e-6), (name, place, rgb)
+    # what kiln export writes afterwards, with the lightmaps on one page
+    there = os.path.join(folder, "there", "scene.glb")
+    subprocess.run([KILN, "export", os.path.join(folder, "floor"), "-o", there, "--atlas", "512", "--quiet"],
+                   check=True)
+    later = exported(there)
+    assert set(later) == set(written) and all(np.array_equal(later[name][1], written[name][1]) for name in written)
 
     again = bake(scene, os.path.join(folder, "ranks"), *options, ranks=3)
     for name in found:

@@ -554,6 +554,32 @@ def try_blocks(checks, tool):
     same(checks, tool, reference, folder, tool.bake(folder, *views), 'killed within a final gather for a view')
 
 
+def try_range(checks, tool):
+    """Radiance probes are placed and gathered again after a kill, for a step that has begun too."""
+    more = ('--tracing-range', 1, '--radiance-probe-spacing', 0.6, '--samples-radiance-probe', 1024, '--bounces', 2,
+            '--samples-indirect', 1024, '--no-error-map')
+    reference, _ = reference_of(checks, tool, *more)
+    for ranks, after, phase in ((3, 1, 'final gather'), (1, 4, 'radiance probes')):
+        folder = tool.folder()
+        killed_within(checks, tool, folder, phase, ranks, more)
+        same(checks, tool, reference, folder, tool.bake(folder, *more, ranks=after), 'killed within %s' % phase)
+
+
+def try_guide(checks, tool):
+    """What rays have learnt is kept: killed while they learn, while they learn and follow, and while they follow, on
+    other numbers of ranks."""
+    more = ('--guide', 'auto', '--samples-bounce', 1024, '--samples-indirect', 2048, '--bounces', 3, '--no-error-map')
+    reference, _ = reference_of(checks, tool, *more)
+    folder = tool.folder()
+    killed_within(checks, tool, folder, 'bounce 1', 2, more)
+    killed_within(checks, tool, folder, 'bounce 2', 3, more)
+    process = tool.bake(folder, *(word for word in more if word not in ('--guide', 'auto')))
+    checks.that(process.status == BAD_INPUT and 'guide' in process.stderr,
+                'a bake without a guide was not refused: %d' % process.status, process)
+    killed_within(checks, tool, folder, 'final gather', 1, more)
+    same(checks, tool, reference, folder, tool.bake(folder, *more), 'killed within guided gathers')
+
+
 def try_bounces(checks, tool):
     """More passes than an array of a fixed size would hold, at a stretch and in two."""
     few = ('--lightmap-size', 8, '--samples-direct', 4, '--samples-bounce', 2, '--samples-indirect', 4,
@@ -787,6 +813,17 @@ def try_refusals(checks, tool):
     process = tool.bake(folder, scene=changed)
     checks.that(process.status == BAD_INPUT and 'scene content' in process.stderr and 'cornell.glb' in process.stderr,
                 'a changed colour was not refused: %d' % process.status, process)
+    path = os.path.join(tool.scratch, 'path.csv')
+    views = ('--only-visible-from', path, '--no-error-map', '--samples-indirect', 2048)
+    for to, code, word in ((0, 0, ''), (0.2, BAD_INPUT, 'camera path')):
+        with open(path, 'w') as f:
+            f.write('from.x,from.y,from.z,to.x,to.y,to.z\n2.8,2.7,-7,2.8,2.7,0\n2.8,2.7,-7,2.8,%g,1\n' % (2.7 + to))
+        if to == 0:
+            seen = interrupted(tool, checks, more=views)
+            continue
+        process = tool.bake(seen, *views)
+        checks.that(process.status == code and word in process.stderr,
+                    'a changed path of a camera: %d, %s' % (process.status, process.stderr), process)
     process = tool.bake(folder, scene=os.path.join(harness.REPOSITORY, 'jobs', 'furnace.glb'))
     checks.that(process.status == BAD_INPUT and 'scene content' in process.stderr,
                 'another scene was not refused: %d' % process.status, process)
@@ -1102,7 +1139,8 @@ def try_cost(checks, tool):
 
 
 PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'quantities': try_quantities,
-         'blocks': try_blocks, 'bounces': try_bounces, 'signals': try_signals,
+         'blocks': try_blocks, 'range': try_range, 'guide': try_guide,
+         'bounces': try_bounces, 'signals': try_signals,
          'phases': try_phases,
          'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults,
          'interrupted': try_interrupted,

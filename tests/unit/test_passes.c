@@ -20,6 +20,7 @@
 #include "tests/unit/vulkan_device.h"
 #include "worker/backend/backend.h"
 #include "worker/light/lights.h"
+#include "worker/pass/guided.h"
 #include "worker/pass/occlusion.h"
 #include "worker/pass/path.h"
 #include "worker/pass/radiance.h"
@@ -43,8 +44,11 @@ static const struct kiln_path_parameters camera = {.position = {0.3f, 2.5f, 0.2f
                                                    .height = 4,
                                                    .bounces = 2};
 static const struct kiln_radiance_parameters map = {.basis = KILN_PROBE_CUBE, .side = 2};
-static const void *const parameters[KILN_PASS_COUNT] = {
-    [KILN_PASS_INDEX_occlusion] = &near_by, [KILN_PASS_INDEX_path] = &camera, [KILN_PASS_INDEX_radiance] = &map};
+static const struct kiln_guided_parameters follow = {.follows = true};
+static const void *const parameters[KILN_PASS_COUNT] = {[KILN_PASS_INDEX_occlusion] = &near_by,
+                                                        [KILN_PASS_INDEX_path] = &camera,
+                                                        [KILN_PASS_INDEX_radiance] = &map,
+                                                        [KILN_PASS_INDEX_guided] = &follow};
 
 struct world {
     struct fixture *fixture;
@@ -80,6 +84,9 @@ static void build(struct world *w)
         const float level = 1.0f + (float)fixture_random(f), rgb[3] = {level, 2.0f * level, 0.5f};
         w->radiosity[i] = kiln_radiosity_pack(rgb, kiln_hash1((uint32_t)i));
     }
+    w->surface->guide = calloc(w->surface->count, KILN_GUIDE_FLOATS * sizeof *w->surface->guide);
+    for (uint64_t i = 0; i < KILN_GUIDE_FLOATS * w->surface->count; i++) /* more light from near the normals */
+        w->surface->guide[i] = i % 256 < 96 ? 3.0f : 0.1f;
     for (int i = 0; i < PROBES; i++)
         w->positions[i] = vec3((float)(4.0 * fixture_random(f) - 2.0), (float)(2.0 * fixture_random(f) + 0.01),
                                (float)(4.0 * fixture_random(f) - 2.0));
@@ -88,6 +95,7 @@ static void build(struct world *w)
 static void release(struct world *w)
 {
     free(w->radiosity);
+    free(w->surface->guide);
     kiln_surface_destroy(&w->surface);
     kiln_lights_destroy(&w->lights);
     kiln_geometry_destroy(&w->geometry);
@@ -248,7 +256,8 @@ static double stretch(struct kiln_backend *backend, const struct world *w, const
     all.first_sample = first;
     (void)run(backend, pass, all, &k);
     for (uint64_t i = 0; i < w->surface->count; i++) {
-        const struct kiln_point_result *r = (const struct kiln_point_result *)(const void *)k.results + i;
+        const struct kiln_point_result *r =
+            (const void *)(k.results + i * pass->result_bytes); /* of both passes the same */
         const bool valid = kiln_point_valid(w->surface, (struct kiln_own_point){i});
         assert_true(r->count == (valid ? samples : 0) && (valid || r->irradiance[0] == 0.0f));
         assert_true(kiln_point_mean(r).count == r->count && isfinite(kiln_point_mean(r).irradiance[0]));
@@ -289,7 +298,8 @@ static void sums_add_up(struct kiln_backend *backend, const struct world *w, con
     const double parts = add(backend, w, pass, 0, 5, &counts[0]) + add(backend, w, pass, 5, 11, &counts[0]);
     const double whole = add(backend, w, pass, 0, 16, &counts[1]);
     print_message("%s: 5 and 11 samples sum up to %.6g, 16 to %.6g\n", pass->name, parts, whole);
-    assert_true(counts[0] == counts[1] && whole > 0.0 && fabs(parts / whole - 1.0) < 0.01);
+    assert_true(counts[0] == counts[1] && whole > 0.0 &&
+                fabs(parts / whole - 1.0) < (pass->index == KILN_PASS_INDEX_guided ? 0.03 : 0.01));
 }
 
 /* Runs every pass, validity first; gives the rays of each. */
@@ -315,6 +325,12 @@ static void run_all(const struct world *w, const char *name, uint64_t rays[KILN_
         struct kiln_batch all;
         struct kept k = keeper(w, pass, &all);
         all.samples = pass->is_sampled ? 9 : 0;
+        rays[i] = 1;
+        if (pass->on_embree_only && strcmp(name, "embree") != 0) {
+            assert_int_equal(kiln_backend_run(backend, pass, parameters[i], &all, &ignored, &error), KILN_USAGE);
+            drop(&k);
+            continue;
+        }
         rays[i] = run(backend, pass, all, &k);
         assert_true(k.next == all.first + all.count && rays[i] > 0);
         drop(&k);
@@ -340,7 +356,8 @@ static void every_pass_on_every_backend(void **state)
         for (int i = 0; i < KILN_PASS_COUNT; i++) {
             print_message("%s: %llu rays, on Vulkan %llu\n", kiln_passes[i]->name, (unsigned long long)rays[0][i],
                           (unsigned long long)rays[1][i]);
-            assert_true(fabs((double)rays[1][i] / (double)rays[0][i] - 1.0) < 0.002); /* rounding decides a few */
+            assert_true(kiln_passes[i]->on_embree_only || /* else rounding decides a few */
+                        fabs((double)rays[1][i] / (double)rays[0][i] - 1.0) < 0.002);
         }
     }
     release(&w);

@@ -1,5 +1,6 @@
 /* Radiance probes: the maps cover all directions, harmonics of a constant have one coefficient and those of a harmonic
- * come back, a ray asks only probes that it may, and the grid lies in the scene's box. */
+ * come back, all bases have the far field of a smooth closed form, a ray asks only probes that it may, and the grid
+ * lies in the scene's box. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -87,6 +88,86 @@ static void harmonics_come_back(void **state)
     free(elements);
 }
 
+/* Smooth radiance that has a closed form: exp(1.2 z), of which the harmonics up to band 2 do not have all. Its
+ * irradiance at a surface that faces +z is the integral of it times the cosine. */
+#define SMOOTH 1.2
+static double smooth_radiance(struct kiln_vec3 d) { return exp(SMOOTH * (double)d.z / (double)vec3_length(d)); }
+static double smooth_irradiance(void)
+{
+    return 2.0 * KILN_PI * ((SMOOTH - 1.0) * exp(SMOOTH) + 1.0) / (SMOOTH * SMOOTH);
+}
+
+/* Mean of the radiance over each element, as the radiance pass has it: places even on the map, weighed by their solid
+ * angle. */
+static void fill_in(const struct kiln_probe_grid *grid, struct kiln_radiance_result *results)
+{
+    enum { ALONG = 16 };
+    for (uint32_t e = 0; e < kiln_probe_elements(grid->basis, grid->side); e++) {
+        double sum = 0.0, weights = 0.0;
+        for (int i = 0; i < ALONG * ALONG; i++) {
+            const struct kiln_vec3 at = kiln_probe_point(
+                grid->basis, grid->side, e, ((float)(i % ALONG) + 0.5f) / ALONG, ((float)(i / ALONG) + 0.5f) / ALONG);
+            const double weight = pow((double)vec3_length(at), -3.0);
+            sum += weight * smooth_radiance(at);
+            weights += weight;
+        }
+        results[e].radiance[0] = results[e].radiance[1] = results[e].radiance[2] = (float)(sum / weights);
+    }
+}
+
+/* What a probe in the middle of the scene answers: the root mean square error of its radiance over all directions,
+ * relative to the mean radiance, and the relative error of the irradiance. */
+static void ask_everywhere(int basis, uint32_t side, double *radiance_error, double *irradiance_error)
+{
+    enum { ALONG = 200 };
+    const struct kiln_probe_grid grid = grid_of(basis, side, 1024, 0.5);
+    const uint32_t count = kiln_probe_elements(grid.basis, grid.side);
+    struct kiln_probe_element *elements = calloc(count, sizeof *elements);
+    struct kiln_radiance_result *results = calloc(count, sizeof *results);
+    float *data = calloc(grid.floats, sizeof *data);
+    const struct kiln_vec3 middle = vec3(0.0f, 0.0f, 0.0f);
+    const struct kiln_radiance_probes probes = {.grid = grid, .positions = &middle, .data = data};
+    double square = 0.0, mean = 0.0, irradiance = 0.0;
+    kiln_probe_elements_make(&grid, elements);
+    fill_in(&grid, results);
+    kiln_probe_keep(&grid, elements, results, data);
+    for (int i = 0; i < ALONG * ALONG; i++) {
+        const double z = 2.0 * (i / ALONG + 0.5) / ALONG - 1.0, turn = 2.0 * KILN_PI * (i % ALONG + 0.5) / ALONG,
+                     r = sqrt(1.0 - z * z);
+        const struct kiln_vec3 d = vec3((float)(r * cos(turn)), (float)(r * sin(turn)), (float)z);
+        float found[3];
+        kiln_probe_ask(&probes, 0, middle, d, kiln_probe_far(grid, middle, d), found);
+        square += pow((double)found[1] - smooth_radiance(d), 2.0) / (ALONG * ALONG);
+        mean += smooth_radiance(d) / (ALONG * ALONG);
+        irradiance += fmax(z, 0.0) * (double)found[1] * 4.0 * KILN_PI / (ALONG * ALONG);
+    }
+    *radiance_error = sqrt(square) / mean;
+    *irradiance_error = fabs(irradiance / smooth_irradiance() - 1.0);
+    free(data);
+    free(results);
+    free(elements);
+}
+
+/* Maps of more elements come nearer and nearer, in proportion to an element's side, and the irradiance in proportion to
+ * its square. */
+static void all_bases_have_the_same_far_field(void **state)
+{
+    (void)state;
+    double radiance, irradiance, before[2];
+    ask_everywhere(KILN_PROBE_HARMONICS, 0, &radiance, &irradiance);
+    assert_true(radiance < 0.04 && irradiance < 0.005);
+    for (int basis = KILN_PROBE_OCTAHEDRAL; basis <= (int)KILN_PROBE_CUBE; basis++) {
+        ask_everywhere(basis, 4, &before[0], &before[1]);
+        for (uint32_t side = 8; side <= 32; side *= 2) {
+            ask_everywhere(basis, side, &radiance, &irradiance);
+            assert_true(radiance < 0.6 * before[0] && irradiance < 0.4 * before[1]);
+            before[0] = radiance;
+            before[1] = irradiance;
+        }
+        assert_true(radiance < 0.05 && irradiance < 0.005);
+    }
+}
+
 /* By their weights, and only of those that are seen. */
 static void drawn_as_weighted(void **state)
 {
@@ -132,6 +213,7 @@ static void the_grid_lies_in_the_box(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(maps_cover_the_sphere), cmocka_unit_test(harmonics_come_back),
+                                       cmocka_unit_test(all_bases_have_the_same_far_field),
                                        cmocka_unit_test(drawn_as_weighted), cmocka_unit_test(the_grid_lies_in_the_box)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -216,6 +216,16 @@ int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 
     return backend->api->intersect(backend, origins, directions, count, hits, error);
 }
 
+int kiln_backend_intersect_alike(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                                 const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
+                                 struct kiln_error *error)
+{
+    if (count == 0)
+        return KILN_OK;
+    return (backend->api->intersect_alike != NULL ? backend->api->intersect_alike : backend->api->intersect)(
+        backend, origins, directions, count, hits, error);
+}
+
 int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
                          struct kiln_error *error)
 {

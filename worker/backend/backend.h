@@ -129,6 +129,10 @@ struct kiln_backend_api {
                const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
     int (*intersect)(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
                      size_t count, struct kiln_hit *hits, struct kiln_error *error);
+    /* NULL: `intersect` does it */
+    int (*intersect_alike)(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                           const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
+                           struct kiln_error *error);
     int (*ceiling)(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
                    struct kiln_error *error);
 };
@@ -184,6 +188,10 @@ int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct
 int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                            const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
                            struct kiln_error *error);
+/* The same for rays whose neighbours in the arrays go much the same way, which a backend may trace together. */
+int kiln_backend_intersect_alike(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                                 const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
+                                 struct kiln_error *error);
 /* For benches: the gather pass's own rays over a batch, in the same packets and order, traced by the tracer alone; adds
  * the seconds that its calls took and the number of rays. One thread. Nothing is taken. */
 int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,

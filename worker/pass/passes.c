@@ -5,6 +5,7 @@
 #include "worker/base/color.h"
 #include "worker/pass/directional.h"
 #include "worker/pass/gather.h"
+#include "worker/pass/guided.h"
 #include "worker/pass/occlusion.h"
 #include "worker/pass/path.h"
 #include "worker/pass/probes.h"
@@ -49,6 +50,7 @@ static uint32_t channels_without(const float rgb[3])
     return (isnan(rgb[0]) ? 1u : 0u) | (isnan(rgb[1]) ? 2u : 0u) | (isnan(rgb[2]) ? 4u : 0u);
 }
 
+/* Of the guided pass too, whose result begins with the same struct; so do its figures. */
 static uint32_t gather_lacks(const void *result)
 {
     return channels_without(((const struct kiln_point_result *)result)->incident);
@@ -154,6 +156,22 @@ const struct kiln_pass kiln_pass_radiance = {.index = KILN_PASS_INDEX_radiance,
                                              .is_sampled = true,
                                              .has_streams = true,
                                              .reads_radiosity = true};
+
+const struct kiln_pass kiln_pass_guided = {.index = KILN_PASS_INDEX_guided,
+                                           .name = "guided",
+                                           .what = "gathered light",
+                                           .domain = KILN_DOMAIN_TILE_RUNS,
+                                           .parameter_bytes = sizeof(struct kiln_guided_parameters),
+                                           .result_bytes = sizeof(struct kiln_guided_result),
+                                           .on_embree_only = true,
+                                           .is_sampled = true,
+                                           .has_streams = true,
+                                           .reads_radiosity = true,
+                                           .lacks = gather_lacks,
+                                           .is_divisible = true,
+                                           .is_masked = true,
+                                           .is_stealable = true,
+                                           POINT_FIGURES};
 
 #define ROW(name) [KILN_PASS_INDEX_##name] = &kiln_pass_##name,
 const struct kiln_pass *const kiln_passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};

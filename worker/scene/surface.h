@@ -148,6 +148,8 @@ struct kiln_surface {
     /* per point: which radiance probes are near it (KILN_PROBE_SEEN in shaders/shared/radiance_probe.h). NULL: the bake
      * has none */
     uint32_t *near_probes;
+    /* KILN_GUIDE_FLOATS a point: the guides of tile runs (worker/pass/guided.h). NULL: the bake has none */
+    float *guide;
 };
 
 /* The point must be one of this rank's, or of the rank whose arrays the surface views. */

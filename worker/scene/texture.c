@@ -72,6 +72,8 @@ void kiln_texture_codes(float linear[256]) { memcpy(linear, linear_of_srgb, size
 static uint32_t wrapped(int64_t at, uint32_t size, uint32_t wrap)
 {
     const int64_t n = size;
+    if (at >= 0 && at < n)
+        return (uint32_t)at;
     switch (wrap) {
     case KILN_WRAP_CLAMP:
         return (uint32_t)(at < 0 ? 0 : at >= n ? n - 1 : at);
@@ -87,10 +89,10 @@ static uint32_t wrapped(int64_t at, uint32_t size, uint32_t wrap)
     }
 }
 
-static void texel(const struct kiln_scene *scene, const struct kiln_texture *t, int64_t x, int64_t y, float rgba[4])
+/* The texel in a column and row that exist. */
+static void texel(const struct kiln_scene *scene, const struct kiln_texture *t, uint32_t x, uint32_t y, float rgba[4])
 {
-    const uint8_t *code = scene->texels + t->first +
-                          4 * ((uint64_t)wrapped(y, t->height, t->wrap_v) * t->width + wrapped(x, t->width, t->wrap_u));
+    const uint8_t *code = scene->texels + t->first + 4 * ((uint64_t)y * t->width + x);
     for (int c = 0; c < 3; c++)
         rgba[c] = t->srgb ? linear_of_srgb[code[c]] : (float)code[c] / 255.0f;
     rgba[3] = (float)code[3] / 255.0f;
@@ -108,20 +110,29 @@ static double texel_coordinate(float u, uint32_t size, uint32_t wrap)
     return x * (double)size;
 }
 
+/* floor, without a call, of what fits. */
+static inline int64_t floor_of(double x)
+{
+    const int64_t whole = (int64_t)x;
+    return whole - (x < (double)whole ? 1 : 0);
+}
+
 void kiln_texture_sample(const struct kiln_scene *scene, uint32_t index, float u, float v, float rgba[4])
 {
     assert(index < scene->texture_count);
     const struct kiln_texture *t = &scene->textures[index];
     const double x = texel_coordinate(u, t->width, t->wrap_u), y = texel_coordinate(v, t->height, t->wrap_v);
     if (t->nearest) {
-        texel(scene, t, (int64_t)floor(x), (int64_t)floor(y), rgba);
+        texel(scene, t, wrapped(floor_of(x), t->width, t->wrap_u), wrapped(floor_of(y), t->height, t->wrap_v), rgba);
         return;
     }
-    const double left = floor(x - 0.5), top = floor(y - 0.5);
-    const float fx = (float)(x - 0.5 - left), fy = (float)(y - 0.5 - top);
+    const int64_t left = floor_of(x - 0.5), top = floor_of(y - 0.5);
+    const float fx = (float)(x - 0.5 - (double)left), fy = (float)(y - 0.5 - (double)top);
+    const uint32_t column[2] = {wrapped(left, t->width, t->wrap_u), wrapped(left + 1, t->width, t->wrap_u)},
+                   row[2] = {wrapped(top, t->height, t->wrap_v), wrapped(top + 1, t->height, t->wrap_v)};
     float corner[4][4];
     for (int k = 0; k < 4; k++)
-        texel(scene, t, (int64_t)left + (k & 1), (int64_t)top + (k >> 1), corner[k]);
+        texel(scene, t, column[k & 1], row[k >> 1], corner[k]);
     for (int c = 0; c < 4; c++) {
         const float upper = corner[0][c] + fx * (corner[1][c] - corner[0][c]);
         const float lower = corner[2][c] + fx * (corner[3][c] - corner[2][c]);
@@ -183,8 +194,8 @@ static void surface_color(const struct kiln_scene *scene, const struct kiln_mesh
             rgba[c] *= sample[c];
     }
     for (int c = 0; c < 4; c++) {
-        const float scaled = c < 3 ? rgba[c] * kept : rgba[c];
-        rgba[c] = fminf(fmaxf(scaled, 0.0f), 1.0f); /* rounding of the weights may step outside by a bit */
+        const float scaled = c < 3 ? rgba[c] * kept : rgba[c], some = scaled > 0.0f ? scaled : 0.0f;
+        rgba[c] = some < 1.0f ? some : 1.0f; /* rounding of the weights may step outside by a bit */
     }
 }
 
@@ -313,7 +324,8 @@ static void load_cell(const struct kiln_scene *scene, const struct kiln_texture 
     cell->y = y;
     cell->nearest = t->nearest != 0;
     for (int k = 0; k < (cell->nearest ? 1 : 4); k++) /* a bilinear cell begins at a texel centre, half a texel in */
-        texel(scene, t, (int64_t)floor(x) + (k & 1), (int64_t)floor(y) + (k >> 1), cell->corner[k]);
+        texel(scene, t, wrapped((int64_t)floor(x) + (k & 1), t->width, t->wrap_u),
+              wrapped((int64_t)floor(y) + (k >> 1), t->height, t->wrap_v), cell->corner[k]);
 }
 
 static double cell_value(const struct cell *cell, int channel, double x, double y)

@@ -10,6 +10,7 @@
 #include "coordinator/integrate/cells/tile_error.h"
 #include "coordinator/integrate/parts.h"
 #include "coordinator/integrate/radiosity_exchange.h"
+#include "worker/pass/guided.h"
 
 /* in the order of KILN_CELLS_DIRECT, ... */
 static const struct kiln_role roles[] = {
@@ -22,10 +23,12 @@ static int begin_step(struct kiln_integration *in, struct kiln_step_report *last
                       struct kiln_error *error)
 {
     const struct kiln_rank_data *own = in->solution->own;
-    if (step->role == KILN_CELLS_DIRECT)
+    if (step->role == KILN_CELLS_DIRECT) {
         kiln_ledger_forget_groups(in->ledger);
-    if (step->role == KILN_CELLS_DIRECT)
         kiln_late_reset(own);
+        if (own->surface.guide != NULL)
+            memset(own->surface.guide, 0, KILN_GUIDE_FLOATS * own->surface.count * sizeof *own->surface.guide);
+    }
     if (step->role == KILN_CELLS_DIRECT || step->role == KILN_CELLS_PILOT)
         return KILN_OK;
     if (in->settings->schedule == KILN_SCHEDULE_EQUAL) {

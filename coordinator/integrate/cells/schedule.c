@@ -6,6 +6,7 @@
 #include "coordinator/integrate/cells/adapt.h"
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/late.h"
+#include "worker/pass/guided.h"
 
 #define LONG_TAIL_RATIO 0.8 /* of a bounce to the one before */
 #define LEAST_LEFT 1e-5     /* equal schedule: reflected power of a bounce over that of all, after which none comes */
@@ -170,6 +171,9 @@ static uint32_t bounce_samples(const struct kiln_integrate_settings *settings, c
     return samples > LEAST_SAMPLES ? samples : LEAST_SAMPLES;
 }
 
+static const struct kiln_guided_parameters learning = {.learns = true}, following = {.follows = true},
+                                           both = {.learns = true, .follows = true};
+
 static bool next_lean(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                       size_t count, struct kiln_step *step)
 {
@@ -184,6 +188,10 @@ static bool next_lean(const struct kiln_integrate_settings *settings, const stru
     step->terminal = !more;
     step->seen_only = !more && settings->seen_only;
     step->by_blocks = more && settings->indirect_scale > 1;
+    if (settings->guide) {
+        step->pass = &kiln_pass_guided;
+        step->parameters = !more ? &following : step->bounce == 1 ? &learning : &both;
+    }
     if (more && settings->bounces < 0 && step->bounce >= KILN_LATE_FIRST)
         step->samples_field = KILN_FIELD_SAMPLES_BOUNCE;
     return true;

@@ -8,6 +8,7 @@
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/packing.h"
 #include "coordinator/integrate/parts.h"
+#include "worker/pass/guided.h"
 #include "worker/scene/radiosity.h"
 
 static void set(float *values, struct kiln_own_point own, const float rgb[3])
@@ -228,10 +229,29 @@ static void keep_bounces(const struct kiln_rank_data *data, const struct kiln_ti
     }
 }
 
+/* The answers of the tile run's points. Those of the guided pass are copied to `points`; what it has learnt goes to the
+ * guide. */
+static const struct kiln_point_result *point_results(const struct kiln_taking *t, const struct kiln_rank_data *data,
+                                                     const struct kiln_tile_run *f, const void *answers,
+                                                     struct kiln_point_result points[KILN_TILE_TEXELS])
+{
+    const struct kiln_guided_result *guided = answers;
+    if (t->step->pass != &kiln_pass_guided)
+        return answers;
+    float *guide = data->surface.guide + KILN_GUIDE_FLOATS * kiln_own_of_global(&data->surface, f->first).at;
+    for (uint32_t k = 0; k < f->count; k++) {
+        points[k] = guided[k].point;
+        for (uint32_t i = 0; i < KILN_GUIDE_FLOATS; i++)
+            *guide++ += guided[k].learnt[i];
+    }
+    return points;
+}
+
 void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
                      const void *answers, struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
 {
-    const struct kiln_point_result *results = answers;
+    struct kiln_point_result points[KILN_TILE_TEXELS];
+    const struct kiln_point_result *results = point_results(t, data, f, answers, points);
     struct kiln_own_point own = kiln_own_of_global(&data->surface, f->first);
     if (t->step->seen_only && data->seen[f - data->surface.tile_runs] == 0) {
         keep_bounces(data, f);

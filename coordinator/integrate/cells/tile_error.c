@@ -69,7 +69,10 @@ static double ratio_by_share(double share, size_t bounces)
     return high;
 }
 
-/* Standard error of a tile's last bounce, relative. */
+/* How unsure a tile's last bounce is, relative: the standard error of the mean m of n values x,
+ * sqrt(sum (x - m)^2 / (n (n - 1))) / m, divided by sqrt(n); n is that of the answers. `square` is n sum x^2 / (sum
+ * x)^2. The whole standard error takes all that differs within a tile for chance, and few samples then hide tiles that
+ * keep their light: with it a dining room of 16 samples ended after 9 bounces, 0.8 % too dark, instead of after 164. */
 static double spread_of(const uint64_t sums[static SUMS])
 {
     const double points = (double)sums[POINTS], answers = (double)sums[ANSWERS], now = (double)sums[NOW] / STEPS;

@@ -5,9 +5,9 @@
  * bounce before, and the share s of the last bounce in what the tile has had so far, the tail gives the tile
  * s q / (1 - q), and it would get s r / (1 - r). The share says much of r too: the last step of a geometric
  * series with the ratio r has the share s. The answers of few samples are rough: both are taken for nearer to q by
- * KILN_TILE_SIGMAS times their standard errors, which the spread of the radiosity over the tile's points shows, and r
- * is the one nearer to q, or q where they lie on both sides of it. What is not known of q itself (kiln_tail_fit.error)
- * is added.
+ * KILN_TILE_SIGMAS times their errors, which the spread of the radiosity over the tile's points shows (spread_of), and
+ * r is the one nearer to q, or q where they lie on both sides of it. What is not known of q itself
+ * (kiln_tail_fit.error) is added.
  *
  * Points much darker than the mean of all count for less (KILN_LATE_DARK). Tiles and not tile runs, because cells cut
  * tiles into runs and must not change a result. */

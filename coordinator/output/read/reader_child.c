@@ -14,7 +14,7 @@
 #include "coordinator/confined/fence.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/files/publish.h"
-#include "coordinator/output/read/leaves.h"
+#include "coordinator/output/read/rows.h"
 #include "coordinator/output/read/ranges.h"
 #include "coordinator/output/read/reader.h"
 #include "coordinator/output/read/reader_private.h"
@@ -66,8 +66,8 @@ static int read_image(const struct reader_request *request, int file, int memory
     struct kiln_image *image = NULL;
     for (uint32_t i = 0; i < request->wanted_count; i++)
         wanted[i] = request->wanted[i];
-    int status = ends_with(request->path, ".h5") && request->wanted_count == 1
-                     ? kiln_leaves_read(file, request->path, wanted[0], &image, error)
+    int status = ends_with(request->path, ".h5") && request->wanted_count > 0
+                     ? kiln_rows_read(file, request->path, wanted, request->wanted_count, &image, error)
                      : kiln_exr_read_open(file, request->path, request->wanted_count > 0 ? wanted : NULL,
                                           request->wanted_count, &image, error);
     if (status == KILN_OK && image->channel_count > READER_CHANNELS)

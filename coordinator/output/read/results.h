@@ -44,7 +44,7 @@ bool kiln_results_has(const struct kiln_results *results, const char *name);
 int kiln_results_folder(const struct kiln_results *results, const char *name, int *descriptor,
                         struct kiln_error *error);
 
-/* Reads an image of the folder with kiln_reader_image. For one thread at a time. */
+/* Reads an image of the folder, or rows of its kiln.h5, with kiln_reader_image. For one thread at a time. */
 int kiln_results_image(struct kiln_results *results, const char *name, const char *const *wanted, size_t count,
                        struct kiln_image **image, struct kiln_error *error);
 /* The fields that a lightmap of the folder has, each with all its channels, in the order of the table

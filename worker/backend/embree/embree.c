@@ -277,6 +277,65 @@ static int embree_intersect(struct kiln_backend *backend, const struct kiln_vec3
     return KILN_OK;
 }
 
+/* Rays [first, first + lanes) in one packet. */
+static void intersect8(const struct embree_backend *b, struct embree_context *context, const struct kiln_vec3 *origins,
+                       const struct kiln_vec3 *directions, uint32_t lanes, struct kiln_hit *hits)
+{
+    struct RTCRayHit8 r;
+    int valid[PACKET] __attribute__((aligned(32)));
+    uint32_t seed[PACKET] = {0};
+    float tint[PACKET][3];
+    for (uint32_t i = 0; i < PACKET; i++) {
+        const uint32_t from = i < lanes ? i : 0;
+        valid[i] = i < lanes ? -1 : 0;
+        r.ray.org_x[i] = origins[from].x, r.ray.org_y[i] = origins[from].y, r.ray.org_z[i] = origins[from].z;
+        r.ray.dir_x[i] = directions[from].x, r.ray.dir_y[i] = directions[from].y, r.ray.dir_z[i] = directions[from].z;
+        r.ray.tnear[i] = r.ray.time[i] = 0.0f;
+        r.ray.tfar[i] = INFINITY;
+        r.ray.mask[i] = ~0u;
+        r.ray.flags[i] = 0;
+        r.hit.geomID[i] = r.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+        for (int c = 0; c < 3; c++)
+            tint[i][c] = 1.0f;
+        if (embree_blends(b))
+            seed[i] = kiln_ray_seed(origins[from], directions[from]);
+    }
+    embree_nearest8(b, context, valid, &r, seed, tint);
+    for (uint32_t i = 0; i < lanes; i++) {
+        hits[i] = (struct kiln_hit){.triangle = KILN_NONE, .tint = {tint[i][0], tint[i][1], tint[i][2]}};
+        if (r.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID)
+            continue;
+        hits[i].triangle = embree_triangle(b, r.hit.geomID[i], r.hit.primID[i]);
+        hits[i].u = r.hit.u[i];
+        hits[i].v = r.hit.v[i];
+        hits[i].distance = r.ray.tfar[i];
+        hits[i].back =
+            r.hit.Ng_x[i] * r.ray.dir_x[i] + r.hit.Ng_y[i] * r.ray.dir_y[i] + r.hit.Ng_z[i] * r.ray.dir_z[i] > 0.0f;
+    }
+}
+
+/* Eight neighbours at a time. */
+static int embree_intersect_alike(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                                  const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
+                                  struct kiln_error *error)
+{
+    (void)error;
+    struct embree_backend *b = (struct embree_backend *)backend;
+#pragma omp parallel num_threads((int)b->threads)
+    {
+        const unsigned saved = embree_enter();
+        struct embree_context context;
+        embree_context(b, &context);
+        context.rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+#pragma omp for schedule(dynamic, 512)
+        for (size_t i = 0; i < count; i += PACKET)
+            intersect8(b, &context, origins + i, directions + i, count - i < PACKET ? (uint32_t)(count - i) : PACKET,
+                       hits + i);
+        embree_leave(saved);
+    }
+    return KILN_OK;
+}
+
 const struct kiln_backend_api kiln_backend_embree = {
     .name = "embree",
     .create = embree_create,
@@ -289,5 +348,6 @@ const struct kiln_backend_api kiln_backend_embree = {
     .mixed = 1u << KILN_PASS_INDEX_direct,
     .run = embree_run,
     .intersect = embree_intersect,
+    .intersect_alike = embree_intersect_alike,
     .ceiling = embree_ceiling,
 };

@@ -1,5 +1,5 @@
 /* The gather pass (worker/pass/gather.h): cosine-distributed rays of a tile run's points and the radiosity that they
- * find. */
+ * find. And the guided pass (worker/pass/guided.h), which is the same with a guide. */
 #include <math.h>
 #include <string.h>
 
@@ -11,6 +11,7 @@
 #include "worker/backend/embree/tile_runs.h"
 #include "worker/base/memory.h"
 #include "worker/pass/gather.h"
+#include "worker/pass/guided.h"
 
 /* A thread's working set. */
 struct gather_work {
@@ -30,6 +31,12 @@ struct gather_work {
     /* sums of a point */
     double incident[RAY_LANES][3], irradiance[RAY_LANES][3], quarter[RAY_QUARTERS][RAY_LANES];
     double escaped[RAY_LANES], blocked[RAY_LANES], glass[RAY_LANES][3];
+    /* the guided pass; else NULL. Cells along a side of the tile run's guide; luminance that was found in each, squared
+     * and summed up; the guide that is followed */
+    const struct kiln_guided_parameters *guided;
+    uint32_t side, shift; /* and by how much the random numbers are shifted right to have a cell's place */
+    double square[KILN_GUIDE_SIDE_MOST * KILN_GUIDE_SIDE_MOST];
+    struct guide guide;
 };
 
 static void work_destroy(void **work)
@@ -43,13 +50,14 @@ static void work_destroy(void **work)
 static int work_create(void **work, const struct embree_backend *b, const void *parameters,
                        const struct kiln_batch *part, struct kiln_error *error)
 {
-    (void)b, (void)parameters;
+    (void)b;
     struct gather_work *w = NULL;
     int status = kiln_allocate(&w, 1, sizeof *w, "the gather pass", error);
     *work = w;
     if (status != KILN_OK)
         return status;
     w->stream = part->stream;
+    w->guided = parameters;
     w->range = b->probes != NULL ? b->probes->grid.range : INFINITY;
     status = rays_create(&w->rays, RAYS_HALF_WAY, INFINITY, part, error);
     if (status != KILN_OK)
@@ -57,15 +65,15 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     return status;
 }
 
-/* kiln_facet_weight of a lane's direction. */
+/* kiln_facet_weight of a lane's direction, times its weight. */
 static inline float facet_weight(const struct tile_run_rays *r, uint32_t l)
 {
     if (!r->frame.smooth)
-        return 1.0f;
+        return r->weight[l];
     const float cosine =
         r->facet[0][l] * r->direction[0][l] + r->facet[1][l] * r->direction[1][l] + r->facet[2][l] * r->direction[2][l];
     const float tilt = r->facet[0][l] * r->axis[0][l] + r->facet[1][l] * r->axis[1][l] + r->facet[2][l] * r->axis[2][l];
-    return kiln_facet_weight(cosine, tilt, r->cosine[l]);
+    return kiln_facet_weight(cosine, tilt, r->cosine[l]) * r->weight[l];
 }
 
 static void count_lost(struct gather_work *w)
@@ -76,6 +84,17 @@ static void count_lost(struct gather_work *w)
         w->escaped[rays->point[found->escaped_lane[i]]] += (double)facet_weight(rays, found->escaped_lane[i]);
     for (uint32_t i = 0; i < found->blocked; i++)
         w->blocked[rays->point[found->blocked_lane[i]]] += (double)facet_weight(rays, found->blocked_lane[i]);
+}
+
+/* The ray of lane l has found so much light, its weight in it: its cell has had rays by its density. */
+static inline void learn(struct gather_work *w, uint32_t step, uint32_t l, float luminance)
+{
+    const struct tile_run_rays *r = w->rays;
+    const uint32_t k = step * r->copies + r->copy[l], u = r->scrambled[0][k] ^ r->shift_u[l],
+                   v = r->scrambled[1][k] ^ r->shift_v[l];
+    const uint32_t cell =
+        r->guide != NULL ? guide_cell(r->guide, w->side, u, v) : (u >> w->shift) * w->side + (v >> w->shift);
+    w->square[cell] += (double)luminance * (double)luminance / (double)r->weight[l];
 }
 
 /* Adds radiosity that the ray of lane l has found. */
@@ -94,14 +113,16 @@ static inline void add(struct gather_work *w, uint32_t step, uint32_t l, float r
             frame_shading(&rays->frame, j, vec3(rays->facet[0][l], rays->facet[1][l], rays->facet[2][l]));
         const float cosine =
             shading.x * rays->direction[0][l] + shading.y * rays->direction[1][l] + shading.z * rays->direction[2][l];
-        weight = kiln_shading_weight(cosine, rays->cosine[l]);
+        weight = kiln_shading_weight(cosine, rays->cosine[l]) * rays->weight[l];
         for (int c = 0; c < 3; c++)
             w->irradiance[j][c] += (double)(weight * rgb[c]);
     }
     for (int c = 0; c < 3; c++)
         w->incident[j][c] += (double)(facet * rgb[c]);
-    w->quarter[rays->quarter_of[step * rays->copies + rays->copy[l]]][j] +=
-        (double)(weight * kiln_luminance_in_float(rgb));
+    const float luminance = weight * kiln_luminance_in_float(rgb);
+    w->quarter[rays->quarter_of[step * rays->copies + rays->copy[l]]][j] += (double)luminance;
+    if (w->side > 0)
+        learn(w, step, l, luminance);
 }
 
 /* Adds the radiosity lane by lane: for each point in the order of its samples, whatever the number of lanes. */
@@ -269,6 +290,32 @@ static void raise_to_zero(struct gather_work *w)
         }
 }
 
+/* ---- the guide ---- */
+
+/* What the pass does with the guide of a tile run: learns for it, or follows it. */
+static void begin_guide(struct gather_work *w, const struct embree_backend *b, size_t tile_run)
+{
+    const struct kiln_surface *s = b->surface;
+    const struct kiln_tile_run *run = &s->tile_runs[tile_run];
+    const uint32_t side = kiln_guide_side(run->count);
+    memset(w->square, 0, sizeof w->square);
+    w->side = w->guided->learns ? side : 0;
+    w->shift = side > 0 ? 32 - (uint32_t)__builtin_ctz(side) : 0;
+    if (!w->guided->follows || side == 0 || s->guide == NULL)
+        return;
+    if (guide_make(&w->guide, s->guide + KILN_GUIDE_FLOATS * kiln_own_of_global(s, run->first).at, side))
+        w->rays->guide = &w->guide;
+}
+
+/* Root mean squares, as if each cell had had its share of rays by the cosine. */
+static void store_learnt(const struct gather_work *w, struct kiln_guided_result *results)
+{
+    const uint32_t cells = w->side * w->side;
+    const double rays = (double)w->rays->frame.count * w->rays->samples / cells;
+    for (uint32_t k = 0; k < cells; k++)
+        results[k / KILN_GUIDE_FLOATS].learnt[k % KILN_GUIDE_FLOATS] = (float)sqrt(w->square[k] / rays);
+}
+
 /* ---- results ---- */
 
 /* Standard error of the sum, by the spread of the means of its four quarters: more than the error of the whole net,
@@ -287,10 +334,16 @@ static float quarters_error(const struct gather_work *w, uint32_t j)
     return (float)(w->rays->samples * sqrt(square / (RAY_QUARTERS * (RAY_QUARTERS - 1))));
 }
 
-static void store(const struct gather_work *w, struct kiln_point_result *results)
+static struct kiln_point_result *result_of(const struct gather_work *w, void *results, uint32_t place)
+{
+    return w->guided != NULL ? &((struct kiln_guided_result *)results)[place].point
+                             : &((struct kiln_point_result *)results)[place];
+}
+
+static void store(const struct gather_work *w, void *results)
 {
     for (uint32_t j = 0; j < w->rays->frame.count; j++) {
-        struct kiln_point_result *r = &results[w->rays->frame.place[j]];
+        struct kiln_point_result *r = result_of(w, results, w->rays->frame.place[j]);
         for (int c = 0; c < 3; c++) {
             r->incident[c] = (float)w->incident[j][c];
             r->irradiance[c] = w->rays->frame.smooth ? (float)w->irradiance[j][c] : r->incident[c];
@@ -322,6 +375,8 @@ static void gather_tile_run(void *work, const struct embree_backend *b, struct e
     if (steps == 0)
         return;
     clear_sums(w);
+    if (w->guided != NULL)
+        begin_guide(w, b, tile_run);
     if (b->probes != NULL)
         begin_probes(w, b, tile_run);
     for (uint32_t step = 0; step < steps; step++) {
@@ -339,6 +394,8 @@ static void gather_tile_run(void *work, const struct embree_backend *b, struct e
     if (b->probes != NULL)
         raise_to_zero(w);
     store(w, results);
+    if (w->side > 0)
+        store_learnt(w, results);
 }
 
 int embree_gather(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
@@ -346,5 +403,13 @@ int embree_gather(struct embree_backend *b, const void *parameters, const struct
 {
     static const struct tile_run_pass pass = {work_create, work_destroy, gather_tile_run,
                                               sizeof(struct kiln_point_result)};
+    return embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
+}
+
+int embree_guided(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
+                  uint64_t *rays, struct kiln_error *error)
+{
+    static const struct tile_run_pass pass = {work_create, work_destroy, gather_tile_run,
+                                              sizeof(struct kiln_guided_result)};
     return embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
 }

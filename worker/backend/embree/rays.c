@@ -130,6 +130,7 @@ uint32_t rays_begin(struct tile_run_rays *r, const struct embree_backend *b, siz
         r->shift_t[j] = kiln_gather_shift(key, KILN_DIMENSION_T);
     }
     r->positions_made = 0;
+    r->guide = NULL;
     r->copies = RAY_LANES / count;
     if (r->copies > r->samples)
         r->copies = r->samples;
@@ -138,6 +139,7 @@ uint32_t rays_begin(struct tile_run_rays *r, const struct embree_backend *b, siz
     for (uint32_t l = 0; l < r->lanes; l++) {
         const uint32_t j = l % count;
         r->point[l] = j;
+        r->weight[l] = 1.0f;
         r->copy[l] = l / count;
         r->shift_u[l] = r->shift_u[j], r->shift_v[l] = r->shift_v[j];
         r->shift_s[l] = r->shift_s[j], r->shift_t[l] = r->shift_t[j];
@@ -199,6 +201,17 @@ KILN_CLONES static void make_cosine_rays(struct tile_run_rays *restrict r, uint3
     }
 }
 
+KILN_CLONES static void make_guided_rays(struct tile_run_rays *restrict r, const struct guide *restrict guide,
+                                         uint32_t begin, uint32_t end, struct sample_numbers k)
+{
+    make_origins(r, begin, end, k);
+    for (uint32_t l = begin; l < end; l++) {
+        float u = unit_of(k.u ^ r->shift_u[l]), v = unit_of(k.v ^ r->shift_v[l]);
+        r->weight[l] = guide_warp(guide, &u, &v);
+        make_direction(r, l, sqrtf(u), sqrtf(1.0f - u), v);
+    }
+}
+
 KILN_CLONES static void make_uniform_rays(struct tile_run_rays *restrict r, uint32_t begin, uint32_t end,
                                           struct sample_numbers k)
 {
@@ -245,6 +258,8 @@ uint32_t rays_make(struct tile_run_rays *r, const struct embree_backend *b, uint
                                                r->scrambled[2][first + c], r->scrambled[3][first + c]};
         if (r->distribution == RAYS_UNIFORM)
             make_uniform_rays(r, c * count, (c + 1) * count, numbers);
+        else if (r->guide != NULL)
+            make_guided_rays(r, r->guide, c * count, (c + 1) * count, numbers);
         else
             make_cosine_rays(r, c * count, (c + 1) * count, numbers);
     }

@@ -5,6 +5,7 @@
 #define KILN_WORKER_BACKEND_EMBREE_RAYS_H
 
 #include "worker/backend/embree/frame.h"
+#include "worker/backend/embree/guide.h"
 #include "worker/backend/embree/passage.h"
 
 enum { RAY_LANES = 64, RAY_TABLE = 64, RAY_QUARTERS = 4 };
@@ -25,11 +26,13 @@ struct tile_run_rays {
     float distance; /* m: no ray goes farther */
     const struct kiln_batch *batch;
     uint32_t samples, first_sample, copies, lanes, shared_digits;
-    uint8_t *quarter_of; /* of a sample */
+    const struct guide *guide; /* borrowed: by which directions of RAYS_HALF_WAY are drawn; NULL: by the cosine alone */
+    uint8_t *quarter_of;       /* of a sample */
     uint32_t point[RAY_LANES], copy[RAY_LANES];
     /* of the step made last */
     float origin[3][RAY_LANES], direction[3][RAY_LANES]; /* offset included; unit */
     float axis[3][RAY_LANES], cosine[RAY_LANES];         /* what directions are drawn about; with it */
+    float weight[RAY_LANES];                             /* of what the ray finds: 1, or 1 / density of the guide */
     float facet[3][RAY_LANES];                           /* geometric normal; kept up where the frame is smooth */
     struct RTCRayHit8 packets[RAY_LANES / PACKET];
     /* scenes that leave hits to chance, or tint them: what chance hangs on, of each lane's point and of each ray; and
@@ -57,7 +60,7 @@ int rays_create(struct tile_run_rays **rays, enum rays_distribution distribution
 void rays_destroy(struct tile_run_rays **rays);
 
 /* Begins a tile run, with the random numbers of `stream`; `wish` is that of its frame. Returns the number of its steps,
- * 0 where no point is valid, or none is asked for. */
+ * 0 where no point is valid, or none is asked for. There is no guide; who wants one sets it afterwards. */
 uint32_t rays_begin(struct tile_run_rays *rays, const struct embree_backend *b, size_t tile_run, uint32_t stream,
                     unsigned wish);
 /* Makes the rays of a step, the next one or the first. Returns how many lanes there are: samples that do not exist have

@@ -1,0 +1,351 @@
+#include <math.h>
+#include <string.h>
+
+#include "coordinator/view/view.h"
+#include "coordinator/view/view_light.h"
+#include "worker/base/memory.h"
+
+/* Rays that are traced together: of a band of pixel rows, or of some of its pixels; 63 MB. */
+enum { BAND_RAYS = 1 << 19 };
+
+/* With 4 x 4 rays a pixel, 4 come first, one of each row and column; the places in the order of the rays. */
+enum { SIDE = 4, FIRST = 4 };
+static const uint8_t places[SIDE * SIDE] = {1, 7, 8, 14, 0, 2, 3, 4, 5, 6, 9, 10, 11, 12, 13, 15};
+
+/* By how much, as a share of the largest value, what the first rays see may differ if they are to suffice: those of a
+ * pixel, where they meet one triangle in even light and where they do not; those of the pixel and the eight around it;
+ * and what is even light. */
+static const float WITHIN_FLAT = 0.12f, WITHIN = 0.06f, AROUND = 0.25f, EVEN = 0.1f;
+
+/* Rows of the band before that are still at hand: one whose pixels may get more rays, and the one above it. */
+enum { ROWS_BEFORE = 2 };
+
+/* What becomes of a pixel after its first rays: they suffice; the others meet what they met; the others are traced. */
+enum fate { FEW, FLAT, TRACED };
+
+/* What a pixel's rays saw; `low` and `high` of the first ones. */
+struct pixel {
+    float sum[3], low[3], high[3];
+    float metal, front_light, flat, mapped; /* sums */
+    float irradiance[3];                    /* mean of the first ones */
+    uint32_t triangle;                      /* opaque one that all first rays meet, in even light; KILN_NONE: no such */
+    bool back;                              /* from behind */
+    enum fate fate;
+};
+
+struct renderer {
+    const struct kiln_view_params *params;
+    uint32_t rays, first; /* of a pixel: all, and those that come first */
+    struct kiln_view_maps *maps;
+    struct kiln_view_rays *batch;
+    float *planes[3];
+    uint32_t rows, begin;              /* of a band; the first row of the present one */
+    struct pixel *pixels;              /* ROWS_BEFORE rows and the band's */
+    size_t *traced;                    /* those of them whose other rays are traced */
+    struct kiln_view_approximate sums; /* over pixels, of the means of their rays */
+};
+
+static void make_ray(const struct renderer *r, uint32_t x, uint32_t y, uint32_t k, struct kiln_vec3 *origin,
+                     struct kiln_vec3 *direction)
+{
+    const struct kiln_view_params *p = r->params;
+    const struct kiln_view_camera *c = &p->camera;
+    const uint32_t side = p->side, place = r->first < r->rays ? places[k] : k;
+    const double sx = ((double)x + ((double)(place % side) + 0.5) / side) / p->width * 2.0 - 1.0;
+    const double sy = 1.0 - ((double)y + ((double)(place / side) + 0.5) / side) / p->height * 2.0;
+    const struct kiln_dvec3 aside =
+        dvec3_add(dvec3_scale(c->right, sx * c->extent_x), dvec3_scale(c->up, sy * c->extent_y));
+    const struct kiln_dvec3 way = c->orthographic ? c->forward : dvec3_add(c->forward, aside);
+    *origin = vec3_of(c->orthographic ? dvec3_add(c->position, aside) : c->position);
+    *direction = vec3_of(dvec3_scale(way, 1.0 / dvec3_length(way)));
+}
+
+/* The first pixel of an image's row that is at hand. */
+static size_t row_at(const struct renderer *r, uint32_t y)
+{
+    return (size_t)(y + ROWS_BEFORE - r->begin) * r->params->width;
+}
+
+static void add_seen(struct pixel *p, const struct kiln_view_seen *seen)
+{
+    for (int c = 0; c < 3; c++)
+        p->sum[c] += seen->rgb[c];
+    p->metal += seen->metal;
+    p->front_light += seen->front_light;
+    p->flat += seen->flat;
+    p->mapped += seen->mapped;
+}
+
+static int trace(struct renderer *r, size_t count, struct kiln_error *error)
+{
+    const int status = kiln_view_trace(&r->params->source, r->batch, count, error);
+    return status == KILN_OK ? kiln_view_maps_load(r->maps, r->batch->hits, count, error) : status;
+}
+
+/* Whether values from `low` to `high` differ by more than a share of the largest. */
+static bool differ(const float low[3], const float high[3], float share)
+{
+    float largest = 0.0f, range = 0.0f;
+    for (int c = 0; c < 3; c++) {
+        const float ends[2] = {fabsf(low[c]), fabsf(high[c])}, end = ends[0] > ends[1] ? ends[0] : ends[1];
+        largest = end > largest ? end : largest;
+        range = high[c] - low[c] > range ? high[c] - low[c] : range;
+    }
+    return !(range <= share * largest);
+}
+
+/* Whether the first rays of a pixel meet one opaque triangle in even light. */
+static bool is_even(const struct renderer *r, size_t from, const float low[3], const float high[3])
+{
+    const struct kiln_hit *hits = &r->batch->hits[from];
+    bool even = hits->triangle < r->params->source.geometry->opaque_count && low[0] >= 0.0f && !differ(low, high, EVEN);
+    for (uint32_t k = 0; k < r->first; k++)
+        even = even && hits[k].triangle == hits->triangle && hits[k].back == hits->back &&
+               !(r->batch->passed[from + k] > 0.0f);
+    return even;
+}
+
+static void widen(float low[3], float high[3], const float value[3])
+{
+    for (int c = 0; c < 3; c++) {
+        low[c] = value[c] < low[c] ? value[c] : low[c];
+        high[c] = value[c] > high[c] ? value[c] : high[c];
+    }
+}
+
+/* Begins a pixel with its first rays, the batch's from `from` on. */
+static void shade_first(const struct renderer *r, size_t from, struct pixel *p)
+{
+    struct kiln_view_seen seen;
+    float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    *p = (struct pixel){.low = {INFINITY, INFINITY, INFINITY}, .high = {-INFINITY, -INFINITY, -INFINITY}};
+    for (size_t k = from; k < from + r->first; k++) {
+        kiln_view_radiance(r->maps, &r->batch->hits[k], r->batch->directions[k], &seen);
+        add_seen(p, &seen);
+        widen(p->low, p->high, seen.rgb);
+        widen(low, high, seen.irradiance);
+        for (int c = 0; c < 3; c++)
+            p->irradiance[c] += seen.irradiance[c] / (float)r->first;
+    }
+    p->triangle = is_even(r, from, low, high) ? r->batch->hits[from].triangle : KILN_NONE;
+    p->back = r->batch->hits[from].back;
+}
+
+/* The first rays of the band's pixels. */
+static int look_first(struct renderer *r, uint32_t rows, struct kiln_error *error)
+{
+    const uint32_t width = r->params->width, first = r->first;
+    const size_t pixels = (size_t)rows * width;
+    struct pixel *band = r->pixels + row_at(r, r->begin);
+#pragma omp parallel for schedule(dynamic, 4096)
+    for (size_t i = 0; i < pixels * first; i++)
+        make_ray(r, (uint32_t)(i / first % width), r->begin + (uint32_t)(i / first / width), (uint32_t)(i % first),
+                 &r->batch->origins[i], &r->batch->directions[i]);
+    const int status = trace(r, pixels * first, error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for schedule(dynamic, 256)
+    for (size_t i = 0; i < pixels; i++)
+        shade_first(r, i * first, &band[i]);
+    return KILN_OK;
+}
+
+/* Whether two triangles are the same, or have a corner in common. */
+static bool touch(const struct kiln_geometry *g, uint32_t a, uint32_t b)
+{
+    bool common = a == b;
+    for (int i = 0; i < 9 && !common && a != KILN_NONE && b != KILN_NONE; i++)
+        common = g->indices[3 * (size_t)a + (size_t)(i / 3)] == g->indices[3 * (size_t)b + (size_t)(i % 3)];
+    return common;
+}
+
+/* What becomes of a pixel, by its first rays and those of the eight around it. */
+static enum fate fate_of(const struct renderer *r, uint32_t x, uint32_t y)
+{
+    const uint32_t width = r->params->width, height = r->params->height;
+    const struct pixel *own = &r->pixels[row_at(r, y) + x];
+    bool flat = own->triangle != KILN_NONE;
+    float low[3], high[3];
+    memcpy(low, own->low, sizeof low);
+    memcpy(high, own->high, sizeof high);
+    for (uint32_t v = y > 0 ? y - 1 : 0; v <= y + 1 && v < height; v++)
+        for (uint32_t u = x > 0 ? x - 1 : 0; u <= x + 1 && u < width; u++) {
+            const struct pixel *other = &r->pixels[row_at(r, v) + u];
+            widen(low, high, other->low);
+            widen(low, high, other->high);
+            flat = flat && touch(r->params->source.geometry, own->triangle, other->triangle);
+        }
+    if (!differ(own->low, own->high, flat ? WITHIN_FLAT : WITHIN) && (flat || !differ(low, high, AROUND)))
+        return FEW;
+    return flat ? FLAT : TRACED;
+}
+
+/* Where a ray crosses the plane of a triangle; false: beside the triangle. */
+static bool cross(const struct kiln_geometry *g, struct kiln_vec3 origin, struct kiln_vec3 direction,
+                  struct kiln_hit *hit)
+{
+    struct kiln_vec3 corner[3];
+    kiln_geometry_corners(g, hit->triangle, corner);
+    const struct kiln_vec3 e1 = vec3_sub(corner[1], corner[0]), e2 = vec3_sub(corner[2], corner[0]),
+                           from = vec3_sub(origin, corner[0]), p = vec3_cross(direction, e2), q = vec3_cross(from, e1);
+    const float part = 1.0f / vec3_dot(e1, p);
+    hit->u = part * vec3_dot(from, p);
+    hit->v = part * vec3_dot(direction, q);
+    return hit->u >= 0.0f && hit->v >= 0.0f && hit->u + hit->v <= 1.0f;
+}
+
+/* Adds the other rays of a pixel as if they met the triangle of the first ones, in their light. False, and nothing is
+ * added, where one would not. */
+static bool shade_flat(const struct renderer *r, uint32_t x, uint32_t y)
+{
+    struct pixel *p = &r->pixels[row_at(r, y) + x];
+    float sum[3] = {0.0f, 0.0f, 0.0f}, rgb[3];
+    for (uint32_t k = r->first; k < r->rays; k++) {
+        struct kiln_vec3 origin, direction;
+        struct kiln_hit hit = {.triangle = p->triangle, .back = p->back};
+        make_ray(r, x, y, k, &origin, &direction);
+        if (!cross(r->params->source.geometry, origin, direction, &hit))
+            return false;
+        kiln_view_lit(r->maps, &hit, p->irradiance, rgb);
+        for (int c = 0; c < 3; c++)
+            sum[c] += rgb[c];
+    }
+    for (int c = 0; c < 3; c++)
+        p->sum[c] += sum[c];
+    return true;
+}
+
+/* Decides on the pixels of rows [from, to), and lists those whose other rays are to be traced; returns how many. */
+static size_t list_traced(struct renderer *r, uint32_t from, uint32_t to)
+{
+    const uint32_t width = r->params->width;
+    size_t count = 0;
+    if (r->first == r->rays)
+        return 0;
+#pragma omp parallel for schedule(dynamic, 1)
+    for (uint32_t y = from; y < to; y++)
+        for (uint32_t x = 0; x < width; x++) {
+            const enum fate fate = fate_of(r, x, y);
+            r->pixels[row_at(r, y) + x].fate = fate == FLAT && !shade_flat(r, x, y) ? TRACED : fate;
+        }
+    for (size_t i = row_at(r, from); i < row_at(r, to); i++)
+        if (r->pixels[i].fate == TRACED)
+            r->traced[count++] = i;
+    return count;
+}
+
+/* The rays that are left of `count` listed pixels. */
+static int look_again(struct renderer *r, const size_t *list, size_t count, struct kiln_error *error)
+{
+    const uint32_t width = r->params->width, left = r->rays - r->first;
+#pragma omp parallel for schedule(dynamic, 4096)
+    for (size_t i = 0; i < count * left; i++) {
+        const size_t pixel = list[i / left];
+        make_ray(r, (uint32_t)(pixel % width), r->begin + (uint32_t)(pixel / width) - ROWS_BEFORE,
+                 r->first + (uint32_t)(i % left), &r->batch->origins[i], &r->batch->directions[i]);
+    }
+    const int status = trace(r, count * left, error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for schedule(dynamic, 256)
+    for (size_t i = 0; i < count; i++)
+        for (size_t k = i * left; k < (i + 1) * left; k++) {
+            struct kiln_view_seen seen;
+            kiln_view_radiance(r->maps, &r->batch->hits[k], r->batch->directions[k], &seen);
+            add_seen(&r->pixels[list[i]], &seen);
+        }
+    return KILN_OK;
+}
+
+/* Writes rows [from, to) to the image: a pixel is the mean over its rays. */
+static void put_rows(struct renderer *r, uint32_t from, uint32_t to)
+{
+    const size_t first = row_at(r, from), count = row_at(r, to) - first, place = (size_t)from * r->params->width;
+    for (size_t i = 0; i < count; i++) {
+        const struct pixel *p = &r->pixels[first + i];
+        const float rays = (float)(p->fate == FEW ? r->first : r->rays),
+                    traced = (float)(p->fate == TRACED ? r->rays : r->first);
+        for (int c = 0; c < 3; c++)
+            r->planes[c][place + i] = p->sum[c] / rays;
+        r->sums.metal += (double)(p->metal / traced);
+        r->sums.front_light += (double)(p->front_light / traced);
+        r->sums.flat += (double)(p->flat / traced);
+        r->sums.mapped += (double)(p->mapped / traced);
+    }
+}
+
+/* Draws a band of `rows` rows, but for its last one if the image goes on, and the last one of the band before. */
+static int render_band(struct renderer *r, uint32_t rows, struct kiln_error *error)
+{
+    const uint32_t width = r->params->width, left = r->rays - r->first, end = r->begin + rows;
+    const uint32_t from = r->begin > 0 ? r->begin - 1 : 0, to = end < r->params->height ? end - 1 : end;
+    int status = look_first(r, rows, error);
+    const size_t count = status == KILN_OK ? list_traced(r, from, to) : 0;
+    for (size_t i = 0, some; status == KILN_OK && i < count; i += some) {
+        some = left > 0 && count - i > r->batch->capacity / left ? r->batch->capacity / left : count - i;
+        status = look_again(r, r->traced + i, some, error);
+    }
+    if (status == KILN_OK)
+        put_rows(r, from, to);
+    memmove(r->pixels, r->pixels + (size_t)rows * width, ROWS_BEFORE * (size_t)width * sizeof *r->pixels);
+    return status;
+}
+
+static int allocate_band(struct renderer *r, struct kiln_error *error)
+{
+    const struct kiln_view_params *p = r->params;
+    const size_t row = (size_t)p->width * r->first;
+    r->rows = row >= BAND_RAYS ? 1 : (uint32_t)(BAND_RAYS / row);
+    const size_t pixels = (size_t)(r->rows + ROWS_BEFORE) * p->width;
+    int status = kiln_view_rays_create(&r->batch, row * r->rows > r->rays ? row * r->rows : r->rays, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&r->pixels, pixels, sizeof *r->pixels, "the pixels of a view", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&r->traced, pixels, sizeof *r->traced, "the pixels of a view", error);
+    return status;
+}
+
+static int render_bands(struct renderer *r, struct kiln_error *error)
+{
+    const struct kiln_view_params *p = r->params;
+    int status = KILN_OK;
+    for (r->begin = 0; status == KILN_OK && r->begin < p->height; r->begin += r->rows)
+        status = kiln_stop_asked(p->source.stop)
+                     ? kiln_give_up(error)
+                     : render_band(r, p->height - r->begin < r->rows ? p->height - r->begin : r->rows, error);
+    return status;
+}
+
+int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **image,
+                     struct kiln_view_approximate *approximate, struct kiln_error *error)
+{
+    static const char *const names[] = {"R", "G", "B"};
+    const uint32_t rays = params->side * params->side;
+    struct renderer r = {.params = params,
+                         .rays = rays,
+                         .first = params->side == SIDE && params->source.field == NULL ? FIRST : rays,
+                         .maps = params->source.maps};
+    struct kiln_view_maps *own = NULL;
+    int status = kiln_image_create(image, params->width, params->height, names, 3, error);
+    if (status != KILN_OK)
+        return status;
+    (void)kiln_image_rgb(*image, "", r.planes);
+    if (r.maps == NULL)
+        status = kiln_view_maps_create(&own, &params->source, 0, error);
+    if (r.maps == NULL)
+        r.maps = own;
+    if (status == KILN_OK)
+        status = allocate_band(&r, error);
+    if (status == KILN_OK)
+        status = render_bands(&r, error);
+    const double all = (double)params->width * params->height;
+    *approximate = (struct kiln_view_approximate){r.sums.metal / all, r.sums.front_light / all, r.sums.flat / all,
+                                                  r.sums.mapped / all};
+    kiln_free(&r.traced);
+    kiln_free(&r.pixels);
+    kiln_view_rays_destroy(&r.batch);
+    kiln_view_maps_destroy(&own);
+    if (status != KILN_OK)
+        kiln_image_destroy(image);
+    return status;
+}

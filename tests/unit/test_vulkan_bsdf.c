@@ -1,0 +1,119 @@
+/* Tests of what scattering functions are made of, on the device against the host. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+#include <math.h>
+#include <stdlib.h>
+
+#include "shaders/shared/bsdf.h"
+#include "shaders/shared/random.h"
+#include "tests/bsdf.h"
+#include "tests/unit/vulkan_device.h"
+
+enum { QUERIES = 20000, VECTORS = 6, NUMBERS = 7 };
+
+struct query {
+    struct kiln_vec3 o;
+    float alpha_x, alpha_y, eta, u, v;
+};
+struct answer {
+    struct kiln_vec3 vectors[VECTORS]; /* h, i, glossy, beckmann, even, spread */
+    float numbers[NUMBERS];            /* fresnel, facets, visible, lost, reflected, Beckmann's facets, grooves */
+};
+struct push {
+    uint64_t scene, queries, answers;
+    uint32_t count;
+};
+
+static float uniform(uint32_t *seed) { return kiln_unit_float(kiln_hash1((*seed)++)); }
+
+static struct query any_query(uint32_t *seed)
+{
+    struct query q = {.u = uniform(seed), .v = uniform(seed)};
+    const float z = 0.01f + 0.99f * uniform(seed), turn = 6.2831853f * uniform(seed), r = sqrtf((1 - z) * (1 + z));
+    q.o = vec3(r * cosf(turn), r * sinf(turn), z);
+    q.alpha_x = 0.01f + 0.99f * uniform(seed) * uniform(seed);
+    q.alpha_y = 0.01f + 0.99f * uniform(seed) * uniform(seed);
+    q.eta = 1.05f + 1.95f * uniform(seed);
+    if (uniform(seed) < 0.3f)
+        q.eta = 1.0f / q.eta;
+    return q;
+}
+
+static struct answer host_answer(const struct query *q)
+{
+    const struct kiln_interface s = kiln_interface_of(q->alpha_x, fmaxf(q->eta, 1.0f / q->eta));
+    const struct kiln_vec3 h = kiln_ggx_sample(q->o, q->alpha_x, q->alpha_y, q->u, q->v);
+    const struct kiln_vec3 even = kiln_bsdf_cosine(q->u, q->v), b = kiln_beckmann_sample(q->alpha_x, q->u, q->v);
+    const float cosine = vec3_dot(q->o, h), behind = kiln_refracted_cosine(cosine, q->eta);
+    return (struct answer){.vectors = {h, kiln_refracted(q->o, h, 1.0f / q->eta, cosine, behind),
+                                       kiln_reflected(q->o, h), b, even, kiln_bsdf_spread_draw(q->alpha_x, q->u, q->v)},
+                           .numbers = {kiln_fresnel(cosine, q->eta), kiln_ggx(even, q->alpha_x, q->alpha_y),
+                                       kiln_ggx_visible(q->o.z, even.z, kiln_ggx_stretch(q->o, q->alpha_x, q->alpha_y),
+                                                        kiln_ggx_stretch(even, q->alpha_x, q->alpha_y)),
+                                       kiln_interface_lost(s, q->o.z), kiln_interface_albedo(s, q->o.z),
+                                       kiln_beckmann(b, q->alpha_x), kiln_grooves(q->o, even, b)}};
+}
+
+static void ask(struct gpu *gpu, const struct query *queries, struct answer *answers)
+{
+    const struct gpu_kernel_params params = {
+        .name = "bsdf", .code = kiln_spirv_bsdf, .code_bytes = sizeof kiln_spirv_bsdf};
+    struct gpu_kernel *kernel = NULL;
+    struct gpu_buffer buffers[2];
+    assert_int_equal(gpu_kernel_create(gpu, &kernel, &params, NULL), KILN_OK);
+    assert_int_equal(gpu_buffer_of(gpu, &buffers[0], queries, QUERIES * sizeof *queries, "queries", NULL), KILN_OK);
+    assert_int_equal(gpu_buffer_create(gpu, &buffers[1], QUERIES * sizeof *answers, GPU_DEVICE, "answers", NULL),
+                     KILN_OK);
+    const struct push push = {0, buffers[0].address, buffers[1].address, QUERIES};
+    const struct gpu_step step = {
+        .kernel = kernel, .threads_x = QUERIES, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
+    assert_int_equal(gpu_run(gpu, &step, 1, NULL, NULL), KILN_OK);
+    assert_int_equal(gpu_download(gpu, &buffers[1], 0, answers, QUERIES * sizeof *answers, NULL), KILN_OK);
+    for (int i = 0; i < 2; i++)
+        gpu_buffer_destroy(gpu, &buffers[i]);
+    gpu_kernel_destroy(gpu, &kernel);
+}
+
+/* Numbers are held against each other relative to their size, but those below 0.01 absolutely. */
+static void same_as_host(void **state)
+{
+    struct query *queries = calloc(QUERIES, sizeof *queries);
+    struct answer *answers = calloc(QUERIES, sizeof *answers);
+    uint32_t seed = 1;
+    size_t vectors = 0, numbers = 0;
+    double worst[VECTORS + NUMBERS] = {0};
+    for (size_t k = 0; k < QUERIES; k++)
+        queries[k] = any_query(&seed);
+    ask(*state, queries, answers);
+    for (size_t k = 0; k < QUERIES; k++) {
+        const struct answer host = host_answer(&queries[k]), *a = &answers[k];
+        for (int c = 0; c < VECTORS; c++) {
+            const double off = (double)vec3_length(vec3_sub(a->vectors[c], host.vectors[c]));
+            worst[c] = fmax(worst[c], off);
+            vectors += !(off < 1e-3);
+        }
+        for (int c = 0; c < NUMBERS; c++) {
+            const double size = fmax(fabs((double)host.numbers[c]), 0.01);
+            const double off = fabs((double)a->numbers[c] - (double)host.numbers[c]) / size;
+            worst[VECTORS + c] = fmax(worst[VECTORS + c], off);
+            numbers += !(off < 1e-3);
+        }
+    }
+    for (int c = 0; c < VECTORS + NUMBERS; c++)
+        print_message("%s %d apart by at most %.1e\n", c < VECTORS ? "vectors" : "numbers", c, worst[c]);
+    free(answers);
+    free(queries);
+    assert_true(vectors <= QUERIES / 1000 && numbers <= QUERIES / 500); /* beside critical angles */
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(same_as_host)};
+    if (!vulkan_device_is_there())
+        return 77;
+    return cmocka_run_group_tests(tests, vulkan_device_open, vulkan_device_close);
+}
