@@ -142,17 +142,27 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
     return a;
 }
 
-KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_choose(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o,
-                                                            KILN_U32 lobes)
+/* Luminances of the albedos, of which kiln_bsdf_choice_of makes chances: for who asks for several sets of lobes. */
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_shares(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o)
 {
     const KILN_STRUCT kiln_bsdf_albedo a = kiln_bsdf_albedo_of(l, o);
+    KILN_STRUCT kiln_bsdf_choice c;
+    c.coat = a.coat.x;
+    c.diffuse = kiln_bsdf_luminance(a.diffuse);
+    c.gloss = kiln_bsdf_luminance(a.gloss);
+    c.near = kiln_bsdf_luminance(a.spread_near);
+    c.far = kiln_bsdf_luminance(a.spread_far);
+    return c;
+}
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_choice_of(KILN_STRUCT kiln_bsdf_choice shares, KILN_U32 lobes)
+{
     const bool gloss = (lobes & KILN_LOBE_GLOSS) != 0u;
     KILN_STRUCT kiln_bsdf_choice c;
-    c.coat = (lobes & KILN_LOBE_COAT) != 0u ? a.coat.x : 0.0f;
-    c.diffuse = (lobes & KILN_LOBE_DIFFUSE) != 0u ? kiln_bsdf_luminance(a.diffuse) : 0.0f;
-    c.gloss = gloss ? kiln_bsdf_luminance(a.gloss) : 0.0f;
-    c.near = gloss ? kiln_bsdf_luminance(a.spread_near) : 0.0f;
-    c.far = gloss ? kiln_bsdf_luminance(a.spread_far) : 0.0f;
+    c.coat = (lobes & KILN_LOBE_COAT) != 0u ? shares.coat : 0.0f;
+    c.diffuse = (lobes & KILN_LOBE_DIFFUSE) != 0u ? shares.diffuse : 0.0f;
+    c.gloss = gloss ? shares.gloss : 0.0f;
+    c.near = gloss ? shares.near : 0.0f;
+    c.far = gloss ? shares.far : 0.0f;
     const float sum = c.coat + c.diffuse + c.gloss + c.near + c.far;
     const float scale = sum > 0.0f ? 1.0f / sum : 0.0f;
     c.coat *= scale;
@@ -161,6 +171,11 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_choose(KILN_STRUCT kiln_bsd
     c.near *= scale;
     c.far *= scale;
     return c;
+}
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_choose(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o,
+                                                            KILN_U32 lobes)
+{
+    return kiln_bsdf_choice_of(kiln_bsdf_shares(l, o), lobes);
 }
 
 /* ---- values and densities ---- */
