@@ -1,4 +1,5 @@
-"""kiln view --method path --materials: mirrors, gloss and glass against closed forms."""
+"""kiln view --method path --materials: mirrors, gloss and glass against closed forms; both backends."""
+import json
 import math
 import os
 import subprocess
@@ -11,6 +12,7 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
 import glb  # noqa: E402
+import png  # noqa: E402
 
 KILN = os.environ["KILN"]
 FRESNEL = 0.04  # of an index of 1.5 at normal incidence
@@ -38,6 +40,20 @@ GLASS = {"transmission": {"transmissionFactor": 1.0}, "volume": {"thicknessFacto
 WHITE = (("mirror", {"metallic": 1.0}), ("rough metal", {"metallic": 1.0, "roughness": 0.5}),
          ("glass", GLASS), ("frosted glass", dict(GLASS, roughness=0.4)), ("plastic", {"roughness": 0.3}),
          ("lacquer", {"roughness": 0.6, "clearcoat": {"clearcoatFactor": 1.0, "clearcoatRoughnessFactor": 0.1}}))
+# besides: what textures, transforms, anisotropy, dispersion, tints and thin walls do
+MORE = (("brushed", {"color": (0.9, 0.6, 0.3), "metallic": 1.0, "roughness": 0.3,
+                     "anisotropy": {"anisotropyStrength": 0.8, "anisotropyRotation": 0.5,
+                                    "anisotropyTexture": {"index": 0}}}),
+        ("prism", dict(GLASS, dispersion={"dispersion": 2.0}, ior={"ior": 1.7})),
+        ("amber", {"transmission": {"transmissionFactor": 1.0}, "roughness": 0.2,
+                   "volume": {"thicknessFactor": 1.0, "attenuationDistance": 0.5,
+                              "attenuationColor": [0.9, 0.5, 0.1]}}),
+        ("frosted pane", {"color": (0.5, 0.8, 0.9), "transmission": {"transmissionFactor": 0.8}, "roughness": 0.3}),
+        ("patches", {"color": (0.3, 0.5, 0.7), "metallic": 1.0, "roughness": 0.7,
+                     "specular": {"specularColorFactor": [1, 0.4, 0.2], "specularTexture": {"index": 0}},
+                     "clearcoat": {"clearcoatFactor": 0.8, "clearcoatRoughnessFactor": 0.5,
+                                   "clearcoatTexture": {"index": 0}}}),
+        ("matt", {"color": (0.5, 0.5, 0.5), "roughness": 1.0}))
 
 
 def ball(scene, name, centre, radius, material, rings=24):
@@ -62,6 +78,8 @@ class Mirrors(unittest.TestCase):
         temporary = tempfile.TemporaryDirectory()
         cls.addClassCleanup(temporary.cleanup)
         cls.folder = temporary.name
+        devices = json.loads(run("info", "--devices", "--json").stdout)["vulkan"]
+        cls.backends = ["embree"] + ["vulkan"] * any(d["fit"] for d in devices)
 
     def view(self, scene, *options, name="pixels.exr", **more):
         path = os.path.join(self.folder, name)
@@ -138,6 +156,38 @@ class Mirrors(unittest.TestCase):
         dark = exr.rgb(self.view(path, "--from=0,2,2", "--to=0,0,0", "--materials", "diffuse", "--bounces", "0",
                                  *narrow))
         self.assertGreater(abs(dark.mean() / image.mean() - 1), 0.1, "as diffuse it is no mirror")
+
+    def room(self, scene):
+        """Balls of all kinds in rows before walls, one of which mirrors a little; a lamp and two lights without
+        extent."""
+        scene.document["images"] = [{"uri": png.data_uri(np.random.default_rng(4).integers(0, 256, (8, 8, 3)))}]
+        scene.document["textures"] = [{"source": 0}]
+        for i, (name, values) in enumerate(WHITE + MORE):
+            material = gloss(scene, name, **values)
+            if name == "patches":
+                shift = {"KHR_texture_transform": {"offset": [0.3, 0.1], "scale": [3, 2], "rotation": 0.4}}
+                scene.used.add("KHR_texture_transform")
+                scene.document["materials"][material]["pbrMetallicRoughness"]["metallicRoughnessTexture"] = {
+                    "index": 0, "extensions": shift}
+            ball(scene, name, (2.3 * (i % 4) - 3.4, 2.3 * (i // 4) - 2.3, 0.0), 1.0, material, rings=12)
+        glb.box(scene, "walls", (-5, -4, -3), (5, 4, 8), gloss(scene, "walls", (0.7, 0.6, 0.5), roughness=0.4),
+                inward=range(6))
+        scene.quad("lamp", [(-4, 3.9, 1), (-4, 3.9, 4), (4, 3.9, 4), (4, 3.9, 1)],
+                   scene.material("lamp", radiance=(5, 4, 3)))
+        scene.light("bulb", {"type": "point", "intensity": 40.0}, translation=[-3, 0, 5])
+        scene.light("sun", {"type": "directional", "intensity": 0.5})
+
+    def test_backends(self):
+        """The same paths on both, but for rounding: pixels are the same to a thousandth but where a path is near to
+        another way, and the mean is."""
+        if "vulkan" not in self.backends:
+            self.skipTest("no Vulkan device")
+        small = ("--width", "40", "--height", "30", "--samples-pixel", "4", "--materials", "full", "--bounces", "2")
+        room = (self.scene(self.room), "--from=0,0,7.5", "--to=0,0,0", "--field-of-view", "55")
+        one, other = (exr.rgb(self.view(*room, *small, "--backend", backend)) for backend in self.backends)
+        far = np.abs(one - other).max(-1) > 1e-3 * one.max(-1) + 1e-5
+        self.assertLess(far.mean(), 0.02)
+        self.assertLess(abs(other.mean() / one.mean() - 1), 2e-3)
 
     def test_bounces_and_bits(self):
         """Mirrors are no bounce; a scene without gloss has the bits it had; ranks do not matter."""

@@ -75,6 +75,12 @@ static void set_colors(struct kiln_bsdf *p, const struct spot *s, const float ba
         vec3(g->specular_color[0] * tint[0], g->specular_color[1] * tint[1], g->specular_color[2] * tint[2]);
 }
 
+struct kiln_vec3 kiln_gloss_index(const struct kiln_gloss *gloss)
+{
+    const float index = gloss->ior > 0.0f ? gloss->ior : INDEX_WITHOUT_END;
+    return gloss->dispersion > 0.0f ? kiln_dispersed_index(index, gloss->dispersion) : vec3(index, index, index);
+}
+
 struct kiln_bsdf kiln_surface_bsdf(const struct kiln_scene *scene, const struct kiln_gloss *gloss,
                                    const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2)
 {
@@ -83,8 +89,7 @@ struct kiln_bsdf kiln_surface_bsdf(const struct kiln_scene *scene, const struct 
     float base[4], cosine, sine;
     kiln_surface_base_color(scene, mesh, triangle, b1, b2, base);
     set_colors(&p, &s, base);
-    const float index = gloss->ior > 0.0f ? gloss->ior : INDEX_WITHOUT_END;
-    p.eta = gloss->dispersion > 0.0f ? kiln_dispersed_index(index, gloss->dispersion) : vec3(index, index, index);
+    p.eta = kiln_gloss_index(gloss);
     p.transmission = gloss->transmission * number_of(&s, KILN_GLOSS_TRANSMISSION);
     if (gloss->model == KILN_GLOSS_PHONG) {
         if ((gloss->flags & KILN_GLOSS_MIRROR) == 0 && !(p.transmission > 0.0f)) {

@@ -6,6 +6,10 @@
 #include "shaders/shared/bsdf.h"
 #include "worker/scene/gloss.h"
 
+/* Indices of refraction of the gloss for red, green and blue; where it has an index so high that all light is reflected
+ * (0), a large number. */
+struct kiln_vec3 kiln_gloss_index(const struct kiln_gloss *gloss);
+
 /* The material at a position: factors, vertex colours and textures multiplied. `triangle` is an index into the scene's
  * stored triangles and must belong to `mesh`; b1 and b2 are the barycentric weights of its corners 1 and 2. */
 struct kiln_bsdf kiln_surface_bsdf(const struct kiln_scene *scene, const struct kiln_gloss *gloss,

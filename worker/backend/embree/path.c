@@ -1,4 +1,4 @@
-/* The path pass (worker/pass/path.h): one path after the other, ray by ray. shaders/path.comp goes the same ways. */
+/* The path pass (worker/pass/path.h): one path after the other, ray by ray. shaders/path.glsl goes the same ways. */
 #include <math.h>
 #include <omp.h>
 #include <string.h>
@@ -39,8 +39,10 @@ struct meeting {
     const struct kiln_gloss *gloss;
     struct kiln_frame frame; /* of its front */
     struct kiln_bsdf_lobes lobes;
-    struct kiln_vec3 o; /* where the path comes from, in the frame */
-    uint32_t sharp;     /* its lobes whose light is what the path's rays meet */
+    struct kiln_vec3 o;             /* where the path comes from, in the frame */
+    struct kiln_bsdf_choice shares; /* of its lobes, for o */
+    /* its lobes that are not diffuse, and of these those whose light is what the path's rays meet */
+    uint32_t others, sharp;
 };
 
 /* Two numbers in (0, 1) of this sample. */
@@ -172,7 +174,10 @@ static void find_lobes(const struct embree_backend *b, struct kiln_vec3 directio
     m->frame = kiln_surface_frame(scene, m->gloss, m->mesh, m->stored, m->b1, m->b2, m->shading, edge);
     m->lobes = kiln_bsdf_prepare(kiln_surface_bsdf(scene, m->gloss, m->mesh, m->stored, m->b1, m->b2));
     m->o = kiln_into_frame(&m->frame, back);
-    m->sharp = kiln_path_sharp(m->lobes.alpha_x, m->lobes.alpha_y, m->lobes.p.coat_alpha, m->lobes.glass > 0.0f);
+    m->shares = kiln_bsdf_shares(m->lobes, m->o);
+    m->others = KILN_LOBE_GLOSS | (m->lobes.coat.strength > 0.0f ? KILN_LOBE_COAT : 0u);
+    m->sharp =
+        m->others & kiln_path_sharp(m->lobes.alpha_x, m->lobes.alpha_y, m->lobes.p.coat_alpha, m->lobes.glass > 0.0f);
 }
 
 /* Turns the normals to the side that the path comes from; `first`: of the surface that the camera sees. */
@@ -239,13 +244,17 @@ static struct kiln_light_sample draw_light(const struct path *p, const struct me
     return sample;
 }
 
+static struct kiln_bsdf_value evaluate(const struct meeting *m, struct kiln_vec3 i, uint32_t lobes)
+{
+    return kiln_bsdf_evaluate_chosen(m->lobes, kiln_bsdf_choice_of(m->shares, lobes), m->o, i, KILN_RADIANCE, lobes);
+}
+
 /* What a surface that is not only diffuse sends to the path of light from a direction, times the cosine: of light that
  * rays meet themselves, what its sharp lobes do is left to these. */
 static void scatter(const struct meeting *m, const struct kiln_light_sample *sample, float scattered[3])
 {
     const uint32_t lobes = sample->has_extent ? KILN_LOBE_ALL & ~m->sharp : KILN_LOBE_ALL;
-    const struct kiln_bsdf_value f = kiln_bsdf_evaluate(
-        m->lobes, m->o, kiln_into_frame(&m->frame, vec3_of(sample->direction)), KILN_RADIANCE, lobes);
+    const struct kiln_bsdf_value f = evaluate(m, kiln_into_frame(&m->frame, vec3_of(sample->direction)), lobes);
     scattered[0] = f.value.x;
     scattered[1] = f.value.y;
     scattered[2] = f.value.z;
@@ -302,31 +311,43 @@ static struct kiln_vec3 cosine_direction(struct kiln_vec3 axis, double u, double
     return vec3_madd(vec3_madd(vec3_scale(axis, *cosine), s, radius * cosf(turn)), t, radius * sinf(turn));
 }
 
+/* Weighs a direction that is drawn from `lobes`, and finds the share of the sharp ones in it, by colour. */
+static void weigh(const struct meeting *m, uint32_t lobes, struct kiln_bsdf_drawn *d, float share[3])
+{
+    const uint32_t sharp = m->sharp & lobes;
+    share[0] = share[1] = share[2] = d->delta || sharp == lobes ? 1.0f : 0.0f;
+    if (d->delta || d->i.z == 0.0f)
+        return;
+    const struct kiln_bsdf_value all = evaluate(m, d->i, lobes);
+    d->weight = all.density > 0.0f ? vec3_scale(all.value, 1.0f / all.density) : vec3(0.0f, 0.0f, 0.0f);
+    if (sharp == 0 || sharp == lobes)
+        return;
+    const struct kiln_vec3 part = evaluate(m, d->i, sharp).value;
+    share[0] = all.value.x > 0.0f ? part.x / all.value.x : 0.0f;
+    share[1] = all.value.y > 0.0f ? part.y / all.value.y : 0.0f;
+    share[2] = all.value.z > 0.0f ? part.z / all.value.z : 0.0f;
+}
+
 /* The way on from a surface that is not only diffuse. Chance chooses whether the diffuse surface sends the path on or
  * the other lobes do, so that bounces can be counted. */
 static bool turn_by_lobes(struct path *p, const struct meeting *m, uint32_t surface, struct kiln_vec3 *direction,
                           bool *diffuse)
 {
     double u, v, pick, rest;
+    float sharp[3];
     draw(p, kiln_path_use(surface, KILN_PATH_BOUNCE), &u, &v);
     draw(p, kiln_path_use(surface, KILN_PATH_LOBE), &pick, &rest);
-    const float chance = kiln_bsdf_choose(m->lobes, m->o, KILN_LOBE_ALL).diffuse;
+    const float chance = kiln_bsdf_choice_of(m->shares, KILN_LOBE_ALL).diffuse;
     *diffuse = pick < (double)chance;
-    const uint32_t lobes = *diffuse ? KILN_LOBE_DIFFUSE : KILN_LOBE_GLOSS | KILN_LOBE_COAT;
-    const float share = *diffuse ? chance : 1.0f - chance;
-    const struct kiln_bsdf_drawn d =
-        kiln_bsdf_draw(m->lobes, m->o, (float)rest, (float)u, (float)v, KILN_RADIANCE, lobes);
-    const float weight[3] = {d.weight.x / share, d.weight.y / share, d.weight.z / share};
+    const uint32_t lobes = *diffuse ? KILN_LOBE_DIFFUSE : m->others;
+    struct kiln_bsdf_drawn d = kiln_bsdf_propose(m->lobes, kiln_bsdf_choice_of(m->shares, lobes), m->o, (float)rest,
+                                                 (float)u, (float)v, KILN_RADIANCE);
+    weigh(m, lobes, &d, sharp);
+    const float one = 1.0f / (*diffuse ? chance : 1.0f - chance),
+                weight[3] = {d.weight.x * one, d.weight.y * one, d.weight.z * one};
     for (int c = 0; c < 3; c++)
-        p->seen[c] = *diffuse ? 0.0f : p->weight[c];
+        p->seen[c] = p->weight[c] * sharp[c];
     multiply(p, weight);
-    if (!*diffuse && !d.delta) {
-        const struct kiln_bsdf_value all = kiln_bsdf_evaluate(m->lobes, m->o, d.i, KILN_RADIANCE, lobes),
-                                     sharp = kiln_bsdf_evaluate(m->lobes, m->o, d.i, KILN_RADIANCE, m->sharp);
-        p->seen[0] *= all.value.x > 0.0f ? sharp.value.x / all.value.x : 0.0f;
-        p->seen[1] *= all.value.y > 0.0f ? sharp.value.y / all.value.y : 0.0f;
-        p->seen[2] *= all.value.z > 0.0f ? sharp.value.z / all.value.z : 0.0f;
-    }
     *direction = kiln_out_of_frame(&m->frame, d.i);
     const bool same = (d.i.z > 0.0f) == (m->o.z > 0.0f); /* in truth as by the shading normal */
     return d.i.z != 0.0f && (vec3_dot(m->normal, *direction) > 0.0f) == same &&
