@@ -121,7 +121,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
     KILN_STRUCT kiln_bsdf_albedo a;
     const bool front = o.z > 0.0f;
     const float mu = float_abs(o.z), coat = kiln_bsdf_coat_albedo(l, front, mu), rest = 1.0f - coat;
-    const float lost = kiln_interface_lost(l.face, mu), base = l.matt * kiln_diffuse_in(l, o.z);
+    const float lost = kiln_interface_lost(l.face, mu), base = l.matt > 0.0f ? l.matt * kiln_diffuse_in(l, o.z) : 0.0f;
     a.coat = kiln_bsdf_gray(coat);
     a.diffuse = vec3_scale(l.p.base_color, base);
     if (l.p.model == KILN_BSDF_PHONG)
@@ -371,12 +371,14 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate_chosen(KILN_STRUCT 
     if (o.z == 0.0f || i.z == 0.0f)
         return s;
     const bool front = o.z > 0.0f, gloss = (lobes & KILN_LOBE_GLOSS) != 0u;
-    const float out_ = kiln_diffuse_out(l, o.z), in_ = kiln_diffuse_in(l, i.z); /* of signed cosines */
+    const KILN_VECTOR signed_o = o, signed_i = i;
     o.z = float_abs(o.z);
     i.z = front ? i.z : -i.z;
     if (i.z > 0.0f) {
-        if ((lobes & KILN_LOBE_DIFFUSE) != 0u)
+        if ((lobes & KILN_LOBE_DIFFUSE) != 0u && l.matt > 0.0f) {
+            const float out_ = kiln_diffuse_out(l, signed_o.z), in_ = kiln_diffuse_in(l, signed_i.z);
             s.value = vec3_scale(kiln_diffuse_color(l), in_ * out_ * i.z * KILN_INVERSE_PI);
+        }
         s.density = choice.diffuse * i.z * KILN_INVERSE_PI;
     }
     const float spread = i.z > 0.0f ? choice.near : choice.far;
