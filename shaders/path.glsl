@@ -130,7 +130,6 @@ void find_lobes(kiln_gpu_path_triangle t, vec3 direction, inout Meeting m)
     others = KILN_LOBE_GLOSS | (lobes.coat.strength > 0.0 ? KILN_LOBE_COAT : 0u);
     sharp = others & kiln_path_sharp(lobes.alpha_x, lobes.alpha_y, lobes.p.coat_alpha, lobes.glass > 0.0);
 }
-
 #endif
 
 /* Of the ray that has come in `direction`; `first`: it is the surface that the camera sees. */

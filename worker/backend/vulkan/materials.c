@@ -14,7 +14,8 @@ static const uint64_t most_texel_bytes = (uint64_t)1 << 30;
 struct staging {
     const struct kiln_backend_params *params;
     struct gpu *gpu;
-    bool all; /* triangles are coated */
+    bool all;   /* triangles are coated */
+    bool gloss; /* kernels ask for more than the diffuse part of materials */
     struct kiln_gpu_material *materials;
     struct kiln_gpu_texture *textures;
     struct kiln_gpu_coating *coatings;
@@ -52,8 +53,13 @@ static void find_slots(struct staging *s)
     s->slot_count = end - s->slot_first;
 }
 
-/* Whether kernels ask for more than the diffuse part of materials. */
-static bool has_gloss(const struct staging *s) { return s->all && s->params->scene->taken != NULL; }
+static bool has_gloss(const struct kiln_scene *scene)
+{
+    for (uint32_t i = 0; i < scene->material_count; i++)
+        if (kiln_gloss_taken(scene, i) != NULL)
+            return true;
+    return false;
+}
 
 /* The uses of textures in the order of KILN_GPU_GLOSS_... */
 static const enum kiln_gloss_use gloss_uses[KILN_GPU_GLOSS_USES] = {
@@ -76,7 +82,7 @@ static void want_gloss_textures(struct staging *s, uint32_t material)
 
 static void want_textures(struct staging *s, uint32_t triangle, const struct kiln_material *material)
 {
-    if (has_gloss(s))
+    if (s->gloss)
         want_gloss_textures(s, (uint32_t)(material - s->params->scene->materials));
     if ((s->all || triangle >= s->params->geometry->opaque_count) && material->base_color_texture != KILN_NONE)
         s->wanted[material->base_color_texture] = true;
@@ -189,7 +195,7 @@ static void fill_gloss(struct kiln_gpu_gloss *to, const struct kiln_gloss *from)
 static int make_glosses(struct staging *s, struct kiln_error *error)
 {
     const struct kiln_scene *scene = s->params->scene;
-    if (!has_gloss(s))
+    if (!s->gloss)
         return KILN_OK;
     int status = kiln_allocate(&s->glosses, scene->material_count, sizeof *s->glosses, "the device's gloss", error);
     if (status == KILN_OK && scene->texcoord_gloss != NULL)
@@ -363,7 +369,7 @@ int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *p
                             struct vulkan_materials *materials, struct kiln_gpu_materials *layout,
                             struct kiln_error *error)
 {
-    struct staging s = {.params = params, .gpu = gpu, .all = all};
+    struct staging s = {.params = params, .gpu = gpu, .all = all, .gloss = all && has_gloss(params->scene)};
     *materials = (struct vulkan_materials){0};
     *layout = (struct kiln_gpu_materials){0};
     find_slots(&s);
