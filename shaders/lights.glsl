@@ -37,6 +37,7 @@ struct kiln_light_sample {
     real distance;   /* m; KILN_INFINITY for light from outside */
     real3 value;     /* radiance / density of the direction */
     real backoff;    /* m: stop the shadow ray this much before the light */
+    bool has_extent; /* a ray may meet it: an emitting triangle, or the environment */
 };
 
 /* Which way and how far the shadow ray of a sample goes that starts `off` the place that the sample was drawn for. */
@@ -286,6 +287,7 @@ bool sample_environment(kiln_light_choice choice, uint index, real3 n, real3 sha
             density = kiln_sky_cosine_density(choice.samples, kiln_environment_density(s.direction), density);
     }
     s.value = real3(kiln_environment_radiance(s.direction)) / density;
+    s.has_extent = true;
     return true;
 }
 
@@ -364,6 +366,7 @@ bool sample_area_light(uint index, real3 p, real weight, real u, real v, out kil
     s.direction = to * (1 / s.distance);
     const real seen = height / s.distance; /* cosine at the light */
     s.backoff = light_backoff(light, s.distance, seen);
+    s.has_extent = true;
     s.value = real3(area_light_radiance(light, to - to0)) * weight *
               (spherical ? t.omega : seen * real(light.area) / (s.distance * s.distance));
     return true;
@@ -395,6 +398,7 @@ bool kiln_lights_sample(kiln_light_choice choice, uint index, real3 p, real3 n, 
     s.value = real3(0);
     s.distance = real(KILN_INFINITY);
     s.backoff = 0;
+    s.has_extent = false;
     if (light_kind(KILN_GPU_KIND_SKY | KILN_GPU_KIND_IMAGE) && choice.kind == KILN_CHOICE_ENVIRONMENT)
         return sample_environment(choice, index, n, shading, pick, u, v, s);
     if (light_kind(KILN_GPU_KIND_SUN) && choice.kind == KILN_CHOICE_DIRECTIONAL) {

@@ -61,10 +61,16 @@ vec4 kiln_texture_sample(uint index, vec2 at)
     return upper + fy * (lower - upper);
 }
 
+/* The number of a world triangle's coating, with KILN_GPU_FLIPPED. */
+uint kiln_slot_of(uint triangle)
+{
+    return MaterialWords(SCENE.materials.slots + 4ul * (triangle - SCENE.materials.slot_first)).at[0];
+}
+
 /* The coating of a world triangle, and its barycentrics turned into those of the stored one. */
 kiln_gpu_coating kiln_coating_of(uint triangle, inout float u, inout float v)
 {
-    const uint slot = MaterialWords(SCENE.materials.slots + 4ul * (triangle - SCENE.materials.slot_first)).at[0];
+    const uint slot = kiln_slot_of(triangle);
     if ((slot & KILN_GPU_FLIPPED) != 0u) {
         const float other = u;
         u = v;

@@ -25,6 +25,7 @@
 #include "coordinator/field/units.h"
 #include "coordinator/job/job_private.h"
 #include "coordinator/job/options.h"
+#include "worker/scene/gloss.h"
 #include "worker/base/text.h"
 #include "worker/scene/leaves.h"
 
@@ -454,6 +455,8 @@ static int view_paths(struct view *v, const struct kiln_job *job, const char *pa
     status = open_scene(v, job, error);
     if (status == KILN_OK)
         status = kiln_path_view_check(v->scene, error);
+    if (status == KILN_OK)
+        status = kiln_scene_take_gloss(v->scene, (enum kiln_gloss_mode)job->materials, error);
     if (status == KILN_OK)
         status = check_aim(v, job, error);
     status = kiln_view_team_create(&v->team, job, v->scene, status, error);

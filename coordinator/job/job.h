@@ -122,6 +122,7 @@ struct kiln_job {
     double field_of_view;                /* degrees, vertical */
     int view_method;                     /* view: enum kiln_view_method */
     uint32_t samples_pixel;              /* view: paths of a pixel */
+    int materials;                       /* view: enum kiln_gloss_mode */
     bool normal_maps;                    /* view: show materials' normal maps; default true */
     uint32_t ranks;                      /* plan: number of ranks */
     double node_memory;                  /* plan: memory of a node, GiB; 0: this machine's */

@@ -41,6 +41,8 @@ enum {
 
 #define METHOD_NAME(name) #name,
 static const char *const method_names[] = {KILN_METHOD_LIST(METHOD_NAME) NULL};
+/* in the order of enum kiln_gloss_mode */
+static const char *const materials_names[] = {"auto", "diffuse", "full", NULL};
 /* in the order of enum kiln_view_method */
 static const char *const view_method_names[] = {KILN_VIEW_METHOD_LIST(METHOD_NAME) NULL};
 
@@ -852,6 +854,14 @@ const struct kiln_option kiln_options[] = {
      .help = "--method path: paths for each pixel",
      .commands = KILN_FOR_VIEW,
      .offset = AT(samples_pixel)},
+    {.name = "materials",
+     .group = "View",
+     .kind = KILN_OPTION_CHOICE_ENUM,
+     .fallback = "diffuse",
+     .choices = materials_names,
+     .help = "--method path: diffuse as in a bake; full: mirrors, gloss, glass; auto: what is worth it of these",
+     .commands = KILN_FOR_VIEW,
+     .offset = AT(materials)},
     {.name = "normal-maps",
      .group = "View",
      .kind = KILN_OPTION_FLAG,

@@ -121,7 +121,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
     KILN_STRUCT kiln_bsdf_albedo a;
     const bool front = o.z > 0.0f;
     const float mu = float_abs(o.z), coat = kiln_bsdf_coat_albedo(l, front, mu), rest = 1.0f - coat;
-    const float lost = kiln_interface_lost(l.face, mu), base = l.matt * kiln_diffuse_in(l, o.z);
+    const float lost = kiln_interface_lost(l.face, mu), base = l.matt > 0.0f ? l.matt * kiln_diffuse_in(l, o.z) : 0.0f;
     a.coat = kiln_bsdf_gray(coat);
     a.diffuse = vec3_scale(l.p.base_color, base);
     if (l.p.model == KILN_BSDF_PHONG)
@@ -142,17 +142,27 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
     return a;
 }
 
-KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_choose(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o,
-                                                            KILN_U32 lobes)
+/* Luminances of the albedos, of which kiln_bsdf_choice_of makes chances: for who asks for several sets of lobes. */
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_shares(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o)
 {
     const KILN_STRUCT kiln_bsdf_albedo a = kiln_bsdf_albedo_of(l, o);
+    KILN_STRUCT kiln_bsdf_choice c;
+    c.coat = a.coat.x;
+    c.diffuse = kiln_bsdf_luminance(a.diffuse);
+    c.gloss = kiln_bsdf_luminance(a.gloss);
+    c.near = kiln_bsdf_luminance(a.spread_near);
+    c.far = kiln_bsdf_luminance(a.spread_far);
+    return c;
+}
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_choice_of(KILN_STRUCT kiln_bsdf_choice shares, KILN_U32 lobes)
+{
     const bool gloss = (lobes & KILN_LOBE_GLOSS) != 0u;
     KILN_STRUCT kiln_bsdf_choice c;
-    c.coat = (lobes & KILN_LOBE_COAT) != 0u ? a.coat.x : 0.0f;
-    c.diffuse = (lobes & KILN_LOBE_DIFFUSE) != 0u ? kiln_bsdf_luminance(a.diffuse) : 0.0f;
-    c.gloss = gloss ? kiln_bsdf_luminance(a.gloss) : 0.0f;
-    c.near = gloss ? kiln_bsdf_luminance(a.spread_near) : 0.0f;
-    c.far = gloss ? kiln_bsdf_luminance(a.spread_far) : 0.0f;
+    c.coat = (lobes & KILN_LOBE_COAT) != 0u ? shares.coat : 0.0f;
+    c.diffuse = (lobes & KILN_LOBE_DIFFUSE) != 0u ? shares.diffuse : 0.0f;
+    c.gloss = gloss ? shares.gloss : 0.0f;
+    c.near = gloss ? shares.near : 0.0f;
+    c.far = gloss ? shares.far : 0.0f;
     const float sum = c.coat + c.diffuse + c.gloss + c.near + c.far;
     const float scale = sum > 0.0f ? 1.0f / sum : 0.0f;
     c.coat *= scale;
@@ -161,6 +171,11 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_choose(KILN_STRUCT kiln_bsd
     c.near *= scale;
     c.far *= scale;
     return c;
+}
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_choose(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o,
+                                                            KILN_U32 lobes)
+{
+    return kiln_bsdf_choice_of(kiln_bsdf_shares(l, o), lobes);
 }
 
 /* ---- values and densities ---- */
@@ -356,12 +371,14 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate_chosen(KILN_STRUCT 
     if (o.z == 0.0f || i.z == 0.0f)
         return s;
     const bool front = o.z > 0.0f, gloss = (lobes & KILN_LOBE_GLOSS) != 0u;
-    const float out_ = kiln_diffuse_out(l, o.z), in_ = kiln_diffuse_in(l, i.z); /* of signed cosines */
+    const KILN_VECTOR signed_o = o, signed_i = i;
     o.z = float_abs(o.z);
     i.z = front ? i.z : -i.z;
     if (i.z > 0.0f) {
-        if ((lobes & KILN_LOBE_DIFFUSE) != 0u)
+        if ((lobes & KILN_LOBE_DIFFUSE) != 0u && l.matt > 0.0f) {
+            const float out_ = kiln_diffuse_out(l, signed_o.z), in_ = kiln_diffuse_in(l, signed_i.z);
             s.value = vec3_scale(kiln_diffuse_color(l), in_ * out_ * i.z * KILN_INVERSE_PI);
+        }
         s.density = choice.diffuse * i.z * KILN_INVERSE_PI;
     }
     const float spread = i.z > 0.0f ? choice.near : choice.far;

@@ -52,7 +52,7 @@ struct kiln_bsdf_lobes {
     KILN_VECTOR metal_spread; /* colour of what metals give back */
     float lost_mean;          /* means over the hemisphere by the cosine: of what facets lose, */
     float glass_lost_front, glass_lost_back, glass_lost_coat; /* glass, on both sides, and what the coat passes of it */
-    float under_front, under_back;                            /* and of what reaches the diffuse surface */
+    float under_front, under_back; /* and of what reaches the diffuse surface; 1 where there is none */
 };
 
 /* Roughnesses along the tangent and across it, of glTF's roughness and anisotropy strength, 0 to 1
@@ -164,11 +164,15 @@ KILN_FUNCTION float kiln_diffuse_out(KILN_STRUCT kiln_bsdf_lobes l, float cosine
 KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
 {
     float lost = 0.0f, front = 0.0f, back = 0.0f, coat = 0.0f, under_front = 0.0f, under_back = 0.0f;
+    const bool matt = KILN_AT(l).matt > 0.0f;
+    const bool two = KILN_AT(l).coat.strength > 0.0f && KILN_AT(l).p.thin_wall == 0u; /* sides differ by the coat */
     for (int k = 0; k < KILN_MEAN_POINTS; k++) {
         const float mu = KILN_MEAN_COSINES[k], w = KILN_MEAN_WEIGHTS[k];
         lost += w * kiln_interface_lost(KILN_AT(l).face, mu);
-        under_front += w * kiln_diffuse_in(KILN_AT(l), mu);
-        under_back += w * kiln_diffuse_in(KILN_AT(l), -mu);
+        if (matt)
+            under_front += w * kiln_diffuse_in(KILN_AT(l), mu);
+        if (matt && two)
+            under_back += w * kiln_diffuse_in(KILN_AT(l), -mu);
         if (KILN_AT(l).glass > 0.0f) {
             const float there = w * kiln_bsdf_glass_lost(KILN_AT(l), true, mu);
             front += there;
@@ -180,8 +184,8 @@ KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
     KILN_AT(l).glass_lost_front = front;
     KILN_AT(l).glass_lost_back = back;
     KILN_AT(l).glass_lost_coat = coat;
-    KILN_AT(l).under_front = float_max(under_front, KILN_FLOAT_TINY);
-    KILN_AT(l).under_back = float_max(under_back, KILN_FLOAT_TINY);
+    KILN_AT(l).under_front = matt ? float_max(under_front, KILN_FLOAT_TINY) : 1.0f;
+    KILN_AT(l).under_back = two && matt ? float_max(under_back, KILN_FLOAT_TINY) : KILN_AT(l).under_front;
 }
 
 /* Kulla and Conty 2017: reflectance of light that is scattered more than once, of the mean reflectance of a facet. */

@@ -1,7 +1,7 @@
 /* Materials and textures on the device; part of shaders/shared/layout.h.
  *
  * Only what kernels ask for is there: surfaces that may let rays through, and surfaces whose emission has a texture. A
- * scene with neither has address 0 everywhere. Once paths are traced, all surfaces are there. */
+ * scene with neither has address 0 everywhere. Once paths are traced, all surfaces are there, with their gloss. */
 
 struct kiln_gpu_material { /* struct kiln_material, with its index in the scene */
     KILN_REAL32 base_alpha, alpha_cutoff, emission[3];
@@ -30,6 +30,48 @@ KILN_SIZE_IS(kiln_gpu_coating, 64);
 
 #define KILN_GPU_FLIPPED 0x80000000u
 
+/* ---- materials that are not only diffuse (struct kiln_gloss of worker/scene/scene.h); asked for by paths ---- */
+
+/* What a texture is for (enum kiln_gloss_use) */
+#define KILN_GPU_GLOSS_METALLIC 0u
+#define KILN_GPU_GLOSS_ROUGHNESS 1u
+#define KILN_GPU_GLOSS_TRANSMISSION 2u
+#define KILN_GPU_GLOSS_SPECULAR 3u
+#define KILN_GPU_GLOSS_SPECULAR_COLOR 4u
+#define KILN_GPU_GLOSS_COAT 5u
+#define KILN_GPU_GLOSS_COAT_ROUGHNESS 6u
+#define KILN_GPU_GLOSS_ANISOTROPY 7u
+#define KILN_GPU_GLOSS_USES 8u
+
+struct kiln_gpu_gloss_texture { /* struct kiln_gloss_texture */
+    KILN_WORD texture, channel;
+    KILN_REAL32 transform[6];
+};
+KILN_SIZE_IS(kiln_gpu_gloss_texture, 32);
+
+#define KILN_GPU_GLOSS_TAKEN 1u  /* else the material is diffuse to light transport, and nothing else here is set */
+#define KILN_GPU_GLOSS_VOLUME 2u /* faces bound a body */
+#define KILN_GPU_GLOSS_MIRROR 4u
+#define KILN_GPU_GLOSS_PHONG 8u
+#define KILN_GPU_GLOSS_TEXTURED 16u  /* one of the textures is there */
+#define KILN_GPU_GLOSS_TRANSMITS 32u /* light may come through */
+
+struct kiln_gpu_gloss { /* struct kiln_gloss of the material of the same index */
+    KILN_WORD flags;
+    KILN_REAL32 metallic, roughness, specular, specular_color[3], transmission, filter_color[3];
+    KILN_REAL32 eta[3];                                     /* index of refraction for red, green and blue */
+    KILN_REAL32 attenuation_color[3], attenuation_distance; /* m; 0: the body absorbs nothing */
+    KILN_REAL32 coat, coat_roughness, anisotropy, exponent;
+    KILN_REAL32 turn_cosine, turn_sine; /* of anisotropy_rotation */
+    KILN_STRUCT kiln_gpu_gloss_texture textures[KILN_GPU_GLOSS_USES];
+};
+KILN_SIZE_IS(kiln_gpu_gloss, 352);
+
+struct kiln_gpu_gloss_place {
+    KILN_REAL32 at[6]; /* texture coordinates of a coating's corners, for the textures of its gloss */
+};
+KILN_SIZE_IS(kiln_gpu_gloss_place, 24);
+
 struct kiln_gpu_materials {
     KILN_ADDRESS materials, textures;
     KILN_ADDRESS coatings;
@@ -37,5 +79,7 @@ struct kiln_gpu_materials {
     KILN_ADDRESS slots;
     KILN_ADDRESS linear_of_srgb; /* 256 floats */
     KILN_WORD slot_first, reserved;
+    KILN_ADDRESS glosses;      /* of each material; 0: all are diffuse */
+    KILN_ADDRESS gloss_places; /* of each coating; 0: textures are read at (0, 0) */
 };
-KILN_SIZE_IS(kiln_gpu_materials, 48);
+KILN_SIZE_IS(kiln_gpu_materials, 64);

@@ -19,10 +19,8 @@ struct kiln_curve {
 };
 KILN_FUNCTION float kiln_curve_at(KILN_STRUCT kiln_curve curve, float x)
 {
-    float sum = 0.0f;
-    for (int i = 8; i >= 0; i--)
-        sum = sum * x + curve.c[i];
-    return sum;
+    const float high = ((curve.c[8] * x + curve.c[7]) * x + curve.c[6]) * x + curve.c[5];
+    return ((((high * x + curve.c[4]) * x + curve.c[3]) * x + curve.c[2]) * x + curve.c[1]) * x + curve.c[0];
 }
 /* Where a curve is asked: 2 near - 1. */
 KILN_FUNCTION float kiln_curve_place(float mu, float alpha)
@@ -97,31 +95,72 @@ struct kiln_boundary {
     KILN_STRUCT kiln_curve dense, beyond; /* from the other: error 0.006 */
 };
 
+/* Coefficients of the curves. The calls below are not loops: an array that a loop writes, GPUs' compilers keep in
+ * memory, and copy at each call that it is handed to. */
+KILN_FUNCTION float kiln_fit_thin(int i, float r, float z)
+{
+    float sum = 0.0f;
+    for (int j = 5; j >= 0; j--) {
+        const int k = 24 * i + 4 * j;
+        sum = sum * r +
+              (KILN_FIT_LOST[k] + z * (KILN_FIT_LOST[k + 1] + z * (KILN_FIT_LOST[k + 2] + z * KILN_FIT_LOST[k + 3])));
+    }
+    return sum;
+}
+KILN_FUNCTION float kiln_fit_dense(int i, float r, float z)
+{
+    float sum = 0.0f;
+    for (int j = 4; j >= 0; j--) {
+        const int k = 20 * i + 4 * j;
+        sum = sum * r + (KILN_FIT_DENSE[k] +
+                         z * (KILN_FIT_DENSE[k + 1] + z * (KILN_FIT_DENSE[k + 2] + z * KILN_FIT_DENSE[k + 3])));
+    }
+    return sum;
+}
+KILN_FUNCTION float kiln_fit_beyond(int i, float r, float z)
+{
+    float sum = 0.0f;
+    for (int j = 4; j >= 0; j--) {
+        const int k = 20 * i + 4 * j;
+        sum = sum * r + (KILN_FIT_BEYOND[k] +
+                         z * (KILN_FIT_BEYOND[k + 1] + z * (KILN_FIT_BEYOND[k + 2] + z * KILN_FIT_BEYOND[k + 3])));
+    }
+    return sum;
+}
+
 KILN_FUNCTION KILN_STRUCT kiln_boundary kiln_boundary_of(float alpha, float index)
 {
     KILN_STRUCT kiln_boundary s;
     const float r = 2.0f * float_sqrt(alpha) - 1.0f, z = kiln_fit_index(index);
     s.alpha = alpha;
     s.critical = float_sqrt(float_max(0.0f, 1.0f - 1.0f / (index * index)));
-    for (int i = 0; i < 9; i++) {
-        float thin = 0.0f, dense = 0.0f, beyond = 0.0f;
-        for (int j = 5; j >= 0 && i < 8; j--) {
-            const int k = 24 * i + 4 * j;
-            thin = thin * r + (KILN_FIT_LOST[k] +
-                               z * (KILN_FIT_LOST[k + 1] + z * (KILN_FIT_LOST[k + 2] + z * KILN_FIT_LOST[k + 3])));
-        }
-        for (int j = 4; j >= 0 && i < 7; j--) {
-            const int k = 20 * i + 4 * j;
-            dense = dense * r + (KILN_FIT_DENSE[k] +
-                                 z * (KILN_FIT_DENSE[k + 1] + z * (KILN_FIT_DENSE[k + 2] + z * KILN_FIT_DENSE[k + 3])));
-            beyond =
-                beyond * r + (KILN_FIT_BEYOND[k] +
-                              z * (KILN_FIT_BEYOND[k + 1] + z * (KILN_FIT_BEYOND[k + 2] + z * KILN_FIT_BEYOND[k + 3])));
-        }
-        s.thin.c[i] = thin;
-        s.dense.c[i] = dense;
-        s.beyond.c[i] = beyond;
-    }
+    s.thin.c[0] = kiln_fit_thin(0, r, z);
+    s.thin.c[1] = kiln_fit_thin(1, r, z);
+    s.thin.c[2] = kiln_fit_thin(2, r, z);
+    s.thin.c[3] = kiln_fit_thin(3, r, z);
+    s.thin.c[4] = kiln_fit_thin(4, r, z);
+    s.thin.c[5] = kiln_fit_thin(5, r, z);
+    s.thin.c[6] = kiln_fit_thin(6, r, z);
+    s.thin.c[7] = kiln_fit_thin(7, r, z);
+    s.thin.c[8] = 0.0f;
+    s.dense.c[0] = kiln_fit_dense(0, r, z);
+    s.dense.c[1] = kiln_fit_dense(1, r, z);
+    s.dense.c[2] = kiln_fit_dense(2, r, z);
+    s.dense.c[3] = kiln_fit_dense(3, r, z);
+    s.dense.c[4] = kiln_fit_dense(4, r, z);
+    s.dense.c[5] = kiln_fit_dense(5, r, z);
+    s.dense.c[6] = kiln_fit_dense(6, r, z);
+    s.dense.c[7] = 0.0f;
+    s.dense.c[8] = 0.0f;
+    s.beyond.c[0] = kiln_fit_beyond(0, r, z);
+    s.beyond.c[1] = kiln_fit_beyond(1, r, z);
+    s.beyond.c[2] = kiln_fit_beyond(2, r, z);
+    s.beyond.c[3] = kiln_fit_beyond(3, r, z);
+    s.beyond.c[4] = kiln_fit_beyond(4, r, z);
+    s.beyond.c[5] = kiln_fit_beyond(5, r, z);
+    s.beyond.c[6] = kiln_fit_beyond(6, r, z);
+    s.beyond.c[7] = 0.0f;
+    s.beyond.c[8] = 0.0f;
     return s;
 }
 
@@ -145,6 +184,16 @@ struct kiln_coat {
     KILN_STRUCT kiln_curve effective; /* the cosine at which light that base and coat scatter leaves */
 };
 
+KILN_FUNCTION float kiln_fit_coat(int i, float r, float z)
+{
+    float sum = 0.0f;
+    for (int j = 6; j >= 0; j--) {
+        const int k = 28 * i + 4 * j;
+        sum = sum * r +
+              (KILN_FIT_COAT[k] + z * (KILN_FIT_COAT[k + 1] + z * (KILN_FIT_COAT[k + 2] + z * KILN_FIT_COAT[k + 3])));
+    }
+    return sum;
+}
 KILN_FUNCTION KILN_STRUCT kiln_coat kiln_coat_of(float strength, float alpha, float base_alpha)
 {
     KILN_STRUCT kiln_coat s;
@@ -152,15 +201,15 @@ KILN_FUNCTION KILN_STRUCT kiln_coat kiln_coat_of(float strength, float alpha, fl
     s.strength = strength;
     s.face = kiln_interface_of(alpha, KILN_COAT_INDEX);
     s.base_alpha = base_alpha;
-    for (int i = 0; i < 9; i++) {
-        float sum = 0.0f;
-        for (int j = 6; j >= 0; j--) {
-            const int k = 28 * i + 4 * j;
-            sum = sum * r + (KILN_FIT_COAT[k] +
-                             z * (KILN_FIT_COAT[k + 1] + z * (KILN_FIT_COAT[k + 2] + z * KILN_FIT_COAT[k + 3])));
-        }
-        s.effective.c[i] = sum;
-    }
+    s.effective.c[0] = kiln_fit_coat(0, r, z);
+    s.effective.c[1] = kiln_fit_coat(1, r, z);
+    s.effective.c[2] = kiln_fit_coat(2, r, z);
+    s.effective.c[3] = kiln_fit_coat(3, r, z);
+    s.effective.c[4] = kiln_fit_coat(4, r, z);
+    s.effective.c[5] = kiln_fit_coat(5, r, z);
+    s.effective.c[6] = kiln_fit_coat(6, r, z);
+    s.effective.c[7] = kiln_fit_coat(7, r, z);
+    s.effective.c[8] = kiln_fit_coat(8, r, z);
     return s;
 }
 

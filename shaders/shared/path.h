@@ -3,6 +3,7 @@
 #ifndef KILN_SHADERS_SHARED_PATH_H
 #define KILN_SHADERS_SHARED_PATH_H
 
+#include "shaders/shared/bsdf.h"
 #include "shaders/shared/random.h"
 
 /* ---- random numbers ---- */
@@ -18,6 +19,7 @@
 #define KILN_PATH_SKY 3u    /* the direction to the environment, by the cosine; then by its luminance */
 #define KILN_PATH_CHANCE 5u /* what is there of surfaces that let light through, on the way to this surface */
 #define KILN_PATH_END 6u    /* whether the path ends here */
+#define KILN_PATH_LOBE 7u   /* which lobes of the surface send the path on */
 #define KILN_PATH_USES 8u
 KILN_FUNCTION KILN_U32 kiln_path_use(KILN_U32 surface, KILN_U32 use) { return 1u + KILN_PATH_USES * surface + use; }
 
@@ -56,11 +58,25 @@ KILN_FUNCTION void kiln_path_numbers(KILN_U32 key, KILN_U32 k, KILN_OUT(KILN_U32
  * yet, at most KILN_PATH_CHANCE_MOST, and count the more for it (Arvo and Kirk, "Particle Transport and Image
  * Synthesis", SIGGRAPH 1990). */
 #define KILN_PATH_CERTAIN 4u
+#define KILN_PATH_CHAIN 8u /* and so do paths that meet so many mirrors, glass or gloss one after another */
 #define KILN_PATH_CHANCE_MOST KILN_RATIO32(19, 20)
 KILN_FUNCTION float kiln_path_chance(float red, float green, float blue)
 {
     const float most = red > green ? (red > blue ? red : blue) : (green > blue ? green : blue);
     return most < KILN_PATH_CHANCE_MOST ? most : KILN_PATH_CHANCE_MOST;
+}
+
+/* ---- lobes ---- */
+
+/* Up to this alpha of its facets a lobe is sharp: light of lamps and sky that it sends on is what the path's own rays
+ * meet. The light of others is what samples of lamps and sky bring. Of lights that no ray can meet all is theirs. */
+#define KILN_PATH_SHARP KILN_RATIO32(1, 5)
+
+/* The sharp lobes of a material: all that glass lets through is. */
+KILN_FUNCTION KILN_U32 kiln_path_sharp(float alpha_x, float alpha_y, float coat_alpha, bool glass)
+{
+    const bool base = glass || float_max(alpha_x, alpha_y) <= KILN_PATH_SHARP;
+    return (base ? KILN_LOBE_GLOSS : 0u) | (coat_alpha <= KILN_PATH_SHARP ? KILN_LOBE_COAT : 0u);
 }
 
 /* ---- what the camera sees ---- */

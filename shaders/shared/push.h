@@ -140,7 +140,7 @@ KILN_OFFSET_IS(kiln_gpu_probes_reduce_push, count, 24);
 
 #include "shaders/shared/layout_path.h"
 
-/* path.comp: paths of pixels. */
+/* path.glsl: paths of pixels. */
 struct kiln_gpu_path_push {
     KILN_ADDRESS scene;
     KILN_ADDRESS triangles; /* struct kiln_gpu_path_triangle, one a world triangle */

@@ -1,4 +1,5 @@
-"""Reads PNG pictures of 8 bits a channel, colours without alpha."""
+"""Reads and writes PNG pictures of 8 bits a channel, colours without alpha."""
+import base64
 import struct
 import zlib
 
@@ -35,3 +36,17 @@ def _unfilter(kind, line, above):
         near = min((left, up, corner), key=lambda one: abs(estimate - one))  # the first of the nearest
         row[i] = (value + (0, left, up, (left + up) // 2, near)[kind]) & 255
     return row
+
+
+def data_uri(pixels):
+    """A PNG of 8-bit RGB, as a data URI."""
+    pixels = np.asarray(pixels, np.uint8)
+    height, width, _ = pixels.shape
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    rows = b"".join(b"\0" + row.tobytes() for row in pixels)
+    data = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)) + chunk(
+        b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    return "data:image/png;base64," + base64.b64encode(data).decode()

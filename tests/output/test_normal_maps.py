@@ -4,7 +4,6 @@ geometry.
 The bumps are ridges along z, slopes that lean by 16.26 degrees towards +x and -x in turn (sin 0.28, cos 0.96), on a
 square of 4 m in the plane y = 0. `flat` has them in a normal map of 8 x 1 texels, `ridges` has 8 rectangles. Both are
 looked at from above. The truth is what a slope's own lightmap holds."""
-import base64
 import json
 import os
 import struct
@@ -12,13 +11,13 @@ import subprocess
 import sys
 import tempfile
 import unittest
-import zlib
 
 import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
 import glb  # noqa: E402
+import png  # noqa: E402
 
 KILN = os.environ["KILN"]
 SIN, COS = 0.28, 0.96
@@ -37,20 +36,6 @@ def has_directional():
     return "--directional" in kiln("bake", "--help")
 
 
-def png(pixels):
-    """A PNG of 8-bit RGB, as a data URI."""
-    pixels = np.asarray(pixels, np.uint8)
-    height, width, _ = pixels.shape
-
-    def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    rows = b"".join(b"\0" + row.tobytes() for row in pixels)
-    data = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)) + chunk(
-        b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
-    return "data:image/png;base64," + base64.b64encode(data).decode()
-
-
 def code(x, y, z):
     """The texel of a normal in tangent space."""
     return [round(127.5 * (c + 1)) for c in (x, y, z)]
@@ -59,7 +44,7 @@ def code(x, y, z):
 def add_normal_map(scene, material, pixels, **more):
     """Gives the material a normal map with the nearest filter; returns the reference to its texture."""
     document = scene.document
-    document.setdefault("images", []).append({"uri": png(pixels)})
+    document.setdefault("images", []).append({"uri": png.data_uri(pixels)})
     document["samplers"] = [{"magFilter": 9728, "wrapS": 10497, "wrapT": 10497}]
     document.setdefault("textures", []).append({"source": len(document["images"]) - 1, "sampler": 0})
     document["materials"][material]["normalTexture"] = {"index": len(document["textures"]) - 1, **more}
@@ -246,7 +231,7 @@ class ClosedForms(NormalMaps):
             sun(scene)
             scene.used.add("KHR_texture_transform")
             scene.document["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 1}
-            scene.document["images"].append({"uri": png([[[255] * 3]])})
+            scene.document["images"].append({"uri": png.data_uri([[[255] * 3]])})
             scene.document["textures"].append({"source": 1})
 
         # 2 texels and 2 repetitions: a stripe is two slopes wide, and half a repetition later

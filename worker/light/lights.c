@@ -246,6 +246,7 @@ static bool sample_point_light(const struct kiln_point_light *light, struct kiln
     s->direction = dvec3_scale(to, 1.0 / distance);
     s->distance = distance;
     s->backoff = 0.0;
+    s->has_extent = false;
     const double factor = weight * kiln_point_light_cone(light, dvec3_scale(s->direction, -1.0)) *
                           kiln_light_range(light->range, distance) / (distance * distance);
     for (int c = 0; c < 3; c++)
@@ -291,6 +292,7 @@ static bool sample_area_light(const struct kiln_lights *lights, const struct kil
     s->direction = dvec3_scale(to, 1.0 / s->distance);
     const double seen = height / s->distance; /* cosine at the light */
     s->backoff = kiln_light_backoff(light->rounding, s->distance, seen);
+    s->has_extent = true;
     float rgb[3];
     double b1 = 0.0, b2 = 0.0;
     if (light->textured)
@@ -352,6 +354,7 @@ static bool sample_environment(const struct kiln_lights *lights, const struct ki
                           : cosine_direction(two && pick < 0.5 ? shading : n, u, v);
     s->distance = (double)INFINITY;
     s->backoff = 0.0;
+    s->has_extent = true;
     const double cosine = probe ? 1.0 : dvec3_dot(n, s->direction);
     if (!(cosine > 0.0))
         return false;
@@ -378,6 +381,7 @@ bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_ligh
         sample->direction = d->towards;
         sample->distance = (double)INFINITY;
         sample->backoff = 0.0;
+        sample->has_extent = false;
         for (int c = 0; c < 3; c++)
             sample->value[c] = (double)d->irradiance[c];
         return true;

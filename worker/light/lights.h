@@ -102,6 +102,7 @@ struct kiln_light_sample {
     double value[3];             /* radiance / density of the direction */
     /* m: stop the shadow ray this much before the light (rounding of the light's own position) */
     double backoff;
+    bool has_extent; /* a ray may meet it: an emitting triangle, or the environment */
 };
 
 /* Number of sampling strategies a choice alternates between: its `index`-th sample is number index / strategies of

@@ -13,12 +13,20 @@
  * normal, x1 is what the first of them meets, and so on for `bounces` surfaces after x0, none of which is left to
  * chance. With KILN_PATH_ALL_BOUNCES paths have no last surface, and end by chance (shaders/shared/path.h).
  *
- * It is the light that a bake with so many bounces gives: surfaces are diffuse; D(x0) and the direction to x1 are about
- * the shading normal with the weights of the gather pass (gather.h; w1, whose mean is 1), everything further about the
- * geometric normal; a metal that the camera sees is shown by its base colour, and reflects nothing else; materials have
- * no normal maps. A ray that meets the back of a single-sided surface, or of a solid's, brings nothing. A ray meets a
- * surface that lets light through with a chance that is its opacity, and is tinted by those that it passes; shadow rays
- * take the product of what they let through.
+ * Where the scene's materials are taken with their gloss (kiln_scene_take_gloss), a surface that has any scatters light
+ * by its whole material (shaders/shared/bsdf.h), about its shading normal. Chance chooses whether its diffuse part
+ * sends the path on, which is a bounce, or its other lobes do, which is none. What lamps and sky send straight comes by
+ * D as above, with the material in place of albedo / pi, but for sharp lobes (kiln_path_sharp): of these it is what the
+ * path meets. Glass that bounds a body has both sides, and what the body absorbs is taken by the length of the way in
+ * it; light that glass lets through comes by the path alone, for shadow rays do not bend. Thin smooth walls are not
+ * taken: they let light straight through.
+ *
+ * Else it is the light that a bake with so many bounces gives: surfaces are diffuse; D(x0) and the direction to x1 are
+ * about the shading normal with the weights of the gather pass (gather.h; w1, whose mean is 1), everything further
+ * about the geometric normal; a metal that the camera sees is shown by its base colour, and reflects nothing else;
+ * materials have no normal maps. A ray that meets the back of a single-sided surface, or of a solid's, brings nothing.
+ * A ray meets a surface that lets light through with a chance that is its opacity, and is tinted by those that it
+ * passes; shadow rays take the product of what they let through.
  *
  * The camera sees what views of a bake show (coordinator/view/view.h): not the backs of single-sided surfaces, and not
  * objects that have no lightmap (KILN_OBJECT_CASTER_ONLY), unless they emit; camera rays go on behind these. A camera

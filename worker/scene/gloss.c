@@ -4,6 +4,8 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "worker/base/memory.h"
+
 struct kiln_gloss kiln_gloss_default(const struct kiln_material *material, uint32_t index)
 {
     struct kiln_gloss gloss = {.material = index,
@@ -129,4 +131,42 @@ const char *kiln_gloss_kind_name(enum kiln_gloss_kind kind)
     _Static_assert(sizeof names / sizeof names[0] == KILN_GLOSS_KINDS, "a name for each kind");
     assert((unsigned)kind < KILN_GLOSS_KINDS);
     return names[kind];
+}
+
+/* ---- what light transport takes ---- */
+
+/* Whether light goes straight through, as struct kiln_passage has it. */
+static bool is_passage(const struct kiln_gloss *gloss)
+{
+    return gloss->transmission > 0.0f && (gloss->flags & KILN_GLOSS_VOLUME) == 0 &&
+           gloss->mean_roughness < KILN_GLOSS_ROUGHNESS_SMOOTH;
+}
+
+int kiln_scene_take_gloss(struct kiln_scene *scene, enum kiln_gloss_mode mode, struct kiln_error *error)
+{
+    const size_t count = scene->material_count;
+    if (mode == KILN_GLOSS_MODE_DIFFUSE)
+        return KILN_OK;
+    int status = kiln_allocate(&scene->taken, count, sizeof *scene->taken, "the scene's gloss", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&scene->own_materials, count, sizeof *scene->own_materials, "the materials", error);
+    if (status != KILN_OK) {
+        kiln_free(&scene->taken);
+        return status;
+    }
+    for (uint32_t i = 0; i < count; i++) {
+        struct kiln_material *material = &scene->own_materials[i];
+        const struct kiln_gloss *own = kiln_gloss_find(scene, i);
+        *material = scene->materials[i];
+        scene->taken[i] = own != NULL ? *own : kiln_gloss_default(material, i);
+        if (!kiln_gloss_needed(material, own, mode) || is_passage(&scene->taken[i])) {
+            scene->taken[i].material = KILN_NONE;
+            continue;
+        }
+        material->transmission = 0.0f;
+        if ((scene->taken[i].flags & KILN_GLOSS_ALPHA_TRANSMITS) != 0)
+            material->base_color[3] = 1.0f;
+    }
+    scene->materials = scene->own_materials;
+    return KILN_OK;
 }

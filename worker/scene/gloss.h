@@ -29,9 +29,22 @@ enum kiln_gloss_mode {
     KILN_GLOSS_MODE_DIFFUSE, /* none */
     KILN_GLOSS_MODE_FULL     /* all */
 };
-#define KILN_GLOSS_ROUGHNESS_AUTO 0.5f /* the mean over a texture counts */
+#define KILN_GLOSS_ROUGHNESS_AUTO 0.5f    /* the mean over a texture counts */
+#define KILN_GLOSS_ROUGHNESS_SMOOTH 0.05f /* below it a thin wall blurs nothing that anyone would see */
 /* Whether a material is. `gloss` is its gloss; NULL: it has none. */
 bool kiln_gloss_needed(const struct kiln_material *material, const struct kiln_gloss *gloss, enum kiln_gloss_mode mode);
+
+/* Has light transport take the scene's materials as `mode` says: call it before a geometry is made of the scene. Glass
+ * that light is sent on by, its own materials' copies do not let through any more (struct kiln_passage); thin smooth
+ * walls let light straight through as before, and are not taken. Not collective. KILN_SYSTEM. */
+int kiln_scene_take_gloss(struct kiln_scene *scene, enum kiln_gloss_mode mode, struct kiln_error *error);
+/* The gloss that a material is taken with; NULL: it is diffuse. */
+static inline const struct kiln_gloss *kiln_gloss_taken(const struct kiln_scene *scene, uint32_t material)
+{
+    if (scene->taken == NULL || scene->taken[material].material == KILN_NONE)
+        return NULL;
+    return &scene->taken[material];
+}
 
 /* What a user sees in a material: the first of these that fits, from the last on. */
 enum kiln_gloss_kind {

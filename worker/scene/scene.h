@@ -348,7 +348,11 @@ struct kiln_scene {
     size_t material_count, texture_count, mesh_count, object_count, light_count, camera_count;
     size_t vertex_count, triangle_count; /* stored; instances not expanded */
     size_t source_count, note_count, normal_map_count, gloss_count;
-    const void *mapped; /* the file */
+    /* what kiln_scene_take_gloss has chosen: of each material its gloss, whose `material` is KILN_NONE where light
+     * transport takes it as diffuse; NULL: all are. Then `materials` are copies */
+    struct kiln_gloss *taken;
+    struct kiln_material *own_materials; /* private */
+    const void *mapped;                  /* the file */
     size_t mapped_bytes;
     struct kiln_scene_header own_header; /* private: what `header` points to */
     int descriptor;                      /* private */

@@ -1,4 +1,4 @@
-/* The path pass (worker/pass/path.h): one path after the other, ray by ray. shaders/path.comp goes the same ways. */
+/* The path pass (worker/pass/path.h): one path after the other, ray by ray. shaders/path.glsl goes the same ways. */
 #include <math.h>
 #include <omp.h>
 #include <string.h>
@@ -8,6 +8,7 @@
 #include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/shadow.h"
 #include "worker/base/memory.h"
+#include "worker/material/surface_bsdf.h"
 #include "worker/pass/path.h"
 #include "worker/scene/footprint.h"
 #include "worker/scene/texture.h"
@@ -20,7 +21,9 @@ struct path {
     struct kiln_light_choice *choices;
     uint32_t key, k; /* of the pixel; number of the sample */
     float weight[3]; /* what of the radiance that comes now reaches the camera, by colour */
+    float seen[3];   /* the same, of what the next surface emits itself: 0 where light samples have brought that */
     float radiance[3];
+    uint32_t bounces, chain; /* diffuse surfaces that have sent the path on; others since the last one */
     uint64_t rays;
 };
 
@@ -32,6 +35,14 @@ struct meeting {
     bool back;
     struct kiln_vec3 position, normal, shading; /* normals: geometric and of the mesh */
     float offset;                               /* m along the normal from which rays start */
+    /* what more there is of a surface that is not only diffuse; NULL: nothing */
+    const struct kiln_gloss *gloss;
+    struct kiln_frame frame; /* of its front */
+    struct kiln_bsdf_lobes lobes;
+    struct kiln_vec3 o;             /* where the path comes from, in the frame */
+    struct kiln_bsdf_choice shares; /* of its lobes, for o */
+    /* its lobes that are not diffuse, and of these those whose light is what the path's rays meet */
+    uint32_t others, sharp;
 };
 
 /* Two numbers in (0, 1) of this sample. */
@@ -43,17 +54,25 @@ static void draw(const struct path *p, uint32_t use, double *u, double *v)
     *v = kiln_unit_double(b);
 }
 
-static void add(struct path *p, const float rgb[3])
+static void add(struct path *p, const float weight[3], const float rgb[3])
 {
     for (int c = 0; c < 3; c++)
-        p->radiance[c] += p->weight[c] * rgb[c];
+        p->radiance[c] += weight[c] * rgb[c];
 }
 
-static void add_environment(struct path *p, struct kiln_vec3 direction)
+static void multiply(struct path *p, const float factor[3])
+{
+    for (int c = 0; c < 3; c++) {
+        p->weight[c] *= factor[c];
+        p->seen[c] *= factor[c];
+    }
+}
+
+static void add_environment(struct path *p, const float weight[3], struct kiln_vec3 direction)
 {
     float rgb[3];
     kiln_environment_radiance(p->b->params.lights, dvec3_of(direction), rgb);
-    add(p, rgb);
+    add(p, weight, rgb);
 }
 
 /* ---- rays ---- */
@@ -74,8 +93,7 @@ static bool trace(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 dire
                               .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
     const uint32_t chance = kiln_path_key(p->key, kiln_path_use(surface, KILN_PATH_CHANCE));
     embree_nearest1(p->b, p->context, ray, kiln_hash2(chance, p->k), tint);
-    for (int c = 0; c < 3; c++)
-        p->weight[c] *= tint[c];
+    multiply(p, tint);
     return ray->hit.geomID != RTC_INVALID_GEOMETRY_ID;
 }
 
@@ -84,10 +102,18 @@ static bool is_back(const struct RTCRayHit *r)
     return r->hit.Ng_x * r->ray.dir_x + r->hit.Ng_y * r->ray.dir_y + r->hit.Ng_z * r->ray.dir_z > 0.0f;
 }
 
-/* Whether a ray that comes from this side finds the surface there. */
-static bool has_side(const struct kiln_hit_record *record, bool back)
+static const struct kiln_gloss *gloss_of(const struct embree_backend *b, const struct kiln_hit_record *record)
 {
-    return !back || (record->material & KILN_RECORD_DOUBLE_SIDED) != 0;
+    return kiln_gloss_taken(b->params.scene, record->material & KILN_RECORD_MATERIAL);
+}
+
+/* Whether a ray that comes from this side finds the surface there. */
+static bool has_side(const struct embree_backend *b, const struct kiln_hit_record *record, bool back)
+{
+    if (!back || (record->material & KILN_RECORD_DOUBLE_SIDED) != 0)
+        return true;
+    const struct kiln_gloss *gloss = gloss_of(b, record);
+    return gloss != NULL && gloss->transmission > 0.0f;
 }
 
 static bool is_seen(const struct embree_backend *b, const struct RTCRayHit *r)
@@ -96,7 +122,7 @@ static bool is_seen(const struct embree_backend *b, const struct RTCRayHit *r)
         &b->params.geometry->records[embree_triangle(b, r->hit.geomID, r->hit.primID)];
     const bool hidden = (b->params.scene->objects[record->object].flags & KILN_OBJECT_CASTER_ONLY) != 0 &&
                         (record->material & KILN_RECORD_EMITS) == 0;
-    return !hidden && has_side(record, is_back(r));
+    return !hidden && has_side(b, record, is_back(r));
 }
 
 /* What the camera sees along the ray; false: nothing but the environment. */
@@ -122,6 +148,7 @@ static struct meeting meet(const struct embree_backend *b, const struct RTCRayHi
     struct meeting m = {
         .triangle = embree_triangle(b, r->hit.geomID, r->hit.primID), .u = r->hit.u, .v = r->hit.v, .back = is_back(r)};
     m.stored = g->stored_triangle[m.triangle];
+    m.gloss = gloss_of(b, &g->records[m.triangle]);
     m.mesh = &scene->meshes[scene->objects[g->records[m.triangle].object].mesh];
     kiln_geometry_stored_barycentrics(scene, g, m.triangle, m.u, m.v, &m.b1, &m.b2);
     m.position = kiln_triangle_position(g, m.triangle, m.u, m.v);
@@ -131,14 +158,38 @@ static struct meeting meet(const struct embree_backend *b, const struct RTCRayHi
     return m;
 }
 
-/* Turns the normals to the side that the path comes from; `first`: of the surface that the camera sees. */
-static void face(const struct embree_backend *b, bool first, struct meeting *m)
+/* The scattering of a surface that is not only diffuse; normals are those of the front. */
+static void find_lobes(const struct embree_backend *b, struct kiln_vec3 direction, struct meeting *m)
 {
-    if (first && (m->mesh->flags & KILN_MESH_SMOOTH) != 0) {
+    const struct kiln_scene *scene = b->params.scene;
+    const struct kiln_geometry *g = b->params.geometry;
+    struct kiln_vec3 corner[3];
+    kiln_geometry_corners(g, m->triangle, corner);
+    const int second = scene->objects[g->records[m->triangle].object].flipped != 0 ? 1 : 2;
+    const struct kiln_vec3 edge[2] = {vec3_sub(corner[3 - second], corner[0]), vec3_sub(corner[second], corner[0])},
+                           back = vec3_scale(direction, -1.0f);
+    /* a shading normal on the other side of the ray's direction would make a front of a back */
+    if ((vec3_dot(m->shading, back) > 0.0f) != (vec3_dot(m->normal, back) > 0.0f))
+        m->shading = m->normal;
+    m->frame = kiln_surface_frame(scene, m->gloss, m->mesh, m->stored, m->b1, m->b2, m->shading, edge);
+    m->lobes = kiln_bsdf_prepare(kiln_surface_bsdf(scene, m->gloss, m->mesh, m->stored, m->b1, m->b2));
+    m->o = kiln_into_frame(&m->frame, back);
+    m->shares = kiln_bsdf_shares(m->lobes, m->o);
+    m->others = KILN_LOBE_GLOSS | (m->lobes.coat.strength > 0.0f ? KILN_LOBE_COAT : 0u);
+    m->sharp =
+        m->others & kiln_path_sharp(m->lobes.alpha_x, m->lobes.alpha_y, m->lobes.p.coat_alpha, m->lobes.glass > 0.0f);
+}
+
+/* Turns the normals to the side that the path comes from; `first`: of the surface that the camera sees. */
+static void face(const struct embree_backend *b, bool first, struct kiln_vec3 direction, struct meeting *m)
+{
+    if ((first || m->gloss != NULL) && (m->mesh->flags & KILN_MESH_SMOOTH) != 0) {
         m->shading = kiln_triangle_shading_normal(b->params.scene, b->params.geometry, m->triangle, m->u, m->v);
         if (!(vec3_dot(m->shading, m->normal) > 0.0f))
             m->shading = m->normal;
     }
+    if (m->gloss != NULL)
+        find_lobes(b, direction, m);
     if (m->back) {
         m->normal = vec3_scale(m->normal, -1.0f);
         m->shading = vec3_scale(m->shading, -1.0f);
@@ -151,13 +202,25 @@ static void add_emission(struct path *p, const struct meeting *m)
     if ((p->b->params.geometry->records[m->triangle].material & KILN_RECORD_EMITS) == 0)
         return;
     kiln_surface_emission(p->b->params.scene, m->mesh, m->stored, m->b1, m->b2, rgb);
-    add(p, rgb);
+    add(p, p->seen, rgb);
+}
+
+/* What the body that the ray has come through has left of the light: the ray meets its surface from within. */
+static void attenuate(struct path *p, const struct meeting *m, float distance)
+{
+    float share[3];
+    if (m->gloss == NULL || !m->back || (m->gloss->flags & KILN_GLOSS_VOLUME) == 0)
+        return;
+    kiln_gloss_attenuation(m->gloss, distance, share);
+    multiply(p, share);
 }
 
 /* Goes on to what the surface reflects; false: it is black. */
 static bool reflect(struct path *p, const struct meeting *m, bool first)
 {
     float color[4];
+    if (m->gloss != NULL)
+        return true;
     (first ? kiln_surface_base_color : kiln_surface_color)(p->b->params.scene, m->mesh, m->stored, m->b1, m->b2, color);
     for (int c = 0; c < 3; c++)
         p->weight[c] *= color[c];
@@ -181,7 +244,23 @@ static struct kiln_light_sample draw_light(const struct path *p, const struct me
     return sample;
 }
 
-/* Adds irradiance over pi of one sample of a choice. */
+static struct kiln_bsdf_value evaluate(const struct meeting *m, struct kiln_vec3 i, uint32_t lobes)
+{
+    return kiln_bsdf_evaluate_chosen(m->lobes, kiln_bsdf_choice_of(m->shares, lobes), m->o, i, KILN_RADIANCE, lobes);
+}
+
+/* What a surface that is not only diffuse sends to the path of light from a direction, times the cosine: of light that
+ * rays meet themselves, what its sharp lobes do is left to these. */
+static void scatter(const struct meeting *m, const struct kiln_light_sample *sample, float scattered[3])
+{
+    const uint32_t lobes = sample->has_extent ? KILN_LOBE_ALL & ~m->sharp : KILN_LOBE_ALL;
+    const struct kiln_bsdf_value f = evaluate(m, kiln_into_frame(&m->frame, vec3_of(sample->direction)), lobes);
+    scattered[0] = f.value.x;
+    scattered[1] = f.value.y;
+    scattered[2] = f.value.z;
+}
+
+/* Adds what one sample of a choice brings. */
 static void add_sample(struct path *p, const struct meeting *m, const struct kiln_light_choice *choice,
                        struct kiln_light_sample *sample)
 {
@@ -194,10 +273,12 @@ static void add_sample(struct path *p, const struct meeting *m, const struct kil
     shadow_aim(sample, dvec3_of(m->position), dvec3_of(start));
     if (!light_arrives(p->b, p->context, start, choice, sample))
         return;
-    float rgb[3];
+    float rgb[3], scattered[3] = {0.0f, 0.0f, 0.0f};
+    if (m->gloss != NULL)
+        scatter(m, sample, scattered);
     for (int c = 0; c < 3; c++)
-        rgb[c] = (float)(sample->value[c] * cosine * (1.0 / KILN_PI));
-    add(p, rgb);
+        rgb[c] = (float)(sample->value[c] * (m->gloss != NULL ? (double)scattered[c] : cosine * (1.0 / KILN_PI)));
+    add(p, p->weight, rgb);
 }
 
 static void add_direct(struct path *p, const struct meeting *m, uint32_t surface)
@@ -230,25 +311,74 @@ static struct kiln_vec3 cosine_direction(struct kiln_vec3 axis, double u, double
     return vec3_madd(vec3_madd(vec3_scale(axis, *cosine), s, radius * cosf(turn)), t, radius * sinf(turn));
 }
 
+/* Weighs a direction that is drawn from `lobes`, and finds the share of the sharp ones in it, by colour. */
+static void weigh(const struct meeting *m, uint32_t lobes, struct kiln_bsdf_drawn *d, float share[3])
+{
+    const uint32_t sharp = m->sharp & lobes;
+    share[0] = share[1] = share[2] = d->delta || sharp == lobes ? 1.0f : 0.0f;
+    if (d->delta || d->i.z == 0.0f)
+        return;
+    const struct kiln_bsdf_value all = evaluate(m, d->i, lobes);
+    d->weight = all.density > 0.0f ? vec3_scale(all.value, 1.0f / all.density) : vec3(0.0f, 0.0f, 0.0f);
+    if (sharp == 0 || sharp == lobes)
+        return;
+    const struct kiln_vec3 part = evaluate(m, d->i, sharp).value;
+    share[0] = all.value.x > 0.0f ? part.x / all.value.x : 0.0f;
+    share[1] = all.value.y > 0.0f ? part.y / all.value.y : 0.0f;
+    share[2] = all.value.z > 0.0f ? part.z / all.value.z : 0.0f;
+}
+
+/* The way on from a surface that is not only diffuse. Chance chooses whether the diffuse surface sends the path on or
+ * the other lobes do, so that bounces can be counted. */
+static bool turn_by_lobes(struct path *p, const struct meeting *m, uint32_t surface, struct kiln_vec3 *direction,
+                          bool *diffuse)
+{
+    double u, v, pick, rest;
+    float sharp[3];
+    draw(p, kiln_path_use(surface, KILN_PATH_BOUNCE), &u, &v);
+    draw(p, kiln_path_use(surface, KILN_PATH_LOBE), &pick, &rest);
+    const float chance = kiln_bsdf_choice_of(m->shares, KILN_LOBE_ALL).diffuse;
+    *diffuse = pick < (double)chance;
+    const uint32_t lobes = *diffuse ? KILN_LOBE_DIFFUSE : m->others;
+    struct kiln_bsdf_drawn d = kiln_bsdf_propose(m->lobes, kiln_bsdf_choice_of(m->shares, lobes), m->o, (float)rest,
+                                                 (float)u, (float)v, KILN_RADIANCE);
+    weigh(m, lobes, &d, sharp);
+    const float one = 1.0f / (*diffuse ? chance : 1.0f - chance),
+                weight[3] = {d.weight.x * one, d.weight.y * one, d.weight.z * one};
+    for (int c = 0; c < 3; c++)
+        p->seen[c] = p->weight[c] * sharp[c];
+    multiply(p, weight);
+    *direction = kiln_out_of_frame(&m->frame, d.i);
+    const bool same = (d.i.z > 0.0f) == (m->o.z > 0.0f); /* in truth as by the shading normal */
+    return d.i.z != 0.0f && (vec3_dot(m->normal, *direction) > 0.0f) == same &&
+           (p->weight[0] > 0.0f || p->weight[1] > 0.0f || p->weight[2] > 0.0f);
+}
+
 /* Chooses the way on from the surface, and weighs it as the gather pass does; false: it brings nothing. */
-static bool turn(struct path *p, const struct meeting *m, uint32_t surface, struct kiln_vec3 *direction)
+static bool turn(struct path *p, const struct meeting *m, uint32_t surface, struct kiln_vec3 *direction, bool *diffuse)
 {
     double u, v;
     float cosine;
+    *diffuse = true;
+    if (m->gloss != NULL)
+        return turn_by_lobes(p, m, surface, direction, diffuse);
     draw(p, kiln_path_use(surface, KILN_PATH_BOUNCE), &u, &v);
     const struct kiln_vec3 both = vec3_add(m->normal, m->shading); /* twice the normal but for smooth meshes */
     *direction = cosine_direction(vec3_normalize(both), u, v, &cosine);
     const float weight = kiln_shading_weight(vec3_dot(m->shading, *direction), cosine);
-    for (int c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++) {
         p->weight[c] *= weight;
+        p->seen[c] = 0.0f;
+    }
     return weight > 0.0f && vec3_dot(m->normal, *direction) > 0.0f;
 }
 
-/* Whether a path without a last surface goes on from surface number `surface`. */
+/* Whether a path that has no last surface, or goes from mirror to mirror, goes on from surface number `surface`. */
 static bool survives(struct path *p, uint32_t surface)
 {
     double u, v;
-    if (p->camera->bounces != KILN_PATH_ALL_BOUNCES || surface < KILN_PATH_CERTAIN)
+    const bool endless = p->camera->bounces == KILN_PATH_ALL_BOUNCES || p->chain >= KILN_PATH_CHAIN;
+    if (!endless || surface < KILN_PATH_CERTAIN)
         return true;
     const float chance = kiln_path_chance(p->weight[0], p->weight[1], p->weight[2]);
     draw(p, kiln_path_use(surface, KILN_PATH_END), &u, &v);
@@ -260,17 +390,24 @@ static bool survives(struct path *p, uint32_t surface)
 /* From surface number `surface` to the next; false: the path ends. */
 static bool go_on(struct path *p, const struct meeting *m, uint32_t surface, struct RTCRayHit *ray)
 {
-    const bool last = surface == p->camera->bounces, sky = light_sky_is_constant(p->b->params.lights);
+    const bool sky = light_sky_is_constant(p->b->params.lights), may_end = m->gloss == NULL && !sky;
     struct kiln_vec3 direction;
-    if ((last && !sky) || !survives(p, surface) || !turn(p, m, surface, &direction))
+    bool diffuse;
+    if ((may_end && p->bounces == p->camera->bounces) || !survives(p, surface) ||
+        !turn(p, m, surface, &direction, &diffuse))
         return false;
+    const bool last = diffuse && p->bounces == p->camera->bounces;
+    const float side = vec3_dot(m->normal, direction) > 0.0f ? m->offset : -m->offset;
+    if (last && !sky)
+        return false;
+    p->bounces += diffuse;
+    p->chain = diffuse ? 0 : p->chain + 1;
     p->rays++;
-    if (trace(p, vec3_madd(m->position, m->normal, m->offset), direction, surface + 1, ray))
+    if (trace(p, vec3_madd(m->position, m->normal, side), direction, surface + 1, ray))
         return !last &&
-               has_side(&p->b->params.geometry->records[embree_triangle(p->b, ray->hit.geomID, ray->hit.primID)],
+               has_side(p->b, &p->b->params.geometry->records[embree_triangle(p->b, ray->hit.geomID, ray->hit.primID)],
                         is_back(ray));
-    if (sky)
-        add_environment(p, direction);
+    add_environment(p, sky ? p->weight : p->seen, direction);
     return false;
 }
 
@@ -293,18 +430,20 @@ static void follow(struct path *p, uint64_t pixel)
     struct kiln_vec3 origin, direction;
     struct RTCRayHit ray;
     for (int c = 0; c < 3; c++) {
-        p->weight[c] = 1.0f;
+        p->weight[c] = p->seen[c] = 1.0f;
         p->radiance[c] = 0.0f;
     }
+    p->bounces = p->chain = 0;
     camera_ray(p, pixel, &origin, &direction);
     if (!look(p, origin, direction, &ray)) {
-        add_environment(p, direction);
+        add_environment(p, p->weight, direction);
         return;
     }
     for (uint32_t surface = 0;; surface++) {
         struct meeting m = meet(p->b, &ray);
-        face(p->b, surface == 0, &m);
-        if (surface == 0)
+        face(p->b, surface == 0, vec3(ray.ray.dir_x, ray.ray.dir_y, ray.ray.dir_z), &m);
+        attenuate(p, &m, ray.ray.tfar);
+        if (p->seen[0] > 0.0f || p->seen[1] > 0.0f || p->seen[2] > 0.0f)
             add_emission(p, &m);
         if (!reflect(p, &m, surface == 0))
             return;

@@ -1,8 +1,10 @@
 #include "worker/backend/vulkan/materials.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "worker/base/memory.h"
+#include "worker/material/surface_bsdf.h"
 #include "worker/scene/texture.h"
 
 /* of a buffer: every device allows as much in one allocation */
@@ -12,10 +14,13 @@ static const uint64_t most_texel_bytes = (uint64_t)1 << 30;
 struct staging {
     const struct kiln_backend_params *params;
     struct gpu *gpu;
-    bool all; /* triangles are coated */
+    bool all;   /* triangles are coated */
+    bool gloss; /* kernels ask for more than the diffuse part of materials */
     struct kiln_gpu_material *materials;
     struct kiln_gpu_texture *textures;
     struct kiln_gpu_coating *coatings;
+    struct kiln_gpu_gloss *glosses;            /* of each material; NULL: all are diffuse to the kernels */
+    struct kiln_gpu_gloss_place *gloss_places; /* of each coating; NULL: there are none */
     uint32_t *slots;
     uint32_t *coating_of; /* stored triangle -> its coating, KILN_NONE: none yet */
     bool *wanted;         /* texture */
@@ -48,8 +53,37 @@ static void find_slots(struct staging *s)
     s->slot_count = end - s->slot_first;
 }
 
+static bool has_gloss(const struct kiln_scene *scene)
+{
+    for (uint32_t i = 0; i < scene->material_count; i++)
+        if (kiln_gloss_taken(scene, i) != NULL)
+            return true;
+    return false;
+}
+
+/* The uses of textures in the order of KILN_GPU_GLOSS_... */
+static const enum kiln_gloss_use gloss_uses[KILN_GPU_GLOSS_USES] = {
+    [KILN_GPU_GLOSS_METALLIC] = KILN_GLOSS_METALLIC,
+    [KILN_GPU_GLOSS_ROUGHNESS] = KILN_GLOSS_ROUGHNESS,
+    [KILN_GPU_GLOSS_TRANSMISSION] = KILN_GLOSS_TRANSMISSION,
+    [KILN_GPU_GLOSS_SPECULAR] = KILN_GLOSS_SPECULAR,
+    [KILN_GPU_GLOSS_SPECULAR_COLOR] = KILN_GLOSS_SPECULAR_COLOR,
+    [KILN_GPU_GLOSS_COAT] = KILN_GLOSS_CLEARCOAT,
+    [KILN_GPU_GLOSS_COAT_ROUGHNESS] = KILN_GLOSS_CLEARCOAT_ROUGHNESS,
+    [KILN_GPU_GLOSS_ANISOTROPY] = KILN_GLOSS_ANISOTROPY};
+
+static void want_gloss_textures(struct staging *s, uint32_t material)
+{
+    const struct kiln_gloss *gloss = kiln_gloss_taken(s->params->scene, material);
+    for (size_t i = 0; i < KILN_GPU_GLOSS_USES && gloss != NULL; i++)
+        if (gloss->textures[gloss_uses[i]].texture != KILN_NONE)
+            s->wanted[gloss->textures[gloss_uses[i]].texture] = true;
+}
+
 static void want_textures(struct staging *s, uint32_t triangle, const struct kiln_material *material)
 {
+    if (s->gloss)
+        want_gloss_textures(s, (uint32_t)(material - s->params->scene->materials));
     if ((s->all || triangle >= s->params->geometry->opaque_count) && material->base_color_texture != KILN_NONE)
         s->wanted[material->base_color_texture] = true;
     if (triangle >= s->params->geometry->opaque_count && material->transmission > 0.0f &&
@@ -74,6 +108,17 @@ static void fill_coating(struct kiln_gpu_coating *coating, const struct kiln_sce
         memcpy(&coating->colors[c], scene->colors + 4 * vertex, 4);
     }
     coating->material = scene->triangle_materials[stored];
+}
+
+static void fill_gloss_place(struct kiln_gpu_gloss_place *place, const struct kiln_scene *scene, uint32_t mesh,
+                             uint32_t stored)
+{
+    const uint64_t first = scene->meshes[mesh].vertex_first;
+    for (size_t c = 0; c < 3; c++) {
+        const struct kiln_vec2 at = scene->texcoord_gloss[first + scene->triangles[3 * (size_t)stored + c]];
+        place->at[2 * c] = at.x;
+        place->at[2 * c + 1] = at.y;
+    }
 }
 
 /* Numbers the coatings in the order in which world triangles come upon them. */
@@ -101,10 +146,67 @@ static void fill_coatings(struct staging *s)
     const struct kiln_scene *scene = s->params->scene;
     for (size_t i = 0; i < s->slot_count; i++)
         if (s->slots[i] != KILN_GPU_NONE) {
-            const size_t triangle = s->slot_first + i;
-            fill_coating(&s->coatings[s->slots[i] & ~KILN_GPU_FLIPPED], scene,
-                         scene->objects[g->records[triangle].object].mesh, g->stored_triangle[triangle]);
+            const size_t triangle = s->slot_first + i, slot = s->slots[i] & ~KILN_GPU_FLIPPED;
+            const uint32_t mesh = scene->objects[g->records[triangle].object].mesh;
+            fill_coating(&s->coatings[slot], scene, mesh, g->stored_triangle[triangle]);
+            if (s->gloss_places != NULL)
+                fill_gloss_place(&s->gloss_places[slot], scene, mesh, g->stored_triangle[triangle]);
         }
+}
+
+static void fill_gloss_textures(struct kiln_gpu_gloss *to, const struct kiln_gloss *from)
+{
+    for (size_t i = 0; i < KILN_GPU_GLOSS_USES; i++) {
+        const struct kiln_gloss_texture *t = &from->textures[gloss_uses[i]];
+        to->textures[i].texture = t->texture;
+        to->textures[i].channel = t->channel;
+        memcpy(to->textures[i].transform, t->transform, sizeof t->transform);
+        if (t->texture != KILN_NONE)
+            to->flags |= KILN_GPU_GLOSS_TEXTURED;
+    }
+}
+
+static void fill_gloss(struct kiln_gpu_gloss *to, const struct kiln_gloss *from)
+{
+    const struct kiln_vec3 eta = kiln_gloss_index(from);
+    *to = (struct kiln_gpu_gloss){.flags = KILN_GPU_GLOSS_TAKEN,
+                                  .metallic = from->metallic,
+                                  .roughness = from->roughness,
+                                  .specular = from->specular,
+                                  .transmission = from->transmission,
+                                  .eta = {eta.x, eta.y, eta.z},
+                                  .attenuation_distance = from->attenuation_distance,
+                                  .coat = from->clearcoat,
+                                  .coat_roughness = from->clearcoat_roughness,
+                                  .anisotropy = from->anisotropy,
+                                  .exponent = from->exponent,
+                                  .turn_cosine = cosf(from->anisotropy_rotation),
+                                  .turn_sine = sinf(from->anisotropy_rotation)};
+    memcpy(to->specular_color, from->specular_color, sizeof to->specular_color);
+    memcpy(to->filter_color, from->filter, sizeof to->filter_color);
+    memcpy(to->attenuation_color, from->attenuation_color, sizeof to->attenuation_color);
+    to->flags |= (from->flags & KILN_GLOSS_VOLUME) != 0 ? KILN_GPU_GLOSS_VOLUME : 0u;
+    to->flags |= (from->flags & KILN_GLOSS_MIRROR) != 0 ? KILN_GPU_GLOSS_MIRROR : 0u;
+    to->flags |= from->model == KILN_GLOSS_PHONG ? KILN_GPU_GLOSS_PHONG : 0u;
+    to->flags |= from->transmission > 0.0f ? KILN_GPU_GLOSS_TRANSMITS : 0u;
+    fill_gloss_textures(to, from);
+}
+
+static int make_glosses(struct staging *s, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = s->params->scene;
+    if (!s->gloss)
+        return KILN_OK;
+    int status = kiln_allocate(&s->glosses, scene->material_count, sizeof *s->glosses, "the device's gloss", error);
+    if (status == KILN_OK && scene->texcoord_gloss != NULL)
+        status = kiln_allocate(&s->gloss_places, s->coating_count, sizeof *s->gloss_places,
+                               "the texture coordinates of gloss", error);
+    for (uint32_t i = 0; i < scene->material_count && status == KILN_OK; i++) {
+        const struct kiln_gloss *gloss = kiln_gloss_taken(scene, i);
+        if (gloss != NULL)
+            fill_gloss(&s->glosses[i], gloss);
+    }
+    return status;
 }
 
 static void fill_materials(struct staging *s)
@@ -151,6 +253,8 @@ static int make_staging(struct staging *s, struct kiln_error *error)
                          "backend's %u: bake with Embree",
                          s->coating_count, KILN_GPU_FLIPPED - 1);
     status = kiln_allocate(&s->coatings, s->coating_count, sizeof *s->coatings, "the coatings", error);
+    if (status == KILN_OK)
+        status = make_glosses(s, error);
     if (status != KILN_OK)
         return status;
     fill_coatings(s);
@@ -166,6 +270,8 @@ static void free_staging(struct staging *s)
     kiln_free(&s->textures);
     kiln_free(&s->wanted);
     kiln_free(&s->coatings);
+    kiln_free(&s->glosses);
+    kiln_free(&s->gloss_places);
 }
 
 static uint64_t texture_bytes(const struct kiln_texture *t) { return 4 * (uint64_t)t->width * t->height; }
@@ -232,6 +338,8 @@ static int upload_all(struct staging *s, struct vulkan_materials *m, struct kiln
                       struct kiln_error *error)
 {
     const struct kiln_scene *scene = s->params->scene;
+    const size_t glosses = s->glosses != NULL ? scene->material_count : 0,
+                 places = s->gloss_places != NULL ? s->coating_count : 0;
     float linear[256];
     kiln_texture_codes(linear);
     const struct {
@@ -245,6 +353,8 @@ static int upload_all(struct staging *s, struct vulkan_materials *m, struct kiln
         {s->coatings, s->coating_count * sizeof *s->coatings, "the coatings", &layout->coatings},
         {s->slots, s->slot_count * sizeof *s->slots, "the coated triangles", &layout->slots},
         {linear, sizeof linear, "the table of sRGB codes", &layout->linear_of_srgb},
+        {s->glosses, glosses * sizeof *s->glosses, "the gloss of materials", &layout->glosses},
+        {s->gloss_places, places * sizeof *s->gloss_places, "the texture coordinates of gloss", &layout->gloss_places},
     };
     int status = KILN_OK;
     for (size_t i = 0; i < VULKAN_MATERIAL_BUFFERS && status == KILN_OK; i++) {
@@ -259,7 +369,7 @@ int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *p
                             struct vulkan_materials *materials, struct kiln_gpu_materials *layout,
                             struct kiln_error *error)
 {
-    struct staging s = {.params = params, .gpu = gpu, .all = all};
+    struct staging s = {.params = params, .gpu = gpu, .all = all, .gloss = all && has_gloss(params->scene)};
     *materials = (struct vulkan_materials){0};
     *layout = (struct kiln_gpu_materials){0};
     find_slots(&s);

@@ -8,18 +8,19 @@
 #include "worker/backend/vulkan/gpu/gpu.h"
 #include "worker/backend/vulkan/layout.h"
 
-enum { VULKAN_MATERIAL_BUFFERS = 5 };
+enum { VULKAN_MATERIAL_BUFFERS = 7 };
 
 struct vulkan_materials {
-    struct gpu_buffer buffers[VULKAN_MATERIAL_BUFFERS]; /* materials, textures, coatings, slots, table of sRGB codes */
+    /* materials, textures, coatings, slots, table of sRGB codes, glosses, their texture coordinates */
+    struct gpu_buffer buffers[VULKAN_MATERIAL_BUFFERS];
     /* as many buffers as the texels need: one alone may be no larger than the device allows */
     struct gpu_buffer *texels;
     size_t texel_buffers;
 };
 
 /* Uploads and writes the addresses into `layout` (all 0 when there is nothing); with `all` the coatings of all
- * triangles, and what their colours need. `params` are read only during the call. KILN_NO_DEVICE when it does not fit,
- * KILN_SYSTEM. Not collective. */
+ * triangles, and what their colours and their gloss need. `params` are read only during the call. KILN_NO_DEVICE when
+ * it does not fit, KILN_SYSTEM. Not collective. */
 int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *params, bool all,
                             struct vulkan_materials *materials, struct kiln_gpu_materials *layout,
                             struct kiln_error *error);

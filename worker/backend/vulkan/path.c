@@ -1,10 +1,14 @@
-/* The path pass (worker/pass/path.h): shaders/path.comp follows some paths of each pixel of a chunk, and adds them to
+/* The path pass (worker/pass/path.h): shaders/path.glsl follows some paths of each pixel of a chunk, and adds them to
  * what it has found so far. How many at once is what a slice of time is enough for; results do not depend on it. */
 #include <stdint.h> /* before the shaders */
 #include <string.h>
 
 #include "shaders/path.h"
 #include "shaders/path_float.h"
+#include "shaders/path_gloss.h"
+#include "shaders/path_gloss_float.h"
+#include "shaders/path_gloss_pipeline.h"
+#include "shaders/path_gloss_pipeline_float.h"
 #include "shaders/path_pipeline.h"
 #include "shaders/path_pipeline_float.h"
 #include "worker/backend/vulkan/vulkan.h"
@@ -17,6 +21,12 @@ static const struct vulkan_shader path_shader = {.name = "path",
                                                  .pipeline = VULKAN_CODE(path_pipeline),
                                                  .compute_float = VULKAN_CODE(path_float),
                                                  .pipeline_float = VULKAN_CODE(path_pipeline_float)};
+
+static const struct vulkan_shader gloss_shader = {.name = "path with gloss",
+                                                  .compute = VULKAN_CODE(path_gloss),
+                                                  .pipeline = VULKAN_CODE(path_gloss_pipeline),
+                                                  .compute_float = VULKAN_CODE(path_gloss_float),
+                                                  .pipeline_float = VULKAN_CODE(path_gloss_pipeline_float)};
 
 /* Of a dispatch: a software device ends a thread's loops after 65,535 rounds in all. */
 enum { MOST_PIXELS = 1 << 18, MOST_SAMPLES = 16, MOST_SAMPLES_SOFTWARE = 2, FIRST_GUESS = 1 << 14 };
@@ -97,7 +107,8 @@ static int prepare(struct path_run *r, const struct kiln_path_parameters *c, con
     r->room = (uint32_t)(batch->count < MOST_PIXELS ? batch->count : MOST_PIXELS);
     int status = upload_surfaces(b, error);
     if (status == KILN_OK)
-        status = vulkan_kernel_of(b, &path_shader, false, 0, &r->kernel, error);
+        status = vulkan_kernel_of(b, b->layout.materials.glosses != 0 ? &gloss_shader : &path_shader, false, 0,
+                                  &r->kernel, error);
     if (status == KILN_OK)
         status = gpu_buffer_create(b->gpu, &r->sums, r->room * sizeof(struct kiln_gpu_path_sums), GPU_HOST,
                                    "the sums of pixels", error);

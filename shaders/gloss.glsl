@@ -1,0 +1,145 @@
+/* Surfaces that are not only diffuse: the scattering function at a position, by the formulas of
+ * worker/material/surface_bsdf.c.
+ *
+ * For world triangles; (u, v) are barycentrics, as tracing gives them. */
+#ifndef KILN_SHADERS_GLOSS_GLSL
+#define KILN_SHADERS_GLOSS_GLSL
+
+#include "shaders/material.glsl"
+#include "shaders/shared/bsdf.h"
+
+KILN_ARRAY(GlossArray, kiln_gpu_gloss, 4);
+KILN_ARRAY(GlossPlaces, kiln_gpu_gloss_place, 4);
+
+/* Flags of a material's gloss (KILN_GPU_GLOSS_...); 0: it is diffuse. `material` is an index into the scene's. */
+uint kiln_gloss_flags(uint material)
+{
+    return GlossArray(SCENE.materials.glosses).at[material].flags;
+}
+
+/* What the textures for each use say at texture coordinates; of those that are one number, this number in x. */
+void kiln_gloss_texels(uint material, uint flags, vec2 at, out vec4 texels[KILN_GPU_GLOSS_USES])
+{
+    for (uint use = 0u; use < KILN_GPU_GLOSS_USES; use++) {
+        texels[use] = vec4(1.0);
+        if ((flags & KILN_GPU_GLOSS_TEXTURED) == 0u)
+            continue;
+        const kiln_gpu_gloss_texture t = GlossArray(SCENE.materials.glosses).at[material].textures[use];
+        if (t.texture == KILN_GPU_NONE)
+            continue;
+        const vec4 texel =
+            kiln_texture_sample(t.texture, vec2(t.transform[0] * at.x + t.transform[1] * at.y + t.transform[2],
+                                                t.transform[3] * at.x + t.transform[4] * at.y + t.transform[5]));
+        const bool color = use == KILN_GPU_GLOSS_SPECULAR_COLOR || use == KILN_GPU_GLOSS_ANISOTROPY;
+        texels[use] = color ? texel : vec4(texel[t.channel]);
+    }
+}
+
+/* Strength of anisotropy; `turn`: cosine and sine of the tangent's direction, from the u axis on. */
+float kiln_gloss_anisotropy(kiln_gpu_gloss g, vec4 texel, out vec2 turn)
+{
+    vec2 along = vec2(1.0, 0.0);
+    float strength = g.anisotropy;
+    if (g.textures[KILN_GPU_GLOSS_ANISOTROPY].texture != KILN_GPU_NONE) {
+        const vec2 d = 2.0 * texel.rg - 1.0;
+        const float far = length(d);
+        along = far > 0.0 ? d / far : along;
+        strength *= texel.b;
+    }
+    turn = vec2(g.turn_cosine * along.x - g.turn_sine * along.y, g.turn_sine * along.x + g.turn_cosine * along.y);
+    return strength;
+}
+
+kiln_bsdf kiln_gloss_bsdf(kiln_gpu_gloss g, vec3 base_color, vec4 texels[KILN_GPU_GLOSS_USES], float anisotropy)
+{
+    kiln_bsdf p;
+    p.base_color = base_color;
+    p.specular_color = vec3(g.specular_color[0], g.specular_color[1], g.specular_color[2]) *
+                       texels[KILN_GPU_GLOSS_SPECULAR_COLOR].rgb;
+    p.eta = vec3(g.eta[0], g.eta[1], g.eta[2]);
+    p.transmission = g.transmission * texels[KILN_GPU_GLOSS_TRANSMISSION].x;
+    p.thin_wall = (g.flags & KILN_GPU_GLOSS_VOLUME) == 0u ? 1u : 0u;
+    p.model = KILN_BSDF_LAYERS;
+    p.metallic = 0.0;
+    p.specular = 0.0;
+    p.alpha_x = 0.0;
+    p.alpha_y = 0.0;
+    p.coat = 0.0;
+    p.coat_alpha = 0.0;
+    p.exponent = 0.0;
+    if ((g.flags & KILN_GPU_GLOSS_PHONG) != 0u) {
+        const bool through = p.transmission > 0.0;
+        if ((g.flags & KILN_GPU_GLOSS_MIRROR) == 0u && !through) {
+            p.model = KILN_BSDF_PHONG;
+            p.exponent = g.exponent * texels[KILN_GPU_GLOSS_ROUGHNESS].x;
+            return p;
+        }
+        p.base_color =
+            through ? vec3(g.filter_color[0], g.filter_color[1], g.filter_color[2]) : p.specular_color;
+        p.metallic = through ? 0.0 : 1.0;
+        p.specular_color = vec3(1.0);
+        p.specular = 1.0;
+        return p;
+    }
+    p.metallic = g.metallic * texels[KILN_GPU_GLOSS_METALLIC].x;
+    p.specular = g.specular * texels[KILN_GPU_GLOSS_SPECULAR].x;
+    kiln_bsdf_alphas(g.roughness * texels[KILN_GPU_GLOSS_ROUGHNESS].x, anisotropy, p.alpha_x, p.alpha_y);
+    p.coat = g.coat * texels[KILN_GPU_GLOSS_COAT].x;
+    const float coat = g.coat_roughness * texels[KILN_GPU_GLOSS_COAT_ROUGHNESS].x;
+    p.coat_alpha = coat * coat;
+    return p;
+}
+
+mat3 kiln_frame_about(vec3 z)
+{
+    vec3 x, y;
+    kiln_basis(z, x, y);
+    return mat3(x, y, z);
+}
+
+/* x is the direction in which anisotropic highlights are long, `turn` from the direction in which u grows. The edges go
+ * from corner 0 to 1 and to 2 of the world triangle, corners in stored order. */
+mat3 kiln_gloss_frame(vec3 z, float place[6], vec3 edge1, vec3 edge2, vec2 turn)
+{
+    const vec2 a = vec2(place[0], place[1]), b = vec2(place[2], place[3]) - a, c = vec2(place[4], place[5]) - a;
+    const float side = b.x * c.y - c.x * b.y < 0.0 ? -1.0 : 1.0;
+    const vec3 along = (edge1 * c.y - edge2 * b.y) * side, tangent = along - z * dot(along, z);
+    if (!(length(tangent) > 0.0))
+        return kiln_frame_about(z);
+    const vec3 t = normalize(tangent), x = t * turn.x + cross(z, t) * turn.y;
+    return mat3(x, cross(z, x), z);
+}
+
+/* The material at a position of a world triangle, which is taken with its gloss, and the columns of the frame that
+ * directions are given to it in: z is the shading normal of the front. The edges go from the world triangle's corner 0
+ * to 1 and to 2. */
+kiln_bsdf kiln_surface_bsdf(uint material, uint triangle, float u, float v, vec3 z, vec3 edge1, vec3 edge2,
+                            out mat3 frame)
+{
+    const kiln_gpu_gloss g = GlossArray(SCENE.materials.glosses).at[material];
+    const bool placed = SCENE.materials.gloss_places != 0ul;
+    const uint slot = kiln_slot_of(triangle);
+    const bool flipped = (slot & KILN_GPU_FLIPPED) != 0u;
+    float place[6] = float[6](0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    vec4 texels[KILN_GPU_GLOSS_USES];
+    vec2 turn;
+    if (placed)
+        place = GlossPlaces(SCENE.materials.gloss_places + 24ul * (slot & ~KILN_GPU_FLIPPED)).at[0].at;
+    kiln_gloss_texels(material, g.flags, kiln_interpolated(place, flipped ? v : u, flipped ? u : v), texels);
+    const float anisotropy = kiln_gloss_anisotropy(g, texels[KILN_GPU_GLOSS_ANISOTROPY], turn);
+    if (placed && g.anisotropy > 0.0)
+        frame = kiln_gloss_frame(z, place, flipped ? edge2 : edge1, flipped ? edge1 : edge2, turn);
+    else
+        frame = kiln_frame_about(z);
+    return kiln_gloss_bsdf(g, kiln_surface_color(triangle, u, v, true), texels, anisotropy);
+}
+
+/* Share of light, by colour, that comes through `distance` m of what a face of the material bounds (Beer's law). */
+vec3 kiln_gloss_attenuation(uint material, float distance)
+{
+    const kiln_gpu_gloss g = GlossArray(SCENE.materials.glosses).at[material];
+    const vec3 color = vec3(g.attenuation_color[0], g.attenuation_color[1], g.attenuation_color[2]);
+    return g.attenuation_distance > 0.0 ? pow(color, vec3(distance / g.attenuation_distance)) : vec3(1.0);
+}
+
+#endif

@@ -1,0 +1,158 @@
+#include "worker/material/surface_bsdf.h"
+
+#include <math.h>
+
+#include "worker/scene/texture.h"
+
+/* Stands for an index so high that all light is reflected (KHR_materials_ior, index 0). */
+#define INDEX_WITHOUT_END 1.0e4f
+
+/* A position of a gloss's surface. */
+struct spot {
+    const struct kiln_scene *scene;
+    const struct kiln_gloss *gloss;
+    struct kiln_vec2 at; /* texcoord_gloss */
+};
+
+static struct spot spot_at(const struct kiln_scene *scene, const struct kiln_gloss *gloss, const struct kiln_mesh *mesh,
+                           uint64_t triangle, float b1, float b2)
+{
+    struct spot s = {scene, gloss, {0.0f, 0.0f}};
+    if (scene->texcoord_gloss == NULL)
+        return s;
+    const struct kiln_vec2 *uv = scene->texcoord_gloss + mesh->vertex_first;
+    const uint32_t *corner = scene->triangles + 3 * triangle;
+    const struct kiln_vec2 a = uv[corner[0]], b = uv[corner[1]], c = uv[corner[2]];
+    s.at.x = a.x + b1 * (b.x - a.x) + b2 * (c.x - a.x);
+    s.at.y = a.y + b1 * (b.y - a.y) + b2 * (c.y - a.y);
+    return s;
+}
+
+/* Linear RGBA of the texture for that use; false, and ones: it has none. */
+static bool texel_of(const struct spot *s, enum kiln_gloss_use use, float rgba[4])
+{
+    const struct kiln_gloss_texture *t = &s->gloss->textures[use];
+    for (int c = 0; c < 4; c++)
+        rgba[c] = 1.0f;
+    if (t->texture == KILN_NONE)
+        return false;
+    kiln_texture_sample(s->scene, t->texture, t->transform[0] * s->at.x + t->transform[1] * s->at.y + t->transform[2],
+                        t->transform[3] * s->at.x + t->transform[4] * s->at.y + t->transform[5], rgba);
+    return true;
+}
+
+static float number_of(const struct spot *s, enum kiln_gloss_use use)
+{
+    float rgba[4];
+    texel_of(s, use, rgba);
+    return rgba[s->gloss->textures[use].channel];
+}
+
+/* Strength of anisotropy; the direction of the tangent, from the u axis on, as cosine and sine. */
+static float anisotropy_of(const struct spot *s, float *cosine, float *sine)
+{
+    float rgba[4], x = 1.0f, y = 0.0f, strength = s->gloss->anisotropy;
+    if (texel_of(s, KILN_GLOSS_ANISOTROPY, rgba)) {
+        x = 2.0f * rgba[0] - 1.0f;
+        y = 2.0f * rgba[1] - 1.0f;
+        strength *= rgba[2];
+    }
+    const float turn = s->gloss->anisotropy_rotation, length = sqrtf(x * x + y * y);
+    const float scale = length > 0.0f ? 1.0f / length : 0.0f;
+    const float a = length > 0.0f ? x * scale : 1.0f, b = y * scale;
+    *cosine = cosf(turn) * a - sinf(turn) * b;
+    *sine = sinf(turn) * a + cosf(turn) * b;
+    return strength;
+}
+
+static void set_colors(struct kiln_bsdf *p, const struct spot *s, const float base[4])
+{
+    const struct kiln_gloss *g = s->gloss;
+    float tint[4];
+    texel_of(s, KILN_GLOSS_SPECULAR_COLOR, tint);
+    p->base_color = vec3(base[0], base[1], base[2]);
+    p->specular_color =
+        vec3(g->specular_color[0] * tint[0], g->specular_color[1] * tint[1], g->specular_color[2] * tint[2]);
+}
+
+struct kiln_vec3 kiln_gloss_index(const struct kiln_gloss *gloss)
+{
+    const float index = gloss->ior > 0.0f ? gloss->ior : INDEX_WITHOUT_END;
+    return gloss->dispersion > 0.0f ? kiln_dispersed_index(index, gloss->dispersion) : vec3(index, index, index);
+}
+
+struct kiln_bsdf kiln_surface_bsdf(const struct kiln_scene *scene, const struct kiln_gloss *gloss,
+                                   const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2)
+{
+    const struct spot s = spot_at(scene, gloss, mesh, triangle, b1, b2);
+    struct kiln_bsdf p = {.thin_wall = (gloss->flags & KILN_GLOSS_VOLUME) == 0 ? 1u : 0u, .model = KILN_BSDF_LAYERS};
+    float base[4], cosine, sine;
+    kiln_surface_base_color(scene, mesh, triangle, b1, b2, base);
+    set_colors(&p, &s, base);
+    p.eta = kiln_gloss_index(gloss);
+    p.transmission = gloss->transmission * number_of(&s, KILN_GLOSS_TRANSMISSION);
+    if (gloss->model == KILN_GLOSS_PHONG) {
+        if ((gloss->flags & KILN_GLOSS_MIRROR) == 0 && !(p.transmission > 0.0f)) {
+            p.model = KILN_BSDF_PHONG;
+            p.exponent = gloss->exponent * number_of(&s, KILN_GLOSS_ROUGHNESS);
+            return p;
+        }
+        p.base_color = p.transmission > 0.0f ? vec3(gloss->filter[0], gloss->filter[1], gloss->filter[2])
+                                             : p.specular_color; /* a mirror is a metal of the specular colour */
+        p.metallic = p.transmission > 0.0f ? 0.0f : 1.0f;
+        p.specular_color = vec3(1.0f, 1.0f, 1.0f);
+        p.specular = 1.0f;
+        return p;
+    }
+    p.metallic = gloss->metallic * number_of(&s, KILN_GLOSS_METALLIC);
+    p.specular = gloss->specular * number_of(&s, KILN_GLOSS_SPECULAR);
+    kiln_bsdf_alphas(gloss->roughness * number_of(&s, KILN_GLOSS_ROUGHNESS), anisotropy_of(&s, &cosine, &sine),
+                     &p.alpha_x, &p.alpha_y);
+    p.coat = gloss->clearcoat * number_of(&s, KILN_GLOSS_CLEARCOAT);
+    const float coat = gloss->clearcoat_roughness * number_of(&s, KILN_GLOSS_CLEARCOAT_ROUGHNESS);
+    p.coat_alpha = coat * coat;
+    return p;
+}
+
+/* ---- frames ---- */
+
+struct kiln_frame kiln_frame_about(struct kiln_vec3 z)
+{
+    struct kiln_frame frame = {.z = z};
+    kiln_basis(z, &frame.x, &frame.y);
+    return frame;
+}
+
+struct kiln_frame kiln_surface_frame(const struct kiln_scene *scene, const struct kiln_gloss *gloss,
+                                     const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2,
+                                     struct kiln_vec3 z, const struct kiln_vec3 edge[2])
+{
+    if (!(gloss->anisotropy > 0.0f) || scene->texcoord_gloss == NULL)
+        return kiln_frame_about(z);
+    const struct spot s = spot_at(scene, gloss, mesh, triangle, b1, b2);
+    const struct kiln_vec2 *uv = scene->texcoord_gloss + mesh->vertex_first;
+    const uint32_t *corner = scene->triangles + 3 * triangle;
+    const struct kiln_vec2 a = uv[corner[0]], b = uv[corner[1]], c = uv[corner[2]];
+    /* how the position changes along u, times the area in the texture */
+    const float turned = (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y) < 0.0f ? -1.0f : 1.0f;
+    const struct kiln_vec3 along =
+        vec3_scale(vec3_sub(vec3_scale(edge[0], c.y - a.y), vec3_scale(edge[1], b.y - a.y)), turned);
+    const struct kiln_vec3 tangent = vec3_sub(along, vec3_scale(z, vec3_dot(along, z)));
+    if (!(vec3_length(tangent) > 0.0f))
+        return kiln_frame_about(z);
+    float cosine, sine;
+    (void)anisotropy_of(&s, &cosine, &sine);
+    const struct kiln_vec3 t = vec3_normalize(tangent), bitangent = vec3_cross(z, t);
+    struct kiln_frame frame = {.z = z};
+    frame.x = vec3_madd(vec3_scale(t, cosine), bitangent, sine);
+    frame.y = vec3_cross(z, frame.x);
+    return frame;
+}
+
+void kiln_gloss_attenuation(const struct kiln_gloss *gloss, float distance, float share[3])
+{
+    for (int c = 0; c < 3; c++)
+        share[c] = gloss->attenuation_distance > 0.0f
+                       ? powf(gloss->attenuation_color[c], distance / gloss->attenuation_distance)
+                       : 1.0f;
+}

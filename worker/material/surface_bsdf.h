@@ -1,0 +1,41 @@
+/* The scattering function at a position of a surface whose material light transport takes with its gloss
+ * (kiln_scene_take_gloss). Pure functions, thread-safe. */
+#ifndef KILN_WORKER_MATERIAL_SURFACE_BSDF_H
+#define KILN_WORKER_MATERIAL_SURFACE_BSDF_H
+
+#include "shaders/shared/bsdf.h"
+#include "worker/scene/gloss.h"
+
+/* Indices of refraction of the gloss for red, green and blue; where it has an index so high that all light is reflected
+ * (0), a large number. */
+struct kiln_vec3 kiln_gloss_index(const struct kiln_gloss *gloss);
+
+/* The material at a position: factors, vertex colours and textures multiplied. `triangle` is an index into the scene's
+ * stored triangles and must belong to `mesh`; b1 and b2 are the barycentric weights of its corners 1 and 2. */
+struct kiln_bsdf kiln_surface_bsdf(const struct kiln_scene *scene, const struct kiln_gloss *gloss,
+                                   const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2);
+
+/* The frame that directions are given to the scattering function in; unit, at right angles. */
+struct kiln_frame {
+    struct kiln_vec3 x, y, z;
+};
+/* z is the shading normal of the front. Any x will do for what is the same about the normal. */
+struct kiln_frame kiln_frame_about(struct kiln_vec3 z);
+static inline struct kiln_vec3 kiln_into_frame(const struct kiln_frame *frame, struct kiln_vec3 d)
+{
+    return vec3(vec3_dot(frame->x, d), vec3_dot(frame->y, d), vec3_dot(frame->z, d));
+}
+static inline struct kiln_vec3 kiln_out_of_frame(const struct kiln_frame *frame, struct kiln_vec3 d)
+{
+    return vec3_madd(vec3_madd(vec3_scale(frame->x, d.x), frame->y, d.y), frame->z, d.z);
+}
+/* The frame at a world position of a mesh: x is the direction in which anisotropic highlights are long. `edge[0..1]`:
+ * the world triangle's edges from corner 0 to 1 and to 2, m, corners in stored order. */
+struct kiln_frame kiln_surface_frame(const struct kiln_scene *scene, const struct kiln_gloss *gloss,
+                                     const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2,
+                                     struct kiln_vec3 z, const struct kiln_vec3 edge[2]);
+
+/* Share of light, by colour, that comes through `distance` m of what a face of the material bounds (Beer's law). */
+void kiln_gloss_attenuation(const struct kiln_gloss *gloss, float distance, float share[3]);
+
+#endif
