@@ -5,8 +5,9 @@
 #include "coordinator/view/view_light.h"
 #include "worker/base/memory.h"
 
-/* Rays that are traced together: of a band of pixel rows, or of some of its pixels; 63 MB. */
-enum { BAND_RAYS = 1 << 19 };
+/* Rays that are traced together: of a band of pixel rows, or of some of its pixels; 63 MB, with the pixels of previews,
+ * which have the fewest rays each. */
+enum { BAND_RAYS = 440 << 10 };
 
 /* With 4 x 4 rays a pixel, 4 come first, one of each row and column; the places in the order of the rays. */
 enum { SIDE = 4, FIRST = 4 };
