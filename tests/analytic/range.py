@@ -234,7 +234,7 @@ def check_errors(kiln, checks, table):
 def check_interrupted(kiln, checks, table):
     """A bake that is stopped again and again, within steps too, has the bits of one that is not."""
     cornell = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
-    options = ('--texels-per-metre', 5, '--samples-direct', 16, '--samples-bounce', 64, '--samples-indirect', 128,
+    options = ('--texels-per-metre', 5, '--samples-direct', 16, '--samples-bounce', 64, '--samples-indirect', 2048,
                '--bounces', 3, '--tracing-range', 1, '--radiance-probe-spacing', 0.7, '--threads', 1, *DARK)
     first = kiln.bake(cornell, *options)
     if not checks.baked(first):
@@ -242,7 +242,7 @@ def check_interrupted(kiln, checks, table):
     folder, stops, process = os.path.join(kiln.scratch, 'again'), 0, None
     for tries in range(40):
         process = kiln.command('bake', cornell, '-o', folder, '--quiet', '--no-preview', '--backend', kiln.backend,
-                               *options, '--max-time', 0.3 + 0.15 * tries)
+                               *options, '--max-time', 0.25 + 0.06 * tries)
         if process.status == 0:
             break
         stops += 1
