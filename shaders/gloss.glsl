@@ -69,9 +69,12 @@ kiln_bsdf kiln_gloss_bsdf(kiln_gpu_gloss g, vec3 base_color, vec4 texels[KILN_GP
     p.exponent = 0.0;
     if ((g.flags & KILN_GPU_GLOSS_PHONG) != 0u) {
         const bool through = p.transmission > 0.0;
-        if ((g.flags & KILN_GPU_GLOSS_MIRROR) == 0u && !through) {
+        const bool mirror = (g.flags & KILN_GPU_GLOSS_MIRROR) != 0u, black = p.base_color == vec3(0.0);
+        if (!through && !(mirror && black)) {
             p.model = KILN_BSDF_PHONG;
-            p.exponent = g.exponent * texels[KILN_GPU_GLOSS_ROUGHNESS].x;
+            p.exponent = mirror ? KILN_BSDF_PHONG_MIRROR : g.exponent * texels[KILN_GPU_GLOSS_ROUGHNESS].x;
+            p.alpha_x = kiln_bsdf_phong_alpha(p.exponent);
+            p.alpha_y = p.alpha_x;
             return p;
         }
         p.base_color =

@@ -64,6 +64,11 @@ KILN_FUNCTION void kiln_bsdf_alphas(float roughness, float strength, KILN_OUT(fl
     KILN_AT(alpha_y) = alpha;
 }
 
+/* Alpha of facets whose lobe is about as wide as Phong's of that exponent (Walter et al. 2007, section 5.2). */
+KILN_FUNCTION float kiln_bsdf_phong_alpha(float exponent) { return float_sqrt(2.0f / (exponent + 2.0f)); }
+/* Stands for a mirror over a diffuse surface in Phong's model: a lobe of a quarter of a degree. */
+#define KILN_BSDF_PHONG_MIRROR 1.0e5f
+
 KILN_FUNCTION float kiln_bsdf_luminance(KILN_VECTOR rgb)
 {
     return vec3_dot(

@@ -92,9 +92,11 @@ struct kiln_bsdf kiln_surface_bsdf(const struct kiln_scene *scene, const struct 
     p.eta = kiln_gloss_index(gloss);
     p.transmission = gloss->transmission * number_of(&s, KILN_GLOSS_TRANSMISSION);
     if (gloss->model == KILN_GLOSS_PHONG) {
-        if ((gloss->flags & KILN_GLOSS_MIRROR) == 0 && !(p.transmission > 0.0f)) {
+        const bool mirror = (gloss->flags & KILN_GLOSS_MIRROR) != 0, black = base[0] + base[1] + base[2] == 0.0f;
+        if (!(p.transmission > 0.0f) && !(mirror && black)) {
             p.model = KILN_BSDF_PHONG;
-            p.exponent = gloss->exponent * number_of(&s, KILN_GLOSS_ROUGHNESS);
+            p.exponent = mirror ? KILN_BSDF_PHONG_MIRROR : gloss->exponent * number_of(&s, KILN_GLOSS_ROUGHNESS);
+            p.alpha_x = p.alpha_y = kiln_bsdf_phong_alpha(p.exponent);
             return p;
         }
         p.base_color = p.transmission > 0.0f ? vec3(gloss->filter[0], gloss->filter[1], gloss->filter[2])
