@@ -6,9 +6,9 @@
 #include "shaders/shared/color.h"
 #include "shaders/shared/warp.h"
 #include "worker/backend/embree/light_samples.h"
+#include "worker/backend/embree/meeting.h"
 #include "worker/backend/embree/shadow.h"
 #include "worker/base/memory.h"
-#include "worker/material/surface_bsdf.h"
 #include "worker/pass/path.h"
 #include "worker/scene/footprint.h"
 #include "worker/scene/texture.h"
@@ -25,24 +25,6 @@ struct path {
     float radiance[3];
     uint32_t bounces, chain; /* diffuse surfaces that have sent the path on; others since the last one */
     uint64_t rays;
-};
-
-/* A surface that a path meets, on the side that it comes from. */
-struct meeting {
-    uint32_t triangle, stored;
-    const struct kiln_mesh *mesh;
-    float u, v, b1, b2; /* weights of the world triangle's corners, and of the stored one's */
-    bool back;
-    struct kiln_vec3 position, normal, shading; /* normals: geometric and of the mesh */
-    float offset;                               /* m along the normal from which rays start */
-    /* what more there is of a surface that is not only diffuse; NULL: nothing */
-    const struct kiln_gloss *gloss;
-    struct kiln_frame frame; /* of its front */
-    struct kiln_bsdf_lobes lobes;
-    struct kiln_vec3 o;             /* where the path comes from, in the frame */
-    struct kiln_bsdf_choice shares; /* of its lobes, for o */
-    /* its lobes that are not diffuse, and of these those whose light is what the path's rays meet */
-    uint32_t others, sharp;
 };
 
 /* Two numbers in (0, 1) of this sample. */
@@ -97,32 +79,13 @@ static bool trace(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 dire
     return ray->hit.geomID != RTC_INVALID_GEOMETRY_ID;
 }
 
-static bool is_back(const struct RTCRayHit *r)
-{
-    return r->hit.Ng_x * r->ray.dir_x + r->hit.Ng_y * r->ray.dir_y + r->hit.Ng_z * r->ray.dir_z > 0.0f;
-}
-
-static const struct kiln_gloss *gloss_of(const struct embree_backend *b, const struct kiln_hit_record *record)
-{
-    return kiln_gloss_taken(b->params.scene, record->material & KILN_RECORD_MATERIAL);
-}
-
-/* Whether a ray that comes from this side finds the surface there. */
-static bool has_side(const struct embree_backend *b, const struct kiln_hit_record *record, bool back)
-{
-    if (!back || (record->material & KILN_RECORD_DOUBLE_SIDED) != 0)
-        return true;
-    const struct kiln_gloss *gloss = gloss_of(b, record);
-    return gloss != NULL && gloss->transmission > 0.0f;
-}
-
 static bool is_seen(const struct embree_backend *b, const struct RTCRayHit *r)
 {
     const struct kiln_hit_record *record =
         &b->params.geometry->records[embree_triangle(b, r->hit.geomID, r->hit.primID)];
     const bool hidden = (b->params.scene->objects[record->object].flags & KILN_OBJECT_CASTER_ONLY) != 0 &&
                         (record->material & KILN_RECORD_EMITS) == 0;
-    return !hidden && has_side(b, record, is_back(r));
+    return !hidden && meeting_has_side(b, record, meeting_is_back(r));
 }
 
 /* What the camera sees along the ray; false: nothing but the environment. */
@@ -141,61 +104,6 @@ static bool look(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 direc
 
 /* ---- surfaces ---- */
 
-static struct meeting meet(const struct embree_backend *b, const struct RTCRayHit *r)
-{
-    const struct kiln_geometry *g = b->params.geometry;
-    const struct kiln_scene *scene = b->params.scene;
-    struct meeting m = {
-        .triangle = embree_triangle(b, r->hit.geomID, r->hit.primID), .u = r->hit.u, .v = r->hit.v, .back = is_back(r)};
-    m.stored = g->stored_triangle[m.triangle];
-    m.gloss = gloss_of(b, &g->records[m.triangle]);
-    m.mesh = &scene->meshes[scene->objects[g->records[m.triangle].object].mesh];
-    kiln_geometry_stored_barycentrics(scene, g, m.triangle, m.u, m.v, &m.b1, &m.b2);
-    m.position = kiln_triangle_position(g, m.triangle, m.u, m.v);
-    m.normal = kiln_triangle_exact_normal(scene, g, m.triangle);
-    m.shading = m.normal;
-    m.offset = kiln_offset_distance(g, m.triangle, m.normal);
-    return m;
-}
-
-/* The scattering of a surface that is not only diffuse; normals are those of the front. */
-static void find_lobes(const struct embree_backend *b, struct kiln_vec3 direction, struct meeting *m)
-{
-    const struct kiln_scene *scene = b->params.scene;
-    const struct kiln_geometry *g = b->params.geometry;
-    struct kiln_vec3 corner[3];
-    kiln_geometry_corners(g, m->triangle, corner);
-    const int second = scene->objects[g->records[m->triangle].object].flipped != 0 ? 1 : 2;
-    const struct kiln_vec3 edge[2] = {vec3_sub(corner[3 - second], corner[0]), vec3_sub(corner[second], corner[0])},
-                           back = vec3_scale(direction, -1.0f);
-    /* a shading normal on the other side of the ray's direction would make a front of a back */
-    if ((vec3_dot(m->shading, back) > 0.0f) != (vec3_dot(m->normal, back) > 0.0f))
-        m->shading = m->normal;
-    m->frame = kiln_surface_frame(scene, m->gloss, m->mesh, m->stored, m->b1, m->b2, m->shading, edge);
-    m->lobes = kiln_bsdf_prepare(kiln_surface_bsdf(scene, m->gloss, m->mesh, m->stored, m->b1, m->b2));
-    m->o = kiln_into_frame(&m->frame, back);
-    m->shares = kiln_bsdf_shares(m->lobes, m->o);
-    m->others = KILN_LOBE_GLOSS | (m->lobes.coat.strength > 0.0f ? KILN_LOBE_COAT : 0u);
-    m->sharp =
-        m->others & kiln_path_sharp(m->lobes.alpha_x, m->lobes.alpha_y, m->lobes.p.coat_alpha, m->lobes.glass > 0.0f);
-}
-
-/* Turns the normals to the side that the path comes from; `first`: of the surface that the camera sees. */
-static void face(const struct embree_backend *b, bool first, struct kiln_vec3 direction, struct meeting *m)
-{
-    if ((first || m->gloss != NULL) && (m->mesh->flags & KILN_MESH_SMOOTH) != 0) {
-        m->shading = kiln_triangle_shading_normal(b->params.scene, b->params.geometry, m->triangle, m->u, m->v);
-        if (!(vec3_dot(m->shading, m->normal) > 0.0f))
-            m->shading = m->normal;
-    }
-    if (m->gloss != NULL)
-        find_lobes(b, direction, m);
-    if (m->back) {
-        m->normal = vec3_scale(m->normal, -1.0f);
-        m->shading = vec3_scale(m->shading, -1.0f);
-    }
-}
-
 static void add_emission(struct path *p, const struct meeting *m)
 {
     float rgb[3];
@@ -209,10 +117,8 @@ static void add_emission(struct path *p, const struct meeting *m)
 static void attenuate(struct path *p, const struct meeting *m, float distance)
 {
     float share[3];
-    if (m->gloss == NULL || !m->back || (m->gloss->flags & KILN_GLOSS_VOLUME) == 0)
-        return;
-    kiln_gloss_attenuation(m->gloss, distance, share);
-    multiply(p, share);
+    if (meeting_attenuation(m, distance, share))
+        multiply(p, share);
 }
 
 /* Goes on to what the surface reflects; false: it is black. */
@@ -244,17 +150,12 @@ static struct kiln_light_sample draw_light(const struct path *p, const struct me
     return sample;
 }
 
-static struct kiln_bsdf_value evaluate(const struct meeting *m, struct kiln_vec3 i, uint32_t lobes)
-{
-    return kiln_bsdf_evaluate_chosen(m->lobes, kiln_bsdf_choice_of(m->shares, lobes), m->o, i, KILN_RADIANCE, lobes);
-}
-
 /* What a surface that is not only diffuse sends to the path of light from a direction, times the cosine: of light that
  * rays meet themselves, what its sharp lobes do is left to these. */
 static void scatter(const struct meeting *m, const struct kiln_light_sample *sample, float scattered[3])
 {
     const uint32_t lobes = sample->has_extent ? KILN_LOBE_ALL & ~m->sharp : KILN_LOBE_ALL;
-    const struct kiln_bsdf_value f = evaluate(m, kiln_into_frame(&m->frame, vec3_of(sample->direction)), lobes);
+    const struct kiln_bsdf_value f = meeting_evaluate(m, kiln_into_frame(&m->frame, vec3_of(sample->direction)), lobes);
     scattered[0] = f.value.x;
     scattered[1] = f.value.y;
     scattered[2] = f.value.z;
@@ -311,47 +212,26 @@ static struct kiln_vec3 cosine_direction(struct kiln_vec3 axis, double u, double
     return vec3_madd(vec3_madd(vec3_scale(axis, *cosine), s, radius * cosf(turn)), t, radius * sinf(turn));
 }
 
-/* Weighs a direction that is drawn from `lobes`, and finds the share of the sharp ones in it, by colour. */
-static void weigh(const struct meeting *m, uint32_t lobes, struct kiln_bsdf_drawn *d, float share[3])
-{
-    const uint32_t sharp = m->sharp & lobes;
-    share[0] = share[1] = share[2] = d->delta || sharp == lobes ? 1.0f : 0.0f;
-    if (d->delta || d->i.z == 0.0f)
-        return;
-    const struct kiln_bsdf_value all = evaluate(m, d->i, lobes);
-    d->weight = all.density > 0.0f ? vec3_scale(all.value, 1.0f / all.density) : vec3(0.0f, 0.0f, 0.0f);
-    if (sharp == 0 || sharp == lobes)
-        return;
-    const struct kiln_vec3 part = evaluate(m, d->i, sharp).value;
-    share[0] = all.value.x > 0.0f ? part.x / all.value.x : 0.0f;
-    share[1] = all.value.y > 0.0f ? part.y / all.value.y : 0.0f;
-    share[2] = all.value.z > 0.0f ? part.z / all.value.z : 0.0f;
-}
-
 /* The way on from a surface that is not only diffuse. Chance chooses whether the diffuse surface sends the path on or
  * the other lobes do, so that bounces can be counted. */
 static bool turn_by_lobes(struct path *p, const struct meeting *m, uint32_t surface, struct kiln_vec3 *direction,
                           bool *diffuse)
 {
     double u, v, pick, rest;
-    float sharp[3];
+    float sharp[3], weight[3];
     draw(p, kiln_path_use(surface, KILN_PATH_BOUNCE), &u, &v);
     draw(p, kiln_path_use(surface, KILN_PATH_LOBE), &pick, &rest);
     const float chance = kiln_bsdf_choice_of(m->shares, KILN_LOBE_ALL).diffuse;
     *diffuse = pick < (double)chance;
-    const uint32_t lobes = *diffuse ? KILN_LOBE_DIFFUSE : m->others;
-    struct kiln_bsdf_drawn d = kiln_bsdf_propose(m->lobes, kiln_bsdf_choice_of(m->shares, lobes), m->o, (float)rest,
-                                                 (float)u, (float)v, KILN_RADIANCE);
-    weigh(m, lobes, &d, sharp);
-    const float one = 1.0f / (*diffuse ? chance : 1.0f - chance),
-                weight[3] = {d.weight.x * one, d.weight.y * one, d.weight.z * one};
-    for (int c = 0; c < 3; c++)
+    const bool sends = meeting_send(m, *diffuse ? KILN_LOBE_DIFFUSE : m->others, (float)rest, (float)u, (float)v,
+                                    direction, weight, sharp);
+    const float one = 1.0f / (*diffuse ? chance : 1.0f - chance);
+    for (int c = 0; c < 3; c++) {
         p->seen[c] = p->weight[c] * sharp[c];
+        weight[c] *= one;
+    }
     multiply(p, weight);
-    *direction = kiln_out_of_frame(&m->frame, d.i);
-    const bool same = (d.i.z > 0.0f) == (m->o.z > 0.0f); /* in truth as by the shading normal */
-    return d.i.z != 0.0f && (vec3_dot(m->normal, *direction) > 0.0f) == same &&
-           (p->weight[0] > 0.0f || p->weight[1] > 0.0f || p->weight[2] > 0.0f);
+    return sends && (p->weight[0] > 0.0f || p->weight[1] > 0.0f || p->weight[2] > 0.0f);
 }
 
 /* Chooses the way on from the surface, and weighs it as the gather pass does; false: it brings nothing. */
@@ -405,8 +285,9 @@ static bool go_on(struct path *p, const struct meeting *m, uint32_t surface, str
     p->rays++;
     if (trace(p, vec3_madd(m->position, m->normal, side), direction, surface + 1, ray))
         return !last &&
-               has_side(p->b, &p->b->params.geometry->records[embree_triangle(p->b, ray->hit.geomID, ray->hit.primID)],
-                        is_back(ray));
+               meeting_has_side(
+                   p->b, &p->b->params.geometry->records[embree_triangle(p->b, ray->hit.geomID, ray->hit.primID)],
+                   meeting_is_back(ray));
     add_environment(p, sky ? p->weight : p->seen, direction);
     return false;
 }
@@ -440,8 +321,8 @@ static void follow(struct path *p, uint64_t pixel)
         return;
     }
     for (uint32_t surface = 0;; surface++) {
-        struct meeting m = meet(p->b, &ray);
-        face(p->b, surface == 0, vec3(ray.ray.dir_x, ray.ray.dir_y, ray.ray.dir_z), &m);
+        struct meeting m = meeting_make(p->b, &ray);
+        meeting_face(p->b, surface == 0, vec3(ray.ray.dir_x, ray.ray.dir_y, ray.ray.dir_z), &m);
         attenuate(p, &m, ray.ray.tfar);
         if (p->seen[0] > 0.0f || p->seen[1] > 0.0f || p->seen[2] > 0.0f)
             add_emission(p, &m);

@@ -1,0 +1,51 @@
+/* A surface that a path of light meets, on the side that it comes from: where it is, which way it faces, and how it
+ * scatters light. Shared by the passes that follow paths ray by ray. Thread-safe. */
+#ifndef KILN_WORKER_BACKEND_EMBREE_MEETING_H
+#define KILN_WORKER_BACKEND_EMBREE_MEETING_H
+
+#include "shaders/shared/path.h"
+#include "worker/backend/embree/embree.h"
+#include "worker/material/surface_bsdf.h"
+
+/* A surface that a path meets, on the side that it comes from. */
+struct meeting {
+    uint32_t triangle, stored;
+    const struct kiln_mesh *mesh;
+    float u, v, b1, b2; /* weights of the world triangle's corners, and of the stored one's */
+    bool back;
+    struct kiln_vec3 position, normal, shading; /* normals: geometric and of the mesh */
+    float offset;                               /* m along the normal from which rays start */
+    /* what more there is of a surface that is not only diffuse; NULL: nothing */
+    const struct kiln_gloss *gloss;
+    struct kiln_frame frame; /* of its front */
+    struct kiln_bsdf_lobes lobes;
+    struct kiln_vec3 o;             /* where the path comes from, in the frame */
+    struct kiln_bsdf_choice shares; /* of its lobes, for o */
+    /* its lobes that are not diffuse, and of these those whose light is what the path's rays meet */
+    uint32_t others, sharp;
+};
+
+bool meeting_is_back(const struct RTCRayHit *r);
+/* The gloss that the material of a triangle is taken with; NULL: it is diffuse. */
+const struct kiln_gloss *meeting_gloss(const struct embree_backend *b, const struct kiln_hit_record *record);
+/* Whether a ray that comes from this side finds the surface there. */
+bool meeting_has_side(const struct embree_backend *b, const struct kiln_hit_record *record, bool back);
+
+/* What a ray has hit; normals are those of the front, both geometric, until meeting_face. */
+struct meeting meeting_make(const struct embree_backend *b, const struct RTCRayHit *r);
+/* Finds how the surface scatters light to where a ray of this direction comes from, and turns the normals to that side.
+ * `smooth`: the shading normal is wanted of diffuse surfaces too. */
+void meeting_face(const struct embree_backend *b, bool smooth, struct kiln_vec3 direction, struct meeting *m);
+/* What the body that the ray has come through leaves of the light, by colour: the ray meets its surface from within.
+ * False: it has come through none, and `share` is left as it is. `distance`: m. */
+bool meeting_attenuation(const struct meeting *m, float distance, float share[3]);
+
+/* Of a surface that is not only diffuse: what `lobes` send to where the path comes from of light from i, in the frame,
+ * times the cosine. */
+struct kiln_bsdf_value meeting_evaluate(const struct meeting *m, struct kiln_vec3 i, uint32_t lobes);
+/* Of such a surface: draws the way on among `lobes` by three random numbers in (0, 1). `weight`: value over density, by
+ * colour; `sharp`: the share of its sharp lobes in it. False: it brings nothing. */
+bool meeting_send(const struct meeting *m, uint32_t lobes, float pick, float u, float v, struct kiln_vec3 *direction,
+                  float weight[3], float sharp[3]);
+
+#endif
