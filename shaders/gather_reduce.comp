@@ -17,7 +17,7 @@ void kiln_kernel(uint x, uint y)
     if (x >= push.chunk.total)
         return;
     kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0,
-                                        float[3](0.0, 0.0, 0.0), 0.0, 0u);
+                                        float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0u);
     Totals totals;
     if (hemisphere_totals(x, totals)) {
         const float n = float(push.samples);

@@ -26,6 +26,11 @@ struct meeting {
 };
 
 bool meeting_is_back(const struct RTCRayHit *r);
+/* The record of what a ray has hit. */
+static inline const struct kiln_hit_record *meeting_record(const struct embree_backend *b, const struct RTCRayHit *r)
+{
+    return &b->params.geometry->records[embree_triangle(b, r->hit.geomID, r->hit.primID)];
+}
 /* The gloss that the material of a triangle is taken with; NULL: it is diffuse. */
 const struct kiln_gloss *meeting_gloss(const struct embree_backend *b, const struct kiln_hit_record *record);
 /* Whether a ray that comes from this side finds the surface there. */

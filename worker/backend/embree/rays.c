@@ -293,3 +293,25 @@ void rays_block(struct tile_run_rays *r, const struct embree_backend *b, struct 
     for (uint32_t p = 0, l = 0; l < lanes; p++, l += PACKET) /* a RTCRayHit8 begins with its RTCRay8 */
         embree_blocked8(b, context, lanes_of(p, lanes, some), &r->packets[p].ray, &r->seed[l]);
 }
+
+struct RTCRayHit rays_lane(const struct tile_run_rays *r, uint32_t lane)
+{
+    const struct RTCRayHit8 *packet = &r->packets[lane / PACKET];
+    const uint32_t i = lane % PACKET;
+    return (struct RTCRayHit){.ray = {.org_x = packet->ray.org_x[i],
+                                      .org_y = packet->ray.org_y[i],
+                                      .org_z = packet->ray.org_z[i],
+                                      .dir_x = packet->ray.dir_x[i],
+                                      .dir_y = packet->ray.dir_y[i],
+                                      .dir_z = packet->ray.dir_z[i],
+                                      .tfar = packet->ray.tfar[i],
+                                      .mask = ~0u},
+                              .hit = {.Ng_x = packet->hit.Ng_x[i],
+                                      .Ng_y = packet->hit.Ng_y[i],
+                                      .Ng_z = packet->hit.Ng_z[i],
+                                      .u = packet->hit.u[i],
+                                      .v = packet->hit.v[i],
+                                      .primID = packet->hit.primID[i],
+                                      .geomID = packet->hit.geomID[i],
+                                      .instID = {RTC_INVALID_GEOMETRY_ID}}};
+}
