@@ -69,6 +69,12 @@ KILN_FUNCTION float kiln_bsdf_phong_alpha(float exponent) { return float_sqrt(2.
 /* Stands for a mirror over a diffuse surface in Phong's model: a lobe of a quarter of a degree. */
 #define KILN_BSDF_PHONG_MIRROR 1.0e5f
 
+/* Share of the base that is diffuse. */
+KILN_FUNCTION float kiln_bsdf_matt(KILN_STRUCT kiln_bsdf p)
+{
+    return p.model == KILN_BSDF_LAYERS ? (1.0f - p.metallic) * (1.0f - p.transmission) : 1.0f;
+}
+
 KILN_FUNCTION float kiln_bsdf_luminance(KILN_VECTOR rgb)
 {
     return vec3_dot(
@@ -207,7 +213,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare(KILN_STRUCT kiln_bsd
     l.p = p;
     l.metal = layers ? p.metallic : 0.0f;
     l.glass = layers ? (1.0f - p.metallic) * p.transmission : 0.0f;
-    l.matt = layers ? (1.0f - p.metallic) * (1.0f - p.transmission) : 1.0f;
+    l.matt = kiln_bsdf_matt(p);
     /* what hardly bends light is hardly seen, however rough: no facet hides another */
     const float seen = l.glass > 0.0f && p.thin_wall == 0u ? float_min((index - 1.0f) * 20.0f, 1.0f) : 1.0f;
     l.alpha_x = float_min(p.alpha_x, 1.0f) * seen;

@@ -37,6 +37,14 @@ KILN_FUNCTION float kiln_chain_chance(KILN_U32 surface, KILN_U32 length, float m
     return most < KILN_CHAIN_SMALL ? most * 4.0f : 1.0f;
 }
 
+/* Of light from a direction, what surface points on such a material take up of it, in the light that they count as
+ * incident: kiln_diffuse_in where there is a diffuse part. `cosine` is the direction's with the shading normal of the
+ * front, signed. */
+KILN_FUNCTION float kiln_chain_taken_up(KILN_STRUCT kiln_bsdf_lobes lobes, float cosine)
+{
+    return lobes.matt > 0.0f ? kiln_diffuse_in(lobes, cosine) : 0.0f;
+}
+
 /* What the random numbers of a texel's chains hang on: `chance` is the texel's kiln_gather_chance. Numbers of ray k at
  * surface s of its chain are kiln_path_numbers(kiln_path_key(key, kiln_path_use(s, KILN_PATH_...)), k), with the uses
  * of path.h: KILN_PATH_LOBE (u picks the lobe, v says whether the chain goes on), KILN_PATH_BOUNCE (the direction),

@@ -1,6 +1,7 @@
 #include "worker/material/surface_bsdf.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "worker/scene/texture.h"
 
@@ -114,6 +115,21 @@ struct kiln_bsdf kiln_surface_bsdf(const struct kiln_scene *scene, const struct 
     const float coat = gloss->clearcoat_roughness * number_of(&s, KILN_GLOSS_CLEARCOAT_ROUGHNESS);
     p.coat_alpha = coat * coat;
     return p;
+}
+
+void kiln_surface_albedo(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
+                         float b2, float rgb[3])
+{
+    const struct kiln_gloss *gloss = kiln_gloss_taken(scene, scene->triangle_materials[triangle]);
+    float rgba[4];
+    if (gloss == NULL) {
+        kiln_surface_color(scene, mesh, triangle, b1, b2, rgba);
+        memcpy(rgb, rgba, 3 * sizeof *rgb);
+        return;
+    }
+    const struct kiln_bsdf p = kiln_surface_bsdf(scene, gloss, mesh, triangle, b1, b2);
+    const struct kiln_vec3 color = vec3_scale(p.base_color, kiln_bsdf_matt(p));
+    rgb[0] = color.x, rgb[1] = color.y, rgb[2] = color.z;
 }
 
 /* ---- frames ---- */

@@ -15,6 +15,11 @@ struct kiln_vec3 kiln_gloss_index(const struct kiln_gloss *gloss);
 struct kiln_bsdf kiln_surface_bsdf(const struct kiln_scene *scene, const struct kiln_gloss *gloss,
                                    const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2);
 
+/* Diffuse albedo of a position (linear RGB, 0..1), arguments as above: of a material that is taken with its gloss that
+ * of its diffuse part (kiln_diffuse_color), else that of kiln_surface_color. */
+void kiln_surface_albedo(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
+                         float b2, float rgb[3]);
+
 /* The frame that directions are given to the scattering function in; unit, at right angles. */
 struct kiln_frame {
     struct kiln_vec3 x, y, z;

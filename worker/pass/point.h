@@ -24,8 +24,9 @@ struct kiln_point_result {
     /* by colour: what tinted surfaces on the way take of what gather rays find, in rays; 0 without any */
     float glass[3];
     /* by colour: what mirrors, glass and gloss on the way take of what gather rays find, in rays
-     * (shaders/shared/chain.h): what of a ray has neither escaped nor been blocked nor come to a diffuse surface. 0
-     * without any, and in the direct and the caustic pass */
+     * (shaders/shared/chain.h): what of a ray has neither escaped nor been blocked nor been taken up by a diffuse part.
+     * It may be below 0, for points on what is metal or glass in part count too much as incident. 0 without any gloss,
+     * and in the direct and the caustic pass */
     float gloss[3];
     /* no sum: mean opacity of the point (kiln_surface_opacity), the share of its area that is there to be lit; 1 for
      * opaque ones */

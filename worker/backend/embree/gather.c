@@ -113,22 +113,24 @@ static inline void add(struct gather_work *w, uint32_t step, uint32_t l, float r
     const struct tile_run_rays *rays = w->rays;
     const uint32_t j = rays->point[l];
     const float facet = facet_weight(rays, l);
-    float weight = facet;
+    float weight = facet, cosine = rays->cosine[l];
     for (int c = 0; c < 3 && tints; c++) {
         rgb[c] *= rays->tint[l][c];
         w->glass[j][c] += (double)(facet * (1.0f - rays->tint[l][c]));
     }
+    const bool glossy = rays->frame.glossy[j];
     if (rays->frame.smooth) {
         const struct kiln_vec3 shading =
             frame_shading(&rays->frame, j, vec3(rays->facet[0][l], rays->facet[1][l], rays->facet[2][l]));
-        const float cosine =
+        cosine =
             shading.x * rays->direction[0][l] + shading.y * rays->direction[1][l] + shading.z * rays->direction[2][l];
         weight = kiln_shading_weight(cosine, rays->cosine[l]) * rays->weight[l];
-        for (int c = 0; c < 3; c++)
-            w->irradiance[j][c] += (double)(weight * rgb[c]);
     }
+    for (int c = 0; c < 3 && (rays->frame.smooth || glossy); c++)
+        w->irradiance[j][c] += (double)(weight * rgb[c]);
+    const float incident = glossy ? facet * frame_taken_up(&rays->frame, j, cosine) : facet;
     for (int c = 0; c < 3; c++)
-        w->incident[j][c] += (double)(facet * rgb[c]);
+        w->incident[j][c] += (double)(incident * rgb[c]);
     const float luminance = weight * kiln_luminance_in_float(rgb);
     w->quarter[rays->quarter_of[step * rays->copies + rays->copy[l]]][j] += (double)luminance;
     if (w->side > 0)
@@ -188,7 +190,7 @@ static struct kiln_vec3 direction_of(const struct tile_run_rays *r, uint32_t l)
 /* The random number that chooses the lane's probe. */
 static uint32_t choice_of(const struct tile_run_rays *r, uint32_t step, uint32_t l)
 {
-    return kiln_probe_choice(kiln_gather_ray_seed(r->chance[l], r->first_sample + step * r->copies + r->copy[l]));
+    return kiln_probe_choice(kiln_gather_ray_seed(r->chance[l], rays_sample(r, step, l)));
 }
 
 /* What of the lanes ended at the range: a ray that leaves the scene's box before has escaped. The others ask a probe
@@ -294,7 +296,7 @@ static void follow(struct gather_work *w, uint32_t step, uint32_t l, bool radios
 {
     const struct tile_run_rays *r = w->rays;
     const struct RTCRayHit ray = rays_lane(r, l);
-    chain_follow(&w->walk, r->chance[l], r->first_sample + step * r->copies + r->copy[l], &ray, radiosity, &w->chain);
+    chain_follow(&w->walk, r->chance[l], rays_sample(r, step, l), &ray, radiosity, &w->chain);
 }
 
 /* Counts what the chain of lane l has lost: a share of what the tint of its first ray leaves. */
@@ -450,7 +452,8 @@ static void store(const struct gather_work *w, void *results)
         struct kiln_point_result *r = result_of(w, results, w->rays->frame.place[j]);
         for (int c = 0; c < 3; c++) {
             r->incident[c] = (float)w->incident[j][c];
-            r->irradiance[c] = w->rays->frame.smooth ? (float)w->irradiance[j][c] : r->incident[c];
+            r->irradiance[c] =
+                w->rays->frame.smooth || w->rays->frame.glossy[j] ? (float)w->irradiance[j][c] : r->incident[c];
             r->glass[c] = (float)w->glass[j][c];
             r->gloss[c] = (float)w->gloss[j][c];
         }

@@ -264,7 +264,7 @@ uint32_t rays_make(struct tile_run_rays *r, const struct embree_backend *b, uint
             make_cosine_rays(r, c * count, (c + 1) * count, numbers);
     }
     for (uint32_t l = 0; l < copies * count && embree_blends(b); l++)
-        r->seed[l] = kiln_gather_ray_seed(r->chance[l], r->first_sample + first + r->copy[l]);
+        r->seed[l] = kiln_gather_ray_seed(r->chance[l], rays_sample(r, step, l));
     fill_packets(r, copies * count);
     return copies * count;
 }
