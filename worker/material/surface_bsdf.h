@@ -15,6 +15,9 @@ struct kiln_vec3 kiln_gloss_index(const struct kiln_gloss *gloss);
 struct kiln_bsdf kiln_surface_bsdf(const struct kiln_scene *scene, const struct kiln_gloss *gloss,
                                    const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2);
 
+/* The same of a gloss none of whose numbers has a texture, with any base colour. */
+struct kiln_bsdf kiln_gloss_bsdf(const struct kiln_gloss *gloss, const float base[3]);
+
 /* The frame that directions are given to the scattering function in; unit, at right angles. */
 struct kiln_frame {
     struct kiln_vec3 x, y, z;
