@@ -17,12 +17,6 @@ struct chain {
 
 static float mean_of(const float rgb[3]) { return (rgb[0] + rgb[1] + rgb[2]) * (1.0f / 3.0f); }
 
-static float most_of(const float rgb[3])
-{
-    const float most = rgb[0] > rgb[1] ? rgb[0] : rgb[1];
-    return most > rgb[2] ? most : rgb[2];
-}
-
 static void multiply(struct chain *c, const float factor[3])
 {
     for (int i = 0; i < 3; i++) {
@@ -46,50 +40,53 @@ static void add_radiosity(struct chain *c, const struct RTCRayHit *ray, uint32_t
         c->found->radiosity[i] += c->weight[i] * out * rgb[i];
 }
 
-/* What of diffuse light and of lamps the surface sends to the chain. */
-static void meet(struct chain *c, const struct RTCRayHit *ray, const struct meeting *m, uint32_t surface)
+/* What of diffuse light the surface sends to the chain. */
+static void meet(struct chain *c, const struct RTCRayHit *ray, const struct meeting *m)
 {
     const bool has_points =
         !m->back || (c->walk->b->params.geometry->records[m->triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0;
     if (has_points && m->lobes.matt > 0.0f)
         add_radiosity(c, ray, m->triangle, kiln_diffuse_in(m->lobes, m->o.z), kiln_diffuse_out(m->lobes, m->o.z));
-    if (c->walk->choices == NULL)
-        return;
-    if (surface > 0)
-        walk_emission(c->walk, m, c->seen, c->found->light);
-    walk_lights(c->walk, m, surface, m->others, c->weight, c->found->light);
 }
 
-/* Draws the way on from surface number `surface`; false: the chain ends. */
-static bool send(struct chain *c, const struct meeting *m, uint32_t surface, struct kiln_vec3 *direction)
+/* Whether the chain goes on from surface number `surface`. `pick`: what of the random number chooses a lobe. */
+static bool survives(struct chain *c, const struct meeting *m, uint32_t surface, float *pick)
 {
     const uint32_t length = c->walk->b->params.chain_length;
-    double u, v, pick, chance;
-    float weight[3], sharp[3];
-    walk_draw(c->walk, kiln_path_use(surface, KILN_PATH_BOUNCE), &u, &v);
-    walk_draw(c->walk, kiln_path_use(surface, KILN_PATH_LOBE), &pick, &chance);
-    if (!meeting_send(m, m->others, (float)pick, (float)u, (float)v, direction, weight, sharp))
+    const float left = kiln_chain_left(m->albedo, vec3(c->weight[0], c->weight[1], c->weight[2])),
+                goes_on = kiln_chain_chance(surface, length != 0 ? length : KILN_CHAIN_LENGTH, left);
+    double lobe, chance;
+    walk_draw(c->walk, kiln_path_use(surface, KILN_PATH_LOBE), &lobe, &chance);
+    *pick = (float)lobe;
+    if (!(goes_on > 0.0f) || !(chance < (double)goes_on))
         return false;
     for (int i = 0; i < 3; i++)
-        weight[i] *= c->weight[i];
-    const float most = most_of(weight),
-                goes_on = kiln_chain_chance(surface, length != 0 ? length : KILN_CHAIN_LENGTH, most);
-    if (!(most > 0.0f) || !(chance < (double)goes_on))
-        return false;
-    for (int i = 0; i < 3; i++) {
-        c->weight[i] = weight[i] / goes_on;
-        c->seen[i] = c->weight[i] * sharp[i];
-    }
+        c->weight[i] /= goes_on;
     return true;
 }
 
-/* The ray goes on to the next surface that is not only diffuse; false: the chain has ended. */
-static bool go_on(struct chain *c, const struct meeting *m, uint32_t surface, struct RTCRayHit *ray)
+/* Draws the way on from surface number `surface`; false: it brings nothing. */
+static bool send(struct chain *c, const struct meeting *m, uint32_t surface, float pick, struct kiln_vec3 *direction)
+{
+    double u, v;
+    float weight[3], sharp[3];
+    walk_draw(c->walk, kiln_path_use(surface, KILN_PATH_BOUNCE), &u, &v);
+    if (!meeting_send(m, m->others, pick, (float)u, (float)v, direction, weight, sharp))
+        return false;
+    for (int i = 0; i < 3; i++) {
+        c->weight[i] *= weight[i];
+        c->seen[i] = c->weight[i] * sharp[i];
+    }
+    return c->weight[0] > 0.0f || c->weight[1] > 0.0f || c->weight[2] > 0.0f;
+}
+
+/* The ray goes on to the next surface; false: the chain has ended. */
+static bool go_on(struct chain *c, const struct meeting *m, uint32_t surface, float pick, struct RTCRayHit *ray)
 {
     const struct embree_backend *b = c->walk->b;
     struct kiln_vec3 direction;
     float tint[3] = {1.0f, 1.0f, 1.0f};
-    if (!send(c, m, surface, &direction))
+    if (!send(c, m, surface, pick, &direction))
         return false;
     const float side = vec3_dot(m->normal, direction) > 0.0f ? m->offset : -m->offset;
     const bool meets = walk_trace(c->walk, vec3_madd(m->position, m->normal, side), direction,
@@ -137,13 +134,19 @@ void chain_follow(struct walk *walk, uint32_t chance, uint32_t k, const struct R
             end(&c, &next);
             return;
         }
-        struct meeting m = meeting_make(walk->b, &next);
-        float share[3];
-        meeting_face(walk->b, false, vec3(next.ray.dir_x, next.ray.dir_y, next.ray.dir_z), &m);
+        struct meeting m = meeting_begin(walk->b, &next);
+        float share[3], pick;
         if (meeting_attenuation(&m, next.ray.tfar, share))
             multiply(&c, share);
-        meet(&c, &next, &m, surface);
-        if (!go_on(&c, &m, surface, &next))
+        meet(&c, &next, &m);
+        if (walk->choices != NULL && surface > 0)
+            walk_emission(walk, &m, c.seen, found->light);
+        if (!survives(&c, &m, surface, &pick))
+            return;
+        meeting_end(walk->b, &next, &m);
+        if (walk->choices != NULL)
+            walk_lights(walk, &m, surface, m.others, c.weight, found->light);
+        if (!go_on(&c, &m, surface, pick, &next))
             return;
     }
 }

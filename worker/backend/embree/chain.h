@@ -16,7 +16,7 @@ struct chain_found {
 };
 
 /* Whether light transport goes on in chains at all. */
-static inline bool chain_any(const struct embree_backend *b) { return b->params.scene->taken != NULL; }
+static inline bool chain_any(const struct embree_backend *b) { return b->lobes != NULL; }
 
 /* Whether a chain begins where a ray met a surface; false where it met none. */
 static inline bool chain_begins(const struct embree_backend *b, const struct RTCRayHit *ray)

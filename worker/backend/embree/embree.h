@@ -16,6 +16,7 @@
 #include "worker/backend/backend.h"
 #include "worker/base/clones.h"
 #include "worker/light/lights.h"
+#include "worker/material/surface_bsdf.h"
 #include "worker/store/store.h"
 
 enum { PACKET = 8 }; /* rays traced together; 8 beat 1, 4 and 16 on AVX2 in Cornell box and Sponza */
@@ -30,6 +31,7 @@ struct embree_backend {
     RTCDevice device;
     RTCScene scene;
     uint8_t *coincides; /* of each triangle, found when it is first asked for (coincident.c); NULL: none does */
+    struct kiln_gloss_lobes *lobes; /* of each material; NULL: none is taken with its gloss */
     uint32_t threads;
     bool coherent; /* so few triangles that packets stay together all the way down */
     double build_seconds;

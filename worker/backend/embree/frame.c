@@ -4,7 +4,6 @@
 
 #include "shaders/shared/streams.h"
 #include "worker/backend/embree/passage.h"
-#include "worker/material/surface_bsdf.h"
 #include "worker/sampling/keys.h"
 #include "worker/sampling/sequence.h"
 
@@ -113,9 +112,9 @@ static void find_lobes(struct tile_run_frame *f, const struct embree_backend *b,
     if (!f->glossy[j])
         return;
     kiln_geometry_stored_barycentrics(scene, g, triangle, b1, b2, &s1, &s2);
-    const struct kiln_gloss *gloss = kiln_gloss_taken(scene, record->material & KILN_RECORD_MATERIAL);
-    f->lobes[j] = kiln_bsdf_prepare(kiln_surface_bsdf(scene, gloss, &scene->meshes[scene->objects[record->object].mesh],
-                                                      g->stored_triangle[triangle], s1, s2));
+    f->lobes[j] = kiln_surface_lobes(scene, &b->lobes[record->material & KILN_RECORD_MATERIAL],
+                                     &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle],
+                                     s1, s2, false);
 }
 
 static void build_point(struct tile_run_frame *f, const struct embree_backend *b, const struct kiln_point_cursor *at,
@@ -139,7 +138,7 @@ static void build_point(struct tile_run_frame *f, const struct embree_backend *b
     if (f->whole[j])
         build_whole(f, b, j, p->pieces[0]);
     f->glossy[j] = false;
-    if (b->params.scene->taken != NULL)
+    if (b->lobes != NULL)
         find_lobes(f, b, j);
     if ((wish & FRAME_EXTENT) != 0)
         f->extent[j] = kiln_footprint_extent(p);
