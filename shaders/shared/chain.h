@@ -11,13 +11,12 @@
  * diffuse, where it escapes, where it meets the back of a single-sided surface that is not taken with its gloss, or by
  * chance (kiln_chain_chance). What bodies of glass on its way absorb multiplies its weight (Beer's law).
  *
- * Light that has met no diffuse surface yet (the caustic pass) is found by the same chains, at each surface that they go
- * on from: a sharp lobe
- * (kiln_path_sharp) finds what the surfaces that the chain meets next emit, and the sky; for the other lobes, samples
- * of the lights are drawn, as in the path pass (worker/pass/path.h), one of the tree of lights, one of each directional
- * light, two of an environment with an image. A sky of one radiance all over is found by the chain's rays, whatever the
- * lobe. Of lights that no ray can meet (points, spots, directional lights) samples are drawn for sharp lobes too, where
- * these are no mirrors. */
+ * Light that has met no diffuse surface yet (the caustic pass) is found by the same chains, at each surface that they
+ * go on from: a sharp lobe (kiln_path_sharp) finds what the surfaces that the chain meets next emit, and the sky; for
+ * the other lobes, samples of the lights are drawn, as in the path pass (worker/pass/path.h), one of the tree of
+ * lights, one of each directional light, two of an environment with an image. A sky of one radiance all over is found
+ * by the chain's rays, whatever the lobe. Of lights that no ray can meet (points, spots, directional lights) samples
+ * are drawn for sharp lobes too, where these are no mirrors. */
 #ifndef KILN_SHADERS_SHARED_CHAIN_H
 #define KILN_SHADERS_SHARED_CHAIN_H
 
@@ -26,12 +25,12 @@
 
 /* Surfaces of a chain that are met for certain while the chain's weight is not small; --chain-length. */
 #define KILN_CHAIN_LENGTH 8u
-/* A chain that is to have less than one over this of its first weight goes on with a chance of so many times the weight:
- * most gloss sends on a twentieth of what it meets. */
+/* A chain that is to have less than one over this of its first weight goes on with a chance of so many times the
+ * weight: most gloss sends on a twentieth of what it meets. */
 #define KILN_CHAIN_MORE 2.0f
 
-/* What a chain of this weight would have left, of the colour of which that is most, when lobes that are not diffuse have
- * sent it on; about, by the albedos for the direction that it comes from. */
+/* What a chain of this weight would have left, of the colour of which that is most, when lobes that are not diffuse
+ * have sent it on; about, by the albedos for the direction that it comes from. */
 KILN_FUNCTION float kiln_chain_left(KILN_STRUCT kiln_bsdf_albedo a, KILN_VECTOR weight)
 {
     const KILN_VECTOR sent = vec3_add(vec3_add(a.gloss, a.coat), vec3_add(a.spread_near, a.spread_far));
