@@ -357,7 +357,7 @@ static bool was_given(const struct kiln_job *job, const char *name)
 
 static int check_method(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_paths[] = {"bounces", "samples-pixel", "seed"};
+    static const char *const of_paths[] = {"bounces", "samples-pixel", "seed", "lens-radius", "focus-distance"};
     for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths && job->view_method != KILN_VIEW_METHOD_path; i++)
         if (was_given(job, of_paths[i]))
             return kiln_fail(error, KILN_USAGE,

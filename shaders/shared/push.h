@@ -150,9 +150,10 @@ struct kiln_gpu_path_push {
     KILN_WORD orthographic;                   /* 0 or 1 */
     KILN_VECTOR position, forward, right, up; /* struct kiln_path_parameters */
     KILN_REAL32 extent;                       /* m, of the scene */
+    KILN_REAL32 lens_radius, focus_distance;
     KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_path_push, 120);
+KILN_SIZE_IS(kiln_gpu_path_push, 128);
 KILN_OFFSET_IS(kiln_gpu_path_push, count, 32);
 KILN_OFFSET_IS(kiln_gpu_path_push, position, 64);
 KILN_OFFSET_IS(kiln_gpu_path_push, extent, 112);

@@ -10,6 +10,7 @@ import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
+import glb  # noqa: E402
 import png  # noqa: E402
 
 KILN = os.environ["KILN"]
@@ -97,6 +98,32 @@ class Paths(unittest.TestCase):
         paths = [self.view(self.cornell, f"{ms}.exr", *size, "--backend", "vulkan", "--dispatch-time", ms)
                  for ms in ("1", "1000")]
         np.testing.assert_array_equal(*map(exr.rgb, paths))
+
+    def test_lens(self):
+        """A small lamp at distance d, with a lens of radius R focused at f, is a disc of radius R |1 / f - 1 / d| at
+        distance 1: its second moment is half of that squared. It has the light of the pinhole's picture."""
+        scene = glb.Scene()
+        at, half = -2.0, 0.002
+        scene.quad("lamp", [(-half, -half, at), (half, -half, at), (half, half, at), (-half, half, at)],
+                   scene.material("light", radiance=(1, 1, 1)))
+        path = scene.write(os.path.join(self.folder, "lamp.glb"))
+        pixels, extent = 48, np.tan(np.radians(20) / 2)
+        x = ((np.arange(pixels) + 0.5) / pixels * 2 - 1) * extent
+        options = ("--from=0,0,0", "--to=0,0,-1", "--field-of-view", "20", "--width", str(pixels), "--height",
+                   str(pixels), "--bounces", "0")
+        for backend in self.backends:
+            light = []
+            for lens in ((), ("--lens-radius", "0.2", "--focus-distance", "4"), ("--lens-radius", "0.2")):
+                image = self.pixels(path, *options, "--backend", backend, "--samples-pixel", "1024", *lens)[..., 0]
+                light.append(image.sum())
+                moment = (image * (x[:, None] ** 2 + x[None, :] ** 2)).sum() / light[-1]
+                disc = 0.2 * abs(1 / 4 - 1 / 2) if len(lens) > 2 else 0
+                # the picture of a pinhole lies in the four pixels in the middle
+                wanted = disc ** 2 / 2 + (extent / pixels) ** 2 * (2 if disc == 0 else 2 / 3)
+                self.assertLess(abs(np.sqrt(moment / wanted) - 1), 0.03, (backend, lens))
+            # 4 pixels at the pinhole's, which its paths meet with chance 1/40 or so
+            self.assertLess(abs(light[1] / light[0] - 1), 0.2, light)
+        run("view", self.bake, "--lens-radius", "0.1", "-o", os.path.join(self.folder, "no.exr"), code=64)
 
     def test_ranks(self):
         """The same bits over any number of ranks and threads, of one picture and of frames with one exposure."""
