@@ -125,6 +125,38 @@ class Paths(unittest.TestCase):
             self.assertLess(abs(light[1] / light[0] - 1), 0.2, light)
         run("view", self.bake, "--lens-radius", "0.1", "-o", os.path.join(self.folder, "no.exr"), code=64)
 
+    def test_surfaces(self):
+        """--aov: colour, emission, normal, place and depth of a slanted quad, seen from the front and from the back;
+        nothing where there is none. The light is as without."""
+        scene = glb.Scene()
+        corners = [(-1, -1, -3), (0, -1, -4), (0, 1, -4), (-1, 1, -3)]
+        scene.quad("plate", corners, scene.material("both", albedo=(0.5, 0.25, 0.125), radiance=(0.5, 2, 1),
+                                                    double_sided=True))
+        path = scene.write(os.path.join(self.folder, "plate.glb"))
+        size = ("--width", "40", "--height", "30", "--field-of-view", "50", "--samples-pixel", "4")
+        for eye, target, side in (("0,0,0", "0,0,-1", 1), ("0,0,-7", "0,0,-1", -1)):
+            view = self.view(path, "aov.exr", f"--from={eye}", f"--to={target}", "--aov", *size)
+            found = exr.read(view).channels
+            inside = found["albedo.R"] == 0.5
+            outside = found["albedo.R"] == 0
+            self.assertGreater(inside.sum(), 50)
+            self.assertGreater(outside.sum(), 400)
+            for name, wanted in (("albedo.G", 0.25), ("albedo.B", 0.125), ("emission.R", 0.5), ("emission.G", 2),
+                                 ("normal.X", side * 0.5 ** 0.5), ("normal.Y", 0), ("normal.Z", side * 0.5 ** 0.5)):
+                self.assertLess(np.abs(found[name][inside] - wanted).max(), 1e-5, (name, eye))
+                self.assertEqual(np.abs(found[name][outside]).max(), 0, (name, eye))
+            x, z = found["position.X"][inside], found["position.Z"][inside]
+            self.assertLess(np.abs(x + z + 4).max(), 1e-5)
+            depth = -z if side > 0 else z + 7
+            self.assertLess(np.abs(found["Z"][inside] - depth).max(), 1e-5)
+            self.assertTrue((found["Z"][outside] == 1e10).all())
+            plain = exr.rgb(self.view(path, "plain.exr", f"--from={eye}", f"--to={target}", *size))
+            np.testing.assert_array_equal(exr.rgb(view), plain)
+        baked = os.path.join(self.folder, "baked.exr")
+        run("view", self.bake, "--aov", "--width", "32", "--height", "24", "-o", baked, "--quiet")
+        self.assertTrue({"albedo.R", "normal.Z", "Z"} <= set(exr.read(baked).channels))
+        run("view", self.bake, "--aov", "-o", os.path.join(self.folder, "no.png"), code=64)
+
     def test_ranks(self):
         """The same bits over any number of ranks and threads, of one picture and of frames with one exposure."""
         size = ("--width", "37", "--height", "23", "--bounces", "1", "--samples-pixel", "70")  # more than one stretch
