@@ -361,12 +361,19 @@ static bool was_given(const struct kiln_job *job, const char *name)
 
 static int check_method(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_paths[] = {"bounces", "samples-pixel", "seed", "lens-radius", "focus-distance"};
+    static const char *const of_paths[] = {"bounces", "samples-pixel", "seed", "lens-radius", "focus-distance"},
+                             *const of_scenes[] = {"environment", "environment-scale", "environment-rotation"};
     for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths && job->view_method != KILN_VIEW_METHOD_path; i++)
         if (was_given(job, of_paths[i]))
             return kiln_fail(error, KILN_USAGE,
                              "--%s: the light in lightmaps is as it was baked; only --method path computes light",
                              of_paths[i]);
+    for (size_t i = 0; i < sizeof of_scenes / sizeof *of_scenes && job->scene == NULL; i++)
+        if (was_given(job, of_scenes[i]))
+            return kiln_fail(
+                error, KILN_USAGE,
+                "--%s: a bake's surroundings are as it was baked; kiln view SCENE --method path takes others",
+                of_scenes[i]);
     if (job->view_method == KILN_VIEW_METHOD_path && (v->texels || v->field != NULL))
         return kiln_fail(error, KILN_USAGE,
                          "--method path --show %.100s: path tracing shows light; leave one of the two out", job->show);

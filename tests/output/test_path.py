@@ -152,6 +152,9 @@ class Paths(unittest.TestCase):
             self.assertTrue((found["Z"][outside] == 1e10).all())
             plain = exr.rgb(self.view(path, "plain.exr", f"--from={eye}", f"--to={target}", *size))
             np.testing.assert_array_equal(exr.rgb(view), plain)
+            aim = (f"--from={eye}", f"--to={target}", "--environment", "1,2,3")
+            sky = exr.rgb(self.view(path, "sky.exr", *aim, *size))
+            self.assertGreater((sky[outside] == (1, 2, 3)).mean(), 0.95)  # not at the edges
         baked = os.path.join(self.folder, "baked.exr")
         run("view", self.bake, "--aov", "--width", "32", "--height", "24", "-o", baked, "--quiet")
         self.assertTrue({"albedo.R", "normal.Z", "Z"} <= set(exr.read(baked).channels))
@@ -193,6 +196,7 @@ class Paths(unittest.TestCase):
         for arguments, code, words in (
                 ((self.bake, "--bounces", "2"), 64, "--bounces: the light in lightmaps is as it was baked"),
                 ((self.bake, "--samples-pixel", "2"), 64, "only --method path"),
+                ((self.bake, "--method", "path", "--environment", "1,1,1"), 64, "--environment: a bake's surroundings"),
                 ((self.bake, "--method", "path", "--show", "direct"), 64, "path tracing shows light"),
                 ((self.bake, "--method", "rays"), 64, "lightmaps, path"),
                 ((os.path.join(DATA, "analytic", "leak_box.glb"), "--method", "path"), 64, "--from X,Y,Z"),
