@@ -38,7 +38,7 @@ void kiln_kernel(uint x, uint y)
         cell.at[0] += found * found;
     }
     good = good && k >= push.samples;
-    WordArray(guided.exponents).at[x] = good ? uint(exponent) : KILN_GPU_NONE;
+    WordArray(guided.exponents).at[x] = good ? uint(exponent + KILN_GPU_GUIDE_BIAS) : KILN_GPU_NONE;
 }
 
 #include "shaders/main.glsl"

@@ -13,12 +13,12 @@ void guided_answer(uint x, kiln_gpu_result r);
 KILN_ARRAY(GuidedArray, kiln_gpu_guided_result, 4);
 KILN_ARRAY(GuidedRef, kiln_gpu_guided, 8);
 
-/* The points [first, last] of a tile run: the largest exponent of the valid ones, and how many these are. False: the
- * device ended a loop early. */
+/* The points [first, last] of a tile run: the largest biased exponent of the valid ones, and how many these are. False:
+ * the device ended a loop early. */
 bool learning_points(kiln_gpu_guided guided, uint first, uint last, out int exponent, out uint count)
 {
     bool good = true;
-    exponent = -126;
+    exponent = 0;
     count = 0u;
     for (uint q = first; q <= last; q++) {
         if (WordArray(push.chunk.states).at[push.chunk.origin + q] == KILN_GPU_STATE_INVALID)
@@ -42,7 +42,7 @@ float root_mean_square(kiln_gpu_guided guided, uint cell, uint first, uint last,
                     square = FloatArray(guided.squares + (uint64_t(cell) * push.chunk.total + q) * 4ul).at[0];
         kiln_add(sum, down * down * square);
     }
-    return ldexp(sqrt(float_of(sum) / rays), exponent);
+    return ldexp(sqrt(float_of(sum) / rays), exponent - KILN_GPU_GUIDE_BIAS);
 }
 
 void guided_answer(uint x, kiln_gpu_result r)

@@ -9,6 +9,7 @@
 #define KILN_GPU_GUIDE_SIDE_SHIFT 12u
 #define KILN_GPU_GUIDE_NUMBER_SHIFT 14u
 #define KILN_GPU_GUIDE_PLACE_MASK 63u
+#define KILN_GPU_GUIDE_BIAS 256
 KILN_FUNCTION KILN_U32 kiln_gpu_guide_side(KILN_U32 word) { return (word >> KILN_GPU_GUIDE_SIDE_SHIFT & 3u) * 8u; }
 
 /* What a chunk of the guided pass has besides: of the root, in front of the words and guides. */
@@ -19,8 +20,10 @@ struct kiln_gpu_guided {
     /* Where the pass learns, else 0. Words: of ray k of point x at k * total + x, what it found and where
      * (kiln_gpu_guide_ray) */
     KILN_ADDRESS rays;
-    KILN_ADDRESS squares;   /* floats: of cell c of the rays of point x at c * total + x, */
-    KILN_ADDRESS exponents; /* integers: over 2^(2 e), of point x; KILN_GPU_NONE: the device ended its loops early */
+    KILN_ADDRESS squares; /* floats: of cell c of the rays of point x at c * total + x, */
+    /* words: the squares of point x are over 2^(2 e), with e + KILN_GPU_GUIDE_BIAS here; KILN_GPU_NONE: the device
+     * ended its loops early */
+    KILN_ADDRESS exponents;
 };
 KILN_SIZE_IS(kiln_gpu_guided, 48);
 

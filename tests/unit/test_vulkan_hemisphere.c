@@ -54,19 +54,23 @@ static void add_lights(struct world *w)
     f->scene.environment_texels = w->sky;
 }
 
+static struct kiln_backend_params params_of(const struct world *w)
+{
+    return (struct kiln_backend_params){.scene = &w->fixture->scene,
+                                        .geometry = w->geometry,
+                                        .lights = w->lights,
+                                        .threads = 2,
+                                        .seed = 0x123456789abull};
+}
+
 /* Opens a backend and runs the validity pass. */
-static void open_backend(struct world *w, int b)
+static void open_backend(struct world *w, int b, const struct kiln_backend_params *params)
 {
     struct kiln_error error = {""};
-    const struct kiln_backend_params params = {.scene = &w->fixture->scene,
-                                               .geometry = w->geometry,
-                                               .lights = w->lights,
-                                               .threads = 2,
-                                               .seed = 0x123456789abull};
     const struct kiln_batch looks = {
         .count = w->surface->tile_run_count, .take = kiln_validity_keep, .context = w->surface};
     uint64_t rays = 0;
-    if (kiln_backend_create(&w->backends[b], names[b], &params, &error) != KILN_OK ||
+    if (kiln_backend_create(&w->backends[b], names[b], params, &error) != KILN_OK ||
         kiln_backend_set_surface(w->backends[b], w->surface, &error) != KILN_OK ||
         kiln_backend_set_radiosity(w->backends[b], w->radiosity, &error) != KILN_OK ||
         kiln_backend_run(w->backends[b], &kiln_pass_validity, NULL, &looks, &rays, &error) != KILN_OK)
@@ -85,8 +89,9 @@ static void finish(struct world *w)
         const float level = 1.0f + 0.2f * (float)fixture_random(f), rgb[3] = {level, 2.0f * level, 0.5f};
         w->radiosity[i] = kiln_radiosity_pack(rgb, kiln_hash1((uint32_t)i));
     }
+    const struct kiln_backend_params backend_params = params_of(w);
     for (int b = 0; b < 2; b++)
-        open_backend(w, b);
+        open_backend(w, b, &backend_params);
 }
 
 /* A floor, a box sunk into it by a part of a texel, a sheet with shading normals, a coloured curtain that lets light
@@ -261,6 +266,54 @@ static void learn(const struct world *w, const struct kept k[2], bool learns)
     assert_true(learns ? cells > 4000 && same >= cells * 98 / 100 : cells == 0);
 }
 
+/* Light of any unit is learnt alike. */
+static void learn_at_scales(const struct world *w)
+{
+    static const int exponents[] = {-1, -1, -1, -40, 80}; /* one after the other */
+    const struct kiln_guided_parameters parameters = {.learns = true};
+    for (size_t e = 0; e < sizeof exponents / sizeof *exponents; e++) {
+        struct kept k[2];
+        for (uint64_t i = 0; i < w->surface->point_count; i++) {
+            float rgb[3];
+            kiln_radiosity_unpack(w->radiosity[i], rgb);
+            for (int c = 0; c < 3; c++)
+                rgb[c] = ldexpf(rgb[c], exponents[e]);
+            w->radiosity[i] = kiln_radiosity_pack(rgb, 0);
+        }
+        for (int b = 0; b < 2; b++)
+            assert_int_equal(kiln_backend_set_radiosity(w->backends[b], w->radiosity, NULL), KILN_OK);
+        agree(w, &kiln_pass_guided, &parameters, 13, k);
+        learn(w, k, true);
+        forget(k);
+    }
+}
+
+/* A device that is lost for good while it gathers: Embree goes on, with the same guide. */
+static void fall_back(struct world *w)
+{
+    enum { CALLS = 600, MOST_RUNS = 1000 };
+    const struct kiln_guided_parameters both = {.learns = true, .follows = true};
+    struct kiln_backend_params params = params_of(w);
+    const struct kiln_device_faults lost = {.kind = KILN_DEVICE_FAULT_LOST, .at = CALLS, .every = 1};
+    struct kiln_backend_info info = {.fell_back = false};
+    params.goes_on = true;
+    params.faults = lost;
+    kiln_backend_destroy(&w->backends[1]);
+    open_backend(w, 1, &params);
+    int runs = 0;
+    for (; runs < MOST_RUNS && !info.fell_back; runs++) {
+        struct kept k[2];
+        agree(w, &kiln_pass_guided, &both, 13, k);
+        kiln_backend_info(w->backends[1], &info);
+        if (info.fell_back)
+            for (uint64_t p = 0; p < w->surface->count; p++)
+                assert_memory_equal(&guided(&k[0])[p], &guided(&k[1])[p], sizeof(struct kiln_guided_result));
+        forget(k);
+    }
+    print_message("lost in run %d\n", runs);
+    assert_true(info.fell_back && runs > 1);
+}
+
 static void guided_gathers_agree(void **state)
 {
     (void)state;
@@ -289,6 +342,8 @@ static void guided_gathers_agree(void **state)
     assert_true(same[0] > 100 && same[0] < w.surface->count * 9 / 10);
     assert_true(fabs((double)same[0] - (double)same[1]) < 0.01 * (double)w.surface->count);
     forget(plain);
+    learn_at_scales(&w);
+    fall_back(&w);
     release(&w);
 }
 
