@@ -5,12 +5,16 @@
  *
  * The kernel that includes this says what a ray adds. Before it stand push constants with the members `chunk` and
  * `hemisphere`, `struct Sums`, what a thread adds up, and NO_SUMS, its zeros. The kernel defines the functions that are
- * declared here; it may define HEMISPHERE_BEGIN, what is done with the point's index in its block before its rays, and
- * HEMISPHERE_SEEDS, whether add_ray wants seeds in any scene. All else stands in kiln_kernel, not in functions of its
+ * declared here; it may define HEMISPHERE_BEGIN, what is done with the point's index in its block before its rays,
+ * HEMISPHERE_RAY_DONE, what is done with a sample's number after its ray, and HEMISPHERE_SEEDS, whether add_ray wants
+ * seeds in any scene. All else stands in kiln_kernel, not in functions of its
  * own, which cost the gather 4 % on an H200.
  */
 #ifndef HEMISPHERE_BEGIN
 #    define HEMISPHERE_BEGIN(index)
+#endif
+#ifndef HEMISPHERE_RAY_DONE
+#    define HEMISPHERE_RAY_DONE(k)
 #endif
 #ifndef HEMISPHERE_SEEDS
 #    define HEMISPHERE_SEEDS false
@@ -106,6 +110,7 @@ void kiln_kernel(uint x, uint y)
                 HEMISPHERE_SEEDS || HAS_ALPHA >= KILN_PASSAGE_BLEND
                     ? kiln_gather_ray_seed(chance, push.hemisphere.first_sample + k)
                     : 0u);
+        HEMISPHERE_RAY_DONE(k);
     }
     after_rays(sums, p, row, k >= to);
     store(sums, index - push.chunk.origin, row);

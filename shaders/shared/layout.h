@@ -168,6 +168,7 @@ struct kiln_gpu_directional_result { /* struct kiln_directional_result */
 };
 KILN_SIZE_IS(kiln_gpu_directional_result, 52);
 
+#include "shaders/shared/layout_guide.h"
 #include "shaders/shared/layout_trace.h"
 #include "shaders/shared/layout_material.h"
 #include "shaders/shared/layout_light.h"

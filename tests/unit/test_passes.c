@@ -364,6 +364,7 @@ static void run_all(const struct world *w, const char *name, uint64_t rays[KILN_
         struct kept k = keeper(w, pass, &all);
         all.samples = pass->is_sampled ? 9 : 0;
         rays[i] = 1;
+        rays[i] = 1;
         if (pass->on_embree_only && strcmp(name, "embree") != 0) {
             assert_int_equal(kiln_backend_run(backend, pass, parameters[i], &all, &ignored, &error), KILN_USAGE);
             drop(&k);

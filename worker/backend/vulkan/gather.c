@@ -13,15 +13,12 @@ static const struct vulkan_shader sums_shader = {.name = "gather: sums", .comput
 /* What the kernel asks: nothing, rays are traced and that is all; surfaces; surfaces, and probes behind the range. */
 enum { TRACE_ONLY, SURFACES, SURFACES_AND_PROBES };
 
-/* What its push constants have beside those of every pass over the hemisphere. */
-struct own {
-    uint64_t probes, near_probes;
-};
-_Static_assert(sizeof(struct kiln_gpu_gather_push) == sizeof(struct kiln_gpu_hemisphere_push) + sizeof(struct own),
+/* Its push constants have two addresses beside those of every pass over the hemisphere. */
+_Static_assert(sizeof(struct kiln_gpu_gather_push) == sizeof(struct kiln_gpu_hemisphere_push) + 2 * sizeof(uint64_t),
                "the pass's own push constants come last");
 
 static struct vulkan_hemisphere gather_of(const struct vulkan_backend *b, const struct kiln_batch *batch,
-                                          uint32_t lookup, const struct own *own)
+                                          uint32_t lookup, const uint64_t own[2])
 {
     const bool tints = b->params.geometry->passage == KILN_PASSAGE_TINT;
     return (struct vulkan_hemisphere){.pass = &kiln_pass_gather,
@@ -29,7 +26,7 @@ static struct vulkan_hemisphere gather_of(const struct vulkan_backend *b, const 
                                       .sums = &sums_shader,
                                       .constant = lookup,
                                       .own = own,
-                                      .own_bytes = sizeof *own,
+                                      .own_bytes = 2 * sizeof *own,
                                       .asks_probes = lookup == SURFACES_AND_PROBES,
                                       .pace = KILN_PASS_INDEX_gather,
                                       .stream = batch->stream,
@@ -37,12 +34,18 @@ static struct vulkan_hemisphere gather_of(const struct vulkan_backend *b, const 
                                       .failed_offset = offsetof(struct kiln_gpu_result, error)};
 }
 
+struct vulkan_hemisphere vulkan_gather_pass(const struct vulkan_backend *b, const struct kiln_batch *batch,
+                                            const uint64_t own[2])
+{
+    return gather_of(b, batch, b->probes != NULL ? SURFACES_AND_PROBES : SURFACES, own);
+}
+
 static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
                struct kiln_error *error)
 {
     (void)parameters;
-    const struct own own = {0}; /* filled in for each chunk */
-    const struct vulkan_hemisphere pass = gather_of(b, batch, b->probes != NULL ? SURFACES_AND_PROBES : SURFACES, &own);
+    const uint64_t own[2] = {0, 0}; /* filled in for each chunk */
+    const struct vulkan_hemisphere pass = vulkan_gather_pass(b, batch, own);
     return vulkan_hemisphere_run(b, &pass, batch, rays, error);
 }
 
@@ -52,8 +55,8 @@ int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch,
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
     struct kiln_batch nobody = *batch;
     nobody.take = NULL;
-    const struct own own = {0};
-    struct vulkan_hemisphere pass = gather_of(b, &nobody, TRACE_ONLY, &own);
+    const uint64_t own[2] = {0, 0};
+    struct vulkan_hemisphere pass = gather_of(b, &nobody, TRACE_ONLY, own);
     pass.pace = VULKAN_PACE_CEILING;
     pass.seconds = seconds;
     return vulkan_hemisphere_run(b, &pass, &nobody, rays, error);

@@ -126,6 +126,8 @@ static int prepare(struct path_run *r, const struct kiln_path_parameters *c, con
                                           .forward = c->forward,
                                           .right = c->right,
                                           .up = c->up,
+                                          .lens_radius = c->lens_radius,
+                                          .focus_distance = c->focus_distance,
                                           .extent = b->params.geometry->extent};
     return status;
 }

@@ -177,6 +177,8 @@ static void clear(struct vulkan_backend *b)
         gpu_buffer_destroy(b->gpu, &b->slots[i].scratch);
         gpu_buffer_destroy(b->gpu, &b->slots[i].answers);
         gpu_buffer_destroy(b->gpu, &b->slots[i].host);
+        gpu_buffer_destroy(b->gpu, &b->slots[i].guides);
+        gpu_buffer_destroy(b->gpu, &b->slots[i].guides_host);
     }
     gpu_buffer_destroy(b->gpu, &b->sobol);
     b->sobol_count = 0;
