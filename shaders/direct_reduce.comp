@@ -45,7 +45,7 @@ void kiln_kernel(uint x, uint y)
     const uint index = push.chunk.origin + x;
     uint rays = 0u;
     kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0,
-                                        float[3](0.0, 0.0, 0.0), 0.0, 0u);
+                                        float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0u);
     const uint word = DirectWords(push.chunk.states).at[index], state = word & KILN_GPU_STATE_MASK;
     if (state != KILN_GPU_STATE_INVALID) {
         real3 incident = real3(0), irradiance = real3(0);

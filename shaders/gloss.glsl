@@ -12,10 +12,7 @@ KILN_ARRAY(GlossArray, kiln_gpu_gloss, 4);
 KILN_ARRAY(GlossPlaces, kiln_gpu_gloss_place, 4);
 
 /* Flags of a material's gloss (KILN_GPU_GLOSS_...); 0: it is diffuse. `material` is an index into the scene's. */
-uint kiln_gloss_flags(uint material)
-{
-    return GlossArray(SCENE.materials.glosses).at[material].flags;
-}
+uint kiln_gloss_flags(uint material) { return GlossArray(SCENE.materials.glosses).at[material].flags; }
 
 /* What the textures for each use say at texture coordinates; of those that are one number, this number in x. */
 void kiln_gloss_texels(uint material, uint flags, vec2 at, out vec4 texels[KILN_GPU_GLOSS_USES])
@@ -54,8 +51,8 @@ kiln_bsdf kiln_gloss_bsdf(kiln_gpu_gloss g, vec3 base_color, vec4 texels[KILN_GP
 {
     kiln_bsdf p;
     p.base_color = base_color;
-    p.specular_color = vec3(g.specular_color[0], g.specular_color[1], g.specular_color[2]) *
-                       texels[KILN_GPU_GLOSS_SPECULAR_COLOR].rgb;
+    p.specular_color =
+        vec3(g.specular_color[0], g.specular_color[1], g.specular_color[2]) * texels[KILN_GPU_GLOSS_SPECULAR_COLOR].rgb;
     p.eta = vec3(g.eta[0], g.eta[1], g.eta[2]);
     p.transmission = g.transmission * texels[KILN_GPU_GLOSS_TRANSMISSION].x;
     p.thin_wall = (g.flags & KILN_GPU_GLOSS_VOLUME) == 0u ? 1u : 0u;
@@ -77,8 +74,7 @@ kiln_bsdf kiln_gloss_bsdf(kiln_gpu_gloss g, vec3 base_color, vec4 texels[KILN_GP
             p.alpha_y = p.alpha_x;
             return p;
         }
-        p.base_color =
-            through ? vec3(g.filter_color[0], g.filter_color[1], g.filter_color[2]) : p.specular_color;
+        p.base_color = through ? vec3(g.filter_color[0], g.filter_color[1], g.filter_color[2]) : p.specular_color;
         p.metallic = through ? 0.0 : 1.0;
         p.specular_color = vec3(1.0);
         p.specular = 1.0;
@@ -113,11 +109,13 @@ mat3 kiln_gloss_frame(vec3 z, float place[6], vec3 edge1, vec3 edge2, vec2 turn)
     return mat3(x, cross(z, x), z);
 }
 
-/* The material at a position of a world triangle, which is taken with its gloss, and the columns of the frame that
- * directions are given to it in: z is the shading normal of the front. The edges go from the world triangle's corner 0
- * to 1 and to 2. */
-kiln_bsdf kiln_surface_bsdf(uint material, uint triangle, float u, float v, vec3 z, vec3 edge1, vec3 edge2,
-                            out mat3 frame)
+KILN_ARRAY(LobesArray, kiln_bsdf_lobes, 4);
+
+/* The scattering at a position of a world triangle, whose material is taken with its gloss, and the columns of the
+ * frame that directions are given to it in: z is the shading normal of the front. The edges go from the world
+ * triangle's corner 0 to 1 and to 2. What is the same all over a material, the host has made ready. */
+kiln_bsdf_lobes kiln_surface_lobes(uint material, uint triangle, float u, float v, vec3 z, vec3 edge1, vec3 edge2,
+                                   out mat3 frame)
 {
     const kiln_gpu_gloss g = GlossArray(SCENE.materials.glosses).at[material];
     const bool placed = SCENE.materials.gloss_places != 0ul;
@@ -128,13 +126,20 @@ kiln_bsdf kiln_surface_bsdf(uint material, uint triangle, float u, float v, vec3
     vec2 turn;
     if (placed)
         place = GlossPlaces(SCENE.materials.gloss_places + 24ul * (slot & ~KILN_GPU_FLIPPED)).at[0].at;
-    kiln_gloss_texels(material, g.flags, kiln_interpolated(place, flipped ? v : u, flipped ? u : v), texels);
+    kiln_gloss_texels(material, HAS_VARIED != 0u ? g.flags : 0u,
+                      kiln_interpolated(place, flipped ? v : u, flipped ? u : v), texels);
     const float anisotropy = kiln_gloss_anisotropy(g, texels[KILN_GPU_GLOSS_ANISOTROPY], turn);
     if (placed && g.anisotropy > 0.0)
         frame = kiln_gloss_frame(z, place, flipped ? edge2 : edge1, flipped ? edge1 : edge2, turn);
     else
         frame = kiln_frame_about(z);
-    return kiln_gloss_bsdf(g, kiln_surface_color(triangle, u, v, true), texels, anisotropy);
+    const vec3 color = kiln_surface_color(triangle, u, v, true);
+    if (HAS_VARIED != 0u && (g.flags & KILN_GPU_GLOSS_PREPARED) == 0u)
+        return kiln_bsdf_prepare(kiln_gloss_bsdf(g, color, texels, anisotropy));
+    kiln_bsdf_lobes lobes = LobesArray(SCENE.materials.lobes).at[material];
+    if ((g.flags & KILN_GPU_GLOSS_DYED) != 0u)
+        kiln_bsdf_dye(lobes, color);
+    return lobes;
 }
 
 /* Share of light, by colour, that comes through `distance` m of what a face of the material bounds (Beer's law). */

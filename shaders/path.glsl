@@ -123,8 +123,8 @@ void find_lobes(kiln_gpu_path_triangle t, vec3 direction, inout Meeting m)
     /* a shading normal on the other side of the ray's direction would make a front of a back */
     if ((dot(m.shading, direction) < 0.0) != (dot(m.normal, direction) < 0.0))
         m.shading = m.normal;
-    lobes = kiln_bsdf_prepare(kiln_surface_bsdf(material_of(m.triangle) & KILN_RECORD_MATERIAL, m.triangle, m.u, m.v,
-                                                m.shading, t.e1, t.e2, frame));
+    lobes = kiln_surface_lobes(material_of(m.triangle) & KILN_RECORD_MATERIAL, m.triangle, m.u, m.v, m.shading, t.e1,
+                               t.e2, frame);
     from = -direction * frame;
     shares = kiln_bsdf_shares(lobes, from);
     others = KILN_LOBE_GLOSS | (lobes.coat.strength > 0.0 ? KILN_LOBE_COAT : 0u);

@@ -3,6 +3,7 @@
 
 #include "coordinator/surface/build.h"
 #include "worker/base/memory.h"
+#include "worker/material/surface_bsdf.h"
 #include "worker/scene/footprint.h"
 #include "worker/scene/texture.h"
 
@@ -30,17 +31,17 @@ static void sample_color(const struct kiln_build *build, uint32_t triangle, doub
     const struct kiln_geometry *g = build->geometry;
     const struct kiln_scene *scene = build->scene;
     const struct kiln_hit_record *record = &g->records[triangle];
-    float s1, s2, rgba[4];
+    float s1, s2, rgb[3];
     kiln_geometry_stored_barycentrics(scene, g, triangle, (float)b1, (float)b2, &s1, &s2);
-    kiln_surface_color(scene, &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle], s1, s2,
-                       rgba);
+    kiln_surface_albedo(scene, &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle], s1,
+                        s2, rgb);
     double weight = area;
     if (triangle >= g->opaque_count)
         weight *= (double)kiln_surface_opacity(scene, &scene->meshes[scene->objects[record->object].mesh],
                                                g->stored_triangle[triangle], s1, s2);
     for (int c = 0; c < 3; c++) {
-        sum->opaque[c] += weight * (double)rgba[c];
-        sum->all[c] += area * (double)rgba[c];
+        sum->opaque[c] += weight * (double)rgb[c];
+        sum->all[c] += area * (double)rgb[c];
     }
     sum->weight += weight;
     sum->area += area;

@@ -132,7 +132,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
     }
     a.spread_near = vec3_scale(l.metal_spread, rest * l.metal * lost);
     a.spread_far = vec3(0.0f, 0.0f, 0.0f);
-    if (l.glass > 0.0f && !l.base_is_mirror) {
+    if (l.glass > 0.0f && l.base_is_mirror == 0u) {
         const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, mu);
         const float here = front ? l.glass_lost_coat : l.glass_lost_back;
         const float there = front ? l.glass_lost_back : l.glass_lost_coat;
@@ -143,9 +143,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
 }
 
 /* Luminances of the albedos, of which kiln_bsdf_choice_of makes chances: for who asks for several sets of lobes. */
-KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_shares(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o)
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_shares_of(KILN_STRUCT kiln_bsdf_albedo a)
 {
-    const KILN_STRUCT kiln_bsdf_albedo a = kiln_bsdf_albedo_of(l, o);
     KILN_STRUCT kiln_bsdf_choice c;
     c.coat = a.coat.x;
     c.diffuse = kiln_bsdf_luminance(a.diffuse);
@@ -153,6 +152,10 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_shares(KILN_STRUCT kiln_bsd
     c.near = kiln_bsdf_luminance(a.spread_near);
     c.far = kiln_bsdf_luminance(a.spread_far);
     return c;
+}
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_shares(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o)
+{
+    return kiln_bsdf_shares_of(kiln_bsdf_albedo_of(l, o));
 }
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_choice_of(KILN_STRUCT kiln_bsdf_choice shares, KILN_U32 lobes)
 {
@@ -296,7 +299,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_transmission(KILN_STRUCT kil
     }
     s.value = vec3(0.0f, 0.0f, 0.0f);
     s.density = 0.0f;
-    const int colors = l.disperses ? 3 : 1; /* a part of the directions is drawn for each colour */
+    const int colors = l.disperses != 0u ? 3 : 1; /* a part of the directions is drawn for each colour */
     for (int c = 0; c < colors; c++) {
         const float eta = c == 0 ? l.p.eta.x : c == 1 ? l.p.eta.y : l.p.eta.z;
         const KILN_STRUCT kiln_bsdf_value color = kiln_bsdf_refracted(l, front, o, i, eta, mode);
@@ -314,7 +317,7 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_given_back(KILN_STRUCT kiln_bsdf_lobes l, bo
 {
     KILN_VECTOR sum = vec3(0.0f, 0.0f, 0.0f);
     const float mu = float_abs(i.z);
-    if (l.base_is_mirror)
+    if (l.base_is_mirror != 0u)
         return sum;
     if (i.z > 0.0f && l.metal > 0.0f) {
         const float coat = kiln_bsdf_coat_factor(l, front, o.z) * kiln_bsdf_coat_factor(l, front, mu);
@@ -385,7 +388,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate_chosen(KILN_STRUCT 
     if (spread > 0.0f)
         s.density += spread * kiln_bsdf_spread_density(l.face.alpha, float_abs(i.z));
     KILN_STRUCT kiln_bsdf_value part;
-    if ((lobes & KILN_LOBE_COAT) != 0u && choice.coat > 0.0f && !l.coat_is_mirror && i.z > 0.0f) {
+    if ((lobes & KILN_LOBE_COAT) != 0u && choice.coat > 0.0f && l.coat_is_mirror == 0u && i.z > 0.0f) {
         const KILN_VECTOR h = kiln_direction_of(vec3_add(o, i));
         part = kiln_bsdf_facets(o, i, h, l.p.coat_alpha, l.p.coat_alpha);
         s.value = vec3_madd(s.value, part.value, l.coat.strength * kiln_fresnel(vec3_dot(o, h), KILN_COAT_INDEX));
@@ -402,7 +405,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate_chosen(KILN_STRUCT 
         return s;
     }
     s.value = vec3_add(s.value, kiln_bsdf_given_back(l, front, o, i, mode));
-    if (l.base_is_mirror)
+    if (l.base_is_mirror != 0u)
         return s;
     if (i.z > 0.0f)
         part = kiln_bsdf_reflection(l, front, o, i);
@@ -475,7 +478,7 @@ KILN_FUNCTION void kiln_bsdf_draw_mirror(KILN_STRUCT kiln_bsdf_lobes l, bool fro
     }
     KILN_VECTOR color = split.through;
     float index = eta.y, share = 1.0f;
-    if (l.disperses && l.p.thin_wall == 0u) {
+    if (l.disperses != 0u && l.p.thin_wall == 0u) {
         const float third = 3.0f * (pick - split.chance) / (1.0f - split.chance);
         share = KILN_RATIO32(1, 3);
         index = third < 1.0f ? eta.x : third < 2.0f ? eta.y : eta.z;
@@ -513,7 +516,7 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_draw_gloss(KILN_STRUCT kiln_bsdf_lobes l, bo
     if (pick < chance)
         return i.z > 0.0f ? i : vec3(0.0f, 0.0f, 0.0f);
     float index = eta.y;
-    if (l.disperses) {
+    if (l.disperses != 0u) {
         const float third = 3.0f * (pick - chance) / (1.0f - chance);
         index = third < 1.0f ? eta.x : third < 2.0f ? eta.y : eta.z;
     }
@@ -539,7 +542,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_drawn kiln_bsdf_propose(KILN_STRUCT kiln_bsd
         return d;
     if (pick < c.coat) {
         d.lobe = KILN_LOBE_COAT;
-        d.delta = l.coat_is_mirror;
+        d.delta = l.coat_is_mirror != 0u;
         if (d.delta) {
             d.i = vec3(-up.x, -up.y, up.z);
             d.weight = kiln_bsdf_gray(kiln_coat_albedo(l.coat, up.z) / c.coat);
@@ -550,7 +553,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_drawn kiln_bsdf_propose(KILN_STRUCT kiln_bsd
             d.i = vec3(0.0f, 0.0f, 0.0f);
     } else if (pick < c.coat + c.gloss) {
         const float left = (pick - c.coat) / c.gloss;
-        if (l.base_is_mirror && l.p.model == KILN_BSDF_LAYERS)
+        if (l.base_is_mirror != 0u && l.p.model == KILN_BSDF_LAYERS)
             kiln_bsdf_draw_mirror(l, front, up, left, c.gloss, mode, KILN_TO(d));
         else
             d.i = kiln_bsdf_draw_gloss(l, front, up, left, u, v);
@@ -597,7 +600,7 @@ KILN_FUNCTION float kiln_bsdf_reverse(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR
     const float chance = kiln_bsdf_split_at(l, d.i.z > 0.0f, float_abs(d.i.z)).chance;
     if (o.z * d.i.z > 0.0f)
         return c.gloss * chance;
-    return c.gloss * (1.0f - chance) * (l.disperses && l.p.thin_wall == 0u ? KILN_RATIO32(1, 3) : 1.0f);
+    return c.gloss * (1.0f - chance) * (l.disperses != 0u && l.p.thin_wall == 0u ? KILN_RATIO32(1, 3) : 1.0f);
 }
 
 /* ---- shading normals ---- */

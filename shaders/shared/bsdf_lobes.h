@@ -45,7 +45,7 @@ struct kiln_bsdf_lobes {
     KILN_STRUCT kiln_bsdf p;
     float metal, glass, matt; /* shares of the base; their sum is 1 */
     float alpha_x, alpha_y;
-    bool base_is_mirror, coat_is_mirror, disperses;
+    KILN_U32 base_is_mirror, coat_is_mirror, disperses; /* 0 or 1: buffers hold no bool */
     KILN_STRUCT kiln_interface face;
     KILN_STRUCT kiln_boundary boundary; /* set for a rough boundary of glass */
     KILN_STRUCT kiln_coat coat;
@@ -68,6 +68,12 @@ KILN_FUNCTION void kiln_bsdf_alphas(float roughness, float strength, KILN_OUT(fl
 KILN_FUNCTION float kiln_bsdf_phong_alpha(float exponent) { return float_sqrt(2.0f / (exponent + 2.0f)); }
 /* Stands for a mirror over a diffuse surface in Phong's model: a lobe of a quarter of a degree. */
 #define KILN_BSDF_PHONG_MIRROR 1.0e5f
+
+/* Share of the base that is diffuse. */
+KILN_FUNCTION float kiln_bsdf_matt(KILN_STRUCT kiln_bsdf p)
+{
+    return p.model == KILN_BSDF_LAYERS ? (1.0f - p.metallic) * (1.0f - p.transmission) : 1.0f;
+}
 
 KILN_FUNCTION float kiln_bsdf_luminance(KILN_VECTOR rgb)
 {
@@ -136,7 +142,7 @@ KILN_FUNCTION float kiln_bsdf_matt_albedo(KILN_STRUCT kiln_bsdf_lobes l, float m
 /* What glass loses from one side. */
 KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool front, float mu)
 {
-    if (l.base_is_mirror)
+    if (l.base_is_mirror != 0u)
         return 0.0f;
     if (l.p.thin_wall != 0u)
         return kiln_interface_lost(l.face, mu);
@@ -199,6 +205,16 @@ KILN_FUNCTION float kiln_bsdf_spread(float facet, float lost_mean)
     return facet * facet * (1.0f - lost_mean) / (1.0f - facet * lost_mean);
 }
 
+/* Gives prepared lobes another base colour, on which nothing else in them hangs. */
+KILN_FUNCTION void kiln_bsdf_dye(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l, KILN_VECTOR color)
+{
+    const float lost = KILN_AT(l).lost_mean;
+    KILN_AT(l).p.base_color = color;
+    KILN_AT(l).metal_spread =
+        vec3(kiln_bsdf_spread(kiln_schlick_mean(color.x), lost), kiln_bsdf_spread(kiln_schlick_mean(color.y), lost),
+             kiln_bsdf_spread(kiln_schlick_mean(color.z), lost));
+}
+
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare(KILN_STRUCT kiln_bsdf p)
 {
     KILN_STRUCT kiln_bsdf_lobes l;
@@ -207,24 +223,23 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare(KILN_STRUCT kiln_bsd
     l.p = p;
     l.metal = layers ? p.metallic : 0.0f;
     l.glass = layers ? (1.0f - p.metallic) * p.transmission : 0.0f;
-    l.matt = layers ? (1.0f - p.metallic) * (1.0f - p.transmission) : 1.0f;
+    l.matt = kiln_bsdf_matt(p);
     /* what hardly bends light is hardly seen, however rough: no facet hides another */
     const float seen = l.glass > 0.0f && p.thin_wall == 0u ? float_min((index - 1.0f) * 20.0f, 1.0f) : 1.0f;
     l.alpha_x = float_min(p.alpha_x, 1.0f) * seen;
     l.alpha_y = float_min(p.alpha_y, 1.0f) * seen;
-    l.base_is_mirror = float_max(l.alpha_x, l.alpha_y) < KILN_MIRROR_ALPHA;
+    l.base_is_mirror = float_max(l.alpha_x, l.alpha_y) < KILN_MIRROR_ALPHA ? 1u : 0u;
     l.alpha_x = float_max(l.alpha_x, KILN_MIRROR_ALPHA);
     l.alpha_y = float_max(l.alpha_y, KILN_MIRROR_ALPHA);
-    l.coat_is_mirror = p.coat_alpha < KILN_MIRROR_ALPHA;
-    l.disperses = p.eta.x != p.eta.y || p.eta.z != p.eta.y;
-    const float alpha = l.base_is_mirror ? 0.0f : float_sqrt(0.5f * (l.alpha_x * l.alpha_x + l.alpha_y * l.alpha_y));
+    l.coat_is_mirror = p.coat_alpha < KILN_MIRROR_ALPHA ? 1u : 0u;
+    l.disperses = p.eta.x != p.eta.y || p.eta.z != p.eta.y ? 1u : 0u;
+    const float alpha =
+        l.base_is_mirror != 0u ? 0.0f : float_sqrt(0.5f * (l.alpha_x * l.alpha_x + l.alpha_y * l.alpha_y));
     l.face = kiln_interface_of(alpha, index);
     l.boundary = kiln_boundary_of(alpha, index);
-    l.coat = kiln_coat_of(layers ? p.coat : 0.0f, l.coat_is_mirror ? 0.0f : float_min(p.coat_alpha, 1.0f), alpha);
+    l.coat = kiln_coat_of(layers ? p.coat : 0.0f, l.coat_is_mirror != 0u ? 0.0f : float_min(p.coat_alpha, 1.0f), alpha);
     kiln_bsdf_means(KILN_TO(l));
-    l.metal_spread = vec3(kiln_bsdf_spread(kiln_schlick_mean(p.base_color.x), l.lost_mean),
-                          kiln_bsdf_spread(kiln_schlick_mean(p.base_color.y), l.lost_mean),
-                          kiln_bsdf_spread(kiln_schlick_mean(p.base_color.z), l.lost_mean));
+    kiln_bsdf_dye(KILN_TO(l), p.base_color);
     return l;
 }
 

@@ -11,12 +11,12 @@
  * diffuse, where it escapes, where it meets the back of a single-sided surface that is not taken with its gloss, or by
  * chance (kiln_chain_chance). What bodies of glass on its way absorb multiplies its weight (Beer's law).
  *
- * Light that has met no diffuse surface yet (the caustic pass) is found by the same chains: a sharp lobe
- * (kiln_path_sharp) finds what the surfaces that the chain meets next emit, and the sky; for the other lobes, samples
- * of the lights are drawn, as in the path pass (worker/pass/path.h), one of the tree of lights, one of each directional
- * light, two of an environment with an image. A sky of one radiance all over is found by the chain's rays, whatever the
- * lobe. Of lights that no ray can meet (points, spots, directional lights) samples are drawn for sharp lobes too, where
- * these are no mirrors. */
+ * Light that has met no diffuse surface yet (the caustic pass) is found by the same chains, at each surface that they
+ * go on from: a sharp lobe (kiln_path_sharp) finds what the surfaces that the chain meets next emit, and the sky; for
+ * the other lobes, samples of the lights are drawn, as in the path pass (worker/pass/path.h), one of the tree of
+ * lights, one of each directional light, two of an environment with an image. A sky of one radiance all over is found
+ * by the chain's rays, whatever the lobe. Of lights that no ray can meet (points, spots, directional lights) samples
+ * are drawn for sharp lobes too, where these are no mirrors. */
 #ifndef KILN_SHADERS_SHARED_CHAIN_H
 #define KILN_SHADERS_SHARED_CHAIN_H
 
@@ -25,16 +25,34 @@
 
 /* Surfaces of a chain that are met for certain while the chain's weight is not small; --chain-length. */
 #define KILN_CHAIN_LENGTH 8u
-/* A chain whose weight is below this goes on with a chance: most gloss sends on a twentieth of what it meets. */
-#define KILN_CHAIN_SMALL KILN_RATIO32(1, 4)
+/* A chain that is to have less than one over this of its first weight goes on with a chance of so many times the
+ * weight: most gloss sends on a twentieth of what it meets. */
+#define KILN_CHAIN_MORE 2.0f
 
-/* With what chance a chain goes on from its surface number `surface` (0, 1, ...), given the largest of its weight's
- * colours; it counts the more for it. */
-KILN_FUNCTION float kiln_chain_chance(KILN_U32 surface, KILN_U32 length, float most)
+/* What a chain of this weight would have left, of the colour of which that is most, when lobes that are not diffuse
+ * have sent it on; about, by the albedos for the direction that it comes from. */
+KILN_FUNCTION float kiln_chain_left(KILN_STRUCT kiln_bsdf_albedo a, KILN_VECTOR weight)
+{
+    const KILN_VECTOR sent = vec3_add(vec3_add(a.gloss, a.coat), vec3_add(a.spread_near, a.spread_far));
+    return kiln_bsdf_largest(vec3_mul(weight, sent));
+}
+
+/* With what chance a chain goes on from its surface number `surface` (0, 1, ...); it counts the more for it. Chance
+ * decides before a direction is drawn and before lights are sampled, so that a chain that ends costs little. `left`:
+ * kiln_chain_left. */
+KILN_FUNCTION float kiln_chain_chance(KILN_U32 surface, KILN_U32 length, float left)
 {
     if (surface >= length)
-        return most < KILN_PATH_CHANCE_MOST ? most : KILN_PATH_CHANCE_MOST;
-    return most < KILN_CHAIN_SMALL ? most * 4.0f : 1.0f;
+        return float_min(left, KILN_PATH_CHANCE_MOST);
+    return float_min(KILN_CHAIN_MORE * left, 1.0f);
+}
+
+/* Of light from a direction, what surface points on such a material take up of it, in the light that they count as
+ * incident: kiln_diffuse_in where there is a diffuse part. `cosine` is the direction's with the shading normal of the
+ * front, signed. */
+KILN_FUNCTION float kiln_chain_taken_up(KILN_STRUCT kiln_bsdf_lobes lobes, float cosine)
+{
+    return lobes.matt > 0.0f ? kiln_diffuse_in(lobes, cosine) : 0.0f;
 }
 
 /* What the random numbers of a texel's chains hang on: `chance` is the texel's kiln_gather_chance. Numbers of ray k at

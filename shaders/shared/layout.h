@@ -150,11 +150,11 @@ KILN_SIZE_IS(kiln_gpu_radiance_probes, 88);
 struct kiln_gpu_result { /* struct kiln_point_result */
     KILN_REAL32 irradiance[3], incident[3];
     KILN_REAL32 error, escaped, blocked;
-    KILN_REAL32 glass[3];
+    KILN_REAL32 glass[3], gloss[3];
     KILN_REAL32 present;
     KILN_WORD count;
 };
-KILN_SIZE_IS(kiln_gpu_result, 56);
+KILN_SIZE_IS(kiln_gpu_result, 68);
 
 struct kiln_gpu_occlusion_result { /* struct kiln_occlusion_result */
     KILN_REAL32 open, direction[3], error;

@@ -55,6 +55,8 @@ KILN_SIZE_IS(kiln_gpu_gloss_texture, 32);
 #define KILN_GPU_GLOSS_PHONG 8u
 #define KILN_GPU_GLOSS_TEXTURED 16u  /* one of the textures is there */
 #define KILN_GPU_GLOSS_TRANSMITS 32u /* light may come through */
+#define KILN_GPU_GLOSS_PREPARED 64u  /* its lobes are the same all over, but for their colour: see `lobes` */
+#define KILN_GPU_GLOSS_DYED 128u     /* and they have the surface's colour, else their own */
 
 struct kiln_gpu_gloss { /* struct kiln_gloss of the material of the same index */
     KILN_WORD flags;
@@ -81,5 +83,6 @@ struct kiln_gpu_materials {
     KILN_WORD slot_first, reserved;
     KILN_ADDRESS glosses;      /* of each material; 0: all are diffuse */
     KILN_ADDRESS gloss_places; /* of each coating; 0: textures are read at (0, 0) */
+    KILN_ADDRESS lobes;        /* struct kiln_bsdf_lobes of each material that is PREPARED */
 };
-KILN_SIZE_IS(kiln_gpu_materials, 64);
+KILN_SIZE_IS(kiln_gpu_materials, 72);

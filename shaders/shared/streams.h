@@ -35,6 +35,8 @@ KILN_FUNCTION KILN_U32 kiln_gather_ray_seed(KILN_U32 chance, KILN_U32 k) { retur
 /* In the place of a gather's stream, which is below 0x10000: the rays of the occlusion and the directional pass. */
 #define KILN_OCCLUSION_STREAM 0x10001u
 #define KILN_DIRECTIONAL_STREAM 0x10002u
+/* Added to the stream of the caustic pass, which is below 0x10000. */
+#define KILN_CAUSTIC_STREAM 0x20000u
 
 /* ---- samples of lights ---- */
 

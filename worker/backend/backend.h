@@ -49,6 +49,8 @@ struct kiln_backend_params {
     enum kiln_traversal traversal;
     double slice_seconds;   /* what one dispatch may take; 0: 0.1 */
     uint64_t device_memory; /* bytes; 0: what the device has */
+    /* surfaces of a chain that are met for certain (shaders/shared/chain.h); 0: KILN_CHAIN_LENGTH */
+    uint32_t chain_length;
     bool goes_on;           /* with Embree once the device has failed for good (worker/backend/fallback.h) */
     double verify_fraction; /* of the tile runs, traced again with Embree (worker/backend/verify.h); 0: none */
     /* ends creation, emission and validity early, with KILN_STOPPED; NULL: nothing does */

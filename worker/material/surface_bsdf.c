@@ -1,6 +1,7 @@
 #include "worker/material/surface_bsdf.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "worker/scene/texture.h"
 
@@ -65,7 +66,7 @@ static float anisotropy_of(const struct spot *s, float *cosine, float *sine)
     return strength;
 }
 
-static void set_colors(struct kiln_bsdf *p, const struct spot *s, const float base[4])
+static void set_colors(struct kiln_bsdf *p, const struct spot *s, const float base[3])
 {
     const struct kiln_gloss *g = s->gloss;
     float tint[4];
@@ -81,21 +82,19 @@ struct kiln_vec3 kiln_gloss_index(const struct kiln_gloss *gloss)
     return gloss->dispersion > 0.0f ? kiln_dispersed_index(index, gloss->dispersion) : vec3(index, index, index);
 }
 
-struct kiln_bsdf kiln_surface_bsdf(const struct kiln_scene *scene, const struct kiln_gloss *gloss,
-                                   const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2)
+static struct kiln_bsdf bsdf_at(const struct spot *s, const float base[3])
 {
-    const struct spot s = spot_at(scene, gloss, mesh, triangle, b1, b2);
+    const struct kiln_gloss *gloss = s->gloss;
     struct kiln_bsdf p = {.thin_wall = (gloss->flags & KILN_GLOSS_VOLUME) == 0 ? 1u : 0u, .model = KILN_BSDF_LAYERS};
-    float base[4], cosine, sine;
-    kiln_surface_base_color(scene, mesh, triangle, b1, b2, base);
-    set_colors(&p, &s, base);
+    float cosine, sine;
+    set_colors(&p, s, base);
     p.eta = kiln_gloss_index(gloss);
-    p.transmission = gloss->transmission * number_of(&s, KILN_GLOSS_TRANSMISSION);
+    p.transmission = gloss->transmission * number_of(s, KILN_GLOSS_TRANSMISSION);
     if (gloss->model == KILN_GLOSS_PHONG) {
         const bool mirror = (gloss->flags & KILN_GLOSS_MIRROR) != 0, black = base[0] + base[1] + base[2] == 0.0f;
         if (!(p.transmission > 0.0f) && !(mirror && black)) {
             p.model = KILN_BSDF_PHONG;
-            p.exponent = mirror ? KILN_BSDF_PHONG_MIRROR : gloss->exponent * number_of(&s, KILN_GLOSS_ROUGHNESS);
+            p.exponent = mirror ? KILN_BSDF_PHONG_MIRROR : gloss->exponent * number_of(s, KILN_GLOSS_ROUGHNESS);
             p.alpha_x = p.alpha_y = kiln_bsdf_phong_alpha(p.exponent);
             return p;
         }
@@ -106,14 +105,83 @@ struct kiln_bsdf kiln_surface_bsdf(const struct kiln_scene *scene, const struct 
         p.specular = 1.0f;
         return p;
     }
-    p.metallic = gloss->metallic * number_of(&s, KILN_GLOSS_METALLIC);
-    p.specular = gloss->specular * number_of(&s, KILN_GLOSS_SPECULAR);
-    kiln_bsdf_alphas(gloss->roughness * number_of(&s, KILN_GLOSS_ROUGHNESS), anisotropy_of(&s, &cosine, &sine),
+    p.metallic = gloss->metallic * number_of(s, KILN_GLOSS_METALLIC);
+    p.specular = gloss->specular * number_of(s, KILN_GLOSS_SPECULAR);
+    kiln_bsdf_alphas(gloss->roughness * number_of(s, KILN_GLOSS_ROUGHNESS), anisotropy_of(s, &cosine, &sine),
                      &p.alpha_x, &p.alpha_y);
-    p.coat = gloss->clearcoat * number_of(&s, KILN_GLOSS_CLEARCOAT);
-    const float coat = gloss->clearcoat_roughness * number_of(&s, KILN_GLOSS_CLEARCOAT_ROUGHNESS);
+    p.coat = gloss->clearcoat * number_of(s, KILN_GLOSS_CLEARCOAT);
+    const float coat = gloss->clearcoat_roughness * number_of(s, KILN_GLOSS_CLEARCOAT_ROUGHNESS);
     p.coat_alpha = coat * coat;
     return p;
+}
+
+struct kiln_bsdf kiln_surface_bsdf(const struct kiln_scene *scene, const struct kiln_gloss *gloss,
+                                   const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2)
+{
+    const struct spot s = spot_at(scene, gloss, mesh, triangle, b1, b2);
+    float base[4];
+    kiln_surface_base_color(scene, mesh, triangle, b1, b2, base);
+    return bsdf_at(&s, base);
+}
+
+struct kiln_bsdf kiln_gloss_bsdf(const struct kiln_gloss *gloss, const float base[3])
+{
+    const struct spot s = {.gloss = gloss};
+    return bsdf_at(&s, base);
+}
+
+static bool has_textures(const struct kiln_gloss *gloss)
+{
+    for (int use = 0; use < KILN_GLOSS_USES; use++)
+        if (gloss->textures[use].texture != KILN_NONE)
+            return true;
+    return false;
+}
+
+struct kiln_gloss_lobes kiln_gloss_lobes(const struct kiln_scene *scene, uint32_t material)
+{
+    const struct kiln_gloss *gloss = kiln_gloss_taken(scene, material);
+    struct kiln_gloss_lobes of = {.ready = false};
+    if (gloss == NULL || has_textures(gloss))
+        return of;
+    const bool phong = gloss->model == KILN_GLOSS_PHONG, through = gloss->transmission > 0.0f;
+    if (phong && !through && (gloss->flags & KILN_GLOSS_MIRROR) != 0)
+        return of; /* a metal where it is black */
+    of.ready = true;
+    of.dyed = !phong || !through;
+    of.lobes = kiln_bsdf_prepare(kiln_gloss_bsdf(gloss, scene->materials[material].base_color));
+    return of;
+}
+
+struct kiln_bsdf_lobes kiln_surface_lobes(const struct kiln_scene *scene, const struct kiln_gloss_lobes *of,
+                                          const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2,
+                                          bool colored)
+{
+    if (!of->ready)
+        return kiln_bsdf_prepare(kiln_surface_bsdf(scene, kiln_gloss_taken(scene, scene->triangle_materials[triangle]),
+                                                   mesh, triangle, b1, b2));
+    struct kiln_bsdf_lobes lobes = of->lobes;
+    if (of->dyed && (colored || lobes.metal > 0.0f || lobes.glass > 0.0f)) {
+        float base[4];
+        kiln_surface_base_color(scene, mesh, triangle, b1, b2, base);
+        kiln_bsdf_dye(&lobes, vec3(base[0], base[1], base[2]));
+    }
+    return lobes;
+}
+
+void kiln_surface_albedo(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
+                         float b2, float rgb[3])
+{
+    const struct kiln_gloss *gloss = kiln_gloss_taken(scene, scene->triangle_materials[triangle]);
+    float rgba[4];
+    if (gloss == NULL) {
+        kiln_surface_color(scene, mesh, triangle, b1, b2, rgba);
+        memcpy(rgb, rgba, 3 * sizeof *rgb);
+        return;
+    }
+    const struct kiln_bsdf p = kiln_surface_bsdf(scene, gloss, mesh, triangle, b1, b2);
+    const struct kiln_vec3 color = vec3_scale(p.base_color, kiln_bsdf_matt(p));
+    rgb[0] = color.x, rgb[1] = color.y, rgb[2] = color.z;
 }
 
 /* ---- frames ---- */

@@ -15,6 +15,28 @@ struct kiln_vec3 kiln_gloss_index(const struct kiln_gloss *gloss);
 struct kiln_bsdf kiln_surface_bsdf(const struct kiln_scene *scene, const struct kiln_gloss *gloss,
                                    const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2);
 
+/* The same of a gloss none of whose numbers has a texture, with any base colour. */
+struct kiln_bsdf kiln_gloss_bsdf(const struct kiln_gloss *gloss, const float base[3]);
+
+/* The lobes of a material that is taken with its gloss, made ready once for all its surface. */
+struct kiln_gloss_lobes {
+    bool ready; /* they are the same all over, but for their colour; else `lobes` is not set */
+    bool dyed;  /* their base colour is the surface's (kiln_bsdf_dye) */
+    struct kiln_bsdf_lobes lobes;
+};
+/* Not ready for a material that is not taken with its gloss. */
+struct kiln_gloss_lobes kiln_gloss_lobes(const struct kiln_scene *scene, uint32_t material);
+/* The lobes at a position, arguments as kiln_surface_bsdf; `of`: those of its material, which is taken with its gloss.
+ * `colored`: the colour of the diffuse part is wanted; else it may be any. */
+struct kiln_bsdf_lobes kiln_surface_lobes(const struct kiln_scene *scene, const struct kiln_gloss_lobes *of,
+                                          const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2,
+                                          bool colored);
+
+/* Diffuse albedo of a position (linear RGB, 0..1), arguments as above: of a material that is taken with its gloss that
+ * of its diffuse part (kiln_diffuse_color), else that of kiln_surface_color. */
+void kiln_surface_albedo(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
+                         float b2, float rgb[3]);
+
 /* The frame that directions are given to the scattering function in; unit, at right angles. */
 struct kiln_frame {
     struct kiln_vec3 x, y, z;

@@ -7,7 +7,9 @@
  * for Direct Lighting Calculations", ACM Transactions on Graphics 15(1), 1996). A point, spot
  * or directional light is one sample whose L / p is its irradiance on a facing surface. Where there are many lights, a
  * cut through a tree of lights chooses some (worker/light/lights.h), and p contains the chance of the choice.
- * E about the shading normal s is the same sum with max(0, s.w) in the place of max(0, n.w), where n.w > 0.
+ * E about the shading normal s is the same sum with max(0, s.w) in the place of max(0, n.w), where n.w > 0. A point on
+ * a material that is taken with its gloss counts as incident what its diffuse part takes up (kiln_chain_taken_up in
+ * shaders/shared/chain.h).
  *
  * The samples of a point start at places that are uniform over the part of its texel that is covered, not buried
  * (validity.h) and, by its opacity, there. A surface that lets light through takes a share of it and leaves nothing to

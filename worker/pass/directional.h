@@ -12,7 +12,8 @@
  * What surfaces send (radiosity / pi) and a constant sky are met by rays spread evenly over the hemisphere: each stands
  * for 2 pi / samples sr. The other lights are sampled as in the probe pass (probes.h), of which only what comes from
  * above the geometric surface counts. Places on the texel are drawn as in the gather pass (gather.h), whose treatment
- * of backs, of surfaces that let light through and of tints holds here, too.
+ * of backs, of surfaces that let light through and of tints holds here, too. Chains (shaders/shared/chain.h) bring what
+ * they find of surfaces, lamps and sky.
  *
  * Items: tile runs. Result: struct kiln_directional_result, all zeros for a point that is not valid. No parameters.
  * Samples: rays over the hemisphere, and as many again dealt out to the lights. Rays: the former of all valid points,

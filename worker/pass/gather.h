@@ -14,6 +14,12 @@
  * brings nothing and counts as blocked; a ray that meets nothing as escaped. A ray meets a surface that lets light
  * through with a chance that is the surface's opacity, and is tinted by the surfaces that it passes.
  *
+ * Where the scene's materials are taken with their gloss (kiln_scene_take_gloss), a ray that meets such a one goes on
+ * in a chain (shaders/shared/chain.h): it finds what the diffuse parts on its way send, weighted. The shares of it that
+ * escape, are blocked or are taken on the way count as `escaped` and `blocked` (means of the colours) and as `gloss`. A
+ * point on such a material counts as incident what its diffuse part takes up (kiln_chain_taken_up); its irradiance is
+ * that of all light. Radiosity is the albedo (kiln_surface_albedo) times `incident`.
+ *
  * Where the backend has radiance probes (kiln_backend_set_probes), a ray of a point that sees one ends at their range.
  * If it meets nothing before, and does not leave the scene's box, it asks a probe for the radiance from where it goes
  * on to: one of the eight about its end, drawn by trilinear weights, if another short ray says that it is seen from
@@ -24,7 +30,7 @@
  *
  * Items: tile runs. Result: struct kiln_point_result. No parameters. Samples: rays of a point. Streams: 1, 2, ... for
  * bounces, 0xffff for the final gather. Rays: the samples of all valid points; with range 0 of those that see no
- * probe. The short rays to probes are not counted. */
+ * probe. The short rays to probes and the rays of chains are not counted. */
 #ifndef KILN_WORKER_PASS_GATHER_H
 #define KILN_WORKER_PASS_GATHER_H
 

@@ -2,7 +2,8 @@
  *
  * A pass takes parameters of its own and a batch (the items, their samples, the random stream) and gives an array of
  * results, one an item. What a particular pass takes and gives, with its formula and units, stands in its own header:
- * validity.h, direct.h, gather.h, probes.h, occlusion.h, directional.h, path.h, radiance.h, guided.h. kiln_backend_run
+ * validity.h, direct.h, gather.h, probes.h, occlusion.h, directional.h, path.h, radiance.h, guided.h, caustic.h.
+ * kiln_backend_run
  * (worker/backend/backend.h) runs any of them.
  *
  * A new pass called NAME is: NAME in KILN_PASS_LIST below, a row in passes.c, a header NAME.h in this folder, and a
@@ -24,7 +25,8 @@
 
 /* The names of all passes. */
 #define KILN_PASS_LIST(DO)                                                                                             \
-    DO(validity) DO(direct) DO(gather) DO(probes) DO(occlusion) DO(directional) DO(path) DO(radiance) DO(guided)
+    DO(validity)                                                                                                       \
+    DO(direct) DO(gather) DO(probes) DO(occlusion) DO(directional) DO(path) DO(radiance) DO(guided) DO(caustic)
 
 /* Where a pass stands in kiln_passes: KILN_PASS_INDEX_direct and so on. */
 #define KILN_PASS_INDEX_OF(name) KILN_PASS_INDEX_##name,

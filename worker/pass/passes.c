@@ -3,6 +3,7 @@
 
 #include "worker/pass/direct.h"
 #include "worker/base/color.h"
+#include "worker/pass/caustic.h"
 #include "worker/pass/directional.h"
 #include "worker/pass/gather.h"
 #include "worker/pass/guided.h"
@@ -171,6 +172,19 @@ const struct kiln_pass kiln_pass_guided = {.index = KILN_PASS_INDEX_guided,
                                            .is_masked = true,
                                            .is_stealable = true,
                                            POINT_FIGURES};
+
+const struct kiln_pass kiln_pass_caustic = {.index = KILN_PASS_INDEX_caustic,
+                                            .name = "caustic",
+                                            .what = "caustic light",
+                                            .domain = KILN_DOMAIN_TILE_RUNS,
+                                            .result_bytes = sizeof(struct kiln_point_result),
+                                            .on_embree_only = true,
+                                            .is_sampled = true,
+                                            .has_streams = true,
+                                            .is_divisible = true,
+                                            .is_masked = true,
+                                            .is_stealable = true,
+                                            POINT_FIGURES};
 
 #define ROW(name) [KILN_PASS_INDEX_##name] = &kiln_pass_##name,
 const struct kiln_pass *const kiln_passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};

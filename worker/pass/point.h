@@ -23,6 +23,11 @@ struct kiln_point_result {
     float blocked; /* number of gather rays that met the back of a single-sided surface (0 in the direct pass) */
     /* by colour: what tinted surfaces on the way take of what gather rays find, in rays; 0 without any */
     float glass[3];
+    /* by colour: what mirrors, glass and gloss on the way take of what gather rays find, in rays
+     * (shaders/shared/chain.h): what of a ray has neither escaped nor been blocked nor been taken up by a diffuse part.
+     * It may be below 0, for points on what is metal or glass in part count too much as incident. 0 without any gloss,
+     * and in the direct and the caustic pass */
+    float gloss[3];
     /* no sum: mean opacity of the point (kiln_surface_opacity), the share of its area that is there to be lit; 1 for
      * opaque ones */
     float present;
@@ -31,9 +36,9 @@ struct kiln_point_result {
 
 /* The same for one sample, on the average; all zeros where no sample was taken. */
 struct kiln_point_mean {
-    float irradiance[3], incident[3]; /* W/m2 */
-    float error;                      /* standard error of the luminance of `irradiance`, W/m2 */
-    float escaped, blocked, glass[3]; /* shares of the gather rays, or of what they find */
+    float irradiance[3], incident[3];           /* W/m2 */
+    float error;                                /* standard error of the luminance of `irradiance`, W/m2 */
+    float escaped, blocked, glass[3], gloss[3]; /* shares of the gather rays, or of what they find */
     float present;
     uint32_t count; /* samples that the mean is of */
 };
@@ -49,6 +54,7 @@ static inline struct kiln_point_mean kiln_point_mean(const struct kiln_point_res
         mean.irradiance[c] = kiln_mean(r->irradiance[c], r->count);
         mean.incident[c] = kiln_mean(r->incident[c], r->count);
         mean.glass[c] = kiln_mean(r->glass[c], r->count);
+        mean.gloss[c] = kiln_mean(r->gloss[c], r->count);
     }
     return mean;
 }

@@ -5,7 +5,8 @@
  * with L(w) the radiance that arrives from direction w and Y_lm the real orthonormal spherical harmonics (Ramamoorthi
  * and Hanrahan, "An Efficient Representation for Irradiance Environment Maps", SIGGRAPH 2001, equations 3 and 10).
  * What surfaces send (radiosity / pi) and a constant sky are met by rays spread evenly over the sphere; each stands for
- * 4 pi / samples sr. The other lights are sampled like in the direct pass (direct.h).
+ * 4 pi / samples sr. The other lights are sampled like in the direct pass (direct.h). Rays that meet a material that is
+ * taken with its gloss go on in chains, and find what these bring of surfaces, lamps and sky (shaders/shared/chain.h).
  *
  * Items: positions. No parameters. Samples: rays over the sphere, and as many again dealt out to the lights. Rays:
  * those over the sphere and the shadow rays. */

@@ -7,7 +7,8 @@
  * from lights and from the sky is not in it: the direct pass has that. A ray that meets the back of a single-sided
  * surface brings nothing; a surface that lets light through is met with a chance that is its opacity. Directions are
  * stratified over the element, evenly on its map, and weighed by the solid angle that they stand for; the result is
- * their weighted mean, so an element that sees one radiance everywhere has exactly that.
+ * their weighted mean, so an element that sees one radiance everywhere has exactly that. Rays that meet a material that
+ * is taken with its gloss go on in chains (shaders/shared/chain.h), which bring what they find of surfaces.
  *
  * Items: elements: item i is element i modulo the elements of a map, at batch->positions. Samples: rays of an element.
  * Streams: any. Rays: the samples of all items. */

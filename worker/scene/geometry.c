@@ -5,6 +5,7 @@
 
 #include "worker/base/memory.h"
 #include "worker/scene/coincident.h"
+#include "worker/scene/gloss.h"
 #include "worker/scene/solids.h"
 
 /* triangles or vertices that one thread takes at a time: one large mesh then keeps all threads busy */
@@ -213,7 +214,8 @@ static void expand_triangle(const struct expansion *e, size_t o, uint64_t stored
     const uint32_t m = scene->triangle_materials[stored];
     const struct kiln_material *material = &scene->materials[m];
     const bool emits = material->emission[0] > 0.0f || material->emission[1] > 0.0f || material->emission[2] > 0.0f;
-    record->material = m | (material->double_sided ? KILN_RECORD_DOUBLE_SIDED : 0u) | (emits ? KILN_RECORD_EMITS : 0u);
+    record->material = m | (material->double_sided ? KILN_RECORD_DOUBLE_SIDED : 0u) | (emits ? KILN_RECORD_EMITS : 0u) |
+                       (kiln_gloss_taken(scene, m) != NULL ? KILN_RECORD_GLOSS : 0u);
     g->stored_triangle[world] = (uint32_t)stored;
     for (uint64_t c = 0; c < 3; c++)
         g->indices[3 * world + c] = (uint32_t)e->object_vertex[o] + order[c];

@@ -145,6 +145,7 @@ static bool is_passage(const struct kiln_gloss *gloss)
 int kiln_scene_take_gloss(struct kiln_scene *scene, enum kiln_gloss_mode mode, struct kiln_error *error)
 {
     const size_t count = scene->material_count;
+    bool any = false;
     if (mode == KILN_GLOSS_MODE_DIFFUSE)
         return KILN_OK;
     int status = kiln_allocate(&scene->taken, count, sizeof *scene->taken, "the scene's gloss", error);
@@ -163,10 +164,16 @@ int kiln_scene_take_gloss(struct kiln_scene *scene, enum kiln_gloss_mode mode, s
             scene->taken[i].material = KILN_NONE;
             continue;
         }
+        any = true;
         material->transmission = 0.0f;
         if ((scene->taken[i].flags & KILN_GLOSS_ALPHA_TRANSMITS) != 0)
             material->base_color[3] = 1.0f;
     }
-    scene->materials = scene->own_materials;
+    if (any) {
+        scene->materials = scene->own_materials;
+        return KILN_OK;
+    }
+    kiln_free(&scene->taken);
+    kiln_free(&scene->own_materials);
     return KILN_OK;
 }

@@ -36,7 +36,8 @@ bool kiln_gloss_needed(const struct kiln_material *material, const struct kiln_g
 
 /* Has light transport take the scene's materials as `mode` says: call it before a geometry is made of the scene. Glass
  * that light is sent on by, its own materials' copies do not let through any more (struct kiln_passage); thin smooth
- * walls let light straight through as before, and are not taken. Not collective. KILN_SYSTEM. */
+ * walls let light straight through as before, and are not taken. Where it takes none, the scene stays as it is. Not
+ * collective. KILN_SYSTEM. */
 int kiln_scene_take_gloss(struct kiln_scene *scene, enum kiln_gloss_mode mode, struct kiln_error *error);
 /* The gloss that a material is taken with; NULL: it is diffuse. */
 static inline const struct kiln_gloss *kiln_gloss_taken(const struct kiln_scene *scene, uint32_t material)

@@ -176,6 +176,7 @@ static void weigh_lane(struct direct_work *w, const struct embree_backend *b, ui
     const double cosine = dvec3_dot(dvec3_of(n), to);
     const double shading_cosine =
         w->frame.smooth ? fmax(0.0, dvec3_dot(dvec3_of(frame_shading(&w->frame, j, n)), to)) : cosine;
+    const double incident = cosine * (double)frame_taken_up(&w->frame, j, (float)shading_cosine);
     float textured[3];
     const float *radiance = light->radiance;
     s->valid[l] = s->index[l] < s->samples && cosine > 0.0 && t->weight[l] > 0.0 ? -1 : 0;
@@ -184,7 +185,7 @@ static void weigh_lane(struct direct_work *w, const struct embree_backend *b, ui
         radiance = textured;
     }
     for (int c = 0; c < 3; c++) {
-        s->incident[l][c] = (double)radiance[c] * t->weight[l] * cosine;
+        s->incident[l][c] = (double)radiance[c] * t->weight[l] * incident;
         s->irradiance[l][c] = (double)radiance[c] * t->weight[l] * shading_cosine;
     }
 }
@@ -258,7 +259,8 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
             continue;
         const double shading_cosine = f->smooth ? fmax(0.0, dvec3_dot(shading, s.direction)) : cosine;
         shadow_aim(&s, place, dvec3_of(p));
-        shadow_add(&w->shadows, b, context, p, &s, i, cosine, shading_cosine);
+        shadow_add(&w->shadows, b, context, p, &s, i, cosine * (double)frame_taken_up(f, j, (float)shading_cosine),
+                   shading_cosine);
         (*rays)++;
     }
     shadow_end(&w->shadows, b, context);

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "shaders/shared/streams.h"
+#include "worker/backend/embree/chain.h"
 #include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/lookup.h"
 #include "worker/backend/embree/rays.h"
@@ -77,19 +78,55 @@ static void add_lane(struct directional_sums *sums, const struct embree_backend 
         dvec3((double)r->direction[0][lane], (double)r->direction[1][lane], (double)r->direction[2][lane]), value);
 }
 
-static void collect(struct directional_work *w, const struct embree_backend *b)
+/* Adds what hit i of the rays sends. */
+static void add_hit(struct directional_work *w, const struct embree_backend *b, uint32_t i)
+{
+    float rgb[3];
+    if (w->found.point[i] == KILN_NO_POINT)
+        return;
+    kiln_radiosity_unpack(b->radiosity[w->found.point[i]], rgb);
+    for (int c = 0; c < 3; c++)
+        rgb[c] *= KILN_INVERSE_PI;
+    add_lane(w->surfaces, b, w->rays, w->found.lane[i], rgb);
+}
+
+/* Adds what comes by the chain of lane l: of diffuse surfaces, lamps and sky. */
+static void add_chain(struct directional_work *w, struct walk *walk, uint32_t step, uint32_t l)
+{
+    const struct tile_run_rays *r = w->rays;
+    const struct RTCRayHit ray = rays_lane(r, l);
+    struct chain_found found;
+    float rgb[3];
+    chain_follow(walk, r->chance[l], rays_sample(r, step, l), &ray, true, &found);
+    for (int c = 0; c < 3; c++)
+        rgb[c] = found.radiosity[c] * KILN_INVERSE_PI + found.light[c];
+    add_lane(w->surfaces, walk->b, r, l, rgb);
+}
+
+/* Adds what surfaces send, lane by lane, where rays go on in chains. */
+static void add_surfaces(struct directional_work *w, struct walk *walk, uint32_t step, uint32_t lanes)
+{
+    const struct rays_found *found = &w->found;
+    for (uint32_t l = 0, hit = 0; l < lanes; l++) {
+        const bool is_hit = hit < found->count && found->lane[hit] == l;
+        if (chain_begins_at(walk->b, w->rays, l))
+            add_chain(w, walk, step, l);
+        else if (is_hit)
+            add_hit(w, walk->b, hit);
+        hit += is_hit;
+    }
+}
+
+static void collect(struct directional_work *w, const struct embree_backend *b, struct embree_context *context,
+                    uint32_t step, uint32_t lanes)
 {
     const struct kiln_lights *lights = b->params.lights;
     const struct rays_found *found = &w->found;
-    for (uint32_t i = 0; i < found->count; i++) {
-        if (found->point[i] == KILN_NO_POINT)
-            continue;
-        float rgb[3];
-        kiln_radiosity_unpack(b->radiosity[found->point[i]], rgb);
-        for (int c = 0; c < 3; c++)
-            rgb[c] *= KILN_INVERSE_PI;
-        add_lane(w->surfaces, b, w->rays, found->lane[i], rgb);
-    }
+    struct walk walk = {.b = b, .context = context, .choices = w->choices};
+    if (chain_any(b))
+        add_surfaces(w, &walk, step, lanes);
+    for (uint32_t i = 0; i < found->count && !chain_any(b); i++)
+        add_hit(w, b, i);
     for (uint32_t i = 0; i < found->escaped && light_sky_is_constant(lights); i++) {
         float sky[3];
         kiln_environment_radiance(lights, dvec3(0.0, 0.0, 1.0), sky); /* the same from everywhere */
@@ -158,7 +195,7 @@ static void directional_tile_run(void *work, const struct embree_backend *b, str
         const uint32_t lanes = rays_make(w->rays, b, step);
         rays_trace(w->rays, b, context, lanes);
         embree_find(b, w->rays, lanes, &w->found);
-        collect(w, b);
+        collect(w, b, context, step, lanes);
         *rays += lanes;
     }
     for (uint32_t j = 0; j < w->rays->frame.count; j++) {

@@ -78,6 +78,7 @@ static void embree_destroy(struct kiln_backend **backend)
     if (b->device != NULL)
         rtcReleaseDevice(b->device);
     kiln_free(&b->coincides);
+    kiln_free(&b->lobes);
     kiln_free(backend);
 }
 
@@ -91,6 +92,18 @@ static double seconds_of(clockid_t clock)
 enum { PART_POINTS = 1 << 16 };
 
 double embree_thread_seconds(void) { return seconds_of(CLOCK_THREAD_CPUTIME_ID); }
+
+static int prepare_lobes(struct embree_backend *b, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = b->params.scene;
+    if (scene->taken == NULL)
+        return KILN_OK;
+    const int status =
+        kiln_allocate(&b->lobes, scene->material_count, sizeof *b->lobes, "the lobes of materials", error);
+    for (uint32_t i = 0; status == KILN_OK && i < scene->material_count; i++)
+        b->lobes[i] = kiln_gloss_lobes(scene, i);
+    return status;
+}
 
 static int embree_create(struct kiln_backend **backend, const struct kiln_backend_params *params,
                          struct kiln_error *error)
@@ -111,6 +124,8 @@ static int embree_create(struct kiln_backend **backend, const struct kiln_backen
     const double start = seconds_of(CLOCK_MONOTONIC);
     if (params->geometry->coincident)
         status = kiln_allocate(&b->coincides, params->geometry->triangle_count, 1, "the coincident triangles", error);
+    if (status == KILN_OK)
+        status = prepare_lobes(b, error);
     b->device = rtcNewDevice(config);
     if (status == KILN_OK && b->device == NULL) {
         status = embree_failure(NULL, "creating the device", error);

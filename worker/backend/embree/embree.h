@@ -1,11 +1,12 @@
 /* The Embree backend: private declarations that its files share.
  *
- * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c,
- * occlusion.c, directional.c, path.c, radiance.c. The others: embree.c (life of the backend, running a pass in parts,
- * closest hits), tile_runs.c (threads over the tile runs of a part), frame.c (a tile run's points made ready for
- * sampling), rays.c (rays over the hemisphere of its points), lookup.c (radiosity at their hits), light_samples.h
- * (light from all directions straight from the lights), shadow.c (shadow rays in packets), passage.c (rays through
- * surfaces that let light through), coincident.c (fronts before backs where both coincide), ceiling.c (tracing alone,
+ * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c (guided and caustic
+ * too), probes.c, occlusion.c, directional.c, path.c, radiance.c. The others: embree.c (life of the backend, running a
+ * pass in parts, closest hits), tile_runs.c (threads over the tile runs of a part), frame.c (a tile run's points made
+ * ready for sampling), rays.c (rays over the hemisphere of its points), lookup.c (radiosity at their hits),
+ * light_samples.h (light from all directions straight from the lights), shadow.c (shadow rays in packets), passage.c
+ * (rays through surfaces that let light through), meeting.c, walk.c and chain.c (rays that go on from surface to
+ * surface), coincident.c (fronts before backs where both coincide), ceiling.c (tracing alone,
  * for benches), devices.c (the CPU). */
 #ifndef KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 #define KILN_WORKER_BACKEND_EMBREE_EMBREE_H
@@ -15,6 +16,7 @@
 #include "worker/backend/backend.h"
 #include "worker/base/clones.h"
 #include "worker/light/lights.h"
+#include "worker/material/surface_bsdf.h"
 #include "worker/store/store.h"
 
 enum { PACKET = 8 }; /* rays traced together; 8 beat 1, 4 and 16 on AVX2 in Cornell box and Sponza */
@@ -29,6 +31,7 @@ struct embree_backend {
     RTCDevice device;
     RTCScene scene;
     uint8_t *coincides; /* of each triangle, found when it is first asked for (coincident.c); NULL: none does */
+    struct kiln_gloss_lobes *lobes; /* of each material; NULL: none is taken with its gloss */
     uint32_t threads;
     bool coherent; /* so few triangles that packets stay together all the way down */
     double build_seconds;

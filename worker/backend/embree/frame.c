@@ -99,6 +99,24 @@ float frame_position(struct tile_run_frame *frame, const struct embree_backend *
     return frame->known_offset;
 }
 
+/* Where a material is taken with its gloss, what light does there: at the middle of the point's numbers. */
+static void find_lobes(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j)
+{
+    const struct kiln_scene *scene = b->params.scene;
+    const struct kiln_geometry *g = b->params.geometry;
+    uint32_t triangle;
+    float b1, b2, s1, s2;
+    kiln_footprint_sample(&f->footprint[j], 0.5f, 0.5f, &triangle, &b1, &b2);
+    const struct kiln_hit_record *record = &g->records[triangle];
+    f->glossy[j] = (record->material & KILN_RECORD_GLOSS) != 0;
+    if (!f->glossy[j])
+        return;
+    kiln_geometry_stored_barycentrics(scene, g, triangle, b1, b2, &s1, &s2);
+    f->lobes[j] = kiln_surface_lobes(scene, &b->lobes[record->material & KILN_RECORD_MATERIAL],
+                                     &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle],
+                                     s1, s2, false);
+}
+
 static void build_point(struct tile_run_frame *f, const struct embree_backend *b, const struct kiln_point_cursor *at,
                         uint32_t j, bool partly_buried, unsigned wish)
 {
@@ -119,6 +137,9 @@ static void build_point(struct tile_run_frame *f, const struct embree_backend *b
     f->normal[0][j] = f->known_normal.x, f->normal[1][j] = f->known_normal.y, f->normal[2][j] = f->known_normal.z;
     if (f->whole[j])
         build_whole(f, b, j, p->pieces[0]);
+    f->glossy[j] = false;
+    if (b->lobes != NULL)
+        find_lobes(f, b, j);
     if ((wish & FRAME_EXTENT) != 0)
         f->extent[j] = kiln_footprint_extent(p);
 }

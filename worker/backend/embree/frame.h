@@ -2,11 +2,12 @@
 #ifndef KILN_WORKER_BACKEND_EMBREE_FRAME_H
 #define KILN_WORKER_BACKEND_EMBREE_FRAME_H
 
+#include "shaders/shared/chain.h"
 #include "worker/backend/embree/embree.h"
 #include "worker/scene/footprint.h"
 
 /* Of the tile run's points only the valid ones that are asked for, in order. Positions already carry the offset off
- * their surface that keeps rays from meeting it again (see worker/scene/footprint.h). About 40 KiB: keep one a thread.
+ * their surface that keeps rays from meeting it again (see worker/scene/footprint.h). About 60 KiB: keep one a thread.
  */
 struct tile_run_frame {
     uint32_t count;                   /* points */
@@ -23,6 +24,10 @@ struct tile_run_frame {
     float shading[3][KILN_TILE_TEXELS];      /* unit; set where `smooth` */
     float present[KILN_TILE_TEXELS];         /* see struct kiln_point_result */
     struct kiln_mask mask[KILN_TILE_TEXELS]; /* where something may be; a point with one is never `whole` */
+    /* whether the point's material is taken with its gloss, and how it scatters light then: by one place of the point
+     */
+    bool glossy[KILN_TILE_TEXELS];
+    struct kiln_bsdf_lobes lobes[KILN_TILE_TEXELS];
     /* with FRAME_EXTENT only */
     struct kiln_footprint_extent extent[KILN_TILE_TEXELS];
     struct kiln_footprint footprint[KILN_TILE_TEXELS];
@@ -55,6 +60,15 @@ static inline struct kiln_vec3 frame_shading(const struct tile_run_frame *f, uin
         return n;
     const struct kiln_vec3 shading = vec3(f->shading[0][j], f->shading[1][j], f->shading[2][j]);
     return vec3_dot(shading, n) > 0.0f ? shading : n;
+}
+
+/* Share of the light from a direction that counts as incident at point j; `cosine` is the direction's with the shading
+ * normal of the point's own side. 1 but for materials that are taken with their gloss (kiln_chain_taken_up). */
+static inline float frame_taken_up(const struct tile_run_frame *f, uint32_t j, float cosine)
+{
+    if (!f->glossy[j])
+        return 1.0f;
+    return cosine > 0.0f ? kiln_chain_taken_up(f->lobes[j], f->back ? -cosine : cosine) : 0.0f;
 }
 
 /* The geometric normal of point j, or 0 where its area has several; with FRAME_EXTENT. For choosing lights. */

@@ -1,13 +1,15 @@
 /* The gather pass (worker/pass/gather.h): cosine-distributed rays of a tile run's points and the radiosity that they
- * find. And the guided pass (worker/pass/guided.h), which is the same with a guide. */
+ * find. The guided pass (worker/pass/guided.h), which is the same with a guide. And the caustic pass
+ * (worker/pass/caustic.h), whose rays look for what chains bring of lamps and sky. */
 #include <math.h>
 #include <string.h>
 
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"
 #include "shaders/shared/warp.h"
+#include "worker/backend/embree/chain.h"
+#include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/lookup.h"
-#include "worker/backend/embree/rays.h"
 #include "worker/backend/embree/tile_runs.h"
 #include "worker/backend/guide.h"
 #include "worker/base/memory.h"
@@ -29,9 +31,15 @@ struct gather_work {
     uint32_t probe[RAY_LANES], asking;
     uint8_t asks[RAY_LANES];
     struct kiln_vec3 end[RAY_LANES];
+    /* where rays go on in chains: which lanes do, and what a chain has found */
+    bool chained[RAY_LANES];
+    float lost[2][RAY_LANES]; /* and of each lane what has escaped and was blocked */
+    struct walk walk;
+    struct chain_found chain;
+    struct kiln_light_choice *choices; /* the caustic pass; else NULL */
     /* sums of a point */
     double incident[RAY_LANES][3], irradiance[RAY_LANES][3], quarter[RAY_QUARTERS][RAY_LANES];
-    double escaped[RAY_LANES], blocked[RAY_LANES], glass[RAY_LANES][3];
+    double escaped[RAY_LANES], blocked[RAY_LANES], glass[RAY_LANES][3], gloss[RAY_LANES][3];
     /* the guided pass; else NULL. Cells along a side of the tile run's guide; luminance that was found in each, squared
      * and summed up; the guide that is followed */
     const struct kiln_guided_parameters *guided;
@@ -43,15 +51,16 @@ struct gather_work {
 static void work_destroy(void **work)
 {
     struct gather_work *w = *work;
-    if (w != NULL)
+    if (w != NULL) {
         rays_destroy(&w->rays);
+        kiln_free(&w->choices);
+    }
     kiln_free(work);
 }
 
 static int work_create(void **work, const struct embree_backend *b, const void *parameters,
                        const struct kiln_batch *part, struct kiln_error *error)
 {
-    (void)b;
     struct gather_work *w = NULL;
     int status = kiln_allocate(&w, 1, sizeof *w, "the gather pass", error);
     *work = w;
@@ -59,6 +68,7 @@ static int work_create(void **work, const struct embree_backend *b, const void *
         return status;
     w->stream = part->stream;
     w->guided = parameters;
+    w->walk = (struct walk){.b = b};
     w->range = b->probes != NULL ? b->probes->grid.range : INFINITY;
     status = rays_create(&w->rays, RAYS_HALF_WAY, INFINITY, part, error);
     if (status != KILN_OK)
@@ -104,22 +114,24 @@ static inline void add(struct gather_work *w, uint32_t step, uint32_t l, float r
     const struct tile_run_rays *rays = w->rays;
     const uint32_t j = rays->point[l];
     const float facet = facet_weight(rays, l);
-    float weight = facet;
+    float weight = facet, cosine = rays->cosine[l];
     for (int c = 0; c < 3 && tints; c++) {
         rgb[c] *= rays->tint[l][c];
         w->glass[j][c] += (double)(facet * (1.0f - rays->tint[l][c]));
     }
+    const bool glossy = rays->frame.glossy[j];
     if (rays->frame.smooth) {
         const struct kiln_vec3 shading =
             frame_shading(&rays->frame, j, vec3(rays->facet[0][l], rays->facet[1][l], rays->facet[2][l]));
-        const float cosine =
+        cosine =
             shading.x * rays->direction[0][l] + shading.y * rays->direction[1][l] + shading.z * rays->direction[2][l];
         weight = kiln_shading_weight(cosine, rays->cosine[l]) * rays->weight[l];
-        for (int c = 0; c < 3; c++)
-            w->irradiance[j][c] += (double)(weight * rgb[c]);
     }
+    for (int c = 0; c < 3 && (rays->frame.smooth || glossy); c++)
+        w->irradiance[j][c] += (double)(weight * rgb[c]);
+    const float incident = glossy ? facet * frame_taken_up(&rays->frame, j, cosine) : facet;
     for (int c = 0; c < 3; c++)
-        w->incident[j][c] += (double)(facet * rgb[c]);
+        w->incident[j][c] += (double)(incident * rgb[c]);
     const float luminance = weight * kiln_luminance_in_float(rgb);
     w->quarter[rays->quarter_of[step * rays->copies + rays->copy[l]]][j] += (double)luminance;
     if (w->side > 0)
@@ -179,7 +191,7 @@ static struct kiln_vec3 direction_of(const struct tile_run_rays *r, uint32_t l)
 /* The random number that chooses the lane's probe. */
 static uint32_t choice_of(const struct tile_run_rays *r, uint32_t step, uint32_t l)
 {
-    return kiln_probe_choice(kiln_gather_ray_seed(r->chance[l], r->first_sample + step * r->copies + r->copy[l]));
+    return kiln_probe_choice(kiln_gather_ray_seed(r->chance[l], rays_sample(r, step, l)));
 }
 
 /* What of the lanes ended at the range: a ray that leaves the scene's box before has escaped. The others ask a probe
@@ -252,31 +264,125 @@ static void settle_probes(const struct embree_backend *b, struct embree_context 
     }
 }
 
-/* As count_lost and collect: what surfaces and probes send, lane by lane, so that a point's samples are added in their
- * order. */
-static void collect_with_probes(const struct embree_backend *b, struct embree_context *context, struct gather_work *w,
-                                uint32_t step, uint32_t lanes)
+/* What a ray that asks a probe finds, as radiosity. */
+static void ask_probe(const struct embree_backend *b, const struct gather_work *w, uint32_t l, float rgb[3])
+{
+    if (facet_weight(w->rays, l) > 0.0f)
+        kiln_probe_ask(b->probes, w->probe[l], origin_of(w->rays, l), direction_of(w->rays, l), w->far[l], rgb);
+    for (int c = 0; c < 3; c++)
+        rgb[c] *= (float)KILN_PI; /* as radiosity */
+}
+
+/* ---- with chains ---- */
+
+/* Which lanes go on in chains; those among the blocked ones are taken out there. */
+static void find_chains(const struct embree_backend *b, struct gather_work *w)
+{
+    struct rays_found *found = &w->found;
+    uint32_t blocked = 0;
+    memset(w->chained, 0, sizeof w->chained);
+    memset(w->lost, 0, sizeof w->lost);
+    for (uint32_t i = 0; i < found->count; i++)
+        w->chained[found->lane[i]] = chain_begins_at(b, w->rays, found->lane[i]);
+    for (uint32_t i = 0; i < found->blocked; i++) {
+        const uint32_t l = found->blocked_lane[i];
+        w->chained[l] = chain_begins_at(b, w->rays, l);
+        if (!w->chained[l])
+            found->blocked_lane[blocked++] = (uint8_t)l;
+    }
+    found->blocked = blocked;
+}
+
+static void follow(struct gather_work *w, uint32_t step, uint32_t l, bool radiosity)
+{
+    const struct tile_run_rays *r = w->rays;
+    const struct RTCRayHit ray = rays_lane(r, l);
+    chain_follow(&w->walk, r->chance[l], rays_sample(r, step, l), &ray, radiosity, &w->chain);
+}
+
+/* Counts what the chain of lane l has lost: a share of what the tint of its first ray leaves. */
+static void count_chain(struct gather_work *w, uint32_t l, bool tints)
+{
+    const struct tile_run_rays *r = w->rays;
+    const float facet = facet_weight(r, l), white[3] = {1.0f, 1.0f, 1.0f}, *tint = tints ? r->tint[l] : white;
+    const float mean = (tint[0] + tint[1] + tint[2]) * (1.0f / 3.0f);
+    w->lost[0][l] = mean * w->chain.escaped;
+    w->lost[1][l] = mean * w->chain.blocked;
+    for (int c = 0; c < 3; c++) /* of each colour all is somewhere */
+        w->gloss[r->point[l]][c] +=
+            (double)(facet * (tint[c] * w->chain.gloss[c] + (tint[c] - mean) * (w->chain.escaped + w->chain.blocked)));
+}
+
+/* As count_lost: lane by lane. */
+static void count_lost_in_order(struct gather_work *w, uint32_t lanes)
 {
     const struct rays_found *found = &w->found;
-    end_at_range(b, w, step);
-    settle_probes(b, context, w, step);
-    count_lost(w);
+    for (uint32_t i = 0; i < found->escaped; i++)
+        w->lost[0][found->escaped_lane[i]] = 1.0f;
+    for (uint32_t i = 0; i < found->blocked; i++)
+        w->lost[1][found->blocked_lane[i]] = 1.0f;
+    for (uint32_t l = 0; l < lanes; l++) {
+        const double facet = (double)facet_weight(w->rays, l);
+        w->escaped[w->rays->point[l]] += facet * (double)w->lost[0][l];
+        w->blocked[w->rays->point[l]] += facet * (double)w->lost[1][l];
+    }
+}
+
+/* As count_lost and collect, where rays end at probes or go on in chains: what surfaces, probes and chains send, lane
+ * by lane, so that a point's samples are added in their order. */
+static void collect_lanes(const struct embree_backend *b, struct embree_context *context, struct gather_work *w,
+                          uint32_t step, uint32_t lanes)
+{
+    const struct rays_found *found = &w->found;
+    const bool tints = embree_tints(b), chains = chain_any(b);
+    w->asking = 0;
+    w->walk.context = context;
+    if (chains)
+        find_chains(b, w);
+    if (b->probes != NULL) {
+        end_at_range(b, w, step);
+        settle_probes(b, context, w, step);
+    }
     for (uint32_t l = 0, hit = 0, ask = 0; l < lanes; l++) {
         float rgb[3] = {0.0f, 0.0f, 0.0f};
-        const bool counts = facet_weight(w->rays, l) > 0.0f;
-        if (hit < found->count && found->lane[hit] == l) {
-            if (counts && found->point[hit] != KILN_NO_POINT)
+        const bool is_hit = hit < found->count && found->lane[hit] == l, asks = ask < w->asking && w->asks[ask] == l;
+        if (chains && w->chained[l]) {
+            follow(w, step, l, true);
+            count_chain(w, l, tints);
+            memcpy(rgb, w->chain.radiosity, sizeof rgb);
+        } else if (is_hit) {
+            if (facet_weight(w->rays, l) > 0.0f && found->point[hit] != KILN_NO_POINT)
                 kiln_radiosity_unpack(b->radiosity[found->point[hit]], rgb);
-            hit++;
-        } else if (ask < w->asking && w->asks[ask] == l) {
-            if (counts)
-                kiln_probe_ask(b->probes, w->probe[l], origin_of(w->rays, l), direction_of(w->rays, l), w->far[l], rgb);
-            for (int c = 0; c < 3; c++)
-                rgb[c] *= (float)KILN_PI; /* as radiosity */
-            ask++;
+        } else if (asks) {
+            ask_probe(b, w, l, rgb);
         } else {
             continue;
         }
+        hit += is_hit;
+        ask += asks;
+        add(w, step, l, rgb, tints);
+    }
+    if (chains)
+        count_lost_in_order(w, lanes);
+    else
+        count_lost(w);
+}
+
+/* ---- caustics ---- */
+
+/* What chains bring of lamps and sky, as radiosity; rays that meet nothing glossy bring nothing. */
+static void collect_caustics(const struct embree_backend *b, struct embree_context *context, struct gather_work *w,
+                             uint32_t step, uint32_t lanes)
+{
+    const struct tile_run_rays *r = w->rays;
+    w->walk.context = context;
+    for (uint32_t l = 0; l < lanes; l++) {
+        float rgb[3];
+        if (!chain_begins_at(b, r, l))
+            continue;
+        follow(w, step, l, false);
+        for (int c = 0; c < 3; c++)
+            rgb[c] = w->chain.light[c] * (float)KILN_PI;
         add(w, step, l, rgb, embree_tints(b));
     }
 }
@@ -347,8 +453,10 @@ static void store(const struct gather_work *w, void *results)
         struct kiln_point_result *r = result_of(w, results, w->rays->frame.place[j]);
         for (int c = 0; c < 3; c++) {
             r->incident[c] = (float)w->incident[j][c];
-            r->irradiance[c] = w->rays->frame.smooth ? (float)w->irradiance[j][c] : r->incident[c];
+            r->irradiance[c] =
+                w->rays->frame.smooth || w->rays->frame.glossy[j] ? (float)w->irradiance[j][c] : r->incident[c];
             r->glass[c] = (float)w->glass[j][c];
+            r->gloss[c] = (float)w->gloss[j][c];
         }
         r->error = quarters_error(w, j);
         r->present = w->rays->frame.present[j];
@@ -364,6 +472,7 @@ static void clear_sums(struct gather_work *w)
     memset(w->incident, 0, count * sizeof *w->incident);
     memset(w->irradiance, 0, count * sizeof *w->irradiance);
     memset(w->glass, 0, count * sizeof *w->glass);
+    memset(w->gloss, 0, count * sizeof *w->gloss);
     memset(w->escaped, 0, count * sizeof *w->escaped);
     memset(w->blocked, 0, count * sizeof *w->blocked);
     for (int i = 0; i < RAY_QUARTERS; i++)
@@ -387,8 +496,8 @@ static void gather_tile_run(void *work, const struct embree_backend *b, struct e
         *rays += b->probes != NULL ? end_rays(w, lanes) : lanes;
         rays_trace(w->rays, b, context, lanes);
         embree_find(b, w->rays, lanes, &w->found);
-        if (b->probes != NULL) {
-            collect_with_probes(b, context, w, step, lanes);
+        if (b->probes != NULL || chain_any(b)) {
+            collect_lanes(b, context, w, step, lanes);
             continue;
         }
         count_lost(w);
@@ -414,5 +523,49 @@ int embree_guided(struct embree_backend *b, const void *parameters, const struct
 {
     static const struct tile_run_pass pass = {work_create, work_destroy, gather_tile_run,
                                               sizeof(struct kiln_guided_result)};
+    return embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
+}
+
+/* ---- the caustic pass ---- */
+
+static int caustic_create(void **work, const struct embree_backend *b, const void *parameters,
+                          const struct kiln_batch *part, struct kiln_error *error)
+{
+    int status = work_create(work, b, parameters, part, error);
+    if (status != KILN_OK)
+        return status;
+    struct gather_work *w = *work;
+    w->stream = KILN_CAUSTIC_STREAM + part->stream;
+    status = kiln_allocate(&w->choices, light_choices_room(b->params.lights), sizeof *w->choices, "the light choices",
+                           error);
+    w->walk.choices = w->choices;
+    if (status != KILN_OK)
+        work_destroy(work);
+    return status;
+}
+
+static void caustic_tile_run(void *work, const struct embree_backend *b, struct embree_context *context,
+                             size_t tile_run, void *results, uint64_t *rays)
+{
+    struct gather_work *w = work;
+    const uint32_t steps = rays_begin(w->rays, b, tile_run, w->stream, 0);
+    if (steps == 0)
+        return;
+    clear_sums(w);
+    for (uint32_t step = 0; step < steps; step++) {
+        const uint32_t lanes = rays_make(w->rays, b, step);
+        *rays += lanes;
+        rays_trace(w->rays, b, context, lanes);
+        collect_caustics(b, context, w, step, lanes);
+    }
+    memset(w->glass, 0, sizeof w->glass); /* of what gather rays find */
+    store(w, results);
+}
+
+int embree_caustic(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
+                   uint64_t *rays, struct kiln_error *error)
+{
+    static const struct tile_run_pass pass = {caustic_create, work_destroy, caustic_tile_run,
+                                              sizeof(struct kiln_point_result)};
     return embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
 }

@@ -20,7 +20,8 @@ bool meeting_has_side(const struct embree_backend *b, const struct kiln_hit_reco
     return gloss != NULL && gloss->transmission > 0.0f;
 }
 
-struct meeting meeting_make(const struct embree_backend *b, const struct RTCRayHit *r)
+/* All but where it is. */
+static struct meeting touch(const struct embree_backend *b, const struct RTCRayHit *r)
 {
     const struct kiln_geometry *g = b->params.geometry;
     const struct kiln_scene *scene = b->params.scene;
@@ -32,48 +33,96 @@ struct meeting meeting_make(const struct embree_backend *b, const struct RTCRayH
     m.gloss = meeting_gloss(b, &g->records[m.triangle]);
     m.mesh = &scene->meshes[scene->objects[g->records[m.triangle].object].mesh];
     kiln_geometry_stored_barycentrics(scene, g, m.triangle, m.u, m.v, &m.b1, &m.b2);
-    m.position = kiln_triangle_position(g, m.triangle, m.u, m.v);
     m.normal = kiln_triangle_exact_normal(scene, g, m.triangle);
     m.shading = m.normal;
-    m.offset = kiln_offset_distance(g, m.triangle, m.normal);
     return m;
 }
 
-/* The scattering of a surface that is not only diffuse; normals are those of the front. */
-static void find_lobes(const struct embree_backend *b, struct kiln_vec3 direction, struct meeting *m)
+static void place(const struct embree_backend *b, struct meeting *m)
+{
+    const struct kiln_geometry *g = b->params.geometry;
+    m->position = kiln_triangle_position(g, m->triangle, m->u, m->v);
+    m->offset = kiln_offset_distance(g, m->triangle, m->normal);
+}
+
+struct meeting meeting_make(const struct embree_backend *b, const struct RTCRayHit *r)
+{
+    struct meeting m = touch(b, r);
+    place(b, &m);
+    return m;
+}
+
+static void shade(const struct embree_backend *b, struct meeting *m)
+{
+    if ((m->mesh->flags & KILN_MESH_SMOOTH) == 0)
+        return;
+    m->shading = kiln_triangle_shading_normal(b->params.scene, b->params.geometry, m->triangle, m->u, m->v);
+    if (!(vec3_dot(m->shading, m->normal) > 0.0f))
+        m->shading = m->normal;
+}
+
+/* The lobes of a surface that is not only diffuse; normals are those of the front. Of o only z is set. */
+static void find_lobes(const struct embree_backend *b, struct kiln_vec3 direction, bool colored, struct meeting *m)
+{
+    const uint32_t material = b->params.geometry->records[m->triangle].material & KILN_RECORD_MATERIAL;
+    const struct kiln_vec3 back = vec3_scale(direction, -1.0f);
+    /* a shading normal on the other side of the ray's direction would make a front of a back */
+    if ((vec3_dot(m->shading, back) > 0.0f) != (vec3_dot(m->normal, back) > 0.0f))
+        m->shading = m->normal;
+    m->lobes = kiln_surface_lobes(b->params.scene, &b->lobes[material], m->mesh, m->stored, m->b1, m->b2, colored);
+    m->o = vec3(0.0f, 0.0f, vec3_dot(m->shading, back));
+    m->albedo = kiln_bsdf_albedo_of(m->lobes, m->o);
+}
+
+/* What else there is of its scattering, and the frame. */
+static void find_frame(const struct embree_backend *b, struct kiln_vec3 direction, struct meeting *m)
 {
     const struct kiln_scene *scene = b->params.scene;
     const struct kiln_geometry *g = b->params.geometry;
     struct kiln_vec3 corner[3];
     kiln_geometry_corners(g, m->triangle, corner);
     const int second = scene->objects[g->records[m->triangle].object].flipped != 0 ? 1 : 2;
-    const struct kiln_vec3 edge[2] = {vec3_sub(corner[3 - second], corner[0]), vec3_sub(corner[second], corner[0])},
-                           back = vec3_scale(direction, -1.0f);
-    /* a shading normal on the other side of the ray's direction would make a front of a back */
-    if ((vec3_dot(m->shading, back) > 0.0f) != (vec3_dot(m->normal, back) > 0.0f))
-        m->shading = m->normal;
+    const struct kiln_vec3 edge[2] = {vec3_sub(corner[3 - second], corner[0]), vec3_sub(corner[second], corner[0])};
     m->frame = kiln_surface_frame(scene, m->gloss, m->mesh, m->stored, m->b1, m->b2, m->shading, edge);
-    m->lobes = kiln_bsdf_prepare(kiln_surface_bsdf(scene, m->gloss, m->mesh, m->stored, m->b1, m->b2));
-    m->o = kiln_into_frame(&m->frame, back);
-    m->shares = kiln_bsdf_shares(m->lobes, m->o);
+    m->o = kiln_into_frame(&m->frame, vec3_scale(direction, -1.0f));
+    m->shares = kiln_bsdf_shares_of(m->albedo);
     m->others = KILN_LOBE_GLOSS | (m->lobes.coat.strength > 0.0f ? KILN_LOBE_COAT : 0u);
     m->sharp =
         m->others & kiln_path_sharp(m->lobes.alpha_x, m->lobes.alpha_y, m->lobes.p.coat_alpha, m->lobes.glass > 0.0f);
 }
 
-void meeting_face(const struct embree_backend *b, bool smooth, struct kiln_vec3 direction, struct meeting *m)
+static void turn(struct meeting *m)
 {
-    if ((smooth || m->gloss != NULL) && (m->mesh->flags & KILN_MESH_SMOOTH) != 0) {
-        m->shading = kiln_triangle_shading_normal(b->params.scene, b->params.geometry, m->triangle, m->u, m->v);
-        if (!(vec3_dot(m->shading, m->normal) > 0.0f))
-            m->shading = m->normal;
-    }
-    if (m->gloss != NULL)
-        find_lobes(b, direction, m);
     if (m->back) {
         m->normal = vec3_scale(m->normal, -1.0f);
         m->shading = vec3_scale(m->shading, -1.0f);
     }
+}
+
+void meeting_face(const struct embree_backend *b, bool smooth, struct kiln_vec3 direction, struct meeting *m)
+{
+    if (smooth || m->gloss != NULL)
+        shade(b, m);
+    if (m->gloss != NULL) {
+        find_lobes(b, direction, true, m);
+        find_frame(b, direction, m);
+    }
+    turn(m);
+}
+
+struct meeting meeting_begin(const struct embree_backend *b, const struct RTCRayHit *r)
+{
+    struct meeting m = touch(b, r);
+    shade(b, &m);
+    find_lobes(b, vec3(r->ray.dir_x, r->ray.dir_y, r->ray.dir_z), false, &m);
+    return m;
+}
+
+void meeting_end(const struct embree_backend *b, const struct RTCRayHit *r, struct meeting *m)
+{
+    place(b, m);
+    find_frame(b, vec3(r->ray.dir_x, r->ray.dir_y, r->ray.dir_z), m);
+    turn(m);
 }
 
 bool meeting_attenuation(const struct meeting *m, float distance, float share[3])

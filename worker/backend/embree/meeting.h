@@ -20,12 +20,18 @@ struct meeting {
     struct kiln_frame frame; /* of its front */
     struct kiln_bsdf_lobes lobes;
     struct kiln_vec3 o;             /* where the path comes from, in the frame */
-    struct kiln_bsdf_choice shares; /* of its lobes, for o */
+    struct kiln_bsdf_albedo albedo; /* of its lobes, for o */
+    struct kiln_bsdf_choice shares; /* by luminance */
     /* its lobes that are not diffuse, and of these those whose light is what the path's rays meet */
     uint32_t others, sharp;
 };
 
 bool meeting_is_back(const struct RTCRayHit *r);
+/* The record of what a ray has hit. */
+static inline const struct kiln_hit_record *meeting_record(const struct embree_backend *b, const struct RTCRayHit *r)
+{
+    return &b->params.geometry->records[embree_triangle(b, r->hit.geomID, r->hit.primID)];
+}
 /* The gloss that the material of a triangle is taken with; NULL: it is diffuse. */
 const struct kiln_gloss *meeting_gloss(const struct embree_backend *b, const struct kiln_hit_record *record);
 /* Whether a ray that comes from this side finds the surface there. */
@@ -36,6 +42,12 @@ struct meeting meeting_make(const struct embree_backend *b, const struct RTCRayH
 /* Finds how the surface scatters light to where a ray of this direction comes from, and turns the normals to that side.
  * `smooth`: the shading normal is wanted of diffuse surfaces too. */
 void meeting_face(const struct embree_backend *b, bool smooth, struct kiln_vec3 direction, struct meeting *m);
+
+/* The same in two parts, of a surface that is not only diffuse: what hangs on no more than the angle (lobes, albedo,
+ * o.z), without the colour of the diffuse part; then, where it is wanted, all the rest. */
+struct meeting meeting_begin(const struct embree_backend *b, const struct RTCRayHit *r);
+void meeting_end(const struct embree_backend *b, const struct RTCRayHit *r, struct meeting *m);
+
 /* What the body that the ray has come through leaves of the light, by colour: the ray meets its surface from within.
  * False: it has come through none, and `share` is left as it is. `distance`: m. */
 bool meeting_attenuation(const struct meeting *m, float distance, float share[3]);

@@ -6,8 +6,7 @@
 #include "shaders/shared/color.h"
 #include "shaders/shared/warp.h"
 #include "worker/backend/embree/light_samples.h"
-#include "worker/backend/embree/meeting.h"
-#include "worker/backend/embree/shadow.h"
+#include "worker/backend/embree/walk.h"
 #include "worker/base/memory.h"
 #include "worker/pass/path.h"
 #include "worker/scene/footprint.h"
@@ -15,32 +14,13 @@
 
 /* A path under way. */
 struct path {
-    const struct embree_backend *b;
-    struct embree_context *context;
+    struct walk walk; /* its key is the pixel's */
     const struct kiln_path_parameters *camera;
-    struct kiln_light_choice *choices;
-    uint32_t key, k; /* of the pixel; number of the sample */
     float weight[3]; /* what of the radiance that comes now reaches the camera, by colour */
     float seen[3];   /* the same, of what the next surface emits itself: 0 where light samples have brought that */
     float radiance[3];
     uint32_t bounces, chain; /* diffuse surfaces that have sent the path on; others since the last one */
-    uint64_t rays;
 };
-
-/* Two numbers in (0, 1) of this sample. */
-static void draw(const struct path *p, uint32_t use, double *u, double *v)
-{
-    uint32_t a, b;
-    kiln_path_numbers(kiln_path_key(p->key, use), p->k, &a, &b);
-    *u = kiln_unit_double(a);
-    *v = kiln_unit_double(b);
-}
-
-static void add(struct path *p, const float weight[3], const float rgb[3])
-{
-    for (int c = 0; c < 3; c++)
-        p->radiance[c] += weight[c] * rgb[c];
-}
 
 static void multiply(struct path *p, const float factor[3])
 {
@@ -50,13 +30,6 @@ static void multiply(struct path *p, const float factor[3])
     }
 }
 
-static void add_environment(struct path *p, const float weight[3], struct kiln_vec3 direction)
-{
-    float rgb[3];
-    kiln_environment_radiance(p->b->params.lights, dvec3_of(direction), rgb);
-    add(p, weight, rgb);
-}
-
 /* ---- rays ---- */
 
 /* Traces the ray that leads to surface number `surface`; false: it meets nothing. */
@@ -64,25 +37,14 @@ static bool trace(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 dire
                   struct RTCRayHit *ray)
 {
     float tint[3] = {1.0f, 1.0f, 1.0f};
-    *ray = (struct RTCRayHit){.ray = {.org_x = origin.x,
-                                      .org_y = origin.y,
-                                      .org_z = origin.z,
-                                      .dir_x = direction.x,
-                                      .dir_y = direction.y,
-                                      .dir_z = direction.z,
-                                      .tfar = INFINITY,
-                                      .mask = ~0u},
-                              .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
-    const uint32_t chance = kiln_path_key(p->key, kiln_path_use(surface, KILN_PATH_CHANCE));
-    embree_nearest1(p->b, p->context, ray, kiln_hash2(chance, p->k), tint);
+    const bool meets = walk_trace(&p->walk, origin, direction, kiln_path_use(surface, KILN_PATH_CHANCE), tint, ray);
     multiply(p, tint);
-    return ray->hit.geomID != RTC_INVALID_GEOMETRY_ID;
+    return meets;
 }
 
 static bool is_seen(const struct embree_backend *b, const struct RTCRayHit *r)
 {
-    const struct kiln_hit_record *record =
-        &b->params.geometry->records[embree_triangle(b, r->hit.geomID, r->hit.primID)];
+    const struct kiln_hit_record *record = meeting_record(b, r);
     const bool hidden = (b->params.scene->objects[record->object].flags & KILN_OBJECT_CASTER_ONLY) != 0 &&
                         (record->material & KILN_RECORD_EMITS) == 0;
     return !hidden && meeting_has_side(b, record, meeting_is_back(r));
@@ -91,27 +53,18 @@ static bool is_seen(const struct embree_backend *b, const struct RTCRayHit *r)
 /* What the camera sees along the ray; false: nothing but the environment. */
 static bool look(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 direction, struct RTCRayHit *ray)
 {
-    p->rays++;
+    p->walk.rays++;
     for (uint32_t i = 0; i <= KILN_PATH_UNSEEN; i++) {
         if (!trace(p, origin, direction, 0, ray))
             return false;
-        if (is_seen(p->b, ray))
+        if (is_seen(p->walk.b, ray))
             return true;
-        origin = vec3_madd(origin, direction, kiln_path_beyond(ray->ray.tfar, p->b->params.geometry->extent));
+        origin = vec3_madd(origin, direction, kiln_path_beyond(ray->ray.tfar, p->walk.b->params.geometry->extent));
     }
     return false;
 }
 
 /* ---- surfaces ---- */
-
-static void add_emission(struct path *p, const struct meeting *m)
-{
-    float rgb[3];
-    if ((p->b->params.geometry->records[m->triangle].material & KILN_RECORD_EMITS) == 0)
-        return;
-    kiln_surface_emission(p->b->params.scene, m->mesh, m->stored, m->b1, m->b2, rgb);
-    add(p, p->seen, rgb);
-}
 
 /* What the body that the ray has come through has left of the light: the ray meets its surface from within. */
 static void attenuate(struct path *p, const struct meeting *m, float distance)
@@ -127,77 +80,11 @@ static bool reflect(struct path *p, const struct meeting *m, bool first)
     float color[4];
     if (m->gloss != NULL)
         return true;
-    (first ? kiln_surface_base_color : kiln_surface_color)(p->b->params.scene, m->mesh, m->stored, m->b1, m->b2, color);
+    (first ? kiln_surface_base_color : kiln_surface_color)(p->walk.b->params.scene, m->mesh, m->stored, m->b1, m->b2,
+                                                           color);
     for (int c = 0; c < 3; c++)
         p->weight[c] *= color[c];
     return p->weight[0] > 0.0f || p->weight[1] > 0.0f || p->weight[2] > 0.0f;
-}
-
-/* ---- straight from the lights ---- */
-
-static struct kiln_light_sample draw_light(const struct path *p, const struct meeting *m, uint32_t surface,
-                                           const struct kiln_light_choice *choice, uint32_t index, bool *good)
-{
-    const bool sky = choice->kind == KILN_CHOICE_ENVIRONMENT;
-    struct kiln_light_sample sample = {0};
-    double u = 0.5, v = 0.5, pick = 0.5, rest;
-    if (choice->kind != KILN_CHOICE_DIRECTIONAL) {
-        draw(p, kiln_path_use(surface, sky ? KILN_PATH_SKY + index : KILN_PATH_LIGHT), &u, &v);
-        draw(p, kiln_path_use(surface, KILN_PATH_PICK), &pick, &rest);
-    }
-    *good = kiln_lights_sample(p->b->params.lights, choice, index, dvec3_of(m->position), dvec3_of(m->normal),
-                               dvec3_of(m->shading), pick, u, v, &sample);
-    return sample;
-}
-
-/* What a surface that is not only diffuse sends to the path of light from a direction, times the cosine: of light that
- * rays meet themselves, what its sharp lobes do is left to these. */
-static void scatter(const struct meeting *m, const struct kiln_light_sample *sample, float scattered[3])
-{
-    const uint32_t lobes = sample->has_extent ? KILN_LOBE_ALL & ~m->sharp : KILN_LOBE_ALL;
-    const struct kiln_bsdf_value f = meeting_evaluate(m, kiln_into_frame(&m->frame, vec3_of(sample->direction)), lobes);
-    scattered[0] = f.value.x;
-    scattered[1] = f.value.y;
-    scattered[2] = f.value.z;
-}
-
-/* Adds what one sample of a choice brings. */
-static void add_sample(struct path *p, const struct meeting *m, const struct kiln_light_choice *choice,
-                       struct kiln_light_sample *sample)
-{
-    const double above = dvec3_dot(dvec3_of(m->normal), sample->direction),
-                 cosine = dvec3_dot(dvec3_of(m->shading), sample->direction);
-    const struct kiln_vec3 start = vec3_madd(m->position, m->normal, m->offset);
-    if (!(above > 0.0) || !(cosine > 0.0))
-        return;
-    p->rays++;
-    shadow_aim(sample, dvec3_of(m->position), dvec3_of(start));
-    if (!light_arrives(p->b, p->context, start, choice, sample))
-        return;
-    float rgb[3], scattered[3] = {0.0f, 0.0f, 0.0f};
-    if (m->gloss != NULL)
-        scatter(m, sample, scattered);
-    for (int c = 0; c < 3; c++)
-        rgb[c] = (float)(sample->value[c] * (m->gloss != NULL ? (double)scattered[c] : cosine * (1.0 / KILN_PI)));
-    add(p, p->weight, rgb);
-}
-
-static void add_direct(struct path *p, const struct meeting *m, uint32_t surface)
-{
-    const struct kiln_lights *lights = p->b->params.lights;
-    size_t count = kiln_lights_choices(lights, dvec3_of(m->position), 0.0, dvec3_of(m->normal), 1, p->choices);
-    if (light_sky_is_constant(lights))
-        count--; /* the environment is the last choice */
-    for (size_t i = 0; i < count; i++) {
-        struct kiln_light_choice *choice = &p->choices[i];
-        choice->samples = choice->kind == KILN_CHOICE_ENVIRONMENT ? 2 : 1; /* by the cosine, and by luminance */
-        for (uint32_t index = 0; index < choice->samples; index++) {
-            bool good;
-            struct kiln_light_sample sample = draw_light(p, m, surface, choice, index, &good);
-            if (good)
-                add_sample(p, m, choice, &sample);
-        }
-    }
 }
 
 /* ---- the way on ---- */
@@ -219,8 +106,8 @@ static bool turn_by_lobes(struct path *p, const struct meeting *m, uint32_t surf
 {
     double u, v, pick, rest;
     float sharp[3], weight[3];
-    draw(p, kiln_path_use(surface, KILN_PATH_BOUNCE), &u, &v);
-    draw(p, kiln_path_use(surface, KILN_PATH_LOBE), &pick, &rest);
+    walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_BOUNCE), &u, &v);
+    walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_LOBE), &pick, &rest);
     const float chance = kiln_bsdf_choice_of(m->shares, KILN_LOBE_ALL).diffuse;
     *diffuse = pick < (double)chance;
     const bool sends = meeting_send(m, *diffuse ? KILN_LOBE_DIFFUSE : m->others, (float)rest, (float)u, (float)v,
@@ -242,7 +129,7 @@ static bool turn(struct path *p, const struct meeting *m, uint32_t surface, stru
     *diffuse = true;
     if (m->gloss != NULL)
         return turn_by_lobes(p, m, surface, direction, diffuse);
-    draw(p, kiln_path_use(surface, KILN_PATH_BOUNCE), &u, &v);
+    walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_BOUNCE), &u, &v);
     const struct kiln_vec3 both = vec3_add(m->normal, m->shading); /* twice the normal but for smooth meshes */
     *direction = cosine_direction(vec3_normalize(both), u, v, &cosine);
     const float weight = kiln_shading_weight(vec3_dot(m->shading, *direction), cosine);
@@ -261,7 +148,7 @@ static bool survives(struct path *p, uint32_t surface)
     if (!endless || surface < KILN_PATH_CERTAIN)
         return true;
     const float chance = kiln_path_chance(p->weight[0], p->weight[1], p->weight[2]);
-    draw(p, kiln_path_use(surface, KILN_PATH_END), &u, &v);
+    walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_END), &u, &v);
     for (int c = 0; c < 3; c++)
         p->weight[c] /= chance;
     return u < (double)chance;
@@ -270,7 +157,7 @@ static bool survives(struct path *p, uint32_t surface)
 /* From surface number `surface` to the next; false: the path ends. */
 static bool go_on(struct path *p, const struct meeting *m, uint32_t surface, struct RTCRayHit *ray)
 {
-    const bool sky = light_sky_is_constant(p->b->params.lights), may_end = m->gloss == NULL && !sky;
+    const bool sky = light_sky_is_constant(p->walk.b->params.lights), may_end = m->gloss == NULL && !sky;
     struct kiln_vec3 direction;
     bool diffuse;
     if ((may_end && p->bounces == p->camera->bounces) || !survives(p, surface) ||
@@ -282,13 +169,10 @@ static bool go_on(struct path *p, const struct meeting *m, uint32_t surface, str
         return false;
     p->bounces += diffuse;
     p->chain = diffuse ? 0 : p->chain + 1;
-    p->rays++;
+    p->walk.rays++;
     if (trace(p, vec3_madd(m->position, m->normal, side), direction, surface + 1, ray))
-        return !last &&
-               meeting_has_side(
-                   p->b, &p->b->params.geometry->records[embree_triangle(p->b, ray->hit.geomID, ray->hit.primID)],
-                   meeting_is_back(ray));
-    add_environment(p, sky ? p->weight : p->seen, direction);
+        return !last && meeting_has_side(p->walk.b, meeting_record(p->walk.b, ray), meeting_is_back(ray));
+    walk_environment(&p->walk, direction, sky ? p->weight : p->seen, p->radiance);
     return false;
 }
 
@@ -298,7 +182,7 @@ static void camera_ray(const struct path *p, uint64_t pixel, struct kiln_vec3 *o
 {
     const struct kiln_path_parameters *c = p->camera;
     double u, v;
-    draw(p, 0, &u, &v);
+    walk_draw(&p->walk, 0, &u, &v);
     const float x = (float)(((double)(pixel % c->width) + u) / c->width * 2.0 - 1.0),
                 y = (float)(1.0 - ((double)(pixel / c->width) + v) / c->height * 2.0);
     const struct kiln_vec3 aside = vec3_madd(vec3_scale(c->right, x), c->up, y);
@@ -324,18 +208,18 @@ static void follow(struct path *p, uint64_t pixel)
     p->bounces = p->chain = 0;
     camera_ray(p, pixel, &origin, &direction);
     if (!look(p, origin, direction, &ray)) {
-        add_environment(p, p->weight, direction);
+        walk_environment(&p->walk, direction, p->weight, p->radiance);
         return;
     }
     for (uint32_t surface = 0;; surface++) {
-        struct meeting m = meeting_make(p->b, &ray);
-        meeting_face(p->b, surface == 0, vec3(ray.ray.dir_x, ray.ray.dir_y, ray.ray.dir_z), &m);
+        struct meeting m = meeting_make(p->walk.b, &ray);
+        meeting_face(p->walk.b, surface == 0, vec3(ray.ray.dir_x, ray.ray.dir_y, ray.ray.dir_z), &m);
         attenuate(p, &m, ray.ray.tfar);
         if (p->seen[0] > 0.0f || p->seen[1] > 0.0f || p->seen[2] > 0.0f)
-            add_emission(p, &m);
+            walk_emission(&p->walk, &m, p->seen, p->radiance);
         if (!reflect(p, &m, surface == 0))
             return;
-        add_direct(p, &m, surface);
+        walk_lights(&p->walk, &m, surface, KILN_LOBE_ALL, p->weight, p->radiance);
         if (!go_on(p, &m, surface, &ray))
             return;
     }
@@ -345,9 +229,9 @@ static void trace_pixel(struct path *p, uint64_t pixel, uint32_t seed, const str
                         struct kiln_path_result *result)
 {
     double sum[3] = {0.0, 0.0, 0.0}, square = 0.0;
-    p->key = kiln_hash2(kiln_hash2(seed, (uint32_t)pixel), (uint32_t)(pixel >> 32));
+    p->walk.key = kiln_hash2(kiln_hash2(seed, (uint32_t)pixel), (uint32_t)(pixel >> 32));
     for (uint32_t i = 0; i < part->samples; i++) {
-        p->k = part->first_sample + i;
+        p->walk.k = part->first_sample + i;
         follow(p, pixel);
         const double luminance = kiln_luminance_of_floats(p->radiance);
         square += luminance * luminance;
@@ -375,14 +259,13 @@ int embree_path(struct embree_backend *b, const void *parameters, const struct k
         const double begin = embree_thread_seconds();
         struct embree_context context;
         embree_context(b, &context);
-        struct path p = {.b = b,
-                         .context = &context,
-                         .camera = parameters,
-                         .choices = choices + room * (size_t)omp_get_thread_num()};
+        struct path p = {
+            .walk = {.b = b, .context = &context, .choices = choices + room * (size_t)omp_get_thread_num()},
+            .camera = parameters};
 #pragma omp for schedule(dynamic, 16) nowait
         for (size_t i = 0; i < part->count; i++)
             trace_pixel(&p, (uint64_t)part->first + i, seed, part, (struct kiln_path_result *)results + i);
-        traced += p.rays;
+        traced += p.walk.rays;
         seconds += embree_thread_seconds() - begin;
         embree_leave(saved);
     }

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "shaders/shared/streams.h"
+#include "worker/backend/embree/chain.h"
 #include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/lookup.h"
 #include "worker/base/memory.h"
@@ -31,8 +32,17 @@ static void add(struct probe_sums *sums, struct kiln_dvec3 d, const double value
             sums->axes[along[a] >= 0.0 ? 2 * a : 2 * a + 1][c] += fabs(along[a]) * value[c];
 }
 
-static void gather_sphere(const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 p,
-                          uint32_t key, uint32_t samples, struct probe_sums *sums)
+/* Radiance by the chain of ray k, of diffuse surfaces, lamps and sky. */
+static void follow(struct walk *walk, uint32_t key, uint32_t k, const struct RTCRayHit *ray, float rgb[3])
+{
+    struct chain_found found;
+    chain_follow(walk, kiln_gather_chance(key), k, ray, true, &found);
+    for (int c = 0; c < 3; c++)
+        rgb[c] = found.radiosity[c] * KILN_INVERSE_PI + found.light[c];
+}
+
+static void gather_sphere(const struct embree_backend *b, struct walk *walk, struct kiln_vec3 p, uint32_t key,
+                          uint32_t samples, struct probe_sums *sums)
 {
     const struct kiln_geometry *g = b->params.geometry;
     const struct kiln_vec3 diagonal = vec3_sub(g->bounds_max, g->bounds_min);
@@ -52,11 +62,14 @@ static void gather_sphere(const struct embree_backend *b, struct embree_context 
                                       .mask = ~0u},
                               .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
         float rgb[3] = {0}, tint[3] = {1.0f, 1.0f, 1.0f};
-        embree_nearest1(b, context, &r, kiln_hash2(key + 1u, k), tint);
+        embree_nearest1(b, walk->context, &r, kiln_hash2(key + 1u, k), tint);
         if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID) {
             sums->distance += far / samples;
             if (sky)
                 kiln_environment_radiance(b->params.lights, d, rgb);
+        } else if (chain_begins(b, &r)) {
+            sums->distance += fmin((double)r.ray.tfar, far) / samples;
+            follow(walk, key, k, &r, rgb);
         } else {
             sums->distance += fmin((double)r.ray.tfar, far) / samples;
             const uint32_t triangle = embree_triangle(b, r.hit.geomID, r.hit.primID);
@@ -114,14 +127,15 @@ int embree_probes(struct embree_backend *b, const void *parameters, const struct
         const unsigned saved = embree_enter();
         struct embree_context context;
         embree_context(b, &context);
+        struct walk walk = {.b = b, .context = &context, .choices = choices + room * (size_t)omp_get_thread_num()};
 #pragma omp for schedule(dynamic, 4)
         for (size_t i = 0; i < part->count; i++) {
             const uint64_t index = (uint64_t)part->first + i;
             const uint32_t key = kiln_hash2(kiln_hash2(seed, (uint32_t)index), (uint32_t)(index >> 32));
             struct probe_sums sums = {0};
-            gather_sphere(b, &context, part->positions[i], key, part->samples, &sums);
-            traced += part->samples + gather_lights(b, &context, choices + room * (size_t)omp_get_thread_num(),
-                                                    part->positions[i], key, part->samples, &sums);
+            gather_sphere(b, &walk, part->positions[i], key, part->samples, &sums);
+            traced +=
+                part->samples + gather_lights(b, &context, walk.choices, part->positions[i], key, part->samples, &sums);
             struct kiln_probe_result *r = (struct kiln_probe_result *)results + i;
             for (int h = 0; h < KILN_HARMONICS; h++)
                 for (int c = 0; c < 3; c++)

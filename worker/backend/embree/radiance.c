@@ -1,17 +1,18 @@
 /* The radiance pass (worker/pass/radiance.h): rays over the elements of probes' maps. */
 #include <math.h>
 #include <omp.h>
+#include <string.h>
 
 #include "shaders/shared/streams.h"
 #include "shaders/shared/warp.h"
+#include "worker/backend/embree/chain.h"
 #include "worker/backend/embree/lookup.h"
-#include "worker/backend/embree/passage.h"
 #include "worker/pass/radiance.h"
 #include "worker/sampling/sequence.h"
 
-/* Radiosity that a ray finds, as it arrives. Returns whether it met the back of a single-sided surface. */
+/* Radiosity that ray k finds, as it arrives. Returns whether it met the back of a single-sided surface. */
 static bool find_radiosity(const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 p,
-                           struct kiln_vec3 d, uint32_t seed, float rgb[3])
+                           struct kiln_vec3 d, uint32_t key, uint32_t k, float rgb[3])
 {
     struct RTCRayHit r = {.ray = {.org_x = p.x,
                                   .org_y = p.y,
@@ -24,14 +25,21 @@ static bool find_radiosity(const struct embree_backend *b, struct embree_context
                           .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
     float tint[3] = {1.0f, 1.0f, 1.0f};
     rgb[0] = rgb[1] = rgb[2] = 0.0f;
-    embree_nearest1(b, context, &r, seed, tint);
+    embree_nearest1(b, context, &r, kiln_radiance_chance(key, k), tint);
     if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID)
         return false;
     const uint32_t triangle = embree_triangle(b, r.hit.geomID, r.hit.primID);
     const bool back = r.hit.Ng_x * d.x + r.hit.Ng_y * d.y + r.hit.Ng_z * d.z > 0.0f;
-    if (back && (b->params.geometry->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0)
+    if (chain_begins(b, &r)) {
+        struct walk walk = {.b = b, .context = context};
+        struct chain_found found;
+        chain_follow(&walk, kiln_gather_chance(key), k, &r, true, &found);
+        memcpy(rgb, found.radiosity, sizeof found.radiosity);
+    } else if (back && (b->params.geometry->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0) {
         return true;
-    kiln_radiosity_unpack(embree_radiosity(b, triangle, r.hit.u, r.hit.v, back), rgb);
+    } else {
+        kiln_radiosity_unpack(embree_radiosity(b, triangle, r.hit.u, r.hit.v, back), rgb);
+    }
     for (int c = 0; c < 3; c++)
         rgb[c] *= tint[c];
     return false;
@@ -49,7 +57,7 @@ static void gather_element(const struct embree_backend *b, struct embree_context
         const float scale = 1.0f / vec3_length(at);
         const double weight = (double)(scale * scale * scale);
         float rgb[3];
-        if (find_radiosity(b, context, position, vec3_scale(at, scale), kiln_radiance_chance(key, k), rgb))
+        if (find_radiosity(b, context, position, vec3_scale(at, scale), key, k, rgb))
             back += weight;
         for (int c = 0; c < 3; c++)
             sum[c] += weight * (double)rgb[c];

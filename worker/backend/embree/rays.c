@@ -266,7 +266,7 @@ uint32_t rays_make(struct tile_run_rays *r, const struct embree_backend *b, uint
             make_cosine_rays(r, c * count, (c + 1) * count, numbers);
     }
     for (uint32_t l = 0; l < copies * count && embree_blends(b); l++)
-        r->seed[l] = kiln_gather_ray_seed(r->chance[l], r->first_sample + first + r->copy[l]);
+        r->seed[l] = kiln_gather_ray_seed(r->chance[l], rays_sample(r, step, l));
     fill_packets(r, copies * count);
     return copies * count;
 }
@@ -294,4 +294,26 @@ void rays_block(struct tile_run_rays *r, const struct embree_backend *b, struct 
     int some[PACKET] __attribute__((aligned(32)));
     for (uint32_t p = 0, l = 0; l < lanes; p++, l += PACKET) /* a RTCRayHit8 begins with its RTCRay8 */
         embree_blocked8(b, context, lanes_of(p, lanes, some), &r->packets[p].ray, &r->seed[l]);
+}
+
+struct RTCRayHit rays_lane(const struct tile_run_rays *r, uint32_t lane)
+{
+    const struct RTCRayHit8 *packet = &r->packets[lane / PACKET];
+    const uint32_t i = lane % PACKET;
+    return (struct RTCRayHit){.ray = {.org_x = packet->ray.org_x[i],
+                                      .org_y = packet->ray.org_y[i],
+                                      .org_z = packet->ray.org_z[i],
+                                      .dir_x = packet->ray.dir_x[i],
+                                      .dir_y = packet->ray.dir_y[i],
+                                      .dir_z = packet->ray.dir_z[i],
+                                      .tfar = packet->ray.tfar[i],
+                                      .mask = ~0u},
+                              .hit = {.Ng_x = packet->hit.Ng_x[i],
+                                      .Ng_y = packet->hit.Ng_y[i],
+                                      .Ng_z = packet->hit.Ng_z[i],
+                                      .u = packet->hit.u[i],
+                                      .v = packet->hit.v[i],
+                                      .primID = packet->hit.primID[i],
+                                      .geomID = packet->hit.geomID[i],
+                                      .instID = {RTC_INVALID_GEOMETRY_ID}}};
 }

@@ -75,6 +75,13 @@ void rays_trace(struct tile_run_rays *rays, const struct embree_backend *b, stru
 /* Finds which of the rays made last meet anything at all: see rays_is_blocked. */
 void rays_block(struct tile_run_rays *rays, const struct embree_backend *b, struct embree_context *context,
                 uint32_t lanes);
+/* The number of the sample that lane `lane` of a step takes. */
+static inline uint32_t rays_sample(const struct tile_run_rays *rays, uint32_t step, uint32_t lane)
+{
+    return rays->first_sample + step * rays->copies + rays->copy[lane];
+}
+/* The ray of a lane made last, with what it has hit. */
+struct RTCRayHit rays_lane(const struct tile_run_rays *rays, uint32_t lane);
 static inline bool rays_is_blocked(const struct tile_run_rays *rays, uint32_t lane)
 {
     return rays->packets[lane / PACKET].ray.tfar[lane % PACKET] < 0.0f;

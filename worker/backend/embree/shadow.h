@@ -24,7 +24,8 @@ struct shadow_packet {
 
 /* Starts a choice with `samples` samples, whose answers go to `sums`. */
 void shadow_begin(struct shadow_packet *packet, struct shadow_sums *sums, uint32_t samples);
-/* The ray of sample `index` from p; the cosines are those of the geometric and the shading normal. */
+/* The ray of sample `index` from p; the cosines are those of the geometric normal, times what the point takes up
+ * (frame_taken_up), and of the shading normal. */
 void shadow_add(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context,
                 struct kiln_vec3 p, const struct kiln_light_sample *sample, uint32_t index, double cosine,
                 double shading_cosine);

@@ -21,6 +21,8 @@ struct staging {
     struct kiln_gpu_coating *coatings;
     struct kiln_gpu_gloss *glosses;            /* of each material; NULL: all are diffuse to the kernels */
     struct kiln_gpu_gloss_place *gloss_places; /* of each coating; NULL: there are none */
+    struct kiln_bsdf_lobes *lobes;             /* of each material; NULL: as `glosses` */
+    bool varied;                               /* not all of these are prepared */
     uint32_t *slots;
     uint32_t *coating_of; /* stored triangle -> its coating, KILN_NONE: none yet */
     bool *wanted;         /* texture */
@@ -192,6 +194,17 @@ static void fill_gloss(struct kiln_gpu_gloss *to, const struct kiln_gloss *from)
     fill_gloss_textures(to, from);
 }
 
+static void prepare_lobes(struct staging *s, uint32_t material)
+{
+    const struct kiln_gloss_lobes of = kiln_gloss_lobes(s->params->scene, material);
+    if (!of.ready) {
+        s->varied = true;
+        return;
+    }
+    s->glosses[material].flags |= KILN_GPU_GLOSS_PREPARED | (of.dyed ? KILN_GPU_GLOSS_DYED : 0u);
+    s->lobes[material] = of.lobes;
+}
+
 static int make_glosses(struct staging *s, struct kiln_error *error)
 {
     const struct kiln_scene *scene = s->params->scene;
@@ -201,10 +214,14 @@ static int make_glosses(struct staging *s, struct kiln_error *error)
     if (status == KILN_OK && scene->texcoord_gloss != NULL)
         status = kiln_allocate(&s->gloss_places, s->coating_count, sizeof *s->gloss_places,
                                "the texture coordinates of gloss", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->lobes, scene->material_count, sizeof *s->lobes, "the lobes of materials", error);
     for (uint32_t i = 0; i < scene->material_count && status == KILN_OK; i++) {
         const struct kiln_gloss *gloss = kiln_gloss_taken(scene, i);
-        if (gloss != NULL)
+        if (gloss != NULL) {
             fill_gloss(&s->glosses[i], gloss);
+            prepare_lobes(s, i);
+        }
     }
     return status;
 }
@@ -272,6 +289,7 @@ static void free_staging(struct staging *s)
     kiln_free(&s->coatings);
     kiln_free(&s->glosses);
     kiln_free(&s->gloss_places);
+    kiln_free(&s->lobes);
 }
 
 static uint64_t texture_bytes(const struct kiln_texture *t) { return 4 * (uint64_t)t->width * t->height; }
@@ -355,6 +373,7 @@ static int upload_all(struct staging *s, struct vulkan_materials *m, struct kiln
         {linear, sizeof linear, "the table of sRGB codes", &layout->linear_of_srgb},
         {s->glosses, glosses * sizeof *s->glosses, "the gloss of materials", &layout->glosses},
         {s->gloss_places, places * sizeof *s->gloss_places, "the texture coordinates of gloss", &layout->gloss_places},
+        {s->lobes, glosses * sizeof *s->lobes, "the lobes of materials", &layout->lobes},
     };
     int status = KILN_OK;
     for (size_t i = 0; i < VULKAN_MATERIAL_BUFFERS && status == KILN_OK; i++) {
@@ -380,6 +399,8 @@ int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *p
         status = upload_texels(&s, materials, error);
     if (status == KILN_OK)
         status = upload_all(&s, materials, layout, error);
+    materials->gloss = s.glosses != NULL;
+    materials->varied = s.varied;
     free_staging(&s);
     if (status != KILN_OK)
         vulkan_materials_destroy(gpu, materials);

@@ -8,14 +8,16 @@
 #include "worker/backend/vulkan/gpu/gpu.h"
 #include "worker/backend/vulkan/layout.h"
 
-enum { VULKAN_MATERIAL_BUFFERS = 7 };
+enum { VULKAN_MATERIAL_BUFFERS = 8 };
 
 struct vulkan_materials {
-    /* materials, textures, coatings, slots, table of sRGB codes, glosses, their texture coordinates */
+    /* materials, textures, coatings, slots, table of sRGB codes, glosses, their texture coordinates, their lobes */
     struct gpu_buffer buffers[VULKAN_MATERIAL_BUFFERS];
     /* as many buffers as the texels need: one alone may be no larger than the device allows */
     struct gpu_buffer *texels;
     size_t texel_buffers;
+    bool gloss;  /* some materials are not only diffuse to kernels */
+    bool varied; /* and the lobes of some are not the same all over (KILN_GPU_GLOSS_PREPARED) */
 };
 
 /* Uploads and writes the addresses into `layout` (all 0 when there is nothing); with `all` the coatings of all

@@ -89,6 +89,7 @@ static int upload_surfaces(struct vulkan_backend *b, struct kiln_error *error)
         vulkan_materials_destroy(b->gpu, &b->materials);
         b->all_materials = true;
         status = vulkan_materials_create(b->gpu, &b->params, true, &b->materials, &b->layout.materials, error);
+        b->constants[VULKAN_HAS_VARIED] = b->materials.varied;
         if (status == KILN_OK)
             status = vulkan_upload_root(b, error);
     }

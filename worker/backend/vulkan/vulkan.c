@@ -111,6 +111,7 @@ static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
     b->constants[VULKAN_HAS_ALPHA] = g->passage;
     b->constants[VULKAN_HAS_COINCIDENT] = g->coincident;
     b->constants[VULKAN_LIGHT_KINDS] = b->lights.kinds;
+    b->constants[VULKAN_HAS_VARIED] = b->materials.varied;
     for (size_t i = 0; i < b->params.scene->mesh_count; i++)
         b->constants[VULKAN_HAS_SMOOTH] |= (b->params.scene->meshes[i].flags & KILN_MESH_SMOOTH) != 0;
     return status;

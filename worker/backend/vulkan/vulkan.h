@@ -57,6 +57,7 @@ enum vulkan_constant {
     VULKAN_OWN,
     VULKAN_HAS_COINCIDENT,
     VULKAN_HAS_OCTREE,
+    VULKAN_HAS_VARIED,
     VULKAN_CONSTANTS
 };
 
