@@ -31,7 +31,7 @@ struct kiln_gpu_guided_result { /* struct kiln_guided_result */
     KILN_STRUCT kiln_gpu_result point;
     KILN_REAL32 learnt[4];
 };
-KILN_SIZE_IS(kiln_gpu_guided_result, 72);
+KILN_SIZE_IS(kiln_gpu_guided_result, 84);
 
 #ifdef KILN_GLSL
 /* A luminance, its last eight bits given for a cell: its error is below 2^-15. */
