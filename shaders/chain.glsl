@@ -40,39 +40,50 @@ void add_radiosity(inout Chain c, kiln_hit hit, float in_, float out_)
 #endif
 }
 
-/* What lamps send straight to surface number `surface` of the chain, and what it emits. `m`: where it is glossy. */
-void add_lamps(inout Chain c, kiln_hit hit, bool glossy, Meeting m, uint surface)
+/* What surface number `surface` emits. */
+void add_emission(inout Chain c, kiln_hit hit, uint surface)
 {
 #ifdef KILN_WALK_LIGHTS
-    uint rays = 0u;
     if (surface > 0u && chain_seen != vec3(0.0) && (material_of(hit.triangle) & KILN_RECORD_EMITS) != 0u)
         c.light += chain_seen * kiln_surface_emission(hit.triangle, hit.u, hit.v);
-    if (glossy)
-        c.good = walk_lights(m, surface, others, chain_weight, c.light, rays) && c.good;
 #endif
 }
 
-/* Draws the way on from surface number `surface`; false: the chain ends. */
-bool chain_send(Meeting m, uint surface, out vec3 direction)
+/* What lamps send straight to surface number `surface`. */
+void add_lamps(inout Chain c, Meeting m, uint surface)
+{
+#ifdef KILN_WALK_LIGHTS
+    uint rays = 0u;
+    c.good = walk_lights(m, surface, others, chain_weight, c.light, rays) && c.good;
+#endif
+}
+
+/* Whether the chain goes on from surface number `surface`. `pick`: what of the random number chooses a lobe. */
+bool chain_survives(uint surface, out float pick)
 {
     const uvec2 picks = walk_draw(kiln_path_use(surface, KILN_PATH_LOBE));
-    vec3 value, share;
-    if (!walk_send(m, surface, others, kiln_unit_float(picks.x), direction, value, share))
+    const float goes_on = kiln_chain_chance(surface, SCENE.chain_length, kiln_chain_left(albedo, chain_weight));
+    pick = kiln_unit_float(picks.x);
+    if (!(goes_on > 0.0) || !(kiln_unit_float(picks.y) < goes_on))
         return false;
-    value *= chain_weight;
-    const float most = max(value.r, max(value.g, value.b)),
-                goes_on = kiln_chain_chance(surface, SCENE.chain_length, most);
-    if (!(most > 0.0) || !(kiln_unit_float(picks.y) < goes_on))
-        return false;
-    chain_weight = value / goes_on;
-    chain_seen = chain_weight * share;
+    chain_weight /= goes_on;
     return true;
 }
 
-/* The ray goes on to the next surface; false: the chain has ended. */
-bool chain_go_on(inout Chain c, Meeting m, uint surface, inout vec3 direction, inout kiln_hit hit)
+/* Draws the way on from surface number `surface`; false: it brings nothing. */
+bool chain_send(Meeting m, uint surface, float pick, out vec3 direction)
 {
-    if (!chain_send(m, surface, direction))
+    vec3 value, share;
+    const bool sends = walk_send(m, surface, others, pick, direction, value, share);
+    chain_weight *= value;
+    chain_seen = chain_weight * share;
+    return sends && max(chain_weight.r, max(chain_weight.g, chain_weight.b)) > 0.0;
+}
+
+/* The ray goes on to the next surface; false: the chain has ended. */
+bool chain_go_on(inout Chain c, Meeting m, uint surface, float pick, inout vec3 direction, inout kiln_hit hit)
+{
+    if (!chain_send(m, surface, pick, direction))
         return false;
     const float side = dot(m.normal, direction) > 0.0 ? m.offset : -m.offset;
     vec3 tint;
@@ -112,8 +123,12 @@ bool chain_step(inout Chain c, uint surface, inout vec3 direction, inout kiln_hi
     }
     if (in_ > 0.0)
         add_radiosity(c, hit, in_, out_);
-    add_lamps(c, hit, glossy, m, surface);
-    return glossy && chain_go_on(c, m, surface, direction, hit);
+    add_emission(c, hit, surface);
+    float pick;
+    if (!glossy || !chain_survives(surface, pick))
+        return false;
+    add_lamps(c, m, surface);
+    return chain_go_on(c, m, surface, pick, direction, hit);
 }
 
 /* Follows the chain of a ray that met what chain_begins is true of. `chance` and `k`: what the ray's chances hang on

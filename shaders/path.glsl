@@ -149,7 +149,7 @@ void camera_ray(uint64_t pixel, out vec3 origin, out vec3 direction)
     origin = parallel ? push.position + aside : push.position;
     direction = normalize(parallel ? push.forward : push.forward + aside);
     if (push.lens_radius > 0.0) {
-        const uvec2 spot = draw(KILN_PATH_LENS);
+        const uvec2 spot = walk_draw(KILN_PATH_LENS);
         const vec3 start = kiln_path_lens(push.right, push.up, push.lens_radius, float(real_unit(spot.x)),
                                           float(real_unit(spot.y)));
         origin += start;

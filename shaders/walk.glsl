@@ -29,11 +29,12 @@ struct Meeting { /* a surface that a path meets, on the side that it comes from 
 
 #ifdef KILN_GLOSS
 /* Of the surface that the walk is at, where it is not only diffuse: its scattering, the columns of the frame for that,
- * of its front, where the walk comes from in it, the shares of the lobes for that, which of them are not diffuse, and
- * of these the ones whose light is what the walk's rays meet. */
+ * of its front, where the walk comes from in it, what the lobes send there and their shares, which of them are not
+ * diffuse, and of these the ones whose light is what the walk's rays meet. */
 kiln_bsdf_lobes lobes;
 mat3 frame;
 vec3 from;
+kiln_bsdf_albedo albedo;
 kiln_bsdf_choice shares;
 uint others, sharp;
 #endif
@@ -90,7 +91,8 @@ void find_lobes(kiln_gpu_path_triangle t, vec3 direction, inout Meeting m)
     lobes = kiln_surface_lobes(material_of(m.triangle) & KILN_RECORD_MATERIAL, m.triangle, m.u, m.v, m.shading, t.e1,
                                t.e2, frame);
     from = -direction * frame;
-    shares = kiln_bsdf_shares(lobes, from);
+    albedo = kiln_bsdf_albedo_of(lobes, from);
+    shares = kiln_bsdf_shares_of(albedo);
     others = KILN_LOBE_GLOSS | (lobes.coat.strength > 0.0 ? KILN_LOBE_COAT : 0u);
     sharp = others & kiln_path_sharp(lobes.alpha_x, lobes.alpha_y, lobes.p.coat_alpha, lobes.glass > 0.0);
 }

@@ -190,7 +190,7 @@ static void camera_ray(const struct path *p, uint64_t pixel, struct kiln_vec3 *o
     *direction = vec3_normalize(c->orthographic ? c->forward : vec3_add(c->forward, aside));
     if (!(c->lens_radius > 0.0f))
         return;
-    draw(p, KILN_PATH_LENS, &u, &v);
+    walk_draw(&p->walk, KILN_PATH_LENS, &u, &v);
     const struct kiln_vec3 place = kiln_path_lens(c->right, c->up, c->lens_radius, (float)u, (float)v),
                            focus = vec3_scale(vec3_add(c->forward, aside), c->focus_distance);
     *origin = vec3_add(*origin, place);
