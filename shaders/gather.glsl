@@ -1,6 +1,7 @@
 /* The bounce pass: each thread takes a slice of a point's samples (hemisphere.glsl), a few cosine-distributed rays, and
  * adds up the radiosity that they find. gather_reduce.glsl adds up the slices. With KILN_GUIDED it is the guided pass
- * (guide.glsl). */
+ * (guide.glsl). With KILN_GLOSS rays go on in chains (chain.glsl); with KILN_CAUSTIC besides it is the caustic pass,
+ * which looks for lamps and sky by these alone. */
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"
@@ -28,14 +29,31 @@ uint near_probes; /* of the thread's point */
 #define HEMISPHERE_SEEDS (LOOKUP == SURFACES_AND_PROBES)
 KILN_ARRAY(NearArray, uint, 4);
 
+#ifdef KILN_GLOSS
+struct Sums {
+    vec3 incident, irradiance, glass, gloss;
+    float escaped, blocked, luminance;
+};
+#    define NO_SUMS Sums(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0)
+float ray_taken_up; /* what of the light of the ray counts as incident */
+#else
 struct Sums {
     vec3 incident, irradiance, glass;
     float escaped, blocked, luminance;
 };
-
-#define NO_SUMS Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0)
+#    define NO_SUMS Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0)
+#endif
 #include "shaders/hemisphere.glsl"
 #include "shaders/radiance_probes.glsl"
+#ifdef KILN_GLOSS
+#    ifdef KILN_CAUSTIC
+#        define KILN_WALK_LIGHTS
+#    else
+#        define KILN_CHAIN_RADIOSITY
+#    endif
+#    include "shaders/chain.glsl"
+#    include "shaders/taken_up.glsl"
+#endif
 
 /* The nearest hit, of points that see a probe within their range. */
 kiln_hit nearest(vec3 position, vec3 direction, uint seed, out vec3 tint)
@@ -56,16 +74,52 @@ void add_light(inout Sums sums, vec3 rgb, vec3 tint, float facet, float weight)
         rgb *= tint;
         sums.glass += facet * (1.0 - tint);
     }
+#ifdef KILN_GLOSS
+    sums.incident += facet * ray_taken_up * rgb;
+    sums.irradiance += weight * rgb;
+#else
     sums.incident += facet * rgb;
     if (HAS_SMOOTH != 0u)
         sums.irradiance += weight * rgb;
+#endif
 #ifdef KILN_GUIDED
     guide_luminance = weight * float_luminance(rgb);
 #endif
     sums.luminance += weight * float_luminance(rgb);
 }
 
-const uint SLICE_FLOATS = HAS_ALPHA == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
+#ifdef KILN_GLOSS
+/* What a ray adds that has met a surface at which a chain begins. What is lost on it is a share of what the ray's own
+ * tint leaves, and of each colour all is somewhere. */
+void add_chain(inout Sums sums, vec3 direction, kiln_hit hit, vec3 tint, float facet, float weight)
+{
+    const Chain c = chain_follow(ray_chance, ray_number, direction, hit);
+    chains_good = chains_good && c.good;
+#    ifdef KILN_CAUSTIC
+    add_light(sums, 3.14159265358979 * c.light, tint, facet, weight);
+    sums.glass = vec3(0.0);
+#    else
+    const vec3 left = HAS_ALPHA == KILN_PASSAGE_TINT ? tint : vec3(1.0);
+    const float mean = (left.r + left.g + left.b) * (1.0 / 3.0);
+    sums.escaped += facet * mean * c.escaped;
+    sums.blocked += facet * mean * c.blocked;
+    sums.gloss += facet * (left * c.gloss + (left - mean) * (c.escaped + c.blocked));
+    add_light(sums, c.radiosity, tint, facet, weight);
+#    endif
+}
+#endif
+
+#ifdef KILN_GLOSS
+const bool STORES_BOTH = true;
+#else
+const bool STORES_BOTH = HAS_SMOOTH != 0u;
+#endif
+const uint TINTED_FLOATS = HAS_ALPHA == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
+#if defined(KILN_GLOSS) && !defined(KILN_CAUSTIC)
+const uint SLICE_FLOATS = TINTED_FLOATS + KILN_GPU_SLICE_GLOSS;
+#else
+const uint SLICE_FLOATS = TINTED_FLOATS;
+#endif
 
 void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed)
 {
@@ -73,7 +127,7 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     const vec3 soft = kiln_shading(p, normal);
     vec3 axis = normal;
     float tilt = 1.0;
-    if (smooth_point) { /* half-way: see kiln_facet_weight */
+    if (smooth_point) {                  /* half-way: see kiln_facet_weight */
         const vec3 both = normal + soft; /* 0 where the triangle is too small to have a normal */
         axis = both == vec3(0.0) ? both : normalize(both);
         tilt = dot(normal, axis);
@@ -97,6 +151,16 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
 #ifdef KILN_GUIDED
     facet *= guide_weight;
     weight *= guide_weight;
+#endif
+#ifdef KILN_GLOSS
+    ray_taken_up = kiln_taken_up(p, push.chunk.parts, smooth_point ? dot(soft, direction) : cosine);
+    if (hit.triangle != KILN_GPU_NONE && chain_begins(hit)) {
+        add_chain(sums, direction, hit, tint, facet, weight);
+        return;
+    }
+#endif
+#ifdef KILN_CAUSTIC
+    return;
 #endif
     if (LOOKUP == SURFACES_AND_PROBES && hit.triangle == KILN_GPU_NONE && (near_probes & KILN_PROBE_SEEN) != 0u) {
         const kiln_probe_grid grid = ProbesRef(push.probes).value.grid;
@@ -123,6 +187,9 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
 
 void after_rays(inout Sums sums, kiln_gpu_point p, uint row, bool good)
 {
+#ifdef KILN_GLOSS
+    good = good && chains_good;
+#endif
     if (!good)
         sums.escaped = -1.0e9;
 }
@@ -133,13 +200,17 @@ void store(Sums sums, uint x, uint row)
     const uint step = push.chunk.total;
     for (uint c = 0u; c < 3u; c++) {
         floats.at[c * step + x] = sums.incident[c];
-        floats.at[(3u + c) * step + x] = HAS_SMOOTH != 0u ? sums.irradiance[c] : sums.incident[c];
+        floats.at[(3u + c) * step + x] = STORES_BOTH ? sums.irradiance[c] : sums.incident[c];
     }
     floats.at[6u * step + x] = sums.escaped;
     floats.at[7u * step + x] = sums.blocked;
     floats.at[8u * step + x] = sums.luminance;
     for (uint c = 0u; c < 3u && HAS_ALPHA == KILN_PASSAGE_TINT; c++)
         floats.at[(9u + c) * step + x] = sums.glass[c];
+#if defined(KILN_GLOSS) && !defined(KILN_CAUSTIC)
+    for (uint c = 0u; c < 3u; c++)
+        floats.at[(TINTED_FLOATS + c) * step + x] = sums.gloss[c];
+#endif
 }
 
 #include "shaders/main.glsl"

@@ -26,6 +26,11 @@
 
 KILN_ARRAY(FloatArray, float, 4);
 
+#ifdef KILN_GLOSS
+uint ray_chance, ray_number; /* of the ray under way, as chain_follow (chain.glsl) takes them */
+bool chains_good = true;     /* the device has ended no chain early */
+#endif
+
 /* What one sample of the point adds: a ray from `position`, where the geometric normal is `normal`, with u and v in
  * (0, 1) for its direction and `seed` for its chances. */
 void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed);
@@ -106,6 +111,10 @@ void kiln_kernel(uint x, uint y)
         const float u = kiln_unit_float(kiln_owen_scramble(sobol.at[k], seed[0]) ^ shift_u);
         const float v =
             kiln_unit_float(kiln_owen_scramble(sobol.at[push.hemisphere.sobol_stride + k], seed[1]) ^ shift_v);
+#ifdef KILN_GLOSS
+        ray_chance = chance;
+        ray_number = push.hemisphere.first_sample + k;
+#endif
         add_ray(sums, p, position, normal, u, v,
                 HEMISPHERE_SEEDS || HAS_ALPHA >= KILN_PASSAGE_BLEND
                     ? kiln_gather_ray_seed(chance, push.hemisphere.first_sample + k)

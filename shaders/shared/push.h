@@ -168,9 +168,8 @@ KILN_OFFSET_IS(kiln_gpu_probes_reduce_push, count, 24);
 /* path.glsl: paths of pixels. */
 struct kiln_gpu_path_push {
     KILN_ADDRESS scene;
-    KILN_ADDRESS triangles; /* struct kiln_gpu_path_triangle, one a world triangle */
-    KILN_ADDRESS sums;      /* struct kiln_gpu_path_sums of thread x */
-    KILN_WORD64 index;      /* of the first pixel in the picture */
+    KILN_ADDRESS sums; /* struct kiln_gpu_path_sums of thread x */
+    KILN_WORD64 index; /* of the first pixel in the picture */
     KILN_WORD count, first_sample, samples, seed, width, height, bounces;
     KILN_WORD orthographic;                   /* 0 or 1 */
     KILN_VECTOR position, forward, right, up; /* struct kiln_path_parameters */
@@ -178,9 +177,9 @@ struct kiln_gpu_path_push {
     KILN_REAL32 lens_radius, focus_distance;
     KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_path_push, 128);
-KILN_OFFSET_IS(kiln_gpu_path_push, count, 32);
-KILN_OFFSET_IS(kiln_gpu_path_push, position, 64);
-KILN_OFFSET_IS(kiln_gpu_path_push, extent, 112);
+KILN_SIZE_IS(kiln_gpu_path_push, 120);
+KILN_OFFSET_IS(kiln_gpu_path_push, count, 24);
+KILN_OFFSET_IS(kiln_gpu_path_push, position, 56);
+KILN_OFFSET_IS(kiln_gpu_path_push, extent, 104);
 
 #endif

@@ -9,14 +9,22 @@
 #include "worker/pass/guided.h"
 
 #include "shaders/guided.h"
+#include "shaders/guided_gloss.h"
+#include "shaders/guided_gloss_pipeline.h"
 #include "shaders/guided_learn.h"
 #include "shaders/guided_pipeline.h"
 #include "shaders/guided_reduce.h"
+#include "shaders/guided_reduce_gloss.h"
 
+static const struct vulkan_shader gloss_shader = {
+    .name = "guided with gloss", .compute = VULKAN_CODE(guided_gloss), .pipeline = VULKAN_CODE(guided_gloss_pipeline)};
 static const struct vulkan_shader guided_shader = {
-    .name = "guided", .compute = VULKAN_CODE(guided), .pipeline = VULKAN_CODE(guided_pipeline)};
+    .name = "guided", .compute = VULKAN_CODE(guided), .pipeline = VULKAN_CODE(guided_pipeline), .gloss = &gloss_shader};
 static const struct vulkan_shader learn_shader = {.name = "guided: cells", .compute = VULKAN_CODE(guided_learn)};
-static const struct vulkan_shader sums_shader = {.name = "guided: sums", .compute = VULKAN_CODE(guided_reduce)};
+static const struct vulkan_shader gloss_sums_shader = {.name = "guided with gloss: sums",
+                                                       .compute = VULKAN_CODE(guided_reduce_gloss)};
+static const struct vulkan_shader sums_shader = {
+    .name = "guided: sums", .compute = VULKAN_CODE(guided_reduce), .gloss = &gloss_sums_shader};
 
 _Static_assert(sizeof(struct kiln_gpu_guided_result) == sizeof(struct kiln_guided_result), "results");
 _Static_assert(sizeof(struct kiln_gpu_guided_push) == sizeof(struct kiln_gpu_hemisphere_push) + 2 * sizeof(uint64_t),

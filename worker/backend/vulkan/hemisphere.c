@@ -148,12 +148,22 @@ static int prepare(void *context, struct kiln_error *error)
     return status;
 }
 
+/* Chains are long loops, so that all points have the slices that partly buried ones have elsewhere. */
+static struct kiln_slices slices_of(const struct vulkan_backend *b, const struct vulkan_hemisphere *pass,
+                                    uint32_t samples)
+{
+    struct kiln_slices s = vulkan_slices_of(b, samples);
+    if (!pass->chains)
+        return s;
+    return (struct kiln_slices){.samples = s.samples / s.split, .per_quarter = s.per_quarter * s.split, .split = 1};
+}
+
 int vulkan_hemisphere_run(struct vulkan_backend *b, const struct vulkan_hemisphere *pass,
                           const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     assert(pass->own_bytes <= VULKAN_HEMISPHERE_OWN);
     struct hemisphere h = {
-        .b = b, .pass = pass, .batch = batch, .slices = vulkan_slices_of(b, batch->samples), .rays = 0};
+        .b = b, .pass = pass, .batch = batch, .slices = slices_of(b, pass, batch->samples), .rays = 0};
     const uint32_t rows = 4 * h.slices.per_quarter;
     const struct vulkan_chunked chunked = {.pass = pass->pass,
                                            .pace = pass->pace,

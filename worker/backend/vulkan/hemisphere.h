@@ -11,6 +11,7 @@ enum { VULKAN_HEMISPHERE_OWN = VULKAN_CONSTANT_BYTES - sizeof(struct kiln_gpu_he
 struct vulkan_hemisphere {
     const struct kiln_pass *pass;
     const struct vulkan_shader *shader, *sums;
+    bool chains;       /* rays may go on in chains: the loops of a thread are longer than those of other passes */
     uint32_t constant; /* the first kernel's own specialisation constant */
     uint32_t pace;     /* whose speed it has: pass->index, or another of enum vulkan_pace */
     uint32_t stream;   /* that random numbers hang on */
