@@ -12,6 +12,7 @@
 #include "coordinator/mpi/agree.h"
 #include "coordinator/bake/devices.h"
 #include "worker/base/memory.h"
+#include "worker/scene/gloss.h"
 #include "worker/scene/leaves.h"
 #include "worker/pass/validity.h"
 
@@ -165,6 +166,19 @@ static int check_same_scene(const struct kiln_prepared *p, const char *scene_fil
     return kiln_agree(p->communicator, status, error);
 }
 
+/* Gather rays that go on from mirrors, gloss and glass are Embree's (shaders/shared/chain.h). */
+static int refuse_gloss(const struct kiln_prepared *p, struct kiln_error *error)
+{
+    struct kiln_backend_info info;
+    kiln_backend_info(p->backend, &info);
+    return p->scene->taken == NULL || strcmp(info.name, "embree") == 0
+               ? KILN_OK
+               : kiln_fail(error, KILN_USAGE,
+                           "--materials auto and full need the Embree backend, and this is the backend '%s': give "
+                           "--backend embree, or --materials diffuse",
+                           info.name);
+}
+
 /* Guides are Embree's (worker/pass/guided.h). */
 static int refuse_guide(const struct kiln_prepared *p, struct kiln_error *error)
 {
@@ -199,6 +213,8 @@ static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, co
         kiln_devices_choose(job, p->node_rank, p->node_ranks, &params);
         status = kiln_backend_create(&p->backend, job->backend != NULL ? job->backend : "auto", &params, error);
     }
+    if (status == KILN_OK)
+        status = refuse_gloss(p, error);
     if (status == KILN_OK && job->guide > 0)
         status = refuse_guide(p, error);
     return go_on(p, care, status, error);
@@ -213,6 +229,9 @@ static int build_world(struct kiln_prepared *p, const struct kiln_job *job, cons
     status = go_on(p, care, status, error);
     if (status == KILN_OK)
         status = check_same_scene(p, scene_file, error);
+    if (status == KILN_OK)
+        status = kiln_agree(p->communicator,
+                            kiln_scene_take_gloss(p->scene, (enum kiln_gloss_mode)job->materials, error), error);
     if (status == KILN_OK)
         status = refuse(p, care, error);
     return status == KILN_OK ? build_backend(p, job, care, error) : status;

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "coordinator/run/process_memory.h"
+#include "coordinator/bake/materials.h"
 #include "coordinator/bake/near_lights.h"
 #include "coordinator/bake/run_table.h"
 #include "coordinator/integrate/sight.h"
@@ -88,6 +89,9 @@ static json_t *settings_json(const struct kiln_job *job)
         json_object_set_new(settings, "final_scale", json_integer((json_int_t)1 << job->final_scale));
     if (job->guide > 0)
         json_object_set_new(settings, "guide", json_string("auto"));
+    if (kiln_job_takes_gloss(job))
+        json_object_set_new(settings, "materials",
+                            json_string(job->materials == KILN_GLOSS_MODE_AUTO ? "auto" : "full"));
     add_quantities(settings, job);
     add_range(settings, job);
     return settings;
@@ -656,6 +660,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "output", kiln_json_string(run->directory));
     json_object_set_new(root, "scene", scene);
     json_object_set_new(root, "job", settings_json(run->job));
+    json_object_set_new(root, "materials", kiln_materials_json(run->job, run->materials, p->scene));
     json_object_set_new(root, "units", units_json(run));
     json_object_set_new(root, "backend", backend_json(p, values));
     json_object_set_new(root, "ranks", json_integer(p->ranks));

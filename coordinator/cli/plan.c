@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "coordinator/bake/materials.h"
 #include "coordinator/plan/plan.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/cli/commands.h"
@@ -412,8 +413,10 @@ static int plan_here(struct kiln_job *job, const char *scene_file, struct kiln_e
     int status = kiln_allocate(&plan, 1, sizeof *plan, "the plan", error);
     if (status == KILN_OK)
         status = kiln_prepare(&prepared, MPI_COMM_SELF, job, scene_file, &phases, NULL, NULL, error);
-    if (status == KILN_OK)
+    if (status == KILN_OK) {
+        kiln_materials_settle(job, prepared->scene);
         status = kiln_plan_make(plan, prepared, job, &phases, error);
+    }
     if (status == KILN_OK && job->json)
         status = kiln_json_print(plan_json(plan, job), error);
     else if (status == KILN_OK)
