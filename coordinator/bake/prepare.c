@@ -209,6 +209,7 @@ static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, co
                                              .threads = p->threads,
                                              .instruction_set = p->instruction_set,
                                              .seed = job->seed,
+                                             .chain_length = job->chain_length,
                                              .stop = stop_of(care)};
         kiln_devices_choose(job, p->node_rank, p->node_ranks, &params);
         status = kiln_backend_create(&p->backend, job->backend != NULL ? job->backend : "auto", &params, error);

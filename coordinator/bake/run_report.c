@@ -278,11 +278,11 @@ static json_t *radiance_json(const struct kiln_radiance_report *r)
 
 static json_t *energy_json(const struct kiln_energy *e, const struct kiln_units *units)
 {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", units->flux, "emitted",
-                     rgb_json(e->emitted), "glass", rgb_json(e->glass), "absorbed", rgb_json(e->absorbed), "escaped",
-                     rgb_json(e->escaped), "blocked", rgb_json(e->blocked), "ranged", rgb_json(e->ranged), "left_over",
-                     rgb_json(e->left_over), "residual", e->residual, "error", e->error, "relative_residual",
-                     e->relative);
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", units->flux, "emitted",
+                     rgb_json(e->emitted), "glass", rgb_json(e->glass), "gloss", rgb_json(e->gloss), "absorbed",
+                     rgb_json(e->absorbed), "escaped", rgb_json(e->escaped), "blocked", rgb_json(e->blocked), "ranged",
+                     rgb_json(e->ranged), "left_over", rgb_json(e->left_over), "residual", e->residual, "error",
+                     e->error, "relative_residual", e->relative);
 }
 
 /* What has become of --target-error: after the last round of parts. */
@@ -310,7 +310,8 @@ static json_t *error_json(const struct kiln_run *run)
             continue;
         double e[3];
         for (uint64_t c = 0; c < 3; c++)
-            e[c] = (double)run->solution->direct[3 * i + c] + (double)run->solution->indirect[3 * i + c];
+            e[c] = (double)run->solution->direct[3 * i + c] + (double)run->solution->indirect[3 * i + c] +
+                   (run->solution->own->caustic != NULL ? (double)run->solution->own->caustic[3 * i + c] : 0.0);
         const double error = (double)kiln_error_unpack(run->solution->error[i]);
         sums[0] += error * error;
         sums[1] += kiln_luminance(e);

@@ -130,9 +130,9 @@ static double luminance_of(const json_t *energy, const char *term)
 static void note_lost_light(const json_t *report, json_t *notes)
 {
     const json_t *energy = json_object_get(report, "energy");
-    const double blocked = luminance_of(energy, "blocked"), met = luminance_of(energy, "absorbed") +
-                                                                  luminance_of(energy, "glass") +
-                                                                  luminance_of(energy, "left_over") + blocked;
+    const double blocked = luminance_of(energy, "blocked"),
+                 met = luminance_of(energy, "absorbed") + luminance_of(energy, "glass") +
+                       luminance_of(energy, "gloss") + luminance_of(energy, "left_over") + blocked;
     if (met > 0.0 && blocked > NOTE_LOST * met)
         (void)json_array_append_new(
             notes,
@@ -202,7 +202,8 @@ static void note_imbalanced_energy(const json_t *report, json_t *notes)
     const double emitted = luminance_of(energy, "emitted"), residual = number_of(energy, "residual"),
                  off = fabs(residual), error = number_of(energy, "error");
     const double met = luminance_of(energy, "absorbed") + luminance_of(energy, "glass") +
-                       luminance_of(energy, "left_over") + luminance_of(energy, "blocked");
+                       luminance_of(energy, "gloss") + luminance_of(energy, "left_over") +
+                       luminance_of(energy, "blocked");
     if (json_object_get(report, "radiance_probes") != NULL)
         return; /* the ledger knows nothing of what probes answer for */
     const bool of_met = met > off;

@@ -19,7 +19,8 @@ enum {
     KILN_SUM_ESCAPED = 9,
     KILN_SUM_BLOCKED = 12,
     KILN_SUM_GLASS = 15,
-    KILN_SUMS = 18
+    KILN_SUM_GLOSS = 18,
+    KILN_SUMS = 21
 };
 
 /* What a thread adds up. Zero: nothing. */
