@@ -1,4 +1,5 @@
-/* Light traced from the lights, for the energy ledger: what share of it meets front faces, back faces, nothing. It
+/* Light traced from the lights, for the energy ledger: what share of it meets front faces, back faces, nothing, and is
+ * taken by mirrors, gloss and glass, by way of which it goes on until diffuse surfaces have taken it up. It
  * shares no code with the direct pass but the lights' description, so that agreement of the two means something.
  * Particles are made here, on the host; every backend finds with its own tracer what they hit. */
 #include <assert.h>
@@ -9,6 +10,7 @@
 #include "shaders/shared/punctual_light.h"
 #include "shaders/shared/random.h"
 #include "worker/backend/backend.h"
+#include "worker/backend/particle.h"
 #include "worker/base/memory.h"
 #include "worker/light/lights.h"
 #include "worker/sampling/sequence.h"
@@ -26,6 +28,8 @@ struct particle {
     struct kiln_dvec3 direction;
     double flux[3];
     const struct kiln_point_light *ranged; /* its range cuts the flux down at the hit */
+    uint32_t surface;                      /* how many surfaces with gloss it has met before */
+    float weight[3];                       /* what of its flux at the light is left */
 };
 
 struct emission {
@@ -39,6 +43,7 @@ struct emission {
     struct particle *particles; /* BATCH of each of these */
     struct kiln_vec3 *origins, *directions;
     struct kiln_hit *hits;
+    struct kiln_particle_turn *turns; /* where something is taken with its gloss; else NULL */
 };
 
 /* How far a group has come in dealing out its particles. The choice is systematic: a light gets those whose place on
@@ -169,8 +174,10 @@ static size_t deal(const struct emission *e, struct walk *w)
     size_t count = 0;
     while (count < BATCH && w->next < w->samples && w->light < e->light_count) {
         if (w->start + w->next * w->step < w->reached) {
-            e->particles[count++] =
-                (struct particle){.light = (uint32_t)w->light, .index = w->index++, .scale = w->step / w->flux};
+            e->particles[count++] = (struct particle){.light = (uint32_t)w->light,
+                                                      .index = w->index++,
+                                                      .scale = w->step / w->flux,
+                                                      .weight = {1.0f, 1.0f, 1.0f}};
             w->next++;
             continue;
         }
@@ -200,6 +207,7 @@ static void land(const struct emission *e, const struct particle *p, const struc
                  struct kiln_emission_result *out)
 {
     double *target = out->escaped, kept = 1.0;
+    const bool turns = kiln_particle_turns(e->params, hit);
     if (hit->triangle != KILN_NONE) {
         const bool double_sided =
             (e->params->geometry->records[hit->triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0;
@@ -209,11 +217,53 @@ static void land(const struct emission *e, const struct particle *p, const struc
     }
     for (int c = 0; c < 3; c++) {
         const double flux = p->flux[c] * p->scale, here = flux * (double)hit->tint[c];
-        out->emitted[c] += flux;
-        target[c] += here * kept;
+        if (p->surface == 0)
+            out->emitted[c] += flux;
+        if (!turns)
+            target[c] += here * kept;
         out->ranged[c] += here * (1.0 - kept);
         out->glass[c] += flux - here;
     }
+}
+
+/* Of the particles that have met surfaces with gloss, adds what these take, and moves those that go on to the front.
+ * Returns how many do. */
+static size_t turn_on(const struct emission *e, uint32_t base, size_t count, struct kiln_emission_result *out)
+{
+    size_t left = 0;
+#pragma omp parallel for num_threads(e->threads) schedule(dynamic, 256)
+    for (size_t j = 0; j < count; j++) {
+        const struct particle *p = &e->particles[j];
+        const struct kiln_particle_chance chance = {kiln_hash2(base, p->light + 1u), p->index, p->surface};
+        if (kiln_particle_turns(e->params, &e->hits[j]))
+            e->turns[j] = kiln_particle_turn(e->params, &e->hits[j], e->directions[j], p->weight, &chance);
+    }
+    for (size_t j = 0; j < count; j++) {
+        const struct kiln_hit *hit = &e->hits[j];
+        const struct kiln_particle_turn *turn = &e->turns[j];
+        struct particle p = e->particles[j];
+        if (!kiln_particle_turns(e->params, hit))
+            continue;
+        const double kept = p.ranged != NULL ? kiln_light_range(p.ranged->range, (double)hit->distance) : 1.0;
+        bool any = false;
+        for (int c = 0; c < 3; c++) {
+            const double comes = p.flux[c] * p.scale * (double)hit->tint[c] * kept;
+            out->received[c] += comes * (double)turn->taken_up[c];
+            out->gloss[c] += comes * (1.0 - (double)turn->taken_up[c] - (double)turn->goes_on[c]);
+            p.flux[c] = comes * (double)turn->goes_on[c];
+            p.weight[c] *= hit->tint[c] * turn->goes_on[c];
+            any = any || turn->goes_on[c] > 0.0f;
+        }
+        p.scale = 1.0;
+        p.ranged = NULL;
+        p.surface++;
+        if (!any)
+            continue;
+        e->particles[left] = p;
+        e->origins[left] = turn->origin;
+        e->directions[left++] = turn->direction;
+    }
+    return left;
 }
 
 /* Sums in the order of the particles, whatever the batches. */
@@ -224,13 +274,16 @@ static int trace_group(const struct emission *e, uint32_t group, uint32_t sample
     begin_group(e, &w, group, samples);
     for (size_t count; (count = deal(e, &w)) > 0;) {
         make_batch(e, w.base, count);
-        if (kiln_stop_asked(e->params->stop))
-            return kiln_give_up(error);
-        const int status = e->backend->api->intersect(e->backend, e->origins, e->directions, count, e->hits, error);
-        if (status != KILN_OK)
-            return status;
-        for (size_t j = 0; j < count; j++)
-            land(e, &e->particles[j], &e->hits[j], out);
+        while (count > 0) {
+            if (kiln_stop_asked(e->params->stop))
+                return kiln_give_up(error);
+            const int status = e->backend->api->intersect(e->backend, e->origins, e->directions, count, e->hits, error);
+            if (status != KILN_OK)
+                return status;
+            for (size_t j = 0; j < count; j++)
+                land(e, &e->particles[j], &e->hits[j], out);
+            count = e->turns != NULL ? turn_on(e, w.base, count, out) : 0;
+        }
     }
     return KILN_OK;
 }
@@ -247,6 +300,7 @@ static void combine(const struct kiln_emission_result groups[GROUPS], struct kil
             result->escaped[c] += groups[i].escaped[c] / GROUPS;
             result->ranged[c] += groups[i].ranged[c] / GROUPS;
             result->glass[c] += groups[i].glass[c] / GROUPS;
+            result->gloss[c] += groups[i].gloss[c] / GROUPS;
         }
         for (int i = 0; i < GROUPS; i++)
             square += (groups[i].received[c] - result->received[c]) * (groups[i].received[c] - result->received[c]);
@@ -261,6 +315,8 @@ static int make_room(struct emission *e, struct kiln_error *error)
         status = kiln_allocate(&e->origins, BATCH, sizeof *e->origins, "the particles' origins", error);
     if (status == KILN_OK)
         status = kiln_allocate(&e->directions, BATCH, sizeof *e->directions, "the particles' directions", error);
+    if (status == KILN_OK && e->params->scene->taken != NULL)
+        status = kiln_allocate(&e->turns, BATCH, sizeof *e->turns, "the particles' ways", error);
     return status == KILN_OK ? kiln_allocate(&e->hits, BATCH, sizeof *e->hits, "the particles' hits", error) : status;
 }
 
@@ -290,5 +346,6 @@ int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct
     kiln_free(&e.origins);
     kiln_free(&e.directions);
     kiln_free(&e.hits);
+    kiln_free(&e.turns);
     return status;
 }
