@@ -278,11 +278,12 @@ static json_t *radiance_json(const struct kiln_radiance_report *r)
 
 static json_t *energy_json(const struct kiln_energy *e, const struct kiln_units *units)
 {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", units->flux, "emitted",
-                     rgb_json(e->emitted), "glass", rgb_json(e->glass), "gloss", rgb_json(e->gloss), "absorbed",
-                     rgb_json(e->absorbed), "escaped", rgb_json(e->escaped), "blocked", rgb_json(e->blocked), "ranged",
-                     rgb_json(e->ranged), "left_over", rgb_json(e->left_over), "residual", e->residual, "error",
-                     e->error, "relative_residual", e->relative);
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", units->flux,
+                     "emitted", rgb_json(e->emitted), "glass", rgb_json(e->glass), "gloss", rgb_json(e->gloss),
+                     "absorbed", rgb_json(e->absorbed), "escaped", rgb_json(e->escaped), "blocked",
+                     rgb_json(e->blocked), "ranged", rgb_json(e->ranged), "unfound", rgb_json(e->unfound), "left_over",
+                     rgb_json(e->left_over), "residual", e->residual, "error", e->error, "relative_residual",
+                     e->relative);
 }
 
 /* What has become of --target-error: after the last round of parts. */

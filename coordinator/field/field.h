@@ -61,7 +61,7 @@ enum kiln_field_saved {
 
 /* Components that a published field has at most: spherical harmonics of bands 0 and 1 have 12. */
 enum { KILN_FIELD_COMPONENTS_MAX = 16 };
-enum { KILN_FIELD_TERMS = 3 }; /* of a sum, at most */
+enum { KILN_FIELD_TERMS_ALWAYS = 2, KILN_FIELD_TERMS = 3 }; /* of a sum: at least, and at most */
 
 /* What the values are, by which pictures show them, and texels are averaged. */
 enum kiln_field_meaning {
@@ -86,7 +86,8 @@ struct kiln_field {
     /* offset in struct kiln_rank_data of the pointer to the values, where code uses it by name; 0: it stands in the
      * array `more` there */
     size_t member;
-    /* KILN_FIELD_SUM: names of the two or three fields, all in rows before this one; then NULL */
+    /* KILN_FIELD_SUM: names of the fields, all in rows before this one: two, and one that is added where the bake has
+     * it, or NULL */
     const char *terms[KILN_FIELD_TERMS];
     enum kiln_field_saved saved;
     /* Finite values of published components lie in [low, high]: checked in checkpoints and by `kiln verify`. */
@@ -131,7 +132,7 @@ struct kiln_field_set {
     struct kiln_field_entry {
         const struct kiln_field *field;
         bool in_lightmaps;
-        size_t terms[KILN_FIELD_TERMS]; /* KILN_FIELD_SUM: their places in this set */
+        size_t terms[KILN_FIELD_TERMS], term_count; /* KILN_FIELD_SUM: their places in this set */
     } entry[KILN_FIELDS_MAX];
 };
 

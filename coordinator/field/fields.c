@@ -30,7 +30,6 @@ static bool has_views(const struct kiln_job *job) { return job->only_visible_fro
 static bool has_blocks(const struct kiln_job *job) { return job->indirect_scale > 0; }
 static bool has_nodes(const struct kiln_job *job) { return job->final_scale > 0; }
 static bool has_caustics(const struct kiln_job *job) { return kiln_job_has_caustics(job); }
-static bool has_no_caustics(const struct kiln_job *job) { return !kiln_job_has_caustics(job); }
 static bool has_guide(const struct kiln_job *job) { return job->guide > 0; }
 static bool receives_visible(const struct kiln_job *job) { return job->exchange_points == KILN_EXCHANGE_VISIBLE; }
 static bool has_target(const struct kiln_job *job) { return job->target_error > 0.0; }
@@ -159,31 +158,6 @@ static const struct kiln_field table[] = {
      .noisy = true,
      .channels = indirect_channels,
      .smooth = true},
-    {.name = "total",
-     .type = KILN_FIELD_FLOAT,
-     .components = 3,
-     .domain = KILN_DOMAIN_POINT,
-     .life = KILN_FIELD_SUM,
-     .terms = {"direct", "sum"},
-     .high = INFINITY,
-     .dataset = "/irradiance/total",
-     .description = "direct + indirect, as gathered: not denoised, not filled, seams not smoothed (the lightmaps are)",
-     .noisy = true,
-     .channels = total_channels,
-     .present = has_no_caustics},
-    {.name = "error",
-     .type = KILN_FIELD_ERROR,
-     .components = 1,
-     .domain = KILN_DOMAIN_POINT,
-     .life = KILN_FIELD_RESULT,
-     .member = AT(error),
-     .saved = KILN_FIELD_SAVED,
-     .high = INFINITY,
-     .dataset = "/irradiance/error",
-     .description = "standard error of the luminance of total",
-     .noisy = true,
-     .channels = error_channels,
-     .in_lightmaps = wants_error_map},
     {.name = "caustic",
      .type = KILN_FIELD_FLOAT,
      .components = 3,
@@ -207,11 +181,23 @@ static const struct kiln_field table[] = {
      .terms = {"direct", "sum", "caustic"},
      .high = INFINITY,
      .dataset = "/irradiance/total",
-     .description = "direct + indirect + caustic, as gathered: not denoised, not filled, seams not smoothed (the "
+     .description = "direct + indirect (+ caustic), as gathered: not denoised, not filled, seams not smoothed (the "
                     "lightmaps are)",
      .noisy = true,
-     .channels = total_channels,
-     .present = has_caustics},
+     .channels = total_channels},
+    {.name = "error",
+     .type = KILN_FIELD_ERROR,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(error),
+     .saved = KILN_FIELD_SAVED,
+     .high = INFINITY,
+     .dataset = "/irradiance/error",
+     .description = "standard error of the luminance of total",
+     .noisy = true,
+     .channels = error_channels,
+     .in_lightmaps = wants_error_map},
     {.name = "ambient_occlusion",
      .unit = "1",
      .meaning = KILN_FIELD_FRACTION,
@@ -511,8 +497,10 @@ int kiln_field_set_add(struct kiln_field_set *set, const struct kiln_field *fiel
                          field->name, set->count, (int)KILN_FIELDS_MAX, field->components,
                          (int)KILN_FIELD_COMPONENTS_MAX);
     for (size_t k = 0; field->life == KILN_FIELD_SUM && k < KILN_FIELD_TERMS && field->terms[k] != NULL; k++) {
-        entry.terms[k] = kiln_field_set_find(set, field->terms[k]);
-        if (entry.terms[k] == set->count)
+        const size_t term = kiln_field_set_find(set, field->terms[k]);
+        if (term < set->count)
+            entry.terms[entry.term_count++] = term;
+        else if (k < KILN_FIELD_TERMS_ALWAYS)
             return kiln_fail(error, KILN_BUG, "the field '%s' is a sum with '%s', which this bake does not have",
                              field->name, field->terms[k]);
     }

@@ -59,7 +59,7 @@ void kiln_rank_floats(const struct kiln_rank_data *data, const struct kiln_field
     }
     float next[KILN_FIELD_COMPONENTS_MAX];
     kiln_rank_floats(data, fields, entry->terms[0], own, floats);
-    for (size_t k = 1; k < KILN_FIELD_TERMS && entry->field->terms[k] != NULL; k++) {
+    for (size_t k = 1; k < entry->term_count; k++) {
         kiln_rank_floats(data, fields, entry->terms[k], own, next);
         for (uint32_t c = 0; c < entry->field->components; c++)
             floats[c] += next[c];

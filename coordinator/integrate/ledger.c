@@ -127,7 +127,7 @@ int kiln_ledger_end_step(struct kiln_ledger *ledger, MPI_Comm communicator, stru
 }
 
 /* What the lights send. */
-static void open_energy(struct kiln_energy *e, const struct kiln_emission_result *light)
+static void open_energy(struct kiln_energy *e, const struct kiln_emission_result *light, enum kiln_caustics caustics)
 {
     for (int c = 0; c < 3; c++) {
         e->emitted[c] = light->emitted[c];
@@ -136,6 +136,7 @@ static void open_energy(struct kiln_energy *e, const struct kiln_emission_result
         e->ranged[c] = light->ranged[c];
         e->glass[c] = light->glass[c];
         e->gloss[c] = light->gloss[c];
+        e->unfound[c] = caustics == KILN_CAUSTICS_GATHER ? light->mirrored[c] : light->caustic[c];
         e->absorbed[c] = e->left_over[c] = 0.0;
     }
 }
@@ -154,11 +155,11 @@ static void add_step(struct kiln_energy *e, const struct kiln_step_energy *p, do
 }
 
 void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *steps,
-                       const struct kiln_emission_result *emission)
+                       const struct kiln_emission_result *emission, enum kiln_caustics caustics)
 {
     double variance = 0.0, residual[3];
     uint32_t parts = 1;
-    open_energy(e, emission);
+    open_energy(e, emission, caustics);
     for (size_t i = 0; i < steps->count; i++)
         if (steps->of[i].step.counted && steps->of[i].step.part + 1 > parts)
             parts = steps->of[i].step.part + 1;
@@ -171,7 +172,7 @@ void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *st
     }
     for (int c = 0; c < 3; c++)
         residual[c] = e->emitted[c] - e->absorbed[c] - e->escaped[c] - e->blocked[c] - e->ranged[c] - e->glass[c] -
-                      e->gloss[c] - e->left_over[c];
+                      e->gloss[c] - e->unfound[c] - e->left_over[c];
     e->residual = kiln_luminance(residual);
     const double emission_error = kiln_luminance(emission->error), emitted = kiln_luminance(e->emitted);
     e->error = sqrt(variance + emission_error * emission_error);

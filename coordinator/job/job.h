@@ -177,16 +177,15 @@ static inline uint32_t kiln_job_parts(const struct kiln_job *job)
     return job->error_map || job->target_error > 0.0 ? KILN_PARTS : 1;
 }
 
-/* Whether light goes on from mirrors, gloss and glass. Of a job that is settled (kiln_gloss_settle): whether anything
- * in the scene is taken so. */
+/* Whether light goes on from mirrors, gloss and glass, and whether a bake computes what comes from lamps by way of
+ * these. Of a job that is settled (coordinator/bake/materials.h). */
 static inline bool kiln_job_takes_gloss(const struct kiln_job *job)
 {
-    return job->materials != KILN_GLOSS_MODE_DIFFUSE;
+    return job->materials != KILN_GLOSS_MODE_DIFFUSE && job->chain_length > 0;
 }
-/* Whether a bake computes the light that comes from lamps by way of these. */
 static inline bool kiln_job_has_caustics(const struct kiln_job *job)
 {
-    return kiln_job_takes_gloss(job) && job->caustics != KILN_CAUSTICS_NONE;
+    return kiln_job_takes_gloss(job) && job->caustics > KILN_CAUSTICS_NONE;
 }
 
 /* Whether gather rays end at a range, and radiance probes answer for what lies behind it. */

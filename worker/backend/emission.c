@@ -30,6 +30,7 @@ struct particle {
     const struct kiln_point_light *ranged; /* its range cuts the flux down at the hit */
     uint32_t surface;                      /* how many surfaces with gloss it has met before */
     float weight[3];                       /* what of its flux at the light is left */
+    bool unfound;                          /* no gather ray finds its way */
 };
 
 struct emission {
@@ -203,10 +204,20 @@ static void make_batch(const struct emission *e, uint32_t base, size_t count)
     }
 }
 
+/* Adds what has arrived at surfaces; `target` is that sum, or another for what arrives elsewhere. */
+static void receive(const struct particle *p, const double flux[3], double target[3], struct kiln_emission_result *out)
+{
+    for (int c = 0; c < 3; c++) {
+        target[c] += flux[c];
+        out->caustic[c] += target == out->received && p->surface > 0 ? flux[c] : 0.0;
+        out->mirrored[c] += target == out->received && p->unfound ? flux[c] : 0.0;
+    }
+}
+
 static void land(const struct emission *e, const struct particle *p, const struct kiln_hit *hit,
                  struct kiln_emission_result *out)
 {
-    double *target = out->escaped, kept = 1.0;
+    double *target = out->escaped, kept = 1.0, arrives[3];
     const bool turns = kiln_particle_turns(e->params, hit);
     if (hit->triangle != KILN_NONE) {
         const bool double_sided =
@@ -219,11 +230,44 @@ static void land(const struct emission *e, const struct particle *p, const struc
         const double flux = p->flux[c] * p->scale, here = flux * (double)hit->tint[c];
         if (p->surface == 0)
             out->emitted[c] += flux;
-        if (!turns)
-            target[c] += here * kept;
+        arrives[c] = here * kept;
         out->ranged[c] += here * (1.0 - kept);
         out->glass[c] += flux - here;
     }
+    if (!turns)
+        receive(p, arrives, target, out);
+}
+
+/* Whether the light has no size, so that no ray of a chain can meet it. */
+static bool has_no_size(const struct emission *e, uint32_t light)
+{
+    const struct kiln_lights *l = e->params->lights;
+    return light >= l->area_count && light < l->area_count + l->point_count + l->directional_count;
+}
+
+/* Adds what a surface with gloss takes of a particle; returns whether the particle goes on. */
+static bool take_turn(const struct emission *e, struct particle *p, const struct kiln_hit *hit,
+                      const struct kiln_particle_turn *turn, struct kiln_emission_result *out)
+{
+    const double kept = p->ranged != NULL ? kiln_light_range(p->ranged->range, (double)hit->distance) : 1.0;
+    double comes[3], taken_up[3];
+    bool any = false;
+    for (int c = 0; c < 3; c++) {
+        comes[c] = p->flux[c] * p->scale * (double)hit->tint[c] * kept;
+        taken_up[c] = comes[c] * (double)turn->taken_up[c];
+        out->gloss[c] += comes[c] * (1.0 - (double)turn->goes_on[c]) - taken_up[c];
+    }
+    receive(p, taken_up, out->received, out);
+    for (int c = 0; c < 3; c++) {
+        p->flux[c] = comes[c] * (double)turn->goes_on[c];
+        p->weight[c] *= hit->tint[c] * turn->goes_on[c];
+        any = any || turn->goes_on[c] > 0.0f;
+    }
+    p->unfound = p->unfound || (p->surface == 0 && turn->mirrored && has_no_size(e, p->light));
+    p->scale = 1.0;
+    p->ranged = NULL;
+    p->surface++;
+    return any;
 }
 
 /* Of the particles that have met surfaces with gloss, adds what these take, and moves those that go on to the front.
@@ -239,29 +283,13 @@ static size_t turn_on(const struct emission *e, uint32_t base, size_t count, str
             e->turns[j] = kiln_particle_turn(e->params, &e->hits[j], e->directions[j], p->weight, &chance);
     }
     for (size_t j = 0; j < count; j++) {
-        const struct kiln_hit *hit = &e->hits[j];
-        const struct kiln_particle_turn *turn = &e->turns[j];
         struct particle p = e->particles[j];
-        if (!kiln_particle_turns(e->params, hit))
-            continue;
-        const double kept = p.ranged != NULL ? kiln_light_range(p.ranged->range, (double)hit->distance) : 1.0;
-        bool any = false;
-        for (int c = 0; c < 3; c++) {
-            const double comes = p.flux[c] * p.scale * (double)hit->tint[c] * kept;
-            out->received[c] += comes * (double)turn->taken_up[c];
-            out->gloss[c] += comes * (1.0 - (double)turn->taken_up[c] - (double)turn->goes_on[c]);
-            p.flux[c] = comes * (double)turn->goes_on[c];
-            p.weight[c] *= hit->tint[c] * turn->goes_on[c];
-            any = any || turn->goes_on[c] > 0.0f;
-        }
-        p.scale = 1.0;
-        p.ranged = NULL;
-        p.surface++;
-        if (!any)
+        const bool turns = kiln_particle_turns(e->params, &e->hits[j]);
+        if (!turns || !take_turn(e, &p, &e->hits[j], &e->turns[j], out))
             continue;
         e->particles[left] = p;
-        e->origins[left] = turn->origin;
-        e->directions[left++] = turn->direction;
+        e->origins[left] = e->turns[j].origin;
+        e->directions[left++] = e->turns[j].direction;
     }
     return left;
 }
@@ -301,6 +329,8 @@ static void combine(const struct kiln_emission_result groups[GROUPS], struct kil
             result->ranged[c] += groups[i].ranged[c] / GROUPS;
             result->glass[c] += groups[i].glass[c] / GROUPS;
             result->gloss[c] += groups[i].gloss[c] / GROUPS;
+            result->caustic[c] += groups[i].caustic[c] / GROUPS;
+            result->mirrored[c] += groups[i].mirrored[c] / GROUPS;
         }
         for (int i = 0; i < GROUPS; i++)
             square += (groups[i].received[c] - result->received[c]) * (groups[i].received[c] - result->received[c]);

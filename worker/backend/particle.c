@@ -114,7 +114,7 @@ struct kiln_particle_turn kiln_particle_turn(const struct kiln_backend_params *p
     if (hit->back && (p.gloss->flags & KILN_GLOSS_VOLUME) != 0)
         kiln_gloss_attenuation(p.gloss, hit->distance, turn.arrives);
     for (int c = 0; c < 3 && has_points(params, hit); c++)
-        turn.taken_up[c] = turn.arrives[c] * (p.lobes.matt > 0.0f ? kiln_diffuse_in(p.lobes, p.o.z) : 0.0f);
+        turn.taken_up[c] = turn.arrives[c] * kiln_chain_taken_up(p.lobes, p.o.z);
     draw(chance, KILN_PATH_LOBE, &pick, &rest);
     if (!send(&p, chance, (float)pick, &d))
         return turn;
@@ -127,6 +127,7 @@ struct kiln_particle_turn kiln_particle_turn(const struct kiln_backend_params *p
         return turn;
     for (int c = 0; c < 3; c++)
         turn.goes_on[c] = on[c] / goes_on;
+    turn.mirrored = d.delta;
     turn.direction = kiln_out_of_frame(&p.frame, d.i);
     const float side = vec3_dot(p.normal, turn.direction) > 0.0f ? 1.0f : -1.0f;
     turn.origin = kiln_offset_origin(kiln_triangle_position(params->geometry, hit->triangle, hit->u, hit->v),

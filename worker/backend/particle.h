@@ -21,6 +21,7 @@ struct kiln_particle_chance {
 struct kiln_particle_turn {
     float arrives[3], taken_up[3], goes_on[3]; /* shares; all of `goes_on` 0: it ends here */
     struct kiln_vec3 origin, direction;
+    bool mirrored; /* it goes on in the one direction of a mirror or of smooth glass */
 };
 struct kiln_particle_turn kiln_particle_turn(const struct kiln_backend_params *params, const struct kiln_hit *hit,
                                              struct kiln_vec3 direction, const float weight[3],

@@ -52,7 +52,7 @@ static double reflected_by_all(const struct kiln_step_report *reports, size_t co
 
 size_t kiln_cells_first(const struct kiln_integrate_settings *settings)
 {
-    return (size_t)(kiln_adapt_pilot(settings) > 0) + (size_t)(settings->caustics != KILN_CAUSTICS_NONE);
+    return (size_t)(kiln_adapt_pilot(settings) > 0) + (size_t)(settings->caustics > KILN_CAUSTICS_NONE);
 }
 
 /* The share of the power of step i - 1 that step i gathers for: all, but for a late bounce (late.h). */
@@ -229,7 +229,7 @@ static void first_step(const struct kiln_integrate_settings *settings, size_t co
         *step = (struct kiln_step){.pass = &kiln_pass_direct, .role = KILN_CELLS_PILOT, .samples = pilot};
         return;
     }
-    if (settings->caustics != KILN_CAUSTICS_NONE && count == kiln_cells_first(settings)) {
+    if (settings->caustics > KILN_CAUSTICS_NONE && count == kiln_cells_first(settings)) {
         *step = (struct kiln_step){.pass = &kiln_pass_caustic,
                                    .role = KILN_CELLS_CAUSTIC,
                                    .samples = settings->samples_indirect,

@@ -93,7 +93,7 @@ static void add_terms(const struct kiln_image *image, const struct kiln_field_se
     const size_t count = (size_t)image->width * image->height;
     for (uint32_t c = 0; c < entry->field->components; c++) {
         const float *of[KILN_FIELD_TERMS] = {NULL};
-        for (size_t k = 0; k < KILN_FIELD_TERMS && entry->field->terms[k] != NULL; k++)
+        for (size_t k = 0; k < entry->term_count; k++)
             of[k] = kiln_image_find(image, fields->entry[entry->terms[k]].field->channels[c])->values;
         float *total = kiln_image_find(image, entry->field->channels[c])->values;
 #pragma omp parallel for schedule(static) if (count > KILN_IMAGE_ALONE)
