@@ -22,6 +22,7 @@
 #include "worker/pass/caustic.h"
 #include "worker/pass/directional.h"
 #include "worker/pass/gather.h"
+#include "worker/pass/path.h"
 #include "worker/pass/probes.h"
 #include "worker/pass/radiance.h"
 #include "worker/pass/validity.h"
@@ -131,13 +132,10 @@ static void release(struct world *w)
     fixture_destroy(w->fixture);
 }
 
-/* A square floor of side 4 of this material, and over it a mirror, rough metal, clear and frosted glass, a glossy matt
- * cube and one with a clear coat. */
-static void build_things(struct world *w, uint32_t floor)
+/* A mirror, rough metal, clear and frosted glass, a glossy matt cube and one with a clear coat, around the middle. */
+static void add_things(struct world *w)
 {
     struct fixture *f = w->fixture;
-    fixture_object(f, fixture_mesh(f), NULL, 12, 12);
-    fixture_sheet(f, dvec3(-2, 0, 2), dvec3(4, 0, 0), dvec3(0, 0, -4), 1, flat, 0.0, floor);
     const uint32_t mirror = material(w, 1, 0, 0, 0), metal = material(w, 1, 0.5f, 0, 0),
                    glass = material(w, 0, 0, 1, KILN_GLOSS_VOLUME),
                    frosted = material(w, 0, 0.4f, 1, KILN_GLOSS_VOLUME), matt = material(w, 0, 0.3f, 0, 0),
@@ -151,11 +149,21 @@ static void build_things(struct world *w, uint32_t floor)
     cube(f, 1.2, 0.7, 0.8, 0.4, coated);
 }
 
+/* These over a square floor of side 4 of this material. */
+static void build_things(struct world *w, uint32_t floor)
+{
+    struct fixture *f = w->fixture;
+    fixture_object(f, fixture_mesh(f), NULL, 12, 12);
+    fixture_sheet(f, dvec3(-2, 0, 2), dvec3(4, 0, 0), dvec3(0, 0, -4), 1, flat, 0.0, floor);
+    add_things(w);
+}
+
 /* ---- means over the points of the first object ---- */
 
 struct means {
     const struct kiln_surface *surface;
     double irradiance, incident, escaped, blocked, gloss, points;
+    double error; /* variance of the mean irradiance */
 };
 
 static int add_points(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
@@ -173,6 +181,7 @@ static int add_points(void *context, size_t first, size_t count, const void *res
             m->escaped += (double)mean.escaped;
             m->blocked += (double)mean.blocked;
             m->gloss += (double)mean.gloss[1];
+            m->error += (double)mean.error * (double)mean.error;
             m->points++;
         }
     return KILN_OK;
@@ -189,7 +198,7 @@ static struct means run_points(const struct world *w, const struct kiln_pass *pa
         fail_msg("%s: %s", pass->name, error.message);
     assert_true(m.points > 40.0);
     m.irradiance /= m.points, m.incident /= m.points, m.escaped /= m.points;
-    m.blocked /= m.points, m.gloss /= m.points;
+    m.blocked /= m.points, m.gloss /= m.points, m.error /= m.points * m.points;
     return m;
 }
 
@@ -226,6 +235,23 @@ static void white_things_under_a_sky(void **state)
     release(&w);
 }
 
+/* Walls and ceiling above the floor. */
+static void add_room(struct world *w, uint32_t material_of_walls)
+{
+    static const double corner[5][9] = {{-2, 2, 2, 0, 0, -4, 4, 0, 0},
+                                        {-2, 0, 2, 0, 0, -4, 0, 2, 0},
+                                        {2, 0, -2, 0, 0, 4, 0, 2, 0},
+                                        {-2, 0, -2, 4, 0, 0, 0, 2, 0},
+                                        {2, 0, 2, -4, 0, 0, 0, 2, 0}};
+    struct fixture *f = w->fixture;
+    for (int i = 0; i < 5; i++) {
+        const double *c = corner[i];
+        fixture_object(f, fixture_mesh(f), NULL, 8, 8);
+        fixture_sheet(f, dvec3(c[0], c[1], c[2]), dvec3(c[3], c[4], c[5]), dvec3(c[6], c[7], c[8]), 1, flat, 0.0,
+                      material_of_walls);
+    }
+}
+
 /* A closed room whose walls send half of the radiance as lamps, half as radiosity; the floor is glossy itself. */
 static void white_things_in_a_room_of_lamps(void **state)
 {
@@ -236,16 +262,7 @@ static void white_things_in_a_room_of_lamps(void **state)
     const uint32_t lamp = diffuse_material(f);
     const float half = (float)(0.5 / 3.14159265358979);
     memcpy(f->materials[lamp].emission, (const float[3]){half, half, half}, sizeof f->materials[lamp].emission);
-    static const double corner[5][9] = {{-2, 2, 2, 0, 0, -4, 4, 0, 0},
-                                        {-2, 0, 2, 0, 0, -4, 0, 2, 0},
-                                        {2, 0, -2, 0, 0, 4, 0, 2, 0},
-                                        {-2, 0, -2, 4, 0, 0, 0, 2, 0},
-                                        {2, 0, 2, -4, 0, 0, 0, 2, 0}};
-    for (int i = 0; i < 5; i++) {
-        const double *c = corner[i];
-        fixture_object(f, fixture_mesh(f), NULL, 8, 8);
-        fixture_sheet(f, dvec3(c[0], c[1], c[2]), dvec3(c[3], c[4], c[5]), dvec3(c[6], c[7], c[8]), 1, flat, 0.0, lamp);
-    }
+    add_room(&w, lamp);
     finish(&w);
     for (uint64_t i = 0; i < w.surface->point_count; i++) { /* lamps: half of the light is emission */
         const float rgb[3] = {0.5f, 0.5f, 0.5f};
@@ -259,11 +276,221 @@ static void white_things_in_a_room_of_lamps(void **state)
     release(&w);
 }
 
+/* ---- other passes, in a room of radiosity alone ---- */
+
+/* Results of a pass with or without masks, in the order of points or positions. */
+struct kept {
+    char *results;
+    size_t bytes, next;
+};
+
+static int keep(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)first, (void)error;
+    struct kept *k = context;
+    memcpy(k->results + k->next, results, count * k->bytes);
+    k->next += count * k->bytes;
+    return KILN_OK;
+}
+
+static void run_positions(const struct world *w, const struct kiln_pass *pass, const void *parameters,
+                          const struct kiln_vec3 *positions, size_t count, uint32_t samples, void *results)
+{
+    struct kiln_error error = {""};
+    struct kept k = {results, pass->result_bytes, 0};
+    const struct kiln_batch batch = {
+        .count = count, .positions = positions, .samples = samples, .take = keep, .context = &k};
+    uint64_t rays = 0;
+    if (kiln_backend_run(w->backend, pass, parameters, &batch, &rays, &error) != KILN_OK)
+        fail_msg("%s: %s", pass->name, error.message);
+}
+
+static void other_passes_see_the_same_furnace(void **state)
+{
+    (void)state;
+    enum { ELEMENTS = 24 };
+    static const struct kiln_radiance_parameters map = {.basis = KILN_PROBE_CUBE, .side = 2};
+    const struct kiln_vec3 middle = vec3(0.0f, 1.0f, 0.0f);
+    struct world w = {.fixture = fixture_create()};
+    struct kiln_vec3 positions[ELEMENTS];
+    struct kiln_probe_result probe;
+    struct kiln_radiance_result radiance[ELEMENTS];
+    build_things(&w, diffuse_material(w.fixture));
+    add_room(&w, diffuse_material(w.fixture));
+    finish(&w);
+    for (int i = 0; i < ELEMENTS; i++)
+        positions[i] = middle;
+    const struct means caustic = run_points(&w, &kiln_pass_caustic, 16), gather = run_points(&w, &kiln_pass_gather, 64);
+    assert_true(caustic.irradiance == 0.0 && fabs(gather.irradiance - 1.0) < 0.004 && gather.escaped == 0.0);
+    run_positions(&w, &kiln_pass_probes, NULL, &middle, 1, 4096, &probe);
+    run_positions(&w, &kiln_pass_radiance, &map, positions, ELEMENTS, 256, radiance);
+    double mean = 0.0;
+    for (int i = 0; i < ELEMENTS; i++)
+        mean += (double)radiance[i].radiance[1] / ELEMENTS;
+    print_message("probe %.4f of %.4f, radiance %.4f of %.4f\n", (double)probe.radiance[0][1], 4.0 * 0.28209479, mean,
+                  1.0 / KILN_PI);
+    assert_true(fabs((double)probe.radiance[0][1] / (4.0 * 0.28209479) - 1.0) < 0.006);
+    assert_true(fabs(mean * KILN_PI - 1.0) < 0.006);
+    release(&w);
+}
+
+/* ---- points that are left out ---- */
+
+static void run_masked(const struct world *w, const struct kiln_pass *pass, const void *parameters,
+                       const uint64_t *masks, char *results)
+{
+    struct kiln_error error = {""};
+    struct kept k = {results, pass->result_bytes, 0};
+    size_t points = 0;
+    uint64_t rays = 0;
+    for (size_t i = 0; i < w->surface->tile_run_count; i++, points = 0) { /* run by run: `keep` counts items */
+        struct kept all = {malloc(KILN_TILE_TEXELS * pass->result_bytes), 0, 0};
+        points = w->surface->tile_runs[i].count;
+        all.bytes = points * pass->result_bytes;
+        const struct kiln_batch batch = {.first = i,
+                                         .count = 1,
+                                         .stream = pass->has_streams ? 1 : 0,
+                                         .samples = 12,
+                                         .point_masks = masks != NULL ? &masks[i] : NULL,
+                                         .take = keep,
+                                         .context = &all};
+        assert_int_equal(kiln_backend_run(w->backend, pass, parameters, &batch, &rays, &error), KILN_OK);
+        memcpy(k.results + k.next, all.results, all.bytes);
+        k.next += all.bytes;
+        free(all.results);
+    }
+}
+
+/* With masks a step's lanes are those of more samples of fewer points: sums must not hang on that. */
+static void check_masks(const struct world *w, const struct kiln_pass *pass, const void *parameters)
+{
+    const size_t bytes = w->surface->count * pass->result_bytes;
+    char *every = calloc(bytes, 1), *some = calloc(bytes, 1), *at = every;
+    uint64_t *masks = calloc(w->surface->tile_run_count, sizeof *masks), asked = 0;
+    for (size_t i = 0; i < w->surface->tile_run_count; i++)
+        masks[i] = i % 2 == 0 ? 0x8102040810204081ull : 0x00000f0f00010000ull;
+    run_masked(w, pass, parameters, NULL, every);
+    run_masked(w, pass, parameters, masks, some);
+    for (size_t i = 0; i < w->surface->tile_run_count; i++)
+        for (uint32_t k = 0; k < w->surface->tile_runs[i].count; k++, at += pass->result_bytes)
+            if ((masks[i] >> k & 1u) != 0) {
+                assert_memory_equal(at, some + (at - every), pass->result_bytes);
+                asked++;
+            }
+    assert_true(asked > 50);
+    free(masks);
+    free(some);
+    free(every);
+}
+
+static void points_that_are_left_out_change_no_bit(void **state)
+{
+    (void)state;
+    struct world w = {.fixture = fixture_create()};
+    w.fixture->environment = (struct kiln_environment){.kind = KILN_ENVIRONMENT_CONSTANT, .radiance = {1, 2, 3}};
+    build_things(&w, material(&w, 0.3f, 0.4f, 0, 0));
+    finish(&w);
+    check_masks(&w, &kiln_pass_gather, NULL);
+    check_masks(&w, &kiln_pass_caustic, NULL);
+    check_masks(&w, &kiln_pass_directional, NULL);
+    release(&w);
+}
+
+/* ---- against paths ---- */
+
+/* A grey square among things that reflect and refract and have no diffuse light of their own, under a lamp and a point
+ * light: what it sends is what paths with one diffuse surface find. */
+static void caustics_are_what_paths_find(void **state)
+{
+    (void)state;
+    enum { SIDE = 8, SAMPLES = 4096 };
+    struct world w = {.fixture = fixture_create()};
+    struct fixture *f = w.fixture;
+    struct kiln_light point = {.kind = KILN_LIGHT_POINT, .position = {-0.2, 1.9, 0.3}, .intensity = {1, 1, 1}};
+    const uint32_t grey = diffuse_material(f);
+    memcpy(f->materials[grey].base_color, (const float[3]){0.5f, 0.5f, 0.5f}, 3 * sizeof(float));
+    fixture_object(f, fixture_mesh(f), NULL, 8, 8);
+    fixture_sheet(f, dvec3(-0.5, 0, 0.5), dvec3(1, 0, 0), dvec3(0, 0, -1), 1, flat, 0.0, grey);
+    f->scene.lights = &point;
+    f->scene.light_count = 1;
+    add_things(&w);
+    for (size_t m = 1; m < f->scene.material_count; m++) /* no radiosity */
+        if (!(w.gloss[m - 1].metallic > 0.0f) && !(w.gloss[m - 1].transmission > 0.0f))
+            memset(f->materials[m].base_color, 0, 3 * sizeof(float));
+    const uint32_t lamp = diffuse_material(f);
+    f->materials[lamp] = (struct kiln_material){.base_color = {0, 0, 0, 1},
+                                                .roughness = 1.0f,
+                                                .emission = {5, 5, 5},
+                                                .base_color_texture = KILN_NONE,
+                                                .emission_texture = KILN_NONE};
+    fixture_object(f, fixture_mesh(f), NULL, 4, 4);
+    fixture_sheet(f, dvec3(0.2, 2.2, -0.3), dvec3(0.6, 0, 0), dvec3(0, 0, 0.6), 1, flat, 0.0, lamp);
+    finish(&w);
+    const struct kiln_path_parameters camera = {.position = {0.0f, 2.0f, 0.0f},
+                                                .forward = {0.0f, -1.0f, 0.0f},
+                                                .right = {0.5f, 0.0f, 0.0f},
+                                                .up = {0.0f, 0.0f, -0.5f},
+                                                .orthographic = true,
+                                                .width = SIDE,
+                                                .height = SIDE,
+                                                .bounces = 1};
+    struct kiln_path_result pixels[SIDE * SIDE];
+    run_positions(&w, &kiln_pass_path, &camera, NULL, SIDE * SIDE, SAMPLES, pixels);
+    double paths = 0.0, error = 0.0;
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        paths += (double)pixels[i].radiance[1] / SAMPLES / (SIDE * SIDE);
+        error += kiln_path_error(&pixels[i]) * kiln_path_error(&pixels[i]);
+    }
+    error = sqrt(error) / (SIDE * SIDE);
+    const struct means direct = run_points(&w, &kiln_pass_direct, SAMPLES),
+                       caustic = run_points(&w, &kiln_pass_caustic, SAMPLES);
+    const double sent = 0.5 / KILN_PI, light = sent * (direct.irradiance + caustic.irradiance),
+                 deviation = sqrt(error * error + sent * sent * (direct.error + caustic.error));
+    print_message("paths %.5f, direct %.5f and caustic light %.5f: %.5f; standard error of the difference %.5f\n",
+                  paths, sent * direct.irradiance, sent * caustic.irradiance, light, deviation);
+    assert_true(caustic.irradiance > 0.05 * direct.irradiance && deviation < 0.05 * sent * caustic.irradiance);
+    assert_true(fabs(paths - light) < 5.0 * deviation);
+    release(&w);
+}
+
+/* ---- a pane ---- */
+
+/* Far above a floor a small lamp, right above it a thick pane of glass: 12/13 of the light comes through, with all that
+ * goes to and fro between its faces. */
+static void a_pane_lets_its_share_through(void **state)
+{
+    (void)state;
+    struct world w = {.fixture = fixture_create()};
+    struct fixture *f = w.fixture;
+    fixture_object(f, fixture_mesh(f), NULL, 8, 8);
+    fixture_sheet(f, dvec3(-0.5, 0, 0.5), dvec3(1, 0, 0), dvec3(0, 0, -1), 1, flat, 0.0, diffuse_material(f));
+    const uint32_t glass = material(&w, 0, 0, 1, KILN_GLOSS_VOLUME);
+    static const double pane[12] = {60, 0, 0, 0, 0, 0.02, 0, 0.5, 0, 0, 60, 0};
+    fixture_object(f, fixture_cube(f, 1, 0.0, glass), pane, 12, 8);
+    const uint32_t lamp = diffuse_material(f);
+    memcpy(f->materials[lamp].emission, (const float[3]){1, 1, 1}, sizeof f->materials[lamp].emission);
+    fixture_object(f, fixture_mesh(f), NULL, 4, 4);
+    fixture_sheet(f, dvec3(-10, 50, -10), dvec3(20, 0, 0), dvec3(0, 0, 20), 1, flat, 0.0, lamp);
+    finish(&w);
+    /* the lamp from the middle, straight: the solid angle's projection of a square */
+    const double edge = 10.0 / 50.0, arm = sqrt(1.0 + edge * edge),
+                 expected = 4.0 * 2.0 * (edge / arm) * atan(edge / arm) / 2.0;
+    const struct means direct = run_points(&w, &kiln_pass_direct, 16),
+                       caustic = run_points(&w, &kiln_pass_caustic, 8192);
+    const double share = caustic.irradiance / expected;
+    print_message("a pane lets %.4f through (12/13 = %.4f), standard error %.4f\n", share, 12.0 / 13.0,
+                  sqrt(caustic.error) / expected);
+    assert_true(direct.irradiance == 0.0 && fabs(share - 12.0 / 13.0) < 5.0 * sqrt(caustic.error) / expected + 0.002);
+    assert_true(sqrt(caustic.error) / expected < 0.006);
+    release(&w);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(white_things_under_a_sky),
-        cmocka_unit_test(white_things_in_a_room_of_lamps),
+        cmocka_unit_test(white_things_under_a_sky),          cmocka_unit_test(white_things_in_a_room_of_lamps),
+        cmocka_unit_test(other_passes_see_the_same_furnace), cmocka_unit_test(points_that_are_left_out_change_no_bit),
+        cmocka_unit_test(caustics_are_what_paths_find),      cmocka_unit_test(a_pane_lets_its_share_through),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
