@@ -4,6 +4,7 @@
 
 #include "coordinator/bake/bake_private.h"
 #include "coordinator/bake/identity.h"
+#include "coordinator/bake/materials.h"
 #include "coordinator/bake/results_memory.h"
 #include "coordinator/bake/run_report.h"
 #include "coordinator/files/publish.h"
@@ -100,11 +101,23 @@ static int check_room(const struct kiln_bake *b, const struct kiln_prepared *p, 
         error);
 }
 
+/* The job becomes that of its own scene. */
+static void settle_materials(struct kiln_bake *b, const struct kiln_scene *scene)
+{
+    if (b->job != &b->settled) {
+        b->materials = (enum kiln_gloss_mode)b->job->materials;
+        b->settled = *b->job;
+    }
+    b->job = &b->settled;
+    kiln_materials_settle(&b->settled, scene);
+}
+
 /* kiln_prepare_care.refuse: refuses whatever can be refused before the first ray. */
 static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_error *error)
 {
     struct kiln_bake *b = context;
     struct kiln_volume_result volume = {0};
+    settle_materials(b, p->scene);
     int status =
         b->job->samples_probe != 0 ? kiln_volume_grid(&volume, p->scene, b->job->probe_spacing, error) : KILN_OK;
     if (status == KILN_OK && b->rank == 0 && p->surface != NULL)

@@ -1,13 +1,22 @@
 #include "coordinator/bake/bake_private.h"
 #include "coordinator/bake/light_settings.h"
 
+static bool has_step(const struct kiln_step_reports *steps, uint32_t role)
+{
+    size_t i = 0;
+    while (i < steps->count && steps->of[i].step.role != role)
+        i++;
+    return i < steps->count;
+}
+
 /* Adds the times of the steps to the phases of their roles. */
 static void add_light_phases(struct kiln_bake *b)
 {
     const struct kiln_integrate_report *report = &b->solution->report;
     const struct kiln_roles *roles = &report->roles;
     for (uint32_t r = 0; r < roles->count; r++)
-        kiln_phase_add(&b->phases, roles->of[r]->phase, 0.0);
+        if (!roles->of[r]->optional || has_step(&report->steps, r))
+            kiln_phase_add(&b->phases, roles->of[r]->phase, 0.0);
     if (report->radiance.probes > 0)
         kiln_phase_add(&b->phases, "radiance probes", 0.0);
     kiln_phase_add(&b->phases, "exchange", 0.0);

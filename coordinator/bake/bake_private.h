@@ -17,6 +17,8 @@
 struct kiln_bake {
     const struct kiln_job *job;
     MPI_Comm communicator;
+    struct kiln_job settled;        /* which `job` is once the scene is there: materials.h */
+    enum kiln_gloss_mode materials; /* as asked for */
     int rank;
     bool made_folder; /* rank 0: this bake has created the output folder */
     char scene_file[KILN_PATH_SIZE];

@@ -207,6 +207,7 @@ static int write_report(struct kiln_bake *b, struct kiln_error *error)
                                  .density = &b->density,
                                  .visible = &b->visible,
                                  .phases = &b->phases,
+                                 .materials = b->materials,
                                  .probe_rays = b->probe_rays,
                                  .directory = b->job->output};
     int status = kiln_run_report(&b->report, &run, error);

@@ -38,7 +38,8 @@ static void add_tile_run(struct sums *sums, const struct units *units, const str
         const double area = (double)s->area[i];
         double rgb[3];
         for (size_t c = 0; c < 3; c++)
-            rgb[c] = (double)solution->direct[3 * i + c] + (double)solution->indirect[3 * i + c];
+            rgb[c] = (double)solution->direct[3 * i + c] + (double)solution->indirect[3 * i + c] +
+                     (solution->own->caustic != NULL ? (double)solution->own->caustic[3 * i + c] : 0.0);
         const double error = area * (double)kiln_error_unpack(solution->error[i]);
         kiln_exact_add(&sums->area, area, 1.0 / units->area);
         kiln_exact_add(&sums->light, area * kiln_luminance(rgb), 1.0 / units->light);

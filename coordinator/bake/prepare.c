@@ -12,6 +12,7 @@
 #include "coordinator/mpi/agree.h"
 #include "coordinator/bake/devices.h"
 #include "worker/base/memory.h"
+#include "worker/scene/gloss.h"
 #include "worker/scene/leaves.h"
 #include "worker/pass/validity.h"
 
@@ -181,6 +182,7 @@ static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, co
                                              .threads = p->threads,
                                              .instruction_set = p->instruction_set,
                                              .seed = job->seed,
+                                             .chain_length = job->chain_length,
                                              .stop = stop_of(care)};
         kiln_devices_choose(job, p->node_rank, p->node_ranks, &params);
         status = kiln_backend_create(&p->backend, job->backend != NULL ? job->backend : "auto", &params, error);
@@ -197,6 +199,9 @@ static int build_world(struct kiln_prepared *p, const struct kiln_job *job, cons
     status = go_on(p, care, status, error);
     if (status == KILN_OK)
         status = check_same_scene(p, scene_file, error);
+    if (status == KILN_OK)
+        status = kiln_agree(p->communicator,
+                            kiln_scene_take_gloss(p->scene, (enum kiln_gloss_mode)job->materials, error), error);
     if (status == KILN_OK)
         status = refuse(p, care, error);
     return status == KILN_OK ? build_backend(p, job, care, error) : status;

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "coordinator/run/process_memory.h"
+#include "coordinator/bake/materials.h"
 #include "coordinator/bake/near_lights.h"
 #include "coordinator/bake/run_table.h"
 #include "coordinator/integrate/sight.h"
@@ -88,6 +89,9 @@ static json_t *settings_json(const struct kiln_job *job)
         json_object_set_new(settings, "final_scale", json_integer((json_int_t)1 << job->final_scale));
     if (job->guide > 0)
         json_object_set_new(settings, "guide", json_string("auto"));
+    if (kiln_job_takes_gloss(job))
+        json_object_set_new(settings, "materials",
+                            json_string(job->materials == KILN_GLOSS_MODE_AUTO ? "auto" : "full"));
     add_quantities(settings, job);
     add_range(settings, job);
     return settings;
@@ -274,9 +278,10 @@ static json_t *radiance_json(const struct kiln_radiance_report *r)
 
 static json_t *energy_json(const struct kiln_energy *e, const struct kiln_units *units)
 {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", units->flux, "emitted",
-                     rgb_json(e->emitted), "glass", rgb_json(e->glass), "absorbed", rgb_json(e->absorbed), "escaped",
-                     rgb_json(e->escaped), "blocked", rgb_json(e->blocked), "ranged", rgb_json(e->ranged), "left_over",
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", units->flux,
+                     "emitted", rgb_json(e->emitted), "glass", rgb_json(e->glass), "gloss", rgb_json(e->gloss),
+                     "absorbed", rgb_json(e->absorbed), "escaped", rgb_json(e->escaped), "blocked",
+                     rgb_json(e->blocked), "ranged", rgb_json(e->ranged), "unfound", rgb_json(e->unfound), "left_over",
                      rgb_json(e->left_over), "residual", e->residual, "error", e->error, "relative_residual",
                      e->relative);
 }
@@ -306,7 +311,8 @@ static json_t *error_json(const struct kiln_run *run)
             continue;
         double e[3];
         for (uint64_t c = 0; c < 3; c++)
-            e[c] = (double)run->solution->direct[3 * i + c] + (double)run->solution->indirect[3 * i + c];
+            e[c] = (double)run->solution->direct[3 * i + c] + (double)run->solution->indirect[3 * i + c] +
+                   (run->solution->own->caustic != NULL ? (double)run->solution->own->caustic[3 * i + c] : 0.0);
         const double error = (double)kiln_error_unpack(run->solution->error[i]);
         sums[0] += error * error;
         sums[1] += kiln_luminance(e);
@@ -656,6 +662,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "output", kiln_json_string(run->directory));
     json_object_set_new(root, "scene", scene);
     json_object_set_new(root, "job", settings_json(run->job));
+    json_object_set_new(root, "materials", kiln_materials_json(run->job, run->materials, p->scene));
     json_object_set_new(root, "units", units_json(run));
     json_object_set_new(root, "backend", backend_json(p, values));
     json_object_set_new(root, "ranks", json_integer(p->ranks));

@@ -21,7 +21,8 @@ struct kiln_run {
     const struct kiln_density_check *density;
     const struct kiln_visible_from *visible;
     const struct kiln_phases *phases;
-    uint64_t probe_rays; /* rays of the probes on this rank */
+    enum kiln_gloss_mode materials; /* as asked for; the job has what that came to */
+    uint64_t probe_rays;            /* rays of the probes on this rank */
     const char *directory;
 };
 

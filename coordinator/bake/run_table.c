@@ -130,9 +130,9 @@ static double luminance_of(const json_t *energy, const char *term)
 static void note_lost_light(const json_t *report, json_t *notes)
 {
     const json_t *energy = json_object_get(report, "energy");
-    const double blocked = luminance_of(energy, "blocked"), met = luminance_of(energy, "absorbed") +
-                                                                  luminance_of(energy, "glass") +
-                                                                  luminance_of(energy, "left_over") + blocked;
+    const double blocked = luminance_of(energy, "blocked"),
+                 met = luminance_of(energy, "absorbed") + luminance_of(energy, "glass") +
+                       luminance_of(energy, "gloss") + luminance_of(energy, "left_over") + blocked;
     if (met > 0.0 && blocked > NOTE_LOST * met)
         (void)json_array_append_new(
             notes,
@@ -140,6 +140,24 @@ static void note_lost_light(const json_t *report, json_t *notes)
                 "%.1f %% of the light that reached surfaces hit backs of single-sided ones and is lost (%.3g W); "
                 "flip those faces, or make their materials double-sided",
                 100.0 * blocked / met, blocked));
+}
+
+/* Light of lamps that mirrors and glass send on and that this bake has left out. */
+static void note_unfound_light(const json_t *report, json_t *notes)
+{
+    const json_t *energy = json_object_get(report, "energy");
+    const double unfound = luminance_of(energy, "unfound"), met = luminance_of(energy, "absorbed") + unfound;
+    const char *caustics = json_string_value(json_object_get(json_object_get(report, "materials"), "caustics"));
+    const bool gathers = caustics != NULL && strcmp(caustics, "gather") == 0;
+    if (met > 0.0 && unfound > NOTE_LOST * met)
+        (void)json_array_append_new(
+            notes,
+            json_sprintf("%.1f %% of the light that surfaces take up comes to them from lamps by way of mirrors, "
+                         "gloss and glass, and is left out (%.3g W): %s",
+                         100.0 * unfound / met, unfound,
+                         gathers ? "gather rays meet no lamp without size by mirrors and smooth glass; make "
+                                   "such lamps surfaces that emit"
+                                 : "--caustics gather would find what it can"));
 }
 
 static double number_of(const json_t *object, const char *key)
@@ -202,7 +220,8 @@ static void note_imbalanced_energy(const json_t *report, json_t *notes)
     const double emitted = luminance_of(energy, "emitted"), residual = number_of(energy, "residual"),
                  off = fabs(residual), error = number_of(energy, "error");
     const double met = luminance_of(energy, "absorbed") + luminance_of(energy, "glass") +
-                       luminance_of(energy, "left_over") + luminance_of(energy, "blocked");
+                       luminance_of(energy, "gloss") + luminance_of(energy, "left_over") +
+                       luminance_of(energy, "blocked");
     if (json_object_get(report, "radiance_probes") != NULL)
         return; /* the ledger knows nothing of what probes answer for */
     const bool of_met = met > off;
@@ -298,6 +317,7 @@ json_t *kiln_run_notes(const json_t *report)
 {
     json_t *notes = json_array();
     note_lost_light(report, notes);
+    note_unfound_light(report, notes);
     note_views(report, notes);
     note_imbalanced_energy(report, notes);
     note_bias(report, notes);

@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "coordinator/bake/materials.h"
 #include "coordinator/plan/plan.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/cli/commands.h"
@@ -263,7 +264,7 @@ static void print_light(const struct kiln_plan *p)
         sum += p->seconds.light[r];
     (void)printf("  light      %10.2f s ", sum);
     for (uint32_t r = 0; r < roles->count; r++) /* roles of one phase are told as one, where its first stands */
-        if (r == first_of_phase(roles, r))
+        if (r == first_of_phase(roles, r) && (!roles->of[r]->optional || phase_seconds(p, r) > 0.0))
             (void)printf(" %s %.2f,", roles->of[r]->phase, phase_seconds(p, r));
     (void)printf(" probes %.2f\n", p->seconds.probes);
 }
@@ -412,8 +413,10 @@ static int plan_here(struct kiln_job *job, const char *scene_file, struct kiln_e
     int status = kiln_allocate(&plan, 1, sizeof *plan, "the plan", error);
     if (status == KILN_OK)
         status = kiln_prepare(&prepared, MPI_COMM_SELF, job, scene_file, &phases, NULL, NULL, error);
-    if (status == KILN_OK)
+    if (status == KILN_OK) {
+        kiln_materials_settle(job, prepared->scene);
         status = kiln_plan_make(plan, prepared, job, &phases, error);
+    }
     if (status == KILN_OK && job->json)
         status = kiln_json_print(plan_json(plan, job), error);
     else if (status == KILN_OK)

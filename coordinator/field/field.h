@@ -47,7 +47,7 @@ enum kiln_field_life {
     KILN_FIELD_RESULT,    /* from the begin of light transport until all files are written; zero at first */
     KILN_FIELD_STEP,      /* scratch of a step: gone when light transport ends; zero after points were moved */
     KILN_FIELD_ALLGATHER, /* the own part of the radiosity of all points: belongs to radiosity_allgather.h */
-    KILN_FIELD_SUM,       /* nowhere: published as the sum of two other fields */
+    KILN_FIELD_SUM,       /* nowhere: published as the sum of other fields */
     KILN_FIELD_LIVES
 };
 
@@ -61,6 +61,7 @@ enum kiln_field_saved {
 
 /* Components that a published field has at most: spherical harmonics of bands 0 and 1 have 12. */
 enum { KILN_FIELD_COMPONENTS_MAX = 16 };
+enum { KILN_FIELD_TERMS_ALWAYS = 2, KILN_FIELD_TERMS = 3 }; /* of a sum: at least, and at most */
 
 /* What the values are, by which pictures show them, and texels are averaged. */
 enum kiln_field_meaning {
@@ -85,7 +86,9 @@ struct kiln_field {
     /* offset in struct kiln_rank_data of the pointer to the values, where code uses it by name; 0: it stands in the
      * array `more` there */
     size_t member;
-    const char *terms[2]; /* KILN_FIELD_SUM: names of the two fields, both in rows before this one */
+    /* KILN_FIELD_SUM: names of the fields, all in rows before this one: two, and one that is added where the bake has
+     * it, or NULL */
+    const char *terms[KILN_FIELD_TERMS];
     enum kiln_field_saved saved;
     /* Finite values of published components lie in [low, high]: checked in checkpoints and by `kiln verify`. */
     double low, high;
@@ -121,7 +124,7 @@ const struct kiln_field *kiln_field_shown(const char *name);
 /* The same of direct light, in a bake with a target error. */
 #define KILN_FIELD_SAMPLES_DIRECT "samples_direct"
 
-enum { KILN_FIELDS_MAX = 36 };
+enum { KILN_FIELDS_MAX = 40 };
 
 /* The fields that one bake has, in the table's order. */
 struct kiln_field_set {
@@ -129,7 +132,7 @@ struct kiln_field_set {
     struct kiln_field_entry {
         const struct kiln_field *field;
         bool in_lightmaps;
-        size_t terms[2]; /* KILN_FIELD_SUM: their places in this set */
+        size_t terms[KILN_FIELD_TERMS], term_count; /* KILN_FIELD_SUM: their places in this set */
     } entry[KILN_FIELDS_MAX];
 };
 

@@ -29,14 +29,20 @@ static bool has_late_bounces(const struct kiln_job *job)
 static bool has_views(const struct kiln_job *job) { return job->only_visible_from != NULL; }
 static bool has_blocks(const struct kiln_job *job) { return job->indirect_scale > 0; }
 static bool has_nodes(const struct kiln_job *job) { return job->final_scale > 0; }
+static bool has_caustics(const struct kiln_job *job) { return kiln_job_has_caustics(job); }
 static bool has_guide(const struct kiln_job *job) { return job->guide > 0; }
 static bool receives_visible(const struct kiln_job *job) { return job->exchange_points == KILN_EXCHANGE_VISIBLE; }
 static bool has_target(const struct kiln_job *job) { return job->target_error > 0.0; }
 static bool wants_errors_apart(const struct kiln_job *job) { return job->error_map || kiln_job_denoises(job); }
+static bool wants_caustic_error(const struct kiln_job *job)
+{
+    return kiln_job_has_caustics(job) && wants_errors_apart(job);
+}
 
 static const char *const total_channels[] = {"R", "G", "B"};
 static const char *const direct_channels[] = {"direct.R", "direct.G", "direct.B"};
 static const char *const indirect_channels[] = {"indirect.R", "indirect.G", "indirect.B"};
+static const char *const caustic_channels[] = {"caustic.R", "caustic.G", "caustic.B"};
 static const char *const error_channels[] = {"error.Y"};
 static const char *const occlusion_channels[] = {"ambient_occlusion.Y"};
 static const char *const bent_normal_channels[] = {"bent_normal.X", "bent_normal.Y", "bent_normal.Z"};
@@ -152,15 +158,31 @@ static const struct kiln_field table[] = {
      .noisy = true,
      .channels = indirect_channels,
      .smooth = true},
+    {.name = "caustic",
+     .type = KILN_FIELD_FLOAT,
+     .components = 3,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(caustic),
+     .saved = KILN_FIELD_SAVED,
+     .high = INFINITY,
+     .dataset = "/irradiance/caustic",
+     .description =
+         "from lights by way of mirrors, gloss and glass, about the shading normal, linear RGB, as gathered: "
+         "not denoised, not filled, seams not smoothed (the lightmaps are filled)",
+     .noisy = true,
+     .channels = caustic_channels,
+     .present = has_caustics},
     {.name = "total",
      .type = KILN_FIELD_FLOAT,
      .components = 3,
      .domain = KILN_DOMAIN_POINT,
      .life = KILN_FIELD_SUM,
-     .terms = {"direct", "sum"},
+     .terms = {"direct", "sum", "caustic"},
      .high = INFINITY,
      .dataset = "/irradiance/total",
-     .description = "direct + indirect, as gathered: not denoised, not filled, seams not smoothed (the lightmaps are)",
+     .description = "direct + indirect (+ caustic), as gathered: not denoised, not filled, seams not smoothed (the "
+                    "lightmaps are)",
      .noisy = true,
      .channels = total_channels},
     {.name = "error",
@@ -270,6 +292,18 @@ static const struct kiln_field table[] = {
      .description = "standard error of the luminance of indirect",
      .noisy = true,
      .present = wants_errors_apart},
+    {.name = "error_caustic",
+     .type = KILN_FIELD_ERROR,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(error_caustic),
+     .saved = KILN_FIELD_SAVED,
+     .high = INFINITY,
+     .dataset = "/irradiance/error_caustic",
+     .description = "standard error of the luminance of caustic",
+     .noisy = true,
+     .present = wants_caustic_error},
     {.name = "indirect_mean",
      .type = KILN_FIELD_FLOAT,
      .components = 3,
@@ -462,9 +496,11 @@ int kiln_field_set_add(struct kiln_field_set *set, const struct kiln_field *fiel
                          "%d, and no two may have the same name",
                          field->name, set->count, (int)KILN_FIELDS_MAX, field->components,
                          (int)KILN_FIELD_COMPONENTS_MAX);
-    for (int k = 0; field->life == KILN_FIELD_SUM && k < 2; k++) {
-        entry.terms[k] = kiln_field_set_find(set, field->terms[k]);
-        if (entry.terms[k] == set->count)
+    for (size_t k = 0; field->life == KILN_FIELD_SUM && k < KILN_FIELD_TERMS && field->terms[k] != NULL; k++) {
+        const size_t term = kiln_field_set_find(set, field->terms[k]);
+        if (term < set->count)
+            entry.terms[entry.term_count++] = term;
+        else if (k < KILN_FIELD_TERMS_ALWAYS)
             return kiln_fail(error, KILN_BUG, "the field '%s' is a sum with '%s', which this bake does not have",
                              field->name, field->terms[k]);
     }

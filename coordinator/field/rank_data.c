@@ -57,11 +57,13 @@ void kiln_rank_floats(const struct kiln_rank_data *data, const struct kiln_field
         kiln_field_floats(entry->field, kiln_rank_field(data, fields, index), own.at, floats);
         return;
     }
-    float second[KILN_FIELD_COMPONENTS_MAX];
+    float next[KILN_FIELD_COMPONENTS_MAX];
     kiln_rank_floats(data, fields, entry->terms[0], own, floats);
-    kiln_rank_floats(data, fields, entry->terms[1], own, second);
-    for (uint32_t c = 0; c < entry->field->components; c++)
-        floats[c] += second[c];
+    for (size_t k = 1; k < entry->term_count; k++) {
+        kiln_rank_floats(data, fields, entry->terms[k], own, next);
+        for (uint32_t c = 0; c < entry->field->components; c++)
+            floats[c] += next[c];
+    }
 }
 
 /* Points a rank's arrays of one life into the part that begins at `base` (NULL: does not); gives the bytes that they

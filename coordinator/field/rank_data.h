@@ -24,8 +24,10 @@ struct kiln_range_bounds {
 struct kiln_rank_data {
     struct kiln_surface surface; /* a view: the map is this rank's, the arrays of own points are the owner's */
     float *direct, *sum;         /* 3 a point, see struct kiln_solution and the integrator */
+    float *caustic;              /* 3 a point: light by way of mirrors, gloss and glass; NULL: there is none */
     uint16_t *error;             /* 1 a point: kiln_error_pack */
     uint16_t *error_direct, *error_indirect; /* of these apart, likewise; NULL: nobody asks for them */
+    uint16_t *error_caustic;                 /* likewise */
     float *indirect, *parts; /* 3 and KILN_PARTS a point, of a bake in parts (integrate/parts.h); NULL: it is in one */
     uint64_t *next;          /* 1 a point: packed radiosity of the present step; or see kiln_next_compact */
     uint64_t *source;        /* 1 a point: packed radiosity that is gathered from; NULL: not known yet */

@@ -1,9 +1,13 @@
 /* The energy ledger: where the lights' power went, in watts, by channel.
  *
- *   emitted = absorbed + glass + escaped + blocked + ranged + left over, within the estimated error.
+ *   emitted = absorbed + glass + gloss + escaped + blocked + ranged + unfound + left over, within the estimated error.
  *
  * Tinted surfaces that light goes through take a part of it (glass); what they take of light that escapes or is blocked
- * in the end counts there.
+ * in the end counts there. Mirrors, gloss and the bodies of glass take a part of what goes by way of them (gloss); of
+ * what falls on a surface that is more than diffuse only what its diffuse part takes up is absorbed or reflected.
+ *
+ * Light that comes from lamps by way of mirrors, gloss and glass is unfound where a bake has no caustics, and as far as
+ * gather rays cannot find it (kiln_emission_result.mirrored).
  *
  * The backs of double-sided surfaces have points like fronts; what meets the back of a single-sided surface is blocked,
  * and lost.
@@ -62,11 +66,12 @@ struct kiln_step_energy {
     /* gather only: parts of `sent` that met nothing, or backs of single-sided surfaces */
     double escaped[3], blocked[3];
     double glass[3]; /* gather only: part of `sent` that tinted surfaces took on the way to where it landed */
+    double gloss[3]; /* gather only: likewise mirrors, gloss and bodies of glass (struct kiln_point_result) */
     double variance; /* of the luminance of incident (+ escaped + blocked) */
 };
 
 struct kiln_energy {
-    double emitted[3], absorbed[3], glass[3], escaped[3], blocked[3], ranged[3], left_over[3];
+    double emitted[3], absorbed[3], glass[3], gloss[3], escaped[3], blocked[3], ranged[3], unfound[3], left_over[3];
     double residual; /* luminance of emitted - all the rest */
     double error;    /* its standard error, luminance */
     double relative; /* |residual| / luminance of emitted; 0 without lights */

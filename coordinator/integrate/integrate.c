@@ -145,7 +145,7 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
     kiln_radiosity_allgather_unlimit(solution->allgather);
     if (p->settings->probes)
         kiln_exchange_total_radiosity(&l->exchange, kiln_solution_step(solution));
-    kiln_energy_close(&solution->report.energy, &solution->report.steps, p->emission);
+    kiln_energy_close(&solution->report.energy, &solution->report.steps, p->emission, p->settings->caustics);
     if (l->radiance != NULL)
         kiln_radiance_end(l->radiance);
     solution->report.received = kiln_radiosity_allgather_received(solution->allgather);

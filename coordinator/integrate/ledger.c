@@ -52,8 +52,10 @@ static double add_sent(const struct kiln_ledger_point *point, const struct kiln_
                        struct kiln_exact_sum sums[KILN_SUMS])
 {
     const double glass[3] = {(double)r->glass[0], (double)r->glass[1], (double)r->glass[2]};
-    const double lost = fmin(1.0, (double)r->escaped + (double)r->blocked + kiln_luminance(glass));
-    const bool all_arrives = !(lost > 0.0);
+    const double gloss[3] = {(double)r->gloss[0], (double)r->gloss[1], (double)r->gloss[2]};
+    const double lost =
+        fmin(1.0, (double)r->escaped + (double)r->blocked + kiln_luminance(glass) + fmax(0.0, kiln_luminance(gloss)));
+    const bool all_arrives = !(lost > 0.0) && !(kiln_luminance(gloss) < 0.0);
     double power[3];
     for (int c = 0; c < 3; c++) {
         power[c] = point->area * (double)point->sent[c];
@@ -63,6 +65,7 @@ static double add_sent(const struct kiln_ledger_point *point, const struct kiln_
         kiln_exact_add(&sums[KILN_SUM_ESCAPED + c], power[c] * (double)r->escaped, per_unit);
         kiln_exact_add(&sums[KILN_SUM_BLOCKED + c], power[c] * (double)r->blocked, per_unit);
         kiln_exact_add(&sums[KILN_SUM_GLASS + c], power[c] * glass[c], per_unit);
+        kiln_exact_add(&sums[KILN_SUM_GLOSS + c], power[c] * gloss[c], per_unit);
     }
     const double luminance = kiln_luminance(power);
     return luminance * luminance * lost * (1.0 - lost);
@@ -117,13 +120,14 @@ int kiln_ledger_end_step(struct kiln_ledger *ledger, MPI_Comm communicator, stru
         energy->escaped[c] = kiln_exact_value(&sums[KILN_SUM_ESCAPED + c], ledger->unit);
         energy->blocked[c] = kiln_exact_value(&sums[KILN_SUM_BLOCKED + c], ledger->unit);
         energy->glass[c] = kiln_exact_value(&sums[KILN_SUM_GLASS + c], ledger->unit);
+        energy->gloss[c] = kiln_exact_value(&sums[KILN_SUM_GLOSS + c], ledger->unit);
     }
     energy->variance = kiln_exact_value(&sums[KILN_SUMS], ledger->unit_squared);
     return status;
 }
 
 /* What the lights send. */
-static void open_energy(struct kiln_energy *e, const struct kiln_emission_result *light)
+static void open_energy(struct kiln_energy *e, const struct kiln_emission_result *light, enum kiln_caustics caustics)
 {
     for (int c = 0; c < 3; c++) {
         e->emitted[c] = light->emitted[c];
@@ -131,6 +135,8 @@ static void open_energy(struct kiln_energy *e, const struct kiln_emission_result
         e->blocked[c] = light->blocked[c];
         e->ranged[c] = light->ranged[c];
         e->glass[c] = light->glass[c];
+        e->gloss[c] = light->gloss[c];
+        e->unfound[c] = caustics == KILN_CAUSTICS_GATHER ? light->mirrored[c] : light->caustic[c];
         e->absorbed[c] = e->left_over[c] = 0.0;
     }
 }
@@ -143,16 +149,17 @@ static void add_step(struct kiln_energy *e, const struct kiln_step_energy *p, do
         e->escaped[c] += share * p->escaped[c];
         e->blocked[c] += share * p->blocked[c];
         e->glass[c] += share * p->glass[c];
+        e->gloss[c] += share * p->gloss[c];
         e->left_over[c] += share * (p->reflected[c] - p->sent[c]);
     }
 }
 
 void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *steps,
-                       const struct kiln_emission_result *emission)
+                       const struct kiln_emission_result *emission, enum kiln_caustics caustics)
 {
     double variance = 0.0, residual[3];
     uint32_t parts = 1;
-    open_energy(e, emission);
+    open_energy(e, emission, caustics);
     for (size_t i = 0; i < steps->count; i++)
         if (steps->of[i].step.counted && steps->of[i].step.part + 1 > parts)
             parts = steps->of[i].step.part + 1;
@@ -165,7 +172,7 @@ void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *st
     }
     for (int c = 0; c < 3; c++)
         residual[c] = e->emitted[c] - e->absorbed[c] - e->escaped[c] - e->blocked[c] - e->ranged[c] - e->glass[c] -
-                      e->left_over[c];
+                      e->gloss[c] - e->unfound[c] - e->left_over[c];
     e->residual = kiln_luminance(residual);
     const double emission_error = kiln_luminance(emission->error), emitted = kiln_luminance(e->emitted);
     e->error = sqrt(variance + emission_error * emission_error);

@@ -8,6 +8,7 @@
 
 #include "coordinator/integrate/energy.h"
 #include "coordinator/integrate/step.h"
+#include "coordinator/job/choices.h"
 #include "worker/pass/point.h"
 #include "worker/scene/surface.h"
 
@@ -19,7 +20,8 @@ enum {
     KILN_SUM_ESCAPED = 9,
     KILN_SUM_BLOCKED = 12,
     KILN_SUM_GLASS = 15,
-    KILN_SUMS = 18
+    KILN_SUM_GLOSS = 18,
+    KILN_SUMS = 21
 };
 
 /* What a thread adds up. Zero: nothing. */
@@ -79,6 +81,6 @@ int kiln_ledger_end_step(struct kiln_ledger *ledger, MPI_Comm communicator, stru
 
 /* The balance of a whole bake: emitted light against where the counted steps found it. */
 void kiln_energy_close(struct kiln_energy *energy, const struct kiln_step_reports *steps,
-                       const struct kiln_emission_result *emission);
+                       const struct kiln_emission_result *emission, enum kiln_caustics caustics);
 
 #endif

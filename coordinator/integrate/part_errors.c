@@ -102,7 +102,9 @@ static bool has_quarters(const struct kiln_step_reports *part)
 
 double kiln_part_light(const struct kiln_rank_data *data, uint64_t own)
 {
-    return kiln_luminance_of_floats(data->direct + 3 * own) + kiln_luminance_of_floats(data->indirect + 3 * own);
+    const double light =
+        kiln_luminance_of_floats(data->direct + 3 * own) + kiln_luminance_of_floats(data->indirect + 3 * own);
+    return data->caustic != NULL ? light + kiln_luminance_of_floats(data->caustic + 3 * own) : light;
 }
 
 /* Collective. Mean luminance of the irradiance of all points, by area. */

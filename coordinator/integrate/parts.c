@@ -84,6 +84,13 @@ void kiln_part_begin(const struct kiln_rank_data *data, struct kiln_own_point ow
     *found = (1.0f - share_of(step)) * *found + share_of(step) * luminance;
 }
 
+void kiln_part_add(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance,
+                   const struct kiln_step *step)
+{
+    if (data->parts != NULL)
+        *found_by(data, own, step->part) += share_of(step) * luminance;
+}
+
 /* Takes what the part has found of indirect light into the means. */
 static void take_indirect(const struct kiln_rank_data *data, const struct kiln_step *step)
 {
@@ -92,7 +99,7 @@ static void take_indirect(const struct kiln_rank_data *data, const struct kiln_s
         struct kiln_own_point own = kiln_own_of_global(&data->surface, run->first);
         for (uint32_t k = 0; k < run->count && kiln_part_changes(data, run, step->part); k++, own.at++) {
             const float *indirect = data->sum + 3 * own.at;
-            *found_by(data, own, step->part) += share_of(step) * kiln_luminance_in_float(indirect);
+            kiln_part_add(data, own, kiln_luminance_in_float(indirect), step);
             kiln_part_mix(data->indirect + 3 * own.at, indirect, 3, step);
         }
     }

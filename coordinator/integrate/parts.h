@@ -53,9 +53,12 @@ static inline bool kiln_part_changes(const struct kiln_rank_data *data, const st
     return part < KILN_PARTS || data->samples == NULL || data->samples[tile_run - data->surface.tile_runs] > 0;
 }
 
-/* What the part finds at a point begins with the luminance of direct light. Nothing where no parts are kept. */
+/* What the part finds at a point begins with the luminance of direct light; then that of caustics is added. Nothing
+ * where no parts are kept. */
 void kiln_part_begin(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance,
                      const struct kiln_step *step);
+void kiln_part_add(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance,
+                   const struct kiln_step *step);
 
 /* Collective. A step of the integrator is over. If it was the last of its part, indirect light is taken into its mean;
  * after a round, the error is looked at, in the report of the step; after the last part, the means are the result, and

@@ -35,11 +35,11 @@ struct saved_report {
     uint32_t judged, moved; /* of the balance: 0 or 1 */
     uint32_t out_of_time;   /* 0 or 1 */
     uint32_t from, to;      /* of the next round */
-    double incident[3], reflected[3], sent[3], escaped[3], blocked[3], glass[3], variance;
+    double incident[3], reflected[3], sent[3], escaped[3], blocked[3], glass[3], gloss[3], variance;
     double tail_error, tile_error, unfinished, share, imbalance, gain, cost;
     uint64_t points;
 };
-static_assert(sizeof(struct saved_report) == 8 * 4 + 27 * 8, "a record has no gaps");
+static_assert(sizeof(struct saved_report) == 8 * 4 + 30 * 8, "a record has no gaps");
 
 /* The block "own_steps" of each rank, an element a step: what that rank did in it. */
 struct saved_own_step {
@@ -111,6 +111,7 @@ static struct saved_report report_saved(const struct kiln_step_report *r)
         saved.escaped[c] = e->escaped[c];
         saved.blocked[c] = e->blocked[c];
         saved.glass[c] = e->glass[c];
+        saved.gloss[c] = e->gloss[c];
     }
     return saved;
 }
@@ -138,6 +139,7 @@ static struct kiln_step_report report_read(const struct saved_report *saved)
         r.energy.escaped[c] = saved->escaped[c];
         r.energy.blocked[c] = saved->blocked[c];
         r.energy.glass[c] = saved->glass[c];
+        r.energy.gloss[c] = saved->gloss[c];
     }
     return r;
 }
@@ -422,7 +424,7 @@ static bool report_is_sane(const struct saved_report *r)
                 isfinite(r->unfinished) && kiln_round_is_sane(&(struct kiln_round){r->from, r->to, r->share});
     for (int c = 0; c < 3; c++)
         sane = sane && isfinite(r->incident[c]) && isfinite(r->reflected[c]) && isfinite(r->sent[c]) &&
-               isfinite(r->escaped[c]) && isfinite(r->blocked[c]) && isfinite(r->glass[c]);
+               isfinite(r->escaped[c]) && isfinite(r->blocked[c]) && isfinite(r->glass[c]) && isfinite(r->gloss[c]);
     return sane;
 }
 

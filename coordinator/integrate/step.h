@@ -18,6 +18,7 @@ struct kiln_role {
     const char *title; /* of one step, in the progress line and the timeline: "bounce" */
     const char *phase; /* of all of them, in the table of phases: "bounces" */
     bool numbered;     /* the progress line adds the number of the bounce */
+    bool optional;     /* bakes without such steps have no row of it */
 };
 
 enum { KILN_ROLES_MAX = 8 }; /* of a bake */

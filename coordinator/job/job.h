@@ -16,6 +16,7 @@
 #include "coordinator/job/choices.h"
 #include "worker/base/status.h"
 #include "worker/pass/occlusion.h"
+#include "worker/scene/gloss.h"
 
 /* Unit of the lights: AUTO takes what the file says; the others override it. */
 enum kiln_units_choice { KILN_UNITS_AUTO = 0, KILN_UNITS_RADIOMETRIC = 1, KILN_UNITS_PHOTOMETRIC = 2 };
@@ -58,6 +59,9 @@ struct kiln_job {
     int indirect_scale;      /* log2 of texels a side of a block in bounces (integrate/blocks.h) */
     int final_scale;         /* likewise in the final gather (integrate/nodes.h) */
     int guide;               /* 1: the final gather follows what the bounces learn (worker/pass/guided.h) */
+    int materials;           /* enum kiln_gloss_mode */
+    int caustics;            /* enum kiln_caustics */
+    uint32_t chain_length;   /* surfaces of a gather ray's chain that are met for certain (shaders/shared/chain.h) */
     char *only_visible_from; /* cameras, or a path's file: bake/visible_from.h; NULL: all surfaces are lit */
     double target_error;     /* of a texel, relative: more samples until it is reached; 0: none */
     struct kiln_radiance_settings radiance;     /* probes that answer for what is far; see kiln_job_has_probes */
@@ -125,7 +129,6 @@ struct kiln_job {
     bool aov;                            /* view: layers of what is seen besides light */
     double lens_radius;                  /* view: m; 0: a pinhole */
     double focus_distance;               /* view: m; 0: that of what the middle of the picture shows */
-    int materials;                       /* view: enum kiln_gloss_mode */
     bool normal_maps;                    /* view: show materials' normal maps; default true */
     uint32_t ranks;                      /* plan: number of ranks */
     double node_memory;                  /* plan: memory of a node, GiB; 0: this machine's */
@@ -175,6 +178,17 @@ enum { KILN_PARTS = 4 }; /* that light is computed in where its errors are to be
 static inline uint32_t kiln_job_parts(const struct kiln_job *job)
 {
     return job->error_map || job->target_error > 0.0 ? KILN_PARTS : 1;
+}
+
+/* Whether light goes on from mirrors, gloss and glass, and whether a bake computes what comes from lamps by way of
+ * these. Of a job that is settled (coordinator/bake/materials.h). */
+static inline bool kiln_job_takes_gloss(const struct kiln_job *job)
+{
+    return job->materials != KILN_GLOSS_MODE_DIFFUSE && job->chain_length > 0;
+}
+static inline bool kiln_job_has_caustics(const struct kiln_job *job)
+{
+    return kiln_job_takes_gloss(job) && job->caustics > KILN_CAUSTICS_NONE;
 }
 
 /* Whether gather rays end at a range, and radiance probes answer for what lies behind it. */

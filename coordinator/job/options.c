@@ -43,6 +43,8 @@ enum {
 static const char *const method_names[] = {KILN_METHOD_LIST(METHOD_NAME) NULL};
 /* in the order of enum kiln_gloss_mode */
 static const char *const materials_names[] = {"auto", "diffuse", "full", NULL};
+/* in the order of enum kiln_caustics */
+static const char *const caustics_names[] = {"auto", "none", "gather", NULL};
 /* in the order of enum kiln_view_method */
 static const char *const view_method_names[] = {KILN_VIEW_METHOD_LIST(METHOD_NAME) NULL};
 
@@ -299,6 +301,32 @@ const struct kiln_option kiln_options[] = {
      .help = "auto: gather rays go to where earlier ones have found light, where it comes from few places",
      .commands = TRACES,
      .offset = AT(guide)},
+    {.name = "materials",
+     .group = "Light transport",
+     .kind = KILN_OPTION_CHOICE_ENUM,
+     .fallback = "diffuse",
+     .choices = materials_names,
+     .help = "diffuse: the diffuse part of all; full: mirrors, gloss, glass too; auto: what is worth it of these",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN | KILN_FOR_VIEW,
+     .offset = AT(materials)},
+    {.name = "caustics",
+     .group = "Light transport",
+     .kind = KILN_OPTION_CHOICE_ENUM,
+     .fallback = "auto",
+     .choices = caustics_names,
+     .help = "light by way of mirrors, gloss and glass alone: none, or gathered; auto: gathered if materials ask",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(caustics)},
+    {.name = "chain-length",
+     .group = "Light transport",
+     .kind = KILN_OPTION_UINT32,
+     .value = "N",
+     .fallback = "8",
+     .minimum = 1,
+     .maximum = 65535,
+     .help = "mirrors, gloss and glass that a gather ray goes on from before chance may end it",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(chain_length)},
     {.name = "only-visible-from",
      .group = "Light transport",
      .kind = KILN_OPTION_PATH,
@@ -882,14 +910,6 @@ const struct kiln_option kiln_options[] = {
      .help = "--method path: distance at which the lens is sharp; auto: that of what the middle shows",
      .commands = KILN_FOR_VIEW,
      .offset = AT(focus_distance)},
-    {.name = "materials",
-     .group = "View",
-     .kind = KILN_OPTION_CHOICE_ENUM,
-     .fallback = "diffuse",
-     .choices = materials_names,
-     .help = "--method path: diffuse as in a bake; full: mirrors, gloss, glass; auto: what is worth it of these",
-     .commands = KILN_FOR_VIEW,
-     .offset = AT(materials)},
     {.name = "normal-maps",
      .group = "View",
      .kind = KILN_OPTION_FLAG,

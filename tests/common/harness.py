@@ -255,7 +255,8 @@ def energy(report):
     e = report['energy']
     channels = lambda key: np.asarray(e[key], np.float64)
     emitted = channels('emitted')
-    gone = sum(channels(k) for k in ('absorbed', 'glass', 'escaped', 'blocked', 'ranged', 'left_over'))
+    parts = ('absorbed', 'glass', 'gloss', 'escaped', 'blocked', 'ranged', 'unfound', 'left_over')
+    gone = sum(channels(k) for k in parts)
     residual, power = float(LUMINANCE @ (emitted - gone)), float(LUMINANCE @ emitted)
     if not np.isfinite([residual, power, e['error']]).all():
         return 'not finite: %s' % json.dumps(e), False

@@ -89,8 +89,8 @@ static int pair_end(struct kiln_integration *integration, struct kiln_step_repor
     return KILN_OK;
 }
 
-static const struct kiln_role roles[] = {{"sky", "sky", "the sky", "the sky", false},
-                                         {"rest", "rest", "the rest", "the rest", true}};
+static const struct kiln_role roles[] = {{"sky", "sky", "the sky", "the sky", false, false},
+                                         {"rest", "rest", "the rest", "the rest", true, false}};
 static const struct kiln_integrator pair = {.name = "pair",
                                             .roles = roles,
                                             .role_count = 2,

@@ -6,6 +6,7 @@
     resume.py --kiln PATH layouts     go on with other numbers of ranks and threads
     resume.py --kiln PATH quantities  kill -9 within ambient occlusion and light by direction
     resume.py --kiln PATH blocks      kill -9 within a bounce at a quarter of the resolution, and a gather by nodes
+    resume.py --kiln PATH caustics    kill -9 within caustics and the gather after them
     resume.py --kiln PATH bounces     hundreds of bounces, stopped and gone on with after the 256th
     resume.py --kiln PATH signals     SIGUSR1, SIGTERM, SIGINT, kiln stop, --max-time: 75, and what kiln status says
     resume.py --kiln PATH phases      a signal to one of two ranks in every phase (without --full: in some): 75
@@ -509,14 +510,14 @@ def try_layouts(checks, tool):
          'double-sided, 1 rank, then 3')
 
 
-def killed_within(checks, tool, folder, phase, ranks, more=QUANTITIES):
+def killed_within(checks, tool, folder, phase, ranks, more=QUANTITIES, **how):
     """Goes on, and kills a rank once it has saved something of the step. A step may be over before that is seen: then
     it goes on from the same place once more."""
     before = folder + '-before'
     if os.path.isdir(folder):
         shutil.copytree(folder, before, symlinks=True)
     for _ in range(6):
-        process = tool.start(folder, *OFTEN, *more, ranks=ranks)
+        process = tool.start(folder, *OFTEN, *more, ranks=ranks, **how)
         wait_for(lambda: process.poll() is not None or phase.encode() in status_bytes(folder))
         saved = generations(folder)
         wait_for(lambda: process.poll() is not None or generations(folder)[-1:] != saved[-1:])
@@ -594,6 +595,23 @@ def try_guide(checks, tool):
                 'a bake without a guide was not refused: %d' % process.status, process)
     killed_within(checks, tool, folder, 'final gather', 1, more)
     same(checks, tool, reference, folder, tool.bake(folder, *more), 'killed within guided gathers')
+
+
+def try_caustics(checks, tool):
+    """Light by way of a mirror and of glass: killed within caustics and within the final gather, on other numbers of
+    ranks; diffuse, it is another bake."""
+    scene = os.path.join(tool.scratch, 'spheres.glb')
+    tool.run('generate', 'cornell-spheres', '-o', scene)
+    more = ('--materials', 'auto', '--lightmap-size', 24, '--samples-indirect', 1024, '--bounces', 2)
+    reference, _ = reference_of(checks, tool, *more, scene=scene)
+    checks.that('kiln.h5 irradiance/caustic' in reference, 'the reference has no caustics: %s' % sorted(reference))
+    folder = tool.folder()
+    killed_within(checks, tool, folder, 'caustics', 3, more, scene=scene)
+    process = tool.bake(folder, *more, '--materials', 'diffuse', scene=scene)
+    checks.that(process.status == BAD_INPUT and 'materials' in process.stderr and 'caustics' in process.stderr,
+                'a diffuse bake was not refused: %d' % process.status, process)
+    killed_within(checks, tool, folder, 'final gather', 2, more, scene=scene)
+    same(checks, tool, reference, folder, tool.bake(folder, *more, scene=scene), 'killed within caustics')
 
 
 def try_bounces(checks, tool):
@@ -1155,7 +1173,7 @@ def try_cost(checks, tool):
 
 
 PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'quantities': try_quantities,
-         'blocks': try_blocks, 'range': try_range, 'guide': try_guide,
+         'blocks': try_blocks, 'range': try_range, 'guide': try_guide, 'caustics': try_caustics,
          'bounces': try_bounces, 'signals': try_signals,
          'phases': try_phases,
          'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults,

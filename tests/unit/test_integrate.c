@@ -36,11 +36,9 @@ static struct kiln_integrate_settings settings_of(enum kiln_schedule schedule, i
                                             .samples_indirect = 32};
 }
 
-static void run_with(struct bake *b, double first, enum kiln_schedule schedule, int64_t bounces, double ratio,
-                     double tail_error, uint32_t samples_direct)
+/* All steps of the settings. `first`: what each step before the bounces reflects. */
+static void all_steps(struct bake *b, double first, double ratio, double tail_error)
 {
-    b->settings = settings_of(schedule, bounces);
-    b->settings.samples_direct = samples_direct;
     b->count = 0;
     struct kiln_step step;
     while (b->settings.integrator->next(&b->settings, b->reports, b->count, &step)) {
@@ -53,6 +51,14 @@ static void run_with(struct bake *b, double first, enum kiln_schedule schedule, 
             memcpy(report->energy.sent, b->reports[b->count - 1].energy.reflected, sizeof report->energy.sent);
         b->count++;
     }
+}
+
+static void run_with(struct bake *b, double first, enum kiln_schedule schedule, int64_t bounces, double ratio,
+                     double tail_error, uint32_t samples_direct)
+{
+    b->settings = settings_of(schedule, bounces);
+    b->settings.samples_direct = samples_direct;
+    all_steps(b, first, ratio, tail_error);
 }
 
 static void run(struct bake *b, enum kiln_schedule schedule, int64_t bounces, double ratio, double tail_error)
@@ -118,6 +124,32 @@ static void pilot(void **state)
     run_with(&b, 1.0, KILN_SCHEDULE_EQUAL, 0, 0.5, 1.0, 256);
     assert_int_equal(b.count, 1);
     expect(&b.reports[0].step, KILN_CELLS_DIRECT, 0, 256, 0, true);
+}
+
+/* Caustics are a step after direct light. The bounces are as if both were one, and end by the same rule. */
+static void caustics(void **state)
+{
+    (void)state;
+    static struct bake b, plain;
+    static const uint32_t direct[] = {16, 256}; /* the latter with a pilot */
+    for (size_t d = 0; d < 2; d++)
+        for (int64_t bounces = -1; bounces <= 6; bounces++) {
+            const size_t first = d + 1;
+            run_with(&plain, 1.0, KILN_SCHEDULE_LEAN, bounces, 0.85, 1e-3, direct[d]);
+            b.settings = plain.settings;
+            b.settings.caustics = KILN_CAUSTICS_GATHER;
+            all_steps(&b, 0.5, 0.85, 1e-3);
+            assert_int_equal(b.count, plain.count + 1);
+            assert_int_equal(b.reports[first - 1].step.role, KILN_CELLS_DIRECT);
+            assert_int_equal(kiln_cells_first(&b.settings), first);
+            assert_true(b.reports[first].step.pass == &kiln_pass_caustic && b.reports[first].step.counted);
+            assert_int_equal(b.reports[first].step.role, KILN_CELLS_CAUSTIC);
+            assert_int_equal(b.reports[first].step.samples, 32);
+            for (size_t i = first; i < plain.count; i++) {
+                const struct kiln_step *step = &plain.reports[i].step;
+                expect(&b.reports[i + 1].step, step->role, step->bounce, step->samples, step->stream, step->counted);
+            }
+        }
 }
 
 /* Without a number: at least three bounces, until a tail is good enough, or nothing is left, or it is plain that they
@@ -360,8 +392,8 @@ static bool doubling_next(const struct kiln_integrate_settings *settings, const 
     return (int64_t)count <= settings->bounces;
 }
 
-static const struct kiln_role doubling_roles[] = {{"coarse", "coarse", "coarse light", "coarse light", false},
-                                                  {"fine", "fine", "finer light", "finer light", true}};
+static const struct kiln_role doubling_roles[] = {{"coarse", "coarse", "coarse light", "coarse light", false, false},
+                                                  {"fine", "fine", "finer light", "finer light", true, false}};
 static const struct kiln_integrator doubling = {
     .name = "doubling", .roles = doubling_roles, .role_count = 2, .next = doubling_next};
 
@@ -494,11 +526,20 @@ static void rounds(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(lean_given), cmocka_unit_test(pilot), cmocka_unit_test(lean_all),
-        cmocka_unit_test(tiles),      cmocka_unit_test(late),  cmocka_unit_test(falling),
-        cmocka_unit_test(equal),      cmocka_unit_test(form),  cmocka_unit_test(plan_as_bake),
-        cmocka_unit_test(outlook),    cmocka_unit_test(table), cmocka_unit_test(another_integrator),
-        cmocka_unit_test(parts),      cmocka_unit_test(rounds)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(lean_given),
+                                       cmocka_unit_test(pilot),
+                                       cmocka_unit_test(caustics),
+                                       cmocka_unit_test(lean_all),
+                                       cmocka_unit_test(tiles),
+                                       cmocka_unit_test(late),
+                                       cmocka_unit_test(falling),
+                                       cmocka_unit_test(equal),
+                                       cmocka_unit_test(form),
+                                       cmocka_unit_test(plan_as_bake),
+                                       cmocka_unit_test(outlook),
+                                       cmocka_unit_test(table),
+                                       cmocka_unit_test(another_integrator),
+                                       cmocka_unit_test(parts),
+                                       cmocka_unit_test(rounds)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

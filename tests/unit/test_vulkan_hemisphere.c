@@ -430,7 +430,7 @@ static void chains_are_close(const struct world *w, const struct kiln_pass *pass
 {
     double level[FIGURES] = {0.0}, apart[FIGURES] = {0.0}, most = 0.0;
     for (uint64_t i = 0; i < w->surface->count; i++) {
-        double figures[2][FIGURES];
+        double figures[2][FIGURES] = {{0.0}};
         for (int b = 0; b < 2; b++)
             figures_of(&k[b], i, figures[b]);
         for (int c = 0; c < FIGURES; c++) {

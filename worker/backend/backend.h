@@ -81,7 +81,11 @@ struct kiln_emission_result {
     double emitted[3], received[3], blocked[3], escaped[3]; /* blocked: on backs of single-sided surfaces */
     double ranged[3];                                       /* cut off by a light's range */
     double glass[3];                                        /* taken by tinted surfaces that it went through */
-    double error[3];                                        /* standard error of `received` */
+    double gloss[3];   /* taken by mirrors, gloss and bodies of glass that it went by way of; 0 without any */
+    double caustic[3]; /* part of `received` that came by way of these */
+    /* part of `caustic` that gather rays cannot find: a mirror or smooth glass was first, and the light has no size */
+    double mirrored[3];
+    double error[3]; /* standard error of `received` */
 };
 
 enum { KILN_KERNELS_MOST = 32 };

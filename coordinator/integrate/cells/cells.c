@@ -17,7 +17,8 @@ static const struct kiln_role roles[] = {
     {.kind = "direct", .total = "direct", .title = "direct light", .phase = "direct light"},
     {.kind = "bounce", .total = "bounces", .title = "bounce", .phase = "bounces", .numbered = true},
     {.kind = "final", .total = "final", .title = "final gather", .phase = "final gather"},
-    {.kind = "pilot", .total = "pilot", .title = "direct light, pilot", .phase = "direct light"}};
+    {.kind = "pilot", .total = "pilot", .title = "direct light, pilot", .phase = "direct light"},
+    {.kind = "caustic", .total = "caustics", .title = "caustics", .phase = "caustics", .optional = true}};
 
 static int begin_step(struct kiln_integration *in, struct kiln_step_report *last, const struct kiln_step *step,
                       struct kiln_error *error)
@@ -29,7 +30,7 @@ static int begin_step(struct kiln_integration *in, struct kiln_step_report *last
         if (own->surface.guide != NULL)
             memset(own->surface.guide, 0, KILN_GUIDE_FLOATS * own->surface.count * sizeof *own->surface.guide);
     }
-    if (step->role == KILN_CELLS_DIRECT || step->role == KILN_CELLS_PILOT)
+    if (step->bounce == 0)
         return KILN_OK;
     if (in->settings->schedule == KILN_SCHEDULE_EQUAL) {
         if (step->bounce == 1) /* the sum is of irradiance now, and of bounces only */
@@ -57,16 +58,17 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
     struct kiln_step_report *last = &reports->of[reports->count - 1];
     const struct kiln_step_reports part = kiln_part_reports(reports);
     const struct kiln_rank_data *own = in->solution->own;
+    const size_t first = kiln_cells_first(in->settings);
     if (last->step.role == KILN_CELLS_PILOT)
         return kiln_adapt_samples(in, in->settings->samples_direct - last->step.samples, error);
     if (in->settings->bounces == 0) /* there is no indirect light */
         memset(own->sum, 0, 3 * own->surface.count * sizeof *own->sum);
-    if (in->settings->schedule == KILN_SCHEDULE_EQUAL && in->settings->bounces < 0)
-        kiln_tail_note_left(&in->solution->report);
+    if (in->settings->schedule == KILN_SCHEDULE_EQUAL && in->settings->bounces < 0 && part.count > first)
+        kiln_tail_note_left(&in->solution->report, first);
     const bool decides = in->settings->schedule == KILN_SCHEDULE_LEAN && in->settings->bounces < 0 &&
                          last->step.role != KILN_CELLS_FINAL;
     const int status = decides ? kiln_tail_measure(in, &part, &last->tail_error, error) : KILN_OK;
-    const size_t first = kiln_cells_first(in->settings), count = part.count - first;
+    const size_t count = part.count - first;
     if (status != KILN_OK || !decides || last->step.role != KILN_CELLS_BOUNCE ||
         (!kiln_cells_settled(part.of + first, count) && count <= KILN_BOUNCES_ALL))
         return status;

@@ -6,7 +6,7 @@
 #include "coordinator/integrate/integrator.h"
 
 /* Indices into its roles. */
-enum { KILN_CELLS_DIRECT, KILN_CELLS_BOUNCE, KILN_CELLS_FINAL, KILN_CELLS_PILOT };
+enum { KILN_CELLS_DIRECT, KILN_CELLS_BOUNCE, KILN_CELLS_FINAL, KILN_CELLS_PILOT, KILN_CELLS_CAUSTIC };
 
 /* The random stream of the final gather; a bounce has its number. */
 enum { KILN_CELLS_FINAL_STREAM = 0xffff };

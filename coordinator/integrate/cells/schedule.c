@@ -6,6 +6,7 @@
 #include "coordinator/integrate/cells/adapt.h"
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/late.h"
+#include "worker/pass/caustic.h"
 #include "worker/pass/guided.h"
 
 #define LONG_TAIL_RATIO 0.8 /* of a bounce to the one before */
@@ -23,7 +24,23 @@ enum {
     LEAST_SAMPLES = 2,      /* of a bounce, lean schedule */
 };
 
-static double reflected(const struct kiln_step_report *report) { return kiln_luminance(report->energy.reflected); }
+/* One of three channels, or the luminance. */
+static double power_of(const double power[3], int channel)
+{
+    return channel == KILN_LUMINANCE ? kiln_luminance(power) : power[channel];
+}
+
+double kiln_cells_reflected(const struct kiln_step_report *reports, size_t i, int channel)
+{
+    const struct kiln_step_report *report = &reports[i];
+    const double power = power_of(report->energy.reflected, channel);
+    return report->step.role == KILN_CELLS_CAUSTIC ? power + power_of(report[-1].energy.reflected, channel) : power;
+}
+
+static double reflected(const struct kiln_step_report *report)
+{
+    return kiln_cells_reflected(report, 0, KILN_LUMINANCE);
+}
 
 static double reflected_by_all(const struct kiln_step_report *reports, size_t count)
 {
@@ -35,45 +52,38 @@ static double reflected_by_all(const struct kiln_step_report *reports, size_t co
 
 size_t kiln_cells_first(const struct kiln_integrate_settings *settings)
 {
-    return kiln_adapt_pilot(settings) > 0 ? 1 : 0;
-}
-
-/* One of three channels, or the luminance. */
-enum { LUMINANCE = 3 };
-static double power_of(const double power[3], int channel)
-{
-    return channel == LUMINANCE ? kiln_luminance(power) : power[channel];
+    return (size_t)(kiln_adapt_pilot(settings) > 0) + (size_t)(settings->caustics > KILN_CAUSTICS_NONE);
 }
 
 /* The share of the power of step i - 1 that step i gathers for: all, but for a late bounce (late.h). */
 static double gone_on(const struct kiln_step_report *reports, size_t i, int channel)
 {
-    const double before = power_of(reports[i - 1].energy.reflected, channel);
+    const double before = kiln_cells_reflected(reports, i - 1, channel);
     return kiln_late_is(&reports[i].step) && before > 0.0 ? power_of(reports[i].energy.sent, channel) / before : 1.0;
 }
 
 /* Mean ratio of a step to the one before, from step `first` to `last`. */
 static double mean_ratio(const struct kiln_step_report *reports, size_t first, size_t last, int channel)
 {
-    double from = power_of(reports[first].energy.reflected, channel);
+    double from = kiln_cells_reflected(reports, first, channel);
     for (size_t i = first + 1; i <= last; i++)
         from *= gone_on(reports, i, channel);
     return from > 0.0 && last > first
-               ? pow(power_of(reports[last].energy.reflected, channel) / from, 1.0 / (double)(last - first))
+               ? pow(kiln_cells_reflected(reports, last, channel) / from, 1.0 / (double)(last - first))
                : 0.0;
 }
 
 double kiln_cells_ratio(const struct kiln_step_report *reports, size_t i)
 {
-    return mean_ratio(reports, i - 1, i, LUMINANCE);
+    return mean_ratio(reports, i - 1, i, KILN_LUMINANCE);
 }
 
 /* dq of struct kiln_tail_fit, of the ratios of the steps after `first`, whose mean is q. */
 static double ratio_error(const struct kiln_step_report *reports, size_t first, size_t last, double q)
 {
     const size_t middle = (first + last) / 2, steps = last - first;
-    const double low = mean_ratio(reports, first, middle, LUMINANCE),
-                 high = mean_ratio(reports, middle, last, LUMINANCE);
+    const double low = mean_ratio(reports, first, middle, KILN_LUMINANCE),
+                 high = mean_ratio(reports, middle, last, KILN_LUMINANCE);
     double square = 0.0;
     for (size_t i = first + 1; i <= last; i++)
         square += (kiln_cells_ratio(reports, i) - q) * (kiln_cells_ratio(reports, i) - q);
@@ -90,7 +100,7 @@ void kiln_cells_fit_tail(const struct kiln_step_report *reports, size_t count, s
         fit->ratio[c] = mean_ratio(reports, first, last, c);
         fit->latest[c] = mean_ratio(reports, last - 1, last, c);
     }
-    const double q = mean_ratio(reports, first, last, LUMINANCE);
+    const double q = mean_ratio(reports, first, last, KILN_LUMINANCE);
     fit->diverges = q > KILN_TAIL_RATIO_MOST;
     if (!fit->is_long)
         return;
@@ -211,9 +221,21 @@ static bool next_equal(const struct kiln_integrate_settings *settings, const str
            !(reflected(&reports[count - 1]) <= LEAST_LEFT * reflected_by_all(reports, count));
 }
 
-static void direct_step(const struct kiln_integrate_settings *settings, struct kiln_step *step)
+/* Step `count` of those before the bounces. */
+static void first_step(const struct kiln_integrate_settings *settings, size_t count, struct kiln_step *step)
 {
     const uint32_t pilot = kiln_adapt_pilot(settings);
+    if (pilot > 0 && count == 0) {
+        *step = (struct kiln_step){.pass = &kiln_pass_direct, .role = KILN_CELLS_PILOT, .samples = pilot};
+        return;
+    }
+    if (settings->caustics > KILN_CAUSTICS_NONE && count == kiln_cells_first(settings)) {
+        *step = (struct kiln_step){.pass = &kiln_pass_caustic,
+                                   .role = KILN_CELLS_CAUSTIC,
+                                   .samples = settings->samples_indirect,
+                                   .counted = true};
+        return;
+    }
     *step = (struct kiln_step){.pass = &kiln_pass_direct,
                                .role = KILN_CELLS_DIRECT,
                                .samples = settings->samples_direct - pilot,
@@ -225,18 +247,17 @@ static void direct_step(const struct kiln_integrate_settings *settings, struct k
 bool kiln_cells_next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                      size_t count, struct kiln_step *step)
 {
-    const uint32_t pilot = kiln_adapt_pilot(settings);
+    const size_t first = kiln_cells_first(settings);
     bool any = true;
-    if (count == 0 && pilot > 0) {
-        *step = (struct kiln_step){.pass = &kiln_pass_direct, .role = KILN_CELLS_PILOT, .samples = pilot};
+    if (count < first) {
+        first_step(settings, count, step);
         return true;
     }
-    const size_t first = kiln_cells_first(settings);
     reports = count > 0 ? reports + first : reports;
     count -= first;
     *step = (struct kiln_step){.pass = &kiln_pass_gather, .bounce = (uint32_t)count};
     if (count == 0)
-        direct_step(settings, step);
+        first_step(settings, first, step);
     else
         any = settings->schedule == KILN_SCHEDULE_EQUAL ? next_equal(settings, reports, count, step)
                                                         : next_lean(settings, reports, count, step);

@@ -1,5 +1,8 @@
 /* Which steps a bake by "cells" has. `samples_direct`, `samples_bounce` and `samples_indirect` are those settings.
  *
+ * Direct light comes first. Where a scene has mirrors, gloss and glass, light that comes from lamps by way of these
+ * follows, in a step with samples_indirect: both together are what the first bounce gathers.
+ *
  * Lean: direct light, in two steps where that pays (adapt.h); bounces with few samples, each of which gathers the
  * radiosity of the one before; one final gather with many samples, which reads the radiosity of direct light and all
  * bounces summed up (with a geometric tail, where that is asked for) and replaces what the bounces have found. The
@@ -21,12 +24,18 @@
 enum { KILN_BOUNCES_ALL = 254 };    /* at most so many where their number is not given */
 #define KILN_TAIL_RATIO_MOST 0.9999 /* of a bounce to the one before, that a tail is reckoned with */
 
-/* The number of the first step that counts: of direct light, after its pilot (adapt.h). */
+/* The number of the step that ends the light which has met no diffuse surface before: that of direct light, after its
+ * pilot (adapt.h), or of caustics. The bounces follow. */
 size_t kiln_cells_first(const struct kiln_integrate_settings *settings);
 
 /* kiln_integrator.next */
 bool kiln_cells_next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                      size_t count, struct kiln_step *step);
+
+/* What step `i` reflects, W, of a channel or the luminance; after a step of caustics, with direct light. `reports` go
+ * on before reports[0] where that is such a step. */
+enum { KILN_LUMINANCE = 3 };
+double kiln_cells_reflected(const struct kiln_step_report *reports, size_t i, int channel);
 
 /* Whether a geometric series from the last step on is good enough for the scene as a whole: two parts in a thousand.
  * Tiles apart: tile_error.h. */

@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "coordinator/field/radiosity_allgather.h"
+#include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/late.h"
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/parts.h"
@@ -16,6 +17,7 @@ int kiln_tail_measure(const struct kiln_integration *in, const struct kiln_step_
     const double q =
         fmin(last > kiln_cells_first(in->settings) ? kiln_cells_ratio(reports->of, last) : 1.0, KILN_TAIL_RATIO_MOST);
     const int status = kiln_exact_reduce(in->communicator, l->group_now, l->group_count, error);
+    const bool goes_on = reports->of[last].step.role == KILN_CELLS_CAUSTIC; /* with what direct light was */
     double mean = 0.0, square = 0.0;
     size_t lit = 0;
     for (size_t i = 0; i < l->group_count; i++) {
@@ -25,7 +27,7 @@ int kiln_tail_measure(const struct kiln_integration *in, const struct kiln_step_
     }
     mean = lit > 0 ? mean / (double)lit : 0.0;
     for (size_t i = 0; i < l->group_count; i++) {
-        const double now = kiln_exact_value(&l->group_now[i], l->unit);
+        const double now = kiln_exact_value(&l->group_now[i], l->unit) + (goes_on ? l->group_before[i] : 0.0);
         const double off = fabs(now - q * l->group_before[i]) / (1.0 - q);
         const double all = l->group_total[i] + now * q / (1.0 - q) + 1e-3 * mean;
         if (l->group_total[i] > 0.0 && all > 0.0)
@@ -63,7 +65,8 @@ static double left_out(const struct kiln_step_report *reports, size_t count)
             continue;
         kiln_cells_fit_tail(reports, i, &fit);
         const double q = fmin(fmax(kiln_luminance(fit.ratio), kiln_luminance(fit.latest)), KILN_TAIL_RATIO_MOST),
-                     ended = kiln_luminance(reports[i - 1].energy.reflected) - kiln_luminance(reports[i].energy.sent);
+                     ended =
+                         kiln_cells_reflected(reports, i - 1, KILN_LUMINANCE) - kiln_luminance(reports[i].energy.sent);
         power += fmax(0.0, ended) * q / (1.0 - q);
     }
     return power;
@@ -82,9 +85,9 @@ static void find_factors(struct kiln_integrate_report *r, size_t first, float fa
     for (int c = 0; c < 3; c++) {
         const double ratio = fmin(fit.ratio[c], KILN_TAIL_RATIO_MOST);
         r->tail_ratio[c] = ratio;
-        tail[c] = reports[last].energy.reflected[c] * ratio / (1.0 - ratio);
+        tail[c] = kiln_cells_reflected(reports, last, c) * ratio / (1.0 - ratio);
         for (size_t i = 0; i <= last; i++)
-            total[c] += reports[i].energy.reflected[c];
+            total[c] += kiln_cells_reflected(reports, i, c);
         total[c] += tail[c];
     }
     const double all = kiln_luminance(total);
@@ -95,17 +98,18 @@ static void find_factors(struct kiln_integrate_report *r, size_t first, float fa
     r->tail_tile_error = reports[last].tile_error;
 }
 
-void kiln_tail_note_left(struct kiln_integrate_report *r)
+void kiln_tail_note_left(struct kiln_integrate_report *r, size_t first)
 {
     struct kiln_tail_fit fit;
     const struct kiln_step_reports part = kiln_part_reports(&r->steps);
-    const struct kiln_step_report *reports = part.of;
-    kiln_cells_fit_tail(reports, part.count, &fit);
+    const struct kiln_step_report *reports = part.of + first;
+    const size_t count = part.count - first;
+    kiln_cells_fit_tail(reports, count, &fit);
     const double q = fmin(kiln_luminance(fit.ratio), KILN_TAIL_RATIO_MOST),
-                 left = kiln_luminance(reports[part.count - 1].energy.reflected) * q / (1.0 - q);
+                 left = kiln_cells_reflected(reports, count - 1, KILN_LUMINANCE) * q / (1.0 - q);
     double all = left;
-    for (size_t i = 0; i < part.count; i++)
-        all += kiln_luminance(reports[i].energy.reflected);
+    for (size_t i = 0; i < count; i++)
+        all += kiln_cells_reflected(reports, i, KILN_LUMINANCE);
     r->tail_error = error_of_all(&fit, all > 0.0 ? left / all : 0.0, true);
 }
 

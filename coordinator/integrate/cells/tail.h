@@ -13,8 +13,9 @@
 int kiln_tail_measure(const struct kiln_integration *integration, const struct kiln_step_reports *reports,
                       double *tail_error, struct kiln_error *error);
 
-/* Notes in the report, after a step without a tail, what the steps that did not come would bring. */
-void kiln_tail_note_left(struct kiln_integrate_report *report);
+/* Notes in the report, after a step without a tail, what the steps that did not come would bring. `first`:
+ * kiln_cells_first. */
+void kiln_tail_note_left(struct kiln_integrate_report *report, size_t first);
 
 /* Adds the tail after the last step to the sum of the own points, and notes it in the report. */
 void kiln_tail_add(const struct kiln_integration *integration);

@@ -48,12 +48,29 @@ static void begin_errors(const struct kiln_taking *t, const struct kiln_rank_dat
     mix_error(data->error_indirect, own, 0.0f, t->step);
 }
 
+/* The error of the mean over the parts so far that a part's own error comes to. */
+static float share_of_error(const struct kiln_taking *t, float error)
+{
+    return error / (float)(kiln_part_before(t->step) + 1.0);
+}
+
 static void add_indirect_error(const struct kiln_taking *t, const struct kiln_rank_data *data,
                                struct kiln_own_point own, float error)
 {
-    const float share = error / (float)(kiln_part_before(t->step) + 1.0); /* of the mean over the parts so far */
-    add_error(data->error, own, share);
-    add_error(data->error_indirect, own, share);
+    add_error(data->error, own, share_of_error(t, error));
+    add_error(data->error_indirect, own, share_of_error(t, error));
+}
+
+/* Caustics, which are a part of the light that the first bounce gathers. */
+static void enter_caustic(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
+                          const struct kiln_point_mean *r, bool counts)
+{
+    if (!counts)
+        return;
+    kiln_part_mix(data->caustic + 3 * own.at, r->irradiance, 3, t->step);
+    kiln_part_add(data, own, kiln_luminance_in_float(r->irradiance), t->step);
+    add_error(data->error, own, share_of_error(t, r->error));
+    mix_error(data->error_caustic, own, r->error, t->step);
 }
 
 /* Enters a point's answer. `radiosity` is what the point sends by it. `counts`: the point's error is not small enough
@@ -74,6 +91,10 @@ static void enter(const struct kiln_taking *t, const struct kiln_rank_data *data
         kiln_part_mix(data->direct + 3 * own.at, r->irradiance, 3, t->step);
         kiln_part_begin(data, own, kiln_luminance_in_float(r->irradiance), t->step);
         begin_errors(t, data, own, r->error);
+        break;
+    case KILN_CELLS_CAUSTIC:
+        add(data->sum, own, radiosity);
+        enter_caustic(t, data, own, r, counts);
         break;
     case KILN_CELLS_BOUNCE:
         if (t->settings->schedule == KILN_SCHEDULE_LEAN) {
@@ -270,7 +291,7 @@ static void take_nodes(const struct kiln_taking *t, const struct kiln_rank_data 
 }
 
 /* A tile run that no view sees, in the final gather: it keeps what the bounces have found, for what gathers from the
- * result. The sum is of radiosity, direct light among it. */
+ * result. The sum is of radiosity, direct light and caustics among it. */
 static void keep_bounces(const struct kiln_rank_data *data, const struct kiln_tile_run *f)
 {
     const uint64_t first = kiln_own_of_global(&data->surface, f->first).at;
@@ -279,7 +300,8 @@ static void keep_bounces(const struct kiln_rank_data *data, const struct kiln_ti
         kiln_point_albedo(&data->surface, (struct kiln_own_point){i}, albedo);
         for (uint64_t c = 0; c < 3; c++) {
             const float all = albedo[c] > 0.0f ? data->sum[3 * i + c] / albedo[c] : 0.0f;
-            data->sum[3 * i + c] = fmaxf(0.0f, all - data->direct[3 * i + c]);
+            const float before = data->direct[3 * i + c] + (data->caustic != NULL ? data->caustic[3 * i + c] : 0.0f);
+            data->sum[3 * i + c] = fmaxf(0.0f, all - before);
         }
     }
 }
@@ -338,7 +360,8 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
         if (counts && t->step->role != KILN_CELLS_PILOT)
             tally(t, &data->surface, own, &r, albedo, sums, tile_run);
         enter(t, data, own, &r, radiosity, unfinished);
-        pack_next(t, data, own, f, tile, (uint32_t)__builtin_ctzll(rest), radiosity);
+        pack_next(t, data, own, f, tile, (uint32_t)__builtin_ctzll(rest),
+                  t->step->role == KILN_CELLS_CAUSTIC ? data->sum + 3 * own.at : radiosity); /* with direct light's */
     }
 }
 

@@ -11,6 +11,8 @@
 /* Texels smaller than this part of the distance from the scene's centre have no places of their own in float. */
 static const float least_size = 0x1p-20f;
 
+#define CAUSTIC_ERROR "error_caustic"
+
 static bool wanted(const struct kiln_output_params *params) { return params->denoise; }
 
 static double seconds_now(void)
@@ -168,16 +170,19 @@ static void square_plane(float *values, size_t count)
         values[i] *= values[i];
 }
 
-/* The error of the sum of both: what is left of a point's own noise, the bias, and the part of the error's square that
- * neighbours share, which no regression takes out. It may be more than was stated of the point before, which is too low
- * by chance at some. An error whose square is no float stays as it was. */
+/* The error of the sum of both and of caustics, whose edges no neighbour knows, so that they stay as they are: what is
+ * left of a point's own noise, the bias, and the part of the error's square that neighbours share, which no regression
+ * takes out. `caustic`: standard error of caustics; NULL: there are none. It may be more than was stated of the point
+ * before, which is too low by chance at some. An error whose square is no float stays as it was. */
 static void state_error(const struct kiln_neighbour_grid *grid, const struct kiln_regression_light lights[2],
-                        float shared, float *error, size_t texels)
+                        const float *caustic, float shared, float *error, size_t texels)
 {
     for (size_t i = 0; i < grid->count; i++) {
         const uint32_t at = grid->points[i].index;
-        const float square =
+        float square =
             at < texels ? lights[0].variance[at] + lights[1].variance[at] + shared * error[at] * error[at] : INFINITY;
+        if (at < texels && caustic != NULL)
+            square += caustic[at] * caustic[at];
         if (isfinite(square))
             error[at] = sqrtf(square);
     }
@@ -186,6 +191,7 @@ static void state_error(const struct kiln_neighbour_grid *grid, const struct kil
 static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid *grid, struct kiln_error *error)
 {
     const size_t texels = kiln_map_texels(work->map);
+    const uint32_t caustic = kiln_layers_plane(work->layers, work->result->fields, CAUSTIC_ERROR);
     struct values v = {.copies = {NULL}};
     int status = take_values(&v, work, error);
     if (status == KILN_OK) {
@@ -193,7 +199,8 @@ static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid 
             square_plane(v.lights[l].variance, texels + work->ghosts.count);
         status = kiln_regression_run(grid, v.lights, 2, error);
         if (status == KILN_OK)
-            state_error(grid, v.lights, work->shared, work->map->planes[KILN_MAP_ERROR], texels);
+            state_error(grid, v.lights, caustic < KILN_MAP_PLANES_MAX ? work->map->planes[caustic] : NULL, work->shared,
+                        work->map->planes[KILN_MAP_ERROR], texels);
     }
     if (status == KILN_OK)
         give_values(&v, work);
@@ -230,4 +237,5 @@ const struct kiln_map_stage kiln_map_stage_denoise = {.name = "denoise",
                                                       .wanted = wanted,
                                                       .features = KILN_MAP_POSITION | KILN_MAP_NORMAL,
                                                       .fields = {"error_direct", "error_indirect"},
+                                                      .if_any = CAUSTIC_ERROR,
                                                       .run = run};

@@ -1,5 +1,6 @@
 #include "coordinator/output/map/layers.h"
 
+#include <assert.h>
 #include <string.h>
 
 /* The layers that every map has, with their planes. */
@@ -25,23 +26,30 @@ static int add_layer(struct kiln_layers *layers, const struct kiln_field_set *fi
     return KILN_OK;
 }
 
+static bool is_always(const char *name)
+{
+    for (size_t k = 0; k < ALWAYS; k++)
+        if (strcmp(name, always[k].field) == 0)
+            return true;
+    return false;
+}
+
 int kiln_layers_make(struct kiln_layers *layers, const struct kiln_field_set *fields, struct kiln_error *error)
 {
     *layers = (struct kiln_layers){.count = 0};
     int status = KILN_OK;
+    for (size_t k = 0; status == KILN_OK && k < ALWAYS; k++) {
+        const size_t field = kiln_field_set_find(fields, always[k].field);
+        if (field == fields->count)
+            return kiln_fail(error, KILN_BUG, "a bake has no field '%s', which every lightmap has", always[k].field);
+        assert(layers->planes.count == always[k].plane);
+        status = add_layer(layers, fields, field, error);
+    }
     for (size_t i = 0; status == KILN_OK && i < fields->count; i++) {
         const struct kiln_field *f = fields->entry[i].field;
-        const bool is_always = layers->count < ALWAYS && strcmp(f->name, always[layers->count].field) == 0;
-        if (f->channels == NULL || f->life == KILN_FIELD_SUM || (!is_always && !fields->entry[i].in_lightmaps))
-            continue;
-        if (layers->count < ALWAYS && (!is_always || layers->planes.count != always[layers->count].plane))
-            return kiln_fail(error, KILN_BUG, "the field '%s' stands before '%s', which every lightmap begins with",
-                             f->name, always[layers->count].field);
-        status = add_layer(layers, fields, i, error);
+        if (f->channels != NULL && f->life != KILN_FIELD_SUM && fields->entry[i].in_lightmaps && !is_always(f->name))
+            status = add_layer(layers, fields, i, error);
     }
-    if (status == KILN_OK && layers->count < ALWAYS)
-        return kiln_fail(error, KILN_BUG, "a bake has no field '%s', which every lightmap has",
-                         always[layers->count].field);
     return status;
 }
 

@@ -92,12 +92,13 @@ static void add_terms(const struct kiln_image *image, const struct kiln_field_se
     const struct kiln_field_entry *entry = &fields->entry[index];
     const size_t count = (size_t)image->width * image->height;
     for (uint32_t c = 0; c < entry->field->components; c++) {
-        const float *first = kiln_image_find(image, fields->entry[entry->terms[0]].field->channels[c])->values,
-                    *second = kiln_image_find(image, fields->entry[entry->terms[1]].field->channels[c])->values;
+        const float *of[KILN_FIELD_TERMS] = {NULL};
+        for (size_t k = 0; k < entry->term_count; k++)
+            of[k] = kiln_image_find(image, fields->entry[entry->terms[k]].field->channels[c])->values;
         float *total = kiln_image_find(image, entry->field->channels[c])->values;
 #pragma omp parallel for schedule(static) if (count > KILN_IMAGE_ALONE)
         for (size_t i = 0; i < count; i++)
-            total[i] = first[i] + second[i];
+            total[i] = of[0][i] + of[1][i] + (of[2] != NULL ? of[2][i] : 0.0f);
     }
 }
 
@@ -181,7 +182,9 @@ static int describe_file(const struct writer *w, uint32_t object, struct kiln_im
         {.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
         {.name = "kiln:quantity",
          .kind = KILN_EXR_STRING,
-         .text = "irradiance about the shading normal; R G B = direct + indirect"},
+         .text = kiln_field_set_find(w->result->fields, "caustic") < w->result->fields->count
+                     ? "irradiance about the shading normal; R G B = direct + indirect + caustic"
+                     : "irradiance about the shading normal; R G B = direct + indirect"},
         {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = w->result->units->irradiance},
         {.name = "kiln:object", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, o->name)},
         {.name = "kiln:originalName", .kind = KILN_EXR_STRING, .text = kiln_scene_string(scene, o->original_name)},

@@ -14,8 +14,9 @@ static double density_of(const struct kiln_map *map)
     return area > 0.0 ? sqrt(texels / area) : 0.0;
 }
 
-/* Over gathered texels: mean luminance by area, and root mean square of the standard error relative to it. */
-static void measure_light(const struct kiln_map *map, struct kiln_lightmap_report *report)
+/* Over gathered texels: mean luminance by area, and root mean square of the standard error relative to it. `caustic`:
+ * the first of the planes of caustics; KILN_MAP_PLANES_MAX: there are none. */
+static void measure_light(const struct kiln_map *map, uint32_t caustic, struct kiln_lightmap_report *report)
 {
     double area = 0.0, light = 0.0, squares = 0.0;
     for (size_t i = 0; i < kiln_map_texels(map); i++) {
@@ -23,7 +24,8 @@ static void measure_light(const struct kiln_map *map, struct kiln_lightmap_repor
             continue;
         float rgb[3];
         for (int c = 0; c < 3; c++)
-            rgb[c] = map->planes[KILN_MAP_DIRECT + c][i] + map->planes[KILN_MAP_INDIRECT + c][i];
+            rgb[c] = map->planes[KILN_MAP_DIRECT + c][i] + map->planes[KILN_MAP_INDIRECT + c][i] +
+                     (caustic < KILN_MAP_PLANES_MAX ? map->planes[caustic + (uint32_t)c][i] : 0.0f);
         const double own = (double)map->area[i], error = (double)map->planes[KILN_MAP_ERROR][i];
         area += own;
         light += own * (double)kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
@@ -38,7 +40,7 @@ static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
     (void)error;
     const struct kiln_map *map = work->map;
-    measure_light(map, work->report);
+    measure_light(map, kiln_layers_plane(work->layers, work->result->fields, "caustic"), work->report);
     for (size_t i = 0; i < kiln_map_texels(map); i++) {
         work->report->valid += map->state[i] == KILN_TEXEL_VALID;
         work->report->filled += map->state[i] == KILN_TEXEL_FILLED;

@@ -65,6 +65,7 @@ struct kiln_map_stage {
     /* names of the fields it reads besides direct light, indirect light and the error (map.h). Planes of fields,
      * positions and normals have values in gathered texels, and are filled and dilated as all planes are */
     const char *fields[KILN_MAP_STAGE_FIELDS];
+    const char *if_any; /* likewise, of a field that not all bakes have; NULL: none */
     int (*run)(struct kiln_map_work *work, struct kiln_error *error);
 };
 

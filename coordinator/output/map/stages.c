@@ -25,6 +25,8 @@ int kiln_map_stages_layers(const struct kiln_map_stage *const *stages, const str
             continue;
         for (size_t f = 0; status == KILN_OK && f < KILN_MAP_STAGE_FIELDS && stage->fields[f] != NULL; f++)
             status = kiln_layers_add_field(layers, fields, stage->fields[f], error);
+        if (status == KILN_OK && stage->if_any != NULL && kiln_field_set_find(fields, stage->if_any) < fields->count)
+            status = kiln_layers_add_field(layers, fields, stage->if_any, error);
         if (status == KILN_OK && (stage->features & KILN_MAP_POSITION) != 0)
             status = kiln_layers_add_vector(layers, &layers->position, error);
         if (status == KILN_OK && (stage->features & KILN_MAP_NORMAL) != 0)

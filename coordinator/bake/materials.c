@@ -1,0 +1,49 @@
+#include "coordinator/bake/materials.h"
+
+void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
+{
+    if (scene->taken == NULL)
+        job->materials = KILN_GLOSS_MODE_DIFFUSE;
+    if (!kiln_job_takes_gloss(job)) {
+        job->caustics = KILN_CAUSTICS_NONE;
+        job->chain_length = 0; /* there are no chains */
+    } else if (job->caustics == KILN_CAUSTICS_AUTO) {
+        job->caustics = KILN_CAUSTICS_GATHER;
+    }
+}
+
+/* Why no material is taken with its gloss. */
+static const char *why_none(enum kiln_gloss_mode asked)
+{
+    return asked == KILN_GLOSS_MODE_DIFFUSE
+               ? "--materials diffuse"
+               : "the scene has no metal, glass with a body, clear coat, or reflection of roughness below 0.5";
+}
+
+json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode asked, const struct kiln_scene *scene)
+{
+    static const char *const modes[] = {"auto", "diffuse", "full"};
+    static const char *const caustics[] = {"auto", "none", "gather"};
+    json_int_t of[KILN_GLOSS_KINDS] = {0}, taken = 0;
+    json_t *json = json_pack("{s:s}", "mode", modes[asked]), *kinds = json_object();
+    for (uint32_t i = 0; i < scene->material_count; i++) {
+        const struct kiln_gloss *gloss = kiln_gloss_taken(scene, i);
+        if (gloss == NULL)
+            continue;
+        taken++;
+        of[kiln_gloss_kind(&scene->materials[i], gloss)]++;
+    }
+    for (int k = 0; k < KILN_GLOSS_KINDS; k++)
+        if (of[k] > 0)
+            (void)json_object_set_new(kinds, kiln_gloss_kind_name((enum kiln_gloss_kind)k), json_integer(of[k]));
+    (void)json_object_set_new(json, "taken", json_integer(taken));
+    if (taken == 0) {
+        json_decref(kinds);
+        (void)json_object_set_new(json, "why", json_string(why_none(asked)));
+        return json;
+    }
+    (void)json_object_set_new(json, "kinds", kinds);
+    (void)json_object_set_new(json, "caustics", json_string(caustics[job->caustics]));
+    (void)json_object_set_new(json, "chain_length", json_integer((json_int_t)job->chain_length));
+    return json;
+}

@@ -1,0 +1,21 @@
+/* What the options about mirrors, gloss and glass (--materials, --caustics, --chain-length) come to in a scene. Nothing
+ * here is collective; the same on all ranks, for all have the same scene. */
+#ifndef KILN_COORDINATOR_BAKE_MATERIALS_H
+#define KILN_COORDINATOR_BAKE_MATERIALS_H
+
+#include <jansson.h>
+
+#include "coordinator/job/job.h"
+#include "worker/scene/gloss.h"
+
+/* Settles the options for a scene whose gloss is taken as the job says (kiln_scene_take_gloss): "auto" becomes what it
+ * stands for, and in a scene of which nothing is taken they become those of a diffuse bake. So two bakes of the same
+ * light have the same options, and fields and steps that nothing needs are left out. Changes nothing when called
+ * again. */
+void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene);
+
+/* `materials` of run.json: the mode asked for, how many materials of each kind are taken with their gloss, and why none
+ * is. `asked`: --materials as given; `job` is settled. New reference. */
+json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode asked, const struct kiln_scene *scene);
+
+#endif

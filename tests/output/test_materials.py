@@ -1,0 +1,137 @@
+"""kiln bake --materials: light that mirrors, gloss and glass send on, in lightmaps. Embree."""
+import json
+import math
+import os
+import sys
+import tempfile
+import unittest
+
+import h5py
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
+import exr  # noqa: E402
+import glb  # noqa: E402
+import harness  # noqa: E402
+from test_mirrors import WHITE, ball, gloss, run  # noqa: E402
+
+FEW = ("--backend", "embree", "--quiet", "--no-export", "--no-preview", "--samples-probe", "0")
+
+
+def light(folder, name="total"):
+    with h5py.File(os.path.join(folder, "kiln.h5"), "r") as file:
+        return file["irradiance/" + name][:]
+
+
+def fields(folder):
+    with h5py.File(os.path.join(folder, "kiln.h5"), "r") as file:
+        return {name: values[:].tobytes() for name, values in file["irradiance"].items()}
+
+
+def channels(folder, entry):
+    return exr.read(os.path.join(folder, entry["lightmap"]))[0]
+
+
+def report(folder):
+    with open(os.path.join(folder, "run.json")) as file:
+        return json.load(file)
+
+
+class Materials(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        temporary = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(temporary.cleanup)
+        cls.folder = temporary.name
+        for name in ("cornell-spheres", "cornell", "mirrors"):
+            run("generate", name, "-o", os.path.join(cls.folder, name + ".glb"), "--quiet")
+
+    def bake(self, scene, name, *options, **more):
+        folder = os.path.join(self.folder, name)
+        run("bake", os.path.join(self.folder, scene + ".glb"), "-o", folder, *FEW, *options, **more)
+        return folder
+
+    def test_furnace(self):
+        """Walls that send 1 and reflect half of what comes: wherever one looks the radiance is 2, whatever white
+        things mirror, bend and scatter it. What falls on these is of that radiance too. Not frosted glass, which is a
+        little darker than white."""
+        scene = glb.Scene()
+        glb.box(scene, "wall", (-2, -2, -2), (12.5, 2, 2), scene.material("lamp", (0.5, 0.5, 0.5), radiance=(1, 1, 1)),
+                inward=range(6))
+        for i, (name, values) in enumerate(each for each in WHITE if not each[0].startswith("frosted")):
+            ball(scene, name, (2.5 * i, 0.0, 0.0), 1.0, gloss(scene, name, **values), 12)
+        scene.write(os.path.join(self.folder, "furnace.glb"))
+        folder = self.bake("furnace", "furnace", "--materials", "auto", "--texels-per-metre", "2", "--samples-direct",
+                           "512", "--samples-bounce", "64", "--samples-indirect", "256", "--denoise", "none")
+        text, closed = harness.energy(report(folder))
+        self.assertTrue(closed, text)
+        for entry in report(folder)["objects"]:
+            layers = channels(folder, entry)
+            there = layers["validity.Y"] == 1
+            mean = layers["G"][there].mean() / (2 * math.pi) - 1
+            self.assertLess(abs(mean), 0.005 if entry["name"] == "wall" else 0.015, (entry["name"], mean))
+
+    def test_layers(self):
+        """The layer of caustics is a part of the sum, and of what the bounces gather; the ledger closes with it, and
+        tells what is left out without."""
+        options = ("--materials", "auto", "--texels-per-metre", "4", "--quality", "draft", "--denoise", "none")
+        folder = self.bake("cornell-spheres", "layers", *options)
+        self.assertTrue(np.array_equal(light(folder), light(folder, "direct") + light(folder, "indirect") +
+                                       light(folder, "caustic")))
+        said = report(folder)["materials"]
+        self.assertEqual((said["mode"], said["taken"], said["caustics"]), ("auto", 2, "gather"))
+        self.assertEqual(said["kinds"], {"metal": 1, "volume glass": 1})
+        self.assertTrue(any("caustic.R" in channels(folder, entry)
+                            for entry in report(folder)["objects"]))
+        without = self.bake("cornell-spheres", "without", *options, "--caustics", "none")
+        self.assertNotIn("caustic", fields(without))
+        self.assertLess(light(without, "indirect").mean(), 0.97 * light(folder, "indirect").mean())
+        for each in (folder, without):
+            text, closed = harness.energy(report(each))
+            self.assertTrue(closed, text)
+        self.assertEqual(report(folder)["energy"]["unfound"], [0.0] * 3)
+        self.assertGreater(report(without)["energy"]["unfound"][0], 1.0)
+        run("verify", folder, "--quiet")
+        run("view", folder, "--show", "caustic", "-o", os.path.join(self.folder, "caustic.png"), "--from=0,1,3",
+            "--to=0,1,0", "--width", "32", "--height", "32", "--quiet")
+
+    def test_lamps_without_size(self):
+        """No gather ray meets a point by a mirror: its light that way is told as unfound, and the ledger closes."""
+        folder = self.bake("mirrors", "mirrors", "--materials", "auto", "--texels-per-metre", "4", "--quality", "draft")
+        text, closed = harness.energy(report(folder))
+        self.assertTrue(closed, text)
+        self.assertGreater(report(folder)["energy"]["unfound"][1], 0.2 * report(folder)["energy"]["emitted"][1])
+        self.assertTrue(any("left out" in note for note in report(folder)["notes"]))
+
+    def test_same_bits(self):
+        """On any number of ranks, by every schedule, in parts and in rounds."""
+        for i, more in enumerate((("--bounces", "all"), ("--schedule", "equal", "--bounces", "2", "--exchange", "full"),
+                                  ("--bounces", "2", "--error-map", "--samples-direct", "64"),
+                                  ("--bounces", "2", "--target-error", "0.2", "--rebalance", "always"))):
+            options = ("--materials", "auto", "--texels-per-metre", "3", "--quality", "draft", "--samples-indirect",
+                       "16", *more)
+            one = fields(self.bake("cornell-spheres", f"one{i}", *options))
+            self.assertIn("caustic", one)
+            self.assertEqual(one, fields(self.bake("cornell-spheres", f"three{i}", *options, ranks=3)), more)
+
+    def test_nothing_to_take(self):
+        """A scene without gloss is the same bake, bit for bit and step by step, and says why."""
+        options = ("--texels-per-metre", "4", "--quality", "draft")
+        bakes = [self.bake("cornell", mode, "--materials", mode, *options) for mode in ("auto", "diffuse")]
+        self.assertEqual(*(fields(folder) for folder in bakes))
+        self.assertEqual(*(len(report(folder)["bounces"]) for folder in bakes))
+        said = report(bakes[0])["materials"]
+        self.assertEqual(said["taken"], 0)
+        self.assertIn("no metal", said["why"])
+        plans = [json.loads(run("plan", os.path.join(self.folder, "cornell.glb"), "--materials", mode, "--json",
+                                *options).stdout) for mode in ("auto", "diffuse")]
+        self.assertEqual(*(plan["disk_bytes"]["kiln_h5"] for plan in plans))
+
+    def test_refusals(self):
+        scene = os.path.join(self.folder, "cornell-spheres.glb")
+        for words in (("--materials", "shiny"), ("--caustics", "all"), ("--chain-length", "0")):
+            self.assertIn(words[0], run("bake", scene, *words, code=64).stderr)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,136 @@
+#include "worker/backend/particle.h"
+
+#include "shaders/shared/chain.h"
+#include "worker/material/surface_bsdf.h"
+#include "worker/sampling/sequence.h"
+#include "worker/scene/footprint.h"
+
+/* A surface that a particle has met; directions in the frame of its front. */
+struct place {
+    const struct kiln_hit *hit;
+    const struct kiln_gloss *gloss;
+    struct kiln_vec3 normal; /* geometric, of the front */
+    struct kiln_frame frame;
+    struct kiln_bsdf_lobes lobes;
+    struct kiln_vec3 o;
+};
+
+static const struct kiln_hit_record *record_of(const struct kiln_backend_params *params, const struct kiln_hit *hit)
+{
+    return &params->geometry->records[hit->triangle];
+}
+
+static bool has_points(const struct kiln_backend_params *params, const struct kiln_hit *hit)
+{
+    return !hit->back || (record_of(params, hit)->material & KILN_RECORD_DOUBLE_SIDED) != 0;
+}
+
+bool kiln_particle_turns(const struct kiln_backend_params *params, const struct kiln_hit *hit)
+{
+    if (params->scene->taken == NULL || hit->triangle == KILN_NONE)
+        return false;
+    const struct kiln_gloss *gloss =
+        kiln_gloss_taken(params->scene, record_of(params, hit)->material & KILN_RECORD_MATERIAL);
+    return gloss != NULL && (has_points(params, hit) || gloss->transmission > 0.0f);
+}
+
+/* The normal of the mesh, on the same side of the ray as the geometric one. */
+static struct kiln_vec3 shading_normal(const struct kiln_backend_params *params, const struct place *p,
+                                       const struct kiln_mesh *mesh, struct kiln_vec3 back)
+{
+    if ((mesh->flags & KILN_MESH_SMOOTH) == 0)
+        return p->normal;
+    const struct kiln_vec3 s =
+        kiln_triangle_shading_normal(params->scene, params->geometry, p->hit->triangle, p->hit->u, p->hit->v);
+    return vec3_dot(s, p->normal) > 0.0f && (vec3_dot(s, back) > 0.0f) == (vec3_dot(p->normal, back) > 0.0f)
+               ? s
+               : p->normal;
+}
+
+static struct place place_of(const struct kiln_backend_params *params, const struct kiln_hit *hit,
+                             struct kiln_vec3 direction)
+{
+    const struct kiln_scene *scene = params->scene;
+    const struct kiln_geometry *g = params->geometry;
+    const struct kiln_object *object = &scene->objects[record_of(params, hit)->object];
+    const struct kiln_mesh *mesh = &scene->meshes[object->mesh];
+    const uint64_t stored = g->stored_triangle[hit->triangle];
+    struct place p = {.hit = hit,
+                      .gloss = kiln_gloss_taken(scene, record_of(params, hit)->material & KILN_RECORD_MATERIAL)};
+    struct kiln_vec3 corner[3];
+    float b1, b2;
+    kiln_geometry_corners(g, hit->triangle, corner);
+    kiln_geometry_stored_barycentrics(scene, g, hit->triangle, hit->u, hit->v, &b1, &b2);
+    const int second = object->flipped != 0 ? 1 : 2;
+    const struct kiln_vec3 edge[2] = {vec3_sub(corner[3 - second], corner[0]), vec3_sub(corner[second], corner[0])},
+                           back = vec3_scale(direction, -1.0f);
+    p.normal = kiln_triangle_exact_normal(scene, g, hit->triangle);
+    p.frame = kiln_surface_frame(scene, p.gloss, mesh, stored, b1, b2, shading_normal(params, &p, mesh, back), edge);
+    p.lobes = kiln_bsdf_prepare(kiln_surface_bsdf(scene, p.gloss, mesh, stored, b1, b2));
+    p.o = kiln_into_frame(&p.frame, back);
+    return p;
+}
+
+static void draw(const struct kiln_particle_chance *chance, uint32_t use, double *u, double *v)
+{
+    uint32_t a, b;
+    kiln_path_numbers(kiln_path_key(chance->key, kiln_path_use(chance->surface, use)), chance->number, &a, &b);
+    *u = kiln_unit_double(a);
+    *v = kiln_unit_double(b);
+}
+
+/* The way on, in the frame, and its weight; false: nothing goes on. */
+static bool send(const struct place *p, const struct kiln_particle_chance *chance, float pick,
+                 struct kiln_bsdf_drawn *d)
+{
+    const uint32_t others = KILN_LOBE_GLOSS | (p->lobes.coat.strength > 0.0f ? KILN_LOBE_COAT : 0u);
+    const struct kiln_bsdf_choice choice = kiln_bsdf_choose(p->lobes, p->o, others);
+    double u, v;
+    draw(chance, KILN_PATH_BOUNCE, &u, &v);
+    *d = kiln_bsdf_propose(p->lobes, choice, p->o, pick, (float)u, (float)v, KILN_IMPORTANCE);
+    if (d->i.z == 0.0f)
+        return false;
+    if (!d->delta) {
+        const struct kiln_bsdf_value f =
+            kiln_bsdf_evaluate_chosen(p->lobes, choice, p->o, d->i, KILN_IMPORTANCE, others);
+        if (!(f.density > 0.0f))
+            return false;
+        d->weight = vec3_scale(f.value, 1.0f / f.density);
+    }
+    const struct kiln_vec3 front = kiln_into_frame(&p->frame, p->normal);
+    d->weight = vec3_scale(d->weight, kiln_shading_correction(p->o, d->i, front));
+    return kiln_shading_agrees(d->i, front);
+}
+
+struct kiln_particle_turn kiln_particle_turn(const struct kiln_backend_params *params, const struct kiln_hit *hit,
+                                             struct kiln_vec3 direction, const float weight[3],
+                                             const struct kiln_particle_chance *chance)
+{
+    const struct place p = place_of(params, hit, direction);
+    const uint32_t length = params->chain_length != 0 ? params->chain_length : KILN_CHAIN_LENGTH;
+    struct kiln_particle_turn turn = {.arrives = {1.0f, 1.0f, 1.0f}};
+    struct kiln_bsdf_drawn d;
+    double pick, rest;
+    if (hit->back && (p.gloss->flags & KILN_GLOSS_VOLUME) != 0)
+        kiln_gloss_attenuation(p.gloss, hit->distance, turn.arrives);
+    for (int c = 0; c < 3 && has_points(params, hit); c++)
+        turn.taken_up[c] = turn.arrives[c] * kiln_chain_taken_up(p.lobes, p.o.z);
+    draw(chance, KILN_PATH_LOBE, &pick, &rest);
+    if (!send(&p, chance, (float)pick, &d))
+        return turn;
+    const float on[3] = {turn.arrives[0] * d.weight.x, turn.arrives[1] * d.weight.y, turn.arrives[2] * d.weight.z};
+    float most = 0.0f;
+    for (int c = 0; c < 3; c++)
+        most = float_max(most, weight[c] * on[c]);
+    const float goes_on = kiln_chain_chance(chance->surface, length, most);
+    if (!(rest < (double)goes_on))
+        return turn;
+    for (int c = 0; c < 3; c++)
+        turn.goes_on[c] = on[c] / goes_on;
+    turn.mirrored = d.delta;
+    turn.direction = kiln_out_of_frame(&p.frame, d.i);
+    const float side = vec3_dot(p.normal, turn.direction) > 0.0f ? 1.0f : -1.0f;
+    turn.origin = kiln_offset_origin(kiln_triangle_position(params->geometry, hit->triangle, hit->u, hit->v),
+                                     vec3_scale(p.normal, side), params->geometry, hit->triangle);
+    return turn;
+}
