@@ -9,6 +9,7 @@
 #include "shaders/surface.glsl"
 #include "shaders/position.glsl"
 #include "shaders/direct_sequence.glsl"
+#include "shaders/taken_up.glsl"
 #ifndef KILN_PRECISE
 #    include "shaders/area_light_sampler.glsl"
 #endif
@@ -109,10 +110,13 @@ void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 o
     if (HAS_ALPHA >= KILN_PASSAGE_BLEND)
         s.value *= real3(through);
     const bool smooth_point = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u;
-    const real3 irradiance =
-        s.value * (smooth_point ? max(real(0), dot(real3(kiln_shading(p, n)), s.direction)) : cosine);
+    const real shading_cosine = smooth_point ? max(real(0), dot(real3(kiln_shading(p, n)), s.direction)) : cosine;
+    const real3 irradiance = s.value * shading_cosine;
     const real luminance = real_luminance(irradiance);
-    sums.incident += s.value * cosine;
+    if (HAS_GLOSSY != 0u)
+        sums.incident += s.value * (cosine * real(kiln_taken_up(p, push.chunk.parts, float(shading_cosine))));
+    else
+        sums.incident += s.value * cosine;
     sums.irradiance += irradiance;
     sums.luminance += luminance;
     sums.square += luminance * luminance;

@@ -19,6 +19,11 @@ struct Sums {
 #define NO_SUMS Sums(vec3[HARMONICS](vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0)), 0.0)
 #include "shaders/hemisphere.glsl"
 #include "shaders/lights.glsl"
+#ifdef KILN_GLOSS
+#    define KILN_WALK_LIGHTS
+#    define KILN_CHAIN_RADIOSITY
+#    include "shaders/chain.glsl"
+#endif
 
 /* Where light samples are seen from: sample k from where the ray of sample k starts. */
 struct Place {
@@ -46,6 +51,12 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     if (hit.triangle == KILN_GPU_NONE) {
         if (light_kind(KILN_GPU_KIND_SKY))
             radiance = kiln_environment_radiance(real3(direction));
+#ifdef KILN_GLOSS
+    } else if (chain_begins(hit)) {
+        const Chain c = chain_follow(ray_chance, ray_number, direction, hit);
+        chains_good = chains_good && c.good;
+        radiance = c.radiosity * KILN_INVERSE_PI + c.light;
+#endif
     } else {
         const kiln_store_way to = kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back);
         if (!hit.back || (to.material & KILN_RECORD_DOUBLE_SIDED) != 0u)
@@ -110,6 +121,9 @@ void after_rays(inout Sums sums, kiln_gpu_point p, uint row, bool good)
 {
     if (LIGHT_KINDS != 0u && LIGHT_KINDS != KILN_GPU_KIND_SKY)
         good = add_lights(sums, p, row) && good;
+#ifdef KILN_GLOSS
+    good = good && chains_good;
+#endif
     if (!good)
         sums.radiance[0].r = -1.0e30;
 }

@@ -1,43 +1,5 @@
-/* Adds up what gather.comp found and makes each point's answer of it; zeros for invalid points. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
 
-const uint FLOATS = HAS_ALPHA == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
-const uint MOST_FLOATS = KILN_GPU_SLICE_TINTED_FLOATS, MEASURED = 8u;
-#include "shaders/hemisphere_reduce.glsl"
-
-KILN_ARRAY(ResultArray, kiln_gpu_result, 4);
-
-/* The harmonics of radiance probes may be negative; a point's light is not. */
-float at_least_zero(float sum) { return sum < 0.0 ? 0.0 : sum; }
-
-void kiln_kernel(uint x, uint y)
-{
-    if (x >= push.chunk.total)
-        return;
-    kiln_gpu_result r = kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0,
-                                        float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0u);
-    Totals totals;
-    if (hemisphere_totals(x, totals)) {
-        const float n = float(push.samples);
-        for (uint c = 0u; c < 3u; c++) {
-            r.incident[c] = at_least_zero(totals.sum[c]);
-            r.irradiance[c] = at_least_zero(totals.sum[3u + c]);
-            r.glass[c] = totals.sum[9u + c];
-        }
-        r.escaped = totals.sum[6];
-        r.blocked = totals.sum[7];
-        r.count = push.samples;
-        for (uint q = 0u; q < 4u; q++)
-            totals.quarters[q] /= 0.25 * n;
-        if (push.samples >= 4u)
-            r.error = n * quarters_error(totals.quarters);
-        if (r.escaped < 0.0)
-            r.error = -1.0; /* the answer is not good */
-        r.present = PointArray(push.chunk.points).at[push.chunk.origin + x].present;
-    }
-    ResultArray(push.results).at[x] = r;
-}
-
-#include "shaders/main.glsl"
+#include "shaders/gather_reduce.glsl"

@@ -5,12 +5,16 @@
  *
  * The kernel that includes this says what a ray adds. Before it stand push constants with the members `chunk` and
  * `hemisphere`, `struct Sums`, what a thread adds up, and NO_SUMS, its zeros. The kernel defines the functions that are
- * declared here; it may define HEMISPHERE_BEGIN, what is done with the point's index in its block before its rays, and
- * HEMISPHERE_SEEDS, whether add_ray wants seeds in any scene. All else stands in kiln_kernel, not in functions of its
+ * declared here; it may define HEMISPHERE_BEGIN, what is done with the point's index in its block before its rays,
+ * HEMISPHERE_RAY_DONE, what is done with a sample's number after its ray, and HEMISPHERE_SEEDS, whether add_ray wants
+ * seeds in any scene. All else stands in kiln_kernel, not in functions of its
  * own, which cost the gather 4 % on an H200.
  */
 #ifndef HEMISPHERE_BEGIN
 #    define HEMISPHERE_BEGIN(index)
+#endif
+#ifndef HEMISPHERE_RAY_DONE
+#    define HEMISPHERE_RAY_DONE(k)
 #endif
 #ifndef HEMISPHERE_SEEDS
 #    define HEMISPHERE_SEEDS false
@@ -21,6 +25,11 @@
 #include "shaders/position.glsl"
 
 KILN_ARRAY(FloatArray, float, 4);
+
+#ifdef KILN_GLOSS
+uint ray_chance, ray_number; /* of the ray under way, as chain_follow (chain.glsl) takes them */
+bool chains_good = true;     /* the device has ended no chain early */
+#endif
 
 /* What one sample of the point adds: a ray from `position`, where the geometric normal is `normal`, with u and v in
  * (0, 1) for its direction and `seed` for its chances. */
@@ -102,10 +111,15 @@ void kiln_kernel(uint x, uint y)
         const float u = kiln_unit_float(kiln_owen_scramble(sobol.at[k], seed[0]) ^ shift_u);
         const float v =
             kiln_unit_float(kiln_owen_scramble(sobol.at[push.hemisphere.sobol_stride + k], seed[1]) ^ shift_v);
+#ifdef KILN_GLOSS
+        ray_chance = chance;
+        ray_number = push.hemisphere.first_sample + k;
+#endif
         add_ray(sums, p, position, normal, u, v,
                 HEMISPHERE_SEEDS || HAS_ALPHA >= KILN_PASSAGE_BLEND
                     ? kiln_gather_ray_seed(chance, push.hemisphere.first_sample + k)
                     : 0u);
+        HEMISPHERE_RAY_DONE(k);
     }
     after_rays(sums, p, row, k >= to);
     store(sums, index - push.chunk.origin, row);

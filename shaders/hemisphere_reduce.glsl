@@ -1,10 +1,14 @@
 /* Adds up the slices of hemisphere.glsl, one after the other. The slices of partly buried points fill all rows, those
  * of other points each `split`-th. Before it stand three constants: FLOATS, how many floats a slice has; MOST_FLOATS, a
  * literal, how many it may have; MEASURED, the float whose quarters are wanted (KILN_GPU_NONE: of none). As constants
- * they let the compiler unroll the loops and keep the sums in registers. */
+ * they let the compiler unroll the loops and keep the sums in registers. HEMISPHERE_REDUCE_PUSH may name other push
+ * constants, which begin the same. */
+#ifndef HEMISPHERE_REDUCE_PUSH
+#    define HEMISPHERE_REDUCE_PUSH kiln_gpu_hemisphere_reduce_push
+#endif
 #include "shaders/sum.glsl"
 
-KILN_PUSH(kiln_gpu_hemisphere_reduce_push);
+KILN_PUSH(HEMISPHERE_REDUCE_PUSH);
 
 KILN_ARRAY(PointArray, kiln_gpu_point, 8);
 KILN_ARRAY(WordArray, uint, 4);

@@ -46,6 +46,7 @@ layout(constant_id = 5) const uint HAS_DIVIDED = 1u;    /* walls divide texels (
 layout(constant_id = 7) const uint HAS_COINCIDENT = 1u; /* opposite faces coincide: KILN_COINCIDENT */
 layout(constant_id = 8) const uint HAS_OCTREE = 0u;     /* the store is the octree, not the lightmap */
 layout(constant_id = 9) const uint HAS_VARIED = 1u;     /* gloss is not the same all over (layout_material.h) */
+layout(constant_id = 10) const uint HAS_GLOSSY = 0u;    /* materials are taken with their gloss */
 
 /* `alignment` in bytes: 8 where the element has 64-bit members, else 4. */
 #define KILN_ARRAY(Name, type, alignment)                                                                              \

@@ -16,6 +16,11 @@ KILN_PUSH(kiln_gpu_probes_push);
 #include "shaders/trace/trace.glsl"
 #include "shaders/surface.glsl"
 #include "shaders/lights.glsl"
+#ifdef KILN_GLOSS
+#    define KILN_WALK_LIGHTS
+#    define KILN_CHAIN_RADIOSITY
+#    include "shaders/chain.glsl"
+#endif
 
 KILN_ARRAY(PositionArray, vec3, 4);
 KILN_ARRAY(SliceArray, float, 4);
@@ -58,6 +63,13 @@ void sphere_sample(inout Sums sums, vec3 p, uint key, uint k)
         sums.distance += push.far;
         if (light_kind(KILN_GPU_KIND_SKY))
             radiance = kiln_environment_radiance(direction);
+#ifdef KILN_GLOSS
+    } else if (chain_begins(hit)) {
+        sums.distance += min(hit.distance, push.far);
+        const Chain c = chain_follow(kiln_gather_chance(key), k, d, hit);
+        sums.stopped = sums.stopped || !c.good;
+        radiance = c.radiosity * KILN_INVERSE_PI + c.light;
+#endif
     } else {
         sums.distance += min(hit.distance, push.far);
         const kiln_store_way to = kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back);
@@ -119,7 +131,7 @@ void kiln_kernel(uint x, uint y)
     uint k = from;
     for (; k < to; k++)
         sphere_sample(sums, position, key, k);
-    sums.stopped = k < to;
+    sums.stopped = sums.stopped || k < to;
     if (LIGHT_KINDS != 0u && LIGHT_KINDS != KILN_GPU_KIND_SKY) {
         Place place = Place(position);
         const uint candidates =

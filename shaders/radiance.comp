@@ -11,6 +11,10 @@ KILN_PUSH(kiln_gpu_radiance_push);
 #define KILN_TRACES
 #include "shaders/trace/trace.glsl"
 #include "shaders/surface.glsl"
+#ifdef KILN_GLOSS
+#    define KILN_CHAIN_RADIOSITY
+#    include "shaders/chain.glsl"
+#endif
 
 KILN_ARRAY(PositionArray, vec3, 4);
 KILN_ARRAY(WordArray, uint, 4);
@@ -22,13 +26,22 @@ float number(uint k, uint dimension, uint key)
     return kiln_unit_float(kiln_owen_scramble(sobol.at[dimension * push.sobol_stride + k], kiln_hash2(key, dimension)));
 }
 
-/* Radiosity that a ray finds, and in w whether it met the back of a single-sided surface. */
-vec4 find_radiosity(vec3 position, vec3 direction, uint seed)
+bool good = true; /* the device has ended no loop early */
+
+/* Radiosity that ray k finds, and in w whether it met the back of a single-sided surface. */
+vec4 find_radiosity(vec3 position, vec3 direction, uint key, uint k)
 {
     vec3 tint;
-    const kiln_hit hit = kiln_trace_by_chance(position, direction, seed, tint);
+    const kiln_hit hit = kiln_trace_by_chance(position, direction, kiln_radiance_chance(key, k), tint);
     if (hit.triangle == KILN_GPU_NONE)
         return vec4(0.0);
+#ifdef KILN_GLOSS
+    if (chain_begins(hit)) {
+        const Chain c = chain_follow(kiln_gather_chance(key), k, direction, hit);
+        good = good && c.good;
+        return vec4(HAS_ALPHA == KILN_PASSAGE_TINT ? c.radiosity * tint : c.radiosity, 0.0);
+    }
+#endif
     const kiln_store_way to = kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back);
     if (hit.back && (to.material & KILN_RECORD_DOUBLE_SIDED) == 0u)
         return vec4(0.0, 0.0, 0.0, 1.0);
@@ -51,12 +64,12 @@ void kiln_kernel(uint x, uint y)
     for (; k < push.samples; k++) {
         const vec3 at = kiln_probe_point(push.basis, push.side, element, number(k, 0u, key), number(k, 1u, key));
         const float scale = inversesqrt(dot(at, at)), weight = scale * scale * scale;
-        sum += weight * find_radiosity(position, at * scale, kiln_radiance_chance(key, k));
+        sum += weight * find_radiosity(position, at * scale, key, k);
         weights += weight;
     }
     sum /= weights;
     sum.rgb *= KILN_INVERSE_PI;
-    if (k < push.samples) /* the device ended the loop early */
+    if (k < push.samples || !good)
         sum.w = -1.0;
     AnswerArray(push.results).at[x] = sum;
 }

@@ -322,21 +322,24 @@ static json_t *difference_json(const struct kiln_difference *d)
         json_object_set_new(channels, d->channels[c].name,
                             json_pack("{s:f, s:f, s:f}", "rmse", d->channels[c].rmse, "mean_difference",
                                       d->channels[c].mean_difference, "mean", d->channels[c].mean));
-    return json_pack("{s:b, s:I, s:I, s:I, s:f, s:f, s:o, s:f, s:o, s:f, s:f, s:f, s:{s:f, s:i, s:i}, s:o}",
+    return json_pack("{s:b, s:I, s:I, s:I, s:f, s:f, s:o, s:f, s:o, s:f, s:o, s:o, s:f, s:f, s:{s:f, s:i, s:i}, s:o}",
                      "identical", d->identical, "texels", (json_int_t)d->texels, "interior_texels",
                      (json_int_t)d->interior, "not_finite", (json_int_t)d->not_finite, "mean", d->mean, "rmse", d->rmse,
                      "nrmse", number_json(d->nrmse), "rel_rmse", d->rel_rmse, "psnr", number_json(d->psnr), "dssim",
-                     d->dssim, "dfpr", d->dfpr, "dfpr_unit", d->dfpr_unit, "worst", "difference", d->worst, "x",
-                     (int)d->worst_x, "y", (int)d->worst_y, "channels", channels);
+                     d->dssim, "picture_psnr", number_json(d->picture_psnr), "picture_dissimilarity",
+                     number_json(d->picture_dissimilarity), "dfpr", d->dfpr, "dfpr_unit", d->dfpr_unit, "worst",
+                     "difference", d->worst, "x", (int)d->worst_x, "y", (int)d->worst_y, "channels", channels);
 }
 
-/* Adjusts the JSON object for sample points: adds the worst place, and removes the structural similarity. */
+/* Adjusts the JSON object for sample points: adds the worst place, and removes what neighbours and pictures say. */
 static void add_place(const struct comparison *c, json_t *root)
 {
+    static const char *const of_pictures[] = {"dssim", "picture_psnr", "picture_dissimilarity"};
     const double *place = c->ones[c->worst].worst_place;
     if (c->scene_a == NULL)
         return;
-    json_object_set_new(root, "dssim", json_null());
+    for (size_t i = 0; i < sizeof of_pictures / sizeof *of_pictures; i++)
+        json_object_set_new(root, of_pictures[i], json_null());
     json_object_set_new(json_object_get(root, "worst"), "position", json_pack("[f,f,f]", place[0], place[1], place[2]));
     json_object_del(json_object_get(root, "worst"), "x");
     json_object_del(json_object_get(root, "worst"), "y");
@@ -391,7 +394,8 @@ static void print_text(const struct comparison *c)
     (void)printf("rel-rmse   %.4f %%\n", 100.0 * d->rel_rmse);
     (void)printf("psnr       %.2f dB\n", d->psnr);
     if (c->scene_a == NULL)
-        (void)printf("dssim      %.6g\n", d->dssim);
+        (void)printf("dssim      %.6g\npicture    psnr %.2f dB, 1 / ssim - 1 %.6g (tone-mapped, 8 bits)\n", d->dssim,
+                     d->picture_psnr, d->picture_dissimilarity);
     (void)printf("dfpr       %.6g %s; %.6g with the brightest value as 1\n", d->dfpr, unit, d->dfpr_unit);
     if (c->scene_a != NULL)
         kiln_print(stdout, "worst      %.6g %s at %.6g %.6g %.6g on %s\n", d->worst, unit, place[0], place[1], place[2],

@@ -192,8 +192,10 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
                   struct kiln_error *error)
 {
     const struct kiln_view_source source = source_of(v, job, directory);
+    struct kiln_view_wish wish = v->shots.wishes[index];
+    wish.surfaces = job->aov;
     kiln_image_destroy(&v->picture.image);
-    const int status = kiln_picture_make(&source, &v->shots.wishes[index], 4, &v->look, &v->picture, error);
+    const int status = kiln_picture_make(&source, &wish, 4, &v->look, &v->picture, error);
     if (status == KILN_OK && v->exposure.scale > 0.0) {
         v->picture.exposure = v->exposure;
         v->picture.metering = KILN_METERED_PATH;
@@ -229,9 +231,11 @@ static int write_picture(const struct view *v, const char *path, struct kiln_err
     return kiln_exr_write(path, v->picture.image, attributes, count, error);
 }
 
-static int check_extension(const char *path, struct kiln_error *error)
+static int check_extension(const struct kiln_job *job, const char *path, struct kiln_error *error)
 {
     const char *dot = strrchr(path, '.');
+    if (job->aov && dot != NULL && strcasecmp(dot, ".png") == 0)
+        return kiln_fail(error, KILN_USAGE, "--output %s: --aov adds layers, which PNG has not; write .exr", path);
     if (dot != NULL && (strcasecmp(dot, ".png") == 0 || strcasecmp(dot, ".exr") == 0))
         return KILN_OK;
     return kiln_fail(error, KILN_USAGE, "--output %s: a view is written as .png (tone-mapped) or .exr (radiance)",
@@ -357,12 +361,19 @@ static bool was_given(const struct kiln_job *job, const char *name)
 
 static int check_method(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_paths[] = {"bounces", "samples-pixel", "seed"};
+    static const char *const of_paths[] = {"bounces", "samples-pixel", "seed", "lens-radius", "focus-distance"},
+                             *const of_scenes[] = {"environment", "environment-scale", "environment-rotation"};
     for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths && job->view_method != KILN_VIEW_METHOD_path; i++)
         if (was_given(job, of_paths[i]))
             return kiln_fail(error, KILN_USAGE,
                              "--%s: the light in lightmaps is as it was baked; only --method path computes light",
                              of_paths[i]);
+    for (size_t i = 0; i < sizeof of_scenes / sizeof *of_scenes && job->scene == NULL; i++)
+        if (was_given(job, of_scenes[i]))
+            return kiln_fail(
+                error, KILN_USAGE,
+                "--%s: a bake's surroundings are as it was baked; kiln view SCENE --method path takes others",
+                of_scenes[i]);
     if (job->view_method == KILN_VIEW_METHOD_path && (v->texels || v->field != NULL))
         return kiln_fail(error, KILN_USAGE,
                          "--method path --show %.100s: path tracing shows light; leave one of the two out", job->show);
@@ -393,7 +404,7 @@ static int check_options(struct view *v, const struct kiln_job *job, const char 
     if (status == KILN_OK)
         status = check_exposure(v, job, error);
     if (status == KILN_OK)
-        status = check_extension(path, error);
+        status = check_extension(job, path, error);
     if (status == KILN_OK)
         status = kiln_output_name_check(&name, error);
     if (status == KILN_OK && job->output == NULL && bake)

@@ -19,6 +19,7 @@ struct kiln_view_team {
     bool tells; /* how far it is, on stderr */
     int64_t bounces;
     uint32_t samples;
+    double lens_radius, focus_distance; /* m; as in the job */
     struct kiln_geometry *geometry;
     struct kiln_lights *lights;
     struct kiln_backend *backend;
@@ -101,6 +102,8 @@ int kiln_view_team_create(struct kiln_view_team **team, const struct kiln_job *j
         t->tells = t->rank == 0 && !job->quiet && !job->json;
         t->bounces = job->bounces;
         t->samples = job->samples_pixel;
+        t->lens_radius = job->lens_radius;
+        t->focus_distance = job->focus_distance;
         t->renderer = (struct kiln_view_renderer){render, t};
         status = kiln_agree(MPI_COMM_WORLD, open_backend(t, job, scene, instruction_set, of_node, error), error);
     }
@@ -193,6 +196,33 @@ static int draw(struct kiln_view_team *t, const struct kiln_path_view *view, flo
     return status;
 }
 
+/* The distance along the camera's axis of what the middle of the picture shows; of nothing, the scene's extent. */
+static int find_focus(const struct kiln_view_team *t, const struct kiln_view_camera *camera, double *distance,
+                      struct kiln_error *error)
+{
+    const struct kiln_vec3 origin = vec3_of(camera->position), direction = vec3_of(camera->forward);
+    struct kiln_hit hit;
+    const int status = kiln_backend_intersect(t->backend, &origin, &direction, 1, &hit, error);
+    *distance = status == KILN_OK && hit.triangle != KILN_NONE ? (double)hit.distance : (double)t->geometry->extent;
+    return status;
+}
+
+/* Gives the view its lens. */
+static int mount_lens(const struct kiln_view_team *t, const struct kiln_view_camera *camera,
+                      struct kiln_path_parameters *parameters, struct kiln_error *error)
+{
+    double distance = t->focus_distance;
+    if (!(t->lens_radius > 0.0))
+        return KILN_OK;
+    if (camera->orthographic)
+        return kiln_fail(error, KILN_USAGE,
+                         "--lens-radius %g: the camera is orthographic and has no lens; leave it out", t->lens_radius);
+    const int status = distance > 0.0 ? KILN_OK : find_focus(t, camera, &distance, error);
+    parameters->lens_radius = (float)t->lens_radius;
+    parameters->focus_distance = (float)distance;
+    return status;
+}
+
 /* struct kiln_view_renderer: on rank 0, in step with kiln_view_team_serve on the others. */
 static int render(void *context, const struct kiln_view_params *params, struct kiln_image **image,
                   struct kiln_error *error)
@@ -204,7 +234,9 @@ static int render(void *context, const struct kiln_view_params *params, struct k
                               kiln_path_view_of(&params->camera, params->width, params->height, t->bounces, samples)};
     const size_t pixels = (size_t)params->width * params->height;
     float *all = NULL, *planes[3];
-    int status = kiln_image_create(image, params->width, params->height, names, 3, error);
+    int status = mount_lens(t, &params->camera, &order.view.parameters, error);
+    if (status == KILN_OK)
+        status = kiln_image_create(image, params->width, params->height, names, 3, error);
     if (status == KILN_OK)
         status = kiln_allocate(&all, 3 * pixels, sizeof *all, "the pixels of a view", error);
     if (status == KILN_OK) {

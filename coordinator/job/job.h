@@ -126,6 +126,9 @@ struct kiln_job {
     double field_of_view;                /* degrees, vertical */
     int view_method;                     /* view: enum kiln_view_method */
     uint32_t samples_pixel;              /* view: paths of a pixel */
+    bool aov;                            /* view: layers of what is seen besides light */
+    double lens_radius;                  /* view: m; 0: a pinhole */
+    double focus_distance;               /* view: m; 0: that of what the middle of the picture shows */
     bool normal_maps;                    /* view: show materials' normal maps; default true */
     uint32_t ranks;                      /* plan: number of ranks */
     double node_memory;                  /* plan: memory of a node, GiB; 0: this machine's */

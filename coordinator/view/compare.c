@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "coordinator/output/tone_map.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 
@@ -14,9 +15,10 @@ struct pair {
     uint32_t width, height, channel_count;
     const float *a[KILN_COMPARE_CHANNELS_MAX], *b[KILN_COMPARE_CHANNELS_MAX];
     char names[KILN_COMPARE_CHANNELS_MAX][KILN_CHANNEL_NAME_SIZE];
-    bool colour;            /* the compared channels are R, G, B, in this order */
-    uint8_t *used;          /* for each texel: 0 not compared, 1 valid in both images, 2 also wholly inside charts */
-    float *tone_a, *tone_b; /* tone-mapped luminance */
+    bool colour;   /* the compared channels are R, G, B, in this order */
+    uint8_t *used; /* for each texel: 0 not compared, 1 valid in both images, 2 also wholly inside charts */
+    double exposure;
+    float *tone_a, *tone_b; /* tone-mapped luminance; then of 8-bit pictures */
 };
 
 /* ---- selection of channels and texels ---- */
@@ -168,7 +170,7 @@ static void sum_relative(const struct pair *p, struct kiln_difference *d)
 
 /* ---- structural similarity ---- */
 
-static int map_tones(struct pair *p, struct kiln_error *error)
+static double choose_exposure(const struct pair *p)
 {
     const size_t count = (size_t)p->width * p->height;
     double logarithms = 0.0;
@@ -180,18 +182,49 @@ static int map_tones(struct pair *p, struct kiln_error *error)
             bright++;
         }
     }
-    const double exposure = bright == 0 ? 1.0 : 0.18 / exp(logarithms / (double)bright);
-    int status = kiln_allocate(&p->tone_a, count, sizeof(float), "tone-mapped luminance", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&p->tone_b, count, sizeof(float), "tone-mapped luminance", error);
-    for (size_t i = 0; status == KILN_OK && i < count; i++) {
+    return bright == 0 ? 1.0 : 0.18 / exp(logarithms / (double)bright);
+}
+
+static void map_tones(struct pair *p)
+{
+    const size_t count = (size_t)p->width * p->height;
+    for (size_t i = 0; i < count; i++) {
         if (p->used[i] == 0)
             continue;
-        const double la = exposure * fmax(0.0, luminance(p, p->a, i)), lb = exposure * fmax(0.0, luminance(p, p->b, i));
+        const double la = p->exposure * fmax(0.0, luminance(p, p->a, i)),
+                     lb = p->exposure * fmax(0.0, luminance(p, p->b, i));
         p->tone_a[i] = (float)(la / (1.0 + la));
         p->tone_b[i] = (float)(lb / (1.0 + lb));
     }
-    return status;
+}
+
+/* The 8-bit codes that a picture shows a texel with. */
+static void picture_codes(const struct pair *p, const float *const planes[], size_t i, double code[3])
+{
+    const struct kiln_tone tone = {KILN_TONE_REINHARD, p->exposure, INFINITY};
+    float rgb[3];
+    for (int c = 0; c < 3; c++)
+        rgb[c] = p->colour ? planes[c][i] : (float)luminance(p, planes, i);
+    kiln_tone_map_color(&tone, rgb, code);
+    for (int c = 0; c < 3; c++)
+        code[c] = floor(255.0 * code[c] + 0.5) / 255.0;
+}
+
+/* Sums up how the 8-bit pictures differ, and leaves the luminance of their codes. */
+static void make_pictures(struct pair *p, struct kiln_difference *d)
+{
+    const size_t count = (size_t)p->width * p->height;
+    for (size_t i = 0; i < count; i++) {
+        double a[3], b[3];
+        if (p->used[i] == 0)
+            continue;
+        picture_codes(p, p->a, i, a);
+        picture_codes(p, p->b, i, b);
+        for (int c = 0; c < 3; c++)
+            d->picture_squares += (a[c] - b[c]) * (a[c] - b[c]);
+        p->tone_a[i] = (float)kiln_luminance_of_floats((float[3]){(float)a[0], (float)a[1], (float)a[2]});
+        p->tone_b[i] = (float)kiln_luminance_of_floats((float[3]){(float)b[0], (float)b[1], (float)b[2]});
+    }
 }
 
 /* Structural similarity in the window around texel (x, y). */
@@ -218,23 +251,40 @@ static double similarity_at(const struct pair *p, const double gauss[WINDOW], in
     return (2.0 * a * b + c1) * (2.0 * covariance + c2) / ((a * a + b * b + c1) * (variance_a + variance_b + c2));
 }
 
-static int sum_similarity(struct pair *p, struct kiln_difference *d, struct kiln_error *error)
+/* The sum over T of the structural similarity of tone_a and tone_b. `rows`: scratch, one for each row. */
+static double sum_windows(const struct pair *p, double *rows)
 {
-    double gauss[WINDOW], *rows = NULL;
+    double gauss[WINDOW], sum = 0.0;
     for (int i = 0; i < WINDOW; i++)
         gauss[i] = exp(-0.5 * (i - RADIUS) * (i - RADIUS) / (sigma * sigma));
-    int status = map_tones(p, error);
+#pragma omp parallel for schedule(dynamic, 8)
+    for (uint32_t y = 0; y < p->height; y++) {
+        rows[y] = 0.0;
+        for (uint32_t x = 0; x < p->width; x++)
+            if (p->used[(size_t)y * p->width + x] != 0)
+                rows[y] += similarity_at(p, gauss, x, y);
+    }
+    for (uint32_t y = 0; y < p->height; y++) /* in the order of rows, so that the sum does not depend on threads */
+        sum += rows[y];
+    return sum;
+}
+
+static int sum_similarity(struct pair *p, struct kiln_difference *d, struct kiln_error *error)
+{
+    const size_t count = (size_t)p->width * p->height;
+    double *rows = NULL;
+    int status = kiln_allocate(&p->tone_a, count, sizeof(float), "tone-mapped luminance", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&p->tone_b, count, sizeof(float), "tone-mapped luminance", error);
     if (status == KILN_OK)
         status = kiln_allocate(&rows, p->height, sizeof *rows, "sums of rows", error);
     if (status != KILN_OK)
         return status;
-#pragma omp parallel for schedule(dynamic, 8)
-    for (uint32_t y = 0; y < p->height; y++)
-        for (uint32_t x = 0; x < p->width; x++)
-            if (p->used[(size_t)y * p->width + x] != 0)
-                rows[y] += similarity_at(p, gauss, x, y);
-    for (uint32_t y = 0; y < p->height; y++) /* in the order of rows, so that the sum does not depend on threads */
-        d->similarity += rows[y];
+    p->exposure = choose_exposure(p);
+    map_tones(p);
+    d->similarity = sum_windows(p, rows);
+    make_pictures(p, d);
+    d->picture_similarity = sum_windows(p, rows);
     kiln_free(&rows);
     return KILN_OK;
 }
@@ -251,6 +301,9 @@ static void derive(struct kiln_difference *d)
     d->rel_rmse = values > 0.0 ? sqrt(d->relative_squares / values) : 0.0;
     d->psnr = d->rmse > 0.0 ? 20.0 * log10(d->peak / d->rmse) : (double)INFINITY;
     d->dssim = texels > 0.0 ? 0.5 * (1.0 - d->similarity / texels) : 0.0;
+    d->picture_psnr = d->picture_squares > 0.0 ? 10.0 * log10(3.0 * texels / d->picture_squares) : (double)INFINITY;
+    const double alike = texels > 0.0 ? d->picture_similarity / texels : 1.0;
+    d->picture_dissimilarity = alike > 0.0 ? fmax(0.0, 1.0 / alike - 1.0) : (double)INFINITY;
     d->dfpr = texels > 0.0 ? d->lengths / texels : 0.0;
     d->dfpr_unit = d->largest > 0.0 ? d->dfpr / d->largest : 0.0;
     d->mean = values > 0.0 ? d->reference / values : 0.0;
@@ -312,6 +365,8 @@ void kiln_difference_add(struct kiln_difference *set, const struct kiln_differen
     set->relative_squares += one->weight * one->relative_squares;
     set->lengths += one->weight * one->lengths;
     set->similarity += one->weight * one->similarity;
+    set->picture_similarity += one->weight * one->picture_similarity;
+    set->picture_squares += one->weight * one->picture_squares;
     set->reference += one->weight * one->reference;
     set->peak = fmax(set->peak, one->peak);
     set->largest = fmax(set->largest, one->largest);

@@ -18,6 +18,11 @@
  *   K2 = 0.03 and range 1. The tone mapping is t = e L / (1 + e L), with Rec. 709 luminance L and, for both images,
  *   e = 0.18 / exp(mean of ln L_b over the texels of T where L_b > 0), or 1 if there is no such texel.
  *
+ * - picture_psnr, picture_dissimilarity: the same two of 8-bit pictures of both, as a screen shows them: sRGB codes k =
+ *   round(255 srgb(e c / (1 + e L))), c in R, G, B, with L and e as above; one grey without R, G, B. picture_psnr is 20
+ *   log10(255 / rmse of k) in dB; picture_dissimilarity is 1 / s - 1, where s is the structural similarity of the
+ *   luminance of k / 255. Rodrigues (2021) and Sun (2020) judge views so.
+ *
  * - dfpr: "deviation from pure radiosity" (Kahl 2023, equation 6.1): 1/N sum over T of the Euclidean length of (a - b)
  *   over C.
  *
@@ -41,7 +46,7 @@ struct kiln_difference {
     /* |T|; texels of T wholly inside charts; texels left out because a value is NaN or infinite */
     uint64_t texels, interior, not_finite;
     bool identical; /* same size, same channels, and all values have the same bits, margins included */
-    double rmse, nrmse, rel_rmse, psnr, dssim, dfpr, dfpr_unit, mean;
+    double rmse, nrmse, rel_rmse, psnr, dssim, picture_psnr, picture_dissimilarity, dfpr, dfpr_unit, mean;
     double worst; /* W/m2 */
     uint32_t worst_x, worst_y;
     uint32_t channel_count;
@@ -49,8 +54,8 @@ struct kiln_difference {
     double weight;                    /* of each texel when it is added to a set: 1, or the area of a sample point */
     double measure, interior_measure; /* sums of weights, by which the sums below are divided */
     /* terms of the metrics: sums over T, or over the texels wholly inside charts */
-    double squares, interior_squares, interior_reference, relative_squares, lengths, similarity, reference, peak,
-        largest;
+    double squares, interior_squares, interior_reference, relative_squares, lengths, similarity, picture_similarity,
+        picture_squares, reference, peak, largest;
 };
 
 /* Compares R, G, B if both images have them, else all common channels except validity.Y and coverage.Y. KILN_BAD_INPUT

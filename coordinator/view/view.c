@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "coordinator/files/publish.h"
+#include "coordinator/view/view_surfaces.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 #include "worker/scene/leaves.h"
@@ -24,6 +25,8 @@ static int make_picture(const struct kiln_view_source *source, const struct kiln
         status = renderer->render(renderer->context, &params, &picture->image, error);
     else if (status == KILN_OK)
         status = kiln_view_render(&params, &picture->image, &picture->approximate, error);
+    if (status == KILN_OK && wish->surfaces)
+        status = kiln_view_add_surfaces(&params, &picture->image, error);
     if (source->field != NULL)
         picture->meaning = source->field->meaning;
     if (status == KILN_OK && picture->meaning == KILN_FIELD_AMOUNT && !look->no_metering) {
@@ -153,6 +156,7 @@ static int meter_one(const struct kiln_view_source *source, const struct kiln_vi
     float *from[3], *to[3];
     small.width = METER_WIDTH;
     small.height = METER_HEIGHT;
+    small.surfaces = false;
     int status = kiln_picture_make(source, &small, 1, &plain, &picture, error);
     if (status == KILN_OK && kiln_image_rgb(picture.image, "", from) && kiln_image_rgb(all, "", to)) {
         const size_t pixels = (size_t)small.width * small.height;

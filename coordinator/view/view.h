@@ -83,6 +83,7 @@ struct kiln_view_wish {
     const double *from, *to;
     double field_of_view;   /* degrees, vertical; default: the camera's; else 45, or 55 from inside */
     uint32_t width, height; /* pixels; default: 960, and the height by the aspect of the camera, or 4:3 */
+    bool surfaces;          /* the image has the channels of view_surfaces.h too */
 };
 
 /* How the viewpoint was chosen: a camera of the scene, the request, or automatically from inside or outside. */
@@ -111,6 +112,10 @@ struct kiln_view_params {
     uint32_t width, height;
     uint32_t side; /* side x side rays for each pixel, 1 or more */
 };
+
+/* The ray through a place of the picture, in pixels from its upper left corner: origin and unit direction. */
+void kiln_view_ray(const struct kiln_view_params *params, double x, double y, struct kiln_vec3 *origin,
+                   struct kiln_vec3 *direction);
 
 /* Fractions of the picture, 0 to 1, that are approximate. */
 struct kiln_view_approximate {

@@ -48,6 +48,8 @@ KILN_SIZE_IS(kiln_gpu_record, 32);
 /* something is not everywhere on it: its mask is parts[first_part + part_count], and behind it stand the triangles of
  * its parts, or the one triangle of a point that is not partial */
 #define KILN_GPU_POINT_MASKED 8u
+/* its material is taken with its gloss: parts[first_part - 1] is a struct kiln_gpu_point_gloss */
+#define KILN_GPU_POINT_GLOSS 16u
 
 /* Position of a whole point = origin + s edge_s + t edge_t, the offset off the surface included. */
 struct kiln_gpu_point {
@@ -91,6 +93,18 @@ struct kiln_gpu_part_triangle {
 };
 KILN_SIZE_IS(kiln_gpu_part_triangle, 56);
 
+/* What decides how much light a point on a material that is taken with its gloss takes up, as large as a part: of
+ * struct kiln_bsdf_lobes at its middle. */
+struct kiln_gpu_point_gloss {
+    KILN_WORD model;
+    KILN_REAL32 matt;             /* share of the base that is diffuse */
+    KILN_REAL32 alpha, index;     /* of the interface over it */
+    KILN_REAL32 specular, color;  /* the latter's largest channel */
+    KILN_REAL32 coat, coat_alpha; /* on the point's side */
+    KILN_WORD reserved[6];
+};
+KILN_SIZE_IS(kiln_gpu_point_gloss, 56);
+
 /* What became of a point in the validity pass: a word each. */
 #define KILN_GPU_STATE_INVALID 0u
 #define KILN_GPU_STATE_VALID 1u
@@ -131,6 +145,7 @@ KILN_SIZE_IS(kiln_gpu_hemisphere, 56);
  * irradiance. */
 #define KILN_GPU_SLICE_FLOATS 9u
 #define KILN_GPU_SLICE_TINTED_FLOATS 12u /* in scenes with tinted surfaces; glass (3) is the last */
+#define KILN_GPU_SLICE_GLOSS 3u          /* so many more in kernels that follow chains: gloss */
 /* One of the occlusion pass: open, direction (3). */
 #define KILN_GPU_OCCLUSION_FLOATS 4u
 /* One of the directional pass: radiance of its harmonics (3 each), shadow rays. */
@@ -168,6 +183,7 @@ struct kiln_gpu_directional_result { /* struct kiln_directional_result */
 };
 KILN_SIZE_IS(kiln_gpu_directional_result, 52);
 
+#include "shaders/shared/layout_guide.h"
 #include "shaders/shared/layout_trace.h"
 #include "shaders/shared/layout_material.h"
 #include "shaders/shared/layout_light.h"
@@ -180,10 +196,13 @@ struct kiln_gpu_scene {
     KILN_STRUCT kiln_gpu_lights lights;
     KILN_ADDRESS records;
     KILN_STRUCT kiln_gpu_store store;
-    KILN_ADDRESS radiosity; /* of the store's places, packed */
-    KILN_WORD opaque_count; /* world triangles from opaque_count on may let rays through */
-    KILN_WORD object_count; /* lightmaps from here on are those of backs: worker/scene/surface.h */
-    KILN_WORD64 slot_last;  /* of octrees: the number of slots of bricks, a power of two, less 1 */
+    KILN_ADDRESS radiosity;      /* of the store's places, packed */
+    KILN_WORD opaque_count;      /* world triangles from opaque_count on may let rays through */
+    KILN_WORD object_count;      /* lightmaps from here on are those of backs: worker/scene/surface.h */
+    KILN_WORD64 slot_last;       /* of octrees: the number of slots of bricks, a power of two, less 1 */
+    KILN_ADDRESS path_triangles; /* struct kiln_gpu_path_triangle of each world triangle; 0: nobody asks for them */
+    KILN_WORD chain_length;      /* surfaces of a chain that are met for certain */
+    KILN_WORD reserved;
 };
 
 #endif

@@ -50,6 +50,21 @@ KILN_FUNCTION void kiln_path_numbers(KILN_U32 key, KILN_U32 k, KILN_OUT(KILN_U32
     KILN_AT(v) = kiln_owen_scramble(kiln_path_sobol_second(index), kiln_hash1(key + 3u));
 }
 
+/* ---- the camera ---- */
+
+/* Numbers of a place on the lens, in place of a surface's use. */
+#define KILN_PATH_LENS 0x6c656e73u
+
+/* Where on a lens of this radius (m) a camera ray starts, from its middle; `right` and `up` are the camera's axes, of
+ * any length, and u and v are in (0, 1). A ray through the middle towards p goes from there towards p, where p lies at
+ * the distance on which the lens is focused (Cook, Porter and Carpenter, "Distributed Ray Tracing", SIGGRAPH 1984). */
+KILN_FUNCTION KILN_VECTOR kiln_path_lens(KILN_VECTOR right, KILN_VECTOR up, float radius, float u, float v)
+{
+    const KILN_VECTOR disc = kiln_bsdf_cosine(u, v);
+    const KILN_VECTOR aside = vec3_scale(right, radius * disc.x / vec3_length(right));
+    return vec3_madd(aside, up, radius * disc.y / vec3_length(up));
+}
+
 /* ---- lengths of paths ---- */
 
 /* In place of the number of bounces: paths end by chance alone. */

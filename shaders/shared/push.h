@@ -75,6 +75,18 @@ KILN_SIZE_IS(kiln_gpu_gather_push, 128);
 KILN_OFFSET_IS(kiln_gpu_gather_push, hemisphere, 56);
 KILN_OFFSET_IS(kiln_gpu_gather_push, probes, 112);
 
+/* guided.comp: the guided pass. */
+struct kiln_gpu_guided_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk;
+    KILN_STRUCT kiln_gpu_hemisphere hemisphere;
+    KILN_ADDRESS probes; /* as in struct kiln_gpu_gather_push */
+    KILN_ADDRESS guided; /* struct kiln_gpu_guided */
+};
+KILN_SIZE_IS(kiln_gpu_guided_push, 128);
+KILN_OFFSET_IS(kiln_gpu_guided_push, hemisphere, 56);
+KILN_OFFSET_IS(kiln_gpu_guided_push, probes, 112);
+
 /* occlusion.comp: ambient occlusion. */
 struct kiln_gpu_occlusion_push {
     KILN_ADDRESS scene;
@@ -99,6 +111,19 @@ struct kiln_gpu_hemisphere_reduce_push {
 KILN_SIZE_IS(kiln_gpu_hemisphere_reduce_push, 96);
 KILN_OFFSET_IS(kiln_gpu_hemisphere_reduce_push, slices, 56);
 KILN_OFFSET_IS(kiln_gpu_hemisphere_reduce_push, samples, 80);
+
+/* guided_learn.comp, guided_reduce.comp: the same of the guided pass. */
+struct kiln_gpu_guided_reduce_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk;
+    KILN_ADDRESS slices, results;
+    KILN_ADDRESS rays;
+    KILN_WORD samples, per_quarter, split;
+    KILN_WORD reserved;
+    KILN_ADDRESS guided; /* struct kiln_gpu_guided */
+};
+KILN_SIZE_IS(kiln_gpu_guided_reduce_push, 104);
+KILN_OFFSET_IS(kiln_gpu_guided_reduce_push, guided, 96);
 
 /* probes.comp: radiance probes. */
 struct kiln_gpu_probes_push {
@@ -143,18 +168,18 @@ KILN_OFFSET_IS(kiln_gpu_probes_reduce_push, count, 24);
 /* path.glsl: paths of pixels. */
 struct kiln_gpu_path_push {
     KILN_ADDRESS scene;
-    KILN_ADDRESS triangles; /* struct kiln_gpu_path_triangle, one a world triangle */
-    KILN_ADDRESS sums;      /* struct kiln_gpu_path_sums of thread x */
-    KILN_WORD64 index;      /* of the first pixel in the picture */
+    KILN_ADDRESS sums; /* struct kiln_gpu_path_sums of thread x */
+    KILN_WORD64 index; /* of the first pixel in the picture */
     KILN_WORD count, first_sample, samples, seed, width, height, bounces;
     KILN_WORD orthographic;                   /* 0 or 1 */
     KILN_VECTOR position, forward, right, up; /* struct kiln_path_parameters */
     KILN_REAL32 extent;                       /* m, of the scene */
+    KILN_REAL32 lens_radius, focus_distance;
     KILN_WORD reserved;
 };
 KILN_SIZE_IS(kiln_gpu_path_push, 120);
-KILN_OFFSET_IS(kiln_gpu_path_push, count, 32);
-KILN_OFFSET_IS(kiln_gpu_path_push, position, 64);
-KILN_OFFSET_IS(kiln_gpu_path_push, extent, 112);
+KILN_OFFSET_IS(kiln_gpu_path_push, count, 24);
+KILN_OFFSET_IS(kiln_gpu_path_push, position, 56);
+KILN_OFFSET_IS(kiln_gpu_path_push, extent, 104);
 
 #endif

@@ -6,6 +6,8 @@
 - A dark room behind a wall has 1e-4 of the light of the lit one at most (walls.py).
 - The same bits on 1 and 3 ranks, with cells of another size, by objects, with what is seen alone sent.
 - Without bounces to learn from, and where light comes from all over, the bits of a bake without a guide.
+
+With --backend vulkan the first, and the same bits on ranks, in dispatches of any size and after the device was lost.
 """
 import math
 import os
@@ -40,7 +42,9 @@ def in_the_dark(bake):
 
 def check_gap(kiln, checks, table):
     bakes = [lit_through_gap(kiln, '--guide', guide, '--seed', seed) for guide, seed in (('none', 1), ('auto', 1))]
+    backend, kiln.backend = kiln.backend, 'embree'
     bakes.append(lit_through_gap(kiln, '--seed', 2, bounce=128, indirect=1024))
+    kiln.backend = backend
     if not all([checks.baked(bake) for bake in bakes]):
         return
     (plain, area), (guided, _), (want, _) = [in_the_dark(bake) for bake in bakes]
@@ -97,20 +101,40 @@ def check_same(kiln, checks):
     checks.that(points[6] == points[7], 'other bits where there was nothing to learn from')
 
 
+def check_device(kiln, checks):
+    few = {'size': 24, 'bounce': 8, 'indirect': 16}
+    first = lit_through_gap(kiln, '--guide', 'auto', **few)
+    if not checks.baked(first):
+        return
+    for ranks, more, fault in ((3, ('--dispatch-time', 1), ''), (0, ('--verify-fraction', 1), 'lost:200')):
+        kiln.environment['KILN_GPU_FAULT'] = fault
+        bake = lit_through_gap(kiln, '--guide', 'auto', *more, ranks=ranks, **few)
+        if not checks.baked(bake):
+            continue
+        checks.that(same_result.points(bake) == same_result.points(first),
+                    'guided, %d ranks, %s, %s: other bits' % (ranks, ' '.join(map(str, more)), fault), bake.process)
+        found = bake.run['backend']
+        checks.that((found['recoveries'] > 0) == bool(fault) and (found['verified_texels'] > 0) == (not ranks),
+                    'recovered %d times, %d texels compared' % (found['recoveries'], found['verified_texels']),
+                    bake.process)
+
+
 def main():
     _, kiln = harness.start(__doc__)
     checks = harness.Checks()
     table = harness.Table(('scene', 28), ('sum', 10), ('rms or worst', 14))
     check_gap(kiln, checks, table)
+    if kiln.backend == 'vulkan':
+        check_device(kiln, checks)
+        checks.end()
+        return
     check_furnace(kiln, checks, table)
     for degrees, thickness, texels in ((0, 0.01, 24), (17, 0, 24)):
         check_wall(kiln, checks, table, degrees, thickness, texels)
     check_same(kiln, checks)
-    for more in (('--schedule', 'equal'), ('--store', 'octree'), ('--indirect-scale', '4'), ('--final-scale', '2'),
-                 ('--backend', 'vulkan')):
+    for more in (('--schedule', 'equal'), ('--store', 'octree'), ('--indirect-scale', '4'), ('--final-scale', '2')):
         refused = kiln.bake(os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb'), '--guide', 'auto', *more)
-        no_device = more[0] == '--backend' and refused.process.status == 69
-        checks.that(no_device or refused.process.status == 64 and '--guide' in refused.process.stderr,
+        checks.that(refused.process.status == 64 and '--guide' in refused.process.stderr,
                     '%s was not refused: %d' % (more, refused.process.status), refused.process)
     checks.end()
 

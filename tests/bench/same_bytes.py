@@ -28,7 +28,7 @@ SMALL = ['--lightmap-max', '48']
 OTHERS = {'crytek_sponza.glb': 0.5, 'dining_room.glb': 4, 'classroom.glb': 3, 'veach_ajar.glb': 3, 'godot_room.glb': 3}
 # Ways of a bake that take code of their own, on one scene: every option that changes what is computed.
 WAYS = [['--schedule', 'equal'], ['--exchange', 'full'], ['--exchange', 'compact'], ['--bounces', 'all'],
-        ['--partition', 'objects'], ['--error-map'], ['--half'], ['--environment', '0.3,0.4,0.5']]
+        ['--partition', 'objects'], ['--error-map'], ['--half'], ['--guide', 'auto'], ['--environment', '0.3,0.4,0.5']]
 
 
 def scenes(which, folder, kiln):

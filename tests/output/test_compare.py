@@ -25,12 +25,10 @@ def compare(a, b, *more):
     return json.loads(run.stdout)
 
 
-def ssim(a, b, used, exposure):
-    """Mean over used texels, windows made by explicit shifts of the whole image."""
-    tone = lambda rgb: np.where(used, (lambda t: t / (1 + t))(exposure * np.maximum(rgb @ [0.2126, 0.7152, 0.0722], 0)),
-                                0)
+def windows(x, y, used):
+    """Mean structural similarity over used texels, windows made by explicit shifts of the whole image."""
     height, width = used.shape
-    x, y, m = (np.pad(v, 5) for v in (tone(a), tone(b), used.astype(float)))
+    x, y, m = (np.pad(np.where(used, v, 0), 5) for v in (x, y, used.astype(float)))
     sums = np.zeros((6, height, width))
     for dy in range(11):
         for dx in range(11):
@@ -44,6 +42,24 @@ def ssim(a, b, used, exposure):
     return np.mean((2 * x * y + 1e-4) * (2 * c + 9e-4) / ((x * x + y * y + 1e-4) * (vx + vy + 9e-4)))
 
 
+WEIGHTS = [0.2126, 0.7152, 0.0722]
+
+
+def ssim(a, b, used, exposure):
+    return windows(*((lambda t: t / (1 + t))(exposure * np.maximum(rgb @ WEIGHTS, 0)) for rgb in (a, b)), used)
+
+
+def picture(rgb, exposure):
+    linear = np.clip(exposure * rgb / (1 + exposure * np.maximum(rgb @ WEIGHTS, 0)[..., None]), 0, 1)
+    return np.round(255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)) / 255
+
+
+def picture_metrics(a, b, used, exposure):
+    shown = [picture(v, exposure) for v in (a, b)]
+    return (10 * np.log10(1 / np.mean((shown[0] - shown[1])[used] ** 2)),
+            1 / windows(*(v @ WEIGHTS for v in shown), used) - 1)
+
+
 def expected(a, b, used, inside):
     a, b = a.astype(float), b.astype(float)
     d, r = (a - b)[used], b[used]
@@ -52,11 +68,13 @@ def expected(a, b, used, inside):
     rmse = np.sqrt(np.mean(d ** 2))
     exposure = 0.18 / np.exp(np.mean(np.log(luminance[luminance > 0])))
     y, x = np.argwhere(used)[np.argmax(length)]
+    decibels, dissimilarity = picture_metrics(a, b, used, exposure)
     return {
         "texels": used.sum(), "interior_texels": inside.sum(), "mean": r.mean(), "rmse": rmse,
         "nrmse": np.sqrt(np.mean((a - b)[inside] ** 2)) / b[inside].mean(),
         "rel_rmse": np.sqrt(np.mean((d / (np.abs(r) + 0.01 * np.abs(r).mean())) ** 2)),
         "psnr": 20 * np.log10(np.abs(r).max() / rmse), "dssim": (1 - ssim(a, b, used, exposure)) / 2,
+        "picture_psnr": decibels, "picture_dissimilarity": dissimilarity,
         "dfpr": length.mean(), "dfpr_unit": length.mean() / r.max(),
         "worst": {"difference": length.max(), "x": x, "y": y},
     }
@@ -67,7 +85,7 @@ def check(found, wanted, what):
         if isinstance(value, dict):
             check(found[name], value, what + "." + name)
             continue
-        tolerance = 2e-6 * abs(value) + (2e-7 if name == "dssim" else 1e-12)
+        tolerance = 2e-6 * abs(value) + (2e-7 if name in ("dssim", "picture_dissimilarity") else 1e-12)
         assert abs(found[name] - value) <= tolerance, f"{what}: {name} is {found[name]}, should be {value}"
 
 
@@ -99,6 +117,7 @@ def plain_files(rng, folder):
         assert found["identical"] is False
         same = compare(paths[1], paths[1])
         assert same["identical"] is True and same["rmse"] == 0 and same["psnr"] is None and abs(same["dssim"]) < 1e-7
+        assert same["picture_psnr"] is None and abs(same["picture_dissimilarity"]) < 1e-7
 
 
 def masked_folders(rng, folder):
@@ -163,7 +182,7 @@ def densities(rng, folder):
                 "--samples-direct", "64", "--samples-indirect", "128")
     found = compare(coarse, fine)
     assert found["sampled"] is True and found["dssim"] is None and not found["identical"] and len(
-        found["worst"]["position"]) == 3
+        found["worst"]["position"]) == 3 and found["picture_psnr"] is None
     with h5py.File(os.path.join(coarse, "kiln.h5")) as file:
         names = [n.decode() for n in file["objects/name"][...]]
         sizes, of, texel = file["objects/lightmap"][...], file["points/object"][...], file["points/texel"][...]

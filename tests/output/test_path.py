@@ -10,6 +10,7 @@ import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
+import glb  # noqa: E402
 import png  # noqa: E402
 
 KILN = os.environ["KILN"]
@@ -98,6 +99,67 @@ class Paths(unittest.TestCase):
                  for ms in ("1", "1000")]
         np.testing.assert_array_equal(*map(exr.rgb, paths))
 
+    def test_lens(self):
+        """A small lamp at distance d, with a lens of radius R focused at f, is a disc of radius R |1 / f - 1 / d| at
+        distance 1: its second moment is half of that squared. It has the light of the pinhole's picture."""
+        scene = glb.Scene()
+        at, half = -2.0, 0.002
+        scene.quad("lamp", [(-half, -half, at), (half, -half, at), (half, half, at), (-half, half, at)],
+                   scene.material("light", radiance=(1, 1, 1)))
+        path = scene.write(os.path.join(self.folder, "lamp.glb"))
+        pixels, extent = 48, np.tan(np.radians(20) / 2)
+        x = ((np.arange(pixels) + 0.5) / pixels * 2 - 1) * extent
+        options = ("--from=0,0,0", "--to=0,0,-1", "--field-of-view", "20", "--width", str(pixels), "--height",
+                   str(pixels), "--bounces", "0")
+        for backend in self.backends:
+            light = []
+            for lens in ((), ("--lens-radius", "0.2", "--focus-distance", "4"), ("--lens-radius", "0.2")):
+                image = self.pixels(path, *options, "--backend", backend, "--samples-pixel", "1024", *lens)[..., 0]
+                light.append(image.sum())
+                moment = (image * (x[:, None] ** 2 + x[None, :] ** 2)).sum() / light[-1]
+                disc = 0.2 * abs(1 / 4 - 1 / 2) if len(lens) > 2 else 0
+                # the picture of a pinhole lies in the four pixels in the middle
+                wanted = disc ** 2 / 2 + (extent / pixels) ** 2 * (2 if disc == 0 else 2 / 3)
+                self.assertLess(abs(np.sqrt(moment / wanted) - 1), 0.03, (backend, lens))
+            # 4 pixels at the pinhole's, which its paths meet with chance 1/40 or so
+            self.assertLess(abs(light[1] / light[0] - 1), 0.2, light)
+        run("view", self.bake, "--lens-radius", "0.1", "-o", os.path.join(self.folder, "no.exr"), code=64)
+
+    def test_surfaces(self):
+        """--aov: colour, emission, normal, place and depth of a slanted quad, seen from the front and from the back;
+        nothing where there is none. The light is as without."""
+        scene = glb.Scene()
+        corners = [(-1, -1, -3), (0, -1, -4), (0, 1, -4), (-1, 1, -3)]
+        scene.quad("plate", corners, scene.material("both", albedo=(0.5, 0.25, 0.125), radiance=(0.5, 2, 1),
+                                                    double_sided=True))
+        path = scene.write(os.path.join(self.folder, "plate.glb"))
+        size = ("--width", "40", "--height", "30", "--field-of-view", "50", "--samples-pixel", "4")
+        for eye, target, side in (("0,0,0", "0,0,-1", 1), ("0,0,-7", "0,0,-1", -1)):
+            view = self.view(path, "aov.exr", f"--from={eye}", f"--to={target}", "--aov", *size)
+            found = exr.read(view).channels
+            inside = found["albedo.R"] == 0.5
+            outside = found["albedo.R"] == 0
+            self.assertGreater(inside.sum(), 50)
+            self.assertGreater(outside.sum(), 400)
+            for name, wanted in (("albedo.G", 0.25), ("albedo.B", 0.125), ("emission.R", 0.5), ("emission.G", 2),
+                                 ("normal.X", side * 0.5 ** 0.5), ("normal.Y", 0), ("normal.Z", side * 0.5 ** 0.5)):
+                self.assertLess(np.abs(found[name][inside] - wanted).max(), 1e-5, (name, eye))
+                self.assertEqual(np.abs(found[name][outside]).max(), 0, (name, eye))
+            x, z = found["position.X"][inside], found["position.Z"][inside]
+            self.assertLess(np.abs(x + z + 4).max(), 1e-5)
+            depth = -z if side > 0 else z + 7
+            self.assertLess(np.abs(found["Z"][inside] - depth).max(), 1e-5)
+            self.assertTrue((found["Z"][outside] == 1e10).all())
+            plain = exr.rgb(self.view(path, "plain.exr", f"--from={eye}", f"--to={target}", *size))
+            np.testing.assert_array_equal(exr.rgb(view), plain)
+            aim = (f"--from={eye}", f"--to={target}", "--environment", "1,2,3")
+            sky = exr.rgb(self.view(path, "sky.exr", *aim, *size))
+            self.assertGreater((sky[outside] == (1, 2, 3)).mean(), 0.95)  # not at the edges
+        baked = os.path.join(self.folder, "baked.exr")
+        run("view", self.bake, "--aov", "--width", "32", "--height", "24", "-o", baked, "--quiet")
+        self.assertTrue({"albedo.R", "normal.Z", "Z"} <= set(exr.read(baked).channels))
+        run("view", self.bake, "--aov", "-o", os.path.join(self.folder, "no.png"), code=64)
+
     def test_ranks(self):
         """The same bits over any number of ranks and threads, of one picture and of frames with one exposure."""
         size = ("--width", "37", "--height", "23", "--bounces", "1", "--samples-pixel", "70")  # more than one stretch
@@ -134,6 +196,7 @@ class Paths(unittest.TestCase):
         for arguments, code, words in (
                 ((self.bake, "--bounces", "2"), 64, "--bounces: the light in lightmaps is as it was baked"),
                 ((self.bake, "--samples-pixel", "2"), 64, "only --method path"),
+                ((self.bake, "--method", "path", "--environment", "1,1,1"), 64, "--environment: a bake's surroundings"),
                 ((self.bake, "--method", "path", "--show", "direct"), 64, "path tracing shows light"),
                 ((self.bake, "--method", "rays"), 64, "lightmaps, path"),
                 ((os.path.join(DATA, "analytic", "leak_box.glb"), "--method", "path"), 64, "--from X,Y,Z"),

@@ -17,6 +17,9 @@
 #include "shaders/directional_reduce.h"
 #include "shaders/gather.h"
 #include "shaders/gather_reduce.h"
+#include "shaders/guided.h"
+#include "shaders/guided_learn.h"
+#include "shaders/guided_reduce.h"
 #include "shaders/intersect.h"
 #include "shaders/occlusion.h"
 #include "shaders/occlusion_reduce.h"
@@ -45,10 +48,10 @@ struct module {
 #        kernel, kiln_spirv_##kernel, sizeof kiln_spirv_##kernel / sizeof(uint32_t)                                    \
     }
 static const struct module modules[] = {
-    MODULE(choose),    MODULE(direct),           MODULE(gather),      MODULE(gather_reduce),
-    MODULE(probes),    MODULE(probes_reduce),    MODULE(intersect),   MODULE(validity),
-    MODULE(occlusion), MODULE(occlusion_reduce), MODULE(directional), MODULE(directional_reduce),
-    MODULE(path)};
+    MODULE(choose),    MODULE(direct),           MODULE(gather),       MODULE(gather_reduce),
+    MODULE(probes),    MODULE(probes_reduce),    MODULE(intersect),    MODULE(validity),
+    MODULE(occlusion), MODULE(occlusion_reduce), MODULE(directional),  MODULE(directional_reduce),
+    MODULE(path),      MODULE(guided),           MODULE(guided_learn), MODULE(guided_reduce)};
 
 /* The next instruction from *at on with this code; NULL: none. */
 static const uint32_t *next(const struct module *m, size_t *at, uint32_t code)
@@ -136,6 +139,15 @@ static void offsets(void **state)
                                             MEMBER(kiln_gpu_hemisphere_reduce_push, chunk),
                                             MEMBER(kiln_gpu_hemisphere_reduce_push, results),
                                             MEMBER(kiln_gpu_hemisphere_reduce_push, split),
+                                            MEMBER(kiln_gpu_guided_push, hemisphere),
+                                            MEMBER(kiln_gpu_guided_push, probes),
+                                            MEMBER(kiln_gpu_guided_push, guided),
+                                            MEMBER(kiln_gpu_guided_reduce_push, split),
+                                            MEMBER(kiln_gpu_guided_reduce_push, guided),
+                                            MEMBER(kiln_gpu_guided, near_probes),
+                                            MEMBER(kiln_gpu_guided, guides),
+                                            MEMBER(kiln_gpu_guided, exponents),
+                                            MEMBER(kiln_gpu_guided_result, learnt),
                                             MEMBER(kiln_gpu_occlusion_push, hemisphere),
                                             MEMBER(kiln_gpu_occlusion_push, distance),
                                             MEMBER(kiln_gpu_occlusion_result, count),

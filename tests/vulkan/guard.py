@@ -24,6 +24,8 @@ SKY = 'sky.hdr'
 GLASS = 'glass.glb'  # made when wanted
 CASES = (  # scene, options of all its bakes, guarded bakes: guard, ranks, more options
     ('two_rooms.glb', ('--texels-per-metre', 2), (('after', 0, ()), ('after', 2, ('--dispatch-time', 1)))),
+    ('two_rooms.glb', ('--texels-per-metre', 2, '--guide', 'auto', '--bounces', 3),
+     (('after', 0, ('--dispatch-time', 1)), ('before', 0, ()))),
     ('cornell.glb', ('--texels-per-metre', 3),
      (('before', 0, ('--traversal', 'binary')), ('after', 0, ('--verify-fraction', 0.2)))),
     ('penumbra_alphamask.glb', ('--lightmap-max', 16, '--environment', SKY), (('after', 0, ('--traversal', 'four')),)),

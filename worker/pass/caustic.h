@@ -13,7 +13,7 @@
  *
  * Items: tile runs. Result: struct kiln_point_result, whose `escaped`, `blocked`, `glass` and `gloss` are 0. No
  * parameters. Samples: rays of a point. Streams: as the gather pass, and other numbers than that has for the same
- * stream. Rays: the samples of all valid points. Those of chains are not counted. Embree only. */
+ * stream. Rays: the samples of all valid points. Those of chains are not counted. */
 #ifndef KILN_WORKER_PASS_CAUSTIC_H
 #define KILN_WORKER_PASS_CAUSTIC_H
 

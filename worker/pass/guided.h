@@ -20,16 +20,15 @@
  *
  * Items: tile runs. Result: struct kiln_guided_result. Parameters: struct
  * kiln_guided_parameters. Samples, streams, rays: as the gather pass. Counts of rays (escaped, blocked, glass) are sums
- * of 1 / q. With point masks what is learnt is of the points that are computed, and stands in the results of all.
- * Embree only. */
+ * of 1 / q. With point masks what is learnt is of the points that are computed, and stands in the results of all. */
 #ifndef KILN_WORKER_PASS_GUIDED_H
 #define KILN_WORKER_PASS_GUIDED_H
 
+#include "shaders/shared/guide.h"
 #include "worker/pass/pass.h"
 #include "worker/pass/point.h"
 
 #define KILN_GUIDE_LEAST 2.0
-enum { KILN_GUIDE_SIDE_MOST = 16, KILN_GUIDE_FLOATS = 4 };
 
 struct kiln_guided_parameters {
     bool learns, follows;
@@ -45,7 +44,7 @@ struct kiln_guided_result {
 /* Cells along a side of the guide of a tile run of so many points; 0: it has none. */
 static inline uint32_t kiln_guide_side(uint32_t points)
 {
-    const uint32_t most = KILN_GUIDE_SIDE_MOST;
+    const uint32_t most = KILN_GUIDE_SIDE;
     if (points * KILN_GUIDE_FLOATS >= most * most)
         return most;
     return points * KILN_GUIDE_FLOATS >= most * most / 4 ? most / 2 : 0;

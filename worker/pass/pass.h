@@ -73,7 +73,6 @@ struct kiln_pass {
     /* A rank may run it over tile runs of another rank of its node (work stealing): it needs no more than that rank's
      * surface, and nothing that the ranks exchange hangs on who ran it. */
     bool is_stealable;
-    bool on_embree_only; /* devices refuse it, with KILN_USAGE */
     /* Comparison of results, for the verifying backend. NULL: results are not verified; then the rest is unused. */
     void (*figures)(const void *result, struct kiln_pass_figures *figures);
     size_t figure_count;                         /* at most KILN_PASS_FIGURES */

@@ -1,6 +1,8 @@
 /* The path pass: the radiance that pixels of a camera see, by path tracing. It reads no radiosity and no lightmap: it
  * is the reference for what views of a bake show.
  *
+ * A camera with a lens blurs what does not lie at the distance that it is focused on; else the camera is a pinhole.
+ *
  * A pixel is the mean over its paths (Kajiya, "The Rendering Equation", SIGGRAPH 1986). A path begins as a camera ray
  * through a place in the pixel, and meets a first surface x0 with base colour c0. It brings
  *
@@ -45,7 +47,9 @@ struct kiln_path_parameters {
     struct kiln_vec3 forward;  /* unit */
     /* from the picture's middle to its right and its upper edge: at distance 1; in metres when orthographic */
     struct kiln_vec3 right, up;
-    bool orthographic;      /* all rays go forward; else they start at `position` */
+    bool orthographic;      /* all rays go forward; else they start at `position`, or on a lens around it */
+    float lens_radius;      /* m; 0: a pinhole, and of orthographic ones */
+    float focus_distance;   /* m along `forward`: what is there is sharp; above 0 with a lens */
     uint32_t width, height; /* pixels */
     uint32_t bounces;       /* surfaces after the first; or KILN_PATH_ALL_BOUNCES */
 };

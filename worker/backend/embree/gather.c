@@ -11,6 +11,7 @@
 #include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/lookup.h"
 #include "worker/backend/embree/tile_runs.h"
+#include "worker/backend/guide.h"
 #include "worker/base/memory.h"
 #include "worker/pass/gather.h"
 #include "worker/pass/guided.h"
@@ -43,8 +44,8 @@ struct gather_work {
      * and summed up; the guide that is followed */
     const struct kiln_guided_parameters *guided;
     uint32_t side, shift; /* and by how much the random numbers are shifted right to have a cell's place */
-    double square[KILN_GUIDE_SIDE_MOST * KILN_GUIDE_SIDE_MOST];
-    struct guide guide;
+    double square[KILN_GUIDE_SIDE * KILN_GUIDE_SIDE];
+    float guide[KILN_GUIDE_SIZE];
 };
 
 static void work_destroy(void **work)
@@ -103,7 +104,7 @@ static inline void learn(struct gather_work *w, uint32_t step, uint32_t l, float
     const uint32_t k = step * r->copies + r->copy[l], u = r->scrambled[0][k] ^ r->shift_u[l],
                    v = r->scrambled[1][k] ^ r->shift_v[l];
     const uint32_t cell =
-        r->guide != NULL ? guide_cell(r->guide, w->side, u, v) : (u >> w->shift) * w->side + (v >> w->shift);
+        r->guide != NULL ? kiln_guide_cell(r->guide, w->side, u, v) : (u >> w->shift) * w->side + (v >> w->shift);
     w->square[cell] += (double)luminance * (double)luminance / (double)r->weight[l];
 }
 
@@ -409,8 +410,8 @@ static void begin_guide(struct gather_work *w, const struct embree_backend *b, s
     w->shift = side > 0 ? 32 - (uint32_t)__builtin_ctz(side) : 0;
     if (!w->guided->follows || side == 0 || s->guide == NULL)
         return;
-    if (guide_make(&w->guide, s->guide + KILN_GUIDE_FLOATS * kiln_own_of_global(s, run->first).at, side))
-        w->rays->guide = &w->guide;
+    if (kiln_guide_make(w->guide, s->guide + KILN_GUIDE_FLOATS * kiln_own_of_global(s, run->first).at, side))
+        w->rays->guide = w->guide;
 }
 
 /* Root mean squares, as if each cell had had its share of rays by the cosine. */

@@ -188,6 +188,13 @@ static void camera_ray(const struct path *p, uint64_t pixel, struct kiln_vec3 *o
     const struct kiln_vec3 aside = vec3_madd(vec3_scale(c->right, x), c->up, y);
     *origin = c->orthographic ? vec3_add(c->position, aside) : c->position;
     *direction = vec3_normalize(c->orthographic ? c->forward : vec3_add(c->forward, aside));
+    if (!(c->lens_radius > 0.0f))
+        return;
+    walk_draw(&p->walk, KILN_PATH_LENS, &u, &v);
+    const struct kiln_vec3 place = kiln_path_lens(c->right, c->up, c->lens_radius, (float)u, (float)v),
+                           focus = vec3_scale(vec3_add(c->forward, aside), c->focus_distance);
+    *origin = vec3_add(*origin, place);
+    *direction = vec3_normalize(vec3_sub(focus, place));
 }
 
 static void follow(struct path *p, uint64_t pixel)

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "shaders/shared/guide.h"
 #include "shaders/shared/streams.h"
 #include "shaders/shared/warp.h"
 #include "worker/base/memory.h"
@@ -201,13 +202,14 @@ KILN_CLONES static void make_cosine_rays(struct tile_run_rays *restrict r, uint3
     }
 }
 
-KILN_CLONES static void make_guided_rays(struct tile_run_rays *restrict r, const struct guide *restrict guide,
-                                         uint32_t begin, uint32_t end, struct sample_numbers k)
+KILN_CLONES static void make_guided_rays(struct tile_run_rays *restrict r, const float *restrict guide, uint32_t begin,
+                                         uint32_t end, struct sample_numbers k)
 {
     make_origins(r, begin, end, k);
     for (uint32_t l = begin; l < end; l++) {
         float u = unit_of(k.u ^ r->shift_u[l]), v = unit_of(k.v ^ r->shift_v[l]);
-        r->weight[l] = guide_warp(guide, &u, &v);
+        uint32_t cell;
+        r->weight[l] = kiln_guide_warp(guide, &u, &v, &cell);
         make_direction(r, l, sqrtf(u), sqrtf(1.0f - u), v);
     }
 }

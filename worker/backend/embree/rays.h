@@ -5,7 +5,6 @@
 #define KILN_WORKER_BACKEND_EMBREE_RAYS_H
 
 #include "worker/backend/embree/frame.h"
-#include "worker/backend/embree/guide.h"
 #include "worker/backend/embree/passage.h"
 
 enum { RAY_LANES = 64, RAY_TABLE = 64, RAY_QUARTERS = 4 };
@@ -26,8 +25,9 @@ struct tile_run_rays {
     float distance; /* m: no ray goes farther */
     const struct kiln_batch *batch;
     uint32_t samples, first_sample, copies, lanes, shared_digits;
-    const struct guide *guide; /* borrowed: by which directions of RAYS_HALF_WAY are drawn; NULL: by the cosine alone */
-    uint8_t *quarter_of;       /* of a sample */
+    /* borrowed: the guide by which directions of RAYS_HALF_WAY are drawn; NULL: by the cosine alone */
+    const float *guide;
+    uint8_t *quarter_of; /* of a sample */
     uint32_t point[RAY_LANES], copy[RAY_LANES];
     /* of the step made last */
     float origin[3][RAY_LANES], direction[3][RAY_LANES]; /* offset included; unit */

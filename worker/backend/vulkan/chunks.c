@@ -24,6 +24,12 @@ void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel
         (struct gpu_step){.kernel = kernel, .threads_x = x, .threads_y = y, .constants = copy, .constant_bytes = bytes};
 }
 
+void vulkan_record_copy(struct vulkan_recording *recording, const struct gpu_buffer *from, const struct gpu_buffer *to,
+                        size_t size)
+{
+    recording->steps[recording->count++] = (struct gpu_step){.from = from, .to = to, .size = size};
+}
+
 void vulkan_record_both(struct vulkan_recording *recording, const struct vulkan_dispatch both[2], size_t constant_bytes)
 {
     const size_t first = recording->count;
@@ -55,7 +61,7 @@ struct run {
     bool refused;  /* whoever takes the answers has failed: no failure of the device */
 };
 
-static int grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory,
+int vulkan_grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory,
                        const char *what, struct kiln_error *error)
 {
     if (gpu_guarded(b->gpu) ? buffer->size == size : buffer->size >= size)
@@ -74,11 +80,12 @@ static int make_room(struct vulkan_backend *b, uint64_t answers, uint64_t scratc
 {
     int status = KILN_OK;
     for (int i = 0; i < GPU_SLOTS && status == KILN_OK; i++) {
-        status = grow_buffer(b, &b->slots[i].scratch, scratch, GPU_DEVICE, "a pass's partial sums", error);
+        status = vulkan_grow_buffer(b, &b->slots[i].scratch, scratch, GPU_DEVICE, "a pass's partial sums", error);
         if (status == KILN_OK)
-            status = grow_buffer(b, &b->slots[i].answers, answers, GPU_DEVICE, "a pass's answers", error);
+            status = vulkan_grow_buffer(b, &b->slots[i].answers, answers, GPU_DEVICE, "a pass's answers", error);
         if (status == KILN_OK)
-            status = grow_buffer(b, &b->slots[i].host, answers, GPU_HOST, "a pass's answers for the host", error);
+            status =
+                vulkan_grow_buffer(b, &b->slots[i].host, answers, GPU_HOST, "a pass's answers for the host", error);
     }
     return status;
 }
@@ -206,7 +213,10 @@ static void describe(const struct run *r, const struct vulkan_block *block, cons
         .scratch = slot->scratch.address + gpu_buffer_tail(gpu, &slot->scratch, flight->total * r->pass->scratch_bytes),
         .results = results,
         .words = results + (uint64_t)flight->total * r->pass->result_bytes,
-        .near_probes = block->near_probes.address};
+        .near_probes = block->near_probes.address,
+        .tile_run_first = flight->tile_run_first,
+        .tile_run_count = flight->tile_run_count,
+        .slot = r->slot};
     gpu_buffer_forget(gpu, &slot->scratch);
     gpu_buffer_forget(gpu, &slot->answers);
     chunk->all = (struct kiln_gpu_chunk){.points = block->points.address,

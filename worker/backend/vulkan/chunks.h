@@ -16,6 +16,8 @@ struct vulkan_chunk {
     uint64_t near_probes;         /* address: of each point of the block, which probes it sees; 0: nobody knows */
     uint32_t row_first, row_count;
     bool last; /* the last portion: results and words must be complete after it */
+    size_t tile_run_first, tile_run_count;
+    uint32_t slot; /* of the backend's; nothing uses it when the first portion is recorded */
 };
 
 enum { VULKAN_STEPS = 16, VULKAN_CONSTANT_BYTES = 128 };
@@ -27,6 +29,14 @@ struct vulkan_recording {
 /* Adds a kernel over (x, y) threads; the constants are copied. Nothing for x or y of 0. */
 void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y,
                    const void *constants, size_t bytes);
+
+/* Adds a copy of the first `size` bytes. */
+void vulkan_record_copy(struct vulkan_recording *recording, const struct gpu_buffer *from, const struct gpu_buffer *to,
+                        size_t size);
+
+/* A buffer of a slot, with at least `size` bytes (guarded: as many); what it held is lost. Nothing uses it. */
+int vulkan_grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory,
+                       const char *what, struct kiln_error *error);
 
 /* Two kernels, neither of which needs anything of the other: they may run side by side. What takes few threads long
  * goes first, so that the other's fill the device meanwhile. */

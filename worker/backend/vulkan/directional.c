@@ -5,16 +5,26 @@
 
 #include "shaders/directional.h"
 #include "shaders/directional_float.h"
+#include "shaders/directional_gloss.h"
+#include "shaders/directional_gloss_float.h"
+#include "shaders/directional_gloss_pipeline.h"
+#include "shaders/directional_gloss_pipeline_float.h"
 #include "shaders/directional_pipeline.h"
 #include "shaders/directional_pipeline_float.h"
 #include "shaders/directional_reduce.h"
 #include "shaders/shared/streams.h"
 
+static const struct vulkan_shader gloss_shader = {.name = "directional with gloss",
+                                                  .compute = VULKAN_CODE(directional_gloss),
+                                                  .pipeline = VULKAN_CODE(directional_gloss_pipeline),
+                                                  .compute_float = VULKAN_CODE(directional_gloss_float),
+                                                  .pipeline_float = VULKAN_CODE(directional_gloss_pipeline_float)};
 static const struct vulkan_shader directional_shader = {.name = "directional",
                                                         .compute = VULKAN_CODE(directional),
                                                         .pipeline = VULKAN_CODE(directional_pipeline),
                                                         .compute_float = VULKAN_CODE(directional_float),
-                                                        .pipeline_float = VULKAN_CODE(directional_pipeline_float)};
+                                                        .pipeline_float = VULKAN_CODE(directional_pipeline_float),
+                                                        .gloss = &gloss_shader};
 static const struct vulkan_shader sums_shader = {.name = "directional: sums",
                                                  .compute = VULKAN_CODE(directional_reduce)};
 
@@ -27,6 +37,7 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     const struct vulkan_hemisphere pass = {.pass = &kiln_pass_directional,
                                            .shader = &directional_shader,
                                            .sums = &sums_shader,
+                                           .chains = b->materials.gloss,
                                            .pace = KILN_PASS_INDEX_directional,
                                            .stream = KILN_DIRECTIONAL_STREAM,
                                            .floats = KILN_GPU_DIRECTIONAL_FLOATS,

@@ -1,48 +1,62 @@
-/* The gather pass (worker/pass/gather.h): shaders/gather.comp and gather_reduce.comp over the batch's points. */
+/* The gather pass (worker/pass/gather.h): shaders/gather.comp and gather_reduce.comp over the batch's points, or
+ * their variants with gloss where rays go on in chains. */
 #include "worker/backend/vulkan/hemisphere.h"
 #include "worker/pass/gather.h"
 
 #include "shaders/gather.h"
+#include "shaders/gather_gloss.h"
+#include "shaders/gather_gloss_pipeline.h"
 #include "shaders/gather_pipeline.h"
 #include "shaders/gather_reduce.h"
+#include "shaders/gather_reduce_gloss.h"
 
+static const struct vulkan_shader gloss_shader = {
+    .name = "gather with gloss", .compute = VULKAN_CODE(gather_gloss), .pipeline = VULKAN_CODE(gather_gloss_pipeline)};
 static const struct vulkan_shader gather_shader = {
-    .name = "gather", .compute = VULKAN_CODE(gather), .pipeline = VULKAN_CODE(gather_pipeline)};
-static const struct vulkan_shader sums_shader = {.name = "gather: sums", .compute = VULKAN_CODE(gather_reduce)};
+    .name = "gather", .compute = VULKAN_CODE(gather), .pipeline = VULKAN_CODE(gather_pipeline), .gloss = &gloss_shader};
+static const struct vulkan_shader gloss_sums_shader = {.name = "gather with gloss: sums",
+                                                       .compute = VULKAN_CODE(gather_reduce_gloss)};
+static const struct vulkan_shader sums_shader = {
+    .name = "gather: sums", .compute = VULKAN_CODE(gather_reduce), .gloss = &gloss_sums_shader};
 
 /* What the kernel asks: nothing, rays are traced and that is all; surfaces; surfaces, and probes behind the range. */
 enum { TRACE_ONLY, SURFACES, SURFACES_AND_PROBES };
 
-/* What its push constants have beside those of every pass over the hemisphere. */
-struct own {
-    uint64_t probes, near_probes;
-};
-_Static_assert(sizeof(struct kiln_gpu_gather_push) == sizeof(struct kiln_gpu_hemisphere_push) + sizeof(struct own),
+/* Its push constants have two addresses beside those of every pass over the hemisphere. */
+_Static_assert(sizeof(struct kiln_gpu_gather_push) == sizeof(struct kiln_gpu_hemisphere_push) + 2 * sizeof(uint64_t),
                "the pass's own push constants come last");
 
 static struct vulkan_hemisphere gather_of(const struct vulkan_backend *b, const struct kiln_batch *batch,
-                                          uint32_t lookup, const struct own *own)
+                                          uint32_t lookup, const uint64_t own[2])
 {
-    const bool tints = b->params.geometry->passage == KILN_PASSAGE_TINT;
+    const bool tints = b->params.geometry->passage == KILN_PASSAGE_TINT, chains = b->materials.gloss;
     return (struct vulkan_hemisphere){.pass = &kiln_pass_gather,
                                       .shader = &gather_shader,
                                       .sums = &sums_shader,
+                                      .chains = chains,
                                       .constant = lookup,
                                       .own = own,
-                                      .own_bytes = sizeof *own,
+                                      .own_bytes = 2 * sizeof *own,
                                       .asks_probes = lookup == SURFACES_AND_PROBES,
                                       .pace = KILN_PASS_INDEX_gather,
                                       .stream = batch->stream,
-                                      .floats = tints ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS,
+                                      .floats = (tints ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS) +
+                                                (chains ? KILN_GPU_SLICE_GLOSS : 0u),
                                       .failed_offset = offsetof(struct kiln_gpu_result, error)};
+}
+
+struct vulkan_hemisphere vulkan_gather_pass(const struct vulkan_backend *b, const struct kiln_batch *batch,
+                                            const uint64_t own[2])
+{
+    return gather_of(b, batch, b->probes != NULL ? SURFACES_AND_PROBES : SURFACES, own);
 }
 
 static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
                struct kiln_error *error)
 {
     (void)parameters;
-    const struct own own = {0}; /* filled in for each chunk */
-    const struct vulkan_hemisphere pass = gather_of(b, batch, b->probes != NULL ? SURFACES_AND_PROBES : SURFACES, &own);
+    const uint64_t own[2] = {0, 0}; /* filled in for each chunk */
+    const struct vulkan_hemisphere pass = vulkan_gather_pass(b, batch, own);
     return vulkan_hemisphere_run(b, &pass, batch, rays, error);
 }
 
@@ -52,8 +66,8 @@ int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch,
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
     struct kiln_batch nobody = *batch;
     nobody.take = NULL;
-    const struct own own = {0};
-    struct vulkan_hemisphere pass = gather_of(b, &nobody, TRACE_ONLY, &own);
+    const uint64_t own[2] = {0, 0};
+    struct vulkan_hemisphere pass = gather_of(b, &nobody, TRACE_ONLY, own);
     pass.pace = VULKAN_PACE_CEILING;
     pass.seconds = seconds;
     return vulkan_hemisphere_run(b, &pass, &nobody, rays, error);

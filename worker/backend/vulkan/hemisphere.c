@@ -10,7 +10,8 @@ struct hemisphere {
     const struct vulkan_hemisphere *pass;
     const struct kiln_batch *batch;
     struct gpu_kernel *whole, *reduce;
-    struct gpu_kernel *buried; /* made when there is a point for it: it takes its time */
+    struct gpu_kernel *between; /* NULL: none */
+    struct gpu_kernel *buried;  /* made when there is a point for it: it takes its time */
     struct kiln_slices slices;
     uint64_t rays;
 };
@@ -39,9 +40,37 @@ static void constants_of(const struct hemisphere *h, const struct vulkan_chunk *
                                                               .first_sample = h->batch->first_sample}}};
     if (h->pass->own != NULL)
         memcpy(constants->own, h->pass->own, h->pass->own_bytes);
-    const uint64_t probes[2] = {h->b->probes_root.address, chunk->near_probes};
-    if (h->pass->asks_probes)
-        memcpy(constants->own, probes, sizeof probes);
+    const uint64_t guides = h->b->slots[chunk->slot].guides.address,
+                   own[2] = {h->b->probes_root.address, h->pass->bring != NULL ? guides : chunk->near_probes};
+    if (h->pass->asks_probes || h->pass->bring != NULL)
+        memcpy(constants->own, own, sizeof own);
+}
+
+/* Bytes of a point's slices. */
+static size_t slice_bytes(const struct hemisphere *h)
+{
+    return (size_t)4 * h->slices.per_quarter * h->slices.split * h->pass->floats * sizeof(float);
+}
+
+static void record_sums(const struct hemisphere *h, const struct vulkan_chunk *chunk,
+                        struct vulkan_recording *recording)
+{
+    const struct kiln_gpu_guided_reduce_push push = {.scene = h->b->scene.address,
+                                                     .chunk = chunk->all,
+                                                     .slices = chunk->scratch,
+                                                     .results = chunk->results,
+                                                     .rays = chunk->words,
+                                                     .samples = h->batch->samples,
+                                                     .per_quarter = h->slices.per_quarter,
+                                                     .split = h->slices.split,
+                                                     .guided = h->b->slots[chunk->slot].guides.address};
+    _Static_assert(offsetof(struct kiln_gpu_guided_reduce_push, guided) ==
+                       sizeof(struct kiln_gpu_hemisphere_reduce_push),
+                   "they begin the same");
+    const size_t bytes = h->pass->bring != NULL ? sizeof push : sizeof(struct kiln_gpu_hemisphere_reduce_push);
+    if (h->between != NULL)
+        vulkan_record(recording, h->between, chunk->all.total, 1, &push, bytes);
+    vulkan_record(recording, h->reduce, chunk->all.total, 1, &push, bytes);
 }
 
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
@@ -49,9 +78,11 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
 {
     struct hemisphere *h = context;
     const struct vulkan_hemisphere *pass = h->pass;
-    const int status = chunk->buried.count > 0
-                           ? vulkan_kernel_of(h->b, pass->shader, true, pass->constant, &h->buried, error)
-                           : KILN_OK;
+    int status = chunk->buried.count > 0 ? vulkan_kernel_of(h->b, pass->shader, true, pass->constant, &h->buried, error)
+                                         : KILN_OK;
+    if (status == KILN_OK && pass->bring != NULL && chunk->row_first == 0)
+        status = pass->bring(h->b, pass->parameters, h->batch, chunk,
+                             chunk->scratch + (uint64_t)chunk->all.total * slice_bytes(h), recording, error);
     if (status != KILN_OK)
         return status;
     struct constants push, buried;
@@ -66,16 +97,8 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
         {h->buried, chunk->buried.count, chunk->row_count * h->slices.split, &buried},
         {h->whole, chunk->all.count, chunk->row_count, &push}};
     vulkan_record_both(recording, both, sizeof push.shared + pass->own_bytes);
-    const struct kiln_gpu_hemisphere_reduce_push reduce = {.scene = h->b->scene.address,
-                                                           .chunk = chunk->all,
-                                                           .slices = chunk->scratch,
-                                                           .results = chunk->results,
-                                                           .rays = chunk->words,
-                                                           .samples = h->batch->samples,
-                                                           .per_quarter = h->slices.per_quarter,
-                                                           .split = h->slices.split};
     if (chunk->last)
-        vulkan_record(recording, h->reduce, chunk->all.total, 1, &reduce, sizeof reduce);
+        record_sums(h, chunk, recording);
     return KILN_OK;
 }
 
@@ -120,7 +143,19 @@ static int prepare(void *context, struct kiln_error *error)
         status = vulkan_kernel_of(h->b, pass->shader, false, pass->constant, &h->whole, error);
     if (status == KILN_OK)
         status = vulkan_kernel_of(h->b, pass->sums, false, 0, &h->reduce, error);
+    if (status == KILN_OK && pass->between != NULL)
+        status = vulkan_kernel_of(h->b, pass->between, false, 0, &h->between, error);
     return status;
+}
+
+/* Chains are long loops, so that all points have the slices that partly buried ones have elsewhere. */
+static struct kiln_slices slices_of(const struct vulkan_backend *b, const struct vulkan_hemisphere *pass,
+                                    uint32_t samples)
+{
+    struct kiln_slices s = vulkan_slices_of(b, samples);
+    if (!pass->chains)
+        return s;
+    return (struct kiln_slices){.samples = s.samples / s.split, .per_quarter = s.per_quarter * s.split, .split = 1};
 }
 
 int vulkan_hemisphere_run(struct vulkan_backend *b, const struct vulkan_hemisphere *pass,
@@ -128,7 +163,7 @@ int vulkan_hemisphere_run(struct vulkan_backend *b, const struct vulkan_hemisphe
 {
     assert(pass->own_bytes <= VULKAN_HEMISPHERE_OWN);
     struct hemisphere h = {
-        .b = b, .pass = pass, .batch = batch, .slices = vulkan_slices_of(b, batch->samples), .rays = 0};
+        .b = b, .pass = pass, .batch = batch, .slices = slices_of(b, pass, batch->samples), .rays = 0};
     const uint32_t rows = 4 * h.slices.per_quarter;
     const struct vulkan_chunked chunked = {.pass = pass->pass,
                                            .pace = pass->pace,
@@ -138,8 +173,7 @@ int vulkan_hemisphere_run(struct vulkan_backend *b, const struct vulkan_hemisphe
                                            .rows = rows,
                                            .work = (double)batch->samples / rows,
                                            .first_guess = 1 << 19,
-                                           .scratch_bytes =
-                                               (size_t)rows * h.slices.split * pass->floats * sizeof(float),
+                                           .scratch_bytes = slice_bytes(&h) + pass->room_bytes,
                                            .wants_words = pass->counts_rays,
                                            .prepare = prepare,
                                            .record = record,

@@ -11,6 +11,7 @@ enum { VULKAN_HEMISPHERE_OWN = VULKAN_CONSTANT_BYTES - sizeof(struct kiln_gpu_he
 struct vulkan_hemisphere {
     const struct kiln_pass *pass;
     const struct vulkan_shader *shader, *sums;
+    bool chains;       /* rays may go on in chains: the loops of a thread are longer than those of other passes */
     uint32_t constant; /* the first kernel's own specialisation constant */
     uint32_t pace;     /* whose speed it has: pass->index, or another of enum vulkan_pace */
     uint32_t stream;   /* that random numbers hang on */
@@ -24,7 +25,22 @@ struct vulkan_hemisphere {
      * the points of a block see; with range 0 those that see one trace no rays */
     bool asks_probes;
     double *seconds; /* NULL, or what the device was busy is added here */
+    /* The guided pass, which has more to a chunk; NULL: nothing. Called before the first portion of a chunk; fills the
+     * slot's `guides` by steps that it records. That buffer's address stands in the place of the second of the pass's
+     * own push constants, and in struct kiln_gpu_guided_reduce_push. `room` is the address of room_bytes for each point
+     * of the chunk. */
+    int (*bring)(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch,
+                 const struct vulkan_chunk *chunk, uint64_t room, struct vulkan_recording *recording,
+                 struct kiln_error *error);
+    const void *parameters;              /* for `bring` */
+    size_t room_bytes;                   /* of a point */
+    const struct vulkan_shader *between; /* a kernel over all points, before `sums`; NULL: none */
 };
+
+/* The gather pass as it samples the hemisphere (gather.c), with two addresses of its own, which are filled in for each
+ * chunk. */
+struct vulkan_hemisphere vulkan_gather_pass(const struct vulkan_backend *b, const struct kiln_batch *batch,
+                                            const uint64_t own[2]);
 
 /* Runs the pass over the batch's points; adds its rays to *rays. */
 int vulkan_hemisphere_run(struct vulkan_backend *b, const struct vulkan_hemisphere *pass,

@@ -55,7 +55,7 @@ static void find_slots(struct staging *s)
     s->slot_count = end - s->slot_first;
 }
 
-static bool has_gloss(const struct kiln_scene *scene)
+bool vulkan_materials_take_gloss(const struct kiln_scene *scene)
 {
     for (uint32_t i = 0; i < scene->material_count; i++)
         if (kiln_gloss_taken(scene, i) != NULL)
@@ -388,7 +388,8 @@ int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *p
                             struct vulkan_materials *materials, struct kiln_gpu_materials *layout,
                             struct kiln_error *error)
 {
-    struct staging s = {.params = params, .gpu = gpu, .all = all, .gloss = all && has_gloss(params->scene)};
+    struct staging s = {
+        .params = params, .gpu = gpu, .all = all, .gloss = all && vulkan_materials_take_gloss(params->scene)};
     *materials = (struct vulkan_materials){0};
     *layout = (struct kiln_gpu_materials){0};
     find_slots(&s);

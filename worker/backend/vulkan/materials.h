@@ -1,6 +1,6 @@
 /* Materials and textures on the device, for shaders/material.glsl. Only what kernels ask for is uploaded: coatings of
  * triangles that may let rays through or whose emission has a texture, and the textures these need. Nothing at all in a
- * scene without. The path pass asks for all triangles. */
+ * scene without. Paths and chains ask for all triangles. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_MATERIALS_H
 #define KILN_WORKER_BACKEND_VULKAN_MATERIALS_H
 
@@ -26,6 +26,8 @@ struct vulkan_materials {
 int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *params, bool all,
                             struct vulkan_materials *materials, struct kiln_gpu_materials *layout,
                             struct kiln_error *error);
+/* Whether light transport takes some materials of the scene with their gloss. */
+bool vulkan_materials_take_gloss(const struct kiln_scene *scene);
 void vulkan_materials_destroy(struct gpu *gpu, struct vulkan_materials *materials);
 
 /* Whether kernels other than that of paths may ask for world triangle `triangle`: what is uploaded, and what the test

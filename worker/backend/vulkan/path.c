@@ -14,19 +14,18 @@
 #include "worker/backend/vulkan/vulkan.h"
 #include "worker/base/memory.h"
 #include "worker/pass/path.h"
-#include "worker/scene/footprint.h"
-
-static const struct vulkan_shader path_shader = {.name = "path",
-                                                 .compute = VULKAN_CODE(path),
-                                                 .pipeline = VULKAN_CODE(path_pipeline),
-                                                 .compute_float = VULKAN_CODE(path_float),
-                                                 .pipeline_float = VULKAN_CODE(path_pipeline_float)};
 
 static const struct vulkan_shader gloss_shader = {.name = "path with gloss",
                                                   .compute = VULKAN_CODE(path_gloss),
                                                   .pipeline = VULKAN_CODE(path_gloss_pipeline),
                                                   .compute_float = VULKAN_CODE(path_gloss_float),
                                                   .pipeline_float = VULKAN_CODE(path_gloss_pipeline_float)};
+static const struct vulkan_shader path_shader = {.name = "path",
+                                                 .compute = VULKAN_CODE(path),
+                                                 .pipeline = VULKAN_CODE(path_pipeline),
+                                                 .compute_float = VULKAN_CODE(path_float),
+                                                 .pipeline_float = VULKAN_CODE(path_pipeline_float),
+                                                 .gloss = &gloss_shader};
 
 /* Of a dispatch: a software device ends a thread's loops after 65,535 rounds in all. */
 enum { MOST_PIXELS = 1 << 18, MOST_SAMPLES = 16, MOST_SAMPLES_SOFTWARE = 2, FIRST_GUESS = 1 << 14 };
@@ -41,82 +40,21 @@ struct path_run {
     struct kiln_gpu_path_push push;
 };
 
-/* ---- the scene ---- */
-
-static struct kiln_gpu_path_triangle triangle_of(const struct kiln_scene *scene, const struct kiln_geometry *g,
-                                                 uint32_t triangle)
-{
-    const struct kiln_hit_record *record = &g->records[triangle];
-    const struct kiln_object *object = &scene->objects[record->object];
-    struct kiln_vec3 corner[3];
-    kiln_geometry_corners(g, triangle, corner);
-    struct kiln_gpu_path_triangle t = {.p = corner[0],
-                                       .e1 = vec3_sub(corner[1], corner[0]),
-                                       .e2 = vec3_sub(corner[2], corner[0]),
-                                       .normal = kiln_triangle_exact_normal(scene, g, triangle)};
-    t.offset = kiln_offset_distance(g, triangle, t.normal);
-    if ((scene->meshes[object->mesh].flags & KILN_MESH_SMOOTH) != 0) {
-        t.flags |= KILN_GPU_PATH_SMOOTH;
-        t.shading0 = kiln_triangle_shading_normal(scene, g, triangle, 0.0f, 0.0f);
-        t.shading1 = kiln_triangle_shading_normal(scene, g, triangle, 1.0f, 0.0f);
-        t.shading2 = kiln_triangle_shading_normal(scene, g, triangle, 0.0f, 1.0f);
-    }
-    if ((object->flags & KILN_OBJECT_CASTER_ONLY) != 0 && (record->material & KILN_RECORD_EMITS) == 0)
-        t.flags |= KILN_GPU_PATH_HIDDEN;
-    return t;
-}
-
-static int upload_triangles(struct vulkan_backend *b, struct kiln_error *error)
-{
-    const struct kiln_geometry *g = b->params.geometry;
-    struct kiln_gpu_path_triangle *triangles = NULL;
-    int status = kiln_allocate(&triangles, g->triangle_count, sizeof *triangles, "the triangles of paths", error);
-    if (status == KILN_OK) {
-        for (size_t i = 0; i < g->triangle_count; i++)
-            triangles[i] = triangle_of(b->params.scene, g, (uint32_t)i);
-        status = gpu_buffer_of(b->gpu, &b->path_triangles, triangles, g->triangle_count * sizeof *triangles,
-                               "the triangles of paths", error);
-    }
-    kiln_free(&triangles);
-    return status;
-}
-
-/* What paths need of the scene, and other passes do not: the colours of all surfaces, and their normals. */
-static int upload_surfaces(struct vulkan_backend *b, struct kiln_error *error)
-{
-    int status = KILN_OK;
-    if (!b->all_materials) {
-        vulkan_materials_destroy(b->gpu, &b->materials);
-        b->all_materials = true;
-        status = vulkan_materials_create(b->gpu, &b->params, true, &b->materials, &b->layout.materials, error);
-        b->constants[VULKAN_HAS_VARIED] = b->materials.varied;
-        if (status == KILN_OK)
-            status = vulkan_upload_root(b, error);
-    }
-    if (status == KILN_OK && b->path_triangles.size == 0)
-        status = upload_triangles(b, error);
-    return status;
-}
-
-/* ---- pixels ---- */
-
 static int prepare(struct path_run *r, const struct kiln_path_parameters *c, const struct kiln_batch *batch,
                    struct kiln_error *error)
 {
     struct vulkan_backend *b = r->b;
     const uint64_t seed = b->params.seed;
     r->room = (uint32_t)(batch->count < MOST_PIXELS ? batch->count : MOST_PIXELS);
-    int status = upload_surfaces(b, error);
+    int status = vulkan_surfaces(b, error);
     if (status == KILN_OK)
-        status = vulkan_kernel_of(b, b->layout.materials.glosses != 0 ? &gloss_shader : &path_shader, false, 0,
-                                  &r->kernel, error);
+        status = vulkan_kernel_of(b, &path_shader, false, 0, &r->kernel, error);
     if (status == KILN_OK)
         status = gpu_buffer_create(b->gpu, &r->sums, r->room * sizeof(struct kiln_gpu_path_sums), GPU_HOST,
                                    "the sums of pixels", error);
     if (status == KILN_OK)
         status = kiln_allocate(&r->answers, r->room, sizeof *r->answers, "the answers of pixels", error);
     r->push = (struct kiln_gpu_path_push){.scene = b->scene.address,
-                                          .triangles = b->path_triangles.address,
                                           .seed = kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32) ^ KILN_PATH_SEED),
                                           .width = c->width,
                                           .height = c->height,
@@ -126,6 +64,8 @@ static int prepare(struct path_run *r, const struct kiln_path_parameters *c, con
                                           .forward = c->forward,
                                           .right = c->right,
                                           .up = c->up,
+                                          .lens_radius = c->lens_radius,
+                                          .focus_distance = c->focus_distance,
                                           .extent = b->params.geometry->extent};
     return status;
 }

@@ -6,6 +6,7 @@
 
 #include "shaders/shared/streams.h"
 #include "worker/base/memory.h"
+#include "worker/material/surface_bsdf.h"
 #include "worker/sampling/keys.h"
 #include "worker/scene/footprint.h"
 
@@ -308,6 +309,40 @@ static int make_mask(struct part_list *list, const struct kiln_footprint *f, str
     return KILN_OK;
 }
 
+/* Where a material is taken with its gloss, what decides how much light the point takes up stands before its parts. */
+static int make_gloss(const struct maker *m, struct part_list *list, const struct kiln_footprint *f, bool back,
+                      struct kiln_gpu_point *point, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = m->p->params->scene;
+    const struct kiln_geometry *g = m->p->params->geometry;
+    uint32_t triangle;
+    float b1, b2, s1, s2;
+    kiln_footprint_sample(f, 0.5f, 0.5f, &triangle, &b1, &b2);
+    const struct kiln_hit_record *record = &g->records[triangle];
+    const struct kiln_gloss *gloss = kiln_gloss_taken(scene, record->material & KILN_RECORD_MATERIAL);
+    if (gloss == NULL)
+        return KILN_OK;
+    const int status =
+        kiln_grow(&list->at, &list->room, list->count + 1, sizeof *list->at, "the parts of points", error);
+    if (status != KILN_OK)
+        return status;
+    kiln_geometry_stored_barycentrics(scene, g, triangle, b1, b2, &s1, &s2);
+    const struct kiln_bsdf_lobes l = kiln_bsdf_prepare(kiln_surface_bsdf(
+        scene, gloss, &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle], s1, s2));
+    const struct kiln_gpu_point_gloss own = {.model = l.p.model,
+                                             .matt = l.matt,
+                                             .alpha = l.face.alpha,
+                                             .index = l.face.index,
+                                             .specular = l.p.specular,
+                                             .color = kiln_bsdf_largest(l.p.specular_color),
+                                             .coat = kiln_bsdf_coated(l, !back) ? l.coat.strength : 0.0f,
+                                             .coat_alpha = l.coat.face.alpha};
+    memcpy(&list->at[list->count++], &own, sizeof own);
+    point->first_part = (uint32_t)list->count;
+    point->flags |= KILN_GPU_POINT_GLOSS;
+    return KILN_OK;
+}
+
 static int make_point(struct maker *m, struct part_list *list, struct known *k, const struct kiln_point_cursor *at,
                       uint32_t tile_key, bool smooth, struct kiln_gpu_point *point, struct kiln_error *error)
 {
@@ -329,7 +364,9 @@ static int make_point(struct maker *m, struct part_list *list, struct known *k, 
         kiln_footprint_normals(&f, &mean, &point->shading);
         point->flags |= KILN_GPU_POINT_SMOOTH;
     }
-    int status = KILN_OK;
+    int status = params->scene->taken != NULL ? make_gloss(m, list, &f, at->back, point, error) : KILN_OK;
+    if (status != KILN_OK)
+        return status;
     if (f.kind != KILN_FOOTPRINT_WHOLE)
         status = make_parts(m, list, k, &f, point, error);
     else

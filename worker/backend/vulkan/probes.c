@@ -8,6 +8,10 @@
 #include "shaders/shared/layout_probe.h"
 #include "shaders/probes.h"
 #include "shaders/probes_float.h"
+#include "shaders/probes_gloss.h"
+#include "shaders/probes_gloss_float.h"
+#include "shaders/probes_gloss_pipeline.h"
+#include "shaders/probes_gloss_pipeline_float.h"
 #include "shaders/probes_pipeline.h"
 #include "shaders/probes_pipeline_float.h"
 #include "shaders/probes_reduce.h"
@@ -16,11 +20,17 @@
 #include "worker/base/memory.h"
 #include "worker/pass/probes.h"
 
+static const struct vulkan_shader gloss_shader = {.name = "probes with gloss",
+                                                  .compute = VULKAN_CODE(probes_gloss),
+                                                  .pipeline = VULKAN_CODE(probes_gloss_pipeline),
+                                                  .compute_float = VULKAN_CODE(probes_gloss_float),
+                                                  .pipeline_float = VULKAN_CODE(probes_gloss_pipeline_float)};
 static const struct vulkan_shader probes_shader = {.name = "probes",
                                                    .compute = VULKAN_CODE(probes),
                                                    .pipeline = VULKAN_CODE(probes_pipeline),
                                                    .compute_float = VULKAN_CODE(probes_float),
-                                                   .pipeline_float = VULKAN_CODE(probes_pipeline_float)};
+                                                   .pipeline_float = VULKAN_CODE(probes_pipeline_float),
+                                                   .gloss = &gloss_shader};
 static const struct vulkan_shader reduce_shader = {.name = "probes_reduce", .compute = VULKAN_CODE(probes_reduce)};
 
 enum { FIRST_GUESS = 1 << 14, SLICE_BYTES = KILN_GPU_PROBE_FLOATS * sizeof(float) };

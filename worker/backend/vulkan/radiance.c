@@ -4,13 +4,20 @@
 #include <string.h>
 
 #include "shaders/radiance.h"
+#include "shaders/radiance_gloss.h"
+#include "shaders/radiance_gloss_pipeline.h"
 #include "shaders/radiance_pipeline.h"
 #include "shaders/shared/streams.h"
 #include "worker/backend/vulkan/vulkan.h"
 #include "worker/pass/radiance.h"
 
-static const struct vulkan_shader radiance_shader = {
-    .name = "radiance", .compute = VULKAN_CODE(radiance), .pipeline = VULKAN_CODE(radiance_pipeline)};
+static const struct vulkan_shader gloss_shader = {.name = "radiance with gloss",
+                                                  .compute = VULKAN_CODE(radiance_gloss),
+                                                  .pipeline = VULKAN_CODE(radiance_gloss_pipeline)};
+static const struct vulkan_shader radiance_shader = {.name = "radiance",
+                                                     .compute = VULKAN_CODE(radiance),
+                                                     .pipeline = VULKAN_CODE(radiance_pipeline),
+                                                     .gloss = &gloss_shader};
 
 _Static_assert(sizeof(struct kiln_radiance_result) == 4 * sizeof(float), "an answer on the device is four floats");
 

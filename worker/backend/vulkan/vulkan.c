@@ -6,6 +6,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "shaders/shared/chain.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
 
@@ -46,6 +47,8 @@ static int make_kernel(struct vulkan_backend *b, struct vulkan_kernel *k, struct
     memcpy(constants, b->constants, sizeof constants);
     constants[VULKAN_DRAW_AGAIN] = k->draw_again;
     constants[VULKAN_OWN] = k->own;
+    constants[VULKAN_HAS_VARIED] = b->materials.varied;
+    constants[VULKAN_HAS_GLOSSY] = b->materials.gloss;
     const struct gpu_kernel_params params = {.name = s->name,
                                              .code = code->words,
                                              .code_bytes = code->bytes,
@@ -53,6 +56,12 @@ static int make_kernel(struct vulkan_backend *b, struct vulkan_kernel *k, struct
                                              .constant_count = VULKAN_CONSTANTS,
                                              .hit_shaders = pipeline ? &hit_shaders : NULL};
     return gpu_kernel_create(b->gpu, &k->kernel, &params, error);
+}
+
+/* The shader that is asked for as `shader`. */
+static const struct vulkan_shader *variant_of(const struct vulkan_backend *b, const struct vulkan_shader *shader)
+{
+    return b->materials.gloss && shader->gloss != NULL ? shader->gloss : shader;
 }
 
 static struct vulkan_kernel *find_kernel(const struct vulkan_backend *b, const struct vulkan_shader *shader,
@@ -67,6 +76,7 @@ static struct vulkan_kernel *find_kernel(const struct vulkan_backend *b, const s
 int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own,
                      struct gpu_kernel **kernel, struct kiln_error *error)
 {
+    shader = variant_of(b, shader);
     struct vulkan_kernel *found = find_kernel(b, shader, draw_again, own);
     *kernel = NULL;
     if (found != NULL) {
@@ -97,6 +107,7 @@ void vulkan_forget_kernels(struct vulkan_backend *b)
 static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
 {
     const struct kiln_geometry *g = b->params.geometry;
+    b->all_materials = b->all_materials || vulkan_materials_take_gloss(b->params.scene);
     int status = gpu_buffer_of(b->gpu, &b->records, g->records, g->triangle_count * sizeof *g->records,
                                "what rays need to know of triangles", error);
     if (status == KILN_OK)
@@ -111,10 +122,10 @@ static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
     b->constants[VULKAN_HAS_ALPHA] = g->passage;
     b->constants[VULKAN_HAS_COINCIDENT] = g->coincident;
     b->constants[VULKAN_LIGHT_KINDS] = b->lights.kinds;
-    b->constants[VULKAN_HAS_VARIED] = b->materials.varied;
     for (size_t i = 0; i < b->params.scene->mesh_count; i++)
         b->constants[VULKAN_HAS_SMOOTH] |= (b->params.scene->meshes[i].flags & KILN_MESH_SMOOTH) != 0;
-    return status;
+    b->layout.chain_length = b->params.chain_length != 0 ? b->params.chain_length : KILN_CHAIN_LENGTH;
+    return status == KILN_OK && b->materials.gloss ? vulkan_surfaces(b, error) : status;
 }
 
 /* The root of everything: after each change of an address. */
@@ -177,6 +188,8 @@ static void clear(struct vulkan_backend *b)
         gpu_buffer_destroy(b->gpu, &b->slots[i].scratch);
         gpu_buffer_destroy(b->gpu, &b->slots[i].answers);
         gpu_buffer_destroy(b->gpu, &b->slots[i].host);
+        gpu_buffer_destroy(b->gpu, &b->slots[i].guides);
+        gpu_buffer_destroy(b->gpu, &b->slots[i].guides_host);
     }
     gpu_buffer_destroy(b->gpu, &b->sobol);
     b->sobol_count = 0;
@@ -391,10 +404,11 @@ static int wishes(const struct vulkan_backend *b, struct vulkan_kernel wished[KI
     for (int p = 0; p < KILN_PASS_COUNT; p++)
         for (int i = 0; i < VULKAN_WISHES && passes[p]->ahead[i].shader != NULL; i++) {
             const struct vulkan_wish *wish = &passes[p]->ahead[i];
+            const struct vulkan_shader *shader = variant_of(b, wish->shader);
             if ((wish->wanted == NULL || wish->wanted(b)) &&
-                find_kernel(b, wish->shader, wish->draw_again, wish->own) == NULL)
+                find_kernel(b, shader, wish->draw_again, wish->own) == NULL)
                 wished[count++] =
-                    (struct vulkan_kernel){.shader = wish->shader, .draw_again = wish->draw_again, .own = wish->own};
+                    (struct vulkan_kernel){.shader = shader, .draw_again = wish->draw_again, .own = wish->own};
         }
     return count;
 }

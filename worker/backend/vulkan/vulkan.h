@@ -1,11 +1,11 @@
 /* The Vulkan backend: private declarations that its files share.
  *
  * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c,
- * occlusion.c, directional.c, path.c, radiance.c. The others: vulkan.c (life of the backend, kernels, closest hits),
- * chunks.c (running a pass over tile runs in chunks), hemisphere.c (what passes that sample the hemisphere over points
- * have in common), points.c (surface points on the device), lights.c and materials.c (the scene on the device), bvh.c,
- * acceleration.c and tracer.c (what finds hits), layout.h (what C and the shaders share). gpu/ is Vulkan for compute
- * and knows no light.
+ * occlusion.c, directional.c, path.c, radiance.c, guided.c. The others: vulkan.c (life of the backend, kernels, closest
+ * hits), surfaces.c (of the scene, what paths and chains ask for), chunks.c (running a pass over tile runs in chunks),
+ * hemisphere.c (what passes that sample the hemisphere over points have in common), points.c (surface points on the
+ * device), lights.c and materials.c (the scene on the device), bvh.c, acceleration.c and tracer.c (what finds hits),
+ * layout.h (what C and the shaders share). gpu/ is Vulkan for compute and knows no light.
  *
  * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of
  * all points, and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one
@@ -39,6 +39,7 @@ struct vulkan_shader {
     const char *name;
     struct vulkan_code compute, pipeline;             /* with doubles, where the kernel uses `real` */
     struct vulkan_code compute_float, pipeline_float; /* without; NULL: it does not use `real` */
+    const struct vulkan_shader *gloss; /* in its place where materials are taken with their gloss; NULL: itself */
 };
 #define VULKAN_CODE(name)                                                                                              \
     {                                                                                                                  \
@@ -58,6 +59,7 @@ enum vulkan_constant {
     VULKAN_HAS_COINCIDENT,
     VULKAN_HAS_OCTREE,
     VULKAN_HAS_VARIED,
+    VULKAN_HAS_GLOSSY,
     VULKAN_CONSTANTS
 };
 
@@ -71,6 +73,7 @@ struct vulkan_kernel {
 /* Where a chunk under way keeps what it needs. */
 struct vulkan_slot {
     struct gpu_buffer scratch, answers, host;
+    struct gpu_buffer guides, guides_host; /* of the guided pass */
 };
 
 #define VULKAN_USUAL_SCRATCH (512ull << 20) /* bytes */
@@ -97,8 +100,8 @@ struct vulkan_backend {
     struct gpu_buffer scene, records;
     struct vulkan_tracer tracer;
     struct vulkan_materials materials;
-    bool all_materials;               /* they are those of all surfaces: paths are traced */
-    struct gpu_buffer path_triangles; /* struct kiln_gpu_path_triangle; made when paths are first traced */
+    bool all_materials;               /* they are those of all surfaces: see vulkan_surfaces */
+    struct gpu_buffer path_triangles; /* struct kiln_gpu_path_triangle */
     struct vulkan_lights lights;
     /* the surface */
     struct gpu_buffer store_arrays[KILN_STORE_ARRAYS], radiosity_buffer;
@@ -125,6 +128,9 @@ int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shade
 void vulkan_forget_kernels(struct vulkan_backend *b);
 /* b->layout has changed. */
 int vulkan_upload_root(struct vulkan_backend *b, struct kiln_error *error);
+/* Brings what paths and chains ask of the scene and other kernels do not: the colours of all surfaces, their gloss and
+ * their normals. In scenes with materials that are taken with their gloss they are there from the start. */
+int vulkan_surfaces(struct vulkan_backend *b, struct kiln_error *error);
 /* Rays that lie on the device: `count` origins, directions (struct kiln_vec3) and room for hits (struct kiln_gpu_hit).
  * One dispatch. */
 int vulkan_intersect_on_device(struct vulkan_backend *b, uint64_t origins, uint64_t directions, uint64_t hits,

@@ -1,10 +1,10 @@
-#include "worker/backend/embree/guide.h"
+#include "worker/backend/guide.h"
 
 #include <math.h>
 #include <string.h>
 
 #define DEFENSIVE 0.3 /* share of the cosine in the density */
-enum { MOST = KILN_GUIDE_SIDE_MOST, SMOOTHED = 2 };
+enum { MOST = KILN_GUIDE_SIDE, EDGES = KILN_GUIDE_EDGES, SMOOTHED = 2 };
 
 /* One round over neighbours: v is a circle, u ends. */
 static void smooth(double cells[MOST][MOST], uint32_t side)
@@ -34,24 +34,24 @@ static void accumulate(const double values[MOST], float *cumulative)
 }
 
 /* The weights are those of the cumulative shares as rounded: so that the mean is right. */
-static void make(struct guide *g, double density[MOST][MOST])
+static void make(float *guide, double density[MOST][MOST])
 {
     double rows[MOST] = {0};
     for (uint32_t i = 0; i < MOST; i++) {
         for (uint32_t j = 0; j < MOST; j++)
             rows[i] += density[i][j];
-        accumulate(density[i], &g->columns[i * GUIDE_EDGES]);
+        accumulate(density[i], &guide[(i + 1) * EDGES]);
     }
-    accumulate(rows, g->rows);
+    accumulate(rows, guide);
     for (uint32_t i = 0; i < MOST; i++)
         for (uint32_t j = 0; j < MOST; j++) {
-            const float *column = &g->columns[i * GUIDE_EDGES + j];
-            g->weight[i * MOST + j] =
-                1.0f / ((float)(MOST * MOST) * (g->rows[i + 1] - g->rows[i]) * (column[1] - column[0]));
+            const float *row = &guide[i], *column = &guide[(i + 1) * EDGES + j];
+            guide[KILN_GUIDE_WEIGHTS + i * MOST + j] =
+                1.0f / ((float)(MOST * MOST) * (row[1] - row[0]) * (column[1] - column[0]));
         }
 }
 
-bool guide_make(struct guide *g, const float *learnt, uint32_t side)
+bool kiln_guide_make(float *guide, const float *learnt, uint32_t side)
 {
     double cells[MOST][MOST] = {{0}}, sum = 0.0, squares = 0.0;
     const double count = (double)side * side;
@@ -71,6 +71,6 @@ bool guide_make(struct guide *g, const float *learnt, uint32_t side)
     for (uint32_t i = 0; i < MOST; i++)
         for (uint32_t j = 0; j < MOST; j++)
             density[i][j] = DEFENSIVE + (1.0 - DEFENSIVE) * cells[i * side / MOST][j * side / MOST] * count / sum;
-    make(g, density);
+    make(guide, density);
     return true;
 }

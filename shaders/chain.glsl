@@ -1,0 +1,150 @@
+/* Chains: how a ray goes on from a surface whose material is taken with its gloss, until diffuse surfaces answer
+ * (shaders/shared/chain.h has the rule). Ways, random numbers and estimators are those of
+ * worker/backend/embree/chain.c.
+ *
+ * Before it stand KILN_GLOSS, shaders/trace/trace.glsl and shaders/surface.glsl. A kernel looks either for the
+ * radiosity of diffuse surfaces or, with KILN_WALK_LIGHTS, for lamps and sky. */
+#ifndef KILN_SHADERS_CHAIN_GLSL
+#define KILN_SHADERS_CHAIN_GLSL
+
+#include "shaders/shared/chain.h"
+#include "shaders/walk.glsl"
+
+/* What the ray finds at whose hit the chain begins, by colour, its own tint left out. */
+struct Chain {
+    vec3 radiosity; /* W/m2: of diffuse surfaces; times 1 / pi it is radiance */
+    vec3 light;     /* W/(m2 sr): of lamps and sky, by lobes that are not diffuse alone */
+    /* shares of what comes that way: from nowhere and from backs (means of the colours' weights), and what the chain's
+     * surfaces take, or tint, for themselves; what is left comes from diffuse surfaces */
+    vec3 gloss;
+    float escaped, blocked;
+    bool good; /* the device has ended no loop early */
+};
+
+/* The chain under way: what of the radiance that comes now reaches its begin, and the same of what the next surface
+ * emits, 0 where samples of lights have brought that. */
+vec3 chain_weight, chain_seen;
+
+/* Whether a chain begins where a ray has met a surface. */
+bool chain_begins(kiln_hit hit) { return (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u && has_side(hit); }
+
+bool has_points(kiln_hit hit) { return !hit.back || (material_of(hit.triangle) & KILN_RECORD_DOUBLE_SIDED) != 0u; }
+
+/* Adds the radiosity at the hit, `out_` of which leaves towards the chain, of light of which the surface takes up
+ * `in_`. */
+void add_radiosity(inout Chain c, kiln_hit hit, float in_, float out_)
+{
+    c.gloss -= chain_weight * in_;
+#ifdef KILN_CHAIN_RADIOSITY
+    c.radiosity += chain_weight * out_ * kiln_store_radiosity(kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back));
+#endif
+}
+
+/* What surface number `surface` emits. */
+void add_emission(inout Chain c, kiln_hit hit, uint surface)
+{
+#ifdef KILN_WALK_LIGHTS
+    if (surface > 0u && chain_seen != vec3(0.0) && (material_of(hit.triangle) & KILN_RECORD_EMITS) != 0u)
+        c.light += chain_seen * kiln_surface_emission(hit.triangle, hit.u, hit.v);
+#endif
+}
+
+/* What lamps send straight to surface number `surface`. */
+void add_lamps(inout Chain c, Meeting m, uint surface)
+{
+#ifdef KILN_WALK_LIGHTS
+    uint rays = 0u;
+    c.good = walk_lights(m, surface, others, chain_weight, c.light, rays) && c.good;
+#endif
+}
+
+/* Whether the chain goes on from surface number `surface`. `pick`: what of the random number chooses a lobe. */
+bool chain_survives(uint surface, out float pick)
+{
+    const uvec2 picks = walk_draw(kiln_path_use(surface, KILN_PATH_LOBE));
+    const float goes_on = kiln_chain_chance(surface, SCENE.chain_length, kiln_chain_left(albedo, chain_weight));
+    pick = kiln_unit_float(picks.x);
+    if (!(goes_on > 0.0) || !(kiln_unit_float(picks.y) < goes_on))
+        return false;
+    chain_weight /= goes_on;
+    return true;
+}
+
+/* Draws the way on from surface number `surface`; false: it brings nothing. */
+bool chain_send(Meeting m, uint surface, float pick, out vec3 direction)
+{
+    vec3 value, share;
+    const bool sends = walk_send(m, surface, others, pick, direction, value, share);
+    chain_weight *= value;
+    chain_seen = chain_weight * share;
+    return sends && max(chain_weight.r, max(chain_weight.g, chain_weight.b)) > 0.0;
+}
+
+/* The ray goes on to the next surface; false: the chain has ended. */
+bool chain_go_on(inout Chain c, Meeting m, uint surface, float pick, inout vec3 direction, inout kiln_hit hit)
+{
+    if (!chain_send(m, surface, pick, direction))
+        return false;
+    const float side = dot(m.normal, direction) > 0.0 ? m.offset : -m.offset;
+    vec3 tint;
+    hit = walk_trace(m.position + m.normal * side, direction, kiln_path_use(surface, KILN_PATH_CHANCE), tint);
+    if (HAS_ALPHA == KILN_PASSAGE_TINT) {
+        chain_weight *= tint;
+        chain_seen *= tint;
+    }
+    const bool meets = hit.triangle != KILN_GPU_NONE;
+    if (meets && has_side(hit))
+        return true;
+    const float mean = (chain_weight.r + chain_weight.g + chain_weight.b) * (1.0 / 3.0);
+    c.escaped += meets ? 0.0 : mean;
+    c.blocked += meets ? mean : 0.0;
+    c.gloss -= mean;
+#ifdef KILN_WALK_LIGHTS
+    if (!meets)
+        c.light +=
+            (light_kind(KILN_GPU_KIND_SKY) ? chain_weight : chain_seen) * kiln_environment_radiance(real3(direction));
+#endif
+    return false;
+}
+
+/* What surface number `surface` does; false: the chain has ended. */
+bool chain_step(inout Chain c, uint surface, inout vec3 direction, inout kiln_hit hit)
+{
+    Meeting m;
+    const bool glossy = (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u;
+    float in_ = 1.0, out_ = 1.0;
+    if (glossy) {
+        m = meet(hit, direction, false);
+        const vec3 left = attenuation(hit);
+        chain_weight *= left;
+        chain_seen *= left;
+        in_ = has_points(hit) ? kiln_chain_taken_up(lobes, from.z) : 0.0;
+        out_ = in_ / (from.z > 0.0 ? lobes.under_front : lobes.under_back); /* kiln_diffuse_out */
+    }
+    if (in_ > 0.0)
+        add_radiosity(c, hit, in_, out_);
+    add_emission(c, hit, surface);
+    float pick;
+    if (!glossy || !chain_survives(surface, pick))
+        return false;
+    add_lamps(c, m, surface);
+    return chain_go_on(c, m, surface, pick, direction, hit);
+}
+
+/* Follows the chain of a ray that met what chain_begins is true of. `chance` and `k`: what the ray's chances hang on
+ * (kiln_gather_chance) and the number of the sample. */
+Chain chain_follow(uint chance, uint k, vec3 direction, kiln_hit hit)
+{
+    Chain c = Chain(vec3(0.0), vec3(0.0), vec3(1.0), 0.0, 0.0, true);
+    bool under_way = true;
+    walk_key = kiln_chain_key(chance);
+    walk_sample = k;
+    chain_weight = vec3(1.0);
+    chain_seen = vec3(0.0);
+    for (uint surface = 0u; under_way; surface++)
+        under_way = chain_step(c, surface, direction, hit);
+    c.good = c.good && !under_way;
+    return c;
+}
+
+#endif

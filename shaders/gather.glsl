@@ -1,0 +1,216 @@
+/* The bounce pass: each thread takes a slice of a point's samples (hemisphere.glsl), a few cosine-distributed rays, and
+ * adds up the radiosity that they find. gather_reduce.glsl adds up the slices. With KILN_GUIDED it is the guided pass
+ * (guide.glsl). With KILN_GLOSS rays go on in chains (chain.glsl); with KILN_CAUSTIC besides it is the caustic pass,
+ * which looks for lamps and sky by these alone. */
+#include "shaders/kernel.glsl"
+#include "shaders/shared/color.h"
+#include "shaders/shared/streams.h"
+
+#ifdef KILN_GUIDED
+KILN_PUSH(kiln_gpu_guided_push);
+#    include "shaders/guide.glsl"
+#    define NEAR_PROBES GuidedRef(push.guided).at[0].near_probes
+#    define HEMISPHERE_RAY_DONE(k) guide_keep(k)
+#    define GUIDE_BEGIN(index) guide_begin((index)-push.chunk.origin);
+#else
+KILN_PUSH(kiln_gpu_gather_push);
+#    define NEAR_PROBES push.near_probes
+#    define GUIDE_BEGIN(index)
+#endif
+
+const uint TRACE_ONLY = 0u, SURFACES = 1u, SURFACES_AND_PROBES = 2u; /* what is asked; the first for benches */
+layout(constant_id = 6) const uint LOOKUP = SURFACES;
+
+uint near_probes; /* of the thread's point */
+#define HEMISPHERE_BEGIN(index)                                                                                        \
+    GUIDE_BEGIN(index)                                                                                                 \
+    if (LOOKUP == SURFACES_AND_PROBES)                                                                                 \
+    near_probes = NearArray(NEAR_PROBES).at[index]
+#define HEMISPHERE_SEEDS (LOOKUP == SURFACES_AND_PROBES)
+KILN_ARRAY(NearArray, uint, 4);
+
+#ifdef KILN_GLOSS
+struct Sums {
+    vec3 incident, irradiance, glass, gloss;
+    float escaped, blocked, luminance;
+};
+#    define NO_SUMS Sums(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0)
+float ray_taken_up; /* what of the light of the ray counts as incident */
+#else
+struct Sums {
+    vec3 incident, irradiance, glass;
+    float escaped, blocked, luminance;
+};
+#    define NO_SUMS Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0)
+#endif
+#include "shaders/hemisphere.glsl"
+#include "shaders/radiance_probes.glsl"
+#ifdef KILN_GLOSS
+#    ifdef KILN_CAUSTIC
+#        define KILN_WALK_LIGHTS
+#    else
+#        define KILN_CHAIN_RADIOSITY
+#    endif
+#    include "shaders/chain.glsl"
+#    include "shaders/taken_up.glsl"
+#endif
+
+/* The nearest hit, of points that see a probe within their range. */
+kiln_hit nearest(vec3 position, vec3 direction, uint seed, out vec3 tint)
+{
+    if (LOOKUP != SURFACES_AND_PROBES || (near_probes & KILN_PROBE_SEEN) == 0u)
+        return kiln_trace_by_chance(position, direction, seed, tint);
+    const float range = ProbesRef(push.probes).value.grid.range;
+    tint = vec3(1.0);
+    if (range > 0.0)
+        return kiln_trace_within(position, direction, range, seed, tint);
+    return kiln_hit(KILN_GPU_NONE, 0.0, 0.0, 0.0, false);
+}
+
+/* What a ray adds that finds the radiosity `rgb`. */
+void add_light(inout Sums sums, vec3 rgb, vec3 tint, float facet, float weight)
+{
+    if (HAS_ALPHA == KILN_PASSAGE_TINT) {
+        rgb *= tint;
+        sums.glass += facet * (1.0 - tint);
+    }
+#ifdef KILN_GLOSS
+    sums.incident += facet * ray_taken_up * rgb;
+    sums.irradiance += weight * rgb;
+#else
+    sums.incident += facet * rgb;
+    if (HAS_SMOOTH != 0u)
+        sums.irradiance += weight * rgb;
+#endif
+#ifdef KILN_GUIDED
+    guide_luminance = weight * float_luminance(rgb);
+#endif
+    sums.luminance += weight * float_luminance(rgb);
+}
+
+#ifdef KILN_GLOSS
+/* What a ray adds that has met a surface at which a chain begins. What is lost on it is a share of what the ray's own
+ * tint leaves, and of each colour all is somewhere. */
+void add_chain(inout Sums sums, vec3 direction, kiln_hit hit, vec3 tint, float facet, float weight)
+{
+    const Chain c = chain_follow(ray_chance, ray_number, direction, hit);
+    chains_good = chains_good && c.good;
+#    ifdef KILN_CAUSTIC
+    add_light(sums, 3.14159265358979 * c.light, tint, facet, weight);
+    sums.glass = vec3(0.0);
+#    else
+    const vec3 left = HAS_ALPHA == KILN_PASSAGE_TINT ? tint : vec3(1.0);
+    const float mean = (left.r + left.g + left.b) * (1.0 / 3.0);
+    sums.escaped += facet * mean * c.escaped;
+    sums.blocked += facet * mean * c.blocked;
+    sums.gloss += facet * (left * c.gloss + (left - mean) * (c.escaped + c.blocked));
+    add_light(sums, c.radiosity, tint, facet, weight);
+#    endif
+}
+#endif
+
+#ifdef KILN_GLOSS
+const bool STORES_BOTH = true;
+#else
+const bool STORES_BOTH = HAS_SMOOTH != 0u;
+#endif
+const uint TINTED_FLOATS = HAS_ALPHA == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
+#if defined(KILN_GLOSS) && !defined(KILN_CAUSTIC)
+const uint SLICE_FLOATS = TINTED_FLOATS + KILN_GPU_SLICE_GLOSS;
+#else
+const uint SLICE_FLOATS = TINTED_FLOATS;
+#endif
+
+void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed)
+{
+    const bool smooth_point = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u;
+    const vec3 soft = kiln_shading(p, normal);
+    vec3 axis = normal;
+    float tilt = 1.0;
+    if (smooth_point) {                  /* half-way: see kiln_facet_weight */
+        const vec3 both = normal + soft; /* 0 where the triangle is too small to have a normal */
+        axis = both == vec3(0.0) ? both : normalize(both);
+        tilt = dot(normal, axis);
+    }
+#ifdef KILN_GUIDED
+    guide_direction(u, v);
+#endif
+    float cosine;
+    const vec3 direction = hemisphere_cosine(axis, u, v, cosine);
+    vec3 tint;
+    const kiln_hit hit = nearest(position, direction, seed, tint);
+    if (LOOKUP == TRACE_ONLY) {
+        sums.escaped += hit.triangle == KILN_GPU_NONE ? 1.0 : hit.u;
+        return;
+    }
+    float facet = 1.0, weight = 1.0;
+    if (smooth_point) {
+        facet = kiln_facet_weight(dot(normal, direction), tilt, cosine);
+        weight = kiln_shading_weight(dot(soft, direction), cosine);
+    }
+#ifdef KILN_GUIDED
+    facet *= guide_weight;
+    weight *= guide_weight;
+#endif
+#ifdef KILN_GLOSS
+    ray_taken_up = kiln_taken_up(p, push.chunk.parts, smooth_point ? dot(soft, direction) : cosine);
+    if (hit.triangle != KILN_GPU_NONE && chain_begins(hit)) {
+        add_chain(sums, direction, hit, tint, facet, weight);
+        return;
+    }
+#endif
+#ifdef KILN_CAUSTIC
+    return;
+#endif
+    if (LOOKUP == SURFACES_AND_PROBES && hit.triangle == KILN_GPU_NONE && (near_probes & KILN_PROBE_SEEN) != 0u) {
+        const kiln_probe_grid grid = ProbesRef(push.probes).value.grid;
+        const float far = kiln_probe_far(grid, position, direction);
+        if (far > grid.range) {
+            const uint probe = kiln_probe_of_ray(push.probes, near_probes, position, direction, seed);
+            const vec3 radiance =
+                facet > 0.0 ? kiln_probe_ask(push.probes, probe, position, direction, far) : vec3(0.0);
+            add_light(sums, 3.14159265358979 * radiance, tint, facet, weight);
+            return;
+        }
+    }
+    if (hit.triangle == KILN_GPU_NONE) {
+        sums.escaped += facet;
+        return;
+    }
+    const kiln_store_way to = kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back);
+    if (hit.back && (to.material & KILN_RECORD_DOUBLE_SIDED) == 0u) {
+        sums.blocked += facet;
+        return;
+    }
+    add_light(sums, facet > 0.0 ? kiln_store_radiosity(to) : vec3(0.0), tint, facet, weight);
+}
+
+void after_rays(inout Sums sums, kiln_gpu_point p, uint row, bool good)
+{
+#ifdef KILN_GLOSS
+    good = good && chains_good;
+#endif
+    if (!good)
+        sums.escaped = -1.0e9;
+}
+
+void store(Sums sums, uint x, uint row)
+{
+    FloatArray floats = hemisphere_floats(row, SLICE_FLOATS);
+    const uint step = push.chunk.total;
+    for (uint c = 0u; c < 3u; c++) {
+        floats.at[c * step + x] = sums.incident[c];
+        floats.at[(3u + c) * step + x] = STORES_BOTH ? sums.irradiance[c] : sums.incident[c];
+    }
+    floats.at[6u * step + x] = sums.escaped;
+    floats.at[7u * step + x] = sums.blocked;
+    floats.at[8u * step + x] = sums.luminance;
+    for (uint c = 0u; c < 3u && HAS_ALPHA == KILN_PASSAGE_TINT; c++)
+        floats.at[(9u + c) * step + x] = sums.glass[c];
+#if defined(KILN_GLOSS) && !defined(KILN_CAUSTIC)
+    for (uint c = 0u; c < 3u; c++)
+        floats.at[(TINTED_FLOATS + c) * step + x] = sums.gloss[c];
+#endif
+}
+
+#include "shaders/main.glsl"

@@ -1,0 +1,241 @@
+/* What paths (path.glsl) and chains (chain.glsl) have in common: they go from surface to surface, with random numbers
+ * of their own, and ask for light straight from the lights where they meet one. Ways, random numbers and estimators are
+ * those of worker/backend/embree/meeting.c and walk.c.
+ *
+ * Before it stand shaders/trace/trace.glsl and shaders/surface.glsl. With KILN_GLOSS surfaces may be more than diffuse
+ * (gloss.glsl), with KILN_WALK_LIGHTS lights are sampled (lights.glsl). A thread has one walk at a time. */
+#include "shaders/shared/path.h"
+#ifdef KILN_WALK_LIGHTS
+#    include "shaders/lights.glsl"
+#endif
+#ifdef KILN_GLOSS
+#    include "shaders/gloss.glsl"
+const bool HAS_GLOSS = true;
+#else
+const bool HAS_GLOSS = false;
+#endif
+
+KILN_ARRAY(PathTriangles, kiln_gpu_path_triangle, 4);
+
+uint walk_key, walk_sample; /* what random numbers hang on; the number of the sample */
+
+struct Meeting { /* a surface that a path meets, on the side that it comes from */
+    uint triangle;
+    float u, v;
+    vec3 position, normal, shading; /* normals: geometric and of the mesh */
+    float offset;
+    bool gloss; /* it is not only diffuse */
+};
+
+#ifdef KILN_GLOSS
+/* Of the surface that the walk is at, where it is not only diffuse: its scattering, the columns of the frame for that,
+ * of its front, where the walk comes from in it, what the lobes send there and their shares, which of them are not
+ * diffuse, and of these the ones whose light is what the walk's rays meet. */
+kiln_bsdf_lobes lobes;
+mat3 frame;
+vec3 from;
+kiln_bsdf_albedo albedo;
+kiln_bsdf_choice shares;
+uint others, sharp;
+#endif
+
+/* Two numbers of this sample, as fractions of 2^32. */
+uvec2 walk_draw(uint use)
+{
+    uint a, b;
+    kiln_path_numbers(kiln_path_key(walk_key, use), walk_sample, a, b);
+    return uvec2(a, b);
+}
+
+/* The nearest hit of a ray whose chances hang on the number of `use`. */
+kiln_hit walk_trace(vec3 origin, vec3 direction, uint use, out vec3 tint)
+{
+    return kiln_trace_by_chance(origin, direction, kiln_hash2(kiln_path_key(walk_key, use), walk_sample), tint);
+}
+
+uint material_of(uint triangle)
+{
+    return floatBitsToUint(RecordHalves(SCENE.records + uint64_t(triangle) * 32ul).at[1].w);
+}
+
+/* KILN_GPU_GLOSS_...; 0: it is diffuse */
+uint gloss_of(uint triangle)
+{
+#ifdef KILN_GLOSS
+    const uint material = material_of(triangle);
+    return (material & KILN_RECORD_GLOSS) != 0u ? kiln_gloss_flags(material & KILN_RECORD_MATERIAL) : 0u;
+#else
+    return 0u;
+#endif
+}
+
+/* Whether a ray that comes from this side finds the surface there. */
+bool has_side(kiln_hit hit)
+{
+    return !hit.back || (material_of(hit.triangle) & KILN_RECORD_DOUBLE_SIDED) != 0u ||
+           (gloss_of(hit.triangle) & KILN_GPU_GLOSS_TRANSMITS) != 0u;
+}
+
+kiln_gpu_path_triangle triangle_at(uint triangle)
+{
+    return PathTriangles(SCENE.path_triangles + uint64_t(triangle) * 92ul).at[0];
+}
+
+#ifdef KILN_GLOSS
+/* The scattering of a surface that is not only diffuse; normals are those of the front. */
+void find_lobes(kiln_gpu_path_triangle t, vec3 direction, inout Meeting m)
+{
+    /* a shading normal on the other side of the ray's direction would make a front of a back */
+    if ((dot(m.shading, direction) < 0.0) != (dot(m.normal, direction) < 0.0))
+        m.shading = m.normal;
+    lobes = kiln_surface_lobes(material_of(m.triangle) & KILN_RECORD_MATERIAL, m.triangle, m.u, m.v, m.shading, t.e1,
+                               t.e2, frame);
+    from = -direction * frame;
+    albedo = kiln_bsdf_albedo_of(lobes, from);
+    shares = kiln_bsdf_shares_of(albedo);
+    others = KILN_LOBE_GLOSS | (lobes.coat.strength > 0.0 ? KILN_LOBE_COAT : 0u);
+    sharp = others & kiln_path_sharp(lobes.alpha_x, lobes.alpha_y, lobes.p.coat_alpha, lobes.glass > 0.0);
+}
+#endif
+
+/* Of the ray that has come in `direction`; `first`: it is the surface that the camera sees. */
+Meeting meet(kiln_hit hit, vec3 direction, bool first)
+{
+    const kiln_gpu_path_triangle t = triangle_at(hit.triangle);
+    Meeting m;
+    m.triangle = hit.triangle;
+    m.u = hit.u;
+    m.v = hit.v;
+    m.position = t.p + (t.e1 * hit.u + t.e2 * hit.v);
+    m.normal = t.normal;
+    m.shading = t.normal;
+    m.offset = t.offset;
+    m.gloss = HAS_GLOSS && (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u;
+    if (HAS_SMOOTH != 0u && (first || m.gloss) && (t.flags & KILN_GPU_PATH_SMOOTH) != 0u) {
+        const vec3 mesh = t.shading0 * (1.0 - hit.u - hit.v) + t.shading1 * hit.u + t.shading2 * hit.v;
+        if (dot(mesh, t.normal) > 0.0)
+            m.shading = normalize(mesh);
+    }
+#ifdef KILN_GLOSS
+    if (m.gloss)
+        find_lobes(t, direction, m);
+#endif
+    if (hit.back) {
+        m.normal = -m.normal;
+        m.shading = -m.shading;
+    }
+    return m;
+}
+
+#ifdef KILN_GLOSS
+/* What the body that the ray has come through has left of the light, by colour: 1 unless the ray meets its surface from
+ * within. */
+vec3 attenuation(kiln_hit hit)
+{
+    if (!hit.back || (gloss_of(hit.triangle) & KILN_GPU_GLOSS_VOLUME) == 0u)
+        return vec3(1.0);
+    return kiln_gloss_attenuation(material_of(hit.triangle) & KILN_RECORD_MATERIAL, hit.distance);
+}
+
+kiln_bsdf_value evaluate(vec3 i, uint which)
+{
+    return kiln_bsdf_evaluate_chosen(lobes, kiln_bsdf_choice_of(shares, which), from, i, KILN_RADIANCE, which);
+}
+
+/* Weighs a direction that is drawn from the lobes `which`, and gives the share of the sharp ones in it, by colour. One
+ * loop, so that the long code of scattering functions stands here only once. */
+vec3 weigh(uint which, inout kiln_bsdf_drawn d)
+{
+    const uint some = sharp & which;
+    const bool all_sharp = d.delta || some == which;
+#    ifdef KILN_WALK_LIGHTS
+    const uint parts = d.delta || d.i.z == 0.0 ? 0u : some == 0u || all_sharp ? 1u : 2u;
+#    else
+    const uint parts = d.delta || d.i.z == 0.0 ? 0u : 1u;
+#    endif
+    vec3 share = vec3(all_sharp ? 1.0 : 0.0), all = vec3(0.0);
+    for (uint part = 0u; part < parts; part++) {
+        const kiln_bsdf_value s = evaluate(d.i, part == 0u ? which : some);
+        if (part == 0u) {
+            all = s.value;
+            d.weight = s.density > 0.0 ? s.value / s.density : vec3(0.0);
+        } else
+            share = mix(vec3(0.0), s.value / all, greaterThan(all, vec3(0.0)));
+    }
+    return share;
+}
+
+/* Of a surface that is not only diffuse: draws the way on among the lobes `which` from surface number `surface`, by
+ * `pick` in (0, 1). `value`: value over density, by colour; `share`: that of its sharp lobes in it, where lights are
+ * sampled. False: it brings nothing. */
+bool walk_send(Meeting m, uint surface, uint which, float pick, out vec3 direction, out vec3 value, out vec3 share)
+{
+    const uvec2 numbers = walk_draw(kiln_path_use(surface, KILN_PATH_BOUNCE));
+    kiln_bsdf_drawn d = kiln_bsdf_propose(lobes, kiln_bsdf_choice_of(shares, which), from, pick,
+                                          kiln_unit_float(numbers.x), kiln_unit_float(numbers.y), KILN_RADIANCE);
+    share = weigh(which, d);
+    value = d.weight;
+    direction = frame * d.i;
+    const bool same = (d.i.z > 0.0) == (from.z > 0.0); /* in truth as by the shading normal */
+    return d.i.z != 0.0 && (dot(m.normal, direction) > 0.0) == same;
+}
+#endif
+
+#ifdef KILN_WALK_LIGHTS
+/* ---- straight from the lights ---- */
+
+#    ifdef KILN_GLOSS
+/* What `which` of a surface that is not only diffuse send to the walk of light from a direction, times the cosine: of
+ * light that rays meet themselves, what its sharp lobes do is left to these. */
+vec3 scatter(kiln_light_sample s, vec3 towards, uint which)
+{
+    return evaluate(towards * frame, s.has_extent ? which & ~sharp : which).value;
+}
+#    endif
+
+/* `weight` times what a sample brings through the lobes `which`, W/(m2 sr). Shadow rays are counted. */
+vec3 walk_light(Meeting m, uint which, kiln_light_choice choice, kiln_light_sample s, vec3 weight, inout uint rays)
+{
+    const real3 n = real3(m.normal);
+    const real cosine = dot(real3(m.shading), s.direction);
+    if (!(dot(n, s.direction) > 0) || !(cosine > 0))
+        return vec3(0.0);
+    rays++;
+    float limit;
+    vec3 value = vec3(s.value * (cosine / (real(choice.samples) * KILN_REAL_PI)));
+    const vec3 towards = kiln_shadow_ray(s, n * real(m.offset), limit);
+    const vec3 through = kiln_through(m.position + m.normal * m.offset, towards, limit);
+#    ifdef KILN_GLOSS
+    if (m.gloss && through != vec3(0.0))
+        value = vec3(s.value / real(choice.samples)) * scatter(s, towards, which);
+#    endif
+    return weight * value * through;
+}
+
+/* Adds `weight` times what the lobes `which` of surface number `surface` (of a diffuse one: 1 / pi) send on of light
+ * straight from the lights, W/(m2 sr), by colour: one sample of the light tree, one of each directional light, two of
+ * an environment with an image. What sharp lobes do with light that rays meet themselves is left out, and so is a
+ * constant sky. False: the device has ended a loop early. */
+bool walk_lights(Meeting m, uint surface, uint which, vec3 weight, inout vec3 sum, inout uint rays)
+{
+    const real3 n = real3(m.normal), p = real3(m.position), shading = real3(m.shading);
+    const uint candidates = kiln_lights_choose(p, 0, n, 1u, light_kind(KILN_GPU_KIND_IMAGE));
+    uint i = 0u;
+    for (; i < candidates; i++) {
+        kiln_light_choice choice;
+        if (!kiln_lights_candidate(i, n, 1u, choice))
+            continue;
+        const bool sky = choice.kind == KILN_CHOICE_ENVIRONMENT;
+        choice.samples = sky ? 2u : 1u;
+        for (uint index = 0u; index < choice.samples; index++) {
+            const uvec2 place = walk_draw(kiln_path_use(surface, sky ? KILN_PATH_SKY + index : KILN_PATH_LIGHT)),
+                        pick = walk_draw(kiln_path_use(surface, KILN_PATH_PICK));
+            kiln_light_sample s;
+            if (kiln_lights_sample(choice, index, p, n, shading, real_unit(pick.x), real_unit(place.x),
+                                   real_unit(place.y), s))
+                sum += walk_light(m, which, choice, s, weight, rays);
+        }
+    }
+    return i >= candidates;
+}
+#endif
