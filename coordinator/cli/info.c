@@ -379,7 +379,8 @@ static void print_kinds(const struct kiln_scene_survey *look, bool all)
     if (found > shown)
         (void)printf("... and %zu more (--verbose shows all)\n", found - shown);
     if (found > 0)
-        (void)printf("a bake takes %s diffuse, and glass as thin walls: mirrors, gloss and bent light are left out\n",
+        (void)printf("a bake takes %s diffuse, and glass as thin walls, unless --materials auto is given: mirrors, "
+                     "gloss and bent light are left out\n",
                      found == 1 ? "this material as" : "these materials as");
 }
 

@@ -25,7 +25,10 @@ struct kiln_rank_data {
     struct kiln_surface surface; /* a view: the map is this rank's, the arrays of own points are the owner's */
     float *direct, *sum;         /* 3 a point, see struct kiln_solution and the integrator */
     float *caustic;              /* 3 a point: light by way of mirrors, gloss and glass; NULL: there is none */
-    uint16_t *error;             /* 1 a point: kiln_error_pack */
+    /* 3 a point: all that its diffuse part sends, of which surfaces with gloss take up less than their irradiance;
+     * NULL: it is albedo x irradiance */
+    float *radiosity;
+    uint16_t *error;                         /* 1 a point: kiln_error_pack */
     uint16_t *error_direct, *error_indirect; /* of these apart, likewise; NULL: nobody asks for them */
     uint16_t *error_caustic;                 /* likewise */
     float *indirect, *parts; /* 3 and KILN_PARTS a point, of a bake in parts (integrate/parts.h); NULL: it is in one */

@@ -43,11 +43,10 @@ void kiln_exchange_total_radiosity(const struct kiln_radiosity_exchange *x, stru
         for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++) {
             float albedo[3], total[3];
             kiln_point_albedo(surface, own, albedo);
-            for (uint64_t c = 0; c < 3; c++) {
-                const float caustic = solution->own->caustic != NULL ? solution->own->caustic[3 * own.at + c] : 0.0f;
-                total[c] =
-                    albedo[c] * (solution->direct[3 * own.at + c] + solution->indirect[3 * own.at + c] + caustic);
-            }
+            for (uint64_t c = 0; c < 3; c++)
+                total[c] = solution->own->radiosity != NULL
+                               ? solution->own->radiosity[3 * own.at + c]
+                               : albedo[c] * (solution->direct[3 * own.at + c] + solution->indirect[3 * own.at + c]);
             solution->own->next[own.at] =
                 kiln_radiosity_pack(total, kiln_packing_hash(f, (uint32_t)__builtin_ctzll(rest), TOTAL_STREAM));
         }

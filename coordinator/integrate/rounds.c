@@ -46,9 +46,10 @@ void kiln_round_share(const struct kiln_round *round, uint32_t own, bool counts,
     if (counts) {
         step->samples = (uint32_t)(first / 2 * more);
         step->first_sample = (uint32_t)(first / 2 * before) * KILN_PARTS + own * step->samples;
-        step->samples_field = !step->pass->reads_radiosity ? KILN_FIELD_SAMPLES_DIRECT
-                              : step->terminal             ? KILN_FIELD_SAMPLES
-                                                           : NULL;
+        /* of caustics, which finished tile runs need too, all have the same */
+        step->samples_field = step->pass == &kiln_pass_direct ? KILN_FIELD_SAMPLES_DIRECT
+                              : step->terminal                ? KILN_FIELD_SAMPLES
+                                                              : NULL;
     } else { /* the places are those of twice as many samples, so that no two rounds share any */
         step->samples = (uint32_t)ceil(0.5 * (double)(first * more) * round->share);
         step->first_sample = (uint32_t)(first * before) * KILN_PARTS + own * step->samples;

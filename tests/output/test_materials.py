@@ -62,7 +62,8 @@ class Materials(unittest.TestCase):
             ball(scene, name, (2.5 * i, 0.0, 0.0), 1.0, gloss(scene, name, **values), 12)
         scene.write(os.path.join(self.folder, "furnace.glb"))
         folder = self.bake("furnace", "furnace", "--materials", "auto", "--texels-per-metre", "2", "--samples-direct",
-                           "512", "--samples-bounce", "64", "--samples-indirect", "256", "--denoise", "none")
+                           "512", "--samples-bounce", "64", "--samples-indirect", "256", "--denoise", "none",
+                           "--samples-probe", "128", "--probe-spacing", "1.1", "--directional", "sh1")
         text, closed = harness.energy(report(folder))
         self.assertTrue(closed, text)
         for entry in report(folder)["objects"]:
@@ -70,6 +71,15 @@ class Materials(unittest.TestCase):
             there = layers["validity.Y"] == 1
             mean = layers["G"][there].mean() / (2 * math.pi) - 1
             self.assertLess(abs(mean), 0.005 if entry["name"] == "wall" else 0.015, (entry["name"], mean))
+        with h5py.File(os.path.join(folder, "volume.hdf"), "r") as file:
+            probes = file["VTKHDF/PointData"]
+            valid = probes["validity"][:] > 0.99
+            for name in (sign + axis for sign in ("pos", "neg") for axis in "xyz"):
+                mean = probes["irradiance_" + name][:][valid][:, 1].mean() / (2 * math.pi) - 1
+                self.assertLess(abs(mean), 0.02, (name, mean))
+        with h5py.File(os.path.join(folder, "kiln.h5"), "r") as file:
+            zero = file["directional/sh"][:][:, 1]  # half of the sphere, each of radiance 2
+            self.assertLess(abs(zero.mean() / (2 * math.sqrt(math.pi)) - 1), 0.01)
 
     def test_layers(self):
         """The layer of caustics is a part of the sum, and of what the bounces gather; the ledger closes with it, and
@@ -91,6 +101,12 @@ class Materials(unittest.TestCase):
             self.assertTrue(closed, text)
         self.assertEqual(report(folder)["energy"]["unfound"], [0.0] * 3)
         self.assertGreater(report(without)["energy"]["unfound"][0], 1.0)
+        clean = self.bake("cornell-spheres", "denoised", *options, "--denoise", "regression", "--no-stitch")
+        for entry in report(folder)["objects"]:
+            before, after = channels(folder, entry), channels(clean, entry)
+            there = before["validity.Y"] == 1
+            self.assertTrue(np.array_equal(before["caustic.G"][there], after["caustic.G"][there]), entry["name"])
+        self.assertTrue(np.array_equal(light(clean, "error_caustic") > 0, light(clean, "caustic").max(1) > 0))
         run("verify", folder, "--quiet")
         run("view", folder, "--show", "caustic", "-o", os.path.join(self.folder, "caustic.png"), "--from=0,1,3",
             "--to=0,1,0", "--width", "32", "--height", "32", "--quiet")

@@ -61,12 +61,22 @@ static void add_indirect_error(const struct kiln_taking *t, const struct kiln_ra
     add_error(data->error_indirect, own, share_of_error(t, error));
 }
 
+/* Adds to what the point sends in all, of the mean over the parts so far. */
+static void add_radiosity(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
+                          const float radiosity[3])
+{
+    for (uint64_t c = 0; data->radiosity != NULL && c < 3; c++)
+        data->radiosity[3 * own.at + c] += radiosity[c] / (float)(kiln_part_before(t->step) + 1.0);
+}
+
 /* Caustics, which are a part of the light that the first bounce gathers. */
 static void enter_caustic(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
-                          const struct kiln_point_mean *r, bool counts)
+                          const struct kiln_point_mean *r, const float radiosity[3], bool counts)
 {
+    add(data->sum, own, radiosity);
     if (!counts)
         return;
+    add_radiosity(t, data, own, radiosity);
     kiln_part_mix(data->caustic + 3 * own.at, r->irradiance, 3, t->step);
     kiln_part_add(data, own, kiln_luminance_in_float(r->irradiance), t->step);
     add_error(data->error, own, share_of_error(t, r->error));
@@ -90,24 +100,29 @@ static void enter(const struct kiln_taking *t, const struct kiln_rank_data *data
             break;
         kiln_part_mix(data->direct + 3 * own.at, r->irradiance, 3, t->step);
         kiln_part_begin(data, own, kiln_luminance_in_float(r->irradiance), t->step);
+        if (data->radiosity != NULL)
+            kiln_part_mix(data->radiosity + 3 * own.at, radiosity, 3, t->step);
         begin_errors(t, data, own, r->error);
         break;
     case KILN_CELLS_CAUSTIC:
-        add(data->sum, own, radiosity);
-        enter_caustic(t, data, own, r, counts);
+        enter_caustic(t, data, own, r, radiosity, counts);
         break;
     case KILN_CELLS_BOUNCE:
         if (t->settings->schedule == KILN_SCHEDULE_LEAN) {
             add(data->sum, own, radiosity);
         } else { /* every bounce's irradiance counts as it is */
             add(data->sum, own, r->irradiance);
-            if (counts)
+            if (counts) {
                 add_indirect_error(t, data, own, r->error);
+                add_radiosity(t, data, own, radiosity);
+            }
         }
         break;
     case KILN_CELLS_FINAL: /* replaces the sum that it was gathered from, which everybody has packed by now */
         set(data->sum, own, r->irradiance);
         add_indirect_error(t, data, own, r->error);
+        if (counts)
+            add_radiosity(t, data, own, radiosity);
         break;
     }
 }
@@ -283,7 +298,7 @@ static void take_nodes(const struct kiln_taking *t, const struct kiln_rank_data 
             radiosity[c] = albedo[c] * mean.incident[c];
         for (uint32_t i = 0; counts && i < mixture.count; i++)
             add_to_block(t, &data->surface, own, albedo, mixture.weight[i], &blocks[mixture.place[i]]);
-        enter(t, data, own, &mean, radiosity, false);
+        enter(t, data, own, &mean, radiosity, kiln_part_changes(data, f, t->step->part));
         pack_next(t, data, own, f, tile, (uint32_t)__builtin_ctzll(rest), radiosity);
     }
     for (uint64_t rest = counts ? nodes : 0; rest != 0; rest &= rest - 1)
@@ -298,6 +313,8 @@ static void keep_bounces(const struct kiln_rank_data *data, const struct kiln_ti
     for (uint64_t i = first; i < first + f->count; i++) {
         float albedo[3];
         kiln_point_albedo(&data->surface, (struct kiln_own_point){i}, albedo);
+        if (data->radiosity != NULL)
+            set(data->radiosity, (struct kiln_own_point){i}, data->sum + 3 * i);
         for (uint64_t c = 0; c < 3; c++) {
             const float all = albedo[c] > 0.0f ? data->sum[3 * i + c] / albedo[c] : 0.0f;
             const float before = data->direct[3 * i + c] + (data->caustic != NULL ? data->caustic[3 * i + c] : 0.0f);
