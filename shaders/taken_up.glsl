@@ -4,27 +4,29 @@
 #define KILN_SHADERS_TAKEN_UP_GLSL
 
 #include "shaders/shared/chain.h"
+#include "shaders/shared/layout_point_gloss.h"
 
 KILN_ARRAY(PointGlossArray, kiln_gpu_point_gloss, 4);
 
 /* Share of the light from a direction, whose cosine with the shading normal of the point's own side is given, that
- * counts as incident. What depends on no direction is made anew: its many numbers would take registers. */
+ * counts as incident. */
 float kiln_taken_up(kiln_gpu_point p, uint64_t parts, float cosine)
 {
     if ((p.flags & KILN_GPU_POINT_GLOSS) == 0u)
         return 1.0;
     if (!(cosine > 0.0))
         return 0.0;
-    const kiln_gpu_point_gloss g = PointGlossArray(parts + uint64_t(p.first_part - 1u) * 56ul).at[0];
+    const kiln_gpu_point_gloss g =
+        PointGlossArray(parts + uint64_t(p.first_part - KILN_GPU_POINT_GLOSS_PARTS) * 56ul).at[0];
     kiln_bsdf_lobes l;
     l.p.model = g.model;
     l.p.thin_wall = 1u; /* the coat is that of the point's own side */
     l.p.specular = g.specular;
     l.p.specular_color = vec3(g.color);
     l.matt = g.matt;
-    l.face = kiln_interface_of(g.alpha, g.index);
+    l.face = g.face;
     l.coat.strength = g.coat;
-    l.coat.face = kiln_interface_of(g.coat_alpha, KILN_COAT_INDEX);
+    l.coat.face = g.coat_face;
     return kiln_chain_taken_up(l, cosine);
 }
 

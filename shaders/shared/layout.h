@@ -48,8 +48,10 @@ KILN_SIZE_IS(kiln_gpu_record, 32);
 /* something is not everywhere on it: its mask is parts[first_part + part_count], and behind it stand the triangles of
  * its parts, or the one triangle of a point that is not partial */
 #define KILN_GPU_POINT_MASKED 8u
-/* its material is taken with its gloss: parts[first_part - 1] is a struct kiln_gpu_point_gloss */
+/* its material is taken with its gloss: at parts[first_part - KILN_GPU_POINT_GLOSS_PARTS] stands what is in
+ * layout_point_gloss.h */
 #define KILN_GPU_POINT_GLOSS 16u
+#define KILN_GPU_POINT_GLOSS_PARTS 4u
 
 /* Position of a whole point = origin + s edge_s + t edge_t, the offset off the surface included. */
 struct kiln_gpu_point {
@@ -92,18 +94,6 @@ struct kiln_gpu_part_triangle {
     KILN_WORD reserved[7];
 };
 KILN_SIZE_IS(kiln_gpu_part_triangle, 56);
-
-/* What decides how much light a point on a material that is taken with its gloss takes up, as large as a part: of
- * struct kiln_bsdf_lobes at its middle. */
-struct kiln_gpu_point_gloss {
-    KILN_WORD model;
-    KILN_REAL32 matt;             /* share of the base that is diffuse */
-    KILN_REAL32 alpha, index;     /* of the interface over it */
-    KILN_REAL32 specular, color;  /* the latter's largest channel */
-    KILN_REAL32 coat, coat_alpha; /* on the point's side */
-    KILN_WORD reserved[6];
-};
-KILN_SIZE_IS(kiln_gpu_point_gloss, 56);
 
 /* What became of a point in the validity pass: a word each. */
 #define KILN_GPU_STATE_INVALID 0u

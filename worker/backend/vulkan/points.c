@@ -4,6 +4,7 @@
 #include <omp.h>
 #include <string.h>
 
+#include "shaders/shared/layout_point_gloss.h"
 #include "shaders/shared/streams.h"
 #include "worker/base/memory.h"
 #include "worker/material/surface_bsdf.h"
@@ -322,8 +323,8 @@ static int make_gloss(const struct maker *m, struct part_list *list, const struc
     const struct kiln_gloss *gloss = kiln_gloss_taken(scene, record->material & KILN_RECORD_MATERIAL);
     if (gloss == NULL)
         return KILN_OK;
-    const int status =
-        kiln_grow(&list->at, &list->room, list->count + 1, sizeof *list->at, "the parts of points", error);
+    const int status = kiln_grow(&list->at, &list->room, list->count + KILN_GPU_POINT_GLOSS_PARTS, sizeof *list->at,
+                                 "the parts of points", error);
     if (status != KILN_OK)
         return status;
     kiln_geometry_stored_barycentrics(scene, g, triangle, b1, b2, &s1, &s2);
@@ -331,13 +332,14 @@ static int make_gloss(const struct maker *m, struct part_list *list, const struc
         scene, gloss, &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle], s1, s2));
     const struct kiln_gpu_point_gloss own = {.model = l.p.model,
                                              .matt = l.matt,
-                                             .alpha = l.face.alpha,
-                                             .index = l.face.index,
                                              .specular = l.p.specular,
                                              .color = kiln_bsdf_largest(l.p.specular_color),
+                                             .face = l.face,
                                              .coat = kiln_bsdf_coated(l, !back) ? l.coat.strength : 0.0f,
-                                             .coat_alpha = l.coat.face.alpha};
-    memcpy(&list->at[list->count++], &own, sizeof own);
+                                             .coat_face = l.coat.face};
+    _Static_assert(sizeof own == KILN_GPU_POINT_GLOSS_PARTS * sizeof(struct kiln_gpu_part), "parts of a point");
+    memcpy(&list->at[list->count], &own, sizeof own);
+    list->count += KILN_GPU_POINT_GLOSS_PARTS;
     point->first_part = (uint32_t)list->count;
     point->flags |= KILN_GPU_POINT_GLOSS;
     return KILN_OK;
