@@ -37,7 +37,6 @@ struct kiln_aims;
 
 struct kiln_land_parameters {
     const struct kiln_aims *aims; /* borrowed; shared out (kiln_aims_share) */
-    uint32_t chain_length;        /* surfaces that are met for certain; 0: KILN_CHAIN_LENGTH */
 };
 
 /* How a path ends. */

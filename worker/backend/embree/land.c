@@ -139,7 +139,7 @@ static bool turn(struct light_path *p, const struct meeting *m, uint32_t surface
 static bool go_on(struct light_path *p, const struct meeting *m, uint32_t surface, struct kiln_vec3 *origin,
                   struct kiln_vec3 *direction)
 {
-    const uint32_t length = p->parameters->chain_length != 0 ? p->parameters->chain_length : KILN_CHAIN_LENGTH;
+    const uint32_t asked = p->walk.b->params.chain_length, length = asked != 0 ? asked : KILN_CHAIN_LENGTH;
     double pick, rest;
     walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_LOBE), &pick, &rest);
     if (!turn(p, m, surface, (float)pick, direction))
