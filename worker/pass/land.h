@@ -52,7 +52,8 @@ struct kiln_land_result {
     uint64_t point; /* global number of the surface point; KILN_NO_POINT: none */
     float flux[3];  /* W, where the path ends; of ASTRAY and ABSORBED 0 */
     float shading;  /* times flux: what counts for the irradiance about the shading normal */
-    float taken_up; /* times flux: what counts for `incident` (kiln_diffuse_in; 1 on surfaces that are only diffuse) */
+    float taken_up; /* times flux: what counts for `incident` (kiln_chain_taken_up; 1 on surfaces that are only diffuse)
+                     */
     uint32_t aim;
     uint16_t end;    /* enum kiln_land_end */
     uint16_t length; /* surfaces met */

@@ -88,7 +88,7 @@ static void land(const struct light_path *p, const struct meeting *m, struct kil
     result->end = KILN_LAND_LANDED;
     result->point = find_point(p->walk.b, m);
     result->shading = above > 0.0f ? fmaxf(0.0f, cosine) / above : 1.0f;
-    result->taken_up = m->gloss != NULL ? kiln_diffuse_in(m->lobes, m->o.z) : 1.0f;
+    result->taken_up = m->gloss != NULL ? kiln_chain_taken_up(m->lobes, m->o.z) : 1.0f;
 }
 
 /* Whether the path lands on surface number `surface`, which is not the first one, or goes on. */
@@ -142,12 +142,11 @@ static bool go_on(struct light_path *p, const struct meeting *m, uint32_t surfac
     const uint32_t asked = p->walk.b->params.chain_length, length = asked != 0 ? asked : KILN_CHAIN_LENGTH;
     double pick, rest;
     walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_LOBE), &pick, &rest);
-    if (!turn(p, m, surface, (float)pick, direction))
+    const float left = kiln_chain_left(m->albedo, vec3(p->weight[0], p->weight[1], p->weight[2])),
+                chance = kiln_chain_chance(surface - 1, length, left), one = 1.0f / chance;
+    if (rest >= (double)chance || !turn(p, m, surface, (float)pick, direction))
         return false;
-    const float chance = kiln_chain_chance(surface - 1, length, most(p->weight));
-    if (rest >= (double)chance)
-        return false;
-    const float one = 1.0f / chance, side = vec3_dot(m->normal, *direction) > 0.0f ? m->offset : -m->offset;
+    const float side = vec3_dot(m->normal, *direction) > 0.0f ? m->offset : -m->offset;
     multiply(p, (const float[3]){one, one, one});
     *origin = vec3_madd(m->position, m->normal, side);
     return true;
