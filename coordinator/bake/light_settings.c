@@ -16,6 +16,8 @@ struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, c
         .indirect_scale = 1u << job->indirect_scale,
         .final_scale = 1u << job->final_scale,
         .caustics = kiln_job_has_caustics(job) ? (enum kiln_caustics)job->caustics : KILN_CAUSTICS_NONE,
+        .photons = job->photons,
+        .iterations = job->iterations,
         .guide = job->guide > 0,
         .seen_only = job->only_visible_from != NULL,
         .compact = kiln_exchange_is_compact(job->exchange, points),

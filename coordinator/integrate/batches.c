@@ -189,6 +189,8 @@ static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct k
                                .may_lack = b->taker->may_lack,
                                .take = take_part,
                                .context = b};
+    if (step->lands)
+        return kiln_landing_give(b->landing, &batch, error);
     const int status = kiln_batches_choose(b, b->data, &batch, error);
     return status == KILN_OK ? kiln_backend_run(backend, step->pass, step->parameters, &batch, &b->report->rays, error)
                              : status;
@@ -239,6 +241,8 @@ static const struct kiln_rank_data *who_is_behind(const struct kiln_batches *b, 
     const struct kiln_node_data *node_data = b->solution->node_data;
     const struct kiln_rank_data *last = NULL;
     double longest = LEAST_HELP;
+    if (b->report->step.lands) /* what has landed is with the owner of the points */
+        return NULL;
     for (int i = 0; i < kiln_node_data_count(node_data); i++) {
         const struct kiln_rank_data *data = kiln_rank_data(node_data, i);
         const struct kiln_range there = kiln_work_queue_left(data->queue);

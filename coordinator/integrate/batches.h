@@ -8,6 +8,7 @@
 #define KILN_COORDINATOR_INTEGRATE_BATCHES_H
 
 #include "coordinator/integrate/integrate.h"
+#include "coordinator/integrate/land.h"
 #include "coordinator/integrate/step_work.h"
 #include "coordinator/integrate/take.h"
 
@@ -17,6 +18,7 @@ struct kiln_batches {
     struct kiln_solution *solution;
     struct kiln_step_work *work;
     struct kiln_taker *taker;
+    struct kiln_landing *landing; /* gives the answers of steps that land; NULL: there are none */
     /* own */
     const struct kiln_pass *pass; /* of the step under way; NULL: none yet */
     bool has_masks;               /* it leaves points out; likewise */

@@ -136,7 +136,9 @@ static void open_energy(struct kiln_energy *e, const struct kiln_emission_result
         e->ranged[c] = light->ranged[c];
         e->glass[c] = light->glass[c];
         e->gloss[c] = light->gloss[c];
-        e->unfound[c] = caustics == KILN_CAUSTICS_GATHER ? light->mirrored[c] : light->caustic[c];
+        e->unfound[c] = caustics == KILN_CAUSTICS_GATHER ? light->mirrored[c]
+                        : caustics == KILN_CAUSTICS_LAND ? 0.0
+                                                         : light->caustic[c];
         e->absorbed[c] = e->left_over[c] = 0.0;
     }
 }

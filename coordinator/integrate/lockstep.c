@@ -35,16 +35,19 @@ int kiln_lockstep_create(struct kiln_lockstep *l, const struct kiln_integrate_pa
                                                .ledger = &l->ledger,
                                                .exchange = &l->exchange};
     l->saved = (struct kiln_saved){params, solution, &l->ledger, &l->work};
-    const int status =
-        kiln_ledger_create(&l->ledger, params->surface, kiln_luminance(params->emission->emitted), error);
-    return status == KILN_OK && params->settings->radiance != NULL
-               ? kiln_radiance_create(&l->radiance, params, solution, &l->saved, error)
-               : status;
+    int status = kiln_ledger_create(&l->ledger, params->surface, kiln_luminance(params->emission->emitted), error);
+    if (status == KILN_OK && params->settings->radiance != NULL)
+        status = kiln_radiance_create(&l->radiance, params, solution, &l->saved, error);
+    if (status == KILN_OK && params->settings->caustics == KILN_CAUSTICS_LAND)
+        status = kiln_landing_create(&l->landing, params, solution, &l->saved, error);
+    l->batches.landing = l->landing;
+    return status;
 }
 
 void kiln_lockstep_release(struct kiln_lockstep *l)
 {
     kiln_radiance_destroy(&l->radiance);
+    kiln_landing_destroy(&l->landing);
     kiln_ledger_release(&l->ledger);
     kiln_taker_release(&l->taker);
     kiln_batches_release(&l->batches);
@@ -132,12 +135,14 @@ static int end_step(struct kiln_lockstep *l, struct kiln_error *error)
 }
 
 /* Collective. What a step of the integrator needs before its batches: guides, and where its gather rays end, the
- * radiance probes. */
+ * radiance probes; in a step that lands, all that does. */
 static int prepare_step(struct kiln_lockstep *l, struct kiln_error *error)
 {
     const struct kiln_step *step = &kiln_solution_step(l->solution)->step;
     l->params->surface->guide = l->solution->own->surface.guide; /* which may have moved */
     const bool asks = l->radiance != NULL && step->quantity == NULL && step->pass->reads_radiosity;
+    if (step->lands)
+        return kiln_landing_run(l->landing, error);
     return asks ? kiln_radiance_update(l->radiance, error) : KILN_OK;
 }
 
@@ -201,7 +206,8 @@ static int do_step(struct kiln_lockstep *l, const struct kiln_step *step, struct
         status = p->settings->integrator->begin_step(&l->integration, last, step, error);
     else if (step->pass->reads_radiosity)
         kiln_exchange_total_radiosity(&l->exchange, last);
-    if (status == KILN_OK && !first && p->ranks > 1 && l->may_repartition && l->work.measured)
+    /* what the points of a step that lands cost says nothing */
+    if (status == KILN_OK && !first && !last->step.lands && p->ranks > 1 && l->may_repartition && l->work.measured)
         status = kiln_repartition(p, l->solution, step, error);
     if (status == KILN_OK)
         status = begin_step(l, step, error);

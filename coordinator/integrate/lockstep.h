@@ -23,6 +23,7 @@ struct kiln_lockstep {
     struct kiln_integration integration; /* for the integrator */
     struct kiln_saved saved;             /* for checkpoints */
     struct kiln_radiance *radiance;      /* NULL: gather rays have no end */
+    struct kiln_landing *landing;        /* NULL: no step lands */
     bool may_repartition;                /* points may be distributed anew; the same on all ranks */
 };
 

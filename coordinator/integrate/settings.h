@@ -21,9 +21,10 @@ struct kiln_integrate_settings {
     int64_t bounces; /* indirect bounces; -1: as many as there is energy for, and a tail */
     bool tail;       /* add the geometric tail after the last bounce, though `bounces` is given */
     uint32_t samples_direct, samples_bounce, samples_indirect;
-    uint32_t indirect_scale;     /* texels a side of a block in bounces (blocks.h): a power of two; 1: each gathers */
-    uint32_t final_scale;        /* likewise of a block in the final gather (nodes.h) */
-    enum kiln_caustics caustics; /* settled; up to KILN_CAUSTICS_NONE there is no such step */
+    uint32_t indirect_scale;      /* texels a side of a block in bounces (blocks.h): a power of two; 1: each gathers */
+    uint32_t final_scale;         /* likewise of a block in the final gather (nodes.h) */
+    enum kiln_caustics caustics;  /* settled; up to KILN_CAUSTICS_NONE there is no such step */
+    uint32_t photons, iterations; /* of KILN_CAUSTICS_LAND (land.h) */
     bool guide;     /* bounces learn where light comes from, and the final gather follows (worker/pass/guided.h) */
     bool seen_only; /* the final gather and quantities are of tile runs that are seen (struct kiln_rank_data) */
     bool compact; /* radiosity travels in 4 bytes a point where an integrator can afford that: kiln_exchange_is_compact

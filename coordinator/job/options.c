@@ -44,7 +44,7 @@ static const char *const method_names[] = {KILN_METHOD_LIST(METHOD_NAME) NULL};
 /* in the order of enum kiln_gloss_mode */
 static const char *const materials_names[] = {"auto", "diffuse", "full", NULL};
 /* in the order of enum kiln_caustics */
-static const char *const caustics_names[] = {"auto", "none", "gather", NULL};
+static const char *const caustics_names[] = {"auto", "none", "gather", "land", NULL};
 /* in the order of enum kiln_view_method */
 static const char *const view_method_names[] = {KILN_VIEW_METHOD_LIST(METHOD_NAME) NULL};
 
@@ -314,9 +314,29 @@ const struct kiln_option kiln_options[] = {
      .kind = KILN_OPTION_CHOICE_ENUM,
      .fallback = "auto",
      .choices = caustics_names,
-     .help = "light by way of mirrors, gloss and glass alone: none, or gathered; auto: gathered if materials ask",
+     .help = "light by mirrors, gloss and glass alone: none, gathered, or by paths that land; auto: gathered",
      .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
      .offset = AT(caustics)},
+    {.name = "photons",
+     .group = "Light transport",
+     .kind = KILN_OPTION_UINT32,
+     .value = "N",
+     .fallback = "1048576",
+     .minimum = 1,
+     .maximum = 4294967295,
+     .help = "--caustics land: light paths of each iteration",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(photons)},
+    {.name = "iterations",
+     .group = "Light transport",
+     .kind = KILN_OPTION_UINT32,
+     .value = "N",
+     .fallback = "16",
+     .minimum = 1,
+     .maximum = 65536,
+     .help = "--caustics land: how often paths are sent, each time aimed by what has landed",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(iterations)},
     {.name = "chain-length",
      .group = "Light transport",
      .kind = KILN_OPTION_UINT32,

@@ -116,7 +116,7 @@ int kiln_backend_set_probes(struct kiln_backend *backend, const struct kiln_radi
 static bool is_well_formed(const struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                            const struct kiln_batch *batch)
 {
-    const bool surface = pass->domain == KILN_DOMAIN_TILE_RUNS;
+    const bool surface = pass->domain == KILN_DOMAIN_TILE_RUNS || pass->domain == KILN_DOMAIN_LIGHT_PATHS;
     const bool positions = pass->domain == KILN_DOMAIN_POSITIONS;
     return (parameters != NULL) == (pass->parameter_bytes > 0) && (batch->positions != NULL) == positions &&
            (!surface || backend->surface != NULL) && (!pass->reads_radiosity || backend->radiosity != NULL) &&

@@ -2,9 +2,8 @@
  *
  * A pass takes parameters of its own and a batch (the items, their samples, the random stream) and gives an array of
  * results, one an item. What a particular pass takes and gives, with its formula and units, stands in its own header:
- * validity.h, direct.h, gather.h, probes.h, occlusion.h, directional.h, path.h, radiance.h, guided.h, caustic.h.
- * kiln_backend_run
- * (worker/backend/backend.h) runs any of them.
+ * validity.h, direct.h, gather.h, probes.h, occlusion.h, directional.h, path.h, radiance.h, guided.h, caustic.h,
+ * land.h. kiln_backend_run (worker/backend/backend.h) runs any of them.
  *
  * A new pass called NAME is: NAME in KILN_PASS_LIST below, a row in passes.c, a header NAME.h in this folder, and a
  * file NAME.c in each backend's folder with what the backend's header declares for every name of the list: the function
@@ -26,7 +25,7 @@
 /* The names of all passes. */
 #define KILN_PASS_LIST(DO)                                                                                             \
     DO(validity)                                                                                                       \
-    DO(direct) DO(gather) DO(probes) DO(occlusion) DO(directional) DO(path) DO(radiance) DO(guided) DO(caustic)
+    DO(direct) DO(gather) DO(probes) DO(occlusion) DO(directional) DO(path) DO(radiance) DO(guided) DO(caustic) DO(land)
 
 /* Where a pass stands in kiln_passes: KILN_PASS_INDEX_direct and so on. */
 #define KILN_PASS_INDEX_OF(name) KILN_PASS_INDEX_##name,
@@ -41,7 +40,9 @@ enum kiln_pass_domain {
     /* An item is a position in space; it has one result. */
     KILN_DOMAIN_POSITIONS,
     /* An item is a pixel of the camera that the parameters describe; it has one result. */
-    KILN_DOMAIN_PIXELS
+    KILN_DOMAIN_PIXELS,
+    /* An item is a path of light that begins at a lamp; it has one result. */
+    KILN_DOMAIN_LIGHT_PATHS
 };
 
 /* The figures of one result by which the verifying backend compares it with another backend's: means over samples. */
@@ -73,6 +74,7 @@ struct kiln_pass {
     /* A rank may run it over tile runs of another rank of its node (work stealing): it needs no more than that rank's
      * surface, and nothing that the ranks exchange hangs on who ran it. */
     bool is_stealable;
+    bool on_embree_only; /* devices refuse it, with KILN_USAGE */
     /* Comparison of results, for the verifying backend. NULL: results are not verified; then the rest is unused. */
     void (*figures)(const void *result, struct kiln_pass_figures *figures);
     size_t figure_count;                         /* at most KILN_PASS_FIGURES */

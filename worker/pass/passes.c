@@ -7,6 +7,7 @@
 #include "worker/pass/directional.h"
 #include "worker/pass/gather.h"
 #include "worker/pass/guided.h"
+#include "worker/pass/land.h"
 #include "worker/pass/occlusion.h"
 #include "worker/pass/path.h"
 #include "worker/pass/probes.h"
@@ -63,6 +64,8 @@ static uint32_t directional_lacks(const void *result)
 }
 
 /* ---- the table ---- */
+
+_Static_assert(sizeof(struct kiln_land_result) <= 40, "what travels of a light path");
 
 #define POINT_FIGURES                                                                                                  \
     .figures = point_figures, .figure_count = 6, .unit = "W/m2",                                                       \
@@ -184,6 +187,15 @@ const struct kiln_pass kiln_pass_caustic = {.index = KILN_PASS_INDEX_caustic,
                                             .is_masked = true,
                                             .is_stealable = true,
                                             POINT_FIGURES};
+
+/* Not verified: a path tells nothing that could be compared. */
+const struct kiln_pass kiln_pass_land = {.index = KILN_PASS_INDEX_land,
+                                         .name = "land",
+                                         .what = "light that lands",
+                                         .domain = KILN_DOMAIN_LIGHT_PATHS,
+                                         .parameter_bytes = sizeof(struct kiln_land_parameters),
+                                         .result_bytes = sizeof(struct kiln_land_result),
+                                         .on_embree_only = true};
 
 #define ROW(name) [KILN_PASS_INDEX_##name] = &kiln_pass_##name,
 const struct kiln_pass *const kiln_passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};

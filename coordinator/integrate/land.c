@@ -1,0 +1,316 @@
+#include "coordinator/integrate/land.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "coordinator/integrate/land_exchange.h"
+#include "coordinator/mpi/agree.h"
+#include "worker/base/color.h"
+#include "worker/base/memory.h"
+#include "worker/light/aims.h"
+#include "worker/pass/land.h"
+#include "worker/pass/point.h"
+#include "worker/sampling/keys.h"
+#include "worker/scene/footprint.h"
+
+#define LEARNT 0.9          /* part of the paths that goes by what was learnt */
+#define MOMENT_STEP 65536.0 /* second moments are sums of whole numbers of 1 / this */
+#define MOMENT_MOST 0x1p38  /* of one path: 2^24 of the rarest kind fit in 64 bits */
+
+enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256 };
+
+struct kiln_landing {
+    const struct kiln_integrate_params *params;
+    struct kiln_solution *solution;
+    const struct kiln_saved *saved;
+    struct kiln_aims *aims;
+    /* of an iteration: this rank's second moments by aim; of all so far: by aim, and the paths that they are of */
+    uint64_t *moments;
+    double *learnt, *paths, *weights;
+    /* of a block */
+    struct kiln_landing_record *records;
+    size_t count;
+    uint64_t first_path;
+    /* of the step */
+    struct kiln_land_exchange exchange;
+    struct kiln_landing_sum *sums; /* of own points */
+    struct kiln_point_result *results;
+};
+
+static int make_room(struct kiln_landing *l, struct kiln_error *error)
+{
+    const size_t aims = l->aims->count;
+    const char *what = "the moments of light paths";
+    int status = kiln_allocate(&l->moments, aims, sizeof *l->moments, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&l->learnt, aims, sizeof *l->learnt, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&l->paths, aims, sizeof *l->paths, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&l->weights, aims, sizeof *l->weights, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&l->results, GIVEN_TILE_RUNS * KILN_TILE_TEXELS, sizeof *l->results,
+                               "the answers of tile runs", error);
+    return status;
+}
+
+int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integrate_params *params,
+                        struct kiln_solution *solution, const struct kiln_saved *saved, struct kiln_error *error)
+{
+    const uint32_t photons = params->settings->photons;
+    struct kiln_landing *l = NULL;
+    int status = kiln_allocate(&l, 1, sizeof *l, "the landings of light", error);
+    *landing = l;
+    if (status != KILN_OK)
+        return status;
+    *l = (struct kiln_landing){.params = params, .solution = solution, .saved = saved};
+    status = kiln_aims_create(&l->aims, params->backend->params.lights, error);
+    if (status == KILN_OK && photons < l->aims->count)
+        status = kiln_fail(error, KILN_USAGE,
+                           "--photons %u is less than the %zu pairs of a lamp and an object with gloss, each of which "
+                           "needs a path: give --photons %zu or more",
+                           photons, l->aims->count, l->aims->count);
+    if (status == KILN_OK)
+        status = make_room(l, error);
+    if (status != KILN_OK)
+        kiln_landing_destroy(landing);
+    return status;
+}
+
+static void end_step(struct kiln_landing *l)
+{
+    kiln_land_exchange_release(&l->exchange);
+    kiln_free(&l->records);
+    kiln_free(&l->sums);
+}
+
+void kiln_landing_destroy(struct kiln_landing **landing)
+{
+    struct kiln_landing *l = *landing;
+    if (l == NULL)
+        return;
+    end_step(l);
+    kiln_aims_destroy(&l->aims);
+    kiln_free(&l->moments);
+    kiln_free(&l->learnt);
+    kiln_free(&l->paths);
+    kiln_free(&l->weights);
+    kiln_free(&l->results);
+    kiln_free(landing);
+}
+
+/* ---- paths ---- */
+
+static void note_moment(struct kiln_landing *l, const struct kiln_land_result *r)
+{
+    const struct kiln_aims *a = l->aims;
+    const double paths = (double)(a->first[r->aim + 1] - a->first[r->aim]),
+                 flux = kiln_luminance_of_floats(r->flux) * paths / a->aims[r->aim].flux;
+    if (a->aims[r->aim].flux > 0.0)
+        l->moments[r->aim] += (uint64_t)fmin(MOMENT_STEP * flux * flux, MOMENT_MOST);
+}
+
+/* kiln_take_results */
+static int take(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)error;
+    struct kiln_landing *l = context;
+    const struct kiln_land_result *r = results;
+    for (size_t i = 0; i < count; i++, r++) {
+        if (r->point == KILN_NO_POINT)
+            continue;
+        struct kiln_landing_record *record = &l->records[l->count++];
+        *record = (struct kiln_landing_record){.point = r->point,
+                                               .path = (uint32_t)(first + i - l->first_path),
+                                               .shading = r->shading,
+                                               .taken_up = r->taken_up};
+        memcpy(record->flux, r->flux, sizeof record->flux);
+        note_moment(l, r);
+    }
+    return KILN_OK;
+}
+
+static int trace(struct kiln_landing *l, uint64_t first, uint64_t count, uint64_t *rays, struct kiln_error *error)
+{
+    const struct kiln_land_parameters parameters = {.aims = l->aims};
+    const struct kiln_batch batch = {.first = first, .count = count, .take = take, .context = l};
+    return kiln_backend_run(l->params->backend, &kiln_pass_land, &parameters, &batch, rays, error);
+}
+
+/* Collective. Traces this rank's part of the block of paths [first, first + count), and waits for the others; saves and
+ * stops when that is asked for. */
+static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    struct kiln_step_report *report = kiln_solution_step(l->solution);
+    const uint64_t rank = (uint64_t)p->rank, ranks = (uint64_t)p->ranks, begin = first + count * rank / ranks,
+                   end = first + count * (rank + 1) / ranks;
+    uint64_t next = begin;
+    int status = KILN_OK;
+    l->count = 0;
+    l->first_path = first;
+    for (;;) {
+        enum kiln_event event;
+        if (status == KILN_OK && next < end) {
+            const double start = MPI_Wtime();
+            const uint64_t now = end - next < BATCH_PATHS ? end - next : BATCH_PATHS;
+            status = trace(l, next, now, &report->rays, error);
+            next += now;
+            const double seconds = MPI_Wtime() - start;
+            report->seconds += seconds;
+            event = kiln_control_poll(p->control, next == end, (double)(next - begin) / (double)(end - begin), seconds,
+                                      status);
+        } else {
+            event = kiln_control_wait(p->control, true, 1.0, status, NULL, NULL);
+        }
+        if (event == KILN_EVENT_FAIL || event == KILN_EVENT_DONE)
+            return kiln_agree(p->communicator, status, error);
+        if (event == KILN_EVENT_STOP)
+            return kiln_save_and_stop(l->saved, false, error);
+        if (event == KILN_EVENT_SAVE) {
+            const int saved = kiln_save(l->saved, false, error);
+            if (saved != KILN_OK)
+                return saved;
+        }
+    }
+}
+
+/* ---- aims ---- */
+
+/* Collective. Adds an iteration's moments to those learnt, and shares the next iteration's paths out by them. */
+static void correct_aims(struct kiln_landing *l)
+{
+    struct kiln_aims *a = l->aims;
+    double sent = 0.0, sum = 0.0;
+    (void)MPI_Allreduce(MPI_IN_PLACE, l->moments, (int)a->count, MPI_UINT64_T, MPI_SUM, l->params->communicator);
+    for (size_t i = 0; i < a->count; i++) {
+        l->learnt[i] += (double)l->moments[i] / MOMENT_STEP;
+        l->paths[i] += (double)(a->first[i + 1] - a->first[i]);
+        l->weights[i] = a->aims[i].flux * sqrt(l->learnt[i] / l->paths[i]);
+        sent += a->aims[i].flux;
+        sum += l->weights[i];
+        l->moments[i] = 0;
+    }
+    for (size_t i = 0; i < a->count; i++)
+        l->weights[i] = (sum > 0.0 ? LEARNT * l->weights[i] / sum : 0.0) +
+                        (sent > 0.0 ? (1.0 - LEARNT) * a->aims[i].flux / sent : 0.0);
+    kiln_aims_share(a, a->paths, l->weights);
+}
+
+static void forget(struct kiln_landing *l)
+{
+    const size_t count = l->aims->count;
+    memset(l->moments, 0, count * sizeof *l->moments);
+    memset(l->learnt, 0, count * sizeof *l->learnt);
+    memset(l->paths, 0, count * sizeof *l->paths);
+    kiln_aims_share(l->aims, l->params->settings->photons, NULL);
+}
+
+/* ---- a step ---- */
+
+/* Collective. */
+static int begin_step(struct kiln_landing *l, struct kiln_error *error)
+{
+    const struct kiln_surface *own = &l->solution->own->surface;
+    const uint64_t block = l->aims->paths < KILN_LAND_BLOCK ? l->aims->paths : KILN_LAND_BLOCK,
+                   ranks = (uint64_t)l->params->ranks;
+    int status = kiln_allocate(&l->sums, own->count, sizeof *l->sums, "the light that lands on points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&l->records, (block + ranks - 1) / ranks, sizeof *l->records,
+                               "the landings of light paths", error);
+    status = kiln_agree(l->params->communicator, status, error);
+    return status == KILN_OK
+               ? kiln_land_exchange_create(&l->exchange, l->params->communicator, own->first.at, own->count, error)
+               : status;
+}
+
+/* Collective. */
+static int run_iteration(struct kiln_landing *l, uint64_t iteration, uint64_t before, struct kiln_error *error)
+{
+    struct kiln_step_report *report = kiln_solution_step(l->solution);
+    const uint64_t paths = l->aims->paths;
+    int status = KILN_OK;
+    for (uint64_t first = 0; first < paths && status == KILN_OK; first += KILN_LAND_BLOCK) {
+        const uint64_t count = paths - first < KILN_LAND_BLOCK ? paths - first : KILN_LAND_BLOCK;
+        status = trace_block(l, iteration * paths + first, count, error);
+        const double start = MPI_Wtime();
+        kiln_control_blocking(l->params->control, "exchanging landings of light", 0.0);
+        if (status == KILN_OK)
+            status = kiln_land_exchange(&l->exchange, l->records, l->count, l->sums, error);
+        kiln_control_blocking(l->params->control, NULL, 0.0);
+        report->exchange_seconds += MPI_Wtime() - start;
+        kiln_progress_advance(l->params->progress, before + first + count);
+    }
+    return status;
+}
+
+int kiln_landing_run(struct kiln_landing *l, struct kiln_error *error)
+{
+    struct kiln_step_report *report = kiln_solution_step(l->solution);
+    const uint64_t iterations = l->params->settings->iterations, part = report->step.part; /* has paths of its own */
+    report->rays = 0; /* what was traced before a kill is traced again */
+    forget(l);
+    end_step(l);
+    int status = begin_step(l, error);
+    kiln_progress_phase(l->params->progress, "light paths", iterations * l->aims->paths);
+    kiln_control_begin(l->params->control, "light paths");
+    for (uint64_t i = 0; i < iterations && status == KILN_OK && l->aims->count > 0; i++) {
+        status = run_iteration(l, part * iterations + i, i * l->aims->paths, error);
+        if (status == KILN_OK && i + 1 < iterations)
+            correct_aims(l);
+    }
+    return status;
+}
+
+/* ---- answers ---- */
+
+/* What there is of the point's surface, as the passes that gather have it: kiln_point_result.present. */
+static float presence(const struct kiln_landing *l, const struct kiln_surface *surface,
+                      const struct kiln_point_cursor *at)
+{
+    const struct kiln_backend_params *b = &l->params->backend->params;
+    const uint64_t texel = (uint64_t)at->y * surface->lightmaps[at->map].width + at->x;
+    struct kiln_footprint footprint;
+    struct kiln_mask mask;
+    if (b->geometry->opaque_count == b->geometry->triangle_count)
+        return 1.0f;
+    kiln_footprint_prepare(&footprint, b->scene, b->geometry, surface, at);
+    return kiln_footprint_opacity(&footprint, kiln_texel_key(KILN_LOOKS_KEY, at->map, texel), &mask);
+}
+
+static struct kiln_point_result answer(const struct kiln_landing *l, const struct kiln_surface *surface,
+                                       const struct kiln_point_cursor *at)
+{
+    const struct kiln_landing_sum *sum = &l->sums[at->point.at];
+    struct kiln_point_result r = {.present = 1.0f, .count = 1};
+    if (!kiln_point_valid(surface, at->point))
+        return (struct kiln_point_result){.count = 0};
+    r.present = presence(l, surface, at);
+    const double area = (double)surface->area[at->point.at] * ((double)surface->visible[at->point.at] / 65535.0) *
+                        (double)r.present,
+                 scale = area > 0.0 ? 1.0 / (area * (double)l->params->settings->iterations) : 0.0;
+    for (int c = 0; c < 3; c++) {
+        r.irradiance[c] = (float)(sum->irradiance[c] * scale);
+        r.incident[c] = (float)(sum->incident[c] * scale);
+    }
+    r.error = (float)(sqrt(sum->square) * scale);
+    return r;
+}
+
+int kiln_landing_give(struct kiln_landing *l, const struct kiln_batch *batch, struct kiln_error *error)
+{
+    const struct kiln_surface *surface = &l->solution->own->surface;
+    int status = KILN_OK;
+    for (size_t first = batch->first, end = batch->first + batch->count, next; first < end && status == KILN_OK;
+         first = next) {
+        size_t count = 0;
+        next = end - first < GIVEN_TILE_RUNS ? end : first + GIVEN_TILE_RUNS;
+        for (size_t f = first; f < next; f++) {
+            struct kiln_point_cursor at = kiln_point_first(surface, f);
+            for (uint32_t k = 0; k < surface->tile_runs[f].count; k++, kiln_point_next(surface, &at))
+                l->results[count++] = answer(l, surface, &at);
+        }
+        status = batch->take(batch->context, first, next - first, l->results, error);
+    }
+    return status;
+}

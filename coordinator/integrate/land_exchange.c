@@ -1,0 +1,103 @@
+#include "coordinator/integrate/land_exchange.h"
+
+#include <stdlib.h>
+
+#include "coordinator/mpi/agree.h"
+#include "worker/base/color.h"
+#include "worker/base/memory.h"
+
+_Static_assert(sizeof(struct kiln_landing_record) == 32, "a record has no gaps");
+
+int kiln_land_exchange_create(struct kiln_land_exchange *e, MPI_Comm communicator, uint64_t first, uint64_t count,
+                              struct kiln_error *error)
+{
+    *e = (struct kiln_land_exchange){.communicator = communicator};
+    (void)MPI_Comm_rank(communicator, &e->rank);
+    (void)MPI_Comm_size(communicator, &e->ranks);
+    int status = kiln_allocate(&e->first, (size_t)e->ranks + 1, sizeof *e->first, "the ranks' points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&e->counts, 4 * (size_t)e->ranks, sizeof *e->counts, "the ranks' landings", error);
+    status = kiln_agree(communicator, status, error);
+    if (status != KILN_OK)
+        return status;
+    uint64_t end = first + count;
+    (void)MPI_Allgather(&first, 1, MPI_UINT64_T, e->first, 1, MPI_UINT64_T, communicator);
+    (void)MPI_Bcast(&end, 1, MPI_UINT64_T, e->ranks - 1, communicator);
+    e->first[e->ranks] = end;
+    return KILN_OK;
+}
+
+void kiln_land_exchange_release(struct kiln_land_exchange *e)
+{
+    kiln_free(&e->first);
+    kiln_free(&e->counts);
+    kiln_free(&e->received);
+}
+
+/* By point, then by path. */
+static int compare(const void *a, const void *b)
+{
+    const struct kiln_landing_record *one = a, *other = b;
+    if (one->point != other->point)
+        return one->point < other->point ? -1 : 1;
+    return (one->path > other->path) - (one->path < other->path);
+}
+
+/* Fills in how many records go to each rank and come from each, and their places. Returns how many come. */
+static size_t count_records(struct kiln_land_exchange *e, const struct kiln_landing_record *records, size_t count)
+{
+    int *sent = e->counts, *sent_from = sent + e->ranks, *got = sent_from + e->ranks, *got_at = got + e->ranks;
+    size_t next = 0, all = 0;
+    for (int r = 0; r < e->ranks; r++) {
+        const size_t begin = next;
+        while (next < count && records[next].point < e->first[r + 1])
+            next++;
+        sent_from[r] = (int)begin;
+        sent[r] = (int)(next - begin);
+    }
+    (void)MPI_Alltoall(sent, 1, MPI_INT, got, 1, MPI_INT, e->communicator);
+    for (int r = 0; r < e->ranks; r++) {
+        got_at[r] = (int)all;
+        all += (size_t)got[r];
+    }
+    return all;
+}
+
+static void add(const struct kiln_landing_record *record, struct kiln_landing_sum *sum)
+{
+    double irradiance[3];
+    for (int c = 0; c < 3; c++) {
+        irradiance[c] = (double)record->flux[c] * (double)record->shading;
+        sum->irradiance[c] += irradiance[c];
+        sum->incident[c] += (double)record->flux[c] * (double)record->taken_up;
+    }
+    sum->square += kiln_luminance(irradiance) * kiln_luminance(irradiance);
+}
+
+int kiln_land_exchange(struct kiln_land_exchange *e, struct kiln_landing_record *records, size_t count,
+                       struct kiln_landing_sum *sums, struct kiln_error *error)
+{
+    const struct kiln_landing_record *mine = records;
+    MPI_Datatype type;
+    qsort(records, count, sizeof *records, compare);
+    if (e->ranks > 1) {
+        const size_t all = count_records(e, records, count);
+        const int *counts = e->counts;
+        const int status = kiln_agree(
+            e->communicator,
+            kiln_grow(&e->received, &e->room, all, sizeof *e->received, "the landings of light paths", error), error);
+        if (status != KILN_OK)
+            return status;
+        (void)MPI_Type_contiguous((int)sizeof *records, MPI_BYTE, &type);
+        (void)MPI_Type_commit(&type);
+        (void)MPI_Alltoallv(records, counts, counts + e->ranks, type, e->received, counts + 2 * e->ranks,
+                            counts + 3 * e->ranks, type, e->communicator);
+        (void)MPI_Type_free(&type);
+        qsort(e->received, all, sizeof *e->received, compare);
+        mine = e->received;
+        count = all;
+    }
+    for (size_t i = 0; i < count; i++)
+        add(&mine[i], &sums[mine[i].point - e->first[e->rank]]);
+    return KILN_OK;
+}

@@ -1,0 +1,48 @@
+/* Landings of light paths: what travels of each to the rank that has its surface point, and the sums over a point's.
+ * One block of paths at a time (land.h). */
+#ifndef KILN_COORDINATOR_INTEGRATE_LAND_EXCHANGE_H
+#define KILN_COORDINATOR_INTEGRATE_LAND_EXCHANGE_H
+
+#include <mpi.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "worker/base/status.h"
+
+/* 32 bytes. */
+struct kiln_landing_record {
+    uint64_t point; /* global number */
+    uint32_t path;  /* number in its block */
+    float flux[3];  /* W */
+    float shading, taken_up;
+};
+
+/* What all paths so far have brought to an own point, W. */
+struct kiln_landing_sum {
+    double irradiance[3], incident[3];
+    double square; /* of the luminances of irradiance, W2 */
+};
+
+/* Which rank has which points: rank r has those from first[r] on, before first[r + 1]. */
+struct kiln_land_exchange {
+    MPI_Comm communicator;
+    int rank, ranks;
+    uint64_t *first; /* ranks + 1 */
+    int *counts;     /* 4 x ranks: records sent to each rank, their places, and the same received */
+    struct kiln_landing_record *received;
+    size_t room;
+};
+
+/* Collective. This rank has the points [first, first + count), ranks in order. KILN_SYSTEM. Release with
+ * kiln_land_exchange_release, in any case. */
+int kiln_land_exchange_create(struct kiln_land_exchange *exchange, MPI_Comm communicator, uint64_t first,
+                              uint64_t count, struct kiln_error *error);
+void kiln_land_exchange_release(struct kiln_land_exchange *exchange);
+
+/* Collective. Sends `count` records of this rank to the owners of their points, sorts those that come by point and
+ * path, and adds them to the sums of own points in that order. Sorts `records`. The ranks' records of a block must be
+ * 2^31 - 1 at most, all together. KILN_SYSTEM on all ranks. */
+int kiln_land_exchange(struct kiln_land_exchange *exchange, struct kiln_landing_record *records, size_t count,
+                       struct kiln_landing_sum *sums, struct kiln_error *error);
+
+#endif

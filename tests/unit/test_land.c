@@ -1,0 +1,459 @@
+/* Light paths that land (worker/pass/land.h) against closed forms: a mirror's sun on a wall, a pane, a ball, a
+ * paraboloid; and that any aims bring the same light, from every kind of lamp. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "coordinator/surface/surface_build.h"
+#include "tests/unit/surface_scene.h"
+#include "worker/backend/backend.h"
+#include "worker/light/aims.h"
+#include "worker/pass/land.h"
+#include "worker/scene/gloss.h"
+
+static const double whole[4] = {0.0, 1.0, 0.0, 1.0};
+
+struct world {
+    struct fixture *f;
+    struct kiln_gloss glosses[FIXTURE_MATERIALS];
+    struct kiln_light lights[4];
+    struct kiln_geometry *geometry;
+    struct kiln_lights *made;
+    struct kiln_surface *surface;
+    struct kiln_aims *aims;
+    struct kiln_backend *backend;
+};
+
+static void begin(struct world *w)
+{
+    *w = (struct world){.f = fixture_create()};
+    w->f->scene.glosses = w->glosses;
+    w->f->scene.lights = w->lights;
+}
+
+/* A material with gloss: a mirror of that reflectance, or clear glass of that index. */
+static uint32_t mirror(struct world *w, float red, float green, float blue)
+{
+    const uint32_t material = fixture_material(w->f, red, green, blue);
+    struct kiln_gloss gloss = kiln_gloss_default(&w->f->materials[material], material);
+    gloss.metallic = gloss.mean_metallic = 1.0f;
+    gloss.roughness = gloss.mean_roughness = 0.0f;
+    w->f->materials[material].metallic = 1.0f;
+    w->f->materials[material].double_sided = 1;
+    w->glosses[w->f->scene.gloss_count++] = gloss;
+    return material;
+}
+
+static uint32_t glass(struct world *w, float index, float roughness)
+{
+    const uint32_t material = fixture_material(w->f, 1.0f, 1.0f, 1.0f);
+    struct kiln_gloss gloss = kiln_gloss_default(&w->f->materials[material], material);
+    gloss.transmission = 1.0f;
+    gloss.roughness = gloss.mean_roughness = roughness;
+    gloss.ior = index;
+    gloss.thickness = 1.0f;
+    gloss.flags = KILN_GLOSS_VOLUME;
+    w->glosses[w->f->scene.gloss_count++] = gloss;
+    return material;
+}
+
+static struct kiln_light *light(struct world *w, enum kiln_light_kind kind, struct kiln_vec3 direction, float level)
+{
+    struct kiln_light *l = &w->lights[w->f->scene.light_count++];
+    direction = vec3_normalize(direction);
+    *l = (struct kiln_light){.kind = kind,
+                             .direction = {direction.x, direction.y, direction.z},
+                             .intensity = {level, 0.5f * level, 2.0f * level},
+                             .cos_inner = 0.9f,
+                             .cos_outer = 0.8f};
+    return l;
+}
+
+static uint32_t matt(struct world *w)
+{
+    const uint32_t material = fixture_material(w->f, 0.5f, 0.5f, 0.5f);
+    w->f->materials[material].roughness = 1.0f;
+    return material;
+}
+
+/* A diffuse square in the plane y, about the middle, front up. */
+static void floor_at(struct world *w, double y, double half, uint32_t texels)
+{
+    const uint32_t mesh = fixture_mesh(w->f);
+    fixture_sheet(w->f, dvec3(-half, y, half), dvec3(2.0 * half, 0, 0), dvec3(0, 0, -2.0 * half), 1, whole, 0.0,
+                  matt(w));
+    fixture_object(w->f, mesh, NULL, texels, texels);
+}
+
+/* A ball with smooth normals, in the mesh begun last. */
+static void ball(struct world *w, struct kiln_dvec3 centre, double radius, uint32_t material)
+{
+    enum { AROUND = 96, DOWN = 48 };
+    struct fixture *f = w->f;
+    struct kiln_mesh *mesh = &f->meshes[f->scene.mesh_count - 1];
+    const uint32_t first = (uint32_t)mesh->vertex_count;
+    for (uint32_t j = 0; j <= DOWN; j++)
+        for (uint32_t i = 0; i <= AROUND; i++) {
+            const double theta = 3.14159265358979 * j / DOWN, phi = 2.0 * 3.14159265358979 * i / AROUND;
+            const struct kiln_dvec3 n = dvec3(sin(theta) * cos(phi), cos(theta), sin(theta) * sin(phi));
+            fixture_vertex(f, centre.x + radius * n.x, centre.y + radius * n.y, centre.z + radius * n.z,
+                           (double)i / AROUND, (double)j / DOWN);
+            f->normals[f->scene.vertex_count - 1] = vec3_of(n);
+        }
+    for (uint32_t j = 0; j < DOWN; j++)
+        for (uint32_t i = 0; i < AROUND; i++) {
+            const uint32_t a = first + j * (AROUND + 1) + i, b = a + AROUND + 1;
+            if (j > 0)
+                fixture_triangle(f, a, a + 1, b + 1, material);
+            if (j + 1 < DOWN)
+                fixture_triangle(f, a, b + 1, b, material);
+        }
+    mesh->flags |= KILN_MESH_SMOOTH;
+}
+
+static void make(struct world *w)
+{
+    struct fixture *f = w->f;
+    struct kiln_error error = {""};
+    assert_int_equal(kiln_scene_take_gloss(&f->scene, KILN_GLOSS_MODE_AUTO, &error), KILN_OK);
+    assert_int_equal(kiln_geometry_create(&w->geometry, &f->scene, &error), KILN_OK);
+    assert_int_equal(kiln_lights_create(&w->made, &f->scene, w->geometry, &error), KILN_OK);
+    const struct kiln_surface_params params = {.scene = &f->scene, .geometry = w->geometry, .ranks = 1, .threads = 1};
+    assert_int_equal(kiln_surface_build(&w->surface, &params, &(struct kiln_surface_report){0}, &error), KILN_OK);
+    assert_int_equal(kiln_aims_create(&w->aims, w->made, &error), KILN_OK);
+    const struct kiln_backend_params backend = {
+        .scene = &f->scene, .geometry = w->geometry, .lights = w->made, .threads = 2, .seed = 3};
+    assert_int_equal(kiln_backend_create(&w->backend, "embree", &backend, &error), KILN_OK);
+    assert_int_equal(kiln_backend_set_surface(w->backend, w->surface, &error), KILN_OK);
+}
+
+static void release(struct world *w)
+{
+    kiln_backend_destroy(&w->backend);
+    kiln_aims_destroy(&w->aims);
+    kiln_surface_destroy(&w->surface);
+    kiln_lights_destroy(&w->made);
+    kiln_geometry_destroy(&w->geometry);
+    free(w->f->scene.taken);
+    free(w->f->scene.own_materials);
+    fixture_destroy(w->f);
+}
+
+/* What becomes of the paths of iterations [first, first + count): green flux by end, of paths of `length` surfaces or,
+ * if that is 0, of all; and light that lands on points. */
+struct sums {
+    double ends[KILN_LAND_ABSORBED + 1], landed[3], squares, *points; /* W; W^2; W of each point, green */
+    uint64_t astray, count;
+    uint32_t length;
+};
+
+static int add(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)first, (void)error;
+    struct sums *s = context;
+    const struct kiln_land_result *r = results;
+    for (size_t i = 0; i < count; i++, r++) {
+        s->count++;
+        s->astray += r->end == KILN_LAND_ASTRAY;
+        if (s->length == 0 || r->length == s->length)
+            s->ends[r->end] += (double)r->flux[1];
+        if (r->end != KILN_LAND_LANDED || r->point == KILN_NO_POINT)
+            continue;
+        for (int c = 0; c < 3; c++)
+            s->landed[c] += (double)r->flux[c];
+        s->squares += (double)r->flux[1] * (double)r->flux[1];
+        if (s->points != NULL)
+            s->points[r->point] += (double)r->flux[1];
+    }
+    return KILN_OK;
+}
+
+static void trace(struct world *w, uint64_t paths, uint64_t first, uint64_t iterations, struct sums *sums)
+{
+    struct kiln_error error = {""};
+    const struct kiln_land_parameters parameters = {.aims = w->aims};
+    const struct kiln_batch batch = {.first = first * paths, .count = iterations * paths, .take = add, .context = sums};
+    uint64_t rays = 0;
+    if (w->aims->paths != paths)
+        kiln_aims_share(w->aims, paths, NULL);
+    if (kiln_backend_run(w->backend, &kiln_pass_land, &parameters, &batch, &rays, &error) != KILN_OK)
+        fail_msg("%s", error.message);
+}
+
+/* The sun meets a mirror that leans by 45 degrees and lights a wall: E = reflectance x E of the sun. */
+static void mirror_and_wall(void **state)
+{
+    (void)state;
+    enum { PATHS = 1 << 16 };
+    struct world w;
+    begin(&w);
+    const uint32_t silver = mirror(&w, 0.8f, 0.8f, 0.8f), grey = matt(&w);
+    uint32_t mesh = fixture_mesh(w.f); /* from (0, 0) to (2, 2) in x and y: light from above goes on along -x */
+    fixture_sheet(w.f, dvec3(0, 0, 1), dvec3(2, 2, 0), dvec3(0, 0, -2), 1, whole, 0.0, silver);
+    fixture_object(w.f, mesh, NULL, 8, 8);
+    mesh = fixture_mesh(w.f);
+    fixture_sheet(w.f, dvec3(-2, -1, 2), dvec3(0, 0, -4), dvec3(0, 4, 0), 1, whole, 0.0, grey);
+    fixture_object(w.f, mesh, NULL, 32, 32);
+    light(&w, KILN_LIGHT_DIRECTIONAL, vec3(0, -1, 0), 3.0f);
+    make(&w);
+    struct sums sums = {.points = calloc(w.surface->point_count, sizeof(double))};
+    trace(&w, PATHS, 0, 4, &sums);
+    const double flux = 0.8 * 1.5 * 4.0; /* green */
+    print_message("mirror: %.6f of %.6f W\n", sums.landed[1] / 4.0, flux);
+    assert_true(fabs(sums.landed[1] / 4.0 / flux - 1.0) < 1e-3);
+    /* texels of the wall within the lit square, half a texel away from its edge: texel 32 x 32, 1/8 m */
+    uint32_t inside = 0, lit = 0;
+    for (uint32_t y = 0; y < 32; y++)
+        for (uint32_t x = 0; x < 32; x++) {
+            const uint64_t at = kiln_surface_find(w.surface, 1, x, y).at;
+            const double z = 2.0 - (x + 0.5) / 8.0, height = -1.0 + (y + 0.5) / 8.0;
+            const double irradiance = sums.points[at] / 4.0 * 64.0;
+            if (fabs(z) < 1.0 && height > 0.0 && height < 2.0) {
+                inside++;
+                assert_true(fabs(irradiance / 1.2 - 1.0) < 0.15);
+            }
+            lit += irradiance > 0.0;
+        }
+    assert_true(inside == 256 && lit == inside);
+    free(sums.points);
+    release(&w);
+}
+
+/* Light straight through a body of glass: 2 n / (n^2 + 1) of it comes out, with all reflections within. */
+static void pane(void **state)
+{
+    (void)state;
+    static const double flat[12] = {2, 0, 0, 0, 0, 0.05, 0, 0.5, 0, 0, 2, 0};
+    struct world w;
+    begin(&w);
+    const uint32_t clear = glass(&w, 1.5f, 0.0f), mesh = fixture_cube(w.f, 1, 0.0, clear);
+    fixture_object(w.f, mesh, flat, 8, 8);
+    floor_at(&w, 0.0, 4.0, 16);
+    light(&w, KILN_LIGHT_DIRECTIONAL, vec3(0, -1, 0), 2.0f);
+    make(&w);
+    struct sums sums = {0};
+    trace(&w, 1 << 17, 0, 1, &sums);
+    const double through = sums.landed[1] / 16.0, expected = 2.0 * 1.5 / (1.5 * 1.5 + 1.0);
+    print_message("pane: %.5f, %.5f expected\n", through, expected);
+    assert_true(fabs(through / expected - 1.0) < 2e-3);
+    release(&w);
+}
+
+/* A floor within glass: flux is what enters, whatever its index does to radiance. */
+static void under_glass(void **state)
+{
+    (void)state;
+    static const double flat[12] = {2, 0, 0, 0, 0, 0.5, 0, 0.3, 0, 0, 2, 0};
+    struct world w;
+    begin(&w);
+    const uint32_t clear = glass(&w, 1.5f, 0.0f), mesh = fixture_cube(w.f, 1, 0.0, clear);
+    fixture_object(w.f, mesh, flat, 8, 8);
+    floor_at(&w, 0.0, 1.0, 16);
+    light(&w, KILN_LIGHT_DIRECTIONAL, vec3(0, -1, 0), 2.0f);
+    make(&w);
+    struct sums sums = {0};
+    trace(&w, 1 << 17, 0, 1, &sums);
+    print_message("under glass: %.5f, 0.96 expected\n", sums.landed[1] / 4.0);
+    assert_true(fabs(sums.landed[1] / 4.0 / 0.96 - 1.0) < 5e-3);
+    release(&w);
+}
+
+/* A mirror whose normals lean by 20 degrees sends light on about these; as gather rays find it (radiance times the
+ * cosine to the shading normal), it is as much as if the mirror's area were seen along the reflected direction. */
+static void leaning_normals(void **state)
+{
+    (void)state;
+    struct world w;
+    begin(&w);
+    const uint32_t silver = mirror(&w, 0.8f, 0.8f, 0.8f);
+    uint32_t mesh = fixture_mesh(w.f);
+    const double lean = 3.14159265358979 / 9.0;
+    fixture_sheet(w.f, dvec3(-1, 0, 1), dvec3(2, 0, 0), dvec3(0, 0, -2), 1, whole, 0.0, silver);
+    for (int i = 0; i < 4; i++)
+        w.f->normals[i] = vec3((float)sin(lean), (float)cos(lean), 0.0f);
+    w.f->meshes[mesh].flags |= KILN_MESH_SMOOTH;
+    fixture_object(w.f, mesh, NULL, 8, 8);
+    mesh = fixture_mesh(w.f);
+    fixture_sheet(w.f, dvec3(3, -1, -5), dvec3(0, 0, 10), dvec3(0, 10, 0), 1, whole, 0.0, matt(&w));
+    fixture_object(w.f, mesh, NULL, 16, 16);
+    light(&w, KILN_LIGHT_DIRECTIONAL, vec3(0, -1, 0), 2.0f);
+    make(&w);
+    struct sums sums = {0};
+    trace(&w, 1 << 16, 0, 1, &sums);
+    const double expected = 4.0 * (0.8 + 0.2 * pow(1.0 - cos(lean), 5.0)) * cos(2.0 * lean);
+    print_message("leaning normals: %.5f of %.5f W\n", sums.landed[1], expected);
+    assert_true(fabs(sums.landed[1] / expected - 1.0) < 2e-3);
+    release(&w);
+}
+
+/* Of a beam on a ball of index 1.5, 0.83554 leaves after two refractions. */
+static void ball_of_glass(void **state)
+{
+    (void)state;
+    struct world w;
+    begin(&w);
+    const uint32_t mesh = fixture_mesh(w.f);
+    ball(&w, dvec3(0, 1, 0), 1.0, glass(&w, 1.5f, 0.0f));
+    fixture_object(w.f, mesh, NULL, 8, 8);
+    floor_at(&w, -1.0, 20.0, 16);
+    light(&w, KILN_LIGHT_DIRECTIONAL, vec3(0, -1, 0), 2.0f);
+    make(&w);
+    struct sums twice = {.length = 3}, escaped = {.length = 2};
+    trace(&w, 1 << 17, 0, 1, &twice);
+    trace(&w, 1 << 17, 0, 1, &escaped);
+    const double polygon = 48.0 * sin(3.14159265358979 / 48.0); /* area of the ball's outline, 96 corners */
+    const double left = (twice.ends[KILN_LAND_LANDED] + escaped.ends[KILN_LAND_ESCAPED]) / polygon;
+    print_message("ball: %.5f leaves after two refractions (landed %.5f, escaped %.5f)\n", left,
+                  twice.ends[KILN_LAND_LANDED] / polygon, escaped.ends[KILN_LAND_ESCAPED] / polygon);
+    assert_true(fabs(left / 0.83554 - 1.0) < 2e-3);
+    release(&w);
+}
+
+/* An off-axis part of a paraboloid sends the sun to its focus: all of it lands on a small plate there. */
+static void paraboloid(void **state)
+{
+    (void)state;
+    enum { SIDE = 32 };
+    struct world w;
+    begin(&w);
+    const uint32_t silver = mirror(&w, 0.9f, 0.9f, 0.9f);
+    uint32_t mesh = fixture_mesh(w.f);
+    for (uint32_t j = 0; j <= SIDE; j++)
+        for (uint32_t i = 0; i <= SIDE; i++) { /* y = (x^2 + z^2) / 4 */
+            const double x = 0.6 + (double)i / SIDE, z = 0.5 - (double)j / SIDE;
+            fixture_vertex(w.f, x, 0.25 * (x * x + z * z), z, (double)i / SIDE, (double)j / SIDE);
+            w.f->normals[w.f->scene.vertex_count - 1] =
+                vec3_normalize(vec3((float)(-0.5 * x), 1.0f, (float)(-0.5 * z)));
+        }
+    for (uint32_t j = 0; j < SIDE; j++)
+        for (uint32_t i = 0; i < SIDE; i++) {
+            const uint32_t c = j * (SIDE + 1) + i;
+            fixture_triangle(w.f, c, c + 1, c + SIDE + 2, silver);
+            fixture_triangle(w.f, c, c + SIDE + 2, c + SIDE + 1, silver);
+        }
+    w.f->meshes[mesh].flags |= KILN_MESH_SMOOTH;
+    fixture_object(w.f, mesh, NULL, 8, 8);
+    const double half = 0.02; /* m */
+    const struct kiln_dvec3 n = dvec3_of(vec3_normalize(vec3(1.1f, -0.6975f, 0.0f))), a = dvec3(0, 0, 2.0 * half),
+                            b = dvec3_cross(n, a), focus = dvec3(0, 1, 0);
+    mesh = fixture_mesh(w.f);
+    fixture_sheet(w.f, dvec3_sub(focus, dvec3_scale(dvec3_add(a, b), 0.5)), a, b, 1, whole, 0.0, matt(&w));
+    fixture_object(w.f, mesh, NULL, 4, 4);
+    light(&w, KILN_LIGHT_DIRECTIONAL, vec3(0, -1, 0), 2.0f);
+    make(&w);
+    struct sums sums = {0};
+    trace(&w, 1 << 16, 0, 1, &sums);
+    print_message("paraboloid: %.5f of 0.9 W at the focus\n", sums.landed[1]);
+    assert_true(fabs(sums.landed[1] / 0.9 - 1.0) < 5e-3 && sums.ends[KILN_LAND_ESCAPED] < 1e-9);
+    release(&w);
+}
+
+/* ---- aims ---- */
+
+enum lamp { AREA, TWO_SIDED, POINT, SPOT, SUN, SKY, LAMPS };
+
+/* Two balls over a floor, of one object or of two, by one kind of lamp. */
+static void two_balls(struct world *w, enum lamp lamp, bool apart)
+{
+    begin(w);
+    const uint32_t frosted = glass(w, 1.5f, 0.4f), silver = mirror(w, 0.9f, 0.6f, 0.3f);
+    fixture_mesh(w->f);
+    ball(w, dvec3(-0.7, 1.0, 0.1), 0.4, frosted);
+    if (apart) {
+        fixture_object(w->f, 0, NULL, 8, 8);
+        fixture_mesh(w->f);
+    }
+    ball(w, dvec3(0.6, 0.8, 0), 0.5, silver);
+    fixture_object(w->f, apart ? 1 : 0, NULL, 8, 8);
+    floor_at(w, 0.0, 3.0, 16);
+    if (lamp == AREA || lamp == TWO_SIDED) { /* near the balls, with one of them to its side */
+        const uint32_t shining = matt(w), mesh = fixture_mesh(w->f);
+        memcpy(w->f->materials[shining].emission, (const float[3]){5, 4, 3}, 3 * sizeof(float));
+        w->f->materials[shining].double_sided = lamp == TWO_SIDED;
+        fixture_sheet(w->f, dvec3(-1, 1.6, -1), dvec3(2, 0, 0), dvec3(0, 0.4, 2), 1, whole, 0.0, shining);
+        fixture_object(w->f, mesh, NULL, 4, 4);
+    } else if (lamp == SKY) {
+        w->f->environment = (struct kiln_environment){.kind = KILN_ENVIRONMENT_CONSTANT, .radiance = {1, 2, 3}};
+    } else {
+        struct kiln_light *l =
+            light(w,
+                  lamp == SUN    ? KILN_LIGHT_DIRECTIONAL
+                  : lamp == SPOT ? KILN_LIGHT_SPOT
+                                 : KILN_LIGHT_POINT,
+                  lamp == SUN ? vec3(-1.3f, 0.2f, 0.1f) : vec3(-0.3f, -1.0f, 0.2f), 2.0f); /* one behind the other */
+        memcpy(l->position, (const double[3]){0.9, 2.2, -0.4}, sizeof l->position);
+        l->range = lamp == POINT ? 3.0f : 0.0f;
+    }
+    make(w);
+}
+
+/* The same light lands by any aims: at two balls as one object or as two, with paths shared out in any way. */
+static void any_aims_bring_the_same(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"area", "two-sided", "point", "spot", "sun", "sky"};
+    enum { PATHS = 1 << 15 };
+    for (enum lamp lamp = 0; lamp < LAMPS; lamp++) {
+        struct sums sums[3] = {{.count = 0}};
+        for (int way = 0; way < 3; way++) {
+            struct world w;
+            two_balls(&w, lamp, way > 0);
+            assert_int_equal(w.aims->count, w.aims->lamp_count * (way > 0 ? 2 : 1));
+            const double weights[4] = {3.0, 1.0, 1.0, 3.0};
+            kiln_aims_share(w.aims, PATHS, way == 2 ? weights : NULL);
+            trace(&w, PATHS, 0, 1, &sums[way]);
+            release(&w);
+        }
+        print_message("%s: %.5f, %.5f, %.5f W; astray %.2f, %.2f\n", names[lamp], sums[0].landed[1], sums[1].landed[1],
+                      sums[2].landed[1], (double)sums[0].astray / PATHS, (double)sums[1].astray / PATHS);
+        for (int way = 1; way < 3; way++) {
+            const double error = sqrt(sums[way].squares + sums[0].squares);
+            print_message("  %.2f standard errors\n", (sums[way].landed[1] - sums[0].landed[1]) / error);
+            assert_true(fabs(sums[way].landed[1] - sums[0].landed[1]) < 5.0 * error);
+        }
+        assert_true(sums[0].landed[1] > 20.0 * sqrt(sums[0].squares));
+    }
+}
+
+/* A path is a function of its number: batches of any length have the same bits, and iterations differ. */
+static void paths_have_numbers(void **state)
+{
+    (void)state;
+    struct world w;
+    struct sums all = {0}, cut = {0}, other = {0};
+    two_balls(&w, AREA, true);
+    trace(&w, 1000, 3, 2, &all);
+    const struct kiln_land_parameters parameters = {.aims = w.aims};
+    uint64_t rays = 0;
+    for (uint64_t i = 3000; i < 5000; i += 125) {
+        const struct kiln_batch batch = {.first = i, .count = 125, .take = add, .context = &cut};
+        assert_int_equal(kiln_backend_run(w.backend, &kiln_pass_land, &parameters, &batch, &rays, NULL), KILN_OK);
+    }
+    trace(&w, 1000, 5, 2, &other);
+    assert_true(memcmp(all.landed, cut.landed, sizeof all.landed) == 0 && all.landed[1] > 0.0 && rays > 2000);
+    assert_true(other.landed[1] != all.landed[1]);
+    for (size_t i = 0; i < w.aims->count; i++) /* each aim has a path, in order */
+        assert_true(w.aims->first[i] < w.aims->first[i + 1] && kiln_aims_find(w.aims, w.aims->first[i]) == i);
+    assert_true(w.aims->first[w.aims->count] == 1000);
+    release(&w);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(mirror_and_wall),
+                                       cmocka_unit_test(pane),
+                                       cmocka_unit_test(under_glass),
+                                       cmocka_unit_test(leaning_normals),
+                                       cmocka_unit_test(ball_of_glass),
+                                       cmocka_unit_test(paraboloid),
+                                       cmocka_unit_test(any_aims_bring_the_same),
+                                       cmocka_unit_test(paths_have_numbers)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

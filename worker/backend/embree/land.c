@@ -1,0 +1,231 @@
+/* The land pass (worker/pass/land.h): one path after the other, ray by ray. */
+#include "worker/pass/land.h"
+
+#include <math.h>
+#include <omp.h>
+
+#include "shaders/shared/chain.h"
+#include "shaders/shared/punctual_light.h"
+#include "worker/backend/embree/walk.h"
+#include "worker/light/aims.h"
+#include "worker/sampling/sequence.h"
+#include "worker/scene/footprint.h"
+
+/* With the seed's upper half, in place of it: light paths draw other numbers than pixels. */
+#define LAND_SEED 0x6c616e64u
+
+/* A path under way. */
+struct light_path {
+    struct walk walk; /* key: of the aim and the iteration; k: number among the aim's paths */
+    const struct kiln_land_parameters *parameters;
+    uint32_t seed;
+    size_t aim;
+    float weight[3]; /* what is left of the flux, by colour */
+    double flux[3];  /* W, at the lamp */
+};
+
+static void multiply(struct light_path *p, const float factor[3])
+{
+    for (int c = 0; c < 3; c++)
+        p->weight[c] *= factor[c];
+}
+
+static float most(const float weight[3]) { return fmaxf(weight[0], fmaxf(weight[1], weight[2])); }
+
+/* ---- begin ---- */
+
+/* The first ray; false: the lamp sends nothing along it. */
+static bool begin(struct light_path *p, struct kiln_aimed_ray *ray)
+{
+    double numbers[KILN_AIM_NUMBERS];
+    walk_draw(&p->walk, kiln_path_use(0, KILN_PATH_PICK), &numbers[0], &numbers[1]);
+    walk_draw(&p->walk, kiln_path_use(0, KILN_PATH_LIGHT), &numbers[2], &numbers[3]);
+    walk_draw(&p->walk, kiln_path_use(0, KILN_PATH_BOUNCE), &numbers[4], &numbers[5]);
+    const struct kiln_aims *aims = p->parameters->aims;
+    const double paths = (double)(aims->first[p->aim + 1] - aims->first[p->aim]);
+    if (!kiln_aims_draw(aims, p->aim, numbers, ray))
+        return false;
+    for (int c = 0; c < 3; c++) {
+        p->flux[c] = ray->flux[c] / paths;
+        p->weight[c] = 1.0f;
+    }
+    return p->flux[0] > 0.0 || p->flux[1] > 0.0 || p->flux[2] > 0.0;
+}
+
+/* Whether the first surface met is the one that the path is aimed at. */
+static bool is_target(const struct light_path *p, const struct meeting *m)
+{
+    const struct kiln_aims *aims = p->parameters->aims;
+    return m->gloss != NULL &&
+           p->walk.b->params.geometry->records[m->triangle].object == aims->targets[aims->aims[p->aim].target].object;
+}
+
+/* ---- landing ---- */
+
+/* The surface point of a place that was met; none beyond a wall that divides the texel, for what lies there has the
+ * light of another. */
+static uint64_t find_point(const struct embree_backend *b, const struct meeting *m)
+{
+    const struct kiln_surface *s = b->store.surface;
+    const struct kiln_hit_record *record = &b->params.geometry->records[m->triangle];
+    if (s->bricks != NULL)
+        return kiln_octree_find(&b->store, m->triangle, m->u, m->v, m->back).at;
+    const uint64_t at = kiln_store_find(&b->store, m->triangle, m->u, m->v, m->back).at;
+    if (s->divided_count == 0 || at == KILN_NO_POINT)
+        return at;
+    const struct kiln_lightmap *front = &s->lightmaps[record->object];
+    const uint32_t number = record->object + (m->back ? s->object_count : 0u), shift = s->lightmaps[number].shift;
+    const uint32_t x = (uint32_t)kiln_hit_column(record, m->u, m->v, front->width) >> shift,
+                   y = (uint32_t)kiln_hit_row(record, m->u, m->v, front->height) >> shift;
+    return kiln_surface_find(s, number, x, y).at == at ? at : KILN_NO_POINT;
+}
+
+static void land(const struct light_path *p, const struct meeting *m, struct kiln_vec3 direction,
+                 struct kiln_land_result *result)
+{
+    const struct kiln_vec3 back = vec3_scale(direction, -1.0f);
+    const float above = vec3_dot(m->normal, back), cosine = vec3_dot(m->shading, back);
+    result->end = KILN_LAND_LANDED;
+    result->point = find_point(p->walk.b, m);
+    result->shading = above > 0.0f ? fmaxf(0.0f, cosine) / above : 1.0f;
+    result->taken_up = m->gloss != NULL ? kiln_chain_taken_up(m->lobes, m->o.z) : 1.0f;
+}
+
+/* Whether the path lands on surface number `surface`, which is not the first one, or goes on. */
+static bool lands(struct light_path *p, const struct meeting *m, uint32_t surface)
+{
+    double pick, rest;
+    if (m->gloss == NULL)
+        return true;
+    if (m->back && (p->walk.b->params.geometry->records[m->triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0)
+        return false; /* there is no point on this side */
+    walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_END), &pick, &rest);
+    const float diffuse = kiln_bsdf_choice_of(m->shares, KILN_LOBE_ALL).diffuse,
+                chance = diffuse > KILN_LAND_LEAST ? diffuse : KILN_LAND_LEAST;
+    const bool here = pick < (double)chance;
+    const float one = 1.0f / (here ? chance : 1.0f - chance);
+    multiply(p, (const float[3]){one, one, one});
+    return here;
+}
+
+/* ---- the way on ---- */
+
+/* Draws the way on from a surface with gloss; false: it brings nothing. */
+static bool turn(struct light_path *p, const struct meeting *m, uint32_t surface, float pick,
+                 struct kiln_vec3 *direction)
+{
+    double u, v;
+    walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_BOUNCE), &u, &v);
+    const struct kiln_bsdf_choice choice = kiln_bsdf_choice_of(m->shares, m->others);
+    struct kiln_bsdf_drawn d = kiln_bsdf_propose(m->lobes, choice, m->o, pick, (float)u, (float)v, KILN_IMPORTANCE);
+    if (d.i.z == 0.0f)
+        return false;
+    if (!d.delta) {
+        const struct kiln_bsdf_value f =
+            kiln_bsdf_evaluate_chosen(m->lobes, choice, m->o, d.i, KILN_IMPORTANCE, m->others);
+        if (!(f.density > 0.0f))
+            return false;
+        d.weight = vec3_scale(f.value, 1.0f / f.density);
+    }
+    const float facing = m->o.z > 0.0f ? 1.0f : -1.0f; /* normals of the meeting are those of the side met */
+    const struct kiln_vec3 front = kiln_into_frame(&m->frame, vec3_scale(m->normal, facing));
+    const float correction = kiln_shading_correction(m->o, d.i, front);
+    multiply(p, (const float[3]){d.weight.x * correction, d.weight.y * correction, d.weight.z * correction});
+    *direction = kiln_out_of_frame(&m->frame, d.i);
+    return kiln_shading_agrees(d.i, front) && most(p->weight) > 0.0f;
+}
+
+/* From surface number `surface` on, by chance; false: the path ends. */
+static bool go_on(struct light_path *p, const struct meeting *m, uint32_t surface, struct kiln_vec3 *origin,
+                  struct kiln_vec3 *direction)
+{
+    const uint32_t asked = p->walk.b->params.chain_length, length = asked != 0 ? asked : KILN_CHAIN_LENGTH;
+    double pick, rest;
+    walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_LOBE), &pick, &rest);
+    const float left = kiln_chain_left(m->albedo, vec3(p->weight[0], p->weight[1], p->weight[2])),
+                chance = kiln_chain_chance(surface - 1, length, left), one = 1.0f / chance;
+    if (rest >= (double)chance || !turn(p, m, surface, (float)pick, direction))
+        return false;
+    const float side = vec3_dot(m->normal, *direction) > 0.0f ? m->offset : -m->offset;
+    multiply(p, (const float[3]){one, one, one});
+    *origin = vec3_madd(m->position, m->normal, side);
+    return true;
+}
+
+/* ---- paths ---- */
+
+/* Follows the path to its end. */
+static enum kiln_land_end follow(struct light_path *p, struct kiln_land_result *result)
+{
+    struct kiln_aimed_ray first;
+    struct RTCRayHit ray;
+    if (!begin(p, &first))
+        return KILN_LAND_ASTRAY;
+    struct kiln_vec3 origin = first.origin, direction = first.direction;
+    for (uint32_t surface = 1;; surface++) {
+        float share[3] = {1.0f, 1.0f, 1.0f};
+        p->walk.rays++;
+        if (!walk_trace(&p->walk, origin, direction, kiln_path_use(surface, KILN_PATH_CHANCE), share, &ray))
+            return surface == 1 ? KILN_LAND_ASTRAY : KILN_LAND_ESCAPED;
+        multiply(p, share);
+        result->length = surface < UINT16_MAX ? (uint16_t)surface : UINT16_MAX;
+        struct meeting m = meeting_make(p->walk.b, &ray);
+        if (surface == 1 && !is_target(p, &m))
+            return KILN_LAND_ASTRAY;
+        if (!meeting_has_side(p->walk.b, meeting_record(p->walk.b, &ray), m.back))
+            return KILN_LAND_BLOCKED;
+        meeting_face(p->walk.b, true, direction, &m);
+        if (meeting_attenuation(&m, ray.ray.tfar, share))
+            multiply(p, share);
+        for (int c = 0; c < 3 && surface == 1; c++)
+            p->flux[c] *= kiln_light_range(first.range, (double)ray.ray.tfar);
+        if (surface > 1 && lands(p, &m, surface)) {
+            land(p, &m, direction, result);
+            return KILN_LAND_LANDED;
+        }
+        if (!go_on(p, &m, surface, &origin, &direction))
+            return KILN_LAND_ABSORBED;
+    }
+}
+
+static void trace_path(struct light_path *p, uint64_t number, struct kiln_land_result *result)
+{
+    const struct kiln_aims *aims = p->parameters->aims;
+    const uint64_t iteration = number / aims->paths, path = number % aims->paths;
+    p->aim = kiln_aims_find(aims, path);
+    const uint64_t k = path - aims->first[p->aim];
+    *result = (struct kiln_land_result){.point = KILN_NO_POINT, .aim = (uint32_t)p->aim};
+    p->walk.key =
+        kiln_hash2(kiln_hash2(p->seed, (uint32_t)p->aim),
+                   kiln_hash2(kiln_hash2((uint32_t)iteration, (uint32_t)(iteration >> 32)), (uint32_t)(k >> 32)));
+    p->walk.k = (uint32_t)k;
+    result->end = (uint16_t)follow(p, result);
+    for (int c = 0; c < 3 && result->end != KILN_LAND_ASTRAY && result->end != KILN_LAND_ABSORBED; c++)
+        result->flux[c] = (float)(p->flux[c] * (double)p->weight[c]);
+}
+
+int embree_land(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
+                uint64_t *rays, struct kiln_error *error)
+{
+    (void)error;
+    const uint32_t seed = kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32) ^ LAND_SEED);
+    uint64_t traced = 0;
+    double seconds = 0.0;
+#pragma omp parallel num_threads((int)b->threads) reduction(+ : traced, seconds)
+    {
+        const unsigned saved = embree_enter();
+        const double begin_seconds = embree_thread_seconds();
+        struct embree_context context;
+        embree_context(b, &context);
+        struct light_path p = {.walk = {.b = b, .context = &context}, .parameters = parameters, .seed = seed};
+#pragma omp for schedule(dynamic, 256) nowait
+        for (size_t i = 0; i < part->count; i++)
+            trace_path(&p, (uint64_t)part->first + i, (struct kiln_land_result *)results + i);
+        traced += p.walk.rays;
+        seconds += embree_thread_seconds() - begin_seconds;
+        embree_leave(saved);
+    }
+    *rays += traced;
+    b->thread_seconds += seconds;
+    return KILN_OK;
+}

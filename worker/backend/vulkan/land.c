@@ -1,0 +1,12 @@
+/* The land pass (worker/pass/land.h), which this backend does not have: coordinator/bake/prepare.c refuses it
+ * before. */
+#include "worker/backend/vulkan/vulkan.h"
+
+static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
+               struct kiln_error *error)
+{
+    (void)b, (void)parameters, (void)batch, (void)rays;
+    return kiln_fail(error, KILN_USAGE, "the Vulkan backend has no light paths that land: give --backend embree");
+}
+
+const struct vulkan_pass vulkan_pass_land = {.run = run};

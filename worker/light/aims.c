@@ -1,0 +1,385 @@
+#include "worker/light/aims.h"
+
+#include <assert.h>
+#include <math.h>
+
+#include "shaders/shared/area_light.h"
+#include "worker/base/memory.h"
+#include "worker/sampling/sequence.h"
+#include "worker/scene/footprint.h"
+#include "worker/scene/gloss.h"
+
+#define SLACK 1.0001 /* of a sphere's radius, for rounding */
+#define WIDE 0.5     /* cosine of half a cone that is wide */
+
+/* ---- targets ---- */
+
+static bool is_target(const struct kiln_lights *l, size_t triangle)
+{
+    const struct kiln_hit_record *record = &l->geometry->records[triangle];
+    return kiln_gloss_taken(l->scene, record->material & KILN_RECORD_MATERIAL) != NULL &&
+           (l->scene->objects[record->object].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
+}
+
+struct box {
+    struct kiln_dvec3 low, high;
+};
+
+static void widen(struct box *box, struct kiln_dvec3 p)
+{
+    box->low = dvec3(fmin(box->low.x, p.x), fmin(box->low.y, p.y), fmin(box->low.z, p.z));
+    box->high = dvec3(fmax(box->high.x, p.x), fmax(box->high.y, p.y), fmax(box->high.z, p.z));
+}
+
+/* The boxes of all objects' triangles with gloss; low above high where there is none. */
+static void find_boxes(const struct kiln_lights *l, struct box *boxes)
+{
+    for (size_t o = 0; o < l->scene->object_count; o++)
+        boxes[o] = (struct box){dvec3(INFINITY, INFINITY, INFINITY), dvec3(-INFINITY, -INFINITY, -INFINITY)};
+    for (size_t t = 0; t < l->geometry->triangle_count; t++) {
+        struct kiln_vec3 corner[3];
+        if (!is_target(l, t))
+            continue;
+        kiln_geometry_corners(l->geometry, t, corner);
+        for (int c = 0; c < 3; c++)
+            widen(&boxes[l->geometry->records[t].object], dvec3_of(corner[c]));
+    }
+}
+
+static void find_radii(const struct kiln_lights *l, const uint32_t *target_of, struct kiln_target *targets)
+{
+    for (size_t t = 0; t < l->geometry->triangle_count; t++) {
+        struct kiln_vec3 corner[3];
+        if (!is_target(l, t))
+            continue;
+        struct kiln_target *target = &targets[target_of[l->geometry->records[t].object]];
+        kiln_geometry_corners(l->geometry, t, corner);
+        for (int c = 0; c < 3; c++)
+            target->radius = fmax(target->radius, SLACK * dvec3_length(dvec3_sub(dvec3_of(corner[c]), target->centre)));
+    }
+}
+
+static int find_targets(struct kiln_aims *a, struct kiln_error *error)
+{
+    const struct kiln_lights *l = a->lights;
+    const size_t objects = l->scene->object_count;
+    struct box *boxes = NULL;
+    uint32_t *target_of = NULL;
+    int status = kiln_allocate(&boxes, objects, sizeof *boxes, "the boxes of objects with gloss", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&target_of, objects, sizeof *target_of, "the targets of objects", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&a->targets, objects, sizeof *a->targets, "the targets of light paths", error);
+    if (status == KILN_OK) {
+        find_boxes(l, boxes);
+        for (size_t o = 0; o < objects; o++) {
+            if (!(boxes[o].low.x <= boxes[o].high.x))
+                continue;
+            target_of[o] = (uint32_t)a->target_count;
+            a->targets[a->target_count++] = (struct kiln_target){
+                .object = (uint32_t)o, .centre = dvec3_scale(dvec3_add(boxes[o].low, boxes[o].high), 0.5)};
+        }
+        find_radii(l, target_of, a->targets);
+    }
+    kiln_free(&boxes);
+    kiln_free(&target_of);
+    return status;
+}
+
+/* ---- lamps ---- */
+
+static double area_flux(const struct kiln_area_light *light)
+{
+    return KILN_PI * light->area * (light->two_sided ? 2.0 : 1.0) * kiln_luminance_of_floats(light->radiance);
+}
+
+/* Emitting triangles that follow each other and are of one object. */
+static void area_lamp(struct kiln_aims *a, size_t first, size_t end)
+{
+    const struct kiln_area_light *areas = a->lights->areas;
+    struct kiln_lamp lamp = {.kind = KILN_LAMP_AREA, .first = (uint32_t)first, .count = (uint32_t)(end - first)};
+    for (size_t i = first; i < end; i++) {
+        const struct kiln_dvec3 middle =
+            dvec3_add(areas[i].p0, dvec3_scale(dvec3_add(areas[i].e1, areas[i].e2), 1.0 / 3.0));
+        lamp.flux += area_flux(&areas[i]);
+        lamp.centre = dvec3_add(lamp.centre, dvec3_scale(middle, area_flux(&areas[i])));
+        a->until[i] = lamp.flux;
+    }
+    lamp.centre = dvec3_scale(lamp.centre, 1.0 / lamp.flux);
+    for (size_t i = first; i < end; i++)
+        a->until[i] = i + 1 < end ? a->until[i] / lamp.flux : 1.0;
+    a->lamps[a->lamp_count++] = lamp;
+}
+
+static uint32_t object_of(const struct kiln_lights *l, size_t area)
+{
+    return l->geometry->records[l->areas[area].triangle].object;
+}
+
+static int find_lamps(struct kiln_aims *a, struct kiln_error *error)
+{
+    const struct kiln_lights *l = a->lights;
+    int status = kiln_allocate(&a->lamps, l->area_count + l->point_count + l->directional_count + 1, sizeof *a->lamps,
+                               "the lamps of light paths", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&a->until, l->area_count, sizeof *a->until, "the shares of emitting triangles", error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0, end; i < l->area_count; i = end) {
+        for (end = i + 1; end < l->area_count && object_of(l, end) == object_of(l, i);)
+            end++;
+        area_lamp(a, i, end);
+    }
+    for (size_t i = 0; i < l->point_count; i++)
+        a->lamps[a->lamp_count++] = (struct kiln_lamp){
+            .kind = KILN_LAMP_POINT, .first = (uint32_t)i, .count = 1, .centre = l->points[i].position};
+    for (size_t i = 0; i < l->directional_count; i++)
+        a->lamps[a->lamp_count++] = (struct kiln_lamp){.kind = KILN_LAMP_DIRECTIONAL, .first = (uint32_t)i, .count = 1};
+    if (l->environment)
+        a->lamps[a->lamp_count++] = (struct kiln_lamp){.kind = KILN_LAMP_ENVIRONMENT, .count = 1};
+    return KILN_OK;
+}
+
+/* ---- aims ---- */
+
+/* 1 less the cosine of half the cone in which a target's sphere is seen; 2 from within. */
+static double cone_height(const struct kiln_target *target, struct kiln_dvec3 from)
+{
+    const struct kiln_dvec3 to = dvec3_sub(target->centre, from);
+    const double sine2 = target->radius * target->radius / dvec3_dot(to, to);
+    return sine2 < 1.0 ? sine2 / (1.0 + sqrt(1.0 - sine2)) : 2.0;
+}
+
+/* The spot's own cone is narrower than that to the target. */
+static bool is_narrow(const struct kiln_point_light *light, double height)
+{
+    return light->spot && 1.0 - light->cos_outer < height;
+}
+
+static double flux_towards(const struct kiln_lights *l, const struct kiln_lamp *lamp, const struct kiln_target *target)
+{
+    const double disc = KILN_PI * target->radius * target->radius, height = cone_height(target, lamp->centre);
+    switch (lamp->kind) {
+    case KILN_LAMP_AREA:
+        return lamp->flux * fmin(1.0, height * (2.0 - height));
+    case KILN_LAMP_POINT: {
+        const struct kiln_point_light *p = &l->points[lamp->first];
+        return kiln_luminance_of_floats(p->intensity) * 2.0 * KILN_PI *
+               (is_narrow(p, height) ? 1.0 - p->cos_outer : height);
+    }
+    case KILN_LAMP_DIRECTIONAL:
+        return kiln_luminance_of_floats(l->directionals[lamp->first].irradiance) * disc;
+    case KILN_LAMP_ENVIRONMENT:
+        break;
+    }
+    return 4.0 * KILN_PI * kiln_luminance_of_floats(l->environment_mean) * disc;
+}
+
+static int make_aims(struct kiln_aims *a, struct kiln_error *error)
+{
+    if (a->target_count > 0 && a->lamp_count > KILN_AIMS_MOST / a->target_count)
+        return kiln_fail(error, KILN_USAGE,
+                         "light paths would have %zu lamps to go from and %zu objects with gloss to be aimed at, more "
+                         "than %d pairs: give --caustics gather",
+                         a->lamp_count, a->target_count, (int)KILN_AIMS_MOST);
+    const size_t count = a->lamp_count * a->target_count;
+    int status = kiln_allocate(&a->aims, count, sizeof *a->aims, "the aims of light paths", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&a->first, count + 1, sizeof *a->first, "the numbers of light paths", error);
+    for (size_t i = 0; i < a->lamp_count && status == KILN_OK; i++)
+        for (size_t j = 0; j < a->target_count; j++)
+            a->aims[a->count++] = (struct kiln_aim){.lamp = (uint32_t)i,
+                                                    .target = (uint32_t)j,
+                                                    .flux = flux_towards(a->lights, &a->lamps[i], &a->targets[j])};
+    return status;
+}
+
+int kiln_aims_create(struct kiln_aims **aims, const struct kiln_lights *lights, struct kiln_error *error)
+{
+    const struct kiln_geometry *g = lights->geometry;
+    struct kiln_aims *a = NULL;
+    int status = kiln_allocate(&a, 1, sizeof *a, "the aims", error);
+    *aims = a;
+    if (status != KILN_OK)
+        return status;
+    a->lights = lights;
+    a->centre = dvec3_of(vec3_scale(vec3_add(g->bounds_min, g->bounds_max), 0.5f));
+    a->radius = 0.5 * SLACK * (double)vec3_length(vec3_sub(g->bounds_max, g->bounds_min));
+    status = find_targets(a, error);
+    if (status == KILN_OK)
+        status = find_lamps(a, error);
+    if (status == KILN_OK)
+        status = make_aims(a, error);
+    if (status != KILN_OK)
+        kiln_aims_destroy(aims);
+    return status;
+}
+
+void kiln_aims_destroy(struct kiln_aims **aims)
+{
+    struct kiln_aims *a = *aims;
+    if (a == NULL)
+        return;
+    kiln_free(&a->lamps);
+    kiln_free(&a->targets);
+    kiln_free(&a->aims);
+    kiln_free(&a->until);
+    kiln_free(&a->first);
+    kiln_free(aims);
+}
+
+void kiln_aims_share(struct kiln_aims *a, uint64_t paths, const double *weights)
+{
+    assert(paths >= a->count);
+    const double rest = (double)(paths - a->count);
+    double total = 0.0, sum = 0.0;
+    for (size_t i = 0; i < a->count; i++)
+        total += weights != NULL ? weights[i] : a->aims[i].flux;
+    for (size_t i = 0; i < a->count; i++) {
+        a->first[i] = i + (total > 0.0 ? (uint64_t)(rest * fmin(1.0, sum / total)) : 0);
+        sum += weights != NULL ? weights[i] : a->aims[i].flux;
+    }
+    a->first[a->count] = a->paths = paths;
+}
+
+size_t kiln_aims_find(const struct kiln_aims *a, uint64_t path)
+{
+    size_t low = 0, high = a->count; /* first[low] <= path < first[high] */
+    while (high - low > 1) {
+        const size_t middle = low + (high - low) / 2;
+        *(a->first[middle] <= path ? &low : &high) = middle;
+    }
+    return low;
+}
+
+/* ---- rays ---- */
+
+static struct kiln_dvec3 about(struct kiln_dvec3 axis, struct kiln_dvec3 local)
+{
+    struct kiln_vec3 s, t;
+    kiln_basis(vec3_of(axis), &s, &t);
+    return dvec3_add(dvec3_add(dvec3_scale(dvec3_of(s), local.x), dvec3_scale(dvec3_of(t), local.y)),
+                     dvec3_scale(axis, local.z));
+}
+
+static void set_flux(struct kiln_aimed_ray *ray, const float rgb[3], double factor)
+{
+    for (int c = 0; c < 3; c++)
+        ray->flux[c] = (double)rgb[c] * factor;
+}
+
+/* Evenly over the cone about the axis, of which 1 less the cosine of half its angle is `height`. */
+static struct kiln_dvec3 cone_direction(struct kiln_dvec3 axis, double height, double u, double v)
+{
+    const double below = u * height, sine = sqrt(below * (2.0 - below)), turn = 2.0 * KILN_PI * v;
+    return about(axis, dvec3(sine * cos(turn), sine * sin(turn), 1.0 - below));
+}
+
+static struct kiln_dvec3 towards(const struct kiln_target *target, struct kiln_dvec3 from)
+{
+    const struct kiln_dvec3 to = dvec3_sub(target->centre, from);
+    const double length = dvec3_length(to);
+    return length > 0.0 ? dvec3_scale(to, 1.0 / length) : dvec3(0.0, 0.0, 1.0);
+}
+
+static bool draw_point(const struct kiln_point_light *light, const struct kiln_target *target, const double numbers[],
+                       struct kiln_aimed_ray *ray)
+{
+    const double height = cone_height(target, light->position);
+    const bool narrow = is_narrow(light, height);
+    const double used = narrow ? 1.0 - light->cos_outer : height;
+    const struct kiln_dvec3 direction =
+        cone_direction(narrow ? light->direction : towards(target, light->position), used, numbers[4], numbers[5]);
+    ray->origin = vec3_of(light->position);
+    ray->direction = vec3_of(direction);
+    ray->range = light->range;
+    set_flux(ray, light->intensity, 2.0 * KILN_PI * used * kiln_point_light_cone(light, direction));
+    return true;
+}
+
+/* From outside the scene, through the disc before the target. */
+static void draw_outside(const struct kiln_aims *a, const struct kiln_target *target, struct kiln_dvec3 back,
+                         const double numbers[], struct kiln_aimed_ray *ray)
+{
+    const double r = target->radius * sqrt(numbers[2]), turn = 2.0 * KILN_PI * numbers[3],
+                 away = a->radius + dvec3_length(dvec3_sub(target->centre, a->centre)) + target->radius;
+    ray->origin = vec3_of(dvec3_add(target->centre, about(back, dvec3(r * cos(turn), r * sin(turn), away))));
+    ray->direction = vec3_of(dvec3_scale(back, -1.0));
+}
+
+/* The emitting triangle of a lamp that `pick` falls to. */
+static size_t find_area(const struct kiln_aims *a, const struct kiln_lamp *lamp, double pick)
+{
+    size_t low = lamp->first, high = lamp->first + lamp->count - 1;
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        if (a->until[middle] > pick)
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    return low;
+}
+
+static bool draw_area(const struct kiln_aims *a, const struct kiln_lamp *lamp, const struct kiln_target *target,
+                      const double numbers[], struct kiln_aimed_ray *ray)
+{
+    const struct kiln_area_light *light = &a->lights->areas[find_area(a, lamp, numbers[0])];
+    const struct kiln_dvec3 on = kiln_triangle_place(light->e1, light->e2, numbers[2], numbers[3]),
+                            at = dvec3_add(light->p0, on);
+    const double height = cone_height(target, at), sides = light->two_sided ? 2.0 : 1.0;
+    /* area over the chance of the triangle; what the direction's density adds */
+    double factor = light->area * lamp->flux / area_flux(light), side = 1.0;
+    struct kiln_dvec3 direction;
+    if (height > 1.0 - WIDE) {
+        side = light->two_sided && numbers[1] < 0.5 ? -1.0 : 1.0;
+        direction = about(dvec3_scale(light->normal, side), kiln_cosine_direction(numbers[4], numbers[5]));
+        factor *= KILN_PI * sides;
+    } else {
+        direction = cone_direction(towards(target, at), height, numbers[4], numbers[5]);
+        const double cosine = dvec3_dot(light->normal, direction);
+        side = light->two_sided && cosine < 0.0 ? -1.0 : 1.0;
+        factor *= 2.0 * KILN_PI * height * side * cosine;
+    }
+    if (!(factor > 0.0))
+        return false;
+    float rgb[3];
+    double b1 = 0.0, b2 = 0.0;
+    if (light->textured)
+        kiln_triangle_weights(light->e1, light->e2, on, &b1, &b2);
+    kiln_area_light_radiance(a->lights, light, b1, b2, rgb);
+    ray->origin = kiln_offset_origin(vec3_of(at), vec3_of(dvec3_scale(light->normal, side)), a->lights->geometry,
+                                     light->triangle);
+    ray->direction = vec3_of(direction);
+    set_flux(ray, rgb, factor);
+    return true;
+}
+
+bool kiln_aims_draw(const struct kiln_aims *a, size_t aim, const double numbers[KILN_AIM_NUMBERS],
+                    struct kiln_aimed_ray *ray)
+{
+    const struct kiln_lights *l = a->lights;
+    const struct kiln_lamp *lamp = &a->lamps[a->aims[aim].lamp];
+    const struct kiln_target *target = &a->targets[a->aims[aim].target];
+    const double disc = KILN_PI * target->radius * target->radius;
+    double density = 1.0;
+    float rgb[3];
+    *ray = (struct kiln_aimed_ray){.range = 0.0};
+    switch (lamp->kind) {
+    case KILN_LAMP_AREA:
+        return draw_area(a, lamp, target, numbers, ray);
+    case KILN_LAMP_POINT:
+        return draw_point(&l->points[lamp->first], target, numbers, ray);
+    case KILN_LAMP_DIRECTIONAL:
+        draw_outside(a, target, l->directionals[lamp->first].towards, numbers, ray);
+        set_flux(ray, l->directionals[lamp->first].irradiance, disc);
+        return true;
+    case KILN_LAMP_ENVIRONMENT:
+        break;
+    }
+    const struct kiln_dvec3 back = kiln_environment_sample(l, numbers[4], numbers[5], &density);
+    draw_outside(a, target, back, numbers, ray);
+    kiln_environment_radiance(l, back, rgb);
+    set_flux(ray, rgb, disc / density);
+    return density > 0.0;
+}

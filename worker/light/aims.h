@@ -1,0 +1,84 @@
+/* Aims: where light paths begin, and at what they are aimed (worker/pass/land.h).
+ *
+ * Light that bends is a little of all light: most of what lamps and sky send meets diffuse surfaces first. So paths are
+ * aimed at *targets*, the objects with materials that are taken with their gloss, each within a sphere about their
+ * triangles of these. A *lamp* is an emitting object, a point or spot light, a directional light, or the environment. A
+ * pair of a lamp and a target is an aim; each aim has a number of the paths of an iteration, in one stretch, at least
+ * one. A path of an aim counts only if the first surface that it meets is its target's, so that the aims part the light
+ * among them: each way of light is of one aim, and its density is that of this aim alone.
+ *
+ * Lamps send towards a target's sphere of radius r about c:
+ *
+ *   emitting object     a triangle by its flux, a place on it by its area, then the cone about the sphere, evenly; by
+ *                       the cosine over the hemisphere (of a two-sided triangle either) where the cone is wide
+ *   point, spot         the cone about the sphere, or the spot's own where that is narrower; all round from within
+ *   directional         a disc of radius r before the sphere, from outside the scene
+ *   environment         a direction by luminance, then such a disc
+ *
+ * The numbers of paths go by weights: at first about the flux sent towards the target, later what was learnt.
+ * Not collective; a pure function of scene, lights and weights. Read by several threads at once. */
+#ifndef KILN_WORKER_LIGHT_AIMS_H
+#define KILN_WORKER_LIGHT_AIMS_H
+
+#include "worker/light/lights.h"
+
+enum kiln_lamp_kind { KILN_LAMP_AREA, KILN_LAMP_POINT, KILN_LAMP_DIRECTIONAL, KILN_LAMP_ENVIRONMENT };
+
+struct kiln_lamp {
+    enum kiln_lamp_kind kind;
+    uint32_t first, count; /* area: the lights' emitting triangles; else `first` is the light's number */
+    double flux;           /* area: luminance of all that it sends, W */
+    struct kiln_dvec3 centre;
+};
+
+struct kiln_target {
+    uint32_t object;
+    struct kiln_dvec3 centre; /* of the sphere, m from the scene's centre */
+    double radius;            /* m */
+};
+
+struct kiln_aim {
+    uint32_t lamp, target;
+    double flux; /* luminance of what the lamp sends towards the target, about, W */
+};
+
+struct kiln_aims {
+    const struct kiln_lights *lights; /* borrowed */
+    size_t lamp_count, target_count, count;
+    struct kiln_lamp *lamps;
+    struct kiln_target *targets;
+    struct kiln_aim *aims; /* target by target of each lamp */
+    double *until;         /* of each emitting triangle: share of its lamp's flux up to its end */
+    uint64_t paths;        /* of an iteration; 0: not shared out yet */
+    uint64_t *first;       /* of each aim its first path, and one more */
+    struct kiln_dvec3 centre;
+    double radius; /* of a sphere about the scene, m */
+};
+
+/* The ray that a path begins with. */
+struct kiln_aimed_ray {
+    struct kiln_vec3 origin, direction; /* m from the scene's centre; unit */
+    double flux[3];                     /* W over the density, of one path of the aim */
+    double range;                       /* m: of a lamp that has one (kiln_light_range); 0: none */
+};
+
+enum { KILN_AIMS_MOST = 1 << 24, KILN_AIM_NUMBERS = 6 };
+
+/* `count` is 0 where no lamp or no material with gloss is. Borrows the lights. KILN_SYSTEM; KILN_USAGE where there are
+ * more than KILN_AIMS_MOST. Destroy with kiln_aims_destroy. */
+int kiln_aims_create(struct kiln_aims **aims, const struct kiln_lights *lights, struct kiln_error *error);
+void kiln_aims_destroy(struct kiln_aims **aims);
+
+/* Shares out `paths` >= aims->count paths: each aim gets one, and of the others a share by its weight, which is not
+ * negative. NULL: by flux. */
+void kiln_aims_share(struct kiln_aims *aims, uint64_t paths, const double *weights);
+
+/* The aim of a path of an iteration, path < aims->paths. */
+size_t kiln_aims_find(const struct kiln_aims *aims, uint64_t path);
+
+/* Draws the ray of a path of an aim by random numbers in (0, 1): triangle, side, place (2), direction (2). False: it
+ * brings nothing. */
+bool kiln_aims_draw(const struct kiln_aims *aims, size_t aim, const double numbers[KILN_AIM_NUMBERS],
+                    struct kiln_aimed_ray *ray);
+
+#endif
