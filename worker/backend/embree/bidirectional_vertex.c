@@ -146,6 +146,16 @@ bool vertex_scatter(const struct embree_backend *b, const struct vertex *v, stru
 
 /* ---- the way on ---- */
 
+/* How much denser the directions of the way back are than those of the way on, between which glass maps one to one:
+ * n^2 |cos| dw is the same on both sides (Veach 1997, equation 5.4). */
+static double squeeze(const struct kiln_bsdf_lobes *l, struct kiln_vec3 o, struct kiln_vec3 i)
+{
+    if ((o.z > 0.0f) == (i.z > 0.0f) || l->p.thin_wall != 0u)
+        return 1.0;
+    const double eta = (double)kiln_bsdf_eta(l->p, o.z > 0.0f).y;
+    return fabs((double)o.z / (double)i.z) / (eta * eta);
+}
+
 /* A mirror's or smooth glass's: the densities are chances. */
 static bool leave_mirror(const struct embree_backend *b, const struct vertex *v, bool of_light, uint32_t lobes,
                          const struct kiln_bsdf_drawn *d, struct vertex_way *way)
@@ -160,7 +170,8 @@ static bool leave_mirror(const struct embree_backend *b, const struct vertex *v,
     }
     way->delta = true;
     way->forward = (double)d->density;
-    way->backward = same ? (double)kiln_bsdf_reverse(v->m.lobes, v->m.o, *d, lobes) : 0.0;
+    if (same)
+        way->backward = (double)kiln_bsdf_reverse(v->m.lobes, v->m.o, *d, lobes) * squeeze(&v->m.lobes, v->m.o, d->i);
     way->factor[0] = d->weight.x * adjoint;
     way->factor[1] = d->weight.y * adjoint;
     way->factor[2] = d->weight.z * adjoint;
