@@ -113,7 +113,8 @@ static int look_at_light(struct search *s, size_t i, struct kiln_error *error)
     float rgb[3 * WIDE * HIGH];
     uint64_t rays = 0;
     double sum = 0.0, lit = 0.0;
-    const int status = kiln_path_view_pixels(s->backend, &view, 0, (size_t)WIDE * HIGH, NULL, rgb, NULL, &rays, error);
+    const int status =
+        kiln_path_view_pixels(s->backend, &view, 0, (size_t)WIDE * HIGH, NULL, NULL, rgb, NULL, &rays, error);
     for (size_t p = 0; status == KILN_OK && p < (size_t)WIDE * HIGH; p++) {
         const double luminance = kiln_luminance_of_floats(rgb + 3 * p);
         sum += luminance > 0.0 ? log(luminance) : 0.0;

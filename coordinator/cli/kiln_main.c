@@ -91,7 +91,7 @@ static int check_scene(const struct kiln_job *job, struct kiln_error *error)
 }
 
 /* Whether a scene may stand in the place of the folder of a bake: path-traced views take both. */
-static bool may_be_scene(const struct kiln_job *job) { return job->view_method == KILN_VIEW_METHOD_path; }
+static bool may_be_scene(const struct kiln_job *job) { return kiln_view_is_traced(job->view_method); }
 
 static int check_folder(const struct kiln_job *job, const char *folder, struct kiln_error *error)
 {
@@ -427,13 +427,25 @@ static bool answer_help(int argc, char **argv, int rank, int *status, struct kil
     return true;
 }
 
-/* Whether the command line asks for a path-traced view, which several ranks may compute. */
+/* Whether the command line asks for a view that is traced, which several ranks may compute. */
 static bool traces_paths(int argc, char **argv)
 {
-    bool method = has_argument(argc, argv, "--method=path");
-    for (int i = 1; i + 1 < argc && !method; i++)
-        method = strcmp(argv[i], "--method") == 0 && strcmp(argv[i + 1], "path") == 0;
-    return method;
+    static const char option[] = "--method";
+    const size_t length = sizeof option - 1;
+    const char *const *names = kiln_option_find_for("method", KILN_FOR_VIEW)->choices;
+    const char *method = "";
+    for (int i = 1; i < argc; i++) {
+        if (strncmp(argv[i], option, length) != 0)
+            continue;
+        if (argv[i][length] == '=')
+            method = argv[i] + length + 1;
+        else if (argv[i][length] == '\0' && i + 1 < argc)
+            method = argv[i + 1];
+    }
+    for (int m = 0; names[m] != NULL; m++)
+        if (strcmp(method, names[m]) == 0)
+            return kiln_view_is_traced(m);
+    return false;
 }
 
 static int run_command_line(int argc, char **argv)

@@ -359,14 +359,21 @@ static bool was_given(const struct kiln_job *job, const char *name)
     return owned->given[kiln_option_find_for(name, KILN_FOR_VIEW) - kiln_options];
 }
 
+static const char *view_method(const struct kiln_job *job)
+{
+    return kiln_options[kiln_option_find_for("method", KILN_FOR_VIEW) - kiln_options].choices[job->view_method];
+}
+
 static int check_method(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
     static const char *const of_paths[] = {"bounces", "samples-pixel", "seed", "lens-radius", "focus-distance"},
                              *const of_scenes[] = {"environment", "environment-scale", "environment-rotation"};
-    for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths && job->view_method != KILN_VIEW_METHOD_path; i++)
+    const char *const method = view_method(job);
+    for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths && !kiln_view_is_traced(job->view_method); i++)
         if (was_given(job, of_paths[i]))
             return kiln_fail(error, KILN_USAGE,
-                             "--%s: the light in lightmaps is as it was baked; only --method path computes light",
+                             "--%s: the light in lightmaps is as it was baked; only --method path and its like compute "
+                             "light",
                              of_paths[i]);
     for (size_t i = 0; i < sizeof of_scenes / sizeof *of_scenes && job->scene == NULL; i++)
         if (was_given(job, of_scenes[i]))
@@ -374,9 +381,22 @@ static int check_method(const struct view *v, const struct kiln_job *job, struct
                 error, KILN_USAGE,
                 "--%s: a bake's surroundings are as it was baked; kiln view SCENE --method path takes others",
                 of_scenes[i]);
-    if (job->view_method == KILN_VIEW_METHOD_path && (v->texels || v->field != NULL))
+    if (kiln_view_is_traced(job->view_method) && (v->texels || v->field != NULL))
         return kiln_fail(error, KILN_USAGE,
-                         "--method path --show %.100s: path tracing shows light; leave one of the two out", job->show);
+                         "--method %s --show %.100s: path tracing shows light; leave one of the two out", method,
+                         job->show);
+    if (kiln_view_is_bidirectional(job->view_method) && strcmp(job->backend, "vulkan") == 0)
+        return kiln_fail(error, KILN_USAGE,
+                         "--method %s --backend vulkan: the CPU alone traces such paths; give "
+                         "--backend embree",
+                         method);
+    if (kiln_view_is_bidirectional(job->view_method) && job->lens_radius > 0.0)
+        return kiln_fail(error, KILN_USAGE, "--method %s --lens-radius %g: --method path alone has a lens", method,
+                         job->lens_radius);
+    if (job->merge_radius > 0.0 && job->view_method < KILN_VIEW_METHOD_vcm)
+        return kiln_fail(error, KILN_USAGE,
+                         "--method %s --merge-radius %g: nothing is merged; leave --merge-radius out", method,
+                         job->merge_radius);
     return KILN_OK;
 }
 
@@ -489,7 +509,7 @@ int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
     struct view v = {.temporary = {.descriptor = -1}};
     char path[KILN_PATH_SIZE];
     int status = choose_output(job, path, error);
-    if (status == KILN_OK && job->view_method == KILN_VIEW_METHOD_path)
+    if (status == KILN_OK && kiln_view_is_traced(job->view_method))
         status = view_paths(&v, job, path, error);
     else if (status == KILN_OK)
         status = view_lightmaps(&v, job, path, error);

@@ -14,12 +14,17 @@
 /* Views that choose an exposure are drawn with so many paths a pixel at most: a mean over a picture needs few. */
 enum { METER_SAMPLES = 16 };
 
+/* The radius of merging at first, of the scene's. */
+static const double RADIUS_SHARE = 0.003;
+
 struct kiln_view_team {
     int rank, ranks;
     bool tells; /* how far it is, on stderr */
     int64_t bounces;
     uint32_t samples;
     double lens_radius, focus_distance; /* m; as in the job */
+    int method;                         /* enum kiln_view_method */
+    double radius;
     struct kiln_geometry *geometry;
     struct kiln_lights *lights;
     struct kiln_backend *backend;
@@ -52,6 +57,12 @@ static int choose_instruction_set(const struct kiln_job *job, const char **chose
                      job->instruction_set, best != NULL ? best : "none");
 }
 
+/* Of the sphere about the scene, m. */
+static double radius_of(const struct kiln_geometry *g)
+{
+    return 0.5 * dvec3_length(dvec3_sub(dvec3_of(g->bounds_max), dvec3_of(g->bounds_min)));
+}
+
 static int open_backend(struct kiln_view_team *t, const struct kiln_job *job, const struct kiln_scene *scene,
                         const char *instruction_set, const int of_node[2], struct kiln_error *error)
 {
@@ -67,7 +78,8 @@ static int open_backend(struct kiln_view_team *t, const struct kiln_job *job, co
                                          .instruction_set = instruction_set,
                                          .seed = job->seed};
     kiln_devices_choose(job, of_node[0], of_node[1], &params);
-    return kiln_backend_create(&t->backend, job->backend, &params, error);
+    const bool on_cpu = kiln_view_is_bidirectional(job->view_method) && strcmp(job->backend, "auto") == 0;
+    return kiln_backend_create(&t->backend, on_cpu ? "embree" : job->backend, &params, error);
 }
 
 /* Collective. This rank's number among those of its node, and theirs. */
@@ -104,8 +116,11 @@ int kiln_view_team_create(struct kiln_view_team **team, const struct kiln_job *j
         t->samples = job->samples_pixel;
         t->lens_radius = job->lens_radius;
         t->focus_distance = job->focus_distance;
+        t->method = job->view_method;
         t->renderer = (struct kiln_view_renderer){render, t};
         status = kiln_agree(MPI_COMM_WORLD, open_backend(t, job, scene, instruction_set, of_node, error), error);
+        if (status == KILN_OK)
+            t->radius = job->merge_radius > 0.0 ? job->merge_radius : RADIUS_SHARE * radius_of(t->geometry);
     }
     if (status != KILN_OK)
         kiln_view_team_destroy(team);
@@ -173,6 +188,18 @@ static int gather(const struct kiln_view_team *t, size_t pixels, const float *ow
     return status;
 }
 
+/* Collective. Adds up the ranks' films on rank 0. */
+static void add_films(const struct kiln_view_team *t, struct kiln_splat_film *film, size_t count)
+{
+    enum { MOST = 1 << 24 }; /* that an int counts with ease */
+    (void)MPI_Allreduce(MPI_IN_PLACE, &film->unit, 1, MPI_DOUBLE, MPI_MAX, MPI_COMM_WORLD); /* 0 without pixels */
+    for (size_t i = 0; i < count; i += MOST) {
+        const int part = (int)(count - i < MOST ? count - i : MOST);
+        (void)MPI_Reduce(t->rank == 0 ? MPI_IN_PLACE : film->sums + i, film->sums + i, part, MPI_INT64_T, MPI_SUM, 0,
+                         MPI_COMM_WORLD);
+    }
+}
+
 /* Collective. Draws a picture; `all` has its pixels, on rank 0. */
 static int draw(struct kiln_view_team *t, const struct kiln_path_view *view, float *all, struct kiln_error *error)
 {
@@ -180,19 +207,27 @@ static int draw(struct kiln_view_team *t, const struct kiln_path_view *view, flo
     const size_t first = range_of(t, pixels, t->rank), count = range_of(t, pixels, t->rank + 1) - first;
     const struct kiln_path_progress progress = {.tell = tell, .context = t};
     const double begin = MPI_Wtime();
+    struct kiln_splat_film film = {NULL, 0.0};
     float *own = NULL;
     uint64_t rays = 0;
     t->told = begin;
     int status = kiln_allocate(&own, 3 * count, sizeof *own, "the pixels of a view", error);
+    if (status == KILN_OK && view->both_ways)
+        status = kiln_allocate(&film.sums, 3 * pixels, sizeof *film.sums, "the pixels of a view", error);
     if (status == KILN_OK && count > 0)
-        status = kiln_path_view_pixels(t->backend, view, first, count, &progress, own, NULL, &rays, error);
+        status = kiln_path_view_pixels(t->backend, view, first, count, &progress, &film, own, NULL, &rays, error);
     status = kiln_agree(MPI_COMM_WORLD, status, error);
     if (status == KILN_OK)
         status = gather(t, pixels, own, all, error);
+    if (status == KILN_OK && view->both_ways)
+        add_films(t, &film, 3 * pixels);
+    if (status == KILN_OK && view->both_ways && t->rank == 0)
+        kiln_path_view_add_film(view, &film, all);
     (void)MPI_Allreduce(MPI_IN_PLACE, &rays, 1, MPI_UINT64_T, MPI_SUM, MPI_COMM_WORLD);
     t->work.rays += rays;
     t->work.seconds += MPI_Wtime() - begin;
     kiln_free(&own);
+    kiln_free(&film.sums);
     return status;
 }
 
@@ -232,6 +267,10 @@ static int render(void *context, const struct kiln_view_params *params, struct k
     const uint32_t samples = params->side == 1 && t->samples > METER_SAMPLES ? METER_SAMPLES : t->samples;
     struct order order = {.view =
                               kiln_path_view_of(&params->camera, params->width, params->height, t->bounces, samples)};
+    order.view.both_ways = kiln_view_is_bidirectional(t->method);
+    if (order.view.both_ways)
+        order.view.method = (enum kiln_bidirectional_method)(t->method - KILN_VIEW_METHOD_light);
+    order.view.radius = t->radius;
     const size_t pixels = (size_t)params->width * params->height;
     float *all = NULL, *planes[3];
     int status = mount_lens(t, &params->camera, &order.view.parameters, error);

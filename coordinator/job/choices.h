@@ -9,12 +9,19 @@
  * (coordinator/integrate/integrator.h). */
 #define KILN_METHOD_LIST(DO) DO(cells)
 
-/* How views are drawn, by their names for --method of kiln view; the first is the default: from the lightmaps of a
- * bake, or by path tracing (coordinator/view/path_view.h). */
-#define KILN_VIEW_METHOD_LIST(DO) DO(lightmaps) DO(path)
-#define KILN_VIEW_METHOD_OF(name) KILN_VIEW_METHOD_##name,
+/* How views are drawn, with their names for --method of kiln view; the first is the default: from the lightmaps of a
+ * bake, by path tracing (coordinator/view/path_view.h), or by bidirectional paths, in the order of enum
+ * kiln_bidirectional_method (worker/pass/bidirectional.h). */
+#define KILN_VIEW_METHOD_LIST(DO)                                                                                      \
+    DO(lightmaps, "lightmaps")                                                                                         \
+    DO(path, "path")                                                                                                   \
+    DO(light, "light")                                                                                                 \
+    DO(bdpt, "bdpt") DO(vcm, "vcm") DO(vcm_single, "vcm-single") DO(ppm, "ppm") DO(sppm, "sppm")
+#define KILN_VIEW_METHOD_OF(name, text) KILN_VIEW_METHOD_##name,
 enum kiln_view_method { KILN_VIEW_METHOD_LIST(KILN_VIEW_METHOD_OF) KILN_VIEW_METHODS };
 #undef KILN_VIEW_METHOD_OF
+static inline bool kiln_view_is_traced(int method) { return method != KILN_VIEW_METHOD_lightmaps; }
+static inline bool kiln_view_is_bidirectional(int method) { return method >= KILN_VIEW_METHOD_light; }
 
 /* Where light lives (worker/store/store.h). VERTEX: in octrees while it is computed, and from there it is fitted to the
  * vertices (coordinator/output/vertex_light.h). */

@@ -127,6 +127,7 @@ struct kiln_job {
     char *show;                          /* "light", "texels", or the name of a field in the lightmaps */
     double field_of_view;                /* degrees, vertical */
     int view_method;                     /* view: enum kiln_view_method */
+    double merge_radius;                 /* view: m; 0: by the scene */
     uint32_t samples_pixel;              /* view: paths of a pixel */
     bool aov;                            /* view: layers of what is seen besides light */
     double lens_radius;                  /* view: m; 0: a pinhole */

@@ -46,7 +46,8 @@ static const char *const materials_names[] = {"auto", "diffuse", "full", NULL};
 /* in the order of enum kiln_caustics */
 static const char *const caustics_names[] = {"auto", "none", "gather", "land", NULL};
 /* in the order of enum kiln_view_method */
-static const char *const view_method_names[] = {KILN_VIEW_METHOD_LIST(METHOD_NAME) NULL};
+#define VIEW_METHOD_NAME(name, text) text,
+static const char *const view_method_names[] = {KILN_VIEW_METHOD_LIST(VIEW_METHOD_NAME) NULL};
 
 const struct kiln_option kiln_options[] = {
     {.name = "output",
@@ -889,7 +890,7 @@ const struct kiln_option kiln_options[] = {
      .kind = KILN_OPTION_CHOICE_ENUM,
      .fallback = "lightmaps",
      .choices = view_method_names,
-     .help = "lightmaps: what a bake has stored; path: the same light, path-traced, of a bake's or any scene",
+     .help = "lightmaps: what a bake has stored; the others trace its light anew, of a bake's or any scene",
      .commands = KILN_FOR_VIEW,
      .offset = AT(view_method)},
     {.name = "samples-pixel",
@@ -899,9 +900,21 @@ const struct kiln_option kiln_options[] = {
      .fallback = "64",
      .minimum = 1,
      .maximum = MOST_SAMPLES,
-     .help = "--method path: paths for each pixel",
+     .help = "--method path and others that trace: paths for each pixel",
      .commands = KILN_FOR_VIEW,
      .offset = AT(samples_pixel)},
+    {.name = "merge-radius",
+     .group = "View",
+     .kind = KILN_OPTION_DOUBLE,
+     .value = "M",
+     .fallback = "auto",
+     .word = "auto",
+     .word_value = 0,
+     .minimum = 1e-6,
+     .maximum = 1e6,
+     .help = "--method vcm, ppm, ...: radius at first; auto: 0.003 of the radius of the scene",
+     .commands = KILN_FOR_VIEW,
+     .offset = AT(merge_radius)},
     {.name = "aov",
      .group = "View",
      .kind = KILN_OPTION_FLAG,

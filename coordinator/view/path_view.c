@@ -6,7 +6,7 @@
 
 /* Paths of a pixel that are asked for at once. The sums of such stretches are added up in their order, so this number
  * is part of every result's bits. */
-enum { STRETCH = 64 };
+enum { STRETCH = 64, STRETCH_BIDIRECTIONAL = 8 };
 
 struct kiln_path_view kiln_path_view_of(const struct kiln_view_camera *camera, uint32_t width, uint32_t height,
                                         int64_t bounces, uint32_t samples)
@@ -66,21 +66,33 @@ static void develop(const struct sum *sum, float rgb[3], float *error)
 }
 
 int kiln_path_view_pixels(struct kiln_backend *backend, const struct kiln_path_view *view, size_t first, size_t count,
-                          const struct kiln_path_progress *progress, float *rgb, float *errors, uint64_t *rays,
-                          struct kiln_error *error)
+                          const struct kiln_path_progress *progress, struct kiln_splat_film *splats, float *rgb,
+                          float *errors, uint64_t *rays, struct kiln_error *error)
 {
+    const struct kiln_bidirectional_parameters of_both = {
+        .camera = view->parameters, .method = view->method, .radius = view->radius, .film = splats};
+    const void *parameters = view->both_ways ? (const void *)&of_both : &view->parameters;
+    const uint32_t stretch = view->both_ways ? STRETCH_BIDIRECTIONAL : STRETCH;
     struct film film = {.first = first, .progress = progress, .all = (double)count * view->samples};
     int status = kiln_allocate(&film.sums, count, sizeof *film.sums, "the pixels of a view", error);
     struct kiln_batch batch = {.first = first, .count = count, .take = take, .context = &film};
     for (uint32_t done = 0; done < view->samples && status == KILN_OK; done += batch.samples) {
         batch.first_sample = done;
-        batch.samples = view->samples - done < STRETCH ? view->samples - done : STRETCH;
-        status = kiln_backend_run(backend, &kiln_pass_path, &view->parameters, &batch, rays, error);
+        batch.samples = view->samples - done < stretch ? view->samples - done : stretch;
+        status = kiln_backend_run(backend, view->both_ways ? &kiln_pass_bidirectional : &kiln_pass_path, parameters,
+                                  &batch, rays, error);
     }
     for (size_t i = 0; i < count && status == KILN_OK; i++)
         develop(&film.sums[i], rgb + 3 * i, errors != NULL ? errors + i : NULL);
     kiln_free(&film.sums);
     return status;
+}
+
+void kiln_path_view_add_film(const struct kiln_path_view *view, const struct kiln_splat_film *film, float *rgb)
+{
+    const size_t count = (size_t)view->parameters.width * view->parameters.height;
+    for (size_t i = 0; i < 3 * count; i++)
+        rgb[i] = (float)((double)rgb[i] + (double)film->sums[i] * film->unit / view->samples);
 }
 
 int kiln_path_view_check(const struct kiln_scene *scene, struct kiln_error *error)

@@ -4,15 +4,19 @@
 #define KILN_COORDINATOR_VIEW_PATH_VIEW_H
 
 #include "coordinator/view/view.h"
-#include "worker/pass/path.h"
+#include "worker/pass/bidirectional.h"
 
 /* A picture, and how it is to be traced. */
 struct kiln_path_view {
     struct kiln_path_parameters parameters;
     uint32_t samples; /* paths of a pixel, at least 1 */
+    bool both_ways;   /* by bidirectional paths */
+    /* of these: how, and the radius of merging at first, m */
+    enum kiln_bidirectional_method method;
+    double radius;
 };
 
-/* The view of this camera, with `bounces` indirect bounces; below 0: all. */
+/* The view of this camera by paths from the camera alone, with `bounces` indirect bounces; below 0: all. */
 struct kiln_path_view kiln_path_view_of(const struct kiln_view_camera *camera, uint32_t width, uint32_t height,
                                         int64_t bounces, uint32_t samples);
 
@@ -25,10 +29,14 @@ struct kiln_path_progress {
 
 /* Computes the radiance of pixels [first, first + count), row by row from the top: three floats each in `rgb`. Any
  * ranges give the same bits. `errors`, if it is not NULL, gets the standard error of each pixel's luminance. Adds the
- * rays to *rays. KILN_STOPPED, or the status of the backend. */
+ * rays to *rays. `film`: of the whole picture, for bidirectional paths: gets what the range's paths of light
+ * bring to any pixel, which `rgb` and `errors` lack; else NULL. KILN_STOPPED, or the status of the backend. */
 int kiln_path_view_pixels(struct kiln_backend *backend, const struct kiln_path_view *view, size_t first, size_t count,
-                          const struct kiln_path_progress *progress, float *rgb, float *errors, uint64_t *rays,
-                          struct kiln_error *error);
+                          const struct kiln_path_progress *progress, struct kiln_splat_film *film, float *rgb,
+                          float *errors, uint64_t *rays, struct kiln_error *error);
+
+/* Adds a film, to which all ranges have added, to the whole picture. */
+void kiln_path_view_add_film(const struct kiln_path_view *view, const struct kiln_splat_film *film, float *rgb);
 
 /* Refuses scenes with receiver-only objects (KILN_OBJECT_RECEIVER_ONLY), which rays would have to see from the camera
  * and nowhere else. KILN_USAGE. */

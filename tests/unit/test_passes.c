@@ -20,6 +20,7 @@
 #include "tests/unit/vulkan_device.h"
 #include "worker/backend/backend.h"
 #include "worker/light/lights.h"
+#include "worker/pass/bidirectional.h"
 #include "worker/pass/guided.h"
 #include "worker/pass/land.h"
 #include "worker/pass/occlusion.h"
@@ -47,11 +48,23 @@ static const struct kiln_path_parameters camera = {.position = {0.3f, 2.5f, 0.2f
 static const struct kiln_radiance_parameters map = {.basis = KILN_PROBE_CUBE, .side = 2};
 static const struct kiln_guided_parameters follow = {.follows = true};
 static const struct kiln_land_parameters landing = {.aims = NULL}; /* run by test_land.c, where lamps have targets */
-static const void *const parameters[KILN_PASS_COUNT] = {[KILN_PASS_INDEX_occlusion] = &near_by,
-                                                        [KILN_PASS_INDEX_path] = &camera,
-                                                        [KILN_PASS_INDEX_radiance] = &map,
-                                                        [KILN_PASS_INDEX_guided] = &follow,
-                                                        [KILN_PASS_INDEX_land] = &landing};
+/* paths of light add to the film of the whole picture, which is small therefore */
+enum { WIDE = 8, HIGH = 3 };
+static int64_t splats[3 * WIDE * HIGH];
+static struct kiln_splat_film film = {.sums = splats};
+static const struct kiln_bidirectional_parameters both_ways = {.camera = {.position = {0.3f, 2.5f, 0.2f},
+                                                                          .forward = {0.0f, -1.0f, 0.0f},
+                                                                          .right = {0.4f, 0.0f, 0.0f},
+                                                                          .up = {0.0f, 0.0f, 0.4f},
+                                                                          .width = WIDE,
+                                                                          .height = HIGH,
+                                                                          .bounces = 2},
+                                                               .method = KILN_BIDIRECTIONAL_BDPT,
+                                                               .film = &film};
+static const void *const parameters[KILN_PASS_COUNT] = {
+    [KILN_PASS_INDEX_occlusion] = &near_by, [KILN_PASS_INDEX_path] = &camera,
+    [KILN_PASS_INDEX_radiance] = &map,      [KILN_PASS_INDEX_guided] = &follow,
+    [KILN_PASS_INDEX_land] = &landing,      [KILN_PASS_INDEX_bidirectional] = &both_ways};
 
 struct world {
     struct fixture *fixture;
@@ -133,7 +146,7 @@ static int keep(void *context, size_t first, size_t count, const void *results, 
 static struct kept keeper(const struct world *w, const struct kiln_pass *pass, struct kiln_batch *all)
 {
     const bool surface = pass->domain == KILN_DOMAIN_TILE_RUNS;
-    *all = (struct kiln_batch){.first = surface ? 0 : FIRST_PROBE,
+    *all = (struct kiln_batch){.first = surface || pass->is_whole ? 0 : FIRST_PROBE,
                                .count = surface ? w->surface->tile_run_count : PROBES,
                                .positions = pass->domain == KILN_DOMAIN_POSITIONS ? w->positions : NULL,
                                .stream = pass->has_streams ? 2 : 0,
@@ -403,7 +416,8 @@ static void every_pass_on_every_backend(void **state)
         for (int i = 0; i < KILN_PASS_COUNT; i++) {
             print_message("%s: %llu rays, on Vulkan %llu\n", kiln_passes[i]->name, (unsigned long long)rays[0][i],
                           (unsigned long long)rays[1][i]);
-            assert_true(fabs((double)rays[1][i] / (double)rays[0][i] - 1.0) < 0.002); /* rounding decides a few */
+            assert_true(kiln_passes[i]->on_embree_only ||
+                        fabs((double)rays[1][i] / (double)rays[0][i] - 1.0) < 0.002); /* rounding decides a few */
         }
     }
     release(&w);

@@ -374,6 +374,7 @@ bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_ligh
                         struct kiln_dvec3 p, struct kiln_dvec3 n, struct kiln_dvec3 shading, double pick, double u,
                         double v, struct kiln_light_sample *sample)
 {
+    sample->light = KILN_NONE;
     if (choice->kind == KILN_CHOICE_ENVIRONMENT)
         return sample_environment(lights, choice, index, n, shading, pick, u, v, sample);
     if (choice->kind == KILN_CHOICE_DIRECTIONAL) {
@@ -390,6 +391,7 @@ bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_ligh
     double weight;
     if (!pick_light(lights, choice->index, p, n, pick, &light, &weight))
         return false;
+    sample->light = light;
     if (light < lights->area_count)
         return sample_area_light(lights, &lights->areas[light], p, weight, u, v, sample);
     return sample_point_light(&lights->points[light - lights->area_count], p, weight, sample);

@@ -103,6 +103,7 @@ struct kiln_light_sample {
     /* m: stop the shadow ray this much before the light (rounding of the light's own position) */
     double backoff;
     bool has_extent; /* a ray may meet it: an emitting triangle, or the environment */
+    uint32_t light;  /* which of the tree's it is, areas first, then points; KILN_NONE: none of these */
 };
 
 /* Number of sampling strategies a choice alternates between: its `index`-th sample is number index / strategies of

@@ -3,7 +3,7 @@
  * A pass takes parameters of its own and a batch (the items, their samples, the random stream) and gives an array of
  * results, one an item. What a particular pass takes and gives, with its formula and units, stands in its own header:
  * validity.h, direct.h, gather.h, probes.h, occlusion.h, directional.h, path.h, radiance.h, guided.h, caustic.h,
- * land.h. kiln_backend_run (worker/backend/backend.h) runs any of them.
+ * land.h, bidirectional.h. kiln_backend_run (worker/backend/backend.h) runs any of them.
  *
  * A new pass called NAME is: NAME in KILN_PASS_LIST below, a row in passes.c, a header NAME.h in this folder, and a
  * file NAME.c in each backend's folder with what the backend's header declares for every name of the list: the function
@@ -25,7 +25,9 @@
 /* The names of all passes. */
 #define KILN_PASS_LIST(DO)                                                                                             \
     DO(validity)                                                                                                       \
-    DO(direct) DO(gather) DO(probes) DO(occlusion) DO(directional) DO(path) DO(radiance) DO(guided) DO(caustic) DO(land)
+    DO(direct)                                                                                                         \
+    DO(gather)                                                                                                         \
+    DO(probes) DO(occlusion) DO(directional) DO(path) DO(radiance) DO(guided) DO(caustic) DO(land) DO(bidirectional)
 
 /* Where a pass stands in kiln_passes: KILN_PASS_INDEX_direct and so on. */
 #define KILN_PASS_INDEX_OF(name) KILN_PASS_INDEX_##name,
@@ -75,6 +77,7 @@ struct kiln_pass {
      * surface, and nothing that the ranks exchange hangs on who ran it. */
     bool is_stealable;
     bool on_embree_only; /* devices refuse it, with KILN_USAGE */
+    bool is_whole;       /* a batch is not cut up: its items share what is computed once */
     /* Comparison of results, for the verifying backend. NULL: results are not verified; then the rest is unused. */
     void (*figures)(const void *result, struct kiln_pass_figures *figures);
     size_t figure_count;                         /* at most KILN_PASS_FIGURES */

@@ -3,6 +3,7 @@
 
 #include "worker/pass/direct.h"
 #include "worker/base/color.h"
+#include "worker/pass/bidirectional.h"
 #include "worker/pass/caustic.h"
 #include "worker/pass/directional.h"
 #include "worker/pass/gather.h"
@@ -196,6 +197,18 @@ const struct kiln_pass kiln_pass_land = {.index = KILN_PASS_INDEX_land,
                                          .parameter_bytes = sizeof(struct kiln_land_parameters),
                                          .result_bytes = sizeof(struct kiln_land_result),
                                          .on_embree_only = true};
+
+/* Not verified: it is the host's alone. */
+const struct kiln_pass kiln_pass_bidirectional = {.index = KILN_PASS_INDEX_bidirectional,
+                                                  .name = "bidirectional",
+                                                  .what = "bidirectionally traced light",
+                                                  .domain = KILN_DOMAIN_PIXELS,
+                                                  .parameter_bytes = sizeof(struct kiln_bidirectional_parameters),
+                                                  .result_bytes = sizeof(struct kiln_path_result),
+                                                  .on_embree_only = true,
+                                                  .is_whole = true,
+                                                  .is_sampled = true,
+                                                  .is_divisible = true};
 
 #define ROW(name) [KILN_PASS_INDEX_##name] = &kiln_pass_##name,
 const struct kiln_pass *const kiln_passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};

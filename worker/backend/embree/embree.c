@@ -228,20 +228,20 @@ static int take_results(const struct embree_backend *b, const struct kiln_pass *
     return status;
 }
 
-/* The batch in parts of some PART_POINTS results, which are taken before the next part is computed. */
+/* The batch in parts of some PART_POINTS results, or whole, which are taken before the next part is computed. */
 static int embree_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                       const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     struct embree_backend *b = (struct embree_backend *)backend;
     const size_t last = batch->first + batch->count;
     uint64_t most = 0;
-    for (size_t i = batch->first; i < last && most < PART_POINTS + KILN_TILE_TEXELS; i++)
+    for (size_t i = batch->first; i < last && (pass->is_whole || most < PART_POINTS + KILN_TILE_TEXELS); i++)
         most += results_of(b, pass, i);
     char *results = NULL;
     int status = kiln_allocate(&results, (size_t)most, pass->result_bytes, "a batch's results", error);
     for (size_t first = batch->first; first < last && status == KILN_OK;) {
         size_t end = first;
-        for (uint64_t points = 0; end < last && points < PART_POINTS; end++)
+        for (uint64_t points = 0; end < last && (pass->is_whole || points < PART_POINTS); end++)
             points += results_of(b, pass, end);
         const struct kiln_batch part = kiln_batch_part(batch, first, end - first);
         status = pass_functions[pass->index](b, parameters, &part, results, rays, error);

@@ -2,6 +2,51 @@
 
 #include "worker/scene/footprint.h"
 
+bool meeting_trace(const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 origin,
+                   struct kiln_vec3 direction, float limit, uint32_t chance, struct RTCRayHit *ray, float tint[3])
+{
+    tint[0] = tint[1] = tint[2] = 1.0f;
+    *ray = (struct RTCRayHit){.ray = {.org_x = origin.x,
+                                      .org_y = origin.y,
+                                      .org_z = origin.z,
+                                      .dir_x = direction.x,
+                                      .dir_y = direction.y,
+                                      .dir_z = direction.z,
+                                      .tfar = limit,
+                                      .mask = ~0u},
+                              .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
+    embree_nearest1(b, context, ray, chance, tint);
+    return ray->hit.geomID != RTC_INVALID_GEOMETRY_ID;
+}
+
+bool meeting_is_seen(const struct embree_backend *b, uint32_t triangle, bool back)
+{
+    const struct kiln_hit_record *record = &b->params.geometry->records[triangle];
+    const bool hidden = (b->params.scene->objects[record->object].flags & KILN_OBJECT_CASTER_ONLY) != 0 &&
+                        (record->material & KILN_RECORD_EMITS) == 0;
+    return !hidden && meeting_has_side(b, record, back);
+}
+
+bool meeting_look(const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 origin,
+                  struct kiln_vec3 direction, float limit, uint32_t chance, struct RTCRayHit *ray, float tint[3])
+{
+    float part[3];
+    tint[0] = tint[1] = tint[2] = 1.0f;
+    for (uint32_t i = 0; i <= KILN_PATH_UNSEEN; i++) {
+        const bool meets = meeting_trace(b, context, origin, direction, limit, chance, ray, part);
+        for (int c = 0; c < 3; c++)
+            tint[c] *= part[c];
+        if (!meets)
+            return false;
+        if (meeting_is_seen(b, embree_triangle(b, ray->hit.geomID, ray->hit.primID), meeting_is_back(ray)))
+            return true;
+        const float beyond = kiln_path_beyond(ray->ray.tfar, b->params.geometry->extent);
+        origin = vec3_madd(origin, direction, beyond);
+        limit -= beyond;
+    }
+    return false;
+}
+
 bool meeting_is_back(const struct RTCRayHit *r)
 {
     return r->hit.Ng_x * r->ray.dir_x + r->hit.Ng_y * r->ray.dir_y + r->hit.Ng_z * r->ray.dir_z > 0.0f;
@@ -74,8 +119,7 @@ static void find_lobes(const struct embree_backend *b, struct kiln_vec3 directio
     m->albedo = kiln_bsdf_albedo_of(m->lobes, m->o);
 }
 
-/* What else there is of its scattering, and the frame. */
-static void find_frame(const struct embree_backend *b, struct kiln_vec3 direction, struct meeting *m)
+struct kiln_frame meeting_frame(const struct embree_backend *b, const struct meeting *m, struct kiln_vec3 normal)
 {
     const struct kiln_scene *scene = b->params.scene;
     const struct kiln_geometry *g = b->params.geometry;
@@ -83,7 +127,13 @@ static void find_frame(const struct embree_backend *b, struct kiln_vec3 directio
     kiln_geometry_corners(g, m->triangle, corner);
     const int second = scene->objects[g->records[m->triangle].object].flipped != 0 ? 1 : 2;
     const struct kiln_vec3 edge[2] = {vec3_sub(corner[3 - second], corner[0]), vec3_sub(corner[second], corner[0])};
-    m->frame = kiln_surface_frame(scene, m->gloss, m->mesh, m->stored, m->b1, m->b2, m->shading, edge);
+    return kiln_surface_frame(scene, m->gloss, m->mesh, m->stored, m->b1, m->b2, normal, edge);
+}
+
+/* What else there is of its scattering, and the frame. */
+static void find_frame(const struct embree_backend *b, struct kiln_vec3 direction, struct meeting *m)
+{
+    m->frame = meeting_frame(b, m, m->shading);
     m->o = kiln_into_frame(&m->frame, vec3_scale(direction, -1.0f));
     m->shares = kiln_bsdf_shares_of(m->albedo);
     m->others = KILN_LOBE_GLOSS | (m->lobes.coat.strength > 0.0f ? KILN_LOBE_COAT : 0u);

@@ -4,7 +4,7 @@
 #define KILN_WORKER_BACKEND_EMBREE_MEETING_H
 
 #include "shaders/shared/path.h"
-#include "worker/backend/embree/embree.h"
+#include "worker/backend/embree/passage.h"
 #include "worker/material/surface_bsdf.h"
 
 /* A surface that a path meets, on the side that it comes from. */
@@ -25,6 +25,16 @@ struct meeting {
     /* its lobes that are not diffuse, and of these those whose light is what the path's rays meet */
     uint32_t others, sharp;
 };
+
+/* Traces a ray up to `limit` m to the nearest surface that chance takes for there; false: it meets none. `chance`: what
+ * that hangs on; `tint`: what arrives of each colour. */
+bool meeting_trace(const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 origin,
+                   struct kiln_vec3 direction, float limit, uint32_t chance, struct RTCRayHit *ray, float tint[3]);
+/* The same for a ray of the camera, which goes on behind what the camera does not see (worker/pass/path.h). */
+bool meeting_look(const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 origin,
+                  struct kiln_vec3 direction, float limit, uint32_t chance, struct RTCRayHit *ray, float tint[3]);
+/* Whether the camera sees a world triangle from this side. */
+bool meeting_is_seen(const struct embree_backend *b, uint32_t triangle, bool back);
 
 bool meeting_is_back(const struct RTCRayHit *r);
 /* The record of what a ray has hit. */
@@ -48,6 +58,8 @@ void meeting_face(const struct embree_backend *b, bool smooth, struct kiln_vec3 
 struct meeting meeting_begin(const struct embree_backend *b, const struct RTCRayHit *r);
 void meeting_end(const struct embree_backend *b, const struct RTCRayHit *r, struct meeting *m);
 
+/* The frame of the scattering about a normal of the front, for a surface that is not only diffuse. */
+struct kiln_frame meeting_frame(const struct embree_backend *b, const struct meeting *m, struct kiln_vec3 normal);
 /* What the body that the ray has come through leaves of the light, by colour: the ray meets its surface from within.
  * False: it has come through none, and `share` is left as it is. `distance`: m. */
 bool meeting_attenuation(const struct meeting *m, float distance, float share[3]);

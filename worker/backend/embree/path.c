@@ -42,14 +42,6 @@ static bool trace(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 dire
     return meets;
 }
 
-static bool is_seen(const struct embree_backend *b, const struct RTCRayHit *r)
-{
-    const struct kiln_hit_record *record = meeting_record(b, r);
-    const bool hidden = (b->params.scene->objects[record->object].flags & KILN_OBJECT_CASTER_ONLY) != 0 &&
-                        (record->material & KILN_RECORD_EMITS) == 0;
-    return !hidden && meeting_has_side(b, record, meeting_is_back(r));
-}
-
 /* What the camera sees along the ray; false: nothing but the environment. */
 static bool look(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 direction, struct RTCRayHit *ray)
 {
@@ -57,7 +49,8 @@ static bool look(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 direc
     for (uint32_t i = 0; i <= KILN_PATH_UNSEEN; i++) {
         if (!trace(p, origin, direction, 0, ray))
             return false;
-        if (is_seen(p->walk.b, ray))
+        if (meeting_is_seen(p->walk.b, embree_triangle(p->walk.b, ray->hit.geomID, ray->hit.primID),
+                            meeting_is_back(ray)))
             return true;
         origin = vec3_madd(origin, direction, kiln_path_beyond(ray->ray.tfar, p->walk.b->params.geometry->extent));
     }

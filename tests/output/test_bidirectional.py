@@ -1,0 +1,130 @@
+"""kiln view --method light, bdpt, vcm, ...: the light of --method path, light that only they find, the same bits on any
+number of ranks and threads."""
+import os
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
+import exr  # noqa: E402
+
+KILN = os.environ["KILN"]
+DATA = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "data")
+SIZE = ("--width", "32", "--height", "32")
+SEEDS = 6
+MERGE, RADIUS = ("vcm", "vcm-single", "ppm", "sppm"), "0.02"
+
+
+def run(*arguments, code=0, ranks=0):
+    start = ["mpirun", "-n", str(ranks)] if ranks else []
+    done = subprocess.run([*start, KILN, *arguments], capture_output=True, text=True)
+    assert done.returncode == code, f"kiln {' '.join(arguments)}: exit {done.returncode}, wanted {code}\n{done.stderr}"
+    return done
+
+
+class Bidirectional(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        temporary = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(temporary.cleanup)
+        cls.folder = temporary.name
+
+    def scene(self, name):
+        path = os.path.join(self.folder, name + ".glb")
+        if not os.path.exists(path):
+            run("generate", name, "-o", path, "--quiet")
+        return path
+
+    def view(self, scene, method, *options, **more):
+        path = os.path.join(self.folder, "view.exr")
+        if method in MERGE:
+            options = (*options, "--merge-radius", RADIUS)
+        run("view", scene, "--method", method, "-o", path, "--quiet", *options, **more)
+        return exr.rgb(path)
+
+    def means(self, scene, method, samples, *options):
+        """Means of the whole and of 4 x 4 blocks, with their standard errors by the spread of pictures of several
+        seeds. Those of blocks come from few pictures each: their own mean square holds them up."""
+        light = np.array([self.view(scene, method, "--samples-pixel", str(samples), "--seed", str(seed), *SIZE,
+                                    *options) @ (0.2126, 0.7152, 0.0722) for seed in range(SEEDS)])
+        blocks = light.reshape(SEEDS, 4, 8, 4, 8).mean((2, 4)).reshape(SEEDS, 16)
+        variance = blocks.var(0, ddof=1) / SEEDS
+        return (light.mean(), light.mean((1, 2)).std(ddof=1) / SEEDS ** 0.5, blocks.mean(0),
+                np.sqrt((variance + variance.mean()) / 2))
+
+    def agree(self, scene, methods, samples, *options):
+        """Within 5 standard errors, which must be small."""
+        want = self.means(scene, "path", 64, *options)
+        for method in methods:
+            got = self.means(scene, method, samples, *options)
+            off = abs(got[0] - want[0]) / np.hypot(got[1], want[1])
+            blocks = np.abs(got[2] - want[2]) / np.hypot(got[3], want[3])
+            self.assertLess(got[1] / got[0], 0.04, (scene, method))
+            self.assertLess(off, 5, (scene, method, got[0], want[0]))
+            self.assertLess(blocks.max(), 5, (scene, method))
+
+    def test_diffuse(self):
+        self.agree(self.scene("cornell"), ("light",), 64, "--bounces", "2")
+        self.agree(self.scene("cornell"), ("bdpt", "vcm", "vcm-single", "sppm"), 8, "--bounces", "2")
+
+    def test_ppm(self):
+        """The camera's paths are the same in all samples: a pixel's place differs, its light does not."""
+        self.agree(self.scene("cornell"), ("ppm",), 16, "--bounces", "2")
+
+    def test_glass(self):
+        """A mirror and a ball of glass under an area light: caustics that all of them find."""
+        self.agree(self.scene("cornell-spheres"), ("bdpt", "vcm", "sppm"), 8, "--bounces", "1", "--materials", "auto")
+
+    def test_lights(self):
+        """Suns, points and spots, one of them with a range; two hundred lamps."""
+        self.agree(os.path.join(DATA, "punctual_zoo.glb"), ("bdpt", "vcm"), 8, "--bounces", "1")
+        self.agree(os.path.join(DATA, "many_lights.glb"), ("bdpt",), 8, "--bounces", "1")
+
+    def test_sky(self):
+        """Image and constant sky, through the open side of the box."""
+        image = os.path.join(self.folder, "sky.hdr")
+        rows, columns = 8, 16
+        texels = np.full((rows, columns, 4), (100, 120, 160, 128), np.uint8)
+        texels[2, 3] = (255, 240, 200, 133)
+        with open(image, "wb") as file:
+            file.write(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n" % (rows, columns) + texels.tobytes())
+        for sky in (image, "0.5,0.7,1"):
+            bake = os.path.join(self.folder, "bake" + str(sky == image))
+            run("bake", self.scene("cornell"), "-o", bake, "--texels-per-metre", "2", "--quality", "draft", "--bounces",
+                "0", "--samples-probe", "0", "--denoise", "none", "--no-preview", "--no-export", "--quiet",
+                "--environment", sky)
+            self.agree(bake, ("bdpt", "vcm") if sky == image else ("bdpt",), 8, "--bounces", "1")
+
+    def test_mirror_of_a_point(self):
+        """Light of a point by way of mirrors, which --method path does not find: vcm and sppm see the same."""
+        options = ("--bounces", "1", "--materials", "auto")
+        scene = self.scene("mirrors")
+        vcm, sppm, path = (self.means(scene, method, 16, *options) for method in ("vcm", "sppm", "path"))
+        self.assertLess(abs(vcm[0] - sppm[0]), 5 * np.hypot(vcm[1], sppm[1]) + 0.02 * vcm[0])
+        self.assertGreater(vcm[0], 1.5 * path[0])
+
+    def test_ranks(self):
+        """The same bits over any number of ranks and threads."""
+        size = ("--width", "21", "--height", "13", "--bounces", "2", "--samples-pixel", "9", "--materials", "auto")
+        for method in ("light", "bdpt", "vcm", "sppm"):
+            images = [self.view(self.scene("cornell-spheres"), method, *size, "--threads", str(threads), ranks=ranks)
+                      for ranks, threads in ((1, 2), (3, 1))]
+            self.assertGreater(images[0].mean(), 0)
+            np.testing.assert_array_equal(images[0], images[1], method)
+
+    def test_refused(self):
+        out = ("-o", os.path.join(self.folder, "no.exr"))
+        for options, words in ((("--method", "bdpt", "--backend", "vulkan"), "--backend embree"),
+                               (("--method", "bdpt", "--merge-radius", "1"), "nothing is merged"),
+                               (("--method", "path", "--merge-radius", "1"), "nothing is merged"),
+                               (("--method", "vcm", "--merge-radius", "0"), "merge-radius"),
+                               (("--method", "vcm", "--show", "texels"), "--method vcm --show texels")):
+            said = run("view", self.scene("cornell"), *options, *out, code=64).stderr
+            self.assertIn(words, said)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,178 @@
+/* The bidirectional pass (worker/pass/bidirectional.h): sample by sample, all threads. */
+#include <math.h>
+#include <omp.h>
+#include <string.h>
+
+#include "shaders/shared/color.h"
+#include "worker/backend/embree/bidirectional_subpaths.h"
+#include "worker/base/memory.h"
+
+/* With the seed's upper half, in place of it: paths of light draw other numbers than the camera's. */
+static const uint32_t LIGHT_SEED = 0x6c696774u;
+
+/* A film's unit is so many powers of two below the scene's mean radiance, which leaves as many above it for sums. */
+enum { FILM_BITS = 30 };
+
+/* Of the mean over what lies about the scene, if it were white: a power of two, W/(m2 sr). */
+static double film_unit(const struct kiln_emission *e)
+{
+    int power;
+    const double mean = e->power / (4.0 * KILN_PI * KILN_PI * e->radius * e->radius);
+    (void)frexp(mean, &power);
+    return mean > 0.0 ? ldexp(1.0, power - FILM_BITS) : 1.0;
+}
+
+static struct bidirectional make(const struct embree_backend *b, const struct kiln_bidirectional_parameters *p,
+                                 const struct kiln_emission *emission)
+{
+    const struct kiln_path_parameters *c = &p->camera;
+    const uint32_t low = (uint32_t)b->params.seed, high = (uint32_t)(b->params.seed >> 32);
+    const bool connects = p->method == KILN_BIDIRECTIONAL_BDPT || p->method == KILN_BIDIRECTIONAL_VCM ||
+                          p->method == KILN_BIDIRECTIONAL_VCM_SINGLE;
+    const bool own = p->method == KILN_BIDIRECTIONAL_VCM_SINGLE;
+    const uint64_t paths = (uint64_t)c->width * c->height;
+    return (struct bidirectional){
+        .b = b,
+        .parameters = p,
+        .emission = emission,
+        .paths = paths,
+        .pixel = 4.0 * (double)vec3_length(c->right) * (double)vec3_length(c->up) / (double)paths,
+        .most = c->bounces == KILN_PATH_ALL_BOUNCES ? INT64_MAX / 2 : (int64_t)c->bounces,
+        .seed = kiln_hash2(low, high ^ KILN_PATH_SEED),
+        .light_seed = kiln_hash2(low, high ^ LIGHT_SEED),
+        .connects = connects,
+        .merges = p->method != KILN_BIDIRECTIONAL_LIGHT && p->method != KILN_BIDIRECTIONAL_BDPT,
+        .own_alone = own,
+        .merged_paths = own ? 1.0 : (double)paths};
+}
+
+static void begin_sample(struct bidirectional *all, uint32_t k)
+{
+    all->radius = all->parameters->radius * pow((double)k + 1.0, (0.75 - 1.0) / 2.0);
+    const double area = KILN_PI * all->radius * all->radius * all->merged_paths;
+    if (all->merges)
+        all->techniques = (struct kiln_path_techniques){.merges = area, .connections = 1.0 / area};
+}
+
+/* Whether any thread has failed. */
+static int check(const struct subpaths *walks, uint32_t threads, struct kiln_error *error)
+{
+    for (uint32_t t = 0; t < threads; t++)
+        if (walks[t].status != KILN_OK) {
+            if (error != NULL)
+                *error = walks[t].error;
+            return walks[t].status;
+        }
+    return KILN_OK;
+}
+
+/* Traces all paths of light of sample k, and makes a grid of their vertices. */
+static int trace_photons(const struct bidirectional *all, struct subpaths *walks, uint32_t k, struct photon_grid **grid,
+                         struct kiln_error *error)
+{
+    const uint32_t threads = all->b->threads;
+    struct photon_list *lists = NULL;
+    int status = kiln_allocate(&lists, threads, sizeof *lists, "photons", error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel num_threads((int)threads)
+    {
+        struct subpaths *w = &walks[omp_get_thread_num()];
+        const unsigned saved = embree_enter();
+        const double begin = embree_thread_seconds();
+        w->photons.count = 0;
+#pragma omp for schedule(dynamic, 64) nowait
+        for (uint64_t i = 0; i < all->paths; i++) {
+            subpaths_trace_light(w, i, k);
+            subpaths_keep_photons(w, i);
+        }
+        w->seconds += embree_thread_seconds() - begin;
+        embree_leave(saved);
+    }
+    for (uint32_t t = 0; t < threads; t++)
+        lists[t] = walks[t].photons;
+    status = check(walks, threads, error);
+    if (status == KILN_OK)
+        status = photon_grid_create(grid, lists, threads, all->radius, error);
+    kiln_free(&lists);
+    return status;
+}
+
+/* Adds a sample to a pixel's result. */
+static void trace_pixel(struct subpaths *w, uint64_t pixel, uint32_t k, struct kiln_path_result *result)
+{
+    const struct bidirectional *all = w->all;
+    const bool splats = all->connects || all->parameters->method == KILN_BIDIRECTIONAL_LIGHT;
+    if (splats) {
+        subpaths_trace_light(w, pixel, k);
+        subpaths_splat(w);
+    }
+    if (all->own_alone) {
+        w->photons.count = 0;
+        subpaths_keep_photons(w, pixel);
+    }
+    subpaths_trace_eye(w, pixel, k);
+    const double luminance = kiln_luminance(w->radiance);
+    result->square += (float)(luminance * luminance);
+    for (int c = 0; c < 3; c++)
+        result->radiance[c] += (float)w->radiance[c];
+    result->count++;
+}
+
+static int trace_sample(struct bidirectional *all, struct subpaths *walks, uint32_t k, const struct kiln_batch *part,
+                        struct kiln_path_result *results, struct kiln_error *error)
+{
+    struct photon_grid *grid = NULL;
+    begin_sample(all, k);
+    int status = all->merges && !all->own_alone ? trace_photons(all, walks, k, &grid, error) : KILN_OK;
+    all->grid = grid;
+    if (status == KILN_OK) {
+#pragma omp parallel num_threads((int)all->b->threads)
+        {
+            struct subpaths *w = &walks[omp_get_thread_num()];
+            const unsigned saved = embree_enter();
+            const double begin = embree_thread_seconds();
+#pragma omp for schedule(dynamic, 16) nowait
+            for (size_t i = 0; i < part->count; i++)
+                if (!kiln_batch_leaves_out(part, part->first + i))
+                    trace_pixel(w, (uint64_t)part->first + i, k, &results[i]);
+            w->seconds += embree_thread_seconds() - begin;
+            embree_leave(saved);
+        }
+        status = check(walks, all->b->threads, error);
+    }
+    photon_grid_destroy(&grid);
+    all->grid = NULL;
+    return status;
+}
+
+int embree_bidirectional(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
+                         uint64_t *rays, struct kiln_error *error)
+{
+    const struct kiln_bidirectional_parameters *p = parameters;
+    struct kiln_emission *emission = NULL;
+    struct subpaths *walks = NULL;
+    memset(results, 0, part->count * sizeof(struct kiln_path_result));
+    int status = kiln_emission_create(&emission, b->params.lights, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&walks, b->threads, sizeof *walks, "bidirectional paths", error);
+    if (status == KILN_OK) {
+        struct bidirectional all = make(b, p, emission);
+        p->film->unit = film_unit(emission);
+        for (uint32_t t = 0; t < b->threads; t++) {
+            walks[t].all = &all;
+            embree_context(b, &walks[t].context);
+        }
+        for (uint32_t i = 0; i < part->samples && status == KILN_OK; i++)
+            status = trace_sample(&all, walks, part->first_sample + i, part, results, error);
+    }
+    for (uint32_t t = 0; walks != NULL && t < b->threads; t++) {
+        *rays += walks[t].rays;
+        b->thread_seconds += walks[t].seconds;
+        kiln_free(&walks[t].light);
+        kiln_free(&walks[t].photons.photons);
+    }
+    kiln_free(&walks);
+    kiln_emission_destroy(&emission);
+    return status;
+}

@@ -1,0 +1,11 @@
+/* The bidirectional pass (worker/pass/bidirectional.h), which this backend does not have. */
+#include "worker/backend/vulkan/vulkan.h"
+
+static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
+               struct kiln_error *error)
+{
+    (void)b, (void)parameters, (void)batch, (void)rays;
+    return kiln_fail(error, KILN_USAGE, "the Vulkan backend has no bidirectional paths: give --backend embree");
+}
+
+const struct vulkan_pass vulkan_pass_bidirectional = {.run = run};

@@ -1,0 +1,59 @@
+/* The bidirectional pass: the radiance that pixels of a camera see, by paths that begin at the camera and at the
+ * lights. On Embree alone.
+ *
+ * The light is that of the path pass (path.h), whose words stand there: the same camera, materials, rules of what is
+ * seen, and number of diffuse surfaces after the first. What differs: light of points, spots and directional lights
+ * that mirrors and glass send on is found here, and not by the path pass, whose shadow rays do not bend.
+ *
+ * Sample k of a pixel is one path from the camera; with it go as many paths of light as the picture has pixels,
+ * numbered over the whole picture: path i of sample k is a function of (seed, i, k) and the scene alone. Methods:
+ *
+ *   light       paths of light, of which each vertex is connected to the camera; the camera's rays see emission only
+ *   bdpt        path i of light and that of pixel i, by all techniques that connect (bidirectional_weights.h)
+ *   vcm         the same, and vertices of all paths of light are merged with the camera path's
+ *   vcm_single  the same, but only path i's vertices are merged
+ *   ppm, sppm   photon mapping: the camera path goes on through mirrors and smooth glass, and its first other vertex is
+ *               merged (Hachisuka and Jensen, "Stochastic Progressive Photon Mapping", SIGGRAPH Asia 2009). With ppm
+ * the camera's paths are those of sample 0 in every sample, with sppm new ones
+ *
+ * A vertex is merged with those within the radius, which in sample k is `radius` (k + 1)^((alpha - 1) / 2), alpha 3/4
+ * (Knaus and Zwicker, "Progressive Photon Mapping: A Probabilistic Approach", TOG 2011): merging blurs, and less and
+ * less. Vertices are summed in a fixed order.
+ *
+ * A vertex of light that the camera sees goes to any pixel: such light is added to `film`, of the whole picture, in
+ * fixed point, whose sums have no order. So any threads, and any pixels that are computed together or elsewhere, give
+ * the same bits. A path of light adds to the film with the item of its number. Methods that merge have each caller
+ * trace all paths of light of the picture, whatever its items are: on R ranks that part of the work is done R times.
+ *
+ * Items: pixels of the camera. Result: struct kiln_path_result, without the film's light, of which the squares know
+ * nothing either. Samples: paths of a pixel. Memory: 64 bytes for each vertex of a sample's paths of light, twice,
+ * where there is merging. */
+#ifndef KILN_WORKER_PASS_BIDIRECTIONAL_H
+#define KILN_WORKER_PASS_BIDIRECTIONAL_H
+
+#include "worker/pass/path.h"
+
+enum kiln_bidirectional_method {
+    KILN_BIDIRECTIONAL_LIGHT,
+    KILN_BIDIRECTIONAL_BDPT,
+    KILN_BIDIRECTIONAL_VCM,
+    KILN_BIDIRECTIONAL_VCM_SINGLE,
+    KILN_BIDIRECTIONAL_PPM,
+    KILN_BIDIRECTIONAL_SPPM
+};
+
+/* Of the whole picture: three sums a pixel over its samples, in units of `unit` W/(m2 sr). The pass sets the unit,
+ * which is a function of the scene, and adds to the sums. */
+struct kiln_splat_film {
+    int64_t *sums; /* lent */
+    double unit;
+};
+
+struct kiln_bidirectional_parameters {
+    struct kiln_path_parameters camera;
+    enum kiln_bidirectional_method method;
+    double radius; /* m, > 0: of merging in sample 0 */
+    struct kiln_splat_film *film;
+};
+
+#endif
