@@ -15,7 +15,7 @@ static void add_quoted(struct kiln_html *page, const char *text)
 {
     kiln_html_add(page, "\"");
     for (const char *at = text; *at != '\0'; at++)
-        kiln_html_add(page, *at == '"' ? "\"\"" : "%c", *at);
+        kiln_html_add(page, "%s%c", *at == '"' ? "\"" : "", *at);
     kiln_html_add(page, "\"\n");
 }
 
@@ -103,13 +103,14 @@ static int write_plot(const struct kiln_converge *c, struct kiln_error *error)
 
 enum { CELL = 24 };
 
-static const char *number_text(char text[CELL], const char *format, double value, const char *none)
+/* A number, behind `before`; or what there is in its place. */
+static const char *number_text(char text[CELL], const char *before, double value, const char *none)
 {
     if (isnan(value))
         return none;
-    (void)snprintf(text, CELL, "%s", isinf(value) ? "exact" : "");
-    if (!isinf(value))
-        (void)snprintf(text, CELL, format, value); /* NOLINT: formats are this file's */
+    if (isinf(value))
+        return "no error";
+    (void)snprintf(text, CELL, "%s%.4g", before, value);
     return text;
 }
 
@@ -121,10 +122,9 @@ static void print_method(const struct kiln_converge_method *m)
         return;
     }
     const struct kiln_converge_trial *last = &m->trials[m->count - 1];
-    (void)printf("%-12s%8u%12.4g%12.3f%14s%14s%14s\n", m->name, last->samples, last->seconds, 100.0 * last->nrmse,
-                 number_text(psnr, "%.2f", m->psnr_at_equal_time, "too slow"),
-                 number_text(gain, "%.2f", m->gain, "none"),
-                 number_text(level, m->at_most ? "<= %.3g" : "%.3g", m->seconds_to_level, "not reached"));
+    (void)printf("%-12s%8u%12.4g%12.3f%16s%16s%14s\n", m->name, last->samples, last->seconds, 100.0 * last->nrmse,
+                 number_text(psnr, "", m->psnr_at_equal_time, "too slow"), number_text(gain, "", m->gain, "none"),
+                 number_text(level, m->at_most ? "<= " : "", m->seconds_to_level, "not reached"));
 }
 
 static void print_table(const struct kiln_converge *c)
@@ -132,14 +132,14 @@ static void print_table(const struct kiln_converge *c)
     char equal[CELL], level[CELL], own[CELL];
     (void)snprintf(equal, sizeof equal, "dB in %.3g s", c->equal_seconds);
     (void)snprintf(level, sizeof level, "s to %.0f dB", KILN_CONVERGE_LEVEL);
-    (void)printf("%-12s%8s%12s%12s%14s%14s%14s\n", "method", "paths", "seconds", "nrmse %", equal, "dB a doubling",
+    (void)printf("%-12s%8s%12s%12s%16s%16s%14s\n", "method", "paths", "seconds", "nrmse %", equal, "dB a doubling",
                  level);
     for (size_t i = 0; i < c->count; i++)
         print_method(&c->methods[i]);
     if (c->reference_samples > 0)
         (void)printf(
             "against %u paths a pixel, whose own error is %s dB; views closer than that cannot be told apart\n",
-            c->reference_samples, number_text(own, "%.2f", c->reference_psnr, "not known"));
+            c->reference_samples, number_text(own, "", c->reference_psnr, "not known"));
     kiln_print(stdout, "%s/converge.csv, %s/converge.svg\n", c->job->output, c->job->output);
 }
 

@@ -103,6 +103,16 @@ class Converge(unittest.TestCase):
         self.assertEqual(answer.code, 65)
         self.assertIn('it has 24 x 18 pixels', answer.sentence())
 
+    def test_device(self):
+        # the time is without making kernels; a method that refuses the device has a row that says why
+        if not json.loads(kiln('info', '--devices', '--json').out)['vulkan']:
+            self.skipTest('there is no Vulkan device')
+        said, rows = bench(self.spheres, os.path.join(self.folder.name, 'device'), '--doublings', 1,
+                           '--width', 8, '--height', 6, '--backend', 'vulkan')
+        self.check_rows(said, rows, 1)
+        self.assertEqual(said['methods'][0]['method'], 'path')
+        self.assertTrue(all(view['seconds'] < 1 for view in said['methods'][0]['views']), said)
+
     def test_max_time(self):
         out = os.path.join(self.folder.name, 'short')
         said, _ = bench(self.spheres, out, 'path', '--max-time', 0.001, '--reference-samples', 2048, *SMALL)
