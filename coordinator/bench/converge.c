@@ -37,9 +37,11 @@ int kiln_converge_refuse_elsewhere(const struct kiln_job *job, struct kiln_error
 {
     static const uint32_t all = KILN_FOR_BENCH | KILN_FOR_VIEW | KILN_FOR_BAKE, own = KILN_FOR_BENCH | KILN_FOR_VIEW;
     for (size_t i = 0; i < kiln_option_count; i++)
-        if ((kiln_options[i].commands & all) == own && was_given(job, &kiln_options[i]))
+        if (((kiln_options[i].commands & all) == own ||
+             kiln_options[i].offset == offsetof(struct kiln_job, materials)) &&
+            was_given(job, &kiln_options[i]))
             return kiln_fail(error, KILN_USAGE,
-                             "--%s: of all benches only converge draws a view that is asked for; leave it out",
+                             "--%s: of all benches only converge has it, which draws a view; leave it out",
                              kiln_options[i].name);
     return KILN_OK;
 }

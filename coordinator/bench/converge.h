@@ -23,7 +23,7 @@
  * with one thread. KILN_USAGE, KILN_BAD_INPUT, KILN_STOPPED, or the status of a command that failed. */
 int kiln_converge_bench(struct kiln_job *job, struct kiln_error *error);
 
-/* KILN_USAGE if an option was given that of all benches only converge has: which view it draws. */
+/* KILN_USAGE if an option was given that of all benches only converge has: which view it draws, and its materials. */
 int kiln_converge_refuse_elsewhere(const struct kiln_job *job, struct kiln_error *error);
 
 #endif

@@ -133,9 +133,10 @@ class Converge(unittest.TestCase):
             answer = kiln('bench', 'converge', *arguments, folder=self.folder.name)
             self.assertEqual(answer.code, 64, answer.err)
             self.assertIn(words, answer.sentence())
-        answer = kiln('bench', 'rays', spheres, '--width', 24)
-        self.assertEqual(answer.code, 64)
-        self.assertIn('only converge', answer.sentence())
+        for option, value in (('--width', 24), ('--materials', 'full')):
+            answer = kiln('bench', 'rays', spheres, option, value)
+            self.assertEqual(answer.code, 64)
+            self.assertIn(option + ': of all benches only converge', answer.sentence())
 
     def test_no_method_draws_it(self):
         # the sentence of the view is the reason
