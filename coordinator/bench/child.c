@@ -61,14 +61,15 @@ static void push_option(struct kiln_child *child, const struct kiln_job *job, co
     kiln_child_push(child, kiln_option_text(job, option, room));
 }
 
-void kiln_child_push_given(struct kiln_child *child, const struct kiln_job *job, const char *const *own)
+void kiln_child_push_given(struct kiln_child *child, const struct kiln_job *job, uint32_t command,
+                           const char *const *own)
 {
     const struct kiln_job_owned *owned = job->strings;
     for (size_t i = 0; i < kiln_option_count; i++) {
         bool mine = false;
         for (const char *const *name = own; *name != NULL; name++)
             mine = mine || strcmp(*name, kiln_options[i].name) == 0;
-        if (owned->given[i] && !mine && (kiln_options[i].commands & KILN_FOR_BAKE) != 0)
+        if (owned->given[i] && !mine && (kiln_options[i].commands & command) != 0)
             push_option(child, job, &kiln_options[i]);
     }
 }
@@ -145,16 +146,12 @@ int kiln_child_run(struct kiln_child *child, int output, int errors, struct kiln
     return status;
 }
 
-/* Runs the command with stderr at this descriptor. */
-static int run_into(struct kiln_child *child, int errors, int *code, char said[KILN_CHILD_SAID],
+/* Runs the command with stdout and stderr at these descriptors. */
+static int run_into(struct kiln_child *child, int output, int errors, int *code, char said[KILN_CHILD_SAID],
                     struct kiln_error *error)
 {
     struct kiln_child_end end = {0};
-    const int none = open("/dev/null", O_WRONLY | O_CLOEXEC);
-    if (none < 0)
-        return kiln_fail_errno(error, KILN_SYSTEM, "/dev/null cannot be opened");
-    const int status = kiln_child_run(child, none, errors, &end, error);
-    (void)close(none);
+    const int status = kiln_child_run(child, output, errors, &end, error);
     *code = end.code;
     if (status == KILN_OK && end.asked != 0)
         return kiln_fail(error, KILN_STOPPED, "stopped by %s; run the same command again", strsignal(end.asked));
@@ -163,15 +160,66 @@ static int run_into(struct kiln_child *child, int errors, int *code, char said[K
     return status;
 }
 
+/* Makes or empties a file. */
+static int open_empty(const char *path, int *descriptor, struct kiln_error *error)
+{
+    *descriptor = open(path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600);
+    return *descriptor >= 0 ? KILN_OK : kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot make the file %.500s", path);
+}
+
+/* Runs the command with stdout at this descriptor, which it closes, and stderr in the file `path`. */
+static int run_with_errors_in(const char *path, struct kiln_child *child, int output, int *code,
+                              char said[KILN_CHILD_SAID], struct kiln_error *error)
+{
+    int errors = -1;
+    int status = open_empty(path, &errors, error);
+    if (status == KILN_OK)
+        status = run_into(child, output, errors, code, said, error);
+    if (errors >= 0)
+        (void)close(errors);
+    (void)close(output);
+    return status;
+}
+
 int kiln_child_run_quietly(struct kiln_child *child, const char *path, int *code, char said[KILN_CHILD_SAID],
                            struct kiln_error *error)
 {
-    const int errors = open(path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600);
-    if (errors < 0)
-        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot make the file %.500s", path);
-    const int status = run_into(child, errors, code, said, error);
-    (void)close(errors);
-    return status;
+    const int none = open("/dev/null", O_WRONLY | O_CLOEXEC);
+    if (none < 0)
+        return kiln_fail_errno(error, KILN_SYSTEM, "/dev/null cannot be opened");
+    return run_with_errors_in(path, child, none, code, said, error);
+}
+
+int kiln_child_run_for_json(struct kiln_child *child, const char *answer, const char *path, int *code,
+                            char said[KILN_CHILD_SAID], json_t **printed, struct kiln_error *error)
+{
+    json_error_t where;
+    int output = -1;
+    *printed = NULL;
+    int status = open_empty(answer, &output, error);
+    if (status == KILN_OK)
+        status = run_with_errors_in(path, child, output, code, said, error);
+    if (status != KILN_OK || *code != KILN_OK)
+        return status;
+    *printed = json_load_file(answer, 0, &where);
+    return *printed != NULL ? KILN_OK
+                            : kiln_fail(error, KILN_BUG, "%s %s --json printed no JSON: %s", child->text[0],
+                                        child->text[1], where.text);
+}
+
+const char *kiln_child_sentence(const char *said)
+{
+    static const char begin[] = "kiln: error: ";
+    const char *sentence = strstr(said, begin);
+    return sentence != NULL ? sentence + strlen(begin) : said;
+}
+
+int kiln_child_failure(const char *what, int code, const char *said, struct kiln_error *error)
+{
+    if (code == KILN_OK)
+        return KILN_OK;
+    return kiln_fail(error, code >= KILN_USAGE && code <= KILN_SITE ? code : KILN_SYSTEM, "%s failed with %d: %.900s",
+                     what, code, kiln_child_sentence(said));
 }
 
 int kiln_child_report(const char *folder, json_t **report, struct kiln_error *error)

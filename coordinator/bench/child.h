@@ -21,9 +21,10 @@ struct kiln_child {
 void kiln_child_push(struct kiln_child *child, const char *text);
 /* An option and its value, formatted as by printf. */
 void kiln_child_push_number(struct kiln_child *child, const char *name, const char *format, double value);
-/* Passes on the options that were given to this command and that bake also has, but those listed in `own`, which ends
- * with NULL. */
-void kiln_child_push_given(struct kiln_child *child, const struct kiln_job *job, const char *const *own);
+/* Passes on the options that were given to this command and that the child's also has, a bit of enum kiln_command_bit,
+ * but those listed in `own`, which ends with NULL. */
+void kiln_child_push_given(struct kiln_child *child, const struct kiln_job *job, uint32_t command,
+                           const char *const *own);
 void kiln_child_clear(struct kiln_child *child);
 
 /* The path of the running program. */
@@ -44,6 +45,17 @@ int kiln_child_run(struct kiln_child *child, int output, int errors, struct kiln
  * signal asked for the end. */
 int kiln_child_run_quietly(struct kiln_child *child, const char *path, int *code, char said[KILN_CHILD_SAID],
                            struct kiln_error *error);
+
+/* The same for a command that prints JSON: its stdout goes to the file `answer`, which is made or emptied, and with
+ * code KILN_OK *printed is what it printed; json_decref it. Else *printed is NULL. KILN_BUG if that is no JSON. */
+int kiln_child_run_for_json(struct kiln_child *child, const char *answer, const char *path, int *code,
+                            char said[KILN_CHILD_SAID], json_t **printed, struct kiln_error *error);
+
+/* The sentence with which a command failed, in what it wrote to stderr; all of that if there is none. */
+const char *kiln_child_sentence(const char *said);
+/* KILN_OK if `code` is that. Else the failure of the command, which `what` names: its status, and its sentence as the
+ * reason. */
+int kiln_child_failure(const char *what, int code, const char *said, struct kiln_error *error);
 
 /* The run.json of the bake in `folder`, which a child has just made; json_decref it. KILN_BAD_INPUT. */
 int kiln_child_report(const char *folder, json_t **report, struct kiln_error *error);

@@ -45,11 +45,7 @@ static int run(const struct kiln_crossover *c, struct kiln_child *child, const c
     *cost = (struct kiln_cost){after.processor - before.processor, after.clock - before.clock};
     kiln_child_clear(child);
     kiln_remove_tree(c->said);
-    if (status != KILN_OK || code == KILN_OK)
-        return status;
-    const char *sentence = strstr(said, "kiln: error: ");
-    return kiln_fail(error, code >= KILN_USAGE && code <= KILN_SITE ? code : KILN_SYSTEM, "%s failed with %d: %.900s",
-                     what, code, sentence != NULL ? sentence + strlen("kiln: error: ") : said);
+    return status == KILN_OK ? kiln_child_failure(what, code, said, error) : status;
 }
 
 static int bake(struct kiln_crossover *c, struct kiln_error *error)
@@ -66,7 +62,7 @@ static int bake(struct kiln_crossover *c, struct kiln_error *error)
     kiln_child_push(&child, c->bake);
     for (size_t i = 0; always[i] != NULL; i++)
         kiln_child_push(&child, always[i]);
-    kiln_child_push_given(&child, c->job, own);
+    kiln_child_push_given(&child, c->job, KILN_FOR_BAKE, own);
     return run(c, &child, "the bake", &c->bake_cost, error);
 }
 

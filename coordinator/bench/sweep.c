@@ -96,7 +96,7 @@ static void begin_command(const struct kiln_sweep *sweep, uint32_t ranks, const 
     kiln_child_push(child, folder);
     for (size_t i = 0; always[i] != NULL; i++)
         kiln_child_push(child, always[i]);
-    kiln_child_push_given(child, sweep->job, own);
+    kiln_child_push_given(child, sweep->job, KILN_FOR_BAKE, own);
 }
 
 static void push_words(struct kiln_child *child, char *words)
@@ -109,16 +109,12 @@ static void push_words(struct kiln_child *child, char *words)
 /* Runs the child. A bake that fails has its own message as the reason. */
 static int run(const struct kiln_sweep *sweep, struct kiln_child *child, const char *name, struct kiln_error *error)
 {
-    char said[KILN_CHILD_SAID];
+    char said[KILN_CHILD_SAID], what[KILN_SETTING_NAME + 32];
     int code = KILN_OK;
     const int status = kiln_child_run_quietly(child, sweep->said, &code, said, error);
     kiln_remove_tree(sweep->said);
-    if (status != KILN_OK || code == KILN_OK)
-        return status;
-    const char *sentence = strstr(said, "kiln: error: ");
-    return kiln_fail(error, code >= KILN_USAGE && code <= KILN_SITE ? code : KILN_SYSTEM,
-                     "the bake '%s' failed with %d: %.900s", name, code,
-                     sentence != NULL ? sentence + strlen("kiln: error: ") : said);
+    (void)snprintf(what, sizeof what, "the bake '%.*s'", KILN_SETTING_NAME, name);
+    return status == KILN_OK ? kiln_child_failure(what, code, said, error) : status;
 }
 
 /* ---- the reference ---- */

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "coordinator/files/publish.h"
+#include "coordinator/job/options.h"
 #include "worker/base/memory.h"
 
 int kiln_trial_begin(struct kiln_trial *t, const struct kiln_job *job, struct kiln_error *error)
@@ -191,7 +192,7 @@ static void make_command(struct kiln_trial *t, const char *const *options, struc
         kiln_child_push(child, always[i]);
     for (size_t i = 0; options[i] != NULL; i++)
         kiln_child_push(child, options[i]);
-    kiln_child_push_given(child, t->job, own);
+    kiln_child_push_given(child, t->job, KILN_FOR_BAKE, own);
 }
 
 static int run(struct kiln_trial *t, struct kiln_child *child)

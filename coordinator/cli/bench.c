@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "coordinator/bake/rays_bench.h"
+#include "coordinator/bench/converge.h"
 #include "coordinator/bench/crossover.h"
 #include "coordinator/bench/order.h"
 #include "coordinator/bench/range.h"
@@ -44,6 +45,10 @@ int kiln_command_bench(struct kiln_job *job, struct kiln_error *error)
 {
     const char *name = job->arguments[0];
     const bool rays = strcmp(name, "rays") == 0, scaling = strcmp(name, "scaling") == 0;
+    if (strcmp(name, "converge") == 0)
+        return kiln_converge_bench(job, error);
+    if (kiln_converge_refuse_elsewhere(job, error) != KILN_OK)
+        return KILN_USAGE;
     if (strcmp(name, "stability") == 0)
         return kiln_stability_bench(job, error);
     if (strcmp(name, "tradeoff") == 0)
@@ -57,10 +62,11 @@ int kiln_command_bench(struct kiln_job *job, struct kiln_error *error)
     if (strcmp(name, "tracing-range") == 0)
         return kiln_tracing_range_bench(job, error);
     if (!rays && !scaling)
-        return kiln_fail(error, KILN_USAGE,
-                         "no bench is called '%.100s'; there are: cell-size, crossover, per-object, rays, scaling, "
-                         "stability, tracing-range, tradeoff",
-                         name);
+        return kiln_fail(
+            error, KILN_USAGE,
+            "no bench is called '%.100s'; there are: cell-size, converge, crossover, per-object, rays, scaling, "
+            "stability, tracing-range, tradeoff",
+            name);
     if (job->argument_count != 2)
         return kiln_fail(error, KILN_USAGE, "kiln bench %s takes one scene; for example: kiln bench %s room.glb", name,
                          name);

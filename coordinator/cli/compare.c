@@ -16,7 +16,6 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/output_name.h"
-#include "coordinator/files/plain_file.h"
 #include "coordinator/view/compare_surface.h"
 #include "coordinator/output/image.h"
 #include "coordinator/output/read/results.h"
@@ -59,17 +58,6 @@ static int is_folder(const char *path, bool *folder, struct kiln_error *error)
     return KILN_OK;
 }
 
-static int read_file(struct kiln_reader *reader, const char *path, struct kiln_image **image, struct kiln_error *error)
-{
-    int descriptor;
-    int status = kiln_open_plain(path, &descriptor, error);
-    if (status != KILN_OK)
-        return status;
-    status = kiln_reader_image(reader, descriptor, path, NULL, 0, image, error);
-    (void)close(descriptor);
-    return status;
-}
-
 static int read_pair(const struct comparison *c, size_t k, struct kiln_image **a, struct kiln_image **b,
                      struct kiln_error *error)
 {
@@ -78,8 +66,8 @@ static int read_pair(const struct comparison *c, size_t k, struct kiln_image **a
     const bool octrees = c->leaves_a != NULL || c->leaves_b != NULL;
     int status = KILN_OK;
     if (c->ones[k].name[0] == '\0') {
-        status = read_file(c->reader, c->a, a, error);
-        return status == KILN_OK ? read_file(c->reader, c->b, b, error) : status;
+        status = kiln_reader_image_at(c->reader, c->a, a, error);
+        return status == KILN_OK ? kiln_reader_image_at(c->reader, c->b, b, error) : status;
     }
     (void)snprintf(name, sizeof name, "lightmaps/%s%s", c->ones[k].name, octrees ? ".exr" : "");
     if (c->leaves_a == NULL)

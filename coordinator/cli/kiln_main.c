@@ -462,7 +462,7 @@ static int run_command_line(int argc, char **argv)
                             (has_argument(argc, argv, "scaling") || has_argument(argc, argv, "stability") ||
                              has_argument(argc, argv, "tradeoff") || has_argument(argc, argv, "cell-size") ||
                              has_argument(argc, argv, "per-object") || has_argument(argc, argv, "crossover") ||
-                             has_argument(argc, argv, "tracing-range"));
+                             has_argument(argc, argv, "tracing-range") || has_argument(argc, argv, "converge"));
     const bool help = asks_for_help(argc, argv); /* rank 0 answers at once, whatever the other ranks do */
     const bool paths = command != NULL && command->bit == KILN_FOR_VIEW && traces_paths(argc, argv);
     const bool needs_mpi = command != NULL && (command->mpi || paths) && !starts_mpi && !help;

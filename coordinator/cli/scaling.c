@@ -11,6 +11,7 @@
 #include "coordinator/run/phases.h"
 #include "coordinator/bake/prepare.h"
 #include "coordinator/job/job_private.h"
+#include "coordinator/job/options.h"
 #include "coordinator/files/json.h"
 #include "coordinator/view/curve.h"
 #include "coordinator/files/html.h"
@@ -81,7 +82,7 @@ static void make_command(const struct bench *b, const struct run *run, const cha
     kiln_child_push_number(a, "--threads", "%.0f", b->threads);
     if (run->density > 0.0)
         kiln_child_push_number(a, "--texels-per-metre", "%.17g", run->density);
-    kiln_child_push_given(a, b->job, own);
+    kiln_child_push_given(a, b->job, KILN_FOR_BAKE, own);
 }
 
 /* The bake's stdout is our stderr, since our stdout is for the result. */

@@ -30,7 +30,8 @@ struct kiln_view_team {
     struct kiln_backend *backend;
     struct kiln_view_renderer renderer;
     struct kiln_view_work work;
-    double told; /* MPI_Wtime() of the last line about progress */
+    double told;      /* MPI_Wtime() of the last line about progress */
+    bool has_kernels; /* the device has made them */
 };
 
 /* What rank 0 tells the others. */
@@ -200,9 +201,25 @@ static void add_films(const struct kiln_view_team *t, struct kiln_splat_film *fi
     }
 }
 
+/* Traces one path, so that the device makes its kernels before the time of computing begins. What fails here fails in
+ * the picture too, which says it. */
+static void make_kernels(struct kiln_view_team *t, const struct kiln_path_view *view)
+{
+    struct kiln_path_view one = *view;
+    struct kiln_backend_info info;
+    float pixel[3];
+    uint64_t rays = 0;
+    kiln_backend_info(t->backend, &info);
+    one.samples = 1;
+    if (!t->has_kernels && !view->both_ways && strcmp(info.name, "embree") != 0)
+        (void)kiln_path_view_pixels(t->backend, &one, 0, 1, NULL, NULL, pixel, NULL, &rays, NULL);
+    t->has_kernels = true;
+}
+
 /* Collective. Draws a picture; `all` has its pixels, on rank 0. */
 static int draw(struct kiln_view_team *t, const struct kiln_path_view *view, float *all, struct kiln_error *error)
 {
+    make_kernels(t, view);
     const size_t pixels = (size_t)view->parameters.width * view->parameters.height;
     const size_t first = range_of(t, pixels, t->rank), count = range_of(t, pixels, t->rank + 1) - first;
     const struct kiln_path_progress progress = {.tell = tell, .context = t};

@@ -25,7 +25,7 @@ void kiln_view_team_lend(struct kiln_view_team *team, struct kiln_view_source *s
 void kiln_view_team_end(struct kiln_view_team *team);
 void kiln_view_team_serve(struct kiln_view_team *team);
 
-/* Of all pictures so far, on rank 0: rays of all ranks, and seconds that they took. */
+/* Of all pictures so far, on rank 0: rays of all ranks, and seconds that they took once the kernels were made. */
 struct kiln_view_work {
     uint64_t rays;
     double seconds;

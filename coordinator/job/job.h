@@ -142,8 +142,10 @@ struct kiln_job {
     uint64_t points;                     /* plan: surface points of the scaling curve; 0: those of the scene */
     char *rank_counts;                   /* bench scaling, cell-size, per-object: "1,2,4" */
     uint32_t repeats;                    /* bench: runs of each measurement */
-    char *reference;                     /* bench tradeoff: folder of a converged bake; NULL: one is made */
-    uint32_t reference_samples;          /* bench tradeoff: rays in its final gather */
+    char *reference;                     /* benches: what errors are measured against; NULL: it is made */
+    uint32_t reference_samples;          /* benches: rays a texel, or paths a pixel, of the reference */
+    double view_time;                    /* bench converge: s, of a view at most */
+    uint32_t doublings;                  /* bench converge: of the paths a pixel */
     double budget;                       /* benches that sweep: seconds; 0: no limit */
     bool list;                           /* bench tradeoff: only list the bakes */
 

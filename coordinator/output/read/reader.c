@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "coordinator/confined/confined.h"
+#include "coordinator/files/plain_file.h"
 #include "coordinator/output/read/reader_private.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
@@ -244,6 +245,17 @@ int kiln_reader_image(struct kiln_reader *r, int descriptor, const char *path, c
     if (status == KILN_OK)
         status = take_image(r, memory, path, image, error);
     (void)close(memory);
+    return status;
+}
+
+int kiln_reader_image_at(struct kiln_reader *r, const char *path, struct kiln_image **image, struct kiln_error *error)
+{
+    int descriptor;
+    int status = kiln_open_plain(path, &descriptor, error);
+    if (status != KILN_OK)
+        return status;
+    status = kiln_reader_image(r, descriptor, path, NULL, 0, image, error);
+    (void)close(descriptor);
     return status;
 }
 

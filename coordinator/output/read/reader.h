@@ -28,6 +28,9 @@ int kiln_reader_ranges(struct kiln_reader *reader, int descriptor, const char *p
  * `wanted`. */
 int kiln_reader_image(struct kiln_reader *reader, int descriptor, const char *path, const char *const *wanted,
                       size_t wanted_count, struct kiln_image **image, struct kiln_error *error);
+/* kiln_reader_image of all channels of the file at this path. */
+int kiln_reader_image_at(struct kiln_reader *reader, const char *path, struct kiln_image **image,
+                         struct kiln_error *error);
 /* Does the same as kiln_volume_light (volume_eval.h) for this volume. */
 int kiln_reader_light(struct kiln_reader *reader, int descriptor, const char *path, const double position[3],
                       struct kiln_volume_probe *light, struct kiln_volume_place *place, struct kiln_error *error);
