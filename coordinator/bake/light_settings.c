@@ -2,6 +2,15 @@
 
 #include "coordinator/integrate/integrator.h"
 
+uint32_t kiln_light_photons(const struct kiln_job *job, uint64_t points)
+{
+    enum { LEAST = 1 << 12, MOST = 1 << 26, RAYS_A_PATH = 32 };
+    if (job->photons > 0 || job->iterations == 0)
+        return job->photons;
+    const uint64_t photons = points * job->samples_indirect / RAYS_A_PATH / job->iterations;
+    return photons < LEAST ? LEAST : photons > MOST ? MOST : (uint32_t)photons;
+}
+
 struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, const struct kiln_lights *lights,
                                                    uint64_t points)
 {
@@ -16,8 +25,9 @@ struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, c
         .indirect_scale = 1u << job->indirect_scale,
         .final_scale = 1u << job->final_scale,
         .caustics = kiln_job_has_caustics(job) ? (enum kiln_caustics)job->caustics : KILN_CAUSTICS_NONE,
-        .photons = job->photons,
+        .photons = kiln_light_photons(job, points),
         .iterations = job->iterations,
+        .photons_given = job->photons > 0,
         .guide = job->guide > 0,
         .seen_only = job->only_visible_from != NULL,
         .compact = kiln_exchange_is_compact(job->exchange, points),

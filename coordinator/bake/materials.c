@@ -8,7 +8,7 @@ void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
         job->caustics = KILN_CAUSTICS_NONE;
         job->chain_length = 0; /* there are no chains */
     } else if (job->caustics == KILN_CAUSTICS_AUTO) {
-        job->caustics = KILN_CAUSTICS_GATHER;
+        job->caustics = KILN_CAUSTICS_LAND;
     }
     if (job->caustics != KILN_CAUSTICS_LAND)
         job->photons = job->iterations = 0; /* there are no light paths */
@@ -22,7 +22,8 @@ static const char *why_none(enum kiln_gloss_mode asked)
                : "the scene has no metal, glass with a body, clear coat, or reflection of roughness below 0.5";
 }
 
-json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode asked, const struct kiln_scene *scene)
+json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode asked, const struct kiln_scene *scene,
+                            uint32_t photons)
 {
     static const char *const modes[] = {"auto", "diffuse", "full"};
     static const char *const caustics[] = {"auto", "none", "gather", "land"};
@@ -47,7 +48,7 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
     (void)json_object_set_new(json, "kinds", kinds);
     (void)json_object_set_new(json, "caustics", json_string(caustics[job->caustics]));
     if (job->caustics == KILN_CAUSTICS_LAND) {
-        (void)json_object_set_new(json, "photons", json_integer((json_int_t)job->photons));
+        (void)json_object_set_new(json, "photons", json_integer((json_int_t)photons));
         (void)json_object_set_new(json, "iterations", json_integer((json_int_t)job->iterations));
     }
     (void)json_object_set_new(json, "chain_length", json_integer((json_int_t)job->chain_length));

@@ -166,19 +166,6 @@ static int check_same_scene(const struct kiln_prepared *p, const char *scene_fil
     return kiln_agree(p->communicator, status, error);
 }
 
-/* Light paths that land are Embree's (worker/pass/land.h). */
-static int refuse_landing(const struct kiln_prepared *p, struct kiln_error *error)
-{
-    struct kiln_backend_info info;
-    kiln_backend_info(p->backend, &info);
-    return p->scene->taken == NULL || strcmp(info.name, "embree") == 0
-               ? KILN_OK
-               : kiln_fail(error, KILN_USAGE,
-                           "--caustics land needs the Embree backend, and this is the backend '%s': give --backend "
-                           "embree, or --caustics gather",
-                           info.name);
-}
-
 /* Collective. What the backends need of an open scene: geometry, lights and the backend itself. */
 static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_prepare_care *care,
                          struct kiln_error *error)
@@ -200,8 +187,6 @@ static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, co
         kiln_devices_choose(job, p->node_rank, p->node_ranks, &params);
         status = kiln_backend_create(&p->backend, job->backend != NULL ? job->backend : "auto", &params, error);
     }
-    if (status == KILN_OK && job->caustics == KILN_CAUSTICS_LAND)
-        status = refuse_landing(p, error);
     return go_on(p, care, status, error);
 }
 

@@ -17,13 +17,15 @@
 #define MOMENT_STEP 65536.0 /* second moments are sums of whole numbers of 1 / this */
 #define MOMENT_MOST 0x1p38  /* of one path: 2^24 of the rarest kind fit in 64 bits */
 
-enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256 };
+enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256, PATHS_AN_AIM = 4 };
 
 struct kiln_landing {
     const struct kiln_integrate_params *params;
     struct kiln_solution *solution;
     const struct kiln_saved *saved;
     struct kiln_aims *aims;
+    uint64_t photons;         /* of an iteration */
+    struct kiln_backend *own; /* of the step, where the bake's backend is a device: light paths are the host's */
     /* of an iteration: this rank's second moments by aim; of all so far: by aim, and the paths that they are of */
     uint64_t *moments;
     double *learnt, *paths, *weights;
@@ -57,7 +59,7 @@ static int make_room(struct kiln_landing *l, struct kiln_error *error)
 int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integrate_params *params,
                         struct kiln_solution *solution, const struct kiln_saved *saved, struct kiln_error *error)
 {
-    const uint32_t photons = params->settings->photons;
+    uint64_t photons = params->settings->photons;
     struct kiln_landing *l = NULL;
     int status = kiln_allocate(&l, 1, sizeof *l, "the landings of light", error);
     *landing = l;
@@ -65,11 +67,15 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
         return status;
     *l = (struct kiln_landing){.params = params, .solution = solution, .saved = saved};
     status = kiln_aims_create(&l->aims, params->backend->params.lights, error);
+    if (status == KILN_OK && !params->settings->photons_given && photons < PATHS_AN_AIM * l->aims->count)
+        photons = PATHS_AN_AIM * l->aims->count;
+    l->photons = photons;
     if (status == KILN_OK && photons < l->aims->count)
-        status = kiln_fail(error, KILN_USAGE,
-                           "--photons %u is less than the %zu pairs of a lamp and an object with gloss, each of which "
-                           "needs a path: give --photons %zu or more",
-                           photons, l->aims->count, l->aims->count);
+        status =
+            kiln_fail(error, KILN_USAGE,
+                      "--photons %llu is less than the %zu pairs of a lamp and an object with gloss, each of which "
+                      "needs a path: give --photons %zu or more",
+                      (unsigned long long)photons, l->aims->count, l->aims->count);
     if (status == KILN_OK)
         status = make_room(l, error);
     if (status != KILN_OK)
@@ -79,6 +85,7 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
 
 static void end_step(struct kiln_landing *l)
 {
+    kiln_backend_destroy(&l->own);
     kiln_land_exchange_release(&l->exchange);
     kiln_free(&l->records);
     kiln_free(&l->sums);
@@ -134,7 +141,8 @@ static int trace(struct kiln_landing *l, uint64_t first, uint64_t count, uint64_
 {
     const struct kiln_land_parameters parameters = {.aims = l->aims};
     const struct kiln_batch batch = {.first = first, .count = count, .take = take, .context = l};
-    return kiln_backend_run(l->params->backend, &kiln_pass_land, &parameters, &batch, rays, error);
+    return kiln_backend_run(l->own != NULL ? l->own : l->params->backend, &kiln_pass_land, &parameters, &batch, rays,
+                            error);
 }
 
 /* Collective. Traces this rank's part of the block of paths [first, first + count), and waits for the others; saves and
@@ -203,10 +211,25 @@ static void forget(struct kiln_landing *l)
     memset(l->moments, 0, count * sizeof *l->moments);
     memset(l->learnt, 0, count * sizeof *l->learnt);
     memset(l->paths, 0, count * sizeof *l->paths);
-    kiln_aims_share(l->aims, l->params->settings->photons, NULL);
+    kiln_aims_share(l->aims, l->photons, NULL);
 }
 
 /* ---- a step ---- */
+
+/* A device leaves light paths to the host's processors (worker/pass/land.h), which need a BVH of their own for them. */
+static int open_backend(struct kiln_landing *l, struct kiln_error *error)
+{
+    struct kiln_backend *bake = l->params->backend;
+    struct kiln_backend_params params = bake->params;
+    struct kiln_backend_info info;
+    kiln_backend_info(bake, &info);
+    if (strcmp(info.name, "embree") == 0)
+        return KILN_OK;
+    params.verify_fraction = 0.0;
+    params.faults = (struct kiln_device_faults){0};
+    const int status = kiln_backend_create(&l->own, "embree", &params, error);
+    return status == KILN_OK ? kiln_backend_set_surface(l->own, bake->surface, error) : status;
+}
 
 /* Collective. */
 static int begin_step(struct kiln_landing *l, struct kiln_error *error)
@@ -218,6 +241,8 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_allocate(&l->records, (block + ranks - 1) / ranks, sizeof *l->records,
                                "the landings of light paths", error);
+    if (status == KILN_OK && l->aims->count > 0)
+        status = open_backend(l, error);
     status = kiln_agree(l->params->communicator, status, error);
     return status == KILN_OK
                ? kiln_land_exchange_create(&l->exchange, l->params->communicator, own->first.at, own->count, error)

@@ -25,6 +25,7 @@ struct kiln_integrate_settings {
     uint32_t final_scale;         /* likewise of a block in the final gather (nodes.h) */
     enum kiln_caustics caustics;  /* settled; up to KILN_CAUSTICS_NONE there is no such step */
     uint32_t photons, iterations; /* of KILN_CAUSTICS_LAND (land.h) */
+    bool photons_given;           /* by the user: then fewer than are needed are refused, else more are taken */
     bool guide;     /* bounces learn where light comes from, and the final gather follows (worker/pass/guided.h) */
     bool seen_only; /* the final gather and quantities are of tile runs that are seen (struct kiln_rank_data) */
     bool compact; /* radiosity travels in 4 bytes a point where an integrator can afford that: kiln_exchange_is_compact

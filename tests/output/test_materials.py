@@ -89,7 +89,7 @@ class Materials(unittest.TestCase):
         self.assertTrue(np.array_equal(light(folder), light(folder, "direct") + light(folder, "indirect") +
                                        light(folder, "caustic")))
         said = report(folder)["materials"]
-        self.assertEqual((said["mode"], said["taken"], said["caustics"]), ("auto", 2, "gather"))
+        self.assertEqual((said["mode"], said["taken"], said["caustics"]), ("auto", 2, "land"))
         self.assertEqual(said["kinds"], {"metal": 1, "volume glass": 1})
         self.assertTrue(any("caustic.R" in channels(folder, entry)
                             for entry in report(folder)["objects"]))
@@ -113,7 +113,8 @@ class Materials(unittest.TestCase):
 
     def test_lamps_without_size(self):
         """No gather ray meets a point by a mirror: its light that way is told as unfound, and the ledger closes."""
-        folder = self.bake("mirrors", "mirrors", "--materials", "auto", "--texels-per-metre", "4", "--quality", "draft")
+        folder = self.bake("mirrors", "mirrors", "--materials", "auto", "--caustics", "gather",
+                           "--texels-per-metre", "4", "--quality", "draft")
         text, closed = harness.energy(report(folder))
         self.assertTrue(closed, text)
         self.assertGreater(report(folder)["energy"]["unfound"][1], 0.2 * report(folder)["energy"]["emitted"][1])
@@ -121,7 +122,8 @@ class Materials(unittest.TestCase):
 
     def test_same_bits(self):
         """On any number of ranks, by every schedule, in parts and in rounds."""
-        for i, more in enumerate((("--bounces", "all"), ("--schedule", "equal", "--bounces", "2", "--exchange", "full"),
+        for i, more in enumerate((("--bounces", "all", "--caustics", "gather"),
+                                  ("--schedule", "equal", "--bounces", "2", "--exchange", "full"),
                                   ("--bounces", "2", "--error-map", "--samples-direct", "64"),
                                   ("--bounces", "2", "--target-error", "0.2", "--rebalance", "always"))):
             options = ("--materials", "auto", "--texels-per-metre", "3", "--quality", "draft", "--samples-indirect",

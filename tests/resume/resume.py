@@ -603,7 +603,8 @@ def try_caustics(checks, tool):
     ranks; diffuse, it is another bake."""
     scene = os.path.join(tool.scratch, 'spheres.glb')
     tool.run('generate', 'cornell-spheres', '-o', scene)
-    more = ('--materials', 'auto', '--lightmap-size', 24, '--samples-indirect', 1024, '--bounces', 2)
+    more = ('--materials', 'auto', '--caustics', 'gather', '--lightmap-size', 24, '--samples-indirect', 1024,
+            '--bounces', 2)
     reference, _ = reference_of(checks, tool, *more, scene=scene)
     checks.that('kiln.h5 irradiance/caustic' in reference, 'the reference has no caustics: %s' % sorted(reference))
     folder = tool.folder()
