@@ -29,7 +29,7 @@
 #include "worker/scene/radiosity.h"
 
 /* quarters that are not equally large, slices that are not full; of chains few, which a software device is slow with */
-enum { SAMPLES = 150, CHAIN_SAMPLES = 30 };
+enum { SAMPLES = 150, CHAIN_SAMPLES = 30, POINT_FLOATS = offsetof(struct kiln_point_result, count) / sizeof(float) };
 
 struct world {
     struct fixture *fixture;
@@ -341,7 +341,7 @@ static void learn_at_scales(const struct world *w)
         }
         for (int b = 0; b < 2; b++)
             assert_int_equal(kiln_backend_set_radiosity(w->backends[b], w->radiosity, NULL), KILN_OK);
-        agree(w, &kiln_pass_guided, &parameters, 13, k);
+        agree(w, &kiln_pass_guided, &parameters, POINT_FLOATS, k);
         learn(w, k, true);
         forget(k);
     }
@@ -362,7 +362,7 @@ static void fall_back(struct world *w)
     int runs = 0;
     for (; runs < MOST_RUNS && !info.fell_back; runs++) {
         struct kept k[2];
-        agree(w, &kiln_pass_guided, &both, 13, k);
+        agree(w, &kiln_pass_guided, &both, POINT_FLOATS, k);
         kiln_backend_info(w->backends[1], &info);
         if (info.fell_back)
             for (uint64_t p = 0; p < w->surface->count; p++)
@@ -385,7 +385,7 @@ static void guided_gathers_agree(void **state)
         plain[b] = run(&w, b, &kiln_pass_gather, NULL, SAMPLES, &rays);
     for (int bounce = 1; bounce <= 3; bounce++) {
         const struct kiln_guided_parameters parameters = {.learns = bounce<3, .follows = bounce> 1};
-        agree(&w, &kiln_pass_guided, &parameters, 16, k);
+        agree(&w, &kiln_pass_guided, &parameters, POINT_FLOATS, k);
         for (int b = 0; b < 2; b++) /* the first bounce has nothing to follow; later some tile runs have */
             for (uint64_t i = 0; i < w.surface->count; i++) {
                 const struct kiln_point_result *r = (const struct kiln_point_result *)(const void *)plain[b].results;
