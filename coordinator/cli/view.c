@@ -459,12 +459,31 @@ static void close_view(struct view *v)
     kiln_temporary_remove(&v->temporary);
 }
 
+/* Takes the materials as --materials says, or else as the bake has. */
+static int take_materials(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
+{
+    const char *const *names = kiln_option_find_for("materials", KILN_FOR_VIEW)->choices;
+    enum kiln_gloss_mode mode = (enum kiln_gloss_mode)job->materials;
+    json_t *run = NULL;
+    int status = KILN_OK;
+    if (!was_given(job, "materials") && kiln_results_has(v->results, "run.json"))
+        status = kiln_results_json(v->results, "run.json", &run, error);
+    const char *baked = json_string_value(json_object_get(json_object_get(run, "materials"), "mode"));
+    for (int i = 0; baked != NULL && names[i] != NULL; i++)
+        if (strcmp(baked, names[i]) == 0)
+            mode = (enum kiln_gloss_mode)i;
+    json_decref(run);
+    return status == KILN_OK ? kiln_scene_take_gloss(v->scene, mode, error) : status;
+}
+
 /* Draws from lightmaps, in one process. */
 static int view_lightmaps(struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
 {
     int status = check_options(v, job, path, error);
     if (status == KILN_OK)
         status = open_scene(v, job, error);
+    if (status == KILN_OK)
+        status = take_materials(v, job, error);
     if (status == KILN_OK)
         status = kiln_shots_make(job, v->scene, path, &v->shots, error);
     if (status == KILN_OK)

@@ -245,13 +245,13 @@ static void note_glass(struct gltf *g, struct gltf_place place, const json_t *js
     gltf_take(g, kiln_builder_note(g->builder, 0, g->error,
                                    "materials[%zu] (KHR_materials_transmission): lets %.3g %% of the light through%s, "
                                    "tinted by its base colour, as thin "
-                                   "walls do; refraction and mirror reflection are not modelled",
+                                   "walls do; --materials auto adds refraction and mirror reflection",
                                    place.index, 100.0 * (double)m->transmission,
                                    m->transmission_texture != KILN_NONE ? " where its texture is white" : ""));
     if (g->status == KILN_OK && thickness > 0.0)
         gltf_take(g, kiln_builder_note(g->builder, 1, g->error,
                                        "materials[%zu] (KHR_materials_volume): bakes as thin walls, not as a body %g m "
-                                       "thick; refraction and absorption inside are not modelled",
+                                       "thick; --materials auto adds refraction and absorption inside",
                                        place.index, thickness));
 }
 

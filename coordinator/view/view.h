@@ -10,7 +10,11 @@
  * --directional, E is that of the mapped normal: normal_map.h has the formulas. Lightmaps are loaded when first needed
  * and all stay in memory, 12 bytes for each texel, and 48 (sh1) or 16 (dominant) more in a scene that has normal maps.
  *
- * Metals reflect nothing diffusely; they are shown as diffuse surfaces of their base colour, which is an approximation.
+ * Where materials are taken with their gloss (kiln_scene_take_gloss), pixels with mirrors, gloss or glass in them show
+ * what these mirror and let through (view_gloss.h).
+ *
+ * Otherwise metals reflect nothing diffusely; they are shown as diffuse surfaces of their base colour, which is an
+ * approximation.
  * Single-sided surfaces are visible from their front only, as glTF defines: rays that hit their back continue. Rays
  * also pass through caster-only objects, which have no lightmap, unless these emit. The back of a double-sided surface
  * shows lightmaps/back/OBJECT.exr if that was baked, else the light of its front. The picture reports how much of it

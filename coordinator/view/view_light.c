@@ -9,6 +9,7 @@
 #include "coordinator/files/publish.h"
 #include "coordinator/view/leaf_light.h"
 #include "coordinator/view/normal_map.h"
+#include "coordinator/view/view_gloss.h"
 #include "worker/sampling/keys.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
@@ -71,7 +72,7 @@ bool kiln_view_is_seen(const struct kiln_view_source *source, const struct kiln_
     const struct kiln_hit_record *record = &source->geometry->records[hit->triangle];
     if (is_unpublished(source->scene, record->object) && (record->material & KILN_RECORD_EMITS) == 0)
         return false;
-    return !hit->back || (record->material & KILN_RECORD_DOUBLE_SIDED) != 0;
+    return !hit->back || (record->material & KILN_RECORD_DOUBLE_SIDED) != 0 || kiln_view_goes_on(source, hit);
 }
 
 /* Finds the rays that continue beyond a back; puts their indices into `active` and returns their number. */

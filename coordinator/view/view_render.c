@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "coordinator/view/view.h"
+#include "coordinator/view/view_gloss.h"
 #include "coordinator/view/view_light.h"
 #include "worker/base/memory.h"
 
@@ -31,6 +32,7 @@ struct pixel {
     float irradiance[3];                    /* mean of the first ones */
     uint32_t triangle;                      /* opaque one that all first rays meet, in even light; KILN_NONE: no such */
     bool back;                              /* from behind */
+    bool gloss;                             /* a ray meets a surface that it goes on from (view_gloss.h) */
     enum fate fate;
 };
 
@@ -127,6 +129,7 @@ static void shade_first(const struct renderer *r, size_t from, struct pixel *p)
     *p = (struct pixel){.low = {INFINITY, INFINITY, INFINITY}, .high = {-INFINITY, -INFINITY, -INFINITY}};
     for (size_t k = from; k < from + r->first; k++) {
         kiln_view_radiance(r->maps, &r->batch->hits[k], r->batch->directions[k], &seen);
+        p->gloss = p->gloss || kiln_view_goes_on(&r->params->source, &r->batch->hits[k]);
         add_seen(p, &seen);
         widen(p->low, p->high, seen.rgb);
         widen(low, high, seen.irradiance);
@@ -263,6 +266,31 @@ static int look_again(struct renderer *r, const size_t *list, size_t count, stru
     return KILN_OK;
 }
 
+/* The pixels of rows [from, to) with mirrors, gloss or glass in them: all that was seen there is seen again. */
+static int look_on(struct renderer *r, uint32_t from, uint32_t to, struct kiln_error *error)
+{
+    const size_t first = row_at(r, from), place = (size_t)from * r->params->width;
+    size_t count = 0;
+    float *rgb = NULL;
+    for (size_t i = first; i < row_at(r, to); i++)
+        if (r->pixels[i].gloss)
+            r->traced[count++] = place + i - first;
+    if (count == 0)
+        return KILN_OK;
+    int status = kiln_allocate(&rgb, 3 * count, sizeof *rgb, "the pixels of a view", error);
+    if (status == KILN_OK)
+        status = kiln_view_gloss(r->params, r->maps, r->traced, count, rgb, error);
+    for (size_t k = 0; k < count && status == KILN_OK; k++) {
+        struct pixel *p = &r->pixels[first + r->traced[k] - place];
+        p->fate = FEW;
+        p->metal = 0.0f;
+        for (int c = 0; c < 3; c++)
+            p->sum[c] = rgb[3 * k + (size_t)c] * (float)r->first;
+    }
+    kiln_free(&rgb);
+    return status;
+}
+
 /* Writes rows [from, to) to the image: a pixel is the mean over its rays. */
 static void put_rows(struct renderer *r, uint32_t from, uint32_t to)
 {
@@ -291,6 +319,8 @@ static int render_band(struct renderer *r, uint32_t rows, struct kiln_error *err
         some = left > 0 && count - i > r->batch->capacity / left ? r->batch->capacity / left : count - i;
         status = look_again(r, r->traced + i, some, error);
     }
+    if (status == KILN_OK)
+        status = look_on(r, from, to, error);
     if (status == KILN_OK)
         put_rows(r, from, to);
     memmove(r->pixels, r->pixels + (size_t)rows * width, ROWS_BEFORE * (size_t)width * sizeof *r->pixels);

@@ -80,31 +80,31 @@ static void draw(const struct kiln_particle_chance *chance, uint32_t use, double
 }
 
 /* The way on, in the frame, and its weight; false: nothing goes on. */
-static bool send(const struct place *p, const struct kiln_particle_chance *chance, float pick,
+static bool send(const struct place *p, const struct kiln_particle_chance *chance, float pick, uint32_t mode,
                  struct kiln_bsdf_drawn *d)
 {
     const uint32_t others = KILN_LOBE_GLOSS | (p->lobes.coat.strength > 0.0f ? KILN_LOBE_COAT : 0u);
     const struct kiln_bsdf_choice choice = kiln_bsdf_choose(p->lobes, p->o, others);
     double u, v;
     draw(chance, KILN_PATH_BOUNCE, &u, &v);
-    *d = kiln_bsdf_propose(p->lobes, choice, p->o, pick, (float)u, (float)v, KILN_IMPORTANCE);
+    *d = kiln_bsdf_propose(p->lobes, choice, p->o, pick, (float)u, (float)v, mode);
     if (d->i.z == 0.0f)
         return false;
     if (!d->delta) {
-        const struct kiln_bsdf_value f =
-            kiln_bsdf_evaluate_chosen(p->lobes, choice, p->o, d->i, KILN_IMPORTANCE, others);
+        const struct kiln_bsdf_value f = kiln_bsdf_evaluate_chosen(p->lobes, choice, p->o, d->i, mode, others);
         if (!(f.density > 0.0f))
             return false;
         d->weight = vec3_scale(f.value, 1.0f / f.density);
     }
     const struct kiln_vec3 front = kiln_into_frame(&p->frame, p->normal);
-    d->weight = vec3_scale(d->weight, kiln_shading_correction(p->o, d->i, front));
+    if (mode == KILN_IMPORTANCE)
+        d->weight = vec3_scale(d->weight, kiln_shading_correction(p->o, d->i, front));
     return kiln_shading_agrees(d->i, front);
 }
 
 struct kiln_particle_turn kiln_particle_turn(const struct kiln_backend_params *params, const struct kiln_hit *hit,
                                              struct kiln_vec3 direction, const float weight[3],
-                                             const struct kiln_particle_chance *chance)
+                                             const struct kiln_particle_chance *chance, uint32_t mode)
 {
     const struct place p = place_of(params, hit, direction);
     const uint32_t length = params->chain_length != 0 ? params->chain_length : KILN_CHAIN_LENGTH;
@@ -116,7 +116,7 @@ struct kiln_particle_turn kiln_particle_turn(const struct kiln_backend_params *p
     for (int c = 0; c < 3 && has_points(params, hit); c++)
         turn.taken_up[c] = turn.arrives[c] * kiln_chain_taken_up(p.lobes, p.o.z);
     draw(chance, KILN_PATH_LOBE, &pick, &rest);
-    if (!send(&p, chance, (float)pick, &d))
+    if (!send(&p, chance, (float)pick, mode, &d))
         return turn;
     const float on[3] = {turn.arrives[0] * d.weight.x, turn.arrives[1] * d.weight.y, turn.arrives[2] * d.weight.z};
     float most = 0.0f;

@@ -96,7 +96,7 @@ double embree_thread_seconds(void) { return seconds_of(CLOCK_THREAD_CPUTIME_ID);
 static int prepare_lobes(struct embree_backend *b, struct kiln_error *error)
 {
     const struct kiln_scene *scene = b->params.scene;
-    if (scene->taken == NULL)
+    if (scene == NULL || scene->taken == NULL) /* benches of rays alone have no scene */
         return KILN_OK;
     const int status =
         kiln_allocate(&b->lobes, scene->material_count, sizeof *b->lobes, "the lobes of materials", error);

@@ -1,0 +1,164 @@
+#include "coordinator/view/view_gloss.h"
+
+#include "worker/backend/particle.h"
+#include "worker/base/memory.h"
+#include "worker/material/surface_bsdf.h"
+#include "worker/sampling/keys.h"
+#include "worker/scene/texture.h"
+
+/* Rays that are traced together; surfaces that one goes on from at most; and the key of the random numbers. */
+enum { BAND_RAYS = 1 << 16, MOST_SURFACES = 64, KEY = 0x76696577 };
+
+/* A ray under way, and what it has brought. */
+struct walker {
+    uint32_t key, number;
+    float weight[3], rgb[3];
+    bool goes_on;
+    struct kiln_vec3 origin, direction;
+};
+
+struct band {
+    const struct kiln_view_params *params;
+    struct kiln_view_maps *maps;
+    struct kiln_view_rays *rays;
+    struct walker *walkers;
+    uint32_t *active; /* walkers of the rays that are traced */
+    uint32_t side, chains;
+};
+
+bool kiln_view_goes_on(const struct kiln_view_source *source, const struct kiln_hit *hit)
+{
+    return source->field == NULL && !source->texels && kiln_particle_turns(&source->backend->params, hit);
+}
+
+static void start(const struct band *b, size_t pixel, uint32_t number, struct walker *w)
+{
+    const struct kiln_view_params *p = b->params;
+    const uint32_t place = number / b->chains;
+    *w = (struct walker){.key = kiln_hash2(kiln_hash2(KEY, (uint32_t)pixel), (uint32_t)(pixel >> 32)),
+                         .number = number,
+                         .weight = {1.0f, 1.0f, 1.0f},
+                         .goes_on = true};
+    kiln_view_ray(p, (double)(pixel % p->width) + ((double)(place % b->side) + 0.5) / b->side,
+                  (double)(pixel / p->width) + ((double)(place / b->side) + 0.5) / b->side, &w->origin, &w->direction);
+}
+
+static void add(struct walker *w, const float factor[3], const float rgb[3])
+{
+    for (int c = 0; c < 3; c++)
+        w->rgb[c] += w->weight[c] * factor[c] * rgb[c];
+}
+
+/* What the glossy surface sends of its own: from its lightmap, and as a lamp. */
+static void add_own(const struct band *b, const struct kiln_hit *hit, const struct kiln_particle_turn *turn,
+                    struct walker *w)
+{
+    const struct kiln_view_source *s = &b->params->source;
+    const struct kiln_geometry *g = s->geometry;
+    const struct kiln_mesh *mesh = &s->scene->meshes[s->scene->objects[g->records[hit->triangle].object].mesh];
+    const uint64_t stored = g->stored_triangle[hit->triangle];
+    float color[3], emission[3], irradiance[3], b1, b2;
+    kiln_geometry_stored_barycentrics(s->scene, g, hit->triangle, hit->u, hit->v, &b1, &b2);
+    kiln_surface_albedo(s->scene, mesh, stored, b1, b2, color);
+    kiln_surface_emission(s->scene, mesh, stored, b1, b2, emission);
+    kiln_view_irradiance(b->maps, hit, irradiance);
+    for (int c = 0; c < 3; c++)
+        irradiance[c] *= color[c] * (float)(1.0 / KILN_PI);
+    add(w, turn->taken_up, irradiance);
+    add(w, turn->arrives, emission);
+}
+
+/* What walker w finds at the end of its ray. */
+static void meet(const struct band *b, const struct kiln_hit *found, float passed, struct kiln_vec3 direction,
+                 uint32_t surface, struct walker *w)
+{
+    const struct kiln_backend_params *params = &b->params->source.backend->params;
+    const struct kiln_particle_chance chance = {.key = w->key, .number = w->number, .surface = surface};
+    struct kiln_hit hit = *found;
+    w->goes_on = false;
+    if (!kiln_view_goes_on(&b->params->source, &hit)) {
+        struct kiln_view_seen seen;
+        kiln_view_radiance(b->maps, &hit, direction, &seen);
+        add(w, (const float[3]){1.0f, 1.0f, 1.0f}, seen.rgb);
+        return;
+    }
+    hit.distance += passed;
+    for (int c = 0; c < 3; c++)
+        w->weight[c] *= hit.tint[c];
+    const struct kiln_particle_turn turn =
+        kiln_particle_turn(params, &hit, direction, w->weight, &chance, KILN_RADIANCE);
+    add_own(b, &hit, &turn, w);
+    for (int c = 0; c < 3; c++) {
+        w->weight[c] *= turn.goes_on[c];
+        w->goes_on = w->goes_on || w->weight[c] > 0.0f;
+    }
+    w->origin = turn.origin;
+    w->direction = turn.direction;
+}
+
+/* One surface of the first `count` active walkers; how many of them go on. */
+static int step(struct band *b, size_t *count, uint32_t surface, struct kiln_error *error)
+{
+    struct kiln_view_rays *rays = b->rays;
+    for (size_t i = 0; i < *count; i++) {
+        rays->origins[i] = b->walkers[b->active[i]].origin;
+        rays->directions[i] = b->walkers[b->active[i]].direction;
+    }
+    int status = kiln_view_trace(&b->params->source, rays, *count, error);
+    if (status == KILN_OK)
+        status = kiln_view_maps_load(b->maps, rays->hits, *count, error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for schedule(dynamic, 256)
+    for (size_t i = 0; i < *count; i++)
+        meet(b, &rays->hits[i], rays->passed[i], rays->directions[i], surface, &b->walkers[b->active[i]]);
+    size_t left = 0;
+    for (size_t i = 0; i < *count; i++)
+        if (b->walkers[b->active[i]].goes_on)
+            b->active[left++] = b->active[i];
+    *count = left;
+    return KILN_OK;
+}
+
+/* As many pixels as the band has room for. */
+static int draw(struct band *b, const size_t *pixels, size_t count, float *rgb, struct kiln_error *error)
+{
+    const uint32_t rays = b->side * b->side * b->chains;
+    size_t active = count * rays;
+    int status = KILN_OK;
+#pragma omp parallel for schedule(dynamic, 1024)
+    for (size_t i = 0; i < count * rays; i++) {
+        start(b, pixels[i / rays], (uint32_t)(i % rays), &b->walkers[i]);
+        b->active[i] = (uint32_t)i;
+    }
+    for (uint32_t surface = 0; surface < MOST_SURFACES && active > 0 && status == KILN_OK; surface++)
+        status = step(b, &active, surface, error);
+    for (size_t i = 0; i < count; i++)
+        for (int c = 0; c < 3; c++) {
+            float sum = 0.0f;
+            for (uint32_t k = 0; k < rays; k++)
+                sum += b->walkers[i * rays + k].rgb[c];
+            rgb[3 * i + (size_t)c] = sum / (float)rays;
+        }
+    return status;
+}
+
+int kiln_view_gloss(const struct kiln_view_params *params, struct kiln_view_maps *maps, const size_t *pixels,
+                    size_t count, float *rgb, struct kiln_error *error)
+{
+    struct band b = {.params = params, .maps = maps, .side = params->side, .chains = params->side < 4 ? 8 : 4};
+    const size_t rays = (size_t)b.side * b.side * b.chains, part = rays < BAND_RAYS ? BAND_RAYS / rays : 1;
+    int status = kiln_view_rays_create(&b.rays, part * rays, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&b.walkers, part * rays, sizeof *b.walkers, "rays of a view", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&b.active, part * rays, sizeof *b.active, "rays of a view", error);
+    for (size_t i = 0, now; i < count && status == KILN_OK; i += now) {
+        now = count - i < part ? count - i : part;
+        status = draw(&b, pixels + i, now, rgb + 3 * i, error);
+    }
+    kiln_view_rays_destroy(&b.rays);
+    kiln_free(&b.walkers);
+    kiln_free(&b.active);
+    return status;
+}
