@@ -6,7 +6,8 @@
 #include "coordinator/job/job.h"
 #include "worker/light/lights.h"
 
-/* Light paths of an iteration: what the job says, or what costs about half of the final gather; 0: there are none. */
+/* Light paths of an iteration: what the job says, or what costs about half of the final gather, within
+ * bounds; 0: there are none. */
 uint32_t kiln_light_photons(const struct kiln_job *job, uint64_t points);
 
 /* The settings of the job for a scene with these lights and `points` surface points. Not collective. */

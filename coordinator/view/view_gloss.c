@@ -23,6 +23,7 @@ struct band {
     struct kiln_view_rays *rays;
     struct walker *walkers;
     uint32_t *active; /* walkers of the rays that are traced */
+    struct kiln_gloss_lobes *lobes;
     uint32_t side, chains;
 };
 
@@ -86,7 +87,7 @@ static void meet(const struct band *b, const struct kiln_hit *found, float passe
     for (int c = 0; c < 3; c++)
         w->weight[c] *= hit.tint[c];
     const struct kiln_particle_turn turn =
-        kiln_particle_turn(params, &hit, direction, w->weight, &chance, KILN_RADIANCE);
+        kiln_particle_turn(params, b->lobes, &hit, direction, w->weight, &chance, KILN_RADIANCE);
     add_own(b, &hit, &turn, w);
     for (int c = 0; c < 3; c++) {
         w->weight[c] *= turn.goes_on[c];
@@ -146,13 +147,15 @@ static int draw(struct band *b, const size_t *pixels, size_t count, float *rgb, 
 int kiln_view_gloss(const struct kiln_view_params *params, struct kiln_view_maps *maps, const size_t *pixels,
                     size_t count, float *rgb, struct kiln_error *error)
 {
-    struct band b = {.params = params, .maps = maps, .side = params->side, .chains = params->side < 4 ? 8 : 4};
+    struct band b = {.params = params, .maps = maps, .side = params->side, .chains = params->side < 4 ? 2 : 4};
     const size_t rays = (size_t)b.side * b.side * b.chains, part = rays < BAND_RAYS ? BAND_RAYS / rays : 1;
     int status = kiln_view_rays_create(&b.rays, part * rays, error);
     if (status == KILN_OK)
         status = kiln_allocate(&b.walkers, part * rays, sizeof *b.walkers, "rays of a view", error);
     if (status == KILN_OK)
         status = kiln_allocate(&b.active, part * rays, sizeof *b.active, "rays of a view", error);
+    if (status == KILN_OK)
+        status = kiln_scene_lobes(&b.lobes, params->source.scene, error);
     for (size_t i = 0, now; i < count && status == KILN_OK; i += now) {
         now = count - i < part ? count - i : part;
         status = draw(&b, pixels + i, now, rgb + 3 * i, error);
@@ -160,5 +163,6 @@ int kiln_view_gloss(const struct kiln_view_params *params, struct kiln_view_maps
     kiln_view_rays_destroy(&b.rays);
     kiln_free(&b.walkers);
     kiln_free(&b.active);
+    kiln_free(&b.lobes);
     return status;
 }

@@ -12,9 +12,9 @@
 /* Whether a ray that has this hit goes on from there in the view. */
 bool kiln_view_goes_on(const struct kiln_view_source *source, const struct kiln_hit *hit);
 
-/* The radiance of `count` pixels of the picture, row by row y * width + x, into three floats each: the mean of some 32
- * or 64 rays. The same bits for any number of threads, and for any pixels together. KILN_SYSTEM, KILN_NO_INPUT,
- * KILN_BAD_INPUT, or the status of the backend. */
+/* The radiance of `count` pixels of the picture, row by row y * width + x, into three floats each: the mean of 64
+ * rays, or of 8 for previews. The same bits for any number of threads, and for any pixels together. KILN_SYSTEM,
+ * KILN_NO_INPUT, KILN_BAD_INPUT, or the status of the backend. */
 int kiln_view_gloss(const struct kiln_view_params *params, struct kiln_view_maps *maps, const size_t *pixels,
                     size_t count, float *rgb, struct kiln_error *error);
 

@@ -44,6 +44,7 @@ struct emission {
     struct particle *particles; /* BATCH of each of these */
     struct kiln_vec3 *origins, *directions;
     struct kiln_hit *hits;
+    struct kiln_gloss_lobes *lobes;   /* of each material; NULL: none is taken with its gloss */
     struct kiln_particle_turn *turns; /* where something is taken with its gloss; else NULL */
 };
 
@@ -280,8 +281,8 @@ static size_t turn_on(const struct emission *e, uint32_t base, size_t count, str
         const struct particle *p = &e->particles[j];
         const struct kiln_particle_chance chance = {kiln_hash2(base, p->light + 1u), p->index, p->surface};
         if (kiln_particle_turns(e->params, &e->hits[j]))
-            e->turns[j] =
-                kiln_particle_turn(e->params, &e->hits[j], e->directions[j], p->weight, &chance, KILN_IMPORTANCE);
+            e->turns[j] = kiln_particle_turn(e->params, e->lobes, &e->hits[j], e->directions[j], p->weight, &chance,
+                                             KILN_IMPORTANCE);
     }
     for (size_t j = 0; j < count; j++) {
         struct particle p = e->particles[j];
@@ -348,6 +349,8 @@ static int make_room(struct emission *e, struct kiln_error *error)
         status = kiln_allocate(&e->directions, BATCH, sizeof *e->directions, "the particles' directions", error);
     if (status == KILN_OK && e->params->scene->taken != NULL)
         status = kiln_allocate(&e->turns, BATCH, sizeof *e->turns, "the particles' ways", error);
+    if (status == KILN_OK)
+        status = kiln_scene_lobes(&e->lobes, e->params->scene, error);
     return status == KILN_OK ? kiln_allocate(&e->hits, BATCH, sizeof *e->hits, "the particles' hits", error) : status;
 }
 
@@ -378,5 +381,6 @@ int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct
     kiln_free(&e.directions);
     kiln_free(&e.hits);
     kiln_free(&e.turns);
+    kiln_free(&e.lobes);
     return status;
 }

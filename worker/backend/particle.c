@@ -1,7 +1,6 @@
 #include "worker/backend/particle.h"
 
 #include "shaders/shared/chain.h"
-#include "worker/material/surface_bsdf.h"
 #include "worker/sampling/sequence.h"
 #include "worker/scene/footprint.h"
 
@@ -47,8 +46,8 @@ static struct kiln_vec3 shading_normal(const struct kiln_backend_params *params,
                : p->normal;
 }
 
-static struct place place_of(const struct kiln_backend_params *params, const struct kiln_hit *hit,
-                             struct kiln_vec3 direction)
+static struct place place_of(const struct kiln_backend_params *params, const struct kiln_gloss_lobes *lobes,
+                             const struct kiln_hit *hit, struct kiln_vec3 direction)
 {
     const struct kiln_scene *scene = params->scene;
     const struct kiln_geometry *g = params->geometry;
@@ -66,7 +65,8 @@ static struct place place_of(const struct kiln_backend_params *params, const str
                            back = vec3_scale(direction, -1.0f);
     p.normal = kiln_triangle_exact_normal(scene, g, hit->triangle);
     p.frame = kiln_surface_frame(scene, p.gloss, mesh, stored, b1, b2, shading_normal(params, &p, mesh, back), edge);
-    p.lobes = kiln_bsdf_prepare(kiln_surface_bsdf(scene, p.gloss, mesh, stored, b1, b2));
+    p.lobes = kiln_surface_lobes(scene, &lobes[record_of(params, hit)->material & KILN_RECORD_MATERIAL], mesh, stored,
+                                 b1, b2, false);
     p.o = kiln_into_frame(&p.frame, back);
     return p;
 }
@@ -102,11 +102,12 @@ static bool send(const struct place *p, const struct kiln_particle_chance *chanc
     return kiln_shading_agrees(d->i, front);
 }
 
-struct kiln_particle_turn kiln_particle_turn(const struct kiln_backend_params *params, const struct kiln_hit *hit,
+struct kiln_particle_turn kiln_particle_turn(const struct kiln_backend_params *params,
+                                             const struct kiln_gloss_lobes *lobes, const struct kiln_hit *hit,
                                              struct kiln_vec3 direction, const float weight[3],
                                              const struct kiln_particle_chance *chance, uint32_t mode)
 {
-    const struct place p = place_of(params, hit, direction);
+    const struct place p = place_of(params, lobes, hit, direction);
     const uint32_t length = params->chain_length != 0 ? params->chain_length : KILN_CHAIN_LENGTH;
     struct kiln_particle_turn turn = {.arrives = {1.0f, 1.0f, 1.0f}};
     struct kiln_bsdf_drawn d;

@@ -6,6 +6,7 @@
 
 #include "shaders/shared/bsdf.h"
 #include "worker/backend/backend.h"
+#include "worker/material/surface_bsdf.h"
 
 /* Whether there is such a surface for who meets it from this side. */
 bool kiln_particle_turns(const struct kiln_backend_params *params, const struct kiln_hit *hit);
@@ -19,13 +20,15 @@ struct kiln_particle_chance {
  * is taken up there; and what goes on, of a particle that has `weight` of its flux at the lights left: its way by the
  * adjoint of the scattering function (KILN_IMPORTANCE and kiln_shading_correction of shaders/shared/bsdf.h), through
  * lobes that are not diffuse, times what it counts more for having gone on by chance (kiln_chain_chance). `mode` is
- * KILN_IMPORTANCE; or KILN_RADIANCE for rays from the eye, which go by the scattering function itself. */
+ * KILN_IMPORTANCE; or KILN_RADIANCE for rays from the eye, which go by the scattering function itself. `lobes`:
+ * kiln_scene_lobes. */
 struct kiln_particle_turn {
     float arrives[3], taken_up[3], goes_on[3]; /* shares; all of `goes_on` 0: it ends here */
     struct kiln_vec3 origin, direction;
     bool mirrored; /* it goes on in the one direction of a mirror or of smooth glass */
 };
-struct kiln_particle_turn kiln_particle_turn(const struct kiln_backend_params *params, const struct kiln_hit *hit,
+struct kiln_particle_turn kiln_particle_turn(const struct kiln_backend_params *params,
+                                             const struct kiln_gloss_lobes *lobes, const struct kiln_hit *hit,
                                              struct kiln_vec3 direction, const float weight[3],
                                              const struct kiln_particle_chance *chance, uint32_t mode);
 

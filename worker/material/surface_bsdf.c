@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "worker/base/memory.h"
 #include "worker/scene/texture.h"
 
 /* Stands for an index so high that all light is reflected (KHR_materials_ior, index 0). */
@@ -151,6 +152,17 @@ struct kiln_gloss_lobes kiln_gloss_lobes(const struct kiln_scene *scene, uint32_
     of.dyed = !phong || !through;
     of.lobes = kiln_bsdf_prepare(kiln_gloss_bsdf(gloss, scene->materials[material].base_color));
     return of;
+}
+
+int kiln_scene_lobes(struct kiln_gloss_lobes **lobes, const struct kiln_scene *scene, struct kiln_error *error)
+{
+    *lobes = NULL;
+    if (scene->taken == NULL)
+        return KILN_OK;
+    const int status = kiln_allocate(lobes, scene->material_count, sizeof **lobes, "the lobes of materials", error);
+    for (uint32_t i = 0; status == KILN_OK && i < scene->material_count; i++)
+        (*lobes)[i] = kiln_gloss_lobes(scene, i);
+    return status;
 }
 
 struct kiln_bsdf_lobes kiln_surface_lobes(const struct kiln_scene *scene, const struct kiln_gloss_lobes *of,

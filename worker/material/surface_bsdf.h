@@ -26,6 +26,8 @@ struct kiln_gloss_lobes {
 };
 /* Not ready for a material that is not taken with its gloss. */
 struct kiln_gloss_lobes kiln_gloss_lobes(const struct kiln_scene *scene, uint32_t material);
+/* Of all materials of a scene; NULL where none is taken. The caller frees it with kiln_free. KILN_SYSTEM. */
+int kiln_scene_lobes(struct kiln_gloss_lobes **lobes, const struct kiln_scene *scene, struct kiln_error *error);
 /* The lobes at a position, arguments as kiln_surface_bsdf; `of`: those of its material, which is taken with its gloss.
  * `colored`: the colour of the diffuse part is wanted; else it may be any. */
 struct kiln_bsdf_lobes kiln_surface_lobes(const struct kiln_scene *scene, const struct kiln_gloss_lobes *of,

@@ -93,18 +93,6 @@ enum { PART_POINTS = 1 << 16 };
 
 double embree_thread_seconds(void) { return seconds_of(CLOCK_THREAD_CPUTIME_ID); }
 
-static int prepare_lobes(struct embree_backend *b, struct kiln_error *error)
-{
-    const struct kiln_scene *scene = b->params.scene;
-    if (scene == NULL || scene->taken == NULL) /* benches of rays alone have no scene */
-        return KILN_OK;
-    const int status =
-        kiln_allocate(&b->lobes, scene->material_count, sizeof *b->lobes, "the lobes of materials", error);
-    for (uint32_t i = 0; status == KILN_OK && i < scene->material_count; i++)
-        b->lobes[i] = kiln_gloss_lobes(scene, i);
-    return status;
-}
-
 static int embree_create(struct kiln_backend **backend, const struct kiln_backend_params *params,
                          struct kiln_error *error)
 {
@@ -125,7 +113,8 @@ static int embree_create(struct kiln_backend **backend, const struct kiln_backen
     if (params->geometry->coincident)
         status = kiln_allocate(&b->coincides, params->geometry->triangle_count, 1, "the coincident triangles", error);
     if (status == KILN_OK)
-        status = prepare_lobes(b, error);
+        status =
+            params->scene != NULL ? kiln_scene_lobes(&b->lobes, params->scene, error) : KILN_OK; /* or rays alone */
     b->device = rtcNewDevice(config);
     if (status == KILN_OK && b->device == NULL) {
         status = embree_failure(NULL, "creating the device", error);
