@@ -154,7 +154,7 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
 #endif
 #ifdef KILN_GLOSS
     ray_taken_up = kiln_taken_up(p, push.chunk.parts, smooth_point ? dot(soft, direction) : cosine);
-    if (hit.triangle != KILN_GPU_NONE && chain_begins(hit)) {
+    if (hit.triangle != KILN_GPU_NONE && facet > 0.0 && chain_begins(hit)) { /* not from below the facet */
         add_chain(sums, direction, hit, tint, facet, weight);
         return;
     }

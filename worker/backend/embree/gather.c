@@ -275,6 +275,12 @@ static void ask_probe(const struct embree_backend *b, const struct gather_work *
 
 /* ---- with chains ---- */
 
+/* Whether the ray of lane l goes on in a chain: not one that begins below its facet and may be inside of something. */
+static bool is_chain(const struct embree_backend *b, const struct tile_run_rays *r, uint32_t l)
+{
+    return facet_weight(r, l) > 0.0f && chain_begins_at(b, r, l);
+}
+
 /* Which lanes go on in chains; those among the blocked ones are taken out there. */
 static void find_chains(const struct embree_backend *b, struct gather_work *w)
 {
@@ -283,10 +289,10 @@ static void find_chains(const struct embree_backend *b, struct gather_work *w)
     memset(w->chained, 0, sizeof w->chained);
     memset(w->lost, 0, sizeof w->lost);
     for (uint32_t i = 0; i < found->count; i++)
-        w->chained[found->lane[i]] = chain_begins_at(b, w->rays, found->lane[i]);
+        w->chained[found->lane[i]] = is_chain(b, w->rays, found->lane[i]);
     for (uint32_t i = 0; i < found->blocked; i++) {
         const uint32_t l = found->blocked_lane[i];
-        w->chained[l] = chain_begins_at(b, w->rays, l);
+        w->chained[l] = is_chain(b, w->rays, l);
         if (!w->chained[l])
             found->blocked_lane[blocked++] = (uint8_t)l;
     }
@@ -378,7 +384,7 @@ static void collect_caustics(const struct embree_backend *b, struct embree_conte
     w->walk.context = context;
     for (uint32_t l = 0; l < lanes; l++) {
         float rgb[3];
-        if (!chain_begins_at(b, r, l))
+        if (!is_chain(b, r, l))
             continue;
         follow(w, step, l, false);
         for (int c = 0; c < 3; c++)
