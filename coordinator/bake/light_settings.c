@@ -7,8 +7,11 @@ uint32_t kiln_light_photons(const struct kiln_job *job, uint64_t points)
     enum { LEAST = 1 << 15, MOST = 1 << 21, RAYS_A_PATH = 32 };
     if (job->photons > 0 || job->iterations == 0)
         return job->photons;
-    const uint64_t photons = points * job->samples_indirect / RAYS_A_PATH / job->iterations;
-    return photons < LEAST ? LEAST : photons > MOST ? MOST : (uint32_t)photons;
+    const uint64_t photons = points * job->samples_indirect / RAYS_A_PATH / job->iterations,
+                   bounded = photons < LEAST  ? LEAST
+                             : photons > MOST ? MOST
+                                              : photons;
+    return (uint32_t)(bounded / kiln_job_parts(job)); /* each part of a bake has its own */
 }
 
 struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, const struct kiln_lights *lights,

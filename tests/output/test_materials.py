@@ -112,24 +112,25 @@ class Materials(unittest.TestCase):
             "--to=0,1,0", "--width", "32", "--height", "32", "--quiet")
 
     def test_view(self):
-        """A view shows what mirrors and glass show of the lightmaps: the light of path tracing, in blocks of pixels; as
-        many ranks of pixels as one likes; --materials diffuse shows the balls as if they were plaster."""
+        """A view shows what mirrors and glass show of the lightmaps: the light of bidirectional paths, in blocks of
+        pixels; --materials diffuse shows the balls as if they were plaster."""
         folder = self.bake("cornell-spheres", "viewed", "--materials", "auto", "--texels-per-metre", "16", "--quality",
                            "draft", "--samples-indirect", "256", "--bounces", "3")
         size = ("--width", "64", "--height", "64", "--quiet")
         pictures = []
-        for more in ((), ("--method", "path", "--materials", "auto", "--bounces", "3", "--samples-pixel", "256",
+        for more in ((), ("--method", "bdpt", "--materials", "auto", "--bounces", "3", "--samples-pixel", "128",
                           "--backend", "embree"), ("--materials", "diffuse")):
             path = os.path.join(self.folder, f"view{len(pictures)}.exr")
             run("view", folder, "-o", path, *size, *more)
             pictures.append(exr.rgb(path))
-        lamp = (pictures[1].max(-1) > 4) | (pictures[0].max(-1) > 4)  # also where it is mirrored
-        blocks = [np.where(lamp[..., None], 0, p).reshape(8, 8, 8, 8, 3).mean((1, 3)) for p in pictures]
-        apart = np.abs(blocks[0] - blocks[1]).max(-1) / blocks[1].mean()
-        print("blocks apart by %.3f at most, %.3f rms" % (apart.max(), np.sqrt((apart ** 2).mean())))
-        self.assertLess(np.sqrt((apart ** 2).mean()), 0.03)
-        self.assertLess(apart.max(), 0.12)
-        self.assertGreater((np.abs(blocks[2] - blocks[1]).max(-1) / blocks[1].mean()).max(), 0.3)
+        # medians, for the noise of paths that find the lamp by a mirror is rare and bright
+        blocks = [np.median(p.reshape(8, 8, 8, 8, 3), (1, 3)).mean(-1) for p in pictures]
+        apart = [np.abs(b - blocks[1]) / blocks[1].mean() for b in (blocks[0], blocks[2])]
+        print("blocks apart by %.3f at most, %.3f rms; diffuse %.3f at most" % (
+            apart[0].max(), np.sqrt((apart[0] ** 2).mean()), apart[1].max()))
+        self.assertLess(np.sqrt((apart[0] ** 2).mean()), 0.04)
+        self.assertLess(apart[0].max(), 0.16)
+        self.assertGreater(apart[1].max(), 0.4)
 
     def test_lamps_without_size(self):
         """No gather ray meets a point by a mirror: its light that way is told as unfound, and the ledger closes."""
@@ -147,7 +148,7 @@ class Materials(unittest.TestCase):
                                   ("--bounces", "2", "--error-map", "--samples-direct", "64"),
                                   ("--bounces", "2", "--target-error", "0.2", "--rebalance", "always"))):
             options = ("--materials", "auto", "--texels-per-metre", "3", "--quality", "draft", "--samples-indirect",
-                       "16", *more)
+                       "16", "--photons", "2000", *more)
             one = fields(self.bake("cornell-spheres", f"one{i}", *options))
             self.assertIn("caustic", one)
             self.assertEqual(one, fields(self.bake("cornell-spheres", f"three{i}", *options, ranks=3)), more)
