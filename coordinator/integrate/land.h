@@ -15,6 +15,8 @@
  * which few land in a texel: the root of the sum of their squares. It is an upper estimate, as paths of an aim are
  * spread better than by chance; and unlike the spread of a few iterations it is known well of few.
  *
+ * Where the backend of the bake is a device, the host traces the paths, with Embree and a BVH of its own for the step.
+ *
  * After a kill the paths of the step are traced anew: the same, with the same bits. */
 #ifndef KILN_COORDINATOR_INTEGRATE_LAND_H
 #define KILN_COORDINATOR_INTEGRATE_LAND_H
@@ -26,8 +28,8 @@ enum { KILN_LAND_BLOCK = 1 << 20 };
 
 struct kiln_landing;
 
-/* Not collective. All borrowed. KILN_SYSTEM; KILN_USAGE with fewer photons than there are aims. Destroy with
- * kiln_landing_destroy. */
+/* Not collective. All borrowed. KILN_SYSTEM; KILN_USAGE where the user gave fewer photons than there are aims (else
+ * more are taken). Destroy with kiln_landing_destroy. */
 int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integrate_params *params,
                         struct kiln_solution *solution, const struct kiln_saved *saved, struct kiln_error *error);
 void kiln_landing_destroy(struct kiln_landing **landing);

@@ -13,8 +13,8 @@
  *   vcm         the same, and vertices of all paths of light are merged with the camera path's
  *   vcm_single  the same, but only path i's vertices are merged
  *   ppm, sppm   photon mapping: the camera path goes on through mirrors and smooth glass, and its first other vertex is
- *               merged (Hachisuka and Jensen, "Stochastic Progressive Photon Mapping", SIGGRAPH Asia 2009). With ppm
- * the camera's paths are those of sample 0 in every sample, with sppm new ones
+ *               merged (Hachisuka and Jensen, "Stochastic Progressive Photon Mapping", SIGGRAPH Asia 2009).
+ *               With ppm the camera's paths are those of sample 0 in every sample, with sppm new ones
  *
  * A vertex is merged with those within the radius, which in sample k is `radius` (k + 1)^((alpha - 1) / 2), alpha 3/4
  * (Knaus and Zwicker, "Progressive Photon Mapping: A Probabilistic Approach", TOG 2011): merging blurs, and less and
