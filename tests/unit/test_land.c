@@ -169,7 +169,7 @@ static int add(void *context, size_t first, size_t count, const void *results, s
         for (int c = 0; c < 3; c++)
             s->landed[c] += (double)r->flux[c];
         s->squares += (double)r->flux[1] * (double)r->flux[1];
-        if (s->points != NULL)
+        if (s->points != NULL && (s->length == 0 || r->length == s->length))
             s->points[r->point] += (double)r->flux[1];
     }
     return KILN_OK;
@@ -355,6 +355,90 @@ static void paraboloid(void **state)
     release(&w);
 }
 
+/* A point between two mirrors that face each other, and a floor: E is the sum over the point's images, of which there
+ * are as many as one likes. */
+static void room_of_mirrors(void **state)
+{
+    (void)state;
+    enum { PATHS = 1 << 19, TEXELS = 8, IMAGES = 400 };
+    struct world w;
+    begin(&w);
+    const uint32_t silver = mirror(&w, 1.0f, 1.0f, 1.0f);
+    for (int side = -1; side <= 1; side += 2) {
+        const uint32_t mesh = fixture_mesh(w.f);
+        fixture_sheet(w.f, dvec3(side, 0, -1.01 * side), dvec3(0, 0, 2.02 * side), dvec3(0, 2, 0), 1, whole, 0.0,
+                      silver);
+        fixture_object(w.f, mesh, NULL, 8, 8);
+    }
+    floor_at(&w, 0.0, 1.0, TEXELS);
+    struct kiln_light *lamp = light(&w, KILN_LIGHT_POINT, vec3(0, -1, 0), 2.0f); /* green: 1 W/sr */
+    memcpy(lamp->position, (const double[3]){0.3, 1.5, 0.0}, sizeof lamp->position);
+    make(&w);
+    struct sums sums = {.points = calloc(w.surface->point_count, sizeof(double))};
+    trace(&w, PATHS, 0, 1, &sums);
+    double total = 0.0, landed = 0.0, worst = 0.0;
+    for (uint32_t y = 0; y < TEXELS; y++)
+        for (uint32_t x = 0; x < TEXELS; x++) {
+            double flux = 0.0; /* W: over 4 x 4 places of the texel */
+            for (int place = 0; place < 16; place++) {
+                const double px = -1.0 + 2.0 * (x + (place % 4 + 0.5) / 4.0) / TEXELS,
+                             pz = 1.0 - 2.0 * (y + (place / 4 + 0.5) / 4.0) / TEXELS;
+                for (int n = -IMAGES; n <= IMAGES; n++) {
+                    const double dx = 2.0 * n + (n % 2 == 0 ? 0.3 : -0.3) - px, d2 = dx * dx + 1.5 * 1.5 + pz * pz;
+                    flux += n == 0 ? 0.0 : 1.5 / (d2 * sqrt(d2)) * 4.0 / (TEXELS * TEXELS) / 16.0;
+                }
+            }
+            const double here = sums.points[kiln_surface_find(w.surface, 2, x, y).at];
+            total += flux;
+            landed += here; /* light that lands on mirrors is none that they take up */
+            worst = fmax(worst, fabs(here / flux - 1.0));
+        }
+    print_message("room of mirrors: %.6f of %.6f W, the worst texel %.3f off\n", landed, total, worst);
+    assert_true(fabs(landed / total - 1.0) < 2e-3 && worst < 0.12);
+    free(sums.points);
+    release(&w);
+}
+
+/* A prism of 60 degrees and index 1.5 turns the sun by 37.18 degrees, the least that it can: light goes level through
+ * it, and lands on a wall as far below as that says. */
+static void prism(void **state)
+{
+    (void)state;
+    enum { TEXELS = 64 };
+    struct world w;
+    begin(&w);
+    const double high = sqrt(0.75), outside = asin(0.75), turn = outside - asin(0.5), wall = 4.0, low = -1.8;
+    const uint32_t clear = glass(&w, 1.5f, 0.0f);
+    uint32_t mesh = fixture_mesh(w.f);
+    fixture_sheet(w.f, dvec3(-0.5, 0, -1), dvec3(0, 0, 2), dvec3(0.5, high, 0), 1, whole, 0.0, clear);
+    fixture_sheet(w.f, dvec3(0.5, 0, 1), dvec3(0, 0, -2), dvec3(-0.5, high, 0), 1, whole, 0.0, clear);
+    fixture_sheet(w.f, dvec3(-0.5, 0, -1), dvec3(1, 0, 0), dvec3(0, 0, 2), 1, whole, 0.0, clear);
+    fixture_object(w.f, mesh, NULL, 8, 8);
+    mesh = fixture_mesh(w.f);
+    fixture_sheet(w.f, dvec3(wall, low, -2), dvec3(0, 0, 4), dvec3(0, 2, 0), 1, whole, 0.0, matt(&w));
+    fixture_object(w.f, mesh, NULL, TEXELS, TEXELS);
+    light(&w, KILN_LIGHT_DIRECTIONAL, vec3((float)cos(turn), (float)sin(turn), 0.0f), 2.0f);
+    make(&w);
+    struct sums sums = {.length = 3, .points = calloc(w.surface->point_count, sizeof(double))};
+    trace(&w, 1 << 17, 0, 1, &sums);
+    double flux = 0.0, moment = 0.0;
+    for (uint32_t y = 0; y < TEXELS; y++)
+        for (uint32_t x = 0; x < TEXELS; x++) {
+            const double here = sums.points[kiln_surface_find(w.surface, 1, x, y).at];
+            flux += here;
+            moment += here * (low + 2.0 * (y + 0.5) / TEXELS);
+        }
+    const double ci = cos(outside), ct = cos(asin(0.5)), s = (ci - 1.5 * ct) / (ci + 1.5 * ct),
+                 p = (1.5 * ci - ct) / (1.5 * ci + ct), through = 1.0 - 0.5 * (s * s + p * p),
+                 sent = 2.0 * ci * through * through,
+                 place = 0.5 * high - (wall - 0.25) * tan(turn); /* of the light through the middle */
+    print_message("prism: %.5f of %.5f W, %.4f m above the floor, %.4f expected\n", flux, sent, moment / flux, place);
+    assert_true(fabs(sums.ends[KILN_LAND_LANDED] / sent - 1.0) < 5e-3);
+    assert_true(fabs(flux / sent - 1.0) < 0.02 && fabs(moment / flux - place) < 5e-3);
+    free(sums.points);
+    release(&w);
+}
+
 /* ---- aims ---- */
 
 enum lamp { AREA, TWO_SIDED, POINT, SPOT, SUN, SKY, LAMPS };
@@ -447,13 +531,10 @@ static void paths_have_numbers(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(mirror_and_wall),
-                                       cmocka_unit_test(pane),
-                                       cmocka_unit_test(under_glass),
-                                       cmocka_unit_test(leaning_normals),
-                                       cmocka_unit_test(ball_of_glass),
-                                       cmocka_unit_test(paraboloid),
-                                       cmocka_unit_test(any_aims_bring_the_same),
-                                       cmocka_unit_test(paths_have_numbers)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(mirror_and_wall),   cmocka_unit_test(pane),          cmocka_unit_test(under_glass),
+        cmocka_unit_test(leaning_normals),   cmocka_unit_test(ball_of_glass), cmocka_unit_test(paraboloid),
+        cmocka_unit_test(room_of_mirrors),   cmocka_unit_test(prism),         cmocka_unit_test(any_aims_bring_the_same),
+        cmocka_unit_test(paths_have_numbers)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

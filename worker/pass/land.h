@@ -6,7 +6,7 @@
  * kiln_shading_correction; Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997, chapter 5),
  * through their lobes that are not diffuse, and what bodies absorb multiplies its weight. It lands on the first surface
  * that is only diffuse. On a side with surface points of a material with gloss, too, chance has it land: by the diffuse
- * part's share of what the surface sends on, KILN_LAND_LEAST at least, so that the lightmaps of mirrors have their
+ * part's share of what the surface sends on, kiln_land_least at least, so that the lightmaps of mirrors have their
  * light; else it goes on. It counts the more for either. It ends by chance like the chains of gather rays
  * (shaders/shared/chain.h: kiln_chain_chance), where it meets nothing, and on the backs of single-sided surfaces that
  * are not taken with their gloss. So a path lands once at most, and only after an event that is not diffuse: light that
@@ -33,7 +33,10 @@
 
 struct kiln_aims;
 
-#define KILN_LAND_LEAST 0.125f
+/* The least chance of landing on the gloss of surface number `surface`, from 2 on: the first one is never landed on.
+ * All of a path's mirrors together let it go on with a chance of 0.72 or more. Were the chance the same on each, light
+ * by way of many would come by few paths of any weight. */
+static inline float kiln_land_least(uint32_t surface) { return 0.5f / ((float)surface * (float)surface); }
 
 struct kiln_land_parameters {
     const struct kiln_aims *aims; /* borrowed; shared out (kiln_aims_share) */

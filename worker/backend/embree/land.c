@@ -100,8 +100,8 @@ static bool lands(struct light_path *p, const struct meeting *m, uint32_t surfac
     if (m->back && (p->walk.b->params.geometry->records[m->triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0)
         return false; /* there is no point on this side */
     walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_END), &pick, &rest);
-    const float diffuse = kiln_bsdf_choice_of(m->shares, KILN_LOBE_ALL).diffuse,
-                chance = diffuse > KILN_LAND_LEAST ? diffuse : KILN_LAND_LEAST;
+    const float diffuse = kiln_bsdf_choice_of(m->shares, KILN_LOBE_ALL).diffuse, least = kiln_land_least(surface),
+                chance = diffuse > least ? diffuse : least;
     const bool here = pick < (double)chance;
     const float one = 1.0f / (here ? chance : 1.0f - chance);
     multiply(p, (const float[3]){one, one, one});
