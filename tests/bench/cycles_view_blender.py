@@ -2,10 +2,10 @@
 
   blender --background -noaudio --factory-startup --python cycles_view_blender.py -- PLAN.json
 
-The plan has: scene (a .glb with a camera), output (an .exr of 32 bits), width, height, samples, seed, threads. Materials
-are made anew from the file's: a metal is Principled with multiple scattering of its facets, glass with a body is the
-Glass shader, what emits does so on its front, and everything else is Diffuse. No clamping, no filter of gloss, no
-adaptive sampling, no denoiser, pixels as boxes, 64 bounces. Prints one line VIEW {json} with the seconds of the
+The plan has: scene (a .glb with a camera), output (an .exr of 32 bits), width, height, samples, seed, threads.
+Materials are made anew from the file's: a metal is Principled with multiple scattering of its facets, glass with a body
+is the Glass shader, what emits does so on its front, and everything else is Diffuse. No clamping, no filter of gloss,
+no adaptive sampling, no denoiser, pixels as boxes, 64 bounces. Prints one line VIEW {json} with the seconds of the
 processor that rendering took.
 """
 import builtins
