@@ -31,10 +31,36 @@ uint kiln_wrapped(int at, uint size, uint wrap)
     return uint(m < n ? m : period - 1 - m);
 }
 
-vec4 kiln_texel(kiln_gpu_texture t, int x, int y)
+/* What a bilinear filter reads: two columns, two rows, and where between them the place lies. With `nearest` the first
+ * column and row are all. */
+struct kiln_texel_cell {
+    uvec2 x, y;
+    float fx, fy;
+};
+
+kiln_texel_cell kiln_texel_cell_of(kiln_gpu_texture t, vec2 at)
 {
-    const uint64_t place = uint64_t(kiln_wrapped(y, t.height, t.wrap_v)) * t.width + kiln_wrapped(x, t.width, t.wrap_u);
-    const uint code = MaterialWords(t.texels + 4ul * place).at[0];
+    const int64_t shift =
+        t.nearest != 0u ? 0l : 1l << (kiln_texel_fraction - 1u); /* a bilinear cell begins at a texel's centre */
+    const int64_t x = kiln_texel_coordinate(at.x, t.width, t.wrap_u) - shift,
+                  y = kiln_texel_coordinate(at.y, t.height, t.wrap_v) - shift;
+    const int left = int(x >> kiln_texel_fraction), top = int(y >> kiln_texel_fraction);
+    kiln_texel_cell cell;
+    cell.x = uvec2(kiln_wrapped(left, t.width, t.wrap_u), kiln_wrapped(left + 1, t.width, t.wrap_u));
+    cell.y = uvec2(kiln_wrapped(top, t.height, t.wrap_v), kiln_wrapped(top + 1, t.height, t.wrap_v));
+    cell.fx = float(uint(x >> (kiln_texel_fraction - 32u))) / 4294967296.0;
+    cell.fy = float(uint(y >> (kiln_texel_fraction - 32u))) / 4294967296.0;
+    return cell;
+}
+
+uint kiln_texel(kiln_gpu_texture t, uint x, uint y)
+{
+    return MaterialWords(t.texels + 4ul * (uint64_t(y) * t.width + x)).at[0];
+}
+
+vec4 kiln_texel_color(kiln_gpu_texture t, uint x, uint y)
+{
+    const uint code = kiln_texel(t, x, y);
     const uvec4 channel = uvec4(code, code >> 8, code >> 16, code >> 24) & 255u;
     if (t.srgb == 0u)
         return vec4(channel) / 255.0;
@@ -46,19 +72,14 @@ vec4 kiln_texel(kiln_gpu_texture t, int x, int y)
 vec4 kiln_texture_sample(uint index, vec2 at)
 {
     const kiln_gpu_texture t = TextureArray(SCENE.materials.textures).at[index];
-    const int64_t shift =
-        t.nearest != 0u ? 0l : 1l << (kiln_texel_fraction - 1u); /* a bilinear cell begins at a texel's centre */
-    const int64_t x = kiln_texel_coordinate(at.x, t.width, t.wrap_u) - shift,
-                  y = kiln_texel_coordinate(at.y, t.height, t.wrap_v) - shift;
-    const int left = int(x >> kiln_texel_fraction), top = int(y >> kiln_texel_fraction);
-    const vec4 first = kiln_texel(t, left, top);
+    const kiln_texel_cell cell = kiln_texel_cell_of(t, at);
+    const vec4 first = kiln_texel_color(t, cell.x.x, cell.y.x);
     if (t.nearest != 0u)
         return first;
-    const float fx = float(uint(x >> (kiln_texel_fraction - 32u))) / 4294967296.0,
-                fy = float(uint(y >> (kiln_texel_fraction - 32u))) / 4294967296.0;
-    const vec4 upper = first + fx * (kiln_texel(t, left + 1, top) - first);
-    const vec4 third = kiln_texel(t, left, top + 1), lower = third + fx * (kiln_texel(t, left + 1, top + 1) - third);
-    return upper + fy * (lower - upper);
+    const vec4 upper = first + cell.fx * (kiln_texel_color(t, cell.x.y, cell.y.x) - first);
+    const vec4 third = kiln_texel_color(t, cell.x.x, cell.y.y),
+               lower = third + cell.fx * (kiln_texel_color(t, cell.x.y, cell.y.y) - third);
+    return upper + cell.fy * (lower - upper);
 }
 
 /* The number of a world triangle's coating, with KILN_GPU_FLIPPED. */
@@ -88,29 +109,20 @@ vec2 kiln_interpolated(float value[6], float b1, float b2)
 /* The material of any triangle, by the index that its record has (KILN_RECORD_MATERIAL). */
 kiln_gpu_material kiln_material_of(uint material) { return MaterialArray(SCENE.materials.materials).at[material]; }
 
-float kiln_texel_alpha(kiln_gpu_texture t, uint row, uint column)
-{
-    return float(MaterialWords(t.texels + 4ul * (uint64_t(row) * t.width + column)).at[0] >> 24) / 255.0;
-}
+float kiln_texel_alpha(kiln_gpu_texture t, uint x, uint y) { return float(kiln_texel(t, x, y) >> 24) / 255.0; }
 
 /* The last channel of kiln_texture_sample alone. */
 float kiln_texture_alpha(uint index, vec2 at)
 {
     const kiln_gpu_texture t = TextureArray(SCENE.materials.textures).at[index];
-    const int64_t shift = t.nearest != 0u ? 0l : 1l << (kiln_texel_fraction - 1u);
-    const int64_t x = kiln_texel_coordinate(at.x, t.width, t.wrap_u) - shift,
-                  y = kiln_texel_coordinate(at.y, t.height, t.wrap_v) - shift;
-    const int left = int(x >> kiln_texel_fraction), top = int(y >> kiln_texel_fraction);
-    const uint x0 = kiln_wrapped(left, t.width, t.wrap_u), y0 = kiln_wrapped(top, t.height, t.wrap_v);
-    const float first = kiln_texel_alpha(t, y0, x0);
+    const kiln_texel_cell cell = kiln_texel_cell_of(t, at);
+    const float first = kiln_texel_alpha(t, cell.x.x, cell.y.x);
     if (t.nearest != 0u)
         return first;
-    const uint x1 = kiln_wrapped(left + 1, t.width, t.wrap_u), y1 = kiln_wrapped(top + 1, t.height, t.wrap_v);
-    const float fx = float(uint(x >> (kiln_texel_fraction - 32u))) / 4294967296.0,
-                fy = float(uint(y >> (kiln_texel_fraction - 32u))) / 4294967296.0;
-    const float upper = first + fx * (kiln_texel_alpha(t, y0, x1) - first);
-    const float third = kiln_texel_alpha(t, y1, x0), lower = third + fx * (kiln_texel_alpha(t, y1, x1) - third);
-    return upper + fy * (lower - upper);
+    const float upper = first + cell.fx * (kiln_texel_alpha(t, cell.x.y, cell.y.x) - first);
+    const float third = kiln_texel_alpha(t, cell.x.x, cell.y.y),
+                lower = third + cell.fx * (kiln_texel_alpha(t, cell.x.y, cell.y.y) - third);
+    return upper + cell.fy * (lower - upper);
 }
 
 vec4 kiln_vertex_color(uint code) { return vec4(uvec4(code, code >> 8, code >> 16, code >> 24) & 255u) / 255.0; }

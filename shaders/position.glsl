@@ -139,12 +139,14 @@ bool kiln_buried(vec3 position, vec3 normal)
 void kiln_position(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 position, out vec3 normal,
                    out float offset)
 {
-    kiln_place(p, parts, s, t, position, normal, offset);
-    if (DRAW_AGAIN == 0u)
-        return;
-    for (uint i = 0u; i < KILN_BURIED_TRIES && kiln_buried(position, normal); i++) {
+    float u = s, v = t;
+    bool again = true;
+    for (uint i = 0u; again; i++) {
+        kiln_place(p, parts, u, v, position, normal, offset);
+        again = DRAW_AGAIN != 0u && i < KILN_BURIED_TRIES && kiln_buried(position, normal);
         const uint hash = kiln_buried_retry(s, t, p.key, i);
-        kiln_place(p, parts, kiln_unit_float(hash), kiln_unit_float(kiln_hash1(hash)), position, normal, offset);
+        u = kiln_unit_float(hash);
+        v = kiln_unit_float(kiln_hash1(hash));
     }
 }
 #endif

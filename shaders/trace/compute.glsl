@@ -171,18 +171,20 @@ kiln_found kiln_walk_once(const kiln_ray ray, float limit, bool any)
 }
 
 /* Surfaces that let light through are asked outside of the walk, whose loops stay small, and the walk begins anew
- * behind those that the ray passes: inside it the lookup made the whole kernel up to 400 times slower. */
+ * behind those that the ray passes: inside it the lookup made the whole kernel up to 400 times slower. Drivers lay the
+ * text of a function down wherever it is called, so the walk is called in one place, or kernels take long to make; and
+ * a return from within this loop lost what `share` had on Mesa's software device. */
 kiln_found kiln_walk(vec3 origin, vec3 direction, float limit, bool any, uint question, uint seed, inout vec3 share)
 {
     kiln_ray ray = kiln_ray_of(origin, direction);
-    kiln_found found = kiln_walk_once(ray, limit, any);
-    if (HAS_ALPHA != 0u) {
-        while (found.triangle != KILN_GPU_NONE && found.triangle >= SCENE.opaque_count &&
-               kiln_passes(question, seed, found.triangle, found.u, found.v, share)) {
-            ray.after = found.distance;
-            ray.after_number = found.triangle;
-            found = kiln_walk_once(ray, limit, any);
-        }
+    kiln_found found;
+    bool passes = true;
+    while (passes) {
+        found = kiln_walk_once(ray, limit, any);
+        passes = HAS_ALPHA != 0u && found.triangle != KILN_GPU_NONE && found.triangle >= SCENE.opaque_count &&
+                 kiln_passes(question, seed, found.triangle, found.u, found.v, share);
+        ray.after = found.distance;
+        ray.after_number = found.triangle;
     }
     return found;
 }
