@@ -186,6 +186,7 @@ void follow(uint64_t pixel)
         if (!m.gloss)
             weight *= kiln_surface_color(m.triangle, m.u, m.v, first);
         under_way = m.gloss || max(weight.r, max(weight.g, weight.b)) > 0.0;
+        under_way = under_way && kiln_path_allows(push.path_length, surface + 2u);
         if (under_way) {
 #ifdef KILN_GLOSS
             good = walk_lights(m, surface, KILN_LOBE_ALL, weight, radiance, rays) && good;

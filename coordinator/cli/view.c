@@ -366,7 +366,8 @@ static const char *view_method(const struct kiln_job *job)
 
 static int check_method(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_paths[] = {"bounces", "samples-pixel", "seed", "lens-radius", "focus-distance"},
+    static const char *const of_paths[] = {"bounces",     "samples-pixel",  "seed",
+                                           "lens-radius", "focus-distance", "path-length"},
                              *const of_scenes[] = {"environment", "environment-scale", "environment-rotation"};
     const char *const method = view_method(job);
     for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths && !kiln_view_is_traced(job->view_method); i++)
@@ -390,9 +391,6 @@ static int check_method(const struct view *v, const struct kiln_job *job, struct
                          "--method %s --backend vulkan: the CPU alone traces such paths; give "
                          "--backend embree",
                          method);
-    if (kiln_view_is_bidirectional(job->view_method) && job->lens_radius > 0.0)
-        return kiln_fail(error, KILN_USAGE, "--method %s --lens-radius %g: --method path alone has a lens", method,
-                         job->lens_radius);
     if (job->merge_radius > 0.0 && job->view_method < KILN_VIEW_METHOD_vcm)
         return kiln_fail(error, KILN_USAGE,
                          "--method %s --merge-radius %g: nothing is merged; leave --merge-radius out", method,

@@ -21,7 +21,7 @@ struct kiln_view_team {
     int rank, ranks;
     bool tells; /* how far it is, on stderr */
     int64_t bounces;
-    uint32_t samples;
+    uint32_t samples, path_length;      /* as in the job */
     double lens_radius, focus_distance; /* m; as in the job */
     int method;                         /* enum kiln_view_method */
     double radius;
@@ -115,6 +115,7 @@ int kiln_view_team_create(struct kiln_view_team **team, const struct kiln_job *j
         t->tells = t->rank == 0 && !job->quiet && !job->json;
         t->bounces = job->bounces;
         t->samples = job->samples_pixel;
+        t->path_length = job->path_length;
         t->lens_radius = job->lens_radius;
         t->focus_distance = job->focus_distance;
         t->method = job->view_method;
@@ -288,6 +289,7 @@ static int render(void *context, const struct kiln_view_params *params, struct k
     if (order.view.both_ways)
         order.view.method = (enum kiln_bidirectional_method)(t->method - KILN_VIEW_METHOD_light);
     order.view.radius = t->radius;
+    order.view.parameters.length = t->path_length;
     const size_t pixels = (size_t)params->width * params->height;
     float *all = NULL, *planes[3];
     int status = mount_lens(t, &params->camera, &order.view.parameters, error);

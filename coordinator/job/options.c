@@ -39,6 +39,7 @@ enum {
 };
 
 #define MOST_SAMPLES 1048576.0
+#define MOST_LENGTH 1e9 /* rays of a path */
 
 #define METHOD_NAME(name) #name,
 static const char *const method_names[] = {KILN_METHOD_LIST(METHOD_NAME) NULL};
@@ -905,6 +906,17 @@ const struct kiln_option kiln_options[] = {
      .help = "--method path and others that trace: paths for each pixel",
      .commands = KILN_FOR_VIEW,
      .offset = AT(samples_pixel)},
+    {.name = "path-length",
+     .group = "View",
+     .kind = KILN_OPTION_UINT32,
+     .value = "N",
+     .fallback = "any",
+     .word = "any",
+     .minimum = 1,
+     .maximum = MOST_LENGTH,
+     .help = "--method path, ...: rays of a path at most, from light to camera; 1: emission, 2: also direct light",
+     .commands = KILN_FOR_VIEW,
+     .offset = AT(path_length)},
     {.name = "merge-radius",
      .group = "View",
      .kind = KILN_OPTION_DOUBLE,
@@ -931,7 +943,7 @@ const struct kiln_option kiln_options[] = {
      .fallback = "0",
      .minimum = 0,
      .maximum = 1e6,
-     .help = "--method path: radius of the lens, by which what is out of focus is blurred; 0: a pinhole",
+     .help = "--method path, ...: radius of the lens, by which what is out of focus is blurred; 0: a pinhole",
      .commands = KILN_FOR_VIEW,
      .offset = AT(lens_radius)},
     {.name = "focus-distance",
@@ -942,7 +954,7 @@ const struct kiln_option kiln_options[] = {
      .word = "auto",
      .minimum = 1e-6,
      .maximum = 1e9,
-     .help = "--method path: distance at which the lens is sharp; auto: that of what the middle shows",
+     .help = "--method path, ...: distance at which the lens is sharp; auto: that of what the middle shows",
      .commands = KILN_FOR_VIEW,
      .offset = AT(focus_distance)},
     {.name = "normal-maps",

@@ -81,6 +81,14 @@ KILN_FUNCTION float kiln_path_chance(float red, float green, float blue)
     return most < KILN_PATH_CHANCE_MOST ? most : KILN_PATH_CHANCE_MOST;
 }
 
+/* In place of the length of paths at most: they may have any. */
+#define KILN_PATH_LENGTH_ANY 0u
+/* Whether paths may have so many rays between light and camera. */
+KILN_FUNCTION bool kiln_path_allows(KILN_U32 length, KILN_U32 rays)
+{
+    return length == KILN_PATH_LENGTH_ANY || rays <= length;
+}
+
 /* ---- lobes ---- */
 
 /* Up to this alpha of its facets a lobe is sharp: light of lamps and sky that it sends on is what the path's own rays

@@ -175,7 +175,7 @@ struct kiln_gpu_path_push {
     KILN_VECTOR position, forward, right, up; /* struct kiln_path_parameters */
     KILN_REAL32 extent;                       /* m, of the scene */
     KILN_REAL32 lens_radius, focus_distance;
-    KILN_WORD reserved;
+    KILN_WORD path_length; /* KILN_PATH_LENGTH_ANY, or what it is at most */
 };
 KILN_SIZE_IS(kiln_gpu_path_push, 120);
 KILN_OFFSET_IS(kiln_gpu_path_push, count, 24);

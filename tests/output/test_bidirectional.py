@@ -10,6 +10,7 @@ import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
+import glb  # noqa: E402
 
 KILN = os.environ["KILN"]
 DATA = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "data")
@@ -105,6 +106,48 @@ class Bidirectional(unittest.TestCase):
         vcm, sppm, path = (self.means(scene, method, 16, *options) for method in ("vcm", "sppm", "path"))
         self.assertLess(abs(vcm[0] - sppm[0]), 5 * np.hypot(vcm[1], sppm[1]) + 0.02 * vcm[0])
         self.assertGreater(vcm[0], 1.5 * path[0])
+
+    def test_length(self):
+        """A closed box that emits 1 and reflects half of it: 1 + 1/2 + 1/4 for paths of three rays."""
+        furnace = os.path.join(self.folder, "furnace.glb")
+        run("generate", "furnace", "--albedo", "0.5", "-o", furnace, "--quiet")
+        for method in ("light", "bdpt", "vcm", "vcm-single", "ppm", "sppm"):
+            for length in (1, 2, 3):
+                image = self.view(furnace, method, "--from=0.1,0.2,0.1", "--to=0.9,0.3,0.2", "--bounces", "all",
+                                  "--width", "24", "--height", "16", "--samples-pixel", "16", "--path-length",
+                                  str(length))
+                wanted, within = 2 - 0.5 ** (length - 1), 0.03 if method in ("ppm", "sppm") else 0.01
+                self.assertLess(abs(image.mean() / wanted - 1), within if length > 1 else 1e-5, (method, length))
+
+    def test_length_of_chains(self):
+        """Mirrors and glass count as walls do."""
+        self.agree(self.scene("cornell-spheres"), ("bdpt", "vcm"), 8, "--materials", "auto", "--path-length", "4")
+
+    def test_lens(self):
+        """A wide lens that is focused before the back wall: the light of --method path, place by place."""
+        lens = ("--lens-radius", "0.1", "--focus-distance", "1.5")
+        self.agree(self.scene("cornell"), ("light",), 64, "--bounces", "1", *lens)
+        self.agree(self.scene("cornell"), ("bdpt", "vcm"), 8, "--bounces", "1", *lens)
+
+    def test_blur(self):
+        """A lens of radius R, focused at f, adds half of (R |1 / f - 1 / d|)^2 to the second moment of what lies at
+        distance d. Paths of light alone see the patch."""
+        at, half, pixels = 2.0, 0.1, 48
+        scene = glb.Scene()
+        scene.quad("patch", [(-half, -half, -at), (half, -half, -at), (half, half, -at), (-half, half, -at)],
+                   scene.material("grey", (0.5, 0.5, 0.5)))
+        scene.light("spot", {"type": "spot", "intensity": 100.0,
+                             "spot": {"innerConeAngle": 0.074, "outerConeAngle": 0.075}})
+        path = scene.write(os.path.join(self.folder, "patch.glb"))
+        x = ((np.arange(pixels) + 0.5) / pixels * 2 - 1) * np.tan(np.radians(20) / 2)
+        for radius, focus in (("0.2", "4"), ("0.2", "2"), ("0.1", "1")):
+            image = self.view(path, "light", "--from=0,0,0", "--to=0,0,-1", "--field-of-view", "20", "--width",
+                              str(pixels), "--height", str(pixels), "--samples-pixel", "4", "--lens-radius", radius,
+                              "--focus-distance", focus)[..., 0]
+            moment = (image * (x[:, None] ** 2 + x[None, :] ** 2)).sum() / image.sum()
+            disc = float(radius) * abs(1 / float(focus) - 1 / at)
+            wanted = disc ** 2 / 2 + 2 / 3 * (half / at) ** 2 + (x[1] - x[0]) ** 2 / 6
+            self.assertLess(abs(np.sqrt(moment / wanted) - 1), 0.01, (radius, focus))
 
     def test_ranks(self):
         """The same bits over any number of ranks and threads."""

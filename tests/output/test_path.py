@@ -71,6 +71,16 @@ class Paths(unittest.TestCase):
                     self.assertLess(abs(image.mean() / wanted - 1), 0.01, (backend, bounces, image.mean(), wanted))
                     self.assertLess(np.abs(image / wanted - 1).max(), 0.5)
 
+    def test_length(self):
+        """The same box: as many terms as rays of a path at most."""
+        for backend in self.backends:
+            for length in (1, 2, 3) if backend == "embree" else (2,):
+                image = self.pixels(self.furnace, "--from=0.1,0.2,0.1", "--to=0.9,0.3,0.2", "--bounces", "all",
+                                    "--width", "32", "--height", "24", "--field-of-view", "25", "--backend", backend,
+                                    "--samples-pixel", "16", "--path-length", str(length))
+                wanted = sum(RHO ** k for k in range(length))
+                self.assertLess(abs(image.mean() / wanted - 1), 0.01 if length > 1 else 1e-5, (backend, length))
+
     def test_same_as_bake(self):
         """The light of a bake with as many bounces: 8 x 8 blocks of the picture, without the lamp. One bounce less is
         seen."""
@@ -94,6 +104,11 @@ class Paths(unittest.TestCase):
         for scene in (self.cornell, os.path.join(DATA, "punctual_zoo.glb"), os.path.join(DATA, "many_lights.glb")):
             one, other = (self.pixels(scene, *size, "--backend", backend) for backend in ("embree", "vulkan"))
             self.assertLess(np.sqrt(((one - other) ** 2).mean()) / one.mean(), 1e-3, scene)
+        spheres = os.path.join(self.folder, "spheres.glb")
+        run("generate", "cornell-spheres", "-o", spheres, "--quiet")
+        one, other = (self.pixels(spheres, *size[:4], "--samples-pixel", "4", "--materials", "auto", "--path-length",
+                                  "3", "--backend", backend) for backend in ("embree", "vulkan"))
+        self.assertLess(np.sqrt(((one - other) ** 2).mean()) / one.mean(), 1e-2)
         # dispatches of any length
         paths = [self.view(self.cornell, f"{ms}.exr", *size, "--backend", "vulkan", "--dispatch-time", ms)
                  for ms in ("1", "1000")]
@@ -124,6 +139,7 @@ class Paths(unittest.TestCase):
             # 4 pixels at the pinhole's, which its paths meet with chance 1/40 or so
             self.assertLess(abs(light[1] / light[0] - 1), 0.2, light)
         run("view", self.bake, "--lens-radius", "0.1", "-o", os.path.join(self.folder, "no.exr"), code=64)
+        run("view", self.bake, "--path-length", "2", "-o", os.path.join(self.folder, "no.exr"), code=64)
 
     def test_surfaces(self):
         """--aov: colour, emission, normal, place and depth of a slanted quad, seen from the front and from the back;

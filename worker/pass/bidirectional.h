@@ -2,8 +2,9 @@
  * lights. On Embree alone.
  *
  * The light is that of the path pass (path.h), whose words stand there: the same camera, materials, rules of what is
- * seen, and number of diffuse surfaces after the first. What differs: light of points, spots and directional lights
- * that mirrors and glass send on is found here, and not by the path pass, whose shadow rays do not bend.
+ * seen, lens, number of diffuse surfaces after the first and length of paths. What differs: light of points, spots and
+ * directional lights that mirrors and glass send on is found here, and not by the path pass, whose shadow rays do not
+ * bend.
  *
  * Sample k of a pixel is one path from the camera; with it go as many paths of light as the picture has pixels,
  * numbered over the whole picture: path i of sample k is a function of (seed, i, k) and the scene alone. Methods:

@@ -13,7 +13,8 @@
  * directional light, and of an environment with an image one by the cosine and one by its luminance, weighted against
  * each other. A sky of one radiance all over is met by the rays that go on. These are cosine-distributed about the
  * normal, x1 is what the first of them meets, and so on for `bounces` surfaces after x0, none of which is left to
- * chance. With KILN_PATH_ALL_BOUNCES paths have no last surface, and end by chance (shaders/shared/path.h).
+ * chance. With KILN_PATH_ALL_BOUNCES paths have no last surface, and end by chance (shaders/shared/path.h). `length`
+ * bounds the rays of a path from light to camera, whatever sends it on: with 1 only Le comes, with 2 also D.
  *
  * Where the scene's materials are taken with their gloss (kiln_scene_take_gloss), a surface that has any scatters light
  * by its whole material (shaders/shared/bsdf.h), about its shading normal. Chance chooses whether its diffuse part
@@ -52,6 +53,7 @@ struct kiln_path_parameters {
     float focus_distance;   /* m along `forward`: what is there is sharp; above 0 with a lens */
     uint32_t width, height; /* pixels */
     uint32_t bounces;       /* surfaces after the first; or KILN_PATH_ALL_BOUNCES */
+    uint32_t length;        /* KILN_PATH_LENGTH_ANY, or the length of paths at most */
 };
 
 /* Sums over a pixel's paths. */

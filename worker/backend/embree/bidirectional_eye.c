@@ -2,6 +2,7 @@
 #include <math.h>
 
 #include "worker/backend/embree/bidirectional_subpaths.h"
+#include "worker/backend/embree/camera_ray.h"
 #include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/shadow.h"
 #include "worker/scene/texture.h"
@@ -32,7 +33,8 @@ static void add(struct eye *e, const float weight[3], const double rgb[3], doubl
 static bool may_meet(const struct eye *e)
 {
     const bool others = e->surface == 0 || e->w->all->parameters->method != KILN_BIDIRECTIONAL_LIGHT;
-    return others && (int64_t)e->bounces - (e->last_diffuse ? 1 : 0) <= e->w->all->most;
+    return others && (int64_t)e->bounces - (e->last_diffuse ? 1 : 0) <= e->w->all->most &&
+           subpaths_allow(e->w->all, e->surface + 1);
 }
 
 static void meet_environment(struct eye *e, const struct vertex *before)
@@ -207,7 +209,8 @@ static void merge(void *context, const struct photon *p)
     const struct vertex_scatter none = {.all = {1.0, 1.0, 1.0}};
     struct vertex_scatter s;
     double rgb[3];
-    if (!vertex_scatter(all->b, m->v, m->v->from, p->from, m->lobes, &s))
+    if (!subpaths_allow(all, m->e->surface + p->number + 2) ||
+        !vertex_scatter(all->b, m->v, m->v->from, p->from, m->lobes, &s))
         return;
     subpaths_product(&s, p->number > 0, &none, false, allowed, rgb);
     const struct kiln_path_sums light = {.vcm = (double)p->vcm, .vm = (double)p->vm};
@@ -239,13 +242,11 @@ static void merge_all(struct eye *e, const struct vertex *v, uint32_t lobes)
 static void camera_ray(struct eye *e, uint64_t pixel)
 {
     const struct kiln_path_parameters *c = &e->w->all->parameters->camera;
-    double u, v;
-    subpaths_draw(e->w, 0, &u, &v);
-    const float x = (float)(((double)(pixel % c->width) + u) / c->width * 2.0 - 1.0),
-                y = (float)(1.0 - ((double)(pixel / c->width) + v) / c->height * 2.0);
-    const struct kiln_vec3 aside = vec3_madd(vec3_scale(c->right, x), c->up, y);
-    e->origin = c->orthographic ? vec3_add(c->position, aside) : c->position;
-    e->direction = vec3_normalize(c->orthographic ? c->forward : vec3_add(c->forward, aside));
+    double place[2], lens[2] = {0.0, 0.0};
+    subpaths_draw(e->w, 0, &place[0], &place[1]);
+    if (c->lens_radius > 0.0f)
+        subpaths_draw(e->w, KILN_PATH_LENS, &lens[0], &lens[1]);
+    embree_camera_ray(c, pixel, place, lens, &e->origin, &e->direction);
 }
 
 /* Sums of the first vertex, whose density per m2 is that of the camera's rays. */
@@ -302,7 +303,7 @@ static void gather(struct eye *e, const struct vertex *v)
         return;
     if (all->connects) {
         sample_lights(e, v);
-        for (size_t j = 0; j < e->w->light_count; j++)
+        for (size_t j = 0; j < e->w->light_count && subpaths_allow(all, e->surface + (uint32_t)j + 3); j++)
             if (!e->w->light[j].is_delta)
                 connect(e, v, &e->w->light[j], j == 0);
     }
@@ -344,7 +345,8 @@ void subpaths_trace_eye(struct subpaths *w, uint64_t pixel, uint32_t k)
         if (!arrive(&e, e.surface == 0 ? NULL : &before, &v))
             return;
         meet_emitter(&e, e.surface == 0 ? NULL : &before, &v);
-        if (all->parameters->method == KILN_BIDIRECTIONAL_LIGHT || (int64_t)v.bounces > all->most)
+        if (all->parameters->method == KILN_BIDIRECTIONAL_LIGHT || (int64_t)v.bounces > all->most ||
+            !subpaths_allow(all, e.surface + 2))
             return;
         gather(&e, &v);
         if (!go_on(&e, &v))

@@ -10,6 +10,9 @@
 /* The numbers of a path's first ray have the uses of a surface that no path has. */
 enum { EMISSION_USE = 0x40000000 };
 
+/* Paths of light sample no lights: these numbers of a surface choose the place on the lens that it is connected to. */
+enum { LENS_USE = KILN_PATH_LIGHT };
+
 /* ---- what both subpaths do ---- */
 
 bool subpaths_survives(const struct subpaths *w, uint32_t surface, uint32_t chain, const float share[3],
@@ -70,22 +73,42 @@ void subpaths_product(const struct vertex_scatter *a, bool a_counts, const struc
 
 /* ---- the camera ---- */
 
-bool subpaths_view(const struct bidirectional *all, struct kiln_vec3 place, struct subpath_view *view)
+/* The place in the picture, from -1 to 1 both ways, at which a ray from `origin` to the place is seen. */
+static bool picture_place(const struct kiln_path_parameters *c, struct kiln_vec3 origin, struct kiln_vec3 place,
+                          double *x, double *y)
 {
-    const struct kiln_path_parameters *c = &all->parameters->camera;
-    const struct kiln_dvec3 to = dvec3_of(vec3_sub(place, c->position)), right = dvec3_of(c->right),
-                            up = dvec3_of(c->up);
-    const double depth = dvec3_dot(to, dvec3_of(c->forward)), over = c->orthographic ? 1.0 : depth;
+    struct kiln_dvec3 to = dvec3_of(vec3_sub(place, origin));
+    const struct kiln_dvec3 right = dvec3_of(c->right), up = dvec3_of(c->up);
+    const double depth = dvec3_dot(to, dvec3_of(c->forward));
+    double over = c->orthographic ? 1.0 : depth;
     if (!(depth > 0.0))
         return false;
-    const double x = dvec3_dot(to, right) / (dvec3_dot(right, right) * over),
-                 y = dvec3_dot(to, up) / (dvec3_dot(up, up) * over);
+    if (c->lens_radius > 0.0f) { /* by where the ray crosses the plane in focus, seen from the lens' middle */
+        over = (double)c->focus_distance;
+        to = dvec3_add(dvec3_scale(to, over / depth), dvec3_of(vec3_sub(origin, c->position)));
+    }
+    *x = dvec3_dot(to, right) / (dvec3_dot(right, right) * over);
+    *y = dvec3_dot(to, up) / (dvec3_dot(up, up) * over);
+    return true;
+}
+
+bool subpaths_view(const struct bidirectional *all, struct kiln_vec3 place, const double lens[2],
+                   struct subpath_view *view)
+{
+    const struct kiln_path_parameters *c = &all->parameters->camera;
+    double x, y;
+    view->origin = c->position;
+    if (c->lens_radius > 0.0f)
+        view->origin =
+            vec3_add(c->position, kiln_path_lens(c->right, c->up, c->lens_radius, (float)lens[0], (float)lens[1]));
+    if (!picture_place(c, view->origin, place, &x, &y))
+        return false;
     const double column = floor(0.5 * (x + 1.0) * c->width), row = floor(0.5 * (1.0 - y) * c->height);
     if (!(column >= 0.0) || !(row >= 0.0) || !(column < c->width) || !(row < c->height))
         return false;
     view->pixel = (uint64_t)row * c->width + (uint64_t)column;
-    view->origin =
-        c->orthographic ? vec3_madd(vec3_madd(c->position, c->right, (float)x), c->up, (float)y) : c->position;
+    if (c->orthographic)
+        view->origin = vec3_madd(vec3_madd(c->position, c->right, (float)x), c->up, (float)y);
     const struct kiln_vec3 back = vec3_sub(view->origin, place);
     view->distance = vec3_length(back);
     view->towards = vec3_scale(back, 1.0f / view->distance);
@@ -232,7 +255,7 @@ void subpaths_trace_light(struct subpaths *w, uint64_t i, uint32_t k)
         r.weight[c] = (float)emitted.flux[c];
         r.scale = r.weight[c] > r.scale ? r.weight[c] : r.scale;
     }
-    for (uint32_t surface = 0;; surface++) {
+    for (uint32_t surface = 0; subpaths_allow(w->all, surface + 2); surface++) {
         const struct vertex *vertex = arrive(w, &emitted, &r, surface);
         if (vertex == NULL || !go_on(w, vertex, &r, surface))
             return;
@@ -299,7 +322,10 @@ static void splat(struct subpaths *w, const struct vertex *met, uint32_t number)
     const struct bidirectional *all = w->all;
     struct subpath_view view;
     struct vertex_scatter s;
-    if (!subpaths_view(all, met->m.position, &view) ||
+    double lens[2] = {0.0, 0.0};
+    if (all->parameters->camera.lens_radius > 0.0f)
+        subpaths_draw(w, kiln_path_use(number, LENS_USE), &lens[0], &lens[1]);
+    if (!subpaths_view(all, met->m.position, lens, &view) ||
         !meeting_is_seen(all->b, met->m.triangle, vec3_dot(met->front, view.towards) < 0.0f))
         return;
     const struct vertex v = vertex_as_first(all->b, met);

@@ -55,6 +55,12 @@ static inline uint32_t subpaths_chance(const struct subpaths *w, uint32_t surfac
     return kiln_hash2(kiln_path_key(w->key, kiln_path_use(surface, KILN_PATH_CHANCE)), w->k);
 }
 
+/* Whether paths may have so many rays between light and camera. */
+static inline bool subpaths_allow(const struct bidirectional *all, uint32_t rays)
+{
+    return kiln_path_allows(all->parameters->camera.length, rays);
+}
+
 /* Chance decides whether a subpath goes on from surface number `surface`, of which the share `weight` of what it began
  * with is left; `chain`: surfaces since the last diffuse event. Divides `weight` by the chance. */
 bool subpaths_survives(const struct subpaths *w, uint32_t surface, uint32_t chain, const float share[3],
@@ -73,13 +79,17 @@ void subpaths_product(const struct vertex_scatter *a, bool a_counts, const struc
                       int64_t allowed, double product[3]);
 
 /* Of the camera's rays at a place with this cosine (of the geometric normal, towards the camera): the density per m2,
- * and the pixel. False: the camera does not look there. */
+ * and the pixel. False: the camera does not look there. Of a camera that has a lens it is that of the rays from one
+ * place on the lens, by two numbers in (0, 1): the plane in focus is parallel to the lens, so the rays from each place
+ * are those of a pinhole there, by the angle with the camera's axis. The density of places on the lens is the same in
+ * all techniques. */
 struct subpath_view {
     struct kiln_vec3 origin, towards; /* of a camera ray; unit, from the place */
     float distance;
     uint64_t pixel;
 };
-bool subpaths_view(const struct bidirectional *all, struct kiln_vec3 place, struct subpath_view *view);
+bool subpaths_view(const struct bidirectional *all, struct kiln_vec3 place, const double lens[2],
+                   struct subpath_view *view);
 double subpaths_camera_density(const struct bidirectional *all, const struct subpath_view *view, double cosine);
 
 /* Traces path i of light of sample k into w->light. */

@@ -5,6 +5,7 @@
 
 #include "shaders/shared/color.h"
 #include "shaders/shared/warp.h"
+#include "worker/backend/embree/camera_ray.h"
 #include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/walk.h"
 #include "worker/base/memory.h"
@@ -173,21 +174,11 @@ static bool go_on(struct path *p, const struct meeting *m, uint32_t surface, str
 
 static void camera_ray(const struct path *p, uint64_t pixel, struct kiln_vec3 *origin, struct kiln_vec3 *direction)
 {
-    const struct kiln_path_parameters *c = p->camera;
-    double u, v;
-    walk_draw(&p->walk, 0, &u, &v);
-    const float x = (float)(((double)(pixel % c->width) + u) / c->width * 2.0 - 1.0),
-                y = (float)(1.0 - ((double)(pixel / c->width) + v) / c->height * 2.0);
-    const struct kiln_vec3 aside = vec3_madd(vec3_scale(c->right, x), c->up, y);
-    *origin = c->orthographic ? vec3_add(c->position, aside) : c->position;
-    *direction = vec3_normalize(c->orthographic ? c->forward : vec3_add(c->forward, aside));
-    if (!(c->lens_radius > 0.0f))
-        return;
-    walk_draw(&p->walk, KILN_PATH_LENS, &u, &v);
-    const struct kiln_vec3 place = kiln_path_lens(c->right, c->up, c->lens_radius, (float)u, (float)v),
-                           focus = vec3_scale(vec3_add(c->forward, aside), c->focus_distance);
-    *origin = vec3_add(*origin, place);
-    *direction = vec3_normalize(vec3_sub(focus, place));
+    double place[2], lens[2] = {0.0, 0.0};
+    walk_draw(&p->walk, 0, &place[0], &place[1]);
+    if (p->camera->lens_radius > 0.0f)
+        walk_draw(&p->walk, KILN_PATH_LENS, &lens[0], &lens[1]);
+    embree_camera_ray(p->camera, pixel, place, lens, origin, direction);
 }
 
 static void follow(struct path *p, uint64_t pixel)
@@ -210,7 +201,7 @@ static void follow(struct path *p, uint64_t pixel)
         attenuate(p, &m, ray.ray.tfar);
         if (p->seen[0] > 0.0f || p->seen[1] > 0.0f || p->seen[2] > 0.0f)
             walk_emission(&p->walk, &m, p->seen, p->radiance);
-        if (!reflect(p, &m, surface == 0))
+        if (!kiln_path_allows(p->camera->length, surface + 2) || !reflect(p, &m, surface == 0))
             return;
         walk_lights(&p->walk, &m, surface, KILN_LOBE_ALL, p->weight, p->radiance);
         if (!go_on(p, &m, surface, &ray))

@@ -59,6 +59,7 @@ static int prepare(struct path_run *r, const struct kiln_path_parameters *c, con
                                           .width = c->width,
                                           .height = c->height,
                                           .bounces = c->bounces,
+                                          .path_length = c->length,
                                           .orthographic = c->orthographic,
                                           .position = c->position,
                                           .forward = c->forward,
