@@ -254,6 +254,7 @@ static json_t *picture_json(const struct view *v, const char *path)
     (void)json_object_set_new(root, "flat_share", json_real(v->picture.approximate.flat));
     if (v->team != NULL) {
         const struct kiln_view_work work = kiln_view_team_work(v->team);
+        (void)json_object_set_new(root, "samples", json_integer((json_int_t)work.samples));
         (void)json_object_set_new(root, "rays", json_integer((json_int_t)work.rays));
         (void)json_object_set_new(root, "seconds", json_real(work.seconds));
     }
@@ -267,8 +268,8 @@ static void print_work(const struct view *v, const struct kiln_job *job)
     char bounces[32] = "all";
     if (job->bounces >= 0)
         (void)snprintf(bounces, sizeof bounces, "%lld", (long long)job->bounces);
-    (void)printf("path-traced, %u paths a pixel, %s indirect bounces; %.3g million rays in %.3g s\n",
-                 job->samples_pixel, bounces, 1e-6 * (double)work.rays, work.seconds);
+    (void)printf("path-traced, %u paths a pixel, %s indirect bounces; %.3g million rays in %.3g s\n", work.samples,
+                 bounces, 1e-6 * (double)work.rays, work.seconds);
 }
 
 /* Says in lines what stands under a picture, or under all frames of a path. */
@@ -305,6 +306,8 @@ static void tell_picture(const struct kiln_job *job, struct view *v, const char 
 /* Says what all pictures have in common. */
 static int tell_all(const struct kiln_job *job, struct view *v, struct kiln_error *error)
 {
+    if (job->json && v->team != NULL && kiln_view_team_stopped(v->team, NULL) != KILN_OK)
+        return KILN_OK; /* the object that says so follows */
     if (job->json && v->shots.kind == KILN_SHOTS_ONE) {
         json_t *root = json_pack("{s:s}", "status", "done");
         (void)json_object_update(root, json_array_get(v->pictures, 0));
@@ -366,8 +369,9 @@ static const char *view_method(const struct kiln_job *job)
 
 static int check_method(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_paths[] = {"bounces",     "samples-pixel",  "seed",
-                                           "lens-radius", "focus-distance", "path-length"},
+    static const char *const of_paths[] = {"bounces",        "samples-pixel", "seed",       "lens-radius",
+                                           "focus-distance", "path-length",   "accumulate", "max-time"},
+                             *const of_sums[] = {"resume", "checkpoint-every"},
                              *const of_scenes[] = {"environment", "environment-scale", "environment-rotation"};
     const char *const method = view_method(job);
     for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths && !kiln_view_is_traced(job->view_method); i++)
@@ -376,6 +380,9 @@ static int check_method(const struct view *v, const struct kiln_job *job, struct
                              "--%s: the light in lightmaps is as it was baked; only --method path and its like compute "
                              "light",
                              of_paths[i]);
+    for (size_t i = 0; i < sizeof of_sums / sizeof *of_sums && job->accumulate == NULL; i++)
+        if (was_given(job, of_sums[i]))
+            return kiln_fail(error, KILN_USAGE, "--%s: nothing is kept of a view without --accumulate DIR", of_sums[i]);
     for (size_t i = 0; i < sizeof of_scenes / sizeof *of_scenes && job->scene == NULL; i++)
         if (was_given(job, of_scenes[i]))
             return kiln_fail(
@@ -396,6 +403,16 @@ static int check_method(const struct view *v, const struct kiln_job *job, struct
                          "--method %s --merge-radius %g: nothing is merged; leave --merge-radius out", method,
                          job->merge_radius);
     return KILN_OK;
+}
+
+/* Refuses several pictures where the sums of one are kept, or its time is limited. */
+static int check_one(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
+{
+    const bool one = v->shots.kind != KILN_SHOTS_PATH && v->shots.count == 1;
+    if (one || (job->accumulate == NULL && !(job->max_time > 0.0)))
+        return KILN_OK;
+    return kiln_fail(error, KILN_USAGE, "--%s is for one picture: leave --path out, or name one --camera",
+                     job->accumulate != NULL ? "accumulate" : "max-time");
 }
 
 /* Refuses views of a scene without a bake that nobody aims: an automatic view looks at the light in lightmaps. */
@@ -514,9 +531,13 @@ static int view_paths(struct view *v, const struct kiln_job *job, const char *pa
         return status;
     status = kiln_shots_make(job, v->scene, path, &v->shots, error);
     if (status == KILN_OK)
+        status = check_one(v, job, error);
+    if (status == KILN_OK)
         status = check_names(v, job->scene == NULL ? job->arguments[0] : NULL, error);
     if (status == KILN_OK)
         status = draw_all(v, job, job->arguments[0], error);
+    if (status == KILN_OK)
+        status = kiln_view_team_stopped(v->team, error);
     kiln_view_team_end(v->team);
     return status;
 }

@@ -8,6 +8,7 @@
 
 #include "coordinator/bake/devices.h"
 #include "coordinator/bake/prepare.h"
+#include "coordinator/cli/view_rounds.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
@@ -25,13 +26,16 @@ struct kiln_view_team {
     double lens_radius, focus_distance; /* m; as in the job */
     int method;                         /* enum kiln_view_method */
     double radius;
+    const struct kiln_scene *scene;
+    const char *instruction_set;
     struct kiln_geometry *geometry;
     struct kiln_lights *lights;
     struct kiln_backend *backend;
+    struct kiln_view_rounds *rounds; /* NULL: paths are traced without */
     struct kiln_view_renderer renderer;
     struct kiln_view_work work;
-    double told;      /* MPI_Wtime() of the last line about progress */
-    bool has_kernels; /* the device has made them */
+    double begin, told; /* MPI_Wtime() when the picture began, and of the last line about progress */
+    bool has_kernels;   /* the device has made them */
 };
 
 /* What rank 0 tells the others. */
@@ -119,10 +123,14 @@ int kiln_view_team_create(struct kiln_view_team **team, const struct kiln_job *j
         t->lens_radius = job->lens_radius;
         t->focus_distance = job->focus_distance;
         t->method = job->view_method;
+        t->scene = scene;
+        t->instruction_set = instruction_set;
         t->renderer = (struct kiln_view_renderer){render, t};
         status = kiln_agree(MPI_COMM_WORLD, open_backend(t, job, scene, instruction_set, of_node, error), error);
         if (status == KILN_OK)
             t->radius = job->merge_radius > 0.0 ? job->merge_radius : RADIUS_SHARE * radius_of(t->geometry);
+        if (status == KILN_OK)
+            status = kiln_view_rounds_create(&t->rounds, job, error);
     }
     if (status != KILN_OK)
         kiln_view_team_destroy(team);
@@ -133,6 +141,7 @@ void kiln_view_team_destroy(struct kiln_view_team **team)
 {
     if (*team == NULL)
         return;
+    kiln_view_rounds_destroy(&(*team)->rounds);
     kiln_backend_destroy(&(*team)->backend);
     kiln_lights_destroy(&(*team)->lights);
     kiln_geometry_destroy(&(*team)->geometry);
@@ -149,6 +158,11 @@ void kiln_view_team_lend(struct kiln_view_team *team, struct kiln_view_source *s
 
 struct kiln_view_work kiln_view_team_work(const struct kiln_view_team *team) { return team->work; }
 
+int kiln_view_team_stopped(const struct kiln_view_team *team, struct kiln_error *error)
+{
+    return kiln_view_rounds_stopped(team->rounds, error);
+}
+
 /* ---- pictures ---- */
 
 /* A line at most every two seconds. */
@@ -159,7 +173,8 @@ static void tell(void *context, double share)
     if (!t->tells || now - t->told < 2.0)
         return;
     t->told = now;
-    (void)fprintf(stderr, "kiln: %.0f %% of the paths\n", 100.0 * share);
+    (void)fprintf(stderr, "kiln: %.0f %% of the paths, %.0f s left\n", 100.0 * share,
+                  (now - t->begin) * (1.0 - share) / share);
 }
 
 /* The first pixel of a rank's range. */
@@ -190,18 +205,6 @@ static int gather(const struct kiln_view_team *t, size_t pixels, const float *ow
     return status;
 }
 
-/* Collective. Adds up the ranks' films on rank 0. */
-static void add_films(const struct kiln_view_team *t, struct kiln_splat_film *film, size_t count)
-{
-    enum { MOST = 1 << 24 }; /* that an int counts with ease */
-    (void)MPI_Allreduce(MPI_IN_PLACE, &film->unit, 1, MPI_DOUBLE, MPI_MAX, MPI_COMM_WORLD); /* 0 without pixels */
-    for (size_t i = 0; i < count; i += MOST) {
-        const int part = (int)(count - i < MOST ? count - i : MOST);
-        (void)MPI_Reduce(t->rank == 0 ? MPI_IN_PLACE : film->sums + i, film->sums + i, part, MPI_INT64_T, MPI_SUM, 0,
-                         MPI_COMM_WORLD);
-    }
-}
-
 /* Traces one path, so that the device makes its kernels before the time of computing begins. What fails here fails in
  * the picture too, which says it. */
 static void make_kernels(struct kiln_view_team *t, const struct kiln_path_view *view)
@@ -217,33 +220,54 @@ static void make_kernels(struct kiln_view_team *t, const struct kiln_path_view *
     t->has_kernels = true;
 }
 
+/* Collective. Traces the paths of this rank's range. */
+static int trace(struct kiln_view_team *t, const struct kiln_path_view *view, struct kiln_path_sums *sums,
+                 struct kiln_splat_film *film, uint64_t *rays, struct kiln_error *error)
+{
+    const struct kiln_view_traced traced = {.backend = t->backend,
+                                            .scene = t->scene,
+                                            .instruction_set = t->instruction_set,
+                                            .view = view,
+                                            .progress = {.tell = tell, .context = t}};
+    if (t->rounds != NULL)
+        return kiln_view_rounds_trace(t->rounds, &traced, sums, film, rays, error);
+    return kiln_agree(MPI_COMM_WORLD,
+                      kiln_path_sums_add(sums, t->backend, view, view->samples, &traced.progress, film, rays, error),
+                      error);
+}
+
 /* Collective. Draws a picture; `all` has its pixels, on rank 0. */
 static int draw(struct kiln_view_team *t, const struct kiln_path_view *view, float *all, struct kiln_error *error)
 {
     make_kernels(t, view);
     const size_t pixels = (size_t)view->parameters.width * view->parameters.height;
     const size_t first = range_of(t, pixels, t->rank), count = range_of(t, pixels, t->rank + 1) - first;
-    const struct kiln_path_progress progress = {.tell = tell, .context = t};
-    const double begin = MPI_Wtime();
     struct kiln_splat_film film = {NULL, 0.0};
+    struct kiln_path_sums sums = {0};
     float *own = NULL;
     uint64_t rays = 0;
-    t->told = begin;
+    t->begin = t->told = MPI_Wtime();
     int status = kiln_allocate(&own, 3 * count, sizeof *own, "the pixels of a view", error);
+    if (status == KILN_OK)
+        status = kiln_path_sums_create(&sums, first, count, error);
     if (status == KILN_OK && view->both_ways)
         status = kiln_allocate(&film.sums, 3 * pixels, sizeof *film.sums, "the pixels of a view", error);
-    if (status == KILN_OK && count > 0)
-        status = kiln_path_view_pixels(t->backend, view, first, count, &progress, &film, own, NULL, &rays, error);
     status = kiln_agree(MPI_COMM_WORLD, status, error);
     if (status == KILN_OK)
+        status = trace(t, view, &sums, view->both_ways ? &film : NULL, &rays, error);
+    if (status == KILN_OK) {
+        kiln_path_sums_develop(&sums, own, NULL);
         status = gather(t, pixels, own, all, error);
+    }
     if (status == KILN_OK && view->both_ways)
-        add_films(t, &film, 3 * pixels);
+        kiln_view_add_films(&film, pixels);
     if (status == KILN_OK && view->both_ways && t->rank == 0)
-        kiln_path_view_add_film(view, &film, all);
+        kiln_path_view_add_film(view, sums.samples, &film, all);
     (void)MPI_Allreduce(MPI_IN_PLACE, &rays, 1, MPI_UINT64_T, MPI_SUM, MPI_COMM_WORLD);
     t->work.rays += rays;
-    t->work.seconds += MPI_Wtime() - begin;
+    t->work.samples = sums.samples;
+    t->work.seconds += MPI_Wtime() - t->begin;
+    kiln_path_sums_destroy(&sums);
     kiln_free(&own);
     kiln_free(&film.sums);
     return status;

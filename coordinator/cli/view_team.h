@@ -25,9 +25,14 @@ void kiln_view_team_lend(struct kiln_view_team *team, struct kiln_view_source *s
 void kiln_view_team_end(struct kiln_view_team *team);
 void kiln_view_team_serve(struct kiln_view_team *team);
 
-/* Of all pictures so far, on rank 0: rays of all ranks, and seconds that they took once the kernels were made. */
+/* KILN_STOPPED, with a sentence, if a signal has ended the picture before it had all its paths; else KILN_OK. */
+int kiln_view_team_stopped(const struct kiln_view_team *team, struct kiln_error *error);
+
+/* Of all pictures so far, on rank 0: rays of all ranks, and seconds that they took once the kernels were made; paths of
+ * a pixel of the last one. */
 struct kiln_view_work {
     uint64_t rays;
+    uint32_t samples;
     double seconds;
 };
 struct kiln_view_work kiln_view_team_work(const struct kiln_view_team *team);

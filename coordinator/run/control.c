@@ -11,6 +11,7 @@
 
 #include "coordinator/run/checkpoint.h"
 #include "coordinator/run/lock.h"
+#include "coordinator/run/process.h"
 #include "coordinator/run/status_file.h"
 #include "coordinator/mpi/waiting.h"
 #include "coordinator/mpi/watchdog.h"
@@ -441,16 +442,8 @@ static const char *reason_text(const struct kiln_control *c)
         return "kiln stop";
     case REASON_MAX_TIME:
         return "--max-time";
-    case SIGUSR1:
-        return "SIGUSR1";
-    case SIGTERM:
-        return "SIGTERM";
-    case SIGINT:
-        return "SIGINT";
-    case SIGHUP:
-        return "SIGHUP";
     default:
-        return "a signal";
+        return kiln_process_signal_name(c->reason);
     }
 }
 

@@ -44,6 +44,22 @@ void kiln_process_catch(void)
 
 const volatile sig_atomic_t *kiln_process_signal(void) { return &noted; }
 
+const char *kiln_process_signal_name(int number)
+{
+    switch (number) {
+    case SIGUSR1:
+        return "SIGUSR1";
+    case SIGTERM:
+        return "SIGTERM";
+    case SIGINT:
+        return "SIGINT";
+    case SIGHUP:
+        return "SIGHUP";
+    default:
+        return "a signal";
+    }
+}
+
 void kiln_process_release(void)
 {
     struct sigaction before;

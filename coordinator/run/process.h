@@ -18,6 +18,8 @@ void kiln_process_begin(void);
 void kiln_process_catch(void);
 /* The number of the last recorded signal; 0: none. Threads read it with __atomic_load_n. */
 const volatile sig_atomic_t *kiln_process_signal(void);
+/* "SIGUSR1", ...; "a signal" for one that is not recorded. */
+const char *kiln_process_signal_name(int number);
 /* From this call on these signals end the process again, except SIGUSR1, which is ignored: a batch system's warning
  * that arrives after the bake has finished must not make it look like a lost rank. */
 void kiln_process_release(void);

@@ -22,15 +22,19 @@ struct kiln_path_view kiln_path_view_of(const struct kiln_view_camera *camera, u
                                    .samples = samples};
 }
 
-/* What is added up of a pixel. */
-struct sum {
-    double radiance[3], square;
-    uint32_t count;
-};
+/* ---- sums ---- */
 
-struct film {
-    struct sum *sums;
-    size_t first; /* pixel */
+int kiln_path_sums_create(struct kiln_path_sums *sums, size_t first, size_t count, struct kiln_error *error)
+{
+    *sums = (struct kiln_path_sums){.first = first, .count = count};
+    return kiln_allocate(&sums->pixels, count, sizeof *sums->pixels, "the pixels of a view", error);
+}
+
+void kiln_path_sums_destroy(struct kiln_path_sums *sums) { kiln_free(&sums->pixels); }
+
+/* What is done with results. */
+struct taking {
+    struct kiln_path_sums *sums;
     const struct kiln_path_progress *progress;
     double done, all; /* paths */
 };
@@ -38,61 +42,84 @@ struct film {
 /* kiln_take_results */
 static int take(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
-    struct film *film = context;
+    struct taking *t = context;
     const struct kiln_path_result *r = results;
-    const struct kiln_path_progress *progress = film->progress;
+    const struct kiln_path_progress *progress = t->progress;
     for (size_t i = 0; i < count; i++) {
-        struct sum *sum = &film->sums[first - film->first + i];
+        struct kiln_path_sum *sum = &t->sums->pixels[first - t->sums->first + i];
         for (int c = 0; c < 3; c++)
             sum->radiance[c] += (double)r[i].radiance[c];
         sum->square += (double)r[i].square;
-        sum->count += r[i].count;
-        film->done += r[i].count;
+        t->done += r[i].count;
     }
     if (progress != NULL && progress->tell != NULL)
-        progress->tell(progress->context, film->done / film->all);
+        progress->tell(progress->context, t->done / t->all);
     return progress != NULL && kiln_stop_asked(progress->stop) ? kiln_give_up(error) : KILN_OK;
 }
 
-static void develop(const struct sum *sum, float rgb[3], float *error)
+static uint32_t stretch_of(const struct kiln_path_view *view)
 {
-    for (int c = 0; c < 3; c++)
-        rgb[c] = (float)(sum->radiance[c] / sum->count);
-    if (error == NULL)
-        return;
-    const double n = sum->count,
-                 mean = kiln_luminance((const double[3]){(double)rgb[0], (double)rgb[1], (double)rgb[2]});
-    *error = n > 1.0 ? (float)sqrt(fmax(0.0, sum->square / n - mean * mean) / (n - 1.0)) : 0.0f;
+    return view->both_ways ? STRETCH_BIDIRECTIONAL : STRETCH;
 }
 
-int kiln_path_view_pixels(struct kiln_backend *backend, const struct kiln_path_view *view, size_t first, size_t count,
-                          const struct kiln_path_progress *progress, struct kiln_splat_film *splats, float *rgb,
-                          float *errors, uint64_t *rays, struct kiln_error *error)
+int kiln_path_sums_add(struct kiln_path_sums *sums, struct kiln_backend *backend, const struct kiln_path_view *view,
+                       uint32_t samples, const struct kiln_path_progress *progress, struct kiln_splat_film *film,
+                       uint64_t *rays, struct kiln_error *error)
 {
     const struct kiln_bidirectional_parameters of_both = {
-        .camera = view->parameters, .method = view->method, .radius = view->radius, .film = splats};
+        .camera = view->parameters, .method = view->method, .radius = view->radius, .film = film};
     const void *parameters = view->both_ways ? (const void *)&of_both : &view->parameters;
-    const uint32_t stretch = view->both_ways ? STRETCH_BIDIRECTIONAL : STRETCH;
-    struct film film = {.first = first, .progress = progress, .all = (double)count * view->samples};
-    int status = kiln_allocate(&film.sums, count, sizeof *film.sums, "the pixels of a view", error);
-    struct kiln_batch batch = {.first = first, .count = count, .take = take, .context = &film};
-    for (uint32_t done = 0; done < view->samples && status == KILN_OK; done += batch.samples) {
-        batch.first_sample = done;
-        batch.samples = view->samples - done < stretch ? view->samples - done : stretch;
-        status = kiln_backend_run(backend, view->both_ways ? &kiln_pass_bidirectional : &kiln_pass_path, parameters,
-                                  &batch, rays, error);
+    const struct kiln_pass *pass = view->both_ways ? &kiln_pass_bidirectional : &kiln_pass_path;
+    const uint32_t stretch = stretch_of(view), end = sums->samples + samples;
+    struct taking taking = {.sums = sums, .progress = progress, .all = (double)sums->count * samples};
+    struct kiln_batch batch = {.first = sums->first, .count = sums->count, .take = take, .context = &taking};
+    int status = KILN_OK;
+    while (sums->samples < end && status == KILN_OK) {
+        batch.first_sample = sums->samples;
+        batch.samples = end - sums->samples < stretch ? end - sums->samples : stretch;
+        if (sums->count > 0)
+            status = kiln_backend_run(backend, pass, parameters, &batch, rays, error);
+        sums->samples += batch.samples;
     }
-    for (size_t i = 0; i < count && status == KILN_OK; i++)
-        develop(&film.sums[i], rgb + 3 * i, errors != NULL ? errors + i : NULL);
-    kiln_free(&film.sums);
     return status;
 }
 
-void kiln_path_view_add_film(const struct kiln_path_view *view, const struct kiln_splat_film *film, float *rgb)
+static void develop(const struct kiln_path_sum *sum, uint32_t samples, float rgb[3], float *error)
+{
+    for (int c = 0; c < 3; c++)
+        rgb[c] = (float)(sum->radiance[c] / samples);
+    if (error == NULL)
+        return;
+    const double n = samples, mean = kiln_luminance((const double[3]){(double)rgb[0], (double)rgb[1], (double)rgb[2]});
+    *error = n > 1.0 ? (float)sqrt(fmax(0.0, sum->square / n - mean * mean) / (n - 1.0)) : 0.0f;
+}
+
+void kiln_path_sums_develop(const struct kiln_path_sums *sums, float *rgb, float *errors)
+{
+    for (size_t i = 0; i < sums->count; i++)
+        develop(&sums->pixels[i], sums->samples, rgb + 3 * i, errors != NULL ? errors + i : NULL);
+}
+
+int kiln_path_view_pixels(struct kiln_backend *backend, const struct kiln_path_view *view, size_t first, size_t count,
+                          const struct kiln_path_progress *progress, struct kiln_splat_film *film, float *rgb,
+                          float *errors, uint64_t *rays, struct kiln_error *error)
+{
+    struct kiln_path_sums sums;
+    int status = kiln_path_sums_create(&sums, first, count, error);
+    if (status == KILN_OK)
+        status = kiln_path_sums_add(&sums, backend, view, view->samples, progress, film, rays, error);
+    if (status == KILN_OK)
+        kiln_path_sums_develop(&sums, rgb, errors);
+    kiln_path_sums_destroy(&sums);
+    return status;
+}
+
+void kiln_path_view_add_film(const struct kiln_path_view *view, uint32_t samples, const struct kiln_splat_film *film,
+                             float *rgb)
 {
     const size_t count = (size_t)view->parameters.width * view->parameters.height;
     for (size_t i = 0; i < 3 * count; i++)
-        rgb[i] = (float)((double)rgb[i] + (double)film->sums[i] * film->unit / view->samples);
+        rgb[i] = (float)((double)rgb[i] + (double)film->sums[i] * film->unit / samples);
 }
 
 int kiln_path_view_check(const struct kiln_scene *scene, struct kiln_error *error)

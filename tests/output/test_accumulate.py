@@ -1,0 +1,156 @@
+"""kiln view --accumulate: paths that are traced in several calls, on any number of ranks, give the same bits as at once,
+also after signals, kills and damage. --max-time: the picture after a time."""
+import glob
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
+import exr  # noqa: E402
+
+KILN = os.environ["KILN"]
+SMALL = ("--width", "24", "--height", "20", "--materials", "auto", "--backend", "embree")
+LONG = ("--width", "120", "--height", "90", "--backend", "embree", "--method", "path")
+STOPPED, BAD_INPUT, USAGE = 75, 65, 64
+
+
+def run(*arguments, code=0, ranks=0):
+    start = ["mpirun", "-n", str(ranks)] if ranks else []
+    done = subprocess.run([*start, KILN, *arguments], capture_output=True, text=True)
+    assert done.returncode == code, f"kiln {' '.join(arguments)}: exit {done.returncode}, wanted {code}\n{done.stderr}"
+    return done
+
+
+class Accumulate(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        temporary = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(temporary.cleanup)
+        cls.folder = temporary.name
+        cls.scene = os.path.join(cls.folder, "spheres.glb")
+        run("generate", "cornell-spheres", "-o", cls.scene, "--quiet")
+
+    def setUp(self):
+        self.sums, self.out = (os.path.join(self.folder, name) for name in ("sums", "view.exr"))
+        shutil.rmtree(self.sums, ignore_errors=True)
+
+    def view(self, samples, *options, sums=None, **more):
+        run("view", self.scene, "--samples-pixel", str(samples), "--accumulate", sums or self.sums, "-o", self.out,
+            "--quiet", *options, **more)
+        return exr.rgb(self.out)
+
+    def at_once(self, samples, *options):
+        sums = os.path.join(self.folder, "other")
+        shutil.rmtree(sums, ignore_errors=True)
+        return self.view(samples, *options, sums=sums)
+
+    def test_same_bits(self):
+        """21 paths a pixel at once; or 1, then 5, 14 on three ranks, and 21."""
+        for method in ("path", "vcm"):
+            shutil.rmtree(self.sums, ignore_errors=True)
+            options = (*SMALL, "--method", method)
+            self.view(1, *options)
+            self.view(5, *options)
+            self.view(14, *options, "--threads", "1", ranks=3)
+            whole = self.at_once(21, *options)
+            np.testing.assert_array_equal(self.view(21, *options), whole, method)
+            # there are more already: those of whole rounds
+            np.testing.assert_array_equal(self.view(3, *options), self.at_once(16, *options), method)
+            plain = os.path.join(self.folder, "plain.exr")
+            run("view", self.scene, "--samples-pixel", "21", "-o", plain, "--quiet", *options)
+            self.assertLess(np.abs(exr.rgb(plain) - whole).max(), 1e-5 * whole.max(), method)
+
+    def test_signals(self):
+        """The picture and the sums that there are; the same command goes on."""
+        for number in (signal.SIGUSR1, signal.SIGINT):
+            shutil.rmtree(self.sums, ignore_errors=True)
+            command = [KILN, "view", self.scene, *LONG, "--samples-pixel", "100000", "--accumulate", self.sums, "-o",
+                       self.out, "--json"]
+            with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as kiln:
+                while not os.path.exists(os.path.join(self.sums, ".kiln.lock")) and kiln.poll() is None:
+                    time.sleep(0.05)
+                time.sleep(0.7)
+                kiln.send_signal(number)
+                said = json.loads(kiln.communicate()[0])
+            self.assertEqual((kiln.returncode, said["status"]), (STOPPED, "stopped"))
+            words = said["message"].split()
+            samples = int(words[words.index("has") + 1])
+            self.assertTrue(0 < samples < 100000 and signal.Signals(number).name + ":" in words, said)
+            stopped = exr.rgb(self.out)
+            np.testing.assert_array_equal(self.at_once(samples, *LONG), stopped)
+            np.testing.assert_array_equal(self.view(samples + 8, *LONG), self.at_once(samples + 8, *LONG))
+
+    def test_kills(self):
+        """Killed at any moment, three times."""
+        command = [KILN, "view", self.scene, *LONG, "--samples-pixel", "100", "--accumulate", self.sums, "-o", self.out,
+                   "--quiet", "--checkpoint-every", "0.01"]
+        for seconds in (0.9, 1.1, 1.3):
+            with subprocess.Popen(command) as kiln:
+                time.sleep(seconds)
+                kiln.kill()
+            self.assertEqual(kiln.returncode, -signal.SIGKILL)
+        self.assertTrue(glob.glob(os.path.join(self.sums, "checkpoint", "gen-*")))
+        np.testing.assert_array_equal(self.view(100, *LONG), self.at_once(100, *LONG))
+
+    def test_damage(self):
+        """A damaged checkpoint is noticed; the one before is used, if there is one."""
+        options = (*SMALL, "--method", "bdpt")
+        for samples in (8, 16):
+            self.view(samples, *options)
+        parts = sorted(glob.glob(os.path.join(self.sums, "checkpoint", "gen-*", "part-00000")))
+        self.assertEqual(len(parts), 2)
+        for part, code in ((parts[1], 0), (parts[0], BAD_INPUT)):
+            with open(part, "r+b") as file:
+                file.seek(200)
+                byte = file.read(1)
+                file.seek(200)
+                file.write(bytes([byte[0] ^ 4]))
+            if code == 0:
+                kept = os.path.join(self.folder, "kept")
+                shutil.rmtree(kept, ignore_errors=True)
+                shutil.copytree(self.sums, kept)
+                np.testing.assert_array_equal(self.view(24, *options, sums=kept), self.at_once(24, *options))
+        said = run("view", self.scene, "--samples-pixel", "24", "--accumulate", self.sums, "-o", self.out, *options,
+                   code=BAD_INPUT).stderr
+        self.assertIn("damaged", said)
+        np.testing.assert_array_equal(self.view(24, *options, "--no-resume"), self.at_once(24, *options))
+
+    def test_refused(self):
+        """What is kept is of another view: the table says which."""
+        options = (*SMALL, "--method", "path")
+        self.view(2, *options)
+        for other, words in ((("--from=0,0,-5",), "camera's position"), (("--seed", "2"), "seed"),
+                             (("--bounces", "1"), "bounces"), (("--path-length", "3"), "path-length"),
+                             (("--lens-radius", "0.1"), "lens-radius"), (("--materials", "diffuse"), "materials"),
+                             (("--environment", "1,1,1"), "scene content"), (("--width", "25"), "width"),
+                             (("--method", "bdpt"), "method")):
+            said = run("view", self.scene, "--accumulate", self.sums, "-o", self.out, *options, *other,
+                       code=BAD_INPUT).stderr
+            self.assertIn("\n  " + words, said)
+        out = ("-o", self.out)
+        several = ("--method", "path", "--camera", "camera,camera")
+        for arguments, words in (((*several, "--accumulate", self.sums), "one picture"),
+                                 ((*several, "--max-time", "1"), "one picture"),
+                                 (("--method", "path", "--no-resume"), "--accumulate DIR")):
+            self.assertIn(words, run("view", self.scene, *arguments, *out, code=USAGE).stderr)
+
+    def test_time(self):
+        """The time is kept, and the picture is that of as many paths."""
+        said = json.loads(run("view", self.scene, *LONG, "--samples-pixel", "100000", "--max-time", "1.5", "-o",
+                              self.out, "--json").stdout)
+        self.assertEqual(said["status"], "done")
+        self.assertTrue(0 < said["samples"] < 100000 and said["seconds"] < 3.0, said)
+        timed = exr.rgb(self.out)
+        np.testing.assert_array_equal(timed, self.at_once(said["samples"], *LONG))
+
+
+if __name__ == "__main__":
+    unittest.main()
