@@ -405,6 +405,16 @@ static int check_method(const struct view *v, const struct kiln_job *job, struct
     return KILN_OK;
 }
 
+/* Says what --method path leaves out of the scene's light. */
+static void warn_of_missed(const struct view *v, const struct kiln_job *job)
+{
+    const struct kiln_view_source source = source_of(v, job, NULL);
+    if (job->view_method == KILN_VIEW_METHOD_path && kiln_path_view_misses(v->scene, source.lights))
+        (void)fprintf(stderr,
+                      "kiln: note: --method path misses the light of points, spots and suns that comes by way of "
+                      "mirrors and smooth glass; --method vcm or bdpt finds it\n");
+}
+
 /* Refuses several pictures where the sums of one are kept, or its time is limited. */
 static int check_one(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
@@ -534,6 +544,8 @@ static int view_paths(struct view *v, const struct kiln_job *job, const char *pa
         status = check_one(v, job, error);
     if (status == KILN_OK)
         status = check_names(v, job->scene == NULL ? job->arguments[0] : NULL, error);
+    if (status == KILN_OK)
+        warn_of_missed(v, job);
     if (status == KILN_OK)
         status = draw_all(v, job, job->arguments[0], error);
     if (status == KILN_OK)

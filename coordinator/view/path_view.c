@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "worker/base/memory.h"
+#include "worker/scene/gloss.h"
 
 /* Paths of a pixel that are asked for at once. The sums of such stretches are added up in their order, so this number
  * is part of every result's bits. */
@@ -131,4 +132,12 @@ int kiln_path_view_check(const struct kiln_scene *scene, struct kiln_error *erro
                              "that meet it from the camera alone; --method lightmaps shows it",
                              kiln_scene_string(scene, scene->objects[i].name));
     return KILN_OK;
+}
+
+bool kiln_path_view_misses(const struct kiln_scene *scene, const struct kiln_lights *lights)
+{
+    bool mirrors = false;
+    for (uint32_t i = 0; i < scene->material_count && !mirrors; i++)
+        mirrors = kiln_gloss_taken(scene, i) != NULL && kiln_gloss_has_mirror(kiln_gloss_taken(scene, i));
+    return mirrors && lights->point_count + lights->directional_count > 0;
 }

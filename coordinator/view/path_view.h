@@ -64,4 +64,9 @@ void kiln_path_view_add_film(const struct kiln_path_view *view, uint32_t samples
  * and nowhere else. KILN_USAGE. */
 int kiln_path_view_check(const struct kiln_scene *scene, struct kiln_error *error);
 
+/* Whether paths from the camera alone miss light of the scene: that of points, spots and directional lights by way of
+ * mirrors and smooth glass, which no ray meets by chance. Of a scene whose materials are taken (kiln_scene_take_gloss).
+ */
+bool kiln_path_view_misses(const struct kiln_scene *scene, const struct kiln_lights *lights);
+
 #endif

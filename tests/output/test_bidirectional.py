@@ -106,6 +106,13 @@ class Bidirectional(unittest.TestCase):
         vcm, sppm, path = (self.means(scene, method, 16, *options) for method in ("vcm", "sppm", "path"))
         self.assertLess(abs(vcm[0] - sppm[0]), 5 * np.hypot(vcm[1], sppm[1]) + 0.02 * vcm[0])
         self.assertGreater(vcm[0], 1.5 * path[0])
+        for method, materials, said in (("path", "auto", True), ("path", "diffuse", False), ("vcm", "auto", False)):
+            told = run("view", scene, "--method", method, "--materials", materials, "--samples-pixel", "1", *SIZE, "-o",
+                       os.path.join(self.folder, "view.exr")).stderr
+            self.assertEqual("--method vcm or bdpt finds it" in told, said, (method, materials, told))
+        lamp = run("view", self.scene("cornell-spheres"), "--method", "path", "--materials", "auto", *SIZE,
+                   "--samples-pixel", "1", "-o", os.path.join(self.folder, "view.exr")).stderr
+        self.assertNotIn("finds it", lamp)
 
     def test_length(self):
         """A closed box that emits 1 and reflects half of it: 1 + 1/2 + 1/4 for paths of three rays."""

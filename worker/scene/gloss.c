@@ -4,6 +4,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "shaders/shared/microfacet_albedo.h"
 #include "worker/base/memory.h"
 
 struct kiln_gloss kiln_gloss_default(const struct kiln_material *material, uint32_t index)
@@ -176,4 +177,12 @@ int kiln_scene_take_gloss(struct kiln_scene *scene, enum kiln_gloss_mode mode, s
     kiln_free(&scene->taken);
     kiln_free(&scene->own_materials);
     return KILN_OK;
+}
+
+bool kiln_gloss_has_mirror(const struct kiln_gloss *gloss)
+{
+    const float alpha = gloss->roughness * gloss->roughness,
+                coat = gloss->clearcoat_roughness * gloss->clearcoat_roughness;
+    return (gloss->flags & KILN_GLOSS_MIRROR) != 0 || alpha < KILN_MIRROR_ALPHA ||
+           (gloss->clearcoat > 0.0f && coat < KILN_MIRROR_ALPHA);
 }

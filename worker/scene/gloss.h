@@ -23,6 +23,9 @@ const char *kiln_gloss_fault(const struct kiln_gloss *gloss, size_t material_cou
  * 5.2, for Beckmann's distribution). 0..1. */
 float kiln_gloss_phong_roughness(float exponent);
 
+/* Whether light comes by a mirror or smooth glass, which send it one way: where a texture says so does not count. */
+bool kiln_gloss_has_mirror(const struct kiln_gloss *gloss);
+
 /* Which materials are more than diffuse to light transport. */
 enum kiln_gloss_mode {
     KILN_GLOSS_MODE_AUTO,    /* those with metal, transmission, a clear coat, or a reflection of roughness below 0.5 */
