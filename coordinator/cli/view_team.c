@@ -15,8 +15,10 @@
 /* Views that choose an exposure are drawn with so many paths a pixel at most: a mean over a picture needs few. */
 enum { METER_SAMPLES = 16 };
 
-/* The radius of merging at first, of the scene's. */
-static const double RADIUS_SHARE = 0.003;
+/* The radius of merging at first, of the scene's: the former in pictures of so many pixels or more, each of which has a
+ * path of light. In smaller ones it is larger, so that a place has as many vertices of light around it, up to the
+ * latter. */
+static const double RADIUS_SHARE = 0.003, RADIUS_SHARE_MOST = 0.05, RADIUS_PIXELS = 512.0 * 512.0;
 
 struct kiln_view_team {
     int rank, ranks;
@@ -25,7 +27,7 @@ struct kiln_view_team {
     uint32_t samples, path_length;      /* as in the job */
     double lens_radius, focus_distance; /* m; as in the job */
     int method;                         /* enum kiln_view_method */
-    double radius;
+    double radius;                      /* of merging at first, m; 0: by scene and picture */
     const struct kiln_scene *scene;
     const char *instruction_set;
     struct kiln_geometry *geometry;
@@ -62,10 +64,12 @@ static int choose_instruction_set(const struct kiln_job *job, const char **chose
                      job->instruction_set, best != NULL ? best : "none");
 }
 
-/* Of the sphere about the scene, m. */
-static double radius_of(const struct kiln_geometry *g)
+/* Of merging at first in a picture of so many pixels, m. */
+static double radius_of(const struct kiln_view_team *t, size_t pixels)
 {
-    return 0.5 * dvec3_length(dvec3_sub(dvec3_of(g->bounds_max), dvec3_of(g->bounds_min)));
+    const struct kiln_dvec3 across = dvec3_sub(dvec3_of(t->geometry->bounds_max), dvec3_of(t->geometry->bounds_min));
+    const double share = RADIUS_SHARE * fmax(1.0, sqrt(RADIUS_PIXELS / (double)pixels));
+    return t->radius > 0.0 ? t->radius : 0.5 * dvec3_length(across) * fmin(share, RADIUS_SHARE_MOST);
 }
 
 static int open_backend(struct kiln_view_team *t, const struct kiln_job *job, const struct kiln_scene *scene,
@@ -123,12 +127,11 @@ int kiln_view_team_create(struct kiln_view_team **team, const struct kiln_job *j
         t->lens_radius = job->lens_radius;
         t->focus_distance = job->focus_distance;
         t->method = job->view_method;
+        t->radius = job->merge_radius;
         t->scene = scene;
         t->instruction_set = instruction_set;
         t->renderer = (struct kiln_view_renderer){render, t};
         status = kiln_agree(MPI_COMM_WORLD, open_backend(t, job, scene, instruction_set, of_node, error), error);
-        if (status == KILN_OK)
-            t->radius = job->merge_radius > 0.0 ? job->merge_radius : RADIUS_SHARE * radius_of(t->geometry);
         if (status == KILN_OK)
             status = kiln_view_rounds_create(&t->rounds, job, error);
     }
@@ -312,9 +315,9 @@ static int render(void *context, const struct kiln_view_params *params, struct k
     order.view.both_ways = kiln_view_is_bidirectional(t->method);
     if (order.view.both_ways)
         order.view.method = (enum kiln_bidirectional_method)(t->method - KILN_VIEW_METHOD_light);
-    order.view.radius = t->radius;
     order.view.parameters.length = t->path_length;
     const size_t pixels = (size_t)params->width * params->height;
+    order.view.radius = radius_of(t, pixels);
     float *all = NULL, *planes[3];
     int status = mount_lens(t, &params->camera, &order.view.parameters, error);
     if (status == KILN_OK)

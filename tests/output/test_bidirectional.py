@@ -156,6 +156,16 @@ class Bidirectional(unittest.TestCase):
             wanted = disc ** 2 / 2 + 2 / 3 * (half / at) ** 2 + (x[1] - x[0]) ** 2 / 6
             self.assertLess(abs(np.sqrt(moment / wanted) - 1), 0.01, (radius, focus))
 
+    def test_radius(self):
+        """Small pictures have few paths of light: the automatic radius has some of them around each place."""
+        path, light = os.path.join(self.folder, "radius.exr"), []
+        for method, samples, *radius in (("vcm", "64"), ("sppm", "16"), ("sppm", "16", "--merge-radius", "0.0143")):
+            run("view", self.scene("cornell-spheres"), "--method", method, "--samples-pixel", samples, *SIZE,
+                "--materials", "auto", "-o", path, "--quiet", *radius)
+            light.append(exr.rgb(path))
+        auto, narrow = (((image - light[0]) ** 2).mean() for image in light[1:])
+        self.assertLess(auto, narrow / 4)
+
     def test_ranks(self):
         """The same bits over any number of ranks and threads."""
         size = ("--width", "21", "--height", "13", "--bounces", "2", "--samples-pixel", "9", "--materials", "auto")
