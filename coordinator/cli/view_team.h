@@ -13,7 +13,7 @@ struct kiln_view_team;
  * status with which that failed; all ranks return the worst. Destroy with kiln_view_team_destroy. */
 int kiln_view_team_create(struct kiln_view_team **team, const struct kiln_job *job, const struct kiln_scene *scene,
                           int opened, struct kiln_error *error);
-/* Not collective. */
+/* Collective. */
 void kiln_view_team_destroy(struct kiln_view_team **team);
 
 /* Sets the source's geometry, lights, backend and renderer to the team's, which are good until it is destroyed. For
