@@ -3,6 +3,7 @@
 #include <mpi.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "coordinator/bake/identity.h"
 #include "coordinator/files/checksummed_json.h"
@@ -126,11 +127,23 @@ static json_t *make_identity(const struct kiln_view_rounds *r, const struct kiln
                      "backend", info.name, "instruction set", traced->instruction_set);
 }
 
+/* The folder of a bake has a scene, or a checkpoint that says of what it is. */
+static int refuse_bake(const struct kiln_view_rounds *r, struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_USAGE, "--accumulate %.300s: that is the folder of a bake; name another",
+                     r->job->accumulate);
+}
+
 /* Rank 0: the folder, which no other view or bake may use meanwhile. */
 static int take_folder(struct kiln_view_rounds *r, bool *had_one, struct kiln_error *error)
 {
     uint64_t generation;
-    int status = kiln_make_directories(r->job->accumulate, error);
+    char scene[KILN_PATH_SIZE];
+    int status = kiln_path_join(scene, r->job->accumulate, "scene.kscene", error);
+    if (status == KILN_OK && access(scene, F_OK) == 0)
+        status = refuse_bake(r, error);
+    if (status == KILN_OK)
+        status = kiln_make_directories(r->job->accumulate, error);
     if (status == KILN_OK)
         status = kiln_lock_take(&r->lock, r->job->accumulate, r->job->faults.no_locks, error);
     *had_one = status == KILN_OK && kiln_checkpoint_newest(r->job->accumulate, &generation);
@@ -148,8 +161,7 @@ static int check_kept(const struct kiln_view_rounds *r, bool had_one, char *note
                          "--accumulate %.300s: what is kept there is damaged; --no-resume begins anew",
                          r->job->accumulate);
     if (then != NULL && json_object_get(then, "of") == NULL)
-        return kiln_fail(error, KILN_USAGE, "--accumulate %.300s: that is the folder of a bake; name another",
-                         r->job->accumulate);
+        return refuse_bake(r, error);
     if (then == NULL || !r->job->resume)
         return KILN_OK;
     return kiln_identity_compare(then, r->identity, r->job->accumulate, note, note_size, error);

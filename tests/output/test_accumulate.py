@@ -136,10 +136,14 @@ class Accumulate(unittest.TestCase):
                        code=BAD_INPUT).stderr
             self.assertIn("\n  " + words, said)
         out = ("-o", self.out)
+        bake = os.path.join(self.folder, "bake")
+        run("bake", self.scene, "-o", bake, "--lightmap-size", "4", "--quality", "draft", "--samples-probe", "0",
+            "--bounces", "0", "--no-preview", "--no-export", "--backend", "embree", "--quiet")
         several = ("--method", "path", "--camera", "camera,camera")
         for arguments, words in (((*several, "--accumulate", self.sums), "one picture"),
                                  ((*several, "--max-time", "1"), "one picture"),
-                                 (("--method", "path", "--no-resume"), "--accumulate DIR")):
+                                 (("--method", "path", "--no-resume"), "--accumulate DIR"),
+                                 (("--method", "path", "--accumulate", bake), "the folder of a bake")):
             self.assertIn(words, run("view", self.scene, *arguments, *out, code=USAGE).stderr)
 
     def test_time(self):
