@@ -90,10 +90,10 @@ static json_t *vector_json(struct kiln_vec3 v)
     return json_string(text);
 }
 
-static json_t *number_json(double number)
+static json_t *number_json(double number, int digits)
 {
     char text[40];
-    (void)snprintf(text, sizeof text, "%.17g", number);
+    (void)snprintf(text, sizeof text, "%.*g", digits, number);
     return json_string(text);
 }
 
@@ -112,17 +112,17 @@ static json_t *make_identity(const struct kiln_view_rounds *r, const struct kiln
     }
     (void)json_object_set_new(fields, "kiln", json_string(KILN_VERSION));
     (void)json_object_set_new(fields, "scene content", kiln_hash_json(traced->scene->header->content_hash));
-    (void)json_object_set_new(fields, "width", number_json(c->width));
-    (void)json_object_set_new(fields, "height", number_json(c->height));
+    (void)json_object_set_new(fields, "width", number_json(c->width, 9));
+    (void)json_object_set_new(fields, "height", number_json(c->height, 9));
     (void)json_object_set_new(fields, "camera's position", vector_json(c->position));
     (void)json_object_set_new(fields, "camera's direction", vector_json(c->forward));
     (void)json_object_set_new(fields, "camera's right side", vector_json(c->right));
     (void)json_object_set_new(fields, "camera's upper side", vector_json(c->up));
     (void)json_object_set_new(fields, "orthographic", json_string(c->orthographic ? "yes" : "no"));
-    (void)json_object_set_new(fields, "lens-radius", number_json((double)c->lens_radius));
-    (void)json_object_set_new(fields, "focus-distance", number_json((double)c->focus_distance));
+    (void)json_object_set_new(fields, "lens-radius", number_json((double)c->lens_radius, 9));
+    (void)json_object_set_new(fields, "focus-distance", number_json((double)c->focus_distance, 9));
     (void)json_object_set_new(fields, "merge-radius",
-                              number_json(traced->view->both_ways ? traced->view->radius : 0.0));
+                              number_json(traced->view->both_ways ? traced->view->radius : 0.0, 17));
     return json_pack("{s:s, s:o, s:{}, s:{s:s, s:s}}", "of", "a view", "fields", fields, "sources", "machine",
                      "backend", info.name, "instruction set", traced->instruction_set);
 }
