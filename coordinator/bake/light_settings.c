@@ -30,6 +30,8 @@ struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, c
         .caustics = kiln_job_has_caustics(job) ? (enum kiln_caustics)job->caustics : KILN_CAUSTICS_NONE,
         .photons = kiln_light_photons(job, points),
         .iterations = job->iterations,
+        .merge_radius = job->merge_radius,
+        .radius_alpha = job->radius_alpha,
         .photons_given = job->photons > 0,
         .guide = job->guide > 0,
         .seen_only = job->only_visible_from != NULL,

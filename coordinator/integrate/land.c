@@ -3,7 +3,9 @@
 #include <math.h>
 #include <string.h>
 
+#include "coordinator/field/field_blocks.h"
 #include "coordinator/integrate/land_exchange.h"
+#include "coordinator/integrate/merge.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
@@ -19,6 +21,16 @@
 
 enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256, PATHS_AN_AIM = 4 };
 
+/* The block "landing" of a checkpoint, once: where the step stands. After it "landing_learnt" and "landing_paths",
+ * once, an element an aim; "landing_moments", likewise, of each rank; "landing_sums" and, where they are merged,
+ * "landing_merged", an element a point. */
+struct saved_landing {
+    uint64_t step; /* its number */
+    uint64_t iteration, done, photons, aims;
+    double radius;
+};
+_Static_assert(sizeof(struct saved_landing) == 48, "a record has no gaps");
+
 struct kiln_landing {
     const struct kiln_integrate_params *params;
     struct kiln_solution *solution;
@@ -29,21 +41,34 @@ struct kiln_landing {
     /* of an iteration: this rank's second moments by aim; of all so far: by aim, and the paths that they are of */
     uint64_t *moments;
     double *learnt, *paths, *weights;
+    uint64_t iteration, done; /* iterations that are done; paths of the next one */
+    /* as they were when the block under way began: of all of it that a checkpoint has */
+    uint64_t *moments_before, rays_before;
+    struct saved_landing record;
     /* of a block */
     struct kiln_landing_record *records;
     size_t count;
     uint64_t first_path;
     /* of the step */
     struct kiln_land_exchange exchange;
-    struct kiln_landing_sum *sums; /* of own points */
+    struct kiln_landing_sum *sums; /* of own points; where they are merged, of the iteration under way */
     struct kiln_point_result *results;
+    /* likewise, of --caustics merge; else NULL */
+    float *lit; /* m2, an own point: area that is there to be lit */
+    struct kiln_merged *merged;
+    struct kiln_merge *merge; /* from the end of the first iteration on */
+    double radius;            /* m, at first */
 };
+
+static bool merges(const struct kiln_landing *l) { return l->params->settings->caustics == KILN_CAUSTICS_MERGE; }
 
 static int make_room(struct kiln_landing *l, struct kiln_error *error)
 {
     const size_t aims = l->aims->count;
     const char *what = "the moments of light paths";
     int status = kiln_allocate(&l->moments, aims, sizeof *l->moments, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&l->moments_before, aims, sizeof *l->moments_before, what, error);
     if (status == KILN_OK)
         status = kiln_allocate(&l->learnt, aims, sizeof *l->learnt, what, error);
     if (status == KILN_OK)
@@ -83,12 +108,15 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
     return status;
 }
 
-static void end_step(struct kiln_landing *l)
+void kiln_landing_end(struct kiln_landing *l)
 {
     kiln_backend_destroy(&l->own);
     kiln_land_exchange_release(&l->exchange);
+    kiln_merge_destroy(&l->merge);
     kiln_free(&l->records);
     kiln_free(&l->sums);
+    kiln_free(&l->lit);
+    kiln_free(&l->merged);
 }
 
 void kiln_landing_destroy(struct kiln_landing **landing)
@@ -96,9 +124,10 @@ void kiln_landing_destroy(struct kiln_landing **landing)
     struct kiln_landing *l = *landing;
     if (l == NULL)
         return;
-    end_step(l);
+    kiln_landing_end(l);
     kiln_aims_destroy(&l->aims);
     kiln_free(&l->moments);
+    kiln_free(&l->moments_before);
     kiln_free(&l->learnt);
     kiln_free(&l->paths);
     kiln_free(&l->weights);
@@ -145,6 +174,17 @@ static int trace(struct kiln_landing *l, uint64_t first, uint64_t count, uint64_
                             error);
 }
 
+/* Collective. A checkpoint has nothing of the block under way, which is traced anew then. */
+static int save(struct kiln_landing *l, bool stop, struct kiln_error *error)
+{
+    struct kiln_step_report *report = kiln_solution_step(l->solution);
+    const uint64_t rays = report->rays;
+    report->rays = l->rays_before;
+    const int status = stop ? kiln_save_and_stop(l->saved, false, error) : kiln_save(l->saved, false, error);
+    report->rays = rays;
+    return status;
+}
+
 /* Collective. Traces this rank's part of the block of paths [first, first + count), and waits for the others; saves and
  * stops when that is asked for. */
 static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, struct kiln_error *error)
@@ -157,6 +197,8 @@ static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, s
     int status = KILN_OK;
     l->count = 0;
     l->first_path = first;
+    l->rays_before = report->rays;
+    memcpy(l->moments_before, l->moments, l->aims->count * sizeof *l->moments);
     for (;;) {
         enum kiln_event event;
         if (status == KILN_OK && next < end) {
@@ -174,9 +216,9 @@ static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, s
         if (event == KILN_EVENT_FAIL || event == KILN_EVENT_DONE)
             return kiln_agree(p->communicator, status, error);
         if (event == KILN_EVENT_STOP)
-            return kiln_save_and_stop(l->saved, false, error);
+            return save(l, true, error);
         if (event == KILN_EVENT_SAVE) {
-            const int saved = kiln_save(l->saved, false, error);
+            const int saved = save(l, false, error);
             if (saved != KILN_OK)
                 return saved;
         }
@@ -185,24 +227,33 @@ static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, s
 
 /* ---- aims ---- */
 
-/* Collective. Adds an iteration's moments to those learnt, and shares the next iteration's paths out by them. */
-static void correct_aims(struct kiln_landing *l)
+/* Shares the next iteration's paths out by what was learnt. */
+static void aim(struct kiln_landing *l)
 {
     struct kiln_aims *a = l->aims;
     double sent = 0.0, sum = 0.0;
-    (void)MPI_Allreduce(MPI_IN_PLACE, l->moments, (int)a->count, MPI_UINT64_T, MPI_SUM, l->params->communicator);
     for (size_t i = 0; i < a->count; i++) {
-        l->learnt[i] += (double)l->moments[i] / MOMENT_STEP;
-        l->paths[i] += (double)(a->first[i + 1] - a->first[i]);
         l->weights[i] = a->aims[i].flux * sqrt(l->learnt[i] / l->paths[i]);
         sent += a->aims[i].flux;
         sum += l->weights[i];
-        l->moments[i] = 0;
     }
     for (size_t i = 0; i < a->count; i++)
         l->weights[i] = (sum > 0.0 ? LEARNT * l->weights[i] / sum : 0.0) +
                         (sent > 0.0 ? (1.0 - LEARNT) * a->aims[i].flux / sent : 0.0);
     kiln_aims_share(a, a->paths, l->weights);
+}
+
+/* Collective. Adds an iteration's moments to those learnt. */
+static void correct_aims(struct kiln_landing *l)
+{
+    struct kiln_aims *a = l->aims;
+    (void)MPI_Allreduce(MPI_IN_PLACE, l->moments, (int)a->count, MPI_UINT64_T, MPI_SUM, l->params->communicator);
+    for (size_t i = 0; i < a->count; i++) {
+        l->learnt[i] += (double)l->moments[i] / MOMENT_STEP;
+        l->paths[i] += (double)(a->first[i + 1] - a->first[i]);
+        l->moments[i] = 0;
+    }
+    aim(l);
 }
 
 static void forget(struct kiln_landing *l)
@@ -212,6 +263,8 @@ static void forget(struct kiln_landing *l)
     memset(l->learnt, 0, count * sizeof *l->learnt);
     memset(l->paths, 0, count * sizeof *l->paths);
     kiln_aims_share(l->aims, l->photons, NULL);
+    l->iteration = l->done = 0;
+    l->radius = l->params->settings->merge_radius;
 }
 
 /* ---- a step ---- */
@@ -231,64 +284,6 @@ static int open_backend(struct kiln_landing *l, struct kiln_error *error)
     return status == KILN_OK ? kiln_backend_set_surface(l->own, bake->surface, error) : status;
 }
 
-/* Collective. */
-static int begin_step(struct kiln_landing *l, struct kiln_error *error)
-{
-    const struct kiln_surface *own = &l->solution->own->surface;
-    const uint64_t block = l->aims->paths < KILN_LAND_BLOCK ? l->aims->paths : KILN_LAND_BLOCK,
-                   ranks = (uint64_t)l->params->ranks;
-    int status = kiln_allocate(&l->sums, own->count, sizeof *l->sums, "the light that lands on points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->records, (block + ranks - 1) / ranks, sizeof *l->records,
-                               "the landings of light paths", error);
-    if (status == KILN_OK && l->aims->count > 0)
-        status = open_backend(l, error);
-    status = kiln_agree(l->params->communicator, status, error);
-    return status == KILN_OK
-               ? kiln_land_exchange_create(&l->exchange, l->params->communicator, own->first.at, own->count, error)
-               : status;
-}
-
-/* Collective. */
-static int run_iteration(struct kiln_landing *l, uint64_t iteration, uint64_t before, struct kiln_error *error)
-{
-    struct kiln_step_report *report = kiln_solution_step(l->solution);
-    const uint64_t paths = l->aims->paths;
-    int status = KILN_OK;
-    for (uint64_t first = 0; first < paths && status == KILN_OK; first += KILN_LAND_BLOCK) {
-        const uint64_t count = paths - first < KILN_LAND_BLOCK ? paths - first : KILN_LAND_BLOCK;
-        status = trace_block(l, iteration * paths + first, count, error);
-        const double start = MPI_Wtime();
-        kiln_control_blocking(l->params->control, "exchanging landings of light", 0.0);
-        if (status == KILN_OK)
-            status = kiln_land_exchange(&l->exchange, l->records, l->count, l->sums, error);
-        kiln_control_blocking(l->params->control, NULL, 0.0);
-        report->exchange_seconds += MPI_Wtime() - start;
-        kiln_progress_advance(l->params->progress, before + first + count);
-    }
-    return status;
-}
-
-int kiln_landing_run(struct kiln_landing *l, struct kiln_error *error)
-{
-    struct kiln_step_report *report = kiln_solution_step(l->solution);
-    const uint64_t iterations = l->params->settings->iterations, part = report->step.part; /* has paths of its own */
-    report->rays = 0; /* what was traced before a kill is traced again */
-    forget(l);
-    end_step(l);
-    int status = begin_step(l, error);
-    kiln_progress_phase(l->params->progress, "light paths", iterations * l->aims->paths);
-    kiln_control_begin(l->params->control, "light paths");
-    for (uint64_t i = 0; i < iterations && status == KILN_OK && l->aims->count > 0; i++) {
-        status = run_iteration(l, part * iterations + i, i * l->aims->paths, error);
-        if (status == KILN_OK && i + 1 < iterations)
-            correct_aims(l);
-    }
-    return status;
-}
-
-/* ---- answers ---- */
-
 /* What there is of the point's surface, as the passes that gather have it: kiln_point_result.present. */
 static float presence(const struct kiln_landing *l, const struct kiln_surface *surface,
                       const struct kiln_point_cursor *at)
@@ -302,6 +297,240 @@ static float presence(const struct kiln_landing *l, const struct kiln_surface *s
     kiln_footprint_prepare(&footprint, b->scene, b->geometry, surface, at);
     return kiln_footprint_opacity(&footprint, kiln_texel_key(KILN_LOOKS_KEY, at->map, texel), &mask);
 }
+
+static void find_lit(const struct kiln_landing *l)
+{
+    const struct kiln_surface *s = &l->solution->own->surface;
+#pragma omp parallel for schedule(dynamic, 16) num_threads((int)l->params->threads)
+    for (size_t f = 0; f < s->tile_run_count; f++) {
+        struct kiln_point_cursor at = kiln_point_first(s, f);
+        for (uint32_t k = 0; k < s->tile_runs[f].count; k++, kiln_point_next(s, &at))
+            if (kiln_point_valid(s, at.point))
+                l->lit[at.point.at] =
+                    s->area[at.point.at] * ((float)s->visible[at.point.at] / 65535.0f) * presence(l, s, &at);
+    }
+}
+
+/* Collective. */
+static int begin_step(struct kiln_landing *l, struct kiln_error *error)
+{
+    const struct kiln_surface *own = &l->solution->own->surface;
+    const uint64_t block = l->aims->paths < KILN_LAND_BLOCK ? l->aims->paths : KILN_LAND_BLOCK,
+                   ranks = (uint64_t)l->params->ranks;
+    int status = kiln_allocate(&l->sums, own->count, sizeof *l->sums, "the light that lands on points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&l->records, (block + ranks - 1) / ranks, sizeof *l->records,
+                               "the landings of light paths", error);
+    if (status == KILN_OK && l->aims->count > 0)
+        status = open_backend(l, error);
+    if (status == KILN_OK && merges(l))
+        status = kiln_allocate(&l->lit, own->count, sizeof *l->lit, "the areas of points", error);
+    if (status == KILN_OK && merges(l))
+        status = kiln_allocate(&l->merged, own->count, sizeof *l->merged, "the light that is merged", error);
+    status = kiln_agree(l->params->communicator, status, error);
+    if (status == KILN_OK && merges(l))
+        find_lit(l);
+    return status == KILN_OK
+               ? kiln_land_exchange_create(&l->exchange, l->params->communicator, own->first.at, own->count, error)
+               : status;
+}
+
+/* ---- checkpoints ---- */
+
+size_t kiln_landing_blocks(struct kiln_landing *l, struct kiln_block blocks[KILN_LANDING_BLOCKS])
+{
+    const struct kiln_surface *own = &l->solution->own->surface;
+    const uint64_t first = own->first.at, aims = l->aims->count;
+    size_t count = 0;
+    if (l->sums == NULL)
+        return 0;
+    l->record = (struct saved_landing){.step = l->solution->report.steps.count,
+                                       .iteration = l->iteration,
+                                       .done = l->done,
+                                       .photons = l->photons,
+                                       .aims = aims,
+                                       .radius = l->radius};
+    if (l->params->rank == 0) {
+        blocks[count++] = (struct kiln_block){"landing", 0, 1, sizeof l->record, &l->record};
+        blocks[count++] = (struct kiln_block){"landing_learnt", 0, aims, sizeof *l->learnt, l->learnt};
+        blocks[count++] = (struct kiln_block){"landing_paths", 0, aims, sizeof *l->paths, l->paths};
+    }
+    blocks[count++] = (struct kiln_block){"landing_moments", 0, aims, sizeof *l->moments_before, l->moments_before};
+    blocks[count++] = (struct kiln_block){"landing_sums", first, own->count, sizeof *l->sums, l->sums};
+    if (merges(l))
+        blocks[count++] = (struct kiln_block){"landing_merged", first, own->count, sizeof *l->merged, l->merged};
+    return count;
+}
+
+/* Adds the moments of a file to this rank's: which rank does that makes no difference to the sum. */
+static int add_moments(struct kiln_landing *l, size_t part, struct kiln_error *error)
+{
+    uint64_t *moments = NULL, count = 0;
+    const int status = kiln_checkpoint_read_part(l->params->checkpoint, part, "landing_moments", sizeof *moments,
+                                                 &moments, &count, error);
+    for (uint64_t i = 0; status == KILN_OK && i < count && i < l->aims->count; i++)
+        l->moments[i] += moments[i];
+    kiln_free(&moments);
+    return status;
+}
+
+static bool is_sane(const struct kiln_landing *l, const struct saved_landing *s)
+{
+    bool sane = s->photons == l->photons && s->aims == l->aims->count &&
+                s->iteration <= l->params->settings->iterations && s->done <= s->photons && isfinite(s->radius);
+    for (size_t i = 0; i < l->aims->count && sane; i++)
+        sane = isfinite(l->learnt[i]) && l->learnt[i] >= 0.0 && isfinite(l->paths[i]) &&
+               (s->iteration == 0 || l->paths[i] > 0.0);
+    return sane;
+}
+
+static int read_landing(struct kiln_landing *l, const struct saved_landing *s, struct kiln_error *error)
+{
+    const struct kiln_checkpoint *c = l->params->checkpoint;
+    const struct kiln_surface *own = &l->solution->own->surface;
+    const uint64_t first = own->first.at, aims = l->aims->count;
+    int status = kiln_checkpoint_read(c, "landing_learnt", 0, aims, sizeof *l->learnt, l->learnt, error);
+    if (status == KILN_OK)
+        status = kiln_checkpoint_read(c, "landing_paths", 0, aims, sizeof *l->paths, l->paths, error);
+    if (status == KILN_OK)
+        status = kiln_checkpoint_read(c, "landing_sums", first, own->count, sizeof *l->sums, l->sums, error);
+    if (status == KILN_OK && merges(l))
+        status = kiln_checkpoint_read(c, "landing_merged", first, own->count, sizeof *l->merged, l->merged, error);
+    for (size_t part = (size_t)l->params->rank; status == KILN_OK && part < kiln_checkpoint_parts(c);
+         part += (size_t)l->params->ranks)
+        status = add_moments(l, part, error);
+    return status == KILN_OK && !is_sane(l, s) ? kiln_block_insane("landing", error) : status;
+}
+
+/* Collective. Takes over what a checkpoint within this step has. */
+static int restore(struct kiln_landing *l, struct kiln_error *error)
+{
+    const struct kiln_checkpoint *c = l->params->checkpoint;
+    struct saved_landing s = {0};
+    int status = KILN_OK;
+    const bool any = c != NULL && kiln_checkpoint_generation(c) != 0 && kiln_checkpoint_has(c, "landing");
+    if (any)
+        status = kiln_checkpoint_read(c, "landing", 0, 1, sizeof s, &s, error);
+    const bool here = any && s.step == l->solution->report.steps.count;
+    if (status == KILN_OK && here)
+        status = read_landing(l, &s, error);
+    status = kiln_agree(l->params->communicator, status, error);
+    if (!here)
+        kiln_solution_step(l->solution)->rays = 0; /* of paths that are traced again */
+    if (status != KILN_OK || !here)
+        return status;
+    l->iteration = s.iteration;
+    l->done = s.done;
+    l->radius = s.radius;
+    if (l->iteration > 0 && l->iteration < l->params->settings->iterations)
+        aim(l);
+    return KILN_OK;
+}
+
+/* ---- iterations ---- */
+
+/* Collective. The rest of the iteration. */
+static int run_iteration(struct kiln_landing *l, struct kiln_error *error)
+{
+    struct kiln_step_report *report = kiln_solution_step(l->solution);
+    const uint64_t paths = l->aims->paths, iterations = l->params->settings->iterations,
+                   number = report->step.part * iterations + l->iteration; /* a part has paths of its own */
+    int status = KILN_OK;
+    while (l->done < paths && status == KILN_OK) {
+        const uint64_t count = paths - l->done < KILN_LAND_BLOCK ? paths - l->done : KILN_LAND_BLOCK;
+        status = trace_block(l, number * paths + l->done, count, error);
+        const double start = MPI_Wtime();
+        kiln_control_blocking(l->params->control, "exchanging landings of light", 0.0);
+        if (status == KILN_OK)
+            status = kiln_land_exchange(&l->exchange, l->records, l->count, l->sums, error);
+        kiln_control_blocking(l->params->control, NULL, 0.0);
+        report->exchange_seconds += MPI_Wtime() - start;
+        l->done += count;
+        kiln_progress_advance(l->params->progress, l->iteration * paths + l->done);
+    }
+    return status;
+}
+
+/* Collective. Where no radius was given the first iteration shows it. */
+static int find_radius(struct kiln_landing *l, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    const double power = kiln_luminance(p->emission->emitted), points = (double)p->surface->point_count;
+    const struct kiln_merge_search search = {.landed = l->sums,
+                                             .merged = l->merged,
+                                             .iterations = p->settings->iterations,
+                                             .alpha = p->settings->radius_alpha,
+                                             .texel = points > 0.0 ? sqrt(p->area / points) : 0.0,
+                                             .scale = p->area > 0.0 ? power * power / p->area : 0.0};
+    return l->iteration == 0 && p->settings->merge_radius == KILN_MERGE_RADIUS_AUTO
+               ? kiln_merge_find_radius(l->merge, &search, &l->radius, error)
+               : KILN_OK;
+}
+
+/* Collective. */
+static int begin_merging(struct kiln_landing *l, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    const struct kiln_merge_params params = {.communicator = p->communicator,
+                                             .world = &p->backend->params,
+                                             .surface = &l->solution->own->surface,
+                                             .lit = l->lit,
+                                             .threads = p->threads};
+    int status = kiln_merge_create(&l->merge, &params, error);
+    if (status == KILN_OK)
+        status = find_radius(l, error);
+    return status == KILN_OK ? kiln_merge_set_radius(l->merge, l->radius, error) : status;
+}
+
+/* Collective. What has landed in an iteration goes to the points nearby. */
+static int merge_iteration(struct kiln_landing *l, struct kiln_error *error)
+{
+    const double start = MPI_Wtime();
+    kiln_control_blocking(l->params->control, "merging landings of light", 0.0);
+    int status = l->merge == NULL ? begin_merging(l, error) : KILN_OK;
+    if (status == KILN_OK)
+        status = kiln_merge_spread(
+            l->merge, l->sums,
+            kiln_merge_radius_of(fmax(l->radius, 0.0), l->params->settings->radius_alpha, l->iteration), l->merged,
+            error);
+    memset(l->sums, 0, l->solution->own->surface.count * sizeof *l->sums);
+    kiln_control_blocking(l->params->control, NULL, 0.0);
+    kiln_solution_step(l->solution)->seconds += MPI_Wtime() - start;
+    return status;
+}
+
+/* Collective. All iterations that are to do. */
+static int run_iterations(struct kiln_landing *l, struct kiln_error *error)
+{
+    const uint64_t iterations = l->params->settings->iterations;
+    int status = KILN_OK;
+    while (l->iteration < iterations && status == KILN_OK) {
+        status = run_iteration(l, error);
+        if (status == KILN_OK && merges(l))
+            status = merge_iteration(l, error);
+        if (status == KILN_OK && l->iteration + 1 < iterations)
+            correct_aims(l);
+        l->iteration++;
+        l->done = 0;
+    }
+    return status;
+}
+
+int kiln_landing_run(struct kiln_landing *l, struct kiln_error *error)
+{
+    const uint64_t iterations = l->params->settings->iterations;
+    forget(l);
+    kiln_landing_end(l);
+    int status = begin_step(l, error);
+    if (status == KILN_OK)
+        status = restore(l, error);
+    kiln_progress_phase(l->params->progress, "light paths", iterations * l->aims->paths);
+    kiln_progress_advance(l->params->progress, l->iteration * l->aims->paths + l->done);
+    kiln_control_begin(l->params->control, "light paths");
+    return status == KILN_OK && l->aims->count > 0 ? run_iterations(l, error) : status;
+}
+
+/* ---- answers ---- */
 
 static struct kiln_point_result answer(const struct kiln_landing *l, const struct kiln_surface *surface,
                                        const struct kiln_point_cursor *at)
@@ -322,6 +551,23 @@ static struct kiln_point_result answer(const struct kiln_landing *l, const struc
     return r;
 }
 
+static struct kiln_point_result merged_answer(const struct kiln_landing *l, const struct kiln_surface *surface,
+                                              const struct kiln_point_cursor *at)
+{
+    const struct kiln_merged *merged = &l->merged[at->point.at];
+    const uint64_t iterations = l->params->settings->iterations;
+    struct kiln_point_result r = {.present = 1.0f, .count = 1};
+    if (!kiln_point_valid(surface, at->point))
+        return (struct kiln_point_result){.count = 0};
+    r.present = presence(l, surface, at);
+    for (int c = 0; c < 3; c++) {
+        r.irradiance[c] = (float)(merged->irradiance[c] / (double)iterations);
+        r.incident[c] = (float)(merged->incident[c] / (double)iterations);
+    }
+    r.error = (float)kiln_merge_error(merged, iterations);
+    return r;
+}
+
 int kiln_landing_give(struct kiln_landing *l, const struct kiln_batch *batch, struct kiln_error *error)
 {
     const struct kiln_surface *surface = &l->solution->own->surface;
@@ -333,7 +579,7 @@ int kiln_landing_give(struct kiln_landing *l, const struct kiln_batch *batch, st
         for (size_t f = first; f < next; f++) {
             struct kiln_point_cursor at = kiln_point_first(surface, f);
             for (uint32_t k = 0; k < surface->tile_runs[f].count; k++, kiln_point_next(surface, &at))
-                l->results[count++] = answer(l, surface, &at);
+                l->results[count++] = merges(l) ? merged_answer(l, surface, &at) : answer(l, surface, &at);
         }
         status = batch->take(batch->context, first, next - first, l->results, error);
     }

@@ -17,7 +17,10 @@
  *
  * Where the backend of the bake is a device, the host traces the paths, with Embree and a BVH of its own for the step.
  *
- * After a kill the paths of the step are traced anew: the same, with the same bits. */
+ * With --caustics merge what lands in an iteration is spread over the points nearby (merge.h).
+ *
+ * A checkpoint has the sums, the moments and what was learnt, up to the end of a block. After a kill the paths of the
+ * block that was under way are traced anew: the same, with the same bits. */
 #ifndef KILN_COORDINATOR_INTEGRATE_LAND_H
 #define KILN_COORDINATOR_INTEGRATE_LAND_H
 
@@ -34,9 +37,17 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
                         struct kiln_solution *solution, const struct kiln_saved *saved, struct kiln_error *error);
 void kiln_landing_destroy(struct kiln_landing **landing);
 
-/* Collective. Traces all paths of the step last reported, which gets rays and seconds. Saves and stops when that is
- * asked for. */
+/* Collective. Traces all paths of the step last reported, which gets rays and seconds; those that the open
+ * checkpoint does not have. Saves and stops when that is asked for. */
 int kiln_landing_run(struct kiln_landing *landing, struct kiln_error *error);
+
+/* What a checkpoint within the step keeps: fills in blocks, which borrow, and returns how many. None outside of a step
+ * that lands. */
+enum { KILN_LANDING_BLOCKS = 6 };
+size_t kiln_landing_blocks(struct kiln_landing *landing, struct kiln_block blocks[KILN_LANDING_BLOCKS]);
+
+/* The step is over: frees what it needed. */
+void kiln_landing_end(struct kiln_landing *landing);
 
 /* Gives the answers of a batch of own tile runs to its taker, in place of a backend: a struct kiln_point_result a
  * point. Between kiln_landing_run and the end of the step. */

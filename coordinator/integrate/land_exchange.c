@@ -72,6 +72,7 @@ static void add(const struct kiln_landing_record *record, struct kiln_landing_su
         sum->incident[c] += (double)record->flux[c] * (double)record->taken_up;
     }
     sum->square += kiln_luminance(irradiance) * kiln_luminance(irradiance);
+    sum->count++;
 }
 
 int kiln_land_exchange(struct kiln_land_exchange *e, struct kiln_landing_record *records, size_t count,

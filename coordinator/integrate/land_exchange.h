@@ -17,10 +17,11 @@ struct kiln_landing_record {
     float shading, taken_up;
 };
 
-/* What all paths so far have brought to an own point, W. */
+/* What paths so far have brought to an own point, W. Lies in checkpoints. */
 struct kiln_landing_sum {
     double irradiance[3], incident[3];
-    double square; /* of the luminances of irradiance, W2 */
+    double square;  /* of the luminances of irradiance, W2 */
+    uint64_t count; /* of paths */
 };
 
 /* Which rank has which points: rank r has those from first[r] on, before first[r + 1]. */

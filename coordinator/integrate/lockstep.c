@@ -34,13 +34,13 @@ int kiln_lockstep_create(struct kiln_lockstep *l, const struct kiln_integrate_pa
                                                .solution = solution,
                                                .ledger = &l->ledger,
                                                .exchange = &l->exchange};
-    l->saved = (struct kiln_saved){params, solution, &l->ledger, &l->work};
+    l->saved = (struct kiln_saved){params, solution, &l->ledger, &l->work, NULL};
     int status = kiln_ledger_create(&l->ledger, params->surface, kiln_luminance(params->emission->emitted), error);
     if (status == KILN_OK && params->settings->radiance != NULL)
         status = kiln_radiance_create(&l->radiance, params, solution, &l->saved, error);
-    if (status == KILN_OK && params->settings->caustics == KILN_CAUSTICS_LAND)
+    if (status == KILN_OK && params->settings->caustics >= KILN_CAUSTICS_LAND)
         status = kiln_landing_create(&l->landing, params, solution, &l->saved, error);
-    l->batches.landing = l->landing;
+    l->batches.landing = l->saved.landing = l->landing;
     return status;
 }
 
@@ -124,6 +124,8 @@ static int end_step(struct kiln_lockstep *l, struct kiln_error *error)
     const struct kiln_integrate_params *p = l->params;
     struct kiln_integrate_report *r = &l->solution->report;
     kiln_control_blocking(p->control, "adding up a pass", 0.0);
+    if (kiln_solution_step(l->solution)->step.lands)
+        kiln_landing_end(l->landing);
     int status = kiln_ledger_end_step(&l->ledger, p->communicator, &kiln_solution_step(l->solution)->energy, error);
     if (status == KILN_OK && kiln_solution_step(l->solution)->step.quantity == NULL) {
         status = p->settings->integrator->end_step(&l->integration, &r->steps, error);

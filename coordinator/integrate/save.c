@@ -4,6 +4,7 @@
 #include <time.h>
 
 #include "coordinator/field/field_blocks.h"
+#include "coordinator/integrate/land.h"
 #include "coordinator/integrate/quantity.h"
 #include "coordinator/integrate/rounds.h"
 #include "coordinator/integrate/save.h"
@@ -13,7 +14,8 @@
 #define WRITE_BYTES 20e6 /* a second, at the slowest disk that is not taken for a dead one */
 
 enum { STEPS_MOST = KILN_PARTS * 10002 }; /* with the most bounces that can be asked for */
-enum { OTHER_BLOCKS = 12 };               /* besides the fields: those listed here, and what kiln_integrate_save adds */
+/* besides the fields: those listed here, and what kiln_integrate_save adds */
+enum { OTHER_BLOCKS = 12 + KILN_LANDING_BLOCKS };
 static_assert((int)KILN_FIELDS_MAX + (int)OTHER_BLOCKS <= (int)KILN_BLOCKS_MAX, "a checkpoint has room for all fields");
 
 /* ---- records ----
@@ -297,6 +299,8 @@ static void list_blocks(const struct kiln_saved *s, struct save_work *w, bool fi
     add_block(w, "done", 0, w->done_count, sizeof *w->done, w->done);
     add_block(w, "own_sums", 0, 1, sizeof w->sums, &w->sums);
     add_block(w, "own_groups", 0, w->group_count, sizeof *w->groups, w->groups);
+    if (s->landing != NULL)
+        w->block_count += kiln_landing_blocks(s->landing, w->blocks + w->block_count);
 }
 
 static int save_with(const struct kiln_saved *s, bool finished, const struct kiln_block *more, size_t more_count,
@@ -344,7 +348,7 @@ int kiln_integrate_save(struct kiln_solution *solution, const struct kiln_integr
 {
     struct kiln_ledger none = {0};
     struct kiln_step_work done = {0};
-    const struct kiln_saved saved = {params, solution, &none, &done};
+    const struct kiln_saved saved = {params, solution, &none, &done, NULL};
     return save_with(&saved, true, more, count, error);
 }
 

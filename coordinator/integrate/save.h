@@ -6,12 +6,15 @@
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/integrate/step_work.h"
 
+struct kiln_landing;
+
 /* What is saved and restored. All borrowed. */
 struct kiln_saved {
     const struct kiln_integrate_params *params;
     struct kiln_solution *solution;
     struct kiln_ledger *ledger;
     struct kiln_step_work *work;
+    struct kiln_landing *landing; /* restored by itself (land.h); NULL: no step lands */
 };
 
 /* Collective. Writes a checkpoint: at any time within the last reported step, or with `finished` after the last (when

@@ -24,8 +24,9 @@ struct kiln_integrate_settings {
     uint32_t indirect_scale;      /* texels a side of a block in bounces (blocks.h): a power of two; 1: each gathers */
     uint32_t final_scale;         /* likewise of a block in the final gather (nodes.h) */
     enum kiln_caustics caustics;  /* settled; up to KILN_CAUSTICS_NONE there is no such step */
-    uint32_t photons, iterations; /* of KILN_CAUSTICS_LAND (land.h) */
-    bool photons_given;           /* by the user: then fewer than are needed are refused, else more are taken */
+    uint32_t photons, iterations; /* of KILN_CAUSTICS_LAND and MERGE (land.h) */
+    double merge_radius, radius_alpha; /* of KILN_CAUSTICS_MERGE (merge.h): m, or KILN_MERGE_RADIUS_AUTO, _TEXEL */
+    bool photons_given;                /* by the user: then fewer than are needed are refused, else more are taken */
     bool guide;     /* bounces learn where light comes from, and the final gather follows (worker/pass/guided.h) */
     bool seen_only; /* the final gather and quantities are of tile runs that are seen (struct kiln_rank_data) */
     bool compact; /* radiosity travels in 4 bytes a point where an integrator can afford that: kiln_exchange_is_compact

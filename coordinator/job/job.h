@@ -61,8 +61,9 @@ struct kiln_job {
     int guide;               /* 1: the final gather follows what the bounces learn (worker/pass/guided.h) */
     int materials;           /* enum kiln_gloss_mode */
     int caustics;            /* enum kiln_caustics */
-    uint32_t photons;        /* --caustics land: light paths of an iteration; 0: kiln_light_photons */
+    uint32_t photons;        /* --caustics land, ...: light paths of an iteration; 0: kiln_light_photons */
     uint32_t iterations;     /* and how many iterations there are */
+    double radius_alpha;     /* --caustics merge (integrate/merge.h) */
     uint32_t chain_length;   /* surfaces of a gather ray's chain that are met for certain (shaders/shared/chain.h) */
     char *only_visible_from; /* cameras, or a path's file: bake/visible_from.h; NULL: all surfaces are lit */
     double target_error;     /* of a texel, relative: more samples until it is reached; 0: none */
@@ -127,7 +128,7 @@ struct kiln_job {
     char *show;                          /* "light", "texels", or the name of a field in the lightmaps */
     double field_of_view;                /* degrees, vertical */
     int view_method;                     /* view: enum kiln_view_method */
-    double merge_radius;                 /* view: m; 0: by the scene */
+    double merge_radius;                 /* m; 0: by the scene; bake: or KILN_MERGE_RADIUS_TEXEL (merge.h) */
     uint32_t samples_pixel;              /* view: paths of a pixel */
     uint32_t path_length;                /* view: rays of a path at most; 0: any number */
     char *accumulate;                    /* view: folder that keeps the sums of paths; NULL: none */

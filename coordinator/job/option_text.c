@@ -7,6 +7,8 @@ static const char *number_text(const struct kiln_option *option, double value, c
 {
     if (option->word != NULL && value == option->word_value)
         return option->word;
+    if (option->other_word != NULL && value == option->other_value)
+        return option->other_word;
     (void)snprintf(room, KILN_OPTION_TEXT, format, value);
     return room;
 }

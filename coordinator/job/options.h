@@ -56,12 +56,14 @@ struct kiln_option {
     const char *former; /* the name it had in the version before, which is still accepted; NULL: none */
     const char *group;  /* heading in --help */
     enum kiln_option_kind kind;
-    const char *value;          /* placeholder in --help, names the unit: "METRES"; NULL for flags and choices */
-    const char *fallback;       /* the default, parsed like a given value; NULL: zero */
-    const char *shown;          /* the default as --help shows it; NULL: `fallback` */
-    double minimum, maximum;    /* of numbers, both inclusive */
-    const char *word;           /* accepted in place of a number; NULL: none */
-    double word_value;          /* the number that the word stands for */
+    const char *value;       /* placeholder in --help, names the unit: "METRES"; NULL for flags and choices */
+    const char *fallback;    /* the default, parsed like a given value; NULL: zero */
+    const char *shown;       /* the default as --help shows it; NULL: `fallback` */
+    double minimum, maximum; /* of numbers, both inclusive */
+    const char *word;        /* accepted in place of a number; NULL: none */
+    double word_value;       /* the number that the word stands for */
+    const char *other_word;  /* likewise; NULL: there is no second one */
+    double other_value;
     bool may_be_infinite;       /* of KILN_OPTION_DOUBLE: accepts "inf" */
     const char *const *choices; /* ends with NULL */
     int refusal;                /* status of an unknown choice; 0: KILN_USAGE, or KILN_BAD_INPUT in a job file */

@@ -46,7 +46,8 @@ static int refuse_number(const struct kiln_option *option, const char *text, con
 {
     char word[48] = "", range[96];
     if (option->word != NULL)
-        (void)snprintf(word, sizeof word, ", %s%s", option->may_be_infinite ? "inf, or " : "or ", option->word);
+        (void)snprintf(word, sizeof word, ", %s%s%s%s", option->may_be_infinite ? "inf, or " : "or ", option->word,
+                       option->other_word != NULL ? ", or " : "", option->other_word != NULL ? option->other_word : "");
     if (option->maximum >= 0x1p64)
         (void)snprintf(range, sizeof range, "from %.15g to 18446744073709551615", option->minimum);
     else
@@ -68,6 +69,8 @@ static int set_number(struct kiln_job *job, const struct kiln_option *option, co
         value = option->word_value;
         negative = value < 0;
         magnitude = (uint64_t)fabs(value);
+    } else if (option->other_word != NULL && strcmp(text, option->other_word) == 0) {
+        value = option->other_value; /* of KILN_OPTION_DOUBLE */
     } else if (option->may_be_infinite && strcmp(text, "inf") == 0) {
         value = INFINITY;
     } else {

@@ -34,6 +34,7 @@ import random
 import re
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -616,18 +617,51 @@ def try_caustics(checks, tool):
     same(checks, tool, reference, folder, tool.bake(folder, *more, scene=scene), 'killed within caustics')
 
 
+def landed(folder):
+    """What the newest checkpoint says of light paths: iterations that are done; 0: nothing, or it goes just now."""
+    try:
+        generation = generations(folder)[-1]
+        with open(os.path.join(generation, 'manifest')) as f:
+            parts = json.loads(f.readline())['parts']
+        place = next(block[4] for block in parts[0]['blocks'] if block[0] == 'landing')
+        with open(os.path.join(generation, 'part-00000'), 'rb') as f:
+            f.seek(place)
+            return struct.unpack('2Q', f.read(16))[1]
+    except (IndexError, OSError, StopIteration):
+        return 0
+
+
 def try_landing(checks, tool):
-    """Light paths are traced again, and land alike; other numbers of them are another bake."""
-    more = ('--materials', 'full', '--caustics', 'land', '--photons', 500000, '--iterations', 3, '--bounces', 1,
-            '--samples-indirect', 16, '--no-error-map')
-    reference, _ = reference_of(checks, tool, *more)
-    folder = tool.folder()
-    killed_within(checks, tool, folder, 'light paths', 2, more)
-    for other in (('--photons', 500001), ('--iterations', 4), ('--caustics', 'gather')):
-        process = tool.bake(folder, *more, *other)
-        checks.that(process.status == BAD_INPUT and other[0][2:] in process.stderr,
-                    '%s %s was not refused: %d' % (*other, process.status), process)
-    same(checks, tool, reference, folder, tool.bake(folder, *more, ranks=3), 'killed while light paths landed')
+    """Light paths go on where the checkpoint has them, and land alike, merged or not; other numbers of them are
+    another bake."""
+    iterations = 20
+    for which in ('land', 'merge'):
+        more = ('--materials', 'full', '--caustics', which, '--photons', 100000, '--iterations', iterations,
+                '--bounces', 1, '--samples-indirect', 16, '--no-error-map')
+        straight, folder = tool.folder(), tool.folder()
+        process = tool.bake(straight, '--checkpoint-every', 0, *more)
+        if not checks.that(process.status == 0, 'the reference ended with %d' % process.status, process):
+            return
+        for ranks in (2, 1):  # killed once half of all have landed, and again when a checkpoint has been written
+            before = generations(folder)
+            process = tool.start(folder, *OFTEN, *more, ranks=ranks)
+            wait_for(lambda: process.poll() is not None or
+                     (generations(folder)[-1:] != before[-1:] and (ranks == 1 or landed(folder) >= iterations // 2)))
+            for rank in ranks_of(process)[-1:]:
+                os.kill(rank, signal.SIGKILL)
+            finish(process)
+            checks.that(landed(folder) >= iterations // 2, '%s: killed after %d iterations' % (which, landed(folder)))
+        for other in (('--photons', 100001), ('--iterations', 21), ('--caustics', 'gather')):
+            process = tool.bake(folder, *more, *other)
+            checks.that(process.status == BAD_INPUT and other[0][2:] in process.stderr,
+                        '%s %s was not refused: %d' % (*other, process.status), process)
+        process = tool.bake(folder, *more, ranks=3)
+        same(checks, tool, result(straight), folder, process, '%s: killed while light paths landed' % which)
+        rays = []
+        for bake in (straight, folder):
+            with open(os.path.join(bake, 'run.json')) as f:
+                rays.append(json.load(f)['rays'])
+        checks.that(rays[0] == rays[1], '%s: %s rays, and %s at a stretch' % (which, rays[1], rays[0]))
 
 
 def try_bounces(checks, tool):

@@ -1,0 +1,545 @@
+#include "coordinator/integrate/merge.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "coordinator/integrate/energy.h"
+#include "coordinator/mpi/agree.h"
+#include "worker/base/color.h"
+#include "worker/base/memory.h"
+#include "worker/scene/footprint.h"
+
+#define ALIKE 0.5f   /* cosine between normals of points that are near each other */
+#define FLAT 0.25f   /* of the radius: how far they may lie from each other's planes */
+#define SLACK 1.001f /* of a cell of the grid, beyond the radius: for rounding */
+
+#define LEAST_RADIUS 1.5 /* the first radius that is tried, in texels: so that the eight about one are within it */
+
+enum { BOXES = 64, NEIGHBOUR_CELLS = 27, RADII = 9 };
+
+/* A point as others see it. */
+struct place {
+    uint64_t key; /* lightmap and texel: not by the order of points, which cells change */
+    struct kiln_vec3 position, normal;
+    float lit;
+    uint32_t reserved;
+};
+_Static_assert(sizeof(struct place) == 40, "a record has no gaps");
+
+/* What landed at a point, over A of it. */
+struct spread {
+    float irradiance[3], incident[3];
+    float square;       /* over A squared */
+    float more_by_half; /* A over A by half the radius; 0: nothing has landed */
+};
+_Static_assert(sizeof(struct spread) == 32, "a record has no gaps");
+
+struct box {
+    struct kiln_vec3 low, high;
+};
+_Static_assert(sizeof(struct box) == 24, "a record has no gaps");
+
+/* Own points and those of others near them, by global number: own ones from `own_first` on. */
+struct kiln_merge {
+    MPI_Comm communicator;
+    int rank, ranks;
+    uint32_t threads;
+    float radius;
+    size_t own_first, own_count, count;
+    struct place *own, *places; /* of own points; of all, with `radius` */
+    struct spread *spreads;
+    /* a hash table of the cells of a grid: members[begin[h] .. begin[h + 1]) have the hash h, in order */
+    uint32_t *begin, *members;
+    uint32_t slots; /* a power of two */
+    /* the exchange: own points that each rank gets, one rank after the other, and their numbers and places; the same
+     * of what comes */
+    uint32_t *sent;
+    size_t sent_count;
+    int *counts; /* 4 x ranks */
+    struct spread *outgoing;
+};
+
+static void forget_others(struct kiln_merge *m)
+{
+    kiln_free(&m->places);
+    kiln_free(&m->spreads);
+    kiln_free(&m->begin);
+    kiln_free(&m->members);
+    kiln_free(&m->sent);
+    kiln_free(&m->outgoing);
+    m->sent_count = 0;
+}
+
+void kiln_merge_destroy(struct kiln_merge **merge)
+{
+    struct kiln_merge *m = *merge;
+    if (m == NULL)
+        return;
+    forget_others(m);
+    kiln_free(&m->own);
+    kiln_free(&m->counts);
+    kiln_free(merge);
+}
+
+/* ---- places ---- */
+
+static void find_place(const struct kiln_merge_params *p, const struct kiln_point_cursor *at, struct place *place)
+{
+    struct kiln_footprint footprint;
+    struct kiln_vec3 shading;
+    const uint64_t texel = (uint64_t)at->y * p->surface->lightmaps[at->map].width + at->x;
+    *place = (struct place){.key = (uint64_t)at->map << 32 | texel, .lit = p->lit[at->point.at]};
+    if (!(place->lit > 0.0f))
+        return;
+    kiln_footprint_prepare(&footprint, p->world->scene, p->world->geometry, p->surface, at);
+    kiln_footprint_normals(&footprint, &place->normal, &shading);
+    place->position = kiln_footprint_extent(&footprint).centre;
+}
+
+static void find_places(const struct kiln_merge_params *p, struct place *places)
+{
+    const struct kiln_surface *s = p->surface;
+#pragma omp parallel for schedule(dynamic, 16) num_threads((int)p->threads)
+    for (size_t f = 0; f < s->tile_run_count; f++) {
+        struct kiln_point_cursor at = kiln_point_first(s, f);
+        for (uint32_t k = 0; k < s->tile_runs[f].count; k++, kiln_point_next(s, &at))
+            find_place(p, &at, &places[at.point.at]);
+    }
+}
+
+/* ---- points of other ranks ---- */
+
+static struct kiln_vec3 least(struct kiln_vec3 a, struct kiln_vec3 b)
+{
+    return vec3(fminf(a.x, b.x), fminf(a.y, b.y), fminf(a.z, b.z));
+}
+static struct kiln_vec3 most(struct kiln_vec3 a, struct kiln_vec3 b)
+{
+    return vec3(fmaxf(a.x, b.x), fmaxf(a.y, b.y), fmaxf(a.z, b.z));
+}
+
+static const struct box nowhere = {{FLT_MAX, FLT_MAX, FLT_MAX}, {-FLT_MAX, -FLT_MAX, -FLT_MAX}};
+
+/* Boxes about stretches of the points that take part: as many as BOXES, some of them perhaps about nothing. */
+static void find_boxes(const struct place *places, size_t count, struct box boxes[BOXES])
+{
+    for (size_t b = 0; b < BOXES; b++) {
+        boxes[b] = nowhere;
+        for (size_t i = count * b / BOXES; i < count * (b + 1) / BOXES; i++)
+            if (places[i].lit > 0.0f)
+                boxes[b] =
+                    (struct box){least(boxes[b].low, places[i].position), most(boxes[b].high, places[i].position)};
+    }
+}
+
+static bool within(const struct box *box, struct kiln_vec3 low, struct kiln_vec3 high, float radius)
+{
+    return low.x - radius <= box->high.x && low.y - radius <= box->high.y && low.z - radius <= box->high.z &&
+           high.x + radius >= box->low.x && high.y + radius >= box->low.y && high.z + radius >= box->low.z;
+}
+
+/* The boxes of another rank that may have own points near them come first. Returns how many. */
+static size_t choose_boxes(struct box boxes[BOXES], const struct box own[BOXES], float radius)
+{
+    struct box all = nowhere;
+    size_t count = 0;
+    for (size_t b = 0; b < BOXES; b++)
+        all = (struct box){least(all.low, own[b].low), most(all.high, own[b].high)};
+    for (size_t b = 0; b < BOXES; b++)
+        if (boxes[b].low.x <= boxes[b].high.x && within(&boxes[b], all.low, all.high, radius))
+            boxes[count++] = boxes[b];
+    return count;
+}
+
+/* Lists the own points that go to each rank, and counts them. `boxes`: of all ranks. */
+static int list_sent(struct kiln_merge *m, struct box *boxes, struct kiln_error *error)
+{
+    struct box of_own[BOXES];
+    size_t room = 0;
+    const float radius = SLACK * m->radius;
+    memcpy(of_own, boxes + (size_t)m->rank * BOXES, sizeof of_own);
+    for (int r = 0; r < m->ranks; r++) {
+        struct box *of = boxes + (size_t)r * BOXES;
+        const size_t before = m->sent_count, chosen = r == m->rank ? 0 : choose_boxes(of, of_own, radius);
+        for (size_t i = 0; i < m->own_count && chosen > 0; i++) {
+            size_t b = 0;
+            while (b < chosen && !within(&of[b], m->own[i].position, m->own[i].position, radius))
+                b++;
+            if (b == chosen || !(m->own[i].lit > 0.0f))
+                continue;
+            const int status = kiln_grow(&m->sent, &room, m->sent_count + 1, sizeof *m->sent,
+                                         "the points that other ranks merge", error);
+            if (status != KILN_OK)
+                return status;
+            m->sent[m->sent_count++] = (uint32_t)i;
+        }
+        m->counts[r] = (int)(m->sent_count - before);
+        m->counts[m->ranks + r] = (int)before;
+    }
+    return KILN_OK;
+}
+
+/* Collective. Sends records of `size` bytes of the listed own points to other ranks; what comes goes around the own
+ * ones. */
+static void exchange(const struct kiln_merge *m, size_t size, const void *outgoing, void *all)
+{
+    const int *sent = m->counts, *got = sent + 2 * m->ranks;
+    MPI_Datatype type;
+    (void)MPI_Type_contiguous((int)size, MPI_BYTE, &type);
+    (void)MPI_Type_commit(&type);
+    (void)MPI_Alltoallv(outgoing, sent, sent + m->ranks, type, all, got, got + m->ranks, type, m->communicator);
+    (void)MPI_Type_free(&type);
+}
+
+/* Collective. How many points come from each rank, and where among all they go. */
+static void count_received(struct kiln_merge *m)
+{
+    int *got = m->counts + 2 * m->ranks, *places = got + m->ranks;
+    (void)MPI_Alltoall(m->counts, 1, MPI_INT, got, 1, MPI_INT, m->communicator);
+    m->count = 0;
+    for (int r = 0; r < m->ranks; r++) {
+        places[r] = (int)m->count;
+        if (r == m->rank)
+            m->own_first = m->count;
+        m->count += r == m->rank ? m->own_count : (size_t)got[r];
+    }
+}
+
+/* Collective. Own points and those of other ranks near them. */
+static int gather_places(struct kiln_merge *m, struct kiln_error *error)
+{
+    struct place *outgoing = NULL;
+    struct box *boxes = NULL;
+    int status = kiln_allocate(&boxes, (size_t)m->ranks * BOXES, sizeof *boxes, "the boxes of ranks", error);
+    status = kiln_agree(m->communicator, status, error);
+    if (status == KILN_OK) {
+        find_boxes(m->own, m->own_count, boxes + (size_t)m->rank * BOXES);
+        (void)MPI_Allgather(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, boxes, (int)(BOXES * sizeof *boxes), MPI_BYTE,
+                            m->communicator);
+        status = list_sent(m, boxes, error);
+        if (status == KILN_OK)
+            status = kiln_allocate(&outgoing, m->sent_count, sizeof *outgoing, "points for other ranks", error);
+        if (status == KILN_OK)
+            status = kiln_allocate(&m->outgoing, m->sent_count, sizeof *m->outgoing, "light for other ranks", error);
+        status = kiln_agree(m->communicator, status, error);
+    }
+    if (status == KILN_OK) {
+        count_received(m);
+        status = kiln_allocate(&m->places, m->count, sizeof *m->places, "the points that are merged", error);
+        if (status == KILN_OK)
+            status = kiln_allocate(&m->spreads, m->count, sizeof *m->spreads, "the light that is merged", error);
+        status = kiln_agree(m->communicator, status, error);
+    }
+    if (status == KILN_OK) {
+        for (size_t i = 0; i < m->sent_count; i++)
+            outgoing[i] = m->own[m->sent[i]];
+        memcpy(m->places + m->own_first, m->own, m->own_count * sizeof *m->own);
+        exchange(m, sizeof *outgoing, outgoing, m->places);
+    }
+    kiln_free(&outgoing);
+    kiln_free(&boxes);
+    return status;
+}
+
+/* ---- the grid ---- */
+
+static uint32_t slot_of(const struct kiln_merge *m, const int64_t cell[3])
+{
+    uint64_t h = (uint64_t)cell[0] * 0x9e3779b97f4a7c15ull ^ (uint64_t)cell[1] * 0xc2b2ae3d27d4eb4full ^
+                 (uint64_t)cell[2] * 0x165667b19e3779f9ull;
+    h ^= h >> 32;
+    return (uint32_t)h & (m->slots - 1);
+}
+
+static void cell_of(const struct kiln_merge *m, struct kiln_vec3 p, int64_t cell[3])
+{
+    const double side = (double)SLACK * (double)m->radius, most_cells = 0x1p60;
+    const double at[3] = {(double)p.x, (double)p.y, (double)p.z};
+    for (int c = 0; c < 3; c++)
+        cell[c] = (int64_t)fmax(-most_cells, fmin(floor(at[c] / side), most_cells));
+}
+
+static int build_grid(struct kiln_merge *m, struct kiln_error *error)
+{
+    int64_t cell[3];
+    m->slots = 1;
+    while (m->slots < m->count && m->slots < 1u << 31)
+        m->slots *= 2;
+    int status = kiln_allocate(&m->begin, (size_t)m->slots + 2, sizeof *m->begin, "the grid of merged points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&m->members, m->count, sizeof *m->members, "the grid of merged points", error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < m->count; i++) {
+        cell_of(m, m->places[i].position, cell);
+        m->begin[(size_t)slot_of(m, cell) + 2]++;
+    }
+    for (size_t h = 2; h <= (size_t)m->slots + 1; h++)
+        m->begin[h] += m->begin[h - 1];
+    for (size_t i = 0; i < m->count; i++) {
+        cell_of(m, m->places[i].position, cell);
+        m->members[m->begin[(size_t)slot_of(m, cell) + 1]++] = (uint32_t)i;
+    }
+    return KILN_OK;
+}
+
+int kiln_merge_create(struct kiln_merge **merge, const struct kiln_merge_params *p, struct kiln_error *error)
+{
+    struct kiln_merge *m = NULL;
+    int status = kiln_allocate(&m, 1, sizeof *m, "the merging of light", error);
+    *merge = m;
+    if (status == KILN_OK) {
+        *m =
+            (struct kiln_merge){.communicator = p->communicator, .threads = p->threads, .own_count = p->surface->count};
+        (void)MPI_Comm_rank(p->communicator, &m->rank);
+        (void)MPI_Comm_size(p->communicator, &m->ranks);
+        status = kiln_allocate(&m->counts, 4 * (size_t)m->ranks, sizeof *m->counts, "the ranks' points", error);
+    }
+    if (status == KILN_OK)
+        status = kiln_allocate(&m->own, m->own_count, sizeof *m->own, "the points that are merged", error);
+    status = kiln_agree(p->communicator, status, error);
+    if (status == KILN_OK)
+        find_places(p, m->own);
+    else
+        kiln_merge_destroy(merge);
+    return status;
+}
+
+int kiln_merge_set_radius(struct kiln_merge *m, double radius, struct kiln_error *error)
+{
+    forget_others(m);
+    m->radius = (float)fmax(radius, 0.0);
+    int status = gather_places(m, error);
+    if (status == KILN_OK && m->radius > 0.0f)
+        status = build_grid(m, error);
+    return kiln_agree(m->communicator, status, error);
+}
+
+/* ---- points near a point ---- */
+
+struct neighbour {
+    uint64_t key;
+    size_t at;
+};
+
+/* In order of their keys. */
+struct near {
+    struct neighbour *of;
+    size_t count, room;
+};
+
+/* The same for either of both. */
+static bool are_near(const struct place *a, const struct place *b, float radius)
+{
+    const struct kiln_vec3 d = vec3_sub(b->position, a->position);
+    return vec3_dot(d, d) <= radius * radius && vec3_dot(a->normal, b->normal) >= ALIKE &&
+           fabsf(vec3_dot(d, a->normal)) <= FLAT * radius && fabsf(vec3_dot(d, b->normal)) <= FLAT * radius;
+}
+
+/* The slots of the cells about a place, each once. */
+static size_t find_slots(const struct kiln_merge *m, struct kiln_vec3 p, uint32_t slots[NEIGHBOUR_CELLS])
+{
+    int64_t middle[3];
+    size_t count = 0;
+    cell_of(m, p, middle);
+    for (int64_t i = 0; i < NEIGHBOUR_CELLS; i++) {
+        const int64_t cell[3] = {middle[0] + i % 3 - 1, middle[1] + i / 3 % 3 - 1, middle[2] + i / 9 - 1};
+        const uint32_t slot = slot_of(m, cell);
+        size_t k = 0;
+        while (k < count && slots[k] != slot)
+            k++;
+        if (k == count)
+            slots[count++] = slot;
+    }
+    return count;
+}
+
+static int compare(const void *a, const void *b)
+{
+    const struct neighbour *one = a, *other = b;
+    return (one->key > other->key) - (one->key < other->key);
+}
+
+static int add_near(const struct kiln_merge *m, size_t at, struct near *near, struct kiln_error *error)
+{
+    const int status = kiln_grow(&near->of, &near->room, near->count + 1, sizeof *near->of, "points nearby", error);
+    if (status == KILN_OK)
+        near->of[near->count++] = (struct neighbour){m->places[at].key, at};
+    return status;
+}
+
+/* Points near point `at` that take part, itself among them. */
+static int find_near(const struct kiln_merge *m, size_t at, float radius, struct near *near, struct kiln_error *error)
+{
+    uint32_t slots[NEIGHBOUR_CELLS];
+    const struct place *place = &m->places[at];
+    near->count = 0;
+    int status = add_near(m, at, near, error);
+    if (m->begin == NULL || !(radius > 0.0f) || status != KILN_OK)
+        return status;
+    for (size_t k = 0, count = find_slots(m, place->position, slots); k < count; k++)
+        for (uint32_t i = m->begin[slots[k]]; i < m->begin[slots[k] + 1u] && status == KILN_OK; i++) {
+            const uint32_t other = m->members[i];
+            if (other != at && m->places[other].lit > 0.0f && are_near(place, &m->places[other], radius))
+                status = add_near(m, other, near, error);
+        }
+    qsort(near->of, near->count, sizeof *near->of, compare);
+    return status;
+}
+
+/* ---- an iteration ---- */
+
+/* What of `landed` each point near `at` gets. */
+static int share_out(const struct kiln_merge *m, size_t at, const struct kiln_landing_sum *landed, float radius,
+                     struct near *near, struct spread *spread, struct kiln_error *error)
+{
+    const struct place *place = &m->places[at];
+    double all = 0.0, half = 0.0;
+    *spread = (struct spread){.more_by_half = 0.0f};
+    if (!(place->lit > 0.0f) || landed->count == 0)
+        return KILN_OK;
+    const int status = find_near(m, at, radius, near, error);
+    for (size_t i = 0; i < near->count && status == KILN_OK; i++) {
+        const struct place *other = &m->places[near->of[i].at];
+        all += (double)other->lit;
+        half += near->of[i].at == at || are_near(place, other, 0.5f * radius) ? (double)other->lit : 0.0;
+    }
+    if (status != KILN_OK)
+        return status;
+    for (int c = 0; c < 3; c++) {
+        spread->irradiance[c] = (float)(landed->irradiance[c] / all);
+        spread->incident[c] = (float)(landed->incident[c] / all);
+    }
+    spread->square = (float)(landed->square / (all * all));
+    spread->more_by_half = (float)(all / half);
+    return KILN_OK;
+}
+
+/* Adds to `merged` what point `at` gets. */
+static int collect(const struct kiln_merge *m, size_t at, float radius, struct near *near, struct kiln_merged *merged,
+                   struct kiln_error *error)
+{
+    if (!(m->places[at].lit > 0.0f))
+        return KILN_OK;
+    const int status = find_near(m, at, radius, near, error);
+    for (size_t i = 0; i < near->count && status == KILN_OK; i++) {
+        const size_t other = near->of[i].at;
+        const struct spread *spread = &m->spreads[other];
+        if (!(spread->more_by_half > 0.0f))
+            continue;
+        const bool in_half = other == at || are_near(&m->places[at], &m->places[other], 0.5f * radius);
+        const double by_half = in_half ? (double)spread->more_by_half : 0.0;
+        for (int c = 0; c < 3; c++) {
+            merged->irradiance[c] += (double)spread->irradiance[c];
+            merged->incident[c] += (double)spread->incident[c];
+        }
+        merged->square += (double)spread->square;
+        merged->half += by_half * kiln_luminance_of_floats(spread->irradiance);
+        merged->variance += (1.0 - by_half) * (1.0 - by_half) * (double)spread->square;
+    }
+    return status;
+}
+
+/* Either of both for all own points, by all threads. */
+static int for_all(struct kiln_merge *m, const struct kiln_landing_sum *landed, float radius,
+                   struct kiln_merged *merged, struct kiln_error *error)
+{
+    int status = KILN_OK;
+#pragma omp parallel num_threads((int)m->threads)
+    {
+        struct near near = {0};
+        struct kiln_error own_error = {0};
+        int own = KILN_OK;
+#pragma omp for schedule(dynamic, 64) nowait
+        for (size_t i = 0; i < m->own_count; i++) {
+            const size_t at = m->own_first + i;
+            if (own == KILN_OK)
+                own = landed != NULL ? share_out(m, at, &landed[i], radius, &near, &m->spreads[at], &own_error)
+                                     : collect(m, at, radius, &near, &merged[i], &own_error);
+        }
+        kiln_free(&near.of);
+#pragma omp critical(kiln_merge)
+        if (own != KILN_OK) {
+            status = own;
+            *error = own_error;
+        }
+    }
+    return status;
+}
+
+int kiln_merge_spread(struct kiln_merge *m, const struct kiln_landing_sum *landed, double radius,
+                      struct kiln_merged *merged, struct kiln_error *error)
+{
+    const float now = fminf((float)radius, m->radius);
+    int status = kiln_agree(m->communicator, for_all(m, landed, now, NULL, error), error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < m->sent_count; i++)
+        m->outgoing[i] = m->spreads[m->own_first + m->sent[i]];
+    exchange(m, sizeof *m->outgoing, m->outgoing, m->spreads);
+    status = for_all(m, NULL, now, merged, error);
+    return kiln_agree(m->communicator, status, error);
+}
+
+/* ---- radius and error ---- */
+
+static double bias2_of(const struct kiln_merged *merged)
+{
+    const double difference = kiln_luminance(merged->irradiance) - merged->half;
+    return 16.0 / 9.0 * (difference * difference - merged->variance);
+}
+
+double kiln_merge_error(const struct kiln_merged *merged, uint64_t iterations)
+{
+    return sqrt(merged->square + fmax(0.0, bias2_of(merged))) / (double)iterations;
+}
+
+double kiln_merge_radius_of(double first, double alpha, uint64_t iteration)
+{
+    return first * pow((double)(iteration + 1), 0.5 * (alpha - 1.0));
+}
+
+/* Collective. The square of the error of all iterations with a radius, as the first one shows it, over the scene. */
+static int find_error(struct kiln_merge *m, const struct kiln_merge_search *search, double radius, double *square,
+                      struct kiln_error *error)
+{
+    const double unit = kiln_exact_unit(search->scale);
+    struct kiln_exact_sum sum = {0};
+    memset(search->merged, 0, m->own_count * sizeof *search->merged);
+    int status = kiln_merge_set_radius(m, radius, error);
+    if (status == KILN_OK)
+        status = kiln_merge_spread(m, search->landed, radius, search->merged, error);
+    for (size_t i = 0; i < m->own_count && status == KILN_OK; i++) {
+        const struct kiln_merged *merged = &search->merged[i];
+        kiln_exact_add(&sum, (double)m->own[i].lit * (merged->square / (double)search->iterations + bias2_of(merged)),
+                       1.0 / unit);
+    }
+    if (status == KILN_OK)
+        status = kiln_exact_reduce(m->communicator, &sum, 1, error);
+    *square = kiln_exact_value(&sum, unit);
+    return status;
+}
+
+int kiln_merge_find_radius(struct kiln_merge *m, const struct kiln_merge_search *search, double *radius,
+                           struct kiln_error *error)
+{
+    double least, square, mean = 0.0;
+    int worse = 0, status = find_error(m, search, 0.0, &least, error);
+    *radius = 0.0;
+    for (int k = 0; k < RADII && worse < 2 && status == KILN_OK; k++) {
+        const double tried = search->texel * LEAST_RADIUS * pow(2.0, 0.5 * k);
+        status = find_error(m, search, tried, &square, error);
+        worse = square < least ? 0 : worse + 1;
+        if (worse == 0) {
+            least = square;
+            *radius = tried;
+        }
+    }
+    for (uint64_t i = 0; i < search->iterations; i++)
+        mean += kiln_merge_radius_of(1.0, search->alpha, i) / (double)search->iterations;
+    *radius /= mean;
+    memset(search->merged, 0, m->own_count * sizeof *search->merged);
+    return status;
+}

@@ -1,0 +1,97 @@
+/* Merging: light that lands near a surface point counts for it too (--caustics merge), so that few paths make a smooth
+ * caustic, at the price of a blurred one.
+ *
+ * What has landed in a texel is taken to lie at its place x_p, of which the texel is the resolution. It is spread by
+ * area over the points near it. With phi_p the flux that landed at point p, a_q the area of point q that is there to be
+ * lit, and N(p) the points near p, among them p itself,
+ *
+ *     E(q) = sum over p with q in N(p) of phi_p / A(p),     A(p) = sum over q in N(p) of a_q
+ *
+ * so that the sum of a_q E(q) is the sum of phi_p: flux is conserved, and the energy ledger closes. Where light lies
+ * evenly on a plane E is even up to its edges, as A has only the surface that is there; a division by pi r^2 would
+ * darken edges and corners. Points p and q are near each other where |x_q - x_p| <= r, their normals are within 60
+ * degrees, and each lies at most r / 4 from the plane of the other: also across charts and objects, and through a wall
+ * that stands on the plane. In iteration i = 0, 1, ... of the paths
+ *
+ *     r(i) = r(0) (i + 1)^((alpha - 1) / 2)
+ *
+ * (Knaus and Zwicker, "Progressive Photon Mapping: A Probabilistic Approach", 2011, equations 15 and 20: radius squared
+ * falls as the product of (k + alpha) / (k + 1), here by its power law). E is the mean over the iterations. Its error
+ * is that of the sum of independent paths, and the bias. That shows where half the radius gives something else: the
+ * bias of r is c r^2, so that of r / 2 is a quarter of it, and their difference three quarters. What the difference has
+ * by chance is known, path by path, and is taken off.
+ *
+ * Points of other ranks: when the radius is known each rank gets those within it of boxes about its own points (40
+ * bytes each), and after each iteration what landed there (32 bytes each). Sums go by lightmap and texel: the same
+ * bits for any ranks, threads and cells. */
+#ifndef KILN_COORDINATOR_INTEGRATE_MERGE_H
+#define KILN_COORDINATOR_INTEGRATE_MERGE_H
+
+#include <mpi.h>
+
+#include "coordinator/integrate/land_exchange.h"
+#include "worker/backend/backend.h"
+
+/* What all iterations so far come to at an own point; W/m2, but for their number not divided by anything. Lies in
+ * checkpoints. */
+struct kiln_merged {
+    double irradiance[3], incident[3];
+    double square;   /* of the luminances of irradiance that single paths bring */
+    double half;     /* luminance of irradiance, by half the radius */
+    double variance; /* of what that differs by */
+};
+
+struct kiln_merge;
+
+struct kiln_merge_params {
+    MPI_Comm communicator;
+    const struct kiln_backend_params *world; /* borrowed, as what follows */
+    const struct kiln_surface *surface;      /* with this rank's points */
+    const float *lit;                        /* m2, an own point: area that is there to be lit; 0: it takes no part */
+    uint32_t threads;
+};
+
+/* Collective. Has no radius yet. KILN_SYSTEM. Copies what it needs. Destroy with kiln_merge_destroy, which is not
+ * collective. */
+int kiln_merge_create(struct kiln_merge **merge, const struct kiln_merge_params *params, struct kiln_error *error);
+void kiln_merge_destroy(struct kiln_merge **merge);
+
+/* Collective. Gets the points of other ranks within the radius, m, the largest that comes; 0 or less: each point keeps
+ * what is its own. KILN_SYSTEM. */
+int kiln_merge_set_radius(struct kiln_merge *merge, double radius, struct kiln_error *error);
+
+/* Collective. Spreads what landed in one iteration (`landed`: of own points) over the points within `radius`, m, which
+ * is at most the one set, and adds that to `merged` (likewise). KILN_SYSTEM. */
+int kiln_merge_spread(struct kiln_merge *merge, const struct kiln_landing_sum *landed, double radius,
+                      struct kiln_merged *merged, struct kiln_error *error);
+
+/* What a radius is looked for with. */
+struct kiln_merge_search {
+    const struct kiln_landing_sum *landed; /* in the first iteration, of own points */
+    struct kiln_merged *merged;            /* likewise, to work with; zero afterwards */
+    uint64_t iterations;
+    double alpha;
+    double texel; /* m, mean width; this and the next are the same on all ranks */
+    double scale; /* (W/m2)2 m2, of sums of squares */
+};
+
+/* Collective. The radius at first where none was given, m: the one with the least square of the error over the scene,
+ * when the variance of all iterations is that of the first over their number, and the bias is as the first shows it.
+ * Such sums over all points are known well even where a point has few landings. Radii from 1.5 texels on are tried,
+ * each longer by the root of 2 than the one before, until two are worse than the best; 0, where none is better than
+ * texels apart. As later radii are smaller, it is divided by the mean of r(i) / r(0). No radius is set afterwards that
+ * is of use. KILN_SYSTEM. */
+int kiln_merge_find_radius(struct kiln_merge *merge, const struct kiln_merge_search *search, double *radius,
+                           struct kiln_error *error);
+
+/* r(i), m. */
+double kiln_merge_radius_of(double first, double alpha, uint64_t iteration);
+
+/* The standard error of the mean over `iterations`, bias included; W/m2. */
+double kiln_merge_error(const struct kiln_merged *merged, uint64_t iterations);
+
+/* Bytes that a rank needs of each of its points, besides sums (struct kiln_merged); points near its borders count
+ * twice. */
+enum { KILN_MERGE_POINT_BYTES = 40 + 32 + 12 };
+
+#endif
