@@ -25,7 +25,7 @@ static const char *why_none(enum kiln_gloss_mode asked)
 }
 
 json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode asked, const struct kiln_scene *scene,
-                            uint32_t photons)
+                            const struct kiln_landing_report *landing)
 {
     static const char *const modes[] = {"auto", "diffuse", "full"};
     static const char *const caustics[] = {"auto", "none", "gather", "land", "merge"};
@@ -50,9 +50,12 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
     (void)json_object_set_new(json, "kinds", kinds);
     (void)json_object_set_new(json, "caustics", json_string(caustics[job->caustics]));
     if (job->caustics >= KILN_CAUSTICS_LAND) {
-        (void)json_object_set_new(json, "photons", json_integer((json_int_t)photons));
+        (void)json_object_set_new(json, "photons", json_integer((json_int_t)landing->photons));
+        (void)json_object_set_new(json, "aims", json_integer((json_int_t)landing->aims));
         (void)json_object_set_new(json, "iterations", json_integer((json_int_t)job->iterations));
     }
+    if (job->caustics == KILN_CAUSTICS_MERGE)
+        (void)json_object_set_new(json, "merge_radius", json_real(landing->radius));
     (void)json_object_set_new(json, "chain_length", json_integer((json_int_t)job->chain_length));
     return json;
 }

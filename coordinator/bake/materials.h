@@ -5,6 +5,7 @@
 
 #include <jansson.h>
 
+#include "coordinator/integrate/solution.h"
 #include "coordinator/job/job.h"
 #include "worker/scene/gloss.h"
 
@@ -15,8 +16,8 @@
 void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene);
 
 /* `materials` of run.json: the mode asked for, how many materials of each kind are taken with their gloss, and why none
- * is. `asked`: --materials as given; `job` is settled; `photons`: kiln_light_photons. New reference. */
+ * is; of light paths, what was traced. `asked`: --materials as given; `job` is settled. New reference. */
 json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode asked, const struct kiln_scene *scene,
-                            uint32_t photons);
+                            const struct kiln_landing_report *landing);
 
 #endif

@@ -7,7 +7,6 @@
 #include <unistd.h>
 
 #include "coordinator/run/process_memory.h"
-#include "coordinator/bake/light_settings.h"
 #include "coordinator/bake/materials.h"
 #include "coordinator/bake/near_lights.h"
 #include "coordinator/bake/run_table.h"
@@ -663,9 +662,7 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "output", kiln_json_string(run->directory));
     json_object_set_new(root, "scene", scene);
     json_object_set_new(root, "job", settings_json(run->job));
-    json_object_set_new(
-        root, "materials",
-        kiln_materials_json(run->job, run->materials, p->scene, kiln_light_photons(run->job, p->surface->point_count)));
+    json_object_set_new(root, "materials", kiln_materials_json(run->job, run->materials, p->scene, &t->landing));
     json_object_set_new(root, "units", units_json(run));
     json_object_set_new(root, "backend", backend_json(p, values));
     json_object_set_new(root, "ranks", json_integer(p->ranks));

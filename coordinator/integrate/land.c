@@ -51,7 +51,7 @@ struct kiln_landing {
     uint64_t first_path;
     /* of the step */
     struct kiln_land_exchange exchange;
-    struct kiln_landing_sum *sums; /* of own points; where they are merged, of the iteration under way */
+    struct kiln_landing_sum *sums; /* of own points; where they are merged, of iterations of the radius under way */
     struct kiln_point_result *results;
     /* likewise, of --caustics merge; else NULL */
     float *lit; /* m2, an own point: area that is there to be lit */
@@ -95,6 +95,8 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
     if (status == KILN_OK && !params->settings->photons_given && photons < PATHS_AN_AIM * l->aims->count)
         photons = PATHS_AN_AIM * l->aims->count;
     l->photons = photons;
+    if (status == KILN_OK)
+        solution->report.landing = (struct kiln_landing_report){.photons = photons, .aims = l->aims->count};
     if (status == KILN_OK && photons < l->aims->count)
         status =
             kiln_fail(error, KILN_USAGE,
@@ -479,11 +481,12 @@ static int begin_merging(struct kiln_landing *l, struct kiln_error *error)
     int status = kiln_merge_create(&l->merge, &params, error);
     if (status == KILN_OK)
         status = find_radius(l, error);
+    l->solution->report.landing.radius = fmax(l->radius, 0.0);
     return status == KILN_OK ? kiln_merge_set_radius(l->merge, l->radius, error) : status;
 }
 
-/* Collective. What has landed in an iteration goes to the points nearby. */
-static int merge_iteration(struct kiln_landing *l, struct kiln_error *error)
+/* Collective. What has landed in iterations of one radius goes to the points nearby. */
+static int merge_sums(struct kiln_landing *l, struct kiln_error *error)
 {
     const double start = MPI_Wtime();
     kiln_control_blocking(l->params->control, "merging landings of light", 0.0);
@@ -506,8 +509,8 @@ static int run_iterations(struct kiln_landing *l, struct kiln_error *error)
     int status = KILN_OK;
     while (l->iteration < iterations && status == KILN_OK) {
         status = run_iteration(l, error);
-        if (status == KILN_OK && merges(l))
-            status = merge_iteration(l, error);
+        if (status == KILN_OK && merges(l) && (kiln_merge_radius_ends(l->iteration) || l->iteration + 1 == iterations))
+            status = merge_sums(l, error);
         if (status == KILN_OK && l->iteration + 1 < iterations)
             correct_aims(l);
         l->iteration++;

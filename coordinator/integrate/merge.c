@@ -17,7 +17,7 @@
 
 #define LEAST_RADIUS 1.5 /* the first radius that is tried, in texels: so that the eight about one are within it */
 
-enum { BOXES = 64, NEIGHBOUR_CELLS = 27, RADII = 9 };
+enum { BOXES = 64, NEIGHBOUR_CELLS = 27, RADII = 9, BALANCINGS = 2 };
 
 /* A point as others see it. */
 struct place {
@@ -28,13 +28,19 @@ struct place {
 };
 _Static_assert(sizeof(struct place) == 40, "a record has no gaps");
 
-/* What landed at a point, over A of it. */
-struct spread {
+/* What landed at a point, W. */
+struct flux {
     float irradiance[3], incident[3];
-    float square;       /* over A squared */
-    float more_by_half; /* A over A by half the radius; 0: nothing has landed */
+    float square;
+    uint32_t count;
 };
-_Static_assert(sizeof(struct spread) == 32, "a record has no gaps");
+_Static_assert(sizeof(struct flux) == 32, "a record has no gaps");
+
+/* Of a point, by the radius and by half of it: s, and c = s_p times the sum of a_q s_q. */
+struct weights {
+    float s, c, s_half, c_half;
+};
+_Static_assert(sizeof(struct weights) == 16, "a record has no gaps");
 
 struct box {
     struct kiln_vec3 low, high;
@@ -49,7 +55,8 @@ struct kiln_merge {
     float radius;
     size_t own_first, own_count, count;
     struct place *own, *places; /* of own points; of all, with `radius` */
-    struct spread *spreads;
+    struct flux *fluxes;
+    struct weights *weights, *next; /* next: of own points */
     /* a hash table of the cells of a grid: members[begin[h] .. begin[h + 1]) have the hash h, in order */
     uint32_t *begin, *members;
     uint32_t slots; /* a power of two */
@@ -57,14 +64,16 @@ struct kiln_merge {
      * of what comes */
     uint32_t *sent;
     size_t sent_count;
-    int *counts; /* 4 x ranks */
-    struct spread *outgoing;
+    int *counts;           /* 4 x ranks */
+    struct flux *outgoing; /* or weights */
 };
 
 static void forget_others(struct kiln_merge *m)
 {
     kiln_free(&m->places);
-    kiln_free(&m->spreads);
+    kiln_free(&m->fluxes);
+    kiln_free(&m->weights);
+    kiln_free(&m->next);
     kiln_free(&m->begin);
     kiln_free(&m->members);
     kiln_free(&m->sent);
@@ -229,7 +238,11 @@ static int gather_places(struct kiln_merge *m, struct kiln_error *error)
         count_received(m);
         status = kiln_allocate(&m->places, m->count, sizeof *m->places, "the points that are merged", error);
         if (status == KILN_OK)
-            status = kiln_allocate(&m->spreads, m->count, sizeof *m->spreads, "the light that is merged", error);
+            status = kiln_allocate(&m->fluxes, m->count, sizeof *m->fluxes, "the light that is merged", error);
+        if (status == KILN_OK)
+            status = kiln_allocate(&m->weights, m->count, sizeof *m->weights, "the weights of points", error);
+        if (status == KILN_OK)
+            status = kiln_allocate(&m->next, m->own_count, sizeof *m->next, "the weights of points", error);
         status = kiln_agree(m->communicator, status, error);
     }
     if (status == KILN_OK) {
@@ -389,62 +402,13 @@ static int find_near(const struct kiln_merge *m, size_t at, float radius, struct
     return status;
 }
 
-/* ---- an iteration ---- */
+/* ---- weights ---- */
 
-/* What of `landed` each point near `at` gets. */
-static int share_out(const struct kiln_merge *m, size_t at, const struct kiln_landing_sum *landed, float radius,
-                     struct near *near, struct spread *spread, struct kiln_error *error)
-{
-    const struct place *place = &m->places[at];
-    double all = 0.0, half = 0.0;
-    *spread = (struct spread){.more_by_half = 0.0f};
-    if (!(place->lit > 0.0f) || landed->count == 0)
-        return KILN_OK;
-    const int status = find_near(m, at, radius, near, error);
-    for (size_t i = 0; i < near->count && status == KILN_OK; i++) {
-        const struct place *other = &m->places[near->of[i].at];
-        all += (double)other->lit;
-        half += near->of[i].at == at || are_near(place, other, 0.5f * radius) ? (double)other->lit : 0.0;
-    }
-    if (status != KILN_OK)
-        return status;
-    for (int c = 0; c < 3; c++) {
-        spread->irradiance[c] = (float)(landed->irradiance[c] / all);
-        spread->incident[c] = (float)(landed->incident[c] / all);
-    }
-    spread->square = (float)(landed->square / (all * all));
-    spread->more_by_half = (float)(all / half);
-    return KILN_OK;
-}
+/* What is done for each own point `at` with those near it. */
+typedef void (*each_point)(const struct kiln_merge *m, size_t at, float radius, const struct near *near, void *context);
 
-/* Adds to `merged` what point `at` gets. */
-static int collect(const struct kiln_merge *m, size_t at, float radius, struct near *near, struct kiln_merged *merged,
-                   struct kiln_error *error)
-{
-    if (!(m->places[at].lit > 0.0f))
-        return KILN_OK;
-    const int status = find_near(m, at, radius, near, error);
-    for (size_t i = 0; i < near->count && status == KILN_OK; i++) {
-        const size_t other = near->of[i].at;
-        const struct spread *spread = &m->spreads[other];
-        if (!(spread->more_by_half > 0.0f))
-            continue;
-        const bool in_half = other == at || are_near(&m->places[at], &m->places[other], 0.5f * radius);
-        const double by_half = in_half ? (double)spread->more_by_half : 0.0;
-        for (int c = 0; c < 3; c++) {
-            merged->irradiance[c] += (double)spread->irradiance[c];
-            merged->incident[c] += (double)spread->incident[c];
-        }
-        merged->square += (double)spread->square;
-        merged->half += by_half * kiln_luminance_of_floats(spread->irradiance);
-        merged->variance += (1.0 - by_half) * (1.0 - by_half) * (double)spread->square;
-    }
-    return status;
-}
-
-/* Either of both for all own points, by all threads. */
-static int for_all(struct kiln_merge *m, const struct kiln_landing_sum *landed, float radius,
-                   struct kiln_merged *merged, struct kiln_error *error)
+/* All own points that take part, by all threads. */
+static int for_all(const struct kiln_merge *m, float radius, each_point each, void *context, struct kiln_error *error)
 {
     int status = KILN_OK;
 #pragma omp parallel num_threads((int)m->threads)
@@ -455,9 +419,11 @@ static int for_all(struct kiln_merge *m, const struct kiln_landing_sum *landed, 
 #pragma omp for schedule(dynamic, 64) nowait
         for (size_t i = 0; i < m->own_count; i++) {
             const size_t at = m->own_first + i;
+            if (own != KILN_OK || !(m->places[at].lit > 0.0f))
+                continue;
+            own = find_near(m, at, radius, &near, &own_error);
             if (own == KILN_OK)
-                own = landed != NULL ? share_out(m, at, &landed[i], radius, &near, &m->spreads[at], &own_error)
-                                     : collect(m, at, radius, &near, &merged[i], &own_error);
+                each(m, at, radius, &near, context);
         }
         kiln_free(&near.of);
 #pragma omp critical(kiln_merge)
@@ -469,17 +435,116 @@ static int for_all(struct kiln_merge *m, const struct kiln_landing_sum *landed, 
     return status;
 }
 
+static bool in_half(const struct kiln_merge *m, size_t a, size_t b, float radius)
+{
+    return a == b || are_near(&m->places[a], &m->places[b], 0.5f * radius);
+}
+
+/* c of a point. */
+static void sum_weights(const struct kiln_merge *m, size_t at, float radius, const struct near *near, void *context)
+{
+    const struct weights *own = &m->weights[at];
+    struct weights *next = (struct weights *)context + (at - m->own_first);
+    double all = 0.0, half = 0.0;
+    for (size_t i = 0; i < near->count; i++) {
+        const size_t other = near->of[i].at;
+        const double lit = (double)m->places[other].lit;
+        all += lit * (double)m->weights[other].s;
+        half += in_half(m, at, other, radius) ? lit * (double)m->weights[other].s_half : 0.0;
+    }
+    *next = (struct weights){own->s, (float)((double)own->s * all), own->s_half, (float)((double)own->s_half * half)};
+}
+
+/* Collective. Own weights become `next`, and those of other ranks' points theirs. */
+static void take_weights(struct kiln_merge *m)
+{
+    struct weights *outgoing = (struct weights *)(void *)m->outgoing;
+    memcpy(m->weights + m->own_first, m->next, m->own_count * sizeof *m->next);
+    for (size_t i = 0; i < m->sent_count; i++)
+        outgoing[i] = m->next[m->sent[i]];
+    exchange(m, sizeof *outgoing, outgoing, m->weights);
+}
+
+/* Collective. */
+static int find_weights(struct kiln_merge *m, float radius, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; i < m->count; i++)
+        m->weights[i] = (struct weights){1.0f, 1.0f, 1.0f, 1.0f};
+    for (int k = 0; k <= BALANCINGS && status == KILN_OK; k++) {
+        memset(m->next, 0, m->own_count * sizeof *m->next);
+        status = for_all(m, radius, sum_weights, m->next, error);
+        for (size_t i = 0; i < m->own_count && k < BALANCINGS; i++) {
+            struct weights *w = &m->next[i];
+            w->s = w->c > 0.0f ? w->s / sqrtf(w->c) : 0.0f;
+            w->s_half = w->c_half > 0.0f ? w->s_half / sqrtf(w->c_half) : 0.0f;
+        }
+        status = kiln_agree(m->communicator, status, error);
+        if (status == KILN_OK)
+            take_weights(m);
+    }
+    return status;
+}
+
+/* ---- an iteration ---- */
+
+static void add_flux(const struct flux *flux, double k, double k_half, struct kiln_merged *merged)
+{
+    for (int c = 0; c < 3; c++) {
+        merged->irradiance[c] += k * (double)flux->irradiance[c];
+        merged->incident[c] += k * (double)flux->incident[c];
+    }
+    merged->square += k * k * (double)flux->square;
+    merged->half += k_half * kiln_luminance_of_floats(flux->irradiance);
+    merged->variance += (k - k_half) * (k - k_half) * (double)flux->square;
+}
+
+/* Adds to `merged` what point `at` gets. What the weights leave over of its own light stays with it. */
+static void collect(const struct kiln_merge *m, size_t at, float radius, const struct near *near, void *context)
+{
+    const struct weights *own = &m->weights[at];
+    const double lit = (double)m->places[at].lit;
+    struct kiln_merged *merged = (struct kiln_merged *)context + (at - m->own_first);
+    double left = 1.0, left_half = 1.0;
+    for (int pass = 0; pass < 2; pass++) /* what is left over is known after the first */
+        for (size_t i = 0; i < near->count; i++) {
+            const size_t other = near->of[i].at;
+            const struct flux *flux = &m->fluxes[other];
+            const struct weights *w = &m->weights[other];
+            const double k = (double)own->s * (double)w->s / fmax((double)own->c, (double)w->c),
+                         k_half = in_half(m, at, other, radius) ? (double)own->s_half * (double)w->s_half /
+                                                                      fmax((double)own->c_half, (double)w->c_half)
+                                                                : 0.0;
+            if (pass == 0) {
+                left -= (double)m->places[other].lit * k;
+                left_half -= (double)m->places[other].lit * k_half;
+            } else if (flux->count > 0) {
+                add_flux(flux, other == at ? k + left / lit : k, other == at ? k_half + left_half / lit : k_half,
+                         merged);
+            }
+        }
+}
+
 int kiln_merge_spread(struct kiln_merge *m, const struct kiln_landing_sum *landed, double radius,
                       struct kiln_merged *merged, struct kiln_error *error)
 {
     const float now = fminf((float)radius, m->radius);
-    int status = kiln_agree(m->communicator, for_all(m, landed, now, NULL, error), error);
+    int status = find_weights(m, now, error);
     if (status != KILN_OK)
         return status;
+    for (size_t i = 0; i < m->own_count; i++) {
+        struct flux *flux = &m->fluxes[m->own_first + i];
+        for (int c = 0; c < 3; c++) {
+            flux->irradiance[c] = (float)landed[i].irradiance[c];
+            flux->incident[c] = (float)landed[i].incident[c];
+        }
+        flux->square = (float)landed[i].square;
+        flux->count = landed[i].count > 0;
+    }
     for (size_t i = 0; i < m->sent_count; i++)
-        m->outgoing[i] = m->spreads[m->own_first + m->sent[i]];
-    exchange(m, sizeof *m->outgoing, m->outgoing, m->spreads);
-    status = for_all(m, NULL, now, merged, error);
+        m->outgoing[i] = m->fluxes[m->own_first + m->sent[i]];
+    exchange(m, sizeof *m->outgoing, m->outgoing, m->fluxes);
+    status = for_all(m, now, collect, merged, error);
     return kiln_agree(m->communicator, status, error);
 }
 
@@ -498,7 +563,8 @@ double kiln_merge_error(const struct kiln_merged *merged, uint64_t iterations)
 
 double kiln_merge_radius_of(double first, double alpha, uint64_t iteration)
 {
-    return first * pow((double)(iteration + 1), 0.5 * (alpha - 1.0));
+    const int doublings = 63 - __builtin_clzll(iteration + 1);
+    return first * pow(2.0, 0.5 * (alpha - 1.0) * doublings);
 }
 
 /* Collective. The square of the error of all iterations with a radius, as the first one shows it, over the scene. */

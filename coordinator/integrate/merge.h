@@ -1,28 +1,33 @@
 /* Merging: light that lands near a surface point counts for it too (--caustics merge), so that few paths make a smooth
  * caustic, at the price of a blurred one.
  *
- * What has landed in a texel is taken to lie at its place x_p, of which the texel is the resolution. It is spread by
- * area over the points near it. With phi_p the flux that landed at point p, a_q the area of point q that is there to be
- * lit, and N(p) the points near p, among them p itself,
+ * What has landed in a texel is taken to lie at its place x_p, of which the texel is the resolution. It is spread over
+ * the points near it. With phi_p the flux that landed at point p, a_q the area of point q that is there to be lit, and
+ * N(q) the points near q, among them q itself,
  *
- *     E(q) = sum over p with q in N(p) of phi_p / A(p),     A(p) = sum over q in N(p) of a_q
+ *     E(q) = sum over p in N(q) of K(p, q) phi_p,     K(p, q) = s_p s_q / max(c_p, c_q),     c_p = s_p sum of a_q s_q
  *
- * so that the sum of a_q E(q) is the sum of phi_p: flux is conserved, and the energy ledger closes. Where light lies
- * evenly on a plane E is even up to its edges, as A has only the surface that is there; a division by pi r^2 would
- * darken edges and corners. Points p and q are near each other where |x_q - x_p| <= r, their normals are within 60
+ * and what K leaves over of phi_q, 1 - sum of a_p K(p, q) of it, stays at q. So the sum of a_q K(p, q) is 1: flux is
+ * conserved, and the energy ledger closes. And as K is symmetric the sum of a_p K(p, q) is 1, too: light that lies
+ * evenly stays even, up to edges and corners, which a division by pi r^2 would darken. s is what makes c nearly 1, so
+ * that little is left over: s = 1 / root of A(p), the area of N(p), then s / root of c (Sinkhorn's balancing of a
+ * symmetric matrix; the maximum makes it exact, as the acceptance of Metropolis and Hastings does).
+ *
+ * Points p and q are near each other where |x_q - x_p| <= r, their normals are within 60
  * degrees, and each lies at most r / 4 from the plane of the other: also across charts and objects, and through a wall
  * that stands on the plane. In iteration i = 0, 1, ... of the paths
  *
- *     r(i) = r(0) (i + 1)^((alpha - 1) / 2)
+ *     r(i) = r(0) n^((alpha - 1) / 2), n the largest power of 2 up to i + 1
  *
+ * so that iterations with one radius, which are as many as all before them and one, are spread together
  * (Knaus and Zwicker, "Progressive Photon Mapping: A Probabilistic Approach", 2011, equations 15 and 20: radius squared
- * falls as the product of (k + alpha) / (k + 1), here by its power law). E is the mean over the iterations. Its error
- * is that of the sum of independent paths, and the bias. That shows where half the radius gives something else: the
- * bias of r is c r^2, so that of r / 2 is a quarter of it, and their difference three quarters. What the difference has
- * by chance is known, path by path, and is taken off.
+ * falls as the product of (k + alpha) / (k + 1), here by its power law and in steps). E is the mean over the
+ * iterations. Its error is that of the sum of independent paths, and the bias. That shows where half the radius gives
+ * something else: the bias of r is c r^2, so that of r / 2 is a quarter of it, and their difference three quarters.
+ * What the difference has by chance is known, path by path, and is taken off.
  *
  * Points of other ranks: when the radius is known each rank gets those within it of boxes about its own points (40
- * bytes each), and after each iteration what landed there (32 bytes each). Sums go by lightmap and texel: the same
+ * bytes each), and for each spreading what landed there (32 bytes each). Sums go by lightmap and texel: the same
  * bits for any ranks, threads and cells. */
 #ifndef KILN_COORDINATOR_INTEGRATE_MERGE_H
 #define KILN_COORDINATOR_INTEGRATE_MERGE_H
@@ -60,8 +65,8 @@ void kiln_merge_destroy(struct kiln_merge **merge);
  * what is its own. KILN_SYSTEM. */
 int kiln_merge_set_radius(struct kiln_merge *merge, double radius, struct kiln_error *error);
 
-/* Collective. Spreads what landed in one iteration (`landed`: of own points) over the points within `radius`, m, which
- * is at most the one set, and adds that to `merged` (likewise). KILN_SYSTEM. */
+/* Collective. Spreads what landed in iterations of one radius (`landed`: of own points) over the points within
+ * `radius`, m, which is at most the one set, and adds that to `merged` (likewise). KILN_SYSTEM. */
 int kiln_merge_spread(struct kiln_merge *merge, const struct kiln_landing_sum *landed, double radius,
                       struct kiln_merged *merged, struct kiln_error *error);
 
@@ -84,8 +89,9 @@ struct kiln_merge_search {
 int kiln_merge_find_radius(struct kiln_merge *merge, const struct kiln_merge_search *search, double *radius,
                            struct kiln_error *error);
 
-/* r(i), m. */
+/* r(i), m; and whether the iteration after it has another. */
 double kiln_merge_radius_of(double first, double alpha, uint64_t iteration);
+static inline bool kiln_merge_radius_ends(uint64_t iteration) { return ((iteration + 2) & (iteration + 1)) == 0; }
 
 /* The standard error of the mean over `iterations`, bias included; W/m2. */
 double kiln_merge_error(const struct kiln_merged *merged, uint64_t iterations);

@@ -28,8 +28,9 @@ struct saved_state {
     uint32_t finished, bounces, tail, restarts;
     double tail_ratio[3], tail_share, tail_sum_error, tail_tile_error;
     double unit, unit_squared, seconds;
+    double merge_radius;
 };
-static_assert(sizeof(struct saved_state) == 4 * 4 + 9 * 8, "a record has no gaps");
+static_assert(sizeof(struct saved_state) == 4 * 4 + 10 * 8, "a record has no gaps");
 
 /* The block "steps", once, an element a step: what all ranks have the same of it. */
 struct saved_report {
@@ -273,6 +274,7 @@ static struct saved_state state_of(const struct kiln_saved *s, bool finished)
                                 .tail_tile_error = r->tail_tile_error,
                                 .unit = s->ledger->unit,
                                 .unit_squared = s->ledger->unit_squared,
+                                .merge_radius = r->landing.radius,
                                 .seconds = r->seconds_before + MPI_Wtime() - s->params->begin};
     memcpy(state.tail_ratio, r->tail_ratio, sizeof state.tail_ratio);
     return state;
@@ -373,7 +375,8 @@ static bool state_is_sane(const struct saved_state *state)
 {
     enum { BOUNCES_MOST = 1 << 20 };
     bool sane = state->bounces <= BOUNCES_MOST && isfinite(state->tail_share) && isfinite(state->tail_sum_error) &&
-                isfinite(state->tail_tile_error) && isfinite(state->seconds) && state->seconds >= 0.0;
+                isfinite(state->tail_tile_error) && isfinite(state->seconds) && state->seconds >= 0.0 &&
+                isfinite(state->merge_radius);
     if (state->finished == 0) /* no sums come after the last step */
         sane = sane && isfinite(state->unit) && state->unit > 0.0 && isfinite(state->unit_squared) &&
                state->unit_squared > 0.0;
@@ -403,6 +406,7 @@ static int restore_state(const struct kiln_saved *s, bool *finished, struct kiln
     r->tail = state.tail != 0;
     r->restarts = state.restarts + 1;
     r->seconds_before = state.seconds;
+    r->landing.radius = state.merge_radius;
     r->tail_share = state.tail_share;
     r->tail_error = state.tail_sum_error;
     r->tail_tile_error = state.tail_tile_error;

@@ -24,6 +24,13 @@ struct kiln_radiance_report {
     uint32_t side, samples;      /* of a probe: elements along the side of its map; rays in each step that gathers */
 };
 
+/* Of the light paths of a bake that traces some; all zeros: it does not. The same on all ranks. */
+struct kiln_landing_report {
+    uint64_t photons; /* of an iteration: at least one for each aim */
+    uint64_t aims;    /* pairs of a lamp and an object with gloss */
+    double radius;    /* m, within which they were merged at first; of the last step that did */
+};
+
 struct kiln_integrate_report {
     struct kiln_roles roles; /* of the steps */
     struct kiln_step_reports steps;
@@ -43,6 +50,7 @@ struct kiln_integrate_report {
     uint64_t whole;          /* the same if nodes received the radiosity of all points */
     uint64_t computed_again; /* points of this rank, once for each time, whose rays met what was not there */
     struct kiln_radiance_report radiance;
+    struct kiln_landing_report landing;
     struct kiln_energy energy;
 };
 

@@ -294,6 +294,27 @@ static int check_guide(const struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
+/* Options of light paths, which not all --caustics have. */
+static int check_paths(struct kiln_job *job, struct kiln_error *error)
+{
+    static const char *const caustics[] = {"auto", "none", "gather", "land"};
+    static const struct {
+        const char *name, *what, *choice;
+        int from; /* enum kiln_caustics */
+    } of_paths[] = {{"photons", "traces no light paths", "land", KILN_CAUSTICS_LAND},
+                    {"iterations", "traces no light paths", "land", KILN_CAUSTICS_LAND},
+                    {"merge-radius", "merges nothing", "merge", KILN_CAUSTICS_MERGE},
+                    {"radius-alpha", "merges nothing", "merge", KILN_CAUSTICS_MERGE}};
+    for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths; i++) {
+        const int settled = job->caustics == KILN_CAUSTICS_AUTO ? KILN_CAUSTICS_LAND : job->caustics;
+        if (settled < of_paths[i].from && given(job, of_paths[i].name))
+            return kiln_fail(error, KILN_USAGE, "--%s: --caustics %s %s; give --caustics %s, or leave --%s out",
+                             of_paths[i].name, caustics[job->caustics], of_paths[i].what, of_paths[i].choice,
+                             of_paths[i].name);
+    }
+    return KILN_OK;
+}
+
 static int fill(struct kiln_job *job, const struct kiln_command *command, int argc, char **argv,
                 struct kiln_error *error)
 {
@@ -321,6 +342,8 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
         status = read_command_line(job, command, argc, argv, NULL, error);
     if (status == KILN_OK && command->bit == KILN_FOR_BAKE && job->output == NULL)
         status = kiln_job_default_output(job, job->arguments[0], "-bake", error);
+    if (status == KILN_OK && (command->bit & (KILN_FOR_BAKE | KILN_FOR_PLAN)) != 0)
+        status = check_paths(job, error);
     if (status == KILN_OK && !given(job, "tail"))
         job->tail = job->bounces < 0;
     if (status == KILN_OK && job->indirect_scale > 0 && job->schedule == KILN_SCHEDULE_EQUAL)

@@ -1,0 +1,143 @@
+"""--caustics merge: light that lands counts nearby: flux stays, edges are not darkened, and errors are as they say."""
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import h5py
+import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
+import exr  # noqa: E402
+import glb  # noqa: E402
+
+KILN = os.environ["KILN"]
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+SMALL = ("--backend", "embree", "--materials", "auto", "--samples-probe", "0", "--denoise", "none", "--bounces", "0",
+         "--samples-direct", "4", "--samples-bounce", "2", "--samples-indirect", "4", "--no-preview", "--quiet")
+SPHERES = ("--texels-per-metre", "6", "--photons", "20000", "--iterations", "3")
+
+
+def corner(path):
+    """A mirror on the floor, with a wall at its end that a slant sun lights straight and by the mirror, both evenly;
+    another wall beside it, which the sun's light passes along; and a third that goes on in the plane of the first,
+    behind the mirror's reach."""
+    scene = glb.Scene()
+    white = scene.material("white", (0.5, 0.5, 0.5))
+    mirror = scene.material("mirror", (1, 1, 1))
+    scene.document["materials"][mirror]["pbrMetallicRoughness"].update(metallicFactor=1.0, roughnessFactor=0.0)
+    scene.quad("lit", [(0, 0, 1), (0, 0, -1), (0, 2, -1), (0, 2, 1)], white)
+    scene.quad("beside", [(0, 0, -1), (2, 0, -1), (2, 2, -1), (0, 2, -1)], white)
+    scene.quad("mirror", [(0, 0, 1), (3, 0, 1), (3, 0, -1), (0, 0, -1)], mirror)
+    scene.light("sun", {"type": "directional", "intensity": 1000.0}, rotation=[-0.5, 0.5, 0.0, 0.5**0.5])
+    return scene.write(path)
+
+
+class Merge(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        temporary = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(temporary.cleanup)
+        cls.folder, cls.number = temporary.name, 0
+        cls.spheres = os.path.join(cls.folder, "spheres.glb")
+        subprocess.run([KILN, "generate", "cornell-spheres", "-o", cls.spheres, "--quiet"], check=True)
+
+    def bake(self, scene, *options, ranks=0, code=0):
+        """The folder of the bake; or what it says where it ends with another code."""
+        Merge.number += 1
+        folder = os.path.join(self.folder, "bake%d" % Merge.number)
+        start = ["mpirun", "-n", str(ranks)] if ranks else []
+        done = subprocess.run([*start, KILN, "bake", scene, "-o", folder, *SMALL, *options], capture_output=True,
+                              text=True)
+        self.assertEqual(done.returncode, code, done.stderr)
+        return folder if code == 0 else done.stderr
+
+    @staticmethod
+    def light(folder):
+        """By object and texel, whatever the order of points is."""
+        with h5py.File(os.path.join(folder, "kiln.h5")) as file:
+            objects, texels = file["points/object"][...], file["points/texel"][...]
+            order = np.lexsort((*texels.reshape(len(objects), -1).T, objects))
+            values = {name: file["irradiance"][name][...][order] for name in file["irradiance"]}
+            values.update({name: file["points"][name][...][order] for name in ("area", "object", "position")})
+            values["names"] = [name.decode() for name in file["objects/name"][...]]
+            return values
+
+    @staticmethod
+    def report(folder):
+        with open(os.path.join(folder, "run.json"), encoding="utf-8") as file:
+            return json.load(file)
+
+    def test_edges(self):
+        """The closed form: the mirror brings the wall what the sun does, in the middle, at edges and in corners."""
+        scene = corner(os.path.join(self.folder, "corner.glb"))
+        light = self.light(self.bake(scene, "--texels-per-metre", "8", "--caustics", "merge", "--photons", "200000",
+                                     "--iterations", "2", "--merge-radius", "0.5", "--radius-alpha", "1"))
+        wall = light["object"] == light["names"].index("lit")
+        ratio = (light["caustic"] @ LUMINANCE)[wall] / (light["direct"] @ LUMINANCE)[wall].mean()
+        away = 1 - np.abs(light["position"][wall][:, [1, 2]] - (1, 0))  # from edges, m
+        edges = (away < 0.25).sum(1)
+        for name, part, limit in (("middle", edges == 0, 0.02), ("edges", edges == 1, 0.02),
+                                  ("corners", edges == 2, 0.04)):
+            print("%-8s %.4f of the direct light on %d texels" % (name, ratio[part].mean(), part.sum()))
+            self.assertLess(abs(ratio[part].mean() - 1), limit, name)
+        beside = light["object"] == light["names"].index("beside")
+        self.assertEqual(light["caustic"][beside].max(), 0.0)
+
+    def test_flux(self):
+        """What is merged is what landed, to rounding, by any radius; the ledger is the same. So small a radius that no
+        texel has another within it is the texel."""
+        land, texel, tiny, far = (self.bake(self.spheres, *SPHERES, "--caustics", *which)
+                                  for which in (("land",), ("merge", "--merge-radius", "texel"),
+                                                ("merge", "--merge-radius", "1e-6"), ("merge", "--merge-radius", "0.7")))
+        of_land, power = self.light(land), {}
+        for name, folder in (("land", land), ("texel", texel), ("tiny", tiny), ("far", far)):
+            light = self.light(folder)
+            power[name] = (light["caustic"] * light["area"][:, None]).sum(0)
+            self.assertTrue(np.allclose(power[name], power["land"], rtol=1e-5), (name, power))
+            self.assertAlmostEqual(self.report(folder)["energy"]["residual"],
+                                   self.report(land)["energy"]["residual"], places=5)
+            if name in ("texel", "tiny"):
+                self.assertTrue(np.allclose(light["caustic"], of_land["caustic"], rtol=1e-5, atol=1e-7), name)
+            self.assertEqual(light["caustic"].min(), 0.0 if name != "far" else light["caustic"].min())
+        self.assertGreater((self.light(far)["caustic"] > 0).sum(), 1.02 * (of_land["caustic"] > 0).sum())
+
+    def test_same_bits(self):
+        """On 1, 2, 3 and 5 ranks; with cells of another size, and without cells."""
+        first, *others = (self.light(self.bake(self.spheres, *SPHERES, "--caustics", "merge", "--threads", "1",
+                                               *options, ranks=ranks))
+                          for options, ranks in (((), 1), ((), 2), ((), 3), ((), 5), (("--cell-size", "1.5"), 2),
+                                                 (("--partition", "objects"), 3)))
+        for other in others:
+            for name in first:
+                self.assertTrue(np.array_equal(first[name], other[name]), name)
+
+    def test_gain(self):
+        """With few paths and small texels the radius that is found makes the error less by half, and about as large as
+        is said; the report has the radius."""
+        fine = ("--texels-per-metre", "16", "--photons", "6000", "--iterations", "4", "--samples-direct", "256")
+        best = self.light(self.bake(self.spheres, *fine, "--caustics", "land", "--photons", "600000", "--seed", "9"))
+        off = {}
+        for which in ("land", "merge"):
+            folder = self.bake(self.spheres, *fine, "--caustics", which)
+            light = self.light(folder)
+            wrong = (light["caustic"] - best["caustic"]) @ LUMINANCE
+            off[which] = np.sqrt((light["area"] * wrong**2).sum())
+            stated = np.sqrt((light["area"] * light["error"]**2).sum())
+            print("%s: error %.4f, stated %.4f" % (which, off[which], stated))
+            self.assertTrue(0.5 * stated < off[which] < 2.0 * stated, which)
+        self.assertLess(off["merge"], 0.6 * off["land"])
+        self.assertTrue(0.06 < self.report(folder)["materials"]["merge_radius"] < 0.5)
+
+    def test_wrong_values(self):
+        for options in (("--merge-radius", "0"), ("--merge-radius", "x"), ("--radius-alpha", "1.5")):
+            self.assertIn(options[0], self.bake(self.spheres, "--caustics", "merge", *options, code=64))
+        for which, option, value in (("gather", "--photons", "9"), ("none", "--iterations", "2"),
+                                     ("land", "--merge-radius", "1"), ("gather", "--radius-alpha", "0.5")):
+            self.assertIn("leave %s out" % option, self.bake(self.spheres, "--caustics", which, option, value, code=64))
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=2)
