@@ -47,6 +47,12 @@ struct box {
 };
 _Static_assert(sizeof(struct box) == 24, "a record has no gaps");
 
+/* A point in its cell of the grid. */
+struct member {
+    uint64_t cell;
+    size_t at;
+};
+
 /* Own points and those of others near them, by global number: own ones from `own_first` on. */
 struct kiln_merge {
     MPI_Comm communicator;
@@ -57,9 +63,9 @@ struct kiln_merge {
     struct place *own, *places; /* of own points; of all, with `radius` */
     struct flux *fluxes;
     struct weights *weights, *next; /* next: of own points */
-    /* a hash table of the cells of a grid: members[begin[h] .. begin[h + 1]) have the hash h, in order */
-    uint32_t *begin, *members;
-    uint32_t slots; /* a power of two */
+    /* a hash table of the cells of a grid: those of members[begin[h] .. begin[h + 1]) have the hash h */
+    size_t *begin, slots; /* a power of two */
+    struct member *members;
     /* the exchange: own points that each rank gets, one rank after the other, and their numbers and places; the same
      * of what comes */
     uint32_t *sent;
@@ -258,44 +264,72 @@ static int gather_places(struct kiln_merge *m, struct kiln_error *error)
 
 /* ---- the grid ---- */
 
-static uint32_t slot_of(const struct kiln_merge *m, const int64_t cell[3])
+static int64_t cell_along(const struct kiln_merge *m, float x)
 {
-    uint64_t h = (uint64_t)cell[0] * 0x9e3779b97f4a7c15ull ^ (uint64_t)cell[1] * 0xc2b2ae3d27d4eb4full ^
-                 (uint64_t)cell[2] * 0x165667b19e3779f9ull;
-    h ^= h >> 32;
-    return (uint32_t)h & (m->slots - 1);
+    const double most_cells = 0x1p60;
+    return (int64_t)fmax(-most_cells, fmin(floor((double)x / ((double)SLACK * (double)m->radius)), most_cells));
 }
 
-static void cell_of(const struct kiln_merge *m, struct kiln_vec3 p, int64_t cell[3])
+/* A cell's coordinates in one word. Cells that have the same are far from each other. */
+static uint64_t cell_word(int64_t x, int64_t y, int64_t z)
 {
-    const double side = (double)SLACK * (double)m->radius, most_cells = 0x1p60;
-    const double at[3] = {(double)p.x, (double)p.y, (double)p.z};
-    for (int c = 0; c < 3; c++)
-        cell[c] = (int64_t)fmax(-most_cells, fmin(floor(at[c] / side), most_cells));
+    const uint64_t mask = (1u << 21) - 1u;
+    return ((uint64_t)x & mask) | ((uint64_t)y & mask) << 21 | ((uint64_t)z & mask) << 42;
 }
 
+static uint64_t cell_of(const struct kiln_merge *m, struct kiln_vec3 p)
+{
+    return cell_word(cell_along(m, p.x), cell_along(m, p.y), cell_along(m, p.z));
+}
+
+static size_t slot_of(const struct kiln_merge *m, uint64_t cell)
+{
+    return (size_t)(cell * 0x9e3779b97f4a7c15ull >> 32) & (m->slots - 1);
+}
+
+static int by_key(const void *a, const void *b)
+{
+    const struct member *one = a, *other = b; /* the key is where the cell will be */
+    return (one->cell > other->cell) - (one->cell < other->cell);
+}
+
+/* The points that take part, by key. Returns how many. */
+static size_t list_members(const struct kiln_merge *m, struct member *members)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < m->count; i++)
+        if (m->places[i].lit > 0.0f)
+            members[count++] = (struct member){m->places[i].key, i};
+    qsort(members, count, sizeof *members, by_key);
+    return count;
+}
+
+/* A hash table of the cells. Within a slot points are by key, so that those of a cell have an order that no other rank
+ * sees otherwise. */
 static int build_grid(struct kiln_merge *m, struct kiln_error *error)
 {
-    int64_t cell[3];
+    struct member *members = NULL;
     m->slots = 1;
-    while (m->slots < m->count && m->slots < 1u << 31)
+    while (m->slots < m->count)
         m->slots *= 2;
-    int status = kiln_allocate(&m->begin, (size_t)m->slots + 2, sizeof *m->begin, "the grid of merged points", error);
+    int status = kiln_allocate(&m->begin, m->slots + 2, sizeof *m->begin, "the grid of merged points", error);
     if (status == KILN_OK)
         status = kiln_allocate(&m->members, m->count, sizeof *m->members, "the grid of merged points", error);
-    if (status != KILN_OK)
-        return status;
-    for (size_t i = 0; i < m->count; i++) {
-        cell_of(m, m->places[i].position, cell);
-        m->begin[(size_t)slot_of(m, cell) + 2]++;
+    if (status == KILN_OK)
+        status = kiln_allocate(&members, m->count, sizeof *members, "the grid of merged points", error);
+    if (status == KILN_OK) {
+        const size_t count = list_members(m, members);
+        for (size_t i = 0; i < count; i++) {
+            members[i].cell = cell_of(m, m->places[members[i].at].position);
+            m->begin[slot_of(m, members[i].cell) + 2]++;
+        }
+        for (size_t h = 2; h <= m->slots + 1; h++)
+            m->begin[h] += m->begin[h - 1];
+        for (size_t i = 0; i < count; i++)
+            m->members[m->begin[slot_of(m, members[i].cell) + 1]++] = members[i];
     }
-    for (size_t h = 2; h <= (size_t)m->slots + 1; h++)
-        m->begin[h] += m->begin[h - 1];
-    for (size_t i = 0; i < m->count; i++) {
-        cell_of(m, m->places[i].position, cell);
-        m->members[m->begin[(size_t)slot_of(m, cell) + 1]++] = (uint32_t)i;
-    }
-    return KILN_OK;
+    kiln_free(&members);
+    return status;
 }
 
 int kiln_merge_create(struct kiln_merge **merge, const struct kiln_merge_params *p, struct kiln_error *error)
@@ -332,15 +366,8 @@ int kiln_merge_set_radius(struct kiln_merge *m, double radius, struct kiln_error
 
 /* ---- points near a point ---- */
 
-struct neighbour {
-    uint64_t key;
-    size_t at;
-};
-
-/* In order of their keys. */
 struct near {
-    struct neighbour *of;
-    size_t count, room;
+    size_t *of, count, room;
 };
 
 /* The same for either of both. */
@@ -351,54 +378,35 @@ static bool are_near(const struct place *a, const struct place *b, float radius)
            fabsf(vec3_dot(d, a->normal)) <= FLAT * radius && fabsf(vec3_dot(d, b->normal)) <= FLAT * radius;
 }
 
-/* The slots of the cells about a place, each once. */
-static size_t find_slots(const struct kiln_merge *m, struct kiln_vec3 p, uint32_t slots[NEIGHBOUR_CELLS])
+/* Adds the points of a cell that are near point `at`, but for itself. */
+static int add_near(const struct kiln_merge *m, size_t at, uint64_t cell, float radius, struct near *near,
+                    struct kiln_error *error)
 {
-    int64_t middle[3];
-    size_t count = 0;
-    cell_of(m, p, middle);
-    for (int64_t i = 0; i < NEIGHBOUR_CELLS; i++) {
-        const int64_t cell[3] = {middle[0] + i % 3 - 1, middle[1] + i / 3 % 3 - 1, middle[2] + i / 9 - 1};
-        const uint32_t slot = slot_of(m, cell);
-        size_t k = 0;
-        while (k < count && slots[k] != slot)
-            k++;
-        if (k == count)
-            slots[count++] = slot;
+    const size_t slot = slot_of(m, cell), end = m->begin[slot + 1];
+    const int status = kiln_grow(&near->of, &near->room, near->count + (end - m->begin[slot]), sizeof *near->of,
+                                 "points nearby", error);
+    for (size_t i = m->begin[slot]; i < end && status == KILN_OK; i++) {
+        const size_t other = m->members[i].at;
+        if (m->members[i].cell == cell && other != at && are_near(&m->places[at], &m->places[other], radius))
+            near->of[near->count++] = other;
     }
-    return count;
-}
-
-static int compare(const void *a, const void *b)
-{
-    const struct neighbour *one = a, *other = b;
-    return (one->key > other->key) - (one->key < other->key);
-}
-
-static int add_near(const struct kiln_merge *m, size_t at, struct near *near, struct kiln_error *error)
-{
-    const int status = kiln_grow(&near->of, &near->room, near->count + 1, sizeof *near->of, "points nearby", error);
-    if (status == KILN_OK)
-        near->of[near->count++] = (struct neighbour){m->places[at].key, at};
     return status;
 }
 
-/* Points near point `at` that take part, itself among them. */
+/* Points near point `at` that take part, itself the first, then by cell and key. */
 static int find_near(const struct kiln_merge *m, size_t at, float radius, struct near *near, struct kiln_error *error)
 {
-    uint32_t slots[NEIGHBOUR_CELLS];
-    const struct place *place = &m->places[at];
-    near->count = 0;
-    int status = add_near(m, at, near, error);
-    if (m->begin == NULL || !(radius > 0.0f) || status != KILN_OK)
+    const struct kiln_vec3 p = m->places[at].position;
+    int status = kiln_grow(&near->of, &near->room, 1, sizeof *near->of, "points nearby", error);
+    if (status != KILN_OK)
         return status;
-    for (size_t k = 0, count = find_slots(m, place->position, slots); k < count; k++)
-        for (uint32_t i = m->begin[slots[k]]; i < m->begin[slots[k] + 1u] && status == KILN_OK; i++) {
-            const uint32_t other = m->members[i];
-            if (other != at && m->places[other].lit > 0.0f && are_near(place, &m->places[other], radius))
-                status = add_near(m, other, near, error);
-        }
-    qsort(near->of, near->count, sizeof *near->of, compare);
+    near->of[0] = at;
+    near->count = 1;
+    if (m->begin == NULL || !(radius > 0.0f))
+        return KILN_OK;
+    const int64_t x = cell_along(m, p.x), y = cell_along(m, p.y), z = cell_along(m, p.z);
+    for (int64_t i = 0; i < NEIGHBOUR_CELLS && status == KILN_OK; i++)
+        status = add_near(m, at, cell_word(x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1), radius, near, error);
     return status;
 }
 
@@ -447,7 +455,7 @@ static void sum_weights(const struct kiln_merge *m, size_t at, float radius, con
     struct weights *next = (struct weights *)context + (at - m->own_first);
     double all = 0.0, half = 0.0;
     for (size_t i = 0; i < near->count; i++) {
-        const size_t other = near->of[i].at;
+        const size_t other = near->of[i];
         const double lit = (double)m->places[other].lit;
         all += lit * (double)m->weights[other].s;
         half += in_half(m, at, other, radius) ? lit * (double)m->weights[other].s_half : 0.0;
@@ -466,15 +474,15 @@ static void take_weights(struct kiln_merge *m)
 }
 
 /* Collective. */
-static int find_weights(struct kiln_merge *m, float radius, struct kiln_error *error)
+static int find_weights(struct kiln_merge *m, float radius, int balancings, struct kiln_error *error)
 {
     int status = KILN_OK;
     for (size_t i = 0; i < m->count; i++)
         m->weights[i] = (struct weights){1.0f, 1.0f, 1.0f, 1.0f};
-    for (int k = 0; k <= BALANCINGS && status == KILN_OK; k++) {
+    for (int k = 0; k <= balancings && status == KILN_OK; k++) {
         memset(m->next, 0, m->own_count * sizeof *m->next);
         status = for_all(m, radius, sum_weights, m->next, error);
-        for (size_t i = 0; i < m->own_count && k < BALANCINGS; i++) {
+        for (size_t i = 0; i < m->own_count && k < balancings; i++) {
             struct weights *w = &m->next[i];
             w->s = w->c > 0.0f ? w->s / sqrtf(w->c) : 0.0f;
             w->s_half = w->c_half > 0.0f ? w->s_half / sqrtf(w->c_half) : 0.0f;
@@ -508,7 +516,7 @@ static void collect(const struct kiln_merge *m, size_t at, float radius, const s
     double left = 1.0, left_half = 1.0;
     for (int pass = 0; pass < 2; pass++) /* what is left over is known after the first */
         for (size_t i = 0; i < near->count; i++) {
-            const size_t other = near->of[i].at;
+            const size_t other = near->of[i];
             const struct flux *flux = &m->fluxes[other];
             const struct weights *w = &m->weights[other];
             const double k = (double)own->s * (double)w->s / fmax((double)own->c, (double)w->c),
@@ -525,11 +533,12 @@ static void collect(const struct kiln_merge *m, size_t at, float radius, const s
         }
 }
 
-int kiln_merge_spread(struct kiln_merge *m, const struct kiln_landing_sum *landed, double radius,
-                      struct kiln_merged *merged, struct kiln_error *error)
+/* Collective. */
+static int spread(struct kiln_merge *m, const struct kiln_landing_sum *landed, double radius, int balancings,
+                  struct kiln_merged *merged, struct kiln_error *error)
 {
     const float now = fminf((float)radius, m->radius);
-    int status = find_weights(m, now, error);
+    int status = find_weights(m, now, balancings, error);
     if (status != KILN_OK)
         return status;
     for (size_t i = 0; i < m->own_count; i++) {
@@ -546,6 +555,12 @@ int kiln_merge_spread(struct kiln_merge *m, const struct kiln_landing_sum *lande
     exchange(m, sizeof *m->outgoing, m->outgoing, m->fluxes);
     status = for_all(m, now, collect, merged, error);
     return kiln_agree(m->communicator, status, error);
+}
+
+int kiln_merge_spread(struct kiln_merge *m, const struct kiln_landing_sum *landed, double radius,
+                      struct kiln_merged *merged, struct kiln_error *error)
+{
+    return spread(m, landed, radius, BALANCINGS, merged, error);
 }
 
 /* ---- radius and error ---- */
@@ -576,7 +591,7 @@ static int find_error(struct kiln_merge *m, const struct kiln_merge_search *sear
     memset(search->merged, 0, m->own_count * sizeof *search->merged);
     int status = kiln_merge_set_radius(m, radius, error);
     if (status == KILN_OK)
-        status = kiln_merge_spread(m, search->landed, radius, search->merged, error);
+        status = spread(m, search->landed, radius, 0, search->merged, error); /* edges are few */
     for (size_t i = 0; i < m->own_count && status == KILN_OK; i++) {
         const struct kiln_merged *merged = &search->merged[i];
         kiln_exact_add(&sum, (double)m->own[i].lit * (merged->square / (double)search->iterations + bias2_of(merged)),

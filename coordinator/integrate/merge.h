@@ -27,7 +27,7 @@
  * What the difference has by chance is known, path by path, and is taken off.
  *
  * Points of other ranks: when the radius is known each rank gets those within it of boxes about its own points (40
- * bytes each), and for each spreading what landed there (32 bytes each). Sums go by lightmap and texel: the same
+ * bytes each), and for each spreading what landed there (32 bytes each). Sums go by place, lightmap and texel: the same
  * bits for any ranks, threads and cells. */
 #ifndef KILN_COORDINATOR_INTEGRATE_MERGE_H
 #define KILN_COORDINATOR_INTEGRATE_MERGE_H
