@@ -62,6 +62,47 @@ struct kiln_landing {
 
 static bool merges(const struct kiln_landing *l) { return l->params->settings->caustics == KILN_CAUSTICS_MERGE; }
 
+uint64_t kiln_landing_photons(const struct kiln_integrate_settings *settings, size_t aims)
+{
+    const uint64_t photons = settings->photons, least = PATHS_AN_AIM * (uint64_t)aims;
+    return settings->photons_given || photons > least ? photons : least;
+}
+
+/* A device leaves light paths to the host's processors (worker/pass/land.h), which need a BVH of their own for them. */
+int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, struct kiln_error *error)
+{
+    struct kiln_backend_params params = bake->params;
+    struct kiln_backend_info info;
+    *host = NULL;
+    kiln_backend_info(bake, &info);
+    if (strcmp(info.name, "embree") == 0)
+        return KILN_OK;
+    params.verify_fraction = 0.0;
+    params.faults = (struct kiln_device_faults){0};
+    const int status = kiln_backend_create(host, "embree", &params, error);
+    return status == KILN_OK ? kiln_backend_set_surface(*host, bake->surface, error) : status;
+}
+
+uint64_t kiln_landing_bytes(const struct kiln_integrate_settings *settings, size_t aims, double points, uint32_t ranks,
+                            double landed)
+{
+    const double photons = (double)kiln_landing_photons(settings, aims),
+                 block = fmin(photons, (double)KILN_LAND_BLOCK) / ranks,
+                 records = (double)sizeof(struct kiln_landing_record) * block * (ranks > 1 ? 1.0 + landed : 1.0),
+                 aim = (double)sizeof(struct kiln_aim) + 6.0 * sizeof(double);
+    double point = (double)kiln_landing_saved_bytes(settings->caustics);
+    if (settings->caustics == KILN_CAUSTICS_MERGE)
+        point += (double)sizeof(float) + (double)KILN_MERGE_POINT_BYTES;
+    return (uint64_t)(records + aim * (double)aims + point * points);
+}
+
+uint64_t kiln_landing_saved_bytes(enum kiln_caustics caustics)
+{
+    return caustics < KILN_CAUSTICS_LAND
+               ? 0
+               : sizeof(struct kiln_landing_sum) + (caustics == KILN_CAUSTICS_MERGE ? sizeof(struct kiln_merged) : 0);
+}
+
 static int make_room(struct kiln_landing *l, struct kiln_error *error)
 {
     const size_t aims = l->aims->count;
@@ -84,7 +125,6 @@ static int make_room(struct kiln_landing *l, struct kiln_error *error)
 int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integrate_params *params,
                         struct kiln_solution *solution, const struct kiln_saved *saved, struct kiln_error *error)
 {
-    uint64_t photons = params->settings->photons;
     struct kiln_landing *l = NULL;
     int status = kiln_allocate(&l, 1, sizeof *l, "the landings of light", error);
     *landing = l;
@@ -92,8 +132,7 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
         return status;
     *l = (struct kiln_landing){.params = params, .solution = solution, .saved = saved};
     status = kiln_aims_create(&l->aims, params->backend->params.lights, error);
-    if (status == KILN_OK && !params->settings->photons_given && photons < PATHS_AN_AIM * l->aims->count)
-        photons = PATHS_AN_AIM * l->aims->count;
+    const uint64_t photons = status == KILN_OK ? kiln_landing_photons(params->settings, l->aims->count) : 0;
     l->photons = photons;
     if (status == KILN_OK)
         solution->report.landing = (struct kiln_landing_report){.photons = photons, .aims = l->aims->count};
@@ -271,21 +310,6 @@ static void forget(struct kiln_landing *l)
 
 /* ---- a step ---- */
 
-/* A device leaves light paths to the host's processors (worker/pass/land.h), which need a BVH of their own for them. */
-static int open_backend(struct kiln_landing *l, struct kiln_error *error)
-{
-    struct kiln_backend *bake = l->params->backend;
-    struct kiln_backend_params params = bake->params;
-    struct kiln_backend_info info;
-    kiln_backend_info(bake, &info);
-    if (strcmp(info.name, "embree") == 0)
-        return KILN_OK;
-    params.verify_fraction = 0.0;
-    params.faults = (struct kiln_device_faults){0};
-    const int status = kiln_backend_create(&l->own, "embree", &params, error);
-    return status == KILN_OK ? kiln_backend_set_surface(l->own, bake->surface, error) : status;
-}
-
 /* What there is of the point's surface, as the passes that gather have it: kiln_point_result.present. */
 static float presence(const struct kiln_landing *l, const struct kiln_surface *surface,
                       const struct kiln_point_cursor *at)
@@ -324,7 +348,7 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
         status = kiln_allocate(&l->records, (block + ranks - 1) / ranks, sizeof *l->records,
                                "the landings of light paths", error);
     if (status == KILN_OK && l->aims->count > 0)
-        status = open_backend(l, error);
+        status = kiln_landing_host(&l->own, l->params->backend, error);
     if (status == KILN_OK && merges(l))
         status = kiln_allocate(&l->lit, own->count, sizeof *l->lit, "the areas of points", error);
     if (status == KILN_OK && merges(l))

@@ -31,6 +31,18 @@ enum { KILN_LAND_BLOCK = 1 << 20 };
 
 struct kiln_landing;
 
+/* The paths of an iteration: those asked for; where the user did not say how many, four an aim at least. */
+uint64_t kiln_landing_photons(const struct kiln_integrate_settings *settings, size_t aims);
+/* What traces the paths beside a backend that is a device: Embree, with the same scene and surface. NULL beside Embree.
+ * KILN_SYSTEM. Destroy with kiln_backend_destroy, in any case. */
+int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, struct kiln_error *error);
+/* Bytes of each point in a checkpoint within the step, more than in others. */
+uint64_t kiln_landing_saved_bytes(enum kiln_caustics caustics);
+/* Bytes that a rank with so many points needs while paths land, besides that. `landed`: share of the paths that land
+ * beside points. */
+uint64_t kiln_landing_bytes(const struct kiln_integrate_settings *settings, size_t aims, double points, uint32_t ranks,
+                            double landed);
+
 /* Not collective. All borrowed. KILN_SYSTEM; KILN_USAGE where the user gave fewer photons than there are aims (else
  * more are taken). Destroy with kiln_landing_destroy. */
 int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integrate_params *params,

@@ -96,8 +96,10 @@ static inline bool kiln_merge_radius_ends(uint64_t iteration) { return ((iterati
 /* The standard error of the mean over `iterations`, bias included; W/m2. */
 double kiln_merge_error(const struct kiln_merged *merged, uint64_t iterations);
 
-/* Bytes that a rank needs of each of its points, besides sums (struct kiln_merged); points near its borders count
- * twice. */
-enum { KILN_MERGE_POINT_BYTES = 40 + 32 + 12 };
+/* About, bytes that a rank needs of each of its points, besides struct kiln_merged: places twice, fluxes, weights
+ * twice, the grid, and what it is made with. Points of others count likewise, and are few. */
+enum { KILN_MERGE_POINT_BYTES = 2 * 40 + 32 + 2 * 16 + 16 + 12 + 16 };
+/* How often the points near each point are looked for: of each radius, and while one is found, about. */
+enum { KILN_MERGE_PASSES = 4, KILN_MERGE_SEARCH_PASSES = 12 };
 
 #endif

@@ -172,7 +172,9 @@ static struct kiln_save_moment moment_of(const struct kiln_saved *s, uint64_t ti
 
 uint64_t kiln_save_bytes(const struct kiln_saved *s)
 {
-    return s->params->surface->point_count * kiln_field_set_saved_bytes(fields_of(s));
+    const bool lands = s->landing != NULL && kiln_solution_step(s->solution)->step.lands;
+    return s->params->surface->point_count * (kiln_field_set_saved_bytes(fields_of(s)) +
+                                              (lands ? kiln_landing_saved_bytes(s->params->settings->caustics) : 0));
 }
 
 /* ---- writing ---- */

@@ -9,6 +9,7 @@
 #include "coordinator/integrate/energy.h"
 #include "coordinator/run/process_memory.h"
 #include "coordinator/integrate/integrate.h"
+#include "coordinator/integrate/land.h"
 #include "coordinator/bake/light_settings.h"
 #include "coordinator/bake/occluders.h"
 #include "coordinator/bake/results_memory.h"
@@ -121,6 +122,16 @@ static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *
     m->program = PASS_BYTES + (resident > named + LEAST_PROGRAM_BYTES ? resident - named : LEAST_PROGRAM_BYTES);
 }
 
+static uint64_t landing_bytes(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
+{
+    const struct kiln_integrate_settings settings = kiln_light_settings(job, p->lights, plan->surface.points);
+    const double bvh = on_device(p) ? BVH_BYTES * (double)p->geometry->triangle_count : 0.0;
+    return plan->landing.photons > 0
+               ? (uint64_t)bvh + kiln_landing_bytes(&settings, (size_t)plan->landing.aims, plan->here.light.points_most,
+                                                    job->ranks, plan->landing.landed)
+               : 0;
+}
+
 static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_surface *rank_surface,
                         const struct kiln_job *job)
 {
@@ -138,9 +149,11 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     m->volume = plan->probes * KILN_PROBE_BYTES;
     m->results = result_bytes(plan, p, job);
     m->moving = plan->here.light.repartitions > 0 ? (uint64_t)(fmax(own, results) * plan->here.light.points_most) : 0;
-    const uint64_t last = m->volume + m->results; /* there is none of these while points move */
+    m->landing = landing_bytes(plan, p, job);
+    const uint64_t early = m->moving > m->landing ? m->moving : m->landing,
+                   last = m->volume + m->results; /* there is none of these while points move, or light lands */
     m->total = m->program + m->scene + m->textures + m->geometry + m->bvh + m->surface_all + m->surface_own + m->light +
-               (last > m->moving ? last : m->moving);
+               (last > early ? last : early);
     if (plan->surface.points > 0)
         plan->bytes_per_point =
             own + (double)m->surface_all / (double)plan->surface.points +
@@ -168,7 +181,10 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
     plan->export_bytes = job->export ? kiln_export_size(p->scene) : 0;
     plan->disk_bytes = plan->lightmap_bytes + plan->h5_bytes + plan->volume_bytes + plan->scene_bytes +
                        plan->preview_bytes + plan->export_bytes;
-    plan->checkpoint_bytes = (uint64_t)points * kiln_field_set_saved_bytes(&fields);
+    const enum kiln_caustics caustics =
+        kiln_job_has_caustics(job) ? (enum kiln_caustics)job->caustics : KILN_CAUSTICS_NONE;
+    plan->checkpoint_bytes =
+        (uint64_t)points * (kiln_field_set_saved_bytes(&fields) + kiln_landing_saved_bytes(caustics));
 }
 
 /* ---- calibration ---- */
@@ -249,7 +265,7 @@ static int take_sample(const struct kiln_planned_steps *steps, const struct cali
         batch.point_masks = masks;
         batch.few_masks = masks != NULL ? masks + batch.count : NULL;
         sample->points[k] = kiln_tile_runs_points(&tile_runs[first], &tile_runs[first + batch.count - 1]);
-        if (status == KILN_OK)
+        if (status == KILN_OK && !steps->kinds[k].lands)
             status = sample_step(p, &batch, &steps->kinds[k], &sample->seconds[k], error);
         kiln_free(&masks);
     }
@@ -470,7 +486,10 @@ static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *
         const uint64_t first = in_cells ? s->cell_first[i] : s->tile_runs[i].first.at;
         cells->points[i] = in_cells ? s->cell_first[i + 1] - first : s->tile_runs[i].count;
         for (uint32_t l = 0; l < plan->steps.kind_count; l++)
-            cells->cost[l][i] = crowd(p, job) * (cost_in(plan, first, cells->points[i], l) + take_seconds(p));
+            cells->cost[l][i] =
+                crowd(p, job) * ((plan->steps.kinds[l].lands ? plan->landing.seconds / (double)plan->surface.points
+                                                             : cost_in(plan, first, cells->points[i], l)) +
+                                 take_seconds(p));
     }
     return status;
 }
@@ -634,6 +653,9 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     }
     if (status == KILN_OK)
         status = trace_samples(plan, prepared, job, &timing, error);
+    if (status == KILN_OK)
+        status =
+            kiln_plan_landing_measure(&plan->landing, prepared, &settings, plan->surface.points, job->ranks, error);
     if (status == KILN_OK) {
         plan_before_and_after(plan, prepared, job, phases, &timing);
         status = simulate(plan, prepared, job, &timing, error);

@@ -2,6 +2,7 @@
 #ifndef KILN_COORDINATOR_PLAN_PLAN_H
 #define KILN_COORDINATOR_PLAN_PLAN_H
 
+#include "coordinator/plan/landing.h"
 #include "coordinator/plan/working_set.h"
 #include "coordinator/bake/prepare.h"
 #include "coordinator/bake/visible_from.h"
@@ -22,8 +23,9 @@ struct kiln_plan_memory {
     uint64_t results;     /* while files are written, and the preview is drawn: the most of these */
     /* while points go to other ranks, which is before there are probes and results: surface or results once more */
     uint64_t moving;
-    uint64_t total;  /* without `device`; with the larger of `moving` and what comes later */
-    uint64_t device; /* of the GPU: with the points of this process, that is, all of them */
+    uint64_t landing; /* while light paths land: sums, records, and beside a device the host's BVH */
+    uint64_t total;   /* without `device`; with the largest of `moving`, `landing` and what comes later */
+    uint64_t device;  /* of the GPU: with the points of this process, that is, all of them */
 };
 
 /* Seconds of the rank that is done last, its cores being its own: other work on this machine hardly lengthens the
@@ -60,13 +62,14 @@ struct kiln_plan {
     /* of the results, compressed (estimated) */
     uint64_t lightmap_bytes, h5_bytes, volume_bytes, scene_bytes, preview_bytes, export_bytes;
     uint64_t disk_bytes;       /* their sum */
-    uint64_t checkpoint_bytes; /* of a generation; two are kept while the bake runs */
+    uint64_t checkpoint_bytes; /* of a generation, the largest; two are kept while the bake runs */
     uint64_t probes;
     double bytes_per_point;           /* fullest rank: surface and light, for each of its own points when it has all */
     double bytes_per_triangle;        /* scene and geometry; images and Embree's BVH aside */
     double exchange_bytes;            /* that a rank receives in each bounce */
     uint32_t bounces;                 /* assumed */
     struct kiln_visible_from visible; /* what the job's views need: numbers of points */
+    struct kiln_plan_landing landing;
     struct kiln_working_set working_set; /* where gather rays end at a range */
     struct kiln_plan_sample samples[KILN_PLAN_SAMPLES];
     size_t sample_count;

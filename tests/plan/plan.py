@@ -1,6 +1,6 @@
 """What kiln plan says against what a bake then takes; what kiln verify notices; what kiln bench scaling leaves.
 
-    plan.py prediction | prediction_full | balance | verify | scaling
+    plan.py prediction | prediction_full | landing | balance | verify | scaling
 
 What looks at seconds (prediction_full, balance) is run by hand: on a machine that others use it may fail.
 """
@@ -102,6 +102,28 @@ def prediction(kiln, folder, full=False):
 
 def prediction_full(kiln, folder):
     prediction(kiln, folder, full=True)
+
+
+def landing(kiln, folder):
+    """Light paths that land and are merged, on two ranks: what they add to processor time and memory."""
+    path, out = os.path.join(folder, 'spheres.glb'), os.path.join(folder, 'spheres')
+    run(kiln, 'generate', 'cornell-spheres', '-o', path)
+    few = ['--quality', 'draft', '--samples-probe', 0, '--bounces', 0, '--materials', 'auto', '--backend', 'embree',
+           '--texels-per-metre', 16, '--threads', 1]
+    paths = ['--caustics', 'merge', '--photons', 400000, '--iterations', 3]
+    plan = json.loads(run(kiln, 'plan', path, '--ranks', 2, '--ranks-per-node', 2, '--json', *few, *paths))
+    without, before = bake_seconds(kiln, path, out, 2, [*few, '--caustics', 'none'])
+    report, after = bake_seconds(kiln, path, out, 2, [*few, *paths])
+    seconds, taken = 2 * plan['seconds']['caustics'], after - before
+    memory = plan['memory_per_rank']['total'] / report['memory']['peak_rank'] - 1
+    print('light paths: %.2f s of processors, taken %.2f s; memory %+.1f %%' % (seconds, taken, 100 * memory))
+    landed = plan['landing']
+    assert (landed['photons'], landed['iterations'], landed['aims']) == (
+        400000, 3, report['materials']['aims']), landed
+    assert 1 / TIME < seconds / taken < TIME and abs(memory) < 0.2
+    # 32 bytes of each path that lands, half of them at the other rank, half of them from each
+    assert abs(landed['bytes_sent_an_iteration'] / (32 * 400000 * landed['landed'] / 4) - 1) < 1e-6
+    assert 0.2 < landed['landed'] < 1
 
 
 def judged(report):
@@ -302,5 +324,6 @@ if __name__ == '__main__':
     program = os.path.abspath(arguments[at + 1])
     del arguments[at:at + 2]
     with tempfile.TemporaryDirectory() as place:
-        {'prediction': prediction, 'prediction_full': prediction_full, 'balance': balance, 'verify': verify,
+        {'prediction': prediction, 'prediction_full': prediction_full, 'landing': landing,
+         'balance': balance, 'verify': verify,
          'cost': cost, 'scaling': scaling}[arguments[0]](program, place)
