@@ -10,6 +10,7 @@
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 #include "worker/light/aims.h"
+#include "worker/pass/caustic.h"
 #include "worker/pass/land.h"
 #include "worker/pass/point.h"
 #include "worker/sampling/keys.h"
@@ -324,6 +325,14 @@ static float presence(const struct kiln_landing *l, const struct kiln_surface *s
     return kiln_footprint_opacity(&footprint, kiln_texel_key(KILN_LOOKS_KEY, at->map, texel), &mask);
 }
 
+/* Of an own tile run: no path meets it. */
+static bool is_receiver(const struct kiln_landing *l, size_t tile_run)
+{
+    const struct kiln_surface *s = &l->solution->own->surface;
+    const uint32_t object = kiln_map_object(s, s->tile_runs[tile_run].map);
+    return (l->params->backend->params.scene->objects[object].flags & KILN_OBJECT_RECEIVER_ONLY) != 0;
+}
+
 static void find_lit(const struct kiln_landing *l)
 {
     const struct kiln_surface *s = &l->solution->own->surface;
@@ -331,7 +340,7 @@ static void find_lit(const struct kiln_landing *l)
     for (size_t f = 0; f < s->tile_run_count; f++) {
         struct kiln_point_cursor at = kiln_point_first(s, f);
         for (uint32_t k = 0; k < s->tile_runs[f].count; k++, kiln_point_next(s, &at))
-            if (kiln_point_valid(s, at.point))
+            if (kiln_point_valid(s, at.point) && !is_receiver(l, f))
                 l->lit[at.point.at] =
                     s->area[at.point.at] * ((float)s->visible[at.point.at] / 65535.0f) * presence(l, s, &at);
     }
@@ -595,20 +604,39 @@ static struct kiln_point_result merged_answer(const struct kiln_landing *l, cons
     return r;
 }
 
-int kiln_landing_give(struct kiln_landing *l, const struct kiln_batch *batch, struct kiln_error *error)
+/* Tile runs that no path meets gather their caustics. */
+static int gather(struct kiln_landing *l, const struct kiln_batch *batch, size_t first, size_t end,
+                  struct kiln_error *error)
+{
+    struct kiln_batch part = *batch;
+    part.first = first;
+    part.count = end - first;
+    return kiln_backend_run(l->params->backend, &kiln_pass_caustic, NULL, &part,
+                            &kiln_solution_step(l->solution)->rays, error);
+}
+
+static int give(struct kiln_landing *l, const struct kiln_batch *batch, size_t first, size_t end,
+                struct kiln_error *error)
 {
     const struct kiln_surface *surface = &l->solution->own->surface;
+    size_t count = 0;
+    for (size_t f = first; f < end; f++) {
+        struct kiln_point_cursor at = kiln_point_first(surface, f);
+        for (uint32_t k = 0; k < surface->tile_runs[f].count; k++, kiln_point_next(surface, &at))
+            l->results[count++] = merges(l) ? merged_answer(l, surface, &at) : answer(l, surface, &at);
+    }
+    return batch->take(batch->context, first, end - first, l->results, error);
+}
+
+int kiln_landing_give(struct kiln_landing *l, const struct kiln_batch *batch, struct kiln_error *error)
+{
     int status = KILN_OK;
     for (size_t first = batch->first, end = batch->first + batch->count, next; first < end && status == KILN_OK;
          first = next) {
-        size_t count = 0;
-        next = end - first < GIVEN_TILE_RUNS ? end : first + GIVEN_TILE_RUNS;
-        for (size_t f = first; f < next; f++) {
-            struct kiln_point_cursor at = kiln_point_first(surface, f);
-            for (uint32_t k = 0; k < surface->tile_runs[f].count; k++, kiln_point_next(surface, &at))
-                l->results[count++] = merges(l) ? merged_answer(l, surface, &at) : answer(l, surface, &at);
-        }
-        status = batch->take(batch->context, first, next - first, l->results, error);
+        const bool receiver = is_receiver(l, first);
+        for (next = first + 1; next < end && next - first < GIVEN_TILE_RUNS && is_receiver(l, next) == receiver;)
+            next++;
+        status = receiver ? gather(l, batch, first, next, error) : give(l, batch, first, next, error);
     }
     return status;
 }

@@ -10,7 +10,6 @@ import h5py
 import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
-import exr  # noqa: E402
 import glb  # noqa: E402
 
 KILN = os.environ["KILN"]
@@ -91,7 +90,8 @@ class Merge(unittest.TestCase):
         texel has another within it is the texel."""
         land, texel, tiny, far = (self.bake(self.spheres, *SPHERES, "--caustics", *which)
                                   for which in (("land",), ("merge", "--merge-radius", "texel"),
-                                                ("merge", "--merge-radius", "1e-6"), ("merge", "--merge-radius", "0.7")))
+                                                ("merge", "--merge-radius", "1e-6"),
+                                                ("merge", "--merge-radius", "0.7")))
         of_land, power = self.light(land), {}
         for name, folder in (("land", land), ("texel", texel), ("tiny", tiny), ("far", far)):
             light = self.light(folder)
@@ -103,6 +103,20 @@ class Merge(unittest.TestCase):
                 self.assertTrue(np.allclose(light["caustic"], of_land["caustic"], rtol=1e-5, atol=1e-7), name)
             self.assertEqual(light["caustic"].min(), 0.0 if name != "far" else light["caustic"].min())
         self.assertGreater((self.light(far)["caustic"] > 0).sum(), 1.02 * (of_land["caustic"] > 0).sum())
+
+    def test_receivers(self):
+        """What no path meets gathers its caustics, and takes no part in merging: then the floor has what it has with
+        --caustics gather, and flux and ledger are the others'."""
+        rules = "{floor: {role: receiver-only}}"
+        lights = {which: self.light(self.bake(self.spheres, *(SPHERES if which != "gather" else SPHERES[:2]),
+                                              "--samples-indirect", "64", "--objects", rules, "--caustics", which))
+                  for which in ("land", "merge", "gather")}
+        floor = lights["land"]["object"] == lights["land"]["names"].index("floor")
+        self.assertGreater(lights["gather"]["caustic"][floor].max(), 0.1)
+        power = {which: (light["caustic"] * light["area"][:, None])[~floor].sum(0) for which, light in lights.items()}
+        for which in ("land", "merge"):
+            self.assertTrue(np.array_equal(lights[which]["caustic"][floor], lights["gather"]["caustic"][floor]), which)
+            self.assertTrue(np.allclose(power[which], power["land"], rtol=1e-5), power)
 
     def test_same_bits(self):
         """On 1, 2, 3 and 5 ranks; with cells of another size, and without cells."""
