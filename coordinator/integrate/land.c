@@ -611,8 +611,8 @@ static int gather(struct kiln_landing *l, const struct kiln_batch *batch, size_t
     struct kiln_batch part = *batch;
     part.first = first;
     part.count = end - first;
-    return kiln_backend_run(l->params->backend, &kiln_pass_caustic, NULL, &part,
-                            &kiln_solution_step(l->solution)->rays, error);
+    return kiln_backend_run(l->params->backend, &kiln_pass_caustic, NULL, &part, &kiln_solution_step(l->solution)->rays,
+                            error);
 }
 
 static int give(struct kiln_landing *l, const struct kiln_batch *batch, size_t first, size_t end,

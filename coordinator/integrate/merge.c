@@ -15,6 +15,7 @@
 #define FLAT 0.25f   /* of the radius: how far they may lie from each other's planes */
 #define SLACK 1.001f /* of a cell of the grid, beyond the radius: for rounding */
 
+#define BIAS (4.0 / 3.0) /* over that by which half the radius changes */
 #define LEAST_RADIUS 1.5 /* the first radius that is tried, in texels: so that the eight about one are within it */
 
 enum { BOXES = 64, NEIGHBOUR_CELLS = 27, RADII = 9, BALANCINGS = 2 };
@@ -565,15 +566,16 @@ int kiln_merge_spread(struct kiln_merge *m, const struct kiln_landing_sum *lande
 
 /* ---- radius and error ---- */
 
-static double bias2_of(const struct kiln_merged *merged)
+/* The square of what half the radius changes, without what of that is chance. */
+static double change2_of(const struct kiln_merged *merged)
 {
     const double difference = kiln_luminance(merged->irradiance) - merged->half;
-    return 16.0 / 9.0 * (difference * difference - merged->variance);
+    return difference * difference - merged->variance;
 }
 
 double kiln_merge_error(const struct kiln_merged *merged, uint64_t iterations)
 {
-    return sqrt(merged->square + fmax(0.0, bias2_of(merged))) / (double)iterations;
+    return sqrt(merged->square + BIAS * BIAS * fmax(0.0, change2_of(merged))) / (double)iterations;
 }
 
 double kiln_merge_radius_of(double first, double alpha, uint64_t iteration)
@@ -586,7 +588,8 @@ double kiln_merge_radius_of(double first, double alpha, uint64_t iteration)
 static int find_error(struct kiln_merge *m, const struct kiln_merge_search *search, double radius, double *square,
                       struct kiln_error *error)
 {
-    const double unit = kiln_exact_unit(search->scale);
+    const double unit = kiln_exact_unit(search->scale),
+                 bias = 0.5 * radius < search->texel ? 1.0 : BIAS; /* by a half without bias, or with a quarter */
     struct kiln_exact_sum sum = {0};
     memset(search->merged, 0, m->own_count * sizeof *search->merged);
     int status = kiln_merge_set_radius(m, radius, error);
@@ -594,7 +597,9 @@ static int find_error(struct kiln_merge *m, const struct kiln_merge_search *sear
         status = spread(m, search->landed, radius, 0, search->merged, error); /* edges are few */
     for (size_t i = 0; i < m->own_count && status == KILN_OK; i++) {
         const struct kiln_merged *merged = &search->merged[i];
-        kiln_exact_add(&sum, (double)m->own[i].lit * (merged->square / (double)search->iterations + bias2_of(merged)),
+        kiln_exact_add(&sum,
+                       (double)m->own[i].lit *
+                           (merged->square / (double)search->iterations + bias * bias * change2_of(merged)),
                        1.0 / unit);
     }
     if (status == KILN_OK)

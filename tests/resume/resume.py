@@ -636,8 +636,8 @@ def try_landing(checks, tool):
     another bake."""
     iterations = 20
     for which in ('land', 'merge'):
-        more = ('--materials', 'full', '--caustics', which, '--photons', 100000, '--iterations', iterations,
-                '--bounces', 1, '--samples-indirect', 16, '--no-error-map')
+        least = ('--materials', 'full', '--bounces', 1, '--samples-indirect', 16, '--no-error-map')
+        more = (*least, '--caustics', which, '--photons', 100000, '--iterations', iterations)
         straight, folder = tool.folder(), tool.folder()
         process = tool.bake(straight, '--checkpoint-every', 0, *more)
         if not checks.that(process.status == 0, 'the reference ended with %d' % process.status, process):
@@ -651,10 +651,10 @@ def try_landing(checks, tool):
                 os.kill(rank, signal.SIGKILL)
             finish(process)
             checks.that(landed(folder) >= iterations // 2, '%s: killed after %d iterations' % (which, landed(folder)))
-        for other in (('--photons', 100001), ('--iterations', 21), ('--caustics', 'gather')):
-            process = tool.bake(folder, *more, *other)
-            checks.that(process.status == BAD_INPUT and other[0][2:] in process.stderr,
-                        '%s %s was not refused: %d' % (*other, process.status), process)
+        for other in ((*more, '--photons', 100001), (*more, '--iterations', 21), (*least, '--caustics', 'gather')):
+            process = tool.bake(folder, *other)
+            checks.that(process.status == BAD_INPUT and other[-2][2:] in process.stderr,
+                        '%s %s was not refused: %d' % (*other[-2:], process.status), process)
         process = tool.bake(folder, *more, ranks=3)
         same(checks, tool, result(straight), folder, process, '%s: killed while light paths landed' % which)
         rays = []
