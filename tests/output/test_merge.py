@@ -119,14 +119,17 @@ class Merge(unittest.TestCase):
             self.assertTrue(np.allclose(power[which], power["land"], rtol=1e-5), power)
 
     def test_same_bits(self):
-        """On 1, 2, 3 and 5 ranks; with cells of another size, and without cells."""
-        first, *others = (self.light(self.bake(self.spheres, *SPHERES, "--caustics", "merge", "--threads", "1",
-                                               *options, ranks=ranks))
-                          for options, ranks in (((), 1), ((), 2), ((), 3), ((), 5), (("--cell-size", "1.5"), 2),
-                                                 (("--partition", "objects"), 3)))
-        for other in others:
-            for name in first:
-                self.assertTrue(np.array_equal(first[name], other[name]), name)
+        """On 1, 2, 3 and 5 ranks; with cells of another size, and without cells; and with a radius that is found."""
+        ways = (((), 1), ((), 2), ((), 3), ((), 5), (("--cell-size", "1.5"), 2), (("--partition", "objects"), 3))
+        fine = ("--texels-per-metre", "12", "--photons", "2000")
+        for options, runs in ((("--merge-radius", "0.5"), ways), (fine, (((), 1), ((), 3)))):
+            first, *others = (self.light(self.bake(self.spheres, *SPHERES, "--caustics", "merge", "--threads", "1",
+                                                   *options, *more, ranks=ranks)) for more, ranks in runs)
+            for other in others:
+                for name in first:
+                    self.assertTrue(np.array_equal(first[name], other[name]), name)
+        with open(os.path.join(self.folder, "bake%d" % Merge.number, "run.json"), encoding="utf-8") as file:
+            self.assertGreater(json.load(file)["materials"]["merge_radius"], 0.1)
 
     def test_gain(self):
         """With few paths and small texels the radius that is found makes the error less by half, and about as large as
