@@ -62,7 +62,8 @@ size_t kiln_landing_blocks(struct kiln_landing *landing, struct kiln_block block
 void kiln_landing_end(struct kiln_landing *landing);
 
 /* Gives the answers of a batch of own tile runs to its taker, in place of a backend: a struct kiln_point_result a
- * point. Receiver-only objects, which no path meets, gather theirs (worker/pass/caustic.h). Between kiln_landing_run and the end of the step. */
+ * point. Receiver-only objects, which no path meets, gather theirs (worker/pass/caustic.h). Between kiln_landing_run
+ * and the end of the step. */
 int kiln_landing_give(struct kiln_landing *landing, const struct kiln_batch *batch, struct kiln_error *error);
 
 #endif

@@ -20,7 +20,8 @@
  * the squared area, less what is due to paths being better than independent ones.
  *
  * Surfaces that let light straight through are passed by chance, as by gather rays. Receiver-only objects, which no ray
- * meets, get nothing: theirs is gathered. A place of a texel that a wall divides lands nowhere where it lies beyond the wall.
+ * meets, get nothing: theirs is gathered. A place of a texel that a wall divides lands nowhere where it lies beyond the
+ * wall.
  *
  * Items: light paths, numbered over the whole bake from 0 on; path i is number i % aims->paths of iteration
  * i / aims->paths. A result is a function of seed, i and the aims alone. Random numbers: those of path.h
