@@ -14,7 +14,8 @@
  * symmetric matrix; the maximum makes it exact, as the acceptance of Metropolis and Hastings does).
  *
  * Points p and q are near each other where |x_q - x_p| <= r, their normals are within 60 degrees, and each lies at most
- * r / 4 from the plane of the other: also across charts and objects, and through a wall that stands on the plane. In iteration i = 0, 1, ... of the paths
+ * r / 4 from the plane of the other: also across charts and objects, and through a wall that stands on the plane. In
+ * iteration i = 0, 1, ... of the paths
  *
  *     r(i) = r(0) n^((alpha - 1) / 2), n the largest power of 2 up to i + 1
  *
