@@ -20,7 +20,7 @@
  *     r(i) = r(0) n^((alpha - 1) / 2), n the largest power of 2 up to i + 1
  *
  * so that iterations with one radius, which are as many as all before them and one, are spread together
- * (Knaus and Zwicker, "Progressive Photon Mapping: A Probabilistic Approach", 2011, equations 15 and 20: radius squared
+ * (after Knaus and Zwicker, "Progressive Photon Mapping: A Probabilistic Approach", 2011, where the radius squared
  * falls as the product of (k + alpha) / (k + 1), here by its power law and in steps). E is the mean over the
  * iterations. Its error is that of the sum of independent paths, and the bias. That shows where half the radius gives
  * something else: the bias of r is c r^2, so that of r / 2 is a quarter of it, and their difference three quarters.
