@@ -142,6 +142,23 @@ kiln_bsdf_lobes kiln_surface_lobes(uint material, uint triangle, float u, float 
     return lobes;
 }
 
+/* The same frame about another normal. */
+mat3 kiln_surface_frame(uint material, uint triangle, float u, float v, vec3 z, vec3 edge1, vec3 edge2)
+{
+    const kiln_gpu_gloss g = GlossArray(SCENE.materials.glosses).at[material];
+    if (SCENE.materials.gloss_places == 0ul || !(g.anisotropy > 0.0))
+        return kiln_frame_about(z);
+    const uint slot = kiln_slot_of(triangle);
+    const bool flipped = (slot & KILN_GPU_FLIPPED) != 0u;
+    const float place[6] = GlossPlaces(SCENE.materials.gloss_places + 24ul * (slot & ~KILN_GPU_FLIPPED)).at[0].at;
+    vec4 texels[KILN_GPU_GLOSS_USES];
+    vec2 turn;
+    kiln_gloss_texels(material, HAS_VARIED != 0u ? g.flags : 0u,
+                      kiln_interpolated(place, flipped ? v : u, flipped ? u : v), texels);
+    kiln_gloss_anisotropy(g, texels[KILN_GPU_GLOSS_ANISOTROPY], turn);
+    return kiln_gloss_frame(z, place, flipped ? edge2 : edge1, flipped ? edge1 : edge2, turn);
+}
+
 /* Share of light, by colour, that comes through `distance` m of what a face of the material bounds (Beer's law). */
 vec3 kiln_gloss_attenuation(uint material, float distance)
 {

@@ -38,6 +38,7 @@ struct kiln_light_sample {
     real3 value;     /* radiance / density of the direction */
     real backoff;    /* m: stop the shadow ray this much before the light */
     bool has_extent; /* a ray may meet it: an emitting triangle, or the environment */
+    uint light;      /* its number among those of the tree, where it is one */
 };
 
 /* Which way and how far the shadow ray of a sample goes that starts `off` the place that the sample was drawn for. */
@@ -341,7 +342,7 @@ real light_backoff(kiln_gpu_area_light light, real distance, real cosine)
     return kiln_light_backoff(rounding, distance, cosine);
 }
 
-bool sample_area_light(uint index, real3 p, real weight, real u, real v, out kiln_light_sample s)
+bool sample_area_light(uint index, real3 p, real weight, real u, real v, inout kiln_light_sample s)
 {
     const kiln_gpu_area_light light = AreaLights(SCENE.lights.areas).at[index];
     const stored3 stored0 = stored3_of(light.p0) - stored3(p);
@@ -399,6 +400,7 @@ bool kiln_lights_sample(kiln_light_choice choice, uint index, real3 p, real3 n, 
     s.distance = real(KILN_INFINITY);
     s.backoff = 0;
     s.has_extent = false;
+    s.light = KILN_GPU_NONE;
     if (light_kind(KILN_GPU_KIND_SKY | KILN_GPU_KIND_IMAGE) && choice.kind == KILN_CHOICE_ENVIRONMENT)
         return sample_environment(choice, index, n, shading, pick, u, v, s);
     if (light_kind(KILN_GPU_KIND_SUN) && choice.kind == KILN_CHOICE_DIRECTIONAL) {
@@ -413,6 +415,7 @@ bool kiln_lights_sample(kiln_light_choice choice, uint index, real3 p, real3 n, 
     real weight;
     if (!pick_light(choice.index, p, n, pick, light, weight))
         return false;
+    s.light = light;
     const uint areas = SCENE.lights.area_count;
     if (light_kind(KILN_GPU_KIND_AREA) && (!light_kind(KILN_GPU_KIND_PUNCTUAL) || light < areas))
         return sample_area_light(light, p, weight, u, v, s);

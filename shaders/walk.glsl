@@ -81,6 +81,15 @@ kiln_gpu_path_triangle triangle_at(uint triangle)
     return PathTriangles(SCENE.path_triangles + uint64_t(triangle) * 92ul).at[0];
 }
 
+/* Of the front, where the mesh is smooth and its normal lies on one side with the geometric one; else that. */
+vec3 mesh_normal(kiln_gpu_path_triangle t, float u, float v)
+{
+    if (HAS_SMOOTH == 0u || (t.flags & KILN_GPU_PATH_SMOOTH) == 0u)
+        return t.normal;
+    const vec3 mesh = t.shading0 * (1.0 - u - v) + t.shading1 * u + t.shading2 * v;
+    return dot(mesh, t.normal) > 0.0 ? normalize(mesh) : t.normal;
+}
+
 #ifdef KILN_GLOSS
 /* The scattering of a surface that is not only diffuse; normals are those of the front. */
 void find_lobes(kiln_gpu_path_triangle t, vec3 direction, inout Meeting m)
@@ -111,11 +120,8 @@ Meeting meet(kiln_hit hit, vec3 direction, bool first)
     m.shading = t.normal;
     m.offset = t.offset;
     m.gloss = HAS_GLOSS && (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u;
-    if (HAS_SMOOTH != 0u && (first || m.gloss) && (t.flags & KILN_GPU_PATH_SMOOTH) != 0u) {
-        const vec3 mesh = t.shading0 * (1.0 - hit.u - hit.v) + t.shading1 * hit.u + t.shading2 * hit.v;
-        if (dot(mesh, t.normal) > 0.0)
-            m.shading = normalize(mesh);
-    }
+    if (first || m.gloss)
+        m.shading = mesh_normal(t, hit.u, hit.v);
 #ifdef KILN_GLOSS
     if (m.gloss)
         find_lobes(t, direction, m);

@@ -393,11 +393,6 @@ static int check_method(const struct view *v, const struct kiln_job *job, struct
         return kiln_fail(error, KILN_USAGE,
                          "--method %s --show %.100s: path tracing shows light; leave one of the two out", method,
                          job->show);
-    if (kiln_view_is_bidirectional(job->view_method) && strcmp(job->backend, "vulkan") == 0)
-        return kiln_fail(error, KILN_USAGE,
-                         "--method %s --backend vulkan: the CPU alone traces such paths; give "
-                         "--backend embree",
-                         method);
     if (job->merge_radius > 0.0 && job->view_method < KILN_VIEW_METHOD_vcm)
         return kiln_fail(error, KILN_USAGE,
                          "--method %s --merge-radius %g: nothing is merged; leave --merge-radius out", method,

@@ -363,6 +363,13 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_older(KILN_STRUCT kiln_bsdf_
     return s;
 }
 
+/* The diffuse surface's part of the value, for z of directions on one side. */
+KILN_FUNCTION KILN_VECTOR kiln_bsdf_diffuse(KILN_STRUCT kiln_bsdf_lobes l, float o, float i)
+{
+    const float out_ = kiln_diffuse_out(l, o), in_ = kiln_diffuse_in(l, i);
+    return vec3_scale(kiln_diffuse_color(l), in_ * out_ * float_abs(i) * KILN_INVERSE_PI);
+}
+
 /* `choice`: of o. */
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate_chosen(KILN_STRUCT kiln_bsdf_lobes l,
                                                                     KILN_STRUCT kiln_bsdf_choice choice, KILN_VECTOR o,
@@ -379,8 +386,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate_chosen(KILN_STRUCT 
     i.z = front ? i.z : -i.z;
     if (i.z > 0.0f) {
         if ((lobes & KILN_LOBE_DIFFUSE) != 0u && l.matt > 0.0f) {
-            const float out_ = kiln_diffuse_out(l, signed_o.z), in_ = kiln_diffuse_in(l, signed_i.z);
-            s.value = vec3_scale(kiln_diffuse_color(l), in_ * out_ * i.z * KILN_INVERSE_PI);
+            s.value = kiln_bsdf_diffuse(l, signed_o.z, signed_i.z);
         }
         s.density = choice.diffuse * i.z * KILN_INVERSE_PI;
     }

@@ -36,6 +36,7 @@
 #    define KILN_VECTOR vec3             /* three floats; vec3(x, y, z) makes one in both languages */
 #    define KILN_FUNCTION                /* before every function */
 #    define KILN_STRUCT                  /* before the name of a struct that is used as a type */
+#    define KILN_IN(type) type           /* a struct that the function reads, which C has the address of; a */
 #    define KILN_OUT(type) out type      /* a parameter that the function sets, */
 #    define KILN_INOUT(type) inout type  /* or changes; */
 #    define KILN_AT(parameter) parameter /* its value in the function; */
@@ -76,6 +77,7 @@
 #    define KILN_I32 int32_t
 #    define KILN_FUNCTION static inline
 #    define KILN_STRUCT struct
+#    define KILN_IN(type) const type *
 #    define KILN_OUT(type) type *
 #    define KILN_INOUT(type) type *
 #    define KILN_AT(a) (*(a))

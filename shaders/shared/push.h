@@ -182,4 +182,25 @@ KILN_OFFSET_IS(kiln_gpu_path_push, count, 24);
 KILN_OFFSET_IS(kiln_gpu_path_push, position, 56);
 KILN_OFFSET_IS(kiln_gpu_path_push, extent, 104);
 
+#include "shaders/shared/layout_bidirectional.h"
+
+/* light_paths.comp, photons.comp, both_ways.comp: paths of light, their vertices in buckets, paths of pixels. */
+struct kiln_gpu_both_push {
+    KILN_ADDRESS scene;
+    KILN_ADDRESS both; /* struct kiln_gpu_both */
+    KILN_ADDRESS sums; /* struct kiln_gpu_path_sums of thread x */
+    KILN_WORD64 index; /* of the first path or pixel in the picture */
+    KILN_WORD count;   /* threads */
+    KILN_WORD path;    /* of light, whose last vertex is the first of `last` */
+    KILN_WORD seed, light_key,
+        sampled;     /* of the camera's paths, of this sample's paths of light; the camera's sample */
+    KILN_WORD stage; /* of photons.comp: KILN_GPU_PHOTONS_... */
+};
+KILN_SIZE_IS(kiln_gpu_both_push, 56);
+KILN_OFFSET_IS(kiln_gpu_both_push, count, 32);
+#define KILN_GPU_PHOTONS_CLEAR 0u
+#define KILN_GPU_PHOTONS_COUNT 1u
+#define KILN_GPU_PHOTONS_BEGIN 2u
+#define KILN_GPU_PHOTONS_PLACE 3u
+
 #endif

@@ -10,7 +10,7 @@
 #include <math.h>
 
 #include "shaders/shared/random.h"
-#include "worker/pass/bidirectional_weights.h"
+#include "shaders/shared/bidirectional_weights.h"
 
 enum { SURFACES = 7 };
 

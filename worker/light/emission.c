@@ -106,6 +106,14 @@ void kiln_emission_destroy(struct kiln_emission **emission)
     kiln_free(emission);
 }
 
+double kiln_emission_splat_unit(const struct kiln_emission *e)
+{
+    int power;
+    const double mean = e->power / (4.0 * KILN_PI * KILN_PI * e->radius * e->radius);
+    (void)frexp(mean, &power);
+    return mean > 0.0 ? ldexp(1.0, power - 30) : 1.0;
+}
+
 /* ---- drawing ---- */
 
 /* The light that `pick` falls on, and what is left of it, in (0, 1). */

@@ -40,6 +40,10 @@ static inline uint32_t kiln_emission_environment(const struct kiln_emission *e)
     return kiln_emission_directional(e, e->lights->directional_count);
 }
 
+/* The unit of sums of what light's paths bring, W/(m2 sr): a power of two, 30 powers below the mean radiance over what
+ * lies about the scene, if it were white, which leaves as many above it for sums. */
+double kiln_emission_splat_unit(const struct kiln_emission *e);
+
 /* A ray of light. */
 struct kiln_emitted {
     uint32_t light;

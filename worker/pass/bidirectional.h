@@ -10,12 +10,12 @@
  * numbered over the whole picture: path i of sample k is a function of (seed, i, k) and the scene alone. Methods:
  *
  *   light       paths of light, of which each vertex is connected to the camera; the camera's rays see emission only
- *   bdpt        path i of light and that of pixel i, by all techniques that connect (bidirectional_weights.h)
- *   vcm         the same, and vertices of all paths of light are merged with the camera path's
- *   vcm_single  the same, but only path i's vertices are merged
- *   ppm, sppm   photon mapping: the camera path goes on through mirrors and smooth glass, and its first other vertex is
- *               merged (Hachisuka and Jensen, "Stochastic Progressive Photon Mapping", SIGGRAPH Asia 2009).
- *               With ppm the camera's paths are those of sample 0 in every sample, with sppm new ones
+ *   bdpt        path i of light and that of pixel i, by all techniques that connect
+ * (shaders/shared/bidirectional_weights.h) vcm         the same, and vertices of all paths of light are merged with the
+ * camera path's vcm_single  the same, but only path i's vertices are merged ppm, sppm   photon mapping: the camera path
+ * goes on through mirrors and smooth glass, and its first other vertex is merged (Hachisuka and Jensen, "Stochastic
+ * Progressive Photon Mapping", SIGGRAPH Asia 2009). With ppm the camera's paths are those of sample 0 in every sample,
+ * with sppm new ones
  *
  * A vertex is merged with those within the radius, which in sample k is `radius` (k + 1)^((alpha - 1) / 2), alpha 3/4
  * (Knaus and Zwicker, "Progressive Photon Mapping: A Probabilistic Approach", TOG 2011): merging blurs, and less and
@@ -32,6 +32,9 @@
 #ifndef KILN_WORKER_PASS_BIDIRECTIONAL_H
 #define KILN_WORKER_PASS_BIDIRECTIONAL_H
 
+#include <math.h>
+
+#include "shaders/shared/bidirectional.h"
 #include "worker/pass/path.h"
 
 enum kiln_bidirectional_method {
@@ -56,5 +59,11 @@ struct kiln_bidirectional_parameters {
     double radius; /* m, > 0: of merging in sample 0 */
     struct kiln_splat_film *film;
 };
+
+/* The radius of merging in sample k, m. */
+static inline double kiln_merge_radius(double radius, uint32_t k)
+{
+    return radius * pow((double)k + 1.0, (0.75 - 1.0) / 2.0);
+}
 
 #endif

@@ -7,21 +7,6 @@
 #include "worker/backend/embree/bidirectional_subpaths.h"
 #include "worker/base/memory.h"
 
-/* With the seed's upper half, in place of it: paths of light draw other numbers than the camera's. */
-static const uint32_t LIGHT_SEED = 0x6c696774u;
-
-/* A film's unit is so many powers of two below the scene's mean radiance, which leaves as many above it for sums. */
-enum { FILM_BITS = 30 };
-
-/* Of the mean over what lies about the scene, if it were white: a power of two, W/(m2 sr). */
-static double film_unit(const struct kiln_emission *e)
-{
-    int power;
-    const double mean = e->power / (4.0 * KILN_PI * KILN_PI * e->radius * e->radius);
-    (void)frexp(mean, &power);
-    return mean > 0.0 ? ldexp(1.0, power - FILM_BITS) : 1.0;
-}
-
 static struct bidirectional make(const struct embree_backend *b, const struct kiln_bidirectional_parameters *p,
                                  const struct kiln_emission *emission)
 {
@@ -39,7 +24,7 @@ static struct bidirectional make(const struct embree_backend *b, const struct ki
         .pixel = 4.0 * (double)vec3_length(c->right) * (double)vec3_length(c->up) / (double)paths,
         .most = c->bounces == KILN_PATH_ALL_BOUNCES ? INT64_MAX / 2 : (int64_t)c->bounces,
         .seed = kiln_hash2(low, high ^ KILN_PATH_SEED),
-        .light_seed = kiln_hash2(low, high ^ LIGHT_SEED),
+        .light_seed = kiln_hash2(low, high ^ KILN_LIGHT_PATH_SEED),
         .connects = connects,
         .merges = p->method != KILN_BIDIRECTIONAL_LIGHT && p->method != KILN_BIDIRECTIONAL_BDPT,
         .own_alone = own,
@@ -48,7 +33,7 @@ static struct bidirectional make(const struct embree_backend *b, const struct ki
 
 static void begin_sample(struct bidirectional *all, uint32_t k)
 {
-    all->radius = all->parameters->radius * pow((double)k + 1.0, (0.75 - 1.0) / 2.0);
+    all->radius = kiln_merge_radius(all->parameters->radius, k);
     const double area = KILN_PI * all->radius * all->radius * all->merged_paths;
     if (all->merges)
         all->techniques = (struct kiln_path_techniques){.merges = area, .connections = 1.0 / area};
@@ -158,7 +143,7 @@ int embree_bidirectional(struct embree_backend *b, const void *parameters, const
         status = kiln_allocate(&walks, b->threads, sizeof *walks, "bidirectional paths", error);
     if (status == KILN_OK) {
         struct bidirectional all = make(b, p, emission);
-        p->film->unit = film_unit(emission);
+        p->film->unit = kiln_emission_splat_unit(emission);
         for (uint32_t t = 0; t < b->threads; t++) {
             walks[t].all = &all;
             embree_context(b, &walks[t].context);

@@ -7,12 +7,6 @@
 #include "worker/base/memory.h"
 #include "worker/scene/footprint.h"
 
-/* The numbers of a path's first ray have the uses of a surface that no path has. */
-enum { EMISSION_USE = 0x40000000 };
-
-/* Paths of light sample no lights: these numbers of a surface choose the place on the lens that it is connected to. */
-enum { LENS_USE = KILN_PATH_LIGHT };
-
 /* ---- what both subpaths do ---- */
 
 bool subpaths_survives(const struct subpaths *w, uint32_t surface, uint32_t chain, const float share[3],
@@ -245,9 +239,9 @@ void subpaths_trace_light(struct subpaths *w, uint64_t i, uint32_t k)
     w->light_count = 0;
     w->key = kiln_hash2(w->all->light_seed, k);
     w->k = (uint32_t)i;
-    subpaths_draw(w, EMISSION_USE, &pick, &rest);
-    subpaths_draw(w, EMISSION_USE + 1, &u, &v);
-    subpaths_draw(w, EMISSION_USE + 2, &s, &t);
+    subpaths_draw(w, KILN_EMISSION_USE, &pick, &rest);
+    subpaths_draw(w, KILN_EMISSION_USE + 1, &u, &v);
+    subpaths_draw(w, KILN_EMISSION_USE + 2, &s, &t);
     if (!kiln_emission_draw(w->all->emission, pick, u, v, s, t, &emitted))
         return;
     struct ray_of_light r = {.origin = start_of(w, &emitted), .direction = vec3_of(emitted.direction)};
@@ -324,7 +318,7 @@ static void splat(struct subpaths *w, const struct vertex *met, uint32_t number)
     struct vertex_scatter s;
     double lens[2] = {0.0, 0.0};
     if (all->parameters->camera.lens_radius > 0.0f)
-        subpaths_draw(w, kiln_path_use(number, LENS_USE), &lens[0], &lens[1]);
+        subpaths_draw(w, kiln_path_use(number, KILN_LENS_USE), &lens[0], &lens[1]);
     if (!subpaths_view(all, met->m.position, lens, &view) ||
         !meeting_is_seen(all->b, met->m.triangle, vec3_dot(met->front, view.towards) < 0.0f))
         return;

@@ -11,7 +11,7 @@
 #define KILN_WORKER_BACKEND_EMBREE_BIDIRECTIONAL_VERTEX_H
 
 #include "worker/backend/embree/meeting.h"
-#include "worker/pass/bidirectional_weights.h"
+#include "shaders/shared/bidirectional.h"
 
 struct vertex {
     struct meeting m;               /* normals face the way that the path has come */

@@ -1,11 +1,458 @@
-/* The bidirectional pass (worker/pass/bidirectional.h), which this backend does not have. */
+/* The bidirectional pass (worker/pass/bidirectional.h). Sample by sample: shaders/light_paths.comp traces paths of
+ * light and keeps their vertices; where those of all paths are merged, photons.comp puts them into buckets;
+ * both_ways.comp follows the paths of pixels. How many paths run at once is what a slice of time is enough for; results
+ * do not depend on it, nor on the order in which vertices are kept. */
+#include <stdint.h> /* before the shaders */
+#include <string.h>
+
+#include "shaders/both_ways.h"
+#include "shaders/both_ways_float.h"
+#include "shaders/both_ways_gloss.h"
+#include "shaders/both_ways_gloss_float.h"
+#include "shaders/both_ways_gloss_pipeline.h"
+#include "shaders/both_ways_gloss_pipeline_float.h"
+#include "shaders/both_ways_pipeline.h"
+#include "shaders/both_ways_pipeline_float.h"
+#include "shaders/light_paths.h"
+#include "shaders/light_paths_float.h"
+#include "shaders/light_paths_gloss.h"
+#include "shaders/light_paths_gloss_float.h"
+#include "shaders/light_paths_gloss_pipeline.h"
+#include "shaders/light_paths_gloss_pipeline_float.h"
+#include "shaders/light_paths_pipeline.h"
+#include "shaders/light_paths_pipeline_float.h"
+#include "shaders/photons.h"
+#include "shaders/photons_float.h"
 #include "worker/backend/vulkan/vulkan.h"
+#include "worker/base/memory.h"
+#include "worker/light/emission.h"
+#include "worker/pass/bidirectional.h"
+
+static const struct vulkan_shader light_gloss = {.name = "paths of light with gloss",
+                                                 .compute = VULKAN_CODE(light_paths_gloss),
+                                                 .pipeline = VULKAN_CODE(light_paths_gloss_pipeline),
+                                                 .compute_float = VULKAN_CODE(light_paths_gloss_float),
+                                                 .pipeline_float = VULKAN_CODE(light_paths_gloss_pipeline_float)};
+static const struct vulkan_shader light_shader = {.name = "paths of light",
+                                                  .compute = VULKAN_CODE(light_paths),
+                                                  .pipeline = VULKAN_CODE(light_paths_pipeline),
+                                                  .compute_float = VULKAN_CODE(light_paths_float),
+                                                  .pipeline_float = VULKAN_CODE(light_paths_pipeline_float),
+                                                  .gloss = &light_gloss};
+static const struct vulkan_shader both_gloss = {.name = "paths both ways with gloss",
+                                                .compute = VULKAN_CODE(both_ways_gloss),
+                                                .pipeline = VULKAN_CODE(both_ways_gloss_pipeline),
+                                                .compute_float = VULKAN_CODE(both_ways_gloss_float),
+                                                .pipeline_float = VULKAN_CODE(both_ways_gloss_pipeline_float)};
+static const struct vulkan_shader both_shader = {.name = "paths both ways",
+                                                 .compute = VULKAN_CODE(both_ways),
+                                                 .pipeline = VULKAN_CODE(both_ways_pipeline),
+                                                 .compute_float = VULKAN_CODE(both_ways_float),
+                                                 .pipeline_float = VULKAN_CODE(both_ways_pipeline_float),
+                                                 .gloss = &both_gloss};
+static const struct vulkan_shader photon_shader = {
+    .name = "buckets of photons", .compute = VULKAN_CODE(photons), .compute_float = VULKAN_CODE(photons_float)};
+
+/* Pixels whose own paths of light are kept at once where no others are asked for; and where the pacer begins. */
+enum { MOST_PIXELS = 1 << 18, FIRST_GUESS = 1 << 13, MOST_BOUNCES = 1 << 29 };
+
+/* A call's working set. */
+struct both_run {
+    struct vulkan_backend *b;
+    const struct kiln_bidirectional_parameters *p;
+    uint32_t method;       /* KILN_GPU_BOTH_... */
+    uint64_t first, count; /* pixels */
+    uint64_t paths;        /* of light in a sample */
+    struct kiln_emission *emission;
+    struct gpu_kernel *light, *both, *photon;
+    struct gpu_buffer chances, nodes, all, counts, vertices, last, photons, buckets, film, sums;
+    struct kiln_gpu_both shared;
+    struct kiln_gpu_both_push push;
+};
+
+/* ---- what is on the device ---- */
+
+static uint32_t method_of(enum kiln_bidirectional_method method)
+{
+    const uint32_t connects = KILN_GPU_BOTH_SPLATS | KILN_GPU_BOTH_CONNECTS;
+    switch (method) {
+    case KILN_BIDIRECTIONAL_LIGHT:
+        return KILN_GPU_BOTH_SPLATS;
+    case KILN_BIDIRECTIONAL_BDPT:
+        return connects;
+    case KILN_BIDIRECTIONAL_VCM:
+        return connects | KILN_GPU_BOTH_MERGES;
+    case KILN_BIDIRECTIONAL_VCM_SINGLE:
+        return connects | KILN_GPU_BOTH_MERGES | KILN_GPU_BOTH_OWN;
+    case KILN_BIDIRECTIONAL_PPM:
+    case KILN_BIDIRECTIONAL_SPPM:
+        break;
+    }
+    return KILN_GPU_BOTH_MERGES;
+}
+
+/* Whether the vertices of all paths are merged. */
+static bool merges_all(const struct both_run *r)
+{
+    return (r->method & KILN_GPU_BOTH_MERGES) != 0 && (r->method & KILN_GPU_BOTH_OWN) == 0;
+}
+
+/* The chances of the lights, and their sums, in what the device has for real. */
+static int upload_chances(struct both_run *r, struct kiln_error *error)
+{
+    const struct kiln_emission *e = r->emission;
+    const size_t size = r->b->float64 ? sizeof(double) : sizeof(float), half = (e->count * size + 7) / 8 * 8;
+    unsigned char *data = NULL;
+    int status = kiln_allocate(&data, 2, half, "the lights' emission", error);
+    for (size_t i = 0; status == KILN_OK && i < 2 * e->count; i++) {
+        const size_t light = i % e->count;
+        const double wide = i < e->count ? e->chance[light] : e->up_to[light];
+        const float slim = (float)wide;
+        memcpy(data + (i < e->count ? 0 : half) + light * size, r->b->float64 ? (const void *)&wide : &slim, size);
+    }
+    if (status == KILN_OK)
+        status = gpu_buffer_of(r->b->gpu, &r->chances, data, 2 * half, "the lights' emission", error);
+    r->shared.chances = r->chances.address;
+    r->shared.up_to = r->chances.address + half;
+    kiln_free(&data);
+    return status;
+}
+
+static int upload_nodes(struct both_run *r, struct kiln_error *error)
+{
+    const struct kiln_emission *e = r->emission;
+    const size_t nodes = e->lights->node_count;
+    uint32_t *words = NULL;
+    int status = kiln_allocate(&words, nodes + e->count, sizeof *words, "the lights' emission", error);
+    if (status == KILN_OK) {
+        if (nodes > 0)
+            memcpy(words, e->parent, nodes * sizeof *words);
+        memcpy(words + nodes, e->leaf, e->count * sizeof *words);
+        status = gpu_buffer_of(r->b->gpu, &r->nodes, words, (nodes + e->count) * sizeof *words, "the lights' emission",
+                               error);
+    }
+    r->shared.parents = r->nodes.address;
+    r->shared.leaves = r->nodes.address + nodes * sizeof *words;
+    kiln_free(&words);
+    return status;
+}
+
+/* A buffer on the device of zeros. */
+static int make_zeros(struct both_run *r, struct gpu_buffer *buffer, size_t size, const char *what,
+                      struct kiln_error *error)
+{
+    unsigned char *zeros = NULL;
+    int status = kiln_allocate(&zeros, size, 1, what, error);
+    if (status == KILN_OK)
+        status = gpu_buffer_of(r->b->gpu, buffer, zeros, size, what, error);
+    kiln_free(&zeros);
+    return status;
+}
+
+static int make_device_buffer(struct both_run *r, struct gpu_buffer *buffer, size_t size, const char *what,
+                              struct kiln_error *error)
+{
+    if (buffer->size >= size)
+        return KILN_OK;
+    gpu_buffer_destroy(r->b->gpu, buffer);
+    return gpu_buffer_create(r->b->gpu, buffer, size, GPU_DEVICE, what, error);
+}
+
+/* Room for the vertices of paths of light that run at once. */
+static int make_vertices(struct both_run *r, uint64_t paths, struct kiln_error *error)
+{
+    const double each = r->b->light_vertices > 0.0 ? r->b->light_vertices : 4.0;
+    const uint64_t wanted = (uint64_t)(each * (double)paths) + 1024, most = UINT32_MAX / 2;
+    r->shared.room = (uint32_t)(wanted < most ? wanted : most);
+    const int status = make_device_buffer(r, &r->vertices, r->shared.room * sizeof(struct kiln_gpu_light_vertex),
+                                          "the vertices of paths of light", error);
+    r->shared.vertices = r->vertices.address;
+    return status;
+}
+
+static void describe(struct both_run *r)
+{
+    const struct kiln_path_parameters *c = &r->p->camera;
+    const struct kiln_emission *e = r->emission;
+    struct kiln_gpu_both *s = &r->shared;
+    s->lights = (uint32_t)e->count;
+    s->endless = c->bounces == KILN_PATH_ALL_BOUNCES;
+    s->most = c->bounces < MOST_BOUNCES ? c->bounces : MOST_BOUNCES;
+    s->length = c->length;
+    s->lens_radius = c->lens_radius;
+    s->focus_distance = c->focus_distance;
+    s->width = c->width;
+    s->height = c->height;
+    s->orthographic = c->orthographic;
+    s->position = c->position;
+    s->forward = c->forward;
+    s->right = c->right;
+    s->up = c->up;
+    s->centre = vec3_of(e->centre);
+    s->sphere = (float)e->radius;
+    s->extent = r->b->params.geometry->extent;
+    s->pixel = (float)(4.0 * (double)vec3_length(c->right) * (double)vec3_length(c->up) / (double)r->paths);
+    s->paths = (float)r->paths;
+    s->unit = (float)kiln_emission_splat_unit(e);
+}
+
+static int prepare(struct both_run *r, struct kiln_error *error)
+{
+    struct vulkan_backend *b = r->b;
+    const uint32_t low = (uint32_t)b->params.seed, high = (uint32_t)(b->params.seed >> 32);
+    r->push.seed = kiln_hash2(low, high ^ KILN_PATH_SEED);
+    int status = kiln_emission_create(&r->emission, b->params.lights, error);
+    if (status == KILN_OK)
+        status = vulkan_surfaces(b, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(b, &light_shader, false, 0, &r->light, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(b, &both_shader, false, r->method, &r->both, error);
+    if (status == KILN_OK && merges_all(r))
+        status = vulkan_kernel_of(b, &photon_shader, false, 0, &r->photon, error);
+    if (status == KILN_OK)
+        status = upload_chances(r, error);
+    if (status == KILN_OK)
+        status = upload_nodes(r, error);
+    if (status == KILN_OK)
+        status = make_device_buffer(r, &r->all, sizeof r->shared, "what paths share", error);
+    if (status == KILN_OK)
+        status = make_device_buffer(r, &r->counts, sizeof(struct kiln_gpu_both_counts), "counts of paths", error);
+    if (status == KILN_OK)
+        status = make_zeros(r, &r->sums, r->count * sizeof(struct kiln_gpu_path_sums), "the sums of pixels", error);
+    if (status == KILN_OK && (r->method & KILN_GPU_BOTH_SPLATS) != 0)
+        status = make_zeros(r, &r->film, 3 * sizeof(int64_t) * r->paths, "the film of paths of light", error);
+    if (status == KILN_OK)
+        describe(r);
+    r->push.scene = b->scene.address;
+    r->push.both = r->all.address;
+    r->shared.counts = r->counts.address;
+    r->shared.film = r->film.address;
+    return status;
+}
+
+static void finish(struct both_run *r)
+{
+    struct gpu_buffer *buffers[] = {&r->chances, &r->nodes,   &r->all,     &r->counts, &r->vertices,
+                                    &r->last,    &r->photons, &r->buckets, &r->film,   &r->sums};
+    for (size_t i = 0; i < sizeof buffers / sizeof buffers[0]; i++)
+        gpu_buffer_destroy(r->b->gpu, buffers[i]);
+    kiln_emission_destroy(&r->emission);
+}
+
+/* ---- running ---- */
+
+static int upload_shared(struct both_run *r, struct kiln_error *error)
+{
+    return gpu_upload(r->b->gpu, &r->all, 0, &r->shared, sizeof r->shared, error);
+}
+
+static int run_kernel(struct both_run *r, struct gpu_kernel *kernel, uint32_t count, double *seconds,
+                      struct kiln_error *error)
+{
+    r->push.count = count;
+    const struct gpu_step step = {
+        .kernel = kernel, .threads_x = count, .threads_y = 1, .constants = &r->push, .constant_bytes = sizeof r->push};
+    return gpu_run(r->b->gpu, &step, 1, seconds, error);
+}
+
+/* Runs a kernel over paths or pixels `first` .. `first` + `count` - 1, a slice of time at once. */
+static int run_paced(struct both_run *r, struct gpu_kernel *kernel, size_t pace, uint64_t first, uint64_t count,
+                     struct kiln_error *error)
+{
+    struct gpu_pacer *pacer = &r->b->pacers[pace];
+    int status = KILN_OK;
+    for (uint64_t done = 0; done < count && status == KILN_OK; done += r->push.count) {
+        const uint64_t enough = gpu_pacer_next(pacer, FIRST_GUESS), left = count - done,
+                       some = enough < 64         ? 64
+                              : enough < 1u << 30 ? enough
+                                                  : 1u << 30;
+        double seconds;
+        r->push.index = first + done;
+        r->push.sums = r->sums.address + (first + done - r->first) * sizeof(struct kiln_gpu_path_sums);
+        status = run_kernel(r, kernel, (uint32_t)(some < left ? some : left), &seconds, error);
+        if (status == KILN_OK)
+            gpu_pacer_learn(pacer, r->push.count, seconds);
+    }
+    return status;
+}
+
+static int read_counts(struct both_run *r, struct kiln_gpu_both_counts *counts, struct kiln_error *error)
+{
+    const int status = gpu_download(r->b->gpu, &r->counts, 0, counts, sizeof *counts, error);
+    if (status == KILN_OK && counts->stopped != 0)
+        return kiln_fail(error, KILN_NO_DEVICE,
+                         "%s ends long loops early, and a path needs one; use another device or --backend embree",
+                         gpu_about(r->b->gpu)->name);
+    if (status == KILN_OK && counts->too_much != 0)
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "one path of light brings more to a pixel than 2^53 times %g W/(m2 sr), which is all that the "
+                         "sums of such paths hold; --method path has no such limit",
+                         (double)r->shared.unit);
+    return status;
+}
+
+/* Traces paths of light `first` .. `first` + `count` - 1 of a sample; again with more room if they leave more vertices
+ * than there was room for. */
+static int trace_light(struct both_run *r, uint64_t first, uint64_t count, struct kiln_gpu_both_counts *counts,
+                       uint64_t *rays, struct kiln_error *error)
+{
+    const struct kiln_gpu_both_counts none = {0};
+    int status = make_device_buffer(r, &r->last, count * sizeof(uint32_t), "the ends of paths of light", error);
+    r->shared.last = r->last.address;
+    r->push.path = (uint32_t)first;
+    for (bool fits = false; !fits && status == KILN_OK;) {
+        status = make_vertices(r, count, error);
+        if (status == KILN_OK)
+            status = upload_shared(r, error);
+        if (status == KILN_OK)
+            status = gpu_upload(r->b->gpu, &r->counts, 0, &none, sizeof none, error);
+        if (status == KILN_OK)
+            status = run_paced(r, r->light, VULKAN_PACE_LIGHT_PATHS, first, count, error);
+        if (status == KILN_OK)
+            status = read_counts(r, counts, error);
+        fits = status == KILN_OK && counts->vertices <= r->shared.room;
+        if (status == KILN_OK && !fits && r->shared.room >= UINT32_MAX / 2)
+            return kiln_fail(error, KILN_NO_DEVICE, "paths of light have more than 2^31 vertices in a sample");
+        if (status == KILN_OK && !fits)
+            r->b->light_vertices = 1.25 * (double)counts->vertices / (double)count;
+    }
+    for (size_t i = 0; i < KILN_GPU_BOTH_RAYS && status == KILN_OK; i++)
+        *rays += counts->rays[2 * i] | (uint64_t)counts->rays[2 * i + 1] << 32;
+    return status;
+}
+
+/* Puts the vertices into buckets. */
+static int sort_photons(struct both_run *r, uint32_t count, struct kiln_error *error)
+{
+    uint32_t buckets = 64;
+    while (buckets < count && buckets < 1u << 30)
+        buckets *= 2;
+    r->shared.bucket_mask = buckets - 1;
+    int status =
+        make_device_buffer(r, &r->buckets, 2 * sizeof(uint32_t) * (size_t)buckets, "buckets of photons", error);
+    if (status == KILN_OK)
+        status =
+            make_device_buffer(r, &r->photons, (count + (size_t)1) * sizeof(struct kiln_gpu_photon), "photons", error);
+    r->shared.begins = r->buckets.address;
+    r->shared.ends = r->buckets.address + sizeof(uint32_t) * (uint64_t)buckets;
+    r->shared.photons = r->photons.address;
+    if (status == KILN_OK)
+        status = upload_shared(r, error);
+    for (uint32_t stage = KILN_GPU_PHOTONS_CLEAR; stage <= KILN_GPU_PHOTONS_PLACE && status == KILN_OK; stage++) {
+        const bool of_buckets = stage == KILN_GPU_PHOTONS_CLEAR || stage == KILN_GPU_PHOTONS_BEGIN;
+        r->push.stage = stage;
+        if (of_buckets || count > 0)
+            status = run_kernel(r, r->photon, of_buckets ? buckets : count, NULL, error);
+    }
+    return status;
+}
+
+static void begin_sample(struct both_run *r, uint32_t k)
+{
+    const uint32_t low = (uint32_t)r->b->params.seed, high = (uint32_t)(r->b->params.seed >> 32);
+    const double radius = kiln_merge_radius(r->p->radius, k),
+                 merged = (r->method & KILN_GPU_BOTH_OWN) != 0 ? 1.0 : (double)r->paths;
+    r->push.light_key = kiln_hash2(kiln_hash2(low, high ^ KILN_LIGHT_PATH_SEED), k);
+    r->push.sampled = r->p->method == KILN_BIDIRECTIONAL_PPM ? 0 : k;
+    r->shared.radius = (float)radius;
+    r->shared.area = (r->method & KILN_GPU_BOTH_MERGES) != 0 ? (float)(KILN_PI * radius * radius * merged) : 0.0f;
+}
+
+static int follow_pixels(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error)
+{
+    struct kiln_gpu_both_counts counts;
+    const int status = run_paced(r, r->both, KILN_PASS_INDEX_bidirectional, first, count, error);
+    return status == KILN_OK ? read_counts(r, &counts, error) : status;
+}
+
+static int run_sample(struct both_run *r, uint32_t k, uint64_t *rays, struct kiln_error *error)
+{
+    struct kiln_gpu_both_counts counts;
+    int status = KILN_OK;
+    begin_sample(r, k);
+    if (merges_all(r)) {
+        status = trace_light(r, 0, r->paths, &counts, rays, error);
+        if (status == KILN_OK)
+            status = sort_photons(r, counts.vertices, error);
+        return status == KILN_OK ? follow_pixels(r, r->first, r->count, error) : status;
+    }
+    for (uint64_t done = 0; done < r->count && status == KILN_OK; done += MOST_PIXELS) {
+        const uint64_t left = r->count - done, some = left < MOST_PIXELS ? left : MOST_PIXELS;
+        status = trace_light(r, r->first + done, some, &counts, rays, error);
+        if (status == KILN_OK)
+            status = follow_pixels(r, r->first + done, some, error);
+    }
+    return status;
+}
+
+/* ---- answers ---- */
+
+/* Adds the device's film to the caller's. */
+static int add_film(struct both_run *r, struct kiln_error *error)
+{
+    int64_t *sums = NULL;
+    r->p->film->unit = (double)r->shared.unit;
+    if ((r->method & KILN_GPU_BOTH_SPLATS) == 0)
+        return KILN_OK;
+    int status = kiln_allocate(&sums, 3 * r->paths, sizeof *sums, "the film of paths of light", error);
+    if (status == KILN_OK)
+        status = gpu_download(r->b->gpu, &r->film, 0, sums, 3 * r->paths * sizeof *sums, error);
+    for (size_t i = 0; i < 3 * r->paths && status == KILN_OK; i++)
+        r->p->film->sums[i] += sums[i];
+    kiln_free(&sums);
+    return status;
+}
+
+static int read_pixels(struct both_run *r, struct kiln_path_result *results, uint64_t *rays, struct kiln_error *error)
+{
+    struct kiln_gpu_path_sums *sums = NULL;
+    int status = kiln_allocate(&sums, r->count, sizeof *sums, "the sums of pixels", error);
+    if (status == KILN_OK)
+        status = gpu_download(r->b->gpu, &r->sums, 0, sums, r->count * sizeof *sums, error);
+    if (status == KILN_OK)
+        status = vulkan_read_path_sums(r->b, sums, r->count, results, rays, error);
+    kiln_free(&sums);
+    return status;
+}
+
+/* Runs the whole batch, or nothing of it is taken: the film cannot be added to in parts. */
+static int run_left(struct vulkan_backend *b, const void *parameters, struct kiln_batch *left, uint64_t *rays,
+                    bool *refused, struct kiln_error *error)
+{
+    const struct kiln_bidirectional_parameters *p = parameters;
+    struct both_run r = {.b = b,
+                         .p = p,
+                         .method = method_of(p->method),
+                         .first = left->first,
+                         .count = left->count,
+                         .paths = (uint64_t)p->camera.width * p->camera.height};
+    struct kiln_path_result *results = NULL;
+    uint64_t traced = 0;
+    int status = prepare(&r, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&results, left->count, sizeof *results, "the answers of pixels", error);
+    for (uint32_t i = 0; i < left->samples && status == KILN_OK; i++)
+        status = run_sample(&r, left->first_sample + i, &traced, error);
+    if (status == KILN_OK)
+        status = read_pixels(&r, results, &traced, error);
+    if (status == KILN_OK)
+        status = add_film(&r, error);
+    if (status == KILN_OK) {
+        *rays += traced;
+        status = left->take != NULL ? left->take(left->context, left->first, left->count, results, error) : KILN_OK;
+        *refused = status != KILN_OK;
+        *left = kiln_batch_part(left, left->first + left->count, 0);
+    }
+    kiln_free(&results);
+    finish(&r);
+    return status;
+}
 
 static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
                struct kiln_error *error)
 {
-    (void)b, (void)parameters, (void)batch, (void)rays;
-    return kiln_fail(error, KILN_USAGE, "the Vulkan backend has no bidirectional paths: give --backend embree");
+    return vulkan_run_to_end(b, run_left, parameters, batch, rays, error);
 }
 
 const struct vulkan_pass vulkan_pass_bidirectional = {.run = run};

@@ -13,7 +13,6 @@
 #include "shaders/path_pipeline_float.h"
 #include "worker/backend/vulkan/vulkan.h"
 #include "worker/base/memory.h"
-#include "worker/pass/path.h"
 
 static const struct vulkan_shader gloss_shader = {.name = "path with gloss",
                                                   .compute = VULKAN_CODE(path_gloss),
@@ -105,20 +104,19 @@ static int run_samples(struct path_run *r, uint32_t done, uint32_t left, struct 
     return status;
 }
 
-/* Reads a chunk's answers and adds up their rays. */
-static int read_answers(struct path_run *r, const struct kiln_gpu_path_sums *sums, uint64_t *rays,
-                        struct kiln_error *error)
+int vulkan_read_path_sums(const struct vulkan_backend *b, const struct kiln_gpu_path_sums *sums, size_t count,
+                          struct kiln_path_result *results, uint64_t *rays, struct kiln_error *error)
 {
-    for (uint32_t i = 0; i < r->push.count; i++) {
+    for (size_t i = 0; i < count; i++) {
         const struct kiln_gpu_path_sums *s = &sums[i];
         if (s->count == KILN_GPU_PATH_STOPPED) /* see `check` in chunks.c */
             return kiln_fail(error, KILN_NO_DEVICE,
                              "%s ends long loops early, and a path needs one; use another device or --backend embree",
-                             gpu_about(r->b->gpu)->name);
+                             gpu_about(b->gpu)->name);
         for (int c = 0; c < 3; c++)
-            r->answers[i].radiance[c] = s->high[c] + s->low[c];
-        r->answers[i].square = s->high[3] + s->low[3];
-        r->answers[i].count = s->count;
+            results[i].radiance[c] = s->high[c] + s->low[c];
+        results[i].square = s->high[3] + s->low[3];
+        results[i].count = s->count;
         *rays += s->rays;
     }
     return KILN_OK;
@@ -135,7 +133,7 @@ static int run_chunk(struct path_run *r, const struct kiln_batch *left, uint64_t
     int status = KILN_OK;
     for (uint32_t done = 0; done < left->samples && status == KILN_OK; done += r->push.samples)
         status = run_samples(r, left->first_sample + done, left->samples - done, error);
-    return status == KILN_OK ? read_answers(r, sums, rays, error) : status;
+    return status == KILN_OK ? vulkan_read_path_sums(r->b, sums, r->push.count, r->answers, rays, error) : status;
 }
 
 /* Runs what is left of the batch until it is done or something fails; `left` then is what has not been taken.

@@ -26,6 +26,7 @@
 #include "worker/backend/vulkan/points.h"
 #include "worker/backend/vulkan/tracer.h"
 #include "worker/light/lights.h"
+#include "worker/pass/path.h"
 #include "worker/store/store.h"
 
 #include "shaders/shared/slices.h"
@@ -79,7 +80,12 @@ struct vulkan_slot {
 #define VULKAN_USUAL_SCRATCH (512ull << 20) /* bytes */
 
 /* What has a speed of its own that is learned: each pass (KILN_PASS_INDEX_gather and so on), and these. */
-enum vulkan_pace { VULKAN_PACE_CEILING = KILN_PASS_COUNT, VULKAN_PACE_INTERSECT, VULKAN_PACES };
+enum vulkan_pace {
+    VULKAN_PACE_CEILING = KILN_PASS_COUNT,
+    VULKAN_PACE_INTERSECT,
+    VULKAN_PACE_LIGHT_PATHS,
+    VULKAN_PACES
+};
 
 struct vulkan_backend {
     struct kiln_backend base;
@@ -116,6 +122,7 @@ struct vulkan_backend {
     uint32_t sobol_count;
     struct vulkan_slot slots[GPU_SLOTS];
     struct gpu_pacer pacers[VULKAN_PACES];
+    double light_vertices; /* of a path of light that are kept, as far as is known: what there is room for */
     double build_seconds;
     char device_text[128]; /* the device and how it traces; stays when it is gone */
 };
@@ -151,6 +158,11 @@ typedef int (*vulkan_run_left)(struct vulkan_backend *b, const void *parameters,
  * tile runs; chunks.h does the same for those that are. */
 int vulkan_run_to_end(struct vulkan_backend *b, vulkan_run_left run_left, const void *parameters,
                       const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
+
+/* Answers of pixels from their sums on the device; adds up their rays. KILN_NO_DEVICE: the device has ended a loop
+ * early. */
+int vulkan_read_path_sums(const struct vulkan_backend *b, const struct kiln_gpu_path_sums *sums, size_t count,
+                          struct kiln_path_result *results, uint64_t *rays, struct kiln_error *error);
 
 /* Sobol' points 0 .. count-1 of all dimensions on the device: dimension d from word d * b->sobol_count on. */
 int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *error);

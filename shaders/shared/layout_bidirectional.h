@@ -1,0 +1,71 @@
+/* The bidirectional pass (worker/pass/bidirectional.h) on the device; part of shaders/shared/push.h. */
+
+/* What the kernels do; the kernels' own constant. */
+#define KILN_GPU_BOTH_SPLATS 1u   /* vertices of light are connected to the camera, */
+#define KILN_GPU_BOTH_CONNECTS 2u /* and to the camera's path, which takes samples of the lights too */
+#define KILN_GPU_BOTH_MERGES 4u   /* photons are merged: those of all paths of light, */
+#define KILN_GPU_BOTH_OWN 8u      /* or only of the pixel's own */
+
+/* A vertex of a path of light that is not of mirrors alone. */
+struct kiln_gpu_light_vertex {
+    KILN_VECTOR position, from; /* m; unit, to where light has come from */
+    KILN_REAL32 flux[3];        /* W */
+    KILN_REAL32 vcm, vc, vm;    /* struct kiln_path_sums */
+    KILN_REAL32 u, v;
+    KILN_WORD triangle; /* with KILN_GPU_BOTH_BACK: met from behind */
+    KILN_WORD bounces;
+    KILN_WORD number;   /* of the path's surface, 0 the first */
+    KILN_WORD previous; /* of the path's vertices that are kept; KILN_GPU_NONE: this is the first */
+};
+KILN_SIZE_IS(kiln_gpu_light_vertex, 72);
+#define KILN_GPU_BOTH_BACK 0x80000000u
+
+/* What of a vertex of light merging reads: struct photon of worker/backend/embree/photons.h. */
+struct kiln_gpu_photon {
+    KILN_VECTOR position, from;
+    KILN_REAL32 flux[3];
+    KILN_REAL32 vcm, vm;
+    KILN_WORD bounces, number;
+};
+KILN_SIZE_IS(kiln_gpu_photon, 52);
+
+#define KILN_GPU_BOTH_RAYS 64u
+
+/* What the kernels count; 0 before the first path of light. */
+struct kiln_gpu_both_counts {
+    KILN_WORD vertices; /* of light, also those that found no room */
+    KILN_WORD photons;
+    KILN_WORD stopped;                      /* 1: the device has ended a loop early */
+    KILN_WORD too_much;                     /* 1: one path brings more than the sums hold */
+    KILN_WORD rays[2 * KILN_GPU_BOTH_RAYS]; /* of paths of light: numbers of 64 bits, the lower half first */
+};
+KILN_SIZE_IS(kiln_gpu_both_counts, 528);
+
+/* What all threads of a sample share. */
+struct kiln_gpu_both {
+    KILN_ADDRESS chances, up_to;   /* real: struct kiln_emission */
+    KILN_ADDRESS parents, leaves;  /* words: the same */
+    KILN_ADDRESS counts;           /* struct kiln_gpu_both_counts */
+    KILN_ADDRESS vertices, last;   /* of paths of light; and the number of each path's last one, KILN_GPU_NONE: none */
+    KILN_ADDRESS photons;          /* bucket by bucket, in each in no order */
+    KILN_ADDRESS begins, ends;     /* words: where each bucket begins and ends in `photons` */
+    KILN_ADDRESS film;             /* three numbers of 64 bits a pixel, the lower half first: struct kiln_splat_film */
+    KILN_WORD room;                /* vertices that there is room for */
+    KILN_WORD lights, bucket_mask; /* how many lights there are; the number of buckets, less 1 */
+    KILN_WORD most;                /* bounces, below 2^30 */
+    KILN_WORD endless;             /* 1: paths have no last bounce */
+    KILN_WORD length;              /* rays of a path: KILN_PATH_LENGTH_ANY, or what they are at most */
+    KILN_WORD width, height, orthographic;
+    KILN_VECTOR position, forward, right, up; /* struct kiln_path_parameters */
+    KILN_REAL32 lens_radius, focus_distance;
+    KILN_VECTOR centre; /* of the sphere about the scene, m, */
+    KILN_REAL32 sphere; /* and its radius */
+    KILN_REAL32 extent; /* m, of the scene */
+    KILN_REAL32 pixel;  /* area of one at distance 1; m2 when orthographic */
+    KILN_REAL32 paths;  /* of light */
+    KILN_REAL32 unit;   /* of the film, W/(m2 sr) */
+    KILN_REAL32 radius; /* m, of merging; */
+    KILN_REAL32 area;   /* m2, pi times its square times the paths whose vertices are merged; 0: none are */
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_both, 224);
