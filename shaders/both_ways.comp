@@ -316,7 +316,7 @@ int allowed(uint other) { return int(BOTH.most) - int(here.bounces) - int(other)
 void ask_near()
 {
     const vec3 d = kept.position - here.m.position;
-    if (dot(d, d) > 0.0 && allowed(kept.bounces) >= 0 && kiln_path_allows(BOTH.length, surface + kept.number + 3u))
+    if (dot(d, d) > 0.0 && allowed(kept.bounces) >= 0 && kiln_path_allows(BOTH.path_length, surface + kept.number + 3u))
         ask_scatter(here.from, normalize(d), KILN_LOBE_ALL);
 }
 
@@ -422,7 +422,7 @@ void ask()
         const bool any = OWN ? next_own() : next_photon();
         if (!any)
             end_merging();
-        else if (kiln_path_allows(BOTH.length, surface + found.number + 2u))
+        else if (kiln_path_allows(BOTH.path_length, surface + found.number + 2u))
             ask_scatter(here.from, found.from, CONNECTS ? KILN_LOBE_ALL : KILN_LOBE_ALL & ~here.mirrors);
     } else
         ask_go_on();
@@ -498,7 +498,7 @@ bool settle()
 void begin_vertex()
 {
     job = GO_ON;
-    if (here.bounces > BOTH.most || !(CONNECTS || MERGES) || !kiln_path_allows(BOTH.length, surface + 2u)) {
+    if (here.bounces > BOTH.most || !(CONNECTS || MERGES) || !kiln_path_allows(BOTH.path_length, surface + 2u)) {
         job = END;
     } else if (CONNECTS && !here.is_delta) {
         job = TREE;

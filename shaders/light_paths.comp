@@ -144,14 +144,14 @@ void kiln_kernel(uint x, uint y)
     walk_sample = path;
     rays = 0u;
     last = KILN_GPU_NONE;
-    bool under_way = kiln_path_allows(BOTH.length, 2u) && begin();
+    bool under_way = kiln_path_allows(BOTH.path_length, 2u) && begin();
     for (uint surface = 0u; under_way; surface++) {
         Vertex v;
         kiln_hit hit;
         under_way = arrive(surface, v, hit);
         if (under_way && !v.is_delta)
             keep(v, hit, surface);
-        under_way = under_way && kiln_path_allows(BOTH.length, surface + 3u) && go_on(v, surface);
+        under_way = under_way && kiln_path_allows(BOTH.path_length, surface + 3u) && go_on(v, surface);
     }
     BothWords(BOTH.last).at[path - push.path] = last;
     BothCounts counts = BothCounts(BOTH.counts);

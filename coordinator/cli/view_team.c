@@ -87,8 +87,7 @@ static int open_backend(struct kiln_view_team *t, const struct kiln_job *job, co
                                          .instruction_set = instruction_set,
                                          .seed = job->seed};
     kiln_devices_choose(job, of_node[0], of_node[1], &params);
-    const bool on_cpu = kiln_view_is_bidirectional(job->view_method) && strcmp(job->backend, "auto") == 0;
-    return kiln_backend_create(&t->backend, on_cpu ? "embree" : job->backend, &params, error);
+    return kiln_backend_create(&t->backend, job->backend, &params, error);
 }
 
 /* Collective. This rank's number among those of its node, and theirs. */

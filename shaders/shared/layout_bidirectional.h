@@ -54,7 +54,7 @@ struct kiln_gpu_both {
     KILN_WORD lights, bucket_mask; /* how many lights there are; the number of buckets, less 1 */
     KILN_WORD most;                /* bounces, below 2^30 */
     KILN_WORD endless;             /* 1: paths have no last bounce */
-    KILN_WORD length;              /* rays of a path: KILN_PATH_LENGTH_ANY, or what they are at most */
+    KILN_WORD path_length;         /* rays of a path: KILN_PATH_LENGTH_ANY, or what they are at most */
     KILN_WORD width, height, orthographic;
     KILN_VECTOR position, forward, right, up; /* struct kiln_path_parameters */
     KILN_REAL32 lens_radius, focus_distance;

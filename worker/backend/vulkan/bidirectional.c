@@ -178,7 +178,7 @@ static void describe(struct both_run *r)
     s->lights = (uint32_t)e->count;
     s->endless = c->bounces == KILN_PATH_ALL_BOUNCES;
     s->most = c->bounces < MOST_BOUNCES ? c->bounces : MOST_BOUNCES;
-    s->length = c->length;
+    s->path_length = c->length;
     s->lens_radius = c->lens_radius;
     s->focus_distance = c->focus_distance;
     s->width = c->width;
