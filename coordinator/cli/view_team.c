@@ -213,12 +213,15 @@ static void make_kernels(struct kiln_view_team *t, const struct kiln_path_view *
 {
     struct kiln_path_view one = *view;
     struct kiln_backend_info info;
+    int64_t sums[3] = {0, 0, 0};
+    struct kiln_splat_film film = {sums, 0.0};
     float pixel[3];
     uint64_t rays = 0;
     kiln_backend_info(t->backend, &info);
     one.samples = 1;
-    if (!t->has_kernels && !view->both_ways && strcmp(info.name, "embree") != 0)
-        (void)kiln_path_view_pixels(t->backend, &one, 0, 1, NULL, NULL, pixel, NULL, &rays, NULL);
+    one.parameters.width = one.parameters.height = 1;
+    if (!t->has_kernels && strcmp(info.name, "embree") != 0)
+        (void)kiln_path_view_pixels(t->backend, &one, 0, 1, NULL, &film, pixel, NULL, &rays, NULL);
     t->has_kernels = true;
 }
 

@@ -1,5 +1,5 @@
 /* The bidirectional pass: the radiance that pixels of a camera see, by paths that begin at the camera and at the
- * lights. On Embree alone.
+ * lights.
  *
  * The light is that of the path pass (path.h), whose words stand there: the same camera, materials, rules of what is
  * seen, lens, number of diffuse surfaces after the first and length of paths. What differs: light of points, spots and
@@ -11,15 +11,16 @@
  *
  *   light       paths of light, of which each vertex is connected to the camera; the camera's rays see emission only
  *   bdpt        path i of light and that of pixel i, by all techniques that connect
- * (shaders/shared/bidirectional_weights.h) vcm         the same, and vertices of all paths of light are merged with the
- * camera path's vcm_single  the same, but only path i's vertices are merged ppm, sppm   photon mapping: the camera path
- * goes on through mirrors and smooth glass, and its first other vertex is merged (Hachisuka and Jensen, "Stochastic
- * Progressive Photon Mapping", SIGGRAPH Asia 2009). With ppm the camera's paths are those of sample 0 in every sample,
- * with sppm new ones
+ *               (shaders/shared/bidirectional_weights.h)
+ *   vcm         the same, and vertices of all paths of light are merged with the camera path's
+ *   vcm_single  the same, but only path i's vertices are merged
+ *   ppm, sppm   photon mapping: the camera path goes on through mirrors and smooth glass, and its first other vertex is
+ *               merged (Hachisuka and Jensen, "Stochastic Progressive Photon Mapping", SIGGRAPH Asia 2009).
+ *               With ppm the camera's paths are those of sample 0 in every sample, with sppm new ones
  *
  * A vertex is merged with those within the radius, which in sample k is `radius` (k + 1)^((alpha - 1) / 2), alpha 3/4
  * (Knaus and Zwicker, "Progressive Photon Mapping: A Probabilistic Approach", TOG 2011): merging blurs, and less and
- * less. Vertices are summed in a fixed order.
+ * less. Embree sums vertices in a fixed order, Vulkan in whole units of the film's, whose sums have no order.
  *
  * A vertex of light that the camera sees goes to any pixel: such light is added to `film`, of the whole picture, in
  * fixed point, whose sums have no order. So any threads, and any pixels that are computed together or elsewhere, give
@@ -27,8 +28,8 @@
  * trace all paths of light of the picture, whatever its items are: on R ranks that part of the work is done R times.
  *
  * Items: pixels of the camera. Result: struct kiln_path_result, without the film's light, of which the squares know
- * nothing either. Samples: paths of a pixel. Memory: 64 bytes for each vertex of a sample's paths of light, twice,
- * where there is merging. */
+ * nothing either. Samples: paths of a pixel. Memory: where there is merging, 64 bytes for each vertex of a sample's
+ * paths of light, twice; on a device 132. */
 #ifndef KILN_WORKER_PASS_BIDIRECTIONAL_H
 #define KILN_WORKER_PASS_BIDIRECTIONAL_H
 

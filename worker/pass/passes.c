@@ -198,14 +198,13 @@ const struct kiln_pass kiln_pass_land = {.index = KILN_PASS_INDEX_land,
                                          .result_bytes = sizeof(struct kiln_land_result),
                                          .on_embree_only = true};
 
-/* Not verified: it is the host's alone. */
+/* Not verified: the verifying backend looks at tile runs. */
 const struct kiln_pass kiln_pass_bidirectional = {.index = KILN_PASS_INDEX_bidirectional,
                                                   .name = "bidirectional",
                                                   .what = "bidirectionally traced light",
                                                   .domain = KILN_DOMAIN_PIXELS,
                                                   .parameter_bytes = sizeof(struct kiln_bidirectional_parameters),
                                                   .result_bytes = sizeof(struct kiln_path_result),
-                                                  .on_embree_only = true,
                                                   .is_whole = true,
                                                   .is_sampled = true,
                                                   .is_divisible = true};
