@@ -337,23 +337,29 @@ bool next_own()
     return false;
 }
 
+/* Of the eight cells in which the photons near a place are. */
+ivec3 corner_of(uint number) { return ivec3(number & 1u, number >> 1u & 1u, number >> 2u); }
+
 /* The next one of all; false: none is left. */
 bool next_photon()
 {
     while (photon < photon_end || cell < 8u) {
         if (photon == photon_end) {
-            const uint bucket = photon_bucket(low + ivec3(cell & 1u, cell >> 1u & 1u, cell >> 2u));
+            const uint bucket = photon_bucket(low + corner_of(cell));
             photon = BothWords(BOTH.begins).at[bucket];
             photon_end = BothWords(BOTH.ends).at[bucket];
             cell++;
         } else {
             const uint k = cell - 1u;
-            found = Photons(BOTH.photons + 52ul * photon).at[0];
+            Photons at = Photons(BOTH.photons + 52ul * photon);
             photon++;
             /* buckets are shared by cells, and two of the eight may have one */
-            if (near_enough(found.position) &&
-                photon_cell(found.position, 0) == low + ivec3(k & 1u, k >> 1u & 1u, k >> 2u))
+            const vec3 place = at.at[0].position;
+            const bool is_found = near_enough(place) && photon_cell(place, 0) == low + corner_of(k);
+            if (is_found) {
+                found = at.at[0];
                 return true;
+            }
         }
     }
     return false;
@@ -703,6 +709,14 @@ void find_vertex()
     there = v;
 }
 
+/* So that what scatters is always in one place: a copy for each photon would cost. */
+void change_places()
+{
+    const Vertex was_here = here;
+    here = there;
+    there = was_here;
+}
+
 void round_()
 {
     const uint asked = job;
@@ -724,10 +738,12 @@ void round_()
     }
     sends = false;
     if (wants_scatter) {
-        Vertex at = here;
-        if ((SPLATS && asked == SPLAT) || (CONNECTS && asked == FAR))
-            at = there;
-        sends = vertex_scatter(at, o_, i_, which, s);
+        const bool of_light = (SPLATS && asked == SPLAT) || (CONNECTS && asked == FAR);
+        if (of_light)
+            change_places();
+        sends = vertex_scatter(here, o_, i_, which, s);
+        if (of_light)
+            change_places();
     }
     if (CONNECTS && wants_light) {
         connect = emission_connect(light, light_seen_from, light_seen_about, light_place, light_direction);
