@@ -1,6 +1,6 @@
-/* Puts the vertices of paths of light into buckets, where paths of pixels look for them: clears the buckets, counts
- * what falls into each, gives each its place, fills them. In a bucket vertices stand in no order: what is merged is
- * summed in whole units. */
+/* Puts the vertices of paths of light into buckets, where paths of pixels look for them: counts what falls into each,
+ * gives each its place, fills them. In a bucket vertices stand in no order: what is merged is summed in whole units.
+ * Before, it sets words to 0: those of the buckets, and what paths add to. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -44,7 +44,7 @@ void kiln_kernel(uint x, uint y)
     if (x >= push.count || y > 0u)
         return;
     if (push.stage == KILN_GPU_PHOTONS_CLEAR)
-        BothWords(BOTH.ends).at[x] = 0u;
+        BothWords(push.sums).at[x] = 0u;
     else if (push.stage == KILN_GPU_PHOTONS_COUNT)
         count_vertex(x);
     else if (push.stage == KILN_GPU_PHOTONS_BEGIN)

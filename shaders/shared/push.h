@@ -188,7 +188,7 @@ KILN_OFFSET_IS(kiln_gpu_path_push, extent, 104);
 struct kiln_gpu_both_push {
     KILN_ADDRESS scene;
     KILN_ADDRESS both; /* struct kiln_gpu_both */
-    KILN_ADDRESS sums; /* struct kiln_gpu_path_sums of thread x */
+    KILN_ADDRESS sums; /* struct kiln_gpu_path_sums of thread x; or words to set to 0 */
     KILN_WORD64 index; /* of the first path or pixel in the picture */
     KILN_WORD count;   /* threads */
     KILN_WORD path;    /* of light, whose last vertex is the first of `last` */

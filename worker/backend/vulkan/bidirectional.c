@@ -137,18 +137,6 @@ static int upload_nodes(struct both_run *r, struct kiln_error *error)
     return status;
 }
 
-/* A buffer on the device of zeros. */
-static int make_zeros(struct both_run *r, struct gpu_buffer *buffer, size_t size, const char *what,
-                      struct kiln_error *error)
-{
-    unsigned char *zeros = NULL;
-    int status = kiln_allocate(&zeros, size, 1, what, error);
-    if (status == KILN_OK)
-        status = gpu_buffer_of(r->b->gpu, buffer, zeros, size, what, error);
-    kiln_free(&zeros);
-    return status;
-}
-
 static int make_device_buffer(struct both_run *r, struct gpu_buffer *buffer, size_t size, const char *what,
                               struct kiln_error *error)
 {
@@ -156,6 +144,36 @@ static int make_device_buffer(struct both_run *r, struct gpu_buffer *buffer, siz
         return KILN_OK;
     gpu_buffer_destroy(r->b->gpu, buffer);
     return gpu_buffer_create(r->b->gpu, buffer, size, GPU_DEVICE, what, error);
+}
+
+static int run_kernel(struct both_run *r, struct gpu_kernel *kernel, uint32_t count, double *seconds,
+                      struct kiln_error *error)
+{
+    r->push.count = count;
+    const struct gpu_step step = {
+        .kernel = kernel, .threads_x = count, .threads_y = 1, .constants = &r->push, .constant_bytes = sizeof r->push};
+    return gpu_run(r->b->gpu, &step, 1, seconds, error);
+}
+
+/* Sets memory of the device to 0, a multiple of 4 bytes. */
+static int clear(struct both_run *r, uint64_t address, uint64_t size, struct kiln_error *error)
+{
+    const uint64_t most = 1u << 30; /* bytes at once */
+    int status = KILN_OK;
+    r->push.stage = KILN_GPU_PHOTONS_CLEAR;
+    for (uint64_t done = 0; done < size && status == KILN_OK; done += most) {
+        r->push.sums = address + done;
+        status = run_kernel(r, r->photon, (uint32_t)((size - done < most ? size - done : most) / 4), NULL, error);
+    }
+    return status;
+}
+
+/* A buffer on the device of zeros. */
+static int make_zeros(struct both_run *r, struct gpu_buffer *buffer, size_t size, const char *what,
+                      struct kiln_error *error)
+{
+    const int status = make_device_buffer(r, buffer, size, what, error);
+    return status == KILN_OK ? clear(r, buffer->address, size, error) : status;
 }
 
 /* Room for the vertices of paths of light that run at once. */
@@ -204,11 +222,12 @@ static int prepare(struct both_run *r, struct kiln_error *error)
     int status = kiln_emission_create(&r->emission, b->params.lights, error);
     if (status == KILN_OK)
         status = vulkan_surfaces(b, error);
+    r->push.scene = b->scene.address;
     if (status == KILN_OK)
         status = vulkan_kernel_of(b, &light_shader, false, 0, &r->light, error);
     if (status == KILN_OK)
         status = vulkan_kernel_of(b, &both_shader, false, r->method, &r->both, error);
-    if (status == KILN_OK && merges_all(r))
+    if (status == KILN_OK)
         status = vulkan_kernel_of(b, &photon_shader, false, 0, &r->photon, error);
     if (status == KILN_OK)
         status = upload_chances(r, error);
@@ -224,7 +243,6 @@ static int prepare(struct both_run *r, struct kiln_error *error)
         status = make_zeros(r, &r->film, 3 * sizeof(int64_t) * r->paths, "the film of paths of light", error);
     if (status == KILN_OK)
         describe(r);
-    r->push.scene = b->scene.address;
     r->push.both = r->all.address;
     r->shared.counts = r->counts.address;
     r->shared.film = r->film.address;
@@ -245,15 +263,6 @@ static void finish(struct both_run *r)
 static int upload_shared(struct both_run *r, struct kiln_error *error)
 {
     return gpu_upload(r->b->gpu, &r->all, 0, &r->shared, sizeof r->shared, error);
-}
-
-static int run_kernel(struct both_run *r, struct gpu_kernel *kernel, uint32_t count, double *seconds,
-                      struct kiln_error *error)
-{
-    r->push.count = count;
-    const struct gpu_step step = {
-        .kernel = kernel, .threads_x = count, .threads_y = 1, .constants = &r->push, .constant_bytes = sizeof r->push};
-    return gpu_run(r->b->gpu, &step, 1, seconds, error);
 }
 
 /* Runs a kernel over paths or pixels `first` .. `first` + `count` - 1, a slice of time at once. */
@@ -339,8 +348,10 @@ static int sort_photons(struct both_run *r, uint32_t count, struct kiln_error *e
     r->shared.photons = r->photons.address;
     if (status == KILN_OK)
         status = upload_shared(r, error);
-    for (uint32_t stage = KILN_GPU_PHOTONS_CLEAR; stage <= KILN_GPU_PHOTONS_PLACE && status == KILN_OK; stage++) {
-        const bool of_buckets = stage == KILN_GPU_PHOTONS_CLEAR || stage == KILN_GPU_PHOTONS_BEGIN;
+    if (status == KILN_OK)
+        status = clear(r, r->shared.ends, sizeof(uint32_t) * (uint64_t)buckets, error);
+    for (uint32_t stage = KILN_GPU_PHOTONS_COUNT; stage <= KILN_GPU_PHOTONS_PLACE && status == KILN_OK; stage++) {
+        const bool of_buckets = stage == KILN_GPU_PHOTONS_BEGIN;
         r->push.stage = stage;
         if (of_buckets || count > 0)
             status = run_kernel(r, r->photon, of_buckets ? buckets : count, NULL, error);
