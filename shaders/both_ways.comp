@@ -776,7 +776,7 @@ void follow()
         camera_ray();
     while (job != END)
         round_();
-    good = job == END;
+    good = job == END && still_loops();
 }
 
 void kiln_kernel(uint x, uint y)
