@@ -197,8 +197,8 @@ class Bidirectional(unittest.TestCase):
                           "2", "--path-length", "4")
 
     def same_on_gpus(self):
-        """All methods and lights; mirrors and glass; ranks. By name only: a software device takes minutes to make the
-        kernels."""
+        """All methods and lights; mirrors and glass; more vertices of light than there is room for at first; ranks. By
+        name only: a software device takes minutes to make the kernels."""
         self.needs_device()
         for method in ("light", "bdpt", "vcm-single", "ppm", "sppm"):
             self.same_on_both(self.scene("cornell"), method, "--bounces", "all")
@@ -206,6 +206,7 @@ class Bidirectional(unittest.TestCase):
         self.same_on_both(os.path.join(DATA, "many_lights.glb"), "bdpt", "--bounces", "1")
         for scene, method in (("cornell-spheres", "vcm"), ("cornell-spheres", "sppm"), ("mirrors", "bdpt")):
             self.same_on_both(self.scene(scene), method, "--bounces", "2", "--materials", "auto")
+        self.same_on_both(self.scene("furnace"), "light", "--bounces", "8", "--from=0.1,0.2,0.1", "--to=0.9,0.3,0.2")
         size = ("--width", "21", "--height", "13", "--bounces", "2", "--samples-pixel", "3", "--backend", "vulkan")
         for method in ("light", "bdpt", "vcm", "sppm"):
             images = [self.view(self.scene("cornell"), method, *size, ranks=ranks) for ranks in (1, 3)]
