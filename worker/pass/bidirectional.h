@@ -35,7 +35,6 @@
 
 #include <math.h>
 
-#include "shaders/shared/bidirectional.h"
 #include "worker/pass/path.h"
 
 enum kiln_bidirectional_method {

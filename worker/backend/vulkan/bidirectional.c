@@ -23,6 +23,7 @@
 #include "shaders/light_paths_pipeline_float.h"
 #include "shaders/photons.h"
 #include "shaders/photons_float.h"
+#include "shaders/shared/bidirectional.h"
 #include "worker/backend/vulkan/vulkan.h"
 #include "worker/base/memory.h"
 #include "worker/light/emission.h"
