@@ -21,6 +21,7 @@
 #include "coordinator/field/field.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/exr.h"
+#include "coordinator/view/view_filter.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/field/units.h"
 #include "coordinator/job/job_private.h"
@@ -39,6 +40,7 @@ struct view {
     struct kiln_backend *backend;
     struct kiln_view_maps *maps;
     struct kiln_shots shots;
+    struct kiln_view_filter *filter; /* NULL: none */
     struct kiln_look look;
     struct kiln_exposure exposure;    /* of all frames of a path */
     struct kiln_picture picture;      /* the present one */
@@ -194,6 +196,7 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
     const struct kiln_view_source source = source_of(v, job, directory);
     struct kiln_view_wish wish = v->shots.wishes[index];
     wish.surfaces = job->aov;
+    wish.filter = v->filter;
     kiln_image_destroy(&v->picture.image);
     const int status = kiln_picture_make(&source, &wish, 4, &v->look, &v->picture, error);
     if (status == KILN_OK && v->exposure.scale > 0.0) {
@@ -369,8 +372,8 @@ static const char *view_method(const struct kiln_job *job)
 
 static int check_method(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_paths[] = {"bounces",        "samples-pixel", "seed",       "lens-radius",
-                                           "focus-distance", "path-length",   "accumulate", "max-time"},
+    static const char *const of_paths[] = {"bounces",     "samples-pixel", "seed",     "lens-radius", "focus-distance",
+                                           "path-length", "accumulate",    "max-time", "denoise",     "sequence"},
                              *const of_sums[] = {"resume", "checkpoint-every"},
                              *const of_scenes[] = {"environment", "environment-scale", "environment-rotation"};
     const char *const method = view_method(job);
@@ -420,6 +423,19 @@ static int check_one(const struct view *v, const struct kiln_job *job, struct ki
                      job->accumulate != NULL ? "accumulate" : "max-time");
 }
 
+/* What --sequence and --denoise contradict. */
+static int check_filter(const struct kiln_job *job, struct kiln_error *error)
+{
+    if (job->sequence && job->path == NULL)
+        return kiln_fail(error, KILN_USAGE,
+                         "--sequence: frames follow each other along a path; --path FILE.csv names one");
+    if ((job->sequence || job->view_denoise != KILN_VIEW_DENOISE_NONE) && job->lens_radius > 0.0)
+        return kiln_fail(error, KILN_USAGE,
+                         "--lens-radius %g: --%s goes by what a pinhole sees; leave one of the two out",
+                         job->lens_radius, job->sequence ? "sequence" : "denoise");
+    return KILN_OK;
+}
+
 /* Refuses views of a scene without a bake that nobody aims: an automatic view looks at the light in lightmaps. */
 static int check_aim(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
@@ -441,6 +457,8 @@ static int check_options(struct view *v, const struct kiln_job *job, const char 
     int status = read_show(v, job->show, error);
     if (status == KILN_OK)
         status = check_method(v, job, error);
+    if (status == KILN_OK)
+        status = check_filter(job, error);
     if (status == KILN_OK)
         status = check_exposure(v, job, error);
     if (status == KILN_OK)
@@ -468,6 +486,7 @@ static void close_view(struct view *v)
 {
     json_decref(v->pictures);
     kiln_shots_destroy(&v->shots);
+    kiln_view_filter_destroy(&v->filter);
     kiln_view_maps_destroy(&v->maps);
     kiln_image_destroy(&v->picture.image);
     kiln_view_team_destroy(&v->team);
@@ -539,6 +558,8 @@ static int view_paths(struct view *v, const struct kiln_job *job, const char *pa
         status = check_one(v, job, error);
     if (status == KILN_OK)
         status = check_names(v, job->scene == NULL ? job->arguments[0] : NULL, error);
+    if (status == KILN_OK && (job->sequence || job->view_denoise != KILN_VIEW_DENOISE_NONE))
+        status = kiln_view_filter_create(&v->filter, job->sequence, job->view_denoise != KILN_VIEW_DENOISE_NONE, error);
     if (status == KILN_OK)
         warn_of_missed(v, job);
     if (status == KILN_OK)

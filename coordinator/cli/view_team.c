@@ -305,11 +305,40 @@ static int mount_lens(const struct kiln_view_team *t, const struct kiln_view_cam
     return status;
 }
 
+/* On rank 0: draws with all ranks. */
+static int draw_with_all(struct kiln_view_team *t, const struct order *order, float *all, struct kiln_error *error)
+{
+    struct order sent = *order;
+    (void)MPI_Bcast(&sent, (int)sizeof sent, MPI_BYTE, 0, MPI_COMM_WORLD);
+    return draw(t, &order->view, all, error);
+}
+
+/* Draws a picture in two halves: `all` has their mean, and `spread` what struct kiln_view_params says. */
+static int draw_halves(struct kiln_view_team *t, const struct order *order, size_t values, float *all, float *spread,
+                       struct kiln_error *error)
+{
+    struct order half = *order;
+    half.view.samples = order->view.samples / 2;
+    int status = draw_with_all(t, &half, spread, error);
+    const double first = half.view.samples;
+    half.view.first += half.view.samples;
+    half.view.samples = order->view.samples - half.view.samples;
+    if (status == KILN_OK)
+        status = draw_with_all(t, &half, all, error);
+    const double second = half.view.samples;
+    for (size_t i = 0; i < values && status == KILN_OK; i++) {
+        const double mean = (first * (double)spread[i] + second * (double)all[i]) / (first + second);
+        spread[i] = (float)(((double)spread[i] - mean) * sqrt(first / second));
+        all[i] = (float)mean;
+    }
+    return status;
+}
+
 /* struct kiln_view_renderer: on rank 0, in step with kiln_view_team_serve on the others. */
 static int render(void *context, const struct kiln_view_params *params, struct kiln_image **image,
                   struct kiln_error *error)
 {
-    static const char *const names[] = {"R", "G", "B"};
+    static const char *const names[] = {"R", "G", "B", "spread.R", "spread.G", "spread.B"};
     struct kiln_view_team *t = context;
     const uint32_t samples = params->side == 1 && t->samples > METER_SAMPLES ? METER_SAMPLES : t->samples;
     struct order order = {.view =
@@ -318,26 +347,33 @@ static int render(void *context, const struct kiln_view_params *params, struct k
     if (order.view.both_ways)
         order.view.method = (enum kiln_bidirectional_method)(t->method - KILN_VIEW_METHOD_light);
     order.view.parameters.length = t->path_length;
-    const size_t pixels = (size_t)params->width * params->height;
-    order.view.radius = radius_of(t, pixels);
-    float *all = NULL, *planes[3];
+    order.view.radius = radius_of(t, (size_t)params->width * params->height);
+    order.view.first = params->frame * samples;
+    const bool halves = params->spread && samples > 1;
+    const size_t values = 3 * (size_t)params->width * params->height;
+    float *all = NULL, *spread = NULL, *planes[3], *spread_planes[3];
     int status = mount_lens(t, &params->camera, &order.view.parameters, error);
     if (status == KILN_OK)
-        status = kiln_image_create(image, params->width, params->height, names, 3, error);
+        status = kiln_image_create(image, params->width, params->height, names, halves ? 6 : 3, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&all, 3 * pixels, sizeof *all, "the pixels of a view", error);
-    if (status == KILN_OK) {
-        (void)MPI_Bcast(&order, (int)sizeof order, MPI_BYTE, 0, MPI_COMM_WORLD);
-        status = draw(t, &order.view, all, error);
-    }
+        status = kiln_allocate(&all, values, sizeof *all, "the pixels of a view", error);
+    if (status == KILN_OK && halves)
+        status = kiln_allocate(&spread, values, sizeof *spread, "the pixels of a view", error);
+    if (status == KILN_OK)
+        status = halves ? draw_halves(t, &order, values, all, spread, error) : draw_with_all(t, &order, all, error);
     if (status == KILN_OK) {
         (void)kiln_image_rgb(*image, "", planes);
-        for (size_t i = 0; i < 3 * pixels; i++)
+        (void)kiln_image_rgb(*image, "spread.", spread_planes);
+        for (size_t i = 0; i < values; i++) {
             planes[i % 3][i / 3] = all[i];
+            if (halves)
+                spread_planes[i % 3][i / 3] = spread[i];
+        }
     } else {
         kiln_image_destroy(image);
     }
     kiln_free(&all);
+    kiln_free(&spread);
     return status;
 }
 

@@ -21,6 +21,8 @@
 enum kiln_view_method { KILN_VIEW_METHOD_LIST(KILN_VIEW_METHOD_OF) KILN_VIEW_METHODS };
 #undef KILN_VIEW_METHOD_OF
 static inline bool kiln_view_is_traced(int method) { return method != KILN_VIEW_METHOD_lightmaps; }
+/* What takes noise out of path-traced views: nothing, or coordinator/view/bmfr.h. */
+enum kiln_view_denoise { KILN_VIEW_DENOISE_NONE = 0, KILN_VIEW_DENOISE_BMFR = 1 };
 static inline bool kiln_view_is_bidirectional(int method) { return method >= KILN_VIEW_METHOD_light; }
 
 /* Where light lives (worker/store/store.h). VERTEX: in octrees while it is computed, and from there it is fitted to the

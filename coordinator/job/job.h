@@ -132,6 +132,8 @@ struct kiln_job {
     uint32_t samples_pixel;              /* view: paths of a pixel */
     uint32_t path_length;                /* view: rays of a path at most; 0: any number */
     char *accumulate;                    /* view: folder that keeps the sums of paths; NULL: none */
+    bool sequence;                       /* view: frames of a path are means over those before them */
+    int view_denoise;                    /* view: enum kiln_view_denoise */
     bool aov;                            /* view: layers of what is seen besides light */
     double lens_radius;                  /* view: m; 0: a pinhole */
     double focus_distance;               /* view: m; 0: that of what the middle of the picture shows */

@@ -49,6 +49,7 @@ static const char *const materials_names[] = {"auto", "diffuse", "full", NULL};
 static const char *const caustics_names[] = {"auto", "none", "gather", "land", "merge", NULL};
 /* in the order of enum kiln_view_method */
 #define VIEW_METHOD_NAME(name, text) text,
+static const char *const view_denoisers[] = {"none", "bmfr", NULL};
 static const char *const view_method_names[] = {KILN_VIEW_METHOD_LIST(VIEW_METHOD_NAME) NULL};
 
 const struct kiln_option kiln_options[] = {
@@ -971,6 +972,21 @@ const struct kiln_option kiln_options[] = {
      .help = "--method path, ...: write the picture after this time, with the paths that it has by then",
      .commands = KILN_FOR_VIEW,
      .offset = AT(max_time)},
+    {.name = "denoise",
+     .group = "View",
+     .kind = KILN_OPTION_CHOICE_ENUM,
+     .fallback = "none",
+     .choices = view_denoisers,
+     .help = "bmfr: take noise out of --method path and its like by what is known of surfaces",
+     .commands = KILN_FOR_VIEW,
+     .offset = AT(view_denoise)},
+    {.name = "sequence",
+     .group = "View",
+     .kind = KILN_OPTION_FLAG,
+     .fallback = "false",
+     .help = "--path with --method path and its like: each frame goes on from those before it",
+     .commands = KILN_FOR_VIEW,
+     .offset = AT(sequence)},
     {.name = "aov",
      .group = "View",
      .kind = KILN_OPTION_FLAG,

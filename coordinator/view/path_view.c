@@ -76,7 +76,7 @@ int kiln_path_sums_add(struct kiln_path_sums *sums, struct kiln_backend *backend
     struct kiln_batch batch = {.first = sums->first, .count = sums->count, .take = take, .context = &taking};
     int status = KILN_OK;
     while (sums->samples < end && status == KILN_OK) {
-        batch.first_sample = sums->samples;
+        batch.first_sample = view->first + sums->samples;
         batch.samples = end - sums->samples < stretch ? end - sums->samples : stretch;
         if (sums->count > 0)
             status = kiln_backend_run(backend, pass, parameters, &batch, rays, error);

@@ -10,6 +10,7 @@
 struct kiln_path_view {
     struct kiln_path_parameters parameters;
     uint32_t samples; /* paths of a pixel, at least 1 */
+    uint32_t first;   /* number of the first of them */
     bool both_ways;   /* by bidirectional paths */
     /* of these: how, and the radius of merging at first, m */
     enum kiln_bidirectional_method method;

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "coordinator/files/publish.h"
+#include "coordinator/view/view_filter.h"
 #include "coordinator/view/view_surfaces.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
@@ -21,10 +22,14 @@ static int make_picture(const struct kiln_view_source *source, const struct kiln
     lit.field = NULL;
     int status = kiln_view_aim(&lit, wish, &params.camera, &params.width, &params.height, &picture->viewpoint, error);
     const struct kiln_view_renderer *renderer = source->renderer;
+    if (wish->filter != NULL)
+        kiln_view_filter_prepare(wish->filter, &params);
     if (status == KILN_OK && renderer != NULL)
         status = renderer->render(renderer->context, &params, &picture->image, error);
     else if (status == KILN_OK)
         status = kiln_view_render(&params, &picture->image, &picture->approximate, error);
+    if (status == KILN_OK && wish->filter != NULL)
+        status = kiln_view_filter_run(wish->filter, &params, &picture->image, error);
     if (status == KILN_OK && wish->surfaces)
         status = kiln_view_add_surfaces(&params, &picture->image, error);
     if (source->field != NULL)
@@ -157,6 +162,7 @@ static int meter_one(const struct kiln_view_source *source, const struct kiln_vi
     small.width = METER_WIDTH;
     small.height = METER_HEIGHT;
     small.surfaces = false;
+    small.filter = NULL;
     int status = kiln_picture_make(source, &small, 1, &plain, &picture, error);
     if (status == KILN_OK && kiln_image_rgb(picture.image, "", from) && kiln_image_rgb(all, "", to)) {
         const size_t pixels = (size_t)small.width * small.height;

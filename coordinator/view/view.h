@@ -35,9 +35,10 @@
 #include "worker/light/lights.h"
 
 struct kiln_view_params;
+struct kiln_view_filter;
 
-/* What draws views in another way than from lightmaps. `render` creates the image, with channels R G B, radiance; with
- * `side` 1 it is for an exposure, and may be noisy. */
+/* What draws views in another way than from lightmaps. `render` creates the image, with channels R G B, radiance, and
+ * those that `spread` asks for; with `side` 1 it is for an exposure, and may be noisy. */
 struct kiln_view_renderer {
     int (*render)(void *context, const struct kiln_view_params *params, struct kiln_image **image,
                   struct kiln_error *error);
@@ -85,9 +86,10 @@ struct kiln_view_wish {
     /* positions of eye and target, world, m; `to` alone turns the camera, `from` alone looks at the middle of the scene
      */
     const double *from, *to;
-    double field_of_view;   /* degrees, vertical; default: the camera's; else 45, or 55 from inside */
-    uint32_t width, height; /* pixels; default: 960, and the height by the aspect of the camera, or 4:3 */
-    bool surfaces;          /* the image has the channels of view_surfaces.h too */
+    double field_of_view;            /* degrees, vertical; default: the camera's; else 45, or 55 from inside */
+    uint32_t width, height;          /* pixels; default: 960, and the height by the aspect of the camera, or 4:3 */
+    bool surfaces;                   /* the image has the channels of view_surfaces.h too */
+    struct kiln_view_filter *filter; /* what the renderer draws goes through it (view_filter.h); borrowed; NULL: none */
 };
 
 /* How the viewpoint was chosen: a camera of the scene, the request, or automatically from inside or outside. */
@@ -115,6 +117,11 @@ struct kiln_view_params {
     struct kiln_view_camera camera;
     uint32_t width, height;
     uint32_t side; /* side x side rays for each pixel, 1 or more */
+    /* For renderers that trace paths: the picture has those after the paths of so many pictures like it; and it has
+     * channels spread.R G B where it has more than one path a pixel: of the mean over half the paths how far it is
+     * from that over all, scaled so that the variance is that of R G B. */
+    uint32_t frame;
+    bool spread;
 };
 
 /* The ray through a place of the picture, in pixels from its upper left corner: origin and unit direction. */

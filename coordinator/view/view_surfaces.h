@@ -19,4 +19,24 @@ int kiln_view_add_surfaces(const struct kiln_view_params *params, struct kiln_im
 
 #define KILN_VIEW_FAR 1e10f
 
+/* The same, for denoisers, as planes: the first of three numbers, or the only one. */
+enum {
+    KILN_SEEN_ALBEDO,
+    KILN_SEEN_EMISSION = 3,
+    KILN_SEEN_NORMAL = 6,
+    KILN_SEEN_POSITION = 9,
+    KILN_SEEN_DEPTH = 12,
+    KILN_SEEN_COVERAGE, /* 0 to 1: how many of the rays see a surface */
+    KILN_SEEN_GLOSS,    /* 0 to 1: how many see one whose material is taken with its gloss (view_gloss.h) */
+    KILN_SEEN_PLANES
+};
+
+/* Fills planes of zeros, width x height values each, by `side` x `side` rays for each pixel. Planes of coverage and
+ * gloss may be NULL. */
+int kiln_view_see_surfaces(const struct kiln_view_params *params, uint32_t side, float *const planes[KILN_SEEN_PLANES],
+                           struct kiln_error *error);
+
+/* Where positions are taken, in pixels from a pixel's upper left corner, with `side` x `side` rays for each. */
+static inline double kiln_view_seen_place(uint32_t side) { return ((side - 1) / 2 + 0.5) / side; }
+
 #endif

@@ -1,0 +1,235 @@
+#include "coordinator/view/bmfr.h"
+
+#include <math.h>
+#include <string.h>
+
+#include <omp.h>
+
+#include "coordinator/output/image.h"
+#include "worker/base/memory.h"
+
+/* Pixels along a block; from one block to the next; of a window to each side. */
+enum { BLOCK = 32, STRIDE = BLOCK / 2, RADIUS = 4 };
+
+/* Features: 1, normal, position, its squares; and a block's columns: these, and the light. */
+enum { NORMAL = 1, POSITION = 4, SQUARE = 7, FEATURES = 10, COLUMNS = FEATURES + 3, MOST = BLOCK * BLOCK };
+
+/* A feature is left out if its squares, without what others explain, fall to this part. */
+static const float explained = 1e-6f;
+
+/* What blocks have added to each pixel, weighted. */
+struct fitted {
+    float *light[3], *leverage, *weight;
+};
+
+/* The pixels of a block that take part, column by column. */
+struct block {
+    size_t count;
+    uint32_t pixel[MOST];
+    float weight[MOST];
+    float leverage[MOST];
+    float column[COLUMNS][MOST];
+};
+
+/* ---- one block ---- */
+
+/* 1 in the middle, 0 half a block from there. Over all blocks along an axis they add up to 1. */
+static float tent(int64_t place) { return (1.0f - fabsf((float)place + 0.5f - (float)STRIDE) / (float)STRIDE); }
+
+static void collect_pixel(const struct kiln_bmfr *p, struct block *b, size_t pixel, float weight)
+{
+    const size_t i = b->count++;
+    b->pixel[i] = (uint32_t)pixel;
+    b->weight[i] = weight;
+    b->leverage[i] = 0.0f;
+    b->column[0][i] = 1.0f;
+    for (int c = 0; c < 3; c++) {
+        b->column[NORMAL + c][i] = p->normal[c][pixel];
+        b->column[POSITION + c][i] = p->position[c][pixel];
+        b->column[FEATURES + c][i] = p->light[c][pixel];
+    }
+}
+
+/* The block whose upper left corner is (x, y). */
+static void collect(const struct kiln_bmfr *p, int64_t x, int64_t y, struct block *b)
+{
+    b->count = 0;
+    for (int64_t v = y < 0 ? 0 : y; v < y + BLOCK && v < p->height; v++)
+        for (int64_t u = x < 0 ? 0 : x; u < x + BLOCK && u < p->width; u++) {
+            const size_t pixel = (size_t)v * p->width + (size_t)u;
+            if (p->filtered[pixel])
+                collect_pixel(p, b, pixel, tent(u - x) * tent(v - y));
+        }
+}
+
+/* Scales positions to -1 to 1 along the block's longest axis, and squares them. */
+static void scale(struct block *b)
+{
+    float middle[3], radius = 0.0f;
+    for (int c = 0; c < 3; c++) {
+        const float *at = b->column[POSITION + c];
+        float low = at[0], high = at[0];
+        for (size_t i = 1; i < b->count; i++) {
+            low = at[i] < low ? at[i] : low;
+            high = at[i] > high ? at[i] : high;
+        }
+        middle[c] = 0.5f * (low + high);
+        radius = 0.5f * (high - low) > radius ? 0.5f * (high - low) : radius;
+    }
+    const float factor = radius > 0.0f ? 1.0f / radius : 0.0f;
+    for (int c = 0; c < 3; c++)
+        for (size_t i = 0; i < b->count; i++) {
+            const float at = factor * (b->column[POSITION + c][i] - middle[c]);
+            b->column[POSITION + c][i] = at;
+            b->column[SQUARE + c][i] = at * at;
+        }
+}
+
+static float dot(const float *a, const float *b, size_t count)
+{
+    float sum = 0.0f;
+#pragma omp simd reduction(+ : sum)
+    for (size_t i = 0; i < count; i++)
+        sum += a[i] * b[i];
+    return sum;
+}
+
+/* Takes what the features explain out of the light's columns: residuals are left there. */
+static void project(struct block *b)
+{
+    float before[FEATURES];
+    for (int f = 0; f < FEATURES; f++)
+        before[f] = dot(b->column[f], b->column[f], b->count);
+    for (int f = 0; f < FEATURES; f++) {
+        float *q = b->column[f];
+        const float square = dot(q, q, b->count);
+        if (!(square > explained * before[f]))
+            continue;
+        const float inverse = 1.0f / sqrtf(square);
+        for (size_t i = 0; i < b->count; i++) {
+            q[i] *= inverse;
+            b->leverage[i] += q[i] * q[i];
+        }
+        for (int k = f + 1; k < COLUMNS; k++) {
+            const float part = dot(q, b->column[k], b->count);
+#pragma omp simd
+            for (size_t i = 0; i < b->count; i++)
+                b->column[k][i] -= part * q[i];
+        }
+    }
+}
+
+/* Fits a block and adds the fit to its pixels. A fit that would bring darkness below 0 brings 0. */
+static void fit_block(const struct kiln_bmfr *p, const struct fitted *sum, int64_t x, int64_t y, struct block *b)
+{
+    collect(p, x, y, b);
+    if (b->count == 0)
+        return;
+    scale(b);
+    project(b);
+    for (size_t i = 0; i < b->count; i++) {
+        const size_t pixel = b->pixel[i];
+        for (int c = 0; c < 3; c++)
+            sum->light[c][pixel] += b->weight[i] * fmaxf(p->light[c][pixel] - b->column[FEATURES + c][i], 0.0f);
+        sum->leverage[pixel] += b->weight[i] * b->leverage[i];
+        sum->weight[pixel] += b->weight[i];
+    }
+}
+
+/* Blocks of one turn do not overlap; the turns come one after the other, so that sums have an order. */
+static void fit_all(const struct kiln_bmfr *p, const struct fitted *sum, struct block *blocks)
+{
+    const int64_t left = (int64_t)(p->shift[0] % STRIDE) + STRIDE, up = (int64_t)(p->shift[1] % STRIDE) + STRIDE;
+    for (int64_t turn = 0; turn < 4; turn++) {
+        const int64_t x = turn % 2 * STRIDE - left, y = turn / 2 * STRIDE - up;
+        const int64_t across = (p->width - x + BLOCK - 1) / BLOCK, down = (p->height - y + BLOCK - 1) / BLOCK;
+#pragma omp parallel for schedule(dynamic, 1)
+        for (int64_t i = 0; i < across * down; i++)
+            fit_block(p, sum, x + i % across * BLOCK, y + i / across * BLOCK, &blocks[omp_get_thread_num()]);
+    }
+}
+
+/* ---- from light to fit ---- */
+
+/* The pixel's (f - y)^2, of luminance, if it takes part. */
+static float square_of(const struct kiln_bmfr *p, const struct fitted *fit, size_t i)
+{
+    const float away = kiln_rgb_luminance(fit->light[0][i] - p->light[0][i], fit->light[1][i] - p->light[1][i],
+                                          fit->light[2][i] - p->light[2][i]);
+    return p->filtered[i] ? away * away : 0.0f;
+}
+
+/* Sums of v and (f - y)^2 along a row's windows. */
+static void sum_row(const struct kiln_bmfr *p, const struct fitted *fit, uint32_t y, float *variance, float *square)
+{
+    for (uint32_t x = 0; x < p->width; x++) {
+        const size_t row = (size_t)y * p->width, to = x + RADIUS < p->width ? x + RADIUS : p->width - 1;
+        float v = 0.0f, d = 0.0f;
+        for (size_t u = x > RADIUS ? x - RADIUS : 0; u <= to; u++) {
+            v += p->filtered[row + u] ? p->variance[row + u] : 0.0f;
+            d += square_of(p, fit, row + u);
+        }
+        variance[row + x] = v;
+        square[row + x] = d;
+    }
+}
+
+static float sum_column(const struct kiln_bmfr *p, const float *rows, uint32_t x, uint32_t y)
+{
+    const uint32_t to = y + RADIUS < p->height ? y + RADIUS : p->height - 1;
+    float sum = 0.0f;
+    for (uint32_t v = y > RADIUS ? y - RADIUS : 0; v <= to; v++)
+        sum += rows[(size_t)v * p->width + x];
+    return sum;
+}
+
+/* Turns what blocks have added to each pixel into means. */
+static void divide(const struct kiln_bmfr *p, const struct fitted *fit)
+{
+    const size_t count = (size_t)p->width * p->height;
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < count; i++) {
+        const float part = fit->weight[i] > 0.0f ? 1.0f / fit->weight[i] : 0.0f;
+        fit->leverage[i] *= part;
+        for (int c = 0; c < 3; c++)
+            fit->light[c][i] *= part;
+    }
+}
+
+/* Moves the light towards the fit. `rows` has room for two planes. */
+static void shrink(const struct kiln_bmfr *p, const struct fitted *fit, float *const rows[2])
+{
+#pragma omp parallel for schedule(dynamic, 4)
+    for (uint32_t y = 0; y < p->height; y++)
+        sum_row(p, fit, y, rows[0], rows[1]);
+#pragma omp parallel for schedule(dynamic, 4)
+    for (uint32_t y = 0; y < p->height; y++)
+        for (uint32_t x = 0; x < p->width; x++) {
+            const size_t i = (size_t)y * p->width + x;
+            const float noise = (1.0f - fit->leverage[i]) * sum_column(p, rows[0], x, y),
+                        away = sum_column(p, rows[1], x, y), part = noise >= away ? 1.0f : noise / away;
+            for (int c = 0; c < 3 && p->filtered[i] && part > 0.0f; c++)
+                p->light[c][i] += part * (fit->light[c][i] - p->light[c][i]);
+        }
+}
+
+int kiln_bmfr_run(const struct kiln_bmfr *picture, struct kiln_error *error)
+{
+    enum { PLANES = 7 };
+    const size_t count = (size_t)picture->width * picture->height;
+    struct block *blocks = NULL;
+    float *planes[PLANES] = {NULL};
+    int status = kiln_allocate(&blocks, (size_t)omp_get_max_threads(), sizeof *blocks, "blocks of a view", error);
+    for (int i = 0; i < PLANES && status == KILN_OK; i++)
+        status = kiln_allocate(&planes[i], count, sizeof **planes, "the fit of a view", error);
+    if (status == KILN_OK) {
+        const struct fitted sum = {{planes[0], planes[1], planes[2]}, planes[3], planes[4]};
+        fit_all(picture, &sum, blocks);
+        divide(picture, &sum);
+        shrink(picture, &sum, planes + 5);
+    }
+    for (int i = 0; i < PLANES; i++)
+        kiln_free(&planes[i]);
+    kiln_free(&blocks);
+    return status;
+}
