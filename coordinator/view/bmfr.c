@@ -17,9 +17,15 @@ enum { NORMAL = 1, POSITION = 4, SQUARE = 7, FEATURES = 10, COLUMNS = FEATURES +
 /* A feature is left out if its squares, without what others explain, fall to this part. */
 static const float explained = 1e-6f;
 
+/* Sums over a window. */
+enum { WINDOW_PLANES = 3 };
+
+/* A pixel speaks for itself alone where its deviation is so many times the mean of its blocks. */
+static const float outlier = 20.0f;
+
 /* What blocks have added to each pixel, weighted. */
 struct fitted {
-    float *light[3], *leverage, *weight;
+    float *light[3], *leverage, *deviation, *weight;
 };
 
 /* The pixels of a block that take part, column by column. */
@@ -28,6 +34,7 @@ struct block {
     uint32_t pixel[MOST];
     float weight[MOST];
     float leverage[MOST];
+    float deviation; /* the mean of those that are stated */
     float column[COLUMNS][MOST];
 };
 
@@ -127,11 +134,15 @@ static void fit_block(const struct kiln_bmfr *p, const struct fitted *sum, int64
         return;
     scale(b);
     project(b);
+    b->deviation = 0.0f;
+    for (size_t i = 0; i < b->count; i++)
+        b->deviation += p->deviation[b->pixel[i]] / (float)b->count;
     for (size_t i = 0; i < b->count; i++) {
         const size_t pixel = b->pixel[i];
         for (int c = 0; c < 3; c++)
             sum->light[c][pixel] += b->weight[i] * fmaxf(p->light[c][pixel] - b->column[FEATURES + c][i], 0.0f);
         sum->leverage[pixel] += b->weight[i] * b->leverage[i];
+        sum->deviation[pixel] += b->weight[i] * b->deviation;
         sum->weight[pixel] += b->weight[i];
     }
 }
@@ -151,26 +162,35 @@ static void fit_all(const struct kiln_bmfr *p, const struct fitted *sum, struct 
 
 /* ---- from light to fit ---- */
 
-/* The pixel's (f - y)^2, of luminance, if it takes part. */
-static float square_of(const struct kiln_bmfr *p, const struct fitted *fit, size_t i)
+/* f - y of a pixel that takes part, of luminance. */
+static float away_at(const struct kiln_bmfr *p, const struct fitted *fit, size_t i)
 {
-    const float away = kiln_rgb_luminance(fit->light[0][i] - p->light[0][i], fit->light[1][i] - p->light[1][i],
-                                          fit->light[2][i] - p->light[2][i]);
-    return p->filtered[i] ? away * away : 0.0f;
+    return kiln_rgb_luminance(fit->light[0][i] - p->light[0][i], fit->light[1][i] - p->light[1][i],
+                              fit->light[2][i] - p->light[2][i]);
 }
 
-/* Sums of v and (f - y)^2 along a row's windows. */
-static void sum_row(const struct kiln_bmfr *p, const struct fitted *fit, uint32_t y, float *variance, float *square)
+/* Whether a pixel speaks for itself alone. */
+static bool is_outlier(const struct kiln_bmfr *p, const struct fitted *fit, size_t i)
+{
+    return p->deviation[i] > outlier * fit->deviation[i];
+}
+
+/* Sums of v and (f - y)^2 along a row's windows, and the number of pixels in them. */
+static void sum_row(const struct kiln_bmfr *p, const struct fitted *fit, uint32_t y, float *const rows[WINDOW_PLANES])
 {
     for (uint32_t x = 0; x < p->width; x++) {
         const size_t row = (size_t)y * p->width, to = x + RADIUS < p->width ? x + RADIUS : p->width - 1;
-        float v = 0.0f, d = 0.0f;
-        for (size_t u = x > RADIUS ? x - RADIUS : 0; u <= to; u++) {
-            v += p->filtered[row + u] ? p->variance[row + u] : 0.0f;
-            d += square_of(p, fit, row + u);
+        float sums[WINDOW_PLANES] = {0.0f, 0.0f, 0.0f};
+        for (size_t i = row + (x > RADIUS ? x - RADIUS : 0); i <= row + to; i++) {
+            if (!p->filtered[i] || is_outlier(p, fit, i))
+                continue;
+            const float away = away_at(p, fit, i);
+            sums[0] += p->deviation[i] * p->deviation[i];
+            sums[1] += away * away;
+            sums[2] += 1.0f;
         }
-        variance[row + x] = v;
-        square[row + x] = d;
+        for (int k = 0; k < WINDOW_PLANES; k++)
+            rows[k][row + x] = sums[k];
     }
 }
 
@@ -191,31 +211,43 @@ static void divide(const struct kiln_bmfr *p, const struct fitted *fit)
     for (size_t i = 0; i < count; i++) {
         const float part = fit->weight[i] > 0.0f ? 1.0f / fit->weight[i] : 0.0f;
         fit->leverage[i] *= part;
+        fit->deviation[i] *= part;
         for (int c = 0; c < 3; c++)
             fit->light[c][i] *= part;
     }
 }
 
-/* Moves the light towards the fit. `rows` has room for two planes. */
-static void shrink(const struct kiln_bmfr *p, const struct fitted *fit, float *const rows[2])
+/* How far the light of a pixel goes towards its fit. */
+static float part_of(const struct kiln_bmfr *p, const struct fitted *fit, float *const rows[WINDOW_PLANES], uint32_t x,
+                     uint32_t y)
+{
+    const size_t i = (size_t)y * p->width + x;
+    const float noise = sum_column(p, rows[0], x, y), away = sum_column(p, rows[1], x, y),
+                own = p->deviation[i] * p->deviation[i] * sum_column(p, rows[2], x, y),
+                variance = is_outlier(p, fit, i) ? own : noise, bias = away > noise ? away - noise : 0.0f,
+                part = (1.0f - fit->leverage[i]) * variance / (variance + bias);
+    return isfinite(part) ? part : 0.0f;
+}
+
+/* Moves the light towards the fit. `rows` has room for what is summed along rows. */
+static void shrink(const struct kiln_bmfr *p, const struct fitted *fit, float *const rows[WINDOW_PLANES])
 {
 #pragma omp parallel for schedule(dynamic, 4)
     for (uint32_t y = 0; y < p->height; y++)
-        sum_row(p, fit, y, rows[0], rows[1]);
+        sum_row(p, fit, y, rows);
 #pragma omp parallel for schedule(dynamic, 4)
     for (uint32_t y = 0; y < p->height; y++)
         for (uint32_t x = 0; x < p->width; x++) {
             const size_t i = (size_t)y * p->width + x;
-            const float noise = (1.0f - fit->leverage[i]) * sum_column(p, rows[0], x, y),
-                        away = sum_column(p, rows[1], x, y), part = noise >= away ? 1.0f : noise / away;
-            for (int c = 0; c < 3 && p->filtered[i] && part > 0.0f; c++)
+            const float part = p->filtered[i] ? part_of(p, fit, rows, x, y) : 0.0f;
+            for (int c = 0; c < 3 && part > 0.0f; c++)
                 p->light[c][i] += part * (fit->light[c][i] - p->light[c][i]);
         }
 }
 
 int kiln_bmfr_run(const struct kiln_bmfr *picture, struct kiln_error *error)
 {
-    enum { PLANES = 7 };
+    enum { PLANES = 6 + WINDOW_PLANES };
     const size_t count = (size_t)picture->width * picture->height;
     struct block *blocks = NULL;
     float *planes[PLANES] = {NULL};
@@ -223,10 +255,10 @@ int kiln_bmfr_run(const struct kiln_bmfr *picture, struct kiln_error *error)
     for (int i = 0; i < PLANES && status == KILN_OK; i++)
         status = kiln_allocate(&planes[i], count, sizeof **planes, "the fit of a view", error);
     if (status == KILN_OK) {
-        const struct fitted sum = {{planes[0], planes[1], planes[2]}, planes[3], planes[4]};
+        const struct fitted sum = {{planes[0], planes[1], planes[2]}, planes[3], planes[4], planes[5]};
         fit_all(picture, &sum, blocks);
         divide(picture, &sum);
-        shrink(picture, &sum, planes + 5);
+        shrink(picture, &sum, planes + 6);
     }
     for (int i = 0; i < PLANES; i++)
         kiln_free(&planes[i]);

@@ -12,10 +12,13 @@
  * What features do not explain, such as shadows and what mirrors show, a fit would blur. So a pixel goes only a part t
  * of the way from its own light to the fit f, at most all of it:
  *
- *     t = (1 - l) V / D,    V: sum of v,  D: sum of (f - y)^2,    over the window of 9 x 9 pixels around it
+ *     t = (1 - l) v / (v + b^2),    b^2 = max(0, d - v)
  *
- * with v, the variance of the luminance of y, and l, the leverage of the pixel in the fit: the t of least squared error
- * (coordinator/output/map/regression.h derives it). Not collective; the same bits for any number of threads. */
+ * with the means v of the stated variances of y, and d of (f - y)^2, of luminance, over the window of 9 x 9 pixels
+ * around it, and l, the leverage of the pixel in the fit. This is the t of least squared error, if b is the fit's bias
+ * (coordinator/output/map/regression.h derives it). A pixel whose deviation is more than 20 times the mean over its
+ * blocks is left out of windows, for it would speak for all pixels around it, and has its own variance for v.
+ * Not collective; the same bits for any number of threads. */
 #ifndef KILN_COORDINATOR_VIEW_BMFR_H
 #define KILN_COORDINATOR_VIEW_BMFR_H
 
@@ -33,7 +36,7 @@ struct kiln_bmfr {
     const float *normal[3];   /* 1 long, or a mean of such */
     const float *position[3]; /* m */
     float *light[3];          /* y; the result */
-    const float *variance;    /* v, the unit of y squared */
+    const float *deviation;   /* stated standard error of the luminance of y; a single draw of it serves too */
 };
 
 /* KILN_SYSTEM; the light is then as it was. */

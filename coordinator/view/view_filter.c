@@ -227,8 +227,11 @@ static int add_frames(struct kiln_view_filter *f, const struct kiln_view_params 
 static int denoise(const struct kiln_view_filter *f, const struct kiln_view_params *params, const struct seen *s,
                    struct kiln_error *error)
 {
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < s->count; i++)
+        s->variance[i] = sqrtf(s->variance[i]); /* nobody needs it any more */
     struct kiln_bmfr picture = {
-        .width = params->width, .height = params->height, .filtered = s->filtered, .variance = s->variance};
+        .width = params->width, .height = params->height, .filtered = s->filtered, .deviation = s->variance};
     for (int c = 0; c < 3; c++) {
         picture.normal[c] = s->surface[KILN_SEEN_NORMAL + c];
         picture.position[c] = s->surface[KILN_SEEN_POSITION + c];
