@@ -21,7 +21,7 @@ struct kiln_history {
     bool has_frame;
     struct kiln_view_camera camera;
     float *normal[3], *position[3];
-    bool *surface;
+    bool *surface, *bound;
     struct taps *taps;
 };
 
@@ -44,6 +44,8 @@ int kiln_history_create(struct kiln_history **history, uint32_t width, uint32_t 
     if (status == KILN_OK)
         status = kiln_allocate(&h->surface, pixels_of(h), sizeof *h->surface, "the frame before", error);
     if (status == KILN_OK)
+        status = kiln_allocate(&h->bound, pixels_of(h), sizeof *h->bound, "the frame before", error);
+    if (status == KILN_OK)
         status = kiln_allocate(&h->taps, pixels_of(h), sizeof *h->taps, "the frame before", error);
     if (status != KILN_OK)
         kiln_history_destroy(history);
@@ -60,6 +62,7 @@ void kiln_history_destroy(struct kiln_history **history)
         kiln_free(&h->position[c]);
     }
     kiln_free(&h->surface);
+    kiln_free(&h->bound);
     kiln_free(&h->taps);
     kiln_free(history);
 }
@@ -129,12 +132,14 @@ static struct kiln_dvec3 way_of(const struct kiln_history *h, const struct kiln_
 }
 
 /* Whether a pixel of the frame before sees what the new one does; `off` is how far from its plane, m. */
-static bool agrees(const struct kiln_history *h, const struct kiln_frame *f, size_t pixel, double off, int64_t x,
-                   int64_t y)
+static bool agrees(const struct kiln_history *h, const struct kiln_frame *f, bool still, size_t pixel, double off,
+                   int64_t x, int64_t y)
 {
     if (x < 0 || y < 0 || x >= h->width || y >= h->height)
         return false;
     const size_t tap = (size_t)y * h->width + (size_t)x;
+    if (h->bound[tap] && !still)
+        return false;
     if (!h->surface[tap] || !f->surface[pixel])
         return h->surface[tap] == f->surface[pixel];
     const float *const normals[3] = {h->normal[0], h->normal[1], h->normal[2]}, *const positions[3] = {h->position[0],
@@ -172,7 +177,7 @@ static void find_taps(const struct kiln_history *h, const struct kiln_frame *f, 
     taps->x = (int32_t)floor(x);
     taps->y = (int32_t)floor(y);
     for (int k = 0; k < 4; k++)
-        if (weights[k] > 0.0f && agrees(h, f, pixel, off, (int64_t)taps->x + k % 2, (int64_t)taps->y + k / 2)) {
+        if (weights[k] > 0.0f && agrees(h, f, still, pixel, off, (int64_t)taps->x + k % 2, (int64_t)taps->y + k / 2)) {
             taps->weight[k] = weights[k];
             sum += weights[k];
         }
@@ -192,6 +197,7 @@ void kiln_history_find(struct kiln_history *h, const struct kiln_frame *frame)
         memcpy(h->position[c], frame->position[c], count * sizeof(float));
     }
     memcpy(h->surface, frame->surface, count * sizeof *h->surface);
+    memcpy(h->bound, frame->bound, count * sizeof *h->bound);
     h->camera = frame->camera;
     h->has_frame = true;
 }

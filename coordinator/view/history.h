@@ -28,7 +28,7 @@ struct kiln_frame {
     const float *position[3]; /* m, as the camera's; of pixels that see a surface */
     const bool *surface;      /* whether the pixel sees one */
     const bool *bound;        /* whether what it shows moves with the camera, as in mirrors: such pixels take nothing
-                               * over unless the camera stands still */
+                               * over, and nothing is taken from them, unless the camera stands still */
 };
 
 struct kiln_history;

@@ -121,18 +121,28 @@ static void join(const struct seen *s, size_t i)
         s->light[c][i] = s->light[c][i] * divisor(s, c, i) + s->surface[KILN_SEEN_EMISSION + c][i];
 }
 
-/* Which pixels are filtered, and which see what moves with the camera. */
-static void sort_out(struct seen *s, size_t i)
+/* Whether the pixel or one of those around it sees a lamp: paths may meet it where rays that see surfaces do not. */
+static bool is_by_lamp(const struct seen *s, uint32_t width, size_t i)
 {
-    float emission = 0.0f, light = 0.0f;
-    for (int c = 0; c < LIGHT; c++) {
-        emission += s->surface[KILN_SEEN_EMISSION + c][i];
+    const uint32_t x = (uint32_t)(i % width), y = (uint32_t)(i / width), height = (uint32_t)(s->count / width);
+    float emission = 0.0f;
+    for (uint32_t v = y > 0 ? y - 1 : 0; v <= y + 1 && v < height; v++)
+        for (uint32_t u = x > 0 ? x - 1 : 0; u <= x + 1 && u < width; u++)
+            for (int c = 0; c < LIGHT; c++)
+                emission += s->surface[KILN_SEEN_EMISSION + c][(size_t)v * width + u];
+    return emission > 0.0f;
+}
+
+/* Which pixels are filtered, and which see what moves with the camera. */
+static void sort_out(struct seen *s, uint32_t width, size_t i)
+{
+    const bool lamp = is_by_lamp(s, width, i);
+    float light = 0.0f;
+    for (int c = 0; c < LIGHT; c++)
         light += s->light[c][i];
-    }
     s->is_surface[i] = s->surface[KILN_SEEN_DEPTH][i] < KILN_VIEW_FAR;
-    s->bound[i] = emission > 0.0f || s->surface[KILN_SEEN_GLOSS][i] > 0.0f;
-    s->filtered[i] =
-        s->is_surface[i] && s->surface[KILN_SEEN_COVERAGE][i] > 0.999f && !(emission > 0.0f) && isfinite(light);
+    s->bound[i] = lamp || s->surface[KILN_SEEN_GLOSS][i] > 0.0f;
+    s->filtered[i] = s->is_surface[i] && s->surface[KILN_SEEN_COVERAGE][i] > 0.999f && !lamp && isfinite(light);
 }
 
 static float luminance_at(float *const planes[LIGHT], size_t i)
@@ -173,7 +183,7 @@ static int look(const struct kiln_view_filter *f, const struct kiln_view_params 
     }
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < s->count; i++) {
-        sort_out(s, i);
+        sort_out(s, params->width, i);
         split(s, i);
     }
 #pragma omp parallel for schedule(static)

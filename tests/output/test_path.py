@@ -212,6 +212,8 @@ class Paths(unittest.TestCase):
         for arguments, code, words in (
                 ((self.bake, "--bounces", "2"), 64, "--bounces: the light in lightmaps is as it was baked"),
                 ((self.bake, "--samples-pixel", "2"), 64, "only --method path"),
+                ((self.bake, "--denoise", "bmfr"), 64, "--denoise: the light in lightmaps is as it was baked"),
+                ((self.bake, "--sequence"), 64, "--sequence: the light in lightmaps is as it was baked"),
                 ((self.bake, "--method", "path", "--environment", "1,1,1"), 64, "--environment: a bake's surroundings"),
                 ((self.bake, "--method", "path", "--show", "direct"), 64, "path tracing shows light"),
                 ((self.bake, "--method", "rays"), 64, "lightmaps, path"),
