@@ -15,6 +15,9 @@
 static const float albedo_least = 0.02f;
 static const double weight_floor = 0.1;
 
+/* Coverage of a pixel that sees nothing but surfaces. */
+static const float full = 0.999f;
+
 /* Rays of a pixel along a side, which see surfaces. */
 enum { SIDE = 4, SIDE_SEQUENCE = 2 };
 
@@ -121,28 +124,35 @@ static void join(const struct seen *s, size_t i)
         s->light[c][i] = s->light[c][i] * divisor(s, c, i) + s->surface[KILN_SEEN_EMISSION + c][i];
 }
 
-/* Whether the pixel or one of those around it sees a lamp: paths may meet it where rays that see surfaces do not. */
-static bool is_by_lamp(const struct seen *s, uint32_t width, size_t i)
+/* What the nine pixels around one see: paths may meet what its own rays that see surfaces do not. */
+struct around {
+    float emission, least, most; /* least and most coverage */
+};
+
+static struct around look_around(const struct seen *s, uint32_t width, size_t i)
 {
     const uint32_t x = (uint32_t)(i % width), y = (uint32_t)(i / width), height = (uint32_t)(s->count / width);
-    float emission = 0.0f;
+    struct around a = {.least = 1.0f};
     for (uint32_t v = y > 0 ? y - 1 : 0; v <= y + 1 && v < height; v++)
-        for (uint32_t u = x > 0 ? x - 1 : 0; u <= x + 1 && u < width; u++)
+        for (uint32_t u = x > 0 ? x - 1 : 0; u <= x + 1 && u < width; u++) {
+            const size_t k = (size_t)v * width + u;
             for (int c = 0; c < LIGHT; c++)
-                emission += s->surface[KILN_SEEN_EMISSION + c][(size_t)v * width + u];
-    return emission > 0.0f;
+                a.emission += s->surface[KILN_SEEN_EMISSION + c][k];
+            a.least = fminf(a.least, s->surface[KILN_SEEN_COVERAGE][k]);
+            a.most = fmaxf(a.most, s->surface[KILN_SEEN_COVERAGE][k]);
+        }
+    return a;
 }
 
-/* Which pixels are filtered, and which see what moves with the camera. */
+/* Which pixels are filtered, and which see what moves with the camera, or an edge of the surroundings or of a lamp. */
 static void sort_out(struct seen *s, uint32_t width, size_t i)
 {
-    const bool lamp = is_by_lamp(s, width, i);
-    float light = 0.0f;
-    for (int c = 0; c < LIGHT; c++)
-        light += s->light[c][i];
+    const struct around a = look_around(s, width, i);
+    const float light = s->light[0][i] + s->light[1][i] + s->light[2][i];
     s->is_surface[i] = s->surface[KILN_SEEN_DEPTH][i] < KILN_VIEW_FAR;
-    s->bound[i] = lamp || s->surface[KILN_SEEN_GLOSS][i] > 0.0f;
-    s->filtered[i] = s->is_surface[i] && s->surface[KILN_SEEN_COVERAGE][i] > 0.999f && !lamp && isfinite(light);
+    s->bound[i] = a.emission > 0.0f || s->surface[KILN_SEEN_GLOSS][i] > 0.0f || (a.least < full && a.most > 0.0f);
+    s->filtered[i] =
+        s->is_surface[i] && s->surface[KILN_SEEN_COVERAGE][i] >= full && !(a.emission > 0.0f) && isfinite(light);
 }
 
 static float luminance_at(float *const planes[LIGHT], size_t i)

@@ -8,9 +8,9 @@
  *
  * Filtered are pixels all of whose rays see a surface, with no lamp in them or beside them: edges of others are kept.
  * Of mirrors and glass the features are those of their own surface, and the filter has nothing to say about what they
- * show; it sees that itself, by the variance. In a sequence, pixels of lamps, and of surfaces whose material is taken
- * with its gloss, are means over frames as long as the camera stands still. Surfaces are those of 4 x 4 rays a pixel,
- * in a sequence of 2 x 2.
+ * show; it sees that itself, by the variance. In a sequence, pixels at edges of the surroundings and of lamps, and
+ * those of surfaces whose material is taken with its gloss, are means over frames as long as the camera stands still.
+ * Surfaces are those of 4 x 4 rays a pixel, in a sequence of 2 x 2.
  *
  * With both, means over frames are filtered, each frame in other blocks, and the filtered frames are averaged again
  * (Koskela et al. 2019). A mean is over all frames until the newest one has 0.1 of the weight.

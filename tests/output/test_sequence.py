@@ -88,7 +88,9 @@ class Sequences(unittest.TestCase):
         alone."""
         aim = (f"--from={AIM[0]}", f"--to={AIM[1]}", "--width", "96", "--height", "72", "--bounces", "1")
         best = exr.rgb(self.view("best.exr", *aim, "--samples-pixel", "256", "--seed", "5"))
-        seen = best.max(-1) < 0.6  # not the lamp
+        seen = best.max(-1) < 0.6  # not the lamp, nor beside it
+        for axis in (0, 1):
+            seen &= np.roll(seen, 1, axis) & np.roll(seen, -1, axis)
 
         def error(image):
             return np.sqrt(((image - best)[seen] ** 2).mean())
@@ -103,6 +105,26 @@ class Sequences(unittest.TestCase):
                 for more in ((), ("--sequence",), ("--sequence", *BMFR))]
         self.assertLess(last[1], 0.7 * last[0], last)
         self.assertLess(last[2], 0.7 * last[1], last)
+
+    def test_edges(self):
+        """Nothing of a bright wall stays behind in the dark beside it, or the other way round, when the camera moves."""
+        scene = glb.Scene()
+        scene.quad("wall", [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)],
+                   scene.material("white", albedo=(0.9, 0.9, 0.9)))
+        scene.quad("lamp", [(-9, -9, 9), (-9, 9, 9), (9, 9, 9), (9, -9, 9)], scene.material("l", radiance=(1, 1, 1)))
+        path = scene.write(os.path.join(self.folder, "wall.glb"))
+        keys = self.table("aside.csv", ("-0.3,0,3", "-0.3,0,0"), ("0.4,0.1,3", "0.4,0.1,0"))
+        for more in (("--sequence",), ("--sequence", *BMFR)):
+            options = ("--width", "64", "--height", "48", "--samples-pixel", "4", "--bounces", "0", "--aov", *more)
+            self.frames("aside.exr", keys, 6, *options, scene=path)
+            channels = exr.read(os.path.join(self.folder, "aside-0006.exr")).channels
+            dark = channels["Z"] > 1e9
+            for axis in (0, 1):  # not at the edge itself
+                dark &= np.roll(dark, 1, axis) & np.roll(dark, -1, axis)
+            bright = channels["albedo.R"] > 0.899
+            self.assertGreater(dark.sum(), 200)
+            self.assertEqual(channels["R"][dark].max(), 0, more)
+            self.assertGreater(channels["R"][bright].min(), 0.2, more)
 
     def test_ranks(self):
         """The same bits over any number of ranks and threads, by paths from the camera and by both ways."""
