@@ -204,13 +204,14 @@ void kiln_history_find(struct kiln_history *h, const struct kiln_frame *frame)
 
 /* ---- layers ---- */
 
-/* What a pixel takes over of a plane. */
-static float take_over(const struct kiln_history *h, const struct taps *taps, const float *plane)
+/* What a pixel takes over of a plane; of a variance by the weights' squares, for pixels have noise of their own. */
+static float take_over(const struct kiln_history *h, const struct taps *taps, const float *plane, bool squared)
 {
     float sum = 0.0f;
     for (int k = 0; k < 4; k++)
         if (taps->weight[k] > 0.0f)
-            sum += taps->weight[k] * plane[(size_t)(taps->y + k / 2) * h->width + (size_t)(taps->x + k % 2)];
+            sum += taps->weight[k] * (squared ? taps->weight[k] : 1.0f) *
+                   plane[(size_t)(taps->y + k / 2) * h->width + (size_t)(taps->x + k % 2)];
     return sum;
 }
 
@@ -224,13 +225,13 @@ int kiln_layer_blend(struct kiln_layer *layer, const struct kiln_history *h, dou
         return status;
 #pragma omp parallel for schedule(dynamic, 1024)
     for (size_t i = 0; i < count; i++) {
-        const float before = take_over(h, &h->taps[i], layer->frames),
+        const float before = take_over(h, &h->taps[i], layer->frames, false),
                     own = fmaxf(1.0f / (before + 1.0f), (float)floor);
         frames[i] = before + 1.0f;
         for (size_t k = 0; k < layer->count && before > 0.0f; k++) {
             const bool squared = variance && k + 1 == layer->count;
             const float one = squared ? own * own : own, other = squared ? (1.0f - own) * (1.0f - own) : 1.0f - own;
-            planes[k][i] = one * planes[k][i] + other * take_over(h, &h->taps[i], layer->planes[k]);
+            planes[k][i] = one * planes[k][i] + other * take_over(h, &h->taps[i], layer->planes[k], squared);
         }
     }
     for (size_t k = 0; k < layer->count; k++)

@@ -53,7 +53,8 @@ int kiln_layer_create(struct kiln_layer *layer, const struct kiln_history *histo
 void kiln_layer_destroy(struct kiln_layer *layer);
 
 /* Makes `planes`, layer->count ones of the frame that was found last, means over frames, and keeps these. With
- * `variance` the last plane is a variance of the others, whose weights are squared. KILN_SYSTEM. */
+ * `variance` the last plane is a variance of the others: the squares of all weights go with it, as if pixels had noise
+ * of their own. KILN_SYSTEM. */
 int kiln_layer_blend(struct kiln_layer *layer, const struct kiln_history *history, double floor, bool variance,
                      float *const *planes, struct kiln_error *error);
 

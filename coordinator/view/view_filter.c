@@ -11,9 +11,9 @@
 #include "shaders/shared/random.h"
 #include "worker/base/memory.h"
 
-/* What albedo is at least; the least weight of a new frame. */
+/* What albedo is at least; the least weight of a new frame, gathered and filtered. */
 static const float albedo_least = 0.02f;
-static const double weight_floor = 0.1;
+static const double weight_floor = 0.1, filtered_floor = 0.5;
 
 /* Coverage of a pixel that sees nothing but surfaces. */
 static const float full = 0.999f;
@@ -271,7 +271,7 @@ static int work(struct kiln_view_filter *f, const struct kiln_view_params *param
     if (status == KILN_OK && f->denoise)
         status = denoise(f, params, s, error);
     if (status == KILN_OK && f->denoise && f->sequence)
-        status = kiln_layer_blend(&f->filtered, f->history, weight_floor, false, s->light, error);
+        status = kiln_layer_blend(&f->filtered, f->history, filtered_floor, false, s->light, error);
     return status;
 }
 

@@ -12,8 +12,9 @@
  * those of surfaces whose material is taken with its gloss, are means over frames as long as the camera stands still.
  * Surfaces are those of 4 x 4 rays a pixel, in a sequence of 2 x 2.
  *
- * With both, means over frames are filtered, each frame in other blocks, and the filtered frames are averaged again
- * (Koskela et al. 2019). A mean is over all frames until the newest one has 0.1 of the weight.
+ * A mean is over all frames until the newest one has 0.1 of the weight. With both, these means are filtered, each frame
+ * in other blocks, and the filtered frames are averaged once more (Koskela et al. 2019), the newest one with 0.5 of the
+ * weight: what the first mean has taken in slowly, a second slow one would keep from being seen.
  *
  * Not collective. The same bits for any number of threads. */
 #ifndef KILN_COORDINATOR_VIEW_VIEW_FILTER_H
