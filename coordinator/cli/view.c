@@ -261,6 +261,12 @@ static json_t *picture_json(const struct view *v, const char *path)
         (void)json_object_set_new(root, "rays", json_integer((json_int_t)work.rays));
         (void)json_object_set_new(root, "seconds", json_real(work.seconds));
     }
+    if (v->filter != NULL) {
+        double seconds, of_surfaces;
+        kiln_view_filter_seconds(v->filter, &seconds, &of_surfaces);
+        (void)json_object_set_new(root, "filter_seconds", json_real(seconds));
+        (void)json_object_set_new(root, "surfaces_seconds", json_real(of_surfaces));
+    }
     return root;
 }
 

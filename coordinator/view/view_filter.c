@@ -8,8 +8,8 @@
 #include "coordinator/view/bmfr.h"
 #include "coordinator/view/history.h"
 #include "coordinator/view/view_surfaces.h"
-#include "shaders/shared/random.h"
 #include "worker/base/memory.h"
+#include "worker/sampling/keys.h"
 
 /* What albedo is at least; the least weight of a new frame, gathered and filtered. */
 static const float albedo_least = 0.02f;

@@ -36,7 +36,7 @@ void kiln_view_filter_prepare(const struct kiln_view_filter *filter, struct kiln
 int kiln_view_filter_run(struct kiln_view_filter *filter, const struct kiln_view_params *params,
                          struct kiln_image **image, struct kiln_error *error);
 
-/* Seconds that all pictures so far took here, and those of them for seeing surfaces. */
+/* Seconds that all pictures so far took here, and how many of them were for seeing surfaces. */
 void kiln_view_filter_seconds(const struct kiln_view_filter *filter, double *all, double *surfaces);
 
 #endif

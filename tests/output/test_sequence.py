@@ -60,12 +60,12 @@ class Sequences(unittest.TestCase):
         self.assertGreater(np.abs(frames[3] - frames[0]).mean(), 0.01 * frames[0].mean())
 
     def test_constant(self):
-        """Checks on the ground below a sky of 1, and a wall before it, while the camera moves: what is seen is the
-        albedo, whatever frames take over and the filter does. Without either, too."""
+        """Stripes on the ground below a sky of 1, while the camera moves: what is seen is the albedo, whatever frames
+        take over and the filter does. Without either, too."""
         scene = glb.Scene()
         for i in range(4):
             left, material = i - 2.0, scene.material(f"stripe {i}", albedo=((0.2, 0.8)[i % 2], 0.5, 0.3 + 0.1 * i))
-            scene.quad(f"stripe {i}", [(left, 0, 0), (left, 0, -4), (left + 1, 0, -4), (left + 1, 0, 0)][::-1], material)
+            scene.quad(f"stripe {i}", [(left + 1, 0, 0), (left + 1, 0, -4), (left, 0, -4), (left, 0, 0)], material)
         path = scene.write(os.path.join(self.folder, "ground.glb"))
         keys = self.table("over.csv", ("0,1.5,1", "0,0,-2"), ("0.6,1.7,0.6", "0.2,0,-2"))
         options = ("--environment", "1,1,1", "--width", "64", "--height", "48", "--samples-pixel", "2", "--aov",
@@ -109,7 +109,7 @@ class Sequences(unittest.TestCase):
         self.assertLess(error(last[2]), 0.5 * error(last[0]))
 
     def test_edges(self):
-        """Nothing of a bright wall stays behind in the dark beside it, or the other way round, when the camera moves."""
+        """Nothing of a bright wall stays behind in the dark beside it, nor the other way round, as the camera moves."""
         scene = glb.Scene()
         scene.quad("wall", [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)],
                    scene.material("white", albedo=(0.9, 0.9, 0.9)))
@@ -134,8 +134,8 @@ class Sequences(unittest.TestCase):
         for method in ("path", "bdpt"):
             options = ("--width", "45", "--height", "33", "--samples-pixel", "3", "--bounces", "1", "--sequence",
                        *BMFR)
-            one, *others = (self.frames(f"{method}{n}.exr", keys, 3, *options, "--threads", str(threads), method=method, ranks=n)
-                            for n, threads in ((1, 2), (3, 1)))
+            one, *others = (self.frames(f"{method}{n}.exr", keys, 3, *options, "--threads", str(threads), method=method,
+                                        ranks=n) for n, threads in ((1, 2), (3, 1)))
             for other in others:
                 np.testing.assert_array_equal(one, other)
 
