@@ -435,6 +435,11 @@ static int check_filter(const struct kiln_job *job, struct kiln_error *error)
     if (job->sequence && job->path == NULL)
         return kiln_fail(error, KILN_USAGE,
                          "--sequence: frames follow each other along a path; --path FILE.csv names one");
+    if (job->view_denoise != KILN_VIEW_DENOISE_NONE && (job->accumulate != NULL || job->max_time > 0.0))
+        return kiln_fail(error, KILN_USAGE,
+                         "--denoise goes by two halves of the paths, and --%s is for paths in one piece; leave one of "
+                         "the two out",
+                         job->accumulate != NULL ? "accumulate" : "max-time");
     if ((job->sequence || job->view_denoise != KILN_VIEW_DENOISE_NONE) && job->lens_radius > 0.0)
         return kiln_fail(error, KILN_USAGE,
                          "--lens-radius %g: --%s goes by what a pinhole sees; leave one of the two out",

@@ -305,6 +305,18 @@ static int mount_lens(const struct kiln_view_team *t, const struct kiln_view_cam
     return status;
 }
 
+/* Numbers the paths of a frame after those of the frames before. */
+static int count_samples(uint32_t frame, struct kiln_path_view *view, struct kiln_error *error)
+{
+    const uint64_t first = (uint64_t)frame * view->samples;
+    view->first = (uint32_t)first;
+    return first + view->samples <= UINT32_MAX
+               ? KILN_OK
+               : kiln_fail(error, KILN_USAGE,
+                           "--samples-pixel %u: frame %u would have path 2^32 of a pixel; give fewer", view->samples,
+                           frame + 1);
+}
+
 /* On rank 0: draws with all ranks. */
 static int draw_with_all(struct kiln_view_team *t, const struct order *order, float *all, struct kiln_error *error)
 {
@@ -348,11 +360,12 @@ static int render(void *context, const struct kiln_view_params *params, struct k
         order.view.method = (enum kiln_bidirectional_method)(t->method - KILN_VIEW_METHOD_light);
     order.view.parameters.length = t->path_length;
     order.view.radius = radius_of(t, (size_t)params->width * params->height);
-    order.view.first = params->frame * samples;
     const bool halves = params->spread && samples > 1;
     const size_t values = 3 * (size_t)params->width * params->height;
     float *all = NULL, *spread = NULL, *planes[3], *spread_planes[3];
-    int status = mount_lens(t, &params->camera, &order.view.parameters, error);
+    int status = count_samples(params->frame, &order.view, error);
+    if (status == KILN_OK)
+        status = mount_lens(t, &params->camera, &order.view.parameters, error);
     if (status == KILN_OK)
         status = kiln_image_create(image, params->width, params->height, names, halves ? 6 : 3, error);
     if (status == KILN_OK)

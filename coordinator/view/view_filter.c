@@ -71,7 +71,7 @@ void kiln_view_filter_destroy(struct kiln_view_filter **filter)
 
 void kiln_view_filter_prepare(const struct kiln_view_filter *filter, struct kiln_view_params *params)
 {
-    params->frame = filter->frame;
+    params->frame = filter->sequence ? filter->frame : 0;
     params->spread = filter->denoise;
 }
 

@@ -28,7 +28,7 @@ struct kiln_view_filter;
 int kiln_view_filter_create(struct kiln_view_filter **filter, bool sequence, bool denoise, struct kiln_error *error);
 void kiln_view_filter_destroy(struct kiln_view_filter **filter);
 
-/* Says in params what the next picture has to be traced with: `frame` and `spread`. */
+/* Says in params what the next picture has to be traced with: `spread`, and in a sequence `frame`. */
 void kiln_view_filter_prepare(const struct kiln_view_filter *filter, struct kiln_view_params *params);
 
 /* Filters a picture of these params, which has channels R G B, and spread.R G B if it was asked for and has more than

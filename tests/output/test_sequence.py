@@ -100,6 +100,8 @@ class Sequences(unittest.TestCase):
                                for more in ((), BMFR))
             self.assertLess(error(filtered), 0.6 * error(plain), samples)
             self.assertLess(abs(filtered[seen].mean() / best[seen].mean() - 1), 0.02)
+        fixed = self.frames("fixed.exr", self.table("fixed.csv", AIM, AIM), 2, "--samples-pixel", "4", *aim[2:], *BMFR)
+        np.testing.assert_array_equal(filtered, fixed[1])  # frames that are no sequence are single views
         keys = self.table("noise.csv", ("2.2,3.1,-6.6", "2.9,2.4,0"), AIM)
         last = [self.frames("moving.exr", keys, 6, "--samples-pixel", "4", *aim[2:], *more)[-1]
                 for more in ((), ("--sequence",), ("--sequence", *BMFR))]
@@ -144,6 +146,7 @@ class Sequences(unittest.TestCase):
         keys = self.table("no.csv", AIM, AIM)
         aim = (f"--from={AIM[0]}", f"--to={AIM[1]}")
         for arguments, words in (((*aim, *out, "--sequence"), "--path FILE.csv names one"),
+                                 ((*aim, *out, *BMFR, "--max-time", "1"), "two halves of the paths"),
                                  ((*aim, *out, *BMFR, "--lens-radius", "0.1"), "what a pinhole sees"),
                                  (("--path", keys, *out, "--sequence", "--lens-radius", "0.1"), "what a pinhole sees")):
             self.assertIn(words, run("view", self.cornell, *arguments, code=64).stderr)
