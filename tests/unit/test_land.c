@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "coordinator/surface/surface_build.h"
+#include "shaders/shared/random.h"
 #include "tests/unit/surface_scene.h"
 #include "worker/backend/backend.h"
 #include "worker/light/aims.h"
@@ -506,6 +507,68 @@ static void any_aims_bring_the_same(void **state)
     }
 }
 
+/* A lamp within a target's sphere is aimed at it with all its light. */
+static void a_lamp_within_a_sphere(void **state)
+{
+    (void)state;
+    struct world w;
+    begin(&w);
+    const uint32_t silver = mirror(&w, 0.9f, 0.9f, 0.9f), shining = matt(&w);
+    uint32_t mesh = fixture_mesh(w.f);
+    fixture_sheet(w.f, dvec3(-4, 0, 4), dvec3(8, 0, 0), dvec3(0, 0, -8), 1, whole, 0.0, silver);
+    fixture_object(w.f, mesh, NULL, 8, 8);
+    memcpy(w.f->materials[shining].emission, (const float[3]){5, 4, 3}, 3 * sizeof(float));
+    mesh = fixture_mesh(w.f);
+    fixture_sheet(w.f, dvec3(-0.5, 1, -0.5), dvec3(1, 0, 0), dvec3(0, 0, 1), 1, whole, 0.0, shining);
+    fixture_object(w.f, mesh, NULL, 4, 4);
+    make(&w);
+    assert_int_equal(w.aims->count, 1);
+    print_message("%.4f W of %.4f are aimed at the mirror\n", w.aims->aims[0].flux, w.aims->lamps[0].flux);
+    assert_true(w.aims->aims[0].flux == w.aims->lamps[0].flux && w.aims->lamps[0].flux > 0.0);
+    release(&w);
+}
+
+/* The density of a ray of an aim is what its flux has been divided by. */
+static void densities_are_those_of_draws(void **state)
+{
+    (void)state;
+    enum { PATHS = 1000 };
+    for (enum lamp lamp = 0; lamp < LAMPS; lamp++) {
+        struct world w;
+        uint32_t random = 7, found = 0;
+        double worst = 0.0;
+        two_balls(&w, lamp, true);
+        kiln_aims_share(w.aims, PATHS, NULL);
+        for (uint64_t i = 0; i < PATHS; i++) {
+            double numbers[KILN_AIM_NUMBERS];
+            struct kiln_aimed_ray ray;
+            for (int k = 0; k < KILN_AIM_NUMBERS; k++)
+                numbers[k] = ((double)(random = kiln_hash1(random)) + 0.5) / 4294967296.0;
+            const size_t aim = kiln_aims_find(w.aims, i);
+            const uint32_t target = w.aims->aims[aim].target;
+            if (!kiln_aims_draw(w.aims, aim, numbers, &ray))
+                continue;
+            const struct kiln_dvec3 direction = dvec3_of(ray.direction);
+            const double sent = lamp == AREA || lamp == TWO_SIDED ? 4.0 * ray.cosine
+                                : lamp == SKY                     ? 2.0
+                                : lamp == SPOT ? 1.0 * kiln_point_light_cone(&w.made->points[0], direction)
+                                               : 1.0;
+            const double paths = (double)(w.aims->first[aim + 1] - w.aims->first[aim]),
+                         density = kiln_aims_density(w.aims, ray.light, target, ray.place, direction),
+                         expected = paths * sent / ray.flux[1];
+            found += sent > 0.0;
+            worst = sent > 0.0 ? fmax(worst, fabs(density / expected - 1.0)) : worst;
+            if (lamp < SUN) /* away from the target */
+                assert_true(kiln_aims_density(w.aims, ray.light, target, ray.place, dvec3_scale(direction, -1.0)) <=
+                            (lamp == TWO_SIDED ? density : 0.0));
+        }
+        print_message("lamp %d: %u rays, densities off by %.2g at most\n", (int)lamp, found, worst);
+        assert_true(found > PATHS / 4 && worst < 1e-4);
+        assert_true(kiln_aims_density(w.aims, 0, KILN_NONE, dvec3(0, 0, 0), dvec3(0, 1, 0)) == 0.0);
+        release(&w);
+    }
+}
+
 /* A path is a function of its number: batches of any length have the same bits, and iterations differ. */
 static void paths_have_numbers(void **state)
 {
@@ -531,10 +594,17 @@ static void paths_have_numbers(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(mirror_and_wall),   cmocka_unit_test(pane),          cmocka_unit_test(under_glass),
-        cmocka_unit_test(leaning_normals),   cmocka_unit_test(ball_of_glass), cmocka_unit_test(paraboloid),
-        cmocka_unit_test(room_of_mirrors),   cmocka_unit_test(prism),         cmocka_unit_test(any_aims_bring_the_same),
-        cmocka_unit_test(paths_have_numbers)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(mirror_and_wall),
+                                       cmocka_unit_test(pane),
+                                       cmocka_unit_test(under_glass),
+                                       cmocka_unit_test(leaning_normals),
+                                       cmocka_unit_test(ball_of_glass),
+                                       cmocka_unit_test(paraboloid),
+                                       cmocka_unit_test(room_of_mirrors),
+                                       cmocka_unit_test(prism),
+                                       cmocka_unit_test(any_aims_bring_the_same),
+                                       cmocka_unit_test(a_lamp_within_a_sphere),
+                                       cmocka_unit_test(densities_are_those_of_draws),
+                                       cmocka_unit_test(paths_have_numbers)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
