@@ -1,5 +1,7 @@
 #include "coordinator/bake/materials.h"
 
+#include "worker/pass/caustic_weights.h"
+
 void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
 {
     if (scene->taken == NULL)
@@ -10,7 +12,9 @@ void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
     } else if (job->caustics == KILN_CAUSTICS_AUTO) {
         job->caustics = KILN_CAUSTICS_LAND;
     }
-    if (job->caustics != KILN_CAUSTICS_LAND)
+    if (job->caustics != KILN_CAUSTICS_VCM)
+        job->mis = KILN_MIS_BALANCE; /* nothing shares */
+    if (job->caustics < KILN_CAUSTICS_LAND)
         job->photons = job->iterations = 0; /* there are no light paths */
 }
 
@@ -26,7 +30,8 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
                             uint32_t photons)
 {
     static const char *const modes[] = {"auto", "diffuse", "full"};
-    static const char *const caustics[] = {"auto", "none", "gather", "land"};
+    static const char *const caustics[] = {"auto", "none", "gather", "land", "vcm"}, *const rules[] = {
+                                                                                         "balance", "power", "uniform"};
     json_int_t of[KILN_GLOSS_KINDS] = {0}, taken = 0;
     json_t *json = json_pack("{s:s}", "mode", modes[asked]), *kinds = json_object();
     for (uint32_t i = 0; i < scene->material_count; i++) {
@@ -47,7 +52,9 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
     }
     (void)json_object_set_new(json, "kinds", kinds);
     (void)json_object_set_new(json, "caustics", json_string(caustics[job->caustics]));
-    if (job->caustics == KILN_CAUSTICS_LAND) {
+    if (job->caustics == KILN_CAUSTICS_VCM)
+        (void)json_object_set_new(json, "mis", json_string(rules[job->mis]));
+    if (job->caustics >= KILN_CAUSTICS_LAND) {
         (void)json_object_set_new(json, "photons", json_integer((json_int_t)photons));
         (void)json_object_set_new(json, "iterations", json_integer((json_int_t)job->iterations));
     }

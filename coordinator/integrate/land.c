@@ -8,8 +8,10 @@
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 #include "worker/light/aims.h"
+#include "worker/light/emission.h"
 #include "worker/pass/land.h"
 #include "worker/pass/point.h"
+#include "worker/pass/weighed.h"
 #include "worker/sampling/keys.h"
 #include "worker/scene/footprint.h"
 
@@ -17,7 +19,9 @@
 #define MOMENT_STEP 65536.0 /* second moments are sums of whole numbers of 1 / this */
 #define MOMENT_MOST 0x1p38  /* of one path: 2^24 of the rarest kind fit in 64 bits */
 
-enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256, PATHS_AN_AIM = 4 };
+enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256, PATHS_AN_AIM = 4, PILOT = 4 };
+
+#define PILOT_ITERATION ((uint64_t)1 << 31) /* paths of pilots are numbered from this iteration on */
 
 struct kiln_landing {
     const struct kiln_integrate_params *params;
@@ -26,6 +30,11 @@ struct kiln_landing {
     struct kiln_aims *aims;
     uint64_t photons;         /* of an iteration */
     struct kiln_backend *own; /* of the step, where the bake's backend is a device: light paths are the host's */
+    /* --caustics vcm, else NULL; what light paths share their light with, and how much (the areas are of the step) */
+    struct kiln_emission *emission;
+    struct kiln_caustic_techniques techniques;
+    struct kiln_landing_weights landing_weights;
+    float *areas;
     /* of an iteration: this rank's second moments by aim; of all so far: by aim, and the paths that they are of */
     uint64_t *moments;
     double *learnt, *paths, *weights;
@@ -78,6 +87,12 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
                       (unsigned long long)photons, l->aims->count, l->aims->count);
     if (status == KILN_OK)
         status = make_room(l, error);
+    if (status == KILN_OK && params->settings->caustics == KILN_CAUSTICS_VCM)
+        status = kiln_emission_create(&l->emission, params->backend->params.lights, error);
+    l->techniques = (struct kiln_caustic_techniques){.aims = l->aims,
+                                                     .emission = l->emission,
+                                                     .iterations = params->settings->iterations,
+                                                     .mis = params->settings->mis};
     if (status != KILN_OK)
         kiln_landing_destroy(landing);
     return status;
@@ -89,6 +104,7 @@ static void end_step(struct kiln_landing *l)
     kiln_land_exchange_release(&l->exchange);
     kiln_free(&l->records);
     kiln_free(&l->sums);
+    kiln_free(&l->areas);
 }
 
 void kiln_landing_destroy(struct kiln_landing **landing)
@@ -98,6 +114,7 @@ void kiln_landing_destroy(struct kiln_landing **landing)
         return;
     end_step(l);
     kiln_aims_destroy(&l->aims);
+    kiln_emission_destroy(&l->emission);
     kiln_free(&l->moments);
     kiln_free(&l->learnt);
     kiln_free(&l->paths);
@@ -130,19 +147,25 @@ static int take(void *context, size_t first, size_t count, const void *results, 
         *record = (struct kiln_landing_record){.point = r->point,
                                                .path = (uint32_t)(first + i - l->first_path),
                                                .shading = r->shading,
-                                               .taken_up = r->taken_up};
+                                               .taken_up = r->taken_up,
+                                               .others = r->others};
         memcpy(record->flux, r->flux, sizeof record->flux);
         note_moment(l, r);
     }
     return KILN_OK;
 }
 
+static struct kiln_backend *backend_of(const struct kiln_landing *l)
+{
+    return l->own != NULL ? l->own : l->params->backend;
+}
+
 static int trace(struct kiln_landing *l, uint64_t first, uint64_t count, uint64_t *rays, struct kiln_error *error)
 {
-    const struct kiln_land_parameters parameters = {.aims = l->aims};
+    const struct kiln_land_parameters parameters = {.aims = l->aims,
+                                                    .techniques = l->emission != NULL ? &l->techniques : NULL};
     const struct kiln_batch batch = {.first = first, .count = count, .take = take, .context = l};
-    return kiln_backend_run(l->own != NULL ? l->own : l->params->backend, &kiln_pass_land, &parameters, &batch, rays,
-                            error);
+    return kiln_backend_run(backend_of(l), &kiln_pass_land, &parameters, &batch, rays, error);
 }
 
 /* Collective. Traces this rank's part of the block of paths [first, first + count), and waits for the others; saves and
@@ -185,8 +208,8 @@ static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, s
 
 /* ---- aims ---- */
 
-/* Collective. Adds an iteration's moments to those learnt, and shares the next iteration's paths out by them. */
-static void correct_aims(struct kiln_landing *l)
+/* Collective. Adds an iteration's moments to those learnt, and shares `paths` of the next one out by them. */
+static void correct_aims(struct kiln_landing *l, uint64_t paths)
 {
     struct kiln_aims *a = l->aims;
     double sent = 0.0, sum = 0.0;
@@ -202,7 +225,7 @@ static void correct_aims(struct kiln_landing *l)
     for (size_t i = 0; i < a->count; i++)
         l->weights[i] = (sum > 0.0 ? LEARNT * l->weights[i] / sum : 0.0) +
                         (sent > 0.0 ? (1.0 - LEARNT) * a->aims[i].flux / sent : 0.0);
-    kiln_aims_share(a, a->paths, l->weights);
+    kiln_aims_share(a, paths, l->weights);
 }
 
 static void forget(struct kiln_landing *l)
@@ -231,6 +254,25 @@ static int open_backend(struct kiln_landing *l, struct kiln_error *error)
     return status == KILN_OK ? kiln_backend_set_surface(l->own, bake->surface, error) : status;
 }
 
+static float presence(const struct kiln_landing *l, const struct kiln_surface *surface,
+                      const struct kiln_point_cursor *at);
+
+/* By what the landings on own points are weighed. */
+static int find_weights(struct kiln_landing *l, struct kiln_error *error)
+{
+    const struct kiln_surface *own = &l->solution->own->surface;
+    const int status = kiln_allocate(&l->areas, own->count, sizeof *l->areas, "the areas of points", error);
+    for (size_t f = 0; status == KILN_OK && f < own->tile_run_count; f++) {
+        struct kiln_point_cursor at = kiln_point_first(own, f);
+        for (uint32_t k = 0; k < own->tile_runs[f].count; k++, kiln_point_next(own, &at))
+            if (kiln_point_valid(own, at.point))
+                l->areas[at.point.at] = (float)kiln_lit_area(own, at.point, presence(l, own, &at));
+    }
+    l->landing_weights = (struct kiln_landing_weights){
+        .mis = l->techniques.mis, .rays = (double)kiln_solution_step(l->solution)->step.samples, .area = l->areas};
+    return status;
+}
+
 /* Collective. */
 static int begin_step(struct kiln_landing *l, struct kiln_error *error)
 {
@@ -243,14 +285,18 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
                                "the landings of light paths", error);
     if (status == KILN_OK && l->aims->count > 0)
         status = open_backend(l, error);
+    if (status == KILN_OK && l->emission != NULL)
+        status = find_weights(l, error);
     status = kiln_agree(l->params->communicator, status, error);
-    return status == KILN_OK
-               ? kiln_land_exchange_create(&l->exchange, l->params->communicator, own->first.at, own->count, error)
-               : status;
+    if (status == KILN_OK)
+        status = kiln_land_exchange_create(&l->exchange, l->params->communicator, own->first.at, own->count, error);
+    l->exchange.weights = l->emission != NULL ? &l->landing_weights : NULL;
+    return status;
 }
 
-/* Collective. */
-static int run_iteration(struct kiln_landing *l, uint64_t iteration, uint64_t before, struct kiln_error *error)
+/* Collective. `lands`: the light of the paths counts. */
+static int run_iteration(struct kiln_landing *l, uint64_t iteration, uint64_t before, bool lands,
+                         struct kiln_error *error)
 {
     struct kiln_step_report *report = kiln_solution_step(l->solution);
     const uint64_t paths = l->aims->paths;
@@ -260,12 +306,24 @@ static int run_iteration(struct kiln_landing *l, uint64_t iteration, uint64_t be
         status = trace_block(l, iteration * paths + first, count, error);
         const double start = MPI_Wtime();
         kiln_control_blocking(l->params->control, "exchanging landings of light", 0.0);
-        if (status == KILN_OK)
+        if (status == KILN_OK && lands)
             status = kiln_land_exchange(&l->exchange, l->records, l->count, l->sums, error);
         kiln_control_blocking(l->params->control, NULL, 0.0);
         report->exchange_seconds += MPI_Wtime() - start;
         kiln_progress_advance(l->params->progress, before + first + count);
     }
+    return status;
+}
+
+/* Collective. Paths that teach how those of all iterations are shared out, and bring no light. Returns how many there
+ * are in *count. */
+static int run_pilot(struct kiln_landing *l, uint64_t part, uint64_t *count, struct kiln_error *error)
+{
+    *count = l->photons / PILOT > l->aims->count ? l->photons / PILOT : l->aims->count;
+    kiln_aims_share(l->aims, *count, NULL);
+    const int status = run_iteration(l, PILOT_ITERATION + part, 0, false, error);
+    if (status == KILN_OK)
+        correct_aims(l, l->photons);
     return status;
 }
 
@@ -276,13 +334,16 @@ int kiln_landing_run(struct kiln_landing *l, struct kiln_error *error)
     report->rays = 0; /* what was traced before a kill is traced again */
     forget(l);
     end_step(l);
+    uint64_t before = 0;
     int status = begin_step(l, error);
     kiln_progress_phase(l->params->progress, "light paths", iterations * l->aims->paths);
     kiln_control_begin(l->params->control, "light paths");
+    if (status == KILN_OK && l->emission != NULL && l->aims->count > 0)
+        status = run_pilot(l, part, &before, error);
     for (uint64_t i = 0; i < iterations && status == KILN_OK && l->aims->count > 0; i++) {
-        status = run_iteration(l, part * iterations + i, i * l->aims->paths, error);
-        if (status == KILN_OK && i + 1 < iterations)
-            correct_aims(l);
+        status = run_iteration(l, part * iterations + i, before + i * l->aims->paths, true, error);
+        if (status == KILN_OK && i + 1 < iterations && l->emission == NULL)
+            correct_aims(l, l->aims->paths);
     }
     return status;
 }
@@ -311,8 +372,7 @@ static struct kiln_point_result answer(const struct kiln_landing *l, const struc
     if (!kiln_point_valid(surface, at->point))
         return (struct kiln_point_result){.count = 0};
     r.present = presence(l, surface, at);
-    const double area = (double)surface->area[at->point.at] * ((double)surface->visible[at->point.at] / 65535.0) *
-                        (double)r.present,
+    const double area = kiln_lit_area(surface, at->point, r.present),
                  scale = area > 0.0 ? 1.0 / (area * (double)l->params->settings->iterations) : 0.0;
     for (int c = 0; c < 3; c++) {
         r.irradiance[c] = (float)(sum->irradiance[c] * scale);
@@ -322,9 +382,63 @@ static struct kiln_point_result answer(const struct kiln_landing *l, const struc
     return r;
 }
 
+/* What was gathered at a point, and what has landed. */
+static void combine(const struct kiln_point_result *landed, struct kiln_point_result *r)
+{
+    const float n = (float)r->count;
+    for (int c = 0; c < 3; c++) {
+        r->irradiance[c] += n * landed->irradiance[c];
+        r->incident[c] += n * landed->incident[c];
+    }
+    r->error = hypotf(r->error, n * landed->error);
+}
+
+/* A batch of which gather rays find a part. */
+struct gathered {
+    struct kiln_landing *landing;
+    const struct kiln_batch *batch;
+};
+
+/* kiln_take_results */
+static int take_gathered(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    const struct gathered *g = context;
+    struct kiln_landing *l = g->landing;
+    const struct kiln_surface *surface = &l->solution->own->surface;
+    const struct kiln_point_result *next = results;
+    int status = KILN_OK;
+    for (size_t end = first + count, stop; first < end && status == KILN_OK; first = stop) {
+        size_t points = 0;
+        stop = end - first < GIVEN_TILE_RUNS ? end : first + GIVEN_TILE_RUNS;
+        for (size_t f = first; f < stop; f++) {
+            struct kiln_point_cursor at = kiln_point_first(surface, f);
+            for (uint32_t k = 0; k < surface->tile_runs[f].count; k++, kiln_point_next(surface, &at)) {
+                const struct kiln_point_result landed = answer(l, surface, &at);
+                l->results[points] = *next++;
+                combine(&landed, &l->results[points++]);
+            }
+        }
+        status = g->batch->take(g->batch->context, first, stop - first, l->results, error);
+    }
+    return status;
+}
+
+/* Gather rays of the batch, which find what light paths leave to them. */
+static int give_gathered(struct kiln_landing *l, const struct kiln_batch *batch, struct kiln_error *error)
+{
+    struct gathered g = {l, batch};
+    struct kiln_batch rays = *batch;
+    rays.take = take_gathered;
+    rays.context = &g;
+    return kiln_backend_run(backend_of(l), &kiln_pass_weighed, &l->techniques, &rays,
+                            &kiln_solution_step(l->solution)->rays, error);
+}
+
 int kiln_landing_give(struct kiln_landing *l, const struct kiln_batch *batch, struct kiln_error *error)
 {
     const struct kiln_surface *surface = &l->solution->own->surface;
+    if (l->emission != NULL && l->aims->count > 0)
+        return give_gathered(l, batch, error);
     int status = KILN_OK;
     for (size_t first = batch->first, end = batch->first + batch->count, next; first < end && status == KILN_OK;
          first = next) {

@@ -8,13 +8,23 @@
 #include <stdint.h>
 
 #include "worker/base/status.h"
+#include "worker/pass/caustic_weights.h"
 
-/* 32 bytes. */
+/* 40 bytes. */
 struct kiln_landing_record {
     uint64_t point; /* global number */
     uint32_t path;  /* number in its block */
     float flux[3];  /* W */
     float shading, taken_up;
+    float others; /* of struct kiln_land_result */
+    uint32_t unused;
+};
+
+/* Where gather rays find a part of the light: what landings are weighed by (kiln_caustic_weight_landed). */
+struct kiln_landing_weights {
+    enum kiln_mis mis;
+    double rays;       /* of a point */
+    const float *area; /* m2, of own points: kiln_lit_area */
 };
 
 /* What all paths so far have brought to an own point, W. */
@@ -31,6 +41,7 @@ struct kiln_land_exchange {
     int *counts;     /* 4 x ranks: records sent to each rank, their places, and the same received */
     struct kiln_landing_record *received;
     size_t room;
+    const struct kiln_landing_weights *weights; /* borrowed; NULL: landings count whole */
 };
 
 /* Collective. This rank has the points [first, first + count), ranks in order. KILN_SYSTEM. Release with

@@ -137,7 +137,7 @@ static void open_energy(struct kiln_energy *e, const struct kiln_emission_result
         e->glass[c] = light->glass[c];
         e->gloss[c] = light->gloss[c];
         e->unfound[c] = caustics == KILN_CAUSTICS_GATHER ? light->mirrored[c]
-                        : caustics == KILN_CAUSTICS_LAND ? 0.0
+                        : caustics >= KILN_CAUSTICS_LAND ? 0.0
                                                          : light->caustic[c];
         e->absorbed[c] = e->left_over[c] = 0.0;
     }

@@ -38,7 +38,7 @@ int kiln_lockstep_create(struct kiln_lockstep *l, const struct kiln_integrate_pa
     int status = kiln_ledger_create(&l->ledger, params->surface, kiln_luminance(params->emission->emitted), error);
     if (status == KILN_OK && params->settings->radiance != NULL)
         status = kiln_radiance_create(&l->radiance, params, solution, &l->saved, error);
-    if (status == KILN_OK && params->settings->caustics == KILN_CAUSTICS_LAND)
+    if (status == KILN_OK && params->settings->caustics >= KILN_CAUSTICS_LAND)
         status = kiln_landing_create(&l->landing, params, solution, &l->saved, error);
     l->batches.landing = l->landing;
     return status;

@@ -49,9 +49,15 @@ enum kiln_rebalance { KILN_REBALANCE_AUTO = 0, KILN_REBALANCE_NEVER = 1, KILN_RE
 enum kiln_directional { KILN_DIRECTIONAL_NONE = 0, KILN_DIRECTIONAL_DOMINANT = 1, KILN_DIRECTIONAL_SH1 = 2 };
 
 /* How the light is found that mirrors, gloss and glass send on from lights to diffuse surfaces: not at all, by
- * gather rays that go on from there (shaders/shared/chain.h), or by light paths that land in texels
- * (worker/pass/land.h). AUTO: gathered. */
-enum kiln_caustics { KILN_CAUSTICS_AUTO = 0, KILN_CAUSTICS_NONE = 1, KILN_CAUSTICS_GATHER = 2, KILN_CAUSTICS_LAND = 3 };
+ * gather rays that go on from there (shaders/shared/chain.h), by light paths that land in texels (worker/pass/land.h),
+ * or by both, each path weighed (worker/pass/weighed.h). AUTO: the latter. Light paths are traced from LAND on. */
+enum kiln_caustics {
+    KILN_CAUSTICS_AUTO = 0,
+    KILN_CAUSTICS_NONE = 1,
+    KILN_CAUSTICS_GATHER = 2,
+    KILN_CAUSTICS_LAND = 3,
+    KILN_CAUSTICS_VCM = 4
+};
 
 /* What takes noise out of lightmaps: nothing; surface regression (coordinator/output/map/regression.h); or regression
  * unless --quality is reference. */

@@ -61,7 +61,8 @@ struct kiln_job {
     int guide;               /* 1: the final gather follows what the bounces learn (worker/pass/guided.h) */
     int materials;           /* enum kiln_gloss_mode */
     int caustics;            /* enum kiln_caustics */
-    uint32_t photons;        /* --caustics land: light paths of an iteration; 0: kiln_light_photons */
+    int mis;                 /* enum kiln_mis (worker/pass/caustic_weights.h), of --caustics vcm */
+    uint32_t photons;        /* --caustics land, vcm: light paths of an iteration; 0: kiln_light_photons */
     uint32_t iterations;     /* and how many iterations there are */
     uint32_t chain_length;   /* surfaces of a gather ray's chain that are met for certain (shaders/shared/chain.h) */
     char *only_visible_from; /* cameras, or a path's file: bake/visible_from.h; NULL: all surfaces are lit */

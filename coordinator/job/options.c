@@ -46,7 +46,9 @@ static const char *const method_names[] = {KILN_METHOD_LIST(METHOD_NAME) NULL};
 /* in the order of enum kiln_gloss_mode */
 static const char *const materials_names[] = {"auto", "diffuse", "full", NULL};
 /* in the order of enum kiln_caustics */
-static const char *const caustics_names[] = {"auto", "none", "gather", "land", NULL};
+static const char *const caustics_names[] = {"auto", "none", "gather", "land", "vcm", NULL};
+/* in the order of enum kiln_mis */
+static const char *const mis_names[] = {"balance", "power", "uniform", NULL};
 /* in the order of enum kiln_view_method */
 #define VIEW_METHOD_NAME(name, text) text,
 static const char *const view_method_names[] = {KILN_VIEW_METHOD_LIST(VIEW_METHOD_NAME) NULL};
@@ -317,9 +319,17 @@ const struct kiln_option kiln_options[] = {
      .kind = KILN_OPTION_CHOICE_ENUM,
      .fallback = "auto",
      .choices = caustics_names,
-     .help = "light by mirrors, gloss and glass alone: none, gathered, or by paths that land; auto: these",
+     .help = "light by mirrors, gloss and glass alone: none, gathered, by paths that land, or both (vcm, auto)",
      .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
      .offset = AT(caustics)},
+    {.name = "mis",
+     .group = "Light transport",
+     .kind = KILN_OPTION_CHOICE_ENUM,
+     .fallback = "balance",
+     .choices = mis_names,
+     .help = "--caustics vcm: by which heuristic gather rays and light paths share what both find",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(mis)},
     {.name = "photons",
      .group = "Light transport",
      .kind = KILN_OPTION_UINT32,
@@ -328,7 +338,7 @@ const struct kiln_option kiln_options[] = {
      .word = "auto",
      .minimum = 1,
      .maximum = 4294967295,
-     .help = "--caustics land: light paths of each iteration; auto: by points and samples-indirect",
+     .help = "--caustics land, vcm: light paths of each iteration; auto: by points and samples-indirect",
      .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
      .offset = AT(photons)},
     {.name = "iterations",
@@ -338,7 +348,7 @@ const struct kiln_option kiln_options[] = {
      .fallback = "16",
      .minimum = 1,
      .maximum = 65536,
-     .help = "--caustics land: how often paths are sent, each time aimed by what has landed",
+     .help = "--caustics land, vcm: how often paths are sent; by land each time aimed by what has landed",
      .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
      .offset = AT(iterations)},
     {.name = "chain-length",

@@ -233,7 +233,7 @@ static void first_step(const struct kiln_integrate_settings *settings, size_t co
         *step = (struct kiln_step){.pass = &kiln_pass_caustic,
                                    .role = KILN_CELLS_CAUSTIC,
                                    .samples = settings->samples_indirect,
-                                   .lands = settings->caustics == KILN_CAUSTICS_LAND,
+                                   .lands = settings->caustics >= KILN_CAUSTICS_LAND,
                                    .counted = true};
         return;
     }
