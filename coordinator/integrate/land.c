@@ -16,10 +16,11 @@
 #include "worker/scene/footprint.h"
 
 #define LEARNT 0.9          /* part of the paths that goes by what was learnt */
+#define EVEN 0.25           /* of shares that are learnt once for all: part that all aims have alike */
 #define MOMENT_STEP 65536.0 /* second moments are sums of whole numbers of 1 / this */
 #define MOMENT_MOST 0x1p38  /* of one path: 2^24 of the rarest kind fit in 64 bits */
 
-enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256, PATHS_AN_AIM = 4, PILOT = 4 };
+enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256, PATHS_AN_AIM = 4, PILOTS = 4 };
 
 #define PILOT_ITERATION ((uint64_t)1 << 31) /* paths of pilots are numbered from this iteration on */
 
@@ -125,13 +126,12 @@ void kiln_landing_destroy(struct kiln_landing **landing)
 
 /* ---- paths ---- */
 
-static void note_moment(struct kiln_landing *l, const struct kiln_land_result *r)
+static void note_moment(struct kiln_landing *l, uint32_t aim, double luminance)
 {
     const struct kiln_aims *a = l->aims;
-    const double paths = (double)(a->first[r->aim + 1] - a->first[r->aim]),
-                 flux = kiln_luminance_of_floats(r->flux) * paths / a->aims[r->aim].flux;
-    if (a->aims[r->aim].flux > 0.0)
-        l->moments[r->aim] += (uint64_t)fmin(MOMENT_STEP * flux * flux, MOMENT_MOST);
+    const double paths = (double)(a->first[aim + 1] - a->first[aim]), flux = luminance * paths / a->aims[aim].flux;
+    if (a->aims[aim].flux > 0.0)
+        l->moments[aim] += (uint64_t)fmin(MOMENT_STEP * flux * flux, MOMENT_MOST);
 }
 
 /* kiln_take_results */
@@ -148,9 +148,11 @@ static int take(void *context, size_t first, size_t count, const void *results, 
                                                .path = (uint32_t)(first + i - l->first_path),
                                                .shading = r->shading,
                                                .taken_up = r->taken_up,
-                                               .others = r->others};
+                                               .others = r->others,
+                                               .aim = r->aim};
         memcpy(record->flux, r->flux, sizeof record->flux);
-        note_moment(l, r);
+        if (l->emission == NULL)
+            note_moment(l, r->aim, kiln_luminance_of_floats(r->flux));
     }
     return KILN_OK;
 }
@@ -222,9 +224,10 @@ static void correct_aims(struct kiln_landing *l, uint64_t paths)
         sum += l->weights[i];
         l->moments[i] = 0;
     }
+    const double even = l->emission != NULL ? EVEN / (1.0 - EVEN) / (double)a->count : 0.0;
     for (size_t i = 0; i < a->count; i++)
         l->weights[i] = (sum > 0.0 ? LEARNT * l->weights[i] / sum : 0.0) +
-                        (sent > 0.0 ? (1.0 - LEARNT) * a->aims[i].flux / sent : 0.0);
+                        (sent > 0.0 ? (1.0 - LEARNT) * a->aims[i].flux / sent : 0.0) + even;
     kiln_aims_share(a, paths, l->weights);
 }
 
@@ -294,8 +297,21 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
     return status;
 }
 
-/* Collective. `lands`: the light of the paths counts. */
-static int run_iteration(struct kiln_landing *l, uint64_t iteration, uint64_t before, bool lands,
+/* kiln_take_landing: its light counts. */
+static void add_landing(void *context, const struct kiln_landing_record *record, double weight)
+{
+    struct kiln_landing *l = context;
+    kiln_land_add(record, weight, &l->sums[record->point - l->exchange.first[l->exchange.rank]]);
+}
+
+/* kiln_take_landing: of a pilot, whose light does not count. */
+static void learn_from_landing(void *context, const struct kiln_landing_record *record, double weight)
+{
+    note_moment(context, record->aim, weight * kiln_luminance_of_floats(record->flux));
+}
+
+/* Collective. */
+static int run_iteration(struct kiln_landing *l, uint64_t iteration, uint64_t before, kiln_take_landing take_landing,
                          struct kiln_error *error)
 {
     struct kiln_step_report *report = kiln_solution_step(l->solution);
@@ -306,8 +322,8 @@ static int run_iteration(struct kiln_landing *l, uint64_t iteration, uint64_t be
         status = trace_block(l, iteration * paths + first, count, error);
         const double start = MPI_Wtime();
         kiln_control_blocking(l->params->control, "exchanging landings of light", 0.0);
-        if (status == KILN_OK && lands)
-            status = kiln_land_exchange(&l->exchange, l->records, l->count, l->sums, error);
+        if (status == KILN_OK)
+            status = kiln_land_exchange(&l->exchange, l->records, l->count, take_landing, l, error);
         kiln_control_blocking(l->params->control, NULL, 0.0);
         report->exchange_seconds += MPI_Wtime() - start;
         kiln_progress_advance(l->params->progress, before + first + count);
@@ -315,15 +331,19 @@ static int run_iteration(struct kiln_landing *l, uint64_t iteration, uint64_t be
     return status;
 }
 
-/* Collective. Paths that teach how those of all iterations are shared out, and bring no light. Returns how many there
- * are in *count. */
-static int run_pilot(struct kiln_landing *l, uint64_t part, uint64_t *count, struct kiln_error *error)
+/* Collective. Paths that teach how those of all iterations are shared out, in a few rounds of which each learns from
+ * those before, and bring no light. Their number, as many as an iteration's at least, goes to *count. */
+static int run_pilots(struct kiln_landing *l, uint64_t part, uint64_t *count, struct kiln_error *error)
 {
-    *count = l->photons / PILOT > l->aims->count ? l->photons / PILOT : l->aims->count;
-    kiln_aims_share(l->aims, *count, NULL);
-    const int status = run_iteration(l, PILOT_ITERATION + part, 0, false, error);
-    if (status == KILN_OK)
-        correct_aims(l, l->photons);
+    const uint64_t paths = l->photons / PILOTS > l->aims->count ? l->photons / PILOTS : l->aims->count;
+    int status = KILN_OK;
+    kiln_aims_share(l->aims, paths, NULL);
+    for (uint64_t i = 0; i < PILOTS && status == KILN_OK; i++) {
+        status = run_iteration(l, PILOT_ITERATION + part * PILOTS + i, i * paths, learn_from_landing, error);
+        if (status == KILN_OK)
+            correct_aims(l, i + 1 < PILOTS ? paths : l->photons);
+    }
+    *count = PILOTS * paths;
     return status;
 }
 
@@ -339,9 +359,9 @@ int kiln_landing_run(struct kiln_landing *l, struct kiln_error *error)
     kiln_progress_phase(l->params->progress, "light paths", iterations * l->aims->paths);
     kiln_control_begin(l->params->control, "light paths");
     if (status == KILN_OK && l->emission != NULL && l->aims->count > 0)
-        status = run_pilot(l, part, &before, error);
+        status = run_pilots(l, part, &before, error);
     for (uint64_t i = 0; i < iterations && status == KILN_OK && l->aims->count > 0; i++) {
-        status = run_iteration(l, part * iterations + i, before + i * l->aims->paths, true, error);
+        status = run_iteration(l, part * iterations + i, before + i * l->aims->paths, add_landing, error);
         if (status == KILN_OK && i + 1 < iterations && l->emission == NULL)
             correct_aims(l, l->aims->paths);
     }

@@ -73,7 +73,7 @@ static double weigh(const struct kiln_land_exchange *e, const struct kiln_landin
                                       (double)w->area[record->point - e->first[e->rank]]);
 }
 
-static void add(const struct kiln_landing_record *record, double weight, struct kiln_landing_sum *sum)
+void kiln_land_add(const struct kiln_landing_record *record, double weight, struct kiln_landing_sum *sum)
 {
     double irradiance[3];
     for (int c = 0; c < 3; c++) {
@@ -85,7 +85,7 @@ static void add(const struct kiln_landing_record *record, double weight, struct 
 }
 
 int kiln_land_exchange(struct kiln_land_exchange *e, struct kiln_landing_record *records, size_t count,
-                       struct kiln_landing_sum *sums, struct kiln_error *error)
+                       kiln_take_landing take, void *context, struct kiln_error *error)
 {
     const struct kiln_landing_record *mine = records;
     MPI_Datatype type;
@@ -108,6 +108,6 @@ int kiln_land_exchange(struct kiln_land_exchange *e, struct kiln_landing_record 
         count = all;
     }
     for (size_t i = 0; i < count; i++)
-        add(&mine[i], weigh(e, &mine[i]), &sums[mine[i].point - e->first[e->rank]]);
+        take(context, &mine[i], weigh(e, &mine[i]));
     return KILN_OK;
 }

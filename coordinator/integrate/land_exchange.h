@@ -17,7 +17,7 @@ struct kiln_landing_record {
     float flux[3];  /* W */
     float shading, taken_up;
     float others; /* of struct kiln_land_result */
-    uint32_t unused;
+    uint32_t aim;
 };
 
 /* Where gather rays find a part of the light: what landings are weighed by (kiln_caustic_weight_landed). */
@@ -44,6 +44,9 @@ struct kiln_land_exchange {
     const struct kiln_landing_weights *weights; /* borrowed; NULL: landings count whole */
 };
 
+/* What is done with the landings on own points: of each record, and its weight. */
+typedef void (*kiln_take_landing)(void *context, const struct kiln_landing_record *record, double weight);
+
 /* Collective. This rank has the points [first, first + count), ranks in order. KILN_SYSTEM. Release with
  * kiln_land_exchange_release, in any case. */
 int kiln_land_exchange_create(struct kiln_land_exchange *exchange, MPI_Comm communicator, uint64_t first,
@@ -51,9 +54,12 @@ int kiln_land_exchange_create(struct kiln_land_exchange *exchange, MPI_Comm comm
 void kiln_land_exchange_release(struct kiln_land_exchange *exchange);
 
 /* Collective. Sends `count` records of this rank to the owners of their points, sorts those that come by point and
- * path, and adds them to the sums of own points in that order. Sorts `records`. The ranks' records of a block must be
- * 2^31 - 1 at most, all together. KILN_SYSTEM on all ranks. */
+ * path, and gives them to `take` in that order; kiln_land_add adds them to the sums of own points. Sorts `records`. The
+ * ranks' records of a block must be 2^31 - 1 at most, all together. KILN_SYSTEM on all ranks. */
 int kiln_land_exchange(struct kiln_land_exchange *exchange, struct kiln_landing_record *records, size_t count,
-                       struct kiln_landing_sum *sums, struct kiln_error *error);
+                       kiln_take_landing take, void *context, struct kiln_error *error);
+
+/* Adds a landing to the sum of its point. */
+void kiln_land_add(const struct kiln_landing_record *record, double weight, struct kiln_landing_sum *sum);
 
 #endif
