@@ -10,7 +10,7 @@ void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
         job->caustics = KILN_CAUSTICS_NONE;
         job->chain_length = 0; /* there are no chains */
     } else if (job->caustics == KILN_CAUSTICS_AUTO) {
-        job->caustics = KILN_CAUSTICS_LAND;
+        job->caustics = KILN_CAUSTICS_VCM;
     }
     if (job->caustics != KILN_CAUSTICS_VCM)
         job->mis = KILN_MIS_BALANCE; /* nothing shares */

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "coordinator/integrate/land_exchange.h"
+#include "coordinator/integrate/step_work.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
@@ -39,6 +40,7 @@ struct kiln_landing {
     /* of an iteration: this rank's second moments by aim; of all so far: by aim, and the paths that they are of */
     uint64_t *moments;
     double *learnt, *paths, *weights;
+    bool counted; /* rays of the light paths of the step are counted already */
     /* of a block */
     struct kiln_landing_record *records;
     size_t count;
@@ -178,7 +180,7 @@ static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, s
     struct kiln_step_report *report = kiln_solution_step(l->solution);
     const uint64_t rank = (uint64_t)p->rank, ranks = (uint64_t)p->ranks, begin = first + count * rank / ranks,
                    end = first + count * (rank + 1) / ranks;
-    uint64_t next = begin;
+    uint64_t next = begin, ignored = 0;
     int status = KILN_OK;
     l->count = 0;
     l->first_path = first;
@@ -187,7 +189,7 @@ static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, s
         if (status == KILN_OK && next < end) {
             const double start = MPI_Wtime();
             const uint64_t now = end - next < BATCH_PATHS ? end - next : BATCH_PATHS;
-            status = trace(l, next, now, &report->rays, error);
+            status = trace(l, next, now, l->counted ? &ignored : &report->rays, error);
             next += now;
             const double seconds = MPI_Wtime() - start;
             report->seconds += seconds;
@@ -241,6 +243,15 @@ static void forget(struct kiln_landing *l)
 }
 
 /* ---- a step ---- */
+
+/* Collective. Whether the bake goes on from a checkpoint within the step after its light paths, whose rays are counted
+ * among those of tile runs then; paths that are traced again before are counted again. */
+static bool goes_on_after_paths(const struct kiln_landing *l)
+{
+    int any = l->emission != NULL && kiln_step_work_points(l->saved->work, l->solution->own) > 0;
+    (void)MPI_Allreduce(MPI_IN_PLACE, &any, 1, MPI_INT, MPI_MAX, l->params->communicator);
+    return any != 0;
+}
 
 /* A device leaves light paths to the host's processors (worker/pass/land.h), which need a BVH of their own for them. */
 static int open_backend(struct kiln_landing *l, struct kiln_error *error)
@@ -351,7 +362,8 @@ int kiln_landing_run(struct kiln_landing *l, struct kiln_error *error)
 {
     struct kiln_step_report *report = kiln_solution_step(l->solution);
     const uint64_t iterations = l->params->settings->iterations, part = report->step.part; /* has paths of its own */
-    report->rays = 0; /* what was traced before a kill is traced again */
+    l->counted = goes_on_after_paths(l);
+    report->rays = l->counted ? report->rays : 0;
     forget(l);
     end_step(l);
     uint64_t before = 0;

@@ -89,7 +89,7 @@ class Materials(unittest.TestCase):
         self.assertTrue(np.array_equal(light(folder), light(folder, "direct") + light(folder, "indirect") +
                                        light(folder, "caustic")))
         said = report(folder)["materials"]
-        self.assertEqual((said["mode"], said["taken"], said["caustics"]), ("auto", 2, "land"))
+        self.assertEqual((said["mode"], said["taken"], said["caustics"]), ("auto", 2, "vcm"))
         self.assertEqual(said["kinds"], {"metal": 1, "volume glass": 1})
         self.assertTrue(any("caustic.R" in channels(folder, entry)
                             for entry in report(folder)["objects"]))
