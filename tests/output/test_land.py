@@ -31,8 +31,8 @@ class Land(unittest.TestCase):
         """The folder of the bake; or what it says where it ends with another code."""
         folder = os.path.join(tempfile.mkdtemp(dir=self.folder), name)
         start = ["mpirun", "-n", str(ranks)] if ranks else []
-        done = subprocess.run([*start, KILN, "bake", scene or self.scene, "-o", folder, *SMALL, *options], capture_output=True,
-                              text=True)
+        command = [*start, KILN, "bake", scene or self.scene, "-o", folder, *SMALL, *options]
+        done = subprocess.run(command, capture_output=True, text=True)
         self.assertEqual(done.returncode, code, done.stderr)
         return folder if code == 0 else done.stderr
 
