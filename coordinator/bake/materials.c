@@ -1,5 +1,7 @@
 #include "coordinator/bake/materials.h"
 
+#include "worker/pass/caustic_weights.h"
+
 void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
 {
     if (scene->taken == NULL)
@@ -8,8 +10,10 @@ void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
         job->caustics = KILN_CAUSTICS_NONE;
         job->chain_length = 0; /* there are no chains */
     } else if (job->caustics == KILN_CAUSTICS_AUTO) {
-        job->caustics = KILN_CAUSTICS_LAND;
+        job->caustics = KILN_CAUSTICS_VCM;
     }
+    if (job->caustics != KILN_CAUSTICS_VCM)
+        job->mis = KILN_MIS_BALANCE; /* nothing shares */
     if (job->caustics < KILN_CAUSTICS_LAND)
         job->photons = job->iterations = 0; /* there are no light paths */
     if (job->caustics != KILN_CAUSTICS_MERGE)
@@ -28,7 +32,9 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
                             const struct kiln_landing_report *landing)
 {
     static const char *const modes[] = {"auto", "diffuse", "full"};
-    static const char *const caustics[] = {"auto", "none", "gather", "land", "merge"};
+    static const char *const caustics[] = {"auto", "none", "gather", "land", "merge", "vcm"}, *const rules[] = {
+                                                                                                  "balance", "power",
+                                                                                                  "uniform"};
     json_int_t of[KILN_GLOSS_KINDS] = {0}, taken = 0;
     json_t *json = json_pack("{s:s}", "mode", modes[asked]), *kinds = json_object();
     for (uint32_t i = 0; i < scene->material_count; i++) {
@@ -49,6 +55,8 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
     }
     (void)json_object_set_new(json, "kinds", kinds);
     (void)json_object_set_new(json, "caustics", json_string(caustics[job->caustics]));
+    if (job->caustics == KILN_CAUSTICS_VCM)
+        (void)json_object_set_new(json, "mis", json_string(rules[job->mis]));
     if (job->caustics >= KILN_CAUSTICS_LAND) {
         (void)json_object_set_new(json, "photons", json_integer((json_int_t)landing->photons));
         (void)json_object_set_new(json, "aims", json_integer((json_int_t)landing->aims));

@@ -10,17 +10,22 @@
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 #include "worker/light/aims.h"
+#include "worker/light/emission.h"
 #include "worker/pass/caustic.h"
 #include "worker/pass/land.h"
 #include "worker/pass/point.h"
+#include "worker/pass/weighed.h"
 #include "worker/sampling/keys.h"
 #include "worker/scene/footprint.h"
 
 #define LEARNT 0.9          /* part of the paths that goes by what was learnt */
+#define EVEN 0.25           /* of shares that are learnt once for all: part that all aims have alike */
 #define MOMENT_STEP 65536.0 /* second moments are sums of whole numbers of 1 / this */
 #define MOMENT_MOST 0x1p38  /* of one path: 2^24 of the rarest kind fit in 64 bits */
 
-enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256, PATHS_AN_AIM = 4 };
+enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256, PATHS_AN_AIM = 4, PILOTS = 4 };
+
+#define PILOT_ITERATION ((uint64_t)1 << 31) /* paths of pilots are numbered from this iteration on */
 
 /* The block "landing" of a checkpoint, once: where the step stands. After it "landing_learnt" and "landing_paths",
  * once, an element an aim; "landing_moments", likewise, of each rank; "landing_sums" and, where they are merged,
@@ -39,6 +44,10 @@ struct kiln_landing {
     struct kiln_aims *aims;
     uint64_t photons;         /* of an iteration */
     struct kiln_backend *own; /* of the step, where the bake's backend is a device: light paths are the host's */
+    /* --caustics vcm, else NULL; what light paths share their light with, and how much */
+    struct kiln_emission *emission;
+    struct kiln_caustic_techniques techniques;
+    struct kiln_landing_weights landing_weights;
     /* of an iteration: this rank's second moments by aim; of all so far: by aim, and the paths that they are of */
     uint64_t *moments;
     double *learnt, *paths, *weights;
@@ -46,6 +55,8 @@ struct kiln_landing {
     /* as they were when the block under way began: of all of it that a checkpoint has */
     uint64_t *moments_before, rays_before;
     struct saved_landing record;
+    bool restored; /* what was learnt and landed before, from a checkpoint */
+    bool pilots;   /* the paths under way bring no light; a checkpoint has nothing of them */
     /* of a block */
     struct kiln_landing_record *records;
     size_t count;
@@ -54,12 +65,15 @@ struct kiln_landing {
     struct kiln_land_exchange exchange;
     struct kiln_landing_sum *sums; /* of own points; where they are merged, of iterations of the radius under way */
     struct kiln_point_result *results;
-    /* likewise, of --caustics merge; else NULL */
-    float *lit; /* m2, an own point: area that is there to be lit */
+    float *lit; /* m2, an own point: area that is there to be lit; with --caustics merge and vcm, else NULL */
+    /* of --caustics merge; else NULL */
     struct kiln_merged *merged;
     struct kiln_merge *merge; /* from the end of the first iteration on */
     double radius;            /* m, at first */
 };
+
+/* Whether gather rays find a part of the light. */
+static bool shares(const struct kiln_landing *l) { return l->emission != NULL; }
 
 static bool merges(const struct kiln_landing *l) { return l->params->settings->caustics == KILN_CAUSTICS_MERGE; }
 
@@ -93,7 +107,9 @@ uint64_t kiln_landing_bytes(const struct kiln_integrate_settings *settings, size
                  aim = (double)sizeof(struct kiln_aim) + 6.0 * sizeof(double);
     double point = (double)kiln_landing_saved_bytes(settings->caustics);
     if (settings->caustics == KILN_CAUSTICS_MERGE)
-        point += (double)sizeof(float) + (double)KILN_MERGE_POINT_BYTES;
+        point += (double)KILN_MERGE_POINT_BYTES;
+    if (settings->caustics >= KILN_CAUSTICS_MERGE) /* and what is there to be lit */
+        point += (double)sizeof(float);
     return (uint64_t)(records + aim * (double)aims + point * points);
 }
 
@@ -145,6 +161,12 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
                       (unsigned long long)photons, l->aims->count, l->aims->count);
     if (status == KILN_OK)
         status = make_room(l, error);
+    if (status == KILN_OK && params->settings->caustics == KILN_CAUSTICS_VCM)
+        status = kiln_emission_create(&l->emission, params->backend->params.lights, error);
+    l->techniques = (struct kiln_caustic_techniques){.aims = l->aims,
+                                                     .emission = l->emission,
+                                                     .iterations = params->settings->iterations,
+                                                     .mis = params->settings->mis};
     if (status != KILN_OK)
         kiln_landing_destroy(landing);
     return status;
@@ -168,6 +190,7 @@ void kiln_landing_destroy(struct kiln_landing **landing)
         return;
     kiln_landing_end(l);
     kiln_aims_destroy(&l->aims);
+    kiln_emission_destroy(&l->emission);
     kiln_free(&l->moments);
     kiln_free(&l->moments_before);
     kiln_free(&l->learnt);
@@ -179,13 +202,12 @@ void kiln_landing_destroy(struct kiln_landing **landing)
 
 /* ---- paths ---- */
 
-static void note_moment(struct kiln_landing *l, const struct kiln_land_result *r)
+static void note_moment(struct kiln_landing *l, uint32_t aim, double luminance)
 {
     const struct kiln_aims *a = l->aims;
-    const double paths = (double)(a->first[r->aim + 1] - a->first[r->aim]),
-                 flux = kiln_luminance_of_floats(r->flux) * paths / a->aims[r->aim].flux;
-    if (a->aims[r->aim].flux > 0.0)
-        l->moments[r->aim] += (uint64_t)fmin(MOMENT_STEP * flux * flux, MOMENT_MOST);
+    const double paths = (double)(a->first[aim + 1] - a->first[aim]), flux = luminance * paths / a->aims[aim].flux;
+    if (a->aims[aim].flux > 0.0)
+        l->moments[aim] += (uint64_t)fmin(MOMENT_STEP * flux * flux, MOMENT_MOST);
 }
 
 /* kiln_take_results */
@@ -201,19 +223,26 @@ static int take(void *context, size_t first, size_t count, const void *results, 
         *record = (struct kiln_landing_record){.point = r->point,
                                                .path = (uint32_t)(first + i - l->first_path),
                                                .shading = r->shading,
-                                               .taken_up = r->taken_up};
+                                               .taken_up = r->taken_up,
+                                               .others = r->others,
+                                               .aim = r->aim};
         memcpy(record->flux, r->flux, sizeof record->flux);
-        note_moment(l, r);
+        if (!shares(l))
+            note_moment(l, r->aim, kiln_luminance_of_floats(r->flux));
     }
     return KILN_OK;
 }
 
+static struct kiln_backend *backend_of(const struct kiln_landing *l)
+{
+    return l->own != NULL ? l->own : l->params->backend;
+}
+
 static int trace(struct kiln_landing *l, uint64_t first, uint64_t count, uint64_t *rays, struct kiln_error *error)
 {
-    const struct kiln_land_parameters parameters = {.aims = l->aims};
+    const struct kiln_land_parameters parameters = {.aims = l->aims, .techniques = shares(l) ? &l->techniques : NULL};
     const struct kiln_batch batch = {.first = first, .count = count, .take = take, .context = l};
-    return kiln_backend_run(l->own != NULL ? l->own : l->params->backend, &kiln_pass_land, &parameters, &batch, rays,
-                            error);
+    return kiln_backend_run(backend_of(l), &kiln_pass_land, &parameters, &batch, rays, error);
 }
 
 /* Collective. A checkpoint has nothing of the block under way, which is traced anew then. */
@@ -269,8 +298,8 @@ static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, s
 
 /* ---- aims ---- */
 
-/* Shares the next iteration's paths out by what was learnt. */
-static void aim(struct kiln_landing *l)
+/* Shares `paths` of the next iteration out by what was learnt. */
+static void aim(struct kiln_landing *l, uint64_t paths)
 {
     struct kiln_aims *a = l->aims;
     double sent = 0.0, sum = 0.0;
@@ -279,14 +308,15 @@ static void aim(struct kiln_landing *l)
         sent += a->aims[i].flux;
         sum += l->weights[i];
     }
+    const double even = shares(l) ? EVEN / (1.0 - EVEN) / (double)a->count : 0.0;
     for (size_t i = 0; i < a->count; i++)
         l->weights[i] = (sum > 0.0 ? LEARNT * l->weights[i] / sum : 0.0) +
-                        (sent > 0.0 ? (1.0 - LEARNT) * a->aims[i].flux / sent : 0.0);
-    kiln_aims_share(a, a->paths, l->weights);
+                        (sent > 0.0 ? (1.0 - LEARNT) * a->aims[i].flux / sent : 0.0) + even;
+    kiln_aims_share(a, paths, l->weights);
 }
 
-/* Collective. Adds an iteration's moments to those learnt. */
-static void correct_aims(struct kiln_landing *l)
+/* Collective. Adds an iteration's moments to those learnt, and shares `paths` of the next one out. */
+static void correct_aims(struct kiln_landing *l, uint64_t paths)
 {
     struct kiln_aims *a = l->aims;
     (void)MPI_Allreduce(MPI_IN_PLACE, l->moments, (int)a->count, MPI_UINT64_T, MPI_SUM, l->params->communicator);
@@ -295,7 +325,7 @@ static void correct_aims(struct kiln_landing *l)
         l->paths[i] += (double)(a->first[i + 1] - a->first[i]);
         l->moments[i] = 0;
     }
-    aim(l);
+    aim(l, paths);
 }
 
 static void forget(struct kiln_landing *l)
@@ -306,6 +336,7 @@ static void forget(struct kiln_landing *l)
     memset(l->paths, 0, count * sizeof *l->paths);
     kiln_aims_share(l->aims, l->photons, NULL);
     l->iteration = l->done = 0;
+    l->pilots = l->restored = false;
     l->radius = l->params->settings->merge_radius;
 }
 
@@ -341,8 +372,7 @@ static void find_lit(const struct kiln_landing *l)
         struct kiln_point_cursor at = kiln_point_first(s, f);
         for (uint32_t k = 0; k < s->tile_runs[f].count; k++, kiln_point_next(s, &at))
             if (kiln_point_valid(s, at.point) && !is_receiver(l, f))
-                l->lit[at.point.at] =
-                    s->area[at.point.at] * ((float)s->visible[at.point.at] / 65535.0f) * presence(l, s, &at);
+                l->lit[at.point.at] = (float)kiln_lit_area(s, at.point, presence(l, s, &at));
     }
 }
 
@@ -358,16 +388,19 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
                                "the landings of light paths", error);
     if (status == KILN_OK && l->aims->count > 0)
         status = kiln_landing_host(&l->own, l->params->backend, error);
-    if (status == KILN_OK && merges(l))
+    if (status == KILN_OK && (merges(l) || shares(l)))
         status = kiln_allocate(&l->lit, own->count, sizeof *l->lit, "the areas of points", error);
     if (status == KILN_OK && merges(l))
         status = kiln_allocate(&l->merged, own->count, sizeof *l->merged, "the light that is merged", error);
     status = kiln_agree(l->params->communicator, status, error);
-    if (status == KILN_OK && merges(l))
+    if (status == KILN_OK && l->lit != NULL)
         find_lit(l);
-    return status == KILN_OK
-               ? kiln_land_exchange_create(&l->exchange, l->params->communicator, own->first.at, own->count, error)
-               : status;
+    if (status == KILN_OK)
+        status = kiln_land_exchange_create(&l->exchange, l->params->communicator, own->first.at, own->count, error);
+    l->landing_weights = (struct kiln_landing_weights){
+        .mis = l->techniques.mis, .rays = (double)kiln_solution_step(l->solution)->step.samples, .area = l->lit};
+    l->exchange.weights = shares(l) ? &l->landing_weights : NULL;
+    return status;
 }
 
 /* ---- checkpoints ---- */
@@ -377,7 +410,7 @@ size_t kiln_landing_blocks(struct kiln_landing *l, struct kiln_block blocks[KILN
     const struct kiln_surface *own = &l->solution->own->surface;
     const uint64_t first = own->first.at, aims = l->aims->count;
     size_t count = 0;
-    if (l->sums == NULL)
+    if (l->sums == NULL || l->pilots)
         return 0;
     l->record = (struct saved_landing){.step = l->solution->report.steps.count,
                                        .iteration = l->iteration,
@@ -457,19 +490,34 @@ static int restore(struct kiln_landing *l, struct kiln_error *error)
     l->iteration = s.iteration;
     l->done = s.done;
     l->radius = s.radius;
-    if (l->iteration > 0 && l->iteration < l->params->settings->iterations)
-        aim(l);
+    l->restored = true;
+    if (shares(l) || (l->iteration > 0 && l->iteration < l->params->settings->iterations))
+        aim(l, l->photons); /* gather rays weigh by the same shares */
     return KILN_OK;
 }
 
 /* ---- iterations ---- */
 
-/* Collective. The rest of the iteration. */
-static int run_iteration(struct kiln_landing *l, struct kiln_error *error)
+/* kiln_take_landing: its light counts. */
+static void add_landing(void *context, const struct kiln_landing_record *record, double weight)
+{
+    struct kiln_landing *l = context;
+    kiln_land_add(record, weight, &l->sums[record->point - l->exchange.first[l->exchange.rank]]);
+}
+
+/* kiln_take_landing: of a pilot, whose light does not count. */
+static void learn_from_landing(void *context, const struct kiln_landing_record *record, double weight)
+{
+    note_moment(context, record->aim, weight * kiln_luminance_of_floats(record->flux));
+}
+
+/* Collective. The rest of the paths of an iteration, by its number among all of the bake. `before`: paths before them,
+ * for the progress. */
+static int run_paths(struct kiln_landing *l, uint64_t number, uint64_t before, kiln_take_landing take_landing,
+                     struct kiln_error *error)
 {
     struct kiln_step_report *report = kiln_solution_step(l->solution);
-    const uint64_t paths = l->aims->paths, iterations = l->params->settings->iterations,
-                   number = report->step.part * iterations + l->iteration; /* a part has paths of its own */
+    const uint64_t paths = l->aims->paths;
     int status = KILN_OK;
     while (l->done < paths && status == KILN_OK) {
         const uint64_t count = paths - l->done < KILN_LAND_BLOCK ? paths - l->done : KILN_LAND_BLOCK;
@@ -477,12 +525,37 @@ static int run_iteration(struct kiln_landing *l, struct kiln_error *error)
         const double start = MPI_Wtime();
         kiln_control_blocking(l->params->control, "exchanging landings of light", 0.0);
         if (status == KILN_OK)
-            status = kiln_land_exchange(&l->exchange, l->records, l->count, l->sums, error);
+            status = kiln_land_exchange(&l->exchange, l->records, l->count, take_landing, l, error);
         kiln_control_blocking(l->params->control, NULL, 0.0);
         report->exchange_seconds += MPI_Wtime() - start;
         l->done += count;
-        kiln_progress_advance(l->params->progress, l->iteration * paths + l->done);
+        kiln_progress_advance(l->params->progress, before + l->done);
     }
+    return status;
+}
+
+/* Paths of a round of pilots; 0: there are none. */
+static uint64_t pilot_paths(const struct kiln_landing *l)
+{
+    const uint64_t paths = l->photons / PILOTS;
+    return !shares(l) || l->aims->count == 0 ? 0 : paths > l->aims->count ? paths : l->aims->count;
+}
+
+/* Collective. Paths that teach how those of all iterations are shared out, in a few rounds of which each learns from
+ * those before, and bring no light. */
+static int run_pilots(struct kiln_landing *l, struct kiln_error *error)
+{
+    const uint64_t paths = pilot_paths(l), part = kiln_solution_step(l->solution)->step.part;
+    int status = KILN_OK;
+    l->pilots = true;
+    kiln_aims_share(l->aims, paths, NULL);
+    for (uint64_t i = 0; i < PILOTS && status == KILN_OK; i++) {
+        status = run_paths(l, PILOT_ITERATION + part * PILOTS + i, i * paths, learn_from_landing, error);
+        if (status == KILN_OK)
+            correct_aims(l, i + 1 < PILOTS ? paths : l->photons);
+        l->done = 0;
+    }
+    l->pilots = false;
     return status;
 }
 
@@ -538,14 +611,16 @@ static int merge_sums(struct kiln_landing *l, struct kiln_error *error)
 /* Collective. All iterations that are to do. */
 static int run_iterations(struct kiln_landing *l, struct kiln_error *error)
 {
-    const uint64_t iterations = l->params->settings->iterations;
+    const uint64_t iterations = l->params->settings->iterations,
+                   number = kiln_solution_step(l->solution)->step.part * iterations; /* a part has paths of its own */
     int status = KILN_OK;
     while (l->iteration < iterations && status == KILN_OK) {
-        status = run_iteration(l, error);
+        status = run_paths(l, number + l->iteration, PILOTS * pilot_paths(l) + l->iteration * l->photons, add_landing,
+                           error);
         if (status == KILN_OK && merges(l) && (kiln_merge_radius_ends(l->iteration) || l->iteration + 1 == iterations))
             status = merge_sums(l, error);
-        if (status == KILN_OK && l->iteration + 1 < iterations)
-            correct_aims(l);
+        if (status == KILN_OK && l->iteration + 1 < iterations && !shares(l))
+            correct_aims(l, l->photons);
         l->iteration++;
         l->done = 0;
     }
@@ -554,15 +629,17 @@ static int run_iterations(struct kiln_landing *l, struct kiln_error *error)
 
 int kiln_landing_run(struct kiln_landing *l, struct kiln_error *error)
 {
-    const uint64_t iterations = l->params->settings->iterations;
+    const uint64_t iterations = l->params->settings->iterations, pilots = PILOTS * pilot_paths(l);
     forget(l);
     kiln_landing_end(l);
     int status = begin_step(l, error);
     if (status == KILN_OK)
         status = restore(l, error);
-    kiln_progress_phase(l->params->progress, "light paths", iterations * l->aims->paths);
-    kiln_progress_advance(l->params->progress, l->iteration * l->aims->paths + l->done);
+    kiln_progress_phase(l->params->progress, "light paths", pilots + iterations * l->photons);
+    kiln_progress_advance(l->params->progress, l->restored ? pilots + l->iteration * l->photons + l->done : 0);
     kiln_control_begin(l->params->control, "light paths");
+    if (status == KILN_OK && pilots > 0 && !l->restored)
+        status = run_pilots(l, error);
     return status == KILN_OK && l->aims->count > 0 ? run_iterations(l, error) : status;
 }
 
@@ -576,8 +653,7 @@ static struct kiln_point_result answer(const struct kiln_landing *l, const struc
     if (!kiln_point_valid(surface, at->point))
         return (struct kiln_point_result){.count = 0};
     r.present = presence(l, surface, at);
-    const double area = (double)surface->area[at->point.at] * ((double)surface->visible[at->point.at] / 65535.0) *
-                        (double)r.present,
+    const double area = kiln_lit_area(surface, at->point, r.present),
                  scale = area > 0.0 ? 1.0 / (area * (double)l->params->settings->iterations) : 0.0;
     for (int c = 0; c < 3; c++) {
         r.irradiance[c] = (float)(sum->irradiance[c] * scale);
@@ -628,15 +704,73 @@ static int give(struct kiln_landing *l, const struct kiln_batch *batch, size_t f
     return batch->take(batch->context, first, end - first, l->results, error);
 }
 
+/* What was gathered at a point, and what has landed. */
+static void combine(const struct kiln_point_result *landed, struct kiln_point_result *r)
+{
+    const float n = (float)r->count;
+    for (int c = 0; c < 3; c++) {
+        r->irradiance[c] += n * landed->irradiance[c];
+        r->incident[c] += n * landed->incident[c];
+    }
+    r->error = hypotf(r->error, n * landed->error);
+}
+
+/* A batch of which gather rays find a part. */
+struct gathered {
+    struct kiln_landing *landing;
+    const struct kiln_batch *batch;
+};
+
+/* kiln_take_results */
+static int take_gathered(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    const struct gathered *g = context;
+    struct kiln_landing *l = g->landing;
+    const struct kiln_surface *surface = &l->solution->own->surface;
+    const struct kiln_point_result *next = results;
+    int status = KILN_OK;
+    for (size_t end = first + count, stop; first < end && status == KILN_OK; first = stop) {
+        size_t points = 0;
+        stop = end - first < GIVEN_TILE_RUNS ? end : first + GIVEN_TILE_RUNS;
+        for (size_t f = first; f < stop; f++) {
+            struct kiln_point_cursor at = kiln_point_first(surface, f);
+            for (uint32_t k = 0; k < surface->tile_runs[f].count; k++, kiln_point_next(surface, &at)) {
+                const struct kiln_point_result landed = answer(l, surface, &at);
+                l->results[points] = *next++;
+                combine(&landed, &l->results[points++]);
+            }
+        }
+        status = g->batch->take(g->batch->context, first, stop - first, l->results, error);
+    }
+    return status;
+}
+
+/* Gather rays of tile runs, which find what light paths leave to them. */
+static int give_gathered(struct kiln_landing *l, const struct kiln_batch *batch, size_t first, size_t end,
+                         struct kiln_error *error)
+{
+    struct gathered g = {l, batch};
+    struct kiln_batch rays = *batch;
+    rays.first = first;
+    rays.count = end - first;
+    rays.take = take_gathered;
+    rays.context = &g;
+    return kiln_backend_run(backend_of(l), &kiln_pass_weighed, &l->techniques, &rays,
+                            &kiln_solution_step(l->solution)->rays, error);
+}
+
 int kiln_landing_give(struct kiln_landing *l, const struct kiln_batch *batch, struct kiln_error *error)
 {
     int status = KILN_OK;
     for (size_t first = batch->first, end = batch->first + batch->count, next; first < end && status == KILN_OK;
          first = next) {
-        const bool receiver = is_receiver(l, first);
-        for (next = first + 1; next < end && next - first < GIVEN_TILE_RUNS && is_receiver(l, next) == receiver;)
+        const bool receiver = is_receiver(l, first), rays = !receiver && shares(l) && l->aims->count > 0;
+        const size_t most = receiver || rays ? end - first : GIVEN_TILE_RUNS;
+        for (next = first + 1; next < end && next - first < most && is_receiver(l, next) == receiver;)
             next++;
-        status = receiver ? gather(l, batch, first, next, error) : give(l, batch, first, next, error);
+        status = receiver ? gather(l, batch, first, next, error)
+                 : rays   ? give_gathered(l, batch, first, next, error)
+                          : give(l, batch, first, next, error);
     }
     return status;
 }

@@ -3,7 +3,7 @@
  *
  * There are `iterations` of `photons` paths each. Path i is a function of seed and i alone, and of the aims of its
  * iteration. The paths of an iteration are cut into blocks of KILN_LAND_BLOCK, of which each rank traces an equal
- * part; what lands travels to the ranks that have the points, 32 bytes a path at most, is sorted there by point and
+ * part; what lands travels to the ranks that have the points, 40 bytes a path at most, is sorted there by point and
  * path, and is summed in that order. After an iteration the aims are corrected: what lands by an aim has a second
  * moment m of its flux, the same for any ranks, as it is summed in integers; a share proportional to the root of m
  * makes the variances of all texels together least (Lagrange's condition). A tenth of the paths stays shared out by the
@@ -15,7 +15,15 @@
  * which few land in a texel: the root of the sum of their squares. It is an upper estimate, as paths of an aim are
  * spread better than by chance; and unlike the spread of a few iterations it is known well of few.
  *
- * Where the backend of the bake is a device, the host traces the paths, with Embree and a BVH of its own for the step.
+ * With --caustics vcm gather rays find a part of the light (worker/pass/weighed.h). Landings and rays then weigh by the
+ * same number of paths of each aim, so that the shares of the aims stay as they are over all iterations: pilots, four
+ * rounds of a quarter of an iteration's paths, teach them before, by what their landings would count, and bring no
+ * light. A quarter of the paths is shared out evenly, for what pilots have not found must not starve in all that
+ * follow. Who has a point weighs what lands there, by the rays and the area of the point. Then the rays of the batch's
+ * tile runs are gathered, and both added; errors add up by their squares.
+ *
+ * Where the backend of the bake is a device, the host traces the paths and these rays, with Embree and a BVH of its own
+ * for the step.
  *
  * With --caustics merge what lands in an iteration is spread over the points nearby (merge.h).
  *
@@ -62,8 +70,8 @@ size_t kiln_landing_blocks(struct kiln_landing *landing, struct kiln_block block
 void kiln_landing_end(struct kiln_landing *landing);
 
 /* Gives the answers of a batch of own tile runs to its taker, in place of a backend: a struct kiln_point_result a
- * point. Receiver-only objects, which no path meets, gather theirs (worker/pass/caustic.h). Between kiln_landing_run
- * and the end of the step. */
+ * point. Receiver-only objects, which no path meets, gather theirs (worker/pass/caustic.h); with --caustics vcm rays
+ * gather a part first. Between kiln_landing_run and the end of the step. */
 int kiln_landing_give(struct kiln_landing *landing, const struct kiln_batch *batch, struct kiln_error *error);
 
 #endif

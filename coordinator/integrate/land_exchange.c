@@ -6,7 +6,7 @@
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 
-_Static_assert(sizeof(struct kiln_landing_record) == 32, "a record has no gaps");
+_Static_assert(sizeof(struct kiln_landing_record) == 40, "a record has no gaps");
 
 int kiln_land_exchange_create(struct kiln_land_exchange *e, MPI_Comm communicator, uint64_t first, uint64_t count,
                               struct kiln_error *error)
@@ -63,20 +63,30 @@ static size_t count_records(struct kiln_land_exchange *e, const struct kiln_land
     return all;
 }
 
-static void add(const struct kiln_landing_record *record, struct kiln_landing_sum *sum)
+/* The weight of a landing on an own point. */
+static double weigh(const struct kiln_land_exchange *e, const struct kiln_landing_record *record)
+{
+    const struct kiln_landing_weights *w = e->weights;
+    if (w == NULL)
+        return 1.0;
+    return kiln_caustic_weight_landed(w->mis, (double)record->others, w->rays,
+                                      (double)w->area[record->point - e->first[e->rank]]);
+}
+
+void kiln_land_add(const struct kiln_landing_record *record, double weight, struct kiln_landing_sum *sum)
 {
     double irradiance[3];
     for (int c = 0; c < 3; c++) {
-        irradiance[c] = (double)record->flux[c] * (double)record->shading;
+        irradiance[c] = weight * (double)record->flux[c] * (double)record->shading;
         sum->irradiance[c] += irradiance[c];
-        sum->incident[c] += (double)record->flux[c] * (double)record->taken_up;
+        sum->incident[c] += weight * (double)record->flux[c] * (double)record->taken_up;
     }
     sum->square += kiln_luminance(irradiance) * kiln_luminance(irradiance);
     sum->count++;
 }
 
 int kiln_land_exchange(struct kiln_land_exchange *e, struct kiln_landing_record *records, size_t count,
-                       struct kiln_landing_sum *sums, struct kiln_error *error)
+                       kiln_take_landing take, void *context, struct kiln_error *error)
 {
     const struct kiln_landing_record *mine = records;
     MPI_Datatype type;
@@ -99,6 +109,6 @@ int kiln_land_exchange(struct kiln_land_exchange *e, struct kiln_landing_record 
         count = all;
     }
     for (size_t i = 0; i < count; i++)
-        add(&mine[i], &sums[mine[i].point - e->first[e->rank]]);
+        take(context, &mine[i], weigh(e, &mine[i]));
     return KILN_OK;
 }

@@ -8,13 +8,23 @@
 #include <stdint.h>
 
 #include "worker/base/status.h"
+#include "worker/pass/caustic_weights.h"
 
-/* 32 bytes. */
+/* 40 bytes. */
 struct kiln_landing_record {
     uint64_t point; /* global number */
     uint32_t path;  /* number in its block */
     float flux[3];  /* W */
     float shading, taken_up;
+    float others; /* of struct kiln_land_result */
+    uint32_t aim;
+};
+
+/* Where gather rays find a part of the light: what landings are weighed by (kiln_caustic_weight_landed). */
+struct kiln_landing_weights {
+    enum kiln_mis mis;
+    double rays;       /* of a point */
+    const float *area; /* m2, of own points: kiln_lit_area */
 };
 
 /* What paths so far have brought to an own point, W. Lies in checkpoints. */
@@ -32,7 +42,11 @@ struct kiln_land_exchange {
     int *counts;     /* 4 x ranks: records sent to each rank, their places, and the same received */
     struct kiln_landing_record *received;
     size_t room;
+    const struct kiln_landing_weights *weights; /* borrowed; NULL: landings count whole */
 };
+
+/* What is done with the landings on own points: of each record, and its weight. */
+typedef void (*kiln_take_landing)(void *context, const struct kiln_landing_record *record, double weight);
 
 /* Collective. This rank has the points [first, first + count), ranks in order. KILN_SYSTEM. Release with
  * kiln_land_exchange_release, in any case. */
@@ -41,9 +55,12 @@ int kiln_land_exchange_create(struct kiln_land_exchange *exchange, MPI_Comm comm
 void kiln_land_exchange_release(struct kiln_land_exchange *exchange);
 
 /* Collective. Sends `count` records of this rank to the owners of their points, sorts those that come by point and
- * path, and adds them to the sums of own points in that order. Sorts `records`. The ranks' records of a block must be
- * 2^31 - 1 at most, all together. KILN_SYSTEM on all ranks. */
+ * path, and gives them to `take` in that order; kiln_land_add adds them to the sums of own points. Sorts `records`. The
+ * ranks' records of a block must be 2^31 - 1 at most, all together. KILN_SYSTEM on all ranks. */
 int kiln_land_exchange(struct kiln_land_exchange *exchange, struct kiln_landing_record *records, size_t count,
-                       struct kiln_landing_sum *sums, struct kiln_error *error);
+                       kiln_take_landing take, void *context, struct kiln_error *error);
+
+/* Adds a landing to the sum of its point. */
+void kiln_land_add(const struct kiln_landing_record *record, double weight, struct kiln_landing_sum *sum);
 
 #endif

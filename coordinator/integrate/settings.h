@@ -9,6 +9,7 @@
 
 #include "coordinator/job/choices.h"
 #include "coordinator/job/faults.h"
+#include "worker/pass/caustic_weights.h"
 #include "worker/pass/occlusion.h"
 
 struct kiln_integrator;
@@ -24,7 +25,8 @@ struct kiln_integrate_settings {
     uint32_t indirect_scale;      /* texels a side of a block in bounces (blocks.h): a power of two; 1: each gathers */
     uint32_t final_scale;         /* likewise of a block in the final gather (nodes.h) */
     enum kiln_caustics caustics;  /* settled; up to KILN_CAUSTICS_NONE there is no such step */
-    uint32_t photons, iterations; /* of KILN_CAUSTICS_LAND and MERGE (land.h) */
+    enum kiln_mis mis;            /* of KILN_CAUSTICS_VCM */
+    uint32_t photons, iterations; /* of light paths (land.h) */
     double merge_radius, radius_alpha; /* of KILN_CAUSTICS_MERGE (merge.h): m, or KILN_MERGE_RADIUS_AUTO, _TEXEL */
     bool photons_given;                /* by the user: then fewer than are needed are refused, else more are taken */
     bool guide;     /* bounces learn where light comes from, and the final gather follows (worker/pass/guided.h) */

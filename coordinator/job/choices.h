@@ -51,15 +51,16 @@ enum kiln_rebalance { KILN_REBALANCE_AUTO = 0, KILN_REBALANCE_NEVER = 1, KILN_RE
 enum kiln_directional { KILN_DIRECTIONAL_NONE = 0, KILN_DIRECTIONAL_DOMINANT = 1, KILN_DIRECTIONAL_SH1 = 2 };
 
 /* How the light is found that mirrors, gloss and glass send on from lights to diffuse surfaces: not at all, by
- * gather rays that go on from there (shaders/shared/chain.h), by light paths that land in texels
- * (worker/pass/land.h), or by those, spread over what is near (coordinator/integrate/merge.h). AUTO: LAND. Light paths
- * are traced from LAND on. */
+ * gather rays that go on from there (shaders/shared/chain.h), by light paths that land in texels (worker/pass/land.h),
+ * by those, spread over what is near (coordinator/integrate/merge.h), or by rays and paths, each weighed
+ * (worker/pass/weighed.h). AUTO: the latter. Light paths are traced from LAND on. */
 enum kiln_caustics {
     KILN_CAUSTICS_AUTO = 0,
     KILN_CAUSTICS_NONE = 1,
     KILN_CAUSTICS_GATHER = 2,
     KILN_CAUSTICS_LAND = 3,
-    KILN_CAUSTICS_MERGE = 4
+    KILN_CAUSTICS_MERGE = 4,
+    KILN_CAUSTICS_VCM = 5
 };
 
 /* Radii that are not given in m: by what lands, and so small that nothing is merged beyond its texel. */

@@ -297,17 +297,18 @@ static int check_guide(const struct kiln_job *job, struct kiln_error *error)
 /* Options of light paths, which not all --caustics have. */
 static int check_paths(struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const caustics[] = {"auto", "none", "gather", "land"};
+    static const char *const caustics[] = {"auto", "none", "gather", "land", "merge", "vcm"};
     static const struct {
         const char *name, *what, *choice;
-        int from; /* enum kiln_caustics */
-    } of_paths[] = {{"photons", "traces no light paths", "land", KILN_CAUSTICS_LAND},
-                    {"iterations", "traces no light paths", "land", KILN_CAUSTICS_LAND},
-                    {"merge-radius", "merges nothing", "merge", KILN_CAUSTICS_MERGE},
-                    {"radius-alpha", "merges nothing", "merge", KILN_CAUSTICS_MERGE}};
+        int from, to; /* enum kiln_caustics */
+    } of_paths[] = {{"photons", "traces no light paths", "land", KILN_CAUSTICS_LAND, KILN_CAUSTICS_VCM},
+                    {"iterations", "traces no light paths", "land", KILN_CAUSTICS_LAND, KILN_CAUSTICS_VCM},
+                    {"merge-radius", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_MERGE},
+                    {"radius-alpha", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_MERGE},
+                    {"mis", "shares nothing", "vcm", KILN_CAUSTICS_VCM, KILN_CAUSTICS_VCM}};
     for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths; i++) {
-        const int settled = job->caustics == KILN_CAUSTICS_AUTO ? KILN_CAUSTICS_LAND : job->caustics;
-        if (settled < of_paths[i].from && given(job, of_paths[i].name))
+        const int settled = job->caustics == KILN_CAUSTICS_AUTO ? KILN_CAUSTICS_VCM : job->caustics;
+        if ((settled < of_paths[i].from || settled > of_paths[i].to) && given(job, of_paths[i].name))
             return kiln_fail(error, KILN_USAGE, "--%s: --caustics %s %s; give --caustics %s, or leave --%s out",
                              of_paths[i].name, caustics[job->caustics], of_paths[i].what, of_paths[i].choice,
                              of_paths[i].name);

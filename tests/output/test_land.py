@@ -1,4 +1,5 @@
-"""--caustics land: light paths bring what gather rays find; the same bits on any ranks; errors as large as they say."""
+"""--caustics land and vcm: light paths bring what gather rays find, alone and shared with these; the same bits on any
+ranks; errors as large as they say."""
 import json
 import os
 import subprocess
@@ -13,6 +14,8 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 SMALL = ("--backend", "embree", "--texels-per-metre", "2", "--materials", "auto", "--samples-probe", "0", "--denoise",
          "none", "--samples-direct", "4", "--samples-bounce", "2", "--samples-indirect", "4", "--no-preview", "--quiet")
 LAND = ("--caustics", "land", "--photons", "40000", "--iterations", "3")
+VCM = ("--caustics", "vcm", "--photons", "20000", "--iterations", "3", "--samples-indirect", "64")
+WAYS = {"land": LAND, "vcm": VCM}
 
 
 class Land(unittest.TestCase):
@@ -24,12 +27,12 @@ class Land(unittest.TestCase):
         cls.scene = os.path.join(cls.folder, "spheres.glb")
         subprocess.run([KILN, "generate", "cornell-spheres", "-o", cls.scene, "--quiet"], check=True)
 
-    def bake(self, name, *options, ranks=0, code=0):
+    def bake(self, name, *options, ranks=0, code=0, scene=None):
         """The folder of the bake; or what it says where it ends with another code."""
-        folder = os.path.join(self.folder, name)
+        folder = os.path.join(tempfile.mkdtemp(dir=self.folder), name)
         start = ["mpirun", "-n", str(ranks)] if ranks else []
-        done = subprocess.run([*start, KILN, "bake", self.scene, "-o", folder, *SMALL, *options], capture_output=True,
-                              text=True)
+        command = [*start, KILN, "bake", scene or self.scene, "-o", folder, *SMALL, *options]
+        done = subprocess.run(command, capture_output=True, text=True)
         self.assertEqual(done.returncode, code, done.stderr)
         return folder if code == 0 else done.stderr
 
@@ -41,43 +44,62 @@ class Land(unittest.TestCase):
                           names=[name.decode() for name in file["objects/name"][...]])
             return values
 
-    def test_as_gathered(self):
-        """Power of caustics on each wall and on all, by paths and by gather rays, within 5 standard errors, which the
-        spread of some seeds tells."""
-        def powers(folder):
+    def powers(self, names, *options, seeds, scene=None):
+        """Power of caustics on each object and on all, for some seeds."""
+        found = []
+        for seed in range(seeds):
+            folder = self.bake("powers", *options, "--bounces", "0", "--seed", str(seed), scene=scene)
             light = self.light(folder)
             power = (light["caustic"] @ LUMINANCE) * light["area"]
             walls = [power[light["object"] == light["names"].index(name)].sum() for name in names]
-            return np.array([*walls, sum(walls)])
+            found.append([*walls, power.sum()])
+        return np.array(found)
 
-        names = ["floor", "back", "left_red", "right_green", "ceiling"]
-        landed = np.array([powers(self.bake("land%d" % seed, *LAND, "--bounces", "0", "--seed", str(seed)))
-                           for seed in range(3)])
-        gathered = np.array([powers(self.bake("gather%d" % seed, "--bounces", "0", "--seed", str(seed), "--caustics",
-                                              "gather", "--samples-indirect", "1024")) for seed in range(6)])
-        for values, name in ((landed, "land"), (gathered, "gather")):
-            print(name, *("%.4f +- %.4f" % pair for pair in zip(values.mean(0), self.error(values))))
-        difference = np.abs(landed.mean(0) - gathered.mean(0))
-        limit = 5.0 * np.hypot(self.error(landed), self.error(gathered))
-        self.assertTrue(np.all(difference < limit), (difference, limit))
-        self.assertLess(limit[-1], 0.15 * gathered.mean(0)[-1])
+    def check_as_gathered(self, scene, names, more, least):
+        """Each way brings what the others do, within 5 standard errors, which the spread of some seeds tells."""
+        values = {"gather": self.powers(names, "--caustics", "gather", "--samples-indirect", "1024", *more, seeds=6,
+                                        scene=scene)}
+        for way, options in WAYS.items():
+            values[way] = self.powers(names, *options, *more, seeds=4, scene=scene)
+        for way, found in values.items():
+            print(way, *("%.4f +- %.4f" % pair for pair in zip(found.mean(0), self.error(found))))
+        for one, other in (("land", "gather"), ("vcm", "gather"), ("vcm", "land")):
+            difference = np.abs(values[one].mean(0) - values[other].mean(0))
+            limit = 5.0 * np.hypot(self.error(values[one]), self.error(values[other]))
+            self.assertTrue(np.all(difference < limit), (one, other, difference, limit))
+            self.assertLess(limit[-1], least * values[other].mean(0)[-1], (one, other))
+
+    def test_as_gathered(self):
+        self.check_as_gathered(None, ["floor", "back", "left_red", "right_green", "ceiling"], (), 0.15)
+
+    def test_faint_gloss_as_gathered(self):
+        """All surfaces are glossy, and the lamp stands within the spheres of some of them."""
+        scene = os.path.join(self.folder, "cornell.glb")
+        subprocess.run([KILN, "generate", "cornell", "-o", scene, "--quiet"], check=True)
+        self.check_as_gathered(scene, ["floor", "left_red", "ceiling", "tall_block"], ("--materials", "full"), 0.2)
 
     @staticmethod
     def error(values):
         return values.std(0, ddof=1) / np.sqrt(len(values))
 
     def test_same_bits(self):
-        lights = [self.light(self.bake("ranks%d" % ranks, *LAND, "--bounces", "1", "--threads", "1", ranks=ranks))
-                  for ranks in (1, 2, 3)]
-        for other in lights[1:]:
-            for name in lights[0]:
-                self.assertTrue(np.array_equal(lights[0][name], other[name]), name)
-        self.assertGreater(lights[0]["caustic"].max(), 0.1)
+        for way, options in WAYS.items():
+            runs = ((0, 1), (0, 2), (2, 1), (3, 1))
+            lights = [self.light(self.bake("%s-%d-%d" % (way, *run), *options, "--bounces", "1", "--threads",
+                                           str(run[1]), ranks=run[0])) for run in runs]
+            for run, other in zip(runs[1:], lights[1:]):
+                for name in lights[0]:
+                    self.assertTrue(np.array_equal(lights[0][name], other[name]), (way, run, name))
+            self.assertGreater(lights[0]["caustic"].max(), 0.1)
 
     def test_errors(self):
         """Two bakes differ by what their errors say; the error falls with the root of the paths."""
-        few = self.light(self.bake("few", *LAND, "--bounces", "0", "--samples-direct", "512", "--seed", "3"))
-        more = self.light(self.bake("more", *LAND, "--bounces", "0", "--samples-direct", "512", "--seed", "4",
+        for way in WAYS:
+            self.check_errors(*WAYS[way])
+
+    def check_errors(self, *options):
+        few = self.light(self.bake("few", *options, "--bounces", "0", "--samples-direct", "512", "--seed", "3"))
+        more = self.light(self.bake("more", *options, "--bounces", "0", "--samples-direct", "512", "--seed", "4",
                                     "--iterations", "12"))
         lit = (few["caustic"] @ LUMINANCE > 0.05) & (few["error"] > 0) & (more["error"] > 0)
         apart = ((few["total"] - more["total"]) @ LUMINANCE)[lit] / np.hypot(few["error"], more["error"])[lit]
@@ -90,10 +112,18 @@ class Land(unittest.TestCase):
         with open(os.path.join(self.bake("report", *LAND, "--bounces", "0"), "run.json"), encoding="utf-8") as file:
             materials = json.load(file)["materials"]
         self.assertEqual([materials[name] for name in ("caustics", "photons", "iterations")], ["land", 40000, 3])
+        self.assertNotIn("mis", materials)
+        with open(os.path.join(self.bake("shared", *VCM, "--bounces", "0", "--mis", "power"), "run.json"),
+                  encoding="utf-8") as file:
+            report = json.load(file)
+        self.assertEqual([report["materials"][name] for name in ("caustics", "mis", "photons")],
+                         ["vcm", "power", 20000])
+        self.assertEqual(report["energy"]["unfound"], [0.0, 0.0, 0.0])
+        self.assertLess(abs(report["energy"]["residual"]), 5.0 * report["energy"]["error"])
 
     def test_wrong_values(self):
         for options in (("--photons", "0"), ("--photons", "-1"), ("--photons", "4294967296"), ("--iterations", "0"),
-                        ("--iterations", "x"), ("--caustics", "fall")):
+                        ("--iterations", "x"), ("--caustics", "fall"), ("--mis", "none")):
             self.assertIn(options[0], self.bake("wrong", *LAND, *options, code=64))
         self.assertIn("--photons 2 or more", self.bake("wrong", *LAND, "--photons", "1", code=64))
 

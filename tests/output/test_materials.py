@@ -89,7 +89,7 @@ class Materials(unittest.TestCase):
         self.assertTrue(np.array_equal(light(folder), light(folder, "direct") + light(folder, "indirect") +
                                        light(folder, "caustic")))
         said = report(folder)["materials"]
-        self.assertEqual((said["mode"], said["taken"], said["caustics"]), ("auto", 2, "land"))
+        self.assertEqual((said["mode"], said["taken"], said["caustics"]), ("auto", 2, "vcm"))
         self.assertEqual(said["kinds"], {"metal": 1, "volume glass": 1})
         self.assertTrue(any("caustic.R" in channels(folder, entry)
                             for entry in report(folder)["objects"]))
@@ -143,12 +143,13 @@ class Materials(unittest.TestCase):
 
     def test_same_bits(self):
         """On any number of ranks, by every schedule, in parts and in rounds."""
+        few = ("--photons", "2000")
         for i, more in enumerate((("--bounces", "all", "--caustics", "gather"),
-                                  ("--schedule", "equal", "--bounces", "2", "--exchange", "full"),
-                                  ("--bounces", "2", "--error-map", "--samples-direct", "64"),
-                                  ("--bounces", "2", "--target-error", "0.2", "--rebalance", "always"))):
+                                  ("--schedule", "equal", "--bounces", "2", "--exchange", "full", *few),
+                                  ("--bounces", "2", "--error-map", "--samples-direct", "64", *few),
+                                  ("--bounces", "2", "--target-error", "0.2", "--rebalance", "always", *few))):
             options = ("--materials", "auto", "--texels-per-metre", "3", "--quality", "draft", "--samples-indirect",
-                       "16", "--photons", "2000", *more)
+                       "16", *more)
             one = fields(self.bake("cornell-spheres", f"one{i}", *options))
             self.assertIn("caustic", one)
             self.assertEqual(one, fields(self.bake("cornell-spheres", f"three{i}", *options, ranks=3)), more)

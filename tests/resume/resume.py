@@ -8,6 +8,7 @@
     resume.py --kiln PATH blocks      kill -9 within a bounce at a quarter of the resolution, and a gather by nodes
     resume.py --kiln PATH caustics    kill -9 within caustics and the gather after them
     resume.py --kiln PATH landing     kill -9 while light paths land in texels
+    resume.py --kiln PATH sharing     kill -9 while light paths and gather rays share caustics
     resume.py --kiln PATH bounces     hundreds of bounces, stopped and gone on with after the 256th
     resume.py --kiln PATH signals     SIGUSR1, SIGTERM, SIGINT, kiln stop, --max-time: 75, and what kiln status says
     resume.py --kiln PATH phases      a signal to one of two ranks in every phase (without --full: in some): 75
@@ -664,6 +665,21 @@ def try_landing(checks, tool):
         checks.that(rays[0] == rays[1], '%s: %s rays, and %s at a stretch' % (which, rays[1], rays[0]))
 
 
+def try_sharing(checks, tool):
+    """The same of paths that share the light with gather rays, which are killed too."""
+    more = ('--materials', 'full', '--caustics', 'vcm', '--photons', 250000, '--iterations', 3, '--bounces', 1,
+            '--samples-indirect', 512, '--no-error-map')
+    reference, _ = reference_of(checks, tool, *more)
+    folder = tool.folder()
+    killed_within(checks, tool, folder, 'light paths', 1, more)
+    killed_within(checks, tool, folder, 'caustics', 2, more)
+    for other in (('--mis', 'power'), ('--caustics', 'land')):
+        process = tool.bake(folder, *more, *other)
+        checks.that(process.status == BAD_INPUT and other[0][2:] in process.stderr,
+                    '%s %s was not refused: %d' % (*other, process.status), process)
+    same(checks, tool, reference, folder, tool.bake(folder, *more, ranks=3), 'killed while light was shared')
+
+
 def try_bounces(checks, tool):
     """More passes than an array of a fixed size would hold, at a stretch and in two."""
     few = ('--lightmap-size', 8, '--samples-direct', 4, '--samples-bounce', 2, '--samples-indirect', 4,
@@ -1224,7 +1240,7 @@ def try_cost(checks, tool):
 
 PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'quantities': try_quantities,
          'blocks': try_blocks, 'range': try_range, 'guide': try_guide, 'caustics': try_caustics,
-         'landing': try_landing,
+         'landing': try_landing, 'sharing': try_sharing,
          'bounces': try_bounces, 'signals': try_signals,
          'phases': try_phases,
          'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults,

@@ -12,11 +12,15 @@
 #include <string.h>
 
 #include "coordinator/surface/surface_build.h"
+#include "shaders/shared/random.h"
 #include "tests/unit/surface_scene.h"
 #include "worker/backend/backend.h"
 #include "worker/light/aims.h"
+#include "worker/light/emission.h"
 #include "worker/pass/land.h"
+#include "worker/pass/weighed.h"
 #include "worker/scene/gloss.h"
+#include "worker/scene/footprint.h"
 
 static const double whole[4] = {0.0, 1.0, 0.0, 1.0};
 
@@ -28,8 +32,13 @@ struct world {
     struct kiln_lights *made;
     struct kiln_surface *surface;
     struct kiln_aims *aims;
+    struct kiln_emission *emission;
+    struct kiln_caustic_techniques techniques;
+    bool weighs; /* landings leave a part of their light to gather rays */
     struct kiln_backend *backend;
 };
+
+enum { RAYS = 256 }; /* of a point, where gather rays have a part */
 
 static void begin(struct world *w)
 {
@@ -128,6 +137,7 @@ static void make(struct world *w)
     const struct kiln_surface_params params = {.scene = &f->scene, .geometry = w->geometry, .ranks = 1, .threads = 1};
     assert_int_equal(kiln_surface_build(&w->surface, &params, &(struct kiln_surface_report){0}, &error), KILN_OK);
     assert_int_equal(kiln_aims_create(&w->aims, w->made, &error), KILN_OK);
+    assert_int_equal(kiln_emission_create(&w->emission, w->made, &error), KILN_OK);
     const struct kiln_backend_params backend = {
         .scene = &f->scene, .geometry = w->geometry, .lights = w->made, .threads = 2, .seed = 3};
     assert_int_equal(kiln_backend_create(&w->backend, "embree", &backend, &error), KILN_OK);
@@ -137,6 +147,7 @@ static void make(struct world *w)
 static void release(struct world *w)
 {
     kiln_backend_destroy(&w->backend);
+    kiln_emission_destroy(&w->emission);
     kiln_aims_destroy(&w->aims);
     kiln_surface_destroy(&w->surface);
     kiln_lights_destroy(&w->made);
@@ -152,6 +163,7 @@ struct sums {
     double ends[KILN_LAND_ABSORBED + 1], landed[3], squares, *points; /* W; W^2; W of each point, green */
     uint64_t astray, count;
     uint32_t length;
+    const struct world *world;
 };
 
 static int add(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
@@ -166,11 +178,16 @@ static int add(void *context, size_t first, size_t count, const void *results, s
             s->ends[r->end] += (double)r->flux[1];
         if (r->end != KILN_LAND_LANDED || r->point == KILN_NO_POINT)
             continue;
+        const struct kiln_surface *surface = s->world->surface;
+        assert_true(s->world->weighs || r->others == 0.0f);
+        const double weight =
+            kiln_caustic_weight_landed(s->world->techniques.mis, (double)r->others, RAYS,
+                                       kiln_lit_area(surface, (struct kiln_own_point){r->point}, 1.0f));
         for (int c = 0; c < 3; c++)
-            s->landed[c] += (double)r->flux[c];
-        s->squares += (double)r->flux[1] * (double)r->flux[1];
+            s->landed[c] += weight * (double)r->flux[c];
+        s->squares += weight * (double)r->flux[1] * weight * (double)r->flux[1];
         if (s->points != NULL && (s->length == 0 || r->length == s->length))
-            s->points[r->point] += (double)r->flux[1];
+            s->points[r->point] += weight * (double)r->flux[1];
     }
     return KILN_OK;
 }
@@ -178,13 +195,28 @@ static int add(void *context, size_t first, size_t count, const void *results, s
 static void trace(struct world *w, uint64_t paths, uint64_t first, uint64_t iterations, struct sums *sums)
 {
     struct kiln_error error = {""};
-    const struct kiln_land_parameters parameters = {.aims = w->aims};
+    const struct kiln_land_parameters parameters = {.aims = w->aims, .techniques = w->weighs ? &w->techniques : NULL};
     const struct kiln_batch batch = {.first = first * paths, .count = iterations * paths, .take = add, .context = sums};
     uint64_t rays = 0;
+    sums->world = w;
+    w->techniques = (struct kiln_caustic_techniques){
+        .aims = w->aims, .emission = w->emission, .iterations = iterations, .mis = w->techniques.mis};
     if (w->aims->paths != paths)
         kiln_aims_share(w->aims, paths, NULL);
     if (kiln_backend_run(w->backend, &kiln_pass_land, &parameters, &batch, &rays, &error) != KILN_OK)
         fail_msg("%s", error.message);
+}
+
+/* Where all is mirrors and smooth glass and no ray meets the lamp, nothing is shared: the same light lands. */
+static void same_if_weighed(struct world *w, uint64_t paths, uint64_t iterations, const struct sums *sums)
+{
+    struct sums shared = {.length = sums->length};
+    w->weighs = true;
+    trace(w, paths, 0, iterations, &shared);
+    w->weighs = false;
+    assert_true(fabs(shared.landed[1] / sums->landed[1] - 1.0) < 1e-5);
+    for (int i = 0; i <= KILN_LAND_ABSORBED; i++)
+        assert_true(fabs(shared.ends[i] - sums->ends[i]) <= 1e-5 * sums->ends[i]);
 }
 
 /* The sun meets a mirror that leans by 45 degrees and lights a wall: E = reflectance x E of the sun. */
@@ -206,6 +238,7 @@ static void mirror_and_wall(void **state)
     struct sums sums = {.points = calloc(w.surface->point_count, sizeof(double))};
     trace(&w, PATHS, 0, 4, &sums);
     const double flux = 0.8 * 1.5 * 4.0; /* green */
+    same_if_weighed(&w, PATHS, 4, &sums);
     print_message("mirror: %.6f of %.6f W\n", sums.landed[1] / 4.0, flux);
     assert_true(fabs(sums.landed[1] / 4.0 / flux - 1.0) < 1e-3);
     /* texels of the wall within the lit square, half a texel away from its edge: texel 32 x 32, 1/8 m */
@@ -241,6 +274,7 @@ static void pane(void **state)
     struct sums sums = {0};
     trace(&w, 1 << 17, 0, 1, &sums);
     const double through = sums.landed[1] / 16.0, expected = 2.0 * 1.5 / (1.5 * 1.5 + 1.0);
+    same_if_weighed(&w, 1 << 17, 1, &sums);
     print_message("pane: %.5f, %.5f expected\n", through, expected);
     assert_true(fabs(through / expected - 1.0) < 2e-3);
     release(&w);
@@ -310,6 +344,7 @@ static void ball_of_glass(void **state)
     trace(&w, 1 << 17, 0, 1, &escaped);
     const double polygon = 48.0 * sin(3.14159265358979 / 48.0); /* area of the ball's outline, 96 corners */
     const double left = (twice.ends[KILN_LAND_LANDED] + escaped.ends[KILN_LAND_ESCAPED]) / polygon;
+    same_if_weighed(&w, 1 << 17, 1, &twice);
     print_message("ball: %.5f leaves after two refractions (landed %.5f, escaped %.5f)\n", left,
                   twice.ends[KILN_LAND_LANDED] / polygon, escaped.ends[KILN_LAND_ESCAPED] / polygon);
     assert_true(fabs(left / 0.83554 - 1.0) < 2e-3);
@@ -350,6 +385,7 @@ static void paraboloid(void **state)
     make(&w);
     struct sums sums = {0};
     trace(&w, 1 << 16, 0, 1, &sums);
+    same_if_weighed(&w, 1 << 16, 1, &sums);
     print_message("paraboloid: %.5f of 0.9 W at the focus\n", sums.landed[1]);
     assert_true(fabs(sums.landed[1] / 0.9 - 1.0) < 5e-3 && sums.ends[KILN_LAND_ESCAPED] < 1e-9);
     release(&w);
@@ -506,12 +542,128 @@ static void any_aims_bring_the_same(void **state)
     }
 }
 
+/* What gather rays find of the light that is shared, W green, and its variance. */
+static int add_gathered(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)error;
+    struct sums *s = context;
+    const struct kiln_surface *surface = s->world->surface;
+    const struct kiln_point_result *r = results;
+    for (size_t f = first; f < first + count; f++) {
+        struct kiln_point_cursor at = kiln_point_first(surface, f);
+        for (uint32_t k = 0; k < surface->tile_runs[f].count; k++, kiln_point_next(surface, &at), r++) {
+            const struct kiln_point_mean mean = kiln_point_mean(r);
+            const double area = kiln_lit_area(surface, at.point, mean.present),
+                         share = (double)mean.irradiance[1] / fmax(1e-9, kiln_luminance_of_floats(mean.irradiance));
+            s->landed[1] += area * (double)mean.irradiance[1];
+            s->squares += pow(area * (double)mean.error * share, 2.0);
+        }
+    }
+    return KILN_OK;
+}
+
+/* Light paths and gather rays that share what both find bring, together, what light paths bring alone: by every kind of
+ * lamp, and by every heuristic. */
+static void shared_light_is_the_same(void **state)
+{
+    (void)state;
+    enum { PATHS = 1 << 15, FEW = 1 << 11 };
+    for (enum lamp lamp = 0; lamp < LAMPS; lamp++) {
+        struct world w;
+        struct sums alone = {.count = 0};
+        two_balls(&w, lamp, true);
+        trace(&w, PATHS, 0, 2, &alone);
+        for (enum kiln_mis mis = KILN_MIS_BALANCE; mis <= KILN_MIS_UNIFORM; mis++) {
+            struct sums landed = {.count = 0}, found = {.world = &w};
+            const struct kiln_batch batch = {
+                .count = w.surface->tile_run_count, .samples = RAYS, .take = add_gathered, .context = &found};
+            uint64_t rays = 0;
+            w.techniques.mis = mis;
+            w.weighs = true;
+            trace(&w, FEW, 0, 2, &landed);
+            w.weighs = false;
+            assert_int_equal(kiln_backend_run(w.backend, &kiln_pass_weighed, &w.techniques, &batch, &rays, NULL),
+                             KILN_OK);
+            const double sum = landed.landed[1] / 2.0 + found.landed[1], all = alone.landed[1] / 2.0,
+                         error = sqrt(alone.squares / 4.0 + landed.squares / 4.0 + found.squares);
+            print_message("lamp %d, rule %d: %.4f W land, %.4f are gathered: %.5f of %.5f, %.2f standard errors\n",
+                          (int)lamp, (int)mis, landed.landed[1] / 2.0, found.landed[1], sum, all, (sum - all) / error);
+            assert_true(fabs(sum - all) < 5.0 * error && error < 0.1 * all);
+            if (lamp != SUN) /* which light paths find so much better that hardly anything is left */
+                assert_true(found.landed[1] > 1e-3 * all);
+        }
+        release(&w);
+    }
+}
+
+/* A lamp within a target's sphere is aimed at it with all its light. */
+static void a_lamp_within_a_sphere(void **state)
+{
+    (void)state;
+    struct world w;
+    begin(&w);
+    const uint32_t silver = mirror(&w, 0.9f, 0.9f, 0.9f), shining = matt(&w);
+    uint32_t mesh = fixture_mesh(w.f);
+    fixture_sheet(w.f, dvec3(-4, 0, 4), dvec3(8, 0, 0), dvec3(0, 0, -8), 1, whole, 0.0, silver);
+    fixture_object(w.f, mesh, NULL, 8, 8);
+    memcpy(w.f->materials[shining].emission, (const float[3]){5, 4, 3}, 3 * sizeof(float));
+    mesh = fixture_mesh(w.f);
+    fixture_sheet(w.f, dvec3(-0.5, 1, -0.5), dvec3(1, 0, 0), dvec3(0, 0, 1), 1, whole, 0.0, shining);
+    fixture_object(w.f, mesh, NULL, 4, 4);
+    make(&w);
+    assert_int_equal(w.aims->count, 1);
+    print_message("%.4f W of %.4f are aimed at the mirror\n", w.aims->aims[0].flux, w.aims->lamps[0].flux);
+    assert_true(w.aims->aims[0].flux == w.aims->lamps[0].flux && w.aims->lamps[0].flux > 0.0);
+    release(&w);
+}
+
+/* The density of a ray of an aim is what its flux has been divided by. */
+static void densities_are_those_of_draws(void **state)
+{
+    (void)state;
+    enum { PATHS = 1000 };
+    for (enum lamp lamp = 0; lamp < LAMPS; lamp++) {
+        struct world w;
+        uint32_t random = 7, found = 0;
+        double worst = 0.0;
+        two_balls(&w, lamp, true);
+        kiln_aims_share(w.aims, PATHS, NULL);
+        for (uint64_t i = 0; i < PATHS; i++) {
+            double numbers[KILN_AIM_NUMBERS];
+            struct kiln_aimed_ray ray;
+            for (int k = 0; k < KILN_AIM_NUMBERS; k++)
+                numbers[k] = ((double)(random = kiln_hash1(random)) + 0.5) / 4294967296.0;
+            const size_t aim = kiln_aims_find(w.aims, i);
+            const uint32_t target = w.aims->aims[aim].target;
+            if (!kiln_aims_draw(w.aims, aim, numbers, &ray))
+                continue;
+            const struct kiln_dvec3 direction = dvec3_of(ray.direction);
+            const double sent = lamp == AREA || lamp == TWO_SIDED ? 4.0 * ray.cosine
+                                : lamp == SKY                     ? 2.0
+                                : lamp == SPOT ? 1.0 * kiln_point_light_cone(&w.made->points[0], direction)
+                                               : 1.0;
+            const double paths = (double)(w.aims->first[aim + 1] - w.aims->first[aim]),
+                         density = kiln_aims_density(w.aims, ray.light, target, ray.place, direction),
+                         expected = paths * sent / ray.flux[1];
+            found += sent > 0.0;
+            worst = sent > 0.0 ? fmax(worst, fabs(density / expected - 1.0)) : worst;
+            if (lamp < SUN) /* away from the target */
+                assert_true(kiln_aims_density(w.aims, ray.light, target, ray.place, dvec3_scale(direction, -1.0)) <=
+                            (lamp == TWO_SIDED ? density : 0.0));
+        }
+        print_message("lamp %d: %u rays, densities off by %.2g at most\n", (int)lamp, found, worst);
+        assert_true(found > PATHS / 4 && worst < 1e-4);
+        assert_true(kiln_aims_density(w.aims, 0, KILN_NONE, dvec3(0, 0, 0), dvec3(0, 1, 0)) == 0.0);
+        release(&w);
+    }
+}
+
 /* A path is a function of its number: batches of any length have the same bits, and iterations differ. */
 static void paths_have_numbers(void **state)
 {
     (void)state;
     struct world w;
-    struct sums all = {0}, cut = {0}, other = {0};
+    struct sums all = {0}, cut = {.world = &w}, other = {0};
     two_balls(&w, AREA, true);
     trace(&w, 1000, 3, 2, &all);
     const struct kiln_land_parameters parameters = {.aims = w.aims};
@@ -531,10 +683,18 @@ static void paths_have_numbers(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(mirror_and_wall),   cmocka_unit_test(pane),          cmocka_unit_test(under_glass),
-        cmocka_unit_test(leaning_normals),   cmocka_unit_test(ball_of_glass), cmocka_unit_test(paraboloid),
-        cmocka_unit_test(room_of_mirrors),   cmocka_unit_test(prism),         cmocka_unit_test(any_aims_bring_the_same),
-        cmocka_unit_test(paths_have_numbers)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(mirror_and_wall),
+                                       cmocka_unit_test(pane),
+                                       cmocka_unit_test(under_glass),
+                                       cmocka_unit_test(leaning_normals),
+                                       cmocka_unit_test(ball_of_glass),
+                                       cmocka_unit_test(paraboloid),
+                                       cmocka_unit_test(room_of_mirrors),
+                                       cmocka_unit_test(prism),
+                                       cmocka_unit_test(any_aims_bring_the_same),
+                                       cmocka_unit_test(shared_light_is_the_same),
+                                       cmocka_unit_test(a_lamp_within_a_sphere),
+                                       cmocka_unit_test(densities_are_those_of_draws),
+                                       cmocka_unit_test(paths_have_numbers)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

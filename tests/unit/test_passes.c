@@ -29,6 +29,7 @@
 #include "worker/scene/radiance_probes.h"
 #include "worker/pass/point.h"
 #include "worker/pass/validity.h"
+#include "worker/pass/weighed.h"
 #include "worker/scene/radiosity.h"
 
 enum { PROBES = 24 };
@@ -47,7 +48,8 @@ static const struct kiln_path_parameters camera = {.position = {0.3f, 2.5f, 0.2f
                                                    .bounces = 2};
 static const struct kiln_radiance_parameters map = {.basis = KILN_PROBE_CUBE, .side = 2};
 static const struct kiln_guided_parameters follow = {.follows = true};
-static const struct kiln_land_parameters landing = {.aims = NULL}; /* run by test_land.c, where lamps have targets */
+static const struct kiln_land_parameters landing = {.aims = NULL};    /* run by test_land.c, where lamps have targets */
+static const struct kiln_caustic_techniques sharing = {.aims = NULL}; /* likewise: here nothing bends light */
 /* paths of light add to the film of the whole picture, which is small therefore */
 enum { WIDE = 8, HIGH = 3 };
 static int64_t splats[3 * WIDE * HIGH];
@@ -64,7 +66,8 @@ static const struct kiln_bidirectional_parameters both_ways = {.camera = {.posit
 static const void *const parameters[KILN_PASS_COUNT] = {
     [KILN_PASS_INDEX_occlusion] = &near_by, [KILN_PASS_INDEX_path] = &camera,
     [KILN_PASS_INDEX_radiance] = &map,      [KILN_PASS_INDEX_guided] = &follow,
-    [KILN_PASS_INDEX_land] = &landing,      [KILN_PASS_INDEX_bidirectional] = &both_ways};
+    [KILN_PASS_INDEX_land] = &landing,      [KILN_PASS_INDEX_bidirectional] = &both_ways,
+    [KILN_PASS_INDEX_weighed] = &sharing};
 
 struct world {
     struct fixture *fixture;
@@ -348,7 +351,8 @@ static void sums_add_up(struct kiln_backend *backend, const struct world *w, con
     const double parts = add(backend, w, pass, 0, 5, &counts[0]) + add(backend, w, pass, 5, 11, &counts[0]);
     const double whole = add(backend, w, pass, 0, 16, &counts[1]);
     print_message("%s: 5 and 11 samples sum up to %.6g, 16 to %.6g\n", pass->name, parts, whole);
-    if (pass->index == KILN_PASS_INDEX_caustic) { /* nothing here is glossy: tests/unit/test_chain.c */
+    if (pass->index == KILN_PASS_INDEX_caustic ||
+        pass->index == KILN_PASS_INDEX_weighed) { /* nothing here is glossy: tests/unit/test_chain.c */
         assert_true(counts[0] == counts[1] && parts == 0.0 && whole == 0.0);
         return;
     }

@@ -64,25 +64,24 @@ static int find_targets(struct kiln_aims *a, struct kiln_error *error)
     const struct kiln_lights *l = a->lights;
     const size_t objects = l->scene->object_count;
     struct box *boxes = NULL;
-    uint32_t *target_of = NULL;
     int status = kiln_allocate(&boxes, objects, sizeof *boxes, "the boxes of objects with gloss", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&target_of, objects, sizeof *target_of, "the targets of objects", error);
+        status = kiln_allocate(&a->target_of, objects, sizeof *a->target_of, "the targets of objects", error);
     if (status == KILN_OK)
         status = kiln_allocate(&a->targets, objects, sizeof *a->targets, "the targets of light paths", error);
     if (status == KILN_OK) {
         find_boxes(l, boxes);
         for (size_t o = 0; o < objects; o++) {
+            a->target_of[o] = KILN_NONE;
             if (!(boxes[o].low.x <= boxes[o].high.x))
                 continue;
-            target_of[o] = (uint32_t)a->target_count;
+            a->target_of[o] = (uint32_t)a->target_count;
             a->targets[a->target_count++] = (struct kiln_target){
                 .object = (uint32_t)o, .centre = dvec3_scale(dvec3_add(boxes[o].low, boxes[o].high), 0.5)};
         }
-        find_radii(l, target_of, a->targets);
+        find_radii(l, a->target_of, a->targets);
     }
     kiln_free(&boxes);
-    kiln_free(&target_of);
     return status;
 }
 
@@ -104,6 +103,7 @@ static void area_lamp(struct kiln_aims *a, size_t first, size_t end)
         lamp.flux += area_flux(&areas[i]);
         lamp.centre = dvec3_add(lamp.centre, dvec3_scale(middle, area_flux(&areas[i])));
         a->until[i] = lamp.flux;
+        a->lamp_of[i] = (uint32_t)a->lamp_count;
     }
     lamp.centre = dvec3_scale(lamp.centre, 1.0 / lamp.flux);
     for (size_t i = first; i < end; i++)
@@ -123,6 +123,9 @@ static int find_lamps(struct kiln_aims *a, struct kiln_error *error)
                                "the lamps of light paths", error);
     if (status == KILN_OK)
         status = kiln_allocate(&a->until, l->area_count, sizeof *a->until, "the shares of emitting triangles", error);
+    if (status == KILN_OK)
+        status =
+            kiln_allocate(&a->lamp_of, l->area_count, sizeof *a->lamp_of, "the lamps of emitting triangles", error);
     if (status != KILN_OK)
         return status;
     for (size_t i = 0, end; i < l->area_count; i = end) {
@@ -142,6 +145,9 @@ static int find_lamps(struct kiln_aims *a, struct kiln_error *error)
 
 /* ---- aims ---- */
 
+/* m2, of the disc that lamps outside send through. */
+static double disc_of(const struct kiln_target *target) { return KILN_PI * target->radius * target->radius; }
+
 /* 1 less the cosine of half the cone in which a target's sphere is seen; 2 from within. */
 static double cone_height(const struct kiln_target *target, struct kiln_dvec3 from)
 {
@@ -158,10 +164,10 @@ static bool is_narrow(const struct kiln_point_light *light, double height)
 
 static double flux_towards(const struct kiln_lights *l, const struct kiln_lamp *lamp, const struct kiln_target *target)
 {
-    const double disc = KILN_PI * target->radius * target->radius, height = cone_height(target, lamp->centre);
+    const double disc = disc_of(target), height = cone_height(target, lamp->centre);
     switch (lamp->kind) {
     case KILN_LAMP_AREA:
-        return lamp->flux * fmin(1.0, height * (2.0 - height));
+        return lamp->flux * (height < 1.0 ? height * (2.0 - height) : 1.0);
     case KILN_LAMP_POINT: {
         const struct kiln_point_light *p = &l->points[lamp->first];
         return kiln_luminance_of_floats(p->intensity) * 2.0 * KILN_PI *
@@ -224,6 +230,8 @@ void kiln_aims_destroy(struct kiln_aims **aims)
     kiln_free(&a->targets);
     kiln_free(&a->aims);
     kiln_free(&a->until);
+    kiln_free(&a->target_of);
+    kiln_free(&a->lamp_of);
     kiln_free(&a->first);
     kiln_free(aims);
 }
@@ -282,17 +290,27 @@ static struct kiln_dvec3 towards(const struct kiln_target *target, struct kiln_d
     return length > 0.0 ? dvec3_scale(to, 1.0 / length) : dvec3(0.0, 0.0, 1.0);
 }
 
-static bool draw_point(const struct kiln_point_light *light, const struct kiln_target *target, const double numbers[],
-                       struct kiln_aimed_ray *ray)
+/* The cone that a point or spot sends to: 1 less the cosine of half its angle, and its axis. */
+static double point_cone(const struct kiln_point_light *light, const struct kiln_target *target,
+                         struct kiln_dvec3 *axis)
 {
     const double height = cone_height(target, light->position);
     const bool narrow = is_narrow(light, height);
-    const double used = narrow ? 1.0 - light->cos_outer : height;
-    const struct kiln_dvec3 direction =
-        cone_direction(narrow ? light->direction : towards(target, light->position), used, numbers[4], numbers[5]);
+    *axis = narrow ? light->direction : towards(target, light->position);
+    return narrow ? 1.0 - light->cos_outer : height;
+}
+
+static bool draw_point(const struct kiln_point_light *light, const struct kiln_target *target, const double numbers[],
+                       struct kiln_aimed_ray *ray)
+{
+    struct kiln_dvec3 axis;
+    const double used = point_cone(light, target, &axis);
+    const struct kiln_dvec3 direction = cone_direction(axis, used, numbers[4], numbers[5]);
     ray->origin = vec3_of(light->position);
     ray->direction = vec3_of(direction);
+    ray->place = light->position;
     ray->range = light->range;
+    ray->has_place = ray->is_point = true;
     set_flux(ray, light->intensity, 2.0 * KILN_PI * used * kiln_point_light_cone(light, direction));
     return true;
 }
@@ -303,7 +321,8 @@ static void draw_outside(const struct kiln_aims *a, const struct kiln_target *ta
 {
     const double r = target->radius * sqrt(numbers[2]), turn = 2.0 * KILN_PI * numbers[3],
                  away = a->radius + dvec3_length(dvec3_sub(target->centre, a->centre)) + target->radius;
-    ray->origin = vec3_of(dvec3_add(target->centre, about(back, dvec3(r * cos(turn), r * sin(turn), away))));
+    ray->place = dvec3_add(target->centre, about(back, dvec3(r * cos(turn), r * sin(turn), away)));
+    ray->origin = vec3_of(ray->place);
     ray->direction = vec3_of(dvec3_scale(back, -1.0));
 }
 
@@ -321,17 +340,21 @@ static size_t find_area(const struct kiln_aims *a, const struct kiln_lamp *lamp,
     return low;
 }
 
+/* The cone is so wide that directions are drawn by the cosine. */
+static bool is_wide(double height) { return height > 1.0 - WIDE; }
+
 static bool draw_area(const struct kiln_aims *a, const struct kiln_lamp *lamp, const struct kiln_target *target,
                       const double numbers[], struct kiln_aimed_ray *ray)
 {
-    const struct kiln_area_light *light = &a->lights->areas[find_area(a, lamp, numbers[0])];
+    const size_t area = find_area(a, lamp, numbers[0]);
+    const struct kiln_area_light *light = &a->lights->areas[area];
     const struct kiln_dvec3 on = kiln_triangle_place(light->e1, light->e2, numbers[2], numbers[3]),
                             at = dvec3_add(light->p0, on);
     const double height = cone_height(target, at), sides = light->two_sided ? 2.0 : 1.0;
     /* area over the chance of the triangle; what the direction's density adds */
     double factor = light->area * lamp->flux / area_flux(light), side = 1.0;
     struct kiln_dvec3 direction;
-    if (height > 1.0 - WIDE) {
+    if (is_wide(height)) {
         side = light->two_sided && numbers[1] < 0.5 ? -1.0 : 1.0;
         direction = about(dvec3_scale(light->normal, side), kiln_cosine_direction(numbers[4], numbers[5]));
         factor *= KILN_PI * sides;
@@ -351,8 +374,23 @@ static bool draw_area(const struct kiln_aims *a, const struct kiln_lamp *lamp, c
     ray->origin = kiln_offset_origin(vec3_of(at), vec3_of(dvec3_scale(light->normal, side)), a->lights->geometry,
                                      light->triangle);
     ray->direction = vec3_of(direction);
+    ray->place = at;
+    ray->cosine = side * dvec3_dot(light->normal, direction);
+    ray->light = (uint32_t)area;
+    ray->has_place = true;
     set_flux(ray, rgb, factor);
     return true;
+}
+
+/* The number of the first light of a lamp. */
+static uint32_t light_of(const struct kiln_aims *a, const struct kiln_lamp *lamp)
+{
+    const struct kiln_lights *l = a->lights;
+    const size_t before = lamp->kind == KILN_LAMP_AREA          ? 0
+                          : lamp->kind == KILN_LAMP_POINT       ? l->area_count
+                          : lamp->kind == KILN_LAMP_DIRECTIONAL ? l->area_count + l->point_count
+                                                                : l->area_count + l->point_count + l->directional_count;
+    return (uint32_t)before + lamp->first;
 }
 
 bool kiln_aims_draw(const struct kiln_aims *a, size_t aim, const double numbers[KILN_AIM_NUMBERS],
@@ -361,10 +399,10 @@ bool kiln_aims_draw(const struct kiln_aims *a, size_t aim, const double numbers[
     const struct kiln_lights *l = a->lights;
     const struct kiln_lamp *lamp = &a->lamps[a->aims[aim].lamp];
     const struct kiln_target *target = &a->targets[a->aims[aim].target];
-    const double disc = KILN_PI * target->radius * target->radius;
+    const double disc = disc_of(target);
     double density = 1.0;
     float rgb[3];
-    *ray = (struct kiln_aimed_ray){.range = 0.0};
+    *ray = (struct kiln_aimed_ray){.cosine = 1.0, .light = light_of(a, lamp)};
     switch (lamp->kind) {
     case KILN_LAMP_AREA:
         return draw_area(a, lamp, target, numbers, ray);
@@ -372,6 +410,7 @@ bool kiln_aims_draw(const struct kiln_aims *a, size_t aim, const double numbers[
         return draw_point(&l->points[lamp->first], target, numbers, ray);
     case KILN_LAMP_DIRECTIONAL:
         draw_outside(a, target, l->directionals[lamp->first].towards, numbers, ray);
+        ray->is_point = true;
         set_flux(ray, l->directionals[lamp->first].irradiance, disc);
         return true;
     case KILN_LAMP_ENVIRONMENT:
@@ -382,4 +421,64 @@ bool kiln_aims_draw(const struct kiln_aims *a, size_t aim, const double numbers[
     kiln_environment_radiance(l, back, rgb);
     set_flux(ray, rgb, disc / density);
     return density > 0.0;
+}
+
+/* ---- densities ---- */
+
+/* Per steradian, of a direction in the cone about the axis; 0 beyond it, but for rounding. */
+static double cone_density(struct kiln_dvec3 axis, double height, struct kiln_dvec3 direction)
+{
+    return 1.0 - dvec3_dot(axis, direction) <= SLACK * height ? 1.0 / (2.0 * KILN_PI * height) : 0.0;
+}
+
+static double area_density(const struct kiln_aims *a, uint32_t area, const struct kiln_target *target,
+                           struct kiln_dvec3 place, struct kiln_dvec3 direction)
+{
+    const struct kiln_area_light *light = &a->lights->areas[area];
+    const double height = cone_height(target, place), cosine = dvec3_dot(light->normal, direction),
+                 chance = area_flux(light) / a->lamps[a->lamp_of[area]].flux;
+    if (!light->two_sided && !(cosine > 0.0))
+        return 0.0;
+    return chance / light->area *
+           (is_wide(height) ? fabs(cosine) / (KILN_PI * (light->two_sided ? 2.0 : 1.0))
+                            : cone_density(towards(target, place), height, direction));
+}
+
+static double point_density(const struct kiln_point_light *light, const struct kiln_target *target,
+                            struct kiln_dvec3 direction)
+{
+    struct kiln_dvec3 axis;
+    const double height = point_cone(light, target, &axis);
+    return cone_density(axis, height, direction);
+}
+
+/* The lamp that a light is a part of: they are in the order of the lights. */
+static size_t lamp_of(const struct kiln_aims *a, uint32_t light)
+{
+    const size_t areas = a->lights->area_count;
+    if (light < areas)
+        return a->lamp_of[light];
+    return (areas > 0 ? a->lamp_of[areas - 1] + 1 : 0) + (light - areas);
+}
+
+double kiln_aims_density(const struct kiln_aims *a, uint32_t light, uint32_t target, struct kiln_dvec3 place,
+                         struct kiln_dvec3 direction)
+{
+    const struct kiln_lights *l = a->lights;
+    if (target == KILN_NONE)
+        return 0.0;
+    const size_t lamp = lamp_of(a, light), aim = lamp * a->target_count + target;
+    const struct kiln_target *t = &a->targets[target];
+    const double paths = (double)(a->first[aim + 1] - a->first[aim]);
+    switch (a->lamps[lamp].kind) {
+    case KILN_LAMP_AREA:
+        return paths * area_density(a, light, t, place, direction);
+    case KILN_LAMP_POINT:
+        return paths * point_density(&l->points[a->lamps[lamp].first], t, direction);
+    case KILN_LAMP_DIRECTIONAL:
+        return paths / disc_of(t);
+    case KILN_LAMP_ENVIRONMENT:
+        break;
+    }
+    return paths * kiln_environment_density(l, dvec3_scale(direction, -1.0)) / disc_of(t);
 }

@@ -49,6 +49,8 @@ struct kiln_aims {
     struct kiln_target *targets;
     struct kiln_aim *aims; /* target by target of each lamp */
     double *until;         /* of each emitting triangle: share of its lamp's flux up to its end */
+    uint32_t *target_of;   /* of each object its target; KILN_NONE: it is none */
+    uint32_t *lamp_of;     /* of each emitting triangle its lamp */
     uint64_t paths;        /* of an iteration; 0: not shared out yet */
     uint64_t *first;       /* of each aim its first path, and one more */
     struct kiln_dvec3 centre;
@@ -60,6 +62,10 @@ struct kiln_aimed_ray {
     struct kiln_vec3 origin, direction; /* m from the scene's centre; unit */
     double flux[3];                     /* W over the density, of one path of the aim */
     double range;                       /* m: of a lamp that has one (kiln_light_range); 0: none */
+    uint32_t light;                     /* its number, as of worker/light/emission.h */
+    struct kiln_dvec3 place;            /* on the lamp; of lamps that are outside `origin` */
+    double cosine;                      /* of the direction at the lamp; 1 where it has no surface */
+    bool has_place, is_point;           /* it begins in the scene, not outside; no ray meets it */
 };
 
 enum { KILN_AIMS_MOST = 1 << 24, KILN_AIM_NUMBERS = 6 };
@@ -80,5 +86,12 @@ size_t kiln_aims_find(const struct kiln_aims *aims, uint64_t path);
  * brings nothing. */
 bool kiln_aims_draw(const struct kiln_aims *aims, size_t aim, const double numbers[KILN_AIM_NUMBERS],
                     struct kiln_aimed_ray *ray);
+
+/* How densely an iteration's paths that are aimed from the lamp of `light` at `target` begin by this ray: their number
+ * times the density of kiln_aims_draw, per m2 and steradian (of points per steradian, of directional lights per m2).
+ * `light` as in struct kiln_aimed_ray; `place`: on a triangle; `direction`: unit, from the light. 0 for targets
+ * KILN_NONE. */
+double kiln_aims_density(const struct kiln_aims *aims, uint32_t light, uint32_t target, struct kiln_dvec3 place,
+                         struct kiln_dvec3 direction);
 
 #endif

@@ -33,6 +33,7 @@
 #include "worker/pass/pass.h"
 
 struct kiln_aims;
+struct kiln_caustic_techniques;
 
 /* The least chance of landing on the gloss of surface number `surface`, from 2 on: the first one is never landed on.
  * All of a path's mirrors together let it go on with a chance of 0.72 or more. Were the chance the same on each, light
@@ -41,6 +42,8 @@ static inline float kiln_land_least(uint32_t surface) { return 0.5f / ((float)su
 
 struct kiln_land_parameters {
     const struct kiln_aims *aims; /* borrowed; shared out (kiln_aims_share) */
+    /* borrowed: what landings share their light with (weighed.h); NULL: they bring all of it */
+    const struct kiln_caustic_techniques *techniques;
 };
 
 /* How a path ends. */
@@ -58,6 +61,9 @@ struct kiln_land_result {
     float shading;  /* times flux: what counts for the irradiance about the shading normal */
     float taken_up; /* times flux: what counts for `incident` (kiln_chain_taken_up; 1 on surfaces that are only diffuse)
                      */
+    /* where there are other techniques, kiln_caustic_others: who knows the texel's area and rays weighs with it
+     * (kiln_caustic_weight_landed); else 0 */
+    float others;
     uint32_t aim;
     uint16_t end;    /* enum kiln_land_end */
     uint16_t length; /* surfaces met */

@@ -178,6 +178,13 @@ static inline bool kiln_point_valid(const struct kiln_surface *s, struct kiln_ow
     return s->visible[own.at] != 0;
 }
 
+/* m2 of the point that are there to be lit: not buried, and where its material is. `present`: kiln_surface_opacity's
+ * mean, as passes give it (worker/pass/point.h). */
+static inline double kiln_lit_area(const struct kiln_surface *s, struct kiln_own_point own, float present)
+{
+    return (double)s->area[own.at] * ((double)s->visible[own.at] / 65535.0) * (double)present;
+}
+
 /* The number of points of consecutive tile runs, of which the first and the last are given. */
 static inline uint64_t kiln_tile_runs_points(const struct kiln_tile_run *first, const struct kiln_tile_run *last)
 {

@@ -32,20 +32,33 @@ static void find_material(const struct embree_backend *b, struct vertex *v)
                   (c->coat == 0.0f || (v->mirrors & KILN_LOBE_COAT) != 0);
 }
 
+/* All but its opacity. */
+static struct vertex make(const struct embree_backend *b, const struct meeting *m, struct kiln_vec3 direction,
+                          bool is_first)
+{
+    struct vertex v = {.m = *m, .from = vec3_scale(direction, -1.0f), .opacity = 1.0f, .is_first = is_first};
+    v.front = v.smooth = m->back ? vec3_scale(m->normal, -1.0f) : m->normal;
+    if (m->gloss != NULL && (m->mesh->flags & KILN_MESH_SMOOTH) != 0)
+        v.smooth = kiln_triangle_shading_normal(b->params.scene, b->params.geometry, m->triangle, m->u, m->v);
+    if (!(vec3_dot(v.smooth, v.front) > 0.0f))
+        v.smooth = v.front;
+    find_material(b, &v);
+    return v;
+}
+
+struct vertex vertex_of(const struct embree_backend *b, const struct meeting *m, struct kiln_vec3 direction)
+{
+    return make(b, m, direction, false);
+}
+
 struct vertex vertex_make(const struct embree_backend *b, const struct RTCRayHit *ray, bool is_first)
 {
     const struct kiln_vec3 direction = vec3(ray->ray.dir_x, ray->ray.dir_y, ray->ray.dir_z);
-    struct vertex v = {
-        .m = meeting_make(b, ray), .from = vec3_scale(direction, -1.0f), .opacity = 1.0f, .is_first = is_first};
-    v.front = v.smooth = v.m.normal;
-    meeting_face(b, is_first, direction, &v.m);
-    if (v.m.gloss != NULL && (v.m.mesh->flags & KILN_MESH_SMOOTH) != 0)
-        v.smooth = kiln_triangle_shading_normal(b->params.scene, b->params.geometry, v.m.triangle, v.m.u, v.m.v);
-    if (!(vec3_dot(v.smooth, v.front) > 0.0f))
-        v.smooth = v.front;
-    if (v.m.triangle >= b->params.geometry->opaque_count)
-        v.opacity = kiln_surface_opacity(b->params.scene, v.m.mesh, v.m.stored, v.m.b1, v.m.b2);
-    find_material(b, &v);
+    struct meeting m = meeting_make(b, ray);
+    meeting_face(b, is_first, direction, &m);
+    struct vertex v = make(b, &m, direction, is_first);
+    if (m.triangle >= b->params.geometry->opaque_count)
+        v.opacity = kiln_surface_opacity(b->params.scene, m.mesh, m.stored, m.b1, m.b2);
     return v;
 }
 

@@ -35,6 +35,9 @@ struct vertex_scatter {
     double cosine_o, cosine_i; /* absolute, of the geometric normal */
 };
 
+/* A surface that a ray of this direction has met (meeting_face, meeting_end), as an inner vertex, taken to be there.
+ * Weight, sums and bounces are left to the caller. */
+struct vertex vertex_of(const struct embree_backend *b, const struct meeting *m, struct kiln_vec3 direction);
 /* What a ray has hit, as a vertex that the camera sees or not. Weight, sums and bounces are left to the caller. */
 struct vertex vertex_make(const struct embree_backend *b, const struct RTCRayHit *ray, bool is_first);
 /* The same vertex, of a subpath of light, as the camera would see it. */

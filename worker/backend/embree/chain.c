@@ -49,19 +49,18 @@ static void meet(struct chain *c, const struct RTCRayHit *ray, const struct meet
         add_radiosity(c, ray, m->triangle, kiln_diffuse_in(m->lobes, m->o.z), kiln_diffuse_out(m->lobes, m->o.z));
 }
 
-/* Whether the chain goes on from surface number `surface`. `pick`: what of the random number chooses a lobe. */
-static bool survives(struct chain *c, const struct meeting *m, uint32_t surface, float *pick)
+bool chain_survives(const struct walk *walk, const struct meeting *m, uint32_t surface, float weight[3], float *pick)
 {
-    const uint32_t length = c->walk->b->params.chain_length;
-    const float left = kiln_chain_left(m->albedo, vec3(c->weight[0], c->weight[1], c->weight[2])),
+    const uint32_t length = walk->b->params.chain_length;
+    const float left = kiln_chain_left(m->albedo, vec3(weight[0], weight[1], weight[2])),
                 goes_on = kiln_chain_chance(surface, length != 0 ? length : KILN_CHAIN_LENGTH, left);
     double lobe, chance;
-    walk_draw(c->walk, kiln_path_use(surface, KILN_PATH_LOBE), &lobe, &chance);
+    walk_draw(walk, kiln_path_use(surface, KILN_PATH_LOBE), &lobe, &chance);
     *pick = (float)lobe;
     if (!(goes_on > 0.0f) || !(chance < (double)goes_on))
         return false;
     for (int i = 0; i < 3; i++)
-        c->weight[i] /= goes_on;
+        weight[i] /= goes_on;
     return true;
 }
 
@@ -141,7 +140,7 @@ void chain_follow(struct walk *walk, uint32_t chance, uint32_t k, const struct R
         meet(&c, &next, &m);
         if (walk->choices != NULL && surface > 0)
             walk_emission(walk, &m, c.seen, found->light);
-        if (!survives(&c, &m, surface, &pick))
+        if (!chain_survives(walk, &m, surface, c.weight, &pick))
             return;
         meeting_end(walk->b, &next, &m);
         if (walk->choices != NULL)

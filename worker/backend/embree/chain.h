@@ -30,6 +30,10 @@ static inline bool chain_begins_at(const struct embree_backend *b, const struct 
     return chain_begins(b, &ray);
 }
 
+/* Whether a chain of this weight goes on from its surface number `surface` (kiln_chain_chance); then the weight counts
+ * the more. `pick`: what of the random number chooses a lobe. */
+bool chain_survives(const struct walk *walk, const struct meeting *m, uint32_t surface, float weight[3], float *pick);
+
 /* Follows the chain of a ray that chain_begins is true of. `chance` and `k`: what the ray's chances hang on
  * (kiln_gather_chance) and the number of the sample. `radiosity`: diffuse surfaces are asked. Lamps and sky are looked
  * for where the walk has choices. Rays are not counted but for shadow rays. */

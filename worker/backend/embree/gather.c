@@ -1,13 +1,14 @@
 /* The gather pass (worker/pass/gather.h): cosine-distributed rays of a tile run's points and the radiosity that they
  * find. The guided pass (worker/pass/guided.h), which is the same with a guide. And the caustic pass
- * (worker/pass/caustic.h), whose rays look for what chains bring of lamps and sky. */
+ * (worker/pass/caustic.h), whose rays look for what chains bring of lamps and sky, and the weighed pass
+ * (worker/pass/weighed.h), where light paths have a part in that. */
 #include <math.h>
 #include <string.h>
 
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"
 #include "shaders/shared/warp.h"
-#include "worker/backend/embree/chain.h"
+#include "worker/backend/embree/chain_weighed.h"
 #include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/lookup.h"
 #include "worker/backend/embree/tile_runs.h"
@@ -37,6 +38,9 @@ struct gather_work {
     struct walk walk;
     struct chain_found chain;
     struct kiln_light_choice *choices; /* the caustic pass; else NULL */
+    /* the weighed pass; else NULL. And of each point the area that is there to be lit, m2 */
+    const struct kiln_caustic_techniques *techniques;
+    double area[RAY_LANES];
     /* sums of a point */
     double incident[RAY_LANES][3], irradiance[RAY_LANES][3], quarter[RAY_QUARTERS][RAY_LANES];
     double escaped[RAY_LANES], blocked[RAY_LANES], glass[RAY_LANES][3], gloss[RAY_LANES][3];
@@ -376,6 +380,23 @@ static void collect_lanes(const struct embree_backend *b, struct embree_context 
 
 /* ---- caustics ---- */
 
+/* The areas of the tile run's points. */
+static void find_areas(struct gather_work *w, const struct embree_backend *b, size_t tile_run)
+{
+    const struct tile_run_frame *frame = &w->rays->frame;
+    const uint64_t first = kiln_own_of_global(b->surface, b->surface->tile_runs[tile_run].first).at;
+    for (uint32_t j = 0; j < frame->count; j++)
+        w->area[j] = kiln_lit_area(b->surface, (struct kiln_own_point){first + frame->place[j]}, frame->present[j]);
+}
+
+static void follow_weighed(struct gather_work *w, uint32_t step, uint32_t l)
+{
+    const struct tile_run_rays *r = w->rays;
+    const struct RTCRayHit ray = rays_lane(r, l);
+    chain_follow_weighed(&w->walk, w->techniques, w->area[r->point[l]], r->samples, r->chance[l],
+                         rays_sample(r, step, l), &ray, w->chain.light);
+}
+
 /* What chains bring of lamps and sky, as radiosity; rays that meet nothing glossy bring nothing. */
 static void collect_caustics(const struct embree_backend *b, struct embree_context *context, struct gather_work *w,
                              uint32_t step, uint32_t lanes)
@@ -386,7 +407,10 @@ static void collect_caustics(const struct embree_backend *b, struct embree_conte
         float rgb[3];
         if (!is_chain(b, r, l))
             continue;
-        follow(w, step, l, false);
+        if (w->techniques != NULL)
+            follow_weighed(w, step, l);
+        else
+            follow(w, step, l, false);
         for (int c = 0; c < 3; c++)
             rgb[c] = w->chain.light[c] * (float)KILN_PI;
         add(w, step, l, rgb, embree_tints(b));
@@ -558,6 +582,8 @@ static void caustic_tile_run(void *work, const struct embree_backend *b, struct 
     if (steps == 0)
         return;
     clear_sums(w);
+    if (w->techniques != NULL)
+        find_areas(w, b, tile_run);
     for (uint32_t step = 0; step < steps; step++) {
         const uint32_t lanes = rays_make(w->rays, b, step);
         *rays += lanes;
@@ -572,6 +598,23 @@ int embree_caustic(struct embree_backend *b, const void *parameters, const struc
                    uint64_t *rays, struct kiln_error *error)
 {
     static const struct tile_run_pass pass = {caustic_create, work_destroy, caustic_tile_run,
+                                              sizeof(struct kiln_point_result)};
+    return embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
+}
+
+static int weighed_create(void **work, const struct embree_backend *b, const void *parameters,
+                          const struct kiln_batch *part, struct kiln_error *error)
+{
+    const int status = caustic_create(work, b, NULL, part, error);
+    if (status == KILN_OK)
+        ((struct gather_work *)*work)->techniques = parameters;
+    return status;
+}
+
+int embree_weighed(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
+                   uint64_t *rays, struct kiln_error *error)
+{
+    static const struct tile_run_pass pass = {weighed_create, work_destroy, caustic_tile_run,
                                               sizeof(struct kiln_point_result)};
     return embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
 }

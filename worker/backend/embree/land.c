@@ -1,11 +1,13 @@
 /* The land pass (worker/pass/land.h): one path after the other, ray by ray. */
 #include "worker/pass/land.h"
 
+#include <float.h>
 #include <math.h>
 #include <omp.h>
 
 #include "shaders/shared/chain.h"
 #include "shaders/shared/punctual_light.h"
+#include "worker/backend/embree/techniques.h"
 #include "worker/backend/embree/walk.h"
 #include "worker/light/aims.h"
 #include "worker/sampling/sequence.h"
@@ -22,6 +24,8 @@ struct light_path {
     size_t aim;
     float weight[3]; /* what is left of the flux, by colour */
     double flux[3];  /* W, at the lamp */
+    struct kiln_aimed_ray first;
+    struct kiln_caustic_landing sums; /* where there are other techniques */
 };
 
 static void multiply(struct light_path *p, const float factor[3])
@@ -35,8 +39,9 @@ static float most(const float weight[3]) { return fmaxf(weight[0], fmaxf(weight[
 /* ---- begin ---- */
 
 /* The first ray; false: the lamp sends nothing along it. */
-static bool begin(struct light_path *p, struct kiln_aimed_ray *ray)
+static bool begin(struct light_path *p)
 {
+    struct kiln_aimed_ray *ray = &p->first;
     double numbers[KILN_AIM_NUMBERS];
     walk_draw(&p->walk, kiln_path_use(0, KILN_PATH_PICK), &numbers[0], &numbers[1]);
     walk_draw(&p->walk, kiln_path_use(0, KILN_PATH_LIGHT), &numbers[2], &numbers[3]);
@@ -88,6 +93,8 @@ static void land(const struct light_path *p, const struct meeting *m, struct kil
     result->end = KILN_LAND_LANDED;
     result->point = find_point(p->walk.b, m);
     result->shading = above > 0.0f ? fmaxf(0.0f, cosine) / above : 1.0f;
+    if (p->parameters->techniques != NULL)
+        result->others = (float)fmin(kiln_caustic_others(p->parameters->techniques->mis, &p->sums), (double)FLT_MAX);
     result->taken_up = m->gloss != NULL ? kiln_chain_taken_up(m->lobes, m->o.z) : 1.0f;
 }
 
@@ -135,6 +142,38 @@ static bool turn(struct light_path *p, const struct meeting *m, uint32_t surface
     return kiln_shading_agrees(d.i, front) && most(p->weight) > 0.0f;
 }
 
+/* The path has arrived from its lamp at the first surface. */
+static struct kiln_caustic_landing emit(const struct light_path *p, const struct vertex *v)
+{
+    const struct kiln_caustic_techniques *t = p->parameters->techniques;
+    const struct kiln_aimed_ray *ray = &p->first;
+    const struct kiln_dvec3 direction = dvec3_of(ray->direction), way = dvec3_sub(dvec3_of(v->m.position), ray->place);
+    return kiln_caustic_emit(techniques_connect(t, ray->light, v, ray->place, direction),
+                             techniques_emission(t, p->walk.b, ray->light, v, ray->place, direction), ray->cosine,
+                             ray->is_point, ray->has_place ? dvec3_dot(way, way) : 1.0,
+                             fabs((double)vec3_dot(v->m.normal, v->from)));
+}
+
+/* The same as `turn`, where there are other techniques. `from`: the direction that the path has. */
+static bool turn_weighed(struct light_path *p, const struct meeting *m, uint32_t surface, float pick,
+                         struct kiln_vec3 from, struct kiln_vec3 *direction)
+{
+    const struct vertex v = vertex_of(p->walk.b, m, from);
+    struct vertex_way way;
+    double numbers[4] = {(double)pick, 0.5};
+    walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_BOUNCE), &numbers[2], &numbers[3]);
+    if (!vertex_leave(p->walk.b, &v, true, m->others, numbers, &way))
+        return false;
+    if (surface == 1)
+        p->sums = emit(p, &v);
+    else
+        kiln_caustic_meet(&p->sums, fabs((double)vec3_dot(m->normal, from)));
+    kiln_caustic_pass_on(&p->sums, surface == 1, way.cosine, way.forward, way.backward, way.delta);
+    multiply(p, way.factor);
+    *direction = way.direction;
+    return most(p->weight) > 0.0f;
+}
+
 /* From surface number `surface` on, by chance; false: the path ends. */
 static bool go_on(struct light_path *p, const struct meeting *m, uint32_t surface, struct kiln_vec3 *origin,
                   struct kiln_vec3 *direction)
@@ -144,7 +183,10 @@ static bool go_on(struct light_path *p, const struct meeting *m, uint32_t surfac
     walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_LOBE), &pick, &rest);
     const float left = kiln_chain_left(m->albedo, vec3(p->weight[0], p->weight[1], p->weight[2])),
                 chance = kiln_chain_chance(surface - 1, length, left), one = 1.0f / chance;
-    if (rest >= (double)chance || !turn(p, m, surface, (float)pick, direction))
+    const struct kiln_vec3 from = *direction;
+    if (rest >= (double)chance ||
+        !(p->parameters->techniques != NULL ? turn_weighed(p, m, surface, (float)pick, from, direction)
+                                            : turn(p, m, surface, (float)pick, direction)))
         return false;
     const float side = vec3_dot(m->normal, *direction) > 0.0f ? m->offset : -m->offset;
     multiply(p, (const float[3]){one, one, one});
@@ -157,11 +199,10 @@ static bool go_on(struct light_path *p, const struct meeting *m, uint32_t surfac
 /* Follows the path to its end. */
 static enum kiln_land_end follow(struct light_path *p, struct kiln_land_result *result)
 {
-    struct kiln_aimed_ray first;
     struct RTCRayHit ray;
-    if (!begin(p, &first))
+    if (!begin(p))
         return KILN_LAND_ASTRAY;
-    struct kiln_vec3 origin = first.origin, direction = first.direction;
+    struct kiln_vec3 origin = p->first.origin, direction = p->first.direction;
     for (uint32_t surface = 1;; surface++) {
         float share[3] = {1.0f, 1.0f, 1.0f};
         p->walk.rays++;
@@ -178,7 +219,7 @@ static enum kiln_land_end follow(struct light_path *p, struct kiln_land_result *
         if (meeting_attenuation(&m, ray.ray.tfar, share))
             multiply(p, share);
         for (int c = 0; c < 3 && surface == 1; c++)
-            p->flux[c] *= kiln_light_range(first.range, (double)ray.ray.tfar);
+            p->flux[c] *= kiln_light_range(p->first.range, (double)ray.ray.tfar);
         if (surface > 1 && lands(p, &m, surface)) {
             land(p, &m, direction, result);
             return KILN_LAND_LANDED;

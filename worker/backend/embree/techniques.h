@@ -1,0 +1,31 @@
+/* Densities with which gather rays and light paths find the light of lamps (worker/pass/caustic_weights.h), the same
+ * function on both sides. Thread-safe. */
+#ifndef KILN_WORKER_BACKEND_EMBREE_TECHNIQUES_H
+#define KILN_WORKER_BACKEND_EMBREE_TECHNIQUES_H
+
+#include "worker/backend/embree/bidirectional_subpaths.h"
+#include "worker/backend/embree/light_samples.h"
+#include "worker/light/aims.h"
+#include "worker/pass/weighed.h"
+
+/* kiln_emission_connect of a sample of the lights at vertex v; 0 of a constant sky, of which none is drawn. `light`,
+ * `place` and `direction` as there. */
+static inline double techniques_connect(const struct kiln_caustic_techniques *t, uint32_t light, const struct vertex *v,
+                                        struct kiln_dvec3 place, struct kiln_dvec3 direction)
+{
+    if (light == kiln_emission_environment(t->emission) && light_sky_is_constant(t->emission->lights))
+        return 0.0;
+    return kiln_emission_connect(t->emission, light, dvec3_of(v->m.position), subpaths_light_normal(v), place,
+                                 direction);
+}
+
+/* kiln_aims_density of the light paths of all iterations, by the aim whose target is the object of vertex v. */
+static inline double techniques_emission(const struct kiln_caustic_techniques *t, const struct embree_backend *b,
+                                         uint32_t light, const struct vertex *v, struct kiln_dvec3 place,
+                                         struct kiln_dvec3 direction)
+{
+    const uint32_t object = b->params.geometry->records[v->m.triangle].object;
+    return (double)t->iterations * kiln_aims_density(t->aims, light, t->aims->target_of[object], place, direction);
+}
+
+#endif

@@ -1,0 +1,141 @@
+/* How the three ways of finding a caustic's light weigh against each other: multiple importance sampling (Veach,
+ * "Robust Monte Carlo Methods for Light Transport Simulation", 1997, section 9.2) by a recursion like that of vertex
+ * connection and merging (Georgiev, "Implementing Vertex Connection and Merging", technical report, 2012, section 4),
+ * of which only these techniques are left. A path is a lamp's place y, surfaces with gloss z_1 ... z_k, k >= 1, z_1 met
+ * first by light, and a place x in a texel. It is found by
+ *
+ *     hit     a gather ray of x that goes on by z_k ... z_1 and meets the emitter or leaves for the sky; density
+ *             (n / A) p(x -> z_k) ... p(z_1 -> y)
+ *     sample  the same up to z_1, and a sample of the lights there
+ *     land    a light path that is aimed from y at the object of z_1 (worker/light/aims.h) and lands at x; density
+ *             N p(y -> z_1) ... p(z_k -> x)
+ *
+ * with n gather rays of the point, the texel's area A that is there to be lit, and N light paths of the aim in all.
+ * Each subpath carries the densities of the techniques of the other side over its own, as a product over its surfaces;
+ * from these each weight follows at once: with r the densities of the other techniques over a technique's own,
+ *
+ *     balance   1 / (1 + sum of r)          power     1 / (1 + sum of r^2)
+ *     uniform   1 / (1 + how many r are above 0)
+ *
+ * Densities are per steradian where they say `forward` (with which the subpath is drawn on from a surface) or
+ * `backward` (with which a subpath of the other side would leave by the way that this one has come); cosines are those
+ * of geometric normals, absolute. At x gather rays count as drawn by the cosine to the geometric normal. Roulette,
+ * chances of surfaces that let light through, and the chance of landing on a side with gloss are in no density: the
+ * weights of a path add up to 1 all the same. Pure functions. */
+#ifndef KILN_WORKER_PASS_CAUSTIC_WEIGHTS_H
+#define KILN_WORKER_PASS_CAUSTIC_WEIGHTS_H
+
+#include <math.h>
+#include <stdbool.h>
+
+#include "shaders/shared/vector.h"
+
+enum kiln_mis { KILN_MIS_BALANCE = 0, KILN_MIS_POWER = 1, KILN_MIS_UNIFORM = 2 };
+
+/* What a technique whose density is r times as large adds to the inverse of a weight. */
+static inline double kiln_mis_share(enum kiln_mis mis, double r)
+{
+    if (mis == KILN_MIS_UNIFORM)
+        return r > 0.0 ? 1.0 : 0.0;
+    return mis == KILN_MIS_POWER ? r * r : r;
+}
+
+/* ---- from the texel ---- */
+
+/* Of a gather ray's subpath: `land` is the density of light paths over that of hits, but for what the lamp's end adds;
+ * `sample` is one over the density of the last direction, 0 after a mirror or smooth glass: no sample of the lights
+ * finds what comes that way. */
+struct kiln_caustic_gathered {
+    double land, sample;
+};
+
+/* `area`: m2, A. */
+static inline struct kiln_caustic_gathered kiln_caustic_gather(double area, double rays)
+{
+    return (struct kiln_caustic_gathered){KILN_PI * area / rays, 0.0};
+}
+
+/* It arrives at a surface; `squared`: m2, of the distance. */
+static inline void kiln_caustic_arrive(struct kiln_caustic_gathered *g, double squared, double cosine)
+{
+    g->land /= cosine;
+    g->sample *= squared / cosine;
+}
+
+/* It leaves a surface with gloss. `delta`: by a mirror or smooth glass, whose densities are chances. */
+static inline void kiln_caustic_leave(struct kiln_caustic_gathered *g, double cosine, double forward, double backward,
+                                      bool delta)
+{
+    g->land *= cosine * backward / forward;
+    g->sample = delta ? 0.0 : 1.0 / forward;
+}
+
+/* The weight of a hit. `connect`: the density of a sample of the lights at the lamp's place, per m2, or per steradian
+ * of the environment; `emission`: N times that of the aim's rays, per m2 and steradian (kiln_aims_density). */
+static inline double kiln_caustic_weight_hit(enum kiln_mis mis, const struct kiln_caustic_gathered *g, double connect,
+                                             double emission)
+{
+    return 1.0 / (1.0 + kiln_mis_share(mis, connect * g->sample) + kiln_mis_share(mis, emission * g->land));
+}
+
+/* The weight of a sample of the lights. `towards`: the cosine at z_1 over the squared distance, without the latter from
+ * outside. `hit`: the density with which the gather ray would go on to the lamp's place, in the measure of `connect`; 0
+ * where no ray meets it. */
+static inline double kiln_caustic_weight_sampled(enum kiln_mis mis, const struct kiln_caustic_gathered *g,
+                                                 double connect, double emission, double towards, double hit,
+                                                 double backward)
+{
+    return 1.0 / (kiln_mis_share(mis, hit / connect) + 1.0 +
+                  kiln_mis_share(mis, emission / connect * towards * g->land * backward));
+}
+
+/* ---- from the lamp ---- */
+
+/* Of a light path: the densities of hits and of samples over its own, but for n / A and what x adds. */
+struct kiln_caustic_landing {
+    double hit, sample;
+};
+
+/* It leaves the lamp: `connect` and `emission` as above, `cosine` that at the lamp, 1 from outside. `is_point`: no ray
+ * meets it. It arrives at z_1 after `squared` m2, 1 from outside, with the cosine `in`. */
+static inline struct kiln_caustic_landing kiln_caustic_emit(double connect, double emission, double cosine,
+                                                            bool is_point, double squared, double in)
+{
+    return (struct kiln_caustic_landing){is_point ? 0.0 : cosine / (emission * in),
+                                         connect * squared / (emission * in)};
+}
+
+/* It leaves a surface with gloss, z_1 if it is the `first`, by the cosine `out`. */
+static inline void kiln_caustic_pass_on(struct kiln_caustic_landing *l, bool first, double out, double forward,
+                                        double backward, bool delta)
+{
+    const double ratio = out / forward;
+    l->hit *= ratio * backward;
+    l->sample *= first ? (delta ? 0.0 : ratio) : ratio * backward;
+}
+
+/* It arrives at a later surface with gloss. */
+static inline void kiln_caustic_meet(struct kiln_caustic_landing *l, double cosine)
+{
+    l->hit /= cosine;
+    l->sample /= cosine;
+}
+
+/* It lands: what the owner of the texel needs for its weight, besides n / A. */
+static inline double kiln_caustic_others(enum kiln_mis mis, const struct kiln_caustic_landing *l)
+{
+    const double sum = kiln_mis_share(mis, l->hit) + kiln_mis_share(mis, l->sample);
+    if (mis == KILN_MIS_UNIFORM)
+        return sum;
+    return (mis == KILN_MIS_POWER ? sqrt(sum) : sum) / KILN_PI;
+}
+
+/* The weight of a landing by what kiln_caustic_others has said, `rays` gather rays of the point and its area, m2. */
+static inline double kiln_caustic_weight_landed(enum kiln_mis mis, double others, double rays, double area)
+{
+    if (!(others > 0.0))
+        return 1.0;
+    return 1.0 / (1.0 + (mis == KILN_MIS_UNIFORM ? others : kiln_mis_share(mis, others * rays / area)));
+}
+
+#endif
