@@ -7,6 +7,8 @@ void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
     if (!kiln_job_takes_gloss(job)) {
         job->caustics = KILN_CAUSTICS_NONE;
         job->chain_length = 0; /* there are no chains */
+    } else if (kiln_job_is_reference(job)) {
+        job->caustics = KILN_CAUSTICS_NONE; /* in a step of its own: the paths find them */
     } else if (job->caustics == KILN_CAUSTICS_AUTO) {
         job->caustics = KILN_CAUSTICS_LAND;
     }
@@ -48,7 +50,8 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
         return json;
     }
     (void)json_object_set_new(json, "kinds", kinds);
-    (void)json_object_set_new(json, "caustics", json_string(caustics[job->caustics]));
+    (void)json_object_set_new(json, "caustics",
+                              json_string(kiln_job_is_reference(job) ? job->method : caustics[job->caustics]));
     if (job->caustics >= KILN_CAUSTICS_LAND) {
         (void)json_object_set_new(json, "photons", json_integer((json_int_t)landing->photons));
         (void)json_object_set_new(json, "aims", json_integer((json_int_t)landing->aims));

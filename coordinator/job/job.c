@@ -315,6 +315,32 @@ static int check_paths(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
+/* Paths from surface points know nothing of how "cells" gathers, and are Embree's. */
+static int settle_reference(struct kiln_job *job, struct kiln_error *error)
+{
+    const struct {
+        const char *name;
+        bool wanted;
+    } of_cells[] = {{"tail", job->tail && given(job, "tail")},
+                    {"schedule", job->schedule != KILN_SCHEDULE_LEAN},
+                    {"indirect-scale", job->indirect_scale > 0},
+                    {"final-scale", job->final_scale > 0},
+                    {"guide", job->guide > 0},
+                    {"caustics", job->caustics != KILN_CAUSTICS_AUTO},
+                    {"tracing-range", kiln_job_has_probes(job)}};
+    for (size_t i = 0; i < sizeof of_cells / sizeof *of_cells; i++)
+        if (of_cells[i].wanted)
+            return kiln_fail(error, KILN_USAGE, "--%s is for --method cells: leave it out, or --method %s",
+                             of_cells[i].name, job->method);
+    if (strcmp(job->backend, "vulkan") == 0)
+        return kiln_fail(error, KILN_USAGE, "--method %s traces paths with Embree: give --backend embree", job->method);
+    job->tail = false;
+    job->paths = (struct kiln_reference_parameters){
+        .method = KILN_REFERENCE_PATH,
+        .bounces = job->bounces < 0 ? KILN_PATH_ALL_BOUNCES : (uint32_t)job->bounces};
+    return kiln_job_keep(job, "embree", strlen("embree"), &job->backend, error);
+}
+
 static int fill(struct kiln_job *job, const struct kiln_command *command, int argc, char **argv,
                 struct kiln_error *error)
 {
@@ -346,6 +372,8 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
         status = check_paths(job, error);
     if (status == KILN_OK && !given(job, "tail"))
         job->tail = job->bounces < 0;
+    if (status == KILN_OK && kiln_job_is_reference(job))
+        status = settle_reference(job, error);
     if (status == KILN_OK && job->indirect_scale > 0 && job->schedule == KILN_SCHEDULE_EQUAL)
         status = kiln_fail(error, KILN_USAGE,
                            "--indirect-scale is for bounces that a final gather reads: --schedule equal has no final "

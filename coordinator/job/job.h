@@ -16,6 +16,7 @@
 #include "coordinator/job/choices.h"
 #include "worker/base/status.h"
 #include "worker/pass/occlusion.h"
+#include "worker/pass/reference.h"
 #include "worker/scene/gloss.h"
 
 /* Unit of the lights: AUTO takes what the file says; the others override it. */
@@ -52,6 +53,7 @@ struct kiln_job {
     /* transport */
     char *quality;   /* draft | preview | production | reference: preset of the sample counts */
     char *method;    /* name of an integrator (coordinator/integrate/integrators.c) */
+    struct kiln_reference_parameters paths; /* of the methods of kiln_job_is_reference */
     int64_t bounces; /* indirect bounces; -1: until little energy is left, then the tail */
     bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
     enum kiln_schedule schedule;
@@ -197,6 +199,12 @@ static inline bool kiln_job_takes_gloss(const struct kiln_job *job)
 static inline bool kiln_job_has_caustics(const struct kiln_job *job)
 {
     return kiln_job_takes_gloss(job) && job->caustics > KILN_CAUSTICS_NONE;
+}
+
+/* Whether paths from surface points find the light, without radiosity (coordinator/integrate/reference). */
+static inline bool kiln_job_is_reference(const struct kiln_job *job)
+{
+    return job->method != NULL && strcmp(job->method, "cells") != 0;
 }
 
 /* Whether gather rays end at a range, and radiance probes answer for what lies behind it. */

@@ -13,6 +13,7 @@
 #include "worker/pass/path.h"
 #include "worker/pass/probes.h"
 #include "worker/pass/radiance.h"
+#include "worker/pass/reference.h"
 #include "worker/pass/validity.h"
 
 /* ---- how results compare ---- */
@@ -208,6 +209,20 @@ const struct kiln_pass kiln_pass_bidirectional = {.index = KILN_PASS_INDEX_bidir
                                                   .is_whole = true,
                                                   .is_sampled = true,
                                                   .is_divisible = true};
+
+/* Not verified: it is the host's alone. */
+const struct kiln_pass kiln_pass_reference = {.index = KILN_PASS_INDEX_reference,
+                                              .name = "reference",
+                                              .what = "light by paths",
+                                              .domain = KILN_DOMAIN_TILE_RUNS,
+                                              .parameter_bytes = sizeof(struct kiln_reference_parameters),
+                                              .result_bytes = sizeof(struct kiln_reference_result),
+                                              .is_sampled = true,
+                                              .has_streams = true,
+                                              .is_divisible = true,
+                                              .is_masked = true,
+                                              .is_stealable = true,
+                                              .on_embree_only = true};
 
 #define ROW(name) [KILN_PASS_INDEX_##name] = &kiln_pass_##name,
 const struct kiln_pass *const kiln_passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};

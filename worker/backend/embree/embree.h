@@ -1,7 +1,7 @@
 /* The Embree backend: private declarations that its files share.
  *
- * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c (guided and caustic
- * too), probes.c, occlusion.c, directional.c, path.c, radiance.c, bidirectional.c. The others: embree.c (life of the
+ * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c (guided, caustic
+ * and reference too), probes.c, occlusion.c, directional.c, path.c, radiance.c, bidirectional.c. The others: embree.c (life of the
  * backend, running a pass in parts, closest hits), tile_runs.c (threads over the tile runs of a part), frame.c (a tile
  * run's points made ready for sampling), rays.c (rays over the hemisphere of its points), lookup.c (radiosity at their
  * hits), light_samples.h (light from all directions straight from the lights), shadow.c (shadow rays in packets),

@@ -1,6 +1,7 @@
 /* The gather pass (worker/pass/gather.h): cosine-distributed rays of a tile run's points and the radiosity that they
- * find. The guided pass (worker/pass/guided.h), which is the same with a guide. And the caustic pass
- * (worker/pass/caustic.h), whose rays look for what chains bring of lamps and sky. */
+ * find. The guided pass (worker/pass/guided.h), which is the same with a guide. The caustic pass
+ * (worker/pass/caustic.h), whose rays look for what chains bring of lamps and sky. And the reference pass
+ * (worker/pass/reference.h), of whose rays paths go on. */
 #include <math.h>
 #include <string.h>
 
@@ -10,11 +11,13 @@
 #include "worker/backend/embree/chain.h"
 #include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/lookup.h"
+#include "worker/backend/embree/path.h"
 #include "worker/backend/embree/tile_runs.h"
 #include "worker/backend/guide.h"
 #include "worker/base/memory.h"
 #include "worker/pass/gather.h"
 #include "worker/pass/guided.h"
+#include "worker/pass/reference.h"
 
 /* A thread's working set. */
 struct gather_work {
@@ -36,7 +39,11 @@ struct gather_work {
     float lost[2][RAY_LANES]; /* and of each lane what has escaped and was blocked */
     struct walk walk;
     struct chain_found chain;
-    struct kiln_light_choice *choices; /* the caustic pass; else NULL */
+    struct kiln_light_choice *choices; /* the caustic and the reference pass; else NULL */
+    /* the reference pass; else NULL; and what of a point's incident light has bounced as often as there may be bounces
+     */
+    const struct kiln_reference_parameters *reference;
+    double last[RAY_LANES][3];
     /* sums of a point */
     double incident[RAY_LANES][3], irradiance[RAY_LANES][3], quarter[RAY_QUARTERS][RAY_LANES];
     double escaped[RAY_LANES], blocked[RAY_LANES], glass[RAY_LANES][3], gloss[RAY_LANES][3];
@@ -449,6 +456,8 @@ static float quarters_error(const struct gather_work *w, uint32_t j)
 
 static struct kiln_point_result *result_of(const struct gather_work *w, void *results, uint32_t place)
 {
+    if (w->reference != NULL)
+        return &((struct kiln_reference_result *)results)[place].point;
     return w->guided != NULL ? &((struct kiln_guided_result *)results)[place].point
                              : &((struct kiln_point_result *)results)[place];
 }
@@ -534,20 +543,28 @@ int embree_guided(struct embree_backend *b, const void *parameters, const struct
 
 /* ---- the caustic pass ---- */
 
-static int caustic_create(void **work, const struct embree_backend *b, const void *parameters,
-                          const struct kiln_batch *part, struct kiln_error *error)
+/* Of passes that ask for the light of lamps: `stream` is added to the batch's. */
+static int light_create(void **work, const struct embree_backend *b, const struct kiln_batch *part, uint32_t stream,
+                        struct kiln_error *error)
 {
-    int status = work_create(work, b, parameters, part, error);
+    int status = work_create(work, b, NULL, part, error);
     if (status != KILN_OK)
         return status;
     struct gather_work *w = *work;
-    w->stream = KILN_CAUSTIC_STREAM + part->stream;
+    w->stream = stream + part->stream;
     status = kiln_allocate(&w->choices, light_choices_room(b->params.lights), sizeof *w->choices, "the light choices",
                            error);
     w->walk.choices = w->choices;
     if (status != KILN_OK)
         work_destroy(work);
     return status;
+}
+
+static int caustic_create(void **work, const struct embree_backend *b, const void *parameters,
+                          const struct kiln_batch *part, struct kiln_error *error)
+{
+    (void)parameters;
+    return light_create(work, b, part, KILN_CAUSTIC_STREAM, error);
 }
 
 static void caustic_tile_run(void *work, const struct embree_backend *b, struct embree_context *context,
@@ -573,5 +590,91 @@ int embree_caustic(struct embree_backend *b, const void *parameters, const struc
 {
     static const struct tile_run_pass pass = {caustic_create, work_destroy, caustic_tile_run,
                                               sizeof(struct kiln_point_result)};
+    return embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
+}
+
+/* ---- the reference pass ---- */
+
+static int reference_create(void **work, const struct embree_backend *b, const void *parameters,
+                            const struct kiln_batch *part, struct kiln_error *error)
+{
+    const int status = light_create(work, b, part, KILN_REFERENCE_STREAM, error);
+    if (status == KILN_OK)
+        ((struct gather_work *)*work)->reference = parameters;
+    return status;
+}
+
+/* What of the light that the ray of lane l finds counts as incident. */
+static float incident_weight(const struct gather_work *w, uint32_t l)
+{
+    const struct tile_run_rays *r = w->rays;
+    const uint32_t j = r->point[l];
+    const struct kiln_vec3 shading = frame_shading(&r->frame, j, vec3(r->facet[0][l], r->facet[1][l], r->facet[2][l]));
+    const float cosine = r->frame.smooth ? vec3_dot(shading, direction_of(r, l)) : r->cosine[l];
+    return facet_weight(r, l) * frame_taken_up(&r->frame, j, cosine);
+}
+
+/* Follows the path that goes on from where the ray of lane l has met a surface. */
+static void go_on(struct gather_work *w, uint32_t step, uint32_t l, const struct RTCRayHit *ray, bool tints)
+{
+    const struct tile_run_rays *r = w->rays;
+    const uint32_t j = r->point[l];
+    float last[3];
+    path_follow(&w->walk, kiln_chain_key(r->chance[l]), rays_sample(r, step, l), w->reference->bounces, ray, &w->chain,
+                last);
+    count_chain(w, l, tints);
+    add(w, step, l, w->chain.radiosity, tints);
+    for (int c = 0; c < 3; c++)
+        w->last[j][c] += (double)(incident_weight(w, l) * last[c] * (tints ? r->tint[l][c] : 1.0f));
+}
+
+/* As collect_lanes: what paths bring, lane by lane. */
+static void collect_paths(const struct embree_backend *b, struct embree_context *context, struct gather_work *w,
+                          uint32_t step, uint32_t lanes)
+{
+    const bool tints = embree_tints(b);
+    w->walk.context = context;
+    memset(w->lost, 0, sizeof w->lost);
+    w->found.escaped = w->found.blocked = 0;
+    for (uint32_t l = 0; l < lanes; l++) {
+        const struct RTCRayHit ray = rays_lane(w->rays, l);
+        if (ray.hit.geomID == RTC_INVALID_GEOMETRY_ID)
+            w->found.escaped_lane[w->found.escaped++] = (uint8_t)l;
+        else if (!meeting_has_side(b, meeting_record(b, &ray), meeting_is_back(&ray)))
+            w->found.blocked_lane[w->found.blocked++] = (uint8_t)l;
+        else if (facet_weight(w->rays, l) > 0.0f)
+            go_on(w, step, l, &ray, tints);
+    }
+    count_lost_in_order(w, lanes);
+}
+
+static void reference_tile_run(void *work, const struct embree_backend *b, struct embree_context *context,
+                               size_t tile_run, void *results, uint64_t *rays)
+{
+    struct gather_work *w = work;
+    const uint32_t steps = rays_begin(w->rays, b, tile_run, w->stream, 0);
+    if (steps == 0)
+        return;
+    clear_sums(w);
+    memset(w->last, 0, sizeof w->last);
+    w->walk.rays = 0;
+    for (uint32_t step = 0; step < steps; step++) {
+        const uint32_t lanes = rays_make(w->rays, b, step);
+        *rays += lanes;
+        rays_trace(w->rays, b, context, lanes);
+        collect_paths(b, context, w, step, lanes);
+    }
+    *rays += w->walk.rays;
+    store(w, results);
+    for (uint32_t j = 0; j < w->rays->frame.count; j++)
+        for (int c = 0; c < 3; c++)
+            ((struct kiln_reference_result *)results)[w->rays->frame.place[j]].last[c] = (float)w->last[j][c];
+}
+
+int embree_reference(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
+                     uint64_t *rays, struct kiln_error *error)
+{
+    static const struct tile_run_pass pass = {reference_create, work_destroy, reference_tile_run,
+                                              sizeof(struct kiln_reference_result)};
     return embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
 }

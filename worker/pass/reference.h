@@ -1,0 +1,39 @@
+/* The reference pass: all light that surface points get but what comes straight from the lights, by paths from each
+ * point. It reads no radiosity: it is what a bake that gathers radiosity is held against.
+ *
+ *     E(x) = integral over the hemisphere of L(x, w) n.w dw
+ *
+ * where L is the radiance that surfaces send, of lights that lie on no straight way from x. What comes straight is the
+ * direct pass's (direct.h). Rays leave points as in the gather pass (gather.h), with its places, directions and
+ * weights. Of where a ray meets a surface a path goes on, as those of cameras do (path.h): of the rules for backs, for
+ * surfaces that let light through, and for materials with gloss all of what stands there holds here, and all surfaces
+ * count as they do for rays that bounce. With KILN_REFERENCE_PATH lights are sampled at each surface.
+ *
+ * Bounces are counted as a bake does: light that has left `bounces` diffuse surfaces on its way is the last that
+ * counts, be they before or after mirrors, gloss and glass. So what comes from lamps by way of these alone is no
+ * bounce, and is always there.
+ *
+ * Items: tile runs. Result: struct kiln_reference_result. Samples: rays of a point. Streams: as the gather pass, and
+ * other numbers than that has for the same stream. Rays: the samples of all valid points, and all of their paths.
+ * Embree only. */
+#ifndef KILN_WORKER_PASS_REFERENCE_H
+#define KILN_WORKER_PASS_REFERENCE_H
+
+#include "worker/pass/path.h"
+#include "worker/pass/point.h"
+
+enum { KILN_REFERENCE_STREAM = 0x30000 }; /* added to the stream, which is below 0x10000 */
+
+enum kiln_reference_method { KILN_REFERENCE_PATH };
+
+struct kiln_reference_parameters {
+    enum kiln_reference_method method;
+    uint32_t bounces; /* diffuse surfaces on the way of light; or KILN_PATH_ALL_BOUNCES */
+};
+
+struct kiln_reference_result {
+    struct kiln_point_result point; /* as of the gather pass; `escaped` and so on are of rays to the next diffuse part */
+    float last[3];                  /* what of point.incident has left `bounces` diffuse surfaces */
+};
+
+#endif
