@@ -115,10 +115,12 @@ static int limit_exchange(struct kiln_lockstep *l, struct kiln_error *error)
 
 /* ---- running ---- */
 
-/* Paths from surface points find of caustics what gather rays do. */
+/* Paths from surface points find of caustics what gather rays do; and all where they are merged with paths of light. */
 static enum kiln_caustics caustics_found(const struct kiln_integrate_settings *settings)
 {
-    return settings->reference != NULL ? KILN_CAUSTICS_GATHER : settings->caustics;
+    if (settings->reference == NULL)
+        return settings->caustics;
+    return settings->reference->method == KILN_REFERENCE_VCM ? KILN_CAUSTICS_LAND : KILN_CAUSTICS_GATHER;
 }
 
 /* Collective. All steps; then what is made of them. */

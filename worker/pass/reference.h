@@ -7,14 +7,26 @@
  * direct pass's (direct.h). Rays leave points as in the gather pass (gather.h), with its places, directions and
  * weights. Of where a ray meets a surface a path goes on, as those of cameras do (path.h): of the rules for backs, for
  * surfaces that let light through, and for materials with gloss all of what stands there holds here, and all surfaces
- * count as they do for rays that bounce. With KILN_REFERENCE_PATH lights are sampled at each surface.
+ * count as they do for rays that bounce. Methods:
+ *
+ *   path   lights are sampled at each surface, and met by sharp lobes
+ *   bdpt   a path of light goes with each sample of a point, a function of (seed, point, sample); the point's path and
+ *          that are connected in all ways (bidirectional_weights.h), the point itself too. Nothing lands on the point
+ *   vcm    the same, and the vertices of as many paths of light as the scene has surface points (2^14 to 2^20) are
+ *          merged with those of the point's path, and with the point itself: biased by the radius. Each quarter of the
+ *          samples has such paths of its own, numbered over the whole bake, and the k-th quarter's radius is
+ *          `radius` (k + 1)^(-1/8), quarters counted over all parts of a bake. Every caller traces them all, whatever
+ *          its items are
  *
  * Bounces are counted as a bake does: light that has left `bounces` diffuse surfaces on its way is the last that
  * counts, be they before or after mirrors, gloss and glass. So what comes from lamps by way of these alone is no
  * bounce, and is always there.
  *
+ * Light that comes to a point by a mirror from a lamp without size is found by merging alone.
+ *
  * Items: tile runs. Result: struct kiln_reference_result. Samples: rays of a point. Streams: as the gather pass, and
  * other numbers than that has for the same stream. Rays: the samples of all valid points, and all of their paths.
+ * Memory of vcm: 64 bytes for each vertex of a quarter's paths of light, twice, and once for those of the others.
  * Embree only. */
 #ifndef KILN_WORKER_PASS_REFERENCE_H
 #define KILN_WORKER_PASS_REFERENCE_H
@@ -24,11 +36,12 @@
 
 enum { KILN_REFERENCE_STREAM = 0x30000 }; /* added to the stream, which is below 0x10000 */
 
-enum kiln_reference_method { KILN_REFERENCE_PATH };
+enum kiln_reference_method { KILN_REFERENCE_PATH, KILN_REFERENCE_BDPT, KILN_REFERENCE_VCM };
 
 struct kiln_reference_parameters {
     enum kiln_reference_method method;
     uint32_t bounces; /* diffuse surfaces on the way of light; or KILN_PATH_ALL_BOUNCES */
+    double radius;    /* m, of merging in the first quarter of the samples; 0: by the scene */
 };
 
 struct kiln_reference_result {

@@ -109,3 +109,5 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
                                                              .take = take,                                             \
                                                              .end_step = end_step};
 INTEGRATOR(path)
+INTEGRATOR(bdpt)
+INTEGRATOR(vcm)

@@ -6,6 +6,6 @@
 
 #include "coordinator/integrate/integrator.h"
 
-extern const struct kiln_integrator kiln_integrator_path;
+extern const struct kiln_integrator kiln_integrator_path, kiln_integrator_bdpt, kiln_integrator_vcm;
 
 #endif

@@ -12,12 +12,12 @@
 #include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/lookup.h"
 #include "worker/backend/embree/path.h"
+#include "worker/backend/embree/reference.h"
 #include "worker/backend/embree/tile_runs.h"
 #include "worker/backend/guide.h"
 #include "worker/base/memory.h"
 #include "worker/pass/gather.h"
 #include "worker/pass/guided.h"
-#include "worker/pass/reference.h"
 
 /* A thread's working set. */
 struct gather_work {
@@ -44,6 +44,9 @@ struct gather_work {
      */
     const struct kiln_reference_parameters *reference;
     double last[RAY_LANES][3];
+    struct reference_paths *paths; /* of bdpt and vcm */
+    struct subpaths subpaths;
+    bool receives_only; /* no ray meets the tile run's object */
     /* sums of a point */
     double incident[RAY_LANES][3], irradiance[RAY_LANES][3], quarter[RAY_QUARTERS][RAY_LANES];
     double escaped[RAY_LANES], blocked[RAY_LANES], glass[RAY_LANES][3], gloss[RAY_LANES][3];
@@ -61,6 +64,7 @@ static void work_destroy(void **work)
     if (w != NULL) {
         rays_destroy(&w->rays);
         kiln_free(&w->choices);
+        subpaths_release(&w->subpaths);
     }
     kiln_free(work);
 }
@@ -595,12 +599,22 @@ int embree_caustic(struct embree_backend *b, const void *parameters, const struc
 
 /* ---- the reference pass ---- */
 
+/* What the threads of a call are given. */
+struct reference_call {
+    const struct kiln_reference_parameters *parameters;
+    struct reference_paths *paths;
+};
+
 static int reference_create(void **work, const struct embree_backend *b, const void *parameters,
                             const struct kiln_batch *part, struct kiln_error *error)
 {
+    const struct reference_call *call = parameters;
     const int status = light_create(work, b, part, KILN_REFERENCE_STREAM, error);
-    if (status == KILN_OK)
-        ((struct gather_work *)*work)->reference = parameters;
+    if (status == KILN_OK) {
+        struct gather_work *w = *work;
+        w->reference = call->parameters;
+        w->paths = call->paths;
+    }
     return status;
 }
 
@@ -614,18 +628,48 @@ static float incident_weight(const struct gather_work *w, uint32_t l)
     return facet_weight(r, l) * frame_taken_up(&r->frame, j, cosine);
 }
 
-/* Follows the path that goes on from where the ray of lane l has met a surface. */
-static void go_on(struct gather_work *w, uint32_t step, uint32_t l, const struct RTCRayHit *ray, bool tints)
+/* Counts what becomes of the ray of lane l that has met a surface, up to the diffuse parts that it finds. */
+static void count_ends(struct gather_work *w, const struct embree_backend *b, uint32_t step, uint32_t l, bool tints)
+{
+    struct kiln_light_choice *choices = w->walk.choices;
+    if (!chain_begins_at(b, w->rays, l))
+        return;
+    w->walk.choices = NULL; /* lights are not asked for */
+    follow(w, step, l, false);
+    w->walk.choices = choices;
+    count_chain(w, l, tints);
+}
+
+/* What lane l's sample brings by its ray and, by connections, beside it. `ray`: what its ray has met; NULL: nothing
+ * that goes on. */
+static void find_paths(struct gather_work *w, uint32_t step, uint32_t l, const struct RTCRayHit *ray,
+                       struct reference_found *found)
+{
+    const struct tile_run_rays *r = w->rays;
+    if (w->reference->method != KILN_REFERENCE_PATH) {
+        reference_follow(&w->subpaths, w->paths, r, step, l, w->receives_only, ray, found);
+        return;
+    }
+    memset(found, 0, sizeof *found);
+    if (ray != NULL)
+        path_follow(&w->walk, kiln_chain_key(r->chance[l]), rays_sample(r, step, l), w->reference->bounces, ray,
+                    found->radiance, found->last);
+}
+
+static void add_paths(struct gather_work *w, uint32_t step, uint32_t l, const struct reference_found *found, bool tints)
 {
     const struct tile_run_rays *r = w->rays;
     const uint32_t j = r->point[l];
-    float last[3];
-    path_follow(&w->walk, kiln_chain_key(r->chance[l]), rays_sample(r, step, l), w->reference->bounces, ray, &w->chain,
-                last);
-    count_chain(w, l, tints);
-    add(w, step, l, w->chain.radiosity, tints);
-    for (int c = 0; c < 3; c++)
-        w->last[j][c] += (double)(incident_weight(w, l) * last[c] * (tints ? r->tint[l][c] : 1.0f));
+    float rgb[3];
+    for (int c = 0; c < 3; c++) {
+        const float last = incident_weight(w, l) * found->last[c] * (float)KILN_PI * (tints ? r->tint[l][c] : 1.0f);
+        rgb[c] = found->radiance[c] * (float)KILN_PI;
+        w->last[j][c] += (double)last + found->last_incident[c];
+        w->irradiance[j][c] += found->irradiance[c];
+        w->incident[j][c] += found->incident[c];
+    }
+    add(w, step, l, rgb, tints);
+    w->quarter[r->quarter_of[step * r->copies + r->copy[l]]][j] += kiln_luminance(found->irradiance);
 }
 
 /* As collect_lanes: what paths bring, lane by lane. */
@@ -638,12 +682,18 @@ static void collect_paths(const struct embree_backend *b, struct embree_context 
     w->found.escaped = w->found.blocked = 0;
     for (uint32_t l = 0; l < lanes; l++) {
         const struct RTCRayHit ray = rays_lane(w->rays, l);
-        if (ray.hit.geomID == RTC_INVALID_GEOMETRY_ID)
+        const bool meets = ray.hit.geomID != RTC_INVALID_GEOMETRY_ID,
+                   arrives = meets && meeting_has_side(b, meeting_record(b, &ray), meeting_is_back(&ray)),
+                   goes_on = arrives && facet_weight(w->rays, l) > 0.0f;
+        struct reference_found found;
+        if (!meets)
             w->found.escaped_lane[w->found.escaped++] = (uint8_t)l;
-        else if (!meeting_has_side(b, meeting_record(b, &ray), meeting_is_back(&ray)))
+        else if (!arrives)
             w->found.blocked_lane[w->found.blocked++] = (uint8_t)l;
-        else if (facet_weight(w->rays, l) > 0.0f)
-            go_on(w, step, l, &ray, tints);
+        find_paths(w, step, l, goes_on ? &ray : NULL, &found);
+        if (goes_on)
+            count_ends(w, b, step, l, tints);
+        add_paths(w, step, l, &found, tints && goes_on);
     }
     count_lost_in_order(w, lanes);
 }
@@ -652,19 +702,30 @@ static void reference_tile_run(void *work, const struct embree_backend *b, struc
                                size_t tile_run, void *results, uint64_t *rays)
 {
     struct gather_work *w = work;
-    const uint32_t steps = rays_begin(w->rays, b, tile_run, w->stream, 0);
+    const struct kiln_surface *s = b->surface;
+    const uint32_t steps = rays_begin(w->rays, b, tile_run, w->stream, 0),
+                   object = kiln_map_object(s, s->tile_runs[tile_run].map);
     if (steps == 0)
         return;
     clear_sums(w);
     memset(w->last, 0, sizeof w->last);
-    w->walk.rays = 0;
+    w->walk.rays = w->subpaths.rays = 0;
+    w->subpaths.context = *context;
+    w->receives_only = (b->params.scene->objects[object].flags & KILN_OBJECT_RECEIVER_ONLY) != 0;
     for (uint32_t step = 0; step < steps; step++) {
         const uint32_t lanes = rays_make(w->rays, b, step);
         *rays += lanes;
         rays_trace(w->rays, b, context, lanes);
         collect_paths(b, context, w, step, lanes);
     }
-    *rays += w->walk.rays;
+    *rays += w->walk.rays + w->subpaths.rays;
+    if (w->subpaths.status != KILN_OK) {
+#pragma omp critical(kiln_reference_status)
+        {
+            w->paths->status = w->subpaths.status;
+            w->paths->error = w->subpaths.error;
+        }
+    }
     store(w, results);
     for (uint32_t j = 0; j < w->rays->frame.count; j++)
         for (int c = 0; c < 3; c++)
@@ -676,5 +737,15 @@ int embree_reference(struct embree_backend *b, const void *parameters, const str
 {
     static const struct tile_run_pass pass = {reference_create, work_destroy, reference_tile_run,
                                               sizeof(struct kiln_reference_result)};
-    return embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
+    struct reference_paths paths;
+    const struct reference_call call = {.parameters = parameters, .paths = &paths};
+    int status = reference_paths_make(&paths, b, parameters, part, error);
+    if (status == KILN_OK)
+        status = embree_each_tile_run(b, &pass, &call, part, results, rays, error);
+    if (status == KILN_OK && paths.status != KILN_OK)
+        status = kiln_fail(error, paths.status, "%s", paths.error.message);
+    *rays += paths.rays;
+    b->thread_seconds += paths.seconds;
+    reference_paths_release(&paths);
+    return status;
 }

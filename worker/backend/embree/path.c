@@ -6,6 +6,7 @@
 #include "shaders/shared/color.h"
 #include "shaders/shared/warp.h"
 #include "worker/backend/embree/camera_ray.h"
+#include "worker/backend/embree/chain.h"
 #include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/path.h"
 #include "worker/base/memory.h"
@@ -21,9 +22,9 @@ struct path {
     float seen[3];   /* the same, of what the next surface emits itself: 0 where light samples have brought that */
     float radiance[3];
     uint32_t bounces, chain; /* diffuse surfaces that have sent the path on; others since the last one */
-    /* of a path from a surface point, which is the first of its diffuse surfaces: what its ray finds; else NULL. Light
-     * that comes to the last diffuse surface by mirrors, gloss and glass alone counts there, and not for cameras */
-    struct chain_found *found;
+    /* of a path from a surface point, which is the first of its diffuse surfaces: light that has left as many as there
+     * may be; else NULL. What comes to the last of these by mirrors, gloss and glass alone counts, and not for cameras
+     */
     float *last;
 };
 
@@ -76,7 +77,7 @@ static void attenuate(struct path *p, const struct meeting *m, float distance)
 
 /* Whether the path has left as many diffuse surfaces as light may have left: then only lights count yet that come by
  * way of mirrors, gloss and glass. */
-static bool is_over(const struct path *p) { return p->found != NULL && p->bounces > p->camera->bounces; }
+static bool is_over(const struct path *p) { return p->last != NULL && p->bounces > p->camera->bounces; }
 
 /* Where light is added that no further diffuse surface sends. */
 static float *sum_of(struct path *p) { return is_over(p) ? p->last : p->radiance; }
@@ -84,7 +85,7 @@ static float *sum_of(struct path *p) { return is_over(p) ? p->last : p->radiance
 /* Adds what the surface sends on of light straight from the lights. */
 static void add_lights(struct path *p, const struct meeting *m, uint32_t surface)
 {
-    if (p->found == NULL || p->bounces < p->camera->bounces) {
+    if (p->last == NULL || p->bounces < p->camera->bounces) {
         walk_lights(&p->walk, m, surface, KILN_LOBE_ALL, p->weight, p->radiance);
         return;
     }
@@ -92,27 +93,6 @@ static void add_lights(struct path *p, const struct meeting *m, uint32_t surface
         walk_lights(&p->walk, m, surface, m->gloss != NULL ? KILN_LOBE_DIFFUSE : KILN_LOBE_ALL, p->weight, p->last);
     if (m->gloss != NULL)
         walk_lights(&p->walk, m, surface, m->others, p->weight, sum_of(p));
-}
-
-static bool is_first_ray(const struct path *p) { return p->found != NULL && p->bounces == 1; }
-
-/* What of the ray from the surface point the diffuse part of the surface takes. */
-static void take_up(struct path *p, const struct meeting *m)
-{
-    const struct kiln_hit_record *record = &p->walk.b->params.geometry->records[m->triangle];
-    const bool has_points = !m->back || (record->material & KILN_RECORD_DOUBLE_SIDED) != 0;
-    const float in = m->gloss == NULL ? 1.0f : m->lobes.matt > 0.0f ? kiln_diffuse_in(m->lobes, m->o.z) : 0.0f;
-    for (int c = 0; c < 3 && has_points; c++)
-        p->found->gloss[c] -= p->weight[c] * in;
-}
-
-/* The ray from the surface point, sent on by other lobes, has met nothing or a back. */
-static void lose(struct path *p, float *lost)
-{
-    const float mean = (p->weight[0] + p->weight[1] + p->weight[2]) * (1.0f / 3.0f);
-    *lost += mean;
-    for (int c = 0; c < 3; c++)
-        p->found->gloss[c] -= mean;
 }
 
 /* Goes on to what the surface reflects; false: it is black. */
@@ -198,7 +178,7 @@ static bool survives(struct path *p, uint32_t surface)
 /* From surface number `surface` to the next; false: the path ends. */
 static bool go_on(struct path *p, const struct meeting *m, uint32_t surface, struct RTCRayHit *ray)
 {
-    const bool sky = light_sky_is_constant(p->walk.b->params.lights), chains = p->found != NULL && chain_any(p->walk.b),
+    const bool sky = light_sky_is_constant(p->walk.b->params.lights), chains = p->last != NULL && chain_any(p->walk.b),
                may_end = m->gloss == NULL && !sky && !chains;
     struct kiln_vec3 direction;
     bool diffuse;
@@ -215,8 +195,6 @@ static bool go_on(struct path *p, const struct meeting *m, uint32_t surface, str
     const bool meets = trace(p, vec3_madd(m->position, m->normal, side), direction, surface + 1, ray),
                arrives =
                    meets && meeting_has_side(p->walk.b, meeting_record(p->walk.b, ray), meeting_is_back(ray));
-    if (!arrives && is_first_ray(p))
-        lose(p, meets ? &p->found->blocked : &p->found->escaped);
     if (!meets)
         walk_environment(&p->walk, direction, sky ? p->weight : p->seen, sum_of(p));
     return arrives && (!last || (chains && chain_begins(p->walk.b, ray)));
@@ -242,8 +220,6 @@ static void follow_from(struct path *p, struct RTCRayHit *ray, uint32_t surface)
         attenuate(p, &m, ray->ray.tfar);
         if (p->seen[0] > 0.0f || p->seen[1] > 0.0f || p->seen[2] > 0.0f)
             walk_emission(&p->walk, &m, p->seen, sum_of(p));
-        if (is_first_ray(p))
-            take_up(p, &m);
         if ((is_over(p) && m.gloss == NULL) || !kiln_path_allows(p->camera->length, surface + 2) ||
             !reflect(p, &m, surface == 0))
             return;
@@ -254,26 +230,22 @@ static void follow_from(struct path *p, struct RTCRayHit *ray, uint32_t surface)
 }
 
 void path_follow(struct walk *walk, uint32_t key, uint32_t k, uint32_t bounces, const struct RTCRayHit *ray,
-                 struct chain_found *found, float last[3])
+                 float radiance[3], float last[3])
 {
     const struct kiln_path_parameters parameters = {.bounces = bounces};
     struct path p = {.walk = *walk,
                      .camera = &parameters,
                      .weight = {1.0f, 1.0f, 1.0f},
                      .bounces = 1,
-                     .found = found,
                      .last = last};
     struct RTCRayHit next = *ray;
-    *found = (struct chain_found){.gloss = {1.0f, 1.0f, 1.0f}};
     last[0] = last[1] = last[2] = 0.0f;
     p.walk.key = key;
     p.walk.k = k;
     follow_from(&p, &next, 1);
     walk->rays = p.walk.rays;
-    for (int c = 0; c < 3; c++) {
-        last[c] *= (float)KILN_PI;
-        found->radiosity[c] = p.radiance[c] * (float)KILN_PI + last[c];
-    }
+    for (int c = 0; c < 3; c++)
+        radiance[c] = p.radiance[c] + last[c];
 }
 
 static void follow(struct path *p, uint64_t pixel)
