@@ -25,7 +25,8 @@
  * Light that comes to a point by a mirror from a lamp without size is found by merging alone.
  *
  * Items: tile runs. Result: struct kiln_reference_result. Samples: rays of a point. Streams: as the gather pass, and
- * other numbers than that has for the same stream. Rays: the samples of all valid points, and all of their paths.
+ * other numbers than that has for the same stream. Rays: the samples of all valid points, and all of their paths;
+ * not those of paths of light that are merged.
  * Memory of vcm: 64 bytes for each vertex of a quarter's paths of light, twice, and once for those of the others.
  * Embree only. */
 #ifndef KILN_WORKER_PASS_REFERENCE_H

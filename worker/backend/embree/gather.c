@@ -599,21 +599,14 @@ int embree_caustic(struct embree_backend *b, const void *parameters, const struc
 
 /* ---- the reference pass ---- */
 
-/* What the threads of a call are given. */
-struct reference_call {
-    const struct kiln_reference_parameters *parameters;
-    struct reference_paths *paths;
-};
-
 static int reference_create(void **work, const struct embree_backend *b, const void *parameters,
                             const struct kiln_batch *part, struct kiln_error *error)
 {
-    const struct reference_call *call = parameters;
     const int status = light_create(work, b, part, KILN_REFERENCE_STREAM, error);
     if (status == KILN_OK) {
         struct gather_work *w = *work;
-        w->reference = call->parameters;
-        w->paths = call->paths;
+        w->reference = parameters;
+        w->paths = b->reference;
     }
     return status;
 }
@@ -737,15 +730,12 @@ int embree_reference(struct embree_backend *b, const void *parameters, const str
 {
     static const struct tile_run_pass pass = {reference_create, work_destroy, reference_tile_run,
                                               sizeof(struct kiln_reference_result)};
-    struct reference_paths paths;
-    const struct reference_call call = {.parameters = parameters, .paths = &paths};
-    int status = reference_paths_make(&paths, b, parameters, part, error);
-    if (status == KILN_OK)
-        status = embree_each_tile_run(b, &pass, &call, part, results, rays, error);
-    if (status == KILN_OK && paths.status != KILN_OK)
-        status = kiln_fail(error, paths.status, "%s", paths.error.message);
-    *rays += paths.rays;
-    b->thread_seconds += paths.seconds;
-    reference_paths_release(&paths);
-    return status;
+    const int status = reference_paths_want(b, parameters, part, error);
+    if (status != KILN_OK)
+        return status;
+    b->reference->status = KILN_OK;
+    const int traced = embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
+    return traced == KILN_OK && b->reference->status != KILN_OK
+               ? kiln_fail(error, b->reference->status, "%s", b->reference->error.message)
+               : traced;
 }

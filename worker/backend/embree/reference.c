@@ -16,9 +16,11 @@ enum { PATHS_LEAST = 1 << 14, PATHS_MOST = 1 << 20 };
 
 /* ---- what all threads share ---- */
 
-static uint64_t paths_of(const struct embree_backend *b)
+static uint64_t paths_of(const struct embree_backend *b, const struct kiln_reference_parameters *p)
 {
     const uint64_t points = b->surface->point_count;
+    if (p->method != KILN_REFERENCE_VCM)
+        return 0;
     return points < PATHS_LEAST ? PATHS_LEAST : points > PATHS_MOST ? PATHS_MOST : points;
 }
 
@@ -26,18 +28,17 @@ static struct bidirectional make(const struct reference_paths *paths, const stru
                                  const struct kiln_reference_parameters *p)
 {
     const uint32_t low = (uint32_t)b->params.seed, high = (uint32_t)(b->params.seed >> 32);
-    const bool merges = p->method == KILN_REFERENCE_VCM;
     return (struct bidirectional){
         .b = b,
         .parameters = &paths->parameters,
         .emission = paths->emission,
-        .paths = merges ? paths_of(b) : 0,
+        .paths = paths->count,
         .most = p->bounces == KILN_PATH_ALL_BOUNCES ? INT64_MAX / 2 : (int64_t)p->bounces + 1, /* and the point's own */
         .from_points = true,
         .light_seed = kiln_hash2(low, high ^ LIGHT_SEED),
         .connects = true,
-        .merges = merges,
-        .merged_paths = merges ? (double)paths_of(b) : 0.0};
+        .merges = paths->count > 0,
+        .merged_paths = (double)paths->count};
 }
 
 /* The paths of light of the samples of quarter q, and their grid. */
@@ -55,8 +56,7 @@ static int trace_quarter(struct reference_paths *paths, struct subpaths *walks, 
     return status;
 }
 
-static int trace_light(struct reference_paths *paths, const struct embree_backend *b, const struct kiln_batch *part,
-                       struct kiln_error *error)
+static int trace_light(struct reference_paths *paths, struct embree_backend *b, struct kiln_error *error)
 {
     struct subpaths *walks = NULL;
     int status = kiln_allocate(&walks, b->threads, sizeof *walks, "paths of light", error);
@@ -65,21 +65,23 @@ static int trace_light(struct reference_paths *paths, const struct embree_backen
     for (uint32_t t = 0; t < b->threads; t++)
         embree_context(b, &walks[t].context);
     for (uint32_t q = 0; q < RAY_QUARTERS && status == KILN_OK; q++)
-        status = trace_quarter(paths, walks, part->first_sample / part->samples * RAY_QUARTERS + q, q, error);
+        status = trace_quarter(paths, walks, paths->first_sample / paths->samples * RAY_QUARTERS + q, q, error);
     for (uint32_t t = 0; t < b->threads; t++) {
-        paths->rays += walks[t].rays;
-        paths->seconds += walks[t].seconds;
+        b->thread_seconds += walks[t].seconds;
         subpaths_release(&walks[t]);
     }
     kiln_free(&walks);
     return status;
 }
 
-int reference_paths_make(struct reference_paths *paths, const struct embree_backend *b,
-                         const struct kiln_reference_parameters *p, const struct kiln_batch *part,
-                         struct kiln_error *error)
+static int make_paths(struct reference_paths *paths, struct embree_backend *b,
+                      const struct kiln_reference_parameters *p, const struct kiln_batch *part,
+                      struct kiln_error *error)
 {
-    memset(paths, 0, sizeof *paths);
+    paths->wanted = *p;
+    paths->count = paths_of(b, p);
+    paths->samples = part->samples;
+    paths->first_sample = part->first_sample;
     const int status = kiln_emission_create(&paths->emission, b->params.lights, error);
     if (status != KILN_OK)
         return status;
@@ -88,14 +90,39 @@ int reference_paths_make(struct reference_paths *paths, const struct embree_back
     paths->parameters.radius = p->radius > 0.0 ? p->radius : RADIUS_SHARE * paths->emission->radius;
     for (uint32_t q = 0; q < RAY_QUARTERS; q++)
         paths->of[q] = make(paths, b, p);
-    return p->method == KILN_REFERENCE_VCM ? trace_light(paths, b, part, error) : KILN_OK;
+    return paths->count > 0 ? trace_light(paths, b, error) : KILN_OK;
 }
 
-void reference_paths_release(struct reference_paths *paths)
+static bool fits(const struct reference_paths *paths, const struct embree_backend *b,
+                 const struct kiln_reference_parameters *p, const struct kiln_batch *part)
 {
+    return paths->wanted.method == p->method && paths->wanted.bounces == p->bounces &&
+           paths->wanted.radius == p->radius && paths->count == paths_of(b, p) && paths->samples == part->samples &&
+           paths->first_sample == part->first_sample;
+}
+
+int reference_paths_want(struct embree_backend *b, const struct kiln_reference_parameters *p,
+                         const struct kiln_batch *part, struct kiln_error *error)
+{
+    if (b->reference != NULL && fits(b->reference, b, p, part))
+        return KILN_OK;
+    reference_paths_destroy(&b->reference);
+    int status = kiln_allocate(&b->reference, 1, sizeof *b->reference, "paths of light", error);
+    if (status == KILN_OK)
+        status = make_paths(b->reference, b, p, part, error);
+    if (status != KILN_OK)
+        reference_paths_destroy(&b->reference);
+    return status;
+}
+
+void reference_paths_destroy(struct reference_paths **paths)
+{
+    if (*paths == NULL)
+        return;
     for (uint32_t q = 0; q < RAY_QUARTERS; q++)
-        photon_grid_destroy(&paths->grids[q]);
-    kiln_emission_destroy(&paths->emission);
+        photon_grid_destroy(&(*paths)->grids[q]);
+    kiln_emission_destroy(&(*paths)->emission);
+    kiln_free(paths);
 }
 
 /* ---- a sample's surface point ---- */

@@ -7,24 +7,26 @@
 #include "worker/backend/embree/rays.h"
 #include "worker/pass/reference.h"
 
-/* What all threads of a call share: read while they run. */
+/* What all threads of a call share: read while they run. Calls that want the same share it too: the backend keeps what
+ * it had last. */
 struct reference_paths {
+    struct kiln_reference_parameters wanted;
+    uint64_t count;   /* of paths of light that may be merged, in each quarter */
+    uint32_t samples, first_sample;
     struct kiln_bidirectional_parameters parameters; /* of which method, radius and the camera's bounces are set */
     struct kiln_emission *emission;
     struct bidirectional of[RAY_QUARTERS]; /* of the samples of each quarter, which have vertices to merge of their own */
     struct photon_grid *grids[RAY_QUARTERS];
-    uint64_t rays; /* of the paths of light that may be merged */
-    double seconds;
     int status; /* a failure of a thread */
     struct kiln_error error;
 };
 
-/* Makes what the method needs for the samples of a part, and traces the paths of light that may be merged. In any case
- * to be released with reference_paths_release. Not for callers inside parallel regions. */
-int reference_paths_make(struct reference_paths *paths, const struct embree_backend *b,
-                         const struct kiln_reference_parameters *parameters, const struct kiln_batch *part,
-                         struct kiln_error *error);
-void reference_paths_release(struct reference_paths *paths);
+/* Sets b->reference to what the method needs for the samples of a part, and traces the paths of light that may be
+ * merged; nothing is done where that is there. Not for callers inside parallel regions. */
+int reference_paths_want(struct embree_backend *b, const struct kiln_reference_parameters *parameters,
+                         const struct kiln_batch *part, struct kiln_error *error);
+/* Sets the pointer to NULL, which may be NULL. */
+void reference_paths_destroy(struct reference_paths **paths);
 
 /* What a sample of a point brings: `radiance` along its ray, W/(m2 sr); `irradiance` and `incident` by connections of
  * the point itself, W/m2. `last` and `last_incident`: what of these has left as many diffuse surfaces as there may be. */
