@@ -335,12 +335,12 @@ static int settle_reference(struct kiln_job *job, struct kiln_error *error)
     if (strcmp(job->backend, "vulkan") == 0)
         return kiln_fail(error, KILN_USAGE, "--method %s traces paths with Embree: give --backend embree", job->method);
     job->tail = false;
-    job->paths = (struct kiln_reference_parameters){
-        .method = strcmp(job->method, "path") == 0   ? KILN_REFERENCE_PATH
-                  : strcmp(job->method, "bdpt") == 0 ? KILN_REFERENCE_BDPT
-                                                     : KILN_REFERENCE_VCM,
-        .radius = job->merge_radius,
-        .bounces = job->bounces < 0 ? KILN_PATH_ALL_BOUNCES : (uint32_t)job->bounces};
+    job->paths = (struct kiln_reference_parameters){.method = strcmp(job->method, "path") == 0   ? KILN_REFERENCE_PATH
+                                                              : strcmp(job->method, "bdpt") == 0 ? KILN_REFERENCE_BDPT
+                                                                                                 : KILN_REFERENCE_VCM,
+                                                    .radius = job->merge_radius,
+                                                    .bounces = job->bounces < 0 ? KILN_PATH_ALL_BOUNCES
+                                                                                : (uint32_t)job->bounces};
     return kiln_job_keep(job, "embree", strlen("embree"), &job->backend, error);
 }
 

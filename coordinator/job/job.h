@@ -51,11 +51,11 @@ struct kiln_job {
     char *instruction_set;  /* of Embree; NULL: the best that all ranks have */
 
     /* transport */
-    char *quality;   /* draft | preview | production | reference: preset of the sample counts */
-    char *method;    /* name of an integrator (coordinator/integrate/integrators.c) */
+    char *quality;                          /* draft | preview | production | reference: preset of the sample counts */
+    char *method;                           /* name of an integrator (coordinator/integrate/integrators.c) */
     struct kiln_reference_parameters paths; /* of the methods of kiln_job_is_reference */
-    int64_t bounces; /* indirect bounces; -1: until little energy is left, then the tail */
-    bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
+    int64_t bounces;                        /* indirect bounces; -1: until little energy is left, then the tail */
+    bool tail; /* add the geometric tail after the last bounce (default: only when bounces is -1) */
     enum kiln_schedule schedule;
     uint32_t samples_direct, samples_bounce, samples_indirect; /* rays for each texel */
     int indirect_scale;      /* log2 of texels a side of a block in bounces (integrate/blocks.h) */

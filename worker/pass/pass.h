@@ -27,8 +27,8 @@
     DO(validity)                                                                                                       \
     DO(direct)                                                                                                         \
     DO(gather)                                                                                                         \
-    DO(probes) DO(occlusion) DO(directional) DO(path) DO(radiance) DO(guided) DO(caustic) DO(land) DO(bidirectional)           \
-    DO(reference)
+    DO(probes)                                                                                                         \
+    DO(occlusion) DO(directional) DO(path) DO(radiance) DO(guided) DO(caustic) DO(land) DO(bidirectional) DO(reference)
 
 /* Where a pass stands in kiln_passes: KILN_PASS_INDEX_direct and so on. */
 #define KILN_PASS_INDEX_OF(name) KILN_PASS_INDEX_##name,

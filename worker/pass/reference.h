@@ -42,12 +42,14 @@ enum kiln_reference_method { KILN_REFERENCE_PATH, KILN_REFERENCE_BDPT, KILN_REFE
 struct kiln_reference_parameters {
     enum kiln_reference_method method;
     uint32_t bounces; /* diffuse surfaces on the way of light; or KILN_PATH_ALL_BOUNCES */
-    double radius;    /* m, of merging in the first quarter of the samples; 0: by the scene */
+    double radius; /* m, of merging in the first quarter of the samples; 0: by the scene: of as many discs as there are
+                    * paths, in all as large as the sphere about the scene */
 };
 
 struct kiln_reference_result {
-    struct kiln_point_result point; /* as of the gather pass; `escaped` and so on are of rays to the next diffuse part */
-    float last[3];                  /* what of point.incident has left `bounces` diffuse surfaces */
+    struct kiln_point_result
+        point;     /* as of the gather pass; `escaped` and so on are of rays to the next diffuse part */
+    float last[3]; /* what of point.incident has left `bounces` diffuse surfaces */
 };
 
 #endif

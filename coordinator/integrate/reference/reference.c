@@ -57,9 +57,9 @@ static void find_sent(const struct kiln_taking *t, const struct kiln_rank_data *
                       float sent[3])
 {
     for (uint64_t c = 0; c < 3; c++)
-        sent[c] = t->settings->bounces == 0 ? 0.0f
-                                            : data->sum[3 * own.at + c] + radiosity[c] -
-                                                  albedo[c] * kiln_mean(r->last[c], r->point.count);
+        sent[c] = t->settings->bounces == 0
+                      ? 0.0f
+                      : data->sum[3 * own.at + c] + radiosity[c] - albedo[c] * kiln_mean(r->last[c], r->point.count);
 }
 
 static void take_paths(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
@@ -95,9 +95,8 @@ static void take(const struct kiln_taking *t, const struct kiln_rank_data *data,
 static int end_step(struct kiln_integration *in, struct kiln_step_reports *reports, struct kiln_error *error)
 {
     const struct kiln_step *step = &reports->of[reports->count - 1].step;
-    return step->role == KILN_CELLS_PILOT
-               ? kiln_adapt_samples(in, in->settings->samples_direct - step->samples, error)
-               : KILN_OK;
+    return step->role == KILN_CELLS_PILOT ? kiln_adapt_samples(in, in->settings->samples_direct - step->samples, error)
+                                          : KILN_OK;
 }
 
 #define INTEGRATOR(method)                                                                                             \

@@ -193,8 +193,7 @@ static bool go_on(struct path *p, const struct meeting *m, uint32_t surface, str
     p->chain = diffuse ? 0 : p->chain + 1;
     p->walk.rays++;
     const bool meets = trace(p, vec3_madd(m->position, m->normal, side), direction, surface + 1, ray),
-               arrives =
-                   meets && meeting_has_side(p->walk.b, meeting_record(p->walk.b, ray), meeting_is_back(ray));
+               arrives = meets && meeting_has_side(p->walk.b, meeting_record(p->walk.b, ray), meeting_is_back(ray));
     if (!meets)
         walk_environment(&p->walk, direction, sky ? p->weight : p->seen, sum_of(p));
     return arrives && (!last || (chains && chain_begins(p->walk.b, ray)));
@@ -233,11 +232,7 @@ void path_follow(struct walk *walk, uint32_t key, uint32_t k, uint32_t bounces, 
                  float radiance[3], float last[3])
 {
     const struct kiln_path_parameters parameters = {.bounces = bounces};
-    struct path p = {.walk = *walk,
-                     .camera = &parameters,
-                     .weight = {1.0f, 1.0f, 1.0f},
-                     .bounces = 1,
-                     .last = last};
+    struct path p = {.walk = *walk, .camera = &parameters, .weight = {1.0f, 1.0f, 1.0f}, .bounces = 1, .last = last};
     struct RTCRayHit next = *ray;
     last[0] = last[1] = last[2] = 0.0f;
     p.walk.key = key;

@@ -9,10 +9,9 @@
  * own path. */
 static const uint32_t LIGHT_SEED = 0x6c697266u;
 
-/* Paths of light that are merged, where their number is not given: as many as there are surface points, within these. */
+/* Paths of light that are merged, where their number is not given: as many as there are surface points, within these.
+ */
 enum { PATHS_LEAST = 1 << 14, PATHS_MOST = 1 << 20 };
-/* The radius where it is not given, of that of the scene. */
-#define RADIUS_SHARE 0.003
 
 /* ---- what all threads share ---- */
 
@@ -87,7 +86,8 @@ static int make_paths(struct reference_paths *paths, struct embree_backend *b,
         return status;
     paths->parameters.method = p->method == KILN_REFERENCE_VCM ? KILN_BIDIRECTIONAL_VCM : KILN_BIDIRECTIONAL_BDPT;
     paths->parameters.camera.bounces = p->bounces;
-    paths->parameters.radius = p->radius > 0.0 ? p->radius : RADIUS_SHARE * paths->emission->radius;
+    paths->parameters.radius =
+        p->radius > 0.0 ? p->radius : 2.0 * paths->emission->radius / sqrt((double)(paths->count + 1));
     for (uint32_t q = 0; q < RAY_QUARTERS; q++)
         paths->of[q] = make(paths, b, p);
     return paths->count > 0 ? trace_light(paths, b, error) : KILN_OK;
@@ -167,16 +167,15 @@ static void connect(struct end *x, const struct vertex *light)
     const double squared = (double)vec3_dot(way, way), above = (double)vec3_dot(x->normal, direction);
     struct vertex_scatter far;
     double rgb[3], last[3], through[3];
-    if (!(squared > 0.0) || !(above > 0.0) ||
-        !vertex_scatter(all->b, light, back, light->from, KILN_LOBE_ALL, &far))
+    if (!(squared > 0.0) || !(above > 0.0) || !vertex_scatter(all->b, light, back, light->from, KILN_LOBE_ALL, &far))
         return;
     subpaths_products(&one, false, &far, true, all->most - 1 - (int64_t)light->bounces, rgb, last);
     if (!(rgb[0] > 0.0 || rgb[1] > 0.0 || rgb[2] > 0.0) ||
         !subpaths_connect(x->w, x->position, vertex_start(light, back), through))
         return;
-    const double weight = kiln_path_weight_connected(
-        &all->techniques, &none, &light->sums, density(x, direction) * far.cosine_o / squared, far.to_light,
-        x->lands ? far.to_eye * above / squared : 0.0, 0.0);
+    const double weight = kiln_path_weight_connected(&all->techniques, &none, &light->sums,
+                                                     density(x, direction) * far.cosine_o / squared, far.to_light,
+                                                     x->lands ? far.to_eye * above / squared : 0.0, 0.0);
     float arriving[3] = {light->weight[0], light->weight[1], light->weight[2]};
     vertex_attenuate(light, back, (float)sqrt(squared), arriving);
     for (int c = 0; c < 3; c++) {
@@ -199,8 +198,7 @@ static void merge(void *context, const struct photon *p)
         return;
     const struct kiln_path_sums light = {.vcm = (double)p->vcm, .vm = (double)p->vm};
     const double weight = kiln_path_weight_merged(&all->techniques, &none, &light, density(x, p->from), 0.0),
-                 area = KILN_PI * all->radius * all->radius * all->merged_paths *
-                        (double)x->frame->present[x->j];
+                 area = KILN_PI * all->radius * all->radius * all->merged_paths * (double)x->frame->present[x->j];
     double rgb[3], last[3];
     for (int c = 0; c < 3; c++) {
         rgb[c] = weight * (double)p->flux[c] / (area * above);

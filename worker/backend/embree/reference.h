@@ -11,11 +11,12 @@
  * it had last. */
 struct reference_paths {
     struct kiln_reference_parameters wanted;
-    uint64_t count;   /* of paths of light that may be merged, in each quarter */
+    uint64_t count; /* of paths of light that may be merged, in each quarter */
     uint32_t samples, first_sample;
     struct kiln_bidirectional_parameters parameters; /* of which method, radius and the camera's bounces are set */
     struct kiln_emission *emission;
-    struct bidirectional of[RAY_QUARTERS]; /* of the samples of each quarter, which have vertices to merge of their own */
+    struct bidirectional
+        of[RAY_QUARTERS]; /* of the samples of each quarter, which have vertices to merge of their own */
     struct photon_grid *grids[RAY_QUARTERS];
     int status; /* a failure of a thread */
     struct kiln_error error;
@@ -29,7 +30,8 @@ int reference_paths_want(struct embree_backend *b, const struct kiln_reference_p
 void reference_paths_destroy(struct reference_paths **paths);
 
 /* What a sample of a point brings: `radiance` along its ray, W/(m2 sr); `irradiance` and `incident` by connections of
- * the point itself, W/m2. `last` and `last_incident`: what of these has left as many diffuse surfaces as there may be. */
+ * the point itself, W/m2. `last` and `last_incident`: what of these has left as many diffuse surfaces as there may be.
+ */
 struct reference_found {
     float radiance[3], last[3];
     double irradiance[3], incident[3], last_incident[3];
