@@ -12,7 +12,7 @@
  *   path   lights are sampled at each surface, and met by sharp lobes
  *   bdpt   a path of light goes with each sample of a point, a function of (seed, point, sample); the point's path and
  *          that are connected in all ways (bidirectional_weights.h), the point itself too. Nothing lands on the point
- *   vcm    the same, and the vertices of as many paths of light as the scene has surface points (2^14 to 2^20) are
+ *   vcm    the same, and the vertices of as many paths of light as the scene has surface points (2^14 to 2^18) are
  *          merged with those of the point's path, and with the point itself: biased by the radius. Each quarter of the
  *          samples has such paths of its own, numbered over the whole bake, and the k-th quarter's radius is
  *          `radius` (k + 1)^(-1/8), quarters counted over all parts of a bake. Every caller traces them all, whatever

@@ -11,7 +11,7 @@ static const uint32_t LIGHT_SEED = 0x6c697266u;
 
 /* Paths of light that are merged, where their number is not given: as many as there are surface points, within these.
  */
-enum { PATHS_LEAST = 1 << 14, PATHS_MOST = 1 << 20 };
+enum { PATHS_LEAST = 1 << 14, PATHS_MOST = 1 << 18 };
 
 /* ---- what all threads share ---- */
 
@@ -40,17 +40,19 @@ static struct bidirectional make(const struct reference_paths *paths, const stru
         .merged_paths = (double)paths->count};
 }
 
-/* The paths of light of the samples of quarter q, and their grid. */
-static int trace_quarter(struct reference_paths *paths, struct subpaths *walks, uint32_t set, uint32_t q,
-                         struct kiln_error *error)
+/* The paths of light of the samples of quarter q, and their grid. Their random numbers hang on the number of the first
+ * of the samples, which no others have. */
+static int trace_quarter(struct reference_paths *paths, struct subpaths *walks, uint32_t q, struct kiln_error *error)
 {
     struct bidirectional *all = &paths->of[q];
-    all->radius = paths->parameters.radius * pow((double)set + 1.0, (0.75 - 1.0) / 2.0);
+    const uint32_t before = paths->first_sample / paths->samples * RAY_QUARTERS + q,
+                   first = paths->first_sample + (uint32_t)((uint64_t)q * paths->samples / RAY_QUARTERS);
+    all->radius = paths->parameters.radius * pow((double)before + 1.0, (0.75 - 1.0) / 2.0);
     const double area = KILN_PI * all->radius * all->radius * all->merged_paths;
     all->techniques = (struct kiln_path_techniques){.merges = area, .connections = 1.0 / area};
     for (uint32_t t = 0; t < all->b->threads; t++)
         walks[t].all = all;
-    const int status = subpaths_trace_photons(all, walks, set, &paths->grids[q], error);
+    const int status = subpaths_trace_photons(all, walks, first, &paths->grids[q], error);
     all->grid = paths->grids[q];
     return status;
 }
@@ -64,7 +66,7 @@ static int trace_light(struct reference_paths *paths, struct embree_backend *b, 
     for (uint32_t t = 0; t < b->threads; t++)
         embree_context(b, &walks[t].context);
     for (uint32_t q = 0; q < RAY_QUARTERS && status == KILN_OK; q++)
-        status = trace_quarter(paths, walks, paths->first_sample / paths->samples * RAY_QUARTERS + q, q, error);
+        status = trace_quarter(paths, walks, q, error);
     for (uint32_t t = 0; t < b->threads; t++) {
         b->thread_seconds += walks[t].seconds;
         subpaths_release(&walks[t]);
