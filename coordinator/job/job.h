@@ -51,11 +51,10 @@ struct kiln_job {
     char *instruction_set;  /* of Embree; NULL: the best that all ranks have */
 
     /* transport */
-    char *quality;                          /* draft | preview | production | reference: preset of the sample counts */
-    char *method;                           /* name of an integrator (coordinator/integrate/integrators.c) */
-    struct kiln_reference_parameters paths; /* of the methods of kiln_job_is_reference */
-    int64_t bounces;                        /* indirect bounces; -1: until little energy is left, then the tail */
-    bool tail; /* add the geometric tail after the last bounce (default: only when bounces is -1) */
+    char *quality;   /* draft | preview | production | reference: preset of the sample counts */
+    char *method;    /* name of an integrator (coordinator/integrate/integrators.c) */
+    int64_t bounces; /* indirect bounces; -1: until little energy is left, then the tail */
+    bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
     enum kiln_schedule schedule;
     uint32_t samples_direct, samples_bounce, samples_indirect; /* rays for each texel */
     int indirect_scale;      /* log2 of texels a side of a block in bounces (integrate/blocks.h) */
@@ -70,6 +69,7 @@ struct kiln_job {
     char *only_visible_from; /* cameras, or a path's file: bake/visible_from.h; NULL: all surfaces are lit */
     double target_error;     /* of a texel, relative: more samples until it is reached; 0: none */
     struct kiln_radiance_settings radiance;     /* probes that answer for what is far; see kiln_job_has_probes */
+    struct kiln_reference_parameters paths;     /* of the methods of kiln_job_is_reference */
     struct kiln_occlusion_parameters occlusion; /* distance 0: no ambient occlusion and no bent normal */
     int directional;                            /* enum kiln_directional */
     uint64_t seed;

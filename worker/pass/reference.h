@@ -22,13 +22,14 @@
  * counts, be they before or after mirrors, gloss and glass. So what comes from lamps by way of these alone is no
  * bounce, and is always there.
  *
- * Light that comes to a point by a mirror from a lamp without size is found by merging alone.
+ * Light that comes to a point by a mirror from a lamp without size is found by merging alone, and not on points of
+ * mirrors, where nothing is merged.
  *
  * Items: tile runs. Result: struct kiln_reference_result. Samples: rays of a point. Streams: as the gather pass, and
  * other numbers than that has for the same stream. Rays: the samples of all valid points, and all of their paths;
  * not those of paths of light that are merged.
- * Memory of vcm: 64 bytes for each vertex of a quarter's paths of light, twice, and once for those of the others.
- * Embree only. */
+ * Memory of vcm: 64 bytes for each vertex of the paths of light of four quarters, and once more for those of one; with
+ * 2^18 paths of six vertices 0.5 GiB, of which `kiln plan` knows nothing. Embree only. */
 #ifndef KILN_WORKER_PASS_REFERENCE_H
 #define KILN_WORKER_PASS_REFERENCE_H
 
@@ -42,14 +43,14 @@ enum kiln_reference_method { KILN_REFERENCE_PATH, KILN_REFERENCE_BDPT, KILN_REFE
 struct kiln_reference_parameters {
     enum kiln_reference_method method;
     uint32_t bounces; /* diffuse surfaces on the way of light; or KILN_PATH_ALL_BOUNCES */
-    double radius; /* m, of merging in the first quarter of the samples; 0: by the scene: of as many discs as there are
-                    * paths, in all as large as the sphere about the scene */
+    /* m, of merging in the first quarter of the samples; 0: by the scene: of as many discs as there are paths, in all
+     * as large as the sphere about the scene */
+    double radius;
 };
 
 struct kiln_reference_result {
-    struct kiln_point_result
-        point;     /* as of the gather pass; `escaped` and so on are of rays to the next diffuse part */
-    float last[3]; /* what of point.incident has left `bounces` diffuse surfaces */
+    struct kiln_point_result point; /* as of the gather pass; `escaped` and so on: of rays to the next diffuse parts */
+    float last[3];                  /* what of point.incident has left `bounces` diffuse surfaces */
 };
 
 #endif

@@ -9,8 +9,7 @@
  * own path. */
 static const uint32_t LIGHT_SEED = 0x6c697266u;
 
-/* Paths of light that are merged, where their number is not given: as many as there are surface points, within these.
- */
+/* Paths of light that are merged: as many as there are surface points, within these. */
 enum { PATHS_LEAST = 1 << 14, PATHS_MOST = 1 << 18 };
 
 /* ---- what all threads share ---- */
@@ -88,8 +87,9 @@ static int make_paths(struct reference_paths *paths, struct embree_backend *b,
         return status;
     paths->parameters.method = p->method == KILN_REFERENCE_VCM ? KILN_BIDIRECTIONAL_VCM : KILN_BIDIRECTIONAL_BDPT;
     paths->parameters.camera.bounces = p->bounces;
-    paths->parameters.radius =
-        p->radius > 0.0 ? p->radius : 2.0 * paths->emission->radius / sqrt((double)(paths->count + 1));
+    if (paths->count > 0)
+        paths->parameters.radius =
+            p->radius > 0.0 ? p->radius : 2.0 * paths->emission->radius / sqrt((double)paths->count);
     for (uint32_t q = 0; q < RAY_QUARTERS; q++)
         paths->of[q] = make(paths, b, p);
     return paths->count > 0 ? trace_light(paths, b, error) : KILN_OK;

@@ -15,8 +15,8 @@ struct reference_paths {
     uint32_t samples, first_sample;
     struct kiln_bidirectional_parameters parameters; /* of which method, radius and the camera's bounces are set */
     struct kiln_emission *emission;
-    struct bidirectional
-        of[RAY_QUARTERS]; /* of the samples of each quarter, which have vertices to merge of their own */
+    /* of the samples of each quarter, which have vertices to merge of their own */
+    struct bidirectional of[RAY_QUARTERS];
     struct photon_grid *grids[RAY_QUARTERS];
     int status; /* a failure of a thread */
     struct kiln_error error;
