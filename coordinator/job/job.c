@@ -330,7 +330,8 @@ static int settle_reference(struct kiln_job *job, struct kiln_error *error)
                     {"tracing-range", kiln_job_has_probes(job)}};
     for (size_t i = 0; i < sizeof of_cells / sizeof *of_cells; i++)
         if (of_cells[i].wanted)
-            return kiln_fail(error, KILN_USAGE, "--%s is for --method cells: leave it out, or --method %s",
+            return kiln_fail(error, KILN_USAGE,
+                             "--%s is for --method cells, and --method %s has no use for it: leave one of the two out",
                              of_cells[i].name, job->method);
     if (strcmp(job->backend, "vulkan") == 0)
         return kiln_fail(error, KILN_USAGE, "--method %s traces paths with Embree: give --backend embree", job->method);
