@@ -14,8 +14,10 @@ void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
     }
     if (job->caustics < KILN_CAUSTICS_LAND)
         job->photons = job->iterations = 0; /* there are no light paths */
-    if (job->caustics != KILN_CAUSTICS_MERGE)
-        job->merge_radius = job->radius_alpha = 0.0; /* nothing is merged */
+    if (job->caustics != KILN_CAUSTICS_MERGE) {
+        job->merge_radius = job->paths.radius; /* 0 but for --method vcm: nothing else merges */
+        job->radius_alpha = 0.0;
+    }
 }
 
 /* Why no material is taken with its gloss. */

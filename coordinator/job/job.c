@@ -294,7 +294,7 @@ static int check_guide(const struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Options of light paths, which not all --caustics have. */
+/* Options of light paths, which not all --caustics have. --method vcm merges, too. */
 static int check_paths(struct kiln_job *job, struct kiln_error *error)
 {
     static const char *const caustics[] = {"auto", "none", "gather", "land"};
@@ -305,7 +305,10 @@ static int check_paths(struct kiln_job *job, struct kiln_error *error)
                     {"iterations", "traces no light paths", "land", KILN_CAUSTICS_LAND},
                     {"merge-radius", "merges nothing", "merge", KILN_CAUSTICS_MERGE},
                     {"radius-alpha", "merges nothing", "merge", KILN_CAUSTICS_MERGE}};
+    const bool merges = kiln_job_is_reference(job) && strcmp(job->method, "vcm") == 0;
     for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths; i++) {
+        if (merges && strcmp(of_paths[i].name, "merge-radius") == 0)
+            continue;
         const int settled = job->caustics == KILN_CAUSTICS_AUTO ? KILN_CAUSTICS_LAND : job->caustics;
         if (settled < of_paths[i].from && given(job, of_paths[i].name))
             return kiln_fail(error, KILN_USAGE, "--%s: --caustics %s %s; give --caustics %s, or leave --%s out",
@@ -339,7 +342,7 @@ static int settle_reference(struct kiln_job *job, struct kiln_error *error)
     job->paths = (struct kiln_reference_parameters){.method = strcmp(job->method, "path") == 0   ? KILN_REFERENCE_PATH
                                                               : strcmp(job->method, "bdpt") == 0 ? KILN_REFERENCE_BDPT
                                                                                                  : KILN_REFERENCE_VCM,
-                                                    .radius = job->merge_radius,
+                                                    .radius = job->merge_radius > 0.0 ? job->merge_radius : 0.0,
                                                     .bounces = job->bounces < 0 ? KILN_PATH_ALL_BOUNCES
                                                                                 : (uint32_t)job->bounces};
     return kiln_job_keep(job, "embree", strlen("embree"), &job->backend, error);

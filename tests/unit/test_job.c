@@ -11,6 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "coordinator/bake/materials.h"
 #include "coordinator/job/job_private.h"
 #include "coordinator/job/options.h"
 
@@ -261,6 +262,33 @@ static void test_refusals(void **state)
     }
 }
 
+/* --method vcm merges without --caustics merge, and the radius stays in the job, which says what a bake is. */
+static void test_merge_radius(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *method, *radius;
+        int status;
+        double taken; /* m */
+    } cases[] = {{"vcm", "0.25", KILN_OK, 0.25},  {"vcm", "auto", KILN_OK, 0.0},    {"vcm", "texel", KILN_OK, 0.0},
+                 {"bdpt", "0.25", KILN_USAGE, 0}, {"path", "texel", KILN_USAGE, 0}, {"cells", "0.25", KILN_USAGE, 0}};
+    const struct kiln_scene diffuse = {0};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct kiln_job *job = NULL;
+        assert_int_equal(
+            parse(&job, 6, "bake", "a.glb", "--method", cases[i].method, "--merge-radius", cases[i].radius),
+            cases[i].status);
+        if (cases[i].status == KILN_OK) {
+            assert_true(job->paths.radius == cases[i].taken);
+            kiln_materials_settle(job, &diffuse);
+            assert_true(job->merge_radius == cases[i].taken && job->radius_alpha == 0.0);
+        } else {
+            assert_non_null(strstr(error.message, "merges nothing"));
+        }
+        kiln_job_destroy(&job);
+    }
+}
+
 static void test_edit_distance(void **state)
 {
     (void)state;
@@ -290,6 +318,7 @@ int main(void)
         cmocka_unit_test(test_forms),         cmocka_unit_test(test_quality_gives_way),
         cmocka_unit_test(test_order),         cmocka_unit_test(test_refusals),
         cmocka_unit_test(test_edit_distance), cmocka_unit_test(test_former_names),
+        cmocka_unit_test(test_merge_radius),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

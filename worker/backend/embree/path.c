@@ -231,7 +231,7 @@ static void follow_from(struct path *p, struct RTCRayHit *ray, uint32_t surface)
 void path_follow(struct walk *walk, uint32_t key, uint32_t k, uint32_t bounces, const struct RTCRayHit *ray,
                  float radiance[3], float last[3])
 {
-    const struct kiln_path_parameters parameters = {.bounces = bounces};
+    const struct kiln_path_parameters parameters = {.bounces = bounces, .length = KILN_PATH_LENGTH_ANY};
     struct path p = {.walk = *walk, .camera = &parameters, .weight = {1.0f, 1.0f, 1.0f}, .bounces = 1, .last = last};
     struct RTCRayHit next = *ray;
     last[0] = last[1] = last[2] = 0.0f;

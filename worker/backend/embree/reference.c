@@ -46,7 +46,7 @@ static int trace_quarter(struct reference_paths *paths, struct subpaths *walks, 
     struct bidirectional *all = &paths->of[q];
     const uint32_t before = paths->first_sample / paths->samples * RAY_QUARTERS + q,
                    first = paths->first_sample + (uint32_t)((uint64_t)q * paths->samples / RAY_QUARTERS);
-    all->radius = paths->parameters.radius * pow((double)before + 1.0, (0.75 - 1.0) / 2.0);
+    all->radius = kiln_merge_radius(paths->parameters.radius, before);
     const double area = KILN_PI * all->radius * all->radius * all->merged_paths;
     all->techniques = (struct kiln_path_techniques){.merges = area, .connections = 1.0 / area};
     for (uint32_t t = 0; t < all->b->threads; t++)
