@@ -9,6 +9,8 @@ void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
     if (!kiln_job_takes_gloss(job)) {
         job->caustics = KILN_CAUSTICS_NONE;
         job->chain_length = 0; /* there are no chains */
+    } else if (kiln_job_is_reference(job)) {
+        job->caustics = KILN_CAUSTICS_NONE; /* in a step of its own: the paths find them */
     } else if (job->caustics == KILN_CAUSTICS_AUTO) {
         job->caustics = KILN_CAUSTICS_VCM;
     }
@@ -16,8 +18,10 @@ void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
         job->mis = KILN_MIS_BALANCE; /* nothing shares */
     if (job->caustics < KILN_CAUSTICS_LAND)
         job->photons = job->iterations = 0; /* there are no light paths */
-    if (job->caustics != KILN_CAUSTICS_MERGE)
-        job->merge_radius = job->radius_alpha = 0.0; /* nothing is merged */
+    if (job->caustics != KILN_CAUSTICS_MERGE) {
+        job->merge_radius = job->paths.radius; /* 0 but for --method vcm: nothing else merges */
+        job->radius_alpha = 0.0;
+    }
 }
 
 /* Why no material is taken with its gloss. */
@@ -54,7 +58,8 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
         return json;
     }
     (void)json_object_set_new(json, "kinds", kinds);
-    (void)json_object_set_new(json, "caustics", json_string(caustics[job->caustics]));
+    (void)json_object_set_new(json, "caustics",
+                              json_string(kiln_job_is_reference(job) ? job->method : caustics[job->caustics]));
     if (job->caustics == KILN_CAUSTICS_VCM)
         (void)json_object_set_new(json, "mis", json_string(rules[job->mis]));
     if (job->caustics >= KILN_CAUSTICS_LAND) {

@@ -76,8 +76,8 @@ static json_t *settings_json(const struct kiln_job *job)
 {
     json_t *settings = json_pack(
         "{s:s, s:I, s:b, s:s, s:i, s:i, s:i, s:i, s:I, s:s}", "method", job->method != NULL ? job->method : "cells",
-        "bounces", (json_int_t)job->bounces, "tail", job->tail || job->bounces < 0, "schedule",
-        job->schedule == KILN_SCHEDULE_LEAN ? "lean" : "equal", "samples_direct", (int)job->samples_direct,
+        "bounces", (json_int_t)job->bounces, "tail", job->tail || (job->bounces < 0 && !kiln_job_is_reference(job)),
+        "schedule", job->schedule == KILN_SCHEDULE_LEAN ? "lean" : "equal", "samples_direct", (int)job->samples_direct,
         "samples_bounce", (int)job->samples_bounce, "samples_indirect", (int)job->samples_indirect, "samples_probe",
         (int)job->samples_probe, "seed", (json_int_t)job->seed, "exchange",
         job->exchange == KILN_EXCHANGE_FULL      ? "full"

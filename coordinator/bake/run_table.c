@@ -148,14 +148,14 @@ static void note_unfound_light(const json_t *report, json_t *notes)
     const json_t *energy = json_object_get(report, "energy");
     const double unfound = luminance_of(energy, "unfound"), met = luminance_of(energy, "absorbed") + unfound;
     const char *caustics = json_string_value(json_object_get(json_object_get(report, "materials"), "caustics"));
-    const bool gathers = caustics != NULL && strcmp(caustics, "gather") == 0;
+    const bool gathers = caustics != NULL && strcmp(caustics, "none") != 0;
     if (met > 0.0 && unfound > NOTE_LOST * met)
         (void)json_array_append_new(
             notes,
             json_sprintf("%.1f %% of the light that surfaces take up comes to them from lamps by way of mirrors, "
                          "gloss and glass, and is left out (%.3g W): %s",
                          100.0 * unfound / met, unfound,
-                         gathers ? "gather rays meet no lamp without size by mirrors and smooth glass; make "
+                         gathers ? "rays from surfaces meet no lamp without size by mirrors and smooth glass; make "
                                    "such lamps surfaces that emit"
                                  : "--caustics gather would find what it can"));
 }

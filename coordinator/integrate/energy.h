@@ -17,6 +17,11 @@
  * radiosity each point sends to nothing or to back faces (by reciprocity). So the two sides of the sum come from
  * different estimators, and a residual beyond the error means that something is wrong.
  *
+ * An integrator whose points find all light by paths (integrate/reference) has in one step what bounces have in many:
+ * the rays of its points say what becomes of the light that these send in all. Light of lamps without size that comes
+ * by a mirror to its first diffuse surface is unfound where nothing is merged; what "bdpt" finds of its later bounces
+ * is then left in the residual.
+ *
  * Sums over points are made in 128-bit fixed point, so that they do not depend on the order, the cells or the ranks. */
 #ifndef KILN_COORDINATOR_INTEGRATE_ENERGY_H
 #define KILN_COORDINATOR_INTEGRATE_ENERGY_H

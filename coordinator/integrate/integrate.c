@@ -115,6 +115,14 @@ static int limit_exchange(struct kiln_lockstep *l, struct kiln_error *error)
 
 /* ---- running ---- */
 
+/* Paths from surface points find of caustics what gather rays do; and all where they are merged with paths of light. */
+static enum kiln_caustics caustics_found(const struct kiln_integrate_settings *settings)
+{
+    if (settings->reference == NULL)
+        return settings->caustics;
+    return settings->reference->method == KILN_REFERENCE_VCM ? KILN_CAUSTICS_LAND : KILN_CAUSTICS_GATHER;
+}
+
 /* Collective. All steps; then what is made of them. */
 static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
 {
@@ -145,7 +153,7 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
     kiln_radiosity_allgather_unlimit(solution->allgather);
     if (p->settings->probes)
         kiln_exchange_total_radiosity(&l->exchange, kiln_solution_step(solution));
-    kiln_energy_close(&solution->report.energy, &solution->report.steps, p->emission, p->settings->caustics);
+    kiln_energy_close(&solution->report.energy, &solution->report.steps, p->emission, caustics_found(p->settings));
     if (l->radiance != NULL)
         kiln_radiance_end(l->radiance);
     solution->report.received = kiln_radiosity_allgather_received(solution->allgather);

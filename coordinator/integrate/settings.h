@@ -11,6 +11,7 @@
 #include "coordinator/job/faults.h"
 #include "worker/pass/caustic_weights.h"
 #include "worker/pass/occlusion.h"
+#include "worker/pass/reference.h"
 
 struct kiln_integrator;
 
@@ -41,6 +42,8 @@ struct kiln_integrate_settings {
     /* where gather rays end, and the probes that answer then (radiance.h); borrowed; NULL: they have no end. `next` of
      * an integrator does not read it */
     const struct kiln_radiance_settings *radiance;
+    /* what paths from surface points are traced with (reference/); borrowed; NULL: the integrator has none */
+    const struct kiln_reference_parameters *reference;
 
     /* which quantities (quantity.h) are computed besides; `next` of an integrator does not read these */
     const struct kiln_occlusion_parameters *occlusion; /* borrowed; NULL: no ambient occlusion */

@@ -7,7 +7,7 @@
 
 /* The integrators, by their names for --method; the first is the default. Each is a struct kiln_integrator_NAME
  * (coordinator/integrate/integrator.h). */
-#define KILN_METHOD_LIST(DO) DO(cells)
+#define KILN_METHOD_LIST(DO) DO(cells) DO(path) DO(bdpt) DO(vcm)
 
 /* How views are drawn, with their names for --method of kiln view; the first is the default: from the lightmaps of a
  * bake, by path tracing (coordinator/view/path_view.h), or by bidirectional paths, in the order of enum

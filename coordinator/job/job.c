@@ -294,7 +294,7 @@ static int check_guide(const struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Options of light paths, which not all --caustics have. */
+/* Options of light paths, which not all --caustics have. --method vcm merges, too. */
 static int check_paths(struct kiln_job *job, struct kiln_error *error)
 {
     static const char *const caustics[] = {"auto", "none", "gather", "land", "merge", "vcm"};
@@ -306,7 +306,10 @@ static int check_paths(struct kiln_job *job, struct kiln_error *error)
                     {"merge-radius", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_MERGE},
                     {"radius-alpha", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_MERGE},
                     {"mis", "shares nothing", "vcm", KILN_CAUSTICS_VCM, KILN_CAUSTICS_VCM}};
+    const bool merges = kiln_job_is_reference(job) && strcmp(job->method, "vcm") == 0;
     for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths; i++) {
+        if (merges && strcmp(of_paths[i].name, "merge-radius") == 0)
+            continue;
         const int settled = job->caustics == KILN_CAUSTICS_AUTO ? KILN_CAUSTICS_VCM : job->caustics;
         if ((settled < of_paths[i].from || settled > of_paths[i].to) && given(job, of_paths[i].name))
             return kiln_fail(error, KILN_USAGE, "--%s: --caustics %s %s; give --caustics %s, or leave --%s out",
@@ -314,6 +317,36 @@ static int check_paths(struct kiln_job *job, struct kiln_error *error)
                              of_paths[i].name);
     }
     return KILN_OK;
+}
+
+/* Paths from surface points know nothing of how "cells" gathers, and are Embree's. */
+static int settle_reference(struct kiln_job *job, struct kiln_error *error)
+{
+    const struct {
+        const char *name;
+        bool wanted;
+    } of_cells[] = {{"tail", job->tail && given(job, "tail")},
+                    {"schedule", job->schedule != KILN_SCHEDULE_LEAN},
+                    {"indirect-scale", job->indirect_scale > 0},
+                    {"final-scale", job->final_scale > 0},
+                    {"guide", job->guide > 0},
+                    {"caustics", job->caustics != KILN_CAUSTICS_AUTO},
+                    {"tracing-range", kiln_job_has_probes(job)}};
+    for (size_t i = 0; i < sizeof of_cells / sizeof *of_cells; i++)
+        if (of_cells[i].wanted)
+            return kiln_fail(error, KILN_USAGE,
+                             "--%s is for --method cells, and --method %s has no use for it: leave one of the two out",
+                             of_cells[i].name, job->method);
+    if (strcmp(job->backend, "vulkan") == 0)
+        return kiln_fail(error, KILN_USAGE, "--method %s traces paths with Embree: give --backend embree", job->method);
+    job->tail = false;
+    job->paths = (struct kiln_reference_parameters){.method = strcmp(job->method, "path") == 0   ? KILN_REFERENCE_PATH
+                                                              : strcmp(job->method, "bdpt") == 0 ? KILN_REFERENCE_BDPT
+                                                                                                 : KILN_REFERENCE_VCM,
+                                                    .radius = job->merge_radius > 0.0 ? job->merge_radius : 0.0,
+                                                    .bounces = job->bounces < 0 ? KILN_PATH_ALL_BOUNCES
+                                                                                : (uint32_t)job->bounces};
+    return kiln_job_keep(job, "embree", strlen("embree"), &job->backend, error);
 }
 
 static int fill(struct kiln_job *job, const struct kiln_command *command, int argc, char **argv,
@@ -347,6 +380,8 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
         status = check_paths(job, error);
     if (status == KILN_OK && !given(job, "tail"))
         job->tail = job->bounces < 0;
+    if (status == KILN_OK && kiln_job_is_reference(job))
+        status = settle_reference(job, error);
     if (status == KILN_OK && job->indirect_scale > 0 && job->schedule == KILN_SCHEDULE_EQUAL)
         status = kiln_fail(error, KILN_USAGE,
                            "--indirect-scale is for bounces that a final gather reads: --schedule equal has no final "

@@ -16,6 +16,7 @@
 #include "coordinator/job/choices.h"
 #include "worker/base/status.h"
 #include "worker/pass/occlusion.h"
+#include "worker/pass/reference.h"
 #include "worker/scene/gloss.h"
 
 /* Unit of the lights: AUTO takes what the file says; the others override it. */
@@ -69,6 +70,7 @@ struct kiln_job {
     char *only_visible_from; /* cameras, or a path's file: bake/visible_from.h; NULL: all surfaces are lit */
     double target_error;     /* of a texel, relative: more samples until it is reached; 0: none */
     struct kiln_radiance_settings radiance;     /* probes that answer for what is far; see kiln_job_has_probes */
+    struct kiln_reference_parameters paths;     /* of the methods of kiln_job_is_reference */
     struct kiln_occlusion_parameters occlusion; /* distance 0: no ambient occlusion and no bent normal */
     int directional;                            /* enum kiln_directional */
     uint64_t seed;
@@ -200,6 +202,12 @@ static inline bool kiln_job_takes_gloss(const struct kiln_job *job)
 static inline bool kiln_job_has_caustics(const struct kiln_job *job)
 {
     return kiln_job_takes_gloss(job) && job->caustics > KILN_CAUSTICS_NONE;
+}
+
+/* Whether paths from surface points find the light, without radiosity (coordinator/integrate/reference). */
+static inline bool kiln_job_is_reference(const struct kiln_job *job)
+{
+    return job->method != NULL && strcmp(job->method, "cells") != 0;
 }
 
 /* Whether gather rays end at a range, and radiance probes answer for what lies behind it. */

@@ -89,7 +89,7 @@ class Usage(unittest.TestCase):
             r"--cell-size: '1e999' is not a number": ["--cell-size", "1e999"],
             r"--cell-size: -2 is out of range": ["--cell-size", "-2"],
             r"--partition: .*'cell'.*cells, objects": ["--partition", "cell"],
-            r"--method: .*'path'.*cells": ["--method", "path"],
+            r"--method: .*'paths'.*cells": ["--method", "paths"],
             r"--quality: .*'high'.*draft, preview, production, reference": ["--quality", "high"],
             r"--environment: '1,2' is neither": ["--environment", "1,2"],
             r"--environment: a radiance of -2 is out of range.*from 0 to 1e\+30": ["--environment", "1,-2,3"],

@@ -11,6 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "coordinator/bake/materials.h"
 #include "coordinator/job/job_private.h"
 #include "coordinator/job/options.h"
 
@@ -26,6 +27,13 @@ static int parse(struct kiln_job **job, int count, ...)
     va_end(list);
     error.message[0] = '\0';
     return kiln_job_parse(job, count + 1, arguments, &error);
+}
+
+/* Whether two options may have one place in the struct: those of one name, kind and default for different commands. */
+static bool may_share(const struct kiln_option *a, const struct kiln_option *b)
+{
+    return strcmp(a->name, b->name) == 0 && a->kind == b->kind && a->fallback != NULL && b->fallback != NULL &&
+           strcmp(a->fallback, b->fallback) == 0 && (a->commands & b->commands) == 0;
 }
 
 /* Every option: named once, helped, placed inside the struct, its default within its own range. */
@@ -45,7 +53,7 @@ static void test_table(void **state)
         assert_int_equal(option->choices != NULL, option->kind >= KILN_OPTION_CHOICE);
         assert_true(strncmp(option->name, "no-", 3) != 0);
         for (size_t j = 0; j < i; j++)
-            assert_true(kiln_options[j].offset != option->offset || strcmp(kiln_options[j].name, option->name) == 0);
+            assert_true(kiln_options[j].offset != option->offset || may_share(&kiln_options[j], option));
         for (size_t j = 0; option->former != NULL && j < kiln_option_count; j++)
             assert_string_not_equal(kiln_options[j].name, option->former);
     }
@@ -248,7 +256,7 @@ static void test_refusals(void **state)
         {"--backend", "optix", "auto, embree, vulkan", KILN_NO_DEVICE},
         {"--verify-fraction", "1.5", "from 0 to 1", KILN_USAGE},
         {"--instruction-set", "neon", "sse2, sse4.2", KILN_NO_DEVICE},
-        {"--method", "bdpt", "it has: cells", KILN_USAGE},
+        {"--method", "paths", "it has: cells, path, bdpt, vcm", KILN_USAGE},
         {"--qualtiy", "draft", "nearest one is --quality", KILN_USAGE},
         {"--camera", "main", "it belongs to view", KILN_USAGE},
     };
@@ -258,6 +266,33 @@ static void test_refusals(void **state)
         if (strstr(error.message, cases[i].sentence) == NULL)
             fail_msg("%s %s: %s", cases[i].first, cases[i].second, error.message);
         assert_null(job);
+    }
+}
+
+/* --method vcm merges without --caustics merge, and the radius stays in the job, which says what a bake is. */
+static void test_merge_radius(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *method, *radius;
+        int status;
+        double taken; /* m */
+    } cases[] = {{"vcm", "0.25", KILN_OK, 0.25},  {"vcm", "auto", KILN_OK, 0.0},    {"vcm", "texel", KILN_OK, 0.0},
+                 {"bdpt", "0.25", KILN_USAGE, 0}, {"path", "texel", KILN_USAGE, 0}, {"cells", "0.25", KILN_USAGE, 0}};
+    const struct kiln_scene diffuse = {0};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        struct kiln_job *job = NULL;
+        assert_int_equal(
+            parse(&job, 6, "bake", "a.glb", "--method", cases[i].method, "--merge-radius", cases[i].radius),
+            cases[i].status);
+        if (cases[i].status == KILN_OK) {
+            assert_true(job->paths.radius == cases[i].taken);
+            kiln_materials_settle(job, &diffuse);
+            assert_true(job->merge_radius == cases[i].taken && job->radius_alpha == 0.0);
+        } else {
+            assert_non_null(strstr(error.message, "merges nothing"));
+        }
+        kiln_job_destroy(&job);
     }
 }
 
@@ -290,6 +325,7 @@ int main(void)
         cmocka_unit_test(test_forms),         cmocka_unit_test(test_quality_gives_way),
         cmocka_unit_test(test_order),         cmocka_unit_test(test_refusals),
         cmocka_unit_test(test_edit_distance), cmocka_unit_test(test_former_names),
+        cmocka_unit_test(test_merge_radius),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

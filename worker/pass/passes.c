@@ -13,6 +13,7 @@
 #include "worker/pass/path.h"
 #include "worker/pass/probes.h"
 #include "worker/pass/radiance.h"
+#include "worker/pass/reference.h"
 #include "worker/pass/validity.h"
 #include "worker/pass/weighed.h"
 
@@ -222,6 +223,19 @@ const struct kiln_pass kiln_pass_weighed = {.index = KILN_PASS_INDEX_weighed,
                                             .is_divisible = true,
                                             .is_masked = true,
                                             .on_embree_only = true};
+
+const struct kiln_pass kiln_pass_reference = {.index = KILN_PASS_INDEX_reference,
+                                              .name = "reference",
+                                              .what = "light by paths",
+                                              .domain = KILN_DOMAIN_TILE_RUNS,
+                                              .parameter_bytes = sizeof(struct kiln_reference_parameters),
+                                              .result_bytes = sizeof(struct kiln_reference_result),
+                                              .is_sampled = true,
+                                              .has_streams = true,
+                                              .is_divisible = true,
+                                              .is_masked = true,
+                                              .is_stealable = true,
+                                              .on_embree_only = true};
 
 #define ROW(name) [KILN_PASS_INDEX_##name] = &kiln_pass_##name,
 const struct kiln_pass *const kiln_passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};

@@ -83,10 +83,8 @@ static void enter_caustic(const struct kiln_taking *t, const struct kiln_rank_da
     mix_error(data->error_caustic, own, r->error, t->step);
 }
 
-/* Enters a point's answer. `radiosity` is what the point sends by it. `counts`: the point's error is not small enough
- * yet. */
-static void enter(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
-                  const struct kiln_point_mean *r, const float radiosity[3], bool counts)
+void kiln_cells_enter(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
+                      const struct kiln_point_mean *r, const float radiosity[3], bool counts)
 {
     switch (t->step->role) {
     case KILN_CELLS_PILOT: /* the sum is of incident light until the second step makes radiosity of it */
@@ -153,21 +151,28 @@ static inline void pack_next(const struct kiln_taking *t, const struct kiln_rank
         data->next[own.at] = kiln_radiosity_pack(radiosity, kiln_packing_hash(f, bit, t->step->stream));
 }
 
+void kiln_cells_tally(const struct kiln_taking *t, const struct kiln_surface *surface, struct kiln_own_point own,
+                      const struct kiln_point_mean *r, const float albedo[3], const float *sent,
+                      struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
+{
+    if (!kiln_point_valid(surface, own))
+        return;
+    const struct kiln_ledger_point point = {.area = (double)surface->area[own.at] *
+                                                    ((double)surface->visible[own.at] / 65535.0) * (double)r->present,
+                                            .albedo = albedo,
+                                            .sent = sent};
+    kiln_tally_add(&point, r, t->unit, sums, tile_run);
+}
+
 static void tally(const struct kiln_taking *t, const struct kiln_surface *surface, struct kiln_own_point own,
                   const struct kiln_point_mean *r, const float albedo[3], struct kiln_tally *sums,
                   struct kiln_tile_run_tally *tile_run)
 {
+    const bool gathers = t->step->pass->reads_radiosity;
     float sent[3];
-    if (!kiln_point_valid(surface, own))
-        return;
-    struct kiln_ledger_point point = {.area = (double)surface->area[own.at] *
-                                              ((double)surface->visible[own.at] / 65535.0) * (double)r->present,
-                                      .albedo = albedo};
-    if (t->step->pass->reads_radiosity) {
+    if (gathers)
         kiln_radiosity_unpack(t->radiosity[kiln_global_of_own(surface, own).at], sent);
-        point.sent = sent;
-    }
-    kiln_tally_add(&point, r, t->unit, sums, tile_run);
+    kiln_cells_tally(t, surface, own, r, albedo, gathers ? sent : NULL, sums, tile_run);
 }
 
 /* What the pilot and the second step of direct light say together. */
@@ -250,7 +255,7 @@ static void take_blocks(const struct kiln_taking *t, const struct kiln_rank_data
             radiosity[c] = albedo[c] * mean->incident[c];
         if (valid && counts)
             add_to_block(t, &data->surface, own, albedo, 1.0, block);
-        enter(t, data, own, mean, radiosity, false);
+        kiln_cells_enter(t, data, own, mean, radiosity, false);
         pack_next(t, data, own, f, tile, (uint32_t)__builtin_ctzll(rest), radiosity);
     }
     for (uint64_t rest = counts ? draw.gathers : 0; rest != 0; rest &= rest - 1)
@@ -298,7 +303,7 @@ static void take_nodes(const struct kiln_taking *t, const struct kiln_rank_data 
             radiosity[c] = albedo[c] * mean.incident[c];
         for (uint32_t i = 0; counts && i < mixture.count; i++)
             add_to_block(t, &data->surface, own, albedo, mixture.weight[i], &blocks[mixture.place[i]]);
-        enter(t, data, own, &mean, radiosity, kiln_part_changes(data, f, t->step->part));
+        kiln_cells_enter(t, data, own, &mean, radiosity, kiln_part_changes(data, f, t->step->part));
         pack_next(t, data, own, f, tile, (uint32_t)__builtin_ctzll(rest), radiosity);
     }
     for (uint64_t rest = counts ? nodes : 0; rest != 0; rest &= rest - 1)
@@ -376,7 +381,7 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
             radiosity[c] = albedo[c] * r.incident[c];
         if (counts && t->step->role != KILN_CELLS_PILOT)
             tally(t, &data->surface, own, &r, albedo, sums, tile_run);
-        enter(t, data, own, &r, radiosity, unfinished);
+        kiln_cells_enter(t, data, own, &r, radiosity, unfinished);
         pack_next(t, data, own, f, tile, (uint32_t)__builtin_ctzll(rest),
                   t->step->role == KILN_CELLS_CAUSTIC ? data->sum + 3 * own.at : radiosity); /* with direct light's */
     }

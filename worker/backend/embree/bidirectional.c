@@ -51,9 +51,8 @@ static int check(const struct subpaths *walks, uint32_t threads, struct kiln_err
     return KILN_OK;
 }
 
-/* Traces all paths of light of sample k, and makes a grid of their vertices. */
-static int trace_photons(const struct bidirectional *all, struct subpaths *walks, uint32_t k, struct photon_grid **grid,
-                         struct kiln_error *error)
+int subpaths_trace_photons(const struct bidirectional *all, struct subpaths *walks, uint32_t k,
+                           struct photon_grid **grid, struct kiln_error *error)
 {
     const uint32_t threads = all->b->threads;
     struct photon_list *lists = NULL;
@@ -109,7 +108,7 @@ static int trace_sample(struct bidirectional *all, struct subpaths *walks, uint3
 {
     struct photon_grid *grid = NULL;
     begin_sample(all, k);
-    int status = all->merges && !all->own_alone ? trace_photons(all, walks, k, &grid, error) : KILN_OK;
+    int status = all->merges && !all->own_alone ? subpaths_trace_photons(all, walks, k, &grid, error) : KILN_OK;
     all->grid = grid;
     if (status == KILN_OK) {
 #pragma omp parallel num_threads((int)all->b->threads)
@@ -154,8 +153,7 @@ int embree_bidirectional(struct embree_backend *b, const void *parameters, const
     for (uint32_t t = 0; walks != NULL && t < b->threads; t++) {
         *rays += walks[t].rays;
         b->thread_seconds += walks[t].seconds;
-        kiln_free(&walks[t].light);
-        kiln_free(&walks[t].photons.photons);
+        subpaths_release(&walks[t]);
     }
     kiln_free(&walks);
     kiln_emission_destroy(&emission);

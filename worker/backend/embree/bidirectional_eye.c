@@ -1,5 +1,6 @@
 /* Paths from the camera of the bidirectional pass (worker/pass/bidirectional.h), and what they are connected to. */
 #include <math.h>
+#include <string.h>
 
 #include "worker/backend/embree/bidirectional_subpaths.h"
 #include "worker/backend/embree/camera_ray.h"
@@ -27,13 +28,29 @@ static void add(struct eye *e, const float weight[3], const double rgb[3], doubl
         e->w->radiance[c] += (double)weight[c] * rgb[c] * factor;
 }
 
+/* Of light whose values are the products of subpaths_products. */
+static void add_counted(struct eye *e, const float weight[3], const double rgb[3], const double last[3], double factor)
+{
+    add(e, weight, rgb, factor);
+    for (int c = 0; c < 3 && e->w->all->from_points; c++)
+        e->w->last[c] += (double)weight[c] * last[c] * factor;
+}
+
+/* Of light that the path itself meets. */
+static void add_met(struct eye *e, const float weight[3], const float rgb[3], double factor)
+{
+    const double met[3] = {(double)rgb[0], (double)rgb[1], (double)rgb[2]}, none[3] = {0.0, 0.0, 0.0};
+    add_counted(e, weight, met, (int64_t)e->bounces == e->w->all->most ? met : none, factor);
+}
+
 /* ---- lights that the path meets ---- */
 
 /* Whether a light may come next on the path. */
 static bool may_meet(const struct eye *e)
 {
     const bool others = e->surface == 0 || e->w->all->parameters->method != KILN_BIDIRECTIONAL_LIGHT;
-    return others && (int64_t)e->bounces - (e->last_diffuse ? 1 : 0) <= e->w->all->most &&
+    const bool spared = e->last_diffuse && !e->w->all->from_points;
+    return others && (int64_t)e->bounces - (spared ? 1 : 0) <= e->w->all->most &&
            subpaths_allow(e->w->all, e->surface + 1);
 }
 
@@ -52,7 +69,7 @@ static void meet_environment(struct eye *e, const struct vertex *before)
                                                      subpaths_light_normal(before), from, from);
         weight = kiln_path_weight_met(&e->sums, connect, kiln_emission_density(emission, light, 1.0, from));
     }
-    add(e, e->weight, (const double[3]){(double)rgb[0], (double)rgb[1], (double)rgb[2]}, weight);
+    add_met(e, e->weight, rgb, weight);
 }
 
 /* The weight of an emitter that the path has met after another surface. */
@@ -77,7 +94,7 @@ static void meet_emitter(struct eye *e, const struct vertex *before, const struc
         return;
     kiln_surface_emission(b->params.scene, v->m.mesh, v->m.stored, v->m.b1, v->m.b2, rgb);
     const double weight = before != NULL && weighs(e->w->all) ? weigh_emitter(e, before, v) : 1.0;
-    add(e, v->weight, (const double[3]){(double)rgb[0], (double)rgb[1], (double)rgb[2]}, weight);
+    add_met(e, v->weight, rgb, weight);
 }
 
 /* ---- samples of lights ---- */
@@ -110,9 +127,15 @@ static void add_sample(struct eye *e, const struct vertex *v, const struct kiln_
     const double hit = sample->has_extent ? s.to_light * cosine / squared : 0.0;
     const double weight =
         kiln_path_weight_sampled(&all->techniques, &v->sums, connect, emission, s.cosine_i / squared, hit, s.to_eye);
-    for (int c = 0; c < 3; c++)
-        sample->value[c] *= s.all[c] * s.cosine_i;
-    add(e, v->weight, sample->value, weight);
+    const struct vertex_scatter none = {.all = {1.0, 1.0, 1.0}};
+    double rgb[3] = {s.all[0], s.all[1], s.all[2]}, last[3] = {0.0, 0.0, 0.0};
+    if (all->from_points)
+        subpaths_products(&s, true, &none, false, all->most - (int64_t)v->bounces, rgb, last);
+    for (int c = 0; c < 3; c++) {
+        rgb[c] = sample->value[c] * (rgb[c] * s.cosine_i);
+        last[c] = sample->value[c] * (last[c] * s.cosine_i);
+    }
+    add_counted(e, v->weight, rgb, last, weight);
 }
 
 static void sample_tree(struct eye *e, const struct vertex *v)
@@ -171,14 +194,14 @@ static void connect(struct eye *e, const struct vertex *v, const struct vertex *
     const double squared = (double)vec3_dot(way, way);
     const int64_t allowed = all->most - (int64_t)v->bounces - (int64_t)light->bounces;
     struct vertex_scatter near, far;
-    double rgb[3], through[3];
+    double rgb[3], last[3], through[3];
     if (allowed < 0 || !(squared > 0.0))
         return;
     const struct kiln_vec3 direction = vec3_normalize(way), back = vec3_scale(direction, -1.0f);
     if (!vertex_scatter(all->b, v, v->from, direction, KILN_LOBE_ALL, &near) ||
         !vertex_scatter(all->b, light, back, light->from, KILN_LOBE_ALL, &far))
         return;
-    subpaths_product(&near, true, &far, !light_is_first, allowed, rgb);
+    subpaths_products(&near, true, &far, !light_is_first || all->from_points, allowed, rgb, last);
     if (!(rgb[0] > 0.0 || rgb[1] > 0.0 || rgb[2] > 0.0) ||
         !subpaths_connect(e->w, vertex_start(v, direction), vertex_start(light, back), through))
         return;
@@ -187,9 +210,12 @@ static void connect(struct eye *e, const struct vertex *v, const struct vertex *
                                    far.to_light, far.to_eye * near.cosine_i / squared, near.to_eye);
     float arriving[3] = {light->weight[0], light->weight[1], light->weight[2]};
     vertex_attenuate(light, back, (float)sqrt(squared), arriving);
-    for (int c = 0; c < 3; c++)
-        rgb[c] *= through[c] * (double)arriving[c] * near.cosine_i * far.cosine_o / squared;
-    add(e, v->weight, rgb, weight);
+    for (int c = 0; c < 3; c++) {
+        const double way_there = through[c] * (double)arriving[c] * near.cosine_i * far.cosine_o / squared;
+        rgb[c] *= way_there;
+        last[c] *= way_there;
+    }
+    add_counted(e, v->weight, rgb, last, weight);
 }
 
 /* ---- merging ---- */
@@ -198,7 +224,7 @@ struct merging {
     struct eye *e;
     const struct vertex *v;
     uint32_t lobes;
-    double rgb[3];
+    double rgb[3], last[3];
 };
 
 static void merge(void *context, const struct photon *p)
@@ -208,16 +234,18 @@ static void merge(void *context, const struct photon *p)
     const int64_t allowed = all->most - (int64_t)m->v->bounces - (int64_t)p->bounces;
     const struct vertex_scatter none = {.all = {1.0, 1.0, 1.0}};
     struct vertex_scatter s;
-    double rgb[3];
+    double rgb[3], last[3];
     if (!subpaths_allow(all, m->e->surface + p->number + 2) ||
         !vertex_scatter(all->b, m->v, m->v->from, p->from, m->lobes, &s))
         return;
-    subpaths_product(&s, p->number > 0, &none, false, allowed, rgb);
+    subpaths_products(&s, p->number > 0 || all->from_points, &none, false, allowed, rgb, last);
     const struct kiln_path_sums light = {.vcm = (double)p->vcm, .vm = (double)p->vm};
     const double weight =
         all->connects ? kiln_path_weight_merged(&all->techniques, &m->v->sums, &light, s.to_light, s.to_eye) : 1.0;
-    for (int c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++) {
         m->rgb[c] += rgb[c] * (double)p->flux[c] * weight;
+        m->last[c] += last[c] * (double)p->flux[c] * weight;
+    }
 }
 
 static void merge_all(struct eye *e, const struct vertex *v, uint32_t lobes)
@@ -234,7 +262,8 @@ static void merge_all(struct eye *e, const struct vertex *v, uint32_t lobes)
         photon_grid_near(all->grid, v->m.position, merge, &m);
     }
     /* both subpaths have met the surface by chance */
-    add(e, v->weight, m.rgb, 1.0 / (KILN_PI * all->radius * all->radius * all->merged_paths * (double)v->opacity));
+    add_counted(e, v->weight, m.rgb, m.last,
+                1.0 / (KILN_PI * all->radius * all->radius * all->merged_paths * (double)v->opacity));
 }
 
 /* ---- the path ---- */
@@ -257,31 +286,18 @@ static void begin_sums(const struct eye *e, const struct kiln_vec3 eye_place, st
     v->sums = (struct kiln_path_sums){.vcm = (double)all->paths / subpaths_camera_density(all, &view, cosine)};
 }
 
-/* Traces the ray to the next vertex; false: the path ends. `before` is where it comes from, NULL: the camera. */
-static bool arrive(struct eye *e, const struct vertex *before, struct vertex *v)
+/* At what the ray has met; false: the path ends. `before` is where it comes from, NULL: the camera. */
+static bool arrive_at(struct eye *e, const struct vertex *before, const struct RTCRayHit *ray, struct vertex *v)
 {
-    struct subpaths *w = e->w;
-    const struct embree_backend *b = w->all->b;
-    struct RTCRayHit ray;
-    float tint[3], share[3];
-    w->rays++;
-    const bool meets = (before == NULL ? meeting_look : meeting_trace)(
-        b, &w->context, e->origin, e->direction, INFINITY, subpaths_chance(w, e->surface), &ray, tint);
-    for (int c = 0; c < 3; c++)
-        e->weight[c] *= tint[c];
-    if (!meets) {
-        meet_environment(e, before);
+    const struct embree_backend *b = e->w->all->b;
+    float share[3];
+    if (before != NULL && !meeting_has_side(b, meeting_record(b, ray), meeting_is_back(ray)))
         return false;
-    }
-    const struct kiln_hit_record *record =
-        &b->params.geometry->records[embree_triangle(b, ray.hit.geomID, ray.hit.primID)];
-    if (before != NULL && !meeting_has_side(b, record, meeting_is_back(&ray)))
-        return false;
-    *v = vertex_make(b, &ray, before == NULL);
+    *v = vertex_make(b, ray, before == NULL);
     const double cosine = fabs((double)vec3_dot(v->m.normal, v->from));
     if (!(cosine > 0.0))
         return false;
-    const bool body = meeting_attenuation(&v->m, ray.ray.tfar, share);
+    const bool body = meeting_attenuation(&v->m, ray->ray.tfar, share);
     for (int c = 0; c < 3; c++)
         v->weight[c] = body ? e->weight[c] * share[c] : e->weight[c];
     v->bounces = e->bounces;
@@ -293,6 +309,25 @@ static bool arrive(struct eye *e, const struct vertex *before, struct vertex *v)
     v->sums = e->sums;
     kiln_path_arrive(&v->sums, (double)vec3_dot(way, way), cosine);
     return true;
+}
+
+/* Traces the ray to the next vertex: as arrive_at. */
+static bool arrive(struct eye *e, const struct vertex *before, struct vertex *v)
+{
+    struct subpaths *w = e->w;
+    const struct embree_backend *b = w->all->b;
+    struct RTCRayHit ray;
+    float tint[3];
+    w->rays++;
+    const bool meets = (before == NULL ? meeting_look : meeting_trace)(
+        b, &w->context, e->origin, e->direction, INFINITY, subpaths_chance(w, e->surface), &ray, tint);
+    for (int c = 0; c < 3; c++)
+        e->weight[c] *= tint[c];
+    if (!meets) {
+        meet_environment(e, before);
+        return false;
+    }
+    return arrive_at(e, before, &ray, v);
 }
 
 /* Adds what light the vertex sends to the camera. */
@@ -352,5 +387,25 @@ void subpaths_trace_eye(struct subpaths *w, uint64_t pixel, uint32_t k)
         if (!go_on(&e, &v))
             return;
         before = v;
+    }
+}
+
+void subpaths_follow_eye(struct subpaths *w, const struct vertex *before, const struct kiln_path_sums *sums,
+                         const struct RTCRayHit *ray)
+{
+    struct eye e = {.w = w, .weight = {1.0f, 1.0f, 1.0f}, .sums = *sums, .surface = 1, .bounces = 1};
+    struct vertex v, last;
+    memset(w->radiance, 0, sizeof w->radiance);
+    memset(w->last, 0, sizeof w->last);
+    bool arrives = arrive_at(&e, before, ray, &v);
+    while (arrives && (int64_t)v.bounces <= w->all->most) {
+        gather(&e, &v);
+        if (!go_on(&e, &v))
+            return;
+        last = v;
+        e.surface++;
+        arrives = arrive(&e, &last, &v);
+        if (arrives)
+            meet_emitter(&e, &last, &v);
     }
 }

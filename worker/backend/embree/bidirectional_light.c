@@ -65,6 +65,22 @@ void subpaths_product(const struct vertex_scatter *a, bool a_counts, const struc
     }
 }
 
+void subpaths_products(const struct vertex_scatter *a, bool a_counts, const struct vertex_scatter *b, bool b_counts,
+                       int64_t allowed, double product[3], double last[3])
+{
+    double less[3];
+    subpaths_product(a, a_counts, b, b_counts, allowed, product);
+    subpaths_product(a, a_counts, b, b_counts, allowed - 1, less);
+    for (int c = 0; c < 3; c++)
+        last[c] = product[c] - less[c];
+}
+
+void subpaths_release(struct subpaths *w)
+{
+    kiln_free(&w->light);
+    kiln_free(&w->photons.photons);
+}
+
 /* ---- the camera ---- */
 
 /* The place in the picture, from -1 to 1 both ways, at which a ray from `origin` to the place is seen. */
@@ -222,7 +238,7 @@ static bool go_on(struct subpaths *w, const struct vertex *v, struct ray_of_ligh
         r->weight[c] = v->weight[c] * way.factor[c];
         share[c] = r->weight[c] / r->scale;
     }
-    r->bounces = v->bounces + (way.diffuse && surface > 0 ? 1 : 0);
+    r->bounces = v->bounces + (way.diffuse && (surface > 0 || w->all->from_points) ? 1 : 0);
     r->chain = way.diffuse ? 0 : r->chain + 1;
     r->sums = v->sums;
     r->origin = vertex_start(v, way.direction);
@@ -234,11 +250,16 @@ static bool go_on(struct subpaths *w, const struct vertex *v, struct ray_of_ligh
 
 void subpaths_trace_light(struct subpaths *w, uint64_t i, uint32_t k)
 {
+    subpaths_trace_light_by(w, kiln_hash2(w->all->light_seed, k), (uint32_t)i);
+}
+
+void subpaths_trace_light_by(struct subpaths *w, uint32_t key, uint32_t k)
+{
     double pick, rest, u, v, s, t;
     struct kiln_emitted emitted;
     w->light_count = 0;
-    w->key = kiln_hash2(w->all->light_seed, k);
-    w->k = (uint32_t)i;
+    w->key = key;
+    w->k = k;
     subpaths_draw(w, KILN_EMISSION_USE, &pick, &rest);
     subpaths_draw(w, KILN_EMISSION_USE + 1, &u, &v);
     subpaths_draw(w, KILN_EMISSION_USE + 2, &s, &t);

@@ -15,7 +15,10 @@ struct bidirectional {
     const struct kiln_emission *emission;
     uint64_t paths; /* of light in a sample: as many as the picture has pixels */
     double pixel;   /* area of one at distance 1, or m2 when orthographic */
-    int64_t most;   /* bounces */
+    /* diffuse events of a path, which are all counted where it begins at a surface point; else without the one at the
+     * first surface that light meets */
+    int64_t most;
+    bool from_points;
     uint32_t seed, light_seed;
     /* what the method does: connect a sample of lights and vertices; merge; weigh its techniques */
     bool connects, merges, own_alone;
@@ -34,6 +37,7 @@ struct subpaths {
     size_t light_count, light_capacity;
     struct photon_list photons;
     double radiance[3]; /* of the camera path under way */
+    double last[3];     /* from_points: what of that has `most` diffuse events */
     uint64_t rays;
     double seconds; /* of the processor */
     int status;     /* the first failure */
@@ -92,8 +96,20 @@ bool subpaths_view(const struct bidirectional *all, struct kiln_vec3 place, cons
                    struct subpath_view *view);
 double subpaths_camera_density(const struct bidirectional *all, const struct subpath_view *view, double cosine);
 
+/* How light comes on where that is to be told apart: both vertices' values as above, and what of that has no event to
+ * spare. */
+void subpaths_products(const struct vertex_scatter *a, bool a_counts, const struct vertex_scatter *b, bool b_counts,
+                       int64_t allowed, double product[3], double last[3]);
+
 /* Traces path i of light of sample k into w->light. */
 void subpaths_trace_light(struct subpaths *w, uint64_t i, uint32_t k);
+/* The same of the path whose random numbers are number k of those that hang on the key. */
+void subpaths_trace_light_by(struct subpaths *w, uint32_t key, uint32_t k);
+/* Traces all paths of light of sample k, by `all->b->threads` threads, and makes a grid of their vertices: destroy with
+ * photon_grid_destroy. `walks`: one for each thread. Not for callers inside parallel regions. */
+int subpaths_trace_photons(const struct bidirectional *all, struct subpaths *walks, uint32_t k,
+                           struct photon_grid **grid, struct kiln_error *error);
+void subpaths_release(struct subpaths *w);
 /* Keeps its vertices for merging. */
 void subpaths_keep_photons(struct subpaths *w, uint64_t i);
 /* Connects its vertices to the camera. */
@@ -103,5 +119,11 @@ struct kiln_dvec3 subpaths_light_normal(const struct vertex *v);
 
 /* Follows sample k's path of a pixel: w->radiance. */
 void subpaths_trace_eye(struct subpaths *w, uint64_t pixel, uint32_t k);
+
+/* Follows a path from a surface point on from what its ray has met, on a side of it that is there: w->radiance, what
+ * comes along the ray but for what that surface emits, and w->last. `before`: the surface point, of which place and
+ * normal are read; `sums`: those with which the ray leaves it. The caller has set w->key and w->k. */
+void subpaths_follow_eye(struct subpaths *w, const struct vertex *before, const struct kiln_path_sums *sums,
+                         const struct RTCRayHit *ray);
 
 #endif

@@ -1,14 +1,15 @@
 /* The Embree backend: private declarations that its files share.
  *
- * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c (guided and caustic
- * too), probes.c, occlusion.c, directional.c, path.c, radiance.c, bidirectional.c. The others: embree.c (life of the
- * backend, running a pass in parts, closest hits), tile_runs.c (threads over the tile runs of a part), frame.c (a tile
- * run's points made ready for sampling), rays.c (rays over the hemisphere of its points), lookup.c (radiosity at their
- * hits), light_samples.h (light from all directions straight from the lights), shadow.c (shadow rays in packets),
- * passage.c (rays through surfaces that let light through), meeting.c, walk.c and chain.c (rays that go on from surface
- * to surface), coincident.c (fronts before backs where both coincide), ceiling.c (tracing alone, for benches),
- * devices.c (the CPU); of the bidirectional pass bidirectional_eye.c, bidirectional_light.c, bidirectional_vertex.c
- * (paths from the camera, of light, and their vertices) and photons.c (what is merged). */
+ * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c (guided, caustic
+ * and reference too), probes.c, occlusion.c, directional.c, path.c, radiance.c, bidirectional.c. The others: embree.c
+ * (life of the backend, running a pass in parts, closest hits), tile_runs.c (threads over the tile runs of a part),
+ * frame.c (a tile run's points made ready for sampling), rays.c (rays over the hemisphere of its points), lookup.c
+ * (radiosity at their hits), light_samples.h (light from all directions straight from the lights), shadow.c (shadow
+ * rays in packets), passage.c (rays through surfaces that let light through), meeting.c, walk.c and chain.c (rays that
+ * go on from surface to surface), coincident.c (fronts before backs where both coincide), ceiling.c (tracing alone, for
+ * benches), devices.c (the CPU); of the bidirectional pass bidirectional_eye.c, bidirectional_light.c,
+ * bidirectional_vertex.c (paths from the camera, of light, and their vertices) and photons.c (what is merged); and
+ * reference.c, which uses these for the reference pass. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 #define KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 
@@ -32,7 +33,8 @@ struct embree_backend {
     RTCDevice device;
     RTCScene scene;
     uint8_t *coincides; /* of each triangle, found when it is first asked for (coincident.c); NULL: none does */
-    struct kiln_gloss_lobes *lobes; /* of each material; NULL: none is taken with its gloss */
+    struct kiln_gloss_lobes *lobes;    /* of each material; NULL: none is taken with its gloss */
+    struct reference_paths *reference; /* that the reference pass had last (reference.h); NULL: none */
     uint32_t threads;
     bool coherent; /* so few triangles that packets stay together all the way down */
     double build_seconds;

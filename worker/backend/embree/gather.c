@@ -1,7 +1,8 @@
 /* The gather pass (worker/pass/gather.h): cosine-distributed rays of a tile run's points and the radiosity that they
- * find. The guided pass (worker/pass/guided.h), which is the same with a guide. And the caustic pass
+ * find. The guided pass (worker/pass/guided.h), which is the same with a guide. The caustic pass
  * (worker/pass/caustic.h), whose rays look for what chains bring of lamps and sky, and the weighed pass
- * (worker/pass/weighed.h), where light paths have a part in that. */
+ * (worker/pass/weighed.h), where light paths have a part in that. And the reference pass (worker/pass/reference.h), of
+ * whose rays paths go on. */
 #include <math.h>
 #include <string.h>
 
@@ -11,6 +12,8 @@
 #include "worker/backend/embree/chain_weighed.h"
 #include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/lookup.h"
+#include "worker/backend/embree/path.h"
+#include "worker/backend/embree/reference.h"
 #include "worker/backend/embree/tile_runs.h"
 #include "worker/backend/guide.h"
 #include "worker/base/memory.h"
@@ -37,10 +40,17 @@ struct gather_work {
     float lost[2][RAY_LANES]; /* and of each lane what has escaped and was blocked */
     struct walk walk;
     struct chain_found chain;
-    struct kiln_light_choice *choices; /* the caustic pass; else NULL */
+    struct kiln_light_choice *choices; /* the caustic, the weighed and the reference pass; else NULL */
     /* the weighed pass; else NULL. And of each point the area that is there to be lit, m2 */
     const struct kiln_caustic_techniques *techniques;
     double area[RAY_LANES];
+    /* the reference pass; else NULL; and what of a point's incident light has bounced as often as there may be bounces
+     */
+    const struct kiln_reference_parameters *reference;
+    double last[RAY_LANES][3];
+    struct reference_paths *paths; /* of bdpt and vcm */
+    struct subpaths subpaths;
+    bool receives_only; /* no ray meets the tile run's object */
     /* sums of a point */
     double incident[RAY_LANES][3], irradiance[RAY_LANES][3], quarter[RAY_QUARTERS][RAY_LANES];
     double escaped[RAY_LANES], blocked[RAY_LANES], glass[RAY_LANES][3], gloss[RAY_LANES][3];
@@ -58,6 +68,7 @@ static void work_destroy(void **work)
     if (w != NULL) {
         rays_destroy(&w->rays);
         kiln_free(&w->choices);
+        subpaths_release(&w->subpaths);
     }
     kiln_free(work);
 }
@@ -473,6 +484,8 @@ static float quarters_error(const struct gather_work *w, uint32_t j)
 
 static struct kiln_point_result *result_of(const struct gather_work *w, void *results, uint32_t place)
 {
+    if (w->reference != NULL)
+        return &((struct kiln_reference_result *)results)[place].point;
     return w->guided != NULL ? &((struct kiln_guided_result *)results)[place].point
                              : &((struct kiln_point_result *)results)[place];
 }
@@ -558,20 +571,28 @@ int embree_guided(struct embree_backend *b, const void *parameters, const struct
 
 /* ---- the caustic pass ---- */
 
-static int caustic_create(void **work, const struct embree_backend *b, const void *parameters,
-                          const struct kiln_batch *part, struct kiln_error *error)
+/* Of passes that ask for the light of lamps: `stream` is added to the batch's. */
+static int light_create(void **work, const struct embree_backend *b, const struct kiln_batch *part, uint32_t stream,
+                        struct kiln_error *error)
 {
-    int status = work_create(work, b, parameters, part, error);
+    int status = work_create(work, b, NULL, part, error);
     if (status != KILN_OK)
         return status;
     struct gather_work *w = *work;
-    w->stream = KILN_CAUSTIC_STREAM + part->stream;
+    w->stream = stream + part->stream;
     status = kiln_allocate(&w->choices, light_choices_room(b->params.lights), sizeof *w->choices, "the light choices",
                            error);
     w->walk.choices = w->choices;
     if (status != KILN_OK)
         work_destroy(work);
     return status;
+}
+
+static int caustic_create(void **work, const struct embree_backend *b, const void *parameters,
+                          const struct kiln_batch *part, struct kiln_error *error)
+{
+    (void)parameters;
+    return light_create(work, b, part, KILN_CAUSTIC_STREAM, error);
 }
 
 static void caustic_tile_run(void *work, const struct embree_backend *b, struct embree_context *context,
@@ -617,4 +638,147 @@ int embree_weighed(struct embree_backend *b, const void *parameters, const struc
     static const struct tile_run_pass pass = {weighed_create, work_destroy, caustic_tile_run,
                                               sizeof(struct kiln_point_result)};
     return embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
+}
+
+/* ---- the reference pass ---- */
+
+static int reference_create(void **work, const struct embree_backend *b, const void *parameters,
+                            const struct kiln_batch *part, struct kiln_error *error)
+{
+    const int status = light_create(work, b, part, KILN_REFERENCE_STREAM, error);
+    if (status == KILN_OK) {
+        struct gather_work *w = *work;
+        w->reference = parameters;
+        w->paths = b->reference;
+    }
+    return status;
+}
+
+/* What of the light that the ray of lane l finds counts as incident. */
+static float incident_weight(const struct gather_work *w, uint32_t l)
+{
+    const struct tile_run_rays *r = w->rays;
+    const uint32_t j = r->point[l];
+    const struct kiln_vec3 shading = frame_shading(&r->frame, j, vec3(r->facet[0][l], r->facet[1][l], r->facet[2][l]));
+    const float cosine = r->frame.smooth ? vec3_dot(shading, direction_of(r, l)) : r->cosine[l];
+    return facet_weight(r, l) * frame_taken_up(&r->frame, j, cosine);
+}
+
+/* Counts what becomes of the ray of lane l that has met a surface, up to the diffuse parts that it finds. */
+static void count_ends(struct gather_work *w, const struct embree_backend *b, uint32_t step, uint32_t l, bool tints)
+{
+    struct kiln_light_choice *choices = w->walk.choices;
+    if (!chain_begins_at(b, w->rays, l))
+        return;
+    w->walk.choices = NULL; /* lights are not asked for */
+    follow(w, step, l, false);
+    w->walk.choices = choices;
+    count_chain(w, l, tints);
+}
+
+/* What lane l's sample brings by its ray and, by connections, beside it. `ray`: what its ray has met; NULL: nothing
+ * that goes on. */
+static void find_paths(struct gather_work *w, uint32_t step, uint32_t l, const struct RTCRayHit *ray,
+                       struct reference_found *found)
+{
+    const struct tile_run_rays *r = w->rays;
+    if (w->reference->method != KILN_REFERENCE_PATH) {
+        reference_follow(&w->subpaths, w->paths, r, step, l, w->receives_only, ray, found);
+        return;
+    }
+    memset(found, 0, sizeof *found);
+    if (ray != NULL)
+        path_follow(&w->walk, kiln_chain_key(r->chance[l]), rays_sample(r, step, l), w->reference->bounces, ray,
+                    found->radiance, found->last);
+}
+
+static void add_paths(struct gather_work *w, uint32_t step, uint32_t l, const struct reference_found *found, bool tints)
+{
+    const struct tile_run_rays *r = w->rays;
+    const uint32_t j = r->point[l];
+    float rgb[3];
+    for (int c = 0; c < 3; c++) {
+        const float last = incident_weight(w, l) * found->last[c] * (float)KILN_PI * (tints ? r->tint[l][c] : 1.0f);
+        rgb[c] = found->radiance[c] * (float)KILN_PI;
+        w->last[j][c] += (double)last + found->last_incident[c];
+        w->irradiance[j][c] += found->irradiance[c];
+        w->incident[j][c] += found->incident[c];
+    }
+    add(w, step, l, rgb, tints);
+    w->quarter[r->quarter_of[step * r->copies + r->copy[l]]][j] += kiln_luminance(found->irradiance);
+}
+
+/* As collect_lanes: what paths bring, lane by lane. */
+static void collect_paths(const struct embree_backend *b, struct embree_context *context, struct gather_work *w,
+                          uint32_t step, uint32_t lanes)
+{
+    const bool tints = embree_tints(b);
+    w->walk.context = context;
+    memset(w->lost, 0, sizeof w->lost);
+    w->found.escaped = w->found.blocked = 0;
+    for (uint32_t l = 0; l < lanes; l++) {
+        const struct RTCRayHit ray = rays_lane(w->rays, l);
+        const bool meets = ray.hit.geomID != RTC_INVALID_GEOMETRY_ID,
+                   arrives = meets && meeting_has_side(b, meeting_record(b, &ray), meeting_is_back(&ray)),
+                   goes_on = arrives && facet_weight(w->rays, l) > 0.0f;
+        struct reference_found found;
+        if (!meets)
+            w->found.escaped_lane[w->found.escaped++] = (uint8_t)l;
+        else if (!arrives)
+            w->found.blocked_lane[w->found.blocked++] = (uint8_t)l;
+        find_paths(w, step, l, goes_on ? &ray : NULL, &found);
+        if (goes_on)
+            count_ends(w, b, step, l, tints);
+        add_paths(w, step, l, &found, tints && goes_on);
+    }
+    count_lost_in_order(w, lanes);
+}
+
+static void reference_tile_run(void *work, const struct embree_backend *b, struct embree_context *context,
+                               size_t tile_run, void *results, uint64_t *rays)
+{
+    struct gather_work *w = work;
+    const struct kiln_surface *s = b->surface;
+    const uint32_t steps = rays_begin(w->rays, b, tile_run, w->stream, 0),
+                   object = kiln_map_object(s, s->tile_runs[tile_run].map);
+    if (steps == 0)
+        return;
+    clear_sums(w);
+    memset(w->last, 0, sizeof w->last);
+    w->walk.rays = w->subpaths.rays = 0;
+    w->subpaths.context = *context;
+    w->receives_only = (b->params.scene->objects[object].flags & KILN_OBJECT_RECEIVER_ONLY) != 0;
+    for (uint32_t step = 0; step < steps; step++) {
+        const uint32_t lanes = rays_make(w->rays, b, step);
+        *rays += lanes;
+        rays_trace(w->rays, b, context, lanes);
+        collect_paths(b, context, w, step, lanes);
+    }
+    *rays += w->walk.rays + w->subpaths.rays;
+    if (w->subpaths.status != KILN_OK) {
+#pragma omp critical(kiln_reference_status)
+        {
+            w->paths->status = w->subpaths.status;
+            w->paths->error = w->subpaths.error;
+        }
+    }
+    store(w, results);
+    for (uint32_t j = 0; j < w->rays->frame.count; j++)
+        for (int c = 0; c < 3; c++)
+            ((struct kiln_reference_result *)results)[w->rays->frame.place[j]].last[c] = (float)w->last[j][c];
+}
+
+int embree_reference(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
+                     uint64_t *rays, struct kiln_error *error)
+{
+    static const struct tile_run_pass pass = {reference_create, work_destroy, reference_tile_run,
+                                              sizeof(struct kiln_reference_result)};
+    const int status = reference_paths_want(b, parameters, part, error);
+    if (status != KILN_OK)
+        return status;
+    b->reference->status = KILN_OK;
+    const int traced = embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
+    return traced == KILN_OK && b->reference->status != KILN_OK
+               ? kiln_fail(error, b->reference->status, "%s", b->reference->error.message)
+               : traced;
 }

@@ -6,8 +6,9 @@
 #include "shaders/shared/color.h"
 #include "shaders/shared/warp.h"
 #include "worker/backend/embree/camera_ray.h"
+#include "worker/backend/embree/chain.h"
 #include "worker/backend/embree/light_samples.h"
-#include "worker/backend/embree/walk.h"
+#include "worker/backend/embree/path.h"
 #include "worker/base/memory.h"
 #include "worker/pass/path.h"
 #include "worker/scene/footprint.h"
@@ -21,6 +22,10 @@ struct path {
     float seen[3];   /* the same, of what the next surface emits itself: 0 where light samples have brought that */
     float radiance[3];
     uint32_t bounces, chain; /* diffuse surfaces that have sent the path on; others since the last one */
+    /* of a path from a surface point, which is the first of its diffuse surfaces: light that has left as many as there
+     * may be; else NULL. What comes to the last of these by mirrors, gloss and glass alone counts, and not for cameras
+     */
+    float *last;
 };
 
 static void multiply(struct path *p, const float factor[3])
@@ -66,6 +71,28 @@ static void attenuate(struct path *p, const struct meeting *m, float distance)
     float share[3];
     if (meeting_attenuation(m, distance, share))
         multiply(p, share);
+}
+
+/* ---- paths from surface points ---- */
+
+/* Whether the path has left as many diffuse surfaces as light may have left: then only lights count yet that come by
+ * way of mirrors, gloss and glass. */
+static bool is_over(const struct path *p) { return p->last != NULL && p->bounces > p->camera->bounces; }
+
+/* Where light is added that no further diffuse surface sends. */
+static float *sum_of(struct path *p) { return is_over(p) ? p->last : p->radiance; }
+
+/* Adds what the surface sends on of light straight from the lights. */
+static void add_lights(struct path *p, const struct meeting *m, uint32_t surface)
+{
+    if (p->last == NULL || p->bounces < p->camera->bounces) {
+        walk_lights(&p->walk, m, surface, KILN_LOBE_ALL, p->weight, p->radiance);
+        return;
+    }
+    if (!is_over(p)) /* what the diffuse part sends has left the last diffuse surface that there may be */
+        walk_lights(&p->walk, m, surface, m->gloss != NULL ? KILN_LOBE_DIFFUSE : KILN_LOBE_ALL, p->weight, p->last);
+    if (m->gloss != NULL)
+        walk_lights(&p->walk, m, surface, m->others, p->weight, sum_of(p));
 }
 
 /* Goes on to what the surface reflects; false: it is black. */
@@ -151,7 +178,8 @@ static bool survives(struct path *p, uint32_t surface)
 /* From surface number `surface` to the next; false: the path ends. */
 static bool go_on(struct path *p, const struct meeting *m, uint32_t surface, struct RTCRayHit *ray)
 {
-    const bool sky = light_sky_is_constant(p->walk.b->params.lights), may_end = m->gloss == NULL && !sky;
+    const bool sky = light_sky_is_constant(p->walk.b->params.lights), chains = p->last != NULL && chain_any(p->walk.b),
+               may_end = m->gloss == NULL && !sky && !chains;
     struct kiln_vec3 direction;
     bool diffuse;
     if ((may_end && p->bounces == p->camera->bounces) || !survives(p, surface) ||
@@ -159,15 +187,16 @@ static bool go_on(struct path *p, const struct meeting *m, uint32_t surface, str
         return false;
     const bool last = diffuse && p->bounces == p->camera->bounces;
     const float side = vec3_dot(m->normal, direction) > 0.0f ? m->offset : -m->offset;
-    if (last && !sky)
+    if ((last && !sky && !chains) || (diffuse && is_over(p)))
         return false;
     p->bounces += diffuse;
     p->chain = diffuse ? 0 : p->chain + 1;
     p->walk.rays++;
-    if (trace(p, vec3_madd(m->position, m->normal, side), direction, surface + 1, ray))
-        return !last && meeting_has_side(p->walk.b, meeting_record(p->walk.b, ray), meeting_is_back(ray));
-    walk_environment(&p->walk, direction, sky ? p->weight : p->seen, p->radiance);
-    return false;
+    const bool meets = trace(p, vec3_madd(m->position, m->normal, side), direction, surface + 1, ray),
+               arrives = meets && meeting_has_side(p->walk.b, meeting_record(p->walk.b, ray), meeting_is_back(ray));
+    if (!meets)
+        walk_environment(&p->walk, direction, sky ? p->weight : p->seen, sum_of(p));
+    return arrives && (!last || (chains && chain_begins(p->walk.b, ray)));
 }
 
 /* ---- paths ---- */
@@ -179,6 +208,39 @@ static void camera_ray(const struct path *p, uint64_t pixel, struct kiln_vec3 *o
     if (p->camera->lens_radius > 0.0f)
         walk_draw(&p->walk, KILN_PATH_LENS, &lens[0], &lens[1]);
     embree_camera_ray(p->camera, pixel, place, lens, origin, direction);
+}
+
+/* From surface number `surface` on, which the ray has met. */
+static void follow_from(struct path *p, struct RTCRayHit *ray, uint32_t surface)
+{
+    for (;; surface++) {
+        struct meeting m = meeting_make(p->walk.b, ray);
+        meeting_face(p->walk.b, surface == 0, vec3(ray->ray.dir_x, ray->ray.dir_y, ray->ray.dir_z), &m);
+        attenuate(p, &m, ray->ray.tfar);
+        if (p->seen[0] > 0.0f || p->seen[1] > 0.0f || p->seen[2] > 0.0f)
+            walk_emission(&p->walk, &m, p->seen, sum_of(p));
+        if ((is_over(p) && m.gloss == NULL) || !kiln_path_allows(p->camera->length, surface + 2) ||
+            !reflect(p, &m, surface == 0))
+            return;
+        add_lights(p, &m, surface);
+        if (!go_on(p, &m, surface, ray))
+            return;
+    }
+}
+
+void path_follow(struct walk *walk, uint32_t key, uint32_t k, uint32_t bounces, const struct RTCRayHit *ray,
+                 float radiance[3], float last[3])
+{
+    const struct kiln_path_parameters parameters = {.bounces = bounces, .length = KILN_PATH_LENGTH_ANY};
+    struct path p = {.walk = *walk, .camera = &parameters, .weight = {1.0f, 1.0f, 1.0f}, .bounces = 1, .last = last};
+    struct RTCRayHit next = *ray;
+    last[0] = last[1] = last[2] = 0.0f;
+    p.walk.key = key;
+    p.walk.k = k;
+    follow_from(&p, &next, 1);
+    walk->rays = p.walk.rays;
+    for (int c = 0; c < 3; c++)
+        radiance[c] = p.radiance[c] + last[c];
 }
 
 static void follow(struct path *p, uint64_t pixel)
@@ -195,18 +257,7 @@ static void follow(struct path *p, uint64_t pixel)
         walk_environment(&p->walk, direction, p->weight, p->radiance);
         return;
     }
-    for (uint32_t surface = 0;; surface++) {
-        struct meeting m = meeting_make(p->walk.b, &ray);
-        meeting_face(p->walk.b, surface == 0, vec3(ray.ray.dir_x, ray.ray.dir_y, ray.ray.dir_z), &m);
-        attenuate(p, &m, ray.ray.tfar);
-        if (p->seen[0] > 0.0f || p->seen[1] > 0.0f || p->seen[2] > 0.0f)
-            walk_emission(&p->walk, &m, p->seen, p->radiance);
-        if (!kiln_path_allows(p->camera->length, surface + 2) || !reflect(p, &m, surface == 0))
-            return;
-        walk_lights(&p->walk, &m, surface, KILN_LOBE_ALL, p->weight, p->radiance);
-        if (!go_on(p, &m, surface, &ray))
-            return;
-    }
+    follow_from(p, &ray, 0);
 }
 
 static void trace_pixel(struct path *p, uint64_t pixel, uint32_t seed, const struct kiln_batch *part,
