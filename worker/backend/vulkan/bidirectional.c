@@ -9,18 +9,10 @@
 #include "shaders/both_ways_float.h"
 #include "shaders/both_ways_gloss.h"
 #include "shaders/both_ways_gloss_float.h"
-#include "shaders/both_ways_gloss_pipeline.h"
-#include "shaders/both_ways_gloss_pipeline_float.h"
-#include "shaders/both_ways_pipeline.h"
-#include "shaders/both_ways_pipeline_float.h"
 #include "shaders/light_paths.h"
 #include "shaders/light_paths_float.h"
 #include "shaders/light_paths_gloss.h"
 #include "shaders/light_paths_gloss_float.h"
-#include "shaders/light_paths_gloss_pipeline.h"
-#include "shaders/light_paths_gloss_pipeline_float.h"
-#include "shaders/light_paths_pipeline.h"
-#include "shaders/light_paths_pipeline_float.h"
 #include "shaders/photons.h"
 #include "shaders/photons_float.h"
 #include "shaders/shared/bidirectional.h"
@@ -31,25 +23,17 @@
 
 static const struct vulkan_shader light_gloss = {.name = "paths of light with gloss",
                                                  .compute = VULKAN_CODE(light_paths_gloss),
-                                                 .pipeline = VULKAN_CODE(light_paths_gloss_pipeline),
-                                                 .compute_float = VULKAN_CODE(light_paths_gloss_float),
-                                                 .pipeline_float = VULKAN_CODE(light_paths_gloss_pipeline_float)};
+                                                 .compute_float = VULKAN_CODE(light_paths_gloss_float)};
 static const struct vulkan_shader light_shader = {.name = "paths of light",
                                                   .compute = VULKAN_CODE(light_paths),
-                                                  .pipeline = VULKAN_CODE(light_paths_pipeline),
                                                   .compute_float = VULKAN_CODE(light_paths_float),
-                                                  .pipeline_float = VULKAN_CODE(light_paths_pipeline_float),
                                                   .gloss = &light_gloss};
 static const struct vulkan_shader both_gloss = {.name = "paths both ways with gloss",
                                                 .compute = VULKAN_CODE(both_ways_gloss),
-                                                .pipeline = VULKAN_CODE(both_ways_gloss_pipeline),
-                                                .compute_float = VULKAN_CODE(both_ways_gloss_float),
-                                                .pipeline_float = VULKAN_CODE(both_ways_gloss_pipeline_float)};
+                                                .compute_float = VULKAN_CODE(both_ways_gloss_float)};
 static const struct vulkan_shader both_shader = {.name = "paths both ways",
                                                  .compute = VULKAN_CODE(both_ways),
-                                                 .pipeline = VULKAN_CODE(both_ways_pipeline),
                                                  .compute_float = VULKAN_CODE(both_ways_float),
-                                                 .pipeline_float = VULKAN_CODE(both_ways_pipeline_float),
                                                  .gloss = &both_gloss};
 static const struct vulkan_shader photon_shader = {
     .name = "buckets of photons", .compute = VULKAN_CODE(photons), .compute_float = VULKAN_CODE(photons_float)};
@@ -220,6 +204,9 @@ static int prepare(struct both_run *r, struct kiln_error *error)
     struct vulkan_backend *b = r->b;
     const uint32_t low = (uint32_t)b->params.seed, high = (uint32_t)(b->params.seed >> 32);
     r->push.seed = kiln_hash2(low, high ^ KILN_PATH_SEED);
+    if (b->tracer.acceleration != NULL)
+        return kiln_fail(error, KILN_USAGE,
+                         "bidirectional paths have no kernels for the ray-tracing pipeline: give --traversal compute");
     int status = kiln_emission_create(&r->emission, b->params.lights, error);
     if (status == KILN_OK)
         status = vulkan_surfaces(b, error);
