@@ -47,7 +47,7 @@ class JobFile(unittest.TestCase):
             r"^job.yaml:2: is not YAML": "scene: a.glb\n\tseed: 1\n",
             r"^job.yaml:2: a second document": "scene: a.glb\n---\nscene: b.glb\n",
             r"^job.yaml:1: scene has a NUL": "scene: \"a\\0.glb\"\n",
-            r"^job.yaml:2: method: .*'path'": "scene: a.glb\nmethod: path\n",
+            r"^job.yaml:2: method: .*'photons'": "scene: a.glb\nmethod: photons\n",
         }.items():
             self.refused(pattern, text)
         self.refused(r"^job.yaml:2: is not text in UTF-8", b"scene: a.glb\n# \xff\xfe\n")
