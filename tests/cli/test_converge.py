@@ -104,14 +104,14 @@ class Converge(unittest.TestCase):
         self.assertIn('it has 24 x 18 pixels', answer.sentence())
 
     def test_device(self):
-        # the time is without making kernels; a method that refuses the device has a row that says why
+        # the time is without making kernels, which other methods take long to make
         if not json.loads(kiln('info', '--devices', '--json').out)['vulkan']:
             self.skipTest('there is no Vulkan device')
         reference = os.path.join(self.folder.name, 'small.exr')
         kiln('view', self.spheres, '--method', 'path', '--backend', 'embree', '--width', 8, '--height', 6, '-o',
              reference)
-        said, rows = bench(self.spheres, os.path.join(self.folder.name, 'device'), '--doublings', 1, '--reference',
-                           reference, '--backend', 'vulkan')
+        said, rows = bench(self.spheres, os.path.join(self.folder.name, 'device'), 'path', '--doublings', 1,
+                           '--reference', reference, '--backend', 'vulkan')
         self.check_rows(said, rows, 1)
         self.assertEqual(said['methods'][0]['method'], 'path')
         self.assertTrue(all(view['seconds'] < 1 for view in said['methods'][0]['views']), said)

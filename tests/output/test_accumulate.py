@@ -89,11 +89,15 @@ class Accumulate(unittest.TestCase):
             np.testing.assert_array_equal(self.view(samples + 8, *LONG), self.at_once(samples + 8, *LONG))
 
     def test_kills(self):
-        """Killed at any moment, three times."""
+        """Killed three times, some moment after a checkpoint."""
         command = [KILN, "view", self.scene, *LONG, "--samples-pixel", "100", "--accumulate", self.sums, "-o", self.out,
                    "--quiet", "--checkpoint-every", "0.01"]
-        for seconds in (0.9, 1.1, 1.3):
+        for seconds in (0.0, 0.05, 0.1):
+            before = set(glob.glob(os.path.join(self.sums, "checkpoint", "gen-*")))
             with subprocess.Popen(command) as kiln:
+                while not set(glob.glob(os.path.join(self.sums, "checkpoint", "gen-*"))) - before:
+                    self.assertIsNone(kiln.poll())
+                    time.sleep(0.005)
                 time.sleep(seconds)
                 kiln.kill()
             self.assertEqual(kiln.returncode, -signal.SIGKILL)
