@@ -121,8 +121,8 @@ def landing(kiln, folder):
     assert (landed['photons'], landed['iterations'], landed['aims']) == (
         400000, 3, report['materials']['aims']), landed
     assert 1 / TIME < seconds / taken < TIME and abs(memory) < 0.2
-    # 32 bytes of each path that lands, half of them at the other rank, half of them from each
-    assert abs(landed['bytes_sent_an_iteration'] / (32 * 400000 * landed['landed'] / 4) - 1) < 1e-6
+    # 40 bytes of each path that lands, half of them at the other rank, half of them from each
+    assert abs(landed['bytes_sent_an_iteration'] / (40 * 400000 * landed['landed'] / 4) - 1) < 1e-6
     assert 0.2 < landed['landed'] < 1
 
 
