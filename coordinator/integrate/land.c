@@ -448,7 +448,7 @@ static bool is_sane(const struct kiln_landing *l, const struct saved_landing *s)
                 s->iteration <= l->params->settings->iterations && s->done <= s->photons && isfinite(s->radius);
     for (size_t i = 0; i < l->aims->count && sane; i++)
         sane = isfinite(l->learnt[i]) && l->learnt[i] >= 0.0 && isfinite(l->paths[i]) &&
-               (s->iteration == 0 || l->paths[i] > 0.0);
+               ((s->iteration == 0 && !shares(l)) || l->paths[i] > 0.0);
     return sane;
 }
 

@@ -62,7 +62,7 @@ void kiln_landing_destroy(struct kiln_landing **landing);
 int kiln_landing_run(struct kiln_landing *landing, struct kiln_error *error);
 
 /* What a checkpoint within the step keeps: fills in blocks, which borrow, and returns how many. None outside of a step
- * that lands. */
+ * that lands, and none while pilots are traced, which a bake that goes on traces again. */
 enum { KILN_LANDING_BLOCKS = 6 };
 size_t kiln_landing_blocks(struct kiln_landing *landing, struct kiln_block blocks[KILN_LANDING_BLOCKS]);
 
@@ -71,7 +71,8 @@ void kiln_landing_end(struct kiln_landing *landing);
 
 /* Gives the answers of a batch of own tile runs to its taker, in place of a backend: a struct kiln_point_result a
  * point. Receiver-only objects, which no path meets, gather theirs (worker/pass/caustic.h); with --caustics vcm rays
- * gather a part first. Between kiln_landing_run and the end of the step. */
+ * gather a part first, on the host. Between kiln_landing_run and the end of the step. The status of `take` or of the
+ * backend. */
 int kiln_landing_give(struct kiln_landing *landing, const struct kiln_batch *batch, struct kiln_error *error);
 
 #endif

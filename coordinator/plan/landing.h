@@ -1,4 +1,5 @@
-/* What light paths that land (integrate/land.h) will take, by a few of them. */
+/* What light paths that land (integrate/land.h) will take, by a few of them. Pilots, and gather rays that share the
+ * light with the paths (--caustics vcm), are not counted. */
 #ifndef KILN_COORDINATOR_PLAN_LANDING_H
 #define KILN_COORDINATOR_PLAN_LANDING_H
 
