@@ -23,6 +23,7 @@ int kiln_bake_take_charge(struct kiln_bake *b, struct kiln_error *error)
                                                .watchdog = b->watchdog,
                                                .limit = b->job->watchdog,
                                                .no_locks = b->job->faults.no_locks,
+                                               .halt = kiln_faults_halt(&b->job->faults, (uint32_t)b->rank),
                                                .signal = kiln_process_signal()};
     int status = kiln_control_create(&b->control, &params, error);
     if (status != KILN_OK)

@@ -18,7 +18,8 @@ struct kiln_faults {
     uint32_t slow_rank;
     double slowness;
     /* KILN_HALT_RANK=RANK:PLACE. The rank stops itself (SIGSTOP) when it reaches the place: the name of a phase, a pass
-     * or a blocking call, as given to kiln_watchdog_phase and kiln_watchdog_blocking. "": no rank does. */
+     * or a blocking call, as given to kiln_watchdog_phase and kiln_watchdog_blocking; or "saved PASS": when it has
+     * saved a checkpoint within that pass (coordinator/run/control.h), also without a watchdog. "": no rank does. */
     uint32_t halt_rank;
     char halt_place[KILN_FAULT_PLACE];
     /* KILN_FAILING_PACKER=RANK. The rank fails to pack strips of other ranks' lightmaps. */

@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <pthread.h>
+#include <signal.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <string.h>
@@ -43,6 +44,7 @@ struct kiln_control {
     int reason;
     /* saving */
     double last_saved, cost;
+    char pass[64]; /* the pass under way; "": none */
     /* may be used by any thread */
     struct kiln_stop stop;
     atomic_int reason_found; /* the reason to stop; 0: none so far */
@@ -334,6 +336,7 @@ static enum kiln_event event_of(struct kiln_control *c)
 
 void kiln_control_begin(struct kiln_control *c, const char *phase)
 {
+    (void)snprintf(c->pass, sizeof c->pass, "%s", phase);
     kiln_watchdog_phase(c->params.watchdog, phase);
     kiln_watchdog_batch(c->params.watchdog, 0.0, 0.0);
 }
@@ -415,6 +418,7 @@ enum kiln_event kiln_control_between(struct kiln_control *c, uint64_t bytes)
 {
     const double every = c->params.checkpoint_every;
     const double cost = c->cost > 0.0 ? c->cost : COST_START + (double)bytes / COST_BYTES;
+    c->pass[0] = '\0';
     int64_t values[2] = {reason_in_rounds(c), c->rank == 0 && every > 0.0 &&
                                                   MPI_Wtime() - c->last_saved >= fmin(every, COST_DIVISOR * cost)};
     kiln_control_blocking(c, "between passes", 0.0);
@@ -422,6 +426,16 @@ enum kiln_event kiln_control_between(struct kiln_control *c, uint64_t bytes)
     kiln_control_blocking(c, NULL, 0.0);
     c->reason = (int)values[0];
     return values[0] != 0 ? KILN_EVENT_STOP : values[1] != 0 ? KILN_EVENT_SAVE : KILN_EVENT_NONE;
+}
+
+/* For tests: stops this process once it has saved something within the pass that KILN_HALT_RANK names. */
+static void halt_within(const struct kiln_control *c)
+{
+    static const char saved[] = "saved ";
+    const char *halt = c->params.halt;
+    if (halt != NULL && c->pass[0] != '\0' && strncmp(halt, saved, sizeof saved - 1) == 0 &&
+        strcmp(halt + sizeof saved - 1, c->pass) == 0)
+        (void)raise(SIGSTOP);
 }
 
 void kiln_control_saved(struct kiln_control *c, uint64_t generation, double seconds, double written)
@@ -433,6 +447,7 @@ void kiln_control_saved(struct kiln_control *c, uint64_t generation, double seco
     c->status.generation = generation;
     c->status.saved = written;
     (void)pthread_mutex_unlock(&c->mutex);
+    halt_within(c);
 }
 
 static const char *reason_text(const struct kiln_control *c)

@@ -38,6 +38,8 @@ struct kiln_control_params {
     struct kiln_watchdog *watchdog;      /* borrowed, must outlive the control; NULL: none */
     double limit;                        /* limit of the watchdog, s; 0: none */
     bool no_locks;                       /* for tests: as kiln_lock_take has it */
+    const char *halt;                    /* for tests: "saved PASS": this rank stops itself (SIGSTOP) when it has saved
+                                            a checkpoint within that pass; borrowed; anything else, NULL: it does not */
     const volatile sig_atomic_t *signal; /* number of the last signal that asks to stop; 0: none */
 };
 

@@ -514,28 +514,16 @@ def try_layouts(checks, tool):
 
 
 def killed_within(checks, tool, folder, phase, ranks, more=QUANTITIES, **how):
-    """Goes on, and kills a rank once it has saved something of the step. A step may be over before that is seen: then
-    it goes on from the same place once more."""
-    before = folder + '-before'
-    if os.path.isdir(folder):
-        shutil.copytree(folder, before, symlinks=True)
-    for _ in range(6):
-        process = tool.start(folder, *OFTEN, *more, ranks=ranks, **how)
-        wait_for(lambda: process.poll() is not None or phase.encode() in status_bytes(folder))
-        saved = generations(folder)
-        wait_for(lambda: process.poll() is not None or generations(folder)[-1:] != saved[-1:])
-        if process.poll() is None:
-            os.kill(ranks_of(process)[-1], signal.SIGKILL)
-        status = finish(process)
-        within = status not in (None, 0) and phase.encode() in status_bytes(folder)
-        if within:
-            break
-        ended = status_bytes(folder)
-        shutil.rmtree(folder, ignore_errors=True)
-        if os.path.isdir(before):
-            shutil.copytree(before, folder, symlinks=True)
-    shutil.rmtree(before, ignore_errors=True)
-    checks.that(within, 'within %s: killed it ended with %s: %s' % (phase, status, b'' if within else ended))
+    """Goes on, and kills a rank that halts when it has saved something of the step."""
+    process = tool.start(folder, *OFTEN, *more, ranks=ranks, halt='%d:saved %s' % (ranks - 1, phase), **how)
+    halted = lambda: [rank for rank in ranks_of(process) if state_of(rank) == 'T']
+    wait_for(lambda: process.poll() is not None or halted(), pause=LOOK)
+    killed = halted()
+    for rank in killed:
+        os.kill(rank, signal.SIGKILL)
+    status = finish(process)
+    checks.that(killed and status not in (None, 0),
+                'within %s: %d killed, it ended with %s: %s' % (phase, len(killed), status, text(folder)[-300:]))
 
 
 def try_quantities(checks, tool):
