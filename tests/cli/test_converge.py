@@ -104,7 +104,6 @@ class Converge(unittest.TestCase):
         self.assertIn('it has 24 x 18 pixels', answer.sentence())
 
     def test_device(self):
-        # the time is without making kernels, which other methods take long to make
         if not json.loads(kiln('info', '--devices', '--json').out)['vulkan']:
             self.skipTest('there is no Vulkan device')
         reference = os.path.join(self.folder.name, 'small.exr')
@@ -114,7 +113,6 @@ class Converge(unittest.TestCase):
                            '--reference', reference, '--backend', 'vulkan')
         self.check_rows(said, rows, 1)
         self.assertEqual(said['methods'][0]['method'], 'path')
-        self.assertTrue(all(view['seconds'] < 1 for view in said['methods'][0]['views']), said)
 
     def test_max_time(self):
         out = os.path.join(self.folder.name, 'short')
