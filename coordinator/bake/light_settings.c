@@ -4,7 +4,7 @@
 
 uint32_t kiln_light_photons(const struct kiln_job *job, uint64_t points)
 {
-    enum { LEAST = 1 << 15, MOST = 1 << 21, RAYS_A_PATH = 32 };
+    enum { LEAST = 1 << 15, MOST = 1 << 21, RAYS_A_PATH = 4 };
     if (job->photons > 0 || job->iterations == 0)
         return job->photons;
     const uint64_t photons = points * job->samples_indirect / RAYS_A_PATH / job->iterations,

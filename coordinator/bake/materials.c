@@ -18,7 +18,7 @@ void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
         job->mis = KILN_MIS_BALANCE; /* nothing shares */
     if (job->caustics < KILN_CAUSTICS_LAND)
         job->photons = job->iterations = 0; /* there are no light paths */
-    if (job->caustics != KILN_CAUSTICS_MERGE) {
+    if (job->caustics < KILN_CAUSTICS_MERGE) {
         job->merge_radius = job->paths.radius; /* 0 but for --method vcm: nothing else merges */
         job->radius_alpha = 0.0;
     }
@@ -67,7 +67,7 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
         (void)json_object_set_new(json, "aims", json_integer((json_int_t)landing->aims));
         (void)json_object_set_new(json, "iterations", json_integer((json_int_t)job->iterations));
     }
-    if (job->caustics == KILN_CAUSTICS_MERGE)
+    if (job->caustics >= KILN_CAUSTICS_MERGE)
         (void)json_object_set_new(json, "merge_radius", json_real(landing->radius));
     (void)json_object_set_new(json, "chain_length", json_integer((json_int_t)job->chain_length));
     return json;

@@ -25,6 +25,8 @@
 
 enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256, PATHS_AN_AIM = 4, PILOTS = 4 };
 
+#define LARGEST 6.0   /* texels: the radius within which landings that share are spread, at most */
+#define LANDINGS 16.0 /* in one iteration: on which a point's light is to hang */
 #define PILOT_ITERATION ((uint64_t)1 << 31) /* paths of pilots are numbered from this iteration on */
 
 /* The block "landing" of a checkpoint, once: where the step stands. After it "landing_learnt" and "landing_paths",
@@ -66,16 +68,23 @@ struct kiln_landing {
     struct kiln_landing_sum *sums; /* of own points; where they are merged, of iterations of the radius under way */
     struct kiln_point_result *results;
     float *lit; /* m2, an own point: area that is there to be lit; with --caustics merge and vcm, else NULL */
-    /* of --caustics merge; else NULL */
+    /* where what lands is spread over points nearby (--caustics merge, vcm); else NULL */
     struct kiln_merged *merged;
-    struct kiln_merge *merge; /* from the end of the first iteration on */
-    double radius;            /* m, at first */
+    struct kiln_merge *merge; /* from when it is first spread on */
+    double radius;            /* m, at first; of --caustics vcm the largest */
 };
 
 /* Whether gather rays find a part of the light. */
 static bool shares(const struct kiln_landing *l) { return l->emission != NULL; }
 
 static bool merges(const struct kiln_landing *l) { return l->params->settings->caustics == KILN_CAUSTICS_MERGE; }
+
+bool kiln_landing_spreads(const struct kiln_integrate_settings *settings)
+{
+    return settings->caustics == KILN_CAUSTICS_VCM && settings->merge_radius != KILN_MERGE_RADIUS_TEXEL;
+}
+
+static bool spreads(const struct kiln_landing *l) { return kiln_landing_spreads(l->params->settings); }
 
 uint64_t kiln_landing_photons(const struct kiln_integrate_settings *settings, size_t aims)
 {
@@ -108,6 +117,8 @@ uint64_t kiln_landing_bytes(const struct kiln_integrate_settings *settings, size
     double point = (double)kiln_landing_saved_bytes(settings->caustics);
     if (settings->caustics == KILN_CAUSTICS_MERGE)
         point += (double)KILN_MERGE_POINT_BYTES;
+    if (kiln_landing_spreads(settings)) /* and a radius */
+        point += (double)(sizeof(struct kiln_merged) + KILN_MERGE_POINT_BYTES + sizeof(float));
     if (settings->caustics >= KILN_CAUSTICS_MERGE) /* and what is there to be lit */
         point += (double)sizeof(float);
     return (uint64_t)(records + aim * (double)aims + point * points);
@@ -390,7 +401,7 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
         status = kiln_landing_host(&l->own, l->params->backend, error);
     if (status == KILN_OK && (merges(l) || shares(l)))
         status = kiln_allocate(&l->lit, own->count, sizeof *l->lit, "the areas of points", error);
-    if (status == KILN_OK && merges(l))
+    if (status == KILN_OK && (merges(l) || spreads(l)))
         status = kiln_allocate(&l->merged, own->count, sizeof *l->merged, "the light that is merged", error);
     status = kiln_agree(l->params->communicator, status, error);
     if (status == KILN_OK && l->lit != NULL)
@@ -559,17 +570,22 @@ static int run_pilots(struct kiln_landing *l, struct kiln_error *error)
     return status;
 }
 
-/* Collective. Where no radius was given the first iteration shows it. */
+/* Collective. Where no radius was given the first iteration shows it; a largest one is so many texels. */
 static int find_radius(struct kiln_landing *l, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = l->params;
-    const double power = kiln_luminance(p->emission->emitted), points = (double)p->surface->point_count;
+    const double power = kiln_luminance(p->emission->emitted), points = (double)p->surface->point_count,
+                 texel = points > 0.0 ? sqrt(p->area / points) : 0.0;
     const struct kiln_merge_search search = {.landed = l->sums,
                                              .merged = l->merged,
                                              .iterations = p->settings->iterations,
                                              .alpha = p->settings->radius_alpha,
-                                             .texel = points > 0.0 ? sqrt(p->area / points) : 0.0,
+                                             .texel = texel,
                                              .scale = p->area > 0.0 ? power * power / p->area : 0.0};
+    if (shares(l)) {
+        l->radius = p->settings->merge_radius == KILN_MERGE_RADIUS_AUTO ? LARGEST * texel : p->settings->merge_radius;
+        return KILN_OK;
+    }
     return l->iteration == 0 && p->settings->merge_radius == KILN_MERGE_RADIUS_AUTO
                ? kiln_merge_find_radius(l->merge, &search, &l->radius, error)
                : KILN_OK;
@@ -591,18 +607,38 @@ static int begin_merging(struct kiln_landing *l, struct kiln_error *error)
     return status == KILN_OK ? kiln_merge_set_radius(l->merge, l->radius, error) : status;
 }
 
-/* Collective. What has landed in iterations of one radius goes to the points nearby. */
-static int merge_sums(struct kiln_landing *l, struct kiln_error *error)
+/* Landings that a point's light is to hang on: more of more iterations, so that radii fall as those of merge.h do. */
+static double landings_of(const struct kiln_landing *l)
+{
+    const struct kiln_integrate_settings *s = l->params->settings;
+    return LANDINGS * pow((double)s->iterations, s->radius_alpha);
+}
+
+/* Collective. What has landed in iterations of one radius goes to the points within it. */
+static int merge_iterations(struct kiln_landing *l, struct kiln_error *error)
+{
+    const double radius = kiln_merge_radius_of(fmax(l->radius, 0.0), l->params->settings->radius_alpha, l->iteration);
+    const int status = kiln_merge_spread(l->merge, l->sums, radius, l->merged, error);
+    memset(l->sums, 0, l->solution->own->surface.count * sizeof *l->sums);
+    return status;
+}
+
+/* Collective. What has landed in all iterations goes to the points within the radius of each. */
+static int spread_all(struct kiln_landing *l, struct kiln_error *error)
+{
+    const int status = kiln_merge_fit(l->merge, l->sums, landings_of(l), error);
+    return status == KILN_OK ? kiln_merge_spread(l->merge, l->sums, l->radius, l->merged, error) : status;
+}
+
+/* Collective. Does one or the other. */
+static int merge_sums(struct kiln_landing *l, int (*merge)(struct kiln_landing *, struct kiln_error *),
+                      struct kiln_error *error)
 {
     const double start = MPI_Wtime();
     kiln_control_blocking(l->params->control, "merging landings of light", 0.0);
     int status = l->merge == NULL ? begin_merging(l, error) : KILN_OK;
     if (status == KILN_OK)
-        status = kiln_merge_spread(
-            l->merge, l->sums,
-            kiln_merge_radius_of(fmax(l->radius, 0.0), l->params->settings->radius_alpha, l->iteration), l->merged,
-            error);
-    memset(l->sums, 0, l->solution->own->surface.count * sizeof *l->sums);
+        status = merge(l, error);
     kiln_control_blocking(l->params->control, NULL, 0.0);
     kiln_solution_step(l->solution)->seconds += MPI_Wtime() - start;
     return status;
@@ -618,13 +654,13 @@ static int run_iterations(struct kiln_landing *l, struct kiln_error *error)
         status = run_paths(l, number + l->iteration, PILOTS * pilot_paths(l) + l->iteration * l->photons, add_landing,
                            error);
         if (status == KILN_OK && merges(l) && (kiln_merge_radius_ends(l->iteration) || l->iteration + 1 == iterations))
-            status = merge_sums(l, error);
+            status = merge_sums(l, merge_iterations, error);
         if (status == KILN_OK && l->iteration + 1 < iterations && !shares(l))
             correct_aims(l, l->photons);
         l->iteration++;
         l->done = 0;
     }
-    return status;
+    return status == KILN_OK && spreads(l) ? merge_sums(l, spread_all, error) : status;
 }
 
 int kiln_landing_run(struct kiln_landing *l, struct kiln_error *error)
@@ -735,7 +771,8 @@ static int take_gathered(void *context, size_t first, size_t count, const void *
         for (size_t f = first; f < stop; f++) {
             struct kiln_point_cursor at = kiln_point_first(surface, f);
             for (uint32_t k = 0; k < surface->tile_runs[f].count; k++, kiln_point_next(surface, &at)) {
-                const struct kiln_point_result landed = answer(l, surface, &at);
+                const struct kiln_point_result landed =
+                    spreads(l) ? merged_answer(l, surface, &at) : answer(l, surface, &at);
                 l->results[points] = *next++;
                 combine(&landed, &l->results[points++]);
             }

@@ -22,6 +22,12 @@
  * follow. Who has a point weighs what lands there, by the rays and the area of the point. Then the rays of the batch's
  * tile runs are gathered, and both added; errors add up by their squares.
  *
+ * In the end what has landed in all iterations is spread over the points nearby, as far as it suits each place
+ * (merge.h: kiln_merge_fit), at most six texels or --merge-radius. A landing weighs by the area of its own texel all
+ * the same, on both sides: that the weights of a path add up to 1 hangs on nothing else, and spreading moves light that
+ * has been weighed, so flux stays. Weights by the area that light is spread over, learnt from the pilots, were tried:
+ * in a dining room errors stayed as they are.
+ *
  * Where the backend of the bake is a device, the host traces the paths and these rays, with Embree and a BVH of its own
  * for the step.
  *
@@ -44,6 +50,8 @@ uint64_t kiln_landing_photons(const struct kiln_integrate_settings *settings, si
 /* What traces the paths beside a backend that is a device: Embree, with the same scene and surface. NULL beside Embree.
  * KILN_SYSTEM. Destroy with kiln_backend_destroy, in any case. */
 int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, struct kiln_error *error);
+/* Whether landings that share their light with gather rays are spread over points nearby in the end. */
+bool kiln_landing_spreads(const struct kiln_integrate_settings *settings);
 /* Bytes of each point in a checkpoint within the step, more than in others. */
 uint64_t kiln_landing_saved_bytes(enum kiln_caustics caustics);
 /* Bytes that a rank with so many points needs while paths land, besides that. `landed`: share of the paths that land

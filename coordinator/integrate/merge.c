@@ -15,10 +15,12 @@
 #define FLAT 0.25f   /* of the radius: how far they may lie from each other's planes */
 #define SLACK 1.001f /* of a cell of the grid, beyond the radius: for rounding */
 
+#define DOUBT 1.5 /* standard errors on either side, within which light by two radii agrees */
+
 #define BIAS (4.0 / 3.0) /* over that by which half the radius changes */
 #define LEAST_RADIUS 1.5 /* the first radius that is tried, in texels: so that the eight about one are within it */
 
-enum { BOXES = 64, NEIGHBOUR_CELLS = 27, RADII = 9, BALANCINGS = 2 };
+enum { BOXES = 64, NEIGHBOUR_CELLS = 27, RADII = 9, BALANCINGS = 2, FIT_STEPS = 10 };
 
 /* A point as others see it. */
 struct place {
@@ -52,6 +54,7 @@ _Static_assert(sizeof(struct box) == 24, "a record has no gaps");
 struct member {
     uint64_t cell;
     size_t at;
+    struct kiln_vec3 position; /* once more: most are too far */
 };
 
 /* Own points and those of others near them, by global number: own ones from `own_first` on. */
@@ -64,6 +67,7 @@ struct kiln_merge {
     struct place *own, *places; /* of own points; of all, with `radius` */
     struct flux *fluxes;
     struct weights *weights, *next; /* next: of own points */
+    float *radii;                   /* of all, m, once they have been fitted; NULL: one for all */
     /* a hash table of the cells of a grid: those of members[begin[h] .. begin[h + 1]) have the hash h */
     size_t *begin, slots; /* a power of two */
     struct member *members;
@@ -81,6 +85,7 @@ static void forget_others(struct kiln_merge *m)
     kiln_free(&m->fluxes);
     kiln_free(&m->weights);
     kiln_free(&m->next);
+    kiln_free(&m->radii);
     kiln_free(&m->begin);
     kiln_free(&m->members);
     kiln_free(&m->sent);
@@ -300,7 +305,7 @@ static size_t list_members(const struct kiln_merge *m, struct member *members)
     size_t count = 0;
     for (size_t i = 0; i < m->count; i++)
         if (m->places[i].lit > 0.0f)
-            members[count++] = (struct member){m->places[i].key, i};
+            members[count++] = (struct member){m->places[i].key, i, m->places[i].position};
     qsort(members, count, sizeof *members, by_key);
     return count;
 }
@@ -379,16 +384,25 @@ static bool are_near(const struct place *a, const struct place *b, float radius)
            fabsf(vec3_dot(d, a->normal)) <= FLAT * radius && fabsf(vec3_dot(d, b->normal)) <= FLAT * radius;
 }
 
+/* Within which two points are near each other. */
+static float radius_of(const struct kiln_merge *m, size_t a, size_t b, float radius)
+{
+    return m->radii == NULL ? radius : fminf(radius, fminf(m->radii[a], m->radii[b]));
+}
+
 /* Adds the points of a cell that are near point `at`, but for itself. */
 static int add_near(const struct kiln_merge *m, size_t at, uint64_t cell, float radius, struct near *near,
                     struct kiln_error *error)
 {
     const size_t slot = slot_of(m, cell), end = m->begin[slot + 1];
+    const struct kiln_vec3 p = m->places[at].position;
     const int status = kiln_grow(&near->of, &near->room, near->count + (end - m->begin[slot]), sizeof *near->of,
                                  "points nearby", error);
     for (size_t i = m->begin[slot]; i < end && status == KILN_OK; i++) {
         const size_t other = m->members[i].at;
-        if (m->members[i].cell == cell && other != at && are_near(&m->places[at], &m->places[other], radius))
+        const struct kiln_vec3 d = vec3_sub(m->members[i].position, p);
+        if (vec3_dot(d, d) <= radius * radius && m->members[i].cell == cell && other != at &&
+            are_near(&m->places[at], &m->places[other], radius_of(m, at, other, radius)))
             near->of[near->count++] = other;
     }
     return status;
@@ -430,7 +444,7 @@ static int for_all(const struct kiln_merge *m, float radius, each_point each, vo
             const size_t at = m->own_first + i;
             if (own != KILN_OK || !(m->places[at].lit > 0.0f))
                 continue;
-            own = find_near(m, at, radius, &near, &own_error);
+            own = find_near(m, at, radius_of(m, at, at, radius), &near, &own_error);
             if (own == KILN_OK)
                 each(m, at, radius, &near, context);
         }
@@ -446,7 +460,7 @@ static int for_all(const struct kiln_merge *m, float radius, each_point each, vo
 
 static bool in_half(const struct kiln_merge *m, size_t a, size_t b, float radius)
 {
-    return a == b || are_near(&m->places[a], &m->places[b], 0.5f * radius);
+    return a == b || are_near(&m->places[a], &m->places[b], 0.5f * radius_of(m, a, b, radius));
 }
 
 /* c of a point. */
@@ -534,6 +548,23 @@ static void collect(const struct kiln_merge *m, size_t at, float radius, const s
         }
 }
 
+/* Collective. What landed at own points, and at those of other ranks. */
+static void take_fluxes(struct kiln_merge *m, const struct kiln_landing_sum *landed)
+{
+    for (size_t i = 0; i < m->own_count; i++) {
+        struct flux *flux = &m->fluxes[m->own_first + i];
+        for (int c = 0; c < 3; c++) {
+            flux->irradiance[c] = (float)landed[i].irradiance[c];
+            flux->incident[c] = (float)landed[i].incident[c];
+        }
+        flux->square = (float)landed[i].square;
+        flux->count = (uint32_t)landed[i].count;
+    }
+    for (size_t i = 0; i < m->sent_count; i++)
+        m->outgoing[i] = m->fluxes[m->own_first + m->sent[i]];
+    exchange(m, sizeof *m->outgoing, m->outgoing, m->fluxes);
+}
+
 /* Collective. */
 static int spread(struct kiln_merge *m, const struct kiln_landing_sum *landed, double radius, int balancings,
                   struct kiln_merged *merged, struct kiln_error *error)
@@ -542,18 +573,7 @@ static int spread(struct kiln_merge *m, const struct kiln_landing_sum *landed, d
     int status = find_weights(m, now, balancings, error);
     if (status != KILN_OK)
         return status;
-    for (size_t i = 0; i < m->own_count; i++) {
-        struct flux *flux = &m->fluxes[m->own_first + i];
-        for (int c = 0; c < 3; c++) {
-            flux->irradiance[c] = (float)landed[i].irradiance[c];
-            flux->incident[c] = (float)landed[i].incident[c];
-        }
-        flux->square = (float)landed[i].square;
-        flux->count = landed[i].count > 0;
-    }
-    for (size_t i = 0; i < m->sent_count; i++)
-        m->outgoing[i] = m->fluxes[m->own_first + m->sent[i]];
-    exchange(m, sizeof *m->outgoing, m->outgoing, m->fluxes);
+    take_fluxes(m, landed);
     status = for_all(m, now, collect, merged, error);
     return kiln_agree(m->communicator, status, error);
 }
@@ -562,6 +582,103 @@ int kiln_merge_spread(struct kiln_merge *m, const struct kiln_landing_sum *lande
                       struct kiln_merged *merged, struct kiln_error *error)
 {
     return spread(m, landed, radius, BALANCINGS, merged, error);
+}
+
+/* ---- a radius for each point ---- */
+
+/* What is looked for: of own points. */
+struct fit {
+    double landings; /* that a radius is to have within it */
+    float *radii;
+};
+
+/* What lies within a radius of a point: area, m2, the luminances that have landed, W, their squares, how many. */
+struct ring {
+    double lit, light, square, count;
+};
+
+/* By step 0, 1, ... from the point alone to the largest. */
+static float radius_of_step(float largest, int step)
+{
+    return step == 0 ? 0.0f : largest * exp2f(-0.5f * (float)(FIT_STEPS - 1 - step));
+}
+
+/* Sorts the points nearby into the rings between one radius and the next. */
+static void fill_rings(const struct kiln_merge *m, size_t at, float largest, const struct near *near,
+                       struct ring rings[FIT_STEPS])
+{
+    memset(rings, 0, FIT_STEPS * sizeof *rings);
+    for (size_t i = 0; i < near->count; i++) {
+        const size_t other = near->of[i];
+        const struct place *a = &m->places[at], *b = &m->places[other];
+        const struct flux *flux = &m->fluxes[other];
+        int step = other == at ? 0 : 1;
+        while (step > 0 && step + 1 < FIT_STEPS && !are_near(a, b, radius_of_step(largest, step)))
+            step++;
+        rings[step].lit += (double)b->lit;
+        rings[step].light += kiln_luminance_of_floats(flux->irradiance);
+        rings[step].square += (double)flux->square;
+        rings[step].count += (double)flux->count;
+    }
+}
+
+/* The widest step whose light agrees with that of all narrower ones, up to what chance does; that with enough landings,
+ * where it is narrower. `one`: the square of a landing, which is added to all, as few squares are not known well. */
+static int choose_step(const struct ring rings[FIT_STEPS], double one, double landings)
+{
+    struct ring all = {0.0, 0.0, 0.0, 0.0};
+    double low = -INFINITY, high = INFINITY;
+    int step = 0;
+    for (; step < FIT_STEPS; step++) {
+        all.lit += rings[step].lit;
+        all.light += rings[step].light;
+        all.square += rings[step].square;
+        const double mean = all.light / all.lit, error = DOUBT * sqrt(all.square + one) / all.lit;
+        low = fmax(low, mean - error);
+        high = fmin(high, mean + error);
+        if (low > high)
+            return step - 1; /* never the first one */
+        if (all.square > 0.0 && all.light * all.light >= landings * all.square)
+            return step;
+    }
+    return FIT_STEPS - 1;
+}
+
+/* The radius of a point. */
+static void fit_point(const struct kiln_merge *m, size_t at, float largest, const struct near *near, void *context)
+{
+    const struct fit *fit = context;
+    struct ring rings[FIT_STEPS];
+    double square = 0.0, count = 0.0;
+    fill_rings(m, at, largest, near, rings);
+    for (int step = 0; step < FIT_STEPS; step++) {
+        square += rings[step].square;
+        count += rings[step].count;
+    }
+    fit->radii[at - m->own_first] =
+        radius_of_step(largest, choose_step(rings, count > 0.0 ? square / count : 0.0, fit->landings));
+}
+
+int kiln_merge_fit(struct kiln_merge *m, const struct kiln_landing_sum *landed, double landings,
+                   struct kiln_error *error)
+{
+    struct fit fit = {.landings = landings};
+    float *radii = NULL, *outgoing = (float *)(void *)m->outgoing;
+    kiln_free(&m->radii);
+    int status = kiln_agree(m->communicator,
+                            kiln_allocate(&radii, m->count, sizeof *radii, "the radii of points", error), error);
+    if (status != KILN_OK) {
+        kiln_free(&radii);
+        return status;
+    }
+    fit.radii = radii + m->own_first;
+    take_fluxes(m, landed);
+    status = for_all(m, m->radius, fit_point, &fit, error);
+    for (size_t i = 0; i < m->sent_count; i++)
+        outgoing[i] = fit.radii[m->sent[i]];
+    exchange(m, sizeof *outgoing, outgoing, radii);
+    m->radii = radii;
+    return kiln_agree(m->communicator, status, error);
 }
 
 /* ---- radius and error ---- */

@@ -1,5 +1,5 @@
-/* Merging: light that lands near a surface point counts for it too (--caustics merge), so that few paths make a smooth
- * caustic, at the price of a blurred one.
+/* Merging: light that lands near a surface point counts for it too (--caustics merge, vcm), so that few paths make a
+ * smooth caustic, at the price of a blurred one.
  *
  * What has landed in a texel is taken to lie at its place x_p, of which the texel is the resolution. It is spread over
  * the points near it. With phi_p the flux that landed at point p, a_q the area of point q that is there to be lit, and
@@ -70,6 +70,16 @@ int kiln_merge_set_radius(struct kiln_merge *merge, double radius, struct kiln_e
 int kiln_merge_spread(struct kiln_merge *merge, const struct kiln_landing_sum *landed, double radius,
                       struct kiln_merged *merged, struct kiln_error *error);
 
+/* Collective. Gives each point a radius of its own, by what has landed in all iterations (`landed`: of own points):
+ * the widest whose light E = sum of phi / sum of a agrees with that of all narrower ones, as far as chance lets it
+ * (Lepski's rule: intervals of 1.5 standard errors about E all meet); or the narrowest within which there are as many
+ * as `landings` of equal flux, (sum of phi)^2 / sum of phi^2. From the point alone to the radius set in ten steps. Two
+ * points are near each other, then, where they are by the smaller of both: a caustic with a narrow radius keeps its
+ * edge, and the dark beside it nothing of it, while what lands alone is spread far. Spreading goes by these until
+ * another radius is set. KILN_SYSTEM. */
+int kiln_merge_fit(struct kiln_merge *merge, const struct kiln_landing_sum *landed, double landings,
+                   struct kiln_error *error);
+
 /* What a radius is looked for with. */
 struct kiln_merge_search {
     const struct kiln_landing_sum *landed; /* in the first iteration, of own points */
@@ -98,8 +108,9 @@ double kiln_merge_error(const struct kiln_merged *merged, uint64_t iterations);
 
 /* About, bytes that a rank needs of each of its points, besides struct kiln_merged: places twice, fluxes, weights
  * twice, the grid, and what it is made with. Points of others count likewise, and are few. */
-enum { KILN_MERGE_POINT_BYTES = 2 * 40 + 32 + 2 * 16 + 16 + 12 + 16 };
-/* How often the points near each point are looked for: of each radius, and while one is found, about. */
-enum { KILN_MERGE_PASSES = 4, KILN_MERGE_SEARCH_PASSES = 12 };
+enum { KILN_MERGE_POINT_BYTES = 2 * 40 + 32 + 2 * 16 + 2 * 32 + 12 };
+/* How often the points near each point are looked for: of each radius, while one is found, and while each point gets
+ * its own, about: as dear as several passes that spread. */
+enum { KILN_MERGE_PASSES = 4, KILN_MERGE_SEARCH_PASSES = 12, KILN_MERGE_FIT_PASSES = 8 };
 
 #endif

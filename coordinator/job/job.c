@@ -303,14 +303,17 @@ static int check_paths(struct kiln_job *job, struct kiln_error *error)
         int from, to; /* enum kiln_caustics */
     } of_paths[] = {{"photons", "traces no light paths", "land", KILN_CAUSTICS_LAND, KILN_CAUSTICS_VCM},
                     {"iterations", "traces no light paths", "land", KILN_CAUSTICS_LAND, KILN_CAUSTICS_VCM},
-                    {"merge-radius", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_MERGE},
-                    {"radius-alpha", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_MERGE},
+                    {"merge-radius", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_VCM},
+                    {"radius-alpha", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_VCM},
                     {"mis", "shares nothing", "vcm", KILN_CAUSTICS_VCM, KILN_CAUSTICS_VCM}};
     const bool merges = kiln_job_is_reference(job) && strcmp(job->method, "vcm") == 0;
     for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths; i++) {
         if (merges && strcmp(of_paths[i].name, "merge-radius") == 0)
             continue;
-        const int settled = job->caustics == KILN_CAUSTICS_AUTO ? KILN_CAUSTICS_VCM : job->caustics;
+        const bool alone = kiln_job_is_reference(job) && of_paths[i].from == KILN_CAUSTICS_MERGE; /* by --caustics */
+        const int settled = alone                                 ? KILN_CAUSTICS_NONE
+                            : job->caustics == KILN_CAUSTICS_AUTO ? KILN_CAUSTICS_VCM
+                                                                  : job->caustics;
         if ((settled < of_paths[i].from || settled > of_paths[i].to) && given(job, of_paths[i].name))
             return kiln_fail(error, KILN_USAGE, "--%s: --caustics %s %s; give --caustics %s, or leave --%s out",
                              of_paths[i].name, caustics[job->caustics], of_paths[i].what, of_paths[i].choice,

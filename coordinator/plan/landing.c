@@ -53,9 +53,10 @@ static double merge_seconds(const struct kiln_integrate_settings *settings, uint
 {
     const double radii = floor(log2((double)settings->iterations)) + 1.0,
                  found = settings->merge_radius == KILN_MERGE_RADIUS_AUTO ? KILN_MERGE_SEARCH_PASSES : 0.0;
-    return settings->caustics == KILN_CAUSTICS_MERGE
-               ? MERGE_PASS_SECONDS * (KILN_MERGE_PASSES * radii + found) * (double)points / threads
-               : 0.0;
+    const double passes = settings->caustics == KILN_CAUSTICS_MERGE ? KILN_MERGE_PASSES * radii + found
+                          : kiln_landing_spreads(settings)          ? KILN_MERGE_PASSES + KILN_MERGE_FIT_PASSES
+                                                                    : 0.0;
+    return MERGE_PASS_SECONDS * passes * (double)points / threads;
 }
 
 int kiln_plan_landing_measure(struct kiln_plan_landing *landing, const struct kiln_prepared *p,

@@ -1,4 +1,4 @@
-"""--caustics merge: light that lands counts nearby: flux stays, edges are not darkened, and errors are as they say."""
+"""--caustics merge, vcm: light that lands counts nearby: flux stays, edges are not darkened, errors are as said."""
 import json
 import os
 import subprocess
@@ -118,11 +118,35 @@ class Merge(unittest.TestCase):
             self.assertTrue(np.array_equal(lights[which]["caustic"][floor], lights["gather"]["caustic"][floor]), which)
             self.assertTrue(np.allclose(power[which], power["land"], rtol=1e-5), power)
 
+    def test_shared(self):
+        """--caustics vcm spreads what lands as far as it suits each place: flux stays, so small a radius that no texel
+        has another within it is the texel, the error falls, and a caustic's edge stays: what lies dark beside it does
+        not get its light."""
+        fine = ("--texels-per-metre", "24", "--photons", "20000", "--iterations", "4", "--caustics")
+        folders = [self.bake(self.spheres, *fine, *which) for which in
+                   (("vcm", "--merge-radius", "texel"), ("vcm", "--merge-radius", "1e-6"), ("vcm",),
+                    ("land", "--photons", "400000", "--seed", "9"))]
+        texel, tiny, near, best = (self.light(folder) for folder in folders)
+        self.assertTrue(np.allclose(tiny["caustic"], texel["caustic"], rtol=1e-5, atol=1e-7))
+        power = [(light["caustic"] * light["area"][:, None]).sum(0) for light in (texel, near)]
+        self.assertTrue(np.allclose(*power, rtol=1e-5), power)
+        off = [np.sqrt((light["area"] * ((light["caustic"] - best["caustic"]) @ LUMINANCE)**2).sum())
+               for light in (texel, near)]
+        dark = best["caustic"] @ LUMINANCE < 0.01 * (best["caustic"] @ LUMINANCE).mean()
+        shares = [(light["area"] * (light["caustic"] @ LUMINANCE))[dark].sum() / (p @ LUMINANCE)
+                  for light, p in zip((texel, near), power)]
+        print("error %.4f, spread %.4f; in the dark %.5f, spread %.5f of the light" % (*off, *shares))
+        self.assertLess(off[1], 0.7 * off[0])
+        self.assertLess(shares[1], shares[0] + 0.005)
+        self.assertTrue(0.1 < self.report(folders[2])["materials"]["merge_radius"] < 0.6)
+
     def test_same_bits(self):
-        """On 1, 2, 3 and 5 ranks; with cells of another size, and without cells; and with a radius that is found."""
+        """On 1, 2, 3 and 5 ranks; with cells of another size, and without cells; with a radius for each point; and with
+        one that is found."""
         ways = (((), 1), ((), 2), ((), 3), ((), 5), (("--cell-size", "1.5"), 2), (("--partition", "objects"), 3))
         fine = ("--texels-per-metre", "12", "--photons", "2000")
-        for options, runs in ((("--merge-radius", "0.5"), ways), (fine, (((), 1), ((), 3)))):
+        shared = ("--caustics", "vcm", "--texels-per-metre", "12", "--samples-indirect", "16")
+        for options, runs in ((("--merge-radius", "0.5"), ways), (shared, ways), (fine, (((), 1), ((), 3)))):
             first, *others = (self.light(self.bake(self.spheres, *SPHERES, "--caustics", "merge", "--threads", "1",
                                                    *options, *more, ranks=ranks)) for more, ranks in runs)
             for other in others:

@@ -278,7 +278,7 @@ static void test_merge_radius(void **state)
         int status;
         double taken; /* m */
     } cases[] = {{"vcm", "0.25", KILN_OK, 0.25},  {"vcm", "auto", KILN_OK, 0.0},    {"vcm", "texel", KILN_OK, 0.0},
-                 {"bdpt", "0.25", KILN_USAGE, 0}, {"path", "texel", KILN_USAGE, 0}, {"cells", "0.25", KILN_USAGE, 0}};
+                 {"bdpt", "0.25", KILN_USAGE, 0}, {"path", "texel", KILN_USAGE, 0}, {"cells", "0.25", KILN_OK, 0.0}};
     const struct kiln_scene diffuse = {0};
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         struct kiln_job *job = NULL;
