@@ -128,7 +128,7 @@ class Merge(unittest.TestCase):
                     ("land", "--photons", "400000", "--seed", "9"))]
         texel, tiny, near, best = (self.light(folder) for folder in folders)
         self.assertTrue(np.allclose(tiny["caustic"], texel["caustic"], rtol=1e-5, atol=1e-7))
-        power = [(light["caustic"] * light["area"][:, None]).sum(0) for light in (texel, near)]
+        power = [(light["caustic"] * light["area"][:, None]).sum(0, dtype=float) for light in (texel, near)]
         self.assertTrue(np.allclose(*power, rtol=1e-5), power)
         off = [np.sqrt((light["area"] * ((light["caustic"] - best["caustic"]) @ LUMINANCE)**2).sum())
                for light in (texel, near)]
