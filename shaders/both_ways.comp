@@ -7,6 +7,7 @@
  * light is long, and stands once: a round asks for what its job needs of it. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
 #include "shaders/sum.glsl"
@@ -761,6 +762,21 @@ void round_()
     take(asked);
 }
 
+/* Jobs in turn: those from one of `stages` up to the next go round together. Threads that run in step thus have one job
+ * each time: those that are done with theirs wait for the others, where else each would go through all that any of them
+ * has to do. */
+void go_through()
+{
+    const uint stages[6] = uint[6](SPLAT, ARRIVE, NEAR, MERGE, GO_ON, END);
+    [[dont_unroll]] for (uint k = 0u; k < 5u; k++) {
+        const uint first = stages[k], end = stages[k + 1u];
+        [[dont_unroll]] while (job >= first && job < end)
+            [[dont_unroll]] for (uint j = first; j < end; j++)
+                if (job == j)
+                    round_();
+    }
+}
+
 void follow()
 {
     weight = vec3(1.0);
@@ -775,8 +791,8 @@ void follow()
     else
         camera_ray();
     while (job != END)
-        round_();
-    good = job == END && still_loops();
+        go_through();
+    good = job == END && still_loops(push.count);
 }
 
 void kiln_kernel(uint x, uint y)
