@@ -32,7 +32,7 @@ uint job;
 
 /* The camera's path under way. */
 uint64_t pixel;
-Vertex here; /* where it is */
+Vertex here; /* where it is; before it begins, the vertex of light that is connected to the camera */
 vec3 origin, direction, weight, radiance;
 kiln_path_sums sums;
 uint surface, bounces, chain, rays;
@@ -41,7 +41,7 @@ vec3 before, before_normal; /* the vertex before, and its light_normal */
 Way way;                    /* on from here */
 bool good;                  /* the device has ended no loop early */
 
-/* The vertex of light under way, as it was kept, and what is left of its path. */
+/* The vertex of light under way, as it was kept; as the far end of a connection; and what is left of its path. */
 kiln_gpu_light_vertex kept;
 Vertex there;
 uint next;
@@ -257,7 +257,7 @@ void ask_splat()
 
 void ask_see()
 {
-    const vec3 d = vertex_start(there, view.towards) - view.origin;
+    const vec3 d = vertex_start(here, view.towards) - view.origin;
     const float distance = length(d);
     rays++;
     wants_trace = true;
@@ -518,16 +518,16 @@ void begin_vertex()
 
 /* ---- what a round has found ---- */
 
-/* The vertex of light that was asked for. */
-void use_there()
+/* The vertex of light that was asked for: the far end of a connection, or what the camera may see. */
+void use_light()
 {
     if (job == FAR) {
         ask_scatter(normalize(here.m.position - there.m.position), there.from, KILN_LOBE_ALL);
         return;
     }
-    hit.back = dot(there.front, view.towards) < 0.0;
+    hit.back = dot(here.front, view.towards) < 0.0;
     if (is_seen(hit))
-        ask_scatter(view.towards, there.from, KILN_LOBE_ALL);
+        ask_scatter(view.towards, here.from, KILN_LOBE_ALL);
 }
 
 void take_splat()
@@ -535,11 +535,11 @@ void take_splat()
     if (!sends)
         return;
     const vec3 product =
-        scatter_product(s, kept.number > 0u, vec3(1.0), vec3(0.0), int(BOTH.most) - int(there.bounces));
+        scatter_product(s, kept.number > 0u, vec3(1.0), vec3(0.0), int(BOTH.most) - int(here.bounces));
     const real density = camera_density(view.towards, view.distance, s.cosine_o) / real(BOTH.paths);
     const real share =
-        CONNECTS ? kiln_path_weight_seen(path_techniques(), there.sums, density, real(s.to_light)) : real(1);
-    brings = product * there.weight * vertex_attenuation(there, view.towards, view.distance) * float(density * share);
+        CONNECTS ? kiln_path_weight_seen(path_techniques(), here.sums, density, real(s.to_light)) : real(1);
+    brings = product * here.weight * vertex_attenuation(here, view.towards, view.distance) * float(density * share);
     if (shines(product))
         job = SEE;
 }
@@ -691,7 +691,7 @@ void take(uint asked)
 /* The hit and the direction of the vertex that is wanted. */
 void find_vertex()
 {
-    const bool arrival = job == ARRIVE;
+    const bool arrival = job == ARRIVE, far = CONNECTS && job == FAR;
     if (!arrival) {
         hit.triangle = kept.triangle & ~KILN_GPU_BOTH_BACK;
         hit.back = (kept.triangle & KILN_GPU_BOTH_BACK) != 0u;
@@ -700,14 +700,15 @@ void find_vertex()
         hit.distance = 0.0;
     }
     Vertex v = vertex_make(hit, arrival ? direction : -kept.from, arrival ? surface == 0u : job == SPLAT);
-    if (arrival) {
-        here = v;
-        return;
+    if (!arrival) {
+        v.weight = vec3(kept.flux[0], kept.flux[1], kept.flux[2]);
+        v.sums = kiln_path_sums(real(kept.vcm), real(kept.vc), real(kept.vm));
+        v.bounces = kept.bounces;
     }
-    v.weight = vec3(kept.flux[0], kept.flux[1], kept.flux[2]);
-    v.sums = kiln_path_sums(real(kept.vcm), real(kept.vc), real(kept.vm));
-    v.bounces = kept.bounces;
-    there = v;
+    if (far)
+        there = v;
+    else
+        here = v;
 }
 
 /* So that what scatters is always in one place: a copy for each photon would cost. */
@@ -733,17 +734,17 @@ void round_()
     if (wants_vertex) {
         find_vertex();
         if (asked != ARRIVE)
-            use_there();
+            use_light();
         else if (!settle())
             wants_vertex = false;
     }
     sends = false;
     if (wants_scatter) {
-        const bool of_light = (SPLATS && asked == SPLAT) || (CONNECTS && asked == FAR);
-        if (of_light)
+        const bool far = CONNECTS && asked == FAR;
+        if (far)
             change_places();
         sends = vertex_scatter(here, o_, i_, which, s);
-        if (of_light)
+        if (far)
             change_places();
     }
     if (CONNECTS && wants_light) {
