@@ -314,11 +314,22 @@ void ask_lamp()
 
 int allowed(uint other) { return int(BOTH.most) - int(here.bounces) - int(other); }
 
-void ask_near()
+/* Whether the vertex of light may be connected to this one; where this one is diffuse, only if it faces there. */
+bool may_connect()
 {
     const vec3 d = kept.position - here.m.position;
-    if (dot(d, d) > 0.0 && allowed(kept.bounces) >= 0 && kiln_path_allows(BOTH.path_length, surface + kept.number + 3u))
-        ask_scatter(here.from, normalize(d), KILN_LOBE_ALL);
+    return dot(d, d) > 0.0 && allowed(kept.bounces) >= 0 &&
+           kiln_path_allows(BOTH.path_length, surface + kept.number + 3u) &&
+           (here.m.gloss || dot(here.m.normal, normalize(d)) > 0.0);
+}
+
+/* The next one that may be; false: none is left. What stays dark costs no round of its own. */
+bool next_facing()
+{
+    bool faces = false;
+    while (!faces && next_kept())
+        faces = may_connect();
+    return faces;
 }
 
 bool near_enough(vec3 place)
@@ -416,8 +427,8 @@ void ask()
     else if (CONNECTS && job == SKY)
         ask_sky();
     else if (CONNECTS && job == NEAR) {
-        if (next_kept())
-            ask_near();
+        if (next_facing())
+            ask_scatter(here.from, normalize(kept.position - here.m.position), KILN_LOBE_ALL);
         else {
             job = MERGES ? MERGE : GO_ON;
             if (MERGES)
