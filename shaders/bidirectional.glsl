@@ -338,16 +338,6 @@ uint path_chance(uint key, uint which, uint surface)
     return kiln_hash2(kiln_path_key(key, kiln_path_use(surface, KILN_PATH_CHANCE)), which);
 }
 
-/* Whether the device still goes round loops. A software device ends them after 65,535 rounds in all, each at the end of
- * its first round; also those of tracing, so that a path may end as if its ray had met nothing. */
-bool still_loops()
-{
-    uint rounds = 0u;
-    for (uint k = 0u; k < 3u * min(push.count, 1u); k++)
-        rounds++;
-    return rounds == 3u;
-}
-
 /* ---- places of photons ---- */
 
 #include "shaders/photon_cells.glsl"

@@ -7,6 +7,7 @@
  * light is long, and stands once: a round asks for what its job needs of it. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
 #include "shaders/sum.glsl"
@@ -31,7 +32,7 @@ uint job;
 
 /* The camera's path under way. */
 uint64_t pixel;
-Vertex here; /* where it is */
+Vertex here; /* where it is; before it begins, the vertex of light that is connected to the camera */
 vec3 origin, direction, weight, radiance;
 kiln_path_sums sums;
 uint surface, bounces, chain, rays;
@@ -40,7 +41,7 @@ vec3 before, before_normal; /* the vertex before, and its light_normal */
 Way way;                    /* on from here */
 bool good;                  /* the device has ended no loop early */
 
-/* The vertex of light under way, as it was kept, and what is left of its path. */
+/* The vertex of light under way, as it was kept; as the far end of a connection; and what is left of its path. */
 kiln_gpu_light_vertex kept;
 Vertex there;
 uint next;
@@ -256,7 +257,7 @@ void ask_splat()
 
 void ask_see()
 {
-    const vec3 d = vertex_start(there, view.towards) - view.origin;
+    const vec3 d = vertex_start(here, view.towards) - view.origin;
     const float distance = length(d);
     rays++;
     wants_trace = true;
@@ -313,11 +314,22 @@ void ask_lamp()
 
 int allowed(uint other) { return int(BOTH.most) - int(here.bounces) - int(other); }
 
-void ask_near()
+/* Whether the vertex of light may be connected to this one; where this one is diffuse, only if it faces there. */
+bool may_connect()
 {
     const vec3 d = kept.position - here.m.position;
-    if (dot(d, d) > 0.0 && allowed(kept.bounces) >= 0 && kiln_path_allows(BOTH.path_length, surface + kept.number + 3u))
-        ask_scatter(here.from, normalize(d), KILN_LOBE_ALL);
+    return dot(d, d) > 0.0 && allowed(kept.bounces) >= 0 &&
+           kiln_path_allows(BOTH.path_length, surface + kept.number + 3u) &&
+           (here.m.gloss || dot(here.m.normal, normalize(d)) > 0.0);
+}
+
+/* The next one that may be; false: none is left. What stays dark costs no round of its own. */
+bool next_facing()
+{
+    bool faces = false;
+    while (!faces && next_kept())
+        faces = may_connect();
+    return faces;
 }
 
 bool near_enough(vec3 place)
@@ -415,8 +427,8 @@ void ask()
     else if (CONNECTS && job == SKY)
         ask_sky();
     else if (CONNECTS && job == NEAR) {
-        if (next_kept())
-            ask_near();
+        if (next_facing())
+            ask_scatter(here.from, normalize(kept.position - here.m.position), KILN_LOBE_ALL);
         else {
             job = MERGES ? MERGE : GO_ON;
             if (MERGES)
@@ -517,16 +529,16 @@ void begin_vertex()
 
 /* ---- what a round has found ---- */
 
-/* The vertex of light that was asked for. */
-void use_there()
+/* The vertex of light that was asked for: the far end of a connection, or what the camera may see. */
+void use_light()
 {
     if (job == FAR) {
         ask_scatter(normalize(here.m.position - there.m.position), there.from, KILN_LOBE_ALL);
         return;
     }
-    hit.back = dot(there.front, view.towards) < 0.0;
+    hit.back = dot(here.front, view.towards) < 0.0;
     if (is_seen(hit))
-        ask_scatter(view.towards, there.from, KILN_LOBE_ALL);
+        ask_scatter(view.towards, here.from, KILN_LOBE_ALL);
 }
 
 void take_splat()
@@ -534,11 +546,11 @@ void take_splat()
     if (!sends)
         return;
     const vec3 product =
-        scatter_product(s, kept.number > 0u, vec3(1.0), vec3(0.0), int(BOTH.most) - int(there.bounces));
+        scatter_product(s, kept.number > 0u, vec3(1.0), vec3(0.0), int(BOTH.most) - int(here.bounces));
     const real density = camera_density(view.towards, view.distance, s.cosine_o) / real(BOTH.paths);
     const real share =
-        CONNECTS ? kiln_path_weight_seen(path_techniques(), there.sums, density, real(s.to_light)) : real(1);
-    brings = product * there.weight * vertex_attenuation(there, view.towards, view.distance) * float(density * share);
+        CONNECTS ? kiln_path_weight_seen(path_techniques(), here.sums, density, real(s.to_light)) : real(1);
+    brings = product * here.weight * vertex_attenuation(here, view.towards, view.distance) * float(density * share);
     if (shines(product))
         job = SEE;
 }
@@ -690,7 +702,7 @@ void take(uint asked)
 /* The hit and the direction of the vertex that is wanted. */
 void find_vertex()
 {
-    const bool arrival = job == ARRIVE;
+    const bool arrival = job == ARRIVE, far = CONNECTS && job == FAR;
     if (!arrival) {
         hit.triangle = kept.triangle & ~KILN_GPU_BOTH_BACK;
         hit.back = (kept.triangle & KILN_GPU_BOTH_BACK) != 0u;
@@ -699,14 +711,15 @@ void find_vertex()
         hit.distance = 0.0;
     }
     Vertex v = vertex_make(hit, arrival ? direction : -kept.from, arrival ? surface == 0u : job == SPLAT);
-    if (arrival) {
-        here = v;
-        return;
+    if (!arrival) {
+        v.weight = vec3(kept.flux[0], kept.flux[1], kept.flux[2]);
+        v.sums = kiln_path_sums(real(kept.vcm), real(kept.vc), real(kept.vm));
+        v.bounces = kept.bounces;
     }
-    v.weight = vec3(kept.flux[0], kept.flux[1], kept.flux[2]);
-    v.sums = kiln_path_sums(real(kept.vcm), real(kept.vc), real(kept.vm));
-    v.bounces = kept.bounces;
-    there = v;
+    if (far)
+        there = v;
+    else
+        here = v;
 }
 
 /* So that what scatters is always in one place: a copy for each photon would cost. */
@@ -732,17 +745,17 @@ void round_()
     if (wants_vertex) {
         find_vertex();
         if (asked != ARRIVE)
-            use_there();
+            use_light();
         else if (!settle())
             wants_vertex = false;
     }
     sends = false;
     if (wants_scatter) {
-        const bool of_light = (SPLATS && asked == SPLAT) || (CONNECTS && asked == FAR);
-        if (of_light)
+        const bool far = CONNECTS && asked == FAR;
+        if (far)
             change_places();
         sends = vertex_scatter(here, o_, i_, which, s);
-        if (of_light)
+        if (far)
             change_places();
     }
     if (CONNECTS && wants_light) {
@@ -761,6 +774,21 @@ void round_()
     take(asked);
 }
 
+/* Jobs in turn: those from one of `stages` up to the next go round together. Threads that run in step thus have one job
+ * each time: those that are done with theirs wait for the others, where else each would go through all that any of them
+ * has to do. */
+void go_through()
+{
+    const uint stages[6] = uint[6](SPLAT, ARRIVE, NEAR, MERGE, GO_ON, END);
+    [[dont_unroll]] for (uint k = 0u; k < 5u; k++) {
+        const uint first = stages[k], end = stages[k + 1u];
+        [[dont_unroll]] while (job >= first && job < end)
+            [[dont_unroll]] for (uint j = first; j < end; j++)
+                if (job == j)
+                    round_();
+    }
+}
+
 void follow()
 {
     weight = vec3(1.0);
@@ -775,8 +803,8 @@ void follow()
     else
         camera_ray();
     while (job != END)
-        round_();
-    good = job == END && still_loops();
+        go_through();
+    good = job == END && still_loops(push.count);
 }
 
 void kiln_kernel(uint x, uint y)

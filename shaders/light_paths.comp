@@ -155,7 +155,7 @@ void kiln_kernel(uint x, uint y)
     }
     BothWords(BOTH.last).at[path - push.path] = last;
     BothCounts counts = BothCounts(BOTH.counts);
-    if (under_way || !still_loops())
+    if (under_way || !still_loops(push.count))
         counts.at[0].stopped = 1u;
     const uint slot = 2u * (x % KILN_GPU_BOTH_RAYS);
     const uint old = atomicAdd(counts.at[0].rays[slot], rays);

@@ -222,7 +222,7 @@ void kiln_kernel(uint x, uint y)
             sums.low[c] = sum.low;
         }
     }
-    good = good && k >= push.samples && sums.count != KILN_GPU_PATH_STOPPED;
+    good = good && k >= push.samples && still_loops(push.count) && sums.count != KILN_GPU_PATH_STOPPED;
     sums.count = good ? sums.count + push.samples : KILN_GPU_PATH_STOPPED;
     sums.rays += rays;
     all.at[0] = sums;

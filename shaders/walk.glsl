@@ -53,6 +53,17 @@ kiln_hit walk_trace(vec3 origin, vec3 direction, uint use, out vec3 tint)
     return kiln_trace_by_chance(origin, direction, kiln_hash2(kiln_path_key(walk_key, use), walk_sample), tint);
 }
 
+/* Whether the device still goes round loops. A software device ends them after 65,535 rounds in all, each at the end of
+ * its first round; also those of tracing, so that a path may end as if its ray had met nothing. `threads`: of the
+ * dispatch, which are more than none. */
+bool still_loops(uint threads)
+{
+    uint rounds = 0u;
+    for (uint k = 0u; k < 3u * min(threads, 1u); k++)
+        rounds++;
+    return rounds == 3u;
+}
+
 uint material_of(uint triangle)
 {
     return floatBitsToUint(RecordHalves(SCENE.records + uint64_t(triangle) * 32ul).at[1].w);

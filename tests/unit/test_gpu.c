@@ -312,6 +312,26 @@ static void pace_follows_what_is_measured(void **state)
     assert_int_equal(gpu_pacer_next(&pacer, 1000), 4000);
 }
 
+/* Of threads that take 1 us each in the mean, and one of them 100 ms, which is longer than the slice. */
+static double took(uint64_t threads) { return 0.1 + 1e-6 * (double)threads; }
+
+static void pace_does_not_wait_for_few(void **state)
+{
+    (void)state;
+    struct gpu_pacer pacer = {.slice_seconds = 0.1}, filling = pacer;
+    assert_int_equal(gpu_pacer_next_filling(&filling, 100000, 64), 100000);
+    for (uint32_t i = 0; i < 100; i++) {
+        const uint64_t some = gpu_pacer_next(&pacer, 100000), more = gpu_pacer_next_filling(&filling, 100000, 64);
+        gpu_pacer_learn(&pacer, some, took(some));
+        gpu_pacer_learn(&filling, more, took(more));
+    }
+    assert_int_equal(gpu_pacer_next(&pacer, 1), 1); /* ever fewer, and none of them sooner */
+    assert_in_range(gpu_pacer_next_filling(&filling, 1, 64), 20000, 80000);
+    assert_int_equal(gpu_pacer_next_filling(&filling, 1, 90000), 90000);
+    gpu_pacer_learn(&filling, 40000, 1.0); /* far too long: never more than four times what the slice is enough for */
+    assert_int_equal(gpu_pacer_next_filling(&filling, 1, 64), 4 * gpu_pacer_next(&filling, 1));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -319,7 +339,7 @@ int main(void)
         cmocka_unit_test(kernels_reach_every_thread),    cmocka_unit_test(steps_follow_each_other),
         cmocka_unit_test(memory_has_its_limit),          cmocka_unit_test(choices_that_cannot_be_met_are_refused),
         cmocka_unit_test(every_call_may_fail),           cmocka_unit_test(validation_is_silent),
-        cmocka_unit_test(pace_follows_what_is_measured),
+        cmocka_unit_test(pace_follows_what_is_measured), cmocka_unit_test(pace_does_not_wait_for_few),
     };
     struct kiln_error error = {0};
     struct gpu *gpu = NULL;

@@ -38,8 +38,9 @@ static const struct vulkan_shader both_shader = {.name = "paths both ways",
 static const struct vulkan_shader photon_shader = {
     .name = "buckets of photons", .compute = VULKAN_CODE(photons), .compute_float = VULKAN_CODE(photons_float)};
 
-/* Pixels whose own paths of light are kept at once where no others are asked for; and where the pacer begins. */
-enum { MOST_PIXELS = 1 << 18, FIRST_GUESS = 1 << 13, MOST_BOUNCES = 1 << 29 };
+/* Pixels whose own paths of light are kept at once where no others are asked for; where the pacer begins; and the
+ * fewest paths of a dispatch, of which a GPU runs thousands side by side (a software device a handful). */
+enum { MOST_PIXELS = 1 << 19, FIRST_GUESS = 1 << 13, LEAST = 1 << 13, LEAST_SOFTWARE = 64, MOST_BOUNCES = 1 << 29 };
 
 /* A call's working set. */
 struct both_run {
@@ -258,12 +259,11 @@ static int run_paced(struct both_run *r, struct gpu_kernel *kernel, size_t pace,
                      struct kiln_error *error)
 {
     struct gpu_pacer *pacer = &r->b->pacers[pace];
+    const uint64_t least = gpu_about(r->b->gpu)->software ? LEAST_SOFTWARE : LEAST;
     int status = KILN_OK;
     for (uint64_t done = 0; done < count && status == KILN_OK; done += r->push.count) {
-        const uint64_t enough = gpu_pacer_next(pacer, FIRST_GUESS), left = count - done,
-                       some = enough < 64         ? 64
-                              : enough < 1u << 30 ? enough
-                                                  : 1u << 30;
+        const uint64_t enough = gpu_pacer_next_filling(pacer, FIRST_GUESS, least), left = count - done,
+                       some = enough < 1u << 30 ? enough : 1u << 30;
         double seconds;
         r->push.index = first + done;
         r->push.sums = r->sums.address + (first + done - r->first) * sizeof(struct kiln_gpu_path_sums);

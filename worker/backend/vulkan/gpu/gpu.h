@@ -161,8 +161,15 @@ void gpu_clock_read(const struct gpu *gpu, struct gpu_clock *clock);
  * counted in anything that time is about proportional to (points, rays). */
 struct gpu_pacer {
     double slice_seconds, rate; /* rate: work per second; 0: not known yet */
+    uint64_t filling;           /* work below which dispatches were hardly shorter; 0: none is known */
+    uint64_t compared;          /* work and time that the next much smaller dispatch is compared with */
+    double compared_seconds;
 };
 uint64_t gpu_pacer_next(const struct gpu_pacer *pacer, uint64_t first_guess);
+/* The same for work whose parts take unequal time, one thread each. A dispatch takes as long as its slowest thread, and
+ * one with too few threads leaves the device idle: `least` at least, and as much as is known to take hardly longer, up
+ * to four times what the slice is enough for. */
+uint64_t gpu_pacer_next_filling(const struct gpu_pacer *pacer, uint64_t first_guess, uint64_t least);
 void gpu_pacer_learn(struct gpu_pacer *pacer, uint64_t work, double seconds);
 
 #endif

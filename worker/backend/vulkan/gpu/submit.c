@@ -247,6 +247,26 @@ uint64_t gpu_pacer_next(const struct gpu_pacer *pacer, uint64_t first_guess)
     return work >= 0x1p63 ? UINT64_MAX / 2 : work > 1.0 ? (uint64_t)work : 1;
 }
 
+uint64_t gpu_pacer_next_filling(const struct gpu_pacer *pacer, uint64_t first_guess, uint64_t least)
+{
+    const uint64_t enough = gpu_pacer_next(pacer, first_guess), most = enough < UINT64_MAX / 8 ? 4 * enough : enough,
+                   filling = pacer->filling < most ? pacer->filling : most,
+                   wanted = enough > filling ? enough : filling;
+    return wanted > least ? wanted : least;
+}
+
+/* Whether half the work or less has taken hardly less time. */
+static void compare(struct gpu_pacer *pacer, uint64_t work, double seconds)
+{
+    const bool smaller = work <= pacer->compared / 2;
+    if (smaller && seconds > 0.75 * pacer->compared_seconds)
+        pacer->filling = pacer->compared;
+    if (smaller || work > pacer->compared) {
+        pacer->compared = work;
+        pacer->compared_seconds = seconds;
+    }
+}
+
 void gpu_pacer_learn(struct gpu_pacer *pacer, uint64_t work, double seconds)
 {
     if (work == 0 || seconds <= 0.0)
@@ -254,4 +274,5 @@ void gpu_pacer_learn(struct gpu_pacer *pacer, uint64_t work, double seconds)
     const double rate = (double)work / seconds;
     /* slower at once, faster by and by */
     pacer->rate = rate < pacer->rate || pacer->rate <= 0.0 ? rate : 0.5 * (rate + pacer->rate);
+    compare(pacer, work, seconds);
 }
