@@ -22,6 +22,9 @@
  * follow. Who has a point weighs what lands there, by the rays and the area of the point. Then the rays of the batch's
  * tile runs are gathered, and both added; errors add up by their squares.
  *
+ * With --mis variance and correlation pilot rays of all points then teach factors of the techniques (land_factors.h), a
+ * sixteenth of the rays of the step, 16 a point at least.
+ *
  * Where the backend of the bake is a device, the host traces the paths and these rays, with Embree and a BVH of its own
  * for the step.
  *
@@ -63,7 +66,7 @@ int kiln_landing_run(struct kiln_landing *landing, struct kiln_error *error);
 
 /* What a checkpoint within the step keeps: fills in blocks, which borrow, and returns how many. None outside of a step
  * that lands, and none while pilots are traced, which a bake that goes on traces again. */
-enum { KILN_LANDING_BLOCKS = 6 };
+enum { KILN_LANDING_BLOCKS = 7 };
 size_t kiln_landing_blocks(struct kiln_landing *landing, struct kiln_block blocks[KILN_LANDING_BLOCKS]);
 
 /* The step is over: frees what it needed. */

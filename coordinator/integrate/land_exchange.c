@@ -69,8 +69,11 @@ static double weigh(const struct kiln_land_exchange *e, const struct kiln_landin
     const struct kiln_landing_weights *w = e->weights;
     if (w == NULL)
         return 1.0;
-    return kiln_caustic_weight_landed(w->mis, (double)record->others, w->rays,
-                                      (double)w->area[record->point - e->first[e->rank]]);
+    const uint64_t own = record->point - e->first[e->rank];
+    const double others = w->factors == NULL ? (double)record->others
+                                             : kiln_caustic_others_by(&w->factors[w->region_of[own]],
+                                                                      (double)record->others, (double)record->sampled);
+    return kiln_caustic_weight_landed(w->mis, others, w->rays, (double)w->area[own]);
 }
 
 void kiln_land_add(const struct kiln_landing_record *record, double weight, struct kiln_landing_sum *sum)

@@ -12,7 +12,9 @@ struct chain {
     const struct kiln_caustic_techniques *t;
     float weight[3]; /* what of the radiance that comes now reaches the chain's begin */
     struct kiln_caustic_gathered sums;
-    float *light;
+    double sample;      /* factor of samples' densities */
+    bool whole;         /* light counts whole by each technique */
+    float *light, *lit; /* what hits and what samples have found */
 };
 
 static void multiply(struct chain *c, const float factor[3])
@@ -24,7 +26,7 @@ static void multiply(struct chain *c, const float factor[3])
 static void weigh(const struct chain *c, double by, float weight[3])
 {
     for (int i = 0; i < 3; i++)
-        weight[i] = (float)((double)c->weight[i] * by);
+        weight[i] = c->whole ? c->weight[i] : (float)((double)c->weight[i] * by);
 }
 
 /* ---- lights that the chain meets ---- */
@@ -33,7 +35,7 @@ static void weigh(const struct chain *c, double by, float weight[3])
 static double weigh_hit(const struct chain *c, const struct vertex *before, uint32_t light, struct kiln_dvec3 place,
                         struct kiln_dvec3 direction)
 {
-    const double connect = techniques_connect(c->t, light, before, place, direction),
+    const double connect = techniques_connect(c->t, light, before, place, direction) * c->sample,
                  emission = techniques_emission(c->t, c->walk->b, light, before, place, direction);
     return kiln_caustic_weight_hit(c->t->mis, &c->sums, connect, emission);
 }
@@ -83,7 +85,7 @@ static void add_sample(struct chain *c, const struct vertex *v, const struct kil
     float weight[3];
     if (!vertex_scatter(b, v, v->from, direction, v->m.others, &s))
         return;
-    const double connect = techniques_connect(c->t, light, v, end, down),
+    const double connect = techniques_connect(c->t, light, v, end, down) * c->sample,
                  emission = techniques_emission(c->t, b, light, v, end, down);
     c->walk->rays++;
     shadow_aim(sample, place, dvec3_of(start));
@@ -95,7 +97,7 @@ static void add_sample(struct chain *c, const struct vertex *v, const struct kil
     if (!outside)
         vertex_attenuate(v, direction, (float)sample->distance, weight);
     for (int i = 0; i < 3; i++)
-        c->light[i] += weight[i] * (float)(sample->value[i] * s.all[i] * s.cosine_i);
+        c->lit[i] += weight[i] * (float)(sample->value[i] * s.all[i] * s.cosine_i);
 }
 
 static void sample_choice(struct chain *c, const struct vertex *v, uint32_t surface, struct kiln_light_choice choice,
@@ -178,17 +180,22 @@ static bool go_on(struct chain *c, const struct vertex *v, uint32_t surface, flo
 }
 
 void chain_follow_weighed(struct walk *walk, const struct kiln_caustic_techniques *techniques, double area,
-                          uint32_t samples, uint32_t chance, uint32_t k, const struct RTCRayHit *ray, float light[3])
+                          uint32_t samples, const struct kiln_caustic_factors *factors, uint32_t chance, uint32_t k,
+                          const struct RTCRayHit *ray, float light[3], float sampled[3])
 {
     const struct embree_backend *b = walk->b;
     struct chain c = {.walk = walk,
                       .t = techniques,
                       .weight = {1.0f, 1.0f, 1.0f},
-                      .sums = kiln_caustic_gather(area, (double)samples),
-                      .light = light};
+                      .sums = kiln_caustic_gather(area, (double)samples, factors),
+                      .sample = (double)factors->sample,
+                      .whole = sampled != NULL,
+                      .light = light,
+                      .lit = sampled != NULL ? sampled : light};
     struct RTCRayHit next = *ray;
     struct vertex before;
-    memset(light, 0, 3 * sizeof *light);
+    memset(c.light, 0, 3 * sizeof *c.light);
+    memset(c.lit, 0, 3 * sizeof *c.lit);
     walk->key = kiln_chain_key(chance);
     walk->k = k;
     for (uint32_t surface = 0;; surface++) {

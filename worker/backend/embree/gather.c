@@ -44,6 +44,10 @@ struct gather_work {
     /* the weighed pass; else NULL. And of each point the area that is there to be lit, m2 */
     const struct kiln_caustic_techniques *techniques;
     double area[RAY_LANES];
+    struct kiln_caustic_factors factors[RAY_LANES];
+    /* its pilots: of each point, of what hits and what samples find by luminance: of quarters of the rays, of squares
+     */
+    double pilot[KILN_CAUSTIC_GATHERS][RAY_QUARTERS][RAY_LANES], squares[KILN_CAUSTIC_GATHERS][RAY_LANES];
     /* the reference pass; else NULL; and what of a point's incident light has bounced as often as there may be bounces
      */
     const struct kiln_reference_parameters *reference;
@@ -391,21 +395,63 @@ static void collect_lanes(const struct embree_backend *b, struct embree_context 
 
 /* ---- caustics ---- */
 
-/* The areas of the tile run's points. */
+/* The areas of the tile run's points, and the factors of the techniques there. */
 static void find_areas(struct gather_work *w, const struct embree_backend *b, size_t tile_run)
 {
+    const struct kiln_caustic_techniques *t = w->techniques;
     const struct tile_run_frame *frame = &w->rays->frame;
     const uint64_t first = kiln_own_of_global(b->surface, b->surface->tile_runs[tile_run].first).at;
-    for (uint32_t j = 0; j < frame->count; j++)
-        w->area[j] = kiln_lit_area(b->surface, (struct kiln_own_point){first + frame->place[j]}, frame->present[j]);
+    for (uint32_t j = 0; j < frame->count; j++) {
+        const struct kiln_own_point own = {first + frame->place[j]};
+        w->area[j] = kiln_lit_area(b->surface, own, frame->present[j]);
+        w->factors[j] = t->factors != NULL ? t->factors[t->region_of[own.at]] : kiln_caustic_factors_alike;
+    }
 }
 
 static void follow_weighed(struct gather_work *w, uint32_t step, uint32_t l)
 {
     const struct tile_run_rays *r = w->rays;
     const struct RTCRayHit ray = rays_lane(r, l);
-    chain_follow_weighed(&w->walk, w->techniques, w->area[r->point[l]], r->samples, r->chance[l],
-                         rays_sample(r, step, l), &ray, w->chain.light);
+    const uint32_t j = r->point[l];
+    chain_follow_weighed(&w->walk, w->techniques, w->area[j], r->samples, &w->factors[j], r->chance[l],
+                         rays_sample(r, step, l), &ray, w->chain.light, NULL);
+}
+
+/* What a pilot's ray finds by each technique alone. */
+static void note_pilot(struct gather_work *w, uint32_t step, uint32_t l)
+{
+    const struct tile_run_rays *r = w->rays;
+    const struct RTCRayHit ray = rays_lane(r, l);
+    const uint32_t j = r->point[l], quarter = r->quarter_of[step * r->copies + r->copy[l]];
+    const double scale = KILN_PI * (double)facet_weight(r, l);
+    float found[KILN_CAUSTIC_GATHERS][3];
+    chain_follow_weighed(&w->walk, w->techniques, w->area[j], r->samples, &w->factors[j], r->chance[l],
+                         rays_sample(r, step, l), &ray, found[KILN_CAUSTIC_HIT], found[KILN_CAUSTIC_SAMPLE]);
+    for (int t = 0; t < KILN_CAUSTIC_GATHERS; t++) {
+        const double x = scale * (double)kiln_luminance_in_float(found[t]);
+        w->pilot[t][quarter][j] += x;
+        w->squares[t][j] += x * x;
+    }
+}
+
+/* Moments of the tile run's points. */
+static void store_moments(const struct gather_work *w, const struct embree_backend *b, size_t tile_run)
+{
+    const struct tile_run_frame *frame = &w->rays->frame;
+    const uint64_t first = kiln_own_of_global(b->surface, b->surface->tile_runs[tile_run].first).at;
+    const double n = (double)w->rays->samples;
+    for (uint32_t j = 0; j < frame->count; j++)
+        for (int t = 0; t < KILN_CAUSTIC_GATHERS; t++) {
+            struct kiln_caustic_moments *m = &w->techniques->moments[first + frame->place[j]];
+            double sum = 0.0, quarters = 0.0;
+            for (int q = 0; q < RAY_QUARTERS; q++) {
+                sum += w->pilot[t][q][j];
+                quarters += w->pilot[t][q][j] * w->pilot[t][q][j];
+            }
+            m->square[t] = (float)(w->squares[t][j] / n);
+            m->variance[t] = (float)(fmax(0.0, w->squares[t][j] - sum * sum / n) / (n - 1.0));
+            m->net[t] = (float)(fmax(0.0, quarters - sum * sum / RAY_QUARTERS) * RAY_QUARTERS / (RAY_QUARTERS - 1) / n);
+        }
 }
 
 /* What chains bring of lamps and sky, as radiosity; rays that meet nothing glossy bring nothing. */
@@ -418,6 +464,10 @@ static void collect_caustics(const struct embree_backend *b, struct embree_conte
         float rgb[3];
         if (!is_chain(b, r, l))
             continue;
+        if (w->techniques != NULL && w->techniques->moments != NULL) {
+            note_pilot(w, step, l);
+            continue;
+        }
         if (w->techniques != NULL)
             follow_weighed(w, step, l);
         else
@@ -603,6 +653,8 @@ static void caustic_tile_run(void *work, const struct embree_backend *b, struct 
     if (steps == 0)
         return;
     clear_sums(w);
+    memset(w->pilot, 0, sizeof w->pilot);
+    memset(w->squares, 0, sizeof w->squares);
     if (w->techniques != NULL)
         find_areas(w, b, tile_run);
     for (uint32_t step = 0; step < steps; step++) {
@@ -611,6 +663,8 @@ static void caustic_tile_run(void *work, const struct embree_backend *b, struct 
         rays_trace(w->rays, b, context, lanes);
         collect_caustics(b, context, w, step, lanes);
     }
+    if (w->techniques != NULL && w->techniques->moments != NULL)
+        store_moments(w, b, tile_run);
     memset(w->glass, 0, sizeof w->glass); /* of what gather rays find */
     store(w, results);
 }
