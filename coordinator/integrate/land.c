@@ -28,7 +28,8 @@ enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256, PATHS_AN_AIM = 4, PILOTS = 
 /* rays of a point from which factors of techniques are learnt: at least, and a part of those of the step */
 enum { PILOT_RAYS = 16, PILOT_PART = 16, PILOT_STREAM = 0x8000, PILOT_TILE_RUNS = 64 };
 
-#define PILOT_ITERATION ((uint64_t)1 << 31) /* paths of pilots are numbered from this iteration on */
+#define PILOT_ITERATION ((uint64_t)1 << 31)    /* paths of pilots are numbered from this iteration on */
+#define EXCHANGE_ITERATION ((uint64_t)1 << 40) /* and those for exchanges */
 
 /* The block "landing" of a checkpoint, once: where the step stands. After it "landing_learnt" and "landing_paths",
  * once, an element an aim; "landing_moments", likewise, of each rank; "landing_sums" and, where they are merged,
@@ -83,8 +84,10 @@ static bool shares(const struct kiln_landing *l) { return l->emission != NULL; }
 /* Whether pilots teach factors of the techniques. */
 static bool has_factors(const struct kiln_landing *l)
 {
-    return shares(l) && l->aims->count > 0 && kiln_mis_has_factors(l->techniques.mis);
+    return shares(l) && l->aims->count > 0 && kiln_mis_learns(l->techniques.mis);
 }
+/* Whether these are of exchanges between the techniques. */
+static bool exchanges(const struct kiln_landing *l) { return l->techniques.mis == KILN_MIS_OPTIMAL; }
 
 static bool merges(const struct kiln_landing *l) { return l->params->settings->caustics == KILN_CAUSTICS_MERGE; }
 
@@ -121,7 +124,7 @@ uint64_t kiln_landing_bytes(const struct kiln_integrate_settings *settings, size
         point += (double)KILN_MERGE_POINT_BYTES;
     if (settings->caustics >= KILN_CAUSTICS_MERGE) /* and what is there to be lit */
         point += (double)sizeof(float);
-    if (settings->caustics == KILN_CAUSTICS_VCM && kiln_mis_has_factors(settings->mis))
+    if (settings->caustics == KILN_CAUSTICS_VCM && kiln_mis_learns(settings->mis))
         point += (double)(sizeof(struct kiln_caustic_moments) + sizeof(uint32_t));
     return (uint64_t)(records + aim * (double)aims + point * points);
 }
@@ -552,6 +555,22 @@ static void add_landing(void *context, const struct kiln_landing_record *record,
     kiln_land_add(record, weight, &l->sums[record->point - l->exchange.first[l->exchange.rank]]);
 }
 
+/* kiln_take_landing: of a pilot, for the exchanges: of all that will land. */
+static void learn_from_exchange(void *context, const struct kiln_landing_record *record, double weight)
+{
+    struct kiln_landing *l = context;
+    const uint64_t own = record->point - l->exchange.first[l->exchange.rank];
+    const double iterations = (double)l->params->settings->iterations,
+                 less = (double)l->aims->paths / (double)l->photons, area = (double)l->lit[own] * iterations;
+    if (!(area > 0.0))
+        return;
+    const double light = weight * kiln_luminance_of_floats(record->flux) * less / area,
+                 more = light * kiln_caustic_exchange_landed(weight);
+    float *product = l->moments_of_rays[own].product;
+    product[2] += (float)(more * more * iterations / less);
+    product[4] += (float)(more * light * iterations / less);
+}
+
 /* kiln_take_landing: of a pilot, whose light does not count. */
 static void learn_from_landing(void *context, const struct kiln_landing_record *record, double weight)
 {
@@ -601,6 +620,7 @@ static int gather_pilots(struct kiln_landing *l, uint64_t first, uint64_t count,
     const struct kiln_step *step = &kiln_solution_step(l->solution)->step;
     struct kiln_caustic_techniques techniques = l->techniques;
     techniques.moments = l->moments_of_rays;
+    techniques.rays = step->samples;
     const struct kiln_batch batch = {.first = (size_t)first,
                                      .count = (size_t)count,
                                      .stream = step->stream + PILOT_STREAM,
@@ -609,20 +629,37 @@ static int gather_pilots(struct kiln_landing *l, uint64_t first, uint64_t count,
     return kiln_backend_run(backend_of(l), &kiln_pass_weighed, &techniques, &batch, rays, error);
 }
 
-/* Collective. Pilot rays of all points teach how the techniques count. */
-static int learn_factors(struct kiln_landing *l, struct kiln_error *error)
+/* Collective. Pilots that land, as many at once as will land in the iterations for the weights that they have: `paths`
+ * times. */
+static int land_pilots(struct kiln_landing *l, uint64_t paths, struct kiln_error *error)
 {
-    const struct kiln_integrate_params *p = l->params;
+    const uint64_t iterations = l->techniques.iterations;
+    aim(l, paths);
+    l->techniques.iterations = iterations * (l->photons / paths);
+    const int status = run_paths(l, EXCHANGE_ITERATION + kiln_solution_step(l->solution)->step.part, PILOTS * paths,
+                                 learn_from_exchange, error);
+    l->techniques.iterations = iterations;
+    l->done = 0;
+    aim(l, l->photons);
+    return status;
+}
+
+/* Collective. Pilot rays of all points, and where techniques exchange `paths` that land, teach how the techniques
+ * count. */
+static int learn_factors(struct kiln_landing *l, uint64_t paths, struct kiln_error *error)
+{
     const struct kiln_surface *own = &l->solution->own->surface;
     int status =
         kiln_allocate(&l->moments_of_rays, own->count, sizeof *l->moments_of_rays, "the moments of rays", error);
     status = work_through(l, 0, own->tile_run_count, PILOT_TILE_RUNS, gather_pilots, status, error);
     if (status == KILN_OK)
-        status =
-            kiln_land_factors_find(&l->factors, p->communicator, l->techniques.mis, l->moments_of_rays, own, error);
-    kiln_free(&l->moments_of_rays);
-    if (status == KILN_OK)
         use_factors(l);
+    if (status == KILN_OK && exchanges(l))
+        status = land_pilots(l, paths, error);
+    if (status == KILN_OK)
+        status = kiln_land_factors_find(&l->factors, l->params->communicator, l->techniques.mis, l->moments_of_rays,
+                                        own, error);
+    kiln_free(&l->moments_of_rays);
     return status;
 }
 
@@ -641,7 +678,7 @@ static int run_pilots(struct kiln_landing *l, struct kiln_error *error)
         l->done = 0;
     }
     if (status == KILN_OK && has_factors(l))
-        status = learn_factors(l, error);
+        status = learn_factors(l, paths, error);
     l->pilots = false;
     return status;
 }

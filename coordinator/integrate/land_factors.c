@@ -5,17 +5,17 @@
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
-#define UNIT 4294967296.0 /* of a region's largest moment, in sums */
+#define UNIT 4294967296.0 /* of a region's largest moment of a kind, in sums */
 
-enum { TILES = 8, REGIONS_MOST = 1 << 16 };
+enum { TILES = 8, REGIONS_MOST = 1 << 16, ROUNDS = 64 };
 
-/* Of a region and one of its techniques: what the factor is the ratio of. */
-enum { ABOVE, BELOW, PARTS };
-struct ratio {
-    double of[KILN_CAUSTIC_GATHERS][PARTS];
+/* Of a region, the moments that count: of --mis variance and correlation for each technique what the factor is the
+ * ratio of, one after the other; the products of --mis optimal. */
+struct numbers {
+    double of[KILN_CAUSTIC_PRODUCTS];
 };
 struct sums {
-    uint64_t of[KILN_CAUSTIC_GATHERS][PARTS];
+    int64_t of[KILN_CAUSTIC_PRODUCTS];
 };
 
 int kiln_land_factors_create(struct kiln_land_factors *f, const struct kiln_surface *s, struct kiln_error *error)
@@ -45,60 +45,89 @@ void kiln_land_factors_release(struct kiln_land_factors *f)
     f->regions = 0;
 }
 
-static void parts_of(enum kiln_mis mis, const struct kiln_caustic_moments *m, struct ratio *parts)
+/* ---- sums ---- */
+
+static struct numbers numbers_of(enum kiln_mis mis, const struct kiln_caustic_moments *m)
 {
-    for (int t = 0; t < KILN_CAUSTIC_GATHERS; t++) {
-        parts->of[t][ABOVE] = (double)(mis == KILN_MIS_VARIANCE ? m->square[t] : m->variance[t]);
-        parts->of[t][BELOW] = (double)(mis == KILN_MIS_VARIANCE ? m->variance[t] : m->net[t]);
+    struct numbers n = {{0.0}};
+    for (int i = 0; i < KILN_CAUSTIC_PRODUCTS && mis == KILN_MIS_OPTIMAL; i++)
+        n.of[i] = (double)m->product[i];
+    for (int t = 0; t < KILN_CAUSTIC_GATHERS && mis != KILN_MIS_OPTIMAL; t++) {
+        n.of[2 * t] = (double)(mis == KILN_MIS_VARIANCE ? m->square[t] : m->variance[t]);
+        n.of[2 * t + 1] = (double)(mis == KILN_MIS_VARIANCE ? m->variance[t] : m->net[t]);
     }
+    return n;
 }
 
-static double factor_of(const uint64_t sums[PARTS])
-{
-    if (sums[ABOVE] == 0 || sums[BELOW] == 0)
-        return 1.0;
-    return fmax(1.0 / KILN_LAND_FACTOR_MOST, fmin((double)sums[ABOVE] / (double)sums[BELOW], KILN_LAND_FACTOR_MOST));
-}
-
-/* By the factor of hits. */
-static struct kiln_caustic_factors factors_of(const struct sums *sums)
-{
-    const double hit = factor_of(sums->of[KILN_CAUSTIC_HIT]), sample = factor_of(sums->of[KILN_CAUSTIC_SAMPLE]);
-    return (struct kiln_caustic_factors){(float)(sample / hit), (float)(1.0 / hit)};
-}
-
-/* The largest moment of a point of each region and technique. */
+/* The largest moments of a point, of each region and kind. */
 static void find_most(const struct kiln_land_factors *f, enum kiln_mis mis, const struct kiln_caustic_moments *moments,
-                      size_t count, struct ratio *most)
+                      size_t count, struct numbers *most)
 {
     for (size_t i = 0; i < count; i++) {
-        struct ratio parts;
-        parts_of(mis, &moments[i], &parts);
-        for (int t = 0; t < KILN_CAUSTIC_GATHERS; t++)
-            most[f->region_of[i]].of[t][0] =
-                fmax(most[f->region_of[i]].of[t][0], fmax(parts.of[t][ABOVE], parts.of[t][BELOW]));
+        const struct numbers n = numbers_of(mis, &moments[i]);
+        double *of = most[f->region_of[i]].of;
+        for (int k = 0; k < KILN_CAUSTIC_PRODUCTS; k++)
+            of[k] = fmax(of[k], fabs(n.of[k]));
     }
 }
 
 static void add_up(const struct kiln_land_factors *f, enum kiln_mis mis, const struct kiln_caustic_moments *moments,
-                   size_t count, const struct ratio *most, struct sums *sums)
+                   size_t count, const struct numbers *most, struct sums *sums)
 {
     for (size_t i = 0; i < count; i++) {
-        struct ratio parts;
+        const struct numbers n = numbers_of(mis, &moments[i]);
         const uint32_t r = f->region_of[i];
-        parts_of(mis, &moments[i], &parts);
-        for (int t = 0; t < KILN_CAUSTIC_GATHERS; t++)
-            for (int p = 0; p < PARTS && most[r].of[t][0] > 0.0; p++)
-                sums[r].of[t][p] += (uint64_t)(UNIT * (parts.of[t][p] / most[r].of[t][0]));
+        for (int k = 0; k < KILN_CAUSTIC_PRODUCTS; k++)
+            if (most[r].of[k] > 0.0)
+                sums[r].of[k] += (int64_t)(UNIT * (n.of[k] / most[r].of[k]));
     }
+}
+
+/* ---- what follows from them ---- */
+
+static double ratio(double above, double below)
+{
+    if (!(above > 0.0) || !(below > 0.0))
+        return 1.0;
+    return fmax(1.0 / KILN_LAND_FACTOR_MOST, fmin(above / below, KILN_LAND_FACTOR_MOST));
+}
+
+static double within(double x) { return fmax(-1.0, fmin(x, 1.0)); }
+
+/* A alpha = b of two unknowns from -1 to 1: each in turn, with the other held, makes the variance less. */
+static void solve(const double a[3], const double b[2], double alpha[2])
+{
+    alpha[0] = alpha[1] = 0.0;
+    for (int i = 0; i < ROUNDS; i++) {
+        if (a[0] > 0.0)
+            alpha[0] = within((b[0] - a[1] * alpha[1]) / a[0]);
+        if (a[2] > 0.0)
+            alpha[1] = within((b[1] - a[1] * alpha[0]) / a[2]);
+    }
+}
+
+static struct kiln_caustic_factors factors_of(enum kiln_mis mis, const double n[KILN_CAUSTIC_PRODUCTS])
+{
+    struct kiln_caustic_factors f = kiln_caustic_factors_alike;
+    double alpha[2];
+    if (mis == KILN_MIS_OPTIMAL) {
+        solve(n, (const double[2]){-n[3], -n[4]}, alpha);
+        f.exchange[0] = (float)alpha[0];
+        f.exchange[1] = (float)alpha[1];
+        return f;
+    }
+    const double hit = ratio(n[0], n[1]), sample = ratio(n[2], n[3]);
+    f.sample = (float)(sample / hit);
+    f.land = (float)(1.0 / hit);
+    return f;
 }
 
 int kiln_land_factors_find(struct kiln_land_factors *f, MPI_Comm communicator, enum kiln_mis mis,
                            const struct kiln_caustic_moments *moments, const struct kiln_surface *s,
                            struct kiln_error *error)
 {
-    const int each = KILN_CAUSTIC_GATHERS * PARTS;
-    struct ratio *most = NULL;
+    const int all = KILN_CAUSTIC_PRODUCTS * (int)f->regions;
+    struct numbers *most = NULL;
     struct sums *sums = NULL;
     int status = kiln_allocate(&most, f->regions, sizeof *most, "the moments of techniques", error);
     if (status == KILN_OK)
@@ -106,23 +135,33 @@ int kiln_land_factors_find(struct kiln_land_factors *f, MPI_Comm communicator, e
     status = kiln_agree(communicator, status, error);
     if (status == KILN_OK) {
         find_most(f, mis, moments, s->count, most);
-        (void)MPI_Allreduce(MPI_IN_PLACE, most, each * (int)f->regions, MPI_DOUBLE, MPI_MAX, communicator);
+        (void)MPI_Allreduce(MPI_IN_PLACE, most, all, MPI_DOUBLE, MPI_MAX, communicator);
         add_up(f, mis, moments, s->count, most, sums);
-        (void)MPI_Allreduce(MPI_IN_PLACE, sums, each * (int)f->regions, MPI_UINT64_T, MPI_SUM, communicator);
-        for (size_t r = 0; r < f->regions; r++)
-            f->of[r] = factors_of(&sums[r]);
+        (void)MPI_Allreduce(MPI_IN_PLACE, sums, all, MPI_INT64_T, MPI_SUM, communicator);
+        for (size_t r = 0; r < f->regions; r++) {
+            for (int k = 0; k < KILN_CAUSTIC_PRODUCTS; k++)
+                most[r].of[k] *= (double)sums[r].of[k] / UNIT;
+            f->of[r] = factors_of(mis, most[r].of);
+        }
     }
     kiln_free(&most);
     kiln_free(&sums);
     return status;
 }
 
-bool kiln_land_factors_sane(const struct kiln_land_factors *f)
+static bool is_factor(float x)
 {
     const float most = (float)(KILN_LAND_FACTOR_MOST * KILN_LAND_FACTOR_MOST);
-    for (size_t r = 0; r < f->regions; r++)
-        if (!(f->of[r].sample >= 1.0f / most && f->of[r].sample <= most && f->of[r].land >= 1.0f / most &&
-              f->of[r].land <= most))
-            return false;
-    return true;
+    return x >= 1.0f / most && x <= most;
+}
+
+static bool is_exchange(float x) { return x >= -1.0f && x <= 1.0f; }
+
+bool kiln_land_factors_sane(const struct kiln_land_factors *f)
+{
+    bool sane = true;
+    for (size_t r = 0; r < f->regions && sane; r++)
+        sane = is_factor(f->of[r].sample) && is_factor(f->of[r].land) && is_exchange(f->of[r].exchange[0]) &&
+               is_exchange(f->of[r].exchange[1]);
+    return sane;
 }

@@ -17,7 +17,7 @@ LAND = ("--caustics", "land", "--photons", "40000", "--iterations", "3")
 VCM = ("--caustics", "vcm", "--photons", "20000", "--iterations", "3", "--samples-indirect", "64")
 WAYS = {"land": LAND, "vcm": VCM}
 # What pilots teach has a part in the weights.
-LEARNT = {mis: (*VCM, "--mis", mis) for mis in ("variance", "correlation")}
+LEARNT = {mis: (*VCM, "--mis", mis) for mis in ("variance", "correlation", "optimal")}
 
 
 class Land(unittest.TestCase):

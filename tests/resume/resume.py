@@ -656,7 +656,7 @@ def try_landing(checks, tool):
 def try_sharing(checks, tool):
     """The same of paths that share the light with gather rays, by what pilots have taught; the rays are killed too."""
     more = ('--materials', 'full', '--caustics', 'vcm', '--photons', 250000, '--iterations', 3, '--bounces', 1,
-            '--samples-indirect', 512, '--no-error-map', '--mis', 'correlation')
+            '--samples-indirect', 512, '--no-error-map', '--mis', 'optimal')
     reference, _ = reference_of(checks, tool, *more)
     folder = tool.folder()
     killed_within(checks, tool, folder, 'light paths', 1, more)

@@ -181,11 +181,14 @@ static int add(void *context, size_t first, size_t count, const void *results, s
         const struct kiln_surface *surface = s->world->surface;
         assert_true(s->world->weighs || r->others == 0.0f);
         const struct kiln_caustic_techniques *t = &s->world->techniques;
-        const double others = t->factors == NULL ? (double)r->others
-                                                 : kiln_caustic_others_by(&t->factors[t->region_of[r->point]],
-                                                                          (double)r->others, (double)r->sampled);
-        const double weight = kiln_caustic_weight_landed(
-            t->mis, others, RAYS, kiln_lit_area(surface, (struct kiln_own_point){r->point}, 1.0f));
+        const double others =
+            !kiln_mis_has_factors(t->mis)
+                ? (double)r->others
+                : kiln_caustic_others_by(&t->factors[t->region_of[r->point]], (double)r->others, (double)r->sampled);
+        double weight = kiln_caustic_weight_landed(t->mis, others, RAYS,
+                                                   kiln_lit_area(surface, (struct kiln_own_point){r->point}, 1.0f));
+        if (t->mis == KILN_MIS_OPTIMAL)
+            weight = kiln_caustic_exchanged_landed(&t->factors[t->region_of[r->point]], weight);
         for (int c = 0; c < 3; c++)
             s->landed[c] += weight * (double)r->flux[c];
         s->squares += weight * (double)r->flux[1] * weight * (double)r->flux[1];
@@ -571,6 +574,8 @@ static double learn_moments(struct world *w)
 {
     struct kiln_caustic_moments *moments = calloc(w->surface->count, sizeof *moments);
     struct kiln_caustic_techniques techniques = w->techniques;
+    techniques.mis = KILN_MIS_VARIANCE;
+    techniques.rays = RAYS;
     const struct kiln_batch batch = {.count = w->surface->tile_run_count, .samples = RAYS};
     uint64_t rays = 0;
     double most = 0.0;
@@ -601,14 +606,17 @@ static void shared_light_is_the_same(void **state)
         uint32_t *region_of = calloc(w.surface->count, sizeof *region_of);
         for (uint64_t i = 0; i < w.surface->count; i++)
             region_of[i] = (uint32_t)i % 3;
-        const struct kiln_caustic_factors factors[3] = {{0.3f, 5.0f}, {4.0f, 0.2f}, {6.0f, 9.0f}};
-        for (enum kiln_mis mis = KILN_MIS_BALANCE; mis <= KILN_MIS_VARIANCE; mis++) {
+        const struct kiln_caustic_factors factors[3] = {
+            {.sample = 0.3f, .land = 5.0f}, {.sample = 4.0f, .land = 0.2f}, {.sample = 6.0f, .land = 9.0f}};
+        const struct kiln_caustic_factors exchanges[3] = {
+            {1.0f, 1.0f, {1.0f, -1.0f}}, {1.0f, 1.0f, {-1.0f, -0.5f}}, {1.0f, 1.0f, {0.5f, 1.0f}}};
+        for (enum kiln_mis mis = KILN_MIS_BALANCE; mis <= KILN_MIS_OPTIMAL; mis += mis == KILN_MIS_VARIANCE ? 2 : 1) {
             struct sums landed = {.count = 0}, found = {.world = &w};
             const struct kiln_batch batch = {
                 .count = w.surface->tile_run_count, .samples = RAYS, .take = add_gathered, .context = &found};
             uint64_t rays = 0;
             w.techniques.mis = mis;
-            w.techniques.factors = kiln_mis_has_factors(mis) ? factors : NULL;
+            w.techniques.factors = mis == KILN_MIS_OPTIMAL ? exchanges : kiln_mis_has_factors(mis) ? factors : NULL;
             w.techniques.region_of = region_of;
             w.weighs = true;
             trace(&w, FEW, 0, 2, &landed);

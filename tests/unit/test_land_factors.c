@@ -31,10 +31,11 @@ static void make(struct points *p)
         struct kiln_caustic_moments *m = &p->moments[i];
         const float level = 1.0f + (float)(i % 5);
         if (i / EACH / 8 == 0) /* hits are sure of their light, samples are not; a net of rays makes either better */
-            *m = (struct kiln_caustic_moments){
-                {4.0f * level, 3.0f * level}, {1.0f * level, 3.0f * level}, {0.5f * level, 1.0f * level}};
+            *m = (struct kiln_caustic_moments){.square = {4.0f * level, 3.0f * level},
+                                               .variance = {1.0f * level, 3.0f * level},
+                                               .net = {0.5f * level, 1.0f * level}};
         else if (i / EACH / 8 == 1) /* beyond all bounds; and nothing is sampled */
-            *m = (struct kiln_caustic_moments){{1e6f, 0.0f}, {1.0f, 0.0f}, {1e6f, 0.0f}};
+            *m = (struct kiln_caustic_moments){.square = {1e6f, 0.0f}, .variance = {1.0f, 0.0f}, .net = {1e6f, 0.0f}};
     }
 }
 
@@ -70,6 +71,32 @@ static void factors_are_ratios_of_moments(void **state)
     expect(&p, KILN_MIS_VARIANCE, 2, 1.0, 1.0); /* nothing is known */
 }
 
+/* Exchanges solve A alpha = b where that is within bounds, else make the variance least there. */
+static void exchanges_make_the_variance_least(void **state)
+{
+    (void)state;
+    struct points p;
+    make(&p);
+    for (uint32_t i = 0; i < POINTS; i++) {
+        const float level = 1.0f + (float)(i % 7);
+        const uint32_t region = i / EACH / 8;
+        p.moments[i] = (struct kiln_caustic_moments){.product = {0.0f}};
+        if (region < 2) /* of 0.3 and -0.5; and of others beyond -1 */
+            for (int k = 0; k < KILN_CAUSTIC_PRODUCTS; k++)
+                p.moments[i].product[k] =
+                    level * (float[2][KILN_CAUSTIC_PRODUCTS]){{2.0f, 1.0f, 4.0f, -0.1f, 1.7f},
+                                                              {2.0f, 1.0f, 1.0f, 0.0f, 9.0f}}[region][k];
+    }
+    struct kiln_land_factors f = find(&p, KILN_MIS_OPTIMAL);
+    const double expected[3][2] = {{0.3, -0.5}, {0.5, -1.0}, {0.0, 0.0}};
+    for (int r = 0; r < 3; r++)
+        for (int e = 0; e < KILN_CAUSTIC_EXCHANGES; e++)
+            assert_true(fabs((double)f.of[r].exchange[e] - expected[r][e]) < 1e-6 && f.of[r].sample == 1.0f);
+    f.of[1].exchange[0] = 1.5f;
+    assert_false(kiln_land_factors_sane(&f));
+    kiln_land_factors_release(&f);
+}
+
 /* Points in another order have the same bits. */
 static void any_order_is_the_same(void **state)
 {
@@ -97,6 +124,7 @@ static void any_order_is_the_same(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(factors_are_ratios_of_moments),
+                                       cmocka_unit_test(exchanges_make_the_variance_least),
                                        cmocka_unit_test(any_order_is_the_same)};
     (void)MPI_Init(NULL, NULL);
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);

@@ -19,6 +19,8 @@
  *
  *     variance, correlation: as balance, with each density times a factor of its technique in the region of x
  *     (worker/pass/weighed.h), by which r changes to r c_other / c_own
+ *     optimal: with w_h, w_s, w_l those of balance and exchanges a, b of the region of x
+ *         w_h (1 + a w_s + b w_l),      w_s (1 - a w_h + b w_l),      w_l (1 - b (w_h + w_s))
  *
  * Densities are per steradian where they say `forward` (with which the subpath is drawn on from a surface) or
  * `backward` (with which a subpath of the other side would leave by the way that this one has come); cosines are those
@@ -38,16 +40,23 @@ enum kiln_mis {
     KILN_MIS_POWER = 1,
     KILN_MIS_UNIFORM = 2,
     KILN_MIS_VARIANCE = 3,
-    KILN_MIS_CORRELATION = 4
+    KILN_MIS_CORRELATION = 4,
+    KILN_MIS_OPTIMAL = 5
 };
 
-/* Factors of samples' and of landings' densities over that of hits: the same for all techniques of a texel. */
+/* What weights take from one technique and give to another. */
+enum kiln_caustic_exchanges { KILN_CAUSTIC_SAMPLES_TO_HITS, KILN_CAUSTIC_LANDINGS_TO_RAYS, KILN_CAUSTIC_EXCHANGES };
+
+/* Factors of samples' and of landings' densities over that of hits, and the exchanges of --mis optimal, -1 to 1: the
+ * same for all techniques of a texel. */
 struct kiln_caustic_factors {
-    float sample, land;
+    float sample, land, exchange[KILN_CAUSTIC_EXCHANGES];
 };
 
-static const struct kiln_caustic_factors kiln_caustic_factors_alike = {1.0f, 1.0f};
+static const struct kiln_caustic_factors kiln_caustic_factors_alike = {.sample = 1.0f, .land = 1.0f};
 
+/* Whether pilots teach what the light is weighed by. */
+static inline bool kiln_mis_learns(enum kiln_mis mis) { return mis >= KILN_MIS_VARIANCE; }
 /* Whether the weights have factors. */
 static inline bool kiln_mis_has_factors(enum kiln_mis mis)
 {
@@ -111,6 +120,45 @@ static inline double kiln_caustic_weight_sampled(enum kiln_mis mis, const struct
 {
     return 1.0 / (kiln_mis_share(mis, hit / connect) + 1.0 +
                   kiln_mis_share(mis, emission / connect * towards * g->land * backward));
+}
+
+/* ---- exchanges ---- */
+
+/* Of a path with a weight of balance, what each exchange by 1 adds to the weight over the weight: by the weights that
+ * the other techniques have. The arguments are those of the weight. */
+static inline void kiln_caustic_exchange_hit(const struct kiln_caustic_gathered *g, double weight, double connect,
+                                             double emission, double more[KILN_CAUSTIC_EXCHANGES])
+{
+    more[KILN_CAUSTIC_SAMPLES_TO_HITS] = weight * connect * g->sample;
+    more[KILN_CAUSTIC_LANDINGS_TO_RAYS] = weight * emission * g->land;
+}
+
+static inline void kiln_caustic_exchange_sampled(const struct kiln_caustic_gathered *g, double weight, double connect,
+                                                 double emission, double towards, double hit, double backward,
+                                                 double more[KILN_CAUSTIC_EXCHANGES])
+{
+    more[KILN_CAUSTIC_SAMPLES_TO_HITS] = -weight * hit / connect;
+    more[KILN_CAUSTIC_LANDINGS_TO_RAYS] = weight * emission / connect * towards * g->land * backward;
+}
+
+/* Of KILN_CAUSTIC_LANDINGS_TO_RAYS alone. */
+static inline double kiln_caustic_exchange_landed(double weight) { return weight - 1.0; }
+
+/* The weight with exchanges. */
+static inline double kiln_caustic_exchanged(const struct kiln_caustic_factors *factors, double weight,
+                                            const double more[KILN_CAUSTIC_EXCHANGES])
+{
+    double sum = 1.0;
+    for (int e = 0; e < KILN_CAUSTIC_EXCHANGES; e++)
+        sum += (double)factors->exchange[e] * more[e];
+    return weight * fmax(0.0, sum);
+}
+
+static inline double kiln_caustic_exchanged_landed(const struct kiln_caustic_factors *factors, double weight)
+{
+    const double more[KILN_CAUSTIC_EXCHANGES] = {[KILN_CAUSTIC_LANDINGS_TO_RAYS] =
+                                                     kiln_caustic_exchange_landed(weight)};
+    return kiln_caustic_exchanged(factors, weight, more);
 }
 
 /* ---- from the lamp ---- */

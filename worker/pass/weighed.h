@@ -36,12 +36,30 @@ struct kiln_emission;
  * next to nothing of E(X^2). Moments are summed up over a region of points, from pilot rays that bring no light: the
  * factors do not hang on what they weigh, and the light stays unbiased. */
 
-/* Of a point, from pilots, by the techniques of enum kiln_caustic_gathers. W2/m4. */
+/* --mis optimal: weights may be any that add up to 1. Those of balance do so with exchanges too (caustic_weights.h):
+ * with F a point's light by balance and D what each exchange by 1 adds to it, nothing in the mean, the exchanges alpha
+ * that make the variance of a region's points least solve
+ *
+ *     A alpha = b,      A = sum of Cov(D, D),      b = -sum of Cov(D, F)
+ *
+ * after Kondapaneni, Vevoda, Grittmann, Skrivan, Slusallek, Krivanek, "Optimal Multiple Importance Sampling", 2019.
+ * There alpha multiplies the densities themselves, so that paths without light count too; here it multiplies the light
+ * of each path, for chances that are in no density (roulette) would make the former vary without bound. With alpha
+ * from -1 to 1 no weight is below 0. */
+
+/* Of a point, from pilots, W2/m4. */
 enum kiln_caustic_gathers { KILN_CAUSTIC_HIT, KILN_CAUSTIC_SAMPLE, KILN_CAUSTIC_GATHERS };
+enum { KILN_CAUSTIC_PRODUCTS = 5 };
 struct kiln_caustic_moments {
-    float square[KILN_CAUSTIC_GATHERS];   /* E(X^2) */
-    float variance[KILN_CAUSTIC_GATHERS]; /* Var(X), by the spread of the rays */
-    float net[KILN_CAUSTIC_GATHERS];      /* n Var(mean), by the spread of the means of the quarters of the rays */
+    union {
+        struct { /* variance, correlation; by the techniques of enum kiln_caustic_gathers */
+            float square[KILN_CAUSTIC_GATHERS];   /* E(X^2) */
+            float variance[KILN_CAUSTIC_GATHERS]; /* Var(X), by the spread of the rays */
+            float net[KILN_CAUSTIC_GATHERS];      /* n Var(mean), by the spread of the means of the rays' quarters */
+        };
+        /* optimal: covariances of the two exchanges, 0 with 0, 0 with 1, 1 with 1; of each with the light */
+        float product[KILN_CAUSTIC_PRODUCTS];
+    };
 };
 
 /* The parameters: what gather rays and light paths know of each other. All borrowed. */
@@ -54,8 +72,9 @@ struct kiln_caustic_techniques {
     const struct kiln_caustic_factors *factors;
     const uint32_t *region_of;
     /* pilots: of own points, which a batch without `take` fills in, of 8 samples at least and a multiple of 4; NULL:
-     * rays bring light */
+     * rays bring light. And how many rays a point will have then */
     struct kiln_caustic_moments *moments;
+    uint32_t rays;
 };
 
 #endif
