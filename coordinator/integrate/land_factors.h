@@ -1,5 +1,6 @@
 /* Factors by which techniques that find caustics count, and exchanges between them (--mis variance, correlation and
- * optimal, worker/pass/weighed.h), one set a region: some tiles that are next to each other in the list of all, the same on all ranks whoever has their points.
+ * optimal, worker/pass/weighed.h), one set a region: some tiles that are next to each other in the list of all, the
+ * same on all ranks whoever has their points.
  *
  * The moments of a region's points are summed up in whole numbers, of which the largest moment of a point of the region
  * is 2^32: the same sums for any ranks, threads and order. */
