@@ -607,6 +607,12 @@ static uint64_t pilot_paths(const struct kiln_landing *l)
     return !shares(l) || l->aims->count == 0 ? 0 : paths > l->aims->count ? paths : l->aims->count;
 }
 
+/* Of all rounds. */
+static uint64_t all_pilots(const struct kiln_landing *l)
+{
+    return (exchanges(l) ? PILOTS + 1 : PILOTS) * pilot_paths(l);
+}
+
 static uint32_t pilot_rays(const struct kiln_step *step)
 {
     const uint32_t part = step->samples / PILOT_PART / 4 * 4;
@@ -629,8 +635,8 @@ static int gather_pilots(struct kiln_landing *l, uint64_t first, uint64_t count,
     return kiln_backend_run(backend_of(l), &kiln_pass_weighed, &techniques, &batch, rays, error);
 }
 
-/* Collective. Pilots that land, as many at once as will land in the iterations for the weights that they have: `paths`
- * times. */
+/* Collective. `paths` pilots that land, weighed as if they were all that will land: what they exchange with gather rays
+ * teaches what is best. */
 static int land_pilots(struct kiln_landing *l, uint64_t paths, struct kiln_error *error)
 {
     const uint64_t iterations = l->techniques.iterations;
@@ -739,8 +745,7 @@ static int run_iterations(struct kiln_landing *l, struct kiln_error *error)
                    number = kiln_solution_step(l->solution)->step.part * iterations; /* a part has paths of its own */
     int status = KILN_OK;
     while (l->iteration < iterations && status == KILN_OK) {
-        status = run_paths(l, number + l->iteration, PILOTS * pilot_paths(l) + l->iteration * l->photons, add_landing,
-                           error);
+        status = run_paths(l, number + l->iteration, all_pilots(l) + l->iteration * l->photons, add_landing, error);
         if (status == KILN_OK && merges(l) && (kiln_merge_radius_ends(l->iteration) || l->iteration + 1 == iterations))
             status = merge_sums(l, error);
         if (status == KILN_OK && l->iteration + 1 < iterations && !shares(l))
@@ -753,7 +758,7 @@ static int run_iterations(struct kiln_landing *l, struct kiln_error *error)
 
 int kiln_landing_run(struct kiln_landing *l, struct kiln_error *error)
 {
-    const uint64_t iterations = l->params->settings->iterations, pilots = PILOTS * pilot_paths(l);
+    const uint64_t iterations = l->params->settings->iterations, pilots = all_pilots(l);
     forget(l);
     kiln_landing_end(l);
     int status = begin_step(l, error);

@@ -23,7 +23,8 @@
  * tile runs are gathered, and both added; errors add up by their squares.
  *
  * With --mis variance, correlation and optimal pilot rays of all points then teach how the techniques count
- * (land_factors.h), a sixteenth of the rays of the step, 16 a point at least; for optimal a fifth round of pilots lands.
+ * (land_factors.h), a sixteenth of the rays of the step, 16 a point at least. For optimal a fifth round of pilots
+ * lands.
  *
  * Where the backend of the bake is a device, the host traces the paths and these rays, with Embree and a BVH of its own
  * for the step.
