@@ -36,9 +36,8 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
                             const struct kiln_landing_report *landing)
 {
     static const char *const modes[] = {"auto", "diffuse", "full"};
-    static const char *const caustics[] = {"auto", "none", "gather", "land", "merge", "vcm"}, *const rules[] = {
-                                                                                                  "balance", "power",
-                                                                                                  "uniform"};
+    static const char *const caustics[] = {"auto", "none", "gather", "land", "merge", "vcm"};
+    static const char *const rules[] = {"balance", "power", "uniform", "variance", "correlation", "optimal"};
     json_int_t of[KILN_GLOSS_KINDS] = {0}, taken = 0;
     json_t *json = json_pack("{s:s}", "mode", modes[asked]), *kinds = json_object();
     for (uint32_t i = 0; i < scene->material_count; i++) {

@@ -5,6 +5,7 @@
 
 #include "coordinator/field/field_blocks.h"
 #include "coordinator/integrate/land_exchange.h"
+#include "coordinator/integrate/land_factors.h"
 #include "coordinator/integrate/merge.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
@@ -24,14 +25,17 @@
 #define MOMENT_MOST 0x1p38  /* of one path: 2^24 of the rarest kind fit in 64 bits */
 
 enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256, PATHS_AN_AIM = 4, PILOTS = 4 };
+/* rays of a point from which factors of techniques are learnt: at least, and a part of those of the step */
+enum { PILOT_RAYS = 16, PILOT_PART = 16, PILOT_STREAM = 0x8000, PILOT_TILE_RUNS = 64 };
 
 #define LARGEST 6.0   /* texels: the radius within which landings that share are spread, at most */
 #define LANDINGS 16.0 /* in one iteration: on which a point's light is to hang */
-#define PILOT_ITERATION ((uint64_t)1 << 31) /* paths of pilots are numbered from this iteration on */
+#define PILOT_ITERATION ((uint64_t)1 << 31)    /* paths of pilots are numbered from this iteration on */
+#define EXCHANGE_ITERATION ((uint64_t)1 << 40) /* and those for exchanges */
 
 /* The block "landing" of a checkpoint, once: where the step stands. After it "landing_learnt" and "landing_paths",
  * once, an element an aim; "landing_moments", likewise, of each rank; "landing_sums" and, where they are merged,
- * "landing_merged", an element a point. */
+ * "landing_merged", an element a point; and "landing_factors", once, an element a region. */
 struct saved_landing {
     uint64_t step; /* its number */
     uint64_t iteration, done, photons, aims;
@@ -50,6 +54,8 @@ struct kiln_landing {
     struct kiln_emission *emission;
     struct kiln_caustic_techniques techniques;
     struct kiln_landing_weights landing_weights;
+    struct kiln_land_factors factors;             /* where the weights have some */
+    struct kiln_caustic_moments *moments_of_rays; /* of own points, of pilots */
     /* of an iteration: this rank's second moments by aim; of all so far: by aim, and the paths that they are of */
     uint64_t *moments;
     double *learnt, *paths, *weights;
@@ -76,6 +82,14 @@ struct kiln_landing {
 
 /* Whether gather rays find a part of the light. */
 static bool shares(const struct kiln_landing *l) { return l->emission != NULL; }
+
+/* Whether pilots teach factors of the techniques. */
+static bool has_factors(const struct kiln_landing *l)
+{
+    return shares(l) && l->aims->count > 0 && kiln_mis_learns(l->techniques.mis);
+}
+/* Whether these are of exchanges between the techniques. */
+static bool exchanges(const struct kiln_landing *l) { return l->techniques.mis == KILN_MIS_OPTIMAL; }
 
 static bool merges(const struct kiln_landing *l) { return l->params->settings->caustics == KILN_CAUSTICS_MERGE; }
 
@@ -121,6 +135,8 @@ uint64_t kiln_landing_bytes(const struct kiln_integrate_settings *settings, size
         point += (double)(sizeof(struct kiln_merged) + KILN_MERGE_POINT_BYTES + sizeof(float));
     if (settings->caustics >= KILN_CAUSTICS_MERGE) /* and what is there to be lit */
         point += (double)sizeof(float);
+    if (settings->caustics == KILN_CAUSTICS_VCM && kiln_mis_learns(settings->mis))
+        point += (double)(sizeof(struct kiln_caustic_moments) + sizeof(uint32_t));
     return (uint64_t)(records + aim * (double)aims + point * points);
 }
 
@@ -188,6 +204,8 @@ void kiln_landing_end(struct kiln_landing *l)
     kiln_backend_destroy(&l->own);
     kiln_land_exchange_release(&l->exchange);
     kiln_merge_destroy(&l->merge);
+    kiln_land_factors_release(&l->factors);
+    kiln_free(&l->moments_of_rays);
     kiln_free(&l->records);
     kiln_free(&l->sums);
     kiln_free(&l->lit);
@@ -238,6 +256,8 @@ static int take(void *context, size_t first, size_t count, const void *results, 
                                                .others = r->others,
                                                .aim = r->aim};
         memcpy(record->flux, r->flux, sizeof record->flux);
+        if (l->exchange.weights != NULL && l->exchange.weights->factors != NULL)
+            record->sampled = r->sampled;
         if (!shares(l))
             note_moment(l, r->aim, kiln_luminance_of_floats(r->flux));
     }
@@ -267,26 +287,25 @@ static int save(struct kiln_landing *l, bool stop, struct kiln_error *error)
     return status;
 }
 
-/* Collective. Traces this rank's part of the block of paths [first, first + count), and waits for the others; saves and
- * stops when that is asked for. */
-static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, struct kiln_error *error)
+/* Does some of this rank's work, and adds its rays. */
+typedef int (*do_some)(struct kiln_landing *l, uint64_t first, uint64_t count, uint64_t *rays,
+                       struct kiln_error *error);
+
+/* Collective. Does the work [begin, end) of this rank, so much at once, and waits for the others; saves and stops when
+ * that is asked for. */
+static int work_through(struct kiln_landing *l, uint64_t begin, uint64_t end, uint64_t at_once, do_some work,
+                        int status, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = l->params;
     struct kiln_step_report *report = kiln_solution_step(l->solution);
-    const uint64_t rank = (uint64_t)p->rank, ranks = (uint64_t)p->ranks, begin = first + count * rank / ranks,
-                   end = first + count * (rank + 1) / ranks;
     uint64_t next = begin;
-    int status = KILN_OK;
-    l->count = 0;
-    l->first_path = first;
     l->rays_before = report->rays;
-    memcpy(l->moments_before, l->moments, l->aims->count * sizeof *l->moments);
     for (;;) {
         enum kiln_event event;
         if (status == KILN_OK && next < end) {
             const double start = MPI_Wtime();
-            const uint64_t now = end - next < BATCH_PATHS ? end - next : BATCH_PATHS;
-            status = trace(l, next, now, &report->rays, error);
+            const uint64_t now = end - next < at_once ? end - next : at_once;
+            status = work(l, next, now, &report->rays, error);
             next += now;
             const double seconds = MPI_Wtime() - start;
             report->seconds += seconds;
@@ -305,6 +324,17 @@ static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, s
                 return saved;
         }
     }
+}
+
+/* Collective. Traces this rank's part of the block of paths [first, first + count). */
+static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, struct kiln_error *error)
+{
+    const uint64_t rank = (uint64_t)l->params->rank, ranks = (uint64_t)l->params->ranks;
+    l->count = 0;
+    l->first_path = first;
+    memcpy(l->moments_before, l->moments, l->aims->count * sizeof *l->moments);
+    return work_through(l, first + count * rank / ranks, first + count * (rank + 1) / ranks, BATCH_PATHS, trace,
+                        KILN_OK, error);
 }
 
 /* ---- aims ---- */
@@ -411,7 +441,17 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
     l->landing_weights = (struct kiln_landing_weights){
         .mis = l->techniques.mis, .rays = (double)kiln_solution_step(l->solution)->step.samples, .area = l->lit};
     l->exchange.weights = shares(l) ? &l->landing_weights : NULL;
+    l->techniques.factors = NULL;
+    if (status == KILN_OK && has_factors(l))
+        status = kiln_agree(l->params->communicator, kiln_land_factors_create(&l->factors, own, error), error);
     return status;
+}
+
+/* From now on techniques count by their factors. */
+static void use_factors(struct kiln_landing *l)
+{
+    l->techniques.factors = l->landing_weights.factors = l->factors.of;
+    l->techniques.region_of = l->landing_weights.region_of = l->factors.region_of;
 }
 
 /* ---- checkpoints ---- */
@@ -433,6 +473,9 @@ size_t kiln_landing_blocks(struct kiln_landing *l, struct kiln_block blocks[KILN
         blocks[count++] = (struct kiln_block){"landing", 0, 1, sizeof l->record, &l->record};
         blocks[count++] = (struct kiln_block){"landing_learnt", 0, aims, sizeof *l->learnt, l->learnt};
         blocks[count++] = (struct kiln_block){"landing_paths", 0, aims, sizeof *l->paths, l->paths};
+        if (has_factors(l))
+            blocks[count++] =
+                (struct kiln_block){"landing_factors", 0, l->factors.regions, sizeof *l->factors.of, l->factors.of};
     }
     blocks[count++] = (struct kiln_block){"landing_moments", 0, aims, sizeof *l->moments_before, l->moments_before};
     blocks[count++] = (struct kiln_block){"landing_sums", first, own->count, sizeof *l->sums, l->sums};
@@ -478,7 +521,12 @@ static int read_landing(struct kiln_landing *l, const struct saved_landing *s, s
     for (size_t part = (size_t)l->params->rank; status == KILN_OK && part < kiln_checkpoint_parts(c);
          part += (size_t)l->params->ranks)
         status = add_moments(l, part, error);
-    return status == KILN_OK && !is_sane(l, s) ? kiln_block_insane("landing", error) : status;
+    if (status == KILN_OK && has_factors(l))
+        status = kiln_checkpoint_read(c, "landing_factors", 0, l->factors.regions, sizeof *l->factors.of, l->factors.of,
+                                      error);
+    return status == KILN_OK && !(is_sane(l, s) && kiln_land_factors_sane(&l->factors))
+               ? kiln_block_insane("landing", error)
+               : status;
 }
 
 /* Collective. Takes over what a checkpoint within this step has. */
@@ -502,6 +550,8 @@ static int restore(struct kiln_landing *l, struct kiln_error *error)
     l->done = s.done;
     l->radius = s.radius;
     l->restored = true;
+    if (has_factors(l))
+        use_factors(l);
     if (shares(l) || (l->iteration > 0 && l->iteration < l->params->settings->iterations))
         aim(l, l->photons); /* gather rays weigh by the same shares */
     return KILN_OK;
@@ -514,6 +564,22 @@ static void add_landing(void *context, const struct kiln_landing_record *record,
 {
     struct kiln_landing *l = context;
     kiln_land_add(record, weight, &l->sums[record->point - l->exchange.first[l->exchange.rank]]);
+}
+
+/* kiln_take_landing: of a pilot, for the exchanges: of all that will land. */
+static void learn_from_exchange(void *context, const struct kiln_landing_record *record, double weight)
+{
+    struct kiln_landing *l = context;
+    const uint64_t own = record->point - l->exchange.first[l->exchange.rank];
+    const double iterations = (double)l->params->settings->iterations,
+                 less = (double)l->aims->paths / (double)l->photons, area = (double)l->lit[own] * iterations;
+    if (!(area > 0.0))
+        return;
+    const double light = weight * kiln_luminance_of_floats(record->flux) * less / area,
+                 more = light * kiln_caustic_exchange_landed(weight);
+    float *product = l->moments_of_rays[own].product;
+    product[2] += (float)(more * more * iterations / less);
+    product[4] += (float)(more * light * iterations / less);
 }
 
 /* kiln_take_landing: of a pilot, whose light does not count. */
@@ -552,6 +618,68 @@ static uint64_t pilot_paths(const struct kiln_landing *l)
     return !shares(l) || l->aims->count == 0 ? 0 : paths > l->aims->count ? paths : l->aims->count;
 }
 
+/* Of all rounds. */
+static uint64_t all_pilots(const struct kiln_landing *l)
+{
+    return (exchanges(l) ? PILOTS + 1 : PILOTS) * pilot_paths(l);
+}
+
+static uint32_t pilot_rays(const struct kiln_step *step)
+{
+    const uint32_t part = step->samples / PILOT_PART / 4 * 4;
+    return part > PILOT_RAYS ? part : PILOT_RAYS;
+}
+
+/* Of tile runs, gather rays that bring no light. */
+static int gather_pilots(struct kiln_landing *l, uint64_t first, uint64_t count, uint64_t *rays,
+                         struct kiln_error *error)
+{
+    const struct kiln_step *step = &kiln_solution_step(l->solution)->step;
+    struct kiln_caustic_techniques techniques = l->techniques;
+    techniques.moments = l->moments_of_rays;
+    techniques.rays = step->samples;
+    const struct kiln_batch batch = {.first = (size_t)first,
+                                     .count = (size_t)count,
+                                     .stream = step->stream + PILOT_STREAM,
+                                     .samples = pilot_rays(step),
+                                     .first_sample = step->part * pilot_rays(step)};
+    return kiln_backend_run(backend_of(l), &kiln_pass_weighed, &techniques, &batch, rays, error);
+}
+
+/* Collective. `paths` pilots that land, weighed as if they were all that will land: what they exchange with gather rays
+ * teaches what is best. */
+static int land_pilots(struct kiln_landing *l, uint64_t paths, struct kiln_error *error)
+{
+    const uint64_t iterations = l->techniques.iterations;
+    aim(l, paths);
+    l->techniques.iterations = iterations * (l->photons / paths);
+    const int status = run_paths(l, EXCHANGE_ITERATION + kiln_solution_step(l->solution)->step.part, PILOTS * paths,
+                                 learn_from_exchange, error);
+    l->techniques.iterations = iterations;
+    l->done = 0;
+    aim(l, l->photons);
+    return status;
+}
+
+/* Collective. Pilot rays of all points, and where techniques exchange `paths` that land, teach how the techniques
+ * count. */
+static int learn_factors(struct kiln_landing *l, uint64_t paths, struct kiln_error *error)
+{
+    const struct kiln_surface *own = &l->solution->own->surface;
+    int status =
+        kiln_allocate(&l->moments_of_rays, own->count, sizeof *l->moments_of_rays, "the moments of rays", error);
+    status = work_through(l, 0, own->tile_run_count, PILOT_TILE_RUNS, gather_pilots, status, error);
+    if (status == KILN_OK)
+        use_factors(l);
+    if (status == KILN_OK && exchanges(l))
+        status = land_pilots(l, paths, error);
+    if (status == KILN_OK)
+        status = kiln_land_factors_find(&l->factors, l->params->communicator, l->techniques.mis, l->moments_of_rays,
+                                        own, error);
+    kiln_free(&l->moments_of_rays);
+    return status;
+}
+
 /* Collective. Paths that teach how those of all iterations are shared out, in a few rounds of which each learns from
  * those before, and bring no light. */
 static int run_pilots(struct kiln_landing *l, struct kiln_error *error)
@@ -566,6 +694,8 @@ static int run_pilots(struct kiln_landing *l, struct kiln_error *error)
             correct_aims(l, i + 1 < PILOTS ? paths : l->photons);
         l->done = 0;
     }
+    if (status == KILN_OK && has_factors(l))
+        status = learn_factors(l, paths, error);
     l->pilots = false;
     return status;
 }
@@ -651,8 +781,7 @@ static int run_iterations(struct kiln_landing *l, struct kiln_error *error)
                    number = kiln_solution_step(l->solution)->step.part * iterations; /* a part has paths of its own */
     int status = KILN_OK;
     while (l->iteration < iterations && status == KILN_OK) {
-        status = run_paths(l, number + l->iteration, PILOTS * pilot_paths(l) + l->iteration * l->photons, add_landing,
-                           error);
+        status = run_paths(l, number + l->iteration, all_pilots(l) + l->iteration * l->photons, add_landing, error);
         if (status == KILN_OK && merges(l) && (kiln_merge_radius_ends(l->iteration) || l->iteration + 1 == iterations))
             status = merge_sums(l, merge_iterations, error);
         if (status == KILN_OK && l->iteration + 1 < iterations && !shares(l))
@@ -665,7 +794,7 @@ static int run_iterations(struct kiln_landing *l, struct kiln_error *error)
 
 int kiln_landing_run(struct kiln_landing *l, struct kiln_error *error)
 {
-    const uint64_t iterations = l->params->settings->iterations, pilots = PILOTS * pilot_paths(l);
+    const uint64_t iterations = l->params->settings->iterations, pilots = all_pilots(l);
     forget(l);
     kiln_landing_end(l);
     int status = begin_step(l, error);

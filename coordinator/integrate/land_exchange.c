@@ -69,8 +69,13 @@ static double weigh(const struct kiln_land_exchange *e, const struct kiln_landin
     const struct kiln_landing_weights *w = e->weights;
     if (w == NULL)
         return 1.0;
-    return kiln_caustic_weight_landed(w->mis, (double)record->others, w->rays,
-                                      (double)w->area[record->point - e->first[e->rank]]);
+    const uint64_t own = record->point - e->first[e->rank];
+    const struct kiln_caustic_factors *factors = w->factors != NULL ? &w->factors[w->region_of[own]] : NULL;
+    double others = (double)record->others;
+    if (factors != NULL && kiln_mis_has_factors(w->mis))
+        others = kiln_caustic_others_by(factors, others, (double)record->sampled);
+    const double weight = kiln_caustic_weight_landed(w->mis, others, w->rays, (double)w->area[own]);
+    return factors != NULL && w->mis == KILN_MIS_OPTIMAL ? kiln_caustic_exchanged_landed(factors, weight) : weight;
 }
 
 void kiln_land_add(const struct kiln_landing_record *record, double weight, struct kiln_landing_sum *sum)

@@ -17,7 +17,10 @@ struct kiln_landing_record {
     float flux[3];  /* W */
     float shading, taken_up;
     float others; /* of struct kiln_land_result */
-    uint32_t aim;
+    union {
+        uint32_t aim;
+        float sampled; /* where the weights have factors */
+    };
 };
 
 /* Where gather rays find a part of the light: what landings are weighed by (kiln_caustic_weight_landed). */
@@ -25,6 +28,9 @@ struct kiln_landing_weights {
     enum kiln_mis mis;
     double rays;       /* of a point */
     const float *area; /* m2, of own points: kiln_lit_area */
+    /* of struct kiln_caustic_techniques */
+    const struct kiln_caustic_factors *factors;
+    const uint32_t *region_of;
 };
 
 /* What paths so far have brought to an own point, W. Lies in checkpoints. */

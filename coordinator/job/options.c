@@ -48,7 +48,7 @@ static const char *const materials_names[] = {"auto", "diffuse", "full", NULL};
 /* in the order of enum kiln_caustics */
 static const char *const caustics_names[] = {"auto", "none", "gather", "land", "merge", "vcm", NULL};
 /* in the order of enum kiln_mis */
-static const char *const mis_names[] = {"balance", "power", "uniform", NULL};
+static const char *const mis_names[] = {"balance", "power", "uniform", "variance", "correlation", "optimal", NULL};
 /* in the order of enum kiln_view_method */
 #define VIEW_METHOD_NAME(name, text) text,
 static const char *const view_denoisers[] = {"none", "bmfr", NULL};

@@ -16,6 +16,8 @@ SMALL = ("--backend", "embree", "--texels-per-metre", "2", "--materials", "auto"
 LAND = ("--caustics", "land", "--photons", "40000", "--iterations", "3")
 VCM = ("--caustics", "vcm", "--photons", "20000", "--iterations", "3", "--samples-indirect", "64")
 WAYS = {"land": LAND, "vcm": VCM}
+# What pilots teach has a part in the weights.
+LEARNT = {mis: (*VCM, "--mis", mis) for mis in ("variance", "correlation", "optimal")}
 
 
 class Land(unittest.TestCase):
@@ -83,8 +85,8 @@ class Land(unittest.TestCase):
         return values.std(0, ddof=1) / np.sqrt(len(values))
 
     def test_same_bits(self):
-        for way, options in WAYS.items():
-            runs = ((0, 1), (0, 2), (2, 1), (3, 1))
+        for way, options in (WAYS | LEARNT).items():
+            runs = ((0, 1), (0, 2), (2, 1), (3, 1)) if way in WAYS else ((0, 2), (3, 1))
             lights = [self.light(self.bake("%s-%d-%d" % (way, *run), *options, "--bounces", "1", "--threads",
                                            str(run[1]), ranks=run[0])) for run in runs]
             for run, other in zip(runs[1:], lights[1:]):
@@ -120,6 +122,18 @@ class Land(unittest.TestCase):
                          ["vcm", "power", 20000])
         self.assertEqual(report["energy"]["unfound"], [0.0, 0.0, 0.0])
         self.assertLess(abs(report["energy"]["residual"]), 5.0 * report["energy"]["error"])
+
+    def test_learnt_weights(self):
+        """Weights that pilots have taught bring the light that others bring, and are others."""
+        names = ["floor", "back"]
+        more = ("--materials", "full", "--samples-indirect", "256")
+        plain = self.powers(names, *VCM, *more, seeds=4)
+        for mis, options in LEARNT.items():
+            found = self.powers(names, *options, *more, seeds=4)
+            print(mis, *("%.4f +- %.4f" % pair for pair in zip(found.mean(0), self.error(found))))
+            self.assertTrue(np.all(np.abs(found.mean(0) - plain.mean(0)) <
+                                   5.0 * np.hypot(self.error(found), self.error(plain))), mis)
+            self.assertFalse(np.array_equal(found, plain), mis)
 
     def test_wrong_values(self):
         for options in (("--photons", "0"), ("--photons", "-1"), ("--photons", "4294967296"), ("--iterations", "0"),

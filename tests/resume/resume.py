@@ -654,18 +654,19 @@ def try_landing(checks, tool):
 
 
 def try_sharing(checks, tool):
-    """The same of paths that share the light with gather rays, which are killed too."""
+    """The same of paths that share the light with gather rays, by what pilots have taught; the rays are killed too."""
     more = ('--materials', 'full', '--caustics', 'vcm', '--photons', 250000, '--iterations', 3, '--bounces', 1,
             '--samples-indirect', 512, '--no-error-map')
-    reference, _ = reference_of(checks, tool, *more)
+    learnt = ('--mis', 'optimal')
+    reference, _ = reference_of(checks, tool, *more, *learnt)
     folder = tool.folder()
-    killed_within(checks, tool, folder, 'light paths', 1, more)
-    killed_within(checks, tool, folder, 'caustics', 2, more)
+    killed_within(checks, tool, folder, 'light paths', 1, more + learnt)
+    killed_within(checks, tool, folder, 'caustics', 2, more + learnt)
     for other in (('--mis', 'power'), ('--caustics', 'land')):
         process = tool.bake(folder, *more, *other)
         checks.that(process.status == BAD_INPUT and other[0][2:] in process.stderr,
                     '%s %s was not refused: %d' % (*other, process.status), process)
-    same(checks, tool, reference, folder, tool.bake(folder, *more, ranks=3), 'killed while light was shared')
+    same(checks, tool, reference, folder, tool.bake(folder, *more, *learnt, ranks=3), 'killed while light was shared')
 
 
 def try_bounces(checks, tool):

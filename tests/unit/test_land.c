@@ -180,9 +180,15 @@ static int add(void *context, size_t first, size_t count, const void *results, s
             continue;
         const struct kiln_surface *surface = s->world->surface;
         assert_true(s->world->weighs || r->others == 0.0f);
-        const double weight =
-            kiln_caustic_weight_landed(s->world->techniques.mis, (double)r->others, RAYS,
-                                       kiln_lit_area(surface, (struct kiln_own_point){r->point}, 1.0f));
+        const struct kiln_caustic_techniques *t = &s->world->techniques;
+        const double others =
+            !kiln_mis_has_factors(t->mis)
+                ? (double)r->others
+                : kiln_caustic_others_by(&t->factors[t->region_of[r->point]], (double)r->others, (double)r->sampled);
+        double weight = kiln_caustic_weight_landed(t->mis, others, RAYS,
+                                                   kiln_lit_area(surface, (struct kiln_own_point){r->point}, 1.0f));
+        if (t->mis == KILN_MIS_OPTIMAL)
+            weight = kiln_caustic_exchanged_landed(&t->factors[t->region_of[r->point]], weight);
         for (int c = 0; c < 3; c++)
             s->landed[c] += weight * (double)r->flux[c];
         s->squares += weight * (double)r->flux[1] * weight * (double)r->flux[1];
@@ -199,8 +205,9 @@ static void trace(struct world *w, uint64_t paths, uint64_t first, uint64_t iter
     const struct kiln_batch batch = {.first = first * paths, .count = iterations * paths, .take = add, .context = sums};
     uint64_t rays = 0;
     sums->world = w;
-    w->techniques = (struct kiln_caustic_techniques){
-        .aims = w->aims, .emission = w->emission, .iterations = iterations, .mis = w->techniques.mis};
+    w->techniques.aims = w->aims;
+    w->techniques.emission = w->emission;
+    w->techniques.iterations = iterations;
     if (w->aims->paths != paths)
         kiln_aims_share(w->aims, paths, NULL);
     if (kiln_backend_run(w->backend, &kiln_pass_land, &parameters, &batch, &rays, &error) != KILN_OK)
@@ -562,6 +569,29 @@ static int add_gathered(void *context, size_t first, size_t count, const void *r
     return KILN_OK;
 }
 
+/* Pilots: by luminance of hits and of samples alone, E(X^2) = Var(X) + mean^2. Returns the largest mean^2 / Var(X). */
+static double learn_moments(struct world *w)
+{
+    struct kiln_caustic_moments *moments = calloc(w->surface->count, sizeof *moments);
+    struct kiln_caustic_techniques techniques = w->techniques;
+    techniques.mis = KILN_MIS_VARIANCE;
+    techniques.rays = RAYS;
+    const struct kiln_batch batch = {.count = w->surface->tile_run_count, .samples = RAYS};
+    uint64_t rays = 0;
+    double most = 0.0;
+    techniques.moments = moments;
+    assert_int_equal(kiln_backend_run(w->backend, &kiln_pass_weighed, &techniques, &batch, &rays, NULL), KILN_OK);
+    for (uint64_t i = 0; i < w->surface->count; i++)
+        for (int t = 0; t < KILN_CAUSTIC_GATHERS; t++) {
+            const double square = (double)moments[i].square[t], variance = (double)moments[i].variance[t];
+            assert_true(square >= (1.0 - 1.0 / RAYS - 1e-6) * variance && moments[i].net[t] >= 0.0f);
+            if (variance > 0.0)
+                most = fmax(most, square / variance - 1.0);
+        }
+    free(moments);
+    return most;
+}
+
 /* Light paths and gather rays that share what both find bring, together, what light paths bring alone: by every kind of
  * lamp, and by every heuristic. */
 static void shared_light_is_the_same(void **state)
@@ -573,12 +603,21 @@ static void shared_light_is_the_same(void **state)
         struct sums alone = {.count = 0};
         two_balls(&w, lamp, true);
         trace(&w, PATHS, 0, 2, &alone);
-        for (enum kiln_mis mis = KILN_MIS_BALANCE; mis <= KILN_MIS_UNIFORM; mis++) {
+        uint32_t *region_of = calloc(w.surface->count, sizeof *region_of);
+        for (uint64_t i = 0; i < w.surface->count; i++)
+            region_of[i] = (uint32_t)i % 3;
+        const struct kiln_caustic_factors factors[3] = {
+            {.sample = 0.3f, .land = 5.0f}, {.sample = 4.0f, .land = 0.2f}, {.sample = 6.0f, .land = 9.0f}};
+        const struct kiln_caustic_factors exchanges[3] = {
+            {1.0f, 1.0f, {1.0f, -1.0f}}, {1.0f, 1.0f, {-1.0f, -0.5f}}, {1.0f, 1.0f, {0.5f, 1.0f}}};
+        for (enum kiln_mis mis = KILN_MIS_BALANCE; mis <= KILN_MIS_OPTIMAL; mis += mis == KILN_MIS_VARIANCE ? 2 : 1) {
             struct sums landed = {.count = 0}, found = {.world = &w};
             const struct kiln_batch batch = {
                 .count = w.surface->tile_run_count, .samples = RAYS, .take = add_gathered, .context = &found};
             uint64_t rays = 0;
             w.techniques.mis = mis;
+            w.techniques.factors = mis == KILN_MIS_OPTIMAL ? exchanges : kiln_mis_has_factors(mis) ? factors : NULL;
+            w.techniques.region_of = region_of;
             w.weighs = true;
             trace(&w, FEW, 0, 2, &landed);
             w.weighs = false;
@@ -592,6 +631,10 @@ static void shared_light_is_the_same(void **state)
             if (lamp != SUN) /* which light paths find so much better that hardly anything is left */
                 assert_true(found.landed[1] > 1e-3 * all);
         }
+        const double sure = learn_moments(&w);
+        print_message("  mean^2 is up to %.3f of the variance of what one ray finds\n", sure);
+        assert_true(lamp != SKY || sure > 0.1); /* which a ray through a ball hardly misses */
+        free(region_of);
         release(&w);
     }
 }

@@ -17,6 +17,11 @@
  *     balance   1 / (1 + sum of r)          power     1 / (1 + sum of r^2)
  *     uniform   1 / (1 + how many r are above 0)
  *
+ *     variance, correlation: as balance, with each density times a factor of its technique in the region of x
+ *     (worker/pass/weighed.h), by which r changes to r c_other / c_own
+ *     optimal: with w_h, w_s, w_l those of balance and exchanges a, b of the region of x
+ *         w_h (1 + a w_s + b w_l),      w_s (1 - a w_h + b w_l),      w_l (1 - b (w_h + w_s))
+ *
  * Densities are per steradian where they say `forward` (with which the subpath is drawn on from a surface) or
  * `backward` (with which a subpath of the other side would leave by the way that this one has come); cosines are those
  * of geometric normals, absolute. At x gather rays count as drawn by the cosine to the geometric normal. Roulette,
@@ -30,7 +35,33 @@
 
 #include "shaders/shared/vector.h"
 
-enum kiln_mis { KILN_MIS_BALANCE = 0, KILN_MIS_POWER = 1, KILN_MIS_UNIFORM = 2 };
+enum kiln_mis {
+    KILN_MIS_BALANCE = 0,
+    KILN_MIS_POWER = 1,
+    KILN_MIS_UNIFORM = 2,
+    KILN_MIS_VARIANCE = 3,
+    KILN_MIS_CORRELATION = 4,
+    KILN_MIS_OPTIMAL = 5
+};
+
+/* What weights take from one technique and give to another. */
+enum kiln_caustic_exchanges { KILN_CAUSTIC_SAMPLES_TO_HITS, KILN_CAUSTIC_LANDINGS_TO_RAYS, KILN_CAUSTIC_EXCHANGES };
+
+/* Factors of samples' and of landings' densities over that of hits, and the exchanges of --mis optimal, -1 to 1: the
+ * same for all techniques of a texel. */
+struct kiln_caustic_factors {
+    float sample, land, exchange[KILN_CAUSTIC_EXCHANGES];
+};
+
+static const struct kiln_caustic_factors kiln_caustic_factors_alike = {.sample = 1.0f, .land = 1.0f};
+
+/* Whether pilots teach what the light is weighed by. */
+static inline bool kiln_mis_learns(enum kiln_mis mis) { return mis >= KILN_MIS_VARIANCE; }
+/* Whether the weights have factors. */
+static inline bool kiln_mis_has_factors(enum kiln_mis mis)
+{
+    return mis == KILN_MIS_VARIANCE || mis == KILN_MIS_CORRELATION;
+}
 
 /* What a technique whose density is r times as large adds to the inverse of a weight. */
 static inline double kiln_mis_share(enum kiln_mis mis, double r)
@@ -49,10 +80,11 @@ struct kiln_caustic_gathered {
     double land, sample;
 };
 
-/* `area`: m2, A. */
-static inline struct kiln_caustic_gathered kiln_caustic_gather(double area, double rays)
+/* `area`: m2, A. The factor of samples goes with `connect` in what follows. */
+static inline struct kiln_caustic_gathered kiln_caustic_gather(double area, double rays,
+                                                               const struct kiln_caustic_factors *factors)
 {
-    return (struct kiln_caustic_gathered){KILN_PI * area / rays, 0.0};
+    return (struct kiln_caustic_gathered){KILN_PI * area / rays * (double)factors->land, 0.0};
 }
 
 /* It arrives at a surface; `squared`: m2, of the distance. */
@@ -71,7 +103,8 @@ static inline void kiln_caustic_leave(struct kiln_caustic_gathered *g, double co
 }
 
 /* The weight of a hit. `connect`: the density of a sample of the lights at the lamp's place, per m2, or per steradian
- * of the environment; `emission`: N times that of the aim's rays, per m2 and steradian (kiln_aims_density). */
+ * of the environment, times the factor of samples; `emission`: N times that of the aim's rays, per m2 and steradian
+ * (kiln_aims_density). */
 static inline double kiln_caustic_weight_hit(enum kiln_mis mis, const struct kiln_caustic_gathered *g, double connect,
                                              double emission)
 {
@@ -87,6 +120,45 @@ static inline double kiln_caustic_weight_sampled(enum kiln_mis mis, const struct
 {
     return 1.0 / (kiln_mis_share(mis, hit / connect) + 1.0 +
                   kiln_mis_share(mis, emission / connect * towards * g->land * backward));
+}
+
+/* ---- exchanges ---- */
+
+/* Of a path with a weight of balance, what each exchange by 1 adds to the weight over the weight: by the weights that
+ * the other techniques have. The arguments are those of the weight. */
+static inline void kiln_caustic_exchange_hit(const struct kiln_caustic_gathered *g, double weight, double connect,
+                                             double emission, double more[KILN_CAUSTIC_EXCHANGES])
+{
+    more[KILN_CAUSTIC_SAMPLES_TO_HITS] = weight * connect * g->sample;
+    more[KILN_CAUSTIC_LANDINGS_TO_RAYS] = weight * emission * g->land;
+}
+
+static inline void kiln_caustic_exchange_sampled(const struct kiln_caustic_gathered *g, double weight, double connect,
+                                                 double emission, double towards, double hit, double backward,
+                                                 double more[KILN_CAUSTIC_EXCHANGES])
+{
+    more[KILN_CAUSTIC_SAMPLES_TO_HITS] = -weight * hit / connect;
+    more[KILN_CAUSTIC_LANDINGS_TO_RAYS] = weight * emission / connect * towards * g->land * backward;
+}
+
+/* Of KILN_CAUSTIC_LANDINGS_TO_RAYS alone. */
+static inline double kiln_caustic_exchange_landed(double weight) { return weight - 1.0; }
+
+/* The weight with exchanges. */
+static inline double kiln_caustic_exchanged(const struct kiln_caustic_factors *factors, double weight,
+                                            const double more[KILN_CAUSTIC_EXCHANGES])
+{
+    double sum = 1.0;
+    for (int e = 0; e < KILN_CAUSTIC_EXCHANGES; e++)
+        sum += (double)factors->exchange[e] * more[e];
+    return weight * fmax(0.0, sum);
+}
+
+static inline double kiln_caustic_exchanged_landed(const struct kiln_caustic_factors *factors, double weight)
+{
+    const double more[KILN_CAUSTIC_EXCHANGES] = {[KILN_CAUSTIC_LANDINGS_TO_RAYS] =
+                                                     kiln_caustic_exchange_landed(weight)};
+    return kiln_caustic_exchanged(factors, weight, more);
 }
 
 /* ---- from the lamp ---- */
@@ -128,6 +200,15 @@ static inline double kiln_caustic_others(enum kiln_mis mis, const struct kiln_ca
     if (mis == KILN_MIS_UNIFORM)
         return sum;
     return (mis == KILN_MIS_POWER ? sqrt(sum) : sum) / KILN_PI;
+}
+
+/* Of that the samples' part, which a factor of the texel is for. */
+static inline double kiln_caustic_sampled(const struct kiln_caustic_landing *l) { return l->sample / KILN_PI; }
+
+/* What kiln_caustic_others would have said with factors of the texel, from what it has said without. */
+static inline double kiln_caustic_others_by(const struct kiln_caustic_factors *factors, double others, double sampled)
+{
+    return fmax(0.0, others + ((double)factors->sample - 1.0) * sampled) / (double)factors->land;
 }
 
 /* The weight of a landing by what kiln_caustic_others has said, `rays` gather rays of the point and its area, m2. */

@@ -68,8 +68,6 @@ static uint32_t directional_lacks(const void *result)
 
 /* ---- the table ---- */
 
-_Static_assert(sizeof(struct kiln_land_result) <= 40, "what travels of a light path");
-
 #define POINT_FIGURES                                                                                                  \
     .figures = point_figures, .figure_count = 6, .unit = "W/m2",                                                       \
     .figure_names = {"irradiance", "irradiance", "irradiance", "incident light", "incident light", "incident light"}

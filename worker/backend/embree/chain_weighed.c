@@ -12,7 +12,9 @@ struct chain {
     const struct kiln_caustic_techniques *t;
     float weight[3]; /* what of the radiance that comes now reaches the chain's begin */
     struct kiln_caustic_gathered sums;
-    float *light;
+    const struct kiln_caustic_factors *factors;
+    struct chain_weighed *found;
+    float *light[KILN_CAUSTIC_GATHERS]; /* in `found` */
 };
 
 static void multiply(struct chain *c, const float factor[3])
@@ -21,21 +23,46 @@ static void multiply(struct chain *c, const float factor[3])
         c->weight[i] *= factor[i];
 }
 
-static void weigh(const struct chain *c, double by, float weight[3])
+/* A path's weight, and what it would have more of with each exchange. */
+struct weight {
+    double by, more[KILN_CAUSTIC_EXCHANGES];
+};
+
+static const struct weight whole = {1.0, {0.0}};
+
+static bool exchanges(const struct chain *c) { return c->t->mis == KILN_MIS_OPTIMAL; }
+
+static void weigh(const struct chain *c, const struct weight *w, float weight[3])
 {
+    const bool pilot = c->found->pilot;
+    const double by = !exchanges(c) ? pilot ? 1.0 : w->by
+                      : pilot       ? w->by
+                                    : kiln_caustic_exchanged(c->factors, w->by, w->more);
     for (int i = 0; i < 3; i++)
         weight[i] = (float)((double)c->weight[i] * by);
+}
+
+/* A technique has found light by this weight; `before`: what it had found. */
+static void note_exchanges(const struct chain *c, enum kiln_caustic_gathers technique, const struct weight *w,
+                           const float before[3])
+{
+    const double light = (double)(kiln_luminance_in_float(c->light[technique]) - kiln_luminance_in_float(before));
+    for (int e = 0; e < KILN_CAUSTIC_EXCHANGES && exchanges(c); e++)
+        c->found->exchanged[e] += light * w->more[e];
 }
 
 /* ---- lights that the chain meets ---- */
 
 /* `before`: the surface that the chain has come from. */
-static double weigh_hit(const struct chain *c, const struct vertex *before, uint32_t light, struct kiln_dvec3 place,
-                        struct kiln_dvec3 direction)
+static struct weight weigh_hit(const struct chain *c, const struct vertex *before, uint32_t light,
+                               struct kiln_dvec3 place, struct kiln_dvec3 direction)
 {
-    const double connect = techniques_connect(c->t, light, before, place, direction),
+    const double connect = techniques_connect(c->t, light, before, place, direction) * (double)c->factors->sample,
                  emission = techniques_emission(c->t, c->walk->b, light, before, place, direction);
-    return kiln_caustic_weight_hit(c->t->mis, &c->sums, connect, emission);
+    struct weight w = {kiln_caustic_weight_hit(c->t->mis, &c->sums, connect, emission), {0.0}};
+    if (exchanges(c))
+        kiln_caustic_exchange_hit(&c->sums, w.by, connect, emission, w.more);
+    return w;
 }
 
 static void meet_emitter(struct chain *c, const struct vertex *before, const struct meeting *m,
@@ -43,25 +70,30 @@ static void meet_emitter(struct chain *c, const struct vertex *before, const str
 {
     const struct kiln_emission *emission = c->t->emission;
     const uint32_t light = kiln_emission_of_triangle(emission, m->triangle);
-    double by = 1.0;
-    float weight[3];
+    struct weight w = whole;
+    float weight[3], found[3];
     if (light != KILN_NONE && !(m->back && !emission->lights->areas[light].two_sided)) {
         const struct kiln_vec3 place = kiln_triangle_position(c->walk->b->params.geometry, m->triangle, m->u, m->v);
-        by = weigh_hit(c, before, light, dvec3_of(place), dvec3_of(vec3_scale(direction, -1.0f)));
+        w = weigh_hit(c, before, light, dvec3_of(place), dvec3_of(vec3_scale(direction, -1.0f)));
     }
-    weigh(c, by, weight);
-    walk_emission(c->walk, m, weight, c->light);
+    weigh(c, &w, weight);
+    memcpy(found, c->light[KILN_CAUSTIC_HIT], sizeof found);
+    walk_emission(c->walk, m, weight, c->light[KILN_CAUSTIC_HIT]);
+    note_exchanges(c, KILN_CAUSTIC_HIT, &w, found);
 }
 
 static void meet_environment(struct chain *c, const struct vertex *before, struct kiln_vec3 direction)
 {
     const struct kiln_emission *emission = c->t->emission;
     const struct kiln_dvec3 from = dvec3_of(vec3_scale(direction, -1.0f));
-    float weight[3];
+    float weight[3], found[3];
     if (!emission->lights->environment)
         return;
-    weigh(c, weigh_hit(c, before, kiln_emission_environment(emission), from, from), weight);
-    walk_environment(c->walk, direction, weight, c->light);
+    const struct weight w = weigh_hit(c, before, kiln_emission_environment(emission), from, from);
+    weigh(c, &w, weight);
+    memcpy(found, c->light[KILN_CAUSTIC_HIT], sizeof found);
+    walk_environment(c->walk, direction, weight, c->light[KILN_CAUSTIC_HIT]);
+    note_exchanges(c, KILN_CAUSTIC_HIT, &w, found);
 }
 
 /* ---- samples of lights ---- */
@@ -80,22 +112,28 @@ static void add_sample(struct chain *c, const struct vertex *v, const struct kil
                  cosine =
                      light < lights->area_count ? fabs(dvec3_dot(lights->areas[light].normal, sample->direction)) : 1.0;
     struct vertex_scatter s;
-    float weight[3];
+    float weight[3], found[3];
     if (!vertex_scatter(b, v, v->from, direction, v->m.others, &s))
         return;
-    const double connect = techniques_connect(c->t, light, v, end, down),
+    const double connect = techniques_connect(c->t, light, v, end, down) * (double)c->factors->sample,
                  emission = techniques_emission(c->t, b, light, v, end, down);
     c->walk->rays++;
     shadow_aim(sample, place, dvec3_of(start));
     if (!(connect > 0.0) || !light_arrives(b, c->walk->context, start, choice, sample))
         return;
     const double hit = sample->has_extent ? s.to_light * cosine / squared : 0.0;
-    weigh(c, kiln_caustic_weight_sampled(c->t->mis, &c->sums, connect, emission, s.cosine_i / squared, hit, s.to_eye),
-          weight);
+    const double towards = s.cosine_i / squared;
+    struct weight w = {kiln_caustic_weight_sampled(c->t->mis, &c->sums, connect, emission, towards, hit, s.to_eye),
+                       {0.0}};
+    if (exchanges(c))
+        kiln_caustic_exchange_sampled(&c->sums, w.by, connect, emission, towards, hit, s.to_eye, w.more);
+    weigh(c, &w, weight);
+    memcpy(found, c->light[KILN_CAUSTIC_SAMPLE], sizeof found);
     if (!outside)
         vertex_attenuate(v, direction, (float)sample->distance, weight);
     for (int i = 0; i < 3; i++)
-        c->light[i] += weight[i] * (float)(sample->value[i] * s.all[i] * s.cosine_i);
+        c->light[KILN_CAUSTIC_SAMPLE][i] += weight[i] * (float)(sample->value[i] * s.all[i] * s.cosine_i);
+    note_exchanges(c, KILN_CAUSTIC_SAMPLE, &w, found);
 }
 
 static void sample_choice(struct chain *c, const struct vertex *v, uint32_t surface, struct kiln_light_choice choice,
@@ -178,17 +216,21 @@ static bool go_on(struct chain *c, const struct vertex *v, uint32_t surface, flo
 }
 
 void chain_follow_weighed(struct walk *walk, const struct kiln_caustic_techniques *techniques, double area,
-                          uint32_t samples, uint32_t chance, uint32_t k, const struct RTCRayHit *ray, float light[3])
+                          uint32_t samples, const struct kiln_caustic_factors *factors, uint32_t chance, uint32_t k,
+                          const struct RTCRayHit *ray, struct chain_weighed *found)
 {
     const struct embree_backend *b = walk->b;
-    struct chain c = {.walk = walk,
-                      .t = techniques,
-                      .weight = {1.0f, 1.0f, 1.0f},
-                      .sums = kiln_caustic_gather(area, (double)samples),
-                      .light = light};
+    struct chain c = {
+        .walk = walk,
+        .t = techniques,
+        .weight = {1.0f, 1.0f, 1.0f},
+        .sums = kiln_caustic_gather(area, (double)samples, factors),
+        .factors = factors,
+        .found = found,
+        .light = {found->light[KILN_CAUSTIC_HIT], found->light[found->pilot ? KILN_CAUSTIC_SAMPLE : KILN_CAUSTIC_HIT]}};
     struct RTCRayHit next = *ray;
     struct vertex before;
-    memset(light, 0, 3 * sizeof *light);
+    *found = (struct chain_weighed){.pilot = found->pilot};
     walk->key = kiln_chain_key(chance);
     walk->k = k;
     for (uint32_t surface = 0;; surface++) {

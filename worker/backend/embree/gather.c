@@ -20,6 +20,10 @@
 #include "worker/pass/gather.h"
 #include "worker/pass/guided.h"
 
+/* The exchanges of --mis optimal and light; and which of them the products of pilots are of. */
+enum { EXCHANGES_AND_LIGHT = KILN_CAUSTIC_EXCHANGES + 1 };
+static const uint8_t product_of[KILN_CAUSTIC_PRODUCTS][2] = {{0, 0}, {0, 1}, {1, 1}, {0, 2}, {1, 2}};
+
 /* A thread's working set. */
 struct gather_work {
     struct tile_run_rays *rays;
@@ -44,6 +48,12 @@ struct gather_work {
     /* the weighed pass; else NULL. And of each point the area that is there to be lit, m2 */
     const struct kiln_caustic_techniques *techniques;
     double area[RAY_LANES];
+    struct kiln_caustic_factors factors[RAY_LANES];
+    struct chain_weighed weighed;
+    /* its pilots: sums over a point's rays, by luminance, of what hits and what samples find, of quarters of the rays
+     * and of squares; or of what exchanges add and of light, and of the products of the former with either */
+    double pilot[KILN_CAUSTIC_GATHERS][RAY_QUARTERS][RAY_LANES], squares[KILN_CAUSTIC_GATHERS][RAY_LANES];
+    double exchanges[EXCHANGES_AND_LIGHT][RAY_LANES], products[KILN_CAUSTIC_PRODUCTS][RAY_LANES];
     /* the reference pass; else NULL; and what of a point's incident light has bounced as often as there may be bounces
      */
     const struct kiln_reference_parameters *reference;
@@ -391,21 +401,103 @@ static void collect_lanes(const struct embree_backend *b, struct embree_context 
 
 /* ---- caustics ---- */
 
-/* The areas of the tile run's points. */
+/* The areas of the tile run's points, and the factors of the techniques there. */
 static void find_areas(struct gather_work *w, const struct embree_backend *b, size_t tile_run)
 {
+    const struct kiln_caustic_techniques *t = w->techniques;
     const struct tile_run_frame *frame = &w->rays->frame;
     const uint64_t first = kiln_own_of_global(b->surface, b->surface->tile_runs[tile_run].first).at;
-    for (uint32_t j = 0; j < frame->count; j++)
-        w->area[j] = kiln_lit_area(b->surface, (struct kiln_own_point){first + frame->place[j]}, frame->present[j]);
+    for (uint32_t j = 0; j < frame->count; j++) {
+        const struct kiln_own_point own = {first + frame->place[j]};
+        w->area[j] = kiln_lit_area(b->surface, own, frame->present[j]);
+        w->factors[j] = t->factors != NULL ? t->factors[t->region_of[own.at]] : kiln_caustic_factors_alike;
+    }
 }
 
-static void follow_weighed(struct gather_work *w, uint32_t step, uint32_t l)
+static void follow_weighed(struct gather_work *w, uint32_t step, uint32_t l, uint32_t samples)
 {
     const struct tile_run_rays *r = w->rays;
     const struct RTCRayHit ray = rays_lane(r, l);
-    chain_follow_weighed(&w->walk, w->techniques, w->area[r->point[l]], r->samples, r->chance[l],
-                         rays_sample(r, step, l), &ray, w->chain.light);
+    const uint32_t j = r->point[l];
+    chain_follow_weighed(&w->walk, w->techniques, w->area[j], samples, &w->factors[j], r->chance[l],
+                         rays_sample(r, step, l), &ray, &w->weighed);
+}
+
+/* Of a pilot's ray: what exchanges would add to its light, and that. */
+static void note_exchanges(struct gather_work *w, uint32_t l)
+{
+    const uint32_t j = w->rays->point[l];
+    const double scale = KILN_PI * (double)facet_weight(w->rays, l);
+    double x[EXCHANGES_AND_LIGHT] = {0.0};
+    for (int e = 0; e < KILN_CAUSTIC_EXCHANGES; e++)
+        x[e] = scale * w->weighed.exchanged[e];
+    for (int t = 0; t < KILN_CAUSTIC_GATHERS; t++)
+        x[KILN_CAUSTIC_EXCHANGES] += scale * (double)kiln_luminance_in_float(w->weighed.light[t]);
+    for (int i = 0; i < EXCHANGES_AND_LIGHT; i++)
+        w->exchanges[i][j] += x[i];
+    for (int p = 0; p < KILN_CAUSTIC_PRODUCTS; p++)
+        w->products[p][j] += x[product_of[p][0]] * x[product_of[p][1]];
+}
+
+/* Of a pilot's ray: what it finds by each technique alone. */
+static void note_alone(struct gather_work *w, uint32_t step, uint32_t l)
+{
+    const struct tile_run_rays *r = w->rays;
+    const uint32_t j = r->point[l], quarter = r->quarter_of[step * r->copies + r->copy[l]];
+    const double scale = KILN_PI * (double)facet_weight(r, l);
+    for (int t = 0; t < KILN_CAUSTIC_GATHERS; t++) {
+        const double x = scale * (double)kiln_luminance_in_float(w->weighed.light[t]);
+        w->pilot[t][quarter][j] += x;
+        w->squares[t][j] += x * x;
+    }
+}
+
+static void note_pilot(struct gather_work *w, uint32_t step, uint32_t l)
+{
+    follow_weighed(w, step, l, w->techniques->rays);
+    if (w->techniques->mis == KILN_MIS_OPTIMAL)
+        note_exchanges(w, l);
+    else
+        note_alone(w, step, l);
+}
+
+static void store_alone(const struct gather_work *w, uint32_t j, struct kiln_caustic_moments *m)
+{
+    const double n = (double)w->rays->samples;
+    for (int t = 0; t < KILN_CAUSTIC_GATHERS; t++) {
+        double sum = 0.0, quarters = 0.0;
+        for (int q = 0; q < RAY_QUARTERS; q++) {
+            sum += w->pilot[t][q][j];
+            quarters += w->pilot[t][q][j] * w->pilot[t][q][j];
+        }
+        m->square[t] = (float)(w->squares[t][j] / n);
+        m->variance[t] = (float)(fmax(0.0, w->squares[t][j] - sum * sum / n) / (n - 1.0));
+        m->net[t] = (float)(fmax(0.0, quarters - sum * sum / RAY_QUARTERS) * RAY_QUARTERS / (RAY_QUARTERS - 1) / n);
+    }
+}
+
+/* Of the mean of the rays that there will be. */
+static void store_exchanges(const struct gather_work *w, uint32_t j, struct kiln_caustic_moments *m)
+{
+    const double n = (double)w->rays->samples, scale = 1.0 / ((n - 1.0) * (double)w->techniques->rays);
+    for (int p = 0; p < KILN_CAUSTIC_PRODUCTS; p++) {
+        const uint8_t *of = product_of[p];
+        m->product[p] = (float)(scale * (w->products[p][j] - w->exchanges[of[0]][j] * w->exchanges[of[1]][j] / n));
+    }
+}
+
+/* Moments of the tile run's points. */
+static void store_moments(const struct gather_work *w, const struct embree_backend *b, size_t tile_run)
+{
+    const struct tile_run_frame *frame = &w->rays->frame;
+    const uint64_t first = kiln_own_of_global(b->surface, b->surface->tile_runs[tile_run].first).at;
+    for (uint32_t j = 0; j < frame->count; j++) {
+        struct kiln_caustic_moments *m = &w->techniques->moments[first + frame->place[j]];
+        if (w->techniques->mis == KILN_MIS_OPTIMAL)
+            store_exchanges(w, j, m);
+        else
+            store_alone(w, j, m);
+    }
 }
 
 /* What chains bring of lamps and sky, as radiosity; rays that meet nothing glossy bring nothing. */
@@ -418,12 +510,17 @@ static void collect_caustics(const struct embree_backend *b, struct embree_conte
         float rgb[3];
         if (!is_chain(b, r, l))
             continue;
+        if (w->weighed.pilot) {
+            note_pilot(w, step, l);
+            continue;
+        }
         if (w->techniques != NULL)
-            follow_weighed(w, step, l);
+            follow_weighed(w, step, l, r->samples);
         else
             follow(w, step, l, false);
+        const float *light = w->techniques != NULL ? w->weighed.light[0] : w->chain.light;
         for (int c = 0; c < 3; c++)
-            rgb[c] = w->chain.light[c] * (float)KILN_PI;
+            rgb[c] = light[c] * (float)KILN_PI;
         add(w, step, l, rgb, embree_tints(b));
     }
 }
@@ -595,6 +692,14 @@ static int caustic_create(void **work, const struct embree_backend *b, const voi
     return light_create(work, b, part, KILN_CAUSTIC_STREAM, error);
 }
 
+static void clear_pilot(struct gather_work *w)
+{
+    memset(w->pilot, 0, sizeof w->pilot);
+    memset(w->squares, 0, sizeof w->squares);
+    memset(w->exchanges, 0, sizeof w->exchanges);
+    memset(w->products, 0, sizeof w->products);
+}
+
 static void caustic_tile_run(void *work, const struct embree_backend *b, struct embree_context *context,
                              size_t tile_run, void *results, uint64_t *rays)
 {
@@ -603,6 +708,9 @@ static void caustic_tile_run(void *work, const struct embree_backend *b, struct 
     if (steps == 0)
         return;
     clear_sums(w);
+    w->weighed.pilot = w->techniques != NULL && w->techniques->moments != NULL;
+    if (w->weighed.pilot)
+        clear_pilot(w);
     if (w->techniques != NULL)
         find_areas(w, b, tile_run);
     for (uint32_t step = 0; step < steps; step++) {
@@ -611,6 +719,8 @@ static void caustic_tile_run(void *work, const struct embree_backend *b, struct 
         rays_trace(w->rays, b, context, lanes);
         collect_caustics(b, context, w, step, lanes);
     }
+    if (w->weighed.pilot)
+        store_moments(w, b, tile_run);
     memset(w->glass, 0, sizeof w->glass); /* of what gather rays find */
     store(w, results);
 }

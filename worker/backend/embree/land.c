@@ -93,8 +93,11 @@ static void land(const struct light_path *p, const struct meeting *m, struct kil
     result->end = KILN_LAND_LANDED;
     result->point = find_point(p->walk.b, m);
     result->shading = above > 0.0f ? fmaxf(0.0f, cosine) / above : 1.0f;
-    if (p->parameters->techniques != NULL)
-        result->others = (float)fmin(kiln_caustic_others(p->parameters->techniques->mis, &p->sums), (double)FLT_MAX);
+    const struct kiln_caustic_techniques *t = p->parameters->techniques;
+    if (t != NULL)
+        result->others = (float)fmin(kiln_caustic_others(t->mis, &p->sums), (double)FLT_MAX);
+    if (t != NULL && kiln_mis_has_factors(t->mis))
+        result->sampled = (float)fmin(kiln_caustic_sampled(&p->sums), (double)FLT_MAX);
     result->taken_up = m->gloss != NULL ? kiln_chain_taken_up(m->lobes, m->o.z) : 1.0f;
 }
 
