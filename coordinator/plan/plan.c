@@ -332,7 +332,8 @@ static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *j
     }
     const double start = MPI_Wtime();
     const struct kiln_batch items = {.count = SAMPLE_PROBES, .positions = positions, .samples = job->samples_probe};
-    int status = kiln_backend_run(p->backend, &kiln_pass_probes, NULL, &items, &rays, error);
+    const struct kiln_probe_parameters parameters = {0};
+    int status = kiln_backend_run(p->backend, &kiln_pass_probes, &parameters, &items, &rays, error);
     if (status == KILN_OK)
         status = kiln_occluders_find(p->backend, p->geometry, positions, SAMPLE_PROBES, occluders, &rays, error);
     *seconds = (MPI_Wtime() - start) / SAMPLE_PROBES;
