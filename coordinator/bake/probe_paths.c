@@ -158,6 +158,14 @@ int kiln_probe_spheres_try(struct kiln_probe_spheres *s, const struct kiln_volum
     return status;
 }
 
+uint64_t kiln_probe_paths_bytes(uint64_t probes, uint32_t ranks)
+{
+    const uint64_t chunk = probes < KILN_PROBE_PATHS_CHUNK ? probes : KILN_PROBE_PATHS_CHUNK,
+                   own = probes / ranks < chunk ? probes / ranks : chunk, sums = KILN_SPHERE_SUMS * sizeof(uint64_t),
+                   ray = 2 * sizeof(struct kiln_vec3) + sizeof(struct kiln_hit);
+    return chunk * (sums + sizeof(struct kiln_sphere)) + own * sums + SIGHT_TOGETHER * SIGHT_RAYS * ray;
+}
+
 /* ---- a chunk ---- */
 
 /* The own probes of the chunk [first, first + count): from number *begin of the own ones on. Returns how many. */

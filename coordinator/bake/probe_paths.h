@@ -48,6 +48,9 @@ uint32_t kiln_probe_paths_leaves(const struct kiln_integrate_settings *settings,
 int kiln_probe_paths_add(const struct kiln_probe_paths_params *params, const struct kiln_volume_result *volume,
                          struct kiln_probe_result *probes, uint8_t *done, uint64_t *rays, struct kiln_error *error);
 
+/* Bytes that a rank needs for the paths to so many probes, but for a BVH. */
+uint64_t kiln_probe_paths_bytes(uint64_t probes, uint32_t ranks);
+
 /* Spheres about unmoved probes, as many as a chunk has, with room for their sums, to try paths with: for kiln plan.
  * Release with kiln_probe_spheres_release, in any case. KILN_SYSTEM. */
 struct kiln_probe_spheres;
