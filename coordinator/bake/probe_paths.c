@@ -65,19 +65,24 @@ static double noise_of(const struct kiln_aims *aims, uint32_t samples)
     return flux > 0.0 ? noise / (flux * flux) : 0.0;
 }
 
-uint32_t kiln_probe_paths_leaves(const struct kiln_integrate_settings *settings, const struct kiln_lights *lights,
-                                 uint32_t samples)
+int kiln_probe_paths_leaves(const struct kiln_integrate_settings *settings, const struct kiln_lights *lights,
+                            uint32_t samples, uint32_t *leaves, struct kiln_error *error)
 {
     struct kiln_aims *aims = NULL;
-    uint32_t leaves = KILN_LEAVES_POINTS | KILN_LEAVES_IMAGE;
+    uint32_t kinds = KILN_LEAVES_POINTS | KILN_LEAVES_IMAGE;
     bool any = false;
-    if (settings->caustics < KILN_CAUSTICS_LAND || kiln_aims_create(&aims, lights, NULL) != KILN_OK)
-        return 0;
-    leaves |= noise_of(aims, samples) > NOISE * NOISE ? KILN_LEAVES_AREAS : 0;
+    *leaves = 0;
+    if (settings->caustics < KILN_CAUSTICS_LAND)
+        return KILN_OK;
+    const int status = kiln_aims_create(&aims, lights, error);
+    if (status != KILN_OK)
+        return status;
+    kinds |= noise_of(aims, samples) > NOISE * NOISE ? KILN_LEAVES_AREAS : 0;
     for (size_t i = 0; i < aims->count && !any; i++)
-        any = kiln_aims_is_left(aims, i, leaves);
+        any = kiln_aims_is_left(aims, i, kinds);
     kiln_aims_destroy(&aims);
-    return any ? leaves : 0;
+    *leaves = any ? kinds : 0;
+    return KILN_OK;
 }
 
 static struct kiln_backend *backend_of(const struct paths_work *w)

@@ -39,9 +39,10 @@ struct kiln_probe_paths_params {
 /* The lamps of which light paths bring what sharp lobes send on: KILN_LEAVES_... (shaders/shared/streams.h). 0: there
  * are no such paths. Points and images always; surfaces that emit where `samples` rays of a probe would meet so few of
  * them that an eighth of their light is noise, or more: by the emitting areas and fluxes of objects, and the scene's
- * diagonal. Light of wide lamps stays the rays', which are not biased. The same on all ranks; not collective. */
-uint32_t kiln_probe_paths_leaves(const struct kiln_integrate_settings *settings, const struct kiln_lights *lights,
-                                 uint32_t samples);
+ * diagonal. Light of wide lamps stays the rays', which are not biased. The same on all ranks; not collective.
+ * KILN_SYSTEM. */
+int kiln_probe_paths_leaves(const struct kiln_integrate_settings *settings, const struct kiln_lights *lights,
+                            uint32_t samples, uint32_t *leaves, struct kiln_error *error);
 
 /* Collective. Adds the light to own `probes`, all of which are gathered, and not yet to those that are complete; marks
  * them in `done`. Adds the number of rays to *rays. KILN_SYSTEM; KILN_STOPPED if something asked to stop. */

@@ -246,7 +246,6 @@ int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_
     volume->count = total * ((uint64_t)rank + 1) / (uint64_t)ranks - volume->first;
     struct volume_work w = {
         .params = params, .volume = volume, .batch_most = batch_size(params->samples), .rays = rays};
-    w.leaves = kiln_probe_paths_leaves(params->light, params->backend->params.lights, params->samples);
     w.batch = 1; /* start with one probe, which may take a second if it has many samples */
     status = kiln_allocate(&w.probes, volume->count, sizeof *w.probes, "the probes", error);
     if (status == KILN_OK)
@@ -260,6 +259,9 @@ int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_
     volume->probes = w.probes;
     volume->occluders = w.occluders;
     volume->places = w.places;
+    if (status == KILN_OK)
+        status =
+            kiln_probe_paths_leaves(params->light, params->backend->params.lights, params->samples, &w.leaves, error);
     if (status == KILN_OK)
         status = restore(&w, rank, ranks, error);
     status = kiln_agree(params->communicator, status, error);

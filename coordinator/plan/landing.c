@@ -143,6 +143,7 @@ int kiln_plan_landing_measure(struct kiln_plan_landing *landing, const struct ki
 {
     struct measure m = {.p = p, .settings = settings, .backend = p->backend, .points = points, .ranks = ranks};
     struct kiln_backend *host = NULL;
+    uint32_t leaves = 0;
     *landing = (struct kiln_plan_landing){.photons = 0};
     if (settings->caustics < KILN_CAUSTICS_LAND)
         return KILN_OK;
@@ -158,8 +159,9 @@ int kiln_plan_landing_measure(struct kiln_plan_landing *landing, const struct ki
             kiln_aims_share(m.aims, landing->photons, NULL);
             status = measure_step(&m, landing, error);
             if (status == KILN_OK)
-                status = measure_probes(&m, volume, kiln_probe_paths_leaves(settings, p->lights, samples_probe),
-                                        landing, error);
+                status = kiln_probe_paths_leaves(settings, p->lights, samples_probe, &leaves, error);
+            if (status == KILN_OK)
+                status = measure_probes(&m, volume, leaves, landing, error);
         }
         landing->seconds += merge_seconds(settings, points, p->threads);
     }
