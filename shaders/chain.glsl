@@ -44,7 +44,8 @@ void add_radiosity(inout Chain c, kiln_hit hit, float in_, float out_)
 void add_emission(inout Chain c, kiln_hit hit, uint surface)
 {
 #ifdef KILN_WALK_LIGHTS
-    if (surface > 0u && chain_seen != vec3(0.0) && (material_of(hit.triangle) & KILN_RECORD_EMITS) != 0u)
+    const bool left = (KILN_WALK_LEAVES & KILN_LEAVES_AREAS) != 0u;
+    if (surface > 0u && !left && chain_seen != vec3(0.0) && (material_of(hit.triangle) & KILN_RECORD_EMITS) != 0u)
         c.light += chain_seen * kiln_surface_emission(hit.triangle, hit.u, hit.v);
 #endif
 }
@@ -100,9 +101,9 @@ bool chain_go_on(inout Chain c, Meeting m, uint surface, float pick, inout vec3 
     c.blocked += meets ? mean : 0.0;
     c.gloss -= mean;
 #ifdef KILN_WALK_LIGHTS
-    if (!meets)
-        c.light +=
-            (light_kind(KILN_GPU_KIND_SKY) ? chain_weight : chain_seen) * kiln_environment_radiance(real3(direction));
+    const bool sky = light_kind(KILN_GPU_KIND_SKY);
+    if (!meets && (sky || (KILN_WALK_LEAVES & KILN_LEAVES_IMAGE) == 0u))
+        c.light += (sky ? chain_weight : chain_seen) * kiln_environment_radiance(real3(direction));
 #endif
     return false;
 }

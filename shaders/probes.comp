@@ -19,6 +19,7 @@ KILN_PUSH(kiln_gpu_probes_push);
 #ifdef KILN_GLOSS
 #    define KILN_WALK_LIGHTS
 #    define KILN_CHAIN_RADIOSITY
+#    define KILN_WALK_LEAVES push.leaves
 #    include "shaders/chain.glsl"
 #endif
 

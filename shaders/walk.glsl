@@ -5,6 +5,7 @@
  * Before it stand shaders/trace/trace.glsl and shaders/surface.glsl. With KILN_GLOSS surfaces may be more than diffuse
  * (gloss.glsl), with KILN_WALK_LIGHTS lights are sampled (lights.glsl). A thread has one walk at a time. */
 #include "shaders/shared/path.h"
+#include "shaders/shared/streams.h"
 #ifdef KILN_WALK_LIGHTS
 #    include "shaders/lights.glsl"
 #endif
@@ -13,6 +14,11 @@
 const bool HAS_GLOSS = true;
 #else
 const bool HAS_GLOSS = false;
+#endif
+
+/* KILN_LEAVES_...: lamps whose light by sharp lobes is left out. */
+#ifndef KILN_WALK_LEAVES
+#    define KILN_WALK_LEAVES 0u
 #endif
 
 KILN_ARRAY(PathTriangles, kiln_gpu_path_triangle, 4);
@@ -203,10 +209,11 @@ bool walk_send(Meeting m, uint surface, uint which, float pick, out vec3 directi
 
 #    ifdef KILN_GLOSS
 /* What `which` of a surface that is not only diffuse send to the walk of light from a direction, times the cosine: of
- * light that rays meet themselves, what its sharp lobes do is left to these. */
+ * light that rays or light paths meet themselves, what its sharp lobes do is left to these. */
 vec3 scatter(kiln_light_sample s, vec3 towards, uint which)
 {
-    return evaluate(towards * frame, s.has_extent ? which & ~sharp : which).value;
+    const bool left = s.has_extent || (KILN_WALK_LEAVES & KILN_LEAVES_POINTS) != 0u;
+    return evaluate(towards * frame, left ? which & ~sharp : which).value;
 }
 #    endif
 

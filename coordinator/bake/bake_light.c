@@ -112,6 +112,7 @@ static struct kiln_volume_params volume_params(struct kiln_bake *b)
                                        .radiosity = b->solution->radiosity,
                                        .spacing = b->job->probe_spacing,
                                        .samples = b->job->samples_probe,
+                                       .light = &b->light_settings,
                                        .progress = b->progress,
                                        .control = b->control,
                                        .checkpoint = b->checkpoint,

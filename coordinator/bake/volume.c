@@ -5,6 +5,7 @@
 
 #include "coordinator/bake/occluders.h"
 #include "coordinator/bake/probe_fill.h"
+#include "coordinator/bake/probe_paths.h"
 #include "coordinator/bake/probe_places.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
@@ -67,7 +68,8 @@ struct volume_work {
     struct kiln_probe_result *probes;       /* own */
     struct kiln_probe_occluders *occluders; /* own */
     struct kiln_probe_place *places;        /* own */
-    uint8_t *done;                          /* own: 1 if the probe has been gathered */
+    uint8_t *done;                          /* own: enum kiln_probe_done */
+    uint32_t leaves;                        /* what light paths bring: kiln_probe_paths_leaves */
     struct kiln_vec3 *positions;            /* of the probes of a batch */
     uint64_t batch, batch_most, next, finished;
     uint64_t *rays;
@@ -89,8 +91,9 @@ static int restore(struct volume_work *w, int rank, int ranks, struct kiln_error
     if (status == KILN_OK)
         status = kiln_checkpoint_read(c, "probes_done", first, count, 1, w->done, error);
     for (uint64_t i = 0; i < count; i++) {
-        w->done[i] = w->done[i] != 0;
-        w->finished += w->done[i];
+        if (w->done[i] > KILN_PROBE_COMPLETE)
+            w->done[i] = KILN_PROBE_TO_DO;
+        w->finished += w->done[i] != KILN_PROBE_TO_DO;
     }
     for (size_t part = (size_t)rank; status == KILN_OK && part < kiln_checkpoint_parts(c); part += (size_t)ranks) {
         uint64_t *rays = NULL, one = 0;
@@ -115,7 +118,7 @@ static int save(const struct volume_work *w, bool stop, struct kiln_error *error
 
 static bool find_next(struct volume_work *w)
 {
-    while (w->next < w->volume->count && w->done[w->next] != 0)
+    while (w->next < w->volume->count && w->done[w->next] != KILN_PROBE_TO_DO)
         w->next++;
     return w->next < w->volume->count;
 }
@@ -136,7 +139,7 @@ static int gather_batch(struct volume_work *w, double *seconds, struct kiln_erro
     const double start = MPI_Wtime();
     const uint64_t first = w->next;
     uint64_t count = 0;
-    for (; first + count < w->volume->count && count < w->batch && w->done[first + count] == 0; count++)
+    for (; first + count < w->volume->count && count < w->batch && w->done[first + count] == KILN_PROBE_TO_DO; count++)
         w->positions[count] = position_of(w->volume, p->scene->header->centre, w->volume->first + first + count);
     const struct kiln_batch items = {.first = w->volume->first + first,
                                      .count = count,
@@ -144,18 +147,19 @@ static int gather_batch(struct volume_work *w, double *seconds, struct kiln_erro
                                      .samples = p->samples,
                                      .take = keep_probes,
                                      .context = w};
+    const struct kiln_probe_parameters parameters = {.leaves = w->leaves};
     double reach[3];
     for (int a = 0; a < 3; a++)
         reach[a] = REACH * 0.5 * w->volume->spacing[a];
     int status =
         kiln_probe_places_find(p->backend, p->geometry, w->positions, count, reach, w->places + first, w->rays, error);
     if (status == KILN_OK)
-        status = kiln_backend_run(p->backend, &kiln_pass_probes, NULL, &items, w->rays, error);
+        status = kiln_backend_run(p->backend, &kiln_pass_probes, &parameters, &items, w->rays, error);
     if (status == KILN_OK)
         status =
             kiln_occluders_find(p->backend, p->geometry, w->positions, count, w->occluders + first, w->rays, error);
     if (status == KILN_OK)
-        memset(w->done + first, 1, count);
+        memset(w->done + first, KILN_PROBE_GATHERED, count);
     w->next += count;
     w->finished += count;
     kiln_progress_advance(p->progress, w->finished);
@@ -193,6 +197,25 @@ static int gather_all(struct volume_work *w, struct kiln_error *error)
     }
 }
 
+/* As struct kiln_probe_paths_params has it. */
+static int save_between(void *context, bool stop, struct kiln_error *error) { return save(context, stop, error); }
+
+/* Collective. */
+static int add_paths(struct volume_work *w, struct kiln_error *error)
+{
+    const struct kiln_volume_params *p = w->params;
+    const struct kiln_probe_paths_params paths = {.communicator = p->communicator,
+                                                  .backend = p->backend,
+                                                  .scene = p->scene,
+                                                  .settings = p->light,
+                                                  .leaves = w->leaves,
+                                                  .progress = p->progress,
+                                                  .control = p->control,
+                                                  .save = save_between,
+                                                  .context = w};
+    return w->leaves != 0 ? kiln_probe_paths_add(&paths, w->volume, w->probes, w->done, w->rays, error) : KILN_OK;
+}
+
 int kiln_volume_save_all(const struct kiln_volume_result *volume, const struct kiln_volume_params *params,
                          uint64_t *rays, struct kiln_error *error)
 {
@@ -202,7 +225,7 @@ int kiln_volume_save_all(const struct kiln_volume_result *volume, const struct k
     w.places = (struct kiln_probe_place *)(uintptr_t)volume->places;
     int status = kiln_agree(params->communicator, kiln_allocate(&w.done, volume->count, 1, "the probes", error), error);
     if (status == KILN_OK && volume->count > 0)
-        memset(w.done, 1, volume->count);
+        memset(w.done, KILN_PROBE_COMPLETE, volume->count);
     if (status == KILN_OK)
         status = save(&w, true, error);
     kiln_free(&w.done);
@@ -237,12 +260,17 @@ int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_
     volume->occluders = w.occluders;
     volume->places = w.places;
     if (status == KILN_OK)
+        status =
+            kiln_probe_paths_leaves(params->light, params->backend->params.lights, params->samples, &w.leaves, error);
+    if (status == KILN_OK)
         status = restore(&w, rank, ranks, error);
     status = kiln_agree(params->communicator, status, error);
     kiln_progress_phase(params->progress, "probes", volume->count);
     kiln_control_begin(params->control, "probes");
     if (status == KILN_OK)
         status = gather_all(&w, error);
+    if (status == KILN_OK)
+        status = add_paths(&w, error);
     if (status == KILN_OK)
         status = kiln_probe_fill(params->communicator, volume, error);
     kiln_free(&w.positions);

@@ -5,6 +5,7 @@
 #include "coordinator/run/checkpoint.h"
 #include "coordinator/run/control.h"
 #include "coordinator/field/result.h"
+#include "coordinator/integrate/settings.h"
 #include "coordinator/run/progress.h"
 
 /* Collective. Writes a checkpoint of the light on the surfaces and of these blocks of probes. With `stop`, returns
@@ -20,6 +21,8 @@ struct kiln_volume_params {
     const uint64_t *radiosity; /* of all points, packed (kiln_radiosity_pack) */
     double spacing;            /* m; 0: chosen automatically */
     uint32_t samples;          /* rays for each probe */
+    /* those of the light on the surfaces; they say whether light paths bring a part (probe_paths.h) */
+    const struct kiln_integrate_settings *light;
     struct kiln_progress *progress;
     struct kiln_control *control;
     const struct kiln_checkpoint *checkpoint;
@@ -35,8 +38,8 @@ struct kiln_volume_params {
 int kiln_volume_grid(struct kiln_volume_result *volume, const struct kiln_scene *scene, double spacing,
                      struct kiln_error *error);
 
-/* Collective. Computes the grid and gathers this rank's range of probes; adds the number of rays to *rays. KILN_STOPPED
- * if something asked to stop. Destroy with kiln_volume_destroy. */
+/* Collective. Computes the grid and the light of this rank's range of probes; adds the number of rays to *rays.
+ * KILN_STOPPED if something asked to stop. Destroy with kiln_volume_destroy. */
 int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_params *params, uint64_t *rays,
                     struct kiln_error *error);
 void kiln_volume_destroy(struct kiln_volume_result *volume);

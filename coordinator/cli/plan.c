@@ -123,9 +123,10 @@ static json_t *working_set_json(const struct kiln_working_set *w)
 
 static json_t *landing_json(const struct kiln_plan_landing *l)
 {
-    return json_pack("{s:I, s:i, s:I, s:f, s:f, s:f, s:f}", "photons", (json_int_t)l->photons, "iterations",
+    return json_pack("{s:I, s:i, s:I, s:f, s:f, s:f, s:f, s:f, s:f}", "photons", (json_int_t)l->photons, "iterations",
                      (int)l->iterations, "aims", (json_int_t)l->aims, "landed", l->landed, "seconds_a_path", l->path,
-                     "seconds_of_one_rank", l->seconds, "bytes_sent_an_iteration", l->bytes_sent);
+                     "seconds_of_one_rank", l->seconds, "bytes_sent_an_iteration", l->bytes_sent,
+                     "seconds_a_point_gathered", l->gathered, "seconds_of_one_rank_for_probes", l->probes);
 }
 
 static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)

@@ -19,7 +19,6 @@
 #include "worker/sampling/keys.h"
 #include "worker/scene/footprint.h"
 
-#define LEARNT 0.9          /* part of the paths that goes by what was learnt */
 #define EVEN 0.25           /* of shares that are learnt once for all: part that all aims have alike */
 #define MOMENT_STEP 65536.0 /* second moments are sums of whole numbers of 1 / this */
 #define MOMENT_MOST 0x1p38  /* of one path: 2^24 of the rarest kind fit in 64 bits */
@@ -342,18 +341,8 @@ static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, s
 /* Shares `paths` of the next iteration out by what was learnt. */
 static void aim(struct kiln_landing *l, uint64_t paths)
 {
-    struct kiln_aims *a = l->aims;
-    double sent = 0.0, sum = 0.0;
-    for (size_t i = 0; i < a->count; i++) {
-        l->weights[i] = a->aims[i].flux * sqrt(l->learnt[i] / l->paths[i]);
-        sent += a->aims[i].flux;
-        sum += l->weights[i];
-    }
-    const double even = shares(l) ? EVEN / (1.0 - EVEN) / (double)a->count : 0.0;
-    for (size_t i = 0; i < a->count; i++)
-        l->weights[i] = (sum > 0.0 ? LEARNT * l->weights[i] / sum : 0.0) +
-                        (sent > 0.0 ? (1.0 - LEARNT) * a->aims[i].flux / sent : 0.0) + even;
-    kiln_aims_share(a, paths, l->weights);
+    kiln_aims_weigh(l->aims, l->learnt, l->paths, shares(l) ? EVEN : 0.0, l->weights);
+    kiln_aims_share(l->aims, paths, l->weights);
 }
 
 /* Collective. Adds an iteration's moments to those learnt, and shares `paths` of the next one out. */

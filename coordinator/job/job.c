@@ -294,7 +294,7 @@ static int check_guide(const struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Options of light paths, which not all --caustics have. --method vcm merges, too. */
+/* Options of light paths, which not all --caustics have. Of other methods: settle_reference. */
 static int check_paths(struct kiln_job *job, struct kiln_error *error)
 {
     static const char *const caustics[] = {"auto", "none", "gather", "land", "merge", "vcm"};
@@ -306,14 +306,8 @@ static int check_paths(struct kiln_job *job, struct kiln_error *error)
                     {"merge-radius", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_VCM},
                     {"radius-alpha", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_VCM},
                     {"mis", "shares nothing", "vcm", KILN_CAUSTICS_VCM, KILN_CAUSTICS_VCM}};
-    const bool merges = kiln_job_is_reference(job) && strcmp(job->method, "vcm") == 0;
-    for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths; i++) {
-        if (merges && strcmp(of_paths[i].name, "merge-radius") == 0)
-            continue;
-        const bool alone = kiln_job_is_reference(job) && of_paths[i].from == KILN_CAUSTICS_MERGE; /* by --caustics */
-        const int settled = alone                                 ? KILN_CAUSTICS_NONE
-                            : job->caustics == KILN_CAUSTICS_AUTO ? KILN_CAUSTICS_VCM
-                                                                  : job->caustics;
+    for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths && !kiln_job_is_reference(job); i++) {
+        const int settled = job->caustics == KILN_CAUSTICS_AUTO ? KILN_CAUSTICS_VCM : job->caustics;
         if ((settled < of_paths[i].from || settled > of_paths[i].to) && given(job, of_paths[i].name))
             return kiln_fail(error, KILN_USAGE, "--%s: --caustics %s %s; give --caustics %s, or leave --%s out",
                              of_paths[i].name, caustics[job->caustics], of_paths[i].what, of_paths[i].choice,
@@ -334,12 +328,20 @@ static int settle_reference(struct kiln_job *job, struct kiln_error *error)
                     {"final-scale", job->final_scale > 0},
                     {"guide", job->guide > 0},
                     {"caustics", job->caustics != KILN_CAUSTICS_AUTO},
+                    {"photons", given(job, "photons")},
+                    {"iterations", given(job, "iterations")},
+                    {"radius-alpha", given(job, "radius-alpha")},
+                    {"mis", given(job, "mis")},
                     {"tracing-range", kiln_job_has_probes(job)}};
     for (size_t i = 0; i < sizeof of_cells / sizeof *of_cells; i++)
         if (of_cells[i].wanted)
             return kiln_fail(error, KILN_USAGE,
                              "--%s is for --method cells, and --method %s has no use for it: leave one of the two out",
                              of_cells[i].name, job->method);
+    if (given(job, "merge-radius") && strcmp(job->method, "vcm") != 0)
+        return kiln_fail(error, KILN_USAGE,
+                         "--merge-radius: --method %s merges nothing; give --method vcm, or leave --merge-radius out",
+                         job->method);
     if (strcmp(job->backend, "vulkan") == 0)
         return kiln_fail(error, KILN_USAGE, "--method %s traces paths with Embree: give --backend embree", job->method);
     job->tail = false;

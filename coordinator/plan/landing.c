@@ -2,13 +2,17 @@
 
 #include <math.h>
 
+#include "coordinator/bake/probe_paths.h"
 #include "coordinator/integrate/land.h"
 #include "coordinator/integrate/land_exchange.h"
 #include "coordinator/integrate/merge.h"
 #include "worker/light/aims.h"
+#include "worker/light/emission.h"
 #include "worker/pass/land.h"
+#include "worker/pass/spheres.h"
+#include "worker/pass/weighed.h"
 
-enum { SAMPLE_PATHS = 1 << 15, SAMPLE_BATCH = 1 << 12 };
+enum { SAMPLE_PATHS = 1 << 15, SAMPLE_BATCH = 1 << 12, SAMPLE_TILE_RUNS = 64 };
 static const double LANDED_SECONDS = 0.2e-6;   /* of a rank, for a path that lands: sorted, sent and summed */
 static const double MERGE_PASS_SECONDS = 1e-6; /* of one thread, for a point: the points near it found and summed */
 
@@ -23,29 +27,62 @@ static int count_landed(void *context, size_t first, size_t count, const void *r
     return KILN_OK;
 }
 
-/* Paths spread over all aims; seconds by all threads. */
-static int sample_paths(struct kiln_backend *backend, const struct kiln_aims *aims, uint32_t threads,
-                        struct kiln_plan_landing *landing, struct kiln_error *error)
+/* What is measured, and how. */
+struct measure {
+    const struct kiln_prepared *p;
+    const struct kiln_integrate_settings *settings;
+    struct kiln_backend *backend; /* that traces paths */
+    struct kiln_aims *aims;
+    uint64_t points;
+    uint32_t ranks;
+};
+
+static double thread_seconds(const struct kiln_backend *backend)
 {
-    const struct kiln_land_parameters parameters = {.aims = aims};
-    const uint64_t batches =
-        aims->paths < SAMPLE_PATHS ? (aims->paths + SAMPLE_BATCH - 1) / SAMPLE_BATCH : SAMPLE_PATHS / SAMPLE_BATCH;
-    struct kiln_backend_info begin, end;
-    uint64_t rays = 0, landed = 0, traced = 0;
+    struct kiln_backend_info info;
+    kiln_backend_info(backend, &info);
+    return info.thread_seconds;
+}
+
+/* Paths spread over all aims: *landed of them beside points, and seconds of each by all threads. */
+static int sample_paths(const struct measure *m, const struct kiln_land_parameters *parameters, double *landed,
+                        double *seconds, struct kiln_error *error)
+{
+    const uint64_t paths = m->aims->paths, batches = paths < SAMPLE_PATHS ? (paths + SAMPLE_BATCH - 1) / SAMPLE_BATCH
+                                                                          : SAMPLE_PATHS / SAMPLE_BATCH;
+    const double begin = thread_seconds(m->backend);
+    uint64_t rays = 0, beside = 0, traced = 0;
     int status = KILN_OK;
-    kiln_backend_info(backend, &begin);
     for (uint64_t i = 0; i < batches && status == KILN_OK; i++) {
-        const uint64_t first = aims->paths * i / batches, left = aims->paths - first;
+        const uint64_t first = paths * i / batches, left = paths - first;
         const struct kiln_batch batch = {.first = first,
                                          .count = left < SAMPLE_BATCH ? left : SAMPLE_BATCH,
                                          .take = count_landed,
-                                         .context = &landed};
+                                         .context = &beside};
         traced += batch.count;
-        status = kiln_backend_run(backend, &kiln_pass_land, &parameters, &batch, &rays, error);
+        status = kiln_backend_run(m->backend, &kiln_pass_land, parameters, &batch, &rays, error);
     }
-    kiln_backend_info(backend, &end);
-    landing->path = (end.thread_seconds - begin.thread_seconds) / threads / (double)traced;
-    landing->landed = (double)landed / (double)traced;
+    *seconds = (thread_seconds(m->backend) - begin) / m->p->threads / (double)traced;
+    *landed = (double)beside / (double)traced;
+    return status;
+}
+
+/* Rays of tile runs spread over the scene: seconds of a point by all threads. */
+static int sample_rays(const struct measure *m, const struct kiln_caustic_techniques *techniques, double *seconds,
+                       struct kiln_error *error)
+{
+    const struct kiln_surface *surface = m->p->surface;
+    const size_t count = surface->tile_run_count, batches = count < SAMPLE_TILE_RUNS ? count : SAMPLE_TILE_RUNS;
+    const uint32_t samples = (m->settings->samples_indirect + m->settings->parts - 1) / m->settings->parts;
+    const double begin = thread_seconds(m->backend);
+    uint64_t rays = 0, points = 0;
+    int status = KILN_OK;
+    for (size_t i = 0; i < batches && status == KILN_OK; i++) {
+        const struct kiln_batch batch = {.first = count * i / batches, .count = 1, .samples = samples};
+        points += surface->tile_runs[batch.first].count;
+        status = kiln_backend_run(m->backend, &kiln_pass_weighed, techniques, &batch, &rays, error);
+    }
+    *seconds = points > 0 ? (thread_seconds(m->backend) - begin) / m->p->threads / (double)points : 0.0;
     return status;
 }
 
@@ -59,34 +96,77 @@ static double merge_seconds(const struct kiln_integrate_settings *settings, uint
     return MERGE_PASS_SECONDS * passes * (double)points / threads;
 }
 
-int kiln_plan_landing_measure(struct kiln_plan_landing *landing, const struct kiln_prepared *p,
-                              const struct kiln_integrate_settings *settings, uint64_t points, uint32_t ranks,
-                              struct kiln_error *error)
+/* The step that lands; with --caustics vcm pilots are as many paths as an iteration has. */
+static int measure_step(const struct measure *m, struct kiln_plan_landing *landing, struct kiln_error *error)
 {
-    struct kiln_aims *aims = NULL;
+    const bool shares = m->settings->caustics == KILN_CAUSTICS_VCM;
+    struct kiln_emission *emission = NULL;
+    int status = shares ? kiln_emission_create(&emission, m->p->lights, error) : KILN_OK;
+    const struct kiln_caustic_techniques techniques = {
+        .aims = m->aims, .emission = emission, .iterations = m->settings->iterations, .mis = m->settings->mis};
+    const struct kiln_land_parameters parameters = {.aims = m->aims, .techniques = shares ? &techniques : NULL};
+    if (status == KILN_OK)
+        status = sample_paths(m, &parameters, &landing->landed, &landing->path, error);
+    if (status == KILN_OK && shares)
+        status = sample_rays(m, &techniques, &landing->gathered, error);
+    kiln_emission_destroy(&emission);
+    landing->seconds = (double)landing->photons * (m->settings->iterations + (shares ? 1.0 : 0.0)) *
+                           (landing->path + LANDED_SECONDS * landing->landed) +
+                       landing->gathered * (double)m->points;
+    landing->bytes_sent = (double)sizeof(struct kiln_landing_record) * landing->landed * (double)landing->photons *
+                          (m->ranks - 1.0) / m->ranks / m->ranks;
+    return status;
+}
+
+/* The paths for probes, whose spheres are taken in chunks. */
+static int measure_probes(const struct measure *m, const struct kiln_volume_result *volume, uint32_t leaves,
+                          struct kiln_plan_landing *landing, struct kiln_error *error)
+{
+    const uint64_t probes = volume->size[0] * volume->size[1] * volume->size[2];
+    struct kiln_probe_spheres spheres = {.count = 0};
+    double landed, path = 0.0;
+    if (probes == 0 || leaves == 0)
+        return KILN_OK;
+    int status = kiln_probe_spheres_try(&spheres, volume, m->p->scene, m->aims, leaves, error);
+    const struct kiln_land_parameters parameters = {.aims = m->aims, .spheres = &spheres};
+    if (status == KILN_OK)
+        status = sample_paths(m, &parameters, &landed, &path, error);
+    kiln_probe_spheres_release(&spheres);
+    landing->probes = path * (double)landing->photons * m->settings->iterations * m->settings->parts *
+                      ceil((double)probes / KILN_PROBE_PATHS_CHUNK);
+    landing->probe_bytes = kiln_probe_paths_bytes(probes, m->ranks);
+    return status;
+}
+
+int kiln_plan_landing_measure(struct kiln_plan_landing *landing, const struct kiln_prepared *p,
+                              const struct kiln_integrate_settings *settings, const struct kiln_volume_result *volume,
+                              uint32_t samples_probe, uint64_t points, uint32_t ranks, struct kiln_error *error)
+{
+    struct measure m = {.p = p, .settings = settings, .backend = p->backend, .points = points, .ranks = ranks};
     struct kiln_backend *host = NULL;
+    uint32_t leaves = 0;
     *landing = (struct kiln_plan_landing){.photons = 0};
     if (settings->caustics < KILN_CAUSTICS_LAND)
         return KILN_OK;
-    int status = kiln_aims_create(&aims, p->lights, error);
-    if (status == KILN_OK && aims->count > 0)
+    int status = kiln_aims_create(&m.aims, p->lights, error);
+    if (status == KILN_OK && m.aims->count > 0)
         status = kiln_landing_host(&host, p->backend, error);
     if (status == KILN_OK) {
-        *landing = (struct kiln_plan_landing){.photons = kiln_landing_photons(settings, aims->count),
-                                              .aims = aims->count,
+        *landing = (struct kiln_plan_landing){.photons = kiln_landing_photons(settings, m.aims->count),
+                                              .aims = m.aims->count,
                                               .iterations = settings->iterations};
-        const bool enough = landing->photons >= aims->count && aims->count > 0;
-        if (enough) {
-            kiln_aims_share(aims, landing->photons, NULL);
-            status = sample_paths(host != NULL ? host : p->backend, aims, p->threads, landing, error);
+        m.backend = host != NULL ? host : p->backend;
+        if (landing->photons >= m.aims->count && m.aims->count > 0) {
+            kiln_aims_share(m.aims, landing->photons, NULL);
+            status = measure_step(&m, landing, error);
+            if (status == KILN_OK)
+                status = kiln_probe_paths_leaves(settings, p->lights, samples_probe, &leaves, error);
+            if (status == KILN_OK)
+                status = measure_probes(&m, volume, leaves, landing, error);
         }
-        const double paths = enough ? (double)landing->photons * settings->iterations : 0.0;
-        landing->seconds =
-            paths * (landing->path + LANDED_SECONDS * landing->landed) + merge_seconds(settings, points, p->threads);
-        landing->bytes_sent = (double)sizeof(struct kiln_landing_record) * landing->landed * (double)landing->photons *
-                              (ranks - 1.0) / ranks / ranks;
+        landing->seconds += merge_seconds(settings, points, p->threads);
     }
     kiln_backend_destroy(&host);
-    kiln_aims_destroy(&aims);
+    kiln_aims_destroy(&m.aims);
     return status;
 }

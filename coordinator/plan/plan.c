@@ -146,7 +146,7 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     const double results = (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_RESULT); /* they move, too */
     m->surface_own = (uint64_t)(own * plan->here.light.points_most);
     m->light = kiln_field_set_light_bytes(&fields, (uint64_t)plan->here.light.points_most, plan->surface.points);
-    m->volume = plan->probes * KILN_PROBE_BYTES;
+    m->volume = plan->probes * KILN_PROBE_BYTES + plan->landing.probe_bytes;
     m->results = result_bytes(plan, p, job);
     m->moving = plan->here.light.repartitions > 0 ? (uint64_t)(fmax(own, results) * plan->here.light.points_most) : 0;
     m->landing = landing_bytes(plan, p, job);
@@ -332,7 +332,8 @@ static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *j
     }
     const double start = MPI_Wtime();
     const struct kiln_batch items = {.count = SAMPLE_PROBES, .positions = positions, .samples = job->samples_probe};
-    int status = kiln_backend_run(p->backend, &kiln_pass_probes, NULL, &items, &rays, error);
+    const struct kiln_probe_parameters parameters = {0};
+    int status = kiln_backend_run(p->backend, &kiln_pass_probes, &parameters, &items, &rays, error);
     if (status == KILN_OK)
         status = kiln_occluders_find(p->backend, p->geometry, positions, SAMPLE_PROBES, occluders, &rays, error);
     *seconds = (MPI_Wtime() - start) / SAMPLE_PROBES;
@@ -406,7 +407,7 @@ static void plan_before_and_after(struct kiln_plan *plan, const struct kiln_prep
                       (double)plan->surface.points;
     s->emission = timing->emission * together;
     s->views = timing->views * together / ranks;
-    s->probes = timing->probe * ceil((double)plan->probes / ranks) * together;
+    s->probes = (timing->probe * ceil((double)plan->probes / ranks) + plan->landing.probes / ranks) * together;
     if (ranks > 1.0)
         plan->exchange_bytes =
             bounce_bytes(job, plan->surface.points) * ((double)plan->surface.points - (double)plan->surface.points_max);
@@ -529,7 +530,7 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
         .shared_a_point =
             s->validity / fmax(1.0, (double)plan->surface.points_max) +
             together * (H5_POINT_SECONDS + (texel * LIGHTMAP_TEXEL_SECONDS + denoise_seconds(job)) / p->threads),
-        .shared = (timing->probe * (double)plan->probes + timing->views) * together,
+        .shared = (timing->probe * (double)plan->probes + plan->landing.probes + timing->views) * together,
         .largest_object = (OWNER_TEXEL_SECONDS + denoise_seconds(job) / p->threads +
                            OWNER_TEXEL_BYTES / (job->node_bandwidth * 1e9)) *
                           (double)kiln_largest_lightmap(p->scene),
@@ -654,8 +655,8 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     if (status == KILN_OK)
         status = trace_samples(plan, prepared, job, &timing, error);
     if (status == KILN_OK)
-        status =
-            kiln_plan_landing_measure(&plan->landing, prepared, &settings, plan->surface.points, job->ranks, error);
+        status = kiln_plan_landing_measure(&plan->landing, prepared, &settings, &volume, job->samples_probe,
+                                           plan->surface.points, job->ranks, error);
     if (status == KILN_OK) {
         plan_before_and_after(plan, prepared, job, phases, &timing);
         status = simulate(plan, prepared, job, &timing, error);

@@ -133,8 +133,8 @@ struct kiln_gpu_probes_push {
     KILN_ADDRESS slices; /* floats: component c of slice s of probe x at (s * KILN_GPU_PROBE_FLOATS + c) * count + x */
     KILN_WORD64 index;   /* of the first probe among all */
     KILN_WORD count, samples, slice_first, slice_count, sobol_stride, seed;
-    KILN_REAL32 far; /* m: stands in for the distance of escapes */
-    KILN_WORD reserved;
+    KILN_REAL32 far;  /* m: stands in for the distance of escapes */
+    KILN_WORD leaves; /* struct kiln_probe_parameters */
 };
 KILN_SIZE_IS(kiln_gpu_probes_push, 72);
 KILN_OFFSET_IS(kiln_gpu_probes_push, count, 40);

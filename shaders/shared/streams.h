@@ -103,6 +103,11 @@ KILN_FUNCTION KILN_U32 kiln_place_try(float s, float t, KILN_U32 key, KILN_U32 i
 
 /* With the seed's upper half, in place of it: probes draw other numbers than texels. */
 #define KILN_PROBE_SEED 0x70726f62u
+/* Lamps whose light by sharp lobes is left to light paths (worker/pass/spheres.h), in one word: surfaces that emit;
+ * points, spots and directional lights; an environment with an image. */
+#define KILN_LEAVES_AREAS 1u
+#define KILN_LEAVES_POINTS 2u
+#define KILN_LEAVES_IMAGE 4u
 /* The same of radiance probes. */
 #define KILN_RADIANCE_SEED 0x72616469u
 /* What the samples of an element hang on; the numbers of its places, and of its rays' chances. */

@@ -124,6 +124,25 @@ def landing(kiln, folder):
     # 40 bytes of each path that lands, half of them at the other rank, half of them from each
     assert abs(landed['bytes_sent_an_iteration'] / (40 * 400000 * landed['landed'] / 4) - 1) < 1e-6
     assert 0.2 < landed['landed'] < 1
+    # shared with gather rays, of which most are spent on the points; pilots are as many paths as an iteration
+    paths = ['--caustics', 'vcm', '--photons', 100000, '--iterations', 1, '--samples-indirect', 64]
+    plan = json.loads(run(kiln, 'plan', path, '--ranks', 1, '--json', *few, *paths))
+    _, before = bake_seconds(kiln, path, out, 1, [*few, '--caustics', 'none'])
+    _, after = bake_seconds(kiln, path, out, 1, [*few, *paths])
+    seconds, taken, landed = plan['seconds']['caustics'], after - before, plan['landing']
+    print('light paths and rays: %.2f s of processors, taken %.2f s' % (seconds, taken))
+    assert 1 / TIME < seconds / taken < TIME
+    rays = landed['seconds_a_point_gathered'] * plan['points']
+    assert abs(landed['seconds_of_one_rank'] / (200000 * landed['seconds_a_path'] + rays) - 1) < 0.2
+    # and what crosses the spheres of probes
+    few = [*few, '--samples-probe', 16, '--probe-spacing', 0.4]
+    paths = ['--caustics', 'land', '--photons', 200000, '--iterations', 2]
+    plan = json.loads(run(kiln, 'plan', path, '--ranks', 1, '--json', *few, *paths))
+    _, before = bake_seconds(kiln, path, out, 1, [*few, *paths, '--samples-probe', 0])
+    _, after = bake_seconds(kiln, path, out, 1, [*few, *paths])
+    seconds, taken = plan['seconds']['probes'], after - before
+    print('light paths at probes: %.2f s of processors, taken %.2f s' % (seconds, taken))
+    assert 1 / TIME < seconds / taken < TIME and plan['landing']['seconds_of_one_rank_for_probes'] > 0.2 * taken
 
 
 def judged(report):

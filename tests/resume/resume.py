@@ -9,6 +9,7 @@
     resume.py --kiln PATH caustics    kill -9 within caustics and the gather after them
     resume.py --kiln PATH landing     kill -9 while light paths land in texels
     resume.py --kiln PATH sharing     kill -9 while light paths and gather rays share caustics
+    resume.py --kiln PATH crossing    kill -9 while light paths cross the spheres of probes
     resume.py --kiln PATH bounces     hundreds of bounces, stopped and gone on with after the 256th
     resume.py --kiln PATH signals     SIGUSR1, SIGTERM, SIGINT, kiln stop, --max-time: 75, and what kiln status says
     resume.py --kiln PATH phases      a signal to one of two ranks in every phase (without --full: in some): 75
@@ -669,6 +670,21 @@ def try_sharing(checks, tool):
     same(checks, tool, reference, folder, tool.bake(folder, *more, *learnt, ranks=3), 'killed while light was shared')
 
 
+def try_crossing(checks, tool):
+    """Probes get what light paths bring once, killed while they do, and stopped when all is computed."""
+    scene = os.path.join(tool.scratch, 'spheres.glb')
+    tool.run('generate', 'cornell-spheres', '-o', scene)
+    more = ('--materials', 'auto', '--caustics', 'land', '--lightmap-size', 8, '--bounces', 0, '--samples-probe', 64,
+            '--photons', 60000, '--iterations', 8, '--no-error-map')
+    reference, _ = reference_of(checks, tool, *more, scene=scene)
+    checks.that(any('irradiance_sh' in name for name in reference),
+                'the reference has no probes: %s' % sorted(reference))
+    folder = tool.folder()
+    killed_within(checks, tool, folder, 'light paths at probes', 3, more, scene=scene)
+    killed_within(checks, tool, folder, 'light paths at probes', 1, more, scene=scene)
+    same(checks, tool, reference, folder, tool.bake(folder, *more, ranks=2, scene=scene), 'killed while paths crossed')
+
+
 def try_bounces(checks, tool):
     """More passes than an array of a fixed size would hold, at a stretch and in two."""
     few = ('--lightmap-size', 8, '--samples-direct', 4, '--samples-bounce', 2, '--samples-indirect', 4,
@@ -1229,7 +1245,7 @@ def try_cost(checks, tool):
 
 PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'quantities': try_quantities,
          'blocks': try_blocks, 'range': try_range, 'guide': try_guide, 'caustics': try_caustics,
-         'landing': try_landing, 'sharing': try_sharing,
+         'landing': try_landing, 'sharing': try_sharing, 'crossing': try_crossing,
          'bounces': try_bounces, 'signals': try_signals,
          'phases': try_phases,
          'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults,

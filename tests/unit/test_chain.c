@@ -322,7 +322,7 @@ static void other_passes_see_the_same_furnace(void **state)
         positions[i] = middle;
     const struct means caustic = run_points(&w, &kiln_pass_caustic, 16), gather = run_points(&w, &kiln_pass_gather, 64);
     assert_true(caustic.irradiance == 0.0 && fabs(gather.irradiance - 1.0) < 0.004 && gather.escaped == 0.0);
-    run_positions(&w, &kiln_pass_probes, NULL, &middle, 1, 4096, &probe);
+    run_positions(&w, &kiln_pass_probes, &(struct kiln_probe_parameters){0}, &middle, 1, 4096, &probe);
     run_positions(&w, &kiln_pass_radiance, &map, positions, ELEMENTS, 256, radiance);
     double mean = 0.0;
     for (int i = 0; i < ELEMENTS; i++)

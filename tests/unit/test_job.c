@@ -291,9 +291,28 @@ static void test_merge_radius(void **state)
             assert_true(job->merge_radius == cases[i].taken && job->radius_alpha == 0.0);
         } else {
             assert_non_null(strstr(error.message, "merges nothing"));
+            assert_non_null(strstr(error.message, i < 5 ? "give --method vcm" : "give --caustics merge"));
         }
         kiln_job_destroy(&job);
     }
+}
+
+/* What says how light paths land is for the method that has such paths. */
+static void test_paths_of_references(void **state)
+{
+    (void)state;
+    static const char *const methods[] = {"path", "bdpt", "vcm"};
+    static const char *const options[][2] = {
+        {"--photons", "1000"}, {"--iterations", "4"}, {"--radius-alpha", "0.5"}, {"--mis", "power"}};
+    for (size_t i = 0; i < 3; i++)
+        for (size_t j = 0; j < 4; j++) {
+            struct kiln_job *job = NULL;
+            assert_int_equal(parse(&job, 6, "bake", "a.glb", "--method", methods[i], options[j][0], options[j][1]),
+                             KILN_USAGE);
+            assert_non_null(strstr(error.message, options[j][0]));
+            assert_non_null(strstr(error.message, "is for --method cells"));
+            assert_null(job);
+        }
 }
 
 static void test_edit_distance(void **state)
@@ -325,7 +344,7 @@ int main(void)
         cmocka_unit_test(test_forms),         cmocka_unit_test(test_quality_gives_way),
         cmocka_unit_test(test_order),         cmocka_unit_test(test_refusals),
         cmocka_unit_test(test_edit_distance), cmocka_unit_test(test_former_names),
-        cmocka_unit_test(test_merge_radius),
+        cmocka_unit_test(test_merge_radius),  cmocka_unit_test(test_paths_of_references),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

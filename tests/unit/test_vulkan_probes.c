@@ -177,7 +177,8 @@ static uint64_t probes(struct kiln_backend *backend, const struct world *w, size
                                      .samples = SAMPLES,
                                      .take = keep_probes,
                                      .context = results};
-    if (kiln_backend_run(backend, &kiln_pass_probes, NULL, &batch, &rays, &error) != KILN_OK)
+    if (kiln_backend_run(backend, &kiln_pass_probes, &(struct kiln_probe_parameters){0}, &batch, &rays, &error) !=
+        KILN_OK)
         fail_msg("%s", error.message);
     return rays;
 }

@@ -4,6 +4,7 @@
 #include <math.h>
 
 #include "shaders/shared/area_light.h"
+#include "shaders/shared/streams.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
 #include "worker/scene/footprint.h"
@@ -11,6 +12,7 @@
 
 #define SLACK 1.0001 /* of a sphere's radius, for rounding */
 #define WIDE 0.5     /* cosine of half a cone that is wide */
+#define LEARNT 0.9   /* part of the paths that goes by what was learnt */
 
 /* ---- targets ---- */
 
@@ -248,6 +250,31 @@ void kiln_aims_share(struct kiln_aims *a, uint64_t paths, const double *weights)
         sum += weights != NULL ? weights[i] : a->aims[i].flux;
     }
     a->first[a->count] = a->paths = paths;
+}
+
+void kiln_aims_weigh(const struct kiln_aims *a, const double *moments, const double *paths, double even,
+                     double *weights)
+{
+    double sent = 0.0, sum = 0.0;
+    for (size_t i = 0; i < a->count; i++) {
+        weights[i] = a->aims[i].flux * sqrt(moments[i] / paths[i]);
+        sent += a->aims[i].flux;
+        sum += weights[i];
+    }
+    const double all = even / (1.0 - even) / (double)a->count;
+    for (size_t i = 0; i < a->count; i++)
+        weights[i] = (sum > 0.0 ? LEARNT * weights[i] / sum : 0.0) +
+                     (sent > 0.0 ? (1.0 - LEARNT) * a->aims[i].flux / sent : 0.0) + all;
+}
+
+bool kiln_aims_is_left(const struct kiln_aims *a, size_t aim, uint32_t leaves)
+{
+    const uint32_t image = a->lights->conditional != NULL ? KILN_LEAVES_IMAGE : 0,
+                   kinds[] = {[KILN_LAMP_AREA] = KILN_LEAVES_AREAS,
+                              [KILN_LAMP_POINT] = KILN_LEAVES_POINTS,
+                              [KILN_LAMP_DIRECTIONAL] = KILN_LEAVES_POINTS,
+                              [KILN_LAMP_ENVIRONMENT] = image};
+    return (leaves & kinds[a->lamps[a->aims[aim].lamp].kind]) != 0;
 }
 
 size_t kiln_aims_find(const struct kiln_aims *a, uint64_t path)

@@ -79,6 +79,17 @@ void kiln_aims_destroy(struct kiln_aims **aims);
  * negative. NULL: by flux. */
 void kiln_aims_share(struct kiln_aims *aims, uint64_t paths, const double *weights);
 
+/* Weights by what was learnt of paths that were shared out before: of each aim the sum of the second moments of what
+ * they brought, in terms of the aim's flux, and their number. A share proportional to the root of the mean moment makes
+ * the variance least; a tenth goes by flux, so that no aim starves for what has not been found yet. `even`: part of the
+ * weights that all aims have alike. */
+void kiln_aims_weigh(const struct kiln_aims *aims, const double *moments, const double *paths, double even,
+                     double *weights);
+
+/* Whether the aim's lamp is of the kinds KILN_LEAVES_... (shaders/shared/streams.h). A sky of one radiance all over is
+ * of none. */
+bool kiln_aims_is_left(const struct kiln_aims *aims, size_t aim, uint32_t leaves);
+
 /* The aim of a path of an iteration, path < aims->paths. */
 size_t kiln_aims_find(const struct kiln_aims *aims, uint64_t path);
 

@@ -23,6 +23,9 @@
  * meets, get nothing: theirs is gathered. A place of a texel that a wall divides lands nowhere where it lies beyond the
  * wall.
  *
+ * Paths for probes leave light in the spheres that they cross (spheres.h), from the first surface on, which sends them
+ * on by its sharp lobes alone; they land only on surfaces that are only diffuse, and their landings are of no use.
+ *
  * Items: light paths, numbered over the whole bake from 0 on; path i is number i % aims->paths of iteration
  * i / aims->paths. A result is a function of seed, i and the aims alone. Random numbers: those of path.h
  * (shaders/shared), of sample k = number of the path among those of its aim; surfaces count from 1 on, the ray that a
@@ -34,6 +37,7 @@
 
 struct kiln_aims;
 struct kiln_caustic_techniques;
+struct kiln_probe_spheres;
 
 /* The least chance of landing on the gloss of surface number `surface`, from 2 on: the first one is never landed on.
  * All of a path's mirrors together let it go on with a chance of 0.72 or more. Were the chance the same on each, light
@@ -44,6 +48,8 @@ struct kiln_land_parameters {
     const struct kiln_aims *aims; /* borrowed; shared out (kiln_aims_share) */
     /* borrowed: what landings share their light with (weighed.h); NULL: they bring all of it */
     const struct kiln_caustic_techniques *techniques;
+    /* borrowed, without techniques: spheres to which this call's paths add what they leave there; NULL: they land */
+    const struct kiln_probe_spheres *spheres;
 };
 
 /* How a path ends. */

@@ -110,6 +110,7 @@ const struct kiln_pass kiln_pass_probes = {.index = KILN_PASS_INDEX_probes,
                                            .name = "probes",
                                            .what = "light at probes",
                                            .domain = KILN_DOMAIN_POSITIONS,
+                                           .parameter_bytes = sizeof(struct kiln_probe_parameters),
                                            .result_bytes = sizeof(struct kiln_probe_result),
                                            .is_sampled = true,
                                            .reads_radiosity = true};

@@ -8,12 +8,20 @@
  * 4 pi / samples sr. The other lights are sampled like in the direct pass (direct.h). Rays that meet a material that is
  * taken with its gloss go on in chains, and find what these bring of surfaces, lamps and sky (shaders/shared/chain.h).
  *
- * Items: positions. No parameters. Samples: rays over the sphere, and as many again dealt out to the lights. Rays:
+ * Light paths may find a part of what chains bring of lamps (spheres.h); then that is left to them.
+ *
+ * Items: positions. Samples: rays over the sphere, and as many again dealt out to the lights. Rays:
  * those over the sphere and the shadow rays. */
 #ifndef KILN_WORKER_PASS_PROBES_H
 #define KILN_WORKER_PASS_PROBES_H
 
 #include "worker/pass/pass.h"
+
+struct kiln_probe_parameters {
+    /* KILN_LEAVES_... (shaders/shared/streams.h): what chains would bring of such lamps by sharp lobes is left out, for
+     * light paths bring it (spheres.h) */
+    uint32_t leaves;
+};
 
 /* Integrals, not sums: a probe's samples are not taken in stretches (kiln_pass.is_divisible), and a bake keeps this
  * struct for each of its probes as it is. */

@@ -79,6 +79,21 @@ static bool send(struct chain *c, const struct meeting *m, uint32_t surface, flo
     return c->weight[0] > 0.0f || c->weight[1] > 0.0f || c->weight[2] > 0.0f;
 }
 
+/* What the chain finds of an environment that its ray has escaped to. */
+static void look_out(struct chain *c, struct kiln_vec3 direction)
+{
+    const bool even = light_sky_is_constant(c->walk->b->params.lights);
+    if (even || (c->walk->leaves & KILN_LEAVES_IMAGE) == 0)
+        walk_environment(c->walk, direction, even ? c->weight : c->seen, c->found->light);
+}
+
+/* What the chain finds of a surface that emits. */
+static void look_at(struct chain *c, const struct meeting *m)
+{
+    if ((c->walk->leaves & KILN_LEAVES_AREAS) == 0)
+        walk_emission(c->walk, m, c->seen, c->found->light);
+}
+
 /* The ray goes on to the next surface; false: the chain has ended. */
 static bool go_on(struct chain *c, const struct meeting *m, uint32_t surface, float pick, struct RTCRayHit *ray)
 {
@@ -101,8 +116,7 @@ static bool go_on(struct chain *c, const struct meeting *m, uint32_t surface, fl
         for (int i = 0; i < 3; i++)
             c->found->gloss[i] -= mean_of(c->weight);
         if (!meets && c->walk->choices != NULL)
-            walk_environment(c->walk, direction, light_sky_is_constant(b->params.lights) ? c->weight : c->seen,
-                             c->found->light);
+            look_out(c, direction);
         return false;
     }
     return true;
@@ -116,7 +130,7 @@ static void end(struct chain *c, const struct RTCRayHit *ray)
     add_radiosity(c, ray, triangle, 1.0f, 1.0f);
     if (c->walk->choices != NULL && (meeting_record(b, ray)->material & KILN_RECORD_EMITS) != 0) {
         const struct meeting m = meeting_make(b, ray);
-        walk_emission(c->walk, &m, c->seen, c->found->light);
+        look_at(c, &m);
     }
 }
 
@@ -139,7 +153,7 @@ void chain_follow(struct walk *walk, uint32_t chance, uint32_t k, const struct R
             multiply(&c, share);
         meet(&c, &next, &m);
         if (walk->choices != NULL && surface > 0)
-            walk_emission(walk, &m, c.seen, found->light);
+            look_at(&c, &m);
         if (!chain_survives(walk, &m, surface, c.weight, &pick))
             return;
         meeting_end(walk->b, &next, &m);

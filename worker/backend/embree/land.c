@@ -7,8 +7,10 @@
 
 #include "shaders/shared/chain.h"
 #include "shaders/shared/punctual_light.h"
+#include "worker/backend/embree/spheres.h"
 #include "worker/backend/embree/techniques.h"
 #include "worker/backend/embree/walk.h"
+#include "worker/base/color.h"
 #include "worker/light/aims.h"
 #include "worker/sampling/sequence.h"
 #include "worker/scene/footprint.h"
@@ -105,8 +107,8 @@ static void land(const struct light_path *p, const struct meeting *m, struct kil
 static bool lands(struct light_path *p, const struct meeting *m, uint32_t surface)
 {
     double pick, rest;
-    if (m->gloss == NULL)
-        return true;
+    if (m->gloss == NULL || p->parameters->spheres != NULL)
+        return m->gloss == NULL;
     if (m->back && (p->walk.b->params.geometry->records[m->triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0)
         return false; /* there is no point on this side */
     walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_END), &pick, &rest);
@@ -125,14 +127,16 @@ static bool turn(struct light_path *p, const struct meeting *m, uint32_t surface
                  struct kiln_vec3 *direction)
 {
     double u, v;
+    const uint32_t lobes = surface == 1 && p->parameters->spheres != NULL ? m->sharp : m->others;
     walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_BOUNCE), &u, &v);
-    const struct kiln_bsdf_choice choice = kiln_bsdf_choice_of(m->shares, m->others);
+    if (lobes == 0)
+        return false;
+    const struct kiln_bsdf_choice choice = kiln_bsdf_choice_of(m->shares, lobes);
     struct kiln_bsdf_drawn d = kiln_bsdf_propose(m->lobes, choice, m->o, pick, (float)u, (float)v, KILN_IMPORTANCE);
     if (d.i.z == 0.0f)
         return false;
     if (!d.delta) {
-        const struct kiln_bsdf_value f =
-            kiln_bsdf_evaluate_chosen(m->lobes, choice, m->o, d.i, KILN_IMPORTANCE, m->others);
+        const struct kiln_bsdf_value f = kiln_bsdf_evaluate_chosen(m->lobes, choice, m->o, d.i, KILN_IMPORTANCE, lobes);
         if (!(f.density > 0.0f))
             return false;
         d.weight = vec3_scale(f.value, 1.0f / f.density);
@@ -197,23 +201,47 @@ static bool go_on(struct light_path *p, const struct meeting *m, uint32_t surfac
     return true;
 }
 
+/* ---- probes ---- */
+
+/* Leaves light in the spheres on the way from surface number `surface` - 1 to `end`; NULL: to nowhere. */
+static void cross(struct light_path *p, uint32_t surface, struct kiln_vec3 origin, struct kiln_vec3 direction,
+                  double length, const struct meeting *end)
+{
+    const struct kiln_aims *aims = p->parameters->aims;
+    struct spheres_part part = {.origin = origin, .direction = direction, .length = length, .aim = p->aim, .end = end};
+    double rest;
+    if (p->parameters->spheres == NULL || surface == 1)
+        return;
+    for (int c = 0; c < 3; c++)
+        part.flux[c] = p->flux[c] * (double)p->weight[c];
+    part.relative =
+        kiln_luminance(part.flux) * (double)(aims->first[p->aim + 1] - aims->first[p->aim]) / aims->aims[p->aim].flux;
+    part.chance = kiln_hash2(kiln_path_key(p->walk.key, kiln_path_use(surface, KILN_PATH_CHANCE)), p->walk.k);
+    walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_SKY), &part.pick, &rest);
+    spheres_cross(&p->walk, p->parameters->spheres, &part);
+}
+
 /* ---- paths ---- */
 
 /* Follows the path to its end. */
 static enum kiln_land_end follow(struct light_path *p, struct kiln_land_result *result)
 {
     struct RTCRayHit ray;
-    if (!begin(p))
+    const struct kiln_probe_spheres *spheres = p->parameters->spheres;
+    if (!begin(p) || (spheres != NULL && !kiln_aims_is_left(p->parameters->aims, p->aim, spheres->leaves)))
         return KILN_LAND_ASTRAY;
     struct kiln_vec3 origin = p->first.origin, direction = p->first.direction;
     for (uint32_t surface = 1;; surface++) {
         float share[3] = {1.0f, 1.0f, 1.0f};
         p->walk.rays++;
-        if (!walk_trace(&p->walk, origin, direction, kiln_path_use(surface, KILN_PATH_CHANCE), share, &ray))
+        if (!walk_trace(&p->walk, origin, direction, kiln_path_use(surface, KILN_PATH_CHANCE), share, &ray)) {
+            cross(p, surface, origin, direction, (double)INFINITY, NULL);
             return surface == 1 ? KILN_LAND_ASTRAY : KILN_LAND_ESCAPED;
+        }
+        struct meeting m = meeting_make(p->walk.b, &ray);
+        cross(p, surface, origin, direction, (double)ray.ray.tfar, &m);
         multiply(p, share);
         result->length = surface < UINT16_MAX ? (uint16_t)surface : UINT16_MAX;
-        struct meeting m = meeting_make(p->walk.b, &ray);
         if (surface == 1 && !is_target(p, &m))
             return KILN_LAND_ASTRAY;
         if (!meeting_has_side(p->walk.b, meeting_record(p->walk.b, &ray), m.back))

@@ -8,6 +8,7 @@
 #include "worker/backend/embree/chain.h"
 #include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/lookup.h"
+#include "worker/backend/embree/spheres.h"
 #include "worker/base/memory.h"
 #include "worker/pass/probes.h"
 #include "worker/sampling/harmonics.h"
@@ -21,15 +22,14 @@ struct probe_sums {
 /* Adds radiance x solid angle `value` that arrives from direction d. */
 static void add(struct probe_sums *sums, struct kiln_dvec3 d, const double value[3])
 {
-    double y[KILN_HARMONICS];
-    kiln_harmonics(d, y);
+    double weights[KILN_SPHERE_WEIGHTS];
+    spheres_weights(d, weights);
     for (int i = 0; i < KILN_HARMONICS; i++)
         for (int c = 0; c < 3; c++)
-            sums->radiance[i][c] += y[i] * value[c];
-    const double along[3] = {d.x, d.y, d.z};
-    for (int a = 0; a < 3; a++)
+            sums->radiance[i][c] += weights[i] * value[c];
+    for (int i = 0; i < 6; i++)
         for (int c = 0; c < 3; c++)
-            sums->axes[along[a] >= 0.0 ? 2 * a : 2 * a + 1][c] += fabs(along[a]) * value[c];
+            sums->axes[i][c] += weights[KILN_HARMONICS + i] * value[c];
 }
 
 /* Radiance by the chain of ray k, of diffuse surfaces, lamps and sky. */
@@ -114,7 +114,7 @@ static uint64_t gather_lights(const struct embree_backend *b, struct embree_cont
 int embree_probes(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
                   uint64_t *rays, struct kiln_error *error)
 {
-    (void)parameters;
+    const struct kiln_probe_parameters *settings = parameters;
     const uint32_t seed = kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32) ^ KILN_PROBE_SEED);
     const size_t room = light_choices_room(b->params.lights);
     struct kiln_light_choice *choices = NULL;
@@ -127,7 +127,10 @@ int embree_probes(struct embree_backend *b, const void *parameters, const struct
         const unsigned saved = embree_enter();
         struct embree_context context;
         embree_context(b, &context);
-        struct walk walk = {.b = b, .context = &context, .choices = choices + room * (size_t)omp_get_thread_num()};
+        struct walk walk = {.b = b,
+                            .context = &context,
+                            .choices = choices + room * (size_t)omp_get_thread_num(),
+                            .leaves = settings->leaves};
 #pragma omp for schedule(dynamic, 4)
         for (size_t i = 0; i < part->count; i++) {
             const uint64_t index = (uint64_t)part->first + i;

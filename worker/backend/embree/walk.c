@@ -70,11 +70,13 @@ static struct kiln_light_sample draw_light(const struct walk *w, const struct me
 }
 
 /* What `lobes` of a surface that is not only diffuse send to the walk of light from a direction, times the cosine: of
- * light that rays meet themselves, what its sharp lobes do is left to these. */
-static void scatter(const struct meeting *m, const struct kiln_light_sample *sample, uint32_t lobes, float scattered[3])
+ * light that rays or light paths meet themselves, what its sharp lobes do is left to these. */
+static void scatter(const struct walk *w, const struct meeting *m, const struct kiln_light_sample *sample,
+                    uint32_t lobes, float scattered[3])
 {
-    const struct kiln_bsdf_value f = meeting_evaluate(m, kiln_into_frame(&m->frame, vec3_of(sample->direction)),
-                                                      sample->has_extent ? lobes & ~m->sharp : lobes);
+    const bool leaves = sample->has_extent || (w->leaves & KILN_LEAVES_POINTS) != 0;
+    const struct kiln_bsdf_value f =
+        meeting_evaluate(m, kiln_into_frame(&m->frame, vec3_of(sample->direction)), leaves ? lobes & ~m->sharp : lobes);
     scattered[0] = f.value.x;
     scattered[1] = f.value.y;
     scattered[2] = f.value.z;
@@ -95,7 +97,7 @@ static void add_sample(struct walk *w, const struct meeting *m, const struct kil
         return;
     float rgb[3], scattered[3] = {0.0f, 0.0f, 0.0f};
     if (m->gloss != NULL)
-        scatter(m, sample, lobes, scattered);
+        scatter(w, m, sample, lobes, scattered);
     for (int c = 0; c < 3; c++)
         rgb[c] = (float)(sample->value[c] * (m->gloss != NULL ? (double)scattered[c] : cosine * (1.0 / KILN_PI)));
     add(weight, rgb, sum);

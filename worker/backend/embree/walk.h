@@ -11,6 +11,7 @@ struct walk {
     struct embree_context *context;
     struct kiln_light_choice *choices; /* borrowed, light_choices_room of them; NULL: light is not asked for */
     uint32_t key, k;                   /* what random numbers hang on; number of the sample (shaders/shared/path.h) */
+    uint32_t leaves;                   /* KILN_LEAVES_...: lamps whose light by sharp lobes is left out */
     uint64_t rays;                     /* traced so far; walk_trace does not count */
 };
 

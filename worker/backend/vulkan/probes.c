@@ -68,7 +68,8 @@ static int make_room(struct probes_run *r, size_t count, struct kiln_error *erro
     return status;
 }
 
-static int prepare(struct probes_run *r, size_t count, uint32_t samples, struct kiln_error *error)
+static int prepare(struct probes_run *r, const struct kiln_probe_parameters *settings, size_t count, uint32_t samples,
+                   struct kiln_error *error)
 {
     struct vulkan_backend *b = r->b;
     const struct kiln_geometry *g = b->params.geometry;
@@ -85,7 +86,8 @@ static int prepare(struct probes_run *r, size_t count, uint32_t samples, struct 
                                       .samples = samples,
                                       .slice_count = (samples - 1) / KILN_GPU_PROBE_SAMPLES + 1,
                                       .seed = kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32) ^ KILN_PROBE_SEED),
-                                      .far = vec3_length(vec3_sub(g->bounds_max, g->bounds_min))};
+                                      .far = vec3_length(vec3_sub(g->bounds_max, g->bounds_min)),
+                                      .leaves = settings->leaves};
     return status == KILN_OK ? make_room(r, count, error) : status;
 }
 
@@ -173,9 +175,8 @@ static int read_answers(struct probes_run *r, uint32_t count, uint64_t *rays, st
 static int run_left(struct vulkan_backend *b, const void *parameters, struct kiln_batch *left, uint64_t *rays,
                     bool *refused, struct kiln_error *error)
 {
-    (void)parameters;
     struct probes_run r = {.b = b};
-    int status = prepare(&r, left->count, left->samples, error);
+    int status = prepare(&r, parameters, left->count, left->samples, error);
     while (left->count > 0 && status == KILN_OK) {
         uint32_t probes, rows;
         size_chunk(&r, left->count, &probes, &rows);
