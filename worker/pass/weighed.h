@@ -7,6 +7,10 @@
  * each directional light, and one, by luminance, of an environment with an image; through glass too. Gather rays of all
  * points and the landings of all light paths, whose parameters name the same techniques, add up to the light.
  *
+ * Lamps without extent that flat mirrors show (worker/backend/mirror_images.h) are left to their images: of light that
+ * one such reflection brings straight to a point the pass adds all, from the places of all samples, and landings bring
+ * nothing.
+ *
  * Items: tile runs. Samples: rays of a point, n of the weights; the texel's area is kiln_lit_area. Results, streams and
  * rays as of the caustic pass. Embree only. */
 #ifndef KILN_WORKER_PASS_WEIGHED_H
@@ -18,12 +22,14 @@
 
 struct kiln_aims;
 struct kiln_emission;
+struct kiln_mirror_images;
 
 /* The parameters: what gather rays and light paths know of each other. All borrowed. */
 struct kiln_caustic_techniques {
     const struct kiln_aims *aims; /* shared out; the same for all iterations */
     const struct kiln_emission *emission;
-    uint64_t iterations; /* of aims->paths light paths */
+    uint64_t iterations;                     /* of aims->paths light paths */
+    const struct kiln_mirror_images *images; /* NULL: there are none */
     enum kiln_mis mis;
 };
 
