@@ -22,6 +22,9 @@
  * follow. Who has a point weighs what lands there, by the rays and the area of the point. Then the rays of the batch's
  * tile runs are gathered, and both added; errors add up by their squares.
  *
+ * There, too, flat mirrors show lamps without extent by their images (worker/backend/mirror_images.h), and what lands
+ * by such a reflection alone is dropped.
+ *
  * Where the backend of the bake is a device, the host traces the paths and these rays, with Embree and a BVH of its own
  * for the step.
  *
