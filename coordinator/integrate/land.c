@@ -8,6 +8,7 @@
 #include "coordinator/integrate/land_factors.h"
 #include "coordinator/integrate/merge.h"
 #include "coordinator/mpi/agree.h"
+#include "worker/backend/mirror_images.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 #include "worker/light/aims.h"
@@ -51,6 +52,7 @@ struct kiln_landing {
     struct kiln_backend *own; /* of the step, where the bake's backend is a device: light paths are the host's */
     /* --caustics vcm, else NULL; what light paths share their light with, and how much */
     struct kiln_emission *emission;
+    struct kiln_mirror_images *images; /* or NULL, where no flat mirror shows a lamp without extent */
     struct kiln_caustic_techniques techniques;
     struct kiln_landing_weights landing_weights;
     struct kiln_land_factors factors;             /* where the weights have some */
@@ -189,9 +191,12 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
         status = make_room(l, error);
     if (status == KILN_OK && params->settings->caustics == KILN_CAUSTICS_VCM)
         status = kiln_emission_create(&l->emission, params->backend->params.lights, error);
+    if (status == KILN_OK && shares(l))
+        status = kiln_mirror_images_create(&l->images, params->backend->params.lights, error);
     l->techniques = (struct kiln_caustic_techniques){.aims = l->aims,
                                                      .emission = l->emission,
                                                      .iterations = params->settings->iterations,
+                                                     .images = l->images,
                                                      .mis = params->settings->mis};
     if (status != KILN_OK)
         kiln_landing_destroy(landing);
@@ -219,6 +224,7 @@ void kiln_landing_destroy(struct kiln_landing **landing)
     kiln_landing_end(l);
     kiln_aims_destroy(&l->aims);
     kiln_emission_destroy(&l->emission);
+    kiln_mirror_images_destroy(&l->images);
     kiln_free(&l->moments);
     kiln_free(&l->moments_before);
     kiln_free(&l->learnt);

@@ -3,11 +3,15 @@ ranks; errors as large as they say."""
 import json
 import os
 import subprocess
+import sys
 import tempfile
 import unittest
 
 import h5py
 import numpy as np
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
+import glb  # noqa: E402
 
 KILN = os.environ["KILN"]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -134,6 +138,49 @@ class Land(unittest.TestCase):
             self.assertTrue(np.all(np.abs(found.mean(0) - plain.mean(0)) <
                                    5.0 * np.hypot(self.error(found), self.error(plain))), mis)
             self.assertFalse(np.array_equal(found, plain), mis)
+    def mirror_scene(self, turned=()):
+        """A floor beside a mirror of height 0.75, a lamp at (1, 1, 0), and a sun above it; `turned` are corners of the
+        mirror's quad in another order, so that it shows its back."""
+        scene, path = glb.Scene(), os.path.join(self.folder, "mirror.glb")
+        mirror = scene.material("mirror", (1, 1, 1))
+        scene.document["materials"][mirror]["pbrMetallicRoughness"].update(metallicFactor=1.0, roughnessFactor=0.0)
+        corners = [(0, 0, -4), (0, 0.75, -4), (0, 0.75, 4), (0, 0, 4)]
+        scene.quad("mirror", [corners[i] for i in turned or range(4)], mirror)
+        scene.quad("floor", [(0, 0, -1), (0, 0, 1), (2, 0, 1), (2, 0, -1)], scene.material("floor", (0.5, 0.5, 0.5)))
+        scene.light("lamp", {"type": "point", "intensity": 10.0}, translation=[1, 1, 0])
+        # shines along -z of its node: turned to (-1, -1, 0) / sqrt(2)
+        scene.light("sun", {"type": "directional", "intensity": 2.0},
+                    rotation=[-0.27059805, 0.65328148, 0.27059805, 0.65328148])
+        scene.write(path)
+        return path
+
+    def test_mirror_images(self):
+        """What a flat mirror brings of lamps without extent is what their images do, without noise; a texel at the edge
+        has its share; backs bring nothing; the same bits on any ranks."""
+        few = ("--caustics", "vcm", "--photons", "64", "--iterations", "1", "--samples-indirect", "64", "--bounces",
+               "0")
+        folder = self.bake("one", *few, scene=self.mirror_scene())
+        with open(os.path.join(folder, "run.json"), encoding="utf-8") as file:
+            energy = json.load(file)["energy"]
+        self.assertLess(abs(energy["residual"]), max(1e-6, 5.0 * energy["error"]))
+        with h5py.File(os.path.join(folder, "kiln.h5")) as file:
+            floor = file["points/object"][...] == list(file["objects/name"][...]).index(b"floor")
+            place, found = file["points/position"][...][floor], file["irradiance/caustic"][...][floor, 0]
+        x, z = np.meshgrid((np.arange(32) + 0.5) / 64, (np.arange(32) + 0.5) / 64)  # of a texel
+        at = place[:, None, None] + np.stack([x - 0.25, 0 * x, z - 0.25], -1)
+        way = np.array([-1, 1, 0]) - at
+        height = at[..., 0] / (at[..., 0] + 1)  # where light of the lamp meets the mirror
+        lamp = (height < 0.75) * 10.0 / (way**2).sum(-1)**1.5
+        sun = (at[..., 0] < 0.75) * 2.0 * np.sqrt(0.5)
+        wanted = (lamp + sun).mean((1, 2))
+        print("farthest from its mean: %.4f" % np.abs(found / wanted - 1).max())
+        self.assertEqual(len(found), 16)
+        self.assertLess(np.abs(found / wanted - 1).max(), 0.02)
+        lights = [self.light(self.bake("ranks", *few, ranks=ranks, scene=self.mirror_scene())) for ranks in (0, 3)]
+        for name in lights[0]:
+            self.assertTrue(np.array_equal(lights[0][name], lights[1][name]), name)
+        back = self.light(self.bake("back", *few, scene=self.mirror_scene((0, 3, 2, 1))))
+        self.assertEqual(back["caustic"].max(), 0.0)
 
     def test_wrong_values(self):
         for options in (("--photons", "0"), ("--photons", "-1"), ("--photons", "4294967296"), ("--iterations", "0"),

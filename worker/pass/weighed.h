@@ -7,6 +7,10 @@
  * each directional light, and one, by luminance, of an environment with an image; through glass too. Gather rays of all
  * points and the landings of all light paths, whose parameters name the same techniques, add up to the light.
  *
+ * Lamps without extent that flat mirrors show (worker/backend/mirror_images.h) are left to their images: of light that
+ * one such reflection brings straight to a point the pass adds all, from the places of all samples, and landings bring
+ * nothing.
+ *
  * Items: tile runs. Samples: rays of a point, n of the weights; the texel's area is kiln_lit_area. Results, streams and
  * rays as of the caustic pass. Embree only. */
 #ifndef KILN_WORKER_PASS_WEIGHED_H
@@ -18,6 +22,7 @@
 
 struct kiln_aims;
 struct kiln_emission;
+struct kiln_mirror_images;
 
 /* --mis variance and correlation: a technique that is better than its densities say counts more. Of each technique
  * alone, with its light not weighed, with X what a ray of point x finds by it, by luminance:
@@ -66,7 +71,8 @@ struct kiln_caustic_moments {
 struct kiln_caustic_techniques {
     const struct kiln_aims *aims; /* shared out; the same for all iterations */
     const struct kiln_emission *emission;
-    uint64_t iterations; /* of aims->paths light paths */
+    uint64_t iterations;                     /* of aims->paths light paths */
+    const struct kiln_mirror_images *images; /* NULL: there are none */
     enum kiln_mis mis;
     /* borrowed, by region, and the region of each own point; NULL: all are alike */
     const struct kiln_caustic_factors *factors;

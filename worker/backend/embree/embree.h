@@ -11,6 +11,10 @@
  * bidirectional_eye.c, bidirectional_light.c,
  * bidirectional_vertex.c (paths from the camera, of light, and their vertices) and photons.c (what is merged); and
  * reference.c, which uses these for the reference pass. */
+ * go on from surface to surface), mirror_images.c (lamps that flat mirrors show), coincident.c (fronts before backs
+ * where both coincide), ceiling.c (tracing alone, for benches), devices.c (the CPU); of the bidirectional pass
+ * bidirectional_eye.c, bidirectional_light.c, bidirectional_vertex.c (paths from the camera, of light, and their
+ * vertices) and photons.c (what is merged); and reference.c, which uses these for the reference pass. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 #define KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 

@@ -12,6 +12,7 @@
 #include "worker/backend/embree/chain_weighed.h"
 #include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/lookup.h"
+#include "worker/backend/embree/mirror_images.h"
 #include "worker/backend/embree/path.h"
 #include "worker/backend/embree/reference.h"
 #include "worker/backend/embree/tile_runs.h"
@@ -54,6 +55,7 @@ struct gather_work {
      * and of squares; or of what exchanges add and of light, and of the products of the former with either */
     double pilot[KILN_CAUSTIC_GATHERS][RAY_QUARTERS][RAY_LANES], squares[KILN_CAUSTIC_GATHERS][RAY_LANES];
     double exchanges[EXCHANGES_AND_LIGHT][RAY_LANES], products[KILN_CAUSTIC_PRODUCTS][RAY_LANES];
+    double image_error[RAY_LANES]; /* of the sum of what mirror images bring; 0 elsewhere */
     /* the reference pass; else NULL; and what of a point's incident light has bounced as often as there may be bounces
      */
     const struct kiln_reference_parameters *reference;
@@ -525,6 +527,22 @@ static void collect_caustics(const struct embree_backend *b, struct embree_conte
     }
 }
 
+/* Adds what lamps bring by their images in flat mirrors. */
+static void add_images(struct gather_work *w, struct embree_context *context)
+{
+    const double samples = (double)w->rays->samples;
+    w->walk.context = context;
+    for (uint32_t j = 0; j < w->rays->frame.count; j++) {
+        struct image_light light;
+        images_light(&w->walk, w->techniques->images, w->rays, j, &light);
+        for (int c = 0; c < 3; c++) {
+            w->incident[j][c] += samples * light.incident[c];
+            w->irradiance[j][c] += samples * light.irradiance[c];
+        }
+        w->image_error[j] = samples * light.error;
+    }
+}
+
 /* Harmonics may be negative; a point's light is not. */
 static void raise_to_zero(struct gather_work *w)
 {
@@ -598,7 +616,7 @@ static void store(const struct gather_work *w, void *results)
             r->glass[c] = (float)w->glass[j][c];
             r->gloss[c] = (float)w->gloss[j][c];
         }
-        r->error = quarters_error(w, j);
+        r->error = hypotf(quarters_error(w, j), (float)w->image_error[j]);
         r->present = w->rays->frame.present[j];
         r->escaped = (float)w->escaped[j];
         r->blocked = (float)w->blocked[j];
@@ -722,6 +740,8 @@ static void caustic_tile_run(void *work, const struct embree_backend *b, struct 
     if (w->weighed.pilot)
         store_moments(w, b, tile_run);
     memset(w->glass, 0, sizeof w->glass); /* of what gather rays find */
+    if (w->techniques != NULL && w->techniques->images != NULL && !w->weighed.pilot)
+        add_images(w, context);
     store(w, results);
 }
 

@@ -11,6 +11,7 @@
 #include "worker/backend/embree/techniques.h"
 #include "worker/backend/embree/walk.h"
 #include "worker/base/color.h"
+#include "worker/backend/mirror_images.h"
 #include "worker/light/aims.h"
 #include "worker/sampling/sequence.h"
 #include "worker/scene/footprint.h"
@@ -28,6 +29,7 @@ struct light_path {
     double flux[3];  /* W, at the lamp */
     struct kiln_aimed_ray first;
     struct kiln_caustic_landing sums; /* where there are other techniques */
+    bool imaged;                      /* it comes as from its lamp's mirror image */
 };
 
 static void multiply(struct light_path *p, const float factor[3])
@@ -93,7 +95,7 @@ static void land(const struct light_path *p, const struct meeting *m, struct kil
     const struct kiln_vec3 back = vec3_scale(direction, -1.0f);
     const float above = vec3_dot(m->normal, back), cosine = vec3_dot(m->shading, back);
     result->end = KILN_LAND_LANDED;
-    result->point = find_point(p->walk.b, m);
+    result->point = p->imaged ? KILN_NO_POINT : find_point(p->walk.b, m);
     result->shading = above > 0.0f ? fmaxf(0.0f, cosine) / above : 1.0f;
     const struct kiln_caustic_techniques *t = p->parameters->techniques;
     if (t != NULL)
@@ -161,6 +163,15 @@ static struct kiln_caustic_landing emit(const struct light_path *p, const struct
                              fabs((double)vec3_dot(v->m.normal, v->from)));
 }
 
+/* Whether what it does at its surface number `surface` is what the images of lamps in flat mirrors stand for. */
+static bool is_image(const struct light_path *p, const struct meeting *m, uint32_t surface,
+                     const struct vertex_way *way)
+{
+    const struct kiln_mirror_images *images = p->parameters->techniques->images;
+    return images != NULL && surface == 1 && p->first.is_point && !m->back && way->delta &&
+           images->plane_of[m->triangle] != KILN_NONE && vec3_dot(m->normal, way->direction) > 0.0f;
+}
+
 /* The same as `turn`, where there are other techniques. `from`: the direction that the path has. */
 static bool turn_weighed(struct light_path *p, const struct meeting *m, uint32_t surface, float pick,
                          struct kiln_vec3 from, struct kiln_vec3 *direction)
@@ -176,6 +187,7 @@ static bool turn_weighed(struct light_path *p, const struct meeting *m, uint32_t
     else
         kiln_caustic_meet(&p->sums, fabs((double)vec3_dot(m->normal, from)));
     kiln_caustic_pass_on(&p->sums, surface == 1, way.cosine, way.forward, way.backward, way.delta);
+    p->imaged = is_image(p, m, surface, &way);
     multiply(p, way.factor);
     *direction = way.direction;
     return most(p->weight) > 0.0f;
@@ -265,6 +277,7 @@ static void trace_path(struct light_path *p, uint64_t number, struct kiln_land_r
     const struct kiln_aims *aims = p->parameters->aims;
     const uint64_t iteration = number / aims->paths, path = number % aims->paths;
     p->aim = kiln_aims_find(aims, path);
+    p->imaged = false;
     const uint64_t k = path - aims->first[p->aim];
     *result = (struct kiln_land_result){.point = KILN_NO_POINT, .aim = (uint32_t)p->aim};
     p->walk.key =

@@ -1,0 +1,260 @@
+#include "worker/backend/mirror_images.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "worker/base/memory.h"
+#include "worker/material/surface_bsdf.h"
+#include "worker/scene/footprint.h"
+#include "worker/scene/gloss.h"
+
+#define STRAIGHT 1e-4         /* by how much shading normals may differ from the plane's */
+#define NORMAL_STEP 0x1p-14   /* normals and distances of one plane are the same in such steps */
+#define DISTANCE_STEP 0x1p-17 /* of the world's extent */
+#define SLACK 1e-5            /* of the world's extent: what boxes are wider by */
+
+/* A triangle that reflects. Those of one plane have the same key. */
+struct face {
+    int64_t key[4];
+    uint32_t triangle;
+};
+
+/* ---- which triangles reflect ---- */
+
+/* Of each material; the caller frees it. */
+static int find_mirrors(bool **mirrors, const struct kiln_scene *scene, struct kiln_error *error)
+{
+    const int status = kiln_allocate(mirrors, scene->material_count, sizeof **mirrors, "the mirrors", error);
+    for (uint32_t m = 0; status == KILN_OK && m < scene->material_count; m++) {
+        const struct kiln_gloss_lobes of = kiln_gloss_lobes(scene, m);
+        (*mirrors)[m] = of.ready && of.lobes.base_is_mirror && of.lobes.p.model == KILN_BSDF_LAYERS &&
+                        !(of.lobes.coat.strength > 0.0f);
+    }
+    return status;
+}
+
+static bool is_flat(const struct kiln_lights *l, uint32_t triangle, struct kiln_vec3 normal)
+{
+    const struct kiln_object *object = &l->scene->objects[l->geometry->records[triangle].object];
+    if ((l->scene->meshes[object->mesh].flags & KILN_MESH_SMOOTH) == 0)
+        return true;
+    for (int c = 0; c < 3; c++) {
+        const struct kiln_vec3 s =
+            kiln_triangle_shading_normal(l->scene, l->geometry, triangle, c == 1 ? 1.0f : 0.0f, c == 2 ? 1.0f : 0.0f);
+        if (!((double)vec3_length(vec3_sub(s, normal)) < STRAIGHT))
+            return false;
+    }
+    return true;
+}
+
+static bool reflects(const struct kiln_lights *l, const bool *mirrors, uint32_t triangle)
+{
+    const struct kiln_hit_record *record = &l->geometry->records[triangle];
+    return mirrors[record->material & KILN_RECORD_MATERIAL] &&
+           (l->scene->objects[record->object].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
+}
+
+static size_t find_faces(const struct kiln_lights *l, const bool *mirrors, struct face *faces)
+{
+    const struct kiln_geometry *g = l->geometry;
+    size_t count = 0;
+    for (uint32_t t = 0; t < g->triangle_count; t++) {
+        struct kiln_vec3 corner[3];
+        if (!reflects(l, mirrors, t) || !(kiln_geometry_triangle_area(g, t) > 0.0))
+            continue;
+        const struct kiln_vec3 n = kiln_triangle_exact_normal(l->scene, g, t);
+        if (!is_flat(l, t, n))
+            continue;
+        kiln_geometry_corners(g, t, corner);
+        const double distance = dvec3_dot(dvec3_of(n), dvec3_of(corner[0]));
+        faces[count++] =
+            (struct face){{llrint((double)n.x / NORMAL_STEP), llrint((double)n.y / NORMAL_STEP),
+                           llrint((double)n.z / NORMAL_STEP), llrint(distance / ((double)g->extent * DISTANCE_STEP))},
+                          t};
+    }
+    return count;
+}
+
+/* ---- planes ---- */
+
+static int by_key(const void *a, const void *b)
+{
+    const struct face *x = a, *y = b;
+    for (int i = 0; i < 4; i++)
+        if (x->key[i] != y->key[i])
+            return x->key[i] < y->key[i] ? -1 : 1;
+    return x->triangle < y->triangle ? -1 : x->triangle > y->triangle;
+}
+
+static bool same_plane(const struct face *a, const struct face *b)
+{
+    return a->key[0] == b->key[0] && a->key[1] == b->key[1] && a->key[2] == b->key[2] && a->key[3] == b->key[3];
+}
+
+/* Faces of one plane, from `first` on. */
+struct group {
+    size_t first, count;
+    double area;
+};
+
+static int by_area(const void *a, const void *b)
+{
+    const struct group *x = a, *y = b;
+    if (x->area != y->area)
+        return x->area > y->area ? -1 : 1;
+    return x->first < y->first ? -1 : 1;
+}
+
+static size_t find_groups(const struct kiln_geometry *g, const struct face *faces, size_t count, struct group *groups)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < count; i++) {
+        if (i == 0 || !same_plane(&faces[i - 1], &faces[i]))
+            groups[n++] = (struct group){.first = i};
+        groups[n - 1].count++;
+        groups[n - 1].area += kiln_geometry_triangle_area(g, faces[i].triangle);
+    }
+    qsort(groups, n, sizeof *groups, by_area);
+    return n;
+}
+
+/* Means by area of normals and distances, which differ by rounding; and the box. */
+static struct kiln_mirror_plane make_plane(const struct kiln_lights *l, const struct face *faces, size_t count)
+{
+    const struct kiln_geometry *g = l->geometry;
+    const double slack = SLACK * (double)g->extent;
+    struct kiln_mirror_plane p = {.minimum = dvec3(INFINITY, INFINITY, INFINITY),
+                                  .maximum = dvec3(-INFINITY, -INFINITY, -INFINITY)};
+    for (size_t i = 0; i < count; i++) {
+        struct kiln_vec3 corner[3];
+        const double area = kiln_geometry_triangle_area(g, faces[i].triangle);
+        const struct kiln_dvec3 n = dvec3_of(kiln_triangle_exact_normal(l->scene, g, faces[i].triangle));
+        kiln_geometry_corners(g, faces[i].triangle, corner);
+        p.area += area;
+        p.normal = dvec3_add(p.normal, dvec3_scale(n, area));
+        p.distance += area * dvec3_dot(n, dvec3_of(corner[0]));
+        for (int c = 0; c < 3; c++) {
+            const struct kiln_dvec3 at = dvec3_of(corner[c]);
+            p.minimum = dvec3(fmin(p.minimum.x, at.x - slack), fmin(p.minimum.y, at.y - slack),
+                              fmin(p.minimum.z, at.z - slack));
+            p.maximum = dvec3(fmax(p.maximum.x, at.x + slack), fmax(p.maximum.y, at.y + slack),
+                              fmax(p.maximum.z, at.z + slack));
+        }
+    }
+    p.normal = dvec3_scale(p.normal, 1.0 / dvec3_length(p.normal));
+    p.distance /= p.area;
+    return p;
+}
+
+static int take_planes(struct kiln_mirror_images *m, const struct face *faces, const struct group *groups, size_t count,
+                       struct kiln_error *error)
+{
+    const size_t triangles = m->lights->geometry->triangle_count, most = KILN_IMAGES_MOST / m->lamp_count;
+    m->plane_count = count < most ? count : most;
+    int status = kiln_allocate(&m->planes, m->plane_count, sizeof *m->planes, "the planes of mirrors", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&m->plane_of, triangles, sizeof *m->plane_of, "the planes of triangles", error);
+    for (size_t t = 0; status == KILN_OK && t < triangles; t++)
+        m->plane_of[t] = KILN_NONE;
+    for (size_t i = 0; status == KILN_OK && i < m->plane_count; i++) {
+        m->planes[i] = make_plane(m->lights, faces + groups[i].first, groups[i].count);
+        for (size_t k = 0; k < groups[i].count; k++)
+            m->plane_of[faces[groups[i].first + k].triangle] = (uint32_t)i;
+    }
+    return status;
+}
+
+static int find_planes(struct kiln_mirror_images *m, struct kiln_error *error)
+{
+    const struct kiln_lights *l = m->lights;
+    struct face *faces = NULL;
+    struct group *groups = NULL;
+    bool *mirrors = NULL;
+    size_t room = 0;
+    int status = find_mirrors(&mirrors, l->scene, error);
+    for (uint32_t t = 0; status == KILN_OK && t < l->geometry->triangle_count; t++)
+        room += reflects(l, mirrors, t);
+    if (status == KILN_OK)
+        status = kiln_allocate(&faces, room, sizeof *faces, "the faces of mirrors", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&groups, room, sizeof *groups, "the planes of mirrors", error);
+    if (status == KILN_OK) {
+        const size_t count = find_faces(l, mirrors, faces);
+        qsort(faces, count, sizeof *faces, by_key);
+        status = take_planes(m, faces, groups, find_groups(l->geometry, faces, count, groups), error);
+    }
+    kiln_free(&faces);
+    kiln_free(&groups);
+    kiln_free(&mirrors);
+    return status;
+}
+
+/* ---- lamps ---- */
+
+static int find_lamps(struct kiln_mirror_images *m, struct kiln_error *error)
+{
+    const struct kiln_lights *l = m->lights;
+    const size_t count = l->point_count + l->directional_count;
+    const int status = kiln_allocate(&m->lamps, count, sizeof *m->lamps, "the lamps that mirrors show", error);
+    for (size_t i = 0; status == KILN_OK && i < l->point_count; i++)
+        m->lamps[m->lamp_count++] = (struct kiln_mirror_lamp){.index = (uint32_t)i, .place = l->points[i].position};
+    for (size_t i = 0; status == KILN_OK && i < l->directional_count; i++)
+        m->lamps[m->lamp_count++] =
+            (struct kiln_mirror_lamp){.outside = true, .index = (uint32_t)i, .place = l->directionals[i].towards};
+    return status;
+}
+
+int kiln_mirror_images_create(struct kiln_mirror_images **images, const struct kiln_lights *lights,
+                              struct kiln_error *error)
+{
+    const size_t lamps = lights->point_count + lights->directional_count;
+    struct kiln_mirror_images *m = NULL;
+    *images = NULL;
+    if (lamps == 0 || lamps > KILN_IMAGES_MOST || lights->scene->taken == NULL)
+        return KILN_OK;
+    int status = kiln_allocate(&m, 1, sizeof *m, "the images in mirrors", error);
+    if (status != KILN_OK)
+        return status;
+    m->lights = lights;
+    status = find_lamps(m, error);
+    if (status == KILN_OK)
+        status = find_planes(m, error);
+    if (status != KILN_OK || m->plane_count == 0)
+        kiln_mirror_images_destroy(&m);
+    *images = m;
+    return status;
+}
+
+void kiln_mirror_images_destroy(struct kiln_mirror_images **images)
+{
+    if (*images == NULL)
+        return;
+    kiln_free(&(*images)->lamps);
+    kiln_free(&(*images)->planes);
+    kiln_free(&(*images)->plane_of);
+    kiln_free(images);
+}
+
+/* ---- images ---- */
+
+static bool is_within(const struct kiln_mirror_plane *plane, struct kiln_dvec3 p)
+{
+    return p.x >= plane->minimum.x && p.x <= plane->maximum.x && p.y >= plane->minimum.y && p.y <= plane->maximum.y &&
+           p.z >= plane->minimum.z && p.z <= plane->maximum.z;
+}
+
+bool kiln_mirror_image(const struct kiln_mirror_plane *plane, const struct kiln_mirror_lamp *lamp, struct kiln_dvec3 p,
+                       struct kiln_dvec3 *direction)
+{
+    const struct kiln_dvec3 n = plane->normal;
+    const double above = dvec3_dot(n, p) - plane->distance,
+                 height = dvec3_dot(n, lamp->place) - (lamp->outside ? 0.0 : plane->distance);
+    if (!(above > 0.0) || !(height > 0.0))
+        return false;
+    const struct kiln_dvec3 image = dvec3_sub(lamp->place, dvec3_scale(n, 2.0 * height)),
+                            way = lamp->outside ? image : dvec3_sub(image, p);
+    /* the plane's share of the way; from outside it is its length */
+    const double until = above / (lamp->outside ? height : above + height);
+    *direction = dvec3_scale(way, 1.0 / dvec3_length(way));
+    return is_within(plane, dvec3_add(p, dvec3_scale(way, until)));
+}
