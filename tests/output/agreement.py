@@ -56,7 +56,8 @@ SCENES = {'cornell-spheres': scene_of(), 'cornell-water': scene_of(),
           'mirrors': scene_of(lamps_have_extent=False, matt=level), 'prism': scene_of(lamps_have_extent=False),
           'veach_ajar': scene_of('veach_ajar.glb', radius=0.06),
           'dining_room': scene_of('dining_room.glb', radius=0.06)}
-SCENES.update({'smallvcm-' + name: scene_of(options=small_vcm.CAMERA, radius=0.01) for name in ('lamp', 'sky')})
+SCENES.update({'smallvcm-' + name: scene_of(options=small_vcm.CAMERA, radius=radius)
+               for name, radius in (('lamp', 0.01), ('sky', 0.04))})
 SCENES.update({'smallvcm-' + name: scene_of(options=small_vcm.CAMERA, lamps_have_extent=False, matt=beside_balls)
                for name in ('sun', 'point')})
 
