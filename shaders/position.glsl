@@ -115,10 +115,10 @@ bool kiln_meets_back(vec3 position, vec3 direction)
     if (hit.triangle == KILN_GPU_NONE || !hit.back)
         return false;
     return (floatBitsToUint(RecordHalves(SCENE.records + uint64_t(hit.triangle) * 32ul).at[1].w) &
-            KILN_RECORD_DOUBLE_SIDED) == 0u;
+            (KILN_RECORD_DOUBLE_SIDED | KILN_RECORD_CLEAR)) == 0u;
 }
 
-/* A ray along the normal and three around it, 53 degrees off, all meet backs of single-sided surfaces. */
+/* A ray along the normal and three around it, 53 degrees off, all meet backs of single-sided surfaces, not glass's. */
 bool kiln_buried(vec3 position, vec3 normal)
 {
     vec3 t, b;

@@ -64,6 +64,7 @@ struct kiln_landing {
     /* as they were when the block under way began: of all of it that a checkpoint has */
     uint64_t *moments_before, rays_before;
     struct saved_landing record;
+    bool begun;    /* a step has: the checkpoint has nothing of those after it, and its files may be gone by then */
     bool restored; /* what was learnt and landed before, from a checkpoint */
     bool pilots;   /* the paths under way bring no light; a checkpoint has nothing of them */
     /* of a block */
@@ -530,7 +531,8 @@ static int restore(struct kiln_landing *l, struct kiln_error *error)
     const struct kiln_checkpoint *c = l->params->checkpoint;
     struct saved_landing s = {0};
     int status = KILN_OK;
-    const bool any = c != NULL && kiln_checkpoint_generation(c) != 0 && kiln_checkpoint_has(c, "landing");
+    const bool any = !l->begun && c != NULL && kiln_checkpoint_generation(c) != 0 && kiln_checkpoint_has(c, "landing");
+    l->begun = true;
     if (any)
         status = kiln_checkpoint_read(c, "landing", 0, 1, sizeof s, &s, error);
     const bool here = any && s.step == l->solution->report.steps.count;

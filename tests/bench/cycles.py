@@ -207,13 +207,15 @@ def search(baker, denoise, counts, table):
     return samples_of(*counts)
 
 
-def run_cycles(baker, folder, runs):
-    """Bakes [(samples, seed), ...]: (records, images in W/m2, processor seconds of the whole process)."""
+def run_cycles(baker, folder, runs, bounces=4, whole=False):
+    """Bakes [(samples, seed), ...]: (records, images in W/m2, processor seconds of the whole process). `whole`: metal
+    and glass as they are."""
     plan = os.path.join(folder, 'plan.json')
     sky = baker.scene.sky or (0, 0, 0)
     with open(plan, 'w') as f:
         json.dump({'scene': baker.laid_out, 'folder': folder, 'places': baker.atlas.places,
-                   'atlas': baker.atlas.shape, 'sky': sky, 'bounces': 4, 'threads': baker.threads}, f)
+                   'atlas': baker.atlas.shape, 'sky': sky, 'bounces': bounces, 'whole': whole,
+                   'threads': baker.threads}, f)
     p = harness.run(['blender', '--background', '-noaudio', '--factory-startup', '--python',
                      os.path.join(os.path.dirname(os.path.abspath(__file__)), 'cycles_bake.py'), '--', plan]
                     + ['%d:%d' % r for r in runs], timeout=7200)

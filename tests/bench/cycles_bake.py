@@ -5,10 +5,11 @@
 The plan says the scene (scene.glb of a bake, whose nodes link to their lightmaps), where each object's lightmap lies in
 one atlas, bounces, threads, the sky and the folder for results. Every material becomes a Lambertian surface: diffuse of
 the base colour, less what is metal, plus emission. The backs of single-sided materials are black, as kiln has them, and
-alpha masks let light through. All objects of the plan are joined, which is the fastest way to bake: one session, one
-BVH. Type DIFFUSE, direct and indirect, without colour, no margin, no clamping, no adaptive sampling, no denoiser; a
-32-bit OpenEXR file whose unit is irradiance over pi. Prints one line BAKE {json} a bake; `seconds` and `processor` are
-of the bake operator alone.
+alpha masks let light through. With `whole` in the plan metals and glass bodies are what they are, as in
+cycles_view_blender.py, and send caustics. All objects of the plan are joined, which is the fastest way to bake: one
+session, one BVH. Type DIFFUSE, direct and indirect, without colour, no margin, no clamping, no adaptive sampling, no
+denoiser; a 32-bit OpenEXR file whose unit is irradiance over pi. Prints one line BAKE {json} a bake; `seconds` and
+`processor` are of the bake operator alone.
 """
 import builtins
 import json
@@ -19,6 +20,9 @@ import time
 
 import bpy
 import numpy
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import cycles_view_blender as view  # noqa: E402
 
 for name in ('bool', 'int', 'float'):  # Debian's glTF importer uses names that its numpy no longer has
     if name not in numpy.__dict__:
@@ -117,6 +121,11 @@ class Shader:
         return self.mixed(there.outputs[0], self.node('ShaderNodeBsdfTransparent').outputs[0], surface)
 
 
+def is_gloss(material):
+    return (material.get('pbrMetallicRoughness', {}).get('metallicFactor', 1.0) == 1.0
+            or 'KHR_materials_volume' in material.get('extensions', {}))
+
+
 def light_suns(gltf):
     """Irradiance as in the file; the importer's own takes lux for it."""
     for light in gltf.get('extensions', {}).get('KHR_lights_punctual', {}).get('lights', []):
@@ -155,6 +164,10 @@ def settings(scene, plan):
     c = scene.cycles
     c.device, c.use_denoising, c.use_adaptive_sampling = 'CPU', False, False
     c.max_bounces = c.diffuse_bounces = plan['bounces']
+    if plan.get('whole'):
+        c.max_bounces = c.glossy_bounces = c.transmission_bounces = 64
+        c.caustics_reflective = c.caustics_refractive = True
+        c.blur_glossy = c.light_sampling_threshold = 0.0
     c.transparent_max_bounces = 32
     c.sample_clamp_direct = c.sample_clamp_indirect = 0.0
     bake = scene.render.bake
@@ -168,7 +181,10 @@ def prepare(plan):
     bpy.ops.import_scene.gltf(filepath=plan['scene'])
     gltf = document(plan['scene'])
     for material in gltf['materials']:
-        Shader(bpy.data.materials[material['name']], Colours(material))
+        if plan.get('whole') and is_gloss(material):
+            view.rebuild(material)
+        else:
+            Shader(bpy.data.materials[material['name']], Colours(material))
     light_suns(gltf)
     light_sky(bpy.context.scene, plan['sky'])
     numbers = {n['name']: n['extensions']['KILN_lightmap']['texCoord'] for n in gltf['nodes']

@@ -112,4 +112,5 @@ def main():
     print('VIEW', json.dumps({'processor': after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime}))
 
 
-main()
+if __name__ == '__main__':
+    main()

@@ -81,6 +81,12 @@ class Converge(unittest.TestCase):
         self.assertEqual(sorted(os.listdir(out)),
                          ['converge.csv', 'converge.svg', 'path-64.exr', 'reference.exr'])
 
+    def test_path_length(self):
+        # views have it: paths of one ray see emission alone, without noise
+        said, _ = bench(self.furnace, os.path.join(self.folder.name, 'emission'), 'path', '--path-length', 1,
+                        '--from=0.1,0.2,0.1', '--to=0.9,0.3,0.2', '--doublings', 1, '--reference-samples', 4, *SMALL)
+        self.assertLess(said['methods'][0]['views'][0]['rmse'], 1e-6)
+
     def test_given_reference(self):
         # a view against itself differs by nothing
         first, again = (os.path.join(self.folder.name, name) for name in ('first', 'again'))
@@ -131,7 +137,7 @@ class Converge(unittest.TestCase):
             answer = kiln('bench', 'converge', *arguments, folder=self.folder.name)
             self.assertEqual(answer.code, 64, answer.err)
             self.assertIn(words, answer.sentence())
-        for option, value in (('--width', 24), ('--materials', 'full')):
+        for option, value in (('--width', 24), ('--materials', 'full'), ('--path-length', 3)):
             answer = kiln('bench', 'rays', spheres, option, value)
             self.assertEqual(answer.code, 64)
             self.assertIn(option + ': of all benches only converge', answer.sentence())

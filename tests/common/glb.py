@@ -1,6 +1,7 @@
-"""Writes small .glb scenes for tests: quads and triangles with a lightmap layout, diffuse materials, punctual
-lights."""
+"""Writes small .glb scenes for tests: quads, boxes and balls with a lightmap layout, diffuse materials and others,
+punctual lights."""
 import json
+import math
 import struct
 
 import numpy as np
@@ -140,6 +141,36 @@ def box(scene, name, low, high, material, inward=()):
         triangles += [t[::-1] for t in order] if i in inward else order
     # every face has corners of its own, so that normals are flat and a winding can be turned alone
     scene.mesh(name, positions, layout, triangles, material)
+
+
+GLASS = {"transmission": {"transmissionFactor": 1.0}, "volume": {"thicknessFactor": 0.1}}
+
+
+def gloss(scene, name, color=(1, 1, 1), metallic=0.0, roughness=0.0, **extensions):
+    """A material, with KHR_materials_... by their last words. Returns its number."""
+    number = scene.material(name, color)
+    material = scene.document["materials"][number]
+    material["pbrMetallicRoughness"].update(metallicFactor=metallic, roughnessFactor=roughness)
+    for word, values in extensions.items():
+        material.setdefault("extensions", {})["KHR_materials_" + word] = values
+        scene.used.add("KHR_materials_" + word)
+    return number
+
+
+def ball(scene, name, centre, radius, material, rings=24):
+    """Smooth, of latitudes and longitudes."""
+    points, triangles = [], []
+    for i in range(rings + 1):
+        for k in range(2 * rings):
+            a, b = math.pi * i / rings, math.pi * k / rings
+            points.append((centre[0] + radius * math.sin(a) * math.cos(b), centre[1] + radius * math.cos(a),
+                           centre[2] - radius * math.sin(a) * math.sin(b)))
+    for i in range(rings):
+        for k in range(2 * rings):
+            a, b = i * 2 * rings + k, i * 2 * rings + (k + 1) % (2 * rings)
+            c, d = a + 2 * rings, b + 2 * rings
+            triangles += [(a, c, d)] * (i < rings - 1) + [(a, d, b)] * (i > 0)
+    scene.mesh(name, points, np.array(points)[:, :2] * 0.1 + 0.5, triangles, material)
 
 
 def partition_room(path, twin):

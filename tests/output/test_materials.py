@@ -43,7 +43,7 @@ class Materials(unittest.TestCase):
         temporary = tempfile.TemporaryDirectory()
         cls.addClassCleanup(temporary.cleanup)
         cls.folder = temporary.name
-        for name in ("cornell-spheres", "cornell", "mirrors"):
+        for name in ("cornell-spheres", "cornell-water", "cornell", "mirrors"):
             run("generate", name, "-o", os.path.join(cls.folder, name + ".glb"), "--quiet")
 
     def bake(self, scene, name, *options, **more):
@@ -131,6 +131,16 @@ class Materials(unittest.TestCase):
         self.assertLess(np.sqrt((apart[0] ** 2).mean()), 0.04)
         self.assertLess(apart[0].max(), 0.16)
         self.assertGreater(apart[1].max(), 0.4)
+
+    def test_under_water(self):
+        """What stands in glass is lit, though rays from it meet its back all round; the ledger closes."""
+        folder = self.bake("cornell-water", "water", "--materials", "auto", "--texels-per-metre", "2", "--bounces", "0",
+                           "--caustics", "land", "--photons", "20000", "--samples-direct", "64", "--samples-indirect",
+                           "4", "--denoise", "none")
+        with h5py.File(os.path.join(folder, "kiln.h5"), "r") as file:
+            self.assertTrue(file["points/valid"][:].all())
+        text, closed = harness.energy(report(folder))
+        self.assertTrue(closed, text)
 
     def test_lamps_without_size(self):
         """No gather ray meets a point by a mirror: its light that way is told as unfound, and the ledger closes."""

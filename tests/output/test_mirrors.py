@@ -13,6 +13,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import exr  # noqa: E402
 import glb  # noqa: E402
 import png  # noqa: E402
+from glb import GLASS, ball, gloss  # noqa: E402
 
 KILN = os.environ["KILN"]
 FRESNEL = 0.04  # of an index of 1.5 at normal incidence
@@ -25,18 +26,6 @@ def run(*arguments, code=0, ranks=0):
     return done
 
 
-def gloss(scene, name, color=(1, 1, 1), metallic=0.0, roughness=0.0, **extensions):
-    """A material, with KHR_materials_... by their last words."""
-    number = scene.material(name, color)
-    material = scene.document["materials"][number]
-    material["pbrMetallicRoughness"].update(metallicFactor=metallic, roughnessFactor=roughness)
-    for word, values in extensions.items():
-        material.setdefault("extensions", {})["KHR_materials_" + word] = values
-        scene.used.add("KHR_materials_" + word)
-    return number
-
-
-GLASS = {"transmission": {"transmissionFactor": 1.0}, "volume": {"thicknessFactor": 0.1}}
 WHITE = (("mirror", {"metallic": 1.0}), ("rough metal", {"metallic": 1.0, "roughness": 0.5}),
          ("glass", GLASS), ("frosted glass", dict(GLASS, roughness=0.4)), ("plastic", {"roughness": 0.3}),
          ("lacquer", {"roughness": 0.6, "clearcoat": {"clearcoatFactor": 1.0, "clearcoatRoughnessFactor": 0.1}}))
@@ -54,22 +43,6 @@ MORE = (("brushed", {"color": (0.9, 0.6, 0.3), "metallic": 1.0, "roughness": 0.3
                      "clearcoat": {"clearcoatFactor": 0.8, "clearcoatRoughnessFactor": 0.5,
                                    "clearcoatTexture": {"index": 0}}}),
         ("matt", {"color": (0.5, 0.5, 0.5), "roughness": 1.0}))
-
-
-def ball(scene, name, centre, radius, material, rings=24):
-    """Smooth, of latitudes and longitudes."""
-    points, triangles = [], []
-    for i in range(rings + 1):
-        for k in range(2 * rings):
-            a, b = math.pi * i / rings, math.pi * k / rings
-            points.append((centre[0] + radius * math.sin(a) * math.cos(b), centre[1] + radius * math.cos(a),
-                           centre[2] - radius * math.sin(a) * math.sin(b)))
-    for i in range(rings):
-        for k in range(2 * rings):
-            a, b = i * 2 * rings + k, i * 2 * rings + (k + 1) % (2 * rings)
-            c, d = a + 2 * rings, b + 2 * rings
-            triangles += [(a, c, d)] * (i < rings - 1) + [(a, d, b)] * (i > 0)
-    scene.mesh(name, points, np.array(points)[:, :2] * 0.1 + 0.5, triangles, material)
 
 
 class Mirrors(unittest.TestCase):

@@ -10,6 +10,8 @@
     resume.py --kiln PATH landing     kill -9 while light paths land in texels
     resume.py --kiln PATH sharing     kill -9 while light paths and gather rays share caustics
     resume.py --kiln PATH crossing    kill -9 while light paths cross the spheres of probes
+    resume.py --kiln PATH paths       kill -9 a random rank of 1, 2, 3, 5, 8, by turns, at random moments of bakes with
+                                      light paths (KILN_KILLS of each of land and vcm, KILN_SEED)
     resume.py --kiln PATH bounces     hundreds of bounces, stopped and gone on with after the 256th
     resume.py --kiln PATH signals     SIGUSR1, SIGTERM, SIGINT, kiln stop, --max-time: 75, and what kiln status says
     resume.py --kiln PATH phases      a signal to one of two ranks in every phase (without --full: in some): 75
@@ -30,6 +32,7 @@
 """
 import glob
 import hashlib
+import itertools
 import json
 import os
 import random
@@ -685,6 +688,46 @@ def try_crossing(checks, tool):
     same(checks, tool, reference, folder, tool.bake(folder, *more, ranks=2, scene=scene), 'killed while paths crossed')
 
 
+def kill_by_turns(checks, tool, dice, more, kills, scene):
+    """Bakes that are killed and gone on with by another number of ranks each time, until all kills are spent. Each
+    gives the bits of one that nothing happens to. The first kill comes when a checkpoint has landed light, if there is
+    one in time, others at any moment. Returns the phases that were killed within, as far as status.json had them."""
+    reference, seconds = reference_of(checks, tool, *more, scene=scene)
+    turns, within, folder, aimed = itertools.cycle((8, 1, 5, 2, 3)), [], tool.folder(), True
+    while True:
+        ranks = next(turns)
+        process = tool.start(folder, '--checkpoint-every', 0.2, *more, scene=scene, ranks=ranks, private=True)
+        if len(within) < kills:
+            wait_for(lambda: process.poll() is not None or len(ranks_of(process)) == ranks, pause=LOOK)
+            moment = 30 if aimed else dice.uniform(0.2, seconds)
+            wait_for(lambda: process.poll() is not None or (aimed and landed(folder) > 0), moment, pause=LOOK)
+            what, aimed = 'kill %d, of %d ranks, after %.2f s at most' % (len(within) + 1, ranks, moment), False
+            if kill_one(checks, dice, process, ranks_of(process), folder, what) is not None:
+                status = status_bytes(folder)
+                within.append(json.loads(status)['phase'] if status else 'before any')
+                continue
+        status = harness.own_status(finish(process, 120), text(folder))
+        if checks.that(status == 0, 'the last run ended with %s: %s' % (status, text(folder)[-3000:])):
+            different = differences(reference, result(folder))
+            checks.that(not different, 'after %d kills: not the same: %s' % (len(within), different))
+        if len(within) == kills:
+            return within
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def try_paths(checks, tool):
+    """Light paths that land in texels, and such that share light with gather rays."""
+    kills, seed = int(os.environ.get('KILN_KILLS', '1')), int(os.environ.get('KILN_SEED', '0'))
+    scene = os.path.join(tool.scratch, 'spheres.glb')
+    tool.run('generate', 'cornell-spheres', '-o', scene)
+    for which in ('land', 'vcm'):
+        more = ('--materials', 'auto', '--caustics', which, '--photons', 20000, '--iterations', 12, '--lightmap-size',
+                16, '--samples-direct', 16, '--samples-bounce', 8, '--samples-indirect', 64, '--bounces', 2,
+                '--samples-probe', 8, '--no-export')
+        within = kill_by_turns(checks, tool, random.Random(seed), more, kills, scene)
+        print('%s, seed %d: killed within %s' % (which, seed, ', '.join(within)), flush=True)
+
+
 def try_bounces(checks, tool):
     """More passes than an array of a fixed size would hold, at a stretch and in two."""
     few = ('--lightmap-size', 8, '--samples-direct', 4, '--samples-bounce', 2, '--samples-indirect', 4,
@@ -1245,7 +1288,7 @@ def try_cost(checks, tool):
 
 PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'quantities': try_quantities,
          'blocks': try_blocks, 'range': try_range, 'guide': try_guide, 'caustics': try_caustics,
-         'landing': try_landing, 'sharing': try_sharing, 'crossing': try_crossing,
+         'landing': try_landing, 'sharing': try_sharing, 'crossing': try_crossing, 'paths': try_paths,
          'bounces': try_bounces, 'signals': try_signals,
          'phases': try_phases,
          'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults,

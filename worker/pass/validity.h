@@ -1,9 +1,10 @@
 /* The validity pass: which share of each surface point is not buried in other geometry.
  *
  * A place on a surface is buried when a ray along its normal and three rays around the normal all meet back faces of
- * single-sided surfaces. 16 places of a point are looked at first. When some of them are buried and some are not, 64
- * more places give the share; a point of which less than 1/32 is left counts as buried altogether. The places are the
- * same shares of every texel's sides for any seed (kiln_validity_key), so that the seed buries nothing.
+ * single-sided surfaces. Those of glass do not count where it is taken as such (KILN_RECORD_CLEAR): what stands in
+ * water is lit. 16 places of a point are looked at first. When some of them are buried and some are not, 64 more places
+ * give the share; a point of which less than 1/32 is left counts as buried altogether. The places are the same shares
+ * of every texel's sides for any seed (kiln_validity_key), so that the seed buries nothing.
  *
  * Items: tile runs. No parameters; its number of samples is its own. All points are looked at, valid or not.
  * Rays are counted as one for each place that is looked at. The three rays around the normal, which few places need,

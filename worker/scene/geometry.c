@@ -214,8 +214,10 @@ static void expand_triangle(const struct expansion *e, size_t o, uint64_t stored
     const uint32_t m = scene->triangle_materials[stored];
     const struct kiln_material *material = &scene->materials[m];
     const bool emits = material->emission[0] > 0.0f || material->emission[1] > 0.0f || material->emission[2] > 0.0f;
+    const struct kiln_gloss *gloss = kiln_gloss_taken(scene, m);
     record->material = m | (material->double_sided ? KILN_RECORD_DOUBLE_SIDED : 0u) | (emits ? KILN_RECORD_EMITS : 0u) |
-                       (kiln_gloss_taken(scene, m) != NULL ? KILN_RECORD_GLOSS : 0u);
+                       (gloss != NULL ? KILN_RECORD_GLOSS : 0u) |
+                       (gloss != NULL && gloss->transmission > 0.0f ? KILN_RECORD_CLEAR : 0u);
     g->stored_triangle[world] = (uint32_t)stored;
     for (uint64_t c = 0; c < 3; c++)
         g->indices[3 * world + c] = (uint32_t)e->object_vertex[o] + order[c];

@@ -46,7 +46,7 @@ static bool meets_back(const struct embree_backend *b, struct kiln_vec3 p, struc
     if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID || r.hit.Ng_x * d.x + r.hit.Ng_y * d.y + r.hit.Ng_z * d.z <= 0.0f)
         return false;
     const uint32_t triangle = embree_triangle(b, r.hit.geomID, r.hit.primID);
-    return (b->params.geometry->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0;
+    return (b->params.geometry->records[triangle].material & (KILN_RECORD_DOUBLE_SIDED | KILN_RECORD_CLEAR)) == 0;
 }
 
 bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 position, struct kiln_vec3 normal)
