@@ -28,11 +28,12 @@
  * has been weighed, so flux stays. Weights by the area that light is spread over, learnt from the pilots, were tried:
  * in a dining room errors stayed as they are.
  *
- * With --mis variance, correlation and optimal pilot rays of all points then teach how the techniques count
+ * With --mis variance, correlation and optimal pilot rays of all points teach how the techniques count
  * (land_factors.h), a sixteenth of the rays of the step, 16 a point at least. For optimal a fifth round of pilots
  * lands.
- * There, too, flat mirrors show lamps without extent by their images (worker/backend/mirror_images.h), and what lands
- * by such a reflection alone is dropped.
+ *
+ * With --caustics vcm flat mirrors show lamps without extent by their images (worker/backend/mirror_images.h), and what
+ * lands by such a reflection alone is dropped.
  *
  * Where the backend of the bake is a device, the host traces the paths and these rays, with Embree and a BVH of its own
  * for the step.

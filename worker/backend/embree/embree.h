@@ -6,15 +6,11 @@
  * frame.c (a tile run's points made ready for sampling), rays.c (rays over the hemisphere of its points), lookup.c
  * (radiosity at their hits), light_samples.h (light from all directions straight from the lights), shadow.c (shadow
  * rays in packets), passage.c (rays through surfaces that let light through), meeting.c, walk.c and chain.c (rays that
- * go on from surface to surface), coincident.c (fronts before backs where both coincide), ceiling.c (tracing alone, for
- * benches), devices.c (the CPU), spheres.c (what light paths leave at probes); of the bidirectional pass
- * bidirectional_eye.c, bidirectional_light.c,
- * bidirectional_vertex.c (paths from the camera, of light, and their vertices) and photons.c (what is merged); and
- * reference.c, which uses these for the reference pass. */
  * go on from surface to surface), mirror_images.c (lamps that flat mirrors show), coincident.c (fronts before backs
- * where both coincide), ceiling.c (tracing alone, for benches), devices.c (the CPU); of the bidirectional pass
- * bidirectional_eye.c, bidirectional_light.c, bidirectional_vertex.c (paths from the camera, of light, and their
- * vertices) and photons.c (what is merged); and reference.c, which uses these for the reference pass. */
+ * where both coincide), ceiling.c (tracing alone, for benches), devices.c (the CPU), spheres.c (what light paths leave
+ * at probes); of the bidirectional pass bidirectional_eye.c, bidirectional_light.c, bidirectional_vertex.c (paths from
+ * the camera, of light, and their vertices) and photons.c (what is merged); and reference.c, which uses these for the
+ * reference pass. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 #define KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 
