@@ -25,6 +25,10 @@
 
 enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256, PATHS_AN_AIM = 4, PILOTS = 4 };
 
+/* Paths that gather rays connect with, for a quarter of the samples: one for so many points, within these, and one an
+ * aim at least. They are numbered from this iteration on, four a part. */
+enum { KEPT_LEAST = 1 << 8, KEPT_MOST = 1 << 12, POINTS_A_KEPT_PATH = 4, KEPT_QUARTERS = 4 };
+#define KEPT_ITERATION ((uint64_t)3 << 30)
 #define PILOT_ITERATION ((uint64_t)1 << 31) /* paths of pilots are numbered from this iteration on */
 
 /* The block "landing" of a checkpoint, once: where the step stands. After it "landing_learnt" and "landing_paths",
@@ -41,9 +45,9 @@ struct kiln_landing {
     const struct kiln_integrate_params *params;
     struct kiln_solution *solution;
     const struct kiln_saved *saved;
-    struct kiln_aims *aims;
-    uint64_t photons;         /* of an iteration */
-    struct kiln_backend *own; /* of the step, where the bake's backend is a device: light paths are the host's */
+    struct kiln_aims *aims, *kept; /* kept: of light paths that gather rays connect with; NULL: they do not */
+    uint64_t photons;              /* of an iteration */
+    struct kiln_backend *own;      /* of the step, where the bake's backend is a device: light paths are the host's */
     /* --caustics vcm, else NULL; what light paths share their light with, and how much */
     struct kiln_emission *emission;
     struct kiln_caustic_techniques techniques;
@@ -98,6 +102,12 @@ int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, str
     return status == KILN_OK ? kiln_backend_set_surface(*host, bake->surface, error) : status;
 }
 
+static uint64_t kept_paths(size_t aims, double points)
+{
+    const double paths = fmin(fmax(points / POINTS_A_KEPT_PATH, KEPT_LEAST), KEPT_MOST);
+    return paths > (double)aims ? (uint64_t)paths : (uint64_t)aims;
+}
+
 uint64_t kiln_landing_bytes(const struct kiln_integrate_settings *settings, size_t aims, double points, uint32_t ranks,
                             double landed)
 {
@@ -110,7 +120,10 @@ uint64_t kiln_landing_bytes(const struct kiln_integrate_settings *settings, size
         point += (double)KILN_MERGE_POINT_BYTES;
     if (settings->caustics >= KILN_CAUSTICS_MERGE) /* and what is there to be lit */
         point += (double)sizeof(float);
-    return (uint64_t)(records + aim * (double)aims + point * points);
+    const double kept = settings->caustics == KILN_CAUSTICS_VCM && settings->connections > 0.0
+                            ? (double)(KEPT_QUARTERS * kept_paths(aims, points * ranks)) * KILN_KEPT_PATH_BYTES
+                            : 0.0;
+    return (uint64_t)(records + kept + aim * (double)aims + point * points);
 }
 
 uint64_t kiln_landing_saved_bytes(enum kiln_caustics caustics)
@@ -163,10 +176,14 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
         status = make_room(l, error);
     if (status == KILN_OK && params->settings->caustics == KILN_CAUSTICS_VCM)
         status = kiln_emission_create(&l->emission, params->backend->params.lights, error);
+    if (status == KILN_OK && l->emission != NULL && params->settings->connections > 0.0)
+        status = kiln_aims_create(&l->kept, params->backend->params.lights, error);
     l->techniques = (struct kiln_caustic_techniques){.aims = l->aims,
                                                      .emission = l->emission,
                                                      .iterations = params->settings->iterations,
-                                                     .mis = params->settings->mis};
+                                                     .mis = params->settings->mis,
+                                                     .kept = l->kept,
+                                                     .connections = params->settings->connections};
     if (status != KILN_OK)
         kiln_landing_destroy(landing);
     return status;
@@ -190,6 +207,7 @@ void kiln_landing_destroy(struct kiln_landing **landing)
         return;
     kiln_landing_end(l);
     kiln_aims_destroy(&l->aims);
+    kiln_aims_destroy(&l->kept);
     kiln_emission_destroy(&l->emission);
     kiln_free(&l->moments);
     kiln_free(&l->moments_before);
@@ -313,6 +331,8 @@ static void aim(struct kiln_landing *l, uint64_t paths)
         l->weights[i] = (sum > 0.0 ? LEARNT * l->weights[i] / sum : 0.0) +
                         (sent > 0.0 ? (1.0 - LEARNT) * a->aims[i].flux / sent : 0.0) + even;
     kiln_aims_share(a, paths, l->weights);
+    if (l->kept != NULL)
+        kiln_aims_share(l->kept, kept_paths(a->count, (double)l->params->surface->point_count), l->weights);
 }
 
 /* Collective. Adds an iteration's moments to those learnt, and shares `paths` of the next one out. */
@@ -399,6 +419,7 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
         status = kiln_land_exchange_create(&l->exchange, l->params->communicator, own->first.at, own->count, error);
     l->landing_weights = (struct kiln_landing_weights){
         .mis = l->techniques.mis, .rays = (double)kiln_solution_step(l->solution)->step.samples, .area = l->lit};
+    l->techniques.first_kept = KEPT_ITERATION + kiln_solution_step(l->solution)->step.part * KEPT_QUARTERS;
     l->exchange.weights = shares(l) ? &l->landing_weights : NULL;
     return status;
 }

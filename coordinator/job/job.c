@@ -305,7 +305,8 @@ static int check_paths(struct kiln_job *job, struct kiln_error *error)
                     {"iterations", "traces no light paths", "land", KILN_CAUSTICS_LAND, KILN_CAUSTICS_VCM},
                     {"merge-radius", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_MERGE},
                     {"radius-alpha", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_MERGE},
-                    {"mis", "shares nothing", "vcm", KILN_CAUSTICS_VCM, KILN_CAUSTICS_VCM}};
+                    {"mis", "shares nothing", "vcm", KILN_CAUSTICS_VCM, KILN_CAUSTICS_VCM},
+                    {"connections", "connects nothing", "vcm", KILN_CAUSTICS_VCM, KILN_CAUSTICS_VCM}};
     const bool merges = kiln_job_is_reference(job) && strcmp(job->method, "vcm") == 0;
     for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths; i++) {
         if (merges && strcmp(of_paths[i].name, "merge-radius") == 0)

@@ -655,16 +655,17 @@ def try_landing(checks, tool):
 
 def try_sharing(checks, tool):
     """The same of paths that share the light with gather rays, which are killed too."""
-    more = ('--materials', 'full', '--caustics', 'vcm', '--photons', 250000, '--iterations', 3, '--bounces', 1,
-            '--samples-indirect', 512, '--no-error-map')
+    least = ('--materials', 'full', '--caustics', 'vcm', '--photons', 250000, '--iterations', 3, '--bounces', 1,
+             '--samples-indirect', 512, '--no-error-map')
+    more = (*least, '--connections', 0.25)
     reference, _ = reference_of(checks, tool, *more)
     folder = tool.folder()
     killed_within(checks, tool, folder, 'light paths', 1, more)
     killed_within(checks, tool, folder, 'caustics', 2, more)
-    for other in (('--mis', 'power'), ('--caustics', 'land')):
-        process = tool.bake(folder, *more, *other)
-        checks.that(process.status == BAD_INPUT and other[0][2:] in process.stderr,
-                    '%s %s was not refused: %d' % (*other, process.status), process)
+    for other in ((*more, '--mis', 'power'), (*least, '--connections', 0.5), (*least, '--caustics', 'land')):
+        process = tool.bake(folder, *other)
+        checks.that(process.status == BAD_INPUT and other[-2][2:] in process.stderr,
+                    '%s %s was not refused: %d' % (*other[-2:], process.status), process)
     same(checks, tool, reference, folder, tool.bake(folder, *more, ranks=3), 'killed while light was shared')
 
 

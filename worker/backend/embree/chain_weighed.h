@@ -6,10 +6,10 @@
 #include "worker/backend/embree/chain.h"
 #include "worker/pass/weighed.h"
 
-/* Follows the chain of a ray that chain_begins is true of, of a point of which `area` m2 are there to be lit and that
- * has `samples` rays. `chance` and `k` as of chain_follow. `light`: what it finds, W/(m2 sr), by colour, the ray's own
- * tint left out. */
-void chain_follow_weighed(struct walk *walk, const struct kiln_caustic_techniques *techniques, double area,
-                          uint32_t samples, uint32_t chance, uint32_t k, const struct RTCRayHit *ray, float light[3]);
+/* Follows the chain of a ray that chain_begins is true of. `sums`: those with which the ray leaves its point. `chance`
+ * and `k` as of chain_follow. `light`: what it finds, W/(m2 sr), by colour, the ray's own tint left out. */
+void chain_follow_weighed(struct walk *walk, const struct kiln_caustic_techniques *techniques,
+                          const struct kiln_caustic_gathered *sums, uint32_t chance, uint32_t k,
+                          const struct RTCRayHit *ray, float light[3]);
 
 #endif
