@@ -102,6 +102,7 @@ int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, str
     return status == KILN_OK ? kiln_backend_set_surface(*host, bake->surface, error) : status;
 }
 
+/* Of a quarter of the samples. */
 static uint64_t kept_paths(size_t aims, double points)
 {
     const double paths = fmin(fmax(points / POINTS_A_KEPT_PATH, KEPT_LEAST), KEPT_MOST);
@@ -121,7 +122,8 @@ uint64_t kiln_landing_bytes(const struct kiln_integrate_settings *settings, size
     if (settings->caustics >= KILN_CAUSTICS_MERGE) /* and what is there to be lit */
         point += (double)sizeof(float);
     const double kept = settings->caustics == KILN_CAUSTICS_VCM && settings->connections > 0.0
-                            ? (double)(KEPT_QUARTERS * kept_paths(aims, points * ranks)) * KILN_KEPT_PATH_BYTES
+                            ? aim * (double)aims + (double)KILN_KEPT_PATH_BYTES *
+                                                       (double)(KEPT_QUARTERS * kept_paths(aims, points * ranks))
                             : 0.0;
     return (uint64_t)(records + kept + aim * (double)aims + point * points);
 }

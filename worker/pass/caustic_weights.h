@@ -1,4 +1,4 @@
-/* How the three ways of finding a caustic's light weigh against each other: multiple importance sampling (Veach,
+/* How the four ways of finding a caustic's light weigh against each other: multiple importance sampling (Veach,
  * "Robust Monte Carlo Methods for Light Transport Simulation", 1997, section 9.2) by a recursion like that of vertex
  * connection and merging (Georgiev, "Implementing Vertex Connection and Merging", technical report, 2012, section 4),
  * of which only these techniques are left. A path is a lamp's place y, surfaces with gloss z_1 ... z_k, k >= 1, z_1 met
