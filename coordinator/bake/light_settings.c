@@ -29,6 +29,7 @@ struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, c
         .final_scale = 1u << job->final_scale,
         .caustics = kiln_job_has_caustics(job) ? (enum kiln_caustics)job->caustics : KILN_CAUSTICS_NONE,
         .mis = (enum kiln_mis)job->mis,
+        .connections = job->connections,
         .photons = kiln_light_photons(job, points),
         .iterations = job->iterations,
         .merge_radius = job->merge_radius,

@@ -14,8 +14,10 @@ void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
     } else if (job->caustics == KILN_CAUSTICS_AUTO) {
         job->caustics = KILN_CAUSTICS_VCM;
     }
-    if (job->caustics != KILN_CAUSTICS_VCM)
-        job->mis = KILN_MIS_BALANCE; /* nothing shares */
+    if (job->caustics != KILN_CAUSTICS_VCM) { /* nothing shares */
+        job->mis = KILN_MIS_BALANCE;
+        job->connections = 0.0;
+    }
     if (job->caustics < KILN_CAUSTICS_LAND)
         job->photons = job->iterations = 0; /* there are no light paths */
     if (job->caustics < KILN_CAUSTICS_MERGE) {
@@ -59,8 +61,10 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
     (void)json_object_set_new(json, "kinds", kinds);
     (void)json_object_set_new(json, "caustics",
                               json_string(kiln_job_is_reference(job) ? job->method : caustics[job->caustics]));
-    if (job->caustics == KILN_CAUSTICS_VCM)
+    if (job->caustics == KILN_CAUSTICS_VCM) {
         (void)json_object_set_new(json, "mis", json_string(rules[job->mis]));
+        (void)json_object_set_new(json, "connections", json_real(job->connections));
+    }
     if (job->caustics >= KILN_CAUSTICS_LAND) {
         (void)json_object_set_new(json, "photons", json_integer((json_int_t)landing->photons));
         (void)json_object_set_new(json, "aims", json_integer((json_int_t)landing->aims));

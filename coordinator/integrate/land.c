@@ -30,6 +30,10 @@ enum { PILOT_RAYS = 16, PILOT_PART = 16, PILOT_STREAM = 0x8000, PILOT_TILE_RUNS 
 
 #define LARGEST 6.0   /* texels: the radius within which landings that share are spread, at most */
 #define LANDINGS 16.0 /* in one iteration: on which a point's light is to hang */
+/* Paths that gather rays connect with, for a quarter of the samples: one for so many points, within these, and one an
+ * aim at least. They are numbered from this iteration on, four a part. */
+enum { KEPT_LEAST = 1 << 8, KEPT_MOST = 1 << 12, POINTS_A_KEPT_PATH = 4, KEPT_QUARTERS = 4 };
+#define KEPT_ITERATION ((uint64_t)3 << 30)
 #define PILOT_ITERATION ((uint64_t)1 << 31)    /* paths of pilots are numbered from this iteration on */
 #define EXCHANGE_ITERATION ((uint64_t)1 << 40) /* and those for exchanges */
 
@@ -47,9 +51,9 @@ struct kiln_landing {
     const struct kiln_integrate_params *params;
     struct kiln_solution *solution;
     const struct kiln_saved *saved;
-    struct kiln_aims *aims;
-    uint64_t photons;         /* of an iteration */
-    struct kiln_backend *own; /* of the step, where the bake's backend is a device: light paths are the host's */
+    struct kiln_aims *aims, *kept; /* kept: of light paths that gather rays connect with; NULL: they do not */
+    uint64_t photons;              /* of an iteration */
+    struct kiln_backend *own;      /* of the step, where the bake's backend is a device: light paths are the host's */
     /* --caustics vcm, else NULL; what light paths share their light with, and how much */
     struct kiln_emission *emission;
     struct kiln_mirror_images *images; /* or NULL, where no flat mirror shows a lamp without extent */
@@ -123,6 +127,13 @@ int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, str
     return status == KILN_OK ? kiln_backend_set_surface(*host, bake->surface, error) : status;
 }
 
+/* Of a quarter of the samples. */
+static uint64_t kept_paths(size_t aims, double points)
+{
+    const double paths = fmin(fmax(points / POINTS_A_KEPT_PATH, KEPT_LEAST), KEPT_MOST);
+    return paths > (double)aims ? (uint64_t)paths : (uint64_t)aims;
+}
+
 uint64_t kiln_landing_bytes(const struct kiln_integrate_settings *settings, size_t aims, double points, uint32_t ranks,
                             double landed)
 {
@@ -139,7 +150,11 @@ uint64_t kiln_landing_bytes(const struct kiln_integrate_settings *settings, size
         point += (double)sizeof(float);
     if (settings->caustics == KILN_CAUSTICS_VCM && kiln_mis_learns(settings->mis))
         point += (double)(sizeof(struct kiln_caustic_moments) + sizeof(uint32_t));
-    return (uint64_t)(records + aim * (double)aims + point * points);
+    const double kept = settings->caustics == KILN_CAUSTICS_VCM && settings->connections > 0.0
+                            ? aim * (double)aims + (double)KILN_KEPT_PATH_BYTES *
+                                                       (double)(KEPT_QUARTERS * kept_paths(aims, points * ranks))
+                            : 0.0;
+    return (uint64_t)(records + kept + aim * (double)aims + point * points);
 }
 
 uint64_t kiln_landing_saved_bytes(enum kiln_caustics caustics)
@@ -194,11 +209,15 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
         status = kiln_emission_create(&l->emission, params->backend->params.lights, error);
     if (status == KILN_OK && shares(l))
         status = kiln_mirror_images_create(&l->images, params->backend->params.lights, error);
+    if (status == KILN_OK && shares(l) && params->settings->connections > 0.0)
+        status = kiln_aims_create(&l->kept, params->backend->params.lights, error);
     l->techniques = (struct kiln_caustic_techniques){.aims = l->aims,
                                                      .emission = l->emission,
                                                      .iterations = params->settings->iterations,
                                                      .images = l->images,
-                                                     .mis = params->settings->mis};
+                                                     .mis = params->settings->mis,
+                                                     .kept = l->kept,
+                                                     .connections = params->settings->connections};
     if (status != KILN_OK)
         kiln_landing_destroy(landing);
     return status;
@@ -224,6 +243,7 @@ void kiln_landing_destroy(struct kiln_landing **landing)
         return;
     kiln_landing_end(l);
     kiln_aims_destroy(&l->aims);
+    kiln_aims_destroy(&l->kept);
     kiln_emission_destroy(&l->emission);
     kiln_mirror_images_destroy(&l->images);
     kiln_free(&l->moments);
@@ -350,6 +370,8 @@ static void aim(struct kiln_landing *l, uint64_t paths)
 {
     kiln_aims_weigh(l->aims, l->learnt, l->paths, shares(l) ? EVEN : 0.0, l->weights);
     kiln_aims_share(l->aims, paths, l->weights);
+    if (l->kept != NULL)
+        kiln_aims_share(l->kept, kept_paths(l->aims->count, (double)l->params->surface->point_count), l->weights);
 }
 
 /* Collective. Adds an iteration's moments to those learnt, and shares `paths` of the next one out. */
@@ -436,6 +458,7 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
         status = kiln_land_exchange_create(&l->exchange, l->params->communicator, own->first.at, own->count, error);
     l->landing_weights = (struct kiln_landing_weights){
         .mis = l->techniques.mis, .rays = (double)kiln_solution_step(l->solution)->step.samples, .area = l->lit};
+    l->techniques.first_kept = KEPT_ITERATION + kiln_solution_step(l->solution)->step.part * KEPT_QUARTERS;
     l->exchange.weights = shares(l) ? &l->landing_weights : NULL;
     l->techniques.factors = NULL;
     if (status == KILN_OK && has_factors(l))

@@ -20,7 +20,9 @@
  * rounds of a quarter of an iteration's paths, teach them before, by what their landings would count, and bring no
  * light. A quarter of the paths is shared out evenly, for what pilots have not found must not starve in all that
  * follow. Who has a point weighs what lands there, by the rays and the area of the point. Then the rays of the batch's
- * tile runs are gathered, and both added; errors add up by their squares.
+ * tile runs are gathered, and both added; errors add up by their squares. With --connections places of rays are
+ * connected with further paths, a thousand or a few, aimed by what the pilots have taught; every rank traces all of
+ * them, and nothing of them is exchanged or saved.
  *
  * In the end what has landed in all iterations is spread over the points nearby, as far as it suits each place
  * (merge.h: kiln_merge_fit), at most six texels or --merge-radius. A landing weighs by the area of its own texel all

@@ -27,6 +27,7 @@ struct kiln_integrate_settings {
     uint32_t final_scale;         /* likewise of a block in the final gather (nodes.h) */
     enum kiln_caustics caustics;  /* settled; up to KILN_CAUSTICS_NONE there is no such step */
     enum kiln_mis mis;            /* of KILN_CAUSTICS_VCM */
+    double connections;           /* likewise; 0 ... 1 (land.h) */
     uint32_t photons, iterations; /* of light paths (land.h) */
     double merge_radius, radius_alpha; /* of KILN_CAUSTICS_MERGE (merge.h): m, or KILN_MERGE_RADIUS_AUTO, _TEXEL */
     bool photons_given;                /* by the user: then fewer than are needed are refused, else more are taken */

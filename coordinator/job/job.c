@@ -7,6 +7,7 @@
 #include "coordinator/job/job_private.h"
 #include "coordinator/job/options.h"
 #include "worker/base/memory.h"
+#include "worker/pass/caustic_weights.h"
 
 static struct kiln_job_owned *owned(struct kiln_job *job) { return job->strings; }
 
@@ -305,7 +306,8 @@ static int check_paths(struct kiln_job *job, struct kiln_error *error)
                     {"iterations", "traces no light paths", "land", KILN_CAUSTICS_LAND, KILN_CAUSTICS_VCM},
                     {"merge-radius", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_VCM},
                     {"radius-alpha", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_VCM},
-                    {"mis", "shares nothing", "vcm", KILN_CAUSTICS_VCM, KILN_CAUSTICS_VCM}};
+                    {"mis", "shares nothing", "vcm", KILN_CAUSTICS_VCM, KILN_CAUSTICS_VCM},
+                    {"connections", "connects nothing", "vcm", KILN_CAUSTICS_VCM, KILN_CAUSTICS_VCM}};
     for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths && !kiln_job_is_reference(job); i++) {
         const int settled = job->caustics == KILN_CAUSTICS_AUTO ? KILN_CAUSTICS_VCM : job->caustics;
         if ((settled < of_paths[i].from || settled > of_paths[i].to) && given(job, of_paths[i].name))
@@ -313,6 +315,10 @@ static int check_paths(struct kiln_job *job, struct kiln_error *error)
                              of_paths[i].name, caustics[job->caustics], of_paths[i].what, of_paths[i].choice,
                              of_paths[i].name);
     }
+    if (job->connections > 0.0 && kiln_mis_learns((enum kiln_mis)job->mis))
+        return kiln_fail(error, KILN_USAGE,
+                         "--connections: pilots, which teach --mis variance, correlation and optimal, know nothing of "
+                         "connections; give another --mis, or leave --connections out");
     return KILN_OK;
 }
 
@@ -332,6 +338,7 @@ static int settle_reference(struct kiln_job *job, struct kiln_error *error)
                     {"iterations", given(job, "iterations")},
                     {"radius-alpha", given(job, "radius-alpha")},
                     {"mis", given(job, "mis")},
+                    {"connections", given(job, "connections")},
                     {"tracing-range", kiln_job_has_probes(job)}};
     for (size_t i = 0; i < sizeof of_cells / sizeof *of_cells; i++)
         if (of_cells[i].wanted)

@@ -63,6 +63,7 @@ struct kiln_job {
     int materials;           /* enum kiln_gloss_mode */
     int caustics;            /* enum kiln_caustics */
     int mis;                 /* enum kiln_mis (worker/pass/caustic_weights.h), of --caustics vcm */
+    double connections;      /* likewise: the chance of a gather ray's place to be connected with a light path */
     uint32_t photons;        /* --caustics land, ...: light paths of an iteration; 0: kiln_light_photons */
     uint32_t iterations;     /* and how many iterations there are */
     double radius_alpha;     /* --caustics merge (integrate/merge.h) */

@@ -1,5 +1,6 @@
 """--caustics land and vcm: light paths bring what gather rays find, alone and shared with these; the same bits on any
 ranks; errors as large as they say."""
+import itertools
 import json
 import os
 import subprocess
@@ -22,6 +23,7 @@ VCM = ("--caustics", "vcm", "--photons", "20000", "--iterations", "3", "--sample
 WAYS = {"land": LAND, "vcm": VCM}
 # What pilots teach has a part in the weights.
 LEARNT = {mis: (*VCM, "--mis", mis) for mis in ("variance", "correlation", "optimal")}
+CONNECTED = {"connected": (*VCM, "--connections", "0.5")}
 
 
 class Land(unittest.TestCase):
@@ -61,36 +63,37 @@ class Land(unittest.TestCase):
             found.append([*walls, power.sum()])
         return np.array(found)
 
-    def check_as_gathered(self, scene, names, more, least):
+    def check_as_gathered(self, scene, names, more, least, ways):
         """Each way brings what the others do, within 5 standard errors, which the spread of some seeds tells."""
         values = {"gather": self.powers(names, "--caustics", "gather", "--samples-indirect", "1024", *more, seeds=6,
                                         scene=scene)}
-        for way, options in WAYS.items():
+        for way, options in ways.items():
             values[way] = self.powers(names, *options, *more, seeds=4, scene=scene)
         for way, found in values.items():
             print(way, *("%.4f +- %.4f" % pair for pair in zip(found.mean(0), self.error(found))))
-        for one, other in (("land", "gather"), ("vcm", "gather"), ("vcm", "land")):
+        for one, other in itertools.combinations(reversed(values), 2):
             difference = np.abs(values[one].mean(0) - values[other].mean(0))
             limit = 5.0 * np.hypot(self.error(values[one]), self.error(values[other]))
             self.assertTrue(np.all(difference < limit), (one, other, difference, limit))
             self.assertLess(limit[-1], least * values[other].mean(0)[-1], (one, other))
 
     def test_as_gathered(self):
-        self.check_as_gathered(None, ["floor", "back", "left_red", "right_green", "ceiling"], (), 0.15)
+        self.check_as_gathered(None, ["floor", "back", "left_red", "right_green", "ceiling"], (), 0.15, WAYS)
 
     def test_faint_gloss_as_gathered(self):
         """All surfaces are glossy, and the lamp stands within the spheres of some of them."""
         scene = os.path.join(self.folder, "cornell.glb")
         subprocess.run([KILN, "generate", "cornell", "-o", scene, "--quiet"], check=True)
-        self.check_as_gathered(scene, ["floor", "left_red", "ceiling", "tall_block"], ("--materials", "full"), 0.2)
+        self.check_as_gathered(scene, ["floor", "left_red", "ceiling", "tall_block"], ("--materials", "full"), 0.2,
+                               {**WAYS, **CONNECTED})
 
     @staticmethod
     def error(values):
         return values.std(0, ddof=1) / np.sqrt(len(values))
 
     def test_same_bits(self):
-        for way, options in (WAYS | LEARNT).items():
-            runs = ((0, 1), (0, 2), (2, 1), (3, 1)) if way in WAYS else ((0, 2), (3, 1))
+        for way, options in (WAYS | LEARNT | CONNECTED).items():
+            runs = ((0, 2), (3, 1)) if way in LEARNT else ((0, 1), (0, 2), (2, 1), (3, 1))
             lights = [self.light(self.bake("%s-%d-%d" % (way, *run), *options, "--bounces", "1", "--threads",
                                            str(run[1]), ranks=run[0])) for run in runs]
             for run, other in zip(runs[1:], lights[1:]):
@@ -184,7 +187,8 @@ class Land(unittest.TestCase):
 
     def test_wrong_values(self):
         for options in (("--photons", "0"), ("--photons", "-1"), ("--photons", "4294967296"), ("--iterations", "0"),
-                        ("--iterations", "x"), ("--caustics", "fall"), ("--mis", "none")):
+                        ("--iterations", "x"), ("--caustics", "fall"), ("--mis", "none"),
+                        ("--connections", "0.5"), ("--connections", "1.1")):
             self.assertIn(options[0], self.bake("wrong", *LAND, *options, code=64))
         self.assertIn("--photons 2 or more", self.bake("wrong", *LAND, "--photons", "1", code=64))
 

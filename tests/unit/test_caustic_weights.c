@@ -1,5 +1,5 @@
-/* Weights of caustics: those of a hit, a sample of the lights and a landing, each from what its subpath carries,
- * against the densities of the whole path by each technique. */
+/* Weights of caustics: those of a hit, a sample of the lights, a landing and a connection, each from what its subpath
+ * carries, against the densities of the whole path by each technique. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -12,7 +12,7 @@
 #include "shaders/shared/random.h"
 #include "worker/pass/caustic_weights.h"
 
-enum { SURFACES = 4, TECHNIQUES = 3 };
+enum { SURFACES = 4, TECHNIQUES = 4 };
 
 /* The lamp is 0, surfaces with gloss are 1 ... count, the texel is last. Cosines towards lamp and texel, squared
  * distances to what comes next, densities of going on towards texel and lamp. */
@@ -20,7 +20,7 @@ struct path {
     int count;
     double in[SURFACES + 2], out[SURFACES + 2], squared[SURFACES + 2], to_texel[SURFACES + 2], to_lamp[SURFACES + 2];
     bool delta[SURFACES + 2];
-    double connect, emission, rays, area;
+    double connect, emission, rays, area, connections;
     bool is_point;
     struct kiln_caustic_factors factors;
 };
@@ -48,6 +48,7 @@ static struct path make(uint32_t seed)
     p.rays = number(&state, 1.0, 1e3);
     p.area = number(&state, 1e-4, 1.0);
     p.factors = kiln_caustic_factors_alike;
+    p.connections = seed % 11 == 0 ? 0.0 : number(&state, 1e-4, 1e2);
     if (seed % 5 == 0) /* from outside */
         p.squared[0] = 1.0;
     if (seed % 5 == 0 || p.is_point)
@@ -55,7 +56,7 @@ static struct path make(uint32_t seed)
     return p;
 }
 
-/* Of the whole path by hit, sample and landing. Per m2 of each place, with deltas as chances. */
+/* Of the whole path by hit, sample, landing and connection. Per m2 of each place, with deltas as chances. */
 static void find_densities(const struct path *p, double density[TECHNIQUES])
 {
     const int m = p->count;
@@ -64,43 +65,65 @@ static void find_densities(const struct path *p, double density[TECHNIQUES])
         eye *= p->to_lamp[i] * p->out[i - 1] / p->squared[i - 1];
     density[0] = p->is_point ? 0.0 : eye * p->to_lamp[1] * p->out[0] / p->squared[0];
     density[1] = p->delta[1] ? 0.0 : eye * p->connect;
-    density[2] = p->emission * p->in[1] / p->squared[0];
-    for (int i = 1; i <= m; i++)
-        density[2] *= p->to_texel[i] * p->in[i + 1] / p->squared[i];
+    double light = p->emission * p->in[1] / p->squared[0];
+    for (int i = 1; i < m; i++)
+        light *= p->to_texel[i] * p->in[i + 1] / p->squared[i];
+    density[2] = light * p->to_texel[m] * p->in[m + 1] / p->squared[m];
+    density[3] = p->delta[m] ? 0.0 : light * p->connections * p->rays / p->area;
 }
 
 /* The subpath from the texel, arrived at surface `last`, or at the lamp, 0. */
 static struct kiln_caustic_gathered gathered(const struct path *p, int last)
 {
-    struct kiln_caustic_gathered g = kiln_caustic_gather(p->area, p->rays, &p->factors);
+    struct kiln_caustic_gathered g =
+        kiln_caustic_gather(p->area, p->rays, &p->factors, p->connections, p->in[p->count + 1]);
     for (int i = p->count; i >= last; i--) {
-        kiln_caustic_arrive(&g, p->squared[i], p->out[i]);
+        kiln_caustic_arrive(&g, i == p->count, p->squared[i], p->out[i]);
         if (i > last)
-            kiln_caustic_leave(&g, p->in[i], p->to_lamp[i], p->to_texel[i], p->delta[i]);
+            kiln_caustic_leave(&g, i == p->count, p->in[i], p->to_lamp[i], p->to_texel[i], p->delta[i]);
     }
     return g;
 }
 
-static double landed(const struct path *p, enum kiln_mis mis)
+/* The light path, arrived at surface `last` or, if that is one more than there are, about to land. */
+static struct kiln_caustic_landing sent(const struct path *p, int last)
 {
     struct kiln_caustic_landing l =
         kiln_caustic_emit(p->connect, p->emission, p->out[0], p->is_point, p->squared[0], p->in[1]);
-    for (int i = 1; i <= p->count; i++) {
-        if (i > 1)
-            kiln_caustic_meet(&l, p->in[i]);
+    for (int i = 1; i < last; i++) {
         kiln_caustic_pass_on(&l, i == 1, p->out[i], p->to_texel[i], p->to_lamp[i], p->delta[i]);
+        if (i < p->count)
+            kiln_caustic_meet(&l, p->in[i + 1]);
     }
-    double others = kiln_caustic_others(mis, &l);
+    return l;
+}
+
+static double landed(const struct path *p, enum kiln_mis mis)
+{
+    const int m = p->count;
+    const struct kiln_caustic_landing l = sent(p, m + 1);
+    double others = kiln_caustic_others(mis, &l, p->connections, p->squared[m], p->in[m + 1]);
     if (kiln_mis_has_factors(mis))
         others = kiln_caustic_others_by(&p->factors, (double)(float)others, (double)(float)kiln_caustic_sampled(&l));
     const double weight = kiln_caustic_weight_landed(mis, others, p->rays, p->area);
     return mis == KILN_MIS_OPTIMAL ? kiln_caustic_exchanged_landed(&p->factors, weight) : weight;
 }
 
+static double connected(const struct path *p, enum kiln_mis mis)
+{
+    const int m = p->count;
+    const struct kiln_caustic_landing l = sent(p, m);
+    return kiln_caustic_weight_connected(mis, &l, m == 1, p->connections,
+                                         p->in[m + 1] / KILN_PI * p->out[m] / p->squared[m], p->to_lamp[m],
+                                         p->to_texel[m] * p->in[m + 1] / p->squared[m], p->rays, p->area);
+}
+
 static double weight_of(const struct path *p, enum kiln_mis mis, int technique)
 {
     if (technique == 2)
         return landed(p, mis);
+    if (technique == 3)
+        return connected(p, mis);
     const struct kiln_caustic_gathered g = gathered(p, technique);
     const double connect = p->connect * (double)p->factors.sample, towards = p->in[1] / p->squared[0],
                  hit = p->is_point ? 0.0 : p->to_lamp[1] * p->out[0] / p->squared[0];
@@ -109,7 +132,8 @@ static double weight_of(const struct path *p, enum kiln_mis mis, int technique)
         weight = kiln_caustic_weight_hit(mis, &g, connect, p->emission);
         kiln_caustic_exchange_hit(&g, weight, connect, p->emission, more);
     } else {
-        weight = kiln_caustic_weight_sampled(mis, &g, connect, p->emission, towards, hit, p->to_texel[1]);
+        weight =
+            kiln_caustic_weight_sampled(mis, &g, p->count == 1, connect, p->emission, towards, hit, p->to_texel[1]);
         kiln_caustic_exchange_sampled(&g, weight, connect, p->emission, towards, hit, p->to_texel[1], more);
     }
     return mis == KILN_MIS_OPTIMAL ? kiln_caustic_exchanged(&p->factors, weight, more) : weight;
@@ -150,6 +174,8 @@ static void weights_are_shares_of_densities(void **state)
             struct path p = make(seed);
             double density[TECHNIQUES], sum = 0.0, most = 0.0;
             uint32_t random = seed + 77u;
+            if (kiln_mis_learns(mis)) /* pilots know nothing of connections */
+                p.connections = 0.0;
             find_densities(&p, density);
             if (kiln_mis_has_factors(mis)) {
                 p.factors = (struct kiln_caustic_factors){.sample = (float)number(&random, 1.0 / 256.0, 256.0),
@@ -161,7 +187,7 @@ static void weights_are_shares_of_densities(void **state)
                 for (int e = 0; e < KILN_CAUSTIC_EXCHANGES; e++)
                     p.factors.exchange[e] = (float)log2(number(&random, 0.5, 2.0));
             const double share[TECHNIQUES] = {expected(density, mis, 0), expected(density, mis, 1),
-                                              expected(density, mis, 2)};
+                                              expected(density, mis, 2), expected(density, mis, 3)};
             for (int i = 0; i < TECHNIQUES; i++) {
                 const double weight = density[i] > 0.0 ? weight_of(&p, mis, i) : 0.0;
                 worst = fmax(worst, fabs(weight - exchanged(share, p.factors.exchange, i)));
@@ -182,7 +208,7 @@ static void only_landings_count_whole(void **state)
 {
     (void)state;
     struct path p = make(3);
-    p.is_point = p.delta[1] = true;
+    p.is_point = p.delta[1] = p.delta[p.count] = true;
     for (enum kiln_mis mis = KILN_MIS_BALANCE; mis <= KILN_MIS_UNIFORM; mis++)
         assert_true(landed(&p, mis) == 1.0);
     p.delta[1] = false;

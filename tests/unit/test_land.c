@@ -31,14 +31,15 @@ struct world {
     struct kiln_geometry *geometry;
     struct kiln_lights *made;
     struct kiln_surface *surface;
-    struct kiln_aims *aims;
+    struct kiln_aims *aims, *kept; /* kept: of light paths that gather rays connect with; NULL: they do not */
     struct kiln_emission *emission;
     struct kiln_caustic_techniques techniques;
     bool weighs; /* landings leave a part of their light to gather rays */
     struct kiln_backend *backend;
 };
 
-enum { RAYS = 256 }; /* of a point, where gather rays have a part */
+enum { RAYS = 256 };     /* of a point, where gather rays have a part */
+#define CONNECTIONS 0.75 /* the chance of a ray to be connected with a light path, where there are such */
 
 static void begin(struct world *w)
 {
@@ -149,6 +150,7 @@ static void release(struct world *w)
     kiln_backend_destroy(&w->backend);
     kiln_emission_destroy(&w->emission);
     kiln_aims_destroy(&w->aims);
+    kiln_aims_destroy(&w->kept);
     kiln_surface_destroy(&w->surface);
     kiln_lights_destroy(&w->made);
     kiln_geometry_destroy(&w->geometry);
@@ -208,6 +210,9 @@ static void trace(struct world *w, uint64_t paths, uint64_t first, uint64_t iter
     w->techniques.aims = w->aims;
     w->techniques.emission = w->emission;
     w->techniques.iterations = iterations;
+    w->techniques.kept = w->kept;
+    w->techniques.first_kept = 1000;
+    w->techniques.connections = CONNECTIONS;
     if (w->aims->paths != paths)
         kiln_aims_share(w->aims, paths, NULL);
     if (kiln_backend_run(w->backend, &kiln_pass_land, &parameters, &batch, &rays, &error) != KILN_OK)
@@ -592,6 +597,25 @@ static double learn_moments(struct world *w)
     return most;
 }
 
+/* What light paths and gather rays bring together: the power that lands, what is gathered, and its error, W. */
+struct shared {
+    double landed, found, error;
+};
+
+static struct shared share(struct world *w, enum kiln_mis mis, uint64_t paths)
+{
+    struct sums landed = {.count = 0}, found = {.world = w};
+    const struct kiln_batch batch = {
+        .count = w->surface->tile_run_count, .samples = RAYS, .take = add_gathered, .context = &found};
+    uint64_t rays = 0;
+    w->techniques.mis = mis;
+    w->weighs = true;
+    trace(w, paths, 0, 2, &landed);
+    w->weighs = false;
+    assert_int_equal(kiln_backend_run(w->backend, &kiln_pass_weighed, &w->techniques, &batch, &rays, NULL), KILN_OK);
+    return (struct shared){landed.landed[1] / 2.0, found.landed[1], sqrt(landed.squares / 4.0 + found.squares)};
+}
+
 /* Light paths and gather rays that share what both find bring, together, what light paths bring alone: by every kind of
  * lamp, and by every heuristic. */
 static void shared_light_is_the_same(void **state)
@@ -606,35 +630,54 @@ static void shared_light_is_the_same(void **state)
         uint32_t *region_of = calloc(w.surface->count, sizeof *region_of);
         for (uint64_t i = 0; i < w.surface->count; i++)
             region_of[i] = (uint32_t)i % 3;
+        w.techniques.region_of = region_of;
         const struct kiln_caustic_factors factors[3] = {
             {.sample = 0.3f, .land = 5.0f}, {.sample = 4.0f, .land = 0.2f}, {.sample = 6.0f, .land = 9.0f}};
         const struct kiln_caustic_factors exchanges[3] = {
             {1.0f, 1.0f, {1.0f, -1.0f}}, {1.0f, 1.0f, {-1.0f, -0.5f}}, {1.0f, 1.0f, {0.5f, 1.0f}}};
         for (enum kiln_mis mis = KILN_MIS_BALANCE; mis <= KILN_MIS_OPTIMAL; mis += mis == KILN_MIS_VARIANCE ? 2 : 1) {
-            struct sums landed = {.count = 0}, found = {.world = &w};
-            const struct kiln_batch batch = {
-                .count = w.surface->tile_run_count, .samples = RAYS, .take = add_gathered, .context = &found};
-            uint64_t rays = 0;
-            w.techniques.mis = mis;
             w.techniques.factors = mis == KILN_MIS_OPTIMAL ? exchanges : kiln_mis_has_factors(mis) ? factors : NULL;
-            w.techniques.region_of = region_of;
-            w.weighs = true;
-            trace(&w, FEW, 0, 2, &landed);
-            w.weighs = false;
-            assert_int_equal(kiln_backend_run(w.backend, &kiln_pass_weighed, &w.techniques, &batch, &rays, NULL),
-                             KILN_OK);
-            const double sum = landed.landed[1] / 2.0 + found.landed[1], all = alone.landed[1] / 2.0,
-                         error = sqrt(alone.squares / 4.0 + landed.squares / 4.0 + found.squares);
+            const struct shared s = share(&w, mis, FEW);
+            const double sum = s.landed + s.found, all = alone.landed[1] / 2.0,
+                         error = hypot(s.error, sqrt(alone.squares) / 2.0);
             print_message("lamp %d, rule %d: %.4f W land, %.4f are gathered: %.5f of %.5f, %.2f standard errors\n",
-                          (int)lamp, (int)mis, landed.landed[1] / 2.0, found.landed[1], sum, all, (sum - all) / error);
+                          (int)lamp, (int)mis, s.landed, s.found, sum, all, (sum - all) / error);
             assert_true(fabs(sum - all) < 5.0 * error && error < 0.1 * all);
             if (lamp != SUN) /* which light paths find so much better that hardly anything is left */
-                assert_true(found.landed[1] > 1e-3 * all);
+                assert_true(s.found > 1e-3 * all);
         }
         const double sure = learn_moments(&w);
         print_message("  mean^2 is up to %.3f of the variance of what one ray finds\n", sure);
         assert_true(lamp != SKY || sure > 0.1); /* which a ray through a ball hardly misses */
         free(region_of);
+        release(&w);
+    }
+}
+
+/* The same where gather rays connect with vertices of light paths that are kept: less lands then. */
+static void connected_light_is_the_same(void **state)
+{
+    (void)state;
+    enum { PATHS = 1 << 16, FEW = 1 << 13, KEPT = 1 << 11 };
+    static const enum lamp lamps[] = {AREA, POINT};
+    for (size_t i = 0; i < sizeof lamps / sizeof *lamps; i++) {
+        struct world w;
+        struct sums alone = {.count = 0};
+        two_balls(&w, lamps[i], true);
+        trace(&w, PATHS, 0, 2, &alone);
+        const double all = alone.landed[1] / 2.0;
+        for (enum kiln_mis mis = KILN_MIS_BALANCE; mis <= KILN_MIS_UNIFORM; mis++) {
+            const double before = share(&w, mis, FEW).landed;
+            assert_int_equal(kiln_aims_create(&w.kept, w.made, NULL), KILN_OK);
+            kiln_aims_share(w.kept, KEPT, NULL);
+            const struct shared s = share(&w, mis, FEW);
+            kiln_aims_destroy(&w.kept);
+            const double sum = s.landed + s.found, error = hypot(s.error, sqrt(alone.squares) / 2.0);
+            print_message("lamp %d, rule %d: %.4f W land, not %.4f: %.5f of %.5f, %.2f standard errors\n",
+                          (int)lamps[i], (int)mis, s.landed, before, sum, all, (sum - all) / error);
+            assert_true(fabs(sum - all) < 5.0 * error);
+            assert_true(s.landed < 0.99 * before);
+        }
         release(&w);
     }
 }
@@ -736,6 +779,7 @@ int main(void)
                                        cmocka_unit_test(prism),
                                        cmocka_unit_test(any_aims_bring_the_same),
                                        cmocka_unit_test(shared_light_is_the_same),
+                                       cmocka_unit_test(connected_light_is_the_same),
                                        cmocka_unit_test(a_lamp_within_a_sphere),
                                        cmocka_unit_test(densities_are_those_of_draws),
                                        cmocka_unit_test(paths_have_numbers)};

@@ -1,4 +1,4 @@
-/* How the three ways of finding a caustic's light weigh against each other: multiple importance sampling (Veach,
+/* How the four ways of finding a caustic's light weigh against each other: multiple importance sampling (Veach,
  * "Robust Monte Carlo Methods for Light Transport Simulation", 1997, section 9.2) by a recursion like that of vertex
  * connection and merging (Georgiev, "Implementing Vertex Connection and Merging", technical report, 2012, section 4),
  * of which only these techniques are left. A path is a lamp's place y, surfaces with gloss z_1 ... z_k, k >= 1, z_1 met
@@ -9,8 +9,11 @@
  *     sample  the same up to z_1, and a sample of the lights there
  *     land    a light path that is aimed from y at the object of z_1 (worker/light/aims.h) and lands at x; density
  *             N p(y -> z_1) ... p(z_k -> x)
+ *     connect the place x of a gather ray and, picked for it, where a light path has met z_k; density
+ *             (n / A) s N p(y -> z_1) ... p(z_k-1 -> z_k)
  *
- * with n gather rays of the point, the texel's area A that is there to be lit, and N light paths of the aim in all.
+ * with n gather rays of the point, the texel's area A that is there to be lit, N light paths of the aim in all, and s
+ * the connections of a gather ray's place over the light paths of all aims: 0 where nothing is connected.
  * Each subpath carries the densities of the techniques of the other side over its own, as a product over its surfaces;
  * from these each weight follows at once: with r the densities of the other techniques over a technique's own,
  *
@@ -75,31 +78,36 @@ static inline double kiln_mis_share(enum kiln_mis mis, double r)
 
 /* Of a gather ray's subpath: `land` is the density of light paths over that of hits, but for what the lamp's end adds;
  * `sample` is one over the density of the last direction, 0 after a mirror or smooth glass: no sample of the lights
- * finds what comes that way. */
+ * finds what comes that way. `connect`: the density of connections over that of hits, likewise. */
 struct kiln_caustic_gathered {
-    double land, sample;
+    double land, sample, connect;
 };
 
-/* `area`: m2, A. The factor of samples goes with `connect` in what follows. */
+/* A ray leaves x by this cosine. `area`: m2, A; `connections`: s. The factor of samples goes with `connect` in what
+ * follows. */
 static inline struct kiln_caustic_gathered kiln_caustic_gather(double area, double rays,
-                                                               const struct kiln_caustic_factors *factors)
+                                                               const struct kiln_caustic_factors *factors,
+                                                               double connections, double cosine)
 {
-    return (struct kiln_caustic_gathered){KILN_PI * area / rays * (double)factors->land, 0.0};
+    return (struct kiln_caustic_gathered){KILN_PI * area / rays * (double)factors->land, 0.0,
+                                          connections > 0.0 ? connections * KILN_PI / cosine : 0.0};
 }
 
-/* It arrives at a surface; `squared`: m2, of the distance. */
-static inline void kiln_caustic_arrive(struct kiln_caustic_gathered *g, double squared, double cosine)
+/* It arrives at a surface, z_k if it is the `first`; `squared`: m2, of the distance. */
+static inline void kiln_caustic_arrive(struct kiln_caustic_gathered *g, bool first, double squared, double cosine)
 {
     g->land /= cosine;
     g->sample *= squared / cosine;
+    g->connect *= first ? squared / cosine : 1.0 / cosine;
 }
 
 /* It leaves a surface with gloss. `delta`: by a mirror or smooth glass, whose densities are chances. */
-static inline void kiln_caustic_leave(struct kiln_caustic_gathered *g, double cosine, double forward, double backward,
-                                      bool delta)
+static inline void kiln_caustic_leave(struct kiln_caustic_gathered *g, bool first, double cosine, double forward,
+                                      double backward, bool delta)
 {
     g->land *= cosine * backward / forward;
     g->sample = delta ? 0.0 : 1.0 / forward;
+    g->connect *= first ? (delta ? 0.0 : cosine / forward) : cosine * backward / forward;
 }
 
 /* The weight of a hit. `connect`: the density of a sample of the lights at the lamp's place, per m2, or per steradian
@@ -108,18 +116,20 @@ static inline void kiln_caustic_leave(struct kiln_caustic_gathered *g, double co
 static inline double kiln_caustic_weight_hit(enum kiln_mis mis, const struct kiln_caustic_gathered *g, double connect,
                                              double emission)
 {
-    return 1.0 / (1.0 + kiln_mis_share(mis, connect * g->sample) + kiln_mis_share(mis, emission * g->land));
+    return 1.0 / (1.0 + kiln_mis_share(mis, connect * g->sample) + kiln_mis_share(mis, emission * g->land) +
+                  kiln_mis_share(mis, emission * g->connect));
 }
 
-/* The weight of a sample of the lights. `towards`: the cosine at z_1 over the squared distance, without the latter from
- * outside. `hit`: the density with which the gather ray would go on to the lamp's place, in the measure of `connect`; 0
- * where no ray meets it. */
-static inline double kiln_caustic_weight_sampled(enum kiln_mis mis, const struct kiln_caustic_gathered *g,
+/* The weight of a sample of the lights at z_1, which is z_k if it is the `first`. `towards`: the cosine at z_1 over the
+ * squared distance, without the latter from outside. `hit`: the density with which the gather ray would go on to the
+ * lamp's place, in the measure of `connect`; 0 where no ray meets it. */
+static inline double kiln_caustic_weight_sampled(enum kiln_mis mis, const struct kiln_caustic_gathered *g, bool first,
                                                  double connect, double emission, double towards, double hit,
                                                  double backward)
 {
     return 1.0 / (kiln_mis_share(mis, hit / connect) + 1.0 +
-                  kiln_mis_share(mis, emission / connect * towards * g->land * backward));
+                  kiln_mis_share(mis, emission / connect * towards * g->land * backward) +
+                  kiln_mis_share(mis, emission / connect * towards * g->connect * (first ? 1.0 : backward)));
 }
 
 /* ---- exchanges ---- */
@@ -163,9 +173,10 @@ static inline double kiln_caustic_exchanged_landed(const struct kiln_caustic_fac
 
 /* ---- from the lamp ---- */
 
-/* Of a light path: the densities of hits and of samples over its own, but for n / A and what x adds. */
+/* Of a light path: the densities of hits and of samples over its own, but for n / A and what x adds. `last`: one over
+ * the density of the last direction, 0 after a mirror or smooth glass: nothing is connected with that. */
 struct kiln_caustic_landing {
-    double hit, sample;
+    double hit, sample, last;
 };
 
 /* It leaves the lamp: `connect` and `emission` as above, `cosine` that at the lamp, 1 from outside. `is_point`: no ray
@@ -173,8 +184,8 @@ struct kiln_caustic_landing {
 static inline struct kiln_caustic_landing kiln_caustic_emit(double connect, double emission, double cosine,
                                                             bool is_point, double squared, double in)
 {
-    return (struct kiln_caustic_landing){is_point ? 0.0 : cosine / (emission * in),
-                                         connect * squared / (emission * in)};
+    return (struct kiln_caustic_landing){is_point ? 0.0 : cosine / (emission * in), connect * squared / (emission * in),
+                                         0.0};
 }
 
 /* It leaves a surface with gloss, z_1 if it is the `first`, by the cosine `out`. */
@@ -184,6 +195,7 @@ static inline void kiln_caustic_pass_on(struct kiln_caustic_landing *l, bool fir
     const double ratio = out / forward;
     l->hit *= ratio * backward;
     l->sample *= first ? (delta ? 0.0 : ratio) : ratio * backward;
+    l->last = delta ? 0.0 : 1.0 / forward;
 }
 
 /* It arrives at a later surface with gloss. */
@@ -193,10 +205,12 @@ static inline void kiln_caustic_meet(struct kiln_caustic_landing *l, double cosi
     l->sample /= cosine;
 }
 
-/* It lands: what the owner of the texel needs for its weight, besides n / A. */
-static inline double kiln_caustic_others(enum kiln_mis mis, const struct kiln_caustic_landing *l)
+/* It lands after `squared` m2 by this cosine: what the owner of the texel needs for its weight, besides n / A. */
+static inline double kiln_caustic_others(enum kiln_mis mis, const struct kiln_caustic_landing *l, double connections,
+                                         double squared, double cosine)
 {
-    const double sum = kiln_mis_share(mis, l->hit) + kiln_mis_share(mis, l->sample);
+    const double connect = connections > 0.0 ? connections * KILN_PI * l->last * squared / cosine : 0.0,
+                 sum = kiln_mis_share(mis, l->hit) + kiln_mis_share(mis, l->sample) + kiln_mis_share(mis, connect);
     if (mis == KILN_MIS_UNIFORM)
         return sum;
     return (mis == KILN_MIS_POWER ? sqrt(sum) : sum) / KILN_PI;
@@ -217,6 +231,21 @@ static inline double kiln_caustic_weight_landed(enum kiln_mis mis, double others
     if (!(others > 0.0))
         return 1.0;
     return 1.0 / (1.0 + (mis == KILN_MIS_UNIFORM ? others : kiln_mis_share(mis, others * rays / area)));
+}
+
+/* ---- connected ---- */
+
+/* The weight of a connection of x with the light path that has arrived at z_k, its `first` surface or not. `finds`: the
+ * density per m2 with which gather rays meet z_k, `backward`: with which they leave it by the way that light has come;
+ * `reaches`: per m2 with which light goes on to x. `rays`, `area`: n and A. */
+static inline double kiln_caustic_weight_connected(enum kiln_mis mis, const struct kiln_caustic_landing *l, bool first,
+                                                   double connections, double finds, double backward, double reaches,
+                                                   double rays, double area)
+{
+    const double over = finds / connections;
+    return 1.0 / (1.0 + kiln_mis_share(mis, over * l->hit * backward) +
+                  kiln_mis_share(mis, over * l->sample * (first ? 1.0 : backward)) +
+                  kiln_mis_share(mis, reaches * area / (rays * connections)));
 }
 
 #endif

@@ -10,6 +10,11 @@
  * Lamps without extent that flat mirrors show (worker/backend/mirror_images.h) are left to their images: of light that
  * one such reflection brings straight to a point the pass adds all, from the places of all samples, and landings bring
  * nothing.
+ * Where light paths are kept, chance connects a ray's place with one surface where such a path has met gloss that is
+ * neither a mirror nor smooth glass, picked in proportion to the flux that has arrived there: what that surface sends
+ * on to the place, over the chance, if nothing is in the way. Each quarter of a point's samples has kept paths of its
+ * own, so that the error, which is told from the quarters, has theirs in it; points share them. The backend traces
+ * them where they are first needed: every rank the same.
  *
  * Items: tile runs. Samples: rays of a point, n of the weights; the texel's area is kiln_lit_area. Results, streams and
  * rays as of the caustic pass. Embree only. */
@@ -81,6 +86,14 @@ struct kiln_caustic_techniques {
      * rays bring light. And how many rays a point will have then */
     struct kiln_caustic_moments *moments;
     uint32_t rays;
+    /* Light paths whose vertices are kept, by aims that are shared out for them; quarter q of a point's samples has
+     * those of iteration first_kept + q. NULL: nothing is connected. */
+    const struct kiln_aims *kept;
+    uint64_t first_kept;
+    double connections; /* the chance of a ray's place to be connected */
 };
+
+/* That a backend needs for a kept path, about: two vertices. */
+enum { KILN_KEPT_PATH_BYTES = 2048 };
 
 #endif

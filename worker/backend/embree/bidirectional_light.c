@@ -34,21 +34,8 @@ bool subpaths_leave(const struct subpaths *w, const struct vertex *v, bool of_li
 
 bool subpaths_connect(struct subpaths *w, struct kiln_vec3 from, struct kiln_vec3 to, double through[3])
 {
-    const struct kiln_vec3 d = vec3_sub(to, from);
-    const float length = vec3_length(d);
-    const struct kiln_vec3 direction = vec3_scale(d, 1.0f / length);
-    struct RTCRay ray = {.org_x = from.x,
-                         .org_y = from.y,
-                         .org_z = from.z,
-                         .dir_x = direction.x,
-                         .dir_y = direction.y,
-                         .dir_z = direction.z,
-                         .mask = ~0u,
-                         .tfar = (float)((double)length * KILN_SHADOW_LENGTH)};
-    through[0] = through[1] = through[2] = 1.0;
     w->rays++;
-    embree_through1(w->all->b, &w->context, &ray, through);
-    return !(ray.tfar < 0.0f);
+    return passage_between(w->all->b, &w->context, from, to, through);
 }
 
 void subpaths_product(const struct vertex_scatter *a, bool a_counts, const struct vertex_scatter *b, bool b_counts,

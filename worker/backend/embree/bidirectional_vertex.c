@@ -46,6 +46,13 @@ static struct vertex make(const struct embree_backend *b, const struct meeting *
     return v;
 }
 
+bool vertex_is_smooth(const struct vertex *v)
+{
+    const struct kiln_bsdf_choice c = kiln_bsdf_choice_of(v->m.shares, v->m.others);
+    return c.near == 0.0f && c.far == 0.0f && (c.gloss == 0.0f || (v->mirrors & KILN_LOBE_GLOSS) != 0) &&
+           (c.coat == 0.0f || (v->mirrors & KILN_LOBE_COAT) != 0);
+}
+
 struct vertex vertex_of(const struct embree_backend *b, const struct meeting *m, struct kiln_vec3 direction)
 {
     return make(b, m, direction, false);

@@ -60,6 +60,10 @@ struct vertex_way {
 bool vertex_leave(const struct embree_backend *b, const struct vertex *v, bool of_light, uint32_t lobes,
                   const double numbers[4], struct vertex_way *way);
 
+/* Whether all lobes of a vertex that are not diffuse are mirrors or smooth glass: no sample of a light finds anything
+ * by them. */
+bool vertex_is_smooth(const struct vertex *v);
+
 /* Where a ray starts that leaves the vertex in a direction. */
 static inline struct kiln_vec3 vertex_start(const struct vertex *v, struct kiln_vec3 direction)
 {

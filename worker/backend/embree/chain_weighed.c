@@ -98,9 +98,9 @@ static void meet_environment(struct chain *c, const struct vertex *before, struc
 
 /* ---- samples of lights ---- */
 
-/* What a sample brings: `light` is its number among all. */
-static void add_sample(struct chain *c, const struct vertex *v, const struct kiln_light_choice *choice, uint32_t light,
-                       struct kiln_light_sample *sample)
+/* What a sample at surface number `surface` brings: `light` is its number among all. */
+static void add_sample(struct chain *c, const struct vertex *v, uint32_t surface,
+                       const struct kiln_light_choice *choice, uint32_t light, struct kiln_light_sample *sample)
 {
     const struct embree_backend *b = c->walk->b;
     const struct kiln_lights *lights = c->t->emission->lights;
@@ -123,8 +123,9 @@ static void add_sample(struct chain *c, const struct vertex *v, const struct kil
         return;
     const double hit = sample->has_extent ? s.to_light * cosine / squared : 0.0;
     const double towards = s.cosine_i / squared;
-    struct weight w = {kiln_caustic_weight_sampled(c->t->mis, &c->sums, connect, emission, towards, hit, s.to_eye),
-                       {0.0}};
+    struct weight w = {
+        kiln_caustic_weight_sampled(c->t->mis, &c->sums, surface == 0, connect, emission, towards, hit, s.to_eye),
+        {0.0}};
     if (exchanges(c))
         kiln_caustic_exchange_sampled(&c->sums, w.by, connect, emission, towards, hit, s.to_eye, w.more);
     weigh(c, &w, weight);
@@ -148,7 +149,7 @@ static void sample_choice(struct chain *c, const struct vertex *v, uint32_t surf
         walk_draw(c->walk, kiln_path_use(surface, KILN_PATH_PICK), &pick, &rest);
     }
     if (kiln_lights_sample(c->t->emission->lights, &choice, 0, dvec3_of(v->m.position), n, n, pick, u, w, &sample))
-        add_sample(c, v, &choice, tree ? sample.light : light, &sample);
+        add_sample(c, v, surface, &choice, tree ? sample.light : light, &sample);
 }
 
 /* By luminance alone: rays of the chain find the rest. */
@@ -166,22 +167,14 @@ static void sample_environment(struct chain *c, const struct vertex *v, uint32_t
     kiln_environment_radiance(lights, sample.direction, rgb);
     for (int i = 0; i < 3; i++)
         sample.value[i] = (double)rgb[i] / density;
-    add_sample(c, v, &choice, kiln_emission_environment(c->t->emission), &sample);
-}
-
-/* Whether all its lobes that are not diffuse are mirrors or smooth glass: no sample finds anything. */
-static bool is_smooth(const struct vertex *v)
-{
-    const struct kiln_bsdf_choice c = kiln_bsdf_choice_of(v->m.shares, v->m.others);
-    return c.near == 0.0f && c.far == 0.0f && (c.gloss == 0.0f || (v->mirrors & KILN_LOBE_GLOSS) != 0) &&
-           (c.coat == 0.0f || (v->mirrors & KILN_LOBE_COAT) != 0);
+    add_sample(c, v, surface, &choice, kiln_emission_environment(c->t->emission), &sample);
 }
 
 static void sample_lights(struct chain *c, const struct vertex *v, uint32_t surface)
 {
     const struct kiln_emission *emission = c->t->emission;
     const struct kiln_lights *lights = emission->lights;
-    if (is_smooth(v))
+    if (vertex_is_smooth(v))
         return;
     if (lights->node_count > 0)
         sample_choice(c, v, surface, (struct kiln_light_choice){.kind = KILN_CHOICE_NODE, .samples = 1}, KILN_NONE);
@@ -206,7 +199,7 @@ static bool go_on(struct chain *c, const struct vertex *v, uint32_t surface, flo
     if (!vertex_leave(b, v, false, v->m.others, numbers, &way))
         return false;
     multiply(c, way.factor);
-    kiln_caustic_leave(&c->sums, way.cosine, way.forward, way.backward, way.delta);
+    kiln_caustic_leave(&c->sums, surface == 0, way.cosine, way.forward, way.backward, way.delta);
     const bool meets = walk_trace(c->walk, vertex_start(v, way.direction), way.direction,
                                   kiln_path_use(surface, KILN_PATH_CHANCE), tint, ray);
     multiply(c, tint);
@@ -215,16 +208,16 @@ static bool go_on(struct chain *c, const struct vertex *v, uint32_t surface, flo
     return meets && meeting_has_side(b, meeting_record(b, ray), meeting_is_back(ray));
 }
 
-void chain_follow_weighed(struct walk *walk, const struct kiln_caustic_techniques *techniques, double area,
-                          uint32_t samples, const struct kiln_caustic_factors *factors, uint32_t chance, uint32_t k,
-                          const struct RTCRayHit *ray, struct chain_weighed *found)
+void chain_follow_weighed(struct walk *walk, const struct kiln_caustic_techniques *techniques,
+                          const struct kiln_caustic_gathered *sums, const struct kiln_caustic_factors *factors,
+                          uint32_t chance, uint32_t k, const struct RTCRayHit *ray, struct chain_weighed *found)
 {
     const struct embree_backend *b = walk->b;
     struct chain c = {
         .walk = walk,
         .t = techniques,
         .weight = {1.0f, 1.0f, 1.0f},
-        .sums = kiln_caustic_gather(area, (double)samples, factors),
+        .sums = *sums,
         .factors = factors,
         .found = found,
         .light = {found->light[KILN_CAUSTIC_HIT], found->light[found->pilot ? KILN_CAUSTIC_SAMPLE : KILN_CAUSTIC_HIT]}};
@@ -241,7 +234,7 @@ void chain_follow_weighed(struct walk *walk, const struct kiln_caustic_technique
         float share[3], pick;
         if (!(cosine > 0.0))
             return;
-        kiln_caustic_arrive(&c.sums, (double)next.ray.tfar * (double)next.ray.tfar, cosine);
+        kiln_caustic_arrive(&c.sums, surface == 0, (double)next.ray.tfar * (double)next.ray.tfar, cosine);
         if (goes_on && meeting_attenuation(&m, next.ray.tfar, share))
             multiply(&c, share);
         if (surface > 0)

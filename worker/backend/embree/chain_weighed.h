@@ -15,10 +15,10 @@ struct chain_weighed {
     double exchanged[KILN_CAUSTIC_EXCHANGES];
 };
 
-/* Follows the chain of a ray that chain_begins is true of, of a point of which `area` m2 are there to be lit and that
- * has `samples` rays and these factors. `chance` and `k` as of chain_follow. */
-void chain_follow_weighed(struct walk *walk, const struct kiln_caustic_techniques *techniques, double area,
-                          uint32_t samples, const struct kiln_caustic_factors *factors, uint32_t chance, uint32_t k,
-                          const struct RTCRayHit *ray, struct chain_weighed *found);
+/* Follows the chain of a ray that chain_begins is true of. `sums`: those with which the ray leaves its point, which has
+ * these factors. `chance` and `k` as of chain_follow. */
+void chain_follow_weighed(struct walk *walk, const struct kiln_caustic_techniques *techniques,
+                          const struct kiln_caustic_gathered *sums, const struct kiln_caustic_factors *factors,
+                          uint32_t chance, uint32_t k, const struct RTCRayHit *ray, struct chain_weighed *found);
 
 #endif

@@ -10,6 +10,7 @@
 
 #include "shaders/shared/random.h"
 #include "worker/backend/embree/passage.h"
+#include "worker/backend/embree/light_vertices.h"
 #include "worker/backend/embree/reference.h"
 #include "worker/base/memory.h"
 
@@ -80,6 +81,7 @@ static void embree_destroy(struct kiln_backend **backend)
         rtcReleaseDevice(b->device);
     kiln_free(&b->coincides);
     kiln_free(&b->lobes);
+    light_vertices_destroy(&b->light_vertices);
     reference_paths_destroy(&b->reference);
     kiln_free(backend);
 }

@@ -11,10 +11,12 @@
 #include "shaders/shared/warp.h"
 #include "worker/backend/embree/chain_weighed.h"
 #include "worker/backend/embree/light_samples.h"
+#include "worker/backend/embree/light_vertices.h"
 #include "worker/backend/embree/lookup.h"
 #include "worker/backend/embree/mirror_images.h"
 #include "worker/backend/embree/path.h"
 #include "worker/backend/embree/reference.h"
+#include "worker/backend/embree/techniques.h"
 #include "worker/backend/embree/tile_runs.h"
 #include "worker/backend/guide.h"
 #include "worker/base/memory.h"
@@ -55,7 +57,8 @@ struct gather_work {
      * and of squares; or of what exchanges add and of light, and of the products of the former with either */
     double pilot[KILN_CAUSTIC_GATHERS][RAY_QUARTERS][RAY_LANES], squares[KILN_CAUSTIC_GATHERS][RAY_LANES];
     double exchanges[EXCHANGES_AND_LIGHT][RAY_LANES], products[KILN_CAUSTIC_PRODUCTS][RAY_LANES];
-    double image_error[RAY_LANES]; /* of the sum of what mirror images bring; 0 elsewhere */
+    double image_error[RAY_LANES];         /* of the sum of what mirror images bring; 0 elsewhere */
+    const struct light_vertex_cache *kept; /* NULL: gather rays connect with no light paths */
     /* the reference pass; else NULL; and what of a point's incident light has bounced as often as there may be bounces
      */
     const struct kiln_reference_parameters *reference;
@@ -416,13 +419,21 @@ static void find_areas(struct gather_work *w, const struct embree_backend *b, si
     }
 }
 
+static struct kiln_vec3 facet_of(const struct tile_run_rays *r, uint32_t l)
+{
+    return vec3(r->facet[0][l], r->facet[1][l], r->facet[2][l]);
+}
+
 static void follow_weighed(struct gather_work *w, uint32_t step, uint32_t l, uint32_t samples)
 {
     const struct tile_run_rays *r = w->rays;
     const struct RTCRayHit ray = rays_lane(r, l);
     const uint32_t j = r->point[l];
-    chain_follow_weighed(&w->walk, w->techniques, w->area[j], samples, &w->factors[j], r->chance[l],
-                         rays_sample(r, step, l), &ray, &w->weighed);
+    const struct kiln_caustic_gathered sums =
+        kiln_caustic_gather(w->area[j], (double)samples, &w->factors[j], techniques_connections(w->techniques),
+                            fabs((double)vec3_dot(facet_of(r, l), direction_of(r, l))));
+    chain_follow_weighed(&w->walk, w->techniques, &sums, &w->factors[j], r->chance[l], rays_sample(r, step, l), &ray,
+                         &w->weighed);
 }
 
 /* Of a pilot's ray: what exchanges would add to its light, and that. */
@@ -502,6 +513,47 @@ static void store_moments(const struct gather_work *w, const struct embree_backe
     }
 }
 
+#define CONNECTION_USE 0 /* of random numbers: it is no surface's (shaders/shared/path.h) */
+
+/* What the light that comes from a connection counts at the place of lane l's sample. */
+static void add_connection(struct gather_work *w, uint32_t step, uint32_t l, const struct light_connection *c,
+                           double weight)
+{
+    const struct tile_run_rays *r = w->rays;
+    const struct kiln_vec3 normal = facet_of(r, l);
+    const uint32_t j = r->point[l];
+    const float shading = vec3_dot(frame_shading(&r->frame, j, normal), c->direction);
+    const double irradiance = fmax(0.0, (double)shading) * weight,
+                 incident = (double)(vec3_dot(normal, c->direction) * frame_taken_up(&r->frame, j, shading)) * weight;
+    for (int i = 0; i < 3; i++) {
+        w->irradiance[j][i] += irradiance * c->irradiance[i];
+        w->incident[j][i] += incident * c->irradiance[i];
+    }
+    w->quarter[r->quarter_of[step * r->copies + r->copy[l]]][j] += irradiance * kiln_luminance(c->irradiance);
+}
+
+/* Connects the place of lane l's sample with a vertex of light. */
+static void connect_place(struct gather_work *w, uint32_t step, uint32_t l)
+{
+    const struct tile_run_rays *r = w->rays;
+    const struct kiln_caustic_techniques *t = w->techniques;
+    const struct kiln_vec3 origin = origin_of(r, l);
+    struct light_connection c;
+    w->walk.key = kiln_chain_key(r->chance[l]);
+    w->walk.k = rays_sample(r, step, l);
+    if (!light_vertices_pick(&w->kept->of[r->quarter_of[step * r->copies + r->copy[l]]], &w->walk, CONNECTION_USE,
+                             origin, &c))
+        return;
+    const double above = (double)vec3_dot(facet_of(r, l), c.direction);
+    if (!(above > 0.0) || !light_vertices_connect(&c, &w->walk, origin))
+        return;
+    add_connection(w, step, l, &c,
+                   kiln_caustic_weight_connected(t->mis, &c.light->sums, c.light->is_first, techniques_connections(t),
+                                                 above / KILN_PI * c.far.cosine_o / c.squared, c.far.to_light,
+                                                 c.far.to_eye * above / c.squared, (double)r->samples,
+                                                 w->area[r->point[l]]));
+}
+
 /* What chains bring of lamps and sky, as radiosity; rays that meet nothing glossy bring nothing. */
 static void collect_caustics(const struct embree_backend *b, struct embree_context *context, struct gather_work *w,
                              uint32_t step, uint32_t lanes)
@@ -510,6 +562,8 @@ static void collect_caustics(const struct embree_backend *b, struct embree_conte
     w->walk.context = context;
     for (uint32_t l = 0; l < lanes; l++) {
         float rgb[3];
+        if (w->kept != NULL)
+            connect_place(w, step, l);
         if (!is_chain(b, r, l))
             continue;
         if (w->weighed.pilot) {
@@ -757,8 +811,10 @@ static int weighed_create(void **work, const struct embree_backend *b, const voi
                           const struct kiln_batch *part, struct kiln_error *error)
 {
     const int status = caustic_create(work, b, NULL, part, error);
-    if (status == KILN_OK)
+    if (status == KILN_OK) {
         ((struct gather_work *)*work)->techniques = parameters;
+        ((struct gather_work *)*work)->kept = b->light_vertices;
+    }
     return status;
 }
 
@@ -767,6 +823,9 @@ int embree_weighed(struct embree_backend *b, const void *parameters, const struc
 {
     static const struct tile_run_pass pass = {weighed_create, work_destroy, caustic_tile_run,
                                               sizeof(struct kiln_point_result)};
+    const int status = light_vertices_want(b, parameters, error);
+    if (status != KILN_OK)
+        return status;
     return embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
 }
 

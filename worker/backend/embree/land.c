@@ -1,5 +1,5 @@
 /* The land pass (worker/pass/land.h): one path after the other, ray by ray. */
-#include "worker/pass/land.h"
+#include "worker/backend/embree/land.h"
 
 #include <float.h>
 #include <math.h>
@@ -13,6 +13,7 @@
 #include "worker/base/color.h"
 #include "worker/backend/mirror_images.h"
 #include "worker/light/aims.h"
+#include "worker/pass/land.h"
 #include "worker/sampling/sequence.h"
 #include "worker/scene/footprint.h"
 
@@ -30,6 +31,10 @@ struct light_path {
     struct kiln_aimed_ray first;
     struct kiln_caustic_landing sums; /* where there are other techniques */
     bool imaged;                      /* it comes as from its lamp's mirror image */
+    double squared;                   /* m2, of the way to the surface met last */
+    struct light_vertices *kept;      /* where vertices go; NULL: the path lands */
+    int status;                       /* of keeping them */
+    struct kiln_error *error;
 };
 
 static void multiply(struct light_path *p, const float factor[3])
@@ -99,7 +104,9 @@ static void land(const struct light_path *p, const struct meeting *m, struct kil
     result->shading = above > 0.0f ? fmaxf(0.0f, cosine) / above : 1.0f;
     const struct kiln_caustic_techniques *t = p->parameters->techniques;
     if (t != NULL)
-        result->others = (float)fmin(kiln_caustic_others(t->mis, &p->sums), (double)FLT_MAX);
+        result->others = (float)fmin(
+            kiln_caustic_others(t->mis, &p->sums, techniques_connections(t), p->squared, fabs((double)above)),
+            (double)FLT_MAX);
     if (t != NULL && kiln_mis_has_factors(t->mis))
         result->sampled = (float)fmin(kiln_caustic_sampled(&p->sums), (double)FLT_MAX);
     result->taken_up = m->gloss != NULL ? kiln_chain_taken_up(m->lobes, m->o.z) : 1.0f;
@@ -172,6 +179,16 @@ static bool is_image(const struct light_path *p, const struct meeting *m, uint32
            images->plane_of[m->triangle] != KILN_NONE && vec3_dot(m->normal, way->direction) > 0.0f;
 }
 
+/* The sums of the path that has arrived at surface number `surface`. */
+static struct kiln_caustic_landing arrive(const struct light_path *p, const struct vertex *v, uint32_t surface)
+{
+    struct kiln_caustic_landing sums = p->sums;
+    if (surface == 1)
+        return emit(p, v);
+    kiln_caustic_meet(&sums, fabs((double)vec3_dot(v->m.normal, v->from)));
+    return sums;
+}
+
 /* The same as `turn`, where there are other techniques. `from`: the direction that the path has. */
 static bool turn_weighed(struct light_path *p, const struct meeting *m, uint32_t surface, float pick,
                          struct kiln_vec3 from, struct kiln_vec3 *direction)
@@ -182,10 +199,7 @@ static bool turn_weighed(struct light_path *p, const struct meeting *m, uint32_t
     walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_BOUNCE), &numbers[2], &numbers[3]);
     if (!vertex_leave(p->walk.b, &v, true, m->others, numbers, &way))
         return false;
-    if (surface == 1)
-        p->sums = emit(p, &v);
-    else
-        kiln_caustic_meet(&p->sums, fabs((double)vec3_dot(m->normal, from)));
+    p->sums = arrive(p, &v, surface);
     kiln_caustic_pass_on(&p->sums, surface == 1, way.cosine, way.forward, way.backward, way.delta);
     p->imaged = is_image(p, m, surface, &way);
     multiply(p, way.factor);
@@ -235,6 +249,21 @@ static void cross(struct light_path *p, uint32_t surface, struct kiln_vec3 origi
 
 /* ---- paths ---- */
 
+/* Keeps the vertex where the path meets gloss, and its chance to land is not looked at. False: it ends. */
+static bool keep(struct light_path *p, const struct meeting *m, uint32_t surface, struct kiln_vec3 direction)
+{
+    if (m->gloss == NULL)
+        return false;
+    struct light_vertex kept = {.v = vertex_of(p->walk.b, m, direction), .is_first = surface == 1};
+    if (vertex_is_smooth(&kept.v))
+        return true;
+    kept.sums = arrive(p, &kept.v, surface);
+    for (int c = 0; c < 3; c++)
+        kept.flux[c] = (float)(p->flux[c] * (double)p->weight[c]);
+    p->status = light_vertices_add(p->kept, &kept, p->error);
+    return p->status == KILN_OK;
+}
+
 /* Follows the path to its end. */
 static enum kiln_land_end follow(struct light_path *p, struct kiln_land_result *result)
 {
@@ -263,7 +292,11 @@ static enum kiln_land_end follow(struct light_path *p, struct kiln_land_result *
             multiply(p, share);
         for (int c = 0; c < 3 && surface == 1; c++)
             p->flux[c] *= kiln_light_range(p->first.range, (double)ray.ray.tfar);
-        if (surface > 1 && lands(p, &m, surface)) {
+        p->squared = (double)ray.ray.tfar * (double)ray.ray.tfar;
+        if (p->kept != NULL) {
+            if (!keep(p, &m, surface, direction))
+                return KILN_LAND_ABSORBED;
+        } else if (surface > 1 && lands(p, &m, surface)) {
             land(p, &m, direction, result);
             return KILN_LAND_LANDED;
         }
@@ -289,11 +322,32 @@ static void trace_path(struct light_path *p, uint64_t number, struct kiln_land_r
         result->flux[c] = (float)(p->flux[c] * (double)p->weight[c]);
 }
 
+static uint32_t seed_of(const struct embree_backend *b)
+{
+    return kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32) ^ LAND_SEED);
+}
+
+int land_keep(const struct embree_backend *b, const struct kiln_caustic_techniques *techniques, uint64_t first,
+              uint64_t count, struct light_vertices *list, struct kiln_error *error)
+{
+    const struct kiln_land_parameters parameters = {.aims = techniques->kept, .techniques = techniques};
+    struct embree_context context;
+    struct kiln_land_result dropped;
+    struct light_path p = {.walk = {.b = b, .context = &context},
+                           .parameters = &parameters,
+                           .seed = seed_of(b),
+                           .kept = list,
+                           .error = error};
+    embree_context(b, &context);
+    for (uint64_t i = 0; i < count && p.status == KILN_OK; i++)
+        trace_path(&p, first + i, &dropped);
+    return p.status;
+}
+
 int embree_land(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
                 uint64_t *rays, struct kiln_error *error)
 {
     (void)error;
-    const uint32_t seed = kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32) ^ LAND_SEED);
     uint64_t traced = 0;
     double seconds = 0.0;
 #pragma omp parallel num_threads((int)b->threads) reduction(+ : traced, seconds)
@@ -302,7 +356,7 @@ int embree_land(struct embree_backend *b, const void *parameters, const struct k
         const double begin_seconds = embree_thread_seconds();
         struct embree_context context;
         embree_context(b, &context);
-        struct light_path p = {.walk = {.b = b, .context = &context}, .parameters = parameters, .seed = seed};
+        struct light_path p = {.walk = {.b = b, .context = &context}, .parameters = parameters, .seed = seed_of(b)};
 #pragma omp for schedule(dynamic, 256) nowait
         for (size_t i = 0; i < part->count; i++)
             trace_path(&p, (uint64_t)part->first + i, (struct kiln_land_result *)results + i);

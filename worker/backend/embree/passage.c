@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "shaders/shared/area_light.h"
 #include "shaders/shared/passage.h"
 #include "shaders/shared/surface.h"
 #include "worker/backend/embree/coincident.h"
@@ -241,4 +242,23 @@ void embree_through1(const struct embree_backend *b, struct embree_context *cont
     rtcOccluded1(b->scene, &context->rtc, ray);
     for (int c = 0; c < 3 && embree_blends(b); c++)
         through[c] = share_of(context->depth[0][c]);
+}
+
+bool passage_between(const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 from,
+                     struct kiln_vec3 to, double through[3])
+{
+    const struct kiln_vec3 d = vec3_sub(to, from);
+    const float length = vec3_length(d);
+    const struct kiln_vec3 direction = vec3_scale(d, 1.0f / length);
+    struct RTCRay ray = {.org_x = from.x,
+                         .org_y = from.y,
+                         .org_z = from.z,
+                         .dir_x = direction.x,
+                         .dir_y = direction.y,
+                         .dir_z = direction.z,
+                         .mask = ~0u,
+                         .tfar = (float)((double)length * KILN_SHADOW_LENGTH)};
+    through[0] = through[1] = through[2] = 1.0;
+    embree_through1(b, context, &ray, through);
+    return !(ray.tfar < 0.0f);
 }

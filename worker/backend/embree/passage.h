@@ -69,5 +69,8 @@ void embree_through8(const struct embree_backend *b, struct embree_context *cont
                      struct RTCRay8 *rays, double through[PACKET][3]);
 void embree_through1(const struct embree_backend *b, struct embree_context *context, struct RTCRay *ray,
                      double through[3]);
+/* The same between two places: what a connection lets through; false: nothing. */
+bool passage_between(const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 from,
+                     struct kiln_vec3 to, double through[3]);
 
 #endif

@@ -28,4 +28,10 @@ static inline double techniques_emission(const struct kiln_caustic_techniques *t
     return (double)t->iterations * kiln_aims_density(t->aims, light, t->aims->target_of[object], place, direction);
 }
 
+/* s of caustic_weights.h. */
+static inline double techniques_connections(const struct kiln_caustic_techniques *t)
+{
+    return t->kept == NULL ? 0.0 : t->connections / ((double)t->iterations * (double)t->aims->paths);
+}
+
 #endif
