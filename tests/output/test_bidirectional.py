@@ -197,7 +197,8 @@ class Bidirectional(unittest.TestCase):
 
     def test_ranks(self):
         """The same bits over any number of ranks and threads."""
-        size = ("--width", "21", "--height", "13", "--bounces", "2", "--samples-pixel", "9", "--materials", "auto")
+        size = ("--width", "21", "--height", "13", "--bounces", "2", "--samples-pixel", "9", "--materials", "auto",
+                "--merge-radius", "auto")
         for method in ("light", "bdpt", "vcm", "sppm"):
             images = [self.view(self.scene("cornell-spheres"), method, *size, "--threads", str(threads), ranks=ranks)
                       for ranks, threads in ((1, 2), (3, 1))]
