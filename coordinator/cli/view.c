@@ -260,6 +260,8 @@ static json_t *picture_json(const struct view *v, const char *path)
         (void)json_object_set_new(root, "samples", json_integer((json_int_t)work.samples));
         (void)json_object_set_new(root, "rays", json_integer((json_int_t)work.rays));
         (void)json_object_set_new(root, "seconds", json_real(work.seconds));
+        if (work.radius > 0.0)
+            (void)json_object_set_new(root, "merge_radius", json_real(work.radius));
     }
     if (v->filter != NULL) {
         double seconds, of_surfaces;
@@ -279,6 +281,8 @@ static void print_work(const struct view *v, const struct kiln_job *job)
         (void)snprintf(bounces, sizeof bounces, "%lld", (long long)job->bounces);
     (void)printf("path-traced, %u paths a pixel, %s indirect bounces; %.3g million rays in %.3g s\n", work.samples,
                  bounces, 1e-6 * (double)work.rays, work.seconds);
+    if (work.radius > 0.0)
+        (void)printf("light is merged within %.3g m at first, and within less in each sample\n", work.radius);
 }
 
 /* Says in lines what stands under a picture, or under all frames of a path. */

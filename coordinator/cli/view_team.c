@@ -10,15 +10,15 @@
 #include "coordinator/bake/prepare.h"
 #include "coordinator/cli/view_rounds.h"
 #include "coordinator/mpi/agree.h"
+#include "coordinator/view/view_radius.h"
 #include "worker/base/memory.h"
 
 /* Views that choose an exposure are drawn with so many paths a pixel at most: a mean over a picture needs few. */
 enum { METER_SAMPLES = 16 };
 
-/* The radius of merging at first, of the scene's: the former in pictures of so many pixels or more, each of which has a
- * path of light. In smaller ones it is larger, so that a place has as many vertices of light around it, up to the
- * latter. */
-static const double RADIUS_SHARE = 0.003, RADIUS_SHARE_MOST = 0.05, RADIUS_PIXELS = 512.0 * 512.0;
+/* The radius of merging at first, in pixels. vcm merges where it is better than its connections, and wants it narrow;
+ * photon mapping has nothing else. */
+static const double RADIUS_VCM = 0.5, RADIUS_PHOTONS = 1.0;
 
 struct kiln_view_team {
     int rank, ranks;
@@ -27,7 +27,7 @@ struct kiln_view_team {
     uint32_t samples, path_length;      /* as in the job */
     double lens_radius, focus_distance; /* m; as in the job */
     int method;                         /* enum kiln_view_method */
-    double radius;                      /* of merging at first, m; 0: by scene and picture */
+    double radius;                      /* of merging at first, m; 0: by what each picture shows */
     const struct kiln_scene *scene;
     const char *instruction_set;
     struct kiln_geometry *geometry;
@@ -62,14 +62,6 @@ static int choose_instruction_set(const struct kiln_job *job, const char **chose
         return KILN_OK;
     return kiln_fail(error, KILN_NO_DEVICE, "instruction set %s is not available on every rank; all have %s",
                      job->instruction_set, best != NULL ? best : "none");
-}
-
-/* Of merging at first in a picture of so many pixels, m. */
-static double radius_of(const struct kiln_view_team *t, size_t pixels)
-{
-    const struct kiln_dvec3 across = dvec3_sub(dvec3_of(t->geometry->bounds_max), dvec3_of(t->geometry->bounds_min));
-    const double share = RADIUS_SHARE * fmax(1.0, sqrt(RADIUS_PIXELS / (double)pixels));
-    return t->radius > 0.0 ? t->radius : 0.5 * dvec3_length(across) * fmin(share, RADIUS_SHARE_MOST);
 }
 
 static int open_backend(struct kiln_view_team *t, const struct kiln_job *job, const struct kiln_scene *scene,
@@ -314,6 +306,20 @@ static int mount_lens(const struct kiln_view_team *t, const struct kiln_view_cam
     return status;
 }
 
+/* Gives a view that merges its radius. */
+static int choose_radius(struct kiln_view_team *t, const struct kiln_view_params *params, struct kiln_path_view *view,
+                         struct kiln_error *error)
+{
+    const double pixels = t->method >= KILN_VIEW_METHOD_ppm ? RADIUS_PHOTONS : RADIUS_VCM;
+    double width = 0.0;
+    int status = KILN_OK;
+    if (!(t->radius > 0.0) && t->method >= KILN_VIEW_METHOD_vcm)
+        status = kiln_view_pixel_width(t->backend, t->geometry, params, &width, error);
+    view->radius = t->radius > 0.0 ? t->radius : pixels * width; /* 0: nothing is merged */
+    t->work.radius = view->radius;
+    return status;
+}
+
 /* Numbers the paths of a frame after those of the frames before. */
 static int count_samples(uint32_t frame, struct kiln_path_view *view, struct kiln_error *error)
 {
@@ -368,11 +374,12 @@ static int render(void *context, const struct kiln_view_params *params, struct k
     if (order.view.both_ways)
         order.view.method = (enum kiln_bidirectional_method)(t->method - KILN_VIEW_METHOD_light);
     order.view.parameters.length = t->path_length;
-    order.view.radius = radius_of(t, (size_t)params->width * params->height);
     const bool halves = params->spread && samples > 1;
     const size_t values = 3 * (size_t)params->width * params->height;
     float *all = NULL, *spread = NULL, *planes[3], *spread_planes[3];
     int status = count_samples(params->frame, &order.view, error);
+    if (status == KILN_OK)
+        status = choose_radius(t, params, &order.view, error);
     if (status == KILN_OK)
         status = mount_lens(t, &params->camera, &order.view.parameters, error);
     if (status == KILN_OK)

@@ -42,7 +42,7 @@ class Bidirectional(unittest.TestCase):
 
     def view(self, scene, method, *options, **more):
         path = os.path.join(self.folder, "view.exr")
-        if method in MERGE:
+        if method in MERGE and "--merge-radius" not in options:
             options = (*options, "--merge-radius", RADIUS)
         run("view", scene, "--method", method, "-o", path, "--quiet", *options, **more)
         return exr.rgb(path)
@@ -167,9 +167,38 @@ class Bidirectional(unittest.TestCase):
         auto, narrow = (((image - light[0]) ** 2).mean() for image in light[1:])
         self.assertLess(auto, narrow / 4)
 
+    def test_radius_of_a_pixel(self):
+        """The automatic radius: half a pixel where the picture's median depth is, for photon mapping a whole one; to
+        4.5 %, by which depths are rounded. Small pictures count as having 32 x 32 pixels."""
+        scene = glb.Scene()
+        grey = scene.material("grey", (0.5, 0.5, 0.5))
+        scene.quad("wall", [(-9, -9, -3), (9, -9, -3), (9, 9, -3), (-9, 9, -3)], grey)
+        scene.light("spot", {"type": "spot", "intensity": 100.0})
+        path = scene.write(os.path.join(self.folder, "wall.glb"))
+        wide = 2 * np.tan(np.radians(40) / 2)
+        for method, size, view, wanted in (("vcm", 64, ("--from=0,0,0",), 0.5 * 3 * wide / 64),
+                                           ("sppm", 64, ("--from=0,0,0",), 3 * wide / 64),
+                                           ("sppm", 64, ("--from=0,0,-1",), 2 * wide / 64),
+                                           ("sppm", 16, ("--from=0,0,0",), 3 * wide / 32)):
+            said = run("view", path, "--method", method, *view, "--to=0,0,-3", "--field-of-view", "40", "--width",
+                       str(size), "--height", str(size), "--samples-pixel", "1", "--json", "-o",
+                       os.path.join(self.folder, "view.exr")).stdout
+            self.assertLess(abs(json.loads(said)["merge_radius"] / wanted - 1), 0.045, (method, size, view))
+
+    def test_radius_beside_a_plain(self):
+        """A room on a plain 100 times as wide: the automatic radius goes by what the camera sees, and light stays
+        within the room's walls."""
+        scene = glb.Scene()
+        scene.load(self.scene("cornell"))
+        scene.quad("plain", [(-300, -0.1, 300), (300, -0.1, 300), (300, -0.1, -300), (-300, -0.1, -300)],
+                   scene.material("earth", (0.5, 0.5, 0.5)))
+        path = scene.write(os.path.join(self.folder, "plain.glb"))
+        self.agree(path, ("vcm",), 8, "--bounces", "2", "--merge-radius", "auto")
+
     def test_ranks(self):
         """The same bits over any number of ranks and threads."""
-        size = ("--width", "21", "--height", "13", "--bounces", "2", "--samples-pixel", "9", "--materials", "auto")
+        size = ("--width", "21", "--height", "13", "--bounces", "2", "--samples-pixel", "9", "--materials", "auto",
+                "--merge-radius", "auto")
         for method in ("light", "bdpt", "vcm", "sppm"):
             images = [self.view(self.scene("cornell-spheres"), method, *size, "--threads", str(threads), ranks=ranks)
                       for ranks, threads in ((1, 2), (3, 1))]
@@ -191,10 +220,11 @@ class Bidirectional(unittest.TestCase):
             self.skipTest("no Vulkan device")
 
     def test_vulkan(self):
-        """Connections, merging, what the camera sees of paths of light; diffuse surfaces, through a lens."""
+        """Connections, merging within the same radius, what the camera sees of paths of light; diffuse surfaces,
+        through a lens."""
         self.needs_device()
         self.same_on_both(self.scene("cornell"), "vcm", "--bounces", "2", "--lens-radius", "0.05", "--focus-distance",
-                          "2", "--path-length", "4")
+                          "2", "--path-length", "4", "--merge-radius", "auto")
 
     def same_on_gpus(self):
         """All methods and lights; mirrors and glass; more vertices of light than there is room for at first; ranks. By

@@ -56,7 +56,7 @@ struct kiln_splat_film {
 struct kiln_bidirectional_parameters {
     struct kiln_path_parameters camera;
     enum kiln_bidirectional_method method;
-    double radius; /* m, > 0: of merging in sample 0 */
+    double radius; /* m: of merging in sample 0, > 0 with methods that merge */
     struct kiln_splat_film *film;
 };
 
