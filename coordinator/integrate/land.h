@@ -10,9 +10,9 @@
  * condition). A tenth of the paths stays shared out by the flux that lamps send, so that no aim starves for what has
  * not been found yet.
  *
- * With --iterations all the steps of later rounds of a bake with a target error (rounds.h) have more iterations than
- * those of the first, by the ratio of their samples: the error of what lands falls from round to round as that of what
- * is gathered does, and with --caustics vcm the two share the light as in the first.
+ * With --iterations all the steps of later rounds of a bake with a target error (rounds.h) have as many times the
+ * iterations of the first round's as they have times its samples: the error of what lands falls from round to round as
+ * that of what is gathered does, and with --caustics vcm the two share the light as in the first.
  *
  *     E(x) = sum over all paths that land in x of flux / (iterations x area of x that is there to be lit)
  *

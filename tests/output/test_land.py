@@ -128,8 +128,8 @@ class Land(unittest.TestCase):
         self.assertLess(abs(report["energy"]["residual"]), 5.0 * report["energy"]["error"])
 
     def test_iterations_all(self):
-        """With --iterations all light paths of each round are as many times more as its rays, on any ranks. So caustics
-        reach an error that as many paths in each round, of which late ones count most, do not."""
+        """With --iterations all a round has light paths by its rays, the same on any ranks. So caustics reach an error
+        that as many paths in each round, of which late ones count most, do not."""
         more = ("--caustics", "land", "--photons", "500", "--bounces", "0", "--samples-direct", "32",
                 "--samples-indirect", "64", "--target-error", "0.1", "--iterations")
         folders = [self.bake("all", *more, "all", ranks=ranks) for ranks in (0, 3)] + [self.bake("some", *more, "16")]
