@@ -2,12 +2,18 @@
 
 #include "coordinator/integrate/integrator.h"
 
+/* Of a step, in the first round. */
+static uint32_t iterations_of(const struct kiln_job *job)
+{
+    return job->iterations == KILN_ITERATIONS_ALL ? KILN_ITERATIONS_FIRST : job->iterations;
+}
+
 uint32_t kiln_light_photons(const struct kiln_job *job, uint64_t points)
 {
     enum { LEAST = 1 << 15, MOST = 1 << 21, RAYS_A_PATH = 4 };
     if (job->photons > 0 || job->iterations == 0)
         return job->photons;
-    const uint64_t photons = points * job->samples_indirect / RAYS_A_PATH / job->iterations,
+    const uint64_t photons = points * job->samples_indirect / RAYS_A_PATH / iterations_of(job),
                    bounded = photons < LEAST  ? LEAST
                              : photons > MOST ? MOST
                                               : photons;
@@ -31,7 +37,8 @@ struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, c
         .mis = (enum kiln_mis)job->mis,
         .connections = job->connections,
         .photons = kiln_light_photons(job, points),
-        .iterations = job->iterations,
+        .iterations = iterations_of(job),
+        .iterations_grow = job->iterations == KILN_ITERATIONS_ALL,
         .merge_radius = job->merge_radius,
         .radius_alpha = job->radius_alpha,
         .photons_given = job->photons > 0,

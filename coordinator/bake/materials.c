@@ -68,7 +68,9 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
     if (job->caustics >= KILN_CAUSTICS_LAND) {
         (void)json_object_set_new(json, "photons", json_integer((json_int_t)landing->photons));
         (void)json_object_set_new(json, "aims", json_integer((json_int_t)landing->aims));
-        (void)json_object_set_new(json, "iterations", json_integer((json_int_t)job->iterations));
+        (void)json_object_set_new(json, "iterations",
+                                  job->iterations == KILN_ITERATIONS_ALL ? json_string("all")
+                                                                         : json_integer((json_int_t)job->iterations));
     }
     if (job->caustics >= KILN_CAUSTICS_MERGE)
         (void)json_object_set_new(json, "merge_radius", json_real(landing->radius));

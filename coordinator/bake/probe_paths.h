@@ -2,10 +2,10 @@
  * gloss, which gather rays of probes find badly or not at all (worker/pass/spheres.h says who finds what).
  *
  * With --caustics land, merge or vcm the volume has a second stage. Paths go out as in the step that lands
- * (integrate/land.h): as many iterations of as many paths, aimed by what earlier iterations have brought, each rank an
- * equal part. Every probe has a sphere of half the smallest spacing about the place where its light is gathered, so
- * that light of this kind is a mean over the sphere: that is its bias. A probe inside geometry that found no place
- * outside has none, and is filled from others.
+ * (integrate/land.h): as many iterations of as many paths (of the first round alone, where later ones have more), aimed
+ * by what earlier iterations have brought, each rank an equal part. Every probe has a sphere of half the smallest
+ * spacing about the place where its light is gathered, so that light of this kind is a mean over the sphere: that is
+ * its bias. A probe inside geometry that found no place outside has none, and is filled from others.
  *
  * Sums are whole numbers, the same for any ranks and threads. Spheres are taken KILN_PROBE_PATHS_CHUNK at a time, so
  * that memory stays bounded, and the paths are traced again for each such chunk. After each chunk its light is added to

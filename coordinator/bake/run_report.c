@@ -255,6 +255,8 @@ static json_t *steps_json(const struct kiln_integrate_report *t, const uint64_t 
                       "device_seconds", p->device_seconds, "energy", kiln_luminance(p->energy.incident), "incident",
                       rgb_json(p->energy.incident), "reflected", rgb_json(p->energy.reflected), "stolen_points",
                       (json_int_t)stolen[i], "rebalance", rebalance_json(&p->balance));
+        if (p->step.lands)
+            (void)json_object_set_new(step, "iterations", json_integer((json_int_t)p->step.iterations));
         if (t->radiance.probes > 0 && p->probe_seconds > 0.0) {
             (void)json_object_set_new(step, "probe_rays", json_integer((json_int_t)p->probe_rays));
             (void)json_object_set_new(step, "probe_seconds", json_real(p->probe_seconds));

@@ -364,11 +364,12 @@ static void print_gloss(const struct kiln_gloss *g)
 static void print_kinds(const struct kiln_scene_survey *look, bool all)
 {
     const struct kiln_scene *s = look->scene;
-    size_t shown = 0, found = 0;
+    size_t shown = 0, found = 0, bent = 0;
     for (size_t i = 0; i < s->material_count; i++) {
         const struct kiln_gloss *known = kiln_gloss_find(s, (uint32_t)i);
         const struct kiln_gloss gloss = known != NULL ? *known : kiln_gloss_default(&s->materials[i], (uint32_t)i);
         const enum kiln_gloss_kind kind = kiln_gloss_kind(&s->materials[i], &gloss);
+        bent += kind != KILN_GLOSS_KIND_DIFFUSE && !kiln_gloss_is_passage(&gloss);
         if (kind == KILN_GLOSS_KIND_DIFFUSE || (found++ >= OBJECTS_SHOWN && !all))
             continue;
         (void)fputs(shown++ == 0 ? "\n" : "", stdout);
@@ -378,7 +379,7 @@ static void print_kinds(const struct kiln_scene_survey *look, bool all)
     }
     if (found > shown)
         (void)printf("... and %zu more (--verbose shows all)\n", found - shown);
-    if (found > 0)
+    if (bent > 0)
         (void)printf("a bake takes %s diffuse, and glass as thin walls, unless --materials auto is given: mirrors, "
                      "gloss and bent light are left out\n",
                      found == 1 ? "this material as" : "these materials as");

@@ -179,9 +179,10 @@ uint32_t gltf_builder_texture(struct gltf *g, uint32_t texture, bool srgb);
 double gltf_image_mean(struct gltf *g, uint32_t texture, unsigned channel);
 
 /* gltf_gloss.c: reads what a material says besides its diffuse part, and appends a struct kiln_gloss if that is more
- * than the defaults. `material` stands in the builder at `index`; sets the gloss of g->materials[place.index]. */
+ * than the defaults. `material` stands in the builder at `index`; sets the gloss of g->materials[place.index]. *gloss
+ * is what was read, of the defaults too. */
 void gltf_read_gloss(struct gltf *g, struct gltf_place place, const json_t *json, const struct kiln_material *material,
-                     uint32_t index);
+                     uint32_t index, struct kiln_gloss *gloss);
 
 /* gltf_mesh.c: the corners of triangle k of a primitive (mode 4, 5 or 6; `indices` may be NULL), counter-clockwise seen
  * from the front. */

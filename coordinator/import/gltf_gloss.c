@@ -203,18 +203,18 @@ static void read_anisotropy(struct reader *r, const json_t *json)
 }
 
 void gltf_read_gloss(struct gltf *g, struct gltf_place place, const json_t *json, const struct kiln_material *material,
-                     uint32_t index)
+                     uint32_t index, struct kiln_gloss *gloss)
 {
     const struct kiln_gloss plain = kiln_gloss_default(material, index);
-    struct kiln_gloss gloss = plain;
     struct gltf_texture_use *set = &g->materials[place.index].gloss;
     *set = (struct gltf_texture_use){.texture = KILN_NONE, .transform = {1.0f, 0.0f, 0.0f, 0.0f, 1.0f, 0.0f}};
-    struct reader r = {g, place, set, &gloss};
+    struct reader r = {g, place, set, gloss};
     static void (*const parts[])(struct reader *, const json_t *) = {
         read_base, read_ior, read_specular, read_transmission, read_volume, read_clearcoat, read_anisotropy};
+    *gloss = plain;
     for (size_t i = 0; i < sizeof parts / sizeof parts[0] && g->status == KILN_OK; i++)
         parts[i](&r, json);
-    const bool says_more = memcmp(&gloss, &plain, sizeof gloss) != 0;
-    if (g->status == KILN_OK && (says_more || kiln_gloss_needed(material, &gloss, KILN_GLOSS_MODE_AUTO)))
-        gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_GLOSS, &gloss, 1, NULL, g->error));
+    const bool says_more = memcmp(gloss, &plain, sizeof plain) != 0;
+    if (g->status == KILN_OK && (says_more || kiln_gloss_needed(material, gloss, KILN_GLOSS_MODE_AUTO)))
+        gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_GLOSS, gloss, 1, NULL, g->error));
 }

@@ -5,6 +5,7 @@
 
 #include "coordinator/import/gltf_document.h"
 #include "worker/base/memory.h"
+#include "worker/scene/gloss.h"
 
 /* The encoded bytes of an image, from a file, a buffer view or a data URI. Release with image_close. */
 struct image_bytes {
@@ -236,7 +237,8 @@ static void read_normal_map(struct gltf *g, struct gltf_place place, const json_
 }
 
 /* Notes how a material that transmits light is baked. */
-static void note_glass(struct gltf *g, struct gltf_place place, const json_t *json, const struct kiln_material *m)
+static void note_glass(struct gltf *g, struct gltf_place place, const json_t *json, const struct kiln_material *m,
+                       const struct kiln_gloss *gloss)
 {
     const json_t *volume = gltf_extension(g, place, json, "KHR_materials_volume");
     const double thickness = volume != NULL ? gltf_number(g, place, volume, "thicknessFactor", 0.0, 1e30, 0.0) : 0.0;
@@ -244,10 +246,12 @@ static void note_glass(struct gltf *g, struct gltf_place place, const json_t *js
         return;
     gltf_take(g, kiln_builder_note(g->builder, 0, g->error,
                                    "materials[%zu] (KHR_materials_transmission): lets %.3g %% of the light through%s, "
-                                   "tinted by its base colour, as thin "
-                                   "walls do; --materials auto adds refraction and mirror reflection",
+                                   "tinted by its base colour, as thin walls do; %s",
                                    place.index, 100.0 * (double)m->transmission,
-                                   m->transmission_texture != KILN_NONE ? " where its texture is white" : ""));
+                                   m->transmission_texture != KILN_NONE ? " where its texture is white" : "",
+                                   kiln_gloss_is_passage(gloss)
+                                       ? "being thin and smooth it reflects nothing, with any --materials"
+                                       : "--materials auto adds refraction and mirror reflection"));
     if (g->status == KILN_OK && thickness > 0.0)
         gltf_take(g, kiln_builder_note(g->builder, 1, g->error,
                                        "materials[%zu] (KHR_materials_volume): bakes as thin walls, not as a body %g m "
@@ -359,7 +363,6 @@ static void read_material(struct gltf *g, size_t index)
     /* Not decoded, but an invalid reference is an error all the same. */
     struct gltf_texture_use unused;
     gltf_texture_info(g, place, json, "occlusionTexture", &unused);
-    note_glass(g, place, json, &material);
     note_unused(g, place, json);
     if (g->status != KILN_OK)
         return;
@@ -369,7 +372,9 @@ static void read_material(struct gltf *g, size_t index)
     size_t at = 0;
     gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_MATERIALS, &material, 1, &at, g->error));
     read_normal_map(g, place, json, (uint32_t)at);
-    gltf_read_gloss(g, place, json, &material, (uint32_t)at);
+    struct kiln_gloss gloss;
+    gltf_read_gloss(g, place, json, &material, (uint32_t)at, &gloss);
+    note_glass(g, place, json, &material, &gloss);
 }
 
 /* Checks images and textures that no material uses: their references must be valid too, and no URI may point

@@ -35,7 +35,7 @@ enum { PILOT_RAYS = 16, PILOT_PART = 16, PILOT_STREAM = 0x8000, PILOT_TILE_RUNS 
 enum { KEPT_LEAST = 1 << 8, KEPT_MOST = 1 << 12, POINTS_A_KEPT_PATH = 4, KEPT_QUARTERS = 4 };
 #define KEPT_ITERATION ((uint64_t)3 << 30)
 #define PILOT_ITERATION ((uint64_t)1 << 31)    /* paths of pilots are numbered from this iteration on */
-#define EXCHANGE_ITERATION ((uint64_t)1 << 40) /* and those for exchanges */
+#define EXCHANGE_ITERATION ((uint64_t)1 << 33) /* and those for exchanges */
 
 /* The block "landing" of a checkpoint, once: where the step stands. After it "landing_learnt" and "landing_paths",
  * once, an element an aim; "landing_moments", likewise, of each rank; "landing_sums" and, where they are merged,
@@ -96,6 +96,9 @@ static bool has_factors(const struct kiln_landing *l)
 }
 /* Whether these are of exchanges between the techniques. */
 static bool exchanges(const struct kiln_landing *l) { return l->techniques.mis == KILN_MIS_OPTIMAL; }
+
+/* Of the step. */
+static uint64_t iterations_of(const struct kiln_landing *l) { return kiln_solution_step(l->solution)->step.iterations; }
 
 static bool merges(const struct kiln_landing *l) { return l->params->settings->caustics == KILN_CAUSTICS_MERGE; }
 
@@ -213,7 +216,6 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
         status = kiln_aims_create(&l->kept, params->backend->params.lights, error);
     l->techniques = (struct kiln_caustic_techniques){.aims = l->aims,
                                                      .emission = l->emission,
-                                                     .iterations = params->settings->iterations,
                                                      .images = l->images,
                                                      .mis = params->settings->mis,
                                                      .kept = l->kept,
@@ -461,6 +463,7 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
     l->techniques.first_kept = KEPT_ITERATION + kiln_solution_step(l->solution)->step.part * KEPT_QUARTERS;
     l->exchange.weights = shares(l) ? &l->landing_weights : NULL;
     l->techniques.factors = NULL;
+    l->techniques.iterations = iterations_of(l);
     if (status == KILN_OK && has_factors(l))
         status = kiln_agree(l->params->communicator, kiln_land_factors_create(&l->factors, own, error), error);
     return status;
@@ -517,8 +520,8 @@ static int add_moments(struct kiln_landing *l, size_t part, struct kiln_error *e
 
 static bool is_sane(const struct kiln_landing *l, const struct saved_landing *s)
 {
-    bool sane = s->photons == l->photons && s->aims == l->aims->count &&
-                s->iteration <= l->params->settings->iterations && s->done <= s->photons && isfinite(s->radius);
+    bool sane = s->photons == l->photons && s->aims == l->aims->count && s->iteration <= iterations_of(l) &&
+                s->done <= s->photons && isfinite(s->radius);
     for (size_t i = 0; i < l->aims->count && sane; i++)
         sane = isfinite(l->learnt[i]) && l->learnt[i] >= 0.0 && isfinite(l->paths[i]) &&
                ((s->iteration == 0 && !shares(l)) || l->paths[i] > 0.0);
@@ -572,7 +575,7 @@ static int restore(struct kiln_landing *l, struct kiln_error *error)
     l->restored = true;
     if (has_factors(l))
         use_factors(l);
-    if (shares(l) || (l->iteration > 0 && l->iteration < l->params->settings->iterations))
+    if (shares(l) || (l->iteration > 0 && l->iteration < iterations_of(l)))
         aim(l, l->photons); /* gather rays weigh by the same shares */
     return KILN_OK;
 }
@@ -591,8 +594,8 @@ static void learn_from_exchange(void *context, const struct kiln_landing_record 
 {
     struct kiln_landing *l = context;
     const uint64_t own = record->point - l->exchange.first[l->exchange.rank];
-    const double iterations = (double)l->params->settings->iterations,
-                 less = (double)l->aims->paths / (double)l->photons, area = (double)l->lit[own] * iterations;
+    const double iterations = (double)iterations_of(l), less = (double)l->aims->paths / (double)l->photons,
+                 area = (double)l->lit[own] * iterations;
     if (!(area > 0.0))
         return;
     const double light = weight * kiln_luminance_of_floats(record->flux) * less / area,
@@ -728,7 +731,7 @@ static int find_radius(struct kiln_landing *l, struct kiln_error *error)
                  texel = points > 0.0 ? sqrt(p->area / points) : 0.0;
     const struct kiln_merge_search search = {.landed = l->sums,
                                              .merged = l->merged,
-                                             .iterations = p->settings->iterations,
+                                             .iterations = iterations_of(l),
                                              .alpha = p->settings->radius_alpha,
                                              .texel = texel,
                                              .scale = p->area > 0.0 ? power * power / p->area : 0.0};
@@ -760,8 +763,7 @@ static int begin_merging(struct kiln_landing *l, struct kiln_error *error)
 /* Landings that a point's light is to hang on: more of more iterations, so that radii fall as those of merge.h do. */
 static double landings_of(const struct kiln_landing *l)
 {
-    const struct kiln_integrate_settings *s = l->params->settings;
-    return LANDINGS * pow((double)s->iterations, s->radius_alpha);
+    return LANDINGS * pow((double)iterations_of(l), l->params->settings->radius_alpha);
 }
 
 /* Collective. What has landed in iterations of one radius goes to the points within it. */
@@ -797,8 +799,7 @@ static int merge_sums(struct kiln_landing *l, int (*merge)(struct kiln_landing *
 /* Collective. All iterations that are to do. */
 static int run_iterations(struct kiln_landing *l, struct kiln_error *error)
 {
-    const uint64_t iterations = l->params->settings->iterations,
-                   number = kiln_solution_step(l->solution)->step.part * iterations; /* a part has paths of its own */
+    const uint64_t iterations = iterations_of(l), number = kiln_solution_step(l->solution)->step.first_iteration;
     int status = KILN_OK;
     while (l->iteration < iterations && status == KILN_OK) {
         status = run_paths(l, number + l->iteration, all_pilots(l) + l->iteration * l->photons, add_landing, error);
@@ -814,7 +815,7 @@ static int run_iterations(struct kiln_landing *l, struct kiln_error *error)
 
 int kiln_landing_run(struct kiln_landing *l, struct kiln_error *error)
 {
-    const uint64_t iterations = l->params->settings->iterations, pilots = all_pilots(l);
+    const uint64_t iterations = iterations_of(l), pilots = all_pilots(l);
     forget(l);
     kiln_landing_end(l);
     int status = begin_step(l, error);
@@ -839,7 +840,7 @@ static struct kiln_point_result answer(const struct kiln_landing *l, const struc
         return (struct kiln_point_result){.count = 0};
     r.present = presence(l, surface, at);
     const double area = kiln_lit_area(surface, at->point, r.present),
-                 scale = area > 0.0 ? 1.0 / (area * (double)l->params->settings->iterations) : 0.0;
+                 scale = area > 0.0 ? 1.0 / (area * (double)iterations_of(l)) : 0.0;
     for (int c = 0; c < 3; c++) {
         r.irradiance[c] = (float)(sum->irradiance[c] * scale);
         r.incident[c] = (float)(sum->incident[c] * scale);
@@ -852,7 +853,7 @@ static struct kiln_point_result merged_answer(const struct kiln_landing *l, cons
                                               const struct kiln_point_cursor *at)
 {
     const struct kiln_merged *merged = &l->merged[at->point.at];
-    const uint64_t iterations = l->params->settings->iterations;
+    const uint64_t iterations = iterations_of(l);
     struct kiln_point_result r = {.present = 1.0f, .count = 1};
     if (!kiln_point_valid(surface, at->point))
         return (struct kiln_point_result){.count = 0};

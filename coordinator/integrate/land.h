@@ -1,13 +1,18 @@
 /* Caustics by light paths that land in texels (worker/pass/land.h): a step whose answers are not gathered tile run by
  * tile run, but sent from the lamps.
  *
- * There are `iterations` of `photons` paths each. Path i is a function of seed and i alone, and of the aims of its
- * iteration. The paths of an iteration are cut into blocks of KILN_LAND_BLOCK, of which each rank traces an equal
- * part; what lands travels to the ranks that have the points, 40 bytes a path at most, is sorted there by point and
- * path, and is summed in that order. After an iteration the aims are corrected: what lands by an aim has a second
- * moment m of its flux, the same for any ranks, as it is summed in integers; a share proportional to the root of m
- * makes the variances of all texels together least (Lagrange's condition). A tenth of the paths stays shared out by the
- * flux that lamps send, so that no aim starves for what has not been found yet.
+ * A step has so many iterations of `photons` paths each. Path i is a function of seed and i alone, and of the aims of
+ * its iteration; no two steps of a bake share a number. The paths of an iteration are cut into blocks of
+ * KILN_LAND_BLOCK, of which each rank traces an equal part; what lands travels to the ranks that have the points, 40
+ * bytes a path at most, is sorted there by point and path, and is summed in that order. After an iteration the aims are
+ * corrected: what lands by an aim has a second moment m of its flux, the same for any ranks, as it is summed in
+ * integers; a share proportional to the root of m makes the variances of all texels together least (Lagrange's
+ * condition). A tenth of the paths stays shared out by the flux that lamps send, so that no aim starves for what has
+ * not been found yet.
+ *
+ * With --iterations all the steps of later rounds of a bake with a target error (rounds.h) have as many times the
+ * iterations of the first round's as they have times its samples: the error of what lands falls from round to round as
+ * that of what is gathered does, and with --caustics vcm the two share the light as in the first.
  *
  *     E(x) = sum over all paths that land in x of flux / (iterations x area of x that is there to be lit)
  *

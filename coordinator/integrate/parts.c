@@ -16,6 +16,19 @@ size_t kiln_part_first(const struct kiln_step_report *reports, size_t count)
     return first;
 }
 
+/* Which light paths a part has of a step that has got its samples, `first` in the first round: each part has its own.
+ * Of iterations that grow those of all parts follow one another as the samples do: samples are whole halves of `first`,
+ * and KILN_ITERATIONS_FIRST is even. */
+static void share_iterations(const struct kiln_integrate_settings *settings, uint32_t first, struct kiln_step *step)
+{
+    const uint64_t iterations = step->iterations;
+    step->first_iteration = (uint32_t)(iterations * step->part);
+    if (settings->iterations_grow && step->lands) {
+        step->iterations = (uint32_t)(iterations * step->samples / first);
+        step->first_iteration = (uint32_t)(iterations * step->first_sample / first);
+    }
+}
+
 /* The share of a step's samples that the part has, and which ones of the sequence. `round`: that it is of; NULL: the
  * first. */
 static void share_samples(const struct kiln_integrate_settings *settings, const struct kiln_round *round, uint32_t part,
@@ -27,9 +40,11 @@ static void share_samples(const struct kiln_integrate_settings *settings, const 
     step->samples = settings->target_error > 0.0 ? kiln_round_first(step->samples, step->counted)
                                                  : (step->samples + KILN_PARTS - 1) / KILN_PARTS;
     step->first_sample = step->samples * (part % KILN_PARTS);
+    const uint32_t first = step->samples;
     if (round != NULL)
         kiln_round_share(round, part % KILN_PARTS, step->counted, step);
     step->counted = step->counted && round == NULL;
+    share_iterations(settings, first, step);
 }
 
 /* Whether another round comes after the last of the reports, which ends one. */

@@ -43,6 +43,7 @@ struct kiln_step {
     const char *samples_field;
     /* of a bake in parts (parts.h): which part the step is of, and the number of the first of its samples; else 0 */
     uint32_t part, first_sample;
+    uint32_t iterations, first_iteration; /* of light paths, of a step that lands (land.h), likewise; else 0 */
     uint32_t stream; /* tells steps of one pass apart in the random numbers; 0 for a pass without streams */
     /* The radiosity that the step makes is rounded to 4 bytes a point (worker/scene/radiosity.h); else it has 8. */
     bool compact;

@@ -67,6 +67,11 @@ enum kiln_caustics {
 #define KILN_MERGE_RADIUS_AUTO 0.0
 #define KILN_MERGE_RADIUS_TEXEL (-1.0)
 
+/* --iterations: more from round to round of a bake with a target error (integrate/rounds.h); and how many there are in
+ * a step of the first round then, which --iterations has as its default too. */
+#define KILN_ITERATIONS_ALL UINT32_MAX
+enum { KILN_ITERATIONS_FIRST = 16 };
+
 /* What takes noise out of lightmaps: nothing; surface regression (coordinator/output/map/regression.h); or regression
  * unless --quality is reference. */
 enum kiln_denoise { KILN_DENOISE_NONE = 0, KILN_DENOISE_REGRESSION = 1, KILN_DENOISE_AUTO = 2 };

@@ -319,6 +319,11 @@ static int check_paths(struct kiln_job *job, struct kiln_error *error)
         return kiln_fail(error, KILN_USAGE,
                          "--connections: pilots, which teach --mis variance, correlation and optimal, know nothing of "
                          "connections; give another --mis, or leave --connections out");
+    if (job->iterations == KILN_ITERATIONS_ALL && !(job->target_error > 0.0))
+        return kiln_fail(error, KILN_USAGE,
+                         "--iterations all: light paths are sent until the error is small enough, and nothing says how "
+                         "small; give --target-error, with --max-time where time is to end the bake, or a number of "
+                         "iterations");
     return KILN_OK;
 }
 

@@ -65,7 +65,7 @@ struct kiln_job {
     int mis;                 /* enum kiln_mis (worker/pass/caustic_weights.h), of --caustics vcm */
     double connections;      /* likewise: the chance of a gather ray's place to be connected with a light path */
     uint32_t photons;        /* --caustics land, ...: light paths of an iteration; 0: kiln_light_photons */
-    uint32_t iterations;     /* and how many iterations there are */
+    uint32_t iterations;     /* and how many iterations there are; or KILN_ITERATIONS_ALL */
     double radius_alpha;     /* --caustics merge (integrate/merge.h) */
     uint32_t chain_length;   /* surfaces of a gather ray's chain that are met for certain (shaders/shared/chain.h) */
     char *only_visible_from; /* cameras, or a path's file: bake/visible_from.h; NULL: all surfaces are lit */

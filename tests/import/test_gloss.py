@@ -49,6 +49,18 @@ class Gltf(importing.Case):
             self.assertIn(words, text)
         self.assertNotIn("material 'm0'", text)
 
+    def test_thin_walls(self):
+        """Smooth ones no --materials takes with their gloss; what would not come is not announced."""
+        for roughness, words, bent in ((0.04, "it reflects nothing, with any --materials", False),
+                                       (0.06, "--materials auto adds", True)):
+            path = self.scene({"pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": roughness},
+                               "extensions": extension(transmission={"transmissionFactor": 0.5})})
+            text = importing.kiln("info", path).out
+            self.assertIn("thin glass", text)
+            self.assertIn(words, text)
+            self.assertEqual("--materials auto adds" in text, bent)
+            self.assertEqual("a bake takes" in text, bent)
+
     def test_nothing_but_diffuse(self):
         """Nothing is said of gloss where there is none."""
         path = self.scene({"pbrMetallicRoughness": {"metallicFactor": 0}})

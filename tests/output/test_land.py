@@ -130,6 +130,33 @@ class Land(unittest.TestCase):
         self.assertEqual(report["energy"]["unfound"], [0.0, 0.0, 0.0])
         self.assertLess(abs(report["energy"]["residual"]), 5.0 * report["energy"]["error"])
 
+    def test_iterations_all(self):
+        """With --iterations all a round has light paths by its rays, the same on any ranks. So caustics reach an error
+        that as many paths in each round, of which late ones count most, do not."""
+        more = ("--caustics", "land", "--photons", "500", "--bounces", "0", "--samples-direct", "32",
+                "--samples-indirect", "64", "--target-error", "0.1", "--iterations")
+        folders = [self.bake("all", *more, "all", ranks=ranks) for ranks in (0, 3)] + [self.bake("some", *more, "16")]
+        reports = []
+        for folder in folders:
+            with open(os.path.join(folder, "run.json"), encoding="utf-8") as file:
+                reports.append(json.load(file))
+        self.assertEqual([report["materials"]["iterations"] for report in reports], ["all", "all", 16])
+        grown, _, same = [[step for step in report["bounces"] if "iterations" in step] for report in reports]
+        for step in grown:
+            self.assertEqual(step["iterations"], 16 * step["samples"] // grown[0]["samples"])
+        self.assertGreater(grown[-1]["iterations"], 16)
+        self.assertEqual({step["iterations"] for step in same}, {16})
+        above = [report["error"]["above_target"] for report in reports]
+        print("%d and %d rounds; above the target %.4f and %.4f" % (
+            reports[0]["error"]["rounds"], reports[2]["error"]["rounds"], above[0], above[2]))
+        self.assertTrue(above[0] <= 0.025 < above[2], above)
+        lights = [self.light(folder) for folder in folders]
+        for name in lights[0]:
+            self.assertTrue(np.array_equal(lights[0][name], lights[1][name]), name)
+        power = [((light["caustic"] @ LUMINANCE) * light["area"]).sum() for light in lights]
+        self.assertLess(abs(power[0] / power[2] - 1.0), 0.05, power)
+        self.assertIn("--target-error", self.bake("wrong", *LAND, "--iterations", "all", code=64))
+
     def test_learnt_weights(self):
         """Weights that pilots have taught bring the light that others bring, and are others."""
         names = ["floor", "back"]

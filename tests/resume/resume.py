@@ -9,6 +9,7 @@
     resume.py --kiln PATH caustics    kill -9 within caustics and the gather after them
     resume.py --kiln PATH landing     kill -9 while light paths land in texels
     resume.py --kiln PATH sharing     kill -9 while light paths and gather rays share caustics
+    resume.py --kiln PATH growing     kill -9 while light paths of a later round of --iterations all land
     resume.py --kiln PATH crossing    kill -9 while light paths cross the spheres of probes
     resume.py --kiln PATH paths       kill -9 a random rank of 1, 2, 3, 5, 8, by turns, at random moments of bakes with
                                       light paths (KILN_KILLS of each of land and vcm, KILN_SEED)
@@ -673,6 +674,24 @@ def try_sharing(checks, tool):
     same(checks, tool, reference, folder, tool.bake(folder, *more, *learnt, ranks=3), 'killed while light was shared')
 
 
+def try_growing(checks, tool):
+    """Light paths that grow from round to round with the rays: killed in a round that has more than the first."""
+    more = ('--materials', 'full', '--caustics', 'vcm', '--photons', 3000, '--iterations', 'all', '--target-error', 0.2,
+            '--bounces', 0, '--samples-indirect', 16, '--samples-probe', 4, '--lightmap-size', 16)
+    reference, _ = reference_of(checks, tool, *more)
+    folder = tool.folder()
+    process = tool.start(folder, *OFTEN, *more, ranks=2)
+    wait_for(lambda: process.poll() is not None or landed(folder) > 16)
+    for rank in ranks_of(process)[-1:]:
+        os.kill(rank, signal.SIGKILL)
+    finish(process)
+    checks.that(landed(folder) > 16, 'killed after %d iterations' % landed(folder))
+    process = tool.bake(folder, *more, '--iterations', 16)
+    checks.that(process.status == BAD_INPUT and 'iterations' in process.stderr,
+                'another number of iterations was not refused: %d' % process.status, process)
+    same(checks, tool, reference, folder, tool.bake(folder, *more, ranks=3), 'killed in a later round')
+
+
 def try_crossing(checks, tool):
     """Probes get what light paths bring once, killed while they do, and stopped when all is computed."""
     scene = os.path.join(tool.scratch, 'spheres.glb')
@@ -1288,8 +1307,8 @@ def try_cost(checks, tool):
 
 PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'quantities': try_quantities,
          'blocks': try_blocks, 'range': try_range, 'guide': try_guide, 'caustics': try_caustics,
-         'landing': try_landing, 'sharing': try_sharing, 'crossing': try_crossing, 'paths': try_paths,
-         'bounces': try_bounces, 'signals': try_signals,
+         'landing': try_landing, 'sharing': try_sharing, 'growing': try_growing,
+         'crossing': try_crossing, 'paths': try_paths, 'bounces': try_bounces, 'signals': try_signals,
          'phases': try_phases,
          'refusals': try_refusals, 'damage': try_damage, 'disk': try_disk, 'faults': try_faults,
          'interrupted': try_interrupted,

@@ -524,6 +524,49 @@ static void rounds(void **state)
     assert_int_equal(b.reports[STEPS + 1].step.samples, 2); /* 3 times 2, of which a quarter, rounded up */
 }
 
+/* The light paths of rounds: no two steps share any. Where iterations grow they follow one another, and go by the
+ * samples of the step; else each step has the same number. */
+static void try_light_paths(uint32_t iterations, bool grow)
+{
+    static const struct kiln_round next[] = {{0, 1, 0.5}, {1, 3, 0.25}, {3, 9, 0.1}};
+    enum { ROUNDS = 1 + sizeof next / sizeof *next };
+    struct kiln_integrate_settings settings = settings_of(KILN_SCHEDULE_LEAN, 0);
+    struct bake b = {.count = 0};
+    uint64_t before = 0;
+    size_t steps = 0;
+    settings.parts = KILN_PARTS;
+    settings.target_error = 0.01;
+    settings.samples_indirect = 96; /* 6 in a part of the first round */
+    settings.caustics = KILN_CAUSTICS_VCM;
+    settings.iterations = iterations;
+    settings.iterations_grow = grow;
+    for (size_t r = 0; r < ROUNDS; r++) {
+        while (go_on(&b, &settings))
+            ;
+        b.reports[b.count - 1].round = r + 1 < ROUNDS ? next[r] : (struct kiln_round){9, 0, 0.1};
+    }
+    for (size_t i = 0; i < b.count; i++) {
+        const struct kiln_step *step = &b.reports[i].step;
+        assert_int_equal(step->iterations > 0, step->lands);
+        if (!step->lands)
+            continue;
+        assert_int_equal(step->first_iteration, before);
+        assert_int_equal(step->iterations, grow ? iterations * step->samples / 6 : iterations);
+        before += step->iterations;
+        steps++;
+    }
+    assert_int_equal(steps, ROUNDS * KILN_PARTS);
+    /* 24 times the samples of the first round in all, level 9 */
+    assert_int_equal(before, grow ? 24 * KILN_PARTS * iterations : ROUNDS * KILN_PARTS * iterations);
+}
+
+static void light_paths(void **state)
+{
+    (void)state;
+    try_light_paths(KILN_ITERATIONS_FIRST, true);
+    try_light_paths(7, false);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(lean_given),
@@ -540,6 +583,7 @@ int main(void)
                                        cmocka_unit_test(table),
                                        cmocka_unit_test(another_integrator),
                                        cmocka_unit_test(parts),
-                                       cmocka_unit_test(rounds)};
+                                       cmocka_unit_test(rounds),
+                                       cmocka_unit_test(light_paths)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

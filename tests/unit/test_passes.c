@@ -65,11 +65,16 @@ static const struct kiln_bidirectional_parameters both_ways = {.camera = {.posit
                                                                .method = KILN_BIDIRECTIONAL_BDPT,
                                                                .film = &film};
 static const struct kiln_reference_parameters twice = {.method = KILN_REFERENCE_BDPT, .bounces = 2};
-static const void *const parameters[KILN_PASS_COUNT] = {
-    [KILN_PASS_INDEX_occlusion] = &near_by, [KILN_PASS_INDEX_path] = &camera,
-    [KILN_PASS_INDEX_radiance] = &map,      [KILN_PASS_INDEX_guided] = &follow,
-    [KILN_PASS_INDEX_land] = &landing,      [KILN_PASS_INDEX_bidirectional] = &both_ways,
-    [KILN_PASS_INDEX_weighed] = &sharing,   [KILN_PASS_INDEX_reference] = &twice};
+static const struct kiln_probe_parameters all_lamps = {.leaves = 0};
+static const void *const parameters[KILN_PASS_COUNT] = {[KILN_PASS_INDEX_probes] = &all_lamps,
+                                                        [KILN_PASS_INDEX_occlusion] = &near_by,
+                                                        [KILN_PASS_INDEX_path] = &camera,
+                                                        [KILN_PASS_INDEX_radiance] = &map,
+                                                        [KILN_PASS_INDEX_guided] = &follow,
+                                                        [KILN_PASS_INDEX_land] = &landing,
+                                                        [KILN_PASS_INDEX_bidirectional] = &both_ways,
+                                                        [KILN_PASS_INDEX_weighed] = &sharing,
+                                                        [KILN_PASS_INDEX_reference] = &twice};
 
 struct world {
     struct fixture *fixture;

@@ -136,8 +136,7 @@ const char *kiln_gloss_kind_name(enum kiln_gloss_kind kind)
 
 /* ---- what light transport takes ---- */
 
-/* Whether light goes straight through, as struct kiln_passage has it. */
-static bool is_passage(const struct kiln_gloss *gloss)
+bool kiln_gloss_is_passage(const struct kiln_gloss *gloss)
 {
     return gloss->transmission > 0.0f && (gloss->flags & KILN_GLOSS_VOLUME) == 0 &&
            gloss->mean_roughness < KILN_GLOSS_ROUGHNESS_SMOOTH;
@@ -161,7 +160,7 @@ int kiln_scene_take_gloss(struct kiln_scene *scene, enum kiln_gloss_mode mode, s
         const struct kiln_gloss *own = kiln_gloss_find(scene, i);
         *material = scene->materials[i];
         scene->taken[i] = own != NULL ? *own : kiln_gloss_default(material, i);
-        if (!kiln_gloss_needed(material, own, mode) || is_passage(&scene->taken[i])) {
+        if (!kiln_gloss_needed(material, own, mode) || kiln_gloss_is_passage(&scene->taken[i])) {
             scene->taken[i].material = KILN_NONE;
             continue;
         }

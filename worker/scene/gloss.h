@@ -37,6 +37,10 @@ enum kiln_gloss_mode {
 /* Whether a material is. `gloss` is its gloss; NULL: it has none. */
 bool kiln_gloss_needed(const struct kiln_material *material, const struct kiln_gloss *gloss, enum kiln_gloss_mode mode);
 
+/* Whether light goes straight through, as struct kiln_passage has it, in any mode: by a thin smooth wall, which then
+ * reflects nothing. */
+bool kiln_gloss_is_passage(const struct kiln_gloss *gloss);
+
 /* Has light transport take the scene's materials as `mode` says: call it before a geometry is made of the scene. Glass
  * that light is sent on by, its own materials' copies do not let through any more (struct kiln_passage); thin smooth
  * walls let light straight through as before, and are not taken. Where it takes none, the scene stays as it is. Not

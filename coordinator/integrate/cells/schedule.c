@@ -234,6 +234,7 @@ static void first_step(const struct kiln_integrate_settings *settings, size_t co
                                    .role = KILN_CELLS_CAUSTIC,
                                    .samples = settings->samples_indirect,
                                    .lands = settings->caustics >= KILN_CAUSTICS_LAND,
+                                   .iterations = settings->caustics >= KILN_CAUSTICS_LAND ? settings->iterations : 0,
                                    .counted = true};
         return;
     }
