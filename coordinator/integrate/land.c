@@ -26,7 +26,7 @@
 
 enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256, PATHS_AN_AIM = 4, PILOTS = 4 };
 /* rays of a point from which factors of techniques are learnt: at least, and a part of those of the step */
-enum { PILOT_RAYS = 16, PILOT_PART = 16, PILOT_STREAM = 0x8000, PILOT_TILE_RUNS = 64 };
+enum { PILOT_RAYS = 16, PILOT_PART = 16, PILOT_STREAM = 0x8000, PILOT_TILE_RUNS = 64, RAY_TILE_RUNS = 16 };
 
 #define LARGEST 6.0   /* texels: the radius within which landings that share are spread, at most */
 #define LANDINGS 16.0 /* in one iteration: on which a point's light is to hang */
@@ -82,18 +82,18 @@ struct kiln_landing {
     float *lit; /* m2, an own point: area that is there to be lit; with --caustics merge and vcm, else NULL */
     /* where what lands is spread over points nearby (--caustics merge, vcm); else NULL */
     struct kiln_merged *merged;
-    struct kiln_merge *merge; /* from when it is first spread on */
-    double radius;            /* m, at first; of --caustics vcm the largest */
+    struct kiln_merge *merge;          /* from when it is first spread on */
+    struct kiln_landing_sum *gathered; /* of --caustics vcm, or NULL: what rays find, as if it had landed */
+    double radius;                     /* m, at first; of --caustics vcm the largest */
 };
 
 /* Whether gather rays find a part of the light. */
 static bool shares(const struct kiln_landing *l) { return l->emission != NULL; }
+/* And has them, which needs light paths. */
+static bool gathers(const struct kiln_landing *l) { return shares(l) && l->aims->count > 0; }
 
 /* Whether pilots teach factors of the techniques. */
-static bool has_factors(const struct kiln_landing *l)
-{
-    return shares(l) && l->aims->count > 0 && kiln_mis_learns(l->techniques.mis);
-}
+static bool has_factors(const struct kiln_landing *l) { return gathers(l) && kiln_mis_learns(l->techniques.mis); }
 /* Whether these are of exchanges between the techniques. */
 static bool exchanges(const struct kiln_landing *l) { return l->techniques.mis == KILN_MIS_OPTIMAL; }
 
@@ -108,6 +108,9 @@ bool kiln_landing_spreads(const struct kiln_integrate_settings *settings)
 }
 
 static bool spreads(const struct kiln_landing *l) { return kiln_landing_spreads(l->params->settings); }
+
+/* Whether what gather rays find is spread with what lands. */
+static bool spreads_rays(const struct kiln_landing *l) { return gathers(l) && spreads(l); }
 
 uint64_t kiln_landing_photons(const struct kiln_integrate_settings *settings, size_t aims)
 {
@@ -148,7 +151,8 @@ uint64_t kiln_landing_bytes(const struct kiln_integrate_settings *settings, size
     if (settings->caustics == KILN_CAUSTICS_MERGE)
         point += (double)KILN_MERGE_POINT_BYTES;
     if (kiln_landing_spreads(settings)) /* and a radius */
-        point += (double)(sizeof(struct kiln_merged) + KILN_MERGE_POINT_BYTES + sizeof(float));
+        point += (double)(sizeof(struct kiln_merged) + sizeof(struct kiln_landing_sum) + KILN_MERGE_POINT_BYTES +
+                          sizeof(float));
     if (settings->caustics >= KILN_CAUSTICS_MERGE) /* and what is there to be lit */
         point += (double)sizeof(float);
     if (settings->caustics == KILN_CAUSTICS_VCM && kiln_mis_learns(settings->mis))
@@ -236,6 +240,7 @@ void kiln_landing_end(struct kiln_landing *l)
     kiln_free(&l->sums);
     kiln_free(&l->lit);
     kiln_free(&l->merged);
+    kiln_free(&l->gathered);
 }
 
 void kiln_landing_destroy(struct kiln_landing **landing)
@@ -425,6 +430,15 @@ static bool is_receiver(const struct kiln_landing *l, size_t tile_run)
     return (l->params->backend->params.scene->objects[object].flags & KILN_OBJECT_RECEIVER_ONLY) != 0;
 }
 
+/* The end of the own tile runs from `first` on, before `end`, that paths meet, or do not, alike. */
+static size_t same_kind(const struct kiln_landing *l, size_t first, size_t end)
+{
+    size_t next = first + 1;
+    while (next < end && is_receiver(l, next) == is_receiver(l, first))
+        next++;
+    return next;
+}
+
 static void find_lit(const struct kiln_landing *l)
 {
     const struct kiln_surface *s = &l->solution->own->surface;
@@ -453,6 +467,8 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
         status = kiln_allocate(&l->lit, own->count, sizeof *l->lit, "the areas of points", error);
     if (status == KILN_OK && (merges(l) || spreads(l)))
         status = kiln_allocate(&l->merged, own->count, sizeof *l->merged, "the light that is merged", error);
+    if (status == KILN_OK && spreads(l))
+        status = kiln_allocate(&l->gathered, own->count, sizeof *l->gathered, "the light that rays find", error);
     status = kiln_agree(l->params->communicator, status, error);
     if (status == KILN_OK && l->lit != NULL)
         find_lit(l);
@@ -638,7 +654,7 @@ static int run_paths(struct kiln_landing *l, uint64_t number, uint64_t before, k
 static uint64_t pilot_paths(const struct kiln_landing *l)
 {
     const uint64_t paths = l->photons / PILOTS;
-    return !shares(l) || l->aims->count == 0 ? 0 : paths > l->aims->count ? paths : l->aims->count;
+    return !gathers(l) ? 0 : paths > l->aims->count ? paths : l->aims->count;
 }
 
 /* Of all rounds. */
@@ -775,11 +791,12 @@ static int merge_iterations(struct kiln_landing *l, struct kiln_error *error)
     return status;
 }
 
-/* Collective. What has landed in all iterations goes to the points within the radius of each. */
+/* Collective. What has landed in all iterations and what rays have found goes to the points within the radius of each.
+ */
 static int spread_all(struct kiln_landing *l, struct kiln_error *error)
 {
-    const int status = kiln_merge_fit(l->merge, l->sums, landings_of(l), error);
-    return status == KILN_OK ? kiln_merge_spread(l->merge, l->sums, l->radius, l->merged, error) : status;
+    const int status = kiln_merge_fit(l->merge, l->gathered, landings_of(l), error);
+    return status == KILN_OK ? kiln_merge_spread(l->merge, l->gathered, l->radius, l->merged, error) : status;
 }
 
 /* Collective. Does one or the other. */
@@ -796,6 +813,73 @@ static int merge_sums(struct kiln_landing *l, int (*merge)(struct kiln_landing *
     return status;
 }
 
+/* What rays found at a point, as the flux of one landing more, whose luminance squared is its variance. */
+static void add_gathered(const struct kiln_point_result *result, double area, double iterations,
+                         struct kiln_landing_sum *sum)
+{
+    const struct kiln_point_mean mean = kiln_point_mean(result);
+    const double scale = area * iterations, error = (double)mean.error * scale;
+    for (int c = 0; c < 3; c++) {
+        sum->irradiance[c] += (double)mean.irradiance[c] * scale;
+        sum->incident[c] += (double)mean.incident[c] * scale;
+    }
+    sum->square += error * error;
+    sum->count += kiln_luminance_of_floats(mean.irradiance) + kiln_luminance_of_floats(mean.incident) > 0.0;
+}
+
+/* kiln_take_results */
+static int take_rays(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)error;
+    struct kiln_landing *l = context;
+    const struct kiln_surface *surface = &l->solution->own->surface;
+    const struct kiln_point_result *next = results;
+    for (size_t f = first; f < first + count; f++) {
+        struct kiln_point_cursor at = kiln_point_first(surface, f);
+        for (uint32_t k = 0; k < surface->tile_runs[f].count; k++, next++, kiln_point_next(surface, &at))
+            add_gathered(next, (double)l->lit[at.point.at], (double)l->params->settings->iterations,
+                         &l->gathered[at.point.at]);
+    }
+    return KILN_OK;
+}
+
+/* The gather rays of tile runs, before their answers are given: which counts them. */
+static int gather_rays(struct kiln_landing *l, uint64_t first, uint64_t count, uint64_t *rays, struct kiln_error *error)
+{
+    (void)rays;
+    const struct kiln_step *step = &kiln_solution_step(l->solution)->step;
+    struct kiln_batch batch = {.stream = step->stream,
+                               .samples = step->samples,
+                               .first_sample = step->first_sample,
+                               .take = take_rays,
+                               .context = l};
+    const struct kiln_tile_run *runs = l->solution->own->surface.tile_runs;
+    uint64_t now = 0;
+    int status = KILN_OK;
+    for (size_t f = (size_t)first, end = (size_t)(first + count); f < end && status == KILN_OK; f += batch.count) {
+        batch.first = f;
+        batch.count = same_kind(l, f, end) - f;
+        if (!is_receiver(l, f))
+            status = kiln_backend_run(backend_of(l), &kiln_pass_weighed, &l->techniques, &batch, &now, error);
+    }
+    if (status == KILN_OK)
+        kiln_progress_advance(l->params->progress, kiln_tile_runs_points(runs, runs + first + count - 1));
+    return status;
+}
+
+/* Collective. The rays of all own points, and with what has landed that is spread. A checkpoint has nothing of them:
+ * a bake that goes on gathers again. */
+static int spread_rays_and_paths(struct kiln_landing *l, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    const struct kiln_surface *own = &l->solution->own->surface;
+    memcpy(l->gathered, l->sums, own->count * sizeof *l->sums);
+    kiln_progress_phase(p->progress, "caustics by rays", p->surface->count);
+    kiln_control_begin(p->control, "caustics by rays");
+    const int status = work_through(l, 0, own->tile_run_count, RAY_TILE_RUNS * p->threads, gather_rays, KILN_OK, error);
+    return status == KILN_OK ? merge_sums(l, spread_all, error) : status;
+}
+
 /* Collective. All iterations that are to do. */
 static int run_iterations(struct kiln_landing *l, struct kiln_error *error)
 {
@@ -810,7 +894,7 @@ static int run_iterations(struct kiln_landing *l, struct kiln_error *error)
         l->iteration++;
         l->done = 0;
     }
-    return status == KILN_OK && spreads(l) ? merge_sums(l, spread_all, error) : status;
+    return status == KILN_OK && spreads(l) ? spread_rays_and_paths(l, error) : status;
 }
 
 int kiln_landing_run(struct kiln_landing *l, struct kiln_error *error)
@@ -849,20 +933,22 @@ static struct kiln_point_result answer(const struct kiln_landing *l, const struc
     return r;
 }
 
+/* What is spread has the rays of the step. */
 static struct kiln_point_result merged_answer(const struct kiln_landing *l, const struct kiln_surface *surface,
                                               const struct kiln_point_cursor *at)
 {
     const struct kiln_merged *merged = &l->merged[at->point.at];
     const uint64_t iterations = iterations_of(l);
-    struct kiln_point_result r = {.present = 1.0f, .count = 1};
+    struct kiln_point_result r = {.count = spreads_rays(l) ? kiln_solution_step(l->solution)->step.samples : 1};
+    const double count = (double)r.count;
     if (!kiln_point_valid(surface, at->point))
         return (struct kiln_point_result){.count = 0};
     r.present = presence(l, surface, at);
     for (int c = 0; c < 3; c++) {
-        r.irradiance[c] = (float)(merged->irradiance[c] / (double)iterations);
-        r.incident[c] = (float)(merged->incident[c] / (double)iterations);
+        r.irradiance[c] = (float)(count * merged->irradiance[c] / (double)iterations);
+        r.incident[c] = (float)(count * merged->incident[c] / (double)iterations);
     }
-    r.error = (float)kiln_merge_error(merged, iterations);
+    r.error = (float)(count * kiln_merge_error(merged, iterations));
     return r;
 }
 
@@ -881,11 +967,15 @@ static int give(struct kiln_landing *l, const struct kiln_batch *batch, size_t f
                 struct kiln_error *error)
 {
     const struct kiln_surface *surface = &l->solution->own->surface;
+    struct kiln_step_report *report = kiln_solution_step(l->solution);
     size_t count = 0;
     for (size_t f = first; f < end; f++) {
         struct kiln_point_cursor at = kiln_point_first(surface, f);
-        for (uint32_t k = 0; k < surface->tile_runs[f].count; k++, kiln_point_next(surface, &at))
-            l->results[count++] = merges(l) ? merged_answer(l, surface, &at) : answer(l, surface, &at);
+        for (uint32_t k = 0; k < surface->tile_runs[f].count; k++, kiln_point_next(surface, &at)) {
+            struct kiln_point_result *r = &l->results[count++];
+            *r = merges(l) || spreads_rays(l) ? merged_answer(l, surface, &at) : answer(l, surface, &at);
+            report->rays += spreads_rays(l) ? r->count : 0;
+        }
     }
     return batch->take(batch->context, first, end - first, l->results, error);
 }
@@ -901,7 +991,7 @@ static void combine(const struct kiln_point_result *landed, struct kiln_point_re
     r->error = hypotf(r->error, n * landed->error);
 }
 
-/* A batch of which gather rays find a part. */
+/* A batch of which gather rays find a part that is not spread. */
 struct gathered {
     struct kiln_landing *landing;
     const struct kiln_batch *batch;
@@ -921,8 +1011,7 @@ static int take_gathered(void *context, size_t first, size_t count, const void *
         for (size_t f = first; f < stop; f++) {
             struct kiln_point_cursor at = kiln_point_first(surface, f);
             for (uint32_t k = 0; k < surface->tile_runs[f].count; k++, kiln_point_next(surface, &at)) {
-                const struct kiln_point_result landed =
-                    spreads(l) ? merged_answer(l, surface, &at) : answer(l, surface, &at);
+                const struct kiln_point_result landed = answer(l, surface, &at);
                 l->results[points] = *next++;
                 combine(&landed, &l->results[points++]);
             }
@@ -951,10 +1040,9 @@ int kiln_landing_give(struct kiln_landing *l, const struct kiln_batch *batch, st
     int status = KILN_OK;
     for (size_t first = batch->first, end = batch->first + batch->count, next; first < end && status == KILN_OK;
          first = next) {
-        const bool receiver = is_receiver(l, first), rays = !receiver && shares(l) && l->aims->count > 0;
-        const size_t most = receiver || rays ? end - first : GIVEN_TILE_RUNS;
-        for (next = first + 1; next < end && next - first < most && is_receiver(l, next) == receiver;)
-            next++;
+        const bool receiver = is_receiver(l, first), rays = !receiver && gathers(l) && !spreads(l);
+        const size_t most = receiver || rays || end - first < GIVEN_TILE_RUNS ? end : first + GIVEN_TILE_RUNS;
+        next = same_kind(l, first, most);
         status = receiver ? gather(l, batch, first, next, error)
                  : rays   ? give_gathered(l, batch, first, next, error)
                           : give(l, batch, first, next, error);

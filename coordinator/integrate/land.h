@@ -24,13 +24,15 @@
  * same number of paths of each aim, so that the shares of the aims stay as they are over all iterations: pilots, four
  * rounds of a quarter of an iteration's paths, teach them before, by what their landings would count, and bring no
  * light. A quarter of the paths is shared out evenly, for what pilots have not found must not starve in all that
- * follow. Who has a point weighs what lands there, by the rays and the area of the point. Then the rays of the batch's
- * tile runs are gathered, and both added; errors add up by their squares. With --connections places of rays are
- * connected with further paths, a thousand or a few, aimed by what the pilots have taught; every rank traces all of
- * them, and nothing of them is exchanged or saved.
+ * follow. Who has a point weighs what lands there, by the rays and the area of the point. Then the rays of all own
+ * points are gathered, and both added; errors add up by their squares. With --connections places of rays are connected
+ * with further paths, a thousand or a few, aimed by what the pilots have taught; every rank traces all of them, and
+ * nothing of them is exchanged or saved.
  *
- * In the end what has landed in all iterations is spread over the points nearby, as far as it suits each place
- * (merge.h: kiln_merge_fit), at most six texels or --merge-radius. A landing weighs by the area of its own texel all
+ * In the end what has landed in all iterations, and with it what rays have found, is spread over the points nearby, as
+ * far as it suits each place (merge.h: kiln_merge_fit), at most six texels or --merge-radius. What rays find at a point
+ * is one landing more of the flux that makes it, whose square is the variance of their mean. Where --merge-radius is
+ * `texel` rays are gathered batch by batch, when answers are given. A landing weighs by the area of its own texel all
  * the same, on both sides: that the weights of a path add up to 1 hangs on nothing else, and spreading moves light that
  * has been weighed, so flux stays. Weights by the area that light is spread over, learnt from the pilots, were tried:
  * in a dining room errors stayed as they are.
@@ -48,7 +50,8 @@
  * With --caustics merge what lands in an iteration is spread over the points nearby (merge.h).
  *
  * A checkpoint has the sums, the moments and what was learnt, up to the end of a block. After a kill the paths of the
- * block that was under way are traced anew: the same, with the same bits. */
+ * block that was under way are traced anew: the same, with the same bits. Rays that are spread are gathered anew, all
+ * of them. They count when answers are given, and so once. */
 #ifndef KILN_COORDINATOR_INTEGRATE_LAND_H
 #define KILN_COORDINATOR_INTEGRATE_LAND_H
 
@@ -64,7 +67,7 @@ uint64_t kiln_landing_photons(const struct kiln_integrate_settings *settings, si
 /* What traces the paths beside a backend that is a device: Embree, with the same scene and surface. NULL beside Embree.
  * KILN_SYSTEM. Destroy with kiln_backend_destroy, in any case. */
 int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, struct kiln_error *error);
-/* Whether landings that share their light with gather rays are spread over points nearby in the end. */
+/* Whether landings and the gather rays that share the light are spread over points nearby in the end. */
 bool kiln_landing_spreads(const struct kiln_integrate_settings *settings);
 /* Bytes of each point in a checkpoint within the step, more than in others. */
 uint64_t kiln_landing_saved_bytes(enum kiln_caustics caustics);
@@ -80,7 +83,7 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
 void kiln_landing_destroy(struct kiln_landing **landing);
 
 /* Collective. Traces all paths of the step last reported, which gets rays and seconds; those that the open
- * checkpoint does not have. Saves and stops when that is asked for. */
+ * checkpoint does not have. And gathers what is spread with them. Saves and stops when that is asked for. */
 int kiln_landing_run(struct kiln_landing *landing, struct kiln_error *error);
 
 /* What a checkpoint within the step keeps: fills in blocks, which borrow, and returns how many. None outside of a step
@@ -93,8 +96,8 @@ void kiln_landing_end(struct kiln_landing *landing);
 
 /* Gives the answers of a batch of own tile runs to its taker, in place of a backend: a struct kiln_point_result a
  * point. Receiver-only objects, which no path meets, gather theirs (worker/pass/caustic.h); with --caustics vcm rays
- * gather a part first, on the host. Between kiln_landing_run and the end of the step. The status of `take` or of the
- * backend. */
+ * gather a part first, on the host, where kiln_landing_run has not done so. Between kiln_landing_run and the end of the
+ * step. The status of `take` or of the backend. */
 int kiln_landing_give(struct kiln_landing *landing, const struct kiln_batch *batch, struct kiln_error *error);
 
 #endif

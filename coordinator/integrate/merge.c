@@ -592,9 +592,9 @@ struct fit {
     float *radii;
 };
 
-/* What lies within a radius of a point: area, m2, the luminances that have landed, W, their squares, how many. */
+/* What lies within a radius of a point: area, m2, the luminances that have landed, W, and their squares. */
 struct ring {
-    double lit, light, square, count;
+    double lit, light, square;
 };
 
 /* By step 0, 1, ... from the point alone to the largest. */
@@ -618,27 +618,33 @@ static void fill_rings(const struct kiln_merge *m, size_t at, float largest, con
         rings[step].lit += (double)b->lit;
         rings[step].light += kiln_luminance_of_floats(flux->irradiance);
         rings[step].square += (double)flux->square;
-        rings[step].count += (double)flux->count;
     }
 }
 
-/* The widest step whose light agrees with that of all narrower ones, up to what chance does; that with enough landings,
- * where it is narrower. `one`: the square of a landing, which is added to all, as few squares are not known well. */
-static int choose_step(const struct ring rings[FIT_STEPS], double one, double landings)
+/* Whether the light within two radii agrees, up to what chance does. Of few landings the squares are not known well:
+ * those within the narrow radius are at least what the wide one lets expect there. */
+static bool agree(const struct ring *narrow, const struct ring *wide)
 {
-    struct ring all = {0.0, 0.0, 0.0, 0.0};
-    double low = -INFINITY, high = INFINITY;
-    int step = 0;
-    for (; step < FIT_STEPS; step++) {
-        all.lit += rings[step].lit;
-        all.light += rings[step].light;
-        all.square += rings[step].square;
-        const double mean = all.light / all.lit, error = DOUBT * sqrt(all.square + one) / all.lit;
-        low = fmax(low, mean - error);
-        high = fmin(high, mean + error);
-        if (low > high)
-            return step - 1; /* never the first one */
-        if (all.square > 0.0 && all.light * all.light >= landings * all.square)
+    const double expected = wide->square * narrow->lit / wide->lit,
+                 error = sqrt(fmax(narrow->square, expected)) / narrow->lit + sqrt(wide->square) / wide->lit;
+    return fabs(narrow->light / narrow->lit - wide->light / wide->lit) <= DOUBT * error;
+}
+
+/* The widest step whose light agrees with that of all narrower ones; that with enough landings, where it is narrower.
+ */
+static int choose_step(const struct ring rings[FIT_STEPS], double landings)
+{
+    struct ring within[FIT_STEPS] = {rings[0]};
+    for (int step = 0; step < FIT_STEPS; step++) {
+        struct ring *all = &within[step];
+        if (step > 0)
+            *all = (struct ring){.lit = all[-1].lit + rings[step].lit,
+                                 .light = all[-1].light + rings[step].light,
+                                 .square = all[-1].square + rings[step].square};
+        for (int narrow = 0; narrow < step; narrow++)
+            if (!agree(&within[narrow], all))
+                return step - 1;
+        if (all->square > 0.0 && all->light * all->light >= landings * all->square)
             return step;
     }
     return FIT_STEPS - 1;
@@ -649,14 +655,8 @@ static void fit_point(const struct kiln_merge *m, size_t at, float largest, cons
 {
     const struct fit *fit = context;
     struct ring rings[FIT_STEPS];
-    double square = 0.0, count = 0.0;
     fill_rings(m, at, largest, near, rings);
-    for (int step = 0; step < FIT_STEPS; step++) {
-        square += rings[step].square;
-        count += rings[step].count;
-    }
-    fit->radii[at - m->own_first] =
-        radius_of_step(largest, choose_step(rings, count > 0.0 ? square / count : 0.0, fit->landings));
+    fit->radii[at - m->own_first] = radius_of_step(largest, choose_step(rings, fit->landings));
 }
 
 int kiln_merge_fit(struct kiln_merge *m, const struct kiln_landing_sum *landed, double landings,

@@ -72,11 +72,12 @@ int kiln_merge_spread(struct kiln_merge *merge, const struct kiln_landing_sum *l
 
 /* Collective. Gives each point a radius of its own, by what has landed in all iterations (`landed`: of own points):
  * the widest whose light E = sum of phi / sum of a agrees with that of all narrower ones, as far as chance lets it
- * (Lepski's rule: intervals of 1.5 standard errors about E all meet); or the narrowest within which there are as many
- * as `landings` of equal flux, (sum of phi)^2 / sum of phi^2. From the point alone to the radius set in ten steps. Two
- * points are near each other, then, where they are by the smaller of both: a caustic with a narrow radius keeps its
- * edge, and the dark beside it nothing of it, while what lands alone is spread far. Spreading goes by these until
- * another radius is set. KILN_SYSTEM. */
+ * (after Lepski: the two are 1.5 times the sum of their standard errors apart at most; the error within the narrower
+ * one is at least what the squares within the wider let expect, so that where nothing has landed by chance is no edge);
+ * or the narrowest within which there are as many as `landings` of equal flux, (sum of phi)^2 / sum of phi^2. From the
+ * point alone to the radius set in ten steps. Two points are near each other, then, where they are by the smaller of
+ * both: a caustic with a narrow radius keeps its edge, and the dark beside it nothing of it, while what lands alone is
+ * spread far. Spreading goes by these until another radius is set. KILN_SYSTEM. */
 int kiln_merge_fit(struct kiln_merge *merge, const struct kiln_landing_sum *landed, double landings,
                    struct kiln_error *error);
 

@@ -60,9 +60,20 @@ class Merge(unittest.TestCase):
             objects, texels = file["points/object"][...], file["points/texel"][...]
             order = np.lexsort((*texels.reshape(len(objects), -1).T, objects))
             values = {name: file["irradiance"][name][...][order] for name in file["irradiance"]}
-            values.update({name: file["points"][name][...][order] for name in ("area", "object", "position")})
+            values.update({name: file["points"][name][...][order] for name in ("area", "object", "position", "texel")})
             values["names"] = [name.decode() for name in file["objects/name"][...]]
             return values
+
+    @staticmethod
+    def dots(light, name):
+        """The share of a quad's texels that have less than 0.4 of the light of those about them."""
+        on = light["object"] == light["names"].index(name)
+        x, y = light["texel"][on].astype(int).T[-2:]
+        image = np.full((y.max() + 1, x.max() + 1), np.nan)
+        image[y, x] = light["caustic"][on] @ LUMINANCE
+        around = np.nanmean([image[1 + i:image.shape[0] - 1 + i, 1 + j:image.shape[1] - 1 + j]
+                             for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)], 0)
+        return np.mean((image[1:-1, 1:-1] < 0.4 * around)[around > np.nanmean(image)])
 
     @staticmethod
     def report(folder):
@@ -118,10 +129,26 @@ class Merge(unittest.TestCase):
             self.assertTrue(np.array_equal(lights[which]["caustic"][floor], lights["gather"]["caustic"][floor]), which)
             self.assertTrue(np.allclose(power[which], power["land"], rtol=1e-5), power)
 
+    def test_rays(self):
+        """--caustics vcm spreads what gather rays find, too: flux stays, and the error falls, here on a ball where rays
+        find nearly all."""
+        way = ("--texels-per-metre", "4", "--materials", "full", "--caustics", "vcm", "--photons", "200000",
+               "--iterations", "1", "--samples-indirect", "4")
+        texel, near, best = (self.light(self.bake(self.spheres, *way, *more)) for more in
+                             (("--merge-radius", "texel"), (),
+                              ("--merge-radius", "texel", "--samples-indirect", "1024", "--seed", "9")))
+        power = [(light["caustic"] * light["area"][:, None]).sum(0, dtype=float) for light in (texel, near)]
+        self.assertTrue(np.allclose(*power, rtol=1e-5), power)
+        ball = best["object"] == best["names"].index("mirror_ball")
+        off = [np.sqrt((light["area"] * ((light["caustic"] - best["caustic"]) @ LUMINANCE)**2)[ball].sum())
+               for light in (texel, near)]
+        print("error %.4f, spread %.4f" % tuple(off))
+        self.assertLess(off[1], 0.4 * off[0])
+
     def test_shared(self):
         """--caustics vcm spreads what lands as far as it suits each place: flux stays, so small a radius that no texel
         has another within it is the texel, the error falls, and a caustic's edge stays: what lies dark beside it does
-        not get its light."""
+        not get its light. Where nothing has landed by chance it is not dark."""
         fine = ("--texels-per-metre", "24", "--photons", "20000", "--iterations", "4", "--caustics")
         folders = [self.bake(self.spheres, *fine, *which) for which in
                    (("vcm", "--merge-radius", "texel"), ("vcm", "--merge-radius", "1e-6"), ("vcm",),
@@ -138,6 +165,9 @@ class Merge(unittest.TestCase):
         print("error %.4f, spread %.4f; in the dark %.5f, spread %.5f of the light" % (*off, *shares))
         self.assertLess(off[1], 0.7 * off[0])
         self.assertLess(shares[1], shares[0] + 0.005)
+        dots = self.dots(near, "back")
+        print("%.4f of the wall is dark by chance" % dots)
+        self.assertLess(dots, 0.004)
         self.assertTrue(0.1 < self.report(folders[2])["materials"]["merge_radius"] < 0.6)
 
     def test_same_bits(self):

@@ -666,7 +666,7 @@ def try_sharing(checks, tool):
     reference, _ = reference_of(checks, tool, *more, *learnt)
     folder = tool.folder()
     killed_within(checks, tool, folder, 'light paths', 1, more + learnt)
-    killed_within(checks, tool, folder, 'caustics', 2, more + learnt)
+    killed_within(checks, tool, folder, 'caustics by rays', 2, more + learnt)
     for other in (('--mis', 'power'), ('--caustics', 'land')):
         process = tool.bake(folder, *more, *other)
         checks.that(process.status == BAD_INPUT and other[0][2:] in process.stderr,
