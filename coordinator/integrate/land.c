@@ -837,8 +837,7 @@ static int take_rays(void *context, size_t first, size_t count, const void *resu
     for (size_t f = first; f < first + count; f++) {
         struct kiln_point_cursor at = kiln_point_first(surface, f);
         for (uint32_t k = 0; k < surface->tile_runs[f].count; k++, next++, kiln_point_next(surface, &at))
-            add_gathered(next, (double)l->lit[at.point.at], (double)l->params->settings->iterations,
-                         &l->gathered[at.point.at]);
+            add_gathered(next, (double)l->lit[at.point.at], (double)iterations_of(l), &l->gathered[at.point.at]);
     }
     return KILN_OK;
 }

@@ -127,8 +127,7 @@ def landing(kiln, folder):
     assert abs(landed['bytes_sent_an_iteration'] / (40 * 400000 * landed['landed'] / 4) - 1) < 1e-6
     assert 0.2 < landed['landed'] < 1
     # shared with gather rays, of which most are spent on the points; pilots are as many paths as an iteration
-    paths = ['--caustics', 'vcm', '--photons', 100000, '--iterations', 1, '--samples-indirect', 64, '--merge-radius',
-             'texel']
+    paths = ['--caustics', 'vcm', '--photons', 100000, '--iterations', 1, '--samples-indirect', 64]
     plan = json.loads(run(kiln, 'plan', path, '--ranks', 1, '--json', *few, *paths))
     _, before = bake_seconds(kiln, path, out, 1, [*few, '--caustics', 'none'])
     _, after = bake_seconds(kiln, path, out, 1, [*few, *paths])

@@ -25,6 +25,7 @@
 #include "worker/pass/land.h"
 #include "worker/pass/occlusion.h"
 #include "worker/pass/path.h"
+#include "worker/pass/probes.h"
 #include "worker/pass/radiance.h"
 #include "worker/pass/reference.h"
 #include "worker/scene/radiance_probes.h"
