@@ -74,7 +74,7 @@ int kiln_probe_paths_leaves(const struct kiln_integrate_settings *settings, cons
     *leaves = 0;
     if (settings->caustics < KILN_CAUSTICS_LAND)
         return KILN_OK;
-    const int status = kiln_aims_create(&aims, lights, error);
+    const int status = kiln_aims_create(&aims, lights, 0, error);
     if (status != KILN_OK)
         return status;
     kinds |= noise_of(aims, samples) > NOISE * NOISE ? KILN_LEAVES_AREAS : 0;
@@ -410,7 +410,7 @@ static int prepare(struct paths_work *w, struct kiln_error *error)
     const size_t rays = (size_t)SIGHT_TOGETHER * SIGHT_RAYS;
     int ranks;
     (void)MPI_Comm_size(p->communicator, &ranks);
-    int status = kiln_aims_create(&w->aims, p->backend->params.lights, error);
+    int status = kiln_aims_create(&w->aims, p->backend->params.lights, kiln_landing_aims(p->settings), error);
     const size_t aims = status == KILN_OK ? w->aims->count : 0;
     if (status == KILN_OK)
         status = begin_spheres(&w->spheres, w->volume, p->scene, w->aims, w->iterations, chunk, p->leaves, error);

@@ -25,6 +25,7 @@
 #define MOMENT_MOST 0x1p38  /* of one path: 2^24 of the rarest kind fit in 64 bits */
 
 enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256, PATHS_AN_AIM = 4, PILOTS = 4 };
+enum { AIMS_MOST = 1024, PATHS_OF_CUTS = 64 }; /* objects are cut up to so many aims, each of so many paths */
 /* rays of a point from which factors of techniques are learnt: at least, and a part of those of the step */
 enum { PILOT_RAYS = 16, PILOT_PART = 16, PILOT_STREAM = 0x8000, PILOT_TILE_RUNS = 64, RAY_TILE_RUNS = 16 };
 
@@ -118,6 +119,12 @@ uint64_t kiln_landing_photons(const struct kiln_integrate_settings *settings, si
     return settings->photons_given || photons > least ? photons : least;
 }
 
+size_t kiln_landing_aims(const struct kiln_integrate_settings *settings)
+{
+    const uint64_t most = settings->photons / PATHS_OF_CUTS;
+    return most < AIMS_MOST ? (size_t)most : AIMS_MOST;
+}
+
 /* A device leaves light paths to the host's processors (worker/pass/land.h), which need a BVH of their own for them. */
 int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, struct kiln_error *error)
 {
@@ -199,7 +206,7 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
     if (status != KILN_OK)
         return status;
     *l = (struct kiln_landing){.params = params, .solution = solution, .saved = saved};
-    status = kiln_aims_create(&l->aims, params->backend->params.lights, error);
+    status = kiln_aims_create(&l->aims, params->backend->params.lights, kiln_landing_aims(params->settings), error);
     const uint64_t photons = status == KILN_OK ? kiln_landing_photons(params->settings, l->aims->count) : 0;
     l->photons = photons;
     if (status == KILN_OK)
@@ -217,7 +224,7 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
     if (status == KILN_OK && shares(l))
         status = kiln_mirror_images_create(&l->images, params->backend->params.lights, error);
     if (status == KILN_OK && shares(l) && params->settings->connections > 0.0)
-        status = kiln_aims_create(&l->kept, params->backend->params.lights, error);
+        status = kiln_aims_create(&l->kept, params->backend->params.lights, kiln_landing_aims(params->settings), error);
     l->techniques = (struct kiln_caustic_techniques){.aims = l->aims,
                                                      .emission = l->emission,
                                                      .images = l->images,

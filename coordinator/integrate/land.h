@@ -64,6 +64,8 @@ struct kiln_landing;
 
 /* The paths of an iteration: those asked for; where the user did not say how many, four an aim at least. */
 uint64_t kiln_landing_photons(const struct kiln_integrate_settings *settings, size_t aims);
+/* The aims up to which objects are cut into several targets (kiln_aims_create). */
+size_t kiln_landing_aims(const struct kiln_integrate_settings *settings);
 /* What traces the paths beside a backend that is a device: Embree, with the same scene and surface. NULL beside Embree.
  * KILN_SYSTEM. Destroy with kiln_backend_destroy, in any case. */
 int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, struct kiln_error *error);

@@ -27,7 +27,7 @@ struct kiln_radiance_report {
 /* Of the light paths of a bake that traces some; all zeros: it does not. The same on all ranks. */
 struct kiln_landing_report {
     uint64_t photons; /* of an iteration: at least one for each aim */
-    uint64_t aims;    /* pairs of a lamp and an object with gloss */
+    uint64_t aims;    /* pairs of a lamp and an object with gloss, or a part of one */
     double radius;    /* m, within which they were merged at first; of the last step that did */
 };
 

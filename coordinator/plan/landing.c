@@ -148,7 +148,7 @@ int kiln_plan_landing_measure(struct kiln_plan_landing *landing, const struct ki
     *landing = (struct kiln_plan_landing){.photons = 0};
     if (settings->caustics < KILN_CAUSTICS_LAND)
         return KILN_OK;
-    int status = kiln_aims_create(&m.aims, p->lights, error);
+    int status = kiln_aims_create(&m.aims, p->lights, kiln_landing_aims(settings), error);
     if (status == KILN_OK && m.aims->count > 0)
         status = kiln_landing_host(&host, p->backend, error);
     if (status == KILN_OK) {

@@ -126,9 +126,11 @@ static uint64_t landing_bytes(const struct kiln_plan *plan, const struct kiln_pr
 {
     const struct kiln_integrate_settings settings = kiln_light_settings(job, p->lights, plan->surface.points);
     const double bvh = on_device(p) ? BVH_BYTES * (double)p->geometry->triangle_count : 0.0;
+    const uint64_t targets = sizeof(uint32_t) * (uint64_t)p->geometry->triangle_count; /* of each triangle its own */
     return plan->landing.photons > 0
-               ? (uint64_t)bvh + kiln_landing_bytes(&settings, (size_t)plan->landing.aims, plan->here.light.points_most,
-                                                    job->ranks, plan->landing.landed)
+               ? (uint64_t)bvh + targets +
+                     kiln_landing_bytes(&settings, (size_t)plan->landing.aims, plan->here.light.points_most, job->ranks,
+                                        plan->landing.landed)
                : 0;
 }
 

@@ -8,84 +8,10 @@
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
 #include "worker/scene/footprint.h"
-#include "worker/scene/gloss.h"
 
 #define SLACK 1.0001 /* of a sphere's radius, for rounding */
 #define WIDE 0.5     /* cosine of half a cone that is wide */
 #define LEARNT 0.9   /* part of the paths that goes by what was learnt */
-
-/* ---- targets ---- */
-
-static bool is_target(const struct kiln_lights *l, size_t triangle)
-{
-    const struct kiln_hit_record *record = &l->geometry->records[triangle];
-    return kiln_gloss_taken(l->scene, record->material & KILN_RECORD_MATERIAL) != NULL &&
-           (l->scene->objects[record->object].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
-}
-
-struct box {
-    struct kiln_dvec3 low, high;
-};
-
-static void widen(struct box *box, struct kiln_dvec3 p)
-{
-    box->low = dvec3(fmin(box->low.x, p.x), fmin(box->low.y, p.y), fmin(box->low.z, p.z));
-    box->high = dvec3(fmax(box->high.x, p.x), fmax(box->high.y, p.y), fmax(box->high.z, p.z));
-}
-
-/* The boxes of all objects' triangles with gloss; low above high where there is none. */
-static void find_boxes(const struct kiln_lights *l, struct box *boxes)
-{
-    for (size_t o = 0; o < l->scene->object_count; o++)
-        boxes[o] = (struct box){dvec3(INFINITY, INFINITY, INFINITY), dvec3(-INFINITY, -INFINITY, -INFINITY)};
-    for (size_t t = 0; t < l->geometry->triangle_count; t++) {
-        struct kiln_vec3 corner[3];
-        if (!is_target(l, t))
-            continue;
-        kiln_geometry_corners(l->geometry, t, corner);
-        for (int c = 0; c < 3; c++)
-            widen(&boxes[l->geometry->records[t].object], dvec3_of(corner[c]));
-    }
-}
-
-static void find_radii(const struct kiln_lights *l, const uint32_t *target_of, struct kiln_target *targets)
-{
-    for (size_t t = 0; t < l->geometry->triangle_count; t++) {
-        struct kiln_vec3 corner[3];
-        if (!is_target(l, t))
-            continue;
-        struct kiln_target *target = &targets[target_of[l->geometry->records[t].object]];
-        kiln_geometry_corners(l->geometry, t, corner);
-        for (int c = 0; c < 3; c++)
-            target->radius = fmax(target->radius, SLACK * dvec3_length(dvec3_sub(dvec3_of(corner[c]), target->centre)));
-    }
-}
-
-static int find_targets(struct kiln_aims *a, struct kiln_error *error)
-{
-    const struct kiln_lights *l = a->lights;
-    const size_t objects = l->scene->object_count;
-    struct box *boxes = NULL;
-    int status = kiln_allocate(&boxes, objects, sizeof *boxes, "the boxes of objects with gloss", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&a->target_of, objects, sizeof *a->target_of, "the targets of objects", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&a->targets, objects, sizeof *a->targets, "the targets of light paths", error);
-    if (status == KILN_OK) {
-        find_boxes(l, boxes);
-        for (size_t o = 0; o < objects; o++) {
-            a->target_of[o] = KILN_NONE;
-            if (!(boxes[o].low.x <= boxes[o].high.x))
-                continue;
-            a->target_of[o] = (uint32_t)a->target_count;
-            a->targets[a->target_count++] = (struct kiln_target){
-                .object = (uint32_t)o, .centre = dvec3_scale(dvec3_add(boxes[o].low, boxes[o].high), 0.5)};
-        }
-        find_radii(l, a->target_of, a->targets);
-    }
-    kiln_free(&boxes);
-    return status;
-}
 
 /* ---- lamps ---- */
 
@@ -147,9 +73,6 @@ static int find_lamps(struct kiln_aims *a, struct kiln_error *error)
 
 /* ---- aims ---- */
 
-/* m2, of the disc that lamps outside send through. */
-static double disc_of(const struct kiln_target *target) { return KILN_PI * target->radius * target->radius; }
-
 /* 1 less the cosine of half the cone in which a target's sphere is seen; 2 from within. */
 static double cone_height(const struct kiln_target *target, struct kiln_dvec3 from)
 {
@@ -166,7 +89,7 @@ static bool is_narrow(const struct kiln_point_light *light, double height)
 
 static double flux_towards(const struct kiln_lights *l, const struct kiln_lamp *lamp, const struct kiln_target *target)
 {
-    const double disc = disc_of(target), height = cone_height(target, lamp->centre);
+    const double height = cone_height(target, lamp->centre);
     switch (lamp->kind) {
     case KILN_LAMP_AREA:
         return lamp->flux * (height < 1.0 ? height * (2.0 - height) : 1.0);
@@ -176,33 +99,34 @@ static double flux_towards(const struct kiln_lights *l, const struct kiln_lamp *
                (is_narrow(p, height) ? 1.0 - p->cos_outer : height);
     }
     case KILN_LAMP_DIRECTIONAL:
-        return kiln_luminance_of_floats(l->directionals[lamp->first].irradiance) * disc;
+        return kiln_luminance_of_floats(l->directionals[lamp->first].irradiance) *
+               kiln_target_outline(target, l->directionals[lamp->first].towards);
     case KILN_LAMP_ENVIRONMENT:
         break;
     }
-    return 4.0 * KILN_PI * kiln_luminance_of_floats(l->environment_mean) * disc;
+    return 4.0 * KILN_PI * kiln_luminance_of_floats(l->environment_mean) * kiln_target_mean_outline(target);
 }
 
 static int make_aims(struct kiln_aims *a, struct kiln_error *error)
 {
-    if (a->target_count > 0 && a->lamp_count > KILN_AIMS_MOST / a->target_count)
+    if (a->targets.count > 0 && a->lamp_count > KILN_AIMS_MOST / a->targets.count)
         return kiln_fail(error, KILN_USAGE,
                          "light paths would have %zu lamps to go from and %zu objects with gloss to be aimed at, more "
                          "than %d pairs: give --caustics gather",
-                         a->lamp_count, a->target_count, (int)KILN_AIMS_MOST);
-    const size_t count = a->lamp_count * a->target_count;
+                         a->lamp_count, a->targets.count, (int)KILN_AIMS_MOST);
+    const size_t count = a->lamp_count * a->targets.count;
     int status = kiln_allocate(&a->aims, count, sizeof *a->aims, "the aims of light paths", error);
     if (status == KILN_OK)
         status = kiln_allocate(&a->first, count + 1, sizeof *a->first, "the numbers of light paths", error);
     for (size_t i = 0; i < a->lamp_count && status == KILN_OK; i++)
-        for (size_t j = 0; j < a->target_count; j++)
+        for (size_t j = 0; j < a->targets.count; j++)
             a->aims[a->count++] = (struct kiln_aim){.lamp = (uint32_t)i,
                                                     .target = (uint32_t)j,
-                                                    .flux = flux_towards(a->lights, &a->lamps[i], &a->targets[j])};
+                                                    .flux = flux_towards(a->lights, &a->lamps[i], &a->targets.all[j])};
     return status;
 }
 
-int kiln_aims_create(struct kiln_aims **aims, const struct kiln_lights *lights, struct kiln_error *error)
+int kiln_aims_create(struct kiln_aims **aims, const struct kiln_lights *lights, size_t most, struct kiln_error *error)
 {
     const struct kiln_geometry *g = lights->geometry;
     struct kiln_aims *a = NULL;
@@ -213,9 +137,9 @@ int kiln_aims_create(struct kiln_aims **aims, const struct kiln_lights *lights, 
     a->lights = lights;
     a->centre = dvec3_of(vec3_scale(vec3_add(g->bounds_min, g->bounds_max), 0.5f));
     a->radius = 0.5 * SLACK * (double)vec3_length(vec3_sub(g->bounds_max, g->bounds_min));
-    status = find_targets(a, error);
+    status = find_lamps(a, error);
     if (status == KILN_OK)
-        status = find_lamps(a, error);
+        status = kiln_targets_create(&a->targets, lights, a->lamp_count > 0 ? most / a->lamp_count : 0, error);
     if (status == KILN_OK)
         status = make_aims(a, error);
     if (status != KILN_OK)
@@ -229,10 +153,9 @@ void kiln_aims_destroy(struct kiln_aims **aims)
     if (a == NULL)
         return;
     kiln_free(&a->lamps);
-    kiln_free(&a->targets);
+    kiln_targets_release(&a->targets);
     kiln_free(&a->aims);
     kiln_free(&a->until);
-    kiln_free(&a->target_of);
     kiln_free(&a->lamp_of);
     kiln_free(&a->first);
     kiln_free(aims);
@@ -331,24 +254,28 @@ static bool draw_point(const struct kiln_point_light *light, const struct kiln_t
                        struct kiln_aimed_ray *ray)
 {
     struct kiln_dvec3 axis;
+    struct kiln_box_seen box;
     const double used = point_cone(light, target, &axis);
-    const struct kiln_dvec3 direction = cone_direction(axis, used, numbers[4], numbers[5]);
+    const bool by_box = kiln_target_see_box(target, light->position, 2.0 * KILN_PI * used, &box);
+    const struct kiln_dvec3 direction = by_box ? kiln_box_direction(&box, numbers[1], numbers[4], numbers[5])
+                                               : cone_direction(axis, used, numbers[4], numbers[5]);
     ray->origin = vec3_of(light->position);
     ray->direction = vec3_of(direction);
     ray->place = light->position;
     ray->range = light->range;
     ray->has_place = ray->is_point = true;
-    set_flux(ray, light->intensity, 2.0 * KILN_PI * used * kiln_point_light_cone(light, direction));
+    set_flux(ray, light->intensity,
+             (by_box ? box.omega : 2.0 * KILN_PI * used) * kiln_point_light_cone(light, direction));
     return true;
 }
 
-/* From outside the scene, through the disc before the target. */
+/* From outside the scene, through what is seen of the target. */
 static void draw_outside(const struct kiln_aims *a, const struct kiln_target *target, struct kiln_dvec3 back,
                          const double numbers[], struct kiln_aimed_ray *ray)
 {
-    const double r = target->radius * sqrt(numbers[2]), turn = 2.0 * KILN_PI * numbers[3],
-                 away = a->radius + dvec3_length(dvec3_sub(target->centre, a->centre)) + target->radius;
-    ray->place = dvec3_add(target->centre, about(back, dvec3(r * cos(turn), r * sin(turn), away)));
+    const double away = a->radius + dvec3_length(dvec3_sub(target->centre, a->centre)) + kiln_target_reach(target);
+    ray->place =
+        dvec3_add(kiln_target_place(target, back, numbers[1], numbers[2], numbers[3]), dvec3_scale(back, away));
     ray->origin = vec3_of(ray->place);
     ray->direction = vec3_of(dvec3_scale(back, -1.0));
 }
@@ -370,6 +297,9 @@ static size_t find_area(const struct kiln_aims *a, const struct kiln_lamp *lamp,
 /* The cone is so wide that directions are drawn by the cosine. */
 static bool is_wide(double height) { return height > 1.0 - WIDE; }
 
+/* sr: of a box that is better than that cone, for an emitting triangle. */
+static double box_most(double height) { return 2.0 * KILN_PI * (is_wide(height) ? WIDE : height); }
+
 static bool draw_area(const struct kiln_aims *a, const struct kiln_lamp *lamp, const struct kiln_target *target,
                       const double numbers[], struct kiln_aimed_ray *ray)
 {
@@ -378,18 +308,21 @@ static bool draw_area(const struct kiln_aims *a, const struct kiln_lamp *lamp, c
     const struct kiln_dvec3 on = kiln_triangle_place(light->e1, light->e2, numbers[2], numbers[3]),
                             at = dvec3_add(light->p0, on);
     const double height = cone_height(target, at), sides = light->two_sided ? 2.0 : 1.0;
+    struct kiln_box_seen box;
+    const bool by_box = kiln_target_see_box(target, at, box_most(height), &box);
     /* area over the chance of the triangle; what the direction's density adds */
     double factor = light->area * lamp->flux / area_flux(light), side = 1.0;
     struct kiln_dvec3 direction;
-    if (is_wide(height)) {
+    if (!by_box && is_wide(height)) {
         side = light->two_sided && numbers[1] < 0.5 ? -1.0 : 1.0;
         direction = about(dvec3_scale(light->normal, side), kiln_cosine_direction(numbers[4], numbers[5]));
         factor *= KILN_PI * sides;
     } else {
-        direction = cone_direction(towards(target, at), height, numbers[4], numbers[5]);
+        direction = by_box ? kiln_box_direction(&box, numbers[1], numbers[4], numbers[5])
+                           : cone_direction(towards(target, at), height, numbers[4], numbers[5]);
         const double cosine = dvec3_dot(light->normal, direction);
         side = light->two_sided && cosine < 0.0 ? -1.0 : 1.0;
-        factor *= 2.0 * KILN_PI * height * side * cosine;
+        factor *= (by_box ? box.omega : 2.0 * KILN_PI * height) * side * cosine;
     }
     if (!(factor > 0.0))
         return false;
@@ -425,8 +358,7 @@ bool kiln_aims_draw(const struct kiln_aims *a, size_t aim, const double numbers[
 {
     const struct kiln_lights *l = a->lights;
     const struct kiln_lamp *lamp = &a->lamps[a->aims[aim].lamp];
-    const struct kiln_target *target = &a->targets[a->aims[aim].target];
-    const double disc = disc_of(target);
+    const struct kiln_target *target = &a->targets.all[a->aims[aim].target];
     double density = 1.0;
     float rgb[3];
     *ray = (struct kiln_aimed_ray){.cosine = 1.0, .light = light_of(a, lamp)};
@@ -438,7 +370,8 @@ bool kiln_aims_draw(const struct kiln_aims *a, size_t aim, const double numbers[
     case KILN_LAMP_DIRECTIONAL:
         draw_outside(a, target, l->directionals[lamp->first].towards, numbers, ray);
         ray->is_point = true;
-        set_flux(ray, l->directionals[lamp->first].irradiance, disc);
+        set_flux(ray, l->directionals[lamp->first].irradiance,
+                 kiln_target_outline(target, l->directionals[lamp->first].towards));
         return true;
     case KILN_LAMP_ENVIRONMENT:
         break;
@@ -446,7 +379,7 @@ bool kiln_aims_draw(const struct kiln_aims *a, size_t aim, const double numbers[
     const struct kiln_dvec3 back = kiln_environment_sample(l, numbers[4], numbers[5], &density);
     draw_outside(a, target, back, numbers, ray);
     kiln_environment_radiance(l, back, rgb);
-    set_flux(ray, rgb, disc / density);
+    set_flux(ray, rgb, kiln_target_outline(target, back) / density);
     return density > 0.0;
 }
 
@@ -462,10 +395,13 @@ static double area_density(const struct kiln_aims *a, uint32_t area, const struc
                            struct kiln_dvec3 place, struct kiln_dvec3 direction)
 {
     const struct kiln_area_light *light = &a->lights->areas[area];
+    struct kiln_box_seen box;
     const double height = cone_height(target, place), cosine = dvec3_dot(light->normal, direction),
                  chance = area_flux(light) / a->lamps[a->lamp_of[area]].flux;
     if (!light->two_sided && !(cosine > 0.0))
         return 0.0;
+    if (kiln_target_see_box(target, place, box_most(height), &box))
+        return chance / light->area / box.omega;
     return chance / light->area *
            (is_wide(height) ? fabs(cosine) / (KILN_PI * (light->two_sided ? 2.0 : 1.0))
                             : cone_density(towards(target, place), height, direction));
@@ -475,7 +411,10 @@ static double point_density(const struct kiln_point_light *light, const struct k
                             struct kiln_dvec3 direction)
 {
     struct kiln_dvec3 axis;
+    struct kiln_box_seen box;
     const double height = point_cone(light, target, &axis);
+    if (kiln_target_see_box(target, light->position, 2.0 * KILN_PI * height, &box))
+        return 1.0 / box.omega;
     return cone_density(axis, height, direction);
 }
 
@@ -494,8 +433,8 @@ double kiln_aims_density(const struct kiln_aims *a, uint32_t light, uint32_t tar
     const struct kiln_lights *l = a->lights;
     if (target == KILN_NONE)
         return 0.0;
-    const size_t lamp = lamp_of(a, light), aim = lamp * a->target_count + target;
-    const struct kiln_target *t = &a->targets[target];
+    const size_t lamp = lamp_of(a, light), aim = lamp * a->targets.count + target;
+    const struct kiln_target *t = &a->targets.all[target];
     const double paths = (double)(a->first[aim + 1] - a->first[aim]);
     switch (a->lamps[lamp].kind) {
     case KILN_LAMP_AREA:
@@ -503,9 +442,10 @@ double kiln_aims_density(const struct kiln_aims *a, uint32_t light, uint32_t tar
     case KILN_LAMP_POINT:
         return paths * point_density(&l->points[a->lamps[lamp].first], t, direction);
     case KILN_LAMP_DIRECTIONAL:
-        return paths / disc_of(t);
+        return paths / kiln_target_outline(t, l->directionals[a->lamps[lamp].first].towards);
     case KILN_LAMP_ENVIRONMENT:
         break;
     }
-    return paths * kiln_environment_density(l, dvec3_scale(direction, -1.0)) / disc_of(t);
+    const struct kiln_dvec3 back = dvec3_scale(direction, -1.0);
+    return paths * kiln_environment_density(l, back) / kiln_target_outline(t, back);
 }

@@ -1,19 +1,19 @@
 /* Aims: where light paths begin, and at what they are aimed (worker/pass/land.h).
  *
  * Light that bends is a little of all light: most of what lamps and sky send meets diffuse surfaces first. So paths are
- * aimed at *targets*, the objects with materials that are taken with their gloss, each within a sphere about their
- * triangles of these. A *lamp* is an emitting object, a point or spot light, a directional light, or the environment. A
+ * aimed at *targets*: triangles of objects with materials that are taken with their gloss, within spheres and boxes
+ * (targets.h). A *lamp* is an emitting object, a point or spot light, a directional light, or the environment. A
  * pair of a lamp and a target is an aim; each aim has a number of the paths of an iteration, in one stretch, at least
  * one. A path of an aim counts only if the first surface that it meets is its target's, so that the aims part the light
  * among them: each way of light is of one aim, and its density is that of this aim alone.
  *
- * Lamps send towards a target's sphere of radius r about c:
+ * Lamps send towards a target's sphere of radius r about c, or its box where that is seen smaller:
  *
- *   emitting object     a triangle by its flux, a place on it by its area, then the cone about the sphere, evenly; by
- *                       the cosine over the hemisphere (of a two-sided triangle either) where the cone is wide
- *   point, spot         the cone about the sphere, or the spot's own where that is narrower; all round from within
- *   directional         a disc of radius r before the sphere, from outside the scene
- *   environment         a direction by luminance, then such a disc
+ *   emitting object     a triangle by its flux, a place on it by its area, then the cone about the sphere, or over the
+ *                       box's solid angle, evenly; by the cosine over the hemisphere (of a two-sided triangle either)
+ * where the cone is wide point, spot         the cone about the sphere, or the box, or the spot's own where that is
+ * narrower; all round from within directional         a disc of radius r before the sphere, or what is seen of the box,
+ * from outside the scene environment         a direction by luminance, then likewise
  *
  * The numbers of paths go by weights: at first about the flux sent towards the target, later what was learnt.
  * Not collective; a pure function of scene, lights and weights. Read by several threads at once. */
@@ -21,6 +21,7 @@
 #define KILN_WORKER_LIGHT_AIMS_H
 
 #include "worker/light/lights.h"
+#include "worker/light/targets.h"
 
 enum kiln_lamp_kind { KILN_LAMP_AREA, KILN_LAMP_POINT, KILN_LAMP_DIRECTIONAL, KILN_LAMP_ENVIRONMENT };
 
@@ -31,12 +32,6 @@ struct kiln_lamp {
     struct kiln_dvec3 centre;
 };
 
-struct kiln_target {
-    uint32_t object;
-    struct kiln_dvec3 centre; /* of the sphere, m from the scene's centre */
-    double radius;            /* m */
-};
-
 struct kiln_aim {
     uint32_t lamp, target;
     double flux; /* luminance of what the lamp sends towards the target, about, W */
@@ -44,12 +39,11 @@ struct kiln_aim {
 
 struct kiln_aims {
     const struct kiln_lights *lights; /* borrowed */
-    size_t lamp_count, target_count, count;
+    size_t lamp_count, count;
     struct kiln_lamp *lamps;
-    struct kiln_target *targets;
+    struct kiln_targets targets;
     struct kiln_aim *aims; /* target by target of each lamp */
     double *until;         /* of each emitting triangle: share of its lamp's flux up to its end */
-    uint32_t *target_of;   /* of each object its target; KILN_NONE: it is none */
     uint32_t *lamp_of;     /* of each emitting triangle its lamp */
     uint64_t paths;        /* of an iteration; 0: not shared out yet */
     uint64_t *first;       /* of each aim its first path, and one more */
@@ -70,9 +64,10 @@ struct kiln_aimed_ray {
 
 enum { KILN_AIMS_MOST = 1 << 24, KILN_AIM_NUMBERS = 6 };
 
-/* `count` is 0 where no lamp or no material with gloss is. Borrows the lights. KILN_SYSTEM; KILN_USAGE where there are
- * more than KILN_AIMS_MOST. Destroy with kiln_aims_destroy. */
-int kiln_aims_create(struct kiln_aims **aims, const struct kiln_lights *lights, struct kiln_error *error);
+/* `count` is 0 where no lamp or no material with gloss is. Objects are cut into several targets as long as there are at
+ * most `most` aims. Borrows the lights. KILN_SYSTEM; KILN_USAGE where there are more than KILN_AIMS_MOST. Destroy with
+ * kiln_aims_destroy. */
+int kiln_aims_create(struct kiln_aims **aims, const struct kiln_lights *lights, size_t most, struct kiln_error *error);
 void kiln_aims_destroy(struct kiln_aims **aims);
 
 /* Shares out `paths` >= aims->count paths: each aim gets one, and of the others a share by its weight, which is not
@@ -93,16 +88,23 @@ bool kiln_aims_is_left(const struct kiln_aims *aims, size_t aim, uint32_t leaves
 /* The aim of a path of an iteration, path < aims->paths. */
 size_t kiln_aims_find(const struct kiln_aims *aims, uint64_t path);
 
-/* Draws the ray of a path of an aim by random numbers in (0, 1): triangle, side, place (2), direction (2). False: it
+/* Draws the ray of a path of an aim by random numbers in (0, 1): triangle, side (of it or of a box), place (2),
+ * direction (2). False: it
  * brings nothing. */
 bool kiln_aims_draw(const struct kiln_aims *aims, size_t aim, const double numbers[KILN_AIM_NUMBERS],
                     struct kiln_aimed_ray *ray);
 
 /* How densely an iteration's paths that are aimed from the lamp of `light` at `target` begin by this ray: their number
  * times the density of kiln_aims_draw, per m2 and steradian (of points per steradian, of directional lights per m2).
- * `light` as in struct kiln_aimed_ray; `place`: on a triangle; `direction`: unit, from the light. 0 for targets
- * KILN_NONE. */
+ * `light` as in struct kiln_aimed_ray; `place`: on a triangle; `direction`: unit, from the light towards a
+ * triangle of the target. 0 for targets KILN_NONE. */
 double kiln_aims_density(const struct kiln_aims *aims, uint32_t light, uint32_t target, struct kiln_dvec3 place,
                          struct kiln_dvec3 direction);
+
+/* The target that a world triangle is of; KILN_NONE: none. */
+static inline uint32_t kiln_aims_target(const struct kiln_aims *aims, uint32_t triangle)
+{
+    return aims->targets.of_triangle != NULL ? aims->targets.of_triangle[triangle] : KILN_NONE;
+}
 
 #endif

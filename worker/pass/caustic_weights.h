@@ -7,7 +7,7 @@
  *     hit     a gather ray of x that goes on by z_k ... z_1 and meets the emitter or leaves for the sky; density
  *             (n / A) p(x -> z_k) ... p(z_1 -> y)
  *     sample  the same up to z_1, and a sample of the lights there
- *     land    a light path that is aimed from y at the object of z_1 (worker/light/aims.h) and lands at x; density
+ *     land    a light path that is aimed from y at the target of z_1 (worker/light/aims.h) and lands at x; density
  *             N p(y -> z_1) ... p(z_k -> x)
  *     connect the place x of a gather ray and, picked for it, where a light path has met z_k; density
  *             (n / A) s N p(y -> z_1) ... p(z_k-1 -> z_k)

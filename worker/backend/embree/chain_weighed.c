@@ -58,7 +58,7 @@ static struct weight weigh_hit(const struct chain *c, const struct vertex *befor
                                struct kiln_dvec3 place, struct kiln_dvec3 direction)
 {
     const double connect = techniques_connect(c->t, light, before, place, direction) * (double)c->factors->sample,
-                 emission = techniques_emission(c->t, c->walk->b, light, before, place, direction);
+                 emission = techniques_emission(c->t, light, before, place, direction);
     struct weight w = {kiln_caustic_weight_hit(c->t->mis, &c->sums, connect, emission), {0.0}};
     if (exchanges(c))
         kiln_caustic_exchange_hit(&c->sums, w.by, connect, emission, w.more);
@@ -116,7 +116,7 @@ static void add_sample(struct chain *c, const struct vertex *v, uint32_t surface
     if (!vertex_scatter(b, v, v->from, direction, v->m.others, &s))
         return;
     const double connect = techniques_connect(c->t, light, v, end, down) * (double)c->factors->sample,
-                 emission = techniques_emission(c->t, b, light, v, end, down);
+                 emission = techniques_emission(c->t, light, v, end, down);
     c->walk->rays++;
     shadow_aim(sample, place, dvec3_of(start));
     if (!(connect > 0.0) || !light_arrives(b, c->walk->context, start, choice, sample))

@@ -70,8 +70,7 @@ static bool begin(struct light_path *p)
 static bool is_target(const struct light_path *p, const struct meeting *m)
 {
     const struct kiln_aims *aims = p->parameters->aims;
-    return m->gloss != NULL &&
-           p->walk.b->params.geometry->records[m->triangle].object == aims->targets[aims->aims[p->aim].target].object;
+    return m->gloss != NULL && kiln_aims_target(aims, m->triangle) == aims->aims[p->aim].target;
 }
 
 /* ---- landing ---- */
@@ -165,9 +164,8 @@ static struct kiln_caustic_landing emit(const struct light_path *p, const struct
     const struct kiln_aimed_ray *ray = &p->first;
     const struct kiln_dvec3 direction = dvec3_of(ray->direction), way = dvec3_sub(dvec3_of(v->m.position), ray->place);
     return kiln_caustic_emit(techniques_connect(t, ray->light, v, ray->place, direction),
-                             techniques_emission(t, p->walk.b, ray->light, v, ray->place, direction), ray->cosine,
-                             ray->is_point, ray->has_place ? dvec3_dot(way, way) : 1.0,
-                             fabs((double)vec3_dot(v->m.normal, v->from)));
+                             techniques_emission(t, ray->light, v, ray->place, direction), ray->cosine, ray->is_point,
+                             ray->has_place ? dvec3_dot(way, way) : 1.0, fabs((double)vec3_dot(v->m.normal, v->from)));
 }
 
 /* Whether what it does at its surface number `surface` is what the images of lamps in flat mirrors stand for. */

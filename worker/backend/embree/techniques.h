@@ -19,13 +19,12 @@ static inline double techniques_connect(const struct kiln_caustic_techniques *t,
                                  direction);
 }
 
-/* kiln_aims_density of the light paths of all iterations, by the aim whose target is the object of vertex v. */
-static inline double techniques_emission(const struct kiln_caustic_techniques *t, const struct embree_backend *b,
-                                         uint32_t light, const struct vertex *v, struct kiln_dvec3 place,
-                                         struct kiln_dvec3 direction)
+/* kiln_aims_density of the light paths of all iterations, by the aim whose target has vertex v. */
+static inline double techniques_emission(const struct kiln_caustic_techniques *t, uint32_t light,
+                                         const struct vertex *v, struct kiln_dvec3 place, struct kiln_dvec3 direction)
 {
-    const uint32_t object = b->params.geometry->records[v->m.triangle].object;
-    return (double)t->iterations * kiln_aims_density(t->aims, light, t->aims->target_of[object], place, direction);
+    return (double)t->iterations *
+           kiln_aims_density(t->aims, light, kiln_aims_target(t->aims, v->m.triangle), place, direction);
 }
 
 /* s of caustic_weights.h. */
