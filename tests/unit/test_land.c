@@ -726,7 +726,7 @@ static void connected_light_is_the_same(void **state)
     for (size_t i = 0; i < sizeof lamps / sizeof *lamps; i++) {
         struct world w;
         struct sums alone = {.count = 0};
-        two_balls(&w, lamps[i], true);
+        bodies(&w, lamps[i], APART, 0);
         trace(&w, PATHS, 0, 2, &alone);
         const double all = alone.landed[1] / 2.0;
         for (enum kiln_mis mis = KILN_MIS_BALANCE; mis <= KILN_MIS_UNIFORM; mis++) {
