@@ -30,7 +30,7 @@ struct kiln_integrate_settings {
     double connections;           /* likewise; 0 ... 1 (land.h) */
     uint32_t photons, iterations; /* of light paths (land.h), of a step; of one in the first round, where they grow */
     bool iterations_grow; /* from round to round (rounds.h) with the samples of the step; needs a target error */
-    double merge_radius, radius_alpha; /* of KILN_CAUSTICS_MERGE (merge.h): m, or KILN_MERGE_RADIUS_AUTO, _TEXEL */
+    double merge_radius, radius_alpha; /* of KILN_CAUSTICS_MERGE, _VCM (land.h): m, or KILN_MERGE_RADIUS_AUTO, _TEXEL */
     bool photons_given;                /* by the user: then fewer than are needed are refused, else more are taken */
     bool guide;     /* bounces learn where light comes from, and the final gather follows (worker/pass/guided.h) */
     bool seen_only; /* the final gather and quantities are of tile runs that are seen (struct kiln_rank_data) */
