@@ -1,5 +1,6 @@
-/* Paths of light of the bidirectional pass (worker/pass/bidirectional.h): thread x traces path `index` + x of a sample,
- * and keeps its vertices that are not of mirrors alone, in any order among all paths; each names the one before it. */
+/* Paths of light of the bidirectional pass (worker/pass/bidirectional.h). By stages, thread x for the path in its slot:
+ * it begins at a lamp; it arrives where its ray has come to, keeps its vertex there if that is not of mirrors alone, and
+ * goes on. Vertices are kept in any order among all paths; each names the one before it. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -8,36 +9,34 @@
 KILN_PUSH(kiln_gpu_both_push);
 
 #include "shaders/bidirectional.glsl"
+#include "shaders/subpaths.glsl"
 
-/* The path under way. */
-vec3 origin, direction, weight;
-float scale; /* largest colour at the light, W */
-kiln_path_sums sums;
-uint bounces, chain, last, rays;
-vec3 before; /* the place that the ray comes from */
-uint body;   /* material of the body that the ray goes through; KILN_GPU_NONE: none */
-Emitted emitted;
+uint slot;
+kiln_gpu_subpath path;
+Emitted emitted; /* of a path that begins, or that has come to its first surface */
 
-void keep(Vertex v, kiln_hit hit, uint surface)
+void keep(Vertex v)
 {
     const uint place = atomicAdd(BothCounts(BOTH.counts).at[0].vertices, 1u);
     if (place < BOTH.room) {
         kiln_gpu_light_vertex l;
         l.position = v.m.position;
         l.from = v.from;
-        l.flux = float[3](v.weight.r, v.weight.g, v.weight.b);
+        l.flux = floats_of(v.weight);
         l.vcm = float(v.sums.vcm);
         l.vc = float(v.sums.vc);
         l.vm = float(v.sums.vm);
-        l.u = hit.u;
-        l.v = hit.v;
-        l.triangle = hit.triangle | (hit.back ? KILN_GPU_BOTH_BACK : 0u);
+        l.u = path.u;
+        l.v = path.v;
+        l.triangle = path.triangle;
         l.bounces = v.bounces;
-        l.number = surface;
-        l.previous = last;
-        LightVertices(BOTH.vertices + 72ul * place).at[0] = l;
+        l.number = path.surface;
+        l.previous = path.last;
+        l.path = push.path + slot;
+        LIGHT_VERTEX(place) = l;
     }
-    last = place;
+    path.last = place;
+    BothWords(BOTH.last + 4ul * (push.path + slot - push.first)).at[0] = place;
 }
 
 /* Of a point's or a spot's light what its range leaves at its first surface. */
@@ -49,33 +48,32 @@ float range_left(vec3 position)
     return float(kiln_light_range(range, length(real3(position) - emitted.origin)));
 }
 
-/* Traces the ray to surface number `surface`; false: the path ends. */
-bool arrive(uint surface, out Vertex v, out kiln_hit hit)
+/* The vertex that the ray has come to; false: there is none. */
+bool arrive(out Vertex v)
 {
-    vec3 tint;
-    rays++;
-    hit = walk_trace(origin, direction, kiln_path_use(surface, KILN_PATH_CHANCE), tint);
+    const kiln_hit hit = hit_of(path.triangle, path.u, path.v, path.distance);
     if (hit.triangle == KILN_GPU_NONE || !has_side(hit))
         return false;
-    v = vertex_make(hit, direction, false);
+    v = vertex_make(hit, path.direction, false);
     const float cosine = abs(dot(v.m.normal, v.from));
     if (!(cosine > 0.0))
         return false;
-    v.weight = weight * tint;
-    v.sums = sums;
-    v.bounces = bounces;
-    const vec3 way = v.m.position - before;
-    if (surface == 0u) {
+    v.weight = vec3_in(path.weight) * vec3_in(path.tint);
+    v.sums = sums_of(path.vcm, path.vc, path.vm);
+    v.bounces = path.bounces;
+    const vec3 way = v.m.position - path.before;
+    const bool first = path.surface == 0u;
+    if (first) {
         v.weight *= range_left(v.m.position);
         const real connect = emission_connect(emitted.light, real3(v.m.position), real3(light_normal(v)),
                                               emitted.origin, emitted.direction);
         v.sums = kiln_path_begin_light(path_techniques(), connect, emitted.density, emitted.cosine, emitted.is_point);
 #ifdef KILN_GLOSS
-    } else if (body != KILN_GPU_NONE) {
-        v.weight *= kiln_gloss_attenuation(body, hit.distance);
+    } else if (path.body != KILN_GPU_NONE) {
+        v.weight *= kiln_gloss_attenuation(path.body, path.distance);
 #endif
     }
-    kiln_path_arrive(v.sums, surface > 0u || emitted.has_place ? real(dot(way, way)) : real(1), real(cosine));
+    kiln_path_arrive(v.sums, !first || emitted.has_place ? real(dot(way, way)) : real(1), real(cosine));
     return true;
 }
 
@@ -89,78 +87,94 @@ bool weigh_way(Vertex v, inout Way way)
     return vertex_scatter(v, way.direction, v.from, KILN_LOBE_ALL, s) && way_scatters(v, true, s, way);
 }
 
-bool go_on(Vertex v, uint surface)
+bool go_on(Vertex v)
 {
     Way way;
-    if (!way_draw(v, true, KILN_LOBE_ALL, surface, way) || !weigh_way(v, way))
+    if (!way_draw(v, true, KILN_LOBE_ALL, path.surface, way) || !weigh_way(v, way))
         return false;
-    weight = v.weight * way.factor;
-    const vec3 share = weight / scale;
-    bounces = v.bounces + (way.diffuse && surface > 0u ? 1u : 0u);
-    chain = way.diffuse ? 0u : chain + 1u;
-    sums = v.sums;
-    before = v.m.position;
-    origin = vertex_start(v, way.direction);
-    direction = way.direction;
-    body = KILN_GPU_NONE;
-#ifdef KILN_GLOSS
-    if (v.m.gloss && (gloss_of(v.m.triangle) & KILN_GPU_GLOSS_VOLUME) != 0u && !(dot(v.front, direction) > 0.0))
-        body = material_of(v.m.triangle) & KILN_RECORD_MATERIAL;
-#endif
+    vec3 weight = v.weight * way.factor;
+    const vec3 share = weight / path.scale;
+    kiln_path_sums sums = v.sums;
     kiln_path_leave(path_techniques(), sums, real(way.cosine), real(way.forward), real(way.backward), way.delta);
-    return bounces <= BOTH.most && shines(share) && path_survives(surface, chain, share, weight);
+    path.bounces = v.bounces + (way.diffuse && path.surface > 0u ? 1u : 0u);
+    path.chain = way.diffuse ? 0u : path.chain + 1u;
+    path.vcm = float(sums.vcm);
+    path.vc = float(sums.vc);
+    path.vm = float(sums.vm);
+    path.before = v.m.position;
+    path.origin = vertex_start(v, way.direction);
+    path.direction = way.direction;
+    path.body = KILN_GPU_NONE;
+#ifdef KILN_GLOSS
+    if (v.m.gloss && (gloss_of(v.m.triangle) & KILN_GPU_GLOSS_VOLUME) != 0u && !(dot(v.front, way.direction) > 0.0))
+        path.body = material_of(v.m.triangle) & KILN_RECORD_MATERIAL;
+#endif
+    if (!(path.bounces <= BOTH.most && shines(share) && path_survives(path.surface, path.chain, share, weight)))
+        return false;
+    path.weight = floats_of(weight);
+    path.surface++;
+    return true;
+}
+
+bool emit()
+{
+    const uvec2 pick = walk_draw(KILN_EMISSION_USE), place = walk_draw(KILN_EMISSION_USE + 1u),
+                aim = walk_draw(KILN_EMISSION_USE + 2u);
+    return emission_draw(real_unit(pick.x), real_unit(place.x), real_unit(place.y), real_unit(aim.x), real_unit(aim.y),
+                         emitted);
 }
 
 bool begin()
 {
-    const uvec2 pick = walk_draw(KILN_EMISSION_USE), place = walk_draw(KILN_EMISSION_USE + 1u),
-                aim = walk_draw(KILN_EMISSION_USE + 2u);
-    if (!emission_draw(real_unit(pick.x), real_unit(place.x), real_unit(place.y), real_unit(aim.x), real_unit(aim.y),
-                       emitted))
+    BothWords(BOTH.last + 4ul * (push.path + slot - push.first)).at[0] = KILN_GPU_NONE;
+    if (!kiln_path_allows(BOTH.path_length, 2u) || !emit())
         return false;
-    before = vec3(emitted.origin);
-    origin = before;
-    direction = vec3(emitted.direction);
+    path.before = vec3(emitted.origin);
+    path.origin = path.before;
+    path.direction = vec3(emitted.direction);
     if (light_kind(KILN_GPU_KIND_AREA) && emitted.light < SCENE.lights.area_count) {
         const kiln_gpu_area_light light = AreaLights(SCENE.lights.areas).at[emitted.light];
         const real3 normal = real3_of(light.normal);
         const float offset = triangle_at(light.triangle).offset;
-        origin += vec3(normal) * (dot(emitted.direction, normal) < 0 ? -offset : offset);
+        path.origin += vec3(normal) * (dot(emitted.direction, normal) < 0 ? -offset : offset);
     }
-    weight = emitted.flux;
-    scale = max(weight.r, max(weight.g, weight.b));
-    bounces = 0u;
-    chain = 0u;
-    body = KILN_GPU_NONE;
+    path.weight = floats_of(emitted.flux);
+    path.scale = max(emitted.flux.r, max(emitted.flux.g, emitted.flux.b));
+    path.before_normal = vec3(0.0);
+    path.vcm = 0.0;
+    path.vc = 0.0;
+    path.vm = 0.0;
+    path.surface = 0u;
+    path.bounces = 0u;
+    path.chain = 0u;
+    path.last_diffuse = 0u;
+    path.last = KILN_GPU_NONE;
+    path.body = KILN_GPU_NONE;
     return true;
+}
+
+bool follow()
+{
+    Vertex v;
+    path = SUBPATH(slot);
+    if ((path.surface == 0u && !emit()) || !arrive(v))
+        return false;
+    if (!v.is_delta)
+        keep(v);
+    return kiln_path_allows(BOTH.path_length, path.surface + 3u) && go_on(v);
 }
 
 void kiln_kernel(uint x, uint y)
 {
     if (x >= push.count || y > 0u)
         return;
-    const uint path = uint(push.index) + x;
+    slot = slot_of(x);
     walk_key = push.light_key;
-    walk_sample = path;
-    rays = 0u;
-    last = KILN_GPU_NONE;
-    bool under_way = kiln_path_allows(BOTH.path_length, 2u) && begin();
-    for (uint surface = 0u; under_way; surface++) {
-        Vertex v;
-        kiln_hit hit;
-        under_way = arrive(surface, v, hit);
-        if (under_way && !v.is_delta)
-            keep(v, hit, surface);
-        under_way = under_way && kiln_path_allows(BOTH.path_length, surface + 3u) && go_on(v, surface);
+    walk_sample = push.path + slot;
+    if (push.stage == KILN_GPU_STAGE_BEGIN ? begin() : follow()) {
+        SUBPATH(slot) = path;
+        go_onward(slot);
     }
-    BothWords(BOTH.last).at[path - push.path] = last;
-    BothCounts counts = BothCounts(BOTH.counts);
-    if (under_way || !still_loops(push.count))
-        counts.at[0].stopped = 1u;
-    const uint slot = 2u * (x % KILN_GPU_BOTH_RAYS);
-    const uint old = atomicAdd(counts.at[0].rays[slot], rays);
-    if (old + rays < old)
-        atomicAdd(counts.at[0].rays[slot + 1u], 1u);
 }
 
 #include "shaders/main.glsl"

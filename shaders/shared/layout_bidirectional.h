@@ -16,8 +16,9 @@ struct kiln_gpu_light_vertex {
     KILN_WORD bounces;
     KILN_WORD number;   /* of the path's surface, 0 the first */
     KILN_WORD previous; /* of the path's vertices that are kept; KILN_GPU_NONE: this is the first */
+    KILN_WORD path;     /* of light */
 };
-KILN_SIZE_IS(kiln_gpu_light_vertex, 72);
+KILN_SIZE_IS(kiln_gpu_light_vertex, 76);
 #define KILN_GPU_BOTH_BACK 0x80000000u
 
 /* What of a vertex of light merging reads: struct photon of worker/backend/embree/photons.h. */
@@ -29,17 +30,72 @@ struct kiln_gpu_photon {
 };
 KILN_SIZE_IS(kiln_gpu_photon, 52);
 
-#define KILN_GPU_BOTH_RAYS 64u
+/* A path under way, of the camera or of light: the ray to its next surface, and what that has met. */
+struct kiln_gpu_subpath {
+    KILN_VECTOR origin, direction;
+    KILN_REAL32 weight[3];
+    KILN_REAL32 vcm, vc, vm;           /* struct kiln_path_sums */
+    KILN_VECTOR before, before_normal; /* the vertex before (of light: where the ray comes from), its light_normal */
+    KILN_WORD surface, bounces, chain; /* number of the next surface; diffuse events; surfaces since the last of them */
+    KILN_WORD last_diffuse;            /* of the camera: 1 where the last event was diffuse */
+    KILN_WORD last;                    /* of light: its last vertex that is kept */
+    KILN_WORD body;                    /* of light: material of the body that the ray goes through, or KILN_GPU_NONE */
+    KILN_REAL32 scale;                 /* of light: largest colour at the lamp, W */
+    KILN_WORD triangle;                /* that is met; with KILN_GPU_BOTH_BACK: from behind */
+    KILN_REAL32 u, v, distance;
+    KILN_REAL32 tint[3];
+};
+KILN_SIZE_IS(kiln_gpu_subpath, 128);
+
+/* The vertex that a path of the camera has come to, for what is connected to it and merged with it. */
+struct kiln_gpu_eye_vertex {
+    KILN_VECTOR position, from, normal;
+    KILN_REAL32 weight[3];
+    KILN_REAL32 vcm, vc, vm;
+    KILN_REAL32 u, v;
+    KILN_WORD triangle; /* with KILN_GPU_BOTH_BACK: met from behind */
+    KILN_WORD surface, bounces;
+    KILN_WORD faces;                    /* 1: it is diffuse, and only what its normal sees is connected to it */
+    KILN_WORD vertex;                   /* of light: the next to be connected, KILN_GPU_NONE: none is left */
+    KILN_WORD cell, photon, photon_end; /* of merging: the next of eight cells; what is left of the bucket before it */
+};
+KILN_SIZE_IS(kiln_gpu_eye_vertex, 100);
+
+/* The vertex of the path in a slot, and a vertex of light or a photon. */
+struct kiln_gpu_both_pair {
+    KILN_WORD slot, other;
+};
+KILN_SIZE_IS(kiln_gpu_both_pair, 8);
+
+/* A ray that asks what is in the way of light. */
+struct kiln_gpu_shadow_ray {
+    KILN_VECTOR origin, direction;
+    KILN_REAL32 limit;
+    KILN_REAL32 brings[3]; /* W/(m2 sr), if nothing is in the way */
+    KILN_WORD to;          /* a slot, or a pixel of the film */
+    KILN_WORD chance;      /* what its chances hang on, of a ray to the camera */
+};
+KILN_SIZE_IS(kiln_gpu_shadow_ray, 48);
+
+/* What is left of the light of a path in a slot: numbers of 96 bits, the lowest word first, one a colour. */
+#define KILN_GPU_BOTH_SUM_WORDS 9u
+
+/* What a dispatch leaves for those after it to do; 0 before it. Numbers of paths, rays, pairs; those of pairs also
+ * count what found no room. */
+struct kiln_gpu_both_tally {
+    KILN_WORD paths, shadows, pairs;
+    KILN_WORD left; /* paths that have more pairs */
+};
+KILN_SIZE_IS(kiln_gpu_both_tally, 16);
 
 /* What the kernels count; 0 before the first path of light. */
 struct kiln_gpu_both_counts {
     KILN_WORD vertices; /* of light, also those that found no room */
     KILN_WORD photons;
-    KILN_WORD stopped;                      /* 1: the device has ended a loop early */
-    KILN_WORD too_much;                     /* 1: one path brings more than the sums hold */
-    KILN_WORD rays[2 * KILN_GPU_BOTH_RAYS]; /* of paths of light: numbers of 64 bits, the lower half first */
+    KILN_WORD stopped;  /* 1: the device has ended a loop early */
+    KILN_WORD too_much; /* 1: one path brings more than the sums hold */
 };
-KILN_SIZE_IS(kiln_gpu_both_counts, 528);
+KILN_SIZE_IS(kiln_gpu_both_counts, 16);
 
 /* What all threads of a sample share. */
 struct kiln_gpu_both {
@@ -50,7 +106,12 @@ struct kiln_gpu_both {
     KILN_ADDRESS photons;          /* bucket by bucket, in each in no order */
     KILN_ADDRESS begins, ends;     /* words: where each bucket begins and ends in `photons` */
     KILN_ADDRESS film;             /* three numbers of 64 bits a pixel, the lower half first: struct kiln_splat_film */
-    KILN_WORD room;                /* vertices that there is room for */
+    KILN_ADDRESS subpaths, eyes;   /* of each slot: struct kiln_gpu_subpath, struct kiln_gpu_eye_vertex */
+    KILN_ADDRESS radiance;      /* of each slot: KILN_GPU_BOTH_SUM_WORDS words */
+    KILN_ADDRESS pairs, shadows;   /* struct kiln_gpu_both_pair, struct kiln_gpu_shadow_ray */
+    KILN_WORD pair_room;           /* pairs that there is room for */
+    KILN_WORD unit_power;          /* of the sums of slots: their unit is 2 to this (signed) power, W/(m2 sr) */
+    KILN_WORD room;                /* vertices of light that there is room for */
     KILN_WORD lights, bucket_mask; /* how many lights there are; the number of buckets, less 1 */
     KILN_WORD most;                /* bounces, below 2^30 */
     KILN_WORD endless;             /* 1: paths have no last bounce */
@@ -68,4 +129,4 @@ struct kiln_gpu_both {
     KILN_REAL32 area;   /* m2, pi times its square times the paths whose vertices are merged; 0: none are */
     KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_both, 224);
+KILN_SIZE_IS(kiln_gpu_both, 272);

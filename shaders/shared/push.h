@@ -184,20 +184,37 @@ KILN_OFFSET_IS(kiln_gpu_path_push, extent, 104);
 
 #include "shaders/shared/layout_bidirectional.h"
 
-/* light_paths.comp, photons.comp, both_ways.comp: paths of light, their vertices in buckets, paths of pixels. */
+/* The kernels of the bidirectional pass. A slot has a path under way. */
 struct kiln_gpu_both_push {
     KILN_ADDRESS scene;
-    KILN_ADDRESS both; /* struct kiln_gpu_both */
-    KILN_ADDRESS sums; /* struct kiln_gpu_path_sums of thread x; or words to set to 0 */
-    KILN_WORD64 index; /* of the first path or pixel in the picture */
-    KILN_WORD count;   /* threads */
-    KILN_WORD path;    /* of light, whose last vertex is the first of `last` */
-    KILN_WORD seed, light_key,
-        sampled;     /* of the camera's paths, of this sample's paths of light; the camera's sample */
-    KILN_WORD stage; /* of photons.comp: KILN_GPU_PHOTONS_... */
+    KILN_ADDRESS both;   /* struct kiln_gpu_both */
+    KILN_ADDRESS sums;   /* struct kiln_gpu_path_sums of slot 0; or words to set to 0 */
+    KILN_ADDRESS list;   /* words: the slots that threads have; 0: thread x has slot x */
+    KILN_ADDRESS onward; /* words: the slots whose paths go on are put here */
+    KILN_ADDRESS tally;  /* struct kiln_gpu_both_tally */
+    KILN_WORD64 pixel;   /* of slot 0; of splats: the first whose paths of light are connected to the camera */
+    KILN_WORD64 pixels;  /* of splats: how many there are from it on */
+    KILN_WORD count;     /* threads */
+    KILN_WORD offset;    /* thread 0 is number `offset` of the list, the slots, pairs, rays or vertices */
+    KILN_WORD path;      /* of light: that in slot 0 */
+    KILN_WORD first;     /* the path of light whose last vertex is the first of `last` */
+    KILN_WORD seed, light_key; /* of the camera's paths; of this sample's paths of light */
+    KILN_WORD sampled;         /* the camera's sample */
+    KILN_WORD stage;           /* KILN_GPU_PHOTONS_... of photons.comp, KILN_GPU_STAGE_... of paths */
+    KILN_WORD light;           /* 1: the paths are those of light */
+    KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_both_push, 56);
-KILN_OFFSET_IS(kiln_gpu_both_push, count, 32);
+KILN_SIZE_IS(kiln_gpu_both_push, 104);
+KILN_OFFSET_IS(kiln_gpu_both_push, count, 64);
+#define KILN_GPU_STAGE_BEGIN 0u  /* the first ray of a path */
+#define KILN_GPU_STAGE_ARRIVE 1u /* what it has met, and the next ray */
+#define KILN_GPU_STAGE_END 2u    /* what paths of the camera have brought is added to their pixels */
+#define KILN_GPU_RAYS_NEXT 0u      /* path_rays.comp: the next surface of each path, */
+#define KILN_GPU_RAYS_TO_PATHS 1u  /* what is in the way of light to paths, */
+#define KILN_GPU_RAYS_TO_CAMERA 2u /* to the camera */
+#define KILN_GPU_PAIRS_CONNECTED 0u /* path_pairs.comp: vertices of light of the pixel's own path, */
+#define KILN_GPU_PAIRS_OWN 1u       /* photons of that path, */
+#define KILN_GPU_PAIRS_NEAR 2u      /* photons of all paths */
 #define KILN_GPU_PHOTONS_CLEAR 0u
 #define KILN_GPU_PHOTONS_COUNT 1u
 #define KILN_GPU_PHOTONS_BEGIN 2u

@@ -1,60 +1,17 @@
-/* The bidirectional pass (worker/pass/bidirectional.h). Sample by sample: shaders/light_paths.comp traces paths of
- * light and keeps their vertices; where those of all paths are merged, photons.comp puts them into buckets;
- * both_ways.comp follows the paths of pixels. How many paths run at once is what a slice of time is enough for; results
- * do not depend on it, nor on the order in which vertices are kept. */
-#include <stdint.h> /* before the shaders */
+/* The bidirectional pass (worker/pass/bidirectional.h). Sample by sample: paths of light are traced, and their vertices
+ * kept; where those of all paths are merged, shaders/photons.comp puts them into buckets; then the paths of pixels are
+ * followed (bidirectional_stages.c). Results do not depend on how many paths run at once, nor on the order in which
+ * vertices are kept. */
+#include <math.h>
+#include <stdint.h>
 #include <string.h>
 
-#include "shaders/both_ways.h"
-#include "shaders/both_ways_float.h"
-#include "shaders/both_ways_gloss.h"
-#include "shaders/both_ways_gloss_float.h"
-#include "shaders/light_paths.h"
-#include "shaders/light_paths_float.h"
-#include "shaders/light_paths_gloss.h"
-#include "shaders/light_paths_gloss_float.h"
-#include "shaders/photons.h"
-#include "shaders/photons_float.h"
 #include "shaders/shared/bidirectional.h"
-#include "worker/backend/vulkan/vulkan.h"
+#include "worker/backend/vulkan/bidirectional.h"
 #include "worker/base/memory.h"
-#include "worker/light/emission.h"
-#include "worker/pass/bidirectional.h"
 
-static const struct vulkan_shader light_gloss = {.name = "paths of light with gloss",
-                                                 .compute = VULKAN_CODE(light_paths_gloss),
-                                                 .compute_float = VULKAN_CODE(light_paths_gloss_float)};
-static const struct vulkan_shader light_shader = {.name = "paths of light",
-                                                  .compute = VULKAN_CODE(light_paths),
-                                                  .compute_float = VULKAN_CODE(light_paths_float),
-                                                  .gloss = &light_gloss};
-static const struct vulkan_shader both_gloss = {.name = "paths both ways with gloss",
-                                                .compute = VULKAN_CODE(both_ways_gloss),
-                                                .compute_float = VULKAN_CODE(both_ways_gloss_float)};
-static const struct vulkan_shader both_shader = {.name = "paths both ways",
-                                                 .compute = VULKAN_CODE(both_ways),
-                                                 .compute_float = VULKAN_CODE(both_ways_float),
-                                                 .gloss = &both_gloss};
-static const struct vulkan_shader photon_shader = {
-    .name = "buckets of photons", .compute = VULKAN_CODE(photons), .compute_float = VULKAN_CODE(photons_float)};
-
-/* Pixels whose own paths of light are kept at once where no others are asked for; where the pacer begins; and the
- * fewest paths of a dispatch, of which a GPU runs thousands side by side (a software device a handful). */
-enum { MOST_PIXELS = 1 << 19, FIRST_GUESS = 1 << 13, LEAST = 1 << 13, LEAST_SOFTWARE = 64, MOST_BOUNCES = 1 << 29 };
-
-/* A call's working set. */
-struct both_run {
-    struct vulkan_backend *b;
-    const struct kiln_bidirectional_parameters *p;
-    uint32_t method;       /* KILN_GPU_BOTH_... */
-    uint64_t first, count; /* pixels */
-    uint64_t paths;        /* of light in a sample */
-    struct kiln_emission *emission;
-    struct gpu_kernel *light, *both, *photon;
-    struct gpu_buffer chances, nodes, all, counts, vertices, last, photons, buckets, film, sums;
-    struct kiln_gpu_both shared;
-    struct kiln_gpu_both_push push;
-};
+/* Pixels whose own paths of light are kept at once where no others are asked for. */
+enum { MOST_PIXELS = 1 << 21, MOST_BOUNCES = 1 << 29, SUM_POWER = -30 };
 
 /* ---- what is on the device ---- */
 
@@ -132,34 +89,12 @@ static int make_device_buffer(struct both_run *r, struct gpu_buffer *buffer, siz
     return gpu_buffer_create(r->b->gpu, buffer, size, GPU_DEVICE, what, error);
 }
 
-static int run_kernel(struct both_run *r, struct gpu_kernel *kernel, uint32_t count, double *seconds,
-                      struct kiln_error *error)
-{
-    r->push.count = count;
-    const struct gpu_step step = {
-        .kernel = kernel, .threads_x = count, .threads_y = 1, .constants = &r->push, .constant_bytes = sizeof r->push};
-    return gpu_run(r->b->gpu, &step, 1, seconds, error);
-}
-
-/* Sets memory of the device to 0, a multiple of 4 bytes. */
-static int clear(struct both_run *r, uint64_t address, uint64_t size, struct kiln_error *error)
-{
-    const uint64_t most = 1u << 30; /* bytes at once */
-    int status = KILN_OK;
-    r->push.stage = KILN_GPU_PHOTONS_CLEAR;
-    for (uint64_t done = 0; done < size && status == KILN_OK; done += most) {
-        r->push.sums = address + done;
-        status = run_kernel(r, r->photon, (uint32_t)((size - done < most ? size - done : most) / 4), NULL, error);
-    }
-    return status;
-}
-
 /* A buffer on the device of zeros. */
 static int make_zeros(struct both_run *r, struct gpu_buffer *buffer, size_t size, const char *what,
                       struct kiln_error *error)
 {
     const int status = make_device_buffer(r, buffer, size, what, error);
-    return status == KILN_OK ? clear(r, buffer->address, size, error) : status;
+    return status == KILN_OK ? both_clear(r, buffer->address, size, error) : status;
 }
 
 /* Room for the vertices of paths of light that run at once. */
@@ -198,6 +133,7 @@ static void describe(struct both_run *r)
     s->pixel = (float)(4.0 * (double)vec3_length(c->right) * (double)vec3_length(c->up) / (double)r->paths);
     s->paths = (float)r->paths;
     s->unit = (float)kiln_emission_splat_unit(e);
+    s->unit_power = (uint32_t)(ilogb(kiln_emission_splat_unit(e)) + SUM_POWER);
 }
 
 static int prepare(struct both_run *r, struct kiln_error *error)
@@ -213,11 +149,7 @@ static int prepare(struct both_run *r, struct kiln_error *error)
         status = vulkan_surfaces(b, error);
     r->push.scene = b->scene.address;
     if (status == KILN_OK)
-        status = vulkan_kernel_of(b, &light_shader, false, 0, &r->light, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(b, &both_shader, false, r->method, &r->both, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(b, &photon_shader, false, 0, &r->photon, error);
+        status = both_stages_create(r, error);
     if (status == KILN_OK)
         status = upload_chances(r, error);
     if (status == KILN_OK)
@@ -244,6 +176,7 @@ static void finish(struct both_run *r)
                                     &r->last,    &r->photons, &r->buckets, &r->film,   &r->sums};
     for (size_t i = 0; i < sizeof buffers / sizeof buffers[0]; i++)
         gpu_buffer_destroy(r->b->gpu, buffers[i]);
+    both_stages_destroy(r);
     kiln_emission_destroy(&r->emission);
 }
 
@@ -252,26 +185,6 @@ static void finish(struct both_run *r)
 static int upload_shared(struct both_run *r, struct kiln_error *error)
 {
     return gpu_upload(r->b->gpu, &r->all, 0, &r->shared, sizeof r->shared, error);
-}
-
-/* Runs a kernel over paths or pixels `first` .. `first` + `count` - 1, a slice of time at once. */
-static int run_paced(struct both_run *r, struct gpu_kernel *kernel, size_t pace, uint64_t first, uint64_t count,
-                     struct kiln_error *error)
-{
-    struct gpu_pacer *pacer = &r->b->pacers[pace];
-    const uint64_t least = gpu_about(r->b->gpu)->software ? LEAST_SOFTWARE : LEAST;
-    int status = KILN_OK;
-    for (uint64_t done = 0; done < count && status == KILN_OK; done += r->push.count) {
-        const uint64_t enough = gpu_pacer_next_filling(pacer, FIRST_GUESS, least), left = count - done,
-                       some = enough < 1u << 30 ? enough : 1u << 30;
-        double seconds;
-        r->push.index = first + done;
-        r->push.sums = r->sums.address + (first + done - r->first) * sizeof(struct kiln_gpu_path_sums);
-        status = run_kernel(r, kernel, (uint32_t)(some < left ? some : left), &seconds, error);
-        if (status == KILN_OK)
-            gpu_pacer_learn(pacer, r->push.count, seconds);
-    }
-    return status;
 }
 
 static int read_counts(struct both_run *r, struct kiln_gpu_both_counts *counts, struct kiln_error *error)
@@ -292,20 +205,21 @@ static int read_counts(struct both_run *r, struct kiln_gpu_both_counts *counts, 
 /* Traces paths of light `first` .. `first` + `count` - 1 of a sample; again with more room if they leave more vertices
  * than there was room for. */
 static int trace_light(struct both_run *r, uint64_t first, uint64_t count, struct kiln_gpu_both_counts *counts,
-                       uint64_t *rays, struct kiln_error *error)
+                       struct kiln_error *error)
 {
     const struct kiln_gpu_both_counts none = {0};
+    const uint64_t before = r->rays;
     int status = make_device_buffer(r, &r->last, count * sizeof(uint32_t), "the ends of paths of light", error);
     r->shared.last = r->last.address;
-    r->push.path = (uint32_t)first;
     for (bool fits = false; !fits && status == KILN_OK;) {
+        r->rays = before;
         status = make_vertices(r, count, error);
         if (status == KILN_OK)
             status = upload_shared(r, error);
         if (status == KILN_OK)
             status = gpu_upload(r->b->gpu, &r->counts, 0, &none, sizeof none, error);
         if (status == KILN_OK)
-            status = run_paced(r, r->light, VULKAN_PACE_LIGHT_PATHS, first, count, error);
+            status = both_light_paths(r, first, count, error);
         if (status == KILN_OK)
             status = read_counts(r, counts, error);
         fits = status == KILN_OK && counts->vertices <= r->shared.room;
@@ -314,8 +228,8 @@ static int trace_light(struct both_run *r, uint64_t first, uint64_t count, struc
         if (status == KILN_OK && !fits)
             r->b->light_vertices = 1.25 * (double)counts->vertices / (double)count;
     }
-    for (size_t i = 0; i < KILN_GPU_BOTH_RAYS && status == KILN_OK; i++)
-        *rays += counts->rays[2 * i] | (uint64_t)counts->rays[2 * i + 1] << 32;
+    if (status == KILN_OK && (r->method & KILN_GPU_BOTH_SPLATS) != 0)
+        status = both_splats(r, counts->vertices, error);
     return status;
 }
 
@@ -337,12 +251,10 @@ static int sort_photons(struct both_run *r, uint32_t count, struct kiln_error *e
     if (status == KILN_OK)
         status = upload_shared(r, error);
     if (status == KILN_OK)
-        status = clear(r, r->shared.ends, sizeof(uint32_t) * (uint64_t)buckets, error);
+        status = both_clear(r, r->shared.ends, sizeof(uint32_t) * (uint64_t)buckets, error);
     for (uint32_t stage = KILN_GPU_PHOTONS_COUNT; stage <= KILN_GPU_PHOTONS_PLACE && status == KILN_OK; stage++) {
-        const bool of_buckets = stage == KILN_GPU_PHOTONS_BEGIN;
         r->push.stage = stage;
-        if (of_buckets || count > 0)
-            status = run_kernel(r, r->photon, of_buckets ? buckets : count, NULL, error);
+        status = both_run_stage(r, &r->photon, 0, stage == KILN_GPU_PHOTONS_BEGIN ? buckets : count, NULL, error);
     }
     return status;
 }
@@ -361,24 +273,24 @@ static void begin_sample(struct both_run *r, uint32_t k)
 static int follow_pixels(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error)
 {
     struct kiln_gpu_both_counts counts;
-    const int status = run_paced(r, r->both, KILN_PASS_INDEX_bidirectional, first, count, error);
+    const int status = both_eye_paths(r, first, count, error);
     return status == KILN_OK ? read_counts(r, &counts, error) : status;
 }
 
-static int run_sample(struct both_run *r, uint32_t k, uint64_t *rays, struct kiln_error *error)
+static int run_sample(struct both_run *r, uint32_t k, struct kiln_error *error)
 {
     struct kiln_gpu_both_counts counts;
     int status = KILN_OK;
     begin_sample(r, k);
     if (merges_all(r)) {
-        status = trace_light(r, 0, r->paths, &counts, rays, error);
+        status = trace_light(r, 0, r->paths, &counts, error);
         if (status == KILN_OK)
             status = sort_photons(r, counts.vertices, error);
         return status == KILN_OK ? follow_pixels(r, r->first, r->count, error) : status;
     }
     for (uint64_t done = 0; done < r->count && status == KILN_OK; done += MOST_PIXELS) {
         const uint64_t left = r->count - done, some = left < MOST_PIXELS ? left : MOST_PIXELS;
-        status = trace_light(r, r->first + done, some, &counts, rays, error);
+        status = trace_light(r, r->first + done, some, &counts, error);
         if (status == KILN_OK)
             status = follow_pixels(r, r->first + done, some, error);
     }
@@ -427,18 +339,17 @@ static int run_left(struct vulkan_backend *b, const void *parameters, struct kil
                          .count = left->count,
                          .paths = (uint64_t)p->camera.width * p->camera.height};
     struct kiln_path_result *results = NULL;
-    uint64_t traced = 0;
     int status = prepare(&r, error);
     if (status == KILN_OK)
         status = kiln_allocate(&results, left->count, sizeof *results, "the answers of pixels", error);
     for (uint32_t i = 0; i < left->samples && status == KILN_OK; i++)
-        status = run_sample(&r, left->first_sample + i, &traced, error);
+        status = run_sample(&r, left->first_sample + i, error);
     if (status == KILN_OK)
-        status = read_pixels(&r, results, &traced, error);
+        status = read_pixels(&r, results, &r.rays, error);
     if (status == KILN_OK)
         status = add_film(&r, error);
     if (status == KILN_OK) {
-        *rays += traced;
+        *rays += r.rays;
         status = left->take != NULL ? left->take(left->context, left->first, left->count, results, error) : KILN_OK;
         *refused = status != KILN_OK;
         *left = kiln_batch_part(left, left->first + left->count, 0);

@@ -1,0 +1,70 @@
+/* Vertices of light are connected to vertices of the camera's paths: thread x has pair `offset` + x, and asks what is
+ * in between. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
+#include "shaders/kernel.glsl"
+#include "shaders/shared/color.h"
+
+KILN_PUSH(kiln_gpu_both_push);
+
+#include "shaders/bidirectional.glsl"
+#include "shaders/subpaths.glsl"
+
+/* The two ends in turn, so that the long code of scattering functions stands here only once: first the camera's, then
+ * that of light. `at`: where the ray of light begins at each. */
+bool scatter_both(kiln_gpu_eye_vertex eye, kiln_gpu_light_vertex kept, out Scatter s[2], out vec3 at[2],
+                  out vec3 attenuated)
+{
+    const vec3 d = kept.position - eye.position, to_light = normalize(d);
+    bool sends = true;
+    attenuated = vec3(1.0);
+    [[dont_unroll]] for (uint end = 0u; end < 2u && sends; end++)
+    {
+        const bool far = end == 1u;
+        kiln_hit hit;
+        if (far)
+            hit = hit_of(kept.triangle, kept.u, kept.v, 0.0);
+        else
+            hit = hit_of(eye.triangle, eye.u, eye.v, 0.0);
+        const vec3 from = far ? kept.from : eye.from;
+        const Vertex v = vertex_make(hit, -from, !far && eye.surface == 0u);
+        sends = vertex_scatter(v, far ? -to_light : from, far ? from : to_light, KILN_LOBE_ALL, s[end]);
+        at[end] = vertex_start(v, far ? -to_light : to_light);
+        if (far)
+            attenuated = vertex_attenuation(v, -to_light, length(d));
+    }
+    return sends;
+}
+
+void connect(uint slot, kiln_gpu_eye_vertex eye, kiln_gpu_light_vertex kept)
+{
+    Scatter s[2];
+    vec3 at[2], attenuated;
+    if (!scatter_both(eye, kept, s, at, attenuated))
+        return;
+    const vec3 d = kept.position - eye.position;
+    const float squared = dot(d, d);
+    const vec3 product = scatter_product(s[0], true, s[1].all, kept.number > 0u ? s[1].diffuse : vec3(0.0),
+                                         int(BOTH.most) - int(eye.bounces) - int(kept.bounces));
+    const real share = kiln_path_weight_connected(
+        path_techniques(), sums_of(eye.vcm, eye.vc, eye.vm), sums_of(kept.vcm, kept.vc, kept.vm),
+        real(s[0].to_light * s[1].cosine_o / squared), real(s[1].to_light), real(s[1].to_eye * s[0].cosine_i / squared),
+        real(s[0].to_eye));
+    const vec3 brings = product * vec3_in(kept.flux) * attenuated * float(real(s[0].cosine_i * s[1].cosine_o / squared) * share);
+    const vec3 way = at[1] - at[0];
+    const float distance = length(way);
+    if (shines(brings))
+        ask_shadow(at[0], way / distance, float(real(distance) * KILN_SHADOW_LENGTH), vec3_in(eye.weight) * brings, slot,
+                   0u);
+}
+
+void kiln_kernel(uint x, uint y)
+{
+    if (x >= push.count || y > 0u)
+        return;
+    const kiln_gpu_both_pair pair = Pairs(BOTH.pairs + 8ul * (push.offset + x)).at[0];
+    connect(pair.slot, EYE_VERTEX(pair.slot), LIGHT_VERTEX(pair.other));
+}
+
+#include "shaders/main.glsl"

@@ -1,0 +1,95 @@
+/* Rays of the bidirectional pass, in the three forms that ASKS tells: the next surface of the path in thread x's slot;
+ * what is in the way of light on its way to a path, to whose radiance the rest is added; or on its way to the camera,
+ * where it is added to the film. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "shaders/kernel.glsl"
+
+KILN_PUSH(kiln_gpu_both_push);
+
+layout(constant_id = 6) const uint ASKS = KILN_GPU_RAYS_NEXT;
+
+#include "shaders/bidirectional.glsl"
+#include "shaders/subpaths.glsl"
+
+bool is_seen(kiln_hit at) { return (triangle_at(at.triangle).flags & KILN_GPU_PATH_HIDDEN) == 0u && has_side(at); }
+
+/* The nearest surface up to `limit`; `looks`: of those that the camera sees. */
+kiln_hit nearest(vec3 origin, vec3 direction, float limit, uint chance, bool looks, out vec3 tint)
+{
+    kiln_hit hit;
+    bool goes = true;
+    tint = vec3(1.0);
+    for (uint k = 0u; k <= KILN_PATH_UNSEEN && goes; k++) {
+        vec3 part;
+        hit = kiln_trace_within(origin, direction, limit, chance, part);
+        tint *= part;
+        goes = looks && hit.triangle != KILN_GPU_NONE && !is_seen(hit);
+        const float beyond = kiln_path_beyond(hit.distance, BOTH.extent);
+        origin += direction * beyond;
+        limit -= beyond;
+    }
+    if (goes)
+        hit.triangle = KILN_GPU_NONE;
+    return hit;
+}
+
+void next(uint slot)
+{
+    const kiln_gpu_subpath s = SUBPATH(slot);
+    if (push.light != 0u) {
+        walk_key = push.light_key;
+        walk_sample = push.path + slot;
+    } else {
+        walk_key = pixel_key(push.pixel + slot);
+        walk_sample = push.sampled;
+    }
+    vec3 tint;
+    const kiln_hit hit = nearest(s.origin, s.direction, KILN_INFINITY, path_chance(walk_key, walk_sample, s.surface),
+                                 push.light == 0u && s.surface == 0u, tint);
+    SUBPATH(slot).triangle = hit.triangle == KILN_GPU_NONE ? KILN_GPU_NONE
+                                                           : hit.triangle | (hit.back ? KILN_GPU_BOTH_BACK : 0u);
+    SUBPATH(slot).u = hit.u;
+    SUBPATH(slot).v = hit.v;
+    SUBPATH(slot).distance = hit.distance;
+    SUBPATH(slot).tint = floats_of(tint);
+}
+
+/* Adds to a pixel of the film: numbers of 64 bits, the lower half first. */
+void add_to_film(uint pixel, vec3 rgb)
+{
+    const real3 count = roundEven(real3(rgb) / real(BOTH.unit));
+    const bool holds = count.x < real(9007199254740992.0LF) && count.y < real(9007199254740992.0LF) &&
+                       count.z < real(9007199254740992.0LF); /* 2^53 */
+    if (!holds) {
+        BothCounts(BOTH.counts).at[0].too_much = 1u;
+        return;
+    }
+    const u64vec3 units = u64vec3(count);
+    for (uint c = 0u; c < 3u; c++)
+        if (units[c] != 0ul && !add_words(BOTH.film + 24ul * pixel + 8ul * c, 2u, uint(units[c]), uint(units[c] >> 32)))
+            BothCounts(BOTH.counts).at[0].too_much = 1u;
+}
+
+void kiln_kernel(uint x, uint y)
+{
+    if (x >= push.count || y > 0u)
+        return;
+    if (ASKS == KILN_GPU_RAYS_NEXT) {
+        next(slot_of(x));
+    } else {
+        const kiln_gpu_shadow_ray r = SHADOW_RAY(push.offset + x);
+        const vec3 brings = vec3_in(r.brings);
+        if (ASKS == KILN_GPU_RAYS_TO_PATHS) {
+            add_radiance(r.to, brings * kiln_through(r.origin, r.direction, r.limit));
+        } else {
+            vec3 tint;
+            if (nearest(r.origin, r.direction, r.limit, r.chance, true, tint).triangle == KILN_GPU_NONE)
+                add_to_film(r.to, brings * tint);
+        }
+    }
+    if (!still_loops(push.count))
+        BothCounts(BOTH.counts).at[0].stopped = 1u;
+}
+
+#include "shaders/main.glsl"

@@ -1,0 +1,101 @@
+/* Paths of the bidirectional pass while they are under way: each has a slot, and one kernel after the other does a part
+ * of what its next surface asks for, of all slots (Laine, Karras and Aila, "Megakernels considered harmful", 2013).
+ * worker/backend/vulkan/bidirectional_stages.c has their order.
+ *
+ *   path_rays.comp      the surfaces that rays meet; what is in the way of light, whose radiance it adds up
+ *   light_paths.comp    paths of light: they begin, arrive at surfaces, keep vertices, go on
+ *   eye_paths.comp      paths of the camera: they begin, arrive, ask for samples of lights, go on, end
+ *   path_pairs.comp     which vertices of light are connected to a path's vertex, or which photons merged with it
+ *   path_connect.comp, path_merge.comp, path_splat.comp   do that, a thread a pair; and connect light to the camera
+ *
+ * Kernels that include it have the specialisation constant METHOD or none. Needs shaders/bidirectional.glsl before. */
+#ifndef KILN_SHADERS_SUBPATHS_GLSL
+#define KILN_SHADERS_SUBPATHS_GLSL
+
+KILN_ARRAY(Subpaths, kiln_gpu_subpath, 4);
+KILN_ARRAY(EyeVertices, kiln_gpu_eye_vertex, 4);
+KILN_ARRAY(Pairs, kiln_gpu_both_pair, 4);
+KILN_ARRAY(ShadowRays, kiln_gpu_shadow_ray, 4);
+KILN_ARRAY(Tallies, kiln_gpu_both_tally, 4);
+KILN_ARRAY(Photons, kiln_gpu_photon, 4);
+
+#define SUBPATH(slot) Subpaths(BOTH.subpaths + 128ul * (slot)).at[0]
+#define EYE_VERTEX(slot) EyeVertices(BOTH.eyes + 100ul * (slot)).at[0]
+#define LIGHT_VERTEX(number) LightVertices(BOTH.vertices + 76ul * (number)).at[0]
+#define SHADOW_RAY(number) ShadowRays(BOTH.shadows + 48ul * (number)).at[0]
+#define TALLY Tallies(push.tally).at[0]
+
+/* The slot of thread x. */
+uint slot_of(uint x)
+{
+    const uint number = push.offset + x;
+    return push.list == 0ul ? number : BothWords(push.list + 4ul * number).at[0];
+}
+
+void go_onward(uint slot)
+{
+    const uint place = atomicAdd(TALLY.paths, 1u);
+    BothWords(push.onward + 4ul * place).at[0] = slot;
+}
+
+/* What the random numbers of the paths of a pixel hang on. */
+uint pixel_key(uint64_t pixel) { return kiln_hash2(kiln_hash2(push.seed, uint(pixel)), uint(pixel >> 32)); }
+
+vec3 vec3_in(float of[3]) { return vec3(of[0], of[1], of[2]); }
+float[3] floats_of(vec3 of) { return float[3](of.x, of.y, of.z); }
+kiln_path_sums sums_of(float vcm, float vc, float vm) { return kiln_path_sums(real(vcm), real(vc), real(vm)); }
+
+kiln_hit hit_of(uint triangle, float u, float v, float distance)
+{
+    kiln_hit hit;
+    hit.triangle = triangle == KILN_GPU_NONE ? KILN_GPU_NONE : triangle & ~KILN_GPU_BOTH_BACK;
+    hit.back = triangle != KILN_GPU_NONE && (triangle & KILN_GPU_BOTH_BACK) != 0u;
+    hit.u = u;
+    hit.v = v;
+    hit.distance = distance;
+    return hit;
+}
+
+/* Asks what is in the way from here to there, `limit` away. There is room for the rays of a dispatch. */
+void ask_shadow(vec3 origin, vec3 direction, float limit, vec3 brings, uint to, uint chance)
+{
+    const uint place = atomicAdd(TALLY.shadows, 1u);
+    SHADOW_RAY(place) = kiln_gpu_shadow_ray(origin, direction, limit, floats_of(brings), to, chance);
+}
+
+/* Adds to a number of whole units that stands in `count` 32-bit words, the lowest first; exact in any order. False: it
+ * is more than they hold. */
+bool add_words(uint64_t words, uint count, uint lower, uint upper)
+{
+    uint carry = 0u;
+    for (uint k = 0u; k < count; k++) {
+        const uint sum = lower + carry, over = sum < carry ? 1u : 0u; /* at most one of both is more than a word */
+        const uint old = sum != 0u ? atomicAdd(BothWords(words + 4ul * k).at[0], sum) : 0u;
+        carry = over + (old + sum < old ? 1u : 0u);
+        lower = upper;
+        upper = 0u;
+    }
+    return (lower | carry) == 0u;
+}
+
+/* Adds radiance to what the path in a slot has brought. A float is a whole number of 24 bits times a power of 2, and
+ * so is moved to its place among the words. */
+void add_radiance(uint slot, vec3 rgb)
+{
+    for (uint c = 0u; c < 3u; c++) {
+        const uint bits = floatBitsToUint(rgb[c]), exponent = bits >> 23 & 0xffu;
+        const int shift = int(exponent) - 150 - int(BOTH.unit_power);
+        if (exponent == 0u || !(rgb[c] > 0.0) || shift < -24)
+            continue;
+        uint64_t whole = uint64_t((bits & 0x7fffffu) | 0x800000u);
+        if (shift < 0)
+            whole = (whole + (1ul << uint(-shift - 1))) >> uint(-shift);
+        const uint place = uint(max(shift, 0)), word = place / 32u;
+        const uint64_t to = BOTH.radiance + 4ul * (KILN_GPU_BOTH_SUM_WORDS * uint64_t(slot) + 3u * c + word);
+        whole <<= place % 32u;
+        if (exponent == 0xffu || word > 2u || !add_words(to, 3u - word, uint(whole), uint(whole >> 32)))
+            BothCounts(BOTH.counts).at[0].too_much = 1u;
+    }
+}
+
+#endif

@@ -1,0 +1,54 @@
+/* The bidirectional pass on the device: private to bidirectional.c, which says what a sample is and has its memory, and
+ * bidirectional_stages.c, which runs its kernels. */
+#ifndef KILN_WORKER_BACKEND_VULKAN_BIDIRECTIONAL_H
+#define KILN_WORKER_BACKEND_VULKAN_BIDIRECTIONAL_H
+
+#include "worker/backend/vulkan/vulkan.h"
+#include "worker/light/emission.h"
+#include "worker/pass/bidirectional.h"
+
+/* A kernel, and whose speed is learned as its (enum vulkan_pace). */
+struct both_stage {
+    struct gpu_kernel *kernel;
+    size_t pace;
+};
+
+/* A call's working set. */
+struct both_run {
+    struct vulkan_backend *b;
+    const struct kiln_bidirectional_parameters *p;
+    uint32_t method;       /* KILN_GPU_BOTH_... */
+    uint64_t first, count; /* pixels */
+    uint64_t paths;        /* of light in a sample */
+    uint64_t rays;         /* that were traced */
+    struct kiln_emission *emission;
+    struct both_stage light, eye, next, to_paths, to_camera, connected, near, connect, merge, splat, photon;
+    struct gpu_buffer chances, nodes, all, counts, vertices, last, photons, buckets, film, sums;
+    /* of paths under way: so many slots, and what hangs on each; lists of slots; what dispatches leave to do, of which
+     * the last is copied to the host */
+    uint32_t slots, shadow_room;
+    struct gpu_buffer subpaths, eyes, radiance, lists, pairs, shadows, tallies, answer;
+    uint32_t tally; /* the next */
+    struct kiln_gpu_both shared;
+    struct kiln_gpu_both_push push;
+};
+
+/* Makes the kernels and the memory of paths under way. */
+int both_stages_create(struct both_run *r, struct kiln_error *error);
+void both_stages_destroy(struct both_run *r);
+
+/* Sets memory of the device to 0, a multiple of 4 bytes. */
+int both_clear(struct both_run *r, uint64_t address, uint64_t size, struct kiln_error *error);
+/* Runs a kernel over threads first .. first + count - 1, a slice of time at once. `tally` (or NULL) gets what it has
+ * left to do. */
+int both_run_stage(struct both_run *r, const struct both_stage *stage, uint64_t first, uint64_t count,
+                   struct kiln_gpu_both_tally *tally, struct kiln_error *error);
+
+/* Traces paths of light first .. first + count - 1 of a sample, as many as there are slots at once. */
+int both_light_paths(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error);
+/* Connects the first `count` vertices of light to the camera. */
+int both_splats(struct both_run *r, uint64_t count, struct kiln_error *error);
+/* Follows the paths of pixels first .. first + count - 1. */
+int both_eye_paths(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error);
+
+#endif

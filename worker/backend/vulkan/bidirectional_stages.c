@@ -1,0 +1,365 @@
+/* The kernels of the bidirectional pass, one after the other: each does a part of what a surface asks for, of all paths
+ * under way (shaders/subpaths.glsl). Paths that end leave the list of those under way, so that kernels have work in all
+ * their threads; what paths bring is summed exactly, so that results depend neither on the order nor on how many run
+ * at once. */
+#include <stdint.h> /* before the shaders */
+#include <string.h>
+
+#include "shaders/eye_paths.h"
+#include "shaders/eye_paths_float.h"
+#include "shaders/eye_paths_gloss.h"
+#include "shaders/eye_paths_gloss_float.h"
+#include "shaders/light_paths.h"
+#include "shaders/light_paths_float.h"
+#include "shaders/light_paths_gloss.h"
+#include "shaders/light_paths_gloss_float.h"
+#include "shaders/path_connect.h"
+#include "shaders/path_connect_float.h"
+#include "shaders/path_connect_gloss.h"
+#include "shaders/path_connect_gloss_float.h"
+#include "shaders/path_merge.h"
+#include "shaders/path_merge_float.h"
+#include "shaders/path_merge_gloss.h"
+#include "shaders/path_merge_gloss_float.h"
+#include "shaders/path_pairs.h"
+#include "shaders/path_pairs_float.h"
+#include "shaders/path_rays.h"
+#include "shaders/path_rays_float.h"
+#include "shaders/path_rays_gloss.h"
+#include "shaders/path_rays_gloss_float.h"
+#include "shaders/path_splat.h"
+#include "shaders/path_splat_float.h"
+#include "shaders/path_splat_gloss.h"
+#include "shaders/path_splat_gloss_float.h"
+#include "shaders/photons.h"
+#include "shaders/photons_float.h"
+#include "worker/backend/vulkan/bidirectional.h"
+
+#define SHADER_WITH_GLOSS(shader, text)                                                                               \
+    static const struct vulkan_shader shader##_with_gloss = {.name = text " with gloss",                              \
+                                                             .compute = VULKAN_CODE(shader##_gloss),                  \
+                                                             .compute_float = VULKAN_CODE(shader##_gloss_float)};     \
+    static const struct vulkan_shader shader##_shader = {.name = text,                                                \
+                                                         .compute = VULKAN_CODE(shader),                              \
+                                                         .compute_float = VULKAN_CODE(shader##_float),                \
+                                                         .gloss = &shader##_with_gloss};
+SHADER_WITH_GLOSS(light_paths, "paths of light")
+SHADER_WITH_GLOSS(eye_paths, "paths of the camera")
+SHADER_WITH_GLOSS(path_rays, "rays of paths")
+SHADER_WITH_GLOSS(path_connect, "connections of paths")
+SHADER_WITH_GLOSS(path_merge, "merging of photons")
+SHADER_WITH_GLOSS(path_splat, "light to the camera")
+static const struct vulkan_shader path_pairs_shader = {
+    .name = "pairs of vertices", .compute = VULKAN_CODE(path_pairs), .compute_float = VULKAN_CODE(path_pairs_float)};
+static const struct vulkan_shader photons_shader = {
+    .name = "buckets of photons", .compute = VULKAN_CODE(photons), .compute_float = VULKAN_CODE(photons_float)};
+
+/* Paths under way at most; where pacers begin, and the fewest threads of a dispatch, of which a GPU runs thousands side
+ * by side (a software device a handful); what dispatches leave to do until that is set to 0 again; pairs for a path
+ * that there is room for. */
+enum {
+    MOST_SLOTS = 1 << 21,
+    MOST_SLOTS_SOFTWARE = 1 << 16,
+    FIRST_GUESS = 1 << 13,
+    LEAST = 1 << 13,
+    LEAST_SOFTWARE = 64,
+    TALLIES = 1 << 12,
+    PAIRS = 2
+};
+
+/* ---- what is on the device ---- */
+
+/* Shadow rays that a path asks for at a surface at most, and room for one of each pair. */
+static uint64_t shadows_of_path(const struct both_run *r)
+{
+    const uint64_t samples = 2 + (uint64_t)r->b->layout.lights.directional_count;
+    return samples > PAIRS ? samples : PAIRS;
+}
+
+static void choose_slots(struct both_run *r)
+{
+    const uint64_t each = sizeof(struct kiln_gpu_subpath) + sizeof(struct kiln_gpu_eye_vertex) +
+                          (KILN_GPU_BOTH_SUM_WORDS + 2) * sizeof(uint32_t) + PAIRS * sizeof(struct kiln_gpu_both_pair) +
+                          shadows_of_path(r) * sizeof(struct kiln_gpu_shadow_ray);
+    uint64_t slots = r->b->scratch_most / each, paths = r->count;
+    const uint64_t most = gpu_about(r->b->gpu)->software ? MOST_SLOTS_SOFTWARE : MOST_SLOTS;
+    if ((r->method & KILN_GPU_BOTH_MERGES) != 0)
+        paths = r->paths;
+    slots = slots < most ? slots : most;
+    slots = slots < paths ? slots : paths;
+    r->slots = slots > 64 ? (uint32_t)slots : 64;
+    r->shadow_room = (uint32_t)(r->slots * shadows_of_path(r));
+    r->shared.pair_room = r->slots * PAIRS;
+}
+
+static int create_slots(struct both_run *r, struct kiln_error *error)
+{
+    const struct {
+        struct gpu_buffer *buffer;
+        size_t each, count;
+        const char *what;
+    } of[] = {{&r->subpaths, sizeof(struct kiln_gpu_subpath), r->slots, "paths under way"},
+              {&r->eyes, sizeof(struct kiln_gpu_eye_vertex), r->slots, "vertices of paths under way"},
+              {&r->radiance, KILN_GPU_BOTH_SUM_WORDS * sizeof(uint32_t), r->slots, "what paths have brought"},
+              {&r->lists, 2 * sizeof(uint32_t), r->slots, "lists of paths under way"},
+              {&r->pairs, sizeof(struct kiln_gpu_both_pair), r->shared.pair_room, "pairs of vertices"},
+              {&r->shadows, sizeof(struct kiln_gpu_shadow_ray), r->shadow_room, "shadow rays"},
+              {&r->tallies, sizeof(struct kiln_gpu_both_tally), TALLIES, "what dispatches leave to do"}};
+    int status = gpu_buffer_create(r->b->gpu, &r->answer, sizeof(struct kiln_gpu_both_tally), GPU_HOST,
+                                   "what a dispatch leaves to do", error);
+    for (size_t i = 0; i < sizeof of / sizeof of[0] && status == KILN_OK; i++)
+        status = gpu_buffer_create(r->b->gpu, of[i].buffer, of[i].each * of[i].count, GPU_DEVICE, of[i].what, error);
+    r->shared.subpaths = r->subpaths.address;
+    r->shared.eyes = r->eyes.address;
+    r->shared.radiance = r->radiance.address;
+    r->shared.pairs = r->pairs.address;
+    r->shared.shadows = r->shadows.address;
+    r->tally = TALLIES;
+    return status;
+}
+
+static int create_kernels(struct both_run *r, struct kiln_error *error)
+{
+    const bool connects = (r->method & KILN_GPU_BOTH_CONNECTS) != 0, merges = (r->method & KILN_GPU_BOTH_MERGES) != 0,
+               splats = (r->method & KILN_GPU_BOTH_SPLATS) != 0, own = (r->method & KILN_GPU_BOTH_OWN) != 0;
+    const struct {
+        struct both_stage *stage;
+        const struct vulkan_shader *shader;
+        uint32_t constant;
+        enum vulkan_pace pace;
+        bool wanted;
+    } of[] = {{&r->light, &light_paths_shader, 0, VULKAN_PACE_LIGHT_PATHS, true},
+              {&r->eye, &eye_paths_shader, r->method, VULKAN_PACE_EYE_PATHS, true},
+              {&r->next, &path_rays_shader, KILN_GPU_RAYS_NEXT, VULKAN_PACE_PATH_RAYS, true},
+              {&r->to_paths, &path_rays_shader, KILN_GPU_RAYS_TO_PATHS, VULKAN_PACE_SHADOW_RAYS, connects},
+              {&r->to_camera, &path_rays_shader, KILN_GPU_RAYS_TO_CAMERA, VULKAN_PACE_CAMERA_RAYS, splats},
+              {&r->connected, &path_pairs_shader, KILN_GPU_PAIRS_CONNECTED, VULKAN_PACE_PAIRS, connects},
+              {&r->near, &path_pairs_shader, own ? KILN_GPU_PAIRS_OWN : KILN_GPU_PAIRS_NEAR, VULKAN_PACE_NEAR, merges},
+              {&r->connect, &path_connect_shader, 0, VULKAN_PACE_CONNECT, connects},
+              {&r->merge, &path_merge_shader, r->method, VULKAN_PACE_MERGE, merges},
+              {&r->splat, &path_splat_shader, r->method, VULKAN_PACE_SPLAT, splats},
+              {&r->photon, &photons_shader, 0, VULKAN_PACE_PHOTONS, true}};
+    int status = KILN_OK;
+    for (size_t i = 0; i < sizeof of / sizeof of[0] && status == KILN_OK; i++) {
+        of[i].stage->pace = of[i].pace;
+        if (of[i].wanted)
+            status = vulkan_kernel_of(r->b, of[i].shader, false, of[i].constant, &of[i].stage->kernel, error);
+    }
+    return status;
+}
+
+int both_stages_create(struct both_run *r, struct kiln_error *error)
+{
+    choose_slots(r);
+    const int status = create_kernels(r, error);
+    return status == KILN_OK ? create_slots(r, error) : status;
+}
+
+void both_stages_destroy(struct both_run *r)
+{
+    struct gpu_buffer *buffers[] = {&r->subpaths, &r->eyes,    &r->radiance, &r->lists,
+                                    &r->pairs,    &r->shadows, &r->tallies,  &r->answer};
+    for (size_t i = 0; i < sizeof buffers / sizeof buffers[0]; i++)
+        gpu_buffer_destroy(r->b->gpu, buffers[i]);
+}
+
+/* ---- a dispatch ---- */
+
+static int dispatch(struct both_run *r, struct gpu_kernel *kernel, bool answers, double *seconds,
+                    struct kiln_error *error)
+{
+    const struct gpu_step steps[] = {{.kernel = kernel,
+                                      .threads_x = r->push.count,
+                                      .threads_y = 1,
+                                      .constants = &r->push,
+                                      .constant_bytes = sizeof r->push},
+                                     {.from = &r->tallies,
+                                      .to = &r->answer,
+                                      .from_offset = (r->tally - 1) * sizeof(struct kiln_gpu_both_tally),
+                                      .size = sizeof(struct kiln_gpu_both_tally)}};
+    return gpu_run(r->b->gpu, steps, answers ? 2 : 1, seconds, error);
+}
+
+int both_clear(struct both_run *r, uint64_t address, uint64_t size, struct kiln_error *error)
+{
+    const uint64_t most = 1u << 30; /* bytes at once */
+    const struct kiln_gpu_both_push before = r->push;
+    int status = KILN_OK;
+    r->push.stage = KILN_GPU_PHOTONS_CLEAR;
+    for (uint64_t done = 0; done < size && status == KILN_OK; done += most) {
+        r->push.sums = address + done;
+        r->push.count = (uint32_t)((size - done < most ? size - done : most) / 4);
+        status = dispatch(r, r->photon.kernel, false, NULL, error);
+    }
+    r->push = before;
+    return status;
+}
+
+static int next_tally(struct both_run *r, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    if (r->tally == TALLIES) {
+        status = both_clear(r, r->tallies.address, r->tallies.size, error);
+        r->tally = 0;
+    }
+    r->push.tally = r->tallies.address + r->tally++ * sizeof(struct kiln_gpu_both_tally);
+    return status;
+}
+
+int both_run_stage(struct both_run *r, const struct both_stage *stage, uint64_t first, uint64_t count,
+                   struct kiln_gpu_both_tally *tally, struct kiln_error *error)
+{
+    struct gpu_pacer *pacer = &r->b->pacers[stage->pace];
+    const uint64_t least = gpu_about(r->b->gpu)->software ? LEAST_SOFTWARE : LEAST;
+    int status = next_tally(r, error);
+    for (uint64_t done = 0; done < count && status == KILN_OK; done += r->push.count) {
+        const uint64_t enough = gpu_pacer_next_filling(pacer, FIRST_GUESS, least), left = count - done,
+                       some = enough < 1u << 30 ? enough : 1u << 30;
+        double seconds;
+        r->push.offset = (uint32_t)(first + done);
+        r->push.count = (uint32_t)(some < left ? some : left);
+        status = dispatch(r, stage->kernel, tally != NULL && some >= left, &seconds, error);
+        if (status == KILN_OK)
+            gpu_pacer_learn(pacer, r->push.count, seconds);
+    }
+    if (tally != NULL && count == 0)
+        *tally = (struct kiln_gpu_both_tally){0};
+    else if (tally != NULL && status == KILN_OK)
+        memcpy(tally, r->answer.mapped, sizeof *tally);
+    return status;
+}
+
+/* ---- paths ---- */
+
+/* Lists of slots take turns: that of the paths under way, and that of those that go on. */
+static uint64_t list_of(const struct both_run *r, uint32_t turn)
+{
+    return r->lists.address + (turn % 2) * (uint64_t)r->slots * sizeof(uint32_t);
+}
+
+/* All paths under way go to their next surfaces. */
+static int trace_next(struct both_run *r, uint64_t count, struct kiln_error *error)
+{
+    r->rays += count;
+    return both_run_stage(r, &r->next, 0, count, NULL, error);
+}
+
+static int trace_shadows(struct both_run *r, const struct both_stage *stage, uint64_t count, struct kiln_error *error)
+{
+    r->rays += count;
+    return both_run_stage(r, stage, 0, count, NULL, error);
+}
+
+/* The paths of light first .. first + count - 1, which have slots. */
+static int trace_light_paths(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error)
+{
+    struct kiln_gpu_both_tally tally;
+    r->push.light = 1;
+    r->push.path = (uint32_t)first;
+    r->push.stage = KILN_GPU_STAGE_BEGIN;
+    r->push.list = 0;
+    r->push.onward = list_of(r, 0);
+    int status = both_run_stage(r, &r->light, 0, count, &tally, error);
+    r->push.stage = KILN_GPU_STAGE_ARRIVE;
+    for (uint32_t turn = 0; status == KILN_OK && tally.paths > 0; turn++) {
+        const uint32_t under_way = tally.paths;
+        r->push.list = list_of(r, turn);
+        r->push.onward = list_of(r, turn + 1);
+        status = trace_next(r, under_way, error);
+        if (status == KILN_OK)
+            status = both_run_stage(r, &r->light, 0, under_way, &tally, error);
+    }
+    return status;
+}
+
+int both_light_paths(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    r->push.first = (uint32_t)first;
+    for (uint64_t done = 0; done < count && status == KILN_OK; done += r->slots) {
+        const uint64_t left = count - done;
+        status = trace_light_paths(r, first + done, left < r->slots ? left : r->slots, error);
+    }
+    return status;
+}
+
+int both_splats(struct both_run *r, uint64_t count, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    r->push.pixel = r->first;
+    r->push.pixels = r->count;
+    for (uint64_t done = 0; done < count && status == KILN_OK; done += r->shadow_room) {
+        const uint64_t left = count - done, some = left < r->shadow_room ? left : r->shadow_room;
+        struct kiln_gpu_both_tally tally;
+        status = both_run_stage(r, &r->splat, done, some, &tally, error);
+        if (status == KILN_OK)
+            status = trace_shadows(r, &r->to_camera, tally.shadows, error);
+    }
+    return status;
+}
+
+/* Finds pairs of the vertices of `count` paths, as many as there is room for at once, and runs `stage` over them. */
+static int run_pairs(struct both_run *r, const struct both_stage *find, const struct both_stage *stage, uint64_t count,
+                     struct kiln_error *error)
+{
+    struct kiln_gpu_both_tally found = {.left = 1}, tally;
+    int status = KILN_OK;
+    while (status == KILN_OK && found.left > 0) {
+        status = both_run_stage(r, find, 0, count, &found, error);
+        const uint32_t room = r->shared.pair_room, pairs = found.pairs < room ? found.pairs : room;
+        if (status == KILN_OK)
+            status = both_run_stage(r, stage, 0, pairs, &tally, error);
+        if (status == KILN_OK)
+            status = trace_shadows(r, &r->to_paths, tally.shadows, error);
+    }
+    return status;
+}
+
+/* What the vertices of `count` paths are connected to and merged with. */
+static int meet_light(struct both_run *r, uint64_t count, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    if ((r->method & KILN_GPU_BOTH_CONNECTS) != 0)
+        status = run_pairs(r, &r->connected, &r->connect, count, error);
+    if (status == KILN_OK && (r->method & KILN_GPU_BOTH_MERGES) != 0)
+        status = run_pairs(r, &r->near, &r->merge, count, error);
+    return status;
+}
+
+/* The paths of pixels first .. first + count - 1, which have slots. */
+static int follow_eye_paths(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error)
+{
+    struct kiln_gpu_both_tally tally = {.paths = (uint32_t)count};
+    r->push.light = 0;
+    r->push.pixel = first;
+    r->push.sums = r->sums.address + (first - r->first) * sizeof(struct kiln_gpu_path_sums);
+    r->push.list = 0;
+    r->push.stage = KILN_GPU_STAGE_BEGIN;
+    int status = both_run_stage(r, &r->eye, 0, count, NULL, error);
+    r->push.stage = KILN_GPU_STAGE_ARRIVE;
+    for (uint32_t turn = 0; status == KILN_OK && tally.paths > 0; turn++) {
+        const uint32_t under_way = tally.paths;
+        r->push.onward = list_of(r, turn + 1);
+        status = trace_next(r, under_way, error);
+        if (status == KILN_OK)
+            status = both_run_stage(r, &r->eye, 0, under_way, &tally, error);
+        if (status == KILN_OK)
+            status = trace_shadows(r, &r->to_paths, tally.shadows, error);
+        if (status == KILN_OK)
+            status = meet_light(r, under_way, error);
+        r->push.list = r->push.onward;
+    }
+    r->push.list = 0;
+    r->push.stage = KILN_GPU_STAGE_END;
+    return status == KILN_OK ? both_run_stage(r, &r->eye, 0, count, NULL, error) : status;
+}
+
+int both_eye_paths(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (uint64_t done = 0; done < count && status == KILN_OK; done += r->slots) {
+        const uint64_t left = count - done;
+        status = follow_eye_paths(r, first + done, left < r->slots ? left : r->slots, error);
+    }
+    return status;
+}
