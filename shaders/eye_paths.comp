@@ -401,7 +401,7 @@ void end()
 
 void kiln_kernel(uint x, uint y)
 {
-    if (x >= push.count || y > 0u)
+    if (y > 0u || !has_work(x))
         return;
     slot = slot_of(x);
     const uint64_t pixel = push.pixel + slot;

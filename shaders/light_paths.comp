@@ -166,7 +166,7 @@ bool follow()
 
 void kiln_kernel(uint x, uint y)
 {
-    if (x >= push.count || y > 0u)
+    if (y > 0u || !has_work(x))
         return;
     slot = slot_of(x);
     walk_key = push.light_key;

@@ -61,7 +61,7 @@ void connect(uint slot, kiln_gpu_eye_vertex eye, kiln_gpu_light_vertex kept)
 
 void kiln_kernel(uint x, uint y)
 {
-    if (x >= push.count || y > 0u)
+    if (y > 0u || !has_work(x))
         return;
     const kiln_gpu_both_pair pair = Pairs(BOTH.pairs + 8ul * (push.offset + x)).at[0];
     connect(pair.slot, EYE_VERTEX(pair.slot), LIGHT_VERTEX(pair.other));

@@ -22,7 +22,7 @@ kiln_gpu_photon photon_of(uint number)
 
 void kiln_kernel(uint x, uint y)
 {
-    if (x >= push.count || y > 0u)
+    if (y > 0u || !has_work(x))
         return;
     const kiln_gpu_both_pair pair = Pairs(BOTH.pairs + 8ul * (push.offset + x)).at[0];
     const kiln_gpu_eye_vertex eye = EYE_VERTEX(pair.slot);

@@ -15,7 +15,7 @@ layout(constant_id = 6) const uint FINDS = KILN_GPU_PAIRS_CONNECTED;
 bool make_pair(uint slot, uint other)
 {
     const uint place = atomicAdd(TALLY.pairs, 1u);
-    const bool fits = place < BOTH.pair_room;
+    const bool fits = place < push.room;
     if (fits)
         Pairs(BOTH.pairs + 8ul * place).at[0] = kiln_gpu_both_pair(slot, other);
     else
@@ -90,7 +90,7 @@ void find_near(uint slot, kiln_gpu_eye_vertex eye)
 
 void kiln_kernel(uint x, uint y)
 {
-    if (x >= push.count || y > 0u)
+    if (y > 0u || !has_work(x))
         return;
     const uint slot = slot_of(x);
     const kiln_gpu_eye_vertex eye = EYE_VERTEX(slot);

@@ -73,7 +73,7 @@ void add_to_film(uint pixel, vec3 rgb)
 
 void kiln_kernel(uint x, uint y)
 {
-    if (x >= push.count || y > 0u)
+    if (y > 0u || !has_work(x))
         return;
     if (ASKS == KILN_GPU_RAYS_NEXT) {
         next(slot_of(x));

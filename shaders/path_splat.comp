@@ -86,7 +86,7 @@ void connect(kiln_gpu_light_vertex kept, View view)
 
 void kiln_kernel(uint x, uint y)
 {
-    if (x >= push.count || y > 0u)
+    if (y > 0u || !has_work(x))
         return;
     const kiln_gpu_light_vertex kept = LIGHT_VERTEX(push.offset + x);
     if (uint64_t(kept.path) - push.pixel >= push.pixels) /* also those before it */

@@ -25,6 +25,12 @@ KILN_ARRAY(Photons, kiln_gpu_photon, 4);
 #define SHADOW_RAY(number) ShadowRays(BOTH.shadows + 48ul * (number)).at[0]
 #define TALLY Tallies(push.tally).at[0]
 
+/* Whether there is something to do for thread x. */
+bool has_work(uint x)
+{
+    return x < push.count && (push.counter == 0ul || push.offset + x < BothWords(push.counter).at[0]);
+}
+
 /* The slot of thread x. */
 uint slot_of(uint x)
 {

@@ -109,7 +109,6 @@ struct kiln_gpu_both {
     KILN_ADDRESS subpaths, eyes;   /* of each slot: struct kiln_gpu_subpath, struct kiln_gpu_eye_vertex */
     KILN_ADDRESS radiance;      /* of each slot: KILN_GPU_BOTH_SUM_WORDS words */
     KILN_ADDRESS pairs, shadows;   /* struct kiln_gpu_both_pair, struct kiln_gpu_shadow_ray */
-    KILN_WORD pair_room;           /* pairs that there is room for */
     KILN_WORD unit_power;          /* of the sums of slots: their unit is 2 to this (signed) power, W/(m2 sr) */
     KILN_WORD room;                /* vertices of light that there is room for */
     KILN_WORD lights, bucket_mask; /* how many lights there are; the number of buckets, less 1 */
@@ -127,6 +126,5 @@ struct kiln_gpu_both {
     KILN_REAL32 unit;   /* of the film, W/(m2 sr) */
     KILN_REAL32 radius; /* m, of merging; */
     KILN_REAL32 area;   /* m2, pi times its square times the paths whose vertices are merged; 0: none are */
-    KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_both, 272);
+KILN_SIZE_IS(kiln_gpu_both, 264);

@@ -192,6 +192,7 @@ struct kiln_gpu_both_push {
     KILN_ADDRESS list;   /* words: the slots that threads have; 0: thread x has slot x */
     KILN_ADDRESS onward; /* words: the slots whose paths go on are put here */
     KILN_ADDRESS tally;  /* struct kiln_gpu_both_tally */
+    KILN_ADDRESS counter; /* a word: what is to be done, no more than `count` from `offset` on; 0: all of `count` is */
     KILN_WORD64 pixel;   /* of slot 0; of splats: the first whose paths of light are connected to the camera */
     KILN_WORD64 pixels;  /* of splats: how many there are from it on */
     KILN_WORD count;     /* threads */
@@ -202,10 +203,10 @@ struct kiln_gpu_both_push {
     KILN_WORD sampled;         /* the camera's sample */
     KILN_WORD stage;           /* KILN_GPU_PHOTONS_... of photons.comp, KILN_GPU_STAGE_... of paths */
     KILN_WORD light;           /* 1: the paths are those of light */
-    KILN_WORD reserved;
+    KILN_WORD room;            /* of path_pairs.comp: pairs that there is room for */
 };
-KILN_SIZE_IS(kiln_gpu_both_push, 104);
-KILN_OFFSET_IS(kiln_gpu_both_push, count, 64);
+KILN_SIZE_IS(kiln_gpu_both_push, 112);
+KILN_OFFSET_IS(kiln_gpu_both_push, count, 72);
 #define KILN_GPU_STAGE_BEGIN 0u  /* the first ray of a path */
 #define KILN_GPU_STAGE_ARRIVE 1u /* what it has met, and the next ray */
 #define KILN_GPU_STAGE_END 2u    /* what paths of the camera have brought is added to their pixels */

@@ -13,6 +13,8 @@ struct both_stage {
     size_t pace;
 };
 
+enum { BOTH_QUEUE = 16 };
+
 /* A call's working set. */
 struct both_run {
     struct vulkan_backend *b;
@@ -22,13 +24,22 @@ struct both_run {
     uint64_t paths;        /* of light in a sample */
     uint64_t rays;         /* that were traced */
     struct kiln_emission *emission;
-    struct both_stage light, eye, next, to_paths, to_camera, connected, near, connect, merge, splat, photon;
+    struct both_stage light, eye, eye_ends, next, to_paths, to_camera, connected, near, connect, merge, splat, photon;
     struct gpu_buffer chances, nodes, all, counts, vertices, last, photons, buckets, film, sums;
     /* of paths under way: so many slots, and what hangs on each; lists of slots; what dispatches leave to do, of which
      * the last is copied to the host */
-    uint32_t slots, shadow_room;
+    uint32_t slots, pair_room, shadow_room;
     struct gpu_buffer subpaths, eyes, radiance, lists, pairs, shadows, tallies, answer;
     uint32_t tally; /* the next */
+    /* dispatches that are handed over together */
+    struct both_queue {
+        size_t count;
+        uint32_t tally; /* that of the first */
+        double seconds; /* that they take, as far as is known */
+        bool known;     /* it is, for all */
+        struct kiln_gpu_both_push pushes[BOTH_QUEUE];
+        struct gpu_step steps[BOTH_QUEUE + 1];
+    } queue;
     struct kiln_gpu_both shared;
     struct kiln_gpu_both_push push;
 };

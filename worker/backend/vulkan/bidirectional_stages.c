@@ -2,6 +2,7 @@
  * under way (shaders/subpaths.glsl). Paths that end leave the list of those under way, so that kernels have work in all
  * their threads; what paths bring is summed exactly, so that results depend neither on the order nor on how many run
  * at once. */
+#include <stddef.h>
 #include <stdint.h> /* before the shaders */
 #include <string.h>
 
@@ -64,7 +65,9 @@ enum {
     LEAST = 1 << 13,
     LEAST_SOFTWARE = 64,
     TALLIES = 1 << 12,
-    PAIRS = 2
+    PAIRS = 2,
+    PAIRS_OF_FEW = 16, /* the same where few paths are under way */
+    LIGHT_SURFACES = 4 /* of paths of light, handed over together */
 };
 
 /* ---- what is on the device ---- */
@@ -89,7 +92,7 @@ static void choose_slots(struct both_run *r)
     slots = slots < paths ? slots : paths;
     r->slots = slots > 64 ? (uint32_t)slots : 64;
     r->shadow_room = (uint32_t)(r->slots * shadows_of_path(r));
-    r->shared.pair_room = r->slots * PAIRS;
+    r->pair_room = r->slots * PAIRS;
 }
 
 static int create_slots(struct both_run *r, struct kiln_error *error)
@@ -102,11 +105,11 @@ static int create_slots(struct both_run *r, struct kiln_error *error)
               {&r->eyes, sizeof(struct kiln_gpu_eye_vertex), r->slots, "vertices of paths under way"},
               {&r->radiance, KILN_GPU_BOTH_SUM_WORDS * sizeof(uint32_t), r->slots, "what paths have brought"},
               {&r->lists, 2 * sizeof(uint32_t), r->slots, "lists of paths under way"},
-              {&r->pairs, sizeof(struct kiln_gpu_both_pair), r->shared.pair_room, "pairs of vertices"},
+              {&r->pairs, sizeof(struct kiln_gpu_both_pair), r->pair_room, "pairs of vertices"},
               {&r->shadows, sizeof(struct kiln_gpu_shadow_ray), r->shadow_room, "shadow rays"},
               {&r->tallies, sizeof(struct kiln_gpu_both_tally), TALLIES, "what dispatches leave to do"}};
-    int status = gpu_buffer_create(r->b->gpu, &r->answer, sizeof(struct kiln_gpu_both_tally), GPU_HOST,
-                                   "what a dispatch leaves to do", error);
+    int status = gpu_buffer_create(r->b->gpu, &r->answer, BOTH_QUEUE * sizeof(struct kiln_gpu_both_tally), GPU_HOST,
+                                   "what dispatches leave to do", error);
     for (size_t i = 0; i < sizeof of / sizeof of[0] && status == KILN_OK; i++)
         status = gpu_buffer_create(r->b->gpu, of[i].buffer, of[i].each * of[i].count, GPU_DEVICE, of[i].what, error);
     r->shared.subpaths = r->subpaths.address;
@@ -130,6 +133,7 @@ static int create_kernels(struct both_run *r, struct kiln_error *error)
         bool wanted;
     } of[] = {{&r->light, &light_paths_shader, 0, VULKAN_PACE_LIGHT_PATHS, true},
               {&r->eye, &eye_paths_shader, r->method, VULKAN_PACE_EYE_PATHS, true},
+              {&r->eye_ends, &eye_paths_shader, r->method, VULKAN_PACE_EYE_ENDS, true},
               {&r->next, &path_rays_shader, KILN_GPU_RAYS_NEXT, VULKAN_PACE_PATH_RAYS, true},
               {&r->to_paths, &path_rays_shader, KILN_GPU_RAYS_TO_PATHS, VULKAN_PACE_SHADOW_RAYS, connects},
               {&r->to_camera, &path_rays_shader, KILN_GPU_RAYS_TO_CAMERA, VULKAN_PACE_CAMERA_RAYS, splats},
@@ -206,12 +210,20 @@ static int next_tally(struct both_run *r, struct kiln_error *error)
     return status;
 }
 
+/* A dispatch with few threads takes as long as one of them: that it is slow says nothing of larger ones. */
+static void learn(struct gpu_pacer *pacer, uint64_t work, double seconds)
+{
+    if (!(pacer->rate > 0.0) || seconds > pacer->slice_seconds / 16.0 || (double)work > pacer->rate * seconds)
+        gpu_pacer_learn(pacer, work, seconds);
+}
+
 int both_run_stage(struct both_run *r, const struct both_stage *stage, uint64_t first, uint64_t count,
                    struct kiln_gpu_both_tally *tally, struct kiln_error *error)
 {
     struct gpu_pacer *pacer = &r->b->pacers[stage->pace];
     const uint64_t least = gpu_about(r->b->gpu)->software ? LEAST_SOFTWARE : LEAST;
     int status = next_tally(r, error);
+    r->push.counter = 0;
     for (uint64_t done = 0; done < count && status == KILN_OK; done += r->push.count) {
         const uint64_t enough = gpu_pacer_next_filling(pacer, FIRST_GUESS, least), left = count - done,
                        some = enough < 1u << 30 ? enough : 1u << 30;
@@ -220,13 +232,77 @@ int both_run_stage(struct both_run *r, const struct both_stage *stage, uint64_t 
         r->push.count = (uint32_t)(some < left ? some : left);
         status = dispatch(r, stage->kernel, tally != NULL && some >= left, &seconds, error);
         if (status == KILN_OK)
-            gpu_pacer_learn(pacer, r->push.count, seconds);
+            learn(pacer, r->push.count, seconds);
     }
     if (tally != NULL && count == 0)
         *tally = (struct kiln_gpu_both_tally){0};
     else if (tally != NULL && status == KILN_OK)
         memcpy(tally, r->answer.mapped, sizeof *tally);
     return status;
+}
+
+/* ---- dispatches that are handed over together ---- */
+
+/* Whether what is left to do fits into the tallies from here on, so that both_add needs no new ones. */
+static int begin_queue(struct both_run *r, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    if (r->tally + BOTH_QUEUE > TALLIES) {
+        status = both_clear(r, r->tallies.address, r->tallies.size, error);
+        r->tally = 0;
+    }
+    r->queue.count = 0;
+    r->queue.tally = r->tally;
+    r->queue.seconds = 0.0;
+    r->queue.known = true;
+    return status;
+}
+
+static uint64_t tally_address(const struct both_run *r, size_t number, size_t offset)
+{
+    return r->tallies.address + (r->queue.tally + number) * sizeof(struct kiln_gpu_both_tally) + offset;
+}
+
+/* A dispatch of at most `most` threads, of which the word at `counter` (0: none) says how many have something to do;
+ * with push constants as they are. Returns its number in the queue, which its tally has too. */
+static size_t add(struct both_run *r, const struct both_stage *stage, uint64_t most, uint64_t counter)
+{
+    struct both_queue *q = &r->queue;
+    const size_t number = q->count++;
+    const double rate = r->b->pacers[stage->pace].rate;
+    r->push.counter = counter;
+    r->push.offset = 0;
+    r->push.count = (uint32_t)most;
+    r->push.tally = tally_address(r, number, 0);
+    q->pushes[number] = r->push;
+    q->steps[number] = (struct gpu_step){.kernel = stage->kernel,
+                                         .threads_x = r->push.count,
+                                         .threads_y = 1,
+                                         .constants = &q->pushes[number],
+                                         .constant_bytes = sizeof r->push};
+    q->known = q->known && rate > 0.0;
+    if (rate > 0.0)
+        q->seconds += (double)most / rate;
+    return number;
+}
+
+/* Whether all of the queue takes no longer than one dispatch may. */
+static bool fits_slice(const struct both_run *r)
+{
+    return r->queue.known && r->queue.seconds < 0.8 * gpu_slice(r->b->gpu);
+}
+
+/* Runs the queue. *tallies: of each dispatch, valid until the next is run. */
+static int run_queue(struct both_run *r, const struct kiln_gpu_both_tally **tallies, struct kiln_error *error)
+{
+    struct both_queue *q = &r->queue;
+    q->steps[q->count] = (struct gpu_step){.from = &r->tallies,
+                                           .to = &r->answer,
+                                           .from_offset = q->tally * sizeof(struct kiln_gpu_both_tally),
+                                           .size = q->count * sizeof(struct kiln_gpu_both_tally)};
+    r->tally += (uint32_t)q->count;
+    *tallies = r->answer.mapped;
+    return gpu_run(r->b->gpu, q->steps, q->count + 1, NULL, error);
 }
 
 /* ---- paths ---- */
@@ -250,24 +326,63 @@ static int trace_shadows(struct both_run *r, const struct both_stage *stage, uin
     return both_run_stage(r, stage, 0, count, NULL, error);
 }
 
+/* All paths of light under way go to their next surfaces; one dispatch after the other. */
+static int light_surface(struct both_run *r, uint32_t *under_way, struct kiln_error *error)
+{
+    struct kiln_gpu_both_tally tally = {0};
+    int status = trace_next(r, *under_way, error);
+    if (status == KILN_OK)
+        status = both_run_stage(r, &r->light, 0, *under_way, &tally, error);
+    *under_way = tally.paths;
+    return status;
+}
+
+/* The same for LIGHT_SURFACES surfaces, handed over together; *done: that was done, for it takes little time. */
+static int light_surfaces(struct both_run *r, uint32_t turn, uint32_t *under_way, bool *done, struct kiln_error *error)
+{
+    const struct kiln_gpu_both_tally *tallies;
+    uint64_t counter = 0;
+    int status = begin_queue(r, error);
+    for (uint32_t k = 0; k < LIGHT_SURFACES; k++) {
+        r->push.list = list_of(r, turn + k);
+        r->push.onward = list_of(r, turn + k + 1);
+        (void)add(r, &r->next, *under_way, counter);
+        counter = tally_address(r, add(r, &r->light, *under_way, counter),
+                                offsetof(struct kiln_gpu_both_tally, paths));
+    }
+    *done = fits_slice(r);
+    if (status != KILN_OK || !*done)
+        return status;
+    status = run_queue(r, &tallies, error);
+    for (uint32_t k = 0; k < LIGHT_SURFACES && status == KILN_OK; k++) {
+        r->rays += *under_way;
+        *under_way = tallies[2 * k + 1].paths;
+    }
+    return status;
+}
+
 /* The paths of light first .. first + count - 1, which have slots. */
 static int trace_light_paths(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error)
 {
-    struct kiln_gpu_both_tally tally;
+    struct kiln_gpu_both_tally tally = {0};
     r->push.light = 1;
     r->push.path = (uint32_t)first;
     r->push.stage = KILN_GPU_STAGE_BEGIN;
     r->push.list = 0;
     r->push.onward = list_of(r, 0);
     int status = both_run_stage(r, &r->light, 0, count, &tally, error);
+    uint32_t under_way = status == KILN_OK ? tally.paths : 0;
     r->push.stage = KILN_GPU_STAGE_ARRIVE;
-    for (uint32_t turn = 0; status == KILN_OK && tally.paths > 0; turn++) {
-        const uint32_t under_way = tally.paths;
+    for (uint32_t turn = 0; status == KILN_OK && under_way > 0;) {
+        bool done;
+        status = light_surfaces(r, turn, &under_way, &done, error);
+        turn += done ? LIGHT_SURFACES : 0;
+        if (status != KILN_OK || done)
+            continue;
         r->push.list = list_of(r, turn);
         r->push.onward = list_of(r, turn + 1);
-        status = trace_next(r, under_way, error);
-        if (status == KILN_OK)
-            status = both_run_stage(r, &r->light, 0, under_way, &tally, error);
+        status = light_surface(r, &under_way, error);
+        turn++;
     }
     return status;
 }
@@ -290,7 +405,7 @@ int both_splats(struct both_run *r, uint64_t count, struct kiln_error *error)
     r->push.pixels = r->count;
     for (uint64_t done = 0; done < count && status == KILN_OK; done += r->shadow_room) {
         const uint64_t left = count - done, some = left < r->shadow_room ? left : r->shadow_room;
-        struct kiln_gpu_both_tally tally;
+        struct kiln_gpu_both_tally tally = {0};
         status = both_run_stage(r, &r->splat, done, some, &tally, error);
         if (status == KILN_OK)
             status = trace_shadows(r, &r->to_camera, tally.shadows, error);
@@ -298,60 +413,119 @@ int both_splats(struct both_run *r, uint64_t count, struct kiln_error *error)
     return status;
 }
 
-/* Finds pairs of the vertices of `count` paths, as many as there is room for at once, and runs `stage` over them. */
+/* Finds pairs of the vertices of `count` paths, as many as there is room for at once, and runs `stage` over them, as
+ * long as any are `left`. */
 static int run_pairs(struct both_run *r, const struct both_stage *find, const struct both_stage *stage, uint64_t count,
-                     struct kiln_error *error)
+                     bool left, struct kiln_error *error)
 {
-    struct kiln_gpu_both_tally found = {.left = 1}, tally;
+    struct kiln_gpu_both_tally found = {0}, tally = {0};
     int status = KILN_OK;
-    while (status == KILN_OK && found.left > 0) {
+    r->push.room = r->pair_room;
+    while (status == KILN_OK && left) {
         status = both_run_stage(r, find, 0, count, &found, error);
-        const uint32_t room = r->shared.pair_room, pairs = found.pairs < room ? found.pairs : room;
+        const uint32_t pairs = found.pairs < r->pair_room ? found.pairs : r->pair_room;
         if (status == KILN_OK)
             status = both_run_stage(r, stage, 0, pairs, &tally, error);
         if (status == KILN_OK)
             status = trace_shadows(r, &r->to_paths, tally.shadows, error);
+        left = found.left > 0;
     }
     return status;
 }
 
-/* What the vertices of `count` paths are connected to and merged with. */
-static int meet_light(struct both_run *r, uint64_t count, struct kiln_error *error)
+/* What the vertices of `count` paths are connected to and merged with, where there is more. */
+static int meet_light(struct both_run *r, uint64_t count, bool connect, bool merge, struct kiln_error *error)
 {
-    int status = KILN_OK;
-    if ((r->method & KILN_GPU_BOTH_CONNECTS) != 0)
-        status = run_pairs(r, &r->connected, &r->connect, count, error);
-    if (status == KILN_OK && (r->method & KILN_GPU_BOTH_MERGES) != 0)
-        status = run_pairs(r, &r->near, &r->merge, count, error);
+    int status = run_pairs(r, &r->connected, &r->connect, count, connect, error);
+    if (status == KILN_OK)
+        status = run_pairs(r, &r->near, &r->merge, count, merge, error);
+    return status;
+}
+
+static bool connects(const struct both_run *r) { return (r->method & KILN_GPU_BOTH_CONNECTS) != 0; }
+static bool merges(const struct both_run *r) { return (r->method & KILN_GPU_BOTH_MERGES) != 0; }
+
+/* All paths of the camera under way go to their next surfaces; one dispatch after the other. */
+static int eye_surface(struct both_run *r, uint32_t *under_way, struct kiln_error *error)
+{
+    const uint32_t count = *under_way;
+    struct kiln_gpu_both_tally tally = {0};
+    int status = trace_next(r, count, error);
+    if (status == KILN_OK)
+        status = both_run_stage(r, &r->eye, 0, count, &tally, error);
+    *under_way = tally.paths;
+    if (status == KILN_OK)
+        status = trace_shadows(r, &r->to_paths, tally.shadows, error);
+    return status == KILN_OK ? meet_light(r, count, connects(r), merges(r), error) : status;
+}
+
+/* Adds the search for pairs, and what is done with them. Returns the number of the former in the queue. */
+static size_t add_pairs(struct both_run *r, const struct both_stage *find, const struct both_stage *stage,
+                        uint64_t count)
+{
+    const uint64_t few = PAIRS_OF_FEW * count;
+    r->push.room = few < r->pair_room ? (uint32_t)few : r->pair_room;
+    const size_t found = add(r, find, count, 0);
+    const uint64_t pairs = tally_address(r, found, offsetof(struct kiln_gpu_both_tally, pairs));
+    const size_t sent = add(r, stage, r->push.room, pairs);
+    if (stage == &r->connect)
+        (void)add(r, &r->to_paths, r->push.room,
+                  tally_address(r, sent, offsetof(struct kiln_gpu_both_tally, shadows)));
+    return found;
+}
+
+/* The same, handed over together; *done: that was done, for it takes little time. */
+static int eye_surface_at_once(struct both_run *r, uint32_t *under_way, bool *done, struct kiln_error *error)
+{
+    const struct kiln_gpu_both_tally *tallies;
+    const uint32_t count = *under_way;
+    size_t connected = 0, near = 0;
+    int status = begin_queue(r, error);
+    (void)add(r, &r->next, count, 0);
+    const size_t eye = add(r, &r->eye, count, 0);
+    if (connects(r)) {
+        (void)add(r, &r->to_paths, count * shadows_of_path(r),
+                  tally_address(r, eye, offsetof(struct kiln_gpu_both_tally, shadows)));
+        connected = add_pairs(r, &r->connected, &r->connect, count);
+    }
+    if (merges(r))
+        near = add_pairs(r, &r->near, &r->merge, count);
+    *done = fits_slice(r);
+    if (status == KILN_OK && *done) {
+        status = run_queue(r, &tallies, error);
+        if (status == KILN_OK) {
+            const bool more_connected = connects(r) && tallies[connected].left > 0,
+                       more_near = merges(r) && tallies[near].left > 0;
+            r->rays += count + tallies[eye].shadows + (connects(r) ? tallies[connected + 1].shadows : 0);
+            *under_way = tallies[eye].paths;
+            status = meet_light(r, count, more_connected, more_near, error);
+        }
+    }
     return status;
 }
 
 /* The paths of pixels first .. first + count - 1, which have slots. */
 static int follow_eye_paths(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error)
 {
-    struct kiln_gpu_both_tally tally = {.paths = (uint32_t)count};
+    uint32_t under_way = (uint32_t)count;
     r->push.light = 0;
     r->push.pixel = first;
     r->push.sums = r->sums.address + (first - r->first) * sizeof(struct kiln_gpu_path_sums);
     r->push.list = 0;
     r->push.stage = KILN_GPU_STAGE_BEGIN;
-    int status = both_run_stage(r, &r->eye, 0, count, NULL, error);
+    int status = both_run_stage(r, &r->eye_ends, 0, count, NULL, error);
     r->push.stage = KILN_GPU_STAGE_ARRIVE;
-    for (uint32_t turn = 0; status == KILN_OK && tally.paths > 0; turn++) {
-        const uint32_t under_way = tally.paths;
+    for (uint32_t turn = 0; status == KILN_OK && under_way > 0; turn++) {
+        bool done;
         r->push.onward = list_of(r, turn + 1);
-        status = trace_next(r, under_way, error);
-        if (status == KILN_OK)
-            status = both_run_stage(r, &r->eye, 0, under_way, &tally, error);
-        if (status == KILN_OK)
-            status = trace_shadows(r, &r->to_paths, tally.shadows, error);
-        if (status == KILN_OK)
-            status = meet_light(r, under_way, error);
+        status = eye_surface_at_once(r, &under_way, &done, error);
+        if (status == KILN_OK && !done)
+            status = eye_surface(r, &under_way, error);
         r->push.list = r->push.onward;
     }
     r->push.list = 0;
     r->push.stage = KILN_GPU_STAGE_END;
-    return status == KILN_OK ? both_run_stage(r, &r->eye, 0, count, NULL, error) : status;
+    return status == KILN_OK ? both_run_stage(r, &r->eye_ends, 0, count, NULL, error) : status;
 }
 
 int both_eye_paths(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error)
