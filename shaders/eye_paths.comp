@@ -111,8 +111,7 @@ void ask_light(uint number, real3 p, real3 n, real3 place, real3 direction_, rea
 /* Whether a light may come next on the path. */
 bool may_meet()
 {
-    return (path.surface == 0u || CONNECTS || MERGES) &&
-           int(path.bounces) - int(path.last_diffuse) <= int(BOTH.most);
+    return (path.surface == 0u || CONNECTS || MERGES) && int(path.bounces) - int(path.last_diffuse) <= int(BOTH.most);
 }
 
 /* `left`: of the path's weight. */

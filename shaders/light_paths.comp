@@ -1,6 +1,6 @@
 /* Paths of light of the bidirectional pass (worker/pass/bidirectional.h). By stages, thread x for the path in its slot:
- * it begins at a lamp; it arrives where its ray has come to, keeps its vertex there if that is not of mirrors alone, and
- * goes on. Vertices are kept in any order among all paths; each names the one before it. */
+ * it begins at a lamp; it arrives where its ray has come to, keeps its vertex there if that is not of mirrors alone,
+ * and goes on. Vertices are kept in any order among all paths; each names the one before it. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

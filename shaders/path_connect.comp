@@ -47,16 +47,17 @@ void connect(uint slot, kiln_gpu_eye_vertex eye, kiln_gpu_light_vertex kept)
     const float squared = dot(d, d);
     const vec3 product = scatter_product(s[0], true, s[1].all, kept.number > 0u ? s[1].diffuse : vec3(0.0),
                                          int(BOTH.most) - int(eye.bounces) - int(kept.bounces));
-    const real share = kiln_path_weight_connected(
-        path_techniques(), sums_of(eye.vcm, eye.vc, eye.vm), sums_of(kept.vcm, kept.vc, kept.vm),
-        real(s[0].to_light * s[1].cosine_o / squared), real(s[1].to_light), real(s[1].to_eye * s[0].cosine_i / squared),
-        real(s[0].to_eye));
-    const vec3 brings = product * vec3_in(kept.flux) * attenuated * float(real(s[0].cosine_i * s[1].cosine_o / squared) * share);
+    const real share =
+        kiln_path_weight_connected(path_techniques(), sums_of(eye.vcm, eye.vc, eye.vm),
+                                   sums_of(kept.vcm, kept.vc, kept.vm), real(s[0].to_light * s[1].cosine_o / squared),
+                                   real(s[1].to_light), real(s[1].to_eye * s[0].cosine_i / squared), real(s[0].to_eye));
+    const vec3 brings =
+        product * vec3_in(kept.flux) * attenuated * float(real(s[0].cosine_i * s[1].cosine_o / squared) * share);
     const vec3 way = at[1] - at[0];
     const float distance = length(way);
     if (shines(brings))
-        ask_shadow(at[0], way / distance, float(real(distance) * KILN_SHADOW_LENGTH), vec3_in(eye.weight) * brings, slot,
-                   0u);
+        ask_shadow(at[0], way / distance, float(real(distance) * KILN_SHADOW_LENGTH), vec3_in(eye.weight) * brings,
+                   slot, 0u);
 }
 
 void kiln_kernel(uint x, uint y)

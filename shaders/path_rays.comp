@@ -47,8 +47,8 @@ void next(uint slot)
     vec3 tint;
     const kiln_hit hit = nearest(s.origin, s.direction, KILN_INFINITY, path_chance(walk_key, walk_sample, s.surface),
                                  push.light == 0u && s.surface == 0u, tint);
-    SUBPATH(slot).triangle = hit.triangle == KILN_GPU_NONE ? KILN_GPU_NONE
-                                                           : hit.triangle | (hit.back ? KILN_GPU_BOTH_BACK : 0u);
+    SUBPATH(slot).triangle =
+        hit.triangle == KILN_GPU_NONE ? KILN_GPU_NONE : hit.triangle | (hit.back ? KILN_GPU_BOTH_BACK : 0u);
     SUBPATH(slot).u = hit.u;
     SUBPATH(slot).v = hit.v;
     SUBPATH(slot).distance = hit.distance;

@@ -74,8 +74,7 @@ void connect(kiln_gpu_light_vertex kept, View view)
         return;
     const vec3 product = scatter_product(s, kept.number > 0u, vec3(1.0), vec3(0.0), int(BOTH.most) - int(v.bounces));
     const real density = camera_density(view.towards, view.distance, s.cosine_o) / real(BOTH.paths);
-    const real share =
-        CONNECTS ? kiln_path_weight_seen(path_techniques(), v.sums, density, real(s.to_light)) : real(1);
+    const real share = CONNECTS ? kiln_path_weight_seen(path_techniques(), v.sums, density, real(s.to_light)) : real(1);
     const vec3 d = vertex_start(v, view.towards) - view.origin;
     const float distance = length(d);
     if (shines(product))

@@ -107,7 +107,7 @@ struct kiln_gpu_both {
     KILN_ADDRESS begins, ends;     /* words: where each bucket begins and ends in `photons` */
     KILN_ADDRESS film;             /* three numbers of 64 bits a pixel, the lower half first: struct kiln_splat_film */
     KILN_ADDRESS subpaths, eyes;   /* of each slot: struct kiln_gpu_subpath, struct kiln_gpu_eye_vertex */
-    KILN_ADDRESS radiance;      /* of each slot: KILN_GPU_BOTH_SUM_WORDS words */
+    KILN_ADDRESS radiance;         /* of each slot: KILN_GPU_BOTH_SUM_WORDS words */
     KILN_ADDRESS pairs, shadows;   /* struct kiln_gpu_both_pair, struct kiln_gpu_shadow_ray */
     KILN_WORD unit_power;          /* of the sums of slots: their unit is 2 to this (signed) power, W/(m2 sr) */
     KILN_WORD room;                /* vertices of light that there is room for */

@@ -187,18 +187,18 @@ KILN_OFFSET_IS(kiln_gpu_path_push, extent, 104);
 /* The kernels of the bidirectional pass. A slot has a path under way. */
 struct kiln_gpu_both_push {
     KILN_ADDRESS scene;
-    KILN_ADDRESS both;   /* struct kiln_gpu_both */
-    KILN_ADDRESS sums;   /* struct kiln_gpu_path_sums of slot 0; or words to set to 0 */
-    KILN_ADDRESS list;   /* words: the slots that threads have; 0: thread x has slot x */
-    KILN_ADDRESS onward; /* words: the slots whose paths go on are put here */
-    KILN_ADDRESS tally;  /* struct kiln_gpu_both_tally */
+    KILN_ADDRESS both;    /* struct kiln_gpu_both */
+    KILN_ADDRESS sums;    /* struct kiln_gpu_path_sums of slot 0; or words to set to 0 */
+    KILN_ADDRESS list;    /* words: the slots that threads have; 0: thread x has slot x */
+    KILN_ADDRESS onward;  /* words: the slots whose paths go on are put here */
+    KILN_ADDRESS tally;   /* struct kiln_gpu_both_tally */
     KILN_ADDRESS counter; /* a word: what is to be done, no more than `count` from `offset` on; 0: all of `count` is */
-    KILN_WORD64 pixel;   /* of slot 0; of splats: the first whose paths of light are connected to the camera */
-    KILN_WORD64 pixels;  /* of splats: how many there are from it on */
-    KILN_WORD count;     /* threads */
-    KILN_WORD offset;    /* thread 0 is number `offset` of the list, the slots, pairs, rays or vertices */
-    KILN_WORD path;      /* of light: that in slot 0 */
-    KILN_WORD first;     /* the path of light whose last vertex is the first of `last` */
+    KILN_WORD64 pixel;    /* of slot 0; of splats: the first whose paths of light are connected to the camera */
+    KILN_WORD64 pixels;   /* of splats: how many there are from it on */
+    KILN_WORD count;      /* threads */
+    KILN_WORD offset;     /* thread 0 is number `offset` of the list, the slots, pairs, rays or vertices */
+    KILN_WORD path;       /* of light: that in slot 0 */
+    KILN_WORD first;      /* the path of light whose last vertex is the first of `last` */
     KILN_WORD seed, light_key; /* of the camera's paths; of this sample's paths of light */
     KILN_WORD sampled;         /* the camera's sample */
     KILN_WORD stage;           /* KILN_GPU_PHOTONS_... of photons.comp, KILN_GPU_STAGE_... of paths */
@@ -207,12 +207,12 @@ struct kiln_gpu_both_push {
 };
 KILN_SIZE_IS(kiln_gpu_both_push, 112);
 KILN_OFFSET_IS(kiln_gpu_both_push, count, 72);
-#define KILN_GPU_STAGE_BEGIN 0u  /* the first ray of a path */
-#define KILN_GPU_STAGE_ARRIVE 1u /* what it has met, and the next ray */
-#define KILN_GPU_STAGE_END 2u    /* what paths of the camera have brought is added to their pixels */
-#define KILN_GPU_RAYS_NEXT 0u      /* path_rays.comp: the next surface of each path, */
-#define KILN_GPU_RAYS_TO_PATHS 1u  /* what is in the way of light to paths, */
-#define KILN_GPU_RAYS_TO_CAMERA 2u /* to the camera */
+#define KILN_GPU_STAGE_BEGIN 0u     /* the first ray of a path */
+#define KILN_GPU_STAGE_ARRIVE 1u    /* what it has met, and the next ray */
+#define KILN_GPU_STAGE_END 2u       /* what paths of the camera have brought is added to their pixels */
+#define KILN_GPU_RAYS_NEXT 0u       /* path_rays.comp: the next surface of each path, */
+#define KILN_GPU_RAYS_TO_PATHS 1u   /* what is in the way of light to paths, */
+#define KILN_GPU_RAYS_TO_CAMERA 2u  /* to the camera */
 #define KILN_GPU_PAIRS_CONNECTED 0u /* path_pairs.comp: vertices of light of the pixel's own path, */
 #define KILN_GPU_PAIRS_OWN 1u       /* photons of that path, */
 #define KILN_GPU_PAIRS_NEAR 2u      /* photons of all paths */

@@ -28,6 +28,10 @@
 #include "shaders/path_rays_float.h"
 #include "shaders/path_rays_gloss.h"
 #include "shaders/path_rays_gloss_float.h"
+#include "shaders/path_rays_gloss_pipeline.h"
+#include "shaders/path_rays_gloss_pipeline_float.h"
+#include "shaders/path_rays_pipeline.h"
+#include "shaders/path_rays_pipeline_float.h"
 #include "shaders/path_splat.h"
 #include "shaders/path_splat_float.h"
 #include "shaders/path_splat_gloss.h"
@@ -36,17 +40,28 @@
 #include "shaders/photons_float.h"
 #include "worker/backend/vulkan/bidirectional.h"
 
-#define SHADER_WITH_GLOSS(shader, text)                                                                               \
-    static const struct vulkan_shader shader##_with_gloss = {.name = text " with gloss",                              \
-                                                             .compute = VULKAN_CODE(shader##_gloss),                  \
-                                                             .compute_float = VULKAN_CODE(shader##_gloss_float)};     \
-    static const struct vulkan_shader shader##_shader = {.name = text,                                                \
-                                                         .compute = VULKAN_CODE(shader),                              \
-                                                         .compute_float = VULKAN_CODE(shader##_float),                \
+#define SHADER_WITH_GLOSS(shader, text)                                                                                \
+    static const struct vulkan_shader shader##_with_gloss = {.name = text " with gloss",                               \
+                                                             .compute = VULKAN_CODE(shader##_gloss),                   \
+                                                             .compute_float = VULKAN_CODE(shader##_gloss_float)};      \
+    static const struct vulkan_shader shader##_shader = {.name = text,                                                 \
+                                                         .compute = VULKAN_CODE(shader),                               \
+                                                         .compute_float = VULKAN_CODE(shader##_float),                 \
                                                          .gloss = &shader##_with_gloss};
 SHADER_WITH_GLOSS(light_paths, "paths of light")
 SHADER_WITH_GLOSS(eye_paths, "paths of the camera")
-SHADER_WITH_GLOSS(path_rays, "rays of paths")
+static const struct vulkan_shader path_rays_with_gloss = {.name = "rays of paths with gloss",
+                                                          .compute = VULKAN_CODE(path_rays_gloss),
+                                                          .pipeline = VULKAN_CODE(path_rays_gloss_pipeline),
+                                                          .compute_float = VULKAN_CODE(path_rays_gloss_float),
+                                                          .pipeline_float =
+                                                              VULKAN_CODE(path_rays_gloss_pipeline_float)};
+static const struct vulkan_shader path_rays_shader = {.name = "rays of paths",
+                                                      .compute = VULKAN_CODE(path_rays),
+                                                      .pipeline = VULKAN_CODE(path_rays_pipeline),
+                                                      .compute_float = VULKAN_CODE(path_rays_float),
+                                                      .pipeline_float = VULKAN_CODE(path_rays_pipeline_float),
+                                                      .gloss = &path_rays_with_gloss};
 SHADER_WITH_GLOSS(path_connect, "connections of paths")
 SHADER_WITH_GLOSS(path_merge, "merging of photons")
 SHADER_WITH_GLOSS(path_splat, "light to the camera")
@@ -143,7 +158,13 @@ static int create_kernels(struct both_run *r, struct kiln_error *error)
               {&r->merge, &path_merge_shader, r->method, VULKAN_PACE_MERGE, merges},
               {&r->splat, &path_splat_shader, r->method, VULKAN_PACE_SPLAT, splats},
               {&r->photon, &photons_shader, 0, VULKAN_PACE_PHOTONS, true}};
+    struct vulkan_wish wishes[sizeof of / sizeof of[0]];
+    size_t count = 0;
     int status = KILN_OK;
+    for (size_t i = 0; i < sizeof of / sizeof of[0]; i++)
+        if (of[i].wanted && of[i].stage != &r->eye_ends) /* its kernel is that of `eye` */
+            wishes[count++] = (struct vulkan_wish){.shader = of[i].shader, .own = of[i].constant};
+    vulkan_kernels_at_once(r->b, wishes, count);
     for (size_t i = 0; i < sizeof of / sizeof of[0] && status == KILN_OK; i++) {
         of[i].stage->pace = of[i].pace;
         if (of[i].wanted)
@@ -347,8 +368,7 @@ static int light_surfaces(struct both_run *r, uint32_t turn, uint32_t *under_way
         r->push.list = list_of(r, turn + k);
         r->push.onward = list_of(r, turn + k + 1);
         (void)add(r, &r->next, *under_way, counter);
-        counter = tally_address(r, add(r, &r->light, *under_way, counter),
-                                offsetof(struct kiln_gpu_both_tally, paths));
+        counter = tally_address(r, add(r, &r->light, *under_way, counter), offsetof(struct kiln_gpu_both_tally, paths));
     }
     *done = fits_slice(r);
     if (status != KILN_OK || !*done)
@@ -469,8 +489,7 @@ static size_t add_pairs(struct both_run *r, const struct both_stage *find, const
     const uint64_t pairs = tally_address(r, found, offsetof(struct kiln_gpu_both_tally, pairs));
     const size_t sent = add(r, stage, r->push.room, pairs);
     if (stage == &r->connect)
-        (void)add(r, &r->to_paths, r->push.room,
-                  tally_address(r, sent, offsetof(struct kiln_gpu_both_tally, shadows)));
+        (void)add(r, &r->to_paths, r->push.room, tally_address(r, sent, offsetof(struct kiln_gpu_both_tally, shadows)));
     return found;
 }
 

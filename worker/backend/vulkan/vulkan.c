@@ -413,12 +413,11 @@ static int wishes(const struct vulkan_backend *b, struct vulkan_kernel wished[KI
     return count;
 }
 
-/* Makes what bakes need, all at once: drivers take a second for some kernels, and each on one core. Software devices
- * make theirs when they first run. What fails here is made again, and reported, when it is asked for. */
-static void make_ahead(struct vulkan_backend *b)
+/* Makes kernels, and with `room` what passes will ask for, all at once: drivers take a second for some kernels, and
+ * each on one core. Software devices make theirs when they first run. What fails here is made again, and reported, when
+ * it is asked for. */
+static void make_at_once(struct vulkan_backend *b, struct vulkan_kernel *wished, int count, bool room)
 {
-    struct vulkan_kernel wished[KILN_PASS_COUNT * VULKAN_WISHES];
-    const int count = wishes(b, wished);
     if (gpu_about(b->gpu)->software || b->tracer.acceleration != NULL ||
         b->faults.wanted.kind != KILN_DEVICE_FAULT_NONE ||
         kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + (size_t)count, sizeof *b->kernels,
@@ -426,13 +425,33 @@ static void make_ahead(struct vulkan_backend *b)
         return;
 #pragma omp parallel for num_threads(count + 1) schedule(static, 1)
     for (int i = 0; i <= count; i++)
-        if (i == count)
-            vulkan_passes_ahead(b);
-        else
+        if (i < count)
             (void)make_kernel(b, &wished[i], NULL);
+        else if (room)
+            vulkan_passes_ahead(b);
     for (int i = 0; i < count; i++)
         if (wished[i].kernel != NULL)
             b->kernels[b->kernel_count++] = wished[i];
+}
+
+/* Makes what bakes need. */
+static void make_ahead(struct vulkan_backend *b)
+{
+    struct vulkan_kernel wished[KILN_PASS_COUNT * VULKAN_WISHES];
+    make_at_once(b, wished, wishes(b, wished), true);
+}
+
+void vulkan_kernels_at_once(struct vulkan_backend *b, const struct vulkan_wish *wishes_, size_t count)
+{
+    struct vulkan_kernel wished[VULKAN_AT_ONCE];
+    int missing = 0;
+    for (size_t i = 0; i < count && missing < VULKAN_AT_ONCE; i++) {
+        const struct vulkan_shader *shader = variant_of(b, wishes_[i].shader);
+        if (find_kernel(b, shader, wishes_[i].draw_again, wishes_[i].own) == NULL)
+            wished[missing++] = (struct vulkan_kernel){
+                .shader = shader, .draw_again = wishes_[i].draw_again, .own = wishes_[i].own, .ran = true};
+    }
+    make_at_once(b, wished, missing, false);
 }
 
 static int vulkan_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface,
