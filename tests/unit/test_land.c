@@ -156,6 +156,7 @@ static void release(struct world *w)
     kiln_lights_destroy(&w->made);
     kiln_geometry_destroy(&w->geometry);
     free(w->f->scene.taken);
+    free(w->f->scene.panes);
     free(w->f->scene.own_materials);
     fixture_destroy(w->f);
 }

@@ -142,8 +142,7 @@ bool kiln_gloss_is_passage(const struct kiln_gloss *gloss)
            gloss->mean_roughness < KILN_GLOSS_ROUGHNESS_SMOOTH;
 }
 
-/* What a thin smooth wall reflects; textures of that do not count. eta 0: nothing, or it lets light through by alpha.
- */
+/* What a thin smooth wall reflects; textures of that do not count. eta 0: nothing, or light comes through by alpha. */
 static struct kiln_pane pane_of(const struct kiln_material *material, const struct kiln_gloss *gloss)
 {
     const bool phong = gloss->model == KILN_GLOSS_PHONG;
