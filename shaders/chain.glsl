@@ -89,7 +89,7 @@ bool chain_go_on(inout Chain c, Meeting m, uint surface, float pick, inout vec3 
     const float side = dot(m.normal, direction) > 0.0 ? m.offset : -m.offset;
     vec3 tint;
     hit = walk_trace(m.position + m.normal * side, direction, kiln_path_use(surface, KILN_PATH_CHANCE), tint);
-    if (HAS_ALPHA == KILN_PASSAGE_TINT) {
+    if (HAS_ALPHA >= KILN_PASSAGE_TINT) {
         chain_weight *= tint;
         chain_seen *= tint;
     }

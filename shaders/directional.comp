@@ -62,7 +62,7 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
         if (!hit.back || (to.material & KILN_RECORD_DOUBLE_SIDED) != 0u)
             radiance = kiln_store_radiosity(to) * KILN_INVERSE_PI;
     }
-    if (HAS_ALPHA == KILN_PASSAGE_TINT)
+    if (HAS_ALPHA >= KILN_PASSAGE_TINT)
         radiance *= tint;
     add_direction(sums, direction, radiance * (6.283185307179586 / float(push.hemisphere.samples)));
 }

@@ -70,7 +70,7 @@ kiln_hit nearest(vec3 position, vec3 direction, uint seed, out vec3 tint)
 /* What a ray adds that finds the radiosity `rgb`. */
 void add_light(inout Sums sums, vec3 rgb, vec3 tint, float facet, float weight)
 {
-    if (HAS_ALPHA == KILN_PASSAGE_TINT) {
+    if (HAS_ALPHA >= KILN_PASSAGE_TINT) {
         rgb *= tint;
         sums.glass += facet * (1.0 - tint);
     }
@@ -99,7 +99,7 @@ void add_chain(inout Sums sums, vec3 direction, kiln_hit hit, vec3 tint, float f
     add_light(sums, 3.14159265358979 * c.light, tint, facet, weight);
     sums.glass = vec3(0.0);
 #    else
-    const vec3 left = HAS_ALPHA == KILN_PASSAGE_TINT ? tint : vec3(1.0);
+    const vec3 left = HAS_ALPHA >= KILN_PASSAGE_TINT ? tint : vec3(1.0);
     const float mean = (left.r + left.g + left.b) * (1.0 / 3.0);
     sums.escaped += facet * mean * c.escaped;
     sums.blocked += facet * mean * c.blocked;
@@ -114,7 +114,7 @@ const bool STORES_BOTH = true;
 #else
 const bool STORES_BOTH = HAS_SMOOTH != 0u;
 #endif
-const uint TINTED_FLOATS = HAS_ALPHA == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
+const uint TINTED_FLOATS = HAS_ALPHA >= KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
 #if defined(KILN_GLOSS) && !defined(KILN_CAUSTIC)
 const uint SLICE_FLOATS = TINTED_FLOATS + KILN_GPU_SLICE_GLOSS;
 #else
@@ -205,7 +205,7 @@ void store(Sums sums, uint x, uint row)
     floats.at[6u * step + x] = sums.escaped;
     floats.at[7u * step + x] = sums.blocked;
     floats.at[8u * step + x] = sums.luminance;
-    for (uint c = 0u; c < 3u && HAS_ALPHA == KILN_PASSAGE_TINT; c++)
+    for (uint c = 0u; c < 3u && HAS_ALPHA >= KILN_PASSAGE_TINT; c++)
         floats.at[(9u + c) * step + x] = sums.glass[c];
 #if defined(KILN_GLOSS) && !defined(KILN_CAUSTIC)
     for (uint c = 0u; c < 3u; c++)

@@ -1,7 +1,7 @@
 /* Adds up what gather.glsl found and makes each point's answer of it; zeros for invalid points. Needs kernel.glsl
  * before it, and KILN_GLOSS where gather.glsl had it. Who includes this may define GATHER_ANSWER(x, r), what becomes of
  * the answer r of point x. */
-const uint TINTED_FLOATS = HAS_ALPHA == KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
+const uint TINTED_FLOATS = HAS_ALPHA >= KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
 #ifdef KILN_GLOSS
 const uint FLOATS = TINTED_FLOATS + KILN_GPU_SLICE_GLOSS;
 const uint MOST_FLOATS = KILN_GPU_SLICE_TINTED_FLOATS + KILN_GPU_SLICE_GLOSS, MEASURED = 8u;
@@ -31,7 +31,7 @@ void kiln_kernel(uint x, uint y)
         for (uint c = 0u; c < 3u; c++) {
             r.incident[c] = at_least_zero(totals.sum[c]);
             r.irradiance[c] = at_least_zero(totals.sum[3u + c]);
-            if (HAS_ALPHA == KILN_PASSAGE_TINT)
+            if (HAS_ALPHA >= KILN_PASSAGE_TINT)
                 r.glass[c] = totals.sum[9u + c];
 #ifdef KILN_GLOSS
             r.gloss[c] = totals.sum[TINTED_FLOATS + c];

@@ -147,7 +147,18 @@ struct kiln_passage {
     vec3 through;
 };
 
-kiln_passage kiln_surface_passage(uint triangle, float u, float v)
+/* Absolute value of the cosine at which a direction, unit, meets a triangle that is not opaque; 1 where nothing hangs
+ * on it. */
+float kiln_passage_cosine(uint triangle, vec3 direction)
+{
+    if (HAS_ALPHA < KILN_PASSAGE_PANE)
+        return 1.0;
+    MaterialFloats of = MaterialFloats(SCENE.materials.normals + uint64_t(triangle - SCENE.opaque_count) * 12ul);
+    const vec3 normal = vec3(of.at[0], of.at[1], of.at[2]);
+    return min(abs(dot(normal, direction)), 1.0);
+}
+
+kiln_passage kiln_surface_passage(uint triangle, float u, float v, float cosine)
 {
     const kiln_gpu_coating coating = kiln_coating_of(triangle, u, v);
     const kiln_gpu_material m = kiln_material_of(coating.material);
@@ -155,19 +166,25 @@ kiln_passage kiln_surface_passage(uint triangle, float u, float v)
     vec4 color = ((1.0 - u - v) * kiln_vertex_color(coating.colors[0]) + u * kiln_vertex_color(coating.colors[1]) +
                   v * kiln_vertex_color(coating.colors[2])) *
                  vec4(m.base_color[0], m.base_color[1], m.base_color[2], m.base_alpha);
-    if (m.base_color_texture != KILN_GPU_NONE && (HAS_ALPHA == KILN_PASSAGE_TINT && m.transmission > 0.0))
+    if (m.base_color_texture != KILN_GPU_NONE && (HAS_ALPHA >= KILN_PASSAGE_TINT && m.transmission > 0.0))
         color *= kiln_texture_sample(m.base_color_texture, at);
     else if (m.base_color_texture != KILN_GPU_NONE)
         color.a *= kiln_texture_alpha(m.base_color_texture, at);
     color = clamp(color, 0.0, 1.0);
     const float covered = kiln_coverage(m.alpha_mode, m.alpha_cutoff, color.a);
-    if (HAS_ALPHA != KILN_PASSAGE_TINT || m.transmission == 0.0)
+    if (HAS_ALPHA < KILN_PASSAGE_TINT || m.transmission == 0.0)
         return kiln_passage(covered, vec3(1.0 - covered));
     float let = covered * m.transmission;
     if (m.transmission_texture != KILN_GPU_NONE)
         let *= kiln_texture_sample(m.transmission_texture, at).r;
-    return kiln_passage(covered - let, (1.0 - covered) + let * color.rgb);
+    const float opacity = covered - let;
+    if (HAS_ALPHA >= KILN_PASSAGE_PANE)
+        let *= kiln_pane_share(m.pane, cosine);
+    return kiln_passage(opacity, (1.0 - covered) + let * color.rgb);
 }
+
+/* For the opacity alone. */
+kiln_passage kiln_surface_passage(uint triangle, float u, float v) { return kiln_surface_passage(triangle, u, v, 1.0); }
 
 /* Base colour x vertex colour x texture; `seen`: with a metal's own colour, which as an albedo is 0. */
 vec3 kiln_surface_color(uint triangle, float u, float v, bool seen)

@@ -29,7 +29,7 @@ kiln_hit trace(vec3 origin, vec3 direction, uint surface)
 {
     vec3 tint;
     const kiln_hit hit = walk_trace(origin, direction, kiln_path_use(surface, KILN_PATH_CHANCE), tint);
-    if (HAS_ALPHA == KILN_PASSAGE_TINT) {
+    if (HAS_ALPHA >= KILN_PASSAGE_TINT) {
         weight *= tint;
         seen *= tint;
     }

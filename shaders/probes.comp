@@ -79,7 +79,7 @@ void sphere_sample(inout Sums sums, vec3 p, uint key, uint k)
         else
             radiance = kiln_store_radiosity(to) * KILN_INVERSE_PI;
     }
-    if (HAS_ALPHA == KILN_PASSAGE_TINT)
+    if (HAS_ALPHA >= KILN_PASSAGE_TINT)
         radiance *= tint;
     add_direction(sums, d, radiance * (12.566370614359172 / float(push.samples)));
 }

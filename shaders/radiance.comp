@@ -39,14 +39,14 @@ vec4 find_radiosity(vec3 position, vec3 direction, uint key, uint k)
     if (chain_begins(hit)) {
         const Chain c = chain_follow(kiln_gather_chance(key), k, direction, hit);
         good = good && c.good;
-        return vec4(HAS_ALPHA == KILN_PASSAGE_TINT ? c.radiosity * tint : c.radiosity, 0.0);
+        return vec4(HAS_ALPHA >= KILN_PASSAGE_TINT ? c.radiosity * tint : c.radiosity, 0.0);
     }
 #endif
     const kiln_store_way to = kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back);
     if (hit.back && (to.material & KILN_RECORD_DOUBLE_SIDED) == 0u)
         return vec4(0.0, 0.0, 0.0, 1.0);
     const vec3 rgb = kiln_store_radiosity(to);
-    return vec4(HAS_ALPHA == KILN_PASSAGE_TINT ? rgb * tint : rgb, 0.0);
+    return vec4(HAS_ALPHA >= KILN_PASSAGE_TINT ? rgb * tint : rgb, 0.0);
 }
 
 void kiln_kernel(uint x, uint y)

@@ -347,7 +347,7 @@ static void set_trial(const struct search *s, const struct candidate *c, struct 
 
 static bool is_inside(const struct search *s, const struct kiln_hit *hit)
 {
-    return hit->back && (s->geometry->records[hit->triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0;
+    return hit->back && kiln_geometry_is_solid(s->geometry, hit->triangle);
 }
 
 /* The line in the middle of the wall, between its two faces where these are parallel. */

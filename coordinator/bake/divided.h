@@ -4,9 +4,9 @@
  * A texel is divided if its surface is flat, rays just above it from end to end meet a surface, and then all rays
  * between places on one side of that surface's plane and places on the other side meet fronts, or surfaces with two
  * sides, both ways: nothing goes round the wall within the texel. Where what is met from one side are backs of
- * single-sided surfaces, that side is buried, and the validity pass leaves it out. A texel stays whole whose neighbours
- * have none on the smaller side, as in a gap that is narrower than a texel, and in which more than one wall stands, one
- * of them counts. */
+ * single-sided surfaces, that side is buried, and the validity pass leaves it out; of glass that is taken as such it is
+ * not. A texel stays whole whose neighbours have none on the smaller side, as in a gap that is narrower than a texel,
+ * and in which more than one wall stands, one of them counts. */
 #ifndef KILN_COORDINATOR_BAKE_DIVIDED_H
 #define KILN_COORDINATOR_BAKE_DIVIDED_H
 

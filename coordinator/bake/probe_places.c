@@ -32,8 +32,7 @@ struct places_work {
 
 static bool is_inside_out(const struct places_work *w, const struct kiln_hit *hit)
 {
-    return hit->triangle != KILN_NONE && hit->back &&
-           (w->geometry->records[hit->triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0;
+    return hit->triangle != KILN_NONE && hit->back && kiln_geometry_is_solid(w->geometry, hit->triangle);
 }
 
 static struct kiln_dvec3 ray_direction(size_t ray)

@@ -7,10 +7,10 @@
 
 /* Finds the places of `count` probes. `positions`: those of the grid, m from the scene's centre; afterwards those
  * where light is to be gathered. A probe counts as inside geometry when of 26 rays around it a quarter meet a back
- * first (of a single-sided surface or of a solid). It is moved along the ray that leaves geometry soonest, by up to
- * `reach` on each axis, m; where it is then inside geometry again, along the next one. `places` says how far, and
- * KILN_PROBE_BURIED where no ray leads out. Adds the number of rays to *rays. Not collective. A probe's result does not
- * hang on the others. */
+ * first (of a single-sided surface or of a solid, but not of glass that is taken as such). It is moved along the ray
+ * that leaves geometry soonest, by up to `reach` on each axis, m; where it is then inside geometry again, along the
+ * next one. `places` says how far, and KILN_PROBE_BURIED where no ray leads out. Adds the number of rays to *rays. Not
+ * collective. A probe's result does not hang on the others. */
 int kiln_probe_places_find(struct kiln_backend *backend, const struct kiln_geometry *geometry,
                            struct kiln_vec3 *positions, size_t count, const double reach[3],
                            struct kiln_probe_place *places, uint64_t *rays, struct kiln_error *error);

@@ -587,7 +587,8 @@ static json_t *features_json(const struct kiln_prepared *p)
     static const char *const passages[] = {[KILN_PASSAGE_NONE] = "none",
                                            [KILN_PASSAGE_MASK] = "masks",
                                            [KILN_PASSAGE_BLEND] = "fractions",
-                                           [KILN_PASSAGE_TINT] = "fractions that depend on colour"};
+                                           [KILN_PASSAGE_TINT] = "fractions that depend on colour",
+                                           [KILN_PASSAGE_PANE] = "fractions that depend on colour and angle"};
     const struct kiln_lights *l = p->lights;
     size_t textured = 0, spots = 0;
     bool smooth = false;

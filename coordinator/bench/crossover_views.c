@@ -75,7 +75,7 @@ static bool is_open(const struct search *s, struct kiln_vec3 eye)
         const struct kiln_hit hit = look(s, eye, vec3_of(dvec3(r * cos(phi), y, r * sin(phi))));
         const bool met = hit.triangle != KILN_NONE;
         escaping += met ? 0.0 : 1.0 / LOOKS;
-        if (met && hit.back && (s->geometry->records[hit.triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0)
+        if (met && hit.back && kiln_geometry_is_solid(s->geometry, hit.triangle))
             backs += 1.0 / LOOKS;
         near = met ? fmin(near, (double)hit.distance) : near;
     }

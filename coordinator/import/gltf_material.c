@@ -244,14 +244,15 @@ static void note_glass(struct gltf *g, struct gltf_place place, const json_t *js
     const double thickness = volume != NULL ? gltf_number(g, place, volume, "thicknessFactor", 0.0, 1e30, 0.0) : 0.0;
     if (g->status != KILN_OK || !(m->transmission > 0.0f))
         return;
-    gltf_take(g, kiln_builder_note(g->builder, 0, g->error,
-                                   "materials[%zu] (KHR_materials_transmission): lets %.3g %% of the light through%s, "
-                                   "tinted by its base colour, as thin walls do; %s",
-                                   place.index, 100.0 * (double)m->transmission,
-                                   m->transmission_texture != KILN_NONE ? " where its texture is white" : "",
-                                   kiln_gloss_is_passage(gloss)
-                                       ? "being thin and smooth it reflects nothing, with any --materials"
-                                       : "--materials auto adds refraction and mirror reflection"));
+    gltf_take(
+        g, kiln_builder_note(g->builder, 0, g->error,
+                             "materials[%zu] (KHR_materials_transmission): lets %.3g %% of the light through%s, "
+                             "tinted by its base colour, as thin walls do; %s",
+                             place.index, 100.0 * (double)m->transmission,
+                             m->transmission_texture != KILN_NONE ? " where its texture is white" : "",
+                             kiln_gloss_is_passage(gloss)
+                                 ? "it is thin and smooth: --materials auto takes off what it reflects, which is lost"
+                                 : "--materials auto adds refraction and mirror reflection"));
     if (g->status == KILN_OK && thickness > 0.0)
         gltf_take(g, kiln_builder_note(g->builder, 1, g->error,
                                        "materials[%zu] (KHR_materials_volume): bakes as thin walls, not as a body %g m "

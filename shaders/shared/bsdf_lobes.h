@@ -90,8 +90,7 @@ struct kiln_bsdf_fresnel {
 /* One channel: exact index, at normal incidence `normal` times color is reflected. */
 KILN_FUNCTION float kiln_bsdf_scaled(KILN_STRUCT kiln_bsdf p, float exact, float normal, float color)
 {
-    const float low = float_min(normal * color, 1.0f) * p.specular;
-    return low + (p.specular - low) * kiln_fresnel_share(exact, normal);
+    return kiln_fresnel_scaled(p.specular, exact, normal, color);
 }
 KILN_FUNCTION float kiln_bsdf_largest(KILN_VECTOR rgb) { return float_max(rgb.x, float_max(rgb.y, rgb.z)); }
 

@@ -6,6 +6,8 @@
 
 #include "shaders/shared/language.h"
 
+#define KILN_COAT_INDEX 1.5f /* KHR_materials_clearcoat */
+
 /* The cosine on the other side; 0 where the reflection is total (Snell's law). */
 KILN_FUNCTION float kiln_refracted_cosine(float cosine, float eta)
 {
@@ -44,6 +46,14 @@ KILN_FUNCTION float kiln_schlick_share(float cosine)
 KILN_FUNCTION float kiln_fresnel_share(float exact, float normal)
 {
     return float_max(exact - normal, 0.0f) / (1.0f - normal);
+}
+
+/* Of one channel of a dielectric with KHR_materials_specular, `specular` strong: the exact reflectance, scaled so that
+ * `normal`, the exact one at normal incidence, becomes normal times color there. */
+KILN_FUNCTION float kiln_fresnel_scaled(float specular, float exact, float normal, float color)
+{
+    const float low = float_min(normal * color, 1.0f) * specular;
+    return low + (specular - low) * kiln_fresnel_share(exact, normal);
 }
 
 /* Mean of Schlick's reflectance over a hemisphere by the cosine. */

@@ -11,8 +11,9 @@ struct kiln_gpu_material { /* struct kiln_material, with its index in the scene 
     KILN_REAL32 transmission;
     KILN_WORD transmission_texture;
     KILN_REAL32 seen_color[3]; /* the base colour itself: as what a camera sees metals */
+    KILN_STRUCT kiln_pane pane;
 };
-KILN_SIZE_IS(kiln_gpu_material, 64);
+KILN_SIZE_IS(kiln_gpu_material, 80);
 
 struct kiln_gpu_texture { /* struct kiln_texture */
     KILN_ADDRESS texels;  /* words of RGBA, red lowest; 0: no kernel asks for this texture */
@@ -84,5 +85,6 @@ struct kiln_gpu_materials {
     KILN_ADDRESS glosses;      /* of each material; 0: all are diffuse */
     KILN_ADDRESS gloss_places; /* of each coating; 0: textures are read at (0, 0) */
     KILN_ADDRESS lobes;        /* struct kiln_bsdf_lobes of each material that is PREPARED */
+    KILN_ADDRESS normals; /* three floats, unit, of each world triangle that is not opaque; 0: there are no panes */
 };
-KILN_SIZE_IS(kiln_gpu_materials, 72);
+KILN_SIZE_IS(kiln_gpu_materials, 80);

@@ -175,8 +175,6 @@ KILN_FUNCTION float kiln_boundary_lost(KILN_STRUCT kiln_boundary s, float mu, bo
 
 /* ---- a clear coat over a rough base ---- */
 
-#define KILN_COAT_INDEX 1.5f /* KHR_materials_clearcoat */
-
 struct kiln_coat {
     float strength; /* 0: there is none */
     KILN_STRUCT kiln_interface face;

@@ -2,6 +2,7 @@
 #ifndef KILN_SHADERS_SHARED_PASSAGE_H
 #define KILN_SHADERS_SHARED_PASSAGE_H
 
+#include "shaders/shared/fresnel.h"
 #include "shaders/shared/random.h"
 
 /* The most that any triangle which is not opaque can do to light: what a backend has to be ready for. */
@@ -9,12 +10,33 @@
 #define KILN_PASSAGE_MASK 1u  /* holes: every position lets all light through, or none */
 #define KILN_PASSAGE_BLEND 2u /* a fraction of the light, the same for all colours */
 #define KILN_PASSAGE_TINT 3u  /* a fraction of the light that depends on colour */
+#define KILN_PASSAGE_PANE 4u  /* and on the angle: panes of glass, which reflect */
 
 /* A surface of at least this opacity is there where chance must have no part. */
 #define KILN_OPACITY_HALF 0.5f
 
 /* So little light that it is none: optical depths, -log2 of what comes through, end at this one. */
 #define KILN_DEPTH_MOST 48
+
+/* A pane: a thin smooth wall of glass that light goes straight through, less what it reflects: as the scattering of
+ * thin walls has it (shaders/shared/bsdf.h), the reflectance of one interface stands for both faces. `eta` 0: it is
+ * none, and reflects nothing. */
+struct kiln_pane {
+    float eta;      /* index of refraction; else >= 1 */
+    float specular; /* KHR_materials_specular, */
+    float color;    /* and the largest channel of its colour */
+    float coat;     /* strength of a clear coat, of index 1.5; on both faces, as on the thin walls above */
+};
+
+/* Share of light that goes through at an angle whose cosine is `cosine`, 0 to 1, before the base colour tints it. */
+KILN_FUNCTION float kiln_pane_share(KILN_STRUCT kiln_pane pane, float cosine)
+{
+    if (pane.eta == 0.0f)
+        return 1.0f;
+    const float exact = kiln_fresnel(cosine, pane.eta), normal = kiln_fresnel_normal(pane.eta);
+    const float coat = pane.coat > 0.0f ? pane.coat * kiln_fresnel(cosine, KILN_COAT_INDEX) : 0.0f;
+    return (1.0f - kiln_fresnel_scaled(pane.specular, exact, normal, pane.color)) * (1.0f - coat);
+}
 
 /* Whether chance takes a surface of that opacity for there: by a hash of the ray's seed and the triangle. */
 KILN_FUNCTION bool kiln_is_there(KILN_U32 seed, KILN_U32 triangle, float opacity)

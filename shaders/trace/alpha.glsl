@@ -15,11 +15,11 @@ bool kiln_is_hole(uint triangle, float u, float v)
 }
 
 /* Whether the ray goes on behind the surface; if so, what is left of its light. */
-bool kiln_passes(uint question, uint seed, uint triangle, float u, float v, inout vec3 share)
+bool kiln_passes(uint question, uint seed, uint triangle, float u, float v, vec3 direction, inout vec3 share)
 {
     if (HAS_ALPHA == KILN_PASSAGE_MASK)
         return kiln_is_hole(triangle, u, v);
-    const kiln_passage p = kiln_surface_passage(triangle, u, v);
+    const kiln_passage p = kiln_surface_passage(triangle, u, v, kiln_passage_cosine(triangle, direction));
     if (question == KILN_BY_HALF)
         return p.opacity < KILN_OPACITY_HALF;
     if (question == KILN_THROUGH) {
@@ -28,7 +28,7 @@ bool kiln_passes(uint question, uint seed, uint triangle, float u, float v, inou
     }
     if (kiln_is_there(seed, triangle, p.opacity))
         return false;
-    if (HAS_ALPHA == KILN_PASSAGE_TINT)
+    if (HAS_ALPHA >= KILN_PASSAGE_TINT)
         share *= min(p.through / (1.0 - p.opacity), 1.0);
     return true;
 }

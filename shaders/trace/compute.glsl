@@ -182,7 +182,7 @@ kiln_found kiln_walk(vec3 origin, vec3 direction, float limit, bool any, uint qu
     while (passes) {
         found = kiln_walk_once(ray, limit, any);
         passes = HAS_ALPHA != 0u && found.triangle != KILN_GPU_NONE && found.triangle >= SCENE.opaque_count &&
-                 kiln_passes(question, seed, found.triangle, found.u, found.v, share);
+                 kiln_passes(question, seed, found.triangle, found.u, found.v, direction, share);
         ray.after = found.distance;
         ray.after_number = found.triangle;
     }

@@ -57,7 +57,7 @@ kiln_hit kiln_trace_within(vec3 origin, vec3 direction, float limit, uint seed, 
     if (!(far > kiln_start())) /* traceRayEXT wants the far end not before the near one */
         return kiln_hit(KILN_GPU_NONE, 0.0, 0.0, 0.0, false);
     const kiln_hit hit = kiln_nearest(origin, direction, far, KILN_BY_CHANCE, seed);
-    if (HAS_ALPHA != KILN_PASSAGE_TINT)
+    if (HAS_ALPHA < KILN_PASSAGE_TINT)
         return hit;
     const bool missed = hit.triangle == KILN_GPU_NONE;
     if (missed ? kiln_answer.distance == 0u : (kiln_answer.triangle_back & KILN_PAYLOAD_TINTED) == 0u)

@@ -265,6 +265,87 @@ def between_surfaces(cases):
         cases.row('between surfaces', bake, max(cases.by_chance(bake, name, value) for name, value in want.items()))
 
 
+def fresnel(cosine, index=1.5):
+    """What a boundary of that index reflects of unpolarised light; an array of cosines will do."""
+    other = np.sqrt(1 - (1 - cosine ** 2) / index ** 2)
+    across, along = (cosine - index * other) / (cosine + index * other), (other - index * cosine) / (
+        other + index * cosine)
+    return (across ** 2 + along ** 2) / 2
+
+
+def smooth(scene, name, *arguments, index=None, **options):
+    """A pane that is a mirror too."""
+    number = pane(scene, name, *arguments, transmission=1.0, **options)
+    material = scene.document['materials'][number]
+    material['pbrMetallicRoughness']['roughnessFactor'] = 0.0
+    if index is not None:
+        material['extensions']['KHR_materials_ior'] = {'ior': index}
+        scene.used.add('KHR_materials_ior')
+    return number
+
+
+def tilted(scene, name, x, slope, material):
+    """A pane over the floor at x that meets what comes straight down at that angle, degrees."""
+    run, rise = 0.9, 0.9 * math.tan(math.radians(slope))
+    scene.quad(name, [(x - run, 2 - rise, 0.9), (x + run, 2 + rise, 0.9), (x + run, 2 + rise, -0.9),
+                      (x - run, 2 - rise, -0.9)], material)
+
+
+def smooth_panes(cases):
+    """Smooth panes let through what they do not reflect, by the angle, where materials are taken with their gloss: what
+    a sun sends, straight and at 60 degrees, and, gathered through a level pane, a floor. Holes let all through."""
+    scene = glb.Scene()
+    scene.used.add('KHR_materials_transmission')
+    black = scene.material('black')
+    half = np.zeros((2, 2, 4), int) + 255
+    half[:, 1, 3] = 0  # the right half is a hole
+    half = texture(scene, half)
+    green = np.array(GLASS['green'])
+    kept = {'level': 1 - fresnel(1.0), 'slope': 1 - fresnel(0.5), 'green': green * (1 - fresnel(0.5, 1.3)),
+            'two': (1 - fresnel(1.0)) * (1 - fresnel(0.5))}
+    for i, (name, slope) in enumerate((('level', 0), ('slope', 60), ('green', 60), ('two', 60))):
+        x = 3.0 * i
+        flat(scene, name, x, 0.0, 0.5, 0.0, black)
+        material = smooth(scene, name, green if name == 'green' else (1, 1, 1), index=1.3 if name == 'green' else None)
+        tilted(scene, 'pane_' + name, x, slope, material)
+        if name == 'two':
+            flat(scene, 'pane_level_two', x, 0.0, 0.6, 0.2, material, up=False)
+    flat(scene, 'left', 12 - 0.4, 0.0, 0.3, 0.0, black)
+    flat(scene, 'right', 12 + 0.4, 0.0, 0.3, 0.0, black)
+    tilted(scene, 'pane_half', 12.0, 0, smooth(scene, 'half', (1, 1, 1), mask=True, base_texture=half))
+    kept.update(left=1 - fresnel(1.0), right=1.0)
+    scene.light('sun', {'type': 'directional', 'intensity': SUN}, rotation=DOWN)
+    for materials in ('auto', 'diffuse'):
+        bake = cases.bake('smooth panes ' + materials, scene, '--lightmap-size', 8, '--samples-direct', 4, '--bounces',
+                          0, '--materials', materials)
+        if bake is not None:
+            cases.row('smooth panes, ' + materials, bake, max(
+                cases.exact(bake, name, SUN * (share if materials == 'auto' else green if name == 'green' else 1.0)
+                            * np.ones(3)) for name, share in kept.items()))
+
+
+def through_a_pane(cases):
+    """A sunlit floor, and a patch that looks down at it through a level smooth pane, which shades none of it."""
+    scene = glb.Scene()
+    albedo, slope = 0.5, 60.0
+    floor = [(-0.5, 0, 0.5), (0.5, 0, 0.5), (0.5, 0, -0.5), (-0.5, 0, -0.5)]
+    scene.quad('floor', floor, scene.material('floor', (albedo,) * 3))
+    flat(scene, 'patch', 0.0, 0.0, 0.01, 0.8, scene.material('black'), up=False)
+    flat(scene, 'pane', 0.0, 0.0, 0.2, 0.75, smooth(scene, 'pane', (1, 1, 1)))
+    angle = math.radians(90 - slope) / 2
+    scene.light('sun', {'type': 'directional', 'intensity': SUN},
+                rotation=[-math.sin(angle), 0.0, 0.0, math.cos(angle)])
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    squares = (nodes[:, None] ** 2 + nodes[None, :] ** 2) / 4 + 0.64
+    cosines = 0.8 / np.sqrt(squares)
+    want = albedo * SUN * math.cos(math.radians(slope)) / math.pi * float(
+        (np.outer(weights, weights) / 4 * cosines ** 2 / squares * (1 - fresnel(cosines))).sum())
+    bake = cases.bake('through a pane', scene, '--lightmap-size', 16, '--samples-direct', 16, '--bounces', 1,
+                      '--materials', 'auto', '--samples-bounce', 4, '--samples-indirect', cases.kiln.samples(4096))
+    if bake is not None:
+        cases.row('through a pane', bake, cases.by_chance(bake, 'patch', np.ones(3) * want))
+
+
 def with_holes(cases):
     """A sheet of one texel, half of it a hole, beside an emitter: the texel's irradiance is the mean over what is
     there, and no energy is lost. Its holes are finer than texels, so that the mean over all of it is 1.3 times as
@@ -355,7 +436,8 @@ def all_kinds(path):
 
 def main():
     every = {case.__name__: case
-             for case in (under_a_sun, around_an_emitter, under_a_sky, between_surfaces, with_holes, fine_stripes)}
+             for case in (under_a_sun, around_an_emitter, under_a_sky, between_surfaces, smooth_panes, through_a_pane,
+                          with_holes, fine_stripes)}
     arguments, kiln = harness.start(
         __doc__, lambda p: p.add_argument('--only', action='append', choices=every, help='these cases'))
     checks = harness.Checks()

@@ -50,8 +50,9 @@ class Gltf(importing.Case):
         self.assertNotIn("material 'm0'", text)
 
     def test_thin_walls(self):
-        """Smooth ones no --materials takes with their gloss; what would not come is not announced."""
-        for roughness, words, bent in ((0.04, "it reflects nothing, with any --materials", False),
+        """Smooth ones no --materials takes with all their gloss; what would not come is not announced."""
+        for roughness, words, bent in ((0.04, "it is thin and smooth: --materials auto takes off what it reflects",
+                                        False),
                                        (0.06, "--materials auto adds", True)):
             path = self.scene({"pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": roughness},
                                "extensions": extension(transmission={"transmissionFactor": 0.5})})

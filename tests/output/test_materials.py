@@ -142,6 +142,22 @@ class Materials(unittest.TestCase):
         text, closed = harness.energy(report(folder))
         self.assertTrue(closed, text)
 
+    def test_in_a_block(self):
+        """A block of glass on a floor: probes in it keep their places, and a face of it parts the texels that it stands
+        on, of which both sides are lit."""
+        scene = glb.Scene()
+        scene.quad("floor", [(-2, 0, 2), (2, 0, 2), (2, 0, -2), (-2, 0, -2)], scene.material("grey", (0.5, 0.5, 0.5)))
+        glb.box(scene, "block", (-1.3, 0, -1.3), (1.3, 1, 1.3), gloss(scene, "glass", **glb.GLASS))
+        scene.light("lamp", {"type": "point", "intensity": 30.0}, translation=[0.2, 2.0, 0.1])
+        scene.write(os.path.join(self.folder, "block.glb"))
+        told = report(self.bake("block", "block", "--materials", "auto", "--texels-per-metre", "2", "--bounces", "0",
+                                "--caustics", "none", "--samples-direct", "4", "--samples-probe", "4",
+                                "--probe-spacing", "0.4"))
+        probes = told["volume"]["probes"]
+        self.assertEqual([probes[state] for state in ("moved", "filled", "buried")], [0, 0, 0])
+        self.assertGreater(probes["in_place"], 100)
+        self.assertGreater(told["points"]["divided"], 15)
+
     def test_lamps_without_size(self):
         """No gather ray meets a point by a mirror: its light that way is told as unfound, and the ledger closes."""
         folder = self.bake("mirrors", "mirrors", "--materials", "auto", "--caustics", "gather",

@@ -128,6 +128,7 @@ static void release(struct world *w)
     kiln_lights_destroy(&w->lights);
     kiln_geometry_destroy(&w->geometry);
     kiln_free(&scene->taken);
+    kiln_free(&scene->panes);
     kiln_free(&scene->own_materials);
     fixture_destroy(w->fixture);
 }

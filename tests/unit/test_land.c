@@ -156,6 +156,7 @@ static void release(struct world *w)
     kiln_lights_destroy(&w->made);
     kiln_geometry_destroy(&w->geometry);
     free(w->f->scene.taken);
+    free(w->f->scene.panes);
     free(w->f->scene.own_materials);
     fixture_destroy(w->f);
 }
@@ -490,7 +491,7 @@ static void prism(void **state)
 
 /* ---- aims ---- */
 
-enum lamp { AREA, TWO_SIDED, POINT, SPOT, SUN, SKY, LAMPS };
+enum lamp { AREA, TWO_SIDED, POINT, SPOT, SUN, SKY, LAMPS, IMAGE };
 
 /* What bends light: two balls of one object or of two, or the four rails of a frame, of one object. */
 enum bodies { TOGETHER, APART, FRAME };
@@ -507,6 +508,14 @@ static void balls(struct world *w, bool apart)
     ball(w, dvec3(0.6, 0.8, 0), 0.5, silver);
     fixture_object(w->f, apart ? 1 : 0, NULL, 8, 8);
 }
+
+enum { SKY_WIDTH = 8, SKY_HEIGHT = 6 };
+
+/* From the zenith down, with a sun. */
+static const float a_sky[3 * SKY_WIDTH * SKY_HEIGHT] = {
+    [0] = 2.0f,   [1] = 2.0f,  [2] = 2.0f,  [9] = 1.0f,  [10] = 1.0f,  [11] = 1.0f,  [30] = 1.0f,
+    [31] = 1.0f,  [32] = 1.0f, [36] = 0.5f, [37] = 0.5f, [38] = 0.5f,  [51] = 90.0f, [52] = 90.0f,
+    [53] = 90.0f, [60] = 3.0f, [61] = 3.0f, [62] = 3.0f, [120] = 1.0f, [121] = 1.0f, [122] = 1.0f};
 
 static void frame(struct world *w)
 {
@@ -539,6 +548,10 @@ static void bodies(struct world *w, enum lamp lamp, enum bodies which, size_t mo
         fixture_object(w->f, mesh, NULL, 4, 4);
     } else if (lamp == SKY) {
         w->f->environment = (struct kiln_environment){.kind = KILN_ENVIRONMENT_CONSTANT, .radiance = {1, 2, 3}};
+    } else if (lamp == IMAGE) {
+        w->f->environment = (struct kiln_environment){
+            .kind = KILN_ENVIRONMENT_LATLONG, .radiance = {1, 2, 3}, .width = SKY_WIDTH, .height = SKY_HEIGHT};
+        w->f->scene.environment_texels = a_sky;
     } else {
         struct kiln_light *l =
             light(w,
@@ -611,6 +624,31 @@ static void a_frame_is_cut(void **state)
         assert_true(fabs(sums[1].landed[1] - sums[0].landed[1]) < 5.0 * error && error < 0.1 * sums[0].landed[1]);
         if (lamp < SUN) /* suns and skies see rail behind rail */
             assert_true(astray < 0.7 * (double)sums[0].astray / PATHS / 2.0 && sums[1].squares < 0.9 * sums[0].squares);
+    }
+}
+
+/* An image of the sky that is cut into cells brings the same light, also where gather rays have a part of it. */
+static void a_sky_is_cut(void **state)
+{
+    (void)state;
+    enum { PATHS = 1 << 15 };
+    for (int weighed = 0; weighed < 2; weighed++) {
+        struct sums sums[2] = {{.count = 0}};
+        for (int way = 0; way < 2; way++) {
+            struct world w;
+            bodies(&w, IMAGE, APART, way == 0 ? 0 : 1024);
+            assert_true(way == 0 ? w.aims->lamp_count == 1 : w.aims->lamp_count > 5 && w.aims->lamp_count <= 16);
+            assert_true(w.aims->count == w.aims->lamp_count * w.aims->targets.count && w.aims->count <= 1024);
+            w.weighs = weighed != 0;
+            trace(&w, PATHS, 0, 1, &sums[way]);
+            release(&w);
+        }
+        const double error = sqrt(sums[0].squares + sums[1].squares);
+        print_message("%.5f and %.5f W, %.2f standard errors, variance %.2f; astray %.2f and %.2f\n", sums[0].landed[1],
+                      sums[1].landed[1], (sums[1].landed[1] - sums[0].landed[1]) / error,
+                      sums[1].squares / sums[0].squares, (double)sums[0].astray / PATHS,
+                      (double)sums[1].astray / PATHS);
+        assert_true(fabs(sums[1].landed[1] - sums[0].landed[1]) < 5.0 * error && error < 0.05 * sums[0].landed[1]);
     }
 }
 
@@ -844,6 +882,7 @@ int main(void)
                                        cmocka_unit_test(prism),
                                        cmocka_unit_test(any_aims_bring_the_same),
                                        cmocka_unit_test(a_frame_is_cut),
+                                       cmocka_unit_test(a_sky_is_cut),
                                        cmocka_unit_test(shared_light_is_the_same),
                                        cmocka_unit_test(connected_light_is_the_same),
                                        cmocka_unit_test(a_lamp_within_a_sphere),

@@ -292,7 +292,7 @@ static void light_is_let_through_by_alpha_and_transmission(void **state)
                                                    : (double)f.material.base_color[3];
         const double t = i < 3 ? 0.0 : i < 6 ? 0.7 : 0.7 * texel_value(&f, 4, 2, 0);
         struct kiln_passage p;
-        kiln_surface_passage(&f.scene, &f.mesh, 0, 0.5f, 0.25f, &p);
+        kiln_surface_passage(&f.scene, &f.mesh, 0, 0.5f, 0.25f, 1.0f, &p);
         near((double)p.opacity, a * (1.0 - t), 1e-6);
         near((double)kiln_surface_opacity(&f.scene, &f.mesh, 0, 0.5f, 0.25f), a * (1.0 - t), 1e-6);
         for (int c = 0; c < 3; c++)

@@ -203,6 +203,7 @@ static void release(struct world *w)
     kiln_geometry_destroy(&w->geometry);
     kiln_free(&w->fixture->scene.taken);
     kiln_free(&w->fixture->scene.own_materials);
+    kiln_free(&w->fixture->scene.panes);
     fixture_destroy(w->fixture);
 }
 

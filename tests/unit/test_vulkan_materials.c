@@ -88,7 +88,7 @@ static void expected(const struct kiln_scene *scene, const struct kiln_geometry 
         return;
     }
     struct kiln_passage passage;
-    kiln_surface_passage(scene, mesh, g->stored_triangle[p->triangle], b1, b2, &passage);
+    kiln_surface_passage(scene, mesh, g->stored_triangle[p->triangle], b1, b2, 1.0f, &passage);
     memcpy(rgba, passage.through, sizeof passage.through);
     rgba[3] = passage.opacity;
 }

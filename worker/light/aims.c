@@ -13,6 +13,12 @@
 #define WIDE 0.5     /* cosine of half a cone that is wide */
 #define LEARNT 0.9   /* part of the paths that goes by what was learnt */
 
+enum {
+    CELLS_MOST = 16, /* of an image */
+    CELL_AIMS = 64,  /* and no more than one for so many aims that there may be */
+    CELL_LOOKS = 4   /* the square of it: directions that say how much of a target a cell sees */
+};
+
 /* ---- lamps ---- */
 
 static double area_flux(const struct kiln_area_light *light)
@@ -44,11 +50,15 @@ static uint32_t object_of(const struct kiln_lights *l, size_t area)
     return l->geometry->records[l->areas[area].triangle].object;
 }
 
-static int find_lamps(struct kiln_aims *a, struct kiln_error *error)
+static int find_lamps(struct kiln_aims *a, size_t most, struct kiln_error *error)
 {
     const struct kiln_lights *l = a->lights;
-    int status = kiln_allocate(&a->lamps, l->area_count + l->point_count + l->directional_count + 1, sizeof *a->lamps,
-                               "the lamps of light paths", error);
+    const size_t cells = most / CELL_AIMS < CELLS_MOST ? most / CELL_AIMS : CELLS_MOST;
+    int status = kiln_sky_cells_create(&a->sky, l, cells, error);
+    const size_t skies = a->sky.count > 0 ? a->sky.count : l->environment ? 1 : 0;
+    if (status == KILN_OK)
+        status = kiln_allocate(&a->lamps, l->area_count + l->point_count + l->directional_count + skies,
+                               sizeof *a->lamps, "the lamps of light paths", error);
     if (status == KILN_OK)
         status = kiln_allocate(&a->until, l->area_count, sizeof *a->until, "the shares of emitting triangles", error);
     if (status == KILN_OK)
@@ -66,8 +76,8 @@ static int find_lamps(struct kiln_aims *a, struct kiln_error *error)
             .kind = KILN_LAMP_POINT, .first = (uint32_t)i, .count = 1, .centre = l->points[i].position};
     for (size_t i = 0; i < l->directional_count; i++)
         a->lamps[a->lamp_count++] = (struct kiln_lamp){.kind = KILN_LAMP_DIRECTIONAL, .first = (uint32_t)i, .count = 1};
-    if (l->environment)
-        a->lamps[a->lamp_count++] = (struct kiln_lamp){.kind = KILN_LAMP_ENVIRONMENT, .count = 1};
+    for (size_t i = 0; i < skies; i++)
+        a->lamps[a->lamp_count++] = (struct kiln_lamp){.kind = KILN_LAMP_ENVIRONMENT, .count = 1, .cell = (uint32_t)i};
     return KILN_OK;
 }
 
@@ -87,8 +97,19 @@ static bool is_narrow(const struct kiln_point_light *light, double height)
     return light->spot && 1.0 - light->cos_outer < height;
 }
 
-static double flux_towards(const struct kiln_lights *l, const struct kiln_lamp *lamp, const struct kiln_target *target)
+/* m2: what the light of a cell of the sky sees of a target, about. */
+static double cell_outline(const struct kiln_aims *a, size_t cell, const struct kiln_target *target)
 {
+    double sum = 0.0, density;
+    for (int i = 0; i < CELL_LOOKS * CELL_LOOKS; i++)
+        sum += kiln_target_outline(target, kiln_sky_cell_sample(&a->sky, cell, (i % CELL_LOOKS + 0.5) / CELL_LOOKS,
+                                                                (i / CELL_LOOKS + 0.5) / CELL_LOOKS, &density));
+    return sum / (CELL_LOOKS * CELL_LOOKS);
+}
+
+static double flux_towards(const struct kiln_aims *a, const struct kiln_lamp *lamp, const struct kiln_target *target)
+{
+    const struct kiln_lights *l = a->lights;
     const double height = cone_height(target, lamp->centre);
     switch (lamp->kind) {
     case KILN_LAMP_AREA:
@@ -104,7 +125,9 @@ static double flux_towards(const struct kiln_lights *l, const struct kiln_lamp *
     case KILN_LAMP_ENVIRONMENT:
         break;
     }
-    return 4.0 * KILN_PI * kiln_luminance_of_floats(l->environment_mean) * kiln_target_mean_outline(target);
+    const double flux = 4.0 * KILN_PI * kiln_luminance_of_floats(l->environment_mean);
+    return a->sky.count > 1 ? flux * a->sky.all[lamp->cell].share * cell_outline(a, lamp->cell, target)
+                            : flux * kiln_target_mean_outline(target);
 }
 
 static int make_aims(struct kiln_aims *a, struct kiln_error *error)
@@ -120,9 +143,8 @@ static int make_aims(struct kiln_aims *a, struct kiln_error *error)
         status = kiln_allocate(&a->first, count + 1, sizeof *a->first, "the numbers of light paths", error);
     for (size_t i = 0; i < a->lamp_count && status == KILN_OK; i++)
         for (size_t j = 0; j < a->targets.count; j++)
-            a->aims[a->count++] = (struct kiln_aim){.lamp = (uint32_t)i,
-                                                    .target = (uint32_t)j,
-                                                    .flux = flux_towards(a->lights, &a->lamps[i], &a->targets.all[j])};
+            a->aims[a->count++] = (struct kiln_aim){
+                .lamp = (uint32_t)i, .target = (uint32_t)j, .flux = flux_towards(a, &a->lamps[i], &a->targets.all[j])};
     return status;
 }
 
@@ -137,7 +159,7 @@ int kiln_aims_create(struct kiln_aims **aims, const struct kiln_lights *lights, 
     a->lights = lights;
     a->centre = dvec3_of(vec3_scale(vec3_add(g->bounds_min, g->bounds_max), 0.5f));
     a->radius = 0.5 * SLACK * (double)vec3_length(vec3_sub(g->bounds_max, g->bounds_min));
-    status = find_lamps(a, error);
+    status = find_lamps(a, most, error);
     if (status == KILN_OK)
         status = kiln_targets_create(&a->targets, lights, a->lamp_count > 0 ? most / a->lamp_count : 0, error);
     if (status == KILN_OK)
@@ -153,6 +175,7 @@ void kiln_aims_destroy(struct kiln_aims **aims)
     if (a == NULL)
         return;
     kiln_free(&a->lamps);
+    kiln_sky_cells_release(&a->sky);
     kiln_targets_release(&a->targets);
     kiln_free(&a->aims);
     kiln_free(&a->until);
@@ -376,7 +399,9 @@ bool kiln_aims_draw(const struct kiln_aims *a, size_t aim, const double numbers[
     case KILN_LAMP_ENVIRONMENT:
         break;
     }
-    const struct kiln_dvec3 back = kiln_environment_sample(l, numbers[4], numbers[5], &density);
+    const struct kiln_dvec3 back = a->sky.count > 1
+                                       ? kiln_sky_cell_sample(&a->sky, lamp->cell, numbers[4], numbers[5], &density)
+                                       : kiln_environment_sample(l, numbers[4], numbers[5], &density);
     draw_outside(a, target, back, numbers, ray);
     kiln_environment_radiance(l, back, rgb);
     set_flux(ray, rgb, kiln_target_outline(target, back) / density);
@@ -433,7 +458,11 @@ double kiln_aims_density(const struct kiln_aims *a, uint32_t light, uint32_t tar
     const struct kiln_lights *l = a->lights;
     if (target == KILN_NONE)
         return 0.0;
-    const size_t lamp = lamp_of(a, light), aim = lamp * a->targets.count + target;
+    const size_t first = lamp_of(a, light),
+                 lamp = a->lamps[first].kind == KILN_LAMP_ENVIRONMENT && a->sky.count > 1
+                            ? first + kiln_sky_cell_of(&a->sky, dvec3_scale(direction, -1.0))
+                            : first,
+                 aim = lamp * a->targets.count + target;
     const struct kiln_target *t = &a->targets.all[target];
     const double paths = (double)(a->first[aim + 1] - a->first[aim]);
     switch (a->lamps[lamp].kind) {
@@ -447,5 +476,6 @@ double kiln_aims_density(const struct kiln_aims *a, uint32_t light, uint32_t tar
         break;
     }
     const struct kiln_dvec3 back = dvec3_scale(direction, -1.0);
-    return paths * kiln_environment_density(l, back) / kiln_target_outline(t, back);
+    const double share = a->sky.count > 1 ? a->sky.all[a->lamps[lamp].cell].share : 1.0;
+    return paths * kiln_environment_density(l, back) / share / kiln_target_outline(t, back);
 }

@@ -2,7 +2,8 @@
  *
  * Light that bends is a little of all light: most of what lamps and sky send meets diffuse surfaces first. So paths are
  * aimed at *targets*: triangles of objects with materials that are taken with their gloss, within spheres and boxes
- * (targets.h). A *lamp* is an emitting object, a point or spot light, a directional light, or the environment. A
+ * (targets.h). A *lamp* is an emitting object, a point or spot light, a directional light, or the environment, of which
+ * an image is as many lamps as it is cut into cells (sky_cells.h). A
  * pair of a lamp and a target is an aim; each aim has a number of the paths of an iteration, in one stretch, at least
  * one. A path of an aim counts only if the first surface that it meets is its target's, so that the aims part the light
  * among them: each way of light is of one aim, and its density is that of this aim alone.
@@ -11,9 +12,11 @@
  *
  *   emitting object     a triangle by its flux, a place on it by its area, then the cone about the sphere, or over the
  *                       box's solid angle, evenly; by the cosine over the hemisphere (of a two-sided triangle either)
- * where the cone is wide point, spot         the cone about the sphere, or the box, or the spot's own where that is
- * narrower; all round from within directional         a disc of radius r before the sphere, or what is seen of the box,
- * from outside the scene environment         a direction by luminance, then likewise
+ *                       where the cone is wide
+ *   point, spot         the cone about the sphere, or the box, or the spot's own where that is narrower; all round from
+ *                       within
+ *   directional         a disc of radius r before the sphere, or what is seen of the box, from outside the scene
+ *   environment         a direction of the cell by luminance, then likewise
  *
  * The numbers of paths go by weights: at first about the flux sent towards the target, later what was learnt.
  * Not collective; a pure function of scene, lights and weights. Read by several threads at once. */
@@ -21,13 +24,15 @@
 #define KILN_WORKER_LIGHT_AIMS_H
 
 #include "worker/light/lights.h"
+#include "worker/light/sky_cells.h"
 #include "worker/light/targets.h"
 
 enum kiln_lamp_kind { KILN_LAMP_AREA, KILN_LAMP_POINT, KILN_LAMP_DIRECTIONAL, KILN_LAMP_ENVIRONMENT };
 
 struct kiln_lamp {
     enum kiln_lamp_kind kind;
-    uint32_t first, count; /* area: the lights' emitting triangles; else `first` is the light's number */
+    uint32_t first, count; /* area: the lights' emitting triangles; else `first` is the light's number of its kind */
+    uint32_t cell;         /* environment: an image's cell of the sky */
     double flux;           /* area: luminance of all that it sends, W */
     struct kiln_dvec3 centre;
 };
@@ -41,6 +46,7 @@ struct kiln_aims {
     const struct kiln_lights *lights; /* borrowed */
     size_t lamp_count, count;
     struct kiln_lamp *lamps;
+    struct kiln_sky_cells sky; /* count 0: the environment is no image */
     struct kiln_targets targets;
     struct kiln_aim *aims; /* target by target of each lamp */
     double *until;         /* of each emitting triangle: share of its lamp's flux up to its end */

@@ -60,8 +60,9 @@ int kiln_environment_build(struct kiln_lights *lights, struct kiln_error *error)
     return KILN_OK;
 }
 
-static void texel_at(const struct kiln_environment *e, struct kiln_dvec3 d, uint32_t *x, uint32_t *y)
+void kiln_environment_texel(const struct kiln_lights *lights, struct kiln_dvec3 d, uint32_t *x, uint32_t *y)
 {
+    const struct kiln_environment *e = lights->scene->environment;
     *x = kiln_sky_column(d, (double)e->rotation, e->width);
     *y = kiln_sky_row(d, e->height);
 }
@@ -76,7 +77,7 @@ void kiln_environment_radiance(const struct kiln_lights *lights, struct kiln_dve
     if (e->kind != KILN_ENVIRONMENT_LATLONG)
         return;
     uint32_t x, y;
-    texel_at(e, direction, &x, &y);
+    kiln_environment_texel(lights, direction, &x, &y);
     const float *t = texel_of(lights->scene, x, y);
     for (int c = 0; c < 3; c++)
         rgb[c] *= t[c];
@@ -85,13 +86,20 @@ void kiln_environment_radiance(const struct kiln_lights *lights, struct kiln_dve
 /* Cosine of the angle from +y at the upper edge of row y. */
 static double row_cosine(const struct kiln_environment *e, uint32_t y) { return cos(KILN_PI * y / e->height); }
 
-/* Density per steradian of texel (x, y): its chance over its solid angle. */
-static double texel_density(const struct kiln_lights *lights, uint32_t x, uint32_t y)
+/* Its chance over its solid angle. */
+double kiln_environment_texel_density(const struct kiln_lights *lights, uint32_t x, uint32_t y)
 {
     const struct kiln_environment *e = lights->scene->environment;
     const double chance =
         kiln_step_chance(lights->marginal, 0, y) * kiln_step_chance(lights->conditional, (size_t)y * e->width, x);
     return kiln_sky_density(chance, row_cosine(e, y) - row_cosine(e, y + 1), e->width);
+}
+
+struct kiln_dvec3 kiln_environment_in_texel(const struct kiln_lights *lights, uint32_t x, uint32_t y, double fx,
+                                            double fy)
+{
+    const struct kiln_environment *e = lights->scene->environment;
+    return kiln_sky_direction(x, fx, fy, row_cosine(e, y), row_cosine(e, y + 1), e->width, (double)e->rotation);
 }
 
 struct kiln_dvec3 kiln_environment_sample(const struct kiln_lights *lights, double u, double v, double *density)
@@ -104,8 +112,8 @@ struct kiln_dvec3 kiln_environment_sample(const struct kiln_lights *lights, doub
     double fy, fx;
     const uint32_t y = kiln_step_find(lights->marginal, 0, e->height, v, &fy);
     const uint32_t x = kiln_step_find(lights->conditional, (size_t)y * e->width, e->width, u, &fx);
-    *density = texel_density(lights, x, y);
-    return kiln_sky_direction(x, fx, fy, row_cosine(e, y), row_cosine(e, y + 1), e->width, (double)e->rotation);
+    *density = kiln_environment_texel_density(lights, x, y);
+    return kiln_environment_in_texel(lights, x, y, fx, fy);
 }
 
 double kiln_environment_density(const struct kiln_lights *lights, struct kiln_dvec3 direction)
@@ -113,6 +121,6 @@ double kiln_environment_density(const struct kiln_lights *lights, struct kiln_dv
     if (lights->conditional == NULL)
         return KILN_SPHERE_DENSITY;
     uint32_t x, y;
-    texel_at(lights->scene->environment, direction, &x, &y);
-    return texel_density(lights, x, y);
+    kiln_environment_texel(lights, direction, &x, &y);
+    return kiln_environment_texel_density(lights, x, y);
 }

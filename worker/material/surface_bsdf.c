@@ -6,9 +6,6 @@
 #include "worker/base/memory.h"
 #include "worker/scene/texture.h"
 
-/* Stands for an index so high that all light is reflected (KHR_materials_ior, index 0). */
-#define INDEX_WITHOUT_END 1.0e4f
-
 /* A position of a gloss's surface. */
 struct spot {
     const struct kiln_scene *scene;
@@ -79,7 +76,7 @@ static void set_colors(struct kiln_bsdf *p, const struct spot *s, const float ba
 
 struct kiln_vec3 kiln_gloss_index(const struct kiln_gloss *gloss)
 {
-    const float index = gloss->ior > 0.0f ? gloss->ior : INDEX_WITHOUT_END;
+    const float index = kiln_gloss_ior(gloss);
     return gloss->dispersion > 0.0f ? kiln_dispersed_index(index, gloss->dispersion) : vec3(index, index, index);
 }
 

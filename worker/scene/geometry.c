@@ -252,8 +252,11 @@ static void expand_triangles(struct expansion *e)
     }
 }
 
-static uint32_t passage_of(const struct kiln_material *material)
+static uint32_t passage_of(const struct kiln_scene *scene, uint32_t index)
 {
+    const struct kiln_material *material = &scene->materials[index];
+    if (scene->panes != NULL && scene->panes[index].eta != 0.0f)
+        return KILN_PASSAGE_PANE;
     if (material->transmission > 0.0f)
         return KILN_PASSAGE_TINT;
     return material->alpha_mode == KILN_ALPHA_BLEND ? KILN_PASSAGE_BLEND : KILN_PASSAGE_MASK;
@@ -261,8 +264,9 @@ static uint32_t passage_of(const struct kiln_material *material)
 
 static void find_passage(const struct kiln_scene *scene, struct kiln_geometry *g)
 {
-    for (size_t t = g->opaque_count; t < g->triangle_count && g->passage < KILN_PASSAGE_TINT; t++) {
-        const uint32_t passage = passage_of(&scene->materials[g->records[t].material & KILN_RECORD_MATERIAL]);
+    const uint32_t most = scene->panes != NULL ? KILN_PASSAGE_PANE : KILN_PASSAGE_TINT;
+    for (size_t t = g->opaque_count; t < g->triangle_count && g->passage < most; t++) {
+        const uint32_t passage = passage_of(scene, g->records[t].material & KILN_RECORD_MATERIAL);
         g->passage = passage > g->passage ? passage : g->passage;
     }
 }

@@ -142,6 +142,36 @@ bool kiln_gloss_is_passage(const struct kiln_gloss *gloss)
            gloss->mean_roughness < KILN_GLOSS_ROUGHNESS_SMOOTH;
 }
 
+/* What a thin smooth wall reflects; textures of that do not count. eta 0: nothing, or light comes through by alpha. */
+static struct kiln_pane pane_of(const struct kiln_material *material, const struct kiln_gloss *gloss)
+{
+    const bool phong = gloss->model == KILN_GLOSS_PHONG;
+    const struct kiln_pane pane = {
+        .eta = kiln_gloss_ior(gloss),
+        .specular = phong ? 1.0f : gloss->specular,
+        .color =
+            phong ? 1.0f : fmaxf(gloss->specular_color[0], fmaxf(gloss->specular_color[1], gloss->specular_color[2])),
+        .coat = gloss->clearcoat};
+    const bool reflects = (pane.eta > 1.0f && pane.specular > 0.0f) || pane.coat > 0.0f;
+    return material->transmission > 0.0f && reflects ? pane : (struct kiln_pane){0};
+}
+
+/* Notes a material that is not taken, but may be a pane. */
+static int take_pane(struct kiln_scene *scene, uint32_t index, struct kiln_error *error)
+{
+    const struct kiln_gloss *gloss = &scene->taken[index];
+    const struct kiln_pane pane =
+        kiln_gloss_is_passage(gloss) ? pane_of(&scene->own_materials[index], gloss) : (struct kiln_pane){0};
+    if (pane.eta == 0.0f)
+        return KILN_OK;
+    const int status = scene->panes != NULL ? KILN_OK
+                                            : kiln_allocate(&scene->panes, scene->material_count, sizeof *scene->panes,
+                                                            "the scene's panes", error);
+    if (status == KILN_OK)
+        scene->panes[index] = pane;
+    return status;
+}
+
 int kiln_scene_take_gloss(struct kiln_scene *scene, enum kiln_gloss_mode mode, struct kiln_error *error)
 {
     const size_t count = scene->material_count;
@@ -155,12 +185,13 @@ int kiln_scene_take_gloss(struct kiln_scene *scene, enum kiln_gloss_mode mode, s
         kiln_free(&scene->taken);
         return status;
     }
-    for (uint32_t i = 0; i < count; i++) {
+    for (uint32_t i = 0; i < count && status == KILN_OK; i++) {
         struct kiln_material *material = &scene->own_materials[i];
         const struct kiln_gloss *own = kiln_gloss_find(scene, i);
         *material = scene->materials[i];
         scene->taken[i] = own != NULL ? *own : kiln_gloss_default(material, i);
         if (!kiln_gloss_needed(material, own, mode) || kiln_gloss_is_passage(&scene->taken[i])) {
+            status = take_pane(scene, i, error);
             scene->taken[i].material = KILN_NONE;
             continue;
         }
@@ -169,13 +200,13 @@ int kiln_scene_take_gloss(struct kiln_scene *scene, enum kiln_gloss_mode mode, s
         if ((scene->taken[i].flags & KILN_GLOSS_ALPHA_TRANSMITS) != 0)
             material->base_color[3] = 1.0f;
     }
-    if (any) {
+    if (any && status == KILN_OK) {
         scene->materials = scene->own_materials;
         return KILN_OK;
     }
     kiln_free(&scene->taken);
     kiln_free(&scene->own_materials);
-    return KILN_OK;
+    return status;
 }
 
 bool kiln_gloss_has_mirror(const struct kiln_gloss *gloss)

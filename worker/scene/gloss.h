@@ -23,6 +23,9 @@ const char *kiln_gloss_fault(const struct kiln_gloss *gloss, size_t material_cou
  * 5.2, for Beckmann's distribution). 0..1. */
 float kiln_gloss_phong_roughness(float exponent);
 
+/* Index of refraction; where the material reflects all light (struct kiln_gloss), a large one. */
+static inline float kiln_gloss_ior(const struct kiln_gloss *gloss) { return gloss->ior > 0.0f ? gloss->ior : 1.0e4f; }
+
 /* Whether light comes by a mirror or smooth glass, which send it one way: where a texture says so does not count. */
 bool kiln_gloss_has_mirror(const struct kiln_gloss *gloss);
 
@@ -37,14 +40,13 @@ enum kiln_gloss_mode {
 /* Whether a material is. `gloss` is its gloss; NULL: it has none. */
 bool kiln_gloss_needed(const struct kiln_material *material, const struct kiln_gloss *gloss, enum kiln_gloss_mode mode);
 
-/* Whether light goes straight through, as struct kiln_passage has it, in any mode: by a thin smooth wall, which then
- * reflects nothing. */
+/* Whether light goes straight through, as struct kiln_passage has it, in any mode: by a thin smooth wall. */
 bool kiln_gloss_is_passage(const struct kiln_gloss *gloss);
 
 /* Has light transport take the scene's materials as `mode` says: call it before a geometry is made of the scene. Glass
  * that light is sent on by, its own materials' copies do not let through any more (struct kiln_passage); thin smooth
- * walls let light straight through as before, and are not taken. Where it takes none, the scene stays as it is. Not
- * collective. KILN_SYSTEM. */
+ * walls let light straight through and are not taken, but are panes, which let through what they do not reflect
+ * (scene->panes). Where it takes none, the materials stay as they are. Not collective. KILN_SYSTEM. */
 int kiln_scene_take_gloss(struct kiln_scene *scene, enum kiln_gloss_mode mode, struct kiln_error *error);
 /* The gloss that a material is taken with; NULL: it is diffuse. */
 static inline const struct kiln_gloss *kiln_gloss_taken(const struct kiln_scene *scene, uint32_t material)

@@ -610,6 +610,7 @@ void kiln_scene_close(struct kiln_scene **pointer)
     if (scene->descriptor >= 0)
         (void)close(scene->descriptor);
     kiln_free(&scene->taken);
+    kiln_free(&scene->panes);
     kiln_free(&scene->own_materials);
     kiln_free(pointer);
 }

@@ -351,6 +351,8 @@ struct kiln_scene {
     /* what kiln_scene_take_gloss has chosen: of each material its gloss, whose `material` is KILN_NONE where light
      * transport takes it as diffuse; NULL: all are. Then `materials` are copies */
     struct kiln_gloss *taken;
+    struct kiln_pane
+        *panes; /* and of each material what it reflects as a pane (kiln_surface_passage); NULL: no panes */
     struct kiln_material *own_materials; /* private */
     const void *mapped;                  /* the file */
     size_t mapped_bytes;

@@ -213,16 +213,19 @@ static float transmission_at(const struct kiln_scene *scene, const struct kiln_m
 }
 
 void kiln_surface_passage(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
-                          float b2, struct kiln_passage *passage)
+                          float b2, float cosine, struct kiln_passage *passage)
 {
-    const struct kiln_material *m = &scene->materials[scene->triangle_materials[triangle]];
+    const uint32_t material = scene->triangle_materials[triangle];
+    const struct kiln_material *m = &scene->materials[material];
     float rgba[4];
     kiln_surface_color(scene, mesh, triangle, b1, b2, rgba);
     const float covered = coverage(m, rgba[3]);
-    const float let = covered * transmission_at(scene, m,
-                                                interpolated(scene->texcoord_base + mesh->vertex_first,
-                                                             corners_of(scene, triangle), b1, b2));
+    float let = covered * transmission_at(scene, m,
+                                          interpolated(scene->texcoord_base + mesh->vertex_first,
+                                                       corners_of(scene, triangle), b1, b2));
     passage->opacity = covered - let;
+    if (scene->panes != NULL)
+        let *= kiln_pane_share(scene->panes[material], cosine);
     for (int c = 0; c < 3; c++)
         passage->through[c] = (1.0f - covered) + let * rgba[c];
 }

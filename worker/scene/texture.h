@@ -21,18 +21,19 @@ void kiln_surface_color(const struct kiln_scene *scene, const struct kiln_mesh *
  * reflects with the albedo of kiln_surface_color. The rest is let through with the factors `through`, so light is
  * tinted by through / (1 - opacity).
  *
- *   opacity = a (1 - t),  through = (1 - a) + a t (1 - metallic) base colour
+ *   opacity = a (1 - t),  through = (1 - a) + a t (1 - R) (1 - metallic) base colour
  *
  * Here a is the alpha (0 or 1 for a mask, 1 for an opaque material) and t the transmission, times its texture: glTF's
  * alpha coverage and KHR_materials_transmission of a thin wall, which tints each time light crosses it. Light goes
- * straight on: no refraction, no blur by roughness. What the two faces of a wall reflect as mirrors (4 % each, 8 % in
- * all, seen from the front at an index of 1.5) is left out, as all gloss is. What is neither reflected nor let through
- * is absorbed. */
+ * straight on: no refraction, no blur by roughness. R is what a pane reflects (kiln_pane_share; 4 % at normal
+ * incidence and an index of 1.5) where light transport takes materials with their gloss (kiln_scene_take_gloss), else
+ * 0. It hangs on `cosine`, 0 to 1, that of the angle between the light's way and the face's normal. That light is lost,
+ * for no ray meets the pane as a mirror. What is neither reflected nor let through is absorbed. */
 struct kiln_passage {
     float opacity, through[3];
 };
 void kiln_surface_passage(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
-                          float b2, struct kiln_passage *passage);
+                          float b2, float cosine, struct kiln_passage *passage);
 /* The opacity alone: cheaper. */
 float kiln_surface_opacity(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
                            float b2);

@@ -45,8 +45,7 @@ static bool meets_back(const struct embree_backend *b, struct kiln_vec3 p, struc
     embree_nearest_half(b, &r);
     if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID || r.hit.Ng_x * d.x + r.hit.Ng_y * d.y + r.hit.Ng_z * d.z <= 0.0f)
         return false;
-    const uint32_t triangle = embree_triangle(b, r.hit.geomID, r.hit.primID);
-    return (b->params.geometry->records[triangle].material & (KILN_RECORD_DOUBLE_SIDED | KILN_RECORD_CLEAR)) == 0;
+    return kiln_geometry_is_solid(b->params.geometry, embree_triangle(b, r.hit.geomID, r.hit.primID));
 }
 
 bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 position, struct kiln_vec3 normal)

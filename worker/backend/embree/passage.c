@@ -15,14 +15,29 @@ static const int64_t DEEPEST = (int64_t)KILN_DEPTH_MOST << 40; /* 2^-48 and less
 
 /* Embree's accessors for RTCRayN and RTCHitN exist in C++ only; both are N values of each field in turn (rtcore_ray.h).
  */
-enum { RAY_ID = 10, HIT_U = 3, HIT_V = 4, HIT_PRIMITIVE = 5 };
+enum { RAY_DIRECTION = 4, RAY_ID = 10, HIT_NORMAL = 0, HIT_U = 3, HIT_V = 4, HIT_PRIMITIVE = 5 };
 
 /* A hit on a triangle that is not opaque, by the stored triangle and its barycentrics. */
 struct place {
     const struct kiln_mesh *mesh;
     uint32_t triangle, stored;
     float b1, b2;
+    float cosine; /* of the ray to the triangle's normal, absolute value; 1 where nothing hangs on it */
 };
+
+static struct kiln_vec3 vector_of(const float *fields, size_t n, unsigned i)
+{
+    return vec3(fields[i], fields[n + i], fields[2 * n + i]);
+}
+
+static float cosine_of(const struct RTCFilterFunctionNArguments *arguments, unsigned i)
+{
+    const size_t n = arguments->N;
+    const struct kiln_vec3 normal = vector_of((const float *)arguments->hit + HIT_NORMAL * n, n, i),
+                           direction = vector_of((const float *)arguments->ray + RAY_DIRECTION * n, n, i);
+    const float lengths = vec3_length(normal) * vec3_length(direction);
+    return lengths > 0.0f ? fminf(fabsf(vec3_dot(normal, direction)) / lengths, 1.0f) : 1.0f;
+}
 
 static struct place place_of(const struct embree_backend *b, const struct RTCFilterFunctionNArguments *arguments,
                              unsigned i)
@@ -35,7 +50,8 @@ static struct place place_of(const struct embree_backend *b, const struct RTCFil
     const struct kiln_hit_record *record = &g->records[triangle];
     struct place p = {.mesh = &scene->meshes[scene->objects[record->object].mesh],
                       .triangle = triangle,
-                      .stored = g->stored_triangle[triangle]};
+                      .stored = g->stored_triangle[triangle],
+                      .cosine = g->passage >= KILN_PASSAGE_PANE ? cosine_of(arguments, i) : 1.0f};
     kiln_geometry_stored_barycentrics(scene, g, triangle, hits[HIT_U * n + i], hits[HIT_V * n + i], &p.b1, &p.b2);
     return p;
 }
@@ -57,7 +73,7 @@ static struct kiln_passage passage_at(const struct embree_backend *b, const stru
 {
     struct kiln_passage passage;
     if (embree_tints(b)) {
-        kiln_surface_passage(b->params.scene, p->mesh, p->stored, p->b1, p->b2, &passage);
+        kiln_surface_passage(b->params.scene, p->mesh, p->stored, p->b1, p->b2, p->cosine, &passage);
         return passage;
     }
     passage.opacity = kiln_surface_opacity(b->params.scene, p->mesh, p->stored, p->b1, p->b2);

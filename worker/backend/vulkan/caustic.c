@@ -24,7 +24,7 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
 {
     (void)parameters;
     const uint64_t own[2] = {0, 0}; /* the kernel asks no radiance probes */
-    const bool tints = b->params.geometry->passage == KILN_PASSAGE_TINT;
+    const bool tints = b->params.geometry->passage >= KILN_PASSAGE_TINT;
     const struct vulkan_hemisphere pass = {.pass = &kiln_pass_caustic,
                                            .shader = &caustic_shader,
                                            .sums = &sums_shader,

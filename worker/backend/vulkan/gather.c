@@ -29,7 +29,7 @@ _Static_assert(sizeof(struct kiln_gpu_gather_push) == sizeof(struct kiln_gpu_hem
 static struct vulkan_hemisphere gather_of(const struct vulkan_backend *b, const struct kiln_batch *batch,
                                           uint32_t lookup, const uint64_t own[2])
 {
-    const bool tints = b->params.geometry->passage == KILN_PASSAGE_TINT, chains = b->materials.gloss;
+    const bool tints = b->params.geometry->passage >= KILN_PASSAGE_TINT, chains = b->materials.gloss;
     return (struct vulkan_hemisphere){.pass = &kiln_pass_gather,
                                       .shader = &gather_shader,
                                       .sums = &sums_shader,

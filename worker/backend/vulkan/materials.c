@@ -23,6 +23,7 @@ struct staging {
     struct kiln_gpu_gloss_place *gloss_places; /* of each coating; NULL: there are none */
     struct kiln_bsdf_lobes *lobes;             /* of each material; NULL: as `glosses` */
     bool varied;                               /* not all of these are prepared */
+    struct kiln_vec3 *normals;                 /* of each world triangle that is not opaque; NULL: there are no panes */
     uint32_t *slots;
     uint32_t *coating_of; /* stored triangle -> its coating, KILN_NONE: none yet */
     bool *wanted;         /* texture */
@@ -243,7 +244,26 @@ static void fill_materials(struct staging *s)
         memcpy(to->seen_color, from->base_color, sizeof to->seen_color);
         to->transmission = from->transmission;
         to->transmission_texture = from->transmission > 0.0f ? from->transmission_texture : KILN_NONE;
+        if (scene->panes != NULL)
+            to->pane = scene->panes[i];
     }
+}
+
+static int make_normals(struct staging *s, struct kiln_error *error)
+{
+    const struct kiln_geometry *g = s->params->geometry;
+    if (g->passage < KILN_PASSAGE_PANE)
+        return KILN_OK;
+    const int status = kiln_allocate(&s->normals, g->triangle_count - g->opaque_count, sizeof *s->normals,
+                                     "the normals of panes", error);
+    for (size_t t = g->opaque_count; t < g->triangle_count && status == KILN_OK; t++) {
+        struct kiln_vec3 corner[3];
+        kiln_geometry_corners(g, (uint32_t)t, corner);
+        const struct kiln_vec3 normal = vec3_cross(vec3_sub(corner[1], corner[0]), vec3_sub(corner[2], corner[0]));
+        const float length = vec3_length(normal);
+        s->normals[t - g->opaque_count] = length > 0.0f ? vec3_scale(normal, 1.0f / length) : normal;
+    }
+    return status;
 }
 
 static int make_staging(struct staging *s, struct kiln_error *error)
@@ -272,6 +292,8 @@ static int make_staging(struct staging *s, struct kiln_error *error)
     status = kiln_allocate(&s->coatings, s->coating_count, sizeof *s->coatings, "the coatings", error);
     if (status == KILN_OK)
         status = make_glosses(s, error);
+    if (status == KILN_OK)
+        status = make_normals(s, error);
     if (status != KILN_OK)
         return status;
     fill_coatings(s);
@@ -290,6 +312,7 @@ static void free_staging(struct staging *s)
     kiln_free(&s->glosses);
     kiln_free(&s->gloss_places);
     kiln_free(&s->lobes);
+    kiln_free(&s->normals);
 }
 
 static uint64_t texture_bytes(const struct kiln_texture *t) { return 4 * (uint64_t)t->width * t->height; }
@@ -357,7 +380,9 @@ static int upload_all(struct staging *s, struct vulkan_materials *m, struct kiln
 {
     const struct kiln_scene *scene = s->params->scene;
     const size_t glosses = s->glosses != NULL ? scene->material_count : 0,
-                 places = s->gloss_places != NULL ? s->coating_count : 0;
+                 places = s->gloss_places != NULL ? s->coating_count : 0,
+                 normals =
+                     s->normals != NULL ? s->params->geometry->triangle_count - s->params->geometry->opaque_count : 0;
     float linear[256];
     kiln_texture_codes(linear);
     const struct {
@@ -374,6 +399,7 @@ static int upload_all(struct staging *s, struct vulkan_materials *m, struct kiln
         {s->glosses, glosses * sizeof *s->glosses, "the gloss of materials", &layout->glosses},
         {s->gloss_places, places * sizeof *s->gloss_places, "the texture coordinates of gloss", &layout->gloss_places},
         {s->lobes, glosses * sizeof *s->lobes, "the lobes of materials", &layout->lobes},
+        {s->normals, normals * sizeof *s->normals, "the normals of panes", &layout->normals},
     };
     int status = KILN_OK;
     for (size_t i = 0; i < VULKAN_MATERIAL_BUFFERS && status == KILN_OK; i++) {

@@ -8,10 +8,11 @@
 #include "worker/backend/vulkan/gpu/gpu.h"
 #include "worker/backend/vulkan/layout.h"
 
-enum { VULKAN_MATERIAL_BUFFERS = 8 };
+enum { VULKAN_MATERIAL_BUFFERS = 9 };
 
 struct vulkan_materials {
-    /* materials, textures, coatings, slots, table of sRGB codes, glosses, their texture coordinates, their lobes */
+    /* materials, textures, coatings, slots, table of sRGB codes, glosses, their texture coordinates, their lobes, and
+     * normals of panes */
     struct gpu_buffer buffers[VULKAN_MATERIAL_BUFFERS];
     /* as many buffers as the texels need: one alone may be no larger than the device allows */
     struct gpu_buffer *texels;
