@@ -156,9 +156,9 @@ class Materials(unittest.TestCase):
         few = ("--photons", "2000")
         for i, more in enumerate((("--bounces", "all", "--caustics", "gather"),
                                   ("--schedule", "equal", "--bounces", "2", "--exchange", "full", *few),
-                                  ("--bounces", "2", "--error-map", "--samples-direct", "64", *few),
-                                  ("--bounces", "2", "--target-error", "0.2", "--rebalance", "always", *few))):
-            options = ("--materials", "auto", "--texels-per-metre", "3", "--quality", "draft", "--samples-indirect",
+                                  ("--bounces", "2", "--error-map", "--samples-direct", "32", *few),
+                                  ("--bounces", "1", "--target-error", "0.4", "--rebalance", "always", *few))):
+            options = ("--materials", "auto", "--texels-per-metre", "2", "--quality", "draft", "--samples-indirect",
                        "16", *more)
             one = fields(self.bake("cornell-spheres", f"one{i}", *options))
             self.assertIn("caustic", one)
