@@ -16,6 +16,7 @@ import time
 
 KILN = os.environ.get("KILN", "")
 NET = "10.99.0"
+BUSY = 4  # times as long may it take on a busy machine until something has happened
 
 
 def skip(sentence):
@@ -40,7 +41,9 @@ def require(*programs):
 
 
 def wait_for(condition, seconds, what):
-    """Looks every tenth of a second; gives back what the condition gave."""
+    """Looks every tenth of a second; gives back what the condition gave. `seconds`: what it may take on a machine that
+    does nothing else; on one that other tests use it gets more."""
+    seconds *= BUSY
     end = time.monotonic() + seconds
     while True:
         answer = condition()
@@ -109,7 +112,7 @@ class Host:
     def environment(self, more=None):
         return dict(os.environ, TMPDIR=os.path.join(self.folder, "tmp"), **self.cluster.settings, **(more or {}))
 
-    def run(self, *words, check=False, timeout=120, environment=None, cwd=None):
+    def run(self, *words, check=False, timeout=120 * BUSY, environment=None, cwd=None):
         """A command on this host, to its end."""
         done = subprocess.run(self.command(*words, cwd=cwd), env=self.environment(environment),
                               stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,

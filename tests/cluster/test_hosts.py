@@ -8,7 +8,7 @@ import subprocess
 import time
 import unittest
 
-from hosts import KILN, Cluster, bake_can, bits, require, wait_for
+from hosts import BUSY, KILN, Cluster, bake_can, bits, require, wait_for
 
 SHORT = ["--quality", "draft", "--texels-per-metre", "8"]
 # Some seconds on three hosts, nearly all of them in the bounces, and a checkpoint soon.
@@ -74,12 +74,12 @@ class Hosts(unittest.TestCase):
     def test_rank_that_stands_still_is_named_with_its_host(self):
         """On one host after the other, while results are written: rank 0 hears the others, and the last one rank 0."""
         for rank, host, place in ((1, "birch", "lightmaps"), (0, "alder", "volume.hdf")):
-            words = self.bake_words("still", *SHORT, "--no-preview", "--watchdog", "2")
+            words = self.bake_words("still", *SHORT, "--no-preview", "--watchdog", "4")
             begin = time.monotonic()
-            bake = self.cluster.hosts[0].run(words[0], "-x", f"KILN_HALT_RANK={rank}:{place}", *words[1:], timeout=60)
+            bake = self.cluster.hosts[0].run(words[0], "-x", f"KILN_HALT_RANK={rank}:{place}", *words[1:])
             print(f"\nstill: the job ended after {time.monotonic() - begin:.1f} s")
             self.assertEqual(bake.returncode, 76, bake.stderr)
-            self.assertIn(f"rank {rank} on {host} has given no sign of life for 2.", bake.stderr)
+            self.assertRegex(bake.stderr, f"rank {rank} on {host} has given no sign of life for [0-9.]+ s")
             self.bake_here("still", *SHORT, "--no-preview")
 
     def lose(self, output, loss, repair):
@@ -88,15 +88,14 @@ class Hosts(unittest.TestCase):
                                            stderr=subprocess.PIPE)
         checkpoints = pathlib.Path(self.folder_of(output), "checkpoint")
         wait_for(lambda: bake.poll() is not None or list(checkpoints.glob("gen-*")), 60, "the first checkpoint")
-        time.sleep(0.2)
         self.assertIsNone(bake.poll(), "the bake ended before anything happened to it")
         loss()
         begin = time.monotonic()
         try:
-            words = bake.communicate(timeout=30)[1]
+            words = bake.communicate(timeout=30 * BUSY)[1]
         except subprocess.TimeoutExpired:
             bake.kill()
-            self.fail("the job hangs 30 s after the loss")
+            self.fail(f"the job hangs {30 * BUSY} s after the loss")
         finally:
             repair()
         print(f"\n{output}: the job ended after {time.monotonic() - begin:.1f} s")

@@ -32,7 +32,7 @@ class Bidirectional(unittest.TestCase):
     def setUpClass(cls):
         temporary = tempfile.TemporaryDirectory()
         cls.addClassCleanup(temporary.cleanup)
-        cls.folder = temporary.name
+        cls.folder, cls.known = temporary.name, {}
 
     def scene(self, name):
         path = os.path.join(self.folder, name + ".glb")
@@ -47,6 +47,13 @@ class Bidirectional(unittest.TestCase):
         run("view", scene, "--method", method, "-o", path, "--quiet", *options, **more)
         return exr.rgb(path)
 
+    def by_path(self, scene, *options):
+        """Means by --method path, found once for each scene and its options."""
+        known = Bidirectional.known
+        if (scene, options) not in known:
+            known[scene, options] = self.means(scene, "path", 64, *options)
+        return known[scene, options]
+
     def means(self, scene, method, samples, *options):
         """Means of the whole and of 4 x 4 blocks, with their standard errors by the spread of pictures of several
         seeds. Those of blocks come from few pictures each: their own mean square holds them up."""
@@ -59,7 +66,7 @@ class Bidirectional(unittest.TestCase):
 
     def agree(self, scene, methods, samples, *options):
         """Within 5 standard errors, which must be small."""
-        want = self.means(scene, "path", 64, *options)
+        want = self.by_path(scene, *options)
         for method in methods:
             got = self.means(scene, method, samples, *options)
             off = abs(got[0] - want[0]) / np.hypot(got[1], want[1])

@@ -115,10 +115,10 @@ class Materials(unittest.TestCase):
         """A view shows what mirrors and glass show of the lightmaps: the light of bidirectional paths, in blocks of
         pixels; --materials diffuse shows the balls as if they were plaster."""
         folder = self.bake("cornell-spheres", "viewed", "--materials", "auto", "--texels-per-metre", "16", "--quality",
-                           "draft", "--samples-indirect", "256", "--bounces", "3")
+                           "draft", "--samples-indirect", "128", "--bounces", "3")
         size = ("--width", "64", "--height", "64", "--quiet")
         pictures = []
-        for more in ((), ("--method", "bdpt", "--materials", "auto", "--bounces", "3", "--samples-pixel", "128",
+        for more in ((), ("--method", "bdpt", "--materials", "auto", "--bounces", "3", "--samples-pixel", "64",
                           "--backend", "embree"), ("--materials", "diffuse")):
             path = os.path.join(self.folder, f"view{len(pictures)}.exr")
             run("view", folder, "-o", path, *size, *more)
@@ -172,9 +172,9 @@ class Materials(unittest.TestCase):
         few = ("--photons", "2000")
         for i, more in enumerate((("--bounces", "all", "--caustics", "gather"),
                                   ("--schedule", "equal", "--bounces", "2", "--exchange", "full", *few),
-                                  ("--bounces", "2", "--error-map", "--samples-direct", "64", *few),
-                                  ("--bounces", "2", "--target-error", "0.2", "--rebalance", "always", *few))):
-            options = ("--materials", "auto", "--texels-per-metre", "3", "--quality", "draft", "--samples-indirect",
+                                  ("--bounces", "2", "--error-map", "--samples-direct", "32", *few),
+                                  ("--bounces", "1", "--target-error", "0.4", "--rebalance", "always", *few))):
+            options = ("--materials", "auto", "--texels-per-metre", "2", "--quality", "draft", "--samples-indirect",
                        "16", *more)
             one = fields(self.bake("cornell-spheres", f"one{i}", *options))
             self.assertIn("caustic", one)

@@ -35,6 +35,8 @@ def corner(path):
 
 
 class Merge(unittest.TestCase):
+    best = None
+
     @classmethod
     def setUpClass(cls):
         temporary = tempfile.TemporaryDirectory()
@@ -52,6 +54,14 @@ class Merge(unittest.TestCase):
                               text=True)
         self.assertEqual(done.returncode, code, done.stderr)
         return folder if code == 0 else done.stderr
+
+    def many_paths(self, *fine):
+        """The light that many paths bring, nearly without noise: baked once."""
+        if Merge.best is None:
+            Merge.best = fine, self.light(self.bake(self.spheres, *fine, "--caustics", "land", "--photons", "400000",
+                                                    "--iterations", "4", "--seed", "9"))
+        self.assertEqual(Merge.best[0], fine)
+        return Merge.best[1]
 
     @staticmethod
     def light(folder):
@@ -149,11 +159,12 @@ class Merge(unittest.TestCase):
         """--caustics vcm spreads what lands as far as it suits each place: flux stays, so small a radius that no texel
         has another within it is the texel, the error falls, and a caustic's edge stays: what lies dark beside it does
         not get its light. Where nothing has landed by chance it is not dark."""
-        fine = ("--texels-per-metre", "24", "--photons", "20000", "--iterations", "4", "--caustics")
-        folders = [self.bake(self.spheres, *fine, *which) for which in
-                   (("vcm", "--merge-radius", "texel"), ("vcm", "--merge-radius", "1e-6"), ("vcm",),
-                    ("land", "--photons", "400000", "--seed", "9"))]
-        texel, tiny, near, best = (self.light(folder) for folder in folders)
+        fine = ("--texels-per-metre", "24")
+        more = ("--photons", "20000", "--iterations", "4", "--caustics", "vcm")
+        radii = (("--merge-radius", "texel"), ("--merge-radius", "1e-6"), ())
+        folders = [self.bake(self.spheres, *fine, *more, *radius) for radius in radii]
+        texel, tiny, near = (self.light(folder) for folder in folders)
+        best = self.many_paths(*fine)
         self.assertTrue(np.allclose(tiny["caustic"], texel["caustic"], rtol=1e-5, atol=1e-7))
         power = [(light["caustic"] * light["area"][:, None]).sum(0, dtype=float) for light in (texel, near)]
         self.assertTrue(np.allclose(*power, rtol=1e-5), power)
@@ -173,10 +184,11 @@ class Merge(unittest.TestCase):
     def test_same_bits(self):
         """On 1, 2, 3 and 5 ranks; with cells of another size, and without cells; with a radius for each point; and with
         one that is found."""
-        ways = (((), 1), ((), 2), ((), 3), ((), 5), (("--cell-size", "1.5"), 2), (("--partition", "objects"), 3))
+        cells, objects = ("--cell-size", "1.5"), ("--partition", "objects")
         fine = ("--texels-per-metre", "12", "--photons", "2000")
-        shared = ("--caustics", "vcm", "--texels-per-metre", "12", "--samples-indirect", "16")
-        for options, runs in ((("--merge-radius", "0.5"), ways), (shared, ways), (fine, (((), 1), ((), 3)))):
+        shared = ("--caustics", "vcm", "--texels-per-metre", "8", "--samples-indirect", "16")
+        for options, runs in ((("--merge-radius", "0.5"), (((), 1), ((), 3), ((), 5), (cells, 2))),
+                              (shared, (((), 1), ((), 2), (cells, 5), (objects, 3))), (fine, (((), 1), ((), 3)))):
             first, *others = (self.light(self.bake(self.spheres, *SPHERES, "--caustics", "merge", "--threads", "1",
                                                    *options, *more, ranks=ranks)) for more, ranks in runs)
             for other in others:
@@ -188,11 +200,10 @@ class Merge(unittest.TestCase):
     def test_gain(self):
         """With few paths and small texels the radius that is found makes the error less by half, and about as large as
         is said; the report has the radius."""
-        fine = ("--texels-per-metre", "24", "--photons", "6000", "--iterations", "4")
-        best = self.light(self.bake(self.spheres, *fine, "--caustics", "land", "--photons", "400000", "--seed", "9"))
-        off = {}
+        fine = ("--texels-per-metre", "24")
+        best, off = self.many_paths(*fine), {}
         for which in ("land", "merge"):
-            folder = self.bake(self.spheres, *fine, "--caustics", which)
+            folder = self.bake(self.spheres, *fine, "--photons", "6000", "--iterations", "4", "--caustics", which)
             light = self.light(folder)
             wrong = (light["caustic"] - best["caustic"]) @ LUMINANCE
             off[which] = np.sqrt((light["area"] * wrong**2).sum())

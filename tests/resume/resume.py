@@ -1231,7 +1231,7 @@ def lost(checks, process, folder, rank, what):
 
 def try_watchdog(checks, tool):
     """A rank stands still: in the midst of a long pass, and at places that ranks tell the watchdog of (--full: all)."""
-    long = ('--samples-indirect', 8192)
+    long = ('--samples-indirect', 4096)
     reference, _ = reference_of(checks, tool, *long)
     for stopped in (1, 0) if tool.full else (1,):
         folder = tool.folder()

@@ -1,0 +1,133 @@
+#include "coordinator/integrate/land_state.h"
+
+#include <string.h>
+
+#include "coordinator/mpi/agree.h"
+#include "worker/base/color.h"
+#include "worker/pass/land.h"
+
+enum { BATCH_PATHS = 1 << 14 };
+
+/* A device leaves light paths to the host's processors (worker/pass/land.h), which need a BVH of their own for them. */
+int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, struct kiln_error *error)
+{
+    struct kiln_backend_params params = bake->params;
+    struct kiln_backend_info info;
+    *host = NULL;
+    kiln_backend_info(bake, &info);
+    if (strcmp(info.name, "embree") == 0)
+        return KILN_OK;
+    params.verify_fraction = 0.0;
+    params.faults = (struct kiln_device_faults){0};
+    const int status = kiln_backend_create(host, "embree", &params, error);
+    return status == KILN_OK ? kiln_backend_set_surface(*host, bake->surface, error) : status;
+}
+
+/* kiln_take_results */
+static int take(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)error;
+    struct kiln_landing *l = context;
+    const struct kiln_land_result *r = results;
+    for (size_t i = 0; i < count; i++, r++) {
+        if (r->point == KILN_NO_POINT)
+            continue;
+        struct kiln_landing_record *record = &l->records[l->count++];
+        *record = (struct kiln_landing_record){.point = r->point,
+                                               .path = (uint32_t)(first + i - l->first_path),
+                                               .shading = r->shading,
+                                               .taken_up = r->taken_up,
+                                               .others = r->others,
+                                               .aim = r->aim};
+        memcpy(record->flux, r->flux, sizeof record->flux);
+        if (l->exchange.weights != NULL && l->exchange.weights->factors != NULL)
+            record->sampled = r->sampled;
+        if (!kiln_landing_shares(l))
+            kiln_landing_note_moment(l, r->aim, kiln_luminance_of_floats(r->flux));
+    }
+    return KILN_OK;
+}
+
+static int trace(struct kiln_landing *l, uint64_t first, uint64_t count, uint64_t *rays, struct kiln_error *error)
+{
+    const struct kiln_land_parameters parameters = {.aims = l->aims,
+                                                    .techniques = kiln_landing_shares(l) ? &l->techniques : NULL};
+    const struct kiln_batch batch = {.first = first, .count = count, .take = take, .context = l};
+    return kiln_backend_run(kiln_landing_backend(l), &kiln_pass_land, &parameters, &batch, rays, error);
+}
+
+/* Collective. A checkpoint has nothing of the block under way, which is traced anew then. */
+static int save(struct kiln_landing *l, bool stop, struct kiln_error *error)
+{
+    struct kiln_step_report *report = kiln_solution_step(l->solution);
+    const uint64_t rays = report->rays;
+    report->rays = l->rays_before;
+    const int status = stop ? kiln_save_and_stop(l->saved, false, error) : kiln_save(l->saved, false, error);
+    report->rays = rays;
+    return status;
+}
+
+int kiln_landing_work_through(struct kiln_landing *l, uint64_t begin, uint64_t end, uint64_t at_once,
+                              kiln_landing_work work, int status, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    struct kiln_step_report *report = kiln_solution_step(l->solution);
+    uint64_t next = begin;
+    l->rays_before = report->rays;
+    for (;;) {
+        enum kiln_event event;
+        if (status == KILN_OK && next < end) {
+            const double start = MPI_Wtime();
+            const uint64_t now = end - next < at_once ? end - next : at_once;
+            status = work(l, next, now, &report->rays, error);
+            next += now;
+            const double seconds = MPI_Wtime() - start;
+            report->seconds += seconds;
+            event = kiln_control_poll(p->control, next == end, (double)(next - begin) / (double)(end - begin), seconds,
+                                      status);
+        } else {
+            event = kiln_control_wait(p->control, true, 1.0, status, NULL, NULL);
+        }
+        if (event == KILN_EVENT_FAIL || event == KILN_EVENT_DONE)
+            return kiln_agree(p->communicator, status, error);
+        if (event == KILN_EVENT_STOP)
+            return save(l, true, error);
+        if (event == KILN_EVENT_SAVE) {
+            const int saved = save(l, false, error);
+            if (saved != KILN_OK)
+                return saved;
+        }
+    }
+}
+
+/* Collective. Traces this rank's part of the block of paths [first, first + count). */
+static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, struct kiln_error *error)
+{
+    const uint64_t rank = (uint64_t)l->params->rank, ranks = (uint64_t)l->params->ranks;
+    l->count = 0;
+    l->first_path = first;
+    memcpy(l->moments_before, l->moments, l->aims->count * sizeof *l->moments);
+    return kiln_landing_work_through(l, first + count * rank / ranks, first + count * (rank + 1) / ranks, BATCH_PATHS,
+                                     trace, KILN_OK, error);
+}
+
+int kiln_landing_run_paths(struct kiln_landing *l, uint64_t number, uint64_t before, kiln_take_landing take_landing,
+                           struct kiln_error *error)
+{
+    struct kiln_step_report *report = kiln_solution_step(l->solution);
+    const uint64_t paths = l->aims->paths;
+    int status = KILN_OK;
+    while (l->done < paths && status == KILN_OK) {
+        const uint64_t count = paths - l->done < KILN_LAND_BLOCK ? paths - l->done : KILN_LAND_BLOCK;
+        status = trace_block(l, number * paths + l->done, count, error);
+        const double start = MPI_Wtime();
+        kiln_control_blocking(l->params->control, "exchanging landings of light", 0.0);
+        if (status == KILN_OK)
+            status = kiln_land_exchange(&l->exchange, l->records, l->count, take_landing, l, error);
+        kiln_control_blocking(l->params->control, NULL, 0.0);
+        report->exchange_seconds += MPI_Wtime() - start;
+        l->done += count;
+        kiln_progress_advance(l->params->progress, before + l->done);
+    }
+    return status;
+}

@@ -1,0 +1,64 @@
+#include "coordinator/integrate/land_state.h"
+
+#include <math.h>
+
+enum { PATHS_AN_AIM = 4 };
+enum { AIMS_MOST = 1024, PATHS_OF_CUTS = 64 }; /* objects are cut up to so many aims, each of so many paths */
+/* Paths that gather rays connect with, for a quarter of the samples: one for so many points, within these, and one an
+ * aim at least. */
+enum { KEPT_LEAST = 1 << 8, KEPT_MOST = 1 << 12, POINTS_A_KEPT_PATH = 4 };
+
+bool kiln_landing_spreads(const struct kiln_integrate_settings *settings)
+{
+    return settings->caustics == KILN_CAUSTICS_VCM && settings->merge_radius != KILN_MERGE_RADIUS_TEXEL;
+}
+
+uint64_t kiln_landing_photons(const struct kiln_integrate_settings *settings, size_t aims)
+{
+    const uint64_t photons = settings->photons, least = PATHS_AN_AIM * (uint64_t)aims;
+    return settings->photons_given || photons > least ? photons : least;
+}
+
+size_t kiln_landing_aims(const struct kiln_integrate_settings *settings)
+{
+    const uint64_t most = settings->photons / PATHS_OF_CUTS;
+    return most < AIMS_MOST ? (size_t)most : AIMS_MOST;
+}
+
+uint64_t kiln_landing_kept_paths(size_t aims, double points)
+{
+    const double paths = fmin(fmax(points / POINTS_A_KEPT_PATH, KEPT_LEAST), KEPT_MOST);
+    return paths > (double)aims ? (uint64_t)paths : (uint64_t)aims;
+}
+
+uint64_t kiln_landing_bytes(const struct kiln_integrate_settings *settings, size_t aims, double points, uint32_t ranks,
+                            double landed)
+{
+    const double photons = (double)kiln_landing_photons(settings, aims),
+                 block = fmin(photons, (double)KILN_LAND_BLOCK) / ranks,
+                 records = (double)sizeof(struct kiln_landing_record) * block * (ranks > 1 ? 1.0 + landed : 1.0),
+                 aim = (double)sizeof(struct kiln_aim) + 6.0 * sizeof(double);
+    double point = (double)kiln_landing_saved_bytes(settings->caustics);
+    if (settings->caustics == KILN_CAUSTICS_MERGE)
+        point += (double)KILN_MERGE_POINT_BYTES;
+    if (kiln_landing_spreads(settings)) /* and a radius */
+        point += (double)(sizeof(struct kiln_merged) + sizeof(struct kiln_landing_sum) + KILN_MERGE_POINT_BYTES +
+                          sizeof(float));
+    if (settings->caustics >= KILN_CAUSTICS_MERGE) /* and what is there to be lit */
+        point += (double)sizeof(float);
+    if (settings->caustics == KILN_CAUSTICS_VCM && kiln_mis_learns(settings->mis))
+        point += (double)(sizeof(struct kiln_caustic_moments) + sizeof(uint32_t));
+    const double kept = settings->caustics == KILN_CAUSTICS_VCM && settings->connections > 0.0
+                            ? aim * (double)aims +
+                                  (double)KILN_KEPT_PATH_BYTES * (double)(KILN_LANDING_KEPT_QUARTERS *
+                                                                          kiln_landing_kept_paths(aims, points * ranks))
+                            : 0.0;
+    return (uint64_t)(records + kept + aim * (double)aims + point * points);
+}
+
+uint64_t kiln_landing_saved_bytes(enum kiln_caustics caustics)
+{
+    return caustics < KILN_CAUSTICS_LAND
+               ? 0
+               : sizeof(struct kiln_landing_sum) + (caustics == KILN_CAUSTICS_MERGE ? sizeof(struct kiln_merged) : 0);
+}
