@@ -125,6 +125,8 @@ static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_
         status = check_lightmaps(b, p, error);
     status = kiln_agree(b->communicator, status, error);
     if (status == KILN_OK && p->surface != NULL)
+        status = kiln_bake_transport_check(b, p, error);
+    if (status == KILN_OK && p->surface != NULL)
         status = compare_with_checkpoint(b, p, error);
     if (status == KILN_OK)
         status = kiln_agree(

@@ -51,6 +51,11 @@ int kiln_job_keep_path(struct kiln_job *job, const char *path, const char *folde
     return KILN_OK;
 }
 
+int kiln_job_keep_text(struct kiln_job *job, const char *text, char **copy, struct kiln_error *error)
+{
+    return kiln_job_keep(job, text, strlen(text), copy, error);
+}
+
 static bool is_job_file(const char *path)
 {
     const char *dot = strrchr(path, '.');
@@ -393,6 +398,8 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
         status = read_command_line(job, command, argc, argv, NULL, error);
     if (status == KILN_OK && command->bit == KILN_FOR_BAKE && job->output == NULL)
         status = kiln_job_default_output(job, job->arguments[0], "-bake", error);
+    if (status == KILN_OK && command->bit == KILN_FOR_RELIGHT && job->output == NULL)
+        status = kiln_job_default_output(job, job->arguments[0], "-relit", error);
     if (status == KILN_OK && (command->bit & (KILN_FOR_BAKE | KILN_FOR_PLAN)) != 0)
         status = check_paths(job, error);
     if (status == KILN_OK && !given(job, "tail"))
@@ -451,6 +458,11 @@ int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_err
     else
         kiln_job_destroy(&made);
     return status;
+}
+
+bool kiln_job_given(const struct kiln_job *job, const struct kiln_option *option)
+{
+    return ((const struct kiln_job_owned *)job->strings)->given[option - kiln_options];
 }
 
 void kiln_job_print_renamed(const struct kiln_job *job, FILE *stream)
