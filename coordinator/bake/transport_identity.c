@@ -88,14 +88,15 @@ static void hash_mesh(const struct kiln_scene *s, const struct kiln_mesh *m, con
     h->of[SIDES] = add_sides(s, m, side);
 }
 
-static json_t *object_json(const struct kiln_object *o, const struct hashes *mesh)
+/* `two_sided`: its triangles with backs that count; those of a solid do not, unless they emit. */
+static json_t *object_json(const struct kiln_object *o, const struct hashes *mesh, uint64_t two_sided)
 {
     struct hashes h = *mesh;
     const uint32_t size[] = {o->lightmap_width, o->lightmap_height};
     json_t *json = json_object();
     h.of[PLACE] = add(add(0, o->transform, sizeof o->transform), &o->flipped, sizeof o->flipped);
     h.of[LAYOUT] = add(h.of[LAYOUT], size, sizeof size);
-    h.of[SIDES] = add(h.of[SIDES], &o->flags, sizeof o->flags);
+    h.of[SIDES] = add(add(h.of[SIDES], &o->flags, sizeof o->flags), &two_sided, sizeof two_sided);
     for (int i = 0; i < ASPECTS; i++) {
         char text[17];
         (void)snprintf(text, sizeof text, "%016llx", (unsigned long long)h.of[i]);
@@ -104,30 +105,34 @@ static json_t *object_json(const struct kiln_object *o, const struct hashes *mes
     return json;
 }
 
-static json_t *objects_json(const struct kiln_scene *s)
+static json_t *objects_json(const struct kiln_scene *s, const struct kiln_geometry *g)
 {
-    uint64_t *side = NULL;
+    uint64_t *side = NULL, *two_sided = NULL;
     struct hashes *meshes = NULL;
     json_t *objects = NULL;
     if (kiln_allocate(&side, s->material_count, sizeof *side, "materials", NULL) == KILN_OK &&
-        kiln_allocate(&meshes, s->mesh_count, sizeof *meshes, "meshes", NULL) == KILN_OK)
+        kiln_allocate(&meshes, s->mesh_count, sizeof *meshes, "meshes", NULL) == KILN_OK &&
+        kiln_allocate(&two_sided, s->object_count, sizeof *two_sided, "objects", NULL) == KILN_OK)
         objects = json_object();
     for (size_t i = 0; objects != NULL && i < s->material_count; i++)
         side[i] = side_of(s, &s->materials[i]);
     for (size_t i = 0; objects != NULL && i < s->mesh_count; i++)
         hash_mesh(s, &s->meshes[i], side, &meshes[i]);
+    for (size_t i = 0; objects != NULL && i < g->triangle_count; i++)
+        two_sided[g->records[i].object] += (g->records[i].material & KILN_RECORD_DOUBLE_SIDED) != 0;
     for (size_t i = 0; objects != NULL && i < s->object_count; i++)
         (void)json_object_set_new(objects, kiln_scene_string(s, s->objects[i].name),
-                                  object_json(&s->objects[i], &meshes[s->objects[i].mesh]));
+                                  object_json(&s->objects[i], &meshes[s->objects[i].mesh], two_sided[i]));
     kiln_free(&side);
     kiln_free(&meshes);
+    kiln_free(&two_sided);
     return objects;
 }
 
 json_t *kiln_transport_identity(const struct kiln_job *job, const struct kiln_prepared *p)
 {
     const double *centre = p->scene->header->centre;
-    json_t *objects = objects_json(p->scene);
+    json_t *objects = objects_json(p->scene, p->geometry);
     return objects == NULL
                ? NULL
                : json_pack("{s:I, s:I, s:I, s:[f,f,f], s:f, s:s, s:s, s:o}", "seed", (json_int_t)job->seed, "points",
