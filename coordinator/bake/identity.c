@@ -65,7 +65,9 @@ static const char *const other[] = {
     "max-time", "watchdog", "device", "devices", "traversal", "dispatch-time", "device-memory", "memory-budget",
     /* units give the numbers a name and change none of them */
     "verify-fraction", "trace", "shared-memory-ranks", "work-stealing", "rebalance", "exchange-points",
-    "exchange-limit", "units", "export", "vertex-light", "keep-transport"};
+    "exchange-limit", "units", "export", "vertex-light", "keep-transport",
+    /* what it changes is in the scene's content */
+    "changes"};
 
 static bool is_among(const char *name, const char *const *list, size_t count)
 {

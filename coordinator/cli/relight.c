@@ -2,11 +2,11 @@
  * (coordinator/integrate/transport.h). It has that bake's options, but for those that are given. */
 #include <stdio.h>
 #include <string.h>
-#include <strings.h>
 #include <sys/stat.h>
 
 #include "coordinator/bake/transport_identity.h"
 #include "coordinator/cli/commands.h"
+#include "coordinator/job/changes.h"
 #include "coordinator/job/options.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
@@ -86,10 +86,17 @@ static int fill(struct kiln_job *job, const json_t *index, struct kiln_error *er
                          "the transport in %.500s was kept by kiln %.50s, and this is kiln %s: bake again", directory,
                          kiln != NULL ? kiln : "?", KILN_VERSION);
     int status = take_options(job, index, error);
-    if (status == KILN_OK && job->argument_count > 1)
+    const char *other = job->argument_count > 1 ? job->arguments[1] : NULL;
+    if (status == KILN_OK && other != NULL && kiln_is_yaml(other))
+        job->changes = job->arguments[1];
+    else if (other != NULL)
+        job->changes = NULL;
+    if (status == KILN_OK && other != NULL && !kiln_is_yaml(other))
         job->scene = job->arguments[1];
     else if (status == KILN_OK)
         status = take_string(job, index, "scene", &job->scene, error);
+    if (status == KILN_OK)
+        status = kiln_job_changes_read(job, error);
     if (status == KILN_OK)
         status = take_string(job, index, "instruction set", &job->instruction_set, error);
     job->relight = directory;

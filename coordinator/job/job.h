@@ -37,6 +37,7 @@ struct kiln_job {
     char *environment;
     double environment_scale;    /* factor on the radiance; default 1 */
     double environment_rotation; /* degrees about +y */
+    char *changes, *changed;     /* file of changes, and what stands there (job/changes.h); NULL: none */
     int units;                   /* enum kiln_units_choice */
 
     /* devices and threads */
@@ -191,6 +192,8 @@ int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_err
 void kiln_job_destroy(struct kiln_job **job);
 
 struct kiln_option;
+/* Whether the name of a file is that of a YAML file. */
+bool kiln_is_yaml(const char *path);
 /* Whether the command line or the job file gives the option. */
 bool kiln_job_given(const struct kiln_job *job, const struct kiln_option *option);
 /* Copies a text as a string that the job owns. KILN_SYSTEM. */

@@ -29,7 +29,7 @@ def room(path, edited=False, moved=False, extra=False, white=None):
     """`edited`: other lights, colours and sky; `moved`, `extra`: other geometry; `white`: albedo of the walls."""
     scene = glb.Scene()
     wall = scene.material("wall", (white,) * 3 if white else (0.3, 0.6, 0.7) if edited else (0.7, 0.7, 0.6))
-    glow = scene.material("glow", (0.2, 0.2, 0.2), (1, 6, 3) if edited else (5, 4, 3))
+    glow = scene.material("glow", (0.2, 0.2, 0.2), (1, 4, 2) if edited else (5, 4, 3))
     ball = scene.material("ball", (0.8, 0.2, 0.2), (0.5, 0, 0) if edited else (0.1, 0.1, 0), double_sided=True)
     pane = scene.material("pane", (0.4, 0.5, 0.4))
     scene.document["materials"][pane].update(alphaMode="BLEND")
@@ -45,6 +45,25 @@ def room(path, edited=False, moved=False, extra=False, white=None):
     scene.light("sun", {"type": "directional", "intensity": 1.0 if edited else 3.0}, rotation=[-0.5, 0, 0, 0.866])
     scene.environment((2, 0.5, 0.2) if edited else (0.5, 0.6, 0.9))
     return scene.write(path)
+
+
+# The same as `edited`, in another language.
+CHANGES = """lights:
+  s*: {intensity: [4, 4, 4], scale: 0.25}
+materials:
+  wall: {albedo: [0.3, 0.6, 0.7]}
+  glow: {emission: [2, 8, 4], emission-scale: 0.5}
+  ball: {emission: [0.5, 0, 0]}
+environment: {radiance: [2, 0.5, 0.2]}
+"""
+DARK = "lights: {sun: {on: false}}\nmaterials: {glow: {on: false}}\n"
+WRONG = {"lights: {moon: {scale: 2}}": "no light of the scene has a name that matches 'moon'",
+         "lights: {sun: {power: 2}}": "light 'sun' has no setting 'power'; it has on, scale, intensity",
+         "materials: {wall: {albedo: [2, 0, 0]}}": "'albedo' is three numbers, [R, G, B], from 0 to 1",
+         "materials: {wall: {albedo: 0.5}}": "'albedo' is three numbers", "sky: {scale: 2}": "there is no key 'sky'",
+         "environment: {scale: -1}": "'scale' is a number, or three, [R, G, B], from 0", "": "is empty",
+         "environment: {scale: 2, scale: 3}": ":1: the key stands twice", "lights: [1": ": is not YAML",
+         "lights: {sun: {on: [[[[[1]]]]]}}": ":1: this is no value that changes have"}
 
 
 def kiln(*arguments, ranks=1):
@@ -135,6 +154,21 @@ with tempfile.TemporaryDirectory() as top:
     done("bake", scene, *OPTIONS, *sky, "-o", at("sky"))
     done("relight", at("kept"), *sky, "-o", at("relit_sky"))
     same(at("sky"), at("relit_sky"), "sky")
+
+    for name, text in (("changes", CHANGES), ("dark", DARK)):
+        with open(at(name + ".yaml"), "w") as file:
+            file.write(text)
+    done("relight", at("kept"), at("changes.yaml"), "-o", at("changed"))
+    same(at("edited"), at("changed"), "changes by name")
+    done("bake", scene, *OPTIONS, "--changes", at("dark.yaml"), "-o", at("dark"))
+    done("relight", at("kept"), at("dark.yaml"), "-o", at("relit_dark"))
+    same(at("dark"), at("relit_dark"), "lights that are off")
+    assert light(at("dark")) != light(at("plain"))
+    for text, words in WRONG.items():
+        with open(at("wrong.yaml"), "w") as file:
+            file.write(text)
+        run = kiln("relight", at("kept"), at("wrong.yaml"), "-o", at("no"), "--quiet")
+        assert run.returncode in (USAGE, harness.BAD_INPUT) and words in run.stderr, (text, run.stderr)
 
     # white walls take more bounces than were kept; and those of which half is measured are in four parts
     white = room(at("white.glb"), white=0.97)
