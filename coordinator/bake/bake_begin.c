@@ -97,9 +97,13 @@ static int check_room(const struct kiln_bake *b, const struct kiln_prepared *p, 
         return KILN_OK;
     struct kiln_field_set fields;
     kiln_field_set_choose(&fields, b->job);
+    /* of transport, what the last step keeps: how many come before it the light says */
+    const uint64_t rows = b->job->keep_transport != KILN_KEEP_NONE
+                              ? kiln_rows_file_bytes(p->surface->point_count, b->job->samples_indirect)
+                              : 0;
     return kiln_require_space(
-        b->job->output, kiln_h5_space(p->scene, p->surface, &fields) + (probes > 0 ? kiln_volume_space(volume) : 0),
-        error);
+        b->job->output,
+        kiln_h5_space(p->scene, p->surface, &fields) + (probes > 0 ? kiln_volume_space(volume) : 0) + rows, error);
 }
 
 /* The job becomes that of its own scene. */

@@ -1394,7 +1394,7 @@ const struct kiln_command kiln_commands[] = {
      .maximum = 2,
      .folder = true,
      .mpi = true,
-     .summary = "bake other light, colours or sky with the rays that the bake in DIR has kept",
+     .summary = "bake other lights, colours or sky with the rays that a bake has kept",
      .examples = {"kiln bake room.glb --keep-transport rows -o out", "kiln relight out edited.glb -o evening",
                   "kiln relight out changes.yaml -o dimmed", "kiln relight out --environment sky.hdr -o day"}},
     {.name = "plan",
