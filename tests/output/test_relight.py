@@ -129,6 +129,12 @@ with tempfile.TemporaryDirectory() as top:
     counted = sum(report["rays"][kind] for kind in ("bounces", "final"))
     assert report["transport"]["rays_kept"] == counted, (report["transport"], counted)
 
+    planned = kiln("plan", scene, *OPTIONS, *KEEP, "--bounces", "2", "--ranks", "1", "--json")
+    assert planned.returncode == 0, planned.stderr
+    done("bake", scene, *OPTIONS, *KEEP, "--bounces", "2", "-o", at("two"))
+    two = sum(map(len, rows(at("two")).values()))
+    assert json.loads(planned.stdout)["disk_bytes"]["transport"] == two, (planned.stdout, two)
+
     # stopped as soon as there is something to go on from, again and again
     stops, slow = 0, ("bake", scene, *OPTIONS, *KEEP, "-o", at("stopped"), "--quiet", "--no-preview")
     run = kiln(*slow, "--max-time", "0.4")
