@@ -99,6 +99,8 @@ static int fill(struct kiln_job *job, const json_t *index, struct kiln_error *er
         status = kiln_job_changes_read(job, error);
     if (status == KILN_OK)
         status = take_string(job, index, "instruction set", &job->instruction_set, error);
+    if (status == KILN_OK) /* which alone keeps rows, whatever the machine has */
+        status = kiln_job_keep_text(job, "embree", &job->backend, error);
     job->relight = directory;
     return status;
 }
