@@ -18,17 +18,17 @@ struct setting {
 static const struct setting light_settings[] = {{.name = "on", .is_switch = true},
                                                 {.name = "scale", .either = true, .most = MOST},
                                                 {.name = "intensity", .is_color = true, .most = MOST},
-                                                {NULL}};
+                                                {.name = NULL}};
 static const struct setting material_settings[] = {{.name = "on", .is_switch = true},
                                                    {.name = "emission", .is_color = true, .most = MOST},
                                                    {.name = "emission-scale", .either = true, .most = MOST},
                                                    {.name = "albedo", .is_color = true, .most = 1.0},
-                                                   {NULL}};
+                                                   {.name = NULL}};
 static const struct setting environment_settings[] = {{.name = "on", .is_switch = true},
                                                       {.name = "scale", .either = true, .most = MOST},
                                                       {.name = "radiance", .is_color = true, .most = MOST},
                                                       {.name = "rotation", .least = -3600.0, .most = 3600.0},
-                                                      {NULL}};
+                                                      {.name = NULL}};
 
 /* ---- values ---- */
 
