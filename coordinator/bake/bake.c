@@ -38,6 +38,9 @@ static int run_phases(struct kiln_bake *b, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     note_checkpoints(b);
+    status = kiln_bake_transport_write(b, error);
+    if (status != KILN_OK)
+        return status;
     status = kiln_bake_clear_folder(b, error);
     return status == KILN_OK ? kiln_bake_write(b, error) : status;
 }
@@ -118,7 +121,7 @@ int kiln_bake_run(struct kiln_bake **bake, MPI_Comm communicator, const struct k
     *bake = b;
     if (b == NULL)
         return status;
-    b->job = job;
+    b->job = b->asked = job;
     b->communicator = communicator;
     status = begin(b, error);
     if (status == KILN_OK)
@@ -164,6 +167,7 @@ void kiln_bake_end(struct kiln_bake **bake, int status, const struct kiln_error 
     kiln_vertex_light_release(&b->vertices);
     kiln_density_check_release(&b->density);
     kiln_volume_destroy(&b->volume);
+    kiln_bake_transport_release(b);
     kiln_solution_destroy(&b->solution);
     kiln_visible_from_release(&b->visible);
     kiln_prepared_destroy(&b->prepared);

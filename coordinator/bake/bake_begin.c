@@ -97,9 +97,13 @@ static int check_room(const struct kiln_bake *b, const struct kiln_prepared *p, 
         return KILN_OK;
     struct kiln_field_set fields;
     kiln_field_set_choose(&fields, b->job);
+    /* of transport, what the last step keeps: how many come before it the light says */
+    const uint64_t rows = b->job->keep_transport != KILN_KEEP_NONE
+                              ? kiln_rows_file_bytes(p->surface->point_count, b->job->samples_indirect)
+                              : 0;
     return kiln_require_space(
-        b->job->output, kiln_h5_space(p->scene, p->surface, &fields) + (probes > 0 ? kiln_volume_space(volume) : 0),
-        error);
+        b->job->output,
+        kiln_h5_space(p->scene, p->surface, &fields) + (probes > 0 ? kiln_volume_space(volume) : 0) + rows, error);
 }
 
 /* The job becomes that of its own scene. */
@@ -124,6 +128,8 @@ static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_
     if (status == KILN_OK && b->rank == 0 && p->surface != NULL)
         status = check_lightmaps(b, p, error);
     status = kiln_agree(b->communicator, status, error);
+    if (status == KILN_OK && p->surface != NULL)
+        status = kiln_bake_transport_check(b, p, error);
     if (status == KILN_OK && p->surface != NULL)
         status = compare_with_checkpoint(b, p, error);
     if (status == KILN_OK)

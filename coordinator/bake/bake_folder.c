@@ -58,8 +58,11 @@ static int make_lightmap_folder(struct kiln_bake *b, struct kiln_error *error)
 static int remove_stale(const struct kiln_bake *b, struct kiln_error *error)
 {
     struct kiln_pruned pruned;
-    const struct kiln_manifest_parts parts = {
-        .volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->job->export};
+    const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0,
+                                              .preview = b->job->preview,
+                                              .scene = b->job->export,
+                                              .more = b->transport_files,
+                                              .more_count = b->transport_file_count};
     const int status =
         kiln_manifest_prune(b->job->output, b->prepared->scene, b->prepared->surface, &parts, &pruned, error);
     if (status == KILN_OK && pruned.removed > 0 && !b->job->quiet)

@@ -52,6 +52,9 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
     status = kiln_bake_end_phase(b, status, error);
     if (status != KILN_OK)
         return status;
+    status = kiln_bake_transport_begin(b, error);
+    if (status != KILN_OK)
+        return status;
     kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0,
                        kiln_checkpoint_written(b->checkpoint));
     b->light_settings = kiln_light_settings(b->job, b->prepared->lights, b->prepared->surface->point_count);
@@ -73,6 +76,7 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
                                                      .control = b->control,
                                                      .checkpoint = b->checkpoint,
                                                      .identity = b->identity,
+                                                     .transport = b->transport.is_on ? &b->transport : NULL,
                                                      .threads = b->prepared->threads};
     b->saves = true;
     status = kiln_integrate(&b->solution, &b->light_params, error);

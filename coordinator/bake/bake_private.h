@@ -15,7 +15,7 @@
 #include "coordinator/view/view.h"
 
 struct kiln_bake {
-    const struct kiln_job *job;
+    const struct kiln_job *job, *asked; /* settled: materials.h; as the caller gave it */
     MPI_Comm communicator;
     struct kiln_job settled;        /* which `job` is once the scene is there: materials.h */
     enum kiln_gloss_mode materials; /* as asked for */
@@ -45,7 +45,13 @@ struct kiln_bake {
     bool same_probes; /* the probes of the checkpoint can be used */
     bool saves;       /* in steps and in the probe pass, where stopping writes a checkpoint */
     bool light_done;  /* everything is done except writing the files */
-    json_t *preview;  /* rank 0: its camera and exposure; NULL: none */
+    /* what rays have met, where that is kept or replayed: bake_transport.c */
+    struct kiln_transport transport;
+    struct kiln_folder transport_folder;
+    json_t *transport_identity; /* rank 0 */
+    char **transport_files;     /* relative to the output folder, once they are complete */
+    size_t transport_file_count;
+    json_t *preview; /* rank 0: its camera and exposure; NULL: none */
     char preview_text[KILN_VIEWPOINT_TEXT];
     bool exported;  /* scene.glb has been written */
     json_t *report; /* rank 0: content of run.json */
@@ -84,6 +90,19 @@ int kiln_bake_check_density(struct kiln_bake *bake, struct kiln_error *error);
 int kiln_bake_volume(struct kiln_bake *bake, struct kiln_error *error);
 /* Writes a checkpoint of the complete light, probes included. Returns KILN_STOPPED, or the error of writing. */
 int kiln_bake_save(struct kiln_bake *bake, struct kiln_error *error);
+
+/* ---- bake_transport.c: what rays have met, kept or replayed; nothing without such an option ---- */
+
+/* Refuses what cannot be kept, and a scene that what was kept is not of. */
+int kiln_bake_transport_check(struct kiln_bake *bake, const struct kiln_prepared *prepared, struct kiln_error *error);
+/* Opens the folder, before the light, and fills in bake->transport. */
+int kiln_bake_transport_begin(struct kiln_bake *bake, struct kiln_error *error);
+/* Writes the index, after the light, and fills in bake->transport_files. */
+int kiln_bake_transport_write(struct kiln_bake *bake, struct kiln_error *error);
+/* For run.json, on rank 0. New reference; NULL: there is none. */
+json_t *kiln_bake_transport_json(struct kiln_bake *bake);
+/* Not collective. */
+void kiln_bake_transport_release(struct kiln_bake *bake);
 
 /* ---- bake_results.c: the files ---- */
 

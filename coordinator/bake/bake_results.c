@@ -211,6 +211,9 @@ static int write_report(struct kiln_bake *b, struct kiln_error *error)
                                  .probe_rays = b->probe_rays,
                                  .directory = b->job->output};
     int status = kiln_run_report(&b->report, &run, error);
+    json_t *transport = kiln_bake_transport_json(b);
+    if (transport != NULL)
+        (void)json_object_set_new(b->report, b->transport.replays ? "relight" : "transport", transport);
     if (status == KILN_OK && b->rank == 0) {
         if (b->preview != NULL)
             (void)json_object_set(b->report, "preview", b->preview);
@@ -226,8 +229,11 @@ static int write_report(struct kiln_bake *b, struct kiln_error *error)
 static int write_manifest(struct kiln_bake *b, struct kiln_error *error)
 {
     kiln_progress_phase(b->progress, "manifest", 0);
-    const struct kiln_manifest_parts parts = {
-        .volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->exported};
+    const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0,
+                                              .preview = b->job->preview,
+                                              .scene = b->exported,
+                                              .more = b->transport_files,
+                                              .more_count = b->transport_file_count};
     const int status =
         kiln_manifest_write(b->communicator, b->job->output, b->prepared->scene, b->prepared->surface, &parts, error);
     kiln_progress_finish(b->progress);

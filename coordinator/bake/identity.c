@@ -59,13 +59,15 @@ static const char *const counting[] = {"environment",
 static const char *const probing[] = {"probe-spacing", "samples-probe"};
 /* Options that affect neither: devices, speed, limits, messages and output files. --quality is covered by the sample
  * counts that it sets. */
-static const char *const other[] = {"output", "backend", "threads", "instruction-set", "quality", "half", "stitch",
-                                    "denoise", "check-density", "preview", "exposure", "auto-exposure", "tone-map",
-                                    "json", "quiet", "verbose", "resume", "checkpoint-every", "max-time", "watchdog",
-                                    "device", "devices", "traversal", "dispatch-time", "device-memory", "memory-budget",
-                                    /* units give the numbers a name and change none of them */
-                                    "verify-fraction", "trace", "shared-memory-ranks", "work-stealing", "rebalance",
-                                    "exchange-points", "exchange-limit", "units", "export", "vertex-light"};
+static const char *const other[] = {
+    "output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "denoise", "check-density",
+    "preview", "exposure", "auto-exposure", "tone-map", "json", "quiet", "verbose", "resume", "checkpoint-every",
+    "max-time", "watchdog", "device", "devices", "traversal", "dispatch-time", "device-memory", "memory-budget",
+    /* units give the numbers a name and change none of them */
+    "verify-fraction", "trace", "shared-memory-ranks", "work-stealing", "rebalance", "exchange-points",
+    "exchange-limit", "units", "export", "vertex-light", "keep-transport",
+    /* what it changes is in the scene's content */
+    "changes"};
 
 static bool is_among(const char *name, const char *const *list, size_t count)
 {

@@ -14,6 +14,7 @@ struct kiln_import_params kiln_job_import_params(const struct kiln_job *job, con
                                        .environment_scale = job->environment_scale,
                                        .environment_rotation_degrees = job->environment_rotation,
                                        .objects = job->objects,
+                                       .changes = job->changed,
                                        .trust_normals = job->trust_normals,
                                        .stop = stop};
 }

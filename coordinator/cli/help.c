@@ -49,6 +49,16 @@ static void print_qualities(FILE *stream)
                       kiln_qualities[i].samples_probe);
 }
 
+/* What coordinator/job/changes.h and coordinator/import/changes.c have. */
+static void print_changes(FILE *stream)
+{
+    (void)fprintf(stream, "\nCHANGES.yaml names what changes; names may be patterns (lamp*), numbers one or three\n"
+                          "  lights:      {NAME: {scale: 0.5, intensity: [R, G, B], on: false}}\n"
+                          "  materials:   {NAME: {emission: [R, G, B], emission-scale: 2, on: false, "
+                          "albedo: [R, G, B]}}\n"
+                          "  environment: {scale: 2, radiance: [R, G, B], rotation: DEGREES, on: false}\n");
+}
+
 static void command_screen(FILE *stream, const struct kiln_command *command)
 {
     (void)fprintf(stream, "kiln %s: %s\n\nUsage: kiln %s %s [options]\n\nExamples\n", command->name, command->summary,
@@ -66,6 +76,8 @@ static void command_screen(FILE *stream, const struct kiln_command *command)
     }
     if ((kiln_option_find("quality")->commands & command->bit) != 0)
         print_qualities(stream);
+    if (command->bit == KILN_FOR_RELIGHT)
+        print_changes(stream);
     if (command->scene)
         (void)fprintf(
             stream,
@@ -76,7 +88,7 @@ static void command_screen(FILE *stream, const struct kiln_command *command)
 static void overview(FILE *stream)
 {
     (void)fprintf(stream,
-                  "kiln %s bakes the diffuse light of a static scene into lightmaps and an irradiance volume.\n\n"
+                  "kiln %s bakes the diffuse light of a static scene into lightmaps and an irradiance volume.\n"
                   "  kiln generate cornell -o cornell.glb                 make a scene\n"
                   "  kiln bake cornell.glb -o out                         bake it\n"
                   "  mpirun -n 4 --bind-to none kiln bake cornell.glb -o out     the same on four ranks\n"

@@ -133,6 +133,8 @@ static int run(const struct kiln_command *command, struct kiln_job *job, struct 
     switch ((enum kiln_command_bit)command->bit) {
     case KILN_FOR_BAKE:
         return kiln_command_bake(job, error);
+    case KILN_FOR_RELIGHT:
+        return kiln_command_relight(job, error);
     case KILN_FOR_PLAN:
         return kiln_command_plan(job, error);
     case KILN_FOR_INFO:
@@ -308,7 +310,7 @@ static double start_seconds(double limit) { return limit > 0.0 ? fmax(2.0 * limi
 static int run_watched(const struct kiln_command *command, struct kiln_job *job, struct kiln_error *error)
 {
     struct kiln_watchdog *watchdog = NULL;
-    if (command->bit == KILN_FOR_BAKE)
+    if ((command->bit & (KILN_FOR_BAKE | KILN_FOR_RELIGHT)) != 0)
         return run(command, job, error);
     int rank;
     (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
@@ -486,7 +488,7 @@ static int run_command_line(int argc, char **argv)
 int kiln_main(int argc, char **argv)
 {
     kiln_process_begin();
-    if (argc > 1 && strcmp(argv[1], "bake") == 0)
+    if (argc > 1 && (strcmp(argv[1], "bake") == 0 || strcmp(argv[1], "relight") == 0))
         kiln_process_catch();
     if (argc > 1 && strcmp(argv[1], "import-child") == 0)
         return kiln_import_child(argc, argv);

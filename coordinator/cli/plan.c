@@ -61,11 +61,11 @@ static json_t *seconds_json(const struct kiln_plan *p)
 
 static json_t *disk_json(const struct kiln_plan *p)
 {
-    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "lightmaps", (json_int_t)p->lightmap_bytes, "kiln_h5",
-                     (json_int_t)p->h5_bytes, "volume", (json_int_t)p->volume_bytes, "scene",
+    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "lightmaps", (json_int_t)p->lightmap_bytes,
+                     "kiln_h5", (json_int_t)p->h5_bytes, "volume", (json_int_t)p->volume_bytes, "scene",
                      (json_int_t)p->scene_bytes, "preview", (json_int_t)p->preview_bytes, "export",
                      (json_int_t)p->export_bytes, "total", (json_int_t)p->disk_bytes, "checkpoint",
-                     (json_int_t)p->checkpoint_bytes);
+                     (json_int_t)p->checkpoint_bytes, "transport", (json_int_t)p->transport_bytes);
 }
 
 /* One value for each role. */
@@ -310,6 +310,9 @@ static void print_time(const struct kiln_plan *p, const struct kiln_job *job)
                  mebibytes(p->disk_bytes), mebibytes(p->lightmap_bytes), mebibytes(p->h5_bytes),
                  mebibytes(p->volume_bytes), mebibytes(p->scene_bytes), mebibytes(p->export_bytes),
                  mebibytes(p->checkpoint_bytes));
+    if (p->transport_bytes > 0)
+        (void)printf("      of it %.1f MiB of transport that is kept, %.2f s to write at 1 GB/s\n",
+                     mebibytes(p->transport_bytes), (double)p->transport_bytes * 1e-9);
 }
 
 /* The cause that costs the last point of a curve most, as text. */

@@ -233,7 +233,8 @@ static bool parse_arguments(int argc, char **argv, struct child *child)
                                                 .objects = argv[13],
                                                 .trust_normals = strcmp(argv[14], "normals") == 0,
                                                 .repack = strcmp(argv[15], "repack") == 0,
-                                                .no_layout = strcmp(argv[15], "none") == 0};
+                                                .no_layout = strcmp(argv[15], "none") == 0,
+                                                .changes = argv[16][0] == '\0' ? NULL : argv[16]};
     child->program = strtoull(argv[12], NULL, 16);
     return true;
 }

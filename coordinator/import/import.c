@@ -137,6 +137,7 @@ static int run_child(const struct kiln_import_params *params, uint64_t program, 
                                                        params->no_layout ? "none"
                                                        : params->repack  ? "repack"
                                                                          : "",
+                                                       params->changes == NULL ? "" : params->changes,
                                                        NULL};
     const struct kiln_confined_call call = {.program = program_of(params),
                                             .arguments = arguments,
@@ -168,11 +169,11 @@ static int check_made(const char *opens, const char *name, struct kiln_error *er
 static int check_settings(const struct kiln_import_params *params, const struct kiln_scene *scene,
                           struct kiln_error *error)
 {
-    bool fits = !params->repack && !params->no_layout &&
-                (params->environment == NULL || params->environment[0] == '\0') &&
-                (params->objects == NULL || params->objects[0] == '\0') && !params->trust_normals &&
-                params->environment_scale == 1.0 && params->environment_rotation_degrees == 0.0 &&
-                (params->texels_per_metre == 0.0 || (float)params->texels_per_metre == scene->header->texels_per_metre);
+    bool fits =
+        !params->repack && !params->no_layout && (params->environment == NULL || params->environment[0] == '\0') &&
+        (params->objects == NULL || params->objects[0] == '\0') && params->changes == NULL && !params->trust_normals &&
+        params->environment_scale == 1.0 && params->environment_rotation_degrees == 0.0 &&
+        (params->texels_per_metre == 0.0 || (float)params->texels_per_metre == scene->header->texels_per_metre);
     for (size_t i = 0; i < scene->object_count && fits; i++) {
         const struct kiln_object *o = &scene->objects[i];
         const uint32_t larger = o->lightmap_width > o->lightmap_height ? o->lightmap_width : o->lightmap_height;
@@ -184,7 +185,7 @@ static int check_settings(const struct kiln_import_params *params, const struct 
         return KILN_OK;
     return kiln_fail(
         error, KILN_USAGE,
-        "%.512s: in a kiln scene file, lightmap sizes, environment, objects and front sides are already decided; give "
+        "%.512s: in a kiln scene file, lightmap sizes, light, objects and front sides are already decided; give "
         "the original scene to change them",
         params->path);
 }

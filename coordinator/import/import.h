@@ -27,6 +27,7 @@ struct kiln_import_params {
     double environment_scale; /* factor; 1: unchanged, 0: no light from the environment */
     double environment_rotation_degrees;
     const char *objects; /* rules for single objects (coordinator/job/object_settings.h); NULL: none */
+    const char *changes; /* of lights, materials and sky, as JSON (coordinator/job/changes.h); NULL: none */
     /* where normals point to the back of a triangle's winding, the normals decide which side is its front, not the
      * winding */
     bool trust_normals;

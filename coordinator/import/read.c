@@ -8,6 +8,7 @@
 #include <xxhash.h>
 
 #include "coordinator/import/assemble.h"
+#include "coordinator/import/changes.h"
 #include "coordinator/import/constant_textures.h"
 #include "coordinator/import/gltf.h"
 #include "coordinator/import/image.h"
@@ -138,9 +139,13 @@ int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(con
                            params->path);
     }
     if (status == KILN_OK)
+        status = kiln_changes_apply(builder, params->changes, error);
+    if (status == KILN_OK)
         (void)kiln_fold_constant_textures(builder);
     if (status == KILN_OK)
         status = set_environment(params, confine, builder, error);
+    if (status == KILN_OK)
+        kiln_changes_apply_environment(builder, params->changes);
     if (status == KILN_OK)
         status = kiln_object_settings_apply(builder, params->objects, error);
     if (status == KILN_OK)
@@ -162,6 +167,8 @@ void kiln_import_key(const struct kiln_import_params *params, uint64_t program, 
     hash = XXH3_128bits_withSeed(environment, strlen(environment), hash.low64 ^ hash.high64);
     const char *objects = params->objects == NULL ? "" : params->objects;
     hash = XXH3_128bits_withSeed(objects, strlen(objects), hash.low64 ^ hash.high64);
+    if (params->changes != NULL)
+        hash = XXH3_128bits_withSeed(params->changes, strlen(params->changes), hash.low64 ^ hash.high64);
     for (size_t i = 0; i < source_count; i++) {
         const char *path = strings + sources[i].path;
         const uint64_t numbers[5] = {hash.low64, hash.high64, sources[i].size, sources[i].hash[0], sources[i].hash[1]};

@@ -5,6 +5,7 @@
 #include <mpi.h>
 
 #include "coordinator/integrate/integrator.h"
+#include "coordinator/integrate/transport.h"
 #include "coordinator/run/checkpoint.h"
 #include "coordinator/run/control.h"
 #include "coordinator/run/progress.h"
@@ -28,6 +29,7 @@ struct kiln_integrate_params {
     struct kiln_checkpoint *checkpoint; /* an open generation is gone on from; NULL: nothing is saved */
     const json_t *identity;             /* of the bake, for the checkpoints it writes */
     struct kiln_trace *trace;           /* may be NULL */
+    struct kiln_transport *transport;   /* what rays meet is kept or replayed; NULL: neither */
     uint32_t threads;                   /* that take over the answers */
 };
 

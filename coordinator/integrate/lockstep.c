@@ -118,6 +118,26 @@ static int run_batches(struct kiln_lockstep *l, struct kiln_error *error)
     }
 }
 
+/* Collective. The same, with what its rays meet kept or replayed. A file that this rank cannot open or write is told
+ * as a batch that has failed is. */
+static int run_kept(struct kiln_lockstep *l, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    struct kiln_error own = {{0}};
+    if (p->transport == NULL)
+        return run_batches(l, error);
+    if (l->batches.status == KILN_OK)
+        l->batches.status =
+            kiln_transport_begin(p->transport, p->backend, &kiln_solution_step(l->solution)->step, error);
+    const int status = run_batches(l, error), written = kiln_transport_end(p->transport, p->backend, &own);
+    if (status != KILN_OK)
+        return status;
+    const int agreed = kiln_agree(p->communicator, written, &own);
+    if (agreed != KILN_OK)
+        *error = own;
+    return agreed;
+}
+
 /* Collective. Adds up over the ranks. */
 static int end_step(struct kiln_lockstep *l, struct kiln_error *error)
 {
@@ -169,7 +189,7 @@ static int run_step(struct kiln_lockstep *l, struct kiln_error *error)
     kiln_radiosity_allgather_begin(l->solution->allgather);
     const double start = MPI_Wtime();
     kiln_batches_begin(&l->batches, report, error);
-    status = run_batches(l, error);
+    status = run_kept(l, error);
     if (status != KILN_OK)
         kiln_radiosity_allgather_abandon(l->solution->allgather);
     report->given += kiln_work_queue_returned(l->solution->own->queue);

@@ -39,6 +39,10 @@ static inline bool kiln_exchange_is_compact(int form, uint64_t points)
     return form == KILN_EXCHANGE_COMPACT || (form == KILN_EXCHANGE_AUTO && points >= 1u << 22);
 }
 
+/* What is kept beside a bake of the way that its light took, so that it can be relit: nothing, or what every gather ray
+ * has met (integrate/transport.h). */
+enum kiln_keep { KILN_KEEP_NONE = 0, KILN_KEEP_ROWS = 1 };
+
 /* Whose radiosity a node receives: that of all points, or of those in patches of surface that its points see. */
 enum kiln_exchange_points { KILN_EXCHANGE_ALL = 0, KILN_EXCHANGE_VISIBLE = 1 };
 

@@ -4,6 +4,7 @@
 #include <string.h>
 #include <strings.h>
 
+#include "coordinator/job/changes.h"
 #include "coordinator/job/job_private.h"
 #include "coordinator/job/options.h"
 #include "worker/base/memory.h"
@@ -51,7 +52,12 @@ int kiln_job_keep_path(struct kiln_job *job, const char *path, const char *folde
     return KILN_OK;
 }
 
-static bool is_job_file(const char *path)
+int kiln_job_keep_text(struct kiln_job *job, const char *text, char **copy, struct kiln_error *error)
+{
+    return kiln_job_keep(job, text, strlen(text), copy, error);
+}
+
+bool kiln_is_yaml(const char *path)
 {
     const char *dot = strrchr(path, '.');
     return dot != NULL && (strcasecmp(dot, ".yaml") == 0 || strcasecmp(dot, ".yml") == 0);
@@ -379,7 +385,7 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
     if (status == KILN_OK && command->bit == KILN_FOR_BENCH && strcmp(job->arguments[0], "stability") != 0)
         job->scene = job->arguments[1];
     const bool scene = status == KILN_OK && command->scene && job->argument_count > 0;
-    const char *file = scene && is_job_file(job->arguments[0]) ? job->arguments[0] : NULL;
+    const char *file = scene && kiln_is_yaml(job->arguments[0]) ? job->arguments[0] : NULL;
     if (file != NULL && !given(job, "quality"))
         status = kiln_job_file_read_quality(job, file, error);
     if (status != KILN_OK)
@@ -391,8 +397,12 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
         status = kiln_job_keep(job, job->arguments[0], strlen(job->arguments[0]), &job->scene, error);
     if (status == KILN_OK)
         status = read_command_line(job, command, argc, argv, NULL, error);
+    if (status == KILN_OK)
+        status = kiln_job_changes_read(job, error);
     if (status == KILN_OK && command->bit == KILN_FOR_BAKE && job->output == NULL)
         status = kiln_job_default_output(job, job->arguments[0], "-bake", error);
+    if (status == KILN_OK && command->bit == KILN_FOR_RELIGHT && job->output == NULL)
+        status = kiln_job_default_output(job, job->arguments[0], "-relit", error);
     if (status == KILN_OK && (command->bit & (KILN_FOR_BAKE | KILN_FOR_PLAN)) != 0)
         status = check_paths(job, error);
     if (status == KILN_OK && !given(job, "tail"))
@@ -451,6 +461,11 @@ int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_err
     else
         kiln_job_destroy(&made);
     return status;
+}
+
+bool kiln_job_given(const struct kiln_job *job, const struct kiln_option *option)
+{
+    return ((const struct kiln_job_owned *)job->strings)->given[option - kiln_options];
 }
 
 void kiln_job_print_renamed(const struct kiln_job *job, FILE *stream)

@@ -37,6 +37,7 @@ struct kiln_job {
     char *environment;
     double environment_scale;    /* factor on the radiance; default 1 */
     double environment_rotation; /* degrees about +y */
+    char *changes, *changed;     /* file of changes, and what stands there (job/changes.h); NULL: none */
     int units;                   /* enum kiln_units_choice */
 
     /* devices and threads */
@@ -103,6 +104,9 @@ struct kiln_job {
     bool check_density; /* whether the texels are fine enough (coordinator/bake/density_check.h) */
     bool preview;       /* write preview.png; default true */
     bool export;        /* write scene.glb; default true */
+    int keep_transport; /* enum kiln_keep */
+    /* relight: folder of a bake whose kept transport is replayed; NULL: rays are traced. The first argument */
+    const char *relight;
 
     /* checkpoints and limits, seconds; 0: none */
     bool resume; /* continue from an existing checkpoint; default true */
@@ -186,6 +190,14 @@ struct kiln_job {
  * with kiln_job_destroy. */
 int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_error *error);
 void kiln_job_destroy(struct kiln_job **job);
+
+struct kiln_option;
+/* Whether the name of a file is that of a YAML file. */
+bool kiln_is_yaml(const char *path);
+/* Whether the command line or the job file gives the option. */
+bool kiln_job_given(const struct kiln_job *job, const struct kiln_option *option);
+/* Copies a text as a string that the job owns. KILN_SYSTEM. */
+int kiln_job_keep_text(struct kiln_job *job, const char *text, char **copy, struct kiln_error *error);
 
 /* Whether noise is taken out of the lightmaps: what --denoise and --quality say together. */
 enum { KILN_PARTS = 4 }; /* that light is computed in where its errors are to be known (integrate/parts.h) */

@@ -29,6 +29,8 @@ const char *kiln_option_text(const struct kiln_job *job, const struct kiln_optio
     case KILN_OPTION_INT64:
         return number_text(option, (double)*(const int64_t *)at, "%.0f", room);
     case KILN_OPTION_UINT64:
+        if (option->word != NULL && (double)*(const uint64_t *)at == option->word_value)
+            return option->word;
         (void)snprintf(room, KILN_OPTION_TEXT, "%llu", (unsigned long long)*(const uint64_t *)at);
         return room;
     case KILN_OPTION_DOUBLE:

@@ -48,7 +48,8 @@ enum kiln_command_bit {
     KILN_FOR_STOP = 4096,
     KILN_FOR_VERIFY = 8192,
     KILN_FOR_EXPORT = 16384,
-    KILN_FOR_ALL = 32767
+    KILN_FOR_RELIGHT = 32768,
+    KILN_FOR_ALL = 65535
 };
 
 struct kiln_option {

@@ -139,8 +139,10 @@ static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *
     const size_t other_count = sizeof others / sizeof *others, maps = surface != NULL ? surface->map_count : 0;
     int status = kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error);
     if (status == KILN_OK)
-        status =
-            kiln_allocate(&(*manifest)->files, other_count + maps, sizeof *(*manifest)->files, "the manifest", error);
+        status = kiln_allocate(&(*manifest)->files, other_count + maps + parts->more_count, sizeof *(*manifest)->files,
+                               "the manifest", error);
+    for (size_t i = 0; status == KILN_OK && i < parts->more_count; i++)
+        status = name_file(*manifest, "", parts->more[i], "", error);
     for (size_t i = 0; status == KILN_OK && i < other_count; i++)
         if (others[i] != NULL)
             status = name_file(*manifest, "", others[i], "", error);

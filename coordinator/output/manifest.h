@@ -30,6 +30,8 @@ struct kiln_manifest {
 /* Which of the optional results a bake has. */
 struct kiln_manifest_parts {
     bool volume, preview, scene; /* volume.hdf, preview.png, scene.glb */
+    char *const *more;           /* paths of further files, relative to the folder; borrowed */
+    size_t more_count;
 };
 
 /* Collective. Hashes the results of a bake of `scene` in `directory`, each rank some of the files, and writes the

@@ -181,8 +181,11 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
     plan->scene_bytes = p->scene->mapped_bytes;
     plan->preview_bytes = job->preview ? (uint64_t)PREVIEW_DISK : 0;
     plan->export_bytes = job->export ? kiln_export_size(p->scene) : 0;
+    for (size_t i = 0; i < plan->steps.count && job->keep_transport != KILN_KEEP_NONE; i++)
+        if (kiln_transport_keeps(&plan->steps.of[i].step))
+            plan->transport_bytes += kiln_rows_file_bytes(plan->surface.points, plan->steps.of[i].step.samples);
     plan->disk_bytes = plan->lightmap_bytes + plan->h5_bytes + plan->volume_bytes + plan->scene_bytes +
-                       plan->preview_bytes + plan->export_bytes;
+                       plan->preview_bytes + plan->export_bytes + plan->transport_bytes;
     const enum kiln_caustics caustics =
         kiln_job_has_caustics(job) ? (enum kiln_caustics)job->caustics : KILN_CAUSTICS_NONE;
     plan->checkpoint_bytes =

@@ -61,6 +61,7 @@ struct kiln_plan {
     uint64_t triangles;
     /* of the results, compressed (estimated) */
     uint64_t lightmap_bytes, h5_bytes, volume_bytes, scene_bytes, preview_bytes, export_bytes;
+    uint64_t transport_bytes;  /* kept beside them (integrate/transport.h); exact for the steps that are planned */
     uint64_t disk_bytes;       /* their sum */
     uint64_t checkpoint_bytes; /* of a generation, the largest; two are kept while the bake runs */
     uint64_t probes;

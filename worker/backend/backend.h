@@ -22,6 +22,7 @@
 #include "worker/scene/surface.h"
 
 struct kiln_lights;
+struct kiln_rows;
 
 /* How a device finds hits: by walking a BVH in compute shaders, or by its own ray-tracing pipeline. AUTO: what is
  * fastest here, COMPUTE: the fastest BVH. The rest name one, for measuring. */
@@ -151,6 +152,7 @@ struct kiln_backend {
     const struct kiln_surface *surface;
     const uint64_t *radiosity;
     const struct kiln_radiance_probes *probes;
+    struct kiln_rows *rows;    /* likewise of kiln_backend_set_rows */
     bool ran[KILN_PASS_COUNT]; /* which passes kiln_backend_run was called for */
 };
 
@@ -181,6 +183,9 @@ int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *rad
  * `data` may have changed. NULL: rays have no end, as at first. */
 int kiln_backend_set_probes(struct kiln_backend *backend, const struct kiln_radiance_probes *probes,
                             struct kiln_error *error);
+/* From now on the gather pass keeps what its rays meet in a file, or takes it from there (worker/pass/rows.h). Borrowed
+ * until the next call; NULL: neither, as at first. Embree's backend alone does; the others trace, and keep nothing. */
+static inline void kiln_backend_set_rows(struct kiln_backend *backend, struct kiln_rows *rows) { backend->rows = rows; }
 /* Runs a pass over a batch's items and hands the results to the batch's taker. `parameters` is the pass's own struct,
  * as its header says; NULL for a pass without. Adds the number of rays that were traced to *rays, counted as the pass's
  * header says, the same on all backends. When it fails, the parts that were taken before stand. */

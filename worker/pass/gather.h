@@ -28,9 +28,11 @@
  * biased. With range 0 such a point traces no ray. Harmonics may be negative in places; the sum of a point is at least
  * 0.
  *
+ * What rays meet can be kept in a file, and be taken from there in the place of tracing them (rows.h): the same bits.
+ *
  * Items: tile runs. Result: struct kiln_point_result. No parameters. Samples: rays of a point. Streams: 1, 2, ... for
  * bounces, 0xffff for the final gather. Rays: the samples of all valid points; with range 0 of those that see no
- * probe. The short rays to probes and the rays of chains are not counted. */
+ * probe. The short rays to probes, the rays of chains and those that a row stands for are not counted. */
 #ifndef KILN_WORKER_PASS_GATHER_H
 #define KILN_WORKER_PASS_GATHER_H
 

@@ -10,6 +10,7 @@
 #include "shaders/shared/streams.h"
 #include "shaders/shared/warp.h"
 #include "worker/backend/embree/chain_weighed.h"
+#include "worker/backend/embree/kept_rows.h"
 #include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/light_vertices.h"
 #include "worker/backend/embree/lookup.h"
@@ -33,6 +34,7 @@ struct gather_work {
     uint32_t stream;
     float range; /* m: rays of points that see a radiance probe end there */
     struct rays_found found;
+    struct kept_rows rows; /* of the gather pass */
     /* where the backend has radiance probes: of each valid point, the word of surface->near_probes; of each lane
      * whether its point sees one, the distance at which it leaves the scene's box, and the probe that it asks; and the
      * lanes that ask, with the ends of their rays */
@@ -82,6 +84,7 @@ static void work_destroy(void **work)
     struct gather_work *w = *work;
     if (w != NULL) {
         rays_destroy(&w->rays);
+        kept_rows_release(&w->rows);
         kiln_free(&w->choices);
         subpaths_release(&w->subpaths);
     }
@@ -691,6 +694,27 @@ static void clear_sums(struct gather_work *w)
         memset(w->quarter[i], 0, count * sizeof *w->quarter[i]);
 }
 
+/* Finds what the rays of the step meet: traces them, or with `replays` looks it up. Returns the number of lanes. */
+static uint32_t find_step(struct gather_work *w, const struct embree_backend *b, struct embree_context *context,
+                          uint32_t step, bool replays, uint64_t *rays)
+{
+    if (replays && !w->rays->frame.smooth) { /* no sum hangs on where the rays go */
+        const uint32_t lanes = rays_lanes(w->rays, step);
+        kept_rows_find(&w->rows, b, w->rays, step, lanes, &w->found);
+        return lanes;
+    }
+    const uint32_t lanes = rays_make(w->rays, b, step);
+    if (replays) {
+        kept_rows_find(&w->rows, b, w->rays, step, lanes, &w->found);
+        return lanes;
+    }
+    *rays += b->probes != NULL ? end_rays(w, lanes) : lanes;
+    rays_trace(w->rays, b, context, lanes);
+    embree_find(b, w->rays, lanes, &w->found);
+    kept_rows_note(&w->rows, w->rays, step, &w->found);
+    return lanes;
+}
+
 static void gather_tile_run(void *work, const struct embree_backend *b, struct embree_context *context, size_t tile_run,
                             void *results, uint64_t *rays)
 {
@@ -703,11 +727,9 @@ static void gather_tile_run(void *work, const struct embree_backend *b, struct e
         begin_guide(w, b, tile_run);
     if (b->probes != NULL)
         begin_probes(w, b, tile_run);
+    const bool replays = kept_rows_read(&w->rows, b, w->rays, tile_run);
     for (uint32_t step = 0; step < steps; step++) {
-        const uint32_t lanes = rays_make(w->rays, b, step);
-        *rays += b->probes != NULL ? end_rays(w, lanes) : lanes;
-        rays_trace(w->rays, b, context, lanes);
-        embree_find(b, w->rays, lanes, &w->found);
+        const uint32_t lanes = find_step(w, b, context, step, replays, rays);
         if (b->probes != NULL || chain_any(b)) {
             collect_lanes(b, context, w, step, lanes);
             continue;
@@ -717,17 +739,35 @@ static void gather_tile_run(void *work, const struct embree_backend *b, struct e
     }
     if (b->probes != NULL)
         raise_to_zero(w);
+    if (!replays)
+        kept_rows_write(&w->rows, b, w->rays, tile_run);
     store(w, results);
     if (w->side > 0)
         store_learnt(w, results);
 }
 
+static int gather_create(void **work, const struct embree_backend *b, const void *parameters,
+                         const struct kiln_batch *part, struct kiln_error *error)
+{
+    int status = work_create(work, b, parameters, part, error);
+    if (status != KILN_OK)
+        return status;
+    status = kept_rows_create(&((struct gather_work *)*work)->rows, b, part, error);
+    if (status != KILN_OK)
+        work_destroy(work);
+    return status;
+}
+
 int embree_gather(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
                   uint64_t *rays, struct kiln_error *error)
 {
-    static const struct tile_run_pass pass = {work_create, work_destroy, gather_tile_run,
+    static const struct tile_run_pass pass = {gather_create, work_destroy, gather_tile_run,
                                               sizeof(struct kiln_point_result)};
-    return embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
+    const int status = embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
+    struct kiln_rows *rows = b->base.rows;
+    return status == KILN_OK && rows != NULL && rows->status != KILN_OK
+               ? kiln_fail(error, rows->status, "%s", rows->error.message)
+               : status;
 }
 
 int embree_guided(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,

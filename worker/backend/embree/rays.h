@@ -63,8 +63,13 @@ void rays_destroy(struct tile_run_rays **rays);
  * 0 where no point is valid, or none is asked for. There is no guide; who wants one sets it afterwards. */
 uint32_t rays_begin(struct tile_run_rays *rays, const struct embree_backend *b, size_t tile_run, uint32_t stream,
                     unsigned wish);
-/* Makes the rays of a step, the next one or the first. Returns how many lanes there are: samples that do not exist have
- * none. */
+/* How many lanes a step has: samples that do not exist have none. */
+static inline uint32_t rays_lanes(const struct tile_run_rays *rays, uint32_t step)
+{
+    const uint32_t left = rays->samples - step * rays->copies;
+    return (left < rays->copies ? left : rays->copies) * rays->frame.count;
+}
+/* Makes the rays of a step, the next one or the first. Returns rays_lanes. */
 uint32_t rays_make(struct tile_run_rays *rays, const struct embree_backend *b, uint32_t step);
 /* Where sample k <= samples of point j starts, as its ray does: as frame_position, whose offset it returns. */
 float rays_place(struct tile_run_rays *rays, const struct embree_backend *b, uint32_t j, uint32_t k,

@@ -1,0 +1,241 @@
+/* Transport that is kept beside the bake, in OUTPUT/transport, or replayed from that of another bake: the folder, and
+ * the index in it (transport_identity.h), which is written when all light is computed. */
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "coordinator/bake/bake_private.h"
+#include "coordinator/bake/transport_identity.h"
+#include "coordinator/files/publish.h"
+#include "coordinator/job/options.h"
+#include "coordinator/mpi/agree.h"
+#include "worker/base/memory.h"
+
+static const char FOLDER[] = "transport";
+
+/* ---- what cannot be kept ---- */
+
+/* Why the rays of this bake cannot be kept; NULL: they can. */
+static const char *why_not(const struct kiln_job *job, const struct kiln_prepared *p)
+{
+    if (strcmp(p->backend->api->name, "embree") != 0)
+        return "only Embree keeps them: give --backend embree";
+    if (kiln_job_is_reference(job))
+        return "--method cells alone gathers from surface points: leave --method out";
+    if (kiln_job_takes_gloss(job))
+        return "some go on from mirrors, gloss or glass: give --materials diffuse";
+    if (kiln_job_has_probes(job))
+        return "some end at radiance probes: leave --tracing-range out";
+    if (job->guide > 0)
+        return "a guide sends them where the light is: leave --guide out";
+    if (p->geometry->passage >= KILN_PASSAGE_TINT)
+        return "some are tinted by what they pass through, which is not kept";
+    if (p->surface->point_count >= KILN_ROW_POINTS)
+        return "there are more surface points than 32 bits can tell apart: give fewer --texels-per-metre";
+    return NULL;
+}
+
+/* ---- before the light ---- */
+
+static int make_identity(struct kiln_bake *b, const struct kiln_prepared *p, struct kiln_error *error)
+{
+    if (b->rank != 0)
+        return KILN_OK;
+    json_decref(b->transport_identity);
+    b->transport_identity = kiln_transport_identity(b->job, p);
+    return b->transport_identity != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: the transport");
+}
+
+/* Rank 0. Whether the scene is the one whose transport is to be replayed, but for its light and colours. */
+static int compare_identity(const struct kiln_bake *b, struct kiln_error *error)
+{
+    json_t *index = NULL;
+    int status = kiln_transport_index_read(&index, b->job->relight, error);
+    if (status == KILN_OK)
+        status =
+            kiln_transport_compare(json_object_get(index, "identity"), b->transport_identity, b->job->relight, error);
+    json_decref(index);
+    return status;
+}
+
+int kiln_bake_transport_check(struct kiln_bake *b, const struct kiln_prepared *p, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    if (b->job->keep_transport == KILN_KEEP_NONE && b->job->relight == NULL)
+        return KILN_OK;
+    const char *why = why_not(b->job, p);
+    if (b->job->keep_transport != KILN_KEEP_NONE && why != NULL)
+        status = kiln_fail(error, KILN_USAGE, "--keep-transport rows: of these rays %s", why);
+    if (status == KILN_OK)
+        status = make_identity(b, p, error);
+    if (status == KILN_OK && b->rank == 0 && b->job->relight != NULL)
+        status = compare_identity(b, error);
+    return kiln_agree(b->communicator, status, error);
+}
+
+static int remove_rows(const struct kiln_folder *folder, struct kiln_error *error)
+{
+    const int copy = openat(folder->descriptor, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    DIR *list = copy >= 0 ? fdopendir(copy) : NULL;
+    int status = KILN_OK;
+    if (list == NULL)
+        status = kiln_fail_errno(error, 0, "cannot read '%s'", folder->path);
+    for (struct dirent *e; list != NULL && status == KILN_OK && (e = readdir(list)) != NULL;)
+        if (strncmp(e->d_name, "rows-", 5) == 0 && unlinkat(folder->descriptor, e->d_name, 0) != 0)
+            status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot remove '%s/%.200s'", folder->path, e->d_name);
+    if (list != NULL)
+        (void)closedir(list);
+    else if (copy >= 0)
+        (void)close(copy);
+    return status;
+}
+
+/* Rank 0. A bake from its beginning keeps nothing of what an earlier one has kept there; one that goes on adds to it,
+ * and writes the index anew. */
+static int clear_folder(const struct kiln_bake *b, struct kiln_error *error)
+{
+    static const char index[] = "transport/index";
+    if (kiln_unlink_below(b->job->output, index) != 0 && errno != ENOENT)
+        return kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %.300s/%s", b->job->output, index);
+    return kiln_checkpoint_generation(b->checkpoint) > 0 ? KILN_OK : remove_rows(&b->transport_folder, error);
+}
+
+int kiln_bake_transport_begin(struct kiln_bake *b, struct kiln_error *error)
+{
+    const bool keeps = b->job->keep_transport != KILN_KEEP_NONE, replays = b->job->relight != NULL;
+    if (!keeps && !replays)
+        return KILN_OK;
+    const char *directory = replays ? b->job->relight : b->job->output;
+    int status =
+        keeps && b->rank == 0 ? kiln_folder_open(&b->transport_folder, directory, FOLDER, true, error) : KILN_OK;
+    if (status == KILN_OK && keeps && b->rank == 0)
+        status = clear_folder(b, error);
+    status = kiln_agree(b->communicator, status, error);
+    if (status == KILN_OK && !(keeps && b->rank == 0))
+        status = kiln_folder_open(&b->transport_folder, directory, FOLDER, false, error);
+    uint64_t key = b->rank == 0 ? kiln_transport_key(b->transport_identity) : 0;
+    (void)MPI_Bcast(&key, 1, MPI_UINT64_T, 0, b->communicator);
+    b->transport = (struct kiln_transport){.is_on = true,
+                                           .replays = replays,
+                                           .folder = b->transport_folder.descriptor,
+                                           .directory = b->transport_folder.path,
+                                           .key = key,
+                                           .points = b->prepared->surface->point_count,
+                                           .rank = b->rank};
+    return kiln_agree(b->communicator, status, error);
+}
+
+/* ---- after it ---- */
+
+/* A path that means the same in any folder; a value that is no path stays. */
+static json_t *value_json(const struct kiln_option *option, const char *text)
+{
+    const bool path = option->kind == KILN_OPTION_PATH || option->kind == KILN_OPTION_ENVIRONMENT;
+    char *real = path && access(text, F_OK) == 0 ? realpath(text, NULL) : NULL;
+    json_t *value = json_string(real != NULL ? real : text);
+    free(real);
+    return value;
+}
+
+/* All options that the job has, but those of where and how this run of it was. */
+static json_t *job_json(const struct kiln_job *job)
+{
+    static const char *const own[] = {"output", "trace", "resume", "keep-transport", "quiet", "json", "verbose"};
+    json_t *json = json_object();
+    for (size_t i = 0; i < kiln_option_count; i++) {
+        char room[KILN_OPTION_TEXT];
+        const struct kiln_option *option = &kiln_options[i];
+        bool is_own = (option->commands & KILN_FOR_BAKE) == 0;
+        for (size_t k = 0; k < sizeof own / sizeof *own; k++)
+            is_own = is_own || strcmp(option->name, own[k]) == 0;
+        const char *text = kiln_option_text(job, option, room);
+        if (option->kind == KILN_OPTION_FLAG)
+            text = strcmp(text, "on") == 0 ? "true" : "false";
+        if (!is_own && strcmp(text, "not given") != 0)
+            (void)json_object_set_new(json, option->name, value_json(option, text));
+    }
+    return json;
+}
+
+static int write_index(const struct kiln_bake *b, struct kiln_error *error)
+{
+    char *text = NULL, *scene = realpath(b->job->scene, NULL);
+    size_t size = 0;
+    json_t *json = json_pack("{s:s, s:O, s:s, s:s, s:o}", "kiln", KILN_VERSION, "identity", b->transport_identity,
+                             "scene", scene != NULL ? scene : b->job->scene, "instruction set",
+                             b->prepared->instruction_set, "job", job_json(b->asked));
+    int status = kiln_seal(json, JSON_INDENT(1), &text, &size, "the index of the transport", error);
+    if (status == KILN_OK)
+        status = kiln_publish_bytes_below(b->job->output, "transport/index", text, size, error);
+    kiln_free(&text);
+    json_decref(json);
+    free(scene);
+    return status;
+}
+
+static int name_file(struct kiln_bake *b, const char *name, struct kiln_error *error)
+{
+    const size_t room = sizeof FOLDER + strlen(name) + 1;
+    char **path = &b->transport_files[b->transport_file_count];
+    const int status = kiln_allocate(path, room, 1, "the files of the transport", error);
+    if (status == KILN_OK) {
+        (void)snprintf(*path, room, "%s/%s", FOLDER, name);
+        b->transport_file_count++;
+    }
+    return status;
+}
+
+/* The files that were kept, the same on all ranks: with those of runs that this one goes on from. */
+static int name_files(struct kiln_bake *b, struct kiln_error *error)
+{
+    const struct kiln_step_reports *steps = &b->solution->report.steps;
+    int status = kiln_allocate(&b->transport_files, steps->count + 1, sizeof *b->transport_files,
+                               "the files of the transport", error);
+    for (size_t i = 0; i < steps->count && status == KILN_OK; i++) {
+        char name[KILN_TRANSPORT_NAME];
+        kiln_transport_name(&steps->of[i].step, name);
+        if (kiln_transport_keeps(&steps->of[i].step))
+            status = name_file(b, name, error);
+    }
+    return status == KILN_OK ? name_file(b, "index", error) : status;
+}
+
+int kiln_bake_transport_write(struct kiln_bake *b, struct kiln_error *error)
+{
+    if (b->job->keep_transport == KILN_KEEP_NONE)
+        return KILN_OK;
+    int status = name_files(b, error);
+    if (status == KILN_OK && b->rank == 0)
+        status = kiln_folder_sync(&b->transport_folder, error);
+    if (status == KILN_OK && b->rank == 0)
+        status = write_index(b, error);
+    return kiln_agree(b->communicator, status, error);
+}
+
+json_t *kiln_bake_transport_json(struct kiln_bake *b)
+{
+    const struct kiln_transport *t = &b->transport;
+    uint64_t rays[] = {t->kept, t->found, t->traced}, all[] = {0, 0, 0};
+    if (!t->is_on)
+        return NULL;
+    (void)MPI_Reduce(rays, all, 3, MPI_UINT64_T, MPI_SUM, 0, b->communicator);
+    if (b->rank != 0)
+        return NULL;
+    return t->replays ? json_pack("{s:s, s:I, s:I}", "from", b->job->relight, "rays_replayed", (json_int_t)all[1],
+                                  "rays_traced", (json_int_t)all[2])
+                      : json_pack("{s:s, s:I}", "form", "rows", "rays_kept", (json_int_t)all[0]);
+}
+
+void kiln_bake_transport_release(struct kiln_bake *b)
+{
+    for (size_t i = 0; i < b->transport_file_count; i++)
+        kiln_free(&b->transport_files[i]);
+    kiln_free(&b->transport_files);
+    json_decref(b->transport_identity);
+    if (b->transport.is_on)
+        kiln_folder_close(&b->transport_folder);
+}

@@ -1,0 +1,24 @@
+/* What kept transport (integrate/transport.h) is of: the geometry, the layout and what else of a scene says where rays
+ * go and what they meet; not its lights, its colours or its sky. */
+#ifndef KILN_COORDINATOR_BAKE_TRANSPORT_IDENTITY_H
+#define KILN_COORDINATOR_BAKE_TRANSPORT_IDENTITY_H
+
+#include "coordinator/bake/prepare.h"
+
+/* A JSON object: numbers of the surface, and of each object hashes of its place, shape, lightmap layout and sides (with
+ * opacity). Release with json_decref. NULL if memory is short. Not collective; reads all vertices. */
+json_t *kiln_transport_identity(const struct kiln_job *job, const struct kiln_prepared *prepared);
+
+/* Reads DIRECTORY/transport/index, which a bake that has kept its transport ends with: one checksummed JSON object
+ * {"kiln": version, "identity": the above, "scene": path, "instruction set": name, "job": {option: text}}. Release with
+ * json_decref. KILN_NO_INPUT: the bake has kept none, or is not finished; KILN_BAD_INPUT: it is damaged. */
+int kiln_transport_index_read(json_t **index, const char *directory, struct kiln_error *error);
+
+/* KILN_BAD_INPUT, with a table of the objects that differ, if the transport in `directory` is of `then` and cannot
+ * serve a scene that is `now`. */
+int kiln_transport_compare(const json_t *then, const json_t *now, const char *directory, struct kiln_error *error);
+
+/* A hash of it, of which all that is kept depends. */
+uint64_t kiln_transport_key(const json_t *identity);
+
+#endif

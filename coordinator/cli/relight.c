@@ -1,0 +1,116 @@
+/* kiln relight: a bake of the same geometry under other light, whose rays are those that another bake has kept
+ * (coordinator/integrate/transport.h). It has that bake's options, but for those that are given. */
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "coordinator/bake/transport_identity.h"
+#include "coordinator/cli/commands.h"
+#include "coordinator/job/changes.h"
+#include "coordinator/job/options.h"
+#include "coordinator/mpi/agree.h"
+#include "worker/base/memory.h"
+
+/* Rank 0 reads the index, the others receive it. Collective. */
+static int read_index(json_t **index, const char *directory, struct kiln_error *error)
+{
+    int rank, status = KILN_OK;
+    uint64_t size = 0;
+    char *text = NULL, *sent = NULL;
+    (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+    *index = NULL;
+    if (rank == 0 && (status = kiln_transport_index_read(index, directory, error)) == KILN_OK) {
+        (void)json_object_del(*index, "identity"); /* which the bake compares itself */
+        text = json_dumps(*index, JSON_COMPACT);
+        size = text != NULL ? strlen(text) : 0;
+        status = text != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: the index of the transport");
+    }
+    status = kiln_agree(MPI_COMM_WORLD, status, error);
+    if (status == KILN_OK)
+        (void)MPI_Bcast(&size, 1, MPI_UINT64_T, 0, MPI_COMM_WORLD);
+    if (status == KILN_OK)
+        status = kiln_allocate(&sent, size + 1, 1, "the index of the transport", error);
+    status = kiln_agree(MPI_COMM_WORLD, status, error);
+    if (status == KILN_OK && rank == 0)
+        memcpy(sent, text, size);
+    if (status == KILN_OK)
+        (void)MPI_Bcast(sent, (int)size, MPI_CHAR, 0, MPI_COMM_WORLD);
+    if (status == KILN_OK && rank != 0 && (*index = json_loadb(sent, size, 0, NULL)) == NULL)
+        status = kiln_fail(error, KILN_SYSTEM, "out of memory: the index of the transport");
+    free(text);
+    kiln_free(&sent);
+    return kiln_agree(MPI_COMM_WORLD, status, error);
+}
+
+/* The options of the bake in the folder, where the command line gives no others. */
+static int take_options(struct kiln_job *job, const json_t *index, struct kiln_error *error)
+{
+    const char *name;
+    json_t *value;
+    int status = KILN_OK;
+    json_object_foreach(json_object_get(index, "job"), name, value)
+    {
+        const struct kiln_option *option = kiln_option_find_for(name, KILN_FOR_BAKE);
+        char where[KILN_OPTION_TEXT + 80];
+        (void)snprintf(where, sizeof where, "%s, of the bake in %.60s", name, job->arguments[0]);
+        if (option == NULL || (option->commands & KILN_FOR_BAKE) == 0)
+            status = kiln_fail(error, KILN_BAD_INPUT, "%s: there is no such option in this version of kiln", where);
+        else if (!kiln_job_given(job, option))
+            status = kiln_option_set(job, option, json_string_value(value), where, KILN_BAD_INPUT, NULL, error);
+        if (status != KILN_OK)
+            break;
+    }
+    return status;
+}
+
+static int take_string(struct kiln_job *job, const json_t *index, const char *key, char **to, struct kiln_error *error)
+{
+    const char *text = json_string_value(json_object_get(index, key));
+    return kiln_job_keep_text(job, text != NULL ? text : "", to, error);
+}
+
+static bool same_folder(const char *a, const char *b)
+{
+    struct stat one, other;
+    return stat(a, &one) == 0 && stat(b, &other) == 0 && one.st_dev == other.st_dev && one.st_ino == other.st_ino;
+}
+
+static int fill(struct kiln_job *job, const json_t *index, struct kiln_error *error)
+{
+    const char *directory = job->arguments[0], *kiln = json_string_value(json_object_get(index, "kiln"));
+    if (same_folder(directory, job->output))
+        return kiln_fail(error, KILN_USAGE, "%.500s is the folder of the bake that is relit: give another one with -o",
+                         job->output);
+    if (kiln == NULL || strcmp(kiln, KILN_VERSION) != 0)
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "the transport in %.500s was kept by kiln %.50s, and this is kiln %s: bake again", directory,
+                         kiln != NULL ? kiln : "?", KILN_VERSION);
+    int status = take_options(job, index, error);
+    const char *other = job->argument_count > 1 ? job->arguments[1] : NULL;
+    if (status == KILN_OK && other != NULL && kiln_is_yaml(other))
+        job->changes = job->arguments[1];
+    else if (other != NULL)
+        job->changes = NULL;
+    if (status == KILN_OK && other != NULL && !kiln_is_yaml(other))
+        job->scene = job->arguments[1];
+    else if (status == KILN_OK)
+        status = take_string(job, index, "scene", &job->scene, error);
+    if (status == KILN_OK)
+        status = kiln_job_changes_read(job, error);
+    if (status == KILN_OK)
+        status = take_string(job, index, "instruction set", &job->instruction_set, error);
+    if (status == KILN_OK) /* which alone keeps rows, whatever the machine has */
+        status = kiln_job_keep_text(job, "embree", &job->backend, error);
+    job->relight = directory;
+    return status;
+}
+
+int kiln_command_relight(struct kiln_job *job, struct kiln_error *error)
+{
+    json_t *index = NULL;
+    int status = read_index(&index, job->arguments[0], error);
+    if (status == KILN_OK)
+        status = kiln_agree(MPI_COMM_WORLD, fill(job, index, error), error);
+    json_decref(index);
+    return status == KILN_OK ? kiln_command_bake(job, error) : status;
+}

@@ -1,0 +1,221 @@
+#include "coordinator/import/changes.h"
+
+#include <fnmatch.h>
+#include <jansson.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#define MOST 1e30 /* of intensities and radiance */
+
+/* Which settings a thing has, and what each is: a number or three, within bounds. */
+struct setting {
+    const char *name;
+    bool is_switch, is_color; /* else a number, or three where `either` */
+    bool either;
+    double least, most;
+};
+static const struct setting light_settings[] = {{.name = "on", .is_switch = true},
+                                                {.name = "scale", .either = true, .most = MOST},
+                                                {.name = "intensity", .is_color = true, .most = MOST},
+                                                {.name = NULL}};
+static const struct setting material_settings[] = {{.name = "on", .is_switch = true},
+                                                   {.name = "emission", .is_color = true, .most = MOST},
+                                                   {.name = "emission-scale", .either = true, .most = MOST},
+                                                   {.name = "albedo", .is_color = true, .most = 1.0},
+                                                   {.name = NULL}};
+static const struct setting environment_settings[] = {{.name = "on", .is_switch = true},
+                                                      {.name = "scale", .either = true, .most = MOST},
+                                                      {.name = "radiance", .is_color = true, .most = MOST},
+                                                      {.name = "rotation", .least = -3600.0, .most = 3600.0},
+                                                      {.name = NULL}};
+
+/* ---- values ---- */
+
+static bool is_within(const json_t *value, const struct setting *s)
+{
+    const double x = json_number_value(value);
+    return json_is_number(value) && isfinite(x) && x >= s->least && x <= s->most;
+}
+
+static bool is_three(const json_t *value, const struct setting *s)
+{
+    bool good = json_array_size(value) == 3;
+    for (size_t c = 0; c < 3 && good; c++)
+        good = is_within(json_array_get(value, c), s);
+    return good;
+}
+
+static bool is_good(const json_t *value, const struct setting *s)
+{
+    if (s->is_switch)
+        return json_is_boolean(value);
+    return is_three(value, s) || (!s->is_color && is_within(value, s) && !json_is_array(value));
+}
+
+static int check(const char *where, const json_t *settings, const struct setting *known, struct kiln_error *error)
+{
+    const char *name;
+    json_t *value;
+    if (!json_is_object(settings))
+        return kiln_fail(error, KILN_USAGE, "changes: %s needs settings, such as {%s: %s}", where, known[1].name,
+                         known[1].is_color ? "[1, 1, 1]" : "2");
+    json_object_foreach((json_t *)(uintptr_t)settings, name, value)
+    {
+        const struct setting *s = known;
+        while (s->name != NULL && strcmp(s->name, name) != 0)
+            s++;
+        if (s->name == NULL)
+            return kiln_fail(error, KILN_USAGE, "changes: %s has no setting '%.100s'; it has %s, %s, %s%s%s", where,
+                             name, known[0].name, known[1].name, known[2].name, known[3].name != NULL ? ", " : "",
+                             known[3].name != NULL ? known[3].name : "");
+        if (!is_good(value, s) && s->is_switch)
+            return kiln_fail(error, KILN_USAGE, "changes: %s: '%s' is true or false", where, name);
+        if (!is_good(value, s))
+            return kiln_fail(error, KILN_USAGE, "changes: %s: '%s' is %s from %g to %g", where, name,
+                             s->is_color ? "three numbers, [R, G, B],"
+                             : s->either ? "a number, or three, [R, G, B],"
+                                         : "a number",
+                             s->least, s->most);
+    }
+    return KILN_OK;
+}
+
+/* The three numbers of a setting, or one number three times; false: it is not given. */
+static bool three(const json_t *settings, const char *name, float rgb[3])
+{
+    const json_t *value = json_object_get(settings, name);
+    for (size_t c = 0; c < 3 && value != NULL; c++)
+        rgb[c] = (float)json_number_value(json_is_array(value) ? json_array_get(value, c) : value);
+    return value != NULL;
+}
+
+/* Sets a light's, a material's or the sky's numbers, then scales them, then switches them off. */
+static void change(float to[3], const json_t *settings, const char *set, const char *scale)
+{
+    float factor[3] = {1.0f, 1.0f, 1.0f};
+    (void)three(settings, set, to);
+    (void)three(settings, scale, factor);
+    for (int c = 0; c < 3; c++)
+        to[c] = json_is_false(json_object_get(settings, "on")) ? 0.0f : fminf(to[c] * factor[c], (float)MOST);
+}
+
+/* ---- what is changed ---- */
+
+static void change_light(struct kiln_builder *b, size_t i, const json_t *settings)
+{
+    change(KILN_BUILDER_DATA(b, struct kiln_light, KILN_SECTION_LIGHTS)[i].intensity, settings, "intensity", "scale");
+}
+
+static void change_material(struct kiln_builder *b, size_t i, const json_t *settings)
+{
+    struct kiln_material *m = &KILN_BUILDER_DATA(b, struct kiln_material, KILN_SECTION_MATERIALS)[i];
+    change(m->emission, settings, "emission", "emission-scale");
+    (void)three(settings, "albedo", m->base_color);
+}
+
+static uint32_t light_name(const struct kiln_builder *b, size_t i)
+{
+    return KILN_BUILDER_DATA(b, const struct kiln_light, KILN_SECTION_LIGHTS)[i].name;
+}
+
+static uint32_t material_name(const struct kiln_builder *b, size_t i)
+{
+    return KILN_BUILDER_DATA(b, const struct kiln_material, KILN_SECTION_MATERIALS)[i].name;
+}
+
+/* A kind of things that have names. */
+static const struct kind {
+    const char *key, *one;
+    enum kiln_scene_section section;
+    const struct setting *settings;
+    uint32_t (*name)(const struct kiln_builder *, size_t);
+    void (*change)(struct kiln_builder *, size_t, const json_t *);
+} kinds[] = {{"lights", "light", KILN_SECTION_LIGHTS, light_settings, light_name, change_light},
+             {"materials", "material", KILN_SECTION_MATERIALS, material_settings, material_name, change_material}};
+enum { KINDS = sizeof kinds / sizeof *kinds };
+
+static int apply_rule(struct kiln_builder *b, const struct kind *kind, const char *pattern, const json_t *settings,
+                      struct kiln_error *error)
+{
+    char where[300];
+    size_t matched = 0;
+    (void)snprintf(where, sizeof where, "%s '%.200s'", kind->one, pattern);
+    const int status = check(where, settings, kind->settings, error);
+    for (size_t i = 0; status == KILN_OK && i < b->sections[kind->section].count; i++) {
+        const char *name = KILN_BUILDER_DATA(b, const char, KILN_SECTION_STRINGS) + kind->name(b, i);
+        if (strcmp(pattern, name) != 0 && fnmatch(pattern, name, 0) != 0)
+            continue;
+        kind->change(b, i, settings);
+        matched++;
+    }
+    return status == KILN_OK && matched == 0
+               ? kiln_fail(error, KILN_USAGE, "changes: no %s of the scene has a name that matches '%.200s'", kind->one,
+                           pattern)
+               : status;
+}
+
+static int apply_kind(struct kiln_builder *b, const struct kind *kind, const json_t *rules, struct kiln_error *error)
+{
+    const char *pattern;
+    json_t *settings;
+    int status = rules == NULL || json_is_object(rules)
+                     ? KILN_OK
+                     : kiln_fail(error, KILN_USAGE, "changes: %s is a mapping of names", kind->key);
+    json_object_foreach((json_t *)(uintptr_t)rules, pattern, settings)
+    {
+        status = apply_rule(b, kind, pattern, settings, error);
+        if (status != KILN_OK)
+            break;
+    }
+    return status;
+}
+
+static int check_keys(const json_t *changes, struct kiln_error *error)
+{
+    const char *key;
+    json_t *value;
+    json_object_foreach((json_t *)(uintptr_t)changes, key, value)
+    {
+        bool known = strcmp(key, "environment") == 0;
+        for (int k = 0; k < KINDS; k++)
+            known = known || strcmp(key, kinds[k].key) == 0;
+        if (!known)
+            return kiln_fail(error, KILN_USAGE,
+                             "changes: there is no key '%.100s'; there are lights, materials and environment", key);
+    }
+    const json_t *sky = json_object_get(changes, "environment");
+    return sky != NULL ? check("environment", sky, environment_settings, error) : KILN_OK;
+}
+
+static json_t *read_text(const char *text)
+{
+    return text == NULL || text[0] == '\0' ? NULL : json_loads(text, 0, NULL);
+}
+
+int kiln_changes_apply(struct kiln_builder *builder, const char *text, struct kiln_error *error)
+{
+    json_t *changes = read_text(text);
+    int status = check_keys(changes, error);
+    for (int k = 0; k < KINDS && status == KILN_OK; k++)
+        status = apply_kind(builder, &kinds[k], json_object_get(changes, kinds[k].key), error);
+    json_decref(changes);
+    return status;
+}
+
+void kiln_changes_apply_environment(struct kiln_builder *builder, const char *text)
+{
+    json_t *changes = read_text(text);
+    const json_t *sky = json_object_get(changes, "environment"), *turn = json_object_get(sky, "rotation");
+    struct kiln_environment *e = KILN_BUILDER_DATA(builder, struct kiln_environment, KILN_SECTION_ENVIRONMENT);
+    if (sky != NULL) {
+        if (e->kind == KILN_ENVIRONMENT_NONE && json_object_get(sky, "radiance") != NULL)
+            *e = (struct kiln_environment){.kind = KILN_ENVIRONMENT_CONSTANT, .rotation = e->rotation};
+        change(e->radiance, sky, "radiance", "scale");
+        if (turn != NULL)
+            e->rotation = (float)(fmod(json_number_value(turn), 360.0) * KILN_PI / 180.0);
+        if (!(e->radiance[0] > 0.0f) && !(e->radiance[1] > 0.0f) && !(e->radiance[2] > 0.0f))
+            *e = (struct kiln_environment){.kind = KILN_ENVIRONMENT_NONE};
+    }
+    json_decref(changes);
+}

@@ -1,0 +1,152 @@
+#include "coordinator/job/changes.h"
+
+#include <jansson.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <yaml.h>
+
+#include "coordinator/job/job_private.h"
+
+enum { LIMIT = 1 << 16, DEEPEST = 4 }; /* bytes of a file; mappings and lists within one another */
+
+struct reader {
+    yaml_parser_t parser;
+    const char *path;
+};
+
+static int wrong(const struct reader *r, const yaml_event_t *at, const char *what, struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_BAD_INPUT, "%.500s:%zu: %s", r->path, at->start_mark.line + 1, what);
+}
+
+static int next(struct reader *r, yaml_event_t *event, struct kiln_error *error)
+{
+    if (yaml_parser_parse(&r->parser, event) != 0)
+        return KILN_OK;
+    return kiln_fail(error, KILN_BAD_INPUT, "%.500s:%zu: is not YAML: %s", r->path, r->parser.problem_mark.line + 1,
+                     r->parser.problem != NULL ? r->parser.problem : "cannot be read");
+}
+
+static json_t *scalar(const yaml_event_t *event)
+{
+    const char *text = (const char *)event->data.scalar.value;
+    char *end = NULL;
+    if (event->data.scalar.style != YAML_PLAIN_SCALAR_STYLE)
+        return json_string(text);
+    if (strcmp(text, "true") == 0 || strcmp(text, "false") == 0)
+        return json_boolean(text[0] == 't');
+    const double value = strtod(text, &end);
+    return text[0] != '\0' && *end == '\0' && isfinite(value) ? json_real(value) : json_string(text);
+}
+
+/* The value that begins with `event`, which is deleted. */
+static int value(struct reader *r, yaml_event_t *event, int depth, json_t **json, struct kiln_error *error);
+
+/* The rest of a mapping or list that has begun. */
+static int members(struct reader *r, bool list, int depth, json_t *into, struct kiln_error *error)
+{
+    for (;;) {
+        yaml_event_t event;
+        json_t *member = NULL;
+        char *key = NULL;
+        int status = next(r, &event, error);
+        if (status != KILN_OK)
+            return status;
+        if (event.type == (list ? YAML_SEQUENCE_END_EVENT : YAML_MAPPING_END_EVENT)) {
+            yaml_event_delete(&event);
+            return KILN_OK;
+        }
+        if (!list) {
+            if (event.type != YAML_SCALAR_EVENT)
+                status = wrong(r, &event, "a key is a single value", error);
+            else if (json_object_get(into, (const char *)event.data.scalar.value) != NULL)
+                status = wrong(r, &event, "the key stands twice; remove one", error);
+            else if ((key = strdup((const char *)event.data.scalar.value)) == NULL)
+                status = kiln_fail(error, KILN_SYSTEM, "out of memory: the changes");
+            yaml_event_delete(&event);
+            if (status == KILN_OK)
+                status = next(r, &event, error);
+        }
+        if (status == KILN_OK)
+            status = value(r, &event, depth + 1, &member, error);
+        if (status == KILN_OK && (list ? json_array_append(into, member) : json_object_set(into, key, member)) != 0)
+            status = kiln_fail(error, KILN_BAD_INPUT, "%.500s: is not text in UTF-8", r->path);
+        json_decref(member);
+        free(key);
+        if (status != KILN_OK)
+            return status;
+    }
+}
+
+static int value(struct reader *r, yaml_event_t *event, int depth, json_t **json, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    const bool list = event->type == YAML_SEQUENCE_START_EVENT, mapping = event->type == YAML_MAPPING_START_EVENT;
+    *json = event->type == YAML_SCALAR_EVENT ? scalar(event) : list ? json_array() : mapping ? json_object() : NULL;
+    if (depth > DEEPEST || (*json == NULL && event->type != YAML_SCALAR_EVENT))
+        status =
+            wrong(r, event, "this is no value that changes have; kiln relight --help names the file's keys", error);
+    else if (*json == NULL)
+        status = wrong(r, event, "is not text in UTF-8", error);
+    yaml_event_delete(event);
+    return status == KILN_OK && (list || mapping) ? members(r, list, depth, *json, error) : status;
+}
+
+static int document(struct reader *r, json_t **json, struct kiln_error *error)
+{
+    yaml_event_t event;
+    int status = next(r, &event, error); /* the begin of the stream */
+    if (status != KILN_OK)
+        return status;
+    yaml_event_delete(&event);
+    status = next(r, &event, error); /* and of the document */
+    if (status != KILN_OK)
+        return status;
+    const bool empty = event.type != YAML_DOCUMENT_START_EVENT;
+    yaml_event_delete(&event);
+    if (empty)
+        return kiln_fail(error, KILN_BAD_INPUT, "%.500s: is empty; it names lights, materials or environment", r->path);
+    status = next(r, &event, error);
+    if (status == KILN_OK)
+        status = value(r, &event, 0, json, error);
+    return status == KILN_OK && !json_is_object(*json)
+               ? kiln_fail(error, KILN_BAD_INPUT, "%.500s: is one mapping, of lights, materials and environment",
+                           r->path)
+               : status;
+}
+
+static int parse(const char *path, const char *text, size_t size, json_t **json, struct kiln_error *error)
+{
+    struct reader r = {.path = path};
+    if (yaml_parser_initialize(&r.parser) == 0)
+        return kiln_fail(error, KILN_SYSTEM, "out of memory: the changes");
+    yaml_parser_set_input_string(&r.parser, (const unsigned char *)text, size);
+    const int status = document(&r, json, error);
+    yaml_parser_delete(&r.parser);
+    return status;
+}
+
+int kiln_job_changes_read(struct kiln_job *job, struct kiln_error *error)
+{
+    char bytes[LIMIT + 1];
+    json_t *json = NULL;
+    if (job->changes == NULL)
+        return KILN_OK;
+    FILE *file = fopen(job->changes, "re");
+    if (file == NULL)
+        return kiln_fail_errno(error, 0, "cannot open the changes %.500s", job->changes);
+    const size_t size = fread(bytes, 1, sizeof bytes, file);
+    int status = ferror(file) != 0 ? kiln_fail_errno(error, KILN_IO, "cannot read the changes %.500s", job->changes)
+                 : size > LIMIT ? kiln_fail(error, KILN_BAD_INPUT, "%.500s: is longer than changes may be (%d bytes)",
+                                            job->changes, LIMIT)
+                                : parse(job->changes, bytes, size, &json, error);
+    (void)fclose(file);
+    char *text = status == KILN_OK ? json_dumps(json, JSON_COMPACT) : NULL;
+    json_decref(json);
+    if (status == KILN_OK)
+        status = text != NULL ? kiln_job_keep_text(job, text, &job->changed, error)
+                              : kiln_fail(error, KILN_SYSTEM, "out of memory: the changes");
+    free(text);
+    return status;
+}

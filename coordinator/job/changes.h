@@ -1,0 +1,24 @@
+/* Changes of a scene's lights, colours and sky: a YAML file (--changes) with up to three keys.
+ *
+ *     lights:                             # of KHR_lights_punctual, by name or pattern
+ *       lamp: {scale: 0.5}                # factor on the intensity, or one each for red, green and blue
+ *       "spot*": {on: false}
+ *       sun: {intensity: [3, 2.5, 2]}     # W/sr; of suns W/m2 on a facing surface
+ *     materials:
+ *       screen: {emission: [0, 1, 2]}     # radiance, W/(m2 sr), which the emission texture multiplies
+ *       lava: {emission-scale: 3}         # `on: false`: it emits nothing
+ *       wall: {albedo: [0.8, 0.8, 0.7]}   # base colour, 0 to 1, which the texture multiplies
+ *     environment: {scale: 2}             # also on, radiance ([R, G, B]; of an image a factor), rotation (degrees)
+ *
+ * A pattern is a shell glob, as those of objects (object_settings.h); one that matches nothing is refused. The file is
+ * taken over as JSON of the same shape; coordinator/import/changes.h checks the keys and applies them. */
+#ifndef KILN_COORDINATOR_JOB_CHANGES_H
+#define KILN_COORDINATOR_JOB_CHANGES_H
+
+#include "coordinator/job/job.h"
+
+/* Reads the file job->changes and stores it in job->changed as JSON; nothing if there is none. KILN_BAD_INPUT, with
+ * file and line, for what is not of that shape; KILN_NO_INPUT, KILN_PERMISSION or KILN_IO if it cannot be read. */
+int kiln_job_changes_read(struct kiln_job *job, struct kiln_error *error);
+
+#endif

@@ -1,0 +1,186 @@
+#include "worker/backend/embree/kept_rows.h"
+
+#include <errno.h>
+#include <unistd.h>
+
+#include "worker/base/memory.h"
+
+int kept_rows_create(struct kept_rows *kept, const struct embree_backend *b, const struct kiln_batch *part,
+                     struct kiln_error *error)
+{
+    *kept = (struct kept_rows){0};
+    if (b->base.rows == NULL || b->probes != NULL || embree_tints(b) || b->lobes != NULL ||
+        part->samples > b->base.rows->samples)
+        return KILN_OK;
+    kept->rows = b->base.rows;
+    kept->samples = part->samples;
+    return kiln_allocate(&kept->words, RAY_LANES * (1 + (size_t)part->samples), sizeof *kept->words,
+                         "the rows of a tile run", error);
+}
+
+void kept_rows_release(struct kept_rows *kept) { kiln_free(&kept->words); }
+
+static void fail(struct kiln_rows *rows, int status, const char *what, uint64_t point)
+{
+    const int reason = errno;
+#pragma omp critical(kiln_rows_status)
+    {
+        errno = reason;
+        if (rows->status == KILN_OK && status == KILN_BAD_INPUT)
+            rows->status = kiln_fail(&rows->error, status,
+                                     "'%s' is not as it was written: the row of surface point %llu is %s; kiln verify "
+                                     "says what else is damaged; bake again with --keep-transport rows",
+                                     rows->path, (unsigned long long)point, what);
+        else if (rows->status == KILN_OK)
+            rows->status = kiln_fail_errno(&rows->error, status, "cannot %s '%s'", what, rows->path);
+    }
+}
+
+/* Number of the points from j on that follow one another in the global order. */
+static uint32_t stretch_of(const struct tile_run_frame *f, uint32_t j)
+{
+    uint32_t count = 1;
+    while (j + count < f->count && f->place[j + count] == f->place[j] + count)
+        count++;
+    return count;
+}
+
+static uint32_t *row_of(const struct kept_rows *kept, uint32_t j) { return kept->words + j * (1 + kept->samples); }
+
+static uint64_t first_of(const struct embree_backend *b, size_t tile_run)
+{
+    return b->surface->tile_runs[tile_run].first.at;
+}
+
+static off_t offset_of(const struct kiln_rows *rows, uint64_t point)
+{
+    return (off_t)(KILN_ROWS_BEGIN + point * kiln_rows_row_bytes(rows->samples));
+}
+
+/* ---- reading ---- */
+
+/* Reads `bytes`; false: there are not so many, or it failed, which is noted. */
+static bool read_at(struct kiln_rows *rows, void *to, size_t bytes, off_t at)
+{
+    for (size_t done = 0; done < bytes;) {
+        const ssize_t got = pread(rows->file, (char *)to + done, bytes - done, at + (off_t)done);
+        if (got < 0 && errno == EINTR)
+            continue;
+        if (got < 0)
+            fail(rows, KILN_IO, "read", 0);
+        if (got <= 0)
+            return false;
+        done += (size_t)got;
+    }
+    return true;
+}
+
+/* Whether point j has a row; a damaged one is noted. */
+static bool row_is_there(const struct kept_rows *kept, const struct embree_backend *b, uint32_t j, uint64_t point)
+{
+    const uint32_t *row = row_of(kept, j);
+    bool within = true;
+    for (uint32_t k = 1; k <= kept->samples; k++)
+        within = within && (row[k] < b->surface->point_count || row[k] >= KILN_ROW_BLOCKED);
+    if (row[0] == 0)
+        return false;
+    if (within && row[0] == kiln_rows_check(kept->rows->key, point, row + 1, kept->samples))
+        return true;
+    fail(kept->rows, KILN_BAD_INPUT, "damaged", point);
+    return false;
+}
+
+bool kept_rows_read(struct kept_rows *kept, const struct embree_backend *b, const struct tile_run_rays *rays,
+                    size_t tile_run)
+{
+    const struct tile_run_frame *f = &rays->frame;
+    struct kiln_rows *r = kept->rows;
+    if (r == NULL || !r->replays)
+        return false;
+    const bool whole = kept->samples == r->samples;
+    const uint64_t first = first_of(b, tile_run);
+    bool there = true;
+    for (uint32_t j = 0, count; j < f->count && there; j += count) {
+        count = whole ? stretch_of(f, j) : 1;
+        there = read_at(r, row_of(kept, j), count * (size_t)kiln_rows_row_bytes(kept->samples),
+                        offset_of(r, first + f->place[j]));
+        for (uint32_t i = j; i < j + count && there; i++)
+            there = row_is_there(kept, b, i, first + f->place[i]);
+    }
+    const uint64_t count = (uint64_t)f->count * kept->samples;
+    uint64_t *tally = there ? &r->found : &r->traced;
+#pragma omp atomic
+    *tally += count;
+    return there;
+}
+
+void kept_rows_find(const struct kept_rows *kept, const struct embree_backend *b, const struct tile_run_rays *rays,
+                    uint32_t step, uint32_t lanes, struct rays_found *found)
+{
+    found->count = found->escaped = found->blocked = 0;
+    for (uint32_t l = 0; l < lanes; l++) {
+        const uint32_t word = row_of(kept, rays->point[l])[1 + step * rays->copies + rays->copy[l]];
+        if (word == KILN_ROW_ESCAPED) {
+            found->escaped_lane[found->escaped++] = (uint8_t)l;
+        } else if (word == KILN_ROW_BLOCKED) {
+            found->blocked_lane[found->blocked++] = (uint8_t)l;
+        } else {
+            found->lane[found->count] = (uint8_t)l;
+            found->point[found->count++] = word == KILN_ROW_NO_POINT ? KILN_NO_POINT : word;
+            if (word != KILN_ROW_NO_POINT)
+                __builtin_prefetch(&b->radiosity[word]);
+        }
+    }
+}
+
+/* ---- writing ---- */
+
+void kept_rows_note(struct kept_rows *kept, const struct tile_run_rays *rays, uint32_t step,
+                    const struct rays_found *found)
+{
+    if (kept->rows == NULL || kept->rows->replays)
+        return;
+    uint32_t word[RAY_LANES];
+    for (uint32_t i = 0; i < found->escaped; i++)
+        word[found->escaped_lane[i]] = KILN_ROW_ESCAPED;
+    for (uint32_t i = 0; i < found->blocked; i++)
+        word[found->blocked_lane[i]] = KILN_ROW_BLOCKED;
+    for (uint32_t i = 0; i < found->count; i++)
+        word[found->lane[i]] = found->point[i] == KILN_NO_POINT ? KILN_ROW_NO_POINT : (uint32_t)found->point[i];
+    const uint32_t lanes = found->escaped + found->blocked + found->count;
+    for (uint32_t l = 0; l < lanes; l++)
+        row_of(kept, rays->point[l])[1 + step * rays->copies + rays->copy[l]] = word[l];
+}
+
+static bool write_at(struct kiln_rows *rows, const void *from, size_t bytes, off_t at)
+{
+    for (size_t done = 0; done < bytes;) {
+        const ssize_t put = pwrite(rows->file, (const char *)from + done, bytes - done, at + (off_t)done);
+        if (put < 0 && errno != EINTR) {
+            fail(rows, KILN_IO, "write", 0);
+            return false;
+        }
+        done += put > 0 ? (size_t)put : 0;
+    }
+    return true;
+}
+
+void kept_rows_write(struct kept_rows *kept, const struct embree_backend *b, const struct tile_run_rays *rays,
+                     size_t tile_run)
+{
+    const struct tile_run_frame *f = &rays->frame;
+    struct kiln_rows *r = kept->rows;
+    if (r == NULL || r->replays)
+        return;
+    const uint64_t first = first_of(b, tile_run), count = (uint64_t)f->count * kept->samples;
+    for (uint32_t j = 0; j < f->count; j++)
+        *row_of(kept, j) = kiln_rows_check(r->key, first + f->place[j], row_of(kept, j) + 1, kept->samples);
+    for (uint32_t j = 0, stretch; j < f->count; j += stretch) {
+        stretch = kept->samples == r->samples ? stretch_of(f, j) : 1;
+        if (!write_at(r, row_of(kept, j), stretch * (size_t)kiln_rows_row_bytes(kept->samples),
+                      offset_of(r, first + f->place[j])))
+            return;
+    }
+#pragma omp atomic
+    r->kept += count;
+}

@@ -1,0 +1,34 @@
+/* The rows (worker/pass/rows.h) of a tile run's points: made of what its rays have met, or read in their place. */
+#ifndef KILN_WORKER_BACKEND_EMBREE_KEPT_ROWS_H
+#define KILN_WORKER_BACKEND_EMBREE_KEPT_ROWS_H
+
+#include "worker/backend/embree/lookup.h"
+#include "worker/pass/rows.h"
+
+/* A thread's. Zero: rays are traced, and nothing is kept. */
+struct kept_rows {
+    struct kiln_rows *rows; /* borrowed; NULL: none */
+    uint32_t samples;       /* of a point of the tile run */
+    uint32_t *words;        /* of point j of the frame: its check and its samples, from j (1 + samples) on */
+};
+
+/* Rows of a part of a batch, where the backend has some and the scene's rays end where they first meet something. */
+int kept_rows_create(struct kept_rows *kept, const struct embree_backend *b, const struct kiln_batch *part,
+                     struct kiln_error *error);
+void kept_rows_release(struct kept_rows *kept);
+
+/* Whether the rays of the tile run are found in the file, and so need not be traced: all points of the frame have a
+ * row. What is damaged is none, and ends the pass in the end (rows->status). */
+bool kept_rows_read(struct kept_rows *kept, const struct embree_backend *b, const struct tile_run_rays *rays,
+                    size_t tile_run);
+/* What the rays of the first `lanes` lanes of a step have met, by the rows that were read; as embree_find. */
+void kept_rows_find(const struct kept_rows *kept, const struct embree_backend *b, const struct tile_run_rays *rays,
+                    uint32_t step, uint32_t lanes, struct rays_found *found);
+/* Makes a note of what the traced rays of a step have met. */
+void kept_rows_note(struct kept_rows *kept, const struct tile_run_rays *rays, uint32_t step,
+                    const struct rays_found *found);
+/* Writes the rows of the tile run, all of whose steps were noted. */
+void kept_rows_write(struct kept_rows *kept, const struct embree_backend *b, const struct tile_run_rays *rays,
+                     size_t tile_run);
+
+#endif

@@ -1,0 +1,63 @@
+/* Rows: what the rays of the gather pass (gather.h) have met, kept in a file, so that the pass can be run again under
+ * other light without a tracer.
+ *
+ * A file is of one step: one stream, one number of samples, one stretch of the sequence. After a header it has a row
+ * for each surface point, in the global order: a 32-bit check, and 32 bits for each sample: the surface point whose
+ * radiosity the ray read, or one of the words below. What the points of other ranks are is no matter, so all ranks
+ * write one file, each where its points stand, and any number of ranks can read it. A point that no ray was asked of
+ * has no row: its bytes are 0, on most file systems a hole.
+ *
+ * The check is a hash of key, point, number of samples and words, and never 0. The key is a hash of what the rays hang
+ * on (coordinator/integrate/transport.h), so a row of another bake is as good as damaged.
+ *
+ * Rows are of Embree's backend, of rays that end at the first surface that they meet: without radiance probes, without
+ * gloss that sends rays on, without guide and without tinted surfaces. */
+#ifndef KILN_WORKER_PASS_ROWS_H
+#define KILN_WORKER_PASS_ROWS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "worker/base/status.h"
+
+#define KILN_ROWS_MAGIC "kilnrows"
+enum { KILN_ROWS_VERSION = 1, KILN_ROWS_BEGIN = 4096 }; /* bytes before the first row */
+
+/* What a ray met, where that is no surface point. */
+#define KILN_ROW_NO_POINT 0xffffffffu /* a surface, beside every point: black */
+#define KILN_ROW_ESCAPED 0xfffffffeu
+#define KILN_ROW_BLOCKED 0xfffffffdu /* the back of a single-sided surface */
+#define KILN_ROW_POINTS 0xfffffff0u  /* so many surface points at most can be told apart */
+
+/* The first bytes of a file; the rest up to KILN_ROWS_BEGIN is 0. */
+struct kiln_rows_header {
+    char magic[8];
+    uint32_t version, samples, stream, first_sample;
+    uint64_t points, key;
+};
+
+static inline uint64_t kiln_rows_row_bytes(uint32_t samples) { return 4 * (1 + (uint64_t)samples); }
+static inline uint64_t kiln_rows_file_bytes(uint64_t points, uint32_t samples)
+{
+    return KILN_ROWS_BEGIN + points * kiln_rows_row_bytes(samples);
+}
+
+/* The check of a row: `words` has `samples` of them. */
+uint32_t kiln_rows_check(uint64_t key, uint64_t point, const uint32_t *words, uint32_t samples);
+
+/* What a backend does with the rows of a step (kiln_backend_set_rows). */
+struct kiln_rows {
+    int file;         /* an open descriptor; borrowed */
+    const char *path; /* for messages; borrowed */
+    bool replays;     /* rays are looked up, and traced where there is no row; else all are traced and kept */
+    uint32_t samples; /* of a row; a batch may have fewer */
+    uint64_t key;
+    /* what has come of it: rays that were kept, or found in the file; rays that were traced for want of a row */
+    uint64_t kept, found, traced;
+    /* a file that cannot be read or written, or is damaged; else KILN_OK */
+    int status;
+    struct kiln_error error;
+};
+
+#endif
