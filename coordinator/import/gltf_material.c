@@ -254,7 +254,7 @@ static void note_glass(struct gltf *g, struct gltf_place place, const json_t *js
                                        : "without --materials diffuse it is refracted and mirrored, too"));
     if (g->status == KILN_OK && thickness > 0.0)
         gltf_take(g, kiln_builder_note(
-                         g->builder, 1, g->error,
+                         g->builder, KILN_NOTE_INFORMATION, g->error,
                          "materials[%zu] (KHR_materials_volume): --materials diffuse bakes thin walls, not a body "
                          "%g m thick that bends light and absorbs it",
                          place.index, thickness));
