@@ -12,6 +12,7 @@
 #include "worker/sampling/sequence.h"
 
 enum { BATCH_PATHS = 1 << 14, SIGHT_RAYS = 1024, SIGHT_TOGETHER = 64 };
+enum { PATHS_AN_AIM = 4 };
 
 /* Of the most that a probe can get, one path after the other: where the whole numbers of a sum begin. 2^12 are left for
  * light that crosses a sphere several times, and for colours of little luminance. */
@@ -83,6 +84,18 @@ int kiln_probe_paths_leaves(const struct kiln_integrate_settings *settings, cons
     kiln_aims_destroy(&aims);
     *leaves = any ? kinds : 0;
     return KILN_OK;
+}
+
+static uint64_t max_of(uint64_t a, uint64_t b) { return a > b ? a : b; }
+
+uint64_t kiln_probe_paths_photons(const struct kiln_integrate_settings *settings, size_t aims, const uint64_t size[3],
+                                  uint32_t samples)
+{
+    const uint64_t landing = kiln_landing_photons(settings, aims), least = PATHS_AN_AIM * (uint64_t)aims,
+                   face = max_of(size[0] * size[1], max_of(size[1] * size[2], size[2] * size[0])),
+                   iterations = (uint64_t)settings->iterations * settings->parts,
+                   enough = max_of(samples * face / iterations, least);
+    return settings->photons_given ? max_of(landing, aims) : enough < landing ? enough : landing;
 }
 
 static struct kiln_backend *backend_of(const struct paths_work *w)
@@ -432,10 +445,8 @@ static int prepare(struct paths_work *w, struct kiln_error *error)
     w->paths = w->learnt != NULL ? w->learnt + aims : NULL;
     w->weights = w->learnt != NULL ? w->learnt + 2 * aims : NULL;
     w->places = w->counts != NULL ? w->counts + ranks : NULL;
-    if (status == KILN_OK) {
-        const uint64_t photons = kiln_landing_photons(p->settings, aims);
-        w->photons = photons > aims ? photons : aims;
-    }
+    if (status == KILN_OK)
+        w->photons = kiln_probe_paths_photons(p->settings, aims, w->volume->size, p->samples);
     return kiln_agree(p->communicator, status, error);
 }
 

@@ -2,10 +2,11 @@
  * gloss, which gather rays of probes find badly or not at all (worker/pass/spheres.h says who finds what).
  *
  * With --caustics land, merge or vcm the volume has a second stage. Paths go out as in the step that lands
- * (integrate/land.h): as many iterations of as many paths (of the first round alone, where later ones have more), aimed
- * by what earlier iterations have brought, each rank an equal part. Every probe has a sphere of half the smallest
- * spacing about the place where its light is gathered, so that light of this kind is a mean over the sphere: that is
- * its bias. A probe inside geometry that found no place outside has none, and is filled from others.
+ * (integrate/land.h): as many iterations (of the first round alone, where later ones have more), aimed by what earlier
+ * ones have brought, each rank an equal part. There are fewer paths where that is enough for the probes. Every probe
+ * has a sphere of half the smallest spacing about the place where its light is gathered, so that light of this kind is
+ * a mean over the sphere: that is its bias. A probe inside geometry that found no place outside has none, and is filled
+ * from others.
  *
  * Sums are whole numbers, the same for any ranks and threads. Spheres are taken KILN_PROBE_PATHS_CHUNK at a time, so
  * that memory stays bounded, and the paths are traced again for each such chunk. After each chunk its light is added to
@@ -29,7 +30,8 @@ struct kiln_probe_paths_params {
     struct kiln_backend *backend; /* has its surface; beside a device the host traces the paths */
     const struct kiln_scene *scene;
     const struct kiln_integrate_settings *settings;
-    uint32_t leaves; /* kiln_probe_paths_leaves */
+    uint32_t leaves;  /* kiln_probe_paths_leaves */
+    uint32_t samples; /* rays of a probe */
     struct kiln_progress *progress;
     struct kiln_control *control;
     int (*save)(void *context, bool stop, struct kiln_error *error); /* as kiln_volume_save, of this volume */
@@ -43,6 +45,13 @@ struct kiln_probe_paths_params {
  * KILN_SYSTEM. */
 int kiln_probe_paths_leaves(const struct kiln_integrate_settings *settings, const struct kiln_lights *lights,
                             uint32_t samples, uint32_t *leaves, struct kiln_error *error);
+
+/* Paths of an iteration, of so many aims. As many as land in one (kiln_landing_photons) where the user says how many,
+ * else so many at most that all iterations of all parts send as many through a probe's part of a face of the grid as
+ * the probe has rays, `samples`: light that goes from face to face crosses each sphere three times for four rays (it
+ * covers a quarter of pi of that part). At least four an aim. */
+uint64_t kiln_probe_paths_photons(const struct kiln_integrate_settings *settings, size_t aims, const uint64_t size[3],
+                                  uint32_t samples);
 
 /* Collective. Adds the light to own `probes`, all of which are gathered, and not yet to those that are complete; marks
  * them in `done`. Adds the number of rays to *rays. KILN_SYSTEM; KILN_STOPPED if something asked to stop. */

@@ -209,6 +209,7 @@ static int add_paths(struct volume_work *w, struct kiln_error *error)
                                                   .scene = p->scene,
                                                   .settings = p->light,
                                                   .leaves = w->leaves,
+                                                  .samples = p->samples,
                                                   .progress = p->progress,
                                                   .control = p->control,
                                                   .save = save_between,

@@ -81,7 +81,8 @@ static void check_gloss(struct report *r, const struct kiln_material *m, const s
             "it transmits light but bounds no body, so that it is a thin wall, which bends no light: glass that is to "
             "gather light into caustics needs KHR_materials_volume with a thickness above 0 (illum 6 or 7 in MTL)");
     if (gloss->mean_metallic > 0.0f && m->metallic < 1.0f)
-        add(r, INFORMATION, "material", name, "%.3g %% of it is metal, and a bake leaves out what metal reflects",
+        add(r, INFORMATION, "material", name,
+            "%.3g %% of it is metal, and --materials diffuse leaves out what metal reflects",
             100.0 * (double)gloss->mean_metallic);
 }
 

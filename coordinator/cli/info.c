@@ -380,9 +380,9 @@ static void print_kinds(const struct kiln_scene_survey *look, bool all)
     if (found > shown)
         (void)printf("... and %zu more (--verbose shows all)\n", found - shown);
     if (bent > 0)
-        (void)printf("a bake takes %s diffuse, and glass as thin walls, unless --materials auto is given: mirrors, "
-                     "gloss and bent light are left out\n",
-                     found == 1 ? "this material as" : "these materials as");
+        (void)printf("a bake has the light that %s sends on; --materials diffuse leaves it out, in less time: metal "
+                     "reflects nothing then, and glass is thin walls\n",
+                     found == 1 ? "this material" : "each of these materials");
 }
 
 static void print_texts(const struct kiln_scene_survey *look, const struct kiln_job *job)

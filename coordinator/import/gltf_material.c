@@ -251,13 +251,14 @@ static void note_glass(struct gltf *g, struct gltf_place place, const json_t *js
                              place.index, 100.0 * (double)m->transmission,
                              m->transmission_texture != KILN_NONE ? " where its texture is white" : "",
                              kiln_gloss_is_passage(gloss)
-                                 ? "it is thin and smooth: --materials auto takes off what it reflects, which is lost"
-                                 : "--materials auto adds refraction and mirror reflection"));
+                                 ? "it is thin and smooth: what it reflects is taken off, without --materials diffuse"
+                                 : "without --materials diffuse it is refracted and mirrored, too"));
     if (g->status == KILN_OK && thickness > 0.0)
-        gltf_take(g, kiln_builder_note(g->builder, 1, g->error,
-                                       "materials[%zu] (KHR_materials_volume): bakes as thin walls, not as a body %g m "
-                                       "thick; --materials auto adds refraction and absorption inside",
-                                       place.index, thickness));
+        gltf_take(g, kiln_builder_note(
+                         g->builder, KILN_NOTE_INFORMATION, g->error,
+                         "materials[%zu] (KHR_materials_volume): --materials diffuse bakes thin walls, not a body "
+                         "%g m thick that bends light and absorbs it",
+                         place.index, thickness));
 }
 
 static void read_metallic(struct gltf *g, struct gltf_place place, const json_t *pbr, struct kiln_material *material)

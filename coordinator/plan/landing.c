@@ -119,8 +119,8 @@ static int measure_step(const struct measure *m, struct kiln_plan_landing *landi
 }
 
 /* The paths for probes, whose spheres are taken in chunks. */
-static int measure_probes(const struct measure *m, const struct kiln_volume_result *volume, uint32_t leaves,
-                          struct kiln_plan_landing *landing, struct kiln_error *error)
+static int measure_probes(const struct measure *m, const struct kiln_volume_result *volume, uint32_t samples,
+                          uint32_t leaves, struct kiln_plan_landing *landing, struct kiln_error *error)
 {
     const uint64_t probes = volume->size[0] * volume->size[1] * volume->size[2];
     struct kiln_probe_spheres spheres = {.count = 0};
@@ -132,8 +132,8 @@ static int measure_probes(const struct measure *m, const struct kiln_volume_resu
     if (status == KILN_OK)
         status = sample_paths(m, &parameters, &landed, &path, error);
     kiln_probe_spheres_release(&spheres);
-    landing->probes = path * (double)landing->photons * m->settings->iterations * m->settings->parts *
-                      ceil((double)probes / KILN_PROBE_PATHS_CHUNK);
+    landing->probes = path * (double)kiln_probe_paths_photons(m->settings, m->aims->count, volume->size, samples) *
+                      m->settings->iterations * m->settings->parts * ceil((double)probes / KILN_PROBE_PATHS_CHUNK);
     landing->probe_bytes = kiln_probe_paths_bytes(probes, m->ranks);
     return status;
 }
@@ -162,7 +162,7 @@ int kiln_plan_landing_measure(struct kiln_plan_landing *landing, const struct ki
             if (status == KILN_OK)
                 status = kiln_probe_paths_leaves(settings, p->lights, samples_probe, &leaves, error);
             if (status == KILN_OK)
-                status = measure_probes(&m, volume, leaves, landing, error);
+                status = measure_probes(&m, volume, samples_probe, leaves, landing, error);
         }
         landing->seconds += merge_seconds(settings, points, p->threads);
     }

@@ -108,9 +108,9 @@ class Generate(unittest.TestCase):
         """But for what the scenes are made to show."""
         def glass(index, thickness):
             return [f"materials[{index}] (KHR_materials_transmission): lets 100 % of the light through, tinted by its "
-                    "base colour, as thin walls do; --materials auto adds refraction and mirror reflection",
-                    f"materials[{index}] (KHR_materials_volume): bakes as thin walls, not as a body {thickness} m "
-                    "thick; --materials auto adds refraction and absorption inside"]
+                    "base colour, as thin walls do; without --materials diffuse it is refracted and mirrored, too",
+                    f"materials[{index}] (KHR_materials_volume): --materials diffuse bakes thin walls, not a body "
+                    f"{thickness} m thick that bends light and absorbs it"]
         expected = {"cornell-offset": ["8 objects have coordinates in the file that are coarser than a tenth of a "
                                        "texel (most in \"back\": 0.0119 m apart, a texel has 0.0848 m): model "
                                        "near the mesh's origin, and let the node's translation move it"],

@@ -83,8 +83,8 @@ class Materials(unittest.TestCase):
 
     def test_layers(self):
         """The layer of caustics is a part of the sum, and of what the bounces gather; the ledger closes with it, and
-        tells what is left out without."""
-        options = ("--materials", "auto", "--texels-per-metre", "4", "--quality", "draft", "--denoise", "none")
+        tells what is left out without. It is there without an option."""
+        options = ("--texels-per-metre", "4", "--quality", "draft", "--denoise", "none")
         folder = self.bake("cornell-spheres", "layers", *options)
         self.assertTrue(np.array_equal(light(folder), light(folder, "direct") + light(folder, "indirect") +
                                        light(folder, "caustic")))
@@ -114,11 +114,11 @@ class Materials(unittest.TestCase):
     def test_view(self):
         """A view shows what mirrors and glass show of the lightmaps: the light of bidirectional paths, in blocks of
         pixels; --materials diffuse shows the balls as if they were plaster."""
-        folder = self.bake("cornell-spheres", "viewed", "--materials", "auto", "--texels-per-metre", "16", "--quality",
+        folder = self.bake("cornell-spheres", "viewed", "--texels-per-metre", "16", "--quality",
                            "draft", "--samples-indirect", "128", "--bounces", "3")
         size = ("--width", "64", "--height", "64", "--quiet")
         pictures = []
-        for more in ((), ("--method", "bdpt", "--materials", "auto", "--bounces", "3", "--samples-pixel", "64",
+        for more in ((), ("--method", "bdpt", "--bounces", "3", "--samples-pixel", "64",
                           "--backend", "embree"), ("--materials", "diffuse")):
             path = os.path.join(self.folder, f"view{len(pictures)}.exr")
             run("view", folder, "-o", path, *size, *more)
@@ -183,7 +183,8 @@ class Materials(unittest.TestCase):
     def test_nothing_to_take(self):
         """A scene without gloss is the same bake, bit for bit and step by step, and says why."""
         options = ("--texels-per-metre", "4", "--quality", "draft")
-        bakes = [self.bake("cornell", mode, "--materials", mode, *options) for mode in ("auto", "diffuse")]
+        bakes = [self.bake("cornell", mode, *materials, *options)
+                 for mode, materials in (("auto", ()), ("diffuse", ("--materials", "diffuse")))]
         self.assertEqual(*(fields(folder) for folder in bakes))
         self.assertEqual(*(len(report(folder)["bounces"]) for folder in bakes))
         said = report(bakes[0])["materials"]
