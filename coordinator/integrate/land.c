@@ -28,6 +28,7 @@ enum { BATCH_PATHS = 1 << 14, GIVEN_TILE_RUNS = 256, PATHS_AN_AIM = 4, PILOTS = 
 enum { AIMS_MOST = 1024, PATHS_OF_CUTS = 64 }; /* objects are cut up to so many aims, each of so many paths */
 /* rays of a point from which factors of techniques are learnt: at least, and a part of those of the step */
 enum { PILOT_RAYS = 16, PILOT_PART = 16, PILOT_STREAM = 0x8000, PILOT_TILE_RUNS = 64, RAY_TILE_RUNS = 16 };
+enum { OF_A_DEVICE = 64 }; /* so many times as much is handed to a device at once */
 
 #define LARGEST 6.0   /* texels: the radius within which landings that share are spread, at most */
 #define LANDINGS 16.0 /* in one iteration: on which a point's light is to hang */
@@ -54,7 +55,8 @@ struct kiln_landing {
     const struct kiln_saved *saved;
     struct kiln_aims *aims, *kept; /* kept: of light paths that gather rays connect with; NULL: they do not */
     uint64_t photons;              /* of an iteration */
-    struct kiln_backend *own;      /* of the step, where the bake's backend is a device: light paths are the host's */
+    struct kiln_backend
+        *own; /* of the step: Embree, where the bake's backend is a device that leaves it some of this */
     /* --caustics vcm, else NULL; what light paths share their light with, and how much */
     struct kiln_emission *emission;
     struct kiln_mirror_images *images; /* or NULL, where no flat mirror shows a lamp without extent */
@@ -125,7 +127,6 @@ size_t kiln_landing_aims(const struct kiln_integrate_settings *settings)
     return most < AIMS_MOST ? (size_t)most : AIMS_MOST;
 }
 
-/* A device leaves light paths to the host's processors (worker/pass/land.h), which need a BVH of their own for them. */
 int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, struct kiln_error *error)
 {
     struct kiln_backend_params params = bake->params;
@@ -304,16 +305,23 @@ static int take(void *context, size_t first, size_t count, const void *results, 
     return KILN_OK;
 }
 
-static struct kiln_backend *backend_of(const struct kiln_landing *l)
+/* Runs a pass where it can be run (kiln_landing_host). */
+static int run_pass(struct kiln_landing *l, const struct kiln_pass *pass, const void *parameters,
+                    const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
-    return l->own != NULL ? l->own : l->params->backend;
+    struct kiln_backend *bake = l->params->backend;
+    if (kiln_backend_takes(bake, pass, parameters))
+        return kiln_backend_run(bake, pass, parameters, batch, rays, error);
+    const int status = l->own == NULL ? kiln_landing_host(&l->own, bake, error) : KILN_OK;
+    l->solution->report.landing.on_host |= 1u << pass->index;
+    return status == KILN_OK ? kiln_backend_run(l->own, pass, parameters, batch, rays, error) : status;
 }
 
 static int trace(struct kiln_landing *l, uint64_t first, uint64_t count, uint64_t *rays, struct kiln_error *error)
 {
     const struct kiln_land_parameters parameters = {.aims = l->aims, .techniques = shares(l) ? &l->techniques : NULL};
     const struct kiln_batch batch = {.first = first, .count = count, .take = take, .context = l};
-    return kiln_backend_run(backend_of(l), &kiln_pass_land, &parameters, &batch, rays, error);
+    return run_pass(l, &kiln_pass_land, &parameters, &batch, rays, error);
 }
 
 /* Collective. A checkpoint has nothing of the block under way, which is traced anew then. */
@@ -366,6 +374,14 @@ static int work_through(struct kiln_landing *l, uint64_t begin, uint64_t end, ui
     }
 }
 
+/* How much of a pass's work is handed over at once. */
+static uint64_t at_once(const struct kiln_landing *l, uint64_t of_the_host)
+{
+    struct kiln_backend_info info;
+    kiln_backend_info(l->params->backend, &info);
+    return strcmp(info.name, "embree") == 0 ? of_the_host : OF_A_DEVICE * of_the_host;
+}
+
 /* Collective. Traces this rank's part of the block of paths [first, first + count). */
 static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, struct kiln_error *error)
 {
@@ -373,8 +389,8 @@ static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, s
     l->count = 0;
     l->first_path = first;
     memcpy(l->moments_before, l->moments, l->aims->count * sizeof *l->moments);
-    return work_through(l, first + count * rank / ranks, first + count * (rank + 1) / ranks, BATCH_PATHS, trace,
-                        KILN_OK, error);
+    return work_through(l, first + count * rank / ranks, first + count * (rank + 1) / ranks, at_once(l, BATCH_PATHS),
+                        trace, KILN_OK, error);
 }
 
 /* ---- aims ---- */
@@ -468,8 +484,6 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_allocate(&l->records, (block + ranks - 1) / ranks, sizeof *l->records,
                                "the landings of light paths", error);
-    if (status == KILN_OK && l->aims->count > 0)
-        status = kiln_landing_host(&l->own, l->params->backend, error);
     if (status == KILN_OK && (merges(l) || shares(l)))
         status = kiln_allocate(&l->lit, own->count, sizeof *l->lit, "the areas of points", error);
     if (status == KILN_OK && (merges(l) || spreads(l)))
@@ -689,7 +703,7 @@ static int gather_pilots(struct kiln_landing *l, uint64_t first, uint64_t count,
                                      .stream = step->stream + PILOT_STREAM,
                                      .samples = pilot_rays(step),
                                      .first_sample = step->part * pilot_rays(step)};
-    return kiln_backend_run(backend_of(l), &kiln_pass_weighed, &techniques, &batch, rays, error);
+    return run_pass(l, &kiln_pass_weighed, &techniques, &batch, rays, error);
 }
 
 /* Collective. `paths` pilots that land, weighed as if they were all that will land: what they exchange with gather rays
@@ -866,7 +880,7 @@ static int gather_rays(struct kiln_landing *l, uint64_t first, uint64_t count, u
         batch.first = f;
         batch.count = same_kind(l, f, end) - f;
         if (!is_receiver(l, f))
-            status = kiln_backend_run(backend_of(l), &kiln_pass_weighed, &l->techniques, &batch, &now, error);
+            status = run_pass(l, &kiln_pass_weighed, &l->techniques, &batch, &now, error);
     }
     if (status == KILN_OK)
         kiln_progress_advance(l->params->progress, kiln_tile_runs_points(runs, runs + first + count - 1));
@@ -882,7 +896,8 @@ static int spread_rays_and_paths(struct kiln_landing *l, struct kiln_error *erro
     memcpy(l->gathered, l->sums, own->count * sizeof *l->sums);
     kiln_progress_phase(p->progress, "caustics by rays", p->surface->count);
     kiln_control_begin(p->control, "caustics by rays");
-    const int status = work_through(l, 0, own->tile_run_count, RAY_TILE_RUNS * p->threads, gather_rays, KILN_OK, error);
+    const int status =
+        work_through(l, 0, own->tile_run_count, at_once(l, RAY_TILE_RUNS * p->threads), gather_rays, KILN_OK, error);
     return status == KILN_OK ? merge_sums(l, spread_all, error) : status;
 }
 
@@ -1037,8 +1052,7 @@ static int give_gathered(struct kiln_landing *l, const struct kiln_batch *batch,
     rays.count = end - first;
     rays.take = take_gathered;
     rays.context = &g;
-    return kiln_backend_run(backend_of(l), &kiln_pass_weighed, &l->techniques, &rays,
-                            &kiln_solution_step(l->solution)->rays, error);
+    return run_pass(l, &kiln_pass_weighed, &l->techniques, &rays, &kiln_solution_step(l->solution)->rays, error);
 }
 
 int kiln_landing_give(struct kiln_landing *l, const struct kiln_batch *batch, struct kiln_error *error)

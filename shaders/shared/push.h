@@ -203,4 +203,19 @@ KILN_OFFSET_IS(kiln_gpu_both_push, count, 32);
 #define KILN_GPU_PHOTONS_BEGIN 2u
 #define KILN_GPU_PHOTONS_PLACE 3u
 
+#include "shaders/shared/layout_land.h"
+
+/* land.comp: light paths that land. */
+struct kiln_gpu_land_push {
+    KILN_ADDRESS scene;
+    KILN_ADDRESS both;    /* struct kiln_gpu_both, of which the light tree and the number of lights are set */
+    KILN_ADDRESS land;    /* struct kiln_gpu_land */
+    KILN_ADDRESS results; /* struct kiln_gpu_landing of path `index` + i */
+    KILN_WORD64 index;    /* of the first path */
+    KILN_WORD count, threads, seed;
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_land_push, 56);
+KILN_OFFSET_IS(kiln_gpu_land_push, count, 40);
+
 #endif

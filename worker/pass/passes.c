@@ -196,8 +196,7 @@ const struct kiln_pass kiln_pass_land = {.index = KILN_PASS_INDEX_land,
                                          .what = "light that lands",
                                          .domain = KILN_DOMAIN_LIGHT_PATHS,
                                          .parameter_bytes = sizeof(struct kiln_land_parameters),
-                                         .result_bytes = sizeof(struct kiln_land_result),
-                                         .on_embree_only = true};
+                                         .result_bytes = sizeof(struct kiln_land_result)};
 
 /* Not verified: the verifying backend looks at tile runs. */
 const struct kiln_pass kiln_pass_bidirectional = {.index = KILN_PASS_INDEX_bidirectional,

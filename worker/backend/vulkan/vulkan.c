@@ -576,6 +576,12 @@ static int vulkan_run(struct kiln_backend *backend, const struct kiln_pass *pass
     return passes[pass->index]->run(b, parameters, batch, rays, error);
 }
 
+static bool vulkan_takes(const struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters)
+{
+    const struct vulkan_pass *p = passes[pass->index];
+    return !pass->on_embree_only && (p->takes == NULL || p->takes((const struct vulkan_backend *)backend, parameters));
+}
+
 const struct kiln_backend_api kiln_backend_vulkan = {
     .name = "vulkan",
     .create = vulkan_create,
@@ -587,6 +593,7 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .set_probes = vulkan_set_probes,
     .mixed = 1u << KILN_PASS_INDEX_direct,
     .run = vulkan_run,
+    .takes = vulkan_takes,
     .intersect = intersect_again,
     .ceiling = vulkan_ceiling,
 };

@@ -1,7 +1,7 @@
 /* The Vulkan backend: private declarations that its files share.
  *
  * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c,
- * occlusion.c, directional.c, path.c, radiance.c, guided.c, bidirectional.c. The others: vulkan.c (life of the backend,
+ * occlusion.c, directional.c, path.c, radiance.c, guided.c, bidirectional.c, land.c, weighed.c. The others: vulkan.c (life of the backend,
  * kernels, closest hits), surfaces.c (of the scene, what paths and chains ask for), chunks.c (running a pass over tile
  * runs in chunks), hemisphere.c (what passes that sample the hemisphere over points have in common), points.c (surface
  * points on the device), lights.c and materials.c (the scene on the device), bvh.c, acceleration.c and tracer.c (what
@@ -200,6 +200,8 @@ struct vulkan_pass {
     /* Kernels to make ahead, all at once, up to the first that has no shader. A pass that not every bake runs has none:
      * its kernels are made when it first runs. */
     struct vulkan_wish ahead[VULKAN_WISHES];
+    /* whether it runs with these parameters here (kiln_backend_takes); NULL: with any */
+    bool (*takes)(const struct vulkan_backend *b, const void *parameters);
 };
 #define VULKAN_DECLARE(name) extern const struct vulkan_pass vulkan_pass_##name;
 KILN_PASS_LIST(VULKAN_DECLARE)
