@@ -14,8 +14,6 @@ layout(constant_id = 6) const uint BRINGS = SHARED;
 
 #include "shaders/bidirectional.glsl"
 
-KILN_ARRAY(LandArray, kiln_gpu_land, 8);
-#define LAND LandArray(push.land).at[0]
 KILN_ARRAY(LandingArray, kiln_gpu_landing, 4);
 
 #include "shaders/techniques.glsl"
@@ -120,8 +118,9 @@ kiln_caustic_landing sums_at(Vertex v, uint surface)
         return s;
     }
     const real3 from = real3(first.direction), way = real3(v.m.position) - first.place;
-    return kiln_caustic_emit(techniques_connect(first.light, v, first.place, from),
-                             techniques_emission(first.light, v, first.place, from), first.cosine, first.is_point,
+    const Lit lit = lit_of(v);
+    return kiln_caustic_emit(techniques_connect(first.light, lit, first.place, from),
+                             techniques_emission(first.light, lit, first.place, from), first.cosine, first.is_point,
                              first.has_place ? dot(way, way) : real(1), arrival);
 }
 

@@ -25,7 +25,6 @@ struct kiln_gpu_land {
     KILN_ADDRESS lamp_of;     /* words: of each emitting triangle its lamp */
     KILN_ADDRESS of_triangle; /* words: of each world triangle its target; KILN_GPU_NONE: none */
     KILN_ADDRESS plane_of;    /* words: of each world triangle its mirror plane, likewise; 0: lamps have no images */
-    KILN_ADDRESS areas;       /* of gather rays, floats: m2 of each point of the block that are there to be lit */
     KILN_WORD64 paths;        /* of an iteration */
     KILN_WORD aim_count, target_count;
     KILN_VECTOR centre;                  /* of the sphere about the scene, m, */
@@ -34,7 +33,7 @@ struct kiln_gpu_land {
     KILN_WORD mis;
     KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_land, 112);
+KILN_SIZE_IS(kiln_gpu_land, 104);
 
 /* How a path has ended; the host looks its surface point up. */
 struct kiln_gpu_landing {

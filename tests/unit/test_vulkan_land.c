@@ -1,6 +1,6 @@
-/* Light paths that land (worker/pass/land.h) on a Vulkan device against Embree: both follow the same paths by the same
- * random numbers, so only rounding differs. The bits do not depend on how paths are divided into calls. Skipped (77) if
- * there is no device. */
+/* Light paths that land (worker/pass/land.h), and gather rays that share the light with them (weighed.h), on a Vulkan
+ * device against Embree: both follow the same paths by the same random numbers, so only rounding differs. The bits do
+ * not depend on how paths are divided into calls. Skipped (77) if there is no device. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -20,10 +20,11 @@
 #include "worker/light/aims.h"
 #include "worker/light/emission.h"
 #include "worker/pass/land.h"
+#include "worker/pass/validity.h"
 #include "worker/pass/weighed.h"
 #include "worker/scene/gloss.h"
 
-enum { PATHS = 6000, FIRST = 5000, SKY_WIDTH = 6, SKY_HEIGHT = 3 }; /* paths of two iterations */
+enum { PATHS = 6000, FIRST = 5000, RAYS = 16, SKY_WIDTH = 6, SKY_HEIGHT = 3 }; /* paths of two iterations */
 
 struct world {
     struct fixture *f;
@@ -228,22 +229,115 @@ static void agrees(const struct world *w, struct kiln_backend *const backends[2]
     free(parts);
 }
 
-static void paths_agree_with_embree(void **state)
+/* ---- gather rays that share the light with them ---- */
+
+/* The points of tile runs. */
+struct kept_points {
+    const struct world *w;
+    struct kiln_point_result *points;
+};
+
+/* kiln_take_results */
+static int keep_points(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)error;
+    const struct kept_points *k = context;
+    const struct kiln_tile_run *runs = k->w->surface->tile_runs + first;
+    memcpy(k->points + runs[0].first.at, results,
+           (size_t)kiln_tile_runs_points(runs, runs + count - 1) * sizeof *k->points);
+    return KILN_OK;
+}
+
+static struct kiln_point_result *gather(const struct world *w, struct kiln_backend *backend,
+                                        const struct kiln_caustic_techniques *techniques, size_t at_once)
+{
+    const size_t runs = w->surface->tile_run_count;
+    struct kept_points kept = {w, calloc(w->surface->point_count, sizeof *kept.points)};
+    struct kiln_error error = {""};
+    uint64_t rays = 0;
+    assert_true(kiln_backend_takes(backend, &kiln_pass_weighed, techniques));
+    for (size_t done = 0; done < runs; done += at_once) {
+        const struct kiln_batch batch = {.first = done,
+                                         .count = runs - done < at_once ? runs - done : at_once,
+                                         .samples = RAYS,
+                                         .take = keep_points,
+                                         .context = &kept};
+        if (kiln_backend_run(backend, &kiln_pass_weighed, techniques, &batch, &rays, &error) != KILN_OK)
+            fail_msg("%s", error.message);
+    }
+    return kept.points;
+}
+
+static void rays_agree(const struct world *w, struct kiln_backend *const backends[2], enum kiln_mis mis)
+{
+    struct kiln_caustic_techniques techniques = w->techniques;
+    techniques.images = NULL;
+    techniques.mis = mis;
+    struct kiln_point_result *embree = gather(w, backends[0], &techniques, SIZE_MAX / 2),
+                             *vulkan = gather(w, backends[1], &techniques, SIZE_MAX / 2),
+                             *parts = gather(w, backends[1], &techniques, 3);
+    const uint64_t count = w->surface->point_count;
+    uint64_t lit = 0, differ = 0;
+    for (uint64_t i = 0; i < count; i++) {
+        bool same = true;
+        assert_int_equal(embree[i].count, vulkan[i].count);
+        for (int c = 0; c < 3; c++)
+            same = same && is_near(embree[i].irradiance[c], vulkan[i].irradiance[c], 2e-3f) &&
+                   is_near(embree[i].incident[c], vulkan[i].incident[c], 2e-3f);
+        lit += embree[i].irradiance[1] > 0.0f;
+        differ += !same;
+    }
+    print_message("rays, rule %d: %llu of %llu points lit, %llu differ\n", (int)mis, (unsigned long long)lit,
+                  (unsigned long long)count, (unsigned long long)differ);
+    assert_true(lit > count / 3 && differ <= lit / 50); /* a ray that meets something else changes a point */
+    assert_memory_equal(parts, vulkan, count * sizeof *parts);
+    free(embree);
+    free(vulkan);
+    free(parts);
+}
+
+static void paths_and_rays_agree_with_embree(void **state)
 {
     (void)state;
     struct world w;
     build(&w);
     struct kiln_backend *backends[2] = {open_backend(&w, "embree"), open_backend(&w, "vulkan")};
+    const struct kiln_batch all = {
+        .count = w.surface->tile_run_count, .take = kiln_validity_keep, .context = w.surface};
+    uint64_t rays = 0;
     agrees(&w, backends, false);
     agrees(&w, backends, true);
+    assert_int_equal(kiln_backend_run(backends[0], &kiln_pass_validity, NULL, &all, &rays, NULL), KILN_OK);
+    rays_agree(&w, backends, KILN_MIS_BALANCE);
+    rays_agree(&w, backends, KILN_MIS_POWER);
     kiln_backend_destroy(&backends[0]);
     kiln_backend_destroy(&backends[1]);
     release(&w);
 }
 
+/* What a device leaves to the host it says, and refuses. */
+static void what_is_not_there_is_refused(void **state)
+{
+    (void)state;
+    struct world w;
+    build(&w);
+    struct kiln_backend *backend = open_backend(&w, "vulkan");
+    struct kiln_caustic_techniques learnt = w.techniques;
+    learnt.images = NULL;
+    learnt.mis = KILN_MIS_VARIANCE;
+    assert_false(kiln_backend_takes(backend, &kiln_pass_weighed, &w.techniques));
+    assert_false(kiln_backend_takes(backend, &kiln_pass_weighed, &learnt));
+    const struct kiln_batch batch = {.count = 1, .samples = RAYS};
+    uint64_t rays = 0;
+    assert_int_equal(kiln_backend_run(backend, &kiln_pass_weighed, &learnt, &batch, &rays, NULL), KILN_USAGE);
+    kiln_backend_destroy(&backend);
+    release(&w);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(paths_agree_with_embree)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(what_is_not_there_is_refused),
+                                       cmocka_unit_test(paths_and_rays_agree_with_embree)};
     if (!vulkan_device_is_there())
         return 77;
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -209,7 +209,6 @@ const struct kiln_pass kiln_pass_bidirectional = {.index = KILN_PASS_INDEX_bidir
                                                   .is_sampled = true,
                                                   .is_divisible = true};
 
-/* Not verified: it is the host's alone. */
 const struct kiln_pass kiln_pass_weighed = {.index = KILN_PASS_INDEX_weighed,
                                             .name = "weighed",
                                             .what = "caustic light, weighed",
@@ -220,7 +219,7 @@ const struct kiln_pass kiln_pass_weighed = {.index = KILN_PASS_INDEX_weighed,
                                             .has_streams = true,
                                             .is_divisible = true,
                                             .is_masked = true,
-                                            .on_embree_only = true};
+                                            POINT_FIGURES};
 
 const struct kiln_pass kiln_pass_reference = {.index = KILN_PASS_INDEX_reference,
                                               .name = "reference",

@@ -6,7 +6,6 @@
 #include "shaders/land_float.h"
 #include "shaders/shared/land.h"
 #include "worker/backend/vulkan/chunks.h"
-#include "worker/backend/vulkan/techniques.h"
 #include "worker/base/memory.h"
 #include "worker/light/aims.h"
 #include "worker/pass/land.h"
@@ -30,7 +29,6 @@ struct portion {
 /* A call's working set. */
 struct land_run {
     struct vulkan_backend *b;
-    struct vulkan_techniques techniques;
     struct gpu_kernel *kernel;
     struct kiln_store store;
     struct portion portions[2];
@@ -102,7 +100,7 @@ static int prepare(struct land_run *r, const struct kiln_land_parameters *p, siz
     if (status == KILN_OK)
         status = vulkan_kernel_of(b, &land_shader, false, p->techniques != NULL ? SHARED : WHOLE, &r->kernel, error);
     if (status == KILN_OK)
-        status = vulkan_techniques_create(b, p->aims, p->techniques, &r->techniques, error);
+        status = vulkan_techniques_create(b, p->aims, p->techniques, error);
     for (int i = 0; i < 2 && status == KILN_OK; i++) {
         const size_t bytes = r->room * sizeof(struct kiln_gpu_landing);
         status = vulkan_grow_buffer(b, &b->slots[i].answers, bytes, GPU_DEVICE, "light paths", error);
@@ -119,7 +117,7 @@ static void finish(struct land_run *r)
     for (uint32_t i = 0; i < 2; i++)
         if (r->portions[i].count > 0)
             (void)gpu_wait(r->b->gpu, i, NULL, NULL);
-    vulkan_techniques_release(r->b, &r->techniques);
+    vulkan_techniques_release(r->b);
     kiln_free(&r->results);
 }
 
@@ -142,8 +140,7 @@ static int begin_portion(struct land_run *r, uint32_t slot, size_t first, size_t
     p->count = count < left ? count : left;
     const struct kiln_gpu_land_push push = {
         .scene = b->scene.address,
-        .both = r->techniques.both,
-        .land = r->techniques.root_buffer.address,
+        .both = b->techniques.both,
         .results = b->slots[slot].answers.address,
         .index = first,
         .count = (uint32_t)p->count,

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "worker/backend/mirror_images.h"
+#include "worker/backend/vulkan/vulkan.h"
 #include "worker/base/memory.h"
 #include "worker/light/aims.h"
 #include "worker/light/emission.h"
@@ -10,10 +11,16 @@
 
 static const char what[] = "what light paths are aimed at";
 
+/* As kernels look for them (shaders/techniques.glsl). */
+struct root {
+    struct kiln_gpu_land land;
+    struct kiln_gpu_both both;
+};
+_Static_assert(offsetof(struct root, both) == sizeof(struct kiln_gpu_land), "one after the other");
+
 /* An array on the device, in the next buffer that is not used yet; its address. */
 struct uploading {
     struct vulkan_backend *b;
-    struct vulkan_techniques *t;
     size_t next;
     int status;
     struct kiln_error *error;
@@ -23,7 +30,7 @@ static uint64_t upload(struct uploading *u, const void *data, size_t bytes)
 {
     if (u->status != KILN_OK || bytes == 0)
         return 0;
-    struct gpu_buffer *buffer = &u->t->buffers[u->next++];
+    struct gpu_buffer *buffer = &u->b->techniques.buffers[u->next++];
     u->status = gpu_buffer_of(u->b->gpu, buffer, data, bytes, what, u->error);
     return buffer->address;
 }
@@ -91,13 +98,12 @@ static struct kiln_gpu_both describe_lights(struct uploading *u, const struct ki
 }
 
 int vulkan_techniques_create(struct vulkan_backend *b, const struct kiln_aims *aims,
-                             const struct kiln_caustic_techniques *techniques, struct vulkan_techniques *t,
-                             struct kiln_error *error)
+                             const struct kiln_caustic_techniques *techniques, struct kiln_error *error)
 {
     const size_t triangles = b->params.geometry->triangle_count;
-    *t = (struct vulkan_techniques){.both = 0};
-    struct uploading u = {.b = b, .t = t, .error = error};
-    t->root = (struct kiln_gpu_land){
+    struct root root;
+    struct uploading u = {.b = b, .error = error};
+    root.land = (struct kiln_gpu_land){
         .lamps = upload_lamps(&u, aims),
         .targets = upload_targets(&u, &aims->targets),
         .first = upload(&u, aims->first, (aims->count + 1) * sizeof *aims->first),
@@ -109,26 +115,24 @@ int vulkan_techniques_create(struct vulkan_backend *b, const struct kiln_aims *a
         .target_count = (uint32_t)aims->targets.count,
         .centre = vec3_of(aims->centre),
         .radius = (float)aims->radius};
-    const struct kiln_gpu_both both = describe_lights(&u, aims->lights, techniques);
+    root.both = describe_lights(&u, aims->lights, techniques);
     if (techniques != NULL) {
-        t->root.mis = (uint32_t)techniques->mis;
-        t->root.iterations = (float)techniques->iterations;
+        root.land.mis = (uint32_t)techniques->mis;
+        root.land.iterations = (float)techniques->iterations;
         if (techniques->images != NULL)
-            t->root.plane_of =
+            root.land.plane_of =
                 upload(&u, techniques->images->plane_of, triangles * sizeof *techniques->images->plane_of);
         if (techniques->kept != NULL)
-            t->root.connections =
+            root.land.connections =
                 (float)(techniques->connections / ((double)techniques->iterations * (double)aims->paths));
     }
-    t->both = upload(&u, &both, sizeof both);
-    if (u.status == KILN_OK)
-        u.status = gpu_buffer_of(b->gpu, &t->root_buffer, &t->root, sizeof t->root, what, error);
+    b->techniques.both = upload(&u, &root, sizeof root) + offsetof(struct root, both);
     return u.status;
 }
 
-void vulkan_techniques_release(struct vulkan_backend *b, struct vulkan_techniques *t)
+void vulkan_techniques_release(struct vulkan_backend *b)
 {
     for (size_t i = 0; i < VULKAN_TECHNIQUE_BUFFERS; i++)
-        gpu_buffer_destroy(b->gpu, &t->buffers[i]);
-    gpu_buffer_destroy(b->gpu, &t->root_buffer);
+        gpu_buffer_destroy(b->gpu, &b->techniques.buffers[i]);
+    gpu_buffer_destroy(b->gpu, &b->techniques.areas);
 }

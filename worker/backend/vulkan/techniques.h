@@ -3,25 +3,26 @@
 #ifndef KILN_WORKER_BACKEND_VULKAN_TECHNIQUES_H
 #define KILN_WORKER_BACKEND_VULKAN_TECHNIQUES_H
 
-#include "worker/backend/vulkan/vulkan.h"
+#include "worker/backend/vulkan/gpu/gpu.h"
+#include "worker/backend/vulkan/layout.h"
 
 struct kiln_aims;
+struct vulkan_backend;
 struct kiln_caustic_techniques;
 
 enum { VULKAN_TECHNIQUE_BUFFERS = 10 };
 
 struct vulkan_techniques {
     struct gpu_buffer buffers[VULKAN_TECHNIQUE_BUFFERS];
-    struct kiln_gpu_land root; /* for vulkan_techniques_root once all of it is set */
-    struct gpu_buffer root_buffer;
-    uint64_t both; /* the address of a struct kiln_gpu_both */
+    struct gpu_buffer areas; /* of points, where rays are gathered (weighed.c) */
+    uint64_t both;           /* the address of a struct kiln_gpu_both, before which a struct kiln_gpu_land lies */
 };
 
-/* Uploads the aims, which are shared out, and of `techniques`, NULL where there are none, what kernels read. Both are
- * read only during the call. Release with vulkan_techniques_release, also after a failure. */
+/* Uploads into b->techniques, which holds nothing yet, the aims, which are shared out, and of `techniques`, NULL where
+ * there are none, what kernels read. Both are read only during the call. Release with vulkan_techniques_release, also
+ * after a failure; a device that is made anew has none. */
 int vulkan_techniques_create(struct vulkan_backend *b, const struct kiln_aims *aims,
-                             const struct kiln_caustic_techniques *techniques, struct vulkan_techniques *t,
-                             struct kiln_error *error);
-void vulkan_techniques_release(struct vulkan_backend *b, struct vulkan_techniques *t);
+                             const struct kiln_caustic_techniques *techniques, struct kiln_error *error);
+void vulkan_techniques_release(struct vulkan_backend *b);
 
 #endif

@@ -4,7 +4,7 @@
  * occlusion.c, directional.c, path.c, radiance.c, guided.c, bidirectional.c, land.c, weighed.c. The others: vulkan.c (life of the backend,
  * kernels, closest hits), surfaces.c (of the scene, what paths and chains ask for), chunks.c (running a pass over tile
  * runs in chunks), hemisphere.c (what passes that sample the hemisphere over points have in common), points.c (surface
- * points on the device), lights.c and materials.c (the scene on the device), bvh.c, acceleration.c and tracer.c (what
+ * points on the device), lights.c, materials.c and techniques.c (the scene on the device), bvh.c, acceleration.c and tracer.c (what
  * finds hits), layout.h (what C and the shaders share). gpu/ is Vulkan for compute and knows no light.
  *
  * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of
@@ -24,6 +24,7 @@
 #include "worker/backend/vulkan/lights.h"
 #include "worker/backend/vulkan/materials.h"
 #include "worker/backend/vulkan/points.h"
+#include "worker/backend/vulkan/techniques.h"
 #include "worker/backend/vulkan/tracer.h"
 #include "worker/light/lights.h"
 #include "worker/pass/path.h"
@@ -121,6 +122,7 @@ struct vulkan_backend {
     struct gpu_buffer sobol; /* KILN_DIMENSIONS times sobol_count words */
     uint32_t sobol_count;
     struct vulkan_slot slots[GPU_SLOTS];
+    struct vulkan_techniques techniques; /* of the pass under way, where it is land or weighed */
     struct gpu_pacer pacers[VULKAN_PACES];
     double light_vertices; /* of a path of light that are kept, as far as is known: what there is room for */
     double build_seconds;
