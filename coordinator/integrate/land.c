@@ -276,8 +276,9 @@ static void note_moment(struct kiln_landing *l, uint32_t aim, double luminance)
 {
     const struct kiln_aims *a = l->aims;
     const double paths = (double)(a->first[aim + 1] - a->first[aim]), flux = luminance * paths / a->aims[aim].flux;
-    if (a->aims[aim].flux > 0.0)
-        l->moments[aim] += (uint64_t)fmin(MOMENT_STEP * flux * flux, MOMENT_MOST);
+    const uint64_t moment = a->aims[aim].flux > 0.0 ? (uint64_t)fmin(MOMENT_STEP * flux * flux, MOMENT_MOST) : 0;
+#pragma omp atomic
+    l->moments[aim] += moment;
 }
 
 /* kiln_take_results */
@@ -499,6 +500,7 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
         .mis = l->techniques.mis, .rays = (double)kiln_solution_step(l->solution)->step.samples, .area = l->lit};
     l->techniques.first_kept = KEPT_ITERATION + kiln_solution_step(l->solution)->step.part * KEPT_QUARTERS;
     l->exchange.weights = shares(l) ? &l->landing_weights : NULL;
+    l->exchange.threads = l->params->threads;
     l->techniques.factors = NULL;
     l->techniques.iterations = iterations_of(l);
     if (status == KILN_OK && has_factors(l))
