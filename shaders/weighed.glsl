@@ -1,6 +1,5 @@
-/* Chains of the weighed pass (worker/pass/weighed.h): worker/backend/embree/chain_weighed.c. In the place of chain.glsl,
- * with whose chains they have the rule in common. Before it stand point_area and
- * ray_cosine. */
+/* Chains of the weighed pass (worker/pass/weighed.h): worker/backend/embree/chain_weighed.c. In the place of
+ * chain.glsl, with whose chains they have the rule in common. Before it stand point_area and ray_cosine. */
 #include "shaders/bidirectional.glsl"
 #include "shaders/techniques.glsl"
 #include "shaders/chain.glsl"
