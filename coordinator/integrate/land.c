@@ -336,6 +336,13 @@ static int save(struct kiln_landing *l, bool stop, struct kiln_error *error)
     return status;
 }
 
+static double device_seconds(const struct kiln_backend *backend)
+{
+    struct kiln_backend_info info;
+    kiln_backend_info(backend, &info);
+    return info.device_seconds;
+}
+
 /* Does some of this rank's work, and adds its rays. */
 typedef int (*do_some)(struct kiln_landing *l, uint64_t first, uint64_t count, uint64_t *rays,
                        struct kiln_error *error);
@@ -352,12 +359,13 @@ static int work_through(struct kiln_landing *l, uint64_t begin, uint64_t end, ui
     for (;;) {
         enum kiln_event event;
         if (status == KILN_OK && next < end) {
-            const double start = MPI_Wtime();
+            const double start = MPI_Wtime(), busy = device_seconds(p->backend);
             const uint64_t now = end - next < at_once ? end - next : at_once;
             status = work(l, next, now, &report->rays, error);
             next += now;
             const double seconds = MPI_Wtime() - start;
             report->seconds += seconds;
+            report->device_seconds += fmax(0.0, device_seconds(p->backend) - busy);
             event = kiln_control_poll(p->control, next == end, (double)(next - begin) / (double)(end - begin), seconds,
                                       status);
         } else {
