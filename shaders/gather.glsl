@@ -1,7 +1,7 @@
 /* The bounce pass: each thread takes a slice of a point's samples (hemisphere.glsl), a few cosine-distributed rays, and
  * adds up the radiosity that they find. gather_reduce.glsl adds up the slices. With KILN_GUIDED it is the guided pass
  * (guide.glsl). With KILN_GLOSS rays go on in chains (chain.glsl); with KILN_CAUSTIC besides it is the caustic pass,
- * which looks for lamps and sky by these alone. */
+ * which looks for lamps and sky by these alone; with KILN_WEIGHED besides the weighed pass (weighed.glsl). */
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"
@@ -12,10 +12,21 @@ KILN_PUSH(kiln_gpu_guided_push);
 #    define NEAR_PROBES GuidedRef(push.guided).at[0].near_probes
 #    define HEMISPHERE_RAY_DONE(k) guide_keep(k)
 #    define GUIDE_BEGIN(index) guide_begin((index)-push.chunk.origin);
+#elif defined(KILN_WEIGHED)
+KILN_PUSH(kiln_gpu_weighed_push);
+#    define PROBES push.both /* any address will do: it asks no probes */
+#    define NEAR_PROBES push.both
+#    define GUIDE_BEGIN(index) point_area = AreaArray(push.areas).at[(index)-push.chunk.origin] * p.present;
+float point_area; /* m2 of the thread's point that are there to be lit */
+float ray_cosine; /* of the ray with the point's geometric normal, absolute */
+KILN_ARRAY(AreaArray, float, 4);
 #else
 KILN_PUSH(kiln_gpu_gather_push);
 #    define NEAR_PROBES push.near_probes
 #    define GUIDE_BEGIN(index)
+#endif
+#ifndef PROBES
+#    define PROBES push.probes
 #endif
 
 const uint TRACE_ONLY = 0u, SURFACES = 1u, SURFACES_AND_PROBES = 2u; /* what is asked; the first for benches */
@@ -51,7 +62,11 @@ struct Sums {
 #    else
 #        define KILN_CHAIN_RADIOSITY
 #    endif
-#    include "shaders/chain.glsl"
+#    ifdef KILN_WEIGHED
+#        include "shaders/weighed.glsl"
+#    else
+#        include "shaders/chain.glsl"
+#    endif
 #    include "shaders/taken_up.glsl"
 #endif
 
@@ -60,7 +75,7 @@ kiln_hit nearest(vec3 position, vec3 direction, uint seed, out vec3 tint)
 {
     if (LOOKUP != SURFACES_AND_PROBES || (near_probes & KILN_PROBE_SEEN) == 0u)
         return kiln_trace_by_chance(position, direction, seed, tint);
-    const float range = ProbesRef(push.probes).value.grid.range;
+    const float range = ProbesRef(PROBES).value.grid.range;
     tint = vec3(1.0);
     if (range > 0.0)
         return kiln_trace_within(position, direction, range, seed, tint);
@@ -93,7 +108,11 @@ void add_light(inout Sums sums, vec3 rgb, vec3 tint, float facet, float weight)
  * tint leaves, and of each colour all is somewhere. */
 void add_chain(inout Sums sums, vec3 direction, kiln_hit hit, vec3 tint, float facet, float weight)
 {
+#    ifdef KILN_WEIGHED
+    const Chain c = chain_follow_weighed(ray_chance, ray_number, direction, hit);
+#    else
     const Chain c = chain_follow(ray_chance, ray_number, direction, hit);
+#    endif
     chains_good = chains_good && c.good;
 #    ifdef KILN_CAUSTIC
     add_light(sums, 3.14159265358979 * c.light, tint, facet, weight);
@@ -152,6 +171,9 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     facet *= guide_weight;
     weight *= guide_weight;
 #endif
+#ifdef KILN_WEIGHED
+    ray_cosine = abs(dot(normal, direction));
+#endif
 #ifdef KILN_GLOSS
     ray_taken_up = kiln_taken_up(p, push.chunk.parts, smooth_point ? dot(soft, direction) : cosine);
     if (hit.triangle != KILN_GPU_NONE && facet > 0.0 && chain_begins(hit)) { /* not from below the facet */
@@ -163,12 +185,12 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     return;
 #endif
     if (LOOKUP == SURFACES_AND_PROBES && hit.triangle == KILN_GPU_NONE && (near_probes & KILN_PROBE_SEEN) != 0u) {
-        const kiln_probe_grid grid = ProbesRef(push.probes).value.grid;
+        const kiln_probe_grid grid = ProbesRef(PROBES).value.grid;
         const float far = kiln_probe_far(grid, position, direction);
         if (far > grid.range) {
-            const uint probe = kiln_probe_of_ray(push.probes, near_probes, position, direction, seed);
+            const uint probe = kiln_probe_of_ray(PROBES, near_probes, position, direction, seed);
             const vec3 radiance =
-                facet > 0.0 ? kiln_probe_ask(push.probes, probe, position, direction, far) : vec3(0.0);
+                facet > 0.0 ? kiln_probe_ask(PROBES, probe, position, direction, far) : vec3(0.0);
             add_light(sums, 3.14159265358979 * radiance, tint, facet, weight);
             return;
         }

@@ -4,6 +4,8 @@
  *   kiln_store_way         what a hit leads to: the hit record's `object` and `material`, and the store's own
  *   kiln_store_enter       that of a hit (u, v) on a world triangle; `back`: of a triangle with two sides
  *   kiln_store_radiosity   radiosity there, W/m2; 0 beside every place */
+#ifndef KILN_SHADERS_SURFACE_GLSL
+#define KILN_SHADERS_SURFACE_GLSL
 
 #include "shaders/shared/radiosity.h"
 
@@ -17,3 +19,5 @@ vec3 kiln_radiosity_unpack(uvec2 packed)
 }
 
 #include "shaders/store_lightmap.glsl"
+
+#endif

@@ -4,6 +4,8 @@
  *
  * Before it stand shaders/trace/trace.glsl and shaders/surface.glsl. With KILN_GLOSS surfaces may be more than diffuse
  * (gloss.glsl), with KILN_WALK_LIGHTS lights are sampled (lights.glsl). A thread has one walk at a time. */
+#ifndef KILN_SHADERS_WALK_GLSL
+#define KILN_SHADERS_WALK_GLSL
 #include "shaders/shared/path.h"
 #include "shaders/shared/streams.h"
 #ifdef KILN_WALK_LIGHTS
@@ -262,4 +264,6 @@ bool walk_lights(Meeting m, uint surface, uint which, vec3 weight, inout vec3 su
     }
     return i >= candidates;
 }
+#endif
+
 #endif

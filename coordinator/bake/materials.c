@@ -1,6 +1,7 @@
 #include "coordinator/bake/materials.h"
 
 #include "worker/pass/caustic_weights.h"
+#include "worker/pass/pass.h"
 
 void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
 {
@@ -32,6 +33,16 @@ static const char *why_none(enum kiln_gloss_mode asked)
     return asked == KILN_GLOSS_MODE_DIFFUSE
                ? "--materials diffuse"
                : "the scene has no metal, glass with a body, clear coat, or reflection of roughness below 0.5";
+}
+
+/* What the host has traced that the device has left to it. */
+static json_t *on_host_json(uint32_t passes)
+{
+    json_t *list = json_array();
+    for (int i = 0; i < KILN_PASS_COUNT; i++)
+        if ((passes >> i & 1u) != 0)
+            (void)json_array_append_new(list, json_string(kiln_passes[i]->what));
+    return list;
 }
 
 json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode asked, const struct kiln_scene *scene,
@@ -72,6 +83,8 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
                                   job->iterations == KILN_ITERATIONS_ALL ? json_string("all")
                                                                          : json_integer((json_int_t)job->iterations));
     }
+    if (landing->on_host != 0)
+        (void)json_object_set_new(json, "on_host", on_host_json(landing->on_host));
     if (job->caustics >= KILN_CAUSTICS_MERGE)
         (void)json_object_set_new(json, "merge_radius", json_real(landing->radius));
     (void)json_object_set_new(json, "chain_length", json_integer((json_int_t)job->chain_length));

@@ -251,7 +251,7 @@ static void note_glass(struct gltf *g, struct gltf_place place, const json_t *js
                              place.index, 100.0 * (double)m->transmission,
                              m->transmission_texture != KILN_NONE ? " where its texture is white" : "",
                              kiln_gloss_is_passage(gloss)
-                                 ? "it is thin and smooth: what it reflects is taken off, without --materials diffuse"
+                                 ? "it is thin and smooth: what it reflects is taken off but with --materials diffuse"
                                  : "without --materials diffuse it is refracted and mirrored, too"));
     if (g->status == KILN_OK && thickness > 0.0)
         gltf_take(g, kiln_builder_note(

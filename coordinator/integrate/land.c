@@ -122,8 +122,6 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_allocate(&l->records, (block + ranks - 1) / ranks, sizeof *l->records,
                                "the landings of light paths", error);
-    if (status == KILN_OK && l->aims->count > 0)
-        status = kiln_landing_host(&l->own, l->params->backend, error);
     if (status == KILN_OK && (kiln_landing_merges(l) || kiln_landing_shares(l)))
         status = kiln_allocate(&l->lit, own->count, sizeof *l->lit, "the areas of points", error);
     if (status == KILN_OK && (kiln_landing_merges(l) || kiln_landing_spreads(l->params->settings)))
@@ -139,6 +137,7 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
         .mis = l->techniques.mis, .rays = (double)kiln_solution_step(l->solution)->step.samples, .area = l->lit};
     l->techniques.first_kept = KEPT_ITERATION + kiln_solution_step(l->solution)->step.part * KILN_LANDING_KEPT_QUARTERS;
     l->exchange.weights = kiln_landing_shares(l) ? &l->landing_weights : NULL;
+    l->exchange.threads = l->params->threads;
     l->techniques.factors = NULL;
     l->techniques.iterations = kiln_landing_iterations(l);
     if (status == KILN_OK && kiln_landing_has_factors(l))

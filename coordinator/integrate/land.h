@@ -44,8 +44,8 @@
  * With --caustics vcm flat mirrors show lamps without extent by their images (worker/backend/mirror_images.h), and what
  * lands by such a reflection alone is dropped.
  *
- * Where the backend of the bake is a device, the host traces the paths and these rays, with Embree and a BVH of its own
- * for the step.
+ * What a device does not take of this (kiln_backend_takes) the host traces, with Embree and a BVH of its own for the
+ * step; the run report says what.
  *
  * With --caustics merge what lands in an iteration is spread over the points nearby (merge.h).
  *
@@ -66,7 +66,8 @@ struct kiln_landing;
 uint64_t kiln_landing_photons(const struct kiln_integrate_settings *settings, size_t aims);
 /* The aims up to which objects are cut into several targets (kiln_aims_create). */
 size_t kiln_landing_aims(const struct kiln_integrate_settings *settings);
-/* What traces the paths beside a backend that is a device: Embree, with the same scene and surface. NULL beside Embree.
+/* What traces what a backend that is a device leaves to the host (kiln_backend_takes): Embree, with the same scene and
+ * surface. NULL beside Embree.
  * KILN_SYSTEM. Destroy with kiln_backend_destroy, in any case. */
 int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, struct kiln_error *error);
 /* Whether landings and the gather rays that share the light are spread over points nearby in the end. */

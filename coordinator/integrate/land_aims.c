@@ -23,8 +23,9 @@ void kiln_landing_note_moment(struct kiln_landing *l, uint32_t aim, double lumin
 {
     const struct kiln_aims *a = l->aims;
     const double paths = (double)(a->first[aim + 1] - a->first[aim]), flux = luminance * paths / a->aims[aim].flux;
-    if (a->aims[aim].flux > 0.0)
-        l->moments[aim] += (uint64_t)fmin(MOMENT_STEP * flux * flux, MOMENT_MOST);
+    const uint64_t moment = a->aims[aim].flux > 0.0 ? (uint64_t)fmin(MOMENT_STEP * flux * flux, MOMENT_MOST) : 0;
+#pragma omp atomic
+    l->moments[aim] += moment;
 }
 
 void kiln_landing_aim(struct kiln_landing *l, uint64_t paths)

@@ -34,6 +34,9 @@ void kiln_land_exchange_release(struct kiln_land_exchange *e)
     kiln_free(&e->received);
 }
 
+/* Points whose sums lie side by side and are one thread's. */
+enum { NEIGHBOURS = 64 };
+
 /* By point, then by path. */
 static int compare(const void *a, const void *b)
 {
@@ -90,13 +93,25 @@ void kiln_land_add(const struct kiln_landing_record *record, double weight, stru
     sum->count++;
 }
 
+/* Each thread takes the records of some points, in their order. */
+static void take_all(const struct kiln_land_exchange *e, const struct kiln_landing_record *records, size_t count,
+                     kiln_take_landing take, void *context)
+{
+    const uint64_t threads = e->threads > 0 ? e->threads : 1;
+#pragma omp parallel for num_threads((int)threads) schedule(static, 1) if (count > 1 << 12)
+    for (uint64_t thread = 0; thread < threads; thread++)
+        for (size_t i = 0; i < count; i++)
+            if (records[i].point / NEIGHBOURS % threads == thread)
+                take(context, &records[i], weigh(e, &records[i]));
+}
+
 int kiln_land_exchange(struct kiln_land_exchange *e, struct kiln_landing_record *records, size_t count,
                        kiln_take_landing take, void *context, struct kiln_error *error)
 {
     const struct kiln_landing_record *mine = records;
     MPI_Datatype type;
-    qsort(records, count, sizeof *records, compare);
     if (e->ranks > 1) {
+        qsort(records, count, sizeof *records, compare);
         const size_t all = count_records(e, records, count);
         const int *counts = e->counts;
         const int status = kiln_agree(
@@ -109,11 +124,9 @@ int kiln_land_exchange(struct kiln_land_exchange *e, struct kiln_landing_record 
         (void)MPI_Alltoallv(records, counts, counts + e->ranks, type, e->received, counts + 2 * e->ranks,
                             counts + 3 * e->ranks, type, e->communicator);
         (void)MPI_Type_free(&type);
-        qsort(e->received, all, sizeof *e->received, compare);
         mine = e->received;
         count = all;
     }
-    for (size_t i = 0; i < count; i++)
-        take(context, &mine[i], weigh(e, &mine[i]));
+    take_all(e, mine, count, take, context);
     return KILN_OK;
 }

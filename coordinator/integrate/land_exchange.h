@@ -48,10 +48,12 @@ struct kiln_land_exchange {
     int *counts;     /* 4 x ranks: records sent to each rank, their places, and the same received */
     struct kiln_landing_record *received;
     size_t room;
+    uint32_t threads;                           /* that take landings; 0: one */
     const struct kiln_landing_weights *weights; /* borrowed; NULL: landings count whole */
 };
 
-/* What is done with the landings on own points: of each record, and its weight. */
+/* What is done with the landings on own points: of each record, and its weight. Called by several threads at once, for
+ * one point by one of them. */
 typedef void (*kiln_take_landing)(void *context, const struct kiln_landing_record *record, double weight);
 
 /* Collective. This rank has the points [first, first + count), ranks in order. KILN_SYSTEM. Release with
@@ -60,9 +62,10 @@ int kiln_land_exchange_create(struct kiln_land_exchange *exchange, MPI_Comm comm
                               uint64_t count, struct kiln_error *error);
 void kiln_land_exchange_release(struct kiln_land_exchange *exchange);
 
-/* Collective. Sends `count` records of this rank to the owners of their points, sorts those that come by point and
- * path, and gives them to `take` in that order; kiln_land_add adds them to the sums of own points. Sorts `records`. The
- * ranks' records of a block must be 2^31 - 1 at most, all together. KILN_SYSTEM on all ranks. */
+/* Collective. Sends `count` records of this rank, which are in the order of their paths, to the owners of their points,
+ * and gives those that come to `take`, each point's in the order of their paths: a rank's paths come before those of
+ * the next one. kiln_land_add adds them to the sums of own points. Beside other ranks sorts `records`. The ranks'
+ * records of a block must be 2^31 - 1 at most, all together. KILN_SYSTEM on all ranks. */
 int kiln_land_exchange(struct kiln_land_exchange *exchange, struct kiln_landing_record *records, size_t count,
                        kiln_take_landing take, void *context, struct kiln_error *error);
 

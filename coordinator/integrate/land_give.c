@@ -151,7 +151,7 @@ static int give_gathered(struct kiln_landing *l, const struct kiln_batch *batch,
     rays.count = end - first;
     rays.take = take_gathered;
     rays.context = &g;
-    return kiln_backend_run(kiln_landing_backend(l), &kiln_pass_weighed, &l->techniques, &rays,
+    return kiln_landing_run_pass(l, &kiln_pass_weighed, &l->techniques, &rays,
                             &kiln_solution_step(l->solution)->rays, error);
 }
 

@@ -1,14 +1,14 @@
 #include "coordinator/integrate/land_state.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
 #include "worker/pass/land.h"
 
-enum { BATCH_PATHS = 1 << 14 };
+enum { BATCH_PATHS = 1 << 14, OF_A_DEVICE = 64 }; /* so many times as much is handed to a device at once */
 
-/* A device leaves light paths to the host's processors (worker/pass/land.h), which need a BVH of their own for them. */
 int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, struct kiln_error *error)
 {
     struct kiln_backend_params params = bake->params;
@@ -48,12 +48,23 @@ static int take(void *context, size_t first, size_t count, const void *results, 
     return KILN_OK;
 }
 
+int kiln_landing_run_pass(struct kiln_landing *l, const struct kiln_pass *pass, const void *parameters,
+                          const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
+{
+    struct kiln_backend *bake = l->params->backend;
+    if (kiln_backend_takes(bake, pass, parameters))
+        return kiln_backend_run(bake, pass, parameters, batch, rays, error);
+    const int status = l->own == NULL ? kiln_landing_host(&l->own, bake, error) : KILN_OK;
+    l->solution->report.landing.on_host |= 1u << pass->index;
+    return status == KILN_OK ? kiln_backend_run(l->own, pass, parameters, batch, rays, error) : status;
+}
+
 static int trace(struct kiln_landing *l, uint64_t first, uint64_t count, uint64_t *rays, struct kiln_error *error)
 {
     const struct kiln_land_parameters parameters = {.aims = l->aims,
                                                     .techniques = kiln_landing_shares(l) ? &l->techniques : NULL};
     const struct kiln_batch batch = {.first = first, .count = count, .take = take, .context = l};
-    return kiln_backend_run(kiln_landing_backend(l), &kiln_pass_land, &parameters, &batch, rays, error);
+    return kiln_landing_run_pass(l, &kiln_pass_land, &parameters, &batch, rays, error);
 }
 
 /* Collective. A checkpoint has nothing of the block under way, which is traced anew then. */
@@ -67,6 +78,13 @@ static int save(struct kiln_landing *l, bool stop, struct kiln_error *error)
     return status;
 }
 
+static double device_seconds(const struct kiln_backend *backend)
+{
+    struct kiln_backend_info info;
+    kiln_backend_info(backend, &info);
+    return info.device_seconds;
+}
+
 int kiln_landing_work_through(struct kiln_landing *l, uint64_t begin, uint64_t end, uint64_t at_once,
                               kiln_landing_work work, int status, struct kiln_error *error)
 {
@@ -77,12 +95,13 @@ int kiln_landing_work_through(struct kiln_landing *l, uint64_t begin, uint64_t e
     for (;;) {
         enum kiln_event event;
         if (status == KILN_OK && next < end) {
-            const double start = MPI_Wtime();
+            const double start = MPI_Wtime(), busy = device_seconds(p->backend);
             const uint64_t now = end - next < at_once ? end - next : at_once;
             status = work(l, next, now, &report->rays, error);
             next += now;
             const double seconds = MPI_Wtime() - start;
             report->seconds += seconds;
+            report->device_seconds += fmax(0.0, device_seconds(p->backend) - busy);
             event = kiln_control_poll(p->control, next == end, (double)(next - begin) / (double)(end - begin), seconds,
                                       status);
         } else {
@@ -100,6 +119,13 @@ int kiln_landing_work_through(struct kiln_landing *l, uint64_t begin, uint64_t e
     }
 }
 
+uint64_t kiln_landing_at_once(const struct kiln_landing *l, uint64_t of_the_host)
+{
+    struct kiln_backend_info info;
+    kiln_backend_info(l->params->backend, &info);
+    return strcmp(info.name, "embree") == 0 ? of_the_host : OF_A_DEVICE * of_the_host;
+}
+
 /* Collective. Traces this rank's part of the block of paths [first, first + count). */
 static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, struct kiln_error *error)
 {
@@ -107,8 +133,8 @@ static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, s
     l->count = 0;
     l->first_path = first;
     memcpy(l->moments_before, l->moments, l->aims->count * sizeof *l->moments);
-    return kiln_landing_work_through(l, first + count * rank / ranks, first + count * (rank + 1) / ranks, BATCH_PATHS,
-                                     trace, KILN_OK, error);
+    return kiln_landing_work_through(l, first + count * rank / ranks, first + count * (rank + 1) / ranks,
+                                     kiln_landing_at_once(l, BATCH_PATHS), trace, KILN_OK, error);
 }
 
 int kiln_landing_run_paths(struct kiln_landing *l, uint64_t number, uint64_t before, kiln_take_landing take_landing,

@@ -72,7 +72,7 @@ static int gather_pilots(struct kiln_landing *l, uint64_t first, uint64_t count,
                                      .stream = step->stream + PILOT_STREAM,
                                      .samples = pilot_rays(step),
                                      .first_sample = step->part * pilot_rays(step)};
-    return kiln_backend_run(kiln_landing_backend(l), &kiln_pass_weighed, &techniques, &batch, rays, error);
+    return kiln_landing_run_pass(l, &kiln_pass_weighed, &techniques, &batch, rays, error);
 }
 
 /* Collective. `paths` pilots that land, weighed as if they were all that will land: what they exchange with gather rays

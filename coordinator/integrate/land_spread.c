@@ -136,7 +136,7 @@ static int gather_rays(struct kiln_landing *l, uint64_t first, uint64_t count, u
         batch.first = f;
         batch.count = kiln_landing_same_kind(l, f, end) - f;
         if (!kiln_landing_is_receiver(l, f))
-            status = kiln_backend_run(kiln_landing_backend(l), &kiln_pass_weighed, &l->techniques, &batch, &now, error);
+            status = kiln_landing_run_pass(l, &kiln_pass_weighed, &l->techniques, &batch, &now, error);
     }
     if (status == KILN_OK)
         kiln_progress_advance(l->params->progress, kiln_tile_runs_points(runs, runs + first + count - 1));
@@ -151,6 +151,6 @@ int kiln_landing_spread(struct kiln_landing *l, struct kiln_error *error)
     kiln_progress_phase(p->progress, "caustics by rays", p->surface->count);
     kiln_control_begin(p->control, "caustics by rays");
     const int status =
-        kiln_landing_work_through(l, 0, own->tile_run_count, RAY_TILE_RUNS * p->threads, gather_rays, KILN_OK, error);
+        kiln_landing_work_through(l, 0, own->tile_run_count, kiln_landing_at_once(l, RAY_TILE_RUNS * p->threads), gather_rays, KILN_OK, error);
     return status == KILN_OK ? merge_sums(l, spread_all, error) : status;
 }

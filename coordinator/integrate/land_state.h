@@ -35,7 +35,7 @@ struct kiln_landing {
     const struct kiln_saved *saved;
     struct kiln_aims *aims, *kept; /* kept: of light paths that gather rays connect with; NULL: they do not */
     uint64_t photons;              /* of an iteration */
-    struct kiln_backend *own;      /* of the step, where the bake's backend is a device: light paths are the host's */
+    struct kiln_backend *own;      /* of the step: Embree, where the bake's backend is a device that leaves it some */
     /* --caustics vcm, else NULL; what light paths share their light with, and how much */
     struct kiln_emission *emission;
     struct kiln_mirror_images *images; /* or NULL, where no flat mirror shows a lamp without extent */
@@ -96,11 +96,6 @@ static inline uint64_t kiln_landing_iterations(const struct kiln_landing *l)
 {
     return kiln_solution_step(l->solution)->step.iterations;
 }
-/* What traces light paths and the rays that share their light. */
-static inline struct kiln_backend *kiln_landing_backend(const struct kiln_landing *l)
-{
-    return l->own != NULL ? l->own : l->params->backend;
-}
 
 /* ---- land_size.c ---- */
 
@@ -119,6 +114,12 @@ void kiln_landing_aim(struct kiln_landing *l, uint64_t paths);
 void kiln_landing_correct_aims(struct kiln_landing *l, uint64_t paths);
 
 /* ---- land_paths.c ---- */
+
+/* Runs a pass where it can be run (kiln_landing_host). */
+int kiln_landing_run_pass(struct kiln_landing *l, const struct kiln_pass *pass, const void *parameters,
+                          const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
+/* How much of a pass's work is handed over at once: more to a device. */
+uint64_t kiln_landing_at_once(const struct kiln_landing *l, uint64_t of_the_host);
 
 /* Does some of this rank's work, and adds its rays. */
 typedef int (*kiln_landing_work)(struct kiln_landing *l, uint64_t first, uint64_t count, uint64_t *rays,

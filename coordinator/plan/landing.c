@@ -31,17 +31,23 @@ static int count_landed(void *context, size_t first, size_t count, const void *r
 struct measure {
     const struct kiln_prepared *p;
     const struct kiln_integrate_settings *settings;
-    struct kiln_backend *backend; /* that traces paths */
+    struct kiln_backend *host; /* for what a device leaves to Embree (kiln_landing_host); NULL: beside Embree */
     struct kiln_aims *aims;
     uint64_t points;
     uint32_t ranks;
 };
 
-static double thread_seconds(const struct kiln_backend *backend)
+static struct kiln_backend *tracer(const struct measure *m, const struct kiln_pass *pass, const void *parameters)
+{
+    return m->host == NULL || kiln_backend_takes(m->p->backend, pass, parameters) ? m->p->backend : m->host;
+}
+
+/* That the device, or all threads, were busy so far. */
+static double busy_seconds(const struct measure *m, const struct kiln_backend *backend)
 {
     struct kiln_backend_info info;
     kiln_backend_info(backend, &info);
-    return info.thread_seconds;
+    return info.device_seconds > 0.0 ? info.device_seconds : info.thread_seconds / m->p->threads;
 }
 
 /* Paths spread over all aims: *landed of them beside points, and seconds of each by all threads. */
@@ -50,7 +56,8 @@ static int sample_paths(const struct measure *m, const struct kiln_land_paramete
 {
     const uint64_t paths = m->aims->paths, batches = paths < SAMPLE_PATHS ? (paths + SAMPLE_BATCH - 1) / SAMPLE_BATCH
                                                                           : SAMPLE_PATHS / SAMPLE_BATCH;
-    const double begin = thread_seconds(m->backend);
+    struct kiln_backend *backend = tracer(m, &kiln_pass_land, parameters);
+    const double begin = busy_seconds(m, backend);
     uint64_t rays = 0, beside = 0, traced = 0;
     int status = KILN_OK;
     for (uint64_t i = 0; i < batches && status == KILN_OK; i++) {
@@ -60,9 +67,9 @@ static int sample_paths(const struct measure *m, const struct kiln_land_paramete
                                          .take = count_landed,
                                          .context = &beside};
         traced += batch.count;
-        status = kiln_backend_run(m->backend, &kiln_pass_land, parameters, &batch, &rays, error);
+        status = kiln_backend_run(backend, &kiln_pass_land, parameters, &batch, &rays, error);
     }
-    *seconds = (thread_seconds(m->backend) - begin) / m->p->threads / (double)traced;
+    *seconds = (busy_seconds(m, backend) - begin) / (double)traced;
     *landed = (double)beside / (double)traced;
     return status;
 }
@@ -74,15 +81,16 @@ static int sample_rays(const struct measure *m, const struct kiln_caustic_techni
     const struct kiln_surface *surface = m->p->surface;
     const size_t count = surface->tile_run_count, batches = count < SAMPLE_TILE_RUNS ? count : SAMPLE_TILE_RUNS;
     const uint32_t samples = (m->settings->samples_indirect + m->settings->parts - 1) / m->settings->parts;
-    const double begin = thread_seconds(m->backend);
+    struct kiln_backend *backend = tracer(m, &kiln_pass_weighed, techniques);
+    const double begin = busy_seconds(m, backend);
     uint64_t rays = 0, points = 0;
     int status = KILN_OK;
     for (size_t i = 0; i < batches && status == KILN_OK; i++) {
         const struct kiln_batch batch = {.first = count * i / batches, .count = 1, .samples = samples};
         points += surface->tile_runs[batch.first].count;
-        status = kiln_backend_run(m->backend, &kiln_pass_weighed, techniques, &batch, &rays, error);
+        status = kiln_backend_run(backend, &kiln_pass_weighed, techniques, &batch, &rays, error);
     }
-    *seconds = points > 0 ? (thread_seconds(m->backend) - begin) / m->p->threads / (double)points : 0.0;
+    *seconds = points > 0 ? (busy_seconds(m, backend) - begin) / (double)points : 0.0;
     return status;
 }
 
@@ -142,20 +150,18 @@ int kiln_plan_landing_measure(struct kiln_plan_landing *landing, const struct ki
                               const struct kiln_integrate_settings *settings, const struct kiln_volume_result *volume,
                               uint32_t samples_probe, uint64_t points, uint32_t ranks, struct kiln_error *error)
 {
-    struct measure m = {.p = p, .settings = settings, .backend = p->backend, .points = points, .ranks = ranks};
-    struct kiln_backend *host = NULL;
+    struct measure m = {.p = p, .settings = settings, .points = points, .ranks = ranks};
     uint32_t leaves = 0;
     *landing = (struct kiln_plan_landing){.photons = 0};
     if (settings->caustics < KILN_CAUSTICS_LAND)
         return KILN_OK;
     int status = kiln_aims_create(&m.aims, p->lights, kiln_landing_aims(settings), error);
     if (status == KILN_OK && m.aims->count > 0)
-        status = kiln_landing_host(&host, p->backend, error);
+        status = kiln_landing_host(&m.host, p->backend, error);
     if (status == KILN_OK) {
         *landing = (struct kiln_plan_landing){.photons = kiln_landing_photons(settings, m.aims->count),
                                               .aims = m.aims->count,
                                               .iterations = settings->iterations};
-        m.backend = host != NULL ? host : p->backend;
         if (landing->photons >= m.aims->count && m.aims->count > 0) {
             kiln_aims_share(m.aims, landing->photons, NULL);
             status = measure_step(&m, landing, error);
@@ -166,7 +172,7 @@ int kiln_plan_landing_measure(struct kiln_plan_landing *landing, const struct ki
         }
         landing->seconds += merge_seconds(settings, points, p->threads);
     }
-    kiln_backend_destroy(&host);
+    kiln_backend_destroy(&m.host);
     kiln_aims_destroy(&m.aims);
     return status;
 }

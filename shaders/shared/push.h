@@ -221,4 +221,31 @@ KILN_OFFSET_IS(kiln_gpu_both_push, count, 72);
 #define KILN_GPU_PHOTONS_BEGIN 2u
 #define KILN_GPU_PHOTONS_PLACE 3u
 
+#include "shaders/shared/layout_land.h"
+
+/* land.comp: light paths that land. */
+struct kiln_gpu_land_push {
+    KILN_ADDRESS scene;
+    KILN_ADDRESS both;    /* as in struct kiln_gpu_weighed_push */
+    KILN_ADDRESS results; /* struct kiln_gpu_landing of path `index` + i */
+    KILN_WORD64 index;    /* of the first path */
+    KILN_WORD count, threads, seed;
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_land_push, 48);
+KILN_OFFSET_IS(kiln_gpu_land_push, count, 32);
+
+/* weighed.comp: the weighed pass. */
+struct kiln_gpu_weighed_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk;
+    KILN_STRUCT kiln_gpu_hemisphere hemisphere;
+    KILN_ADDRESS both;  /* struct kiln_gpu_both, of which the light tree and the number of lights are set; before it
+                         * lies a struct kiln_gpu_land */
+    KILN_ADDRESS areas; /* floats: of each point of the chunk m2 that are not buried */
+};
+KILN_SIZE_IS(kiln_gpu_weighed_push, 128);
+KILN_OFFSET_IS(kiln_gpu_weighed_push, hemisphere, 56);
+KILN_OFFSET_IS(kiln_gpu_weighed_push, both, 112);
+
 #endif

@@ -76,7 +76,7 @@ static void find_densities(const struct path *p, double density[TECHNIQUES])
 static struct kiln_caustic_gathered gathered(const struct path *p, int last)
 {
     struct kiln_caustic_gathered g =
-        kiln_caustic_gather(p->area, p->rays, &p->factors, p->connections, p->in[p->count + 1]);
+        kiln_caustic_gather(p->area, p->rays, (double)p->factors.land, p->connections, p->in[p->count + 1]);
     for (int i = p->count; i >= last; i--) {
         kiln_caustic_arrive(&g, i == p->count, p->squared[i], p->out[i]);
         if (i > last)

@@ -131,6 +131,8 @@ struct kiln_backend_api {
     /* Passes that `run` takes with any numbers in samples_each: bit KILN_PASS_INDEX_...; `samples` is the largest then.
      * For other passes over tile runs each number is `samples` or 0, for those over positions samples_each is NULL. */
     uint32_t mixed;
+    bool (*takes)(const struct kiln_backend *backend, const struct kiln_pass *pass,
+                  const void *parameters); /* NULL: any */
     /* The arguments of kiln_backend_run, checked; at least one item */
     int (*run)(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
@@ -191,6 +193,13 @@ static inline void kiln_backend_set_rows(struct kiln_backend *backend, struct ki
  * header says, the same on all backends. When it fails, the parts that were taken before stand. */
 int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                      const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
+/* Whether kiln_backend_run takes the pass with these parameters, now: devices leave some to Embree (worker/pass/land.h,
+ * weighed.h, reference.h), with KILN_USAGE. */
+static inline bool kiln_backend_takes(const struct kiln_backend *backend, const struct kiln_pass *pass,
+                                      const void *parameters)
+{
+    return backend->api->takes == NULL || backend->api->takes(backend, pass, parameters);
+}
 /* Traces about `samples` particles from the lights: made on the host, in batches, in the same way for every backend
  * (emission.c). */
 int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result,

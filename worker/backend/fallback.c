@@ -101,6 +101,12 @@ static int fallback_run(struct kiln_backend *backend, const struct kiln_pass *pa
     return status;
 }
 
+static bool fallback_takes(const struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters)
+{
+    const struct fallback_backend *f = (const struct fallback_backend *)backend;
+    return kiln_backend_takes(f->embree != NULL ? f->embree : f->device, pass, parameters);
+}
+
 /* ---- calls that are made again as a whole ---- */
 
 static int fallback_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
@@ -178,6 +184,7 @@ int kiln_fallback_create(struct kiln_backend **backend, const struct kiln_backen
                                        .set_radiosity = fallback_set_radiosity,
                                        .set_probes = fallback_set_probes,
                                        .mixed = UINT32_MAX,
+                                       .takes = fallback_takes,
                                        .run = fallback_run,
                                        .intersect = fallback_intersect,
                                        .ceiling = fallback_ceiling};

@@ -186,6 +186,11 @@ static int trace_again(struct verified_run *run, size_t first, size_t count, str
     return kiln_backend_run(run->v->embree, run->pass, run->parameters, &chosen, &rays, error);
 }
 
+static bool verify_takes(const struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters)
+{
+    return kiln_backend_takes(((const struct verify_backend *)backend)->checked, pass, parameters);
+}
+
 /* kiln_take_results of the checked backend's run: looks before the caller takes. */
 static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
@@ -306,6 +311,7 @@ int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_
                                        .set_radiosity = verify_set_radiosity,
                                        .set_probes = verify_set_probes,
                                        .mixed = UINT32_MAX,
+                                       .takes = verify_takes,
                                        .run = verify_run,
                                        .intersect = verify_intersect,
                                        .ceiling = verify_ceiling};

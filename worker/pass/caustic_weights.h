@@ -29,23 +29,15 @@
  * `backward` (with which a subpath of the other side would leave by the way that this one has come); cosines are those
  * of geometric normals, absolute. At x gather rays count as drawn by the cosine to the geometric normal. Roulette,
  * chances of surfaces that let light through, and the chance of landing on a side with gloss are in no density: the
- * weights of a path add up to 1 all the same. Pure functions. */
+ * weights of a path add up to 1 all the same. What devices reckon too is in shaders/shared/caustic_weights.h.
+ * Pure functions. */
 #ifndef KILN_WORKER_PASS_CAUSTIC_WEIGHTS_H
 #define KILN_WORKER_PASS_CAUSTIC_WEIGHTS_H
 
 #include <math.h>
 #include <stdbool.h>
 
-#include "shaders/shared/vector.h"
-
-enum kiln_mis {
-    KILN_MIS_BALANCE = 0,
-    KILN_MIS_POWER = 1,
-    KILN_MIS_UNIFORM = 2,
-    KILN_MIS_VARIANCE = 3,
-    KILN_MIS_CORRELATION = 4,
-    KILN_MIS_OPTIMAL = 5
-};
+#include "shaders/shared/caustic_weights.h"
 
 /* What weights take from one technique and give to another. */
 enum kiln_caustic_exchanges { KILN_CAUSTIC_SAMPLES_TO_HITS, KILN_CAUSTIC_LANDINGS_TO_RAYS, KILN_CAUSTIC_EXCHANGES };
@@ -66,72 +58,6 @@ static inline bool kiln_mis_has_factors(enum kiln_mis mis)
     return mis == KILN_MIS_VARIANCE || mis == KILN_MIS_CORRELATION;
 }
 
-/* What a technique whose density is r times as large adds to the inverse of a weight. */
-static inline double kiln_mis_share(enum kiln_mis mis, double r)
-{
-    if (mis == KILN_MIS_UNIFORM)
-        return r > 0.0 ? 1.0 : 0.0;
-    return mis == KILN_MIS_POWER ? r * r : r;
-}
-
-/* ---- from the texel ---- */
-
-/* Of a gather ray's subpath: `land` is the density of light paths over that of hits, but for what the lamp's end adds;
- * `sample` is one over the density of the last direction, 0 after a mirror or smooth glass: no sample of the lights
- * finds what comes that way. `connect`: the density of connections over that of hits, likewise. */
-struct kiln_caustic_gathered {
-    double land, sample, connect;
-};
-
-/* A ray leaves x by this cosine. `area`: m2, A; `connections`: s. The factor of samples goes with `connect` in what
- * follows. */
-static inline struct kiln_caustic_gathered kiln_caustic_gather(double area, double rays,
-                                                               const struct kiln_caustic_factors *factors,
-                                                               double connections, double cosine)
-{
-    return (struct kiln_caustic_gathered){KILN_PI * area / rays * (double)factors->land, 0.0,
-                                          connections > 0.0 ? connections * KILN_PI / cosine : 0.0};
-}
-
-/* It arrives at a surface, z_k if it is the `first`; `squared`: m2, of the distance. */
-static inline void kiln_caustic_arrive(struct kiln_caustic_gathered *g, bool first, double squared, double cosine)
-{
-    g->land /= cosine;
-    g->sample *= squared / cosine;
-    g->connect *= first ? squared / cosine : 1.0 / cosine;
-}
-
-/* It leaves a surface with gloss. `delta`: by a mirror or smooth glass, whose densities are chances. */
-static inline void kiln_caustic_leave(struct kiln_caustic_gathered *g, bool first, double cosine, double forward,
-                                      double backward, bool delta)
-{
-    g->land *= cosine * backward / forward;
-    g->sample = delta ? 0.0 : 1.0 / forward;
-    g->connect *= first ? (delta ? 0.0 : cosine / forward) : cosine * backward / forward;
-}
-
-/* The weight of a hit. `connect`: the density of a sample of the lights at the lamp's place, per m2, or per steradian
- * of the environment, times the factor of samples; `emission`: N times that of the aim's rays, per m2 and steradian
- * (kiln_aims_density). */
-static inline double kiln_caustic_weight_hit(enum kiln_mis mis, const struct kiln_caustic_gathered *g, double connect,
-                                             double emission)
-{
-    return 1.0 / (1.0 + kiln_mis_share(mis, connect * g->sample) + kiln_mis_share(mis, emission * g->land) +
-                  kiln_mis_share(mis, emission * g->connect));
-}
-
-/* The weight of a sample of the lights at z_1, which is z_k if it is the `first`. `towards`: the cosine at z_1 over the
- * squared distance, without the latter from outside. `hit`: the density with which the gather ray would go on to the
- * lamp's place, in the measure of `connect`; 0 where no ray meets it. */
-static inline double kiln_caustic_weight_sampled(enum kiln_mis mis, const struct kiln_caustic_gathered *g, bool first,
-                                                 double connect, double emission, double towards, double hit,
-                                                 double backward)
-{
-    return 1.0 / (kiln_mis_share(mis, hit / connect) + 1.0 +
-                  kiln_mis_share(mis, emission / connect * towards * g->land * backward) +
-                  kiln_mis_share(mis, emission / connect * towards * g->connect * (first ? 1.0 : backward)));
-}
-
 /* ---- exchanges ---- */
 
 /* Of a path with a weight of balance, what each exchange by 1 adds to the weight over the weight: by the weights that
@@ -139,7 +65,7 @@ static inline double kiln_caustic_weight_sampled(enum kiln_mis mis, const struct
 static inline void kiln_caustic_exchange_hit(const struct kiln_caustic_gathered *g, double weight, double connect,
                                              double emission, double more[KILN_CAUSTIC_EXCHANGES])
 {
-    more[KILN_CAUSTIC_SAMPLES_TO_HITS] = weight * connect * g->sample;
+    more[KILN_CAUSTIC_SAMPLES_TO_HITS] = weight * connect * g->sampled;
     more[KILN_CAUSTIC_LANDINGS_TO_RAYS] = weight * emission * g->land;
 }
 
@@ -171,53 +97,10 @@ static inline double kiln_caustic_exchanged_landed(const struct kiln_caustic_fac
     return kiln_caustic_exchanged(factors, weight, more);
 }
 
-/* ---- from the lamp ---- */
+/* ---- landed ---- */
 
-/* Of a light path: the densities of hits and of samples over its own, but for n / A and what x adds. `last`: one over
- * the density of the last direction, 0 after a mirror or smooth glass: nothing is connected with that. */
-struct kiln_caustic_landing {
-    double hit, sample, last;
-};
-
-/* It leaves the lamp: `connect` and `emission` as above, `cosine` that at the lamp, 1 from outside. `is_point`: no ray
- * meets it. It arrives at z_1 after `squared` m2, 1 from outside, with the cosine `in`. */
-static inline struct kiln_caustic_landing kiln_caustic_emit(double connect, double emission, double cosine,
-                                                            bool is_point, double squared, double in)
-{
-    return (struct kiln_caustic_landing){is_point ? 0.0 : cosine / (emission * in), connect * squared / (emission * in),
-                                         0.0};
-}
-
-/* It leaves a surface with gloss, z_1 if it is the `first`, by the cosine `out`. */
-static inline void kiln_caustic_pass_on(struct kiln_caustic_landing *l, bool first, double out, double forward,
-                                        double backward, bool delta)
-{
-    const double ratio = out / forward;
-    l->hit *= ratio * backward;
-    l->sample *= first ? (delta ? 0.0 : ratio) : ratio * backward;
-    l->last = delta ? 0.0 : 1.0 / forward;
-}
-
-/* It arrives at a later surface with gloss. */
-static inline void kiln_caustic_meet(struct kiln_caustic_landing *l, double cosine)
-{
-    l->hit /= cosine;
-    l->sample /= cosine;
-}
-
-/* It lands after `squared` m2 by this cosine: what the owner of the texel needs for its weight, besides n / A. */
-static inline double kiln_caustic_others(enum kiln_mis mis, const struct kiln_caustic_landing *l, double connections,
-                                         double squared, double cosine)
-{
-    const double connect = connections > 0.0 ? connections * KILN_PI * l->last * squared / cosine : 0.0,
-                 sum = kiln_mis_share(mis, l->hit) + kiln_mis_share(mis, l->sample) + kiln_mis_share(mis, connect);
-    if (mis == KILN_MIS_UNIFORM)
-        return sum;
-    return (mis == KILN_MIS_POWER ? sqrt(sum) : sum) / KILN_PI;
-}
-
-/* Of that the samples' part, which a factor of the texel is for. */
-static inline double kiln_caustic_sampled(const struct kiln_caustic_landing *l) { return l->sample / KILN_PI; }
+/* Of what kiln_caustic_others says the samples' part, which a factor of the texel is for. */
+static inline double kiln_caustic_sampled(const struct kiln_caustic_landing *l) { return l->sampled / KILN_PI; }
 
 /* What kiln_caustic_others would have said with factors of the texel, from what it has said without. */
 static inline double kiln_caustic_others_by(const struct kiln_caustic_factors *factors, double others, double sampled)
@@ -244,7 +127,7 @@ static inline double kiln_caustic_weight_connected(enum kiln_mis mis, const stru
 {
     const double over = finds / connections;
     return 1.0 / (1.0 + kiln_mis_share(mis, over * l->hit * backward) +
-                  kiln_mis_share(mis, over * l->sample * (first ? 1.0 : backward)) +
+                  kiln_mis_share(mis, over * l->sampled * (first ? 1.0 : backward)) +
                   kiln_mis_share(mis, reaches * area / (rays * connections)));
 }
 

@@ -6,12 +6,12 @@
  * kiln_shading_correction; Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997, chapter 5),
  * through their lobes that are not diffuse, and what bodies absorb multiplies its weight. It lands on the first surface
  * that is only diffuse. On a side with surface points of a material with gloss, too, chance has it land: by the diffuse
- * part's share of what the surface sends on, kiln_land_least at least, so that the lightmaps of mirrors have their
- * light; else it goes on. It counts the more for either. It ends by chance like the chains of gather rays
- * (shaders/shared/chain.h: kiln_chain_chance), where it meets nothing, and on the backs of single-sided surfaces that
- * are not taken with their gloss. So a path lands once at most, and only after an event that is not diffuse: light that
- * lamps send straight is the direct pass's. With N paths of which those that land in the texel of point x carry the
- * flux phi, in W,
+ * part's share of what the surface sends on, kiln_land_least (shaders/shared/land.h) at least, so that the lightmaps of
+ * mirrors have their light; else it goes on. It counts the more for either. It ends by chance like the chains of gather
+ * rays (shaders/shared/chain.h: kiln_chain_chance), where it meets nothing, and on the backs of single-sided surfaces
+ * that are not taken with their gloss. So a path lands once at most, and only after an event that is not diffuse: light
+ * that lamps send straight is the direct pass's. With N paths of which those that land in the texel of point x carry
+ * the flux phi, in W,
  *
  *     E(x) = sum of phi / (area of the texel that is there to be lit)
  *
@@ -29,7 +29,8 @@
  * Items: light paths, numbered over the whole bake from 0 on; path i is number i % aims->paths of iteration
  * i / aims->paths. A result is a function of seed, i and the aims alone. Random numbers: those of path.h
  * (shaders/shared), of sample k = number of the path among those of its aim; surfaces count from 1 on, the ray that a
- * path begins with is 0. Rays: all. Embree only. */
+ * path begins with is 0. Rays: all. Devices do
+ * not take spheres, and none where they trace by their ray-tracing pipeline (kiln_backend_takes). */
 #ifndef KILN_WORKER_PASS_LAND_H
 #define KILN_WORKER_PASS_LAND_H
 
@@ -38,11 +39,6 @@
 struct kiln_aims;
 struct kiln_caustic_techniques;
 struct kiln_probe_spheres;
-
-/* The least chance of landing on the gloss of surface number `surface`, from 2 on: the first one is never landed on.
- * All of a path's mirrors together let it go on with a chance of 0.72 or more. Were the chance the same on each, light
- * by way of many would come by few paths of any weight. */
-static inline float kiln_land_least(uint32_t surface) { return 0.5f / ((float)surface * (float)surface); }
 
 struct kiln_land_parameters {
     const struct kiln_aims *aims; /* borrowed; shared out (kiln_aims_share) */

@@ -196,8 +196,7 @@ const struct kiln_pass kiln_pass_land = {.index = KILN_PASS_INDEX_land,
                                          .what = "light that lands",
                                          .domain = KILN_DOMAIN_LIGHT_PATHS,
                                          .parameter_bytes = sizeof(struct kiln_land_parameters),
-                                         .result_bytes = sizeof(struct kiln_land_result),
-                                         .on_embree_only = true};
+                                         .result_bytes = sizeof(struct kiln_land_result)};
 
 /* Not verified: the verifying backend looks at tile runs. */
 const struct kiln_pass kiln_pass_bidirectional = {.index = KILN_PASS_INDEX_bidirectional,
@@ -210,7 +209,6 @@ const struct kiln_pass kiln_pass_bidirectional = {.index = KILN_PASS_INDEX_bidir
                                                   .is_sampled = true,
                                                   .is_divisible = true};
 
-/* Not verified: it is the host's alone. */
 const struct kiln_pass kiln_pass_weighed = {.index = KILN_PASS_INDEX_weighed,
                                             .name = "weighed",
                                             .what = "caustic light, weighed",
@@ -221,7 +219,7 @@ const struct kiln_pass kiln_pass_weighed = {.index = KILN_PASS_INDEX_weighed,
                                             .has_streams = true,
                                             .is_divisible = true,
                                             .is_masked = true,
-                                            .on_embree_only = true};
+                                            POINT_FIGURES};
 
 const struct kiln_pass kiln_pass_reference = {.index = KILN_PASS_INDEX_reference,
                                               .name = "reference",

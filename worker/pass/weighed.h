@@ -17,7 +17,9 @@
  * them where they are first needed: every rank the same.
  *
  * Items: tile runs. Samples: rays of a point, n of the weights; the texel's area is kiln_lit_area. Results, streams and
- * rays as of the caustic pass. Embree only. */
+ * rays as of the caustic pass. Devices do not take
+ * pilots, weights that pilots teach, images, kept paths, nor any of it where they trace by their ray-tracing pipeline
+ * (kiln_backend_takes). */
 #ifndef KILN_WORKER_PASS_WEIGHED_H
 #define KILN_WORKER_PASS_WEIGHED_H
 

@@ -432,9 +432,9 @@ static void follow_weighed(struct gather_work *w, uint32_t step, uint32_t l, uin
     const struct tile_run_rays *r = w->rays;
     const struct RTCRayHit ray = rays_lane(r, l);
     const uint32_t j = r->point[l];
-    const struct kiln_caustic_gathered sums =
-        kiln_caustic_gather(w->area[j], (double)samples, &w->factors[j], techniques_connections(w->techniques),
-                            fabs((double)vec3_dot(facet_of(r, l), direction_of(r, l))));
+    const struct kiln_caustic_gathered sums = kiln_caustic_gather(
+        w->area[j], (double)samples, (double)w->factors[j].land, techniques_connections(w->techniques),
+        fabs((double)vec3_dot(facet_of(r, l), direction_of(r, l))));
     chain_follow_weighed(&w->walk, w->techniques, &sums, &w->factors[j], r->chance[l], rays_sample(r, step, l), &ray,
                          &w->weighed);
 }

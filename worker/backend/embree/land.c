@@ -6,6 +6,7 @@
 #include <omp.h>
 
 #include "shaders/shared/chain.h"
+#include "shaders/shared/land.h"
 #include "shaders/shared/punctual_light.h"
 #include "worker/backend/embree/spheres.h"
 #include "worker/backend/embree/techniques.h"
@@ -16,9 +17,7 @@
 #include "worker/pass/land.h"
 #include "worker/sampling/sequence.h"
 #include "worker/scene/footprint.h"
-
-/* With the seed's upper half, in place of it: light paths draw other numbers than pixels. */
-#define LAND_SEED 0x6c616e64u
+#include "worker/store/landing.h"
 
 /* A path under way. */
 struct light_path {
@@ -75,31 +74,13 @@ static bool is_target(const struct light_path *p, const struct meeting *m)
 
 /* ---- landing ---- */
 
-/* The surface point of a place that was met; none beyond a wall that divides the texel, for what lies there has the
- * light of another. */
-static uint64_t find_point(const struct embree_backend *b, const struct meeting *m)
-{
-    const struct kiln_surface *s = b->store.surface;
-    const struct kiln_hit_record *record = &b->params.geometry->records[m->triangle];
-    if (s->bricks != NULL)
-        return kiln_octree_find(&b->store, m->triangle, m->u, m->v, m->back).at;
-    const uint64_t at = kiln_store_find(&b->store, m->triangle, m->u, m->v, m->back).at;
-    if (s->divided_count == 0 || at == KILN_NO_POINT)
-        return at;
-    const struct kiln_lightmap *front = &s->lightmaps[record->object];
-    const uint32_t number = record->object + (m->back ? s->object_count : 0u), shift = s->lightmaps[number].shift;
-    const uint32_t x = (uint32_t)kiln_hit_column(record, m->u, m->v, front->width) >> shift,
-                   y = (uint32_t)kiln_hit_row(record, m->u, m->v, front->height) >> shift;
-    return kiln_surface_find(s, number, x, y).at == at ? at : KILN_NO_POINT;
-}
-
 static void land(const struct light_path *p, const struct meeting *m, struct kiln_vec3 direction,
                  struct kiln_land_result *result)
 {
     const struct kiln_vec3 back = vec3_scale(direction, -1.0f);
     const float above = vec3_dot(m->normal, back), cosine = vec3_dot(m->shading, back);
     result->end = KILN_LAND_LANDED;
-    result->point = p->imaged ? KILN_NO_POINT : find_point(p->walk.b, m);
+    result->point = p->imaged ? KILN_NO_POINT : kiln_store_landing(&p->walk.b->store, m->triangle, m->u, m->v, m->back);
     result->shading = above > 0.0f ? fmaxf(0.0f, cosine) / above : 1.0f;
     const struct kiln_caustic_techniques *t = p->parameters->techniques;
     if (t != NULL)
@@ -312,8 +293,7 @@ static void trace_path(struct light_path *p, uint64_t number, struct kiln_land_r
     const uint64_t k = path - aims->first[p->aim];
     *result = (struct kiln_land_result){.point = KILN_NO_POINT, .aim = (uint32_t)p->aim};
     p->walk.key =
-        kiln_hash2(kiln_hash2(p->seed, (uint32_t)p->aim),
-                   kiln_hash2(kiln_hash2((uint32_t)iteration, (uint32_t)(iteration >> 32)), (uint32_t)(k >> 32)));
+        kiln_land_key(p->seed, (uint32_t)p->aim, (uint32_t)iteration, (uint32_t)(iteration >> 32), (uint32_t)(k >> 32));
     p->walk.k = (uint32_t)k;
     result->end = (uint16_t)follow(p, result);
     for (int c = 0; c < 3 && result->end != KILN_LAND_ASTRAY && result->end != KILN_LAND_ABSORBED; c++)
@@ -322,7 +302,7 @@ static void trace_path(struct light_path *p, uint64_t number, struct kiln_land_r
 
 static uint32_t seed_of(const struct embree_backend *b)
 {
-    return kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32) ^ LAND_SEED);
+    return kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32) ^ KILN_LAND_SEED);
 }
 
 int land_keep(const struct embree_backend *b, const struct kiln_caustic_techniques *techniques, uint64_t first,

@@ -22,6 +22,14 @@ struct constants {
     unsigned char own[VULKAN_HEMISPHERE_OWN];
 };
 
+/* Moves an address of floats of the batch's points on to the chunk's. */
+static void skip_points(const struct hemisphere *h, const struct vulkan_chunk *chunk, uint64_t *address)
+{
+    const struct kiln_surface *s = h->b->surface;
+    const uint64_t first = s->tile_runs[h->batch->first].first.at, here = s->tile_runs[chunk->tile_run_first].first.at;
+    *address += (here - first) * sizeof(float);
+}
+
 static void constants_of(const struct hemisphere *h, const struct vulkan_chunk *chunk, struct constants *constants)
 {
     const uint32_t samples = h->batch->samples;
@@ -44,6 +52,8 @@ static void constants_of(const struct hemisphere *h, const struct vulkan_chunk *
                    own[2] = {h->b->probes_root.address, h->pass->bring != NULL ? guides : chunk->near_probes};
     if (h->pass->asks_probes || h->pass->bring != NULL)
         memcpy(constants->own, own, sizeof own);
+    if (h->pass->has_points)
+        skip_points(h, chunk, (uint64_t *)(void *)constants->own + 1);
 }
 
 /* Bytes of a point's slices. */
@@ -143,6 +153,8 @@ static int prepare(void *context, struct kiln_error *error)
         status = vulkan_kernel_of(h->b, pass->shader, false, pass->constant, &h->whole, error);
     if (status == KILN_OK)
         status = vulkan_kernel_of(h->b, pass->sums, false, 0, &h->reduce, error);
+    if (status == KILN_OK && pass->prepare != NULL)
+        status = pass->prepare(h->b, pass->context, error);
     if (status == KILN_OK && pass->between != NULL)
         status = vulkan_kernel_of(h->b, pass->between, false, 0, &h->between, error);
     return status;

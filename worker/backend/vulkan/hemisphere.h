@@ -25,6 +25,13 @@ struct vulkan_hemisphere {
      * the points of a block see; with range 0 those that see one trace no rays */
     bool asks_probes;
     double *seconds; /* NULL, or what the device was busy is added here */
+    /* The weighed pass, whose own push constants change when a device is made anew: they are those that this has set.
+     * Called before the first chunk and after each recovery. NULL: nothing. */
+    int (*prepare)(struct vulkan_backend *b, void *context, struct kiln_error *error);
+    void *context; /* for `prepare` */
+    /* the second of its own push constants is the address of a float of each point of the batch's tile runs, in order;
+     * kernels get that of the chunk's first one */
+    bool has_points;
     /* The guided pass, which has more to a chunk; NULL: nothing. Called before the first portion of a chunk; fills the
      * slot's `guides` by steps that it records. That buffer's address stands in the place of the second of the pass's
      * own push constants, and in struct kiln_gpu_guided_reduce_push. `room` is the address of room_bytes for each point

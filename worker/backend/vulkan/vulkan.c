@@ -191,6 +191,7 @@ static void clear(struct vulkan_backend *b)
         gpu_buffer_destroy(b->gpu, &b->slots[i].guides);
         gpu_buffer_destroy(b->gpu, &b->slots[i].guides_host);
     }
+    vulkan_techniques_release(b);
     gpu_buffer_destroy(b->gpu, &b->sobol);
     b->sobol_count = 0;
     gpu_buffer_destroy(b->gpu, &b->scene);
@@ -587,11 +588,20 @@ static int intersect_again(struct kiln_backend *backend, const struct kiln_vec3 
 
 /* ---- passes ---- */
 
+static bool vulkan_takes(const struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters)
+{
+    const struct vulkan_pass *p = passes[pass->index];
+    return !pass->on_embree_only && (p->takes == NULL || p->takes((const struct vulkan_backend *)backend, parameters));
+}
+
 static int vulkan_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                       const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
     assert(!pass->reads_radiosity || b->radiosity != NULL);
+    if (!vulkan_takes(backend, pass, parameters))
+        return kiln_fail(error, KILN_USAGE, "the Vulkan backend has no %s of this kind: give --backend embree",
+                         pass->what);
     return passes[pass->index]->run(b, parameters, batch, rays, error);
 }
 
@@ -606,6 +616,7 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .set_probes = vulkan_set_probes,
     .mixed = 1u << KILN_PASS_INDEX_direct,
     .run = vulkan_run,
+    .takes = vulkan_takes,
     .intersect = intersect_again,
     .ceiling = vulkan_ceiling,
 };

@@ -1,12 +1,12 @@
 /* The Vulkan backend: private declarations that its files share.
  *
  * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c,
- * occlusion.c, directional.c, path.c, radiance.c, guided.c, bidirectional.c (with bidirectional_stages.c). The others:
- * vulkan.c (life of the backend, kernels, closest hits), surfaces.c (of the scene, what paths and chains ask for),
- * chunks.c (running a pass over tile runs in chunks), hemisphere.c (what passes that sample the hemisphere over points
- * have in common), points.c (surface points on the device), lights.c and materials.c (the scene on the device), bvh.c,
- * acceleration.c and tracer.c (what finds hits), layout.h (what C and the shaders share). gpu/ is Vulkan for compute
- * and knows no light.
+ * occlusion.c, directional.c, path.c, radiance.c, guided.c, land.c, weighed.c, bidirectional.c (with
+ * bidirectional_stages.c). The others: vulkan.c (life of the backend, kernels, closest hits), surfaces.c (of the scene,
+ * what paths and chains ask for), chunks.c (running a pass over tile runs in chunks), hemisphere.c (what passes that
+ * sample the hemisphere over points have in common), points.c (surface points on the device), lights.c, materials.c and
+ * techniques.c (the scene on the device), bvh.c, acceleration.c and tracer.c (what finds hits), layout.h (what C and the
+ * shaders share). gpu/ is Vulkan for compute and knows no light.
  *
  * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of
  * all points, and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one
@@ -25,6 +25,7 @@
 #include "worker/backend/vulkan/lights.h"
 #include "worker/backend/vulkan/materials.h"
 #include "worker/backend/vulkan/points.h"
+#include "worker/backend/vulkan/techniques.h"
 #include "worker/backend/vulkan/tracer.h"
 #include "worker/light/lights.h"
 #include "worker/pass/path.h"
@@ -133,6 +134,7 @@ struct vulkan_backend {
     struct gpu_buffer sobol; /* KILN_DIMENSIONS times sobol_count words */
     uint32_t sobol_count;
     struct vulkan_slot slots[GPU_SLOTS];
+    struct vulkan_techniques techniques; /* of the pass under way, where it is land or weighed */
     struct gpu_pacer pacers[VULKAN_PACES];
     double light_vertices; /* of a path of light that are kept, as far as is known: what there is room for */
     double build_seconds;
@@ -217,6 +219,8 @@ struct vulkan_pass {
     /* Kernels to make ahead, all at once, up to the first that has no shader. A pass that not every bake runs has none:
      * its kernels are made when it first runs. */
     struct vulkan_wish ahead[VULKAN_WISHES];
+    /* whether it runs with these parameters here (kiln_backend_takes); NULL: with any */
+    bool (*takes)(const struct vulkan_backend *b, const void *parameters);
 };
 #define VULKAN_DECLARE(name) extern const struct vulkan_pass vulkan_pass_##name;
 KILN_PASS_LIST(VULKAN_DECLARE)

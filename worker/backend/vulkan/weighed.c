@@ -1,13 +1,91 @@
-/* The weighed pass (worker/pass/weighed.h), which this backend does not have: light paths are the host's. */
-#include "worker/backend/vulkan/vulkan.h"
+/* The weighed pass (worker/pass/weighed.h): shaders/weighed.comp and gather_reduce.comp over the batch's points. */
+#include "shaders/shared/streams.h"
+#include "worker/backend/vulkan/hemisphere.h"
+#include "worker/base/memory.h"
+#include "worker/pass/weighed.h"
+
+#include "shaders/gather_reduce.h"
+#include "shaders/weighed.h"
+#include "shaders/weighed_float.h"
+
+static const struct vulkan_shader weighed_shader = {
+    .name = "weighed", .compute = VULKAN_CODE(weighed), .compute_float = VULKAN_CODE(weighed_float)};
+static const struct vulkan_shader sums_shader = {.name = "weighed: sums", .compute = VULKAN_CODE(gather_reduce)};
+
+/* In the place of the gather pass's LOOKUP: surfaces. */
+enum { SURFACES = 1 };
+
+/* A call's working set. */
+struct weighed_run {
+    const struct kiln_caustic_techniques *techniques;
+    const struct kiln_batch *batch;
+    uint64_t own[2]; /* both, areas: struct kiln_gpu_weighed_push */
+};
+
+/* Of the batch's points the area that is not buried, without what the material leaves of it: the device knows that. */
+static int upload_areas(struct vulkan_backend *b, const struct kiln_batch *batch, uint64_t *address,
+                        struct kiln_error *error)
+{
+    const struct kiln_surface *s = b->surface;
+    const struct kiln_tile_run *runs = s->tile_runs + batch->first;
+    const uint64_t first = kiln_own_of_global(s, runs[0].first).at,
+                   count = kiln_tile_runs_points(runs, runs + batch->count - 1);
+    struct gpu_buffer *buffer = &b->techniques.areas;
+    float *areas = NULL;
+    int status = kiln_allocate(&areas, count, sizeof *areas, "the areas of points", error);
+    for (uint64_t i = 0; status == KILN_OK && i < count; i++)
+        areas[i] = (float)kiln_lit_area(s, (struct kiln_own_point){first + i}, 1.0f);
+    if (status == KILN_OK)
+        status = gpu_buffer_of(b->gpu, buffer, areas, count * sizeof *areas, "the areas of points", error);
+    *address = buffer->address;
+    kiln_free(&areas);
+    return status;
+}
+
+static int prepare(struct vulkan_backend *b, void *context, struct kiln_error *error)
+{
+    struct weighed_run *r = context;
+    vulkan_techniques_release(b);
+    int status = vulkan_surfaces(b, error);
+    if (status == KILN_OK && r->techniques->aims != NULL) /* else nothing bends light, and no chain begins */
+        status = vulkan_techniques_create(b, r->techniques->aims, r->techniques, error);
+    if (status == KILN_OK)
+        status = upload_areas(b, r->batch, &r->own[1], error);
+    r->own[0] = b->techniques.both;
+    return status;
+}
 
 static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
                struct kiln_error *error)
 {
-    (void)b, (void)parameters, (void)batch, (void)rays;
-    return kiln_fail(error, KILN_USAGE,
-                     "the Vulkan backend has no caustics that light paths share: give --backend "
-                     "embree");
+    struct weighed_run r = {.techniques = parameters, .batch = batch};
+    const bool tints = b->params.geometry->passage == KILN_PASSAGE_TINT;
+    const struct vulkan_hemisphere pass = {.pass = &kiln_pass_weighed,
+                                           .shader = &weighed_shader,
+                                           .sums = &sums_shader,
+                                           .chains = true,
+                                           .constant = SURFACES,
+                                           .own = r.own,
+                                           .own_bytes = sizeof r.own,
+                                           .prepare = prepare,
+                                           .context = &r,
+                                           .has_points = true,
+                                           .pace = KILN_PASS_INDEX_weighed,
+                                           .stream = KILN_CAUSTIC_STREAM + batch->stream,
+                                           .floats = tints ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS,
+                                           .failed_offset = offsetof(struct kiln_gpu_result, error)};
+    const int status = vulkan_hemisphere_run(b, &pass, batch, rays, error);
+    vulkan_techniques_release(b);
+    return status;
 }
 
-const struct vulkan_pass vulkan_pass_weighed = {.run = run};
+/* What it would need more for the rest stands in worker/pass/weighed.h; and the kernel has no form for the ray-tracing
+ * pipeline. */
+static bool takes(const struct vulkan_backend *b, const void *parameters)
+{
+    const struct kiln_caustic_techniques *t = parameters;
+    return !kiln_mis_learns(t->mis) && t->moments == NULL && t->images == NULL && t->kept == NULL &&
+           b->tracer.acceleration == NULL;
+}
+
+const struct vulkan_pass vulkan_pass_weighed = {.run = run, .takes = takes};

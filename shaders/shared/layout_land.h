@@ -1,0 +1,50 @@
+/* Light paths that land, and what gather rays share with them (worker/pass/land.h, weighed.h), on the device; part of
+ * shaders/shared/push.h. */
+
+struct kiln_gpu_target { /* struct kiln_target */
+    KILN_VECTOR centre, low, high;
+    KILN_REAL32 radius;
+};
+KILN_SIZE_IS(kiln_gpu_target, 40);
+
+struct kiln_gpu_lamp { /* struct kiln_lamp */
+    KILN_WORD kind, first, count;
+    KILN_REAL32 flux;
+};
+KILN_SIZE_IS(kiln_gpu_lamp, 16);
+#define KILN_GPU_LAMP_AREA 0u
+#define KILN_GPU_LAMP_POINT 1u
+#define KILN_GPU_LAMP_DIRECTIONAL 2u
+#define KILN_GPU_LAMP_ENVIRONMENT 3u
+
+/* What all threads share: struct kiln_aims, and struct kiln_caustic_techniques where there are other techniques. */
+struct kiln_gpu_land {
+    KILN_ADDRESS lamps, targets;
+    KILN_ADDRESS first;       /* numbers of 64 bits: of each aim its first path, and one more */
+    KILN_ADDRESS until;       /* floats: of each emitting triangle the share of its lamp's flux up to its end */
+    KILN_ADDRESS lamp_of;     /* words: of each emitting triangle its lamp */
+    KILN_ADDRESS of_triangle; /* words: of each world triangle its target; KILN_GPU_NONE: none */
+    KILN_ADDRESS plane_of;    /* words: of each world triangle its mirror plane, likewise; 0: lamps have no images */
+    KILN_WORD64 paths;        /* of an iteration */
+    KILN_WORD aim_count, target_count;
+    KILN_VECTOR centre;                  /* of the sphere about the scene, m, */
+    KILN_REAL32 radius;                  /* and its radius */
+    KILN_REAL32 iterations, connections; /* of caustic_weights.h */
+    KILN_WORD mis;
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_land, 104);
+
+/* How a path has ended; the host looks its surface point up. */
+struct kiln_gpu_landing {
+    KILN_REAL32 flux[3];
+    KILN_REAL32 shading, taken_up, others, sampled; /* struct kiln_land_result */
+    KILN_REAL32 u, v;
+    KILN_WORD triangle; /* with KILN_GPU_BOTH_BACK: met from behind; KILN_GPU_NONE: it has landed beside all points */
+    KILN_WORD end;      /* enum kiln_land_end, KILN_GPU_LAND_..., and from KILN_GPU_LAND_LENGTH on the surfaces met */
+};
+KILN_SIZE_IS(kiln_gpu_landing, 44);
+#define KILN_GPU_LAND_END 0xffu
+#define KILN_GPU_LAND_MISSED 0x100u  /* its last ray has met nothing */
+#define KILN_GPU_LAND_STOPPED 0x200u /* the device has ended a loop early */
+#define KILN_GPU_LAND_LENGTH 16u

@@ -1,0 +1,29 @@
+/* What gather rays and light paths know of each other: worker/backend/embree/techniques.h. Needs
+ * shaders/bidirectional.glsl before it. */
+
+/* It lies before struct kiln_gpu_both. */
+KILN_ARRAY(LandArray, kiln_gpu_land, 8);
+#define LAND LandArray(push.both - 104ul).at[0]
+
+#include "shaders/aims.glsl"
+#include "shaders/shared/caustic_weights.h"
+
+/* What they read of a vertex. */
+struct Lit {
+    vec3 position, normal; /* light_normal */
+    uint triangle;
+};
+
+Lit lit_of(Vertex v) { return Lit(v.m.position, light_normal(v), v.m.triangle); }
+
+real techniques_connect(uint light, Lit v, real3 place, real3 direction)
+{
+    if (light_kind(KILN_GPU_KIND_SKY) && light == emission_environment())
+        return 0;
+    return emission_connect(light, real3(v.position), real3(v.normal), place, direction);
+}
+
+real techniques_emission(uint light, Lit v, real3 place, real3 direction)
+{
+    return real(LAND.iterations) * aim_density(light, target_of(v.triangle), place, direction);
+}
