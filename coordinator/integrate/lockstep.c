@@ -40,6 +40,8 @@ int kiln_lockstep_create(struct kiln_lockstep *l, const struct kiln_integrate_pa
         status = kiln_radiance_create(&l->radiance, params, solution, &l->saved, error);
     if (status == KILN_OK && params->settings->caustics >= KILN_CAUSTICS_LAND)
         status = kiln_landing_create(&l->landing, params, solution, &l->saved, error);
+    if (status == KILN_OK && params->settings->patches)
+        status = kiln_patches_create(&l->patches, params, solution, error);
     l->batches.landing = l->saved.landing = l->landing;
     return status;
 }
@@ -48,6 +50,7 @@ void kiln_lockstep_release(struct kiln_lockstep *l)
 {
     kiln_radiance_destroy(&l->radiance);
     kiln_landing_destroy(&l->landing);
+    kiln_patches_destroy(&l->patches);
     kiln_ledger_release(&l->ledger);
     kiln_taker_release(&l->taker);
     kiln_batches_release(&l->batches);
@@ -137,11 +140,13 @@ static int end_step(struct kiln_lockstep *l, struct kiln_error *error)
 }
 
 /* Collective. What a step of the integrator needs before its batches: guides, and where its gather rays end, the
- * radiance probes; in a step that lands, all that does. */
+ * radiance probes; the nodes of patches; in a step that lands, all that does. */
 static int prepare_step(struct kiln_lockstep *l, struct kiln_error *error)
 {
     const struct kiln_step *step = &kiln_solution_step(l->solution)->step;
     l->params->surface->guide = l->solution->own->surface.guide; /* which may have moved */
+    if (step->pass == &kiln_pass_patches)
+        return kiln_patches_update(l->patches, error);
     const bool asks = l->radiance != NULL && step->quantity == NULL && step->pass->reads_radiosity;
     if (step->lands)
         return kiln_landing_run(l->landing, error);

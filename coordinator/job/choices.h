@@ -7,7 +7,10 @@
 
 /* The integrators, by their names for --method; the first is the default. Each is a struct kiln_integrator_NAME
  * (coordinator/integrate/integrator.h). */
-#define KILN_METHOD_LIST(DO) DO(cells) DO(path) DO(bdpt) DO(vcm)
+#define KILN_METHOD_LIST(DO) DO(cells) DO(radiosity) DO(path) DO(bdpt) DO(vcm)
+
+/* --method radiosity: how lamps that are surfaces light others: by samples of the direct pass, or as patches. */
+enum kiln_lights_choice { KILN_LIGHTS_SAMPLED = 0, KILN_LIGHTS_PATCHES = 1 };
 
 /* How views are drawn, with their names for --method of kiln view; the first is the default: from the lightmaps of a
  * bake, by path tracing (coordinator/view/path_view.h), or by bidirectional paths, in the order of enum
