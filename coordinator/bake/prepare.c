@@ -175,7 +175,7 @@ static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, co
     int status = go_on(p, care, share_geometry(p, error), error);
     if (status == KILN_OK)
         status = kiln_lights_create(&p->lights, p->scene, p->geometry, error);
-    if (status == KILN_OK && job->lights == KILN_LIGHTS_PATCHES)
+    if (status == KILN_OK && job->patches.lights == KILN_LIGHTS_PATCHES)
         status = kiln_lights_create_without_areas(&p->direct_lights, p->scene, p->geometry, error);
     if (status == KILN_OK) {
         struct kiln_backend_params params = {.scene = p->scene,

@@ -40,7 +40,7 @@ int kiln_lockstep_create(struct kiln_lockstep *l, const struct kiln_integrate_pa
         status = kiln_radiance_create(&l->radiance, params, solution, &l->saved, error);
     if (status == KILN_OK && params->settings->caustics >= KILN_CAUSTICS_LAND)
         status = kiln_landing_create(&l->landing, params, solution, &l->saved, error);
-    if (status == KILN_OK && params->settings->patches)
+    if (status == KILN_OK && params->settings->patches != NULL)
         status = kiln_patches_create(&l->patches, params, solution, error);
     l->batches.landing = l->saved.landing = l->landing;
     return status;

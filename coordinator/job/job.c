@@ -365,12 +365,34 @@ static int refuse_cells(struct kiln_job *job, struct kiln_error *error)
 /* What only patches have. */
 static int refuse_patches(struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_patches[] = {"lights"};
+    static const char *const of_patches[] = {"lights",   "undersample", "sampling-window", "subdivide",
+                                             "node-max", "clamp",       "albedo-scale"};
     for (size_t i = 0; i < sizeof of_patches / sizeof *of_patches; i++)
         if (given(job, of_patches[i]))
             return kiln_fail(error, KILN_USAGE,
                              "--%s is for light between patches: give --method radiosity, or leave --%s out",
                              of_patches[i], of_patches[i]);
+    return KILN_OK;
+}
+
+/* What patches gather from. */
+static int check_nodes(struct kiln_job *job, struct kiln_error *error)
+{
+    const bool samples = job->patches.undersample != KILN_SAMPLE_ALL, divides = job->patches.subdivide > 0.0;
+    if (samples && divides)
+        return kiln_fail(
+            error, KILN_USAGE,
+            "--undersample and --subdivide both say what stands for several texels: leave one of them out");
+    if (given(job, "sampling-window") && !samples)
+        return kiln_fail(error, KILN_USAGE,
+                         "--sampling-window: all texels are taken; give --undersample mipmap, or leave it out");
+    if (given(job, "node-max") && !divides)
+        return kiln_fail(error, KILN_USAGE,
+                         "--node-max: all texels are taken; give --subdivide 0.1, or leave --node-max out");
+    if ((samples || divides) && job->store != KILN_STORE_KIND_LIGHTMAP)
+        return kiln_fail(error, KILN_USAGE,
+                         "--%s is for texels, which lie beside each other: give --store lightmap, or leave it out",
+                         samples ? "undersample" : "subdivide");
     return KILN_OK;
 }
 
@@ -394,6 +416,9 @@ static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
                          "--method cells");
     if (strcmp(job->backend, "vulkan") == 0)
         return kiln_fail(error, KILN_USAGE, "--method radiosity traces pairs with Embree: give --backend embree");
+    status = check_nodes(job, error);
+    if (status != KILN_OK)
+        return status;
     job->materials = KILN_GLOSS_MODE_DIFFUSE;
     job->tail = false;
     job->schedule = KILN_SCHEDULE_EQUAL;

@@ -72,7 +72,7 @@ struct kiln_job {
     double target_error;     /* of a texel, relative: more samples until it is reached; 0: none */
     struct kiln_radiance_settings radiance;     /* probes that answer for what is far; see kiln_job_has_probes */
     struct kiln_reference_parameters paths;     /* of the methods of kiln_job_is_reference */
-    int lights;                                 /* enum kiln_lights_choice */
+    struct kiln_patch_settings patches;         /* of the method of kiln_job_is_radiosity */
     struct kiln_occlusion_parameters occlusion; /* distance 0: no ambient occlusion and no bent normal */
     int directional;                            /* enum kiln_directional */
     uint64_t seed;

@@ -6,6 +6,9 @@
 - In the Cornell box, the finer the texels, the nearer the light of each object is to what a fine bake by rays finds.
 - The same bits on 1, 3 and 4 ranks, by objects, and after an interruption.
 - Energy is kept.
+- Nodes of several texels: furnaces as exact; in the Cornell box fewer rays, and light that is off by little, the less
+  the smaller the nodes are; no node has texels of two charts.
+- --albedo-scale scales one bounce; --clamp takes light away.
 - What it has no use for is refused, and so are its options beside other methods.
 """
 import json
@@ -17,6 +20,7 @@ import numpy as np
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [os.path.join(HERE, '..', 'common'), os.path.join(HERE, '..', 'mpi'), HERE]
 import closed_forms  # noqa: E402
+import glb  # noqa: E402
 import harness  # noqa: E402
 import same_result  # noqa: E402
 
@@ -109,9 +113,71 @@ def check_convergence(kiln, checks, table):
     rays.remove()
 
 
+def check_nodes(kiln, checks, table):
+    options = (*PLAIN, '--bounces', 1, '--samples-direct', 64, '--texels-per-metre', 4, '--method', 'radiosity')
+    ways = ((), ('--undersample', 'stride'), ('--undersample', 'random'), ('--undersample', 'mipmap'),
+            ('--undersample', 'mipmap', '--sampling-window', 2), ('--subdivide', 0.02), ('--subdivide', 0.2))
+    bakes = [kiln.bake(CORNELL, *options, *more) for more in ways]
+    if not all([checks.baked(bake) for bake in bakes]):
+        return
+    area, wanted = bakes[0].points.area, bakes[0].points.indirect @ harness.LUMINANCE
+    rays, off = [bake.run['rays']['bounces'] for bake in bakes], {}
+    for more, bake in zip(ways[1:], bakes[1:]):
+        found = bake.points.indirect @ harness.LUMINANCE
+        rms = np.sqrt((found - wanted) ** 2 @ area / (wanted ** 2 @ area))
+        off[more], sum_ = rms, found @ area / (wanted @ area) - 1
+        table.row(' '.join(map(str, more)), '%.2e' % rms, '%+.2e' % sum_)
+        checks.that(abs(sum_) < 0.03 and 1e-4 < rms < 0.15,
+                    '%s: the sum is off by %g, texels by %g' % (more, sum_, rms), bake.process)
+    checks.that(off[ways[4]] < off[ways[3]] < min(off[ways[1]], off[ways[2]]), 'windows: %s' % off)
+    checks.that(off[ways[5]] < off[ways[6]], 'subdivision: %s' % off)
+    checks.that(max(rays[1:4]) < 0.2 * rays[0] and rays[4] < 0.4 * rays[0] and rays[6] < rays[5] < 0.9 * rays[0],
+                'rays: %s' % rays)
+    for bake in bakes:
+        bake.remove()
+
+
+def check_charts(kiln, checks):
+    """A lamp over a square; far away another, of the same object and in the same window of its lightmap."""
+    scene, corners = glb.Scene(), np.array([(-0.5, 2, 0.5), (-0.5, 2, -0.5), (0.5, 2, -0.5), (0.5, 2, 0.5)])
+    layout = np.array([(0, 1), (0, 0), (0.4375, 0), (0.4375, 1)])
+    scene.mesh('lamps', np.concatenate([corners, corners + (20, 0, 0)]), np.concatenate([layout, layout + (0.5625, 0)]),
+               [(0, 1, 2), (0, 2, 3), (4, 5, 6), (4, 6, 7)], scene.material('light', radiance=(1, 1, 1)))
+    scene.quad('floor', [(-0.5, 0, 0.5), (0.5, 0, 0.5), (0.5, 0, -0.5), (-0.5, 0, -0.5)],
+               scene.material('grey', (0.5, ) * 3))
+    path = scene.write(os.path.join(kiln.scratch, 'lamps.glb'))
+    options = (*PATCHES, '--lightmap-size', 16, '--bounces', 0, '--samples-direct', 1)
+    ways = ((), ('--undersample', 'mipmap', '--sampling-window', 64), ('--subdivide', 1000, '--node-max', 64))
+    bakes = [kiln.bake(path, *options, *more) for more in ways]
+    if all([checks.baked(bake) for bake in bakes]):
+        light = [mean(bake, 'floor')[0] for bake in bakes]
+        checks.that(abs(light[0] / 0.216 - 1) < 0.02 and np.allclose(light, light[0], rtol=0.02),
+                    'nodes across charts: %s' % light, bakes[1].process)
+
+
+def check_scaled(kiln, checks):
+    options = (*PLAIN, '--bounces', 1, '--samples-direct', 16, '--texels-per-metre', 2, '--method', 'radiosity')
+    bright = ('--lights', 'patches', '--bounces', 0)  # a lamp's patch brings far more than 0.05
+    ways = ((), ('--albedo-scale', 0.5), bright, (*bright, '--clamp'))
+    bakes = [kiln.bake(CORNELL, *options, *more) for more in ways]
+    full, half, free, clamped = bakes
+    if all([checks.baked(bake) for bake in bakes]):
+        checks.that(np.allclose(half.points.indirect, 0.5 * full.points.indirect, rtol=1e-6, atol=0),
+                    '--albedo-scale 0.5 is not half of one bounce', half.process)
+        ratio = clamped.points.direct.sum() / free.points.direct.sum()
+        checks.that(0.001 < ratio < 0.9, '--clamp leaves %g of the direct light' % ratio, clamped.process)
+
+
 def check_same(kiln, checks):
-    few = (*PATCHES, '--texels-per-metre', 2, '--bounces', 2, '--samples-indirect', 32, '--samples-direct', 16)
-    ways = ((0, ()), (3, ('--threads', 1)), (4, ('--threads', 1)), (1, ('--partition', 'objects')))
+    check_same_bits(kiln, checks)
+    check_same_bits(kiln, checks, '--undersample', 'random')
+
+
+def check_same_bits(kiln, checks, *nodes):
+    few = (*PATCHES, '--texels-per-metre', 2, '--bounces', 2, '--samples-indirect', 32, '--samples-direct', 16,
+           *nodes)
+    ways = ((0, ()), (3, ('--threads', 1)), (4, ('--threads', 1)), (1, ('--partition', 'objects')),
+            (0, ('--cell-size', 0.7)))
     bakes = [kiln.bake(CORNELL, *few, *more, ranks=ranks) for ranks, more in ways]
     if not all([checks.baked(bake) for bake in bakes]):
         return
@@ -145,8 +211,10 @@ def check_refusals(kiln, checks):
     refused = [('radiosity', more) for more in (
         ('--error-map', ), ('--target-error', 0.1), ('--schedule', 'equal'), ('--samples-bounce', 4),
         ('--indirect-scale', 4), ('--materials', 'full'), ('--caustics', 'gather'), ('--tracing-range', 1),
-        ('--exchange-points', 'visible'), ('--merge-radius', 0.1))]
-    refused += [('cells', ('--lights', 'patches')), ('path', ('--lights', 'patches'))]
+        ('--exchange-points', 'visible'), ('--merge-radius', 0.1), ('--sampling-window', 2), ('--node-max', 2),
+        ('--undersample', 'mipmap', '--subdivide', 0.1), ('--undersample', 'mipmap', '--store', 'octree'))]
+    refused += [('cells', ('--lights', 'patches')), ('path', ('--lights', 'patches')), ('cells', ('--clamp', )),
+                ('cells', ('--undersample', 'stride')), ('cells', ('--subdivide', 0.1))]
     for method, more in refused:
         process = kiln.bake(CORNELL, '--method', method, *more).process
         checks.that(process.status == 64 and more[0] in process.stderr and ': ' in process.sentence(),
@@ -163,7 +231,12 @@ def main():
     check_sphere(kiln, checks, table, known['hollow_sphere_patch'])
     check_furnace(kiln, checks, table, known['furnace_cube_rho0.5'])
     check_furnace(kiln, checks, table, known['furnace_cube_rho0.9'])
+    for more in (('--undersample', 'random'), ('--undersample', 'mipmap'), ('--subdivide', 0.5)):
+        check_furnace(kiln, checks, table, known['furnace_cube_rho0.5'], *more)
     check_convergence(kiln, checks, table)
+    check_nodes(kiln, checks, table)
+    check_charts(kiln, checks)
+    check_scaled(kiln, checks)
     check_same(kiln, checks)
     check_refusals(kiln, checks)
     checks.end()

@@ -100,14 +100,15 @@ static void place_patches(struct world *w)
         points_of_floor[i] =
             (struct kiln_patch){.place = vec3((float)(i % 32) * 0.1f - 1.6f, 0.01f, (float)(i / 32) * 0.1f - 1.6f),
                                 .normal = vec3(0.0f, 1.0f, 0.0f)};
-    for (int i = 0; i < NODES; i++)
+    for (int i = 0; i < NODES; i++) {
         nodes_above[i] = (struct kiln_patch_node){.patch = {.place = vec3((float)i * 0.1f - 1.0f, 2.0f, 0.3f),
                                                             .normal = vec3(0.0f, -1.0f, 0.0f),
                                                             .edge_s = vec3(0.1f, 0.0f, 0.0f),
                                                             .edge_t = vec3(0.0f, 0.0f, 0.1f),
                                                             .area = 0.01f},
-                                                  .radiosity = {1.0f, 2.0f, 3.0f},
-                                                  .point = (uint64_t)i};
+                                                  .radiosity = {1.0f, 2.0f, 3.0f}};
+        nodes_above[i].centre = nodes_above[i].patch.place;
+    }
 }
 
 /* A floor, a box sunk into it by a part of a texel, a lamp. */

@@ -39,14 +39,14 @@ struct kiln_patch {
     struct kiln_vec3 normal; /* geometric, unit */
     /* Of the parallelogram about `place` that stands for it; their cross product is the area times the normal. */
     struct kiln_vec3 edge_s, edge_t;
-    float area; /* m2, of what is there to be lit */
+    float area;      /* m2, of what is there to be lit */
+    uint32_t number; /* of the point, in an order that is the same for any cells and ranks */
 };
 
 struct kiln_patch_node {
-    struct kiln_patch patch;
-    float radiosity[3]; /* W/m2 */
-    float reserved;
-    uint64_t point; /* the surface point at whose place it is */
+    struct kiln_patch patch; /* at the place of one surface point, whose number it has */
+    struct kiln_vec3 centre; /* of the parallelogram; rays go to the place */
+    float radiosity[3];      /* W/m2 */
 };
 
 struct kiln_patches_parameters {

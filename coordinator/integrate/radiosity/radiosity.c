@@ -20,7 +20,7 @@ static const struct kiln_role roles[] = {
 static struct kiln_integrate_settings settings_of_cells(const struct kiln_integrate_settings *settings)
 {
     struct kiln_integrate_settings of_cells = *settings;
-    of_cells.caustics = settings->emitters ? KILN_CAUSTICS_GATHER : KILN_CAUSTICS_NONE;
+    of_cells.caustics = settings->patches->lights == KILN_LIGHTS_PATCHES ? KILN_CAUSTICS_GATHER : KILN_CAUSTICS_NONE;
     return of_cells;
 }
 

@@ -87,17 +87,21 @@ static void trace(struct patches_work *w, const struct embree_backend *b, struct
     pairs->count = 0;
 }
 
-/* A ray between two places, the same whichever of the points asks: from the first in the global order. */
-static void put_ray(struct pairs *pairs, uint32_t i, struct kiln_vec3 from, struct kiln_vec3 to)
+/* A ray between two places, the same whichever of the points asks: from the one with the lower number. False: they
+ * are one place. */
+static bool put_ray(struct pairs *pairs, uint32_t i, struct kiln_vec3 from, struct kiln_vec3 to)
 {
     const struct kiln_vec3 d = vec3_sub(to, from);
     const float length = vec3_length(d);
+    if (!(length > 0.0f))
+        return false;
     pairs->rays.org_x[i] = from.x, pairs->rays.org_y[i] = from.y, pairs->rays.org_z[i] = from.z;
     pairs->rays.dir_x[i] = d.x / length, pairs->rays.dir_y[i] = d.y / length, pairs->rays.dir_z[i] = d.z / length;
     pairs->rays.tnear[i] = pairs->rays.time[i] = 0.0f;
     pairs->rays.tfar[i] = (float)((double)length * KILN_SHADOW_LENGTH);
     pairs->rays.mask[i] = ~0u;
     pairs->rays.flags[i] = 0;
+    return true;
 }
 
 /* The mean over a parallelogram of n.d / |d|^4, over |d|^-4 at its middle, to the second order in its size: the other
@@ -148,18 +152,18 @@ static void gather_pairs(struct patches_work *w, const struct embree_backend *b,
     const struct kiln_patch *own = &p->points[point];
     for (uint64_t k = 0; k < p->count; k++) {
         const struct kiln_patch_node *node = &p->nodes[k];
-        const struct kiln_dvec3 d = dvec3_sub(dvec3_of(node->patch.place), dvec3_of(own->place));
+        const struct kiln_dvec3 d = dvec3_sub(dvec3_of(node->centre), dvec3_of(own->place));
         const double cosine = dvec3_dot(w->n, d), other = -dvec3_dot(dvec3_of(node->patch.normal), d),
                      square = dvec3_dot(d, d);
         if (!(cosine > 0.0 && other > 0.0))
             continue;
-        const uint32_t i = w->pairs.count++;
+        const bool first = own->number < node->patch.number;
+        const uint32_t i = w->pairs.count;
+        if (!put_ray(&w->pairs, i, first ? own->place : node->patch.place, first ? node->patch.place : own->place))
+            continue;
+        w->pairs.count++;
         w->pairs.node[i] = node;
         find_factors(w, &node->patch, d, square, cosine, other, i);
-        if (point < node->point)
-            put_ray(&w->pairs, i, own->place, node->patch.place);
-        else
-            put_ray(&w->pairs, i, node->patch.place, own->place);
         if (w->pairs.count == PACKET)
             trace(w, b, context);
     }
