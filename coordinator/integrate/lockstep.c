@@ -20,6 +20,13 @@ static uint32_t take_threads(const struct kiln_integrate_params *p)
     return info.take_threads != 0 && info.take_threads < p->threads ? info.take_threads : p->threads;
 }
 
+static int create_patches(struct kiln_lockstep *l, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    const struct kiln_patches_source source = {p->communicator, p->ranks, p->surface, p->backend, p->settings};
+    return kiln_patches_create(&l->patches, &source, error);
+}
+
 int kiln_lockstep_create(struct kiln_lockstep *l, const struct kiln_integrate_params *params,
                          struct kiln_solution *solution, struct kiln_error *error)
 {
@@ -41,7 +48,7 @@ int kiln_lockstep_create(struct kiln_lockstep *l, const struct kiln_integrate_pa
     if (status == KILN_OK && params->settings->caustics >= KILN_CAUSTICS_LAND)
         status = kiln_landing_create(&l->landing, params, solution, &l->saved, error);
     if (status == KILN_OK && params->settings->patches != NULL)
-        status = kiln_patches_create(&l->patches, params, solution, error);
+        status = create_patches(l, error);
     l->batches.landing = l->saved.landing = l->landing;
     return status;
 }
@@ -143,10 +150,10 @@ static int end_step(struct kiln_lockstep *l, struct kiln_error *error)
  * radiance probes; the nodes of patches; in a step that lands, all that does. */
 static int prepare_step(struct kiln_lockstep *l, struct kiln_error *error)
 {
-    const struct kiln_step *step = &kiln_solution_step(l->solution)->step;
+    struct kiln_step *step = &kiln_solution_step(l->solution)->step;
     l->params->surface->guide = l->solution->own->surface.guide; /* which may have moved */
     if (step->pass == &kiln_pass_patches)
-        return kiln_patches_update(l->patches, error);
+        return kiln_patches_update(l->patches, l->solution->radiosity, step, &step->parameters, error);
     const bool asks = l->radiance != NULL && step->quantity == NULL && step->pass->reads_radiosity;
     if (step->lands)
         return kiln_landing_run(l->landing, error);

@@ -6,6 +6,7 @@
 
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
+#include "worker/base/text.h"
 #include "worker/pass/shapes.h"
 #include "worker/sampling/keys.h"
 #include "worker/scene/radiosity.h"
@@ -16,8 +17,10 @@
 #define KILN_CLAMP_ADDED 0.05 /* W/m2 */
 
 struct kiln_patches {
-    const struct kiln_integrate_params *params;
-    struct kiln_solution *solution;
+    struct kiln_patches_source source;
+    /* of the update under way: packed radiosity of all points; and the step */
+    const uint64_t *radiosity;
+    const struct kiln_step *step;
     struct kiln_patch *points; /* of all surface points; NULL: not found yet */
     float (*emission)[3];      /* of all, W/m2; NULL: what emits is sampled */
     struct kiln_patch_node *nodes;
@@ -25,13 +28,13 @@ struct kiln_patches {
     struct kiln_patches_parameters parameters;
 };
 
-int kiln_patches_create(struct kiln_patches **patches, const struct kiln_integrate_params *params,
-                        struct kiln_solution *solution, struct kiln_error *error)
+int kiln_patches_create(struct kiln_patches **patches, const struct kiln_patches_source *source,
+                        struct kiln_error *error)
 {
     struct kiln_patches *p = NULL;
     const int status = kiln_allocate(&p, 1, sizeof *p, "the patches", error);
     if (status == KILN_OK)
-        *p = (struct kiln_patches){.params = params, .solution = solution};
+        p->source = *source;
     *patches = p;
     return status;
 }
@@ -46,6 +49,12 @@ void kiln_patches_destroy(struct kiln_patches **patches)
     kiln_free(patches);
 }
 
+uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t points)
+{
+    const uint64_t emission = settings->lights == KILN_LIGHTS_PATCHES ? 3 * sizeof(float) : 0;
+    return points * (sizeof(struct kiln_patch) + sizeof(struct kiln_patch_node) + emission);
+}
+
 /* ---- shapes ---- */
 
 /* kiln_take_results */
@@ -53,7 +62,7 @@ static int take_shapes(void *context, size_t first, size_t count, const void *re
 {
     (void)error;
     struct kiln_patches *p = context;
-    const struct kiln_tile_run *run = &p->params->surface->tile_runs[first];
+    const struct kiln_tile_run *run = &p->source.surface->tile_runs[first];
     const struct kiln_shape_result *shapes = results;
     const uint64_t points = kiln_tile_runs_points(run, run + count - 1);
     for (uint64_t i = 0; i < points; i++) {
@@ -76,7 +85,7 @@ static uint64_t point_at(const struct kiln_surface *s, const struct kiln_tile *t
 /* Numbers points by lightmap, tile and bit. */
 static void number_points(struct kiln_patches *p)
 {
-    const struct kiln_surface *s = p->params->surface;
+    const struct kiln_surface *s = p->source.surface;
     uint32_t number = 0;
     for (uint64_t t = 0; t < s->tile_count; t++)
         for (uint64_t rest = s->tiles[t].mask; rest != 0; rest &= rest - 1)
@@ -90,21 +99,22 @@ struct shares {
 
 static int find_shares(const struct kiln_patches *p, struct shares *shares, struct kiln_error *error)
 {
-    const struct kiln_integrate_params *params = p->params;
-    struct kiln_range_bounds bounds = {{NULL}};
-    int status = kiln_node_data_bounds(p->solution->node_data, params->communicator, &bounds, error);
-    if (status != KILN_OK)
-        return status;
-    status = kiln_allocate(&shares->first, (size_t)params->ranks, sizeof *shares->first, "the ranks' patches", error);
+    const struct kiln_patches_source *source = &p->source;
+    int status =
+        kiln_allocate(&shares->first, (size_t)source->ranks, sizeof *shares->first, "the ranks' patches", error);
     if (status == KILN_OK)
         status =
-            kiln_allocate(&shares->count, (size_t)params->ranks, sizeof *shares->count, "the ranks' patches", error);
-    for (int i = 0; i < params->ranks && status == KILN_OK; i++) {
-        shares->first[i] = (int)bounds.of[KILN_DOMAIN_POINT][i];
-        shares->count[i] = (int)(bounds.of[KILN_DOMAIN_POINT][i + 1] - bounds.of[KILN_DOMAIN_POINT][i]);
-    }
-    kiln_range_bounds_destroy(&bounds);
+            kiln_allocate(&shares->count, (size_t)source->ranks, sizeof *shares->count, "the ranks' patches", error);
     return status;
+}
+
+/* Collective. */
+static void tell_shares(const struct kiln_patches *p, struct shares *shares)
+{
+    const struct kiln_surface *s = p->source.surface;
+    const int first = (int)s->first.at, count = (int)s->count;
+    (void)MPI_Allgather(&first, 1, MPI_INT, shares->first, 1, MPI_INT, p->source.communicator);
+    (void)MPI_Allgather(&count, 1, MPI_INT, shares->count, 1, MPI_INT, p->source.communicator);
 }
 
 /* Collective. Hands each rank's values, of `bytes` a point, to all. */
@@ -114,19 +124,19 @@ static void share(const struct kiln_patches *p, const struct shares *shares, voi
     (void)MPI_Type_contiguous((int)bytes, MPI_BYTE, &value);
     (void)MPI_Type_commit(&value);
     (void)MPI_Allgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, values, shares->count, shares->first, value,
-                         p->params->communicator);
+                         p->source.communicator);
     (void)MPI_Type_free(&value);
 }
 
 static int make_room(struct kiln_patches *p, struct kiln_error *error)
 {
-    const uint64_t points = p->params->surface->point_count;
+    const uint64_t points = p->source.surface->point_count;
     if (points > INT_MAX)
         return kiln_fail(error, KILN_USAGE, "--method radiosity is for %d surface points at most: give --method cells",
                          INT_MAX);
     int status =
         kiln_allocate(&p->points, (size_t)points, sizeof *p->points, "the patches of all surface points", error);
-    if (status == KILN_OK && p->params->settings->patches->lights == KILN_LIGHTS_PATCHES)
+    if (status == KILN_OK && p->source.settings->patches->lights == KILN_LIGHTS_PATCHES)
         status = kiln_allocate(&p->emission, (size_t)points, sizeof *p->emission, "what patches emit", error);
     if (status == KILN_OK)
         status = kiln_allocate(&p->nodes, (size_t)points, sizeof *p->nodes, "the nodes that points gather from", error);
@@ -136,18 +146,20 @@ static int make_room(struct kiln_patches *p, struct kiln_error *error)
 /* Collective. */
 static int find_shapes(struct kiln_patches *p, struct kiln_error *error)
 {
-    const struct kiln_integrate_params *params = p->params;
-    const struct kiln_batch batch = {.count = params->surface->tile_run_count, .take = take_shapes, .context = p};
+    const struct kiln_patches_source *source = &p->source;
+    const struct kiln_batch batch = {.count = source->surface->tile_run_count, .take = take_shapes, .context = p};
     struct shares shares = {NULL, NULL};
     uint64_t rays = 0;
     int status = make_room(p, error);
     if (status == KILN_OK)
-        status = kiln_backend_run(params->backend, &kiln_pass_shapes, NULL, &batch, &rays, error);
-    status = kiln_agree(params->communicator, status, error);
+        status = kiln_backend_run(source->backend, &kiln_pass_shapes, NULL, &batch, &rays, error);
+    status = kiln_agree(source->communicator, status, error);
     if (status == KILN_OK)
-        status = kiln_agree(params->communicator, find_shares(p, &shares, error), error);
-    if (status == KILN_OK)
+        status = kiln_agree(source->communicator, find_shares(p, &shares, error), error);
+    if (status == KILN_OK) {
+        tell_shares(p, &shares);
         share(p, &shares, p->points, sizeof *p->points);
+    }
     if (status == KILN_OK && p->emission != NULL)
         share(p, &shares, p->emission, sizeof *p->emission);
     if (status == KILN_OK)
@@ -166,19 +178,19 @@ static uint64_t add_point(struct kiln_patches *p, uint64_t point)
         return 0;
     struct kiln_patch_node *node = &p->nodes[p->parameters.count++];
     *node = (struct kiln_patch_node){.patch = p->points[point], .centre = p->points[point].place};
-    if (kiln_solution_step(p->solution)->step.bounce == 0) {
+    if (p->step->bounce == 0) {
         memcpy(node->radiosity, p->emission[point], sizeof node->radiosity);
     } else {
-        kiln_radiosity_unpack(p->solution->radiosity[point], node->radiosity);
+        kiln_radiosity_unpack(p->radiosity[point], node->radiosity);
         for (int c = 0; c < 3; c++)
-            node->radiosity[c] *= (float)p->params->settings->patches->albedo_scale;
+            node->radiosity[c] *= (float)p->source.settings->patches->albedo_scale;
     }
     return 1;
 }
 
 static void add_points(struct kiln_patches *p)
 {
-    const struct kiln_surface *s = p->params->surface;
+    const struct kiln_surface *s = p->source.surface;
     for (uint64_t t = 0; t < s->tile_count; t++)
         for (uint64_t rest = s->tiles[t].mask; rest != 0; rest &= rest - 1)
             (void)add_point(p, point_at(s, &s->tiles[t], (uint32_t)__builtin_ctzll(rest)));
@@ -238,7 +250,7 @@ static bool are_of_one_chart(const struct kiln_patch_node *nodes, uint64_t count
 static bool may_join(const struct kiln_patches *p, const struct kiln_patch_node *nodes, uint64_t count,
                      const struct mean *mean)
 {
-    const double most = p->params->settings->patches->subdivide;
+    const double most = p->source.settings->patches->subdivide;
     if (!are_of_one_chart(nodes, count, mean))
         return false;
     if (!(most > 0.0))
@@ -252,16 +264,15 @@ static bool may_join(const struct kiln_patches *p, const struct kiln_patch_node 
 /* A number in [0, 1) that is the window's and the step's. */
 static double chance_of(const struct kiln_patches *p, struct square q)
 {
-    const struct kiln_step *step = &kiln_solution_step(p->solution)->step;
     const uint32_t where = kiln_hash2(kiln_hash2(q.map, q.side), kiln_hash2(q.x, q.y));
-    return (double)kiln_hash2(kiln_hash2(where, step->stream), (uint32_t)p->params->settings->seed) * 0x1p-32;
+    return (double)kiln_hash2(kiln_hash2(where, p->step->stream), (uint32_t)p->source.settings->seed) * 0x1p-32;
 }
 
 /* Which of the nodes stands for all. */
 static uint64_t choose(const struct kiln_patches *p, struct square q, const struct kiln_patch_node *nodes,
                        uint64_t count, const struct mean *mean)
 {
-    const int how = p->params->settings->patches->undersample;
+    const int how = p->source.settings->patches->undersample;
     uint64_t chosen = 0;
     if (how == KILN_SAMPLE_RANDOM) {
         double left = chance_of(p, q) * mean->area - (double)nodes[0].patch.area;
@@ -279,7 +290,7 @@ static uint64_t choose(const struct kiln_patches *p, struct square q, const stru
 /* Joins the last `count` nodes to one. */
 static void join(struct kiln_patches *p, struct square q, uint64_t count, const struct mean *mean)
 {
-    const int how = p->params->settings->patches->undersample;
+    const int how = p->source.settings->patches->undersample;
     struct kiln_patch_node *nodes = &p->nodes[p->parameters.count - count];
     struct kiln_patch_node one = nodes[choose(p, q, nodes, count, mean)];
     const float grown = (float)sqrt(mean->area / (double)one.patch.area);
@@ -300,7 +311,7 @@ static void join(struct kiln_patches *p, struct square q, uint64_t count, const 
  * is joined no more. */
 static uint64_t add_square(struct kiln_patches *p, struct square q)
 {
-    const struct kiln_surface *s = p->params->surface;
+    const struct kiln_surface *s = p->source.surface;
     const struct kiln_lightmap *map = &s->lightmaps[q.map];
     if (q.x >= map->width || q.y >= map->height)
         return 0;
@@ -325,7 +336,7 @@ static uint64_t add_square(struct kiln_patches *p, struct square q)
 
 static void add_squares(struct kiln_patches *p, uint32_t side)
 {
-    const struct kiln_surface *s = p->params->surface;
+    const struct kiln_surface *s = p->source.surface;
     for (uint32_t m = 0; m < s->map_count; m++)
         for (uint32_t y = 0; y < s->lightmaps[m].height; y += side)
             for (uint32_t x = 0; x < s->lightmaps[m].width; x += side)
@@ -345,7 +356,7 @@ static double level_of(struct kiln_patches *p)
 
 static void make_nodes(struct kiln_patches *p)
 {
-    const struct kiln_patch_settings *settings = p->params->settings->patches;
+    const struct kiln_patch_settings *settings = p->source.settings->patches;
     const int log = settings->subdivide > 0.0                  ? settings->node_max
                     : settings->undersample != KILN_SAMPLE_ALL ? settings->window
                                                                : 0;
@@ -357,17 +368,38 @@ static void make_nodes(struct kiln_patches *p)
         add_points(p);
 }
 
-int kiln_patches_update(struct kiln_patches *p, struct kiln_error *error)
+/* About an hour of one core. */
+static void warn_of_pairs(const struct kiln_patches *p)
 {
-    const bool clamps = p->params->settings->patches->clamp;
-    const int status = p->points == NULL ? find_shapes(p, error) : KILN_OK;
+    const double points = (double)p->source.surface->point_count, nodes = (double)p->parameters.count;
+    int rank;
+    (void)MPI_Comm_rank(p->source.communicator, &rank);
+    if (rank == 0 && points * nodes > 1e11)
+        kiln_print(
+            stderr,
+            "kiln: warning: %.0f surface points gather from %.0f patches, which are %.2g pairs in each bounce and "
+            "take hours; --undersample mipmap with a larger --sampling-window, fewer texels or --method cells "
+            "take less\n",
+            points, nodes, points * nodes);
+}
+
+int kiln_patches_update(struct kiln_patches *p, const uint64_t *radiosity, const struct kiln_step *step,
+                        const void **parameters, struct kiln_error *error)
+{
+    const bool clamps = p->source.settings->patches->clamp;
+    const bool first = p->points == NULL;
+    const int status = first ? find_shapes(p, error) : KILN_OK;
     if (status != KILN_OK)
         return status;
+    p->radiosity = radiosity;
+    p->step = step;
     p->parameters = (struct kiln_patches_parameters){.points = p->points,
                                                      .nodes = p->nodes,
                                                      .most_factor = clamps ? KILN_CLAMP_FACTOR : 0.0,
                                                      .most_added = clamps ? KILN_CLAMP_ADDED : 0.0};
     make_nodes(p);
-    kiln_solution_step(p->solution)->step.parameters = &p->parameters;
+    if (first)
+        warn_of_pairs(p);
+    *parameters = &p->parameters;
     return KILN_OK;
 }

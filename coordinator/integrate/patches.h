@@ -13,23 +13,41 @@
  * over all four and the largest channel; level is the mean radiosity of all points in the step. Up to N x N texels
  * (--node-max)
  *
- * A rank keeps 60 bytes for each surface point of the scene, and 84 for each node. */
+ * A rank keeps a patch and room for a node for each surface point of the scene: kiln_patches_bytes. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PATCHES_H
 #define KILN_COORDINATOR_INTEGRATE_PATCHES_H
 
-#include "coordinator/integrate/integrate.h"
+#include <mpi.h>
+
+#include "coordinator/integrate/settings.h"
+#include "coordinator/integrate/step.h"
+#include "worker/backend/backend.h"
+#include "worker/pass/patches.h"
 
 struct kiln_patches;
 
-/* Borrows `params` and `solution`. Not collective. KILN_SYSTEM. */
-int kiln_patches_create(struct kiln_patches **patches, const struct kiln_integrate_params *params,
-                        struct kiln_solution *solution, struct kiln_error *error);
+/* What patches are made of. All borrowed; the surface may be distributed anew meanwhile. */
+struct kiln_patches_source {
+    MPI_Comm communicator; /* of all ranks, which have the surface's points among them */
+    int ranks;
+    const struct kiln_surface *surface;
+    struct kiln_backend *backend;                   /* has that surface */
+    const struct kiln_integrate_settings *settings; /* with patches */
+};
+
+/* Not collective. KILN_SYSTEM. */
+int kiln_patches_create(struct kiln_patches **patches, const struct kiln_patches_source *source,
+                        struct kiln_error *error);
 /* NULL is accepted. */
 void kiln_patches_destroy(struct kiln_patches **patches);
 
-/* Collective. Before the step last reported, which runs the patches pass, is computed or gone on with: makes its nodes,
- * of solution->radiosity, and gives the step its parameters, which stand until the next call or the end of the patches.
- * The first call of a run finds the shapes of all points. Any ranks get the same. */
-int kiln_patches_update(struct kiln_patches *patches, struct kiln_error *error);
+/* Of memory that patches take at most, on each rank, of so many surface points in all. */
+uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t points);
+
+/* Collective. Makes the nodes of a step of the patches pass, of the packed radiosity of all points, and points
+ * *parameters to what the step is run with, which stands until the next call or the end of the patches. The first call
+ * finds the shapes of all points, and warns where their pairs will take very long. Any ranks get the same. */
+int kiln_patches_update(struct kiln_patches *patches, const uint64_t *radiosity, const struct kiln_step *step,
+                        const void **parameters, struct kiln_error *error);
 
 #endif
