@@ -51,6 +51,7 @@ struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, c
         .lights = lights->area_count + lights->point_count + lights->directional_count + lights->environment,
         .radiance = kiln_job_has_probes(job) ? &job->radiance : NULL,
         .reference = kiln_job_is_reference(job) ? &job->paths : NULL,
+        .patches = kiln_job_is_radiosity(job) ? &job->patches : NULL,
         .occlusion = job->occlusion.distance > 0.0 ? &job->occlusion : NULL,
         .directional = (enum kiln_directional)job->directional,
         .work_stealing = job->work_stealing,

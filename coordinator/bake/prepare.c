@@ -175,10 +175,13 @@ static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, co
     int status = go_on(p, care, share_geometry(p, error), error);
     if (status == KILN_OK)
         status = kiln_lights_create(&p->lights, p->scene, p->geometry, error);
+    if (status == KILN_OK && job->patches.lights == KILN_LIGHTS_PATCHES)
+        status = kiln_lights_create_without_areas(&p->direct_lights, p->scene, p->geometry, error);
     if (status == KILN_OK) {
         struct kiln_backend_params params = {.scene = p->scene,
                                              .geometry = p->geometry,
                                              .lights = p->lights,
+                                             .direct_lights = p->direct_lights,
                                              .threads = p->threads,
                                              .instruction_set = p->instruction_set,
                                              .seed = job->seed,
@@ -429,6 +432,7 @@ void kiln_prepared_destroy(struct kiln_prepared **prepared)
     kiln_backend_destroy(&p->backend);
     kiln_surface_destroy(&p->surface);
     kiln_lights_destroy(&p->lights);
+    kiln_lights_destroy(&p->direct_lights);
     kiln_geometry_destroy(&p->geometry);
     if (p->coarser != NULL)
         kiln_free(&p->scene);

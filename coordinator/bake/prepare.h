@@ -33,6 +33,7 @@ struct kiln_prepared {
     struct kiln_geometry *geometry;
     double leaf_size; /* m; 0: the store is the lightmap */
     struct kiln_lights *lights;
+    struct kiln_lights *direct_lights; /* of these, those that are no patches; NULL: all */
     struct kiln_backend *backend;
     struct kiln_surface *surface;
     struct kiln_surface_report surface_report;

@@ -71,13 +71,32 @@ static void add_range(json_t *settings, const struct kiln_job *job)
     json_object_set_new(settings, "distant_projection", json_string(r->approximate ? "approximate" : "exact"));
 }
 
+/* What patches gather from. */
+static void add_patches(json_t *settings, const struct kiln_job *job)
+{
+    const struct kiln_patch_settings *p = &job->patches;
+    static const char *const undersample[] = {"none", "stride", "random", "mipmap"};
+    if (!kiln_job_is_radiosity(job))
+        return;
+    json_object_set_new(settings, "lights", json_string(p->lights == KILN_LIGHTS_PATCHES ? "patches" : "sampled"));
+    json_object_set_new(settings, "undersample", json_string(undersample[p->undersample]));
+    if (p->undersample != KILN_SAMPLE_ALL)
+        json_object_set_new(settings, "sampling_window", json_integer((json_int_t)1 << p->window));
+    json_object_set_new(settings, "subdivide", json_real(p->subdivide));
+    if (p->subdivide > 0.0)
+        json_object_set_new(settings, "node_max", json_integer((json_int_t)1 << p->node_max));
+    json_object_set_new(settings, "clamp", json_boolean(p->clamp));
+    json_object_set_new(settings, "albedo_scale", json_real(p->albedo_scale));
+}
+
 /* Settings that affect the result. */
 static json_t *settings_json(const struct kiln_job *job)
 {
     json_t *settings = json_pack(
         "{s:s, s:I, s:b, s:s, s:i, s:i, s:i, s:i, s:I, s:s}", "method", job->method != NULL ? job->method : "cells",
-        "bounces", (json_int_t)job->bounces, "tail", job->tail || (job->bounces < 0 && !kiln_job_is_reference(job)),
-        "schedule", job->schedule == KILN_SCHEDULE_LEAN ? "lean" : "equal", "samples_direct", (int)job->samples_direct,
+        "bounces", (json_int_t)job->bounces, "tail",
+        job->tail || (job->bounces < 0 && !kiln_job_is_reference(job) && !kiln_job_is_radiosity(job)), "schedule",
+        job->schedule == KILN_SCHEDULE_LEAN ? "lean" : "equal", "samples_direct", (int)job->samples_direct,
         "samples_bounce", (int)job->samples_bounce, "samples_indirect", (int)job->samples_indirect, "samples_probe",
         (int)job->samples_probe, "seed", (json_int_t)job->seed, "exchange",
         job->exchange == KILN_EXCHANGE_FULL      ? "full"
@@ -94,6 +113,7 @@ static json_t *settings_json(const struct kiln_job *job)
                             json_string(job->materials == KILN_GLOSS_MODE_AUTO ? "auto" : "full"));
     add_quantities(settings, job);
     add_range(settings, job);
+    add_patches(settings, job);
     return settings;
 }
 

@@ -11,6 +11,7 @@
 #include "coordinator/integrate/nodes.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
+#include "worker/pass/patches.h"
 
 enum { LEAVES = 8 };     /* a batch takes at most one part in so many of what is left */
 #define LEAST_HELP 0.005 /* s of work that is left to a rank, for others to take any of it */
@@ -347,6 +348,13 @@ static enum kiln_event do_next(struct kiln_batches *b, struct kiln_error *error)
     return kiln_control_poll(b->params->control, is_done(b), part_done(b), seconds, b->status);
 }
 
+/* Of what a point traces: pairs of patches come to its samples. */
+static double share_of_samples(const struct kiln_step *step)
+{
+    const struct kiln_patches_parameters *patches = step->parameters;
+    return step->pass == &kiln_pass_patches ? step->samples / ((double)step->samples + (double)patches->count) : 1.0;
+}
+
 void kiln_batches_begin(struct kiln_batches *b, struct kiln_step_report *report, struct kiln_error *error)
 {
     const struct kiln_integrate_settings *settings = b->params->settings;
@@ -355,7 +363,7 @@ void kiln_batches_begin(struct kiln_batches *b, struct kiln_step_report *report,
     /* another pass may be many times slower: its first batch must be short */
     if (b->pass != report->step.pass || b->has_masks != has_masks(&report->step) ||
         b->by_blocks != report->step.by_blocks)
-        b->rate = RATE_START * b->params->threads;
+        b->rate = RATE_START * b->params->threads * share_of_samples(&report->step);
     b->pass = report->step.pass;
     b->has_masks = has_masks(&report->step);
     b->by_blocks = report->step.by_blocks;

@@ -2,6 +2,7 @@
 
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/quantity.h"
+#include "coordinator/integrate/radiosity/radiosity.h"
 #include "coordinator/integrate/reference/reference.h"
 #include "worker/base/memory.h"
 

@@ -20,6 +20,13 @@ static uint32_t take_threads(const struct kiln_integrate_params *p)
     return info.take_threads != 0 && info.take_threads < p->threads ? info.take_threads : p->threads;
 }
 
+static int create_patches(struct kiln_lockstep *l, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = l->params;
+    const struct kiln_patches_source source = {p->communicator, p->ranks, p->surface, p->backend, p->settings};
+    return kiln_patches_create(&l->patches, &source, error);
+}
+
 int kiln_lockstep_create(struct kiln_lockstep *l, const struct kiln_integrate_params *params,
                          struct kiln_solution *solution, struct kiln_error *error)
 {
@@ -40,6 +47,8 @@ int kiln_lockstep_create(struct kiln_lockstep *l, const struct kiln_integrate_pa
         status = kiln_radiance_create(&l->radiance, params, solution, &l->saved, error);
     if (status == KILN_OK && params->settings->caustics >= KILN_CAUSTICS_LAND)
         status = kiln_landing_create(&l->landing, params, solution, &l->saved, error);
+    if (status == KILN_OK && params->settings->patches != NULL)
+        status = create_patches(l, error);
     l->batches.landing = l->saved.landing = l->landing;
     return status;
 }
@@ -48,6 +57,7 @@ void kiln_lockstep_release(struct kiln_lockstep *l)
 {
     kiln_radiance_destroy(&l->radiance);
     kiln_landing_destroy(&l->landing);
+    kiln_patches_destroy(&l->patches);
     kiln_ledger_release(&l->ledger);
     kiln_taker_release(&l->taker);
     kiln_batches_release(&l->batches);
@@ -157,11 +167,13 @@ static int end_step(struct kiln_lockstep *l, struct kiln_error *error)
 }
 
 /* Collective. What a step of the integrator needs before its batches: guides, and where its gather rays end, the
- * radiance probes; in a step that lands, all that does. */
+ * radiance probes; the nodes of patches; in a step that lands, all that does. */
 static int prepare_step(struct kiln_lockstep *l, struct kiln_error *error)
 {
-    const struct kiln_step *step = &kiln_solution_step(l->solution)->step;
+    struct kiln_step *step = &kiln_solution_step(l->solution)->step;
     l->params->surface->guide = l->solution->own->surface.guide; /* which may have moved */
+    if (step->pass == &kiln_pass_patches)
+        return kiln_patches_update(l->patches, l->solution->radiosity, step, &step->parameters, error);
     const bool asks = l->radiance != NULL && step->quantity == NULL && step->pass->reads_radiosity;
     if (step->lands)
         return kiln_landing_run(l->landing, error);

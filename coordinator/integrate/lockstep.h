@@ -4,6 +4,7 @@
 #define KILN_COORDINATOR_INTEGRATE_LOCKSTEP_H
 
 #include "coordinator/integrate/batches.h"
+#include "coordinator/integrate/patches.h"
 #include "coordinator/integrate/radiance.h"
 #include "coordinator/integrate/radiosity_exchange.h"
 #include "coordinator/integrate/save.h"
@@ -24,6 +25,7 @@ struct kiln_lockstep {
     struct kiln_saved saved;             /* for checkpoints */
     struct kiln_radiance *radiance;      /* NULL: gather rays have no end */
     struct kiln_landing *landing;        /* NULL: no step lands */
+    struct kiln_patches *patches;        /* NULL: no step is of patches */
     bool may_repartition;                /* points may be distributed anew; the same on all ranks */
 };
 

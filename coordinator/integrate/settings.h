@@ -46,6 +46,8 @@ struct kiln_integrate_settings {
     const struct kiln_radiance_settings *radiance;
     /* what paths from surface points are traced with (reference/); borrowed; NULL: the integrator has none */
     const struct kiln_reference_parameters *reference;
+    /* what patches gather from, pair by pair (radiosity/, patches.h); borrowed; NULL: the integrator has none */
+    const struct kiln_patch_settings *patches;
 
     /* which quantities (quantity.h) are computed besides; `next` of an integrator does not read these */
     const struct kiln_occlusion_parameters *occlusion; /* borrowed; NULL: no ambient occlusion */

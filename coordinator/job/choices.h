@@ -7,7 +7,23 @@
 
 /* The integrators, by their names for --method; the first is the default. Each is a struct kiln_integrator_NAME
  * (coordinator/integrate/integrator.h). */
-#define KILN_METHOD_LIST(DO) DO(cells) DO(path) DO(bdpt) DO(vcm)
+#define KILN_METHOD_LIST(DO) DO(cells) DO(radiosity) DO(path) DO(bdpt) DO(vcm)
+
+/* --method radiosity: how lamps that are surfaces light others: by samples of the direct pass, or as patches. */
+enum kiln_lights_choice { KILN_LIGHTS_SAMPLED = 0, KILN_LIGHTS_PATCHES = 1 };
+
+/* Likewise: what stands for the patches of a window of texels (coordinator/integrate/patches.h). */
+enum kiln_undersample { KILN_SAMPLE_ALL = 0, KILN_SAMPLE_STRIDE = 1, KILN_SAMPLE_RANDOM = 2, KILN_SAMPLE_MIPMAP = 3 };
+
+struct kiln_patch_settings {
+    int lights;          /* enum kiln_lights_choice */
+    int undersample;     /* enum kiln_undersample */
+    int window;          /* log2 of the texels a side of a window */
+    double subdivide;    /* by how much what is one node may deviate; 0: nodes are not chosen by that */
+    int node_max;        /* with it: log2 of the texels a side of a node, at most */
+    bool clamp;          /* Kahl's largest factor and contribution */
+    double albedo_scale; /* factor of what is reflected */
+};
 
 /* How views are drawn, with their names for --method of kiln view; the first is the default: from the lightmaps of a
  * bake, by path tracing (coordinator/view/path_view.h), or by bidirectional paths, in the order of enum

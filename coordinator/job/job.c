@@ -333,29 +333,110 @@ static int check_paths(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Paths from surface points know nothing of how "cells" gathers, and are Embree's. */
-static int settle_reference(struct kiln_job *job, struct kiln_error *error)
+/* An option that a method has no use for, if it is wanted. */
+struct unused_option {
+    const char *name;
+    bool wanted;
+};
+
+static int refuse_unused(const struct kiln_job *job, const struct unused_option *options, size_t count,
+                         struct kiln_error *error)
 {
-    const struct {
-        const char *name;
-        bool wanted;
-    } of_cells[] = {{"tail", job->tail && given(job, "tail")},
-                    {"schedule", job->schedule != KILN_SCHEDULE_LEAN},
-                    {"indirect-scale", job->indirect_scale > 0},
-                    {"final-scale", job->final_scale > 0},
-                    {"guide", job->guide > 0},
-                    {"caustics", job->caustics != KILN_CAUSTICS_AUTO},
-                    {"photons", given(job, "photons")},
-                    {"iterations", given(job, "iterations")},
-                    {"radius-alpha", given(job, "radius-alpha")},
-                    {"mis", given(job, "mis")},
-                    {"connections", given(job, "connections")},
-                    {"tracing-range", kiln_job_has_probes(job)}};
-    for (size_t i = 0; i < sizeof of_cells / sizeof *of_cells; i++)
-        if (of_cells[i].wanted)
+    for (size_t i = 0; i < count; i++)
+        if (options[i].wanted)
             return kiln_fail(error, KILN_USAGE,
                              "--%s is for --method cells, and --method %s has no use for it: leave one of the two out",
-                             of_cells[i].name, job->method);
+                             options[i].name, job->method);
+    return KILN_OK;
+}
+
+/* How "cells" gathers, of which other methods know nothing. */
+static int refuse_cells(struct kiln_job *job, struct kiln_error *error)
+{
+    const struct unused_option of_cells[] = {{"tail", job->tail && given(job, "tail")},
+                                             {"schedule", job->schedule != KILN_SCHEDULE_LEAN},
+                                             {"indirect-scale", job->indirect_scale > 0},
+                                             {"final-scale", job->final_scale > 0},
+                                             {"guide", job->guide > 0},
+                                             {"caustics", job->caustics != KILN_CAUSTICS_AUTO},
+                                             {"photons", given(job, "photons")},
+                                             {"iterations", given(job, "iterations")},
+                                             {"radius-alpha", given(job, "radius-alpha")},
+                                             {"mis", given(job, "mis")},
+                                             {"connections", given(job, "connections")},
+                                             {"tracing-range", kiln_job_has_probes(job)}};
+    return refuse_unused(job, of_cells, sizeof of_cells / sizeof *of_cells, error);
+}
+
+/* What only patches have. */
+static int refuse_patches(struct kiln_job *job, struct kiln_error *error)
+{
+    static const char *const of_patches[] = {"lights",   "undersample", "sampling-window", "subdivide",
+                                             "node-max", "clamp",       "albedo-scale"};
+    for (size_t i = 0; i < sizeof of_patches / sizeof *of_patches; i++)
+        if (given(job, of_patches[i]))
+            return kiln_fail(error, KILN_USAGE,
+                             "--%s is for light between patches: give --method radiosity, or leave --%s out",
+                             of_patches[i], of_patches[i]);
+    return KILN_OK;
+}
+
+/* What patches gather from. */
+static int check_nodes(struct kiln_job *job, struct kiln_error *error)
+{
+    const bool samples = job->patches.undersample != KILN_SAMPLE_ALL, divides = job->patches.subdivide > 0.0;
+    if (samples && divides)
+        return kiln_fail(
+            error, KILN_USAGE,
+            "--undersample and --subdivide both say what stands for several texels: leave one of them out");
+    if (given(job, "sampling-window") && !samples)
+        return kiln_fail(error, KILN_USAGE,
+                         "--sampling-window: all texels are taken; give --undersample mipmap, or leave it out");
+    if (given(job, "node-max") && !divides)
+        return kiln_fail(error, KILN_USAGE,
+                         "--node-max: all texels are taken; give --subdivide 0.1, or leave --node-max out");
+    if ((samples || divides) && job->store != KILN_STORE_KIND_LIGHTMAP)
+        return kiln_fail(error, KILN_USAGE,
+                         "--%s is for texels, which lie beside each other: give --store lightmap, or leave it out",
+                         samples ? "undersample" : "subdivide");
+    return KILN_OK;
+}
+
+/* Patches are diffuse and Embree's; their light has no chance in it whose error could be stated. */
+static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
+{
+    const struct unused_option others[] = {{"merge-radius", given(job, "merge-radius")},
+                                           {"samples-bounce", given(job, "samples-bounce")},
+                                           {"target-error", job->target_error > 0.0},
+                                           {"error-map", job->error_map},
+                                           {"only-visible-from", job->only_visible_from != NULL},
+                                           {"exchange-points", job->exchange_points == KILN_EXCHANGE_VISIBLE}};
+    int status = refuse_cells(job, error);
+    if (status == KILN_OK)
+        status = refuse_unused(job, others, sizeof others / sizeof *others, error);
+    if (status != KILN_OK)
+        return status;
+    if (job->materials != KILN_GLOSS_MODE_DIFFUSE && given(job, "materials"))
+        return kiln_fail(error, KILN_USAGE,
+                         "--method radiosity knows the diffuse part of materials alone: give --materials diffuse, or "
+                         "--method cells");
+    if (strcmp(job->backend, "vulkan") == 0)
+        return kiln_fail(error, KILN_USAGE, "--method radiosity traces pairs with Embree: give --backend embree");
+    status = check_nodes(job, error);
+    if (status != KILN_OK)
+        return status;
+    job->materials = KILN_GLOSS_MODE_DIFFUSE;
+    job->tail = false;
+    job->schedule = KILN_SCHEDULE_EQUAL;
+    return kiln_job_keep(job, "embree", strlen("embree"), &job->backend, error);
+}
+
+/* Paths from surface points are Embree's. */
+static int settle_reference(struct kiln_job *job, struct kiln_error *error)
+{
+    const int status = refuse_cells(job, error);
+    if (status != KILN_OK)
+        return status;
     if (given(job, "merge-radius") && strcmp(job->method, "vcm") != 0)
         return kiln_fail(error, KILN_USAGE,
                          "--merge-radius: --method %s merges nothing; give --method vcm, or leave --merge-radius out",
@@ -409,6 +490,10 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
         job->tail = job->bounces < 0;
     if (status == KILN_OK && kiln_job_is_reference(job))
         status = settle_reference(job, error);
+    if (status == KILN_OK && kiln_job_is_radiosity(job))
+        status = settle_radiosity(job, error);
+    else if (status == KILN_OK)
+        status = refuse_patches(job, error);
     if (status == KILN_OK && job->indirect_scale > 0 && job->schedule == KILN_SCHEDULE_EQUAL)
         status = kiln_fail(error, KILN_USAGE,
                            "--indirect-scale is for bounces that a final gather reads: --schedule equal has no final "

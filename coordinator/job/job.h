@@ -73,6 +73,7 @@ struct kiln_job {
     double target_error;     /* of a texel, relative: more samples until it is reached; 0: none */
     struct kiln_radiance_settings radiance;     /* probes that answer for what is far; see kiln_job_has_probes */
     struct kiln_reference_parameters paths;     /* of the methods of kiln_job_is_reference */
+    struct kiln_patch_settings patches;         /* of the method of kiln_job_is_radiosity */
     struct kiln_occlusion_parameters occlusion; /* distance 0: no ambient occlusion and no bent normal */
     int directional;                            /* enum kiln_directional */
     uint64_t seed;
@@ -220,7 +221,13 @@ static inline bool kiln_job_has_caustics(const struct kiln_job *job)
 /* Whether paths from surface points find the light, without radiosity (coordinator/integrate/reference). */
 static inline bool kiln_job_is_reference(const struct kiln_job *job)
 {
-    return job->method != NULL && strcmp(job->method, "cells") != 0;
+    return job->method != NULL && strcmp(job->method, "cells") != 0 && strcmp(job->method, "radiosity") != 0;
+}
+
+/* Whether light bounces between patches, pair by pair (coordinator/integrate/radiosity). */
+static inline bool kiln_job_is_radiosity(const struct kiln_job *job)
+{
+    return job->method != NULL && strcmp(job->method, "radiosity") == 0;
 }
 
 /* Whether gather rays end at a range, and radiance probes answer for what lies behind it. */

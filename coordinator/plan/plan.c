@@ -5,6 +5,7 @@
 
 #include "coordinator/field/field.h"
 #include "coordinator/integrate/blocks.h"
+#include "coordinator/integrate/patches.h"
 #include "coordinator/integrate/nodes.h"
 #include "coordinator/integrate/energy.h"
 #include "coordinator/run/process_memory.h"
@@ -148,6 +149,8 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     const double results = (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_RESULT); /* they move, too */
     m->surface_own = (uint64_t)(own * plan->here.light.points_most);
     m->light = kiln_field_set_light_bytes(&fields, (uint64_t)plan->here.light.points_most, plan->surface.points);
+    if (kiln_job_is_radiosity(job))
+        m->light += kiln_patches_bytes(&job->patches, plan->surface.points);
     m->volume = plan->probes * KILN_PROBE_BYTES + plan->landing.probe_bytes;
     m->results = result_bytes(plan, p, job);
     m->moving = plan->here.light.repartitions > 0 ? (uint64_t)(fmax(own, results) * plan->here.light.points_most) : 0;
@@ -587,10 +590,29 @@ static int find_nodes(struct calibration *c, struct kiln_error *error)
                              : status;
 }
 
+/* The nodes that steps of patches gather from: those of the first bounce, of even light. */
+static int find_patches(struct kiln_patches **patches, struct kiln_planned_steps *steps, const struct kiln_prepared *p,
+                        const struct kiln_integrate_settings *settings, const uint64_t *radiosity,
+                        struct kiln_error *error)
+{
+    const struct kiln_step step = {.bounce = 1, .stream = 1};
+    const struct kiln_patches_source source = {MPI_COMM_SELF, 1, p->surface, p->backend, settings};
+    const void *parameters = NULL;
+    int status = kiln_patches_create(patches, &source, error);
+    if (status == KILN_OK)
+        status = kiln_patches_update(*patches, radiosity, &step, &parameters, error);
+    for (uint32_t k = 0; k < steps->kind_count && status == KILN_OK; k++)
+        if (steps->kinds[k].pass == &kiln_pass_patches)
+            steps->kinds[k].parameters = parameters;
+    return status;
+}
+
 static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
-                         struct timing *timing, struct kiln_error *error)
+                         const struct kiln_integrate_settings *settings, struct timing *timing,
+                         struct kiln_error *error)
 {
     uint64_t *radiosity = NULL;
+    struct kiln_patches *patches = NULL;
     struct calibration c = {.p = p,
                             .seen = plan->visible.seen,
                             .scale = 1u << job->indirect_scale,
@@ -602,6 +624,8 @@ static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, 
         status = find_blocks(&c, error);
     if (status == KILN_OK && job->final_scale > 0)
         status = find_nodes(&c, error);
+    if (status == KILN_OK && settings->patches != NULL)
+        status = find_patches(&patches, &plan->steps, p, settings, radiosity, error);
     if (status == KILN_OK)
         status = calibrate(plan, &c, error);
     if (status == KILN_OK && plan->probes > 0)
@@ -609,6 +633,7 @@ static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, 
     if (status == KILN_OK)
         status = emission_seconds(p, &timing->emission, error);
     plan->calibration_seconds = MPI_Wtime() - start;
+    kiln_patches_destroy(&patches);
     kiln_free(&radiosity);
     kiln_free(&c.block);
     kiln_free(&c.mixture);
@@ -658,7 +683,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
         status = find_visible(plan, prepared, job, &timing, error);
     }
     if (status == KILN_OK)
-        status = trace_samples(plan, prepared, job, &timing, error);
+        status = trace_samples(plan, prepared, job, &settings, &timing, error);
     if (status == KILN_OK)
         status = kiln_plan_landing_measure(&plan->landing, prepared, &settings, &volume, job->samples_probe,
                                            plan->surface.points, job->ranks, error);

@@ -24,6 +24,7 @@
 #include "worker/pass/guided.h"
 #include "worker/pass/land.h"
 #include "worker/pass/occlusion.h"
+#include "worker/pass/patches.h"
 #include "worker/pass/path.h"
 #include "worker/pass/probes.h"
 #include "worker/pass/radiance.h"
@@ -66,6 +67,11 @@ static const struct kiln_bidirectional_parameters both_ways = {.camera = {.posit
                                                                .method = KILN_BIDIRECTIONAL_BDPT,
                                                                .film = &film};
 static const struct kiln_reference_parameters twice = {.method = KILN_REFERENCE_BDPT, .bounces = 2};
+/* points of the floor, whatever they are of, and nodes above that look down */
+enum { POINTS = 2048, NODES = 20 };
+static struct kiln_patch points_of_floor[POINTS];
+static struct kiln_patch_node nodes_above[NODES];
+static const struct kiln_patches_parameters pairs = {.points = points_of_floor, .nodes = nodes_above, .count = NODES};
 static const struct kiln_probe_parameters all_lamps = {.leaves = 0};
 static const void *const parameters[KILN_PASS_COUNT] = {[KILN_PASS_INDEX_probes] = &all_lamps,
                                                         [KILN_PASS_INDEX_occlusion] = &near_by,
@@ -75,7 +81,8 @@ static const void *const parameters[KILN_PASS_COUNT] = {[KILN_PASS_INDEX_probes]
                                                         [KILN_PASS_INDEX_land] = &landing,
                                                         [KILN_PASS_INDEX_bidirectional] = &both_ways,
                                                         [KILN_PASS_INDEX_weighed] = &sharing,
-                                                        [KILN_PASS_INDEX_reference] = &twice};
+                                                        [KILN_PASS_INDEX_reference] = &twice,
+                                                        [KILN_PASS_INDEX_patches] = &pairs};
 
 struct world {
     struct fixture *fixture;
@@ -85,6 +92,24 @@ struct world {
     struct kiln_vec3 positions[PROBES];
     uint64_t *radiosity;
 };
+
+static void place_patches(struct world *w)
+{
+    assert_true(w->surface->point_count <= POINTS);
+    for (int i = 0; i < POINTS; i++)
+        points_of_floor[i] =
+            (struct kiln_patch){.place = vec3((float)(i % 32) * 0.1f - 1.6f, 0.01f, (float)(i / 32) * 0.1f - 1.6f),
+                                .normal = vec3(0.0f, 1.0f, 0.0f)};
+    for (int i = 0; i < NODES; i++) {
+        nodes_above[i] = (struct kiln_patch_node){.patch = {.place = vec3((float)i * 0.1f - 1.0f, 2.0f, 0.3f),
+                                                            .normal = vec3(0.0f, -1.0f, 0.0f),
+                                                            .edge_s = vec3(0.1f, 0.0f, 0.0f),
+                                                            .edge_t = vec3(0.0f, 0.0f, 0.1f),
+                                                            .area = 0.01f},
+                                                  .radiosity = {1.0f, 2.0f, 3.0f}};
+        nodes_above[i].centre = nodes_above[i].patch.place;
+    }
+}
 
 /* A floor, a box sunk into it by a part of a texel, a lamp. */
 static void build(struct world *w)
@@ -114,6 +139,7 @@ static void build(struct world *w)
     w->surface->guide = calloc(w->surface->count, KILN_GUIDE_FLOATS * sizeof *w->surface->guide);
     for (uint64_t i = 0; i < KILN_GUIDE_FLOATS * w->surface->count; i++) /* more light from near the normals */
         w->surface->guide[i] = i % 256 < 96 ? 3.0f : 0.1f;
+    place_patches(w);
     for (int i = 0; i < PROBES; i++)
         w->positions[i] = vec3((float)(4.0 * fixture_random(f) - 2.0), (float)(2.0 * fixture_random(f) + 0.01),
                                (float)(4.0 * fixture_random(f) - 2.0));
@@ -404,7 +430,7 @@ static void run_all(const struct world *w, const char *name, uint64_t rays[KILN_
             continue;
         }
         rays[i] = run(backend, pass, all, &k);
-        assert_true(k.next == all.first + all.count && rays[i] > 0);
+        assert_true(k.next == all.first + all.count && (rays[i] > 0 || pass == &kiln_pass_shapes));
         drop(&k);
         if (pass->is_sampled)
             numbers_may_differ(backend, w, pass);

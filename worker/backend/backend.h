@@ -41,8 +41,9 @@ struct kiln_backend_params {
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
     const struct kiln_lights *lights;
-    uint32_t threads;            /* 0: all of the machine's cores that this process may use */
-    const char *instruction_set; /* Embree's name ("avx2", ...); NULL: the best there is */
+    const struct kiln_lights *direct_lights; /* which the direct pass samples (Embree only); NULL: `lights` */
+    uint32_t threads;                        /* 0: all of the machine's cores that this process may use */
+    const char *instruction_set;             /* Embree's name ("avx2", ...); NULL: the best there is */
     uint64_t seed;
     /* devices */
     uint32_t device;                  /* 1 + the number that `kiln info --devices` shows; 0: by local_rank */

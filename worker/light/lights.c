@@ -104,8 +104,8 @@ static int gather_punctual_lights(struct kiln_lights *lights, struct kiln_error 
     return KILN_OK;
 }
 
-int kiln_lights_create(struct kiln_lights **lights, const struct kiln_scene *scene,
-                       const struct kiln_geometry *geometry, struct kiln_error *error)
+static int create(struct kiln_lights **lights, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
+                  bool areas, struct kiln_error *error)
 {
     *lights = NULL;
     struct kiln_lights *l = NULL;
@@ -114,7 +114,8 @@ int kiln_lights_create(struct kiln_lights **lights, const struct kiln_scene *sce
         return status;
     l->scene = scene;
     l->geometry = geometry;
-    status = gather_area_lights(l, error);
+    if (areas)
+        status = gather_area_lights(l, error);
     if (status == KILN_OK)
         status = gather_punctual_lights(l, error);
     if (status == KILN_OK && l->area_count + l->point_count > UINT32_MAX / 2)
@@ -131,6 +132,18 @@ int kiln_lights_create(struct kiln_lights **lights, const struct kiln_scene *sce
     }
     *lights = l;
     return KILN_OK;
+}
+
+int kiln_lights_create(struct kiln_lights **lights, const struct kiln_scene *scene,
+                       const struct kiln_geometry *geometry, struct kiln_error *error)
+{
+    return create(lights, scene, geometry, true, error);
+}
+
+int kiln_lights_create_without_areas(struct kiln_lights **lights, const struct kiln_scene *scene,
+                                     const struct kiln_geometry *geometry, struct kiln_error *error)
+{
+    return create(lights, scene, geometry, false, error);
 }
 
 void kiln_lights_destroy(struct kiln_lights **lights)

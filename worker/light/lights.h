@@ -75,6 +75,9 @@ struct kiln_lights {
 /* Borrows scene and geometry. Not collective. Destroy with kiln_lights_destroy. */
 int kiln_lights_create(struct kiln_lights **lights, const struct kiln_scene *scene,
                        const struct kiln_geometry *geometry, struct kiln_error *error);
+/* The same without the triangles that emit. */
+int kiln_lights_create_without_areas(struct kiln_lights **lights, const struct kiln_scene *scene,
+                                     const struct kiln_geometry *geometry, struct kiln_error *error);
 void kiln_lights_destroy(struct kiln_lights **lights);
 
 enum kiln_choice_kind { KILN_CHOICE_NODE, KILN_CHOICE_DIRECTIONAL, KILN_CHOICE_ENVIRONMENT };

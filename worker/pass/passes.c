@@ -10,10 +10,12 @@
 #include "worker/pass/guided.h"
 #include "worker/pass/land.h"
 #include "worker/pass/occlusion.h"
+#include "worker/pass/patches.h"
 #include "worker/pass/path.h"
 #include "worker/pass/probes.h"
 #include "worker/pass/radiance.h"
 #include "worker/pass/reference.h"
+#include "worker/pass/shapes.h"
 #include "worker/pass/validity.h"
 #include "worker/pass/weighed.h"
 
@@ -233,6 +235,26 @@ const struct kiln_pass kiln_pass_reference = {.index = KILN_PASS_INDEX_reference
                                               .is_masked = true,
                                               .is_stealable = true,
                                               .on_embree_only = true};
+
+const struct kiln_pass kiln_pass_shapes = {.index = KILN_PASS_INDEX_shapes,
+                                           .name = "shapes",
+                                           .what = "shapes of patches",
+                                           .domain = KILN_DOMAIN_TILE_RUNS,
+                                           .result_bytes = sizeof(struct kiln_shape_result),
+                                           .on_embree_only = true};
+
+/* Not verified: it is the host's alone. */
+const struct kiln_pass kiln_pass_patches = {.index = KILN_PASS_INDEX_patches,
+                                            .name = "patches",
+                                            .what = "light between patches",
+                                            .domain = KILN_DOMAIN_TILE_RUNS,
+                                            .parameter_bytes = sizeof(struct kiln_patches_parameters),
+                                            .result_bytes = sizeof(struct kiln_point_result),
+                                            .is_sampled = true,
+                                            .has_streams = true,
+                                            .reads_radiosity = true,
+                                            .is_stealable = true,
+                                            .on_embree_only = true};
 
 #define ROW(name) [KILN_PASS_INDEX_##name] = &kiln_pass_##name,
 const struct kiln_pass *const kiln_passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};

@@ -56,10 +56,15 @@ static void work_destroy(void **work)
     kiln_free(work);
 }
 
+static const struct kiln_lights *direct_lights(const struct embree_backend *b)
+{
+    return b->params.direct_lights != NULL ? b->params.direct_lights : b->params.lights;
+}
+
 /* Whether directional lights have pilots (shaders/shared/sun_pilot.h). */
 static bool has_pilots(const struct embree_backend *b)
 {
-    return b->params.lights->environment && b->params.lights->directional_count > 0;
+    return direct_lights(b)->environment && direct_lights(b)->directional_count > 0;
 }
 
 static int work_create(void **work, const struct embree_backend *b, const void *parameters,
@@ -75,7 +80,7 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     /* a lone choice gets all samples, rounded up at most; with pilots a stretch of the sequence has room for more */
     const uint32_t times = has_pilots(b) ? KILN_SUN_TIMES : 1, first_sample = times * part->first_sample;
     w->table_size = times * part->samples + 1;
-    status = kiln_allocate(&w->choices, KILN_CUT_MAX + b->params.lights->directional_count + 1, sizeof *w->choices,
+    status = kiln_allocate(&w->choices, KILN_CUT_MAX + direct_lights(b)->directional_count + 1, sizeof *w->choices,
                            "the light choices", error);
     for (uint32_t d = 0; d < KILN_DIMENSIONS && status == KILN_OK; d++) {
         status = kiln_allocate(&w->sobol[d], w->table_size, sizeof(uint32_t), "the samples of a pass", error);
@@ -181,7 +186,7 @@ static void weigh_lane(struct direct_work *w, const struct embree_backend *b, ui
     const float *radiance = light->radiance;
     s->valid[l] = s->index[l] < s->samples && cosine > 0.0 && t->weight[l] > 0.0 ? -1 : 0;
     if (light->textured && s->valid[l] != 0) {
-        kiln_area_light_radiance(b->params.lights, light, t->b1[l], t->b2[l], textured);
+        kiln_area_light_radiance(direct_lights(b), light, t->b1[l], t->b2[l], textured);
         radiance = textured;
     }
     for (int c = 0; c < 3; c++) {
@@ -231,7 +236,7 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
     struct tile_run_frame *f = &w->frame;
     const uint32_t identity = identity_of(w, choice);
     const struct kiln_dvec3 normal0 = dvec3((double)f->normal[0][j], (double)f->normal[1][j], (double)f->normal[2][j]);
-    const uint32_t strategies = kiln_lights_strategies(b->params.lights, choice, normal0);
+    const uint32_t strategies = kiln_lights_strategies(direct_lights(b), choice, normal0);
     const struct sequence *sequence[2];
     uint32_t shift[2][KILN_DIMENSIONS];
     for (uint32_t i = 0; i < strategies; i++) {
@@ -251,7 +256,7 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
         struct kiln_light_sample s;
         const struct kiln_dvec3 normal = dvec3_of(n), shading = dvec3_of(frame_shading(f, j, n)),
                                 place = dvec3_sub(dvec3_of(p), dvec3_scale(normal, (double)offset));
-        if (!kiln_lights_sample(b->params.lights, choice, i, place, normal, shading, random[KILN_DIMENSION_CHOICE],
+        if (!kiln_lights_sample(direct_lights(b), choice, i, place, normal, shading, random[KILN_DIMENSION_CHOICE],
                                 random[KILN_DIMENSION_U], random[KILN_DIMENSION_V], &s))
             continue;
         const double cosine = dvec3_dot(normal, s.direction);
@@ -299,7 +304,7 @@ static void aim_pilot(struct direct_work *w, const struct embree_backend *b, uin
 static bool pilot_differs(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
                           uint32_t j, const struct kiln_light_choice *choice, uint32_t count, uint64_t *rays)
 {
-    const struct kiln_dvec3 towards = b->params.lights->directionals[choice->index].towards;
+    const struct kiln_dvec3 towards = direct_lights(b)->directionals[choice->index].towards;
     double least = INFINITY, most = 0.0, share[PACKET], through[PACKET][3];
     for (uint32_t first = 0; first < count; first += PACKET) {
         aim_pilot(w, b, j, towards, identity_of(w, choice) + 1, first, count, share);
@@ -350,7 +355,7 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
     const struct tile_run_frame *f = &w->frame;
     const uint32_t samples = w->samples;
     const size_t count =
-        kiln_lights_choices(b->params.lights, dvec3_of(f->extent[j].centre), (double)f->extent[j].spread,
+        kiln_lights_choices(direct_lights(b), dvec3_of(f->extent[j].centre), (double)f->extent[j].spread,
                             frame_one_normal(f, j), kiln_cut_limit(samples), w->choices);
     (void)kiln_lights_allot(w->choices, count, samples);
     if (has_pilots(b) && !f->partly_buried[j])
@@ -359,7 +364,7 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
     for (size_t i = 0; i < count; i++) {
         struct shadow_sums sums = {0};
         const struct kiln_light_choice *choice = &w->choices[i];
-        if (kiln_area_light_sampler(b->params.lights, choice, dvec3_of(f->extent[j].centre),
+        if (kiln_area_light_sampler(direct_lights(b), choice, dvec3_of(f->extent[j].centre),
                                     (double)f->extent[j].spread, &w->target))
             sample_target(w, b, context, j, identity_of(w, choice), choice->samples, &sums, rays);
         else

@@ -1,0 +1,405 @@
+#include "coordinator/integrate/patches.h"
+
+#include <limits.h>
+#include <math.h>
+#include <string.h>
+
+#include "coordinator/mpi/agree.h"
+#include "worker/base/memory.h"
+#include "worker/base/text.h"
+#include "worker/pass/shapes.h"
+#include "worker/sampling/keys.h"
+#include "worker/scene/radiosity.h"
+
+#define KILN_NODE_ALIKE 0.9063f /* cosine of 25 degrees, as of blocks (blocks.h) */
+/* Kahl 2023, section 4.7.3, names such clamps; the figures are those of his program. */
+#define KILN_CLAMP_FACTOR 1.0
+#define KILN_CLAMP_ADDED 0.05 /* W/m2 */
+
+struct kiln_patches {
+    struct kiln_patches_source source;
+    /* of the update under way: packed radiosity of all points; and the step */
+    const uint64_t *radiosity;
+    const struct kiln_step *step;
+    struct kiln_patch *points; /* of all surface points; NULL: not found yet */
+    float (*emission)[3];      /* of all, W/m2; NULL: what emits is sampled */
+    struct kiln_patch_node *nodes;
+    double level; /* W/m2, that deviations are relative to */
+    struct kiln_patches_parameters parameters;
+};
+
+int kiln_patches_create(struct kiln_patches **patches, const struct kiln_patches_source *source,
+                        struct kiln_error *error)
+{
+    struct kiln_patches *p = NULL;
+    const int status = kiln_allocate(&p, 1, sizeof *p, "the patches", error);
+    if (status == KILN_OK)
+        p->source = *source;
+    *patches = p;
+    return status;
+}
+
+void kiln_patches_destroy(struct kiln_patches **patches)
+{
+    if (*patches == NULL)
+        return;
+    kiln_free(&(*patches)->points);
+    kiln_free(&(*patches)->emission);
+    kiln_free(&(*patches)->nodes);
+    kiln_free(patches);
+}
+
+uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t points)
+{
+    const uint64_t emission = settings->lights == KILN_LIGHTS_PATCHES ? 3 * sizeof(float) : 0;
+    return points * (sizeof(struct kiln_patch) + sizeof(struct kiln_patch_node) + emission);
+}
+
+/* ---- shapes ---- */
+
+/* kiln_take_results */
+static int take_shapes(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)error;
+    struct kiln_patches *p = context;
+    const struct kiln_tile_run *run = &p->source.surface->tile_runs[first];
+    const struct kiln_shape_result *shapes = results;
+    const uint64_t points = kiln_tile_runs_points(run, run + count - 1);
+    for (uint64_t i = 0; i < points; i++) {
+        p->points[run->first.at + i] = shapes[i].patch;
+        if (p->emission != NULL)
+            memcpy(p->emission[run->first.at + i], shapes[i].emission, sizeof shapes[i].emission);
+    }
+    return KILN_OK;
+}
+
+/* The point at bit `bit` of a tile. */
+static uint64_t point_at(const struct kiln_surface *s, const struct kiln_tile *tile, uint32_t bit)
+{
+    const struct kiln_global_point entry = kiln_tile_entry(s, tile, bit);
+    return (entry.at & KILN_TILE_SPLIT) != 0 && entry.at != KILN_NO_POINT
+               ? s->divided[entry.at & ~KILN_TILE_SPLIT].point.at
+               : entry.at;
+}
+
+/* Numbers points by lightmap, tile and bit. */
+static void number_points(struct kiln_patches *p)
+{
+    const struct kiln_surface *s = p->source.surface;
+    uint32_t number = 0;
+    for (uint64_t t = 0; t < s->tile_count; t++)
+        for (uint64_t rest = s->tiles[t].mask; rest != 0; rest &= rest - 1)
+            p->points[point_at(s, &s->tiles[t], (uint32_t)__builtin_ctzll(rest))].number = number++;
+}
+
+/* Where the points of each rank begin, and how many there are. */
+struct shares {
+    int *first, *count;
+};
+
+static int find_shares(const struct kiln_patches *p, struct shares *shares, struct kiln_error *error)
+{
+    const struct kiln_patches_source *source = &p->source;
+    int status =
+        kiln_allocate(&shares->first, (size_t)source->ranks, sizeof *shares->first, "the ranks' patches", error);
+    if (status == KILN_OK)
+        status =
+            kiln_allocate(&shares->count, (size_t)source->ranks, sizeof *shares->count, "the ranks' patches", error);
+    return status;
+}
+
+/* Collective. */
+static void tell_shares(const struct kiln_patches *p, struct shares *shares)
+{
+    const struct kiln_surface *s = p->source.surface;
+    const int first = (int)s->first.at, count = (int)s->count;
+    (void)MPI_Allgather(&first, 1, MPI_INT, shares->first, 1, MPI_INT, p->source.communicator);
+    (void)MPI_Allgather(&count, 1, MPI_INT, shares->count, 1, MPI_INT, p->source.communicator);
+}
+
+/* Collective. Hands each rank's values, of `bytes` a point, to all. */
+static void share(const struct kiln_patches *p, const struct shares *shares, void *values, size_t bytes)
+{
+    MPI_Datatype value;
+    (void)MPI_Type_contiguous((int)bytes, MPI_BYTE, &value);
+    (void)MPI_Type_commit(&value);
+    (void)MPI_Allgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, values, shares->count, shares->first, value,
+                         p->source.communicator);
+    (void)MPI_Type_free(&value);
+}
+
+static int make_room(struct kiln_patches *p, struct kiln_error *error)
+{
+    const uint64_t points = p->source.surface->point_count;
+    if (points > INT_MAX)
+        return kiln_fail(error, KILN_USAGE, "--method radiosity is for %d surface points at most: give --method cells",
+                         INT_MAX);
+    int status =
+        kiln_allocate(&p->points, (size_t)points, sizeof *p->points, "the patches of all surface points", error);
+    if (status == KILN_OK && p->source.settings->patches->lights == KILN_LIGHTS_PATCHES)
+        status = kiln_allocate(&p->emission, (size_t)points, sizeof *p->emission, "what patches emit", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&p->nodes, (size_t)points, sizeof *p->nodes, "the nodes that points gather from", error);
+    return status;
+}
+
+/* Collective. */
+static int find_shapes(struct kiln_patches *p, struct kiln_error *error)
+{
+    const struct kiln_patches_source *source = &p->source;
+    const struct kiln_batch batch = {.count = source->surface->tile_run_count, .take = take_shapes, .context = p};
+    struct shares shares = {NULL, NULL};
+    uint64_t rays = 0;
+    int status = make_room(p, error);
+    if (status == KILN_OK)
+        status = kiln_backend_run(source->backend, &kiln_pass_shapes, NULL, &batch, &rays, error);
+    status = kiln_agree(source->communicator, status, error);
+    if (status == KILN_OK)
+        status = kiln_agree(source->communicator, find_shares(p, &shares, error), error);
+    if (status == KILN_OK) {
+        tell_shares(p, &shares);
+        share(p, &shares, p->points, sizeof *p->points);
+    }
+    if (status == KILN_OK && p->emission != NULL)
+        share(p, &shares, p->emission, sizeof *p->emission);
+    if (status == KILN_OK)
+        number_points(p);
+    kiln_free(&shares.first);
+    kiln_free(&shares.count);
+    return status;
+}
+
+/* ---- nodes ---- */
+
+/* Appends the point's node, if it sends light. The step before the first bounce gathers what is emitted. */
+static uint64_t add_point(struct kiln_patches *p, uint64_t point)
+{
+    if (point == KILN_NO_POINT || !(p->points[point].area > 0.0f))
+        return 0;
+    struct kiln_patch_node *node = &p->nodes[p->parameters.count++];
+    *node = (struct kiln_patch_node){.patch = p->points[point], .centre = p->points[point].place};
+    if (p->step->bounce == 0) {
+        memcpy(node->radiosity, p->emission[point], sizeof node->radiosity);
+    } else {
+        kiln_radiosity_unpack(p->radiosity[point], node->radiosity);
+        for (int c = 0; c < 3; c++)
+            node->radiosity[c] *= (float)p->source.settings->patches->albedo_scale;
+    }
+    return 1;
+}
+
+static void add_points(struct kiln_patches *p)
+{
+    const struct kiln_surface *s = p->source.surface;
+    for (uint64_t t = 0; t < s->tile_count; t++)
+        for (uint64_t rest = s->tiles[t].mask; rest != 0; rest &= rest - 1)
+            (void)add_point(p, point_at(s, &s->tiles[t], (uint32_t)__builtin_ctzll(rest)));
+}
+
+/* ---- nodes of several texels ---- */
+
+/* A square of texels of a lightmap. */
+struct square {
+    uint32_t map, x, y, side;
+};
+
+/* What nodes come to as one: means weighted by their areas. */
+struct mean {
+    double area, radiosity[3], deviation; /* of radiosity, the largest of a node's */
+    struct kiln_vec3 centre, normal;
+};
+
+static double largest_difference(const float radiosity[3], const double mean[3])
+{
+    return fmax(fmax(fabs((double)radiosity[0] - mean[0]), fabs((double)radiosity[1] - mean[1])),
+                fabs((double)radiosity[2] - mean[2]));
+}
+
+static struct mean mean_of(const struct kiln_patch_node *nodes, uint64_t count)
+{
+    struct mean mean = {.area = 0.0};
+    for (uint64_t i = 0; i < count; i++)
+        mean.area += (double)nodes[i].patch.area;
+    for (uint64_t i = 0; i < count; i++) {
+        const float share = (float)((double)nodes[i].patch.area / mean.area);
+        mean.centre = vec3_madd(mean.centre, nodes[i].centre, share);
+        mean.normal = vec3_madd(mean.normal, nodes[i].patch.normal, share);
+        for (int c = 0; c < 3; c++)
+            mean.radiosity[c] += (double)share * (double)nodes[i].radiosity[c];
+    }
+    for (uint64_t i = 0; i < count; i++)
+        mean.deviation = fmax(mean.deviation, largest_difference(nodes[i].radiosity, mean.radiosity));
+    return mean;
+}
+
+/* Whether nodes lie beside each other and look one way: two charts that share a window do not, unless one goes on into
+ * the other. */
+static bool are_of_one_chart(const struct kiln_patch_node *nodes, uint64_t count, const struct mean *mean)
+{
+    float side = 0.0f;
+    for (uint64_t i = 0; i < count; i++)
+        side = fmaxf(side, fmaxf(vec3_length(nodes[i].patch.edge_s), vec3_length(nodes[i].patch.edge_t)));
+    for (uint64_t i = 0; i < count; i++)
+        if (vec3_dot(nodes[i].patch.normal, nodes[0].patch.normal) < KILN_NODE_ALIKE ||
+            vec3_length(vec3_sub(nodes[i].centre, mean->centre)) > 1.25f * side)
+            return false;
+    return true;
+}
+
+/* Whether the nodes of a square may be one. */
+static bool may_join(const struct kiln_patches *p, const struct kiln_patch_node *nodes, uint64_t count,
+                     const struct mean *mean)
+{
+    const double most = p->source.settings->patches->subdivide;
+    if (!are_of_one_chart(nodes, count, mean))
+        return false;
+    if (!(most > 0.0))
+        return true;
+    double bend = 0.0;
+    for (uint64_t i = 0; i < count; i++)
+        bend = fmax(bend, (double)vec3_length(vec3_sub(nodes[i].patch.normal, mean->normal)));
+    return 0.5 * mean->deviation + 0.5 * bend * p->level < most * p->level;
+}
+
+/* A number in [0, 1) that is the window's and the step's. */
+static double chance_of(const struct kiln_patches *p, struct square q)
+{
+    const uint32_t where = kiln_hash2(kiln_hash2(q.map, q.side), kiln_hash2(q.x, q.y));
+    return (double)kiln_hash2(kiln_hash2(where, p->step->stream), (uint32_t)p->source.settings->seed) * 0x1p-32;
+}
+
+/* Which of the nodes stands for all. */
+static uint64_t choose(const struct kiln_patches *p, struct square q, const struct kiln_patch_node *nodes,
+                       uint64_t count, const struct mean *mean)
+{
+    const int how = p->source.settings->patches->undersample;
+    uint64_t chosen = 0;
+    if (how == KILN_SAMPLE_RANDOM) {
+        double left = chance_of(p, q) * mean->area - (double)nodes[0].patch.area;
+        while (left >= 0.0 && chosen + 1 < count)
+            left -= (double)nodes[++chosen].patch.area;
+    } else if (how != KILN_SAMPLE_STRIDE) { /* whose place is nearest to the middle */
+        for (uint64_t i = 1; i < count; i++)
+            if (vec3_length(vec3_sub(nodes[i].patch.place, mean->centre)) <
+                vec3_length(vec3_sub(nodes[chosen].patch.place, mean->centre)))
+                chosen = i;
+    }
+    return chosen;
+}
+
+/* Joins the last `count` nodes to one. */
+static void join(struct kiln_patches *p, struct square q, uint64_t count, const struct mean *mean)
+{
+    const int how = p->source.settings->patches->undersample;
+    struct kiln_patch_node *nodes = &p->nodes[p->parameters.count - count];
+    struct kiln_patch_node one = nodes[choose(p, q, nodes, count, mean)];
+    const float grown = (float)sqrt(mean->area / (double)one.patch.area);
+    one.patch.area = (float)mean->area;
+    one.patch.edge_s = vec3_scale(one.patch.edge_s, grown);
+    one.patch.edge_t = vec3_scale(one.patch.edge_t, grown);
+    if (how != KILN_SAMPLE_STRIDE && how != KILN_SAMPLE_RANDOM) {
+        one.patch.normal = vec3_normalize(mean->normal);
+        one.centre = mean->centre;
+        for (int c = 0; c < 3; c++)
+            one.radiosity[c] = (float)mean->radiosity[c];
+    }
+    nodes[0] = one;
+    p->parameters.count -= count - 1;
+}
+
+/* Appends the nodes of a square, from the single texels up; returns how many there are. What has become several nodes
+ * is joined no more. */
+static uint64_t add_square(struct kiln_patches *p, struct square q)
+{
+    const struct kiln_surface *s = p->source.surface;
+    const struct kiln_lightmap *map = &s->lightmaps[q.map];
+    if (q.x >= map->width || q.y >= map->height)
+        return 0;
+    if (q.side == 1)
+        return add_point(p, kiln_surface_find(s, q.map, q.x, q.y).at);
+    const uint32_t half = q.side / 2;
+    uint64_t count = 0, parts = 0;
+    for (uint32_t i = 0; i < 4; i++) {
+        const uint64_t more = add_square(p, (struct square){q.map, q.x + i % 2 * half, q.y + i / 2 * half, half});
+        count += more;
+        parts += more > 0;
+    }
+    if (count < 2 || count > parts)
+        return count;
+    const struct kiln_patch_node *nodes = &p->nodes[p->parameters.count - count];
+    const struct mean mean = mean_of(nodes, count);
+    if (!may_join(p, nodes, count, &mean))
+        return count;
+    join(p, q, count, &mean);
+    return 1;
+}
+
+static void add_squares(struct kiln_patches *p, uint32_t side)
+{
+    const struct kiln_surface *s = p->source.surface;
+    for (uint32_t m = 0; m < s->map_count; m++)
+        for (uint32_t y = 0; y < s->lightmaps[m].height; y += side)
+            for (uint32_t x = 0; x < s->lightmaps[m].width; x += side)
+                (void)add_square(p, (struct square){m, x, y, side});
+}
+
+/* ---- a step ---- */
+
+/* The mean radiosity, the same on all ranks, by the largest channel: what deviations are relative to. */
+static double level_of(struct kiln_patches *p)
+{
+    p->parameters.count = 0;
+    add_points(p);
+    const struct mean mean = mean_of(p->nodes, p->parameters.count);
+    return fmax(mean.radiosity[0], fmax(mean.radiosity[1], mean.radiosity[2]));
+}
+
+static void make_nodes(struct kiln_patches *p)
+{
+    const struct kiln_patch_settings *settings = p->source.settings->patches;
+    const int log = settings->subdivide > 0.0                  ? settings->node_max
+                    : settings->undersample != KILN_SAMPLE_ALL ? settings->window
+                                                               : 0;
+    p->level = settings->subdivide > 0.0 ? level_of(p) : 0.0;
+    p->parameters.count = 0;
+    if (log > 0)
+        add_squares(p, 1u << log);
+    else
+        add_points(p);
+}
+
+/* About an hour of one core. */
+static void warn_of_pairs(const struct kiln_patches *p)
+{
+    const double points = (double)p->source.surface->point_count, nodes = (double)p->parameters.count;
+    int rank;
+    (void)MPI_Comm_rank(p->source.communicator, &rank);
+    if (rank == 0 && points * nodes > 1e11)
+        kiln_print(
+            stderr,
+            "kiln: warning: %.0f surface points gather from %.0f patches, which are %.2g pairs in each bounce and "
+            "take hours; --undersample mipmap with a larger --sampling-window, fewer texels or --method cells "
+            "take less\n",
+            points, nodes, points * nodes);
+}
+
+int kiln_patches_update(struct kiln_patches *p, const uint64_t *radiosity, const struct kiln_step *step,
+                        const void **parameters, struct kiln_error *error)
+{
+    const bool clamps = p->source.settings->patches->clamp;
+    const bool first = p->points == NULL;
+    const int status = first ? find_shapes(p, error) : KILN_OK;
+    if (status != KILN_OK)
+        return status;
+    p->radiosity = radiosity;
+    p->step = step;
+    p->parameters = (struct kiln_patches_parameters){.points = p->points,
+                                                     .nodes = p->nodes,
+                                                     .most_factor = clamps ? KILN_CLAMP_FACTOR : 0.0,
+                                                     .most_added = clamps ? KILN_CLAMP_ADDED : 0.0};
+    make_nodes(p);
+    if (first)
+        warn_of_pairs(p);
+    *parameters = &p->parameters;
+    return KILN_OK;
+}

@@ -1,0 +1,102 @@
+#include "coordinator/integrate/radiosity/radiosity.h"
+
+#include "coordinator/integrate/cells/cells.h"
+#include "coordinator/integrate/cells/schedule.h"
+#include "coordinator/integrate/cells/take.h"
+#include "coordinator/integrate/packing.h"
+#include "worker/pass/patches.h"
+#include "worker/scene/radiosity.h"
+
+/* In the order of KILN_CELLS_DIRECT, ...; what emits comes in the place of caustics, and of the third and fourth there
+ * are none. */
+static const struct kiln_role roles[] = {
+    {.kind = "direct", .total = "direct", .title = "direct light", .phase = "direct light"},
+    {.kind = "bounce", .total = "bounces", .title = "bounce", .phase = "bounces", .numbered = true},
+    {.kind = "final", .total = "final", .title = "final gather", .phase = "bounces"},
+    {.kind = "pilot", .total = "pilot", .title = "direct light, pilot", .phase = "direct light"},
+    {.kind = "emitters", .total = "emitters", .title = "emitters", .phase = "emitters", .optional = true}};
+
+/* For "cells", to which what emits is a step as that of caustics is. */
+static struct kiln_integrate_settings settings_of_cells(const struct kiln_integrate_settings *settings)
+{
+    struct kiln_integrate_settings of_cells = *settings;
+    of_cells.caustics = settings->patches->lights == KILN_LIGHTS_PATCHES ? KILN_CAUSTICS_GATHER : KILN_CAUSTICS_NONE;
+    return of_cells;
+}
+
+/* The parameters of a step of patches are its nodes: coordinator/integrate/patches.h. */
+static bool next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports, size_t count,
+                 struct kiln_step *step)
+{
+    const struct kiln_integrate_settings of_cells = settings_of_cells(settings);
+    const bool any = kiln_cells_next(&of_cells, reports, count, step);
+    if (step->role == KILN_CELLS_CAUSTIC)
+        step->stream = KILN_CELLS_FINAL_STREAM;
+    if (step->role != KILN_CELLS_DIRECT)
+        step->pass = &kiln_pass_patches;
+    return any;
+}
+
+static int begin_step(struct kiln_integration *in, struct kiln_step_report *last, const struct kiln_step *step,
+                      struct kiln_error *error)
+{
+    return kiln_integrator_cells.begin_step(in, last, step, error);
+}
+
+/* What emits, as direct light. */
+static void enter_emitted(const struct kiln_rank_data *data, struct kiln_own_point own, const struct kiln_point_mean *r,
+                          const float radiosity[3])
+{
+    for (uint64_t c = 0; c < 3; c++) {
+        data->direct[3 * own.at + c] += r->irradiance[c];
+        data->sum[3 * own.at + c] += radiosity[c];
+        if (data->radiosity != NULL)
+            data->radiosity[3 * own.at + c] += radiosity[c];
+    }
+}
+
+static void take_emitted(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
+                         const struct kiln_point_result *results, struct kiln_tally *sums,
+                         struct kiln_tile_run_tally *tile_run)
+{
+    const bool counts =
+        (t->scene->objects[kiln_map_object(&data->surface, f->map)].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
+    struct kiln_own_point own = kiln_own_of_global(&data->surface, f->first);
+    for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++, results++) {
+        const struct kiln_point_mean mean = kiln_point_mean(results);
+        float albedo[3], radiosity[3];
+        kiln_point_albedo(&data->surface, own, albedo);
+        for (int c = 0; c < 3; c++)
+            radiosity[c] = albedo[c] * mean.incident[c];
+        if (counts)
+            kiln_cells_tally(t, &data->surface, own, &mean, albedo, NULL, sums, tile_run);
+        enter_emitted(data, own, &mean, radiosity);
+        data->next[own.at] = kiln_radiosity_pack(
+            &data->sum[3 * own.at], kiln_packing_hash(f, (uint32_t)__builtin_ctzll(rest), t->step->stream));
+    }
+}
+
+static void take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
+                 const void *results, struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
+{
+    if (t->step->role == KILN_CELLS_CAUSTIC)
+        take_emitted(t, data, f, results, sums, tile_run);
+    else
+        kiln_cells_take(t, data, f, results, sums, tile_run);
+}
+
+static int end_step(struct kiln_integration *in, struct kiln_step_reports *reports, struct kiln_error *error)
+{
+    const struct kiln_integrate_settings of_cells = settings_of_cells(in->settings);
+    struct kiln_integration as_cells = *in;
+    as_cells.settings = &of_cells;
+    return kiln_integrator_cells.end_step(&as_cells, reports, error);
+}
+
+const struct kiln_integrator kiln_integrator_radiosity = {.name = "radiosity",
+                                                          .roles = roles,
+                                                          .role_count = sizeof roles / sizeof *roles,
+                                                          .next = next,
+                                                          .begin_step = begin_step,
+                                                          .take = take,
+                                                          .end_step = end_step};

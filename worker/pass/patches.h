@@ -1,0 +1,61 @@
+/* The patches pass: light that arrives at surface points from other surface points, one bounce, pair by pair (Goral et
+ * al., "Modeling the Interaction of Light Between Diffuse Surfaces", SIGGRAPH 1984; Kahl, "RTX Radiosity", 2023,
+ * chapters 2.8 and 4.7).
+ *
+ *     E(i) = sum over nodes j of  B(j) F(i, j),      F(i, j) = A(j) cos(i) cos(j) V(i, j) / (pi r^2)
+ *
+ * A node stands for a surface point, or for several (coordinator/integrate/patches.h). Light goes straight between the
+ * places of the two; V is what the surfaces on the way let through, of each colour. Nodes that look away from the
+ * point, or lie behind it, are left out before a ray is traced. A node counts as the parallelogram of its edges: its
+ * factor is the mean over that, to the second order in its size. One that is nearer than KILN_PATCHES_NEAR times the
+ * root of its area, or crosses the point's horizon, is clipped at the horizon and has the exact one
+ * (worker/light/view_factor.h). The point itself is its place. E about the shading normal has the factors about that,
+ * of what lies above both horizons.
+ *
+ * Rows. The factors of a point add up to what its rays by the cosine meet: 1 - escaped - blocked, less what tinted
+ * surfaces take. These shares are those that the gather pass finds with the same samples and stream, and where the sum
+ * of the factors is off by more than chance explains, all factors of the row are scaled: with d what the shares say
+ * less the sum, and s = 3 sqrt(e (1 - e)) samples^(-3/4), e = escaped + blocked, by which a net of so many samples is
+ * hardly ever off, the row then adds up to its sum + d max(0, 1 - s^2 / d^2). Where no ray escapes that is exactly 1.
+ * Nothing is clamped, but on request: then rows are as they come, and a factor is that of a node's middle (Kahl's
+ * form).
+ *
+ * Surfaces are diffuse: chains through gloss are not followed. What the rays meet that is no node's brings nothing.
+ *
+ * Items: tile runs. Result: struct kiln_point_result; `error` is 0, for what pairs are off by is no chance. Samples:
+ * rays that measure the shares. Streams: as the gather pass, with the same rays. Rays: the samples of all valid points,
+ * and one for each pair that face each other. Time: as many pairs as points times nodes. Embree only. */
+#ifndef KILN_WORKER_PASS_PATCHES_H
+#define KILN_WORKER_PASS_PATCHES_H
+
+#include "worker/pass/pass.h"
+#include "worker/pass/point.h"
+
+#define KILN_PATCHES_NEAR 8.0
+
+/* A piece of flat surface; area 0: nothing leaves it. m, from the scene's centre. */
+struct kiln_patch {
+    struct kiln_vec3 place;  /* off the surface by as much as rays need (worker/scene/footprint.h) */
+    struct kiln_vec3 normal; /* geometric, unit */
+    /* Of the parallelogram about `place` that stands for it; their cross product is the area times the normal. */
+    struct kiln_vec3 edge_s, edge_t;
+    float area;      /* m2, of what is there to be lit */
+    uint32_t number; /* of the point, in an order that is the same for any cells and ranks */
+};
+
+struct kiln_patch_node {
+    struct kiln_patch patch; /* at the place of one surface point, whose number it has */
+    struct kiln_vec3 centre; /* of the parallelogram; rays go to the place */
+    float radiosity[3];      /* W/m2 */
+};
+
+struct kiln_patches_parameters {
+    const struct kiln_patch *points;     /* of all surface points, by global index; borrowed */
+    const struct kiln_patch_node *nodes; /* borrowed */
+    uint64_t count;                      /* of nodes */
+    /* A factor is at most the first, and what a node adds to the radiosity of a point, of a colour, at most the second;
+     * 0: nothing is clamped. */
+    double most_factor, most_added;
+};
+
+#endif
