@@ -151,8 +151,8 @@ static int give_gathered(struct kiln_landing *l, const struct kiln_batch *batch,
     rays.count = end - first;
     rays.take = take_gathered;
     rays.context = &g;
-    return kiln_landing_run_pass(l, &kiln_pass_weighed, &l->techniques, &rays,
-                            &kiln_solution_step(l->solution)->rays, error);
+    return kiln_landing_run_pass(l, &kiln_pass_weighed, &l->techniques, &rays, &kiln_solution_step(l->solution)->rays,
+                                 error);
 }
 
 int kiln_landing_give(struct kiln_landing *l, const struct kiln_batch *batch, struct kiln_error *error)

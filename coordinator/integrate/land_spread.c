@@ -150,7 +150,7 @@ int kiln_landing_spread(struct kiln_landing *l, struct kiln_error *error)
     memcpy(l->gathered, l->sums, own->count * sizeof *l->sums);
     kiln_progress_phase(p->progress, "caustics by rays", p->surface->count);
     kiln_control_begin(p->control, "caustics by rays");
-    const int status =
-        kiln_landing_work_through(l, 0, own->tile_run_count, kiln_landing_at_once(l, RAY_TILE_RUNS * p->threads), gather_rays, KILN_OK, error);
+    const int status = kiln_landing_work_through(
+        l, 0, own->tile_run_count, kiln_landing_at_once(l, RAY_TILE_RUNS * p->threads), gather_rays, KILN_OK, error);
     return status == KILN_OK ? merge_sums(l, spread_all, error) : status;
 }

@@ -102,6 +102,8 @@ class Cases:
         self.table = harness.Table(('case', 34), ('largest difference', 19), ('seconds', 8), ('energy', 36))
 
     def bake(self, name, scene, *options, ranks=0, probes=0):
+        if '--materials' not in options:  # light that goes straight through
+            options += ('--materials', 'diffuse')
         path = scene.write(os.path.join(self.kiln.scratch, name.replace(' ', '-') + '.glb'))
         bake = self.kiln.bake(path, '--samples-probe', probes, *options, ranks=ranks)
         return bake if self.checks.baked(bake) else None
