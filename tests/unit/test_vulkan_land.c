@@ -118,7 +118,7 @@ static void build(struct world *w)
     assert_int_equal(kiln_lights_create(&w->made, &f->scene, w->geometry, NULL), KILN_OK);
     const struct kiln_surface_params params = {.scene = &f->scene, .geometry = w->geometry, .ranks = 1, .threads = 1};
     assert_int_equal(kiln_surface_build(&w->surface, &params, &(struct kiln_surface_report){0}, NULL), KILN_OK);
-    assert_int_equal(kiln_aims_create(&w->aims, w->made, 256, NULL), KILN_OK);
+    assert_int_equal(kiln_aims_create(&w->aims, w->made, 127, NULL), KILN_OK);
     assert_int_equal(kiln_emission_create(&w->emission, w->made, NULL), KILN_OK);
     assert_int_equal(kiln_mirror_images_create(&w->images, w->made, NULL), KILN_OK);
     assert_true(w->aims->count >= 20 && w->aims->count <= PATHS && w->images != NULL);

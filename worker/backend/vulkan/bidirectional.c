@@ -141,6 +141,9 @@ static int prepare(struct both_run *r, struct kiln_error *error)
     struct vulkan_backend *b = r->b;
     const uint32_t low = (uint32_t)b->params.seed, high = (uint32_t)(b->params.seed >> 32);
     r->push.seed = kiln_hash2(low, high ^ KILN_PATH_SEED);
+    if (b->tracer.acceleration != NULL)
+        return kiln_fail(error, KILN_USAGE,
+                         "bidirectional paths have no kernels for the ray-tracing pipeline: give --traversal compute");
     int status = kiln_emission_create(&r->emission, b->params.lights, error);
     if (status == KILN_OK)
         status = vulkan_surfaces(b, error);

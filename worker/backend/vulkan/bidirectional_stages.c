@@ -28,10 +28,6 @@
 #include "shaders/path_rays_float.h"
 #include "shaders/path_rays_gloss.h"
 #include "shaders/path_rays_gloss_float.h"
-#include "shaders/path_rays_gloss_pipeline.h"
-#include "shaders/path_rays_gloss_pipeline_float.h"
-#include "shaders/path_rays_pipeline.h"
-#include "shaders/path_rays_pipeline_float.h"
 #include "shaders/path_splat.h"
 #include "shaders/path_splat_float.h"
 #include "shaders/path_splat_gloss.h"
@@ -50,18 +46,7 @@
                                                          .gloss = &shader##_with_gloss};
 SHADER_WITH_GLOSS(light_paths, "paths of light")
 SHADER_WITH_GLOSS(eye_paths, "paths of the camera")
-static const struct vulkan_shader path_rays_with_gloss = {.name = "rays of paths with gloss",
-                                                          .compute = VULKAN_CODE(path_rays_gloss),
-                                                          .pipeline = VULKAN_CODE(path_rays_gloss_pipeline),
-                                                          .compute_float = VULKAN_CODE(path_rays_gloss_float),
-                                                          .pipeline_float =
-                                                              VULKAN_CODE(path_rays_gloss_pipeline_float)};
-static const struct vulkan_shader path_rays_shader = {.name = "rays of paths",
-                                                      .compute = VULKAN_CODE(path_rays),
-                                                      .pipeline = VULKAN_CODE(path_rays_pipeline),
-                                                      .compute_float = VULKAN_CODE(path_rays_float),
-                                                      .pipeline_float = VULKAN_CODE(path_rays_pipeline_float),
-                                                      .gloss = &path_rays_with_gloss};
+SHADER_WITH_GLOSS(path_rays, "rays of paths")
 SHADER_WITH_GLOSS(path_connect, "connections of paths")
 SHADER_WITH_GLOSS(path_merge, "merging of photons")
 SHADER_WITH_GLOSS(path_splat, "light to the camera")

@@ -202,12 +202,12 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     return vulkan_run_to_end(b, run_left, parameters, batch, rays, error);
 }
 
-/* Spheres of probes ask for walls (worker/pass/spheres.h), an image of the sky is not cut into cells here
+/* Spheres of probes ask for walls (worker/pass/spheres.h), of an image of the sky there is only one cell here
  * (worker/light/sky_cells.h), and the kernel has no form for the ray-tracing pipeline. */
 static bool takes(const struct vulkan_backend *b, const void *parameters)
 {
     const struct kiln_land_parameters *p = parameters;
-    return p->spheres == NULL && p->aims->sky.count == 0 && b->tracer.acceleration == NULL;
+    return p->spheres == NULL && (p->aims == NULL || p->aims->sky.count <= 1) && b->tracer.acceleration == NULL;
 }
 
 const struct vulkan_pass vulkan_pass_land = {.run = run, .takes = takes};

@@ -80,13 +80,14 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     return status;
 }
 
-/* What it would need more for the rest stands in worker/pass/weighed.h; aims at cells of the sky
- * (worker/light/sky_cells.h) are not known here, and the kernel has no form for the ray-tracing pipeline. */
+/* What it would need more for the rest stands in worker/pass/weighed.h; of an image of the
+ * sky there is only one cell here (worker/light/sky_cells.h), and the kernel has no form for the ray-tracing pipeline.
+ */
 static bool takes(const struct vulkan_backend *b, const void *parameters)
 {
     const struct kiln_caustic_techniques *t = parameters;
     return !kiln_mis_learns(t->mis) && t->moments == NULL && t->images == NULL && t->kept == NULL &&
-           t->aims->sky.count == 0 && b->tracer.acceleration == NULL;
+           (t->aims == NULL || t->aims->sky.count <= 1) && b->tracer.acceleration == NULL;
 }
 
 const struct vulkan_pass vulkan_pass_weighed = {.run = run, .takes = takes};
