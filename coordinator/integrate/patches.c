@@ -12,7 +12,7 @@
 #include "worker/scene/radiosity.h"
 
 #define KILN_NODE_ALIKE 0.9063f /* cosine of 25 degrees, as of blocks (blocks.h) */
-/* Kahl 2023, section 4.7.3, names such clamps; the figures are those of his program. */
+/* Kahl 2023, section 4.7.3, names such clamps, without figures. */
 #define KILN_CLAMP_FACTOR 1.0
 #define KILN_CLAMP_ADDED 0.05 /* W/m2 */
 
