@@ -196,7 +196,7 @@ static int read_counts(struct both_run *r, struct kiln_gpu_both_counts *counts, 
                          gpu_about(r->b->gpu)->name);
     if (status == KILN_OK && counts->too_much != 0)
         return kiln_fail(error, KILN_BAD_INPUT,
-                         "one path of light brings more to a pixel than 2^53 times %g W/(m2 sr), which is all that the "
+                         "one path brings more to a pixel than 2^53 times %g W/(m2 sr), which is all that the "
                          "sums of such paths hold; --method path has no such limit",
                          (double)r->shared.unit);
     return status;
