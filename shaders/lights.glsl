@@ -135,6 +135,8 @@ void cut_tree(real3 p, real spread, real3 n, uint limit)
 {
     cut_count = 0u;
     cut_leaves = 0u;
+    if (SCENE.lights.nodes == 0ul) /* of the direct pass where lamps are patches: other kernels have lights */
+        return;
     const real importance = light_importance(0u, p, spread, n);
     if (importance <= 0)
         return;

@@ -25,10 +25,13 @@ KILN_ARRAY(Photons, kiln_gpu_photon, 4);
 #define SHADOW_RAY(number) ShadowRays(BOTH.shadows + 48ul * (number)).at[0]
 #define TALLY Tallies(push.tally).at[0]
 
+bool halts(uint64_t word) { return word != 0ul && BothWords(word).at[0] != 0u; }
+
 /* Whether there is something to do for thread x. */
 bool has_work(uint x)
 {
-    return x < push.count && (push.counter == 0ul || push.offset + x < BothWords(push.counter).at[0]);
+    return x < push.count && (push.counter == 0ul || push.offset + x < BothWords(push.counter).at[0]) &&
+           !halts(push.halts[0]) && !halts(push.halts[1]);
 }
 
 /* The slot of thread x. */

@@ -41,6 +41,18 @@ static int find_visible(struct kiln_bake *b, struct kiln_error *error)
     return kiln_bake_end_phase(b, status, error);
 }
 
+/* The parameters of paths from surface points, with the radius of merging where --merge-radius leaves it to kiln. */
+static void settle_paths(struct kiln_bake *b)
+{
+    const struct kiln_prepared *p = b->prepared;
+    b->paths = b->job->paths;
+    if (b->light_settings.reference == NULL)
+        return;
+    if (b->paths.method == KILN_REFERENCE_VCM && b->paths.radius == 0.0)
+        b->paths.radius = kiln_reference_radius(p->surface_report.geometry_area, p->surface->point_count);
+    b->light_settings.reference = &b->paths;
+}
+
 int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
 {
     int status = find_visible(b, error);
@@ -52,12 +64,15 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
     status = kiln_bake_end_phase(b, status, error);
     if (status != KILN_OK)
         return status;
-    status = kiln_bake_transport_begin(b, error);
+    status = kiln_bake_groups_sort(b, error);
+    if (status == KILN_OK)
+        status = kiln_bake_transport_begin(b, error);
     if (status != KILN_OK)
         return status;
     kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0,
                        kiln_checkpoint_written(b->checkpoint));
     b->light_settings = kiln_light_settings(b->job, b->prepared->lights, b->prepared->surface->point_count);
+    settle_paths(b);
     kiln_field_set_choose(&b->fields, b->job);
     b->light_params = (struct kiln_integrate_params){.communicator = b->communicator,
                                                      .rank = b->rank,
@@ -76,6 +91,7 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
                                                      .control = b->control,
                                                      .checkpoint = b->checkpoint,
                                                      .identity = b->identity,
+                                                     .groups = b->groups.count > 0 ? &b->groups : NULL,
                                                      .transport = b->transport.is_on ? &b->transport : NULL,
                                                      .threads = b->prepared->threads};
     b->saves = true;

@@ -13,6 +13,7 @@
 #include "coordinator/output/map/lightmaps.h"
 #include "coordinator/output/vertex_light.h"
 #include "coordinator/view/view.h"
+#include "worker/light/light_groups.h"
 
 struct kiln_bake {
     const struct kiln_job *job, *asked; /* settled: materials.h; as the caller gave it */
@@ -34,6 +35,7 @@ struct kiln_bake {
     struct kiln_visible_from visible; /* what the views need, if the job names some */
     struct kiln_emission_result emission;
     struct kiln_integrate_settings light_settings;
+    struct kiln_reference_parameters paths; /* which these point to with --method path, bdpt and vcm */
     struct kiln_field_set fields;
     struct kiln_integrate_params light_params;
     struct kiln_solution *solution;
@@ -41,6 +43,7 @@ struct kiln_bake {
     struct kiln_lightmap_report *lightmaps;
     struct kiln_density_check density;
     struct kiln_vertex_light vertices;
+    struct kiln_light_groups groups; /* bake_groups.c; owned; no count: there are none */
     uint64_t probe_rays;
     bool same_probes; /* the probes of the checkpoint can be used */
     bool saves;       /* in steps and in the probe pass, where stopping writes a checkpoint */
@@ -103,6 +106,13 @@ int kiln_bake_transport_write(struct kiln_bake *bake, struct kiln_error *error);
 json_t *kiln_bake_transport_json(struct kiln_bake *bake);
 /* Not collective. */
 void kiln_bake_transport_release(struct kiln_bake *bake);
+
+/* ---- bake_groups.c: groups of lights; nothing without --light-groups ---- */
+
+/* Fills in bake->groups; refuses names that the scene does not have, and bakes that cannot tell groups apart. */
+int kiln_bake_groups_sort(struct kiln_bake *bake, struct kiln_error *error);
+/* Not collective. */
+void kiln_bake_groups_release(struct kiln_bake *bake);
 
 /* ---- bake_results.c: the files ---- */
 

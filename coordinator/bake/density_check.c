@@ -147,6 +147,7 @@ static int solve(struct kiln_density_check *check, const struct kiln_prepared *c
     struct kiln_field_set fields;
     struct kiln_solution *solved = NULL;
     plain.error_map = false;
+    plain.group_count = 0;
     plain.target_error = 0.0;
     plain.indirect_scale = plain.final_scale = 0;
     plain.denoise = KILN_DENOISE_NONE;
@@ -163,6 +164,7 @@ static int solve(struct kiln_density_check *check, const struct kiln_prepared *c
     params.checkpoint = NULL;
     params.identity = NULL;
     params.trace = NULL;
+    params.groups = NULL;
     int status = kiln_integrate(&solved, &params, error);
     if (status == KILN_OK)
         status = compare(check, coarse->scene->object_count, &params, solution, solved, error);

@@ -20,6 +20,10 @@ static const char *const counting[] = {"environment",
                                        "node-max",
                                        "clamp",
                                        "albedo-scale",
+                                       "patches",
+                                       "link-error",
+                                       "gather",
+                                       "directions",
                                        "bounces",
                                        "tail",
                                        "schedule",
@@ -70,9 +74,11 @@ static const char *const other[] = {
     "output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "denoise", "check-density",
     "preview", "exposure", "auto-exposure", "tone-map", "json", "quiet", "verbose", "resume", "checkpoint-every",
     "max-time", "watchdog", "device", "devices", "traversal", "dispatch-time", "device-memory", "memory-budget",
+    /* what is kept of pairs is what tracing finds */
+    "visibility-cache",
     /* units give the numbers a name and change none of them */
     "verify-fraction", "trace", "shared-memory-ranks", "work-stealing", "rebalance", "exchange-points",
-    "exchange-limit", "units", "export", "vertex-light", "keep-transport",
+    "exchange-limit", "units", "light-groups", "export", "vertex-light", "keep-transport",
     /* what it changes is in the scene's content */
     "changes"};
 
@@ -121,6 +127,8 @@ json_t *kiln_identity_make(const struct kiln_job *job, const struct kiln_prepare
     uint64_t views[2];
     if (job->only_visible_from != NULL && kiln_visible_from_hash(job->only_visible_from, views))
         (void)json_object_set_new(fields, "camera path", kiln_hash_json(views));
+    if (job->grouped != NULL) /* what the file says, wherever it lies */
+        (void)json_object_set_new(fields, "light groups", json_string(job->grouped));
     (void)json_object_set_new(fields, "scene content", kiln_hash_json(scene->header->content_hash));
     (void)json_object_set_new(fields, "kiln", json_string(KILN_VERSION));
     return json_pack("{s:o, s:o, s:o, s:{s:s, s:s}}", "fields", fields, "probes", probes, "sources", sources, "machine",

@@ -34,6 +34,15 @@ enum {
     RANK_AGAIN,
     RANK_GRID_PAIRS,
     RANK_GRID_SENT,
+    RANK_PAIRS_BYTES,
+    RANK_PAIRS_ASKED,
+    RANK_PAIRS_KNOWN,
+    RANK_PAIRS_OPEN, /* tile pairs */
+    RANK_PAIRS_SHUT,
+    RANK_PAIRS_MIXED,
+    RANK_PAIRS_UNKNOWN,
+    RANK_LINKS,
+    RANK_LINK_BYTES,
     RANK_STOLEN_FROM,
     RANK_STOLEN_BY,
     RANK_RECOVERIES,
@@ -78,7 +87,15 @@ static void add_patches(json_t *settings, const struct kiln_job *job)
     static const char *const undersample[] = {"none", "stride", "random", "mipmap"};
     if (!kiln_job_is_radiosity(job))
         return;
+    static const char *const gather[] = {"pairs", "cosine", "even", "circles", "mixed"};
+    json_object_set_new(settings, "gather", json_string(gather[p->gather]));
+    if (p->gather != KILN_GATHER_PAIRS)
+        json_object_set_new(settings, "directions",
+                            json_integer(p->directions > 0 ? p->directions : job->samples_indirect));
     json_object_set_new(settings, "lights", json_string(p->lights == KILN_LIGHTS_PATCHES ? "patches" : "sampled"));
+    json_object_set_new(settings, "patches", json_string(p->patches == KILN_PATCHES_LINKS ? "links" : "all"));
+    if (p->patches == KILN_PATCHES_LINKS)
+        json_object_set_new(settings, "link_error", json_real(p->link_error));
     json_object_set_new(settings, "undersample", json_string(undersample[p->undersample]));
     if (p->undersample != KILN_SAMPLE_ALL)
         json_object_set_new(settings, "sampling_window", json_integer((json_int_t)1 << p->window));
@@ -215,6 +232,17 @@ static uint64_t count_invalid(const struct kiln_surface *surface)
     return invalid;
 }
 
+static void own_visibility(const struct kiln_visibility_counts *c, uint64_t values[RANK_VALUES])
+{
+    values[RANK_PAIRS_BYTES] = c->bytes;
+    values[RANK_PAIRS_ASKED] = c->asked;
+    values[RANK_PAIRS_KNOWN] = c->answered;
+    values[RANK_PAIRS_OPEN] = c->open;
+    values[RANK_PAIRS_SHUT] = c->shut;
+    values[RANK_PAIRS_MIXED] = c->mixed;
+    values[RANK_PAIRS_UNKNOWN] = c->unknown;
+}
+
 static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
 {
     const struct kiln_integrate_report *t = &run->solution->report;
@@ -227,6 +255,9 @@ static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
     values[RANK_RECEIVED] = t->received;
     values[RANK_WHOLE] = t->whole;
     values[RANK_AGAIN] = t->computed_again;
+    own_visibility(&t->visibility, values);
+    values[RANK_LINKS] = t->links;
+    values[RANK_LINK_BYTES] = t->link_bytes;
     if (run->solution->sight != NULL) {
         values[RANK_GRID_PAIRS] = run->solution->sight->pair_count;
         values[RANK_GRID_SENT] = run->solution->sight->sent;
@@ -572,6 +603,19 @@ static json_t *visible_json(const struct kiln_run *run, const uint64_t *values)
                      "points_computed_again", total(values, ranks, RANK_AGAIN));
 }
 
+/* What came of the visibility that patches kept: of tile pairs with any pair that face each other the share that is
+ * kept, without a bit a pair (open, shut) and with; and of all pairs those that no ray was traced for. */
+static json_t *visibility_json(const uint64_t *values, int ranks)
+{
+    const double open = (double)total(values, ranks, RANK_PAIRS_OPEN),
+                 shut = (double)total(values, ranks, RANK_PAIRS_SHUT),
+                 kept = open + shut + (double)total(values, ranks, RANK_PAIRS_MIXED),
+                 all = fmax(1.0, kept + (double)total(values, ranks, RANK_PAIRS_UNKNOWN));
+    return json_pack("{s:I, s:f, s:f, s:f, s:I, s:I}", "bytes", total(values, ranks, RANK_PAIRS_BYTES), "cached",
+                     kept / all, "open", open / all, "shut", shut / all, "pairs",
+                     total(values, ranks, RANK_PAIRS_ASKED), "rays_saved", total(values, ranks, RANK_PAIRS_KNOWN));
+}
+
 /* Numbers of rays, of the steps by role and of the probes; *sum receives their total. */
 static json_t *rays_json(const struct kiln_roles *roles, const uint64_t *values, int ranks, double *sum)
 {
@@ -727,6 +771,12 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "store", store_json(p));
     json_object_set_new(root, "balance", balance_json(run, values));
     json_object_set_new(root, "memory", memory_json(run, values));
+    if (kiln_job_is_radiosity(run->job) && run->job->patches.visibility_cache > 0.0)
+        json_object_set_new(root, "visibility_cache", visibility_json(values, p->ranks));
+    if (total(values, p->ranks, RANK_LINKS) > 0)
+        json_object_set_new(root, "links",
+                            json_pack("{s:I, s:I}", "count", total(values, p->ranks, RANK_LINKS), "bytes",
+                                      total(values, p->ranks, RANK_LINK_BYTES)));
     json_object_set_new(mpi, "received_between_nodes", json_integer(total(values, p->ranks, RANK_RECEIVED)));
     if (run->solution->sight != NULL)
         json_object_set_new(mpi, "visible", visible_json(run, values));

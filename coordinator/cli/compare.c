@@ -310,19 +310,20 @@ static json_t *difference_json(const struct kiln_difference *d)
         json_object_set_new(channels, d->channels[c].name,
                             json_pack("{s:f, s:f, s:f}", "rmse", d->channels[c].rmse, "mean_difference",
                                       d->channels[c].mean_difference, "mean", d->channels[c].mean));
-    return json_pack("{s:b, s:I, s:I, s:I, s:f, s:f, s:o, s:f, s:o, s:f, s:o, s:o, s:f, s:f, s:{s:f, s:i, s:i}, s:o}",
-                     "identical", d->identical, "texels", (json_int_t)d->texels, "interior_texels",
-                     (json_int_t)d->interior, "not_finite", (json_int_t)d->not_finite, "mean", d->mean, "rmse", d->rmse,
-                     "nrmse", number_json(d->nrmse), "rel_rmse", d->rel_rmse, "psnr", number_json(d->psnr), "dssim",
-                     d->dssim, "picture_psnr", number_json(d->picture_psnr), "picture_dissimilarity",
-                     number_json(d->picture_dissimilarity), "dfpr", d->dfpr, "dfpr_unit", d->dfpr_unit, "worst",
-                     "difference", d->worst, "x", (int)d->worst_x, "y", (int)d->worst_y, "channels", channels);
+    return json_pack(
+        "{s:b, s:I, s:I, s:I, s:f, s:f, s:o, s:f, s:o, s:f, s:o, s:o, s:f, s:f, s:f, s:{s:f, s:i, s:i}, s:o}",
+        "identical", d->identical, "texels", (json_int_t)d->texels, "interior_texels", (json_int_t)d->interior,
+        "not_finite", (json_int_t)d->not_finite, "mean", d->mean, "rmse", d->rmse, "nrmse", number_json(d->nrmse),
+        "rel_rmse", d->rel_rmse, "psnr", number_json(d->psnr), "dssim", d->dssim, "picture_psnr",
+        number_json(d->picture_psnr), "picture_dissimilarity", number_json(d->picture_dissimilarity), "dfpr", d->dfpr,
+        "dfpr_unit", d->dfpr_unit, "dfpr_8bit", d->dfpr_8bit, "worst", "difference", d->worst, "x", (int)d->worst_x,
+        "y", (int)d->worst_y, "channels", channels);
 }
 
 /* Adjusts the JSON object for sample points: adds the worst place, and removes what neighbours and pictures say. */
 static void add_place(const struct comparison *c, json_t *root)
 {
-    static const char *const of_pictures[] = {"dssim", "picture_psnr", "picture_dissimilarity"};
+    static const char *const of_pictures[] = {"dssim", "picture_psnr", "picture_dissimilarity", "dfpr_8bit"};
     const double *place = c->ones[c->worst].worst_place;
     if (c->scene_a == NULL)
         return;
@@ -384,7 +385,10 @@ static void print_text(const struct comparison *c)
     if (c->scene_a == NULL)
         (void)printf("dssim      %.6g\npicture    psnr %.2f dB, 1 / ssim - 1 %.6g (tone-mapped, 8 bits)\n", d->dssim,
                      d->picture_psnr, d->picture_dissimilarity);
-    (void)printf("dfpr       %.6g %s; %.6g with the brightest value as 1\n", d->dfpr, unit, d->dfpr_unit);
+    (void)printf("dfpr       %.6g %s; %.6g with the brightest value as 1", d->dfpr, unit, d->dfpr_unit);
+    if (c->scene_a == NULL)
+        (void)printf("; %.6g of 8 bits and all pixels", d->dfpr_8bit);
+    (void)puts("");
     if (c->scene_a != NULL)
         kiln_print(stdout, "worst      %.6g %s at %.6g %.6g %.6g on %s\n", d->worst, unit, place[0], place[1], place[2],
                    c->ones[c->worst].name);

@@ -20,6 +20,7 @@
 #include "coordinator/run/process.h"
 #include "coordinator/cli/same_job.h"
 #include "coordinator/export/child.h"
+#include "coordinator/field/group_fields.h"
 #include "coordinator/import/child.h"
 #include "coordinator/output/read/reader.h"
 #include "coordinator/run/threads.h"
@@ -121,6 +122,8 @@ static int prepare(struct kiln_job **job, int argc, char **argv, const struct ki
                    struct kiln_error *error)
 {
     int status = kiln_job_parse(job, argc, argv, error);
+    if (status == KILN_OK)
+        status = kiln_group_fields_make(*job, error);
     if (status == KILN_OK && command->folder && takes_scene(*job))
         (*job)->scene = (*job)->arguments[0];
     else if (status == KILN_OK && command->folder)

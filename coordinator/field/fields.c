@@ -5,6 +5,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "coordinator/field/group_fields.h"
 #include "coordinator/field/packed_error.h"
 #include "coordinator/field/rank_data.h"
 #include "worker/pass/guided.h"
@@ -528,6 +529,9 @@ void kiln_field_set_choose(struct kiln_field_set *set, const struct kiln_job *jo
         assert(status == KILN_OK); /* what can fail is wrong in the table itself */
         (void)status;
     }
+    for (size_t g = 0; g < job->group_count; g++)
+        for (int k = 0; k < KILN_GROUP_FIELDS; k++)
+            (void)kiln_field_set_add(set, job->group_rows[g] + k, true, NULL);
 }
 
 /* ---- sizes ---- */

@@ -13,6 +13,7 @@
 #include "worker/base/memory.h"
 #include "worker/pass/patches.h"
 
+enum { LINKS = 1000 };   /* of a point, to begin with */
 enum { LEAVES = 8 };     /* a batch takes at most one part in so many of what is left */
 #define LEAST_HELP 0.005 /* s of work that is left to a rank, for others to take any of it */
 /* rays a second and thread, to begin with: little, so that the first batch is short however slow they are */
@@ -242,7 +243,8 @@ static const struct kiln_rank_data *who_is_behind(const struct kiln_batches *b, 
     const struct kiln_node_data *node_data = b->solution->node_data;
     const struct kiln_rank_data *last = NULL;
     double longest = LEAST_HELP;
-    if (b->report->step.lands) /* what has landed is with the owner of the points */
+    /* what has landed, and links, are with the owner of the points */
+    if (b->report->step.lands || !b->report->step.pass->is_stealable)
         return NULL;
     for (int i = 0; i < kiln_node_data_count(node_data); i++) {
         const struct kiln_rank_data *data = kiln_rank_data(node_data, i);
@@ -352,6 +354,8 @@ static enum kiln_event do_next(struct kiln_batches *b, struct kiln_error *error)
 static double share_of_samples(const struct kiln_step *step)
 {
     const struct kiln_patches_parameters *patches = step->parameters;
+    if (step->pass == &kiln_pass_links)
+        return step->samples / ((double)step->samples + LINKS);
     return step->pass == &kiln_pass_patches ? step->samples / ((double)step->samples + (double)patches->count) : 1.0;
 }
 

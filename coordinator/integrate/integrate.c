@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "coordinator/integrate/blocks.h"
+#include "coordinator/integrate/groups.h"
 #include "coordinator/integrate/lockstep.h"
 #include "coordinator/integrate/nodes.h"
 #include "coordinator/integrate/quantity.h"
@@ -133,6 +134,9 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
     int status = make_allgather(l, error);
     if (status == KILN_OK) /* after the radiosity: that is the node's most useful block */
         status = make_data(l, error);
+    if (status == KILN_OK && p->groups != NULL)
+        status = kiln_group_light_create(&l->groups, p, solution, error);
+    l->taker.groups = l->integration.groups = l->groups;
     if (status == KILN_OK && restored)
         status = kiln_restore(&l->saved, &finished, error);
     if (status == KILN_OK && p->seen != NULL)

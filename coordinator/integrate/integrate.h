@@ -11,6 +11,8 @@
 #include "coordinator/run/progress.h"
 #include "coordinator/run/trace.h"
 
+struct kiln_light_groups;
+
 /* All pointers are borrowed. */
 struct kiln_integrate_params {
     MPI_Comm communicator;
@@ -24,13 +26,14 @@ struct kiln_integrate_params {
     struct kiln_node_memory *node;       /* must outlive the solution */
     double area;                         /* m2, of the scene's triangles */
     const struct kiln_emission_result *emission;
-    struct kiln_progress *progress;     /* may be NULL */
-    struct kiln_control *control;       /* what asks to save and to stop */
-    struct kiln_checkpoint *checkpoint; /* an open generation is gone on from; NULL: nothing is saved */
-    const json_t *identity;             /* of the bake, for the checkpoints it writes */
-    struct kiln_trace *trace;           /* may be NULL */
-    struct kiln_transport *transport;   /* what rays meet is kept or replayed; NULL: neither */
-    uint32_t threads;                   /* that take over the answers */
+    struct kiln_progress *progress;         /* may be NULL */
+    struct kiln_control *control;           /* what asks to save and to stop */
+    struct kiln_checkpoint *checkpoint;     /* an open generation is gone on from; NULL: nothing is saved */
+    const json_t *identity;                 /* of the bake, for the checkpoints it writes */
+    struct kiln_trace *trace;               /* may be NULL */
+    const struct kiln_light_groups *groups; /* whose light is told apart (groups.h); NULL: none */
+    struct kiln_transport *transport;       /* what rays meet is kept or replayed; NULL: neither */
+    uint32_t threads;                       /* that take over the answers */
 };
 
 /* Collective. Goes on from the open generation of the checkpoint, whatever ranks wrote it. KILN_STOPPED, with a new

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdio.h>
 
+#include "coordinator/integrate/groups.h"
 #include "coordinator/integrate/parts.h"
 #include "coordinator/integrate/quantity.h"
 #include "coordinator/integrate/repartition.h"
@@ -23,7 +24,13 @@ static uint32_t take_threads(const struct kiln_integrate_params *p)
 static int create_patches(struct kiln_lockstep *l, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = l->params;
-    const struct kiln_patches_source source = {p->communicator, p->ranks, p->surface, p->backend, p->settings};
+    const struct kiln_patches_source source = {.communicator = p->communicator,
+                                               .ranks = p->ranks,
+                                               .surface = p->surface,
+                                               .backend = p->backend,
+                                               .settings = p->settings,
+                                               .direct = &l->solution->direct,
+                                               .keeps_visibility = true};
     return kiln_patches_create(&l->patches, &source, error);
 }
 
@@ -58,6 +65,7 @@ void kiln_lockstep_release(struct kiln_lockstep *l)
     kiln_radiance_destroy(&l->radiance);
     kiln_landing_destroy(&l->landing);
     kiln_patches_destroy(&l->patches);
+    kiln_group_light_destroy(&l->groups);
     kiln_ledger_release(&l->ledger);
     kiln_taker_release(&l->taker);
     kiln_batches_release(&l->batches);
@@ -172,7 +180,7 @@ static int prepare_step(struct kiln_lockstep *l, struct kiln_error *error)
 {
     struct kiln_step *step = &kiln_solution_step(l->solution)->step;
     l->params->surface->guide = l->solution->own->surface.guide; /* which may have moved */
-    if (step->pass == &kiln_pass_patches)
+    if (step->pass == &kiln_pass_patches || step->pass == &kiln_pass_links || step->pass == &kiln_pass_directions)
         return kiln_patches_update(l->patches, l->solution->radiosity, step, &step->parameters, error);
     const bool asks = l->radiance != NULL && step->quantity == NULL && step->pass->reads_radiosity;
     if (step->lands)
@@ -207,6 +215,8 @@ static int run_step(struct kiln_lockstep *l, struct kiln_error *error)
     report->given += kiln_work_queue_returned(l->solution->own->queue);
     kiln_trace_add(p->trace, KILN_TRACE_PASS, role_of(l, &report->step)->title, start, MPI_Wtime(),
                    (int64_t)p->surface->count);
+    l->solution->report.visibility = kiln_patches_visibility(l->patches);
+    kiln_patches_links(l->patches, &l->solution->report.links, &l->solution->report.link_bytes);
     return status == KILN_OK ? end_step(l, error) : status;
 }
 
@@ -260,6 +270,8 @@ int kiln_lockstep_run(struct kiln_lockstep *l, bool restored, bool finished, str
         struct kiln_step_report *report = kiln_solution_step(l->solution);
         if (report->step.pass->reads_radiosity)
             kiln_exchange_radiosity(&l->exchange, KILN_EXCHANGE_IN_PLACE, report);
+        if (report->step.pass->reads_radiosity)
+            kiln_group_light_exchange(l->groups, true);
         status = run_step(l, error);
     }
     while (status == KILN_OK && !finished && kiln_steps_next(settings, steps->of, steps->count, &step))

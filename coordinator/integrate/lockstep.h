@@ -26,6 +26,7 @@ struct kiln_lockstep {
     struct kiln_radiance *radiance;      /* NULL: gather rays have no end */
     struct kiln_landing *landing;        /* NULL: no step lands */
     struct kiln_patches *patches;        /* NULL: no step is of patches */
+    struct kiln_group_light *groups;     /* NULL: none */
     bool may_repartition;                /* points may be distributed anew; the same on all ranks */
 };
 

@@ -4,7 +4,12 @@
 #include <math.h>
 #include <string.h>
 
+#include "coordinator/integrate/directions.h"
+#include "coordinator/integrate/land.h"
+#include "coordinator/integrate/links.h"
+#include "coordinator/integrate/packing.h"
 #include "coordinator/mpi/agree.h"
+#include "worker/base/color.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 #include "worker/pass/shapes.h"
@@ -16,6 +21,9 @@
 #define KILN_CLAMP_FACTOR 1.0
 #define KILN_CLAMP_ADDED 0.05 /* W/m2 */
 
+/* Of the rays that close the rows of links: one for all bounces, so that it does not matter when these are found. */
+enum { KILN_LINKS_STREAM = 1 };
+
 struct kiln_patches {
     struct kiln_patches_source source;
     /* of the update under way: packed radiosity of all points; and the step */
@@ -26,6 +34,10 @@ struct kiln_patches {
     struct kiln_patch_node *nodes;
     double level; /* W/m2, that deviations are relative to */
     struct kiln_patches_parameters parameters;
+    struct kiln_links *links;            /* NULL: not found yet, or there are none */
+    bool links_of_emission;              /* made for what is emitted */
+    struct kiln_visibility_cache *cache; /* NULL: none */
+    struct kiln_directions *directions;  /* in the place of nodes; NULL: not made yet */
 };
 
 int kiln_patches_create(struct kiln_patches **patches, const struct kiln_patches_source *source,
@@ -46,13 +58,53 @@ void kiln_patches_destroy(struct kiln_patches **patches)
     kiln_free(&(*patches)->points);
     kiln_free(&(*patches)->emission);
     kiln_free(&(*patches)->nodes);
+    kiln_links_destroy(&(*patches)->links);
+    kiln_directions_destroy(&(*patches)->directions);
+    kiln_visibility_cache_destroy(&(*patches)->cache);
     kiln_free(patches);
 }
 
-uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t points)
+static uint64_t cache_bytes(const struct kiln_patch_settings *settings)
 {
-    const uint64_t emission = settings->lights == KILN_LIGHTS_PATCHES ? 3 * sizeof(float) : 0;
-    return points * (sizeof(struct kiln_patch) + sizeof(struct kiln_patch_node) + emission);
+    return (uint64_t)(settings->visibility_cache * 0x1p30);
+}
+
+static bool has_pairs(const struct kiln_patch_settings *settings)
+{
+    return settings->gather == KILN_GATHER_PAIRS && settings->patches == KILN_PATCHES_ALL;
+}
+
+/* Whether the points' shapes are asked for. */
+static bool needs_shapes(const struct kiln_patch_settings *settings)
+{
+    return settings->gather == KILN_GATHER_PAIRS || settings->gather == KILN_GATHER_MIXED ||
+           settings->lights == KILN_LIGHTS_PATCHES;
+}
+
+uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t own, uint64_t points)
+{
+    const uint64_t emission = settings->lights == KILN_LIGHTS_PATCHES ? 3 * sizeof(float) : 0,
+                   most = cache_bytes(settings);
+    if (settings->patches == KILN_PATCHES_LINKS)
+        return points * (sizeof(struct kiln_patch) + emission) +
+               kiln_links_bytes_expected(points, own, settings->link_error);
+    if (settings->gather != KILN_GATHER_PAIRS)
+        return points * (needs_shapes(settings) ? sizeof(struct kiln_patch) + emission : 0) +
+               kiln_directions_bytes(settings, points);
+    return points * (sizeof(struct kiln_patch) + sizeof(struct kiln_patch_node) + emission) +
+           (most > 0 ? kiln_visibility_cache_bytes(most, own, points) : 0);
+}
+
+struct kiln_visibility_counts kiln_patches_visibility(const struct kiln_patches *p)
+{
+    return p != NULL && p->cache != NULL ? kiln_visibility_cache_count(p->cache) : (struct kiln_visibility_counts){0};
+}
+
+void kiln_patches_links(const struct kiln_patches *p, uint64_t *count, uint64_t *bytes)
+{
+    *count = *bytes = 0;
+    if (p != NULL && p->links != NULL)
+        kiln_links_count(p->links, count, bytes);
 }
 
 /* ---- shapes ---- */
@@ -76,10 +128,7 @@ static int take_shapes(void *context, size_t first, size_t count, const void *re
 /* The point at bit `bit` of a tile. */
 static uint64_t point_at(const struct kiln_surface *s, const struct kiln_tile *tile, uint32_t bit)
 {
-    const struct kiln_global_point entry = kiln_tile_entry(s, tile, bit);
-    return (entry.at & KILN_TILE_SPLIT) != 0 && entry.at != KILN_NO_POINT
-               ? s->divided[entry.at & ~KILN_TILE_SPLIT].point.at
-               : entry.at;
+    return kiln_tile_point(s, tile, bit).at;
 }
 
 /* Numbers points by lightmap, tile and bit. */
@@ -128,6 +177,11 @@ static void share(const struct kiln_patches *p, const struct shares *shares, voi
     (void)MPI_Type_free(&value);
 }
 
+static bool has_links(const struct kiln_patches *p)
+{
+    return p->source.settings->patches->patches == KILN_PATCHES_LINKS;
+}
+
 static int make_room(struct kiln_patches *p, struct kiln_error *error)
 {
     const uint64_t points = p->source.surface->point_count;
@@ -138,8 +192,26 @@ static int make_room(struct kiln_patches *p, struct kiln_error *error)
         kiln_allocate(&p->points, (size_t)points, sizeof *p->points, "the patches of all surface points", error);
     if (status == KILN_OK && p->source.settings->patches->lights == KILN_LIGHTS_PATCHES)
         status = kiln_allocate(&p->emission, (size_t)points, sizeof *p->emission, "what patches emit", error);
-    if (status == KILN_OK)
+    if (status == KILN_OK && has_pairs(p->source.settings->patches))
         status = kiln_allocate(&p->nodes, (size_t)points, sizeof *p->nodes, "the nodes that points gather from", error);
+    const uint64_t cache = cache_bytes(p->source.settings->patches);
+    if (status == KILN_OK && p->source.keeps_visibility && cache > 0)
+        status = kiln_visibility_cache_create(&p->cache, cache, points, error);
+    return status;
+}
+
+/* Of this rank's points; where a device bakes, by the host. */
+static int find_own_shapes(struct kiln_patches *p, struct kiln_error *error)
+{
+    const struct kiln_patches_source *source = &p->source;
+    const struct kiln_batch batch = {.count = source->surface->tile_run_count, .take = take_shapes, .context = p};
+    const bool here = kiln_backend_takes(source->backend, &kiln_pass_shapes, NULL);
+    struct kiln_backend *host = NULL;
+    uint64_t rays = 0;
+    int status = here ? KILN_OK : kiln_landing_host(&host, source->backend, error);
+    if (status == KILN_OK)
+        status = kiln_backend_run(host != NULL ? host : source->backend, &kiln_pass_shapes, NULL, &batch, &rays, error);
+    kiln_backend_destroy(&host);
     return status;
 }
 
@@ -147,12 +219,10 @@ static int make_room(struct kiln_patches *p, struct kiln_error *error)
 static int find_shapes(struct kiln_patches *p, struct kiln_error *error)
 {
     const struct kiln_patches_source *source = &p->source;
-    const struct kiln_batch batch = {.count = source->surface->tile_run_count, .take = take_shapes, .context = p};
     struct shares shares = {NULL, NULL};
-    uint64_t rays = 0;
     int status = make_room(p, error);
     if (status == KILN_OK)
-        status = kiln_backend_run(source->backend, &kiln_pass_shapes, NULL, &batch, &rays, error);
+        status = find_own_shapes(p, error);
     status = kiln_agree(source->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_agree(source->communicator, find_shares(p, &shares, error), error);
@@ -169,22 +239,31 @@ static int find_shapes(struct kiln_patches *p, struct kiln_error *error)
     return status;
 }
 
+/* ---- the light of points ---- */
+
+/* What a point sends in the step, W/m2. The step before the first bounce gathers what is emitted; kiln_link_light. */
+static void light_of(const void *context, uint64_t point, float radiosity[3])
+{
+    const struct kiln_patches *p = context;
+    if (p->step->bounce == 0) {
+        memcpy(radiosity, p->emission[point], sizeof p->emission[point]);
+        return;
+    }
+    kiln_radiosity_unpack(p->radiosity[point], radiosity);
+    for (int c = 0; c < 3; c++)
+        radiosity[c] *= (float)p->source.settings->patches->albedo_scale;
+}
+
 /* ---- nodes ---- */
 
-/* Appends the point's node, if it sends light. The step before the first bounce gathers what is emitted. */
+/* Appends the point's node, if it sends light. */
 static uint64_t add_point(struct kiln_patches *p, uint64_t point)
 {
     if (point == KILN_NO_POINT || !(p->points[point].area > 0.0f))
         return 0;
     struct kiln_patch_node *node = &p->nodes[p->parameters.count++];
     *node = (struct kiln_patch_node){.patch = p->points[point], .centre = p->points[point].place};
-    if (p->step->bounce == 0) {
-        memcpy(node->radiosity, p->emission[point], sizeof node->radiosity);
-    } else {
-        kiln_radiosity_unpack(p->radiosity[point], node->radiosity);
-        for (int c = 0; c < 3; c++)
-            node->radiosity[c] *= (float)p->source.settings->patches->albedo_scale;
-    }
+    light_of(p, point, node->radiosity);
     return 1;
 }
 
@@ -383,23 +462,116 @@ static void warn_of_pairs(const struct kiln_patches *p)
             points, nodes, points * nodes);
 }
 
+/* ---- links ---- */
+
+/* Luminance of the light by which links are opened: what all points emit, or reflect of direct light, which stands in
+ * the results, so that it is the same in whatever bounce links are found. Without results it is what they send now. */
+static int find_first_light(struct kiln_patches *p, float *light, struct kiln_error *error)
+{
+    const struct kiln_surface *s = p->source.surface;
+    const float *direct = p->source.direct != NULL ? *p->source.direct : NULL;
+    struct shares shares = {NULL, NULL};
+    for (uint64_t i = 0; i < s->point_count && (direct == NULL || p->step->bounce == 0); i++) {
+        float radiosity[3];
+        light_of(p, i, radiosity);
+        light[i] = kiln_luminance_in_float(radiosity);
+    }
+    if (direct == NULL || p->step->bounce == 0)
+        return KILN_OK;
+    const int status = kiln_agree(p->source.communicator, find_shares(p, &shares, error), error);
+    for (struct kiln_own_point own = {0}; status == KILN_OK && own.at < s->count; own.at++) {
+        float albedo[3], radiosity[3];
+        kiln_point_albedo(s, own, albedo);
+        for (uint64_t c = 0; c < 3; c++)
+            radiosity[c] = albedo[c] * direct[3 * own.at + c];
+        light[s->first.at + own.at] = kiln_luminance_in_float(radiosity);
+    }
+    if (status == KILN_OK) {
+        tell_shares(p, &shares);
+        share(p, &shares, light, sizeof *light);
+    }
+    kiln_free(&shares.first);
+    kiln_free(&shares.count);
+    return status;
+}
+
+/* Collective. */
+static int make_links(struct kiln_patches *p, struct kiln_error *error)
+{
+    const struct kiln_surface *s = p->source.surface;
+    float *light = NULL;
+    int status = kiln_agree(
+        p->source.communicator,
+        kiln_allocate(&light, (size_t)s->point_count, sizeof *light, "the first light of links", error), error);
+    if (status == KILN_OK)
+        status = find_first_light(p, light, error);
+    if (status == KILN_OK)
+        status = kiln_agree(p->source.communicator,
+                            kiln_links_create(&p->links, s, p->points, light, p->source.settings->patches->link_error,
+                                              KILN_LINKS_STREAM, error),
+                            error);
+    p->links_of_emission = p->step->bounce == 0;
+    kiln_free(&light);
+    return status;
+}
+
+/* Collective. */
+static int update_links(struct kiln_patches *p, const void **parameters, struct kiln_error *error)
+{
+    const struct kiln_links_parameters *of_links = NULL;
+    int status = KILN_OK;
+    if (p->links != NULL && p->links_of_emission && p->step->bounce > 0)
+        kiln_links_destroy(&p->links);
+    if (p->links == NULL)
+        status = make_links(p, error);
+    if (status == KILN_OK)
+        status = kiln_agree(p->source.communicator, kiln_links_update(p->links, light_of, p, &of_links, error), error);
+    *parameters = of_links;
+    return status;
+}
+
+/* Collective. Likewise of a step of the directions pass. */
+static int update_directions(struct kiln_patches *p, const uint64_t *radiosity, const struct kiln_step *step,
+                             const void **parameters, struct kiln_error *error)
+{
+    const struct kiln_patch_settings *settings = p->source.settings->patches;
+    int status = p->points == NULL && needs_shapes(settings) ? find_shapes(p, error) : KILN_OK;
+    if (status == KILN_OK && p->directions == NULL) {
+        const struct kiln_directions_source source = {p->source.surface, settings, p->points, p->emission};
+        status = kiln_directions_create(&p->directions, &source, step->samples, error);
+        status = kiln_agree(p->source.communicator, status, error);
+    }
+    if (status == KILN_OK)
+        *parameters = kiln_directions_update(p->directions, radiosity, step->bounce == 0);
+    return status;
+}
+
 int kiln_patches_update(struct kiln_patches *p, const uint64_t *radiosity, const struct kiln_step *step,
                         const void **parameters, struct kiln_error *error)
 {
     const bool clamps = p->source.settings->patches->clamp;
     const bool first = p->points == NULL;
-    const int status = first ? find_shapes(p, error) : KILN_OK;
+    if (p->source.settings->patches->gather != KILN_GATHER_PAIRS)
+        return update_directions(p, radiosity, step, parameters, error);
+    int status = first ? find_shapes(p, error) : KILN_OK;
     if (status != KILN_OK)
         return status;
     p->radiosity = radiosity;
     p->step = step;
+    if (has_links(p))
+        return update_links(p, parameters, error);
     p->parameters = (struct kiln_patches_parameters){.points = p->points,
                                                      .nodes = p->nodes,
                                                      .most_factor = clamps ? KILN_CLAMP_FACTOR : 0.0,
-                                                     .most_added = clamps ? KILN_CLAMP_ADDED : 0.0};
+                                                     .most_added = clamps ? KILN_CLAMP_ADDED : 0.0,
+                                                     .cache = p->cache};
     make_nodes(p);
     if (first)
         warn_of_pairs(p);
+    if (p->cache != NULL)
+        status = kiln_agree(
+            p->source.communicator,
+            kiln_visibility_cache_begin(p->cache, p->source.surface, p->nodes, p->parameters.count, error), error);
     *parameters = &p->parameters;
-    return KILN_OK;
+    return status;
 }

@@ -13,6 +13,10 @@
  * over all four and the largest channel; level is the mean radiosity of all points in the step. Up to N x N texels
  * (--node-max)
  *
+ * With --patches links the links pass (worker/pass/links.h) is asked in the place of the patches pass: what it gathers
+ * from is links.h's. With --gather other than pairs there are no nodes: rays are sent by sets of directions, or to
+ * bright patches (directions.h).
+ *
  * A rank keeps a patch and room for a node for each surface point of the scene: kiln_patches_bytes. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PATCHES_H
 #define KILN_COORDINATOR_INTEGRATE_PATCHES_H
@@ -23,6 +27,7 @@
 #include "coordinator/integrate/step.h"
 #include "worker/backend/backend.h"
 #include "worker/pass/patches.h"
+#include "worker/pass/visibility_cache.h"
 
 struct kiln_patches;
 
@@ -33,6 +38,8 @@ struct kiln_patches_source {
     const struct kiln_surface *surface;
     struct kiln_backend *backend;                   /* has that surface */
     const struct kiln_integrate_settings *settings; /* with patches */
+    float *const *direct;  /* where direct light of own points stands, W/m2, 3 each; NULL: there is none yet */
+    bool keeps_visibility; /* as the settings say: from step to step, for the later ones */
 };
 
 /* Not collective. KILN_SYSTEM. */
@@ -41,12 +48,17 @@ int kiln_patches_create(struct kiln_patches **patches, const struct kiln_patches
 /* NULL is accepted. */
 void kiln_patches_destroy(struct kiln_patches **patches);
 
-/* Of memory that patches take at most, on each rank, of so many surface points in all. */
-uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t points);
+/* Of memory that patches take at most, on a rank with `own` points, of so many surface points in all. */
+uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t own, uint64_t points);
+/* What has come of the visibility that this rank has kept; all 0: it keeps none. */
+struct kiln_visibility_counts kiln_patches_visibility(const struct kiln_patches *patches);
+/* The links of points that this rank has kept, and the bytes that they take; 0: none. */
+void kiln_patches_links(const struct kiln_patches *patches, uint64_t *count, uint64_t *bytes);
 
-/* Collective. Makes the nodes of a step of the patches pass, of the packed radiosity of all points, and points
- * *parameters to what the step is run with, which stands until the next call or the end of the patches. The first call
- * finds the shapes of all points, and warns where their pairs will take very long. Any ranks get the same. */
+/* Collective. Makes the nodes of a step of the patches pass, or what a step of the links pass or the directions pass
+ * needs, of the packed radiosity of all points, and points *parameters to what the step is run with, which stands until
+ * the next call or the end of the patches. The first call finds the shapes of all points, and warns where their pairs
+ * will take very long. Any ranks get the same. */
 int kiln_patches_update(struct kiln_patches *patches, const uint64_t *radiosity, const struct kiln_step *step,
                         const void **parameters, struct kiln_error *error);
 

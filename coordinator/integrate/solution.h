@@ -7,6 +7,7 @@
 #include "coordinator/field/radiosity_allgather.h"
 #include "coordinator/field/rank_data.h"
 #include "coordinator/integrate/step.h"
+#include "worker/pass/visibility_cache.h"
 
 struct kiln_sight;
 
@@ -52,6 +53,8 @@ struct kiln_integrate_report {
     uint64_t computed_again; /* points of this rank, once for each time, whose rays met what was not there */
     struct kiln_radiance_report radiance;
     struct kiln_landing_report landing;
+    struct kiln_visibility_counts visibility; /* of this rank, in this run (patches.h) */
+    uint64_t links, link_bytes;               /* that this rank has kept (links.h) */
     struct kiln_energy energy;
 };
 

@@ -1,5 +1,6 @@
 #include "coordinator/integrate/take.h"
 
+#include "coordinator/integrate/groups.h"
 #include "coordinator/integrate/quantity.h"
 #include "worker/base/memory.h"
 
@@ -41,8 +42,10 @@ int kiln_taker_take(struct kiln_taker *taker, const struct kiln_rank_data *data,
             const char *answers = (const char *)results + (tile_runs[i].first.at - tile_runs[0].first.at) * bytes;
             if (taker->may_lack && lacks(taking->step->pass, &tile_runs[i], answers))
                 data->lacking[first + i] = 1;
-            else
+            else {
                 take_one(taking, data, &tile_runs[i], answers, &own, &taker->tile_runs[i]);
+                kiln_group_light_take(taker->groups, taking, data, &tile_runs[i], answers);
+            }
         }
 #pragma omp critical(kiln_taker_take)
         kiln_ledger_add(taker->ledger, &own); /* exact: the order of threads does not matter */

@@ -7,6 +7,7 @@
 struct kiln_taker {
     struct kiln_taking taking; /* of the step under way */
     struct kiln_ledger *ledger;
+    const struct kiln_group_light *groups; /* groups.h; NULL: none */
     uint32_t threads;
     /* some radiosity is absent: tile runs of which an answer lacks some are marked in their owner's data (lacking) and
      * not taken */

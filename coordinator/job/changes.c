@@ -127,26 +127,29 @@ static int parse(const char *path, const char *text, size_t size, json_t **json,
     return status;
 }
 
-int kiln_job_changes_read(struct kiln_job *job, struct kiln_error *error)
+int kiln_job_yaml_read(struct kiln_job *job, const char *path, char **kept, struct kiln_error *error)
 {
     char bytes[LIMIT + 1];
     json_t *json = NULL;
-    if (job->changes == NULL)
-        return KILN_OK;
-    FILE *file = fopen(job->changes, "re");
+    FILE *file = fopen(path, "re");
     if (file == NULL)
-        return kiln_fail_errno(error, 0, "cannot open the changes %.500s", job->changes);
+        return kiln_fail_errno(error, 0, "cannot open %.500s", path);
     const size_t size = fread(bytes, 1, sizeof bytes, file);
-    int status = ferror(file) != 0 ? kiln_fail_errno(error, KILN_IO, "cannot read the changes %.500s", job->changes)
-                 : size > LIMIT ? kiln_fail(error, KILN_BAD_INPUT, "%.500s: is longer than changes may be (%d bytes)",
-                                            job->changes, LIMIT)
-                                : parse(job->changes, bytes, size, &json, error);
+    int status = ferror(file) != 0 ? kiln_fail_errno(error, KILN_IO, "cannot read %.500s", path)
+                 : size > LIMIT    ? kiln_fail(error, KILN_BAD_INPUT,
+                                               "%.500s: is longer than such a file may be (%d bytes)", path, LIMIT)
+                                   : parse(path, bytes, size, &json, error);
     (void)fclose(file);
     char *text = status == KILN_OK ? json_dumps(json, JSON_COMPACT) : NULL;
     json_decref(json);
     if (status == KILN_OK)
-        status = text != NULL ? kiln_job_keep_text(job, text, &job->changed, error)
+        status = text != NULL ? kiln_job_keep_text(job, text, kept, error)
                               : kiln_fail(error, KILN_SYSTEM, "out of memory: the changes");
     free(text);
     return status;
+}
+
+int kiln_job_changes_read(struct kiln_job *job, struct kiln_error *error)
+{
+    return job->changes != NULL ? kiln_job_yaml_read(job, job->changes, &job->changed, error) : KILN_OK;
 }

@@ -15,7 +15,21 @@ enum kiln_lights_choice { KILN_LIGHTS_SAMPLED = 0, KILN_LIGHTS_PATCHES = 1 };
 /* Likewise: what stands for the patches of a window of texels (coordinator/integrate/patches.h). */
 enum kiln_undersample { KILN_SAMPLE_ALL = 0, KILN_SAMPLE_STRIDE = 1, KILN_SAMPLE_RANDOM = 2, KILN_SAMPLE_MIPMAP = 3 };
 
+/* Likewise: what points gather from: all patches, or nodes of a tree of them (coordinator/integrate/links.h). */
+enum kiln_patches_choice { KILN_PATCHES_ALL = 0, KILN_PATCHES_LINKS = 1 };
+/* Likewise: what a point gathers by: pairs of patches; rays by the cosine, by even sets of directions over the
+ * hemisphere or the disk under it, or by the cosine and to bright patches (worker/pass/directions.h). */
+enum kiln_gather_choice {
+    KILN_GATHER_PAIRS = 0,
+    KILN_GATHER_COSINE = 1,
+    KILN_GATHER_EVEN = 2,
+    KILN_GATHER_CIRCLES = 3,
+    KILN_GATHER_MIXED = 4
+};
+
 struct kiln_patch_settings {
+    int patches;         /* enum kiln_patches_choice */
+    double link_error;   /* with links: of a point's light, relative */
     int lights;          /* enum kiln_lights_choice */
     int undersample;     /* enum kiln_undersample */
     int window;          /* log2 of the texels a side of a window */
@@ -23,6 +37,10 @@ struct kiln_patch_settings {
     int node_max;        /* with it: log2 of the texels a side of a node, at most */
     bool clamp;          /* Kahl's largest factor and contribution */
     double albedo_scale; /* factor of what is reflected */
+    /* GiB of a rank, for what pairs see each other (worker/pass/visibility_cache.h); 0: none */
+    double visibility_cache;
+    int gather;          /* enum kiln_gather_choice */
+    uint32_t directions; /* rays of a point in a step, unless by pairs; 0: as many as a bounce has */
 };
 
 /* How views are drawn, with their names for --method of kiln view; the first is the default: from the lightmaps of a

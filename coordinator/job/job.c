@@ -6,9 +6,11 @@
 
 #include "coordinator/job/changes.h"
 #include "coordinator/job/job_private.h"
+#include "coordinator/job/light_groups.h"
 #include "coordinator/job/options.h"
 #include "worker/base/memory.h"
 #include "worker/pass/caustic_weights.h"
+#include "worker/sampling/direction_set.h"
 
 static struct kiln_job_owned *owned(struct kiln_job *job) { return job->strings; }
 
@@ -32,6 +34,16 @@ int kiln_job_keep(struct kiln_job *job, const char *text, size_t length, char **
     const int status = keep_room(job, length, copy, error);
     if (status == KILN_OK)
         memcpy(*copy, text, length);
+    return status;
+}
+
+int kiln_job_keep_room(struct kiln_job *job, size_t bytes, void **room, struct kiln_error *error)
+{
+    char *block = NULL;
+    const int status = keep_room(job, bytes, &block, error);
+    if (status == KILN_OK)
+        memset(block, 0, bytes);
+    *room = block;
     return status;
 }
 
@@ -371,13 +383,53 @@ static int refuse_cells(struct kiln_job *job, struct kiln_error *error)
 /* What only patches have. */
 static int refuse_patches(struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_patches[] = {"lights",   "undersample", "sampling-window", "subdivide",
-                                             "node-max", "clamp",       "albedo-scale"};
+    static const char *const of_patches[] = {"patches",    "link-error",      "lights",       "undersample",
+                                             "directions", "sampling-window", "subdivide",    "node-max",
+                                             "gather",     "clamp",           "albedo-scale", "visibility-cache"};
     for (size_t i = 0; i < sizeof of_patches / sizeof *of_patches; i++)
         if (given(job, of_patches[i]))
             return kiln_fail(error, KILN_USAGE,
                              "--%s is for light between patches: give --method radiosity, or leave --%s out",
                              of_patches[i], of_patches[i]);
+    return KILN_OK;
+}
+
+/* Links, which are a tree of their own over what they gather from. */
+static int check_links(struct kiln_job *job, struct kiln_error *error)
+{
+    const struct unused_option others[] = {{"undersample", job->patches.undersample != KILN_SAMPLE_ALL},
+                                           {"subdivide", job->patches.subdivide > 0.0},
+                                           {"clamp", job->patches.clamp},
+                                           {"visibility-cache", job->patches.visibility_cache > 0.0}};
+    if (job->patches.patches != KILN_PATCHES_LINKS && given(job, "link-error"))
+        return kiln_fail(error, KILN_USAGE,
+                         "--link-error: all texels are patches; give --patches links, or leave --link-error out");
+    for (size_t i = 0; job->patches.patches == KILN_PATCHES_LINKS && i < sizeof others / sizeof *others; i++)
+        if (others[i].wanted)
+            return kiln_fail(error, KILN_USAGE,
+                             "--%s is for patches that all texels gather from: leave --patches links or --%s out",
+                             others[i].name, others[i].name);
+    return KILN_OK;
+}
+
+/* Rays read single texels, and their light has no factors. */
+static int check_gather(struct kiln_job *job, struct kiln_error *error)
+{
+    static const char *const of_pairs[] = {"undersample", "subdivide", "sampling-window", "node-max",
+                                           "clamp",       "patches",   "link-error",      "visibility-cache"};
+    const uint32_t directions = job->patches.directions;
+    const bool pairs = job->patches.gather == KILN_GATHER_PAIRS;
+    for (size_t i = 0; i < sizeof of_pairs / sizeof *of_pairs && !pairs; i++)
+        if (given(job, of_pairs[i]))
+            return kiln_fail(error, KILN_USAGE, "--%s is for pairs of patches: give --gather pairs, or leave it out",
+                             of_pairs[i]);
+    if (directions > 0 && pairs)
+        return kiln_fail(error, KILN_USAGE,
+                         "--directions: pairs of patches have none; give --gather cosine, even, circles or mixed");
+    if (job->patches.gather == KILN_GATHER_CIRCLES &&
+        (directions > 0 ? directions : job->samples_indirect) > KILN_CIRCLES_MOST)
+        return kiln_fail(error, KILN_USAGE, "--gather circles has %d directions at most: give --directions %d, or even",
+                         KILN_CIRCLES_MOST, KILN_CIRCLES_MOST);
     return KILN_OK;
 }
 
@@ -402,7 +454,23 @@ static int check_nodes(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Patches are diffuse and Embree's; their light has no chance in it whose error could be stated. */
+/* What of patches Embree alone has. */
+static int patches_by_embree(struct kiln_job *job, struct kiln_error *error)
+{
+    const struct unused_option of_embree[] = {{"patches links", job->patches.patches == KILN_PATCHES_LINKS},
+                                              {"visibility-cache", job->patches.visibility_cache > 0.0},
+                                              {"gather", job->patches.gather != KILN_GATHER_PAIRS}};
+    for (size_t i = 0; i < sizeof of_embree / sizeof *of_embree; i++) {
+        if (!of_embree[i].wanted)
+            continue;
+        if (strcmp(job->backend, "vulkan") == 0)
+            return kiln_fail(error, KILN_USAGE, "--%s traces with Embree: give --backend embree", of_embree[i].name);
+        return kiln_job_keep(job, "embree", strlen("embree"), &job->backend, error);
+    }
+    return KILN_OK;
+}
+
+/* Patches are diffuse; their light has no chance in it whose error could be stated. */
 static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
 {
     const struct unused_option others[] = {{"merge-radius", given(job, "merge-radius")},
@@ -420,15 +488,19 @@ static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
         return kiln_fail(error, KILN_USAGE,
                          "--method radiosity knows the diffuse part of materials alone: give --materials diffuse, or "
                          "--method cells");
-    if (strcmp(job->backend, "vulkan") == 0)
-        return kiln_fail(error, KILN_USAGE, "--method radiosity traces pairs with Embree: give --backend embree");
-    status = check_nodes(job, error);
+    status = check_links(job, error);
+    if (status == KILN_OK)
+        status = check_gather(job, error);
+    if (status == KILN_OK)
+        status = check_nodes(job, error);
+    if (status == KILN_OK)
+        status = patches_by_embree(job, error);
     if (status != KILN_OK)
         return status;
     job->materials = KILN_GLOSS_MODE_DIFFUSE;
     job->tail = false;
     job->schedule = KILN_SCHEDULE_EQUAL;
-    return kiln_job_keep(job, "embree", strlen("embree"), &job->backend, error);
+    return KILN_OK;
 }
 
 /* Paths from surface points are Embree's. */
@@ -480,6 +552,8 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
         status = read_command_line(job, command, argc, argv, NULL, error);
     if (status == KILN_OK)
         status = kiln_job_changes_read(job, error);
+    if (status == KILN_OK)
+        status = kiln_job_groups_read(job, error);
     if (status == KILN_OK && command->bit == KILN_FOR_BAKE && job->output == NULL)
         status = kiln_job_default_output(job, job->arguments[0], "-bake", error);
     if (status == KILN_OK && command->bit == KILN_FOR_RELIGHT && job->output == NULL)

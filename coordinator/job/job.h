@@ -19,6 +19,9 @@
 #include "worker/pass/reference.h"
 #include "worker/scene/gloss.h"
 
+enum { KILN_GROUPS_MAX = 16, KILN_GROUP_NAME = 32 }; /* of lights; bytes of a name with its end */
+struct kiln_field;
+
 /* Unit of the lights: AUTO takes what the file says; the others override it. */
 enum kiln_units_choice { KILN_UNITS_AUTO = 0, KILN_UNITS_RADIOMETRIC = 1, KILN_UNITS_PHOTOMETRIC = 2 };
 
@@ -39,6 +42,12 @@ struct kiln_job {
     double environment_rotation; /* degrees about +y */
     char *changes, *changed;     /* file of changes, and what stands there (job/changes.h); NULL: none */
     int units;                   /* enum kiln_units_choice */
+    /* file of groups of lights, and what stands there as JSON (job/light_groups.h); NULL: none. Their names, `rest`
+     * last, and the rows of their fields (field/group_fields.h) */
+    char *light_groups, *grouped;
+    size_t group_count;
+    char *group_names[KILN_GROUPS_MAX];
+    const struct kiln_field *group_rows[KILN_GROUPS_MAX];
 
     /* devices and threads */
     char *backend;          /* auto | embree | vulkan */
@@ -199,6 +208,9 @@ bool kiln_is_yaml(const char *path);
 bool kiln_job_given(const struct kiln_job *job, const struct kiln_option *option);
 /* Copies a text as a string that the job owns. KILN_SYSTEM. */
 int kiln_job_keep_text(struct kiln_job *job, const char *text, char **copy, struct kiln_error *error);
+
+/* Memory, all zeros, that lives as long as the job. KILN_SYSTEM. */
+int kiln_job_keep_room(struct kiln_job *job, size_t bytes, void **room, struct kiln_error *error);
 
 /* Whether noise is taken out of the lightmaps: what --denoise and --quality say together. */
 enum { KILN_PARTS = 4 }; /* that light is computed in where its errors are to be known (integrate/parts.h) */

@@ -23,6 +23,10 @@ int kiln_job_keep_path(struct kiln_job *job, const char *path, const char *folde
  * followed by `ending`. */
 int kiln_job_default_output(struct kiln_job *job, const char *path, const char *ending, struct kiln_error *error);
 
+/* Reads a YAML file of mappings, lists and values into JSON text that the job owns. KILN_BAD_INPUT, with file and line,
+ * for another; KILN_NO_INPUT, KILN_PERMISSION or KILN_IO if it cannot be read. */
+int kiln_job_yaml_read(struct kiln_job *job, const char *path, char **text, struct kiln_error *error);
+
 enum { KILN_JOB_FILE_LIMIT = 1 << 20 }; /* bytes */
 
 /* Reads the job file at `path` into the job. Its keys are the options and `scene`. KILN_BAD_INPUT, with file and line,

@@ -150,7 +150,7 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     m->surface_own = (uint64_t)(own * plan->here.light.points_most);
     m->light = kiln_field_set_light_bytes(&fields, (uint64_t)plan->here.light.points_most, plan->surface.points);
     if (kiln_job_is_radiosity(job))
-        m->light += kiln_patches_bytes(&job->patches, plan->surface.points);
+        m->light += kiln_patches_bytes(&job->patches, (uint64_t)plan->here.light.points_most, plan->surface.points);
     m->volume = plan->probes * KILN_PROBE_BYTES + plan->landing.probe_bytes;
     m->results = result_bytes(plan, p, job);
     m->moving = plan->here.light.repartitions > 0 ? (uint64_t)(fmax(own, results) * plan->here.light.points_most) : 0;
@@ -590,19 +590,27 @@ static int find_nodes(struct calibration *c, struct kiln_error *error)
                              : status;
 }
 
+static bool is_of_patches(const struct kiln_cost_kind *kind)
+{
+    return kind->pass == &kiln_pass_patches || kind->pass == &kiln_pass_links || kind->pass == &kiln_pass_directions;
+}
+
 /* The nodes that steps of patches gather from: those of the first bounce, of even light. */
 static int find_patches(struct kiln_patches **patches, struct kiln_planned_steps *steps, const struct kiln_prepared *p,
                         const struct kiln_integrate_settings *settings, const uint64_t *radiosity,
                         struct kiln_error *error)
 {
-    const struct kiln_step step = {.bounce = 1, .stream = 1};
-    const struct kiln_patches_source source = {MPI_COMM_SELF, 1, p->surface, p->backend, settings};
+    struct kiln_step step = {.bounce = 1, .stream = 1};
+    const struct kiln_patches_source source = {
+        .communicator = MPI_COMM_SELF, .ranks = 1, .surface = p->surface, .backend = p->backend, .settings = settings};
     const void *parameters = NULL;
     int status = kiln_patches_create(patches, &source, error);
+    for (uint32_t k = 0; k < steps->kind_count; k++)
+        step.samples = is_of_patches(&steps->kinds[k]) ? steps->kinds[k].samples : step.samples;
     if (status == KILN_OK)
         status = kiln_patches_update(*patches, radiosity, &step, &parameters, error);
     for (uint32_t k = 0; k < steps->kind_count && status == KILN_OK; k++)
-        if (steps->kinds[k].pass == &kiln_pass_patches)
+        if (is_of_patches(&steps->kinds[k]))
             steps->kinds[k].parameters = parameters;
     return status;
 }

@@ -74,7 +74,8 @@ static bool read_block(const json_t *json, struct checkpoint_block *b)
     return true;
 }
 
-static bool read_part_entry(const json_t *json, struct checkpoint_part *part)
+/* `room`: for the blocks of the part. */
+static bool read_part_entry(const json_t *json, struct checkpoint_entry *part, struct checkpoint_block *room)
 {
     const json_t *blocks = json_object_get(json, "blocks");
     const char *hash = json_string_value(json_object_get(json, "xxh3_128"));
@@ -85,12 +86,32 @@ static bool read_part_entry(const json_t *json, struct checkpoint_part *part)
         return false;
     memcpy(part->hash, hash, sizeof part->hash);
     for (uint32_t i = 0; i < part->block_count; i++) {
-        struct checkpoint_block *b = &part->blocks[i];
+        struct checkpoint_block *b = &room[i];
         if (!read_block(json_array_get(blocks, i), b) || b->offset > part->bytes ||
             b->count > (part->bytes - b->offset) / b->size)
             return false;
     }
     return true;
+}
+
+static int read_parts(struct kiln_checkpoint *c, const char *path, const json_t *parts, struct kiln_error *error)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < c->part_count; i++)
+        count += json_array_size(json_object_get(json_array_get(parts, i), "blocks"));
+    int status = kiln_allocate(&c->parts, c->part_count, sizeof *c->parts, "a checkpoint's table of files", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&c->blocks, count > 0 ? count : 1, sizeof *c->blocks, "a checkpoint's table of arrays",
+                               error);
+    count = 0;
+    for (size_t i = 0; status == KILN_OK && i < c->part_count; i++) {
+        struct checkpoint_entry *part = &c->parts[i];
+        part->first_block = count;
+        if (!read_part_entry(json_array_get(parts, i), part, c->blocks + count))
+            return damaged(error, path, "is not a checkpoint's manifest");
+        count += part->block_count;
+    }
+    return status;
 }
 
 /* Every rank: parses the text of the manifest into the table of files. */
@@ -122,12 +143,7 @@ static int parse_manifest(struct kiln_checkpoint *c, const char *path, const cha
     if (json_array_size(parts) == 0 || json_array_size(parts) > PARTS_MOST)
         return damaged(error, path, "is not a checkpoint's manifest");
     c->part_count = json_array_size(parts);
-    const int status =
-        kiln_allocate(&c->parts, c->part_count, sizeof *c->parts, "a checkpoint's table of files", error);
-    for (size_t i = 0; status == KILN_OK && i < c->part_count; i++)
-        if (!read_part_entry(json_array_get(parts, i), &c->parts[i]))
-            return damaged(error, path, "is not a checkpoint's manifest");
-    return status;
+    return read_parts(c, path, parts, error);
 }
 
 /* Collective: rank 0 reads the manifest and broadcasts it. */
@@ -206,6 +222,7 @@ static void forget(struct kiln_checkpoint *c)
     json_decref(c->manifest);
     c->manifest = NULL;
     kiln_free(&c->parts);
+    kiln_free(&c->blocks);
     c->part_count = 0;
     c->generation = 0;
 }
@@ -306,9 +323,10 @@ size_t kiln_checkpoint_parts(const struct kiln_checkpoint *c) { return c->part_c
 
 static const struct checkpoint_block *find_block(const struct kiln_checkpoint *c, size_t part, const char *name)
 {
+    const struct checkpoint_block *blocks = c->blocks + c->parts[part].first_block;
     for (uint32_t i = 0; i < c->parts[part].block_count; i++)
-        if (strcmp(c->parts[part].blocks[i].name, name) == 0)
-            return &c->parts[part].blocks[i];
+        if (strcmp(blocks[i].name, name) == 0)
+            return &blocks[i];
     return NULL;
 }
 

@@ -16,11 +16,20 @@ struct checkpoint_block {
     uint64_t first, count, size, offset;
 };
 
+/* A file that is written. */
 struct checkpoint_part {
     uint64_t bytes;
     char hash[KILN_HASH_TEXT];
     uint32_t block_count;
     struct checkpoint_block blocks[KILN_BLOCKS_MAX];
+};
+
+/* A file that is read: its blocks are those of the checkpoint from number `first_block` on. */
+struct checkpoint_entry {
+    uint64_t bytes;
+    char hash[KILN_HASH_TEXT];
+    uint32_t block_count;
+    size_t first_block;
 };
 
 struct kiln_checkpoint {
@@ -30,9 +39,10 @@ struct kiln_checkpoint {
     /* the open generation */
     uint64_t generation;
     json_t *manifest;
-    struct checkpoint_part *parts;
+    struct checkpoint_entry *parts;
     size_t part_count;
-    char path[KILN_PATH_SIZE]; /* path of its folder, for messages */
+    struct checkpoint_block *blocks; /* of all parts */
+    char path[KILN_PATH_SIZE];       /* path of its folder, for messages */
     /* writing */
     uint64_t newest; /* highest number of any generation so far */
     uint64_t written, last_bytes;

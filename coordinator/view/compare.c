@@ -168,6 +168,28 @@ static void sum_relative(const struct pair *p, struct kiln_difference *d)
         }
 }
 
+/* What an 8-bit picture holds of a value, over 255. */
+static double code_of(float value, double scale)
+{
+    const double unit = isfinite(value) ? fmin(fmax((double)value / scale, 0.0), 1.0) : 0.0;
+    return floor(255.0 * unit + 0.5) / 255.0;
+}
+
+static void sum_codes(const struct pair *p, struct kiln_difference *d)
+{
+    const size_t count = (size_t)p->width * p->height;
+    const double scale = d->largest > 0.0 ? d->largest : 1.0;
+    d->pixels = (double)count;
+    for (size_t i = 0; i < count; i++) {
+        double squares = 0.0;
+        for (uint32_t c = 0; c < p->channel_count; c++) {
+            const double difference = code_of(p->a[c][i], scale) - code_of(p->b[c][i], scale);
+            squares += difference * difference;
+        }
+        d->code_lengths += sqrt(squares);
+    }
+}
+
 /* ---- structural similarity ---- */
 
 static double choose_exposure(const struct pair *p)
@@ -306,6 +328,7 @@ static void derive(struct kiln_difference *d)
     d->picture_dissimilarity = alike > 0.0 ? fmax(0.0, 1.0 / alike - 1.0) : (double)INFINITY;
     d->dfpr = texels > 0.0 ? d->lengths / texels : 0.0;
     d->dfpr_unit = d->largest > 0.0 ? d->dfpr / d->largest : 0.0;
+    d->dfpr_8bit = d->pixels > 0.0 ? d->code_lengths / d->pixels : 0.0;
     d->mean = values > 0.0 ? d->reference / values : 0.0;
     for (uint32_t c = 0; texels > 0.0 && c < d->channel_count; c++) {
         d->channels[c].rmse = sqrt(d->channels[c].squares / texels);
@@ -338,6 +361,7 @@ int kiln_compare_images(const struct kiln_image *a, const struct kiln_image *b, 
         d->measure = (double)d->texels;
         d->interior_measure = (double)d->interior;
         sum_relative(&p, d);
+        sum_codes(&p, d);
         status = sum_similarity(&p, d, error);
     }
     if (status == KILN_OK)
@@ -364,6 +388,8 @@ void kiln_difference_add(struct kiln_difference *set, const struct kiln_differen
     set->interior_reference += one->weight * one->interior_reference;
     set->relative_squares += one->weight * one->relative_squares;
     set->lengths += one->weight * one->lengths;
+    set->pixels += one->weight * one->pixels;
+    set->code_lengths += one->weight * one->code_lengths;
     set->similarity += one->weight * one->similarity;
     set->picture_similarity += one->weight * one->picture_similarity;
     set->picture_squares += one->weight * one->picture_squares;

@@ -28,6 +28,11 @@
  *
  * - dfpr_unit: the same with both images divided by the largest value of b, to which Kahl's threshold of 0.025 applies.
  *
+ * - dfpr_8bit: the same as Kahl's own tool computes it: the mean over all pixels of the images, valid or not, of the
+ *   Euclidean length over C of the difference of 8-bit codes over 255, k = round(255 min(max(v / l, 0), 1)). l is the
+ *   largest value of b over T and C, or 1 where that is not above 0: in a lightmap that he saves the brightest light is
+ *   1. A value that is not finite has code 0.
+ *
  * - worst: the texel of T with the greatest length of (a - b) over C, the first in row order among equals. */
 #ifndef KILN_COORDINATOR_VIEW_COMPARE_H
 #define KILN_COORDINATOR_VIEW_COMPARE_H
@@ -46,7 +51,7 @@ struct kiln_difference {
     /* |T|; texels of T wholly inside charts; texels left out because a value is NaN or infinite */
     uint64_t texels, interior, not_finite;
     bool identical; /* same size, same channels, and all values have the same bits, margins included */
-    double rmse, nrmse, rel_rmse, psnr, dssim, picture_psnr, picture_dissimilarity, dfpr, dfpr_unit, mean;
+    double rmse, nrmse, rel_rmse, psnr, dssim, picture_psnr, picture_dissimilarity, dfpr, dfpr_unit, dfpr_8bit, mean;
     double worst; /* W/m2 */
     uint32_t worst_x, worst_y;
     uint32_t channel_count;
@@ -56,6 +61,7 @@ struct kiln_difference {
     /* terms of the metrics: sums over T, or over the texels wholly inside charts */
     double squares, interior_squares, interior_reference, relative_squares, lengths, similarity, picture_similarity,
         picture_squares, reference, peak, largest;
+    double pixels, code_lengths; /* all pixels, and the sum over them of the lengths of dfpr_8bit */
 };
 
 /* Compares R, G, B if both images have them, else all common channels except validity.Y and coverage.Y. KILN_BAD_INPUT
@@ -64,8 +70,8 @@ int kiln_compare_images(const struct kiln_image *a, const struct kiln_image *b, 
                         struct kiln_error *error);
 
 /* Adds the difference of one image to that of a set of images with the same channels. Initialise the set with zeros,
- * and identical = true. Each metric of the set is over all texels of all images, weighted by one->weight; m of rel_rmse
- * and e of dssim are those of each image. */
+ * and identical = true. Each metric of the set is over all texels of all images, weighted by one->weight; m of
+ * rel_rmse, e of dssim and l of dfpr_8bit are those of each image. */
 void kiln_difference_add(struct kiln_difference *set, const struct kiln_difference *one);
 
 /* Draws the difference as 8-bit RGB, 3 x width x height bytes at `bytes`. It shows the length of (a - b) relative to

@@ -1,6 +1,6 @@
 #include "coordinator/view/view_gloss.h"
 
-#include "worker/backend/particle.h"
+#include "coordinator/view/view_lamps.h"
 #include "worker/base/memory.h"
 #include "worker/material/surface_bsdf.h"
 #include "worker/sampling/keys.h"
@@ -13,18 +13,23 @@ enum { BAND_RAYS = 1 << 16, MOST_SURFACES = 64, KEY = 0x76696577 };
 struct walker {
     uint32_t key, number;
     float weight[3], rgb[3];
-    bool goes_on;
+    bool goes_on, lit; /* `lit`: the last surface has gloss */
     struct kiln_vec3 origin, direction;
+    struct kiln_view_way way;
 };
 
-struct band {
+struct kiln_view_gloss {
     const struct kiln_view_params *params;
     struct kiln_view_maps *maps;
     struct kiln_view_rays *rays;
     struct walker *walkers;
     uint32_t *active; /* walkers of the rays that are traced */
     struct kiln_gloss_lobes *lobes;
+    struct kiln_view_lamps *lamps;
+    struct kiln_view_lit *lit; /* the surfaces with gloss that they have met */
+    uint32_t *lit_of;          /* the walkers of these */
     uint32_t side, chains;
+    size_t part; /* pixels that there is room for */
 };
 
 bool kiln_view_goes_on(const struct kiln_view_source *source, const struct kiln_hit *hit)
@@ -32,7 +37,7 @@ bool kiln_view_goes_on(const struct kiln_view_source *source, const struct kiln_
     return source->field == NULL && !source->texels && kiln_particle_turns(&source->backend->params, hit);
 }
 
-static void start(const struct band *b, size_t pixel, uint32_t number, struct walker *w)
+static void start(const struct kiln_view_gloss *b, size_t pixel, uint32_t number, struct walker *w)
 {
     const struct kiln_view_params *p = b->params;
     const uint32_t place = number / b->chains;
@@ -51,9 +56,10 @@ static void add(struct walker *w, const float factor[3], const float rgb[3])
 }
 
 /* What the glossy surface sends of its own: from its lightmap, and as a lamp. */
-static void add_own(const struct band *b, const struct kiln_hit *hit, const struct kiln_particle_turn *turn,
-                    struct walker *w)
+static void add_own(const struct kiln_view_gloss *b, const struct kiln_particle_place *place,
+                    const struct kiln_particle_turn *turn, double share, struct walker *w)
 {
+    const struct kiln_hit *hit = &place->hit;
     const struct kiln_view_source *s = &b->params->source;
     const struct kiln_geometry *g = s->geometry;
     const struct kiln_mesh *mesh = &s->scene->meshes[s->scene->objects[g->records[hit->triangle].object].mesh];
@@ -63,42 +69,82 @@ static void add_own(const struct band *b, const struct kiln_hit *hit, const stru
     kiln_surface_albedo(s->scene, mesh, stored, b1, b2, color);
     kiln_surface_emission(s->scene, mesh, stored, b1, b2, emission);
     kiln_view_irradiance(b->maps, hit, irradiance);
-    for (int c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++) {
         irradiance[c] *= color[c] * (float)(1.0 / KILN_PI);
+        emission[c] *= (float)share;
+    }
     add(w, turn->taken_up, irradiance);
-    add(w, turn->arrives, emission);
+    add(w, place->arrives, emission);
 }
 
-/* What walker w finds at the end of its ray. */
-static void meet(const struct band *b, const struct kiln_hit *found, float passed, struct kiln_vec3 direction,
-                 uint32_t surface, struct walker *w)
+/* What a surface without gloss, or the environment, shows at the end of the ray. */
+static void add_seen(const struct kiln_view_gloss *b, const struct kiln_hit *hit, struct kiln_vec3 direction,
+                     double share, struct walker *w)
+{
+    struct kiln_view_seen seen;
+    float emission[3];
+    kiln_view_radiance(b->maps, hit, direction, &seen);
+    if (share < 1.0 && hit->triangle == KILN_NONE)
+        for (int c = 0; c < 3; c++)
+            seen.rgb[c] *= (float)share;
+    else if (share < 1.0) {
+        kiln_view_emission(b->maps, hit, emission);
+        for (int c = 0; c < 3; c++)
+            seen.rgb[c] -= (float)(1.0 - share) * hit->tint[c] * emission[c];
+    }
+    add(w, (const float[3]){1.0f, 1.0f, 1.0f}, seen.rgb);
+}
+
+/* What walker w finds at the end of its ray; `lit`: the surface, if it has gloss. */
+static void meet(const struct kiln_view_gloss *b, const struct kiln_hit *found, float passed,
+                 struct kiln_vec3 direction, uint32_t surface, struct walker *w, struct kiln_view_lit *lit)
 {
     const struct kiln_backend_params *params = &b->params->source.backend->params;
-    const struct kiln_particle_chance chance = {.key = w->key, .number = w->number, .surface = surface};
     struct kiln_hit hit = *found;
+    /* nothing but rays comes through what a view does not show */
+    const double share = passed > 0.0f ? 1.0 : kiln_view_lamps_share(b->lamps, &w->way, &hit, direction);
     w->goes_on = false;
-    if (!kiln_view_goes_on(&b->params->source, &hit)) {
-        struct kiln_view_seen seen;
-        kiln_view_radiance(b->maps, &hit, direction, &seen);
-        add(w, (const float[3]){1.0f, 1.0f, 1.0f}, seen.rgb);
+    w->lit = kiln_view_goes_on(&b->params->source, &hit);
+    if (!w->lit) {
+        add_seen(b, &hit, direction, share, w);
         return;
     }
     hit.distance += passed;
     for (int c = 0; c < 3; c++)
         w->weight[c] *= hit.tint[c];
-    const struct kiln_particle_turn turn =
-        kiln_particle_turn(params, b->lobes, &hit, direction, w->weight, &chance, KILN_RADIANCE);
-    add_own(b, &hit, &turn, w);
+    *lit = (struct kiln_view_lit){.place = kiln_particle_place(params, b->lobes, &hit, direction),
+                                  .chance = {.key = w->key, .number = w->number, .surface = surface},
+                                  .weight = {w->weight[0], w->weight[1], w->weight[2]}};
+    const struct kiln_particle_turn turn = kiln_particle_turn(&lit->place, w->weight, &lit->chance, KILN_RADIANCE);
+    add_own(b, &lit->place, &turn, share, w);
     for (int c = 0; c < 3; c++) {
         w->weight[c] *= turn.goes_on[c];
         w->goes_on = w->goes_on || w->weight[c] > 0.0f;
     }
     w->origin = turn.origin;
     w->direction = turn.direction;
+    w->way = kiln_view_way(&lit->place, &turn);
+}
+
+/* What lamps bring to the surfaces with gloss that `count` active walkers have met. */
+static int add_lamps(struct kiln_view_gloss *b, size_t count, struct kiln_error *error)
+{
+    size_t lit = 0;
+    for (size_t i = 0; i < count; i++) {
+        if (!b->walkers[b->active[i]].lit)
+            continue;
+        b->lit[lit] = b->lit[i];
+        b->lit_of[lit++] = b->active[i];
+    }
+    const int status = kiln_view_lamps_add(b->lamps, b->lit, lit, error);
+    for (size_t i = 0; i < lit && status == KILN_OK; i++)
+        for (int c = 0; c < 3; c++)
+            b->walkers[b->lit_of[i]].rgb[c] += b->lit[i].rgb[c];
+    return status;
 }
 
 /* One surface of the first `count` active walkers; how many of them go on. */
-static int step(struct band *b, size_t *count, uint32_t surface, struct kiln_error *error)
+static int step(struct kiln_view_gloss *b, size_t *count, uint32_t surface, struct kiln_error *error)
 {
     struct kiln_view_rays *rays = b->rays;
     for (size_t i = 0; i < *count; i++) {
@@ -112,17 +158,18 @@ static int step(struct band *b, size_t *count, uint32_t surface, struct kiln_err
         return status;
 #pragma omp parallel for schedule(dynamic, 256)
     for (size_t i = 0; i < *count; i++)
-        meet(b, &rays->hits[i], rays->passed[i], rays->directions[i], surface, &b->walkers[b->active[i]]);
+        meet(b, &rays->hits[i], rays->passed[i], rays->directions[i], surface, &b->walkers[b->active[i]], &b->lit[i]);
+    status = add_lamps(b, *count, error);
     size_t left = 0;
     for (size_t i = 0; i < *count; i++)
         if (b->walkers[b->active[i]].goes_on)
             b->active[left++] = b->active[i];
     *count = left;
-    return KILN_OK;
+    return status;
 }
 
-/* As many pixels as the band has room for. */
-static int draw(struct band *b, const size_t *pixels, size_t count, float *rgb, struct kiln_error *error)
+/* At most as many pixels as there is room for. */
+static int draw(struct kiln_view_gloss *b, const size_t *pixels, size_t count, float *rgb, struct kiln_error *error)
 {
     const uint32_t rays = b->side * b->side * b->chains;
     size_t active = count * rays;
@@ -144,25 +191,57 @@ static int draw(struct band *b, const size_t *pixels, size_t count, float *rgb, 
     return status;
 }
 
-int kiln_view_gloss(const struct kiln_view_params *params, struct kiln_view_maps *maps, const size_t *pixels,
-                    size_t count, float *rgb, struct kiln_error *error)
+int kiln_view_gloss_create(struct kiln_view_gloss **gloss, const struct kiln_view_params *params,
+                           struct kiln_view_maps *maps, struct kiln_error *error)
 {
-    struct band b = {.params = params, .maps = maps, .side = params->side, .chains = params->side < 4 ? 2 : 4};
-    const size_t rays = (size_t)b.side * b.side * b.chains, part = rays < BAND_RAYS ? BAND_RAYS / rays : 1;
-    int status = kiln_view_rays_create(&b.rays, part * rays, error);
+    int status = kiln_allocate(gloss, 1, sizeof **gloss, "rays of a view", error);
+    if (status != KILN_OK)
+        return status;
+    struct kiln_view_gloss *b = *gloss;
+    *b = (struct kiln_view_gloss){
+        .params = params, .maps = maps, .side = params->side, .chains = params->side < 4 ? 2 : 4};
+    const size_t rays = (size_t)b->side * b->side * b->chains;
+    b->part = rays < BAND_RAYS ? BAND_RAYS / rays : 1;
+    status = kiln_view_rays_create(&b->rays, b->part * rays, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&b.walkers, part * rays, sizeof *b.walkers, "rays of a view", error);
+        status = kiln_allocate(&b->walkers, b->part * rays, sizeof *b->walkers, "rays of a view", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&b.active, part * rays, sizeof *b.active, "rays of a view", error);
+        status = kiln_allocate(&b->active, b->part * rays, sizeof *b->active, "rays of a view", error);
     if (status == KILN_OK)
-        status = kiln_scene_lobes(&b.lobes, params->source.scene, error);
+        status = kiln_allocate(&b->lit, b->part * rays, sizeof *b->lit, "rays of a view", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&b->lit_of, b->part * rays, sizeof *b->lit_of, "rays of a view", error);
+    if (status == KILN_OK)
+        status = kiln_view_lamps_create(&b->lamps, &params->source, b->part * rays, error);
+    if (status == KILN_OK)
+        status = kiln_scene_lobes(&b->lobes, params->source.scene, error);
+    if (status != KILN_OK)
+        kiln_view_gloss_destroy(gloss);
+    return status;
+}
+
+void kiln_view_gloss_destroy(struct kiln_view_gloss **gloss)
+{
+    struct kiln_view_gloss *b = *gloss;
+    if (b == NULL)
+        return;
+    kiln_view_rays_destroy(&b->rays);
+    kiln_free(&b->walkers);
+    kiln_free(&b->active);
+    kiln_free(&b->lit);
+    kiln_free(&b->lit_of);
+    kiln_view_lamps_destroy(&b->lamps);
+    kiln_free(&b->lobes);
+    kiln_free(gloss);
+}
+
+int kiln_view_gloss_draw(struct kiln_view_gloss *gloss, const size_t *pixels, size_t count, float *rgb,
+                         struct kiln_error *error)
+{
+    int status = KILN_OK;
     for (size_t i = 0, now; i < count && status == KILN_OK; i += now) {
-        now = count - i < part ? count - i : part;
-        status = draw(&b, pixels + i, now, rgb + 3 * i, error);
+        now = count - i < gloss->part ? count - i : gloss->part;
+        status = draw(gloss, pixels + i, now, rgb + 3 * i, error);
     }
-    kiln_view_rays_destroy(&b.rays);
-    kiln_free(&b.walkers);
-    kiln_free(&b.active);
-    kiln_free(&b.lobes);
     return status;
 }

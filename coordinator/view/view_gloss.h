@@ -2,8 +2,8 @@
  * (kiln_scene_take_gloss) until a surface that is only diffuse answers from its lightmap, or the surroundings do.
  *
  * Of a glossy surface itself a ray brings color E / pi times what its diffuse part takes up of light from there
- * (kiln_diffuse_in, as if E came from all over), and what it emits. Lamps are seen where rays meet them; points, spots
- * and suns leave no highlights. Not collective. */
+ * (kiln_diffuse_in, as if E came from all over), what it emits, and highlights of lamps, suns and skies, of which light
+ * samples and the rays that go on bring their parts (view_lamps.h). Not collective. */
 #ifndef KILN_COORDINATOR_VIEW_VIEW_GLOSS_H
 #define KILN_COORDINATOR_VIEW_VIEW_GLOSS_H
 
@@ -12,10 +12,17 @@
 /* Whether a ray that has this hit goes on from there in the view. */
 bool kiln_view_goes_on(const struct kiln_view_source *source, const struct kiln_hit *hit);
 
+struct kiln_view_gloss;
+
+/* Borrows the view and its lightmaps. KILN_SYSTEM. */
+int kiln_view_gloss_create(struct kiln_view_gloss **gloss, const struct kiln_view_params *params,
+                           struct kiln_view_maps *maps, struct kiln_error *error);
+void kiln_view_gloss_destroy(struct kiln_view_gloss **gloss);
+
 /* The radiance of `count` pixels of the picture, row by row y * width + x, into three floats each: the mean of 64
  * rays, or of 8 for previews. The same bits for any number of threads, and for any pixels together. KILN_SYSTEM,
  * KILN_NO_INPUT, KILN_BAD_INPUT, or the status of the backend. */
-int kiln_view_gloss(const struct kiln_view_params *params, struct kiln_view_maps *maps, const size_t *pixels,
-                    size_t count, float *rgb, struct kiln_error *error);
+int kiln_view_gloss_draw(struct kiln_view_gloss *gloss, const size_t *pixels, size_t count, float *rgb,
+                         struct kiln_error *error);
 
 #endif

@@ -495,6 +495,16 @@ void kiln_view_lit(const struct kiln_view_maps *maps, const struct kiln_hit *hit
         rgb[c] = color[c] * irradiance[c] * (float)(1.0 / KILN_PI) + emission[c];
 }
 
+void kiln_view_emission(const struct kiln_view_maps *maps, const struct kiln_hit *hit, float rgb[3])
+{
+    const struct kiln_view_source *s = maps->source;
+    const struct kiln_mesh *mesh =
+        &s->scene->meshes[s->scene->objects[s->geometry->records[hit->triangle].object].mesh];
+    float b1, b2;
+    kiln_geometry_stored_barycentrics(s->scene, s->geometry, hit->triangle, hit->u, hit->v, &b1, &b2);
+    kiln_surface_emission(s->scene, mesh, s->geometry->stored_triangle[hit->triangle], b1, b2, rgb);
+}
+
 void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, struct kiln_vec3 direction,
                         struct kiln_view_seen *seen)
 {

@@ -61,4 +61,7 @@ void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit
 void kiln_view_lit(const struct kiln_view_maps *maps, const struct kiln_hit *hit, const float irradiance[3],
                    float rgb[3]);
 
+/* What the surface at a hit emits, W/(m2 sr). Thread-safe. */
+void kiln_view_emission(const struct kiln_view_maps *maps, const struct kiln_hit *hit, float rgb[3]);
+
 #endif

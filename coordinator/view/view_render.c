@@ -41,6 +41,7 @@ struct renderer {
     uint32_t rays, first; /* of a pixel: all, and those that come first */
     struct kiln_view_maps *maps;
     struct kiln_view_rays *batch;
+    struct kiln_view_gloss *gloss; /* NULL: none was needed yet */
     float *planes[3];
     uint32_t rows, begin;              /* of a band; the first row of the present one */
     struct pixel *pixels;              /* ROWS_BEFORE rows and the band's */
@@ -278,8 +279,10 @@ static int look_on(struct renderer *r, uint32_t from, uint32_t to, struct kiln_e
     if (count == 0)
         return KILN_OK;
     int status = kiln_allocate(&rgb, 3 * count, sizeof *rgb, "the pixels of a view", error);
+    if (status == KILN_OK && r->gloss == NULL)
+        status = kiln_view_gloss_create(&r->gloss, r->params, r->maps, error);
     if (status == KILN_OK)
-        status = kiln_view_gloss(r->params, r->maps, r->traced, count, rgb, error);
+        status = kiln_view_gloss_draw(r->gloss, r->traced, count, rgb, error);
     for (size_t k = 0; k < count && status == KILN_OK; k++) {
         struct pixel *p = &r->pixels[first + r->traced[k] - place];
         p->fate = FEW;
@@ -377,6 +380,7 @@ int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **
     const double all = (double)params->width * params->height;
     *approximate = (struct kiln_view_approximate){r.sums.metal / all, r.sums.front_light / all, r.sums.flat / all,
                                                   r.sums.mapped / all};
+    kiln_view_gloss_destroy(&r.gloss);
     kiln_free(&r.traced);
     kiln_free(&r.pixels);
     kiln_view_rays_destroy(&r.batch);

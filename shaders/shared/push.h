@@ -204,8 +204,9 @@ struct kiln_gpu_both_push {
     KILN_WORD stage;           /* KILN_GPU_PHOTONS_... of photons.comp, KILN_GPU_STAGE_... of paths */
     KILN_WORD light;           /* 1: the paths are those of light */
     KILN_WORD room;            /* of path_pairs.comp: pairs that there is room for */
+    KILN_ADDRESS halts[2];     /* words: nothing is to be done where one of them is not 0; 0: no such word */
 };
-KILN_SIZE_IS(kiln_gpu_both_push, 112);
+KILN_SIZE_IS(kiln_gpu_both_push, 128);
 KILN_OFFSET_IS(kiln_gpu_both_push, count, 72);
 #define KILN_GPU_STAGE_BEGIN 0u     /* the first ray of a path */
 #define KILN_GPU_STAGE_ARRIVE 1u    /* what it has met, and the next ray */
@@ -247,5 +248,34 @@ struct kiln_gpu_weighed_push {
 KILN_SIZE_IS(kiln_gpu_weighed_push, 128);
 KILN_OFFSET_IS(kiln_gpu_weighed_push, hemisphere, 56);
 KILN_OFFSET_IS(kiln_gpu_weighed_push, both, 112);
+
+#include "shaders/shared/layout_patches.h"
+
+/* patches.comp: pairs of points and nodes. */
+struct kiln_gpu_patches_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk;
+    KILN_ADDRESS points;         /* struct kiln_gpu_patch of each point of the chunk */
+    KILN_ADDRESS facing, shapes; /* struct kiln_gpu_node_facing and kiln_gpu_node_shape of each node */
+    KILN_ADDRESS slices; /* floats: c of row r of a point at (r * KILN_GPU_PATCH_FLOATS + c) * chunk.total + x */
+    KILN_WORD nodes, nodes_a_row;
+    KILN_WORD row_first;                 /* row of y = 0 */
+    KILN_REAL32 most_factor, most_added; /* struct kiln_patches_parameters */
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_patches_push, 112);
+KILN_OFFSET_IS(kiln_gpu_patches_push, nodes, 88);
+
+/* patches_reduce.comp: adds up the rows. */
+struct kiln_gpu_patches_reduce_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk;
+    KILN_ADDRESS slices, results; /* results: struct kiln_gpu_patch_sums */
+    KILN_ADDRESS rays;            /* word: pairs of a point that face each other */
+    KILN_WORD rows;
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_patches_reduce_push, 88);
+KILN_OFFSET_IS(kiln_gpu_patches_reduce_push, rows, 80);
 
 #endif

@@ -26,6 +26,7 @@
 #    define real3_sub(a, b) ((a) - (b))
 #    define real3_scale(a, s) ((a) * (s))
 #    define real3_dot(a, b) dot(a, b)
+#    define real3_cross(a, b) cross(a, b)
 #    define real3_length(a) length(a)
 #    define real_max(a, b) max(a, b)
 #    define real_min(a, b) min(a, b)
@@ -51,6 +52,7 @@ typedef struct kiln_dvec3 kiln_real3;
 #    define real3_sub dvec3_sub
 #    define real3_scale dvec3_scale
 #    define real3_dot dvec3_dot
+#    define real3_cross dvec3_cross
 #    define real3_length dvec3_length
 #    define real_max fmax
 #    define real_min fmin

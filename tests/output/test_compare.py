@@ -60,6 +60,12 @@ def picture_metrics(a, b, used, exposure):
             1 / windows(*(v @ WEIGHTS for v in shown), used) - 1)
 
 
+def code_lengths(a, b, used):
+    """Of all pixels, as 8-bit codes over 255."""
+    a, b = (np.floor(255 * np.clip(np.nan_to_num(v) / b[used].max(), 0, 1) + 0.5) / 255 for v in (a, b))
+    return np.linalg.norm(a - b, axis=-1)
+
+
 def expected(a, b, used, inside):
     a, b = a.astype(float), b.astype(float)
     d, r = (a - b)[used], b[used]
@@ -75,7 +81,7 @@ def expected(a, b, used, inside):
         "rel_rmse": np.sqrt(np.mean((d / (np.abs(r) + 0.01 * np.abs(r).mean())) ** 2)),
         "psnr": 20 * np.log10(np.abs(r).max() / rmse), "dssim": (1 - ssim(a, b, used, exposure)) / 2,
         "picture_psnr": decibels, "picture_dissimilarity": dissimilarity,
-        "dfpr": length.mean(), "dfpr_unit": length.mean() / r.max(),
+        "dfpr": length.mean(), "dfpr_unit": length.mean() / r.max(), "dfpr_8bit": code_lengths(a, b, used).mean(),
         "worst": {"difference": length.max(), "x": x, "y": y},
     }
 
@@ -140,7 +146,9 @@ def masked_folders(rng, folder):
     d = np.concatenate([(a.astype(float) - b)[used] for _, a, b, used, _ in sums])
     inner = [np.concatenate([v[inside].astype(float) for v, inside in sets]) for sets in
              ([(a - b.astype(float), i) for _, a, b, _, i in sums], [(b, i) for _, _, b, _, i in sums])]
+    codes = [code_lengths(a.astype(float), b.astype(float), used).ravel() for _, a, b, used, _ in sums]
     check(found, {"texels": len(d), "rmse": np.sqrt(np.mean(d ** 2)), "dfpr": np.linalg.norm(d, axis=1).mean(),
+                  "dfpr_8bit": np.concatenate(codes).mean(),
                   "nrmse": np.sqrt(np.mean(inner[0] ** 2)) / inner[1].mean()}, "both objects")
     worst = max(sums, key=lambda s: np.nanmax(np.linalg.norm(np.where(s[3][..., None], s[1] - s[2], 0), axis=-1)))
     assert found["worst"]["lightmap"] == worst[0] + ".exr"
@@ -181,7 +189,7 @@ def densities(rng, folder):
     fine = bake(scene, os.path.join(folder, "fine"), "--texels-per-metre", "14", "--quality", "draft",
                 "--samples-direct", "64", "--samples-indirect", "128")
     found = compare(coarse, fine)
-    assert found["sampled"] is True and found["dssim"] is None and not found["identical"] and len(
+    assert found["sampled"] is True and found["dssim"] is found["dfpr_8bit"] is None and not found["identical"] and len(
         found["worst"]["position"]) == 3 and found["picture_psnr"] is None
     with h5py.File(os.path.join(coarse, "kiln.h5")) as file:
         names = [n.decode() for n in file["objects/name"][...]]

@@ -152,6 +152,20 @@ class Reference(unittest.TestCase):
         cells = self.light(self.bake(self.scene("cornell-spheres"), "cells", *options, "--photons", "1000"))
         self.assertTrue(np.array_equal(cells["direct"], lights[0]["direct"]))
 
+    def test_radius(self):
+        """Where none is given light is merged by the size of texels, and not of the scene's sphere."""
+        options = (*COARSE, "--samples-indirect", "4", "--bounces", "1")
+        folder = self.bake(self.scene("cornell"), "vcm", *options)
+        by_kiln = self.light(folder)
+        with open(os.path.join(folder, "run.json"), encoding="utf-8") as file:
+            points = json.load(file)["points"]
+        count, area = len(by_kiln["area"]), points["geometry_area"]
+        radius = min(np.sqrt(area / count), np.sqrt(area / (np.pi * max(count, 1 << 14))))
+        for factor, same in ((1.0, True), (1.3, False)):
+            given = self.light(self.bake(self.scene("cornell"), "vcm", *options, "--merge-radius",
+                                         repr(float(radius * factor))))
+            self.assertEqual(np.allclose(given["indirect"], by_kiln["indirect"], rtol=1e-5), same, factor)
+
     def test_ledger(self):
         """Closes though nothing bounces: by what becomes of rays from what sends the light that paths have found."""
         for options in (("--bounces", "2"), ("--bounces", "all"), ("--bounces", "0")):

@@ -45,6 +45,10 @@ static void test_constant_offset(void **state)
     assert_near(d.psnr, 20.0 * log10(4.0));
     assert_near(d.dfpr, 0.5 * sqrt(3.0));
     assert_near(d.dfpr_unit, 0.25 * sqrt(3.0));
+    assert_near(d.dfpr_8bit, 0.0); /* more than the brightest value is as white */
+    assert_int_equal(kiln_compare_images(b, a, &d, NULL), 0);
+    assert_near(d.dfpr_8bit, 51.0 / 255.0 * sqrt(3.0));
+    assert_int_equal(kiln_compare_images(a, b, &d, NULL), 0);
     assert_near(d.mean, 2.0);
     const double ta = 0.225 / 1.225, tb = 0.18 / 1.18; /* no variance: the similarity of the means alone */
     assert_true(fabs(d.dssim - 0.5 * (1.0 - (2 * ta * tb + 1e-4) / (ta * ta + tb * tb + 1e-4))) < 1e-6);
@@ -76,6 +80,8 @@ static void test_masks(void **state)
     assert_near(d.rmse, sqrt(4.0 / (3.0 * (TEXELS - 3))));
     assert_near(d.nrmse, 0.0);
     assert_near(d.worst, 2.0);
+    /* all pixels: one is as white, one is black in one channel of b, one as white; what is not finite is black */
+    assert_near(d.dfpr_8bit, 2.0 / TEXELS);
     assert_int_equal(d.worst_x, 2);
     assert_int_equal(d.worst_y, 0);
     kiln_image_destroy(&a);

@@ -23,7 +23,9 @@
 #include "worker/pass/bidirectional.h"
 #include "worker/pass/guided.h"
 #include "worker/pass/land.h"
+#include "worker/pass/links.h"
 #include "worker/pass/occlusion.h"
+#include "worker/pass/directions.h"
 #include "worker/pass/patches.h"
 #include "worker/pass/path.h"
 #include "worker/pass/probes.h"
@@ -69,9 +71,33 @@ static const struct kiln_bidirectional_parameters both_ways = {.camera = {.posit
 static const struct kiln_reference_parameters twice = {.method = KILN_REFERENCE_BDPT, .bounces = 2};
 /* points of the floor, whatever they are of, and nodes above that look down */
 enum { POINTS = 2048, NODES = 20 };
-static struct kiln_patch points_of_floor[POINTS];
+static struct kiln_patch points_of_floor[POINTS + NODES];
 static struct kiln_patch_node nodes_above[NODES];
 static const struct kiln_patches_parameters pairs = {.points = points_of_floor, .nodes = nodes_above, .count = NODES};
+/* a tree over four of those above, to which some points are linked as a whole */
+static const uint32_t order_above[KILN_LINK_CHILDREN] = {POINTS, POINTS + 1, POINTS + 2, POINTS + 3};
+static const struct kiln_link_node node_above = {
+    .child = {KILN_LINK_LEAF, KILN_LINK_LEAF | 1u, KILN_LINK_LEAF | 2u, KILN_LINK_LEAF | 3u},
+    .children = KILN_LINK_CHILDREN,
+    .count = KILN_LINK_CHILDREN,
+    .centre = {-0.85f, 2.0f, 0.3f},
+    .normal = {0.0f, -1.0f, 0.0f},
+    .radius = 0.23f,
+    .area = 0.04f,
+    .most_area = 0.01f,
+    .covariance = {0.0133f, 0.0f, 0.0008f, 0.0f, 0.0f, 0.0f},
+    .level = 1.0f};
+static const float light_above[KILN_LINK_CHILDREN][3] = {{1, 2, 3}, {1, 2, 3}, {1, 2, 3}, {3, 2, 1}};
+static const struct kiln_links_parameters linked = {.points = points_of_floor,
+                                                    .order = order_above,
+                                                    .count = KILN_LINK_CHILDREN,
+                                                    .nodes = &node_above,
+                                                    .node_count = 1,
+                                                    .radiosity = light_above,
+                                                    .leaf_radiosity = light_above,
+                                                    .error = 0.01,
+                                                    .stream = 2};
+static const struct kiln_directions_parameters by_cosine = {.scale = 1.0};
 static const struct kiln_probe_parameters all_lamps = {.leaves = 0};
 static const void *const parameters[KILN_PASS_COUNT] = {[KILN_PASS_INDEX_probes] = &all_lamps,
                                                         [KILN_PASS_INDEX_occlusion] = &near_by,
@@ -82,7 +108,9 @@ static const void *const parameters[KILN_PASS_COUNT] = {[KILN_PASS_INDEX_probes]
                                                         [KILN_PASS_INDEX_bidirectional] = &both_ways,
                                                         [KILN_PASS_INDEX_weighed] = &sharing,
                                                         [KILN_PASS_INDEX_reference] = &twice,
-                                                        [KILN_PASS_INDEX_patches] = &pairs};
+                                                        [KILN_PASS_INDEX_patches] = &pairs,
+                                                        [KILN_PASS_INDEX_links] = &linked,
+                                                        [KILN_PASS_INDEX_directions] = &by_cosine};
 
 struct world {
     struct fixture *fixture;
@@ -99,15 +127,18 @@ static void place_patches(struct world *w)
     for (int i = 0; i < POINTS; i++)
         points_of_floor[i] =
             (struct kiln_patch){.place = vec3((float)(i % 32) * 0.1f - 1.6f, 0.01f, (float)(i / 32) * 0.1f - 1.6f),
-                                .normal = vec3(0.0f, 1.0f, 0.0f)};
+                                .normal = vec3(0.0f, 1.0f, 0.0f),
+                                .number = (uint32_t)i};
     for (int i = 0; i < NODES; i++) {
         nodes_above[i] = (struct kiln_patch_node){.patch = {.place = vec3((float)i * 0.1f - 1.0f, 2.0f, 0.3f),
                                                             .normal = vec3(0.0f, -1.0f, 0.0f),
                                                             .edge_s = vec3(0.1f, 0.0f, 0.0f),
                                                             .edge_t = vec3(0.0f, 0.0f, 0.1f),
-                                                            .area = 0.01f},
+                                                            .area = 0.01f,
+                                                            .number = (uint32_t)(POINTS + i)},
                                                   .radiosity = {1.0f, 2.0f, 3.0f}};
         nodes_above[i].centre = nodes_above[i].patch.place;
+        points_of_floor[POINTS + i] = nodes_above[i].patch;
     }
 }
 

@@ -23,6 +23,7 @@
 
 struct kiln_lights;
 struct kiln_rows;
+struct kiln_groups;
 
 /* How a device finds hits: by walking a BVH in compute shaders, or by its own ray-tracing pipeline. AUTO: what is
  * fastest here, COMPUTE: the fastest BVH. The rest name one, for measuring. */
@@ -41,7 +42,7 @@ struct kiln_backend_params {
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
     const struct kiln_lights *lights;
-    const struct kiln_lights *direct_lights; /* which the direct pass samples (Embree only); NULL: `lights` */
+    const struct kiln_lights *direct_lights; /* which the direct pass samples, some of `lights`; NULL: all */
     uint32_t threads;                        /* 0: all of the machine's cores that this process may use */
     const char *instruction_set;             /* Embree's name ("avx2", ...); NULL: the best there is */
     uint64_t seed;
@@ -155,8 +156,9 @@ struct kiln_backend {
     const struct kiln_surface *surface;
     const uint64_t *radiosity;
     const struct kiln_radiance_probes *probes;
-    struct kiln_rows *rows;    /* likewise of kiln_backend_set_rows */
-    bool ran[KILN_PASS_COUNT]; /* which passes kiln_backend_run was called for */
+    struct kiln_rows *rows;     /* likewise of kiln_backend_set_rows */
+    struct kiln_groups *groups; /* and of kiln_backend_set_groups */
+    bool ran[KILN_PASS_COUNT];  /* which passes kiln_backend_run was called for */
 };
 
 extern const struct kiln_backend_api kiln_backend_embree;
@@ -189,6 +191,12 @@ int kiln_backend_set_probes(struct kiln_backend *backend, const struct kiln_radi
 /* From now on the gather pass keeps what its rays meet in a file, or takes it from there (worker/pass/rows.h). Borrowed
  * until the next call; NULL: neither, as at first. Embree's backend alone does; the others trace, and keep nothing. */
 static inline void kiln_backend_set_rows(struct kiln_backend *backend, struct kiln_rows *rows) { backend->rows = rows; }
+/* From now on the direct and the gather pass find the light of each group beside that of all (worker/pass/groups.h).
+ * Borrowed until the next call; NULL: they do not, as at first. Embree's backend alone does. */
+static inline void kiln_backend_set_groups(struct kiln_backend *backend, struct kiln_groups *groups)
+{
+    backend->groups = groups;
+}
 /* Runs a pass over a batch's items and hands the results to the batch's taker. `parameters` is the pass's own struct,
  * as its header says; NULL for a pass without. Adds the number of rays that were traced to *rays, counted as the pass's
  * header says, the same on all backends. When it fails, the parts that were taken before stand. */

@@ -280,9 +280,11 @@ static size_t turn_on(const struct emission *e, uint32_t base, size_t count, str
     for (size_t j = 0; j < count; j++) {
         const struct particle *p = &e->particles[j];
         const struct kiln_particle_chance chance = {kiln_hash2(base, p->light + 1u), p->index, p->surface};
-        if (kiln_particle_turns(e->params, &e->hits[j]))
-            e->turns[j] = kiln_particle_turn(e->params, e->lobes, &e->hits[j], e->directions[j], p->weight, &chance,
-                                             KILN_IMPORTANCE);
+        if (!kiln_particle_turns(e->params, &e->hits[j]))
+            continue;
+        const struct kiln_particle_place place =
+            kiln_particle_place(e->params, e->lobes, &e->hits[j], e->directions[j]);
+        e->turns[j] = kiln_particle_turn(&place, p->weight, &chance, KILN_IMPORTANCE);
     }
     for (size_t j = 0; j < count; j++) {
         struct particle p = e->particles[j];

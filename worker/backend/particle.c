@@ -1,18 +1,11 @@
 #include "worker/backend/particle.h"
 
+#include <math.h>
+
+#include "shaders/shared/area_light.h"
 #include "shaders/shared/chain.h"
 #include "worker/sampling/sequence.h"
 #include "worker/scene/footprint.h"
-
-/* A surface that a particle has met; directions in the frame of its front. */
-struct place {
-    const struct kiln_hit *hit;
-    const struct kiln_gloss *gloss;
-    struct kiln_vec3 normal; /* geometric, of the front */
-    struct kiln_frame frame;
-    struct kiln_bsdf_lobes lobes;
-    struct kiln_vec3 o;
-};
 
 static const struct kiln_hit_record *record_of(const struct kiln_backend_params *params, const struct kiln_hit *hit)
 {
@@ -34,28 +27,30 @@ bool kiln_particle_turns(const struct kiln_backend_params *params, const struct 
 }
 
 /* The normal of the mesh, on the same side of the ray as the geometric one. */
-static struct kiln_vec3 shading_normal(const struct kiln_backend_params *params, const struct place *p,
-                                       const struct kiln_mesh *mesh, struct kiln_vec3 back)
+static struct kiln_vec3 shading_normal(const struct kiln_particle_place *p, const struct kiln_mesh *mesh,
+                                       struct kiln_vec3 back)
 {
     if ((mesh->flags & KILN_MESH_SMOOTH) == 0)
         return p->normal;
     const struct kiln_vec3 s =
-        kiln_triangle_shading_normal(params->scene, params->geometry, p->hit->triangle, p->hit->u, p->hit->v);
+        kiln_triangle_shading_normal(p->params->scene, p->params->geometry, p->hit.triangle, p->hit.u, p->hit.v);
     return vec3_dot(s, p->normal) > 0.0f && (vec3_dot(s, back) > 0.0f) == (vec3_dot(p->normal, back) > 0.0f)
                ? s
                : p->normal;
 }
 
-static struct place place_of(const struct kiln_backend_params *params, const struct kiln_gloss_lobes *lobes,
-                             const struct kiln_hit *hit, struct kiln_vec3 direction)
+struct kiln_particle_place kiln_particle_place(const struct kiln_backend_params *params,
+                                               const struct kiln_gloss_lobes *lobes, const struct kiln_hit *hit,
+                                               struct kiln_vec3 direction)
 {
     const struct kiln_scene *scene = params->scene;
     const struct kiln_geometry *g = params->geometry;
     const struct kiln_object *object = &scene->objects[record_of(params, hit)->object];
     const struct kiln_mesh *mesh = &scene->meshes[object->mesh];
     const uint64_t stored = g->stored_triangle[hit->triangle];
-    struct place p = {.hit = hit,
-                      .gloss = kiln_gloss_taken(scene, record_of(params, hit)->material & KILN_RECORD_MATERIAL)};
+    const uint32_t material = record_of(params, hit)->material & KILN_RECORD_MATERIAL;
+    struct kiln_particle_place p = {
+        .params = params, .hit = *hit, .gloss = kiln_gloss_taken(scene, material), .arrives = {1.0f, 1.0f, 1.0f}};
     struct kiln_vec3 corner[3];
     float b1, b2;
     kiln_geometry_corners(g, hit->triangle, corner);
@@ -63,15 +58,42 @@ static struct place place_of(const struct kiln_backend_params *params, const str
     const int second = object->flipped != 0 ? 1 : 2;
     const struct kiln_vec3 edge[2] = {vec3_sub(corner[3 - second], corner[0]), vec3_sub(corner[second], corner[0])},
                            back = vec3_scale(direction, -1.0f);
+    p.position = kiln_triangle_position(g, hit->triangle, hit->u, hit->v);
     p.normal = kiln_triangle_exact_normal(scene, g, hit->triangle);
-    p.frame = kiln_surface_frame(scene, p.gloss, mesh, stored, b1, b2, shading_normal(params, &p, mesh, back), edge);
-    p.lobes = kiln_surface_lobes(scene, &lobes[record_of(params, hit)->material & KILN_RECORD_MATERIAL], mesh, stored,
-                                 b1, b2, false);
+    p.frame = kiln_surface_frame(scene, p.gloss, mesh, stored, b1, b2, shading_normal(&p, mesh, back), edge);
+    p.lobes = kiln_surface_lobes(scene, &lobes[material], mesh, stored, b1, b2, false);
     p.o = kiln_into_frame(&p.frame, back);
+    p.others = KILN_LOBE_GLOSS | (p.lobes.coat.strength > 0.0f ? KILN_LOBE_COAT : 0u);
+    p.choice = kiln_bsdf_choose(p.lobes, p.o, p.others);
+    if (hit->back && (p.gloss->flags & KILN_GLOSS_VOLUME) != 0)
+        kiln_gloss_attenuation(p.gloss, hit->distance, p.arrives);
     return p;
 }
 
-static void draw(const struct kiln_particle_chance *chance, uint32_t use, double *u, double *v)
+/* Where a ray starts that leaves the place in this direction. */
+static struct kiln_vec3 start_of(const struct kiln_particle_place *p, struct kiln_vec3 direction)
+{
+    const float side = vec3_dot(p->normal, direction) > 0.0f ? 1.0f : -1.0f;
+    return kiln_offset_origin(p->position, vec3_scale(p->normal, side), p->params->geometry, p->hit.triangle);
+}
+
+bool kiln_particle_is_smooth(const struct kiln_particle_place *p)
+{
+    const struct kiln_bsdf_choice *c = &p->choice;
+    const bool base_is_mirror = p->lobes.base_is_mirror != 0 && p->lobes.p.model == KILN_BSDF_LAYERS;
+    return c->near == 0.0f && c->far == 0.0f && (c->gloss == 0.0f || base_is_mirror) &&
+           (c->coat == 0.0f || p->lobes.coat_is_mirror != 0);
+}
+
+struct kiln_bsdf_value kiln_particle_scatter(const struct kiln_particle_place *p, struct kiln_vec3 direction)
+{
+    const struct kiln_vec3 i = kiln_into_frame(&p->frame, direction);
+    if (!kiln_shading_agrees(i, kiln_into_frame(&p->frame, p->normal)))
+        return (struct kiln_bsdf_value){.density = 0.0f};
+    return kiln_bsdf_evaluate_chosen(p->lobes, p->choice, p->o, i, KILN_RADIANCE, p->others);
+}
+
+void kiln_particle_draw(const struct kiln_particle_chance *chance, uint32_t use, double *u, double *v)
 {
     uint32_t a, b;
     kiln_path_numbers(kiln_path_key(chance->key, kiln_path_use(chance->surface, use)), chance->number, &a, &b);
@@ -80,21 +102,20 @@ static void draw(const struct kiln_particle_chance *chance, uint32_t use, double
 }
 
 /* The way on, in the frame, and its weight; false: nothing goes on. */
-static bool send(const struct place *p, const struct kiln_particle_chance *chance, float pick, uint32_t mode,
-                 struct kiln_bsdf_drawn *d)
+static bool send(const struct kiln_particle_place *p, const struct kiln_particle_chance *chance, float pick,
+                 uint32_t mode, struct kiln_bsdf_drawn *d)
 {
-    const uint32_t others = KILN_LOBE_GLOSS | (p->lobes.coat.strength > 0.0f ? KILN_LOBE_COAT : 0u);
-    const struct kiln_bsdf_choice choice = kiln_bsdf_choose(p->lobes, p->o, others);
     double u, v;
-    draw(chance, KILN_PATH_BOUNCE, &u, &v);
-    *d = kiln_bsdf_propose(p->lobes, choice, p->o, pick, (float)u, (float)v, mode);
+    kiln_particle_draw(chance, KILN_PATH_BOUNCE, &u, &v);
+    *d = kiln_bsdf_propose(p->lobes, p->choice, p->o, pick, (float)u, (float)v, mode);
     if (d->i.z == 0.0f)
         return false;
     if (!d->delta) {
-        const struct kiln_bsdf_value f = kiln_bsdf_evaluate_chosen(p->lobes, choice, p->o, d->i, mode, others);
+        const struct kiln_bsdf_value f = kiln_bsdf_evaluate_chosen(p->lobes, p->choice, p->o, d->i, mode, p->others);
         if (!(f.density > 0.0f))
             return false;
         d->weight = vec3_scale(f.value, 1.0f / f.density);
+        d->density = f.density;
     }
     const struct kiln_vec3 front = kiln_into_frame(&p->frame, p->normal);
     if (mode == KILN_IMPORTANCE)
@@ -102,24 +123,19 @@ static bool send(const struct place *p, const struct kiln_particle_chance *chanc
     return kiln_shading_agrees(d->i, front);
 }
 
-struct kiln_particle_turn kiln_particle_turn(const struct kiln_backend_params *params,
-                                             const struct kiln_gloss_lobes *lobes, const struct kiln_hit *hit,
-                                             struct kiln_vec3 direction, const float weight[3],
+struct kiln_particle_turn kiln_particle_turn(const struct kiln_particle_place *p, const float weight[3],
                                              const struct kiln_particle_chance *chance, uint32_t mode)
 {
-    const struct place p = place_of(params, lobes, hit, direction);
-    const uint32_t length = params->chain_length != 0 ? params->chain_length : KILN_CHAIN_LENGTH;
-    struct kiln_particle_turn turn = {.arrives = {1.0f, 1.0f, 1.0f}};
+    const uint32_t wanted = p->params->chain_length, length = wanted != 0 ? wanted : KILN_CHAIN_LENGTH;
+    struct kiln_particle_turn turn = {.mirrored = false};
     struct kiln_bsdf_drawn d;
     double pick, rest;
-    if (hit->back && (p.gloss->flags & KILN_GLOSS_VOLUME) != 0)
-        kiln_gloss_attenuation(p.gloss, hit->distance, turn.arrives);
-    for (int c = 0; c < 3 && has_points(params, hit); c++)
-        turn.taken_up[c] = turn.arrives[c] * kiln_chain_taken_up(p.lobes, p.o.z);
-    draw(chance, KILN_PATH_LOBE, &pick, &rest);
-    if (!send(&p, chance, (float)pick, mode, &d))
+    for (int c = 0; c < 3 && has_points(p->params, &p->hit); c++)
+        turn.taken_up[c] = p->arrives[c] * kiln_chain_taken_up(p->lobes, p->o.z);
+    kiln_particle_draw(chance, KILN_PATH_LOBE, &pick, &rest);
+    if (!send(p, chance, (float)pick, mode, &d))
         return turn;
-    const float on[3] = {turn.arrives[0] * d.weight.x, turn.arrives[1] * d.weight.y, turn.arrives[2] * d.weight.z};
+    const float on[3] = {p->arrives[0] * d.weight.x, p->arrives[1] * d.weight.y, p->arrives[2] * d.weight.z};
     float most = 0.0f;
     for (int c = 0; c < 3; c++)
         most = float_max(most, weight[c] * on[c]);
@@ -129,9 +145,24 @@ struct kiln_particle_turn kiln_particle_turn(const struct kiln_backend_params *p
     for (int c = 0; c < 3; c++)
         turn.goes_on[c] = on[c] / goes_on;
     turn.mirrored = d.delta;
-    turn.direction = kiln_out_of_frame(&p.frame, d.i);
-    const float side = vec3_dot(p.normal, turn.direction) > 0.0f ? 1.0f : -1.0f;
-    turn.origin = kiln_offset_origin(kiln_triangle_position(params->geometry, hit->triangle, hit->u, hit->v),
-                                     vec3_scale(p.normal, side), params->geometry, hit->triangle);
+    turn.density = d.density;
+    turn.direction = kiln_out_of_frame(&p->frame, d.i);
+    turn.origin = start_of(p, turn.direction);
     return turn;
+}
+
+float kiln_particle_shadow(const struct kiln_particle_place *p, const struct kiln_light_sample *sample,
+                           struct kiln_vec3 *origin, struct kiln_vec3 *direction)
+{
+    *direction = vec3_of(sample->direction);
+    *origin = start_of(p, *direction);
+    if (!isfinite(sample->distance))
+        return INFINITY;
+    const struct kiln_dvec3 place = dvec3_add(dvec3_of(p->position), dvec3_scale(sample->direction, sample->distance)),
+                            to = dvec3_sub(dvec3_of(*origin), place);
+    const double distance = dvec3_length(to), left = (distance - sample->backoff) * KILN_SHADOW_LENGTH;
+    const struct kiln_dvec3 down = dvec3_scale(to, 1.0 / distance);
+    *origin = vec3_of(dvec3_add(place, dvec3_scale(down, distance - left)));
+    *direction = vec3_of(down);
+    return (float)left;
 }

@@ -4,8 +4,9 @@
 #ifndef KILN_WORKER_BACKEND_PARTICLE_H
 #define KILN_WORKER_BACKEND_PARTICLE_H
 
-#include "shaders/shared/bsdf.h"
+#include "shaders/shared/path.h"
 #include "worker/backend/backend.h"
+#include "worker/light/lights.h"
 #include "worker/material/surface_bsdf.h"
 
 /* Whether there is such a surface for who meets it from this side. */
@@ -16,20 +17,52 @@ struct kiln_particle_chance {
     uint32_t key, number, surface;
 };
 
-/* What of a particle's flux, by colour, comes to the surface through the body of glass that it was in (`arrives`) and
- * is taken up there; and what goes on, of a particle that has `weight` of its flux at the lights left: its way by the
- * adjoint of the scattering function (KILN_IMPORTANCE and kiln_shading_correction of shaders/shared/bsdf.h), through
- * lobes that are not diffuse, times what it counts more for having gone on by chance (kiln_chain_chance). `mode` is
- * KILN_IMPORTANCE; or KILN_RADIANCE for rays from the eye, which go by the scattering function itself. `lobes`:
- * kiln_scene_lobes. */
+/* Two random numbers in (0, 1) for a use at that surface: KILN_PATH_... of shaders/shared/path.h. */
+void kiln_particle_draw(const struct kiln_particle_chance *chance, uint32_t use, double *u, double *v);
+
+/* Such a surface, where a particle or a ray of a view has met it. Directions within are in the frame of its front. */
+struct kiln_particle_place {
+    const struct kiln_backend_params *params;
+    struct kiln_hit hit;
+    const struct kiln_gloss *gloss;
+    struct kiln_vec3 position, normal; /* normal: geometric, of the front */
+    struct kiln_frame frame;
+    struct kiln_bsdf_lobes lobes;
+    struct kiln_vec3 o;             /* where it came from */
+    uint32_t others;                /* its lobes that are not diffuse */
+    struct kiln_bsdf_choice choice; /* among these */
+    float arrives[3];               /* share of what comes through the body of glass that it was in, by colour */
+};
+/* `lobes`: kiln_scene_lobes; `direction`: of the particle, unit. */
+struct kiln_particle_place kiln_particle_place(const struct kiln_backend_params *params,
+                                               const struct kiln_gloss_lobes *lobes, const struct kiln_hit *hit,
+                                               struct kiln_vec3 direction);
+
+/* What of a particle's flux, by colour, is taken up there; and what goes on, of a particle that has `weight` of its
+ * flux at the lights left, both with what `arrives`: its way by the adjoint of the scattering function (KILN_IMPORTANCE
+ * and kiln_shading_correction of shaders/shared/bsdf.h), through lobes that are not diffuse, times what it counts more
+ * for having gone on by chance (kiln_chain_chance). `mode` is KILN_IMPORTANCE; or KILN_RADIANCE for rays from the eye,
+ * which go by the scattering function itself. */
 struct kiln_particle_turn {
-    float arrives[3], taken_up[3], goes_on[3]; /* shares; all of `goes_on` 0: it ends here */
+    float taken_up[3], goes_on[3]; /* shares; all of `goes_on` 0: it ends here */
     struct kiln_vec3 origin, direction;
     bool mirrored; /* it goes on in the one direction of a mirror or of smooth glass */
+    float density; /* else with this one, per steradian, but for the chance to go on at all */
 };
-struct kiln_particle_turn kiln_particle_turn(const struct kiln_backend_params *params,
-                                             const struct kiln_gloss_lobes *lobes, const struct kiln_hit *hit,
-                                             struct kiln_vec3 direction, const float weight[3],
+struct kiln_particle_turn kiln_particle_turn(const struct kiln_particle_place *place, const float weight[3],
                                              const struct kiln_particle_chance *chance, uint32_t mode);
+
+/* Whether the lobes that are not diffuse send light in the directions of mirrors and smooth glass only. */
+bool kiln_particle_is_smooth(const struct kiln_particle_place *place);
+
+/* What these send of light from unit `direction`, which points away from the place, to where a ray of a view came from,
+ * times the cosine, and the density with which the ray goes on there. 0 of mirrors and smooth glass. */
+struct kiln_bsdf_value kiln_particle_scatter(const struct kiln_particle_place *place, struct kiln_vec3 direction);
+
+/* The shadow ray of a sample of a light that was drawn at the place: the light comes through if the ray meets nothing
+ * on the length that is returned, m, tinted as kiln_backend_intersect says. Where the light has a place in the scene
+ * the ray starts there, so that what lies behind the light is not on its way. */
+float kiln_particle_shadow(const struct kiln_particle_place *place, const struct kiln_light_sample *sample,
+                           struct kiln_vec3 *origin, struct kiln_vec3 *direction);
 
 #endif

@@ -3,8 +3,8 @@
  * A pass takes parameters of its own and a batch (the items, their samples, the random stream) and gives an array of
  * results, one an item. What a particular pass takes and gives, with its formula and units, stands in its own header:
  * validity.h, direct.h, gather.h, probes.h, occlusion.h, directional.h, path.h, radiance.h, guided.h, caustic.h,
- * land.h, bidirectional.h, weighed.h, reference.h, shapes.h, patches.h. kiln_backend_run (worker/backend/backend.h)
- * runs any of them.
+ * land.h, bidirectional.h, weighed.h, reference.h, shapes.h, patches.h, links.h, directions.h. kiln_backend_run
+ * (worker/backend/backend.h) runs any of them.
  *
  * A new pass called NAME is: NAME in KILN_PASS_LIST below, a row in passes.c, a header NAME.h in this folder, and a
  * file NAME.c in each backend's folder with what the backend's header declares for every name of the list: the function
@@ -32,7 +32,9 @@
     DO(occlusion)                                                                                                      \
     DO(directional)                                                                                                    \
     DO(path)                                                                                                           \
-    DO(radiance) DO(guided) DO(caustic) DO(land) DO(bidirectional) DO(weighed) DO(reference) DO(shapes) DO(patches)
+    DO(radiance)                                                                                                       \
+    DO(guided)                                                                                                         \
+    DO(caustic) DO(land) DO(bidirectional) DO(weighed) DO(reference) DO(shapes) DO(patches) DO(links) DO(directions)
 
 /* Where a pass stands in kiln_passes: KILN_PASS_INDEX_direct and so on. */
 #define KILN_PASS_INDEX_OF(name) KILN_PASS_INDEX_##name,

@@ -6,10 +6,12 @@
 #include "worker/pass/bidirectional.h"
 #include "worker/pass/caustic.h"
 #include "worker/pass/directional.h"
+#include "worker/pass/directions.h"
 #include "worker/pass/gather.h"
 #include "worker/pass/guided.h"
 #include "worker/pass/land.h"
 #include "worker/pass/occlusion.h"
+#include "worker/pass/links.h"
 #include "worker/pass/patches.h"
 #include "worker/pass/path.h"
 #include "worker/pass/probes.h"
@@ -243,7 +245,7 @@ const struct kiln_pass kiln_pass_shapes = {.index = KILN_PASS_INDEX_shapes,
                                            .result_bytes = sizeof(struct kiln_shape_result),
                                            .on_embree_only = true};
 
-/* Not verified: it is the host's alone. */
+/* Not verified: it has no standard error to compare by. */
 const struct kiln_pass kiln_pass_patches = {.index = KILN_PASS_INDEX_patches,
                                             .name = "patches",
                                             .what = "light between patches",
@@ -253,8 +255,32 @@ const struct kiln_pass kiln_pass_patches = {.index = KILN_PASS_INDEX_patches,
                                             .is_sampled = true,
                                             .has_streams = true,
                                             .reads_radiosity = true,
-                                            .is_stealable = true,
-                                            .on_embree_only = true};
+                                            .is_stealable = true};
+
+/* Not verified: it is the host's alone. */
+const struct kiln_pass kiln_pass_links = {.index = KILN_PASS_INDEX_links,
+                                          .name = "links",
+                                          .what = "light by links",
+                                          .domain = KILN_DOMAIN_TILE_RUNS,
+                                          .parameter_bytes = sizeof(struct kiln_links_parameters),
+                                          .result_bytes = sizeof(struct kiln_point_result),
+                                          .is_sampled = true,
+                                          .has_streams = true,
+                                          .reads_radiosity = true,
+                                          .on_embree_only = true};
+
+/* Not verified: it is the host's alone. */
+const struct kiln_pass kiln_pass_directions = {.index = KILN_PASS_INDEX_directions,
+                                               .name = "directions",
+                                               .what = "light by directions",
+                                               .domain = KILN_DOMAIN_TILE_RUNS,
+                                               .parameter_bytes = sizeof(struct kiln_directions_parameters),
+                                               .result_bytes = sizeof(struct kiln_point_result),
+                                               .is_sampled = true,
+                                               .has_streams = true,
+                                               .reads_radiosity = true,
+                                               .is_stealable = true,
+                                               .on_embree_only = true};
 
 #define ROW(name) [KILN_PASS_INDEX_##name] = &kiln_pass_##name,
 const struct kiln_pass *const kiln_passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};

@@ -6,11 +6,12 @@
  *
  * A node stands for a surface point, or for several (coordinator/integrate/patches.h). Light goes straight between the
  * places of the two; V is what the surfaces on the way let through, of each colour. Nodes that look away from the
- * point, or lie behind it, are left out before a ray is traced. A node counts as the parallelogram of its edges: its
- * factor is the mean over that, to the second order in its size. One that is nearer than KILN_PATCHES_NEAR times the
- * root of its area, or crosses the point's horizon, is clipped at the horizon and has the exact one
- * (worker/light/view_factor.h). The point itself is its place. E about the shading normal has the factors about that,
- * of what lies above both horizons.
+ * point, or lie behind it, are left out before a ray is traced; and so are those in whose plane it lies, or that lie in
+ * its own, but for KILN_PATCHES_FLAT of the world's extent, which rounding decides. A node counts as the parallelogram
+ * of its edges: its factor is the mean over that, to the second order in its size. One that is nearer than
+ * KILN_PATCHES_NEAR times the root of its area, or crosses the point's horizon, is clipped at the horizon and has the
+ * exact one (worker/light/view_factor.h). The point itself is its place. E about the shading normal has the factors
+ * about that, of what lies above both horizons.
  *
  * Rows. The factors of a point add up to what its rays by the cosine meet: 1 - escaped - blocked, less what tinted
  * surfaces take. These shares are those that the gather pass finds with the same samples and stream, and where the sum
@@ -24,7 +25,11 @@
  *
  * Items: tile runs. Result: struct kiln_point_result; `error` is 0, for what pairs are off by is no chance. Samples:
  * rays that measure the shares. Streams: as the gather pass, with the same rays. Rays: the samples of all valid points,
- * and one for each pair that face each other. Time: as many pairs as points times nodes. Embree only. */
+ * and one for each pair that face each other and of which nothing is known (visibility_cache.h, which Embree alone
+ * asks). Time: as many pairs as points times nodes.
+ *
+ * Embree reckons in doubles; devices have floats, with sums that are good to their last bits, and doubles where a node
+ * is near. */
 #ifndef KILN_WORKER_PASS_PATCHES_H
 #define KILN_WORKER_PASS_PATCHES_H
 
@@ -32,6 +37,7 @@
 #include "worker/pass/point.h"
 
 #define KILN_PATCHES_NEAR 8.0
+#define KILN_PATCHES_FLAT 0x1p-20
 
 /* A piece of flat surface; area 0: nothing leaves it. m, from the scene's centre. */
 struct kiln_patch {
@@ -49,6 +55,8 @@ struct kiln_patch_node {
     float radiosity[3];      /* W/m2 */
 };
 
+struct kiln_visibility_cache;
+
 struct kiln_patches_parameters {
     const struct kiln_patch *points;     /* of all surface points, by global index; borrowed */
     const struct kiln_patch_node *nodes; /* borrowed */
@@ -56,6 +64,11 @@ struct kiln_patches_parameters {
     /* A factor is at most the first, and what a node adds to the radiosity of a point, of a colour, at most the second;
      * 0: nothing is clamped. */
     double most_factor, most_added;
+    struct kiln_visibility_cache *cache; /* borrowed; NULL: all pairs are traced */
 };
+
+/* What the factors of a row, whose sum is `row`, are multiplied by where nothing is clamped; `gathered`: what the
+ * point's rays have met. */
+double kiln_patches_row_scale(const struct kiln_point_result *gathered, double row);
 
 #endif

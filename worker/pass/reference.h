@@ -33,6 +33,8 @@
 #ifndef KILN_WORKER_PASS_REFERENCE_H
 #define KILN_WORKER_PASS_REFERENCE_H
 
+#include <math.h>
+
 #include "worker/pass/path.h"
 #include "worker/pass/point.h"
 
@@ -43,10 +45,26 @@ enum kiln_reference_method { KILN_REFERENCE_PATH, KILN_REFERENCE_BDPT, KILN_REFE
 struct kiln_reference_parameters {
     enum kiln_reference_method method;
     uint32_t bounces; /* diffuse surfaces on the way of light; or KILN_PATH_ALL_BOUNCES */
-    /* m, of merging in the first quarter of the samples; 0: by the scene: of as many discs as there are paths, in all
-     * as large as the sphere about the scene */
+    /* m, of merging in the first quarter of the samples; 0 in a job: kiln_reference_radius. The pass wants it above 0
+     * with vcm */
     double radius;
 };
+
+/* Paths of light that are merged, of a scene with so many surface points. */
+static inline uint64_t kiln_reference_paths(uint64_t points)
+{
+    const uint64_t least = 1 << 14, most = 1 << 18;
+    return points < least ? least : points > most ? most : points;
+}
+
+/* The radius of merging where none is given, m: as many discs as there are paths cover the scene's surfaces (`area`,
+ * m2) once; but at most one texel, as wide as the points lie apart. Of all points, so that all ranks have the same. */
+static inline double kiln_reference_radius(double area, uint64_t points)
+{
+    const double texel = points > 0 ? sqrt(area / (double)points) : 0.0,
+                 disc = sqrt(area / (KILN_PI * (double)kiln_reference_paths(points)));
+    return fmin(texel, disc);
+}
 
 struct kiln_reference_result {
     struct kiln_point_result point; /* as of the gather pass; `escaped` and so on: of rays to the next diffuse parts */

@@ -249,6 +249,16 @@ static inline struct kiln_global_point kiln_tile_entry(const struct kiln_surface
     return (struct kiln_global_point){run->first.at + (uint64_t)__builtin_popcountll(run->mask & (bit - 1))};
 }
 
+/* Likewise the point; of a divided texel that of its larger side. */
+static inline struct kiln_global_point kiln_tile_point(const struct kiln_surface *s, const struct kiln_tile *tile,
+                                                       uint32_t number)
+{
+    const struct kiln_global_point entry = kiln_tile_entry(s, tile, number);
+    return (entry.at & KILN_TILE_SPLIT) != 0 && entry.at != KILN_NO_POINT
+               ? s->divided[entry.at & ~KILN_TILE_SPLIT].point
+               : entry;
+}
+
 /* What the map has at texel (x, y) of lightmap `number`: a point, KILN_TILE_SPLIT | index in `divided`, or
  * KILN_NO_POINT. (x, y) must lie inside the lightmap. */
 static inline struct kiln_global_point kiln_surface_entry(const struct kiln_surface *s, uint32_t number, uint32_t x,

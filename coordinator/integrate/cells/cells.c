@@ -8,6 +8,7 @@
 #include "coordinator/integrate/cells/tail.h"
 #include "coordinator/integrate/cells/take.h"
 #include "coordinator/integrate/cells/tile_error.h"
+#include "coordinator/integrate/groups.h"
 #include "coordinator/integrate/parts.h"
 #include "coordinator/integrate/radiosity_exchange.h"
 #include "worker/pass/guided.h"
@@ -19,6 +20,13 @@ static const struct kiln_role roles[] = {
     {.kind = "final", .total = "final", .title = "final gather", .phase = "final gather"},
     {.kind = "pilot", .total = "pilot", .title = "direct light, pilot", .phase = "direct light"},
     {.kind = "caustic", .total = "caustics", .title = "caustics", .phase = "caustics", .optional = true}};
+
+/* A group's sum is its light, of which this is the first part. */
+static void begin_with_direct(const struct kiln_rank_data *own)
+{
+    if (own->surface.count > 0)
+        memcpy(own->sum, own->direct, 3 * own->surface.count * sizeof *own->sum);
+}
 
 static int begin_step(struct kiln_integration *in, struct kiln_step_report *last, const struct kiln_step *step,
                       struct kiln_error *error)
@@ -33,6 +41,8 @@ static int begin_step(struct kiln_integration *in, struct kiln_step_report *last
     if (step->bounce == 0)
         return KILN_OK;
     if (in->settings->schedule == KILN_SCHEDULE_EQUAL) {
+        if (step->bounce == 1)
+            kiln_group_light_each(in->groups, begin_with_direct);
         if (step->bounce == 1) /* the sum is of irradiance now, and of bounces only */
             memset(own->sum, 0, 3 * own->surface.count * sizeof *own->sum);
         in->solution->report.bounces = step->bounce;
@@ -40,6 +50,7 @@ static int begin_step(struct kiln_integration *in, struct kiln_step_report *last
         if (kiln_cells_adds_tail(in->settings))
             kiln_tail_add(in);
         kiln_cells_pack_sum(own);
+        kiln_group_light_each(in->groups, kiln_cells_pack_sum);
         in->solution->report.bounces = step->bounce;
     }
     const bool late = kiln_late_is(step);
@@ -48,8 +59,11 @@ static int begin_step(struct kiln_integration *in, struct kiln_step_report *last
         return status;
     const bool compact = last->step.compact && step->role == KILN_CELLS_BOUNCE;
     kiln_exchange_radiosity(in->exchange, compact ? KILN_EXCHANGE_NEXT_COMPACT : KILN_EXCHANGE_NEXT, last);
-    if (late)
+    kiln_group_light_exchange(in->groups, false);
+    if (late) {
         kiln_late_clear(own);
+        kiln_group_light_each(in->groups, kiln_late_clear);
+    }
     return KILN_OK;
 }
 
@@ -61,6 +75,8 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
     const size_t first = kiln_cells_first(in->settings);
     if (last->step.role == KILN_CELLS_PILOT)
         return kiln_adapt_samples(in, in->settings->samples_direct - last->step.samples, error);
+    if (in->settings->bounces == 0)
+        kiln_group_light_each(in->groups, begin_with_direct);
     if (in->settings->bounces == 0) /* there is no indirect light */
         memset(own->sum, 0, 3 * own->surface.count * sizeof *own->sum);
     if (in->settings->schedule == KILN_SCHEDULE_EQUAL && in->settings->bounces < 0 && part.count > first)

@@ -6,6 +6,7 @@
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/late.h"
 #include "coordinator/integrate/cells/schedule.h"
+#include "coordinator/integrate/groups.h"
 #include "coordinator/integrate/parts.h"
 #include "worker/scene/radiosity.h"
 
@@ -126,6 +127,7 @@ void kiln_tail_last(const struct kiln_integration *in, struct kiln_own_point poi
 void kiln_tail_extend(const struct kiln_integration *in, struct kiln_own_point first, uint64_t count,
                       const float factor[3])
 {
+    kiln_group_light_extend(in->groups, first, count, factor);
     for (uint64_t i = first.at; i < first.at + count; i++) {
         float last[3];
         kiln_tail_last(in, (struct kiln_own_point){i}, last);

@@ -181,7 +181,8 @@ static struct kiln_point_mean combined(const struct kiln_rank_data *data, struct
 {
     struct kiln_point_mean both = *second;
     const double rest = 1.0 - share,
-                 errors[2] = {rest * (double)kiln_error_unpack(data->error[own.at]), share * (double)second->error};
+                 errors[2] = {rest * (data->error != NULL ? (double)kiln_error_unpack(data->error[own.at]) : 0.0),
+                              share * (double)second->error};
     for (uint64_t c = 0; c < 3; c++) {
         both.irradiance[c] =
             (float)(rest * (double)data->direct[3 * own.at + c] + share * (double)second->irradiance[c]);
@@ -361,8 +362,8 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
     const double share =
         second ? kiln_adapt_share(kiln_adapt_pilot(t->settings), data->samples[f - data->surface.tile_runs]) : 1.0;
     /* what no ray meets takes no light from the scene */
-    const bool counts =
-        (t->scene->objects[kiln_map_object(&data->surface, f->map)].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
+    const bool counts = sums != NULL && (t->scene->objects[kiln_map_object(&data->surface, f->map)].flags &
+                                         KILN_OBJECT_RECEIVER_ONLY) == 0;
     if (t->step->by_blocks) {
         take_blocks(t, data, f, results, counts, sums, tile_run);
         return;

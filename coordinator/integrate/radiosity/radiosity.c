@@ -4,7 +4,7 @@
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/cells/take.h"
 #include "coordinator/integrate/packing.h"
-#include "worker/pass/patches.h"
+#include "worker/pass/directions.h"
 #include "worker/scene/radiosity.h"
 
 /* In the order of KILN_CELLS_DIRECT, ...; what emits comes in the place of caustics, and of the third and fourth there
@@ -24,7 +24,7 @@ static struct kiln_integrate_settings settings_of_cells(const struct kiln_integr
     return of_cells;
 }
 
-/* The parameters of a step of patches are its nodes: coordinator/integrate/patches.h. */
+/* The parameters of a step of patches are its nodes, or where its rays go: coordinator/integrate/patches.h. */
 static bool next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports, size_t count,
                  struct kiln_step *step)
 {
@@ -32,8 +32,13 @@ static bool next(const struct kiln_integrate_settings *settings, const struct ki
     const bool any = kiln_cells_next(&of_cells, reports, count, step);
     if (step->role == KILN_CELLS_CAUSTIC)
         step->stream = KILN_CELLS_FINAL_STREAM;
-    if (step->role != KILN_CELLS_DIRECT)
-        step->pass = &kiln_pass_patches;
+    if (step->role != KILN_CELLS_DIRECT) {
+        const struct kiln_patch_settings *p = settings->patches;
+        step->pass = p->gather != KILN_GATHER_PAIRS     ? &kiln_pass_directions
+                     : p->patches == KILN_PATCHES_LINKS ? &kiln_pass_links
+                                                        : &kiln_pass_patches;
+        step->samples = p->directions > 0 ? p->directions : step->samples;
+    }
     return any;
 }
 

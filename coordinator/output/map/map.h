@@ -16,7 +16,7 @@ enum kiln_map_plane {
     KILN_MAP_INDIRECT = 3, /* 3 planes, W/m2 */
     KILN_MAP_ERROR = 6,    /* standard error of the luminance of direct + indirect */
     KILN_MAP_PLANES = 7,
-    KILN_MAP_PLANES_MAX = 64
+    KILN_MAP_PLANES_MAX = 128
 };
 
 /* Number of planes of a map, the planes whose seams are smoothed, and those with which the three planes of a direction

@@ -10,6 +10,8 @@
 #include "worker/base/memory.h"
 #include "worker/light/area_light_sampler.h"
 #include "worker/pass/direct.h"
+#include "worker/light/light_groups.h"
+#include "worker/pass/groups.h"
 #include "worker/sampling/sequence.h"
 
 enum { SEQUENCES = 32 };
@@ -42,6 +44,8 @@ struct direct_work {
     /* by identity, direct mapped; the points of all tiles of a tile run choose alike */
     struct sequence sequences[SEQUENCES];
     uint32_t *sequence_points; /* what they are made of */
+    double *groups;            /* of the present point, of each group: shadow_packet.groups; NULL: nobody asks */
+    float *group_answers;      /* of the present tile run */
 };
 
 static void work_destroy(void **work)
@@ -52,6 +56,7 @@ static void work_destroy(void **work)
     if (w != NULL) {
         kiln_free(&w->choices);
         kiln_free(&w->sequence_points);
+        kiln_free(&w->groups);
     }
     kiln_free(work);
 }
@@ -90,12 +95,21 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     if (status == KILN_OK)
         status = kiln_allocate(&w->sequence_points, (size_t)SEQUENCES * KILN_DIMENSIONS * w->table_size,
                                sizeof(uint32_t), "the samples of a tile", error);
+    if (status == KILN_OK && b->base.groups != NULL)
+        status = kiln_allocate(&w->groups, b->base.groups->lights->count, KILN_GROUP_FLOATS * sizeof *w->groups,
+                               "the light of groups", error);
+    w->shadows.groups = w->groups;
     for (size_t i = 0; status == KILN_OK && i < SEQUENCES; i++)
         for (size_t d = 0; d < KILN_DIMENSIONS; d++)
             w->sequences[i].points[d] = w->sequence_points + (i * KILN_DIMENSIONS + d) * w->table_size;
     if (status != KILN_OK)
         work_destroy(work);
     return status;
+}
+
+static uint32_t group_of(const struct embree_backend *b, const struct kiln_light_choice *choice, uint32_t light)
+{
+    return b->base.groups != NULL ? kiln_light_group(b->base.groups->lights, choice, light) : 0;
 }
 
 static uint32_t identity_of(const struct direct_work *w, const struct kiln_light_choice *choice)
@@ -211,14 +225,18 @@ static void sample_packet(struct direct_work *w, const struct embree_backend *b,
     shadow_trace(&w->shadows, b, context);
 }
 
-/* All samples of the target at point j, whose choice is called `identity`. */
+/* All samples of the target at point j, which is that of the choice. */
 static void sample_target(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
-                          uint32_t j, uint32_t identity, uint32_t samples, struct shadow_sums *sums, uint64_t *rays)
+                          uint32_t j, const struct kiln_light_choice *choice, struct shadow_sums *sums, uint64_t *rays)
 {
+    const uint32_t identity = identity_of(w, choice), samples = choice->samples;
+    const uint32_t group = group_of(b, choice, (uint32_t)(w->target.light - direct_lights(b)->areas));
     const struct sequence *q = find_sequence(w, identity, samples);
     uint32_t shift[KILN_DIMENSIONS];
     for (uint32_t d = 0; d < KILN_DIMENSIONS; d++)
         shift[d] = kiln_hash2(kiln_hash2(w->frame.key[j], identity), d);
+    for (uint32_t l = 0; l < PACKET; l++)
+        w->shadows.group[l] = group;
     shadow_begin(&w->shadows, sums, samples);
     for (uint32_t first = 0; first < samples; first += PACKET) {
         const uint32_t last = samples - 1;
@@ -264,6 +282,7 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
             continue;
         const double shading_cosine = f->smooth ? fmax(0.0, dvec3_dot(shading, s.direction)) : cosine;
         shadow_aim(&s, place, dvec3_of(p));
+        w->shadows.group[w->shadows.count] = group_of(b, choice, s.light);
         shadow_add(&w->shadows, b, context, p, &s, i, cosine * (double)frame_taken_up(f, j, (float)shading_cosine),
                    shading_cosine);
         (*rays)++;
@@ -361,12 +380,14 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
     if (has_pilots(b) && !f->partly_buried[j])
         use_pilots(w, b, context, j, count, rays);
     double incident[3] = {0}, irradiance[3] = {0}, variance = 0.0;
+    if (w->groups != NULL)
+        memset(w->groups, 0, b->base.groups->lights->count * KILN_GROUP_FLOATS * sizeof *w->groups);
     for (size_t i = 0; i < count; i++) {
         struct shadow_sums sums = {0};
         const struct kiln_light_choice *choice = &w->choices[i];
         if (kiln_area_light_sampler(direct_lights(b), choice, dvec3_of(f->extent[j].centre),
                                     (double)f->extent[j].spread, &w->target))
-            sample_target(w, b, context, j, identity_of(w, choice), choice->samples, &sums, rays);
+            sample_target(w, b, context, j, choice, &sums, rays);
         else
             sample_choice(w, b, context, j, choice, &sums, rays);
         const double scale = 1.0 / (double)w->choices[i].samples;
@@ -383,6 +404,8 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
     result->error = (float)(samples * sqrt(variance));
     result->present = f->present[j];
     result->count = samples;
+    for (size_t i = 0; w->groups != NULL && i < b->base.groups->lights->count * KILN_GROUP_FLOATS; i++)
+        embree_group_answers(w->group_answers, b, f->place[j])[i] = (float)(samples * w->groups[i]);
 }
 
 static void direct_tile_run(void *work, const struct embree_backend *b, struct embree_context *context, size_t tile_run,
@@ -394,6 +417,7 @@ static void direct_tile_run(void *work, const struct embree_backend *b, struct e
     frame_build(&w->frame, b, tile_run, kiln_batch_points(w->part, tile_run), FRAME_EXTENT);
     for (int q = 0; q < SEQUENCES; q++)
         w->sequences[q].used = false;
+    w->group_answers = embree_group_run(b, tile_run);
     for (uint32_t j = 0; j < w->frame.count; j++)
         direct_point(w, b, context, j, &points[w->frame.place[j]], rays);
 }

@@ -13,6 +13,8 @@
 #include "worker/backend/embree/light_vertices.h"
 #include "worker/backend/embree/reference.h"
 #include "worker/base/memory.h"
+#include "worker/light/light_groups.h"
+#include "worker/pass/groups.h"
 
 unsigned embree_enter(void)
 {
@@ -221,6 +223,17 @@ static int take_results(const struct embree_backend *b, const struct kiln_pass *
     return status;
 }
 
+/* Room for what groups answer in a part of so many points that begins with the tile run. */
+static int begin_groups(struct embree_backend *b, size_t tile_run, uint64_t points, struct kiln_error *error)
+{
+    struct kiln_groups *g = b->base.groups;
+    if (g == NULL)
+        return KILN_OK;
+    g->first = b->surface->tile_runs[tile_run].first.at;
+    return kiln_grow(&g->answers, &g->room, (size_t)points * g->lights->count * KILN_GROUP_FLOATS, sizeof *g->answers,
+                     "the light of groups", error);
+}
+
 /* The batch in parts of some PART_POINTS results, or whole, which are taken before the next part is computed. */
 static int embree_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                       const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
@@ -237,7 +250,9 @@ static int embree_run(struct kiln_backend *backend, const struct kiln_pass *pass
         for (uint64_t points = 0; end < last && (pass->is_whole || points < PART_POINTS); end++)
             points += results_of(b, pass, end);
         const struct kiln_batch part = kiln_batch_part(batch, first, end - first);
-        status = pass_functions[pass->index](b, parameters, &part, results, rays, error);
+        status = pass->domain == KILN_DOMAIN_TILE_RUNS ? begin_groups(b, first, most, error) : KILN_OK;
+        if (status == KILN_OK)
+            status = pass_functions[pass->index](b, parameters, &part, results, rays, error);
         if (status == KILN_OK && batch->take != NULL)
             status = take_results(b, pass, &part, results, error);
         first = end;

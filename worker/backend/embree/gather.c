@@ -1,8 +1,8 @@
 /* The gather pass (worker/pass/gather.h): cosine-distributed rays of a tile run's points and the radiosity that they
  * find. The guided pass (worker/pass/guided.h), which is the same with a guide. The caustic pass
  * (worker/pass/caustic.h), whose rays look for what chains bring of lamps and sky, and the weighed pass
- * (worker/pass/weighed.h), where light paths have a part in that. And the reference pass (worker/pass/reference.h), of
- * whose rays paths go on. */
+ * (worker/pass/weighed.h), where light paths have a part in that. The reference pass (worker/pass/reference.h), of
+ * whose rays paths go on. And the directions pass (worker/pass/directions.h), whose rays go elsewhere. */
 #include <math.h>
 #include <string.h>
 
@@ -10,6 +10,7 @@
 #include "shaders/shared/streams.h"
 #include "shaders/shared/warp.h"
 #include "worker/backend/embree/chain_weighed.h"
+#include "worker/backend/embree/directed.h"
 #include "worker/backend/embree/kept_rows.h"
 #include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/light_vertices.h"
@@ -71,12 +72,16 @@ struct gather_work {
     /* sums of a point */
     double incident[RAY_LANES][3], irradiance[RAY_LANES][3], quarter[RAY_QUARTERS][RAY_LANES];
     double escaped[RAY_LANES], blocked[RAY_LANES], glass[RAY_LANES][3], gloss[RAY_LANES][3];
+    /* the directions pass; else NULL; and what the rays' light is multiplied by */
+    struct directed *directed;
+    const struct kiln_directions_parameters *directions;
     /* the guided pass; else NULL. Cells along a side of the tile run's guide; luminance that was found in each, squared
      * and summed up; the guide that is followed */
     const struct kiln_guided_parameters *guided;
     uint32_t side, shift; /* and by how much the random numbers are shifted right to have a cell's place */
     double square[KILN_GUIDE_SIDE * KILN_GUIDE_SIDE];
     float guide[KILN_GUIDE_SIZE];
+    double *groups; /* the light of groups: of each point and group KILN_GROUP_FLOATS sums; NULL: nobody asks */
 };
 
 static void work_destroy(void **work)
@@ -85,8 +90,10 @@ static void work_destroy(void **work)
     if (w != NULL) {
         rays_destroy(&w->rays);
         kept_rows_release(&w->rows);
+        kiln_free(&w->groups);
         kiln_free(&w->choices);
         subpaths_release(&w->subpaths);
+        directed_destroy(&w->directed);
     }
     kiln_free(work);
 }
@@ -107,6 +114,45 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     if (status != KILN_OK)
         work_destroy(work);
     return status;
+}
+
+/* ---- the light of groups (worker/pass/groups.h) ---- */
+
+static size_t group_sums(const struct embree_backend *b) { return b->base.groups->lights->count * KILN_GROUP_FLOATS; }
+
+static int groups_create(struct gather_work *w, const struct embree_backend *b, struct kiln_error *error)
+{
+    return b->base.groups != NULL
+               ? kiln_allocate(&w->groups, RAY_LANES * group_sums(b), sizeof *w->groups, "the light of groups", error)
+               : KILN_OK;
+}
+
+/* Adds the radiosity of each group at a surface point that a ray of point j has met, by its weights as incident light
+ * and as irradiance. */
+static inline void add_groups(const struct gather_work *w, const struct embree_backend *b, uint32_t j, uint64_t point,
+                              float incident, float irradiance)
+{
+    const struct kiln_groups *g = b->base.groups;
+    const uint64_t *radiosity = g->radiosity + point * g->lights->count;
+    double *sums = w->groups + j * group_sums(b);
+    for (uint32_t i = 0; i < g->lights->count; i++, sums += KILN_GROUP_FLOATS) {
+        float rgb[3];
+        if (radiosity[i] == 0)
+            continue;
+        kiln_radiosity_unpack(radiosity[i], rgb);
+        for (int c = 0; c < 3; c++) {
+            sums[c] += (double)(incident * rgb[c]);
+            sums[3 + c] += (double)(irradiance * rgb[c]);
+        }
+    }
+}
+
+static void store_groups(const struct gather_work *w, const struct embree_backend *b, size_t tile_run)
+{
+    float *run = embree_group_run(b, tile_run);
+    for (uint32_t j = 0; j < w->rays->frame.count; j++)
+        for (size_t i = 0; i < group_sums(b); i++)
+            embree_group_answers(run, b, w->rays->frame.place[j])[i] = (float)w->groups[j * group_sums(b) + i];
 }
 
 /* kiln_facet_weight of a lane's direction, times its weight. */
@@ -141,8 +187,8 @@ static inline void learn(struct gather_work *w, uint32_t step, uint32_t l, float
     w->square[cell] += (double)luminance * (double)luminance / (double)r->weight[l];
 }
 
-/* Adds radiosity that the ray of lane l has found. */
-static inline void add(struct gather_work *w, uint32_t step, uint32_t l, float rgb[3], bool tints)
+/* Adds radiosity that the ray of lane l has found. Returns its weight as irradiance. */
+static inline float add(struct gather_work *w, uint32_t step, uint32_t l, float rgb[3], bool tints)
 {
     const struct tile_run_rays *rays = w->rays;
     const uint32_t j = rays->point[l];
@@ -166,9 +212,12 @@ static inline void add(struct gather_work *w, uint32_t step, uint32_t l, float r
     for (int c = 0; c < 3; c++)
         w->incident[j][c] += (double)(incident * rgb[c]);
     const float luminance = weight * kiln_luminance_in_float(rgb);
-    w->quarter[rays->quarter_of[step * rays->copies + rays->copy[l]]][j] += (double)luminance;
+    const uint32_t quarter = w->directed != NULL ? directed_quarter(w->directed, rays, step, l)
+                                                 : rays->quarter_of[step * rays->copies + rays->copy[l]];
+    w->quarter[quarter][j] += (double)luminance;
     if (w->side > 0)
         learn(w, step, l, luminance);
+    return weight;
 }
 
 /* Adds the radiosity lane by lane: for each point in the order of its samples, whatever the number of lanes. */
@@ -177,11 +226,21 @@ KILN_CLONES static void collect(const struct embree_backend *b, struct gather_wo
     const struct rays_found *found = &w->found;
     const uint32_t count = found->count;
     const bool tints = embree_tints(b);
+    const struct kiln_directions_parameters *directions = w->directions;
+    const uint64_t *radiosity =
+        directions != NULL && directions->radiosity != NULL ? directions->radiosity : b->radiosity;
     for (uint32_t i = 0; i < count; i++) {
         float rgb[3] = {0.0f, 0.0f, 0.0f};
-        if (found->point[i] != KILN_NO_POINT && facet_weight(w->rays, found->lane[i]) > 0.0f)
-            kiln_radiosity_unpack(b->radiosity[found->point[i]], rgb);
-        add(w, step, found->lane[i], rgb, tints);
+        const uint32_t l = found->lane[i];
+        const float facet = facet_weight(w->rays, l);
+        const bool meets = found->point[i] != KILN_NO_POINT && facet > 0.0f;
+        if (meets)
+            kiln_radiosity_unpack(radiosity[found->point[i]], rgb);
+        for (int c = 0; c < 3 && directions != NULL; c++)
+            rgb[c] *= (float)directions->scale;
+        const float weight = add(w, step, l, rgb, tints);
+        if (meets && w->groups != NULL)
+            add_groups(w, b, w->rays->point[l], found->point[i], facet, weight);
     }
 }
 
@@ -638,20 +697,13 @@ static void store_learnt(const struct gather_work *w, struct kiln_guided_result 
 
 /* ---- results ---- */
 
-/* Standard error of the sum, by the spread of the means of its four quarters: more than the error of the whole net,
- * whose parts balance one another. */
+/* Standard error of the sum of point j. */
 static float quarters_error(const struct gather_work *w, uint32_t j)
 {
-    if (w->rays->samples < RAY_QUARTERS)
-        return 0.0f;
-    double mean = 0.0, square = 0.0, value[RAY_QUARTERS];
-    for (int i = 0; i < RAY_QUARTERS; i++) {
-        value[i] = w->quarter[i][j] * RAY_QUARTERS / w->rays->samples;
-        mean += value[i] / RAY_QUARTERS;
-    }
+    double sum[RAY_QUARTERS];
     for (int i = 0; i < RAY_QUARTERS; i++)
-        square += (value[i] - mean) * (value[i] - mean);
-    return (float)(w->rays->samples * sqrt(square / (RAY_QUARTERS * (RAY_QUARTERS - 1))));
+        sum[i] = w->quarter[i][j];
+    return rays_quarters_error(sum, w->rays->samples);
 }
 
 static struct kiln_point_result *result_of(const struct gather_work *w, void *results, uint32_t place)
@@ -709,8 +761,12 @@ static uint32_t find_step(struct gather_work *w, const struct embree_backend *b,
         return lanes;
     }
     *rays += b->probes != NULL ? end_rays(w, lanes) : lanes;
+    if (w->directed != NULL)
+        directed_aim(w->directed, w->rays, step, lanes);
     rays_trace(w->rays, b, context, lanes);
     embree_find(b, w->rays, lanes, &w->found);
+    if (w->directed != NULL)
+        directed_weigh(w->directed, w->rays, &w->found, lanes);
     kept_rows_note(&w->rows, w->rays, step, &w->found);
     return lanes;
 }
@@ -719,15 +775,23 @@ static void gather_tile_run(void *work, const struct embree_backend *b, struct e
                             void *results, uint64_t *rays)
 {
     struct gather_work *w = work;
-    const uint32_t steps = rays_begin(w->rays, b, tile_run, w->stream, 0);
-    if (steps == 0)
+    if (w->groups == NULL && kept_rows_replay(&w->rows, b, w->rays->batch, tile_run, results))
         return;
+    const uint32_t steps = rays_begin(w->rays, b, tile_run, w->stream, 0);
+    if (steps == 0) {
+        (void)embree_group_run(b, tile_run);
+        return;
+    }
     clear_sums(w);
+    if (w->groups != NULL)
+        memset(w->groups, 0, w->rays->frame.count * group_sums(b) * sizeof *w->groups);
     if (w->guided != NULL)
         begin_guide(w, b, tile_run);
     if (b->probes != NULL)
         begin_probes(w, b, tile_run);
-    const bool replays = kept_rows_read(&w->rows, b, w->rays, tile_run);
+    if (w->directed != NULL)
+        directed_begin(w->directed, w->rays, b, tile_run, w->stream);
+    const bool replays = kept_rows_read(&w->rows, b, tile_run, w->rays->frame.place, w->rays->frame.count);
     for (uint32_t step = 0; step < steps; step++) {
         const uint32_t lanes = find_step(w, b, context, step, replays, rays);
         if (b->probes != NULL || chain_any(b)) {
@@ -742,6 +806,8 @@ static void gather_tile_run(void *work, const struct embree_backend *b, struct e
     if (!replays)
         kept_rows_write(&w->rows, b, w->rays, tile_run);
     store(w, results);
+    if (w->groups != NULL)
+        store_groups(w, b, tile_run);
     if (w->side > 0)
         store_learnt(w, results);
 }
@@ -753,6 +819,8 @@ static int gather_create(void **work, const struct embree_backend *b, const void
     if (status != KILN_OK)
         return status;
     status = kept_rows_create(&((struct gather_work *)*work)->rows, b, part, error);
+    if (status == KILN_OK)
+        status = groups_create(*work, b, error);
     if (status != KILN_OK)
         work_destroy(work);
     return status;
@@ -775,6 +843,30 @@ int embree_guided(struct embree_backend *b, const void *parameters, const struct
 {
     static const struct tile_run_pass pass = {work_create, work_destroy, gather_tile_run,
                                               sizeof(struct kiln_guided_result)};
+    return embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
+}
+
+/* ---- the directions pass ---- */
+
+static int directions_create(void **work, const struct embree_backend *b, const void *parameters,
+                             const struct kiln_batch *part, struct kiln_error *error)
+{
+    int status = work_create(work, b, NULL, part, error);
+    if (status != KILN_OK)
+        return status;
+    struct gather_work *w = *work;
+    w->directions = parameters;
+    status = directed_create(&w->directed, w->directions, part, error);
+    if (status != KILN_OK)
+        work_destroy(work);
+    return status;
+}
+
+int embree_directions(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
+                      uint64_t *rays, struct kiln_error *error)
+{
+    static const struct tile_run_pass pass = {directions_create, work_destroy, gather_tile_run,
+                                              sizeof(struct kiln_point_result)};
     return embree_each_tile_run(b, &pass, parameters, part, results, rays, error);
 }
 

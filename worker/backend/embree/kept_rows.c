@@ -3,7 +3,9 @@
 #include <errno.h>
 #include <unistd.h>
 
+#include "shaders/shared/color.h"
 #include "worker/base/memory.h"
+#include "worker/scene/radiosity.h"
 
 int kept_rows_create(struct kept_rows *kept, const struct embree_backend *b, const struct kiln_batch *part,
                      struct kiln_error *error)
@@ -36,11 +38,11 @@ static void fail(struct kiln_rows *rows, int status, const char *what, uint64_t 
     }
 }
 
-/* Number of the points from j on that follow one another in the global order. */
-static uint32_t stretch_of(const struct tile_run_frame *f, uint32_t j)
+/* Number of the points from j on, of `total`, that follow one another in the global order. */
+static uint32_t stretch_of(const uint32_t *place, uint32_t total, uint32_t j)
 {
     uint32_t count = 1;
-    while (j + count < f->count && f->place[j + count] == f->place[j] + count)
+    while (j + count < total && place[j + count] == place[j] + count)
         count++;
     return count;
 }
@@ -80,37 +82,48 @@ static bool row_is_there(const struct kept_rows *kept, const struct embree_backe
 {
     const uint32_t *row = row_of(kept, j);
     bool within = true;
-    for (uint32_t k = 1; k <= kept->samples; k++)
-        within = within && (row[k] < b->surface->point_count || row[k] >= KILN_ROW_BLOCKED);
     if (row[0] == 0)
         return false;
+    for (uint32_t k = 1; k <= kept->samples; k++)
+        within &= (row[k] < b->surface->point_count) | (row[k] >= KILN_ROW_BLOCKED);
     if (within && row[0] == kiln_rows_check(kept->rows->key, point, row + 1, kept->samples))
         return true;
     fail(kept->rows, KILN_BAD_INPUT, "damaged", point);
     return false;
 }
 
-bool kept_rows_read(struct kept_rows *kept, const struct embree_backend *b, const struct tile_run_rays *rays,
-                    size_t tile_run)
+static bool read_rows(const struct kept_rows *kept, const struct embree_backend *b, size_t tile_run,
+                      const uint32_t *place, uint32_t points)
 {
-    const struct tile_run_frame *f = &rays->frame;
     struct kiln_rows *r = kept->rows;
-    if (r == NULL || !r->replays)
-        return false;
     const bool whole = kept->samples == r->samples;
     const uint64_t first = first_of(b, tile_run);
     bool there = true;
-    for (uint32_t j = 0, count; j < f->count && there; j += count) {
-        count = whole ? stretch_of(f, j) : 1;
+    for (uint32_t j = 0, count; j < points && there; j += count) {
+        count = whole ? stretch_of(place, points, j) : 1;
         there = read_at(r, row_of(kept, j), count * (size_t)kiln_rows_row_bytes(kept->samples),
-                        offset_of(r, first + f->place[j]));
+                        offset_of(r, first + place[j]));
         for (uint32_t i = j; i < j + count && there; i++)
-            there = row_is_there(kept, b, i, first + f->place[i]);
+            there = row_is_there(kept, b, i, first + place[i]);
     }
-    const uint64_t count = (uint64_t)f->count * kept->samples;
-    uint64_t *tally = there ? &r->found : &r->traced;
+    return there;
+}
+
+static void tally(const struct kept_rows *kept, bool there, uint32_t points)
+{
+    uint64_t *of = there ? &kept->rows->found : &kept->rows->traced;
+    const uint64_t count = (uint64_t)points * kept->samples;
 #pragma omp atomic
-    *tally += count;
+    *of += count;
+}
+
+bool kept_rows_read(struct kept_rows *kept, const struct embree_backend *b, size_t tile_run, const uint32_t *place,
+                    uint32_t points)
+{
+    if (kept->rows == NULL || !kept->rows->replays)
+        return false;
+    const bool there = read_rows(kept, b, tile_run, place, points);
+    tally(kept, there, points);
     return there;
 }
 
@@ -131,6 +144,88 @@ void kept_rows_find(const struct kept_rows *kept, const struct embree_backend *b
                 __builtin_prefetch(&b->radiosity[word]);
         }
     }
+}
+
+/* ---- replaying by rows alone ---- */
+
+static bool is_smooth(const struct embree_backend *b, size_t tile_run)
+{
+    const struct kiln_scene *scene = b->params.scene;
+    const uint32_t object = kiln_map_object(b->surface, b->surface->tile_runs[tile_run].map);
+    return (scene->meshes[scene->objects[object].mesh].flags & KILN_MESH_SMOOTH) != 0;
+}
+
+static bool is_opaque(const struct embree_backend *b, const struct kiln_point_cursor *at)
+{
+    const struct kiln_surface *s = b->surface; /* pieces ascend: those with alpha come last */
+    return s->pieces[at->piece + kiln_piece_count(s, at->point) - 1] < b->params.geometry->opaque_count;
+}
+
+/* The tile run's valid points of `points`, by their place in it; false where one of them is not opaque. */
+static bool find_points(const struct embree_backend *b, size_t tile_run, uint64_t points,
+                        uint32_t place[KILN_TILE_TEXELS], uint32_t *count)
+{
+    const struct kiln_surface *s = b->surface;
+    struct kiln_point_cursor at = kiln_point_first(s, tile_run);
+    *count = 0;
+    for (uint32_t k = 0; k < s->tile_runs[tile_run].count; k++, kiln_point_next(s, &at)) {
+        if ((points >> k & 1u) == 0 || !kiln_point_valid(s, at.point))
+            continue;
+        if (!is_opaque(b, &at))
+            return false;
+        place[(*count)++] = k;
+    }
+    return true;
+}
+
+enum { AHEAD = 16 }; /* words: so far ahead radiosity is fetched */
+
+static inline uint64_t radiosity_of(const uint64_t *radiosity, uint32_t word)
+{
+    return word < KILN_ROW_POINTS ? radiosity[word] : 0;
+}
+
+/* What the rays of a row find, all of which weigh 1: sums in the order in which the gather pass has them. */
+KILN_CLONES static void sum_row(const uint64_t *restrict radiosity, const uint32_t *restrict words, uint32_t samples,
+                                struct kiln_point_result *restrict r)
+{
+    uint32_t escaped = 0, blocked = 0, k = 0;
+    double sum[3] = {0.0, 0.0, 0.0}, quarter[RAY_QUARTERS] = {0.0};
+    for (uint32_t q = 0; q < RAY_QUARTERS; q++) {
+        const uint32_t end = (uint32_t)(((uint64_t)(q + 1) * samples + RAY_QUARTERS - 1) / RAY_QUARTERS);
+        for (; k < end; k++) {
+            float rgb[3];
+            const uint32_t ahead = words[k + AHEAD < samples ? k + AHEAD : k];
+            __builtin_prefetch(&radiosity[ahead < KILN_ROW_POINTS ? ahead : 0]);
+            kiln_radiosity_unpack(radiosity_of(radiosity, words[k]), rgb);
+            for (int c = 0; c < 3; c++)
+                sum[c] += (double)rgb[c];
+            quarter[q] += (double)kiln_luminance_in_float(rgb);
+            escaped += words[k] == KILN_ROW_ESCAPED;
+            blocked += words[k] == KILN_ROW_BLOCKED;
+        }
+    }
+    for (int c = 0; c < 3; c++)
+        r->incident[c] = r->irradiance[c] = (float)sum[c];
+    r->error = rays_quarters_error(quarter, samples);
+    r->escaped = (float)escaped;
+    r->blocked = (float)blocked;
+    r->present = 1.0f;
+    r->count = samples;
+}
+
+bool kept_rows_replay(struct kept_rows *kept, const struct embree_backend *b, const struct kiln_batch *part,
+                      size_t tile_run, struct kiln_point_result *results)
+{
+    uint32_t place[KILN_TILE_TEXELS] = {0}, count;
+    if (kept->rows == NULL || !kept->rows->replays || is_smooth(b, tile_run) ||
+        !find_points(b, tile_run, kiln_batch_points(part, tile_run), place, &count) ||
+        !read_rows(kept, b, tile_run, place, count))
+        return false;
+    for (uint32_t j = 0; j < count; j++)
+        sum_row(b->radiosity, row_of(kept, j) + 1, kept->samples, &results[place[j]]);
+    tally(kept, true, count);
+    return true;
 }
 
 /* ---- writing ---- */
@@ -176,7 +271,7 @@ void kept_rows_write(struct kept_rows *kept, const struct embree_backend *b, con
     for (uint32_t j = 0; j < f->count; j++)
         *row_of(kept, j) = kiln_rows_check(r->key, first + f->place[j], row_of(kept, j) + 1, kept->samples);
     for (uint32_t j = 0, stretch; j < f->count; j += stretch) {
-        stretch = kept->samples == r->samples ? stretch_of(f, j) : 1;
+        stretch = kept->samples == r->samples ? stretch_of(f->place, f->count, j) : 1;
         if (!write_at(r, row_of(kept, j), stretch * (size_t)kiln_rows_row_bytes(kept->samples),
                       offset_of(r, first + f->place[j])))
             return;

@@ -3,6 +3,7 @@
 #define KILN_WORKER_BACKEND_EMBREE_KEPT_ROWS_H
 
 #include "worker/backend/embree/lookup.h"
+#include "worker/pass/point.h"
 #include "worker/pass/rows.h"
 
 /* A thread's. Zero: rays are traced, and nothing is kept. */
@@ -17,10 +18,17 @@ int kept_rows_create(struct kept_rows *kept, const struct embree_backend *b, con
                      struct kiln_error *error);
 void kept_rows_release(struct kept_rows *kept);
 
-/* Whether the rays of the tile run are found in the file, and so need not be traced: all points of the frame have a
- * row. What is damaged is none, and ends the pass in the end (rows->status). */
-bool kept_rows_read(struct kept_rows *kept, const struct embree_backend *b, const struct tile_run_rays *rays,
-                    size_t tile_run);
+/* Replays a tile run by its rows alone, where its mesh is flat and its points are opaque: without its points made ready
+ * for sampling (frame.h), on which no sum hangs there. Gives the results of the gather pass, which are zeros before,
+ * and the same bits. False: it is another tile run, or not all of its points have a row. */
+bool kept_rows_replay(struct kept_rows *kept, const struct embree_backend *b, const struct kiln_batch *part,
+                      size_t tile_run, struct kiln_point_result *results);
+
+/* Whether the rays of `points` points of the tile run are found in the file, and so need not be traced: all have a row.
+ * `place`: of each among the tile run's points. What is damaged is none, and ends the pass in the end (rows->status).
+ */
+bool kept_rows_read(struct kept_rows *kept, const struct embree_backend *b, size_t tile_run, const uint32_t *place,
+                    uint32_t points);
 /* What the rays of the first `lanes` lanes of a step have met, by the rows that were read; as embree_find. */
 void kept_rows_find(const struct kept_rows *kept, const struct embree_backend *b, const struct tile_run_rays *rays,
                     uint32_t step, uint32_t lanes, struct rays_found *found);

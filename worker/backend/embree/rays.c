@@ -271,6 +271,33 @@ uint32_t rays_make(struct tile_run_rays *r, const struct embree_backend *b, uint
     return copies * count;
 }
 
+static void send_lane(struct tile_run_rays *r, uint32_t l)
+{
+    struct RTCRayHit8 *packet = &r->packets[l / PACKET];
+    packet->ray.dir_x[l % PACKET] = r->direction[0][l];
+    packet->ray.dir_y[l % PACKET] = r->direction[1][l];
+    packet->ray.dir_z[l % PACKET] = r->direction[2][l];
+}
+
+void rays_turn(struct tile_run_rays *r, uint32_t l, float radius, float turn)
+{
+    make_direction(r, l, radius, sqrtf(1.0f - radius * radius), turn);
+    send_lane(r, l);
+}
+
+bool rays_aim(struct tile_run_rays *r, uint32_t l, struct kiln_vec3 d)
+{
+    const float cosine = d.x * r->axis[0][l] + d.y * r->axis[1][l] + d.z * r->axis[2][l];
+    if (!(cosine > 0.0f)) {
+        r->packets[l / PACKET].ray.tfar[l % PACKET] = -1.0f; /* before its begin: Embree leaves such a ray out */
+        return false;
+    }
+    r->direction[0][l] = d.x, r->direction[1][l] = d.y, r->direction[2][l] = d.z;
+    r->cosine[l] = cosine;
+    send_lane(r, l);
+    return true;
+}
+
 /* The lanes of packet p: -1 for a ray, 0 for none. */
 static const int *lanes_of(uint32_t p, uint32_t lanes, int some[PACKET])
 {
@@ -294,6 +321,20 @@ void rays_block(struct tile_run_rays *r, const struct embree_backend *b, struct 
     int some[PACKET] __attribute__((aligned(32)));
     for (uint32_t p = 0, l = 0; l < lanes; p++, l += PACKET) /* a RTCRayHit8 begins with its RTCRay8 */
         embree_blocked8(b, context, lanes_of(p, lanes, some), &r->packets[p].ray, &r->seed[l]);
+}
+
+float rays_quarters_error(const double sum[RAY_QUARTERS], uint32_t samples)
+{
+    if (samples < RAY_QUARTERS)
+        return 0.0f;
+    double mean = 0.0, square = 0.0, value[RAY_QUARTERS];
+    for (int i = 0; i < RAY_QUARTERS; i++) {
+        value[i] = sum[i] * RAY_QUARTERS / samples;
+        mean += value[i] / RAY_QUARTERS;
+    }
+    for (int i = 0; i < RAY_QUARTERS; i++)
+        square += (value[i] - mean) * (value[i] - mean);
+    return (float)(samples * sqrt(square / (RAY_QUARTERS * (RAY_QUARTERS - 1))));
 }
 
 struct RTCRayHit rays_lane(const struct tile_run_rays *r, uint32_t lane)

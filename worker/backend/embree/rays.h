@@ -71,6 +71,11 @@ static inline uint32_t rays_lanes(const struct tile_run_rays *rays, uint32_t ste
 }
 /* Makes the rays of a step, the next one or the first. Returns rays_lanes. */
 uint32_t rays_make(struct tile_run_rays *rays, const struct embree_backend *b, uint32_t step);
+/* Gives lane l of the step made last another direction: so far from the axis, over 1, and turned so far about it, of a
+ * circle; or this one, unit, which does not count as a ray and is not traced (false) where it is not above the axis'
+ * horizon. The weight is the caller's. */
+void rays_turn(struct tile_run_rays *rays, uint32_t l, float radius, float turn);
+bool rays_aim(struct tile_run_rays *rays, uint32_t l, struct kiln_vec3 direction);
 /* Where sample k <= samples of point j starts, as its ray does: as frame_position, whose offset it returns. */
 float rays_place(struct tile_run_rays *rays, const struct embree_backend *b, uint32_t j, uint32_t k,
                  struct kiln_vec3 *position, struct kiln_vec3 *normal);
@@ -91,5 +96,9 @@ static inline bool rays_is_blocked(const struct tile_run_rays *rays, uint32_t la
 {
     return rays->packets[lane / PACKET].ray.tfar[lane % PACKET] < 0.0f;
 }
+
+/* Standard error of the sum of a point's `samples` samples, by the spread of the means of its four quarters, whose sums
+ * are given: more than the error of the whole net, whose parts balance one another. */
+float rays_quarters_error(const double sum[RAY_QUARTERS], uint32_t samples);
 
 #endif

@@ -9,17 +9,11 @@
  * own path. */
 static const uint32_t LIGHT_SEED = 0x6c697266u;
 
-/* Paths of light that are merged: as many as there are surface points, within these. */
-enum { PATHS_LEAST = 1 << 14, PATHS_MOST = 1 << 18 };
-
 /* ---- what all threads share ---- */
 
 static uint64_t paths_of(const struct embree_backend *b, const struct kiln_reference_parameters *p)
 {
-    const uint64_t points = b->surface->point_count;
-    if (p->method != KILN_REFERENCE_VCM)
-        return 0;
-    return points < PATHS_LEAST ? PATHS_LEAST : points > PATHS_MOST ? PATHS_MOST : points;
+    return p->method == KILN_REFERENCE_VCM ? kiln_reference_paths(b->surface->point_count) : 0;
 }
 
 static struct bidirectional make(const struct reference_paths *paths, const struct embree_backend *b,
@@ -87,9 +81,10 @@ static int make_paths(struct reference_paths *paths, struct embree_backend *b,
         return status;
     paths->parameters.method = p->method == KILN_REFERENCE_VCM ? KILN_BIDIRECTIONAL_VCM : KILN_BIDIRECTIONAL_BDPT;
     paths->parameters.camera.bounces = p->bounces;
-    if (paths->count > 0)
-        paths->parameters.radius =
-            p->radius > 0.0 ? p->radius : 2.0 * paths->emission->radius / sqrt((double)paths->count);
+    paths->parameters.radius = p->radius;
+    if (paths->count > 0 && !(p->radius > 0.0))
+        return kiln_fail(error, KILN_USAGE, "the reference pass: vcm merges within %g m, which must be above 0",
+                         p->radius);
     for (uint32_t q = 0; q < RAY_QUARTERS; q++)
         paths->of[q] = make(paths, b, p);
     return paths->count > 0 ? trace_light(paths, b, error) : KILN_OK;

@@ -4,12 +4,24 @@
 
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"
+#include "worker/pass/groups.h"
 
 void shadow_begin(struct shadow_packet *packet, struct shadow_sums *sums, uint32_t samples)
 {
     packet->count = 0;
     packet->samples = samples;
     packet->sums = sums;
+}
+
+/* The mean of the choice's samples. */
+static void add_to_group(struct shadow_packet *packet, uint32_t i)
+{
+    double *to = packet->groups + (size_t)packet->group[i] * KILN_GROUP_FLOATS;
+    const double scale = 1.0 / (double)packet->samples;
+    for (int c = 0; c < 3; c++) {
+        to[c] += scale * packet->incident[i][c];
+        to[3 + c] += scale * packet->irradiance[i][c];
+    }
 }
 
 void shadow_trace(struct shadow_packet *packet, const struct embree_backend *b, struct embree_context *context)
@@ -27,6 +39,8 @@ void shadow_trace(struct shadow_packet *packet, const struct embree_backend *b, 
             packet->sums->incident[c] += packet->incident[i][c];
             packet->sums->irradiance[c] += packet->irradiance[i][c];
         }
+        if (packet->groups != NULL)
+            add_to_group(packet, i);
         const double *e = packet->irradiance[i];
         const double luminance = kiln_luminance(e);
         packet->sums->square += luminance * luminance;

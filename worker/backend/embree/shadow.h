@@ -20,6 +20,10 @@ struct shadow_packet {
     double incident[PACKET][3], irradiance[PACKET][3]; /* what a sample brings if nothing is in its way */
     uint32_t count, samples, index[PACKET];
     struct shadow_sums *sums;
+    /* the light of groups (worker/pass/groups.h), NULL: nobody asks: KILN_GROUP_FLOATS a group, and the group of each
+     * sample */
+    double *groups;
+    uint32_t group[PACKET];
 };
 
 /* Starts a choice with `samples` samples, whose answers go to `sums`. */

@@ -3,7 +3,11 @@
 #ifndef KILN_WORKER_BACKEND_EMBREE_TILE_RUNS_H
 #define KILN_WORKER_BACKEND_EMBREE_TILE_RUNS_H
 
+#include <string.h>
+
 #include "worker/backend/embree/passage.h"
+#include "worker/light/light_groups.h"
+#include "worker/pass/groups.h"
 
 /* What a pass is made of. */
 struct tile_run_pass {
@@ -20,5 +24,23 @@ struct tile_run_pass {
 /* Runs the pass over the part; the arguments are those of embree_NAME in embree.h. */
 int embree_each_tile_run(struct embree_backend *b, const struct tile_run_pass *pass, const void *parameters,
                          const struct kiln_batch *part, void *results, uint64_t *rays, struct kiln_error *error);
+
+/* Where the light of groups is to be put, of a tile run of the present part: all zeros; NULL: nobody asks. */
+static inline float *embree_group_run(const struct embree_backend *b, size_t tile_run)
+{
+    const struct kiln_groups *g = b->base.groups;
+    const struct kiln_tile_run *run = &b->surface->tile_runs[tile_run];
+    if (g == NULL)
+        return NULL;
+    const size_t floats = (size_t)g->lights->count * KILN_GROUP_FLOATS;
+    float *answers = g->answers + (run->first.at - g->first) * floats;
+    memset(answers, 0, run->count * floats * sizeof *answers);
+    return answers;
+}
+/* Of the tile run's point at `place`. */
+static inline float *embree_group_answers(float *run, const struct embree_backend *b, uint32_t place)
+{
+    return run + (size_t)place * b->base.groups->lights->count * KILN_GROUP_FLOATS;
+}
 
 #endif

@@ -13,7 +13,7 @@ struct both_stage {
     size_t pace;
 };
 
-enum { BOTH_QUEUE = 16 };
+enum { BOTH_QUEUE = 64 };
 
 /* A call's working set. */
 struct both_run {

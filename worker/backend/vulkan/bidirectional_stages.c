@@ -66,8 +66,9 @@ enum {
     LEAST_SOFTWARE = 64,
     TALLIES = 1 << 12,
     PAIRS = 2,
-    PAIRS_OF_FEW = 16, /* the same where few paths are under way */
-    LIGHT_SURFACES = 4 /* of paths of light, handed over together */
+    PAIRS_OF_FEW = 16,  /* the same where few paths are under way */
+    LIGHT_SURFACES = 4, /* of paths of light, handed over together */
+    EYE_SURFACES = 4    /* of paths of the camera, at most */
 };
 
 /* ---- what is on the device ---- */
@@ -464,13 +465,19 @@ static int eye_surface(struct both_run *r, uint32_t *under_way, struct kiln_erro
     return status == KILN_OK ? meet_light(r, count, connects(r), merges(r), error) : status;
 }
 
-/* Adds the search for pairs, and what is done with them. Returns the number of the former in the queue. */
+/* The dispatches of a surface of the camera's paths in the queue: which is which. */
+struct surface_in_queue {
+    size_t eye, connected, near;
+};
+
+/* Adds the search for the pairs of at most `most` paths, as many as the word at `counter` says, and what is done with
+ * them. Returns the number of the former in the queue. */
 static size_t add_pairs(struct both_run *r, const struct both_stage *find, const struct both_stage *stage,
-                        uint64_t count)
+                        uint64_t most, uint64_t counter)
 {
-    const uint64_t few = PAIRS_OF_FEW * count;
+    const uint64_t few = PAIRS_OF_FEW * most;
     r->push.room = few < r->pair_room ? (uint32_t)few : r->pair_room;
-    const size_t found = add(r, find, count, 0);
+    const size_t found = add(r, find, most, counter);
     const uint64_t pairs = tally_address(r, found, offsetof(struct kiln_gpu_both_tally, pairs));
     const size_t sent = add(r, stage, r->push.room, pairs);
     if (stage == &r->connect)
@@ -478,34 +485,77 @@ static size_t add_pairs(struct both_run *r, const struct both_stage *find, const
     return found;
 }
 
-/* The same, handed over together; *done: that was done, for it takes little time. */
-static int eye_surface_at_once(struct both_run *r, uint32_t *under_way, bool *done, struct kiln_error *error)
+/* Adds all that a surface of at most `most` paths of the camera asks for, as many as the word at `counter` says. */
+static struct surface_in_queue add_eye_surface(struct both_run *r, uint64_t most, uint64_t counter)
 {
-    const struct kiln_gpu_both_tally *tallies;
-    const uint32_t count = *under_way;
-    size_t connected = 0, near = 0;
-    int status = begin_queue(r, error);
-    (void)add(r, &r->next, count, 0);
-    const size_t eye = add(r, &r->eye, count, 0);
+    struct surface_in_queue in = {0};
+    (void)add(r, &r->next, most, counter);
+    in.eye = add(r, &r->eye, most, counter);
     if (connects(r)) {
-        (void)add(r, &r->to_paths, count * shadows_of_path(r),
-                  tally_address(r, eye, offsetof(struct kiln_gpu_both_tally, shadows)));
-        connected = add_pairs(r, &r->connected, &r->connect, count);
+        (void)add(r, &r->to_paths, most * shadows_of_path(r),
+                  tally_address(r, in.eye, offsetof(struct kiln_gpu_both_tally, shadows)));
+        in.connected = add_pairs(r, &r->connected, &r->connect, most, counter);
     }
     if (merges(r))
-        near = add_pairs(r, &r->near, &r->merge, count);
-    *done = fits_slice(r);
-    if (status == KILN_OK && *done) {
-        status = run_queue(r, &tallies, error);
-        if (status == KILN_OK) {
-            const bool more_connected = connects(r) && tallies[connected].left > 0,
-                       more_near = merges(r) && tallies[near].left > 0;
-            r->rays += count + tallies[eye].shadows + (connects(r) ? tallies[connected + 1].shadows : 0);
-            *under_way = tallies[eye].paths;
-            status = meet_light(r, count, more_connected, more_near, error);
+        in.near = add_pairs(r, &r->near, &r->merge, most, counter);
+    return in;
+}
+
+static void set_lists(struct both_run *r, uint32_t turn)
+{
+    r->push.list = turn > 0 ? list_of(r, turn) : 0;
+    r->push.onward = list_of(r, turn + 1);
+}
+
+/* Surfaces from number `turn` on, as many as take little time. Where there is no room for a surface's pairs nothing is
+ * done for those after it. Returns how many there are. */
+static size_t add_eye_surfaces(struct both_run *r, uint32_t turn, uint64_t most, struct surface_in_queue in[])
+{
+    const size_t left = offsetof(struct kiln_gpu_both_tally, left);
+    uint64_t counter = 0;
+    size_t count = 0;
+    for (; count < EYE_SURFACES; count++) {
+        const size_t before = r->queue.count;
+        set_lists(r, turn + (uint32_t)count);
+        in[count] = add_eye_surface(r, most, counter);
+        if (!fits_slice(r)) {
+            r->queue.count = before;
+            break;
         }
+        counter = tally_address(r, in[count].eye, offsetof(struct kiln_gpu_both_tally, paths));
+        r->push.halts[0] = connects(r) ? tally_address(r, in[count].connected, left) : 0;
+        r->push.halts[1] = merges(r) ? tally_address(r, in[count].near, left) : 0;
     }
-    return status;
+    r->push.halts[0] = r->push.halts[1] = 0;
+    return count;
+}
+
+/* Several surfaces, handed over together. *done: how many of them are; 0: already one takes too long. */
+static int eye_surfaces(struct both_run *r, uint32_t turn, uint32_t *under_way, uint32_t *done,
+                        struct kiln_error *error)
+{
+    const struct kiln_gpu_both_tally *tallies;
+    struct surface_in_queue in[EYE_SURFACES];
+    bool more_connected = false, more_near = false;
+    uint32_t count = 0;
+    *done = 0;
+    int status = begin_queue(r, error);
+    if (status != KILN_OK)
+        return status;
+    const size_t surfaces = add_eye_surfaces(r, turn, *under_way, in);
+    if (surfaces == 0)
+        return KILN_OK;
+    status = run_queue(r, &tallies, error);
+    while (status == KILN_OK && *done < surfaces && !more_connected && !more_near) {
+        const struct surface_in_queue *s = &in[(*done)++];
+        count = *under_way;
+        more_connected = connects(r) && tallies[s->connected].left > 0;
+        more_near = merges(r) && tallies[s->near].left > 0;
+        r->rays += count + tallies[s->eye].shadows + (connects(r) ? tallies[s->connected + 1].shadows : 0);
+        *under_way = tallies[s->eye].paths;
+    }
+    set_lists(r, turn + *done - 1);
+    return status == KILN_OK ? meet_light(r, count, more_connected, more_near, error) : status;
 }
 
 /* The paths of pixels first .. first + count - 1, which have slots. */
@@ -519,13 +569,14 @@ static int follow_eye_paths(struct both_run *r, uint64_t first, uint64_t count, 
     r->push.stage = KILN_GPU_STAGE_BEGIN;
     int status = both_run_stage(r, &r->eye_ends, 0, count, NULL, error);
     r->push.stage = KILN_GPU_STAGE_ARRIVE;
-    for (uint32_t turn = 0; status == KILN_OK && under_way > 0; turn++) {
-        bool done;
-        r->push.onward = list_of(r, turn + 1);
-        status = eye_surface_at_once(r, &under_way, &done, error);
-        if (status == KILN_OK && !done)
+    for (uint32_t turn = 0; status == KILN_OK && under_way > 0;) {
+        uint32_t done;
+        status = eye_surfaces(r, turn, &under_way, &done, error);
+        if (status == KILN_OK && done == 0) {
+            set_lists(r, turn);
             status = eye_surface(r, &under_way, error);
-        r->push.list = r->push.onward;
+        }
+        turn += done > 0 ? done : 1;
     }
     r->push.list = 0;
     r->push.stage = KILN_GPU_STAGE_END;

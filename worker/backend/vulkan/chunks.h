@@ -55,7 +55,8 @@ struct vulkan_chunked {
     /* points as the validity pass left them; else all points */
     bool states;
     bool mixed; /* with their numbers of samples: it takes any (vulkan_points_choose) */
-    /* bytes of a point's result on the device, which are those of the pass's result struct; 0: there are words only */
+    /* bytes of a point's result on the device, which are those of the pass's result struct, or fewer where `take` makes
+     * the rest; 0: there are words only */
     size_t result_bytes;
     /* where in a result a float stands that a kernel makes negative to say that the device ended its loops early
      * (results only) */

@@ -53,6 +53,17 @@ struct direct {
     uint64_t rays;
 };
 
+static const struct kiln_lights *lights_of(const struct vulkan_backend *b)
+{
+    return b->params.direct_lights != NULL ? b->params.direct_lights : b->params.lights;
+}
+
+/* The scene with these. */
+static uint64_t scene_of(const struct vulkan_backend *b)
+{
+    return b->params.direct_lights != NULL ? b->direct_scene.address : b->scene.address;
+}
+
 static int prepare(void *context, struct kiln_error *error)
 {
     struct direct *d = context;
@@ -79,7 +90,7 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
         chunk->buried.count > 0 ? vulkan_kernel_of(d->b, &direct_shader, true, 0, &d->buried, error) : KILN_OK;
     if (status != KILN_OK)
         return status;
-    const struct kiln_gpu_direct_push push = {.scene = d->b->scene.address,
+    const struct kiln_gpu_direct_push push = {.scene = scene_of(d->b),
                                               .chunk = chunk->all,
                                               .pass = {.results = chunk->results,
                                                        .sobol = vulkan_sobol_from(d->b, d->first_sample),
@@ -131,12 +142,12 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
 }
 
 /* Whether area lights may be so near to points that they want doubles, which the device has. */
-static bool has_near_lights(const struct vulkan_backend *b) { return b->float64 && b->params.lights->area_count > 0; }
+static bool has_near_lights(const struct vulkan_backend *b) { return b->float64 && lights_of(b)->area_count > 0; }
 
 /* Whether directional lights have pilots (shaders/shared/sun_pilot.h). */
 static bool has_pilots(const struct vulkan_backend *b)
 {
-    return b->params.lights->environment && b->params.lights->directional_count > 0;
+    return lights_of(b)->environment && lights_of(b)->directional_count > 0;
 }
 
 /* Room for the slices of all the batch's points, each of which has `times` as many samples as it is given at most. */
@@ -169,7 +180,7 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     (void)parameters;
     const uint32_t samples = batch->samples;
     struct direct d = {.b = b, .batch = batch, .samples = batch->samples_each != NULL ? 0 : samples};
-    const struct kiln_lights *lights = b->params.lights;
+    const struct kiln_lights *lights = lights_of(b);
     const size_t tree = lights->area_count + lights->point_count;
     d.precise = has_near_lights(b);
     d.limit = kiln_cut_limit(samples);

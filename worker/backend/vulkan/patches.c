@@ -1,12 +1,261 @@
-/* The patches pass (worker/pass/patches.h), which this backend does not have: a bake that asks for it is Embree's
- * (coordinator/job/job.c). */
-#include "worker/backend/vulkan/vulkan.h"
+/* The patches pass (worker/pass/patches.h): the gather pass's rays say what of them is lost; shaders/patches.comp goes
+ * through pairs, and patches_reduce.comp adds up. Nodes lie in rows of a fixed length, so that the sums' order hangs on
+ * nothing else. */
+#include "worker/pass/patches.h"
+
+#include <string.h>
+
+#include "worker/backend/vulkan/hemisphere.h"
+#include "worker/base/memory.h"
+
+#include "shaders/patches.h"
+#include "shaders/patches_float.h"
+#include "shaders/patches_pipeline.h"
+#include "shaders/patches_pipeline_float.h"
+#include "shaders/patches_reduce.h"
+
+static const struct vulkan_shader pairs_shader = {.name = "pairs of patches",
+                                                  .compute = VULKAN_CODE(patches),
+                                                  .pipeline = VULKAN_CODE(patches_pipeline),
+                                                  .compute_float = VULKAN_CODE(patches_float),
+                                                  .pipeline_float = VULKAN_CODE(patches_pipeline_float)};
+static const struct vulkan_shader sums_shader = {.name = "pairs of patches: sums",
+                                                 .compute = VULKAN_CODE(patches_reduce)};
+
+/* Nodes of a row: a device has threads enough for a few points then. A software device ends a thread's loops after
+ * 65,535 rounds in all, and has far fewer threads. */
+enum { ROW = 1024, SOFTWARE_ROW = 64 };
+
+/* A call's working set. */
+struct patches_run {
+    struct vulkan_backend *b;
+    const struct kiln_patches_parameters *p;
+    const struct kiln_batch *batch;
+    struct kiln_point_result
+        *results; /* of the batch's points: of their rays, and of their pairs once these are known */
+    struct gpu_kernel *pairs, *sums;
+    uint32_t row, rows; /* nodes of a row; rows */
+    uint64_t rays;
+};
+
+/* Of the batch's points, the first of a tile run. */
+static uint64_t place_of(const struct patches_run *r, size_t tile_run)
+{
+    const struct kiln_tile_run *runs = r->b->surface->tile_runs;
+    return runs[tile_run].first.at - runs[r->batch->first].first.at;
+}
+
+/* ---- what lies on the device ---- */
+
+static void describe_points(const struct patches_run *r, struct kiln_gpu_patch *to, uint64_t count)
+{
+    const struct kiln_surface *s = r->b->surface;
+    const struct kiln_global_point global = s->tile_runs[r->batch->first].first;
+    const struct kiln_own_point own = kiln_own_of_global(s, global);
+#pragma omp parallel for num_threads((int)r->b->threads) if (count > 1 << 14)
+    for (uint64_t i = 0; i < count; i++) {
+        const struct kiln_patch *patch = &r->p->points[global.at + i];
+        to[i] = (struct kiln_gpu_patch){.place = patch->place, .normal = patch->normal, .number = patch->number};
+        for (uint64_t c = 0; c < 3; c++)
+            to[i].albedo[c] = (float)s->albedo[3 * (own.at + i) + c] / 65535.0f;
+    }
+}
+
+static void describe_nodes(const struct patches_run *r, struct kiln_gpu_node_facing *facings,
+                           struct kiln_gpu_node_shape *shapes)
+{
+#pragma omp parallel for num_threads((int)r->b->threads) if (r->p->count > 1 << 14)
+    for (uint64_t k = 0; k < r->p->count; k++) {
+        const struct kiln_patch_node *node = &r->p->nodes[k];
+        const struct kiln_patch *patch = &node->patch;
+        facings[k] = (struct kiln_gpu_node_facing){node->centre, patch->area, patch->normal, patch->number};
+        shapes[k] =
+            (struct kiln_gpu_node_shape){.place = patch->place,
+                                         .edge_s = patch->edge_s,
+                                         .edge_t = patch->edge_t,
+                                         .radiosity = {node->radiosity[0], node->radiosity[1], node->radiosity[2]}};
+    }
+}
+
+/* Fills a buffer of the backend, which grows to fit. */
+static int bring(struct vulkan_backend *b, struct gpu_buffer *buffer, const void *data, size_t bytes, const char *what,
+                 struct kiln_error *error)
+{
+    int status = vulkan_grow_buffer(b, buffer, bytes, GPU_DEVICE, what, error);
+    if (status == KILN_OK && bytes > 0)
+        status = gpu_upload(b->gpu, buffer, 0, data, bytes, error);
+    return status;
+}
+
+static int bring_points(const struct patches_run *r, struct kiln_error *error)
+{
+    static const char what[] = "the patches of points";
+    const struct kiln_tile_run *runs = r->b->surface->tile_runs + r->batch->first;
+    const uint64_t count = kiln_tile_runs_points(runs, runs + r->batch->count - 1);
+    struct kiln_gpu_patch *points = NULL;
+    int status = kiln_allocate(&points, (size_t)count, sizeof *points, what, error);
+    if (status == KILN_OK) {
+        describe_points(r, points, count);
+        status = bring(r->b, &r->b->patches, points, (size_t)count * sizeof *points, what, error);
+    }
+    kiln_free(&points);
+    return status;
+}
+
+static int bring_nodes(const struct patches_run *r, struct kiln_error *error)
+{
+    static const char what[] = "the nodes that points gather from";
+    const size_t count = (size_t)r->p->count;
+    struct kiln_gpu_node_facing *facings = NULL;
+    struct kiln_gpu_node_shape *shapes = NULL;
+    int status = kiln_allocate(&facings, count, sizeof *facings, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&shapes, count, sizeof *shapes, what, error);
+    if (status == KILN_OK) {
+        describe_nodes(r, facings, shapes);
+        status = bring(r->b, &r->b->node_facings, facings, count * sizeof *facings, what, error);
+    }
+    if (status == KILN_OK)
+        status = bring(r->b, &r->b->node_shapes, shapes, count * sizeof *shapes, what, error);
+    kiln_free(&facings);
+    kiln_free(&shapes);
+    return status;
+}
+
+/* ---- rays that say what is lost ---- */
+
+/* kiln_take_results */
+static int keep(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)error;
+    const struct patches_run *r = context;
+    const struct kiln_tile_run *runs = &r->b->surface->tile_runs[first];
+    memcpy(r->results + place_of(r, first), results,
+           (size_t)kiln_tile_runs_points(runs, runs + count - 1) * sizeof *r->results);
+    return KILN_OK;
+}
+
+static int gather(struct patches_run *r, struct kiln_error *error)
+{
+    const uint64_t own[2] = {0, 0}; /* filled in for each chunk */
+    struct kiln_batch batch = *r->batch;
+    batch.take = keep;
+    batch.context = r;
+    const struct vulkan_hemisphere pass = vulkan_gather_pass(r->b, &batch, own);
+    return vulkan_hemisphere_run(r->b, &pass, &batch, &r->rays, error);
+}
+
+/* ---- pairs ---- */
+
+static int prepare(void *context, struct kiln_error *error)
+{
+    struct patches_run *r = context;
+    int status = vulkan_kernel_of(r->b, &pairs_shader, false, 0, &r->pairs, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(r->b, &sums_shader, false, 0, &r->sums, error);
+    if (status == KILN_OK)
+        status = bring_points(r, error);
+    return status == KILN_OK ? bring_nodes(r, error) : status;
+}
+
+static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
+                  struct kiln_error *error)
+{
+    (void)error;
+    const struct patches_run *r = context;
+    const struct vulkan_backend *b = r->b;
+    const struct kiln_gpu_patches_push push = {.scene = b->scene.address,
+                                               .chunk = chunk->all,
+                                               .points = b->patches.address + place_of(r, chunk->tile_run_first) *
+                                                                                  sizeof(struct kiln_gpu_patch),
+                                               .facing = b->node_facings.address,
+                                               .shapes = b->node_shapes.address,
+                                               .slices = chunk->scratch,
+                                               .nodes = (uint32_t)r->p->count,
+                                               .nodes_a_row = r->row,
+                                               .row_first = chunk->row_first,
+                                               .most_factor = (float)r->p->most_factor,
+                                               .most_added = (float)r->p->most_added};
+    vulkan_record(recording, r->pairs, chunk->all.count, chunk->row_count, &push, sizeof push);
+    if (!chunk->last)
+        return KILN_OK;
+    const struct kiln_gpu_patches_reduce_push sums = {.scene = b->scene.address,
+                                                      .chunk = chunk->all,
+                                                      .slices = chunk->scratch,
+                                                      .results = chunk->results,
+                                                      .rays = chunk->words,
+                                                      .rows = r->p->count > 0 ? r->rows : 0};
+    vulkan_record(recording, r->sums, chunk->all.total, 1, &sums, sizeof sums);
+    return KILN_OK;
+}
+
+static void finish_point(const struct patches_run *r, const struct kiln_gpu_patch_sums *sums,
+                         struct kiln_point_result *result)
+{
+    const double scale =
+        (r->p->most_factor > 0.0 ? 1.0 : kiln_patches_row_scale(result, (double)sums->row)) * (double)result->count;
+    for (int c = 0; c < 3; c++) {
+        result->incident[c] = (float)(scale * (double)sums->incident[c]);
+        result->irradiance[c] = (float)(scale * (double)sums->irradiance[c]);
+    }
+    result->error = 0.0f;
+}
+
+static int take(void *context, size_t tile_run_first, size_t tile_run_count, const void *results, const uint32_t *words,
+                struct kiln_error *error)
+{
+    struct patches_run *r = context;
+    const struct kiln_tile_run *runs = r->b->surface->tile_runs + tile_run_first;
+    const uint64_t count = kiln_tile_runs_points(runs, runs + tile_run_count - 1);
+    const struct kiln_gpu_patch_sums *sums = results;
+    struct kiln_point_result *own = r->results + place_of(r, tile_run_first);
+    uint64_t rays = 0;
+#pragma omp parallel for num_threads((int)r->b->threads) reduction(+ : rays) if (count > 1 << 14)
+    for (uint64_t i = 0; i < count; i++) {
+        finish_point(r, &sums[i], &own[i]);
+        rays += words[i];
+    }
+    r->rays += rays;
+    return r->batch->take != NULL ? r->batch->take(r->batch->context, tile_run_first, tile_run_count, own, error)
+                                  : KILN_OK;
+}
+
+static int run_pairs(struct patches_run *r, struct kiln_error *error)
+{
+    const uint32_t nodes = (uint32_t)r->p->count;
+    r->row = gpu_about(r->b->gpu)->software ? SOFTWARE_ROW : ROW;
+    r->rows = nodes > 0 ? (nodes + r->row - 1) / r->row : 1;
+    const struct vulkan_chunked chunked = {.pass = &kiln_pass_patches,
+                                           .pace = KILN_PASS_INDEX_patches,
+                                           .states = true,
+                                           .result_bytes = sizeof(struct kiln_gpu_patch_sums),
+                                           .failed_offset = offsetof(struct kiln_gpu_patch_sums, row),
+                                           .rows = r->rows,
+                                           .work = nodes > 0 ? (double)nodes / r->rows : 1.0,
+                                           .first_guess = 1 << 19,
+                                           .scratch_bytes = r->rows * KILN_GPU_PATCH_FLOATS * sizeof(float),
+                                           .wants_words = true,
+                                           .prepare = prepare,
+                                           .record = record,
+                                           .take = take,
+                                           .context = r};
+    return vulkan_run_in_chunks(r->b, &chunked, r->batch, error);
+}
 
 static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
                struct kiln_error *error)
 {
-    (void)b, (void)parameters, (void)batch, (void)rays;
-    return kiln_fail(error, KILN_USAGE, "the Vulkan backend has no light between patches: give --backend embree");
+    const struct kiln_tile_run *runs = b->surface->tile_runs + batch->first;
+    struct patches_run r = {.b = b, .p = parameters, .batch = batch};
+    int status = kiln_allocate(&r.results, (size_t)kiln_tile_runs_points(runs, runs + batch->count - 1),
+                               sizeof *r.results, "what the rays of patches meet", error);
+    if (status == KILN_OK)
+        status = gather(&r, error);
+    if (status == KILN_OK)
+        status = run_pairs(&r, error);
+    *rays += r.rays;
+    kiln_free(&r.results);
+    return status;
 }
 
 const struct vulkan_pass vulkan_pass_patches = {.run = run};

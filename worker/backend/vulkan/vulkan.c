@@ -104,6 +104,15 @@ void vulkan_forget_kernels(struct vulkan_backend *b)
 
 /* ---- the scene on the device ---- */
 
+static int upload_direct_lights(struct vulkan_backend *b, struct kiln_error *error)
+{
+    const int status =
+        vulkan_lights_create(b->gpu, b->params.direct_lights, b->float64, &b->direct_lights, &b->direct_layout, error);
+    return status == KILN_OK ? gpu_buffer_create(b->gpu, &b->direct_scene, sizeof b->layout, GPU_DEVICE,
+                                                 "the scene of direct light", error)
+                             : status;
+}
+
 static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
 {
     const struct kiln_geometry *g = b->params.geometry;
@@ -117,6 +126,8 @@ static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
         status = vulkan_lights_create(b->gpu, b->params.lights, b->float64, &b->lights, &b->layout.lights, error);
     if (status == KILN_OK)
         status = gpu_buffer_create(b->gpu, &b->scene, sizeof b->layout, GPU_DEVICE, "the scene", error);
+    if (status == KILN_OK && b->params.direct_lights != NULL)
+        status = upload_direct_lights(b, error);
     b->layout.records = b->records.address;
     b->layout.opaque_count = (uint32_t)g->opaque_count;
     b->constants[VULKAN_HAS_ALPHA] = g->passage;
@@ -131,7 +142,12 @@ static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
 /* The root of everything: after each change of an address. */
 int vulkan_upload_root(struct vulkan_backend *b, struct kiln_error *error)
 {
-    return gpu_upload(b->gpu, &b->scene, 0, &b->layout, sizeof b->layout, error);
+    const int status = gpu_upload(b->gpu, &b->scene, 0, &b->layout, sizeof b->layout, error);
+    if (status != KILN_OK || b->params.direct_lights == NULL)
+        return status;
+    struct kiln_gpu_scene direct = b->layout;
+    direct.lights = b->direct_layout;
+    return gpu_upload(b->gpu, &b->direct_scene, 0, &direct, sizeof direct, error);
 }
 
 /* ---- radiance probes ---- */
@@ -192,10 +208,15 @@ static void clear(struct vulkan_backend *b)
         gpu_buffer_destroy(b->gpu, &b->slots[i].guides_host);
     }
     vulkan_techniques_release(b);
+    gpu_buffer_destroy(b->gpu, &b->patches);
+    gpu_buffer_destroy(b->gpu, &b->node_facings);
+    gpu_buffer_destroy(b->gpu, &b->node_shapes);
     gpu_buffer_destroy(b->gpu, &b->sobol);
     b->sobol_count = 0;
     gpu_buffer_destroy(b->gpu, &b->scene);
     vulkan_lights_destroy(b->gpu, &b->lights);
+    vulkan_lights_destroy(b->gpu, &b->direct_lights);
+    gpu_buffer_destroy(b->gpu, &b->direct_scene);
     vulkan_materials_destroy(b->gpu, &b->materials);
     gpu_buffer_destroy(b->gpu, &b->path_triangles);
     gpu_buffer_destroy(b->gpu, &b->records);

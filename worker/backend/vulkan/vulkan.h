@@ -1,7 +1,7 @@
 /* The Vulkan backend: private declarations that its files share.
  *
  * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c,
- * occlusion.c, directional.c, path.c, radiance.c, guided.c, land.c, weighed.c, bidirectional.c (with
+ * occlusion.c, directional.c, path.c, radiance.c, guided.c, land.c, weighed.c, patches.c, bidirectional.c (with
  * bidirectional_stages.c). The others: vulkan.c (life of the backend, kernels, closest hits), surfaces.c (of the scene,
  * what paths and chains ask for), chunks.c (running a pass over tile runs in chunks), hemisphere.c (what passes that
  * sample the hemisphere over points have in common), points.c (surface points on the device), lights.c, materials.c and
@@ -122,6 +122,10 @@ struct vulkan_backend {
     bool all_materials;               /* they are those of all surfaces: see vulkan_surfaces */
     struct gpu_buffer path_triangles; /* struct kiln_gpu_path_triangle */
     struct vulkan_lights lights;
+    /* where params.direct_lights are given: these, and the scene that has them in the place of the lights */
+    struct vulkan_lights direct_lights;
+    struct kiln_gpu_lights direct_layout;
+    struct gpu_buffer direct_scene;
     /* the surface */
     struct gpu_buffer store_arrays[KILN_STORE_ARRAYS], radiosity_buffer;
     struct vulkan_points *points;
@@ -134,7 +138,8 @@ struct vulkan_backend {
     struct gpu_buffer sobol; /* KILN_DIMENSIONS times sobol_count words */
     uint32_t sobol_count;
     struct vulkan_slot slots[GPU_SLOTS];
-    struct vulkan_techniques techniques; /* of the pass under way, where it is land or weighed */
+    struct vulkan_techniques techniques;                  /* of the pass under way, where it is land or weighed */
+    struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
     struct gpu_pacer pacers[VULKAN_PACES];
     double light_vertices; /* of a path of light that are kept, as far as is known: what there is room for */
     double build_seconds;

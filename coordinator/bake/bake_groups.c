@@ -1,0 +1,171 @@
+/* Which group each light of the scene is in: coordinator/job/light_groups.h. */
+#include <fnmatch.h>
+#include <jansson.h>
+#include <string.h>
+
+#include "coordinator/bake/bake_private.h"
+#include "coordinator/mpi/agree.h"
+#include "worker/base/memory.h"
+
+/* What is given to groups: names of the scene. */
+struct rules {
+    const struct kiln_scene *scene;
+    json_t *groups;
+    uint32_t count;
+};
+
+/* The group whose list `key` has a pattern for the name; KILN_NONE: none. KILN_NONE - 1: two have. */
+static uint32_t group_of(const struct rules *r, const char *key, uint32_t name)
+{
+    const char *text = kiln_scene_string(r->scene, name), *group_name;
+    uint32_t found = KILN_NONE, group = 0;
+    json_t *group_rules, *pattern;
+    size_t i;
+    json_object_foreach(r->groups, group_name, group_rules)
+    {
+        bool matches = false;
+        json_array_foreach(json_object_get(group_rules, key), i, pattern) matches =
+            matches || fnmatch(json_string_value(pattern), text, 0) == 0;
+        if (matches)
+            found = found == KILN_NONE ? group : KILN_NONE - 1;
+        group++;
+    }
+    return found;
+}
+
+/* The one group of those that materials and objects say, or the rest. */
+static int settle(const struct rules *r, const uint32_t found[2], const char *what, uint32_t name, uint32_t *group,
+                  struct kiln_error *error)
+{
+    const bool both = found[0] != KILN_NONE && found[1] != KILN_NONE && found[0] != found[1];
+    if (both || found[0] == KILN_NONE - 1 || found[1] == KILN_NONE - 1)
+        return kiln_fail(error, KILN_USAGE, "--light-groups: the %s '%.200s' is in two groups; name it in one", what,
+                         kiln_scene_string(r->scene, name));
+    *group = found[0] != KILN_NONE ? found[0] : found[1] != KILN_NONE ? found[1] : r->count - 1;
+    return KILN_OK;
+}
+
+static int sort_areas(const struct rules *r, const struct kiln_lights *l, uint32_t *of, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; i < l->area_count && status == KILN_OK; i++) {
+        const struct kiln_hit_record *record = &l->geometry->records[l->areas[i].triangle];
+        const uint32_t object = r->scene->objects[record->object].name;
+        const uint32_t found[2] = {
+            group_of(r, "materials", r->scene->materials[record->material & KILN_RECORD_MATERIAL].name),
+            group_of(r, "objects", object)};
+        status = settle(r, found, "object", object, &of[i], error);
+    }
+    return status;
+}
+
+/* In the order in which kiln_lights_create takes them. */
+static int sort_punctual(const struct rules *r, const struct kiln_lights *l, struct kiln_light_groups *g,
+                         struct kiln_error *error)
+{
+    size_t points = l->area_count, directionals = 0;
+    int status = KILN_OK;
+    for (size_t i = 0; i < r->scene->light_count && status == KILN_OK; i++) {
+        const struct kiln_light *light = &r->scene->lights[i];
+        const uint32_t found[2] = {group_of(r, "lights", light->name), KILN_NONE};
+        uint32_t *to = light->kind == KILN_LIGHT_DIRECTIONAL ? &g->of_directional[directionals] : &g->of_tree[points];
+        if (kiln_luminance_of_floats(light->intensity) <= 0.0)
+            continue;
+        directionals += light->kind == KILN_LIGHT_DIRECTIONAL;
+        points += light->kind != KILN_LIGHT_DIRECTIONAL;
+        status = settle(r, found, "light", light->name, to, error);
+    }
+    return status;
+}
+
+static uint32_t group_of_sky(const struct rules *r)
+{
+    const char *name;
+    json_t *rules;
+    uint32_t group = 0, found = r->count - 1;
+    json_object_foreach(r->groups, name, rules)
+    {
+        if (json_is_true(json_object_get(rules, "environment")))
+            found = group;
+        group++;
+    }
+    return found;
+}
+
+/* Whether anything of the scene has a name that each pattern matches. */
+static int check_patterns(const struct rules *r, struct kiln_error *error)
+{
+    static const char *const keys[] = {"lights", "materials", "objects"};
+    const char *name;
+    json_t *rules, *pattern;
+    size_t i;
+    json_object_foreach(r->groups, name, rules) for (int k = 0; k < 3; k++)
+        json_array_foreach(json_object_get(rules, keys[k]), i, pattern)
+    {
+        const size_t count = k == 0   ? r->scene->light_count
+                             : k == 1 ? r->scene->material_count
+                                      : r->scene->object_count;
+        bool any = false;
+        for (size_t n = 0; n < count && !any; n++) {
+            const uint32_t of = k == 0   ? r->scene->lights[n].name
+                                : k == 1 ? r->scene->materials[n].name
+                                         : r->scene->objects[n].name;
+            any = fnmatch(json_string_value(pattern), kiln_scene_string(r->scene, of), 0) == 0;
+        }
+        if (!any)
+            return kiln_fail(error, KILN_USAGE, "--light-groups: %s: no name of the scene's %s matches '%.200s'", name,
+                             keys[k], json_string_value(pattern));
+    }
+    return KILN_OK;
+}
+
+/* Why this bake cannot have groups; NULL: it can. */
+static const char *why_not(const struct kiln_job *job, const struct kiln_prepared *p)
+{
+    if (strcmp(p->backend->api->name, "embree") != 0)
+        return "Embree alone finds their light: give --backend embree";
+    if (kiln_job_is_reference(job) || kiln_job_is_radiosity(job))
+        return "--method cells alone has them: leave --method out";
+    if (kiln_job_takes_gloss(job) || p->geometry->passage >= KILN_PASSAGE_TINT)
+        return "they are of diffuse surfaces: give --materials diffuse, and no tinted glass";
+    if (kiln_job_has_probes(job) || job->guide > 0)
+        return "leave --tracing-range and --guide out";
+    if (kiln_job_parts(job) > 1 || job->only_visible_from != NULL || job->exchange_points == KILN_EXCHANGE_VISIBLE)
+        return "leave --error-map, --target-error, --only-visible-from and --exchange-points out";
+    return p->surface->point_count > INT32_MAX ? "they are for up to 2^31 surface points" : NULL;
+}
+
+static int sort(struct kiln_bake *b, struct kiln_error *error)
+{
+    const struct kiln_lights *l = b->prepared->lights;
+    struct kiln_light_groups *g = &b->groups;
+    const char *why = why_not(b->job, b->prepared);
+    if (why != NULL)
+        return kiln_fail(error, KILN_USAGE, "--light-groups: %s", why);
+    struct rules r = {b->prepared->scene, json_loads(b->job->grouped, 0, NULL), (uint32_t)b->job->group_count};
+    g->count = r.count;
+    int status = kiln_allocate(&g->of_tree, l->area_count + l->point_count + 1, sizeof *g->of_tree, "groups", error);
+    if (status == KILN_OK)
+        status =
+            kiln_allocate(&g->of_directional, l->directional_count + 1, sizeof *g->of_directional, "groups", error);
+    if (status == KILN_OK)
+        status = check_patterns(&r, error);
+    if (status == KILN_OK)
+        status = sort_areas(&r, l, g->of_tree, error);
+    if (status == KILN_OK)
+        status = sort_punctual(&r, l, g, error);
+    g->of_environment = group_of_sky(&r);
+    json_decref(r.groups);
+    return status;
+}
+
+int kiln_bake_groups_sort(struct kiln_bake *b, struct kiln_error *error)
+{
+    return b->job->group_count > 0 ? kiln_agree(b->communicator, sort(b, error), error) : KILN_OK;
+}
+
+void kiln_bake_groups_release(struct kiln_bake *b)
+{
+    kiln_free(&b->groups.of_tree);
+    kiln_free(&b->groups.of_directional);
+}

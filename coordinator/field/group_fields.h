@@ -1,0 +1,15 @@
+/* The fields of light groups: rows of a bake's field set that are made of a job, because users name them. Each group
+ * has its direct light, its light in all, and the radiosity that a step gathers from and makes, in this order. */
+#ifndef KILN_COORDINATOR_FIELD_GROUP_FIELDS_H
+#define KILN_COORDINATOR_FIELD_GROUP_FIELDS_H
+
+#include "coordinator/field/field.h"
+
+enum kiln_group_field { KILN_GROUP_DIRECT, KILN_GROUP_SUM, KILN_GROUP_SOURCE, KILN_GROUP_NEXT, KILN_GROUP_FIELDS };
+
+/* Makes job->group_rows, which the job owns, of job->group_names. Not collective. KILN_SYSTEM. */
+int kiln_group_fields_make(struct kiln_job *job, struct kiln_error *error);
+/* The place of the first field of group 0; those of the next groups follow. set->count: the bake has no groups. */
+size_t kiln_group_fields_first(const struct kiln_field_set *set);
+
+#endif

@@ -1,0 +1,106 @@
+/* The links pass: the light of the patches pass (worker/pass/patches.h), gathered from nodes of a tree over all surface
+ * points, of which each point takes such as are good enough for it (Hanrahan, Salzman and Aupperle, "A Rapid
+ * Hierarchical Radiosity Algorithm", SIGGRAPH 1991; Smits, Arvo and Greenberg, "A Clustering Algorithm for Radiosity in
+ * Complex Environments", SIGGRAPH 1994; Kahl's tiles, 2023, end where a window ends).
+ *
+ *     E(i) = sum over links (i, j) of  B(j) F(i, j) V(i, k(i, j))
+ *
+ * B is the mean radiosity of the node, by area. V is what the surfaces between the point and one of the node's points
+ * let through, k: taken by a sequence that goes from point to point through all that the node has, so that the means
+ * over a tile's points are right. A node's points look much the same way (coordinator/integrate/link_tree.h), so that
+ * the back of what is lit never shines through.
+ *
+ * F is the mean over the node to the second order in its size, by the covariance of its points' places, where it lies
+ * above the point's horizon and all of it faces the point; else it is that of k, as if all of the node's area were
+ * there, which is right in the mean over k. A link to a single point has the factor of the patches pass.
+ *
+ * Opening. With R the node's radius, r its distance, rho = R / r, L and S the mean and the standard deviation of its
+ * points' first light (of direct light, or of what is emitted), M = L plus the mean l of all points' first light: a
+ * link's variance is taken for F^2 (v M^2 + (1.5 rho S)^2), v = KILN_LINKS_UNSEEN for what one ray knows of the view
+ * and 4 (rho bend)^2 for normals that differ, or 1 where F is that of k. It stands where that is at most e^2 l M F, e
+ * the error asked for, and r >= 2 R; else the node's children are asked. So the variances of a point's links add up to
+ * e^2 times the square of its light, or of l where that is more: l is what stands for the light of a point that has not
+ * been gathered yet. Nodes whose F is below 1e-3 e^2 are left out, as are those that lie behind the point or look away.
+ *
+ * Rows are closed as those of the patches pass, by rays of one stream (the parameters').
+ *
+ * What has been found for a tile run is kept: which nodes, and of each the points that see it. Then a bounce is sums.
+ * Each point's sums are added in the order of the tree: kept or found again, and of any tile runs, they have the same
+ * bits.
+ *
+ * Items: tile runs. Result: struct kiln_point_result; `error` is 0. Samples: rays that measure the shares. Rays: where
+ * links are found the samples of all valid points, and one for each link; else none. Embree only. */
+#ifndef KILN_WORKER_PASS_LINKS_H
+#define KILN_WORKER_PASS_LINKS_H
+
+#include "worker/pass/patches.h"
+
+#define KILN_LINKS_UNSEEN 0.03
+
+/* What a link goes to: a node, by its number, or with KILN_LINK_LEAF a single point, by its place in the tree's order.
+ */
+#define KILN_LINK_LEAF 0x80000000u
+enum { KILN_LINK_CHILDREN = 4 };
+
+/* m, from the scene's centre; children have higher numbers than their parents. Node 0 is the root. */
+struct kiln_link_node {
+    uint32_t child[KILN_LINK_CHILDREN]; /* links' numbers */
+    uint32_t children;
+    uint32_t first, count;   /* its points: places in the tree's order */
+    struct kiln_vec3 centre; /* mean of the places, by area */
+    struct kiln_vec3 normal; /* likewise of the normals: shorter than 1 where they differ */
+    float radius;            /* about the centre, of a ball that holds all */
+    float height;            /* how far places lie off the plane through the centre with that normal, at most */
+    float bend;              /* how far a normal is from `normal`, at most: a length */
+    float area, most_area;   /* m2, of all points and of the largest */
+    float covariance[6];     /* m2, of all points' surface: xx, yy, zz, xy, xz, yz */
+    float level, spread;     /* of first light: mean and standard deviation by area, over the mean of all points */
+};
+
+/* What is kept of a point for which links have been found. */
+struct kiln_linked_point {
+    float scale;                      /* of its row */
+    float escaped, blocked, glass[3]; /* as in struct kiln_point_result, for `count` samples */
+    float present;                    /* likewise */
+    uint32_t count;                   /* 0: it has no light */
+};
+
+/* A link of one point through what has a colour, or lets a part through. */
+struct kiln_tinted_link {
+    uint32_t to, place; /* place of the point in the tile run */
+    float through[3];
+};
+
+/* The links of a tile run; owned by whoever keeps them: release with kiln_links_release. */
+struct kiln_kept_links {
+    uint64_t first;  /* global index of the tile run's first point */
+    uint32_t points; /* of the tile run; they stand for themselves below by their places in it */
+    uint32_t count, tinted_count;
+    uint32_t *to;   /* `count` */
+    uint64_t *seen; /* `count` masks of points: whose links they are, and that see what the links go to */
+    struct kiln_tinted_link *tinted;
+    struct kiln_linked_point *point;
+    float (*shading)[3]; /* their shading normals; NULL: these are the geometric ones */
+};
+
+/* NULL is accepted; sets *links to NULL. */
+void kiln_links_release(struct kiln_kept_links **links);
+/* Bytes that it takes. */
+uint64_t kiln_links_bytes(const struct kiln_kept_links *links);
+
+struct kiln_links_parameters {
+    const struct kiln_patch *points;    /* of all surface points, by global index; borrowed, as all here */
+    const uint32_t *order;              /* global indices of the points in the tree */
+    uint64_t count;                     /* of these */
+    const struct kiln_link_node *nodes; /* node_count; none where no point sends light */
+    uint32_t node_count;
+    const float (*radiosity)[3];      /* of nodes, W/m2 */
+    const float (*leaf_radiosity)[3]; /* of points, in the tree's order, W/m2 */
+    double error;                     /* e, relative */
+    uint32_t stream;                  /* of the rays that measure shares */
+    /* By tile run of the backend's surface: what is there is taken, and what is found is put there. NULL: found anew,
+     * and not kept. */
+    struct kiln_kept_links **kept;
+};
+
+#endif
