@@ -32,7 +32,7 @@ int kiln_links_create(struct kiln_links **links, const struct kiln_surface *surf
 static void release_kept(struct kiln_kept_links ***kept, size_t count)
 {
     for (size_t i = 0; *kept != NULL && i < count; i++)
-        kiln_links_release(&(*kept)[i]);
+        kiln_free(&(*kept)[i]);
     kiln_free(kept);
 }
 
@@ -81,13 +81,13 @@ static int keep_these(struct kiln_links *l, struct kiln_error *error)
     return KILN_OK;
 }
 
-int kiln_links_update(struct kiln_links *l, kiln_link_light light, const void *context,
+int kiln_links_update(struct kiln_links *l, uint32_t bounce, kiln_link_of_point light, const void *context,
                       const struct kiln_links_parameters **parameters, struct kiln_error *error)
 {
     const int status = is_kept_of_these(l) ? KILN_OK : keep_these(l, error);
     if (status != KILN_OK)
         return status;
-    kiln_link_tree_set_light(l->tree, light, context);
+    kiln_link_tree_set_light(l->tree, bounce, light, context);
     kiln_link_tree_describe(l->tree, &l->parameters);
     l->parameters.kept = l->kept;
     *parameters = &l->parameters;
@@ -96,11 +96,11 @@ int kiln_links_update(struct kiln_links *l, kiln_link_light light, const void *c
 
 uint64_t kiln_links_bytes_expected(uint64_t points, uint64_t own, double link_error)
 {
-    const double unseen = KILN_LINKS_UNSEEN, links = fmin((double)points, 3.0 * unseen / (link_error * link_error));
-    const struct kiln_kept_links *kept = NULL;
-    /* what of a tile's nodes a point sees is about a quarter */
-    const double of_point = 4.0 * links * (sizeof *kept->to + sizeof *kept->seen) / KILN_TILE_TEXELS;
-    return kiln_link_tree_bytes(points) + own * sizeof *kept->point + (uint64_t)((double)own * of_point);
+    /* as many as their variances allow, of which a point of a tile sees about a quarter; five bytes each and what is
+     * known of points were found in rooms */
+    const double links = fmin((double)points, 3.0 * KILN_LINKS_UNSEEN / (link_error * link_error));
+    const double of_point = 24.0 + 4.0 * links * 8.0 / KILN_TILE_TEXELS;
+    return kiln_link_tree_bytes(points) + (uint64_t)((double)own * of_point);
 }
 
 void kiln_links_count(const struct kiln_links *l, uint64_t *count, uint64_t *bytes)
@@ -111,8 +111,6 @@ void kiln_links_count(const struct kiln_links *l, uint64_t *count, uint64_t *byt
         if (kept == NULL)
             continue;
         *bytes += kiln_links_bytes(kept);
-        *count += kept->tinted_count;
-        for (uint32_t k = 0; k < kept->count; k++)
-            *count += (uint64_t)__builtin_popcountll(kept->seen[k]);
+        *count += kept->links;
     }
 }

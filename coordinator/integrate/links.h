@@ -22,7 +22,7 @@ uint64_t kiln_links_bytes_expected(uint64_t points, uint64_t own, double link_er
 
 /* Takes the radiosity of all points; the surface may be distributed anew since. Returns what the pass is run with,
  * which stands until the next call, or NULL. KILN_SYSTEM. */
-int kiln_links_update(struct kiln_links *links, kiln_link_light light, const void *context,
+int kiln_links_update(struct kiln_links *links, uint32_t bounce, kiln_link_of_point light, const void *context,
                       const struct kiln_links_parameters **parameters, struct kiln_error *error);
 
 /* How many links of points there are on this rank, and the bytes that they take. */

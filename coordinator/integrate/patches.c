@@ -241,7 +241,7 @@ static int find_shapes(struct kiln_patches *p, struct kiln_error *error)
 
 /* ---- the light of points ---- */
 
-/* What a point sends in the step, W/m2. The step before the first bounce gathers what is emitted; kiln_link_light. */
+/* What a point sends in the step, W/m2. The step before the first bounce gathers what is emitted; kiln_link_of_point. */
 static void light_of(const void *context, uint64_t point, float radiosity[3])
 {
     const struct kiln_patches *p = context;
@@ -525,7 +525,7 @@ static int update_links(struct kiln_patches *p, const void **parameters, struct 
     if (p->links == NULL)
         status = make_links(p, error);
     if (status == KILN_OK)
-        status = kiln_agree(p->source.communicator, kiln_links_update(p->links, light_of, p, &of_links, error), error);
+        status = kiln_agree(p->source.communicator, kiln_links_update(p->links, p->step->bounce, light_of, p, &of_links, error), error);
     *parameters = of_links;
     return status;
 }
