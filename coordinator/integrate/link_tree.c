@@ -21,7 +21,7 @@ struct kiln_link_tree {
     size_t node_count, node_room;
     float (*radiosity)[3], (*leaf_radiosity)[3];
     struct kiln_link_light *light, *leaf_light;
-    float *first; /* luminance of first light of points, over the mean, in the order */
+    float *first; /* luminance of first light of all points, over the mean, by global index */
     double mean;  /* of that */
 };
 
@@ -286,7 +286,7 @@ static int build_all(struct kiln_link_tree *t, const float *light, struct kiln_e
 }
 
 /* Room for the light of nodes and points; and the points' first light. */
-static int make_light(struct kiln_link_tree *t, const float *light, struct kiln_error *error)
+static int make_light(struct kiln_link_tree *t, const float *light, uint64_t count, struct kiln_error *error)
 {
     static const char what[] = "the light of links";
     int status = kiln_allocate(&t->radiosity, t->node_count, sizeof *t->radiosity, what, error);
@@ -297,9 +297,9 @@ static int make_light(struct kiln_link_tree *t, const float *light, struct kiln_
     if (status == KILN_OK)
         status = kiln_allocate(&t->leaf_light, (size_t)t->count, sizeof *t->leaf_light, what, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&t->first, (size_t)t->count, sizeof *t->first, what, error);
-    for (uint64_t i = 0; i < t->count && status == KILN_OK; i++)
-        t->first[i] = t->mean > 0.0 ? (float)((double)light[t->order[i]] / t->mean) : 0.0f;
+        status = kiln_allocate(&t->first, (size_t)count, sizeof *t->first, what, error);
+    for (uint64_t i = 0; i < count && status == KILN_OK; i++)
+        t->first[i] = t->mean > 0.0 ? (float)((double)light[i] / t->mean) : 0.0f;
     return status;
 }
 
@@ -318,7 +318,7 @@ int kiln_link_tree_create(struct kiln_link_tree **tree, const struct kiln_patch 
         status = build_all(t, light, error);
     }
     if (status == KILN_OK)
-        status = make_light(t, light, error);
+        status = make_light(t, light, count, error);
     if (status != KILN_OK)
         kiln_link_tree_destroy(tree);
     return status;
@@ -361,7 +361,7 @@ static double light_of(const struct kiln_link_tree *t, uint32_t child, const flo
 static void take_point(struct kiln_link_tree *t, uint64_t i, uint32_t bounce)
 {
     const float sent = kiln_luminance_in_float(t->leaf_radiosity[i]),
-                first = (float)((double)t->first[i] * t->mean),
+                first = (float)((double)t->first[t->order[i]] * t->mean),
                 before = bounce <= 1 ? 0.0f : first + (float)(bounce - 2) * sent;
     t->leaf_light[i] = (struct kiln_link_light){.now = before + sent, .before = before};
 }
@@ -386,9 +386,9 @@ static void take_node(struct kiln_link_tree *t, size_t n)
     for (int c = 0; c < 3; c++)
         t->radiosity[n][c] = (float)(sum[c] / area);
     now[0] /= area, before[0] /= area;
-    t->light[n] = (struct kiln_link_light){(float)now[0], (float)before[0],
-                                           (float)fmax(0.0, now[1] / area - now[0] * now[0]),
-                                           (float)fmax(0.0, before[1] / area - before[0] * before[0])};
+    t->light[n] =
+        (struct kiln_link_light){(float)now[0], (float)before[0], (float)fmax(0.0, now[1] / area - now[0] * now[0]),
+                                 (float)fmax(0.0, before[1] / area - before[0] * before[0])};
 }
 
 void kiln_link_tree_set_light(struct kiln_link_tree *t, uint32_t bounce, kiln_link_of_point light, const void *context)
@@ -410,7 +410,7 @@ void kiln_link_tree_describe(const struct kiln_link_tree *t, struct kiln_links_p
     parameters->node_count = (uint32_t)t->node_count;
     parameters->radiosity = (const float(*)[3])t->radiosity;
     parameters->leaf_radiosity = (const float(*)[3])t->leaf_radiosity;
-    parameters->leaf_first = t->first;
+    parameters->first = t->first;
     parameters->light = t->light;
     parameters->leaf_light = t->leaf_light;
 }

@@ -38,6 +38,7 @@
 
 #define KILN_LINKS_UNSEEN 0.03
 #define KILN_LINKS_SHARED 0.7
+#define KILN_LINKS_LEAST_LIGHT 0.1
 
 /* What a link goes to: a node, by its number, or with KILN_LINK_LEAF a single point, by its place in the tree's order.
  */
@@ -89,11 +90,12 @@ struct kiln_found_links {
 /* The same as it is kept, in memory and in files: owned by whoever keeps it, one block for free(). Per link of the
  * tile two or three bytes, and masks only where not all have asked or not all see: worker/pass/links.c. */
 struct kiln_kept_links {
-    uint64_t first;  /* global index of the tile run's first point */
-    uint32_t points; /* of the tile run */
-    uint32_t bytes;  /* of the code */
-    uint32_t links;  /* of points, that bring light */
-    uint32_t zero;
+    uint64_t first;     /* global index of the tile run's first point */
+    uint32_t points;    /* of the tile run */
+    uint32_t bytes;     /* of the code */
+    uint32_t links;     /* of points, that bring light */
+    uint16_t of_file;   /* 1: as a file has it that another bake has kept */
+    uint16_t is_judged; /* 1: its links have been opened as far as the target asks */
     uint8_t code[];
 };
 
@@ -128,11 +130,11 @@ struct kiln_links_parameters {
     uint32_t node_count;
     const float (*radiosity)[3];      /* of nodes, W/m2 */
     const float (*leaf_radiosity)[3]; /* of points, in the tree's order, W/m2 */
-    const float *leaf_first;          /* luminance of first light of points, in the tree's order, over the mean */
+    const float *first;               /* luminance of first light of all points, by global index, over the mean */
     const struct kiln_link_light *light, *leaf_light; /* of nodes, and of points in the tree's order */
     double error;                                     /* e, relative */
-    double target;                    /* standard error of a point's light that links are opened to; 0: none */
-    uint32_t stream;                  /* of the rays that measure shares */
+    double target;   /* standard error of a point's light that links are opened to; 0: none */
+    uint32_t stream; /* of the rays that measure shares */
     /* By tile run of the backend's surface: what is there is taken, and what is found is put there. NULL: found anew,
      * and not kept. */
     struct kiln_kept_links **kept;

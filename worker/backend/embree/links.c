@@ -19,7 +19,9 @@
 #define RECTANGLE 3.1     /* the square of how far a rectangle's sides are, in standard deviations: 3, and rounding */
 #define LEAST_OPENED 8.0  /* links are opened to so many-th of the error that is asked for */
 /* What light that varies over a node is off by, over the radii in its distance times the deviation. */
-#define SPREAD 0.5
+#define SPREAD 1.5
+/* Of variances that points beside each other show: they see more alike than two that are chosen by chance. */
+#define ALIKE 1.25
 
 enum { DRAWS = 4, STACK = 512 };
 
@@ -41,10 +43,11 @@ struct link_ray {
 struct links_work {
     struct tile_run_frame frame;
     struct links_job *job;
-    uint64_t mask, valid; /* of the tile run's points; of those that have light */
-    double error;         /* that links are opened to */
-    double texel;         /* m: the longest edge of a point */
-    double lost;          /* share of the rays of all points that have met no surface's front */
+    uint64_t mask, valid;          /* of the tile run's points; of those that have light */
+    double error;                  /* that links are opened to */
+    double texel;                  /* m: the longest edge of a point */
+    bool by_first;                 /* errors are of first light */
+    double lost;                   /* share of the rays of all points that have met no surface's front */
     uint8_t bit[KILN_TILE_TEXELS]; /* of the points, by their places in the run */
     struct patch_receiver receiver[KILN_TILE_TEXELS];
     struct kiln_dvec3 at[KILN_TILE_TEXELS];
@@ -300,8 +303,7 @@ static int ask(struct links_work *w, const struct embree_backend *b, struct embr
 /* How many points in a row, a square of them, have one ray to a node: worker/pass/links.h. */
 static uint32_t shared_by(const struct links_work *w, uint32_t to)
 {
-    const double radius =
-        (to & KILN_LINK_LEAF) != 0 ? 0.0 : KILN_LINKS_SHARED * (double)w->job->p->nodes[to].radius;
+    const double radius = (to & KILN_LINK_LEAF) != 0 ? 0.0 : KILN_LINKS_SHARED * (double)w->job->p->nodes[to].radius;
     return 4.0 * w->texel <= radius ? 16 : 2.0 * w->texel <= radius ? 4 : 1;
 }
 
@@ -410,8 +412,9 @@ static void enter_points(struct links_work *w, const struct kiln_tile_run *run)
         w->patch[bit] = patch;
         w->at[bit] = dvec3_of(patch->place);
         w->receiver[bit] = (struct patch_receiver){dvec3_of(patch->normal), dvec3_of(patch->normal), false};
-        w->texel = fmax(w->texel, sqrt((double)fmaxf(vec3_dot(patch->edge_s, patch->edge_s),
-                                                     vec3_dot(patch->edge_t, patch->edge_t))));
+        w->texel =
+            fmax(w->texel,
+                 sqrt((double)fmaxf(vec3_dot(patch->edge_s, patch->edge_s), vec3_dot(patch->edge_t, patch->edge_t))));
     }
 }
 
@@ -501,19 +504,31 @@ static double variance_of(const struct unsure *u, uint32_t bit)
         asked += (uint32_t)(u->asked[i] >> bit & 1);
         other += (uint32_t)(u->other[i] >> bit & 1);
     }
-    return asked > 0 ? 0.5 * (double)other / (double)asked : KILN_LINKS_UNSEEN;
+    return ALIKE * (0.5 * (double)other + KILN_LINKS_UNSEEN) / (double)(asked + 1);
+}
+
+/* The light that errors are of: so far and before this bounce; or the first, over its mean. */
+static struct kiln_link_light light_of(const struct links_work *w, uint32_t to)
+{
+    const struct kiln_links_parameters *p = w->job->p;
+    const bool leaf = (to & KILN_LINK_LEAF) != 0;
+    const uint32_t at = to & ~KILN_LINK_LEAF;
+    if (!w->by_first)
+        return leaf ? p->leaf_light[at] : p->light[at];
+    if (leaf)
+        return (struct kiln_link_light){.now = p->first[p->order[at]]};
+    const struct kiln_link_node *node = &p->nodes[at];
+    return (struct kiln_link_light){.now = node->level, .spread_now = node->spread * node->spread};
 }
 
 /* What a link does to the error of the point at `bit`; q: the variance of what it sees. */
 static void add_variance(struct links_work *w, uint32_t bit, uint32_t to, double factor, double seen, double q)
 {
     const struct kiln_links_parameters *p = w->job->p;
-    const bool leaf = (to & KILN_LINK_LEAF) != 0;
-    const struct kiln_link_light *l = leaf ? &p->leaf_light[to & ~KILN_LINK_LEAF] : &p->light[to];
-    const double now = (double)l->now, before = (double)l->before,
-                 more = (double)l->spread_now - (double)l->spread_before;
+    const struct kiln_link_light l = light_of(w, to);
+    const double now = (double)l.now, before = (double)l.before, more = (double)l.spread_now - (double)l.spread_before;
     double square = q * (now * now - before * before + more);
-    if (!leaf && seen > 0.0) {
+    if ((to & KILN_LINK_LEAF) == 0 && seen > 0.0) {
         const struct node_view v = view_of(w, bit, &p->nodes[to]);
         const double rho = SPREAD * (double)p->nodes[to].radius / v.distance;
         square += v.whole ? rho * rho * more : now * now - before * before + more;
@@ -618,12 +633,12 @@ static void find_scales(struct links_work *w)
     }
 }
 
-/* Standard error of the luminance of irradiance: of the links, and of the row, which is one for all of them. */
+/* Standard error of the luminance of irradiance: of the links, and of the row, whose scale is of the tile's rays. */
 static double error_of(const struct links_work *w, uint32_t bit)
 {
-    const struct kiln_linked_point *point = &w->found.point[bit];
-    const double scale = (double)point->scale, row = chance_of(w, bit) / 3.0 / fmax(1e-3, scale * w->row[bit]),
-                 now = scale * w->now[bit], before = scale * w->before[bit];
+    const double scale = (double)w->found.point[bit].scale, now = scale * w->now[bit], before = scale * w->before[bit],
+                 row = chance_of(w, bit) / 3.0 / fmax(1e-3, scale * w->row[bit]) /
+                       sqrt((double)__builtin_popcountll(w->valid));
     return sqrt(fmax(0.0, scale * scale * w->variance[bit] + row * row * (now * now - before * before)));
 }
 
@@ -664,16 +679,49 @@ static int find_run(struct links_work *w, const struct embree_backend *b, struct
     return KILN_OK;
 }
 
-/* Finds what is not kept, and keeps it. */
+/* Whether the errors that first light has by the links found, in the root of their mean square over the points, are
+ * above the target. */
+static bool is_above_target(struct links_work *w, uint64_t first)
+{
+    const struct kiln_links_parameters *p = w->job->p;
+    double square = 0.0;
+    uint32_t place = 0;
+    w->by_first = true;
+    add_links(w);
+    w->by_first = false;
+    for (uint64_t rest = w->mask; rest != 0; rest &= rest - 1, place++) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        const double light = (double)p->first[first + place] + (double)w->found.point[bit].scale * w->now[bit],
+                     ratio = error_of(w, bit) / (p->target * fmax(light, KILN_LINKS_LEAST_LIGHT));
+        if ((w->valid >> bit & 1) != 0)
+            square += ratio * ratio;
+    }
+    return square > (double)__builtin_popcountll(w->valid);
+}
+
+/* Opens links until the target is reached; *opened: some were. */
+static int open_run(struct links_work *w, const struct embree_backend *b, struct embree_context *context,
+                    uint64_t first, bool *opened, struct kiln_error *error)
+{
+    const double least = w->job->p->error / LEAST_OPENED;
+    int status = KILN_OK;
+    *opened = false;
+    for (w->error = w->job->p->error; 0.5 * w->error >= least && is_above_target(w, first) && status == KILN_OK;) {
+        w->error *= 0.5;
+        *opened = true;
+        status = find_run(w, b, context, error);
+    }
+    return status;
+}
+
+/* Finds what is not kept. */
 static int make_run(struct links_work *w, const struct embree_backend *b, struct embree_context *context,
-                    size_t tile_run, struct kiln_kept_links **kept, struct kiln_error *error)
+                    size_t tile_run, struct kiln_error *error)
 {
     const struct kiln_tile_run *runs = b->surface->tile_runs, *run = &runs[tile_run];
     find_points(w, b, tile_run, w->job->gathered + (run->first.at - runs[w->job->part->first].first.at));
     w->error = w->job->p->error;
-    const int status = find_run(w, b, context, error);
-    return status == KILN_OK && kept != NULL ? kiln_links_encode(kept, &w->found, run->first.at, run->mask, error)
-                                             : status;
+    return find_run(w, b, context, error);
 }
 
 static int take_kept(struct links_work *w, const struct kiln_tile_run *run, const struct kiln_kept_links *kept,
@@ -681,9 +729,39 @@ static int take_kept(struct links_work *w, const struct kiln_tile_run *run, cons
 {
     const struct kiln_links_parameters *p = w->job->p;
     const int status = kiln_links_decode(&w->found, kept, run->mask, p->node_count, p->count, error);
+    if (status == KILN_OK)
+        enter_found(w);
+    return status;
+}
+
+/* Keeps what has been found. */
+static int keep(const struct links_work *w, const struct kiln_tile_run *run, struct kiln_kept_links **kept,
+                struct kiln_error *error)
+{
+    struct kiln_kept_links *old = *kept;
+    const int status = kiln_links_encode(kept, &w->found, run->first.at, run->mask, error);
+    kiln_free(&old);
+    return status;
+}
+
+/* The tile run's links, as they are kept or found, and opened; then the sums. */
+static int do_run(struct links_work *w, const struct embree_backend *b, struct embree_context *context, size_t tile_run,
+                  struct kiln_error *error)
+{
+    const struct kiln_tile_run *run = &b->surface->tile_runs[tile_run];
+    struct kiln_kept_links **kept = w->job->p->kept != NULL ? &w->job->p->kept[tile_run] : NULL;
+    const bool is_kept = kept != NULL && *kept != NULL, is_judged = is_kept && (*kept)->is_judged != 0;
+    bool opened = false;
+    enter_points(w, run);
+    int status = is_kept ? take_kept(w, run, *kept, error) : make_run(w, b, context, tile_run, error);
+    if (status == KILN_OK && w->job->p->target > 0.0 && !is_judged)
+        status = open_run(w, b, context, run->first.at, &opened, error);
+    if (status == KILN_OK && kept != NULL && (!is_kept || opened))
+        status = keep(w, run, kept, error);
     if (status != KILN_OK)
         return status;
-    enter_found(w);
+    if (kept != NULL)
+        (*kept)->is_judged = 1;
     add_links(w);
     return KILN_OK;
 }
@@ -692,21 +770,16 @@ static void links_tile_run(void *work, const struct embree_backend *b, struct em
                            void *results, uint64_t *rays)
 {
     struct links_work *w = work;
-    const struct kiln_tile_run *run = &b->surface->tile_runs[tile_run];
-    struct kiln_kept_links **kept = w->job->p->kept;
     struct kiln_error error;
     if (has_failed(w->job))
         return;
     w->traced = 0;
-    enter_points(w, run);
-    const int status = kept != NULL && kept[tile_run] != NULL
-                           ? take_kept(w, run, kept[tile_run], &error)
-                           : make_run(w, b, context, tile_run, kept != NULL ? &kept[tile_run] : NULL, &error);
+    const int status = do_run(w, b, context, tile_run, &error);
     if (status != KILN_OK) {
         fail(w->job, status, &error);
         return;
     }
-    give(w, run->count, results);
+    give(w, b->surface->tile_runs[tile_run].count, results);
     *rays += w->traced;
 }
 
