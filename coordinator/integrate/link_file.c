@@ -47,11 +47,19 @@ static uint64_t check_of(const struct kiln_kept_links *kept, uint64_t key)
     return XXH3_64bits_withSeed(kept->code, kept->bytes, key ^ (kept->first * 0x9e3779b97f4a7c15u));
 }
 
+/* Of what links hang on: what the transport's key is of, and their choice. */
+static uint64_t key_of(const struct kiln_transport *t, const struct header *header)
+{
+    struct header h = *header;
+    h.runs = h.bytes = h.key = 0;
+    return XXH3_64bits_withSeed(&h, sizeof h, t->key);
+}
+
 static struct header header_of(const struct kiln_transport *t, const struct kiln_link_choice *choice)
 {
     struct header h = {.version = VERSION, .samples = choice->samples, .error = choice->error, .points = t->points};
     memcpy(h.magic, MAGIC, sizeof h.magic);
-    h.key = XXH3_64bits_withSeed(&h, sizeof h, t->key);
+    h.key = key_of(t, &h);
     return h;
 }
 
@@ -238,7 +246,7 @@ static int open_file(struct link_file *f, const struct kiln_transport *t, const 
         return status;
     wanted.runs = h->runs;
     wanted.bytes = h->bytes;
-    if (memcmp(h->magic, wanted.magic, sizeof h->magic) == 0 && h->version == wanted.version &&
+    if (h->key == key_of(t, h) && h->version == wanted.version &&
         (h->samples != wanted.samples || h->error != wanted.error)) {
         (void)close(f->descriptor);
         f->descriptor = -1;

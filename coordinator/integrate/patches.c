@@ -108,11 +108,40 @@ void kiln_patches_links(const struct kiln_patches *p, uint64_t *count, uint64_t 
         kiln_links_count(p->links, count, bytes, &replayed);
 }
 
+/* kiln_take_results: links are all that is wanted. */
+static int take_nothing(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)context, (void)first, (void)count, (void)results, (void)error;
+    return KILN_OK;
+}
+
+/* Finds the links of tile runs that were done before an interruption. */
+static int find_missing(const struct kiln_patches *p, struct kiln_error *error)
+{
+    const struct kiln_links_parameters *parameters = p->step->parameters;
+    const struct kiln_surface *s = p->source.surface;
+    struct kiln_batch batch = {.stream = p->step->stream, .samples = p->step->samples, .take = take_nothing};
+    uint64_t rays = 0;
+    int status = KILN_OK;
+    for (size_t i = 0; i < s->tile_run_count && status == KILN_OK; i += batch.count) {
+        const bool missing = parameters->kept[i] == NULL;
+        for (batch.first = i, batch.count = 1;
+             i + batch.count < s->tile_run_count && (parameters->kept[i + batch.count] == NULL) == missing;)
+            batch.count++;
+        if (missing)
+            status = kiln_backend_run(p->source.backend, &kiln_pass_links, parameters, &batch, &rays, error);
+    }
+    return status;
+}
+
 int kiln_patches_keep(const struct kiln_patches *p, struct kiln_transport *t, struct kiln_error *error)
 {
     uint64_t count, bytes, replayed;
     if (!t->of_links || p->links == NULL || p->links_of_emission)
         return KILN_OK;
+    const int status = kiln_agree(p->source.communicator, find_missing(p, error), error);
+    if (status != KILN_OK)
+        return status;
     kiln_links_count(p->links, &count, &bytes, &replayed);
     t->kept = t->replays ? 0 : count;
     t->found = t->replays ? replayed : 0;

@@ -20,8 +20,6 @@
 #define LEAST_OPENED 8.0  /* links are opened to so many-th of the error that is asked for */
 /* What light that varies over a node is off by, over the radii in its distance times the deviation. */
 #define SPREAD 1.5
-/* Of variances that points beside each other show: they see more alike than two that are chosen by chance. */
-#define ALIKE 1.25
 
 enum { DRAWS = 4, STACK = 512 };
 
@@ -504,7 +502,7 @@ static double variance_of(const struct unsure *u, uint32_t bit)
         asked += (uint32_t)(u->asked[i] >> bit & 1);
         other += (uint32_t)(u->other[i] >> bit & 1);
     }
-    return ALIKE * (0.5 * (double)other + KILN_LINKS_UNSEEN) / (double)(asked + 1);
+    return (0.5 * (double)other + KILN_LINKS_UNSEEN) / (double)(asked + 1);
 }
 
 /* The light that errors are of: so far and before this bounce; or the first, over its mean. */
