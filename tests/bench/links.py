@@ -19,7 +19,8 @@ import harness  # noqa: E402
 
 CORNELL = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
 AT_ONE = 211.0  # points at one texel a metre
-PLAIN = ('--samples-probe', 0, '--no-export', '--denoise', 'none', '--bounces', 2, '--threads', 1, '--samples-direct', 64)
+PLAIN = ('--samples-probe', 0, '--no-export', '--denoise', 'none', '--bounces', 2, '--threads', 1,
+         '--samples-direct', 64)
 
 
 def values(bake):

@@ -10,8 +10,8 @@
  * has one such number: what it goes to, as the step from the node, or the point, of the link before, and two bits that
  * say whether a mask of those that have asked, and of those that see, comes behind it: a byte that has a bit for each
  * byte of the mask that is not 0, then these. */
-#define SAMPLES 0.2 /* of a net, whose error goes with their power of -3/4 (Mitchell 1996) */
-enum { LEAST_SAMPLES = 8 };
+#define SAMPLES 0.4 /* of a net, whose error goes with their power of -3/4 (Mitchell 1996) */
+enum { LEAST_SAMPLES = 16 };
 enum { HAS_GLASS = 1, HAS_PRESENT = 2, IS_SMOOTH = 4 };
 enum { TO_LEAF = 1, SOME_ASKED = 2, SOME_SEEN = 4, STEP_SHIFT = 3 };
 
@@ -127,12 +127,12 @@ static uint64_t lit_of(const struct kiln_found_links *f, uint64_t mask)
     return lit;
 }
 
-static void put_links(struct writer *w, const struct kiln_found_links *f, uint64_t lit)
+static void put_links(struct writer *w, const struct kiln_found_links *f, uint64_t all)
 {
     uint32_t last[2] = {0, 0};
     for (uint32_t i = 0; i < f->count; i++) {
         const uint32_t leaf = (f->to[i] & KILN_LINK_LEAF) != 0, at = f->to[i] & ~KILN_LINK_LEAF;
-        const bool some_asked = f->asked[i] != lit, some_seen = f->seen[i] != f->asked[i];
+        const bool some_asked = f->asked[i] != all, some_seen = f->seen[i] != f->asked[i];
         const uint64_t flags =
             (leaf ? TO_LEAF : 0u) | (some_asked ? SOME_ASKED : 0u) | (some_seen ? (unsigned)SOME_SEEN : 0u);
         put_number(w, (uint64_t)(at - last[leaf]) << STEP_SHIFT | flags);
@@ -147,7 +147,7 @@ static void put_links(struct writer *w, const struct kiln_found_links *f, uint64
 }
 
 int kiln_links_encode(struct kiln_kept_links **kept, const struct kiln_found_links *f, uint64_t first, uint64_t mask,
-                      struct kiln_error *error)
+                      uint64_t shares, struct kiln_error *error)
 {
     struct writer w = {.error = error};
     struct kiln_kept_links head = {.first = first, .points = (uint32_t)__builtin_popcountll(mask)};
@@ -158,7 +158,7 @@ int kiln_links_encode(struct kiln_kept_links **kept, const struct kiln_found_lin
     put_number(&w, f->tinted_count);
     for (uint64_t rest = mask; rest != 0; rest &= rest - 1)
         put_point(&w, f, (uint32_t)__builtin_ctzll(rest), flags);
-    put_links(&w, f, lit_of(f, mask));
+    put_links(&w, f, lit_of(f, mask) | shares);
     *kept = NULL;
     if (w.status == KILN_OK)
         w.status = kiln_allocate(kept, w.size, 1, "the links of a tile", error);
@@ -166,7 +166,7 @@ int kiln_links_encode(struct kiln_kept_links **kept, const struct kiln_found_lin
         head.bytes = (uint32_t)(w.size - sizeof head);
         head.links = f->tinted_count;
         for (uint32_t i = 0; i < f->count; i++)
-            head.links += (uint32_t)__builtin_popcountll(f->seen[i]);
+            head.links += (uint32_t)__builtin_popcountll(f->seen[i] & mask);
         memcpy(*kept, w.code, w.size);
         **kept = head;
     }
@@ -238,26 +238,26 @@ static void get_point(struct reader *r, struct kiln_found_links *f, uint32_t bit
         get(r, f->shading[bit], sizeof f->shading[bit]);
 }
 
-static void get_links(struct reader *r, struct kiln_found_links *f, uint64_t lit, const uint64_t most[2])
+static void get_links(struct reader *r, struct kiln_found_links *f, uint64_t all, const uint64_t most[2])
 {
     uint64_t last[2] = {0, 0};
     for (uint32_t i = 0; i < f->count && !r->bad; i++) {
         const uint64_t code = get_number(r), leaf = code & TO_LEAF;
         last[leaf] += code >> STEP_SHIFT;
-        f->asked[i] = (code & SOME_ASKED) != 0 ? get_mask(r) : lit;
+        f->asked[i] = (code & SOME_ASKED) != 0 ? get_mask(r) : all;
         f->seen[i] = (code & SOME_SEEN) != 0 ? get_mask(r) : f->asked[i];
-        r->bad = r->bad || last[leaf] >= most[leaf] || (f->asked[i] & ~lit) != 0 || (f->seen[i] & ~f->asked[i]) != 0;
+        r->bad = r->bad || last[leaf] >= most[leaf] || (f->asked[i] & ~all) != 0 || (f->seen[i] & ~f->asked[i]) != 0;
         f->to[i] = (uint32_t)last[leaf] | (leaf != 0 ? KILN_LINK_LEAF : 0);
     }
     for (uint32_t i = 0; i < f->tinted_count && !r->bad; i++) {
         const struct kiln_tinted_link *t = &f->tinted[i];
         get(r, &f->tinted[i], sizeof f->tinted[i]);
-        r->bad = r->bad || t->bit >= KILN_TILE_TEXELS || (lit >> t->bit & 1) == 0 ||
+        r->bad = r->bad || t->bit >= KILN_TILE_TEXELS || (all >> t->bit & 1) == 0 ||
                  (t->to & ~KILN_LINK_LEAF) >= most[(t->to & KILN_LINK_LEAF) != 0];
     }
 }
 
-int kiln_links_decode(struct kiln_found_links *f, const struct kiln_kept_links *kept, uint64_t mask,
+int kiln_links_decode(struct kiln_found_links *f, const struct kiln_kept_links *kept, uint64_t mask, uint64_t shares,
                       uint32_t node_count, uint64_t point_count, struct kiln_error *error)
 {
     struct reader r = {kept->code, kept->bytes, kept->points != (uint32_t)__builtin_popcountll(mask)};
@@ -276,7 +276,7 @@ int kiln_links_decode(struct kiln_found_links *f, const struct kiln_kept_links *
     f->tinted_count = r.bad ? 0 : (uint32_t)tinted;
     for (uint64_t rest = mask; rest != 0 && !r.bad; rest &= rest - 1)
         get_point(&r, f, (uint32_t)__builtin_ctzll(rest), flags);
-    get_links(&r, f, lit_of(f, mask), most);
+    get_links(&r, f, lit_of(f, mask) | shares, most);
     if (!r.bad && r.left == 0)
         return KILN_OK;
     return kiln_fail(error, KILN_BAD_INPUT, "the links of the surface points from %llu on are damaged",

@@ -7,8 +7,9 @@
  *
  * B is the mean radiosity of the node, by area. V is what the surfaces between the point and one of the node's points
  * let through, k: taken by a sequence that goes from point to point through all that the node has, so that the means
- * over a tile's points are right. A node's points look much the same way (coordinator/integrate/link_tree.h), so that
- * the back of what is lit never shines through.
+ * over a tile's points are right. A square of 2 x 2 or 4 x 4 points of a tile has one V by one ray where four or two of
+ * a point's edges are less than KILN_LINKS_SHARED R: then they see the node as one. A node's points look much the same
+ * way (coordinator/integrate/link_tree.h), so that the back of what is lit never shines through.
  *
  * F is the mean over the node to the second order in its size, by the covariance of its points' places, where it lies
  * above the point's horizon and all of it faces the point; else it is that of k, as if all of the node's area were
@@ -22,14 +23,24 @@
  * e^2 times the square of its light, or of l where that is more: l is what stands for the light of a point that has not
  * been gathered yet. Nodes whose F is below 1e-3 e^2 are left out, as are those that lie behind the point or look away.
  *
- * Rows are closed as those of the patches pass, by rays of one stream (the parameters').
+ * Rows are closed as those of the patches pass, by rays of one stream (the parameters'), kiln_links_samples of them.
+ *
+ * Error. What a point's links are off by, squared, is taken for the sum of F^2 (q (B^2 + S^2) + (1.5 rho S)^2), B^2 +
+ * S^2 in the place of the last where F is that of k, S now of the light that is gathered. q is the variance of V, half
+ * of the mean square by which the squares of points beside it differ that have rays of their own, and a little more.
+ * Bounces go by the same links, so their errors add up, not their squares: light is that of all bounces so far, and the
+ * bounce states what it adds to the square.
+ *
+ * Target. Where the error of first light, in the root of the mean square over a tile's points, is above the target
+ * times that light, and KILN_LINKS_LEAST_LIGHT times l at least, links are found anew with half the e, up to three
+ * times: also where they were kept, and were good for other light.
  *
  * What has been found for a tile run is kept: which nodes, and of each the points that see it. Then a bounce is sums.
  * Each point's sums are added in the order of the tree: kept or found again, and of any tile runs, they have the same
  * bits.
  *
- * Items: tile runs. Result: struct kiln_point_result; `error` is 0. Samples: rays that measure the shares. Rays: where
- * links are found the samples of all valid points, and one for each link; else none. Embree only. */
+ * Items: tile runs. Result: struct kiln_point_result, with its error. Samples: rays that measure the shares. Rays:
+ * where links are found the samples of all valid points, and those of V; else none. Embree only. */
 #ifndef KILN_WORKER_PASS_LINKS_H
 #define KILN_WORKER_PASS_LINKS_H
 
@@ -107,12 +118,12 @@ void kiln_found_links_release(struct kiln_found_links *found);
 int kiln_found_links_reserve(struct kiln_found_links *found, size_t count, struct kiln_error *error);
 int kiln_found_links_reserve_tinted(struct kiln_found_links *found, size_t count, struct kiln_error *error);
 
-/* `mask`: of the tile run's points. KILN_SYSTEM. */
+/* `mask`: of the tile run's points; `shares`: of the tile's points that send light, who ask besides. KILN_SYSTEM. */
 int kiln_links_encode(struct kiln_kept_links **kept, const struct kiln_found_links *found, uint64_t first,
-                      uint64_t mask, struct kiln_error *error);
+                      uint64_t mask, uint64_t shares, struct kiln_error *error);
 /* KILN_BAD_INPUT: this is no such code, or links to nodes or points that are not there. KILN_SYSTEM. */
 int kiln_links_decode(struct kiln_found_links *found, const struct kiln_kept_links *kept, uint64_t mask,
-                      uint32_t node_count, uint64_t point_count, struct kiln_error *error);
+                      uint64_t shares, uint32_t node_count, uint64_t point_count, struct kiln_error *error);
 /* Bytes that it takes in memory. */
 uint64_t kiln_links_bytes(const struct kiln_kept_links *kept);
 

@@ -41,12 +41,14 @@ struct link_ray {
 struct links_work {
     struct tile_run_frame frame;
     struct links_job *job;
-    uint64_t mask, valid;          /* of the tile run's points; of those that have light */
-    double error;                  /* that links are opened to */
-    double texel;                  /* m: the longest edge of a point */
-    bool by_first;                 /* errors are of first light */
-    double lost;                   /* share of the rays of all points that have met no surface's front */
-    uint8_t bit[KILN_TILE_TEXELS]; /* of the points, by their places in the run */
+    /* points of the tile run, and those of them that have light; those of the whole tile that send some, which share
+     * rays, and say by what they see how sure that is */
+    uint64_t mask, valid, shares;
+    double error;                     /* that links are opened to */
+    double texel;                     /* m: the longest edge of a point */
+    bool by_first;                    /* errors are of first light */
+    uint8_t bit[KILN_TILE_TEXELS];    /* of the points, by their places in the run */
+    uint64_t index[KILN_TILE_TEXELS]; /* global, by bit, as all below */
     struct patch_receiver receiver[KILN_TILE_TEXELS];
     struct kiln_dvec3 at[KILN_TILE_TEXELS];
     const struct kiln_patch *patch[KILN_TILE_TEXELS];
@@ -329,8 +331,8 @@ static int link_to(struct links_work *w, const struct embree_backend *b, struct 
     for (uint64_t rest = mask; rest != 0 && status == KILN_OK;) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
         uint64_t of = 1ull << bit;
-        if (side > 1 && (whole & of) != 0)
-            of = ((1ull << side) - 1) << bit / side * side & whole & rest;
+        if (side > 1 && (whole & w->shares & of) != 0)
+            of = ((1ull << side) - 1) << bit / side * side & whole & w->shares & rest;
         rest &= ~of;
         status = ask(w, b, context, link, one_of(of, kiln_hash2(to, w->patch[bit]->number)), of, error);
     }
@@ -367,7 +369,7 @@ static int find_links(struct links_work *w, const struct embree_backend *b, stru
     int status = KILN_OK;
     w->found.count = w->found.tinted_count = 0;
     if (p->node_count > 0)
-        stack[depth++].to = 0, stack[0].mask = w->valid;
+        stack[depth++].to = 0, stack[0].mask = w->valid | w->shares;
     while (depth > 0 && status == KILN_OK) {
         const uint32_t to = stack[--depth].to;
         const uint64_t mask = stack[depth].mask;
@@ -397,29 +399,42 @@ static void drop_unseen(struct kiln_found_links *f)
 
 /* ---- points ---- */
 
-/* The run's points, as their patches are. */
-static void enter_points(struct links_work *w, const struct kiln_tile_run *run)
+static void enter_point(struct links_work *w, uint32_t bit, uint64_t index)
 {
+    const struct kiln_patch *patch = &w->job->p->points[index];
+    w->index[bit] = index;
+    w->patch[bit] = patch;
+    w->at[bit] = dvec3_of(patch->place);
+    w->receiver[bit] = (struct patch_receiver){dvec3_of(patch->normal), dvec3_of(patch->normal), false};
+    if (!(patch->area > 0.0f))
+        return;
+    w->shares |= 1ull << bit;
+    w->texel = fmax(
+        w->texel, sqrt((double)fmaxf(vec3_dot(patch->edge_s, patch->edge_s), vec3_dot(patch->edge_t, patch->edge_t))));
+}
+
+/* The points of the run, and others of its tile, as their patches are: what is shared must not hang on cells. */
+static void enter_points(struct links_work *w, const struct kiln_surface *s, const struct kiln_tile_run *run)
+{
+    const struct kiln_tile *tile = &s->tiles[s->lightmaps[run->map].tile_first + run->tile];
     uint32_t place = 0;
     w->mask = run->mask;
+    w->shares = 0;
     w->texel = 0.0;
-    for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, place++) {
+    for (uint64_t rest = tile->mask | run->mask; rest != 0; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        const struct kiln_patch *patch = &w->job->p->points[run->first.at + place];
-        w->bit[place] = (uint8_t)bit;
-        w->patch[bit] = patch;
-        w->at[bit] = dvec3_of(patch->place);
-        w->receiver[bit] = (struct patch_receiver){dvec3_of(patch->normal), dvec3_of(patch->normal), false};
-        w->texel =
-            fmax(w->texel,
-                 sqrt((double)fmaxf(vec3_dot(patch->edge_s, patch->edge_s), vec3_dot(patch->edge_t, patch->edge_t))));
+        if ((run->mask >> bit & 1) != 0) {
+            w->bit[place] = (uint8_t)bit;
+            enter_point(w, bit, run->first.at + place++);
+        } else {
+            enter_point(w, bit, kiln_tile_point(s, tile, bit).at);
+        }
     }
 }
 
 /* Their shading normals, and which have light. */
 static void enter_found(struct links_work *w)
 {
-    double lost = 0.0, rays = 0.0;
     w->valid = 0;
     for (uint64_t rest = w->mask; rest != 0; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
@@ -428,13 +443,10 @@ static void enter_found(struct links_work *w)
         if (point->count == 0)
             continue;
         w->valid |= rest & -rest;
-        lost += (double)point->escaped + (double)point->blocked;
-        rays += (double)point->count;
         w->receiver[bit].smooth = w->found.smooth;
         if (w->found.smooth)
             w->receiver[bit].s = dvec3((double)s[0], (double)s[1], (double)s[2]);
     }
-    w->lost = rays > 0.0 ? lost / rays : 0.0;
 }
 
 /* What the points' rays have met, and their normals as the frame has them. */
@@ -477,7 +489,7 @@ struct unsure {
 static struct unsure unsure_of(const struct links_work *w, uint32_t link)
 {
     const uint32_t side = shared_by(w, w->found.to[link]);
-    const uint64_t asked = w->found.asked[link], seen = w->found.seen[link];
+    const uint64_t asked = w->found.asked[link] & w->shares, seen = w->found.seen[link];
     struct unsure u;
     for (int i = 0; i < 3; i++) {
         uint64_t there = asked, sees = seen;
@@ -548,20 +560,21 @@ static void add_link(struct links_work *w, uint32_t bit, uint32_t to, const floa
         w->incident[bit][c] += f.factor * light;
         w->irradiance[bit][c] += f.shading * light;
     }
-    add_variance(w, bit, to, f.shading, seen, q);
+    add_variance(w, bit, to, w->by_first ? f.factor : f.shading, seen, q);
 }
 
 /* A link by which the point at `bit` sees nothing, though others of its tile do. */
 static void add_unseen(struct links_work *w, uint32_t bit, uint32_t to, double q)
 {
     if (q > 0.0)
-        add_variance(w, bit, to, link_factors(w, bit, to).shading, 0.0, q);
+        add_variance(w, bit, to, link_factors(w, bit, to).factor, 0.0, q);
 }
 
 static void add_links(struct links_work *w)
 {
     static const float all[3] = {1.0f, 1.0f, 1.0f};
     const struct kiln_found_links *f = &w->found;
+    const uint64_t of = w->by_first ? w->shares : w->valid;
     memset(w->row, 0, sizeof w->row);
     memset(w->incident, 0, sizeof w->incident);
     memset(w->irradiance, 0, sizeof w->irradiance);
@@ -570,7 +583,7 @@ static void add_links(struct links_work *w)
     memset(w->variance, 0, sizeof w->variance);
     for (uint32_t i = 0; i < f->count; i++) {
         const struct unsure u = unsure_of(w, i);
-        for (uint64_t rest = f->asked[i]; rest != 0; rest &= rest - 1) {
+        for (uint64_t rest = f->asked[i] & of; rest != 0; rest &= rest - 1) {
             const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
             if ((f->seen[i] >> bit & 1) != 0)
                 add_link(w, bit, f->to[i], all, variance_of(&u, bit));
@@ -579,65 +592,27 @@ static void add_links(struct links_work *w)
         }
     }
     for (uint32_t i = 0; i < f->tinted_count; i++)
-        add_link(w, f->tinted[i].bit, f->tinted[i].to, f->tinted[i].through, 0.0);
+        if ((of >> f->tinted[i].bit & 1) != 0)
+            add_link(w, f->tinted[i].bit, f->tinted[i].to, f->tinted[i].through, 0.0);
 }
 
-/* ---- rows ---- */
-
-/* The share of a point's rays that have met no surface's front. */
-static double lost_of(const struct kiln_linked_point *point)
-{
-    return ((double)point->escaped + (double)point->blocked) / (double)point->count;
-}
-
-/* Three standard deviations of that share, where it is that of the tile: a point's own says too little. */
-static double chance_of(const struct links_work *w, uint32_t bit)
-{
-    return 3.0 * sqrt(fmax(0.0, w->lost * (1.0 - w->lost))) * pow((double)w->found.point[bit].count, -0.75);
-}
-
-/* What the shares say less the row. */
-static double off_of(const struct kiln_linked_point *point, double row)
-{
-    const double samples = (double)point->count,
-                 glass = ((double)point->glass[0] + (double)point->glass[1] + (double)point->glass[2]) / samples / 3.0;
-    return fmax(0.0, 1.0 - lost_of(point) - glass) - row;
-}
-
-/* Of a difference what chance does not explain. */
-static double beyond(double off, double chance)
-{
-    return off != 0.0 ? off * fmax(0.0, 1.0 - chance * chance / (off * off)) : 0.0;
-}
-
-/* First all of the tile run's rows together, which many rays measure, then each. */
 static void find_scales(struct links_work *w)
 {
-    double count = 0.0, rows = 0.0, off = 0.0, chance = 0.0;
     for (uint64_t rest = w->valid; rest != 0; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        const double own = chance_of(w, bit);
-        count += 1.0;
-        rows += w->row[bit];
-        off += off_of(&w->found.point[bit], w->row[bit]);
-        chance += own * own;
-    }
-    const double all = rows > 0.0 ? 1.0 + beyond(off / count, sqrt(chance) / count / 3.0) * count / rows : 1.0;
-    for (uint64_t rest = w->valid; rest != 0; rest &= rest - 1) {
-        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        struct kiln_linked_point *point = &w->found.point[bit];
-        const double own = beyond(off_of(point, all * w->row[bit]), chance_of(w, bit));
-        point->scale = w->row[bit] > 0.0 ? (float)(all + own / w->row[bit]) : 1.0f;
+        struct kiln_linked_point *l = &w->found.point[bit];
+        const struct kiln_point_result met = {.escaped = l->escaped,
+                                              .blocked = l->blocked,
+                                              .glass = {l->glass[0], l->glass[1], l->glass[2]},
+                                              .count = l->count};
+        l->scale = (float)kiln_patches_row_scale(&met, w->row[bit]);
     }
 }
 
-/* Standard error of the luminance of irradiance: of the links, and of the row, whose scale is of the tile's rays. */
+/* Standard error of the luminance of irradiance. */
 static double error_of(const struct links_work *w, uint32_t bit)
 {
-    const double scale = (double)w->found.point[bit].scale, now = scale * w->now[bit], before = scale * w->before[bit],
-                 row = chance_of(w, bit) / 3.0 / fmax(1e-3, scale * w->row[bit]) /
-                       sqrt((double)__builtin_popcountll(w->valid));
-    return sqrt(fmax(0.0, scale * scale * w->variance[bit] + row * row * (now * now - before * before)));
+    return (double)w->found.point[bit].scale * sqrt(fmax(0.0, w->variance[bit]));
 }
 
 static void give(const struct links_work *w, uint32_t points, struct kiln_point_result *results)
@@ -677,34 +652,32 @@ static int find_run(struct links_work *w, const struct embree_backend *b, struct
     return KILN_OK;
 }
 
-/* Whether the errors that first light has by the links found, in the root of their mean square over the points, are
- * above the target. */
-static bool is_above_target(struct links_work *w, uint64_t first)
+/* Whether the errors that first light has by the links found, in the root of their mean square over the tile's points,
+ * are above the target. */
+static bool is_above_target(struct links_work *w)
 {
     const struct kiln_links_parameters *p = w->job->p;
     double square = 0.0;
-    uint32_t place = 0;
     w->by_first = true;
     add_links(w);
     w->by_first = false;
-    for (uint64_t rest = w->mask; rest != 0; rest &= rest - 1, place++) {
+    for (uint64_t rest = w->shares; rest != 0; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        const double light = (double)p->first[first + place] + (double)w->found.point[bit].scale * w->now[bit],
-                     ratio = error_of(w, bit) / (p->target * fmax(light, KILN_LINKS_LEAST_LIGHT));
-        if ((w->valid >> bit & 1) != 0)
-            square += ratio * ratio;
+        const double light = (double)p->first[w->index[bit]] + w->now[bit],
+                     allowed = p->target * fmax(light, KILN_LINKS_LEAST_LIGHT);
+        square += fmax(0.0, w->variance[bit]) / (allowed * allowed);
     }
-    return square > (double)__builtin_popcountll(w->valid);
+    return square > (double)__builtin_popcountll(w->shares);
 }
 
 /* Opens links until the target is reached; *opened: some were. */
-static int open_run(struct links_work *w, const struct embree_backend *b, struct embree_context *context,
-                    uint64_t first, bool *opened, struct kiln_error *error)
+static int open_run(struct links_work *w, const struct embree_backend *b, struct embree_context *context, bool *opened,
+                    struct kiln_error *error)
 {
     const double least = w->job->p->error / LEAST_OPENED;
     int status = KILN_OK;
     *opened = false;
-    for (w->error = w->job->p->error; 0.5 * w->error >= least && is_above_target(w, first) && status == KILN_OK;) {
+    for (w->error = w->job->p->error; 0.5 * w->error >= least && is_above_target(w) && status == KILN_OK;) {
         w->error *= 0.5;
         *opened = true;
         status = find_run(w, b, context, error);
@@ -726,7 +699,7 @@ static int take_kept(struct links_work *w, const struct kiln_tile_run *run, cons
                      struct kiln_error *error)
 {
     const struct kiln_links_parameters *p = w->job->p;
-    const int status = kiln_links_decode(&w->found, kept, run->mask, p->node_count, p->count, error);
+    const int status = kiln_links_decode(&w->found, kept, run->mask, w->shares, p->node_count, p->count, error);
     if (status == KILN_OK)
         enter_found(w);
     return status;
@@ -737,7 +710,7 @@ static int keep(const struct links_work *w, const struct kiln_tile_run *run, str
                 struct kiln_error *error)
 {
     struct kiln_kept_links *old = *kept;
-    const int status = kiln_links_encode(kept, &w->found, run->first.at, run->mask, error);
+    const int status = kiln_links_encode(kept, &w->found, run->first.at, run->mask, w->shares, error);
     kiln_free(&old);
     return status;
 }
@@ -750,10 +723,10 @@ static int do_run(struct links_work *w, const struct embree_backend *b, struct e
     struct kiln_kept_links **kept = w->job->p->kept != NULL ? &w->job->p->kept[tile_run] : NULL;
     const bool is_kept = kept != NULL && *kept != NULL, is_judged = is_kept && (*kept)->is_judged != 0;
     bool opened = false;
-    enter_points(w, run);
+    enter_points(w, b->surface, run);
     int status = is_kept ? take_kept(w, run, *kept, error) : make_run(w, b, context, tile_run, error);
     if (status == KILN_OK && w->job->p->target > 0.0 && !is_judged)
-        status = open_run(w, b, context, run->first.at, &opened, error);
+        status = open_run(w, b, context, &opened, error);
     if (status == KILN_OK && kept != NULL && (!is_kept || opened))
         status = keep(w, run, kept, error);
     if (status != KILN_OK)
