@@ -58,6 +58,7 @@ static const char *const mis_names[] = {"balance", "power", "uniform", "variance
 /* in the order of enum kiln_view_method */
 #define VIEW_METHOD_NAME(name, text) text,
 static const char *const view_denoisers[] = {"none", "bmfr", NULL};
+static const char *const view_filter_names[] = {"linear", "nearest", NULL};
 static const char *const view_method_names[] = {KILN_VIEW_METHOD_LIST(VIEW_METHOD_NAME) NULL};
 
 const struct kiln_option kiln_options[] = {
@@ -1068,9 +1069,25 @@ const struct kiln_option kiln_options[] = {
      .kind = KILN_OPTION_STRING,
      .value = "NAME",
      .fallback = "light",
-     .help = "light, a checkerboard of the texels, or a layer of the lightmaps: direct, ambient_occlusion, ...",
+     .help = "light, texels, position, area, error, ...: the list below",
      .commands = KILN_FOR_VIEW,
      .offset = AT(show)},
+    {.name = "atlas",
+     .group = "View",
+     .kind = KILN_OPTION_STRING,
+     .value = "OBJECT",
+     .shown = "none",
+     .help = "draw the lightmap of an object itself, up to --width pixels a side, in the place of a view",
+     .commands = KILN_FOR_VIEW,
+     .offset = AT(view_atlas)},
+    {.name = "filter",
+     .group = "View",
+     .kind = KILN_OPTION_CHOICE_ENUM,
+     .fallback = "linear",
+     .choices = view_filter_names,
+     .help = "texels of lightmaps mixed with their neighbours, or as squares",
+     .commands = KILN_FOR_VIEW,
+     .offset = AT(view_filter)},
 
     {.name = "method",
      .group = "View",
@@ -1553,6 +1570,8 @@ const struct kiln_command kiln_commands[] = {
      .examples = {"kiln view out -o view.png", "kiln view out --from 1,1.5,3 --to 0,1,0 --width 1280 --height 720",
                   "kiln view out --camera all --tone-map aces -o view.png",
                   "kiln view out --path walk.csv --frames 240 -o walk.png", "kiln view out -o view.exr",
+                  "kiln view out --show error -o error.png",
+                  "kiln view out --atlas floor --filter nearest -o floor.png",
                   "kiln view out --method path --samples-pixel 256 -o path.exr",
                   "kiln view room.glb --method path --bounces 4 --from 1,1.5,3 --to 0,1,0 -o room.png"}},
     {.name = "compare",
