@@ -30,6 +30,7 @@ static int create_patches(struct kiln_lockstep *l, struct kiln_error *error)
                                                .backend = p->backend,
                                                .settings = p->settings,
                                                .direct = &l->solution->direct,
+                                               .own = &l->solution->own,
                                                .keeps_visibility = true};
     return kiln_patches_create(&l->patches, &source, error);
 }

@@ -23,6 +23,7 @@
 
 #include <mpi.h>
 
+#include "coordinator/field/rank_data.h"
 #include "coordinator/integrate/settings.h"
 #include "coordinator/integrate/step.h"
 #include "worker/backend/backend.h"
@@ -38,7 +39,9 @@ struct kiln_patches_source {
     const struct kiln_surface *surface;
     struct kiln_backend *backend;                   /* has that surface */
     const struct kiln_integrate_settings *settings; /* with patches */
-    float *const *direct;  /* where direct light of own points stands, W/m2, 3 each; NULL: there is none yet */
+    float *const *direct; /* where direct light of own points stands, W/m2, 3 each; NULL: there is none yet */
+    /* own points' data, with room for their nodes where these are kept; NULL: they are not */
+    const struct kiln_rank_data *const *own;
     bool keeps_visibility; /* as the settings say: from step to step, for the later ones */
 };
 

@@ -34,6 +34,7 @@ struct kiln_patch_settings {
     int undersample;     /* enum kiln_undersample */
     int window;          /* log2 of the texels a side of a window */
     double subdivide;    /* by how much what is one node may deviate; 0: nodes are not chosen by that */
+    bool keep_nodes;     /* kiln.h5 has the nodes of the last step */
     int node_max;        /* with it: log2 of the texels a side of a node, at most */
     bool clamp;          /* Kahl's largest factor and contribution */
     double albedo_scale; /* factor of what is reflected */

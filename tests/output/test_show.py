@@ -15,8 +15,8 @@ import png  # noqa: E402
 
 KILN = os.environ["KILN"]
 SCENE = os.path.join("jobs", "cornell.glb")
-FEW = ("--quality", "draft", "--samples-direct", "8", "--samples-indirect", "8", "--samples-bounce", "4", "--bounces",
-       "1", "--samples-probe", "0", "--no-export", "--no-preview", "--quiet", "--threads", "1")
+FEW = ("--quality", "draft", "--samples-direct", "8", "--samples-indirect", "8", "--bounces", "1", "--samples-probe", "0",
+       "--no-export", "--no-preview", "--quiet", "--threads", "1")
 NAMES = ("position", "normal", "albedo", "area", "error")
 STOPS = np.array([(68, 1, 84), (71, 45, 123), (59, 82, 139), (44, 114, 142), (33, 145, 140), (40, 174, 128),
                   (94, 201, 98), (173, 220, 48), (253, 231, 37)], float)
@@ -129,11 +129,43 @@ def check_colors(bake):
     assert png.read(light).shape == (150, 200, 3)
 
 
+def squares_of(bake):
+    """{(object, x, y): side} as kiln.h5 has it; each square of that side is one node."""
+    with h5py.File(os.path.join(bake, "kiln.h5"), "r") as file:
+        where = np.column_stack([file["points/object"][...], file["points/texel"][...]])
+        sides = dict(zip(map(tuple, where.tolist()), file["radiosity/node"][...].astype(int).tolist()))
+    for (o, x, y), side in sides.items():
+        if side > 0:
+            others = [sides.get((o, x // side * side + i % side, y // side * side + i // side)) for i in range(side ** 2)]
+            assert set(others) <= {side, 0, None}, ((o, x, y), side, others)
+    return sides
+
+
+def check_nodes(folder):
+    """The nodes of windows and of the quad-tree: whole squares, as large as is asked for, the same on three ranks."""
+    few = (*FEW, "--texels-per-metre", "2", "--method", "radiosity", "--keep-nodes")
+    for name, most, more in (("windows", 4, ("--undersample", "mipmap", "--sampling-window", "4")),
+                             ("tree", 8, ("--subdivide", "0.05", "--node-max", "8"))):
+        bake = os.path.join(folder, name)
+        kiln("bake", SCENE, "-o", bake, *few, *more)
+        sides = squares_of(bake)
+        assert set(sides.values()) <= {0, 1, 2, 4, most} and max(sides.values()) == most, set(sides.values())
+        assert len(set(sides.values())) > 2, "all nodes are of one size"
+        image, said = shown(bake, "--show", "node", "--atlas", "floor", "--filter", "nearest", "--width", "1")
+        texel, value, _ = points(bake, "radiosity/node")
+        assert np.array_equal(image[texel[:, 1], texel[:, 0], 0], value[:, 0]) and said["scale"]["unit"] == "texel", said
+    again = os.path.join(folder, "ranks")
+    subprocess.run(["mpirun", "-n", "3", KILN, "bake", SCENE, "-o", again, *few, *more], check=True)
+    assert squares_of(again) == sides, "other nodes on three ranks"
+    assert "--undersample" in kiln("bake", SCENE, "-o", again, "--method", "radiosity", "--keep-nodes", code=64).stderr
+    assert "--method radiosity" in kiln("bake", SCENE, "-o", again, "--keep-nodes", code=64).stderr
+
+
 def check_refusals(bake):
     assert "light, texels, direct" in kiln("view", bake, "--show", "nothing", code=64).stderr
     assert "group:NAME" in kiln("view", bake, "--show", "group:", code=64).stderr
     assert "nobody" in kiln("view", bake, "--show", "group:nobody", code=66).stderr
-    assert "error_caustic" in kiln("view", bake, "--show", "error_caustic", code=66).stderr
+    assert "node" in kiln("view", bake, "--show", "node", code=66).stderr
     assert "floor" in kiln("view", bake, "--atlas", "nobody", code=64).stderr
     assert "--from" in kiln("view", bake, "--atlas", "floor", "--from", "0,1,0", code=64).stderr
     assert "--filter" in kiln("view", bake, "--method", "path", "--filter", "nearest", code=64).stderr
@@ -151,6 +183,7 @@ def main():
         check_layers(bake)
         check_surfaces(bake)
         check_colors(bake)
+        check_nodes(folder)
         check_refusals(bake)
 
 
