@@ -13,7 +13,8 @@
 #include "coordinator/job/job.h"
 
 /* Bakes job->scene at the sizes that are arguments 2, 3, ... of the job (default 16, 32, 64), each with all rows of the
- * bench, or those of the groups that are named there (pure, random, mipmap, ...) and the pure ones. The reference has job->reference_samples paths a texel, 1024 unless given.
+ * bench, or those of the groups that are named there (pure, random, mipmap, ...) and the pure ones. The reference has
+ * job->reference_samples paths a texel, 1024 unless given.
  *
  * Writes to job->output (default: the scene's name + "-radiosity") after every bake: radiosity.csv; his tables as
  * radiosity-table-6.1.csv and -6.2.csv; his figures as radiosity-figure-6.5.svg, -6.7, -6.10, -6.11, -6.13, -6.16 and

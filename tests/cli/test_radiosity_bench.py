@@ -1,4 +1,4 @@
-"""kiln bench radiosity on the Cornell box: rows hold what the bakes say, DFPR is that of kiln compare, cached visibility
+"""kiln bench radiosity on the Cornell box: rows hold what the bakes say, DFPR is that of kiln compare, kept visibility
 changes nothing, windows cost accuracy, the same command goes on, and wrong input is refused."""
 import csv
 import json

@@ -15,8 +15,8 @@ import png  # noqa: E402
 
 KILN = os.environ["KILN"]
 SCENE = os.path.join("jobs", "cornell.glb")
-FEW = ("--quality", "draft", "--samples-direct", "8", "--samples-indirect", "8", "--bounces", "1", "--samples-probe", "0",
-       "--no-export", "--no-preview", "--quiet", "--threads", "1")
+FEW = ("--quality", "draft", "--samples-direct", "8", "--samples-indirect", "8", "--bounces", "1", "--samples-probe",
+       "0", "--no-export", "--no-preview", "--quiet", "--threads", "1")
 NAMES = ("position", "normal", "albedo", "area", "error")
 STOPS = np.array([(68, 1, 84), (71, 45, 123), (59, 82, 139), (44, 114, 142), (33, 145, 140), (40, 174, 128),
                   (94, 201, 98), (173, 220, 48), (253, 231, 37)], float)
@@ -76,7 +76,8 @@ def check_atlas(bake):
 def check_layers(bake):
     """What lightmaps have comes from there."""
     layers = exr.read(os.path.join(bake, "lightmaps", "floor.exr")).channels
-    for name, prefix in (("light", ""), ("direct", "direct."), ("indirect", "indirect."), ("group:lamps", "group.lamps.")):
+    for name, prefix in (("light", ""), ("direct", "direct."), ("indirect", "indirect."),
+                         ("group:lamps", "group.lamps.")):
         image, said = shown(bake, "--show", name, "--atlas", "floor", "--filter", "nearest", "--width", "1")
         wanted = np.stack([layers[prefix + c] for c in "RGB"], -1)
         assert image.shape == wanted.shape and np.array_equal(image, wanted), name
@@ -136,7 +137,8 @@ def squares_of(bake):
         sides = dict(zip(map(tuple, where.tolist()), file["radiosity/node"][...].astype(int).tolist()))
     for (o, x, y), side in sides.items():
         if side > 0:
-            others = [sides.get((o, x // side * side + i % side, y // side * side + i // side)) for i in range(side ** 2)]
+            u, v = x // side * side, y // side * side
+            others = [sides.get((o, u + i % side, v + i // side)) for i in range(side ** 2)]
             assert set(others) <= {side, 0, None}, ((o, x, y), side, others)
     return sides
 
@@ -153,7 +155,8 @@ def check_nodes(folder):
         assert len(set(sides.values())) > 2, "all nodes are of one size"
         image, said = shown(bake, "--show", "node", "--atlas", "floor", "--filter", "nearest", "--width", "1")
         texel, value, _ = points(bake, "radiosity/node")
-        assert np.array_equal(image[texel[:, 1], texel[:, 0], 0], value[:, 0]) and said["scale"]["unit"] == "texel", said
+        assert np.array_equal(image[texel[:, 1], texel[:, 0], 0], value[:, 0])
+        assert said["scale"]["unit"] == "texel", said
     again = os.path.join(folder, "ranks")
     subprocess.run(["mpirun", "-n", "3", KILN, "bake", SCENE, "-o", again, *few, *more], check=True)
     assert squares_of(again) == sides, "other nodes on three ranks"
