@@ -25,8 +25,8 @@ struct figure {
     struct line line[LINES_MOST];
 };
 
-static const char *const colors[] = {"#1f5fa8", "#c4451c", "#3d8b37", "#8a4fb0",
-                                     "#b08a00", "#555555", "#0f8f9a", "#c23b7a"};
+static const char *const colors[] = {"#1f5fa8", "#c4451c", "#3d8b37", "#8a4fb0", "#b08a00",
+                                     "#555555", "#0f8f9a", "#c23b7a", "#111111"};
 enum { COLORS = sizeof colors / sizeof *colors };
 
 static struct line *add_line(struct figure *f, int color, bool dashed, const char *name)

@@ -46,6 +46,7 @@ struct view {
     struct kiln_look look;
     struct kiln_exposure exposure;    /* of all frames of a path */
     struct kiln_picture picture;      /* the present one */
+    double low[3], high[3];           /* range of colours of a path's first frame, which all have */
     struct kiln_view_approximate sum; /* over pictures */
     json_t *pictures;                 /* what --json says of each */
     struct kiln_show show;
@@ -182,6 +183,19 @@ static int prepare(struct view *v, const struct kiln_job *job, const char *direc
     return status;
 }
 
+/* Gives all frames of a path the range of the first one. */
+static void share_range(struct view *v, size_t index)
+{
+    for (int c = 0; c < 3; c++) {
+        if (index == 0) {
+            v->low[c] = v->picture.low[c];
+            v->high[c] = v->picture.high[c];
+        }
+        v->picture.low[c] = v->low[c];
+        v->picture.high[c] = v->high[c];
+    }
+}
+
 static int render(struct view *v, const struct kiln_job *job, const char *directory, size_t index,
                   struct kiln_error *error)
 {
@@ -192,6 +206,8 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
     kiln_image_destroy(&v->picture.image);
     const int status = kiln_picture_make(&source, &wish, 4, &v->look, &v->picture, error);
     v->picture.unit = unit_of(v, job);
+    if (v->shots.kind == KILN_SHOTS_PATH)
+        share_range(v, index);
     if (status == KILN_OK && v->exposure.scale > 0.0) {
         v->picture.exposure = v->exposure;
         v->picture.metering = KILN_METERED_PATH;
@@ -589,6 +605,8 @@ static int view_lightmaps(struct view *v, const struct kiln_job *job, const char
         status = check_names(v, job->arguments[0], error);
     if (status == KILN_OK)
         status = open_backend(v, job, error);
+    if (status == KILN_OK && v->geometry->leaves != NULL && was_given(job, "filter"))
+        status = kiln_fail(error, KILN_USAGE, "--filter: a bake with --store octree has no texels; leave --filter out");
     return status == KILN_OK ? draw_all(v, job, job->arguments[0], error) : status;
 }
 

@@ -125,6 +125,12 @@ def check_colors(bake):
     assert np.array_equal(bar[0], STOPS[0]) and np.array_equal(bar[-1], STOPS[-1]), (bar[0], bar[-1])
     text = picture[150 + 24:]
     assert (text[..., 0] > 200).sum() > 50, "the strip has no numbers"
+    walk = os.path.join(bake, "walk.csv")
+    with open(walk, "w", encoding="utf-8") as file:
+        file.write("from.x,from.y,from.z,to.x,to.y,to.z\n2.7,2.7,-4,2.7,2.7,0\n2.7,2.7,2,2.7,5,3\n")
+    frames = json.loads(kiln("view", bake, "--show", "error", "--path", walk, "--frames", 2, "-o",
+                             os.path.join(bake, "walk.png"), "--json", *size).stdout)["pictures"]
+    assert frames[0]["scale"] == frames[1]["scale"], "the scale flickers"
     light = os.path.join(bake, "light.png")
     kiln("view", bake, "--show", "normal", "-o", light, *size)
     assert png.read(light).shape == (150, 200, 3)
