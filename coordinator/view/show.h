@@ -7,7 +7,6 @@
 #define KILN_COORDINATOR_VIEW_SHOW_H
 
 #include "coordinator/field/field.h"
-#include "coordinator/job/job.h"
 
 struct kiln_show {
     bool texels;             /* the checkerboard; else light, where `field` has no name */
