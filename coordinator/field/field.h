@@ -69,7 +69,12 @@ enum kiln_field_meaning {
     KILN_FIELD_FRACTION, /* 0 to 1: pictures show 1 as white */
     /* the first three components are a unit vector, world, or zero where there is none: means are brought to length 1,
      * and pictures show v / 2 + 1 / 2 */
-    KILN_FIELD_DIRECTION
+    KILN_FIELD_DIRECTION,
+    /* of what only views show (coordinator/view/show.h): linear colours, 0 to 1; places in the world; numbers that have
+     * no colour, on a scale of false ones */
+    KILN_FIELD_COLOR,
+    KILN_FIELD_PLACE,
+    KILN_FIELD_SCALE
 };
 
 /* A row of the table. Strings and arrays are static. */

@@ -30,6 +30,7 @@ static bool has_late_bounces(const struct kiln_job *job)
 static bool has_views(const struct kiln_job *job) { return job->only_visible_from != NULL; }
 static bool has_blocks(const struct kiln_job *job) { return job->indirect_scale > 0; }
 static bool has_nodes(const struct kiln_job *job) { return job->final_scale > 0; }
+static bool keeps_nodes(const struct kiln_job *job) { return job->patches.keep_nodes; }
 static bool has_caustics(const struct kiln_job *job) { return kiln_job_has_caustics(job); }
 static bool has_guide(const struct kiln_job *job) { return job->guide > 0; }
 static bool receives_visible(const struct kiln_job *job) { return job->exchange_points == KILN_EXCHANGE_VISIBLE; }
@@ -329,6 +330,19 @@ static const struct kiln_field table[] = {
          "differ by (Student's t, 3 degrees of freedom)",
      .noisy = true,
      .present = wants_parts},
+    {.name = "node",
+     .unit = "texel",
+     .type = KILN_FIELD_UINT16,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(node),
+     .saved = KILN_FIELD_SAVED,
+     .high = KILN_TILE_TEXELS,
+     .dataset = "/radiosity/node",
+     .description = "texels a side of the square that was one patch, when radiosity was last gathered from patches; 0: "
+                    "the point sends no light",
+     .present = keeps_nodes},
     {.name = "radiosity",
      .type = KILN_FIELD_FLOAT,
      .components = 3,
@@ -638,6 +652,8 @@ void kiln_field_floats(const struct kiln_field *field, const void *values, uint6
             floats[c] = (float)((const uint16_t *)values)[first + c] / 65535.0f;
             break;
         case KILN_FIELD_UINT16:
+            floats[c] = (float)((const uint16_t *)values)[first + c];
+            break;
         case KILN_FIELD_UINT32:
         case KILN_FIELD_UINT64:
         case KILN_FIELD_TILE_RUN:

@@ -31,6 +31,7 @@ static int create_patches(struct kiln_lockstep *l, struct kiln_error *error)
                                                .settings = p->settings,
                                                .direct = &l->solution->direct,
                                                .replayed = p->transport,
+                                               .own = &l->solution->own,
                                                .keeps_visibility = true};
     return kiln_patches_create(&l->patches, &source, error);
 }

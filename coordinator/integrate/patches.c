@@ -409,6 +409,21 @@ static uint64_t choose(const struct kiln_patches *p, struct square q, const stru
     return chosen;
 }
 
+/* Notes the side of the node that the own points of a square are in, if somebody asks. */
+static void note_node(const struct kiln_patches *p, struct square q)
+{
+    const struct kiln_surface *s = p->source.surface;
+    uint16_t *node = p->source.own != NULL ? (*p->source.own)->node : NULL;
+    for (uint32_t i = 0; node != NULL && i < q.side * q.side; i++) {
+        const uint32_t x = q.x + i % q.side, y = q.y + i / q.side;
+        if (x >= s->lightmaps[q.map].width || y >= s->lightmaps[q.map].height)
+            continue;
+        const uint64_t point = kiln_surface_find(s, q.map, x, y).at;
+        if (point != KILN_NO_POINT && point - s->first.at < s->count)
+            node[point - s->first.at] = p->points[point].area > 0.0f ? (uint16_t)q.side : 0;
+    }
+}
+
 /* Joins the last `count` nodes to one. */
 static void join(struct kiln_patches *p, struct square q, uint64_t count, const struct mean *mean)
 {
@@ -437,8 +452,10 @@ static uint64_t add_square(struct kiln_patches *p, struct square q)
     const struct kiln_lightmap *map = &s->lightmaps[q.map];
     if (q.x >= map->width || q.y >= map->height)
         return 0;
-    if (q.side == 1)
+    if (q.side == 1) {
+        note_node(p, q);
         return add_point(p, kiln_surface_find(s, q.map, q.x, q.y).at);
+    }
     const uint32_t half = q.side / 2;
     uint64_t count = 0, parts = 0;
     for (uint32_t i = 0; i < 4; i++) {
@@ -453,6 +470,7 @@ static uint64_t add_square(struct kiln_patches *p, struct square q)
     if (!may_join(p, nodes, count, &mean))
         return count;
     join(p, q, count, &mean);
+    note_node(p, q);
     return 1;
 }
 

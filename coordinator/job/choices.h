@@ -34,6 +34,7 @@ struct kiln_patch_settings {
     int undersample;     /* enum kiln_undersample */
     int window;          /* log2 of the texels a side of a window */
     double subdivide;    /* by how much what is one node may deviate; 0: nodes are not chosen by that */
+    bool keep_nodes;     /* kiln.h5 has the nodes of the last step */
     int node_max;        /* with it: log2 of the texels a side of a node, at most */
     bool clamp;          /* Kahl's largest factor and contribution */
     double albedo_scale; /* factor of what is reflected */
@@ -55,6 +56,8 @@ struct kiln_patch_settings {
 enum kiln_view_method { KILN_VIEW_METHOD_LIST(KILN_VIEW_METHOD_OF) KILN_VIEW_METHODS };
 #undef KILN_VIEW_METHOD_OF
 static inline bool kiln_view_is_traced(int method) { return method != KILN_VIEW_METHOD_lightmaps; }
+/* How texels of lightmaps are shown: mixed with their neighbours, or as squares. */
+enum kiln_view_filter_choice { KILN_VIEW_FILTER_LINEAR = 0, KILN_VIEW_FILTER_NEAREST = 1 };
 /* What takes noise out of path-traced views: nothing, or coordinator/view/bmfr.h. */
 enum kiln_view_denoise { KILN_VIEW_DENOISE_NONE = 0, KILN_VIEW_DENOISE_BMFR = 1 };
 static inline bool kiln_view_is_bidirectional(int method) { return method >= KILN_VIEW_METHOD_light; }

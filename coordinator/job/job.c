@@ -383,9 +383,9 @@ static int refuse_cells(struct kiln_job *job, struct kiln_error *error)
 /* What only patches have. */
 static int refuse_patches(struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_patches[] = {"patches",    "link-error",      "lights",       "undersample",
-                                             "directions", "sampling-window", "subdivide",    "node-max",
-                                             "gather",     "clamp",           "albedo-scale", "visibility-cache"};
+    static const char *const of_patches[] = {
+        "patches",  "link-error", "lights", "undersample",  "directions",       "sampling-window", "subdivide",
+        "node-max", "gather",     "clamp",  "albedo-scale", "visibility-cache", "keep-nodes"};
     for (size_t i = 0; i < sizeof of_patches / sizeof *of_patches; i++)
         if (given(job, of_patches[i]))
             return kiln_fail(error, KILN_USAGE,
@@ -447,6 +447,9 @@ static int check_nodes(struct kiln_job *job, struct kiln_error *error)
     if (given(job, "node-max") && !divides)
         return kiln_fail(error, KILN_USAGE,
                          "--node-max: all texels are taken; give --subdivide 0.1, or leave --node-max out");
+    if (job->patches.keep_nodes && !samples && !divides)
+        return kiln_fail(error, KILN_USAGE,
+                         "--keep-nodes: each texel is a node; give --undersample or --subdivide, or leave it out");
     if ((samples || divides) && job->store != KILN_STORE_KIND_LIGHTMAP)
         return kiln_fail(error, KILN_USAGE,
                          "--%s is for texels, which lie beside each other: give --store lightmap, or leave it out",

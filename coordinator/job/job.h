@@ -143,7 +143,9 @@ struct kiln_job {
     char *path;                          /* view: file of key frames */
     uint32_t frames;                     /* view: number of frames of the path; 0: 24 for each interval, and one */
     char *from, *to;                     /* "x,y,z", m: position and target of the eye */
-    char *show;                          /* "light", "texels", or the name of a field in the lightmaps */
+    char *show;                          /* "light", "texels", or what else coordinator/view/show.h has */
+    char *view_atlas;                    /* view: name of the object whose lightmap is drawn; NULL: a view */
+    int view_filter;                     /* view: enum kiln_view_filter_choice */
     double field_of_view;                /* degrees, vertical */
     int view_method;                     /* view: enum kiln_view_method */
     double merge_radius;                 /* m; 0: by the scene; bake: or KILN_MERGE_RADIUS_TEXEL (merge.h) */

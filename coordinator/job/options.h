@@ -93,7 +93,7 @@ struct kiln_command {
     bool folder;              /* the first argument is the folder of a bake */
     bool mpi;                 /* runs between MPI_Init and MPI_Finalize */
     const char *summary;      /* one line */
-    const char *examples[10]; /* command lines; ends with NULL */
+    const char *examples[12]; /* command lines; ends with NULL */
 };
 extern const struct kiln_command kiln_commands[];
 extern const size_t kiln_command_count;
