@@ -53,24 +53,8 @@ static void settle_paths(struct kiln_bake *b)
     b->light_settings.reference = &b->paths;
 }
 
-int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
+void kiln_bake_settle_light(struct kiln_bake *b)
 {
-    int status = find_visible(b, error);
-    if (status != KILN_OK)
-        return status;
-    kiln_phase(&b->phases, "emission");
-    kiln_progress_phase(b->progress, "emission", 0);
-    status = kiln_backend_emission(b->prepared->backend, KILN_EMISSION_SAMPLES, &b->emission, error);
-    status = kiln_bake_end_phase(b, status, error);
-    if (status != KILN_OK)
-        return status;
-    status = kiln_bake_groups_sort(b, error);
-    if (status == KILN_OK)
-        status = kiln_bake_transport_begin(b, error);
-    if (status != KILN_OK)
-        return status;
-    kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0,
-                       kiln_checkpoint_written(b->checkpoint));
     b->light_settings = kiln_light_settings(b->job, b->prepared->lights, b->prepared->surface->point_count);
     settle_paths(b);
     kiln_field_set_choose(&b->fields, b->job);
@@ -94,6 +78,27 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
                                                      .groups = b->groups.count > 0 ? &b->groups : NULL,
                                                      .transport = b->transport.is_on ? &b->transport : NULL,
                                                      .threads = b->prepared->threads};
+}
+
+int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
+{
+    int status = find_visible(b, error);
+    if (status != KILN_OK)
+        return status;
+    kiln_phase(&b->phases, "emission");
+    kiln_progress_phase(b->progress, "emission", 0);
+    status = kiln_backend_emission(b->prepared->backend, KILN_EMISSION_SAMPLES, &b->emission, error);
+    status = kiln_bake_end_phase(b, status, error);
+    if (status != KILN_OK)
+        return status;
+    status = kiln_bake_groups_sort(b, error);
+    if (status == KILN_OK)
+        status = kiln_bake_transport_begin(b, error);
+    if (status != KILN_OK)
+        return status;
+    kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0,
+                       kiln_checkpoint_written(b->checkpoint));
+    kiln_bake_settle_light(b);
     b->saves = true;
     status = kiln_integrate(&b->solution, &b->light_params, error);
     if (status == KILN_OK)

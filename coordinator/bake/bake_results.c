@@ -211,7 +211,10 @@ static int write_report(struct kiln_bake *b, struct kiln_error *error)
                                  .probe_rays = b->probe_rays,
                                  .directory = b->job->output};
     int status = kiln_run_report(&b->report, &run, error);
-    json_t *transport = kiln_bake_transport_json(b);
+    const bool of_states = b->job->states != NULL || b->job->listen; /* the same on all ranks */
+    json_t *transport = of_states ? NULL : kiln_bake_transport_json(b);
+    if (status == KILN_OK && b->rank == 0 && b->state != NULL)
+        (void)json_object_set(b->report, "relight", b->state);
     if (transport != NULL)
         (void)json_object_set_new(b->report, b->transport.replays ? "relight" : "transport", transport);
     if (status == KILN_OK && b->rank == 0) {
