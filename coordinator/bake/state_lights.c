@@ -182,7 +182,9 @@ static void see(void *context, const struct kiln_step *step, size_t first, size_
     struct kiln_state_lights *l = context;
     const struct kiln_surface *s = l->bake->prepared->surface;
     struct kept *k = l->filling;
-    const uint32_t place = l->bake->light_settings.parts > 1 ? step->part : step->samples_field != NULL ? 1 : 0;
+    const uint32_t place = l->bake->light_settings.parts > 1         ? step->part
+                           : step->samples_field != NULL && k->exact ? 1
+                                                                     : 0;
     k->steps = k->steps > place + 1 ? k->steps : place + 1;
     k->samples[place] = step->samples;
     struct answer *to = k->answers[place] + (s->tile_runs[first].first.at - s->first.at);
@@ -194,13 +196,11 @@ static void see(void *context, const struct kiln_step *step, size_t first, size_
         }
 }
 
-/* Means in place of sums: of each part of a bake in parts; else of pilot and second step together, which stand in the
- * solution. `white`: the albedo with which radiosity is incident light. */
-static void make_means(struct kiln_state_lights *l, struct kept *k)
+/* Means in place of sums, of each part of a bake in parts. */
+static void make_means(const struct kiln_state_lights *l, struct kept *k)
 {
-    const struct kiln_rank_data *own = kiln_states_solution(l->states, 0)->own;
     for (uint32_t s = 0; s < k->steps; s++)
-        for (uint64_t i = 0; i < own->surface.count; i++) {
+        for (uint64_t i = 0; i < l->bake->prepared->surface->count; i++) {
             struct answer *a = &k->answers[s][i];
             for (int c = 0; c < 3; c++) {
                 a->irradiance[c] = kiln_mean(a->irradiance[c], a->count);
@@ -209,16 +209,21 @@ static void make_means(struct kiln_state_lights *l, struct kept *k)
             a->error = kiln_mean(a->error, a->count);
             a->count = a->count > 0;
         }
-    if (l->bake->light_settings.parts > 1 || k->steps < 2)
-        return;
+}
+
+/* kiln_state_direct.end, of a bake in one part: what pilot and second step say together stands in the data. With an
+ * albedo of 1 radiosity is incident light. */
+static void end(void *context, const struct kiln_rank_data *own)
+{
+    struct kiln_state_lights *l = context;
+    struct kept *k = l->filling;
+    k->steps = 1;
     for (uint64_t i = 0; i < own->surface.count; i++) {
         struct answer *a = &k->answers[0][i];
         memcpy(a->irradiance, own->direct + 3 * i, sizeof a->irradiance);
         memcpy(a->incident, own->sum + 3 * i, sizeof a->incident);
-        a->error = own->error != NULL ? kiln_error_unpack(own->error[i]) : k->answers[1][i].error;
+        a->error = own->error != NULL ? kiln_error_unpack(own->error[i]) : kiln_mean(a->error, a->count);
     }
-    kiln_free(&k->answers[1]);
-    k->steps = 1;
 }
 
 /* Settings of direct light alone. */
@@ -236,7 +241,8 @@ static struct kiln_integrate_settings direct_alone(const struct kiln_state_light
 static int trace(struct kiln_state_lights *l, struct kept *k, struct kiln_error *error)
 {
     const struct kiln_prepared *p = l->bake->prepared;
-    const uint32_t steps = l->bake->light_settings.parts > 1 ? KILN_PARTS : 2;
+    const bool in_parts = l->bake->light_settings.parts > 1, together = !k->exact && !in_parts;
+    const uint32_t steps = in_parts ? KILN_PARTS : k->exact ? 2 : 1;
     const struct kiln_integrate_settings settings = direct_alone(l);
     int status = KILN_OK;
     for (uint32_t i = 0; i < steps && status == KILN_OK; i++)
@@ -246,12 +252,14 @@ static int trace(struct kiln_state_lights *l, struct kept *k, struct kiln_error 
     if (status == KILN_OK)
         status = kiln_agree(p->communicator,
                             kiln_backend_emission(p->backend, KILN_EMISSION_SAMPLES, &k->emission, error), error);
-    const struct kiln_state state = {
-        .settings = &settings, .emission = &k->emission, .albedo = l->white, .direct = {.see = see, .context = l}};
+    const struct kiln_state state = {.settings = &settings,
+                                     .emission = &k->emission,
+                                     .albedo = l->white,
+                                     .direct = {.see = see, .end = together ? end : NULL, .context = l}};
     l->filling = k;
     if (status == KILN_OK)
         status = kiln_states_solve(l->states, &state, 1, error);
-    if (status == KILN_OK && !k->exact)
+    if (status == KILN_OK && !k->exact && in_parts)
         make_means(l, k);
     l->traced++;
     return status;

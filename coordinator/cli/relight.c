@@ -118,8 +118,8 @@ static int print_states(const struct kiln_bake *bake, const struct kiln_job *job
         return kiln_json_print(json_incref(kiln_bake_report(bake)), error);
     if (job->quiet)
         return KILN_OK;
-    kiln_print(stdout, "loaded in %.2f s\n%-32s %10s %10s\n", json_real_value(json_object_get(report, "load_seconds")),
-               "state", "solved, s", "written, s");
+    kiln_print(stdout, "loaded in %.2f s\n", json_real_value(json_object_get(report, "load_seconds")));
+    kiln_print(stdout, "%-32s %10s %10s\n", "state", "solved, s", "written, s");
     json_array_foreach(states, i, one) kiln_print(
         stdout, "%-32s %10.3f %10.3f\n", json_string_value(json_object_get(one, "state")),
         json_real_value(json_object_get(one, "solve_seconds")), json_real_value(json_object_get(one, "write_seconds")));

@@ -35,8 +35,8 @@ struct kiln_states {
     struct kiln_resident *resident;
     struct slot *slots;
     size_t width, active;
-    uint64_t *radiosity; /* of the states that gather together: resident_rows.h */
-    uint8_t *wanted;     /* of each own tile run: a state asks for it */
+    float *light;    /* of the states that gather together: resident_rows.h */
+    uint8_t *wanted; /* of each own tile run: a state asks for it */
 };
 
 /* ---- making ---- */
@@ -95,7 +95,8 @@ int kiln_states_create(struct kiln_states **states, const struct kiln_integrate_
                        struct kiln_resident *resident, size_t width, struct kiln_error *error)
 {
     struct kiln_states *st = NULL;
-    const size_t lanes = width > 1 ? (width + KILN_RESIDENT_LANES - 1) / KILN_RESIDENT_LANES * KILN_RESIDENT_LANES : 1;
+    const uint32_t groups = (uint32_t)((width + KILN_RESIDENT_LANES - 1) / KILN_RESIDENT_LANES),
+                   lanes = width > 1 ? groups * KILN_RESIDENT_LANES : 1;
     int status = kiln_allocate(&st, 1, sizeof *st, "the states", error);
     if (status == KILN_OK) {
         st->params = params;
@@ -105,8 +106,8 @@ int kiln_states_create(struct kiln_states **states, const struct kiln_integrate_
     if (status == KILN_OK)
         status = kiln_allocate(&st->wanted, params->surface->tile_run_count, 1, "the states", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&st->radiosity, lanes * (size_t)params->surface->point_count, sizeof *st->radiosity,
-                               "the radiosity of states", error);
+        status = kiln_allocate(&st->light, (size_t)kiln_resident_floats(params->surface->point_count, lanes),
+                               sizeof *st->light, "the radiosity of states", error);
     *states = st;
     status = kiln_agree(params->communicator, status, error);
     for (size_t i = 0; i < width && status == KILN_OK; i++) {
@@ -131,7 +132,7 @@ void kiln_states_destroy(struct kiln_states **states)
     }
     kiln_free(&st->slots);
     kiln_free(&st->wanted);
-    kiln_free(&st->radiosity);
+    kiln_free(&st->light);
     kiln_free(states);
 }
 
@@ -286,6 +287,8 @@ static int trace(struct slot *s, struct kiln_error *error)
         status = kiln_backend_run(p->backend, s->step.pass, s->step.parameters, &batch, &report->rays, error);
     report->seconds += MPI_Wtime() - start;
     kiln_batches_release(&batches);
+    if (status == KILN_OK && s->step.pass == &kiln_pass_direct && s->state.direct.end != NULL)
+        s->state.direct.end(s->state.direct.context, s->solution->own);
     return status;
 }
 
@@ -322,26 +325,31 @@ static bool wants(const struct slot *s, size_t tile_run)
     return samples == NULL || samples[tile_run] > 0;
 }
 
-/* States that gather together, in groups of so many lanes; the radiosity of a group follows that of the one before. */
+/* States that gather together, in groups of so many lanes; the light of a group follows that of the one before. */
 struct flock {
     struct slot *of[KILN_STATES_MOST];
     size_t count;
     const struct kiln_resident_rows *rows;
 };
 
-static void lay_radiosity(const struct kiln_states *st, const struct flock *flock)
+static uint32_t lanes_of(const struct flock *flock, size_t state)
 {
-    const int64_t points = (int64_t)st->params->surface->point_count;
-    uint64_t *to = st->radiosity;
-    for (size_t first = 0; first < flock->count; first += KILN_RESIDENT_LANES) {
-        const size_t left = flock->count - first;
-        const uint32_t lanes = kiln_resident_lanes(left);
-#pragma omp parallel for schedule(static) num_threads((int)st->params->threads)
-        for (int64_t i = 0; i < points; i++)
-            for (uint32_t l = 0; l < lanes; l++)
-                to[(size_t)i * lanes + l] = l < left ? flock->of[first + l]->solution->radiosity[i] : 0;
-        to += (size_t)points * lanes;
-    }
+    return kiln_resident_lanes(flock->count - state / KILN_RESIDENT_LANES * KILN_RESIDENT_LANES);
+}
+
+/* The light of the group that a state is in. */
+static float *light_of(const struct kiln_states *st, size_t state)
+{
+    const uint64_t points = st->params->surface->point_count;
+    return st->light + state / KILN_RESIDENT_LANES * kiln_resident_floats(points, KILN_RESIDENT_LANES);
+}
+
+static void lay_light(const struct kiln_states *st, const struct flock *flock)
+{
+#pragma omp parallel for schedule(dynamic, 1) num_threads((int)st->params->threads)
+    for (size_t i = 0; i < flock->count; i++)
+        kiln_resident_light(flock->of[i]->solution->radiosity, st->params->surface->point_count,
+                            (uint32_t)(i % KILN_RESIDENT_LANES), lanes_of(flock, i), light_of(st, i));
 }
 
 /* The answers of one tile run, to its place among those of the block that begins with tile run `begin`. */
@@ -350,17 +358,14 @@ static void gather_run(const struct kiln_states *st, const struct flock *flock, 
     const struct kiln_surface *surface = &flock->of[0]->solution->own->surface;
     const struct kiln_tile_run *run = &surface->tile_runs[tile_run];
     const uint64_t at = run->first.at - surface->tile_runs[begin].first.at;
-    const uint64_t *radiosity = st->radiosity;
     if (st->wanted[tile_run] == 0)
         return;
     for (size_t first = 0; first < flock->count; first += KILN_RESIDENT_LANES) {
-        const size_t left = flock->count - first;
-        const uint32_t lanes = kiln_resident_lanes(left);
         struct kiln_point_result *results[KILN_RESIDENT_LANES] = {NULL};
-        for (uint32_t l = 0; l < lanes && l < left; l++)
-            results[l] = flock->of[first + l]->results + at;
-        kiln_resident_gather(flock->rows, run, tile_run, radiosity, lanes, results);
-        radiosity += (size_t)surface->point_count * lanes;
+        for (size_t i = first; i < flock->count && i < first + KILN_RESIDENT_LANES; i++)
+            results[i - first] = flock->of[i]->results + at;
+        kiln_resident_gather(flock->rows, run, tile_run, light_of(st, first), surface->point_count,
+                             lanes_of(flock, first), results);
     }
 }
 
@@ -393,7 +398,7 @@ static int gather(struct kiln_states *st, struct flock *flock, struct kiln_error
         status = kiln_resident_step(st->resident, flock->of[0]->solution, &flock->of[0]->step, st->wanted, &flock->rows,
                                     error);
     if (status == KILN_OK)
-        lay_radiosity(st, flock);
+        lay_light(st, flock);
     for (size_t begin = 0; begin < runs && status == KILN_OK; begin += AT_ONCE) {
         const size_t end = runs - begin < AT_ONCE ? runs : begin + AT_ONCE;
 #pragma omp parallel for schedule(dynamic, 4) num_threads((int)p->threads)

@@ -18,6 +18,8 @@ struct kiln_state_direct {
     /* Sees the answers that were traced; NULL: nobody does. */
     void (*see)(void *context, const struct kiln_step *step, size_t first, size_t count,
                 const struct kiln_point_result *results);
+    /* Sees the own data when a step was traced and taken; NULL: nobody does. */
+    void (*end)(void *context, const struct kiln_rank_data *own);
     void *context;
 };
 

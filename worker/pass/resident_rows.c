@@ -4,9 +4,9 @@
 #include <string.h>
 
 #include "shaders/shared/color.h"
-#include "shaders/shared/radiosity.h"
 #include "worker/base/clones.h"
 #include "worker/base/memory.h"
+#include "worker/scene/radiosity.h"
 
 enum { QUARTERS = 4 };
 
@@ -71,96 +71,131 @@ void kiln_resident_take(const struct kiln_resident_rows *r, const struct kiln_su
     r->ready[tile_run] = 1;
 }
 
+/* ---- light ---- */
+
+void kiln_resident_light(const uint64_t *radiosity, uint64_t points, uint32_t lane, uint32_t lanes, float *light)
+{
+    float *to = light + lane;
+    for (uint64_t i = 0; i < points; i++, to += 4 * (size_t)lanes) {
+        float rgb[3];
+        kiln_radiosity_unpack(radiosity[i], rgb);
+        for (size_t c = 0; c < 3; c++)
+            to[c * lanes] = rgb[c];
+        to[3 * (size_t)lanes] = kiln_luminance_in_float(rgb);
+    }
+    for (size_t c = 0; c < 4; c++)
+        to[c * lanes] = 0.0f;
+}
+
 /* ---- gathering ---- */
 
-/* What the rays of a point find under each light, in the order of the samples. */
+typedef float floats __attribute__((vector_size(16)));
+typedef double doubles __attribute__((vector_size(32)));
+
+/* What the rays of a point find: of each light red, green and blue, as incident light and as irradiance, and the
+ * luminance of irradiance by quarters of the samples. */
 struct sums {
-    double incident[3][KILN_RESIDENT_LANES], irradiance[3][KILN_RESIDENT_LANES];
+    double incident[3 * KILN_RESIDENT_LANES], irradiance[3 * KILN_RESIDENT_LANES];
     double quarter[QUARTERS][KILN_RESIDENT_LANES];
 };
 
-static inline uint32_t place_of(uint32_t word) { return word < KILN_ROW_POINTS ? word : 0; }
+/* Where the light of what a ray has met stands: beyond the points all is 0. */
+static inline uint64_t place_of(uint32_t word, uint64_t points) { return word < KILN_ROW_POINTS ? word : points; }
 
-/* Adds one ray. `seen`: it has met a surface point; else it counts with 0. `weight`: NULL: both are 1. */
-static inline __attribute__((always_inline)) void add_ray(struct sums *restrict s, double *restrict quarter,
-                                                          const uint64_t *restrict radiosity, bool seen,
-                                                          const float *restrict weight, const uint32_t lanes)
+static inline floats load(const float *from)
 {
-    const uint64_t mask = seen ? UINT64_MAX : 0;
-    const float facet = weight != NULL ? weight[0] : 1.0f, shading = weight != NULL ? weight[1] : 1.0f;
-    for (uint32_t i = 0; i < lanes; i++) {
-        const uint64_t packed = radiosity[i] & mask;
-        const uint32_t low = (uint32_t)packed, high = (uint32_t)(packed >> 32);
-        const uint32_t bits[3] = {kiln_radiosity_red(low), kiln_radiosity_green(low, high), kiln_radiosity_blue(high)};
-        float rgb[3];
-        memcpy(rgb, bits, sizeof rgb);
-        for (int c = 0; c < 3; c++) {
-            s->incident[c][i] += (double)(facet * rgb[c]);
-            if (weight != NULL)
-                s->irradiance[c][i] += (double)(shading * rgb[c]);
-        }
-        quarter[i] += (double)(shading * kiln_luminance_in_float(rgb));
-    }
+    floats value;
+    memcpy(&value, from, sizeof value);
+    return value;
 }
 
-enum { AHEAD = 12 }; /* rays: so far ahead radiosity is fetched */
+enum { AHEAD = 12 }; /* rays: so far ahead light is fetched */
 
+/* Sums in the order of the samples, as the gather pass has them: of 4 lanes floats that stand side by side, the last
+ * `lanes` of which are luminance, and are taken away at the end of each quarter. `weights`: NULL: all are 1. */
 static inline __attribute__((always_inline)) void sum_row(struct sums *restrict s, const uint32_t *restrict words,
                                                           const float *restrict weights, uint32_t samples,
-                                                          const uint64_t *restrict radiosity, const uint32_t lanes)
+                                                          const float *restrict light, uint64_t points,
+                                                          const uint32_t lanes)
 {
+    doubles facet[KILN_RESIDENT_LANES], shading[KILN_RESIDENT_LANES];
     uint32_t k = 0;
-    memset(s, 0, sizeof *s);
+#pragma GCC unroll 8
+    for (uint32_t i = 0; i < lanes; i++)
+        facet[i] = shading[i] = (doubles){0.0, 0.0, 0.0, 0.0};
     for (uint32_t q = 0; q < QUARTERS; q++) {
         const uint32_t end = (uint32_t)(((uint64_t)(q + 1) * samples + QUARTERS - 1) / QUARTERS);
         for (; k < end; k++) {
             const uint32_t ahead = words[k + AHEAD < samples ? k + AHEAD : k];
-            __builtin_prefetch(&radiosity[(uint64_t)place_of(ahead) * lanes]);
-            add_ray(s, s->quarter[q], &radiosity[(uint64_t)place_of(words[k]) * lanes], words[k] < KILN_ROW_POINTS,
-                    weights != NULL ? weights + 2 * (size_t)k : NULL, lanes);
+            const float *far = light + 4 * lanes * place_of(ahead, points);
+            const float *from = light + 4 * lanes * place_of(words[k], points);
+            __builtin_prefetch(far);
+            if (lanes > 4)
+                __builtin_prefetch(far + 16);
+#pragma GCC unroll 8
+            for (uint32_t i = 0; i < lanes; i++) {
+                const floats value = load(from + 4 * (size_t)i);
+                if (weights == NULL) {
+                    facet[i] += __builtin_convertvector(value, doubles);
+                } else {
+                    facet[i] += __builtin_convertvector(value * weights[2 * (size_t)k], doubles);
+                    shading[i] += __builtin_convertvector(value * weights[2 * (size_t)k + 1], doubles);
+                }
+            }
         }
+        double all[4 * KILN_RESIDENT_LANES];
+        doubles *sum = weights == NULL ? facet : shading;
+        memcpy(all, sum, lanes * sizeof *sum);
+        for (uint32_t i = 0; i < lanes; i++) {
+            s->quarter[q][i] = all[3 * lanes + i];
+            all[3 * lanes + i] = 0.0;
+        }
+        memcpy(sum, all, lanes * sizeof *sum);
     }
+    memcpy(s->incident, facet, 3 * lanes * sizeof *s->incident);
+    memcpy(s->irradiance, weights == NULL ? facet : shading, 3 * lanes * sizeof *s->irradiance);
 }
 
-KILN_CLONES static void sum_flat_1(struct sums *s, const uint32_t *words, uint32_t n, const uint64_t *radiosity)
-{
-    sum_row(s, words, NULL, n, radiosity, 1);
-}
-KILN_CLONES static void sum_flat_2(struct sums *s, const uint32_t *words, uint32_t n, const uint64_t *radiosity)
-{
-    sum_row(s, words, NULL, n, radiosity, 2);
-}
-KILN_CLONES static void sum_flat_4(struct sums *s, const uint32_t *words, uint32_t n, const uint64_t *radiosity)
-{
-    sum_row(s, words, NULL, n, radiosity, 4);
-}
-KILN_CLONES static void sum_flat_8(struct sums *s, const uint32_t *words, uint32_t n, const uint64_t *radiosity)
-{
-    sum_row(s, words, NULL, n, radiosity, 8);
-}
-KILN_CLONES static void sum_smooth(struct sums *s, const uint32_t *words, const float *weights, uint32_t n,
-                                   const uint64_t *radiosity, uint32_t lanes)
+#define SUM_FUNCTIONS(lanes)                                                                                           \
+    KILN_CLONES static void sum_flat_##lanes(struct sums *s, const uint32_t *words, uint32_t samples,                  \
+                                             const float *light, uint64_t points)                                      \
+    {                                                                                                                  \
+        sum_row(s, words, NULL, samples, light, points, lanes);                                                        \
+    }                                                                                                                  \
+    KILN_CLONES static void sum_smooth_##lanes(struct sums *s, const uint32_t *words, const float *weights,            \
+                                               uint32_t samples, const float *light, uint64_t points)                  \
+    {                                                                                                                  \
+        sum_row(s, words, weights, samples, light, points, lanes);                                                     \
+    }
+SUM_FUNCTIONS(1)
+SUM_FUNCTIONS(2)
+SUM_FUNCTIONS(4)
+SUM_FUNCTIONS(8)
+
+static void sum_flat(struct sums *s, const uint32_t *words, uint32_t samples, const float *light, uint64_t points,
+                     uint32_t lanes)
 {
     if (lanes == 1)
-        sum_row(s, words, weights, n, radiosity, 1);
+        sum_flat_1(s, words, samples, light, points);
     else if (lanes == 2)
-        sum_row(s, words, weights, n, radiosity, 2);
+        sum_flat_2(s, words, samples, light, points);
     else if (lanes == 4)
-        sum_row(s, words, weights, n, radiosity, 4);
+        sum_flat_4(s, words, samples, light, points);
     else
-        sum_row(s, words, weights, n, radiosity, 8);
+        sum_flat_8(s, words, samples, light, points);
 }
 
-static void sum_flat(struct sums *s, const uint32_t *words, uint32_t samples, const uint64_t *radiosity, uint32_t lanes)
+static void sum_smooth(struct sums *s, const uint32_t *words, const float *weights, uint32_t samples,
+                       const float *light, uint64_t points, uint32_t lanes)
 {
     if (lanes == 1)
-        sum_flat_1(s, words, samples, radiosity);
+        sum_smooth_1(s, words, weights, samples, light, points);
     else if (lanes == 2)
-        sum_flat_2(s, words, samples, radiosity);
+        sum_smooth_2(s, words, weights, samples, light, points);
     else if (lanes == 4)
-        sum_flat_4(s, words, samples, radiosity);
+        sum_smooth_4(s, words, weights, samples, light, points);
     else
-        sum_flat_8(s, words, samples, radiosity);
+        sum_smooth_8(s, words, weights, samples, light, points);
 }
 
 /* As the Embree backend's rays_quarters_error: standard error of the sum, of the means of its quarters. */
@@ -178,34 +213,34 @@ static float error_of(const struct sums *s, uint32_t lane, uint32_t samples)
     return (float)(samples * sqrt(square / (QUARTERS * (QUARTERS - 1))));
 }
 
-static void store(const struct sums *s, const struct kiln_resident_point *point, bool smooth, uint32_t lane,
+static void store(const struct sums *s, const struct kiln_resident_point *point, uint32_t lane, uint32_t lanes,
                   struct kiln_point_result *r)
 {
     *r = (struct kiln_point_result){
         .escaped = point->escaped, .blocked = point->blocked, .present = point->present, .count = point->count};
-    for (int c = 0; c < 3; c++) {
-        r->incident[c] = (float)s->incident[c][lane];
-        r->irradiance[c] = smooth ? (float)s->irradiance[c][lane] : r->incident[c];
+    for (uint32_t c = 0; c < 3; c++) {
+        r->incident[c] = (float)s->incident[c * lanes + lane];
+        r->irradiance[c] = (float)s->irradiance[c * lanes + lane];
     }
     r->error = error_of(s, lane, point->count);
 }
 
 void kiln_resident_gather(const struct kiln_resident_rows *r, const struct kiln_tile_run *run, size_t number,
-                          const uint64_t *radiosity, uint32_t lanes, struct kiln_point_result *const results[])
+                          const float *light, uint64_t points, uint32_t lanes,
+                          struct kiln_point_result *const results[])
 {
     const uint64_t first = run->first.at - r->first, at = r->weights_at[number];
-    const bool smooth = at != KILN_RESIDENT_FLAT;
     struct sums s;
     for (uint32_t k = 0; k < run->count; k++) {
         const struct kiln_resident_point *point = &r->points[first + k];
         const uint32_t *words = kiln_resident_row(r, first + k) + 1;
-        if (point->count > 0 && smooth)
-            sum_smooth(&s, words, r->weights + at + 2 * (uint64_t)k * r->samples, point->count, radiosity, lanes);
-        else if (point->count > 0)
-            sum_flat(&s, words, point->count, radiosity, lanes);
-        else
+        if (point->count == 0)
             memset(&s, 0, sizeof s);
+        else if (at == KILN_RESIDENT_FLAT)
+            sum_flat(&s, words, point->count, light, points, lanes);
+        else
+            sum_smooth(&s, words, r->weights + at + 2 * (uint64_t)k * r->samples, point->count, light, points, lanes);
         for (uint32_t i = 0; i < lanes && results[i] != NULL; i++)
-            store(&s, point, smooth, i, &results[i][k]);
+            store(&s, point, i, lanes, &results[i][k]);
     }
 }

@@ -47,18 +47,23 @@ static inline uint32_t *kiln_resident_row(const struct kiln_resident_rows *r, ui
 void kiln_resident_take(const struct kiln_resident_rows *resident, const struct kiln_surface *surface, size_t tile_run,
                         const struct kiln_point_result *results);
 
-/* Lights that are gathered together: the radiosity of a point under each stands side by side, 0 beyond the last. */
+/* Lights that are gathered together stand side by side in lanes; so many hold `lights` of them: 1, 2, 4 or 8. */
 enum { KILN_RESIDENT_LANES = 8 };
-/* So many lanes hold `lights` lights: 1, 2, 4 or 8. */
 static inline uint32_t kiln_resident_lanes(size_t lights)
 {
     return lights <= 1 ? 1 : lights <= 2 ? 2 : lights <= 4 ? 4 : 8;
 }
+static inline uint64_t kiln_resident_floats(uint64_t points, uint32_t lanes) { return 4 * (points + 1) * lanes; }
 
-/* The answers of a ready tile run under up to `lanes` lights. `radiosity`: packed, `lanes` for each point of the scene.
- * `results`: of light i, from results[i] on, one for each point of the tile run. */
+/* Unpacks the radiosity of all points under one light to its lane: of each point red, green, blue and luminance,
+ * `lanes` floats each; and one point more, which is black. */
+void kiln_resident_light(const uint64_t *radiosity, uint64_t points, uint32_t lane, uint32_t lanes, float *light);
+
+/* The answers of a ready tile run, the surface's `number`th, under up to `lanes` lights, of which `light` has the
+ * radiosity of all `points` of the scene. `results`: of light i, from results[i] on, one for each point of the tile
+ * run; NULL: there is no such light. */
 void kiln_resident_gather(const struct kiln_resident_rows *resident, const struct kiln_tile_run *tile_run,
-                          size_t number, const uint64_t *radiosity, uint32_t lanes,
+                          size_t number, const float *light, uint64_t points, uint32_t lanes,
                           struct kiln_point_result *const results[]);
 
 #endif
