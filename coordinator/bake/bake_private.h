@@ -56,9 +56,10 @@ struct kiln_bake {
     size_t transport_file_count;
     json_t *preview; /* rank 0: its camera and exposure; NULL: none */
     char preview_text[KILN_VIEWPOINT_TEXT];
-    bool exported;  /* scene.glb has been written */
-    json_t *report; /* rank 0: content of run.json */
-    json_t *state;  /* rank 0, bake_states.c: what run.json says of the state that is written; NULL: it is none */
+    bool exported;       /* scene.glb has been written */
+    json_t *report;      /* rank 0: content of run.json */
+    const uint8_t *only; /* bake_states.c: lightmaps that are to be written (output.h); NULL: all */
+    json_t *state;       /* rank 0, bake_states.c: what run.json says of the state that is written; NULL: it is none */
 };
 
 /* Agrees on errors at the end of a phase. Time spent waiting for other ranks does not count for the phase. */

@@ -50,6 +50,7 @@ struct engine {
     uint64_t *written, *light;
     uint8_t *only;
     bool any_written;
+    uint64_t written_scene;
 };
 
 static struct spent now(void) { return (struct spent){MPI_Wtime(), (double)clock() / CLOCKS_PER_SEC}; }
@@ -256,7 +257,8 @@ static int become(struct engine *e, size_t place, const char *folder, struct kil
 
 static void forget(struct kiln_bake *b)
 {
-    kiln_free(&b->lightmaps);
+    if (b->only == NULL)
+        kiln_free(&b->lightmaps);
     kiln_vertex_light_release(&b->vertices);
     b->vertices = (struct kiln_vertex_light){0};
     kiln_volume_destroy(&b->volume);
@@ -266,6 +268,7 @@ static void forget(struct kiln_bake *b)
     json_decref(b->preview);
     json_decref(b->state);
     b->report = b->preview = b->state = NULL;
+    b->exported = false;
 }
 
 static json_t *state_json(const struct engine *e, size_t place)
@@ -432,6 +435,193 @@ static int run_states(struct engine *e, struct kiln_error *error)
     return said;
 }
 
+/* ---- --listen ---- */
+
+/* Standard input by lines. */
+struct input {
+    char bytes[(1 << 16) + 1];
+    size_t used, taken; /* bytes that are there; of these, those of the line before */
+    bool ended;
+};
+
+/* Waits for bytes; false: none came before something asked to stop. */
+static bool wait_for_input(const struct kiln_stop *stop)
+{
+    struct pollfd input = {.fd = STDIN_FILENO, .events = POLLIN};
+    while (!kiln_stop_asked(stop))
+        if (poll(&input, 1, 200) > 0)
+            return true;
+    return false;
+}
+
+/* The next line, ended by a 0; NULL: there is none. KILN_BAD_INPUT: it is too long. */
+static int read_line(struct input *in, const struct kiln_stop *stop, char **line, struct kiln_error *error)
+{
+    *line = NULL;
+    memmove(in->bytes, in->bytes + in->taken, in->used - in->taken);
+    in->used -= in->taken;
+    in->taken = 0;
+    for (;;) {
+        char *end = memchr(in->bytes, '\n', in->used);
+        if (end == NULL && in->ended && in->used > 0)
+            end = in->bytes + in->used;
+        if (end != NULL) {
+            *end = '\0';
+            *line = in->bytes;
+            in->taken = (size_t)(end - in->bytes) + (end < in->bytes + in->used);
+            return KILN_OK;
+        }
+        if (in->ended)
+            return KILN_OK;
+        if (in->used == sizeof in->bytes - 1)
+            return kiln_fail(error, KILN_BAD_INPUT, "standard input: a line is longer than %zu bytes",
+                             sizeof in->bytes - 1);
+        if (!wait_for_input(stop))
+            return kiln_give_up(error);
+        const ssize_t got = read(STDIN_FILENO, in->bytes + in->used, sizeof in->bytes - 1 - in->used);
+        in->ended = got <= 0;
+        in->used += got > 0 ? (size_t)got : 0;
+    }
+}
+
+/* Collective. The next line, as rank 0 reads it; *text NULL: there is none. */
+static int next_line(const struct engine *e, struct input *in, char **text, struct kiln_error *error)
+{
+    const struct kiln_bake *b = e->b;
+    uint64_t bytes = 0;
+    int status = b->rank == 0 ? read_line(in, kiln_control_stop(b->control), text, error) : KILN_OK;
+    kiln_control_meet(b->control);
+    status = kiln_agree(b->communicator, status, error);
+    if (b->rank == 0 && *text != NULL)
+        bytes = strlen(*text) + 1;
+    (void)MPI_Bcast(&bytes, 1, MPI_UINT64_T, 0, b->communicator);
+    if (b->rank != 0)
+        *text = bytes > 0 ? in->bytes : NULL;
+    if (bytes > 0)
+        (void)MPI_Bcast(in->bytes, (int)bytes, MPI_CHAR, 0, b->communicator);
+    return status;
+}
+
+/* Of each lightmap a hash of the light of its points. Collective. */
+static void hash_light(const struct engine *e)
+{
+    const struct kiln_bake *b = e->b;
+    const struct kiln_rank_data *own = kiln_states_solution(e->states, 0)->own;
+    memset(e->light, 0, own->surface.map_count * sizeof *e->light);
+    for (size_t i = 0; i < b->fields.count; i++) {
+        const struct kiln_field *field = b->fields.entry[i].field;
+        if (field->life != KILN_FIELD_RESULT || field->domain != KILN_DOMAIN_POINT)
+            continue;
+        const char *values = kiln_rank_field(own, &b->fields, i);
+        const size_t size = kiln_field_size(field);
+        for (size_t f = 0; values != NULL && f < own->surface.tile_run_count; f++) {
+            const struct kiln_tile_run *run = &own->surface.tile_runs[f];
+            const uint64_t at = kiln_own_of_global(&own->surface, run->first).at, seed = run->first.at * 64 + i;
+            e->light[run->map] += XXH3_64bits_withSeed(values + at * size, run->count * size, seed);
+        }
+    }
+    (void)MPI_Allreduce(MPI_IN_PLACE, e->light, (int)own->surface.map_count, MPI_UINT64_T, MPI_SUM, b->communicator);
+}
+
+static uint64_t hash_scene(const struct engine *e)
+{
+    const struct kiln_scene *s = e->b->prepared->scene;
+    const struct kiln_state_scene *scene = &e->ones[0].scene;
+    uint64_t hash = XXH3_64bits(scene->lights, s->light_count * sizeof *scene->lights);
+    hash = XXH3_64bits_withSeed(scene->materials, s->material_count * sizeof *scene->materials, hash);
+    return XXH3_64bits_withSeed(&scene->environment, sizeof scene->environment, hash);
+}
+
+/* Collective. Writes what of the state is not as it was written last. Returns in *maps how many lightmaps' light has
+ * changed. */
+static int write_changes(struct engine *e, size_t *maps, struct kiln_error *error)
+{
+    struct kiln_bake *b = e->b;
+    const size_t count = b->prepared->surface->map_count;
+    const uint64_t scene = hash_scene(e);
+    int status = KILN_OK;
+    hash_light(e);
+    *maps = 0;
+    for (size_t i = 0; i < count; i++) {
+        e->only[i] = !e->any_written || e->light[i] != e->written[i];
+        *maps += e->only[i] != 0 && b->prepared->surface->lightmaps[i].published != 0;
+    }
+    e->ones[0].write = (struct spent){0.0, 0.0};
+    if (*maps == 0 && e->any_written && scene == e->written_scene)
+        return KILN_OK;
+    b->only = e->any_written ? e->only : NULL;
+    status = write_state(e, 0, e->output, error);
+    b->only = e->only; /* reports are kept until the next */
+    if (status == KILN_OK) {
+        memcpy(e->written, e->light, count * sizeof *e->written);
+        e->written_scene = scene;
+        e->any_written = true;
+    }
+    return status;
+}
+
+static void answer(const struct engine *e, json_t *json)
+{
+    char *text = e->b->rank == 0 ? json_dumps(json, JSON_COMPACT) : NULL;
+    if (text != NULL) {
+        (void)printf("%s\n", text);
+        (void)fflush(stdout);
+    }
+    free(text);
+    json_decref(json);
+}
+
+/* Collective. What a line asks for. A line that is wrong is answered, and changes nothing. */
+static int do_line(struct engine *e, uint64_t number, const char *line, struct kiln_error *error)
+{
+    char where[32], *changes = NULL;
+    const struct spent load = e->load;
+    struct kiln_error own;
+    size_t maps = 0;
+    (void)snprintf(where, sizeof where, "line %llu", (unsigned long long)number);
+    int wrong = kiln_changes_line(line, where, &changes, &own);
+    if (wrong == KILN_OK)
+        wrong = apply(e, &e->ones[0], changes, &own);
+    free(changes);
+    wrong = kiln_agree(e->b->communicator, wrong, &own);
+    if (wrong != KILN_OK) {
+        answer(e, json_pack("{s:I, s:i, s:s}", "line", (json_int_t)number, "status", wrong, "error", own.message));
+        return wrong == KILN_SYSTEM ? kiln_fail(error, wrong, "%s", own.message) : KILN_OK;
+    }
+    e->ones[0].name = where;
+    int status = solve(e, 1, error);
+    if (status == KILN_OK)
+        status = write_changes(e, &maps, error);
+    if (status != KILN_OK)
+        return status;
+    json_t *json = times_json(&e->ones[0]);
+    (void)json_object_del(json, "state");
+    (void)json_object_set_new(json, "line", json_integer((json_int_t)number));
+    (void)json_object_set_new(json, "status", json_integer(KILN_OK));
+    (void)json_object_set_new(json, "load_seconds", json_real(e->load.seconds - load.seconds));
+    (void)json_object_set_new(json, "lightmaps", json_integer((json_int_t)maps));
+    answer(e, json);
+    return KILN_OK;
+}
+
+static int listen_to_input(struct engine *e, struct kiln_error *error)
+{
+    struct input *in = NULL;
+    char *line = NULL;
+    uint64_t number = 0;
+    int status = kiln_agree(e->b->communicator, kiln_allocate(&in, 1, sizeof *in, "standard input", error), error);
+    while (status == KILN_OK) {
+        status = next_line(e, in, &line, error);
+        if (status != KILN_OK || line == NULL)
+            break;
+        number++;
+        if (line[strspn(line, " \t\r")] != '\0')
+            status = do_line(e, number, line, error);
+    }
+    kiln_free(&in);
+    return status;
+}
+
 /* ---- all ---- */
 
 static size_t width_of(const struct kiln_job *job)
@@ -460,7 +650,8 @@ int kiln_bake_states(struct kiln_bake *b, struct kiln_error *error)
     kiln_progress_phase(b->progress, "relight", 0);
     status = create(e, error);
     if (status == KILN_OK)
-        status = run_states(e, error);
+        status = b->job->listen ? listen_to_input(e, error) : run_states(e, error);
+    b->only = NULL;
     destroy(e);
     b->settled.output = (char *)(uintptr_t)b->asked->output;
     kiln_free(&e);
