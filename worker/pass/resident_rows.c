@@ -109,6 +109,9 @@ static inline floats load(const float *from)
     return value;
 }
 
+/* Element by element, which compilers make one conversion of; of __builtin_convertvector some make several. */
+#define WIDEN(v) ((doubles){(double)(v)[0], (double)(v)[1], (double)(v)[2], (double)(v)[3]})
+
 enum { AHEAD = 12 }; /* rays: so far ahead light is fetched */
 
 /* Sums in the order of the samples, as the gather pass has them: of 4 lanes floats that stand side by side, the last
@@ -136,10 +139,12 @@ static inline __attribute__((always_inline)) void sum_row(struct sums *restrict 
             for (uint32_t i = 0; i < lanes; i++) {
                 const floats value = load(from + 4 * (size_t)i);
                 if (weights == NULL) {
-                    facet[i] += __builtin_convertvector(value, doubles);
+                    facet[i] += WIDEN(value);
                 } else {
-                    facet[i] += __builtin_convertvector(value * weights[2 * (size_t)k], doubles);
-                    shading[i] += __builtin_convertvector(value * weights[2 * (size_t)k + 1], doubles);
+                    const floats incident = value * weights[2 * (size_t)k],
+                                 irradiance = value * weights[2 * (size_t)k + 1];
+                    facet[i] += WIDEN(incident);
+                    shading[i] += WIDEN(irradiance);
                 }
             }
         }
