@@ -128,8 +128,19 @@ static int save_volume(void *context, const struct kiln_block *blocks, size_t co
     return status == KILN_OK && stop ? kiln_stopped(b->control, error) : status;
 }
 
+/* kiln_volume_save, of states: there is nothing to go on from. */
+static int save_nothing(void *context, const struct kiln_block *blocks, size_t count, bool stop,
+                        struct kiln_error *error)
+{
+    (void)context;
+    (void)blocks;
+    (void)count;
+    return stop ? kiln_give_up(error) : KILN_OK;
+}
+
 static struct kiln_volume_params volume_params(struct kiln_bake *b)
 {
+    const bool of_states = b->job->states != NULL || b->job->listen;
     return (struct kiln_volume_params){.communicator = b->communicator,
                                        .backend = b->prepared->backend,
                                        .scene = b->prepared->scene,
@@ -141,8 +152,8 @@ static struct kiln_volume_params volume_params(struct kiln_bake *b)
                                        .progress = b->progress,
                                        .control = b->control,
                                        .checkpoint = b->checkpoint,
-                                       .restore = b->same_probes,
-                                       .save = save_volume,
+                                       .restore = b->same_probes && !of_states,
+                                       .save = of_states ? save_nothing : save_volume,
                                        .context = b};
 }
 

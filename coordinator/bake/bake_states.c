@@ -40,6 +40,7 @@ struct engine {
     struct kiln_states *states;
     struct kiln_state_lights *lights;
     struct kiln_state_scene base;
+    struct kiln_scene before; /* the scene as it was prepared: its pointers */
     const uint16_t *base_albedo;
     struct one ones[KILN_STATES_MOST];
     size_t width;
@@ -123,6 +124,7 @@ static int create(struct engine *e, struct kiln_error *error)
         return status;
     kiln_bake_settle_light(b);
     b->light_params.checkpoint = NULL;
+    e->before = *b->prepared->scene;
     e->base_albedo = b->prepared->surface->albedo;
     status = make_ones(e, error);
     if (status == KILN_OK)
@@ -140,7 +142,12 @@ static void destroy(struct engine *e)
     kiln_state_lights_destroy(&e->lights);
     kiln_states_destroy(&e->states);
     kiln_resident_destroy(&e->resident);
-    p->surface->albedo = (uint16_t *)(uintptr_t)(e->base_albedo != NULL ? e->base_albedo : p->surface->albedo);
+    if (e->base_albedo != NULL) {
+        p->surface->albedo = (uint16_t *)(uintptr_t)e->base_albedo;
+        p->scene->lights = e->before.lights;
+        p->scene->materials = e->before.materials;
+        p->scene->environment = e->before.environment;
+    }
     for (size_t i = 0; i < e->width; i++) {
         kiln_state_scene_release(&e->ones[i].scene);
         kiln_free(&e->ones[i].albedo);

@@ -2,10 +2,10 @@
 
     relight.py --kiln PROGRAM [--scene cornell|sponza] [--density TEXELS] [--reference SAMPLES]
 
-Bakes the scene with its rays kept and nothing done to its maps, then relights it: one state, and sixteen together. Prints
-the bake's time, what loading took, solving and writing of a state, how often solving goes into the bake, and how much a
-state of sixteen takes of one alone. With --reference also the error of both against a bake of so many samples: root mean
-square of the luminance over its mean.
+Bakes the scene with its rays kept and nothing done to its maps, then relights it: one state, and sixteen together.
+Prints the bake's time, what loading took, solving and writing of a state, how often solving goes into the bake, and how
+much a state of sixteen takes of one alone. With --reference also the error of both against a bake of so many samples:
+root mean square of the luminance over its mean.
 """
 import argparse
 import json
@@ -81,9 +81,10 @@ def main():
             text = os.path.join(top, 'changes.yaml')
             with open(text, 'w') as file:
                 json.dump(change(0.5), file)
-            run(given.kiln, 'bake', *options, '--changes', text, '--samples-direct', samples, '--samples-bounce', samples,
+            edited = [*options, '--changes', text]
+            run(given.kiln, 'bake', *edited, '--samples-direct', samples, '--samples-bounce', samples,
                 '--samples-indirect', samples, '--seed', '11', '-o', os.path.join(top, 'reference'))
-            run(given.kiln, 'bake', *options, '--changes', text, '--seed', '5', '-o', os.path.join(top, 'edited'))
+            run(given.kiln, 'bake', *edited, '--seed', '5', '-o', os.path.join(top, 'edited'))
             reference = light(os.path.join(top, 'reference'))
             print('error of a bake %.4f, of a state %.4f' % (error(os.path.join(top, 'edited'), reference),
                                                              error(os.path.join(top, 'one', 's'), reference)))

@@ -36,7 +36,8 @@ STATES = {
                                                             "screen": {"emission-scale": 0.2}}},
 }
 WRONG = {"a: {lights: {moon: {scale: 2}}}": "state a: changes: no light of the scene has a name that matches 'moon'",
-         "a/b: {}": "'a/b' is no name of a state", "transport: {}": "is no name of a state", "a: 1": "a needs its changes",
+         "a/b: {}": "'a/b' is no name of a state", "transport: {}": "is no name of a state",
+         "a: 1": "a needs its changes",
          "a: {}\na: {}": "the key stands twice", "{}": "has no state", "[a]": "is one mapping",
          "a: {sky: {scale: 2}}": "there is no key 'sky'"}
 
@@ -177,7 +178,8 @@ with tempfile.TemporaryDirectory() as top:
     refused(harness.BAD_INPUT, "ball                             moved", at("kept"), rooms(at("moved.glb"), moved=True),
             "--states", states, "-o", at("no"))
     refused(USAGE, "exclude each other", at("kept"), "--states", states, "--listen", "-o", at("no"))
-    refused(USAGE, "folder of the bake that is relit", at("kept"), "--states", file("kept.yaml", {"kept": {}}), "-o", top)
+    refused(USAGE, "folder of the bake that is relit", at("kept"), "--states", file("kept.yaml", {"kept": {}}), "-o",
+            top)
     refused(66, "cannot open", at("kept"), "--states", at("none.yaml"), "-o", at("no"))
     refused(harness.BAD_INPUT, "a line is longer", at("kept"), "--listen", "-o", at("no"), lines="#" * 70000)
     print("; ".join(figures))
