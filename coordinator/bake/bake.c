@@ -27,6 +27,8 @@ static void note_checkpoints(struct kiln_bake *b)
 static int run_phases(struct kiln_bake *b, struct kiln_error *error)
 {
     int status = kiln_bake_prepare(b, error);
+    if (status == KILN_OK && (b->job->states != NULL || b->job->listen))
+        return kiln_bake_states(b, error);
     if (status == KILN_OK)
         status = kiln_bake_light(b, error);
     if (status == KILN_OK)

@@ -53,24 +53,8 @@ static void settle_paths(struct kiln_bake *b)
     b->light_settings.reference = &b->paths;
 }
 
-int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
+void kiln_bake_settle_light(struct kiln_bake *b)
 {
-    int status = find_visible(b, error);
-    if (status != KILN_OK)
-        return status;
-    kiln_phase(&b->phases, "emission");
-    kiln_progress_phase(b->progress, "emission", 0);
-    status = kiln_backend_emission(b->prepared->backend, KILN_EMISSION_SAMPLES, &b->emission, error);
-    status = kiln_bake_end_phase(b, status, error);
-    if (status != KILN_OK)
-        return status;
-    status = kiln_bake_groups_sort(b, error);
-    if (status == KILN_OK)
-        status = kiln_bake_transport_begin(b, error);
-    if (status != KILN_OK)
-        return status;
-    kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0,
-                       kiln_checkpoint_written(b->checkpoint));
     b->light_settings = kiln_light_settings(b->job, b->prepared->lights, b->prepared->surface->point_count);
     settle_paths(b);
     kiln_field_set_choose(&b->fields, b->job);
@@ -94,6 +78,27 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
                                                      .groups = b->groups.count > 0 ? &b->groups : NULL,
                                                      .transport = b->transport.is_on ? &b->transport : NULL,
                                                      .threads = b->prepared->threads};
+}
+
+int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
+{
+    int status = find_visible(b, error);
+    if (status != KILN_OK)
+        return status;
+    kiln_phase(&b->phases, "emission");
+    kiln_progress_phase(b->progress, "emission", 0);
+    status = kiln_backend_emission(b->prepared->backend, KILN_EMISSION_SAMPLES, &b->emission, error);
+    status = kiln_bake_end_phase(b, status, error);
+    if (status != KILN_OK)
+        return status;
+    status = kiln_bake_groups_sort(b, error);
+    if (status == KILN_OK)
+        status = kiln_bake_transport_begin(b, error);
+    if (status != KILN_OK)
+        return status;
+    kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0,
+                       kiln_checkpoint_written(b->checkpoint));
+    kiln_bake_settle_light(b);
     b->saves = true;
     status = kiln_integrate(&b->solution, &b->light_params, error);
     if (status == KILN_OK)
@@ -123,8 +128,19 @@ static int save_volume(void *context, const struct kiln_block *blocks, size_t co
     return status == KILN_OK && stop ? kiln_stopped(b->control, error) : status;
 }
 
+/* kiln_volume_save, of states: there is nothing to go on from. */
+static int save_nothing(void *context, const struct kiln_block *blocks, size_t count, bool stop,
+                        struct kiln_error *error)
+{
+    (void)context;
+    (void)blocks;
+    (void)count;
+    return stop ? kiln_give_up(error) : KILN_OK;
+}
+
 static struct kiln_volume_params volume_params(struct kiln_bake *b)
 {
+    const bool of_states = b->job->states != NULL || b->job->listen;
     return (struct kiln_volume_params){.communicator = b->communicator,
                                        .backend = b->prepared->backend,
                                        .scene = b->prepared->scene,
@@ -136,8 +152,8 @@ static struct kiln_volume_params volume_params(struct kiln_bake *b)
                                        .progress = b->progress,
                                        .control = b->control,
                                        .checkpoint = b->checkpoint,
-                                       .restore = b->same_probes,
-                                       .save = save_volume,
+                                       .restore = b->same_probes && !of_states,
+                                       .save = of_states ? save_nothing : save_volume,
                                        .context = b};
 }
 

@@ -56,6 +56,9 @@ static double add_sent(const struct kiln_ledger_point *point, const struct kiln_
     const double lost =
         fmin(1.0, (double)r->escaped + (double)r->blocked + kiln_luminance(glass) + fmax(0.0, kiln_luminance(gloss)));
     const bool all_arrives = !(lost > 0.0) && !(kiln_luminance(gloss) < 0.0);
+    bool taken = false; /* by glass or gloss: else there is nothing to add */
+    for (int c = 0; c < 3; c++)
+        taken = taken || glass[c] < 0.0 || glass[c] > 0.0 || gloss[c] < 0.0 || gloss[c] > 0.0;
     double power[3];
     for (int c = 0; c < 3; c++) {
         power[c] = point->area * (double)point->sent[c];
@@ -64,6 +67,8 @@ static double add_sent(const struct kiln_ledger_point *point, const struct kiln_
             continue;
         kiln_exact_add(&sums[KILN_SUM_ESCAPED + c], power[c] * (double)r->escaped, per_unit);
         kiln_exact_add(&sums[KILN_SUM_BLOCKED + c], power[c] * (double)r->blocked, per_unit);
+        if (!taken)
+            continue;
         kiln_exact_add(&sums[KILN_SUM_GLASS + c], power[c] * glass[c], per_unit);
         kiln_exact_add(&sums[KILN_SUM_GLOSS + c], power[c] * gloss[c], per_unit);
     }

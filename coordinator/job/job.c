@@ -557,6 +557,8 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
         status = kiln_job_changes_read(job, error);
     if (status == KILN_OK)
         status = kiln_job_groups_read(job, error);
+    if (status == KILN_OK)
+        status = kiln_job_states_read(job, error);
     if (status == KILN_OK && command->bit == KILN_FOR_BAKE && job->output == NULL)
         status = kiln_job_default_output(job, job->arguments[0], "-bake", error);
     if (status == KILN_OK && command->bit == KILN_FOR_RELIGHT && job->output == NULL)
@@ -586,6 +588,9 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
             kiln_fail(error, KILN_USAGE,
                       "--exchange-points visible sends what surface points see, and radiance probes see more: give "
                       "--tracing-range inf, or --exchange-points all");
+    if (status == KILN_OK && job->states != NULL && job->listen)
+        status =
+            kiln_fail(error, KILN_USAGE, "--states and --listen exclude each other: a line of --listen is a state");
     if (status == KILN_OK && job->quiet && job->verbose)
         status = kiln_fail(error, KILN_USAGE, "--quiet and --verbose exclude each other");
     return status == KILN_OK ? settle_store(job, error) : status;

@@ -117,6 +117,10 @@ struct kiln_job {
     int keep_transport; /* enum kiln_keep */
     /* relight: folder of a bake whose kept transport is replayed; NULL: rays are traced. The first argument */
     const char *relight;
+    /* relight: file of states, and what stands there (job/changes.h); NULL: none. Or a change a line on standard input
+     */
+    char *states, *stated;
+    bool listen;
 
     /* checkpoints and limits, seconds; 0: none */
     bool resume; /* continue from an existing checkpoint; default true */

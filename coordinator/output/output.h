@@ -22,6 +22,9 @@ struct kiln_output_params {
     /* kiln_provenance: one JSON object without time stamps, stored as an attribute of the HDF5 files */
     const char *provenance_json;
     const struct kiln_faults *faults; /* for tests; NULL: none */
+    /* one byte a lightmap, the same on all ranks: those with 0 are as an earlier call has written them, and stay,
+     * unless they touch one that is written; NULL: all are written */
+    const uint8_t *only;
     /* for kiln.h5, on rank 0: irradiance at vertices; NULL: none */
     const struct kiln_vertex_light *vertices;
 };

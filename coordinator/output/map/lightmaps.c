@@ -626,9 +626,23 @@ static int write_rounds(struct writer *w, const struct kiln_assignment *assignme
     return status;
 }
 
+/* Leaves out the lightmaps that need not be written: of those that touch others all are, or none. Returns whether
+ * lightmaps that touch are left. */
+static bool leave_out(const struct writer *w, struct kiln_assignment *assignment, const struct kiln_joints *joints)
+{
+    const uint8_t *only = w->params->only;
+    bool touching = only == NULL;
+    for (size_t i = 0; only != NULL && joints != NULL && i < joints->map_count; i++)
+        touching = touching || (only[i] != 0 && joints->group[i] != KILN_NONE);
+    for (size_t i = 0; only != NULL && i < assignment->count; i++)
+        if (only[i] == 0 && !(touching && joints != NULL && joints->group[i] != KILN_NONE))
+            assignment->owner[i] = assignment->round[i] = KILN_NONE;
+    return touching;
+}
+
 /* Collective. Finds where objects touch, if their seams are to be smoothed or noise to be taken out, and writes all
  * files. */
-static int write_all(struct writer *w, const struct kiln_assignment *assignment, struct kiln_error *error)
+static int write_all(struct writer *w, struct kiln_assignment *assignment, struct kiln_error *error)
 {
     static const struct kiln_joints none = {0};
     struct kiln_joints *joints = NULL;
@@ -636,11 +650,12 @@ static int write_all(struct writer *w, const struct kiln_assignment *assignment,
     if (w->params->stitch || w->params->denoise)
         status =
             kiln_joints_find(&joints, w->result->scene, w->result->surface, (double)w->result->geometry->extent, error);
-    if (status == KILN_OK && joints != NULL && w->params->denoise)
+    const bool touching = status == KILN_OK && leave_out(w, assignment, joints);
+    if (status == KILN_OK && joints != NULL && touching && w->params->denoise)
         status = kiln_ghosts_create(&w->ghosts, joints, w->result->surface, error);
     status = kiln_agree(w->result->communicator, status, error);
     if (status == KILN_OK)
-        status = write_rounds(w, assignment, joints != NULL ? joints : &none, error);
+        status = write_rounds(w, assignment, joints != NULL && touching ? joints : &none, error);
     kiln_joined_destroy(&w->joined);
     kiln_ghosts_destroy(&w->ghosts);
     kiln_joints_destroy(&joints);
