@@ -134,8 +134,8 @@ static void fill_system(struct kiln_seam_system *s, const struct kiln_map *map, 
     }
     for (size_t i = 0; i < s->unknown_count; i++)
         s->area[i] = map->area[texels[i]];
-    for (uint32_t p = 0, to = 0; p < map->has.count; p++)
-        if (map->has.smooth[p]) {
+    for (uint32_t p = 0, to = 0; p < map->has->count; p++)
+        if (map->has->smooth[p]) {
             for (size_t i = 0; i < s->unknown_count; i++)
                 s->planes[to][i] = map->planes[p][texels[i]];
             to++;
@@ -145,8 +145,8 @@ static void fill_system(struct kiln_seam_system *s, const struct kiln_map *map, 
 static void take_values(const struct kiln_seam_system *s, struct kiln_map *map, uint32_t *nearest,
                         const uint32_t *texels)
 {
-    for (uint32_t p = 0, from = 0; p < map->has.count; p++)
-        if (map->has.smooth[p]) {
+    for (uint32_t p = 0, from = 0; p < map->has->count; p++)
+        if (map->has->smooth[p]) {
             for (size_t i = 0; i < s->unknown_count; i++)
                 kiln_seam_set(map, nearest, p, texels[i], s->planes[from][i]);
             from++;
