@@ -119,9 +119,9 @@ static int cut(const struct rules *r, const struct kiln_lights *l, const struct 
         if (!(size[0] > 0.0 && size[1] > 0.0))
             return kiln_fail(
                 error, KILN_USAGE,
-                "--light-groups: the object '%.200s' has no texture coordinates by which it could be cut "
-                "into blocks; give it a UV map, or leave blocks out",
-                kiln_scene_string(r->scene, r->scene->objects[l->geometry->records[l->areas[i].triangle].object].name));
+                "--light-groups: the object '%.200s' has no texture for its emission, by whose coordinates it "
+                             "could be cut into blocks; give it one, or leave blocks out",
+                             kiln_scene_string(r->scene, r->scene->objects[l->geometry->records[l->areas[i].triangle].object].name));
         corners_of(r, l, i, uv);
         for (int a = 0; a < 2; a++) {
             b->at[a] = (uv[0][a] - low[a]) / size[a] * blocks[a];

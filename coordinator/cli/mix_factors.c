@@ -14,7 +14,8 @@
 static bool read_factor(const char *text, double factor[3])
 {
     int count = 0;
-    for (bool more = true; more && count < 3; count++) {
+    bool more = true;
+    for (; more && count < 3; count++) {
         char *end = NULL;
         if (text[0] == '\0' || strchr("0123456789.+-", text[0]) == NULL ||
             text[strspn(text, "0123456789+-.eE,")] != '\0') /* no words, and no hexadecimal numbers */
@@ -27,7 +28,7 @@ static bool read_factor(const char *text, double factor[3])
     }
     if (count == 1)
         factor[1] = factor[2] = factor[0];
-    return count != 2;
+    return !more && count != 2;
 }
 
 static const char *nearest(const struct kiln_mix_factors *f, const char *name)

@@ -68,7 +68,7 @@ static int add_group(struct mixing *m, const struct kiln_image *layers, size_t g
             if (m->sum[3 + c] != NULL)
                 m->sum[3 + c][i] += factor * first;
             if (m->sum[6 + c] != NULL)
-                m->sum[6 + c][i] += factor * fmax(whole - first, 0.0);
+                m->sum[6 + c][i] += factor * (whole - first);
         }
     }
     return KILN_OK;
@@ -152,7 +152,7 @@ static int make_image(const struct mixing *m, struct kiln_image **image, struct 
         const int plane = plane_of(m, to->name);
         float most = 0.0f;
         for (size_t i = 0; i < count; i++) {
-            to->values[i] = plane < PLANES ? (float)m->sum[plane][i] : from->values[i];
+            to->values[i] = plane < PLANES ? fmaxf((float)m->sum[plane][i], 0.0f) : from->values[i];
             most = fmaxf(most, fabsf(to->values[i]));
         }
         to->half = from->half && most <= KILN_HALF_MAX;

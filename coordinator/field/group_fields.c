@@ -49,6 +49,7 @@ static void fill(struct rows *r, uint16_t group, const char *name)
         (void)snprintf(r->names[k], sizeof r->names[k], "group%u.%s", group, kinds[k].name);
         r->field[k].name = r->names[k];
         r->field[k].domain = KILN_DOMAIN_POINT;
+        r->field[k].low = -INFINITY; /* denoised */
         r->field[k].high = INFINITY;
     }
     for (int k = 0; k <= KILN_GROUP_SUM; k++) {

@@ -126,7 +126,7 @@ static void part_groups(const struct group_light *g, size_t count, float sign)
         const float *direct = g->direct[k / 3][k % 3];
         float *rest = g->indirect[k / 3][k % 3];
         for (size_t i = 0; i < count; i++)
-            rest[i] = fmaxf(rest[i] + sign * direct[i], 0.0f);
+            rest[i] += sign * direct[i];
     }
 }
 

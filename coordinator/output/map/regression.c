@@ -438,7 +438,7 @@ static void add_up_others(const struct regression *r, size_t light, const struct
             w->sums[k] += factor * (double)(value[k] - at[k]);
     }
     for (size_t k = 0; k < numbers; k++)
-        of->others[k / 3][k % 3][index] = fmaxf((float)((double)at[k] + w->sums[k]), 0.0f);
+        of->others[k / 3][k % 3][index] = (float)((double)at[k] + w->sums[k]);
 }
 
 static void smooth_light(const struct regression *r, size_t light, struct worker *w, size_t place)
