@@ -77,11 +77,12 @@ static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *j
                                                  .texels = (double)p->surface_report.texels});
     double now = (double)kiln_process_memory(KILN_MEMORY_SHARE) * p->node_ranks;
     (void)MPI_Allreduce(MPI_IN_PLACE, &now, 1, MPI_DOUBLE, MPI_MAX, p->communicator);
-    *growing = light + results + point * (double)of_host;
-    return now + light + results + (double)probes / p->ranks * p->node_ranks * (double)KILN_PROBE_BYTES;
+    /* the radiosity of groups, which each rank has of all points */
+    const double groups = (double)(p->node_ranks - 1) * (double)job->group_count * 8.0 * (double)s->point_count;
+    *growing = light + groups + results + point * (double)of_host;
+    return now + light + groups + results + (double)probes / p->ranks * p->node_ranks * (double)KILN_PROBE_BYTES;
 }
 
-/* The least over the ranks would do as well: the caller agrees. */
 static double memory_of_host(void) { return (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE); }
 
 int kiln_memory_budget_check(const struct kiln_prepared *prepared, const struct kiln_job *job, uint64_t probes,

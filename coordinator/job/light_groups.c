@@ -105,7 +105,7 @@ static int add_name(struct kiln_job *job, const char *name, struct kiln_error *e
 static int add_group(struct kiln_job *job, const char *name, const json_t *rules, struct kiln_error *error)
 {
     uint32_t blocks[2];
-    char text[KILN_GROUP_NAME];
+    char text[NAME_MOST + 24];
     int status = KILN_OK;
     kiln_job_group_blocks(rules, blocks);
     if (json_object_get(rules, "blocks") == NULL)

@@ -85,7 +85,7 @@ class Mix(unittest.TestCase):
             total = sum(part[name].astype(float) for part in parts for name in part
                         if name.endswith('.G') and not name.endswith('.direct.G'))
             off = np.abs(total - layers['G']) / layers['G'].mean()
-            self.assertLess(np.quantile(off, 0.99), 1e-4)  # but where denoising stopped light at 0
+            self.assertLess(np.quantile(off, 0.99), 5e-4)  # but where denoising stopped light at 0
             self.assertLess(off.max(), 0.02)
 
     def test_factors(self):

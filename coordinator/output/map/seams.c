@@ -1,7 +1,9 @@
 #include "coordinator/output/map/seams.h"
 
 #include <math.h>
+#include <string.h>
 
+#include "coordinator/field/group_fields.h"
 #include "coordinator/output/image.h"
 #include "coordinator/output/map/joined.h"
 #include "coordinator/output/map/stage.h"
@@ -163,7 +165,7 @@ static int solve(struct kiln_map *map, uint32_t *nearest, const struct kiln_seam
     if (status == KILN_OK)
         status = list_texels(map, samples, count, numbers, &texels, &unknowns, error);
     if (status == KILN_OK)
-        status = kiln_seam_system_create(&system, unknowns, count, kiln_map_smooth_planes(&map->has), error);
+        status = kiln_seam_system_create(&system, unknowns, count, kiln_map_smooth_planes(map->has), error);
     if (status == KILN_OK) {
         fill_system(system, map, samples, texels, numbers);
         status = kiln_seam_system_solve(system, error);
@@ -214,13 +216,66 @@ static int apply_joined(struct kiln_map_work *work, struct kiln_seam_report *rep
     return status;
 }
 
+/* ---- the light of groups (field/group_fields.h) ----
+ *
+ * What smoothing makes of a texel's light, direct or indirect, it makes of that of each group, as a factor: so groups
+ * still add up, and one solution serves all of them. Where light changes by more than that, groups stay as they are. */
+
+enum { LIGHT = KILN_MAP_ERROR };
+#define MOST_CHANGE 4.0f
+
+/* The map's light before it is smoothed, in copies. */
+static int keep_light(const struct kiln_map_work *work, float *before[LIGHT], struct kiln_error *error)
+{
+    const size_t count = kiln_map_texels(work->map);
+    int status = KILN_OK;
+    (void)kiln_map_dilate(work->map, work->nearest);
+    for (int p = 0; p < LIGHT && status == KILN_OK; p++) {
+        status = kiln_allocate(&before[p], count, sizeof(float), "the light of groups", error);
+        if (status == KILN_OK)
+            memcpy(before[p], work->map->planes[p], count * sizeof(float));
+    }
+    return status;
+}
+
+static float factor_of(float before, float after)
+{
+    return before > 0.0f && after <= MOST_CHANGE * before ? after / before : 1.0f;
+}
+
+/* The factors of light go to the groups: 6 planes each, direct light, and all of it. */
+static void smooth_groups(const struct kiln_map_work *work, size_t first, float *const before[LIGHT])
+{
+    const struct kiln_field_set *fields = work->result->fields;
+    const uint32_t plane = kiln_layers_plane(work->layers, fields, fields->entry[first].field->name);
+    const size_t groups = (fields->count - first) / KILN_GROUP_FIELDS;
+    for (size_t i = 0; i < kiln_map_texels(work->map); i++)
+        for (uint32_t c = 0; c < 3; c++) {
+            const float direct = factor_of(before[c][i], work->map->planes[c][i]),
+                        rest = factor_of(before[3 + c][i], work->map->planes[3 + c][i]);
+            for (size_t g = 0; (direct != 1.0f || rest != 1.0f) && g < groups; g++) {
+                float *of = &work->map->planes[plane + 6 * g + c][i],
+                      *all = &work->map->planes[plane + 6 * g + 3 + c][i];
+                *all = direct * *of + rest * (*all - *of);
+                *of *= direct;
+            }
+        }
+}
+
 static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
     struct kiln_seam_report seams;
     const bool smooth = work->params->stitch;
-    const int status = work->joined != NULL
-                           ? apply_joined(work, &seams, error)
-                           : kiln_seams_smooth(work->map, work->graph, work->nearest, smooth, &seams, error);
+    const size_t groups = kiln_group_fields_first(work->result->fields);
+    float *before[LIGHT] = {NULL};
+    int status = smooth && groups < work->result->fields->count ? keep_light(work, before, error) : KILN_OK;
+    if (status == KILN_OK)
+        status = work->joined != NULL ? apply_joined(work, &seams, error)
+                                      : kiln_seams_smooth(work->map, work->graph, work->nearest, smooth, &seams, error);
+    if (status == KILN_OK && before[0] != NULL)
+        smooth_groups(work, groups, before);
+    for (int p = 0; p < LIGHT; p++)
+        kiln_free(&before[p]);
     if (status == KILN_OK) {
         work->report->seam_difference_before = seams.difference_before;
         work->report->seam_difference_after = seams.difference_after;
