@@ -120,8 +120,8 @@ static int cut(const struct rules *r, const struct kiln_lights *l, const struct 
             return kiln_fail(
                 error, KILN_USAGE,
                 "--light-groups: the object '%.200s' has no texture for its emission, by whose coordinates it "
-                             "could be cut into blocks; give it one, or leave blocks out",
-                             kiln_scene_string(r->scene, r->scene->objects[l->geometry->records[l->areas[i].triangle].object].name));
+                "could be cut into blocks; give it one, or leave blocks out",
+                kiln_scene_string(r->scene, r->scene->objects[l->geometry->records[l->areas[i].triangle].object].name));
         corners_of(r, l, i, uv);
         for (int a = 0; a < 2; a++) {
             b->at[a] = (uv[0][a] - low[a]) / size[a] * blocks[a];

@@ -26,8 +26,8 @@ uint64_t kiln_largest_lightmap(const struct kiln_scene *scene);
 
 /* Collective. Whether the bake fits the job's --memory-budget, as far as that is known before the first ray: what the
  * ranks of each host have by now, surface points and BVH among it, and what light, probes and results will take.
- * KILN_USAGE, with the texel density that would fit. A job without a budget fits, unless it has groups of lights: then the
- * memory of the host is the budget. */
+ * KILN_USAGE, with the texel density that would fit. A job without a budget fits, unless it has groups of lights: then
+ * the memory of the host is the budget. */
 int kiln_memory_budget_check(const struct kiln_prepared *prepared, const struct kiln_job *job, uint64_t probes,
                              struct kiln_error *error);
 

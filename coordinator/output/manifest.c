@@ -141,8 +141,8 @@ static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *
                  group_files = kiln_group_files(parts->groups);
     int status = kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&(*manifest)->files, other_count + maps * (1 + group_files) + parts->more_count, sizeof *(*manifest)->files,
-                               "the manifest", error);
+        status = kiln_allocate(&(*manifest)->files, other_count + maps * (1 + group_files) + parts->more_count,
+                               sizeof *(*manifest)->files, "the manifest", error);
     for (size_t i = 0; status == KILN_OK && i < parts->more_count; i++)
         status = name_file(*manifest, "", parts->more[i], "", error);
     for (size_t i = 0; status == KILN_OK && i < other_count; i++)

@@ -50,9 +50,9 @@ struct kiln_map {
     uint32_t width, height;
     const struct kiln_map_planes *has; /* borrowed */
     float **planes;                    /* has->count */
-    float *area;                        /* m2 of surface in the texel */
-    float *coverage;                    /* fraction of the texel's square that the layout covers, 0 to 1 */
-    uint8_t *state;                     /* enum kiln_texel_state */
+    float *area;                       /* m2 of surface in the texel */
+    float *coverage;                   /* fraction of the texel's square that the layout covers, 0 to 1 */
+    uint8_t *state;                    /* enum kiln_texel_state */
     /* chart of the first piece of surface in the texel, or its triangle in the mesh until a stage reads charts;
      * KILN_NONE in the margin */
     uint32_t *chart;

@@ -437,8 +437,16 @@ static void add_up_others(const struct regression *r, size_t light, const struct
         for (size_t k = 0; k < numbers; k++)
             w->sums[k] += factor * (double)(value[k] - at[k]);
     }
+    double below[3] = {0};
+    for (size_t k = 0; k < numbers; k++) {
+        w->sums[k] += (double)at[k];
+        below[k % 3] += w->sums[k];
+    }
+    for (size_t c = 0; c < 3; c++) /* what has been stopped at 0 is the last one's */
+        if (!(of->rgb[c][index] > 0.0f) && below[c] < 0.0)
+            w->sums[numbers - 3 + c] -= below[c];
     for (size_t k = 0; k < numbers; k++)
-        of->others[k / 3][k % 3][index] = (float)((double)at[k] + w->sums[k]);
+        of->others[k / 3][k % 3][index] = (float)w->sums[k];
 }
 
 static void smooth_light(const struct regression *r, size_t light, struct worker *w, size_t place)

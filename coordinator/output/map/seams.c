@@ -218,8 +218,9 @@ static int apply_joined(struct kiln_map_work *work, struct kiln_seam_report *rep
 
 /* ---- the light of groups (field/group_fields.h) ----
  *
- * What smoothing makes of a texel's light, direct or indirect, it makes of that of each group, as a factor: so groups
- * still add up, and one solution serves all of them. Where light changes by more than that, groups stay as they are. */
+ * What smoothing makes of a texel's light, direct or indirect, it makes of that of each group, as a factor: so one
+ * solution serves all of them, and they still add up. Where light grows by more than MOST_CHANGE, from next to nothing,
+ * groups stay as they are, and the last one, which is of what is in no other, gets the difference. */
 
 enum { LIGHT = KILN_MAP_ERROR };
 #define MOST_CHANGE 4.0f
@@ -238,27 +239,41 @@ static int keep_light(const struct kiln_map_work *work, float *before[LIGHT], st
     return status;
 }
 
-static float factor_of(float before, float after)
+/* What has become of light. */
+struct change {
+    float factor, more;
+};
+
+static struct change change_of(float before, float after)
 {
-    return before > 0.0f && after <= MOST_CHANGE * before ? after / before : 1.0f;
+    const bool grows = after > MOST_CHANGE * before; /* from 0, too */
+    return (struct change){grows || before == after ? 1.0f : after / before, grows ? after - before : 0.0f};
 }
 
-/* The factors of light go to the groups: 6 planes each, direct light, and all of it. */
+/* A colour of a texel of all groups, the first of which has its direct light in this plane. */
+static void change_groups(float **planes, size_t groups, size_t texel, struct change direct, struct change rest)
+{
+    for (size_t g = 0; g < groups; g++) {
+        float *of = &planes[6 * g][texel], *all = &planes[6 * g + 3][texel];
+        const float more = g + 1 == groups ? direct.more : 0.0f,
+                    both = g + 1 == groups ? direct.more + rest.more : 0.0f;
+        *all = direct.factor * *of + rest.factor * (*all - *of) + both;
+        *of = direct.factor * *of + more;
+    }
+}
+
 static void smooth_groups(const struct kiln_map_work *work, size_t first, float *const before[LIGHT])
 {
     const struct kiln_field_set *fields = work->result->fields;
+    float **planes = work->map->planes;
     const uint32_t plane = kiln_layers_plane(work->layers, fields, fields->entry[first].field->name);
     const size_t groups = (fields->count - first) / KILN_GROUP_FIELDS;
     for (size_t i = 0; i < kiln_map_texels(work->map); i++)
         for (uint32_t c = 0; c < 3; c++) {
-            const float direct = factor_of(before[c][i], work->map->planes[c][i]),
-                        rest = factor_of(before[3 + c][i], work->map->planes[3 + c][i]);
-            for (size_t g = 0; (direct != 1.0f || rest != 1.0f) && g < groups; g++) {
-                float *of = &work->map->planes[plane + 6 * g + c][i],
-                      *all = &work->map->planes[plane + 6 * g + 3 + c][i];
-                *all = direct * *of + rest * (*all - *of);
-                *of *= direct;
-            }
+            const float direct = planes[KILN_MAP_DIRECT + c][i], indirect = planes[KILN_MAP_INDIRECT + c][i];
+            if (direct != before[c][i] || indirect != before[3 + c][i])
+                change_groups(planes + plane + c, groups, i, change_of(before[c][i], direct),
+                              change_of(before[3 + c][i], indirect));
         }
 }
 
