@@ -61,7 +61,8 @@ class LightGroups(unittest.TestCase):
 
     def test_same_bits(self):
         """On any number of ranks, and after a bake that is slow was stopped at least twice."""
-        options = ('--light-groups', self.write('groups.yaml', GROUPS), '--bounces', 2, '--schedule', 'equal')
+        options = ('--light-groups', self.write('groups.yaml', GROUPS), '--bounces', 2, '--schedule', 'equal',
+                   '--environment', '0.5,0.5,0.5', '--sky-patches', 145, '--lightmap-max', 16)
         wanted = self.bake('one', *options)
         three = self.bake('three', *options, prefix=self.mpi(3))
         self.same(three, wanted, 'three ranks')
