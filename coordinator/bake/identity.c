@@ -66,7 +66,8 @@ static const char *const counting[] = {"environment",
                                        "probe-basis",
                                        "probe-side",
                                        "distant-projection",
-                                       "samples-radiance-probe"};
+                                       "samples-radiance-probe",
+                                       "sky-patches"};
 /* Options that affect only the probes. */
 static const char *const probing[] = {"probe-spacing", "samples-probe"};
 /* Options that affect neither: devices, speed, limits, messages and output files. --quality is covered by the sample

@@ -16,6 +16,7 @@
 #include "coordinator/files/checksummed_json.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
+#include "worker/light/sky_patches.h"
 #include "worker/base/text.h"
 
 static const double DOUBLED = 1e-3; /* of all surface: so much of it that is there twice is told */
@@ -430,6 +431,25 @@ static void add_back(const struct kiln_run *run, size_t object, const char *name
     (void)json_object_set_new(json, "filled_back", json_integer((json_int_t)run->lightmaps[map].filled));
 }
 
+/* The groups of lights, in the order of their layers; of patches of the sky where they are, away from the scene, sr. */
+static json_t *groups_json(const struct kiln_job *job)
+{
+    const uint32_t patches = kiln_sky_patches[job->sky_patches], divisions = kiln_sky_divisions[job->sky_patches];
+    const size_t first = patches > 0 ? job->group_count - 2 - patches : job->group_count;
+    json_t *array = json_array();
+    for (size_t g = 0; g < job->group_count; g++) {
+        json_t *group = json_pack("{s:s}", "name", job->group_names[g]);
+        double steradians;
+        if (g >= first && g < first + patches) {
+            const struct kiln_dvec3 d = kiln_sky_patch_middle((uint32_t)(g - first), divisions, &steradians);
+            (void)json_object_set_new(group, "direction", json_pack("[f, f, f]", d.x, d.y, d.z));
+            (void)json_object_set_new(group, "steradians", json_real(steradians));
+        }
+        (void)json_array_append_new(array, group);
+    }
+    return array;
+}
+
 static json_t *objects_json(const struct kiln_run *run)
 {
     const struct kiln_scene *scene = run->prepared->scene;
@@ -786,6 +806,8 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     if (run->job->vertex_light)
         json_object_set_new(root, "vertices",
                             json_pack("{s:I}", "count", (json_int_t)run->vertices->first[run->vertices->object_count]));
+    if (run->job->group_count > 0)
+        json_object_set_new(root, "light_groups", groups_json(run->job));
     json_object_set_new(root, "objects", objects_json(run));
     json_object_set_new(root, "borders", borders_json(run));
     json_object_set_new(root, "denoise", denoise_json(run));

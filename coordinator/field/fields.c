@@ -545,7 +545,8 @@ void kiln_field_set_choose(struct kiln_field_set *set, const struct kiln_job *jo
     }
     for (size_t g = 0; g < job->group_count; g++)
         for (int k = 0; k < KILN_GROUP_FIELDS; k++)
-            (void)kiln_field_set_add(set, job->group_rows[g] + k, true, NULL);
+            set->entry[set->count++] = (struct kiln_field_entry){
+                .field = job->group_rows[g] + k, .in_lightmaps = job->group_rows[g][k].channels != NULL};
 }
 
 /* ---- sizes ---- */
@@ -601,7 +602,8 @@ uint64_t kiln_field_set_saved_bytes(const struct kiln_field_set *set)
 
 uint64_t kiln_field_set_light_bytes(const struct kiln_field_set *set, uint64_t own, uint64_t total)
 {
-    return total * kiln_field_set_point_bytes(set, KILN_FIELD_ALLGATHER) +
+    const uint64_t groups = (set->count - kiln_group_fields_first(set)) / KILN_GROUP_FIELDS; /* integrate/groups.h */
+    return total * (kiln_field_set_point_bytes(set, KILN_FIELD_ALLGATHER) + groups * sizeof(uint64_t)) +
            own *
                (kiln_field_set_point_bytes(set, KILN_FIELD_RESULT) + kiln_field_set_point_bytes(set, KILN_FIELD_STEP));
 }

@@ -9,6 +9,9 @@
  * (coordinator/integrate/integrator.h). */
 #define KILN_METHOD_LIST(DO) DO(cells) DO(radiosity) DO(path) DO(bdpt) DO(vcm)
 
+/* --sky-patches: patches of the sky (worker/light/sky_patches.h). */
+enum kiln_sky_patches { KILN_SKY_WHOLE = 0, KILN_SKY_145 = 1, KILN_SKY_577 = 2, KILN_SKY_2305 = 3 };
+
 /* --method radiosity: how lamps that are surfaces light others: by samples of the direct pass, or as patches. */
 enum kiln_lights_choice { KILN_LIGHTS_SAMPLED = 0, KILN_LIGHTS_PATCHES = 1 };
 

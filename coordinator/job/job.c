@@ -563,6 +563,8 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
         status = kiln_job_default_output(job, job->arguments[0], "-bake", error);
     if (status == KILN_OK && command->bit == KILN_FOR_RELIGHT && job->output == NULL)
         status = kiln_job_default_output(job, job->arguments[0], "-relit", error);
+    if (status == KILN_OK && command->bit == KILN_FOR_MIX && job->output == NULL)
+        status = kiln_job_default_output(job, job->arguments[0], "-mixed", error);
     if (status == KILN_OK && (command->bit & (KILN_FOR_BAKE | KILN_FOR_PLAN)) != 0)
         status = check_paths(job, error);
     if (status == KILN_OK && !given(job, "tail"))

@@ -19,7 +19,7 @@
 #include "worker/pass/reference.h"
 #include "worker/scene/gloss.h"
 
-enum { KILN_GROUPS_MAX = 16, KILN_GROUP_NAME = 32 }; /* of lights; bytes of a name with its end */
+enum { KILN_GROUPS_MAX = 2400, KILN_GROUP_NAME = 48 }; /* of lights; bytes of a name with its end */
 struct kiln_field;
 
 /* Unit of the lights: AUTO takes what the file says; the others override it. */
@@ -46,8 +46,9 @@ struct kiln_job {
      * last, and the rows of their fields (field/group_fields.h) */
     char *light_groups, *grouped;
     size_t group_count;
-    char *group_names[KILN_GROUPS_MAX];
-    const struct kiln_field *group_rows[KILN_GROUPS_MAX];
+    char **group_names;
+    const struct kiln_field **group_rows;
+    int sky_patches; /* enum kiln_sky_patches: patches of the sky that are groups */
 
     /* devices and threads */
     char *backend;          /* auto | embree | vulkan */
@@ -193,6 +194,8 @@ struct kiln_job {
     double range;           /* irradiance of RGBM value 1,1,1,1; 0: each page's largest value */
     uint32_t atlas;         /* largest side of a page, texels; 0: one page for each object */
     bool drop_baked_lights; /* remove lights whose light is in the lightmaps */
+
+    char *factors; /* mix: what is given with --set, a line each */
 
     struct kiln_faults faults; /* faults that tests inject, read from the environment */
 

@@ -22,7 +22,8 @@ static const char *const units[] = {"auto", "radiometric", "photometric", NULL};
 static const char *const directionals[] = {"none", "dominant", "sh1", NULL}; /* in the order of enum kiln_directional */
 /* in the order of enum kiln_page_format */
 static const char *const formats[] = {"exr", "exr-half", "rgbm", "rgbe", "ktx2", NULL};
-static const char *const keeps[] = {"none", "rows", "links", NULL};         /* in the order of enum kiln_keep */
+static const char *const sky_patches[] = {"none", "145", "577", "2305", NULL}; /* enum kiln_sky_patches */
+static const char *const keeps[] = {"none", "rows", "links", NULL};            /* in the order of enum kiln_keep */
 static const char *const stores[] = {"lightmap", "octree", "vertex", NULL}; /* in the order of enum kiln_store_kind */
 /* in the order of KILN_PROBE_HARMONICS, ... */
 static const char *const probe_bases[] = {"sh", "octahedral", "cubemap", NULL};
@@ -67,8 +68,9 @@ const struct kiln_option kiln_options[] = {
      .kind = KILN_OPTION_PATH,
      .value = "PATH",
      .help = "the result: a folder for bake (default SCENE-bake), plan, bench and submit, else a file; also -o",
-     .commands = KILN_FOR_RELIGHT | KILN_FOR_BAKE | KILN_FOR_VIEW | KILN_FOR_COMPARE | KILN_FOR_GENERATE |
-                 KILN_FOR_REPORT | KILN_FOR_BENCH | KILN_FOR_SUBMIT | KILN_FOR_PLAN | KILN_FOR_EXPORT,
+     .commands = KILN_FOR_RELIGHT | KILN_FOR_MIX | KILN_FOR_BAKE | KILN_FOR_VIEW | KILN_FOR_COMPARE |
+                 KILN_FOR_GENERATE | KILN_FOR_REPORT | KILN_FOR_BENCH | KILN_FOR_SUBMIT | KILN_FOR_PLAN |
+                 KILN_FOR_EXPORT,
      .offset = AT(output)},
     {.name = "scene",
      .group = "Files",
@@ -122,6 +124,22 @@ const struct kiln_option kiln_options[] = {
      .help = "YAML of groups of lights, told apart: 'lamps: {lights: [lamp1]}'; also materials, objects",
      .commands = KILN_FOR_RELIGHT | KILN_FOR_BAKE | KILN_FOR_PLAN,
      .offset = AT(light_groups)},
+    {.name = "sky-patches",
+     .group = "Light",
+     .kind = KILN_OPTION_CHOICE_ENUM,
+     .fallback = "none",
+     .choices = sky_patches,
+     .help = "so many patches of the sky, of Tregenza or finer, become groups of their own: sky.000 and on",
+     .commands = KILN_FOR_RELIGHT | KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(sky_patches)},
+    {.name = "set",
+     .group = "Light",
+     .kind = KILN_OPTION_LINES,
+     .value = "GROUP=FACTOR",
+     .shown = "1 for each group",
+     .help = "a number, or R,G,B, of a group or of a pattern such as 'sky.*'; given as often as needed, later wins",
+     .commands = KILN_FOR_MIX,
+     .offset = AT(factors)},
     {.name = "units",
      .group = "Light",
      .kind = KILN_OPTION_CHOICE_ENUM,
@@ -1557,6 +1575,16 @@ const struct kiln_command kiln_commands[] = {
      .examples = {"kiln bake room.glb --keep-transport rows -o out", "kiln relight out edited.glb -o evening",
                   "kiln relight out changes.yaml -o dimmed", "kiln relight out --environment sky.hdr -o day",
                   "kiln relight out --states day.yaml -o day", "kiln relight out --listen -o live < lines"}},
+    {.name = "mix",
+     .bit = KILN_FOR_MIX,
+     .arguments = "DIR",
+     .minimum = 1,
+     .maximum = 1,
+     .folder = true,
+     .mpi = true,
+     .summary = "add up the groups of lights that a bake has told apart, each by a factor",
+     .examples = {"kiln bake room.glb --light-groups groups.yaml -o out", "kiln mix out --set lamp=0.5 -o dimmed",
+                  "kiln mix out --set '*=0' --set screen=0,0.2,1 -o screen"}},
     {.name = "plan",
      .bit = KILN_FOR_PLAN,
      .arguments = "SCENE|JOB.yaml",

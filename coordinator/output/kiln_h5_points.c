@@ -9,6 +9,7 @@
 
 /* Rows of a chunk, and number of chunks in a batch, which a rank compresses and sends together: 28 MB uncompressed. */
 enum { CHUNK_ROWS = 1 << 14, BATCH = 16, PARTS = BATCH * KILN_COLUMNS_MAX };
+enum { WIDE_ROW = 1024 }; /* bytes of a row from which on a batch has fewer chunks */
 enum { TAG_ROWS = 40, TAG_SIZES = 41, TAG_PACKED = 42 };
 
 /* The dataset that is read back completely. */
@@ -24,8 +25,8 @@ struct kiln_points_writer {
     const struct kiln_bake_result *result;
     struct kiln_h5 *h5; /* rank 0 */
     int rank, ranks;
-    uint64_t chunk_rows;
-    uint64_t *starts; /* global index of the first point of each rank; ranks + 1 entries */
+    uint64_t chunk_rows, at_once; /* at_once: chunks of a batch at most */
+    uint64_t *starts;             /* global index of the first point of each rank; ranks + 1 entries */
     struct kiln_columns columns;
     size_t total; /* index of the column TOTAL */
     hid_t datasets[KILN_COLUMNS_MAX];
@@ -73,8 +74,8 @@ static uint64_t head_end(const struct kiln_points_writer *w, int rank)
 static void batch_of(const struct kiln_points_writer *w, int rank, uint64_t pass, uint64_t *first, uint64_t *count)
 {
     const uint64_t end = first_chunk(w, rank + 1);
-    *first = minimum(first_chunk(w, rank) + pass * BATCH, end);
-    *count = minimum(end - *first, BATCH);
+    *first = minimum(first_chunk(w, rank) + pass * w->at_once, end);
+    *count = minimum(end - *first, w->at_once);
 }
 
 static uint64_t count_passes(const struct kiln_points_writer *w)
@@ -84,7 +85,7 @@ static uint64_t count_passes(const struct kiln_points_writer *w)
         const uint64_t chunks = first_chunk(w, r + 1) - first_chunk(w, r);
         most = chunks > most ? chunks : most;
     }
-    return round_up(most, BATCH);
+    return round_up(most, w->at_once);
 }
 
 /* The rank that owns the first point of the chunk that contains `point`. */
@@ -271,11 +272,18 @@ static int write_batch(struct kiln_points_writer *w, struct kiln_error *error)
     return KILN_OK;
 }
 
+/* Of a message with the sizes of a batch's parts. */
+static int batch_bytes(const struct kiln_points_writer *w, uint64_t chunks)
+{
+    return (int)(offsetof(struct batch, bytes) + chunks * w->columns.count * sizeof *w->batch.bytes);
+}
+
 static int send_batch(struct kiln_points_writer *w, size_t bytes, struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
-    if (w->batch.count > 0 && (MPI_Send(&w->batch, (int)sizeof w->batch, MPI_BYTE, 0, TAG_SIZES, comm) != MPI_SUCCESS ||
-                               MPI_Send(w->packed, (int)bytes, MPI_BYTE, 0, TAG_PACKED, comm) != MPI_SUCCESS))
+    if (w->batch.count > 0 &&
+        (MPI_Send(&w->batch, batch_bytes(w, w->batch.count), MPI_BYTE, 0, TAG_SIZES, comm) != MPI_SUCCESS ||
+         MPI_Send(w->packed, (int)bytes, MPI_BYTE, 0, TAG_PACKED, comm) != MPI_SUCCESS))
         return mpi_failed(error);
     return KILN_OK;
 }
@@ -291,7 +299,7 @@ static int write_pass(struct kiln_points_writer *w, uint64_t pass, struct kiln_e
         batch_of(w, r, pass, &first, &count);
         if (count == 0)
             continue;
-        if (MPI_Recv(&w->batch, (int)sizeof w->batch, MPI_BYTE, r, TAG_SIZES, comm, MPI_STATUS_IGNORE) != MPI_SUCCESS)
+        if (MPI_Recv(&w->batch, batch_bytes(w, count), MPI_BYTE, r, TAG_SIZES, comm, MPI_STATUS_IGNORE) != MPI_SUCCESS)
             return mpi_failed(error);
         for (size_t part = 0; part < count * w->columns.count; part++)
             bytes += w->batch.bytes[part];
@@ -464,8 +472,8 @@ static int learn_starts(struct kiln_points_writer *w, struct kiln_error *error)
 
 static int allocate(struct kiln_points_writer *w, struct kiln_error *error)
 {
-    const uint64_t own = minimum(first_chunk(w, w->rank + 1) - first_chunk(w, w->rank), BATCH);
-    const uint64_t held = w->rank == 0 ? minimum(first_chunk(w, w->ranks), BATCH) : own;
+    const uint64_t own = minimum(first_chunk(w, w->rank + 1) - first_chunk(w, w->rank), w->at_once);
+    const uint64_t held = w->rank == 0 ? minimum(first_chunk(w, w->ranks), w->at_once) : own;
     /* a rank without chunks needs one slot for the rows that it sends */
     const size_t chunks = own > 0 ? own : 1, places = place_in_chunk(w, w->columns.count);
     int status = kiln_rows_allocate(&w->rows, &w->columns, chunks * w->chunk_rows, error);
@@ -491,6 +499,7 @@ int kiln_points_writer_create(struct kiln_points_writer **writer, const struct k
         w->total = kiln_columns_find(&w->columns, TOTAL);
         w->chunk_rows = minimum(result->surface->point_count, CHUNK_ROWS);
         w->chunk_rows = w->chunk_rows == 0 ? 1 : w->chunk_rows;
+        w->at_once = minimum(BATCH, 1 + BATCH * WIDE_ROW / (kiln_columns_row(&w->columns) + 1));
         for (size_t c = 0; c < w->columns.count; c++)
             w->datasets[c] = H5I_INVALID_HID;
         if (w->total == w->columns.count)

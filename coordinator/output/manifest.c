@@ -14,6 +14,7 @@
 #include "coordinator/mpi/agree.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/files/json_text.h"
+#include "coordinator/field/group_fields.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
@@ -132,15 +133,16 @@ static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *
 {
     const char *const others[] = {"run.json",
                                   "scene.kscene",
-                                  "kiln.h5",
+                                  parts->no_points ? NULL : "kiln.h5",
                                   parts->volume ? "volume.hdf" : NULL,
                                   parts->preview ? "preview.png" : NULL,
                                   parts->scene ? "scene.glb" : NULL};
-    const size_t other_count = sizeof others / sizeof *others, maps = surface != NULL ? surface->map_count : 0;
+    const size_t other_count = sizeof others / sizeof *others, maps = surface != NULL ? surface->map_count : 0,
+                 group_files = kiln_group_files(parts->groups);
     int status = kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&(*manifest)->files, other_count + maps + parts->more_count, sizeof *(*manifest)->files,
-                               "the manifest", error);
+        status = kiln_allocate(&(*manifest)->files, other_count + maps * (1 + group_files) + parts->more_count,
+                               sizeof *(*manifest)->files, "the manifest", error);
     for (size_t i = 0; status == KILN_OK && i < parts->more_count; i++)
         status = name_file(*manifest, "", parts->more[i], "", error);
     for (size_t i = 0; status == KILN_OK && i < other_count; i++)
@@ -149,8 +151,15 @@ static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *
     for (uint32_t i = 0; status == KILN_OK && i < maps; i++) {
         const struct kiln_object *object = &scene->objects[kiln_map_object(surface, i)];
         const char *folder = kiln_map_back(surface, i) ? "lightmaps/back/" : "lightmaps/";
+        const char *name = kiln_scene_string(scene, object->name);
         if (surface->lightmaps[i].published != 0)
-            status = name_file(*manifest, folder, kiln_scene_string(scene, object->name), ".exr", error);
+            status = name_file(*manifest, folder, name, ".exr", error);
+        for (size_t n = 0; status == KILN_OK && n < group_files && surface->lightmaps[i].published != 0; n++) {
+            char of_groups[KILN_GROUP_FOLDER + 8];
+            kiln_group_folder(n, of_groups);
+            (void)strcat(of_groups, kiln_map_back(surface, i) ? "/back/" : "/");
+            status = name_file(*manifest, of_groups, name, ".exr", error);
+        }
     }
     return status;
 }

@@ -32,6 +32,8 @@ struct kiln_manifest_parts {
     bool volume, preview, scene; /* volume.hdf, preview.png, scene.glb */
     char *const *more;           /* paths of further files, relative to the folder; borrowed */
     size_t more_count;
+    size_t groups;  /* of lights (field/group_fields.h) */
+    bool no_points; /* there is no kiln.h5 */
 };
 
 /* Collective. Hashes the results of a bake of `scene` in `directory`, each rank some of the files, and writes the
