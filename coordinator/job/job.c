@@ -383,9 +383,9 @@ static int refuse_cells(struct kiln_job *job, struct kiln_error *error)
 /* What only patches have. */
 static int refuse_patches(struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_patches[] = {"patches",    "link-error",      "lights",       "undersample",
-                                             "directions", "sampling-window", "subdivide",    "node-max",
-                                             "gather",     "clamp",           "albedo-scale", "visibility-cache"};
+    static const char *const of_patches[] = {
+        "patches",  "link-error", "lights", "undersample",  "directions",       "sampling-window", "subdivide",
+        "node-max", "gather",     "clamp",  "albedo-scale", "visibility-cache", "order",           "unshot-left"};
     for (size_t i = 0; i < sizeof of_patches / sizeof *of_patches; i++)
         if (given(job, of_patches[i]))
             return kiln_fail(error, KILN_USAGE,
@@ -400,7 +400,8 @@ static int check_links(struct kiln_job *job, struct kiln_error *error)
     const struct unused_option others[] = {{"undersample", job->patches.undersample != KILN_SAMPLE_ALL},
                                            {"subdivide", job->patches.subdivide > 0.0},
                                            {"clamp", job->patches.clamp},
-                                           {"visibility-cache", job->patches.visibility_cache > 0.0}};
+                                           {"visibility-cache", job->patches.visibility_cache > 0.0},
+                                           {"order unshot", job->patches.order == KILN_ORDER_UNSHOT}};
     if (job->patches.patches != KILN_PATCHES_LINKS && given(job, "link-error"))
         return kiln_fail(error, KILN_USAGE,
                          "--link-error: all texels are patches; give --patches links, or leave --link-error out");
@@ -415,8 +416,8 @@ static int check_links(struct kiln_job *job, struct kiln_error *error)
 /* Rays read single texels, and their light has no factors. */
 static int check_gather(struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_pairs[] = {"undersample", "subdivide", "sampling-window", "node-max",
-                                           "clamp",       "patches",   "link-error",      "visibility-cache"};
+    static const char *const of_pairs[] = {"undersample", "subdivide",  "sampling-window",  "node-max", "clamp",
+                                           "patches",     "link-error", "visibility-cache", "order",    "unshot-left"};
     const uint32_t directions = job->patches.directions;
     const bool pairs = job->patches.gather == KILN_GATHER_PAIRS;
     for (size_t i = 0; i < sizeof of_pairs / sizeof *of_pairs && !pairs; i++)
@@ -451,6 +452,26 @@ static int check_nodes(struct kiln_job *job, struct kiln_error *error)
         return kiln_fail(error, KILN_USAGE,
                          "--%s is for texels, which lie beside each other: give --store lightmap, or leave it out",
                          samples ? "undersample" : "subdivide");
+    return KILN_OK;
+}
+
+/* Rounds of unshot light close rows as the step before them found these to be. */
+static int check_order(struct kiln_job *job, struct kiln_error *error)
+{
+    const struct unused_option others[] = {{"undersample random", job->patches.undersample == KILN_SAMPLE_RANDOM},
+                                           {"subdivide", job->patches.subdivide > 0.0},
+                                           {"clamp", job->patches.clamp}};
+    if (job->patches.order != KILN_ORDER_UNSHOT)
+        return given(job, "unshot-left")
+                   ? kiln_fail(error, KILN_USAGE,
+                               "--unshot-left: all texels send at once; give --order unshot, or leave it out")
+                   : KILN_OK;
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        if (others[i].wanted)
+            return kiln_fail(error, KILN_USAGE,
+                             "--%s is not for --order unshot, whose nodes and view factors stay from round to round: "
+                             "leave one of the two out",
+                             others[i].name);
     return KILN_OK;
 }
 
@@ -493,6 +514,8 @@ static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
         status = check_gather(job, error);
     if (status == KILN_OK)
         status = check_nodes(job, error);
+    if (status == KILN_OK)
+        status = check_order(job, error);
     if (status == KILN_OK)
         status = patches_by_embree(job, error);
     if (status != KILN_OK)
