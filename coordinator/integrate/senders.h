@@ -6,7 +6,7 @@
 
 #include "worker/pass/patches.h"
 
-enum { KILN_UNSHOT_ROUNDS = 8 };
+enum { KILN_UNSHOT_ROUNDS = 16 };
 
 struct kiln_senders;
 
