@@ -270,7 +270,7 @@ static uint64_t add_point(struct kiln_patches *p, uint64_t point)
     struct kiln_patch_node *node = &p->nodes[p->parameters.count++];
     if (p->senders != NULL)
         kiln_senders_add(p->senders, p->parameters.count - 1, point);
-    *node = (struct kiln_patch_node){.patch = p->points[point], .centre = p->points[point].place};
+    *node = (struct kiln_patch_node){.patch = p->points[point], .centre = p->points[point].centre};
     light_of(p, point, node->radiosity);
     return 1;
 }
