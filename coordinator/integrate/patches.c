@@ -38,6 +38,7 @@ struct kiln_patches {
     struct kiln_links *links;            /* NULL: not found yet, or there are none */
     bool links_of_emission;              /* made for what is emitted */
     struct kiln_visibility_cache *cache; /* NULL: none */
+    struct kiln_voxels *voxels;          /* NULL: rays say what patches see */
     struct kiln_senders *senders;        /* NULL: all nodes send in every step */
     struct kiln_directions *directions;  /* in the place of nodes; NULL: not made yet */
 };
@@ -61,6 +62,7 @@ void kiln_patches_destroy(struct kiln_patches **patches)
     kiln_free(&(*patches)->emission);
     kiln_free(&(*patches)->nodes);
     kiln_links_destroy(&(*patches)->links);
+    kiln_voxels_destroy(&(*patches)->voxels);
     kiln_senders_destroy(&(*patches)->senders);
     kiln_directions_destroy(&(*patches)->directions);
     kiln_visibility_cache_destroy(&(*patches)->cache);
@@ -96,6 +98,7 @@ uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t
                kiln_directions_bytes(settings, points);
     return points * (sizeof(struct kiln_patch) + sizeof(struct kiln_patch_node) + emission) +
            (most > 0 ? kiln_visibility_cache_bytes(most, own, points) : 0) +
+           (settings->visibility == KILN_VISIBILITY_VOXELS ? kiln_voxels_bytes(settings->voxels) : 0) +
            (settings->order == KILN_ORDER_UNSHOT ? kiln_senders_bytes(points) : 0);
 }
 
@@ -198,6 +201,9 @@ static int make_room(struct kiln_patches *p, struct kiln_error *error)
         status = kiln_allocate(&p->emission, (size_t)points, sizeof *p->emission, "what patches emit", error);
     if (status == KILN_OK && has_pairs(p->source.settings->patches))
         status = kiln_allocate(&p->nodes, (size_t)points, sizeof *p->nodes, "the nodes that points gather from", error);
+    if (status == KILN_OK && p->source.settings->patches->visibility == KILN_VISIBILITY_VOXELS)
+        status = kiln_voxels_create(&p->voxels, p->source.backend->params.geometry, p->source.settings->patches->voxels,
+                                    error);
     if (status == KILN_OK && p->source.settings->patches->order == KILN_ORDER_UNSHOT)
         status = kiln_senders_create(&p->senders, points, error);
     const uint64_t cache = cache_bytes(p->source.settings->patches);
@@ -574,7 +580,8 @@ int kiln_patches_update(struct kiln_patches *p, const uint64_t *radiosity, const
                                                      .nodes = p->nodes,
                                                      .most_factor = clamps ? KILN_CLAMP_FACTOR : 0.0,
                                                      .most_added = clamps ? KILN_CLAMP_ADDED : 0.0,
-                                                     .cache = p->cache};
+                                                     .cache = p->cache,
+                                                     .voxels = p->voxels};
     make_nodes(p);
     if (first)
         warn_of_pairs(p);

@@ -401,7 +401,8 @@ static int check_links(struct kiln_job *job, struct kiln_error *error)
                                            {"subdivide", job->patches.subdivide > 0.0},
                                            {"clamp", job->patches.clamp},
                                            {"visibility-cache", job->patches.visibility_cache > 0.0},
-                                           {"order unshot", job->patches.order == KILN_ORDER_UNSHOT}};
+                                           {"order unshot", job->patches.order == KILN_ORDER_UNSHOT},
+                                           {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS}};
     if (job->patches.patches != KILN_PATCHES_LINKS && given(job, "link-error"))
         return kiln_fail(error, KILN_USAGE,
                          "--link-error: all texels are patches; give --patches links, or leave --link-error out");
@@ -458,6 +459,9 @@ static int check_nodes(struct kiln_job *job, struct kiln_error *error)
 /* Rounds of unshot light close rows as the step before them found these to be. */
 static int check_order(struct kiln_job *job, struct kiln_error *error)
 {
+    if (job->patches.visibility != KILN_VISIBILITY_VOXELS && given(job, "voxels"))
+        return kiln_fail(error, KILN_USAGE,
+                         "--voxels: rays say what patches see; give --visibility voxels, or leave --voxels out");
     const struct unused_option others[] = {{"undersample random", job->patches.undersample == KILN_SAMPLE_RANDOM},
                                            {"subdivide", job->patches.subdivide > 0.0},
                                            {"clamp", job->patches.clamp}};
@@ -480,6 +484,7 @@ static int patches_by_embree(struct kiln_job *job, struct kiln_error *error)
 {
     const struct unused_option of_embree[] = {{"patches links", job->patches.patches == KILN_PATCHES_LINKS},
                                               {"visibility-cache", job->patches.visibility_cache > 0.0},
+                                              {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS},
                                               {"gather", job->patches.gather != KILN_GATHER_PAIRS}};
     for (size_t i = 0; i < sizeof of_embree / sizeof *of_embree; i++) {
         if (!of_embree[i].wanted)

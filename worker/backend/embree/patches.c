@@ -150,8 +150,13 @@ static bool ask(struct patches_work *w, const struct kiln_patch *own, const stru
     if (known != KILN_PAIRS_UNKNOWN)
         return known == KILN_PAIRS_OPEN;
     /* the same ray whichever of the points asks: from the one with the lower number */
-    if (!patch_ray(&pairs->rays, pairs->ray_count, first ? own->place : other->place,
-                   first ? other->place : own->place))
+    const struct kiln_patch *from = first ? own : other, *to = first ? other : own;
+    if (w->job.p->voxels != NULL) {
+        const bool open = kiln_voxels_open(w->job.p->voxels, from->place, from->normal, to->place, to->normal);
+        kiln_visibility_note(&w->visibility, w->place, other->number, open ? KILN_PAIRS_OPEN : KILN_PAIRS_SHUT);
+        return open;
+    }
+    if (!patch_ray(&pairs->rays, pairs->ray_count, from->place, to->place))
         return false;
     pair->ray = (int)pairs->ray_count++;
     return true;
