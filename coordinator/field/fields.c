@@ -9,6 +9,7 @@
 #include "coordinator/field/packed_error.h"
 #include "coordinator/field/rank_data.h"
 #include "worker/pass/guided.h"
+#include "worker/pass/patches.h"
 #include "worker/scene/radiosity.h"
 
 #define AT(member) offsetof(struct kiln_rank_data, member)
@@ -32,6 +33,10 @@ static bool has_blocks(const struct kiln_job *job) { return job->indirect_scale 
 static bool has_nodes(const struct kiln_job *job) { return job->final_scale > 0; }
 static bool keeps_nodes(const struct kiln_job *job) { return job->patches.keep_nodes; }
 static bool has_caustics(const struct kiln_job *job) { return kiln_job_has_caustics(job); }
+static bool has_closing(const struct kiln_job *job)
+{
+    return kiln_job_is_radiosity(job) && job->patches.order == KILN_ORDER_UNSHOT;
+}
 static bool has_guide(const struct kiln_job *job) { return job->guide > 0; }
 static bool receives_visible(const struct kiln_job *job) { return job->exchange_points == KILN_EXCHANGE_VISIBLE; }
 static bool has_target(const struct kiln_job *job) { return job->target_error > 0.0; }
@@ -426,6 +431,16 @@ static const struct kiln_field table[] = {
      .saved = KILN_FIELD_SAVED,
      .high = FLT_MAX,
      .present = has_guide},
+    {.name = "closing",
+     .unit = "1",
+     .type = KILN_FIELD_FLOAT,
+     .components = KILN_CLOSING_FLOATS,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(surface.closing),
+     .saved = KILN_FIELD_SAVED,
+     .high = FLT_MAX,
+     .present = has_closing},
     /* scratch of a step */
     {.name = "next",
      .type = KILN_FIELD_RADIOSITY,

@@ -30,6 +30,13 @@ enum kiln_gather_choice {
     KILN_GATHER_MIXED = 4
 };
 
+/* Likewise: in what order patches send: all at once, bounce by bounce, or those with the most unshot power first
+ * (coordinator/integrate/radiosity/unshot.h). */
+enum kiln_order { KILN_ORDER_LOCKSTEP = 0, KILN_ORDER_UNSHOT = 1 };
+
+/* Likewise: what says whether two patches see each other: a ray, or voxels (worker/scene/voxels.h). */
+enum kiln_visibility { KILN_VISIBILITY_RAYS = 0, KILN_VISIBILITY_VOXELS = 1 };
+
 struct kiln_patch_settings {
     int patches;         /* enum kiln_patches_choice */
     double link_error;   /* with links: of a point's light, relative */
@@ -45,6 +52,10 @@ struct kiln_patch_settings {
     double visibility_cache;
     int gather;          /* enum kiln_gather_choice */
     uint32_t directions; /* rays of a point in a step, unless by pairs; 0: as many as a bounce has */
+    int visibility;      /* enum kiln_visibility */
+    uint32_t voxels;     /* with KILN_VISIBILITY_VOXELS: along the scene's longest side */
+    int order;           /* enum kiln_order */
+    double unshot_left;  /* with KILN_ORDER_UNSHOT: of all reflected power, the unshot share with which rounds end */
 };
 
 /* How views are drawn, with their names for --method of kiln view; the first is the default: from the lightmaps of a

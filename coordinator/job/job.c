@@ -383,9 +383,10 @@ static int refuse_cells(struct kiln_job *job, struct kiln_error *error)
 /* What only patches have. */
 static int refuse_patches(struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_patches[] = {
-        "patches",  "link-error", "lights", "undersample",  "directions",       "sampling-window", "subdivide",
-        "node-max", "gather",     "clamp",  "albedo-scale", "visibility-cache", "keep-nodes"};
+    static const char *const of_patches[] = {"patches",    "link-error",      "lights",       "undersample",
+                                             "directions", "sampling-window", "subdivide",    "node-max",
+                                             "gather",     "clamp",           "albedo-scale", "visibility-cache",
+                                             "order",      "unshot-left",     "keep-nodes"};
     for (size_t i = 0; i < sizeof of_patches / sizeof *of_patches; i++)
         if (given(job, of_patches[i]))
             return kiln_fail(error, KILN_USAGE,
@@ -400,7 +401,9 @@ static int check_links(struct kiln_job *job, struct kiln_error *error)
     const struct unused_option others[] = {{"undersample", job->patches.undersample != KILN_SAMPLE_ALL},
                                            {"subdivide", job->patches.subdivide > 0.0},
                                            {"clamp", job->patches.clamp},
-                                           {"visibility-cache", job->patches.visibility_cache > 0.0}};
+                                           {"visibility-cache", job->patches.visibility_cache > 0.0},
+                                           {"order unshot", job->patches.order == KILN_ORDER_UNSHOT},
+                                           {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS}};
     if (job->patches.patches != KILN_PATCHES_LINKS && given(job, "link-error"))
         return kiln_fail(error, KILN_USAGE,
                          "--link-error: all texels are patches; give --patches links, or leave --link-error out");
@@ -415,8 +418,8 @@ static int check_links(struct kiln_job *job, struct kiln_error *error)
 /* Rays read single texels, and their light has no factors. */
 static int check_gather(struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_pairs[] = {"undersample", "subdivide", "sampling-window", "node-max",
-                                           "clamp",       "patches",   "link-error",      "visibility-cache"};
+    static const char *const of_pairs[] = {"undersample", "subdivide",  "sampling-window",  "node-max", "clamp",
+                                           "patches",     "link-error", "visibility-cache", "order",    "unshot-left"};
     const uint32_t directions = job->patches.directions;
     const bool pairs = job->patches.gather == KILN_GATHER_PAIRS;
     for (size_t i = 0; i < sizeof of_pairs / sizeof *of_pairs && !pairs; i++)
@@ -457,11 +460,35 @@ static int check_nodes(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
+/* Rounds of unshot light close rows as the step before them found these to be. */
+static int check_order(struct kiln_job *job, struct kiln_error *error)
+{
+    if (job->patches.visibility != KILN_VISIBILITY_VOXELS && given(job, "voxels"))
+        return kiln_fail(error, KILN_USAGE,
+                         "--voxels: rays say what patches see; give --visibility voxels, or leave --voxels out");
+    const struct unused_option others[] = {{"undersample random", job->patches.undersample == KILN_SAMPLE_RANDOM},
+                                           {"subdivide", job->patches.subdivide > 0.0},
+                                           {"clamp", job->patches.clamp}};
+    if (job->patches.order != KILN_ORDER_UNSHOT)
+        return given(job, "unshot-left")
+                   ? kiln_fail(error, KILN_USAGE,
+                               "--unshot-left: all texels send at once; give --order unshot, or leave it out")
+                   : KILN_OK;
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        if (others[i].wanted)
+            return kiln_fail(error, KILN_USAGE,
+                             "--%s is not for --order unshot, whose nodes and view factors stay from round to round: "
+                             "leave one of the two out",
+                             others[i].name);
+    return KILN_OK;
+}
+
 /* What of patches Embree alone has. */
 static int patches_by_embree(struct kiln_job *job, struct kiln_error *error)
 {
     const struct unused_option of_embree[] = {{"patches links", job->patches.patches == KILN_PATCHES_LINKS},
                                               {"visibility-cache", job->patches.visibility_cache > 0.0},
+                                              {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS},
                                               {"gather", job->patches.gather != KILN_GATHER_PAIRS}};
     for (size_t i = 0; i < sizeof of_embree / sizeof *of_embree; i++) {
         if (!of_embree[i].wanted)
@@ -496,6 +523,8 @@ static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
         status = check_gather(job, error);
     if (status == KILN_OK)
         status = check_nodes(job, error);
+    if (status == KILN_OK)
+        status = check_order(job, error);
     if (status == KILN_OK)
         status = patches_by_embree(job, error);
     if (status != KILN_OK)

@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "worker/scene/voxels.h"
+
 #define ARRAY_COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define AT(member) offsetof(struct kiln_job, member)
 
@@ -34,6 +36,8 @@ static const char *const side_choices[] = {"one", "two", NULL};
 static const char *const patches_names[] = {"all", "links", NULL};      /* enum kiln_patches_choice */
 static const char *const lights_names[] = {"sampled", "patches", NULL}; /* enum kiln_lights_choice */
 static const char *const undersample_names[] = {"none", "stride", "random", "mipmap", NULL}; /* enum kiln_undersample */
+static const char *const visibility_names[] = {"rays", "voxels", NULL};                      /* enum kiln_visibility */
+static const char *const order_names[] = {"lockstep", "unshot", NULL};                       /* enum kiln_order */
 static const char *const gather_names[] = {"pairs", "cosine", "even", "circles", "mixed", NULL};
 static const char *const window_names[] = {"1", "2", "4", "8", "16", "32", "64", NULL}; /* by their log2 */
 static const char *const qualities[] = {"draft", "preview", "production", "reference", NULL};
@@ -292,6 +296,24 @@ const struct kiln_option kiln_options[] = {
      .help = "--patches links: error of a texel's light, relative; 0: every texel is a node",
      .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
      .offset = AT(patches.link_error)},
+    {.name = "order",
+     .group = "Light transport",
+     .kind = KILN_OPTION_CHOICE_ENUM,
+     .fallback = "lockstep",
+     .choices = order_names,
+     .help = "--method radiosity: all texels send in each bounce, or those with the most unshot power first",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(patches.order)},
+    {.name = "unshot-left",
+     .group = "Light transport",
+     .kind = KILN_OPTION_DOUBLE,
+     .value = "S",
+     .fallback = "1e-5",
+     .minimum = 0,
+     .maximum = 1,
+     .help = "--order unshot: ends when less than this share of all reflected power is unshot",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(patches.unshot_left)},
     {.name = "gather",
      .group = "Light transport",
      .kind = KILN_OPTION_CHOICE_ENUM,
@@ -370,6 +392,24 @@ const struct kiln_option kiln_options[] = {
      .help = "--method radiosity: factor of what patches reflect; 0.9 is Kahl's",
      .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
      .offset = AT(patches.albedo_scale)},
+    {.name = "visibility",
+     .group = "Light transport",
+     .kind = KILN_OPTION_CHOICE_ENUM,
+     .fallback = "rays",
+     .choices = visibility_names,
+     .help = "--method radiosity: rays, or roughly a grid of voxels, say what patches see of each other",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(patches.visibility)},
+    {.name = "voxels",
+     .group = "Light transport",
+     .kind = KILN_OPTION_UINT32,
+     .value = "N",
+     .fallback = "128",
+     .minimum = 1,
+     .maximum = KILN_VOXELS_MOST,
+     .help = "--visibility voxels: along the scene's longest side",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(patches.voxels)},
     {.name = "visibility-cache",
      .group = "Light transport",
      .kind = KILN_OPTION_DOUBLE,

@@ -7,6 +7,7 @@
 #include "coordinator/integrate/link_file.h"
 #include "coordinator/integrate/blocks.h"
 #include "coordinator/integrate/patches.h"
+#include "coordinator/integrate/senders.h"
 #include "coordinator/integrate/nodes.h"
 #include "coordinator/integrate/energy.h"
 #include "coordinator/run/process_memory.h"
@@ -278,6 +279,8 @@ static int take_sample(const struct kiln_planned_steps *steps, const struct cali
         sample->points[k] = kiln_tile_runs_points(&tile_runs[first], &tile_runs[first + batch.count - 1]);
         if (status == KILN_OK && !steps->kinds[k].lands)
             status = sample_step(p, &batch, &steps->kinds[k], &sample->seconds[k], error);
+        if (steps->kinds[k].by_unshot) /* timed with all patches */
+            sample->seconds[k] /= KILN_UNSHOT_ROUNDS;
         kiln_free(&masks);
     }
     return status;
