@@ -48,6 +48,17 @@ static int write_twice(struct kiln_bake *b, const struct kiln_bake_result *resul
     return status;
 }
 
+/* Ends packing ahead, which goes on up to here, and shows it on the timeline. */
+static void end_packing(struct kiln_bake *b)
+{
+    struct kiln_points_ahead_report report;
+    kiln_points_ahead_stop(b->ahead);
+    kiln_points_ahead_report(b->ahead, &report);
+    if (report.chunks > 0)
+        kiln_trace_add(b->trace, KILN_TRACE_BESIDE, "points packed ahead", b->ahead_start + report.begin,
+                       b->ahead_start + report.end, (int64_t)(report.chunks * KILN_H5_CHUNK_ROWS));
+}
+
 static int write_results(struct kiln_bake *b, const char *provenance, struct kiln_error *error)
 {
     const struct kiln_node_data *data = b->solution->node_data;
@@ -71,6 +82,7 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
                                         .denoise = kiln_job_denoises(b->job),
                                         .stitch = b->job->stitch,
                                         .faults = &b->job->faults,
+                                        .ahead = b->ahead,
                                         .provenance_json = provenance};
     int status = kiln_allocate(&b->lightmaps, b->prepared->surface->map_count, sizeof *b->lightmaps,
                                "the lightmaps' report", error);
@@ -91,6 +103,7 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
     if (status == KILN_OK) {
         kiln_phase(&b->phases, "kiln.h5");
         kiln_progress_phase(b->progress, "kiln.h5", 0);
+        end_packing(b);
         status = write_twice(b, &result, &params, write_points, error);
     }
     if (status == KILN_OK && b->job->samples_probe != 0) {
@@ -207,6 +220,7 @@ static int write_report(struct kiln_bake *b, struct kiln_error *error)
                                  .density = &b->density,
                                  .visible = &b->visible,
                                  .phases = &b->phases,
+                                 .ahead = b->ahead,
                                  .materials = b->materials,
                                  .probe_rays = b->probe_rays,
                                  .directory = b->job->output};
