@@ -40,7 +40,7 @@ void kiln_points_ahead_destroy(struct kiln_points_ahead **ahead);
 /* After kiln_points_ahead_stop. The chunk's column, compressed, or NULL if it is not there. `ahead` may be NULL. */
 const void *kiln_points_ahead_find(const struct kiln_points_ahead *ahead, uint64_t chunk, const char *column,
                                    size_t *bytes);
-/* Likewise; all zero if `ahead` is NULL. */
+/* At any time; all zero if `ahead` is NULL, and the processor's time once the threads are stopped. */
 void kiln_points_ahead_report(const struct kiln_points_ahead *ahead, struct kiln_points_ahead_report *report);
 
 #endif
