@@ -105,6 +105,7 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
         kiln_progress_phase(b->progress, "kiln.h5", 0);
         end_packing(b);
         status = write_twice(b, &result, &params, write_points, error);
+        kiln_points_ahead_drop(b->ahead);
     }
     if (status == KILN_OK && b->job->samples_probe != 0) {
         kiln_phase(&b->phases, "volume.hdf");

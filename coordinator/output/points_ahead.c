@@ -191,14 +191,21 @@ void kiln_points_ahead_stop(struct kiln_points_ahead *a)
         (void)pthread_join(a->threads[--a->thread_count], NULL);
 }
 
-void kiln_points_ahead_destroy(struct kiln_points_ahead **ahead)
+void kiln_points_ahead_drop(struct kiln_points_ahead *a)
 {
-    struct kiln_points_ahead *a = *ahead;
     if (a == NULL)
         return;
     kiln_points_ahead_stop(a);
     for (uint64_t i = 0; a->parts != NULL && i < a->count * a->columns.count; i++)
         kiln_free(&a->parts[i].bytes);
+}
+
+void kiln_points_ahead_destroy(struct kiln_points_ahead **ahead)
+{
+    struct kiln_points_ahead *a = *ahead;
+    if (a == NULL)
+        return;
+    kiln_points_ahead_drop(a);
     kiln_free(&a->parts);
     kiln_free(&a->done);
     kiln_free(ahead);

@@ -34,6 +34,8 @@ void kiln_points_ahead_start(struct kiln_points_ahead **ahead, const struct kiln
 /* Ends the threads after the chunks that they are at, a few milliseconds of the processor; what is packed stays. NULL
  * and a second call are allowed. */
 void kiln_points_ahead_stop(struct kiln_points_ahead *ahead);
+/* Stops, and releases what was packed; the report remains. NULL is allowed. */
+void kiln_points_ahead_drop(struct kiln_points_ahead *ahead);
 /* Stops, releases and sets NULL. */
 void kiln_points_ahead_destroy(struct kiln_points_ahead **ahead);
 
