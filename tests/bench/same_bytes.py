@@ -4,8 +4,8 @@
 
 Every scene is baked with both programs. Datasets of kiln.h5 and volume.hdf and channels of lightmaps are compared bit
 by bit, however they are compressed, and the preview as a file; attributes of HDF5 files and run.json, which name
-versions and times, are not. Prints a line a bake; exits with 1 when any differs. `full` takes all analytic scenes, those with references, the Cornell box, a city, Sponza and the interiors
-beside the repository.
+versions and times, are not. Prints a line a bake; exits with 1 when any differs. `full` takes all analytic scenes,
+those with references, the Cornell box, a city, Sponza and the interiors beside the repository.
 """
 import argparse
 import glob

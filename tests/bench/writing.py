@@ -3,9 +3,9 @@
   /usr/bin/python3 tests/bench/writing.py --kiln build/release/kiln [--against PROGRAM] [--texels-per-metre 40]
       [--threads 1] [--ranks 0] [--turns 3] [SCENE ...] [-- OPTIONS]
 
-Few samples, so that little else is done. Each phase's least time of so many turns, which go to the programs by turns: by
-the clock, and of the processor, of all threads and ranks (a program that does not report that has a dash). `ahead` is
-what was packed beside the passes, whose processor time is not in that of kiln.h5. The last rows are the whole bake,
+Few samples, so that little else is done. Each phase's least time of so many turns, which go to the programs by turns:
+by the clock, and of the processor, of all threads and ranks (a program that does not report that has a dash). `ahead`
+is what was packed beside the passes, whose processor time is not in that of kiln.h5. The last rows are the whole bake,
 and the bytes that it left. Without a scene: the Cornell box.
 """
 import os
