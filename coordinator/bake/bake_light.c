@@ -53,11 +53,28 @@ static void settle_paths(struct kiln_bake *b)
     b->light_settings.reference = &b->paths;
 }
 
+/* kiln_beside */
+static void pack_ahead(void *context, const struct kiln_rank_data *own)
+{
+    struct kiln_bake *b = context;
+    const struct kiln_bake_result result = {.scene = b->prepared->scene,
+                                            .geometry = b->prepared->geometry,
+                                            .surface = b->prepared->surface,
+                                            .fields = &b->fields,
+                                            .data = own};
+    b->ahead_start = MPI_Wtime();
+    kiln_points_ahead_start(&b->ahead, &result, b->prepared->threads);
+}
+
+/* kiln_beside */
+static void stop_packing(void *context) { kiln_points_ahead_stop(((struct kiln_bake *)context)->ahead); }
+
 void kiln_bake_settle_light(struct kiln_bake *b)
 {
     b->light_settings = kiln_light_settings(b->job, b->prepared->lights, b->prepared->surface->point_count);
     settle_paths(b);
     kiln_field_set_choose(&b->fields, b->job);
+    b->beside = (struct kiln_beside){.start = pack_ahead, .stop = stop_packing, .context = b};
     b->light_params = (struct kiln_integrate_params){.communicator = b->communicator,
                                                      .rank = b->rank,
                                                      .ranks = b->prepared->ranks,
@@ -77,7 +94,8 @@ void kiln_bake_settle_light(struct kiln_bake *b)
                                                      .identity = b->identity,
                                                      .groups = b->groups.count > 0 ? &b->groups : NULL,
                                                      .transport = b->transport.is_on ? &b->transport : NULL,
-                                                     .threads = b->prepared->threads};
+                                                     .threads = b->prepared->threads,
+                                                     .beside = &b->beside};
 }
 
 int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)

@@ -6,6 +6,7 @@
 #include "coordinator/field/result.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/map/lightmaps.h"
+#include "coordinator/output/points_ahead.h"
 #include "coordinator/run/process_memory.h"
 
 /* What writing the results takes, measured: see the rows' words. */
@@ -52,7 +53,8 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
                              (RECORD_BYTES + 2.0 * planes) * rows;
     const double preview =
         size->job->preview ? (double)PREVIEW_BYTES + PREVIEW_TEXEL * size->texels + (H5_KEPT + columns) * rows : 0.0;
-    return (uint64_t)fmax(lightmaps, fmax((H5_ROW + columns) * rows, preview));
+    const double ahead = fmin(KILN_POINTS_AHEAD_POINT * size->own, (double)KILN_POINTS_AHEAD_MOST);
+    return (uint64_t)fmax(ahead + fmax(lightmaps, (H5_ROW + columns) * rows), preview);
 }
 
 /* ---- the budget ---- */

@@ -606,6 +606,23 @@ static json_int_t total(const uint64_t *values, int ranks, int what)
     return (json_int_t)sum;
 }
 
+/* Collective. What was packed while light was computed; on rank 0, else NULL. */
+static json_t *ahead_json(const struct kiln_run *run)
+{
+    const MPI_Comm comm = run->prepared->communicator;
+    struct kiln_points_ahead_report own;
+    kiln_points_ahead_report(run->ahead, &own);
+    uint64_t counts[2] = {own.chunks * KILN_H5_CHUNK_ROWS, own.bytes};
+    double processor = own.processor, seconds = own.end - own.begin;
+    (void)MPI_Reduce(run->prepared->rank == 0 ? MPI_IN_PLACE : counts, counts, 2, MPI_UINT64_T, MPI_SUM, 0, comm);
+    (void)MPI_Reduce(run->prepared->rank == 0 ? MPI_IN_PLACE : &processor, &processor, 1, MPI_DOUBLE, MPI_SUM, 0, comm);
+    (void)MPI_Reduce(run->prepared->rank == 0 ? MPI_IN_PLACE : &seconds, &seconds, 1, MPI_DOUBLE, MPI_MAX, 0, comm);
+    return run->prepared->rank != 0
+               ? NULL
+               : json_pack("{s:{s:I, s:I, s:f, s:f}}", "points", "packed", (json_int_t)counts[0], "bytes",
+                           (json_int_t)counts[1], "processor_seconds", processor, "seconds", seconds);
+}
+
 static json_t *volume_json(const struct kiln_run *run, const uint64_t *values)
 {
     const struct kiln_volume_result *v = run->volume;
@@ -865,9 +882,10 @@ int kiln_run_report(json_t **report, const struct kiln_run *run, struct kiln_err
     if (status == KILN_OK) {
         gather(run, &g);
         json_t *phases = kiln_phases_json(run->phases, p->communicator, g.phases);
-        json_t *error_reached = error_json(run), *mpi = mpi_json(run);
+        json_t *error_reached = error_json(run), *mpi = mpi_json(run), *ahead = ahead_json(run);
         if (p->rank == 0) {
             *report = report_on_root(run, phases, error_reached, mpi, g.values, g.stolen);
+            json_object_set_new(*report, "beside_passes", ahead);
             json_object_set_new(*report, "notes", kiln_run_notes(*report));
         } else {
             json_decref(error_reached);

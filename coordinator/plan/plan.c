@@ -43,8 +43,8 @@ static const double DENOISE_POINT_SECONDS = 18e-6;
 static const double DENOISE_LIGHTMAP_DISK = 0.87, DENOISE_POINT_DISK = -4.0;
 
 static const double TAKE_POINT_SECONDS = 0.11e-6;    /* of one thread, in each pass: entered into results and sums */
-static const double LIGHTMAP_TEXEL_SECONDS = 1.6e-6; /* of one thread: filled, smoothed, compressed, read back */
-static const double H5_POINT_SECONDS = 1.35e-6;      /* of one rank: described, compressed, read back */
+static const double LIGHTMAP_TEXEL_SECONDS = 0.9e-6; /* of one thread: filled, smoothed, compressed, read back */
+static const double H5_POINT_SECONDS = 0.85e-6;      /* of one rank: described, compressed, read back */
 /* Of these two, what one rank does alone when there are several, of one thread. For an object of few seams: */
 /* its points taken in, finished, sent to be packed, written, compared */
 static const double OWNER_TEXEL_SECONDS = 0.2e-6;
