@@ -57,6 +57,7 @@ struct kiln_job {
     double verify_fraction; /* fraction of the tile runs that are traced again with Embree */
     double dispatch_time;   /* longest time of one GPU dispatch, ms */
     double device_memory;   /* GiB that a rank may use; 0: what is free on the device */
+    char *kernel_cache;     /* folder of compiled kernels, or "none"; NULL: the user's (files/kernel_cache.h) */
     bool devices;           /* info: list the devices; there is no scene */
     uint32_t threads;       /* of each rank; 0: the cores that this process may use, divided by the ranks of the node */
     char *instruction_set;  /* of Embree; NULL: the best that all ranks have */

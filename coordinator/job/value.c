@@ -236,5 +236,6 @@ int kiln_option_set(struct kiln_job *job, const struct kiln_option *option, cons
         return add_line(job, option, text, where, status, error);
     if (option->kind == KILN_OPTION_RULES)
         return kiln_job_rules_parse(text, where, status, job, field(job, option), error);
-    return kiln_job_keep_path(job, text, option->kind == KILN_OPTION_PATH ? folder : NULL, field(job, option), error);
+    const bool is_path = option->kind == KILN_OPTION_PATH && (option->word == NULL || strcmp(text, option->word) != 0);
+    return kiln_job_keep_path(job, text, is_path ? folder : NULL, field(job, option), error);
 }
