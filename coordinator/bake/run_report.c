@@ -768,6 +768,8 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
                         json_pack("{s:b, s:o, s:f, s:f, s:f, s:b}", "added", t->tail, "ratio", rgb_json(t->tail_ratio),
                                   "share", t->tail_share, "error", fmax(t->tail_error, 0.0), "tile_error",
                                   t->tail_tile_error, "diverges", t->tail_error == KILN_TAIL_DIVERGES));
+    if (t->landing.radius > 0.0 && kiln_job_is_reference(run->job))
+        json_object_set_new(root, "merge_radius", json_real(t->landing.radius));
     if (kiln_job_has_probes(run->job))
         json_object_set_new(root, "radiance_probes", radiance_json(&t->radiance));
     json_object_set_new(root, "energy", energy_json(&t->energy, kiln_units_of(run->job->units, p->scene)));
