@@ -1,5 +1,5 @@
 /* Draws of scattering functions against their densities: cells of directions, what a density promises of them, and
- * chi-squared. The density is asked for by a function, so that a device can answer, too. Include after cmocka.h. */
+ * chi-squared. The density is asked for by a function. Include after cmocka.h. */
 #ifndef KILN_TESTS_UNIT_BSDF_CELLS_H
 #define KILN_TESTS_UNIT_BSDF_CELLS_H
 
