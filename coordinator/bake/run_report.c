@@ -337,14 +337,32 @@ static json_t *radiance_json(const struct kiln_radiance_report *r)
     return json;
 }
 
+/* Light that has met no diffuse surface before, as traced from the lights and as found by points. */
+static void add_first_light(json_t *json, const char *layer, const struct kiln_first_light *light)
+{
+    if (light->compared)
+        (void)json_object_set_new(json, layer,
+                                  json_pack("{s:o, s:o, s:f, s:f}", "traced", rgb_json(light->traced), "found",
+                                            rgb_json(light->found), "difference", light->difference, "error",
+                                            light->error));
+}
+
+static json_t *first_light_json(const struct kiln_energy *e)
+{
+    json_t *json = json_object();
+    add_first_light(json, "direct", &e->straight);
+    add_first_light(json, "caustic", &e->caustic);
+    return json;
+}
+
 static json_t *energy_json(const struct kiln_energy *e, const struct kiln_units *units)
 {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", units->flux,
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f, s:o}", "units", units->flux,
                      "emitted", rgb_json(e->emitted), "glass", rgb_json(e->glass), "gloss", rgb_json(e->gloss),
                      "absorbed", rgb_json(e->absorbed), "escaped", rgb_json(e->escaped), "blocked",
                      rgb_json(e->blocked), "ranged", rgb_json(e->ranged), "unfound", rgb_json(e->unfound), "left_over",
                      rgb_json(e->left_over), "residual", e->residual, "error", e->error, "relative_residual",
-                     e->relative);
+                     e->relative, "first_light", first_light_json(e));
 }
 
 /* What has become of --target-error: after the last round of parts. */
@@ -795,6 +813,8 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
                         json_pack("{s:b, s:o, s:f, s:f, s:f, s:b}", "added", t->tail, "ratio", rgb_json(t->tail_ratio),
                                   "share", t->tail_share, "error", fmax(t->tail_error, 0.0), "tile_error",
                                   t->tail_tile_error, "diverges", t->tail_error == KILN_TAIL_DIVERGES));
+    if (t->landing.radius > 0.0 && kiln_job_is_reference(run->job))
+        json_object_set_new(root, "merge_radius", json_real(t->landing.radius));
     if (kiln_job_has_probes(run->job))
         json_object_set_new(root, "radiance_probes", radiance_json(&t->radiance));
     json_object_set_new(root, "energy", energy_json(&t->energy, kiln_units_of(run->job->units, p->scene)));

@@ -90,7 +90,8 @@ struct kiln_emission_result {
     double caustic[3]; /* part of `received` that came by way of these */
     /* part of `caustic` that gather rays cannot find: a mirror or smooth glass was first, and the light has no size */
     double mirrored[3];
-    double error[3]; /* standard error of `received` */
+    double error[3]; /* standard error of `received`, and of its parts: what came straight, and `caustic` */
+    double straight_error[3], caustic_error[3];
 };
 
 enum { KILN_KERNELS_MOST = 32 };
