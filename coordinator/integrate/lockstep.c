@@ -31,6 +31,7 @@ static int create_patches(struct kiln_lockstep *l, struct kiln_error *error)
                                                .settings = p->settings,
                                                .direct = &l->solution->direct,
                                                .own = &l->solution->own,
+                                               .replayed = p->transport,
                                                .keeps_visibility = true};
     return kiln_patches_create(&l->patches, &source, error);
 }
@@ -213,6 +214,8 @@ static int run_step(struct kiln_lockstep *l, struct kiln_error *error)
     status = run_kept(l, error);
     if (status != KILN_OK)
         kiln_radiosity_allgather_abandon(l->solution->allgather);
+    if (status == KILN_OK && p->transport != NULL && report->step.pass == &kiln_pass_links)
+        status = kiln_patches_keep(l->patches, p->transport, error);
     report->given += kiln_work_queue_returned(l->solution->own->queue);
     kiln_trace_add(p->trace, KILN_TRACE_PASS, role_of(l, &report->step)->title, start, MPI_Wtime(),
                    (int64_t)p->surface->count);

@@ -102,9 +102,51 @@ struct kiln_visibility_counts kiln_patches_visibility(const struct kiln_patches 
 
 void kiln_patches_links(const struct kiln_patches *p, uint64_t *count, uint64_t *bytes)
 {
+    uint64_t replayed;
     *count = *bytes = 0;
     if (p != NULL && p->links != NULL)
-        kiln_links_count(p->links, count, bytes);
+        kiln_links_count(p->links, count, bytes, &replayed);
+}
+
+/* kiln_take_results: links are all that is wanted. */
+static int take_nothing(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)context, (void)first, (void)count, (void)results, (void)error;
+    return KILN_OK;
+}
+
+/* Finds the links of tile runs that were done before an interruption. */
+static int find_missing(const struct kiln_patches *p, struct kiln_error *error)
+{
+    const struct kiln_links_parameters *parameters = p->step->parameters;
+    const struct kiln_surface *s = p->source.surface;
+    struct kiln_batch batch = {.stream = p->step->stream, .samples = p->step->samples, .take = take_nothing};
+    uint64_t rays = 0;
+    int status = KILN_OK;
+    for (size_t i = 0; i < s->tile_run_count && status == KILN_OK; i += batch.count) {
+        const bool missing = parameters->kept[i] == NULL;
+        for (batch.first = i, batch.count = 1;
+             i + batch.count < s->tile_run_count && (parameters->kept[i + batch.count] == NULL) == missing;)
+            batch.count++;
+        if (missing)
+            status = kiln_backend_run(p->source.backend, &kiln_pass_links, parameters, &batch, &rays, error);
+    }
+    return status;
+}
+
+int kiln_patches_keep(const struct kiln_patches *p, struct kiln_transport *t, struct kiln_error *error)
+{
+    uint64_t count, bytes, replayed;
+    if (!t->of_links || p->links == NULL || p->links_of_emission)
+        return KILN_OK;
+    const int status = kiln_agree(p->source.communicator, find_missing(p, error), error);
+    if (status != KILN_OK)
+        return status;
+    kiln_links_count(p->links, &count, &bytes, &replayed);
+    t->kept = t->replays ? 0 : count;
+    t->found = t->replays ? replayed : 0;
+    t->traced = t->replays ? count - replayed : 0;
+    return t->replays ? KILN_OK : kiln_links_keep(p->links, t, p->source.communicator, error);
 }
 
 /* ---- shapes ---- */
@@ -241,7 +283,8 @@ static int find_shapes(struct kiln_patches *p, struct kiln_error *error)
 
 /* ---- the light of points ---- */
 
-/* What a point sends in the step, W/m2. The step before the first bounce gathers what is emitted; kiln_link_light. */
+/* What a point sends in the step, W/m2. The step before the first bounce gathers what is emitted; kiln_link_of_point.
+ */
 static void light_of(const void *context, uint64_t point, float radiosity[3])
 {
     const struct kiln_patches *p = context;
@@ -513,6 +556,21 @@ static int find_first_light(struct kiln_patches *p, float *light, struct kiln_er
     return status;
 }
 
+static int create_links(struct kiln_patches *p, const float *light, struct kiln_error *error)
+{
+    const struct kiln_patch_settings *settings = p->source.settings->patches;
+    const struct kiln_transport *replayed = p->step->bounce > 0 ? p->source.replayed : NULL;
+    const struct kiln_links_source source = {p->source.surface,
+                                             p->points,
+                                             light,
+                                             {settings->link_error, p->step->samples},
+                                             p->source.settings->target_error,
+                                             KILN_LINKS_STREAM,
+                                             replayed != NULL && replayed->of_links && replayed->replays ? replayed
+                                                                                                         : NULL};
+    return kiln_links_create(&p->links, &source, error);
+}
+
 /* Collective. */
 static int make_links(struct kiln_patches *p, struct kiln_error *error)
 {
@@ -524,10 +582,7 @@ static int make_links(struct kiln_patches *p, struct kiln_error *error)
     if (status == KILN_OK)
         status = find_first_light(p, light, error);
     if (status == KILN_OK)
-        status = kiln_agree(p->source.communicator,
-                            kiln_links_create(&p->links, s, p->points, light, p->source.settings->patches->link_error,
-                                              KILN_LINKS_STREAM, error),
-                            error);
+        status = kiln_agree(p->source.communicator, create_links(p, light, error), error);
     p->links_of_emission = p->step->bounce == 0;
     kiln_free(&light);
     return status;
@@ -543,7 +598,8 @@ static int update_links(struct kiln_patches *p, const void **parameters, struct 
     if (p->links == NULL)
         status = make_links(p, error);
     if (status == KILN_OK)
-        status = kiln_agree(p->source.communicator, kiln_links_update(p->links, light_of, p, &of_links, error), error);
+        status = kiln_agree(p->source.communicator,
+                            kiln_links_update(p->links, p->step->bounce, light_of, p, &of_links, error), error);
     *parameters = of_links;
     return status;
 }

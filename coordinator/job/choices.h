@@ -77,8 +77,8 @@ static inline bool kiln_exchange_is_compact(int form, uint64_t points)
 }
 
 /* What is kept beside a bake of the way that its light took, so that it can be relit: nothing, or what every gather ray
- * has met (integrate/transport.h). */
-enum kiln_keep { KILN_KEEP_NONE = 0, KILN_KEEP_ROWS = 1 };
+ * has met (integrate/transport.h), or the links of --patches links (integrate/link_file.h). */
+enum kiln_keep { KILN_KEEP_NONE = 0, KILN_KEEP_ROWS = 1, KILN_KEEP_LINKS = 2 };
 
 /* Whose radiosity a node receives: that of all points, or of those in patches of surface that its points see. */
 enum kiln_exchange_points { KILN_EXCHANGE_ALL = 0, KILN_EXCHANGE_VISIBLE = 1 };

@@ -214,11 +214,17 @@ int kiln_job_keep_text(struct kiln_job *job, const char *text, char **copy, stru
 /* Memory, all zeros, that lives as long as the job. KILN_SYSTEM. */
 int kiln_job_keep_room(struct kiln_job *job, size_t bytes, void **room, struct kiln_error *error);
 
+/* Whether points gather by links (worker/pass/links.h), which state an error each by themselves. */
+static inline bool kiln_job_has_links(const struct kiln_job *job)
+{
+    return job->method != NULL && strcmp(job->method, "radiosity") == 0 && job->patches.patches == KILN_PATCHES_LINKS;
+}
+
 /* Whether noise is taken out of the lightmaps: what --denoise and --quality say together. */
 enum { KILN_PARTS = 4 }; /* that light is computed in where its errors are to be known (integrate/parts.h) */
 static inline uint32_t kiln_job_parts(const struct kiln_job *job)
 {
-    return job->error_map || job->target_error > 0.0 ? KILN_PARTS : 1;
+    return (job->error_map || job->target_error > 0.0) && !kiln_job_has_links(job) ? KILN_PARTS : 1;
 }
 
 /* Whether light goes on from mirrors, gloss and glass, and whether a bake computes what comes from lamps by way of

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "coordinator/field/field.h"
+#include "coordinator/integrate/link_file.h"
 #include "coordinator/integrate/blocks.h"
 #include "coordinator/integrate/patches.h"
 #include "coordinator/integrate/nodes.h"
@@ -184,9 +185,11 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
     plan->scene_bytes = p->scene->mapped_bytes;
     plan->preview_bytes = job->preview ? (uint64_t)PREVIEW_DISK : 0;
     plan->export_bytes = job->export ? kiln_export_size(p->scene) : 0;
-    for (size_t i = 0; i < plan->steps.count && job->keep_transport != KILN_KEEP_NONE; i++)
+    for (size_t i = 0; i < plan->steps.count && job->keep_transport == KILN_KEEP_ROWS; i++)
         if (kiln_transport_keeps(&plan->steps.of[i].step))
             plan->transport_bytes += kiln_rows_file_bytes(plan->surface.points, plan->steps.of[i].step.samples);
+    if (job->keep_transport == KILN_KEEP_LINKS)
+        plan->transport_bytes = kiln_link_file_bytes_expected(plan->surface.points, job->patches.link_error);
     plan->disk_bytes = plan->lightmap_bytes + plan->h5_bytes + plan->volume_bytes + plan->scene_bytes +
                        plan->preview_bytes + plan->export_bytes + plan->transport_bytes;
     const enum kiln_caustics caustics =

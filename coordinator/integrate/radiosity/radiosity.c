@@ -5,6 +5,7 @@
 #include "coordinator/integrate/cells/take.h"
 #include "coordinator/integrate/packing.h"
 #include "worker/pass/directions.h"
+#include "worker/pass/links.h"
 #include "worker/scene/radiosity.h"
 
 /* In the order of KILN_CELLS_DIRECT, ...; what emits comes in the place of caustics, and of the third and fourth there
@@ -37,7 +38,9 @@ static bool next(const struct kiln_integrate_settings *settings, const struct ki
         step->pass = p->gather != KILN_GATHER_PAIRS     ? &kiln_pass_directions
                      : p->patches == KILN_PATCHES_LINKS ? &kiln_pass_links
                                                         : &kiln_pass_patches;
-        step->samples = p->directions > 0 ? p->directions : step->samples;
+        step->samples = p->directions > 0                  ? p->directions
+                        : p->patches == KILN_PATCHES_LINKS ? kiln_links_samples(p->link_error, step->samples)
+                                                           : step->samples;
     }
     return any;
 }
