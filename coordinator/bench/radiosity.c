@@ -52,9 +52,9 @@ enum { ROWS = sizeof rows / sizeof *rows };
 
 bool kiln_radiosity_is(const struct kiln_setting *s, const char *group) { return strcmp(s->group, group) == 0; }
 
-void kiln_radiosity_picture(const struct kiln_setting *s, char name[KILN_PICTURE_NAME])
+void kiln_radiosity_picture(const struct kiln_setting *s, const char *ending, char name[KILN_PICTURE_NAME])
 {
-    (void)snprintf(name, KILN_PICTURE_NAME, "pictures/%s.png", s->name);
+    (void)snprintf(name, KILN_PICTURE_NAME, "pictures/%s%s.png", s->name, ending);
     for (char *c = name; *c != '\0'; c++)
         *c = *c == ' ' ? '-' : *c;
 }
@@ -268,17 +268,21 @@ static int pure_path(const struct kiln_sweep *sweep, uint32_t side, char path[KI
     return kiln_path_join(path, sweep->job->output, name, error);
 }
 
-/* Compares the bake with the pure one of its size; that one is kept. */
+/* Compares the bake with the pure one of its size, and draws the difference; that one is kept. */
 static int find_dfpr(const struct kiln_sweep *sweep, const struct kiln_setting *s, struct kiln_setting_result *result,
                      struct kiln_error *error)
 {
-    char pure[KILN_PATH_SIZE];
+    char pure[KILN_PATH_SIZE], picture[KILN_PATH_SIZE], name[KILN_PICTURE_NAME];
     struct kiln_child child = {.error = error};
     json_t *compared = NULL;
     int status = pure_path(sweep, s->side, pure, error);
     if (status != KILN_OK || kiln_radiosity_is(s, "pure"))
         return status;
-    const char *const words[] = {sweep->program, "compare", sweep->trial, pure, "--json"};
+    kiln_radiosity_picture(s, "-difference", name);
+    status = kiln_path_join(picture, sweep->job->output, name, error);
+    if (status != KILN_OK)
+        return status;
+    const char *const words[] = {sweep->program, "compare", sweep->trial, pure, "--json", "-o", picture};
     for (size_t i = 0; i < sizeof words / sizeof *words; i++)
         kiln_child_push(&child, words[i]);
     status = run_for_json(sweep, &child, &compared, error);
@@ -325,7 +329,7 @@ static int draw(struct kiln_sweep *sweep, const struct kiln_setting *s, struct k
     json_t *said = NULL;
     double stops = 0.0;
     int status = find_exposure(sweep, &stops, error);
-    kiln_radiosity_picture(s, name);
+    kiln_radiosity_picture(s, "", name);
     if (status == KILN_OK)
         status = kiln_path_join(path, sweep->job->output, name, error);
     const char *const words[] = {sweep->program, "view", sweep->trial, "--json", "-o", path, "--no-auto-exposure"};

@@ -355,13 +355,14 @@ static void add_table_6_2(const struct kiln_sweep *sweep, struct kiln_html *page
 
 /* ---- the page ---- */
 
-static void add_picture(const struct kiln_sweep *sweep, uint32_t side, const char *row, struct kiln_html *page)
+static void add_picture(const struct kiln_sweep *sweep, uint32_t side, const char *row, const char *ending,
+                        struct kiln_html *page)
 {
     char file[KILN_PICTURE_NAME];
     struct kiln_setting s = {.side = side};
     const struct kiln_setting_result *r = find(sweep, side, row);
     (void)snprintf(s.name, sizeof s.name, "%u %.30s", side, row);
-    kiln_radiosity_picture(&s, file);
+    kiln_radiosity_picture(&s, ending, file);
     if (r != NULL)
         kiln_html_add(page,
                       "<figure><img src=\"%s\" alt=\"%s\"><figcaption>%s<br>%.3g s, DFPR %.4f, error %.1f "
@@ -378,15 +379,20 @@ static void add_pictures(const struct kiln_sweep *sweep, struct kiln_html *page)
     for (size_t i = 0; i < count; i++) {
         kiln_html_add(page, "<div>\n");
         for (size_t k = 0; k < sizeof windows / sizeof *windows; k++)
-            add_picture(sweep, sides[i], windows[k], page);
+            add_picture(sweep, sides[i], windows[k], "", page);
         kiln_html_add(page, "</div>\n");
     }
-    kiln_html_add(page, "<h2>All methods at the largest size (figures 6.8, 6.9, 6.11, 6.17)</h2>\n<div>\n<figure><img "
-                        "src=\"pictures/reference.png\" alt=\"reference\"><figcaption>reference, by "
-                        "paths</figcaption></figure>\n");
+    kiln_html_add(page, "<h2>Difference of the lightmap that is off most from pure radiosity; white: 10 %% of the mean "
+                        "(figure 6.9)</h2>\n<div>\n");
+    for (size_t k = 1; k < sizeof windows / sizeof *windows; k++)
+        add_picture(sweep, sides[count - 1], windows[k], "-difference", page);
+    kiln_html_add(page,
+                  "</div>\n<h2>All methods at the largest size (figures 6.8, 6.11, 6.17)</h2>\n<div>\n<figure><img "
+                  "src=\"pictures/reference.png\" alt=\"reference\"><figcaption>reference, by "
+                  "paths</figcaption></figure>\n");
     for (size_t i = 0; i < sweep->count; i++)
         if (sweep->settings[i].side == sides[count - 1])
-            add_picture(sweep, sides[count - 1], strchr(sweep->settings[i].name, ' ') + 1, page);
+            add_picture(sweep, sides[count - 1], strchr(sweep->settings[i].name, ' ') + 1, "", page);
     kiln_html_add(page, "</div>\n");
 }
 
@@ -416,7 +422,7 @@ static void add_page(const struct kiln_sweep *sweep, struct kiln_html *page)
         page, "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>kiln bench radiosity</title>"
               "<style>body{font-family:sans-serif;margin:2em;max-width:1400px}figure{display:inline-block;margin:4px;"
               "font-size:12px}td{padding:2px 12px 2px 0;text-align:right}svg{max-width:860px;display:block}"
-              "img{width:240px}</style></head><body>\n<h1>Radiosity by patches: ");
+              "img{width:240px;image-rendering:pixelated}</style></head><body>\n<h1>Radiosity by patches: ");
     kiln_html_text(page, sweep->job->scene);
     kiln_html_add(
         page, "</h1>\n<p>Tables and figures are numbered as in Kahl, &#8220;RTX Radiosity&#8221;, 2023, chapter 6. "

@@ -30,8 +30,8 @@ static int create_patches(struct kiln_lockstep *l, struct kiln_error *error)
                                                .backend = p->backend,
                                                .settings = p->settings,
                                                .direct = &l->solution->direct,
-                                               .replayed = p->transport,
                                                .own = &l->solution->own,
+                                               .replayed = p->transport,
                                                .keeps_visibility = true};
     return kiln_patches_create(&l->patches, &source, error);
 }

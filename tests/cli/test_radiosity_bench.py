@@ -73,7 +73,7 @@ class RadiosityBench(unittest.TestCase):
         with open(os.path.join(self.out, 'radiosity.html')) as file:
             page = file.read()
         pictures = set(os.listdir(os.path.join(self.out, 'pictures')))
-        self.assertEqual(len(pictures), 11)
+        self.assertEqual(len(pictures), 11 + 8, 'all, the reference, and what differs from pure ones')
         self.assertTrue(pictures.issuperset(part.split('"')[0] for part in page.split('src="pictures/')[1:]))
 
     def test_refusals(self):
