@@ -68,7 +68,8 @@ struct gather_work {
     double last[RAY_LANES][3];
     struct reference_paths *paths; /* of bdpt and vcm */
     struct subpaths subpaths;
-    bool receives_only; /* no ray meets the tile run's object */
+    bool receives_only;         /* no ray meets the tile run's object */
+    double plain[3][RAY_LANES]; /* of rays that all weigh 1: incident light */
     /* sums of a point */
     double incident[RAY_LANES][3], irradiance[RAY_LANES][3], quarter[RAY_QUARTERS][RAY_LANES];
     double escaped[RAY_LANES], blocked[RAY_LANES], glass[RAY_LANES][3], gloss[RAY_LANES][3];
@@ -256,6 +257,59 @@ static void weigh(const struct gather_work *w, size_t tile_run, uint32_t step, u
     for (uint32_t l = 0; l < lanes; l++)
         kept_rows_weigh(&w->rows, rays, tile_run, step, l, facet_weight(rays, l),
                         kiln_shading_weight(shading_cosine(rays, l), rays->cosine[l]) * rays->weight[l]);
+}
+
+/* ---- rays that all weigh 1 ---- */
+
+/* Whether what a ray finds is added as it is, and nothing else is made of it. */
+static bool is_plain(const struct gather_work *w, const struct embree_backend *b)
+{
+    const struct tile_run_frame *frame = &w->rays->frame;
+    bool plain = b->probes == NULL && !chain_any(b) && !frame->smooth && w->rays->guide == NULL && w->side == 0 &&
+                 w->directed == NULL && w->groups == NULL && !embree_tints(b);
+    for (uint32_t j = 0; j < frame->count && plain; j++)
+        plain = !frame->glossy[j];
+    return plain;
+}
+
+/* As collect, all points at a time that take the same sample; the sums stand in `plain`. What a lane does not find is
+ * 0. */
+KILN_CLONES static void collect_plain(const struct embree_backend *b, struct gather_work *w, uint32_t step,
+                                      uint32_t lanes)
+{
+    const struct rays_found *found = &w->found;
+    const struct tile_run_rays *rays = w->rays;
+    const uint32_t points = rays->frame.count;
+    uint32_t low[RAY_LANES], high[RAY_LANES];
+    for (uint32_t l = 0; l < lanes; l++)
+        low[l] = high[l] = 0;
+    for (uint32_t i = 0; i < found->count; i++) {
+        const uint64_t packed = found->point[i] != KILN_NO_POINT ? b->radiosity[found->point[i]] : 0;
+        low[found->lane[i]] = (uint32_t)packed;
+        high[found->lane[i]] = (uint32_t)(packed >> 32);
+    }
+    for (uint32_t first = 0, c = 0; first < lanes; first += points, c++) {
+        double *restrict quarter = w->quarter[rays->quarter_of[step * rays->copies + c]];
+        double *restrict red = w->plain[0], *restrict green = w->plain[1], *restrict blue = w->plain[2];
+        for (uint32_t j = 0; j < points; j++) {
+            const uint32_t bits[3] = {kiln_radiosity_red(low[first + j]),
+                                      kiln_radiosity_green(low[first + j], high[first + j]),
+                                      kiln_radiosity_blue(high[first + j])};
+            float rgb[3];
+            memcpy(rgb, bits, sizeof rgb);
+            red[j] += (double)rgb[0];
+            green[j] += (double)rgb[1];
+            blue[j] += (double)rgb[2];
+            quarter[j] += (double)kiln_luminance_in_float(rgb);
+        }
+    }
+}
+
+static void take_plain(struct gather_work *w)
+{
+    for (uint32_t j = 0; j < w->rays->frame.count; j++)
+        for (int c = 0; c < 3; c++)
+            w->incident[j][c] = w->plain[c][j];
 }
 
 /* ---- with radiance probes ---- */
@@ -750,6 +804,7 @@ static void store(const struct gather_work *w, void *results)
 static void clear_sums(struct gather_work *w)
 {
     const size_t count = w->rays->frame.count;
+    memset(w->plain, 0, sizeof w->plain);
     memset(w->incident, 0, count * sizeof *w->incident);
     memset(w->irradiance, 0, count * sizeof *w->irradiance);
     memset(w->glass, 0, count * sizeof *w->glass);
@@ -777,8 +832,7 @@ static uint32_t find_step(struct gather_work *w, const struct embree_backend *b,
     *rays += b->probes != NULL ? end_rays(w, lanes) : lanes;
     if (w->directed != NULL)
         directed_aim(w->directed, w->rays, step, lanes);
-    rays_trace(w->rays, b, context, lanes);
-    embree_find(b, w->rays, lanes, &w->found);
+    embree_trace_and_find(b, context, w->rays, lanes, &w->found);
     if (w->directed != NULL)
         directed_weigh(w->directed, w->rays, &w->found, lanes);
     kept_rows_note(&w->rows, w->rays, step, &w->found);
@@ -805,6 +859,7 @@ static void gather_tile_run(void *work, const struct embree_backend *b, struct e
         begin_probes(w, b, tile_run);
     if (w->directed != NULL)
         directed_begin(w->directed, w->rays, b, tile_run, w->stream);
+    const bool plain = is_plain(w, b);
     const bool replays = kept_rows_read(&w->rows, b, tile_run, w->rays->frame.place, w->rays->frame.count);
     for (uint32_t step = 0; step < steps; step++) {
         const uint32_t lanes = find_step(w, b, context, step, replays, rays);
@@ -815,8 +870,13 @@ static void gather_tile_run(void *work, const struct embree_backend *b, struct e
             continue;
         }
         count_lost(w);
-        collect(b, w, step);
+        if (plain)
+            collect_plain(b, w, step, lanes);
+        else
+            collect(b, w, step);
     }
+    if (plain)
+        take_plain(w);
     if (b->probes != NULL)
         raise_to_zero(w);
     if (!replays)

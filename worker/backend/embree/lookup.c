@@ -1,13 +1,13 @@
 #include "worker/backend/embree/lookup.h"
 
-/* Each hit enters the store; what missed or met a back face drops out. */
-KILN_CLONES static void enter(const struct embree_backend *b, const struct tile_run_rays *rays, uint32_t lanes,
-                              struct rays_found *restrict f)
+/* Each hit of lanes [begin, end) enters the store; what missed or met a back face drops out. */
+KILN_CLONES static void enter(const struct embree_backend *b, const struct tile_run_rays *rays, uint32_t begin,
+                              uint32_t end, struct rays_found *restrict f)
 {
     const struct kiln_hit_record *records = b->params.geometry->records;
     const struct kiln_store store = b->store;
-    uint32_t count = 0, escaped = 0, blocked = 0;
-    for (uint32_t l = 0; l < lanes; l++) {
+    uint32_t count = f->count, escaped = f->escaped, blocked = f->blocked;
+    for (uint32_t l = begin; l < end; l++) {
         const struct RTCRayHit8 *r = &rays->packets[l / PACKET];
         const uint32_t i = l % PACKET;
         const unsigned geometry = r->hit.geomID[i];
@@ -56,12 +56,42 @@ KILN_CLONES static void follow(const struct embree_backend *b, const struct tile
     }
 }
 
+/* What packet p has met enters the store next: asks memory for that. */
+static void ask_for_records(const struct embree_backend *b, const struct tile_run_rays *rays, uint32_t p)
+{
+    const struct RTCRayHit8 *r = &rays->packets[p];
+    const struct kiln_hit_record *records = b->params.geometry->records;
+    for (uint32_t i = 0; i < PACKET; i++)
+        if (r->hit.geomID[i] != RTC_INVALID_GEOMETRY_ID)
+            __builtin_prefetch(&records[embree_triangle(b, r->hit.geomID[i], r->hit.primID[i])]);
+}
+
+void embree_trace_and_find(const struct embree_backend *b, struct embree_context *context, struct tile_run_rays *rays,
+                           uint32_t lanes, struct rays_found *found)
+{
+    if (b->store.surface->bricks != NULL) {
+        rays_trace(rays, b, context, lanes);
+        embree_find(b, rays, lanes, found);
+        return;
+    }
+    found->count = found->escaped = found->blocked = 0;
+    for (uint32_t l = 0; l < lanes; l += PACKET) {
+        rays_trace_packet(rays, b, context, l / PACKET, lanes);
+        ask_for_records(b, rays, l / PACKET);
+        if (l > 0)
+            enter(b, rays, l - PACKET, l, found);
+    }
+    enter(b, rays, lanes > 0 ? (lanes - 1) / PACKET * PACKET : 0, lanes, found);
+    follow(b, rays, found);
+}
+
 void embree_find(const struct embree_backend *b, const struct tile_run_rays *rays, uint32_t lanes,
                  struct rays_found *found)
 {
+    found->count = found->escaped = found->blocked = 0;
     if (b->store.surface->bricks != NULL)
         embree_enter_octrees(b, rays, lanes, found);
     else
-        enter(b, rays, lanes, found);
+        enter(b, rays, 0, lanes, found);
     follow(b, rays, found);
 }

@@ -34,5 +34,8 @@ void embree_enter_octrees(const struct embree_backend *b, const struct tile_run_
  * radiosity that was asked for, is the caller's. */
 void embree_find(const struct embree_backend *b, const struct tile_run_rays *rays, uint32_t lanes,
                  struct rays_found *found);
+/* rays_trace and embree_find: a packet's hits enter the store while the next packet is traced. */
+void embree_trace_and_find(const struct embree_backend *b, struct embree_context *context, struct tile_run_rays *rays,
+                           uint32_t lanes, struct rays_found *found);
 
 #endif

@@ -309,11 +309,18 @@ static const int *lanes_of(uint32_t p, uint32_t lanes, int some[PACKET])
     return some;
 }
 
-void rays_trace(struct tile_run_rays *r, const struct embree_backend *b, struct embree_context *context, uint32_t lanes)
+void rays_trace_packet(struct tile_run_rays *r, const struct embree_backend *b, struct embree_context *context,
+                       uint32_t p, uint32_t lanes)
 {
     int some[PACKET] __attribute__((aligned(32)));
-    for (uint32_t p = 0, l = 0; l < lanes; p++, l += PACKET)
-        embree_nearest8(b, context, lanes_of(p, lanes, some), &r->packets[p], &r->seed[l], &r->tint[l]);
+    const uint32_t l = p * PACKET;
+    embree_nearest8(b, context, lanes_of(p, lanes, some), &r->packets[p], &r->seed[l], &r->tint[l]);
+}
+
+void rays_trace(struct tile_run_rays *r, const struct embree_backend *b, struct embree_context *context, uint32_t lanes)
+{
+    for (uint32_t p = 0; p * PACKET < lanes; p++)
+        rays_trace_packet(r, b, context, p, lanes);
 }
 
 void rays_block(struct tile_run_rays *r, const struct embree_backend *b, struct embree_context *context, uint32_t lanes)

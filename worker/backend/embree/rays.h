@@ -82,6 +82,9 @@ float rays_place(struct tile_run_rays *rays, const struct embree_backend *b, uin
 /* Finds the nearest hits of the rays made last, and their tints. */
 void rays_trace(struct tile_run_rays *rays, const struct embree_backend *b, struct embree_context *context,
                 uint32_t lanes);
+/* The same of packet p alone. */
+void rays_trace_packet(struct tile_run_rays *rays, const struct embree_backend *b, struct embree_context *context,
+                       uint32_t p, uint32_t lanes);
 /* Finds which of the rays made last meet anything at all: see rays_is_blocked. */
 void rays_block(struct tile_run_rays *rays, const struct embree_backend *b, struct embree_context *context,
                 uint32_t lanes);
