@@ -27,6 +27,8 @@ static void note_checkpoints(struct kiln_bake *b)
 static int run_phases(struct kiln_bake *b, struct kiln_error *error)
 {
     int status = kiln_bake_prepare(b, error);
+    if (status == KILN_OK && (b->job->states != NULL || b->job->listen))
+        return kiln_bake_states(b, error);
     if (status == KILN_OK)
         status = kiln_bake_light(b, error);
     if (status == KILN_OK)
@@ -169,6 +171,7 @@ void kiln_bake_end(struct kiln_bake **bake, int status, const struct kiln_error 
     kiln_volume_destroy(&b->volume);
     kiln_bake_transport_release(b);
     kiln_bake_groups_release(b);
+    kiln_points_ahead_destroy(&b->ahead); /* reads what the solution has */
     kiln_solution_destroy(&b->solution);
     kiln_visible_from_release(&b->visible);
     kiln_prepared_destroy(&b->prepared);

@@ -36,8 +36,10 @@ int kiln_bake_take_charge(struct kiln_bake *b, struct kiln_error *error)
 /* Rank 0. Checks that each lightmap can be written. */
 static int check_lightmaps(const struct kiln_bake *b, const struct kiln_prepared *p, struct kiln_error *error)
 {
-    const struct kiln_manifest_parts parts = {
-        .volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->job->export};
+    const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0,
+                                              .preview = b->job->preview,
+                                              .scene = b->job->export,
+                                              .groups = b->job->group_count};
     return kiln_manifest_look(b->job->output, p->scene, p->surface, &parts, error);
 }
 

@@ -1,5 +1,6 @@
 #include "coordinator/bake/bake_private.h"
 #include "coordinator/bake/light_settings.h"
+#include "coordinator/bake/reference_radius.h"
 
 static bool has_step(const struct kiln_step_reports *steps, uint32_t role)
 {
@@ -41,16 +42,69 @@ static int find_visible(struct kiln_bake *b, struct kiln_error *error)
     return kiln_bake_end_phase(b, status, error);
 }
 
-/* The parameters of paths from surface points, with the radius of merging where --merge-radius leaves it to kiln. */
-static void settle_paths(struct kiln_bake *b)
+/* Collective. The parameters of paths from surface points, with the radius of merging where --merge-radius leaves it to
+ * kiln. */
+static int settle_paths(struct kiln_bake *b, struct kiln_error *error)
 {
-    const struct kiln_prepared *p = b->prepared;
+    const struct kiln_surface *surface = b->prepared->surface;
+    double texel = 0.0;
+    int status = KILN_OK;
     b->paths = b->job->paths;
     if (b->light_settings.reference == NULL)
-        return;
-    if (b->paths.method == KILN_REFERENCE_VCM && b->paths.radius == 0.0)
-        b->paths.radius = kiln_reference_radius(p->surface_report.geometry_area, p->surface->point_count);
+        return KILN_OK;
+    if (b->paths.method == KILN_REFERENCE_VCM && b->paths.radius == 0.0) {
+        status = kiln_median_texel(surface, b->communicator, &texel, error);
+        b->paths.radius = kiln_reference_radius(texel, surface->point_count);
+    }
     b->light_settings.reference = &b->paths;
+    return status;
+}
+
+/* kiln_beside */
+static void pack_ahead(void *context, const struct kiln_rank_data *own)
+{
+    struct kiln_bake *b = context;
+    const struct kiln_bake_result result = {.scene = b->prepared->scene,
+                                            .geometry = b->prepared->geometry,
+                                            .surface = b->prepared->surface,
+                                            .fields = &b->fields,
+                                            .data = own};
+    b->ahead_start = MPI_Wtime();
+    kiln_points_ahead_start(&b->ahead, &result, b->prepared->threads);
+}
+
+/* kiln_beside */
+static void stop_packing(void *context) { kiln_points_ahead_stop(((struct kiln_bake *)context)->ahead); }
+
+void kiln_bake_settle_light(struct kiln_bake *b)
+{
+    b->light_settings = kiln_light_settings(b->job, b->prepared->lights, b->prepared->surface->point_count);
+    status = settle_paths(b, error);
+    if (status != KILN_OK)
+        return status;
+    kiln_field_set_choose(&b->fields, b->job);
+    b->beside = (struct kiln_beside){.start = pack_ahead, .stop = stop_packing, .context = b};
+    b->light_params = (struct kiln_integrate_params){.communicator = b->communicator,
+                                                     .rank = b->rank,
+                                                     .ranks = b->prepared->ranks,
+                                                     .begin = b->begin,
+                                                     .settings = &b->light_settings,
+                                                     .fields = &b->fields,
+                                                     .backend = b->prepared->backend,
+                                                     .surface = b->prepared->surface,
+                                                     .seen = b->visible.seen,
+                                                     .node = b->prepared->node,
+                                                     .area = b->prepared->surface_report.geometry_area,
+                                                     .trace = b->trace,
+                                                     .emission = &b->emission,
+                                                     .progress = b->progress,
+                                                     .control = b->control,
+                                                     .checkpoint = b->checkpoint,
+                                                     .identity = b->identity,
+                                                     .groups = b->groups.count > 0 ? &b->groups : NULL,
+                                                     .transport = b->transport.is_on ? &b->transport : NULL,
+                                                     .threads = b->prepared->threads,
+                                                     .beside = &b->beside};
 }
 
 int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
@@ -71,31 +125,11 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
         return status;
     kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0,
                        kiln_checkpoint_written(b->checkpoint));
-    b->light_settings = kiln_light_settings(b->job, b->prepared->lights, b->prepared->surface->point_count);
-    settle_paths(b);
-    kiln_field_set_choose(&b->fields, b->job);
-    b->light_params = (struct kiln_integrate_params){.communicator = b->communicator,
-                                                     .rank = b->rank,
-                                                     .ranks = b->prepared->ranks,
-                                                     .begin = b->begin,
-                                                     .settings = &b->light_settings,
-                                                     .fields = &b->fields,
-                                                     .backend = b->prepared->backend,
-                                                     .surface = b->prepared->surface,
-                                                     .seen = b->visible.seen,
-                                                     .node = b->prepared->node,
-                                                     .area = b->prepared->surface_report.geometry_area,
-                                                     .trace = b->trace,
-                                                     .emission = &b->emission,
-                                                     .progress = b->progress,
-                                                     .control = b->control,
-                                                     .checkpoint = b->checkpoint,
-                                                     .identity = b->identity,
-                                                     .groups = b->groups.count > 0 ? &b->groups : NULL,
-                                                     .transport = b->transport.is_on ? &b->transport : NULL,
-                                                     .threads = b->prepared->threads};
+    kiln_bake_settle_light(b);
     b->saves = true;
     status = kiln_integrate(&b->solution, &b->light_params, error);
+    if (b->solution != NULL && b->light_settings.reference != NULL)
+        b->solution->report.landing.radius = b->paths.radius;
     if (status == KILN_OK)
         add_light_phases(b);
     if (status == KILN_OK && b->solution->own->seen != NULL)
@@ -123,8 +157,19 @@ static int save_volume(void *context, const struct kiln_block *blocks, size_t co
     return status == KILN_OK && stop ? kiln_stopped(b->control, error) : status;
 }
 
+/* kiln_volume_save, of states: there is nothing to go on from. */
+static int save_nothing(void *context, const struct kiln_block *blocks, size_t count, bool stop,
+                        struct kiln_error *error)
+{
+    (void)context;
+    (void)blocks;
+    (void)count;
+    return stop ? kiln_give_up(error) : KILN_OK;
+}
+
 static struct kiln_volume_params volume_params(struct kiln_bake *b)
 {
+    const bool of_states = b->job->states != NULL || b->job->listen;
     return (struct kiln_volume_params){.communicator = b->communicator,
                                        .backend = b->prepared->backend,
                                        .scene = b->prepared->scene,
@@ -136,8 +181,8 @@ static struct kiln_volume_params volume_params(struct kiln_bake *b)
                                        .progress = b->progress,
                                        .control = b->control,
                                        .checkpoint = b->checkpoint,
-                                       .restore = b->same_probes,
-                                       .save = save_volume,
+                                       .restore = b->same_probes && !of_states,
+                                       .save = of_states ? save_nothing : save_volume,
                                        .context = b};
 }
 

@@ -11,6 +11,7 @@
 #include "coordinator/files/folder.h"
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/output/map/lightmaps.h"
+#include "coordinator/output/points_ahead.h"
 #include "coordinator/output/vertex_light.h"
 #include "coordinator/view/view.h"
 #include "worker/light/light_groups.h"
@@ -38,6 +39,9 @@ struct kiln_bake {
     struct kiln_reference_parameters paths; /* which these point to with --method path, bdpt and vcm */
     struct kiln_field_set fields;
     struct kiln_integrate_params light_params;
+    struct kiln_beside beside;       /* packs `ahead` while there are steps */
+    struct kiln_points_ahead *ahead; /* NULL: nothing was packed */
+    double ahead_start;              /* MPI_Wtime() */
     struct kiln_solution *solution;
     struct kiln_volume_result volume;
     struct kiln_lightmap_report *lightmaps;
@@ -56,8 +60,10 @@ struct kiln_bake {
     size_t transport_file_count;
     json_t *preview; /* rank 0: its camera and exposure; NULL: none */
     char preview_text[KILN_VIEWPOINT_TEXT];
-    bool exported;  /* scene.glb has been written */
-    json_t *report; /* rank 0: content of run.json */
+    bool exported;       /* scene.glb has been written */
+    json_t *report;      /* rank 0: content of run.json */
+    const uint8_t *only; /* bake_states.c: lightmaps that are to be written (output.h); NULL: all */
+    json_t *state;       /* rank 0, bake_states.c: what run.json says of the state that is written; NULL: it is none */
 };
 
 /* Agrees on errors at the end of a phase. Time spent waiting for other ranks does not count for the phase. */
@@ -86,6 +92,8 @@ int kiln_bake_prepare(struct kiln_bake *bake, struct kiln_error *error);
 
 /* ---- bake_light.c: light on surfaces, and the volume ---- */
 
+/* Fills in the settings, fields and parameters of the light of a prepared bake. Not collective. */
+void kiln_bake_settle_light(struct kiln_bake *bake);
 int kiln_bake_light(struct kiln_bake *bake, struct kiln_error *error);
 /* Checks the texel density, if the job asks for that and there is light. */
 int kiln_bake_check_density(struct kiln_bake *bake, struct kiln_error *error);
@@ -106,6 +114,11 @@ int kiln_bake_transport_write(struct kiln_bake *bake, struct kiln_error *error);
 json_t *kiln_bake_transport_json(struct kiln_bake *bake);
 /* Not collective. */
 void kiln_bake_transport_release(struct kiln_bake *bake);
+
+/* ---- bake_states.c: many states from one load, of a job with --states or --listen ---- */
+
+/* In the place of all that follows kiln_bake_prepare. Fills in bake->report with a summary. */
+int kiln_bake_states(struct kiln_bake *bake, struct kiln_error *error);
 
 /* ---- bake_groups.c: groups of lights; nothing without --light-groups ---- */
 

@@ -48,6 +48,26 @@ static int write_twice(struct kiln_bake *b, const struct kiln_bake_result *resul
     return status;
 }
 
+/* Lightmaps that were not written anew have the reports that they had. */
+static void keep_reports(struct kiln_bake *b, struct kiln_lightmap_report **before)
+{
+    for (size_t i = 0; *before != NULL && i < b->prepared->surface->map_count; i++)
+        if (b->lightmaps[i].valid + b->lightmaps[i].filled == 0)
+            b->lightmaps[i] = (*before)[i];
+    kiln_free(before);
+}
+
+/* Ends packing ahead, which goes on up to here, and shows it on the timeline. */
+static void end_packing(struct kiln_bake *b)
+{
+    struct kiln_points_ahead_report report;
+    kiln_points_ahead_stop(b->ahead);
+    kiln_points_ahead_report(b->ahead, &report);
+    if (report.chunks > 0)
+        kiln_trace_add(b->trace, KILN_TRACE_BESIDE, "points packed ahead", b->ahead_start + report.begin,
+                       b->ahead_start + report.end, (int64_t)(report.chunks * KILN_H5_CHUNK_ROWS));
+}
+
 static int write_results(struct kiln_bake *b, const char *provenance, struct kiln_error *error)
 {
     const struct kiln_node_data *data = b->solution->node_data;
@@ -71,7 +91,10 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
                                         .denoise = kiln_job_denoises(b->job),
                                         .stitch = b->job->stitch,
                                         .faults = &b->job->faults,
+                                        .only = b->only,
+                                        .ahead = b->ahead,
                                         .provenance_json = provenance};
+    struct kiln_lightmap_report *before = b->lightmaps;
     int status = kiln_allocate(&b->lightmaps, b->prepared->surface->map_count, sizeof *b->lightmaps,
                                "the lightmaps' report", error);
     status = kiln_agree(b->communicator, status, error);
@@ -82,6 +105,8 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
     } else if (status == KILN_OK) {
         status = kiln_leaf_means(b->lightmaps, &result, kiln_luminance(b->emission.emitted), error);
     }
+    if (b->lightmaps != NULL)
+        keep_reports(b, &before);
     if (status == KILN_OK && b->job->vertex_light) {
         kiln_phase(&b->phases, "vertices");
         kiln_progress_phase(b->progress, "vertices", 0);
@@ -91,7 +116,9 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
     if (status == KILN_OK) {
         kiln_phase(&b->phases, "kiln.h5");
         kiln_progress_phase(b->progress, "kiln.h5", 0);
+        end_packing(b);
         status = write_twice(b, &result, &params, write_points, error);
+        kiln_points_ahead_drop(b->ahead);
     }
     if (status == KILN_OK && b->job->samples_probe != 0) {
         kiln_phase(&b->phases, "volume.hdf");
@@ -207,11 +234,15 @@ static int write_report(struct kiln_bake *b, struct kiln_error *error)
                                  .density = &b->density,
                                  .visible = &b->visible,
                                  .phases = &b->phases,
+                                 .ahead = b->ahead,
                                  .materials = b->materials,
                                  .probe_rays = b->probe_rays,
                                  .directory = b->job->output};
     int status = kiln_run_report(&b->report, &run, error);
-    json_t *transport = kiln_bake_transport_json(b);
+    const bool of_states = b->job->states != NULL || b->job->listen; /* the same on all ranks */
+    json_t *transport = of_states ? NULL : kiln_bake_transport_json(b);
+    if (status == KILN_OK && b->rank == 0 && b->state != NULL)
+        (void)json_object_set(b->report, "relight", b->state);
     if (transport != NULL)
         (void)json_object_set_new(b->report, b->transport.replays ? "relight" : "transport", transport);
     if (status == KILN_OK && b->rank == 0) {
@@ -232,6 +263,7 @@ static int write_manifest(struct kiln_bake *b, struct kiln_error *error)
     const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0,
                                               .preview = b->job->preview,
                                               .scene = b->exported,
+                                              .groups = b->job->group_count,
                                               .more = b->transport_files,
                                               .more_count = b->transport_file_count};
     const int status =

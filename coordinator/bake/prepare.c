@@ -250,11 +250,11 @@ static void share_map(struct kiln_prepared *p)
     kiln_node_wait(p->node);
 }
 
-static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_prepare_care *care,
-                         struct kiln_error *error)
+/* Collective. Builds the surface of the scene as it is now. */
+static int find_surface(const struct kiln_prepared *p, const struct kiln_job *job,
+                        const struct kiln_surface_exchange *exchange, const struct kiln_stop *stop,
+                        struct kiln_surface **surface, struct kiln_surface_report *report, struct kiln_error *error)
 {
-    struct kiln_surface_meeting meeting = {.communicator = p->communicator};
-    const struct kiln_surface_exchange exchange = kiln_surface_exchange_over(&meeting);
     const struct kiln_surface_params params = {
         .scene = p->scene,
         .geometry = p->geometry,
@@ -264,11 +264,37 @@ static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, co
         .both_sides = job->both_sides,
         .rank = (uint32_t)p->rank,
         .ranks = (uint32_t)p->ranks,
-        .exchange = p->ranks > 1 ? &exchange : NULL,
+        .exchange = p->ranks > 1 ? exchange : NULL,
         .threads = p->threads,
-        .stop = stop_of(care)};
-    int status =
-        kiln_agree(p->communicator, kiln_surface_build(&p->surface, &params, &p->surface_report, error), error);
+        .stop = stop};
+    return kiln_agree(p->communicator, kiln_surface_build(surface, &params, report, error), error);
+}
+
+int kiln_prepare_albedo(const struct kiln_prepared *p, const struct kiln_job *job, uint16_t **albedo,
+                        struct kiln_error *error)
+{
+    struct kiln_surface_meeting meeting = {.communicator = p->communicator};
+    const struct kiln_surface_exchange exchange = kiln_surface_exchange_over(&meeting);
+    struct kiln_surface *surface = NULL;
+    struct kiln_surface_report report;
+    *albedo = NULL;
+    int status = find_surface(p, job, &exchange, NULL, &surface, &report, error);
+    if (status != KILN_OK)
+        return status;
+    if (surface->count != p->surface->count || surface->first.at != p->surface->first.at)
+        status = kiln_fail(error, KILN_BUG, "the surface has other points with other colours");
+    *albedo = surface->albedo;
+    surface->albedo = NULL;
+    kiln_surface_destroy(&surface);
+    return kiln_agree(p->communicator, status, error);
+}
+
+static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_prepare_care *care,
+                         struct kiln_error *error)
+{
+    struct kiln_surface_meeting meeting = {.communicator = p->communicator};
+    const struct kiln_surface_exchange exchange = kiln_surface_exchange_over(&meeting);
+    int status = find_surface(p, job, &exchange, stop_of(care), &p->surface, &p->surface_report, error);
     if (status == KILN_OK)
         status = kiln_divide_texels(p->surface, p->scene, p->geometry, p->backend, p->threads,
                                     p->ranks > 1 ? &exchange : NULL, stop_of(care), error);

@@ -66,6 +66,10 @@ int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const s
  * with kiln_prepared_destroy. */
 int kiln_prepare_coarser(struct kiln_prepared **prepared, const struct kiln_prepared *fine, const struct kiln_job *job,
                          struct kiln_control *control, struct kiln_error *error);
+/* Collective. The albedo of the own points as the scene's materials are now, 3 values a point as kiln_surface.albedo:
+ * the surface is built once more for it. Release with kiln_free. KILN_SYSTEM. */
+int kiln_prepare_albedo(const struct kiln_prepared *prepared, const struct kiln_job *job, uint16_t **albedo,
+                        struct kiln_error *error);
 void kiln_prepared_destroy(struct kiln_prepared **prepared);
 
 #endif

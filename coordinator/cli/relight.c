@@ -4,12 +4,17 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "coordinator/bake/bake.h"
 #include "coordinator/bake/transport_identity.h"
 #include "coordinator/cli/commands.h"
+#include "coordinator/field/group_fields.h"
+#include "coordinator/files/json.h"
 #include "coordinator/job/changes.h"
+#include "coordinator/job/light_groups.h"
 #include "coordinator/job/options.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
+#include "worker/base/text.h"
 
 /* Rank 0 reads the index, the others receive it. Collective. */
 static int read_index(json_t **index, const char *directory, struct kiln_error *error)
@@ -98,10 +103,45 @@ static int fill(struct kiln_job *job, const json_t *index, struct kiln_error *er
     if (status == KILN_OK)
         status = kiln_job_changes_read(job, error);
     if (status == KILN_OK)
+        status = kiln_job_groups_read(job, error);
+    if (status == KILN_OK)
+        status = kiln_group_fields_make(job, error);
+    if (status == KILN_OK)
         status = take_string(job, index, "instruction set", &job->instruction_set, error);
     if (status == KILN_OK) /* which alone keeps rows, whatever the machine has */
         status = kiln_job_keep_text(job, "embree", &job->backend, error);
     job->relight = directory;
+    return status;
+}
+
+/* Rank 0. What each state has taken. */
+static int print_states(const struct kiln_bake *bake, const struct kiln_job *job, struct kiln_error *error)
+{
+    const json_t *report = kiln_bake_report(bake), *states = json_object_get(report, "states");
+    size_t i;
+    json_t *one;
+    if (job->json)
+        return kiln_json_print(json_incref(kiln_bake_report(bake)), error);
+    if (job->quiet)
+        return KILN_OK;
+    kiln_print(stdout, "loaded in %.2f s\n", json_real_value(json_object_get(report, "load_seconds")));
+    kiln_print(stdout, "%-32s %10s %10s\n", "state", "solved, s", "written, s");
+    json_array_foreach(states, i, one) kiln_print(
+        stdout, "%-32s %10.3f %10.3f\n", json_string_value(json_object_get(one, "state")),
+        json_real_value(json_object_get(one, "solve_seconds")), json_real_value(json_object_get(one, "write_seconds")));
+    return KILN_OK;
+}
+
+/* Many states from one load. */
+static int relight_states(struct kiln_job *job, struct kiln_error *error)
+{
+    struct kiln_bake *bake;
+    int rank;
+    (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+    int status = kiln_bake_run(&bake, MPI_COMM_WORLD, job, error);
+    if (status == KILN_OK && job->states != NULL)
+        status = kiln_agree(MPI_COMM_WORLD, rank == 0 ? print_states(bake, job, error) : KILN_OK, error);
+    kiln_bake_end(&bake, status, error);
     return status;
 }
 
@@ -112,5 +152,7 @@ int kiln_command_relight(struct kiln_job *job, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_agree(MPI_COMM_WORLD, fill(job, index, error), error);
     json_decref(index);
+    if (status == KILN_OK && (job->states != NULL || job->listen))
+        return relight_states(job, error);
     return status == KILN_OK ? kiln_command_bake(job, error) : status;
 }

@@ -6,6 +6,10 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "coordinator/files/publish.h"
+#include "worker/base/memory.h"
+#include "worker/scene/scene.h"
+
 #define MOST 1e30 /* of intensities and radiance */
 
 /* Which settings a thing has, and what each is: a number or three, within bounds. */
@@ -102,51 +106,45 @@ static void change(float to[3], const json_t *settings, const char *set, const c
 
 /* ---- what is changed ---- */
 
-static void change_light(struct kiln_builder *b, size_t i, const json_t *settings)
+static void change_light(const struct kiln_changeable *s, size_t i, const json_t *settings)
 {
-    change(KILN_BUILDER_DATA(b, struct kiln_light, KILN_SECTION_LIGHTS)[i].intensity, settings, "intensity", "scale");
+    change(s->lights[i].intensity, settings, "intensity", "scale");
 }
 
-static void change_material(struct kiln_builder *b, size_t i, const json_t *settings)
+static void change_material(const struct kiln_changeable *s, size_t i, const json_t *settings)
 {
-    struct kiln_material *m = &KILN_BUILDER_DATA(b, struct kiln_material, KILN_SECTION_MATERIALS)[i];
-    change(m->emission, settings, "emission", "emission-scale");
-    (void)three(settings, "albedo", m->base_color);
+    change(s->materials[i].emission, settings, "emission", "emission-scale");
+    (void)three(settings, "albedo", s->materials[i].base_color);
 }
 
-static uint32_t light_name(const struct kiln_builder *b, size_t i)
-{
-    return KILN_BUILDER_DATA(b, const struct kiln_light, KILN_SECTION_LIGHTS)[i].name;
-}
-
-static uint32_t material_name(const struct kiln_builder *b, size_t i)
-{
-    return KILN_BUILDER_DATA(b, const struct kiln_material, KILN_SECTION_MATERIALS)[i].name;
-}
+static uint32_t light_name(const struct kiln_changeable *s, size_t i) { return s->lights[i].name; }
+static uint32_t material_name(const struct kiln_changeable *s, size_t i) { return s->materials[i].name; }
+static size_t light_count(const struct kiln_changeable *s) { return s->light_count; }
+static size_t material_count(const struct kiln_changeable *s) { return s->material_count; }
 
 /* A kind of things that have names. */
 static const struct kind {
     const char *key, *one;
-    enum kiln_scene_section section;
     const struct setting *settings;
-    uint32_t (*name)(const struct kiln_builder *, size_t);
-    void (*change)(struct kiln_builder *, size_t, const json_t *);
-} kinds[] = {{"lights", "light", KILN_SECTION_LIGHTS, light_settings, light_name, change_light},
-             {"materials", "material", KILN_SECTION_MATERIALS, material_settings, material_name, change_material}};
+    size_t (*count)(const struct kiln_changeable *);
+    uint32_t (*name)(const struct kiln_changeable *, size_t);
+    void (*change)(const struct kiln_changeable *, size_t, const json_t *);
+} kinds[] = {{"lights", "light", light_settings, light_count, light_name, change_light},
+             {"materials", "material", material_settings, material_count, material_name, change_material}};
 enum { KINDS = sizeof kinds / sizeof *kinds };
 
-static int apply_rule(struct kiln_builder *b, const struct kind *kind, const char *pattern, const json_t *settings,
-                      struct kiln_error *error)
+static int apply_rule(const struct kiln_changeable *s, const struct kind *kind, const char *pattern,
+                      const json_t *settings, struct kiln_error *error)
 {
     char where[300];
     size_t matched = 0;
     (void)snprintf(where, sizeof where, "%s '%.200s'", kind->one, pattern);
     const int status = check(where, settings, kind->settings, error);
-    for (size_t i = 0; status == KILN_OK && i < b->sections[kind->section].count; i++) {
-        const char *name = KILN_BUILDER_DATA(b, const char, KILN_SECTION_STRINGS) + kind->name(b, i);
+    for (size_t i = 0; status == KILN_OK && i < kind->count(s); i++) {
+        const char *name = s->strings + kind->name(s, i);
         if (strcmp(pattern, name) != 0 && fnmatch(pattern, name, 0) != 0)
             continue;
-        kind->change(b, i, settings);
+        kind->change(s, i, settings);
         matched++;
     }
     return status == KILN_OK && matched == 0
@@ -155,7 +153,8 @@ static int apply_rule(struct kiln_builder *b, const struct kind *kind, const cha
                : status;
 }
 
-static int apply_kind(struct kiln_builder *b, const struct kind *kind, const json_t *rules, struct kiln_error *error)
+static int apply_kind(const struct kiln_changeable *s, const struct kind *kind, const json_t *rules,
+                      struct kiln_error *error)
 {
     const char *pattern;
     json_t *settings;
@@ -164,7 +163,7 @@ static int apply_kind(struct kiln_builder *b, const struct kind *kind, const jso
                      : kiln_fail(error, KILN_USAGE, "changes: %s is a mapping of names", kind->key);
     json_object_foreach((json_t *)(uintptr_t)rules, pattern, settings)
     {
-        status = apply_rule(b, kind, pattern, settings, error);
+        status = apply_rule(s, kind, pattern, settings, error);
         if (status != KILN_OK)
             break;
     }
@@ -193,21 +192,20 @@ static json_t *read_text(const char *text)
     return text == NULL || text[0] == '\0' ? NULL : json_loads(text, 0, NULL);
 }
 
-int kiln_changes_apply(struct kiln_builder *builder, const char *text, struct kiln_error *error)
+int kiln_changes_apply_to(const struct kiln_changeable *scene, const char *text, struct kiln_error *error)
 {
     json_t *changes = read_text(text);
     int status = check_keys(changes, error);
     for (int k = 0; k < KINDS && status == KILN_OK; k++)
-        status = apply_kind(builder, &kinds[k], json_object_get(changes, kinds[k].key), error);
+        status = apply_kind(scene, &kinds[k], json_object_get(changes, kinds[k].key), error);
     json_decref(changes);
     return status;
 }
 
-void kiln_changes_apply_environment(struct kiln_builder *builder, const char *text)
+void kiln_changes_apply_to_environment(struct kiln_environment *e, const char *text)
 {
     json_t *changes = read_text(text);
     const json_t *sky = json_object_get(changes, "environment"), *turn = json_object_get(sky, "rotation");
-    struct kiln_environment *e = KILN_BUILDER_DATA(builder, struct kiln_environment, KILN_SECTION_ENVIRONMENT);
     if (sky != NULL) {
         if (e->kind == KILN_ENVIRONMENT_NONE && json_object_get(sky, "radiance") != NULL)
             *e = (struct kiln_environment){.kind = KILN_ENVIRONMENT_CONSTANT, .rotation = e->rotation};
@@ -218,4 +216,66 @@ void kiln_changes_apply_environment(struct kiln_builder *builder, const char *te
             *e = (struct kiln_environment){.kind = KILN_ENVIRONMENT_NONE};
     }
     json_decref(changes);
+}
+
+int kiln_changes_apply(struct kiln_builder *builder, const char *text, struct kiln_error *error)
+{
+    const struct kiln_changeable scene = {.strings = KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS),
+                                          .lights = KILN_BUILDER_DATA(builder, struct kiln_light, KILN_SECTION_LIGHTS),
+                                          .light_count = builder->sections[KILN_SECTION_LIGHTS].count,
+                                          .materials =
+                                              KILN_BUILDER_DATA(builder, struct kiln_material, KILN_SECTION_MATERIALS),
+                                          .material_count = builder->sections[KILN_SECTION_MATERIALS].count};
+    return kiln_changes_apply_to(&scene, text, error);
+}
+
+void kiln_changes_apply_environment(struct kiln_builder *builder, const char *text)
+{
+    kiln_changes_apply_to_environment(KILN_BUILDER_DATA(builder, struct kiln_environment, KILN_SECTION_ENVIRONMENT),
+                                      text);
+}
+
+/* ---- the scene file of what has changed ---- */
+
+/* Materials in memory may differ from those in the file (worker/scene/gloss.h): what has not changed stays. */
+static void patch(unsigned char *file, const struct kiln_scene *scene, const struct kiln_changeable *before,
+                  const struct kiln_changeable *now, const struct kiln_environment *environment)
+{
+    const struct kiln_scene_header *h = scene->header;
+    struct kiln_light *lights = (struct kiln_light *)(void *)(file + h->sections[KILN_SECTION_LIGHTS].offset);
+    struct kiln_material *materials =
+        (struct kiln_material *)(void *)(file + h->sections[KILN_SECTION_MATERIALS].offset);
+    for (size_t i = 0; i < now->light_count; i++)
+        lights[i] = now->lights[i];
+    for (size_t i = 0; i < now->material_count; i++)
+        for (int c = 0; c < 3; c++) {
+            const struct kiln_material *a = &before->materials[i], *b = &now->materials[i];
+            if (memcmp(&a->emission[c], &b->emission[c], sizeof(float)) != 0)
+                materials[i].emission[c] = b->emission[c];
+            if (memcmp(&a->base_color[c], &b->base_color[c], sizeof(float)) != 0)
+                materials[i].base_color[c] = b->base_color[c];
+        }
+    memcpy(file + h->sections[KILN_SECTION_ENVIRONMENT].offset, environment, sizeof *environment);
+}
+
+int kiln_changes_write_scene(const struct kiln_scene *scene, const struct kiln_changeable *before,
+                             const struct kiln_changeable *now, const struct kiln_environment *environment,
+                             const char *directory, uint64_t hash[2], struct kiln_error *error)
+{
+    const size_t header_bytes = kiln_scene_header_bytes(scene->header->version);
+    unsigned char *file = NULL;
+    int status = kiln_allocate(&file, scene->mapped_bytes, 1, "the scene file of a state", error);
+    if (status != KILN_OK)
+        return status;
+    memcpy(file, scene->mapped, scene->mapped_bytes);
+    patch(file, scene, before, now, environment);
+    struct kiln_scene_header header = {0};
+    memcpy(&header, file, header_bytes);
+    memset(header.import_hash, 0, sizeof header.import_hash); /* no import makes it */
+    kiln_scene_content_hash(&header, file + header_bytes, header.content_hash);
+    memcpy(file, &header, header_bytes);
+    memcpy(hash, header.content_hash, sizeof header.content_hash);
+    status = kiln_publish_bytes_below(directory, "scene.kscene", file, scene->mapped_bytes, error);
+    kiln_free(&file);
+    return status;
 }

@@ -40,7 +40,7 @@ struct range {
 
 static float coordinate(const struct kiln_patch *p, int axis)
 {
-    const struct kiln_vec3 *v = axis < 3 ? &p->place : &p->normal;
+    const struct kiln_vec3 *v = axis < 3 ? &p->centre : &p->normal;
     return axis % 3 == 0 ? v->x : axis % 3 == 1 ? v->y : v->z;
 }
 
@@ -179,7 +179,7 @@ static void find_extents(const struct builder *b, struct range r, struct kiln_li
     for (uint32_t i = 0; i < r.count; i++) {
         const uint32_t point = t->order[r.first + i];
         const struct kiln_patch *p = &t->points[point];
-        const struct kiln_vec3 off = vec3_sub(p->place, node->centre);
+        const struct kiln_vec3 off = vec3_sub(p->centre, node->centre);
         const float corner = 0.5f * sqrtf(vec3_dot(p->edge_s, p->edge_s) + vec3_dot(p->edge_t, p->edge_t)),
                     tilt = 0.5f * (fabsf(vec3_dot(node->normal, p->edge_s)) + fabsf(vec3_dot(node->normal, p->edge_t)));
         const double level = b->mean > 0.0 ? (double)b->light[point] / b->mean - (double)node->level : 0.0;

@@ -31,6 +31,7 @@ static int create_patches(struct kiln_lockstep *l, struct kiln_error *error)
                                                .settings = p->settings,
                                                .direct = &l->solution->direct,
                                                .replayed = p->transport,
+                                               .own = &l->solution->own,
                                                .keeps_visibility = true};
     return kiln_patches_create(&l->patches, &source, error);
 }
@@ -181,6 +182,7 @@ static int prepare_step(struct kiln_lockstep *l, struct kiln_error *error)
 {
     struct kiln_step *step = &kiln_solution_step(l->solution)->step;
     l->params->surface->guide = l->solution->own->surface.guide; /* which may have moved */
+    l->params->surface->closing = l->solution->own->surface.closing;
     if (step->pass == &kiln_pass_patches || step->pass == &kiln_pass_links || step->pass == &kiln_pass_directions)
         return kiln_patches_update(l->patches, l->solution->radiosity, step, &step->parameters, error);
     const bool asks = l->radiance != NULL && step->quantity == NULL && step->pass->reads_radiosity;

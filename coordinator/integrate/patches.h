@@ -23,6 +23,7 @@
 
 #include <mpi.h>
 
+#include "coordinator/field/rank_data.h"
 #include "coordinator/integrate/settings.h"
 #include "coordinator/integrate/step.h"
 #include "coordinator/integrate/transport.h"
@@ -41,7 +42,9 @@ struct kiln_patches_source {
     const struct kiln_integrate_settings *settings; /* with patches */
     float *const *direct; /* where direct light of own points stands, W/m2, 3 each; NULL: there is none yet */
     const struct kiln_transport *replayed; /* whose links are taken where it has them; NULL: there is none */
-    bool keeps_visibility;                 /* as the settings say: from step to step, for the later ones */
+    /* own points' data, with room for their nodes where these are kept; NULL: they are not */
+    const struct kiln_rank_data *const *own;
+    bool keeps_visibility; /* as the settings say: from step to step, for the later ones */
 };
 
 /* Not collective. KILN_SYSTEM. */

@@ -9,6 +9,7 @@
 #include <xxhash.h>
 
 #include "worker/pass/gather.h"
+#include "worker/pass/resident_rows.h"
 
 bool kiln_transport_keeps(const struct kiln_step *step)
 {
@@ -104,5 +105,38 @@ int kiln_transport_end(struct kiln_transport *t, struct kiln_backend *backend, s
     t->found += t->rows.found;
     t->traced += t->rows.traced;
     t->rows = (struct kiln_rows){0};
+    return status;
+}
+
+static int read_all(int file, const char *path, void *to, uint64_t bytes, uint64_t at, struct kiln_error *error)
+{
+    for (uint64_t done = 0; done < bytes;) {
+        const ssize_t got = pread(file, (char *)to + done, (size_t)(bytes - done), (off_t)(at + done));
+        if (got < 0 && errno == EINTR)
+            continue;
+        if (got <= 0)
+            return kiln_fail_errno(error, KILN_IO, "cannot read '%s'", path);
+        done += (uint64_t)got;
+    }
+    return KILN_OK;
+}
+
+int kiln_transport_load(struct kiln_transport *t, const struct kiln_step *step, struct kiln_resident_rows *memory,
+                        struct kiln_rows *rows, struct kiln_error *error)
+{
+    char name[KILN_TRANSPORT_NAME];
+    const uint64_t row = kiln_rows_row_bytes(step->samples);
+    kiln_transport_name(step, name);
+    (void)snprintf(t->path, sizeof t->path, "%s/%s", t->directory, name);
+    const struct kiln_rows_header h = header_of(t, step);
+    int status = open_file(t, name, &h, error);
+    if (status == KILN_OK && t->rows.file >= 0)
+        status = read_all(t->rows.file, t->path, memory->rows, memory->count * row,
+                          KILN_ROWS_BEGIN + memory->first * row, error);
+    if (t->rows.file >= 0)
+        (void)close(t->rows.file);
+    t->rows = (struct kiln_rows){0};
+    *rows = (struct kiln_rows){
+        .file = -1, .path = t->path, .replays = true, .samples = step->samples, .key = h.key, .resident = memory};
     return status;
 }

@@ -42,4 +42,11 @@ int kiln_transport_begin(struct kiln_transport *transport, struct kiln_backend *
 /* Takes the file away from the backend; what this rank has written is on disk. Not collective. */
 int kiln_transport_end(struct kiln_transport *transport, struct kiln_backend *backend, struct kiln_error *error);
 
+struct kiln_resident_rows;
+/* Reads the rows of a step into memory, which has room for the own points', from the folder of a transport that
+ * replays; and fills in the rest of `rows`. A file that is not there is no failure: no point has a row. KILN_BAD_INPUT:
+ * it is of another bake, or damaged. Not collective. */
+int kiln_transport_load(struct kiln_transport *transport, const struct kiln_step *step,
+                        struct kiln_resident_rows *memory, struct kiln_rows *rows, struct kiln_error *error);
+
 #endif

@@ -1,5 +1,6 @@
 #include "coordinator/job/changes.h"
 
+#include <ctype.h>
 #include <jansson.h>
 #include <math.h>
 #include <stdlib.h>
@@ -8,7 +9,7 @@
 
 #include "coordinator/job/job_private.h"
 
-enum { LIMIT = 1 << 16, DEEPEST = 4 }; /* bytes of a file; mappings and lists within one another */
+enum { LIMIT = 1 << 16, DEEPEST = 5 }; /* bytes of a file; mappings and lists within one another */
 
 struct reader {
     yaml_parser_t parser;
@@ -127,10 +128,25 @@ static int parse(const char *path, const char *text, size_t size, json_t **json,
     return status;
 }
 
+/* The rest of a document that has begun, as JSON text; release with free. */
+static int text_of(const char *path, const char *text, size_t size, char **json_text, struct kiln_error *error)
+{
+    json_t *json = NULL;
+    const int status = parse(path, text, size, &json, error);
+    *json_text = status == KILN_OK ? json_dumps(json, JSON_COMPACT) : NULL;
+    json_decref(json);
+    return status == KILN_OK && *json_text == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: the changes")
+                                                   : status;
+}
+
+int kiln_changes_line(const char *line, const char *where, char **json_text, struct kiln_error *error)
+{
+    return text_of(where, line, strlen(line), json_text, error);
+}
+
 int kiln_job_yaml_read(struct kiln_job *job, const char *path, char **kept, struct kiln_error *error)
 {
-    char bytes[LIMIT + 1];
-    json_t *json = NULL;
+    char bytes[LIMIT + 1], *text = NULL;
     FILE *file = fopen(path, "re");
     if (file == NULL)
         return kiln_fail_errno(error, 0, "cannot open %.500s", path);
@@ -138,13 +154,10 @@ int kiln_job_yaml_read(struct kiln_job *job, const char *path, char **kept, stru
     int status = ferror(file) != 0 ? kiln_fail_errno(error, KILN_IO, "cannot read %.500s", path)
                  : size > LIMIT    ? kiln_fail(error, KILN_BAD_INPUT,
                                                "%.500s: is longer than such a file may be (%d bytes)", path, LIMIT)
-                                   : parse(path, bytes, size, &json, error);
+                                   : text_of(path, bytes, size, &text, error);
     (void)fclose(file);
-    char *text = status == KILN_OK ? json_dumps(json, JSON_COMPACT) : NULL;
-    json_decref(json);
     if (status == KILN_OK)
-        status = text != NULL ? kiln_job_keep_text(job, text, kept, error)
-                              : kiln_fail(error, KILN_SYSTEM, "out of memory: the changes");
+        status = kiln_job_keep_text(job, text, kept, error);
     free(text);
     return status;
 }
@@ -152,4 +165,44 @@ int kiln_job_yaml_read(struct kiln_job *job, const char *path, char **kept, stru
 int kiln_job_changes_read(struct kiln_job *job, struct kiln_error *error)
 {
     return job->changes != NULL ? kiln_job_yaml_read(job, job->changes, &job->changed, error) : KILN_OK;
+}
+
+static bool is_state_name(const char *name)
+{
+    static const char *const taken[] = {"lightmaps", "transport", "checkpoint", "manifest"};
+    size_t i = 0;
+    for (size_t k = 0; k < sizeof taken / sizeof *taken; k++)
+        if (strcmp(name, taken[k]) == 0)
+            return false;
+    while (isalnum((unsigned char)name[i]) != 0 || name[i] == '-' || name[i] == '_')
+        i++;
+    return i > 0 && i < 64 && name[i] == '\0';
+}
+
+int kiln_job_states_read(struct kiln_job *job, struct kiln_error *error)
+{
+    const char *name;
+    json_t *states = NULL, *changes;
+    if (job->states == NULL)
+        return KILN_OK;
+    int status = kiln_job_yaml_read(job, job->states, &job->stated, error);
+    if (status == KILN_OK && (states = json_loads(job->stated, 0, NULL)) == NULL)
+        status = kiln_fail(error, KILN_SYSTEM, "out of memory: the states");
+    if (status == KILN_OK && json_object_size(states) == 0)
+        status = kiln_fail(error, KILN_BAD_INPUT,
+                           "%.500s: has no state, such as 'evening: {lights: {sun: {on: false}}}'", job->states);
+    json_object_foreach(states, name, changes)
+    {
+        if (status == KILN_OK && !is_state_name(name))
+            status = kiln_fail(error, KILN_BAD_INPUT,
+                               "%.500s: '%.100s' is no name of a state, which a folder has: up to 63 letters, digits, "
+                               "- and _, and not lightmaps, transport, checkpoint or manifest",
+                               job->states, name);
+        if (status == KILN_OK && !json_is_object(changes))
+            status = kiln_fail(error, KILN_BAD_INPUT,
+                               "%.500s: %.100s needs its changes, lights, materials and environment; {}: none",
+                               job->states, name);
+    }
+    json_decref(states);
+    return status;
 }

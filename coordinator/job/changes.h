@@ -10,6 +10,11 @@
  *       wall: {albedo: [0.8, 0.8, 0.7]}   # base colour, 0 to 1, which the texture multiplies
  *     environment: {scale: 2}             # also on, radiance ([R, G, B]; of an image a factor), rotation (degrees)
  *
+ * A file of states (--states) has such changes by name, each of the scene as it is; `{}` changes nothing:
+ *
+ *     noon: {}
+ *     evening: {lights: {sun: {on: false}}, environment: {scale: 0.1}}
+ *
  * A pattern is a shell glob, as those of objects (object_settings.h); one that matches nothing is refused. The file is
  * taken over as JSON of the same shape; coordinator/import/changes.h checks the keys and applies them. */
 #ifndef KILN_COORDINATOR_JOB_CHANGES_H
@@ -20,5 +25,11 @@
 /* Reads the file job->changes and stores it in job->changed as JSON; nothing if there is none. KILN_BAD_INPUT, with
  * file and line, for what is not of that shape; KILN_NO_INPUT, KILN_PERMISSION or KILN_IO if it cannot be read. */
 int kiln_job_changes_read(struct kiln_job *job, struct kiln_error *error);
+
+/* Reads the file job->states and stores it in job->stated as JSON, name: changes; nothing if there is none. Likewise;
+ * KILN_BAD_INPUT too for names that no folder can have. */
+int kiln_job_states_read(struct kiln_job *job, struct kiln_error *error);
+/* A line that says changes, YAML or JSON, as JSON text, which is to be released with free. `where`: for messages. */
+int kiln_changes_line(const char *line, const char *where, char **json_text, struct kiln_error *error);
 
 #endif

@@ -46,10 +46,15 @@ static inline uint64_t kiln_rows_file_bytes(uint64_t points, uint32_t samples)
 /* The check of a row: `words` has `samples` of them. */
 uint32_t kiln_rows_check(uint64_t key, uint64_t point, const uint32_t *words, uint32_t samples);
 
+struct kiln_resident_rows;
+
 /* What a backend does with the rows of a step (kiln_backend_set_rows). */
 struct kiln_rows {
     int file;         /* an open descriptor; borrowed */
     const char *path; /* for messages; borrowed */
+    /* NULL: they are in the file. Else they are here (resident_rows.h), with `replays`: rays without a row are traced,
+     * and get one; and the weights of all are noted. Borrowed */
+    struct kiln_resident_rows *resident;
     bool replays;     /* rays are looked up, and traced where there is no row; else all are traced and kept */
     uint32_t samples; /* of a row; a batch may have fewer */
     uint64_t key;

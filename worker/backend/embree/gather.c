@@ -187,6 +187,14 @@ static inline void learn(struct gather_work *w, uint32_t step, uint32_t l, float
     w->square[cell] += (double)luminance * (double)luminance / (double)r->weight[l];
 }
 
+/* The cosine of lane l's ray about the shading normal, of a smooth mesh. */
+static inline float shading_cosine(const struct tile_run_rays *rays, uint32_t l)
+{
+    const struct kiln_vec3 shading =
+        frame_shading(&rays->frame, rays->point[l], vec3(rays->facet[0][l], rays->facet[1][l], rays->facet[2][l]));
+    return shading.x * rays->direction[0][l] + shading.y * rays->direction[1][l] + shading.z * rays->direction[2][l];
+}
+
 /* Adds radiosity that the ray of lane l has found. Returns its weight as irradiance. */
 static inline float add(struct gather_work *w, uint32_t step, uint32_t l, float rgb[3], bool tints)
 {
@@ -200,10 +208,7 @@ static inline float add(struct gather_work *w, uint32_t step, uint32_t l, float 
     }
     const bool glossy = rays->frame.glossy[j];
     if (rays->frame.smooth) {
-        const struct kiln_vec3 shading =
-            frame_shading(&rays->frame, j, vec3(rays->facet[0][l], rays->facet[1][l], rays->facet[2][l]));
-        cosine =
-            shading.x * rays->direction[0][l] + shading.y * rays->direction[1][l] + shading.z * rays->direction[2][l];
+        cosine = shading_cosine(rays, l);
         weight = kiln_shading_weight(cosine, rays->cosine[l]) * rays->weight[l];
     }
     for (int c = 0; c < 3 && (rays->frame.smooth || glossy); c++)
@@ -242,6 +247,15 @@ KILN_CLONES static void collect(const struct embree_backend *b, struct gather_wo
         if (meets && w->groups != NULL)
             add_groups(w, b, w->rays->point[l], found->point[i], facet, weight);
     }
+}
+
+/* Notes what the rays of a step weigh, of a smooth mesh. */
+static void weigh(const struct gather_work *w, size_t tile_run, uint32_t step, uint32_t lanes)
+{
+    const struct tile_run_rays *rays = w->rays;
+    for (uint32_t l = 0; l < lanes; l++)
+        kept_rows_weigh(&w->rows, rays, tile_run, step, l, facet_weight(rays, l),
+                        kiln_shading_weight(shading_cosine(rays, l), rays->cosine[l]) * rays->weight[l]);
 }
 
 /* ---- with radiance probes ---- */
@@ -794,6 +808,8 @@ static void gather_tile_run(void *work, const struct embree_backend *b, struct e
     const bool replays = kept_rows_read(&w->rows, b, tile_run, w->rays->frame.place, w->rays->frame.count);
     for (uint32_t step = 0; step < steps; step++) {
         const uint32_t lanes = find_step(w, b, context, step, replays, rays);
+        if (w->rays->frame.smooth && kept_rows_weighs(&w->rows))
+            weigh(w, tile_run, step, lanes);
         if (b->probes != NULL || chain_any(b)) {
             collect_lanes(b, context, w, step, lanes);
             continue;

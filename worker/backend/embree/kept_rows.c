@@ -1,10 +1,12 @@
 #include "worker/backend/embree/kept_rows.h"
 
 #include <errno.h>
+#include <string.h>
 #include <unistd.h>
 
 #include "shaders/shared/color.h"
 #include "worker/base/memory.h"
+#include "worker/pass/resident_rows.h"
 #include "worker/scene/radiosity.h"
 
 int kept_rows_create(struct kept_rows *kept, const struct embree_backend *b, const struct kiln_batch *part,
@@ -61,9 +63,20 @@ static off_t offset_of(const struct kiln_rows *rows, uint64_t point)
 
 /* ---- reading ---- */
 
-/* Reads `bytes`; false: there are not so many, or it failed, which is noted. */
-static bool read_at(struct kiln_rows *rows, void *to, size_t bytes, off_t at)
+/* Where the rows of the points from `point` on are in memory. */
+static uint32_t *resident_at(const struct kiln_rows *rows, uint64_t point)
 {
+    return kiln_resident_row(rows->resident, point - rows->resident->first);
+}
+
+/* Reads `bytes` from the row of a point on; false: there are not so many, or it failed, which is noted. */
+static bool read_at(struct kiln_rows *rows, void *to, size_t bytes, uint64_t point)
+{
+    const off_t at = offset_of(rows, point);
+    if (rows->resident != NULL) {
+        memcpy(to, resident_at(rows, point), bytes);
+        return true;
+    }
     for (size_t done = 0; done < bytes;) {
         const ssize_t got = pread(rows->file, (char *)to + done, bytes - done, at + (off_t)done);
         if (got < 0 && errno == EINTR)
@@ -101,8 +114,7 @@ static bool read_rows(const struct kept_rows *kept, const struct embree_backend 
     bool there = true;
     for (uint32_t j = 0, count; j < points && there; j += count) {
         count = whole ? stretch_of(place, points, j) : 1;
-        there = read_at(r, row_of(kept, j), count * (size_t)kiln_rows_row_bytes(kept->samples),
-                        offset_of(r, first + place[j]));
+        there = read_at(r, row_of(kept, j), count * (size_t)kiln_rows_row_bytes(kept->samples), first + place[j]);
         for (uint32_t i = j; i < j + count && there; i++)
             there = row_is_there(kept, b, i, first + place[i]);
     }
@@ -233,7 +245,7 @@ bool kept_rows_replay(struct kept_rows *kept, const struct embree_backend *b, co
 void kept_rows_note(struct kept_rows *kept, const struct tile_run_rays *rays, uint32_t step,
                     const struct rays_found *found)
 {
-    if (kept->rows == NULL || kept->rows->replays)
+    if (kept->rows == NULL || (kept->rows->replays && kept->rows->resident == NULL))
         return;
     uint32_t word[RAY_LANES];
     for (uint32_t i = 0; i < found->escaped; i++)
@@ -247,8 +259,13 @@ void kept_rows_note(struct kept_rows *kept, const struct tile_run_rays *rays, ui
         row_of(kept, rays->point[l])[1 + step * rays->copies + rays->copy[l]] = word[l];
 }
 
-static bool write_at(struct kiln_rows *rows, const void *from, size_t bytes, off_t at)
+static bool write_at(struct kiln_rows *rows, const void *from, size_t bytes, uint64_t point)
 {
+    const off_t at = offset_of(rows, point);
+    if (rows->resident != NULL) {
+        memcpy(resident_at(rows, point), from, bytes);
+        return true;
+    }
     for (size_t done = 0; done < bytes;) {
         const ssize_t put = pwrite(rows->file, (const char *)from + done, bytes - done, at + (off_t)done);
         if (put < 0 && errno != EINTR) {
@@ -265,17 +282,27 @@ void kept_rows_write(struct kept_rows *kept, const struct embree_backend *b, con
 {
     const struct tile_run_frame *f = &rays->frame;
     struct kiln_rows *r = kept->rows;
-    if (r == NULL || r->replays)
+    if (r == NULL || (r->replays && r->resident == NULL))
         return;
     const uint64_t first = first_of(b, tile_run), count = (uint64_t)f->count * kept->samples;
     for (uint32_t j = 0; j < f->count; j++)
         *row_of(kept, j) = kiln_rows_check(r->key, first + f->place[j], row_of(kept, j) + 1, kept->samples);
     for (uint32_t j = 0, stretch; j < f->count; j += stretch) {
         stretch = kept->samples == r->samples ? stretch_of(f->place, f->count, j) : 1;
-        if (!write_at(r, row_of(kept, j), stretch * (size_t)kiln_rows_row_bytes(kept->samples),
-                      offset_of(r, first + f->place[j])))
+        if (!write_at(r, row_of(kept, j), stretch * (size_t)kiln_rows_row_bytes(kept->samples), first + f->place[j]))
             return;
     }
 #pragma omp atomic
     r->kept += count;
+}
+
+void kept_rows_weigh(const struct kept_rows *kept, const struct tile_run_rays *rays, size_t tile_run, uint32_t step,
+                     uint32_t l, float incident, float irradiance)
+{
+    const struct kiln_resident_rows *r = kept->rows->resident;
+    const uint64_t sample = (uint64_t)step * rays->copies + rays->copy[l];
+    float *to =
+        r->weights + r->weights_at[tile_run] + 2 * ((uint64_t)rays->frame.place[rays->point[l]] * r->samples + sample);
+    to[0] = incident > 0.0f ? incident : 0.0f; /* such a ray brings nothing */
+    to[1] = incident > 0.0f ? irradiance : 0.0f;
 }

@@ -39,4 +39,13 @@ void kept_rows_note(struct kept_rows *kept, const struct tile_run_rays *rays, ui
 void kept_rows_write(struct kept_rows *kept, const struct embree_backend *b, const struct tile_run_rays *rays,
                      size_t tile_run);
 
+/* Whether what rays of smooth points weigh is to be noted, of rays whose directions are made; and notes it, of lane l
+ * of a step. */
+static inline bool kept_rows_weighs(const struct kept_rows *kept)
+{
+    return kept->rows != NULL && kept->rows->resident != NULL;
+}
+void kept_rows_weigh(const struct kept_rows *kept, const struct tile_run_rays *rays, size_t tile_run, uint32_t step,
+                     uint32_t l, float incident, float irradiance);
+
 #endif

@@ -180,7 +180,7 @@ static uint32_t choose(const struct links_work *w, uint32_t bit, const struct ki
 static bool patch_factors_of(const struct patch_receiver *receiver, struct kiln_dvec3 at, const struct kiln_patch *from,
                              double area, struct patch_factors *f)
 {
-    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(from->place), at);
+    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(from->centre), at);
     const double cosine = dvec3_dot(receiver->n, d), other = -dvec3_dot(dvec3_of(from->normal), d),
                  square = dvec3_dot(d, d);
     if (!(cosine > 0.0 && other > 0.0))
@@ -292,7 +292,7 @@ static int ask(struct links_work *w, const struct embree_backend *b, struct embr
     const bool leaf = (to & KILN_LINK_LEAF) != 0;
     const uint32_t k = leaf ? to & ~KILN_LINK_LEAF : choose(w, bit, &p->nodes[to], to);
     const struct kiln_patch *own = w->patch[bit], *other = &p->points[p->order[k]];
-    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(other->place), w->at[bit]);
+    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(other->centre), w->at[bit]);
     const bool first = own->number < other->number;
     if (!(dvec3_dot(w->receiver[bit].n, d) > 0.0 && dvec3_dot(dvec3_of(other->normal), d) < 0.0))
         return KILN_OK;
