@@ -56,6 +56,12 @@ static int refuse_what_cannot_be_kept(const struct kiln_job *job, const struct k
                          "--keep-transport rows");
     if (job->keep_transport == KILN_KEEP_ROWS && why != NULL)
         return kiln_fail(error, KILN_USAGE, "--keep-transport rows: of these rays %s", why);
+    if ((job->states != NULL || job->listen) && is_of_links(job))
+        return kiln_fail(
+            error, KILN_USAGE,
+            "%s: %.300s has kept links, which serve one state at a time; leave it out, and call kiln relight "
+            "for each",
+            job->listen ? "--listen" : "--states", job->relight);
     return KILN_OK;
 }
 

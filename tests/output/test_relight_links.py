@@ -186,6 +186,9 @@ def main(top):
     refused(USAGE, "this bake has none", "bake", lamp, *PLAIN[:-1], *KEEP, "-o", at("no"))
     refused(USAGE, "of these rays --method cells alone", "bake", lamp, *LINKS, "--keep-transport", "rows", "-o",
             at("no"))
+    with open(at("states.yaml"), "w") as file:
+        file.write("dark: {lights: {sun: {on: false}}}\n")
+    refused(USAGE, "serve one state at a time", "relight", at("kept"), "--states", at("states.yaml"), "-o", at("no"))
     assert kiln("verify", at("kept"), "--quiet").returncode == 0
     for place, words in ((20, "not as it was written, or of another bake"), (-3, "links of the surface points from")):
         shutil.rmtree(at("hurt"), ignore_errors=True)

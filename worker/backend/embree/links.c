@@ -53,8 +53,9 @@ struct links_work {
     struct kiln_dvec3 at[KILN_TILE_TEXELS];
     const struct kiln_patch *patch[KILN_TILE_TEXELS];
     double row[KILN_TILE_TEXELS], incident[KILN_TILE_TEXELS][3], irradiance[KILN_TILE_TEXELS][3];
-    /* luminance of irradiance of light so far and before this bounce, and what their variances differ by */
-    double now[KILN_TILE_TEXELS], before[KILN_TILE_TEXELS], variance[KILN_TILE_TEXELS];
+    double now[KILN_TILE_TEXELS]; /* luminance of irradiance by the light that errors are of */
+    double variance[KILN_TILE_TEXELS];
+    bool summed; /* these sums are of the links found, and of this bounce */
     struct kiln_found_links found;
     struct RTCRay8 rays __attribute__((aligned(32)));
     int valid_rays[PACKET] __attribute__((aligned(32)));
@@ -193,22 +194,23 @@ static bool patch_factors_of(const struct patch_receiver *receiver, struct kiln_
     return true;
 }
 
-/* F of a link of the point at `bit`. */
-static struct patch_factors link_factors(const struct links_work *w, uint32_t bit, uint32_t to)
+/* F of a link of the point at `bit`; *v: how it sees the node, which is not whole where it is a point. */
+static struct patch_factors link_factors(const struct links_work *w, uint32_t bit, uint32_t to, struct node_view *v)
 {
     const struct kiln_links_parameters *p = w->job->p;
     const struct patch_receiver *receiver = &w->receiver[bit];
     struct patch_factors f = {0.0, 0.0};
     if ((to & KILN_LINK_LEAF) != 0) {
+        v->whole = false;
         (void)patch_factors_of(receiver, w->at[bit], &p->points[p->order[to & ~KILN_LINK_LEAF]], 0.0, &f);
         return f;
     }
     const struct kiln_link_node *node = &p->nodes[to];
-    const struct node_view v = view_of(w, bit, node);
-    if (v.whole) {
-        const double far = (double)node->area * v.other / (KILN_PI * v.square * v.square);
-        f.factor = far * mean_height(node, receiver->n, &v);
-        f.shading = receiver->smooth ? far * mean_height(node, receiver->s, &v) : f.factor;
+    *v = view_of(w, bit, node);
+    if (v->whole) {
+        const double far = (double)node->area * v->other / (KILN_PI * v->square * v->square);
+        f.factor = far * mean_height(node, receiver->n, v);
+        f.shading = receiver->smooth ? far * mean_height(node, receiver->s, v) : f.factor;
     } else {
         const struct kiln_patch *from = &p->points[p->order[choose(w, bit, node, to)]];
         (void)patch_factors_of(receiver, w->at[bit], from, (double)node->area, &f);
@@ -532,27 +534,27 @@ static struct kiln_link_light light_of(const struct links_work *w, uint32_t to)
 }
 
 /* What a link does to the error of the point at `bit`; q: the variance of what it sees. */
-static void add_variance(struct links_work *w, uint32_t bit, uint32_t to, double factor, double seen, double q)
+static void add_variance(struct links_work *w, uint32_t bit, uint32_t to, const struct node_view *v, double factor,
+                         double seen, double q)
 {
     const struct kiln_links_parameters *p = w->job->p;
     const struct kiln_link_light l = light_of(w, to);
     const double now = (double)l.now, before = (double)l.before, more = (double)l.spread_now - (double)l.spread_before;
     double square = q * (now * now - before * before + more);
     if ((to & KILN_LINK_LEAF) == 0 && seen > 0.0) {
-        const struct node_view v = view_of(w, bit, &p->nodes[to]);
-        const double rho = SPREAD * (double)p->nodes[to].radius / v.distance;
-        square += v.whole ? rho * rho * more : now * now - before * before + more;
+        const double rho = SPREAD * (double)p->nodes[to].radius / v->distance;
+        square += v->whole ? rho * rho * more : now * now - before * before + more;
     }
     w->variance[bit] += factor * factor * square;
     w->now[bit] += factor * seen * now;
-    w->before[bit] += factor * seen * before;
 }
 
 static void add_link(struct links_work *w, uint32_t bit, uint32_t to, const float through[3], double q)
 {
     const struct kiln_links_parameters *p = w->job->p;
     const float *radiosity = (to & KILN_LINK_LEAF) != 0 ? p->leaf_radiosity[to & ~KILN_LINK_LEAF] : p->radiosity[to];
-    const struct patch_factors f = link_factors(w, bit, to);
+    struct node_view v;
+    const struct patch_factors f = link_factors(w, bit, to, &v);
     const double seen = ((double)through[0] + (double)through[1] + (double)through[2]) / 3.0;
     w->row[bit] += f.factor * seen;
     for (int c = 0; c < 3; c++) {
@@ -560,14 +562,15 @@ static void add_link(struct links_work *w, uint32_t bit, uint32_t to, const floa
         w->incident[bit][c] += f.factor * light;
         w->irradiance[bit][c] += f.shading * light;
     }
-    add_variance(w, bit, to, w->by_first ? f.factor : f.shading, seen, q);
+    add_variance(w, bit, to, &v, w->by_first ? f.factor : f.shading, seen, q);
 }
 
-/* A link by which the point at `bit` sees nothing, though others of its tile do. */
+/* A link by which the point at `bit` sees nothing, though some beside it do. */
 static void add_unseen(struct links_work *w, uint32_t bit, uint32_t to, double q)
 {
-    if (q > 0.0)
-        add_variance(w, bit, to, link_factors(w, bit, to).factor, 0.0, q);
+    struct node_view v;
+    const double factor = link_factors(w, bit, to, &v).factor;
+    add_variance(w, bit, to, &v, factor, 0.0, q);
 }
 
 static void add_links(struct links_work *w)
@@ -575,11 +578,11 @@ static void add_links(struct links_work *w)
     static const float all[3] = {1.0f, 1.0f, 1.0f};
     const struct kiln_found_links *f = &w->found;
     const uint64_t of = w->by_first ? w->shares : w->valid;
+    w->summed = !w->by_first;
     memset(w->row, 0, sizeof w->row);
     memset(w->incident, 0, sizeof w->incident);
     memset(w->irradiance, 0, sizeof w->irradiance);
     memset(w->now, 0, sizeof w->now);
-    memset(w->before, 0, sizeof w->before);
     memset(w->variance, 0, sizeof w->variance);
     for (uint32_t i = 0; i < f->count; i++) {
         const struct unsure u = unsure_of(w, i);
@@ -587,7 +590,7 @@ static void add_links(struct links_work *w)
             const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
             if ((f->seen[i] >> bit & 1) != 0)
                 add_link(w, bit, f->to[i], all, variance_of(&u, bit));
-            else
+            else if (((u.other[0] | u.other[1] | u.other[2]) >> bit & 1) != 0)
                 add_unseen(w, bit, f->to[i], variance_of(&u, bit));
         }
     }
@@ -724,6 +727,7 @@ static int do_run(struct links_work *w, const struct embree_backend *b, struct e
     const bool is_kept = kept != NULL && *kept != NULL, is_judged = is_kept && (*kept)->is_judged != 0;
     bool opened = false;
     enter_points(w, b->surface, run);
+    w->summed = false;
     int status = is_kept ? take_kept(w, run, *kept, error) : make_run(w, b, context, tile_run, error);
     if (status == KILN_OK && w->job->p->target > 0.0 && !is_judged)
         status = open_run(w, b, context, &opened, error);
@@ -733,7 +737,8 @@ static int do_run(struct links_work *w, const struct embree_backend *b, struct e
         return status;
     if (kept != NULL)
         (*kept)->is_judged = 1;
-    add_links(w);
+    if (!w->summed)
+        add_links(w);
     return KILN_OK;
 }
 
