@@ -114,7 +114,7 @@ static void overview(FILE *stream)
                   "  kiln generate cornell -o cornell.glb                 make a scene\n"
                   "  kiln bake cornell.glb -o out                         bake it\n"
                   "  mpirun -n 4 --bind-to none kiln bake cornell.glb -o out     the same on four ranks\n"
-                  "  kiln view out -o view.png                            look at it\n\nCommands\n",
+                  "  kiln view out -o view.png                            look at it\nCommands\n",
                   KILN_VERSION);
     for (size_t i = 0; i < kiln_command_count; i++)
         (void)fprintf(stream, "  %-10s%s\n", kiln_commands[i].name, kiln_commands[i].summary);

@@ -106,6 +106,18 @@ class GroupParts(unittest.TestCase):
         self.assertEqual(answer.code, 64)
         self.assertIn("has no texture for its emission", answer.err)
 
+    def test_relight(self):
+        """Groups of a bake that has kept its rays: the bits of a bake that tells them apart, without a gather ray."""
+        options = ('--environment', '1,1,1', '--lightmap-max', 16)
+        wanted = self.bake('told', *options, '--sky-patches', 145)
+        self.bake('rows', *options, '--keep-transport', 'rows')
+        out = os.path.join(self.folder, 'relit')
+        answer = kiln('relight', os.path.join(self.folder, 'rows'), '--sky-patches', 145, '--quiet', '-o', out)
+        self.assertEqual(answer.code, 0, answer.err)
+        self.same(self.read(out), wanted, 'relit')
+        with open(os.path.join(out, 'run.json'), encoding='utf-8') as run:
+            self.assertEqual(json.load(run)['relight']['rays_traced'], 0)
+
     def test_too_many(self):
         """2,307 groups on some million points take more memory than a host has."""
         answer = kiln('bake', self.meadow(), '--lightmap-size', 4096, '--samples-probe', 0, '--backend', 'embree',

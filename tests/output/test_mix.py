@@ -1,5 +1,5 @@
-"""kiln mix: with 1 for all groups it writes the bake's lightmaps, bit for bit; with other factors the sum of the groups'
-layers, which is as a bake of those lights alone is; on any number of ranks the same bytes. What it refuses."""
+"""kiln mix: with 1 for all groups it writes the bake's lightmaps, bit for bit; with other factors the sum of the
+groups' layers, which is as a bake of those lights alone; on any number of ranks the same bytes. What it refuses."""
 import os
 import shutil
 import sys
