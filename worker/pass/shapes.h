@@ -3,7 +3,7 @@
  * Of a point whose texel is one square of one triangle it is that square. Of any other it is a rectangle about the
  * middle of what of the point's surface is there and not buried, with the proportions of its covariance: exact where
  * that is of few pieces, else by 16 x 16 positions. What looks another way (by 45 degrees) than most of it, or lies
- * apart, is another surface that shares the texel: the rectangle is of most of it, though the patch has all of the
+ * apart, is another surface that shares the texel: the rectangle lies where most of it is, and has all of the
  * area. The normal is the mean one. The place, where rays go, is the middle of one convex piece, or the position that
  * is nearest to the middle.
  *
