@@ -383,10 +383,10 @@ static int refuse_cells(struct kiln_job *job, struct kiln_error *error)
 /* What only patches have. */
 static int refuse_patches(struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_patches[] = {"patches",    "link-error",      "lights",       "undersample",
-                                             "directions", "sampling-window", "subdivide",    "node-max",
-                                             "gather",     "clamp",           "albedo-scale", "visibility-cache",
-                                             "order",      "unshot-left",     "keep-nodes"};
+    static const char *const of_patches[] = {
+        "patches",   "link-error",  "lights",     "undersample", "directions",   "sampling-window",
+        "subdivide", "node-max",    "gather",     "clamp",       "albedo-scale", "visibility-cache",
+        "order",     "unshot-left", "visibility", "voxels",      "keep-nodes"};
     for (size_t i = 0; i < sizeof of_patches / sizeof *of_patches; i++)
         if (given(job, of_patches[i]))
             return kiln_fail(error, KILN_USAGE,
@@ -418,8 +418,9 @@ static int check_links(struct kiln_job *job, struct kiln_error *error)
 /* Rays read single texels, and their light has no factors. */
 static int check_gather(struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_pairs[] = {"undersample", "subdivide",  "sampling-window",  "node-max", "clamp",
-                                           "patches",     "link-error", "visibility-cache", "order",    "unshot-left"};
+    static const char *const of_pairs[] = {"undersample", "subdivide",   "sampling-window", "node-max",
+                                           "clamp",       "patches",     "link-error",      "visibility-cache",
+                                           "order",       "unshot-left", "visibility",      "voxels"};
     const uint32_t directions = job->patches.directions;
     const bool pairs = job->patches.gather == KILN_GATHER_PAIRS;
     for (size_t i = 0; i < sizeof of_pairs / sizeof *of_pairs && !pairs; i++)

@@ -4,7 +4,7 @@
   over a hollow sphere of which some faces emit within 0.2 %.
 - Closed furnaces: every texel within 0.1 %, with nodes of several texels, in rounds and by voxels too.
 - In the Cornell box, the finer the texels, the nearer the light of each object is to what paths find, which have no
-  bias; where blocks stand on the floor every texel is near it.
+  bias; where blocks stand on the floor no texel is far off rays.
 - The same bits on 1, 3 and 4 ranks, by objects, and after an interruption.
 - Energy is kept.
 - Nodes of several texels: furnaces as exact; in the Cornell box fewer rays, and light that is off by little, the less
@@ -114,7 +114,7 @@ def check_convergence(kiln, checks, table):
 
 
 def check_contact(kiln, checks, table):
-    """Where blocks stand on the floor and walls meet, texels are cut: none is far off what rays find in the same texels."""
+    """Where blocks stand on the floor and walls meet, texels are cut: none is far off what rays find there."""
     options = (*PLAIN, '--bounces', 1, '--samples-direct', 64, '--texels-per-metre', 3.5)
     rays = kiln.bake(CORNELL, *options, '--schedule', 'equal', '--samples-indirect', 1024)
     bake = kiln.bake(CORNELL, *options, '--method', 'radiosity', '--samples-indirect', 128)

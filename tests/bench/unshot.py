@@ -3,8 +3,8 @@ cost and lose.
 
   /usr/bin/python3 tests/bench/unshot.py --kiln build/release/kiln --density 3
 
-Errors are of all light, rms relative to its root mean square, against lockstep with all bounces and rays. Pairs are rays
-between patches; seconds are of the processor, with start and files.
+Errors are of all light, rms relative to its root mean square, against lockstep with all bounces and rays. Pairs are
+rays between patches; seconds are of the processor, with start and files.
 """
 import os
 import sys

@@ -48,9 +48,7 @@ struct kiln_patch {
     struct kiln_vec3 place;  /* off the surface by as much as rays need (worker/scene/footprint.h) */
     struct kiln_vec3 centre; /* of its parallelogram; of what is no square of one triangle it may lie off the surface */
     struct kiln_vec3 normal; /* geometric, unit */
-    /* Of the parallelogram about `centre` that stands for it; their cross product is along the normal, and as long as
-     * the area is large, or as the part of it that is of the surface which most of it is of: two charts may share a
-     * texel. */
+    /* Of the parallelogram about `centre` that stands for it; their cross product is the area times the normal. */
     struct kiln_vec3 edge_s, edge_t;
     float area;      /* m2, of what is there to be lit */
     uint32_t number; /* of the point, in an order that is the same for any cells and ranks */

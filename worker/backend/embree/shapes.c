@@ -56,8 +56,7 @@ struct spot {
 
 struct spots {
     uint32_t count;
-    double area;  /* m2, of the point */
-    double share; /* of it, that the spots are of */
+    double area; /* m2, of the point */
     struct spot of[SPOTS];
 };
 
@@ -121,10 +120,9 @@ static bool are_alike(const struct spots *spots, const struct spot *a, const str
 static void keep_largest(struct spots *spots)
 {
     uint32_t best = 0, count = 0;
-    double most = -1.0, all = 0.0;
+    double most = -1.0;
     for (uint32_t i = 0; i < spots->count; i++) {
         double weight = 0.0;
-        all += spots->of[i].weight;
         for (uint32_t k = 0; k < spots->count; k++)
             weight += are_alike(spots, &spots->of[i], &spots->of[k]) ? spots->of[k].weight : 0.0;
         if (weight > most)
@@ -135,7 +133,6 @@ static void keep_largest(struct spots *spots)
         if (are_alike(spots, &leader, &spots->of[i]))
             spots->of[count++] = spots->of[i];
     spots->count = count;
-    spots->share = most / all;
 }
 
 /* Middle and normal. */
@@ -194,7 +191,7 @@ static void find_rectangle(const struct spots *spots, struct kiln_patch *patch)
                  longer = sqrt(middle + spread), shorter = sqrt(fmax(middle - spread, 0.0));
     /* what lies in a line, or in one place, tells of no proportions */
     const double ratio = shorter > 0.01 * longer && longer > 0.0 ? sqrt(longer / shorter) : 1.0;
-    const double length = sqrt((double)patch->area * spots->share);
+    const double length = sqrt((double)patch->area);
     const struct kiln_vec3 along = vec3_madd(vec3_scale(u, (float)cos(turn)), v, (float)sin(turn));
     patch->edge_s = vec3_scale(along, (float)(length * ratio));
     patch->edge_t = vec3_scale(vec3_cross(n, along), (float)(length / ratio));
