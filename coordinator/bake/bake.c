@@ -171,6 +171,7 @@ void kiln_bake_end(struct kiln_bake **bake, int status, const struct kiln_error 
     kiln_volume_destroy(&b->volume);
     kiln_bake_transport_release(b);
     kiln_bake_groups_release(b);
+    kiln_points_ahead_destroy(&b->ahead); /* reads what the solution has */
     kiln_solution_destroy(&b->solution);
     kiln_visible_from_release(&b->visible);
     kiln_prepared_destroy(&b->prepared);

@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include "coordinator/bake/bake_private.h"
+#include "coordinator/integrate/link_file.h"
 #include "coordinator/bake/identity.h"
 #include "coordinator/bake/materials.h"
 #include "coordinator/bake/results_memory.h"
@@ -35,8 +36,10 @@ int kiln_bake_take_charge(struct kiln_bake *b, struct kiln_error *error)
 /* Rank 0. Checks that each lightmap can be written. */
 static int check_lightmaps(const struct kiln_bake *b, const struct kiln_prepared *p, struct kiln_error *error)
 {
-    const struct kiln_manifest_parts parts = {
-        .volume = b->job->samples_probe != 0, .preview = b->job->preview, .scene = b->job->export};
+    const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0,
+                                              .preview = b->job->preview,
+                                              .scene = b->job->export,
+                                              .groups = b->job->group_count};
     return kiln_manifest_look(b->job->output, p->scene, p->surface, &parts, error);
 }
 
@@ -98,8 +101,11 @@ static int check_room(const struct kiln_bake *b, const struct kiln_prepared *p, 
     struct kiln_field_set fields;
     kiln_field_set_choose(&fields, b->job);
     /* of transport, what the last step keeps: how many come before it the light says */
-    const uint64_t rows = b->job->keep_transport != KILN_KEEP_NONE
-                              ? kiln_rows_file_bytes(p->surface->point_count, b->job->samples_indirect)
+    const uint64_t points = p->surface->point_count,
+                   rows = b->job->keep_transport == KILN_KEEP_ROWS
+                              ? kiln_rows_file_bytes(points, b->job->samples_indirect)
+                          : b->job->keep_transport == KILN_KEEP_LINKS
+                              ? kiln_link_file_bytes_expected(points, b->job->patches.link_error)
                               : 0;
     return kiln_require_space(
         b->job->output,

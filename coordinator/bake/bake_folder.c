@@ -61,6 +61,7 @@ static int remove_stale(const struct kiln_bake *b, struct kiln_error *error)
     const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0,
                                               .preview = b->job->preview,
                                               .scene = b->job->export,
+                                              .groups = b->job->group_count,
                                               .more = b->transport_files,
                                               .more_count = b->transport_file_count};
     const int status =

@@ -1,9 +1,11 @@
 /* Which group each light of the scene is in: coordinator/job/light_groups.h. */
 #include <fnmatch.h>
 #include <jansson.h>
+#include <math.h>
 #include <string.h>
 
 #include "coordinator/bake/bake_private.h"
+#include "coordinator/job/light_groups.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
@@ -14,7 +16,28 @@ struct rules {
     uint32_t count;
 };
 
-/* The group whose list `key` has a pattern for the name; KILN_NONE: none. KILN_NONE - 1: two have. */
+/* The first block of a group. Its blocks: 0 and 0 if it has none. */
+static uint32_t first_of(json_t *groups, uint32_t wanted, uint32_t blocks[2])
+{
+    const char *name;
+    json_t *rules;
+    uint32_t first = 0, at = 0;
+    blocks[0] = blocks[1] = 0;
+    json_object_foreach(groups, name, rules)
+    {
+        uint32_t size[2];
+        kiln_job_group_blocks(rules, size);
+        if (at++ == wanted && json_object_get(rules, "blocks") != NULL)
+            memcpy(blocks, size, sizeof size);
+        if (at > wanted)
+            break;
+        first += size[0] * size[1];
+    }
+    return first;
+}
+
+/* The group, counted as the file has them, whose list `key` has a pattern for the name; KILN_NONE: none. KILN_NONE - 1:
+ * two have. */
 static uint32_t group_of(const struct rules *r, const char *key, uint32_t name)
 {
     const char *text = kiln_scene_string(r->scene, name), *group_name;
@@ -33,19 +56,84 @@ static uint32_t group_of(const struct rules *r, const char *key, uint32_t name)
     return found;
 }
 
-/* The one group of those that materials and objects say, or the rest. */
+/* The one group of those that materials and objects say, or the rest, and the blocks that it is cut into: 0 if none. */
 static int settle(const struct rules *r, const uint32_t found[2], const char *what, uint32_t name, uint32_t *group,
-                  struct kiln_error *error)
+                  uint32_t blocks[2], struct kiln_error *error)
 {
     const bool both = found[0] != KILN_NONE && found[1] != KILN_NONE && found[0] != found[1];
     if (both || found[0] == KILN_NONE - 1 || found[1] == KILN_NONE - 1)
         return kiln_fail(error, KILN_USAGE, "--light-groups: the %s '%.200s' is in two groups; name it in one", what,
                          kiln_scene_string(r->scene, name));
-    *group = found[0] != KILN_NONE ? found[0] : found[1] != KILN_NONE ? found[1] : r->count - 1;
+    const uint32_t of_file = found[0] != KILN_NONE ? found[0] : found[1];
+    *group = of_file != KILN_NONE ? first_of(r->groups, of_file, blocks) : r->count - 1;
     return KILN_OK;
 }
 
-static int sort_areas(const struct rules *r, const struct kiln_lights *l, uint32_t *of, struct kiln_error *error)
+/* Coordinates of what an emitting triangle's corners show, as the world triangle has them. */
+static void corners_of(const struct rules *r, const struct kiln_lights *l, size_t area, double uv[3][2])
+{
+    const uint32_t triangle = l->areas[area].triangle;
+    const struct kiln_object *object = &r->scene->objects[l->geometry->records[triangle].object];
+    const struct kiln_mesh *mesh = &r->scene->meshes[object->mesh];
+    const uint32_t *corners = r->scene->triangles + 3 * (size_t)l->geometry->stored_triangle[triangle];
+    for (uint32_t k = 0; k < 3; k++) {
+        const uint32_t stored = object->flipped && k > 0 ? 3 - k : k;
+        const struct kiln_vec2 at = r->scene->texcoord_emission[mesh->vertex_first + corners[stored]];
+        uv[k][0] = (double)at.x;
+        uv[k][1] = (double)at.y;
+    }
+}
+
+/* The rectangle of coordinates that the emitting triangles of a group take up. */
+static void find_rectangle(const struct rules *r, const struct kiln_lights *l, const struct kiln_light_groups *g,
+                           uint32_t group, double low[2], double size[2])
+{
+    double high[2] = {-INFINITY, -INFINITY};
+    low[0] = low[1] = INFINITY;
+    for (size_t i = 0; i < l->area_count; i++) {
+        double uv[3][2];
+        if (g->of_tree[i] != group)
+            continue;
+        corners_of(r, l, i, uv);
+        for (int k = 0; k < 6; k++) {
+            low[k % 2] = fmin(low[k % 2], uv[k / 2][k % 2]);
+            high[k % 2] = fmax(high[k % 2], uv[k / 2][k % 2]);
+        }
+    }
+    for (int a = 0; a < 2; a++)
+        size[a] = high[a] - low[a];
+}
+
+/* Cuts the emitting triangles of a group into its blocks. */
+static int cut(const struct rules *r, const struct kiln_lights *l, const struct kiln_light_groups *g, uint32_t group,
+               struct kiln_error *error)
+{
+    double low[2], size[2];
+    find_rectangle(r, l, g, group, low, size);
+    for (size_t i = 0; i < l->area_count; i++) {
+        struct kiln_light_block *b = &g->block_of[i];
+        const uint32_t blocks[2] = {b->columns, b->rows};
+        double uv[3][2];
+        if (g->of_tree[i] != group)
+            continue;
+        if (!(size[0] > 0.0 && size[1] > 0.0))
+            return kiln_fail(
+                error, KILN_USAGE,
+                "--light-groups: the object '%.200s' has no texture for its emission, by whose coordinates it "
+                "could be cut into blocks; give it one, or leave blocks out",
+                kiln_scene_string(r->scene, r->scene->objects[l->geometry->records[l->areas[i].triangle].object].name));
+        corners_of(r, l, i, uv);
+        for (int a = 0; a < 2; a++) {
+            b->at[a] = (uv[0][a] - low[a]) / size[a] * blocks[a];
+            for (int k = 0; k < 2; k++)
+                b->along[k][a] = (uv[k + 1][a] - uv[0][a]) / size[a] * blocks[a];
+        }
+    }
+    return KILN_OK;
+}
+
+static int sort_areas(const struct rules *r, const struct kiln_lights *l, struct kiln_light_groups *g,
+                      struct kiln_error *error)
 {
     int status = KILN_OK;
     for (size_t i = 0; i < l->area_count && status == KILN_OK; i++) {
@@ -54,7 +142,16 @@ static int sort_areas(const struct rules *r, const struct kiln_lights *l, uint32
         const uint32_t found[2] = {
             group_of(r, "materials", r->scene->materials[record->material & KILN_RECORD_MATERIAL].name),
             group_of(r, "objects", object)};
-        status = settle(r, found, "object", object, &of[i], error);
+        uint32_t blocks[2] = {0, 0};
+        status = settle(r, found, "object", object, &g->of_tree[i], blocks, error);
+        g->block_of[i].columns = blocks[0];
+        g->block_of[i].rows = blocks[1];
+    }
+    for (uint32_t i = 0; i < json_object_size(r->groups) && status == KILN_OK; i++) {
+        uint32_t blocks[2];
+        const uint32_t group = first_of(r->groups, i, blocks);
+        if (blocks[0] > 0)
+            status = cut(r, l, g, group, error);
     }
     return status;
 }
@@ -68,12 +165,13 @@ static int sort_punctual(const struct rules *r, const struct kiln_lights *l, str
     for (size_t i = 0; i < r->scene->light_count && status == KILN_OK; i++) {
         const struct kiln_light *light = &r->scene->lights[i];
         const uint32_t found[2] = {group_of(r, "lights", light->name), KILN_NONE};
+        uint32_t blocks[2];
         uint32_t *to = light->kind == KILN_LIGHT_DIRECTIONAL ? &g->of_directional[directionals] : &g->of_tree[points];
         if (kiln_luminance_of_floats(light->intensity) <= 0.0)
             continue;
         directionals += light->kind == KILN_LIGHT_DIRECTIONAL;
         points += light->kind != KILN_LIGHT_DIRECTIONAL;
-        status = settle(r, found, "light", light->name, to, error);
+        status = settle(r, found, "light", light->name, to, blocks, error);
     }
     return status;
 }
@@ -82,12 +180,14 @@ static uint32_t group_of_sky(const struct rules *r)
 {
     const char *name;
     json_t *rules;
-    uint32_t group = 0, found = r->count - 1;
+    uint32_t group = 0, found = r->count - 1; /* blocks counted */
     json_object_foreach(r->groups, name, rules)
     {
         if (json_is_true(json_object_get(rules, "environment")))
             found = group;
-        group++;
+        uint32_t size[2];
+        kiln_job_group_blocks(rules, size);
+        group += size[0] * size[1];
     }
     return found;
 }
@@ -142,19 +242,24 @@ static int sort(struct kiln_bake *b, struct kiln_error *error)
     const char *why = why_not(b->job, b->prepared);
     if (why != NULL)
         return kiln_fail(error, KILN_USAGE, "--light-groups: %s", why);
-    struct rules r = {b->prepared->scene, json_loads(b->job->grouped, 0, NULL), (uint32_t)b->job->group_count};
+    const uint32_t patches = kiln_sky_patches[b->job->sky_patches];
+    struct rules r = {b->prepared->scene, json_loads(b->job->grouped != NULL ? b->job->grouped : "{}", 0, NULL),
+                      (uint32_t)b->job->group_count};
     g->count = r.count;
+    g->sky_divisions = kiln_sky_divisions[b->job->sky_patches];
     int status = kiln_allocate(&g->of_tree, l->area_count + l->point_count + 1, sizeof *g->of_tree, "groups", error);
     if (status == KILN_OK)
         status =
             kiln_allocate(&g->of_directional, l->directional_count + 1, sizeof *g->of_directional, "groups", error);
     if (status == KILN_OK)
+        status = kiln_allocate(&g->block_of, l->area_count + 1, sizeof *g->block_of, "groups", error);
+    if (status == KILN_OK)
         status = check_patterns(&r, error);
     if (status == KILN_OK)
-        status = sort_areas(&r, l, g->of_tree, error);
+        status = sort_areas(&r, l, g, error);
     if (status == KILN_OK)
         status = sort_punctual(&r, l, g, error);
-    g->of_environment = group_of_sky(&r);
+    g->of_environment = patches > 0 ? r.count - 2 - patches : group_of_sky(&r); /* before the ground and the rest */
     json_decref(r.groups);
     return status;
 }
@@ -168,4 +273,5 @@ void kiln_bake_groups_release(struct kiln_bake *b)
 {
     kiln_free(&b->groups.of_tree);
     kiln_free(&b->groups.of_directional);
+    kiln_free(&b->groups.block_of);
 }

@@ -1,5 +1,6 @@
 #include "coordinator/bake/bake_private.h"
 #include "coordinator/bake/light_settings.h"
+#include "coordinator/bake/reference_radius.h"
 
 static bool has_step(const struct kiln_step_reports *steps, uint32_t role)
 {
@@ -41,23 +42,48 @@ static int find_visible(struct kiln_bake *b, struct kiln_error *error)
     return kiln_bake_end_phase(b, status, error);
 }
 
-/* The parameters of paths from surface points, with the radius of merging where --merge-radius leaves it to kiln. */
-static void settle_paths(struct kiln_bake *b)
+/* Collective. The parameters of paths from surface points, with the radius of merging where --merge-radius leaves it to
+ * kiln. */
+static int settle_paths(struct kiln_bake *b, struct kiln_error *error)
 {
-    const struct kiln_prepared *p = b->prepared;
+    const struct kiln_surface *surface = b->prepared->surface;
+    double texel = 0.0;
+    int status = KILN_OK;
     b->paths = b->job->paths;
     if (b->light_settings.reference == NULL)
-        return;
-    if (b->paths.method == KILN_REFERENCE_VCM && b->paths.radius == 0.0)
-        b->paths.radius = kiln_reference_radius(p->surface_report.geometry_area, p->surface->point_count);
+        return KILN_OK;
+    if (b->paths.method == KILN_REFERENCE_VCM && b->paths.radius == 0.0) {
+        status = kiln_median_texel(surface, b->communicator, &texel, error);
+        b->paths.radius = kiln_reference_radius(texel, surface->point_count);
+    }
     b->light_settings.reference = &b->paths;
+    return status;
 }
+
+/* kiln_beside */
+static void pack_ahead(void *context, const struct kiln_rank_data *own)
+{
+    struct kiln_bake *b = context;
+    const struct kiln_bake_result result = {.scene = b->prepared->scene,
+                                            .geometry = b->prepared->geometry,
+                                            .surface = b->prepared->surface,
+                                            .fields = &b->fields,
+                                            .data = own};
+    b->ahead_start = MPI_Wtime();
+    kiln_points_ahead_start(&b->ahead, &result, b->prepared->threads);
+}
+
+/* kiln_beside */
+static void stop_packing(void *context) { kiln_points_ahead_stop(((struct kiln_bake *)context)->ahead); }
 
 void kiln_bake_settle_light(struct kiln_bake *b)
 {
     b->light_settings = kiln_light_settings(b->job, b->prepared->lights, b->prepared->surface->point_count);
-    settle_paths(b);
+    status = settle_paths(b, error);
+    if (status != KILN_OK)
+        return status;
     kiln_field_set_choose(&b->fields, b->job);
+    b->beside = (struct kiln_beside){.start = pack_ahead, .stop = stop_packing, .context = b};
     b->light_params = (struct kiln_integrate_params){.communicator = b->communicator,
                                                      .rank = b->rank,
                                                      .ranks = b->prepared->ranks,
@@ -77,7 +103,8 @@ void kiln_bake_settle_light(struct kiln_bake *b)
                                                      .identity = b->identity,
                                                      .groups = b->groups.count > 0 ? &b->groups : NULL,
                                                      .transport = b->transport.is_on ? &b->transport : NULL,
-                                                     .threads = b->prepared->threads};
+                                                     .threads = b->prepared->threads,
+                                                     .beside = &b->beside};
 }
 
 int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
@@ -101,6 +128,8 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
     kiln_bake_settle_light(b);
     b->saves = true;
     status = kiln_integrate(&b->solution, &b->light_params, error);
+    if (b->solution != NULL && b->light_settings.reference != NULL)
+        b->solution->report.landing.radius = b->paths.radius;
     if (status == KILN_OK)
         add_light_phases(b);
     if (status == KILN_OK && b->solution->own->seen != NULL)

@@ -11,6 +11,7 @@
 #include "coordinator/files/folder.h"
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/output/map/lightmaps.h"
+#include "coordinator/output/points_ahead.h"
 #include "coordinator/output/vertex_light.h"
 #include "coordinator/view/view.h"
 #include "worker/light/light_groups.h"
@@ -38,6 +39,9 @@ struct kiln_bake {
     struct kiln_reference_parameters paths; /* which these point to with --method path, bdpt and vcm */
     struct kiln_field_set fields;
     struct kiln_integrate_params light_params;
+    struct kiln_beside beside;       /* packs `ahead` while there are steps */
+    struct kiln_points_ahead *ahead; /* NULL: nothing was packed */
+    double ahead_start;              /* MPI_Wtime() */
     struct kiln_solution *solution;
     struct kiln_volume_result volume;
     struct kiln_lightmap_report *lightmaps;

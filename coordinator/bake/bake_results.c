@@ -57,6 +57,17 @@ static void keep_reports(struct kiln_bake *b, struct kiln_lightmap_report **befo
     kiln_free(before);
 }
 
+/* Ends packing ahead, which goes on up to here, and shows it on the timeline. */
+static void end_packing(struct kiln_bake *b)
+{
+    struct kiln_points_ahead_report report;
+    kiln_points_ahead_stop(b->ahead);
+    kiln_points_ahead_report(b->ahead, &report);
+    if (report.chunks > 0)
+        kiln_trace_add(b->trace, KILN_TRACE_BESIDE, "points packed ahead", b->ahead_start + report.begin,
+                       b->ahead_start + report.end, (int64_t)(report.chunks * KILN_H5_CHUNK_ROWS));
+}
+
 static int write_results(struct kiln_bake *b, const char *provenance, struct kiln_error *error)
 {
     const struct kiln_node_data *data = b->solution->node_data;
@@ -81,6 +92,7 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
                                         .stitch = b->job->stitch,
                                         .faults = &b->job->faults,
                                         .only = b->only,
+                                        .ahead = b->ahead,
                                         .provenance_json = provenance};
     struct kiln_lightmap_report *before = b->lightmaps;
     int status = kiln_allocate(&b->lightmaps, b->prepared->surface->map_count, sizeof *b->lightmaps,
@@ -104,7 +116,9 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
     if (status == KILN_OK) {
         kiln_phase(&b->phases, "kiln.h5");
         kiln_progress_phase(b->progress, "kiln.h5", 0);
+        end_packing(b);
         status = write_twice(b, &result, &params, write_points, error);
+        kiln_points_ahead_drop(b->ahead);
     }
     if (status == KILN_OK && b->job->samples_probe != 0) {
         kiln_phase(&b->phases, "volume.hdf");
@@ -220,6 +234,7 @@ static int write_report(struct kiln_bake *b, struct kiln_error *error)
                                  .density = &b->density,
                                  .visible = &b->visible,
                                  .phases = &b->phases,
+                                 .ahead = b->ahead,
                                  .materials = b->materials,
                                  .probe_rays = b->probe_rays,
                                  .directory = b->job->output};
@@ -248,6 +263,7 @@ static int write_manifest(struct kiln_bake *b, struct kiln_error *error)
     const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0,
                                               .preview = b->job->preview,
                                               .scene = b->exported,
+                                              .groups = b->job->group_count,
                                               .more = b->transport_files,
                                               .more_count = b->transport_file_count};
     const int status =

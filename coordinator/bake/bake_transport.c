@@ -11,6 +11,7 @@
 #include "coordinator/bake/bake_private.h"
 #include "coordinator/bake/transport_identity.h"
 #include "coordinator/files/publish.h"
+#include "coordinator/integrate/link_file.h"
 #include "coordinator/job/options.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
@@ -24,7 +25,7 @@ static const char *why_not(const struct kiln_job *job, const struct kiln_prepare
 {
     if (strcmp(p->backend->api->name, "embree") != 0)
         return "only Embree keeps them: give --backend embree";
-    if (kiln_job_is_reference(job))
+    if (kiln_job_is_reference(job) || kiln_job_is_radiosity(job))
         return "--method cells alone gathers from surface points: leave --method out";
     if (kiln_job_takes_gloss(job))
         return "some go on from mirrors, gloss or glass: give --materials diffuse";
@@ -37,6 +38,25 @@ static const char *why_not(const struct kiln_job *job, const struct kiln_prepare
     if (p->surface->point_count >= KILN_ROW_POINTS)
         return "there are more surface points than 32 bits can tell apart: give fewer --texels-per-metre";
     return NULL;
+}
+
+/* Whether the job's transport is links, kept or replayed. */
+static bool is_of_links(const struct kiln_job *job)
+{
+    return job->relight != NULL ? kiln_job_has_links(job) : job->keep_transport == KILN_KEEP_LINKS;
+}
+
+static int refuse_what_cannot_be_kept(const struct kiln_job *job, const struct kiln_prepared *p,
+                                      struct kiln_error *error)
+{
+    const char *why = why_not(job, p);
+    if (job->keep_transport == KILN_KEEP_LINKS && !kiln_job_has_links(job))
+        return kiln_fail(error, KILN_USAGE,
+                         "--keep-transport links: this bake has none; give --method radiosity --patches links, or "
+                         "--keep-transport rows");
+    if (job->keep_transport == KILN_KEEP_ROWS && why != NULL)
+        return kiln_fail(error, KILN_USAGE, "--keep-transport rows: of these rays %s", why);
+    return KILN_OK;
 }
 
 /* ---- before the light ---- */
@@ -67,9 +87,7 @@ int kiln_bake_transport_check(struct kiln_bake *b, const struct kiln_prepared *p
     int status = KILN_OK;
     if (b->job->keep_transport == KILN_KEEP_NONE && b->job->relight == NULL)
         return KILN_OK;
-    const char *why = why_not(b->job, p);
-    if (b->job->keep_transport != KILN_KEEP_NONE && why != NULL)
-        status = kiln_fail(error, KILN_USAGE, "--keep-transport rows: of these rays %s", why);
+    status = refuse_what_cannot_be_kept(b->job, p, error);
     if (status == KILN_OK)
         status = make_identity(b, p, error);
     if (status == KILN_OK && b->rank == 0 && b->job->relight != NULL)
@@ -77,7 +95,9 @@ int kiln_bake_transport_check(struct kiln_bake *b, const struct kiln_prepared *p
     return kiln_agree(b->communicator, status, error);
 }
 
-static int remove_rows(const struct kiln_folder *folder, struct kiln_error *error)
+static bool is_kept(const char *name) { return strncmp(name, "rows-", 5) == 0 || strcmp(name, KILN_LINK_FILE) == 0; }
+
+static int remove_kept(const struct kiln_folder *folder, struct kiln_error *error)
 {
     const int copy = openat(folder->descriptor, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     DIR *list = copy >= 0 ? fdopendir(copy) : NULL;
@@ -85,7 +105,7 @@ static int remove_rows(const struct kiln_folder *folder, struct kiln_error *erro
     if (list == NULL)
         status = kiln_fail_errno(error, 0, "cannot read '%s'", folder->path);
     for (struct dirent *e; list != NULL && status == KILN_OK && (e = readdir(list)) != NULL;)
-        if (strncmp(e->d_name, "rows-", 5) == 0 && unlinkat(folder->descriptor, e->d_name, 0) != 0)
+        if (is_kept(e->d_name) && unlinkat(folder->descriptor, e->d_name, 0) != 0)
             status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot remove '%s/%.200s'", folder->path, e->d_name);
     if (list != NULL)
         (void)closedir(list);
@@ -101,7 +121,7 @@ static int clear_folder(const struct kiln_bake *b, struct kiln_error *error)
     static const char index[] = "transport/index";
     if (kiln_unlink_below(b->job->output, index) != 0 && errno != ENOENT)
         return kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %.300s/%s", b->job->output, index);
-    return kiln_checkpoint_generation(b->checkpoint) > 0 ? KILN_OK : remove_rows(&b->transport_folder, error);
+    return kiln_checkpoint_generation(b->checkpoint) > 0 ? KILN_OK : remove_kept(&b->transport_folder, error);
 }
 
 int kiln_bake_transport_begin(struct kiln_bake *b, struct kiln_error *error)
@@ -121,6 +141,7 @@ int kiln_bake_transport_begin(struct kiln_bake *b, struct kiln_error *error)
     (void)MPI_Bcast(&key, 1, MPI_UINT64_T, 0, b->communicator);
     b->transport = (struct kiln_transport){.is_on = true,
                                            .replays = replays,
+                                           .of_links = is_of_links(b->job),
                                            .folder = b->transport_folder.descriptor,
                                            .directory = b->transport_folder.path,
                                            .key = key,
@@ -193,13 +214,19 @@ static int name_file(struct kiln_bake *b, const char *name, struct kiln_error *e
 static int name_files(struct kiln_bake *b, struct kiln_error *error)
 {
     const struct kiln_step_reports *steps = &b->solution->report.steps;
-    int status = kiln_allocate(&b->transport_files, steps->count + 1, sizeof *b->transport_files,
+    const bool links = b->transport.of_links;
+    bool named = false;
+    int status = kiln_allocate(&b->transport_files, steps->count + 2, sizeof *b->transport_files,
                                "the files of the transport", error);
     for (size_t i = 0; i < steps->count && status == KILN_OK; i++) {
-        char name[KILN_TRANSPORT_NAME];
-        kiln_transport_name(&steps->of[i].step, name);
-        if (kiln_transport_keeps(&steps->of[i].step))
-            status = name_file(b, name, error);
+        const struct kiln_step *step = &steps->of[i].step;
+        char name[KILN_TRANSPORT_NAME] = KILN_LINK_FILE;
+        if (!links)
+            kiln_transport_name(step, name);
+        if (links ? named || step->pass != &kiln_pass_links || step->bounce == 0 : !kiln_transport_keeps(step))
+            continue;
+        status = name_file(b, name, error);
+        named = true;
     }
     return status == KILN_OK ? name_file(b, "index", error) : status;
 }
@@ -225,9 +252,11 @@ json_t *kiln_bake_transport_json(struct kiln_bake *b)
     (void)MPI_Reduce(rays, all, 3, MPI_UINT64_T, MPI_SUM, 0, b->communicator);
     if (b->rank != 0)
         return NULL;
-    return t->replays ? json_pack("{s:s, s:I, s:I}", "from", b->job->relight, "rays_replayed", (json_int_t)all[1],
-                                  "rays_traced", (json_int_t)all[2])
-                      : json_pack("{s:s, s:I}", "form", "rows", "rays_kept", (json_int_t)all[0]);
+    const char *keys[] = {t->of_links ? "links_kept" : "rays_kept", t->of_links ? "links_replayed" : "rays_replayed",
+                          t->of_links ? "links_traced" : "rays_traced"};
+    return t->replays ? json_pack("{s:s, s:I, s:I}", "from", b->job->relight, keys[1], (json_int_t)all[1], keys[2],
+                                  (json_int_t)all[2])
+                      : json_pack("{s:s, s:I}", "form", t->of_links ? "links" : "rows", keys[0], (json_int_t)all[0]);
 }
 
 void kiln_bake_transport_release(struct kiln_bake *b)

@@ -155,6 +155,7 @@ static int solve(struct kiln_density_check *check, const struct kiln_prepared *c
     plain.directional = KILN_DIRECTIONAL_NONE;
     kiln_field_set_choose(&fields, &plain);
     struct kiln_integrate_params params = *of_bake;
+    params.beside = NULL;
     params.settings = &settings;
     params.fields = &fields;
     params.backend = coarse->backend;

@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "coordinator/files/kernel_cache.h"
+
 void kiln_devices_choose(const struct kiln_job *job, int node_rank, int node_ranks, struct kiln_backend_params *params)
 {
     params->device = (uint32_t)(job->device + 1);
@@ -13,5 +15,6 @@ void kiln_devices_choose(const struct kiln_job *job, int node_rank, int node_ran
     /* a backend that was named with --backend is used, or fails; only `auto` falls back */
     params->goes_on = job->backend == NULL || strcmp(job->backend, "auto") == 0;
     params->verify_fraction = job->verify_fraction;
+    params->kernels = kiln_kernel_cache(job->kernel_cache);
     params->faults = job->faults.device;
 }

@@ -18,10 +18,15 @@ static const char *const counting[] = {"environment",
                                        "sampling-window",
                                        "subdivide",
                                        "node-max",
+                                       "keep-nodes",
                                        "clamp",
                                        "albedo-scale",
                                        "patches",
                                        "link-error",
+                                       "visibility",
+                                       "voxels",
+                                       "order",
+                                       "unshot-left",
                                        "gather",
                                        "directions",
                                        "bounces",
@@ -65,7 +70,8 @@ static const char *const counting[] = {"environment",
                                        "probe-basis",
                                        "probe-side",
                                        "distant-projection",
-                                       "samples-radiance-probe"};
+                                       "samples-radiance-probe",
+                                       "sky-patches"};
 /* Options that affect only the probes. */
 static const char *const probing[] = {"probe-spacing", "samples-probe"};
 /* Options that affect neither: devices, speed, limits, messages and output files. --quality is covered by the sample

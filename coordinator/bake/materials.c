@@ -35,6 +35,15 @@ static const char *why_none(enum kiln_gloss_mode asked)
                : "the scene has no metal, glass with a body, clear coat, or reflection of roughness below 0.5";
 }
 
+/* Objects that light paths do not meet, in a scene of lamps that rays do not meet. */
+static json_int_t lacking_receivers(const struct kiln_scene *scene)
+{
+    json_int_t count = 0;
+    for (size_t i = 0; i < scene->object_count && scene->light_count > 0; i++)
+        count += (scene->objects[i].flags & KILN_OBJECT_RECEIVER_ONLY) != 0;
+    return count;
+}
+
 /* What the host has traced that the device has left to it. */
 static json_t *on_host_json(uint32_t passes)
 {
@@ -76,6 +85,8 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
         (void)json_object_set_new(json, "mis", json_string(rules[job->mis]));
         (void)json_object_set_new(json, "connections", json_real(job->connections));
     }
+    if (job->caustics >= KILN_CAUSTICS_LAND && lacking_receivers(scene) > 0)
+        (void)json_object_set_new(json, "receivers_gather", json_integer(lacking_receivers(scene)));
     if (job->caustics >= KILN_CAUSTICS_LAND) {
         (void)json_object_set_new(json, "photons", json_integer((json_int_t)landing->photons));
         (void)json_object_set_new(json, "aims", json_integer((json_int_t)landing->aims));

@@ -1,9 +1,12 @@
 #include "coordinator/bake/results_memory.h"
 
 #include <math.h>
+#include <unistd.h>
 
 #include "coordinator/field/result.h"
 #include "coordinator/mpi/agree.h"
+#include "coordinator/output/map/lightmaps.h"
+#include "coordinator/output/points_ahead.h"
 #include "coordinator/run/process_memory.h"
 
 /* What writing the results takes, measured: see the rows' words. */
@@ -33,10 +36,11 @@ uint64_t kiln_largest_lightmap(const struct kiln_scene *scene)
 uint64_t kiln_results_memory(const struct kiln_results_size *size)
 {
     const double largest = (double)kiln_largest_lightmap(size->scene);
-    const double at_once = fmax(largest, fmin(size->texels / size->ranks, (double)KILN_RESULTS_TEXELS));
-    const double rows = fmin(size->own, (double)ROWS_AT_ONCE);
     struct kiln_field_set fields;
     kiln_field_set_choose(&fields, size->job);
+    const uint32_t plane_count = (uint32_t)(kiln_field_set_plane_bytes(&fields) / sizeof(float));
+    const double at_once = fmax(largest, fmin(size->texels / size->ranks, (double)kiln_lightmap_texels(plane_count)));
+    const double rows = fmin(size->own, fmin((double)ROWS_AT_ONCE, 64.0 * (double)ROWS_AT_ONCE / plane_count));
     const bool denoises = kiln_job_denoises(size->job);
     const double planes =
                      (double)kiln_field_set_plane_bytes(&fields) - MEASURED_PLANES + (denoises ? DENOISE_PLANES : 0.0),
@@ -44,11 +48,13 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
     const double points_a_texel = size->texels > 0.0 ? size->points / size->texels : 1.0;
     /* not all lightmaps under way are denoised at the same time: measured memory is that of about two a thread */
     const double denoised = denoises ? fmin(at_once, 2.0 * size->threads * largest) * points_a_texel : 0.0;
-    const double lightmaps =
-        (LIGHTMAP_WORK + planes) * at_once + DENOISE_WORK * denoised + (RECORD_BYTES + 2.0 * planes) * rows;
+    const double of_groups = 24.0 * (double)size->job->group_count; /* bytes of a texel, and as many again denoised */
+    const double lightmaps = (LIGHTMAP_WORK + planes) * at_once + (DENOISE_WORK + of_groups) * denoised +
+                             (RECORD_BYTES + 2.0 * planes) * rows;
     const double preview =
         size->job->preview ? (double)PREVIEW_BYTES + PREVIEW_TEXEL * size->texels + (H5_KEPT + columns) * rows : 0.0;
-    return (uint64_t)fmax(lightmaps, fmax((H5_ROW + columns) * rows, preview));
+    const double ahead = fmin(KILN_POINTS_AHEAD_POINT * size->own, (double)KILN_POINTS_AHEAD_MOST);
+    return (uint64_t)fmax(ahead + fmax(lightmaps, (H5_ROW + columns) * rows), preview);
 }
 
 /* ---- the budget ---- */
@@ -73,20 +79,33 @@ static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *j
                                                  .texels = (double)p->surface_report.texels});
     double now = (double)kiln_process_memory(KILN_MEMORY_SHARE) * p->node_ranks;
     (void)MPI_Allreduce(MPI_IN_PLACE, &now, 1, MPI_DOUBLE, MPI_MAX, p->communicator);
-    *growing = light + results + point * (double)of_host;
-    return now + light + results + (double)probes / p->ranks * p->node_ranks * (double)KILN_PROBE_BYTES;
+    /* the radiosity of groups, which each rank has of all points */
+    const double groups = (double)(p->node_ranks - 1) * (double)job->group_count * 8.0 * (double)s->point_count;
+    *growing = light + groups + results + point * (double)of_host;
+    return now + light + groups + results + (double)probes / p->ranks * p->node_ranks * (double)KILN_PROBE_BYTES;
 }
+
+static double memory_of_host(void) { return (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE); }
 
 int kiln_memory_budget_check(const struct kiln_prepared *prepared, const struct kiln_job *job, uint64_t probes,
                              struct kiln_error *error)
 {
-    const double budget = job->memory_budget * 0x1p30, density = (double)prepared->scene->header->texels_per_metre;
+    const bool by_groups = job->group_count > 0 && !(job->memory_budget > 0.0);
+    const double budget = by_groups ? memory_of_host() : job->memory_budget * 0x1p30,
+                 density = (double)prepared->scene->header->texels_per_metre;
     double growing = 0.0;
     if (!(budget > 0.0) || prepared->surface == NULL)
         return KILN_OK;
     const double needed = host_bytes(prepared, job, probes, &growing), left = budget - (needed - growing);
     if (needed <= budget)
         return KILN_OK;
+    if (by_groups)
+        return kiln_fail(error, KILN_USAGE,
+                         "the bake would take about %.2f GiB on a host, which has %.2f: it tells %zu groups of lights "
+                         "apart, each for %.2f million surface points; use fewer groups or patches of the sky, fewer "
+                         "--texels-per-metre than %.3g, or more hosts",
+                         needed / 0x1p30, budget / 0x1p30, job->group_count,
+                         1e-6 * (double)prepared->surface->point_count, density);
     if (!(left > 0.0))
         return kiln_fail(
             error, KILN_USAGE,

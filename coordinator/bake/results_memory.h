@@ -5,8 +5,6 @@
 #include "coordinator/bake/prepare.h"
 #include "coordinator/job/job.h"
 
-/* Texels under way on a rank at most, unless one lightmap is larger. */
-#define KILN_RESULTS_TEXELS (1ull << 21)
 /* Bytes of a row of kiln.h5 in the bakes that were measured: those of other fields are added. */
 #define KILN_RESULTS_COLUMNS 56.0
 
@@ -28,7 +26,8 @@ uint64_t kiln_largest_lightmap(const struct kiln_scene *scene);
 
 /* Collective. Whether the bake fits the job's --memory-budget, as far as that is known before the first ray: what the
  * ranks of each host have by now, surface points and BVH among it, and what light, probes and results will take.
- * KILN_USAGE, with the texel density that would fit. A job without a budget fits. */
+ * KILN_USAGE, with the texel density that would fit. A job without a budget fits, unless it has groups of lights: then
+ * the memory of the host is the budget. */
 int kiln_memory_budget_check(const struct kiln_prepared *prepared, const struct kiln_job *job, uint64_t probes,
                              struct kiln_error *error);
 

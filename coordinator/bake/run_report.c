@@ -16,6 +16,7 @@
 #include "coordinator/files/checksummed_json.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
+#include "worker/light/sky_patches.h"
 #include "worker/base/text.h"
 
 static const double DOUBLED = 1e-3; /* of all surface: so much of it that is there twice is told */
@@ -96,6 +97,13 @@ static void add_patches(json_t *settings, const struct kiln_job *job)
     json_object_set_new(settings, "patches", json_string(p->patches == KILN_PATCHES_LINKS ? "links" : "all"));
     if (p->patches == KILN_PATCHES_LINKS)
         json_object_set_new(settings, "link_error", json_real(p->link_error));
+    json_object_set_new(settings, "visibility",
+                        json_string(p->visibility == KILN_VISIBILITY_VOXELS ? "voxels" : "rays"));
+    if (p->visibility == KILN_VISIBILITY_VOXELS)
+        json_object_set_new(settings, "voxels", json_integer(p->voxels));
+    json_object_set_new(settings, "order", json_string(p->order == KILN_ORDER_UNSHOT ? "unshot" : "lockstep"));
+    if (p->order == KILN_ORDER_UNSHOT)
+        json_object_set_new(settings, "unshot_left", json_real(p->unshot_left));
     json_object_set_new(settings, "undersample", json_string(undersample[p->undersample]));
     if (p->undersample != KILN_SAMPLE_ALL)
         json_object_set_new(settings, "sampling_window", json_integer((json_int_t)1 << p->window));
@@ -329,14 +337,32 @@ static json_t *radiance_json(const struct kiln_radiance_report *r)
     return json;
 }
 
+/* Light that has met no diffuse surface before, as traced from the lights and as found by points. */
+static void add_first_light(json_t *json, const char *layer, const struct kiln_first_light *light)
+{
+    if (light->compared)
+        (void)json_object_set_new(json, layer,
+                                  json_pack("{s:o, s:o, s:f, s:f}", "traced", rgb_json(light->traced), "found",
+                                            rgb_json(light->found), "difference", light->difference, "error",
+                                            light->error));
+}
+
+static json_t *first_light_json(const struct kiln_energy *e)
+{
+    json_t *json = json_object();
+    add_first_light(json, "direct", &e->straight);
+    add_first_light(json, "caustic", &e->caustic);
+    return json;
+}
+
 static json_t *energy_json(const struct kiln_energy *e, const struct kiln_units *units)
 {
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f}", "units", units->flux,
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f, s:f, s:f, s:o}", "units", units->flux,
                      "emitted", rgb_json(e->emitted), "glass", rgb_json(e->glass), "gloss", rgb_json(e->gloss),
                      "absorbed", rgb_json(e->absorbed), "escaped", rgb_json(e->escaped), "blocked",
                      rgb_json(e->blocked), "ranged", rgb_json(e->ranged), "unfound", rgb_json(e->unfound), "left_over",
                      rgb_json(e->left_over), "residual", e->residual, "error", e->error, "relative_residual",
-                     e->relative);
+                     e->relative, "first_light", first_light_json(e));
 }
 
 /* What has become of --target-error: after the last round of parts. */
@@ -428,6 +454,25 @@ static void add_back(const struct kiln_run *run, size_t object, const char *name
     (void)json_object_set_new(json, "lightmap_back", json_string(path));
     (void)json_object_set_new(json, "valid_back", json_integer((json_int_t)run->lightmaps[map].valid));
     (void)json_object_set_new(json, "filled_back", json_integer((json_int_t)run->lightmaps[map].filled));
+}
+
+/* The groups of lights, in the order of their layers; of patches of the sky where they are, away from the scene, sr. */
+static json_t *groups_json(const struct kiln_job *job)
+{
+    const uint32_t patches = kiln_sky_patches[job->sky_patches], divisions = kiln_sky_divisions[job->sky_patches];
+    const size_t first = patches > 0 ? job->group_count - 2 - patches : job->group_count;
+    json_t *array = json_array();
+    for (size_t g = 0; g < job->group_count; g++) {
+        json_t *group = json_pack("{s:s}", "name", job->group_names[g]);
+        double steradians;
+        if (g >= first && g < first + patches) {
+            const struct kiln_dvec3 d = kiln_sky_patch_middle((uint32_t)(g - first), divisions, &steradians);
+            (void)json_object_set_new(group, "direction", json_pack("[f, f, f]", d.x, d.y, d.z));
+            (void)json_object_set_new(group, "steradians", json_real(steradians));
+        }
+        (void)json_array_append_new(array, group);
+    }
+    return array;
 }
 
 static json_t *objects_json(const struct kiln_run *run)
@@ -579,6 +624,23 @@ static json_int_t total(const uint64_t *values, int ranks, int what)
     return (json_int_t)sum;
 }
 
+/* Collective. What was packed while light was computed; on rank 0, else NULL. */
+static json_t *ahead_json(const struct kiln_run *run)
+{
+    const MPI_Comm comm = run->prepared->communicator;
+    struct kiln_points_ahead_report own;
+    kiln_points_ahead_report(run->ahead, &own);
+    uint64_t counts[2] = {own.chunks * KILN_H5_CHUNK_ROWS, own.bytes};
+    double processor = own.processor, seconds = own.end - own.begin;
+    (void)MPI_Reduce(run->prepared->rank == 0 ? MPI_IN_PLACE : counts, counts, 2, MPI_UINT64_T, MPI_SUM, 0, comm);
+    (void)MPI_Reduce(run->prepared->rank == 0 ? MPI_IN_PLACE : &processor, &processor, 1, MPI_DOUBLE, MPI_SUM, 0, comm);
+    (void)MPI_Reduce(run->prepared->rank == 0 ? MPI_IN_PLACE : &seconds, &seconds, 1, MPI_DOUBLE, MPI_MAX, 0, comm);
+    return run->prepared->rank != 0
+               ? NULL
+               : json_pack("{s:{s:I, s:I, s:f, s:f}}", "points", "packed", (json_int_t)counts[0], "bytes",
+                           (json_int_t)counts[1], "processor_seconds", processor, "seconds", seconds);
+}
+
 static json_t *volume_json(const struct kiln_run *run, const uint64_t *values)
 {
     const struct kiln_volume_result *v = run->volume;
@@ -692,10 +754,11 @@ static json_t *backend_json(const struct kiln_prepared *p, const uint64_t *value
         memcpy(&own, &values[(size_t)r * RANK_VALUES + RANK_WORST], sizeof own);
         worst = fmax(worst, own);
     }
-    return json_pack("{s:s, s:s, s:s, s:o, s:o, s:f, s:f, s:I, s:I, s:I, s:I, s:f}", "name", info.name, "device",
-                     info.device, "instruction_set", p->instruction_set, "kernels", kernels_json(&info), "because",
-                     features_json(p), "build_seconds", info.build_seconds, "device_seconds", info.device_seconds,
-                     "recoveries", total(values, p->ranks, RANK_RECOVERIES), "ranks_fallen_back",
+    return json_pack("{s:s, s:s, s:s, s:o, s:I, s:I, s:o, s:f, s:f, s:I, s:I, s:I, s:I, s:f}", "name", info.name,
+                     "device", info.device, "instruction_set", p->instruction_set, "kernels", kernels_json(&info),
+                     "kernels_kept", (json_int_t)info.kernels_found, "kernels_compiled", (json_int_t)info.kernels_made,
+                     "because", features_json(p), "build_seconds", info.build_seconds, "device_seconds",
+                     info.device_seconds, "recoveries", total(values, p->ranks, RANK_RECOVERIES), "ranks_fallen_back",
                      total(values, p->ranks, RANK_FELL_BACK), "verified_texels", total(values, p->ranks, RANK_VERIFIED),
                      "verified_beyond", total(values, p->ranks, RANK_BEYOND), "verified_worst",
                      isfinite(worst) ? worst : 1e300);
@@ -750,6 +813,8 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
                         json_pack("{s:b, s:o, s:f, s:f, s:f, s:b}", "added", t->tail, "ratio", rgb_json(t->tail_ratio),
                                   "share", t->tail_share, "error", fmax(t->tail_error, 0.0), "tile_error",
                                   t->tail_tile_error, "diverges", t->tail_error == KILN_TAIL_DIVERGES));
+    if (t->landing.radius > 0.0 && kiln_job_is_reference(run->job))
+        json_object_set_new(root, "merge_radius", json_real(t->landing.radius));
     if (kiln_job_has_probes(run->job))
         json_object_set_new(root, "radiance_probes", radiance_json(&t->radiance));
     json_object_set_new(root, "energy", energy_json(&t->energy, kiln_units_of(run->job->units, p->scene)));
@@ -786,6 +851,8 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     if (run->job->vertex_light)
         json_object_set_new(root, "vertices",
                             json_pack("{s:I}", "count", (json_int_t)run->vertices->first[run->vertices->object_count]));
+    if (run->job->group_count > 0)
+        json_object_set_new(root, "light_groups", groups_json(run->job));
     json_object_set_new(root, "objects", objects_json(run));
     json_object_set_new(root, "borders", borders_json(run));
     json_object_set_new(root, "denoise", denoise_json(run));
@@ -836,9 +903,10 @@ int kiln_run_report(json_t **report, const struct kiln_run *run, struct kiln_err
     if (status == KILN_OK) {
         gather(run, &g);
         json_t *phases = kiln_phases_json(run->phases, p->communicator, g.phases);
-        json_t *error_reached = error_json(run), *mpi = mpi_json(run);
+        json_t *error_reached = error_json(run), *mpi = mpi_json(run), *ahead = ahead_json(run);
         if (p->rank == 0) {
             *report = report_on_root(run, phases, error_reached, mpi, g.values, g.stolen);
+            json_object_set_new(*report, "beside_passes", ahead);
             json_object_set_new(*report, "notes", kiln_run_notes(*report));
         } else {
             json_decref(error_reached);

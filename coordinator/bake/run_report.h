@@ -9,6 +9,7 @@
 #include "coordinator/field/result.h"
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/output/map/lightmaps.h"
+#include "coordinator/output/points_ahead.h"
 #include "coordinator/output/vertex_light.h"
 
 struct kiln_run {
@@ -21,8 +22,9 @@ struct kiln_run {
     const struct kiln_density_check *density;
     const struct kiln_visible_from *visible;
     const struct kiln_phases *phases;
-    enum kiln_gloss_mode materials; /* as asked for; the job has what that came to */
-    uint64_t probe_rays;            /* rays of the probes on this rank */
+    const struct kiln_points_ahead *ahead; /* what was packed beside the passes; NULL: nothing */
+    enum kiln_gloss_mode materials;        /* as asked for; the job has what that came to */
+    uint64_t probe_rays;                   /* rays of the probes on this rank */
     const char *directory;
 };
 

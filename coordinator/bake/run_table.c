@@ -165,6 +165,19 @@ static double number_of(const json_t *object, const char *key)
     return json_number_value(json_object_get(object, key));
 }
 
+/* Objects that have only a part of the caustics. */
+static void note_receivers(const json_t *report, json_t *notes)
+{
+    const double count = number_of(json_object_get(report, "materials"), "receivers_gather");
+    if (count > 0.0)
+        (void)json_array_append_new(
+            notes,
+            json_sprintf("no light path meets receiver-only objects (%.0f here): of caustics they have what rays "
+                         "find, without what points, spots and suns send by mirrors and smooth glass; role: both "
+                         "gives them all",
+                         count));
+}
+
 /* Light that is not what rays without an end would find. */
 static void note_bias(const json_t *report, json_t *notes)
 {
@@ -318,6 +331,7 @@ json_t *kiln_run_notes(const json_t *report)
     json_t *notes = json_array();
     note_lost_light(report, notes);
     note_unfound_light(report, notes);
+    note_receivers(report, notes);
     note_views(report, notes);
     note_imbalanced_energy(report, notes);
     note_bias(report, notes);

@@ -14,7 +14,8 @@ enum {
 
 struct kiln_log_plot kiln_log_plot_empty(void)
 {
-    return (struct kiln_log_plot){{INFINITY, INFINITY}, {-INFINITY, -INFINITY}};
+    return (struct kiln_log_plot){
+        {INFINITY, INFINITY}, {-INFINITY, -INFINITY}, .unit = {" s", " %"}, .factor = {1.0, 100.0}};
 }
 
 void kiln_log_plot_include(struct kiln_log_plot *plot, double seconds, double error)
@@ -51,23 +52,24 @@ double kiln_log_plot_up(const struct kiln_log_plot *plot, double error)
 static void add_axis(struct kiln_html *page, const struct kiln_log_plot *plot, int axis)
 {
     static const double digits[] = {1.0, 2.0, 5.0};
-    for (int decade = (int)floor(plot->low[axis]); decade <= (int)ceil(plot->high[axis]); decade++)
+    for (int decade = (int)floor(plot->low[axis] + log10(plot->factor[axis]));
+         decade <= (int)ceil(plot->high[axis] + log10(plot->factor[axis])); decade++)
         for (int d = 0; d < 3; d++) {
-            const double value = digits[d] * pow(10.0, decade), at = log10(value);
+            const double number = digits[d] * pow(10.0, decade), value = number / plot->factor[axis], at = log10(value);
             if (at < plot->low[axis] || at > plot->high[axis])
                 continue;
             if (axis == 0)
                 kiln_html_add(page,
                               "<path d=\"M%.1f %dV%d\" stroke=\"#ddd\"/><text x=\"%.1f\" y=\"%d\" "
-                              "text-anchor=\"middle\">%g s</text>\n",
+                              "text-anchor=\"middle\">%g%s</text>\n",
                               kiln_log_plot_across(plot, value), TOP, HEIGHT - BOTTOM,
-                              kiln_log_plot_across(plot, value), HEIGHT - BOTTOM + 18, value);
+                              kiln_log_plot_across(plot, value), HEIGHT - BOTTOM + 18, number, plot->unit[0]);
             else
                 kiln_html_add(page,
                               "<path d=\"M%d %.1fH%d\" stroke=\"#ddd\"/><text x=\"%d\" y=\"%.1f\" "
-                              "text-anchor=\"end\">%g %%</text>\n",
+                              "text-anchor=\"end\">%g%s</text>\n",
                               LEFT, kiln_log_plot_up(plot, value), WIDTH - RIGHT, LEFT - 8,
-                              kiln_log_plot_up(plot, value) + 4.0, 100.0 * value);
+                              kiln_log_plot_up(plot, value) + 4.0, number, plot->unit[1]);
         }
 }
 

@@ -1,4 +1,5 @@
-/* A plot as SVG with two logarithmic axes: an error, shown in per cent, over seconds. Nothing here is collective. */
+/* A plot as SVG with two logarithmic axes: an error, shown in per cent, over seconds, or other quantities. Nothing here
+ * is collective. */
 #ifndef KILN_COORDINATOR_BENCH_LOG_PLOT_H
 #define KILN_COORDINATOR_BENCH_LOG_PLOT_H
 
@@ -16,6 +17,8 @@ enum {
 
 struct kiln_log_plot {
     double low[2], high[2]; /* of seconds and of the error, as log10 */
+    const char *unit[2];    /* behind the numbers of the axes: " s" and " %" */
+    double factor[2];       /* on values, for these numbers: 1 and 100 */
 };
 
 /* A plot of no points. Then come all points with kiln_log_plot_include, and kiln_log_plot_fit. */

@@ -261,6 +261,8 @@ static int measure(struct kiln_sweep *sweep, size_t i, struct kiln_error *error)
         status = kiln_child_report(sweep->trial, &report, error);
     if (status == KILN_OK)
         status = kiln_reference_compare(sweep, report, result, error);
+    if (status == KILN_OK && sweep->kind->more != NULL)
+        status = sweep->kind->more(sweep, i, report, error);
     if (status == KILN_OK) {
         read_report(report, times, result);
         kiln_sweep_note_run(result);

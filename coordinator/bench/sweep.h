@@ -37,6 +37,11 @@ struct kiln_setting {
     double range;          /* m */
     uint32_t probes_along; /* spacings of probes along that side */
     int basis;             /* of the probes */
+    /* of radiosity */
+    uint32_t side;     /* of a square of as many texels as the scene has, roughly */
+    const char *words; /* options */
+    double parameter;  /* by which its group's figure is drawn: texels of a window, a threshold, directions */
+    double share;      /* of all pairs, or of rays for each texel, as a measure of how long the bake takes */
 };
 
 /* What a run of a bake took: seconds of the whole process, of its passes of light, of those of indirect light among
@@ -61,9 +66,16 @@ struct kiln_setting_result {
     double bytes, points, rays, texels_per_metre;
     double cells, cell_size, imbalance, received;         /* occupied; m; most points of a rank / mean - 1; bytes */
     double probes, probe_bytes, probe_rays, points_alone; /* radiance probes; points that see none */
+    double dfpr, dfpr_8bit, first_pass, later_pass;       /* of radiosity; s of the first pass, and of a later one */
 };
 
 struct kiln_sweep;
+
+/* A text file of a bench besides its own three: NAME and a suffix. */
+struct kiln_sweep_file {
+    const char *suffix;
+    void (*add)(const struct kiln_sweep *sweep, struct kiln_html *page);
+};
 
 /* A bench that sweeps. */
 struct kiln_sweep_kind {
@@ -82,6 +94,9 @@ struct kiln_sweep_kind {
     void (*push_reference)(const struct kiln_sweep *sweep, struct kiln_child *child);
     /* A measure of how long the bake takes. */
     double (*rays)(const struct kiln_setting *setting);
+    /* Measures more of the bake in sweep->trial, whose run.json is `report`; NULL: there is no more. */
+    int (*more)(struct kiln_sweep *sweep, size_t i, const json_t *report, struct kiln_error *error);
+    const struct kiln_sweep_file *files; /* more of them, up to a suffix of NULL; NULL: none */
     /* Judges the results before they are written; NULL: there is nothing to judge. */
     void (*judge)(struct kiln_sweep *sweep);
     void (*csv)(const struct kiln_sweep *sweep, struct kiln_html *page);

@@ -52,12 +52,14 @@ static json_t *result_json(const struct kiln_setting_result *r)
             (void)json_array_append_new(run, kiln_sweep_number(r->run[i][t]));
         (void)json_array_append_new(runs, run);
     }
-    return json_pack("{s:[f,f,f], s:o, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "nrmse",
-                     r->error[0], r->error[1], r->error[2], "runs", runs, "differing", r->differing, "peak_bytes",
-                     r->bytes, "points", r->points, "rays", r->rays, "texels_per_metre", r->texels_per_metre, "cells",
-                     r->cells, "cell_size", r->cell_size, "imbalance", r->imbalance, "received", r->received, "probes",
-                     r->probes, "probe_bytes", r->probe_bytes, "probe_rays", r->probe_rays, "points_alone",
-                     r->points_alone);
+    return json_pack("{s:[f,f,f], s:o, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, "
+                     "s:f, s:f}",
+                     "nrmse", r->error[0], r->error[1], r->error[2], "runs", runs, "differing", r->differing,
+                     "peak_bytes", r->bytes, "points", r->points, "rays", r->rays, "texels_per_metre",
+                     r->texels_per_metre, "cells", r->cells, "cell_size", r->cell_size, "imbalance", r->imbalance,
+                     "received", r->received, "probes", r->probes, "probe_bytes", r->probe_bytes, "probe_rays",
+                     r->probe_rays, "points_alone", r->points_alone, "dfpr", r->dfpr, "dfpr_8bit", r->dfpr_8bit,
+                     "first_pass", r->first_pass, "later_pass", r->later_pass);
 }
 
 static void read_result(const json_t *json, struct kiln_setting_result *r)
@@ -77,7 +79,11 @@ static void read_result(const json_t *json, struct kiln_setting_result *r)
                    {"probes", &r->probes},
                    {"probe_bytes", &r->probe_bytes},
                    {"probe_rays", &r->probe_rays},
-                   {"points_alone", &r->points_alone}};
+                   {"points_alone", &r->points_alone},
+                   {"dfpr", &r->dfpr},
+                   {"dfpr_8bit", &r->dfpr_8bit},
+                   {"first_pass", &r->first_pass},
+                   {"later_pass", &r->later_pass}};
     const json_t *runs = json_object_get(json, "runs");
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
         *numbers[i].value = json_number_value(json_object_get(json, numbers[i].name));
@@ -182,5 +188,8 @@ int kiln_sweep_keep(struct kiln_sweep *sweep, struct kiln_error *error)
         status = write_text(sweep, ".csv", sweep->kind->csv, error);
     if (status == KILN_OK)
         status = write_text(sweep, ".svg", sweep->kind->plot, error);
+    const struct kiln_sweep_file *file = sweep->kind->files;
+    for (; status == KILN_OK && file != NULL && file->suffix != NULL; file++)
+        status = write_text(sweep, file->suffix, file->add, error);
     return status;
 }

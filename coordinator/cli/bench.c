@@ -6,6 +6,7 @@
 #include "coordinator/bench/converge.h"
 #include "coordinator/bench/crossover.h"
 #include "coordinator/bench/order.h"
+#include "coordinator/bench/radiosity.h"
 #include "coordinator/bench/range.h"
 #include "coordinator/bench/stability.h"
 #include "coordinator/bench/tradeoff.h"
@@ -59,14 +60,16 @@ int kiln_command_bench(struct kiln_job *job, struct kiln_error *error)
         return kiln_per_object_bench(job, error);
     if (strcmp(name, "crossover") == 0)
         return kiln_crossover_bench(job, error);
+    if (strcmp(name, "radiosity") == 0)
+        return kiln_radiosity_bench(job, error);
     if (strcmp(name, "tracing-range") == 0)
         return kiln_tracing_range_bench(job, error);
     if (!rays && !scaling)
-        return kiln_fail(
-            error, KILN_USAGE,
-            "no bench is called '%.100s'; there are: cell-size, converge, crossover, per-object, rays, scaling, "
-            "stability, tracing-range, tradeoff",
-            name);
+        return kiln_fail(error, KILN_USAGE,
+                         "no bench is called '%.100s'; there are: cell-size, converge, crossover, per-object, "
+                         "radiosity, rays, scaling, "
+                         "stability, tracing-range, tradeoff",
+                         name);
     if (job->argument_count != 2)
         return kiln_fail(error, KILN_USAGE, "kiln bench %s takes one scene; for example: kiln bench %s room.glb", name,
                          name);

@@ -1,6 +1,7 @@
 #include <string.h>
 
 #include "coordinator/job/options.h"
+#include "coordinator/view/show.h"
 
 /* Formats an option with its values: "--bounces N|all", "--half", "--partition cells|objects". */
 static void option_head(const struct kiln_option *option, char *text, size_t size)
@@ -59,6 +60,25 @@ static void print_changes(FILE *stream)
                           "  environment: {scale: 2, radiance: [R, G, B], rotation: DEGREES, on: false}\n");
 }
 
+/* What --show takes; sentences are wrapped. */
+static void print_shows(FILE *stream)
+{
+    enum { COLUMN = 36, WIDTH = 118 };
+    const char *name, *unit, *sentence;
+    (void)fprintf(stream, "\nWhat --show shows, and its unit (light: that of the bake)\n");
+    for (size_t i = 0; kiln_show_row(i, &name, &unit, &sentence); i++) {
+        int column = fprintf(stream, "  %-20s%-14s", name, unit[0] != '\0' ? unit : "light");
+        for (const char *word = sentence; *word != '\0';) {
+            const int length = (int)strcspn(word, " ");
+            if (column + length > WIDTH)
+                column = fprintf(stream, "\n%*s", COLUMN, "") - 1;
+            column += fprintf(stream, "%.*s ", length, word);
+            word += length + (word[length] == ' ' ? 1 : 0);
+        }
+        (void)fputc('\n', stream);
+    }
+}
+
 static void command_screen(FILE *stream, const struct kiln_command *command)
 {
     (void)fprintf(stream, "kiln %s: %s\n\nUsage: kiln %s %s [options]\n\nExamples\n", command->name, command->summary,
@@ -78,6 +98,8 @@ static void command_screen(FILE *stream, const struct kiln_command *command)
         print_qualities(stream);
     if (command->bit == KILN_FOR_RELIGHT)
         print_changes(stream);
+    if (command->bit == KILN_FOR_VIEW)
+        print_shows(stream);
     if (command->scene)
         (void)fprintf(
             stream,

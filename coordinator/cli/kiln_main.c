@@ -140,6 +140,8 @@ static int run(const struct kiln_command *command, struct kiln_job *job, struct 
         return kiln_command_relight(job, error);
     case KILN_FOR_PLAN:
         return kiln_command_plan(job, error);
+    case KILN_FOR_MIX:
+        return kiln_command_mix(job, error);
     case KILN_FOR_INFO:
         return kiln_command_info(job, error);
     case KILN_FOR_CHECK:

@@ -7,8 +7,10 @@
 #include "coordinator/bake/bake.h"
 #include "coordinator/bake/transport_identity.h"
 #include "coordinator/cli/commands.h"
-#include "coordinator/job/changes.h"
+#include "coordinator/field/group_fields.h"
 #include "coordinator/files/json.h"
+#include "coordinator/job/changes.h"
+#include "coordinator/job/light_groups.h"
 #include "coordinator/job/options.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
@@ -100,6 +102,10 @@ static int fill(struct kiln_job *job, const json_t *index, struct kiln_error *er
         status = take_string(job, index, "scene", &job->scene, error);
     if (status == KILN_OK)
         status = kiln_job_changes_read(job, error);
+    if (status == KILN_OK)
+        status = kiln_job_groups_read(job, error);
+    if (status == KILN_OK)
+        status = kiln_group_fields_make(job, error);
     if (status == KILN_OK)
         status = take_string(job, index, "instruction set", &job->instruction_set, error);
     if (status == KILN_OK) /* which alone keeps rows, whatever the machine has */

@@ -18,7 +18,8 @@ enum {
     SAMPLE_BYTES = 1 << 16
 }; /* samples of a file and bytes of a sample; a file of up to 4 MiB is read completely */
 
-static const char *const own_matters[] = {"threads", "device", "device-memory", "dispatch-time", "verbose"};
+static const char *const own_matters[] = {"threads",       "device",       "device-memory",
+                                          "dispatch-time", "kernel-cache", "verbose"};
 
 /* A list of names and values in turn, each ending with a zero byte. */
 struct list {

@@ -1,6 +1,7 @@
 /* kiln view: renders pictures of a finished bake from its lightmaps, or of a scene by path tracing. */
 #include "coordinator/view/view.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,6 +22,7 @@
 #include "coordinator/field/field.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/exr.h"
+#include "coordinator/view/show.h"
 #include "coordinator/view/view_filter.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/field/units.h"
@@ -44,31 +46,18 @@ struct view {
     struct kiln_look look;
     struct kiln_exposure exposure;    /* of all frames of a path */
     struct kiln_picture picture;      /* the present one */
+    double low[3], high[3];           /* range of colours of a path's first frame, which all have */
     struct kiln_view_approximate sum; /* over pictures */
     json_t *pictures;                 /* what --json says of each */
-    bool texels;                      /* --show texels */
-    const struct kiln_field *field;   /* the field that --show names; NULL: none */
+    struct kiln_show show;
+    const struct kiln_field *field; /* that of the show; NULL: none */
 };
 
-/* Finds the field that --show names. */
 static int read_show(struct view *v, const char *name, struct kiln_error *error)
 {
-    char list[256] = "light, texels";
-    size_t rows;
-    const struct kiln_field *table = kiln_fields(&rows);
-    v->texels = strcmp(name, "texels") == 0;
-    if (v->texels || strcmp(name, "light") == 0)
-        return KILN_OK;
-    v->field = kiln_field_shown(name);
-    for (size_t i = 0; i < rows; i++) {
-        const size_t used = strlen(list);
-        if (table[i].channels != NULL)
-            (void)snprintf(list + used, sizeof list - used, ", %s", kiln_field_shown_name(&table[i]));
-    }
-    return v->field != NULL
-               ? KILN_OK
-               : kiln_fail(error, KILN_USAGE, "--show %.100s: there is nothing of that name to show; there is: %s",
-                           name, list);
+    const int status = kiln_show_find(&v->show, name, error);
+    v->field = v->show.field.name != NULL ? &v->show.field : NULL;
+    return status;
 }
 
 /* Refuses an exposure for what is shown on a scale of its own. */
@@ -80,16 +69,19 @@ static int check_exposure(const struct view *v, const struct kiln_job *job, stru
                      job->exposure, kiln_field_shown_name(v->field));
 }
 
-static const char *quantity_of(const struct view *v)
+static const char *quantity_of(const struct view *v, const struct kiln_job *job)
 {
-    return v->texels ? "a checkerboard of texels" : v->field != NULL ? v->field->description : "radiance";
+    const char *light = job->view_atlas != NULL ? "irradiance" : "radiance";
+    return v->show.texels ? "a checkerboard of texels" : v->field != NULL ? v->field->description : light;
 }
 
-static const char *unit_of(const struct view *v)
+static const char *unit_of(const struct view *v, const struct kiln_job *job)
 {
     const struct kiln_units *units =
         v->results != NULL ? kiln_units_of_bake(v->results) : kiln_units_of(KILN_UNITS_AUTO, v->scene);
-    return v->field == NULL ? units->radiance : kiln_field_unit(v->field, units);
+    return v->field != NULL          ? kiln_field_unit(v->field, units)
+           : job->view_atlas != NULL ? units->irradiance
+                                     : units->radiance;
 }
 
 static int open_bake(struct view *v, const char *directory, struct kiln_error *error)
@@ -160,8 +152,9 @@ static struct kiln_view_source source_of(const struct view *v, const struct kiln
                                       .geometry = v->geometry,
                                       .lights = v->lights,
                                       .backend = v->backend,
-                                      .texels = v->texels,
+                                      .texels = v->show.texels,
                                       .field = v->field,
+                                      .nearest = job->view_filter == KILN_VIEW_FILTER_NEAREST,
                                       .no_normal_maps = !job->normal_maps,
                                       .maps = v->maps};
     if (v->team != NULL)
@@ -190,6 +183,19 @@ static int prepare(struct view *v, const struct kiln_job *job, const char *direc
     return status;
 }
 
+/* Gives all frames of a path the range of the first one. */
+static void share_range(struct view *v, size_t index)
+{
+    for (int c = 0; c < 3; c++) {
+        if (index == 0) {
+            v->low[c] = v->picture.low[c];
+            v->high[c] = v->picture.high[c];
+        }
+        v->picture.low[c] = v->low[c];
+        v->picture.high[c] = v->high[c];
+    }
+}
+
 static int render(struct view *v, const struct kiln_job *job, const char *directory, size_t index,
                   struct kiln_error *error)
 {
@@ -199,6 +205,9 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
     wish.filter = v->filter;
     kiln_image_destroy(&v->picture.image);
     const int status = kiln_picture_make(&source, &wish, 4, &v->look, &v->picture, error);
+    v->picture.unit = unit_of(v, job);
+    if (v->shots.kind == KILN_SHOTS_PATH)
+        share_range(v, index);
     if (status == KILN_OK && v->exposure.scale > 0.0) {
         v->picture.exposure = v->exposure;
         v->picture.metering = KILN_METERED_PATH;
@@ -215,7 +224,16 @@ static const char *const approximations[] = {"", "metals: base colour x irradian
                                              "backs: the front's irradiance",
                                              "metals: base colour x irradiance / pi; backs: the front's irradiance"};
 
-static int write_picture(const struct view *v, const char *path, struct kiln_error *error)
+/* Without a value: 0 in EXR files. */
+static void fill_missing(const struct kiln_image *image)
+{
+    for (size_t c = 0; c < image->channel_count; c++)
+        for (size_t i = 0; i < (size_t)image->width * image->height; i++)
+            if (isnan(image->channels[c].values[i]))
+                image->channels[c].values[i] = 0.0f;
+}
+
+static int write_picture(const struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
 {
     const char *dot = strrchr(path, '.');
     char viewpoint[KILN_VIEWPOINT_TEXT];
@@ -223,11 +241,13 @@ static int write_picture(const struct view *v, const char *path, struct kiln_err
         approximations[(v->picture.approximate.metal > 0.0) + 2 * (v->picture.approximate.front_light > 0.0)];
     if (dot != NULL && strcasecmp(dot, ".png") == 0)
         return kiln_picture_write(NULL, path, &v->picture, &v->look, error);
+    if (v->field != NULL)
+        fill_missing(v->picture.image);
     kiln_viewpoint_text(&v->picture.viewpoint, viewpoint);
     const struct kiln_exr_attribute attributes[] = {
         {.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
-        {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = quantity_of(v)},
-        {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = unit_of(v)},
+        {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = quantity_of(v, job)},
+        {.name = "kiln:units", .kind = KILN_EXR_STRING, .text = v->picture.unit},
         {.name = "kiln:viewpoint", .kind = KILN_EXR_STRING, .text = viewpoint},
         {.name = "kiln:approximate", .kind = KILN_EXR_STRING, .text = approximate}};
     const size_t count = sizeof attributes / sizeof *attributes - (approximate[0] != '\0' ? 0 : 1);
@@ -346,7 +366,7 @@ static int draw_all(struct view *v, const struct kiln_job *job, const char *dire
         if (status == KILN_OK)
             status = kiln_shots_path(&v->shots, v->scene, i, path, error);
         if (status == KILN_OK)
-            status = write_picture(v, path, error);
+            status = write_picture(v, job, path, error);
         if (status == KILN_OK)
             tell_picture(job, v, path);
     }
@@ -402,7 +422,7 @@ static int check_method(const struct view *v, const struct kiln_job *job, struct
                 error, KILN_USAGE,
                 "--%s: a bake's surroundings are as it was baked; kiln view SCENE --method path takes others",
                 of_scenes[i]);
-    if (kiln_view_is_traced(job->view_method) && (v->texels || v->field != NULL))
+    if (kiln_view_is_traced(job->view_method) && (v->show.texels || v->field != NULL))
         return kiln_fail(error, KILN_USAGE,
                          "--method %s --show %.100s: path tracing shows light; leave one of the two out", method,
                          job->show);
@@ -463,6 +483,24 @@ static int check_aim(const struct view *v, const struct kiln_job *job, struct ki
 
 /* ---- the command ---- */
 
+/* What --atlas and --filter contradict. */
+static int check_atlas(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
+{
+    static const char *const of_cameras[] = {"camera", "from", "to",     "field-of-view",
+                                             "height", "path", "frames", "aov"};
+    if (kiln_view_is_traced(job->view_method) && (job->view_atlas != NULL || was_given(job, "filter")))
+        return kiln_fail(error, KILN_USAGE, "--method %s --%s: path tracing has no texels; leave one of the two out",
+                         view_method(job), job->view_atlas != NULL ? "atlas" : "filter");
+    for (size_t i = 0; i < sizeof of_cameras / sizeof *of_cameras && job->view_atlas != NULL; i++)
+        if (was_given(job, of_cameras[i]))
+            return kiln_fail(error, KILN_USAGE,
+                             "--atlas %.100s --%s: a lightmap is seen by no camera; leave one of the two out",
+                             job->view_atlas, of_cameras[i]);
+    if (v->show.texels && was_given(job, "filter"))
+        return kiln_fail(error, KILN_USAGE, "--filter: texels are shown as they are; leave --filter out");
+    return KILN_OK;
+}
+
 /* What can be checked of the options before the scene is open. */
 static int check_options(struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
 {
@@ -474,6 +512,8 @@ static int check_options(struct view *v, const struct kiln_job *job, const char 
         status = check_method(v, job, error);
     if (status == KILN_OK)
         status = check_filter(job, error);
+    if (status == KILN_OK)
+        status = check_atlas(v, job, error);
     if (status == KILN_OK)
         status = check_exposure(v, job, error);
     if (status == KILN_OK)
@@ -530,6 +570,25 @@ static int take_materials(const struct view *v, const struct kiln_job *job, stru
     return status == KILN_OK ? kiln_scene_take_gloss(v->scene, mode, error) : status;
 }
 
+/* Draws one object's lightmap itself. */
+static int draw_atlas(struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
+{
+    int status = kiln_geometry_create(&v->geometry, v->scene, error);
+    if (status == KILN_OK)
+        status = lay_leaves(v, error);
+    if (status == KILN_OK)
+        status = prepare(v, job, job->arguments[0], error);
+    const struct kiln_view_source source = source_of(v, job, job->arguments[0]);
+    if (status == KILN_OK)
+        status = kiln_atlas_make(&source, job->view_atlas, job->width, &v->look, &v->picture, error);
+    v->picture.unit = unit_of(v, job);
+    if (status == KILN_OK)
+        status = write_picture(v, job, path, error);
+    if (status == KILN_OK)
+        tell_picture(job, v, path);
+    return status == KILN_OK ? tell_all(job, v, error) : status;
+}
+
 /* Draws from lightmaps, in one process. */
 static int view_lightmaps(struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
 {
@@ -538,12 +597,16 @@ static int view_lightmaps(struct view *v, const struct kiln_job *job, const char
         status = open_scene(v, job, error);
     if (status == KILN_OK)
         status = take_materials(v, job, error);
+    if (status == KILN_OK && job->view_atlas != NULL)
+        return draw_atlas(v, job, path, error);
     if (status == KILN_OK)
         status = kiln_shots_make(job, v->scene, path, &v->shots, error);
     if (status == KILN_OK)
         status = check_names(v, job->arguments[0], error);
     if (status == KILN_OK)
         status = open_backend(v, job, error);
+    if (status == KILN_OK && v->geometry->leaves != NULL && was_given(job, "filter"))
+        status = kiln_fail(error, KILN_USAGE, "--filter: a bake with --store octree has no texels; leave --filter out");
     return status == KILN_OK ? draw_all(v, job, job->arguments[0], error) : status;
 }
 

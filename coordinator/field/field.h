@@ -69,7 +69,12 @@ enum kiln_field_meaning {
     KILN_FIELD_FRACTION, /* 0 to 1: pictures show 1 as white */
     /* the first three components are a unit vector, world, or zero where there is none: means are brought to length 1,
      * and pictures show v / 2 + 1 / 2 */
-    KILN_FIELD_DIRECTION
+    KILN_FIELD_DIRECTION,
+    /* of what only views show (coordinator/view/show.h): linear colours, 0 to 1; places in the world; numbers that have
+     * no colour, on a scale of false ones */
+    KILN_FIELD_COLOR,
+    KILN_FIELD_PLACE,
+    KILN_FIELD_SCALE
 };
 
 /* A row of the table. Strings and arrays are static. */
@@ -124,7 +129,7 @@ const struct kiln_field *kiln_field_shown(const char *name);
 /* The same of direct light, in a bake with a target error. */
 #define KILN_FIELD_SAMPLES_DIRECT "samples_direct"
 
-enum { KILN_FIELDS_MAX = 40 + 4 * KILN_GROUPS_MAX }; /* each group has four */
+enum { KILN_FIELDS_ALWAYS = 40, KILN_FIELDS_MAX = KILN_FIELDS_ALWAYS + 4 * KILN_GROUPS_MAX }; /* a group has four */
 
 /* The fields that one bake has, in the table's order. */
 struct kiln_field_set {

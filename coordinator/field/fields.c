@@ -9,6 +9,7 @@
 #include "coordinator/field/packed_error.h"
 #include "coordinator/field/rank_data.h"
 #include "worker/pass/guided.h"
+#include "worker/pass/patches.h"
 #include "worker/scene/radiosity.h"
 
 #define AT(member) offsetof(struct kiln_rank_data, member)
@@ -30,7 +31,12 @@ static bool has_late_bounces(const struct kiln_job *job)
 static bool has_views(const struct kiln_job *job) { return job->only_visible_from != NULL; }
 static bool has_blocks(const struct kiln_job *job) { return job->indirect_scale > 0; }
 static bool has_nodes(const struct kiln_job *job) { return job->final_scale > 0; }
+static bool keeps_nodes(const struct kiln_job *job) { return job->patches.keep_nodes; }
 static bool has_caustics(const struct kiln_job *job) { return kiln_job_has_caustics(job); }
+static bool has_closing(const struct kiln_job *job)
+{
+    return kiln_job_is_radiosity(job) && job->patches.order == KILN_ORDER_UNSHOT;
+}
 static bool has_guide(const struct kiln_job *job) { return job->guide > 0; }
 static bool receives_visible(const struct kiln_job *job) { return job->exchange_points == KILN_EXCHANGE_VISIBLE; }
 static bool has_target(const struct kiln_job *job) { return job->target_error > 0.0; }
@@ -329,6 +335,19 @@ static const struct kiln_field table[] = {
          "differ by (Student's t, 3 degrees of freedom)",
      .noisy = true,
      .present = wants_parts},
+    {.name = "node",
+     .unit = "texel",
+     .type = KILN_FIELD_UINT16,
+     .components = 1,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(node),
+     .saved = KILN_FIELD_SAVED,
+     .high = KILN_TILE_TEXELS,
+     .dataset = "/radiosity/node",
+     .description = "texels a side of the square that was one patch, when radiosity was last gathered from patches; 0: "
+                    "the point sends no light",
+     .present = keeps_nodes},
     {.name = "radiosity",
      .type = KILN_FIELD_FLOAT,
      .components = 3,
@@ -412,6 +431,16 @@ static const struct kiln_field table[] = {
      .saved = KILN_FIELD_SAVED,
      .high = FLT_MAX,
      .present = has_guide},
+    {.name = "closing",
+     .unit = "1",
+     .type = KILN_FIELD_FLOAT,
+     .components = KILN_CLOSING_FLOATS,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(surface.closing),
+     .saved = KILN_FIELD_SAVED,
+     .high = FLT_MAX,
+     .present = has_closing},
     /* scratch of a step */
     {.name = "next",
      .type = KILN_FIELD_RADIOSITY,
@@ -531,7 +560,8 @@ void kiln_field_set_choose(struct kiln_field_set *set, const struct kiln_job *jo
     }
     for (size_t g = 0; g < job->group_count; g++)
         for (int k = 0; k < KILN_GROUP_FIELDS; k++)
-            (void)kiln_field_set_add(set, job->group_rows[g] + k, true, NULL);
+            set->entry[set->count++] = (struct kiln_field_entry){
+                .field = job->group_rows[g] + k, .in_lightmaps = job->group_rows[g][k].channels != NULL};
 }
 
 /* ---- sizes ---- */
@@ -587,7 +617,8 @@ uint64_t kiln_field_set_saved_bytes(const struct kiln_field_set *set)
 
 uint64_t kiln_field_set_light_bytes(const struct kiln_field_set *set, uint64_t own, uint64_t total)
 {
-    return total * kiln_field_set_point_bytes(set, KILN_FIELD_ALLGATHER) +
+    const uint64_t groups = (set->count - kiln_group_fields_first(set)) / KILN_GROUP_FIELDS; /* integrate/groups.h */
+    return total * (kiln_field_set_point_bytes(set, KILN_FIELD_ALLGATHER) + groups * sizeof(uint64_t)) +
            own *
                (kiln_field_set_point_bytes(set, KILN_FIELD_RESULT) + kiln_field_set_point_bytes(set, KILN_FIELD_STEP));
 }
@@ -638,6 +669,8 @@ void kiln_field_floats(const struct kiln_field *field, const void *values, uint6
             floats[c] = (float)((const uint16_t *)values)[first + c] / 65535.0f;
             break;
         case KILN_FIELD_UINT16:
+            floats[c] = (float)((const uint16_t *)values)[first + c];
+            break;
         case KILN_FIELD_UINT32:
         case KILN_FIELD_UINT64:
         case KILN_FIELD_TILE_RUN:

@@ -8,8 +8,8 @@ static const char first_name[] = "group0.direct";
 /* One group's rows, and the texts that they point to. */
 struct rows {
     struct kiln_field field[KILN_GROUP_FIELDS];
-    const char *channels[3];
-    char names[KILN_GROUP_FIELDS][24], channel[3][KILN_GROUP_NAME + 16], datasets[2][KILN_GROUP_NAME + 16];
+    const char *channels[2][3];
+    char names[KILN_GROUP_FIELDS][24], channel[2][3][KILN_GROUP_NAME + 16], datasets[2][KILN_GROUP_NAME + 16];
 };
 
 static const struct kiln_field kinds[KILN_GROUP_FIELDS] = {
@@ -18,7 +18,8 @@ static const struct kiln_field kinds[KILN_GROUP_FIELDS] = {
                            .components = 3,
                            .life = KILN_FIELD_RESULT,
                            .saved = KILN_FIELD_SAVED,
-                           .description = "of /groups, the part that comes straight from the group's lights"},
+                           .description = "of /groups, the part that comes straight from the group's lights",
+                           .noisy = true},
     [KILN_GROUP_SUM] = {.name = "sum",
                         .type = KILN_FIELD_FLOAT,
                         .components = 3,
@@ -26,8 +27,7 @@ static const struct kiln_field kinds[KILN_GROUP_FIELDS] = {
                         .saved = KILN_FIELD_SAVED,
                         .description = "light of the lights of one group, direct and indirect, about the shading "
                                        "normal, linear RGB, as gathered",
-                        .noisy = true,
-                        .smooth = true},
+                        .noisy = true},
     [KILN_GROUP_SOURCE] = {.name = "source",
                            .type = KILN_FIELD_RADIOSITY,
                            .components = 1,
@@ -39,38 +39,50 @@ static const struct kiln_field kinds[KILN_GROUP_FIELDS] = {
                          .life = KILN_FIELD_STEP,
                          .saved = KILN_FIELD_SAVED_IN_STEP}};
 
-static void fill(struct rows *r, size_t group, const char *name)
+static void fill(struct rows *r, uint16_t group, const char *name)
 {
     static const char colors[] = "RGB", *const folders[] = {"/groups_direct/", "/groups/"};
     for (int k = 0; k < KILN_GROUP_FIELDS; k++) {
         r->field[k] = kinds[k];
-        (void)snprintf(r->names[k], sizeof r->names[k], "group%zu.%s", group, kinds[k].name);
+        (void)snprintf(r->names[k], sizeof r->names[k], "group%u.%s", group, kinds[k].name);
         r->field[k].name = r->names[k];
         r->field[k].domain = KILN_DOMAIN_POINT;
+        r->field[k].low = -INFINITY; /* denoised */
         r->field[k].high = INFINITY;
     }
     for (int k = 0; k <= KILN_GROUP_SUM; k++) {
         (void)snprintf(r->datasets[k], sizeof r->datasets[k], "%s%s", folders[k], name);
         r->field[k].dataset = r->datasets[k];
     }
-    for (int c = 0; c < 3; c++) {
-        (void)snprintf(r->channel[c], sizeof r->channel[c], "group.%s.%c", name, colors[c]);
-        r->channels[c] = r->channel[c];
-    }
-    r->field[KILN_GROUP_SUM].channels = r->channels;
+    for (int k = 0; k <= KILN_GROUP_SUM; k++)
+        for (int c = 0; c < 3; c++) {
+            (void)snprintf(r->channel[k][c], sizeof r->channel[k][c], "group.%s%s.%c", name,
+                           k == KILN_GROUP_DIRECT ? ".direct" : "", colors[c]);
+            r->channels[k][c] = r->channel[k][c];
+        }
+    r->field[KILN_GROUP_DIRECT].channels = r->channels[KILN_GROUP_DIRECT];
+    r->field[KILN_GROUP_SUM].channels = r->channels[KILN_GROUP_SUM];
 }
 
 int kiln_group_fields_make(struct kiln_job *job, struct kiln_error *error)
 {
-    for (size_t g = 0; g < job->group_count; g++) {
+    void *room = NULL;
+    int status = kiln_job_keep_room(job, (job->group_count + 1) * sizeof *job->group_rows, &room, error);
+    job->group_rows = room;
+    for (size_t g = 0; g < job->group_count && status == KILN_OK; g++) {
         struct rows *r = NULL;
-        const int status = kiln_job_keep_room(job, sizeof *r, (void **)&r, error);
+        status = kiln_job_keep_room(job, sizeof *r, (void **)&r, error);
         if (status != KILN_OK)
             return status;
-        fill(r, g, job->group_names[g]);
+        fill(r, (uint16_t)g, job->group_names[g]);
         job->group_rows[g] = r->field;
     }
-    return KILN_OK;
+    return status;
 }
 
 size_t kiln_group_fields_first(const struct kiln_field_set *set) { return kiln_field_set_find(set, first_name); }
+
+void kiln_group_folder(size_t n, char folder[KILN_GROUP_FOLDER])
+{
+    (void)snprintf(folder, KILN_GROUP_FOLDER, "lightmaps/groups-%zu", n);
+}

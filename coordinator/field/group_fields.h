@@ -12,4 +12,13 @@ int kiln_group_fields_make(struct kiln_job *job, struct kiln_error *error);
 /* The place of the first field of group 0; those of the next groups follow. set->count: the bake has no groups. */
 size_t kiln_group_fields_first(const struct kiln_field_set *set);
 
+/* Layers of groups are in lightmaps/OBJECT.exr, of more groups than so many in lightmaps/groups-N/OBJECT.exr, of
+ * KILN_GROUPS_A_FILE groups each. How many such files a lightmap has; the folder of the n-th. */
+enum { KILN_GROUPS_IN_MAP = 16, KILN_GROUPS_A_FILE = 64, KILN_GROUP_FOLDER = 40 };
+static inline size_t kiln_group_files(size_t groups)
+{
+    return groups > KILN_GROUPS_IN_MAP ? (groups + KILN_GROUPS_A_FILE - 1) / KILN_GROUPS_A_FILE : 0;
+}
+void kiln_group_folder(size_t n, char folder[KILN_GROUP_FOLDER]);
+
 #endif

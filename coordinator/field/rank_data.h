@@ -40,6 +40,7 @@ struct kiln_rank_data {
     uint32_t *samples_direct; /* likewise, of direct light, in a bake with a target error */
     uint16_t *seen;           /* 1 a tile run: 0 where no view sees it (kiln_integrate_params); NULL: all are */
     uint16_t *block;          /* 1 a point: integrate/blocks.h; NULL: there are no blocks */
+    uint16_t *node;           /* 1 a point: texels a side of its node (integrate/patches.h); NULL: nobody asks */
     uint64_t *mixture;        /* 1 a point: integrate/nodes.h; NULL: each gathers in the final gather */
     float *cost;              /* 1 a tile run: seconds that it took in the present step */
     /* 1 a tile run, in the present step: 1 where its rays met a point whose radiosity is absent, so that its answers

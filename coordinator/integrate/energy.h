@@ -75,11 +75,21 @@ struct kiln_step_energy {
     double variance; /* of the luminance of incident (+ escaped + blocked) */
 };
 
+/* Light that has met no diffuse surface before, W, by two estimators that share no more than the scene: as traced from
+ * the lights, and as surface points found it. */
+struct kiln_first_light {
+    bool compared; /* points found it in steps of its own */
+    double traced[3], found[3];
+    double difference, error; /* luminance of found - traced; its standard error */
+};
+
 struct kiln_energy {
     double emitted[3], absorbed[3], glass[3], gloss[3], escaped[3], blocked[3], ranged[3], unfound[3], left_over[3];
     double residual; /* luminance of emitted - all the rest */
     double error;    /* its standard error, luminance */
     double relative; /* |residual| / luminance of emitted; 0 without lights */
+    /* what came straight from the lights; and by mirrors, gloss and glass, less what is unfound */
+    struct kiln_first_light straight, caustic;
 };
 
 #endif

@@ -25,17 +25,21 @@ static void *field_of(const struct kiln_group_light *g, const struct kiln_rank_d
     return kiln_rank_field(data, g->params->fields, g->first + group * KILN_GROUP_FIELDS + (size_t)kind);
 }
 
-/* The data as the group's solve has it. */
-static struct kiln_rank_data view_of(const struct kiln_group_light *g, const struct kiln_rank_data *data,
-                                     uint32_t group)
+/* The data as a group's solve has it, when turned to one. */
+static struct kiln_rank_data view_of(const struct kiln_rank_data *data)
 {
     struct kiln_rank_data view = *data;
-    view.direct = field_of(g, data, group, KILN_GROUP_DIRECT);
-    view.sum = field_of(g, data, group, KILN_GROUP_SUM);
-    view.next = field_of(g, data, group, KILN_GROUP_NEXT);
     view.error = view.error_direct = view.error_indirect = view.error_caustic = NULL;
     view.radiosity = view.caustic = view.indirect = view.parts = NULL;
     return view;
+}
+
+static void turn_to(const struct kiln_group_light *g, const struct kiln_rank_data *data, uint32_t group,
+                    struct kiln_rank_data *view)
+{
+    view->direct = field_of(g, data, group, KILN_GROUP_DIRECT);
+    view->sum = field_of(g, data, group, KILN_GROUP_SUM);
+    view->next = field_of(g, data, group, KILN_GROUP_NEXT);
 }
 
 int kiln_group_light_create(struct kiln_group_light **light, const struct kiln_integrate_params *params,
@@ -99,8 +103,9 @@ void kiln_group_light_take(const struct kiln_group_light *g, const struct kiln_t
     struct kiln_point_result of[KILN_TILE_TEXELS];
     if (g == NULL || taking->step->quantity != NULL)
         return;
+    struct kiln_rank_data view = view_of(data);
     for (uint32_t group = 0; group < g->channel.lights->count; group++) {
-        const struct kiln_rank_data view = view_of(g, data, group);
+        turn_to(g, data, group, &view);
         struct kiln_step step = *taking->step;
         struct kiln_taking own = *taking;
         step.compact = false;
@@ -146,8 +151,11 @@ void kiln_group_light_exchange(const struct kiln_group_light *g, bool restored)
 
 void kiln_group_light_each(const struct kiln_group_light *g, void (*change)(const struct kiln_rank_data *own))
 {
-    for (uint32_t group = 0; g != NULL && group < g->channel.lights->count; group++) {
-        const struct kiln_rank_data view = view_of(g, g->solution->own, group);
+    if (g == NULL)
+        return;
+    struct kiln_rank_data view = view_of(g->solution->own);
+    for (uint32_t group = 0; group < g->channel.lights->count; group++) {
+        turn_to(g, g->solution->own, group, &view);
         change(&view);
     }
 }
@@ -156,12 +164,13 @@ void kiln_group_light_extend(const struct kiln_group_light *g, struct kiln_own_p
                              const float factor[3])
 {
     for (uint32_t group = 0; g != NULL && group < g->channel.lights->count; group++) {
-        const struct kiln_rank_data view = view_of(g, g->solution->own, group);
+        const uint64_t *next = field_of(g, g->solution->own, group, KILN_GROUP_NEXT);
+        float *sum = field_of(g, g->solution->own, group, KILN_GROUP_SUM);
         for (uint64_t i = first.at; i < first.at + count; i++) {
             float last[3];
-            kiln_radiosity_unpack(view.next[i], last);
+            kiln_radiosity_unpack(next[i], last);
             for (uint64_t c = 0; c < 3; c++)
-                view.sum[3 * i + c] += factor[c] * last[c];
+                sum[3 * i + c] += factor[c] * last[c];
         }
     }
 }

@@ -134,6 +134,8 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
     int status = make_allgather(l, error);
     if (status == KILN_OK) /* after the radiosity: that is the node's most useful block */
         status = make_data(l, error);
+    if (status == KILN_OK && p->beside != NULL)
+        p->beside->start(p->beside->context, solution->own);
     if (status == KILN_OK && p->groups != NULL)
         status = kiln_group_light_create(&l->groups, p, solution, error);
     l->taker.groups = l->integration.groups = l->groups;
@@ -178,6 +180,8 @@ int kiln_integrate(struct kiln_solution **solution, const struct kiln_integrate_
     status = kiln_agree(params->communicator, status, error);
     if (status == KILN_OK)
         status = integrate(&l, error);
+    if (status != KILN_OK && params->beside != NULL)
+        params->beside->stop(params->beside->context);
     if (s != NULL && s->node_data != NULL)
         kiln_node_data_end(s->node_data);
     kiln_lockstep_release(&l);

@@ -14,6 +14,15 @@
 struct kiln_light_groups;
 
 /* All pointers are borrowed. */
+/* What goes on beside the steps, in threads of its own that give way to them. `start` is called when the own points are
+ * where they stay; `stop` before they move to other ranks or are released, and ends it for good. Neither is collective.
+ */
+struct kiln_beside {
+    void (*start)(void *context, const struct kiln_rank_data *own);
+    void (*stop)(void *context);
+    void *context;
+};
+
 struct kiln_integrate_params {
     MPI_Comm communicator;
     int rank, ranks;
@@ -34,6 +43,7 @@ struct kiln_integrate_params {
     const struct kiln_light_groups *groups; /* whose light is told apart (groups.h); NULL: none */
     struct kiln_transport *transport;       /* what rays meet is kept or replayed; NULL: neither */
     uint32_t threads;                       /* that take over the answers */
+    const struct kiln_beside *beside;       /* NULL: nothing */
 };
 
 /* Collective. Goes on from the open generation of the checkpoint, whatever ranks wrote it. KILN_STOPPED, with a new

@@ -7,6 +7,7 @@
 #include "worker/base/memory.h"
 #include "worker/light/emission.h"
 
+#define BEAM_TEXELS 4.0                    /* of the mean area: what a beam must have for images (mirror_images.h) */
 #define KEPT_ITERATION ((uint64_t)3 << 30) /* paths that gather rays connect with are numbered from this one on */
 
 static int make_room(struct kiln_landing *l, struct kiln_error *error)
@@ -26,6 +27,12 @@ static int make_room(struct kiln_landing *l, struct kiln_error *error)
         status = kiln_allocate(&l->results, KILN_LANDING_GIVEN_TILE_RUNS * KILN_TILE_TEXELS, sizeof *l->results,
                                "the answers of tile runs", error);
     return status;
+}
+
+/* m2: a spot's beam of less is missed by most samples of a texel; the same on all ranks. */
+static double narrow_beam(const struct kiln_integrate_params *p)
+{
+    return p->surface->point_count > 0 ? BEAM_TEXELS * p->area / (double)p->surface->point_count : 0.0;
 }
 
 int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integrate_params *params,
@@ -53,7 +60,7 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
     if (status == KILN_OK && params->settings->caustics == KILN_CAUSTICS_VCM)
         status = kiln_emission_create(&l->emission, params->backend->params.lights, error);
     if (status == KILN_OK && kiln_landing_shares(l))
-        status = kiln_mirror_images_create(&l->images, params->backend->params.lights, error);
+        status = kiln_mirror_images_create(&l->images, params->backend->params.lights, narrow_beam(params), error);
     if (status == KILN_OK && kiln_landing_shares(l) && params->settings->connections > 0.0)
         status = kiln_aims_create(&l->kept, params->backend->params.lights, kiln_landing_aims(params->settings), error);
     l->techniques = (struct kiln_caustic_techniques){.aims = l->aims,

@@ -3,11 +3,13 @@
 #include <math.h>
 #include <string.h>
 
+#include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
 #include "worker/pass/point.h"
 
 enum { RAY_TILE_RUNS = 16 };
-#define LARGEST 6.0   /* texels: the radius within which landings that share are spread, at most */
+#define LARGEST 6.0   /* mean texels: the radius within which landings that share are spread, at most */
+#define OWN_MOST 12.0 /* texels of its own: how far a point's light is spread at most, where no radius was given */
 #define LANDINGS 16.0 /* in one iteration: on which a point's light is to hang */
 
 /* Collective. Where no radius was given the first iteration shows it; a largest one is so many texels. */
@@ -31,16 +33,58 @@ static int find_radius(struct kiln_landing *l, struct kiln_error *error)
                : KILN_OK;
 }
 
+/* m2, of the front of each object, or of its triangles that have two sides. */
+static void add_areas(const struct kiln_geometry *g, const struct kiln_surface *s, double *areas)
+{
+    for (uint64_t t = 0; t < g->triangle_count; t++) {
+        const struct kiln_hit_record *record = &g->records[t];
+        const double area = kiln_geometry_triangle_area(g, t);
+        areas[record->object] += area;
+        if (s->map_count > s->object_count && (record->material & KILN_RECORD_DOUBLE_SIDED) != 0)
+            areas[s->object_count + record->object] += area;
+    }
+}
+
+/* How far light of each lightmap's points is spread at most: by the mean width of its texels, which may be a hundredth
+ * of another's. NULL for octrees, whose leaves are alike. */
+static int find_widest(const struct kiln_landing *l, float **widest, struct kiln_error *error)
+{
+    const struct kiln_surface *s = &l->solution->own->surface;
+    double *areas = NULL;
+    if (s->bricks != NULL)
+        return KILN_OK;
+    int status = kiln_allocate(widest, s->map_count, sizeof **widest, "the widths of texels", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&areas, s->map_count, sizeof *areas, "the areas of lightmaps", error);
+    if (status == KILN_OK)
+        add_areas(l->params->backend->params.geometry, s, areas);
+    for (uint32_t map = 0; map < s->map_count && status == KILN_OK; map++) {
+        const struct kiln_lightmap *lightmap = &s->lightmaps[map];
+        uint64_t points = 0;
+        for (uint64_t t = 0; t < (uint64_t)lightmap->tiles_x * lightmap->tiles_y; t++)
+            points += (uint64_t)__builtin_popcountll(s->tiles[lightmap->tile_first + t].mask);
+        (*widest)[map] = points > 0 ? (float)(OWN_MOST * sqrt(areas[map] / (double)points)) : INFINITY;
+    }
+    kiln_free(&areas);
+    return status;
+}
+
 /* Collective. */
 static int begin_merging(struct kiln_landing *l, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = l->params;
+    float *widest = NULL;
+    int status = p->settings->merge_radius == KILN_MERGE_RADIUS_AUTO ? find_widest(l, &widest, error) : KILN_OK;
+    status = kiln_agree(p->communicator, status, error);
     const struct kiln_merge_params params = {.communicator = p->communicator,
                                              .world = &p->backend->params,
                                              .surface = &l->solution->own->surface,
                                              .lit = l->lit,
+                                             .widest = widest,
                                              .threads = p->threads};
-    int status = kiln_merge_create(&l->merge, &params, error);
+    if (status == KILN_OK)
+        status = kiln_merge_create(&l->merge, &params, error);
+    kiln_free(&widest);
     if (status == KILN_OK)
         status = find_radius(l, error);
     l->solution->report.landing.radius = fmax(l->radius, 0.0);

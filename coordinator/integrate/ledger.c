@@ -4,6 +4,8 @@
 #include <string.h>
 
 #include "worker/base/memory.h"
+#include "worker/pass/caustic.h"
+#include "worker/pass/pass.h"
 
 /* Groups are made of tiles, not of cells: the cell size must not change a result. */
 enum { GROUP_TILES = 16 };
@@ -161,6 +163,40 @@ static void add_step(struct kiln_energy *e, const struct kiln_step_energy *p, do
     }
 }
 
+/* Light that steps of the pass found, against `traced` with its standard error. */
+static struct kiln_first_light compare_first(const struct kiln_step_reports *steps, const struct kiln_pass *pass,
+                                             double share, const double traced[3], const double error[3])
+{
+    struct kiln_first_light light = {.compared = false};
+    const double traced_error = kiln_luminance(error);
+    double variance = 0.0;
+    for (size_t i = 0; i < steps->count; i++) {
+        const struct kiln_step_report *report = &steps->of[i];
+        if (!report->step.counted || report->step.pass != pass)
+            continue;
+        light.compared = true;
+        variance += share * share * report->energy.variance;
+        for (int c = 0; c < 3; c++)
+            light.found[c] += share * report->energy.incident[c];
+    }
+    memcpy(light.traced, traced, sizeof light.traced);
+    light.difference = kiln_luminance(light.found) - kiln_luminance(traced);
+    light.error = sqrt(variance + traced_error * traced_error);
+    return light;
+}
+
+static void compare_firsts(struct kiln_energy *e, const struct kiln_step_reports *steps,
+                           const struct kiln_emission_result *emission, double share)
+{
+    double straight[3], caustic[3];
+    for (int c = 0; c < 3; c++) {
+        straight[c] = emission->received[c] - emission->caustic[c];
+        caustic[c] = emission->caustic[c] - e->unfound[c];
+    }
+    e->straight = compare_first(steps, &kiln_pass_direct, share, straight, emission->straight_error);
+    e->caustic = compare_first(steps, &kiln_pass_caustic, share, caustic, emission->caustic_error);
+}
+
 void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *steps,
                        const struct kiln_emission_result *emission, enum kiln_caustics caustics)
 {
@@ -170,8 +206,8 @@ void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *st
     for (size_t i = 0; i < steps->count; i++)
         if (steps->of[i].step.counted && steps->of[i].step.part + 1 > parts)
             parts = steps->of[i].step.part + 1;
+    const double share = 1.0 / parts;
     for (size_t i = 0; i < steps->count; i++) {
-        const double share = 1.0 / parts;
         if (!steps->of[i].step.counted)
             continue;
         add_step(e, &steps->of[i].energy, share);
@@ -184,4 +220,5 @@ void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *st
     const double emission_error = kiln_luminance(emission->error), emitted = kiln_luminance(e->emitted);
     e->error = sqrt(variance + emission_error * emission_error);
     e->relative = emitted > 0.0 ? fabs(e->residual) / emitted : 0.0;
+    compare_firsts(e, steps, emission, share);
 }

@@ -79,7 +79,8 @@ void kiln_ledger_add_tile_run(struct kiln_ledger *ledger, const struct kiln_surf
 int kiln_ledger_end_step(struct kiln_ledger *ledger, MPI_Comm communicator, struct kiln_step_energy *energy,
                          struct kiln_error *error);
 
-/* The balance of a whole bake: emitted light against where the counted steps found it. */
+/* The balance of a whole bake: emitted light against where the counted steps found it; and what of it has met no
+ * diffuse surface before, traced from the lights against found. */
 void kiln_energy_close(struct kiln_energy *energy, const struct kiln_step_reports *steps,
                        const struct kiln_emission_result *emission, enum kiln_caustics caustics);
 

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "worker/base/color.h"
 #include "worker/base/memory.h"
 
 enum {
@@ -19,6 +20,9 @@ struct kiln_link_tree {
     struct kiln_link_node *nodes;
     size_t node_count, node_room;
     float (*radiosity)[3], (*leaf_radiosity)[3];
+    struct kiln_link_light *light, *leaf_light;
+    float *first; /* luminance of first light of all points, over the mean, by global index */
+    double mean;  /* of that */
 };
 
 /* What a tree is built with. */
@@ -36,7 +40,7 @@ struct range {
 
 static float coordinate(const struct kiln_patch *p, int axis)
 {
-    const struct kiln_vec3 *v = axis < 3 ? &p->place : &p->normal;
+    const struct kiln_vec3 *v = axis < 3 ? &p->centre : &p->normal;
     return axis % 3 == 0 ? v->x : axis % 3 == 1 ? v->y : v->z;
 }
 
@@ -175,7 +179,7 @@ static void find_extents(const struct builder *b, struct range r, struct kiln_li
     for (uint32_t i = 0; i < r.count; i++) {
         const uint32_t point = t->order[r.first + i];
         const struct kiln_patch *p = &t->points[point];
-        const struct kiln_vec3 off = vec3_sub(p->place, node->centre);
+        const struct kiln_vec3 off = vec3_sub(p->centre, node->centre);
         const float corner = 0.5f * sqrtf(vec3_dot(p->edge_s, p->edge_s) + vec3_dot(p->edge_t, p->edge_t)),
                     tilt = 0.5f * (fabsf(vec3_dot(node->normal, p->edge_s)) + fabsf(vec3_dot(node->normal, p->edge_t)));
         const double level = b->mean > 0.0 ? (double)b->light[point] / b->mean - (double)node->level : 0.0;
@@ -270,7 +274,7 @@ static double mean_light(const struct kiln_link_tree *t, const float *light)
 
 static int build_all(struct kiln_link_tree *t, const float *light, struct kiln_error *error)
 {
-    struct builder b = {t, light, mean_light(t, light), NULL};
+    struct builder b = {t, light, t->mean, NULL};
     uint32_t root;
     if (t->count < 2)
         return KILN_OK; /* nothing but itself is there to be seen */
@@ -278,6 +282,24 @@ static int build_all(struct kiln_link_tree *t, const float *light, struct kiln_e
     if (status == KILN_OK)
         status = build(&b, (struct range){0, (uint32_t)t->count, 0}, &root, error);
     kiln_free(&b.behind);
+    return status;
+}
+
+/* Room for the light of nodes and points; and the points' first light. */
+static int make_light(struct kiln_link_tree *t, const float *light, uint64_t count, struct kiln_error *error)
+{
+    static const char what[] = "the light of links";
+    int status = kiln_allocate(&t->radiosity, t->node_count, sizeof *t->radiosity, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&t->light, t->node_count, sizeof *t->light, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&t->leaf_radiosity, (size_t)t->count, sizeof *t->leaf_radiosity, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&t->leaf_light, (size_t)t->count, sizeof *t->leaf_light, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&t->first, (size_t)count, sizeof *t->first, what, error);
+    for (uint64_t i = 0; i < count && status == KILN_OK; i++)
+        t->first[i] = t->mean > 0.0 ? (float)((double)light[i] / t->mean) : 0.0f;
     return status;
 }
 
@@ -291,13 +313,12 @@ int kiln_link_tree_create(struct kiln_link_tree **tree, const struct kiln_patch 
         return status;
     t->points = points;
     status = order_points(t, count, error);
-    if (status == KILN_OK)
+    if (status == KILN_OK) {
+        t->mean = mean_light(t, light);
         status = build_all(t, light, error);
+    }
     if (status == KILN_OK)
-        status = kiln_allocate(&t->radiosity, t->node_count, sizeof *t->radiosity, "the light of links", error);
-    if (status == KILN_OK)
-        status =
-            kiln_allocate(&t->leaf_radiosity, (size_t)t->count, sizeof *t->leaf_radiosity, "the light of links", error);
+        status = make_light(t, light, count, error);
     if (status != KILN_OK)
         kiln_link_tree_destroy(tree);
     return status;
@@ -311,6 +332,9 @@ void kiln_link_tree_destroy(struct kiln_link_tree **tree)
     kiln_free(&(*tree)->nodes);
     kiln_free(&(*tree)->radiosity);
     kiln_free(&(*tree)->leaf_radiosity);
+    kiln_free(&(*tree)->light);
+    kiln_free(&(*tree)->leaf_light);
+    kiln_free(&(*tree)->first);
     kiln_free(tree);
 }
 
@@ -318,36 +342,63 @@ uint64_t kiln_link_tree_bytes(uint64_t points)
 {
     const struct kiln_link_tree *t = NULL;
     /* a node has four children, but for the last; and room that has grown has up to twice as much */
-    return points * (sizeof *t->order + sizeof *t->leaf_radiosity) +
-           points / 2 * (2 * sizeof *t->nodes + sizeof *t->radiosity);
+    return points * (sizeof *t->order + sizeof *t->leaf_radiosity + sizeof *t->leaf_light + sizeof *t->first) +
+           points / 2 * (2 * sizeof *t->nodes + sizeof *t->radiosity + sizeof *t->light);
 }
 
 /* Of a child, W/m2; returns its area. */
-static double light_of(const struct kiln_link_tree *t, uint32_t child, const float **radiosity)
+static double light_of(const struct kiln_link_tree *t, uint32_t child, const float **radiosity,
+                       const struct kiln_link_light **light)
 {
     const bool leaf = (child & KILN_LINK_LEAF) != 0;
     const uint32_t at = child & ~KILN_LINK_LEAF;
     *radiosity = leaf ? t->leaf_radiosity[at] : t->radiosity[at];
+    *light = leaf ? &t->leaf_light[at] : &t->light[at];
     return (double)(leaf ? t->points[t->order[at]].area : t->nodes[at].area);
 }
 
-void kiln_link_tree_set_light(struct kiln_link_tree *t, kiln_link_light light, const void *context)
+/* A point's light: what it sends in this bounce, and what it has sent before. */
+static void take_point(struct kiln_link_tree *t, uint64_t i, uint32_t bounce)
 {
-    for (uint64_t i = 0; i < t->count; i++)
-        light(context, t->order[i], t->leaf_radiosity[i]);
-    for (size_t n = t->node_count; n > 0; n--) {
-        const struct kiln_link_node *node = &t->nodes[n - 1];
-        double area = 0.0, sum[3] = {0.0};
-        for (uint32_t i = 0; i < node->children; i++) {
-            const float *radiosity;
-            const double own = light_of(t, node->child[i], &radiosity);
-            area += own;
-            for (int c = 0; c < 3; c++)
-                sum[c] += own * (double)radiosity[c];
-        }
+    const float sent = kiln_luminance_in_float(t->leaf_radiosity[i]),
+                first = (float)((double)t->first[t->order[i]] * t->mean),
+                before = bounce <= 1 ? 0.0f : first + (float)(bounce - 2) * sent;
+    t->leaf_light[i] = (struct kiln_link_light){.now = before + sent, .before = before};
+}
+
+/* Means of children, and of squares: those of their means, and what they differ by themselves. */
+static void take_node(struct kiln_link_tree *t, size_t n)
+{
+    const struct kiln_link_node *node = &t->nodes[n];
+    double area = 0.0, sum[3] = {0.0}, now[2] = {0.0}, before[2] = {0.0};
+    for (uint32_t i = 0; i < node->children; i++) {
+        const float *radiosity;
+        const struct kiln_link_light *light;
+        const double own = light_of(t, node->child[i], &radiosity, &light);
+        area += own;
         for (int c = 0; c < 3; c++)
-            t->radiosity[n - 1][c] = (float)(sum[c] / area);
+            sum[c] += own * (double)radiosity[c];
+        now[0] += own * (double)light->now;
+        now[1] += own * ((double)light->now * (double)light->now + (double)light->spread_now);
+        before[0] += own * (double)light->before;
+        before[1] += own * ((double)light->before * (double)light->before + (double)light->spread_before);
     }
+    for (int c = 0; c < 3; c++)
+        t->radiosity[n][c] = (float)(sum[c] / area);
+    now[0] /= area, before[0] /= area;
+    t->light[n] =
+        (struct kiln_link_light){(float)now[0], (float)before[0], (float)fmax(0.0, now[1] / area - now[0] * now[0]),
+                                 (float)fmax(0.0, before[1] / area - before[0] * before[0])};
+}
+
+void kiln_link_tree_set_light(struct kiln_link_tree *t, uint32_t bounce, kiln_link_of_point light, const void *context)
+{
+    for (uint64_t i = 0; i < t->count; i++) {
+        light(context, t->order[i], t->leaf_radiosity[i]);
+        take_point(t, i, bounce);
+    }
+    for (size_t n = t->node_count; n > 0; n--)
+        take_node(t, n - 1);
 }
 
 void kiln_link_tree_describe(const struct kiln_link_tree *t, struct kiln_links_parameters *parameters)
@@ -359,4 +410,7 @@ void kiln_link_tree_describe(const struct kiln_link_tree *t, struct kiln_links_p
     parameters->node_count = (uint32_t)t->node_count;
     parameters->radiosity = (const float(*)[3])t->radiosity;
     parameters->leaf_radiosity = (const float(*)[3])t->leaf_radiosity;
+    parameters->first = t->first;
+    parameters->light = t->light;
+    parameters->leaf_light = t->leaf_light;
 }

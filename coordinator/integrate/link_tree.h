@@ -25,9 +25,12 @@ void kiln_link_tree_destroy(struct kiln_link_tree **tree);
 uint64_t kiln_link_tree_bytes(uint64_t points);
 
 /* Radiosity of a point, W/m2. */
-typedef void (*kiln_link_light)(const void *context, uint64_t point, float radiosity[3]);
-/* Takes the radiosity of all points, and finds that of the nodes. */
-void kiln_link_tree_set_light(struct kiln_link_tree *tree, kiln_link_light light, const void *context);
+typedef void (*kiln_link_of_point)(const void *context, uint64_t point, float radiosity[3]);
+/* Takes the radiosity of all points in a bounce, and finds that of the nodes. What was sent in earlier bounces, which
+ * has gone by the same links and so is off the same way, is taken for the first light, and, of bounces from the second
+ * on, for what this one sends: those were brighter, but few know it after an interruption. */
+void kiln_link_tree_set_light(struct kiln_link_tree *tree, uint32_t bounce, kiln_link_of_point light,
+                              const void *context);
 
 /* What of the parameters is the tree's; borrowed. */
 void kiln_link_tree_describe(const struct kiln_link_tree *tree, struct kiln_links_parameters *parameters);

@@ -30,6 +30,8 @@ static int create_patches(struct kiln_lockstep *l, struct kiln_error *error)
                                                .backend = p->backend,
                                                .settings = p->settings,
                                                .direct = &l->solution->direct,
+                                               .replayed = p->transport,
+                                               .own = &l->solution->own,
                                                .keeps_visibility = true};
     return kiln_patches_create(&l->patches, &source, error);
 }
@@ -180,6 +182,7 @@ static int prepare_step(struct kiln_lockstep *l, struct kiln_error *error)
 {
     struct kiln_step *step = &kiln_solution_step(l->solution)->step;
     l->params->surface->guide = l->solution->own->surface.guide; /* which may have moved */
+    l->params->surface->closing = l->solution->own->surface.closing;
     if (step->pass == &kiln_pass_patches || step->pass == &kiln_pass_links || step->pass == &kiln_pass_directions)
         return kiln_patches_update(l->patches, l->solution->radiosity, step, &step->parameters, error);
     const bool asks = l->radiance != NULL && step->quantity == NULL && step->pass->reads_radiosity;
@@ -212,6 +215,8 @@ static int run_step(struct kiln_lockstep *l, struct kiln_error *error)
     status = run_kept(l, error);
     if (status != KILN_OK)
         kiln_radiosity_allgather_abandon(l->solution->allgather);
+    if (status == KILN_OK && p->transport != NULL && report->step.pass == &kiln_pass_links)
+        status = kiln_patches_keep(l->patches, p->transport, error);
     report->given += kiln_work_queue_returned(l->solution->own->queue);
     kiln_trace_add(p->trace, KILN_TRACE_PASS, role_of(l, &report->step)->title, start, MPI_Wtime(),
                    (int64_t)p->surface->count);

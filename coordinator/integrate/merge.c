@@ -6,30 +6,20 @@
 #include <string.h>
 
 #include "coordinator/integrate/energy.h"
+#include "coordinator/integrate/merge_near.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 #include "worker/scene/footprint.h"
 
-#define ALIKE 0.5f   /* cosine between normals of points that are near each other */
-#define FLAT 0.25f   /* of the radius: how far they may lie from each other's planes */
-#define SLACK 1.001f /* of a cell of the grid, beyond the radius: for rounding */
+#define SLACK 1.001f /* of what other ranks get, beyond the radius: for rounding */
 
 #define DOUBT 1.5 /* standard errors on either side, within which light by two radii agrees */
 
 #define BIAS (4.0 / 3.0) /* over that by which half the radius changes */
 #define LEAST_RADIUS 1.5 /* the first radius that is tried, in texels: so that the eight about one are within it */
 
-enum { BOXES = 64, NEIGHBOUR_CELLS = 27, RADII = 9, BALANCINGS = 2, FIT_STEPS = 10 };
-
-/* A point as others see it. */
-struct place {
-    uint64_t key; /* lightmap and texel: not by the order of points, which cells change */
-    struct kiln_vec3 position, normal;
-    float lit;
-    uint32_t reserved;
-};
-_Static_assert(sizeof(struct place) == 40, "a record has no gaps");
+enum { BOXES = 64, RADII = 9, BALANCINGS = 2, FIT_STEPS = 10 };
 
 /* What landed at a point, W. */
 struct flux {
@@ -50,13 +40,6 @@ struct box {
 };
 _Static_assert(sizeof(struct box) == 24, "a record has no gaps");
 
-/* A point in its cell of the grid. */
-struct member {
-    uint64_t cell;
-    size_t at;
-    struct kiln_vec3 position; /* once more: most are too far */
-};
-
 /* Own points and those of others near them, by global number: own ones from `own_first` on. */
 struct kiln_merge {
     MPI_Comm communicator;
@@ -64,13 +47,11 @@ struct kiln_merge {
     uint32_t threads;
     float radius;
     size_t own_first, own_count, count;
-    struct place *own, *places; /* of own points; of all, with `radius` */
+    struct kiln_merge_place *own, *places; /* of own points; of all, with `radius` */
     struct flux *fluxes;
     struct weights *weights, *next; /* next: of own points */
     float *radii;                   /* of all, m, once they have been fitted; NULL: one for all */
-    /* a hash table of the cells of a grid: those of members[begin[h] .. begin[h + 1]) have the hash h */
-    size_t *begin, slots; /* a power of two */
-    struct member *members;
+    struct kiln_merge_grid *grid;   /* of `places` */
     /* the exchange: own points that each rank gets, one rank after the other, and their numbers and places; the same
      * of what comes */
     uint32_t *sent;
@@ -86,8 +67,7 @@ static void forget_others(struct kiln_merge *m)
     kiln_free(&m->weights);
     kiln_free(&m->next);
     kiln_free(&m->radii);
-    kiln_free(&m->begin);
-    kiln_free(&m->members);
+    kiln_merge_grid_destroy(&m->grid);
     kiln_free(&m->sent);
     kiln_free(&m->outgoing);
     m->sent_count = 0;
@@ -106,12 +86,15 @@ void kiln_merge_destroy(struct kiln_merge **merge)
 
 /* ---- places ---- */
 
-static void find_place(const struct kiln_merge_params *p, const struct kiln_point_cursor *at, struct place *place)
+static void find_place(const struct kiln_merge_params *p, const struct kiln_point_cursor *at,
+                       struct kiln_merge_place *place)
 {
     struct kiln_footprint footprint;
     struct kiln_vec3 shading;
     const uint64_t texel = (uint64_t)at->y * p->surface->lightmaps[at->map].width + at->x;
-    *place = (struct place){.key = (uint64_t)at->map << 32 | texel, .lit = p->lit[at->point.at]};
+    *place = (struct kiln_merge_place){.key = (uint64_t)at->map << 32 | texel,
+                                       .lit = p->lit[at->point.at],
+                                       .widest = p->widest == NULL ? INFINITY : p->widest[at->map]};
     if (!(place->lit > 0.0f))
         return;
     kiln_footprint_prepare(&footprint, p->world->scene, p->world->geometry, p->surface, at);
@@ -119,7 +102,7 @@ static void find_place(const struct kiln_merge_params *p, const struct kiln_poin
     place->position = kiln_footprint_extent(&footprint).centre;
 }
 
-static void find_places(const struct kiln_merge_params *p, struct place *places)
+static void find_places(const struct kiln_merge_params *p, struct kiln_merge_place *places)
 {
     const struct kiln_surface *s = p->surface;
 #pragma omp parallel for schedule(dynamic, 16) num_threads((int)p->threads)
@@ -144,7 +127,7 @@ static struct kiln_vec3 most(struct kiln_vec3 a, struct kiln_vec3 b)
 static const struct box nowhere = {{FLT_MAX, FLT_MAX, FLT_MAX}, {-FLT_MAX, -FLT_MAX, -FLT_MAX}};
 
 /* Boxes about stretches of the points that take part: as many as BOXES, some of them perhaps about nothing. */
-static void find_boxes(const struct place *places, size_t count, struct box boxes[BOXES])
+static void find_boxes(const struct kiln_merge_place *places, size_t count, struct box boxes[BOXES])
 {
     for (size_t b = 0; b < BOXES; b++) {
         boxes[b] = nowhere;
@@ -231,7 +214,7 @@ static void count_received(struct kiln_merge *m)
 /* Collective. Own points and those of other ranks near them. */
 static int gather_places(struct kiln_merge *m, struct kiln_error *error)
 {
-    struct place *outgoing = NULL;
+    struct kiln_merge_place *outgoing = NULL;
     struct box *boxes = NULL;
     int status = kiln_allocate(&boxes, (size_t)m->ranks * BOXES, sizeof *boxes, "the boxes of ranks", error);
     status = kiln_agree(m->communicator, status, error);
@@ -268,76 +251,6 @@ static int gather_places(struct kiln_merge *m, struct kiln_error *error)
     return status;
 }
 
-/* ---- the grid ---- */
-
-static int64_t cell_along(const struct kiln_merge *m, float x)
-{
-    const double most_cells = 0x1p60;
-    return (int64_t)fmax(-most_cells, fmin(floor((double)x / ((double)SLACK * (double)m->radius)), most_cells));
-}
-
-/* A cell's coordinates in one word. Cells that have the same are far from each other. */
-static uint64_t cell_word(int64_t x, int64_t y, int64_t z)
-{
-    const uint64_t mask = (1u << 21) - 1u;
-    return ((uint64_t)x & mask) | ((uint64_t)y & mask) << 21 | ((uint64_t)z & mask) << 42;
-}
-
-static uint64_t cell_of(const struct kiln_merge *m, struct kiln_vec3 p)
-{
-    return cell_word(cell_along(m, p.x), cell_along(m, p.y), cell_along(m, p.z));
-}
-
-static size_t slot_of(const struct kiln_merge *m, uint64_t cell)
-{
-    return (size_t)(cell * 0x9e3779b97f4a7c15ull >> 32) & (m->slots - 1);
-}
-
-static int by_key(const void *a, const void *b)
-{
-    const struct member *one = a, *other = b; /* the key is where the cell will be */
-    return (one->cell > other->cell) - (one->cell < other->cell);
-}
-
-/* The points that take part, by key. Returns how many. */
-static size_t list_members(const struct kiln_merge *m, struct member *members)
-{
-    size_t count = 0;
-    for (size_t i = 0; i < m->count; i++)
-        if (m->places[i].lit > 0.0f)
-            members[count++] = (struct member){m->places[i].key, i, m->places[i].position};
-    qsort(members, count, sizeof *members, by_key);
-    return count;
-}
-
-/* A hash table of the cells. Within a slot points are by key, so that those of a cell have an order that no other rank
- * sees otherwise. */
-static int build_grid(struct kiln_merge *m, struct kiln_error *error)
-{
-    struct member *members = NULL;
-    m->slots = 1;
-    while (m->slots < m->count)
-        m->slots *= 2;
-    int status = kiln_allocate(&m->begin, m->slots + 2, sizeof *m->begin, "the grid of merged points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&m->members, m->count, sizeof *m->members, "the grid of merged points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&members, m->count, sizeof *members, "the grid of merged points", error);
-    if (status == KILN_OK) {
-        const size_t count = list_members(m, members);
-        for (size_t i = 0; i < count; i++) {
-            members[i].cell = cell_of(m, m->places[members[i].at].position);
-            m->begin[slot_of(m, members[i].cell) + 2]++;
-        }
-        for (size_t h = 2; h <= m->slots + 1; h++)
-            m->begin[h] += m->begin[h - 1];
-        for (size_t i = 0; i < count; i++)
-            m->members[m->begin[slot_of(m, members[i].cell) + 1]++] = members[i];
-    }
-    kiln_free(&members);
-    return status;
-}
-
 int kiln_merge_create(struct kiln_merge **merge, const struct kiln_merge_params *p, struct kiln_error *error)
 {
     struct kiln_merge *m = NULL;
@@ -366,69 +279,40 @@ int kiln_merge_set_radius(struct kiln_merge *m, double radius, struct kiln_error
     m->radius = (float)fmax(radius, 0.0);
     int status = gather_places(m, error);
     if (status == KILN_OK && m->radius > 0.0f)
-        status = build_grid(m, error);
+        status = kiln_merge_grid_create(&m->grid, m->places, m->count, m->radius, error);
     return kiln_agree(m->communicator, status, error);
 }
 
 /* ---- points near a point ---- */
 
-struct near {
-    size_t *of, count, room;
-};
-
-/* The same for either of both. */
-static bool are_near(const struct place *a, const struct place *b, float radius)
-{
-    const struct kiln_vec3 d = vec3_sub(b->position, a->position);
-    return vec3_dot(d, d) <= radius * radius && vec3_dot(a->normal, b->normal) >= ALIKE &&
-           fabsf(vec3_dot(d, a->normal)) <= FLAT * radius && fabsf(vec3_dot(d, b->normal)) <= FLAT * radius;
-}
-
 /* Within which two points are near each other. */
 static float radius_of(const struct kiln_merge *m, size_t a, size_t b, float radius)
 {
-    return m->radii == NULL ? radius : fminf(radius, fminf(m->radii[a], m->radii[b]));
+    const float widest = fminf(m->places[a].widest, m->places[b].widest);
+    return fminf(radius, m->radii == NULL ? widest : fminf(m->radii[a], m->radii[b]));
 }
 
-/* Adds the points of a cell that are near point `at`, but for itself. */
-static int add_near(const struct kiln_merge *m, size_t at, uint64_t cell, float radius, struct near *near,
-                    struct kiln_error *error)
+/* Points near point `at` that take part, itself the first. The grid knows how far each looks, not how far all do that
+ * it finds. */
+static int find_near(const struct kiln_merge *m, size_t at, float radius, struct kiln_merge_near *near,
+                     struct kiln_error *error)
 {
-    const size_t slot = slot_of(m, cell), end = m->begin[slot + 1];
-    const struct kiln_vec3 p = m->places[at].position;
-    const int status = kiln_grow(&near->of, &near->room, near->count + (end - m->begin[slot]), sizeof *near->of,
-                                 "points nearby", error);
-    for (size_t i = m->begin[slot]; i < end && status == KILN_OK; i++) {
-        const size_t other = m->members[i].at;
-        const struct kiln_vec3 d = vec3_sub(m->members[i].position, p);
-        if (vec3_dot(d, d) <= radius * radius && m->members[i].cell == cell && other != at &&
-            are_near(&m->places[at], &m->places[other], radius_of(m, at, other, radius)))
-            near->of[near->count++] = other;
+    size_t left = 1;
+    int status = kiln_merge_grid_find(m->grid, at, radius_of(m, at, at, radius), near, error);
+    for (size_t i = 1; i < near->count && status == KILN_OK; i++) {
+        const size_t other = near->of[i];
+        if (kiln_merge_are_near(&m->places[at], &m->places[other], radius_of(m, at, other, radius)))
+            near->of[left++] = other;
     }
-    return status;
-}
-
-/* Points near point `at` that take part, itself the first, then by cell and key. */
-static int find_near(const struct kiln_merge *m, size_t at, float radius, struct near *near, struct kiln_error *error)
-{
-    const struct kiln_vec3 p = m->places[at].position;
-    int status = kiln_grow(&near->of, &near->room, 1, sizeof *near->of, "points nearby", error);
-    if (status != KILN_OK)
-        return status;
-    near->of[0] = at;
-    near->count = 1;
-    if (m->begin == NULL || !(radius > 0.0f))
-        return KILN_OK;
-    const int64_t x = cell_along(m, p.x), y = cell_along(m, p.y), z = cell_along(m, p.z);
-    for (int64_t i = 0; i < NEIGHBOUR_CELLS && status == KILN_OK; i++)
-        status = add_near(m, at, cell_word(x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1), radius, near, error);
+    near->count = left;
     return status;
 }
 
 /* ---- weights ---- */
 
 /* What is done for each own point `at` with those near it. */
-typedef void (*each_point)(const struct kiln_merge *m, size_t at, float radius, const struct near *near, void *context);
+typedef void (*each_point)(const struct kiln_merge *m, size_t at, float radius, const struct kiln_merge_near *near,
+                           void *context);
 
 /* All own points that take part, by all threads. */
 static int for_all(const struct kiln_merge *m, float radius, each_point each, void *context, struct kiln_error *error)
@@ -436,7 +320,7 @@ static int for_all(const struct kiln_merge *m, float radius, each_point each, vo
     int status = KILN_OK;
 #pragma omp parallel num_threads((int)m->threads)
     {
-        struct near near = {0};
+        struct kiln_merge_near near = {0};
         struct kiln_error own_error = {0};
         int own = KILN_OK;
 #pragma omp for schedule(dynamic, 64) nowait
@@ -444,7 +328,7 @@ static int for_all(const struct kiln_merge *m, float radius, each_point each, vo
             const size_t at = m->own_first + i;
             if (own != KILN_OK || !(m->places[at].lit > 0.0f))
                 continue;
-            own = find_near(m, at, radius_of(m, at, at, radius), &near, &own_error);
+            own = find_near(m, at, radius, &near, &own_error);
             if (own == KILN_OK)
                 each(m, at, radius, &near, context);
         }
@@ -460,11 +344,12 @@ static int for_all(const struct kiln_merge *m, float radius, each_point each, vo
 
 static bool in_half(const struct kiln_merge *m, size_t a, size_t b, float radius)
 {
-    return a == b || are_near(&m->places[a], &m->places[b], 0.5f * radius_of(m, a, b, radius));
+    return a == b || kiln_merge_are_near(&m->places[a], &m->places[b], 0.5f * radius_of(m, a, b, radius));
 }
 
 /* c of a point. */
-static void sum_weights(const struct kiln_merge *m, size_t at, float radius, const struct near *near, void *context)
+static void sum_weights(const struct kiln_merge *m, size_t at, float radius, const struct kiln_merge_near *near,
+                        void *context)
 {
     const struct weights *own = &m->weights[at];
     struct weights *next = (struct weights *)context + (at - m->own_first);
@@ -523,7 +408,8 @@ static void add_flux(const struct flux *flux, double k, double k_half, struct ki
 }
 
 /* Adds to `merged` what point `at` gets. What the weights leave over of its own light stays with it. */
-static void collect(const struct kiln_merge *m, size_t at, float radius, const struct near *near, void *context)
+static void collect(const struct kiln_merge *m, size_t at, float radius, const struct kiln_merge_near *near,
+                    void *context)
 {
     const struct weights *own = &m->weights[at];
     const double lit = (double)m->places[at].lit;
@@ -604,16 +490,16 @@ static float radius_of_step(float largest, int step)
 }
 
 /* Sorts the points nearby into the rings between one radius and the next. */
-static void fill_rings(const struct kiln_merge *m, size_t at, float largest, const struct near *near,
+static void fill_rings(const struct kiln_merge *m, size_t at, float largest, const struct kiln_merge_near *near,
                        struct ring rings[FIT_STEPS])
 {
     memset(rings, 0, FIT_STEPS * sizeof *rings);
     for (size_t i = 0; i < near->count; i++) {
         const size_t other = near->of[i];
-        const struct place *a = &m->places[at], *b = &m->places[other];
+        const struct kiln_merge_place *a = &m->places[at], *b = &m->places[other];
         const struct flux *flux = &m->fluxes[other];
         int step = other == at ? 0 : 1;
-        while (step > 0 && step + 1 < FIT_STEPS && !are_near(a, b, radius_of_step(largest, step)))
+        while (step > 0 && step + 1 < FIT_STEPS && !kiln_merge_are_near(a, b, radius_of_step(largest, step)))
             step++;
         rings[step].lit += (double)b->lit;
         rings[step].light += kiln_luminance_of_floats(flux->irradiance);
@@ -651,12 +537,14 @@ static int choose_step(const struct ring rings[FIT_STEPS], double landings)
 }
 
 /* The radius of a point. */
-static void fit_point(const struct kiln_merge *m, size_t at, float largest, const struct near *near, void *context)
+static void fit_point(const struct kiln_merge *m, size_t at, float largest, const struct kiln_merge_near *near,
+                      void *context)
 {
     const struct fit *fit = context;
+    const float own = radius_of(m, at, at, largest);
     struct ring rings[FIT_STEPS];
-    fill_rings(m, at, largest, near, rings);
-    fit->radii[at - m->own_first] = radius_of_step(largest, choose_step(rings, fit->landings));
+    fill_rings(m, at, own, near, rings);
+    fit->radii[at - m->own_first] = radius_of_step(own, choose_step(rings, fit->landings));
 }
 
 int kiln_merge_fit(struct kiln_merge *m, const struct kiln_landing_sum *landed, double landings,

@@ -53,6 +53,8 @@ struct kiln_merge_params {
     const struct kiln_backend_params *world; /* borrowed, as what follows */
     const struct kiln_surface *surface;      /* with this rank's points */
     const float *lit;                        /* m2, an own point: area that is there to be lit; 0: it takes no part */
+    /* m, a lightmap: how far light of its points is spread at most, alike on all ranks; NULL: as far as the radius */
+    const float *widest;
     uint32_t threads;
 };
 

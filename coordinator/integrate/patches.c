@@ -8,6 +8,7 @@
 #include "coordinator/integrate/land.h"
 #include "coordinator/integrate/links.h"
 #include "coordinator/integrate/packing.h"
+#include "coordinator/integrate/senders.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
@@ -33,10 +34,12 @@ struct kiln_patches {
     float (*emission)[3];      /* of all, W/m2; NULL: what emits is sampled */
     struct kiln_patch_node *nodes;
     double level; /* W/m2, that deviations are relative to */
-    struct kiln_patches_parameters parameters;
+    struct kiln_patches_parameters parameters, of_round;
     struct kiln_links *links;            /* NULL: not found yet, or there are none */
     bool links_of_emission;              /* made for what is emitted */
     struct kiln_visibility_cache *cache; /* NULL: none */
+    struct kiln_voxels *voxels;          /* NULL: rays say what patches see */
+    struct kiln_senders *senders;        /* NULL: all nodes send in every step */
     struct kiln_directions *directions;  /* in the place of nodes; NULL: not made yet */
 };
 
@@ -59,6 +62,8 @@ void kiln_patches_destroy(struct kiln_patches **patches)
     kiln_free(&(*patches)->emission);
     kiln_free(&(*patches)->nodes);
     kiln_links_destroy(&(*patches)->links);
+    kiln_voxels_destroy(&(*patches)->voxels);
+    kiln_senders_destroy(&(*patches)->senders);
     kiln_directions_destroy(&(*patches)->directions);
     kiln_visibility_cache_destroy(&(*patches)->cache);
     kiln_free(patches);
@@ -92,7 +97,9 @@ uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t
         return points * (needs_shapes(settings) ? sizeof(struct kiln_patch) + emission : 0) +
                kiln_directions_bytes(settings, points);
     return points * (sizeof(struct kiln_patch) + sizeof(struct kiln_patch_node) + emission) +
-           (most > 0 ? kiln_visibility_cache_bytes(most, own, points) : 0);
+           (most > 0 ? kiln_visibility_cache_bytes(most, own, points) : 0) +
+           (settings->visibility == KILN_VISIBILITY_VOXELS ? kiln_voxels_bytes(settings->voxels) : 0) +
+           (settings->order == KILN_ORDER_UNSHOT ? kiln_senders_bytes(points) : 0);
 }
 
 struct kiln_visibility_counts kiln_patches_visibility(const struct kiln_patches *p)
@@ -102,9 +109,51 @@ struct kiln_visibility_counts kiln_patches_visibility(const struct kiln_patches 
 
 void kiln_patches_links(const struct kiln_patches *p, uint64_t *count, uint64_t *bytes)
 {
+    uint64_t replayed;
     *count = *bytes = 0;
     if (p != NULL && p->links != NULL)
-        kiln_links_count(p->links, count, bytes);
+        kiln_links_count(p->links, count, bytes, &replayed);
+}
+
+/* kiln_take_results: links are all that is wanted. */
+static int take_nothing(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)context, (void)first, (void)count, (void)results, (void)error;
+    return KILN_OK;
+}
+
+/* Finds the links of tile runs that were done before an interruption. */
+static int find_missing(const struct kiln_patches *p, struct kiln_error *error)
+{
+    const struct kiln_links_parameters *parameters = p->step->parameters;
+    const struct kiln_surface *s = p->source.surface;
+    struct kiln_batch batch = {.stream = p->step->stream, .samples = p->step->samples, .take = take_nothing};
+    uint64_t rays = 0;
+    int status = KILN_OK;
+    for (size_t i = 0; i < s->tile_run_count && status == KILN_OK; i += batch.count) {
+        const bool missing = parameters->kept[i] == NULL;
+        for (batch.first = i, batch.count = 1;
+             i + batch.count < s->tile_run_count && (parameters->kept[i + batch.count] == NULL) == missing;)
+            batch.count++;
+        if (missing)
+            status = kiln_backend_run(p->source.backend, &kiln_pass_links, parameters, &batch, &rays, error);
+    }
+    return status;
+}
+
+int kiln_patches_keep(const struct kiln_patches *p, struct kiln_transport *t, struct kiln_error *error)
+{
+    uint64_t count, bytes, replayed;
+    if (!t->of_links || p->links == NULL || p->links_of_emission)
+        return KILN_OK;
+    const int status = kiln_agree(p->source.communicator, find_missing(p, error), error);
+    if (status != KILN_OK)
+        return status;
+    kiln_links_count(p->links, &count, &bytes, &replayed);
+    t->kept = t->replays ? 0 : count;
+    t->found = t->replays ? replayed : 0;
+    t->traced = t->replays ? count - replayed : 0;
+    return t->replays ? KILN_OK : kiln_links_keep(p->links, t, p->source.communicator, error);
 }
 
 /* ---- shapes ---- */
@@ -194,6 +243,11 @@ static int make_room(struct kiln_patches *p, struct kiln_error *error)
         status = kiln_allocate(&p->emission, (size_t)points, sizeof *p->emission, "what patches emit", error);
     if (status == KILN_OK && has_pairs(p->source.settings->patches))
         status = kiln_allocate(&p->nodes, (size_t)points, sizeof *p->nodes, "the nodes that points gather from", error);
+    if (status == KILN_OK && p->source.settings->patches->visibility == KILN_VISIBILITY_VOXELS)
+        status = kiln_voxels_create(&p->voxels, p->source.backend->params.geometry, p->source.settings->patches->voxels,
+                                    error);
+    if (status == KILN_OK && p->source.settings->patches->order == KILN_ORDER_UNSHOT)
+        status = kiln_senders_create(&p->senders, points, error);
     const uint64_t cache = cache_bytes(p->source.settings->patches);
     if (status == KILN_OK && p->source.keeps_visibility && cache > 0)
         status = kiln_visibility_cache_create(&p->cache, cache, points, error);
@@ -241,7 +295,8 @@ static int find_shapes(struct kiln_patches *p, struct kiln_error *error)
 
 /* ---- the light of points ---- */
 
-/* What a point sends in the step, W/m2. The step before the first bounce gathers what is emitted; kiln_link_light. */
+/* What a point sends in the step, W/m2. The step before the first bounce gathers what is emitted; kiln_link_of_point.
+ */
 static void light_of(const void *context, uint64_t point, float radiosity[3])
 {
     const struct kiln_patches *p = context;
@@ -262,7 +317,9 @@ static uint64_t add_point(struct kiln_patches *p, uint64_t point)
     if (point == KILN_NO_POINT || !(p->points[point].area > 0.0f))
         return 0;
     struct kiln_patch_node *node = &p->nodes[p->parameters.count++];
-    *node = (struct kiln_patch_node){.patch = p->points[point], .centre = p->points[point].place};
+    if (p->senders != NULL)
+        kiln_senders_add(p->senders, p->parameters.count - 1, point);
+    *node = (struct kiln_patch_node){.patch = p->points[point], .centre = p->points[point].centre};
     light_of(p, point, node->radiosity);
     return 1;
 }
@@ -366,6 +423,21 @@ static uint64_t choose(const struct kiln_patches *p, struct square q, const stru
     return chosen;
 }
 
+/* Notes the side of the node that the own points of a square are in, if somebody asks. */
+static void note_node(const struct kiln_patches *p, struct square q)
+{
+    const struct kiln_surface *s = p->source.surface;
+    uint16_t *node = p->source.own != NULL ? (*p->source.own)->node : NULL;
+    for (uint32_t i = 0; node != NULL && i < q.side * q.side; i++) {
+        const uint32_t x = q.x + i % q.side, y = q.y + i / q.side;
+        if (x >= s->lightmaps[q.map].width || y >= s->lightmaps[q.map].height)
+            continue;
+        const uint64_t point = kiln_surface_find(s, q.map, x, y).at;
+        if (point != KILN_NO_POINT && point - s->first.at < s->count)
+            node[point - s->first.at] = p->points[point].area > 0.0f ? (uint16_t)q.side : 0;
+    }
+}
+
 /* Joins the last `count` nodes to one. */
 static void join(struct kiln_patches *p, struct square q, uint64_t count, const struct mean *mean)
 {
@@ -394,8 +466,10 @@ static uint64_t add_square(struct kiln_patches *p, struct square q)
     const struct kiln_lightmap *map = &s->lightmaps[q.map];
     if (q.x >= map->width || q.y >= map->height)
         return 0;
-    if (q.side == 1)
+    if (q.side == 1) {
+        note_node(p, q);
         return add_point(p, kiln_surface_find(s, q.map, q.x, q.y).at);
+    }
     const uint32_t half = q.side / 2;
     uint64_t count = 0, parts = 0;
     for (uint32_t i = 0; i < 4; i++) {
@@ -410,6 +484,7 @@ static uint64_t add_square(struct kiln_patches *p, struct square q)
     if (!may_join(p, nodes, count, &mean))
         return count;
     join(p, q, count, &mean);
+    note_node(p, q);
     return 1;
 }
 
@@ -441,6 +516,8 @@ static void make_nodes(struct kiln_patches *p)
                                                                : 0;
     p->level = settings->subdivide > 0.0 ? level_of(p) : 0.0;
     p->parameters.count = 0;
+    if (p->senders != NULL)
+        kiln_senders_begin(p->senders);
     if (log > 0)
         add_squares(p, 1u << log);
     else
@@ -495,6 +572,21 @@ static int find_first_light(struct kiln_patches *p, float *light, struct kiln_er
     return status;
 }
 
+static int create_links(struct kiln_patches *p, const float *light, struct kiln_error *error)
+{
+    const struct kiln_patch_settings *settings = p->source.settings->patches;
+    const struct kiln_transport *replayed = p->step->bounce > 0 ? p->source.replayed : NULL;
+    const struct kiln_links_source source = {p->source.surface,
+                                             p->points,
+                                             light,
+                                             {settings->link_error, p->step->samples},
+                                             p->source.settings->target_error,
+                                             KILN_LINKS_STREAM,
+                                             replayed != NULL && replayed->of_links && replayed->replays ? replayed
+                                                                                                         : NULL};
+    return kiln_links_create(&p->links, &source, error);
+}
+
 /* Collective. */
 static int make_links(struct kiln_patches *p, struct kiln_error *error)
 {
@@ -506,10 +598,7 @@ static int make_links(struct kiln_patches *p, struct kiln_error *error)
     if (status == KILN_OK)
         status = find_first_light(p, light, error);
     if (status == KILN_OK)
-        status = kiln_agree(p->source.communicator,
-                            kiln_links_create(&p->links, s, p->points, light, p->source.settings->patches->link_error,
-                                              KILN_LINKS_STREAM, error),
-                            error);
+        status = kiln_agree(p->source.communicator, create_links(p, light, error), error);
     p->links_of_emission = p->step->bounce == 0;
     kiln_free(&light);
     return status;
@@ -525,7 +614,8 @@ static int update_links(struct kiln_patches *p, const void **parameters, struct 
     if (p->links == NULL)
         status = make_links(p, error);
     if (status == KILN_OK)
-        status = kiln_agree(p->source.communicator, kiln_links_update(p->links, light_of, p, &of_links, error), error);
+        status = kiln_agree(p->source.communicator,
+                            kiln_links_update(p->links, p->step->bounce, light_of, p, &of_links, error), error);
     *parameters = of_links;
     return status;
 }
@@ -564,14 +654,20 @@ int kiln_patches_update(struct kiln_patches *p, const uint64_t *radiosity, const
                                                      .nodes = p->nodes,
                                                      .most_factor = clamps ? KILN_CLAMP_FACTOR : 0.0,
                                                      .most_added = clamps ? KILN_CLAMP_ADDED : 0.0,
-                                                     .cache = p->cache};
+                                                     .cache = p->cache,
+                                                     .voxels = p->voxels};
     make_nodes(p);
     if (first)
         warn_of_pairs(p);
+    struct kiln_patches_parameters *of_step = step->by_unshot ? &p->of_round : &p->parameters;
+    if (step->by_unshot) {
+        p->of_round = p->parameters;
+        kiln_senders_choose(p->senders, &p->of_round);
+    }
     if (p->cache != NULL)
         status = kiln_agree(
             p->source.communicator,
-            kiln_visibility_cache_begin(p->cache, p->source.surface, p->nodes, p->parameters.count, error), error);
-    *parameters = &p->parameters;
+            kiln_visibility_cache_begin(p->cache, p->source.surface, of_step->nodes, of_step->count, error), error);
+    *parameters = of_step;
     return status;
 }

@@ -23,8 +23,10 @@
 
 #include <mpi.h>
 
+#include "coordinator/field/rank_data.h"
 #include "coordinator/integrate/settings.h"
 #include "coordinator/integrate/step.h"
+#include "coordinator/integrate/transport.h"
 #include "worker/backend/backend.h"
 #include "worker/pass/patches.h"
 #include "worker/pass/visibility_cache.h"
@@ -38,7 +40,10 @@ struct kiln_patches_source {
     const struct kiln_surface *surface;
     struct kiln_backend *backend;                   /* has that surface */
     const struct kiln_integrate_settings *settings; /* with patches */
-    float *const *direct;  /* where direct light of own points stands, W/m2, 3 each; NULL: there is none yet */
+    float *const *direct; /* where direct light of own points stands, W/m2, 3 each; NULL: there is none yet */
+    const struct kiln_transport *replayed; /* whose links are taken where it has them; NULL: there is none */
+    /* own points' data, with room for their nodes where these are kept; NULL: they are not */
+    const struct kiln_rank_data *const *own;
     bool keeps_visibility; /* as the settings say: from step to step, for the later ones */
 };
 
@@ -54,6 +59,10 @@ uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t
 struct kiln_visibility_counts kiln_patches_visibility(const struct kiln_patches *patches);
 /* The links of points that this rank has kept, and the bytes that they take; 0: none. */
 void kiln_patches_links(const struct kiln_patches *patches, uint64_t *count, uint64_t *bytes);
+
+/* Collective, after a step of the links pass: keeps its links beside the bake, where they are those of bounces, and
+ * counts them; or counts those that another bake has kept, and those that were found for want of them. */
+int kiln_patches_keep(const struct kiln_patches *patches, struct kiln_transport *transport, struct kiln_error *error);
 
 /* Collective. Makes the nodes of a step of the patches pass, or what a step of the links pass or the directions pass
  * needs, of the packed radiosity of all points, and points *parameters to what the step is run with, which stands until

@@ -175,6 +175,8 @@ static int redistribute(const struct repartition *s, const struct kiln_range_bou
     const struct kiln_integrate_params *p = s->params;
     const double start = MPI_Wtime();
     kiln_control_blocking(p->control, "moving points between ranks", 60.0 + 10.0 * expected);
+    if (p->beside != NULL)
+        p->beside->stop(p->beside->context);
     int status =
         kiln_radiosity_allgather_reach(s->solution->allgather) != NULL ? bring_radiosity(s, after, error) : KILN_OK;
     if (status == KILN_OK)

@@ -8,12 +8,14 @@
 #include "coordinator/integrate/quantity.h"
 #include "coordinator/integrate/rounds.h"
 #include "coordinator/integrate/save.h"
+#include "coordinator/integrate/senders.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
 #define WRITE_BYTES 20e6 /* a second, at the slowest disk that is not taken for a dead one */
 
-enum { STEPS_MOST = KILN_PARTS * 10002 }; /* with the most bounces that can be asked for */
+/* with the most bounces that can be asked for, in parts or in rounds */
+enum { STEPS_MOST = (KILN_UNSHOT_ROUNDS > (int)KILN_PARTS ? KILN_UNSHOT_ROUNDS : (int)KILN_PARTS) * 10002 };
 /* besides the fields: those listed here, and what kiln_integrate_save adds */
 enum { OTHER_BLOCKS = 12 + KILN_LANDING_BLOCKS };
 static_assert((int)KILN_FIELDS_MAX + (int)OTHER_BLOCKS <= (int)KILN_BLOCKS_MAX, "a checkpoint has room for all fields");

@@ -50,6 +50,7 @@ struct kiln_step {
     bool seen_only; /* tile runs that no view sees are not computed (bake/visible_from.h) */
     bool by_blocks; /* one point of each block gathers (blocks.h) */
     bool lands;     /* its answers come by light paths (land.h), in the place of the pass's rays */
+    bool by_unshot; /* patches with the most unshot power send, and the others keep theirs (radiosity/unshot.h) */
     bool by_nodes;  /* nodes gather, and the other points mix their answers (nodes.h) */
     bool early;     /* and travels while the step goes on, for a step that gathers from it will follow */
     bool counted;   /* in the bake's energy ledger */

@@ -78,7 +78,7 @@ int kiln_transport_begin(struct kiln_transport *t, struct kiln_backend *backend,
                          struct kiln_error *error)
 {
     char name[KILN_TRANSPORT_NAME];
-    if (!t->is_on || !kiln_transport_keeps(step))
+    if (!t->is_on || t->of_links || !kiln_transport_keeps(step))
         return KILN_OK;
     kiln_transport_name(step, name);
     (void)snprintf(t->path, sizeof t->path, "%s/%s", t->directory, name);

@@ -15,6 +15,7 @@
 /* Zero: nothing is kept or replayed. */
 struct kiln_transport {
     bool is_on, replays;
+    bool of_links;         /* links are kept (link_file.h), and no steps' rays */
     int folder;            /* open, of the files; borrowed */
     const char *directory; /* its path, for messages; borrowed */
     uint64_t key;          /* the same on all ranks: of what all rays hang on */

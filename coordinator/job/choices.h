@@ -9,6 +9,9 @@
  * (coordinator/integrate/integrator.h). */
 #define KILN_METHOD_LIST(DO) DO(cells) DO(radiosity) DO(path) DO(bdpt) DO(vcm)
 
+/* --sky-patches: patches of the sky (worker/light/sky_patches.h). */
+enum kiln_sky_patches { KILN_SKY_WHOLE = 0, KILN_SKY_145 = 1, KILN_SKY_577 = 2, KILN_SKY_2305 = 3 };
+
 /* --method radiosity: how lamps that are surfaces light others: by samples of the direct pass, or as patches. */
 enum kiln_lights_choice { KILN_LIGHTS_SAMPLED = 0, KILN_LIGHTS_PATCHES = 1 };
 
@@ -27,6 +30,13 @@ enum kiln_gather_choice {
     KILN_GATHER_MIXED = 4
 };
 
+/* Likewise: in what order patches send: all at once, bounce by bounce, or those with the most unshot power first
+ * (coordinator/integrate/radiosity/unshot.h). */
+enum kiln_order { KILN_ORDER_LOCKSTEP = 0, KILN_ORDER_UNSHOT = 1 };
+
+/* Likewise: what says whether two patches see each other: a ray, or voxels (worker/scene/voxels.h). */
+enum kiln_visibility { KILN_VISIBILITY_RAYS = 0, KILN_VISIBILITY_VOXELS = 1 };
+
 struct kiln_patch_settings {
     int patches;         /* enum kiln_patches_choice */
     double link_error;   /* with links: of a point's light, relative */
@@ -34,6 +44,7 @@ struct kiln_patch_settings {
     int undersample;     /* enum kiln_undersample */
     int window;          /* log2 of the texels a side of a window */
     double subdivide;    /* by how much what is one node may deviate; 0: nodes are not chosen by that */
+    bool keep_nodes;     /* kiln.h5 has the nodes of the last step */
     int node_max;        /* with it: log2 of the texels a side of a node, at most */
     bool clamp;          /* Kahl's largest factor and contribution */
     double albedo_scale; /* factor of what is reflected */
@@ -41,6 +52,10 @@ struct kiln_patch_settings {
     double visibility_cache;
     int gather;          /* enum kiln_gather_choice */
     uint32_t directions; /* rays of a point in a step, unless by pairs; 0: as many as a bounce has */
+    int visibility;      /* enum kiln_visibility */
+    uint32_t voxels;     /* with KILN_VISIBILITY_VOXELS: along the scene's longest side */
+    int order;           /* enum kiln_order */
+    double unshot_left;  /* with KILN_ORDER_UNSHOT: of all reflected power, the unshot share with which rounds end */
 };
 
 /* How views are drawn, with their names for --method of kiln view; the first is the default: from the lightmaps of a
@@ -55,6 +70,8 @@ struct kiln_patch_settings {
 enum kiln_view_method { KILN_VIEW_METHOD_LIST(KILN_VIEW_METHOD_OF) KILN_VIEW_METHODS };
 #undef KILN_VIEW_METHOD_OF
 static inline bool kiln_view_is_traced(int method) { return method != KILN_VIEW_METHOD_lightmaps; }
+/* How texels of lightmaps are shown: mixed with their neighbours, or as squares. */
+enum kiln_view_filter_choice { KILN_VIEW_FILTER_LINEAR = 0, KILN_VIEW_FILTER_NEAREST = 1 };
 /* What takes noise out of path-traced views: nothing, or coordinator/view/bmfr.h. */
 enum kiln_view_denoise { KILN_VIEW_DENOISE_NONE = 0, KILN_VIEW_DENOISE_BMFR = 1 };
 static inline bool kiln_view_is_bidirectional(int method) { return method >= KILN_VIEW_METHOD_light; }
@@ -74,8 +91,8 @@ static inline bool kiln_exchange_is_compact(int form, uint64_t points)
 }
 
 /* What is kept beside a bake of the way that its light took, so that it can be relit: nothing, or what every gather ray
- * has met (integrate/transport.h). */
-enum kiln_keep { KILN_KEEP_NONE = 0, KILN_KEEP_ROWS = 1 };
+ * has met (integrate/transport.h), or the links of --patches links (integrate/link_file.h). */
+enum kiln_keep { KILN_KEEP_NONE = 0, KILN_KEEP_ROWS = 1, KILN_KEEP_LINKS = 2 };
 
 /* Whose radiosity a node receives: that of all points, or of those in patches of surface that its points see. */
 enum kiln_exchange_points { KILN_EXCHANGE_ALL = 0, KILN_EXCHANGE_VISIBLE = 1 };

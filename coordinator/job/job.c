@@ -385,7 +385,8 @@ static int refuse_patches(struct kiln_job *job, struct kiln_error *error)
 {
     static const char *const of_patches[] = {"patches",    "link-error",      "lights",       "undersample",
                                              "directions", "sampling-window", "subdivide",    "node-max",
-                                             "gather",     "clamp",           "albedo-scale", "visibility-cache"};
+                                             "gather",     "clamp",           "albedo-scale", "visibility-cache",
+                                             "order",      "unshot-left",     "keep-nodes"};
     for (size_t i = 0; i < sizeof of_patches / sizeof *of_patches; i++)
         if (given(job, of_patches[i]))
             return kiln_fail(error, KILN_USAGE,
@@ -400,7 +401,9 @@ static int check_links(struct kiln_job *job, struct kiln_error *error)
     const struct unused_option others[] = {{"undersample", job->patches.undersample != KILN_SAMPLE_ALL},
                                            {"subdivide", job->patches.subdivide > 0.0},
                                            {"clamp", job->patches.clamp},
-                                           {"visibility-cache", job->patches.visibility_cache > 0.0}};
+                                           {"visibility-cache", job->patches.visibility_cache > 0.0},
+                                           {"order unshot", job->patches.order == KILN_ORDER_UNSHOT},
+                                           {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS}};
     if (job->patches.patches != KILN_PATCHES_LINKS && given(job, "link-error"))
         return kiln_fail(error, KILN_USAGE,
                          "--link-error: all texels are patches; give --patches links, or leave --link-error out");
@@ -415,8 +418,8 @@ static int check_links(struct kiln_job *job, struct kiln_error *error)
 /* Rays read single texels, and their light has no factors. */
 static int check_gather(struct kiln_job *job, struct kiln_error *error)
 {
-    static const char *const of_pairs[] = {"undersample", "subdivide", "sampling-window", "node-max",
-                                           "clamp",       "patches",   "link-error",      "visibility-cache"};
+    static const char *const of_pairs[] = {"undersample", "subdivide",  "sampling-window",  "node-max", "clamp",
+                                           "patches",     "link-error", "visibility-cache", "order",    "unshot-left"};
     const uint32_t directions = job->patches.directions;
     const bool pairs = job->patches.gather == KILN_GATHER_PAIRS;
     for (size_t i = 0; i < sizeof of_pairs / sizeof *of_pairs && !pairs; i++)
@@ -447,10 +450,36 @@ static int check_nodes(struct kiln_job *job, struct kiln_error *error)
     if (given(job, "node-max") && !divides)
         return kiln_fail(error, KILN_USAGE,
                          "--node-max: all texels are taken; give --subdivide 0.1, or leave --node-max out");
+    if (job->patches.keep_nodes && !samples && !divides)
+        return kiln_fail(error, KILN_USAGE,
+                         "--keep-nodes: each texel is a node; give --undersample or --subdivide, or leave it out");
     if ((samples || divides) && job->store != KILN_STORE_KIND_LIGHTMAP)
         return kiln_fail(error, KILN_USAGE,
                          "--%s is for texels, which lie beside each other: give --store lightmap, or leave it out",
                          samples ? "undersample" : "subdivide");
+    return KILN_OK;
+}
+
+/* Rounds of unshot light close rows as the step before them found these to be. */
+static int check_order(struct kiln_job *job, struct kiln_error *error)
+{
+    if (job->patches.visibility != KILN_VISIBILITY_VOXELS && given(job, "voxels"))
+        return kiln_fail(error, KILN_USAGE,
+                         "--voxels: rays say what patches see; give --visibility voxels, or leave --voxels out");
+    const struct unused_option others[] = {{"undersample random", job->patches.undersample == KILN_SAMPLE_RANDOM},
+                                           {"subdivide", job->patches.subdivide > 0.0},
+                                           {"clamp", job->patches.clamp}};
+    if (job->patches.order != KILN_ORDER_UNSHOT)
+        return given(job, "unshot-left")
+                   ? kiln_fail(error, KILN_USAGE,
+                               "--unshot-left: all texels send at once; give --order unshot, or leave it out")
+                   : KILN_OK;
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        if (others[i].wanted)
+            return kiln_fail(error, KILN_USAGE,
+                             "--%s is not for --order unshot, whose nodes and view factors stay from round to round: "
+                             "leave one of the two out",
+                             others[i].name);
     return KILN_OK;
 }
 
@@ -459,6 +488,7 @@ static int patches_by_embree(struct kiln_job *job, struct kiln_error *error)
 {
     const struct unused_option of_embree[] = {{"patches links", job->patches.patches == KILN_PATCHES_LINKS},
                                               {"visibility-cache", job->patches.visibility_cache > 0.0},
+                                              {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS},
                                               {"gather", job->patches.gather != KILN_GATHER_PAIRS}};
     for (size_t i = 0; i < sizeof of_embree / sizeof *of_embree; i++) {
         if (!of_embree[i].wanted)
@@ -470,13 +500,13 @@ static int patches_by_embree(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Patches are diffuse; their light has no chance in it whose error could be stated. */
+/* Patches are diffuse; without links their light has no chance in it whose error could be stated. */
 static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
 {
     const struct unused_option others[] = {{"merge-radius", given(job, "merge-radius")},
                                            {"samples-bounce", given(job, "samples-bounce")},
-                                           {"target-error", job->target_error > 0.0},
-                                           {"error-map", job->error_map},
+                                           {"target-error", job->target_error > 0.0 && !kiln_job_has_links(job)},
+                                           {"error-map", job->error_map && !kiln_job_has_links(job)},
                                            {"only-visible-from", job->only_visible_from != NULL},
                                            {"exchange-points", job->exchange_points == KILN_EXCHANGE_VISIBLE}};
     int status = refuse_cells(job, error);
@@ -493,6 +523,8 @@ static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
         status = check_gather(job, error);
     if (status == KILN_OK)
         status = check_nodes(job, error);
+    if (status == KILN_OK)
+        status = check_order(job, error);
     if (status == KILN_OK)
         status = patches_by_embree(job, error);
     if (status != KILN_OK)
@@ -560,6 +592,8 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
         status = kiln_job_default_output(job, job->arguments[0], "-bake", error);
     if (status == KILN_OK && command->bit == KILN_FOR_RELIGHT && job->output == NULL)
         status = kiln_job_default_output(job, job->arguments[0], "-relit", error);
+    if (status == KILN_OK && command->bit == KILN_FOR_MIX && job->output == NULL)
+        status = kiln_job_default_output(job, job->arguments[0], "-mixed", error);
     if (status == KILN_OK && (command->bit & (KILN_FOR_BAKE | KILN_FOR_PLAN)) != 0)
         status = check_paths(job, error);
     if (status == KILN_OK && !given(job, "tail"))

@@ -19,7 +19,7 @@
 #include "worker/pass/reference.h"
 #include "worker/scene/gloss.h"
 
-enum { KILN_GROUPS_MAX = 16, KILN_GROUP_NAME = 32 }; /* of lights; bytes of a name with its end */
+enum { KILN_GROUPS_MAX = 2400, KILN_GROUP_NAME = 48 }; /* of lights; bytes of a name with its end */
 struct kiln_field;
 
 /* Unit of the lights: AUTO takes what the file says; the others override it. */
@@ -46,8 +46,9 @@ struct kiln_job {
      * last, and the rows of their fields (field/group_fields.h) */
     char *light_groups, *grouped;
     size_t group_count;
-    char *group_names[KILN_GROUPS_MAX];
-    const struct kiln_field *group_rows[KILN_GROUPS_MAX];
+    char **group_names;
+    const struct kiln_field **group_rows;
+    int sky_patches; /* enum kiln_sky_patches: patches of the sky that are groups */
 
     /* devices and threads */
     char *backend;          /* auto | embree | vulkan */
@@ -56,6 +57,7 @@ struct kiln_job {
     double verify_fraction; /* fraction of the tile runs that are traced again with Embree */
     double dispatch_time;   /* longest time of one GPU dispatch, ms */
     double device_memory;   /* GiB that a rank may use; 0: what is free on the device */
+    char *kernel_cache;     /* folder of compiled kernels, or "none"; NULL: the user's (files/kernel_cache.h) */
     bool devices;           /* info: list the devices; there is no scene */
     uint32_t threads;       /* of each rank; 0: the cores that this process may use, divided by the ranks of the node */
     char *instruction_set;  /* of Embree; NULL: the best that all ranks have */
@@ -147,7 +149,9 @@ struct kiln_job {
     char *path;                          /* view: file of key frames */
     uint32_t frames;                     /* view: number of frames of the path; 0: 24 for each interval, and one */
     char *from, *to;                     /* "x,y,z", m: position and target of the eye */
-    char *show;                          /* "light", "texels", or the name of a field in the lightmaps */
+    char *show;                          /* "light", "texels", or what else coordinator/view/show.h has */
+    char *view_atlas;                    /* view: name of the object whose lightmap is drawn; NULL: a view */
+    int view_filter;                     /* view: enum kiln_view_filter_choice */
     double field_of_view;                /* degrees, vertical */
     int view_method;                     /* view: enum kiln_view_method */
     double merge_radius;                 /* m; 0: by the scene; bake: or KILN_MERGE_RADIUS_TEXEL (merge.h) */
@@ -192,6 +196,8 @@ struct kiln_job {
     uint32_t atlas;         /* largest side of a page, texels; 0: one page for each object */
     bool drop_baked_lights; /* remove lights whose light is in the lightmaps */
 
+    char *factors; /* mix: what is given with --set, a line each */
+
     struct kiln_faults faults; /* faults that tests inject, read from the environment */
 
     bool answered; /* the command has printed its JSON object, even if it then fails */
@@ -216,11 +222,17 @@ int kiln_job_keep_text(struct kiln_job *job, const char *text, char **copy, stru
 /* Memory, all zeros, that lives as long as the job. KILN_SYSTEM. */
 int kiln_job_keep_room(struct kiln_job *job, size_t bytes, void **room, struct kiln_error *error);
 
+/* Whether points gather by links (worker/pass/links.h), which state an error each by themselves. */
+static inline bool kiln_job_has_links(const struct kiln_job *job)
+{
+    return job->method != NULL && strcmp(job->method, "radiosity") == 0 && job->patches.patches == KILN_PATCHES_LINKS;
+}
+
 /* Whether noise is taken out of the lightmaps: what --denoise and --quality say together. */
 enum { KILN_PARTS = 4 }; /* that light is computed in where its errors are to be known (integrate/parts.h) */
 static inline uint32_t kiln_job_parts(const struct kiln_job *job)
 {
-    return job->error_map || job->target_error > 0.0 ? KILN_PARTS : 1;
+    return (job->error_map || job->target_error > 0.0) && !kiln_job_has_links(job) ? KILN_PARTS : 1;
 }
 
 /* Whether light goes on from mirrors, gloss and glass, and whether a bake computes what comes from lamps by way of

@@ -36,6 +36,7 @@ const char *kiln_option_text(const struct kiln_job *job, const struct kiln_optio
     case KILN_OPTION_DOUBLE:
         return number_text(option, *(const double *)at, "%.17g", room);
     case KILN_OPTION_STRING:
+    case KILN_OPTION_LINES:
     case KILN_OPTION_PATH:
     case KILN_OPTION_ENVIRONMENT:
     case KILN_OPTION_POINT:

@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "worker/scene/voxels.h"
+
 #define ARRAY_COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define AT(member) offsetof(struct kiln_job, member)
 
@@ -22,7 +24,8 @@ static const char *const units[] = {"auto", "radiometric", "photometric", NULL};
 static const char *const directionals[] = {"none", "dominant", "sh1", NULL}; /* in the order of enum kiln_directional */
 /* in the order of enum kiln_page_format */
 static const char *const formats[] = {"exr", "exr-half", "rgbm", "rgbe", "ktx2", NULL};
-static const char *const keeps[] = {"none", "rows", NULL};                  /* in the order of enum kiln_keep */
+static const char *const sky_patches[] = {"none", "145", "577", "2305", NULL}; /* enum kiln_sky_patches */
+static const char *const keeps[] = {"none", "rows", "links", NULL};            /* in the order of enum kiln_keep */
 static const char *const stores[] = {"lightmap", "octree", "vertex", NULL}; /* in the order of enum kiln_store_kind */
 /* in the order of KILN_PROBE_HARMONICS, ... */
 static const char *const probe_bases[] = {"sh", "octahedral", "cubemap", NULL};
@@ -33,6 +36,8 @@ static const char *const side_choices[] = {"one", "two", NULL};
 static const char *const patches_names[] = {"all", "links", NULL};      /* enum kiln_patches_choice */
 static const char *const lights_names[] = {"sampled", "patches", NULL}; /* enum kiln_lights_choice */
 static const char *const undersample_names[] = {"none", "stride", "random", "mipmap", NULL}; /* enum kiln_undersample */
+static const char *const visibility_names[] = {"rays", "voxels", NULL};                      /* enum kiln_visibility */
+static const char *const order_names[] = {"lockstep", "unshot", NULL};                       /* enum kiln_order */
 static const char *const gather_names[] = {"pairs", "cosine", "even", "circles", "mixed", NULL};
 static const char *const window_names[] = {"1", "2", "4", "8", "16", "32", "64", NULL}; /* by their log2 */
 static const char *const qualities[] = {"draft", "preview", "production", "reference", NULL};
@@ -58,6 +63,7 @@ static const char *const mis_names[] = {"balance", "power", "uniform", "variance
 /* in the order of enum kiln_view_method */
 #define VIEW_METHOD_NAME(name, text) text,
 static const char *const view_denoisers[] = {"none", "bmfr", NULL};
+static const char *const view_filter_names[] = {"linear", "nearest", NULL};
 static const char *const view_method_names[] = {KILN_VIEW_METHOD_LIST(VIEW_METHOD_NAME) NULL};
 
 const struct kiln_option kiln_options[] = {
@@ -66,8 +72,9 @@ const struct kiln_option kiln_options[] = {
      .kind = KILN_OPTION_PATH,
      .value = "PATH",
      .help = "the result: a folder for bake (default SCENE-bake), plan, bench and submit, else a file; also -o",
-     .commands = KILN_FOR_RELIGHT | KILN_FOR_BAKE | KILN_FOR_VIEW | KILN_FOR_COMPARE | KILN_FOR_GENERATE |
-                 KILN_FOR_REPORT | KILN_FOR_BENCH | KILN_FOR_SUBMIT | KILN_FOR_PLAN | KILN_FOR_EXPORT,
+     .commands = KILN_FOR_RELIGHT | KILN_FOR_MIX | KILN_FOR_BAKE | KILN_FOR_VIEW | KILN_FOR_COMPARE |
+                 KILN_FOR_GENERATE | KILN_FOR_REPORT | KILN_FOR_BENCH | KILN_FOR_SUBMIT | KILN_FOR_PLAN |
+                 KILN_FOR_EXPORT,
      .offset = AT(output)},
     {.name = "scene",
      .group = "Files",
@@ -121,6 +128,22 @@ const struct kiln_option kiln_options[] = {
      .help = "YAML of groups of lights, told apart: 'lamps: {lights: [lamp1]}'; also materials, objects",
      .commands = KILN_FOR_RELIGHT | KILN_FOR_BAKE | KILN_FOR_PLAN,
      .offset = AT(light_groups)},
+    {.name = "sky-patches",
+     .group = "Light",
+     .kind = KILN_OPTION_CHOICE_ENUM,
+     .fallback = "none",
+     .choices = sky_patches,
+     .help = "so many patches of the sky, of Tregenza or finer, become groups of their own: sky.000 and on",
+     .commands = KILN_FOR_RELIGHT | KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(sky_patches)},
+    {.name = "set",
+     .group = "Light",
+     .kind = KILN_OPTION_LINES,
+     .value = "GROUP=FACTOR",
+     .shown = "1 for each group",
+     .help = "a number, or R,G,B, of a group or of a pattern such as 'sky.*'; given as often as needed, later wins",
+     .commands = KILN_FOR_MIX,
+     .offset = AT(factors)},
     {.name = "states",
      .group = "Light",
      .kind = KILN_OPTION_PATH,
@@ -196,6 +219,15 @@ const struct kiln_option kiln_options[] = {
      .help = "GPU memory that a rank may use; auto: what is free, divided among the ranks of the GPU",
      .commands = TRACES | KILN_FOR_VIEW,
      .offset = AT(device_memory)},
+    {.name = "kernel-cache",
+     .group = "Where it runs",
+     .kind = KILN_OPTION_PATH,
+     .value = "FOLDER|none",
+     .word = "none",
+     .shown = "~/.cache/kiln/kernels",
+     .help = "where kernels that were compiled for a GPU are kept, up to 256 MiB, for the runs that follow",
+     .commands = TRACES | KILN_FOR_VIEW,
+     .offset = AT(kernel_cache)},
     {.name = "memory-budget",
      .group = "Where it runs",
      .kind = KILN_OPTION_DOUBLE,
@@ -288,6 +320,24 @@ const struct kiln_option kiln_options[] = {
      .help = "--patches links: error of a texel's light, relative; 0: every texel is a node",
      .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
      .offset = AT(patches.link_error)},
+    {.name = "order",
+     .group = "Light transport",
+     .kind = KILN_OPTION_CHOICE_ENUM,
+     .fallback = "lockstep",
+     .choices = order_names,
+     .help = "--method radiosity: all texels send in each bounce, or those with the most unshot power first",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(patches.order)},
+    {.name = "unshot-left",
+     .group = "Light transport",
+     .kind = KILN_OPTION_DOUBLE,
+     .value = "S",
+     .fallback = "1e-5",
+     .minimum = 0,
+     .maximum = 1,
+     .help = "--order unshot: ends when less than this share of all reflected power is unshot",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(patches.unshot_left)},
     {.name = "gather",
      .group = "Light transport",
      .kind = KILN_OPTION_CHOICE_ENUM,
@@ -342,6 +392,13 @@ const struct kiln_option kiln_options[] = {
      .help = "--subdivide: texels a side of a node at most",
      .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
      .offset = AT(patches.node_max)},
+    {.name = "keep-nodes",
+     .group = "Light transport",
+     .kind = KILN_OPTION_FLAG,
+     .fallback = "false",
+     .help = "--undersample, --subdivide: kiln.h5 has the size of each texel's node in the last bounce",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(patches.keep_nodes)},
     {.name = "clamp",
      .group = "Light transport",
      .kind = KILN_OPTION_FLAG,
@@ -359,6 +416,24 @@ const struct kiln_option kiln_options[] = {
      .help = "--method radiosity: factor of what patches reflect; 0.9 is Kahl's",
      .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
      .offset = AT(patches.albedo_scale)},
+    {.name = "visibility",
+     .group = "Light transport",
+     .kind = KILN_OPTION_CHOICE_ENUM,
+     .fallback = "rays",
+     .choices = visibility_names,
+     .help = "--method radiosity: rays, or roughly a grid of voxels, say what patches see of each other",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(patches.visibility)},
+    {.name = "voxels",
+     .group = "Light transport",
+     .kind = KILN_OPTION_UINT32,
+     .value = "N",
+     .fallback = "128",
+     .minimum = 1,
+     .maximum = KILN_VOXELS_MOST,
+     .help = "--visibility voxels: along the scene's longest side",
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .offset = AT(patches.voxels)},
     {.name = "visibility-cache",
      .group = "Light transport",
      .kind = KILN_OPTION_DOUBLE,
@@ -557,7 +632,7 @@ const struct kiln_option kiln_options[] = {
      .minimum = 0,
      .maximum = 1,
      .help = "take samples, where they are needed, until texels have a standard error below X of their light",
-     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .commands = KILN_FOR_RELIGHT | KILN_FOR_BAKE | KILN_FOR_PLAN,
      .offset = AT(target_error)},
     {.name = "ambient-occlusion",
      .group = "Light transport",
@@ -679,7 +754,7 @@ const struct kiln_option kiln_options[] = {
      .kind = KILN_OPTION_FLAG,
      .fallback = "false",
      .help = "compute in four parts, and write each texel's standard error, which they show, as a layer",
-     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .commands = KILN_FOR_RELIGHT | KILN_FOR_BAKE | KILN_FOR_PLAN,
      .offset = AT(error_map)},
     {.name = "check-density",
      .group = "Lightmaps",
@@ -714,7 +789,7 @@ const struct kiln_option kiln_options[] = {
      .kind = KILN_OPTION_CHOICE_ENUM,
      .fallback = "none",
      .choices = keeps,
-     .help = "keep what every gather ray meets in DIR/transport, 4 bytes each, for kiln relight",
+     .help = "keep in DIR/transport what every gather ray meets, 4 bytes each, or the links, for kiln relight",
      .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
      .offset = AT(keep_transport)},
     {.name = "format",
@@ -1083,9 +1158,25 @@ const struct kiln_option kiln_options[] = {
      .kind = KILN_OPTION_STRING,
      .value = "NAME",
      .fallback = "light",
-     .help = "light, a checkerboard of the texels, or a layer of the lightmaps: direct, ambient_occlusion, ...",
+     .help = "light, texels, position, area, error, ...: the list below",
      .commands = KILN_FOR_VIEW,
      .offset = AT(show)},
+    {.name = "atlas",
+     .group = "View",
+     .kind = KILN_OPTION_STRING,
+     .value = "OBJECT",
+     .shown = "none",
+     .help = "draw the lightmap of an object itself, up to --width pixels a side, in the place of a view",
+     .commands = KILN_FOR_VIEW,
+     .offset = AT(view_atlas)},
+    {.name = "filter",
+     .group = "View",
+     .kind = KILN_OPTION_CHOICE_ENUM,
+     .fallback = "linear",
+     .choices = view_filter_names,
+     .help = "texels of lightmaps mixed with their neighbours, or as squares",
+     .commands = KILN_FOR_VIEW,
+     .offset = AT(view_filter)},
 
     {.name = "method",
      .group = "View",
@@ -1329,7 +1420,7 @@ const struct kiln_option kiln_options[] = {
      .fallback = "16384",
      .minimum = 1,
      .maximum = MOST_SAMPLES,
-     .help = "rays a texel of the reference (tradeoff); paths a pixel (crossover: 1024, converge: 64 x the most)",
+     .help = "rays a texel of the reference; paths of radiosity, crossover: 1024, converge: 64 x the most",
      .commands = KILN_FOR_BENCH,
      .offset = AT(reference_samples)},
     {.name = "max-time",
@@ -1533,6 +1624,16 @@ const struct kiln_command kiln_commands[] = {
      .examples = {"kiln bake room.glb --keep-transport rows -o out", "kiln relight out edited.glb -o evening",
                   "kiln relight out changes.yaml -o dimmed", "kiln relight out --environment sky.hdr -o day",
                   "kiln relight out --states day.yaml -o day", "kiln relight out --listen -o live < lines"}},
+    {.name = "mix",
+     .bit = KILN_FOR_MIX,
+     .arguments = "DIR",
+     .minimum = 1,
+     .maximum = 1,
+     .folder = true,
+     .mpi = true,
+     .summary = "add up the groups of lights that a bake has told apart, each by a factor",
+     .examples = {"kiln bake room.glb --light-groups groups.yaml -o out", "kiln mix out --set lamp=0.5 -o dimmed",
+                  "kiln mix out --set '*=0' --set screen=0,0.2,1 -o screen"}},
     {.name = "plan",
      .bit = KILN_FOR_PLAN,
      .arguments = "SCENE|JOB.yaml",
@@ -1569,6 +1670,8 @@ const struct kiln_command kiln_commands[] = {
      .examples = {"kiln view out -o view.png", "kiln view out --from 1,1.5,3 --to 0,1,0 --width 1280 --height 720",
                   "kiln view out --camera all --tone-map aces -o view.png",
                   "kiln view out --path walk.csv --frames 240 -o walk.png", "kiln view out -o view.exr",
+                  "kiln view out --show error -o error.png",
+                  "kiln view out --atlas floor --filter nearest -o floor.png",
                   "kiln view out --method path --samples-pixel 256 -o path.exr",
                   "kiln view room.glb --method path --bounces 4 --from 1,1.5,3 --to 0,1,0 -o room.png"}},
     {.name = "compare",
@@ -1614,6 +1717,7 @@ const struct kiln_command kiln_commands[] = {
                   "kiln bench stability slivers", "kiln bench tradeoff room.glb presets samples --texels-per-metre 4",
                   "kiln bench cell-size room.glb auto 0.5 --repeats 9", "kiln bench per-object room.glb --ranks 1,2,4",
                   "kiln bench crossover room.glb --texels-per-metre 8", "kiln bench tracing-range room.glb 0 0.5 2",
+                  "kiln bench radiosity room.glb 32 64 128",
                   "kiln bench converge room.glb --camera door --materials full"}},
     {.name = "submit",
      .bit = KILN_FOR_SUBMIT,

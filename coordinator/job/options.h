@@ -21,6 +21,7 @@ enum kiln_option_kind {
     KILN_OPTION_INT64,       /* whole number */
     KILN_OPTION_DOUBLE,      /* finite number */
     KILN_OPTION_STRING,      /* any text */
+    KILN_OPTION_LINES,       /* any text, more than once: a line each */
     KILN_OPTION_PATH,        /* a file or folder; in a job file relative to the job file's folder */
     KILN_OPTION_ENVIRONMENT, /* none | R,G,B | a path ending in .hdr or .exr */
     KILN_OPTION_POINT,       /* text "x,y,z", metres, each within KILN_PLACE_MOST */
@@ -49,7 +50,8 @@ enum kiln_command_bit {
     KILN_FOR_VERIFY = 8192,
     KILN_FOR_EXPORT = 16384,
     KILN_FOR_RELIGHT = 32768,
-    KILN_FOR_ALL = 65535
+    KILN_FOR_MIX = 65536,
+    KILN_FOR_ALL = 131071
 };
 
 struct kiln_option {
@@ -93,7 +95,7 @@ struct kiln_command {
     bool folder;              /* the first argument is the folder of a bake */
     bool mpi;                 /* runs between MPI_Init and MPI_Finalize */
     const char *summary;      /* one line */
-    const char *examples[10]; /* command lines; ends with NULL */
+    const char *examples[12]; /* command lines; ends with NULL */
 };
 extern const struct kiln_command kiln_commands[];
 extern const size_t kiln_command_count;

@@ -186,6 +186,23 @@ static int set_environment(struct kiln_job *job, const struct kiln_option *optio
     return kiln_job_keep_path(job, text, folder, field(job, option), error);
 }
 
+/* Adds a line to those that were given before. */
+static int add_line(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
+                    int status, struct kiln_error *error)
+{
+    char **lines = field(job, option), *made = NULL;
+    const char *before = *lines != NULL ? *lines : "";
+    if (strchr(text, '\n') != NULL)
+        return kiln_fail(error, status, "%s: '%.200s' has a line break", where, text);
+    const size_t room = strlen(before) + strlen(text) + 2;
+    const int kept = kiln_job_keep_room(job, room, (void **)&made, error);
+    if (kept != KILN_OK)
+        return kept;
+    (void)snprintf(made, room, "%s%s%s", before, before[0] != '\0' ? "\n" : "", text);
+    *lines = made;
+    return KILN_OK;
+}
+
 int kiln_option_set(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
                     int status, const char *folder, struct kiln_error *error)
 {
@@ -215,7 +232,10 @@ int kiln_option_set(struct kiln_job *job, const struct kiln_option *option, cons
         return set_environment(job, option, text, where, status, folder, error);
     if (option->kind == KILN_OPTION_POINT)
         return set_point(job, option, text, where, status, error);
+    if (option->kind == KILN_OPTION_LINES)
+        return add_line(job, option, text, where, status, error);
     if (option->kind == KILN_OPTION_RULES)
         return kiln_job_rules_parse(text, where, status, job, field(job, option), error);
-    return kiln_job_keep_path(job, text, option->kind == KILN_OPTION_PATH ? folder : NULL, field(job, option), error);
+    const bool is_path = option->kind == KILN_OPTION_PATH && (option->word == NULL || strcmp(text, option->word) != 0);
+    return kiln_job_keep_path(job, text, is_path ? folder : NULL, field(job, option), error);
 }

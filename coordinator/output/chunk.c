@@ -1,52 +1,71 @@
 #include "coordinator/output/chunk.h"
 
-#include <string.h>
-#include <zlib.h>
+#include <libdeflate.h>
 
-/* Deflate level 1 compresses shuffled floats to within 1 % of level 9, at several times its speed. */
-enum { LEVEL = 1 };
+/* Level 2 makes regular columns a tenth smaller than level 1; in noisy ones it finds 5 % less for twice the time. */
+enum { NOISY_LEVEL = 1, REGULAR_LEVEL = 2 };
 
-/* Byte transposition: byte 0 of all values, then byte 1 of all values, and so on. */
-static void shuffle(const uint8_t *values, size_t count, size_t size, uint8_t *planes)
+/* Byte transposition: byte 0 of all values, then byte 1 of all values, and so on. Inline, so that the common sizes are
+ * constants and the loops become vector instructions. */
+static inline void shuffle_by(const uint8_t *restrict values, size_t count, size_t size, uint8_t *restrict planes)
 {
     for (size_t b = 0; b < size; b++)
         for (size_t i = 0; i < count; i++)
             planes[b * count + i] = values[i * size + b];
 }
 
-static void unshuffle(const uint8_t *planes, size_t count, size_t size, uint8_t *values)
+static inline void unshuffle_by(const uint8_t *restrict planes, size_t count, size_t size, uint8_t *restrict values)
 {
-    for (size_t b = 0; b < size; b++)
-        for (size_t i = 0; i < count; i++)
+    for (size_t i = 0; i < count; i++)
+        for (size_t b = 0; b < size; b++)
             values[i * size + b] = planes[b * count + i];
 }
 
-size_t kiln_chunk_bound(size_t bytes) { return compressBound((uLong)bytes); }
+static void shuffle(const uint8_t *values, size_t count, size_t size, uint8_t *planes)
+{
+    if (size == sizeof(float))
+        shuffle_by(values, count, sizeof(float), planes);
+    else if (size == sizeof(double))
+        shuffle_by(values, count, sizeof(double), planes);
+    else
+        shuffle_by(values, count, size, planes);
+}
+
+static void unshuffle(const uint8_t *planes, size_t count, size_t size, uint8_t *values)
+{
+    if (size == sizeof(float))
+        unshuffle_by(planes, count, sizeof(float), values);
+    else
+        unshuffle_by(planes, count, size, values);
+}
+
+size_t kiln_chunk_bound(size_t bytes) { return libdeflate_zlib_compress_bound(NULL, bytes); }
 
 int kiln_chunk_pack(const void *values, size_t count, size_t size, bool noisy, void *shuffled, void *packed,
                     size_t *packed_bytes, struct kiln_error *error)
 {
-    z_stream stream = {.next_in = shuffled,
-                       .avail_in = (uInt)(count * size),
-                       .next_out = packed,
-                       .avail_out = (uInt)kiln_chunk_bound(count * size)};
-    enum { WINDOW_BITS = 15, MEMORY_LEVEL = 8 }; /* the parameters of compress2 */
+    const size_t bytes = count * size;
+    struct libdeflate_compressor *compressor = libdeflate_alloc_compressor(noisy ? NOISY_LEVEL : REGULAR_LEVEL);
+    if (compressor == NULL)
+        return kiln_fail(error, KILN_SYSTEM, "out of memory: compression of %zu bytes", bytes);
     shuffle(values, count, size, shuffled);
-    if (deflateInit2(&stream, LEVEL, Z_DEFLATED, WINDOW_BITS, MEMORY_LEVEL, noisy ? Z_RLE : Z_DEFAULT_STRATEGY) != Z_OK)
-        return kiln_fail(error, KILN_SYSTEM, "zlib cannot compress %zu bytes: out of memory", count * size);
-    const int done = deflate(&stream, Z_FINISH);
-    *packed_bytes = stream.total_out;
-    (void)deflateEnd(&stream);
-    return done == Z_STREAM_END
+    *packed_bytes = libdeflate_zlib_compress(compressor, shuffled, bytes, packed, kiln_chunk_bound(bytes));
+    libdeflate_free_compressor(compressor);
+    return *packed_bytes > 0
                ? KILN_OK
-               : kiln_fail(error, KILN_BUG, "zlib compresses %zu bytes to more than its bound", count * size);
+               : kiln_fail(error, KILN_BUG, "libdeflate compresses %zu bytes to more than its bound", bytes);
 }
 
 int kiln_chunk_unpack(const void *packed, size_t packed_bytes, size_t count, size_t size, void *shuffled, void *values,
                       struct kiln_error *error)
 {
-    uLongf length = (uLong)(count * size);
-    if (uncompress(shuffled, &length, packed, (uLong)packed_bytes) != Z_OK || length != count * size)
+    struct libdeflate_decompressor *decompressor = libdeflate_alloc_decompressor();
+    if (decompressor == NULL)
+        return kiln_fail(error, KILN_SYSTEM, "out of memory: decompression of %zu bytes", packed_bytes);
+    const enum libdeflate_result result =
+        libdeflate_zlib_decompress(decompressor, packed, packed_bytes, shuffled, count * size, NULL);
+    libdeflate_free_decompressor(decompressor);
+    if (result != LIBDEFLATE_SUCCESS)
         return kiln_fail(error, KILN_IO, "%zu compressed bytes do not give the %zu bytes of a chunk", packed_bytes,
                          count * size);
     unshuffle(shuffled, count, size, values);

@@ -60,6 +60,7 @@ static const struct computed {
 } computed[] = {
     {0,
      {.name = "/points/position",
+      .early = true,
       .type = KILN_DOUBLE,
       .components = 3,
       .noisy = true,
@@ -68,6 +69,7 @@ static const struct computed {
       .put = put_position}},
     {0,
      {.name = "/points/normal",
+      .early = true,
       .type = KILN_FLOAT,
       .components = 3,
       .units = "1",
@@ -75,6 +77,7 @@ static const struct computed {
       .put = put_normal}},
     {0,
      {.name = "/points/object",
+      .early = true,
       .type = KILN_UINT32,
       .components = 1,
       .units = "1",
@@ -82,6 +85,7 @@ static const struct computed {
       .put = put_object}},
     {0,
      {.name = "/points/texel",
+      .early = true,
       .type = KILN_UINT32,
       .components = 2,
       .units = "texel",
@@ -89,6 +93,7 @@ static const struct computed {
       .put = put_texel}},
     {0,
      {.name = "/points/leaf",
+      .early = true,
       .type = KILN_UINT32,
       .components = 3,
       .units = "1",
@@ -96,6 +101,7 @@ static const struct computed {
       .put = put_leaf}},
     {0,
      {.name = "/points/facing",
+      .early = true,
       .type = KILN_UINT8,
       .components = 1,
       .units = "1",
@@ -111,6 +117,7 @@ static const struct computed {
       .put = put_valid}},
     {1,
      {.name = "/points/cell",
+      .early = true,
       .type = KILN_UINT32,
       .components = 1,
       .units = "1",
@@ -118,6 +125,7 @@ static const struct computed {
       .put = put_cell}},
     {2,
      {.name = "/points/side",
+      .early = true,
       .type = KILN_UINT8,
       .components = 1,
       .units = "1",
@@ -139,6 +147,7 @@ static void add_fields(struct kiln_columns *columns, const struct kiln_field_set
                                                                      .type = KILN_FLOAT,
                                                                      .components = f->components,
                                                                      .noisy = f->noisy,
+                                                                     .early = of_surface,
                                                                      .units = f->unit,
                                                                      .description = f->description,
                                                                      .field = i};
@@ -164,6 +173,12 @@ void kiln_columns_make(struct kiln_columns *columns, const struct kiln_field_set
         if (group + 1 < GROUPS)
             add_fields(columns, fields, group == 0);
     }
+}
+
+void kiln_columns_of(struct kiln_columns *columns, const struct kiln_bake_result *result)
+{
+    const struct kiln_surface *s = result->surface;
+    kiln_columns_make(columns, result->fields, s->map_count > kiln_front_maps(s), s->bricks != NULL);
 }
 
 size_t kiln_columns_find(const struct kiln_columns *columns, const char *name)
@@ -221,6 +236,8 @@ static void put_point(struct kiln_rows *rows, const struct kiln_columns *columns
 {
     for (size_t c = 0; c < columns->count; c++) {
         const struct kiln_column *column = &columns->column[c];
+        if (rows->column[c] == NULL)
+            continue;
         void *to = (uint8_t *)rows->column[c] + row * kiln_column_row(column);
         if (column->put != NULL) {
             column->put(to, point);
@@ -230,6 +247,15 @@ static void put_point(struct kiln_rows *rows, const struct kiln_columns *columns
         kiln_column_floats(column, point->result, point->own, floats);
         memcpy(to, floats, column->components * sizeof *floats);
     }
+}
+
+/* Whether a wanted column needs the points' details, which take longer than all else. */
+static bool needs_details(const struct kiln_rows *rows, const struct kiln_columns *columns)
+{
+    bool needs = false;
+    for (size_t c = 0; c < columns->count; c++)
+        needs = needs || (rows->column[c] != NULL && columns->column[c].early && columns->column[c].put != NULL);
+    return needs;
 }
 
 /* Index of the first tile run that ends after `point`. */
@@ -251,6 +277,7 @@ void kiln_rows_fill(struct kiln_rows *rows, const struct kiln_columns *columns, 
                     struct kiln_global_point first, struct kiln_global_point last)
 {
     const struct kiln_surface *s = result->surface;
+    const bool detailed = needs_details(rows, columns);
     if (first.at >= last.at)
         return;
     const size_t from = find_tile_run(s, first), to = find_tile_run(s, (struct kiln_global_point){last.at - 1}) + 1;
@@ -258,7 +285,7 @@ void kiln_rows_fill(struct kiln_rows *rows, const struct kiln_columns *columns, 
     for (size_t f = from; f < to; f++) {
         struct kiln_point_detail details[KILN_TILE_TEXELS];
         const struct kiln_tile_run *tile_run = &s->tile_runs[f];
-        const uint32_t count = kiln_tile_run_details(result, f, details);
+        const uint32_t count = detailed ? kiln_tile_run_details(result, f, details) : tile_run->count;
         for (uint32_t i = 0; i < count; i++) {
             const struct kiln_global_point at = {tile_run->first.at + i};
             const struct kiln_column_point point = {result, kiln_own_of_global(s, at), tile_run, &details[i]};

@@ -23,6 +23,7 @@ struct kiln_column {
     enum kiln_column_type { KILN_DOUBLE, KILN_FLOAT, KILN_UINT32, KILN_UINT8 } type;
     uint32_t components;
     bool noisy;                      /* as kiln_chunk_pack has it */
+    bool early;                      /* the surface alone tells it, before there is light (points_ahead.h) */
     const char *units, *description; /* units NULL: those of field number `field` */
     /* writes one row; NULL: the row is that of field number `field` of the bake's field set */
     void (*put)(void *row, const struct kiln_column_point *point);
@@ -37,8 +38,9 @@ struct kiln_columns {
     struct kiln_column column[KILN_COLUMNS_MAX];
 };
 
-/* Lists the columns. With `backs` there is one that distinguishes backs from fronts; with `octree` points are leaves,
- * not texels. */
+/* Lists the columns of a bake. kiln_columns_make does it for a bake that is not there yet: with `backs` there is one
+ * that distinguishes backs from fronts; with `octree` points are leaves, not texels. */
+void kiln_columns_of(struct kiln_columns *columns, const struct kiln_bake_result *result);
 void kiln_columns_make(struct kiln_columns *columns, const struct kiln_field_set *fields, bool backs, bool octree);
 /* Index of the column of that name; columns->count if there is none. */
 size_t kiln_columns_find(const struct kiln_columns *columns, const char *name);
@@ -48,7 +50,7 @@ size_t kiln_column_value(const struct kiln_column *column);
 size_t kiln_column_row(const struct kiln_column *column);
 size_t kiln_columns_row(const struct kiln_columns *columns);
 
-/* Rows of some points: one array for each column. */
+/* Rows of some points: one array for each column; NULL: its rows are not wanted. */
 struct kiln_rows {
     void *column[KILN_COLUMNS_MAX];
 };

@@ -13,9 +13,6 @@
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
-/* Level 4 compresses lightmaps to within a few per cent of the default level, in half the time. */
-enum { ZIP_LEVEL = 4 };
-
 void exr_stay_silent(exr_const_context_t context, exr_result_t code, const char *message)
 {
     (void)context;
@@ -84,8 +81,6 @@ exr_result_t exr_declare(exr_context_t file, const struct kiln_image *image,
     if (code == EXR_ERR_SUCCESS)
         code = exr_initialize_required_attr_simple(file, part, (int32_t)image->width, (int32_t)image->height,
                                                    EXR_COMPRESSION_ZIP);
-    if (code == EXR_ERR_SUCCESS)
-        code = exr_set_zip_compression_level(file, part, ZIP_LEVEL);
     for (size_t i = 0; code == EXR_ERR_SUCCESS && i < image->channel_count; i++)
         code = exr_add_channel(file, part, image->channels[i].name,
                                image->channels[i].half ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT, EXR_PERCEPTUALLY_LOGARITHMIC,
@@ -120,17 +115,11 @@ static exr_result_t fill_encoder(exr_encode_pipeline_t *encoder, const struct ki
     return EXR_ERR_SUCCESS;
 }
 
-/* Stores a chunk uncompressed if it compresses to exactly its own size. Readers take a chunk of that size for an
- * uncompressed one, but the library (OpenEXR 3.1) stores only larger ones uncompressed. */
-static void keep_ambiguous_chunk_unpacked(exr_encode_pipeline_t *encoder)
-{
-    if (encoder->compressed_bytes == encoder->packed_bytes && encoder->compressed_buffer != encoder->packed_buffer)
-        memcpy(encoder->compressed_buffer, encoder->packed_buffer, encoder->packed_bytes);
-}
-
 exr_result_t exr_pack_chunk(struct exr_packer *p, exr_context_t file, const struct kiln_image *image, uint32_t y)
 {
     exr_chunk_info_t chunk;
+    if (p->zip == NULL && (p->zip = exr_zip_create()) == NULL)
+        return EXR_ERR_OUT_OF_MEMORY;
     exr_result_t code = exr_write_scanline_chunk_info(file, 0, (int)y, &chunk);
     if (code == EXR_ERR_SUCCESS)
         code = p->started ? exr_encoding_update(file, 0, &chunk, &p->encoder)
@@ -142,12 +131,16 @@ exr_result_t exr_pack_chunk(struct exr_packer *p, exr_context_t file, const stru
         p->write = p->encoder.write_fn;
         p->encoder.write_fn = NULL;
         p->encoder.yield_until_ready_fn = NULL; /* this function would refuse a chunk before its turn */
+        exr_zip_encode(p->zip, &p->encoder);
         p->started = true;
     }
-    if (code == EXR_ERR_SUCCESS)
-        code = exr_encoding_run(file, 0, &p->encoder);
-    if (code == EXR_ERR_SUCCESS)
-        keep_ambiguous_chunk_unpacked(&p->encoder);
+    return code == EXR_ERR_SUCCESS ? exr_encoding_run(file, 0, &p->encoder) : code;
+}
+
+exr_result_t exr_packer_end(struct exr_packer *p, exr_const_context_t file)
+{
+    const exr_result_t code = exr_encoding_destroy(file, &p->encoder);
+    exr_zip_destroy(&p->zip);
     return code;
 }
 
@@ -184,7 +177,7 @@ static exr_result_t write_chunks(exr_context_t file, const struct kiln_image *im
     for (uint32_t c = 0; code == EXR_ERR_SUCCESS && c < chunks; c += count)
         code = write_some(packers, chunks - c < count ? chunks - c : count, file, image, c * step, step, written);
     for (uint32_t i = 0; i < count; i++) {
-        const exr_result_t closed = exr_encoding_destroy(file, &packers[i].encoder);
+        const exr_result_t closed = exr_packer_end(&packers[i], file);
         code = code == EXR_ERR_SUCCESS ? closed : code;
     }
     kiln_free(&packers);
@@ -507,19 +500,31 @@ static void fill_decoder(exr_decode_pipeline_t *decoder, const struct kiln_image
     }
 }
 
-static exr_result_t read_chunk(exr_decode_pipeline_t *decoder, bool *started, exr_const_context_t file, int32_t top,
+/* Decompresses one chunk at a time; initialise with UNPACKER. */
+struct unpacker {
+    exr_decode_pipeline_t decoder;
+    struct exr_zip *zip;
+    bool started;
+};
+#define UNPACKER ((struct unpacker){.decoder = EXR_DECODE_PIPELINE_INITIALIZER})
+
+static exr_result_t read_chunk(struct unpacker *u, exr_const_context_t file, int32_t top,
                                const struct kiln_image *image, uint32_t y)
 {
     exr_chunk_info_t chunk;
+    exr_decode_pipeline_t *decoder = &u->decoder;
+    if (u->zip == NULL && (u->zip = exr_zip_create()) == NULL)
+        return EXR_ERR_OUT_OF_MEMORY;
     exr_result_t code = exr_read_scanline_chunk_info(file, 0, top + (int)y, &chunk);
     if (code == EXR_ERR_SUCCESS)
-        code = *started ? exr_decoding_update(file, 0, &chunk, decoder)
-                        : exr_decoding_initialize(file, 0, &chunk, decoder);
+        code = u->started ? exr_decoding_update(file, 0, &chunk, decoder)
+                          : exr_decoding_initialize(file, 0, &chunk, decoder);
     if (code == EXR_ERR_SUCCESS)
         fill_decoder(decoder, image, y);
-    if (code == EXR_ERR_SUCCESS && !*started) {
+    if (code == EXR_ERR_SUCCESS && !u->started) {
         code = exr_decoding_choose_default_routines(file, 0, decoder);
-        *started = true;
+        exr_zip_decode(u->zip, decoder);
+        u->started = true;
     }
     return code == EXR_ERR_SUCCESS ? exr_decoding_run(file, 0, decoder) : code;
 }
@@ -535,11 +540,10 @@ exr_result_t exr_read_chunks(exr_const_context_t file, int32_t top, const struct
     uint32_t failed = chunks;
 #pragma omp parallel if (chunks > 1)
     {
-        exr_decode_pipeline_t decoder = EXR_DECODE_PIPELINE_INITIALIZER;
-        bool started = false;
+        struct unpacker unpacker = UNPACKER;
 #pragma omp for schedule(dynamic, 1)
         for (uint32_t c = 0; c < chunks; c++) {
-            const exr_result_t code = read_chunk(&decoder, &started, file, top, image, c * step);
+            const exr_result_t code = read_chunk(&unpacker, file, top, image, c * step);
             if (code == EXR_ERR_SUCCESS)
                 continue;
 #pragma omp critical(kiln_read_chunks)
@@ -548,7 +552,8 @@ exr_result_t exr_read_chunks(exr_const_context_t file, int32_t top, const struct
                 failure = code;
             }
         }
-        (void)exr_decoding_destroy(file, &decoder);
+        (void)exr_decoding_destroy(file, &unpacker.decoder);
+        exr_zip_destroy(&unpacker.zip);
     }
     return failure;
 }

@@ -5,6 +5,7 @@
 #include <openexr.h>
 
 #include "coordinator/output/exr.h"
+#include "coordinator/output/exr_zip.h"
 
 /* Error handler of the library that prints nothing; our messages are made from the error codes. */
 void exr_stay_silent(exr_const_context_t context, exr_result_t code, const char *message);
@@ -28,16 +29,18 @@ exr_result_t exr_declare(exr_context_t file, const struct kiln_image *image,
                          const struct kiln_exr_attribute *attributes, size_t attribute_count);
 
 /* A packer compresses one chunk at a time. `write` is the library's function that writes the chunk, to be called when
- * its turn has come. Initialise with EXR_PACKER, end with exr_encoding_destroy. The compressed bytes are in the
- * encoder's compressed_buffer. */
+ * its turn has come. Initialise with EXR_PACKER, end with exr_packer_end. The compressed bytes are in the encoder's
+ * compressed_buffer. */
 struct exr_packer {
     exr_encode_pipeline_t encoder;
+    struct exr_zip *zip;
     exr_result_t (*write)(exr_encode_pipeline_t *encoder);
     exr_result_t code;
     bool started;
 };
 #define EXR_PACKER ((struct exr_packer){.encoder = EXR_ENCODE_PIPELINE_INITIALIZER})
 exr_result_t exr_pack_chunk(struct exr_packer *packer, exr_context_t file, const struct kiln_image *image, uint32_t y);
+exr_result_t exr_packer_end(struct exr_packer *packer, exr_const_context_t file);
 
 /* KILN_CANNOT_CREATE if OpenEXR does not support the size, KILN_BUG if a value does not fit a half. */
 int exr_check_image(const char *path, const struct kiln_image *image, struct kiln_error *error);

@@ -93,7 +93,7 @@ static exr_result_t pack_alone(const struct kiln_image *view, struct memory_file
         *packed = packer.encoder.compressed_bytes;
         code = packer.write(&packer.encoder);
     }
-    (void)exr_encoding_destroy(file, &packer.encoder);
+    (void)exr_packer_end(&packer, file);
     const exr_result_t finished = exr_finish(&file);
     return code == EXR_ERR_SUCCESS ? finished : code;
 }

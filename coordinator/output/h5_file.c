@@ -8,13 +8,14 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "coordinator/job/job.h"
 #include "worker/base/memory.h"
 
 /* Limits. Files of kiln have groups within groups at most, a dozen objects in each, and chunks of 0.5 MiB. */
 enum {
     DEPTH_MOST = 4,
-    LINKS_MOST = 256,
-    OBJECTS_MOST = 1024,
+    LINKS_MOST = 256 + KILN_GROUPS_MAX,
+    OBJECTS_MOST = 1024 + 2 * KILN_GROUPS_MAX,
     ATTRIBUTES_MOST = 64,
     NAME_SIZE = 512,
     RANK_MOST = 4,
@@ -373,7 +374,7 @@ static int walk(struct kiln_h5_file *f, hid_t group, const char *name, int depth
     if (H5Gget_info(group, &info) < 0)
         return refuse(f, shown, "cannot be read");
     if (info.nlinks > LINKS_MOST)
-        return refuse(f, shown, "holds more objects than 256");
+        return refuse(f, shown, "holds more objects than kiln writes there");
     if (H5Literate(group, H5_INDEX_NAME, H5_ITER_NATIVE, NULL, take_link, &at) < 0 && f->status == KILN_OK)
         return refuse(f, shown, "cannot be read");
     return f->status;

@@ -94,9 +94,17 @@ void kiln_image_destroy(struct kiln_image **image)
 
 struct kiln_image_channel *kiln_image_find(const struct kiln_image *image, const char *name)
 {
-    for (size_t i = 0; i < image->channel_count; i++)
-        if (strcmp(image->channels[i].name, name) == 0)
-            return &image->channels[i];
+    size_t low = 0, high = image->channel_count;
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        const int order = strcmp(image->channels[middle].name, name);
+        if (order == 0)
+            return &image->channels[middle];
+        if (order < 0)
+            low = middle + 1;
+        else
+            high = middle;
+    }
     return NULL;
 }
 

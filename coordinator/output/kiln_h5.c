@@ -328,7 +328,7 @@ int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_outpu
         status = kiln_require_space(params->directory, space, error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
-        status = kiln_points_writer_create(&writer, result, error);
+        status = kiln_points_writer_create(&writer, result, params->ahead, error);
     if (status == KILN_OK)
         status = write_file(writer, result, params, &place, rank, error);
     if (status == KILN_OK)

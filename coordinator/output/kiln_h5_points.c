@@ -7,8 +7,9 @@
 #include "coordinator/output/chunk.h"
 #include "worker/base/memory.h"
 
-/* Rows of a chunk, and number of chunks in a batch, which a rank compresses and sends together: 28 MB uncompressed. */
-enum { CHUNK_ROWS = 1 << 14, BATCH = 16, PARTS = BATCH * KILN_COLUMNS_MAX };
+/* Number of chunks in a batch, which a rank compresses and sends together: 28 MB uncompressed. */
+enum { BATCH = 16, PARTS = BATCH * KILN_COLUMNS_MAX };
+enum { WIDE_ROW = 1024 }; /* bytes of a row from which on a batch has fewer chunks */
 enum { TAG_ROWS = 40, TAG_SIZES = 41, TAG_PACKED = 42 };
 
 /* The dataset that is read back completely. */
@@ -22,10 +23,11 @@ struct batch {
 
 struct kiln_points_writer {
     const struct kiln_bake_result *result;
-    struct kiln_h5 *h5; /* rank 0 */
+    const struct kiln_points_ahead *ahead; /* NULL: none */
+    struct kiln_h5 *h5;                    /* rank 0 */
     int rank, ranks;
-    uint64_t chunk_rows;
-    uint64_t *starts; /* global index of the first point of each rank; ranks + 1 entries */
+    uint64_t chunk_rows, at_once; /* at_once: chunks of a batch at most */
+    uint64_t *starts;             /* global index of the first point of each rank; ranks + 1 entries */
     struct kiln_columns columns;
     size_t total; /* index of the column TOTAL */
     hid_t datasets[KILN_COLUMNS_MAX];
@@ -73,8 +75,8 @@ static uint64_t head_end(const struct kiln_points_writer *w, int rank)
 static void batch_of(const struct kiln_points_writer *w, int rank, uint64_t pass, uint64_t *first, uint64_t *count)
 {
     const uint64_t end = first_chunk(w, rank + 1);
-    *first = minimum(first_chunk(w, rank) + pass * BATCH, end);
-    *count = minimum(end - *first, BATCH);
+    *first = minimum(first_chunk(w, rank) + pass * w->at_once, end);
+    *count = minimum(end - *first, w->at_once);
 }
 
 static uint64_t count_passes(const struct kiln_points_writer *w)
@@ -84,7 +86,7 @@ static uint64_t count_passes(const struct kiln_points_writer *w)
         const uint64_t chunks = first_chunk(w, r + 1) - first_chunk(w, r);
         most = chunks > most ? chunks : most;
     }
-    return round_up(most, BATCH);
+    return round_up(most, w->at_once);
 }
 
 /* The rank that owns the first point of the chunk that contains `point`. */
@@ -170,13 +172,28 @@ static int share_borders(struct kiln_points_writer *w, struct kiln_error *error)
 
 /* ---- compression ---- */
 
-/* Fills in the rows of a batch; rows beyond the last point pad the last chunk of the file. */
+/* Whether the column of the batch was packed ahead. */
+static bool is_ahead(const struct kiln_points_writer *w, size_t column)
+{
+    size_t bytes = 0;
+    bool all = column_at(w, column)->early;
+    for (uint64_t chunk = 0; all && chunk < w->batch.count; chunk++)
+        all = kiln_points_ahead_find(w->ahead, w->batch.first + chunk, column_at(w, column)->name, &bytes) != NULL;
+    return all;
+}
+
+/* Fills in the rows of a batch that are still to be packed; rows beyond the last point pad the last chunk of the file.
+ */
 static void fill_batch(struct kiln_points_writer *w)
 {
+    struct kiln_rows wanted = w->rows;
+    for (size_t c = 0; c < w->columns.count; c++)
+        if (is_ahead(w, c))
+            wanted.column[c] = NULL;
     const uint64_t own_end = w->starts[w->rank + 1], first = w->batch.first * w->chunk_rows,
                    last = first + w->batch.count * w->chunk_rows;
     const uint64_t own = minimum(own_end, last) - first;
-    kiln_rows_fill(&w->rows, &w->columns, w->result, (struct kiln_global_point){first},
+    kiln_rows_fill(&wanted, &w->columns, w->result, (struct kiln_global_point){first},
                    (struct kiln_global_point){first + own});
     for (size_t c = 0; c < w->columns.count && own_end < last; c++) {
         const size_t row = kiln_column_row(column_at(w, c));
@@ -191,6 +208,12 @@ static int pack_part(struct kiln_points_writer *w, size_t part, struct kiln_erro
     const struct kiln_column *column = column_at(w, at);
     const uint8_t *values = (const uint8_t *)w->rows.column[at] + chunk * w->chunk_rows * kiln_column_row(column);
     size_t bytes = 0;
+    const void *there = kiln_points_ahead_find(w->ahead, w->batch.first + chunk, column->name, &bytes);
+    if (there != NULL) {
+        memcpy(w->packed + place, there, bytes);
+        w->batch.bytes[part] = bytes;
+        return KILN_OK;
+    }
     const int status = kiln_chunk_pack(values, w->chunk_rows * column->components, kiln_column_value(column),
                                        column->noisy, w->shuffled + place, w->packed + place, &bytes, error);
     w->batch.bytes[part] = bytes;
@@ -271,11 +294,18 @@ static int write_batch(struct kiln_points_writer *w, struct kiln_error *error)
     return KILN_OK;
 }
 
+/* Of a message with the sizes of a batch's parts. */
+static int batch_bytes(const struct kiln_points_writer *w, uint64_t chunks)
+{
+    return (int)(offsetof(struct batch, bytes) + chunks * w->columns.count * sizeof *w->batch.bytes);
+}
+
 static int send_batch(struct kiln_points_writer *w, size_t bytes, struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
-    if (w->batch.count > 0 && (MPI_Send(&w->batch, (int)sizeof w->batch, MPI_BYTE, 0, TAG_SIZES, comm) != MPI_SUCCESS ||
-                               MPI_Send(w->packed, (int)bytes, MPI_BYTE, 0, TAG_PACKED, comm) != MPI_SUCCESS))
+    if (w->batch.count > 0 &&
+        (MPI_Send(&w->batch, batch_bytes(w, w->batch.count), MPI_BYTE, 0, TAG_SIZES, comm) != MPI_SUCCESS ||
+         MPI_Send(w->packed, (int)bytes, MPI_BYTE, 0, TAG_PACKED, comm) != MPI_SUCCESS))
         return mpi_failed(error);
     return KILN_OK;
 }
@@ -291,7 +321,7 @@ static int write_pass(struct kiln_points_writer *w, uint64_t pass, struct kiln_e
         batch_of(w, r, pass, &first, &count);
         if (count == 0)
             continue;
-        if (MPI_Recv(&w->batch, (int)sizeof w->batch, MPI_BYTE, r, TAG_SIZES, comm, MPI_STATUS_IGNORE) != MPI_SUCCESS)
+        if (MPI_Recv(&w->batch, batch_bytes(w, count), MPI_BYTE, r, TAG_SIZES, comm, MPI_STATUS_IGNORE) != MPI_SUCCESS)
             return mpi_failed(error);
         for (size_t part = 0; part < count * w->columns.count; part++)
             bytes += w->batch.bytes[part];
@@ -436,10 +466,11 @@ int kiln_points_check(struct kiln_points_writer *w, const struct kiln_publish *p
 
 uint64_t kiln_points_largest(const struct kiln_field_set *fields, uint64_t points)
 {
-    const uint64_t held = points < CHUNK_ROWS ? points : round_up(points, CHUNK_ROWS) * CHUNK_ROWS;
+    const uint64_t held =
+        points < KILN_H5_CHUNK_ROWS ? points : round_up(points, KILN_H5_CHUNK_ROWS) * KILN_H5_CHUNK_ROWS;
     struct kiln_columns columns;
     kiln_columns_make(&columns, fields, true, true);
-    return held * (kiln_columns_row(&columns) + 1) + (held / CHUNK_ROWS + 1) * columns.count * 256;
+    return held * (kiln_columns_row(&columns) + 1) + (held / KILN_H5_CHUNK_ROWS + 1) * columns.count * 256;
 }
 
 /* ---- the writer ---- */
@@ -464,8 +495,8 @@ static int learn_starts(struct kiln_points_writer *w, struct kiln_error *error)
 
 static int allocate(struct kiln_points_writer *w, struct kiln_error *error)
 {
-    const uint64_t own = minimum(first_chunk(w, w->rank + 1) - first_chunk(w, w->rank), BATCH);
-    const uint64_t held = w->rank == 0 ? minimum(first_chunk(w, w->ranks), BATCH) : own;
+    const uint64_t own = minimum(first_chunk(w, w->rank + 1) - first_chunk(w, w->rank), w->at_once);
+    const uint64_t held = w->rank == 0 ? minimum(first_chunk(w, w->ranks), w->at_once) : own;
     /* a rank without chunks needs one slot for the rows that it sends */
     const size_t chunks = own > 0 ? own : 1, places = place_in_chunk(w, w->columns.count);
     int status = kiln_rows_allocate(&w->rows, &w->columns, chunks * w->chunk_rows, error);
@@ -479,18 +510,19 @@ static int allocate(struct kiln_points_writer *w, struct kiln_error *error)
 }
 
 int kiln_points_writer_create(struct kiln_points_writer **writer, const struct kiln_bake_result *result,
-                              struct kiln_error *error)
+                              const struct kiln_points_ahead *ahead, struct kiln_error *error)
 {
     int status =
         kiln_agree(result->communicator, kiln_allocate(writer, 1, sizeof **writer, "points to write", error), error);
     if (status == KILN_OK) {
         struct kiln_points_writer *w = *writer;
         w->result = result;
-        kiln_columns_make(&w->columns, result->fields, result->surface->map_count > kiln_front_maps(result->surface),
-                          result->surface->bricks != NULL);
+        w->ahead = ahead;
+        kiln_columns_of(&w->columns, result);
         w->total = kiln_columns_find(&w->columns, TOTAL);
-        w->chunk_rows = minimum(result->surface->point_count, CHUNK_ROWS);
+        w->chunk_rows = minimum(result->surface->point_count, KILN_H5_CHUNK_ROWS);
         w->chunk_rows = w->chunk_rows == 0 ? 1 : w->chunk_rows;
+        w->at_once = minimum(BATCH, 1 + BATCH * WIDE_ROW / (kiln_columns_row(&w->columns) + 1));
         for (size_t c = 0; c < w->columns.count; c++)
             w->datasets[c] = H5I_INVALID_HID;
         if (w->total == w->columns.count)

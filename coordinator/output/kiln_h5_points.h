@@ -1,19 +1,21 @@
 /* Writer of the columns of surface points in kiln.h5. Every rank compresses the chunks that begin with one of its
- * points, with all its threads, and sends them to rank 0, which writes the file alone. HDF5's own collective write runs
- * the filters in one thread on each rank, which took longer than computing the light. If a chunk ends with points of
- * other ranks, its rank receives them first. Values and chunks do not depend on the number of ranks or threads; the
- * order of chunks in the file depends on the number of ranks. */
+ * points, with all its threads, or takes those that were packed ahead (points_ahead.h), and sends them to rank 0, which
+ * writes the file alone. HDF5's own collective write runs the filters in one thread on each rank, which took longer
+ * than computing the light. If a chunk ends with points of other ranks, its rank receives them first. Values and chunks
+ * do not depend on the number of ranks or threads; the order of chunks in the file depends on the number of ranks. */
 #ifndef KILN_COORDINATOR_OUTPUT_KILN_H5_POINTS_H
 #define KILN_COORDINATOR_OUTPUT_KILN_H5_POINTS_H
 
 #include "coordinator/output/columns.h"
 #include "coordinator/output/h5.h"
+#include "coordinator/output/points_ahead.h"
 
 struct kiln_points_writer;
 
-/* Collective. Needs about 120 MB of memory at most. */
+/* Collective. Needs about 120 MB of memory at most. `ahead`, which is stopped and may be NULL, has chunks that this
+ * rank need not pack. */
 int kiln_points_writer_create(struct kiln_points_writer **writer, const struct kiln_bake_result *result,
-                              struct kiln_error *error);
+                              const struct kiln_points_ahead *ahead, struct kiln_error *error);
 void kiln_points_writer_destroy(struct kiln_points_writer **writer);
 
 /* Collective. `h5` is the open file of rank 0, in which the groups exist; other ranks pass NULL. */

@@ -9,64 +9,60 @@
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
-#include <xxhash.h>
 
 #include "coordinator/mpi/agree.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/files/json_text.h"
+#include "coordinator/field/group_fields.h"
+#include "coordinator/output/piece_hash.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
-enum { READ_BYTES = 1 << 20 };
 static const char NAME[] = "manifest";
+/* Keys of the hash of a file: of all its bytes, or of its pieces (piece_hash.h), whose size is then there too. */
+static const char WHOLE[] = "xxh3_128", PIECES[] = "xxh3_128_of_pieces";
+static const json_int_t PIECE_LEAST = 1 << 16; /* so that a file has no more pieces than memory takes */
+
+static int mpi_failed(struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_RANK_LOST, "MPI failed while the hashes of the results were gathered");
+}
 
 /* ---- one file ---- */
 
-static int read_whole(int descriptor, const char *path, XXH3_state_t *state, char *buffer, uint64_t *bytes,
-                      struct kiln_error *error)
+/* Opens a file below the folder, which has been written: it is an I/O error if that fails. */
+static int open_written(const char *directory, const char *name, char path[KILN_PATH_SIZE], int *descriptor,
+                        struct kiln_error *error)
 {
-    for (*bytes = 0;;) {
-        const ssize_t got = read(descriptor, buffer, READ_BYTES);
-        if (got < 0 && errno == EINTR)
-            continue;
-        if (got < 0)
-            return kiln_fail_errno(error, KILN_IO, "'%s' cannot be read at byte %llu", path,
-                                   (unsigned long long)*bytes);
-        if (got == 0)
-            return KILN_OK;
-        (void)XXH3_128bits_update(state, buffer, (size_t)got);
-        *bytes += (uint64_t)got;
-    }
+    const int status = kiln_path_join(path, directory, name, error);
+    if (status != KILN_OK)
+        return status;
+    return kiln_open_below(directory, name, O_RDONLY, 0, descriptor, error) == KILN_OK ? KILN_OK : KILN_IO;
 }
 
-static int hash_open(int descriptor, const char *path, uint64_t *bytes, XXH128_hash_t *hash, struct kiln_error *error)
+static int size_of(const char *directory, const char *name, uint64_t *bytes, struct kiln_error *error)
 {
-    char *buffer = NULL;
-    XXH3_state_t *state = XXH3_createState();
-    int status = state == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: the hash of '%s'", path) : KILN_OK;
+    char path[KILN_PATH_SIZE];
+    struct stat found;
+    int descriptor = -1;
+    int status = open_written(directory, name, path, &descriptor, error);
+    if (status == KILN_OK && fstat(descriptor, &found) != 0)
+        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be examined", path);
     if (status == KILN_OK)
-        status = kiln_allocate(&buffer, READ_BYTES, 1, "a file's bytes", error);
-    if (status == KILN_OK) {
-        (void)XXH3_128bits_reset(state);
-        status = read_whole(descriptor, path, state, buffer, bytes, error);
-    }
-    if (status == KILN_OK)
-        *hash = XXH3_128bits_digest(state);
-    (void)XXH3_freeState(state);
-    kiln_free(&buffer);
+        *bytes = (uint64_t)found.st_size;
+    if (descriptor >= 0)
+        (void)close(descriptor);
     return status;
 }
 
-static int hash_file(const char *directory, const char *name, uint64_t *bytes, XXH128_hash_t *hash,
-                     struct kiln_error *error)
+static int hash_piece(const char *directory, const struct kiln_manifest_file *file, uint64_t piece,
+                      struct kiln_hash *hash, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
     int descriptor = -1;
-    int status = kiln_path_join(path, directory, name, error);
-    if (status == KILN_OK && kiln_open_below(directory, name, O_RDONLY, 0, &descriptor, error) != KILN_OK)
-        status = KILN_IO;
+    int status = open_written(directory, file->path, path, &descriptor, error);
     if (status == KILN_OK)
-        status = hash_open(descriptor, path, bytes, hash, error);
+        status = kiln_piece_hash(descriptor, path, file->bytes, KILN_PIECE_BYTES, piece, hash, error);
     if (descriptor >= 0)
         (void)close(descriptor);
     return status;
@@ -77,18 +73,18 @@ int kiln_manifest_compare(const struct kiln_manifest_file *file, int descriptor,
 {
     struct stat found;
     char text[KILN_HASH_TEXT];
-    uint64_t bytes = 0;
-    XXH128_hash_t hash = {0};
+    struct kiln_hash hash = {0};
     if (fstat(descriptor, &found) != 0)
         return kiln_fail_errno(error, KILN_BAD_INPUT, "'%s' cannot be examined", path);
     if ((uint64_t)found.st_size != file->bytes) /* compare the size before reading, since the file may be far longer */
         return kiln_fail(error, KILN_BAD_INPUT, "'%s' has %llu bytes and was written with %llu", path,
                          (unsigned long long)found.st_size, (unsigned long long)file->bytes);
-    const int status = hash_open(descriptor, path, &bytes, &hash, error);
+    const int status = kiln_piece_hash_file(descriptor, path, file->bytes,
+                                            file->piece_bytes > 0 ? file->piece_bytes : UINT64_MAX, &hash, error);
     if (status != KILN_OK)
         return status == KILN_SYSTEM ? status : KILN_BAD_INPUT;
     (void)lseek(descriptor, 0, SEEK_SET);
-    kiln_hash_text(hash.high64, hash.low64, text);
+    kiln_hash_text(hash.high, hash.low, text);
     if (strcmp(text, file->hash) != 0)
         return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not as it was written: its hash is %s and was %s", path, text,
                          file->hash);
@@ -132,15 +128,16 @@ static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *
 {
     const char *const others[] = {"run.json",
                                   "scene.kscene",
-                                  "kiln.h5",
+                                  parts->no_points ? NULL : "kiln.h5",
                                   parts->volume ? "volume.hdf" : NULL,
                                   parts->preview ? "preview.png" : NULL,
                                   parts->scene ? "scene.glb" : NULL};
-    const size_t other_count = sizeof others / sizeof *others, maps = surface != NULL ? surface->map_count : 0;
+    const size_t other_count = sizeof others / sizeof *others, maps = surface != NULL ? surface->map_count : 0,
+                 group_files = kiln_group_files(parts->groups);
     int status = kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&(*manifest)->files, other_count + maps + parts->more_count, sizeof *(*manifest)->files,
-                               "the manifest", error);
+        status = kiln_allocate(&(*manifest)->files, other_count + maps * (1 + group_files) + parts->more_count,
+                               sizeof *(*manifest)->files, "the manifest", error);
     for (size_t i = 0; status == KILN_OK && i < parts->more_count; i++)
         status = name_file(*manifest, "", parts->more[i], "", error);
     for (size_t i = 0; status == KILN_OK && i < other_count; i++)
@@ -149,56 +146,117 @@ static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *
     for (uint32_t i = 0; status == KILN_OK && i < maps; i++) {
         const struct kiln_object *object = &scene->objects[kiln_map_object(surface, i)];
         const char *folder = kiln_map_back(surface, i) ? "lightmaps/back/" : "lightmaps/";
+        const char *name = kiln_scene_string(scene, object->name);
         if (surface->lightmaps[i].published != 0)
-            status = name_file(*manifest, folder, kiln_scene_string(scene, object->name), ".exr", error);
+            status = name_file(*manifest, folder, name, ".exr", error);
+        for (size_t n = 0; status == KILN_OK && n < group_files && surface->lightmaps[i].published != 0; n++) {
+            char of_groups[KILN_GROUP_FOLDER + 8];
+            kiln_group_folder(n, of_groups);
+            (void)strcat(of_groups, kiln_map_back(surface, i) ? "/back/" : "/");
+            status = name_file(*manifest, of_groups, name, ".exr", error);
+        }
     }
     return status;
 }
 
-/* Computes size and both halves of the hash of the files that this rank hashes; 0 for the others. */
-static int hash_own(const struct kiln_manifest *m, const char *directory, int rank, int ranks, uint64_t *values,
+/* Collective. The sizes of the files, which rank 0 looks up. */
+static int find_sizes(const struct kiln_manifest *m, const char *directory, MPI_Comm communicator, int rank,
+                      struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; rank == 0 && status == KILN_OK && i < m->count; i++)
+        status = size_of(directory, m->files[i].path, &m->files[i].bytes, error);
+    status = kiln_agree(communicator, status, error);
+    for (size_t i = 0; status == KILN_OK && i < m->count; i++)
+        if (MPI_Bcast(&m->files[i].bytes, 1, MPI_UINT64_T, 0, communicator) != MPI_SUCCESS)
+            status = mpi_failed(error);
+    return kiln_agree(communicator, status, error);
+}
+
+/* Pieces of all files, one file after the other. */
+struct pieces {
+    struct kiln_hash *hashes; /* 0 where another rank has computed it */
+    uint64_t count;
+    uint32_t *file;  /* of each piece */
+    uint64_t *first; /* of each file: its first piece */
+};
+
+static int list_pieces(struct pieces *p, const struct kiln_manifest *m, struct kiln_error *error)
+{
+    int status = kiln_allocate(&p->first, m->count, sizeof *p->first, "the results' hashes", error);
+    for (size_t i = 0; status == KILN_OK && i < m->count; i++) {
+        p->first[i] = p->count;
+        p->count += kiln_hash_piece_count(m->files[i].bytes, KILN_PIECE_BYTES);
+    }
+    if (status == KILN_OK)
+        status = kiln_allocate(&p->hashes, p->count, sizeof *p->hashes, "the results' hashes", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&p->file, p->count, sizeof *p->file, "the results' hashes", error);
+    for (size_t i = 0; status == KILN_OK && i < m->count; i++)
+        for (uint64_t k = p->first[i]; k < (i + 1 < m->count ? p->first[i + 1] : p->count); k++)
+            p->file[k] = (uint32_t)i;
+    return status;
+}
+
+static void free_pieces(struct pieces *p)
+{
+    kiln_free(&p->hashes);
+    kiln_free(&p->file);
+    kiln_free(&p->first);
+}
+
+/* Ranks take pieces by turns, and each deals its own out to its threads. */
+static int hash_own(const struct kiln_manifest *m, const struct pieces *p, const char *directory, int rank, int ranks,
                     struct kiln_error *error)
 {
     int status = KILN_OK;
-    for (size_t i = (size_t)rank; i < m->count && status == KILN_OK; i += (size_t)ranks) {
-        XXH128_hash_t hash = {0};
-        status = hash_file(directory, m->files[i].path, &values[3 * i], &hash, error);
-        values[3 * i + 1] = hash.high64;
-        values[3 * i + 2] = hash.low64;
+#pragma omp parallel for schedule(dynamic, 1)
+    for (uint64_t k = (uint64_t)rank; k < p->count; k += (uint64_t)ranks) {
+        struct kiln_error own;
+        const int failed = hash_piece(directory, &m->files[p->file[k]], k - p->first[p->file[k]], &p->hashes[k], &own);
+#pragma omp critical(kiln_hash_own)
+        if (failed != KILN_OK && status == KILN_OK)
+            status = kiln_fail(error, failed, "%s", own.message);
     }
     return status;
 }
 
-static int join(MPI_Comm communicator, int rank, uint64_t *values, size_t count, struct kiln_error *error)
+static int join(MPI_Comm communicator, int rank, const struct pieces *p, struct kiln_error *error)
 {
     enum { AT_ONCE = 1 << 24 };
-    for (size_t first = 0; first < count; first += AT_ONCE) {
-        const int part = count - first < AT_ONCE ? (int)(count - first) : AT_ONCE;
-        if (MPI_Reduce(rank == 0 ? MPI_IN_PLACE : values + first, values + first, part, MPI_UINT64_T, MPI_BOR, 0,
-                       communicator) != MPI_SUCCESS)
-            return kiln_fail(error, KILN_RANK_LOST, "MPI failed while the hashes of the results were gathered");
+    for (uint64_t first = 0; first < p->count; first += AT_ONCE) {
+        const int part = p->count - first < AT_ONCE ? (int)(p->count - first) : AT_ONCE;
+        if (MPI_Reduce(rank == 0 ? MPI_IN_PLACE : p->hashes + first, p->hashes + first, 2 * part, MPI_UINT64_T, MPI_BOR,
+                       0, communicator) != MPI_SUCCESS)
+            return mpi_failed(error);
     }
     return KILN_OK;
 }
 
-static json_t *manifest_json(const struct kiln_manifest *m, const uint64_t *values)
+static json_t *manifest_json(const struct kiln_manifest *m, const struct pieces *p)
 {
     json_t *files = json_array();
     for (size_t i = 0; i < m->count; i++) {
         char text[KILN_HASH_TEXT];
-        kiln_hash_text(values[3 * i + 1], values[3 * i + 2], text);
-        (void)json_array_append_new(files, json_pack("{s:s, s:I, s:s}", "path", m->files[i].path, "bytes",
-                                                     (json_int_t)values[3 * i], "xxh3_128", text));
+        const struct kiln_manifest_file *file = &m->files[i];
+        const uint64_t count = kiln_hash_piece_count(file->bytes, KILN_PIECE_BYTES);
+        const struct kiln_hash hash = kiln_piece_hash_join(p->hashes + p->first[i], count);
+        kiln_hash_text(hash.high, hash.low, text);
+        json_t *entry = json_pack("{s:s, s:I, s:s}", "path", file->path, "bytes", (json_int_t)file->bytes,
+                                  count > 1 ? PIECES : WHOLE, text);
+        if (count > 1)
+            (void)json_object_set_new(entry, "piece", json_integer((json_int_t)KILN_PIECE_BYTES));
+        (void)json_array_append_new(files, entry);
     }
     return json_pack("{s:s, s:o}", "kiln", KILN_VERSION, "files", files);
 }
 
-static int publish(const struct kiln_manifest *m, const char *directory, const uint64_t *values,
+static int publish(const struct kiln_manifest *m, const char *directory, const struct pieces *pieces,
                    struct kiln_error *error)
 {
     char *text = NULL;
     size_t size = 0;
-    json_t *json = manifest_json(m, values);
+    json_t *json = manifest_json(m, pieces);
     const bool whole = json_array_size(json_object_get(json, "files")) == m->count;
     int status = kiln_seal(whole ? json : NULL, JSON_INDENT(1), &text, &size, "the manifest", error);
     if (status == KILN_OK)
@@ -213,21 +271,23 @@ int kiln_manifest_write(MPI_Comm communicator, const char *directory, const stru
                         struct kiln_error *error)
 {
     struct kiln_manifest *m = NULL;
-    uint64_t *values = NULL;
+    struct pieces pieces = {.count = 0};
     int rank = 0, ranks = 1;
     (void)MPI_Comm_rank(communicator, &rank);
     (void)MPI_Comm_size(communicator, &ranks);
-    int status = name_files(&m, scene, surface, parts, error);
+    int status = kiln_agree(communicator, name_files(&m, scene, surface, parts, error), error);
     if (status == KILN_OK)
-        status = kiln_allocate(&values, 3 * m->count, sizeof *values, "the results' hashes", error);
+        status = find_sizes(m, directory, communicator, rank, error);
     if (status == KILN_OK)
-        status = hash_own(m, directory, rank, ranks, values, error);
+        status = list_pieces(&pieces, m, error);
+    if (status == KILN_OK)
+        status = hash_own(m, &pieces, directory, rank, ranks, error);
     status = kiln_agree(communicator, status, error);
     if (status == KILN_OK)
-        status = join(communicator, rank, values, 3 * m->count, error);
+        status = join(communicator, rank, &pieces, error);
     if (status == KILN_OK && rank == 0)
-        status = publish(m, directory, values, error);
-    kiln_free(&values);
+        status = publish(m, directory, &pieces, error);
+    free_pieces(&pieces);
     kiln_manifest_destroy(&m);
     return kiln_agree(communicator, status, error);
 }
@@ -368,17 +428,19 @@ static bool is_hash(const char *text)
 
 static int take_file(struct kiln_manifest *m, const json_t *entry, const char *manifest_path, struct kiln_error *error)
 {
+    const json_t *whole = json_object_get(entry, WHOLE), *bytes = json_object_get(entry, "bytes");
     const char *path = json_string_value(json_object_get(entry, "path")),
-               *hash = json_string_value(json_object_get(entry, "xxh3_128"));
-    const json_t *bytes = json_object_get(entry, "bytes");
+               *hash = json_string_value(whole != NULL ? whole : json_object_get(entry, PIECES));
+    const json_int_t piece = whole != NULL ? 0 : json_integer_value(json_object_get(entry, "piece"));
     if (path == NULL || hash == NULL || !is_hash(hash) || !json_is_integer(bytes) || json_integer_value(bytes) < 0 ||
-        !is_inside(path))
+        !is_inside(path) || (whole == NULL && piece < PIECE_LEAST))
         return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a manifest of kiln: entry %zu of its files is incomplete",
                          manifest_path, m->count);
     struct kiln_manifest_file *file = &m->files[m->count];
     const int status = name_file(m, "", path, "", error);
     if (status == KILN_OK) {
         file->bytes = (uint64_t)json_integer_value(bytes);
+        file->piece_bytes = (uint64_t)piece;
         memcpy(file->hash, hash, KILN_HASH_TEXT);
     }
     return status;

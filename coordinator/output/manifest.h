@@ -2,8 +2,9 @@
  * file is as it was written.
  *
  * It is one JSON object {"kiln": version, "files": [{"path", "bytes", "xxh3_128"}, ...]} with a checksum
- * (files/checksummed_json.h). It is written after all other files, so a bake with a manifest is complete. Pictures and
- * reports that are made later are not in it. */
+ * (files/checksummed_json.h). Files of more than 4 MiB have "xxh3_128_of_pieces" and "piece", the bytes of one, in
+ * place of "xxh3_128" (piece_hash.h). It is written after all other files, so a bake with a manifest is complete.
+ * Pictures and reports that are made later are not in it. */
 #ifndef KILN_COORDINATOR_OUTPUT_MANIFEST_H
 #define KILN_COORDINATOR_OUTPUT_MANIFEST_H
 
@@ -19,6 +20,7 @@
 struct kiln_manifest_file {
     char *path; /* relative to the folder */
     uint64_t bytes;
+    uint64_t piece_bytes; /* of whose hashes `hash` is one; 0: it is that of all bytes */
     char hash[KILN_HASH_TEXT];
 };
 
@@ -32,10 +34,12 @@ struct kiln_manifest_parts {
     bool volume, preview, scene; /* volume.hdf, preview.png, scene.glb */
     char *const *more;           /* paths of further files, relative to the folder; borrowed */
     size_t more_count;
+    size_t groups;  /* of lights (field/group_fields.h) */
+    bool no_points; /* there is no kiln.h5 */
 };
 
-/* Collective. Hashes the results of a bake of `scene` in `directory`, each rank some of the files, and writes the
- * manifest on rank 0. KILN_IO if a result is missing. */
+/* Collective. Hashes the results of a bake of `scene` in `directory`, each rank some of their pieces, with all threads,
+ * and writes the manifest on rank 0. KILN_IO if a result is missing. */
 int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene,
                         const struct kiln_surface *surface, const struct kiln_manifest_parts *parts,
                         struct kiln_error *error);

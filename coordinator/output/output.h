@@ -11,6 +11,8 @@
 #include "coordinator/job/faults.h"
 #include "coordinator/output/vertex_light.h"
 
+struct kiln_points_ahead;
+
 struct kiln_output_params {
     const char *directory;
     bool half, stitch;
@@ -25,6 +27,8 @@ struct kiln_output_params {
     /* one byte a lightmap, the same on all ranks: those with 0 are as an earlier call has written them, and stay,
      * unless they touch one that is written; NULL: all are written */
     const uint8_t *only;
+    /* for kiln.h5: what was packed while light was computed, stopped; NULL: nothing */
+    const struct kiln_points_ahead *ahead;
     /* for kiln.h5, on rank 0: irradiance at vertices; NULL: none */
     const struct kiln_vertex_light *vertices;
 };

@@ -1,6 +1,8 @@
 #include "coordinator/output/tone_map.h"
 
 #include <math.h>
+#include <stdbool.h>
+#include <string.h>
 
 #include "worker/base/memory.h"
 
@@ -121,38 +123,58 @@ static void aces(const double rgb[3], double out[3])
 static const double FILMIC_LEAST = 10.0, FILMIC_WHITE[2] = {4.0, 6.5}, /* stops below and above middle grey */
     FILMIC_TOE = 1.5, FILMIC_SHOULDER = 2.0, FILMIC_INSET = 0.15;
 
-/* How far a branch of the sigmoid gets in `stops` that leaves with `slope`, bends with `power` and gets exactly `high`
- * in `wide` stops. */
-static double branch(double stops, double slope, double power, double wide, double high)
+/* A branch of the sigmoid: leaves with `slope`, bends with `power` and gets so far in `wide` stops that it is exactly
+ * at its end. */
+struct branch {
+    double slope, power, wide, scale;
+};
+
+static struct branch make_branch(double slope, double power, double wide, double high)
 {
-    const double run = slope * wide, scale = run / pow(pow(run / high, power) - 1.0, 1.0 / power),
-                 t = slope * fmin(stops, wide) / scale;
-    return scale * t / pow(1.0 + pow(t, power), 1.0 / power);
+    const double run = slope * wide;
+    return (struct branch){slope, power, wide, run / pow(pow(run / high, power) - 1.0, 1.0 / power)};
 }
 
-/* The sRGB code at `stops` from middle grey. */
-static double sigmoid(double stops, double most)
+static double branch_at(const struct branch *b, double stops)
 {
-    const double grey = srgb_code(GREY), slope = M_LN2 / 2.4 * (grey + 0.055); /* of the sRGB code at middle grey */
-    return stops < 0.0 ? grey - branch(-stops, slope, FILMIC_TOE, FILMIC_LEAST, grey)
-                       : grey + branch(stops, slope, FILMIC_SHOULDER, most, 1.0 - grey);
+    const double t = b->slope * fmin(stops, b->wide) / b->scale;
+    return b->scale * t / pow(1.0 + pow(t, b->power), 1.0 / b->power);
 }
 
-static double filmic_most(double white) { return fmin(fmax(log2(white / GREY), FILMIC_WHITE[0]), FILMIC_WHITE[1]); }
+/* By sRGB codes over stops from middle grey. */
+struct filmic {
+    double grey;
+    struct branch toe, shoulder;
+};
 
-static void filmic(double white, const double rgb[3], double out[3])
+static struct filmic make_filmic(double white)
 {
-    const double grey = mean(rgb), most = filmic_most(white);
+    const double grey = srgb_code(GREY), slope = M_LN2 / 2.4 * (grey + 0.055), /* of the sRGB code at middle grey */
+        most = fmin(fmax(log2(white / GREY), FILMIC_WHITE[0]), FILMIC_WHITE[1]);
+    return (struct filmic){.grey = grey,
+                           .toe = make_branch(slope, FILMIC_TOE, FILMIC_LEAST, grey),
+                           .shoulder = make_branch(slope, FILMIC_SHOULDER, most, 1.0 - grey)};
+}
+
+static double sigmoid(const struct filmic *f, double stops)
+{
+    return stops < 0.0 ? f->grey - branch_at(&f->toe, -stops) : f->grey + branch_at(&f->shoulder, stops);
+}
+
+static void filmic(const struct filmic *f, const double rgb[3], double out[3])
+{
+    const double grey = mean(rgb);
     for (int c = 0; c < 3; c++) {
         const double drawn = (1.0 - FILMIC_INSET) * rgb[c] + FILMIC_INSET * grey;
-        out[c] = drawn > 0.0 ? srgb_linear(sigmoid(log2(drawn / GREY), most)) : 0.0;
+        out[c] = drawn > 0.0 ? srgb_linear(sigmoid(f, log2(drawn / GREY))) : 0.0;
     }
     const double after = mean(out);
     for (int c = 0; c < 3; c++)
         out[c] = (out[c] - FILMIC_INSET * after) / (1.0 - FILMIC_INSET);
 }
 
-void kiln_tone_map_color(const struct kiln_tone *tone, const float rgb[3], double code[3])
+/* `f`: of a filmic tone. */
+static void map_color(const struct kiln_tone *tone, const struct filmic *f, const float rgb[3], double code[3])
 {
     double exposed[3], shown[3];
     if (!isfinite(rgb[0]) || !isfinite(rgb[1]) || !isfinite(rgb[2])) {
@@ -163,13 +185,82 @@ void kiln_tone_map_color(const struct kiln_tone *tone, const float rgb[3], doubl
     for (int c = 0; c < 3; c++)
         exposed[c] = shown[c] = tone->exposure * (double)rgb[c];
     if (tone->curve == KILN_TONE_FILMIC)
-        filmic(tone->white, exposed, shown);
+        filmic(f, exposed, shown);
     else if (tone->curve == KILN_TONE_REINHARD)
         reinhard(tone, rgb, shown);
     else if (tone->curve == KILN_TONE_ACES)
         aces(exposed, shown);
     for (int c = 0; c < 3; c++)
         code[c] = srgb_code(shown[c]);
+}
+
+/* ---- many colours ---- */
+
+/* A function of positive numbers by tables: linear between 2^PARTS places of each octave, which is enough to tell most
+ * bytes; nearer than NEAR to where a byte becomes the next one the function itself has to say. */
+enum { PARTS = 8, OCTAVE_LEAST = -14, OCTAVES = 22, ENTRIES = (OCTAVES << PARTS) + 1 };
+static const float NEAR = 0.004f;
+
+struct tables {
+    float curve[ENTRIES]; /* filmic: from exposed to shown */
+    float code[ENTRIES];  /* 255 x the sRGB code of what is shown */
+};
+
+static double place_at(size_t i)
+{
+    const size_t part = i & ((1u << PARTS) - 1);
+    return ldexp(1.0 + (double)part / (1 << PARTS), OCTAVE_LEAST + (int)(i >> PARTS));
+}
+
+static void make_tables(struct tables *t, const struct filmic *f)
+{
+    for (size_t i = 0; i < ENTRIES; i++) {
+        const double place = place_at(i);
+        t->curve[i] = (float)srgb_linear(sigmoid(f, log2(place / GREY)));
+        t->code[i] = (float)(255.0 * srgb_code(place));
+    }
+}
+
+/* False: beyond the table. */
+static bool look_up(const float table[ENTRIES], float x, float *value)
+{
+    uint32_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    const int32_t i = (int32_t)(bits >> (23 - PARTS)) - ((127 + OCTAVE_LEAST) << PARTS);
+    if (i < 0 || i >= ENTRIES - 1) /* negative numbers, infinities and NaN too */
+        return false;
+    const float part = (float)(bits & ((1u << (23 - PARTS)) - 1)) * (1.0f / (float)(1u << (23 - PARTS)));
+    *value = table[i] + part * (table[i + 1] - table[i]);
+    return true;
+}
+
+/* The bytes of a filmic colour, where the tables tell. */
+static bool map_by_tables(const struct tables *t, double exposure, const float rgb[3], uint8_t bytes[3])
+{
+    const float inset = (float)FILMIC_INSET, scale = (float)exposure;
+    float shown[3];
+    const float grey = scale * (rgb[0] + rgb[1] + rgb[2]) * (1.0f / 3.0f);
+    for (int c = 0; c < 3; c++)
+        if (!look_up(t->curve, (1.0f - inset) * scale * rgb[c] + inset * grey, &shown[c]))
+            return false;
+    const float after = (shown[0] + shown[1] + shown[2]) * (1.0f / 3.0f);
+    for (int c = 0; c < 3; c++) {
+        float code;
+        if (!look_up(t->code, (shown[c] - inset * after) * (1.0f / (1.0f - inset)), &code) || !(code < 255.0f - NEAR))
+            return false;
+        const int whole = (int)(code + 0.5f);
+        const float beyond = code + 0.5f - (float)whole;
+        if (beyond < NEAR || beyond > 1.0f - NEAR)
+            return false;
+        bytes[c] = (uint8_t)whole;
+    }
+    return true;
+}
+
+void kiln_tone_map_color(const struct kiln_tone *tone, const float rgb[3], double code[3])
+{
+    const struct filmic f = make_filmic(tone->white);
+    map_color(tone, &f, rgb, code);
 }
 
 int kiln_tone_map(const struct kiln_image *image, const struct kiln_tone *tone, uint8_t *bytes,
@@ -179,13 +270,25 @@ int kiln_tone_map(const struct kiln_image *image, const struct kiln_tone *tone, 
     if (!kiln_image_rgb(image, "", planes))
         return kiln_fail(error, KILN_BAD_INPUT, "the image has no channels R, G and B to show");
     const size_t count = (size_t)image->width * image->height;
+    const struct filmic f = make_filmic(tone->white);
+    struct tables *t = NULL;
+    if (tone->curve == KILN_TONE_FILMIC && count > ENTRIES) {
+        const int status = kiln_allocate(&t, 1, sizeof *t, "a tone curve", error);
+        if (status != KILN_OK)
+            return status;
+        make_tables(t, &f);
+    }
 #pragma omp parallel for schedule(static) if (count > KILN_IMAGE_ALONE)
     for (size_t i = 0; i < count; i++) {
+        const float rgb[3] = {planes[0][i], planes[1][i], planes[2][i]};
+        if (t != NULL && map_by_tables(t, tone->exposure, rgb, &bytes[3 * i]))
+            continue;
         double code[3];
-        kiln_tone_map_color(tone, (float[3]){planes[0][i], planes[1][i], planes[2][i]}, code);
+        map_color(tone, &f, rgb, code);
         for (size_t c = 0; c < 3; c++)
             bytes[3 * i + c] = (uint8_t)(255.0 * code[c] + 0.5);
     }
+    kiln_free(&t);
     return KILN_OK;
 }
 

@@ -4,8 +4,10 @@
 #include <string.h>
 
 #include "coordinator/field/field.h"
+#include "coordinator/integrate/link_file.h"
 #include "coordinator/integrate/blocks.h"
 #include "coordinator/integrate/patches.h"
+#include "coordinator/integrate/senders.h"
 #include "coordinator/integrate/nodes.h"
 #include "coordinator/integrate/energy.h"
 #include "coordinator/run/process_memory.h"
@@ -41,8 +43,8 @@ static const double DENOISE_POINT_SECONDS = 18e-6;
 static const double DENOISE_LIGHTMAP_DISK = 0.87, DENOISE_POINT_DISK = -4.0;
 
 static const double TAKE_POINT_SECONDS = 0.11e-6;    /* of one thread, in each pass: entered into results and sums */
-static const double LIGHTMAP_TEXEL_SECONDS = 1.6e-6; /* of one thread: filled, smoothed, compressed, read back */
-static const double H5_POINT_SECONDS = 1.35e-6;      /* of one rank: described, compressed, read back */
+static const double LIGHTMAP_TEXEL_SECONDS = 0.9e-6; /* of one thread: filled, smoothed, compressed, read back */
+static const double H5_POINT_SECONDS = 0.85e-6;      /* of one rank: described, compressed, read back */
 /* Of these two, what one rank does alone when there are several, of one thread. For an object of few seams: */
 /* its points taken in, finished, sent to be packed, written, compared */
 static const double OWNER_TEXEL_SECONDS = 0.2e-6;
@@ -184,9 +186,11 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
     plan->scene_bytes = p->scene->mapped_bytes;
     plan->preview_bytes = job->preview ? (uint64_t)PREVIEW_DISK : 0;
     plan->export_bytes = job->export ? kiln_export_size(p->scene) : 0;
-    for (size_t i = 0; i < plan->steps.count && job->keep_transport != KILN_KEEP_NONE; i++)
+    for (size_t i = 0; i < plan->steps.count && job->keep_transport == KILN_KEEP_ROWS; i++)
         if (kiln_transport_keeps(&plan->steps.of[i].step))
             plan->transport_bytes += kiln_rows_file_bytes(plan->surface.points, plan->steps.of[i].step.samples);
+    if (job->keep_transport == KILN_KEEP_LINKS)
+        plan->transport_bytes = kiln_link_file_bytes_expected(plan->surface.points, job->patches.link_error);
     plan->disk_bytes = plan->lightmap_bytes + plan->h5_bytes + plan->volume_bytes + plan->scene_bytes +
                        plan->preview_bytes + plan->export_bytes + plan->transport_bytes;
     const enum kiln_caustics caustics =
@@ -275,6 +279,8 @@ static int take_sample(const struct kiln_planned_steps *steps, const struct cali
         sample->points[k] = kiln_tile_runs_points(&tile_runs[first], &tile_runs[first + batch.count - 1]);
         if (status == KILN_OK && !steps->kinds[k].lands)
             status = sample_step(p, &batch, &steps->kinds[k], &sample->seconds[k], error);
+        if (steps->kinds[k].by_unshot) /* timed with all patches */
+            sample->seconds[k] /= KILN_UNSHOT_ROUNDS;
         kiln_free(&masks);
     }
     return status;

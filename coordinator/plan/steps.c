@@ -11,7 +11,7 @@ static int find_kind(struct kiln_planned_steps *steps, struct kiln_planned_step 
            (steps->kinds[k].pass != step->pass || steps->kinds[k].parameters != step->parameters ||
             steps->kinds[k].samples != step->samples || steps->kinds[k].by_blocks != step->by_blocks ||
             steps->kinds[k].seen_only != step->seen_only || steps->kinds[k].by_nodes != step->by_nodes ||
-            steps->kinds[k].lands != step->lands))
+            steps->kinds[k].by_unshot != step->by_unshot || steps->kinds[k].lands != step->lands))
         k++;
     planned->kind = k;
     if (k < steps->kind_count)
@@ -20,8 +20,8 @@ static int find_kind(struct kiln_planned_steps *steps, struct kiln_planned_step 
         return kiln_fail(error, KILN_SYSTEM, "this bake has steps of more than %d kinds, which cannot be planned",
                          KILN_COST_KINDS_MAX);
     steps->kinds[steps->kind_count++] =
-        (struct kiln_cost_kind){step->pass,      step->parameters, step->samples,  step->stream,
-                                step->by_blocks, step->seen_only,  step->by_nodes, step->lands};
+        (struct kiln_cost_kind){step->pass,      step->parameters, step->samples,   step->stream, step->by_blocks,
+                                step->seen_only, step->by_nodes,   step->by_unshot, step->lands};
     return KILN_OK;
 }
 

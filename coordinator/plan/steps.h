@@ -12,6 +12,7 @@ struct kiln_cost_kind {
     bool by_blocks;           /* one point of each block gathers (integrate/blocks.h) */
     bool seen_only;           /* tile runs that no view sees are left out (bake/visible_from.h) */
     bool by_nodes;            /* nodes gather (integrate/nodes.h) */
+    bool by_unshot;           /* a part of all patches sends (integrate/radiosity/unshot.h) */
     bool lands;               /* light paths land (landing.h): the pass is not run */
 };
 

@@ -23,7 +23,7 @@
 
 #include "worker/base/status.h"
 
-enum { KILN_BLOCK_NAME = 24, KILN_BLOCKS_MAX = 128 };
+enum { KILN_BLOCK_NAME = 24, KILN_BLOCKS_MAX = 9728 };
 
 /* A range of an array, as one rank holds it. */
 struct kiln_block {

@@ -4,6 +4,15 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
+
+/* Seconds that all threads of the process have taken of processors. */
+static double processor_time(void)
+{
+    struct timespec time = {0, 0};
+    (void)clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
+    return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
+}
 
 static size_t find(struct kiln_phases *phases, const char *name)
 {
@@ -12,17 +21,18 @@ static size_t find(struct kiln_phases *phases, const char *name)
             return i;
     assert(phases->count < KILN_PHASES_MAX);
     phases->name[phases->count] = name;
-    phases->seconds[phases->count] = 0.0;
+    phases->seconds[phases->count] = phases->processor[phases->count] = 0.0;
     return phases->count++;
 }
 
 void kiln_phase(struct kiln_phases *phases, const char *name)
 {
-    const double now = MPI_Wtime();
+    const double now = MPI_Wtime(), processor = processor_time();
     if (phases->begin == 0.0)
         phases->begin = now;
     if (phases->since != 0.0) {
         phases->seconds[phases->present] += now - phases->since;
+        phases->processor[phases->present] += processor - phases->processor_since;
         kiln_trace_add(phases->trace, KILN_TRACE_PHASE, phases->name[phases->present], phases->since, now, -1);
     }
     phases->since = 0.0;
@@ -30,6 +40,7 @@ void kiln_phase(struct kiln_phases *phases, const char *name)
         return;
     phases->present = find(phases, name);
     phases->since = now;
+    phases->processor_since = processor;
     kiln_watchdog_phase(phases->watchdog, name);
 }
 
@@ -51,6 +62,8 @@ json_t *kiln_phases_json(const struct kiln_phases *phases, MPI_Comm communicator
     int rank, ranks;
     (void)MPI_Comm_rank(communicator, &rank);
     (void)MPI_Comm_size(communicator, &ranks);
+    double processor[KILN_PHASES_MAX] = {0.0};
+    (void)MPI_Reduce(phases->processor, processor, KILN_PHASES_MAX, MPI_DOUBLE, MPI_SUM, 0, communicator);
     (void)MPI_Gather(phases->seconds, KILN_PHASES_MAX, MPI_DOUBLE, all, KILN_PHASES_MAX, MPI_DOUBLE, 0, communicator);
     if (rank != 0)
         return NULL;
@@ -66,8 +79,9 @@ json_t *kiln_phases_json(const struct kiln_phases *phases, MPI_Comm communicator
             json_array_append_new(per_rank, json_real(seconds));
         }
         const double mean = sum / ranks;
-        json_array_append_new(array, json_pack("{s:s, s:{s:f, s:f, s:f}, s:f, s:o}", "name", phases->name[i], "seconds",
-                                               "min", low, "avg", mean, "max", high, "imbalance",
+        json_array_append_new(array, json_pack("{s:s, s:{s:f, s:f, s:f}, s:o, s:f, s:o}", "name", phases->name[i],
+                                               "seconds", "min", low, "avg", mean, "max", high, "processor_seconds",
+                                               processor[i] > 0.0 ? json_real(processor[i]) : json_null(), "imbalance",
                                                mean > 0.0 ? high / mean - 1.0 : 0.0, "per_rank", per_rank));
     }
     return array;

@@ -12,7 +12,8 @@
 #include "worker/base/status.h"
 
 /* Kinds of events. HELP: a batch that was stolen from another rank. EXCHANGE: the rank sends, receives or waits for
- * radiosity. TRAVEL: a group of points is under way while the rank does something else. */
+ * radiosity. TRAVEL: a group of points is under way while the rank does something else. BESIDE: threads that give way
+ * prepare files while passes run. */
 enum kiln_trace_row {
     KILN_TRACE_PHASE,
     KILN_TRACE_PASS,
@@ -22,6 +23,7 @@ enum kiln_trace_row {
     KILN_TRACE_TRAVEL,
     KILN_TRACE_CHECKPOINT,
     KILN_TRACE_WAIT,
+    KILN_TRACE_BESIDE,
     KILN_TRACE_ROWS
 };
 

@@ -175,11 +175,12 @@ static double code_of(float value, double scale)
     return floor(255.0 * unit + 0.5) / 255.0;
 }
 
-static void sum_codes(const struct pair *p, struct kiln_difference *d)
+static void sum_codes(const struct pair *p, double largest, struct kiln_difference *d)
 {
     const size_t count = (size_t)p->width * p->height;
-    const double scale = d->largest > 0.0 ? d->largest : 1.0;
+    const double scale = largest > 0.0 ? largest : 1.0;
     d->pixels = (double)count;
+    d->code_lengths = 0.0;
     for (size_t i = 0; i < count; i++) {
         double squares = 0.0;
         for (uint32_t c = 0; c < p->channel_count; c++) {
@@ -361,11 +362,25 @@ int kiln_compare_images(const struct kiln_image *a, const struct kiln_image *b, 
         d->measure = (double)d->texels;
         d->interior_measure = (double)d->interior;
         sum_relative(&p, d);
-        sum_codes(&p, d);
+        sum_codes(&p, d->largest, d);
         status = sum_similarity(&p, d, error);
     }
     if (status == KILN_OK)
         derive(d);
+    destroy_pair(&p);
+    return status;
+}
+
+int kiln_compare_codes(const struct kiln_image *a, const struct kiln_image *b, double largest,
+                       struct kiln_difference *difference, struct kiln_error *error)
+{
+    struct pair p = {0};
+    uint64_t not_finite = 0;
+    const int status = pair_images(&p, a, b, &not_finite, error);
+    if (status == KILN_OK) {
+        sum_codes(&p, largest, difference);
+        derive(difference);
+    }
     destroy_pair(&p);
     return status;
 }

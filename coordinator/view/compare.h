@@ -31,7 +31,8 @@
  * - dfpr_8bit: the same as Kahl's own tool computes it: the mean over all pixels of the images, valid or not, of the
  *   Euclidean length over C of the difference of 8-bit codes over 255, k = round(255 min(max(v / l, 0), 1)). l is the
  *   largest value of b over T and C, or 1 where that is not above 0: in a lightmap that he saves the brightest light is
- *   1. A value that is not finite has code 0.
+ *   1. His scenes have one lightmap, so l of several is the largest of all (kiln_compare_codes). A value that is not
+ *   finite has code 0.
  *
  * - worst: the texel of T with the greatest length of (a - b) over C, the first in row order among equals. */
 #ifndef KILN_COORDINATOR_VIEW_COMPARE_H
@@ -71,8 +72,13 @@ int kiln_compare_images(const struct kiln_image *a, const struct kiln_image *b, 
 
 /* Adds the difference of one image to that of a set of images with the same channels. Initialise the set with zeros,
  * and identical = true. Each metric of the set is over all texels of all images, weighted by one->weight; m of
- * rel_rmse, e of dssim and l of dfpr_8bit are those of each image. */
+ * rel_rmse and e of dssim are those of each image, and l of dfpr_8bit until kiln_compare_codes. */
 void kiln_difference_add(struct kiln_difference *set, const struct kiln_difference *one);
+
+/* Finds dfpr_8bit of a compared image again, with `largest` as l: that of a set, which is to be added up anew. Statuses
+ * of kiln_compare_images. */
+int kiln_compare_codes(const struct kiln_image *a, const struct kiln_image *b, double largest,
+                       struct kiln_difference *difference, struct kiln_error *error);
 
 /* Draws the difference as 8-bit RGB, 3 x width x height bytes at `bytes`. It shows the length of (a - b) relative to
  * the mean of the reference, from black (0) through blue, red and yellow to white (`full` or more). Texels that are not

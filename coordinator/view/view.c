@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "coordinator/files/publish.h"
+#include "coordinator/view/false_color.h"
 #include "coordinator/view/view_filter.h"
 #include "coordinator/view/view_surfaces.h"
 #include "worker/base/memory.h"
@@ -12,6 +13,12 @@
 #include "worker/scene/leaves.h"
 
 /* ---- pictures ---- */
+
+/* Whether the colours of a picture have a range. */
+static bool has_range(const struct kiln_picture *picture)
+{
+    return picture->meaning == KILN_FIELD_SCALE || picture->meaning == KILN_FIELD_PLACE;
+}
 
 static int make_picture(const struct kiln_view_source *source, const struct kiln_view_wish *wish, uint32_t side,
                         const struct kiln_look *look, struct kiln_picture *picture, struct kiln_error *error)
@@ -32,13 +39,19 @@ static int make_picture(const struct kiln_view_source *source, const struct kiln
         status = kiln_view_filter_run(wish->filter, &params, &picture->image, error);
     if (status == KILN_OK && wish->surfaces)
         status = kiln_view_add_surfaces(&params, &picture->image, error);
+    return status == KILN_OK ? kiln_picture_fit(source, look, picture, error) : status;
+}
+
+int kiln_picture_fit(const struct kiln_view_source *source, const struct kiln_look *look, struct kiln_picture *picture,
+                     struct kiln_error *error)
+{
     if (source->field != NULL)
         picture->meaning = source->field->meaning;
-    if (status == KILN_OK && picture->meaning == KILN_FIELD_AMOUNT && !look->no_metering) {
+    if (picture->meaning == KILN_FIELD_AMOUNT && !look->no_metering) {
         picture->exposure = kiln_auto_exposure(picture->image);
         picture->metering = KILN_METERED_PICTURE;
     }
-    return status;
+    return has_range(picture) ? kiln_false_color_fit(picture, error) : KILN_OK;
 }
 
 int kiln_picture_make(const struct kiln_view_source *source, const struct kiln_view_wish *wish, uint32_t side,
@@ -77,6 +90,9 @@ void kiln_viewpoint_text(const struct kiln_viewpoint *v, char text[KILN_VIEWPOIN
     if (v->kind == KILN_VIEW_CAMERA)
         (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen by the scene's camera '%s'",
                        kiln_text_plain(place, sizeof place, v->camera));
+    else if (v->kind == KILN_VIEW_ATLAS)
+        (void)snprintf(text, KILN_VIEWPOINT_TEXT, "the lightmap of '%s'",
+                       kiln_text_plain(place, sizeof place, v->camera));
     else if (v->kind == KILN_VIEW_GIVEN)
         (void)snprintf(text, KILN_VIEWPOINT_TEXT, "seen as asked, %s", place);
     else
@@ -90,7 +106,7 @@ void kiln_viewpoint_text(const struct kiln_viewpoint *v, char text[KILN_VIEWPOIN
 static void scale_text(const struct kiln_picture *picture, const struct kiln_look *look, char text[200])
 {
     static const char *const automatic[] = {"automatic", "automatic for all frames together"};
-    const char *curve = kiln_tone_name(look->curve);
+    const char *curve = kiln_tone_name(look->curve), *unit = picture->unit;
     char added[80] = "";
     if (look->stops != 0.0)
         (void)snprintf(added, sizeof added, " and %+.4g asked for", look->stops);
@@ -98,6 +114,16 @@ static void scale_text(const struct kiln_picture *picture, const struct kiln_loo
         (void)snprintf(text, 200, "white is 1, black is 0");
     else if (picture->meaning == KILN_FIELD_DIRECTION)
         (void)snprintf(text, 200, "red, green and blue are x, y and z, from -1 to 1");
+    else if (picture->meaning == KILN_FIELD_COLOR)
+        (void)snprintf(text, 200, "colours as they are: white is 1 of red, green and blue");
+    else if (picture->meaning == KILN_FIELD_PLACE)
+        (void)snprintf(text, 200,
+                       "red, green and blue are x from %.4g to %.4g, y from %.4g to %.4g, z from %.4g to %.4g%s%s",
+                       picture->low[0], picture->high[0], picture->low[1], picture->high[1], picture->low[2],
+                       picture->high[2], unit != NULL ? " " : "", unit != NULL ? unit : "");
+    else if (picture->meaning == KILN_FIELD_SCALE)
+        (void)snprintf(text, 200, "from dark violet, %.4g or less, to yellow, %.4g or more%s%s; grey: no value",
+                       picture->low[0], picture->high[0], unit != NULL ? " " : "", unit != NULL ? unit : "");
     else if (picture->metering == KILN_METERED_NOTHING)
         (void)snprintf(text, 200, "exposure %+.4g stops, not automatic; tone map %s", look->stops, curve);
     else
@@ -123,13 +149,20 @@ void kiln_picture_notes(const struct kiln_picture *picture, const struct kiln_lo
 json_t *kiln_picture_json(const struct kiln_picture *picture, const struct kiln_look *look)
 {
     /* in the order of enum kiln_view_kind */
-    static const char *const kinds[] = {"camera", "given", "inside", "outside"};
+    static const char *const kinds[] = {"camera", "given", "inside", "outside", "atlas"};
     const struct kiln_viewpoint *v = &picture->viewpoint;
-    return json_pack("{s:{s:s, s:s*, s:[f,f,f], s:[f,f,f]}, s:{s:f, s:f}, s:s*, s:f, s:f}", "viewpoint", "chosen",
-                     kinds[v->kind], "camera", v->camera, "from", v->from[0], v->from[1], v->from[2], "to", v->to[0],
-                     v->to[1], v->to[2], "exposure", "automatic", log2(picture->exposure.scale), "added", look->stops,
-                     "tone_map", picture->meaning == KILN_FIELD_AMOUNT ? kiln_tone_name(look->curve) : NULL,
-                     "metal_share", picture->approximate.metal, "front_light_share", picture->approximate.front_light);
+    json_t *json =
+        json_pack("{s:{s:s, s:s*, s:[f,f,f], s:[f,f,f]}, s:{s:f, s:f}, s:s*, s:f, s:f}", "viewpoint", "chosen",
+                  kinds[v->kind], "camera", v->camera, "from", v->from[0], v->from[1], v->from[2], "to", v->to[0],
+                  v->to[1], v->to[2], "exposure", "automatic", log2(picture->exposure.scale), "added", look->stops,
+                  "tone_map", picture->meaning == KILN_FIELD_AMOUNT ? kiln_tone_name(look->curve) : NULL, "metal_share",
+                  picture->approximate.metal, "front_light_share", picture->approximate.front_light);
+    if (has_range(picture))
+        (void)json_object_set_new(json, "scale",
+                                  json_pack("{s:[f,f,f], s:[f,f,f], s:s*}", "low", picture->low[0], picture->low[1],
+                                            picture->low[2], "high", picture->high[0], picture->high[1],
+                                            picture->high[2], "unit", picture->unit));
+    return json;
 }
 
 int kiln_picture_write(const char *directory, const char *name, const struct kiln_picture *picture,
@@ -143,6 +176,12 @@ int kiln_picture_write(const char *directory, const char *name, const struct kil
         return kiln_png_write_values(directory, name, picture->image, 1.0, 0.0, text, error);
     if (picture->meaning == KILN_FIELD_DIRECTION)
         return kiln_png_write_values(directory, name, picture->image, 0.5, 0.5, text, error);
+    if (has_range(picture))
+        return kiln_false_color_write(directory, name, picture, text, error);
+    if (picture->meaning == KILN_FIELD_COLOR) {
+        const struct kiln_tone plain = {.curve = KILN_TONE_NONE, .exposure = 1.0, .white = INFINITY};
+        return kiln_png_write(directory, name, picture->image, &plain, text, error);
+    }
     const struct kiln_tone tone = {look->curve, picture->exposure.scale * exp2(look->stops), picture->exposure.white};
     return kiln_png_write(directory, name, picture->image, &tone, text, error);
 }

@@ -58,6 +58,7 @@ struct kiln_view_source {
     /* a field of the lightmaps whose values are drawn instead of light, its first three components as red, green and
      * blue; NULL: light */
     const struct kiln_field *field;
+    bool nearest;                              /* texels as they are, not filtered bilinearly */
     bool no_normal_maps;                       /* draw materials as if they had no normal maps */
     struct kiln_view_maps *maps;               /* lightmaps for several pictures; NULL: each picture reads its own */
     const struct kiln_stop *stop;              /* may ask to stop (KILN_STOPPED); NULL: never */
@@ -92,12 +93,13 @@ struct kiln_view_wish {
     struct kiln_view_filter *filter; /* what the renderer draws goes through it (view_filter.h); borrowed; NULL: none */
 };
 
-/* How the viewpoint was chosen: a camera of the scene, the request, or automatically from inside or outside. */
-enum kiln_view_kind { KILN_VIEW_CAMERA, KILN_VIEW_GIVEN, KILN_VIEW_INSIDE, KILN_VIEW_OUTSIDE };
+/* How the viewpoint was chosen: a camera of the scene, the request, or automatically from inside or outside; there is
+ * none of a lightmap itself. */
+enum kiln_view_kind { KILN_VIEW_CAMERA, KILN_VIEW_GIVEN, KILN_VIEW_INSIDE, KILN_VIEW_OUTSIDE, KILN_VIEW_ATLAS };
 
 struct kiln_viewpoint {
     enum kiln_view_kind kind;
-    const char *camera;    /* KILN_VIEW_CAMERA: its name, borrowed from the scene; else NULL */
+    const char *camera;    /* its name, or KILN_VIEW_ATLAS: the object's; borrowed from the scene; else NULL */
     double from[3], to[3]; /* world, m */
 };
 
@@ -153,6 +155,8 @@ struct kiln_picture {
     struct kiln_exposure exposure;
     enum kiln_metering metering;
     enum kiln_field_meaning meaning; /* of what is shown */
+    const char *unit;                /* of what is shown, borrowed; of meanings that name a range: */
+    double low[3], high[3];          /* values whose colours are the first and the last, of R, G, B (false_color.h) */
     struct kiln_view_approximate approximate;
 };
 
@@ -169,6 +173,17 @@ struct kiln_look {
 int kiln_picture_make(const struct kiln_view_source *source, const struct kiln_view_wish *wish, uint32_t side,
                       const struct kiln_look *look, struct kiln_picture *picture, struct kiln_error *error);
 
+/* Sets the meaning of a picture's image, and the exposure or the range of its colours. */
+int kiln_picture_fit(const struct kiln_view_source *source, const struct kiln_look *look, struct kiln_picture *picture,
+                     struct kiln_error *error);
+
+/* Draws an object's lightmap in the place of a view: what the source shows, a texel as a square of pixels, of as many
+ * that the longer side has `side` pixels (0: 512) or a little less, and one at least; between texels as the source
+ * filters. Light is irradiance. Texels without a value are NaN where colours have a range, else 0. KILN_USAGE if there
+ * is no lightmap of that object, with a list of those that there are. */
+int kiln_atlas_make(const struct kiln_view_source *source, const char *object, uint32_t side,
+                    const struct kiln_look *look, struct kiln_picture *picture, struct kiln_error *error);
+
 /* Automatic exposure for several views together, such as the frames of a path, which must not flicker:
  * kiln_auto_exposure of all their pictures together, or of 48 spread over them, each of 96 x 72 rays. */
 int kiln_view_meter(const struct kiln_view_source *source, const struct kiln_view_wish *wishes, size_t count,
@@ -182,8 +197,9 @@ void kiln_viewpoint_text(const struct kiln_viewpoint *viewpoint, char text[KILN_
 /* Describes exposure, tone curve and approximations, one sentence on each line. */
 void kiln_picture_notes(const struct kiln_picture *picture, const struct kiln_look *look, char text[KILN_PICTURE_TEXT]);
 
-/* The same as JSON: {"viewpoint": {"chosen": "camera" | "given" | "inside" | "outside", "camera", "from", "to"},
- * "exposure": {"automatic", "added"} in stops, "tone_map" (where there is one), "metal_share", "front_light_share"}. */
+/* The same as JSON: {"viewpoint": {"chosen": "camera" | "given" | "inside" | "outside" | "atlas", "camera", "from",
+ * "to"}, "exposure": {"automatic", "added"} in stops, "tone_map" (where there is one), "metal_share",
+ * "front_light_share"}, and where colours have a range "scale": {"low", "high", "unit"}. */
 json_t *kiln_picture_json(const struct kiln_picture *picture, const struct kiln_look *look);
 
 /* Publishes the picture, tone-mapped unless its meaning says otherwise, at the destination (publish.h), with its

@@ -6,8 +6,9 @@
 #include "worker/sampling/keys.h"
 #include "worker/scene/texture.h"
 
-/* Rays that are traced together; surfaces that one goes on from at most; and the key of the random numbers. */
-enum { BAND_RAYS = 1 << 16, MOST_SURFACES = 64, KEY = 0x76696577 };
+/* Rays that are traced together; surfaces of theirs that lamps light together, which take some 700 bytes each; surfaces
+ * that one goes on from at most; and the key of the random numbers. */
+enum { BAND_RAYS = 1 << 16, LIT_PLACES = 1 << 13, MOST_SURFACES = 64, KEY = 0x76696577 };
 
 /* A ray under way, and what it has brought. */
 struct walker {
@@ -26,7 +27,7 @@ struct kiln_view_gloss {
     uint32_t *active; /* walkers of the rays that are traced */
     struct kiln_gloss_lobes *lobes;
     struct kiln_view_lamps *lamps;
-    struct kiln_view_lit *lit; /* the surfaces with gloss that they have met */
+    struct kiln_view_lit *lit; /* the surfaces with gloss that some of them have met, at most LIT_PLACES at once */
     uint32_t *lit_of;          /* the walkers of these */
     uint32_t side, chains;
     size_t part; /* pixels that there is room for */
@@ -126,21 +127,34 @@ static void meet(const struct kiln_view_gloss *b, const struct kiln_hit *found, 
     w->way = kiln_view_way(&lit->place, &turn);
 }
 
-/* What lamps bring to the surfaces with gloss that `count` active walkers have met. */
-static int add_lamps(struct kiln_view_gloss *b, size_t count, struct kiln_error *error)
+/* What lamps bring to the surfaces with gloss that active walkers from the `first` on have met, `count` of them. */
+static int add_lamps(struct kiln_view_gloss *b, size_t first, size_t count, struct kiln_error *error)
 {
     size_t lit = 0;
     for (size_t i = 0; i < count; i++) {
-        if (!b->walkers[b->active[i]].lit)
+        if (!b->walkers[b->active[first + i]].lit)
             continue;
         b->lit[lit] = b->lit[i];
-        b->lit_of[lit++] = b->active[i];
+        b->lit_of[lit++] = b->active[first + i];
     }
     const int status = kiln_view_lamps_add(b->lamps, b->lit, lit, error);
     for (size_t i = 0; i < lit && status == KILN_OK; i++)
         for (int c = 0; c < 3; c++)
             b->walkers[b->lit_of[i]].rgb[c] += b->lit[i].rgb[c];
     return status;
+}
+
+/* What `count` active walkers from the `first` on find at the ends of their rays; at most LIT_PLACES. */
+static int meet_some(struct kiln_view_gloss *b, size_t first, size_t count, uint32_t surface, struct kiln_error *error)
+{
+    const struct kiln_view_rays *rays = b->rays;
+#pragma omp parallel for schedule(dynamic, 256)
+    for (size_t i = 0; i < count; i++) {
+        const size_t ray = first + i;
+        meet(b, &rays->hits[ray], rays->passed[ray], rays->directions[ray], surface, &b->walkers[b->active[ray]],
+             &b->lit[i]);
+    }
+    return add_lamps(b, first, count, error);
 }
 
 /* One surface of the first `count` active walkers; how many of them go on. */
@@ -156,10 +170,8 @@ static int step(struct kiln_view_gloss *b, size_t *count, uint32_t surface, stru
         status = kiln_view_maps_load(b->maps, rays->hits, *count, error);
     if (status != KILN_OK)
         return status;
-#pragma omp parallel for schedule(dynamic, 256)
-    for (size_t i = 0; i < *count; i++)
-        meet(b, &rays->hits[i], rays->passed[i], rays->directions[i], surface, &b->walkers[b->active[i]], &b->lit[i]);
-    status = add_lamps(b, *count, error);
+    for (size_t i = 0; i < *count && status == KILN_OK; i += LIT_PLACES)
+        status = meet_some(b, i, *count - i < LIT_PLACES ? *count - i : LIT_PLACES, surface, error);
     size_t left = 0;
     for (size_t i = 0; i < *count; i++)
         if (b->walkers[b->active[i]].goes_on)
@@ -208,11 +220,11 @@ int kiln_view_gloss_create(struct kiln_view_gloss **gloss, const struct kiln_vie
     if (status == KILN_OK)
         status = kiln_allocate(&b->active, b->part * rays, sizeof *b->active, "rays of a view", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&b->lit, b->part * rays, sizeof *b->lit, "rays of a view", error);
+        status = kiln_allocate(&b->lit, LIT_PLACES, sizeof *b->lit, "rays of a view", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&b->lit_of, b->part * rays, sizeof *b->lit_of, "rays of a view", error);
+        status = kiln_allocate(&b->lit_of, LIT_PLACES, sizeof *b->lit_of, "rays of a view", error);
     if (status == KILN_OK)
-        status = kiln_view_lamps_create(&b->lamps, &params->source, b->part * rays, error);
+        status = kiln_view_lamps_create(&b->lamps, &params->source, LIT_PLACES, error);
     if (status == KILN_OK)
         status = kiln_scene_lobes(&b->lobes, params->source.scene, error);
     if (status != KILN_OK)

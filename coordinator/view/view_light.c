@@ -9,6 +9,7 @@
 #include "coordinator/files/publish.h"
 #include "coordinator/view/leaf_light.h"
 #include "coordinator/view/normal_map.h"
+#include "coordinator/view/point_map.h"
 #include "coordinator/view/view_gloss.h"
 #include "worker/sampling/keys.h"
 #include "worker/base/memory.h"
@@ -144,6 +145,7 @@ struct map {
     const float *sh[SH], *dominant[DOMINANT]; /* the first of each is NULL: without them, or not needed */
     float scale_x, scale_y;                   /* from texels of the scene's lightmap to texels here */
     bool looked_for;                          /* of backs */
+    bool sparse;                              /* made of points: texels without one are NaN */
 };
 
 struct kiln_view_maps {
@@ -152,6 +154,7 @@ struct kiln_view_maps {
     uint32_t coarse;
     struct map *maps;               /* one for each object, then one for the back of each object */
     struct kiln_leaf_light *leaves; /* of an octree, in their place; NULL: not needed, or not yet */
+    struct kiln_point_rows *rows;   /* of a field that lightmaps do not have; NULL: likewise */
 };
 
 int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_source *source, uint32_t coarse,
@@ -178,6 +181,7 @@ void kiln_view_maps_destroy(struct kiln_view_maps **maps)
         kiln_image_destroy(&(*maps)->maps[i].image);
     kiln_free(&(*maps)->maps);
     kiln_leaf_light_destroy(&(*maps)->leaves);
+    kiln_point_rows_destroy(&(*maps)->rows);
     kiln_free(maps);
 }
 
@@ -297,8 +301,34 @@ static int no_field(const struct kiln_view_source *source, const char *name, str
                      source->directory, name, kiln_field_shown_name(source->field), list);
 }
 
+/* Makes a lightmap of what kiln.h5 has of the field at the object's points. */
+static int load_points(struct kiln_view_maps *maps, uint32_t object, bool back, struct kiln_error *error)
+{
+    const struct kiln_view_source *s = maps->source;
+    const struct kiln_object *o = &s->scene->objects[object];
+    struct map *map = &maps->maps[object + (back ? s->scene->object_count : 0)];
+    float *planes[3];
+    int status = maps->rows != NULL
+                     ? KILN_OK
+                     : kiln_point_rows_read(&maps->rows, s->results, s->field, (uint32_t)s->scene->object_count, error);
+    kiln_image_destroy(&map->image);
+    if (status == KILN_OK)
+        status =
+            kiln_point_map_create(&map->image, maps->rows, object, back, o->lightmap_width, o->lightmap_height, error);
+    if (status != KILN_OK)
+        return status;
+    (void)kiln_image_rgb(map->image, "", planes);
+    for (int c = 0; c < 3; c++)
+        map->planes[c] = planes[c];
+    map->scale_x = map->scale_y = 1.0f;
+    map->sparse = true;
+    return KILN_OK;
+}
+
 static int load(struct kiln_view_maps *maps, uint32_t object, bool back, struct kiln_error *error)
 {
+    if (maps->source->field != NULL && maps->source->field->channels == NULL)
+        return load_points(maps, object, back, error);
     const struct kiln_field *field = maps->source->field;
     const char *channels[CHANNELS];
     name_channels(channels);
@@ -324,8 +354,10 @@ static int load(struct kiln_view_maps *maps, uint32_t object, bool back, struct 
             error, KILN_BAD_INPUT,
             "'%s' is not the lightmap of this scene's object: it has %u x %u texels, the scene says %u x %u", path,
             map->image->width, map->image->height, o->lightmap_width, o->lightmap_height);
-    if (field != NULL && !find_planes(maps->source, map))
-        return no_field(maps->source, name, error);
+    if (field != NULL && !find_planes(maps->source, map)) {
+        status = load_points(maps, object, back, error);
+        return status == KILN_NO_INPUT ? no_field(maps->source, name, error) : status;
+    }
     map->scale_x = map->scale_y = 1.0f;
     return maps->coarse > 0 ? make_coarse(map, maps->coarse, error) : KILN_OK;
 }
@@ -369,6 +401,54 @@ static inline float between(float x, float most)
     return some < most ? some : most;
 }
 
+/* The values of the texel at a place; of one without a point those of the nearest within `around` texels; else NaN. */
+static void look_up_nearest(const struct map *map, const float at[2], int around, float values[LIGHT])
+{
+    const struct kiln_image *image = map->image;
+    const int x0 = (int)floorf(between(at[0], (float)(image->width - 1))),
+              y0 = (int)floorf(between(at[1], (float)(image->height - 1)));
+    float least = INFINITY;
+    for (int c = 0; c < LIGHT; c++)
+        values[c] = NAN;
+    for (int y = y0 - around; y <= y0 + around; y++)
+        for (int x = x0 - around; x <= x0 + around; x++) {
+            const float dx = (float)x + 0.5f - at[0], dy = (float)y + 0.5f - at[1];
+            const float far = x == x0 && y == y0 ? 0.0f : dx * dx + dy * dy;
+            if (x < 0 || y < 0 || x >= (int)image->width || y >= (int)image->height || far >= least)
+                continue;
+            const size_t i = (size_t)y * image->width + (size_t)x;
+            if (!isfinite(map->planes[0][i]))
+                continue;
+            least = far;
+            for (int c = 0; c < LIGHT; c++)
+                values[c] = map->planes[c][i];
+        }
+}
+
+/* The mean of the four texels around a place that have a point, weighted bilinearly; NaN where none has. */
+static void look_up_sparse(const struct map *map, const float at[2], float values[LIGHT])
+{
+    const struct kiln_image *image = map->image;
+    const float fx = between(at[0] - 0.5f, (float)(image->width - 1)),
+                fy = between(at[1] - 0.5f, (float)(image->height - 1));
+    const uint32_t x0 = (uint32_t)fx, y0 = (uint32_t)fy;
+    float sum[LIGHT] = {0.0f}, weights = 0.0f;
+    for (uint32_t k = 0; k < 4; k++) {
+        const uint32_t x = x0 + (k & 1u), y = y0 + (k >> 1);
+        const float wx = 1.0f - fabsf(fx - (float)x), wy = 1.0f - fabsf(fy - (float)y);
+        if (x >= image->width || y >= image->height || !(wx * wy > 0.0f))
+            continue;
+        const size_t i = (size_t)y * image->width + x;
+        if (!isfinite(map->planes[0][i]))
+            continue;
+        weights += wx * wy;
+        for (int c = 0; c < LIGHT; c++)
+            sum[c] += wx * wy * map->planes[c][i];
+    }
+    for (int c = 0; c < LIGHT; c++)
+        values[c] = weights > 0.0f ? sum[c] / weights : NAN;
+}
+
 /* The values of `count` planes at a place in the lightmap, in the scene's texels. */
 static void look_up(const struct map *map, const float at[2], const float *const *planes, size_t count, float *values)
 {
@@ -383,6 +463,19 @@ static void look_up(const struct map *map, const float at[2], const float *const
         values[c] =
             (1.0f - wy) * ((1.0f - wx) * row0[x0] + wx * row0[x1]) + wy * ((1.0f - wx) * row1[x0] + wx * row1[x1]);
     }
+}
+
+/* Light, or the field that is shown, at a place in the lightmap. A texel on whose edge a surface ends may have no
+ * point: its neighbour's value, at most `around` texels off, is shown there. */
+static void look_up_light(const struct kiln_view_source *source, const struct map *map, const float at[2], int around,
+                          float rgb[3])
+{
+    if (!source->nearest && !map->sparse)
+        look_up(map, at, map->planes, LIGHT, rgb);
+    else if (!source->nearest)
+        look_up_sparse(map, at, rgb);
+    if (source->nearest || (map->sparse && around > 0 && !isfinite(rgb[0])))
+        look_up_nearest(map, at, around, rgb);
 }
 
 static const struct map *map_of(const struct kiln_view_maps *maps, const struct kiln_hit *hit)
@@ -420,7 +513,17 @@ void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_h
     place_of(maps, hit, at);
     rgb[0] = rgb[1] = rgb[2] = 0.0f;
     if (map->image != NULL)
-        look_up(map, at, map->planes, LIGHT, rgb);
+        look_up_light(maps->source, map, at, 1, rgb);
+}
+
+int kiln_view_maps_load_object(struct kiln_view_maps *maps, uint32_t object, struct kiln_error *error)
+{
+    return maps->maps[object].image == NULL ? load(maps, object, false, error) : KILN_OK;
+}
+
+void kiln_view_map_at(const struct kiln_view_maps *maps, uint32_t object, const float at[2], float rgb[3])
+{
+    look_up_light(maps->source, &maps->maps[object], at, 0, rgb);
 }
 
 /* Multiplies irradiance by what the material's normal map makes of it. */
@@ -464,11 +567,18 @@ static void texel_color(const struct kiln_view_source *s, const struct kiln_hit 
                         float rgb[3])
 {
     const struct kiln_hit_record *record = &s->geometry->records[hit->triangle];
-    const float x = floorf(kiln_hit_x(record, hit->u, hit->v)), y = floorf(kiln_hit_y(record, hit->u, hit->v));
-    const float square = fmodf(fabsf(x + y), 2.0f) == 0.0f ? 0.8f : 0.25f;
+    const float at[2] = {kiln_hit_x(record, hit->u, hit->v), kiln_hit_y(record, hit->u, hit->v)};
     const float slant = 0.4f + 0.6f * fabsf(vec3_dot(kiln_triangle_normal(s->geometry, hit->triangle), direction));
+    kiln_view_texel_color(record->object, at, rgb);
+    for (int c = 0; c < 3; c++)
+        rgb[c] *= slant;
+}
+
+void kiln_view_texel_color(uint32_t object, const float at[2], float rgb[3])
+{
+    const float square = fmodf(fabsf(floorf(at[0]) + floorf(at[1])), 2.0f) == 0.0f ? 0.8f : 0.25f;
     for (uint32_t c = 0; c < 3; c++)
-        rgb[c] = square * slant * (0.75f + 0.25f * kiln_unit_float(kiln_hash2(record->object, c)));
+        rgb[c] = square * (0.75f + 0.25f * kiln_unit_float(kiln_hash2(object, c)));
 }
 
 /* ---- colour ---- */
@@ -505,6 +615,20 @@ void kiln_view_emission(const struct kiln_view_maps *maps, const struct kiln_hit
     kiln_surface_emission(s->scene, mesh, s->geometry->stored_triangle[hit->triangle], b1, b2, rgb);
 }
 
+/* The values of the field that is shown; where there is none, NaN if their colours have a range, else 0. */
+static void field_color(const struct kiln_view_maps *maps, const struct kiln_hit *hit, struct kiln_view_seen *seen)
+{
+    const enum kiln_field_meaning meaning = maps->source->field->meaning;
+    const bool is_seen = kiln_view_is_seen(maps->source, hit);
+    if (is_seen) {
+        kiln_view_irradiance(maps, hit, seen->rgb);
+        seen->front_light = kiln_view_shows_front(maps, hit) ? 1.0f : 0.0f;
+    }
+    for (int c = 0; c < 3; c++)
+        if (!is_seen || !isfinite(seen->rgb[c]))
+            seen->rgb[c] = meaning == KILN_FIELD_SCALE || meaning == KILN_FIELD_PLACE ? NAN : 0.0f;
+}
+
 void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, struct kiln_vec3 direction,
                         struct kiln_view_seen *seen)
 {
@@ -515,10 +639,7 @@ void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit
         return;
     }
     if (s->field != NULL) {
-        if (kiln_view_is_seen(s, hit)) {
-            kiln_view_irradiance(maps, hit, seen->rgb);
-            seen->front_light = kiln_view_shows_front(maps, hit) ? 1.0f : 0.0f;
-        }
+        field_color(maps, hit, seen);
         return;
     }
     if (!kiln_view_is_seen(s, hit)) {

@@ -37,13 +37,19 @@ int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits
  * bilinearly and clamped at the edge; 0 on a caster-only object, which has no lightmap. Thread-safe. */
 void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, float rgb[3]);
 
+/* The same for the atlas: reads the lightmap of an object's front; light or the field in it at a place, in texels from
+ * its upper left corner, NaN where it has no value; the checkerboard's colour there, seen straight on. */
+int kiln_view_maps_load_object(struct kiln_view_maps *maps, uint32_t object, struct kiln_error *error);
+void kiln_view_map_at(const struct kiln_view_maps *maps, uint32_t object, const float at[2], float rgb[3]);
+void kiln_view_texel_color(uint32_t object, const float at[2], float rgb[3]);
+
 /* Whether the hit is on a back without a lightmap of its own, which is shown with the light of its front. */
 bool kiln_view_shows_front(const struct kiln_view_maps *maps, const struct kiln_hit *hit);
 
 /* The radiance along a ray, and how much of it is approximate. */
 struct kiln_view_seen {
     /* base colour x E / pi + emission, with E about the mapped normal, or the environment; with source->texels the
-     * checkerboard; with source->field its values, and 0 where there is no surface */
+     * checkerboard; with source->field its values, and where there is none 0, or NaN if colours have a range */
     float rgb[3];
     float metal;       /* metalness of the surface, 0 to 1, which is shown as diffuse */
     float front_light; /* 1: a back that is shown with the light of its front; else 0 */

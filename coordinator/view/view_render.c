@@ -6,18 +6,23 @@
 #include "coordinator/view/view_light.h"
 #include "worker/base/memory.h"
 
-/* Rays that are traced together: of a band of pixel rows, or of some of its pixels; 63 MB, with the pixels of previews,
+/* Rays that are traced together: of a band of pixel rows, or of some of its pixels; 33 MB, with the pixels of previews,
  * which have the fewest rays each. */
-enum { BAND_RAYS = 440 << 10 };
+enum { BAND_RAYS = 128 << 10 };
 
 /* With 4 x 4 rays a pixel, 4 come first, one of each row and column; the places in the order of the rays. */
 enum { SIDE = 4, FIRST = 4 };
 static const uint8_t places[SIDE * SIDE] = {1, 7, 8, 14, 0, 2, 3, 4, 5, 6, 9, 10, 11, 12, 13, 15};
 
+/* Previews have 2 x 2 rays, and before them one in the middle of the pixel. */
+enum { PREVIEW_SIDE = 2, PREVIEW_RAYS = 5 };
+
 /* By how much, as a share of the largest value, what the first rays see may differ if they are to suffice: those of a
  * pixel, where they meet one triangle in even light and where they do not; those of the pixel and the eight around it;
  * and what is even light. */
 static const float WITHIN_FLAT = 0.12f, WITHIN = 0.06f, AROUND = 0.25f, EVEN = 0.1f;
+/* Likewise of previews: what the nine pixels' rays see. */
+static const float AROUND_ONE = 0.06f;
 
 /* Rows of the band before that are still at hand: one whose pixels may get more rays, and the one above it. */
 enum { ROWS_BEFORE = 2 };
@@ -64,9 +69,13 @@ void kiln_view_ray(const struct kiln_view_params *params, double x, double y, st
 static void make_ray(const struct renderer *r, uint32_t x, uint32_t y, uint32_t k, struct kiln_vec3 *origin,
                      struct kiln_vec3 *direction)
 {
-    const uint32_t side = r->params->side, place = r->first < r->rays ? places[k] : k;
-    kiln_view_ray(r->params, (double)x + ((double)(place % side) + 0.5) / side,
-                  (double)y + ((double)(place / side) + 0.5) / side, origin, direction);
+    const uint32_t side = r->params->side, place = r->first == FIRST && r->rays > FIRST ? places[k] : k;
+    if (r->rays == PREVIEW_RAYS)
+        kiln_view_ray(r->params, (double)x + (k == 0 ? 0.5 : (k - 1) % 2 * 0.5 + 0.25),
+                      (double)y + (k == 0 ? 0.5 : (k - 1) / 2 * 0.5 + 0.25), origin, direction);
+    else
+        kiln_view_ray(r->params, (double)x + ((double)(place % side) + 0.5) / side,
+                      (double)y + ((double)(place / side) + 0.5) / side, origin, direction);
 }
 
 /* The first pixel of an image's row that is at hand. */
@@ -169,6 +178,30 @@ static bool touch(const struct kiln_geometry *g, uint32_t a, uint32_t b)
     return common;
 }
 
+/* What becomes of a pixel of a preview, by the rays in the middle of it and of the eight around it. */
+static enum fate fate_by_middles(const struct renderer *r, uint32_t x, uint32_t y)
+{
+    const uint32_t width = r->params->width, height = r->params->height, left = x > 0 ? x - 1 : 0,
+                   right = x + 1 < width ? x + 1 : x;
+    const struct pixel *own = &r->pixels[row_at(r, y) + x];
+    float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, lit[2][3];
+    for (uint32_t v = y > 0 ? y - 1 : 0; v <= y + 1 && v < height; v++)
+        for (uint32_t u = left; u <= right; u++)
+            widen(low, high, r->pixels[row_at(r, v) + u].low);
+    if (!differ(low, high, AROUND_ONE))
+        return FEW;
+    bool flat = own->triangle != KILN_NONE;
+    memcpy(lit[0], own->irradiance, sizeof lit[0]);
+    memcpy(lit[1], own->irradiance, sizeof lit[1]);
+    for (uint32_t v = y > 0 ? y - 1 : 0; v <= y + 1 && v < height && flat; v++)
+        for (uint32_t u = left; u <= right && flat; u++) {
+            const struct pixel *other = &r->pixels[row_at(r, v) + u];
+            widen(lit[0], lit[1], other->irradiance);
+            flat = touch(r->params->source.geometry, own->triangle, other->triangle);
+        }
+    return flat && !differ(lit[0], lit[1], EVEN) ? FLAT : TRACED;
+}
+
 /* What becomes of a pixel, by its first rays and those of the eight around it. */
 static enum fate fate_of(const struct renderer *r, uint32_t x, uint32_t y)
 {
@@ -235,7 +268,7 @@ static size_t list_traced(struct renderer *r, uint32_t from, uint32_t to)
 #pragma omp parallel for schedule(dynamic, 1)
     for (uint32_t y = from; y < to; y++)
         for (uint32_t x = 0; x < width; x++) {
-            const enum fate fate = fate_of(r, x, y);
+            const enum fate fate = r->first == 1 ? fate_by_middles(r, x, y) : fate_of(r, x, y);
             r->pixels[row_at(r, y) + x].fate = fate == FLAT && !shade_flat(r, x, y) ? TRACED : fate;
         }
     for (size_t i = row_at(r, from); i < row_at(r, to); i++)
@@ -359,10 +392,13 @@ int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **
                      struct kiln_view_approximate *approximate, struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B"};
-    const uint32_t rays = params->side * params->side;
+    const bool preview = params->side == PREVIEW_SIDE && params->source.field == NULL;
+    const uint32_t rays = preview ? PREVIEW_RAYS : params->side * params->side;
     struct renderer r = {.params = params,
                          .rays = rays,
-                         .first = params->side == SIDE && params->source.field == NULL ? FIRST : rays,
+                         .first = preview                                                ? 1
+                                  : params->side == SIDE && params->source.field == NULL ? FIRST
+                                                                                         : rays,
                          .maps = params->source.maps};
     struct kiln_view_maps *own = NULL;
     int status = kiln_image_create(image, params->width, params->height, names, 3, error);

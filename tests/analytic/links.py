@@ -2,7 +2,7 @@
 
 - Closed furnaces: every texel within 0.1 %.
 - In the Cornell box the light goes to that of all pairs as --link-error goes to 0, with fewer rays; at the default it
-  is off by no more than that.
+  is off by no more than that, and its links take 256 bytes a point at most.
 - The same bits on 1, 3 and 4 ranks, in other cells, and after an interruption.
 - Energy is kept at the default and at 0; at 0.1 about a hundredth of the power is lost. What links have no use for is
   refused.
@@ -33,6 +33,7 @@ def check_error(kiln, checks, table):
     rays = [bake.run['rays']['bounces'] for bake in bakes]
     count, size = (np.array([bake.run['links'][key] for bake in bakes[1:]]) / len(area) for key in ('count', 'bytes'))
     print('links a point: %s, bytes: %s' % (count.round(), size.round()))
+    checks.that(size[1] <= 256, 'links take %s bytes a point at the default' % size[1])
     checks.that('links' not in bakes[0].run and np.all(np.diff(count) < 0) and np.all(np.diff(size) < 0),
                 'links a point: %s, bytes: %s' % (count, size))
     for more, bake in zip(ways[1:], bakes[1:]):

@@ -4,11 +4,14 @@
   with glass between patches, over 3 ranks whose points move, and after interruptions.
 - With room for all, later bounces trace no pair, and most tile pairs need no bits; memory is as `kiln plan` says at
   most.
+- By voxels the light goes to that of rays as they get finer; a cache and ranks change no bit of it.
 - What it has no use for is refused.
 """
 import json
 import os
 import sys
+
+import numpy as np
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [os.path.join(HERE, '..', 'common'), os.path.join(HERE, '..', 'mpi')]
@@ -100,8 +103,37 @@ def check_interrupted(kiln, checks, options, wanted):
                     process)
 
 
+def check_voxels(kiln, checks):
+    few, off = (*FEW, '--texels-per-metre', 2), []
+    rays = kiln.bake(CORNELL, *few)
+    for voxels in (16, 64, 256):
+        more = ('--visibility', 'voxels', '--voxels', voxels)
+        bake = kiln.bake(CORNELL, *few, *more)
+        if not checks.baked(rays) or not checks.baked(bake):
+            return
+        area = bake.points.area
+        wanted, found = (b.points.indirect @ harness.LUMINANCE for b in (rays, bake))
+        off.append(np.sqrt((found - wanted) ** 2 @ area / (wanted ** 2 @ area)))
+        checks.that(bake.run['rays']['bounces'] < 0.2 * rays.run['rays']['bounces'], 'rays go between patches',
+                    bake.process)
+        if voxels == 64:
+            others = [kiln.bake(CORNELL, *few, *more, *ALL),
+                      kiln.bake(CORNELL, *few, *more, '--threads', 1, '--rebalance', 'always', ranks=3)]
+            for other in others:
+                checks.that(checks.baked(other) and same_result.points(other) == same_result.points(bake),
+                            'voxels with a cache or three ranks: other bits', other.process)
+    print('voxels, 16, 64, 256: off by %s' % ', '.join('%.2e' % x for x in off))
+    checks.that(off[0] > off[1] > off[2] and off[1] < 0.03 and 0 < off[2] < 0.01, 'voxels: off by %s' % off)
+
+
 def check_refusals(kiln, checks):
-    for method, more in (('cells', ALL), ('path', ALL)):
+    radiosity = ('--method', 'radiosity')
+    for more in (('--voxels', 64), ('--visibility', 'voxels', '--patches', 'links'),
+                 ('--visibility', 'voxels', '--gather', 'even'), ('--visibility', 'voxels', '--backend', 'vulkan')):
+        process = kiln.bake(CORNELL, *radiosity, *more).process
+        checks.that(process.status == 64 and '--v' in process.stderr and ': ' in process.sentence(),
+                    '%s was not refused: %d, %s' % (more, process.status, process.stderr))
+    for method, more in (('cells', ALL), ('path', ALL), ('cells', ('--visibility', 'voxels'))):
         process = kiln.bake(CORNELL, '--method', method, *more).process
         checks.that(process.status == 64 and more[0] in process.stderr and ': ' in process.sentence(),
                     '%s beside --method %s was not refused: %d, %s' % (more, method, process.status, process.stderr))
@@ -120,6 +152,7 @@ def main():
         check_same(kiln, checks, table, CORNELL, ' '.join(map(str, more)), *three, *more)
     check_same(kiln, checks, table, with_glass(os.path.join(kiln.scratch, 'glass.glb')), 'glass', *three)
     check_ranks(kiln, checks)
+    check_voxels(kiln, checks)
     check_refusals(kiln, checks)
     checks.end()
 

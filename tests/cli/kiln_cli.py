@@ -35,4 +35,4 @@ def quickest(*arguments, tries=5):
 
 
 COMMANDS = ["bake", "plan", "info", "check", "view", "compare", "probe", "generate", "report", "bench", "submit",
-            "status", "stop", "verify", "export"]
+            "status", "stop", "verify", "export", "mix"]

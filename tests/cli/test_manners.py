@@ -60,6 +60,17 @@ class Manners(unittest.TestCase):
                 self.assertNotIn(FORGED, text.splitlines())
         self.assertTrue(any("\\x1b[31mX\\x0a" in answer.out + answer.err for answer in answers))
 
+    def test_threads_sleep_while_they_wait(self):
+        """Unless the environment says otherwise. OpenMP's library says what it has read."""
+        for wish, policy in (({}, "PASSIVE"), ({"OMP_WAIT_POLICY": "active"}, "ACTIVE")):
+            others = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
+            said = subprocess.run([KILN, "--version"], env={**others, **wish, "OMP_DISPLAY_ENV": "verbose"},
+                                  capture_output=True, text=True, timeout=60).stderr
+            self.assertRegex(said, f"OMP_WAIT_POLICY *= *'{policy}'")
+            turns = re.search("GOMP_SPINCOUNT = '([0-9]+)'", said)  # of GCC's library, which calls its default passive
+            if turns is not None:
+                self.assertEqual(turns[1] == "0", policy == "PASSIVE", said)
+
     def test_status_of_text_that_was_cut(self):
         place = os.path.join(self.folder, "cut")
         os.makedirs(os.path.join(place, "checkpoint"))

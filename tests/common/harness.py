@@ -224,6 +224,7 @@ class Kiln:
     def __init__(self, path, scratch, backend='embree', thin=1):
         self.path, self.scratch, self.number, self.backend, self.thin = os.path.abspath(path), scratch, 0, backend, thin
         self.environment = dict(MPI_ENVIRONMENT)
+        self.kernels = os.path.join(scratch, 'kernels')  # of bakes on devices: nothing is left in the user's folder
         if backend == 'vulkan':
             self.environment['KILN_VULKAN_VALIDATION'] = os.environ.get('KILN_VULKAN_VALIDATION', '1')
 
@@ -241,6 +242,8 @@ class Kiln:
         directory = os.path.join(self.scratch, 'bake%d' % self.number)
         command = [self.path, 'bake', scene, '-o', directory, '--quiet', '--no-preview', '--backend', self.backend,
                    *map(str, options)]
+        if self.backend == 'vulkan':
+            command += ['--kernel-cache', self.kernels]
         if ranks:
             command = ['mpirun', '--bind-to', 'none', '-n', str(ranks)] + command
         bake = Bake(directory, run(command, timeout, self.environment))

@@ -63,7 +63,8 @@ def try_memory(checks, kiln):
     for ranks, node in ((1, 'all'), (4, 'all'), (4, 1)):
         bake = kiln.bake(scene, '--texels-per-metre', 0.7, '--samples-direct', 1, '--samples-bounce', 1,
                          '--samples-indirect', 1, '--samples-probe', 0, '--denoise', 'none', '--no-export',
-                         '--bounces', 2, '--threads', 1, '--shared-memory-ranks', node, ranks=ranks, timeout=200)
+                         '--no-preview', '--bounces', 2, '--threads', 1, '--shared-memory-ranks', node,
+                         ranks=ranks, timeout=200)
         if not checks.baked(bake):
             return
         memory = bake.run['memory']

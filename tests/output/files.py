@@ -200,6 +200,33 @@ def check_divided(folder):
                                                               []), os.listdir(os.path.join(failing, "lightmaps"))
 
 
+def packed_chunks(folder):
+    """The compressed chunks of kiln.h5, and the size of the file."""
+    path = os.path.join(folder, "kiln.h5")
+    chunks = {"size": os.path.getsize(path)}
+
+    def add(name, dataset):
+        if isinstance(dataset, h5py.Dataset) and dataset.chunks:
+            chunks.update({(name, at): dataset.id.read_direct_chunk((at,) + (0,) * (dataset.ndim - 1))[1]
+                           for at in range(0, dataset.shape[0], dataset.chunks[0])})
+    with h5py.File(path) as file:
+        file.visititems(add)
+    return chunks
+
+
+def check_ahead(folder, without):
+    """Columns of kiln.h5 that are packed ahead, all of them or some: the same chunks as without."""
+    reference = packed_chunks(without)
+    for ranks, how in ((1, "ahead"), (1, "stopped"), (2, "ahead")):
+        one = os.path.join(folder, how + str(ranks))
+        reports = [list(map(int, line[1:])) for line in write(one, ranks, "divided", how) if line[0] == "ahead"]
+        assert len(reports) == ranks, reports
+        if how == "ahead":
+            assert all(packed == own for packed, own, _ in reports) and sum(size for _, _, size in reports) > 0, reports
+        found = packed_chunks(one)
+        assert found == reference, [key for key in reference if found.get(key) != reference[key]]
+
+
 def check_touching(folder, apart):
     """Two objects that touch: the same bytes on any number of ranks, and whether their maps are kept in memory until
     they are written or made twice. The texels that change lie at the common edge, and at other seams, whose values
@@ -253,6 +280,7 @@ with tempfile.TemporaryDirectory() as temporary:
     write(os.path.join(temporary, "half"), 2, "half")
     check_half(os.path.join(temporary, "half"))
     check_divided(os.path.join(temporary, "divided"))
+    check_ahead(os.path.join(temporary, "ahead"), os.path.join(temporary, "divided", "1"))
     check_touching(os.path.join(temporary, "touching"), folders[0])
     check_full_disk(os.path.join(temporary, "full"))
 print("the same files on 1, 2, 3 and 5 ranks, and right")

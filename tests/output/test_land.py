@@ -130,6 +130,31 @@ class Land(unittest.TestCase):
         self.assertEqual(report["energy"]["unfound"], [0.0, 0.0, 0.0])
         self.assertLess(abs(report["energy"]["residual"]), 5.0 * report["energy"]["error"])
 
+    def first_light(self, name, caustics, scene=None):
+        folder = self.bake(name, *caustics, "--bounces", "0", "--samples-direct", "64", scene=scene)
+        with open(os.path.join(folder, "run.json"), encoding="utf-8") as file:
+            return json.load(file)["energy"]["first_light"]
+
+    def check_first_light(self, light, least):
+        error, traced = light["error"], LUMINANCE @ light["traced"]
+        self.assertAlmostEqual(LUMINANCE @ light["found"] - traced, light["difference"], places=6)
+        self.assertLess(abs(light["difference"]), 5.0 * error, light)
+        self.assertLess(5.0 * error, least * traced, light)
+
+    def test_first_light(self):
+        """Light that has met no diffuse surface is as much in texels as the lamps send there, by tracing that shares no
+        code with the passes; a beam far narrower than a texel too, which glass splits and mirrors."""
+        prism = os.path.join(self.folder, "prism.glb")
+        subprocess.run([KILN, "generate", "prism", "-o", prism, "--quiet"], check=True)
+        for name, caustics in WAYS.items():
+            of = {scene: self.first_light(name, caustics, scene) for scene in (None, prism)}
+            self.check_first_light(of[None]["direct"], 0.02)
+            self.check_first_light(of[None]["caustic"], 0.06)
+            self.check_first_light(of[prism]["caustic"], 0.08)
+            print(name, {scene and "prism": light["caustic"] for scene, light in of.items()})
+        self.assertEqual(self.first_light("gather", ("--caustics", "gather"), prism)["caustic"]["found"], [0, 0, 0])
+        self.assertEqual(list(self.first_light("none", ("--caustics", "none"))), ["direct"])
+
     def test_iterations_all(self):
         """With --iterations all a round has light paths by its rays, the same on any ranks. So caustics reach an error
         that as many paths in each round, of which late ones count most, do not."""

@@ -29,9 +29,9 @@ class LightGroups(unittest.TestCase):
             file.write(text)
         return path
 
-    def bake(self, name, *options, **more):
+    def bake(self, name, *options, scene=SCENE, **more):
         out = os.path.join(self.folder, name)
-        answer = kiln('bake', SCENE, *SMALL, *options, '-o', out, timeout=120, **more)
+        answer = kiln('bake', scene, *SMALL, *options, '-o', out, timeout=120, **more)
         self.assertEqual(answer.code, 0, answer.err)
         return self.read(out)
 
@@ -61,9 +61,10 @@ class LightGroups(unittest.TestCase):
 
     def test_same_bits(self):
         """On any number of ranks, and after a bake that is slow was stopped at least twice."""
-        options = ('--light-groups', self.write('groups.yaml', GROUPS), '--bounces', 2, '--schedule', 'equal')
+        options = ('--light-groups', self.write('groups.yaml', GROUPS), '--bounces', 2, '--schedule', 'equal',
+                   '--environment', '0.5,0.5,0.5', '--sky-patches', 145, '--lightmap-max', 16)
         wanted = self.bake('one', *options)
-        three = self.bake('three', *options, prefix=(os.environ.get('MPIRUN', 'mpirun'), '-n', '3', '--oversubscribe'))
+        three = self.bake('three', *options, prefix=self.mpi(3))
         self.same(three, wanted, 'three ranks')
         out, stops = os.path.join(self.folder, 'stopped'), 0
         slow = ('env', 'KILN_SLOW_RANK=0:8')
@@ -76,6 +77,9 @@ class LightGroups(unittest.TestCase):
         self.assertEqual(code, 0, answer.err)
         self.assertGreaterEqual(stops, 2)
         self.same(self.read(out), wanted, f'after {stops} stops')
+
+    def mpi(self, ranks):
+        return os.environ.get('MPIRUN', 'mpirun'), '-n', str(ranks), '--oversubscribe'
 
     def test_unknown_name(self):
         groups = self.write('groups.yaml', 'a: {objects: [nowhere]}\n')

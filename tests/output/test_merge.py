@@ -139,6 +139,15 @@ class Merge(unittest.TestCase):
             self.assertTrue(np.array_equal(lights[which]["caustic"][floor], lights["gather"]["caustic"][floor]), which)
             self.assertTrue(np.allclose(power[which], power["land"], rtol=1e-5), power)
 
+    def test_receivers_are_told_of(self):
+        """Where lamps have no extent such objects lack what only light paths find, and a note says so."""
+        scene = os.path.join(self.folder, "prism.glb")
+        subprocess.run([KILN, "generate", "prism", "-o", scene, "--quiet"], check=True)
+        for options, told in (((), False), (("--objects", "{right: {role: receiver-only}}"), True)):
+            report = self.report(self.bake(scene, *SPHERES, "--caustics", "land", *options))
+            self.assertEqual("receivers_gather" in report["materials"], told)
+            self.assertEqual(any("(1 here): of caustics" in note for note in report["notes"]), told)
+
     def test_rays(self):
         """--caustics vcm spreads what gather rays find, too: flux stays, and the error falls, here on a ball where rays
         find nearly all."""

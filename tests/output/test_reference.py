@@ -153,14 +153,20 @@ class Reference(unittest.TestCase):
         self.assertTrue(np.array_equal(cells["direct"], lights[0]["direct"]))
 
     def test_radius(self):
-        """Where none is given light is merged by the size of texels, and not of the scene's sphere."""
+        """Where none is given light is merged by the width of the median texel, whatever a few large ones are like."""
         options = (*COARSE, "--samples-indirect", "4", "--bounces", "1")
-        folder = self.bake(self.scene("cornell"), "vcm", *options)
-        by_kiln = self.light(folder)
-        with open(os.path.join(folder, "run.json"), encoding="utf-8") as file:
-            points = json.load(file)["points"]
-        count, area = len(by_kiln["area"]), points["geometry_area"]
-        radius = min(np.sqrt(area / count), np.sqrt(area / (np.pi * max(count, 1 << 14))))
+        floor = ("--objects", "{floor: {density-scale: 0.25}}")
+
+        def merged(*more):
+            folder = self.bake(self.scene("cornell"), "vcm", *options, *more)
+            with open(os.path.join(folder, "run.json"), encoding="utf-8") as file:
+                return self.light(folder), json.load(file)["merge_radius"]
+
+        by_kiln, radius = merged()
+        for light, found in ((by_kiln, radius), merged(*floor)):
+            texel, count = np.sort(light["area"])[(len(light["area"]) - 1) // 2] ** 0.5, len(light["area"])
+            self.assertLess(abs(np.log2(found / (texel * np.sqrt(count / (np.pi * (1 << 14)))))), 1 / 15)
+            print("median texel %.4f m, %d points, merged within %.5f m" % (texel, count, found))
         for factor, same in ((1.0, True), (1.3, False)):
             given = self.light(self.bake(self.scene("cornell"), "vcm", *options, "--merge-radius",
                                          repr(float(radius * factor))))

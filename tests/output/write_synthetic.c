@@ -1,12 +1,15 @@
 /* Writes the three files of a bake from a synthetic result; run by mpirun, so that tests can compare numbers of ranks.
- * Usage: write_synthetic DIR [half | divided | touching | rounds]. divided: tall lightmaps, which all ranks pack
- * however small they are. touching: the objects lie side by side. rounds: the same, but a rank has one lightmap at a
- * time. */
+ * Usage: write_synthetic DIR [half | divided | touching | rounds] [ahead | stopped]. divided: tall lightmaps, which all
+ * ranks pack however small they are. touching: the objects lie side by side. rounds: the same, but a rank has one
+ * lightmap at a time. ahead: columns of kiln.h5 are packed ahead, all of them, or those that are done when the threads
+ * are stopped at once; prints their number. */
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "coordinator/output/exr.h"
 #include "coordinator/output/map/lightmaps.h"
+#include "coordinator/output/points_ahead.h"
 #include "tests/common/synthetic.h"
 
 /* Radiance L(d) = 1 + d.y + 0.5 d.x d.z, in harmonics, brighter along x; probe 3 is inside geometry. */
@@ -26,7 +29,23 @@ static void make_probe(struct kiln_probe_result *probe, const uint64_t at[3], ui
 
 static bool is(const char *mode, const char *name) { return strcmp(mode, name) == 0; }
 
-static int write_all(const char *directory, const char *mode, int rank, int ranks, struct kiln_error *error)
+/* Packs ahead, all or what is done at once. */
+static void pack_ahead(struct kiln_points_ahead **ahead, const struct kiln_bake_result *result, const char *how)
+{
+    struct kiln_points_ahead_report report;
+    kiln_points_ahead_start(ahead, result, 8);
+    do {
+        (void)usleep(is(how, "ahead") ? 10000 : 0);
+        kiln_points_ahead_report(*ahead, &report);
+    } while (is(how, "ahead") && report.chunks < report.of);
+    kiln_points_ahead_stop(*ahead);
+    kiln_points_ahead_report(*ahead, &report);
+    printf("ahead %llu %llu %llu\n", (unsigned long long)report.chunks, (unsigned long long)report.of,
+           (unsigned long long)report.bytes);
+}
+
+static int write_all(const char *directory, const char *mode, const char *how, int rank, int ranks,
+                     struct kiln_error *error)
 {
     static struct synthetic s;
     const bool half = is(mode, "half"), divided = is(mode, "divided");
@@ -42,11 +61,15 @@ static int write_all(const char *directory, const char *mode, int rank, int rank
     if (status != KILN_OK)
         return status;
     const struct kiln_bake_result result = synthetic_result(&s, MPI_COMM_WORLD);
+    struct kiln_points_ahead *ahead = NULL;
+    if (how[0] != '\0')
+        pack_ahead(&ahead, &result, how);
     const struct kiln_output_params params = {.directory = directory,
                                               .half = half,
                                               .stitch = true,
                                               .faults = &faults,
                                               .least_divided = divided ? 1 : 0,
+                                              .ahead = ahead,
                                               .texel_budget = is(mode, "rounds") ? 1 : 0,
                                               .provenance_json = "{\"seed\": 77, \"scene\": \"synthetic\"}"};
     struct kiln_lightmap_report reports[2];
@@ -57,6 +80,7 @@ static int write_all(const char *directory, const char *mode, int rank, int rank
                reports[i].seam_difference_before, reports[i].seam_difference_after);
     if (status == KILN_OK)
         status = kiln_write_h5(&result, &params, error);
+    kiln_points_ahead_destroy(&ahead);
     struct kiln_volume_result volume = {.size = {5, 4, 3}, .origin = {-1, 0, 2}, .spacing = {0.5, 0.25, 1}};
     volume.first = 60 * (uint64_t)rank / (uint64_t)ranks;
     volume.count = 60 * (uint64_t)(rank + 1) / (uint64_t)ranks - volume.first;
@@ -82,7 +106,7 @@ int main(int argc, char **argv)
     if (argc < 2 || MPI_Init(&argc, &argv) != MPI_SUCCESS || MPI_Comm_rank(MPI_COMM_WORLD, &rank) != MPI_SUCCESS ||
         MPI_Comm_size(MPI_COMM_WORLD, &ranks) != MPI_SUCCESS)
         return KILN_USAGE;
-    const int status = write_all(argv[1], argc > 2 ? argv[2] : "", rank, ranks, &error);
+    const int status = write_all(argv[1], argc > 2 ? argv[2] : "", argc > 3 ? argv[3] : "", rank, ranks, &error);
     if (status != KILN_OK)
         fprintf(stderr, "rank %d: %d: %s\n", rank, status, error.message);
     (void)MPI_Finalize();

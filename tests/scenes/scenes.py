@@ -18,8 +18,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..'
 import harness  # noqa: E402
 
 COARSE = ('--quality', 'draft', '--lightmap-max', 64, '--samples-direct', 16, '--samples-bounce', 4,
-          '--samples-indirect', 16,
-          '--samples-probe', 16)
+          '--samples-indirect', 16, '--samples-probe', 16, '--iterations', 2)
 # By file name: what else a scene needs to be quick, or to be lit at all.
 MORE = {
     'city_instanced.glb': ('--lightmap-max', 8),

@@ -12,19 +12,9 @@
 
 #include "shaders/shared/bsdf.h"
 #include "shaders/shared/random.h"
+#include "tests/unit/bsdf_cells.h"
 #include "tests/unit/bsdf_materials.h"
 #include "worker/sampling/sequence.h"
-
-enum { ALPHAS = 10, ANGLES = 8 };
-
-static const float alphas[ALPHAS] = {0.001f, 0.003f, 0.01f, 0.03f, 0.08f, 0.2f, 0.35f, 0.5f, 0.75f, 1.0f};
-static const float degrees[ANGLES] = {0.0f, 15.0f, 30.0f, 45.0f, 60.0f, 70.0f, 80.0f, 85.0f};
-
-static struct kiln_vec3 direction(float angle, float turn, bool behind)
-{
-    const float a = angle * (float)KILN_PI / 180.0f, z = cosf(a);
-    return vec3(sinf(a) * cosf(turn), sinf(a) * sinf(turn), behind ? -z : z);
-}
 
 /* Three random numbers of draw k: points of Sobol's sequence, Owen-scrambled, or independent ones. */
 enum numbers { EVEN, INDEPENDENT };
@@ -106,132 +96,29 @@ static void stored_diffuse(void **state)
 
 /* ---- draws against densities ---- */
 
-enum { RINGS = 18, SECTORS = 8, CELLS = 2 * RINGS * SECTORS, DRAWS = 4096 };
-
-/* Cells about the mirror direction above the face of o, about the direction of smooth refraction beyond it. */
-struct chart {
-    struct kiln_dvec3 axis, s, t;
-    double edges[RINGS + 1]; /* angles from the axis */
-    double side;             /* 1: z > 0; -1: z < 0 */
+struct asked {
+    const struct kiln_bsdf_lobes *lobes;
+    struct kiln_vec3 o;
 };
 
-static struct chart chart_about(struct kiln_vec3 axis, double alpha, double side)
+static double density(void *context, struct kiln_vec3 i)
 {
-    struct chart c = {.axis = dvec3_of(axis), .side = side};
-    struct kiln_vec3 s, t;
-    kiln_basis(axis, &s, &t);
-    c.s = dvec3_of(s);
-    c.t = dvec3_of(t);
-    const double first = fmin(0.3, 0.3 * alpha);
-    for (int k = 1; k <= RINGS; k++)
-        c.edges[k] = first * pow(KILN_PI / first, (k - 1) / (RINGS - 1.0));
-    return c;
-}
-
-static struct kiln_dvec3 chart_direction(const struct chart *c, double angle, double turn)
-{
-    const struct kiln_dvec3 round = dvec3_add(dvec3_scale(c->s, cos(turn)), dvec3_scale(c->t, sin(turn)));
-    return dvec3_add(dvec3_scale(c->axis, cos(angle)), dvec3_scale(round, sin(angle)));
-}
-
-static int chart_cell(const struct chart *c, struct kiln_vec3 i)
-{
-    const struct kiln_dvec3 w = dvec3_of(i);
-    const double x = dvec3_dot(w, c->s), y = dvec3_dot(w, c->t);
-    const double angle = atan2(sqrt(x * x + y * y), dvec3_dot(w, c->axis));
-    int ring = 0;
-    while (ring < RINGS - 1 && angle >= c->edges[ring + 1])
-        ring++;
-    const int sector = (int)floor((atan2(y, x) / (2.0 * KILN_PI) + 1.0) * SECTORS) % SECTORS;
-    return ring * SECTORS + sector;
-}
-
-/* The probability of a cell; *whole is false where the horizon cuts it. Near the horizon lobes are narrow across:
- * the sector is cut into pieces. */
-static double cell_probability(const struct chart *c, int cell, const struct kiln_bsdf_lobes *l, struct kiln_vec3 o,
-                               bool *whole)
-{
-    static const double place[4] = {0.06943184, 0.33000948, 0.66999052, 0.93056816};
-    static const double share[4] = {0.17392742, 0.32607258, 0.32607258, 0.17392742};
-    const int pieces = 1 + (int)(0.4 / fmax(fabs((double)o.z), 0.02));
-    const double low = c->edges[cell / SECTORS], wide = c->edges[cell / SECTORS + 1] - low;
-    const double turn = 2.0 * KILN_PI / SECTORS, from = turn * (cell % SECTORS);
-    double sum = 0.0;
-    *whole = true;
-    for (int a = 0; a < 4; a++) /* corners */
-        *whole = *whole && chart_direction(c, low + (a & 1) * wide, from + (a >> 1) * turn).z * c->side > 0.0;
-    for (int a = 0; a < 16 * pieces; a++) {
-        const double angle = low + place[a & 3] * wide;
-        const double at = from + turn * (place[a >> 2 & 3] + (a >> 4)) / pieces;
-        const struct kiln_dvec3 i = chart_direction(c, angle, at);
-        if (i.z * c->side > 0.0)
-            sum += share[a & 3] * share[a >> 2 & 3] * sin(angle) *
-                   (double)kiln_bsdf_density(*l, o, vec3_of(i), KILN_LOBE_ALL);
-        else
-            *whole = false;
-    }
-    return sum * wide * turn / pieces;
-}
-
-/* How many standard deviations chi-squared of so many degrees of freedom lies above its mean (Wilson and Hilferty,
- * "The Distribution of Chi-square", PNAS 1931). */
-static double deviations(double squared, int freedom)
-{
-    const double b = 2.0 / (9.0 * freedom);
-    return (cbrt(squared / freedom) - (1.0 - b)) / sqrt(b);
-}
-
-struct fit {
-    double deviations; /* of draws from densities */
-    double total;      /* integral of the density, with the share of draws that end */
-};
-
-static struct fit test_draws(const struct kiln_bsdf_lobes *l, struct kiln_vec3 o, const struct chart charts[2])
-{
-    double wanted[CELLS + 1] = {0}, squared = 0.0, total = 0.0;
-    unsigned found[CELLS + 1] = {0}, ended = 0;
-    bool whole[CELLS];
-    int freedom = 0;
-    for (int k = 0; k < CELLS; k++) {
-        wanted[k] = cell_probability(&charts[k / (CELLS / 2)], k % (CELLS / 2), l, o, &whole[k]) * DRAWS;
-        total += wanted[k] / DRAWS;
-    }
-    for (unsigned k = 1; k <= DRAWS; k++) {
-        const struct kiln_bsdf_drawn d = draw(l, o, k, INDEPENDENT, KILN_LOBE_ALL);
-        const int half = (double)d.i.z * charts[0].side > 0.0 ? 0 : 1;
-        if (d.density > 0.0f)
-            found[half * (CELLS / 2) + chart_cell(&charts[half], d.i)]++;
-        else
-            ended++;
-    }
-    wanted[CELLS] = DRAWS; /* the rest in one */
-    found[CELLS] = DRAWS;
-    for (int k = 0; k < CELLS; k++)
-        if (whole[k] && wanted[k] >= 10.0) {
-            squared += (found[k] - wanted[k]) * (found[k] - wanted[k]) / wanted[k];
-            wanted[CELLS] -= wanted[k];
-            found[CELLS] -= found[k];
-            freedom++;
-        }
-    if (wanted[CELLS] >= 10.0)
-        squared += (found[CELLS] - wanted[CELLS]) * (found[CELLS] - wanted[CELLS]) / wanted[CELLS];
-    return (struct fit){freedom < 2 ? 0.0 : deviations(squared, freedom), total + (double)ended / DRAWS};
+    const struct asked *a = context;
+    return (double)kiln_bsdf_density(*a->lobes, a->o, i, KILN_LOBE_ALL);
 }
 
 static struct fit test_angle(const struct material *m, float alpha, float angle)
 {
     const struct kiln_bsdf_lobes l = kiln_bsdf_prepare(white_material(m, alpha));
-    const struct kiln_vec3 o = direction(angle, 0.3f, m->behind);
-    struct kiln_vec3 beyond = vec3(-o.x, -o.y, -o.z);
-    if (l.p.thin_wall == 0u) {
-        const float eta = kiln_bsdf_eta(l.p, !m->behind).y, through = kiln_refracted_cosine(fabsf(o.z), eta);
-        if (through > 0.0f)
-            beyond = vec3(-o.x / eta, -o.y / eta, m->behind ? through : -through);
+    struct asked asked = {&l, direction(angle, 0.3f, m->behind)};
+    struct cells cells;
+    cells_place(&cells, &l, alpha, asked.o);
+    cells_expect(&cells, (double)asked.o.z, density, &asked);
+    for (unsigned k = 1; k <= DRAWS; k++) {
+        const struct kiln_bsdf_drawn d = draw(&l, asked.o, k, INDEPENDENT, KILN_LOBE_ALL);
+        cells_count(&cells, d.i, d.density > 0.0f);
     }
-    const double side = m->behind ? -1.0 : 1.0;
-    const struct chart charts[2] = {chart_about(vec3(-o.x, -o.y, o.z), (double)alpha, side),
-                                    chart_about(beyond, (double)alpha, -side)};
-    return test_draws(&l, o, charts);
+    return cells_judge(&cells);
 }
 
 static void draws(void **state)
@@ -256,8 +143,6 @@ static void draws(void **state)
 }
 
 /* ---- reciprocity, and densities both ways ---- */
-
-static double apart(double a, double b) { return fabs(a - b) / fmax(fmax(fabs(a), fabs(b)), 1e-30); }
 
 /* f(o, i) of radiance is f(i, o) of importance; over the squared indices both are one. */
 static double reciprocity(const struct kiln_bsdf_lobes *l, struct kiln_vec3 o, const struct kiln_bsdf_drawn *d)

@@ -199,11 +199,47 @@ static void bytes(void **state)
     kiln_image_destroy(&image);
 }
 
+/* Of any colours, exposures and ranges: the tables of images say what the curves say. */
+static void bytes_of_many_colours(void **state)
+{
+    (void)state;
+    enum { WIDTH = 512, HEIGHT = 512 };
+    static const char *const names[] = {"R", "G", "B"};
+    static uint8_t out[3 * WIDTH * HEIGHT];
+    struct kiln_image *image = NULL;
+    float *planes[3];
+    uint32_t random = 1;
+    assert_int_equal(kiln_image_create(&image, WIDTH, HEIGHT, names, 3, NULL), KILN_OK);
+    assert_true(kiln_image_rgb(image, "", planes));
+    for (size_t i = 0; i < (size_t)WIDTH * HEIGHT; i++) { /* 24 stops of light, 6 of colour, some of it negative */
+        random = random * 1664525u + 1013904223u;
+        const double level = exp2((double)(random >> 8) / 0x1p24 * 24.0 - 16.0);
+        for (int c = 0; c < 3; c++) {
+            random = random * 1664525u + 1013904223u;
+            const double part = exp2((double)(random >> 8) / 0x1p24 * 6.0 - 5.0);
+            planes[c][i] = (float)(random >> 8 < 1u << 17 ? -part * level : part * level);
+        }
+    }
+    for (double white = 0.5; white < 1e6; white *= 7.3) {
+        const struct kiln_tone tone = {KILN_TONE_FILMIC, 0.3 + 1.0 / white, white};
+        assert_int_equal(kiln_tone_map(image, &tone, out, NULL), KILN_OK);
+        for (size_t i = 0; i < (size_t)WIDTH * HEIGHT; i++) {
+            double code[3];
+            kiln_tone_map_color(&tone, (float[3]){planes[0][i], planes[1][i], planes[2][i]}, code);
+            for (size_t c = 0; c < 3; c++)
+                if (out[3 * i + c] != (uint8_t)(255.0 * code[c] + 0.5))
+                    fail_msg("white %g, %g %g %g: %u, not %.9g", white, (double)planes[0][i], (double)planes[1][i],
+                             (double)planes[2][i], out[3 * i + c], 255.0 * code[c]);
+        }
+    }
+    kiln_image_destroy(&image);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(greys),      cmocka_unit_test(filmic),
                                        cmocka_unit_test(monotonic),  cmocka_unit_test(colours),
                                        cmocka_unit_test(not_finite), cmocka_unit_test(exposure),
-                                       cmocka_unit_test(bytes)};
+                                       cmocka_unit_test(bytes),      cmocka_unit_test(bytes_of_many_colours)};
     return cmocka_run_group_tests_name("tone_map", tests, NULL, NULL);
 }

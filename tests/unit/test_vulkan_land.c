@@ -120,7 +120,7 @@ static void build(struct world *w)
     assert_int_equal(kiln_surface_build(&w->surface, &params, &(struct kiln_surface_report){0}, NULL), KILN_OK);
     assert_int_equal(kiln_aims_create(&w->aims, w->made, 127, NULL), KILN_OK);
     assert_int_equal(kiln_emission_create(&w->emission, w->made, NULL), KILN_OK);
-    assert_int_equal(kiln_mirror_images_create(&w->images, w->made, NULL), KILN_OK);
+    assert_int_equal(kiln_mirror_images_create(&w->images, w->made, 0.0, NULL), KILN_OK);
     assert_true(w->aims->count >= 20 && w->aims->count <= PATHS && w->images != NULL);
     kiln_aims_share(w->aims, PATHS, NULL);
     w->techniques = (struct kiln_caustic_techniques){

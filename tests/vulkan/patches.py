@@ -25,7 +25,8 @@ MORE = ('cornell_spheres.glb', 'cornell_layers.glb')  # where they are
 FEW = ('--samples-probe', 0, '--no-export', '--denoise', 'none', '--method', 'radiosity', '--samples-direct', 16,
        '--samples-indirect', 32)
 BOX = (*FEW, '--lights', 'patches', '--texels-per-metre', 2, '--bounces', 2)
-NODES = (('--undersample', 'mipmap', '--sampling-window', 2), ('--subdivide', 0.2), ('--clamp', '--albedo-scale', 0.9))
+NODES = (('--undersample', 'mipmap', '--sampling-window', 2), ('--subdivide', 0.2), ('--clamp', '--albedo-scale', 0.9),
+         ('--order', 'unshot'))
 
 
 def on(kiln, backend, scene, *options, **more):
@@ -47,7 +48,7 @@ def compare(kiln, checks, table, what, scene, *options):
     if not checks.baked(embree) or not checks.baked(vulkan):
         return None
     (wanted, area, valid), (found, _, same) = light(embree), light(vulkan)
-    rays = [bake.run['rays']['bounces'] + bake.run['rays']['emitters'] for bake in (embree, vulkan)]
+    rays = [sum(bake.run['rays'][key] for key in ('bounces', 'rounds', 'emitters')) for bake in (embree, vulkan)]
     off = (np.abs(found - wanted) / np.maximum(wanted, 1e-3 * wanted.mean())).max(axis=1)
     apart, sum_ = (off > 1e-5).mean(), (found.T @ area).sum() / (wanted.T @ area).sum() - 1
     table.row(what, rays[0], rays[1] - rays[0], '%.1e' % np.median(off), '%.1e' % off.max(), int((off > 1e-5).sum()),

@@ -14,6 +14,7 @@
 
 #include "shaders/shared/streams.h"
 #include "worker/base/device.h"
+#include "worker/base/kernel_store.h"
 #include "worker/base/stop.h"
 #include "worker/pass/pass.h"
 #include "worker/scene/scene.h"
@@ -58,6 +59,7 @@ struct kiln_backend_params {
     double verify_fraction; /* of the tile runs, traced again with Embree (worker/backend/verify.h); 0: none */
     /* ends creation, emission and validity early, with KILN_STOPPED; NULL: nothing does */
     const struct kiln_stop *stop;
+    struct kiln_kernel_store kernels; /* where a device's compiled kernels are kept */
     struct kiln_device_faults faults; /* for tests */
 };
 
@@ -88,7 +90,8 @@ struct kiln_emission_result {
     double caustic[3]; /* part of `received` that came by way of these */
     /* part of `caustic` that gather rays cannot find: a mirror or smooth glass was first, and the light has no size */
     double mirrored[3];
-    double error[3]; /* standard error of `received` */
+    double error[3]; /* standard error of `received`, and of its parts: what came straight, and `caustic` */
+    double straight_error[3], caustic_error[3];
 };
 
 enum { KILN_KERNELS_MOST = 32 };
@@ -113,6 +116,8 @@ struct kiln_backend_info {
     /* names of what has computed so far: the passes of the Embree backend, the kernels of the Vulkan backend */
     const char *kernels[KILN_KERNELS_MOST];
     size_t kernel_count;
+    /* a device's kernels that were kept from an earlier run, and those that its driver had to compile */
+    uint64_t kernels_found, kernels_made;
     uint64_t verified; /* texels traced again with Embree so far, once for each pass (worker/backend/verify.h) */
     uint64_t beyond;   /* of these, how many were apart by more than rounding and noise explain; a few may be */
     double worst;      /* the largest difference of one, over what rounding and noise explain */

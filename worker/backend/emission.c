@@ -320,12 +320,26 @@ static int trace_group(const struct emission *e, uint32_t group, uint32_t sample
     return KILN_OK;
 }
 
-/* Means of the groups, and the standard error that their spread tells. */
+/* The standard error of the mean of the groups' numbers, by their spread. */
+static double spread_of(const double numbers[GROUPS])
+{
+    double mean = 0.0, square = 0.0;
+    for (int i = 0; i < GROUPS; i++)
+        mean += numbers[i] / GROUPS;
+    for (int i = 0; i < GROUPS; i++)
+        square += (numbers[i] - mean) * (numbers[i] - mean);
+    return sqrt(square / (GROUPS * (GROUPS - 1)));
+}
+
+/* Means of the groups, and their standard errors. */
 static void combine(const struct kiln_emission_result groups[GROUPS], struct kiln_emission_result *result)
 {
     for (int c = 0; c < 3; c++) {
-        double square = 0.0;
+        double received[GROUPS], straight[GROUPS], caustic[GROUPS];
         for (int i = 0; i < GROUPS; i++) {
+            received[i] = groups[i].received[c];
+            caustic[i] = groups[i].caustic[c];
+            straight[i] = received[i] - caustic[i];
             result->emitted[c] += groups[i].emitted[c] / GROUPS;
             result->received[c] += groups[i].received[c] / GROUPS;
             result->blocked[c] += groups[i].blocked[c] / GROUPS;
@@ -336,9 +350,9 @@ static void combine(const struct kiln_emission_result groups[GROUPS], struct kil
             result->caustic[c] += groups[i].caustic[c] / GROUPS;
             result->mirrored[c] += groups[i].mirrored[c] / GROUPS;
         }
-        for (int i = 0; i < GROUPS; i++)
-            square += (groups[i].received[c] - result->received[c]) * (groups[i].received[c] - result->received[c]);
-        result->error[c] = sqrt(square / (GROUPS * (GROUPS - 1)));
+        result->error[c] = spread_of(received);
+        result->straight_error[c] = spread_of(straight);
+        result->caustic_error[c] = spread_of(caustic);
     }
 }
 

@@ -157,6 +157,8 @@ static void fallback_info(const struct kiln_backend *backend, struct kiln_backen
     info->fell_back = f->embree != NULL;
     info->device_seconds += f->last.device_seconds;
     info->recoveries += f->last.recoveries;
+    info->kernels_found += f->last.kernels_found;
+    info->kernels_made += f->last.kernels_made;
 }
 
 static void fallback_destroy(struct kiln_backend **backend)

@@ -204,7 +204,35 @@ static int find_lamps(struct kiln_mirror_images *m, struct kiln_error *error)
     return status;
 }
 
-int kiln_mirror_images_create(struct kiln_mirror_images **images, const struct kiln_lights *lights,
+/* In the box. */
+static bool is_within(const struct kiln_mirror_plane *plane, struct kiln_dvec3 p)
+{
+    return p.x >= plane->minimum.x && p.x <= plane->maximum.x && p.y >= plane->minimum.y && p.y <= plane->maximum.y &&
+           p.z >= plane->minimum.z && p.z <= plane->maximum.z;
+}
+
+/* m2: what a spot's beam has across where its axis meets the plane; INFINITY: it does not meet its front. */
+static double beam_area(const struct kiln_point_light *spot, const struct kiln_mirror_plane *plane)
+{
+    const double height = dvec3_dot(plane->normal, spot->position) - plane->distance,
+                 falls = -dvec3_dot(plane->normal, spot->direction), cosine = spot->cos_outer;
+    if (!(height > 0.0) || !(falls > 0.0))
+        return INFINITY;
+    const double along = height / falls;
+    const struct kiln_dvec3 p = dvec3_add(spot->position, dvec3_scale(spot->direction, along));
+    return is_within(plane, p) ? KILN_PI * along * along * (1.0 - cosine * cosine) / (cosine * cosine) : INFINITY;
+}
+
+static bool has_narrow_beam(const struct kiln_mirror_images *m, double least)
+{
+    for (size_t i = 0; i < m->lights->point_count; i++)
+        for (size_t k = 0; k < m->plane_count && m->lights->points[i].spot; k++)
+            if (beam_area(&m->lights->points[i], &m->planes[k]) < least)
+                return true;
+    return false;
+}
+
+int kiln_mirror_images_create(struct kiln_mirror_images **images, const struct kiln_lights *lights, double least,
                               struct kiln_error *error)
 {
     const size_t lamps = lights->point_count + lights->directional_count;
@@ -219,7 +247,7 @@ int kiln_mirror_images_create(struct kiln_mirror_images **images, const struct k
     status = find_lamps(m, error);
     if (status == KILN_OK)
         status = find_planes(m, error);
-    if (status != KILN_OK || m->plane_count == 0)
+    if (status != KILN_OK || m->plane_count == 0 || has_narrow_beam(m, least))
         kiln_mirror_images_destroy(&m);
     *images = m;
     return status;
@@ -236,12 +264,6 @@ void kiln_mirror_images_destroy(struct kiln_mirror_images **images)
 }
 
 /* ---- images ---- */
-
-static bool is_within(const struct kiln_mirror_plane *plane, struct kiln_dvec3 p)
-{
-    return p.x >= plane->minimum.x && p.x <= plane->maximum.x && p.y >= plane->minimum.y && p.y <= plane->maximum.y &&
-           p.z >= plane->minimum.z && p.z <= plane->maximum.z;
-}
 
 bool kiln_mirror_image(const struct kiln_mirror_plane *plane, const struct kiln_mirror_lamp *lamp, struct kiln_dvec3 p,
                        struct kiln_dvec3 *direction)

@@ -8,8 +8,10 @@
  * the near side of a pane of glass with a body; what else such a material does is left to others.
  *
  * Of all planes those of the largest area are taken, of KILN_IMAGES_MOST pairs of a lamp and a plane together at most.
- * That the paths of these pairs are found by images alone is what light paths (land.h) and gather rays (weighed.h)
- * agree on. A pure function of scene and lights. Built once and only read afterwards: thread-safe. */
+ * Where a spot's beam is narrow as it comes to such a plane there are no images at all: of a texel's samples hardly any
+ * would lie in its light, and paths land there however narrow it is. That the paths of these pairs are found by images
+ * alone is what light paths (land.h) and gather rays (weighed.h) agree on. A pure function of scene and lights. Built
+ * once and only read afterwards: thread-safe. */
 #ifndef KILN_WORKER_BACKEND_MIRROR_IMAGES_H
 #define KILN_WORKER_BACKEND_MIRROR_IMAGES_H
 
@@ -38,9 +40,10 @@ struct kiln_mirror_images {
     uint32_t *plane_of;               /* of each world triangle; KILN_NONE: of no plane that is taken */
 };
 
-/* NULL where there is no pair. Not collective. Borrows the lights. KILN_SYSTEM. Destroy with
+/* NULL where there is no pair, or a spot's beam has less than `least` m2 across where its axis meets a plane. Not
+ * collective. Borrows the lights. KILN_SYSTEM. Destroy with
  * kiln_mirror_images_destroy. */
-int kiln_mirror_images_create(struct kiln_mirror_images **images, const struct kiln_lights *lights,
+int kiln_mirror_images_create(struct kiln_mirror_images **images, const struct kiln_lights *lights, double least,
                               struct kiln_error *error);
 void kiln_mirror_images_destroy(struct kiln_mirror_images **images);
 

@@ -1,24 +1,59 @@
-/* Groups of lights: each light of a scene is in one, so that its light can be told from that of the others. Borrowed by
- * those who read it, and not changed. */
+/* Groups of lights: each light of a scene is in one, so that its light can be told from that of the others. What emits
+ * may be cut into blocks, and the sky into patches (sky_patches.h), each a group. Borrowed by those who read it, and
+ * not changed. */
 #ifndef KILN_WORKER_LIGHT_LIGHT_GROUPS_H
 #define KILN_WORKER_LIGHT_LIGHT_GROUPS_H
 
+#include "shaders/shared/area_light.h"
 #include "worker/light/lights.h"
+#include "worker/light/sky_patches.h"
+
+/* An emitting triangle of a group with blocks: which column and row each place of it is in, as numbers that are linear
+ * over it. Columns go with u and rows with v of what emits. */
+struct kiln_light_block {
+    uint32_t columns, rows; /* columns 0: it is in no such group */
+    double at[2];           /* column and row at corner 0 */
+    double along[2][2];     /* and what they grow by to corner 1 and to corner 2, as the world triangle has them */
+};
 
 struct kiln_light_groups {
     uint32_t count;
     uint32_t *of_tree;        /* of each light of the tree, areas first, then points: as kiln_light_sample.light */
     uint32_t *of_directional; /* of each directional light */
-    uint32_t of_environment;
+    uint32_t of_environment;  /* or its first patch, if sky_divisions is not 0: kiln_sky_patch; then the ground */
+    uint32_t sky_divisions;
+    struct kiln_light_block
+        *block_of; /* of each emitting triangle: its group is the first block; NULL: there are none */
 };
 
-/* The group of a sample of a choice; `light`: kiln_light_sample.light. */
-static inline uint32_t kiln_light_group(const struct kiln_light_groups *g, const struct kiln_light_choice *choice,
-                                        uint32_t light)
+/* The block of a group that a place on an emitting triangle is in. */
+static inline uint32_t kiln_light_block(const struct kiln_light_block *b, const struct kiln_area_light *light,
+                                        struct kiln_dvec3 place)
+{
+    double b1, b2;
+    uint32_t at[2];
+    const uint32_t most[2] = {b->columns, b->rows};
+    kiln_triangle_weights(light->e1, light->e2, dvec3_sub(place, light->p0), &b1, &b2);
+    for (int k = 0; k < 2; k++) {
+        const double on = b->at[k] + b1 * b->along[0][k] + b2 * b->along[1][k];
+        at[k] = on > 0.0 ? (uint32_t)fmin(on, most[k] - 1.0) : 0;
+    }
+    return at[1] * b->columns + at[0];
+}
+
+/* The group of a sample of a choice, which was drawn at `place`; `light`: kiln_light_sample.light. */
+static inline uint32_t kiln_light_group(const struct kiln_light_groups *g, const struct kiln_lights *lights,
+                                        const struct kiln_light_choice *choice, uint32_t light, struct kiln_dvec3 place,
+                                        struct kiln_dvec3 direction, double distance)
 {
     if (choice->kind == KILN_CHOICE_ENVIRONMENT)
-        return g->of_environment;
-    return choice->kind == KILN_CHOICE_DIRECTIONAL ? g->of_directional[choice->index] : g->of_tree[light];
+        return g->of_environment + (g->sky_divisions > 0 ? kiln_sky_patch(direction, g->sky_divisions) : 0);
+    if (choice->kind == KILN_CHOICE_DIRECTIONAL)
+        return g->of_directional[choice->index];
+    if (g->block_of == NULL || light >= lights->area_count || g->block_of[light].columns == 0)
+        return g->of_tree[light];
+    return g->of_tree[light] + kiln_light_block(&g->block_of[light], &lights->areas[light],
+                                                dvec3_add(place, dvec3_scale(direction, distance)));
 }
 
 #endif

@@ -1,23 +1,284 @@
 #include "worker/pass/links.h"
 
+#include <math.h>
+#include <string.h>
+
 #include "worker/base/memory.h"
 
-void kiln_links_release(struct kiln_kept_links **links)
+/* The code of a tile run: flags; the numbers of links and of tinted ones; of each point what its rays have met, and its
+ * shading normal; then link by link. Numbers have seven bits a byte, the highest of which says that more follow. A link
+ * has one such number: what it goes to, as the step from the node, or the point, of the link before, and two bits that
+ * say whether a mask of those that have asked, and of those that see, comes behind it: a byte that has a bit for each
+ * byte of the mask that is not 0, then these. */
+#define SAMPLES 0.4 /* of a net, whose error goes with their power of -3/4 (Mitchell 1996) */
+enum { LEAST_SAMPLES = 16 };
+enum { HAS_GLASS = 1, HAS_PRESENT = 2, IS_SMOOTH = 4 };
+enum { TO_LEAF = 1, SOME_ASKED = 2, SOME_SEEN = 4, STEP_SHIFT = 3 };
+
+uint32_t kiln_links_samples(double error, uint32_t samples)
 {
-    struct kiln_kept_links *l = *links;
-    if (l == NULL)
-        return;
-    kiln_free(&l->to);
-    kiln_free(&l->seen);
-    kiln_free(&l->tinted);
-    kiln_free(&l->point);
-    kiln_free(&l->shading);
-    kiln_free(links);
+    uint32_t wanted = LEAST_SAMPLES;
+    while (wanted < samples && (double)wanted < SAMPLES * pow(error, -4.0 / 3.0))
+        wanted *= 2;
+    return wanted < samples ? wanted : samples;
 }
 
-uint64_t kiln_links_bytes(const struct kiln_kept_links *l)
+void kiln_found_links_release(struct kiln_found_links *f)
 {
-    return sizeof *l + (uint64_t)l->count * (sizeof *l->to + sizeof *l->seen) +
-           (uint64_t)l->tinted_count * sizeof *l->tinted +
-           (uint64_t)l->points * (sizeof *l->point + (l->shading != NULL ? sizeof *l->shading : 0));
+    kiln_free(&f->to);
+    kiln_free(&f->asked);
+    kiln_free(&f->seen);
+    kiln_free(&f->tinted);
+    *f = (struct kiln_found_links){0};
+}
+
+int kiln_found_links_reserve(struct kiln_found_links *f, size_t count, struct kiln_error *error)
+{
+    static const char what[] = "the links of a tile";
+    int status = kiln_grow(&f->to, &f->room_to, count, sizeof *f->to, what, error);
+    if (status == KILN_OK)
+        status = kiln_grow(&f->asked, &f->room_asked, count, sizeof *f->asked, what, error);
+    return status == KILN_OK ? kiln_grow(&f->seen, &f->room_seen, count, sizeof *f->seen, what, error) : status;
+}
+
+int kiln_found_links_reserve_tinted(struct kiln_found_links *f, size_t count, struct kiln_error *error)
+{
+    return kiln_grow(&f->tinted, &f->room_tinted, count, sizeof *f->tinted, "tinted links", error);
+}
+
+uint64_t kiln_links_bytes(const struct kiln_kept_links *l) { return sizeof *l + l->bytes; }
+
+/* ---- writing ---- */
+
+/* A code that grows; status: whether all had room. */
+struct writer {
+    uint8_t *code;
+    size_t size, room;
+    int status;
+    struct kiln_error *error;
+};
+
+static void put(struct writer *w, const void *data, size_t bytes)
+{
+    if (w->status == KILN_OK)
+        w->status = kiln_grow(&w->code, &w->room, w->size + bytes, 1, "the links of a tile", w->error);
+    if (w->status == KILN_OK && bytes > 0)
+        memcpy(w->code + w->size, data, bytes);
+    w->size += bytes;
+}
+
+static void put_number(struct writer *w, uint64_t number)
+{
+    uint8_t bytes[10];
+    size_t count = 0;
+    for (; number >= 128; number >>= 7)
+        bytes[count++] = (uint8_t)(number | 128);
+    bytes[count++] = (uint8_t)number;
+    put(w, bytes, count);
+}
+
+static void put_mask(struct writer *w, uint64_t mask)
+{
+    uint8_t bytes[9] = {0};
+    size_t count = 1;
+    for (uint32_t i = 0; i < 8; i++)
+        if ((mask >> 8 * i & 255) != 0) {
+            bytes[0] = (uint8_t)(bytes[0] | 1u << i);
+            bytes[count++] = (uint8_t)(mask >> 8 * i);
+        }
+    put(w, bytes, count);
+}
+
+static uint8_t flags_of(const struct kiln_found_links *f, uint64_t mask)
+{
+    bool glass = false, present = false;
+    for (uint64_t rest = mask; rest != 0; rest &= rest - 1) {
+        const struct kiln_linked_point *p = &f->point[__builtin_ctzll(rest)];
+        glass = glass || p->glass[0] != 0.0f || p->glass[1] != 0.0f || p->glass[2] != 0.0f;
+        present = present || (p->count > 0 && p->present != 1.0f);
+    }
+    return (uint8_t)((glass ? HAS_GLASS : 0) | (present ? HAS_PRESENT : 0) | (f->smooth ? IS_SMOOTH : 0));
+}
+
+static void put_point(struct writer *w, const struct kiln_found_links *f, uint32_t bit, uint8_t flags)
+{
+    const struct kiln_linked_point *p = &f->point[bit];
+    put_number(w, p->count);
+    if (p->count == 0)
+        return;
+    put(w, &p->scale, sizeof p->scale);
+    put(w, &p->escaped, sizeof p->escaped);
+    put(w, &p->blocked, sizeof p->blocked);
+    if ((flags & HAS_GLASS) != 0)
+        put(w, p->glass, sizeof p->glass);
+    if ((flags & HAS_PRESENT) != 0)
+        put(w, &p->present, sizeof p->present);
+    if ((flags & IS_SMOOTH) != 0)
+        put(w, f->shading[bit], sizeof f->shading[bit]);
+}
+
+/* The points that have light. */
+static uint64_t lit_of(const struct kiln_found_links *f, uint64_t mask)
+{
+    uint64_t lit = 0;
+    for (uint64_t rest = mask; rest != 0; rest &= rest - 1)
+        if (f->point[__builtin_ctzll(rest)].count > 0)
+            lit |= rest & -rest;
+    return lit;
+}
+
+static void put_links(struct writer *w, const struct kiln_found_links *f, uint64_t all)
+{
+    uint32_t last[2] = {0, 0};
+    for (uint32_t i = 0; i < f->count; i++) {
+        const uint32_t leaf = (f->to[i] & KILN_LINK_LEAF) != 0, at = f->to[i] & ~KILN_LINK_LEAF;
+        const bool some_asked = f->asked[i] != all, some_seen = f->seen[i] != f->asked[i];
+        const uint64_t flags =
+            (leaf ? TO_LEAF : 0u) | (some_asked ? SOME_ASKED : 0u) | (some_seen ? (unsigned)SOME_SEEN : 0u);
+        put_number(w, (uint64_t)(at - last[leaf]) << STEP_SHIFT | flags);
+        last[leaf] = at;
+        if (some_asked)
+            put_mask(w, f->asked[i]);
+        if (some_seen)
+            put_mask(w, f->seen[i]);
+    }
+    for (uint32_t i = 0; i < f->tinted_count; i++)
+        put(w, &f->tinted[i], sizeof f->tinted[i]);
+}
+
+int kiln_links_encode(struct kiln_kept_links **kept, const struct kiln_found_links *f, uint64_t first, uint64_t mask,
+                      uint64_t shares, struct kiln_error *error)
+{
+    struct writer w = {.error = error};
+    struct kiln_kept_links head = {.first = first, .points = (uint32_t)__builtin_popcountll(mask)};
+    const uint8_t flags = flags_of(f, mask);
+    put(&w, &head, sizeof head);
+    put(&w, &flags, 1);
+    put_number(&w, f->count);
+    put_number(&w, f->tinted_count);
+    for (uint64_t rest = mask; rest != 0; rest &= rest - 1)
+        put_point(&w, f, (uint32_t)__builtin_ctzll(rest), flags);
+    put_links(&w, f, lit_of(f, mask) | shares);
+    *kept = NULL;
+    if (w.status == KILN_OK)
+        w.status = kiln_allocate(kept, w.size, 1, "the links of a tile", error);
+    if (w.status == KILN_OK) {
+        head.bytes = (uint32_t)(w.size - sizeof head);
+        head.links = f->tinted_count;
+        for (uint32_t i = 0; i < f->count; i++)
+            head.links += (uint32_t)__builtin_popcountll(f->seen[i] & mask);
+        memcpy(*kept, w.code, w.size);
+        **kept = head;
+    }
+    kiln_free(&w.code);
+    return w.status;
+}
+
+/* ---- reading ---- */
+
+/* What is left of a code; bad: it ended too early. */
+struct reader {
+    const uint8_t *at;
+    size_t left;
+    bool bad;
+};
+
+static void get(struct reader *r, void *to, size_t bytes)
+{
+    r->bad = r->bad || bytes > r->left;
+    if (r->bad) {
+        memset(to, 0, bytes);
+        return;
+    }
+    memcpy(to, r->at, bytes);
+    r->at += bytes;
+    r->left -= bytes;
+}
+
+static uint64_t get_number(struct reader *r)
+{
+    uint64_t number = 0;
+    uint8_t byte = 128;
+    for (uint32_t shift = 0; shift < 64 && byte >= 128; shift += 7) {
+        get(r, &byte, 1);
+        number |= (uint64_t)(byte & 127) << shift;
+    }
+    r->bad = r->bad || byte >= 128;
+    return number;
+}
+
+static uint64_t get_mask(struct reader *r)
+{
+    uint8_t there, byte;
+    uint64_t mask = 0;
+    get(r, &there, 1);
+    for (uint32_t i = 0; i < 8; i++)
+        if ((there >> i & 1) != 0) {
+            get(r, &byte, 1);
+            mask |= (uint64_t)byte << 8 * i;
+        }
+    return mask;
+}
+
+static void get_point(struct reader *r, struct kiln_found_links *f, uint32_t bit, uint8_t flags)
+{
+    struct kiln_linked_point *p = &f->point[bit];
+    *p = (struct kiln_linked_point){.present = 1.0f};
+    p->count = (uint32_t)get_number(r);
+    if (p->count == 0)
+        return;
+    get(r, &p->scale, sizeof p->scale);
+    get(r, &p->escaped, sizeof p->escaped);
+    get(r, &p->blocked, sizeof p->blocked);
+    if ((flags & HAS_GLASS) != 0)
+        get(r, p->glass, sizeof p->glass);
+    if ((flags & HAS_PRESENT) != 0)
+        get(r, &p->present, sizeof p->present);
+    if ((flags & IS_SMOOTH) != 0)
+        get(r, f->shading[bit], sizeof f->shading[bit]);
+}
+
+static void get_links(struct reader *r, struct kiln_found_links *f, uint64_t all, const uint64_t most[2])
+{
+    uint64_t last[2] = {0, 0};
+    for (uint32_t i = 0; i < f->count && !r->bad; i++) {
+        const uint64_t code = get_number(r), leaf = code & TO_LEAF;
+        last[leaf] += code >> STEP_SHIFT;
+        f->asked[i] = (code & SOME_ASKED) != 0 ? get_mask(r) : all;
+        f->seen[i] = (code & SOME_SEEN) != 0 ? get_mask(r) : f->asked[i];
+        r->bad = r->bad || last[leaf] >= most[leaf] || (f->asked[i] & ~all) != 0 || (f->seen[i] & ~f->asked[i]) != 0;
+        f->to[i] = (uint32_t)last[leaf] | (leaf != 0 ? KILN_LINK_LEAF : 0);
+    }
+    for (uint32_t i = 0; i < f->tinted_count && !r->bad; i++) {
+        const struct kiln_tinted_link *t = &f->tinted[i];
+        get(r, &f->tinted[i], sizeof f->tinted[i]);
+        r->bad = r->bad || t->bit >= KILN_TILE_TEXELS || (all >> t->bit & 1) == 0 ||
+                 (t->to & ~KILN_LINK_LEAF) >= most[(t->to & KILN_LINK_LEAF) != 0];
+    }
+}
+
+int kiln_links_decode(struct kiln_found_links *f, const struct kiln_kept_links *kept, uint64_t mask, uint64_t shares,
+                      uint32_t node_count, uint64_t point_count, struct kiln_error *error)
+{
+    struct reader r = {kept->code, kept->bytes, kept->points != (uint32_t)__builtin_popcountll(mask)};
+    const uint64_t most[2] = {node_count, point_count};
+    uint8_t flags;
+    get(&r, &flags, 1);
+    const uint64_t count = get_number(&r), tinted = get_number(&r);
+    f->smooth = (flags & IS_SMOOTH) != 0;
+    r.bad = r.bad || count > kept->bytes || tinted > kept->bytes;
+    int status = r.bad ? KILN_OK : kiln_found_links_reserve(f, count, error);
+    if (status == KILN_OK && !r.bad)
+        status = kiln_found_links_reserve_tinted(f, tinted, error);
+    if (status != KILN_OK)
+        return status;
+    f->count = r.bad ? 0 : (uint32_t)count;
+    f->tinted_count = r.bad ? 0 : (uint32_t)tinted;
+    for (uint64_t rest = mask; rest != 0 && !r.bad; rest &= rest - 1)
+        get_point(&r, f, (uint32_t)__builtin_ctzll(rest), flags);
+    get_links(&r, f, lit_of(f, mask) | shares, most);
+    if (!r.bad && r.left == 0)
+        return KILN_OK;
+    return kiln_fail(error, KILN_BAD_INPUT, "the links of the surface points from %llu on are damaged",
+                     (unsigned long long)kept->first);
 }

@@ -7,8 +7,9 @@
  *
  * B is the mean radiosity of the node, by area. V is what the surfaces between the point and one of the node's points
  * let through, k: taken by a sequence that goes from point to point through all that the node has, so that the means
- * over a tile's points are right. A node's points look much the same way (coordinator/integrate/link_tree.h), so that
- * the back of what is lit never shines through.
+ * over a tile's points are right. A square of 2 x 2 or 4 x 4 points of a tile has one V by one ray where four or two of
+ * a point's edges are less than KILN_LINKS_SHARED R: then they see the node as one. A node's points look much the same
+ * way (coordinator/integrate/link_tree.h), so that the back of what is lit never shines through.
  *
  * F is the mean over the node to the second order in its size, by the covariance of its points' places, where it lies
  * above the point's horizon and all of it faces the point; else it is that of k, as if all of the node's area were
@@ -22,20 +23,33 @@
  * e^2 times the square of its light, or of l where that is more: l is what stands for the light of a point that has not
  * been gathered yet. Nodes whose F is below 1e-3 e^2 are left out, as are those that lie behind the point or look away.
  *
- * Rows are closed as those of the patches pass, by rays of one stream (the parameters').
+ * Rows are closed as those of the patches pass, by rays of one stream (the parameters'), kiln_links_samples of them.
+ *
+ * Error. What a point's links are off by, squared, is taken for the sum of F^2 (q (B^2 + S^2) + (1.5 rho S)^2), B^2 +
+ * S^2 in the place of the last where F is that of k, S now of the light that is gathered. q is the variance of V, half
+ * of the mean square by which the squares of points beside it differ that have rays of their own, and a little more.
+ * Bounces go by the same links, so their errors add up, not their squares: light is that of all bounces so far, and the
+ * bounce states what it adds to the square.
+ *
+ * Target. Where the error of first light, in the root of the mean square over a tile's points, is above the target
+ * times that light, and KILN_LINKS_LEAST_LIGHT times l at least, links are found anew with half the e, up to three
+ * times: also where they were kept, and were good for other light.
  *
  * What has been found for a tile run is kept: which nodes, and of each the points that see it. Then a bounce is sums.
  * Each point's sums are added in the order of the tree: kept or found again, and of any tile runs, they have the same
  * bits.
  *
- * Items: tile runs. Result: struct kiln_point_result; `error` is 0. Samples: rays that measure the shares. Rays: where
- * links are found the samples of all valid points, and one for each link; else none. Embree only. */
+ * Items: tile runs. Result: struct kiln_point_result, with its error. Samples: rays that measure the shares. Rays:
+ * where links are found the samples of all valid points, and those of V; else none. Embree only. */
 #ifndef KILN_WORKER_PASS_LINKS_H
 #define KILN_WORKER_PASS_LINKS_H
 
 #include "worker/pass/patches.h"
+#include "worker/scene/surface.h"
 
 #define KILN_LINKS_UNSEEN 0.03
+#define KILN_LINKS_SHARED 0.7
+#define KILN_LINKS_LEAST_LIGHT 0.1
 
 /* What a link goes to: a node, by its number, or with KILN_LINK_LEAF a single point, by its place in the tree's order.
  */
@@ -57,7 +71,7 @@ struct kiln_link_node {
     float level, spread;     /* of first light: mean and standard deviation by area, over the mean of all points */
 };
 
-/* What is kept of a point for which links have been found. */
+/* What is known of a point for which links have been found. */
 struct kiln_linked_point {
     float scale;                      /* of its row */
     float escaped, blocked, glass[3]; /* as in struct kiln_point_result, for `count` samples */
@@ -67,26 +81,57 @@ struct kiln_linked_point {
 
 /* A link of one point through what has a colour, or lets a part through. */
 struct kiln_tinted_link {
-    uint32_t to, place; /* place of the point in the tile run */
+    uint32_t to, bit; /* of the point, in the tile */
     float through[3];
 };
 
-/* The links of a tile run; owned by whoever keeps them: release with kiln_links_release. */
-struct kiln_kept_links {
-    uint64_t first;  /* global index of the tile run's first point */
-    uint32_t points; /* of the tile run; they stand for themselves below by their places in it */
+/* The links of a tile run, as they are worked with. Points are bits of the tile. Zero: empty; release with
+ * kiln_found_links_release. */
+struct kiln_found_links {
     uint32_t count, tinted_count;
-    uint32_t *to;   /* `count` */
-    uint64_t *seen; /* `count` masks of points: whose links they are, and that see what the links go to */
+    uint32_t *to;           /* `count`, in the order of the tree */
+    uint64_t *asked, *seen; /* `count` masks: whose links they are; which of these see what the links go to */
     struct kiln_tinted_link *tinted;
-    struct kiln_linked_point *point;
-    float (*shading)[3]; /* their shading normals; NULL: these are the geometric ones */
+    struct kiln_linked_point point[KILN_TILE_TEXELS];
+    float shading[KILN_TILE_TEXELS][3]; /* if smooth: their shading normals; else these are the geometric ones */
+    bool smooth;
+    size_t room_to, room_asked, room_seen, room_tinted;
 };
 
-/* NULL is accepted; sets *links to NULL. */
-void kiln_links_release(struct kiln_kept_links **links);
-/* Bytes that it takes. */
-uint64_t kiln_links_bytes(const struct kiln_kept_links *links);
+/* The same as it is kept, in memory and in files: owned by whoever keeps it, one block for free(). Per link of the
+ * tile two or three bytes, and masks only where not all have asked or not all see: worker/pass/links.c. */
+struct kiln_kept_links {
+    uint64_t first;     /* global index of the tile run's first point */
+    uint32_t points;    /* of the tile run */
+    uint32_t bytes;     /* of the code */
+    uint32_t links;     /* of points, that bring light */
+    uint16_t of_file;   /* 1: as a file has it that another bake has kept */
+    uint16_t is_judged; /* 1: its links have been opened as far as the target asks */
+    uint8_t code[];
+};
+
+/* Of the rays that measure a point's shares as many as the error asks for, and no more than `samples`. */
+uint32_t kiln_links_samples(double error, uint32_t samples);
+
+void kiln_found_links_release(struct kiln_found_links *found);
+/* Room for so many links. KILN_SYSTEM. */
+int kiln_found_links_reserve(struct kiln_found_links *found, size_t count, struct kiln_error *error);
+int kiln_found_links_reserve_tinted(struct kiln_found_links *found, size_t count, struct kiln_error *error);
+
+/* `mask`: of the tile run's points; `shares`: of the tile's points that send light, who ask besides. KILN_SYSTEM. */
+int kiln_links_encode(struct kiln_kept_links **kept, const struct kiln_found_links *found, uint64_t first,
+                      uint64_t mask, uint64_t shares, struct kiln_error *error);
+/* KILN_BAD_INPUT: this is no such code, or links to nodes or points that are not there. KILN_SYSTEM. */
+int kiln_links_decode(struct kiln_found_links *found, const struct kiln_kept_links *kept, uint64_t mask,
+                      uint64_t shares, uint32_t node_count, uint64_t point_count, struct kiln_error *error);
+/* Bytes that it takes in memory. */
+uint64_t kiln_links_bytes(const struct kiln_kept_links *kept);
+
+/* Luminance of what a node has sent in this bounce and those before it, and in those before it alone, W/m2: means, and
+ * squares of the standard deviations; 0 of single points. */
+struct kiln_link_light {
+    float now, before, spread_now, spread_before;
+};
 
 struct kiln_links_parameters {
     const struct kiln_patch *points;    /* of all surface points, by global index; borrowed, as all here */
@@ -96,8 +141,11 @@ struct kiln_links_parameters {
     uint32_t node_count;
     const float (*radiosity)[3];      /* of nodes, W/m2 */
     const float (*leaf_radiosity)[3]; /* of points, in the tree's order, W/m2 */
-    double error;                     /* e, relative */
-    uint32_t stream;                  /* of the rays that measure shares */
+    const float *first;               /* luminance of first light of all points, by global index, over the mean */
+    const struct kiln_link_light *light, *leaf_light; /* of nodes, and of points in the tree's order */
+    double error;                                     /* e, relative */
+    double target;   /* standard error of a point's light that links are opened to; 0: none */
+    uint32_t stream; /* of the rays that measure shares */
     /* By tile run of the backend's surface: what is there is taken, and what is found is put there. NULL: found anew,
      * and not kept. */
     struct kiln_kept_links **kept;

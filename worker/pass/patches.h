@@ -23,7 +23,10 @@
  *
  * Surfaces are diffuse: chains through gloss are not followed. What the rays meet that is no node's brings nothing.
  *
- * Items: tile runs. Result: struct kiln_point_result; `error` is 0, for what pairs are off by is no chance. Samples:
+ * Where a part of all nodes send, rows cannot be closed: then they are multiplied as a step with all of them has found
+ * (`closing`), and no ray measures shares. With `voxels` these say what pairs see, and no ray goes between them.
+ *
+ * Items: tile runs. Result: struct kiln_patches_result; `error` is 0, for what pairs are off by is no chance. Samples:
  * rays that measure the shares. Streams: as the gather pass, with the same rays. Rays: the samples of all valid points,
  * and one for each pair that face each other and of which nothing is known (visibility_cache.h, which Embree alone
  * asks). Time: as many pairs as points times nodes.
@@ -35,6 +38,7 @@
 
 #include "worker/pass/pass.h"
 #include "worker/pass/point.h"
+#include "worker/scene/voxels.h"
 
 #define KILN_PATCHES_NEAR 8.0
 #define KILN_PATCHES_FLAT 0x1p-20
@@ -42,8 +46,11 @@
 /* A piece of flat surface; area 0: nothing leaves it. m, from the scene's centre. */
 struct kiln_patch {
     struct kiln_vec3 place;  /* off the surface by as much as rays need (worker/scene/footprint.h) */
+    struct kiln_vec3 centre; /* of its parallelogram; of what is no square of one triangle it may lie off the surface */
     struct kiln_vec3 normal; /* geometric, unit */
-    /* Of the parallelogram about `place` that stands for it; their cross product is the area times the normal. */
+    /* Of the parallelogram about `centre` that stands for it; their cross product is along the normal, and as long as
+     * the area is large, or as the part of it that is of the surface which most of it is of: two charts may share a
+     * texel. */
     struct kiln_vec3 edge_s, edge_t;
     float area;      /* m2, of what is there to be lit */
     uint32_t number; /* of the point, in an order that is the same for any cells and ranks */
@@ -53,6 +60,23 @@ struct kiln_patch_node {
     struct kiln_patch patch; /* at the place of one surface point, whose number it has */
     struct kiln_vec3 centre; /* of the parallelogram; rays go to the place */
     float radiosity[3];      /* W/m2 */
+};
+
+/* What is kept of a point's row, in the order of struct kiln_surface.closing: what its factors are multiplied by; the
+ * shares of its rays that escape, are blocked, and are taken by tinted surfaces, of each colour; what of it is present.
+ */
+enum {
+    KILN_CLOSING_SCALE = 0,
+    KILN_CLOSING_ESCAPED = 1,
+    KILN_CLOSING_BLOCKED = 2,
+    KILN_CLOSING_GLASS = 3,
+    KILN_CLOSING_PRESENT = 6,
+    KILN_CLOSING_FLOATS = 7
+};
+
+struct kiln_patches_result {
+    struct kiln_point_result point;
+    float row_scale; /* what the factors of its row were multiplied by */
 };
 
 struct kiln_visibility_cache;
@@ -65,10 +89,18 @@ struct kiln_patches_parameters {
      * 0: nothing is clamped. */
     double most_factor, most_added;
     struct kiln_visibility_cache *cache; /* borrowed; NULL: all pairs are traced */
+    const struct kiln_voxels *voxels;    /* what pairs see of each other; borrowed; NULL: rays say it */
+    /* The nodes are a part of all, and rows are closed as the surface says. A bit a point, by global index, in words:
+     * the points whose light they send. Borrowed; NULL: the nodes are all that there are. */
+    const uint64_t *shot;
 };
 
 /* What the factors of a row, whose sum is `row`, are multiplied by where nothing is clamped; `gathered`: what the
  * point's rays have met. */
 double kiln_patches_row_scale(const struct kiln_point_result *gathered, double row);
+
+/* Between what is kept of a row and what its point's rays have met: sums over `samples`, no light, no error. */
+void kiln_closing_keep(const struct kiln_patches_result *result, float closing[KILN_CLOSING_FLOATS]);
+struct kiln_point_result kiln_closing_rays(const float closing[KILN_CLOSING_FLOATS], uint32_t samples);
 
 #endif

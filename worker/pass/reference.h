@@ -57,13 +57,11 @@ static inline uint64_t kiln_reference_paths(uint64_t points)
     return points < least ? least : points > most ? most : points;
 }
 
-/* The radius of merging where none is given, m: as many discs as there are paths cover the scene's surfaces (`area`,
- * m2) once; but at most one texel, as wide as the points lie apart. Of all points, so that all ranks have the same. */
-static inline double kiln_reference_radius(double area, uint64_t points)
+/* The radius of merging where none is given, m: as many discs as there are paths cover so many texels of the width
+ * `texel`, m, once; but at most one texel. Of all points, so that all ranks have the same. */
+static inline double kiln_reference_radius(double texel, uint64_t points)
 {
-    const double texel = points > 0 ? sqrt(area / (double)points) : 0.0,
-                 disc = sqrt(area / (KILN_PI * (double)kiln_reference_paths(points)));
-    return fmin(texel, disc);
+    return texel * fmin(1.0, sqrt((double)points / (KILN_PI * (double)kiln_reference_paths(points))));
 }
 
 struct kiln_reference_result {

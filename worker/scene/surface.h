@@ -150,6 +150,8 @@ struct kiln_surface {
     uint32_t *near_probes;
     /* KILN_GUIDE_FLOATS a point: the guides of tile runs (worker/pass/guided.h). NULL: the bake has none */
     float *guide;
+    /* KILN_CLOSING_FLOATS a point: how its row is closed (worker/pass/patches.h). NULL: the bake keeps none */
+    float *closing;
 };
 
 /* The point must be one of this rank's, or of the rank whose arrays the surface views. */

@@ -4,17 +4,26 @@
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/cells/take.h"
 #include "coordinator/integrate/packing.h"
+#include "coordinator/integrate/radiosity/unshot.h"
 #include "worker/pass/directions.h"
+#include "worker/pass/links.h"
+#include "worker/pass/patches.h"
 #include "worker/scene/radiosity.h"
 
 /* In the order of KILN_CELLS_DIRECT, ...; what emits comes in the place of caustics, and of the third and fourth there
- * are none. */
+ * are none; KILN_RADIOSITY_ROUND follows. */
 static const struct kiln_role roles[] = {
     {.kind = "direct", .total = "direct", .title = "direct light", .phase = "direct light"},
     {.kind = "bounce", .total = "bounces", .title = "bounce", .phase = "bounces", .numbered = true},
     {.kind = "final", .total = "final", .title = "final gather", .phase = "bounces"},
     {.kind = "pilot", .total = "pilot", .title = "direct light, pilot", .phase = "direct light"},
-    {.kind = "emitters", .total = "emitters", .title = "emitters", .phase = "emitters", .optional = true}};
+    {.kind = "emitters", .total = "emitters", .title = "emitters", .phase = "emitters", .optional = true},
+    {.kind = "round",
+     .total = "rounds",
+     .title = "round of bounce",
+     .phase = "bounces",
+     .numbered = true,
+     .optional = true}};
 
 /* For "cells", to which what emits is a step as that of caustics is. */
 static struct kiln_integrate_settings settings_of_cells(const struct kiln_integrate_settings *settings)
@@ -24,11 +33,21 @@ static struct kiln_integrate_settings settings_of_cells(const struct kiln_integr
     return of_cells;
 }
 
+/* Direct light, and the step that goes through all patches: of what emits, or the first bounce. */
+static size_t steps_before_rounds(const struct kiln_integrate_settings *settings)
+{
+    const struct kiln_integrate_settings of_cells = settings_of_cells(settings);
+    return kiln_cells_first(&of_cells) + (settings->patches->lights == KILN_LIGHTS_PATCHES ? 1 : 2);
+}
+
 /* The parameters of a step of patches are its nodes, or where its rays go: coordinator/integrate/patches.h. */
 static bool next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports, size_t count,
                  struct kiln_step *step)
 {
     const struct kiln_integrate_settings of_cells = settings_of_cells(settings);
+    const size_t before = steps_before_rounds(settings);
+    if (settings->patches->order == KILN_ORDER_UNSHOT && settings->bounces != 0 && count >= before)
+        return kiln_unshot_next(settings, reports, count, before, step);
     const bool any = kiln_cells_next(&of_cells, reports, count, step);
     if (step->role == KILN_CELLS_CAUSTIC)
         step->stream = KILN_CELLS_FINAL_STREAM;
@@ -37,7 +56,9 @@ static bool next(const struct kiln_integrate_settings *settings, const struct ki
         step->pass = p->gather != KILN_GATHER_PAIRS     ? &kiln_pass_directions
                      : p->patches == KILN_PATCHES_LINKS ? &kiln_pass_links
                                                         : &kiln_pass_patches;
-        step->samples = p->directions > 0 ? p->directions : step->samples;
+        step->samples = p->directions > 0                  ? p->directions
+                        : p->patches == KILN_PATCHES_LINKS ? kiln_links_samples(p->link_error, step->samples)
+                                                           : step->samples;
     }
     return any;
 }
@@ -45,7 +66,8 @@ static bool next(const struct kiln_integrate_settings *settings, const struct ki
 static int begin_step(struct kiln_integration *in, struct kiln_step_report *last, const struct kiln_step *step,
                       struct kiln_error *error)
 {
-    return kiln_integrator_cells.begin_step(in, last, step, error);
+    return step->by_unshot ? kiln_unshot_begin(in, last, step)
+                           : kiln_integrator_cells.begin_step(in, last, step, error);
 }
 
 /* What emits, as direct light. */
@@ -81,10 +103,32 @@ static void take_emitted(const struct kiln_taking *t, const struct kiln_rank_dat
     }
 }
 
-static void take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
-                 const void *results, struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
+/* The answers of the tile run's points. Those of the patches pass are copied to `points`, and how rows are closed is
+ * kept. */
+static const struct kiln_point_result *point_results(const struct kiln_taking *t, const struct kiln_rank_data *data,
+                                                     const struct kiln_tile_run *f, const void *answers,
+                                                     struct kiln_point_result points[KILN_TILE_TEXELS])
 {
-    if (t->step->role == KILN_CELLS_CAUSTIC)
+    const struct kiln_patches_result *results = answers;
+    const uint64_t first = kiln_own_of_global(&data->surface, f->first).at;
+    if (t->step->pass != &kiln_pass_patches)
+        return answers;
+    for (uint64_t k = 0; k < f->count; k++) {
+        points[k] = results[k].point;
+        if (data->surface.closing != NULL && !t->step->by_unshot)
+            kiln_closing_keep(&results[k], data->surface.closing + KILN_CLOSING_FLOATS * (first + k));
+    }
+    return points;
+}
+
+static void take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
+                 const void *answers, struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
+{
+    struct kiln_point_result points[KILN_TILE_TEXELS];
+    const struct kiln_point_result *results = point_results(t, data, f, answers, points);
+    if (t->step->by_unshot)
+        kiln_unshot_take(t, data, f, results, sums, tile_run);
+    else if (t->step->role == KILN_CELLS_CAUSTIC)
         take_emitted(t, data, f, results, sums, tile_run);
     else
         kiln_cells_take(t, data, f, results, sums, tile_run);
@@ -95,7 +139,10 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
     const struct kiln_integrate_settings of_cells = settings_of_cells(in->settings);
     struct kiln_integration as_cells = *in;
     as_cells.settings = &of_cells;
-    return kiln_integrator_cells.end_step(&as_cells, reports, error);
+    const int status = kiln_integrator_cells.end_step(&as_cells, reports, error);
+    if (reports->of[reports->count - 1].step.by_unshot && in->settings->bounces < 0)
+        in->solution->report.tail_error = kiln_unshot_share(reports->of, reports->count);
+    return status;
 }
 
 const struct kiln_integrator kiln_integrator_radiosity = {.name = "radiosity",

@@ -3,6 +3,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "coordinator/field/group_fields.h"
 #include "coordinator/output/map/regression.h"
 #include "coordinator/output/map/stage.h"
 #include "coordinator/output/map/texel_gather.h"
@@ -102,6 +103,79 @@ static int collect_points(struct kiln_map_work *work, struct kiln_neighbour_poin
     return status;
 }
 
+/* ---- light of groups ---- */
+
+/* The light of groups (field/group_fields.h), three planes of each: direct light and the rest, which is indirect. */
+struct group_light {
+    size_t count, planes; /* planes: 6 of each group, direct light first */
+    float **copies;       /* NULL: there are no ghosts */
+    float *(*direct)[3], *(*indirect)[3];
+};
+
+static float *const *group_planes(const struct kiln_map_work *work, size_t first)
+{
+    const struct kiln_field_set *fields = work->result->fields;
+    const char *name = first < fields->count ? fields->entry[first].field->name : NULL;
+    return name != NULL ? &work->map->planes[kiln_layers_plane(work->layers, fields, name)] : NULL;
+}
+
+/* Takes direct light out of all of it, or puts it back. */
+static void part_groups(const struct group_light *g, size_t count, float sign)
+{
+    for (size_t k = 0; k < 3 * g->count; k++) {
+        const float *direct = g->direct[k / 3][k % 3];
+        float *rest = g->indirect[k / 3][k % 3];
+        for (size_t i = 0; i < count; i++)
+            rest[i] += sign * direct[i];
+    }
+}
+
+static int copy_plane(const struct kiln_map_work *work, uint32_t plane, float **copy, struct kiln_error *error);
+
+static int take_groups(struct group_light *g, const struct kiln_map_work *work, struct kiln_error *error)
+{
+    const struct kiln_field_set *fields = work->result->fields;
+    const size_t first = kiln_group_fields_first(fields), texels = kiln_map_texels(work->map);
+    float *const *planes = group_planes(work, first);
+    if (planes == NULL)
+        return KILN_OK;
+    g->count = (fields->count - first) / KILN_GROUP_FIELDS;
+    g->planes = 6 * g->count;
+    int status = kiln_allocate(&g->direct, g->count, sizeof *g->direct, "the light of groups", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&g->indirect, g->count, sizeof *g->indirect, "the light of groups", error);
+    if (status == KILN_OK && work->ghosts.count > 0)
+        status = kiln_allocate(&g->copies, g->planes, sizeof *g->copies, "the light of groups", error);
+    for (size_t p = 0; p < g->planes && status == KILN_OK; p++) {
+        if (g->copies != NULL)
+            status = copy_plane(work, (uint32_t)(planes - work->map->planes) + (uint32_t)p, &g->copies[p], error);
+        (p % 6 < 3 ? g->direct : g->indirect)[p / 6][p % 3] = g->copies != NULL ? g->copies[p] : planes[p];
+    }
+    if (status == KILN_OK)
+        part_groups(g, texels + work->ghosts.count, -1.0f);
+    return status;
+}
+
+static void give_groups(const struct group_light *g, const struct kiln_map_work *work)
+{
+    const size_t texels = kiln_map_texels(work->map);
+    float *const *planes = group_planes(work, kiln_group_fields_first(work->result->fields));
+    part_groups(g, texels, 1.0f);
+    for (size_t p = 0; p < g->planes && g->copies != NULL; p++)
+        memcpy(planes[p], g->copies[p], texels * sizeof(float));
+}
+
+static void drop_groups(struct group_light *g)
+{
+    for (size_t p = 0; p < g->planes && g->copies != NULL; p++)
+        kiln_free(&g->copies[p]);
+    kiln_free(&g->copies);
+    kiln_free(&g->direct);
+    kiln_free(&g->indirect);
+}
+
+/* ---- light ---- */
+
 enum { LIGHT_PLANES = 8 };
 
 /* The planes of direct and of indirect light, each with that of its error. */
@@ -193,8 +267,14 @@ static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid 
     const size_t texels = kiln_map_texels(work->map);
     const uint32_t caustic = kiln_layers_plane(work->layers, work->result->fields, CAUSTIC_ERROR);
     struct values v = {.copies = {NULL}};
+    struct group_light groups = {0};
     int status = take_values(&v, work, error);
+    if (status == KILN_OK)
+        status = take_groups(&groups, work, error);
     if (status == KILN_OK) {
+        v.lights[0].others = groups.direct;
+        v.lights[1].others = groups.indirect;
+        v.lights[0].other_count = v.lights[1].other_count = groups.count;
         for (int l = 0; l < 2; l++)
             square_plane(v.lights[l].variance, texels + work->ghosts.count);
         status = kiln_regression_run(grid, v.lights, 2, error);
@@ -202,8 +282,11 @@ static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid 
             state_error(grid, v.lights, caustic < KILN_MAP_PLANES_MAX ? work->map->planes[caustic] : NULL, work->shared,
                         work->map->planes[KILN_MAP_ERROR], texels);
     }
-    if (status == KILN_OK)
+    if (status == KILN_OK) {
         give_values(&v, work);
+        give_groups(&groups, work);
+    }
+    drop_groups(&groups);
     for (int l = 0; status == KILN_OK && l < 2; l++) {
         work->report->noise_before[l] = v.lights[l].before;
         work->report->noise_after[l] = v.lights[l].after;
@@ -212,8 +295,8 @@ static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid 
     return status;
 }
 
-/* Takes noise out of direct and of indirect light, apart, and makes the error that of what is left. Where the surface
- * goes on in another object, the texels there are neighbours too. */
+/* Takes noise out of direct and of indirect light, apart, by the same sums out of those of groups, and makes the error
+ * that of what is left. Where the surface goes on in another object, the texels there are neighbours too. */
 static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
     const double begin = seconds_now();

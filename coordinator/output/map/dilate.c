@@ -8,7 +8,7 @@ uint64_t kiln_map_dilate(struct kiln_map *map, const uint32_t *nearest)
     for (size_t i = 0; i < count; i++) {
         if (map->state[i] != KILN_TEXEL_MARGIN || nearest[i] == KILN_NONE)
             continue;
-        for (uint32_t p = 0; p < map->has.count; p++)
+        for (uint32_t p = 0; p < map->has->count; p++)
             map->planes[p][i] = map->planes[p][nearest[i]];
         dilated++;
     }

@@ -17,8 +17,8 @@ static void normalise_texel(float *const axes[3], size_t texel)
 static void normalise(struct kiln_map *map, const uint32_t *nearest)
 {
     const size_t count = kiln_map_texels(map);
-    for (uint32_t p = 0; p < map->has.count; p++) {
-        if (!map->has.direction[p])
+    for (uint32_t p = 0; p < map->has->count; p++) {
+        if (!map->has->direction[p])
             continue;
 #pragma omp parallel for schedule(static)
         for (size_t i = 0; i < count; i++)

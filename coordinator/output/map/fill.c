@@ -38,7 +38,7 @@ static void spread(struct layers *work, uint32_t texel)
 
 static void take_mean(struct layers *work, uint32_t texel)
 {
-    const uint32_t planes = work->map->has.count;
+    const uint32_t planes = work->map->has->count;
     double sum[KILN_MAP_PLANES_MAX], weights = 0.0;
     memset(sum, 0, planes * sizeof *sum);
     for (int k = 0; k < 8; k++) {
@@ -91,7 +91,7 @@ static int fill_rest(struct layers *work, size_t left, struct kiln_error *error)
     for (size_t i = 0; status == KILN_OK && i < count; i++) {
         if (map->state[i] != KILN_TEXEL_FILLED || work->known[i] != 0 || nearest[i] == KILN_NONE)
             continue;
-        for (uint32_t p = 0; p < map->has.count; p++)
+        for (uint32_t p = 0; p < map->has->count; p++)
             map->planes[p][i] = map->planes[p][nearest[i]];
     }
     kiln_free(&nearest);
@@ -114,7 +114,7 @@ int kiln_map_fill(struct kiln_map *map, struct kiln_error *error)
         status = kiln_allocate(&work.next, invalid, sizeof(uint32_t), "texels to fill", error);
     if (status == KILN_OK) {
         for (size_t i = 0; i < count; i++)
-            for (uint32_t p = 0; map->state[i] == KILN_TEXEL_FILLED && p < map->has.count; p++)
+            for (uint32_t p = 0; map->state[i] == KILN_TEXEL_FILLED && p < map->has->count; p++)
                 map->planes[p][i] = 0.0f;
         fill_charts(&work);
         size_t left = 0;

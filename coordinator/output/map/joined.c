@@ -42,7 +42,7 @@ struct kiln_joined {
     MPI_Comm communicator;
     const struct kiln_joints *joints;
     const struct kiln_assignment *assignment;
-    struct kiln_map_planes planes;
+    const struct kiln_map_planes *planes;
     uint32_t plane_count;        /* those that are smoothed */
     size_t *first;               /* of each lightmap in `joints_of`, and the end */
     uint32_t *joints_of;         /* numbers of joints */
@@ -91,7 +91,7 @@ int kiln_joined_create(struct kiln_joined **joined, MPI_Comm communicator, const
     j->communicator = communicator;
     j->joints = joints;
     j->assignment = assignment;
-    j->planes = *planes;
+    j->planes = planes;
     j->plane_count = kiln_map_smooth_planes(planes);
     j->kinds[TEXELS].size = j->solution.size = sizeof(struct texel) + j->plane_count * sizeof(float);
     j->kinds[OWN_SAMPLES].size = sizeof(struct own_sample);
@@ -165,8 +165,8 @@ static int list_texels(struct part *p, struct kiln_error *error)
 static void copy_texel(const struct kiln_joined *j, const struct part *p, uint32_t at, struct texel *texel)
 {
     *texel = (struct texel){.map = p->number, .at = at, .area = p->map->area[at]};
-    for (uint32_t plane = 0, to = 0; plane < j->planes.count; plane++)
-        if (j->planes.smooth[plane])
+    for (uint32_t plane = 0, to = 0; plane < j->planes->count; plane++)
+        if (j->planes->smooth[plane])
             texel->values[to++] = p->map->planes[plane][at];
 }
 
@@ -562,8 +562,8 @@ void kiln_joined_apply(const struct kiln_joined *j, uint32_t number, struct kiln
         const struct texel *texel = record_at(&j->solution, low);
         if (texel->map != number)
             return;
-        for (uint32_t plane = 0, from = 0; plane < j->planes.count; plane++)
-            if (j->planes.smooth[plane])
+        for (uint32_t plane = 0, from = 0; plane < j->planes->count; plane++)
+            if (j->planes->smooth[plane])
                 kiln_seam_set(map, nearest, plane, texel->at, texel->values[from++]);
     }
 }

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "coordinator/field/group_fields.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/map/texel_gather.h"
 #include "coordinator/output/map/stage.h"
@@ -13,9 +14,6 @@
 #include "coordinator/files/publish.h"
 #include "coordinator/output/map/strip_exchange.h"
 #include "worker/base/memory.h"
-
-/* Texels that a rank processes at a time, of about 90 bytes each: about 180 MB, unless one lightmap is larger. */
-static const uint64_t texel_budget = 1ull << 21;
 
 struct writer {
     const struct kiln_bake_result *result;
@@ -73,12 +71,18 @@ static int make_channels(const struct writer *w, const struct kiln_map *map, str
                          struct kiln_error *error)
 {
     const struct kiln_field_set *fields = w->result->fields;
-    const char *names[2 + KILN_FIELDS_MAX * KILN_FIELD_COMPONENTS_MAX] = {"coverage.Y", "validity.Y"};
+    const char **names = NULL;
     size_t count = 2;
+    int status = kiln_allocate(&names, kiln_field_set_channels(fields) + count, sizeof *names, "channels", error);
+    if (status != KILN_OK)
+        return status;
+    names[0] = "coverage.Y";
+    names[1] = "validity.Y";
     for (size_t i = 0; i < fields->count; i++)
         for (uint32_t c = 0; fields->entry[i].in_lightmaps && c < fields->entry[i].field->components; c++)
             names[count++] = fields->entry[i].field->channels[c];
-    const int status = kiln_image_create_empty(image, map->width, map->height, names, count, error);
+    status = kiln_image_create_empty(image, map->width, map->height, names, count, error);
+    kiln_free(&names);
     for (size_t i = 0; status == KILN_OK && i < fields->count; i++)
         for (uint32_t c = 0; fields->entry[i].in_lightmaps && c < fields->entry[i].field->components; c++)
             kiln_image_find(*image, fields->entry[i].field->channels[c])->half =
@@ -135,7 +139,7 @@ enum { ATTRIBUTES = 15 }; /* attributes of every file; the last only if the seed
 /* Name of an object's file, and texts of its attributes. */
 struct file_words {
     char name[KILN_PATH_SIZE], seed[32];
-    struct kiln_exr_attribute attributes[ATTRIBUTES + KILN_FIELDS_MAX];
+    struct kiln_exr_attribute attributes[ATTRIBUTES + KILN_FIELDS_ALWAYS];
     size_t count;
 };
 
@@ -270,6 +274,74 @@ static int finish_object(const struct writer *w, uint32_t object, struct kiln_im
     return status == KILN_OK ? describe_file(w, object, *image, words, error) : status;
 }
 
+/* The layers of groups that have files of their own (field/group_fields.h). */
+static size_t group_files(const struct writer *w)
+{
+    const struct kiln_field_set *fields = w->result->fields;
+    return kiln_group_files((fields->count - kiln_group_fields_first(fields)) / KILN_GROUP_FIELDS);
+}
+
+static int compare_channels(const void *a, const void *b)
+{
+    return strcmp(((const struct kiln_image_channel *)a)->name, ((const struct kiln_image_channel *)b)->name);
+}
+
+/* Channels of the fields [first, last) as an image whose values are those of `image`; release its channels. */
+static int view_channels(const struct kiln_image *image, const struct kiln_field_set *fields, size_t first, size_t last,
+                         struct kiln_image *view, struct kiln_error *error)
+{
+    *view = (struct kiln_image){.width = image->width, .height = image->height};
+    int status =
+        kiln_allocate(&view->channels, image->channel_count, sizeof *view->channels, "the layers of groups", error);
+    for (size_t i = first; i < last && status == KILN_OK; i++)
+        for (uint32_t c = 0; fields->entry[i].in_lightmaps && c < fields->entry[i].field->components; c++)
+            view->channels[view->channel_count++] = *kiln_image_find(image, fields->entry[i].field->channels[c]);
+    if (status == KILN_OK)
+        qsort(view->channels, view->channel_count, sizeof *view->channels, compare_channels);
+    return status;
+}
+
+static int write_group_file(const struct writer *w, size_t n, const struct kiln_image *image,
+                            const struct file_words *words, struct kiln_error *error)
+{
+    const struct kiln_field_set *fields = w->result->fields;
+    const size_t first = kiln_group_fields_first(fields) + n * KILN_GROUPS_A_FILE * KILN_GROUP_FIELDS,
+                 end = first + KILN_GROUPS_A_FILE * KILN_GROUP_FIELDS;
+    char folder[KILN_GROUP_FOLDER], name[KILN_PATH_SIZE];
+    struct kiln_image part;
+    kiln_group_folder(n, folder);
+    (void)snprintf(name, sizeof name, "%s%s", folder, words->name + strlen("lightmaps"));
+    int status = view_channels(image, fields, first, end < fields->count ? end : fields->count, &part, error);
+    if (status == KILN_OK)
+        status = kiln_exr_put(w->batch, w->params->directory, name, &part, words->attributes, words->count, error);
+    kiln_free(&part.channels);
+    return status;
+}
+
+/* The files of one object: its lightmap, and the layers of groups where those have their own. */
+static int put_files(const struct writer *w, struct kiln_image *image, const struct file_words *words,
+                     struct kiln_error *error)
+{
+    struct kiln_image kept;
+    int status = KILN_OK;
+    if (group_files(w) == 0)
+        return kiln_exr_put(w->batch, w->params->directory, words->name, image, words->attributes, words->count, error);
+    for (size_t n = 0; n < group_files(w) && status == KILN_OK; n++)
+        status = write_group_file(w, n, image, words, error);
+    if (status != KILN_OK)
+        return status;
+    status = view_channels(image, w->result->fields, 0, kiln_group_fields_first(w->result->fields), &kept, error);
+    for (int k = 0; k < 2 && status == KILN_OK; k++)
+        kept.channels[kept.channel_count++] = *kiln_image_find(image, k == 0 ? "coverage.Y" : "validity.Y");
+    if (status == KILN_OK) {
+        qsort(kept.channels, kept.channel_count, sizeof *kept.channels, compare_channels);
+        status =
+            kiln_exr_put(w->batch, w->params->directory, words->name, &kept, words->attributes, words->count, error);
+    }
+    kiln_free(&kept.channels);
+    return status;
+}
+
 static int write_object(const struct writer *w, uint32_t object, struct kiln_error *error)
 {
     if (kiln_stop_asked(w->result->stop))
@@ -278,7 +350,7 @@ static int write_object(const struct writer *w, uint32_t object, struct kiln_err
     struct file_words words;
     int status = finish_object(w, object, &image, &words, error);
     if (status == KILN_OK)
-        status = kiln_exr_put(w->batch, w->params->directory, words.name, image, words.attributes, words.count, error);
+        status = put_files(w, image, &words, error);
     kiln_image_destroy(&image);
     return status;
 }
@@ -361,7 +433,7 @@ static void put_point(void *context, const struct kiln_texel_record *record)
     map->area[texel] = record->area;
     map->coverage[texel] = record->coverage;
     map->chart[texel] = (uint32_t)(w->result->geometry->stored_triangle[record->triangle] - mesh->triangle_first);
-    for (uint32_t p = 0; record->valid != 0 && p < map->has.count; p++)
+    for (uint32_t p = 0; record->valid != 0 && p < map->has->count; p++)
         map->planes[p][texel] = record->values[p];
 }
 
@@ -492,7 +564,11 @@ static int write_together(struct writer *w, const struct kiln_assignment *assign
     const struct kiln_lightmap *lightmaps = w->result->surface->lightmaps;
     struct kiln_strip_assignment *strips = NULL;
     struct large large = {0};
-    const uint64_t least = w->params->least_divided > 0 ? w->params->least_divided : KILN_STRIPS_LEAST;
+    /* strips have room for few channels, of one file: the layers of groups are packed by who has the map */
+    const bool wide = kiln_field_set_channels(w->result->fields) + 2 > KILN_EXR_CHANNELS;
+    const uint64_t least = wide                           ? UINT64_MAX
+                           : w->params->least_divided > 0 ? w->params->least_divided
+                                                          : KILN_STRIPS_LEAST;
     int status = kiln_strip_assignment_create(&strips, lightmaps, assignment, round, w->ranks, least, error);
     if (status == KILN_OK) {
         const size_t first_small = sort_large(strips, own, count);
@@ -547,7 +623,9 @@ static int walk_rounds(struct writer *w, const struct kiln_assignment *assignmen
     const MPI_Comm comm = w->result->communicator;
     struct kiln_texel_gather *gather = NULL;
     uint32_t *own = NULL;
-    int status = kiln_texel_gather_create(&gather, w->result, gathered, &w->layers, ghosts, 0, error); /* collective */
+    const size_t wide = w->layers.planes.count > 64 ? (64ull << 18) / w->layers.planes.count : 0; /* records a pass */
+    int status =
+        kiln_texel_gather_create(&gather, w->result, gathered, &w->layers, ghosts, wide, error); /* collective */
     if (status != KILN_OK)
         return status;
     status = kiln_agree(comm, kiln_allocate(&own, assignment->count, sizeof *own, "objects to write", error), error);
@@ -681,14 +759,28 @@ static int gather_reports(const struct kiln_bake_result *result, const struct ki
     return KILN_OK;
 }
 
-static int make_folders(const struct kiln_surface *surface, const char *directory, struct kiln_error *error)
+static int make_folder(const char *directory, const char *name, bool backs, struct kiln_error *error)
 {
     struct kiln_folder made;
+    char path[KILN_GROUP_FOLDER + 8];
+    (void)snprintf(path, sizeof path, "%s%s", name, backs ? "/back" : "");
+    const int status = kiln_folder_open(&made, directory, path, true, error);
+    kiln_folder_close(&made);
+    return status;
+}
+
+static int make_folders(const struct writer *w, const struct kiln_surface *surface, const char *directory,
+                        struct kiln_error *error)
+{
     bool backs = false;
     for (uint32_t i = surface->object_count; i < surface->map_count; i++)
         backs = backs || surface->lightmaps[i].published != 0;
-    const int status = kiln_folder_open(&made, directory, backs ? "lightmaps/back" : "lightmaps", true, error);
-    kiln_folder_close(&made);
+    int status = make_folder(directory, "lightmaps", backs, error);
+    for (size_t n = 0; n < group_files(w) && status == KILN_OK; n++) {
+        char folder[KILN_GROUP_FOLDER];
+        kiln_group_folder(n, folder);
+        status = make_folder(directory, folder, backs, error);
+    }
     return status;
 }
 
@@ -705,7 +797,7 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
     w.rank = (uint32_t)rank;
     w.ranks = (uint32_t)ranks;
     w.has_seed = kiln_provenance_seed(params->provenance_json, &w.seed);
-    int status = rank == 0 ? make_folders(result->surface, params->directory, error) : KILN_OK;
+    int status = rank == 0 ? make_folders(&w, result->surface, params->directory, error) : KILN_OK;
     if (status == KILN_OK)
         status = kiln_layers_make(&w.layers, result->fields, error);
     if (status == KILN_OK)
@@ -715,8 +807,9 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
     if (status == KILN_OK)
         status = kiln_allocate(&w.works, maps, sizeof *w.works, "lightmaps", error);
     if (status == KILN_OK)
-        status = kiln_assignment_create(&assignment, result->surface->lightmaps, maps, (uint32_t)ranks,
-                                        params->texel_budget > 0 ? params->texel_budget : texel_budget, error);
+        status = kiln_assignment_create(
+            &assignment, result->surface->lightmaps, maps, (uint32_t)ranks,
+            params->texel_budget > 0 ? params->texel_budget : kiln_lightmap_texels(w.layers.planes.count), error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
         status = write_all(&w, assignment, error);

@@ -35,4 +35,11 @@ struct kiln_lightmap_report {
 int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                          struct kiln_lightmap_report *reports, struct kiln_error *error);
 
+/* Texels that a rank processes at a time, unless one lightmap is larger, of maps of so many planes: of about 90 bytes
+ * each, about 180 MB, or 540 MB of many planes. */
+static inline uint64_t kiln_lightmap_texels(uint32_t planes)
+{
+    return planes <= 64 ? 1ull << 21 : (64ull << 21) / planes;
+}
+
 #endif

@@ -21,8 +21,9 @@ int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, cons
     struct kiln_map *made = *map;
     made->width = width;
     made->height = height;
-    made->has = *planes;
+    made->has = planes;
     const size_t count = kiln_map_texels(made);
+    status = kiln_allocate(&made->planes, planes->count, sizeof *made->planes, "a lightmap's planes", error);
     for (uint32_t p = 0; status == KILN_OK && p < planes->count; p++)
         status = kiln_allocate(&made->planes[p], count, sizeof(float), "a lightmap's texels", error);
     if (status == KILN_OK)
@@ -45,8 +46,9 @@ void kiln_map_destroy(struct kiln_map **map)
 {
     if (*map == NULL)
         return;
-    for (uint32_t p = 0; p < (*map)->has.count; p++)
+    for (uint32_t p = 0; (*map)->planes != NULL && p < (*map)->has->count; p++)
         kiln_free(&(*map)->planes[p]);
+    kiln_free(&(*map)->planes);
     kiln_free(&(*map)->area);
     kiln_free(&(*map)->coverage);
     kiln_free(&(*map)->state);

@@ -8,6 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "coordinator/job/job.h"
 #include "worker/base/status.h"
 
 /* The first planes of every map. The planes of other fields follow (layers.h). */
@@ -16,7 +17,7 @@ enum kiln_map_plane {
     KILN_MAP_INDIRECT = 3, /* 3 planes, W/m2 */
     KILN_MAP_ERROR = 6,    /* standard error of the luminance of direct + indirect */
     KILN_MAP_PLANES = 7,
-    KILN_MAP_PLANES_MAX = 128
+    KILN_MAP_PLANES_MAX = 128 + 6 * KILN_GROUPS_MAX /* of a group direct light and all of it */
 };
 
 /* Number of planes of a map, the planes whose seams are smoothed, and those with which the three planes of a direction
@@ -47,17 +48,17 @@ enum kiln_texel_state {
 /* Arrays of width x height, top row (v = 0) first. */
 struct kiln_map {
     uint32_t width, height;
-    struct kiln_map_planes has;
-    float *planes[KILN_MAP_PLANES_MAX]; /* the first has.count */
-    float *area;                        /* m2 of surface in the texel */
-    float *coverage;                    /* fraction of the texel's square that the layout covers, 0 to 1 */
-    uint8_t *state;                     /* enum kiln_texel_state */
+    const struct kiln_map_planes *has; /* borrowed */
+    float **planes;                    /* has->count */
+    float *area;                       /* m2 of surface in the texel */
+    float *coverage;                   /* fraction of the texel's square that the layout covers, 0 to 1 */
+    uint8_t *state;                    /* enum kiln_texel_state */
     /* chart of the first piece of surface in the texel, or its triangle in the mesh until a stage reads charts;
      * KILN_NONE in the margin */
     uint32_t *chart;
 };
 
-/* Creates a map whose texels are all margin. KILN_CANNOT_CREATE for 2^32 - 1 texels or more. */
+/* Creates a map whose texels are all margin, which borrows `planes`. KILN_CANNOT_CREATE for 2^32 - 1 texels or more. */
 int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, const struct kiln_map_planes *planes,
                     struct kiln_error *error);
 void kiln_map_destroy(struct kiln_map **map);

@@ -60,6 +60,7 @@ struct regression {
     size_t light_count;
     struct estimate *estimates[LIGHTS];
     float (*values[LIGHTS])[3]; /* as given */
+    float *others[LIGHTS];      /* likewise: of each point three of each */
     float (*leverage)[FITS];
 };
 
@@ -68,6 +69,7 @@ struct worker {
     struct kiln_neighbours n;
     float difference[LIGHTS][KILN_NEIGHBOURS_MOST]; /* of their luminance from the point's */
     float factors[KILN_NEIGHBOURS_MOST];
+    double *sums; /* of other light: three of each */
 };
 
 /* ---- one fit ---- */
@@ -422,6 +424,31 @@ static double add_up(const struct regression *r, size_t light, const struct work
     return variance + own * own * (double)e[place].pooled;
 }
 
+/* The same sum of other light. */
+static void add_up_others(const struct regression *r, size_t light, const struct worker *w, size_t count, size_t place)
+{
+    const struct kiln_regression_light *of = &r->lights[light];
+    const size_t numbers = 3 * of->other_count, index = r->grid->points[place].index;
+    const float *at = r->others[light] + place * numbers;
+    memset(w->sums, 0, numbers * sizeof *w->sums);
+    for (size_t i = 0; i < count; i++) {
+        const double factor = (double)w->factors[i];
+        const float *value = r->others[light] + w->n.place[i] * numbers;
+        for (size_t k = 0; k < numbers; k++)
+            w->sums[k] += factor * (double)(value[k] - at[k]);
+    }
+    double below[3] = {0};
+    for (size_t k = 0; k < numbers; k++) {
+        w->sums[k] += (double)at[k];
+        below[k % 3] += w->sums[k];
+    }
+    for (size_t c = 0; c < 3; c++) /* what has been stopped at 0 is the last one's */
+        if (!(of->rgb[c][index] > 0.0f) && below[c] < 0.0)
+            w->sums[numbers - 3 + c] -= below[c];
+    for (size_t k = 0; k < numbers; k++)
+        of->others[k / 3][k % 3][index] = (float)w->sums[k];
+}
+
 static void smooth_light(const struct regression *r, size_t light, struct worker *w, size_t place)
 {
     const float own = r->grid->points[place].area;
@@ -437,6 +464,8 @@ static void smooth_light(const struct regression *r, size_t light, struct worker
             add_factors(&w->n, scale_of[f], &fit, shares.of[f], w->factors);
     }
     const double variance = add_up(r, light, w, count, place);
+    if (r->lights[light].other_count > 0)
+        add_up_others(r, light, w, count, place);
     r->estimates[light][place].noise = (float)variance;
     r->estimates[light][place].bias = (float)fmax(shares.risk - variance, 0.0);
 }
@@ -450,6 +479,14 @@ static void smooth_point(const struct regression *r, struct worker *w, size_t pl
 
 /* ---- sweeps ---- */
 
+static size_t most_others(const struct regression *r)
+{
+    size_t most = 0;
+    for (size_t l = 0; l < r->light_count; l++)
+        most = r->lights[l].other_count > most ? r->lights[l].other_count : most;
+    return most;
+}
+
 /* Calls `visit` for all points, by several threads. */
 static int sweep(const struct regression *r, float radius,
                  void (*visit)(const struct regression *, struct worker *, size_t), struct kiln_error *error)
@@ -459,7 +496,9 @@ static int sweep(const struct regression *r, float radius,
     {
         struct worker *w = NULL;
         struct kiln_error mine = {{0}};
-        const int made = kiln_allocate(&w, 1, sizeof *w, "the neighbours of a point", &mine);
+        int made = kiln_allocate(&w, 1, sizeof *w, "the neighbours of a point", &mine);
+        if (made == KILN_OK)
+            made = kiln_allocate(&w->sums, 3 * most_others(r) + 1, sizeof *w->sums, "the neighbours of a point", &mine);
 #pragma omp for schedule(dynamic, 8)
         for (size_t cell = 0; cell < r->grid->cell_count; cell++) {
             if (made != KILN_OK)
@@ -468,11 +507,27 @@ static int sweep(const struct regression *r, float radius,
             for (size_t place = r->grid->first[cell]; place < r->grid->first[cell + 1]; place++)
                 visit(r, w, place);
         }
+        if (w != NULL)
+            kiln_free(&w->sums);
         kiln_free(&w);
         if (made != KILN_OK)
 #pragma omp critical(kiln_regression_sweep)
             status = kiln_fail(error, made, "%s", mine.message);
     }
+    return status;
+}
+
+static int take_others(struct regression *r, size_t light, struct kiln_error *error)
+{
+    const struct kiln_regression_light *of = &r->lights[light];
+    const size_t numbers = 3 * of->other_count;
+    if (numbers == 0)
+        return KILN_OK;
+    const int status =
+        kiln_allocate(&r->others[light], r->grid->count * numbers, sizeof(float), "the regression", error);
+    for (size_t i = 0; status == KILN_OK && i < r->grid->count; i++)
+        for (size_t k = 0; k < numbers; k++)
+            r->others[light][i * numbers + k] = of->others[k / 3][k % 3][r->grid->points[i].index];
     return status;
 }
 
@@ -484,6 +539,8 @@ static int take_values(struct regression *r, struct kiln_error *error)
         status = kiln_allocate(&r->estimates[l], count, sizeof(struct estimate), "the regression", error);
         if (status == KILN_OK)
             status = kiln_allocate(&r->values[l], count, sizeof(float[3]), "the regression", error);
+        if (status == KILN_OK)
+            status = take_others(r, l, error);
         for (size_t i = 0; status == KILN_OK && i < count; i++) {
             const uint32_t index = r->grid->points[i].index;
             float *rgb = r->values[l][i];
@@ -544,6 +601,7 @@ int kiln_regression_run(const struct kiln_neighbour_grid *grid, struct kiln_regr
             state(&r, l);
         kiln_free(&r.estimates[l]);
         kiln_free(&r.values[l]);
+        kiln_free(&r.others[l]);
     }
     kiln_free(&r.leverage);
     return status;

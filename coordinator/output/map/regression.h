@@ -39,6 +39,10 @@ struct kiln_regression_light {
     float *rgb[3];
     float *variance; /* of the luminance, its unit squared, as stated. The result has the squared error that is left: at
                       * most v, and above 0 where that is */
+    /* further light, of which the same fits and their same mean are taken: `other_count` times three planes, likewise.
+     * It may be below 0 then, unlike the light that the fits were chosen for: if it adds up to that, it still does */
+    float *(*others)[3];
+    size_t other_count;
     double before, after; /* results: sums of area x variance over the points, as it was taken, and what is left */
 };
 

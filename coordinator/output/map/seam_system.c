@@ -34,6 +34,8 @@ int kiln_seam_system_create(struct kiln_seam_system **system, size_t unknown_cou
     status = kiln_allocate(&s->samples, sample_count, sizeof *s->samples, "seam samples", error);
     if (status == KILN_OK)
         status = kiln_allocate(&s->area, unknown_count, sizeof(float), "a seam's texels", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->planes, plane_count, sizeof *s->planes, "a seam's planes", error);
     for (uint32_t p = 0; status == KILN_OK && p < plane_count; p++)
         status = kiln_allocate(&s->planes[p], unknown_count, sizeof(float), "a seam's texels", error);
     return status;
@@ -46,8 +48,9 @@ void kiln_seam_system_destroy(struct kiln_seam_system **system)
         return;
     kiln_free(&s->samples);
     kiln_free(&s->area);
-    for (uint32_t p = 0; p < s->plane_count; p++)
+    for (uint32_t p = 0; s->planes != NULL && p < s->plane_count; p++)
         kiln_free(&s->planes[p]);
+    kiln_free(&s->planes);
     kiln_free(system);
 }
 

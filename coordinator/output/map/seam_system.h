@@ -39,7 +39,7 @@ struct kiln_seam_system {
     struct kiln_seam_sample *samples; /* `at` are numbers of unknowns */
     float *area;                      /* of each unknown, m2 */
     uint32_t plane_count;             /* the first six are direct and indirect light (map.h) */
-    float *planes[KILN_MAP_PLANES_MAX];
+    float **planes;
 };
 
 /* Allocates areas and planes of `unknown_count` values, and `sample_count` samples. KILN_SYSTEM; the system can be

@@ -1,7 +1,9 @@
 #include "coordinator/output/map/seams.h"
 
 #include <math.h>
+#include <string.h>
 
+#include "coordinator/field/group_fields.h"
 #include "coordinator/output/image.h"
 #include "coordinator/output/map/joined.h"
 #include "coordinator/output/map/stage.h"
@@ -134,8 +136,8 @@ static void fill_system(struct kiln_seam_system *s, const struct kiln_map *map, 
     }
     for (size_t i = 0; i < s->unknown_count; i++)
         s->area[i] = map->area[texels[i]];
-    for (uint32_t p = 0, to = 0; p < map->has.count; p++)
-        if (map->has.smooth[p]) {
+    for (uint32_t p = 0, to = 0; p < map->has->count; p++)
+        if (map->has->smooth[p]) {
             for (size_t i = 0; i < s->unknown_count; i++)
                 s->planes[to][i] = map->planes[p][texels[i]];
             to++;
@@ -145,8 +147,8 @@ static void fill_system(struct kiln_seam_system *s, const struct kiln_map *map, 
 static void take_values(const struct kiln_seam_system *s, struct kiln_map *map, uint32_t *nearest,
                         const uint32_t *texels)
 {
-    for (uint32_t p = 0, from = 0; p < map->has.count; p++)
-        if (map->has.smooth[p]) {
+    for (uint32_t p = 0, from = 0; p < map->has->count; p++)
+        if (map->has->smooth[p]) {
             for (size_t i = 0; i < s->unknown_count; i++)
                 kiln_seam_set(map, nearest, p, texels[i], s->planes[from][i]);
             from++;
@@ -163,7 +165,7 @@ static int solve(struct kiln_map *map, uint32_t *nearest, const struct kiln_seam
     if (status == KILN_OK)
         status = list_texels(map, samples, count, numbers, &texels, &unknowns, error);
     if (status == KILN_OK)
-        status = kiln_seam_system_create(&system, unknowns, count, kiln_map_smooth_planes(&map->has), error);
+        status = kiln_seam_system_create(&system, unknowns, count, kiln_map_smooth_planes(map->has), error);
     if (status == KILN_OK) {
         fill_system(system, map, samples, texels, numbers);
         status = kiln_seam_system_solve(system, error);
@@ -214,13 +216,81 @@ static int apply_joined(struct kiln_map_work *work, struct kiln_seam_report *rep
     return status;
 }
 
+/* ---- the light of groups (field/group_fields.h) ----
+ *
+ * What smoothing makes of a texel's light, direct or indirect, it makes of that of each group, as a factor: so one
+ * solution serves all of them, and they still add up. Where light grows by more than MOST_CHANGE, from next to nothing,
+ * groups stay as they are, and the last one, which is of what is in no other, gets the difference. */
+
+enum { LIGHT = KILN_MAP_ERROR };
+#define MOST_CHANGE 4.0f
+
+/* The map's light before it is smoothed, in copies. */
+static int keep_light(const struct kiln_map_work *work, float *before[LIGHT], struct kiln_error *error)
+{
+    const size_t count = kiln_map_texels(work->map);
+    int status = KILN_OK;
+    (void)kiln_map_dilate(work->map, work->nearest);
+    for (int p = 0; p < LIGHT && status == KILN_OK; p++) {
+        status = kiln_allocate(&before[p], count, sizeof(float), "the light of groups", error);
+        if (status == KILN_OK)
+            memcpy(before[p], work->map->planes[p], count * sizeof(float));
+    }
+    return status;
+}
+
+/* What has become of light. */
+struct change {
+    float factor, more;
+};
+
+static struct change change_of(float before, float after)
+{
+    const bool grows = after > MOST_CHANGE * before; /* from 0, too */
+    return (struct change){grows || before == after ? 1.0f : after / before, grows ? after - before : 0.0f};
+}
+
+/* A colour of a texel of all groups, the first of which has its direct light in this plane. */
+static void change_groups(float **planes, size_t groups, size_t texel, struct change direct, struct change rest)
+{
+    for (size_t g = 0; g < groups; g++) {
+        float *of = &planes[6 * g][texel], *all = &planes[6 * g + 3][texel];
+        const float more = g + 1 == groups ? direct.more : 0.0f,
+                    both = g + 1 == groups ? direct.more + rest.more : 0.0f;
+        *all = direct.factor * *of + rest.factor * (*all - *of) + both;
+        *of = direct.factor * *of + more;
+    }
+}
+
+static void smooth_groups(const struct kiln_map_work *work, size_t first, float *const before[LIGHT])
+{
+    const struct kiln_field_set *fields = work->result->fields;
+    float **planes = work->map->planes;
+    const uint32_t plane = kiln_layers_plane(work->layers, fields, fields->entry[first].field->name);
+    const size_t groups = (fields->count - first) / KILN_GROUP_FIELDS;
+    for (size_t i = 0; i < kiln_map_texels(work->map); i++)
+        for (uint32_t c = 0; c < 3; c++) {
+            const float direct = planes[KILN_MAP_DIRECT + c][i], indirect = planes[KILN_MAP_INDIRECT + c][i];
+            if (direct != before[c][i] || indirect != before[3 + c][i])
+                change_groups(planes + plane + c, groups, i, change_of(before[c][i], direct),
+                              change_of(before[3 + c][i], indirect));
+        }
+}
+
 static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
     struct kiln_seam_report seams;
     const bool smooth = work->params->stitch;
-    const int status = work->joined != NULL
-                           ? apply_joined(work, &seams, error)
-                           : kiln_seams_smooth(work->map, work->graph, work->nearest, smooth, &seams, error);
+    const size_t groups = kiln_group_fields_first(work->result->fields);
+    float *before[LIGHT] = {NULL};
+    int status = smooth && groups < work->result->fields->count ? keep_light(work, before, error) : KILN_OK;
+    if (status == KILN_OK)
+        status = work->joined != NULL ? apply_joined(work, &seams, error)
+                                      : kiln_seams_smooth(work->map, work->graph, work->nearest, smooth, &seams, error);
+    if (status == KILN_OK && before[0] != NULL)
+        smooth_groups(work, groups, before);
+    for (int p = 0; p < LIGHT; p++)
+        kiln_free(&before[p]);
     if (status == KILN_OK) {
         work->report->seam_difference_before = seams.difference_before;
         work->report->seam_difference_after = seams.difference_after;

@@ -13,7 +13,7 @@
 #define KILN_STRIPS_LEAST (1ull << 19)
 
 /* Cost of a texel, measured, in units of 100 ns: the work that only its owner can do, and its compression. */
-enum { KILN_FINISH_WORK = 3, KILN_PACK_WORK = 12 };
+enum { KILN_FINISH_WORK = 3, KILN_PACK_WORK = 4 };
 
 /* A strip of a distributed object. The strips of an owner form its stream, in which it writes them: objects by size,
  * largest first, and each from top to bottom. */

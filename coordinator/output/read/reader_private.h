@@ -12,7 +12,7 @@
 
 enum reader_task { READER_RANGES, READER_IMAGE, READER_LIGHT };
 
-enum { READER_PATH = 1024, READER_CHANNELS = 64, READER_DESCRIPTORS = 2 };
+enum { READER_PATH = 1024, READER_CHANNELS = 512, READER_DESCRIPTORS = 2 };
 
 /* The descriptor of the file is sent with the request and, for READER_IMAGE, that of an empty memory file for the
  * floats: all of channel 0, all of channel 1, and so on. */

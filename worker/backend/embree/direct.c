@@ -107,9 +107,15 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     return status;
 }
 
-static uint32_t group_of(const struct embree_backend *b, const struct kiln_light_choice *choice, uint32_t light)
+/* The groups of a packet's samples of the target. */
+static void find_groups(struct direct_work *w, const struct embree_backend *b, const struct kiln_light_choice *choice)
 {
-    return b->base.groups != NULL ? kiln_light_group(b->base.groups->lights, choice, light) : 0;
+    const struct kiln_area_light_samples *t = &w->lanes.samples;
+    const uint32_t light = (uint32_t)(w->target.light - direct_lights(b)->areas);
+    for (uint32_t l = 0; l < PACKET && b->base.groups != NULL; l++)
+        w->shadows.group[l] = kiln_light_group(b->base.groups->lights, direct_lights(b), choice, light,
+                                               dvec3(t->place[0][l], t->place[1][l], t->place[2][l]),
+                                               dvec3(t->to[0][l], t->to[1][l], t->to[2][l]), 1.0);
 }
 
 static uint32_t identity_of(const struct direct_work *w, const struct kiln_light_choice *choice)
@@ -211,12 +217,13 @@ static void weigh_lane(struct direct_work *w, const struct embree_backend *b, ui
 
 /* A packet of the target's samples at point j, from `first` on, whose random numbers are drawn. */
 static void sample_packet(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
-                          uint32_t j, uint32_t first, uint64_t *rays)
+                          uint32_t j, const struct kiln_light_choice *choice, uint32_t first, uint64_t *rays)
 {
     place_lanes(w, b, j);
     start_samples(&w->lanes);
     kiln_area_light_sampler_draw(&w->target, &w->lanes.samples);
     fill_rays(&w->lanes, &w->shadows);
+    find_groups(w, b, choice);
     for (uint32_t l = 0; l < PACKET; l++) {
         w->shadows.index[l] = first + l;
         weigh_lane(w, b, j, l);
@@ -230,20 +237,17 @@ static void sample_target(struct direct_work *w, const struct embree_backend *b,
                           uint32_t j, const struct kiln_light_choice *choice, struct shadow_sums *sums, uint64_t *rays)
 {
     const uint32_t identity = identity_of(w, choice), samples = choice->samples;
-    const uint32_t group = group_of(b, choice, (uint32_t)(w->target.light - direct_lights(b)->areas));
     const struct sequence *q = find_sequence(w, identity, samples);
     uint32_t shift[KILN_DIMENSIONS];
     for (uint32_t d = 0; d < KILN_DIMENSIONS; d++)
         shift[d] = kiln_hash2(kiln_hash2(w->frame.key[j], identity), d);
-    for (uint32_t l = 0; l < PACKET; l++)
-        w->shadows.group[l] = group;
     shadow_begin(&w->shadows, sums, samples);
     for (uint32_t first = 0; first < samples; first += PACKET) {
         const uint32_t last = samples - 1;
         for (uint32_t d = 0; d < KILN_DIMENSIONS; d++)
             for (uint32_t l = 0; l < PACKET; l++)
                 w->lanes.random[d][l] = q->points[d][first + l < last ? first + l : last] ^ shift[d];
-        sample_packet(w, b, context, j, first, rays);
+        sample_packet(w, b, context, j, choice, first, rays);
     }
 }
 
@@ -281,8 +285,10 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
         if (!(cosine > 0.0))
             continue;
         const double shading_cosine = f->smooth ? fmax(0.0, dvec3_dot(shading, s.direction)) : cosine;
+        if (b->base.groups != NULL)
+            w->shadows.group[w->shadows.count] = kiln_light_group(b->base.groups->lights, direct_lights(b), choice,
+                                                                  s.light, place, s.direction, s.distance);
         shadow_aim(&s, place, dvec3_of(p));
-        w->shadows.group[w->shadows.count] = group_of(b, choice, s.light);
         shadow_add(&w->shadows, b, context, p, &s, i, cosine * (double)frame_taken_up(f, j, (float)shading_cosine),
                    shading_cosine);
         (*rays)++;

@@ -1,5 +1,6 @@
 /* The links pass (worker/pass/links.h). For tile runs whose links are not kept all points go down the tree together, a
- * bit each, and shadow rays go to what they stop at, eight at a time; then sums are of what is kept alone. */
+ * bit each, and shadow rays go to what they stop at, eight at a time; then sums are of what is kept alone. Points are
+ * known by their bits in the tile. */
 #include "worker/pass/links.h"
 
 #include <math.h>
@@ -14,6 +15,11 @@
 #define NEAREST 2.0       /* radii from which a node may be linked to */
 #define LEAST_FACTOR 1e-3 /* over the square of the error: nodes below are left out */
 #define FLAT 1e-5         /* what of a cosine is rounding */
+#define FLAT_NODE 0.1     /* bend of nodes that count as flat */
+#define RECTANGLE 3.1     /* the square of how far a rectangle's sides are, in standard deviations: 3, and rounding */
+#define LEAST_OPENED 8.0  /* links are opened to so many-th of the error that is asked for */
+/* What light that varies over a node is off by, over the radii in its distance times the deviation. */
+#define SPREAD 1.5
 
 enum { DRAWS = 4, STACK = 512 };
 
@@ -26,24 +32,32 @@ struct links_job {
     struct kiln_error *error;
 };
 
-/* A ray that is to be traced: link `link` of the point at `place`. */
+/* A ray that is to be traced: link `link` of the points of the mask. */
 struct link_ray {
-    uint32_t link, place;
+    uint32_t link;
+    uint64_t of;
 };
 
 struct links_work {
     struct tile_run_frame frame;
     struct links_job *job;
-    /* of the tile run's points, by place */
+    /* points of the tile run, and those of them that have light; those of the whole tile that send some, which share
+     * rays, and say by what they see how sure that is */
+    uint64_t mask, valid, shares;
+    double error;                     /* that links are opened to */
+    double texel;                     /* m: the longest edge of a point */
+    bool by_first;                    /* errors are of first light */
+    uint8_t bit[KILN_TILE_TEXELS];    /* of the points, by their places in the run */
+    uint64_t index[KILN_TILE_TEXELS]; /* global, by bit, as all below */
     struct patch_receiver receiver[KILN_TILE_TEXELS];
     struct kiln_dvec3 at[KILN_TILE_TEXELS];
     const struct kiln_patch *patch[KILN_TILE_TEXELS];
     double row[KILN_TILE_TEXELS], incident[KILN_TILE_TEXELS][3], irradiance[KILN_TILE_TEXELS][3];
-    /* links that are being found */
-    struct kiln_kept_links found;
-    size_t room_to, room_seen, room_tinted;
+    /* luminance of irradiance of light so far and before this bounce, and what their variances differ by */
+    double now[KILN_TILE_TEXELS], before[KILN_TILE_TEXELS], variance[KILN_TILE_TEXELS];
+    struct kiln_found_links found;
     struct RTCRay8 rays __attribute__((aligned(32)));
-    int valid[PACKET] __attribute__((aligned(32)));
+    int valid_rays[PACKET] __attribute__((aligned(32)));
     struct link_ray of[PACKET];
     uint32_t waiting;
     uint64_t traced;
@@ -66,9 +80,7 @@ static void work_destroy(void **work)
     struct links_work *w = *work;
     if (w == NULL)
         return;
-    kiln_free(&w->found.to);
-    kiln_free(&w->found.seen);
-    kiln_free(&w->found.tinted);
+    kiln_found_links_release(&w->found);
     kiln_free(work);
 }
 
@@ -100,44 +112,62 @@ struct node_view {
     bool whole;                     /* all of it is above the horizon and faces the point */
 };
 
-static struct node_view view_of(const struct links_work *w, uint32_t place, const struct kiln_link_node *node)
+/* The covariance of the node's surface times a vector. */
+static struct kiln_dvec3 covariance_times(const struct kiln_link_node *node, struct kiln_dvec3 v)
 {
-    const struct kiln_dvec3 n = w->receiver[place].n, d = dvec3_sub(dvec3_of(node->centre), w->at[place]);
+    const float *c = node->covariance;
+    return dvec3((double)c[0] * v.x + (double)c[3] * v.y + (double)c[4] * v.z,
+                 (double)c[3] * v.x + (double)c[1] * v.y + (double)c[5] * v.z,
+                 (double)c[4] * v.x + (double)c[5] * v.y + (double)c[2] * v.z);
+}
+
+/* Whether a node whose centre stands so high over a plane with this normal lies above it: as a ball, or, where it is
+ * flat, as the rectangle that has its covariance. */
+static bool is_above(const struct kiln_link_node *node, struct kiln_dvec3 n, double height)
+{
+    const double radius = (double)node->radius;
+    if (height >= radius || height <= 0.0)
+        return height >= radius;
+    return node->bend < FLAT_NODE && height * height >= RECTANGLE * dvec3_dot(n, covariance_times(node, n));
+}
+
+static struct node_view view_of(const struct links_work *w, uint32_t bit, const struct kiln_link_node *node)
+{
+    const struct kiln_dvec3 n = w->receiver[bit].n, d = dvec3_sub(dvec3_of(node->centre), w->at[bit]);
     struct node_view v = {.d = d, .square = dvec3_dot(d, d), .other = -dvec3_dot(dvec3_of(node->normal), d)};
     v.distance = sqrt(v.square);
     const double radius = (double)node->radius, height = dvec3_dot(n, d),
                  off = (double)node->height + (double)node->bend * (v.distance + radius);
     v.height = height + radius;
     v.reach = v.other + off;
-    v.whole = height >= radius && v.other >= off;
+    v.whole = v.other >= off && is_above(node, n, height);
     return v;
 }
 
-/* n.d / |d|^4, in the mean over the node's surface, over |d|^-4 at its centre: to the second order. */
+/* n.d / |d|^4, in the mean over the node's surface, over |d|^-4 at its centre: to the second order. That of a
+ * disc that faces the point is (1 + x)^-2, x half of what it is less by to that order. */
 static double mean_height(const struct kiln_link_node *node, struct kiln_dvec3 n, const struct node_view *v)
 {
     const float *c = node->covariance;
-    const struct kiln_dvec3 d = v->d, along = dvec3((double)c[0] * d.x + (double)c[3] * d.y + (double)c[4] * d.z,
-                                                    (double)c[3] * d.x + (double)c[1] * d.y + (double)c[5] * d.z,
-                                                    (double)c[4] * d.x + (double)c[5] * d.y + (double)c[2] * d.z);
-    const double height = dvec3_dot(n, d), trace = (double)c[0] + (double)c[1] + (double)c[2];
-    return fmax(0.0,
-                height + (height * (12.0 * dvec3_dot(d, along) / v->square - 2.0 * trace) - 4.0 * dvec3_dot(n, along)) /
-                             v->square);
+    const struct kiln_dvec3 d = v->d, along = covariance_times(node, d);
+    const double height = dvec3_dot(n, d), trace = (double)c[0] + (double)c[1] + (double)c[2],
+                 more = (12.0 * dvec3_dot(d, along) / v->square - 2.0 * trace) / v->square,
+                 stretched = more < 0.0 ? 1.0 / ((1.0 - 0.5 * more) * (1.0 - 0.5 * more)) : 1.0 + more;
+    return fmax(0.0, height * stretched - 4.0 * dvec3_dot(n, along) / v->square);
 }
 
-/* The point of the node that the view of the point at `place` is taken by: its place in the tree's order. A sequence
+/* The point of the node that the view of the point at `bit` is taken by: its place in the tree's order. A sequence
  * over the points' numbers, by the golden ratio; points of less area than others are taken less often. */
-static uint32_t choose(const struct links_work *w, uint32_t place, const struct kiln_link_node *node, uint32_t number)
+static uint32_t choose(const struct links_work *w, uint32_t bit, const struct kiln_link_node *node, uint32_t number)
 {
     const struct kiln_links_parameters *p = w->job->p;
     const uint32_t hash = kiln_hash1(number);
-    double u = (double)hash * 0x1p-32 + (double)w->patch[place]->number * 0.61803398874989485;
+    double u = (double)hash * 0x1p-32 + (double)w->patch[bit]->number * 0.61803398874989485;
     uint32_t k = node->first;
     for (uint32_t draw = 0; draw < DRAWS; draw++) {
         u -= floor(u);
         k = node->first + (uint32_t)(u * (double)node->count);
-        const double chance = (double)kiln_hash2(hash + draw, w->patch[place]->number) * 0x1p-32;
+        const double chance = (double)kiln_hash2(hash + draw, w->patch[bit]->number) * 0x1p-32;
         if (chance * (double)node->most_area < (double)p->points[p->order[k]].area)
             break;
         u += 0.75487766624669276;
@@ -149,7 +179,7 @@ static uint32_t choose(const struct links_work *w, uint32_t place, const struct 
 static bool patch_factors_of(const struct patch_receiver *receiver, struct kiln_dvec3 at, const struct kiln_patch *from,
                              double area, struct patch_factors *f)
 {
-    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(from->place), at);
+    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(from->centre), at);
     const double cosine = dvec3_dot(receiver->n, d), other = -dvec3_dot(dvec3_of(from->normal), d),
                  square = dvec3_dot(d, d);
     if (!(cosine > 0.0 && other > 0.0))
@@ -163,38 +193,38 @@ static bool patch_factors_of(const struct patch_receiver *receiver, struct kiln_
     return true;
 }
 
-/* F of a link of the point at `place`. */
-static struct patch_factors link_factors(const struct links_work *w, uint32_t place, uint32_t to)
+/* F of a link of the point at `bit`. */
+static struct patch_factors link_factors(const struct links_work *w, uint32_t bit, uint32_t to)
 {
     const struct kiln_links_parameters *p = w->job->p;
-    const struct patch_receiver *receiver = &w->receiver[place];
+    const struct patch_receiver *receiver = &w->receiver[bit];
     struct patch_factors f = {0.0, 0.0};
     if ((to & KILN_LINK_LEAF) != 0) {
-        (void)patch_factors_of(receiver, w->at[place], &p->points[p->order[to & ~KILN_LINK_LEAF]], 0.0, &f);
+        (void)patch_factors_of(receiver, w->at[bit], &p->points[p->order[to & ~KILN_LINK_LEAF]], 0.0, &f);
         return f;
     }
     const struct kiln_link_node *node = &p->nodes[to];
-    const struct node_view v = view_of(w, place, node);
+    const struct node_view v = view_of(w, bit, node);
     if (v.whole) {
         const double far = (double)node->area * v.other / (KILN_PI * v.square * v.square);
         f.factor = far * mean_height(node, receiver->n, &v);
         f.shading = receiver->smooth ? far * mean_height(node, receiver->s, &v) : f.factor;
     } else {
-        const struct kiln_patch *from = &p->points[p->order[choose(w, place, node, to)]];
-        (void)patch_factors_of(receiver, w->at[place], from, (double)node->area, &f);
+        const struct kiln_patch *from = &p->points[p->order[choose(w, bit, node, to)]];
+        (void)patch_factors_of(receiver, w->at[bit], from, (double)node->area, &f);
     }
     return f;
 }
 
 /* ---- finding links ---- */
 
-enum link_choice { LINK_NONE, LINK_OPEN, LINK_STANDS };
+enum link_choice { LINK_NONE, LINK_OPEN, LINK_STANDS, LINK_STANDS_WHOLE };
 
-/* What the point at `place` does with a node. */
-static enum link_choice judge(const struct links_work *w, uint32_t place, const struct kiln_link_node *node)
+/* What the point at `bit` does with a node. */
+static enum link_choice judge(const struct links_work *w, uint32_t bit, const struct kiln_link_node *node)
 {
-    const struct node_view v = view_of(w, place, node);
-    const double square_error = w->job->p->error * w->job->p->error, radius = (double)node->radius;
+    const struct node_view v = view_of(w, bit, node);
+    const double square_error = w->error * w->error, radius = (double)node->radius;
     if (!(v.height > 0.0 && v.reach > FLAT * (v.distance + radius)))
         return LINK_NONE;
     if (v.distance < NEAREST * radius)
@@ -206,18 +236,24 @@ static enum link_choice judge(const struct links_work *w, uint32_t place, const 
                  unsure = v.whole ? KILN_LINKS_UNSEEN + turned * turned : 1.0;
     if (factor < LEAST_FACTOR * square_error)
         return LINK_NONE;
-    return factor * (unsure * light * light + spread * spread) <= square_error * light ? LINK_STANDS : LINK_OPEN;
+    if (factor * (unsure * light * light + spread * spread) > square_error * light)
+        return LINK_OPEN;
+    return v.whole ? LINK_STANDS_WHOLE : LINK_STANDS;
 }
 
-static int add_tinted(struct links_work *w, uint32_t link, uint32_t place, const double through[3],
+static int add_tinted(struct links_work *w, const struct link_ray *ray, const double through[3],
                       struct kiln_error *error)
 {
-    struct kiln_kept_links *f = &w->found;
-    const int status =
-        kiln_grow(&f->tinted, &w->room_tinted, f->tinted_count + 1u, sizeof *f->tinted, "tinted links", error);
-    if (status == KILN_OK)
-        f->tinted[f->tinted_count++] =
-            (struct kiln_tinted_link){f->to[link], place, {(float)through[0], (float)through[1], (float)through[2]}};
+    struct kiln_found_links *f = &w->found;
+    int status = KILN_OK;
+    for (uint64_t rest = ray->of; rest != 0 && status == KILN_OK; rest &= rest - 1) {
+        status = kiln_found_links_reserve_tinted(f, f->tinted_count + 1u, error);
+        if (status == KILN_OK)
+            f->tinted[f->tinted_count++] =
+                (struct kiln_tinted_link){f->to[ray->link],
+                                          (uint32_t)__builtin_ctzll(rest),
+                                          {(float)through[0], (float)through[1], (float)through[2]}};
+    }
     return status;
 }
 
@@ -227,81 +263,102 @@ static int trace(struct links_work *w, const struct embree_backend *b, struct em
     double through[PACKET][3];
     int status = KILN_OK;
     for (uint32_t i = 0; i < PACKET; i++) {
-        w->valid[i] = i < w->waiting ? -1 : 0;
+        w->valid_rays[i] = i < w->waiting ? -1 : 0;
         through[i][0] = through[i][1] = through[i][2] = 1.0;
     }
     if (w->waiting > 0)
-        embree_through8(b, context, w->valid, &w->rays, through);
+        embree_through8(b, context, w->valid_rays, &w->rays, through);
     for (uint32_t i = 0; i < w->waiting && status == KILN_OK; i++) {
-        const struct link_ray *of = &w->of[i];
         if (w->rays.tfar[i] < 0.0f)
             continue;
         if (through[i][0] == 1.0 && through[i][1] == 1.0 && through[i][2] == 1.0)
-            w->found.seen[of->link] |= 1ull << of->place;
+            w->found.seen[w->of[i].link] |= w->of[i].of;
         else
-            status = add_tinted(w, of->link, of->place, through[i], error);
+            status = add_tinted(w, &w->of[i], through[i], error);
     }
     w->traced += w->waiting;
     w->waiting = 0;
     return status;
 }
 
-/* Asks whether the point at `place` sees what link `link` goes to. */
+/* Asks whether the point at `bit` sees what link `link` goes to, for the points `of`. */
 static int ask(struct links_work *w, const struct embree_backend *b, struct embree_context *context, uint32_t link,
-               uint32_t place, struct kiln_error *error)
+               uint32_t bit, uint64_t of, struct kiln_error *error)
 {
     const struct kiln_links_parameters *p = w->job->p;
     const uint32_t to = w->found.to[link];
     const bool leaf = (to & KILN_LINK_LEAF) != 0;
-    const uint32_t k = leaf ? to & ~KILN_LINK_LEAF : choose(w, place, &p->nodes[to], to);
-    const struct kiln_patch *own = w->patch[place], *other = &p->points[p->order[k]];
-    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(other->place), w->at[place]);
+    const uint32_t k = leaf ? to & ~KILN_LINK_LEAF : choose(w, bit, &p->nodes[to], to);
+    const struct kiln_patch *own = w->patch[bit], *other = &p->points[p->order[k]];
+    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(other->centre), w->at[bit]);
     const bool first = own->number < other->number;
-    if (!(dvec3_dot(w->receiver[place].n, d) > 0.0 && dvec3_dot(dvec3_of(other->normal), d) < 0.0))
+    if (!(dvec3_dot(w->receiver[bit].n, d) > 0.0 && dvec3_dot(dvec3_of(other->normal), d) < 0.0))
         return KILN_OK;
     if (!patch_ray(&w->rays, w->waiting, first ? own->place : other->place, first ? other->place : own->place))
         return KILN_OK;
-    w->of[w->waiting++] = (struct link_ray){link, place};
+    w->of[w->waiting++] = (struct link_ray){link, of};
     return w->waiting == PACKET ? trace(w, b, context, error) : KILN_OK;
 }
 
-/* Links the points of the mask to a node or a point. */
-static int link_to(struct links_work *w, const struct embree_backend *b, struct embree_context *context, uint32_t to,
-                   uint64_t mask, struct kiln_error *error)
+/* How many points in a row, a square of them, have one ray to a node: worker/pass/links.h. */
+static uint32_t shared_by(const struct links_work *w, uint32_t to)
 {
-    struct kiln_kept_links *f = &w->found;
-    const uint32_t link = f->count;
-    int status = kiln_grow(&f->to, &w->room_to, link + 1u, sizeof *f->to, "the links of a tile", error);
-    if (status == KILN_OK)
-        status = kiln_grow(&f->seen, &w->room_seen, link + 1u, sizeof *f->seen, "the links of a tile", error);
+    const double radius = (to & KILN_LINK_LEAF) != 0 ? 0.0 : KILN_LINKS_SHARED * (double)w->job->p->nodes[to].radius;
+    return 4.0 * w->texel <= radius ? 16 : 2.0 * w->texel <= radius ? 4 : 1;
+}
+
+/* One of the mask's bits, by chance. */
+static uint32_t one_of(uint64_t mask, uint32_t hash)
+{
+    for (uint32_t skip = hash % (uint32_t)__builtin_popcountll(mask); skip > 0; skip--)
+        mask &= mask - 1;
+    return (uint32_t)__builtin_ctzll(mask);
+}
+
+/* Links the points of the mask to a node or a point; those of `whole` have it whole before them, and may share rays. */
+static int link_to(struct links_work *w, const struct embree_backend *b, struct embree_context *context, uint32_t to,
+                   uint64_t mask, uint64_t whole, struct kiln_error *error)
+{
+    struct kiln_found_links *f = &w->found;
+    const uint32_t link = f->count, side = shared_by(w, to);
+    int status = kiln_found_links_reserve(f, link + 1u, error);
     if (status != KILN_OK)
         return status;
     f->to[link] = to;
+    f->asked[link] = mask;
     f->seen[link] = 0;
     f->count++;
-    for (uint64_t rest = mask; rest != 0 && status == KILN_OK; rest &= rest - 1)
-        status = ask(w, b, context, link, (uint32_t)__builtin_ctzll(rest), error);
+    for (uint64_t rest = mask; rest != 0 && status == KILN_OK;) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        uint64_t of = 1ull << bit;
+        if (side > 1 && (whole & w->shares & of) != 0)
+            of = ((1ull << side) - 1) << bit / side * side & whole & w->shares & rest;
+        rest &= ~of;
+        status = ask(w, b, context, link, one_of(of, kiln_hash2(to, w->patch[bit]->number)), of, error);
+    }
     return status;
 }
 
-/* Of the points of the mask, those that stop at the node, in *stands, and those that go on to its children. */
+/* Of the points of the mask, those that stop at the node, in *stands, of these those that have it whole before them,
+ * and those that go on to its children. */
 static uint64_t judge_all(const struct links_work *w, const struct kiln_link_node *node, uint64_t mask,
-                          uint64_t *stands)
+                          uint64_t *stands, uint64_t *whole)
 {
     uint64_t open = 0;
-    *stands = 0;
+    *stands = *whole = 0;
     for (uint64_t rest = mask; rest != 0; rest &= rest - 1) {
-        const uint32_t place = (uint32_t)__builtin_ctzll(rest);
-        const enum link_choice choice = judge(w, place, node);
-        open |= (uint64_t)(choice == LINK_OPEN) << place;
-        *stands |= (uint64_t)(choice == LINK_STANDS) << place;
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        const enum link_choice choice = judge(w, bit, node);
+        open |= (uint64_t)(choice == LINK_OPEN) << bit;
+        *stands |= (uint64_t)(choice >= LINK_STANDS) << bit;
+        *whole |= (uint64_t)(choice == LINK_STANDS_WHOLE) << bit;
     }
     return open;
 }
 
 /* From the root down, children in their order. */
 static int find_links(struct links_work *w, const struct embree_backend *b, struct embree_context *context,
-                      uint64_t valid, struct kiln_error *error)
+                      struct kiln_error *error)
 {
     const struct kiln_links_parameters *p = w->job->p;
     struct {
@@ -310,16 +367,17 @@ static int find_links(struct links_work *w, const struct embree_backend *b, stru
     } stack[STACK];
     uint32_t depth = 0;
     int status = KILN_OK;
+    w->found.count = w->found.tinted_count = 0;
     if (p->node_count > 0)
-        stack[depth++].to = 0, stack[0].mask = valid;
+        stack[depth++].to = 0, stack[0].mask = w->valid | w->shares;
     while (depth > 0 && status == KILN_OK) {
         const uint32_t to = stack[--depth].to;
         const uint64_t mask = stack[depth].mask;
-        uint64_t stands = mask, open = 0;
+        uint64_t stands = mask, whole = 0, open = 0;
         if ((to & KILN_LINK_LEAF) == 0)
-            open = judge_all(w, &p->nodes[to], mask, &stands);
+            open = judge_all(w, &p->nodes[to], mask, &stands, &whole);
         if (stands != 0)
-            status = link_to(w, b, context, to, stands, error);
+            status = link_to(w, b, context, to, stands, whole, error);
         for (uint32_t i = open != 0 ? p->nodes[to].children : 0; i > 0; i--)
             stack[depth].mask = open, stack[depth++].to = p->nodes[to].child[i - 1];
     }
@@ -327,141 +385,242 @@ static int find_links(struct links_work *w, const struct embree_backend *b, stru
 }
 
 /* Links that nobody sees anything by go. */
-static void drop_unseen(struct kiln_kept_links *f)
+static void drop_unseen(struct kiln_found_links *f)
 {
     uint32_t left = 0;
     for (uint32_t i = 0; i < f->count; i++)
         if (f->seen[i] != 0) {
             f->to[left] = f->to[i];
+            f->asked[left] = f->asked[i];
             f->seen[left++] = f->seen[i];
         }
     f->count = left;
 }
 
-/* ---- what is kept ---- */
+/* ---- points ---- */
 
-static void *copied(void *to, const void *from, size_t bytes) { return bytes > 0 ? memcpy(to, from, bytes) : to; }
-
-/* Room for what has been found and the run's points, with the links in it. */
-static int keep(const struct links_work *w, const struct kiln_tile_run *run, struct kiln_kept_links **links,
-                struct kiln_error *error)
+static void enter_point(struct links_work *w, uint32_t bit, uint64_t index)
 {
-    const struct kiln_kept_links *f = &w->found;
-    struct kiln_kept_links *l = NULL;
-    int status = kiln_allocate(&l, 1, sizeof *l, "the links of a tile", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->to, f->count, sizeof *l->to, "the links of a tile", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->seen, f->count, sizeof *l->seen, "the links of a tile", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->tinted, f->tinted_count, sizeof *l->tinted, "tinted links", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->point, run->count, sizeof *l->point, "the points of links", error);
-    if (status == KILN_OK && w->frame.smooth)
-        status = kiln_allocate(&l->shading, run->count, sizeof *l->shading, "the points of links", error);
-    if (status != KILN_OK) {
-        kiln_links_release(&l);
-        return status;
-    }
-    l->first = run->first.at;
-    l->points = run->count;
-    l->count = f->count;
-    l->tinted_count = f->tinted_count;
-    (void)copied(l->to, f->to, f->count * sizeof *f->to);
-    (void)copied(l->seen, f->seen, f->count * sizeof *f->seen);
-    (void)copied(l->tinted, f->tinted, f->tinted_count * sizeof *f->tinted);
-    *links = l;
-    return KILN_OK;
+    const struct kiln_patch *patch = &w->job->p->points[index];
+    w->index[bit] = index;
+    w->patch[bit] = patch;
+    w->at[bit] = dvec3_of(patch->place);
+    w->receiver[bit] = (struct patch_receiver){dvec3_of(patch->normal), dvec3_of(patch->normal), false};
+    if (!(patch->area > 0.0f))
+        return;
+    w->shares |= 1ull << bit;
+    w->texel = fmax(
+        w->texel, sqrt((double)fmaxf(vec3_dot(patch->edge_s, patch->edge_s), vec3_dot(patch->edge_t, patch->edge_t))));
 }
 
-/* The points as the frame has them. */
-static uint64_t enter_frame(struct links_work *w, const struct kiln_tile_run *run)
+/* The points of the run, and others of its tile, as their patches are: what is shared must not hang on cells. */
+static void enter_points(struct links_work *w, const struct kiln_surface *s, const struct kiln_tile_run *run)
 {
-    uint64_t valid = 0;
-    for (uint32_t j = 0; j < w->frame.count; j++) {
-        const uint32_t place = w->frame.place[j];
-        const struct kiln_patch *patch = &w->job->p->points[run->first.at + place];
-        w->patch[place] = patch;
-        w->at[place] = dvec3_of(patch->place);
-        w->receiver[place] = (struct patch_receiver){
-            dvec3_of(patch->normal), dvec3_of(frame_shading(&w->frame, j, patch->normal)), w->frame.smooth};
-        valid |= 1ull << place;
-    }
-    return valid;
-}
-
-/* The points as they are kept. */
-static void enter_kept(struct links_work *w, const struct kiln_kept_links *l)
-{
-    for (uint32_t i = 0; i < l->points; i++) {
-        const struct kiln_patch *patch = &w->job->p->points[l->first + i];
-        w->patch[i] = patch;
-        w->at[i] = dvec3_of(patch->place);
-        w->receiver[i].n = w->receiver[i].s = dvec3_of(patch->normal);
-        w->receiver[i].smooth = l->shading != NULL;
-        if (l->shading != NULL)
-            w->receiver[i].s = dvec3((double)l->shading[i][0], (double)l->shading[i][1], (double)l->shading[i][2]);
-    }
-}
-
-/* What the point's rays have met, and its normal. */
-static void keep_points(const struct links_work *w, const struct kiln_point_result *gathered, struct kiln_kept_links *l)
-{
-    for (uint32_t j = 0; j < w->frame.count; j++) {
-        const uint32_t i = w->frame.place[j];
-        const struct kiln_point_result *g = &gathered[i];
-        l->point[i] = (struct kiln_linked_point){.escaped = g->escaped,
-                                                 .blocked = g->blocked,
-                                                 .glass = {g->glass[0], g->glass[1], g->glass[2]},
-                                                 .present = g->present,
-                                                 .count = g->count};
-        if (l->shading != NULL) {
-            const struct kiln_vec3 s = vec3_of(w->receiver[i].s);
-            l->shading[i][0] = s.x, l->shading[i][1] = s.y, l->shading[i][2] = s.z;
+    const struct kiln_tile *tile = &s->tiles[s->lightmaps[run->map].tile_first + run->tile];
+    uint32_t place = 0;
+    w->mask = run->mask;
+    w->shares = 0;
+    w->texel = 0.0;
+    for (uint64_t rest = tile->mask | run->mask; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        if ((run->mask >> bit & 1) != 0) {
+            w->bit[place] = (uint8_t)bit;
+            enter_point(w, bit, run->first.at + place++);
+        } else {
+            enter_point(w, bit, kiln_tile_point(s, tile, bit).at);
         }
     }
 }
 
-/* ---- sums ---- */
-
-static void add_link(struct links_work *w, uint32_t place, uint32_t to, const float through[3])
+/* Their shading normals, and which have light. */
+static void enter_found(struct links_work *w)
 {
-    const struct kiln_links_parameters *p = w->job->p;
-    const float *radiosity = (to & KILN_LINK_LEAF) != 0 ? p->leaf_radiosity[to & ~KILN_LINK_LEAF] : p->radiosity[to];
-    const struct patch_factors f = link_factors(w, place, to);
-    w->row[place] += f.factor * ((double)through[0] + (double)through[1] + (double)through[2]) / 3.0;
-    for (int c = 0; c < 3; c++) {
-        const double light = (double)radiosity[c] * (double)through[c];
-        w->incident[place][c] += f.factor * light;
-        w->irradiance[place][c] += f.shading * light;
+    w->valid = 0;
+    for (uint64_t rest = w->mask; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        const float *s = w->found.shading[bit];
+        const struct kiln_linked_point *point = &w->found.point[bit];
+        if (point->count == 0)
+            continue;
+        w->valid |= rest & -rest;
+        w->receiver[bit].smooth = w->found.smooth;
+        if (w->found.smooth)
+            w->receiver[bit].s = dvec3((double)s[0], (double)s[1], (double)s[2]);
     }
 }
 
-static void add_links(struct links_work *w, const struct kiln_kept_links *l)
+/* What the points' rays have met, and their normals as the frame has them. */
+static void find_points(struct links_work *w, const struct embree_backend *b, size_t tile_run,
+                        const struct kiln_point_result *gathered)
+{
+    frame_build(&w->frame, b, tile_run, UINT64_MAX, 0);
+    memset(w->found.point, 0, sizeof w->found.point);
+    w->found.smooth = w->frame.smooth;
+    for (uint32_t j = 0; j < w->frame.count; j++) {
+        const uint32_t bit = w->bit[w->frame.place[j]];
+        const struct kiln_point_result *g = &gathered[w->frame.place[j]];
+        const struct kiln_vec3 s = frame_shading(&w->frame, j, w->patch[bit]->normal);
+        w->found.point[bit] = (struct kiln_linked_point){.escaped = g->escaped,
+                                                         .blocked = g->blocked,
+                                                         .glass = {g->glass[0], g->glass[1], g->glass[2]},
+                                                         .present = g->present,
+                                                         .count = g->count};
+        w->found.shading[bit][0] = s.x, w->found.shading[bit][1] = s.y, w->found.shading[bit][2] = s.z;
+    }
+    enter_found(w);
+}
+
+/* ---- sums ---- */
+
+/* The mask with the points of squares of `side` points in a row exchanged in pairs: Morton order. */
+static uint64_t exchanged(uint64_t mask, uint32_t side)
+{
+    static const uint64_t first[] = {0x5555555555555555u, 0x3333333333333333u, 0x0f0f0f0f0f0f0f0fu,
+                                     0x00ff00ff00ff00ffu, 0x0000ffff0000ffffu, 0x00000000ffffffffu};
+    const uint64_t even = first[__builtin_ctz(side)];
+    return (mask & even) << side | (mask >> side & even);
+}
+
+/* The variance of what points see by a link, estimated of the points beside them that have rays of their own. */
+struct unsure {
+    uint64_t asked[3], other[3]; /* by neighbour: who has one that has asked, and whose sees what it does not or not */
+};
+
+static struct unsure unsure_of(const struct links_work *w, uint32_t link)
+{
+    const uint32_t side = shared_by(w, w->found.to[link]);
+    const uint64_t asked = w->found.asked[link] & w->shares, seen = w->found.seen[link];
+    struct unsure u;
+    for (int i = 0; i < 3; i++) {
+        uint64_t there = asked, sees = seen;
+        if (i != 1) {
+            there = exchanged(there, side);
+            sees = exchanged(sees, side);
+        }
+        if (i != 0) {
+            there = exchanged(there, 2 * side);
+            sees = exchanged(sees, 2 * side);
+        }
+        u.asked[i] = there & asked;
+        u.other[i] = (sees ^ seen) & u.asked[i];
+    }
+    return u;
+}
+
+static double variance_of(const struct unsure *u, uint32_t bit)
+{
+    uint32_t asked = 0, other = 0;
+    for (int i = 0; i < 3; i++) {
+        asked += (uint32_t)(u->asked[i] >> bit & 1);
+        other += (uint32_t)(u->other[i] >> bit & 1);
+    }
+    return (0.5 * (double)other + KILN_LINKS_UNSEEN) / (double)(asked + 1);
+}
+
+/* The light that errors are of: so far and before this bounce; or the first, over its mean. */
+static struct kiln_link_light light_of(const struct links_work *w, uint32_t to)
+{
+    const struct kiln_links_parameters *p = w->job->p;
+    const bool leaf = (to & KILN_LINK_LEAF) != 0;
+    const uint32_t at = to & ~KILN_LINK_LEAF;
+    if (!w->by_first)
+        return leaf ? p->leaf_light[at] : p->light[at];
+    if (leaf)
+        return (struct kiln_link_light){.now = p->first[p->order[at]]};
+    const struct kiln_link_node *node = &p->nodes[at];
+    return (struct kiln_link_light){.now = node->level, .spread_now = node->spread * node->spread};
+}
+
+/* What a link does to the error of the point at `bit`; q: the variance of what it sees. */
+static void add_variance(struct links_work *w, uint32_t bit, uint32_t to, double factor, double seen, double q)
+{
+    const struct kiln_links_parameters *p = w->job->p;
+    const struct kiln_link_light l = light_of(w, to);
+    const double now = (double)l.now, before = (double)l.before, more = (double)l.spread_now - (double)l.spread_before;
+    double square = q * (now * now - before * before + more);
+    if ((to & KILN_LINK_LEAF) == 0 && seen > 0.0) {
+        const struct node_view v = view_of(w, bit, &p->nodes[to]);
+        const double rho = SPREAD * (double)p->nodes[to].radius / v.distance;
+        square += v.whole ? rho * rho * more : now * now - before * before + more;
+    }
+    w->variance[bit] += factor * factor * square;
+    w->now[bit] += factor * seen * now;
+    w->before[bit] += factor * seen * before;
+}
+
+static void add_link(struct links_work *w, uint32_t bit, uint32_t to, const float through[3], double q)
+{
+    const struct kiln_links_parameters *p = w->job->p;
+    const float *radiosity = (to & KILN_LINK_LEAF) != 0 ? p->leaf_radiosity[to & ~KILN_LINK_LEAF] : p->radiosity[to];
+    const struct patch_factors f = link_factors(w, bit, to);
+    const double seen = ((double)through[0] + (double)through[1] + (double)through[2]) / 3.0;
+    w->row[bit] += f.factor * seen;
+    for (int c = 0; c < 3; c++) {
+        const double light = (double)radiosity[c] * (double)through[c];
+        w->incident[bit][c] += f.factor * light;
+        w->irradiance[bit][c] += f.shading * light;
+    }
+    add_variance(w, bit, to, w->by_first ? f.factor : f.shading, seen, q);
+}
+
+/* A link by which the point at `bit` sees nothing, though others of its tile do. */
+static void add_unseen(struct links_work *w, uint32_t bit, uint32_t to, double q)
+{
+    if (q > 0.0)
+        add_variance(w, bit, to, link_factors(w, bit, to).factor, 0.0, q);
+}
+
+static void add_links(struct links_work *w)
 {
     static const float all[3] = {1.0f, 1.0f, 1.0f};
+    const struct kiln_found_links *f = &w->found;
+    const uint64_t of = w->by_first ? w->shares : w->valid;
     memset(w->row, 0, sizeof w->row);
     memset(w->incident, 0, sizeof w->incident);
     memset(w->irradiance, 0, sizeof w->irradiance);
-    for (uint32_t i = 0; i < l->count; i++)
-        for (uint64_t rest = l->seen[i]; rest != 0; rest &= rest - 1)
-            add_link(w, (uint32_t)__builtin_ctzll(rest), l->to[i], all);
-    for (uint32_t i = 0; i < l->tinted_count; i++)
-        add_link(w, l->tinted[i].place, l->tinted[i].to, l->tinted[i].through);
+    memset(w->now, 0, sizeof w->now);
+    memset(w->before, 0, sizeof w->before);
+    memset(w->variance, 0, sizeof w->variance);
+    for (uint32_t i = 0; i < f->count; i++) {
+        const struct unsure u = unsure_of(w, i);
+        for (uint64_t rest = f->asked[i] & of; rest != 0; rest &= rest - 1) {
+            const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+            if ((f->seen[i] >> bit & 1) != 0)
+                add_link(w, bit, f->to[i], all, variance_of(&u, bit));
+            else
+                add_unseen(w, bit, f->to[i], variance_of(&u, bit));
+        }
+    }
+    for (uint32_t i = 0; i < f->tinted_count; i++)
+        if ((of >> f->tinted[i].bit & 1) != 0)
+            add_link(w, f->tinted[i].bit, f->tinted[i].to, f->tinted[i].through, 0.0);
 }
 
-static void find_scales(const struct links_work *w, const struct kiln_point_result *gathered, struct kiln_kept_links *l)
+static void find_scales(struct links_work *w)
 {
-    for (uint32_t i = 0; i < l->points; i++)
-        if (l->point[i].count > 0)
-            l->point[i].scale = (float)kiln_patches_row_scale(&gathered[i], w->row[i]);
+    for (uint64_t rest = w->valid; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        struct kiln_linked_point *l = &w->found.point[bit];
+        const struct kiln_point_result met = {.escaped = l->escaped,
+                                              .blocked = l->blocked,
+                                              .glass = {l->glass[0], l->glass[1], l->glass[2]},
+                                              .count = l->count};
+        l->scale = (float)kiln_patches_row_scale(&met, w->row[bit]);
+    }
 }
 
-static void give(const struct links_work *w, const struct kiln_kept_links *l, struct kiln_point_result *results)
+/* Standard error of the luminance of irradiance. */
+static double error_of(const struct links_work *w, uint32_t bit)
 {
-    for (uint32_t i = 0; i < l->points; i++) {
-        const struct kiln_linked_point *point = &l->point[i];
-        const double scale = (double)point->scale * (double)point->count;
+    return (double)w->found.point[bit].scale * sqrt(fmax(0.0, w->variance[bit]));
+}
+
+static void give(const struct links_work *w, uint32_t points, struct kiln_point_result *results)
+{
+    for (uint32_t i = 0; i < points; i++) {
+        const uint32_t bit = w->bit[i];
+        const struct kiln_linked_point *point = &w->found.point[bit];
+        const double count = (double)point->count, scale = (double)point->scale * count;
         struct kiln_point_result *r = &results[i];
         if (point->count == 0)
             continue;
@@ -469,35 +628,112 @@ static void give(const struct links_work *w, const struct kiln_kept_links *l, st
                                         .blocked = point->blocked,
                                         .glass = {point->glass[0], point->glass[1], point->glass[2]},
                                         .present = point->present,
-                                        .count = point->count};
+                                        .count = point->count,
+                                        .error = (float)(count * error_of(w, bit))};
         for (int c = 0; c < 3; c++) {
-            r->incident[c] = (float)(scale * w->incident[i][c]);
-            r->irradiance[c] = (float)(scale * w->irradiance[i][c]);
+            r->incident[c] = (float)(scale * w->incident[bit][c]);
+            r->irradiance[c] = (float)(scale * w->irradiance[bit][c]);
         }
     }
 }
 
 /* ---- tile runs ---- */
 
-/* Finds the tile run's links, and sums them up. */
+/* Finds the tile run's links, for the error of the work, and closes its rows. */
 static int find_run(struct links_work *w, const struct embree_backend *b, struct embree_context *context,
-                    size_t tile_run, struct kiln_kept_links **links, struct kiln_error *error)
+                    struct kiln_error *error)
 {
-    const struct kiln_tile_run *runs = b->surface->tile_runs, *run = &runs[tile_run];
-    const struct kiln_point_result *gathered = w->job->gathered + (run->first.at - runs[w->job->part->first].first.at);
-    frame_build(&w->frame, b, tile_run, UINT64_MAX, 0);
-    w->found.count = w->found.tinted_count = 0;
-    int status = find_links(w, b, context, enter_frame(w, run), error);
+    const int status = find_links(w, b, context, error);
     if (status != KILN_OK)
         return status;
     drop_unseen(&w->found);
-    status = keep(w, run, links, error);
+    add_links(w);
+    find_scales(w);
+    return KILN_OK;
+}
+
+/* Whether the errors that first light has by the links found, in the root of their mean square over the tile's points,
+ * are above the target. */
+static bool is_above_target(struct links_work *w)
+{
+    const struct kiln_links_parameters *p = w->job->p;
+    double square = 0.0;
+    w->by_first = true;
+    add_links(w);
+    w->by_first = false;
+    for (uint64_t rest = w->shares; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        const double light = (double)p->first[w->index[bit]] + w->now[bit],
+                     allowed = p->target * fmax(light, KILN_LINKS_LEAST_LIGHT);
+        square += fmax(0.0, w->variance[bit]) / (allowed * allowed);
+    }
+    return square > (double)__builtin_popcountll(w->shares);
+}
+
+/* Opens links until the target is reached; *opened: some were. */
+static int open_run(struct links_work *w, const struct embree_backend *b, struct embree_context *context, bool *opened,
+                    struct kiln_error *error)
+{
+    const double least = w->job->p->error / LEAST_OPENED;
+    int status = KILN_OK;
+    *opened = false;
+    for (w->error = w->job->p->error; 0.5 * w->error >= least && is_above_target(w) && status == KILN_OK;) {
+        w->error *= 0.5;
+        *opened = true;
+        status = find_run(w, b, context, error);
+    }
+    return status;
+}
+
+/* Finds what is not kept. */
+static int make_run(struct links_work *w, const struct embree_backend *b, struct embree_context *context,
+                    size_t tile_run, struct kiln_error *error)
+{
+    const struct kiln_tile_run *runs = b->surface->tile_runs, *run = &runs[tile_run];
+    find_points(w, b, tile_run, w->job->gathered + (run->first.at - runs[w->job->part->first].first.at));
+    w->error = w->job->p->error;
+    return find_run(w, b, context, error);
+}
+
+static int take_kept(struct links_work *w, const struct kiln_tile_run *run, const struct kiln_kept_links *kept,
+                     struct kiln_error *error)
+{
+    const struct kiln_links_parameters *p = w->job->p;
+    const int status = kiln_links_decode(&w->found, kept, run->mask, w->shares, p->node_count, p->count, error);
+    if (status == KILN_OK)
+        enter_found(w);
+    return status;
+}
+
+/* Keeps what has been found. */
+static int keep(const struct links_work *w, const struct kiln_tile_run *run, struct kiln_kept_links **kept,
+                struct kiln_error *error)
+{
+    struct kiln_kept_links *old = *kept;
+    const int status = kiln_links_encode(kept, &w->found, run->first.at, run->mask, w->shares, error);
+    kiln_free(&old);
+    return status;
+}
+
+/* The tile run's links, as they are kept or found, and opened; then the sums. */
+static int do_run(struct links_work *w, const struct embree_backend *b, struct embree_context *context, size_t tile_run,
+                  struct kiln_error *error)
+{
+    const struct kiln_tile_run *run = &b->surface->tile_runs[tile_run];
+    struct kiln_kept_links **kept = w->job->p->kept != NULL ? &w->job->p->kept[tile_run] : NULL;
+    const bool is_kept = kept != NULL && *kept != NULL, is_judged = is_kept && (*kept)->is_judged != 0;
+    bool opened = false;
+    enter_points(w, b->surface, run);
+    int status = is_kept ? take_kept(w, run, *kept, error) : make_run(w, b, context, tile_run, error);
+    if (status == KILN_OK && w->job->p->target > 0.0 && !is_judged)
+        status = open_run(w, b, context, &opened, error);
+    if (status == KILN_OK && kept != NULL && (!is_kept || opened))
+        status = keep(w, run, kept, error);
     if (status != KILN_OK)
         return status;
-    keep_points(w, gathered, *links);
-    enter_kept(w, *links);
-    add_links(w, *links);
-    find_scales(w, gathered, *links);
+    if (kept != NULL)
+        (*kept)->is_judged = 1;
+    add_links(w);
     return KILN_OK;
 }
 
@@ -505,26 +741,16 @@ static void links_tile_run(void *work, const struct embree_backend *b, struct em
                            void *results, uint64_t *rays)
 {
     struct links_work *w = work;
-    struct kiln_kept_links **kept = w->job->p->kept, *links = kept != NULL ? kept[tile_run] : NULL;
     struct kiln_error error;
     if (has_failed(w->job))
         return;
     w->traced = 0;
-    if (links != NULL) {
-        enter_kept(w, links);
-        add_links(w, links);
-    } else {
-        const int status = find_run(w, b, context, tile_run, &links, &error);
-        if (status != KILN_OK) {
-            fail(w->job, status, &error);
-            return;
-        }
+    const int status = do_run(w, b, context, tile_run, &error);
+    if (status != KILN_OK) {
+        fail(w->job, status, &error);
+        return;
     }
-    give(w, links, results);
-    if (kept != NULL)
-        kept[tile_run] = links;
-    else
-        kiln_links_release(&links);
+    give(w, b->surface->tile_runs[tile_run].count, results);
     *rays += w->traced;
 }
 

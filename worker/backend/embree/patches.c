@@ -150,8 +150,13 @@ static bool ask(struct patches_work *w, const struct kiln_patch *own, const stru
     if (known != KILN_PAIRS_UNKNOWN)
         return known == KILN_PAIRS_OPEN;
     /* the same ray whichever of the points asks: from the one with the lower number */
-    if (!patch_ray(&pairs->rays, pairs->ray_count, first ? own->place : other->place,
-                   first ? other->place : own->place))
+    const struct kiln_patch *from = first ? own : other, *to = first ? other : own;
+    if (w->job.p->voxels != NULL) {
+        const bool open = kiln_voxels_open(w->job.p->voxels, from->place, from->normal, to->place, to->normal);
+        kiln_visibility_note(&w->visibility, w->place, other->number, open ? KILN_PAIRS_OPEN : KILN_PAIRS_SHUT);
+        return open;
+    }
+    if (!patch_ray(&pairs->rays, pairs->ray_count, from->place, to->place))
         return false;
     pair->ray = (int)pairs->ray_count++;
     return true;
@@ -197,6 +202,22 @@ static void begin_point(struct patches_work *w, const struct embree_backend *b, 
     }
 }
 
+static void finish_point(const struct patches_work *w, const struct embree_backend *b, struct kiln_own_point own,
+                         struct kiln_patches_result *r)
+{
+    const double row = w->job.p->most_factor > 0.0 ? 1.0
+                       : w->job.p->shot != NULL
+                           ? (double)b->surface->closing[KILN_CLOSING_FLOATS * own.at + KILN_CLOSING_SCALE]
+                           : kiln_patches_row_scale(&r->point, w->row);
+    const double scale = row * (double)r->point.count;
+    for (int c = 0; c < 3; c++) {
+        r->point.incident[c] = (float)(scale * w->incident[c]);
+        r->point.irradiance[c] = (float)(scale * w->irradiance[c]);
+    }
+    r->point.error = 0.0f;
+    r->row_scale = (float)row;
+}
+
 /* The points that are computed, a bit each. */
 static uint64_t places_of(const struct tile_run_frame *f)
 {
@@ -218,31 +239,38 @@ static void patches_tile_run(void *work, const struct embree_backend *b, struct 
     for (uint32_t j = 0; j < w->frame.count; j++) {
         const uint32_t place = w->frame.place[j];
         const uint64_t point = run->first.at + place;
-        struct kiln_point_result *r = (struct kiln_point_result *)results + place;
-        *r = w->job.gathered[from + place];
-        begin_point(w, b, j, point, (struct kiln_own_point){kiln_own_of_global(b->surface, run->first).at + place});
+        const struct kiln_own_point own = {kiln_own_of_global(b->surface, run->first).at + place};
+        struct kiln_patches_result *r = (struct kiln_patches_result *)results + place;
+        r->point = w->job.gathered[from + place];
+        begin_point(w, b, j, point, own);
         gather_pairs(w, b, context, point);
-        const double scale = (w->job.p->most_factor > 0.0 ? 1.0 : kiln_patches_row_scale(r, w->row)) * (double)r->count;
-        for (int c = 0; c < 3; c++) {
-            r->incident[c] = (float)(scale * w->incident[c]);
-            r->irradiance[c] = (float)(scale * w->irradiance[c]);
-        }
-        r->error = 0.0f;
+        finish_point(w, b, own, r);
     }
     kiln_visibility_close(&w->visibility, w->job.p->cache, run, places_of(&w->frame));
     *rays += w->traced;
+}
+
+/* What the rays of own points have met in the step that closed their rows. */
+static void recall(const struct kiln_surface *s, uint64_t first, size_t points, uint32_t samples,
+                   struct kiln_point_result *gathered)
+{
+    for (size_t i = 0; i < points; i++)
+        gathered[i] = kiln_closing_rays(&s->closing[KILN_CLOSING_FLOATS * (first + i)], samples);
 }
 
 int embree_patches(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
                    uint64_t *rays, struct kiln_error *error)
 {
     static const struct tile_run_pass pass = {work_create, work_destroy, patches_tile_run,
-                                              sizeof(struct kiln_point_result)};
+                                              sizeof(struct kiln_patches_result)};
+    const struct kiln_patches_parameters *p = parameters;
     const struct kiln_tile_run *runs = b->surface->tile_runs + part->first;
+    const size_t points = (size_t)kiln_tile_runs_points(runs, runs + part->count - 1);
     struct kiln_point_result *gathered = NULL;
-    int status = kiln_allocate(&gathered, (size_t)kiln_tile_runs_points(runs, runs + part->count - 1), sizeof *gathered,
-                               "what the rays of patches meet", error);
-    if (status == KILN_OK)
+    int status = kiln_allocate(&gathered, points, sizeof *gathered, "what the rays of patches meet", error);
+    if (status == KILN_OK && p->shot != NULL)
+        recall(b->surface, kiln_own_of_global(b->surface, runs->first).at, points, part->samples, gathered);
+    else if (status == KILN_OK)
         status = embree_gather(b, NULL, part, gathered, rays, error);
     const struct patches_job job = {parameters, part, gathered};
     if (status == KILN_OK)

@@ -41,61 +41,192 @@ static void find_emission(const struct tile_run_frame *f, const struct embree_ba
     }
 }
 
-/* Positions on the point, and the one nearest to their mean: the place. */
-static void find_place(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j,
-                       struct kiln_vec3 at[PLACES], struct kiln_patch *patch)
+/* ---- points that are no square of one triangle ---- */
+
+enum { FINE = 16, SPOTS = FINE * FINE };
+#define ALIKE 0.7f /* cosine: what looks further another way is of another surface that shares the texel */
+#define FLAT 0.9999f
+#define APART 4.0 /* likewise what is farther off than so many times the root of the area */
+
+/* Where surface of a point is; sums over spots are means over the surface, squares too. */
+struct spot {
+    struct kiln_vec3 at, normal;
+    double weight;
+};
+
+struct spots {
+    uint32_t count;
+    double area;  /* m2, of the point */
+    double share; /* of it, that the spots are of */
+    struct spot of[SPOTS];
+};
+
+static void add_spot(struct spots *spots, struct kiln_vec3 at, struct kiln_vec3 normal, double weight)
 {
-    struct kiln_vec3 normal[PLACES], mean = vec3(0.0f, 0.0f, 0.0f);
-    float least = INFINITY;
-    for (uint32_t i = 0; i < PLACES; i++) {
-        (void)frame_position(f, b, j, number(i % SIDE), number(i / SIDE), &at[i], &normal[i]);
-        mean = vec3_madd(mean, at[i], 1.0f / PLACES);
+    if (weight > 0.0 && spots->count < SPOTS)
+        spots->of[spots->count++] = (struct spot){at, normal, weight};
+}
+
+/* The middles of a triangle's sides, by which a mean of squares is exact. */
+static void add_triangle(struct spots *spots, const struct tile_run_frame *f, const struct kiln_geometry *g,
+                         const struct kiln_footprint_triangle *t)
+{
+    struct kiln_vec3 c[3], n = kiln_triangle_normal(g, t->triangle);
+    n = f->back ? vec3_scale(n, -1.0f) : n;
+    for (int i = 0; i < 3; i++)
+        c[i] = kiln_offset_origin(kiln_triangle_position(g, t->triangle, (float)t->b1[i], (float)t->b2[i]), n, g,
+                                  t->triangle);
+    const double area = (double)vec3_length(vec3_cross(vec3_sub(c[1], c[0]), vec3_sub(c[2], c[0])));
+    for (int i = 0; i < 3; i++)
+        add_spot(spots, vec3_scale(vec3_add(c[i], c[(i + 1) % 3]), 0.5f), n, area);
+}
+
+/* Of all of its pieces, none of which is buried or lacks any. False: they are too many. */
+static bool add_pieces(struct spots *spots, const struct tile_run_frame *f, const struct embree_backend *b, uint32_t j)
+{
+    const struct kiln_footprint *p = &f->footprint[j];
+    struct kiln_footprint_triangle triangles[KILN_FOOTPRINT_TRIANGLES];
+    if (f->partly_buried[j] || f->mask[j].count > 0 || 3 * KILN_FOOTPRINT_TRIANGLES * p->piece_count > SPOTS)
+        return false;
+    for (uint32_t i = 0; i < p->piece_count; i++) {
+        const uint32_t count = kiln_footprint_triangles(p, i, triangles);
+        for (uint32_t k = 0; k < count; k++)
+            add_triangle(spots, f, b->params.geometry, &triangles[k]);
     }
-    for (uint32_t i = 0; i < PLACES; i++) {
-        const float distance = vec3_length(vec3_sub(at[i], mean));
-        if (!(distance < least))
-            continue;
-        least = distance;
-        patch->place = at[i];
-        patch->normal = normal[i];
+    return spots->count > 0;
+}
+
+/* Of FINE x FINE positions those that are not buried. */
+static void add_positions(struct spots *spots, struct tile_run_frame *f, const struct embree_backend *b, uint32_t j)
+{
+    const bool buried = f->partly_buried[j];
+    for (uint32_t i = 0; i < SPOTS; i++) {
+        struct kiln_vec3 at, normal;
+        f->partly_buried[j] = false; /* what is buried is not drawn again */
+        (void)frame_position(f, b, j, ((float)(i % FINE) + 0.5f) / FINE, ((float)(i / FINE) + 0.5f) / FINE, &at,
+                             &normal);
+        f->partly_buried[j] = buried;
+        if (!buried || !frame_buried(b, at, normal))
+            add_spot(spots, at, normal, 1.0);
     }
 }
 
-/* The rectangle in the place's plane with the proportions of the positions' covariance. */
-static void find_rectangle(const struct kiln_vec3 at[PLACES], struct kiln_patch *patch)
+static bool are_alike(const struct spots *spots, const struct spot *a, const struct spot *b)
+{
+    return vec3_dot(a->normal, b->normal) > ALIKE &&
+           (double)vec3_length(vec3_sub(a->at, b->at)) < APART * sqrt(spots->area);
+}
+
+/* Only the surface that most of the point is of stays. */
+static void keep_largest(struct spots *spots)
+{
+    uint32_t best = 0, count = 0;
+    double most = -1.0, all = 0.0;
+    for (uint32_t i = 0; i < spots->count; i++) {
+        double weight = 0.0;
+        all += spots->of[i].weight;
+        for (uint32_t k = 0; k < spots->count; k++)
+            weight += are_alike(spots, &spots->of[i], &spots->of[k]) ? spots->of[k].weight : 0.0;
+        if (weight > most)
+            most = weight, best = i;
+    }
+    const struct spot leader = spots->of[best];
+    for (uint32_t i = 0; i < spots->count; i++)
+        if (are_alike(spots, &leader, &spots->of[i]))
+            spots->of[count++] = spots->of[i];
+    spots->count = count;
+    spots->share = most / all;
+}
+
+/* Middle and normal. */
+static void find_middle(const struct spots *spots, struct kiln_patch *patch)
+{
+    double sum = 0.0;
+    struct kiln_dvec3 at = dvec3(0.0, 0.0, 0.0), normal = dvec3(0.0, 0.0, 0.0);
+    bool flat = true;
+    for (uint32_t i = 0; i < spots->count; i++) {
+        const struct spot *s = &spots->of[i];
+        sum += s->weight;
+        at = dvec3_add(at, dvec3_scale(dvec3_of(s->at), s->weight));
+        normal = dvec3_add(normal, dvec3_scale(dvec3_of(s->normal), s->weight));
+        flat = flat && vec3_dot(s->normal, spots->of[0].normal) > FLAT;
+    }
+    patch->centre = vec3_of(dvec3_scale(at, 1.0 / sum));
+    patch->normal = flat ? spots->of[0].normal : vec3_normalize(vec3_of(normal));
+}
+
+/* The position that is nearest to the middle. */
+static void find_place(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, const struct spots *spots,
+                       struct kiln_patch *patch)
+{
+    float least = INFINITY;
+    patch->place = patch->centre;
+    if (f->footprint[j].piece_count == 1 && !f->partly_buried[j] && f->mask[j].count == 0)
+        return;
+    for (uint32_t i = 0; i < PLACES + spots->count; i++) {
+        struct spot s;
+        if (i < PLACES)
+            (void)frame_position(f, b, j, number(i % SIDE), number(i / SIDE), &s.at, &s.normal);
+        else
+            s = spots->of[i - PLACES];
+        const float distance = vec3_length(vec3_sub(s.at, patch->centre));
+        if (!(distance < least) || !are_alike(spots, &s, &spots->of[0]) ||
+            (f->partly_buried[j] && frame_buried(b, s.at, s.normal)))
+            continue;
+        least = distance;
+        patch->place = s.at;
+    }
+}
+
+/* The rectangle about the middle with the proportions of the surface's covariance. */
+static void find_rectangle(const struct spots *spots, struct kiln_patch *patch)
 {
     const struct kiln_vec3 n = patch->normal,
                            side = fabsf(n.x) < 0.5f ? vec3(1.0f, 0.0f, 0.0f) : vec3(0.0f, 1.0f, 0.0f),
                            u = vec3_normalize(vec3_cross(n, side)), v = vec3_cross(n, u);
-    double sum[2] = {0.0}, square[3] = {0.0};
-    for (uint32_t i = 0; i < PLACES; i++) {
-        const struct kiln_vec3 d = vec3_sub(at[i], patch->place);
-        const double x = (double)vec3_dot(d, u), y = (double)vec3_dot(d, v);
-        sum[0] += x / PLACES, sum[1] += y / PLACES;
-        square[0] += x * x / PLACES, square[1] += x * y / PLACES, square[2] += y * y / PLACES;
+    double xx = 0.0, xy = 0.0, yy = 0.0;
+    for (uint32_t i = 0; i < spots->count; i++) {
+        const struct kiln_vec3 d = vec3_sub(spots->of[i].at, patch->centre);
+        const double x = (double)vec3_dot(d, u), y = (double)vec3_dot(d, v), weight = spots->of[i].weight;
+        xx += weight * x * x, xy += weight * x * y, yy += weight * y * y;
     }
-    const double xx = square[0] - sum[0] * sum[0], xy = square[1] - sum[0] * sum[1], yy = square[2] - sum[1] * sum[1],
-                 turn = 0.5 * atan2(2.0 * xy, xx - yy), middle = 0.5 * (xx + yy), spread = hypot(0.5 * (xx - yy), xy),
+    const double turn = 0.5 * atan2(2.0 * xy, xx - yy), middle = 0.5 * (xx + yy), spread = hypot(0.5 * (xx - yy), xy),
                  longer = sqrt(middle + spread), shorter = sqrt(fmax(middle - spread, 0.0));
-    /* positions in a line, or in one place, tell of no proportions */
+    /* what lies in a line, or in one place, tells of no proportions */
     const double ratio = shorter > 0.01 * longer && longer > 0.0 ? sqrt(longer / shorter) : 1.0;
-    const double length = sqrt((double)patch->area);
+    const double length = sqrt((double)patch->area * spots->share);
     const struct kiln_vec3 along = vec3_madd(vec3_scale(u, (float)cos(turn)), v, (float)sin(turn));
     patch->edge_s = vec3_scale(along, (float)(length * ratio));
     patch->edge_t = vec3_scale(vec3_cross(n, along), (float)(length / ratio));
 }
 
+/* What has nothing that is not buried is as if it were all there. */
+static void find_bent(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, struct kiln_patch *patch)
+{
+    struct spots spots = {.area = (double)patch->area};
+    if (!add_pieces(&spots, f, b, j))
+        add_positions(&spots, f, b, j);
+    if (spots.count == 0) {
+        struct kiln_vec3 at, normal;
+        (void)frame_position(f, b, j, 0.5f, 0.5f, &at, &normal);
+        add_spot(&spots, at, normal, 1.0);
+    }
+    keep_largest(&spots);
+    find_middle(&spots, patch);
+    find_place(f, b, j, &spots, patch);
+    find_rectangle(&spots, patch);
+}
+
 static void find_shape(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, double area,
                        struct kiln_patch *patch)
 {
-    struct kiln_vec3 at[PLACES];
     patch->area = (float)area;
     if (!f->whole[j]) {
-        find_place(f, b, j, at, patch);
-        find_rectangle(at, patch);
+        find_bent(f, b, j, patch);
         return;
     }
     (void)frame_position(f, b, j, 0.5f, 0.5f, &patch->place, &patch->normal);
+    patch->centre = patch->place;
     patch->edge_s = vec3(f->edge_s[0][j], f->edge_s[1][j], f->edge_s[2][j]);
     patch->edge_t = vec3(f->edge_t[0][j], f->edge_t[1][j], f->edge_t[2][j]);
 }

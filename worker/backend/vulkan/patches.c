@@ -31,8 +31,8 @@ struct patches_run {
     struct vulkan_backend *b;
     const struct kiln_patches_parameters *p;
     const struct kiln_batch *batch;
-    struct kiln_point_result
-        *results; /* of the batch's points: of their rays, and of their pairs once these are known */
+    struct kiln_point_result *gathered; /* of the batch's points: of their rays */
+    struct kiln_patches_result *results;
     struct gpu_kernel *pairs, *sums;
     uint32_t row, rows; /* nodes of a row; rows */
     uint64_t rays;
@@ -130,9 +130,19 @@ static int keep(void *context, size_t first, size_t count, const void *results, 
     (void)error;
     const struct patches_run *r = context;
     const struct kiln_tile_run *runs = &r->b->surface->tile_runs[first];
-    memcpy(r->results + place_of(r, first), results,
-           (size_t)kiln_tile_runs_points(runs, runs + count - 1) * sizeof *r->results);
+    memcpy(r->gathered + place_of(r, first), results,
+           (size_t)kiln_tile_runs_points(runs, runs + count - 1) * sizeof *r->gathered);
     return KILN_OK;
+}
+
+/* What the rays have met in the step that closed rows. */
+static void recall(const struct patches_run *r, uint64_t points)
+{
+    const struct kiln_surface *s = r->b->surface;
+    const struct kiln_own_point first = kiln_own_of_global(s, s->tile_runs[r->batch->first].first);
+    for (uint64_t i = 0; i < points; i++)
+        if (kiln_point_valid(s, (struct kiln_own_point){first.at + i}))
+            r->gathered[i] = kiln_closing_rays(&s->closing[KILN_CLOSING_FLOATS * (first.at + i)], r->batch->samples);
 }
 
 static int gather(struct patches_run *r, struct kiln_error *error)
@@ -189,16 +199,24 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     return KILN_OK;
 }
 
-static void finish_point(const struct patches_run *r, const struct kiln_gpu_patch_sums *sums,
-                         struct kiln_point_result *result)
+/* `place`: of the batch's points. */
+static void finish_point(const struct patches_run *r, uint64_t place, const struct kiln_gpu_patch_sums *sums)
 {
-    const double scale =
-        (r->p->most_factor > 0.0 ? 1.0 : kiln_patches_row_scale(result, (double)sums->row)) * (double)result->count;
+    const struct kiln_surface *s = r->b->surface;
+    const struct kiln_own_point first = kiln_own_of_global(s, s->tile_runs[r->batch->first].first);
+    struct kiln_patches_result *result = &r->results[place];
+    result->point = r->gathered[place];
+    const double row = r->p->most_factor > 0.0 ? 1.0
+                       : r->p->shot != NULL
+                           ? (double)s->closing[KILN_CLOSING_FLOATS * (first.at + place) + KILN_CLOSING_SCALE]
+                           : kiln_patches_row_scale(&result->point, (double)sums->row);
+    const double scale = row * (double)result->point.count;
     for (int c = 0; c < 3; c++) {
-        result->incident[c] = (float)(scale * (double)sums->incident[c]);
-        result->irradiance[c] = (float)(scale * (double)sums->irradiance[c]);
+        result->point.incident[c] = (float)(scale * (double)sums->incident[c]);
+        result->point.irradiance[c] = (float)(scale * (double)sums->irradiance[c]);
     }
-    result->error = 0.0f;
+    result->point.error = 0.0f;
+    result->row_scale = (float)row;
 }
 
 static int take(void *context, size_t tile_run_first, size_t tile_run_count, const void *results, const uint32_t *words,
@@ -208,16 +226,17 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
     const struct kiln_tile_run *runs = r->b->surface->tile_runs + tile_run_first;
     const uint64_t count = kiln_tile_runs_points(runs, runs + tile_run_count - 1);
     const struct kiln_gpu_patch_sums *sums = results;
-    struct kiln_point_result *own = r->results + place_of(r, tile_run_first);
+    const uint64_t first = place_of(r, tile_run_first);
     uint64_t rays = 0;
 #pragma omp parallel for num_threads((int)r->b->threads) reduction(+ : rays) if (count > 1 << 14)
     for (uint64_t i = 0; i < count; i++) {
-        finish_point(r, &sums[i], &own[i]);
+        finish_point(r, first + i, &sums[i]);
         rays += words[i];
     }
     r->rays += rays;
-    return r->batch->take != NULL ? r->batch->take(r->batch->context, tile_run_first, tile_run_count, own, error)
-                                  : KILN_OK;
+    return r->batch->take != NULL
+               ? r->batch->take(r->batch->context, tile_run_first, tile_run_count, r->results + first, error)
+               : KILN_OK;
 }
 
 static int run_pairs(struct patches_run *r, struct kiln_error *error)
@@ -247,13 +266,18 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
 {
     const struct kiln_tile_run *runs = b->surface->tile_runs + batch->first;
     struct patches_run r = {.b = b, .p = parameters, .batch = batch};
-    int status = kiln_allocate(&r.results, (size_t)kiln_tile_runs_points(runs, runs + batch->count - 1),
-                               sizeof *r.results, "what the rays of patches meet", error);
+    const size_t points = (size_t)kiln_tile_runs_points(runs, runs + batch->count - 1);
+    int status = kiln_allocate(&r.gathered, points, sizeof *r.gathered, "what the rays of patches meet", error);
     if (status == KILN_OK)
+        status = kiln_allocate(&r.results, points, sizeof *r.results, "the light of patches", error);
+    if (status == KILN_OK && r.p->shot != NULL)
+        recall(&r, points);
+    else if (status == KILN_OK)
         status = gather(&r, error);
     if (status == KILN_OK)
         status = run_pairs(&r, error);
     *rays += r.rays;
+    kiln_free(&r.gathered);
     kiln_free(&r.results);
     return status;
 }

@@ -189,6 +189,16 @@ static void clear_surface(struct vulkan_backend *b)
     gpu_buffer_destroy(b->gpu, &b->radiosity_buffer);
 }
 
+/* Kernels found and compiled, of this device and those before it. */
+static void count_kernels(const struct vulkan_backend *b, uint64_t *found, uint64_t *made)
+{
+    uint64_t now[2] = {0, 0};
+    if (b->gpu != NULL)
+        gpu_kernels_count(b->gpu, &now[0], &now[1]);
+    *found = b->kernels_found + now[0];
+    *made = b->kernels_made + now[1];
+}
+
 /* Everything that lives on the device, and the device. */
 static void clear(struct vulkan_backend *b)
 {
@@ -197,6 +207,7 @@ static void clear(struct vulkan_backend *b)
     struct gpu_clock clock;
     gpu_clock_read(b->gpu, &clock);
     b->busy_before += clock.busy;
+    count_kernels(b, &b->kernels_found, &b->kernels_made);
     vulkan_forget_kernels(b);
     clear_surface(b);
     clear_probes(b);
@@ -242,7 +253,8 @@ static int set_up(struct vulkan_backend *b, struct kiln_error *error)
                                       .local_ranks = b->params.local_ranks,
                                       .slice_seconds = b->params.slice_seconds,
                                       .memory_limit = b->params.device_memory,
-                                      .faults = &b->faults};
+                                      .faults = &b->faults,
+                                      .kernels = b->params.kernels};
     int status = gpu_create(&b->gpu, &choice, error);
     if (status != KILN_OK)
         return status;
@@ -364,6 +376,7 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
                                        .recoveries = b->recoveries,
                                        .take_threads = b->threads};
     (void)snprintf(info->device, sizeof info->device, "%s", b->device_text);
+    count_kernels(b, &info->kernels_found, &info->kernels_made);
     for (size_t i = 0; i < b->kernel_count; i++)
         if (b->kernels[i].ran)
             add_kernel(info, b->kernels[i].shader->name);

@@ -108,8 +108,9 @@ struct vulkan_backend {
     /* NULL: it was lost and could not be made anew; only info and destroy may follow */
     struct gpu *gpu;
     struct gpu_faults faults;
-    uint32_t recoveries;   /* so far */
-    double busy_before;    /* s, of the devices before them */
+    uint32_t recoveries;                  /* so far */
+    double busy_before;                   /* s, of the devices before them */
+    uint64_t kernels_found, kernels_made; /* likewise */
     uint64_t scratch_most; /* bytes that a slot's partial sums may take: of a sixteenth of the device's memory or
                             * VULKAN_USUAL_SCRATCH the more; less after memory was short */
     bool float64;

@@ -176,6 +176,7 @@ static int create_once(struct gpu **gpu, const struct gpu_choice *choice, struct
     struct gpu *g = *gpu;
     g->faults = choice->faults;
     g->memory_limit = choice->memory_limit;
+    g->kernels = choice->kernels;
     g->slice_seconds = choice->slice_seconds > 0.0 ? choice->slice_seconds : 0.1;
     status = gpu_instance_create(g, choice->validation, &g->instance, error);
     if (status == KILN_OK)
@@ -186,6 +187,7 @@ static int create_once(struct gpu **gpu, const struct gpu_choice *choice, struct
         return status;
     choose_queue(g, &bits);
     learn_properties(g);
+    gpu_kept_identify(g);
     if (bits == 0.0) /* the queue has no clock */
         g->limits.timestampPeriod = 0.0f;
     status = create_device(g, error);

@@ -12,6 +12,7 @@
 #include <stdint.h>
 
 #include "worker/base/device.h"
+#include "worker/base/kernel_store.h"
 #include "worker/base/status.h"
 
 struct gpu;
@@ -39,7 +40,8 @@ struct gpu_choice {
      * KILN_VULKAN_VALIDATION=1 turns it on too, =gpu also looks into shaders (GPU-assisted validation; of no use on
      * software devices: see guarded buffers below). */
     bool validation;
-    struct gpu_faults *faults; /* borrowed; NULL: none */
+    struct gpu_faults *faults;        /* borrowed; NULL: none */
+    struct kiln_kernel_store kernels; /* where compiled kernels are kept */
 };
 
 /* A device that is lost or out of memory while it starts is tried three times. On success `error` is left alone. */
@@ -123,6 +125,8 @@ struct gpu_hit_shaders {
 int gpu_kernel_create(struct gpu *gpu, struct gpu_kernel **kernel, const struct gpu_kernel_params *params,
                       struct kiln_error *error);
 void gpu_kernel_destroy(struct gpu *gpu, struct gpu_kernel **kernel);
+/* How many kernels were found where compiled ones are kept, and how many were compiled. */
+void gpu_kernels_count(const struct gpu *gpu, uint64_t *found, uint64_t *made);
 
 /* One step of a submission: a kernel over threads (x, y), or a copy. Steps run one after the other, submissions too,
  * each sees what the ones before it wrote (but for `alongside`); the host sees everything once the submission is waited

@@ -74,12 +74,15 @@ static int create_compute(struct gpu *gpu, struct gpu_kernel *k, const struct gp
                           const VkSpecializationInfo *constants, struct kiln_error *error)
 {
     VkShaderModule module = VK_NULL_HANDLE;
+    struct gpu_kept kept;
     VkResult result = create_module(gpu, params->code, params->code_bytes, &module);
     const VkComputePipelineCreateInfo info = {.sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
                                               .stage = stage_info(VK_SHADER_STAGE_COMPUTE_BIT, module, constants),
                                               .layout = gpu->compute_layout};
+    gpu_kept_open(gpu, params, &kept);
     if (result == VK_SUCCESS)
-        result = GPU_TRY(gpu, vkCreateComputePipelines(gpu->device, VK_NULL_HANDLE, 1, &info, NULL, &k->pipeline));
+        result = GPU_TRY(gpu, vkCreateComputePipelines(gpu->device, kept.cache, 1, &info, NULL, &k->pipeline));
+    gpu_kept_close(gpu, &kept, result == VK_SUCCESS);
     vkDestroyShaderModule(gpu->device, module, NULL);
     return result == VK_SUCCESS ? KILN_OK
                                 : gpu_failure(gpu, result, error, "cannot make the kernel '%s'", params->name);
@@ -95,7 +98,7 @@ static VkRayTracingShaderGroupCreateInfoKHR general_group(uint32_t stage)
                                                   .intersectionShader = VK_SHADER_UNUSED_KHR};
 }
 
-static VkResult create_tracing_pipeline(struct gpu *gpu, struct gpu_kernel *k,
+static VkResult create_tracing_pipeline(struct gpu *gpu, struct gpu_kernel *k, VkPipelineCache cache,
                                         const VkPipelineShaderStageCreateInfo *stages, uint32_t count,
                                         uint32_t closest_hit, uint32_t any_hit)
 {
@@ -115,8 +118,8 @@ static VkResult create_tracing_pipeline(struct gpu *gpu, struct gpu_kernel *k,
                                                     .pGroups = groups,
                                                     .maxPipelineRayRecursionDepth = 1,
                                                     .layout = gpu->tracing_layout};
-    return GPU_TRY(gpu, gpu->extensions.create_pipelines(gpu->device, VK_NULL_HANDLE, VK_NULL_HANDLE, 1, &info, NULL,
-                                                         &k->pipeline));
+    return GPU_TRY(gpu,
+                   gpu->extensions.create_pipelines(gpu->device, VK_NULL_HANDLE, cache, 1, &info, NULL, &k->pipeline));
 }
 
 /* One record a group, each at a multiple of the base alignment. */
@@ -157,6 +160,7 @@ static int create_tracing(struct gpu *gpu, struct gpu_kernel *k, const struct gp
     VkShaderModule modules[STAGES] = {VK_NULL_HANDLE};
     VkPipelineShaderStageCreateInfo stages[STAGES];
     uint32_t count = 0, places[STAGES];
+    struct gpu_kept kept;
     VkResult result = VK_SUCCESS;
     if (!gpu->about.ray_tracing)
         return kiln_fail(error, KILN_NO_DEVICE,
@@ -170,8 +174,11 @@ static int create_tracing(struct gpu *gpu, struct gpu_kernel *k, const struct gp
         places[i] = count;
         stages[count++] = stage_info(sources[i].stage, modules[i], constants);
     }
+    gpu_kept_open(gpu, params, &kept);
     if (result == VK_SUCCESS)
-        result = create_tracing_pipeline(gpu, k, stages, count, places[STAGE_CLOSEST_HIT], places[STAGE_ANY_HIT]);
+        result = create_tracing_pipeline(gpu, k, kept.cache, stages, count, places[STAGE_CLOSEST_HIT],
+                                         places[STAGE_ANY_HIT]);
+    gpu_kept_close(gpu, &kept, result == VK_SUCCESS);
     for (uint32_t i = 0; i < STAGES; i++)
         vkDestroyShaderModule(gpu->device, modules[i], NULL);
     if (result != VK_SUCCESS)

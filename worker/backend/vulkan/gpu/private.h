@@ -12,6 +12,7 @@
 
 #include <stdatomic.h>
 #include <vulkan/vulkan.h>
+#include <xxhash.h>
 
 #include "worker/backend/vulkan/gpu/gpu.h"
 
@@ -66,6 +67,11 @@ struct gpu {
     bool hangs; /* lost, in that it did not answer in time */
     atomic_size_t messages;
     double busy, first_submission; /* s; of the monotonic clock, 0: none yet */
+    struct kiln_kernel_store kernels;
+    XXH128_hash_t identity;     /* of device and driver, and what stands in the driver's own header: */
+    uint32_t vendor, device_id; /* of kept kernels */
+    uint8_t cache_uuid[VK_UUID_SIZE];
+    atomic_size_t kernels_found, kernels_made;
 };
 
 /* ---- calls that can fail ---- */
@@ -147,6 +153,17 @@ int gpu_guard_take(struct gpu *gpu, VkDeviceMemory memory, size_t size, const ch
 void gpu_guard_retire(struct gpu_guarded *guarded);
 /* From here on the device is busy with a kernel of this name, a string that stays; NULL: with no kernel. */
 void gpu_guard_mark(const struct gpu *gpu, VkCommandBuffer commands, const char *kernel);
+/* kept.c */
+struct gpu_kept {
+    VkPipelineCache cache; /* what a kernel is made with; VK_NULL_HANDLE: nothing */
+    char key[KILN_KERNEL_KEY + 1];
+    bool found;
+};
+/* Learns what kept kernels must be for. */
+void gpu_kept_identify(struct gpu *gpu);
+/* Before a kernel is made, and after; `made`: it was. */
+void gpu_kept_open(struct gpu *gpu, const struct gpu_kernel_params *params, struct gpu_kept *kept);
+void gpu_kept_close(struct gpu *gpu, struct gpu_kept *kept, bool made);
 /* kernel.c */
 int gpu_layouts_create(struct gpu *gpu, struct kiln_error *error);
 void gpu_layouts_destroy(struct gpu *gpu);

@@ -1,0 +1,185 @@
+#include "coordinator/integrate/merge_near.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "worker/base/memory.h"
+
+#define ALIKE 0.5f   /* cosine between normals of points that are near each other */
+#define FLAT 0.25f   /* of the radius: how far they may lie from each other's planes */
+#define SLACK 1.001f /* of a cell, beyond the radius: for rounding */
+
+enum { LEVELS = 8, NEIGHBOUR_CELLS = 27 };
+
+/* A point in its cell. */
+struct member {
+    uint64_t cell;
+    size_t at;
+    struct kiln_vec3 position; /* once more: most are too far */
+};
+
+/* A hash table of cells: those of members[begin[h] .. begin[h + 1]) have the hash h. No members: no point needs it. */
+struct level {
+    double side; /* m, of a cell */
+    size_t *begin;
+    struct member *members;
+};
+
+struct kiln_merge_grid {
+    const struct kiln_merge_place *places;
+    float radius;
+    size_t slots; /* a power of two */
+    struct level levels[LEVELS];
+};
+
+bool kiln_merge_are_near(const struct kiln_merge_place *a, const struct kiln_merge_place *b, float radius)
+{
+    const struct kiln_vec3 d = vec3_sub(b->position, a->position);
+    return vec3_dot(d, d) <= radius * radius && vec3_dot(a->normal, b->normal) >= ALIKE &&
+           fabsf(vec3_dot(d, a->normal)) <= FLAT * radius && fabsf(vec3_dot(d, b->normal)) <= FLAT * radius;
+}
+
+/* The level whose cells are as wide as the point looks, or less than twice as wide. */
+static int level_of(const struct kiln_merge_grid *grid, const struct kiln_merge_place *place)
+{
+    int level = 0;
+    while (level + 1 < LEVELS && place->widest <= ldexpf(grid->radius, -level - 1))
+        level++;
+    return level;
+}
+
+static int64_t cell_along(const struct level *level, float x)
+{
+    const double most_cells = 0x1p60;
+    return (int64_t)fmax(-most_cells, fmin(floor((double)x / level->side), most_cells));
+}
+
+/* A cell's coordinates in one word. Cells that have the same are far from each other. */
+static uint64_t cell_word(int64_t x, int64_t y, int64_t z)
+{
+    const uint64_t mask = (1u << 21) - 1u;
+    return ((uint64_t)x & mask) | ((uint64_t)y & mask) << 21 | ((uint64_t)z & mask) << 42;
+}
+
+static uint64_t cell_of(const struct level *level, struct kiln_vec3 p)
+{
+    return cell_word(cell_along(level, p.x), cell_along(level, p.y), cell_along(level, p.z));
+}
+
+static size_t slot_of(const struct kiln_merge_grid *grid, uint64_t cell)
+{
+    return (size_t)(cell * 0x9e3779b97f4a7c15ull >> 32) & (grid->slots - 1);
+}
+
+static int by_key(const void *a, const void *b)
+{
+    const struct member *one = a, *other = b; /* the key is where the cell will be */
+    return (one->cell > other->cell) - (one->cell < other->cell);
+}
+
+/* The points that take part, by key. Returns how many. */
+static size_t list_members(const struct kiln_merge_place *places, size_t count, struct member *members)
+{
+    size_t taking_part = 0;
+    for (size_t i = 0; i < count; i++)
+        if (places[i].lit > 0.0f)
+            members[taking_part++] = (struct member){places[i].key, i, places[i].position};
+    qsort(members, taking_part, sizeof *members, by_key);
+    return taking_part;
+}
+
+/* Within a slot points are by key, so that those of a cell have an order that no other rank sees otherwise. */
+static int build_level(const struct kiln_merge_grid *grid, const struct member *all, size_t count, struct level *level,
+                       struct kiln_error *error)
+{
+    int status =
+        kiln_allocate(&level->begin, grid->slots + 2, sizeof *level->begin, "the grid of merged points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&level->members, count, sizeof *level->members, "the grid of merged points", error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < count; i++)
+        level->begin[slot_of(grid, cell_of(level, all[i].position)) + 2]++;
+    for (size_t h = 2; h <= grid->slots + 1; h++)
+        level->begin[h] += level->begin[h - 1];
+    for (size_t i = 0; i < count; i++) {
+        const uint64_t cell = cell_of(level, all[i].position);
+        struct member *member = &level->members[level->begin[slot_of(grid, cell) + 1]++];
+        *member = all[i];
+        member->cell = cell;
+    }
+    return KILN_OK;
+}
+
+int kiln_merge_grid_create(struct kiln_merge_grid **grid, const struct kiln_merge_place *places, size_t count,
+                           float radius, struct kiln_error *error)
+{
+    struct member *members = NULL;
+    bool wanted[LEVELS] = {false};
+    int status = kiln_allocate(grid, 1, sizeof **grid, "the grid of merged points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&members, count, sizeof *members, "the grid of merged points", error);
+    if (status != KILN_OK)
+        return status;
+    **grid = (struct kiln_merge_grid){.places = places, .radius = radius, .slots = 1};
+    while ((*grid)->slots < count)
+        (*grid)->slots *= 2;
+    const size_t taking_part = list_members(places, count, members);
+    for (size_t i = 0; i < taking_part; i++)
+        wanted[level_of(*grid, &places[members[i].at])] = true;
+    for (int l = 0; l < LEVELS && status == KILN_OK; l++) {
+        (*grid)->levels[l].side = (double)SLACK * (double)ldexpf(radius, -l);
+        if (wanted[l])
+            status = build_level(*grid, members, taking_part, &(*grid)->levels[l], error);
+    }
+    kiln_free(&members);
+    return status;
+}
+
+void kiln_merge_grid_destroy(struct kiln_merge_grid **grid)
+{
+    if (*grid == NULL)
+        return;
+    for (int l = 0; l < LEVELS; l++) {
+        kiln_free(&(*grid)->levels[l].begin);
+        kiln_free(&(*grid)->levels[l].members);
+    }
+    kiln_free(grid);
+}
+
+/* Adds the points of a cell that are near point `at`, but for itself. */
+static int add_near(const struct kiln_merge_grid *grid, const struct level *level, size_t at, uint64_t cell,
+                    float radius, struct kiln_merge_near *near, struct kiln_error *error)
+{
+    const size_t slot = slot_of(grid, cell), end = level->begin[slot + 1];
+    const struct kiln_vec3 p = grid->places[at].position;
+    const int status = kiln_grow(&near->of, &near->room, near->count + (end - level->begin[slot]), sizeof *near->of,
+                                 "points nearby", error);
+    for (size_t i = level->begin[slot]; i < end && status == KILN_OK; i++) {
+        const struct member *member = &level->members[i];
+        const struct kiln_vec3 d = vec3_sub(member->position, p);
+        if (vec3_dot(d, d) <= radius * radius && member->cell == cell && member->at != at &&
+            kiln_merge_are_near(&grid->places[at], &grid->places[member->at], radius))
+            near->of[near->count++] = member->at;
+    }
+    return status;
+}
+
+int kiln_merge_grid_find(const struct kiln_merge_grid *grid, size_t at, float radius, struct kiln_merge_near *near,
+                         struct kiln_error *error)
+{
+    int status = kiln_grow(&near->of, &near->room, 1, sizeof *near->of, "points nearby", error);
+    if (status != KILN_OK)
+        return status;
+    near->of[0] = at;
+    near->count = 1;
+    if (grid == NULL || !(radius > 0.0f))
+        return KILN_OK;
+    const struct level *level = &grid->levels[level_of(grid, &grid->places[at])];
+    const struct kiln_vec3 p = grid->places[at].position;
+    const int64_t x = cell_along(level, p.x), y = cell_along(level, p.y), z = cell_along(level, p.z);
+    for (int64_t i = 0; i < NEIGHBOUR_CELLS && status == KILN_OK; i++)
+        status =
+            add_near(grid, level, at, cell_word(x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1), radius, near, error);
+    return status;
+}

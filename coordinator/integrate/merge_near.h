@@ -1,0 +1,44 @@
+/* Surface points near a surface point, for merging (merge.h). Not collective. */
+#ifndef KILN_COORDINATOR_INTEGRATE_MERGE_NEAR_H
+#define KILN_COORDINATOR_INTEGRATE_MERGE_NEAR_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "worker/base/status.h"
+#include "worker/base/vector.h"
+
+/* A point as other ranks see it. */
+struct kiln_merge_place {
+    uint64_t key; /* lightmap and texel: not by the order of points, which cells change */
+    struct kiln_vec3 position, normal;
+    float lit;    /* m2 that is there to be lit; 0: it takes no part */
+    float widest; /* m: how far its light is spread at most */
+};
+_Static_assert(sizeof(struct kiln_merge_place) == 40, "a record has no gaps");
+
+/* Whether two points are near each other; the same for either of both. */
+bool kiln_merge_are_near(const struct kiln_merge_place *a, const struct kiln_merge_place *b, float radius);
+
+/* Grids over the points that take part, each in a hash table: one with cells as wide as the radius, and for points
+ * whose `widest` is less one with cells of a half, a quarter, and so on. So where texels of one object are small beside
+ * those of another, a point looks at as few others as elsewhere. */
+struct kiln_merge_grid;
+
+/* Borrows the places; radius > 0, m. KILN_SYSTEM. */
+int kiln_merge_grid_create(struct kiln_merge_grid **grid, const struct kiln_merge_place *places, size_t count,
+                           float radius, struct kiln_error *error);
+void kiln_merge_grid_destroy(struct kiln_merge_grid **grid);
+
+/* Numbers of places; zero before the first search. The caller frees `of`. */
+struct kiln_merge_near {
+    size_t *of, count, room;
+};
+
+/* Place `at` itself, then the others within `radius` of it, which is at most its `widest` and that of the grid, by cell
+ * and key. Without a grid: itself alone. KILN_SYSTEM. */
+int kiln_merge_grid_find(const struct kiln_merge_grid *grid, size_t at, float radius, struct kiln_merge_near *near,
+                         struct kiln_error *error);
+
+#endif

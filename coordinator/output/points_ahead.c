@@ -1,0 +1,242 @@
+#include "coordinator/output/points_ahead.h"
+
+#include <errno.h>
+#include <omp.h>
+#include <pthread.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "coordinator/output/chunk.h"
+#include "coordinator/output/columns.h"
+#include "worker/base/memory.h"
+
+enum { THREADS_MOST = 4, THREADS_SHARE = 4, LOWEST_PRIORITY = 19 };
+
+struct part {
+    void *bytes;
+    size_t size;
+};
+
+struct kiln_points_ahead {
+    struct kiln_bake_result result;
+    struct kiln_columns columns; /* known before there is light */
+    uint64_t first, count;       /* chunks that lie within the own points */
+    struct part *parts;          /* chunk by chunk, count x columns.count */
+    atomic_bool *done;           /* one a chunk: all its parts are there */
+    _Atomic uint64_t next, bytes, nanoseconds;
+    _Atomic uint64_t begin, end; /* ns of CLOCK_MONOTONIC; 0: none yet */
+    atomic_bool leave;
+    uint64_t start;
+    pthread_t threads[THREADS_MOST];
+    uint32_t thread_count; /* that run */
+};
+
+static uint64_t now(clockid_t clock)
+{
+    struct timespec time = {0, 0};
+    (void)clock_gettime(clock, &time);
+    return (uint64_t)time.tv_sec * 1000000000u + (uint64_t)time.tv_nsec;
+}
+
+/* ---- one chunk ---- */
+
+/* What a thread works with. */
+struct room {
+    struct kiln_rows rows;
+    uint8_t *shuffled, *packed;
+};
+
+static int make_room(const struct kiln_points_ahead *a, struct room *room)
+{
+    size_t most = 0;
+    for (size_t c = 0; c < a->columns.count; c++) {
+        const size_t bytes = KILN_H5_CHUNK_ROWS * kiln_column_row(&a->columns.column[c]);
+        most = bytes > most ? bytes : most;
+    }
+    int status = kiln_rows_allocate(&room->rows, &a->columns, KILN_H5_CHUNK_ROWS, NULL);
+    if (status == KILN_OK)
+        status = kiln_allocate(&room->shuffled, most, 1, "points to write", NULL);
+    if (status == KILN_OK)
+        status = kiln_allocate(&room->packed, kiln_chunk_bound(most), 1, "packed points", NULL);
+    return status;
+}
+
+static void leave_room(struct room *room)
+{
+    kiln_rows_free(&room->rows);
+    kiln_free(&room->shuffled);
+    kiln_free(&room->packed);
+}
+
+static int pack_column(struct kiln_points_ahead *a, uint64_t index, size_t c, const struct room *room)
+{
+    const struct kiln_column *column = &a->columns.column[c];
+    struct part *part = &a->parts[index * a->columns.count + c];
+    int status =
+        kiln_chunk_pack(room->rows.column[c], (size_t)KILN_H5_CHUNK_ROWS * column->components,
+                        kiln_column_value(column), column->noisy, room->shuffled, room->packed, &part->size, NULL);
+    if (status == KILN_OK)
+        status = kiln_allocate(&part->bytes, part->size, 1, "packed points", NULL);
+    if (status == KILN_OK) {
+        memcpy(part->bytes, room->packed, part->size);
+        atomic_fetch_add(&a->bytes, part->size);
+    }
+    return status;
+}
+
+static int pack_chunk(struct kiln_points_ahead *a, uint64_t index, struct room *room)
+{
+    const uint64_t first = (a->first + index) * KILN_H5_CHUNK_ROWS;
+    int status = KILN_OK;
+    kiln_rows_fill(&room->rows, &a->columns, &a->result, (struct kiln_global_point){first},
+                   (struct kiln_global_point){first + KILN_H5_CHUNK_ROWS});
+    for (size_t c = 0; status == KILN_OK && c < a->columns.count; c++)
+        status = pack_column(a, index, c, room);
+    return status;
+}
+
+/* ---- threads ---- */
+
+static void give_way(void)
+{
+    const struct sched_param none = {0};
+    (void)pthread_setschedparam(pthread_self(), SCHED_BATCH, &none);
+    (void)setpriority(PRIO_PROCESS, (id_t)gettid(), LOWEST_PRIORITY); /* on Linux: of this thread */
+    omp_set_num_threads(1);                                           /* likewise */
+}
+
+/* A thread that runs out of memory ends; the writer packs what is missing. */
+static void *pack_chunks(void *context)
+{
+    struct kiln_points_ahead *a = context;
+    struct room room = {.shuffled = NULL};
+    give_way();
+    int status = make_room(a, &room);
+    while (status == KILN_OK && !a->leave && a->bytes < KILN_POINTS_AHEAD_MOST) {
+        uint64_t none = 0;
+        const uint64_t index = atomic_fetch_add(&a->next, 1), begin = now(CLOCK_MONOTONIC);
+        if (index >= a->count)
+            break;
+        (void)atomic_compare_exchange_strong(&a->begin, &none, begin);
+        status = pack_chunk(a, index, &room);
+        a->done[index] = status == KILN_OK;
+        a->end = now(CLOCK_MONOTONIC);
+    }
+    leave_room(&room);
+    atomic_fetch_add(&a->nanoseconds, now(CLOCK_THREAD_CPUTIME_ID));
+    return NULL;
+}
+
+/* The threads block all signals, so that the main thread gets them. */
+static void start_threads(struct kiln_points_ahead *a, uint32_t wanted)
+{
+    sigset_t all, before;
+    (void)sigfillset(&all);
+    (void)pthread_sigmask(SIG_SETMASK, &all, &before);
+    while (a->thread_count < wanted && pthread_create(&a->threads[a->thread_count], NULL, pack_chunks, a) == 0)
+        a->thread_count++;
+    (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
+}
+
+/* ---- start and end ---- */
+
+/* Chunks all of whose points are the rank's own, and the columns that do not depend on light. */
+static void survey(struct kiln_points_ahead *a)
+{
+    const struct kiln_surface *s = a->result.surface;
+    const uint64_t begin = s->first.at, end = begin + s->count, rows = KILN_H5_CHUNK_ROWS;
+    struct kiln_columns all;
+    a->first = (begin + rows - 1) / rows;
+    a->count = end / rows > a->first ? end / rows - a->first : 0;
+    kiln_columns_of(&all, &a->result);
+    for (size_t c = 0; c < all.count; c++)
+        if (all.column[c].early)
+            a->columns.column[a->columns.count++] = all.column[c];
+}
+
+void kiln_points_ahead_start(struct kiln_points_ahead **ahead, const struct kiln_bake_result *result, uint32_t threads)
+{
+    const uint32_t share = threads / THREADS_SHARE, wanted = share < 1 ? 1 : share;
+    struct kiln_points_ahead *a = NULL;
+    *ahead = NULL;
+    if (kiln_allocate(&a, 1, sizeof *a, "points to write", NULL) != KILN_OK)
+        return;
+    a->result = *result;
+    survey(a);
+    a->start = now(CLOCK_MONOTONIC);
+    int status = a->count > 0 ? KILN_OK : KILN_BAD_INPUT;
+    if (status == KILN_OK)
+        status = kiln_allocate(&a->parts, a->count * a->columns.count, sizeof *a->parts, "packed points", NULL);
+    if (status == KILN_OK)
+        status = kiln_allocate(&a->done, a->count, sizeof *a->done, "packed points", NULL);
+    if (status == KILN_OK) {
+        start_threads(a, wanted < THREADS_MOST ? wanted : THREADS_MOST);
+        *ahead = a;
+    } else {
+        kiln_points_ahead_destroy(&a);
+    }
+}
+
+void kiln_points_ahead_stop(struct kiln_points_ahead *a)
+{
+    if (a == NULL)
+        return;
+    a->leave = true;
+    while (a->thread_count > 0)
+        (void)pthread_join(a->threads[--a->thread_count], NULL);
+}
+
+void kiln_points_ahead_drop(struct kiln_points_ahead *a)
+{
+    if (a == NULL)
+        return;
+    kiln_points_ahead_stop(a);
+    for (uint64_t i = 0; a->parts != NULL && i < a->count * a->columns.count; i++)
+        kiln_free(&a->parts[i].bytes);
+}
+
+void kiln_points_ahead_destroy(struct kiln_points_ahead **ahead)
+{
+    struct kiln_points_ahead *a = *ahead;
+    if (a == NULL)
+        return;
+    kiln_points_ahead_drop(a);
+    kiln_free(&a->parts);
+    kiln_free(&a->done);
+    kiln_free(ahead);
+}
+
+/* ---- what there is ---- */
+
+const void *kiln_points_ahead_find(const struct kiln_points_ahead *a, uint64_t chunk, const char *column, size_t *bytes)
+{
+    if (a == NULL || chunk < a->first || chunk - a->first >= a->count || !a->done[chunk - a->first])
+        return NULL;
+    const size_t c = kiln_columns_find(&a->columns, column);
+    if (c == a->columns.count)
+        return NULL;
+    const struct part *part = &a->parts[(chunk - a->first) * a->columns.count + c];
+    *bytes = part->size;
+    return part->bytes;
+}
+
+void kiln_points_ahead_report(const struct kiln_points_ahead *a, struct kiln_points_ahead_report *report)
+{
+    *report = (struct kiln_points_ahead_report){0};
+    if (a == NULL)
+        return;
+    report->of = a->count;
+    for (uint64_t i = 0; i < a->count; i++)
+        report->chunks += a->done[i];
+    report->bytes = a->bytes;
+    report->processor = 1e-9 * (double)a->nanoseconds;
+    if (a->begin != 0) {
+        report->begin = 1e-9 * (double)(a->begin - a->start);
+        report->end = 1e-9 * (double)(a->end - a->start);
+    }
+}

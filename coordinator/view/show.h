@@ -1,0 +1,27 @@
+/* What `kiln view --show NAME` shows of a bake: light, its texels, a layer of its lightmaps, or what kiln.h5 has of its
+ * surface points. Nothing here is collective.
+ *
+ * A layer that lightmaps have is read from there, as published (denoised, filled, seams smoothed); else the dataset of
+ * kiln.h5 is, point by point (point_map.h). */
+#ifndef KILN_COORDINATOR_VIEW_SHOW_H
+#define KILN_COORDINATOR_VIEW_SHOW_H
+
+#include "coordinator/field/field.h"
+
+struct kiln_show {
+    bool texels;             /* the checkerboard; else light, where `field` has no name */
+    struct kiln_field field; /* what is read; name NULL: none */
+    /* of a group of lights, whose names no table has */
+    char dataset[KILN_GROUP_NAME + 16], channel[3][KILN_GROUP_NAME + 16];
+    const char *channels[3];
+};
+
+/* Finds what is meant by a name: one of kiln_show_row, that of a field, or group:NAME. The show must not be moved
+ * afterwards. KILN_USAGE, with a list, where nothing has that name. */
+int kiln_show_find(struct kiln_show *show, const char *name, struct kiln_error *error);
+
+/* For --help: name, unit ("": that of the bake's light) and sentence of the i-th; false beyond the last. The strings
+ * are static. */
+bool kiln_show_row(size_t i, const char **name, const char **unit, const char **sentence);
+
+#endif

@@ -1,0 +1,91 @@
+"""kiln bench radiosity on the Cornell box: rows hold what the bakes say, DFPR is that of kiln compare, kept visibility
+changes nothing, windows cost accuracy, the same command goes on, and wrong input is refused."""
+import csv
+import json
+import os
+import shutil
+import sys
+import tempfile
+import unittest
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
+from kiln_cli import kiln  # noqa: E402
+
+SCENE = os.path.join(os.path.dirname(os.path.abspath(__file__)), '../../jobs/cornell.glb')
+FEW = ('--backend', 'embree', '--threads', 1, '--reference-samples', 64)
+GROUPS = ('mipmap', 'cache')
+
+
+class RadiosityBench(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.mkdtemp()
+        self.out = os.path.join(self.folder, 'out')
+
+    def tearDown(self):
+        shutil.rmtree(self.folder)
+
+    def table(self, name):
+        with open(os.path.join(self.out, name), newline='') as file:
+            return list(csv.DictReader(file))
+
+    def test_rows(self):
+        command = ('bench', 'radiosity', SCENE, '12', '24', *GROUPS, *FEW, '-o', self.out)
+        answer = kiln(*command, timeout=200)
+        self.assertEqual(answer.code, 0, answer.err)
+        rows = {row['name']: row for row in self.table('radiosity.csv')}
+        self.assertEqual(len(rows), 10)
+        points = {side: float(rows['%d pure' % side]['points']) for side in (12, 24)}
+        self.assertTrue(0.7 * 24 ** 2 < points[24] < 1.5 * 24 ** 2, points)
+        for side in (12, 24):
+            pure, cache = rows['%d pure' % side], rows['%d cache' % side]
+            self.assertEqual(float(pure['dfpr_8bit']), 0)
+            self.assertEqual(float(cache['dfpr']), 0, 'kept visibility changes no light')
+            self.assertEqual(cache['nrmse'], pure['nrmse'])
+            self.assertGreater(float(pure['rays']), 1.2 * float(cache['rays']))
+        wide = [float(rows['24 mipmap %d' % w]['dfpr_8bit']) for w in (2, 4, 8)]
+        self.assertTrue(0 < wide[0] < wide[2], wide)
+        asked = [float(rows['24 mipmap %d' % w]['rays']) for w in (2, 4, 8)]
+        self.assertTrue(asked[0] > asked[1] > asked[2], asked)
+        self.assertGreater(float(rows['12 pure']['nrmse']), float(rows['24 pure']['nrmse']), 'texels are larger')
+        self.check_dfpr(rows)
+        self.check_files()
+        answer = kiln(*command, '--json', timeout=60)
+        self.assertEqual(len(json.loads(answer.out)['bakes']), 10)
+        self.assertNotIn('kiln: bake ', answer.err)
+
+    def check_dfpr(self, rows):
+        """That of a bake by the options that the row states."""
+        row, bake = rows['24 mipmap 8'], os.path.join(self.folder, 'bake')
+        answer = kiln('bake', SCENE, '-o', bake, *row['options'].split(), '--samples-probe', 0, '--no-preview',
+                      '--no-export', '--backend', 'embree', '--threads', 1, timeout=60)
+        self.assertEqual(answer.code, 0, answer.err)
+        answer = kiln('compare', bake, os.path.join(self.out, 'pure-24'), '--json')
+        found = json.loads(answer.out)
+        self.assertAlmostEqual(found['dfpr_8bit'], float(row['dfpr_8bit']), 6)
+        self.assertAlmostEqual(found['dfpr_unit'], float(row['dfpr']), 6)
+
+    def check_files(self):
+        with open(os.path.join(self.out, 'radiosity-figure-6.5.svg')) as file:
+            self.assertEqual(file.read().count('<circle'), 2)
+        with open(os.path.join(self.out, 'radiosity.svg')) as file:
+            self.assertEqual(file.read().count('<circle'), 10 + len(GROUPS) + 1, 'a point each, and the legend')
+        self.assertEqual([row['window'] for row in self.table('radiosity-table-6.1.csv')], ['1'])
+        with open(os.path.join(self.out, 'radiosity.html')) as file:
+            page = file.read()
+        pictures = set(os.listdir(os.path.join(self.out, 'pictures')))
+        self.assertEqual(len(pictures), 11)
+        self.assertTrue(pictures.issuperset(part.split('"')[0] for part in page.split('src="pictures/')[1:]))
+
+    def test_refusals(self):
+        for wrong in ('0', '9000', 'nothing', '8.5', '-3'):
+            answer = kiln('bench', 'radiosity', SCENE, wrong, '--list')
+            self.assertEqual(answer.code, 64, wrong)
+        self.assertIn('twice', kiln('bench', 'radiosity', SCENE, '8', '8', '--list').err)
+        self.assertIn('--method', kiln('bench', 'radiosity', SCENE, '--method', 'cells', '--list').err)
+        answer = kiln('bench', 'radiosity', SCENE, '8', 'even', '--list')
+        self.assertEqual(answer.out.count('--gather even'), 3)
+        self.assertIn('4 bakes', answer.out)
+
+
+if __name__ == '__main__':
+    unittest.main()

@@ -1,0 +1,77 @@
+"""Kernels that were compiled for a device are found by the runs that follow.
+
+- The first bake finds none and leaves a file for each kernel that it compiles.
+- The next one finds them, but for a truncated file, one with a changed byte, and another kernel's file in the place of
+  one: these kernels are compiled, and their files are whole again.
+- Both have the same bits.
+
+Mesa's lavapipe gives the head of a cache alone, so how much is gained is not seen here.
+"""
+import os
+import sys
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [os.path.join(HERE, '..', 'common'), HERE]
+import harness  # noqa: E402
+from same_bits import bits  # noqa: E402
+
+SCENE = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
+FEW = ('--samples-direct', 4, '--samples-bounce', 2, '--samples-indirect', 8, '--samples-probe', 0, '--bounces', 1,
+       '--texels-per-metre', 1, '--no-export', '--denoise', 'none')
+
+
+def read(path):
+    with open(path, 'rb') as f:
+        return f.read()
+
+
+def contents(folder):
+    return {name: read(os.path.join(folder, name)) for name in sorted(os.listdir(folder))}
+
+
+def write(path, data):
+    with open(path, 'wb') as f:
+        f.write(data)
+
+
+def damage(folder, files):
+    """Three files that are not whole, of as many kinds."""
+    truncated, changed, foreign, other = sorted(files)[:4]
+    write(os.path.join(folder, truncated), files[truncated][:-3])
+    write(os.path.join(folder, changed), files[changed][:-1] + bytes([files[changed][-1] ^ 1]))
+    write(os.path.join(folder, foreign), files[other])
+    return 3
+
+
+def main():
+    _, kiln = harness.start(__doc__)
+    checks, kiln.backend, folder = harness.Checks(), 'vulkan', os.path.join(kiln.scratch, 'some', 'kernels')
+    wanted = None
+
+    def bake(what, kernels, found, compiled):
+        """`found` and `compiled`: how many kernels; None: any number but none."""
+        nonlocal wanted
+        kiln.kernels = kernels
+        b = kiln.bake(SCENE, *FEW)
+        if not checks.baked(b):
+            checks.end()
+        backend = b.run['backend']
+        for name, number in (('kernels_kept', found), ('kernels_compiled', compiled)):
+            right = backend[name] > 0 if number is None else backend[name] == number
+            checks.that(right, '%s: %s is %d' % (what, name, backend[name]), b.process)
+        wanted = wanted or bits(b)
+        checks.that(bits(b) == wanted, what + ': other bits', b.process)
+        b.remove()
+        return backend['kernels_compiled']
+
+    count = bake('first', folder, 0, None)
+    files = contents(folder)
+    checks.that(len(files) == count, '%d files of %d kernels' % (len(files), count))
+    damaged = damage(folder, files)
+    bake('second', folder, count - damaged, damaged)
+    checks.that(contents(folder) == files, 'damaged files were not replaced')
+    checks.end()
+
+
+if __name__ == '__main__':
+    main()

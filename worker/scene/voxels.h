@@ -1,0 +1,29 @@
+/* Voxels: which cells of a grid over the scene have any of its opaque surface that rays can meet, and whether a line
+ * between two places goes by cells without (Kahl, "RTX Radiosity", 2023, section 5.3). Cells are cubes, as many along
+ * the scene's longest side as is asked for; a cell counts if a triangle comes into it (Akenine-Moller, "Fast 3D
+ * Triangle-Box Overlap Testing", Journal of Graphics Tools 2001). A line goes from cell to cell (Amanatides and Woo, "A
+ * Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987); those do not count that touch the cell of
+ * either end, or that the plane of its surface goes through: the surfaces of the ends are in them. So what is nearer to
+ * a surface than a cell casts no shadow on it. */
+#ifndef KILN_WORKER_SCENE_VOXELS_H
+#define KILN_WORKER_SCENE_VOXELS_H
+
+#include "worker/scene/geometry.h"
+
+enum { KILN_VOXELS_MOST = 1024 }; /* along a side: 128 MiB of bits */
+
+struct kiln_voxels;
+
+/* `along` cells along the longest side, 1 to KILN_VOXELS_MOST. KILN_SYSTEM. */
+int kiln_voxels_create(struct kiln_voxels **voxels, const struct kiln_geometry *geometry, uint32_t along,
+                       struct kiln_error *error);
+/* NULL is accepted. */
+void kiln_voxels_destroy(struct kiln_voxels **voxels);
+/* Of memory, for a scene that is a cube: at most. */
+uint64_t kiln_voxels_bytes(uint32_t along);
+
+/* Whether no cell lies between two places, m from the scene's centre, on surfaces with these normals. Thread-safe. */
+bool kiln_voxels_open(const struct kiln_voxels *voxels, struct kiln_vec3 from, struct kiln_vec3 from_normal,
+                      struct kiln_vec3 to, struct kiln_vec3 to_normal);
+
+#endif
