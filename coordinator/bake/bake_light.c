@@ -76,10 +76,10 @@ static void pack_ahead(void *context, const struct kiln_rank_data *own)
 /* kiln_beside */
 static void stop_packing(void *context) { kiln_points_ahead_stop(((struct kiln_bake *)context)->ahead); }
 
-void kiln_bake_settle_light(struct kiln_bake *b)
+int kiln_bake_settle_light(struct kiln_bake *b, struct kiln_error *error)
 {
     b->light_settings = kiln_light_settings(b->job, b->prepared->lights, b->prepared->surface->point_count);
-    status = settle_paths(b, error);
+    const int status = settle_paths(b, error);
     if (status != KILN_OK)
         return status;
     kiln_field_set_choose(&b->fields, b->job);
@@ -105,6 +105,7 @@ void kiln_bake_settle_light(struct kiln_bake *b)
                                                      .transport = b->transport.is_on ? &b->transport : NULL,
                                                      .threads = b->prepared->threads,
                                                      .beside = &b->beside};
+    return KILN_OK;
 }
 
 int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
@@ -125,7 +126,9 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
         return status;
     kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0,
                        kiln_checkpoint_written(b->checkpoint));
-    kiln_bake_settle_light(b);
+    status = kiln_bake_settle_light(b, error);
+    if (status != KILN_OK)
+        return status;
     b->saves = true;
     status = kiln_integrate(&b->solution, &b->light_params, error);
     if (b->solution != NULL && b->light_settings.reference != NULL)

@@ -92,8 +92,8 @@ int kiln_bake_prepare(struct kiln_bake *bake, struct kiln_error *error);
 
 /* ---- bake_light.c: light on surfaces, and the volume ---- */
 
-/* Fills in the settings, fields and parameters of the light of a prepared bake. Not collective. */
-void kiln_bake_settle_light(struct kiln_bake *bake);
+/* Collective. Fills in the settings, fields and parameters of the light of a prepared bake. */
+int kiln_bake_settle_light(struct kiln_bake *bake, struct kiln_error *error);
 int kiln_bake_light(struct kiln_bake *bake, struct kiln_error *error);
 /* Checks the texel density, if the job asks for that and there is light. */
 int kiln_bake_check_density(struct kiln_bake *bake, struct kiln_error *error);

@@ -122,9 +122,10 @@ static int create(struct engine *e, struct kiln_error *error)
     int status = why != NULL ? kiln_fail(error, KILN_USAGE, "kiln relight --states or --listen: %s", why) : KILN_OK;
     if (status == KILN_OK)
         status = kiln_bake_transport_begin(b, error);
+    if (status == KILN_OK)
+        status = kiln_bake_settle_light(b, error);
     if (status != KILN_OK)
         return status;
-    kiln_bake_settle_light(b);
     b->light_params.checkpoint = NULL;
     e->before = *b->prepared->scene;
     e->base_albedo = b->prepared->surface->albedo;
