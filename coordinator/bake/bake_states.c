@@ -73,6 +73,8 @@ static struct spent loading(const struct engine *e)
 
 static const char *why_not(const struct kiln_job *job)
 {
+    if (kiln_job_is_radiosity(job) || kiln_job_is_reference(job))
+        return "they read kept rows: of a bake that has kept links one state is relit at a time, without these";
     if (job->target_error > 0.0)
         return "leave --target-error out, whose samples hang on the light";
     if (job->exchange_points == KILN_EXCHANGE_VISIBLE || job->only_visible_from != NULL)
