@@ -53,7 +53,8 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
                              (RECORD_BYTES + 2.0 * planes) * rows;
     const double preview =
         size->job->preview ? (double)PREVIEW_BYTES + PREVIEW_TEXEL * size->texels + (H5_KEPT + columns) * rows : 0.0;
-    const double ahead = fmin(KILN_POINTS_AHEAD_POINT * size->own, (double)KILN_POINTS_AHEAD_MOST);
+    const double ahead =
+        (double)KILN_POINTS_AHEAD_ROOM + fmin(KILN_POINTS_AHEAD_POINT * size->own, (double)KILN_POINTS_AHEAD_MOST);
     return (uint64_t)fmax(ahead + fmax(lightmaps, (H5_ROW + columns) * rows), preview);
 }
 

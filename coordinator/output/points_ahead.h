@@ -13,8 +13,9 @@
 
 /* Points of a chunk of kiln.h5; a file of fewer has one chunk. */
 enum { KILN_H5_CHUNK_ROWS = 1 << 14 };
-/* Bytes that a rank keeps at most, and of a point, measured. */
+/* Bytes, measured: what a rank keeps at most, what it keeps of a point, and what its threads work with. */
 #define KILN_POINTS_AHEAD_MOST (256ull << 20)
+#define KILN_POINTS_AHEAD_ROOM (10ull << 20)
 #define KILN_POINTS_AHEAD_POINT 17.0
 
 struct kiln_points_ahead;
