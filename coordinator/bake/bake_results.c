@@ -89,6 +89,7 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
                                         .half = b->job->half,
                                         .parts = kiln_job_parts(b->job) > 1,
                                         .denoise = kiln_job_denoises(b->job),
+                                        .denoise_direct = kiln_job_has_links(b->job),
                                         .stitch = b->job->stitch,
                                         .faults = &b->job->faults,
                                         .only = b->only,

@@ -97,6 +97,14 @@ struct kiln_patches_parameters {
  * point's rays have met. */
 double kiln_patches_row_scale(const struct kiln_point_result *gathered, double row);
 
+/* Irradiance about the shading normal of a row that is closed by this scale, one channel; `incident`: the same about
+ * the geometric normal. Where patches stand low over the surface and high over its tilted shading normal the row is
+ * short, and its scale may be in the hundreds: so what is added is no more than what is added to `incident`. */
+static inline double kiln_patches_closed(double scale, double incident, double irradiance)
+{
+    return scale <= 1.0 || irradiance <= incident ? scale * irradiance : irradiance + (scale - 1.0) * incident;
+}
+
 /* Between what is kept of a row and what its point's rays have met: sums over `samples`, no light, no error. */
 void kiln_closing_keep(const struct kiln_patches_result *result, float closing[KILN_CLOSING_FLOATS]);
 struct kiln_point_result kiln_closing_rays(const float closing[KILN_CLOSING_FLOATS], uint32_t samples);

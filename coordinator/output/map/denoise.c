@@ -264,7 +264,7 @@ static void state_error(const struct kiln_neighbour_grid *grid, const struct kil
 
 static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid *grid, struct kiln_error *error)
 {
-    const size_t texels = kiln_map_texels(work->map);
+    const size_t texels = kiln_map_texels(work->map), lights = work->params->denoise_direct ? 1 : 2;
     const uint32_t caustic = kiln_layers_plane(work->layers, work->result->fields, CAUSTIC_ERROR);
     struct values v = {.copies = {NULL}};
     struct group_light groups = {0};
@@ -277,7 +277,7 @@ static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid 
         v.lights[0].other_count = v.lights[1].other_count = groups.count;
         for (int l = 0; l < 2; l++)
             square_plane(v.lights[l].variance, texels + work->ghosts.count);
-        status = kiln_regression_run(grid, v.lights, 2, error);
+        status = kiln_regression_run(grid, v.lights, lights, error);
         if (status == KILN_OK)
             state_error(grid, v.lights, caustic < KILN_MAP_PLANES_MAX ? work->map->planes[caustic] : NULL, work->shared,
                         work->map->planes[KILN_MAP_ERROR], texels);

@@ -16,6 +16,8 @@
 #define LEAST_FACTOR 1e-3 /* over the square of the error: nodes below are left out */
 #define FLAT 1e-5         /* what of a cosine is rounding */
 #define FLAT_NODE 0.1     /* bend of nodes that count as flat */
+#define ALIKE 0.5         /* cosine between normals of points that share a ray */
+#define TOGETHER 1.25     /* texels, over the points in a row: how far apart those are */
 #define RECTANGLE 3.1     /* the square of how far a rectangle's sides are, in standard deviations: 3, and rounding */
 #define LEAST_OPENED 8.0  /* links are opened to so many-th of the error that is asked for */
 /* What light that varies over a node is off by, over the radii in its distance times the deviation. */
@@ -44,6 +46,7 @@ struct links_work {
     /* points of the tile run, and those of them that have light; those of the whole tile that send some, which share
      * rays, and say by what they see how sure that is */
     uint64_t mask, valid, shares;
+    uint64_t together[2];             /* of `shares`, those whose squares of 2 x 2 and of 4 x 4 lie together */
     double error;                     /* that links are opened to */
     double texel;                     /* m: the longest edge of a point */
     bool by_first;                    /* errors are of first light */
@@ -332,9 +335,10 @@ static int link_to(struct links_work *w, const struct embree_backend *b, struct 
     f->count++;
     for (uint64_t rest = mask; rest != 0 && status == KILN_OK;) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        const uint64_t sharing = side > 1 ? whole & w->together[side == 16] : 0;
         uint64_t of = 1ull << bit;
-        if (side > 1 && (whole & w->shares & of) != 0)
-            of = ((1ull << side) - 1) << bit / side * side & whole & w->shares & rest;
+        if ((sharing & of) != 0)
+            of = ((1ull << side) - 1) << bit / side * side & sharing & rest;
         rest &= ~of;
         status = ask(w, b, context, link, one_of(of, kiln_hash2(to, w->patch[bit]->number)), of, error);
     }
@@ -415,6 +419,33 @@ static void enter_point(struct links_work *w, uint32_t bit, uint64_t index)
         w->texel, sqrt((double)fmaxf(vec3_dot(patch->edge_s, patch->edge_s), vec3_dot(patch->edge_t, patch->edge_t))));
 }
 
+/* Whether points that share a ray are in one place, and look much the same way: not those of two charts. */
+static bool lie_together(const struct links_work *w, uint64_t points, double within)
+{
+    const uint32_t lead = (uint32_t)__builtin_ctzll(points);
+    for (uint64_t rest = points & (points - 1); rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        const struct kiln_dvec3 d = dvec3_sub(w->at[bit], w->at[lead]);
+        if (dvec3_dot(d, d) > within * within || dvec3_dot(w->receiver[bit].n, w->receiver[lead].n) < ALIKE)
+            return false;
+    }
+    return true;
+}
+
+static void find_together(struct links_work *w)
+{
+    for (uint32_t k = 0; k < 2; k++) {
+        const uint32_t side = k == 0 ? 4 : 16;
+        const double within = (k == 0 ? 2.0 : 4.0) * TOGETHER * w->texel;
+        w->together[k] = 0;
+        for (uint32_t first = 0; first < KILN_TILE_TEXELS; first += side) {
+            const uint64_t points = ((1ull << side) - 1) << first & w->shares;
+            if (points != 0 && lie_together(w, points, within))
+                w->together[k] |= points;
+        }
+    }
+}
+
 /* The points of the run, and others of its tile, as their patches are: what is shared must not hang on cells. */
 static void enter_points(struct links_work *w, const struct kiln_surface *s, const struct kiln_tile_run *run)
 {
@@ -432,6 +463,7 @@ static void enter_points(struct links_work *w, const struct kiln_surface *s, con
             enter_point(w, bit, kiln_tile_point(s, tile, bit).at);
         }
     }
+    find_together(w);
 }
 
 /* Their shading normals, and which have light. */
@@ -612,10 +644,12 @@ static void find_scales(struct links_work *w)
     }
 }
 
-/* Standard error of the luminance of irradiance. */
+/* Standard error of the luminance of irradiance, as that is closed. */
 static double error_of(const struct links_work *w, uint32_t bit)
 {
-    return (double)w->found.point[bit].scale * sqrt(fmax(0.0, w->variance[bit]));
+    const double scale = (double)w->found.point[bit].scale, irradiance = kiln_luminance(w->irradiance[bit]),
+                 closed = kiln_patches_closed(scale, kiln_luminance(w->incident[bit]), irradiance);
+    return (irradiance > 0.0 ? closed / irradiance : scale) * sqrt(fmax(0.0, w->variance[bit]));
 }
 
 static void give(const struct links_work *w, uint32_t points, struct kiln_point_result *results)
@@ -635,7 +669,8 @@ static void give(const struct links_work *w, uint32_t points, struct kiln_point_
                                         .error = (float)(count * error_of(w, bit))};
         for (int c = 0; c < 3; c++) {
             r->incident[c] = (float)(scale * w->incident[bit][c]);
-            r->irradiance[c] = (float)(scale * w->irradiance[bit][c]);
+            r->irradiance[c] =
+                (float)(count * kiln_patches_closed((double)point->scale, w->incident[bit][c], w->irradiance[bit][c]));
         }
     }
 }

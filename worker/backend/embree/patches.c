@@ -212,7 +212,8 @@ static void finish_point(const struct patches_work *w, const struct embree_backe
     const double scale = row * (double)r->point.count;
     for (int c = 0; c < 3; c++) {
         r->point.incident[c] = (float)(scale * w->incident[c]);
-        r->point.irradiance[c] = (float)(scale * w->irradiance[c]);
+        r->point.irradiance[c] =
+            (float)((double)r->point.count * kiln_patches_closed(row, w->incident[c], w->irradiance[c]));
     }
     r->point.error = 0.0f;
     r->row_scale = (float)row;

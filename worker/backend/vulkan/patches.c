@@ -213,7 +213,9 @@ static void finish_point(const struct patches_run *r, uint64_t place, const stru
     const double scale = row * (double)result->point.count;
     for (int c = 0; c < 3; c++) {
         result->point.incident[c] = (float)(scale * (double)sums->incident[c]);
-        result->point.irradiance[c] = (float)(scale * (double)sums->irradiance[c]);
+        result->point.irradiance[c] =
+            (float)((double)result->point.count *
+                    kiln_patches_closed(row, (double)sums->incident[c], (double)sums->irradiance[c]));
     }
     result->point.error = 0.0f;
     result->row_scale = (float)row;
