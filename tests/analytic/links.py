@@ -4,6 +4,7 @@
 - In the Cornell box the light goes to that of all pairs as --link-error goes to 0, with fewer rays; at the default it
   is off by no more than that, and its links take 256 bytes a point at most.
 - The same bits on 1, 3 and 4 ranks, in other cells, and after an interruption.
+- In coarse Sponza no texel has light that rays do not find (where the scene is there).
 - Energy is kept at the default and at 0; at 0.1 about a hundredth of the power is lost. What links have no use for is
   refused.
 """
@@ -53,6 +54,34 @@ def check_refusals(kiln, checks):
         checks.that(process.status == 64 and ': ' in process.sentence(), '%s was not refused' % (more, ), process)
 
 
+def inside_charts(bake, layer):
+    """Luminance of a layer in all texels that lie wholly inside charts."""
+    found = []
+    for name in bake.names():
+        planes = bake.lightmap(name).channels
+        inside = (planes['coverage.Y'] == 1) & (planes['validity.Y'] == 1)
+        found.append(np.stack([planes[layer + c][inside] for c in 'RGB'], 1).astype(np.float64) @ harness.LUMINANCE)
+    return np.concatenate(found)
+
+
+def check_tilted(kiln, checks):
+    """Shading normals that lean away from coarse texels' surface, and texels of several charts beside each other: as
+    published, links are as near to rays as their texels let them, and no texel has light that rays do not find."""
+    sponza = os.path.join(harness.SHARED, 'third_party', 'crytek_sponza.glb')
+    if not os.path.exists(sponza):
+        return
+    common = (sponza, *patches.PLAIN, '--quality', 'preview', '--texels-per-metre', 0.35, '--bounces', 1)
+    rays = kiln.bake(*common, '--samples-indirect', 256, '--denoise', 'none')
+    links = kiln.bake(*common, '--method', 'radiosity', *LINKS, '--denoise', 'auto')
+    if not all([checks.baked(bake) for bake in (rays, links)]):
+        return
+    found, wanted = (inside_charts(bake, 'indirect.') for bake in (links, rays))
+    off = np.sqrt(np.mean((found - wanted) ** 2)) / inside_charts(rays, '').mean()
+    print('Sponza: off by %.3f of the mean light, most %.3f and %.3f by rays' % (off, found.max(), wanted.max()))
+    checks.that(off < 0.06 and found.max() < 2 * wanted.max(),
+                'tilted normals: off by %.3f, most %.3f for %.3f' % (off, found.max(), wanted.max()))
+
+
 def main():
     _, kiln = harness.start(__doc__)
     checks = harness.Checks()
@@ -62,6 +91,7 @@ def main():
     patches.check_furnace(kiln, checks, table, known['furnace_cube_rho0.9'], *LINKS, '--link-error', 0.05)
     check_error(kiln, checks, table)
     patches.check_same_bits(kiln, checks, *LINKS)
+    check_tilted(kiln, checks)
     check_refusals(kiln, checks)
     checks.end()
 
