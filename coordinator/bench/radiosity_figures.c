@@ -209,6 +209,17 @@ static void add_6_10(const struct kiln_sweep *sweep, struct kiln_html *page)
     draw_figure(sweep, &f, page);
 }
 
+static void add_6_15(const struct kiln_sweep *sweep, struct kiln_html *page)
+{
+    struct figure f = {.title = "Voxels for rays (figure 6.15)",
+                       .across = "voxels along the longest side",
+                       .up = "DFPR; dashed: true error",
+                       .unit = {"", ""},
+                       .factor = {1.0, 1.0}};
+    add_group(sweep, &f, "voxels", false);
+    draw_figure(sweep, &f, page);
+}
+
 /* All rows of a size, error over time of a pass, or of all sizes over the processor time of the bake. */
 static void add_scatter(const struct kiln_sweep *sweep, struct figure *f, uint32_t side)
 {
@@ -436,6 +447,7 @@ static void add_page(const struct kiln_sweep *sweep, struct kiln_html *page)
     add_6_10(sweep, page);
     add_6_11(sweep, page);
     add_6_13(sweep, page);
+    add_6_15(sweep, page);
     add_6_16(sweep, page);
     add_6_18(sweep, page);
     kiln_radiosity_plot(sweep, page);
@@ -450,6 +462,7 @@ const struct kiln_sweep_file kiln_radiosity_files[] = {{"-table-6.1.csv", add_ta
                                                        {"-figure-6.10.svg", add_6_10},
                                                        {"-figure-6.11.svg", add_6_11},
                                                        {"-figure-6.13.svg", add_6_13},
+                                                       {"-figure-6.15.svg", add_6_15},
                                                        {"-figure-6.16.svg", add_6_16},
                                                        {"-figure-6.18.svg", add_6_18},
                                                        {".html", add_page},
