@@ -47,6 +47,16 @@ static int read_index(json_t **index, const char *directory, struct kiln_error *
     return kiln_agree(MPI_COMM_WORLD, status, error);
 }
 
+/* What many states from one load leave out, though the bake has it: it changes nothing of their light. */
+static bool is_left_out(const struct kiln_job *job, const char *name)
+{
+    static const char *const left_out[] = {"light-groups", "sky-patches", "check-density"};
+    bool is = false;
+    for (size_t i = 0; i < sizeof left_out / sizeof *left_out; i++)
+        is = is || strcmp(name, left_out[i]) == 0;
+    return is && (job->states != NULL || job->listen);
+}
+
 /* The options of the bake in the folder, where the command line gives no others. */
 static int take_options(struct kiln_job *job, const json_t *index, struct kiln_error *error)
 {
@@ -60,7 +70,7 @@ static int take_options(struct kiln_job *job, const json_t *index, struct kiln_e
         (void)snprintf(where, sizeof where, "%s, of the bake in %.60s", name, job->arguments[0]);
         if (option == NULL || (option->commands & KILN_FOR_BAKE) == 0)
             status = kiln_fail(error, KILN_BAD_INPUT, "%s: there is no such option in this version of kiln", where);
-        else if (!kiln_job_given(job, option))
+        else if (!kiln_job_given(job, option) && !is_left_out(job, name))
             status = kiln_option_set(job, option, json_string_value(value), where, KILN_BAD_INPUT, NULL, error);
         if (status != KILN_OK)
             break;

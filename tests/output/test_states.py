@@ -143,6 +143,15 @@ with tempfile.TemporaryDirectory() as top:
     same(at("many", "all"), at("few", "all"), "alone, on 3 ranks")
     assert kiln("verify", at("many", "all"), "--quiet").returncode == 0
 
+    # groups of lights that a bake has told apart are not told apart by its states
+    coarse = ["1" if o == "4" else o for o in OPTIONS]
+    done("bake", scene, *coarse, *KEEP, "--light-groups", file("groups.yaml", "lamps: {lights: [lamp]}"), "-o",
+         at("groups"))
+    done("bake", scene, *coarse, *KEEP, "-o", at("coarse"))
+    done("relight", at("groups"), "--states", few, "-o", at("of_groups"))
+    done("relight", at("coarse"), "--states", few, "-o", at("of_coarse"))
+    same(at("of_coarse", "all"), at("of_groups", "all"), "groups left out")
+
     # in parts, whose spread is the error
     parts = (*OPTIONS, "--error-map", "--samples-probe", "0", "--bounces", "4")
     done("bake", scene, *parts, *KEEP, "-o", at("parts"))
