@@ -20,7 +20,7 @@ static const double MEASURED_PLANES = 28.0;
 /* Of denoising: planes of positions, normals and errors; what a point takes meanwhile. */
 static const double DENOISE_PLANES = 32.0, DENOISE_WORK = 172.0;
 static const uint64_t ROWS_AT_ONCE = 1ull << 18;
-static const uint64_t PREVIEW_BYTES = 62ull << 20; /* rays of a band, 120 bytes each */
+static const uint64_t PREVIEW_BYTES = 51ull << 20; /* rays of a band, 120 bytes each */
 static const double PREVIEW_TEXEL = 12.0;          /* lightmaps in view */
 
 uint64_t kiln_largest_lightmap(const struct kiln_scene *scene)
@@ -82,7 +82,8 @@ static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *j
     (void)MPI_Allreduce(MPI_IN_PLACE, &now, 1, MPI_DOUBLE, MPI_MAX, p->communicator);
     /* the radiosity of groups, which each rank has of all points */
     const double groups = (double)(p->node_ranks - 1) * (double)job->group_count * 8.0 * (double)s->point_count;
-    *growing = light + groups + results + point * (double)of_host;
+    const double fixed = (double)(job->preview ? PREVIEW_BYTES : KILN_POINTS_AHEAD_ROOM); /* of the results */
+    *growing = light + groups + fmax(results - fixed, 0.0) + point * (double)of_host;
     return now + light + groups + results + (double)probes / p->ranks * p->node_ranks * (double)KILN_PROBE_BYTES;
 }
 
