@@ -20,7 +20,7 @@ static const double MEASURED_PLANES = 28.0;
 /* Of denoising: planes of positions, normals and errors; what a point takes meanwhile. */
 static const double DENOISE_PLANES = 32.0, DENOISE_WORK = 172.0;
 static const uint64_t ROWS_AT_ONCE = 1ull << 18;
-static const uint64_t PREVIEW_BYTES = 51ull << 20; /* rays of a band, 120 bytes each */
+static const uint64_t PREVIEW_BYTES = 51ull << 20; /* rays of a band and the picture: by what bakes took */
 static const double PREVIEW_TEXEL = 12.0;          /* lightmaps in view */
 
 uint64_t kiln_largest_lightmap(const struct kiln_scene *scene)

@@ -437,18 +437,10 @@ static json_t *row_json(const struct kiln_sweep *sweep, size_t i)
 
 static int tell(const struct kiln_sweep *sweep, size_t left, struct kiln_error *error)
 {
-    if (!sweep->job->json) {
-        print_text(sweep, left);
-        return KILN_OK;
-    }
-    json_t *found = json_array();
-    for (size_t i = 0; i < sweep->count; i++)
-        if (sweep->results[i].done)
-            (void)json_array_append_new(found, row_json(sweep, i));
-    sweep->job->answered = true;
-    return kiln_json_print(json_pack("{s:s, s:s, s:i, s:o}", "status", "done", "output", sweep->job->output, "left",
-                                     (int)left, "bakes", found),
-                           error);
+    if (sweep->job->json)
+        return kiln_sweep_tell_rows(sweep, left, row_json, error);
+    print_text(sweep, left);
+    return KILN_OK;
 }
 
 int kiln_radiosity_bench(struct kiln_job *job, struct kiln_error *error)

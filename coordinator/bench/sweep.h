@@ -150,5 +150,9 @@ int kiln_sweep_take_up(struct kiln_sweep *sweep, struct kiln_error *error);
 int kiln_sweep_keep(struct kiln_sweep *sweep, struct kiln_error *error);
 /* A number; null if it is not finite. */
 json_t *kiln_sweep_number(double value);
+/* For --json: prints that the sweep is done, how many bakes are left, and a row for each that was done. KILN_SYSTEM,
+ * KILN_IO. */
+int kiln_sweep_tell_rows(const struct kiln_sweep *sweep, size_t left,
+                         json_t *(*row)(const struct kiln_sweep *sweep, size_t setting), struct kiln_error *error);
 
 #endif

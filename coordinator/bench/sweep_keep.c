@@ -193,3 +193,16 @@ int kiln_sweep_keep(struct kiln_sweep *sweep, struct kiln_error *error)
         status = write_text(sweep, file->suffix, file->add, error);
     return status;
 }
+
+int kiln_sweep_tell_rows(const struct kiln_sweep *sweep, size_t left,
+                         json_t *(*row)(const struct kiln_sweep *sweep, size_t setting), struct kiln_error *error)
+{
+    json_t *rows = json_array();
+    for (size_t i = 0; i < sweep->count; i++)
+        if (sweep->results[i].done)
+            (void)json_array_append_new(rows, row(sweep, i));
+    sweep->job->answered = true;
+    return kiln_json_print(json_pack("{s:s, s:s, s:i, s:o}", "status", "done", "output", sweep->job->output, "left",
+                                     (int)left, "bakes", rows),
+                           error);
+}

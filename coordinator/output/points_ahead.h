@@ -13,7 +13,8 @@
 
 /* Points of a chunk of kiln.h5; a file of fewer has one chunk. */
 enum { KILN_H5_CHUNK_ROWS = 1 << 14 };
-/* Bytes, measured: what a rank keeps at most, what it keeps of a point, and what its threads work with. */
+/* Bytes: what a rank keeps at most; what its threads work with, 8 MB measured and some more; what it keeps of a
+ * point, measured. */
 #define KILN_POINTS_AHEAD_MOST (256ull << 20)
 #define KILN_POINTS_AHEAD_ROOM (10ull << 20)
 #define KILN_POINTS_AHEAD_POINT 17.0

@@ -53,7 +53,8 @@ int kiln_false_color_fit(struct kiln_picture *picture, struct kiln_error *error)
 
 /* ---- colours ---- */
 
-void kiln_false_color_of(double value, uint8_t rgb[3])
+/* The colour of a value, 0 to 1, 8 bits of sRGB: dark violet, blue, green, yellow, each lighter than the one before. */
+static void color_of(double value, uint8_t rgb[3])
 {
     /* of even steps in lightness (CIELAB 14 to 92) */
     static const uint8_t stops[][3] = {{68, 1, 84},    {71, 45, 123}, {59, 82, 139},  {44, 114, 142}, {33, 145, 140},
@@ -77,7 +78,7 @@ static void color_pixel(const struct kiln_picture *p, float *const planes[3], si
     if (!isfinite(planes[0][i]) || !isfinite(planes[1][i]) || !isfinite(planes[2][i]))
         return;
     if (scale)
-        kiln_false_color_of(place_in(p, 0, (double)planes[0][i]), rgb);
+        color_of(place_in(p, 0, (double)planes[0][i]), rgb);
     for (int c = 0; c < 3 && !scale; c++)
         rgb[c] = (uint8_t)lround(255.0 * fmin(fmax(place_in(p, c, (double)planes[c][i]), 0.0), 1.0));
 }
@@ -132,7 +133,7 @@ static void draw_scale(const struct canvas *c, const struct kiln_picture *p)
     char text[80];
     for (int x = left; x < right; x++) {
         uint8_t rgb[3];
-        kiln_false_color_of((double)(x - left) / (double)(right - left - 1), rgb);
+        color_of((double)(x - left) / (double)(right - left - 1), rgb);
         for (int y = 0; y < BAR; y++)
             put(c, x, MARGIN + y, rgb);
     }

@@ -14,9 +14,6 @@ enum { KILN_LEGEND_LEAST = 160, KILN_LEGEND_HEIGHT = 44 };
  */
 int kiln_false_color_fit(struct kiln_picture *picture, struct kiln_error *error);
 
-/* The colour of a value, 0 to 1, 8 bits of sRGB: dark violet, blue, green, yellow, each lighter than the one before. */
-void kiln_false_color_of(double value, uint8_t rgb[3]);
-
 /* Publishes a picture of these two meanings as PNG at the destination (publish.h). Without a value: grey. */
 int kiln_false_color_write(const char *directory, const char *name, const struct kiln_picture *picture,
                            const char *description, struct kiln_error *error);
