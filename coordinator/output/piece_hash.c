@@ -70,6 +70,7 @@ int kiln_piece_hash_file(int descriptor, const char *path, uint64_t file_bytes, 
                          struct kiln_hash *hash, struct kiln_error *error)
 {
     const uint64_t count = kiln_hash_piece_count(file_bytes, piece_bytes);
+    uint64_t first_failed = count; /* its error is told: a file that is too short ended there, not at a later piece */
     struct kiln_hash *pieces = NULL;
     int status = kiln_allocate(&pieces, count, sizeof *pieces, "a file's hashes", error);
     if (status != KILN_OK)
@@ -79,8 +80,10 @@ int kiln_piece_hash_file(int descriptor, const char *path, uint64_t file_bytes, 
         struct kiln_error own;
         const int failed = kiln_piece_hash(descriptor, path, file_bytes, piece_bytes, i, &pieces[i], &own);
 #pragma omp critical(kiln_piece_hash)
-        if (failed != KILN_OK && status == KILN_OK)
+        if (failed != KILN_OK && i < first_failed) {
+            first_failed = i;
             status = kiln_fail(error, failed, "%s", own.message);
+        }
     }
     if (status == KILN_OK)
         *hash = kiln_piece_hash_join(pieces, count);
