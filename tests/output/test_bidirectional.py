@@ -12,6 +12,7 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
 import glb  # noqa: E402
+import price  # noqa: E402
 
 KILN = os.environ["KILN"]
 DATA = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "data")
@@ -92,6 +93,7 @@ class Bidirectional(unittest.TestCase):
         self.agree(os.path.join(DATA, "punctual_zoo.glb"), ("bdpt", "vcm"), 8, "--bounces", "1")
         self.agree(os.path.join(DATA, "many_lights.glb"), ("bdpt",), 8, "--bounces", "1")
 
+    @price.long
     def test_sky(self):
         """Image and constant sky, through the open side of the box."""
         image = os.path.join(self.folder, "sky.hdr")
@@ -158,6 +160,7 @@ class Bidirectional(unittest.TestCase):
                 wanted, within = 2 - 0.5 ** (length - 1), 0.03 if method in ("ppm", "sppm") else 0.01
                 self.assertLess(abs(image.mean() / wanted - 1), within if length > 1 else 1e-5, (method, length))
 
+    @price.long
     def test_length_of_chains(self):
         """Mirrors and glass count as walls do."""
         self.agree(self.scene("cornell-spheres"), ("bdpt", "vcm"), 8, "--materials", "auto", "--path-length", "4")
@@ -168,6 +171,7 @@ class Bidirectional(unittest.TestCase):
         self.agree(self.scene("cornell"), ("light",), 64, "--bounces", "1", *lens)
         self.agree(self.scene("cornell"), ("bdpt", "vcm"), 8, "--bounces", "1", *lens)
 
+    @price.long
     def test_blur(self):
         """A lens of radius R, focused at f, adds half of (R |1 / f - 1 / d|)^2 to the second moment of what lies at
         distance d. Paths of light alone see the patch."""
@@ -216,6 +220,7 @@ class Bidirectional(unittest.TestCase):
                        os.path.join(self.folder, "view.exr")).stdout
             self.assertLess(abs(json.loads(said)["merge_radius"] / wanted - 1), 0.045, (method, size, view))
 
+    @price.long
     def test_radius_beside_a_plain(self):
         """A room on a plain 100 times as wide: the automatic radius goes by what the camera sees, and light stays
         within the room's walls."""
@@ -257,9 +262,10 @@ class Bidirectional(unittest.TestCase):
         self.same_on_both(self.scene("cornell"), "vcm", "--bounces", "2", "--lens-radius", "0.05", "--focus-distance",
                           "2", "--path-length", "4", "--merge-radius", "auto")
 
-    def same_on_gpus(self):
-        """All methods and lights; mirrors and glass; more vertices of light than there is room for at first; ranks. By
-        name only: a software device takes minutes to make the kernels."""
+    @price.long
+    def test_on_gpus(self):
+        """All methods and lights; mirrors and glass; more vertices of light than there is room for at first; ranks. A
+        software device takes minutes to make the kernels."""
         self.needs_device()
         for method in ("light", "bdpt", "vcm-single", "ppm", "sppm"):
             self.same_on_both(self.scene("cornell"), method, "--bounces", "all")

@@ -10,6 +10,7 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
 import glb  # noqa: E402
+import price  # noqa: E402
 from glb import gloss  # noqa: E402
 
 KILN = os.environ["KILN"]
@@ -90,6 +91,7 @@ class Highlights(unittest.TestCase):
     def test_point(self):
         self.compare("point", point, 0.1)
 
+    @price.long
     def test_sun(self):
         self.compare("sun", sun, 0.1)
 
@@ -99,6 +101,7 @@ class Highlights(unittest.TestCase):
     def test_behind_glass(self):
         self.compare("pane", pane, 0.1)
 
+    @price.long
     def test_sky(self):
         """An image with one bright texel: neither rays nor samples alone find all of it well."""
         image = os.path.join(self.folder, "sky.hdr")

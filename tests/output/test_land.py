@@ -13,6 +13,7 @@ import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
+import price  # noqa: E402
 
 KILN = os.environ["KILN"]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -80,6 +81,7 @@ class Land(unittest.TestCase):
     def test_as_gathered(self):
         self.check_as_gathered(None, ["floor", "back", "left_red", "right_green", "ceiling"], (), 0.15, WAYS)
 
+    @price.long
     def test_faint_gloss_as_gathered(self):
         """All surfaces are glossy, and the lamp stands within the spheres of some of them."""
         scene = os.path.join(self.folder, "cornell.glb")
@@ -155,6 +157,7 @@ class Land(unittest.TestCase):
         self.assertEqual(self.first_light("gather", ("--caustics", "gather"), prism)["caustic"]["found"], [0, 0, 0])
         self.assertEqual(list(self.first_light("none", ("--caustics", "none"))), ["direct"])
 
+    @price.long
     def test_iterations_all(self):
         """With --iterations all a round has light paths by its rays, the same on any ranks. So caustics reach an error
         that as many paths in each round, of which late ones count most, do not."""
@@ -182,6 +185,7 @@ class Land(unittest.TestCase):
         self.assertLess(abs(power[0] / power[2] - 1.0), 0.05, power)
         self.assertIn("--target-error", self.bake("wrong", *LAND, "--iterations", "all", code=64))
 
+    @price.long
     def test_learnt_weights(self):
         """Weights that pilots have taught bring the light that others bring, and are others."""
         names = ["floor", "back"]

@@ -13,6 +13,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import exr  # noqa: E402
 import glb  # noqa: E402
 import harness  # noqa: E402
+import price  # noqa: E402
 from test_mirrors import WHITE, ball, gloss, run  # noqa: E402
 
 FEW = ("--backend", "embree", "--quiet", "--no-export", "--no-preview", "--samples-probe", "0")
@@ -132,6 +133,7 @@ class Materials(unittest.TestCase):
         self.assertLess(apart[0].max(), 0.16)
         self.assertGreater(apart[1].max(), 0.4)
 
+    @price.long
     def test_under_water(self):
         """What stands in glass is lit, though rays from it meet its back all round; the ledger closes."""
         folder = self.bake("cornell-water", "water", "--materials", "auto", "--texels-per-metre", "2", "--bounces", "0",
@@ -142,6 +144,7 @@ class Materials(unittest.TestCase):
         text, closed = harness.energy(report(folder))
         self.assertTrue(closed, text)
 
+    @price.long
     def test_in_a_block(self):
         """A block of glass on a floor: probes in it keep their places, and a face of it parts the texels that it stands
         on, of which both sides are lit."""

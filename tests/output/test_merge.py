@@ -11,6 +11,7 @@ import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
+import price  # noqa: E402
 
 KILN = os.environ["KILN"]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -148,6 +149,7 @@ class Merge(unittest.TestCase):
             self.assertEqual("receivers_gather" in report["materials"], told)
             self.assertEqual(any("(1 here): of caustics" in note for note in report["notes"]), told)
 
+    @price.long
     def test_rays(self):
         """--caustics vcm spreads what gather rays find, too: flux stays, and the error falls, here on a ball where rays
         find nearly all."""
@@ -206,6 +208,7 @@ class Merge(unittest.TestCase):
         with open(os.path.join(self.folder, "bake%d" % Merge.number, "run.json"), encoding="utf-8") as file:
             self.assertGreater(json.load(file)["materials"]["merge_radius"], 0.1)
 
+    @price.long
     def test_gain(self):
         """With few paths and small texels the radius that is found makes the error less by half, and about as large as
         is said; the report has the radius."""

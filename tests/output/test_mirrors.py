@@ -12,6 +12,7 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
 import glb  # noqa: E402
+import price  # noqa: E402
 import png  # noqa: E402
 from glb import GLASS, ball, gloss  # noqa: E402
 
@@ -148,9 +149,10 @@ class Mirrors(unittest.TestCase):
         scene.light("bulb", {"type": "point", "intensity": 40.0}, translation=[-3, 0, 5])
         scene.light("sun", {"type": "directional", "intensity": 0.5})
 
-    def same_on_gpus(self):
+    @price.long
+    def test_on_gpus(self):
         """The same paths on both backends, but for rounding: pixels are the same to a thousandth but where a path is
-        near to another way, and the mean is. By name only: a software device takes minutes to make the kernel."""
+        near to another way, and the mean is. A software device takes minutes to make the kernel."""
         if not any(d["fit"] for d in json.loads(run("info", "--devices", "--json").stdout)["vulkan"]):
             self.skipTest("no Vulkan device")
         small = ("--width", "40", "--height", "30", "--samples-pixel", "4", "--materials", "full", "--bounces", "2")

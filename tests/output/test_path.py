@@ -12,6 +12,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import exr  # noqa: E402
 import glb  # noqa: E402
 import png  # noqa: E402
+import price  # noqa: E402
 
 KILN = os.environ["KILN"]
 DATA = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "data")
@@ -114,6 +115,7 @@ class Paths(unittest.TestCase):
                  for ms in ("1", "1000")]
         np.testing.assert_array_equal(*map(exr.rgb, paths))
 
+    @price.long
     def test_lens(self):
         """A small lamp at distance d, with a lens of radius R focused at f, is a disc of radius R |1 / f - 1 / d| at
         distance 1: its second moment is half of that squared. It has the light of the pinhole's picture."""
@@ -195,6 +197,7 @@ class Paths(unittest.TestCase):
             self.assertGreater(one.std(), 10)  # there is something to see
             np.testing.assert_array_equal(one, other)
 
+    @price.long
     def test_noise(self):
         """Sixteen times the paths have at most a third of the error, and what is printed names both."""
         size = ("--width", "32", "--height", "32", "--bounces", "1")

@@ -12,6 +12,7 @@ import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
+import price  # noqa: E402
 
 KILN = os.environ["KILN"]
 DATA = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "data")
@@ -84,12 +85,14 @@ class Reference(unittest.TestCase):
     def test_diffuse(self):
         self.methods(self.scene("cornell"), "--bounces", "3", bias=0.06)
 
+    @price.long
     def test_finer(self):
         """With finer texels the bake that gathers comes to what paths find."""
         scene, options = self.scene("cornell"), ("--bounces", "2", "--texels-per-metre", "10")
         path = self.powers(scene, "path", 48, 1, *options)
         self.agree(scene, self.powers(scene, "cells", 64, 1, *options, "--samples-bounce", "64"), path, 0.004)
 
+    @price.long
     def test_all_bounces(self):
         """Without a last bounce: with the tail of the bake."""
         path = self.powers(self.scene("cornell"), "path", 128, 1)
@@ -100,6 +103,7 @@ class Reference(unittest.TestCase):
         self.methods(self.scene("cornell-spheres"), "--materials", "auto", "--bounces", "1", bias=0.06,
                      gathered=("--photons", "50000"), samples=(512, 96, 64), seeds=3)
 
+    @price.long
     def test_caustics_alone(self):
         """No bounce: what light brings that has met no diffuse surface."""
         options = ("--materials", "auto", "--bounces", "0")
@@ -107,6 +111,7 @@ class Reference(unittest.TestCase):
         land = self.powers(scene, "cells", 16, 1, *options, "--photons", "50000")
         self.agree(scene, self.powers(scene, "vcm", 64, 4, *options), land, 0.02)
 
+    @price.long
     def test_let_through(self):
         """Half of the light goes through a block, which has two sides."""
         path = os.path.join(self.folder, "half.glb")
@@ -185,6 +190,7 @@ class Reference(unittest.TestCase):
                 if options[1] == "all":
                     self.assertLess(abs(energy["left_over"][1]), 1e-9 * energy["emitted"][1])
 
+    @price.long
     def test_errors(self):
         """Two seeds differ by what their errors say."""
         for method in ("path", "bdpt"):
