@@ -1,4 +1,5 @@
 #include <stdio.h>
+#include <string.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -154,7 +155,16 @@ int kiln_bake_prepare(struct kiln_bake *b, struct kiln_error *error)
     struct kiln_job job = *b->job;
     if (pin && kiln_instruction_set_common(b->communicator, before))
         job.instruction_set = (char *)(uintptr_t)before;
-    const struct kiln_prepare_care care = {.control = b->control, .refuse = look_ahead, .context = b};
+    /* a checkpoint's backend, where it is to be had, gives the same bits */
+    const char *backend = kiln_identity_backend(kiln_checkpoint_identity(b->checkpoint));
+    const bool chosen = job.backend == NULL || strcmp(job.backend, "auto") == 0,
+               resumes = backend != NULL && job.resume;
+    if (chosen && resumes && strcmp(backend, "embree") == 0)
+        job.backend = (char *)(uintptr_t)backend;
+    const struct kiln_prepare_care care = {.control = b->control,
+                                           .refuse = look_ahead,
+                                           .context = b,
+                                           .device_first = chosen && resumes && strcmp(backend, "embree") != 0};
     const int status =
         kiln_prepare(&b->prepared, b->communicator, &job, b->scene_file, &b->phases, b->progress, &care, error);
     if (status == KILN_OK && b->rank == 0 && !b->job->quiet)

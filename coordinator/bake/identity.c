@@ -142,6 +142,11 @@ json_t *kiln_identity_make(const struct kiln_job *job, const struct kiln_prepare
                      "backend", prepared->backend->api->name, "instruction set", prepared->instruction_set);
 }
 
+const char *kiln_identity_backend(const json_t *identity)
+{
+    return json_string_value(json_object_get(json_object_get(identity, "machine"), "backend"));
+}
+
 const char *kiln_identity_instruction_set(const json_t *identity)
 {
     return json_string_value(json_object_get(json_object_get(identity, "machine"), "instruction set"));

@@ -19,7 +19,8 @@ int kiln_identity_compare(const json_t *then, const json_t *now, const char *dir
 /* Whether both identities have the same settings of probes, so that the probes of the checkpoint can be used. */
 bool kiln_identity_same_probes(const json_t *then, const json_t *now);
 
-/* The instruction set that the checkpoint was made with, or NULL. */
+/* The backend and the instruction set that the checkpoint was made with, or NULL. */
+const char *kiln_identity_backend(const json_t *identity);
 const char *kiln_identity_instruction_set(const json_t *identity);
 
 /* Whether the option `name` affects the light or the probes. *known: the option is on one of the lists in identity.c; a

@@ -166,6 +166,21 @@ static int check_same_scene(const struct kiln_prepared *p, const char *scene_fil
     return kiln_agree(p->communicator, status, error);
 }
 
+/* Collective. The name of the backend that the job asks for; for `auto` the one that is predicted to be quicker. */
+static const char *choose_backend(struct kiln_prepared *p, const struct kiln_job *job,
+                                  const struct kiln_prepare_care *care)
+{
+    uint64_t threads = p->threads;
+    (void)MPI_Allreduce(MPI_IN_PLACE, &threads, 1, MPI_UINT64_T, MPI_SUM, p->communicator);
+    p->choice = (struct kiln_backend_choice){
+        .asked = (job->backend == NULL || strcmp(job->backend, "auto") == 0) && !care->device_first,
+        .question = kiln_backend_ask(job, p->scene, p->geometry->triangle_count, threads, (uint32_t)p->ranks)};
+    kiln_backend_predict(&p->choice);
+    if (p->choice.asked && p->choice.processors)
+        return "embree";
+    return job->backend != NULL ? job->backend : "auto";
+}
+
 /* Collective. What the backends need of an open scene: geometry, lights and the backend itself. */
 static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_prepare_care *care,
                          struct kiln_error *error)
@@ -177,6 +192,7 @@ static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, co
         status = kiln_lights_create(&p->lights, p->scene, p->geometry, error);
     if (status == KILN_OK && job->patches.lights == KILN_LIGHTS_PATCHES)
         status = kiln_lights_create_without_areas(&p->direct_lights, p->scene, p->geometry, error);
+    const char *backend = status == KILN_OK ? choose_backend(p, job, care) : NULL;
     if (status == KILN_OK) {
         struct kiln_backend_params params = {.scene = p->scene,
                                              .geometry = p->geometry,
@@ -188,7 +204,7 @@ static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, co
                                              .chain_length = job->chain_length,
                                              .stop = stop_of(care)};
         kiln_devices_choose(job, p->node_rank, p->node_ranks, &params);
-        status = kiln_backend_create(&p->backend, job->backend != NULL ? job->backend : "auto", &params, error);
+        status = kiln_backend_create(&p->backend, backend, &params, error);
     }
     return go_on(p, care, status, error);
 }

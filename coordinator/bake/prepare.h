@@ -5,6 +5,7 @@
 
 #include <mpi.h>
 
+#include "coordinator/bake/backend_choice.h"
 #include "coordinator/run/control.h"
 #include "coordinator/mpi/node_memory.h"
 #include "coordinator/run/phases.h"
@@ -34,6 +35,7 @@ struct kiln_prepared {
     double leaf_size; /* m; 0: the store is the lightmap */
     struct kiln_lights *lights;
     struct kiln_lights *direct_lights; /* of these, those that are no patches; NULL: all */
+    struct kiln_backend_choice choice; /* the same on all ranks */
     struct kiln_backend *backend;
     struct kiln_surface *surface;
     struct kiln_surface_report surface_report;
@@ -48,6 +50,8 @@ struct kiln_prepare_care {
      * checks. */
     int (*refuse)(void *context, const struct kiln_prepared *p, struct kiln_error *error);
     void *context;
+    /* --backend auto takes a device where there is one, also where processors are predicted to be quicker */
+    bool device_first;
 };
 
 /* Collective. Whether all ranks have the instruction set called `name`. */

@@ -734,6 +734,18 @@ static json_t *features_json(const struct kiln_prepared *p)
                                               : "constant");
 }
 
+/* Why the backend is what it is. */
+static json_t *choice_json(const struct kiln_backend_choice *choice, const char *chosen)
+{
+    const char *why = !choice->asked                  ? "asked for, or the checkpoint's"
+                      : choice->processors            ? "processors are predicted to be done sooner"
+                      : strcmp(chosen, "embree") == 0 ? "there is no GPU that works"
+                                                      : "a GPU is predicted to be done sooner";
+    return json_pack("{s:s, s:f, s:f, s:f, s:I}", "why", why, "embree_seconds", choice->embree_seconds,
+                     "vulkan_seconds", choice->vulkan_seconds, "rays", choice->question.rays, "threads",
+                     (json_int_t)choice->question.threads);
+}
+
 /* The kernels of the backend of rank 0 that ran. */
 static json_t *kernels_json(const struct kiln_backend_info *info)
 {
@@ -754,11 +766,12 @@ static json_t *backend_json(const struct kiln_prepared *p, const uint64_t *value
         memcpy(&own, &values[(size_t)r * RANK_VALUES + RANK_WORST], sizeof own);
         worst = fmax(worst, own);
     }
-    return json_pack("{s:s, s:s, s:s, s:o, s:I, s:I, s:o, s:f, s:f, s:I, s:I, s:I, s:I, s:f}", "name", info.name,
-                     "device", info.device, "instruction_set", p->instruction_set, "kernels", kernels_json(&info),
-                     "kernels_kept", (json_int_t)info.kernels_found, "kernels_compiled", (json_int_t)info.kernels_made,
-                     "because", features_json(p), "build_seconds", info.build_seconds, "device_seconds",
-                     info.device_seconds, "recoveries", total(values, p->ranks, RANK_RECOVERIES), "ranks_fallen_back",
+    return json_pack("{s:s, s:o, s:s, s:s, s:o, s:I, s:I, s:o, s:f, s:f, s:I, s:I, s:I, s:I, s:f}", "name", info.name,
+                     "choice", choice_json(&p->choice, p->backend->api->name), "device", info.device, "instruction_set",
+                     p->instruction_set, "kernels", kernels_json(&info), "kernels_kept", (json_int_t)info.kernels_found,
+                     "kernels_compiled", (json_int_t)info.kernels_made, "because", features_json(p), "build_seconds",
+                     info.build_seconds, "device_seconds", info.device_seconds, "recoveries",
+                     total(values, p->ranks, RANK_RECOVERIES), "ranks_fallen_back",
                      total(values, p->ranks, RANK_FELL_BACK), "verified_texels", total(values, p->ranks, RANK_VERIFIED),
                      "verified_beyond", total(values, p->ranks, RANK_BEYOND), "verified_worst",
                      isfinite(worst) ? worst : 1e300);

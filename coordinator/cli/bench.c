@@ -22,7 +22,8 @@ static int bench_rays(struct kiln_job *job, const char *scene_file, struct kiln_
     struct kiln_rays_bench result = {0};
     if (job->backend == NULL || strcmp(job->backend, "vulkan") != 0)
         job->threads = 1;
-    int status = kiln_prepare(&prepared, MPI_COMM_SELF, job, scene_file, &phases, NULL, NULL, error);
+    const struct kiln_prepare_care care = {.device_first = true};
+    int status = kiln_prepare(&prepared, MPI_COMM_SELF, job, scene_file, &phases, NULL, &care, error);
     if (status == KILN_OK)
         status = kiln_rays_bench(prepared, job->samples_indirect, job->repeats, &result, error);
     if (status == KILN_OK && job->json)
