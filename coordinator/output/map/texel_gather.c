@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "coordinator/mpi/agree.h"
+#include "coordinator/output/map/bands.h"
 #include "coordinator/output/points.h"
 #include "worker/base/memory.h"
 
@@ -49,6 +50,38 @@ static void sink_root(struct bin *heap, uint32_t count)
     }
 }
 
+/* Puts the lightmaps that are to be in bands into rounds of their own, after the others. */
+static void assign_bands(struct kiln_assignment *assignment, const struct kiln_lightmap *maps, const uint32_t *order,
+                         uint64_t budget)
+{
+    uint64_t load = 0;
+    assignment->own_rounds = assignment->rounds;
+    for (size_t i = 0; i < assignment->count; i++) {
+        const uint64_t size = texels_of(&maps[order[i]]);
+        if (assignment->owner[order[i]] != KILN_IN_BANDS)
+            continue;
+        if (load == 0 || load + size > budget) {
+            assignment->rounds++;
+            load = 0;
+        }
+        load += size;
+        assignment->round[order[i]] = assignment->rounds - 1;
+    }
+}
+
+/* Marks what is to be in bands. */
+static void choose_bands(struct kiln_assignment *assignment, const struct kiln_lightmap *maps, uint32_t ranks,
+                         uint64_t least)
+{
+    uint64_t total = 0;
+    for (size_t i = 0; i < assignment->count; i++)
+        total += maps[i].published != 0 ? texels_of(&maps[i]) : 0;
+    for (size_t i = 0; i < assignment->count; i++)
+        if (ranks > 1 && maps[i].published != 0 && texels_of(&maps[i]) >= least &&
+            4.0 * (double)texels_of(&maps[i]) * ranks > (double)total)
+            assignment->owner[i] = KILN_IN_BANDS;
+}
+
 static void assign_all(struct kiln_assignment *assignment, const struct kiln_lightmap *maps, const uint32_t *order,
                        struct bin *heap, uint32_t ranks, uint64_t budget)
 {
@@ -59,6 +92,8 @@ static void assign_all(struct kiln_assignment *assignment, const struct kiln_lig
             assignment->owner[order[i]] = assignment->round[order[i]] = KILN_NONE;
             continue;
         }
+        if (assignment->owner[order[i]] == KILN_IN_BANDS)
+            continue;
         const uint64_t size = texels_of(&maps[order[i]]);
         struct bin *bin = &heap[0];
         if (bin->round_load > 0 && bin->round_load + size > budget) {
@@ -76,7 +111,7 @@ static void assign_all(struct kiln_assignment *assignment, const struct kiln_lig
 }
 
 int kiln_assignment_create(struct kiln_assignment **assignment, const struct kiln_lightmap *lightmaps, size_t count,
-                           uint32_t ranks, uint64_t texel_budget, struct kiln_error *error)
+                           uint32_t ranks, uint64_t texel_budget, uint64_t least_in_bands, struct kiln_error *error)
 {
     uint32_t *order = NULL;
     struct bin *heap = NULL;
@@ -97,7 +132,9 @@ int kiln_assignment_create(struct kiln_assignment **assignment, const struct kil
         for (size_t i = 0; i < count; i++)
             order[i] = (uint32_t)i;
         qsort_r(order, count, sizeof *order, compare_sizes, (void *)(uintptr_t)lightmaps);
+        choose_bands(*assignment, lightmaps, ranks, least_in_bands);
         assign_all(*assignment, lightmaps, order, heap, ranks, texel_budget);
+        assign_bands(*assignment, lightmaps, order, texel_budget * ranks);
     }
     kiln_free(&order);
     kiln_free(&heap);
@@ -148,12 +185,23 @@ struct kiln_texel_gather {
     MPI_Datatype type;
 };
 
-/* The bucket of a lightmap; SIZE_MAX: it has none. */
-static size_t bucket_of(const struct kiln_texel_gather *e, uint32_t map)
+enum { TILE_ROWS = 8 };
+
+/* The rank that has a tile's texels. */
+static uint32_t rank_of(const struct kiln_texel_gather *e, uint32_t map, uint32_t tile)
+{
+    const struct kiln_lightmap *lightmap = &e->result->surface->lightmaps[map];
+    return e->assignment->owner[map] == KILN_IN_BANDS
+               ? kiln_bands_rank(lightmap->height, (uint32_t)e->ranks, tile / lightmap->tiles_x * TILE_ROWS)
+               : e->assignment->owner[map];
+}
+
+/* The bucket of a lightmap's tile; SIZE_MAX: it has none. */
+static size_t bucket_of(const struct kiln_texel_gather *e, uint32_t map, uint32_t tile)
 {
     if (e->assignment->owner[map] == KILN_NONE)
         return SIZE_MAX;
-    return (size_t)e->assignment->round[map] * (size_t)e->ranks + e->assignment->owner[map];
+    return (size_t)e->assignment->round[map] * (size_t)e->ranks + rank_of(e, map, tile);
 }
 
 /* Calls `visit` for all shipments of a tile run. */
@@ -165,7 +213,7 @@ static void visit_shipments(struct kiln_texel_gather *e, size_t tile_run,
     const size_t ghosts = kiln_ghosts_of(e->ghosts, run->map, run->tile, &first);
     for (size_t i = 0; i <= ghosts; i++) {
         const struct shipment shipment = {tile_run, i == 0 ? run->map : e->ghosts->tiles[first + i - 1].to};
-        const size_t bucket = bucket_of(e, shipment.map);
+        const size_t bucket = bucket_of(e, shipment.map, run->tile);
         if (bucket != SIZE_MAX)
             visit(e, &shipment, bucket);
     }
