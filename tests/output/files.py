@@ -180,15 +180,21 @@ def check_volume(folder):
 
 
 def check_divided(folder):
-    """Lightmaps that all ranks pack: the same bytes on any number of ranks; a packer that fails ends all ranks, with
-    its sentence."""
+    """Lightmaps in bands of all ranks: the same bytes and reports on any number of ranks, also where holes reach over
+    bands, charts have nothing and objects touch; one that fails to pack ends all ranks, with its sentence."""
     made = [os.path.join(folder, str(n)) for n in (1, 2, 3, 5)]
-    for one in made:
-        write(one, int(os.path.basename(one)), "divided")
-    reference = digests(made[0])
-    for one in made[1:]:
-        other = digests(one)
-        assert other == reference, [n for n in reference if other.get(n) != reference[n]]
+    reports = [write(one, int(os.path.basename(one)), "divided") for one in made]
+    joined = [(os.path.join(folder, mode + str(n)), n, mode)
+              for n, mode in ((1, "joined"), (7, "joined"), (3, "rounds-joined"))]
+    joined_reports = [write(*one) for one in joined]
+    for group, told in ((made, reports), ([one[0] for one in joined], joined_reports)):
+        reference = digests(group[0])
+        assert all(report == told[0] for report in told), told
+        for one in group[1:]:
+            other = digests(one)
+            assert other == reference, [n for n in reference if other.get(n) != reference[n]]
+    assert joined_reports[0] != reports[0], "seams of objects that touch are smoothed"
+    assert all(int(report[2]) > 1000 for report in reports[0]), "holes"
     failing = os.path.join(folder, "failing")
     os.makedirs(failing)
     run = subprocess.run([MPIEXEC, "-n", "3", WRITER, failing, "divided"], capture_output=True, text=True, timeout=60,

@@ -1,7 +1,8 @@
 /* Writes the three files of a bake from a synthetic result; run by mpirun, so that tests can compare numbers of ranks.
- * Usage: write_synthetic DIR [half | divided | touching | rounds] [ahead | stopped]. divided: tall lightmaps, which all
- * ranks pack however small they are. touching: the objects lie side by side. rounds: the same, but a rank has one
- * lightmap at a time. ahead: columns of kiln.h5 are packed ahead, all of them, or those that are done when the threads
+ * Usage: write_synthetic DIR [half | divided | joined | touching | rounds] [ahead | stopped]. divided: tall lightmaps with
+ * large holes, which are in bands of all ranks however small they are. touching: the objects lie side by side. rounds:
+ * the same, but a rank has one lightmap at a time. joined: both lightmaps are in bands, and touch; after "rounds-" each
+ * is made twice. ahead: columns of kiln.h5 are packed ahead, all of them, or those that are done when the threads
  * are stopped at once; prints their number. */
 #include <stdio.h>
 #include <string.h>
@@ -29,6 +30,18 @@ static void make_probe(struct kiln_probe_result *probe, const uint64_t at[3], ui
 
 static bool is(const char *mode, const char *name) { return strcmp(mode, name) == 0; }
 
+/* Makes large holes: of the first object every third row of tiles and what lies around it, of the second one square. */
+static void make_holes(struct synthetic *s)
+{
+    const struct kiln_surface *f = &s->surface;
+    for (size_t i = 0; i < f->tile_run_count; i++) {
+        const struct kiln_tile_run *run = &f->tile_runs[i];
+        const uint32_t x = run->tile % f->lightmaps[run->map].tiles_x, y = run->tile / f->lightmaps[run->map].tiles_x;
+        if (run->map == 0 ? y % 7 < 4 : x > 4)
+            memset(&f->visible[run->first.at - f->first.at], 0, run->count * sizeof *f->visible);
+    }
+}
+
 /* Packs ahead, all or what is done at once. */
 static void pack_ahead(struct kiln_points_ahead **ahead, const struct kiln_bake_result *result, const char *how)
 {
@@ -48,13 +61,16 @@ static int write_all(const char *directory, const char *mode, const char *how, i
                      struct kiln_error *error)
 {
     static struct synthetic s;
-    const bool half = is(mode, "half"), divided = is(mode, "divided");
+    const bool half = is(mode, "half"), joined = strstr(mode, "joined") != NULL, divided = is(mode, "divided") || joined,
+               rounds = strstr(mode, "rounds") != NULL;
     int status = synthetic_create(&s, 75, divided ? 631 : 64, rank, ranks, error);
     if (status != KILN_OK)
         return status;
     if (half && s.surface.first.at == 0 && s.surface.count > 100)
         s.direct[0] = 70000.0f; /* must make the first object's file a float one */
-    if (is(mode, "touching") || is(mode, "rounds"))
+    if (divided)
+        make_holes(&s);
+    if (is(mode, "touching") || rounds || joined)
         s.objects[1].transform[7] = 0.0; /* its left edge is the first one's */
     struct kiln_faults faults;
     status = kiln_faults_read(&faults, error);
@@ -70,7 +86,7 @@ static int write_all(const char *directory, const char *mode, const char *how, i
                                               .faults = &faults,
                                               .least_divided = divided ? 1 : 0,
                                               .ahead = ahead,
-                                              .texel_budget = is(mode, "rounds") ? 1 : 0,
+                                              .texel_budget = rounds ? 1 : 0,
                                               .provenance_json = "{\"seed\": 77, \"scene\": \"synthetic\"}"};
     struct kiln_lightmap_report reports[2];
     status = kiln_write_lightmaps(&result, &params, reports, error);
