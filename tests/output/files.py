@@ -187,13 +187,16 @@ def check_divided(folder):
     joined = [(os.path.join(folder, mode + str(n)), n, mode)
               for n, mode in ((1, "joined"), (7, "joined"), (3, "rounds-joined"))]
     joined_reports = [write(*one) for one in joined]
-    for group, told in ((made, reports), ([one[0] for one in joined], joined_reports)):
+    denoised = [os.path.join(folder, "denoised%d" % n) for n in (1, 3, 7)]
+    denoised_reports = [write(one, int(one[-1]), "denoised") for one in denoised]
+    for group, told in ((made, reports), ([one[0] for one in joined], joined_reports), (denoised, denoised_reports)):
         reference = digests(group[0])
         assert all(report == told[0] for report in told), told
         for one in group[1:]:
             other = digests(one)
             assert other == reference, [n for n in reference if other.get(n) != reference[n]]
     assert joined_reports[0] != reports[0], "seams of objects that touch are smoothed"
+    assert digests(denoised[0])["first.exr"] != digests(made[0])["first.exr"], "noise is taken out"
     assert all(int(report[2]) > 1000 for report in reports[0]), "holes"
     failing = os.path.join(folder, "failing")
     os.makedirs(failing)

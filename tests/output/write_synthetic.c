@@ -1,8 +1,8 @@
 /* Writes the three files of a bake from a synthetic result; run by mpirun, so that tests can compare numbers of ranks.
- * Usage: write_synthetic DIR [half | divided | joined | touching | rounds] [ahead | stopped]. divided: tall lightmaps with
+ * Usage: write_synthetic DIR [half | divided | denoised | joined | touching | rounds] [ahead | stopped]. divided: tall lightmaps with
  * large holes, which are in bands of all ranks however small they are. touching: the objects lie side by side. rounds:
  * the same, but a rank has one lightmap at a time. joined: both lightmaps are in bands, and touch; after "rounds-" each
- * is made twice. ahead: columns of kiln.h5 are packed ahead, all of them, or those that are done when the threads
+ * is made twice. denoised: as divided, and noise is taken out. ahead: columns of kiln.h5 are packed ahead, all of them, or those that are done when the threads
  * are stopped at once; prints their number. */
 #include <stdio.h>
 #include <string.h>
@@ -61,7 +61,8 @@ static int write_all(const char *directory, const char *mode, const char *how, i
                      struct kiln_error *error)
 {
     static struct synthetic s;
-    const bool half = is(mode, "half"), joined = strstr(mode, "joined") != NULL, divided = is(mode, "divided") || joined,
+    const bool half = is(mode, "half"), joined = strstr(mode, "joined") != NULL, denoised = is(mode, "denoised"),
+               divided = is(mode, "divided") || joined || denoised,
                rounds = strstr(mode, "rounds") != NULL;
     int status = synthetic_create(&s, 75, divided ? 631 : 64, rank, ranks, error);
     if (status != KILN_OK)
@@ -83,6 +84,7 @@ static int write_all(const char *directory, const char *mode, const char *how, i
     const struct kiln_output_params params = {.directory = directory,
                                               .half = half,
                                               .stitch = true,
+                                              .denoise = denoised,
                                               .faults = &faults,
                                               .least_divided = divided ? 1 : 0,
                                               .ahead = ahead,

@@ -123,6 +123,14 @@ int kiln_bands_count(const struct kiln_map *map, uint64_t *counts, size_t count,
     return KILN_OK;
 }
 
+int kiln_bands_most(const struct kiln_map *map, double *numbers, size_t count, struct kiln_error *error)
+{
+    if (map->bands != NULL && MPI_Allreduce(MPI_IN_PLACE, numbers, (int)count, MPI_DOUBLE, MPI_MAX, map->bands->comm) !=
+                                  MPI_SUCCESS)
+        return mpi_failed(error);
+    return KILN_OK;
+}
+
 /* ---- rows of the bands above and below ---- */
 
 /* The rank that has a row; MPI_PROC_NULL beyond the map, or for a rank without rows. */

@@ -40,6 +40,9 @@ int kiln_bands_sum(const struct kiln_map *map, const double *rows, size_t count,
 /* The sums of numbers of all ranks, in place of them. */
 int kiln_bands_count(const struct kiln_map *map, uint64_t *counts, size_t count, struct kiln_error *error);
 
+/* The largest of each number of all ranks, in place of them. */
+int kiln_bands_most(const struct kiln_map *map, double *numbers, size_t count, struct kiln_error *error);
+
 /* Arrays that have an element a texel, or'ed. */
 enum kiln_bands_array { KILN_BANDS_STATE = 1, KILN_BANDS_CHART = 2, KILN_BANDS_PLANES = 4 };
 

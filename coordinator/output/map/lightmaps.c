@@ -9,6 +9,7 @@
 #include "coordinator/field/group_fields.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/exr_bands.h"
+#include "coordinator/output/map/band_sight.h"
 #include "coordinator/output/map/bands.h"
 #include "coordinator/output/map/texel_gather.h"
 #include "coordinator/output/map/stage.h"
@@ -30,6 +31,7 @@ struct writer {
     int ghost_status;           /* of keeping those that come */
     struct kiln_error ghost_error;
     struct kiln_bands *bands;
+    struct kiln_band_sight *sight; /* what bands see of each other, if they are denoised */
     bool keeps; /* maps of objects that touch stay in memory from joining to writing */
     uint32_t rank, ranks;
     int64_t seed;
@@ -448,7 +450,7 @@ static int begin_large(const struct writer *w, const uint32_t *objects, size_t c
 
 /* ---- rounds ---- */
 
-/* Keeps a ghost of a map. */
+/* Keeps a ghost of a map, or a texel of another band. */
 static void put_ghost(struct writer *w, const struct kiln_texel_record *record)
 {
     struct kiln_map_ghosts *ghosts = &w->works[record->map].ghosts;
@@ -468,11 +470,11 @@ static void put_ghost(struct writer *w, const struct kiln_texel_record *record)
 static void put_point(void *context, const struct kiln_texel_record *record)
 {
     struct writer *w = context;
-    if (record->from != record->map) {
+    struct kiln_map *map = w->works[record->map].map;
+    if (record->from != record->map || record->y < map->first_row || record->y >= map->end_row) {
         put_ghost(w, record);
         return;
     }
-    struct kiln_map *map = w->works[record->map].map;
     const size_t texel = (size_t)record->y * map->width + record->x;
     const struct kiln_mesh *mesh =
         &w->result->scene->meshes[w->result->scene->objects[kiln_map_object(w->result->surface, record->map)].mesh];
@@ -742,7 +744,7 @@ static int walk_rounds(struct writer *w, const struct kiln_assignment *assignmen
     uint32_t *own = NULL;
     const size_t wide = w->layers.planes.count > 64 ? (64ull << 18) / w->layers.planes.count : 0; /* records a pass */
     int status =
-        kiln_texel_gather_create(&gather, w->result, gathered, &w->layers, ghosts, wide, error); /* collective */
+        kiln_texel_gather_create(&gather, w->result, gathered, &w->layers, ghosts, w->sight, wide, error);
     if (status != KILN_OK)
         return status;
     status = kiln_agree(comm, kiln_allocate(&own, assignment->count, sizeof *own, "objects to write", error), error);
@@ -846,25 +848,60 @@ static bool leave_out(const struct writer *w, struct kiln_assignment *assignment
     return touching;
 }
 
+/* Assigns lightmaps to ranks. Those are whole that are denoised with what they touch: what is left of noise is told by
+ * sums over both. */
+static int assign_maps(const struct writer *w, const struct kiln_joints *joints, struct kiln_assignment **assignment,
+                       struct kiln_error *error)
+{
+    const struct kiln_output_params *params = w->params;
+    const size_t maps = w->result->surface->map_count;
+    uint8_t *whole = NULL;
+    int status = kiln_allocate(&whole, maps, 1, "the assignment of lightmaps", error);
+    for (size_t i = 0; status == KILN_OK && joints != NULL && i < joints->map_count; i++)
+        whole[i] = params->denoise && joints->group[i] != KILN_NONE;
+    if (status == KILN_OK)
+        status = kiln_assignment_create(
+            assignment, w->result->surface->lightmaps, maps, w->ranks,
+            params->texel_budget > 0 ? params->texel_budget : kiln_lightmap_texels(w->layers.planes.count),
+            params->least_divided > 0 ? params->least_divided : KILN_BANDS_LEAST, whole, error);
+    kiln_free(&whole);
+    return status;
+}
+
+static bool has_bands(const struct kiln_assignment *assignment)
+{
+    bool any = false;
+    for (size_t i = 0; i < assignment->count && !any; i++)
+        any = assignment->owner[i] == KILN_IN_BANDS;
+    return any;
+}
+
 /* Collective. Finds where objects touch, if their seams are to be smoothed or noise to be taken out, and writes all
  * files. */
-static int write_all(struct writer *w, struct kiln_assignment *assignment, struct kiln_error *error)
+static int write_all(struct writer *w, struct kiln_error *error)
 {
     static const struct kiln_joints none = {0};
+    struct kiln_assignment *assignment = NULL;
     struct kiln_joints *joints = NULL;
     int status = KILN_OK;
     if (w->params->stitch || w->params->denoise)
         status =
             kiln_joints_find(&joints, w->result->scene, w->result->surface, (double)w->result->geometry->extent, error);
+    if (status == KILN_OK)
+        status = assign_maps(w, joints, &assignment, error);
     const bool touching = status == KILN_OK && leave_out(w, assignment, joints);
     if (status == KILN_OK && joints != NULL && touching && w->params->denoise)
         status = kiln_ghosts_create(&w->ghosts, joints, w->result->surface, error);
     status = kiln_agree(w->result->communicator, status, error);
+    if (status == KILN_OK && w->params->denoise && has_bands(assignment))
+        status = kiln_band_sight_create(&w->sight, w->result, assignment, error);
     if (status == KILN_OK)
         status = write_rounds(w, assignment, joints != NULL && touching ? joints : &none, error);
+    kiln_band_sight_destroy(&w->sight);
     kiln_joined_destroy(&w->joined);
     kiln_ghosts_destroy(&w->ghosts);
     kiln_joints_destroy(&joints);
+    kiln_assignment_destroy(&assignment);
     return status;
 }
 
@@ -912,18 +949,11 @@ static int make_folders(const struct writer *w, const struct kiln_surface *surfa
     return status;
 }
 
-/* Texels from which on a lightmap may be in bands. Denoising looks at all of a map at once. */
-static uint64_t least_in_bands(const struct kiln_output_params *params)
-{
-    return params->denoise ? UINT64_MAX : params->least_divided > 0 ? params->least_divided : KILN_BANDS_LEAST;
-}
-
 int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                          struct kiln_lightmap_report *reports, struct kiln_error *error)
 {
     const size_t maps = result->surface->map_count;
     struct writer w = {.result = result, .params = params};
-    struct kiln_assignment *assignment = NULL;
     int rank = 0, ranks = 1;
     if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS ||
         MPI_Comm_size(result->communicator, &ranks) != MPI_SUCCESS)
@@ -940,16 +970,11 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
         status = kiln_allocate(&w.reports, maps, sizeof *w.reports, "reports on lightmaps", error);
     if (status == KILN_OK)
         status = kiln_allocate(&w.works, maps, sizeof *w.works, "lightmaps", error);
-    if (status == KILN_OK)
-        status = kiln_assignment_create(
-            &assignment, result->surface->lightmaps, maps, (uint32_t)ranks,
-            params->texel_budget > 0 ? params->texel_budget : kiln_lightmap_texels(w.layers.planes.count),
-            least_in_bands(params), error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_bands_create(&w.bands, result->communicator, error);
     if (status == KILN_OK)
-        status = write_all(&w, assignment, error);
+        status = write_all(&w, error);
     if (status == KILN_OK && reports != NULL)
         status = kiln_agree(result->communicator, gather_reports(result, w.reports, rank, reports, error), error);
     for (size_t i = 0; w.works != NULL && i < maps; i++)
@@ -957,6 +982,5 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
     kiln_bands_destroy(&w.bands);
     kiln_free(&w.works);
     kiln_free(&w.reports);
-    kiln_assignment_destroy(&assignment);
     return status;
 }
