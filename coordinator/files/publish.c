@@ -224,9 +224,9 @@ int kiln_publish_join(struct kiln_publish *p, const char *directory, const char 
     if (status != KILN_OK)
         return status;
     *descriptor = open_aside(p, O_RDWR);
-    return *descriptor >= 0
-               ? KILN_OK
-               : kiln_fail_errno(error, KILN_IO, "'%s', which another rank has created, cannot be opened", p->temporary);
+    return *descriptor >= 0 ? KILN_OK
+                            : kiln_fail_errno(error, KILN_IO, "'%s', which another rank has created, cannot be opened",
+                                              p->temporary);
 }
 
 /* Opens the temporary file again, to read it back. The caller closes *descriptor. */

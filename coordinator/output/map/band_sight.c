@@ -85,9 +85,9 @@ static struct spot spot_of(const struct work *w, const struct kiln_tile_run *run
 {
     const struct kiln_lightmap *lightmap = &w->result->surface->lightmaps[run->map];
     const double *centre = w->result->scene->header->centre;
-    struct spot spot = {.map = run->map,
-                        .rank = kiln_bands_rank(lightmap->height, (uint32_t)w->ranks,
-                                                run->tile / lightmap->tiles_x * TILE_ROWS)};
+    struct spot spot = {
+        .map = run->map,
+        .rank = kiln_bands_rank(lightmap->height, (uint32_t)w->ranks, run->tile / lightmap->tiles_x * TILE_ROWS)};
     for (int c = 0; c < 3; c++)
         spot.at[c] = cell_along(position[c] - centre[c], w->largest[run->map]);
     return spot;
@@ -239,10 +239,9 @@ static int look_around(struct work *w, size_t tile_run, const struct spot *spot,
 {
     int status = KILN_OK;
     for (int32_t column = 0; column < (2 * REACH + 1) * (2 * REACH + 1) && status == KILN_OK; column++) {
-        const struct spot begin = {
-            .map = spot->map,
-            .at = {spot->at[0] - REACH + column / (2 * REACH + 1), spot->at[1] - REACH + column % (2 * REACH + 1),
-                   spot->at[2] - REACH}};
+        const struct spot begin = {.map = spot->map,
+                                   .at = {spot->at[0] - REACH + column / (2 * REACH + 1),
+                                          spot->at[1] - REACH + column % (2 * REACH + 1), spot->at[2] - REACH}};
         for (size_t i = find_spot(w, &begin); i < w->known.count && status == KILN_OK; i++) {
             const struct spot *known = &w->known.spots[i];
             if (known->map != begin.map || known->at[0] != begin.at[0] || known->at[1] != begin.at[1] ||

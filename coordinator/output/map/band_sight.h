@@ -1,8 +1,8 @@
 /* Band sight: the texels of other bands that a band sees when it is denoised. Neighbours lie near each other in space,
  * wherever they are on the layout, and a point's light depends on points within 30 texels (regression.h). So a band
- * needs, besides its own points, all within KILN_BAND_SIGHT_TEXELS of the largest texels of the lightmap, at least. They
- * come as ghosts do (ghosts.h): tile runs whole. Space is divided into cells of half that side; all ranks learn which
- * cells each band has points in. */
+ * needs, besides its own points, all within KILN_BAND_SIGHT_TEXELS of the largest texels of the lightmap, at least.
+ * They come as ghosts do (ghosts.h): tile runs whole. Space is divided into cells of half that side; all ranks learn
+ * which cells each band has points in. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_BAND_SIGHT_H
 #define KILN_COORDINATOR_OUTPUT_MAP_BAND_SIGHT_H
 

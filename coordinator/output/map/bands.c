@@ -117,16 +117,16 @@ int kiln_bands_sum(const struct kiln_map *map, const double *rows, size_t count,
 
 int kiln_bands_count(const struct kiln_map *map, uint64_t *counts, size_t count, struct kiln_error *error)
 {
-    if (map->bands != NULL && MPI_Allreduce(MPI_IN_PLACE, counts, (int)count, MPI_UINT64_T, MPI_SUM,
-                                            map->bands->comm) != MPI_SUCCESS)
+    if (map->bands != NULL &&
+        MPI_Allreduce(MPI_IN_PLACE, counts, (int)count, MPI_UINT64_T, MPI_SUM, map->bands->comm) != MPI_SUCCESS)
         return mpi_failed(error);
     return KILN_OK;
 }
 
 int kiln_bands_most(const struct kiln_map *map, double *numbers, size_t count, struct kiln_error *error)
 {
-    if (map->bands != NULL && MPI_Allreduce(MPI_IN_PLACE, numbers, (int)count, MPI_DOUBLE, MPI_MAX, map->bands->comm) !=
-                                  MPI_SUCCESS)
+    if (map->bands != NULL &&
+        MPI_Allreduce(MPI_IN_PLACE, numbers, (int)count, MPI_DOUBLE, MPI_MAX, map->bands->comm) != MPI_SUCCESS)
         return mpi_failed(error);
     return KILN_OK;
 }
@@ -183,8 +183,8 @@ int kiln_bands_around(const struct kiln_map *map, uint32_t *last, uint32_t *firs
         memset(first, 0xff, map->width * sizeof *first);
         return KILN_OK;
     }
-    int status = kiln_bands_agree(
-        map, kiln_allocate(&from, map->width, sizeof *from, "the rows around a band", error), error);
+    int status =
+        kiln_bands_agree(map, kiln_allocate(&from, map->width, sizeof *from, "the rows around a band", error), error);
     for (uint32_t x = 0; status == KILN_OK && x < map->width; x++)
         from[x] = last[x] + 1; /* 0: none */
     memset(last, 0, map->width * sizeof *last);
@@ -243,7 +243,7 @@ static int list_wanted(const struct kiln_map *map, const uint32_t *nearest, stru
 struct exchange {
     int *out_counts, *out_starts, *in_counts, *in_starts;
     size_t in;
-    uint32_t *asked; /* texels that other ranks want */
+    uint32_t *asked;                  /* texels that other ranks want */
     uint32_t *out_values, *in_values; /* their chart and planes, and those of what is wanted: as bits */
     MPI_Datatype type;
 };
@@ -313,8 +313,8 @@ static int exchange(struct exchange *e, struct kiln_map *map, const struct wante
     if (status == KILN_OK)
         status = kiln_allocate(&e->in_values, e->in * numbers, sizeof *e->in_values, "texels of other bands", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&e->out_values, w->count * numbers, sizeof *e->out_values, "texels of other bands",
-                               error);
+        status =
+            kiln_allocate(&e->out_values, w->count * numbers, sizeof *e->out_values, "texels of other bands", error);
     if ((status = kiln_bands_agree(map, status, error)) != KILN_OK)
         return status;
     if (MPI_Alltoallv(w->texels, e->out_counts, e->out_starts, MPI_UINT32_T, e->asked, e->in_counts, e->in_starts,

@@ -38,8 +38,8 @@ static bool is_usable(const struct kiln_neighbour_point *point)
 
 static float size_of(float area, float coverage) { return coverage > 0.0f ? sqrtf(area / coverage) : 0.0f; }
 
-/* The texels that the map has. Values are numbered from the first of them on, and then those of ghosts: of other objects,
- * and of other bands (band_sight.h). */
+/* The texels that the map has. Values are numbered from the first of them on, and then those of ghosts: of other
+ * objects, and of other bands (band_sight.h). */
 static size_t own_texels(const struct kiln_map_work *work)
 {
     return kiln_map_end(work->map) - kiln_map_first(work->map);

@@ -35,8 +35,8 @@ static void spread(struct layers *work, uint32_t texel)
 {
     for (int k = 0; k < 8; k++) {
         const uint32_t other = neighbour(work->map, texel, k);
-        if (other == KILN_NONE || !is_own(work->map, other) || work->known[other] != 0 || work->map->state[other] != KILN_TEXEL_FILLED ||
-            work->map->chart[other] != work->map->chart[texel])
+        if (other == KILN_NONE || !is_own(work->map, other) || work->known[other] != 0 ||
+            work->map->state[other] != KILN_TEXEL_FILLED || work->map->chart[other] != work->map->chart[texel])
             continue;
         work->known[other] = 2;
         work->next[work->next_count++] = other;

@@ -41,8 +41,8 @@ struct records {
 struct solved {
     uint32_t group, part;
     struct kiln_seam_system *system;
-    uint32_t *maps, *texels;    /* of each unknown */
-    struct own {                /* samples of one map, one after the other */
+    uint32_t *maps, *texels; /* of each unknown */
+    struct own {             /* samples of one map, one after the other */
         uint32_t map;
         size_t first, count;
     } * own;
@@ -112,9 +112,8 @@ static int solver_of(const struct kiln_joined *j, uint32_t group, uint32_t part)
 static int home_of(const struct kiln_joined *j, uint32_t map, uint32_t texel)
 {
     const struct kiln_lightmap *lightmap = &j->params.lightmaps[map];
-    return in_bands(j, map)
-               ? (int)kiln_bands_rank(lightmap->height, (uint32_t)j->ranks, texel / lightmap->width)
-               : (int)j->params.assignment->owner[map];
+    return in_bands(j, map) ? (int)kiln_bands_rank(lightmap->height, (uint32_t)j->ranks, texel / lightmap->width)
+                            : (int)j->params.assignment->owner[map];
 }
 
 /* Lists the joints of each lightmap, and finds the groups with a map in bands. */
@@ -220,8 +219,9 @@ static int add_halves(struct part *p, const struct kiln_seam_edge *edge, const s
 {
     const size_t count = kiln_seam_sample_count(edge);
     const float *from = edge->texel[like->side][0], *to = edge->texel[like->side][1];
-    if (p->map->bands != NULL && (fmaxf(from[1], to[1]) < (float)p->map->first_row - 2.0f ||
-                                  fminf(from[1], to[1]) > (float)p->map->end_row + 2.0f) &&
+    if (p->map->bands != NULL &&
+        (fmaxf(from[1], to[1]) < (float)p->map->first_row - 2.0f ||
+         fminf(from[1], to[1]) > (float)p->map->end_row + 2.0f) &&
         p->map->first_row > 0 && p->map->end_row < p->map->height)
         return KILN_OK; /* of other bands */
     const int status =
@@ -246,8 +246,7 @@ static int add_seams(struct part *p, const struct kiln_chart_graph *graph, const
     int status = KILN_OK;
     for (size_t i = 0; i < graph->edge_count && status == KILN_OK; i++)
         for (uint32_t side = 0; side < 2 && status == KILN_OK; side++) {
-            const struct half_sample like = {
-                .map = p->number, .joint = KILN_NONE, .edge = (uint32_t)i, .side = side};
+            const struct half_sample like = {.map = p->number, .joint = KILN_NONE, .edge = (uint32_t)i, .side = side};
             status = add_halves(p, &graph->edges[i], &like, nearest, error);
         }
     return status;
@@ -318,8 +317,8 @@ int kiln_joined_add(struct kiln_joined *j, uint32_t number, struct kiln_map *map
     int status = bring_row(map, nearest, error);
     if (status == KILN_OK)
         status = add_seams(&part, graph, nearest, error);
-    for (size_t i = is_alone(j) ? 0 : j->first[number];
-         !is_alone(j) && status == KILN_OK && i < j->first[number + 1]; i++)
+    for (size_t i = is_alone(j) ? 0 : j->first[number]; !is_alone(j) && status == KILN_OK && i < j->first[number + 1];
+         i++)
         status = add_joint(j, &part, j->joints_of[i], nearest, error);
     if (status == KILN_OK)
         status = list_texels(&part, error);
@@ -575,8 +574,8 @@ static bool make_sample(const struct solved *s, const struct half_sample *half, 
 
 static bool belong_together(const struct half_sample *p, const struct half_sample *q)
 {
-    const bool same = p->joint == KILN_NONE ? q->joint == KILN_NONE && p->map == q->map && p->edge == q->edge
-                                            : p->joint == q->joint;
+    const bool same =
+        p->joint == KILN_NONE ? q->joint == KILN_NONE && p->map == q->map && p->edge == q->edge : p->joint == q->joint;
     return same && p->index == q->index && p->side != q->side;
 }
 
@@ -662,8 +661,7 @@ static void take_texels(const struct kiln_joined *j, const struct group *g, stru
 
 static int make_system(const struct kiln_joined *j, const struct group *g, struct solved *s, struct kiln_error *error)
 {
-    const size_t unknowns = g->end[TEXELS] - g->first[TEXELS],
-                 halves = g->end[HALF_SAMPLES] - g->first[HALF_SAMPLES];
+    const size_t unknowns = g->end[TEXELS] - g->first[TEXELS], halves = g->end[HALF_SAMPLES] - g->first[HALF_SAMPLES];
     uint8_t *used = NULL;
     uint32_t *numbers = NULL;
     int status = kiln_seam_system_create(&s->system, unknowns, halves / 2, j->plane_count, error);
@@ -706,8 +704,8 @@ static void report_differences(const struct kiln_joined *j, const struct solved 
 /* Whether there is anything to change: a lone map's seams may be equal already. */
 static bool is_to_solve(const struct kiln_joined *j, const struct kiln_seam_system *system)
 {
-    return !is_alone(j) || (!j->params.measure &&
-                            kiln_seam_difference(system->planes, system->samples, system->sample_count) > 0.0);
+    return !is_alone(j) ||
+           (!j->params.measure && kiln_seam_difference(system->planes, system->samples, system->sample_count) > 0.0);
 }
 
 /* Adds the values of all unknowns to the records that travel home. */

@@ -32,7 +32,7 @@ struct writer {
     struct kiln_error ghost_error;
     struct kiln_bands *bands;
     struct kiln_band_sight *sight; /* what bands see of each other, if they are denoised */
-    bool keeps; /* maps of objects that touch stay in memory from joining to writing */
+    bool keeps;                    /* maps of objects that touch stay in memory from joining to writing */
     uint32_t rank, ranks;
     int64_t seed;
     bool has_seed;
@@ -141,7 +141,8 @@ static int make_image(const struct writer *w, struct kiln_map *map, struct kiln_
     for (size_t i = 0; i < w->layers.count; i++) {
         const struct kiln_layer *layer = &w->layers.layer[i];
         const struct kiln_field *field = fields->entry[layer->field].field;
-        for (uint32_t c = 0; status == KILN_OK && fields->entry[layer->field].in_lightmaps && c < field->components; c++)
+        for (uint32_t c = 0; status == KILN_OK && fields->entry[layer->field].in_lightmaps && c < field->components;
+             c++)
             status = move_plane(map, *image, field->channels[c], &map->planes[layer->plane + c], error);
     }
     if (status == KILN_OK)
@@ -347,8 +348,8 @@ static int put_file(const struct writer *w, uint32_t object, const char *name, c
         return kiln_exr_put(w->batch, w->params->directory, name, image, words->attributes, words->count, error);
     kiln_bands_rows(lightmap->height, w->rank, w->ranks, &first, &end);
     return kiln_exr_write_bands(w->result->communicator, w->params->directory, name, image, first, lightmap->height,
-                                words->attributes, words->count,
-                                kiln_faults_packer_fails(w->params->faults, w->rank), error);
+                                words->attributes, words->count, kiln_faults_packer_fails(w->params->faults, w->rank),
+                                error);
 }
 
 static int write_group_file(const struct writer *w, uint32_t object, size_t n, const struct kiln_image *image,
@@ -369,8 +370,8 @@ static int write_group_file(const struct writer *w, uint32_t object, size_t n, c
 }
 
 /* The files of one object: its lightmap, and the layers of groups where those have their own. */
-static int put_files(const struct writer *w, uint32_t object, struct kiln_image *image,
-                     const struct file_words *words, struct kiln_error *error)
+static int put_files(const struct writer *w, uint32_t object, struct kiln_image *image, const struct file_words *words,
+                     struct kiln_error *error)
 {
     struct kiln_image kept;
     int status = KILN_OK;
@@ -743,8 +744,7 @@ static int walk_rounds(struct writer *w, const struct kiln_assignment *assignmen
     struct kiln_texel_gather *gather = NULL;
     uint32_t *own = NULL;
     const size_t wide = w->layers.planes.count > 64 ? (64ull << 18) / w->layers.planes.count : 0; /* records a pass */
-    int status =
-        kiln_texel_gather_create(&gather, w->result, gathered, &w->layers, ghosts, w->sight, wide, error);
+    int status = kiln_texel_gather_create(&gather, w->result, gathered, &w->layers, ghosts, w->sight, wide, error);
     if (status != KILN_OK)
         return status;
     status = kiln_agree(comm, kiln_allocate(&own, assignment->count, sizeof *own, "objects to write", error), error);

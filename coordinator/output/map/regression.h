@@ -23,8 +23,8 @@
  * The squared error that is left is the variance of that sum, sum over f_j^2 v_j, and the square of its bias. An
  * estimate of the bias is what the risk of the choices exceeds the variance by. But a risk is itself of few values, and
  * the least of ten is too low as a rule. So the bias, relative to v, is taken to be at least what it is in the mean
- * over all points, by area x v. Such sums are of whole numbers, 2^-62 of the largest term, so that they do not depend on
- * any order.
+ * over all points, by area x v. Such sums are of whole numbers, 2^-62 of the largest term, so that they do not depend
+ * on any order.
  *
  * A point's light depends on no more than the points within 30 texels, its error through that mean on all. Not
  * collective; the same bits for any number of threads. */

@@ -7,9 +7,9 @@
  * lightmap publishes it. Features that no stage reads are not made and cost nothing.
  *
  * A stage has the whole map of one object, or a band of it, and may read neighbours of a texel; `chart` tells which of
- * them belong to the same chart. It is collective only where the map is in bands, and then by bands.h only. A stage must
- * be deterministic and depend on its object only. Several objects are processed at once, each by its own threads; maps
- * in bands by all ranks, one after the other.
+ * them belong to the same chart. It is collective only where the map is in bands, and then by bands.h only. A stage
+ * must be deterministic and depend on its object only. Several objects are processed at once, each by its own threads;
+ * maps in bands by all ranks, one after the other.
  *
  * Maps of objects that touch others wait for one another before the first stage with `after_joining`. What they have
  * in common is solved there (joined.h), and is `joined` of the work in the stages after. */

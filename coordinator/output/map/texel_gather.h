@@ -19,8 +19,8 @@
 #define KILN_BANDS_LEAST (1ull << 19)
 
 /* The assignment of lightmaps to ranks and rounds. It depends on sizes only and is the same on all ranks. Lightmaps
- * that are not published have the owner KILN_NONE. The first `own_rounds` rounds are of lightmaps that one rank owns, the
- * others of those in bands. */
+ * that are not published have the owner KILN_NONE. The first `own_rounds` rounds are of lightmaps that one rank owns,
+ * the others of those in bands. */
 struct kiln_assignment {
     size_t count;
     uint32_t rounds, own_rounds;
