@@ -189,7 +189,10 @@ def check_divided(folder):
     joined_reports = [write(*one) for one in joined]
     denoised = [os.path.join(folder, "denoised%d" % n) for n in (1, 3)]
     denoised_reports = [write(one, int(one[-1]), "denoised") for one in denoised]
-    for group, told in ((made, reports), ([one[0] for one in joined], joined_reports), (denoised, denoised_reports)):
+    loose = [os.path.join(folder, "loose%d" % n) for n in (1, 3)]
+    loose_reports = [write(one, int(one[-1]), "loose") for one in loose]
+    for group, told in ((loose, loose_reports), (made, reports), ([one[0] for one in joined], joined_reports),
+                        (denoised, denoised_reports)):
         reference = digests(group[0])
         assert all(report == told[0] for report in told), told
         for one in group[1:]:

@@ -1,12 +1,12 @@
 /* Writes the three files of a bake from a synthetic result; run by mpirun, so that tests can compare numbers of ranks.
- * Usage: write_synthetic DIR [half | divided | denoised | joined | touching | rounds] [ahead | stopped]. divided: tall
- * lightmaps with large holes, which are in bands of all ranks however small they are. touching: the objects lie side by
- * side. rounds: the same, but a rank has one lightmap at a time. joined: both lightmaps are in bands, and touch; after
- * "rounds-" each is made twice. denoised: as divided, and noise is taken out. large-SIZE, large-denoised-SIZE:
- * lightmaps of SIZE columns and as many rows, or half as many, and no other files; prints for each rank what writing
- * them took: seconds of the processor outside MPI, and bytes that it held besides what it had. ahead: columns of
- * kiln.h5 are packed ahead, all of them, or those that are done when the threads are stopped at once; prints their
- * number. */
+ * Usage: write_synthetic DIR [half | divided | denoised | joined | loose | touching | rounds] [ahead | stopped].
+ * divided: tall lightmaps with large holes, which are in bands of all ranks however small they are. touching: the
+ * objects lie side by side. rounds: the same, but a rank has one lightmap at a time. joined: both lightmaps are in
+ * bands, and touch; after "rounds-" each is made twice. denoised: as divided, and noise is taken out. loose: as
+ * divided, and seams stay as they are. large-SIZE, large-denoised-SIZE: lightmaps of SIZE columns and as many rows, or
+ * half as many, and no other files; prints for each rank what writing them took: seconds of the processor outside MPI,
+ * and bytes that it held besides what it had. ahead: columns of kiln.h5 are packed ahead, all of them, or those that
+ * are done when the threads are stopped at once; prints their number. */
 #include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
@@ -153,7 +153,8 @@ static int write_all(const char *directory, const char *mode, const char *how, i
     static struct synthetic s;
     const bool half = is(mode, "half"), joined = strstr(mode, "joined") != NULL,
                denoised = strstr(mode, "denoised") != NULL, large = strstr(mode, "large") != NULL,
-               divided = is(mode, "divided") || joined || denoised || large, rounds = strstr(mode, "rounds") != NULL;
+               divided = is(mode, "divided") || is(mode, "loose") || joined || denoised || large,
+               rounds = strstr(mode, "rounds") != NULL;
     const char *dash = strrchr(mode, '-');
     unsigned size = 0;
     if (large && (dash == NULL || sscanf(dash, "-%u", &size) != 1))
@@ -177,7 +178,7 @@ static int write_all(const char *directory, const char *mode, const char *how, i
         pack_ahead(&ahead, &result, how);
     const struct kiln_output_params params = {.directory = directory,
                                               .half = half,
-                                              .stitch = true,
+                                              .stitch = !is(mode, "loose"),
                                               .denoise = denoised,
                                               .faults = &faults,
                                               .least_divided = divided ? 1 : 0,
