@@ -217,6 +217,18 @@ int kiln_publish_open(struct kiln_publish *p, int *descriptor, struct kiln_error
     return *descriptor >= 0 ? KILN_OK : cannot_create("the file", p->path, error);
 }
 
+int kiln_publish_join(struct kiln_publish *p, const char *directory, const char *name, int *descriptor,
+                      struct kiln_error *error)
+{
+    int status = begin(p, directory, name, error);
+    if (status != KILN_OK)
+        return status;
+    *descriptor = open_aside(p, O_RDWR);
+    return *descriptor >= 0 ? KILN_OK
+                            : kiln_fail_errno(error, KILN_IO, "'%s', which another rank has created, cannot be opened",
+                                              p->temporary);
+}
+
 /* Opens the temporary file again, to read it back. The caller closes *descriptor. */
 static int reopen(const struct kiln_publish *p, int *descriptor, struct kiln_error *error)
 {

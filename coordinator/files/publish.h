@@ -54,6 +54,11 @@ void kiln_publish_close(struct kiln_publish *p);
 /* Creates the temporary file, which must not exist. The caller closes *descriptor (O_RDWR). */
 int kiln_publish_open(struct kiln_publish *p, int *descriptor, struct kiln_error *error);
 
+/* Opens the temporary file that another process has created (O_RDWR), to write a part of it; that process publishes it.
+ * End with kiln_publish_close. KILN_IO if it is not there. */
+int kiln_publish_join(struct kiln_publish *p, const char *directory, const char *name, int *descriptor,
+                      struct kiln_error *error);
+
 /* Begins a publication and creates the temporary file, for a file that several processes may want to write, such as one
  * that is derived from a scene. The second process waits for the first, and may then find that the file is there
  * already. *descriptor is an empty file (O_RDWR); closing it after the file was published or abandoned lets the next

@@ -22,7 +22,7 @@ struct kiln_faults {
      * saved a checkpoint within that pass (coordinator/run/control.h), also without a watchdog. "": no rank does. */
     uint32_t halt_rank;
     char halt_place[KILN_FAULT_PLACE];
-    /* KILN_FAILING_PACKER=RANK. The rank fails to pack strips of other ranks' lightmaps. */
+    /* KILN_FAILING_PACKER=RANK. The rank fails to pack its band of a lightmap, or strips of other ranks' lightmaps. */
     bool packer_fails;
     uint32_t failing_packer;
     /* KILN_SIGHT=none. The visibility grid is empty, so that everything that rays meet was not expected. */

@@ -139,6 +139,11 @@ WAITS(Send, (const void *buffer, int count, MPI_Datatype type, int to, int tag, 
       (buffer, count, type, to, tag, comm), bytes_of(count, type), false)
 WAITS(Recv, (void *buffer, int count, MPI_Datatype type, int from, int tag, MPI_Comm comm, MPI_Status *status),
       (buffer, count, type, from, tag, comm, status), bytes_of(count, type), false)
+WAITS(Sendrecv,
+      (const void *send, int count, MPI_Datatype type, int to, int tag, void *receive, int counted, MPI_Datatype as,
+       int from, int tags, MPI_Comm comm, MPI_Status *status),
+      (send, count, type, to, tag, receive, counted, as, from, tags, comm, status),
+      bytes_of(count, type) + bytes_of(counted, as), false)
 WAITS(Probe, (int from, int tag, MPI_Comm comm, MPI_Status *status), (from, tag, comm, status), 0, false)
 WAITS(Wait, (MPI_Request * request, MPI_Status *status), (request, status), 0, false)
 WAITS(Waitall, (int count, MPI_Request requests[], MPI_Status statuses[]), (count, requests, statuses), 0, false)

@@ -28,6 +28,12 @@ int64_t exr_write_stream(exr_const_context_t context, void *user, const void *bu
 exr_result_t exr_declare(exr_context_t file, const struct kiln_image *image,
                          const struct kiln_exr_attribute *attributes, size_t attribute_count);
 
+/* The bytes of the header of a file with the image's channels and so many rows, up to its table of chunks, which begins
+ * at `size`. *header is allocated. */
+int exr_make_header(const char *path, const struct kiln_image *image, uint32_t height,
+                    const struct kiln_exr_attribute *attributes, size_t attribute_count, uint8_t **header, size_t *size,
+                    struct kiln_error *error);
+
 /* A packer compresses one chunk at a time. `write` is the library's function that writes the chunk, to be called when
  * its turn has come. Initialise with EXR_PACKER, end with exr_packer_end. The compressed bytes are in the encoder's
  * compressed_buffer. */

@@ -56,13 +56,16 @@ static int64_t size_of_memory(exr_const_context_t context, void *user)
     return (int64_t)((const struct memory_file *)user)->size;
 }
 
-/* Makes an image of the rows of a strip that borrows their values. */
-static int view_strip(const struct kiln_image *image, uint32_t y, struct kiln_image *view,
-                      struct kiln_image_channel *channels, struct kiln_error *error)
+/* Makes an image of the rows of a strip that borrows their values; free its channels. */
+static int view_strip(const struct kiln_image *image, uint32_t y, struct kiln_image *view, struct kiln_error *error)
 {
-    if (image->channel_count > KILN_EXR_CHANNELS || y >= image->height)
-        return kiln_fail(error, KILN_BUG, "row %u of an image of %u rows and %zu channels is to be packed alone", y,
-                         image->height, image->channel_count);
+    struct kiln_image_channel *channels = NULL;
+    if (y >= image->height)
+        return kiln_fail(error, KILN_BUG, "row %u of an image of %u rows is to be packed alone", y, image->height);
+    const int status =
+        kiln_allocate(&channels, image->channel_count, sizeof *channels, "the channels of a strip", error);
+    if (status != KILN_OK)
+        return status;
     *view = (struct kiln_image){.width = image->width,
                                 .height = strip_rows(image, y),
                                 .channel_count = image->channel_count,
@@ -116,23 +119,53 @@ static exr_result_t unpack_alone(struct memory_file *m, const struct kiln_image 
 
 static int check_alone(const struct kiln_image *view, struct memory_file *m, struct kiln_error *error)
 {
-    const char *names[KILN_EXR_CHANNELS];
     const size_t values = (size_t)view->width * view->height;
+    const char **names = NULL;
     struct kiln_image *found = NULL;
-    for (size_t c = 0; c < view->channel_count; c++)
+    int status = kiln_allocate(&names, view->channel_count, sizeof *names, "the channels of a strip", error);
+    for (size_t c = 0; status == KILN_OK && c < view->channel_count; c++)
         names[c] = view->channels[c].name;
-    int status = kiln_image_create(&found, view->width, view->height, names, view->channel_count, error);
-    if (status != KILN_OK)
-        return status;
-    const exr_result_t code = unpack_alone(m, found);
+    if (status == KILN_OK)
+        status = kiln_image_create(&found, view->width, view->height, names, view->channel_count, error);
+    const exr_result_t code = status == KILN_OK ? unpack_alone(m, found) : EXR_ERR_SUCCESS;
     if (code != EXR_ERR_SUCCESS)
         status = exr_failed(KILN_IO, "a packed strip", "unpacked", code, error);
     for (size_t c = 0; status == KILN_OK && c < view->channel_count; c++)
         if (exr_count_same(&view->channels[c], &found->channels[c], values) < values)
             status = kiln_fail(error, KILN_IO, "%u rows of channel %s do not decompress to their values", view->height,
-                               names[c]);
+                               view->channels[c].name);
+    kiln_free(&names);
     kiln_image_destroy(&found);
     return status;
+}
+
+int exr_make_header(const char *path, const struct kiln_image *image, uint32_t height,
+                    const struct kiln_exr_attribute *attributes, size_t attribute_count, uint8_t **header, size_t *size,
+                    struct kiln_error *error)
+{
+    struct kiln_image whole = *image;
+    struct memory_file m = {0};
+    exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
+    setup.error_handler_fn = exr_stay_silent;
+    setup.user_data = &m;
+    setup.write_fn = write_memory;
+    exr_context_t file = NULL;
+    int32_t rows = 0;
+    whole.height = height;
+    exr_result_t code = exr_start_write(&file, "a header", EXR_WRITE_FILE_DIRECTLY, &setup);
+    if (code == EXR_ERR_SUCCESS)
+        code = exr_declare(file, &whole, attributes, attribute_count);
+    if (code == EXR_ERR_SUCCESS)
+        code = exr_get_scanlines_per_chunk(file, 0, &rows);
+    *size = m.size; /* exr_finish adds an empty table */
+    (void)exr_finish(&file);
+    *header = m.bytes;
+    if (code != EXR_ERR_SUCCESS)
+        return exr_failed(KILN_CANNOT_CREATE, path, "started", code, error);
+    if (rows != KILN_EXR_ROWS)
+        return kiln_fail(error, KILN_BUG, "'%s': the library packs %d rows at a time, not %d", path, (int)rows,
+                         KILN_EXR_ROWS);
+    return KILN_OK;
 }
 
 uint64_t kiln_exr_strip_values(const struct kiln_image *image, uint32_t y)
@@ -147,11 +180,10 @@ uint64_t kiln_exr_strip_values(const struct kiln_image *image, uint32_t y)
 int kiln_exr_strip_pack(const struct kiln_image *image, uint32_t y, struct kiln_exr_strip *strip,
                         struct kiln_error *error)
 {
-    struct kiln_image_channel channels[KILN_EXR_CHANNELS];
     struct kiln_image view;
     struct memory_file m = {0};
     *strip = (struct kiln_exr_strip){0};
-    int status = view_strip(image, y, &view, channels, error);
+    int status = view_strip(image, y, &view, error);
     if (status != KILN_OK)
         return status;
     const exr_result_t code = pack_alone(&view, &m, &strip->size);
@@ -166,6 +198,7 @@ int kiln_exr_strip_pack(const struct kiln_image *image, uint32_t y, struct kiln_
         strip->values = kiln_exr_strip_values(image, y);
     } else
         kiln_free(&m.bytes);
+    kiln_free(&view.channels);
     return status;
 }
 

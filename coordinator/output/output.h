@@ -19,7 +19,7 @@ struct kiln_output_params {
     bool parts;             /* the bake is one in parts: its fields have what each of them found */
     bool denoise;           /* the bake's fields must have the errors of direct and of indirect light */
     bool denoise_direct;    /* direct light alone: what indirect light is off by is no noise */
-    uint64_t least_divided; /* texels from which on several ranks may pack a lightmap; 0: KILN_STRIPS_LEAST */
+    uint64_t least_divided; /* texels from which on a lightmap may be in bands, or packed by several ranks; 0: 2^19 */
     /* texels of lightmaps that a rank has at a time, unless one is larger (map/texel_gather.h); 0: 2^21 */
     uint64_t texel_budget;
     /* kiln_provenance: one JSON object without time stamps, stored as an attribute of the HDF5 files */

@@ -45,11 +45,10 @@ static const double DENOISE_LIGHTMAP_DISK = 0.87, DENOISE_POINT_DISK = -4.0;
 static const double TAKE_POINT_SECONDS = 0.11e-6;    /* of one thread, in each pass: entered into results and sums */
 static const double LIGHTMAP_TEXEL_SECONDS = 0.9e-6; /* of one thread: filled, smoothed, compressed, read back */
 static const double H5_POINT_SECONDS = 0.85e-6;      /* of one rank: described, compressed, read back */
-/* Of these two, what one rank does alone when there are several, of one thread. For an object of few seams: */
-/* its points taken in, finished, sent to be packed, written, compared */
-static const double OWNER_TEXEL_SECONDS = 0.2e-6;
-static const double OWNER_TEXEL_BYTES = 44.0 + 33.0; /* sent to be packed; got back */
-static const double H5_WRITER_POINT_SECONDS = 35e-9; /* packed bytes taken in and written */
+/* Of a lightmap in bands: rows of the bands above and below that a band denoises too (output/map/band_sight.h), and
+ * bytes of a texel on its way there. */
+static const double SEEN_ROWS = 64.0, TEXEL_BYTES = 90.0;
+static const double H5_WRITER_POINT_SECONDS = 35e-9; /* of one rank alone: packed bytes taken in and written */
 /* s of one thread: by all of a rank's threads, by one */
 static const double PREVIEW_DRAWN = 0.6, PREVIEW_WRITTEN = 0.25;
 static const double COMPACT_BYTES = 4.0, FULL_BYTES = 8.0; /* of a point's radiosity on its way */
@@ -545,9 +544,8 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
             s->validity / fmax(1.0, (double)plan->surface.points_max) +
             together * (H5_POINT_SECONDS + (texel * LIGHTMAP_TEXEL_SECONDS + denoise_seconds(job)) / p->threads),
         .shared = (timing->probe * (double)plan->probes + plan->landing.probes + timing->views) * together,
-        .largest_object = (OWNER_TEXEL_SECONDS + denoise_seconds(job) / p->threads +
-                           OWNER_TEXEL_BYTES / (job->node_bandwidth * 1e9)) *
-                          (double)kiln_largest_lightmap(p->scene),
+        .seen_a_row = (denoise_seconds(job) / p->threads + TEXEL_BYTES / (job->node_bandwidth * 1e9)) * SEEN_ROWS,
+        .largest_map = (double)kiln_largest_lightmap(p->scene),
         .alone_a_point = H5_WRITER_POINT_SECONDS,
         .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),
         .exchanges = plan->bounces + 1};

@@ -25,10 +25,11 @@ static double find_seconds(const struct kiln_simulation *s, const struct kiln_sc
                             s->light.latency);
 }
 
-/* Packing is divided; what one rank does alone comes on top of it, as if nothing of it could go on at the same time. */
+/* Lightmaps are divided, but for the rows that bands of the largest compute twice; what one rank does alone comes on
+ * top of it, as if nothing of it could go on at the same time. */
 static double write_seconds(const struct kiln_simulation *s, const struct kiln_scaled *scaled, double density)
 {
-    const double alone = s->largest_object * density + s->alone_a_point * scaled->points;
+    const double alone = s->seen_a_row * sqrt(s->largest_map * density) + s->alone_a_point * scaled->points;
     return s->shared_a_point * scaled->points / scaled->ranks + (scaled->ranks > 1 ? alone : 0.0);
 }
 

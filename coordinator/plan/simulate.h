@@ -20,8 +20,9 @@ struct kiln_simulation {
     double map_bytes;      /* of a point, sent to every rank once */
     double shared_a_point; /* done for own points besides tracing: validity, files */
     double shared;         /* divided between ranks whatever the number of points: probes */
-    /* seconds that the owner of the largest lightmap works on it while other ranks wait, when there are several */
-    double largest_object;
+    /* the largest lightmap is in bands, when there are several ranks: its texels, and seconds for each column that a
+     * band spends on what it sees of the bands above and below */
+    double largest_map, seen_a_row;
     /* done by one rank for all points, when there are several: kiln.h5 from the packed bytes of all */
     double alone_a_point;
     double radiosity_bytes; /* of a point, in an exchange */

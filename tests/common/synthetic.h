@@ -143,18 +143,19 @@ static inline void synthetic_point(struct synthetic *s, uint32_t o, uint32_t x, 
 static inline void synthetic_surface(struct synthetic *s)
 {
     struct kiln_surface *f = &s->surface;
-    enum { ROOM = 1 << 17 };
-    (void)kiln_allocate(&f->tiles, ROOM / 64, sizeof *f->tiles, "tiles", NULL);
+    const size_t room = ((size_t)1 << 17) + 2 * ((size_t)s->objects[0].lightmap_width + 8) *
+                                                (s->objects[0].lightmap_height + 8); /* points at most */
+    (void)kiln_allocate(&f->tiles, room / 64, sizeof *f->tiles, "tiles", NULL);
     (void)kiln_allocate(&f->lightmaps, 2, sizeof *f->lightmaps, "lightmaps", NULL);
-    (void)kiln_allocate(&f->tile_runs, ROOM / 64, sizeof *f->tile_runs, "tile runs", NULL);
-    (void)kiln_allocate(&f->piece_base, ROOM / 64, sizeof(uint64_t), "pieces", NULL);
-    (void)kiln_allocate(&f->area_cdf_base, ROOM / 64, sizeof(uint64_t), "pieces", NULL);
-    (void)kiln_allocate(&f->piece_count, ROOM, sizeof(uint16_t), "pieces", NULL);
-    (void)kiln_allocate(&f->pieces, 4 * ROOM, sizeof(uint32_t), "pieces", NULL);
-    (void)kiln_allocate(&f->area_cdf, 4 * ROOM, sizeof(float), "pieces", NULL);
-    (void)kiln_allocate(&f->albedo, 3 * ROOM, sizeof(uint16_t), "albedo", NULL);
-    (void)kiln_allocate(&f->area, ROOM, sizeof(float), "area", NULL);
-    (void)kiln_allocate(&f->visible, ROOM, sizeof(uint16_t), "visible", NULL);
+    (void)kiln_allocate(&f->tile_runs, room / 64, sizeof *f->tile_runs, "tile runs", NULL);
+    (void)kiln_allocate(&f->piece_base, room / 64, sizeof(uint64_t), "pieces", NULL);
+    (void)kiln_allocate(&f->area_cdf_base, room / 64, sizeof(uint64_t), "pieces", NULL);
+    (void)kiln_allocate(&f->piece_count, room, sizeof(uint16_t), "pieces", NULL);
+    (void)kiln_allocate(&f->pieces, 4 * room, sizeof(uint32_t), "pieces", NULL);
+    (void)kiln_allocate(&f->area_cdf, 4 * room, sizeof(float), "pieces", NULL);
+    (void)kiln_allocate(&f->albedo, 3 * room, sizeof(uint16_t), "albedo", NULL);
+    (void)kiln_allocate(&f->area, room, sizeof(float), "area", NULL);
+    (void)kiln_allocate(&f->visible, room, sizeof(uint16_t), "visible", NULL);
     (void)kiln_allocate(&f->cell_first, 3, sizeof(uint64_t), "cells", NULL);
     uint64_t piece = 0, share = 0;
     for (uint32_t o = 0; o < 2; o++) {

@@ -180,15 +180,33 @@ def check_volume(folder):
 
 
 def check_divided(folder):
-    """Lightmaps that all ranks pack: the same bytes on any number of ranks; a packer that fails ends all ranks, with
-    its sentence."""
+    """Lightmaps in bands of all ranks: the same bytes and reports on any number of ranks, also where holes reach over
+    bands, charts have nothing and objects touch; one that fails to pack ends all ranks, with its sentence."""
     made = [os.path.join(folder, str(n)) for n in (1, 2, 3, 5)]
-    for one in made:
-        write(one, int(os.path.basename(one)), "divided")
-    reference = digests(made[0])
-    for one in made[1:]:
-        other = digests(one)
-        assert other == reference, [n for n in reference if other.get(n) != reference[n]]
+    reports = [write(one, int(os.path.basename(one)), "divided") for one in made]
+    joined = [(os.path.join(folder, mode + str(n)), n, mode)
+              for n, mode in ((1, "joined"), (3, "joined"), (2, "rounds-joined"))]
+    joined_reports = [write(*one) for one in joined]
+    denoised = [os.path.join(folder, "denoised%d" % n) for n in (1, 3)]
+    denoised_reports = [write(one, int(one[-1]), "denoised") for one in denoised]
+    loose = [os.path.join(folder, "loose%d" % n) for n in (1, 3)]
+    loose_reports = [write(one, int(one[-1]), "loose") for one in loose]
+    for group, told in ((loose, loose_reports), (made, reports), ([one[0] for one in joined], joined_reports),
+                        (denoised, denoised_reports)):
+        reference = digests(group[0])
+        assert all(report == told[0] for report in told), told
+        for one in group[1:]:
+            other = digests(one)
+            assert other == reference, [n for n in reference if other.get(n) != reference[n]]
+    assert joined_reports[0] != reports[0], "seams of objects that touch are smoothed"
+    assert digests(denoised[0])["first.exr"] != digests(made[0])["first.exr"], "noise is taken out"
+    assert all(int(report[2]) > 1000 for report in reports[0]), "holes"
+    # what a killed process left does no harm, and files that are there are replaced
+    with open(os.path.join(made[2], "lightmaps", ".first.exr.part"), "wb") as file:
+        file.write(b"half a file" * 1000)
+    subprocess.run([MPIEXEC, "-n", "3", WRITER, made[2], "divided"], check=True, capture_output=True)
+    assert digests(made[2]) == digests(made[0])
+    assert not [n for n in os.listdir(os.path.join(made[2], "lightmaps")) if n.startswith(".")]
     failing = os.path.join(folder, "failing")
     os.makedirs(failing)
     run = subprocess.run([MPIEXEC, "-n", "3", WRITER, failing, "divided"], capture_output=True, text=True, timeout=60,

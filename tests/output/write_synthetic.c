@@ -1,16 +1,107 @@
 /* Writes the three files of a bake from a synthetic result; run by mpirun, so that tests can compare numbers of ranks.
- * Usage: write_synthetic DIR [half | divided | touching | rounds] [ahead | stopped]. divided: tall lightmaps, which all
- * ranks pack however small they are. touching: the objects lie side by side. rounds: the same, but a rank has one
- * lightmap at a time. ahead: columns of kiln.h5 are packed ahead, all of them, or those that are done when the threads
- * are stopped at once; prints their number. */
+ * Usage: write_synthetic DIR [half | divided | denoised | joined | loose | touching | rounds] [ahead | stopped].
+ * divided: tall lightmaps with large holes, which are in bands of all ranks however small they are. touching: the
+ * objects lie side by side. rounds: the same, but a rank has one lightmap at a time. joined: both lightmaps are in
+ * bands, and touch; after "rounds-" each is made twice. denoised: as divided, and noise is taken out. loose: as
+ * divided, and seams stay as they are. large-SIZE, large-denoised-SIZE: lightmaps of SIZE columns and as many rows, or
+ * half as many, and no other files; prints for each rank what writing them took: seconds of the processor outside MPI,
+ * and bytes that it held besides what it had. ahead: columns of kiln.h5 are packed ahead, all of them, or those that
+ * are done when the threads are stopped at once; prints their number. */
+#include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "coordinator/output/exr.h"
 #include "coordinator/output/map/lightmaps.h"
 #include "coordinator/output/points_ahead.h"
 #include "tests/common/synthetic.h"
+
+/* ---- what writing takes ---- */
+
+/* Seconds of the processor within those calls of MPI in which a rank waits for others. */
+static double within_mpi;
+
+static double processor_seconds(void)
+{
+    struct timespec now;
+    (void)clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+/* The linker puts these in place of the calls that they are named after. */
+#define TIMED(name, parameters, arguments)                                                                             \
+    int __real_MPI_##name parameters;                                                                                  \
+    int __wrap_MPI_##name parameters;                                                                                  \
+    int __wrap_MPI_##name parameters                                                                                   \
+    {                                                                                                                  \
+        const double begin = processor_seconds();                                                                      \
+        const int done = __real_MPI_##name arguments;                                                                  \
+        within_mpi += processor_seconds() - begin;                                                                     \
+        return done;                                                                                                   \
+    }
+
+TIMED(Allreduce, (const void *from, void *to, int count, MPI_Datatype type, MPI_Op op, MPI_Comm comm),
+      (from, to, count, type, op, comm))
+TIMED(Alltoall,
+      (const void *from, int count, MPI_Datatype type, void *to, int counts, MPI_Datatype types, MPI_Comm comm),
+      (from, count, type, to, counts, types, comm))
+TIMED(Alltoallv,
+      (const void *from, const int *counts, const int *starts, MPI_Datatype type, void *to, const int *ins,
+       const int *in_starts, MPI_Datatype types, MPI_Comm comm),
+      (from, counts, starts, type, to, ins, in_starts, types, comm))
+TIMED(Allgatherv,
+      (const void *from, int count, MPI_Datatype type, void *to, const int *counts, const int *starts,
+       MPI_Datatype types, MPI_Comm comm),
+      (from, count, type, to, counts, starts, types, comm))
+TIMED(Exscan, (const void *from, void *to, int count, MPI_Datatype type, MPI_Op op, MPI_Comm comm),
+      (from, to, count, type, op, comm))
+TIMED(Sendrecv,
+      (const void *from, int count, MPI_Datatype type, int target, int tag, void *to, int counts, MPI_Datatype types,
+       int source, int tags, MPI_Comm comm, MPI_Status *status),
+      (from, count, type, target, tag, to, counts, types, source, tags, comm, status))
+
+/* The most memory that the process has had since forget_most, bytes. */
+static double most_memory(void)
+{
+    char line[128];
+    double kilobytes = 0.0;
+    FILE *file = fopen("/proc/self/status", "r");
+    while (file != NULL && fgets(line, sizeof line, file) != NULL)
+        (void)sscanf(line, "VmHWM: %lf", &kilobytes);
+    if (file != NULL)
+        (void)fclose(file);
+    return 1024.0 * kilobytes;
+}
+
+static void forget_most(void)
+{
+    const int file = open("/proc/self/clear_refs", O_WRONLY | O_CLOEXEC);
+    if (file < 0 || write(file, "5", 1) != 1 || close(file) != 0)
+        fprintf(stderr, "the most memory cannot be forgotten\n");
+}
+
+static int write_large(const struct kiln_bake_result *result, const struct kiln_output_params *params, int rank,
+                       int ranks, struct kiln_error *error)
+{
+    static double told[64][2];
+    struct kiln_lightmap_report reports[2];
+    forget_most();
+    within_mpi = 0.0;
+    const double held = most_memory(), begin = processor_seconds();
+    const int status = kiln_write_lightmaps(result, params, reports, error);
+    const double own[2] = {processor_seconds() - begin - within_mpi, most_memory() - held};
+    if (status != KILN_OK || ranks > 64)
+        return status;
+    if (MPI_Gather(own, 2, MPI_DOUBLE, told, 2, MPI_DOUBLE, 0, MPI_COMM_WORLD) != MPI_SUCCESS)
+        return KILN_RANK_LOST;
+    for (int r = 0; rank == 0 && r < ranks; r++)
+        printf("%d %.3f %.0f\n", r, told[r][0], told[r][1]);
+    return KILN_OK;
+}
+
+/* ---- what is written ---- */
 
 /* Radiance L(d) = 1 + d.y + 0.5 d.x d.z, in harmonics, brighter along x; probe 3 is inside geometry. */
 static void make_probe(struct kiln_probe_result *probe, const uint64_t at[3], uint64_t index)
@@ -28,6 +119,18 @@ static void make_probe(struct kiln_probe_result *probe, const uint64_t at[3], ui
 }
 
 static bool is(const char *mode, const char *name) { return strcmp(mode, name) == 0; }
+
+/* Makes large holes: of the first object every third row of tiles and what lies around it, of the second one square. */
+static void make_holes(struct synthetic *s)
+{
+    const struct kiln_surface *f = &s->surface;
+    for (size_t i = 0; i < f->tile_run_count; i++) {
+        const struct kiln_tile_run *run = &f->tile_runs[i];
+        const uint32_t x = run->tile % f->lightmaps[run->map].tiles_x, y = run->tile / f->lightmaps[run->map].tiles_x;
+        if (run->map == 0 ? y % 7 < 4 : x > 4)
+            memset(&f->visible[run->first.at - f->first.at], 0, run->count * sizeof *f->visible);
+    }
+}
 
 /* Packs ahead, all or what is done at once. */
 static void pack_ahead(struct kiln_points_ahead **ahead, const struct kiln_bake_result *result, const char *how)
@@ -48,13 +151,22 @@ static int write_all(const char *directory, const char *mode, const char *how, i
                      struct kiln_error *error)
 {
     static struct synthetic s;
-    const bool half = is(mode, "half"), divided = is(mode, "divided");
-    int status = synthetic_create(&s, 75, divided ? 631 : 64, rank, ranks, error);
+    const bool half = is(mode, "half"), joined = strstr(mode, "joined") != NULL,
+               denoised = strstr(mode, "denoised") != NULL, large = strstr(mode, "large") != NULL,
+               divided = is(mode, "divided") || is(mode, "loose") || joined || denoised || large,
+               rounds = strstr(mode, "rounds") != NULL;
+    const char *dash = strrchr(mode, '-');
+    unsigned size = 0;
+    if (large && (dash == NULL || sscanf(dash, "-%u", &size) != 1))
+        return kiln_fail(error, KILN_USAGE, "'%s' has no size", mode);
+    int status = synthetic_create(&s, large ? size : 75, large ? size : divided ? 631 : 64, rank, ranks, error);
     if (status != KILN_OK)
         return status;
     if (half && s.surface.first.at == 0 && s.surface.count > 100)
         s.direct[0] = 70000.0f; /* must make the first object's file a float one */
-    if (is(mode, "touching") || is(mode, "rounds"))
+    if (divided)
+        make_holes(&s);
+    if (is(mode, "touching") || rounds || joined)
         s.objects[1].transform[7] = 0.0; /* its left edge is the first one's */
     struct kiln_faults faults;
     status = kiln_faults_read(&faults, error);
@@ -66,12 +178,15 @@ static int write_all(const char *directory, const char *mode, const char *how, i
         pack_ahead(&ahead, &result, how);
     const struct kiln_output_params params = {.directory = directory,
                                               .half = half,
-                                              .stitch = true,
+                                              .stitch = !is(mode, "loose"),
+                                              .denoise = denoised,
                                               .faults = &faults,
                                               .least_divided = divided ? 1 : 0,
                                               .ahead = ahead,
-                                              .texel_budget = is(mode, "rounds") ? 1 : 0,
+                                              .texel_budget = rounds ? 1 : 0,
                                               .provenance_json = "{\"seed\": 77, \"scene\": \"synthetic\"}"};
+    if (large)
+        return write_large(&result, &params, rank, ranks, error);
     struct kiln_lightmap_report reports[2];
     status = kiln_write_lightmaps(&result, &params, reports, error);
     for (int i = 0; status == KILN_OK && rank == 0 && i < 2; i++)

@@ -60,7 +60,7 @@ static struct kiln_border_report dilate(float left, float right, float bright, f
     assert_int_equal(graph->border_count, 8); /* the diagonals are inside */
     assert_int_equal(kiln_nearest_texels(map->state, KILN_TEXEL_FILLED, SIDE, SIDE, nearest, NULL), 0);
     assert_int_equal(kiln_borders_assign(map, graph, nearest, &report, NULL), 0);
-    (void)kiln_map_dilate(map, nearest);
+    (void)kiln_map_dilate(map, nearest, NULL, NULL);
     memcpy(row, map->planes[KILN_MAP_DIRECT] + HALF * SIDE, SIDE * sizeof *row);
     assert_true(fabs(report.length - (2.0 * (left - 2.0 + 10.0) + 2.0 * (14.0 - right + 10.0))) < 1e-3);
     kiln_map_destroy(&map);

@@ -130,8 +130,10 @@ static void test_dilation_covers_the_image(void **state)
     (void)state;
     struct kiln_map *map = striped_map();
     uint32_t nearest[72];
+    uint64_t dilated = 1;
     assert_int_equal(kiln_nearest_texels(map->state, KILN_TEXEL_FILLED, 12, 6, nearest, NULL), 0);
-    assert_int_equal(kiln_map_dilate(map, nearest), 2 * 5 + 12);
+    assert_int_equal(kiln_map_dilate(map, nearest, &dilated, NULL), 0);
+    assert_int_equal(dilated, 2 * 5 + 12);
     for (uint32_t i = 0; i < 72; i++)
         assert_true(map->planes[0][i] == (i % 12 <= 5 ? 1.0f : 9.0f));
     for (uint32_t i = 0; i < 72; i++) /* the states say what was there before */
@@ -140,7 +142,8 @@ static void test_dilation_covers_the_image(void **state)
     kiln_map_destroy(&map);
     assert_int_equal(kiln_map_create(&map, 12, 6, &kiln_map_light, NULL), 0);
     assert_int_equal(kiln_nearest_texels(map->state, KILN_TEXEL_FILLED, 12, 6, nearest, NULL), 0);
-    assert_int_equal(kiln_map_dilate(map, nearest), 0);
+    assert_int_equal(kiln_map_dilate(map, nearest, &dilated, NULL), 0);
+    assert_int_equal(dilated, 0);
     kiln_map_destroy(&map);
 }
 

@@ -36,7 +36,7 @@ static void add_square(struct field *f, const float corner[3], const float right
         }
         p->area = texel * texel;
         p->size = texel;
-        p->index = (uint32_t)f->count++;
+        p->order = p->index = (uint32_t)f->count++;
     }
 }
 
@@ -75,7 +75,7 @@ static void run(struct field *f)
     struct kiln_neighbour_grid *grid = NULL;
     assert_int_equal(kiln_neighbour_grid_create(&grid, &f->points, f->count, NULL), KILN_OK);
     assert_null(f->points);
-    assert_int_equal(kiln_regression_run(grid, &f->light, 1, NULL), KILN_OK);
+    assert_int_equal(kiln_regression_run(grid, &f->light, 1, NULL, NULL), KILN_OK);
     kiln_neighbour_grid_destroy(&grid);
 }
 

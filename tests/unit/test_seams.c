@@ -85,7 +85,7 @@ static void test_smoothing(void **state)
     assert_int_equal(kiln_chart_graph_create(&graph, &s.scene, 0, WIDTH, HEIGHT, NULL), 0);
     struct kiln_map *map = make_map(&s, 0.4f, &nearest), *before = make_map(&s, 0.4f, &nearest);
     const double energy_before = energy(map);
-    (void)kiln_map_dilate(before, nearest);
+    (void)kiln_map_dilate(before, nearest, NULL, NULL);
     assert_int_equal(kiln_seams_smooth(map, graph, nearest, true, &report, NULL), 0);
     printf("seam: %.4f of the mean before, %.4f after; energy changed by %.2g\n", report.difference_before,
            report.difference_after, energy(map) / energy_before - 1.0);
@@ -122,7 +122,7 @@ static void test_what_stays(void **state)
     synthetic_scene(&s, WIDTH, HEIGHT);
     assert_int_equal(kiln_chart_graph_create(&graph, &s.scene, 0, WIDTH, HEIGHT, NULL), 0);
     struct kiln_map *map = make_map(&s, 0.4f, &nearest), *same = make_map(&s, 0.4f, &nearest);
-    (void)kiln_map_dilate(same, nearest);
+    (void)kiln_map_dilate(same, nearest, NULL, NULL);
     assert_int_equal(kiln_seams_smooth(map, graph, nearest, false, &report, NULL), 0);
     assert_true(report.difference_after == report.difference_before && report.difference_before > 0.0);
     for (int p = 0; p < KILN_MAP_PLANES; p++)

@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "coordinator/output/image.h"
+#include "coordinator/output/map/bands.h"
 #include "coordinator/output/map/stage.h"
 #include "worker/base/memory.h"
 
@@ -17,14 +18,19 @@ struct claim {
     float weight;           /* w of borders.h */
 };
 
+/* Sums over steps: lengths, and of those that are disturbed (borders.h). */
+enum { LENGTH, DISTURBED, SUMS };
+
 struct work {
-    const struct kiln_map *map;
+    struct kiln_map *map;
     const struct kiln_chart_graph *graph;
     uint32_t *nearest;
     uint32_t *first; /* first claim of each texel, or KILN_NONE */
     struct claim *claims;
     size_t count, capacity;
     struct kiln_border_report *report;
+    uint32_t *chart_read; /* of each texel, when it has been chosen */
+    double (*rows)[SUMS]; /* of steps in each row */
 };
 
 /* ---- walking borders ---- */
@@ -71,6 +77,20 @@ static int walk(struct work *w, const struct kiln_border_edge *border,
     return status;
 }
 
+/* Whether the border may read a texel of the map's rows. */
+static bool comes_near(const struct kiln_map *map, const struct kiln_border_edge *border)
+{
+    const float low = fminf(border->texel[0][1], border->texel[1][1]),
+                high = fmaxf(border->texel[0][1], border->texel[1][1]);
+    return map->bands == NULL || (high >= (float)map->first_row - 2.0f && low <= (float)map->end_row + 2.0f) ||
+           (map->first_row == 0 && low < 2.0f) || (map->end_row == map->height && high > (float)map->height - 2.0f);
+}
+
+static bool has_row(const struct kiln_map *map, uint32_t texel)
+{
+    return texel / map->width >= map->first_row && texel / map->width < map->end_row;
+}
+
 static int walk_all(struct work *w,
                     int (*use)(struct work *, const struct kiln_border_edge *, const struct step *, float,
                                struct kiln_error *),
@@ -78,7 +98,8 @@ static int walk_all(struct work *w,
 {
     int status = KILN_OK;
     for (size_t i = 0; i < w->graph->border_count && status == KILN_OK; i++)
-        status = walk(w, &w->graph->borders[i], use, error);
+        if (comes_near(w->map, &w->graph->borders[i]))
+            status = walk(w, &w->graph->borders[i], use, error);
     return status;
 }
 
@@ -130,7 +151,8 @@ static int claim_step(struct work *w, const struct kiln_border_edge *border, con
 {
     int status = KILN_OK;
     for (int k = 0; k < SIDE && status == KILN_OK; k++)
-        if (step->weight[k] >= LEAST_WEIGHT && w->map->chart[step->texel[k]] != border->chart)
+        if (step->weight[k] >= LEAST_WEIGHT && has_row(w->map, step->texel[k]) &&
+            w->map->chart[step->texel[k]] != border->chart)
             status = add_claim(w, step->texel[k], border->chart, step->weight[k] * step->weight[k] * length, error);
     return status;
 }
@@ -180,22 +202,17 @@ static uint32_t choose_source(const struct work *w, uint32_t texel, double darke
 }
 
 /* Lower bound of the values by which errors are divided: a thousandth of the mean. */
-static double darkest_of(const struct kiln_map *map)
+static int find_darkest(const struct kiln_map *map, double *darkest, struct kiln_error *error)
 {
-    double sum = 0.0;
-    size_t used = 0;
-    for (size_t i = 0; i < kiln_map_texels(map); i++)
-        if (map->state[i] != KILN_TEXEL_MARGIN) {
-            sum += luminance_at(map, (uint32_t)i);
-            used++;
-        }
-    return sum > 0.0 ? 1e-3 * sum / (double)used : 1.0;
+    double mean = 0.0;
+    const int status = kiln_map_mean_luminance(map, &mean, error);
+    *darkest = mean > 0.0 ? 1e-3 * mean : 1.0;
+    return status;
 }
 
-static void choose_all(struct work *w)
+static void choose_all(struct work *w, double darkest)
 {
-    const double darkest = darkest_of(w->map);
-    for (size_t i = 0; i < kiln_map_texels(w->map); i++) {
+    for (size_t i = kiln_map_first(w->map); i < kiln_map_end(w->map); i++) {
         const uint32_t first = w->first[i];
         if (first == KILN_NONE)
             continue;
@@ -212,43 +229,95 @@ static void choose_all(struct work *w)
     }
 }
 
+/* A step counts where the first of its texels is, in the sum of that row. */
 static int measure_step(struct work *w, const struct kiln_border_edge *border, const struct step *step, float length,
                         struct kiln_error *error)
 {
     (void)error;
     bool disturbed = false;
+    if (!has_row(w->map, step->texel[0]))
+        return KILN_OK;
     for (int k = 0; k < SIDE; k++)
         disturbed = disturbed || (step->weight[k] >= LEAST_WEIGHT && w->nearest[step->texel[k]] != KILN_NONE &&
-                                  w->map->chart[w->nearest[step->texel[k]]] != border->chart);
-    w->report->length += (double)length;
-    w->report->length_disturbed += disturbed ? (double)length : 0.0;
+                                  w->chart_read[step->texel[k]] != border->chart);
+    double *row = w->rows[step->texel[0] / w->map->width - w->map->first_row];
+    row[LENGTH] += (double)length;
+    row[DISTURBED] += disturbed ? (double)length : 0.0;
     return KILN_OK;
 }
 
-int kiln_borders_assign(const struct kiln_map *map, const struct kiln_chart_graph *graph, uint32_t *nearest,
+/* The chart whose value each texel has: of the map's rows, and of the one below, which steps read. */
+static int find_charts(struct work *w, struct kiln_error *error)
+{
+    const struct kiln_map *map = w->map;
+    for (size_t i = kiln_map_first(map); i < kiln_map_end(map); i++)
+        w->chart_read[i] = w->nearest[i] != KILN_NONE ? map->chart[w->nearest[i]] : KILN_NONE;
+    int status = kiln_bands_halo_of(map, w->chart_read, sizeof *w->chart_read, 1, error);
+    if (status == KILN_OK)
+        status = kiln_bands_halo_of(map, w->nearest, sizeof *w->nearest, 1, error);
+    return status;
+}
+
+/* Measures borders, and adds up what other bands have found. */
+static int report_all(struct work *w, struct kiln_error *error)
+{
+    double sums[SUMS];
+    uint64_t counts[] = {w->report->contested, w->report->foreign};
+    int status = kiln_bands_fetch(w->map, w->nearest, error);
+    if (status == KILN_OK)
+        status = find_charts(w, error);
+    if (status == KILN_OK)
+        status = kiln_bands_agree(w->map, walk_all(w, measure_step, error), error);
+    if (status == KILN_OK)
+        status = kiln_bands_sum(w->map, w->rows[0], SUMS, sums, error);
+    if (status == KILN_OK)
+        status = kiln_bands_count(w->map, counts, 2, error);
+    if (status != KILN_OK)
+        return status;
+    *w->report = (struct kiln_border_report){counts[0], counts[1], sums[LENGTH], sums[DISTURBED]};
+    return KILN_OK;
+}
+
+static int make_work(struct work *w, struct kiln_error *error)
+{
+    int status = kiln_map_allocate(w->map, &w->first, sizeof *w->first, "texels at borders of charts", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&w->rows, kiln_map_rows(w->map), sizeof *w->rows, "borders of charts", error);
+    for (size_t i = kiln_map_first(w->map); i < kiln_map_end(w->map) && status == KILN_OK; i++)
+        w->first[i] = KILN_NONE;
+    return status;
+}
+
+int kiln_borders_assign(struct kiln_map *map, const struct kiln_chart_graph *graph, uint32_t *nearest,
                         struct kiln_border_report *report, struct kiln_error *error)
 {
     struct work w = {.map = map, .graph = graph, .nearest = nearest, .report = report};
-    const size_t texels = kiln_map_texels(map);
+    double darkest = 1.0;
     *report = (struct kiln_border_report){0};
-    int status = kiln_allocate(&w.first, texels, sizeof *w.first, "texels at borders of charts", error);
-    for (size_t i = 0; i < texels && status == KILN_OK; i++)
-        w.first[i] = KILN_NONE;
+    int status = make_work(&w, error);
     if (status == KILN_OK)
         status = walk_all(&w, claim_step, error);
+    if ((status = kiln_bands_agree(map, status, error)) == KILN_OK)
+        status = find_darkest(map, &darkest, error);
     if (status == KILN_OK) {
-        choose_all(&w);
-        status = walk_all(&w, measure_step, error);
+        choose_all(&w, darkest);
+        w.chart_read = w.first; /* claims are of no more use */
+        status = report_all(&w, error);
     }
-    kiln_free(&w.first);
+    kiln_map_free(map, &w.first, sizeof *w.first);
     kiln_free(&w.claims);
+    kiln_free(&w.rows);
     return status;
 }
 
 static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
     struct kiln_border_report borders;
-    const int status = kiln_borders_assign(work->map, work->graph, work->nearest, &borders, error);
+    int status = kiln_bands_halo(work->map, KILN_BANDS_PLANES, KILN_BANDS_HALO, error);
+    if (status == KILN_OK)
+        status = kiln_borders_assign(work->map, work->graph, work->nearest, &borders, error);
+    if (status != KILN_OK)
+        return status;
     work->report->contested = borders.contested;
     work->report->foreign = borders.foreign;
     work->report->border = borders.length;

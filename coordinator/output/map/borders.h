@@ -26,8 +26,10 @@ struct kiln_border_report {
 
 /* Updates `nearest` (from kiln_nearest_texels with KILN_TEXEL_FILLED) at margin texels that a chart reads. The map must
  * be filled, with the chart numbers of the graph. Time and memory are linear in the number of texels and the length of
- * the borders. Not collective; deterministic. */
-int kiln_borders_assign(const struct kiln_map *map, const struct kiln_chart_graph *graph, uint32_t *nearest,
+ * the borders. Collective if the map is one of bands, with charts and planes of KILN_BANDS_HALO rows around;
+ * deterministic.
+ */
+int kiln_borders_assign(struct kiln_map *map, const struct kiln_chart_graph *graph, uint32_t *nearest,
                         struct kiln_border_report *report, struct kiln_error *error);
 
 #endif

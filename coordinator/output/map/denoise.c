@@ -4,6 +4,7 @@
 #include <time.h>
 
 #include "coordinator/field/group_fields.h"
+#include "coordinator/output/map/bands.h"
 #include "coordinator/output/map/regression.h"
 #include "coordinator/output/map/stage.h"
 #include "coordinator/output/map/texel_gather.h"
@@ -37,12 +38,26 @@ static bool is_usable(const struct kiln_neighbour_point *point)
 
 static float size_of(float area, float coverage) { return coverage > 0.0f ? sqrtf(area / coverage) : 0.0f; }
 
+/* The texels that the map has. Values are numbered from the first of them on, and then those of ghosts: of other
+ * objects, and of other bands (band_sight.h). */
+static size_t own_texels(const struct kiln_map_work *work)
+{
+    return kiln_map_end(work->map) - kiln_map_first(work->map);
+}
+
+static float *own_plane(const struct kiln_map_work *work, uint32_t plane)
+{
+    return work->map->planes[plane] + kiln_map_first(work->map);
+}
+
 /* The point of a gathered texel. */
 static bool make_point(const struct kiln_map_work *work, size_t texel, struct kiln_neighbour_point *point)
 {
     const struct kiln_map *map = work->map;
-    *point = (struct kiln_neighbour_point){
-        .area = map->area[texel], .size = size_of(map->area[texel], map->coverage[texel]), .index = (uint32_t)texel};
+    *point = (struct kiln_neighbour_point){.area = map->area[texel],
+                                           .size = size_of(map->area[texel], map->coverage[texel]),
+                                           .order = (uint32_t)texel,
+                                           .index = (uint32_t)(texel - kiln_map_first(map))};
     for (uint32_t c = 0; c < 3; c++) {
         point->position[c] = map->planes[work->layers->position + c][texel];
         point->normal[c] = map->planes[work->layers->normal + c][texel];
@@ -55,13 +70,16 @@ static const struct kiln_texel_record *ghost_at(const struct kiln_map_work *work
     return (const void *)(work->ghosts.records + i * work->ghosts.size);
 }
 
-/* The point of the i-th ghost: its index follows those of all texels. */
+/* The point of the i-th ghost. Those of other objects come after all texels. */
 static bool make_ghost(const struct kiln_map_work *work, size_t i, struct kiln_neighbour_point *point)
 {
     const struct kiln_texel_record *record = ghost_at(work, i);
-    *point = (struct kiln_neighbour_point){.area = record->area,
-                                           .size = size_of(record->area, record->coverage),
-                                           .index = (uint32_t)(kiln_map_texels(work->map) + i)};
+    const size_t texel = (size_t)record->y * work->map->width + record->x;
+    *point = (struct kiln_neighbour_point){
+        .area = record->area,
+        .size = size_of(record->area, record->coverage),
+        .order = (uint32_t)(record->from == work->object ? texel : kiln_map_texels(work->map) + i),
+        .index = (uint32_t)(own_texels(work) + i)};
     for (uint32_t c = 0; c < 3; c++) {
         point->position[c] = record->values[work->layers->position + c];
         point->normal[c] = record->values[work->layers->normal + c];
@@ -83,17 +101,18 @@ static int compare_ghosts(const void *a, const void *b)
 static int collect_points(struct kiln_map_work *work, struct kiln_neighbour_point **points, size_t *count,
                           struct kiln_error *error)
 {
-    const size_t texels = kiln_map_texels(work->map), ghosts = work->ghosts.count;
+    const size_t texels = kiln_map_texels(work->map), ghosts = work->ghosts.count, first = kiln_map_first(work->map),
+                 end = kiln_map_end(work->map);
     size_t gathered = 0;
     *count = 0;
     if (texels + ghosts >= UINT32_MAX)
         return kiln_fail(error, KILN_CANNOT_CREATE,
                          "a lightmap of %u x %u texels with %zu beside it is too large to denoise; use --denoise none",
                          work->map->width, work->map->height, ghosts);
-    for (size_t i = 0; i < texels; i++)
+    for (size_t i = first; i < end; i++)
         gathered += work->map->state[i] == KILN_TEXEL_VALID;
     const int status = kiln_allocate(points, gathered + ghosts, sizeof **points, "the points of a lightmap", error);
-    for (size_t i = 0; status == KILN_OK && i < texels; i++)
+    for (size_t i = first; status == KILN_OK && i < end; i++)
         if (work->map->state[i] == KILN_TEXEL_VALID && make_point(work, i, *points + *count))
             *count += 1;
     if (status == KILN_OK && ghosts > 0)
@@ -112,11 +131,12 @@ struct group_light {
     float *(*direct)[3], *(*indirect)[3];
 };
 
-static float *const *group_planes(const struct kiln_map_work *work, size_t first)
+/* The plane of the first group's direct light; KILN_MAP_PLANES_MAX: there are no groups. */
+static uint32_t group_plane(const struct kiln_map_work *work, size_t first)
 {
     const struct kiln_field_set *fields = work->result->fields;
-    const char *name = first < fields->count ? fields->entry[first].field->name : NULL;
-    return name != NULL ? &work->map->planes[kiln_layers_plane(work->layers, fields, name)] : NULL;
+    return first < fields->count ? kiln_layers_plane(work->layers, fields, fields->entry[first].field->name)
+                                 : KILN_MAP_PLANES_MAX;
 }
 
 /* Takes direct light out of all of it, or puts it back. */
@@ -135,9 +155,9 @@ static int copy_plane(const struct kiln_map_work *work, uint32_t plane, float **
 static int take_groups(struct group_light *g, const struct kiln_map_work *work, struct kiln_error *error)
 {
     const struct kiln_field_set *fields = work->result->fields;
-    const size_t first = kiln_group_fields_first(fields), texels = kiln_map_texels(work->map);
-    float *const *planes = group_planes(work, first);
-    if (planes == NULL)
+    const size_t first = kiln_group_fields_first(fields), texels = own_texels(work);
+    const uint32_t plane = group_plane(work, first);
+    if (plane == KILN_MAP_PLANES_MAX)
         return KILN_OK;
     g->count = (fields->count - first) / KILN_GROUP_FIELDS;
     g->planes = 6 * g->count;
@@ -148,8 +168,9 @@ static int take_groups(struct group_light *g, const struct kiln_map_work *work, 
         status = kiln_allocate(&g->copies, g->planes, sizeof *g->copies, "the light of groups", error);
     for (size_t p = 0; p < g->planes && status == KILN_OK; p++) {
         if (g->copies != NULL)
-            status = copy_plane(work, (uint32_t)(planes - work->map->planes) + (uint32_t)p, &g->copies[p], error);
-        (p % 6 < 3 ? g->direct : g->indirect)[p / 6][p % 3] = g->copies != NULL ? g->copies[p] : planes[p];
+            status = copy_plane(work, plane + (uint32_t)p, &g->copies[p], error);
+        (p % 6 < 3 ? g->direct : g->indirect)[p / 6][p % 3] =
+            g->copies != NULL ? g->copies[p] : own_plane(work, plane + (uint32_t)p);
     }
     if (status == KILN_OK)
         part_groups(g, texels + work->ghosts.count, -1.0f);
@@ -158,11 +179,11 @@ static int take_groups(struct group_light *g, const struct kiln_map_work *work, 
 
 static void give_groups(const struct group_light *g, const struct kiln_map_work *work)
 {
-    const size_t texels = kiln_map_texels(work->map);
-    float *const *planes = group_planes(work, kiln_group_fields_first(work->result->fields));
+    const size_t texels = own_texels(work);
+    const uint32_t plane = group_plane(work, kiln_group_fields_first(work->result->fields));
     part_groups(g, texels, 1.0f);
     for (size_t p = 0; p < g->planes && g->copies != NULL; p++)
-        memcpy(planes[p], g->copies[p], texels * sizeof(float));
+        memcpy(own_plane(work, plane + (uint32_t)p), g->copies[p], texels * sizeof(float));
 }
 
 static void drop_groups(struct group_light *g)
@@ -199,10 +220,10 @@ struct values {
 
 static int copy_plane(const struct kiln_map_work *work, uint32_t plane, float **copy, struct kiln_error *error)
 {
-    const size_t texels = kiln_map_texels(work->map), ghosts = work->ghosts.count;
+    const size_t texels = own_texels(work), ghosts = work->ghosts.count;
     const int status = kiln_allocate(copy, texels + ghosts, sizeof **copy, "the values of a lightmap", error);
     if (status == KILN_OK)
-        memcpy(*copy, work->map->planes[plane], texels * sizeof **copy);
+        memcpy(*copy, own_plane(work, plane), texels * sizeof **copy);
     for (size_t i = 0; status == KILN_OK && i < ghosts; i++)
         (*copy)[texels + i] = ghost_at(work, i)->values[plane];
     return status;
@@ -216,7 +237,7 @@ static int take_values(struct values *v, const struct kiln_map_work *work, struc
     for (uint32_t p = 0; p < LIGHT_PLANES && status == KILN_OK; p++) {
         if (work->ghosts.count > 0)
             status = copy_plane(work, v->planes[p], &v->copies[p], error);
-        at[p] = work->ghosts.count > 0 ? v->copies[p] : work->map->planes[v->planes[p]];
+        at[p] = work->ghosts.count > 0 ? v->copies[p] : own_plane(work, v->planes[p]);
     }
     for (uint32_t l = 0; status == KILN_OK && l < 2; l++)
         v->lights[l] =
@@ -229,7 +250,7 @@ static void give_values(const struct values *v, const struct kiln_map_work *work
 {
     for (uint32_t p = 0; p < LIGHT_PLANES; p++)
         if (v->copies[p] != NULL)
-            memcpy(work->map->planes[v->planes[p]], v->copies[p], kiln_map_texels(work->map) * sizeof(float));
+            memcpy(own_plane(work, v->planes[p]), v->copies[p], own_texels(work) * sizeof(float));
 }
 
 static void drop_values(struct values *v)
@@ -262,25 +283,52 @@ static void state_error(const struct kiln_neighbour_grid *grid, const struct kil
     }
 }
 
+/* ---- bands ---- */
+
+static int agree(void *context, int status, struct kiln_error *error)
+{
+    return kiln_bands_agree(context, status, error);
+}
+
+static int find_most(void *context, double *numbers, size_t count, struct kiln_error *error)
+{
+    return kiln_bands_most(context, numbers, count, error);
+}
+
+static int sum_up(void *context, uint64_t *numbers, size_t count, struct kiln_error *error)
+{
+    return kiln_bands_count(context, numbers, count, error);
+}
+
+/* Denoises the points of the grid; NULL: this band has none. */
+static int run_regression(struct kiln_map_work *work, const struct kiln_neighbour_grid *grid, struct values *v,
+                          struct kiln_error *error)
+{
+    const size_t lights = work->params->denoise_direct ? 1 : 2;
+    const struct kiln_regression_part part = {
+        .own = (uint32_t)own_texels(work), .agree = agree, .most = find_most, .sum = sum_up, .context = work->map};
+    return kiln_regression_run(grid, v->lights, lights, work->map->bands != NULL ? &part : NULL, error);
+}
+
 static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid *grid, struct kiln_error *error)
 {
-    const size_t texels = kiln_map_texels(work->map), lights = work->params->denoise_direct ? 1 : 2;
+    const size_t texels = own_texels(work);
     const uint32_t caustic = kiln_layers_plane(work->layers, work->result->fields, CAUSTIC_ERROR);
     struct values v = {.copies = {NULL}};
     struct group_light groups = {0};
     int status = take_values(&v, work, error);
     if (status == KILN_OK)
         status = take_groups(&groups, work, error);
-    if (status == KILN_OK) {
+    if ((status = kiln_bands_agree(work->map, status, error)) == KILN_OK) {
         v.lights[0].others = groups.direct;
         v.lights[1].others = groups.indirect;
         v.lights[0].other_count = v.lights[1].other_count = groups.count;
         for (int l = 0; l < 2; l++)
             square_plane(v.lights[l].variance, texels + work->ghosts.count);
-        status = kiln_regression_run(grid, v.lights, lights, error);
-        if (status == KILN_OK)
-            state_error(grid, v.lights, caustic < KILN_MAP_PLANES_MAX ? work->map->planes[caustic] : NULL, work->shared,
-                        work->map->planes[KILN_MAP_ERROR], texels);
+        status = run_regression(work, grid, &v, error);
+        if (status == KILN_OK && grid != NULL)
+            state_error(grid, v.lights, caustic < KILN_MAP_PLANES_MAX ? own_plane(work, caustic) : NULL, work->shared,
+                        own_plane(work, KILN_MAP_ERROR), texels);
     }
     if (status == KILN_OK) {
         give_values(&v, work);
@@ -296,7 +344,8 @@ static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid 
 }
 
 /* Takes noise out of direct and of indirect light, apart, by the same sums out of those of groups, and makes the error
- * that of what is left. Where the surface goes on in another object, the texels there are neighbours too. */
+ * that of what is left. Where the surface goes on in another object, or in another band, the texels there are
+ * neighbours too. */
 static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
     const double begin = seconds_now();
@@ -306,7 +355,10 @@ static int run(struct kiln_map_work *work, struct kiln_error *error)
     int status = collect_points(work, &points, &count, error);
     if (status == KILN_OK && count > 0)
         status = kiln_neighbour_grid_create(&grid, &points, count, error);
-    if (status == KILN_OK && count > 0)
+    uint64_t total = count;
+    if ((status = kiln_bands_agree(work->map, status, error)) == KILN_OK)
+        status = kiln_bands_count(work->map, &total, 1, error);
+    if (status == KILN_OK && total > 0)
         status = denoise(work, grid, error);
     kiln_free(&points);
     kiln_neighbour_grid_destroy(&grid);

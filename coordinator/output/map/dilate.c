@@ -1,25 +1,30 @@
+#include "coordinator/output/map/bands.h"
 #include "coordinator/output/map/stage.h"
 
-uint64_t kiln_map_dilate(struct kiln_map *map, const uint32_t *nearest)
+int kiln_map_dilate(struct kiln_map *map, const uint32_t *nearest, uint64_t *dilated, struct kiln_error *error)
 {
-    const size_t count = kiln_map_texels(map);
-    uint64_t dilated = 0;
-#pragma omp parallel for schedule(static) reduction(+ : dilated)
-    for (size_t i = 0; i < count; i++) {
+    const size_t first = kiln_map_first(map), end = kiln_map_end(map);
+    uint64_t count = 0;
+    int status = kiln_bands_fetch(map, nearest, error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for schedule(static) reduction(+ : count)
+    for (size_t i = first; i < end; i++) {
         if (map->state[i] != KILN_TEXEL_MARGIN || nearest[i] == KILN_NONE)
             continue;
         for (uint32_t p = 0; p < map->has->count; p++)
             map->planes[p][i] = map->planes[p][nearest[i]];
-        dilated++;
+        count++;
     }
-    return dilated;
+    if (dilated == NULL)
+        return KILN_OK;
+    *dilated = count;
+    return kiln_bands_count(map, dilated, 1, error);
 }
 
 static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
-    (void)error;
-    work->report->dilated = kiln_map_dilate(work->map, work->nearest);
-    return KILN_OK;
+    return kiln_map_dilate(work->map, work->nearest, &work->report->dilated, error);
 }
 
 const struct kiln_map_stage kiln_map_stage_dilate = {.name = "dilate", .features = KILN_MAP_NEAREST, .run = run};

@@ -16,12 +16,12 @@ static void normalise_texel(float *const axes[3], size_t texel)
  * of length 0 stay. */
 static void normalise(struct kiln_map *map, const uint32_t *nearest)
 {
-    const size_t count = kiln_map_texels(map);
+    const size_t first = kiln_map_first(map), end = kiln_map_end(map);
     for (uint32_t p = 0; p < map->has->count; p++) {
         if (!map->has->direction[p])
             continue;
 #pragma omp parallel for schedule(static)
-        for (size_t i = 0; i < count; i++)
+        for (size_t i = first; i < end; i++)
             if (nearest[i] == i)
                 normalise_texel(&map->planes[p], i);
     }

@@ -1,8 +1,10 @@
 #include <string.h>
 
+#include "coordinator/output/map/bands.h"
 #include "coordinator/output/map/stage.h"
 #include "worker/base/memory.h"
 
+/* In bands, a texel next to the band is known one layer after its own band has filled it: just as one of its own. */
 struct layers {
     struct kiln_map *map;
     uint8_t *known; /* for each texel: 0 unknown, 1 known, 2 in the present layer */
@@ -23,13 +25,18 @@ static uint32_t neighbour(const struct kiln_map *map, uint32_t texel, int k)
     return (uint32_t)(y * map->width + x);
 }
 
+static bool is_own(const struct kiln_map *map, uint32_t texel)
+{
+    return texel >= kiln_map_first(map) && texel < kiln_map_end(map);
+}
+
 /* Adds the unknown neighbours of `texel` in its chart to the next layer, each once. */
 static void spread(struct layers *work, uint32_t texel)
 {
     for (int k = 0; k < 8; k++) {
         const uint32_t other = neighbour(work->map, texel, k);
-        if (other == KILN_NONE || work->known[other] != 0 || work->map->state[other] != KILN_TEXEL_FILLED ||
-            work->map->chart[other] != work->map->chart[texel])
+        if (other == KILN_NONE || !is_own(work->map, other) || work->known[other] != 0 ||
+            work->map->state[other] != KILN_TEXEL_FILLED || work->map->chart[other] != work->map->chart[texel])
             continue;
         work->known[other] = 2;
         work->next[work->next_count++] = other;
@@ -54,80 +61,161 @@ static void take_mean(struct layers *work, uint32_t texel)
         work->map->planes[p][texel] = (float)(sum[p] / weights);
 }
 
-static void fill_charts(struct layers *work)
+/* The rows next to the band. */
+static size_t rows_around(const struct kiln_map *map, uint32_t rows[2])
 {
-    const size_t count = kiln_map_texels(work->map);
-    for (size_t i = 0; i < count; i++)
-        work->known[i] = work->map->state[i] == KILN_TEXEL_VALID;
-    for (size_t i = 0; i < count; i++)
-        if (work->map->state[i] == KILN_TEXEL_VALID)
+    size_t count = 0;
+    if (map->bands == NULL || kiln_map_rows(map) == 0)
+        return 0;
+    if (map->first_row > 0)
+        rows[count++] = map->first_row - 1;
+    if (map->end_row < map->height)
+        rows[count++] = map->end_row;
+    return count;
+}
+
+/* Spreads from the texels of the rows next to the band that are known and were not in `before`, which has two rows. */
+static void spread_around(struct layers *work, uint8_t *before)
+{
+    const uint32_t width = work->map->width;
+    uint32_t rows[2];
+    const size_t count = rows_around(work->map, rows);
+    for (size_t r = 0; r < count; r++)
+        for (uint32_t x = 0; x < width; x++) {
+            const uint32_t texel = rows[r] * width + x;
+            if (work->known[texel] == 1 && before[r * width + x] == 0)
+                spread(work, texel);
+            before[r * width + x] = work->known[texel] == 1;
+        }
+}
+
+/* What the bands next to this one know by now, and the values. `before`: as spread_around has it. */
+static int look_around(struct layers *work, uint8_t *before, struct kiln_error *error)
+{
+    int status = kiln_bands_halo_of(work->map, work->known, 1, 1, error);
+    if (status == KILN_OK)
+        status = kiln_bands_halo(work->map, KILN_BANDS_PLANES, 1, error);
+    if (status == KILN_OK)
+        spread_around(work, before);
+    return status;
+}
+
+/* Whether any band has a texel to fill in the next layer. */
+static int is_left(const struct layers *work, bool *left, struct kiln_error *error)
+{
+    uint64_t count = work->next_count;
+    const int status = kiln_bands_count(work->map, &count, 1, error);
+    *left = count > 0;
+    return status;
+}
+
+static void fill_layer(struct layers *work)
+{
+    uint32_t *swap = work->layer;
+    work->layer = work->next;
+    work->layer_count = work->next_count;
+    work->next = swap;
+    work->next_count = 0;
+    for (size_t i = 0; i < work->layer_count; i++)
+        take_mean(work, work->layer[i]);
+    for (size_t i = 0; i < work->layer_count; i++)
+        work->known[work->layer[i]] = 1;
+    for (size_t i = 0; i < work->layer_count; i++)
+        spread(work, work->layer[i]);
+}
+
+static int fill_charts(struct layers *work, uint8_t *before, struct kiln_error *error)
+{
+    const struct kiln_map *map = work->map;
+    const size_t first = kiln_map_first(map), end = kiln_map_end(map);
+    bool left = false;
+    for (size_t i = first; i < end; i++)
+        work->known[i] = map->state[i] == KILN_TEXEL_VALID;
+    for (size_t i = first; i < end; i++)
+        if (map->state[i] == KILN_TEXEL_VALID)
             spread(work, (uint32_t)i);
-    while (work->next_count > 0) {
-        uint32_t *swap = work->layer;
-        work->layer = work->next;
-        work->layer_count = work->next_count;
-        work->next = swap;
-        work->next_count = 0;
-        for (size_t i = 0; i < work->layer_count; i++)
-            take_mean(work, work->layer[i]);
-        for (size_t i = 0; i < work->layer_count; i++)
-            work->known[work->layer[i]] = 1;
-        for (size_t i = 0; i < work->layer_count; i++)
-            spread(work, work->layer[i]);
+    int status = look_around(work, before, error);
+    if (status == KILN_OK)
+        status = is_left(work, &left, error);
+    while (status == KILN_OK && left) {
+        fill_layer(work);
+        status = look_around(work, before, error);
+        if (status == KILN_OK)
+            status = is_left(work, &left, error);
     }
+    return status;
 }
 
 /* Fills charts without valid texels. */
-static int fill_rest(struct layers *work, size_t left, struct kiln_error *error)
+static int fill_rest(struct layers *work, struct kiln_error *error)
 {
     struct kiln_map *map = work->map;
-    const size_t count = kiln_map_texels(map);
+    const size_t first = kiln_map_first(map), end = kiln_map_end(map);
     uint32_t *nearest = NULL;
-    if (left == 0)
-        return KILN_OK;
-    int status = kiln_allocate(&nearest, count, sizeof *nearest, "nearest texels", error);
+    uint64_t left = 0;
+    for (size_t i = first; i < end; i++)
+        left += map->state[i] == KILN_TEXEL_FILLED && work->known[i] == 0;
+    int status = kiln_bands_count(map, &left, 1, error);
+    if (status != KILN_OK || left == 0)
+        return status;
+    status = kiln_bands_agree(map, kiln_map_allocate(map, &nearest, sizeof *nearest, "nearest texels", error), error);
     if (status == KILN_OK)
-        status = kiln_nearest_texels(work->known, 1, map->width, map->height, nearest, error);
-    for (size_t i = 0; status == KILN_OK && i < count; i++) {
-        if (map->state[i] != KILN_TEXEL_FILLED || work->known[i] != 0 || nearest[i] == KILN_NONE)
-            continue;
-        for (uint32_t p = 0; p < map->has->count; p++)
+        status = kiln_map_nearest(map, work->known, 1, nearest, error);
+    for (size_t i = first; status == KILN_OK && i < end; i++)
+        if (map->state[i] != KILN_TEXEL_FILLED || work->known[i] != 0)
+            nearest[i] = (uint32_t)i; /* stays as it is */
+    if (status == KILN_OK)
+        status = kiln_bands_fetch(map, nearest, error);
+    for (size_t i = first; status == KILN_OK && i < end; i++)
+        for (uint32_t p = 0; nearest[i] != i && nearest[i] != KILN_NONE && p < map->has->count; p++)
             map->planes[p][i] = map->planes[p][nearest[i]];
-    }
-    kiln_free(&nearest);
+    kiln_map_free(map, &nearest, sizeof *nearest);
     return status;
+}
+
+static void clear_filled(struct kiln_map *map)
+{
+    for (size_t i = kiln_map_first(map); i < kiln_map_end(map); i++)
+        for (uint32_t p = 0; map->state[i] == KILN_TEXEL_FILLED && p < map->has->count; p++)
+            map->planes[p][i] = 0.0f;
 }
 
 int kiln_map_fill(struct kiln_map *map, struct kiln_error *error)
 {
-    const size_t count = kiln_map_texels(map);
-    size_t invalid = 0;
-    for (size_t i = 0; i < count; i++)
+    uint8_t *before = NULL;
+    uint64_t invalid = 0;
+    for (size_t i = kiln_map_first(map); i < kiln_map_end(map); i++)
         invalid += map->state[i] == KILN_TEXEL_FILLED;
-    if (invalid == 0)
-        return KILN_OK;
+    const size_t own = invalid;
+    int status = kiln_bands_count(map, &invalid, 1, error);
+    if (status != KILN_OK || invalid == 0)
+        return status;
     struct layers work = {.map = map};
-    int status = kiln_allocate(&work.known, count, 1, "known texels", error);
+    status = kiln_map_allocate(map, &work.known, 1, "known texels", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&work.layer, invalid, sizeof(uint32_t), "texels to fill", error);
+        status = kiln_allocate(&work.layer, own, sizeof(uint32_t), "texels to fill", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&work.next, invalid, sizeof(uint32_t), "texels to fill", error);
+        status = kiln_allocate(&work.next, own, sizeof(uint32_t), "texels to fill", error);
+    if (status == KILN_OK && map->bands != NULL)
+        status = kiln_allocate(&before, 2 * (size_t)map->width, 1, "texels to fill", error);
+    status = kiln_bands_agree(map, status, error);
     if (status == KILN_OK) {
-        for (size_t i = 0; i < count; i++)
-            for (uint32_t p = 0; map->state[i] == KILN_TEXEL_FILLED && p < map->has->count; p++)
-                map->planes[p][i] = 0.0f;
-        fill_charts(&work);
-        size_t left = 0;
-        for (size_t i = 0; i < count; i++)
-            left += map->state[i] == KILN_TEXEL_FILLED && work.known[i] == 0;
-        status = fill_rest(&work, left, error);
+        clear_filled(map);
+        status = fill_charts(&work, before, error);
     }
-    kiln_free(&work.known);
+    if (status == KILN_OK)
+        status = fill_rest(&work, error);
+    kiln_map_free(map, &work.known, 1);
     kiln_free(&work.layer);
     kiln_free(&work.next);
+    kiln_free(&before);
     return status;
 }
 
-static int run(struct kiln_map_work *work, struct kiln_error *error) { return kiln_map_fill(work->map, error); }
+static int run(struct kiln_map_work *work, struct kiln_error *error)
+{
+    const int status = kiln_bands_halo(work->map, KILN_BANDS_STATE | KILN_BANDS_CHART, KILN_BANDS_HALO, error);
+    return status == KILN_OK ? kiln_map_fill(work->map, error) : status;
+}
 
 const struct kiln_map_stage kiln_map_stage_fill = {.name = "fill", .features = KILN_MAP_CHARTS, .run = run};

@@ -8,6 +8,9 @@
 
 #include "coordinator/field/group_fields.h"
 #include "coordinator/mpi/agree.h"
+#include "coordinator/output/exr_bands.h"
+#include "coordinator/output/map/band_sight.h"
+#include "coordinator/output/map/bands.h"
 #include "coordinator/output/map/texel_gather.h"
 #include "coordinator/output/map/stage.h"
 #include "coordinator/output/provenance.h"
@@ -27,7 +30,9 @@ struct writer {
     struct kiln_ghosts *ghosts; /* if objects are denoised that touch */
     int ghost_status;           /* of keeping those that come */
     struct kiln_error ghost_error;
-    bool keeps; /* maps of objects that touch stay in memory from joining to writing */
+    struct kiln_bands *bands;
+    struct kiln_band_sight *sight; /* what bands see of each other, if they are denoised */
+    bool keeps;                    /* maps of objects that touch stay in memory from joining to writing */
     uint32_t rank, ranks;
     int64_t seed;
     bool has_seed;
@@ -35,16 +40,25 @@ struct writer {
 
 /* ---- one object's file ---- */
 
+/* The largest value of a colour. Collective for a band's image. */
+static int find_most(const struct writer *w, bool bands, const struct kiln_image *image, float *most,
+                     struct kiln_error *error)
+{
+    const size_t count = (size_t)image->width * image->height;
+    *most = 0.0f;
+    for (size_t c = 0; w->params->half && c < image->channel_count; c++)
+        for (size_t i = 0; !image->channels[c].half && i < count; i++)
+            *most = fmaxf(*most, fabsf(image->channels[c].values[i]));
+    if (bands && MPI_Allreduce(MPI_IN_PLACE, most, 1, MPI_FLOAT, MPI_MAX, w->result->communicator) != MPI_SUCCESS)
+        return kiln_fail(error, KILN_RANK_LOST, "MPI failed while all ranks worked on a lightmap");
+    return KILN_OK;
+}
+
 /* "half" if colours can be stored as halves, else "float" with the reason. */
-static const char *choose_precision(const struct kiln_output_params *params, const struct kiln_image *image)
+static const char *choose_precision(const struct kiln_output_params *params, float most)
 {
     if (!params->half)
         return "float";
-    const size_t count = (size_t)image->width * image->height;
-    float most = 0.0f;
-    for (size_t c = 0; c < image->channel_count; c++)
-        for (size_t i = 0; !image->channels[c].half && i < count; i++)
-            most = fmaxf(most, fabsf(image->channels[c].values[i]));
     if (most > KILN_HALF_MAX)
         return "float: a value exceeds 65504, the largest half";
     /* halves lose precision below 2^-14; keep eight octaves below the brightest texel */
@@ -53,11 +67,22 @@ static const char *choose_precision(const struct kiln_output_params *params, con
     return "half";
 }
 
-/* Moves a plane of the map into the image, which then owns it. */
-static void move_plane(const struct kiln_image *image, const char *name, float **plane)
+/* Moves a plane of the map into the image, which then owns it; a band's in a copy of its rows. */
+static int move_plane(const struct kiln_map *map, const struct kiln_image *image, const char *name, float **plane,
+                      struct kiln_error *error)
 {
-    kiln_image_find(image, name)->values = *plane;
-    *plane = NULL;
+    float **values = &kiln_image_find(image, name)->values;
+    const size_t first = kiln_map_first(map), count = kiln_map_end(map) - first;
+    if (map->bands == NULL) {
+        *values = *plane;
+        *plane = NULL;
+        return KILN_OK;
+    }
+    const int status = kiln_allocate(values, count, sizeof **values, "an image's pixels", error);
+    if (status == KILN_OK)
+        memcpy(*values, *plane + first, count * sizeof **values);
+    kiln_map_free(map, plane, sizeof **plane);
+    return status;
 }
 
 /* Ratios always fit halves: their precision suffices, and none exceeds the largest half. */
@@ -81,7 +106,7 @@ static int make_channels(const struct writer *w, const struct kiln_map *map, str
     for (size_t i = 0; i < fields->count; i++)
         for (uint32_t c = 0; fields->entry[i].in_lightmaps && c < fields->entry[i].field->components; c++)
             names[count++] = fields->entry[i].field->channels[c];
-    status = kiln_image_create_empty(image, map->width, map->height, names, count, error);
+    status = kiln_image_create_empty(image, map->width, kiln_map_rows(map), names, count, error);
     kiln_free(&names);
     for (size_t i = 0; status == KILN_OK && i < fields->count; i++)
         for (uint32_t c = 0; fields->entry[i].in_lightmaps && c < fields->entry[i].field->components; c++)
@@ -116,21 +141,25 @@ static int make_image(const struct writer *w, struct kiln_map *map, struct kiln_
     for (size_t i = 0; i < w->layers.count; i++) {
         const struct kiln_layer *layer = &w->layers.layer[i];
         const struct kiln_field *field = fields->entry[layer->field].field;
-        for (uint32_t c = 0; fields->entry[layer->field].in_lightmaps && c < field->components; c++)
-            move_plane(*image, field->channels[c], &map->planes[layer->plane + c]);
+        for (uint32_t c = 0; status == KILN_OK && fields->entry[layer->field].in_lightmaps && c < field->components;
+             c++)
+            status = move_plane(map, *image, field->channels[c], &map->planes[layer->plane + c], error);
     }
-    move_plane(*image, "coverage.Y", &map->coverage);
-    if ((status = kiln_image_fill(*image, error)) != KILN_OK)
+    if (status == KILN_OK)
+        status = move_plane(map, *image, "coverage.Y", &map->coverage, error);
+    if (status == KILN_OK)
+        status = kiln_image_fill(*image, error);
+    if (status != KILN_OK)
         return status;
     for (size_t i = 0; i < fields->count; i++)
         if (fields->entry[i].field->life == KILN_FIELD_SUM && fields->entry[i].in_lightmaps)
             add_terms(*image, fields, i);
     struct kiln_image_channel *validity = kiln_image_find(*image, "validity.Y");
-    const size_t count = kiln_map_texels(map);
+    const size_t first = kiln_map_first(map), count = kiln_map_end(map) - first;
     kiln_image_find(*image, "coverage.Y")->half = validity->half = true;
 #pragma omp parallel for schedule(static) if (count > KILN_IMAGE_ALONE)
     for (size_t i = 0; i < count; i++)
-        validity->values[i] = 0.5f * (float)map->state[i];
+        validity->values[i] = 0.5f * (float)map->state[first + i];
     return KILN_OK;
 }
 
@@ -174,7 +203,11 @@ static int describe_file(const struct writer *w, uint32_t object, struct kiln_im
     const struct kiln_scene *scene = w->result->scene;
     const struct kiln_object *o = &scene->objects[kiln_map_object(w->result->surface, object)];
     const struct kiln_mesh *mesh = &scene->meshes[o->mesh];
-    const char *precision = choose_precision(w->params, image);
+    float most = 0.0f;
+    const int status = find_most(w, w->works[object].in_bands, image, &most, error);
+    if (status != KILN_OK)
+        return status;
+    const char *precision = choose_precision(w->params, most);
     for (size_t c = 0; strcmp(precision, "half") == 0 && c < image->channel_count; c++)
         image->channels[c].half = true;
     const struct kiln_lightmap_report *report = &w->reports[object];
@@ -218,11 +251,14 @@ static int describe_file(const struct writer *w, uint32_t object, struct kiln_im
     return name_file(w, object, words, error);
 }
 
-static uint64_t count_covered(const struct kiln_surface *surface, uint32_t object)
+/* The covered texels of the map's rows. */
+static uint64_t count_covered(const struct kiln_surface *surface, uint32_t object, const struct kiln_map *map)
 {
+    enum { ROWS = 8 }; /* of a tile: a band begins with one */
     const struct kiln_lightmap *lightmap = &surface->lightmaps[object];
+    const uint64_t first = map->first_row / ROWS, end = (map->end_row + ROWS - 1) / ROWS;
     uint64_t covered = 0;
-    for (uint64_t t = 0; t < (uint64_t)lightmap->tiles_x * lightmap->tiles_y; t++)
+    for (uint64_t t = first * lightmap->tiles_x; t < end * lightmap->tiles_x; t++)
         covered += (uint64_t)__builtin_popcountll(surface->tiles[lightmap->tile_first + t].mask);
     return covered;
 }
@@ -230,10 +266,11 @@ static uint64_t count_covered(const struct kiln_surface *surface, uint32_t objec
 /* Whether all points of the object have arrived. */
 static int check_arrived(const struct writer *w, uint32_t object, struct kiln_error *error)
 {
-    const uint64_t covered = count_covered(w->result->surface, object);
+    const struct kiln_map *map = w->works[object].map;
+    const uint64_t covered = count_covered(w->result->surface, object, map);
     uint64_t arrived = 0;
-    for (size_t i = 0; i < kiln_map_texels(w->works[object].map); i++)
-        arrived += w->works[object].map->state[i] != KILN_TEXEL_MARGIN;
+    for (size_t i = kiln_map_first(map); i < kiln_map_end(map); i++)
+        arrived += map->state[i] != KILN_TEXEL_MARGIN;
     if (arrived != covered)
         return kiln_fail(error, KILN_BUG, "object %u: %llu of its %llu points arrived where its lightmap is written",
                          object, (unsigned long long)arrived, (unsigned long long)covered);
@@ -246,7 +283,7 @@ static int begin_map(const struct writer *w, uint32_t object, struct kiln_error 
     struct kiln_map_work *work = &w->works[object];
     if (work->next > 0)
         return KILN_OK;
-    const int status = check_arrived(w, object, error);
+    const int status = kiln_bands_agree(work->map, check_arrived(w, object, error), error);
     return status == KILN_OK ? kiln_map_stages_begin(kiln_map_stages, work, error) : status;
 }
 
@@ -301,7 +338,21 @@ static int view_channels(const struct kiln_image *image, const struct kiln_field
     return status;
 }
 
-static int write_group_file(const struct writer *w, size_t n, const struct kiln_image *image,
+/* Puts a file into the batch; of an image in bands all ranks write it. */
+static int put_file(const struct writer *w, uint32_t object, const char *name, const struct kiln_image *image,
+                    const struct file_words *words, struct kiln_error *error)
+{
+    const struct kiln_lightmap *lightmap = &w->result->surface->lightmaps[object];
+    uint32_t first = 0, end = 0;
+    if (!w->works[object].in_bands)
+        return kiln_exr_put(w->batch, w->params->directory, name, image, words->attributes, words->count, error);
+    kiln_bands_rows(lightmap->height, w->rank, w->ranks, &first, &end);
+    return kiln_exr_write_bands(w->result->communicator, w->params->directory, name, image, first, lightmap->height,
+                                words->attributes, words->count, kiln_faults_packer_fails(w->params->faults, w->rank),
+                                error);
+}
+
+static int write_group_file(const struct writer *w, uint32_t object, size_t n, const struct kiln_image *image,
                             const struct file_words *words, struct kiln_error *error)
 {
     const struct kiln_field_set *fields = w->result->fields;
@@ -313,21 +364,21 @@ static int write_group_file(const struct writer *w, size_t n, const struct kiln_
     (void)snprintf(name, sizeof name, "%s%s", folder, words->name + strlen("lightmaps"));
     int status = view_channels(image, fields, first, end < fields->count ? end : fields->count, &part, error);
     if (status == KILN_OK)
-        status = kiln_exr_put(w->batch, w->params->directory, name, &part, words->attributes, words->count, error);
+        status = put_file(w, object, name, &part, words, error);
     kiln_free(&part.channels);
     return status;
 }
 
 /* The files of one object: its lightmap, and the layers of groups where those have their own. */
-static int put_files(const struct writer *w, struct kiln_image *image, const struct file_words *words,
+static int put_files(const struct writer *w, uint32_t object, struct kiln_image *image, const struct file_words *words,
                      struct kiln_error *error)
 {
     struct kiln_image kept;
     int status = KILN_OK;
     if (group_files(w) == 0)
-        return kiln_exr_put(w->batch, w->params->directory, words->name, image, words->attributes, words->count, error);
+        return put_file(w, object, words->name, image, words, error);
     for (size_t n = 0; n < group_files(w) && status == KILN_OK; n++)
-        status = write_group_file(w, n, image, words, error);
+        status = write_group_file(w, object, n, image, words, error);
     if (status != KILN_OK)
         return status;
     status = view_channels(image, w->result->fields, 0, kiln_group_fields_first(w->result->fields), &kept, error);
@@ -335,8 +386,7 @@ static int put_files(const struct writer *w, struct kiln_image *image, const str
         kept.channels[kept.channel_count++] = *kiln_image_find(image, k == 0 ? "coverage.Y" : "validity.Y");
     if (status == KILN_OK) {
         qsort(kept.channels, kept.channel_count, sizeof *kept.channels, compare_channels);
-        status =
-            kiln_exr_put(w->batch, w->params->directory, words->name, &kept, words->attributes, words->count, error);
+        status = put_file(w, object, words->name, &kept, words, error);
     }
     kiln_free(&kept.channels);
     return status;
@@ -350,7 +400,7 @@ static int write_object(const struct writer *w, uint32_t object, struct kiln_err
     struct file_words words;
     int status = finish_object(w, object, &image, &words, error);
     if (status == KILN_OK)
-        status = put_files(w, image, &words, error);
+        status = put_files(w, object, image, &words, error);
     kiln_image_destroy(&image);
     return status;
 }
@@ -401,7 +451,7 @@ static int begin_large(const struct writer *w, const uint32_t *objects, size_t c
 
 /* ---- rounds ---- */
 
-/* Keeps a ghost of a map. */
+/* Keeps a ghost of a map, or a texel of another band. */
 static void put_ghost(struct writer *w, const struct kiln_texel_record *record)
 {
     struct kiln_map_ghosts *ghosts = &w->works[record->map].ghosts;
@@ -421,11 +471,11 @@ static void put_ghost(struct writer *w, const struct kiln_texel_record *record)
 static void put_point(void *context, const struct kiln_texel_record *record)
 {
     struct writer *w = context;
-    if (record->from != record->map) {
+    struct kiln_map *map = w->works[record->map].map;
+    if (record->from != record->map || record->y < map->first_row || record->y >= map->end_row) {
         put_ghost(w, record);
         return;
     }
-    struct kiln_map *map = w->works[record->map].map;
     const size_t texel = (size_t)record->y * map->width + record->x;
     const struct kiln_mesh *mesh =
         &w->result->scene->meshes[w->result->scene->objects[kiln_map_object(w->result->surface, record->map)].mesh];
@@ -457,7 +507,9 @@ static int open_map(const struct writer *w, uint32_t object, struct kiln_error *
     work->object = object;
     work->report = &w->reports[object];
     *work->report = (struct kiln_lightmap_report){.map = object};
-    return kiln_map_create(&work->map, lightmap->width, lightmap->height, &w->layers.planes, error);
+    return work->in_bands
+               ? kiln_map_create_band(&work->map, lightmap->width, lightmap->height, &w->layers.planes, w->bands, error)
+               : kiln_map_create(&work->map, lightmap->width, lightmap->height, &w->layers.planes, error);
 }
 
 /* Lists own objects of the round in `own`, largest first, so that a thread does not start the largest when the others
@@ -467,8 +519,10 @@ static int open_round(const struct writer *w, const struct kiln_assignment *assi
 {
     *count = 0;
     for (size_t i = 0; i < assignment->count; i++) {
-        if (assignment->owner[i] != rank || assignment->round[i] != round)
+        const bool bands = assignment->owner[i] == KILN_IN_BANDS;
+        if ((assignment->owner[i] != rank && !bands) || assignment->round[i] != round)
             continue;
+        w->works[i].in_bands = bands;
         const int status = open_map(w, (uint32_t)i, error);
         if (status != KILN_OK)
             return status;
@@ -556,6 +610,70 @@ static size_t sort_large(const struct kiln_strip_assignment *strips, uint32_t *o
     return large;
 }
 
+/* ---- objects in bands ---- */
+
+/* Collective. Begins the map of an object in bands, and solves its seams, unless they are those of objects that touch.
+ */
+static int solve_alone(const struct writer *w, const struct kiln_assignment *assignment, uint32_t object,
+                       struct kiln_error *error)
+{
+    struct kiln_map_work *work = &w->works[object];
+    const struct kiln_joined_params params = {.communicator = w->result->communicator,
+                                              .alone = object,
+                                              .lightmaps = w->result->surface->lightmaps,
+                                              .assignment = assignment,
+                                              .planes = &w->layers.planes,
+                                              .measure = !w->params->stitch};
+    struct kiln_joined *alone = NULL;
+    int status = begin_map(w, object, error);
+    if (status == KILN_OK)
+        status = kiln_agree(w->result->communicator, kiln_joined_create(&alone, &params, error), error);
+    if (status == KILN_OK)
+        status = kiln_joined_add(alone, object, work->map, work->graph, work->nearest, error);
+    if (status == KILN_OK)
+        status = kiln_joined_solve(alone, error);
+    work->joined = alone;
+    if (status == KILN_OK)
+        status = kiln_map_stages_run(kiln_map_stages, work, error);
+    work->joined = NULL;
+    kiln_joined_destroy(&alone);
+    return status;
+}
+
+/* Collective. Writes the file of an object in bands. */
+static int write_bands(const struct writer *w, const struct kiln_assignment *assignment, uint32_t object,
+                       struct kiln_error *error)
+{
+    const MPI_Comm comm = w->result->communicator;
+    struct kiln_map_work *work = &w->works[object];
+    struct kiln_image *image = NULL;
+    struct file_words words;
+    int status = kiln_agree(comm, kiln_stop_asked(w->result->stop) ? kiln_give_up(error) : KILN_OK, error);
+    if (status == KILN_OK)
+        status = work->joined != NULL ? complete_map(w, object, error) : solve_alone(w, assignment, object, error);
+    if (status == KILN_OK)
+        status = kiln_agree(comm, make_image(w, work->map, &image, error), error);
+    drop_map(w, object);
+    if (status == KILN_OK)
+        status = kiln_agree(comm, describe_file(w, object, image, &words, error), error);
+    if (status == KILN_OK)
+        status = put_files(w, object, image, &words, error);
+    kiln_image_destroy(&image);
+    if (w->rank != 0) /* the report is complete on all ranks, and told of by one */
+        *work->report = (struct kiln_lightmap_report){0};
+    return status;
+}
+
+/* Collective. Writes the objects of a round in bands, one after the other. */
+static int write_all_bands(const struct writer *w, const struct kiln_assignment *assignment, const uint32_t *own,
+                           size_t count, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; i < count && status == KILN_OK; i++)
+        status = write_bands(w, assignment, own[i], error);
+    return status;
+}
+
 /* Collective. Writes the objects of the round: each rank its small ones, then all ranks together the large ones. */
 static int write_together(struct writer *w, const struct kiln_assignment *assignment, uint32_t round, uint32_t *own,
                           size_t count, struct kiln_error *error)
@@ -563,6 +681,8 @@ static int write_together(struct writer *w, const struct kiln_assignment *assign
     const MPI_Comm comm = w->result->communicator;
     const struct kiln_lightmap *lightmaps = w->result->surface->lightmaps;
     struct kiln_strip_assignment *strips = NULL;
+    if (round >= assignment->own_rounds)
+        return write_all_bands(w, assignment, own, count, error);
     struct large large = {0};
     /* strips have room for few channels, of one file: the layers of groups are packed by who has the map */
     const bool wide = kiln_field_set_channels(w->result->fields) + 2 > KILN_EXR_CHANNELS;
@@ -590,7 +710,7 @@ static int write_together(struct writer *w, const struct kiln_assignment *assign
  * it kept; else it is made again when its file is written. */
 static int join_object(const struct writer *w, uint32_t object, struct kiln_error *error)
 {
-    if (kiln_stop_asked(w->result->stop))
+    if (!w->works[object].in_bands && kiln_stop_asked(w->result->stop))
         return kiln_give_up(error);
     const struct kiln_map_work *work = &w->works[object];
     int status = begin_map(w, object, error);
@@ -624,8 +744,7 @@ static int walk_rounds(struct writer *w, const struct kiln_assignment *assignmen
     struct kiln_texel_gather *gather = NULL;
     uint32_t *own = NULL;
     const size_t wide = w->layers.planes.count > 64 ? (64ull << 18) / w->layers.planes.count : 0; /* records a pass */
-    int status =
-        kiln_texel_gather_create(&gather, w->result, gathered, &w->layers, ghosts, wide, error); /* collective */
+    int status = kiln_texel_gather_create(&gather, w->result, gathered, &w->layers, ghosts, w->sight, wide, error);
     if (status != KILN_OK)
         return status;
     status = kiln_agree(comm, kiln_allocate(&own, assignment->count, sizeof *own, "objects to write", error), error);
@@ -646,8 +765,14 @@ static int walk_rounds(struct writer *w, const struct kiln_assignment *assignmen
 static int join_together(struct writer *w, const struct kiln_assignment *assignment, uint32_t round, uint32_t *own,
                          size_t count, struct kiln_error *error)
 {
-    (void)assignment;
-    (void)round;
+    int status = KILN_OK;
+    for (size_t i = 0; round >= assignment->own_rounds && i < count && status == KILN_OK; i++) {
+        status = kiln_stop_asked(w->result->stop) ? kiln_give_up(error) : KILN_OK;
+        if ((status = kiln_agree(w->result->communicator, status, error)) == KILN_OK)
+            status = join_object(w, own[i], error);
+    }
+    if (round >= assignment->own_rounds)
+        return status;
     return kiln_agree(w->result->communicator, run_some(w, own, count, texels_of(w, own, count), join_object, error),
                       error);
 }
@@ -669,10 +794,15 @@ static int join_seams(struct writer *w, const struct kiln_assignment *assignment
                       struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
+    const struct kiln_joined_params params = {.communicator = comm,
+                                              .joints = joints,
+                                              .lightmaps = w->result->surface->lightmaps,
+                                              .assignment = assignment,
+                                              .planes = &w->layers.planes};
     struct kiln_assignment touching = {0};
     int status = choose_maps(&touching, assignment, joints, true, error);
     if (status == KILN_OK)
-        status = kiln_joined_create(&w->joined, comm, joints, assignment, &w->layers.planes, error);
+        status = kiln_joined_create(&w->joined, &params, error);
     status = kiln_agree(comm, status, error);
     if (status == KILN_OK)
         status = walk_rounds(w, &touching, &touching, w->ghosts, join_together, error);
@@ -693,7 +823,7 @@ static int write_rounds(struct writer *w, const struct kiln_assignment *assignme
     int status = KILN_OK;
     if (joints->count == 0 || !w->params->stitch)
         return walk_rounds(w, assignment, assignment, w->ghosts, write_together, error);
-    w->keeps = assignment->rounds == 1;
+    w->keeps = assignment->own_rounds <= 1 && assignment->rounds - assignment->own_rounds <= 1;
     status = join_seams(w, assignment, joints, error);
     if (status == KILN_OK)
         status = kiln_agree(w->result->communicator, choose_maps(&others, assignment, joints, false, error), error);
@@ -718,25 +848,60 @@ static bool leave_out(const struct writer *w, struct kiln_assignment *assignment
     return touching;
 }
 
+/* Assigns lightmaps to ranks. Those are whole that are denoised with what they touch: what is left of noise is told by
+ * sums over both. */
+static int assign_maps(const struct writer *w, const struct kiln_joints *joints, struct kiln_assignment **assignment,
+                       struct kiln_error *error)
+{
+    const struct kiln_output_params *params = w->params;
+    const size_t maps = w->result->surface->map_count;
+    uint8_t *whole = NULL;
+    int status = kiln_allocate(&whole, maps, 1, "the assignment of lightmaps", error);
+    for (size_t i = 0; status == KILN_OK && joints != NULL && i < joints->map_count; i++)
+        whole[i] = params->denoise && joints->group[i] != KILN_NONE;
+    if (status == KILN_OK)
+        status = kiln_assignment_create(
+            assignment, w->result->surface->lightmaps, maps, w->ranks,
+            params->texel_budget > 0 ? params->texel_budget : kiln_lightmap_texels(w->layers.planes.count),
+            params->least_divided > 0 ? params->least_divided : KILN_BANDS_LEAST, whole, error);
+    kiln_free(&whole);
+    return status;
+}
+
+static bool has_bands(const struct kiln_assignment *assignment)
+{
+    bool any = false;
+    for (size_t i = 0; i < assignment->count && !any; i++)
+        any = assignment->owner[i] == KILN_IN_BANDS;
+    return any;
+}
+
 /* Collective. Finds where objects touch, if their seams are to be smoothed or noise to be taken out, and writes all
  * files. */
-static int write_all(struct writer *w, struct kiln_assignment *assignment, struct kiln_error *error)
+static int write_all(struct writer *w, struct kiln_error *error)
 {
     static const struct kiln_joints none = {0};
+    struct kiln_assignment *assignment = NULL;
     struct kiln_joints *joints = NULL;
     int status = KILN_OK;
     if (w->params->stitch || w->params->denoise)
         status =
             kiln_joints_find(&joints, w->result->scene, w->result->surface, (double)w->result->geometry->extent, error);
+    if (status == KILN_OK)
+        status = assign_maps(w, joints, &assignment, error);
     const bool touching = status == KILN_OK && leave_out(w, assignment, joints);
     if (status == KILN_OK && joints != NULL && touching && w->params->denoise)
         status = kiln_ghosts_create(&w->ghosts, joints, w->result->surface, error);
     status = kiln_agree(w->result->communicator, status, error);
+    if (status == KILN_OK && w->params->denoise && has_bands(assignment))
+        status = kiln_band_sight_create(&w->sight, w->result, assignment, error);
     if (status == KILN_OK)
         status = write_rounds(w, assignment, joints != NULL && touching ? joints : &none, error);
+    kiln_band_sight_destroy(&w->sight);
     kiln_joined_destroy(&w->joined);
     kiln_ghosts_destroy(&w->ghosts);
     kiln_joints_destroy(&joints);
+    kiln_assignment_destroy(&assignment);
     return status;
 }
 
@@ -789,7 +954,6 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
 {
     const size_t maps = result->surface->map_count;
     struct writer w = {.result = result, .params = params};
-    struct kiln_assignment *assignment = NULL;
     int rank = 0, ranks = 1;
     if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS ||
         MPI_Comm_size(result->communicator, &ranks) != MPI_SUCCESS)
@@ -806,19 +970,17 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
         status = kiln_allocate(&w.reports, maps, sizeof *w.reports, "reports on lightmaps", error);
     if (status == KILN_OK)
         status = kiln_allocate(&w.works, maps, sizeof *w.works, "lightmaps", error);
-    if (status == KILN_OK)
-        status = kiln_assignment_create(
-            &assignment, result->surface->lightmaps, maps, (uint32_t)ranks,
-            params->texel_budget > 0 ? params->texel_budget : kiln_lightmap_texels(w.layers.planes.count), error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
-        status = write_all(&w, assignment, error);
+        status = kiln_bands_create(&w.bands, result->communicator, error);
+    if (status == KILN_OK)
+        status = write_all(&w, error);
     if (status == KILN_OK && reports != NULL)
         status = kiln_agree(result->communicator, gather_reports(result, w.reports, rank, reports, error), error);
     for (size_t i = 0; w.works != NULL && i < maps; i++)
         drop_map(&w, (uint32_t)i);
+    kiln_bands_destroy(&w.bands);
     kiln_free(&w.works);
     kiln_free(&w.reports);
-    kiln_assignment_destroy(&assignment);
     return status;
 }

@@ -1,57 +1,141 @@
 #include "coordinator/output/map/map.h"
 
 #include <string.h>
+#include <sys/mman.h>
 
+#include "coordinator/output/image.h"
+#include "coordinator/output/map/bands.h"
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 
 const struct kiln_map_planes kiln_map_light = {.count = KILN_MAP_PLANES,
                                                .smooth = {true, true, true, true, true, true, false}};
 
-int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, const struct kiln_map_planes *planes,
-                    struct kiln_error *error)
+/* Pages of a band that nobody has touched are zero and take no memory. */
+int kiln_map_allocate(const struct kiln_map *map, void *pointer, size_t size, const char *what,
+                      struct kiln_error *error)
+{
+    const size_t bytes = kiln_map_texels(map) * size;
+    if (map->bands == NULL)
+        return kiln_allocate(pointer, kiln_map_texels(map), size, what, error);
+    void *pages = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    if (pages == MAP_FAILED)
+        return kiln_fail_errno(error, KILN_SYSTEM, "out of address space: %zu bytes for %s", bytes, what);
+    (void)madvise(pages, bytes, MADV_NOHUGEPAGE); /* single texels of other bands would take large pages */
+    memcpy(pointer, &pages, sizeof pages);
+    return KILN_OK;
+}
+
+void kiln_map_free(const struct kiln_map *map, void *pointer, size_t size)
+{
+    void *pages = NULL;
+    if (map->bands == NULL) {
+        kiln_free(pointer);
+        return;
+    }
+    memcpy(&pages, pointer, sizeof pages);
+    if (pages != NULL)
+        (void)munmap(pages, kiln_map_texels(map) * size);
+    pages = NULL;
+    memcpy(pointer, &pages, sizeof pages);
+}
+
+/* No texel of the map's rows, and of those that it may see beyond, has a chart. */
+static void clear_charts(struct kiln_map *map)
+{
+    const size_t first = kiln_map_first(map), end = kiln_map_end(map),
+                 halo = map->bands != NULL ? (size_t)KILN_BANDS_HALO * map->width : 0,
+                 from = first > halo ? first - halo : 0,
+                 to = end + halo < kiln_map_texels(map) ? end + halo : kiln_map_texels(map);
+    memset(map->chart + from, 0xff, (to - from) * sizeof *map->chart);
+}
+
+static int create(struct kiln_map **map, const struct kiln_map *shape, struct kiln_error *error)
 {
     *map = NULL;
-    if ((uint64_t)width * height >= UINT32_MAX)
+    if ((uint64_t)shape->width * shape->height >= UINT32_MAX)
         return kiln_fail(error, KILN_CANNOT_CREATE,
-                         "a lightmap of %u x %u texels is too large: at most 2^32 - 2 texels", width, height);
+                         "a lightmap of %u x %u texels is too large: at most 2^32 - 2 texels", shape->width,
+                         shape->height);
     int status = kiln_allocate(map, 1, sizeof **map, "a lightmap", error);
     if (status != KILN_OK)
         return status;
     struct kiln_map *made = *map;
-    made->width = width;
-    made->height = height;
-    made->has = planes;
-    const size_t count = kiln_map_texels(made);
-    status = kiln_allocate(&made->planes, planes->count, sizeof *made->planes, "a lightmap's planes", error);
-    for (uint32_t p = 0; status == KILN_OK && p < planes->count; p++)
-        status = kiln_allocate(&made->planes[p], count, sizeof(float), "a lightmap's texels", error);
+    *made = *shape;
+    status = kiln_allocate(&made->planes, made->has->count, sizeof *made->planes, "a lightmap's planes", error);
+    for (uint32_t p = 0; status == KILN_OK && p < made->has->count; p++)
+        status = kiln_map_allocate(made, &made->planes[p], sizeof(float), "a lightmap's texels", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&made->area, count, sizeof(float), "a lightmap's areas", error);
+        status = kiln_map_allocate(made, &made->area, sizeof(float), "a lightmap's areas", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&made->coverage, count, sizeof(float), "a lightmap's coverage", error);
+        status = kiln_map_allocate(made, &made->coverage, sizeof(float), "a lightmap's coverage", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&made->state, count, 1, "a lightmap's states", error);
+        status = kiln_map_allocate(made, &made->state, 1, "a lightmap's states", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&made->chart, count, sizeof(uint32_t), "a lightmap's charts", error);
+        status = kiln_map_allocate(made, &made->chart, sizeof(uint32_t), "a lightmap's charts", error);
     if (status != KILN_OK) {
         kiln_map_destroy(map);
         return status;
     }
-    memset(made->chart, 0xff, count * sizeof *made->chart);
+    clear_charts(made);
     return KILN_OK;
+}
+
+int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, const struct kiln_map_planes *planes,
+                    struct kiln_error *error)
+{
+    return create(map, &(struct kiln_map){.width = width, .height = height, .end_row = height, .has = planes}, error);
+}
+
+int kiln_map_create_band(struct kiln_map **map, uint32_t width, uint32_t height, const struct kiln_map_planes *planes,
+                         const struct kiln_bands *bands, struct kiln_error *error)
+{
+    struct kiln_map shape = {.width = width, .height = height, .has = planes, .bands = bands};
+    kiln_bands_rows(height, bands->rank, bands->ranks, &shape.first_row, &shape.end_row);
+    return create(map, &shape, error);
 }
 
 void kiln_map_destroy(struct kiln_map **map)
 {
-    if (*map == NULL)
+    struct kiln_map *m = *map;
+    if (m == NULL)
         return;
-    for (uint32_t p = 0; (*map)->planes != NULL && p < (*map)->has->count; p++)
-        kiln_free(&(*map)->planes[p]);
-    kiln_free(&(*map)->planes);
-    kiln_free(&(*map)->area);
-    kiln_free(&(*map)->coverage);
-    kiln_free(&(*map)->state);
-    kiln_free(&(*map)->chart);
+    for (uint32_t p = 0; m->planes != NULL && p < m->has->count; p++)
+        kiln_map_free(m, &m->planes[p], sizeof(float));
+    kiln_free(&m->planes);
+    kiln_map_free(m, &m->area, sizeof(float));
+    kiln_map_free(m, &m->coverage, sizeof(float));
+    kiln_map_free(m, &m->state, 1);
+    kiln_map_free(m, &m->chart, sizeof(uint32_t));
     kiln_free(map);
+}
+
+/* Sums over the surface texels of a row: their luminance and their number. */
+static void add_row(const struct kiln_map *map, uint32_t y, double sums[2])
+{
+    for (size_t i = (size_t)y * map->width; i < (y + (size_t)1) * map->width; i++) {
+        float rgb[3];
+        if (map->state[i] == KILN_TEXEL_MARGIN)
+            continue;
+        for (int c = 0; c < 3; c++)
+            rgb[c] = map->planes[KILN_MAP_DIRECT + c][i] + map->planes[KILN_MAP_INDIRECT + c][i];
+        sums[0] += (double)kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
+        sums[1] += 1.0;
+    }
+}
+
+int kiln_map_mean_luminance(const struct kiln_map *map, double *mean, struct kiln_error *error)
+{
+    double(*rows)[2] = NULL, sums[2] = {0};
+    int status = kiln_bands_agree(
+        map, kiln_allocate(&rows, kiln_map_rows(map), sizeof *rows, "sums over a lightmap", error), error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for schedule(static) if (kiln_map_texels(map) > KILN_IMAGE_ALONE)
+    for (uint32_t y = map->first_row; y < map->end_row; y++)
+        add_row(map, y, rows[y - map->first_row]);
+    status = kiln_bands_sum(map, rows[0], 2, sums, error);
+    *mean = sums[1] > 0.0 ? sums[0] / sums[1] : 0.0;
+    kiln_free(&rows);
+    return status;
 }

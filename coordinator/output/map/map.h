@@ -45,9 +45,13 @@ enum kiln_texel_state {
     KILN_TEXEL_VALID = 2   /* on a surface, gathered */
 };
 
-/* Arrays of width x height, top row (v = 0) first. */
+struct kiln_bands;
+
+/* Arrays of width x height, top row (v = 0) first. A map has all of its rows, or is one of bands (bands.h). */
 struct kiln_map {
     uint32_t width, height;
+    uint32_t first_row, end_row;       /* the rows that it has, [first_row, end_row) */
+    const struct kiln_bands *bands;    /* borrowed; NULL: it has all rows */
     const struct kiln_map_planes *has; /* borrowed */
     float **planes;                    /* has->count */
     float *area;                       /* m2 of surface in the texel */
@@ -63,21 +67,45 @@ int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, cons
                     struct kiln_error *error);
 void kiln_map_destroy(struct kiln_map **map);
 
-static inline size_t kiln_map_texels(const struct kiln_map *map) { return (size_t)map->width * map->height; }
+/* The same of a rank's band of a lightmap in bands. Arrays take memory where they are touched. */
+int kiln_map_create_band(struct kiln_map **map, uint32_t width, uint32_t height, const struct kiln_map_planes *planes,
+                         const struct kiln_bands *bands, struct kiln_error *error);
 
-/* Fills every KILN_TEXEL_FILLED texel from its surroundings. Within a chart, layer by layer outward from the valid
+/* Texels of the whole lightmap; the first that the map has, and the end of those. */
+static inline size_t kiln_map_texels(const struct kiln_map *map) { return (size_t)map->width * map->height; }
+static inline size_t kiln_map_first(const struct kiln_map *map) { return (size_t)map->width * map->first_row; }
+static inline size_t kiln_map_end(const struct kiln_map *map) { return (size_t)map->width * map->end_row; }
+static inline uint32_t kiln_map_rows(const struct kiln_map *map) { return map->end_row - map->first_row; }
+
+/* An array of a number of `size` bytes, zero, for each texel of the lightmap, which takes memory as the map's own
+ * arrays do. Free it by kiln_map_free, which sets it to NULL. */
+int kiln_map_allocate(const struct kiln_map *map, void *pointer, size_t size, const char *what,
+                      struct kiln_error *error);
+void kiln_map_free(const struct kiln_map *map, void *pointer, size_t size);
+
+/* Collective if the map is one of bands, as all that follows.
+ *
+ * Fills every KILN_TEXEL_FILLED texel from its surroundings. Within a chart, layer by layer outward from the valid
  * texels: the mean of the known neighbours, with edge neighbours counting twice. A chart without valid texels takes the
  * nearest known texels of the object. An object without valid texels stays 0. */
 int kiln_map_fill(struct kiln_map *map, struct kiln_error *error);
 
 /* Finds for every texel the index (y * width + x) of the nearest texel whose state is at least `least`: exact Euclidean
  * distance between centres, among equals the smaller column, then the smaller row (Meijster, Roerdink and Hesselink
- * 2000, in linear time). KILN_NONE everywhere if there is no such texel. `nearest` has width x height entries. */
+ * 2000, in linear time). KILN_NONE everywhere if there is no such texel. `nearest` has width x height entries.
+ * Not collective. */
 int kiln_nearest_texels(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t *nearest,
                         struct kiln_error *error);
 
+/* The same for the texels that a map has. `state` is of all its texels. */
+int kiln_map_nearest(const struct kiln_map *map, const uint8_t *state, uint8_t least, uint32_t *nearest,
+                     struct kiln_error *error);
+
+/* The mean luminance of direct + indirect light over the surface texels of the whole lightmap; 0 without any. */
+int kiln_map_mean_luminance(const struct kiln_map *map, double *mean, struct kiln_error *error);
+
 /* Copies to every margin texel the values of the texel that `nearest` gives for it: one of the surface, or itself.
- * Returns the number of margin texels, or 0 if there are no others. */
-uint64_t kiln_map_dilate(struct kiln_map *map, const uint32_t *nearest);
+ * `dilated` (may be NULL) is the number of margin texels of the whole lightmap, or 0 if there are no others. */
+int kiln_map_dilate(struct kiln_map *map, const uint32_t *nearest, uint64_t *dilated, struct kiln_error *error);
 
 #endif

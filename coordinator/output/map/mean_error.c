@@ -1,23 +1,25 @@
 #include <math.h>
 
 #include "coordinator/job/job.h"
+#include "coordinator/output/map/bands.h"
 #include "coordinator/output/map/stage.h"
+#include "worker/base/memory.h"
 
 static bool wanted(const struct kiln_output_params *params) { return params->parts; }
 
-/* The mean luminance over the object that each part found, by area. */
-static void find_means(const struct kiln_map *map, float *const *parts, double means[KILN_PARTS])
+/* Sums over the texels of a row, and over the blocks that begin in it: areas, areas x what each part found, and those
+ * of struct blocks. */
+enum { AREA, PARTS, ALONE = PARTS + KILN_PARTS, TOGETHER, TEXELS, PAIRS, SUMS };
+
+static void sum_row(const struct kiln_map *map, float *const *parts, uint32_t y, double sums[SUMS])
 {
-    double area = 0.0;
-    for (size_t i = 0; i < kiln_map_texels(map); i++) {
+    for (size_t i = (size_t)y * map->width; i < (y + (size_t)1) * map->width; i++) {
         if (map->state[i] != KILN_TEXEL_VALID)
             continue;
-        area += (double)map->area[i];
+        sums[AREA] += (double)map->area[i];
         for (size_t k = 0; k < KILN_PARTS; k++)
-            means[k] += (double)map->area[i] * (double)parts[k][i];
+            sums[PARTS + k] += (double)map->area[i] * (double)parts[k][i];
     }
-    for (size_t k = 0; k < KILN_PARTS && area > 0.0; k++)
-        means[k] /= area;
 }
 
 /* The squared standard error of the mean of the parts' values. */
@@ -31,15 +33,11 @@ static double variance_of(const double values[KILN_PARTS])
     return square / (KILN_PARTS * (KILN_PARTS - 1));
 }
 
-/* Sums over blocks: of the variances of their texels, of the variance of their sum; texels, and pairs of them. */
-struct blocks {
-    double alone, together, texels, pairs;
-};
+enum { BLOCK = 4 }; /* side, in texels: bands begin with a block */
 
-enum { BLOCK = 4 }; /* side, in texels */
-
-/* Adds the block whose first texel is (x, y). */
-static void add_block(const struct kiln_map *map, float *const *parts, uint32_t x, uint32_t y, struct blocks *blocks)
+/* Adds the block whose first texel is (x, y): the variances of its texels, the variance of their sum; texels, and pairs
+ * of them. */
+static void add_block(const struct kiln_map *map, float *const *parts, uint32_t x, uint32_t y, double row[SUMS])
 {
     double sums[KILN_PARTS] = {0}, texels = 0.0;
     for (uint32_t j = y; j < y + BLOCK && j < map->height; j++)
@@ -50,41 +48,48 @@ static void add_block(const struct kiln_map *map, float *const *parts, uint32_t 
                 continue;
             for (size_t k = 0; k < KILN_PARTS; k++)
                 sums[k] += values[k] = (double)parts[k][at];
-            blocks->alone += variance_of(values);
+            row[ALONE] += variance_of(values);
             texels += 1.0;
         }
-    blocks->together += variance_of(sums);
-    blocks->texels += texels;
-    blocks->pairs += texels * (texels - 1.0);
+    row[TOGETHER] += variance_of(sums);
+    row[TEXELS] += texels;
+    row[PAIRS] += texels * (texels - 1.0);
 }
 
 /* The mean covariance of two texels of a block over their mean variance: what neighbours share, as they share the noise
  * of the bounces that they gather. Of the sum over a block the variance is that of its texels alone, and the covariance
  * of all pairs. */
-static float shared_part(const struct kiln_map *map, float *const *parts)
+static float shared_part(const double sums[SUMS])
 {
-    struct blocks blocks = {0};
-    for (uint32_t y = 0; y < map->height; y += BLOCK)
-        for (uint32_t x = 0; x < map->width; x += BLOCK)
-            add_block(map, parts, x, y, &blocks);
-    if (!(blocks.pairs > 0.0) || !(blocks.together > blocks.alone) || !(blocks.alone > 0.0))
+    if (!(sums[PAIRS] > 0.0) || !(sums[TOGETHER] > sums[ALONE]) || !(sums[ALONE] > 0.0))
         return 0.0f;
-    const double covariance = (blocks.together - blocks.alone) / blocks.pairs;
-    return (float)fmin(covariance / (blocks.alone / blocks.texels), 1.0);
+    const double covariance = (sums[TOGETHER] - sums[ALONE]) / sums[PAIRS];
+    return (float)fmin(covariance / (sums[ALONE] / sums[TEXELS]), 1.0);
 }
 
 /* Reports the standard error of the object's mean, and finds what of the error neighbours share. Changes nothing else.
  */
 static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
-    (void)error;
-    float *const *parts = work->map->planes + kiln_layers_plane(work->layers, work->result->fields, "parts");
-    double means[KILN_PARTS] = {0}, mean = 0.0;
-    find_means(work->map, parts, means);
-    for (size_t k = 0; k < KILN_PARTS; k++)
-        mean += means[k] / KILN_PARTS;
+    const struct kiln_map *map = work->map;
+    float *const *parts = map->planes + kiln_layers_plane(work->layers, work->result->fields, "parts");
+    double means[KILN_PARTS] = {0}, mean = 0.0, sums[SUMS], (*rows)[SUMS] = NULL;
+    int status = kiln_bands_agree(
+        map, kiln_allocate(&rows, kiln_map_rows(map), sizeof *rows, "sums over a lightmap", error), error);
+    for (uint32_t y = map->first_row; status == KILN_OK && y < map->end_row; y++) {
+        sum_row(map, parts, y, rows[y - map->first_row]);
+        for (uint32_t x = 0; y % BLOCK == 0 && x < map->width; x += BLOCK)
+            add_block(map, parts, x, y, rows[y - map->first_row]);
+    }
+    if (status == KILN_OK)
+        status = kiln_bands_sum(map, rows[0], SUMS, sums, error);
+    kiln_free(&rows);
+    if (status != KILN_OK)
+        return status;
+    for (size_t k = 0; k < KILN_PARTS && sums[AREA] > 0.0; k++)
+        mean += (means[k] = sums[PARTS + k] / sums[AREA]) / KILN_PARTS;
     work->report->mean_error = mean > 0.0 ? sqrt(variance_of(means)) / mean : 0.0;
-    work->shared = shared_part(work->map, parts);
+    work->shared = shared_part(sums);
     return KILN_OK;
 }
 

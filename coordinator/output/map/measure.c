@@ -1,51 +1,73 @@
 #include <math.h>
 
 #include "coordinator/output/image.h"
+#include "coordinator/output/map/bands.h"
 #include "coordinator/output/map/stage.h"
+#include "worker/base/memory.h"
 
-/* Texels per metre that the object really has: the square root of covered texels / area. */
-static double density_of(const struct kiln_map *map)
+/* Sums over the texels of a row. */
+enum { COVERED, SURFACE, AREA, LIGHT, SQUARES, SUMS };
+
+/* `caustic`: the first of the planes of caustics; KILN_MAP_PLANES_MAX: there are none. */
+static float luminance_at(const struct kiln_map *map, uint32_t caustic, size_t i)
 {
-    double texels = 0.0, area = 0.0;
-    for (size_t i = 0; i < kiln_map_texels(map); i++) {
-        texels += (double)map->coverage[i];
-        area += (double)map->area[i];
-    }
-    return area > 0.0 ? sqrt(texels / area) : 0.0;
+    float rgb[3];
+    for (int c = 0; c < 3; c++)
+        rgb[c] = map->planes[KILN_MAP_DIRECT + c][i] + map->planes[KILN_MAP_INDIRECT + c][i] +
+                 (caustic < KILN_MAP_PLANES_MAX ? map->planes[caustic + (uint32_t)c][i] : 0.0f);
+    return kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
 }
 
-/* Over gathered texels: mean luminance by area, and root mean square of the standard error relative to it. `caustic`:
- * the first of the planes of caustics; KILN_MAP_PLANES_MAX: there are none. */
-static void measure_light(const struct kiln_map *map, uint32_t caustic, struct kiln_lightmap_report *report)
+static void sum_row(const struct kiln_map *map, uint32_t caustic, uint32_t y, double sums[SUMS])
 {
-    double area = 0.0, light = 0.0, squares = 0.0;
-    for (size_t i = 0; i < kiln_map_texels(map); i++) {
+    for (size_t i = (size_t)y * map->width; i < (y + (size_t)1) * map->width; i++) {
+        const double own = (double)map->area[i], error = (double)map->planes[KILN_MAP_ERROR][i];
+        sums[COVERED] += (double)map->coverage[i];
+        sums[SURFACE] += own;
         if (map->state[i] != KILN_TEXEL_VALID)
             continue;
-        float rgb[3];
-        for (int c = 0; c < 3; c++)
-            rgb[c] = map->planes[KILN_MAP_DIRECT + c][i] + map->planes[KILN_MAP_INDIRECT + c][i] +
-                     (caustic < KILN_MAP_PLANES_MAX ? map->planes[caustic + (uint32_t)c][i] : 0.0f);
-        const double own = (double)map->area[i], error = (double)map->planes[KILN_MAP_ERROR][i];
-        area += own;
-        light += own * (double)kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
-        squares += own * error * error;
+        sums[AREA] += own;
+        sums[LIGHT] += own * (double)luminance_at(map, caustic, i);
+        sums[SQUARES] += own * error * error;
     }
-    report->mean = area > 0.0 ? light / area : 0.0;
-    report->error = report->mean > 0.0 ? sqrt(squares / area) / report->mean : 0.0;
+}
+
+/* Over gathered texels: mean luminance by area, and root mean square of the standard error relative to it. And texels
+ * per metre that the object really has: the square root of covered texels / area. */
+static void report_sums(const double sums[SUMS], struct kiln_lightmap_report *report)
+{
+    report->mean = sums[AREA] > 0.0 ? sums[LIGHT] / sums[AREA] : 0.0;
+    report->error = report->mean > 0.0 ? sqrt(sums[SQUARES] / sums[AREA]) / report->mean : 0.0;
+    report->texels_per_metre = sums[SURFACE] > 0.0 ? sqrt(sums[COVERED] / sums[SURFACE]) : 0.0;
 }
 
 /* Reports on the map as it was gathered. Changes nothing. */
 static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
-    (void)error;
     const struct kiln_map *map = work->map;
-    measure_light(map, kiln_layers_plane(work->layers, work->result->fields, "caustic"), work->report);
-    for (size_t i = 0; i < kiln_map_texels(map); i++) {
-        work->report->valid += map->state[i] == KILN_TEXEL_VALID;
-        work->report->filled += map->state[i] == KILN_TEXEL_FILLED;
+    const uint32_t caustic = kiln_layers_plane(work->layers, work->result->fields, "caustic");
+    double(*rows)[SUMS] = NULL, sums[SUMS];
+    uint64_t counts[2] = {0};
+    int status = kiln_bands_agree(
+        map, kiln_allocate(&rows, kiln_map_rows(map), sizeof *rows, "sums over a lightmap", error), error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for schedule(static) if (kiln_map_texels(map) > KILN_IMAGE_ALONE)
+    for (uint32_t y = map->first_row; y < map->end_row; y++)
+        sum_row(map, caustic, y, rows[y - map->first_row]);
+    for (size_t i = kiln_map_first(map); i < kiln_map_end(map); i++) {
+        counts[0] += map->state[i] == KILN_TEXEL_VALID;
+        counts[1] += map->state[i] == KILN_TEXEL_FILLED;
     }
-    work->report->texels_per_metre = density_of(map);
+    status = kiln_bands_sum(map, rows[0], SUMS, sums, error);
+    if (status == KILN_OK)
+        status = kiln_bands_count(map, counts, 2, error);
+    kiln_free(&rows);
+    if (status != KILN_OK)
+        return status;
+    report_sums(sums, work->report);
+    work->report->valid = counts[0];
+    work->report->filled = counts[1];
     return KILN_OK;
 }
 

@@ -1,24 +1,40 @@
 #include <string.h>
 
+#include "coordinator/output/map/bands.h"
 #include "coordinator/output/map/map.h"
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 
+/* The rows [top, end) of an image, and for each column the last row above them and the first below them with a texel to
+ * find (NULL: there are none). */
+struct rows {
+    const uint8_t *state;
+    uint8_t least;
+    uint32_t width, top, end;
+    const uint32_t *above, *below;
+};
+
 /* Finds for each texel of the columns [first, last) the nearest row of its column with a texel to find, or KILN_NONE.
  * Goes down and then up over whole rows, so that memory is accessed in order. */
-static void nearest_rows(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t first,
-                         uint32_t last, uint32_t *row)
+static void nearest_rows(const struct rows *r, uint32_t first, uint32_t last, uint32_t *row)
 {
-    for (uint32_t y = 0; y < height; y++) {
+    const uint32_t width = r->width;
+    for (uint32_t y = r->top; y < r->end; y++) {
         const size_t line = (size_t)y * width;
         for (uint32_t x = first; x < last; x++)
-            row[line + x] = state[line + x] >= least ? y : y > 0 ? row[line - width + x] : KILN_NONE;
+            row[line + x] = r->state[line + x] >= r->least ? y
+                            : y > r->top                   ? row[line - width + x]
+                            : r->above != NULL             ? r->above[x]
+                                                           : KILN_NONE;
     }
-    for (uint32_t y = height > 0 ? height - 1 : 0; y-- > 0;) {
+    for (uint32_t y = r->end; y-- > r->top;) {
         const size_t line = (size_t)y * width;
-        for (uint32_t x = first; x < last;
-             x++) { /* the entry below already is the nearest row in both directions from there */
-            const uint32_t below = row[line + width + x], here = row[line + x];
+        if (y + 1 == r->end && r->below == NULL)
+            continue;
+        /* the entry below already is the nearest row in both directions from there */
+        const uint32_t *next = y + 1 < r->end ? row + line + width : r->below;
+        for (uint32_t x = first; x < last; x++) {
+            const uint32_t below = next[x], here = row[line + x];
             if (below != KILN_NONE && below > y && (here == KILN_NONE || below - y < y - here))
                 row[line + x] = below;
         }
@@ -76,8 +92,9 @@ static void nearest_in_row(struct envelope *e, uint32_t *row, uint32_t *out, uin
 }
 
 /* Processes all rows in parallel; each thread has its own scratch memory. */
-static int nearest_in_rows(uint32_t *nearest, uint32_t width, uint32_t height, struct kiln_error *error)
+static int nearest_in_rows(const struct rows *r, uint32_t *nearest, struct kiln_error *error)
 {
+    const uint32_t width = r->width;
     int status = KILN_OK;
 #pragma omp parallel
     {
@@ -96,7 +113,7 @@ static int nearest_in_rows(uint32_t *nearest, uint32_t width, uint32_t height, s
 #pragma omp barrier
         const bool ready = status == KILN_OK;
 #pragma omp for schedule(static)
-        for (uint32_t y = 0; y < height; y++)
+        for (uint32_t y = r->top; y < r->end; y++)
             if (ready)
                 nearest_in_row(&e, row, nearest + (size_t)y * width, y, width);
         kiln_free(&scratch);
@@ -105,13 +122,52 @@ static int nearest_in_rows(uint32_t *nearest, uint32_t width, uint32_t height, s
     return status;
 }
 
+static int nearest_texels(const struct rows *r, uint32_t *nearest, struct kiln_error *error)
+{
+    const uint32_t width = r->width, at_once = 256, blocks = (width + at_once - 1) / at_once;
+#pragma omp parallel for schedule(static)
+    for (uint32_t b = 0; b < blocks; b++)
+        nearest_rows(r, b * at_once, (b + 1) * at_once < width ? (b + 1) * at_once : width, nearest);
+    return nearest_in_rows(r, nearest, error);
+}
+
 int kiln_nearest_texels(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t *nearest,
                         struct kiln_error *error)
 {
-    const uint32_t at_once = 256, blocks = (width + at_once - 1) / at_once;
-#pragma omp parallel for schedule(static)
-    for (uint32_t b = 0; b < blocks; b++)
-        nearest_rows(state, least, width, height, b * at_once, (b + 1) * at_once < width ? (b + 1) * at_once : width,
-                     nearest);
-    return nearest_in_rows(nearest, width, height, error);
+    return nearest_texels(&(struct rows){.state = state, .least = least, .width = width, .end = height}, nearest,
+                          error);
+}
+
+/* The last and the first row of a map's own with a texel to find, of each column. */
+static void find_ends(const struct rows *r, uint32_t *last, uint32_t *first)
+{
+    for (uint32_t y = r->top; y < r->end; y++)
+        for (uint32_t x = 0; x < r->width; x++)
+            if (r->state[(size_t)y * r->width + x] >= r->least) {
+                last[x] = y;
+                first[x] = first[x] == KILN_NONE ? y : first[x];
+            }
+}
+
+int kiln_map_nearest(const struct kiln_map *map, const uint8_t *state, uint8_t least, uint32_t *nearest,
+                     struct kiln_error *error)
+{
+    struct rows rows = {
+        .state = state, .least = least, .width = map->width, .top = map->first_row, .end = map->end_row};
+    uint32_t *ends = NULL;
+    if (map->bands == NULL)
+        return nearest_texels(&rows, nearest, error);
+    int status = kiln_bands_agree(
+        map, kiln_allocate(&ends, 2 * (size_t)map->width, sizeof *ends, "a distance transform", error), error);
+    if (status == KILN_OK) {
+        memset(ends, 0xff, 2 * map->width * sizeof *ends);
+        find_ends(&rows, ends, ends + map->width);
+        status = kiln_bands_around(map, ends, ends + map->width, error);
+    }
+    rows.above = ends;
+    rows.below = ends + map->width;
+    if (status == KILN_OK)
+        status = kiln_bands_agree(map, nearest_texels(&rows, nearest, error), error);
+    kiln_free(&ends);
+    return status;
 }

@@ -26,7 +26,7 @@ struct kiln_neighbour_cell {
 /* A point that is sorted. */
 struct entry {
     struct kiln_neighbour_cell cell;
-    uint32_t index, at; /* at: in the array as it was given */
+    uint32_t order, at; /* at: in the array as it was given */
 };
 
 static int level_of(float size)
@@ -56,7 +56,7 @@ static int compare_entries(const void *a, const void *b)
 {
     const struct entry *p = a, *q = b;
     const int order = compare_cells(&p->cell, &q->cell);
-    return order != 0 ? order : (p->index > q->index) - (p->index < q->index);
+    return order != 0 ? order : (p->order > q->order) - (p->order < q->order);
 }
 
 static void list_cells(struct kiln_neighbour_grid *g, const struct entry *entries)
@@ -101,7 +101,7 @@ static int sort_points(struct kiln_neighbour_grid *g, struct kiln_error *error)
         return status;
     for (size_t i = 0; i < g->count; i++) {
         const struct kiln_neighbour_point *point = &g->points[i];
-        entries[i] = (struct entry){{.level = level_of(point->size)}, point->index, (uint32_t)i};
+        entries[i] = (struct entry){{.level = level_of(point->size)}, point->order, (uint32_t)i};
         for (int c = 0; c < 3; c++)
             entries[i].cell.at[c] = cell_along(point->position[c], entries[i].cell.level);
     }

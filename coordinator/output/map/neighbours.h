@@ -32,7 +32,8 @@ struct kiln_neighbour_point {
     float normal[3];   /* unit */
     float area;        /* m2 */
     float size;        /* m, above 0 */
-    uint32_t index;    /* the caller's: no two points have the same */
+    uint32_t order;    /* points of a cell are in this order: no two points have the same */
+    uint32_t index;    /* the caller's: where the point's values are */
 };
 
 /* The points of a surface, in cells. Cell c has the places [first[c], first[c + 1]). */

@@ -62,6 +62,7 @@ struct regression {
     float (*values[LIGHTS])[3]; /* as given */
     float *others[LIGHTS];      /* likewise: of each point three of each */
     float (*leverage)[FITS];
+    const struct kiln_regression_part *part; /* NULL: all points are here */
 };
 
 /* What one thread works with; arrays by neighbours, or by neighbours of each light. */
@@ -553,52 +554,99 @@ static int take_values(struct regression *r, struct kiln_error *error)
     return status;
 }
 
-/* The squared bias of the average point, over its variance as it was pooled. */
-static double mean_bias(const struct regression *r, size_t light)
+/* A point's squared bias, its variance as it was pooled, and the squared error that is left, each x its area. */
+enum { BIAS, POOLED, LEFT };
+
+static double term_of(const struct regression *r, size_t light, size_t place, int term)
 {
-    double bias = 0.0, pooled = 0.0;
-    for (size_t i = 0; i < r->grid->count; i++) {
-        const double area = (double)r->grid->points[i].area;
-        bias += area * (double)r->estimates[light][i].bias;
-        pooled += area * (double)r->estimates[light][i].pooled;
-    }
-    return pooled > 0.0 ? bias / pooled : 0.0;
+    const struct kiln_neighbour_point *p = &r->grid->points[place];
+    const struct estimate *e = &r->estimates[light][place];
+    const float value = term == BIAS ? e->bias : term == POOLED ? e->pooled : r->lights[light].variance[p->index];
+    return (double)p->area * (double)value;
+}
+
+/* Whether a point is counted here. */
+static bool is_own(const struct regression *r, size_t place)
+{
+    return r->part == NULL || r->grid->points[place].index < r->part->own;
+}
+
+static size_t count_of(const struct regression *r) { return r->grid != NULL ? r->grid->count : 0; }
+
+static int find_most(const struct regression *r, size_t light, int term, double *most, struct kiln_error *error)
+{
+    *most = 0.0;
+    for (size_t i = 0; i < count_of(r); i++)
+        if (is_own(r, i))
+            *most = fmax(*most, term_of(r, light, i, term));
+    return r->part != NULL ? r->part->most(r->part->context, most, 1, error) : KILN_OK;
+}
+
+/* The sum of a term over all points. */
+static int sum_up(const struct regression *r, size_t light, int term, double *sum, struct kiln_error *error)
+{
+    double most = 0.0;
+    uint64_t parts[2] = {0}; /* low 32 bits of the numbers, and the rest */
+    int status = find_most(r, light, term, &most, error);
+    *sum = most;
+    if (status != KILN_OK || !(most > 0.0) || !isfinite(most) || !isnormal(0x1p62 / most))
+        return status;
+    for (size_t i = 0; i < count_of(r); i++)
+        if (is_own(r, i)) {
+            const uint64_t number = (uint64_t)(fmax(term_of(r, light, i, term), 0.0) * (0x1p62 / most));
+            parts[0] += number & UINT32_MAX;
+            parts[1] += number >> 32;
+        }
+    if (r->part != NULL)
+        status = r->part->sum(r->part->context, parts, 2, error);
+    *sum = ((double)parts[0] + (double)parts[1] * 0x1p32) * (most * 0x1p-62);
+    return status;
 }
 
 /* States what is left at all points, and sums it up. */
-static void state(const struct regression *r, size_t light)
+static int state(const struct regression *r, size_t light, struct kiln_error *error)
 {
     struct kiln_regression_light *of = &r->lights[light];
-    const float mean = (float)mean_bias(r, light);
-    of->before = of->after = 0.0;
-    for (size_t i = 0; i < r->grid->count; i++) {
-        const struct kiln_neighbour_point *p = &r->grid->points[i];
+    double bias = 0.0;
+    int status = sum_up(r, light, BIAS, &bias, error);
+    if (status == KILN_OK)
+        status = sum_up(r, light, POOLED, &of->before, error);
+    /* the squared bias of the average point, over its variance as it was pooled */
+    const float mean = of->before > 0.0 ? (float)(bias / of->before) : 0.0f;
+    for (size_t i = 0; status == KILN_OK && i < count_of(r); i++) {
         const struct estimate *e = &r->estimates[light][i];
-        const float left = fminf(e->noise + fmaxf(e->bias, mean * e->pooled), e->pooled);
-        of->variance[p->index] = left;
-        of->before += (double)p->area * (double)e->pooled;
-        of->after += (double)p->area * (double)left;
+        of->variance[r->grid->points[i].index] = fminf(e->noise + fmaxf(e->bias, mean * e->pooled), e->pooled);
     }
+    return status == KILN_OK ? sum_up(r, light, LEFT, &of->after, error) : status;
+}
+
+/* All sweeps over the points that are here. */
+static int run_sweeps(struct regression *r, struct kiln_error *error)
+{
+    int status = take_values(r, error);
+    if (status == KILN_OK)
+        status = sweep(r, KILN_NEIGHBOUR_RADIUS, fit_point, error);
+    if (status == KILN_OK)
+        status = sweep(r, kiln_neighbour_rings[WIDE], pool_variance, error);
+    if (status == KILN_OK)
+        status = sweep(r, 0.0f, estimate_risks, error);
+    if (status == KILN_OK)
+        status = sweep(r, kiln_neighbour_rings[WIDE], judge_point, error);
+    if (status == KILN_OK)
+        status = sweep(r, KILN_NEIGHBOUR_RADIUS, smooth_point, error);
+    return status;
 }
 
 int kiln_regression_run(const struct kiln_neighbour_grid *grid, struct kiln_regression_light *lights, size_t count,
-                        struct kiln_error *error)
+                        const struct kiln_regression_part *part, struct kiln_error *error)
 {
-    struct regression r = {.grid = grid, .lights = lights, .light_count = count};
-    int status = take_values(&r, error);
-    if (status == KILN_OK)
-        status = sweep(&r, KILN_NEIGHBOUR_RADIUS, fit_point, error);
-    if (status == KILN_OK)
-        status = sweep(&r, kiln_neighbour_rings[WIDE], pool_variance, error);
-    if (status == KILN_OK)
-        status = sweep(&r, 0.0f, estimate_risks, error);
-    if (status == KILN_OK)
-        status = sweep(&r, kiln_neighbour_rings[WIDE], judge_point, error);
-    if (status == KILN_OK)
-        status = sweep(&r, KILN_NEIGHBOUR_RADIUS, smooth_point, error);
+    struct regression r = {.grid = grid, .lights = lights, .light_count = count, .part = part};
+    int status = grid != NULL ? run_sweeps(&r, error) : KILN_OK;
+    if (part != NULL)
+        status = part->agree(part->context, status, error);
     for (size_t l = 0; l < count; l++) {
         if (status == KILN_OK)
-            state(&r, l);
+            status = state(&r, l, error);
         kiln_free(&r.estimates[l]);
         kiln_free(&r.values[l]);
         kiln_free(&r.others[l]);

@@ -23,7 +23,8 @@
  * The squared error that is left is the variance of that sum, sum over f_j^2 v_j, and the square of its bias. An
  * estimate of the bias is what the risk of the choices exceeds the variance by. But a risk is itself of few values, and
  * the least of ten is too low as a rule. So the bias, relative to v, is taken to be at least what it is in the mean
- * over all points, by area x v.
+ * over all points, by area x v. Such sums are of whole numbers, 2^-62 of the largest term, so that they do not depend
+ * on any order.
  *
  * A point's light depends on no more than the points within 30 texels, its error through that mean on all. Not
  * collective; the same bits for any number of threads. */
@@ -46,9 +47,21 @@ struct kiln_regression_light {
     double before, after; /* results: sums of area x variance over the points, as it was taken, and what is left */
 };
 
+/* Where the points are not all of the surface: those with an index below `own` are counted, once on one rank, in sums
+ * over all points. The others are there for their neighbours, and what becomes of them is of no use. */
+struct kiln_regression_part {
+    uint32_t own;
+    int (*agree)(void *context, int status, struct kiln_error *error); /* the worst status of all ranks */
+    /* replace numbers of this rank by the largest, and by the sum, of all ranks */
+    int (*most)(void *context, double *numbers, size_t count, struct kiln_error *error);
+    int (*sum)(void *context, uint64_t *numbers, size_t count, struct kiln_error *error);
+    void *context;
+};
+
 /* Replaces the values of all lights, of which there are at most KILN_REGRESSION_LIGHTS. They are fitted apart, with the
- * same neighbours. KILN_SYSTEM: what the planes hold is of no use then. */
+ * same neighbours. `part` is NULL if the grid has all points of the surface; else it is collective, and `grid` may be
+ * NULL on a rank without points. KILN_SYSTEM: what the planes hold is of no use then. */
 int kiln_regression_run(const struct kiln_neighbour_grid *grid, struct kiln_regression_light *lights, size_t count,
-                        struct kiln_error *error);
+                        const struct kiln_regression_part *part, struct kiln_error *error);
 
 #endif

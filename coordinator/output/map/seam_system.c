@@ -258,13 +258,13 @@ static int solve_plane(const struct kiln_seam_system *s, float *plane, struct ki
     return status;
 }
 
-int kiln_seam_system_solve(struct kiln_seam_system *s, struct kiln_error *error)
+int kiln_seam_system_solve(struct kiln_seam_system *s, uint32_t first, uint32_t step, struct kiln_error *error)
 {
     int status = KILN_OK;
     if (s->unknown_count == 0 || s->sample_count == 0)
         return KILN_OK;
 #pragma omp parallel for schedule(dynamic, 1)
-    for (uint32_t p = 0; p < s->plane_count; p++) {
+    for (uint32_t p = first; p < s->plane_count; p += step) {
         struct kiln_error mine = {{0}};
         const int result = solve_plane(s, s->planes[p], &mine);
         if (result == KILN_OK)

@@ -48,8 +48,9 @@ int kiln_seam_system_create(struct kiln_seam_system **system, size_t unknown_cou
                             uint32_t plane_count, struct kiln_error *error);
 void kiln_seam_system_destroy(struct kiln_seam_system **system);
 
-/* Replaces the values of all planes. Uses as many threads as are set. KILN_SYSTEM: values are of no use then. */
-int kiln_seam_system_solve(struct kiln_seam_system *system, struct kiln_error *error);
+/* Replaces the values of every `step`-th plane from the first one on. Uses as many threads as are set. KILN_SYSTEM:
+ * values are of no use then. */
+int kiln_seam_system_solve(struct kiln_seam_system *system, uint32_t first, uint32_t step, struct kiln_error *error);
 
 /* Whether the light itself has an edge at the sample (KILN_SEAM_CONTRAST). The sample's entries are indices in
  * `planes`, the first six of which are light. */

@@ -5,6 +5,7 @@
 
 #include "coordinator/field/group_fields.h"
 #include "coordinator/output/image.h"
+#include "coordinator/output/map/bands.h"
 #include "coordinator/output/map/joined.h"
 #include "coordinator/output/map/stage.h"
 #include "worker/base/memory.h"
@@ -39,7 +40,7 @@ size_t kiln_seam_sample_count(const struct kiln_seam_edge *edge)
     return (size_t)ceilf(2.0f * longest);
 }
 
-static bool same_texels(const struct kiln_seam_sample *sample)
+bool kiln_seam_same_texels(const struct kiln_seam_sample *sample)
 {
     for (int k = 0; k < SIDE; k++)
         if (sample->at[k] != sample->at[SIDE + k] || sample->weight[k] != -sample->weight[SIDE + k])
@@ -62,7 +63,7 @@ static void sample_edge(const struct kiln_map *map, const uint32_t *nearest, con
                                                    from[1] + t * (to[1] - from[1]), side == 0 ? 1.0f : -1.0f,
                                                    sample.at + SIDE * side, sample.weight + SIDE * side);
         }
-        if (inside && !same_texels(&sample) && !kiln_seam_edge_of_light(map->planes, &sample))
+        if (inside && !kiln_seam_same_texels(&sample) && !kiln_seam_edge_of_light(map->planes, &sample))
             samples[(*count)++] = sample;
     }
 }
@@ -83,32 +84,17 @@ int kiln_seams_sample(const struct kiln_map *map, const struct kiln_chart_graph 
     return status;
 }
 
-static double mean_luminance(const struct kiln_map *map)
-{
-    const size_t count = kiln_map_texels(map);
-    double sum = 0.0;
-    size_t used = 0;
-    for (size_t i = 0; i < count; i++)
-        if (map->state[i] != KILN_TEXEL_MARGIN) {
-            float rgb[3];
-            for (int c = 0; c < 3; c++)
-                rgb[c] = map->planes[KILN_MAP_DIRECT + c][i] + map->planes[KILN_MAP_INDIRECT + c][i];
-            sum += (double)kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
-            used++;
-        }
-    return used == 0 ? 0.0 : sum / (double)used;
-}
-
 int kiln_seams_number(const struct kiln_map *map, uint32_t *marks, uint32_t **texels, size_t *count,
                       struct kiln_error *error)
 {
-    const size_t all = kiln_map_texels(map);
+    const size_t first = kiln_map_first(map), below = kiln_map_end(map) + map->width,
+                 end = below < kiln_map_texels(map) ? below : kiln_map_texels(map);
     size_t marked = 0;
-    for (size_t i = 0; i < all; i++)
+    for (size_t i = first; i < end; i++)
         marked += marks[i] != 0;
     const int status = kiln_allocate(texels, marked, sizeof **texels, "a seam's texels", error);
     *count = 0;
-    for (size_t i = 0; status == KILN_OK && i < all; i++)
+    for (size_t i = first; status == KILN_OK && i < end; i++)
         if (marks[i] != 0) {
             (*texels)[*count] = (uint32_t)i;
             marks[i] = (uint32_t)(*count)++;
@@ -168,7 +154,7 @@ static int solve(struct kiln_map *map, uint32_t *nearest, const struct kiln_seam
         status = kiln_seam_system_create(&system, unknowns, count, kiln_map_smooth_planes(map->has), error);
     if (status == KILN_OK) {
         fill_system(system, map, samples, texels, numbers);
-        status = kiln_seam_system_solve(system, error);
+        status = kiln_seam_system_solve(system, 0, 1, error);
     }
     if (status == KILN_OK)
         take_values(system, map, nearest, texels);
@@ -183,9 +169,13 @@ int kiln_seams_smooth(struct kiln_map *map, const struct kiln_chart_graph *graph
 {
     struct kiln_seam_sample *samples = NULL;
     size_t count = 0;
-    (void)kiln_map_dilate(map, nearest);
-    int status = kiln_seams_sample(map, graph, nearest, &samples, &count, error);
-    *report = (struct kiln_seam_report){.samples = count, .mean = mean_luminance(map)};
+    *report = (struct kiln_seam_report){0};
+    int status = kiln_map_dilate(map, nearest, NULL, error);
+    if (status == KILN_OK)
+        status = kiln_seams_sample(map, graph, nearest, &samples, &count, error);
+    report->samples = count;
+    if (status == KILN_OK)
+        status = kiln_map_mean_luminance(map, &report->mean, error);
     if (status == KILN_OK && count > 0) {
         const double unit = report->mean > 0.0 ? 1.0 / report->mean : 0.0;
         report->difference_before = report->difference_after = unit * kiln_seam_difference(map->planes, samples, count);
@@ -198,16 +188,39 @@ int kiln_seams_smooth(struct kiln_map *map, const struct kiln_chart_graph *graph
     return status;
 }
 
-/* The same for the map of an object that touches others: the solution is there already. */
+/* The same where the solution is there already: differences at the seams of a map in bands have been found with it. */
+static int apply_band(struct kiln_map_work *work, struct kiln_seam_report *report, struct kiln_error *error)
+{
+    const struct kiln_joined_report *found = kiln_joined_report(work->joined, work->object);
+    *report = (struct kiln_seam_report){.samples = found->samples};
+    int status = kiln_map_dilate(work->map, work->nearest, NULL, error);
+    if (status == KILN_OK)
+        status = kiln_map_mean_luminance(work->map, &report->mean, error);
+    if (status != KILN_OK)
+        return status;
+    const double unit = report->mean > 0.0 ? 1.0 / report->mean : 0.0;
+    report->difference_before = unit * found->before;
+    report->difference_after = unit * found->after;
+    kiln_joined_apply(work->joined, work->object, work->map, work->nearest);
+    return KILN_OK;
+}
+
+/* The same for the map of an object that touches others. */
 static int apply_joined(struct kiln_map_work *work, struct kiln_seam_report *report, struct kiln_error *error)
 {
     struct kiln_seam_sample *samples = NULL;
     size_t count = 0;
-    (void)kiln_map_dilate(work->map, work->nearest);
-    const int status = kiln_seams_sample(work->map, work->graph, work->nearest, &samples, &count, error);
+    if (work->map->bands != NULL)
+        return apply_band(work, report, error);
+    *report = (struct kiln_seam_report){0};
+    int status = kiln_map_dilate(work->map, work->nearest, NULL, error);
+    if (status == KILN_OK)
+        status = kiln_seams_sample(work->map, work->graph, work->nearest, &samples, &count, error);
+    if (status == KILN_OK)
+        status = kiln_map_mean_luminance(work->map, &report->mean, error);
     if (status == KILN_OK) {
-        const double mean = mean_luminance(work->map), unit = mean > 0.0 ? 1.0 / mean : 0.0;
-        *report = (struct kiln_seam_report){.samples = count, .mean = mean};
+        const double unit = report->mean > 0.0 ? 1.0 / report->mean : 0.0;
+        report->samples = count;
         report->difference_before = unit * kiln_seam_difference(work->map->planes, samples, count);
         kiln_joined_apply(work->joined, work->object, work->map, work->nearest);
         report->difference_after = unit * kiln_seam_difference(work->map->planes, samples, count);
@@ -225,18 +238,17 @@ static int apply_joined(struct kiln_map_work *work, struct kiln_seam_report *rep
 enum { LIGHT = KILN_MAP_ERROR };
 #define MOST_CHANGE 4.0f
 
-/* The map's light before it is smoothed, in copies. */
+/* The map's light before it is smoothed, in copies of the rows that it has. */
 static int keep_light(const struct kiln_map_work *work, float *before[LIGHT], struct kiln_error *error)
 {
-    const size_t count = kiln_map_texels(work->map);
-    int status = KILN_OK;
-    (void)kiln_map_dilate(work->map, work->nearest);
+    const size_t first = kiln_map_first(work->map), count = kiln_map_end(work->map) - first;
+    int status = kiln_map_dilate(work->map, work->nearest, NULL, error);
     for (int p = 0; p < LIGHT && status == KILN_OK; p++) {
         status = kiln_allocate(&before[p], count, sizeof(float), "the light of groups", error);
         if (status == KILN_OK)
-            memcpy(before[p], work->map->planes[p], count * sizeof(float));
+            memcpy(before[p], work->map->planes[p] + first, count * sizeof(float));
     }
-    return status;
+    return kiln_bands_agree(work->map, status, error);
 }
 
 /* What has become of light. */
@@ -268,12 +280,13 @@ static void smooth_groups(const struct kiln_map_work *work, size_t first, float 
     float **planes = work->map->planes;
     const uint32_t plane = kiln_layers_plane(work->layers, fields, fields->entry[first].field->name);
     const size_t groups = (fields->count - first) / KILN_GROUP_FIELDS;
-    for (size_t i = 0; i < kiln_map_texels(work->map); i++)
+    const size_t begin = kiln_map_first(work->map);
+    for (size_t i = begin; i < kiln_map_end(work->map); i++)
         for (uint32_t c = 0; c < 3; c++) {
-            const float direct = planes[KILN_MAP_DIRECT + c][i], indirect = planes[KILN_MAP_INDIRECT + c][i];
-            if (direct != before[c][i] || indirect != before[3 + c][i])
-                change_groups(planes + plane + c, groups, i, change_of(before[c][i], direct),
-                              change_of(before[3 + c][i], indirect));
+            const float direct = planes[KILN_MAP_DIRECT + c][i], indirect = planes[KILN_MAP_INDIRECT + c][i],
+                        was = before[c][i - begin], rest = before[3 + c][i - begin];
+            if (direct != was || indirect != rest)
+                change_groups(planes + plane + c, groups, i, change_of(was, direct), change_of(rest, indirect));
         }
 }
 

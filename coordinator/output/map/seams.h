@@ -22,7 +22,7 @@ struct kiln_seam_report {
 /* Smooths the planes of the map that are to be smoothed at seams, or with `smooth` false only measures the differences.
  * `nearest` is the result of kiln_nearest_texels with KILN_TEXEL_FILLED and kiln_borders_assign; a margin texel that
  * gets a value of its own becomes its own nearest one. The map must be filled; its margin will be, with copies.
- * Deterministic. */
+ * Deterministic. Not for a map in bands, whose seams are solved by all ranks (joined.h). */
 int kiln_seams_smooth(struct kiln_map *map, const struct kiln_chart_graph *graph, uint32_t *nearest, bool smooth,
                       struct kiln_seam_report *report, struct kiln_error *error);
 
@@ -34,6 +34,9 @@ static inline float kiln_seam_sample_place(size_t i, size_t count) { return ((fl
  * the image. False if the map has no surface. */
 bool kiln_seam_footprint(const struct kiln_map *map, const uint32_t *nearest, float x, float y, float sign,
                          uint32_t at[KILN_SEAM_SIDE], float weight[KILN_SEAM_SIDE]);
+
+/* Whether both sides read the same: such a sample tells nothing. */
+bool kiln_seam_same_texels(const struct kiln_seam_sample *sample);
 
 /* Lists the samples at the map's own seams; their entries are texels. The margin must be filled. *samples is
  * allocated, or NULL. */
@@ -50,7 +53,7 @@ static inline void kiln_seam_set(struct kiln_map *map, uint32_t *nearest, uint32
 }
 
 /* Numbers those texels of the map that have marks other than 0, in their order: marks[texel] becomes the number.
- * *texels is allocated and lists them. */
+ * *texels is allocated and lists them. They are of the map's rows or of the one below. */
 int kiln_seams_number(const struct kiln_map *map, uint32_t *marks, uint32_t **texels, size_t *count,
                       struct kiln_error *error);
 

@@ -6,9 +6,10 @@
  * light, area, coverage and state, which every map has. A field that it names is sent with the texels even if no
  * lightmap publishes it. Features that no stage reads are not made and cost nothing.
  *
- * A stage has the whole map of one object, so it may read neighbours of a texel; `chart` tells which of them belong to
- * the same chart. Nothing is collective. A stage must be deterministic and depend on its object only. Several objects
- * are processed at once, each by its own threads.
+ * A stage has the whole map of one object, or a band of it, and may read neighbours of a texel; `chart` tells which of
+ * them belong to the same chart. It is collective only where the map is in bands, and then by bands.h only. A stage
+ * must be deterministic and depend on its object only. Several objects are processed at once, each by its own threads;
+ * maps in bands by all ranks, one after the other.
  *
  * Maps of objects that touch others wait for one another before the first stage with `after_joining`. What they have
  * in common is solved there (joined.h), and is `joined` of the work in the stages after. */
@@ -43,6 +44,7 @@ struct kiln_map_work {
     const struct kiln_output_params *params;
     const struct kiln_layers *layers; /* the planes of the map: kiln_layers_plane */
     uint32_t object;                  /* number of the lightmap */
+    bool in_bands;                    /* all ranks have some of it (bands.h) */
     struct kiln_map *map;
     struct kiln_lightmap_report *report; /* each stage fills in what it measures */
     struct kiln_chart_graph *graph;      /* KILN_MAP_CHARTS */

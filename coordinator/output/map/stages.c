@@ -1,5 +1,6 @@
 #include "coordinator/output/map/stage.h"
 
+#include "coordinator/output/map/bands.h"
 #include "worker/base/memory.h"
 
 /* Denoising reads gathered values only, and goes before they are copied. Fill and borders need all that are gathered;
@@ -41,8 +42,9 @@ static int make_charts(struct kiln_map_work *work, struct kiln_error *error)
     struct kiln_map *map = work->map;
     const struct kiln_scene *scene = work->result->scene;
     const uint32_t mesh = scene->objects[kiln_map_object(work->result->surface, work->object)].mesh;
-    const int status = kiln_chart_graph_create(&work->graph, scene, mesh, map->width, map->height, error);
-    for (size_t i = 0; status == KILN_OK && i < kiln_map_texels(map); i++)
+    const int status = kiln_bands_agree(
+        map, kiln_chart_graph_create(&work->graph, scene, mesh, map->width, map->height, error), error);
+    for (size_t i = kiln_map_first(map); status == KILN_OK && i < kiln_map_end(map); i++)
         if (map->chart[i] != KILN_NONE)
             map->chart[i] = work->graph->chart[map->chart[i]];
     return status;
@@ -51,11 +53,11 @@ static int make_charts(struct kiln_map_work *work, struct kiln_error *error)
 static int make_nearest(struct kiln_map_work *work, struct kiln_error *error)
 {
     const struct kiln_map *map = work->map;
-    const int status =
-        kiln_allocate(&work->nearest, kiln_map_texels(map), sizeof *work->nearest, "nearest texels", error);
+    const int status = kiln_bands_agree(
+        map, kiln_map_allocate(map, &work->nearest, sizeof *work->nearest, "nearest texels", error), error);
     if (status != KILN_OK)
         return status;
-    return kiln_nearest_texels(map->state, KILN_TEXEL_FILLED, map->width, map->height, work->nearest, error);
+    return kiln_map_nearest(map, map->state, KILN_TEXEL_FILLED, work->nearest, error);
 }
 
 static int run_stage(const struct kiln_map_stage *stage, struct kiln_map_work *work, struct kiln_error *error)
@@ -80,7 +82,8 @@ int kiln_map_stages_begin(const struct kiln_map_stage *const *stages, struct kil
 
 void kiln_map_stages_release(struct kiln_map_work *work)
 {
-    kiln_free(&work->nearest);
+    if (work->map != NULL)
+        kiln_map_free(work->map, &work->nearest, sizeof *work->nearest);
     kiln_free(&work->ghosts.records);
     work->ghosts.count = work->ghosts.capacity = 0;
     kiln_chart_graph_destroy(&work->graph);

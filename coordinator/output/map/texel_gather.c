@@ -5,6 +5,8 @@
 #include <string.h>
 
 #include "coordinator/mpi/agree.h"
+#include "coordinator/output/map/band_sight.h"
+#include "coordinator/output/map/bands.h"
 #include "coordinator/output/points.h"
 #include "worker/base/memory.h"
 
@@ -49,6 +51,38 @@ static void sink_root(struct bin *heap, uint32_t count)
     }
 }
 
+/* Puts the lightmaps that are to be in bands into rounds of their own, after the others. */
+static void assign_bands(struct kiln_assignment *assignment, const struct kiln_lightmap *maps, const uint32_t *order,
+                         uint64_t budget)
+{
+    uint64_t load = 0;
+    assignment->own_rounds = assignment->rounds;
+    for (size_t i = 0; i < assignment->count; i++) {
+        const uint64_t size = texels_of(&maps[order[i]]);
+        if (assignment->owner[order[i]] != KILN_IN_BANDS)
+            continue;
+        if (load == 0 || load + size > budget) {
+            assignment->rounds++;
+            load = 0;
+        }
+        load += size;
+        assignment->round[order[i]] = assignment->rounds - 1;
+    }
+}
+
+/* Marks what is to be in bands. */
+static void choose_bands(struct kiln_assignment *assignment, const struct kiln_lightmap *maps, uint32_t ranks,
+                         uint64_t least, const uint8_t *whole)
+{
+    uint64_t total = 0;
+    for (size_t i = 0; i < assignment->count; i++)
+        total += maps[i].published != 0 ? texels_of(&maps[i]) : 0;
+    for (size_t i = 0; i < assignment->count; i++)
+        if (ranks > 1 && maps[i].published != 0 && (whole == NULL || whole[i] == 0) && texels_of(&maps[i]) >= least &&
+            4.0 * (double)texels_of(&maps[i]) * ranks > (double)total)
+            assignment->owner[i] = KILN_IN_BANDS;
+}
+
 static void assign_all(struct kiln_assignment *assignment, const struct kiln_lightmap *maps, const uint32_t *order,
                        struct bin *heap, uint32_t ranks, uint64_t budget)
 {
@@ -59,6 +93,8 @@ static void assign_all(struct kiln_assignment *assignment, const struct kiln_lig
             assignment->owner[order[i]] = assignment->round[order[i]] = KILN_NONE;
             continue;
         }
+        if (assignment->owner[order[i]] == KILN_IN_BANDS)
+            continue;
         const uint64_t size = texels_of(&maps[order[i]]);
         struct bin *bin = &heap[0];
         if (bin->round_load > 0 && bin->round_load + size > budget) {
@@ -76,7 +112,8 @@ static void assign_all(struct kiln_assignment *assignment, const struct kiln_lig
 }
 
 int kiln_assignment_create(struct kiln_assignment **assignment, const struct kiln_lightmap *lightmaps, size_t count,
-                           uint32_t ranks, uint64_t texel_budget, struct kiln_error *error)
+                           uint32_t ranks, uint64_t texel_budget, uint64_t least_in_bands, const uint8_t *whole,
+                           struct kiln_error *error)
 {
     uint32_t *order = NULL;
     struct bin *heap = NULL;
@@ -97,7 +134,9 @@ int kiln_assignment_create(struct kiln_assignment **assignment, const struct kil
         for (size_t i = 0; i < count; i++)
             order[i] = (uint32_t)i;
         qsort_r(order, count, sizeof *order, compare_sizes, (void *)(uintptr_t)lightmaps);
+        choose_bands(*assignment, lightmaps, ranks, least_in_bands, whole);
         assign_all(*assignment, lightmaps, order, heap, ranks, texel_budget);
+        assign_bands(*assignment, lightmaps, order, texel_budget * ranks);
     }
     kiln_free(&order);
     kiln_free(&heap);
@@ -137,6 +176,7 @@ struct kiln_texel_gather {
     size_t record; /* bytes */
     size_t limit;  /* records to one rank in a pass; a tile run's worth at least */
     const struct kiln_ghosts *ghosts;
+    const struct kiln_band_sight *sight;
     uint64_t *bucket_first; /* rounds x ranks + 1: where the shipments for (round, owner) stand in `order` */
     uint64_t *cursor;       /* per destination, during a round */
     struct shipment *order; /* of own tile runs by (round, owner), else in the order of tile runs */
@@ -148,12 +188,23 @@ struct kiln_texel_gather {
     MPI_Datatype type;
 };
 
-/* The bucket of a lightmap; SIZE_MAX: it has none. */
-static size_t bucket_of(const struct kiln_texel_gather *e, uint32_t map)
+enum { TILE_ROWS = 8 };
+
+/* The rank that has a tile's texels. */
+static uint32_t rank_of(const struct kiln_texel_gather *e, uint32_t map, uint32_t tile)
+{
+    const struct kiln_lightmap *lightmap = &e->result->surface->lightmaps[map];
+    return e->assignment->owner[map] == KILN_IN_BANDS
+               ? kiln_bands_rank(lightmap->height, (uint32_t)e->ranks, tile / lightmap->tiles_x * TILE_ROWS)
+               : e->assignment->owner[map];
+}
+
+/* The bucket of a lightmap's tile; SIZE_MAX: it has none. */
+static size_t bucket_of(const struct kiln_texel_gather *e, uint32_t map, uint32_t tile)
 {
     if (e->assignment->owner[map] == KILN_NONE)
         return SIZE_MAX;
-    return (size_t)e->assignment->round[map] * (size_t)e->ranks + e->assignment->owner[map];
+    return (size_t)e->assignment->round[map] * (size_t)e->ranks + rank_of(e, map, tile);
 }
 
 /* Calls `visit` for all shipments of a tile run. */
@@ -165,10 +216,15 @@ static void visit_shipments(struct kiln_texel_gather *e, size_t tile_run,
     const size_t ghosts = kiln_ghosts_of(e->ghosts, run->map, run->tile, &first);
     for (size_t i = 0; i <= ghosts; i++) {
         const struct shipment shipment = {tile_run, i == 0 ? run->map : e->ghosts->tiles[first + i - 1].to};
-        const size_t bucket = bucket_of(e, shipment.map);
+        const size_t bucket = bucket_of(e, shipment.map, run->tile);
         if (bucket != SIZE_MAX)
             visit(e, &shipment, bucket);
     }
+    if (e->sight == NULL || e->assignment->owner[run->map] != KILN_IN_BANDS)
+        return;
+    const struct shipment seen = {tile_run, run->map};
+    for (size_t i = e->sight->first[tile_run]; i < e->sight->first[tile_run + 1]; i++)
+        visit(e, &seen, (size_t)e->assignment->round[run->map] * (size_t)e->ranks + e->sight->ranks[i]);
 }
 
 static void count_shipment(struct kiln_texel_gather *e, const struct shipment *shipment, size_t bucket)
@@ -221,7 +277,8 @@ static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *err
 
 int kiln_texel_gather_create(struct kiln_texel_gather **gather, const struct kiln_bake_result *result,
                              const struct kiln_assignment *assignment, const struct kiln_layers *layers,
-                             const struct kiln_ghosts *ghosts, size_t records_per_pass, struct kiln_error *error)
+                             const struct kiln_ghosts *ghosts, const struct kiln_band_sight *sight,
+                             size_t records_per_pass, struct kiln_error *error)
 {
     int status = kiln_allocate(gather, 1, sizeof **gather, "the exchange of points", error);
     if (status == KILN_OK) {
@@ -230,6 +287,7 @@ int kiln_texel_gather_create(struct kiln_texel_gather **gather, const struct kil
         e->assignment = assignment;
         e->layers = layers;
         e->ghosts = ghosts;
+        e->sight = sight;
         e->record = sizeof(struct kiln_texel_record) + layers->planes.count * sizeof(float);
         e->type = MPI_DATATYPE_NULL;
         if (MPI_Comm_size(result->communicator, &e->ranks) != MPI_SUCCESS ||

@@ -1,7 +1,8 @@
 /* Texel gather: sends the points of each object to the rank that writes its lightmap.
  *
- * Objects are assigned to ranks by size: largest first, each to the rank with the fewest texels so far. They are
- * written in rounds, so that a rank holds images of about `texel_budget` texels at a time, and at least one object,
+ * Objects are assigned to ranks by size: largest first, each to the rank with the fewest texels so far. One that alone
+ * is a good part of what a rank has to do is in bands (bands.h): its points go to the ranks that have their rows. They
+ * are written in rounds, so that a rank holds images of about `texel_budget` texels at a time, and at least one object,
  * however large the scene is. Within a round the points are sent in passes of bounded size, so that MPI counts stay far
  * below 2^31. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_TEXEL_GATHER_H
@@ -11,15 +12,25 @@
 #include "coordinator/output/map/ghosts.h"
 #include "coordinator/output/map/layers.h"
 
+/* The owner of a lightmap in bands: all ranks have some of it. */
+#define KILN_IN_BANDS (KILN_NONE - 1)
+
+/* The fewest texels of a lightmap in bands by default: fewer take one thread less than half a second. */
+#define KILN_BANDS_LEAST (1ull << 19)
+
 /* The assignment of lightmaps to ranks and rounds. It depends on sizes only and is the same on all ranks. Lightmaps
- * that are not published have the owner KILN_NONE. */
+ * that are not published have the owner KILN_NONE. The first `own_rounds` rounds are of lightmaps that one rank owns,
+ * the others of those in bands. */
 struct kiln_assignment {
     size_t count;
-    uint32_t rounds;
+    uint32_t rounds, own_rounds;
     uint32_t *owner, *round; /* of each lightmap */
 };
+/* In bands are lightmaps of at least `least_in_bands` texels, if they are more than a quarter of the texels that a rank
+ * has in the mean; but not those for which `whole` has a byte other than 0 (NULL: none). */
 int kiln_assignment_create(struct kiln_assignment **assignment, const struct kiln_lightmap *lightmaps, size_t count,
-                           uint32_t ranks, uint64_t texel_budget, struct kiln_error *error);
+                           uint32_t ranks, uint64_t texel_budget, uint64_t least_in_bands, const uint8_t *whole,
+                           struct kiln_error *error);
 void kiln_assignment_destroy(struct kiln_assignment **assignment);
 
 /* One point on its way to `map`. It is a texel of the lightmap `from`: the same, unless it is a ghost (ghosts.h).
@@ -32,13 +43,16 @@ struct kiln_texel_record {
 
 /* The schedule of messages, computed once. */
 struct kiln_texel_gather;
+struct kiln_band_sight;
 
-/* `layers` are of the result's fields. `ghosts` (borrowed; NULL: none) are sent besides. `records_per_pass` bounds what
+/* `layers` are of the result's fields. `ghosts` and what bands see of each other (band_sight.h; both borrowed; NULL:
+ * none) are sent besides. `records_per_pass` bounds what
  * a rank sends in one pass (and about what it receives); 0 chooses 2^18, which is 15 MB with the planes that every map
  * has. */
 int kiln_texel_gather_create(struct kiln_texel_gather **gather, const struct kiln_bake_result *result,
                              const struct kiln_assignment *assignment, const struct kiln_layers *layers,
-                             const struct kiln_ghosts *ghosts, size_t records_per_pass, struct kiln_error *error);
+                             const struct kiln_ghosts *ghosts, const struct kiln_band_sight *sight,
+                             size_t records_per_pass, struct kiln_error *error);
 void kiln_texel_gather_destroy(struct kiln_texel_gather **gather);
 
 /* Collective. Sends this rank's points of all objects of the round, and calls `put` exactly once for each point of the
