@@ -16,6 +16,7 @@
 #include "coordinator/bake/light_settings.h"
 #include "coordinator/bake/occluders.h"
 #include "coordinator/bake/results_memory.h"
+#include "coordinator/bake/transport_identity.h"
 #include "coordinator/bake/volume.h"
 #include "coordinator/export/export.h"
 #include "worker/base/memory.h"
@@ -188,7 +189,8 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
     plan->export_bytes = job->export ? kiln_export_size(p->scene) : 0;
     for (size_t i = 0; i < plan->steps.count && job->keep_transport == KILN_KEEP_ROWS; i++)
         if (kiln_transport_keeps(&plan->steps.of[i].step))
-            plan->transport_bytes += kiln_rows_file_bytes(plan->surface.points, plan->steps.of[i].step.samples);
+            plan->transport_bytes += kiln_transport_bytes(plan->surface.points, plan->steps.of[i].step.samples,
+                                                          kiln_transport_goes_on(job, p));
     if (job->keep_transport == KILN_KEEP_LINKS)
         plan->transport_bytes = kiln_link_file_bytes_expected(plan->surface.points, job->patches.link_error);
     plan->disk_bytes = plan->lightmap_bytes + plan->h5_bytes + plan->volume_bytes + plan->scene_bytes +
