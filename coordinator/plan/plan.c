@@ -154,7 +154,8 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     m->light = kiln_field_set_light_bytes(&fields, (uint64_t)plan->here.light.points_most, plan->surface.points);
     if (kiln_job_is_radiosity(job))
         m->light += kiln_patches_bytes(&job->patches, (uint64_t)plan->here.light.points_most, plan->surface.points);
-    m->volume = plan->probes * KILN_PROBE_BYTES + plan->landing.probe_bytes;
+    m->volume = plan->probes * (KILN_PROBE_BYTES + job->group_count * sizeof(struct kiln_probe_group)) +
+                plan->landing.probe_bytes;
     m->results = result_bytes(plan, p, job);
     m->moving = plan->here.light.repartitions > 0 ? (uint64_t)(fmax(own, results) * plan->here.light.points_most) : 0;
     m->landing = landing_bytes(plan, p, job);
