@@ -69,7 +69,8 @@ struct kiln_volume_result {
     double origin[3];  /* world, m: position of probe (0,0,0) */
     double spacing[3]; /* m */
     uint64_t first, count;
-    const struct kiln_probe_result *probes;       /* own */
+    const struct kiln_probe_result *probes; /* own */
+    bool of_irradiance; /* their coefficients are of irradiance: the cosine is in them already (of mixtures) */
     const struct kiln_probe_occluders *occluders; /* own */
     const struct kiln_probe_place *places;        /* own */
     /* of each own probe what each of `group_count` groups of lights brings (worker/pass/groups.h), whose names are

@@ -96,13 +96,19 @@ static int check_finite(const struct volume_writer *w, const float *values, uint
     return KILN_OK;
 }
 
+/* Of irradiance. */
+static float coefficient_of(const struct kiln_volume_result *v, uint64_t probe, int i, int c)
+{
+    const float radiance = v->probes[probe].radiance[i][c];
+    return v->of_irradiance ? radiance : (float)(kiln_harmonics_cosine(i) * (double)radiance);
+}
+
 static int write_harmonics(struct volume_writer *w, struct kiln_error *error)
 {
     for (uint64_t p = 0; p < w->volume->count; p++)
         for (int i = 0; i < KILN_HARMONICS; i++)
             for (int c = 0; c < 3; c++)
-                w->values[27 * p + 3 * (uint64_t)i + (uint64_t)c] =
-                    (float)(kiln_harmonics_cosine(i) * (double)w->volume->probes[p].radiance[i][c]);
+                w->values[27 * p + 3 * (uint64_t)i + (uint64_t)c] = coefficient_of(w->volume, p, i, c);
     const int status = kiln_agree(w->h5.communicator, check_finite(w, w->values, 27, "its light", error), error);
     if (status != KILN_OK)
         return status;
@@ -272,7 +278,7 @@ static int read_back(const struct volume_writer *w, const struct kiln_publish *p
                                   memcmp(around.offset, v->places[own].offset, sizeof around.offset) != 0))
             status = kiln_fail(&why, KILN_IO, "what is around probe %llu", (unsigned long long)index);
         for (int c = 0; status == KILN_OK && c < 3; c++)
-            if (probe.harmonics[8][c] != (float)(kiln_harmonics_cosine(8) * (double)v->probes[own].radiance[8][c]) ||
+            if (probe.harmonics[8][c] != coefficient_of(v, own, 8, c) ||
                 probe.axes[5][c] != v->probes[own].irradiance_axes[5][c] ||
                 probe.mean_distance != v->probes[own].mean_distance)
                 status = kiln_fail(&why, KILN_IO, "probe %llu", (unsigned long long)index);

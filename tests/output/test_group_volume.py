@@ -28,7 +28,10 @@ class GroupVolume(unittest.TestCase):
         out = os.path.join(self.folder, name)
         answer = kiln('bake', SCENE, *SMALL, *options, '-o', out, timeout=120, **more)
         self.assertEqual(answer.code, 0, answer.err)
-        with h5py.File(os.path.join(out, 'volume.hdf')) as file:
+        return self.read(name)
+
+    def read(self, name):
+        with h5py.File(os.path.join(self.folder, name, 'volume.hdf')) as file:
             found = {}
             file.visititems(lambda key, item: found.update({key: item[()]}) if isinstance(item, h5py.Dataset) else None)
         return found
@@ -56,6 +59,26 @@ class GroupVolume(unittest.TestCase):
         self.assertLess(abs(found[0][..., 27:].mean() - alone[..., 27:].mean()), 0.05 * alone[..., 27:].mean())
         self.same(self.bake('three', *groups, prefix=self.mpi(3)), both, 'three ranks')
         self.assertEqual(kiln('verify', os.path.join(self.folder, 'both'), '--quiet').code, 0)
+        self.mixtures(both, plain)
+
+    def mixtures(self, both, plain):
+        """With 1 for all the bake's volume bit for bit, of one rank and three; with other factors their sum."""
+        for name, options, prefix in (('ones', (), ()), ('mixed', ('--set', 'sun=0.5', '--set', 'points=0,2,1'), ()),
+                                      ('mixed3', ('--set', 'sun=0.5', '--set', 'points=0,2,1'), self.mpi(3))):
+            out = os.path.join(self.folder, name)
+            answer = kiln('mix', os.path.join(self.folder, 'both'), *options, '-o', out, '--quiet', prefix=prefix)
+            self.assertEqual(answer.code, 0, answer.err)
+            self.assertEqual(kiln('verify', out, '--quiet').code, 0)
+        self.same(self.read('ones'), plain, 'all groups as they are')
+        mixed = self.read('mixed')
+        self.same(self.read('mixed3'), mixed, 'mixed by three ranks')
+        wanted = both['groups/sun'] * 0.5 + both['groups/rest']
+        for c, factor in enumerate((0, 2, 1)):
+            wanted[..., c::3] += factor * both['groups/points'][..., c::3]
+        self.assertLess(np.abs(self.light(mixed) - wanted).max(), 1e-3 * np.abs(wanted).mean())
+        for key, values in plain.items():
+            if 'irradiance' not in key:
+                self.assertEqual(values.tobytes(), mixed[key].tobytes(), key)
 
     def test_sky(self):
         options = ('--environment', '1,2,3', '--sky-patches', 145, '--bounces', 1)
