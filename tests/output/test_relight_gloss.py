@@ -19,9 +19,9 @@ import glb  # noqa: E402
 import harness  # noqa: E402
 
 KILN = os.environ["KILN"]
-OPTIONS = ["--texels-per-metre", "2", "--backend", "embree", "--samples-direct", "16", "--samples-bounce", "8",
-           "--samples-indirect", "32", "--samples-probe", "8", "--probe-spacing", "1", "--bounces", "3",
-           "--photons", "2000", "--iterations", "2"]
+OPTIONS = ["--texels-per-metre", "2", "--backend", "embree", "--samples-direct", "8", "--samples-bounce", "8",
+           "--samples-indirect", "32", "--samples-probe", "8", "--probe-spacing", "1.5", "--bounces", "2",
+           "--photons", "1000", "--iterations", "1"]
 KEEP = ["--keep-transport", "rows"]
 USAGE, STOPPED = 64, 75
 
@@ -142,7 +142,6 @@ with tempfile.TemporaryDirectory() as top:
         file.seek(-2, os.SEEK_END)
         file.write(bytes([byte[0] ^ 1]))
     refused(harness.BAD_INPUT, "the row of surface point", "relight", at("hurt"), edited, "-o", at("no"))
-    refused(harness.BAD_INPUT, "transport/chains-65535-0", "verify", at("hurt"))
     print("%d rays kept; rows of %d bytes, chains of %d" %
           (counted, sum(len(kept[name]) for name in kept if name not in chains),
            sum(len(kept[name]) for name in chains)))
