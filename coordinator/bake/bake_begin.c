@@ -9,6 +9,7 @@
 #include "coordinator/bake/materials.h"
 #include "coordinator/bake/results_memory.h"
 #include "coordinator/bake/run_report.h"
+#include "coordinator/bake/transport_identity.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/manifest.h"
@@ -103,11 +104,12 @@ static int check_room(const struct kiln_bake *b, const struct kiln_prepared *p, 
     kiln_field_set_choose(&fields, b->job);
     /* of transport, what the last step keeps: how many come before it the light says */
     const uint64_t points = p->surface->point_count,
-                   rows = b->job->keep_transport == KILN_KEEP_ROWS
-                              ? kiln_rows_file_bytes(points, b->job->samples_indirect)
-                          : b->job->keep_transport == KILN_KEEP_LINKS
-                              ? kiln_link_file_bytes_expected(points, b->job->patches.link_error)
-                              : 0;
+                   rows =
+                       b->job->keep_transport == KILN_KEEP_ROWS
+                           ? kiln_transport_bytes(points, b->job->samples_indirect, kiln_transport_goes_on(b->job, p))
+                       : b->job->keep_transport == KILN_KEEP_LINKS
+                           ? kiln_link_file_bytes_expected(points, b->job->patches.link_error)
+                           : 0;
     return kiln_require_space(
         b->job->output,
         kiln_h5_space(p->scene, p->surface, &fields) + (probes > 0 ? kiln_volume_space(volume) : 0) + rows, error);

@@ -1,6 +1,7 @@
 #include "coordinator/bake/bake_private.h"
 #include "coordinator/bake/light_settings.h"
 #include "coordinator/bake/reference_radius.h"
+#include "coordinator/integrate/groups.h"
 
 static bool has_step(const struct kiln_step_reports *steps, uint32_t role)
 {
@@ -194,8 +195,18 @@ int kiln_bake_volume(struct kiln_bake *b, struct kiln_error *error)
     if (b->job->samples_probe == 0)
         return KILN_OK;
     kiln_phase(&b->phases, "probes");
-    const struct kiln_volume_params params = volume_params(b);
-    const int status = kiln_volume_run(&b->volume, &params, &b->probe_rays, error);
+    struct kiln_volume_params params = volume_params(b);
+    struct kiln_group_light *groups = NULL;
+    int status = KILN_OK;
+    if (b->light_params.groups != NULL)
+        status = kiln_group_light_create(&groups, &b->light_params, b->solution, error);
+    if (groups != NULL) {
+        params.groups = kiln_group_light_total(groups);
+        params.group_names = b->job->group_names;
+    }
+    if (status == KILN_OK)
+        status = kiln_volume_run(&b->volume, &params, &b->probe_rays, error);
+    kiln_group_light_destroy(&groups);
     kiln_phase(&b->phases, NULL);
     return status;
 }

@@ -27,16 +27,12 @@ static const char *why_not(const struct kiln_job *job, const struct kiln_prepare
         return "only Embree keeps them: give --backend embree";
     if (kiln_job_is_reference(job) || kiln_job_is_radiosity(job))
         return "--method cells alone gathers from surface points: leave --method out";
-    if (kiln_job_takes_gloss(job))
-        return "some go on from mirrors, gloss or glass: give --materials diffuse";
     if (kiln_job_has_probes(job))
         return "some end at radiance probes: leave --tracing-range out";
     if (job->guide > 0)
         return "a guide sends them where the light is: leave --guide out";
-    if (p->geometry->passage >= KILN_PASSAGE_TINT)
-        return "some are tinted by what they pass through, which is not kept";
-    if (p->surface->point_count >= KILN_ROW_POINTS)
-        return "there are more surface points than 32 bits can tell apart: give fewer --texels-per-metre";
+    if (p->surface->point_count >= (kiln_transport_goes_on(job, p) ? KILN_CHAIN_POINTS : KILN_ROW_POINTS))
+        return "there are more surface points than their words can tell apart: give fewer --texels-per-metre";
     return NULL;
 }
 
@@ -56,6 +52,11 @@ static int refuse_what_cannot_be_kept(const struct kiln_job *job, const struct k
                          "--keep-transport rows");
     if (job->keep_transport == KILN_KEEP_ROWS && why != NULL)
         return kiln_fail(error, KILN_USAGE, "--keep-transport rows: of these rays %s", why);
+    if ((job->states != NULL || job->listen) && kiln_transport_goes_on(job, p))
+        return kiln_fail(error, KILN_USAGE,
+                         "%s: rays of %.300s go on from gloss, or are tinted, which serves one state at a time; leave "
+                         "it out, and call kiln relight for each",
+                         job->listen ? "--listen" : "--states", job->relight);
     if ((job->states != NULL || job->listen) && is_of_links(job))
         return kiln_fail(
             error, KILN_USAGE,
@@ -101,9 +102,12 @@ int kiln_bake_transport_check(struct kiln_bake *b, const struct kiln_prepared *p
     return kiln_agree(b->communicator, status, error);
 }
 
-static bool is_kept(const char *name) { return strncmp(name, "rows-", 5) == 0 || strcmp(name, KILN_LINK_FILE) == 0; }
+static bool is_kept(const char *name)
+{
+    return strncmp(name, "rows-", 5) == 0 || strncmp(name, "chains-", 7) == 0 || strcmp(name, KILN_LINK_FILE) == 0;
+}
 
-static int remove_kept(const struct kiln_folder *folder, struct kiln_error *error)
+static int remove_files(const struct kiln_folder *folder, bool (*which)(const char *name), struct kiln_error *error)
 {
     const int copy = openat(folder->descriptor, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     DIR *list = copy >= 0 ? fdopendir(copy) : NULL;
@@ -111,7 +115,7 @@ static int remove_kept(const struct kiln_folder *folder, struct kiln_error *erro
     if (list == NULL)
         status = kiln_fail_errno(error, 0, "cannot read '%s'", folder->path);
     for (struct dirent *e; list != NULL && status == KILN_OK && (e = readdir(list)) != NULL;)
-        if (is_kept(e->d_name) && unlinkat(folder->descriptor, e->d_name, 0) != 0)
+        if (which(e->d_name) && unlinkat(folder->descriptor, e->d_name, 0) != 0)
             status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot remove '%s/%.200s'", folder->path, e->d_name);
     if (list != NULL)
         (void)closedir(list);
@@ -127,7 +131,7 @@ static int clear_folder(const struct kiln_bake *b, struct kiln_error *error)
     static const char index[] = "transport/index";
     if (kiln_unlink_below(b->job->output, index) != 0 && errno != ENOENT)
         return kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %.300s/%s", b->job->output, index);
-    return kiln_checkpoint_generation(b->checkpoint) > 0 ? KILN_OK : remove_kept(&b->transport_folder, error);
+    return kiln_checkpoint_generation(b->checkpoint) > 0 ? KILN_OK : remove_files(&b->transport_folder, is_kept, error);
 }
 
 int kiln_bake_transport_begin(struct kiln_bake *b, struct kiln_error *error)
@@ -147,6 +151,7 @@ int kiln_bake_transport_begin(struct kiln_bake *b, struct kiln_error *error)
     (void)MPI_Bcast(&key, 1, MPI_UINT64_T, 0, b->communicator);
     b->transport = (struct kiln_transport){.is_on = true,
                                            .replays = replays,
+                                           .has_chains = kiln_transport_goes_on(b->job, b->prepared),
                                            .of_links = is_of_links(b->job),
                                            .folder = b->transport_folder.descriptor,
                                            .directory = b->transport_folder.path,
@@ -222,7 +227,7 @@ static int name_files(struct kiln_bake *b, struct kiln_error *error)
     const struct kiln_step_reports *steps = &b->solution->report.steps;
     const bool links = b->transport.of_links;
     bool named = false;
-    int status = kiln_allocate(&b->transport_files, steps->count + 2, sizeof *b->transport_files,
+    int status = kiln_allocate(&b->transport_files, 2 * steps->count + 2, sizeof *b->transport_files,
                                "the files of the transport", error);
     for (size_t i = 0; i < steps->count && status == KILN_OK; i++) {
         const struct kiln_step *step = &steps->of[i].step;
@@ -233,15 +238,35 @@ static int name_files(struct kiln_bake *b, struct kiln_error *error)
             continue;
         status = name_file(b, name, error);
         named = true;
+        kiln_transport_chains_name(step, name);
+        if (status == KILN_OK && !links && b->transport.has_chains)
+            status = name_file(b, name, error);
     }
     return status == KILN_OK ? name_file(b, "index", error) : status;
+}
+
+/* Collective. Chains of all steps get to where they are read. */
+static int pack_chains(struct kiln_bake *b, struct kiln_error *error)
+{
+    const struct kiln_step_reports *steps = &b->solution->report.steps;
+    int status = KILN_OK;
+    if (!b->transport.has_chains || b->transport.of_links)
+        return KILN_OK;
+    for (size_t i = 0; i < steps->count && status == KILN_OK; i++)
+        if (kiln_transport_keeps(&steps->of[i].step))
+            status = kiln_transport_pack(&b->transport, b->communicator, &steps->of[i].step, error);
+    if (status == KILN_OK && b->rank == 0)
+        status = remove_files(&b->transport_folder, kiln_transport_is_spool, error);
+    return kiln_agree(b->communicator, status, error);
 }
 
 int kiln_bake_transport_write(struct kiln_bake *b, struct kiln_error *error)
 {
     if (b->job->keep_transport == KILN_KEEP_NONE)
         return KILN_OK;
-    int status = name_files(b, error);
+    int status = pack_chains(b, error);
+    if (status == KILN_OK)
+        status = name_files(b, error);
     if (status == KILN_OK && b->rank == 0)
         status = kiln_folder_sync(&b->transport_folder, error);
     if (status == KILN_OK && b->rank == 0)

@@ -84,7 +84,8 @@ static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *j
     const double groups = (double)(p->node_ranks - 1) * (double)job->group_count * 8.0 * (double)s->point_count;
     const double fixed = (double)(job->preview ? PREVIEW_BYTES : KILN_POINTS_AHEAD_ROOM); /* of the results */
     *growing = light + groups + fmax(results - fixed, 0.0) + point * (double)of_host;
-    return now + light + groups + results + (double)probes / p->ranks * p->node_ranks * (double)KILN_PROBE_BYTES;
+    const double probe = (double)(KILN_PROBE_BYTES + job->group_count * sizeof(struct kiln_probe_group));
+    return now + light + groups + results + (double)probes / p->ranks * p->node_ranks * probe;
 }
 
 static double memory_of_host(void) { return (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE); }

@@ -9,6 +9,7 @@
 #include "coordinator/files/folder.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
+#include "worker/scene/gloss.h"
 
 /* Of an object, in the order of how much they say. */
 static const struct {
@@ -16,8 +17,9 @@ static const struct {
 } aspects[] = {{"shape", "another shape"},
                {"place", "moved"},
                {"layout", "another lightmap layout or size"},
-               {"sides", "other sides, holes or roles"}};
-enum { ASPECTS = sizeof aspects / sizeof *aspects, SHAPE = 0, PLACE, LAYOUT, SIDES, ROWS_MAX = 12 };
+               {"sides", "other sides, holes or roles"},
+               {"gloss", "other gloss or colour of a surface that rays go on from"}};
+enum { ASPECTS = sizeof aspects / sizeof *aspects, SHAPE = 0, PLACE, LAYOUT, SIDES, GLOSS, ROWS_MAX = 12 };
 
 struct hashes {
     uint64_t of[ASPECTS];
@@ -77,10 +79,67 @@ static uint64_t add_sides(const struct kiln_scene *scene, const struct kiln_mesh
     return hash;
 }
 
+/* ---- gloss ---- */
+
+static uint64_t add_texture(uint64_t hash, const struct kiln_scene *scene, uint32_t texture)
+{
+    if (texture == KILN_NONE)
+        return hash;
+    const struct kiln_texture *t = &scene->textures[texture];
+    const uint32_t shape[] = {t->width, t->height, t->srgb, t->wrap_u, t->wrap_v, t->nearest};
+    hash = add(hash, shape, sizeof shape);
+    return add(hash, scene->texels + t->first, 4 * (size_t)t->width * t->height);
+}
+
+/* What of a material says where a ray goes on to, and how much it brings from there; 0: it ends there. */
+static uint64_t gloss_of(const struct kiln_scene *scene, uint32_t material)
+{
+    const struct kiln_material *m = &scene->materials[material];
+    const struct kiln_gloss *gloss = kiln_gloss_taken(scene, material);
+    const bool passes = m->transmission > 0.0f || m->alpha_mode != KILN_ALPHA_OPAQUE;
+    if (gloss == NULL && !passes)
+        return 0;
+    uint64_t hash = add(1, m->base_color, sizeof m->base_color);
+    hash = add(hash, &m->transmission, sizeof m->transmission);
+    hash = add_texture(hash, scene, m->base_color_texture);
+    if (scene->panes != NULL)
+        hash = add(hash, &scene->panes[material], sizeof *scene->panes);
+    if (gloss == NULL)
+        return hash;
+    struct kiln_gloss own = *gloss; /* textures count by what they show, not by their number */
+    for (int i = 0; i < KILN_GLOSS_USES; i++) {
+        hash = add_texture(hash, scene, own.textures[i].texture);
+        own.textures[i].texture = own.textures[i].texture != KILN_NONE;
+    }
+    own.material = 0;
+    return add(hash, &own, sizeof own);
+}
+
+/* 0: no ray goes on from the mesh. */
+static uint64_t add_gloss(const struct kiln_scene *scene, const struct kiln_mesh *mesh, const uint64_t *gloss)
+{
+    bool any = false;
+    uint64_t hash = 0;
+    for (uint64_t t = mesh->triangle_first; t < mesh->triangle_first + mesh->triangle_count; t++) {
+        const uint64_t of = gloss[scene->triangle_materials[t]];
+        hash = add(hash, &of, sizeof of);
+        any = any || of != 0;
+    }
+    if (!any)
+        return 0;
+    hash = add(hash, scene->texcoord_base + mesh->vertex_first, mesh->vertex_count * sizeof *scene->texcoord_base);
+    if (scene->texcoord_gloss != NULL)
+        hash =
+            add(hash, scene->texcoord_gloss + mesh->vertex_first, mesh->vertex_count * sizeof *scene->texcoord_gloss);
+    return add(hash, scene->colors + 4 * mesh->vertex_first, 4 * mesh->vertex_count);
+}
+
 /* ---- objects ---- */
 
-static void hash_mesh(const struct kiln_scene *s, const struct kiln_mesh *m, const uint64_t *side, struct hashes *h)
+static void hash_mesh(const struct kiln_scene *s, const struct kiln_mesh *m, const uint64_t *side,
+                      const uint64_t *gloss, struct hashes *h)
 {
+    h->of[GLOSS] = add_gloss(s, m, gloss);
     h->of[SHAPE] = add(0, s->positions + m->vertex_first, m->vertex_count * sizeof *s->positions);
     h->of[SHAPE] = add(h->of[SHAPE], s->normals + m->vertex_first, m->vertex_count * sizeof *s->normals);
     h->of[SHAPE] = add(h->of[SHAPE], s->triangles + 3 * m->triangle_first, m->triangle_count * 3 * sizeof(uint32_t));
@@ -107,26 +166,36 @@ static json_t *object_json(const struct kiln_object *o, const struct hashes *mes
 
 static json_t *objects_json(const struct kiln_scene *s, const struct kiln_geometry *g)
 {
-    uint64_t *side = NULL, *two_sided = NULL;
+    const bool passes = g->passage >= KILN_PASSAGE_TINT;
+    uint64_t *side = NULL, *gloss = NULL, *two_sided = NULL;
     struct hashes *meshes = NULL;
     json_t *objects = NULL;
     if (kiln_allocate(&side, s->material_count, sizeof *side, "materials", NULL) == KILN_OK &&
+        kiln_allocate(&gloss, s->material_count, sizeof *gloss, "materials", NULL) == KILN_OK &&
         kiln_allocate(&meshes, s->mesh_count, sizeof *meshes, "meshes", NULL) == KILN_OK &&
         kiln_allocate(&two_sided, s->object_count, sizeof *two_sided, "objects", NULL) == KILN_OK)
         objects = json_object();
-    for (size_t i = 0; objects != NULL && i < s->material_count; i++)
+    for (size_t i = 0; objects != NULL && i < s->material_count; i++) {
         side[i] = side_of(s, &s->materials[i]);
+        gloss[i] = passes || s->taken != NULL ? gloss_of(s, (uint32_t)i) : 0;
+    }
     for (size_t i = 0; objects != NULL && i < s->mesh_count; i++)
-        hash_mesh(s, &s->meshes[i], side, &meshes[i]);
+        hash_mesh(s, &s->meshes[i], side, gloss, &meshes[i]);
     for (size_t i = 0; objects != NULL && i < g->triangle_count; i++)
         two_sided[g->records[i].object] += (g->records[i].material & KILN_RECORD_DOUBLE_SIDED) != 0;
     for (size_t i = 0; objects != NULL && i < s->object_count; i++)
         (void)json_object_set_new(objects, kiln_scene_string(s, s->objects[i].name),
                                   object_json(&s->objects[i], &meshes[s->objects[i].mesh], two_sided[i]));
     kiln_free(&side);
+    kiln_free(&gloss);
     kiln_free(&meshes);
     kiln_free(&two_sided);
     return objects;
+}
+
+bool kiln_transport_goes_on(const struct kiln_job *job, const struct kiln_prepared *p)
+{
+    return (kiln_job_takes_gloss(job) && p->scene->taken != NULL) || p->geometry->passage >= KILN_PASSAGE_TINT;
 }
 
 json_t *kiln_transport_identity(const struct kiln_job *job, const struct kiln_prepared *p)
@@ -135,7 +204,8 @@ json_t *kiln_transport_identity(const struct kiln_job *job, const struct kiln_pr
     json_t *objects = objects_json(p->scene, p->geometry);
     return objects == NULL
                ? NULL
-               : json_pack("{s:I, s:I, s:I, s:[f,f,f], s:f, s:s, s:s, s:o}", "seed", (json_int_t)job->seed, "points",
+               : json_pack("{s:I, s:I, s:I, s:I, s:[f,f,f], s:f, s:s, s:s, s:o}", "seed", (json_int_t)job->seed,
+                           "chain_length", (json_int_t)(p->scene->taken != NULL ? job->chain_length : 0), "points",
                            (json_int_t)p->surface->point_count, "cells", (json_int_t)p->surface_report.cells_total,
                            "centre", centre[0], centre[1], centre[2], "cell_size", p->surface_report.cell_size, "store",
                            p->surface->bricks != NULL ? "octree" : "lightmap", "partition",

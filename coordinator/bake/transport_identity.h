@@ -5,8 +5,12 @@
 
 #include "coordinator/bake/prepare.h"
 
+/* Whether rays of the scene go on from mirrors, gloss or glass, or are tinted by what they pass through. */
+bool kiln_transport_goes_on(const struct kiln_job *job, const struct kiln_prepared *prepared);
+
 /* A JSON object: numbers of the surface, and of each object hashes of its place, shape, lightmap layout and sides (with
- * opacity). Release with json_decref. NULL if memory is short. Not collective; reads all vertices. */
+ * opacity, and of what rays go on from). Release with json_decref. NULL if memory is short. Not collective; reads all
+ * vertices. */
 json_t *kiln_transport_identity(const struct kiln_job *job, const struct kiln_prepared *prepared);
 
 /* Reads DIRECTORY/transport/index, which a bake that has kept its transport ends with: one checksummed JSON object

@@ -9,6 +9,13 @@
 #include "coordinator/bake/probe_places.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
+#include "worker/light/light_groups.h"
+#include "worker/pass/groups.h"
+
+_Static_assert(sizeof(struct kiln_probe_group) == KILN_GROUP_PROBE_FLOATS * sizeof(float) &&
+                   offsetof(struct kiln_probe_result, irradiance_axes) ==
+                       sizeof(((struct kiln_probe_group *)0)->radiance),
+               "groups are as backends answer, and as the begin of a probe");
 
 /* Of half the spacing: how far a probe inside geometry is moved at most, so that it stays in its box of the grid. */
 static const double REACH = 0.9;
@@ -68,6 +75,7 @@ struct volume_work {
     struct kiln_probe_result *probes;       /* own */
     struct kiln_probe_occluders *occluders; /* own */
     struct kiln_probe_place *places;        /* own */
+    struct kiln_probe_group *groups;        /* own: of each probe all groups; NULL: none */
     uint8_t *done;                          /* own: enum kiln_probe_done */
     uint32_t leaves;                        /* what light paths bring: kiln_probe_paths_leaves */
     struct kiln_vec3 *positions;            /* of the probes of a batch */
@@ -81,13 +89,17 @@ static int restore(struct volume_work *w, int rank, int ranks, struct kiln_error
     const struct kiln_checkpoint *c = w->params->checkpoint;
     const uint64_t first = w->volume->first, count = w->volume->count;
     if (!w->params->restore || kiln_checkpoint_generation(c) == 0 || !kiln_checkpoint_has(c, "probes") ||
-        !kiln_checkpoint_has(c, "probe_occluders") || !kiln_checkpoint_has(c, "probe_places"))
+        !kiln_checkpoint_has(c, "probe_occluders") || !kiln_checkpoint_has(c, "probe_places") ||
+        (w->groups != NULL && !kiln_checkpoint_has(c, "probe_groups")))
         return KILN_OK;
     int status = kiln_checkpoint_read(c, "probes", first, count, sizeof *w->probes, w->probes, error);
     if (status == KILN_OK)
         status = kiln_checkpoint_read(c, "probe_occluders", first, count, sizeof *w->occluders, w->occluders, error);
     if (status == KILN_OK)
         status = kiln_checkpoint_read(c, "probe_places", first, count, sizeof *w->places, w->places, error);
+    if (status == KILN_OK && w->groups != NULL)
+        status = kiln_checkpoint_read(c, "probe_groups", first, count, w->volume->group_count * sizeof *w->groups,
+                                      w->groups, error);
     if (status == KILN_OK)
         status = kiln_checkpoint_read(c, "probes_done", first, count, 1, w->done, error);
     for (uint64_t i = 0; i < count; i++) {
@@ -108,12 +120,15 @@ static int restore(struct volume_work *w, int rank, int ranks, struct kiln_error
 static int save(const struct volume_work *w, bool stop, struct kiln_error *error)
 {
     const uint64_t first = w->volume->first, count = w->volume->count;
-    const struct kiln_block blocks[] = {{"probes", first, count, sizeof *w->probes, w->probes},
-                                        {"probe_occluders", first, count, sizeof *w->occluders, w->occluders},
-                                        {"probe_places", first, count, sizeof *w->places, w->places},
-                                        {"probes_done", first, count, 1, w->done},
-                                        {"probe_rays", 0, 1, sizeof *w->rays, w->rays}};
-    return w->params->save(w->params->context, blocks, sizeof blocks / sizeof *blocks, stop, error);
+    const struct kiln_block blocks[] = {
+        {"probes", first, count, sizeof *w->probes, w->probes},
+        {"probe_occluders", first, count, sizeof *w->occluders, w->occluders},
+        {"probe_places", first, count, sizeof *w->places, w->places},
+        {"probes_done", first, count, 1, w->done},
+        {"probe_rays", 0, 1, sizeof *w->rays, w->rays},
+        {"probe_groups", first, count, w->volume->group_count * sizeof *w->groups, w->groups}};
+    const size_t all = sizeof blocks / sizeof *blocks;
+    return w->params->save(w->params->context, blocks, w->groups != NULL ? all : all - 1, stop, error);
 }
 
 static bool find_next(struct volume_work *w)
@@ -129,6 +144,11 @@ static int keep_probes(void *context, size_t first, size_t count, const void *re
     (void)error;
     const struct volume_work *w = context;
     memcpy(w->probes + (first - w->volume->first), results, count * sizeof *w->probes);
+    if (w->groups != NULL)
+        memcpy(w->groups + (first - w->volume->first) * w->volume->group_count,
+               w->params->groups->answers +
+                   (first - w->params->groups->first) * w->volume->group_count * KILN_GROUP_PROBE_FLOATS,
+               count * w->volume->group_count * sizeof *w->groups);
     return KILN_OK;
 }
 
@@ -224,12 +244,48 @@ int kiln_volume_save_all(const struct kiln_volume_result *volume, const struct k
     w.probes = (struct kiln_probe_result *)(uintptr_t)volume->probes;
     w.occluders = (struct kiln_probe_occluders *)(uintptr_t)volume->occluders;
     w.places = (struct kiln_probe_place *)(uintptr_t)volume->places;
+    w.groups = (struct kiln_probe_group *)(uintptr_t)volume->groups;
     int status = kiln_agree(params->communicator, kiln_allocate(&w.done, volume->count, 1, "the probes", error), error);
     if (status == KILN_OK && volume->count > 0)
         memset(w.done, KILN_PROBE_COMPLETE, volume->count);
     if (status == KILN_OK)
         status = save(&w, true, error);
     kiln_free(&w.done);
+    return status;
+}
+
+static int make_groups(struct volume_work *w, struct kiln_error *error)
+{
+    const struct kiln_groups *groups = w->params->groups;
+    if (groups == NULL)
+        return KILN_OK;
+    w->volume->group_count = groups->lights->count;
+    w->volume->group_names = w->params->group_names;
+    const int status = kiln_allocate(&w->groups, (size_t)w->volume->count * w->volume->group_count, sizeof *w->groups,
+                                     "the light of groups at probes", error);
+    w->volume->groups = w->groups;
+    return status;
+}
+
+/* Collective. Groups get the light of the probes that all light has been taken from. */
+static int fill_groups(struct volume_work *w, struct kiln_error *error)
+{
+    struct kiln_volume_result one = *w->volume;
+    struct kiln_probe_result *probes = NULL;
+    const size_t count = w->volume->group_count;
+    int status = w->groups != NULL
+                     ? kiln_allocate(&probes, w->volume->count, sizeof *probes, "the light of groups at probes", error)
+                     : KILN_OK;
+    status = kiln_agree(w->params->communicator, status, error);
+    one.probes = probes;
+    for (size_t g = 0; g < count && status == KILN_OK; g++) {
+        for (uint64_t i = 0; i < one.count; i++)
+            memcpy(&probes[i], &w->groups[i * count + g], sizeof *w->groups);
+        status = kiln_probe_fill(w->params->communicator, &one, error);
+        for (uint64_t i = 0; i < one.count; i++)
+            memcpy(&w->groups[i * count + g], &probes[i], sizeof *w->groups);
+    }
+    kiln_free(&probes);
     return status;
 }
 
@@ -256,6 +312,8 @@ int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_
     if (status == KILN_OK)
         status = kiln_allocate(&w.done, volume->count, 1, "the probes", error);
     if (status == KILN_OK)
+        status = make_groups(&w, error);
+    if (status == KILN_OK)
         status = kiln_allocate(&w.positions, w.batch_most, sizeof *w.positions, "probe positions", error);
     volume->probes = w.probes;
     volume->occluders = w.occluders;
@@ -274,6 +332,8 @@ int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_
         status = add_paths(&w, error);
     if (status == KILN_OK)
         status = kiln_probe_fill(params->communicator, volume, error);
+    if (status == KILN_OK)
+        status = fill_groups(&w, error);
     kiln_free(&w.positions);
     kiln_free(&w.done);
     return status;
@@ -284,9 +344,12 @@ void kiln_volume_destroy(struct kiln_volume_result *volume)
     struct kiln_probe_result *probes = (struct kiln_probe_result *)(uintptr_t)volume->probes;
     struct kiln_probe_occluders *occluders = (struct kiln_probe_occluders *)(uintptr_t)volume->occluders;
     struct kiln_probe_place *places = (struct kiln_probe_place *)(uintptr_t)volume->places;
+    struct kiln_probe_group *groups = (struct kiln_probe_group *)(uintptr_t)volume->groups;
     kiln_free(&probes);
     kiln_free(&occluders);
     kiln_free(&places);
+    kiln_free(&groups);
+    volume->groups = NULL;
     volume->probes = NULL;
     volume->occluders = NULL;
     volume->places = NULL;

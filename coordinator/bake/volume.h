@@ -18,9 +18,11 @@ struct kiln_volume_params {
     struct kiln_backend *backend; /* has its surface */
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
-    const uint64_t *radiosity; /* of all points, packed (kiln_radiosity_pack) */
-    double spacing;            /* m; 0: chosen automatically */
-    uint32_t samples;          /* rays for each probe */
+    struct kiln_groups *groups; /* that the backend has: their light is told apart; NULL: none */
+    char *const *group_names;   /* borrowed */
+    const uint64_t *radiosity;  /* of all points, packed (kiln_radiosity_pack) */
+    double spacing;             /* m; 0: chosen automatically */
+    uint32_t samples;           /* rays for each probe */
     /* those of the light on the surfaces; they say whether light paths bring a part (probe_paths.h) */
     const struct kiln_integrate_settings *light;
     struct kiln_progress *progress;

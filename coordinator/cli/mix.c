@@ -12,6 +12,7 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/mix_factors.h"
 #include "coordinator/cli/mix_maps.h"
+#include "coordinator/cli/mix_volume.h"
 #include "coordinator/files/json.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/manifest.h"
@@ -36,8 +37,8 @@ struct mix {
     struct kiln_mix_factors factors;
     struct map *maps;
     size_t map_count;
-    double *ratios; /* of each map: kiln_mix_map */
-    bool has_scene; /* scene.glb */
+    double *ratios;             /* of each map: kiln_mix_map */
+    bool has_scene, has_volume; /* scene.glb; volume.hdf */
     double begin;
 };
 
@@ -77,6 +78,7 @@ static int open_bake(struct mix *m, struct kiln_error *error)
     if (status == KILN_OK)
         status = list_maps(m, error);
     m->has_scene = status == KILN_OK && kiln_results_has(m->results, "scene.glb");
+    m->has_volume = status == KILN_OK && kiln_mix_has_volume(m->results, m->run);
     return status;
 }
 
@@ -118,12 +120,14 @@ static int check_output(const struct mix *m, struct kiln_error *error)
 /* The files of the mixture besides run.json and scene.kscene; `names` has room for them. Returns how many. */
 static size_t name_files(const struct mix *m, char **names)
 {
-    static char scene[] = "scene.glb";
+    static char scene[] = "scene.glb", volume[] = "volume.hdf";
     size_t count = 0;
     for (size_t i = 0; i < m->map_count; i++)
         names[count++] = (char *)(uintptr_t)m->maps[i].name;
     if (m->has_scene)
         names[count++] = scene;
+    if (m->has_volume)
+        names[count++] = volume;
     return count;
 }
 
@@ -132,7 +136,7 @@ static int with_manifest(const struct mix *m, bool after, struct kiln_error *err
 {
     char **names = NULL;
     struct kiln_pruned pruned;
-    int status = kiln_allocate(&names, m->map_count + 1, sizeof *names, "the manifest", error);
+    int status = kiln_allocate(&names, m->map_count + 2, sizeof *names, "the manifest", error);
     status = kiln_agree(MPI_COMM_WORLD, status, error);
     const struct kiln_manifest_parts parts = {
         .more = names, .more_count = status == KILN_OK ? name_files(m, names) : 0, .no_points = true};
@@ -227,8 +231,8 @@ static int copy_file(const struct mix *m, const char *name, struct kiln_error *e
 /* What the report of the bake says of its light and its errors is not so of the mixture. */
 static void change_report(const struct mix *m)
 {
-    static const char *const gone[] = {"volume", "vertices", "preview", "energy", "error",     "density",
-                                       "phases", "rays",     "memory",  "mpi",    "transport", "relight"};
+    static const char *const gone[] = {"vertices", "preview", "energy", "error",     "density", "phases",
+                                       "rays",     "memory",  "mpi",    "transport", "relight"};
     for (size_t i = 0; i < sizeof gone / sizeof *gone; i++)
         (void)json_object_del(m->run, gone[i]);
     for (size_t i = 0; i < m->map_count; i++) {
@@ -275,7 +279,11 @@ static int write_all(const struct mix *m, struct kiln_error *error)
     /* each has those of its maps, and 0 of others */
     (void)MPI_Reduce(m->rank == 0 ? MPI_IN_PLACE : m->ratios, m->ratios, (int)m->map_count, MPI_DOUBLE, MPI_SUM, 0,
                      MPI_COMM_WORLD);
-    status = kiln_agree(MPI_COMM_WORLD, m->rank == 0 ? write_others(m, error) : KILN_OK, error);
+    const struct kiln_mix_params params = {
+        .results = m->results, .directory = m->output, .bake = m->directory, .factors = &m->factors};
+    status = kiln_mix_volume(&params, m->run, m->has_volume, MPI_COMM_WORLD, error);
+    if (status == KILN_OK)
+        status = kiln_agree(MPI_COMM_WORLD, m->rank == 0 ? write_others(m, error) : KILN_OK, error);
     return status == KILN_OK ? with_manifest(m, true, error) : status;
 }
 

@@ -57,6 +57,11 @@ struct kiln_probe_place {
 #define KILN_PROBE_BYTES                                                                                               \
     (sizeof(struct kiln_probe_result) + sizeof(struct kiln_probe_occluders) + sizeof(struct kiln_probe_place))
 
+/* The light of a group of lights at a probe, as struct kiln_probe_result has it of all. */
+struct kiln_probe_group {
+    float radiance[9][3], irradiance_axes[6][3];
+};
+
 /* The irradiance volume: a regular grid of probes, this rank's share of them a contiguous range of z-major order
  * (index = (z * size[1] + y) * size[0] + x). */
 struct kiln_volume_result {
@@ -64,9 +69,15 @@ struct kiln_volume_result {
     double origin[3];  /* world, m: position of probe (0,0,0) */
     double spacing[3]; /* m */
     uint64_t first, count;
-    const struct kiln_probe_result *probes;       /* own */
+    const struct kiln_probe_result *probes; /* own */
+    bool of_irradiance; /* their coefficients are of irradiance: the cosine is in them already (of mixtures) */
     const struct kiln_probe_occluders *occluders; /* own */
     const struct kiln_probe_place *places;        /* own */
+    /* of each own probe what each of `group_count` groups of lights brings (worker/pass/groups.h), whose names are
+     * borrowed; NULL: they are not told apart */
+    const struct kiln_probe_group *groups;
+    size_t group_count;
+    char *const *group_names;
 };
 
 #endif

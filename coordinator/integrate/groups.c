@@ -3,13 +3,17 @@
 #include <string.h>
 
 #include "coordinator/field/group_fields.h"
+#include "coordinator/integrate/packing.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 #include "worker/light/light_groups.h"
 #include "worker/pass/groups.h"
 #include "worker/scene/radiosity.h"
 
-enum { STREAMS = 1 << 20 }; /* of random bits between those of two groups */
+enum {
+    STREAMS = 1 << 20,     /* of random bits between those of two groups */
+    TOTAL_STREAM = 0x10000 /* of those by which total radiosity is rounded, as radiosity_exchange.c has it */
+};
 
 struct kiln_group_light {
     const struct kiln_integrate_params *params;
@@ -128,13 +132,47 @@ static void find_ranges(const struct kiln_group_light *g)
     (void)MPI_Allgather(&mine[1], 1, MPI_INT, g->begins, 1, MPI_INT, g->params->communicator);
 }
 
+/* Collective. All ranks get what each has in `radiosity`. */
+static void share(const struct kiln_group_light *g)
+{
+    MPI_Datatype point;
+    find_ranges(g);
+    (void)MPI_Type_contiguous((int)g->channel.lights->count, MPI_UINT64_T, &point);
+    (void)MPI_Type_commit(&point);
+    (void)MPI_Allgatherv(MPI_IN_PLACE, 0, point, g->radiosity, g->counts, g->begins, point, g->params->communicator);
+    (void)MPI_Type_free(&point);
+}
+
+struct kiln_groups *kiln_group_light_total(struct kiln_group_light *g)
+{
+    const struct kiln_rank_data *own = g->solution->own;
+    const uint64_t count = g->channel.lights->count;
+    for (size_t f = 0; f < own->surface.tile_run_count; f++) {
+        const struct kiln_tile_run *run = &own->surface.tile_runs[f];
+        struct kiln_own_point at = kiln_own_of_global(&own->surface, run->first);
+        for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, at.at++) {
+            float albedo[3], total[3];
+            kiln_point_albedo(&own->surface, at, albedo);
+            for (uint32_t group = 0; group < count; group++) {
+                const float *sum = (const float *)field_of(g, own, group, KILN_GROUP_SUM) + 3 * at.at;
+                const uint32_t hash =
+                    kiln_packing_hash(run, (uint32_t)__builtin_ctzll(rest), TOTAL_STREAM + (group + 1) * STREAMS);
+                for (int c = 0; c < 3; c++)
+                    total[c] = albedo[c] * sum[c];
+                g->radiosity[(own->surface.first.at + at.at) * count + group] = kiln_radiosity_pack(total, hash);
+            }
+        }
+    }
+    share(g);
+    return &g->channel;
+}
+
 void kiln_group_light_exchange(const struct kiln_group_light *g, bool restored)
 {
     if (g == NULL)
         return;
     const struct kiln_rank_data *own = g->solution->own;
     const uint64_t count = g->channel.lights->count, first = own->surface.first.at;
-    MPI_Datatype point;
     for (uint32_t group = 0; group < count; group++) {
         uint64_t *source = field_of(g, own, group, KILN_GROUP_SOURCE);
         if (!restored && own->surface.count > 0)
@@ -142,11 +180,7 @@ void kiln_group_light_exchange(const struct kiln_group_light *g, bool restored)
         for (uint64_t i = 0; i < own->surface.count; i++)
             g->radiosity[(first + i) * count + group] = source[i];
     }
-    find_ranges(g);
-    (void)MPI_Type_contiguous((int)count, MPI_UINT64_T, &point);
-    (void)MPI_Type_commit(&point);
-    (void)MPI_Allgatherv(MPI_IN_PLACE, 0, point, g->radiosity, g->counts, g->begins, point, g->params->communicator);
-    (void)MPI_Type_free(&point);
+    share(g);
 }
 
 void kiln_group_light_each(const struct kiln_group_light *g, void (*change)(const struct kiln_rank_data *own))

@@ -20,6 +20,9 @@ void kiln_group_light_destroy(struct kiln_group_light **light);
 void kiln_group_light_take(const struct kiln_group_light *light, const struct kiln_taking *taking,
                            const struct kiln_rank_data *data, const struct kiln_tile_run *tile_run,
                            const void *results);
+/* Collective, when all light is computed. What the probe pass reads of groups is all light that each sends; the backend
+ * has them until the light is destroyed. */
+struct kiln_groups *kiln_group_light_total(struct kiln_group_light *light);
 /* Collective. What is gathered from is what the last step has made, or after a restart what was gathered from. */
 void kiln_group_light_exchange(const struct kiln_group_light *light, bool restored);
 /* Calls `change` for each group with the own data, whose direct, sum and next are the group's. */

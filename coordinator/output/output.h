@@ -47,7 +47,8 @@ int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_outpu
 uint64_t kiln_volume_space(const struct kiln_volume_result *volume);
 /* Writes DIR/volume.hdf as VTKHDF ImageData. Its PointData are irradiance_sh (27 components: the nine coefficients c_i
  * of irradiance in RGB, E(n) = sum_i c_i Y_i(n), without further factors), irradiance_posx ... irradiance_negz,
- * validity and mean_distance. */
+ * validity and mean_distance. Where groups of lights are told apart, /groups/NAME has what each brings of the light (45
+ * components: those of irradiance_sh, then RGB along the six axes). */
 int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_volume_result *volume,
                       const struct kiln_output_params *params, struct kiln_error *error);
 

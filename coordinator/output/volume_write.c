@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "coordinator/mpi/agree.h"
+#include "coordinator/job/options.h"
 #include "coordinator/output/h5.h"
 #include "coordinator/output/output.h"
 #include "coordinator/files/publish.h"
@@ -95,13 +96,19 @@ static int check_finite(const struct volume_writer *w, const float *values, uint
     return KILN_OK;
 }
 
+/* Of irradiance. */
+static float coefficient_of(const struct kiln_volume_result *v, uint64_t probe, int i, int c)
+{
+    const float radiance = v->probes[probe].radiance[i][c];
+    return v->of_irradiance ? radiance : (float)(kiln_harmonics_cosine(i) * (double)radiance);
+}
+
 static int write_harmonics(struct volume_writer *w, struct kiln_error *error)
 {
     for (uint64_t p = 0; p < w->volume->count; p++)
         for (int i = 0; i < KILN_HARMONICS; i++)
             for (int c = 0; c < 3; c++)
-                w->values[27 * p + 3 * (uint64_t)i + (uint64_t)c] =
-                    (float)(kiln_harmonics_cosine(i) * (double)w->volume->probes[p].radiance[i][c]);
+                w->values[27 * p + 3 * (uint64_t)i + (uint64_t)c] = coefficient_of(w->volume, p, i, c);
     const int status = kiln_agree(w->h5.communicator, check_finite(w, w->values, 27, "its light", error), error);
     if (status != KILN_OK)
         return status;
@@ -127,6 +134,33 @@ static int write_axes(struct volume_writer *w, struct kiln_error *error)
         if (status == KILN_OK)
             status = write_array(w, names[a], w->values, 3, w->result->units->irradiance,
                                  "irradiance on a face looking along this axis, linear RGB, estimated directly", error);
+    }
+    return status;
+}
+
+/* Of each group the light of all its probes, in one array. */
+static int write_groups(struct volume_writer *w, struct kiln_error *error)
+{
+    enum { SH = 27, ALL = SH + 18 };
+    const struct kiln_volume_result *v = w->volume;
+    int status = v->group_count > 0 ? kiln_h5_group(&w->h5, "/groups", error) : KILN_OK;
+    for (size_t g = 0; g < v->group_count && status == KILN_OK; g++) {
+        char name[KILN_OPTION_TEXT];
+        (void)snprintf(name, sizeof name, "/groups/%s", v->group_names[g]);
+        for (uint64_t p = 0; p < v->count; p++) {
+            const struct kiln_probe_group *of = &v->groups[p * v->group_count + g];
+            float *to = w->values + ALL * p;
+            for (int i = 0; i < KILN_HARMONICS; i++)
+                for (int c = 0; c < 3; c++)
+                    to[3 * i + c] = (float)(kiln_harmonics_cosine(i) * (double)of->radiance[i][c]);
+            memcpy(to + SH, of->irradiance_axes, sizeof of->irradiance_axes);
+        }
+        status = kiln_agree(w->h5.communicator, check_finite(w, w->values, ALL, "the light of a group", error), error);
+        if (status == KILN_OK)
+            status = write_array(w, name, w->values, ALL, w->result->units->irradiance,
+                                 "light of a group of lights: components 0 to 26 as irradiance_sh, then red, green and "
+                                 "blue of irradiance_posx, negx, posy, negy, posz and negz; groups add up to these",
+                                 error);
     }
     return status;
 }
@@ -244,7 +278,7 @@ static int read_back(const struct volume_writer *w, const struct kiln_publish *p
                                   memcmp(around.offset, v->places[own].offset, sizeof around.offset) != 0))
             status = kiln_fail(&why, KILN_IO, "what is around probe %llu", (unsigned long long)index);
         for (int c = 0; status == KILN_OK && c < 3; c++)
-            if (probe.harmonics[8][c] != (float)(kiln_harmonics_cosine(8) * (double)v->probes[own].radiance[8][c]) ||
+            if (probe.harmonics[8][c] != coefficient_of(v, own, 8, c) ||
                 probe.axes[5][c] != v->probes[own].irradiance_axes[5][c] ||
                 probe.mean_distance != v->probes[own].mean_distance)
                 status = kiln_fail(&why, KILN_IO, "probe %llu", (unsigned long long)index);
@@ -265,7 +299,8 @@ uint64_t kiln_volume_space(const struct kiln_volume_result *volume)
         const uint64_t side = volume->size[i] < CHUNK_SIDE ? volume->size[i] : CHUNK_SIDE;
         probes *= side == 0 ? 0 : (volume->size[i] + side - 1) / side * side;
     }
-    return probes * (27 + 18 + 6 + 3 * KILN_OCCLUDER_DIRECTIONS) * sizeof(float) + (1 << 17);
+    return probes * (27 + 18 + 6 + 3 * KILN_OCCLUDER_DIRECTIONS) * sizeof(float) +
+           volume->group_count * (probes * (27 + 18) * sizeof(float) + 4096) + (1 << 17);
 }
 
 int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_volume_result *volume,
@@ -282,7 +317,7 @@ int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_v
     if (status == KILN_OK && rank == 0)
         status = kiln_require_space(params->directory, kiln_volume_space(volume), error);
     if (status == KILN_OK)
-        status = kiln_allocate(&w.values, volume->count, 27 * sizeof(float), "the volume's values", error);
+        status = kiln_allocate(&w.values, volume->count, (27 + 18) * sizeof(float), "the volume's values", error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_h5_create(&w.h5, result->communicator, &place, error);
@@ -294,6 +329,8 @@ int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_v
             status = write_harmonics(&w, error);
         if (status == KILN_OK)
             status = write_axes(&w, error);
+        if (status == KILN_OK)
+            status = write_groups(&w, error);
         if (status == KILN_OK)
             status = write_scalars(&w, error);
         if (status == KILN_OK)

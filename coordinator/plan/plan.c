@@ -16,6 +16,7 @@
 #include "coordinator/bake/light_settings.h"
 #include "coordinator/bake/occluders.h"
 #include "coordinator/bake/results_memory.h"
+#include "coordinator/bake/transport_identity.h"
 #include "coordinator/bake/volume.h"
 #include "coordinator/export/export.h"
 #include "worker/base/memory.h"
@@ -152,7 +153,8 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     m->light = kiln_field_set_light_bytes(&fields, (uint64_t)plan->here.light.points_most, plan->surface.points);
     if (kiln_job_is_radiosity(job))
         m->light += kiln_patches_bytes(&job->patches, (uint64_t)plan->here.light.points_most, plan->surface.points);
-    m->volume = plan->probes * KILN_PROBE_BYTES + plan->landing.probe_bytes;
+    m->volume = plan->probes * (KILN_PROBE_BYTES + job->group_count * sizeof(struct kiln_probe_group)) +
+                plan->landing.probe_bytes;
     m->results = result_bytes(plan, p, job);
     m->moving = plan->here.light.repartitions > 0 ? (uint64_t)(fmax(own, results) * plan->here.light.points_most) : 0;
     m->landing = landing_bytes(plan, p, job);
@@ -187,7 +189,8 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
     plan->export_bytes = job->export ? kiln_export_size(p->scene) : 0;
     for (size_t i = 0; i < plan->steps.count && job->keep_transport == KILN_KEEP_ROWS; i++)
         if (kiln_transport_keeps(&plan->steps.of[i].step))
-            plan->transport_bytes += kiln_rows_file_bytes(plan->surface.points, plan->steps.of[i].step.samples);
+            plan->transport_bytes += kiln_transport_bytes(plan->surface.points, plan->steps.of[i].step.samples,
+                                                          kiln_transport_goes_on(job, p));
     if (job->keep_transport == KILN_KEEP_LINKS)
         plan->transport_bytes = kiln_link_file_bytes_expected(plan->surface.points, job->patches.link_error);
     plan->disk_bytes = plan->lightmap_bytes + plan->h5_bytes + plan->volume_bytes + plan->scene_bytes +

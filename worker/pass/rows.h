@@ -10,8 +10,8 @@
  * The check is a hash of key, point, number of samples and words, and never 0. The key is a hash of what the rays hang
  * on (coordinator/integrate/transport.h), so a row of another bake is as good as damaged.
  *
- * Rows are of Embree's backend, of rays that end at the first surface that they meet: without radiance probes, without
- * gloss that sends rays on, without guide and without tinted surfaces. */
+ * What rays bring that go on from gloss, or are tinted, stands beside the rows (row_chains.h). Rows are of Embree's
+ * backend, of rays without radiance probes and without guide. */
 #ifndef KILN_WORKER_PASS_ROWS_H
 #define KILN_WORKER_PASS_ROWS_H
 
@@ -47,6 +47,7 @@ static inline uint64_t kiln_rows_file_bytes(uint64_t points, uint32_t samples)
 uint32_t kiln_rows_check(uint64_t key, uint64_t point, const uint32_t *words, uint32_t samples);
 
 struct kiln_resident_rows;
+struct kiln_row_chains;
 
 /* What a backend does with the rows of a step (kiln_backend_set_rows). */
 struct kiln_rows {
@@ -55,6 +56,7 @@ struct kiln_rows {
     /* NULL: they are in the file. Else they are here (resident_rows.h), with `replays`: rays without a row are traced,
      * and get one; and the weights of all are noted. Borrowed */
     struct kiln_resident_rows *resident;
+    struct kiln_row_chains *chains; /* NULL: no ray goes on, and none is tinted. Borrowed */
     bool replays;     /* rays are looked up, and traced where there is no row; else all are traced and kept */
     uint32_t samples; /* of a row; a batch may have fewer */
     uint64_t key;

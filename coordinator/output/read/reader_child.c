@@ -66,7 +66,8 @@ static int read_image(const struct reader_request *request, int file, int memory
     struct kiln_image *image = NULL;
     for (uint32_t i = 0; i < request->wanted_count; i++)
         wanted[i] = request->wanted[i];
-    int status = ends_with(request->path, ".h5") && request->wanted_count > 0
+    const bool rows = ends_with(request->path, ".h5") || ends_with(request->path, ".hdf");
+    int status = rows && request->wanted_count > 0
                      ? kiln_rows_read(file, request->path, wanted, request->wanted_count, &image, error)
                      : kiln_exr_read_open(file, request->path, request->wanted_count > 0 ? wanted : NULL,
                                           request->wanted_count, &image, error);

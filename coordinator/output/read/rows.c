@@ -9,7 +9,7 @@
 #include "worker/base/memory.h"
 
 /* Components of a dataset, and channels of an image, at most. */
-enum { COMPONENTS = 16, CHANNELS = 64 };
+enum { COMPONENTS = 96, CHANNELS = 128 };
 
 struct source {
     struct kiln_h5_file *file;
@@ -41,7 +41,8 @@ const float *kiln_rows_of(const struct kiln_image *image, const char *dataset, u
     return channel != NULL ? channel->values : NULL;
 }
 
-/* Rows and components of a dataset: 0 and 0 if it is of another form. */
+/* Rows and components of a dataset; of a volume's, which has three dimensions of rows, or four with components, the
+ * rows are its probes. 0 and 0 if it is of another form. */
 static void extent_of(hid_t dataset, hsize_t size[2])
 {
     hsize_t found[H5S_MAX_RANK] = {0};
@@ -49,6 +50,12 @@ static void extent_of(hid_t dataset, hsize_t size[2])
     const int rank = space >= 0 ? H5Sget_simple_extent_dims(space, found, NULL) : -1;
     size[0] = rank == 1 || rank == 2 ? found[0] : 0;
     size[1] = rank == 1 ? 1 : rank == 2 ? found[1] : 0;
+    if (rank == 3 || rank == 4) {
+        const bool small =
+            found[0] < 1u << 28 && found[1] < 1u << 28 && found[0] * found[1] < 1u << 28 && found[2] < 1u << 28;
+        size[0] = small ? found[0] * found[1] * found[2] : 0;
+        size[1] = rank == 3 ? 1 : found[3];
+    }
     if (space >= 0)
         (void)H5Sclose(space);
 }

@@ -1,5 +1,5 @@
-/* Reads datasets of kiln.h5 that have one row for each point, or for each vertex, as an image of one row with a pixel
- * for each. Not collective. */
+/* Reads datasets of kiln.h5 that have one row for each point, or for each vertex, or of volume.hdf that have one value
+ * or more for each probe, as an image of one row with a pixel for each. Not collective. */
 #ifndef KILN_COORDINATOR_OUTPUT_READ_ROWS_H
 #define KILN_COORDINATOR_OUTPUT_READ_ROWS_H
 

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "shaders/shared/chain.h"
+#include "worker/backend/embree/kept_chains.h"
 #include "worker/backend/embree/light_samples.h"
 #include "worker/backend/embree/lookup.h"
 
@@ -30,14 +31,21 @@ static void multiply(struct chain *c, const float factor[3])
 static void add_radiosity(struct chain *c, const struct RTCRayHit *ray, uint32_t triangle, float in, float out)
 {
     const struct embree_backend *b = c->walk->b;
-    float rgb[3];
+    float rgb[3], weight[3];
     for (int i = 0; i < 3; i++)
         c->found->gloss[i] -= c->weight[i] * in;
     if (!c->radiosity)
         return;
-    kiln_radiosity_unpack(embree_radiosity(b, triangle, ray->hit.u, ray->hit.v, meeting_is_back(ray)), rgb);
-    for (int i = 0; i < 3; i++)
-        c->found->radiosity[i] += c->weight[i] * out * rgb[i];
+    const uint64_t point = embree_point(b, triangle, ray->hit.u, ray->hit.v, meeting_is_back(ray)).at;
+    if (point == KILN_NO_POINT)
+        return;
+    kiln_radiosity_unpack(b->radiosity[point], rgb);
+    for (int i = 0; i < 3; i++) {
+        weight[i] = c->weight[i] * out;
+        c->found->radiosity[i] += weight[i] * rgb[i];
+    }
+    if (c->walk->notes != NULL)
+        kept_chains_answer(c->walk->notes, (uint32_t)point, weight);
 }
 
 /* What of diffuse light the surface sends to the chain. */

@@ -494,6 +494,63 @@ static void count_lost_in_order(struct gather_work *w, uint32_t lanes)
     }
 }
 
+/* ---- chains that are kept ---- */
+
+/* The chain of lane l, which is kept where chains are. */
+static void follow_and_keep(struct gather_work *w, uint32_t step, uint32_t l, bool tints)
+{
+    if (!kept_rows_note_chains(&w->rows)) {
+        follow(w, step, l, true);
+        return;
+    }
+    const uint32_t j = w->rays->point[l];
+    w->walk.notes = kept_chains_ray(&w->rows.chains, j, tints ? w->rays->tint[l] : NULL);
+    follow(w, step, l, true);
+    w->walk.notes = NULL;
+    *kept_rows_word(&w->rows, w->rays, step, l) = kept_chains_end(&w->rows.chains, j, tints);
+}
+
+/* A ray that ends at the first surface, and is tinted on its way there. */
+static void keep_tint(struct gather_work *w, uint32_t step, uint32_t l, uint64_t point)
+{
+    const float *tint = w->rays->tint[l], all[3] = {1.0f, 1.0f, 1.0f};
+    const uint32_t j = w->rays->point[l];
+    if (!kept_rows_note_chains(&w->rows) || (tint[0] == 1.0f && tint[1] == 1.0f && tint[2] == 1.0f))
+        return;
+    kept_chains_answer(kept_chains_ray(&w->rows.chains, j, tint), (uint32_t)point, all);
+    *kept_rows_word(&w->rows, w->rays, step, l) = kept_chains_end(&w->rows.chains, j, true);
+}
+
+/* As collect_lanes, of rays that were found in a file. What they have lost the points' records say. */
+static void collect_kept(const struct embree_backend *b, struct gather_work *w, uint32_t step, uint32_t lanes)
+{
+    for (uint32_t l = 0; l < lanes; l++) {
+        float rgb[3] = {0.0f, 0.0f, 0.0f};
+        const uint32_t word = *kept_rows_word(&w->rows, w->rays, step, l);
+        if (word == KILN_ROW_ESCAPED || word == KILN_ROW_BLOCKED)
+            continue;
+        if (word == KILN_ROW_CHAIN || word == KILN_ROW_TINTED)
+            kept_chains_light(&w->rows.chains, w->rays->point[l], word == KILN_ROW_TINTED, b->radiosity, rgb);
+        else if (word < KILN_ROW_POINTS && facet_weight(w->rays, l) > 0.0f)
+            kiln_radiosity_unpack(b->radiosity[word], rgb);
+        add(w, step, l, rgb, false);
+    }
+}
+
+/* What the points' rays have lost. */
+static void take_lost(struct gather_work *w)
+{
+    for (uint32_t j = 0; j < w->rays->frame.count; j++) {
+        const struct kiln_row_chain *record = &w->rows.chains.record[j];
+        w->escaped[j] = (double)record->escaped;
+        w->blocked[j] = (double)record->blocked;
+        for (int c = 0; c < 3; c++) {
+            w->glass[j][c] = (double)record->glass[c];
+            w->gloss[j][c] = (double)record->gloss[c];
+        }
+    }
+}
+
 /* As count_lost and collect, where rays end at probes or go on in chains: what surfaces, probes and chains send, lane
  * by lane, so that a point's samples are added in their order. */
 static void collect_lanes(const struct embree_backend *b, struct embree_context *context, struct gather_work *w,
@@ -513,12 +570,15 @@ static void collect_lanes(const struct embree_backend *b, struct embree_context 
         float rgb[3] = {0.0f, 0.0f, 0.0f};
         const bool is_hit = hit < found->count && found->lane[hit] == l, asks = ask < w->asking && w->asks[ask] == l;
         if (chains && w->chained[l]) {
-            follow(w, step, l, true);
+            follow_and_keep(w, step, l, tints);
             count_chain(w, l, tints);
             memcpy(rgb, w->chain.radiosity, sizeof rgb);
         } else if (is_hit) {
-            if (facet_weight(w->rays, l) > 0.0f && found->point[hit] != KILN_NO_POINT)
+            if (facet_weight(w->rays, l) > 0.0f && found->point[hit] != KILN_NO_POINT) {
                 kiln_radiosity_unpack(b->radiosity[found->point[hit]], rgb);
+                if (tints)
+                    keep_tint(w, step, l, found->point[hit]);
+            }
         } else if (asks) {
             ask_probe(b, w, l, rgb);
         } else {
@@ -815,18 +875,33 @@ static void clear_sums(struct gather_work *w)
         memset(w->quarter[i], 0, count * sizeof *w->quarter[i]);
 }
 
+/* Whether what a ray weighs does not hang on where it goes. */
+static bool weighs_alike(const struct tile_run_frame *frame)
+{
+    bool alike = !frame->smooth;
+    for (uint32_t j = 0; j < frame->count && alike; j++)
+        alike = !frame->glossy[j];
+    return alike;
+}
+
+static void find_kept(struct gather_work *w, const struct embree_backend *b, uint32_t step, uint32_t lanes)
+{
+    if (!kept_rows_find_chains(&w->rows)) /* else words are read where light is collected */
+        kept_rows_find(&w->rows, b, w->rays, step, lanes, &w->found);
+}
+
 /* Finds what the rays of the step meet: traces them, or with `replays` looks it up. Returns the number of lanes. */
 static uint32_t find_step(struct gather_work *w, const struct embree_backend *b, struct embree_context *context,
                           uint32_t step, bool replays, uint64_t *rays)
 {
-    if (replays && !w->rays->frame.smooth) { /* no sum hangs on where the rays go */
+    if (replays && weighs_alike(&w->rays->frame)) { /* no sum hangs on where the rays go */
         const uint32_t lanes = rays_lanes(w->rays, step);
-        kept_rows_find(&w->rows, b, w->rays, step, lanes, &w->found);
+        find_kept(w, b, step, lanes);
         return lanes;
     }
     const uint32_t lanes = rays_make(w->rays, b, step);
     if (replays) {
-        kept_rows_find(&w->rows, b, w->rays, step, lanes, &w->found);
+        find_kept(w, b, step, lanes);
         return lanes;
     }
     *rays += b->probes != NULL ? end_rays(w, lanes) : lanes;
@@ -860,12 +935,19 @@ static void gather_tile_run(void *work, const struct embree_backend *b, struct e
     if (w->directed != NULL)
         directed_begin(w->directed, w->rays, b, tile_run, w->stream);
     const bool plain = is_plain(w, b);
-    const bool replays = kept_rows_read(&w->rows, b, tile_run, w->rays->frame.place, w->rays->frame.count);
+    const bool replays = kept_rows_read(&w->rows, b, tile_run, w->rays->frame.place, w->rays->frame.count),
+               notes = kept_rows_note_chains(&w->rows);
+    if (notes)
+        kept_chains_begin(&w->rows.chains, w->rays->frame.count);
     for (uint32_t step = 0; step < steps; step++) {
         const uint32_t lanes = find_step(w, b, context, step, replays, rays);
         if (w->rays->frame.smooth && kept_rows_weighs(&w->rows))
             weigh(w, tile_run, step, lanes);
-        if (b->probes != NULL || chain_any(b)) {
+        if (replays && kept_rows_find_chains(&w->rows)) {
+            collect_kept(b, w, step, lanes);
+            continue;
+        }
+        if (b->probes != NULL || chain_any(b) || notes) {
             collect_lanes(b, context, w, step, lanes);
             continue;
         }
@@ -879,9 +961,11 @@ static void gather_tile_run(void *work, const struct embree_backend *b, struct e
         take_plain(w);
     if (b->probes != NULL)
         raise_to_zero(w);
-    if (!replays)
-        kept_rows_write(&w->rows, b, w->rays, tile_run);
+    if (replays && kept_rows_find_chains(&w->rows))
+        take_lost(w);
     store(w, results);
+    if (!replays)
+        kept_rows_write(&w->rows, b, w->rays, tile_run, results);
     if (w->groups != NULL)
         store_groups(w, b, tile_run);
     if (w->side > 0)

@@ -12,17 +12,23 @@
 int kept_rows_create(struct kept_rows *kept, const struct embree_backend *b, const struct kiln_batch *part,
                      struct kiln_error *error)
 {
+    const bool goes_on = embree_tints(b) || b->lobes != NULL;
     *kept = (struct kept_rows){0};
-    if (b->base.rows == NULL || b->probes != NULL || embree_tints(b) || b->lobes != NULL ||
+    if (b->base.rows == NULL || b->probes != NULL || (goes_on && b->base.rows->chains == NULL) ||
         part->samples > b->base.rows->samples)
         return KILN_OK;
     kept->rows = b->base.rows;
+    kept->chains.file = kept->rows->chains;
     kept->samples = part->samples;
     return kiln_allocate(&kept->words, RAY_LANES * (1 + (size_t)part->samples), sizeof *kept->words,
                          "the rows of a tile run", error);
 }
 
-void kept_rows_release(struct kept_rows *kept) { kiln_free(&kept->words); }
+void kept_rows_release(struct kept_rows *kept)
+{
+    kiln_free(&kept->words);
+    kept_chains_release(&kept->chains);
+}
 
 static void fail(struct kiln_rows *rows, int status, const char *what, uint64_t point)
 {
@@ -93,20 +99,42 @@ static bool read_at(struct kiln_rows *rows, void *to, size_t bytes, uint64_t poi
 /* Whether point j has a row; a damaged one is noted. */
 static bool row_is_there(const struct kept_rows *kept, const struct embree_backend *b, uint32_t j, uint64_t point)
 {
-    const uint32_t *row = row_of(kept, j);
+    const uint32_t *row = row_of(kept, j), least = kept->chains.file != NULL ? KILN_ROW_TINTED : KILN_ROW_BLOCKED;
     bool within = true;
     if (row[0] == 0)
         return false;
     for (uint32_t k = 1; k <= kept->samples; k++)
-        within &= (row[k] < b->surface->point_count) | (row[k] >= KILN_ROW_BLOCKED);
+        within &= (row[k] < b->surface->point_count) | (row[k] >= least);
     if (within && row[0] == kiln_rows_check(kept->rows->key, point, row + 1, kept->samples))
         return true;
     fail(kept->rows, KILN_BAD_INPUT, "damaged", point);
     return false;
 }
 
-static bool read_rows(const struct kept_rows *kept, const struct embree_backend *b, size_t tile_run,
-                      const uint32_t *place, uint32_t points)
+/* Reads what goes on from the rows; damage is noted. */
+static bool read_chains(struct kept_rows *kept, const struct embree_backend *b, uint64_t first, const uint32_t *place,
+                        uint32_t points)
+{
+    struct kiln_rows *r = kept->rows;
+    if (kept->chains.file == NULL)
+        return true;
+    const int found = kept_chains_read(&kept->chains, first, place, points);
+    bool whole = found > 0;
+    if (found == 0 && errno != 0)
+        fail(r, KILN_IO, "read the chains beside", 0);
+    if (found < 0)
+        fail(r, KILN_BAD_INPUT, "without its chains", first);
+    for (uint32_t j = 0; j < points && whole; j++) {
+        whole = kept_chains_are_whole(&kept->chains, r->key, j, first + place[j], row_of(kept, j) + 1, kept->samples,
+                                      b->surface->point_count);
+        if (!whole)
+            fail(r, KILN_BAD_INPUT, "damaged", first + place[j]);
+    }
+    return whole;
+}
+
+static bool read_rows(struct kept_rows *kept, const struct embree_backend *b, size_t tile_run, const uint32_t *place,
+                      uint32_t points)
 {
     struct kiln_rows *r = kept->rows;
     const bool whole = kept->samples == r->samples;
@@ -118,7 +146,7 @@ static bool read_rows(const struct kept_rows *kept, const struct embree_backend 
         for (uint32_t i = j; i < j + count && there; i++)
             there = row_is_there(kept, b, i, first + place[i]);
     }
-    return there;
+    return there && read_chains(kept, b, first, place, points);
 }
 
 static void tally(const struct kept_rows *kept, bool there, uint32_t points)
@@ -173,7 +201,18 @@ static bool is_opaque(const struct embree_backend *b, const struct kiln_point_cu
     return s->pieces[at->piece + kiln_piece_count(s, at->point) - 1] < b->params.geometry->opaque_count;
 }
 
-/* The tile run's valid points of `points`, by their place in it; false where one of them is not opaque. */
+/* Whether light that comes to the point may be weighed by its material (tile_run_frame.glossy). */
+static bool is_glossy(const struct embree_backend *b, const struct kiln_point_cursor *at)
+{
+    const struct kiln_surface *s = b->surface;
+    const uint64_t end = at->piece + kiln_piece_count(s, at->point);
+    bool glossy = false;
+    for (uint64_t i = at->piece; i < end && b->lobes != NULL; i++)
+        glossy = glossy || (b->params.geometry->records[s->pieces[i]].material & KILN_RECORD_GLOSS) != 0;
+    return glossy;
+}
+
+/* The tile run's valid points of `points`, by their place in it; false where one of them is not opaque, or glossy. */
 static bool find_points(const struct embree_backend *b, size_t tile_run, uint64_t points,
                         uint32_t place[KILN_TILE_TEXELS], uint32_t *count)
 {
@@ -183,7 +222,7 @@ static bool find_points(const struct embree_backend *b, size_t tile_run, uint64_
     for (uint32_t k = 0; k < s->tile_runs[tile_run].count; k++, kiln_point_next(s, &at)) {
         if ((points >> k & 1u) == 0 || !kiln_point_valid(s, at.point))
             continue;
-        if (!is_opaque(b, &at))
+        if (!is_opaque(b, &at) || is_glossy(b, &at))
             return false;
         place[(*count)++] = k;
     }
@@ -226,6 +265,37 @@ KILN_CLONES static void sum_row(const uint64_t *restrict radiosity, const uint32
     r->count = samples;
 }
 
+/* The same where rays go on. What they have lost the point's record says. */
+static void sum_row_with_chains(struct kept_rows *kept, const uint64_t *radiosity, uint32_t j,
+                                struct kiln_point_result *r)
+{
+    const uint32_t *words = row_of(kept, j) + 1, samples = kept->samples;
+    const struct kiln_row_chain *record = &kept->chains.record[j];
+    double sum[3] = {0.0, 0.0, 0.0}, quarter[RAY_QUARTERS] = {0.0};
+    for (uint32_t q = 0, k = 0; q < RAY_QUARTERS; q++) {
+        const uint32_t end = (uint32_t)(((uint64_t)(q + 1) * samples + RAY_QUARTERS - 1) / RAY_QUARTERS);
+        for (; k < end; k++) {
+            float rgb[3];
+            if (words[k] == KILN_ROW_CHAIN || words[k] == KILN_ROW_TINTED)
+                kept_chains_light(&kept->chains, j, words[k] == KILN_ROW_TINTED, radiosity, rgb);
+            else
+                kiln_radiosity_unpack(radiosity_of(radiosity, words[k]), rgb);
+            for (int c = 0; c < 3; c++)
+                sum[c] += (double)rgb[c];
+            quarter[q] += (double)kiln_luminance_in_float(rgb);
+        }
+    }
+    for (int c = 0; c < 3; c++)
+        r->incident[c] = r->irradiance[c] = (float)sum[c];
+    r->error = rays_quarters_error(quarter, samples);
+    r->escaped = record->escaped;
+    r->blocked = record->blocked;
+    memcpy(r->glass, record->glass, sizeof r->glass);
+    memcpy(r->gloss, record->gloss, sizeof r->gloss);
+    r->present = 1.0f;
+    r->count = samples;
+}
+
 bool kept_rows_replay(struct kept_rows *kept, const struct embree_backend *b, const struct kiln_batch *part,
                       size_t tile_run, struct kiln_point_result *results)
 {
@@ -235,7 +305,10 @@ bool kept_rows_replay(struct kept_rows *kept, const struct embree_backend *b, co
         !read_rows(kept, b, tile_run, place, count))
         return false;
     for (uint32_t j = 0; j < count; j++)
-        sum_row(b->radiosity, row_of(kept, j) + 1, kept->samples, &results[place[j]]);
+        if (kept->chains.file != NULL)
+            sum_row_with_chains(kept, b->radiosity, j, &results[place[j]]);
+        else
+            sum_row(b->radiosity, row_of(kept, j) + 1, kept->samples, &results[place[j]]);
     tally(kept, true, count);
     return true;
 }
@@ -278,13 +351,17 @@ static bool write_at(struct kiln_rows *rows, const void *from, size_t bytes, uin
 }
 
 void kept_rows_write(struct kept_rows *kept, const struct embree_backend *b, const struct tile_run_rays *rays,
-                     size_t tile_run)
+                     size_t tile_run, const struct kiln_point_result *results)
 {
     const struct tile_run_frame *f = &rays->frame;
     struct kiln_rows *r = kept->rows;
     if (r == NULL || (r->replays && r->resident == NULL))
         return;
     const uint64_t first = first_of(b, tile_run), count = (uint64_t)f->count * kept->samples;
+    if (kept->chains.file != NULL && !kept_chains_write(&kept->chains, r->key, first, f, results)) {
+        fail(r, KILN_IO, "write the chains beside", 0);
+        return;
+    }
     for (uint32_t j = 0; j < f->count; j++)
         *row_of(kept, j) = kiln_rows_check(r->key, first + f->place[j], row_of(kept, j) + 1, kept->samples);
     for (uint32_t j = 0, stretch; j < f->count; j += stretch) {

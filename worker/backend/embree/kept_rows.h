@@ -2,6 +2,7 @@
 #ifndef KILN_WORKER_BACKEND_EMBREE_KEPT_ROWS_H
 #define KILN_WORKER_BACKEND_EMBREE_KEPT_ROWS_H
 
+#include "worker/backend/embree/kept_chains.h"
 #include "worker/backend/embree/lookup.h"
 #include "worker/pass/point.h"
 #include "worker/pass/rows.h"
@@ -11,9 +12,11 @@ struct kept_rows {
     struct kiln_rows *rows; /* borrowed; NULL: none */
     uint32_t samples;       /* of a point of the tile run */
     uint32_t *words;        /* of point j of the frame: its check and its samples, from j (1 + samples) on */
+    struct kept_chains chains;
 };
 
-/* Rows of a part of a batch, where the backend has some and the scene's rays end where they first meet something. */
+/* Rows of a part of a batch, where the backend has some; without chains, only where all rays of the scene end where
+ * they first meet something, and have no tint. */
 int kept_rows_create(struct kept_rows *kept, const struct embree_backend *b, const struct kiln_batch *part,
                      struct kiln_error *error);
 void kept_rows_release(struct kept_rows *kept);
@@ -35,9 +38,25 @@ void kept_rows_find(const struct kept_rows *kept, const struct embree_backend *b
 /* Makes a note of what the traced rays of a step have met. */
 void kept_rows_note(struct kept_rows *kept, const struct tile_run_rays *rays, uint32_t step,
                     const struct rays_found *found);
-/* Writes the rows of the tile run, all of whose steps were noted. */
+/* Writes the rows of the tile run, all of whose steps were noted, and whose points have these answers. */
 void kept_rows_write(struct kept_rows *kept, const struct embree_backend *b, const struct tile_run_rays *rays,
-                     size_t tile_run);
+                     size_t tile_run, const struct kiln_point_result *results);
+
+/* Whether rays that go on or are tinted are kept as they are traced, or have been found in a file. */
+static inline bool kept_rows_note_chains(const struct kept_rows *kept)
+{
+    return kept->chains.file != NULL && !kept->rows->replays;
+}
+static inline bool kept_rows_find_chains(const struct kept_rows *kept)
+{
+    return kept->chains.file != NULL && kept->rows->replays;
+}
+/* The word of the ray of lane l in a step; to be changed by who follows its chain. */
+static inline uint32_t *kept_rows_word(const struct kept_rows *kept, const struct tile_run_rays *rays, uint32_t step,
+                                       uint32_t l)
+{
+    return &kept->words[rays->point[l] * (1 + kept->samples) + 1 + step * rays->copies + rays->copy[l]];
+}
 
 /* Whether what rays of smooth points weigh is to be noted, of rays whose directions are made; and notes it, of lane l
  * of a step. */

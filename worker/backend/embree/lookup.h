@@ -5,12 +5,16 @@
 #include "worker/backend/embree/rays.h"
 #include "worker/scene/radiosity.h"
 
-/* Packed radiosity at a hit (kiln_store_find); 0 beside every point. */
+/* The surface point at a hit, and its packed radiosity (kiln_store_find); 0 beside every point. */
+static inline struct kiln_global_point embree_point(const struct embree_backend *b, uint32_t triangle, float u, float v,
+                                                    bool back)
+{
+    return b->store.surface->bricks != NULL ? kiln_octree_find(&b->store, triangle, u, v, back)
+                                            : kiln_store_find(&b->store, triangle, u, v, back);
+}
 static inline uint64_t embree_radiosity(const struct embree_backend *b, uint32_t triangle, float u, float v, bool back)
 {
-    const struct kiln_global_point point = b->store.surface->bricks != NULL
-                                               ? kiln_octree_find(&b->store, triangle, u, v, back)
-                                               : kiln_store_find(&b->store, triangle, u, v, back);
+    const struct kiln_global_point point = embree_point(b, triangle, u, v, back);
     return point.at == KILN_NO_POINT ? 0 : b->radiosity[point.at];
 }
 

@@ -10,6 +10,8 @@
 #include "worker/backend/embree/lookup.h"
 #include "worker/backend/embree/spheres.h"
 #include "worker/base/memory.h"
+#include "worker/light/light_groups.h"
+#include "worker/pass/groups.h"
 #include "worker/pass/probes.h"
 #include "worker/sampling/harmonics.h"
 #include "worker/sampling/sequence.h"
@@ -32,6 +34,63 @@ static void add(struct probe_sums *sums, struct kiln_dvec3 d, const double value
             sums->axes[i][c] += weights[KILN_HARMONICS + i] * value[c];
 }
 
+/* ---- the light of groups (worker/pass/groups.h); `groups`: sums of each; NULL: nobody asks ---- */
+
+/* Of radiosity that a ray has met at a point: `weight` is of the radiance. */
+static void add_groups_of_point(const struct embree_backend *b, struct probe_sums *groups, struct kiln_dvec3 d,
+                                uint64_t point, double weight)
+{
+    const struct kiln_groups *g = b->base.groups;
+    for (uint32_t i = 0; point != KILN_NO_POINT && i < g->lights->count; i++) {
+        const uint64_t packed = g->radiosity[point * g->lights->count + i];
+        float rgb[3];
+        double value[3];
+        if (packed == 0)
+            continue;
+        kiln_radiosity_unpack(packed, rgb);
+        for (int c = 0; c < 3; c++)
+            value[c] = (double)(rgb[c] * KILN_INVERSE_PI) * weight;
+        add(&groups[i], d, value);
+    }
+}
+
+/* Of the constant sky in a direction. */
+static void add_group_of_sky(const struct embree_backend *b, struct probe_sums *groups, struct kiln_dvec3 d,
+                             const double value[3])
+{
+    const struct kiln_light_groups *g = b->base.groups->lights;
+    add(&groups[g->of_environment + (g->sky_divisions > 0 ? kiln_sky_patch(d, g->sky_divisions) : 0)], d, value);
+}
+
+static void store_groups(const struct embree_backend *b, const struct probe_sums *groups, float *to)
+{
+    for (uint32_t i = 0; i < b->base.groups->lights->count; i++) {
+        for (int h = 0; h < KILN_HARMONICS; h++)
+            for (int c = 0; c < 3; c++)
+                *to++ = (float)groups[i].radiance[h][c];
+        for (int a = 0; a < 6; a++)
+            for (int c = 0; c < 3; c++)
+                *to++ = (float)groups[i].axes[a][c];
+    }
+}
+
+/* Room for the answers of a part, and for the sums of each thread. */
+static int make_groups(struct embree_backend *b, const struct kiln_batch *part, struct probe_sums **sums,
+                       struct kiln_error *error)
+{
+    struct kiln_groups *g = b->base.groups;
+    static const char what[] = "the light of groups at probes";
+    *sums = NULL;
+    if (g == NULL)
+        return KILN_OK;
+    g->first = part->first;
+    int status = kiln_allocate(sums, (size_t)g->lights->count * b->threads, sizeof **sums, what, error);
+    if (status == KILN_OK)
+        status = kiln_grow(&g->answers, &g->room, part->count * g->lights->count * KILN_GROUP_PROBE_FLOATS,
+                           sizeof *g->answers, what, error);
+    return status;
+}
+
 /* Radiance by the chain of ray k, of diffuse surfaces, lamps and sky. */
 static void follow(struct walk *walk, uint32_t key, uint32_t k, const struct RTCRayHit *ray, float rgb[3])
 {
@@ -42,7 +101,7 @@ static void follow(struct walk *walk, uint32_t key, uint32_t k, const struct RTC
 }
 
 static void gather_sphere(const struct embree_backend *b, struct walk *walk, struct kiln_vec3 p, uint32_t key,
-                          uint32_t samples, struct probe_sums *sums)
+                          uint32_t samples, struct probe_sums *sums, struct probe_sums *groups)
 {
     const struct kiln_geometry *g = b->params.geometry;
     const struct kiln_vec3 diagonal = vec3_sub(g->bounds_max, g->bounds_min);
@@ -62,6 +121,7 @@ static void gather_sphere(const struct embree_backend *b, struct walk *walk, str
                                       .mask = ~0u},
                               .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
         float rgb[3] = {0}, tint[3] = {1.0f, 1.0f, 1.0f};
+        uint64_t point = KILN_NO_POINT;
         embree_nearest1(b, walk->context, &r, kiln_hash2(key + 1u, k), tint);
         if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID) {
             sums->distance += far / samples;
@@ -77,7 +137,9 @@ static void gather_sphere(const struct embree_backend *b, struct walk *walk, str
             if (back && (g->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0)
                 sums->back++;
             else
-                kiln_radiosity_unpack(embree_radiosity(b, triangle, r.hit.u, r.hit.v, back), rgb);
+                point = embree_point(b, triangle, r.hit.u, r.hit.v, back).at;
+            if (point != KILN_NO_POINT)
+                kiln_radiosity_unpack(b->radiosity[point], rgb);
             for (int c = 0; c < 3; c++)
                 rgb[c] *= KILN_INVERSE_PI;
         }
@@ -85,13 +147,17 @@ static void gather_sphere(const struct embree_backend *b, struct walk *walk, str
         for (int c = 0; c < 3; c++)
             value[c] = (double)(rgb[c] * tint[c]) * weight;
         add(sums, d, value);
+        if (groups != NULL && r.hit.geomID != RTC_INVALID_GEOMETRY_ID)
+            add_groups_of_point(b, groups, d, point, weight);
+        else if (groups != NULL && sky)
+            add_group_of_sky(b, groups, d, value);
     }
 }
 
 /* Light straight from the lights; a constant sky is met by the rays above. */
 static uint64_t gather_lights(const struct embree_backend *b, struct embree_context *context,
                               struct kiln_light_choice *choices, struct kiln_vec3 position, uint32_t key,
-                              uint32_t samples, struct probe_sums *sums)
+                              uint32_t samples, struct probe_sums *sums, struct probe_sums *groups)
 {
     const struct kiln_lights *lights = b->params.lights;
     const struct kiln_dvec3 p = dvec3_of(position), any = dvec3(0.0, 0.0, 0.0);
@@ -104,8 +170,14 @@ static uint64_t gather_lights(const struct embree_backend *b, struct embree_cont
             if (!light_draw(lights, &choices[i], identity, k, p, &s))
                 continue;
             rays++;
-            if (light_arrives(b, context, position, &choices[i], &s))
-                add(sums, s.direction, s.value);
+            if (!light_arrives(b, context, position, &choices[i], &s))
+                continue;
+            add(sums, s.direction, s.value);
+            if (groups != NULL)
+                add(&groups[kiln_light_group(b->base.groups->lights, lights, &choices[i],
+                                             choices[i].kind == KILN_CHOICE_NODE ? s.light : KILN_NONE, p, s.direction,
+                                             s.distance)],
+                    s.direction, s.value);
         }
     }
     return rays;
@@ -118,9 +190,15 @@ int embree_probes(struct embree_backend *b, const void *parameters, const struct
     const uint32_t seed = kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32) ^ KILN_PROBE_SEED);
     const size_t room = light_choices_room(b->params.lights);
     struct kiln_light_choice *choices = NULL;
-    const int status = kiln_allocate(&choices, room * b->threads, sizeof *choices, "the probes' light choices", error);
-    if (status != KILN_OK)
+    struct probe_sums *all_groups = NULL;
+    int status = kiln_allocate(&choices, room * b->threads, sizeof *choices, "the probes' light choices", error);
+    if (status == KILN_OK)
+        status = make_groups(b, part, &all_groups, error);
+    if (status != KILN_OK) {
+        kiln_free(&choices);
         return status;
+    }
+    const size_t group_count = all_groups != NULL ? b->base.groups->lights->count : 0;
     uint64_t traced = 0;
 #pragma omp parallel num_threads((int)b->threads) reduction(+ : traced)
     {
@@ -131,14 +209,19 @@ int embree_probes(struct embree_backend *b, const void *parameters, const struct
                             .context = &context,
                             .choices = choices + room * (size_t)omp_get_thread_num(),
                             .leaves = settings->leaves};
+        struct probe_sums *groups = all_groups != NULL ? all_groups + group_count * (size_t)omp_get_thread_num() : NULL;
 #pragma omp for schedule(dynamic, 4)
         for (size_t i = 0; i < part->count; i++) {
             const uint64_t index = (uint64_t)part->first + i;
             const uint32_t key = kiln_hash2(kiln_hash2(seed, (uint32_t)index), (uint32_t)(index >> 32));
             struct probe_sums sums = {0};
-            gather_sphere(b, &walk, part->positions[i], key, part->samples, &sums);
-            traced +=
-                part->samples + gather_lights(b, &context, walk.choices, part->positions[i], key, part->samples, &sums);
+            if (groups != NULL)
+                memset(groups, 0, group_count * sizeof *groups);
+            gather_sphere(b, &walk, part->positions[i], key, part->samples, &sums, groups);
+            traced += part->samples +
+                      gather_lights(b, &context, walk.choices, part->positions[i], key, part->samples, &sums, groups);
+            if (groups != NULL)
+                store_groups(b, groups, b->base.groups->answers + i * group_count * KILN_GROUP_PROBE_FLOATS);
             struct kiln_probe_result *r = (struct kiln_probe_result *)results + i;
             for (int h = 0; h < KILN_HARMONICS; h++)
                 for (int c = 0; c < 3; c++)
@@ -153,5 +236,6 @@ int embree_probes(struct embree_backend *b, const void *parameters, const struct
     }
     *rays += traced;
     kiln_free(&choices);
+    kiln_free(&all_groups);
     return KILN_OK;
 }

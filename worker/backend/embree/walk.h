@@ -6,6 +6,14 @@
 #include "worker/backend/embree/meeting.h"
 #include "worker/backend/embree/passage.h"
 
+/* What chains find, kept (worker/pass/row_chains.h). */
+struct chain_notes {
+    uint32_t *words;
+    size_t count, room;
+    uint64_t last; /* where the last point stands */
+    bool failed;   /* memory was short */
+};
+
 struct walk {
     const struct embree_backend *b;
     struct embree_context *context;
@@ -13,6 +21,7 @@ struct walk {
     uint32_t key, k;                   /* what random numbers hang on; number of the sample (shaders/shared/path.h) */
     uint32_t leaves;                   /* KILN_LEAVES_...: lamps whose light by sharp lobes is left out */
     uint64_t rays;                     /* traced so far; walk_trace does not count */
+    struct chain_notes *notes;         /* borrowed: of the points that answer a chain; NULL: nobody asks */
 };
 
 /* Two numbers in (0, 1) for this use. */

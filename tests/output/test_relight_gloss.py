@@ -1,0 +1,147 @@
+"""--keep-transport rows and kiln relight where rays go on: from a polished floor, a mirror, brushed metal and a ball of
+glass, on from the far side of tinted panes and of a smooth mesh.
+
+Kept chains change no light; their files have the same bytes from one rank, from three and from a bake that was stopped
+and gone on with, and nothing else is left beside them. Nothing changed, and lights, colours of dull surfaces, emission
+and sky changed, relit on one rank and on three, it has the bits of its bake, and no ray was traced that was kept.
+Another colour of a surface that rays go on from is refused with its name, and so is damage."""
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+
+import h5py
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
+import glb  # noqa: E402
+import harness  # noqa: E402
+
+KILN = os.environ["KILN"]
+OPTIONS = ["--texels-per-metre", "2", "--backend", "embree", "--samples-direct", "8", "--samples-bounce", "8",
+           "--samples-indirect", "32", "--samples-probe", "8", "--probe-spacing", "1.5", "--bounces", "2",
+           "--photons", "1000", "--iterations", "1"]
+KEEP = ["--keep-transport", "rows"]
+USAGE, STOPPED = 64, 75
+
+
+def room(path, edited=False, gold=(0.9, 0.6, 0.3)):
+    """`edited`: other lights, colours of dull surfaces and sky; `gold`: of the brushed metal."""
+    scene = glb.Scene()
+    wall = scene.material("wall", (0.3, 0.6, 0.7) if edited else (0.7, 0.7, 0.6))
+    glow = scene.material("glow", (0.2, 0.2, 0.2), (1, 4, 2) if edited else (5, 4, 3))
+    floor = glb.gloss(scene, "floor", (0.5, 0.4, 0.3), roughness=0.2)
+    mirror = glb.gloss(scene, "mirror", (0.9, 0.9, 0.9), metallic=1.0)
+    brushed = glb.gloss(scene, "gold", gold, metallic=1.0, roughness=0.4)
+    glass = glb.gloss(scene, "glass", (0.9, 1, 0.9), transmission={"transmissionFactor": 1.0},
+                      volume={"thicknessFactor": 0.1, "attenuationDistance": 0.5,
+                              "attenuationColor": [0.5, 0.9, 0.6]})
+    pane = glb.gloss(scene, "pane", (0.9, 0.4, 0.4), transmission={"transmissionFactor": 0.8})
+    glb.box(scene, "room", (0, 0, 0), (2, 2, 3), wall, inward=range(5))
+    scene.quad("floor", ((0, 0.01, 3), (2, 0.01, 3), (2, 0.01, 0), (0, 0.01, 0)), floor)
+    scene.quad("mirror", ((0.05, 0.3, 2), (0.05, 0.3, 1), (0.05, 1.5, 1), (0.05, 1.5, 2)), mirror)
+    glb.box(scene, "lamp", (0.8, 1.7, 0.8), (1.2, 1.8, 1.2), glow)
+    glb.box(scene, "block", (1.3, 0.02, 0.4), (1.7, 0.6, 0.8), brushed)
+    glb.ball(scene, "ball", (0.6, 0.4, 0.7), 0.35, glass, rings=6)
+    glb.ball(scene, "dull", (1.4, 0.9, 0.6), 0.25, wall, rings=6)
+    scene.quad("pane", ((0.2, 0.2, 1.9), (1.8, 0.2, 1.9), (1.8, 1.2, 1.7), (0.2, 1.2, 1.7)), pane)
+    scene.light("sun", {"type": "directional", "intensity": 1.0 if edited else 3.0}, rotation=[-0.5, 0, 0, 0.866])
+    scene.environment((2, 0.5, 0.2) if edited else (0.5, 0.6, 0.9))
+    return scene.write(path)
+
+
+def kiln(*arguments, ranks=1, slowness=1):
+    command = [KILN, *map(str, arguments)]
+    if ranks > 1:
+        command = ["mpirun", "-n", str(ranks), *command]
+    return subprocess.run(command, capture_output=True, text=True,
+                          env={**os.environ, **harness.MPI_ENVIRONMENT, "KILN_SLOW_RANK": "0:%d" % slowness})
+
+
+def done(*arguments, ranks=1):
+    run = kiln(*arguments, "--quiet", "--no-preview", "--no-export", "--threads", "1", ranks=ranks)
+    assert run.returncode == 0, f"{' '.join(map(str, arguments))}: exit {run.returncode}\n{run.stderr}"
+
+
+def refused(status, words, *arguments):
+    run = kiln(*arguments, "--quiet")
+    assert run.returncode == status and words in run.stderr, (arguments, run.returncode, run.stderr)
+
+
+def light(folder):
+    """All that a bake says of light, as bytes by name."""
+    found = {}
+    for name in ("kiln.h5", "volume.hdf"):
+        with h5py.File(os.path.join(folder, name), "r") as file:
+            file.visititems(lambda key, item: found.update({name + "/" + key: item[()].tobytes()})
+                            if isinstance(item, h5py.Dataset) and "provenance" not in key else None)
+    return found
+
+
+def same(one, other, what):
+    one, other = light(one), light(other)
+    differ = sorted(name for name in one if one[name] != other.get(name))
+    assert one.keys() == other.keys() and not differ, (what, differ)
+
+
+def kept_files(folder):
+    folder = os.path.join(folder, "transport")
+    return {name: open(os.path.join(folder, name), "rb").read() for name in os.listdir(folder) if name != "index"}
+
+
+def rays(folder):
+    with open(os.path.join(folder, "run.json")) as file:
+        relight = json.load(file)["relight"]
+    return relight["rays_replayed"], relight["rays_traced"]
+
+
+with tempfile.TemporaryDirectory() as top:
+    def at(name):
+        return os.path.join(top, name)
+
+    scene, edited = room(at("room.glb")), room(at("edited.glb"), edited=True)
+    done("bake", scene, *OPTIONS, "-o", at("plain"))
+    done("bake", scene, *OPTIONS, *KEEP, "-o", at("kept"))
+    same(at("plain"), at("kept"), "kept chains change light")
+    done("bake", scene, *OPTIONS, *KEEP, "-o", at("three"), ranks=3)
+    kept = kept_files(at("kept"))
+    chains = sorted(name for name in kept if name.startswith("chains"))
+    assert len(chains) == len(kept) / 2 and all(name.count("-") == 2 for name in chains), sorted(kept)
+    assert kept == kept_files(at("three")), "chains of three ranks differ"
+    assert kiln("verify", at("kept"), "--quiet").returncode == 0
+
+    again = ("bake", scene, *OPTIONS, *KEEP, "-o", at("stopped"), "--quiet", "--no-preview", "--no-export")
+    assert kiln(*again, "--max-time", "0.2", slowness=20).returncode == STOPPED, "nothing was stopped"
+    run = kiln(*again)
+    assert run.returncode == 0, run.stderr
+    assert kept_files(at("stopped")) == kept, "chains of a bake that was stopped differ"
+
+    with open(os.path.join(at("kept"), "run.json")) as file:
+        counted = json.load(file)["transport"]["rays_kept"]
+    done("relight", at("kept"), "-o", at("nothing"))
+    same(at("plain"), at("nothing"), "nothing changed")
+    assert rays(at("nothing")) == (counted, 0), (rays(at("nothing")), counted)
+    done("bake", edited, *OPTIONS, "-o", at("edited"))
+    before, after = light(at("plain")), light(at("edited"))
+    assert before["kiln.h5/irradiance/caustic"] != after["kiln.h5/irradiance/caustic"], sorted(before)
+    done("relight", at("kept"), edited, "-o", at("relit"), ranks=3)
+    same(at("edited"), at("relit"), "edited scene on 3 ranks")
+    assert rays(at("relit")) == (counted, 0), rays(at("relit"))
+
+    refused(harness.BAD_INPUT, "block                            other gloss or colour of a surface that rays go on",
+            "relight", at("kept"), room(at("silver.glb"), gold=(0.9, 0.9, 0.9)), "-o", at("no"))
+    with open(at("states.yaml"), "w") as file:
+        file.write("dark: {lights: {sun: {on: false}}}\n")
+    refused(USAGE, "go on from gloss", "relight", at("kept"), "--states", at("states.yaml"), "-o", at("no"))
+    shutil.copytree(at("kept"), at("hurt"))
+    hurt = os.path.join(at("hurt"), "transport", "chains-65535-0")
+    with open(hurt, "r+b") as file:
+        file.seek(-2, os.SEEK_END)
+        byte = file.read(1)
+        file.seek(-2, os.SEEK_END)
+        file.write(bytes([byte[0] ^ 1]))
+    refused(harness.BAD_INPUT, "the row of surface point", "relight", at("hurt"), edited, "-o", at("no"))
+    print("%d rays kept; rows of %d bytes, chains of %d" %
+          (counted, sum(len(kept[name]) for name in kept if name not in chains),
+           sum(len(kept[name]) for name in chains)))
