@@ -65,15 +65,15 @@ def bake_room(kiln, checks, degrees, thickness, texels, gap=0.0, more=()):
 
 def check_light(kiln, checks, table):
     """Light of texels in all against the lamp's, traced. Within the wall, which is 10 cm thick, lie 1.4 % of the lit
-    areas; what lies before it in a texel that is mostly behind has the light of a neighbour, which is 0.2 % too much."""
+    areas; what lies before it in a texel that is mostly behind has a neighbour's light, which is 0.2 % too much."""
     bake = kiln.bake(room(os.path.join(kiln.scratch, 'room.glb'), 0, 0.1), '--lightmap-size', 12, '--samples-direct',
                      kiln.samples(256), '--bounces', 0, '--samples-probe', 0, '--denoise', 'none')
     if not checks.baked(bake):
         return
     light = bake.run['energy']['first_light']['direct']
     off, error = light['difference'] / light['traced'][1], light['error'] / light['traced'][1]
-    checks.that(abs(off) < 0.004 and 0 < error < 0.001, 'light in texels is off by %.2g of the lamp\'s, error %.2g' % (off, error),
-                bake.process)
+    checks.that(abs(off) < 0.004 and 0 < error < 0.001,
+                'light in texels is off by %.2g of the lamp\'s, error %.2g' % (off, error), bake.process)
     table.row('0 degrees, 100 mm', 12, bake.run['points']['divided'], 'light %+.2g' % off)
     bake.remove()
 
