@@ -34,7 +34,9 @@ struct texel_plane {
 struct texel_line {
     float line[3], face;
     double smaller; /* area of the smaller side, m2 */
-    bool ends;      /* the texel ends within the wall: there is no place beyond */
+    /* m2 of the larger and of the smaller side between the wall's middle and its face: nothing lights them */
+    double within, beyond_within;
+    bool ends; /* the texel ends within the wall: there is no place beyond */
     float centre[2], beyond[2];
 };
 
@@ -350,6 +352,16 @@ static bool is_inside(const struct search *s, const struct kiln_hit *hit)
     return hit->back && kiln_geometry_is_solid(s->geometry, hit->triangle);
 }
 
+/* m2 of a candidate's larger side between the middle of the wall and its face. */
+static double within_wall(const struct search *s, const struct candidate *c)
+{
+    const float face[3] = {c->line.line[0], c->line.line[1], c->line.face};
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centre;
+    uint32_t corners;
+    const double all = near_side(s, &c->at, c->line.line, polygon, &corners, &centre);
+    return all - near_side(s, &c->at, face, polygon, &corners, &centre);
+}
+
 /* The line in the middle of the wall, between its two faces where these are parallel. */
 static bool middle_line(const struct search *s, struct candidate *c, const struct kiln_hit *hit,
                         const struct kiln_hit *back)
@@ -372,7 +384,10 @@ static bool middle_line(const struct search *s, struct candidate *c, const struc
     c->line.face = parallel ? fminf(turned ? -two[2] : one[2], line[2]) : line[2];
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], beyond;
     uint32_t corners;
-    c->line.ends = !(near_side(s, &c->at, other, polygon, &corners, &beyond) > 0.0);
+    const double outside = near_side(s, &c->at, other, polygon, &corners, &beyond);
+    c->line.beyond_within = fmax(0.0, c->line.smaller - outside);
+    c->line.ends = !(outside > 0.0);
+    c->line.within = within_wall(s, c);
     if (!c->line.ends) {
         c->line.beyond[0] = (float)beyond.x;
         c->line.beyond[1] = (float)beyond.y;
@@ -844,6 +859,8 @@ static void describe(const struct search *s, struct told *own)
         own[i] = (struct told){.texel = {.point = kiln_global_of_own(s->surface, c->at.point),
                                          .face = {c->line.line[0], c->line.line[1], c->line.face},
                                          .middle = c->line.line[2],
+                                         .within = (float)c->line.within,
+                                         .beyond_within = (float)c->line.beyond_within,
                                          .bit = kiln_morton8(c->at.x % KILN_TILE_SIDE, c->at.y % KILN_TILE_SIDE),
                                          .tile = map->tile_first + kiln_tile_of(c->at.x, c->at.y, map->tiles_x)},
                                .centre = {c->line.centre[0], c->line.centre[1]},

@@ -6,7 +6,11 @@
  * sides, both ways: nothing goes round the wall within the texel. Where what is met from one side are backs of
  * single-sided surfaces, that side is buried, and the validity pass leaves it out; of glass that is taken as such it is
  * not. A texel stays whole whose neighbours have none on the smaller side, as in a gap that is narrower than a texel,
- * and in which more than one wall stands, one of them counts. */
+ * and in which more than one wall stands, one of them counts.
+ *
+ * What stands between a wall's two faces is lit from nowhere: it is written to the texels, and taken out of
+ * surface->visible once that is known (kiln_surface_leave_walls_out). What lies before a face on the smaller side
+ * counts with the light of a neighbour, which is that of another place. */
 #ifndef KILN_COORDINATOR_BAKE_DIVIDED_H
 #define KILN_COORDINATOR_BAKE_DIVIDED_H
 

@@ -382,7 +382,10 @@ static int find_valid_points(struct kiln_prepared *p, const struct kiln_prepare_
     struct validity_work w = {.p = p, .control = care->control, .progress = progress, .batch = FIRST_TILE_RUNS};
     if (w.control != NULL)
         kiln_control_begin(w.control, "validity");
-    return run_validity(&w, error);
+    const int status = run_validity(&w, error);
+    if (status == KILN_OK)
+        kiln_surface_leave_walls_out(p->surface);
+    return status;
 }
 
 int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const struct kiln_job *job,

@@ -11,9 +11,11 @@ struct kiln_gpu_divided { /* struct kiln_divided_texel */
     KILN_WORD64 point, beyond;
     KILN_REAL32 face[3], middle;
     KILN_WORD64 tile;
-    KILN_WORD bit, reserved;
+    KILN_WORD bit;
+    KILN_REAL32 within, beyond_within;
+    KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_divided, 48);
+KILN_SIZE_IS(kiln_gpu_divided, 56);
 
 struct kiln_gpu_tile { /* struct kiln_tile, struct kiln_split_tile_run */
     KILN_WORD64 mask, first;

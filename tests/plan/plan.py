@@ -1,6 +1,6 @@
 """What kiln plan says against what a bake then takes; what kiln verify notices; what kiln bench scaling leaves.
 
-    plan.py prediction | prediction_full | landing | balance | verify | scaling
+    plan.py prediction | prediction_full | landing | gathered | uncaustic | balance | verify | scaling
 
 What looks at seconds (prediction_full, balance) is run by hand: on a machine that others use it may fail.
 """
@@ -145,6 +145,37 @@ def landing(kiln, folder):
     seconds, taken = plan['seconds']['probes'], after - before
     print('light paths at probes: %.2f s of processors, taken %.2f s' % (seconds, taken))
     assert 1 / TIME < seconds / taken < TIME and plan['landing']['seconds_of_one_rank_for_probes'] > 0.2 * taken
+
+
+def check_paths_left_out(kiln, folder, caustics, more=()):
+    """What a bake takes for whose caustics no light path is traced; plan knows of no preview that is left out."""
+    path, out = os.path.join(folder, 'spheres.glb'), os.path.join(folder, 'spheres')
+    run(kiln, 'generate', 'cornell-spheres', '-o', path)
+    few = ['--quality', 'draft', '--samples-probe', 0, '--bounces', 1, '--materials', 'auto', '--backend', 'embree',
+           '--texels-per-metre', 8, '--threads', 1, '--caustics', caustics]
+    plan = json.loads(run(kiln, 'plan', path, '--ranks', 1, '--json', *few))
+    report, processor = bake_seconds(kiln, path, out, 1, [*few, *more])
+    disk = plan['disk_bytes']['total'] - (plan['disk_bytes']['preview'] if more else 0)
+    off = {'memory': plan['memory_per_rank']['total'] / report['memory']['peak_rank'] - 1,
+           'disk': disk / folder_bytes(out) - 1}
+    print('%s: memory %+.1f %%, disk %+.1f %%, caustics %.2f s of %.2f s taken' % (
+        caustics, 100 * off['memory'], 100 * off['disk'], plan['seconds']['caustics'], processor))
+    assert plan['points'] == report['points']['count'] and 'landing' not in plan, plan
+    assert plan['memory_per_rank']['landing'] == 0 and report['materials']['caustics'] == caustics
+    assert abs(off['disk']) < DISK, off
+    return plan, report, off
+
+
+def gathered(kiln, folder):
+    plan, report, off = check_paths_left_out(kiln, folder, 'gather')
+    assert abs(off['memory']) < MEMORY, off
+    # as many rays of a point as it has in the final gather
+    assert report['rays']['caustics'] == report['rays']['final'] > 0 and plan['seconds']['caustics'] > 0
+
+
+def uncaustic(kiln, folder):
+    plan, report, _ = check_paths_left_out(kiln, folder, 'none', ['--no-preview'])
+    assert plan['seconds']['caustics'] == 0 and report['rays']['caustics'] == 0
 
 
 def judged(report):
@@ -346,5 +377,5 @@ if __name__ == '__main__':
     del arguments[at:at + 2]
     with tempfile.TemporaryDirectory() as place:
         {'prediction': prediction, 'prediction_full': prediction_full, 'landing': landing,
-         'balance': balance, 'verify': verify,
+         'gathered': gathered, 'uncaustic': uncaustic, 'balance': balance, 'verify': verify,
          'cost': cost, 'scaling': scaling}[arguments[0]](program, place)

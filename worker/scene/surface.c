@@ -1,5 +1,7 @@
 #include "worker/scene/surface.h"
 
+#include <math.h>
+
 #include "worker/base/memory.h"
 
 const struct kiln_divided_texel *kiln_surface_divided(const struct kiln_surface *s, struct kiln_global_point point)
@@ -13,6 +15,27 @@ const struct kiln_divided_texel *kiln_surface_divided(const struct kiln_surface 
             high = middle;
     }
     return low < s->divided_count && s->divided[low].point.at == point.at ? &s->divided[low] : NULL;
+}
+
+/* `within`: m2 of the point's area. */
+static void leave_out(struct kiln_surface *s, struct kiln_global_point point, float within)
+{
+    if (!(within > 0.0f) || point.at - s->first.at >= s->count)
+        return;
+    const uint64_t own = kiln_own_of_global(s, point).at;
+    const double left = 1.0 - fmin(1.0, (double)within / (double)s->area[own]);
+    if (s->visible[own] > 0)
+        s->visible[own] = (uint16_t)fmax(1.0, round((double)s->visible[own] * left));
+}
+
+void kiln_surface_leave_walls_out(struct kiln_surface *s)
+{
+    for (uint64_t i = 0; i < s->divided_count; i++) {
+        const struct kiln_divided_texel *t = &s->divided[i];
+        const bool one = t->point.at == t->beyond.at;
+        leave_out(s, t->point, one ? t->within + t->beyond_within : t->within);
+        leave_out(s, t->beyond, one ? 0.0f : t->beyond_within);
+    }
 }
 
 struct kiln_global_point kiln_surface_find_leaf(const struct kiln_surface *s, uint32_t number, uint32_t x, uint32_t y,

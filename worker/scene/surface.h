@@ -63,12 +63,13 @@ struct kiln_split_tile_run {
 /* A texel that a wall divides: the wall stands across it, and nothing passes from one side to the other. Its point has
  * the larger side alone, up to the wall's face: what of the place (x, y) of the texel, both from 0 to 1, is at
  * face[0] x + face[1] y <= face[2]. What lies beyond the wall, above `middle` in place of face[2], has the light of a
- * neighbour's point on that side. */
+ * neighbour's point on that side. Within the wall no light falls. */
 struct kiln_divided_texel {
     struct kiln_global_point point, beyond;
     float face[3], middle;
-    uint64_t tile; /* index in `tiles` */
-    uint32_t bit;  /* of the texel in the tile */
+    uint64_t tile;               /* index in `tiles` */
+    uint32_t bit;                /* of the texel in the tile */
+    float within, beyond_within; /* m2 of the areas of `point` and of `beyond` that are within the wall */
     uint32_t reserved;
 };
 static inline struct kiln_global_point kiln_divided_choose(const struct kiln_divided_texel *texel, float x, float y)
@@ -142,8 +143,9 @@ struct kiln_surface {
     float *area_cdf;
     uint16_t *albedo; /* per point: 3 values, 65535 = 1 */
     float *area;      /* per point: m2 of surface covered */
-    /* per point: 65535 x the fraction of its area that is not buried in other geometry. Until the validity pass it is
-     * 65535. Where it is 0 no light can be gathered, and the point is filled from valid neighbours at the end */
+    /* per point: 65535 x the fraction of its area that is not buried in other geometry or within a wall. Until the
+     * validity pass it is 65535. Where it is 0 no light can be gathered, and the point is filled from valid neighbours
+     * at the end */
     uint16_t *visible;
     /* per point: which radiance probes are near it (KILN_PROBE_SEEN in shaders/shared/radiance_probe.h). NULL: the bake
      * has none */
@@ -235,6 +237,10 @@ static inline const struct kiln_brick_slot *kiln_brick_slot(const struct kiln_su
 
 /* The entry of `divided` of a point; NULL: no wall divides its texel. */
 const struct kiln_divided_texel *kiln_surface_divided(const struct kiln_surface *s, struct kiln_global_point point);
+
+/* Takes what lies within the walls of divided texels out of `visible` of this rank's points. Once, after the validity
+ * pass. A point that is valid stays so. */
+void kiln_surface_leave_walls_out(struct kiln_surface *s);
 
 /* What a tile has at the bit of a texel: a point, KILN_TILE_SPLIT | index in `divided`, or KILN_NO_POINT. */
 static inline struct kiln_global_point kiln_tile_entry(const struct kiln_surface *s, const struct kiln_tile *tile,
