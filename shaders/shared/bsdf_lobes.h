@@ -50,7 +50,7 @@ struct kiln_bsdf_lobes {
     KILN_STRUCT kiln_boundary boundary; /* set for a rough boundary of glass */
     KILN_STRUCT kiln_coat coat;
     KILN_VECTOR metal_spread; /* colour of what metals give back */
-    float lost_mean;          /* means over the hemisphere by the cosine: of what facets lose, */
+    float lost_mean;          /* means over the hemisphere by the cosine: of what a metal's facets lose, */
     float glass_lost_front, glass_lost_back, glass_lost_coat; /* glass, on both sides, and what the coat passes of it */
     float under_front, under_back; /* and of what reaches the diffuse surface; 1 where there is none */
 };
@@ -116,6 +116,9 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_fresnel kiln_bsdf_fresnel_at(KILN_STRUCT kil
 
 /* ---- shares ---- */
 
+/* Directions in a quarter turn, for means over brushed facets. */
+#define KILN_TURN_POINTS 4
+
 /* Where the coat lies, what it reflects, and the factor of what the base scatters. */
 KILN_FUNCTION bool kiln_bsdf_coated(KILN_STRUCT kiln_bsdf_lobes l, bool front)
 {
@@ -136,6 +139,27 @@ KILN_FUNCTION float kiln_bsdf_matt_albedo(KILN_STRUCT kiln_bsdf_lobes l, float m
     const float exact = kiln_interface_fresnel(l.face, mu), normal = kiln_fresnel_normal(l.face.index);
     return (1.0f - kiln_interface_lost(l.face, mu)) *
            kiln_bsdf_scaled(l.p, exact, normal, kiln_bsdf_largest(l.p.specular_color));
+}
+
+/* What a metal's facets lose of light from a direction, and its mean over directions of one cosine. */
+KILN_FUNCTION float kiln_bsdf_metal_lost(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
+{
+    if (l.alpha_x == l.alpha_y || l.base_is_mirror != 0u)
+        return kiln_interface_lost(l.face, float_abs(w.z));
+    return kiln_across_lost(w, l.alpha_x, l.alpha_y);
+}
+KILN_FUNCTION float kiln_bsdf_metal_lost_about(KILN_STRUCT kiln_bsdf_lobes l, float mu)
+{
+    if (l.alpha_x == l.alpha_y || l.base_is_mirror != 0u || l.metal == 0.0f)
+        return kiln_interface_lost(l.face, mu);
+    const float r = float_sqrt((1.0f - mu) * (1.0f + mu));
+    float sum = 0.0f;
+    for (int k = 0; k < KILN_TURN_POINTS; k++) {
+        float sine, cosine;
+        kiln_turn((KILN_TO_F32(k) + 0.5f) / KILN_TO_F32(4 * KILN_TURN_POINTS), KILN_TO(sine), KILN_TO(cosine));
+        sum += kiln_across_lost(vec3(r * cosine, r * sine, mu), l.alpha_x, l.alpha_y);
+    }
+    return sum / KILN_TO_F32(KILN_TURN_POINTS);
 }
 
 /* What glass loses from one side. */
@@ -178,7 +202,7 @@ KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
     const bool two = KILN_AT(l).coat.strength > 0.0f && KILN_AT(l).p.thin_wall == 0u; /* sides differ by the coat */
     for (int k = 0; k < KILN_MEAN_POINTS; k++) {
         const float mu = KILN_MEAN_COSINES[k], w = KILN_MEAN_WEIGHTS[k];
-        lost += w * kiln_interface_lost(KILN_AT(l).face, mu);
+        lost += w * kiln_bsdf_metal_lost_about(KILN_AT(l), mu);
         if (matt)
             under_front += w * kiln_diffuse_in(KILN_AT(l), mu);
         if (matt && two)
@@ -236,7 +260,9 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare(KILN_STRUCT kiln_bsd
         l.base_is_mirror != 0u ? 0.0f : float_sqrt(0.5f * (l.alpha_x * l.alpha_x + l.alpha_y * l.alpha_y));
     l.face = kiln_interface_of(alpha, index);
     l.boundary = kiln_boundary_of(alpha, index);
-    l.coat = kiln_coat_of(layers ? p.coat : 0.0f, l.coat_is_mirror != 0u ? 0.0f : float_min(p.coat_alpha, 1.0f), alpha);
+    const float partial = p.thin_wall != 0u ? l.matt : l.matt + l.glass;
+    l.coat = kiln_coat_of(layers ? p.coat : 0.0f, l.coat_is_mirror != 0u ? 0.0f : float_min(p.coat_alpha, 1.0f), alpha,
+                          partial);
     kiln_bsdf_means(KILN_TO(l));
     kiln_bsdf_dye(KILN_TO(l), p.base_color);
     return l;
