@@ -94,10 +94,10 @@ KILN_FUNCTION float kiln_bsdf_forgotten_sum(KILN_STRUCT kiln_bsdf_lobes l, float
     return float_max(l.glass_lost_front + squared * l.glass_lost_back, KILN_FLOAT_TINY);
 }
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_forgotten kiln_bsdf_forgotten_of(KILN_STRUCT kiln_bsdf_lobes l, bool front,
-                                                                     float mu)
+                                                                     float mu, float facets)
 {
     KILN_STRUCT kiln_bsdf_forgotten s;
-    const float lost = l.glass * kiln_bsdf_glass_lost(l, front, mu);
+    const float lost = l.glass * kiln_bsdf_glass_lost(l, front, mu, facets);
     const KILN_VECTOR squared = l.p.thin_wall != 0u ? vec3(1.0f, 1.0f, 1.0f) : vec3_mul(l.p.eta, l.p.eta);
     const KILN_VECTOR of_front =
         vec3(lost / kiln_bsdf_forgotten_sum(l, squared.x), lost / kiln_bsdf_forgotten_sum(l, squared.y),
@@ -121,7 +121,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
     KILN_STRUCT kiln_bsdf_albedo a;
     const bool front = o.z > 0.0f;
     const float mu = float_abs(o.z), coat = kiln_bsdf_coat_albedo(l, front, mu), rest = 1.0f - coat;
-    const float lost = kiln_bsdf_metal_lost(l, o), base = l.matt > 0.0f ? l.matt * kiln_diffuse_in(l, o.z) : 0.0f;
+    const float lost = kiln_bsdf_facets_lost(l, o), base = l.matt > 0.0f ? l.matt * kiln_diffuse_in(l, o.z) : 0.0f;
     a.coat = kiln_bsdf_gray(coat);
     a.diffuse = vec3_scale(l.p.base_color, base);
     if (l.p.model == KILN_BSDF_PHONG)
@@ -133,7 +133,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
     a.spread_near = vec3_scale(l.metal_spread, rest * l.metal * lost);
     a.spread_far = vec3(0.0f, 0.0f, 0.0f);
     if (l.glass > 0.0f && l.base_is_mirror == 0u) {
-        const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, mu);
+        const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, mu, lost);
         const float here = front ? l.glass_lost_coat : l.glass_lost_back;
         const float there = front ? l.glass_lost_back : l.glass_lost_coat;
         a.spread_near = vec3_madd(a.spread_near, f.same, rest * here);
@@ -334,17 +334,17 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_given_back(KILN_STRUCT kiln_bsdf_lobes l, bo
 {
     KILN_VECTOR sum = vec3(0.0f, 0.0f, 0.0f);
     const float mu = float_abs(i.z);
-    if (l.base_is_mirror != 0u)
+    if (l.base_is_mirror != 0u || (l.metal == 0.0f && l.glass == 0.0f))
         return sum;
+    const float of_o = kiln_bsdf_facets_lost(l, o), of_i = kiln_bsdf_facets_lost(l, i);
     if (i.z > 0.0f && l.metal > 0.0f) {
         const float coat = kiln_bsdf_coat_factor(l, front, o.z) * kiln_bsdf_coat_factor(l, front, mu);
-        const float lost = kiln_bsdf_metal_lost(l, o) * kiln_bsdf_metal_lost(l, i);
-        sum = vec3_scale(l.metal_spread, l.metal * coat * lost / float_max(l.lost_mean, KILN_FLOAT_TINY));
+        sum = vec3_scale(l.metal_spread, l.metal * coat * of_o * of_i / float_max(l.lost_mean, KILN_FLOAT_TINY));
     }
     if (l.glass > 0.0f) {
         const bool same = i.z > 0.0f;
-        const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, o.z);
-        const float lost = kiln_bsdf_glass_lost(l, front == same, mu);
+        const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, o.z, of_o);
+        const float lost = kiln_bsdf_glass_lost(l, front == same, mu, of_i);
         float coats = kiln_bsdf_crossing(l, front, o.z, mu);
         if (same && l.p.thin_wall == 0u)
             coats = (1.0f - kiln_bsdf_coat_albedo(l, front, o.z)) * (1.0f - kiln_bsdf_coat_albedo(l, front, mu));

@@ -50,7 +50,7 @@ struct kiln_bsdf_lobes {
     KILN_STRUCT kiln_boundary boundary; /* set for a rough boundary of glass */
     KILN_STRUCT kiln_coat coat;
     KILN_VECTOR metal_spread; /* colour of what metals give back */
-    float lost_mean;          /* means over the hemisphere by the cosine: of what a metal's facets lose, */
+    float lost_mean;          /* means over the hemisphere by the cosine: of what facets lose, */
     float glass_lost_front, glass_lost_back, glass_lost_coat; /* glass, on both sides, and what the coat passes of it */
     float under_front, under_back; /* and of what reaches the diffuse surface; 1 where there is none */
 };
@@ -141,16 +141,16 @@ KILN_FUNCTION float kiln_bsdf_matt_albedo(KILN_STRUCT kiln_bsdf_lobes l, float m
            kiln_bsdf_scaled(l.p, exact, normal, kiln_bsdf_largest(l.p.specular_color));
 }
 
-/* What a metal's facets lose of light from a direction, and its mean over directions of one cosine. */
-KILN_FUNCTION float kiln_bsdf_metal_lost(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
+/* What facets lose of light from a direction, were all reflected, and its mean over directions of one cosine. */
+KILN_FUNCTION float kiln_bsdf_facets_lost(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
 {
     if (l.alpha_x == l.alpha_y || l.base_is_mirror != 0u)
         return kiln_interface_lost(l.face, float_abs(w.z));
     return kiln_across_lost(w, l.alpha_x, l.alpha_y);
 }
-KILN_FUNCTION float kiln_bsdf_metal_lost_about(KILN_STRUCT kiln_bsdf_lobes l, float mu)
+KILN_FUNCTION float kiln_bsdf_facets_lost_about(KILN_STRUCT kiln_bsdf_lobes l, float mu)
 {
-    if (l.alpha_x == l.alpha_y || l.base_is_mirror != 0u || l.metal == 0.0f)
+    if (l.alpha_x == l.alpha_y || l.base_is_mirror != 0u || l.metal + l.glass == 0.0f)
         return kiln_interface_lost(l.face, mu);
     const float r = float_sqrt((1.0f - mu) * (1.0f + mu));
     float sum = 0.0f;
@@ -162,13 +162,13 @@ KILN_FUNCTION float kiln_bsdf_metal_lost_about(KILN_STRUCT kiln_bsdf_lobes l, fl
     return sum / KILN_TO_F32(KILN_TURN_POINTS);
 }
 
-/* What glass loses from one side. */
-KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool front, float mu)
+/* What glass loses of light from a direction on one side. `facets`: kiln_bsdf_facets_lost of it. */
+KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool front, float mu, float facets)
 {
     if (l.base_is_mirror != 0u)
         return 0.0f;
     if (l.p.thin_wall != 0u)
-        return kiln_interface_lost(l.face, mu);
+        return facets;
     return kiln_boundary_lost(l.boundary, mu, front == (l.p.eta.y < 1.0f));
 }
 
@@ -202,15 +202,16 @@ KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
     const bool two = KILN_AT(l).coat.strength > 0.0f && KILN_AT(l).p.thin_wall == 0u; /* sides differ by the coat */
     for (int k = 0; k < KILN_MEAN_POINTS; k++) {
         const float mu = KILN_MEAN_COSINES[k], w = KILN_MEAN_WEIGHTS[k];
-        lost += w * kiln_bsdf_metal_lost_about(KILN_AT(l), mu);
+        const float facets = kiln_bsdf_facets_lost_about(KILN_AT(l), mu);
+        lost += w * facets;
         if (matt)
             under_front += w * kiln_diffuse_in(KILN_AT(l), mu);
         if (matt && two)
             under_back += w * kiln_diffuse_in(KILN_AT(l), -mu);
         if (KILN_AT(l).glass > 0.0f) {
-            const float there = w * kiln_bsdf_glass_lost(KILN_AT(l), true, mu);
+            const float there = w * kiln_bsdf_glass_lost(KILN_AT(l), true, mu, facets);
             front += there;
-            back += w * kiln_bsdf_glass_lost(KILN_AT(l), false, mu);
+            back += w * kiln_bsdf_glass_lost(KILN_AT(l), false, mu, facets);
             coat += there * (1.0f - kiln_bsdf_coat_albedo(KILN_AT(l), true, mu)); /* of a boundary */
         }
     }

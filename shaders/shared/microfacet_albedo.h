@@ -122,7 +122,7 @@ KILN_FUNCTION float kiln_across_lost(KILN_VECTOR w, float alpha_x, float alpha_y
 struct kiln_boundary {
     float alpha, critical;                /* cosine of the critical angle in the denser medium */
     KILN_STRUCT kiln_curve thin;          /* from the medium with the lower index: error 0.003 */
-    KILN_STRUCT kiln_curve dense, beyond; /* from the other: error 0.006 */
+    KILN_STRUCT kiln_curve dense, beyond; /* from the other: error 0.004 */
 };
 
 /* Coefficients of the curves. The calls below are not loops: an array that a loop writes, GPUs' compilers keep in

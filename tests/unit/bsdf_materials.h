@@ -40,6 +40,8 @@ static const struct material materials[] = {
      .darkest = 0.99f, .brightest = 1.001f},
     {"brushed metal", .metallic = 1, .index = 1.5f, .anisotropy = 0.4f, .draws = true, .darkest = 0.99f,
      .brightest = 1.001f},
+    {"brushed thin wall", .transmission = 1, .index = 1.5f, .thin_wall = true, .anisotropy = 0.4f, .darkest = 0.99f,
+     .brightest = 1.001f},
     {"much brushed metal", .metallic = 1, .index = 1.5f, .anisotropy = 0.8f, .darkest = 0.99f, .brightest = 1.001f},
 };
 #define MATERIALS (sizeof materials / sizeof *materials)
