@@ -94,10 +94,10 @@ KILN_FUNCTION float kiln_bsdf_forgotten_sum(KILN_STRUCT kiln_bsdf_lobes l, float
     return float_max(l.glass_lost_front + squared * l.glass_lost_back, KILN_FLOAT_TINY);
 }
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_forgotten kiln_bsdf_forgotten_of(KILN_STRUCT kiln_bsdf_lobes l, bool front,
-                                                                     float mu)
+                                                                     float mu, float facets)
 {
     KILN_STRUCT kiln_bsdf_forgotten s;
-    const float lost = l.glass * kiln_bsdf_glass_lost(l, front, mu);
+    const float lost = l.glass * kiln_bsdf_glass_lost(l, front, mu, facets);
     const KILN_VECTOR squared = l.p.thin_wall != 0u ? vec3(1.0f, 1.0f, 1.0f) : vec3_mul(l.p.eta, l.p.eta);
     const KILN_VECTOR of_front =
         vec3(lost / kiln_bsdf_forgotten_sum(l, squared.x), lost / kiln_bsdf_forgotten_sum(l, squared.y),
@@ -121,7 +121,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
     KILN_STRUCT kiln_bsdf_albedo a;
     const bool front = o.z > 0.0f;
     const float mu = float_abs(o.z), coat = kiln_bsdf_coat_albedo(l, front, mu), rest = 1.0f - coat;
-    const float lost = kiln_interface_lost(l.face, mu), base = l.matt > 0.0f ? l.matt * kiln_diffuse_in(l, o.z) : 0.0f;
+    const float lost = kiln_bsdf_facets_lost(l, o), base = l.matt > 0.0f ? l.matt * kiln_diffuse_in(l, o.z) : 0.0f;
     a.coat = kiln_bsdf_gray(coat);
     a.diffuse = vec3_scale(l.p.base_color, base);
     if (l.p.model == KILN_BSDF_PHONG)
@@ -133,7 +133,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
     a.spread_near = vec3_scale(l.metal_spread, rest * l.metal * lost);
     a.spread_far = vec3(0.0f, 0.0f, 0.0f);
     if (l.glass > 0.0f && l.base_is_mirror == 0u) {
-        const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, mu);
+        const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, mu, lost);
         const float here = front ? l.glass_lost_coat : l.glass_lost_back;
         const float there = front ? l.glass_lost_back : l.glass_lost_coat;
         a.spread_near = vec3_madd(a.spread_near, f.same, rest * here);
@@ -217,6 +217,20 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_facets(KILN_VECTOR o, KILN_V
     return s;
 }
 
+/* Of light from behind a coat: what kiln_bsdf_split_at says too little of what the coat sends back. There it has the
+ * cosine to the facet; here that to the surface with which the facet lets light out that comes from o, and from i. The
+ * mean is geometric, so that it is the same for both. */
+KILN_FUNCTION KILN_VECTOR kiln_bsdf_returned(KILN_STRUCT kiln_bsdf_lobes l, float o, float i, float h, float cosine)
+{
+    const KILN_VECTOR eta = kiln_bsdf_eta(l.p, false);
+    const float outside = kiln_refracted_cosine(cosine, eta.y), bend = h * (outside - cosine / eta.y);
+    const float zo = o / eta.y + bend, zi = i / eta.y + bend; /* not above 0: no light gets out that way */
+    const float of_o = zo > 0.0f ? kiln_coat_albedo(l.coat, zo) : 0.0f;
+    const float of_i = zi > 0.0f ? kiln_coat_albedo(l.coat, zi) : 0.0f;
+    const float more = float_sqrt(of_o * of_i) - kiln_coat_albedo(l.coat, outside);
+    return vec3_scale(kiln_bsdf_fresnel_at(l.p, cosine, eta).through, l.glass * more);
+}
+
 /* Reflection by the base's facets; o and i on one side, both with z > 0. */
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_reflection(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR o,
                                                                KILN_VECTOR i)
@@ -226,7 +240,10 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_reflection(KILN_STRUCT kiln_
     const float cosine = 0.5f * (vec3_dot(o, h) + vec3_dot(i, h)); /* the same bits for i and o exchanged */
     const KILN_STRUCT kiln_bsdf_split split = kiln_bsdf_split_at(l, front, cosine);
     const float coat = kiln_bsdf_coat_factor(l, front, o.z) * kiln_bsdf_coat_factor(l, front, i.z);
-    s.value = vec3_scale(split.reflected, s.value.x * coat);
+    KILN_VECTOR reflected = split.reflected;
+    if (!front && l.glass > 0.0f && l.coat.strength > 0.0f && l.p.thin_wall == 0u)
+        reflected = vec3_add(reflected, kiln_bsdf_returned(l, o.z, i.z, h.z, cosine));
+    s.value = vec3_scale(reflected, s.value.x * coat);
     s.density *= split.chance;
     return s;
 }
@@ -317,17 +334,17 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_given_back(KILN_STRUCT kiln_bsdf_lobes l, bo
 {
     KILN_VECTOR sum = vec3(0.0f, 0.0f, 0.0f);
     const float mu = float_abs(i.z);
-    if (l.base_is_mirror != 0u)
+    if (l.base_is_mirror != 0u || (l.metal == 0.0f && l.glass == 0.0f))
         return sum;
+    const float of_o = kiln_bsdf_facets_lost(l, o), of_i = kiln_bsdf_facets_lost(l, i);
     if (i.z > 0.0f && l.metal > 0.0f) {
         const float coat = kiln_bsdf_coat_factor(l, front, o.z) * kiln_bsdf_coat_factor(l, front, mu);
-        const float lost = kiln_interface_lost(l.face, o.z) * kiln_interface_lost(l.face, mu);
-        sum = vec3_scale(l.metal_spread, l.metal * coat * lost / float_max(l.lost_mean, KILN_FLOAT_TINY));
+        sum = vec3_scale(l.metal_spread, l.metal * coat * of_o * of_i / float_max(l.lost_mean, KILN_FLOAT_TINY));
     }
     if (l.glass > 0.0f) {
         const bool same = i.z > 0.0f;
-        const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, o.z);
-        const float lost = kiln_bsdf_glass_lost(l, front == same, mu);
+        const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, o.z, of_o);
+        const float lost = kiln_bsdf_glass_lost(l, front == same, mu, of_i);
         float coats = kiln_bsdf_crossing(l, front, o.z, mu);
         if (same && l.p.thin_wall == 0u)
             coats = (1.0f - kiln_bsdf_coat_albedo(l, front, o.z)) * (1.0f - kiln_bsdf_coat_albedo(l, front, mu));

@@ -116,6 +116,9 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_fresnel kiln_bsdf_fresnel_at(KILN_STRUCT kil
 
 /* ---- shares ---- */
 
+/* Directions in a quarter turn, for means over brushed facets. */
+#define KILN_TURN_POINTS 4
+
 /* Where the coat lies, what it reflects, and the factor of what the base scatters. */
 KILN_FUNCTION bool kiln_bsdf_coated(KILN_STRUCT kiln_bsdf_lobes l, bool front)
 {
@@ -138,13 +141,34 @@ KILN_FUNCTION float kiln_bsdf_matt_albedo(KILN_STRUCT kiln_bsdf_lobes l, float m
            kiln_bsdf_scaled(l.p, exact, normal, kiln_bsdf_largest(l.p.specular_color));
 }
 
-/* What glass loses from one side. */
-KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool front, float mu)
+/* What facets lose of light from a direction, were all reflected, and its mean over directions of one cosine. */
+KILN_FUNCTION float kiln_bsdf_facets_lost(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
+{
+    if (l.alpha_x == l.alpha_y || l.base_is_mirror != 0u)
+        return kiln_interface_lost(l.face, float_abs(w.z));
+    return kiln_across_lost(w, l.alpha_x, l.alpha_y);
+}
+KILN_FUNCTION float kiln_bsdf_facets_lost_about(KILN_STRUCT kiln_bsdf_lobes l, float mu)
+{
+    if (l.alpha_x == l.alpha_y || l.base_is_mirror != 0u || l.metal + l.glass == 0.0f)
+        return kiln_interface_lost(l.face, mu);
+    const float r = float_sqrt((1.0f - mu) * (1.0f + mu));
+    float sum = 0.0f;
+    for (int k = 0; k < KILN_TURN_POINTS; k++) {
+        float sine, cosine;
+        kiln_turn((KILN_TO_F32(k) + 0.5f) / KILN_TO_F32(4 * KILN_TURN_POINTS), KILN_TO(sine), KILN_TO(cosine));
+        sum += kiln_across_lost(vec3(r * cosine, r * sine, mu), l.alpha_x, l.alpha_y);
+    }
+    return sum / KILN_TO_F32(KILN_TURN_POINTS);
+}
+
+/* What glass loses of light from a direction on one side. `facets`: kiln_bsdf_facets_lost of it. */
+KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool front, float mu, float facets)
 {
     if (l.base_is_mirror != 0u)
         return 0.0f;
     if (l.p.thin_wall != 0u)
-        return kiln_interface_lost(l.face, mu);
+        return facets;
     return kiln_boundary_lost(l.boundary, mu, front == (l.p.eta.y < 1.0f));
 }
 
@@ -178,15 +202,16 @@ KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
     const bool two = KILN_AT(l).coat.strength > 0.0f && KILN_AT(l).p.thin_wall == 0u; /* sides differ by the coat */
     for (int k = 0; k < KILN_MEAN_POINTS; k++) {
         const float mu = KILN_MEAN_COSINES[k], w = KILN_MEAN_WEIGHTS[k];
-        lost += w * kiln_interface_lost(KILN_AT(l).face, mu);
+        const float facets = kiln_bsdf_facets_lost_about(KILN_AT(l), mu);
+        lost += w * facets;
         if (matt)
             under_front += w * kiln_diffuse_in(KILN_AT(l), mu);
         if (matt && two)
             under_back += w * kiln_diffuse_in(KILN_AT(l), -mu);
         if (KILN_AT(l).glass > 0.0f) {
-            const float there = w * kiln_bsdf_glass_lost(KILN_AT(l), true, mu);
+            const float there = w * kiln_bsdf_glass_lost(KILN_AT(l), true, mu, facets);
             front += there;
-            back += w * kiln_bsdf_glass_lost(KILN_AT(l), false, mu);
+            back += w * kiln_bsdf_glass_lost(KILN_AT(l), false, mu, facets);
             coat += there * (1.0f - kiln_bsdf_coat_albedo(KILN_AT(l), true, mu)); /* of a boundary */
         }
     }
@@ -236,7 +261,9 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare(KILN_STRUCT kiln_bsd
         l.base_is_mirror != 0u ? 0.0f : float_sqrt(0.5f * (l.alpha_x * l.alpha_x + l.alpha_y * l.alpha_y));
     l.face = kiln_interface_of(alpha, index);
     l.boundary = kiln_boundary_of(alpha, index);
-    l.coat = kiln_coat_of(layers ? p.coat : 0.0f, l.coat_is_mirror != 0u ? 0.0f : float_min(p.coat_alpha, 1.0f), alpha);
+    const float partial = p.thin_wall != 0u ? l.matt : l.matt + l.glass;
+    l.coat = kiln_coat_of(layers ? p.coat : 0.0f, l.coat_is_mirror != 0u ? 0.0f : float_min(p.coat_alpha, 1.0f), alpha,
+                          partial);
     kiln_bsdf_means(KILN_TO(l));
     kiln_bsdf_dye(KILN_TO(l), p.base_color);
     return l;

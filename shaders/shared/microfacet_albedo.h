@@ -4,7 +4,7 @@
  *
  * Fits are over cosines to the normal, `mu`; roughness alpha, 0.001 to 1; and `index`, that of the denser medium over
  * that of the other, 1.05 to 3 (outside the nearest of these is taken). tests/bench/albedo_fit.py makes them. With
- * alpha and index given, a polynomial in near = sqrt(mu / (mu + alpha)) is left, a `curve`. */
+ * alpha and index given, a polynomial in near = sqrt(mu / (mu + 2 alpha)) is left, a `curve`. */
 #ifndef KILN_SHADERS_SHARED_MICROFACET_ALBEDO_H
 #define KILN_SHADERS_SHARED_MICROFACET_ALBEDO_H
 
@@ -25,7 +25,7 @@ KILN_FUNCTION float kiln_curve_at(KILN_STRUCT kiln_curve curve, float x)
 /* Where a curve is asked: 2 near - 1. */
 KILN_FUNCTION float kiln_curve_place(float mu, float alpha)
 {
-    return 2.0f * float_sqrt(mu / float_max(mu + alpha, KILN_FLOAT_TINY)) - 1.0f;
+    return 2.0f * float_sqrt(mu / float_max(mu + 2.0f * alpha, KILN_FLOAT_TINY)) - 1.0f;
 }
 /* The variable of the index, -1 to 1. */
 KILN_FUNCTION float kiln_fit_index(float index)
@@ -36,7 +36,7 @@ KILN_FUNCTION float kiln_fit_index(float index)
 /* The interface of a medium, seen from outside: what it reflects. */
 struct kiln_interface {
     float alpha, index;
-    KILN_STRUCT kiln_curve lost;      /* 1 - albedo, were all reflected: error 0.001 */
+    KILN_STRUCT kiln_curve lost;      /* 1 - albedo, were all reflected: error 0.0003 */
     KILN_STRUCT kiln_curve effective; /* the cosine at which a smooth interface reflects the same share */
 };
 
@@ -44,13 +44,13 @@ KILN_FUNCTION KILN_STRUCT kiln_interface kiln_interface_of(float alpha, float in
 {
     KILN_STRUCT kiln_interface s;
     const float rough = alpha < KILN_MIRROR_ALPHA ? 0.0f : 1.0f; /* a mirror loses nothing */
-    const float a = 2.0f * alpha - 1.0f, r = 2.0f * float_sqrt(alpha) - 1.0f, z = kiln_fit_index(index);
+    const float r = 2.0f * float_sqrt(alpha) - 1.0f, z = kiln_fit_index(index);
     s.alpha = alpha;
     s.index = index;
     for (int i = 0; i < 9; i++) {
         float sum = 0.0f;
-        for (int j = 4; j >= 0; j--)
-            sum = sum * a + KILN_FIT_WHOLE[5 * i + j];
+        for (int j = 7; j >= 0; j--)
+            sum = sum * r + KILN_FIT_WHOLE[8 * i + j];
         s.lost.c[i] = rough * sum;
     }
     for (int i = 0; i < 9; i++) {
@@ -87,12 +87,42 @@ KILN_FUNCTION float kiln_interface_albedo(KILN_STRUCT kiln_interface s, float mu
     return (1.0f - kiln_interface_lost(s, mu)) * kiln_interface_fresnel(s, mu);
 }
 
+/* ---- what brushed facets lose ---- */
+
+/* As kiln_interface_lost, of two roughnesses: error 0.004. What is lost hangs on the roughness in the direction's own
+ * plane, `along`, and on both: light along smooth facets is thrown sideways by rough ones. */
+KILN_FUNCTION float kiln_across_lost(KILN_VECTOR w, float alpha_x, float alpha_y)
+{
+    const float wide = float_max(alpha_x, alpha_y), narrow = float_min(alpha_x, alpha_y);
+    const float x = w.x * w.x, y = w.y * w.y, mu = float_abs(w.z);
+    const float slope = float_sqrt((alpha_x * alpha_x * x + alpha_y * alpha_y * y) / float_max(x + y, KILN_FLOAT_TINY));
+    const float along = float_min(float_max(slope, narrow), wide);
+    const float r = 2.0f * float_sqrt(wide) - 1.0f, t = 2.0f * float_sqrt(narrow / wide) - 1.0f;
+    const float a = 2.0f * along / wide - 1.0f, at = kiln_curve_place(mu, along);
+    float sum = 0.0f;
+    for (int i = 7; i >= 0; i--) {
+        float of_i = 0.0f;
+        for (int j = 4; j >= 0; j--) {
+            float of_j = 0.0f;
+            for (int k = 3; k >= 0; k--) {
+                const int n = 80 * i + 16 * j + 4 * k;
+                of_j = of_j * t +
+                       (((KILN_FIT_ACROSS[n + 3] * a + KILN_FIT_ACROSS[n + 2]) * a + KILN_FIT_ACROSS[n + 1]) * a +
+                        KILN_FIT_ACROSS[n]);
+            }
+            of_i = of_i * r + of_j;
+        }
+        sum = sum * at + of_i;
+    }
+    return kiln_lost(sum, mu, wide);
+}
+
 /* ---- what a boundary of glass loses, reflected and refracted light together ---- */
 
 struct kiln_boundary {
     float alpha, critical;                /* cosine of the critical angle in the denser medium */
     KILN_STRUCT kiln_curve thin;          /* from the medium with the lower index: error 0.003 */
-    KILN_STRUCT kiln_curve dense, beyond; /* from the other: error 0.006 */
+    KILN_STRUCT kiln_curve dense, beyond; /* from the other: error 0.004 */
 };
 
 /* Coefficients of the curves. The calls below are not loops: an array that a loop writes, GPUs' compilers keep in
@@ -110,8 +140,8 @@ KILN_FUNCTION float kiln_fit_thin(int i, float r, float z)
 KILN_FUNCTION float kiln_fit_dense(int i, float r, float z)
 {
     float sum = 0.0f;
-    for (int j = 4; j >= 0; j--) {
-        const int k = 20 * i + 4 * j;
+    for (int j = 5; j >= 0; j--) {
+        const int k = 24 * i + 4 * j;
         sum = sum * r + (KILN_FIT_DENSE[k] +
                          z * (KILN_FIT_DENSE[k + 1] + z * (KILN_FIT_DENSE[k + 2] + z * KILN_FIT_DENSE[k + 3])));
     }
@@ -120,8 +150,8 @@ KILN_FUNCTION float kiln_fit_dense(int i, float r, float z)
 KILN_FUNCTION float kiln_fit_beyond(int i, float r, float z)
 {
     float sum = 0.0f;
-    for (int j = 4; j >= 0; j--) {
-        const int k = 20 * i + 4 * j;
+    for (int j = 5; j >= 0; j--) {
+        const int k = 24 * i + 4 * j;
         sum = sum * r + (KILN_FIT_BEYOND[k] +
                          z * (KILN_FIT_BEYOND[k + 1] + z * (KILN_FIT_BEYOND[k + 2] + z * KILN_FIT_BEYOND[k + 3])));
     }
@@ -150,7 +180,7 @@ KILN_FUNCTION KILN_STRUCT kiln_boundary kiln_boundary_of(float alpha, float inde
     s.dense.c[4] = kiln_fit_dense(4, r, z);
     s.dense.c[5] = kiln_fit_dense(5, r, z);
     s.dense.c[6] = kiln_fit_dense(6, r, z);
-    s.dense.c[7] = 0.0f;
+    s.dense.c[7] = kiln_fit_dense(7, r, z);
     s.dense.c[8] = 0.0f;
     s.beyond.c[0] = kiln_fit_beyond(0, r, z);
     s.beyond.c[1] = kiln_fit_beyond(1, r, z);
@@ -159,7 +189,7 @@ KILN_FUNCTION KILN_STRUCT kiln_boundary kiln_boundary_of(float alpha, float inde
     s.beyond.c[4] = kiln_fit_beyond(4, r, z);
     s.beyond.c[5] = kiln_fit_beyond(5, r, z);
     s.beyond.c[6] = kiln_fit_beyond(6, r, z);
-    s.beyond.c[7] = 0.0f;
+    s.beyond.c[7] = kiln_fit_beyond(7, r, z);
     s.beyond.c[8] = 0.0f;
     return s;
 }
@@ -177,6 +207,7 @@ KILN_FUNCTION float kiln_boundary_lost(KILN_STRUCT kiln_boundary s, float mu, bo
 
 struct kiln_coat {
     float strength; /* 0: there is none */
+    float partial;  /* share of the base whose facets do not send on all light: the matt layer, a body of glass */
     KILN_STRUCT kiln_interface face;
     float base_alpha;
     KILN_STRUCT kiln_curve effective; /* the cosine at which light that base and coat scatter leaves */
@@ -185,18 +216,20 @@ struct kiln_coat {
 KILN_FUNCTION float kiln_fit_coat(int i, float r, float z)
 {
     float sum = 0.0f;
-    for (int j = 6; j >= 0; j--) {
-        const int k = 28 * i + 4 * j;
-        sum = sum * r +
-              (KILN_FIT_COAT[k] + z * (KILN_FIT_COAT[k + 1] + z * (KILN_FIT_COAT[k + 2] + z * KILN_FIT_COAT[k + 3])));
+    for (int j = 7; j >= 0; j--) {
+        const int k = 40 * i + 5 * j;
+        sum = sum * r + (KILN_FIT_COAT[k] +
+                         z * (KILN_FIT_COAT[k + 1] +
+                              z * (KILN_FIT_COAT[k + 2] + z * (KILN_FIT_COAT[k + 3] + z * KILN_FIT_COAT[k + 4]))));
     }
     return sum;
 }
-KILN_FUNCTION KILN_STRUCT kiln_coat kiln_coat_of(float strength, float alpha, float base_alpha)
+KILN_FUNCTION KILN_STRUCT kiln_coat kiln_coat_of(float strength, float alpha, float base_alpha, float partial)
 {
     KILN_STRUCT kiln_coat s;
     const float r = 2.0f * float_sqrt(base_alpha) - 1.0f, z = 2.0f * float_sqrt(alpha) - 1.0f;
     s.strength = strength;
+    s.partial = partial;
     s.face = kiln_interface_of(alpha, KILN_COAT_INDEX);
     s.base_alpha = base_alpha;
     s.effective.c[0] = kiln_fit_coat(0, r, z);
@@ -217,14 +250,17 @@ KILN_FUNCTION float kiln_coat_albedo(KILN_STRUCT kiln_coat s, float mu)
     return s.strength * kiln_interface_albedo(s.face, mu);
 }
 /* The base's scattering is multiplied by this of both directions. With it a white base sends on, from each direction,
- * what the coat lets in: h(o) integral h(i) f(o, i) |cos| di = 1 - coat albedo(o), to 0.01 (balanced after
- * Sinkhorn). For a mirror it is sqrt(1 - E), for a matt surface (1 - E) / sqrt(1 - mean E). */
+ * what the coat lets in: h(o) integral h(i) f(o, i) |cos| di = 1 - coat albedo(o), to 0.003 (balanced after
+ * Sinkhorn). For a mirror it is sqrt(1 - E), for a matt surface (1 - E) / sqrt(1 - mean E). What facets of a dielectric
+ * reflect lies nearer to the horizon, where the coat lets less out: its factor is nearer to the mirror's. */
 KILN_FUNCTION float kiln_coat_factor(KILN_STRUCT kiln_coat s, float mu)
 {
     const float scale = s.base_alpha / float_sqrt(float_max(mu + s.base_alpha, KILN_FLOAT_TINY));
     const float off = scale * kiln_curve_at(s.effective, kiln_curve_place(mu, s.base_alpha));
     const float leaves = float_min(float_max(mu + off, 0.0f), 1.0f);
-    return (1.0f - kiln_coat_albedo(s, mu)) / float_sqrt(1.0f - 0.9999f * kiln_coat_albedo(s, leaves));
+    const float through = 1.0f - kiln_coat_albedo(s, mu);
+    const float metal = through / float_sqrt(1.0f - 0.9999f * kiln_coat_albedo(s, leaves));
+    return metal + s.partial * float_min((3.0f - s.base_alpha) * mu, 1.0f) * (float_sqrt(through) - metal);
 }
 
 /* ---- means over a hemisphere by the cosine: Gauss's rule over the root of the cosine ---- */

@@ -47,11 +47,11 @@ static void furnace(const struct material *m, double range[2])
 {
     range[0] = 2.0;
     range[1] = 0.0;
-    for (int i = 0; i<ALPHAS; i += m->coat> 0.0f ? 3 : 1) {
+    for (int i = 0; i < ALPHAS; i++) {
         const struct kiln_bsdf_lobes l = kiln_bsdf_prepare(white_material(m, alphas[i]));
         for (int j = 0; j < ANGLES; j++) {
-            const double a =
-                albedo(&l, direction(degrees[j], 0.3f, m->behind), alphas[i] < 0.02f ? 1024 : 4096, KILN_LOBE_ALL);
+            const unsigned draws = alphas[i] < 0.02f && m->coat == 0.0f ? 1024 : 4096;
+            const double a = albedo(&l, direction(degrees[j], 0.3f, m->behind), draws, KILN_LOBE_ALL);
             range[0] = fmin(range[0], a);
             range[1] = fmax(range[1], a);
         }
@@ -89,7 +89,7 @@ static void stored_diffuse(void **state)
             const double drawn = albedo(&l, o, 64, KILN_LOBE_DIFFUSE);
             const double above = albedo(&l, o, 2048, KILN_LOBE_GLOSS | KILN_LOBE_COAT);
             assert_true(fabs(stored - drawn) < 0.02 * stored);
-            assert_true(stored + above > 0.985 && stored + above < 1.005);
+            assert_true(stored + above > 0.99 && stored + above < 1.001);
         }
     }
 }
