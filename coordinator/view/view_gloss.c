@@ -1,14 +1,21 @@
 #include "coordinator/view/view_gloss.h"
 
+#include <math.h>
+
 #include "coordinator/view/view_lamps.h"
 #include "worker/base/memory.h"
 #include "worker/material/surface_bsdf.h"
 #include "worker/sampling/keys.h"
+#include "worker/scene/footprint.h"
 #include "worker/scene/texture.h"
 
 /* Rays that are traced together; surfaces of theirs that lamps light together, which take some 700 bytes each; surfaces
  * that one goes on from at most; and the key of the random numbers. */
 enum { BAND_RAYS = 1 << 16, LIT_PLACES = 1 << 13, MOST_SURFACES = 64, KEY = 0x76696577 };
+
+/* Rays that guides learn from, of each pixel for that; how far such pixels are apart at least, along rows and columns;
+ * and how many there are at most, about. */
+enum { LESSONS = 16, APART_LEAST = 4, LESSON_PIXELS = 1 << 15 };
 
 /* A ray under way, and what it has brought. */
 struct walker {
@@ -17,6 +24,11 @@ struct walker {
     bool goes_on, lit; /* `lit`: the last surface has gloss */
     struct kiln_vec3 origin, direction;
     struct kiln_view_way way;
+    /* how it left the first surface with rough gloss, by what of the light that reaches the eye; and what it found */
+    uint32_t region; /* KILN_NONE: it has met none */
+    bool leaves;     /* it has just left that surface */
+    struct kiln_vec3 found;
+    float weight_there, beyond;
 };
 
 struct kiln_view_gloss {
@@ -27,6 +39,7 @@ struct kiln_view_gloss {
     uint32_t *active; /* walkers of the rays that are traced */
     struct kiln_gloss_lobes *lobes;
     struct kiln_view_lamps *lamps;
+    struct kiln_view_guides *guides;
     struct kiln_view_lit *lit; /* the surfaces with gloss that some of them have met, at most LIT_PLACES at once */
     uint32_t *lit_of;          /* the walkers of these */
     uint32_t side, chains;
@@ -38,13 +51,15 @@ bool kiln_view_goes_on(const struct kiln_view_source *source, const struct kiln_
     return source->field == NULL && !source->texels && kiln_particle_turns(&source->backend->params, hit);
 }
 
-static void start(const struct kiln_view_gloss *b, size_t pixel, uint32_t number, struct walker *w)
+/* Ray `number` of a pixel, through place `place` of it; those of another `key` have other chances. */
+static void start(const struct kiln_view_gloss *b, uint32_t key, size_t pixel, uint32_t number, uint32_t place,
+                  struct walker *w)
 {
     const struct kiln_view_params *p = b->params;
-    const uint32_t place = number / b->chains;
-    *w = (struct walker){.key = kiln_hash2(kiln_hash2(KEY, (uint32_t)pixel), (uint32_t)(pixel >> 32)),
+    *w = (struct walker){.key = kiln_hash2(kiln_hash2(key, (uint32_t)pixel), (uint32_t)(pixel >> 32)),
                          .number = number,
                          .weight = {1.0f, 1.0f, 1.0f},
+                         .region = KILN_NONE,
                          .goes_on = true};
     kiln_view_ray(p, (double)(pixel % p->width) + ((double)(place % b->side) + 0.5) / b->side,
                   (double)(pixel / p->width) + ((double)(place / b->side) + 0.5) / b->side, &w->origin, &w->direction);
@@ -52,8 +67,11 @@ static void start(const struct kiln_view_gloss *b, size_t pixel, uint32_t number
 
 static void add(struct walker *w, const float factor[3], const float rgb[3])
 {
-    for (int c = 0; c < 3; c++)
-        w->rgb[c] += w->weight[c] * factor[c] * rgb[c];
+    for (int c = 0; c < 3; c++) {
+        const float light = w->weight[c] * factor[c] * rgb[c];
+        w->rgb[c] += light;
+        w->beyond += w->region != KILN_NONE ? light : 0.0f;
+    }
 }
 
 /* What the glossy surface sends of its own: from its lightmap, and as a lamp. */
@@ -102,6 +120,11 @@ static void meet(const struct kiln_view_gloss *b, const struct kiln_hit *found, 
 {
     const struct kiln_backend_params *params = &b->params->source.backend->params;
     struct kiln_hit hit = *found;
+    if (w->leaves && hit.triangle != KILN_NONE)
+        w->found = kiln_triangle_position(b->params->source.geometry, hit.triangle, hit.u, hit.v);
+    else if (w->leaves)
+        w->found = vec3_madd(w->origin, direction, kiln_view_guides_far(b->guides));
+    w->leaves = false;
     /* nothing but rays comes through what a view does not show */
     const double share = passed > 0.0f ? 1.0 : kiln_view_lamps_share(b->lamps, &w->way, &hit, direction);
     w->goes_on = false;
@@ -116,8 +139,15 @@ static void meet(const struct kiln_view_gloss *b, const struct kiln_hit *found, 
     *lit = (struct kiln_view_lit){.place = kiln_particle_place(params, b->lobes, &hit, direction),
                                   .chance = {.key = w->key, .number = w->number, .surface = surface},
                                   .weight = {w->weight[0], w->weight[1], w->weight[2]}};
-    const struct kiln_particle_turn turn = kiln_particle_turn(&lit->place, w->weight, &lit->chance, KILN_RADIANCE);
+    const uint32_t region = kiln_view_guides_region(b->guides, &lit->place, &lit->chance);
+    lit->guide = kiln_view_guides_at(b->guides, region, &lit->place);
+    const struct kiln_particle_turn turn = kiln_view_guide_turn(&lit->guide, &lit->place, w->weight, &lit->chance);
     add_own(b, &lit->place, &turn, share, w);
+    if (w->region == KILN_NONE && !turn.mirrored) {
+        w->region = region;
+        w->leaves = region != KILN_NONE;
+        w->weight_there = w->weight[0] + w->weight[1] + w->weight[2];
+    }
     for (int c = 0; c < 3; c++) {
         w->weight[c] *= turn.goes_on[c];
         w->goes_on = w->goes_on || w->weight[c] > 0.0f;
@@ -180,19 +210,27 @@ static int step(struct kiln_view_gloss *b, size_t *count, uint32_t surface, stru
     return status;
 }
 
+/* Follows the first `active` walkers to their ends. */
+static int follow(struct kiln_view_gloss *b, size_t active, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0; i < active; i++)
+        b->active[i] = (uint32_t)i;
+    for (uint32_t surface = 0; surface < MOST_SURFACES && active > 0 && status == KILN_OK; surface++)
+        status = step(b, &active, surface, error);
+    return status;
+}
+
 /* At most as many pixels as there is room for. */
 static int draw(struct kiln_view_gloss *b, const size_t *pixels, size_t count, float *rgb, struct kiln_error *error)
 {
     const uint32_t rays = b->side * b->side * b->chains;
-    size_t active = count * rays;
-    int status = KILN_OK;
 #pragma omp parallel for schedule(dynamic, 1024)
     for (size_t i = 0; i < count * rays; i++) {
-        start(b, pixels[i / rays], (uint32_t)(i % rays), &b->walkers[i]);
-        b->active[i] = (uint32_t)i;
+        const uint32_t number = (uint32_t)(i % rays);
+        start(b, KEY, pixels[i / rays], number, number / b->chains, &b->walkers[i]);
     }
-    for (uint32_t surface = 0; surface < MOST_SURFACES && active > 0 && status == KILN_OK; surface++)
-        status = step(b, &active, surface, error);
+    const int status = follow(b, count * rays, error);
     for (size_t i = 0; i < count; i++)
         for (int c = 0; c < 3; c++) {
             float sum = 0.0f;
@@ -200,6 +238,71 @@ static int draw(struct kiln_view_gloss *b, const size_t *pixels, size_t count, f
                 sum += b->walkers[i * rays + k].rgb[c];
             rgb[3 * i + (size_t)c] = sum / (float)rays;
         }
+    return status;
+}
+
+/* ---- guides ---- */
+
+/* The pixels that guides learn from where these see gloss. */
+struct grid {
+    size_t apart, wide, all; /* pixels; how many in a row of the grid, and in all */
+};
+static struct grid lesson_grid(const struct kiln_view_params *p)
+{
+    const double fewest = ceil(sqrt((double)p->width * (double)p->height / LESSON_PIXELS));
+    struct grid g = {.apart = fewest > APART_LEAST ? (size_t)fewest : APART_LEAST};
+    g.wide = (p->width + g.apart - 1) / g.apart;
+    g.all = g.wide * ((p->height + g.apart - 1) / g.apart);
+    return g;
+}
+
+/* Has guides learn from rays of `count` pixels, at most as many as there is room for. */
+static int learn_some(struct kiln_view_gloss *b, const size_t *pixels, size_t count, struct kiln_error *error)
+{
+    for (size_t i = 0; i < count * LESSONS; i++)
+        start(b, ~(uint32_t)KEY, pixels[i / LESSONS], (uint32_t)(i % LESSONS), (uint32_t)i % (b->side * b->side),
+              &b->walkers[i]);
+    const int status = follow(b, count * LESSONS, error);
+    for (size_t i = 0; i < count * LESSONS && status == KILN_OK; i++) {
+        const struct walker *w = &b->walkers[i];
+        kiln_view_guides_learn(b->guides, w->region, w->found, w->beyond / w->weight_there);
+    }
+    return status;
+}
+
+/* Those of `count` pixels that see gloss, in the midst of a pixel, come first; returns how many. */
+static int keep_gloss(struct kiln_view_gloss *b, size_t *pixels, size_t *count, struct kiln_error *error)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < *count; i++)
+        kiln_view_ray(b->params, (double)(pixels[i] % b->params->width) + 0.5,
+                      (double)(pixels[i] / b->params->width) + 0.5, &b->rays->origins[i], &b->rays->directions[i]);
+    const int status = kiln_view_trace(&b->params->source, b->rays, *count, error);
+    for (size_t i = 0; i < *count && status == KILN_OK; i++)
+        if (kiln_view_goes_on(&b->params->source, &b->rays->hits[i]))
+            pixels[kept++] = pixels[i];
+    *count = kept;
+    return status;
+}
+
+/* Has guides learn from rays all over the picture. */
+static int learn(struct kiln_view_gloss *b, struct kiln_error *error)
+{
+    const struct grid grid = lesson_grid(b->params);
+    const size_t part = b->part * b->side * b->side * b->chains / LESSONS;
+    size_t *pixels = NULL;
+    int status = kiln_allocate(&pixels, part, sizeof *pixels, "guides of a view", error);
+    for (size_t i = 0; i < grid.all && status == KILN_OK; i += part) {
+        size_t count = 0;
+        for (size_t k = i; k < i + part && k < grid.all; k++)
+            pixels[count++] = (k / grid.wide * b->params->width + k % grid.wide) * grid.apart;
+        status = keep_gloss(b, pixels, &count, error);
+        if (status == KILN_OK)
+            status = learn_some(b, pixels, count, error);
+    }
+    kiln_free(&pixels);
+    if (status == KILN_OK)
+        kiln_view_guides_finish(b->guides);
     return status;
 }
 
@@ -227,6 +330,10 @@ int kiln_view_gloss_create(struct kiln_view_gloss **gloss, const struct kiln_vie
         status = kiln_view_lamps_create(&b->lamps, &params->source, LIT_PLACES, error);
     if (status == KILN_OK)
         status = kiln_scene_lobes(&b->lobes, params->source.scene, error);
+    if (status == KILN_OK)
+        status = kiln_view_guides_create(&b->guides, params->source.geometry, LESSONS * lesson_grid(params).all, error);
+    if (status == KILN_OK)
+        status = learn(b, error);
     if (status != KILN_OK)
         kiln_view_gloss_destroy(gloss);
     return status;
@@ -243,6 +350,7 @@ void kiln_view_gloss_destroy(struct kiln_view_gloss **gloss)
     kiln_free(&b->lit);
     kiln_free(&b->lit_of);
     kiln_view_lamps_destroy(&b->lamps);
+    kiln_view_guides_destroy(&b->guides);
     kiln_free(&b->lobes);
     kiln_free(gloss);
 }

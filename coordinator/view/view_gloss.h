@@ -3,7 +3,8 @@
  *
  * Of a glossy surface itself a ray brings color E / pi times what its diffuse part takes up of light from there
  * (kiln_diffuse_in, as if E came from all over), what it emits, and highlights of lamps, suns and skies, of which light
- * samples and the rays that go on bring their parts (view_lamps.h). Not collective. */
+ * samples and the rays that go on bring their parts (view_lamps.h). Rays that leave rough gloss go to bright places
+ * that their lobes rarely meet, too (view_guide.h). Not collective. */
 #ifndef KILN_COORDINATOR_VIEW_VIEW_GLOSS_H
 #define KILN_COORDINATOR_VIEW_VIEW_GLOSS_H
 

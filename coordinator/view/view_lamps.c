@@ -197,7 +197,8 @@ static bool prepare(const struct kiln_view_lamps *lamps, size_t round, const str
     if (sample.has_extent) {
         const struct kiln_dvec3 place =
             isfinite(sample.distance) ? along(way.position, sample.direction, sample.distance) : way.position;
-        share = share_of(sampled_density(lamps->emission, light, &way, place, sample.direction), (double)f.density);
+        share = share_of(sampled_density(lamps->emission, light, &way, place, sample.direction),
+                         (double)kiln_view_guide_density(&lit->guide, &lit->place, towards, f.density));
     }
     for (int c = 0; c < 3; c++)
         shadow->value[c] =

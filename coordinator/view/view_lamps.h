@@ -11,6 +11,7 @@
 #ifndef KILN_COORDINATOR_VIEW_VIEW_LAMPS_H
 #define KILN_COORDINATOR_VIEW_VIEW_LAMPS_H
 
+#include "coordinator/view/view_guide.h"
 #include "coordinator/view/view_light.h"
 #include "worker/backend/particle.h"
 
@@ -18,8 +19,9 @@
 struct kiln_view_lit {
     struct kiln_particle_place place;
     struct kiln_particle_chance chance;
-    float weight[3]; /* what of the light that it sends reaches the eye, by colour */
-    float rgb[3];    /* what lamps bring there, W/(m2 sr), is added */
+    struct kiln_view_guide guide; /* by which the ray goes on from there */
+    float weight[3];              /* what of the light that it sends reaches the eye, by colour */
+    float rgb[3];                 /* what lamps bring there, W/(m2 sr), is added */
 };
 
 /* How a ray has left the surface before; density 0: of the camera, or in the one direction of a mirror. */

@@ -111,6 +111,27 @@ class Highlights(unittest.TestCase):
             file.write(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 8 +X 16\n" + texels.tobytes())
         self.compare("sky", lambda scene: None, 0.1, "--environment", image)
 
+    def test_specks(self):
+        """A small panel in the light of a spot beside a floor of rough metal, which few rays meet by their lobe."""
+        scene = glb.Scene()
+        scene.quad("floor", [(-2, 0, 2), (2, 0, 2), (2, 0, -2), (-2, 0, -2)],
+                   gloss(scene, "metal", (0.9, 0.8, 0.7), metallic=1.0, roughness=0.3))
+        scene.quad("panel", [(-0.6, 1.0, -2), (-0.2, 1.0, -2), (-0.2, 2.0, -2), (-0.6, 2.0, -2)],
+                   scene.material("panel", (0.8, 0.8, 0.8)))
+        scene.light("spot", {"type": "spot", "intensity": 100.0,
+                             "spot": {"innerConeAngle": 0.2, "outerConeAngle": 0.25}}, translation=[-0.4, 1.5, 1.0])
+        path, bake, shown = (os.path.join(self.folder, "specks" + end) for end in (".glb", "", ".exr"))
+        scene.write(path)
+        kiln("bake", path, "-o", bake, "--quality", "draft", "--texels-per-metre", "8", "--quiet", "--no-export",
+             "--no-preview", "--samples-probe", "0", "--caustics", "none", "--environment", "0.02,0.02,0.02")
+        kiln("view", bake, "-o", shown, "--from=2,0.8,0.5", "--to=-1,0,0.5", "--field-of-view", "50", "--width", "160",
+             "--height", "120", "--quiet", "--backend", "embree")
+        light = exr.rgb(shown).mean(-1)
+        near = np.lib.stride_tricks.sliding_window_view(np.pad(light, 2, mode="edge"), (5, 5))
+        specks = int((light > 2 * np.median(near, axis=(2, 3))).sum())
+        print("specks: %d of %d pixels" % (specks, light.size))
+        self.assertLess(specks, 60)
+
 
 if __name__ == "__main__":
     unittest.main(verbosity=2)

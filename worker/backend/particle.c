@@ -123,31 +123,66 @@ static bool send(const struct kiln_particle_place *p, const struct kiln_particle
     return kiln_shading_agrees(d->i, front);
 }
 
-struct kiln_particle_turn kiln_particle_turn(const struct kiln_particle_place *p, const float weight[3],
-                                             const struct kiln_particle_chance *chance, uint32_t mode)
+/* How much more than light that is traced from lamps rays from the eye weigh when chance decides whether they go on:
+ * what of a dark surface is seen is what it mirrors. */
+static const float weight_of_rays = 8.0f;
+
+/* Has `share` of what arrives go on in a direction, times `factor`, which chance does not heed. */
+static void go_on(const struct kiln_particle_place *p, const float weight[3], const struct kiln_particle_chance *chance,
+                  double rest, struct kiln_vec3 share, float factor, uint32_t mode, struct kiln_particle_turn *turn)
 {
     const uint32_t wanted = p->params->chain_length, length = wanted != 0 ? wanted : KILN_CHAIN_LENGTH;
-    struct kiln_particle_turn turn = {.mirrored = false};
-    struct kiln_bsdf_drawn d;
-    double pick, rest;
-    for (int c = 0; c < 3 && has_points(p->params, &p->hit); c++)
-        turn.taken_up[c] = p->arrives[c] * kiln_chain_taken_up(p->lobes, p->o.z);
-    kiln_particle_draw(chance, KILN_PATH_LOBE, &pick, &rest);
-    if (!send(p, chance, (float)pick, mode, &d))
-        return turn;
-    const float on[3] = {p->arrives[0] * d.weight.x, p->arrives[1] * d.weight.y, p->arrives[2] * d.weight.z};
+    const float on[3] = {p->arrives[0] * share.x, p->arrives[1] * share.y, p->arrives[2] * share.z};
     float most = 0.0f;
     for (int c = 0; c < 3; c++)
         most = float_max(most, weight[c] * on[c]);
+    if (mode == KILN_RADIANCE)
+        most *= weight_of_rays;
     const float goes_on = kiln_chain_chance(chance->surface, length, most);
     if (!(rest < (double)goes_on))
-        return turn;
+        return;
     for (int c = 0; c < 3; c++)
-        turn.goes_on[c] = on[c] / goes_on;
+        turn->goes_on[c] = factor * on[c] / goes_on;
+    turn->origin = start_of(p, turn->direction);
+}
+
+static struct kiln_particle_turn taken_up(const struct kiln_particle_place *p)
+{
+    struct kiln_particle_turn turn = {.mirrored = false};
+    for (int c = 0; c < 3 && has_points(p->params, &p->hit); c++)
+        turn.taken_up[c] = p->arrives[c] * kiln_chain_taken_up(p->lobes, p->o.z);
+    return turn;
+}
+
+struct kiln_particle_turn kiln_particle_turn(const struct kiln_particle_place *p, const float weight[3],
+                                             const struct kiln_particle_chance *chance, uint32_t mode)
+{
+    struct kiln_particle_turn turn = taken_up(p);
+    struct kiln_bsdf_drawn d;
+    double pick, rest;
+    kiln_particle_draw(chance, KILN_PATH_LOBE, &pick, &rest);
+    if (!send(p, chance, (float)pick, mode, &d))
+        return turn;
     turn.mirrored = d.delta;
     turn.density = d.density;
     turn.direction = kiln_out_of_frame(&p->frame, d.i);
-    turn.origin = start_of(p, turn.direction);
+    go_on(p, weight, chance, rest, d.weight, 1.0f, mode, &turn);
+    return turn;
+}
+
+struct kiln_particle_turn kiln_particle_turn_to(const struct kiln_particle_place *p, const float weight[3],
+                                                const struct kiln_particle_chance *chance, struct kiln_vec3 direction,
+                                                float density)
+{
+    struct kiln_particle_turn turn = taken_up(p);
+    double pick, rest;
+    kiln_particle_draw(chance, KILN_PATH_LOBE, &pick, &rest);
+    const struct kiln_bsdf_value f = kiln_particle_scatter(p, direction);
+    if (!(f.density > 0.0f))
+        return turn;
+    turn.density = density;
+    turn.direction = direction;
+    go_on(p, weight, chance, rest, vec3_scale(f.value, 1.0f / f.density), f.density / density, KILN_RADIANCE, &turn);
     return turn;
 }
 

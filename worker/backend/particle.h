@@ -52,6 +52,12 @@ struct kiln_particle_turn {
 struct kiln_particle_turn kiln_particle_turn(const struct kiln_particle_place *place, const float weight[3],
                                              const struct kiln_particle_chance *chance, uint32_t mode);
 
+/* The same of a ray of a view whose direction was drawn otherwise, with this density per steradian. Whether it goes on
+ * at all hangs on what the lobes would have sent that way. */
+struct kiln_particle_turn kiln_particle_turn_to(const struct kiln_particle_place *place, const float weight[3],
+                                                const struct kiln_particle_chance *chance, struct kiln_vec3 direction,
+                                                float density);
+
 /* Whether the lobes that are not diffuse send light in the directions of mirrors and smooth glass only. */
 bool kiln_particle_is_smooth(const struct kiln_particle_place *place);
 
