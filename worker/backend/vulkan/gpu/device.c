@@ -7,7 +7,9 @@
 #include "worker/backend/vulkan/gpu/private.h"
 #include "worker/base/memory.h"
 
-enum { MOST_EXTENSIONS = 8, ANY_WORK = VK_QUEUE_GRAPHICS_BIT | VK_QUEUE_COMPUTE_BIT | VK_QUEUE_TRANSFER_BIT };
+enum { MOST_EXTENSIONS = 8 };
+/* Flags that a queue for copies may have besides: those with others have other work, of video too. */
+enum { MAY_COPY_TOO = VK_QUEUE_SPARSE_BINDING_BIT | VK_QUEUE_PROTECTED_BIT };
 
 /* ---- which device ---- */
 
@@ -84,7 +86,7 @@ static void choose_queue(struct gpu *gpu, double *tick_bits)
         }
     gpu->copy_family = gpu->queue_family;
     for (uint32_t i = count; i-- > 0;)
-        if ((families[i].queueFlags & ANY_WORK) == VK_QUEUE_TRANSFER_BIT)
+        if ((families[i].queueFlags & ~(VkQueueFlags)MAY_COPY_TOO) == VK_QUEUE_TRANSFER_BIT)
             gpu->copy_family = i;
 }
 
