@@ -161,6 +161,14 @@ struct kiln_gpu_result { /* struct kiln_point_result */
 };
 KILN_SIZE_IS(kiln_gpu_result, 68);
 
+/* What the gather pass hands to the host of it, in words: incident (3) and the error; then escaped and blocked, as
+ * floats, or, where they are whole numbers of at most KILN_GPU_SHORT_MOST rays, as the lower and the upper half of one
+ * word; irradiance (3) where it is not the same as incident; then, where the scene has any, glass (3), gloss (3),
+ * present. The rest the host knows: worker/backend/vulkan/gather.c. */
+#define KILN_GPU_SHORT_ERROR 3u
+#define KILN_GPU_SHORT_RAYS 4u
+#define KILN_GPU_SHORT_MOST 65535u
+
 struct kiln_gpu_occlusion_result { /* struct kiln_occlusion_result */
     KILN_REAL32 open, direction[3], error;
     KILN_WORD count;

@@ -317,6 +317,41 @@ static void check_world(const struct tracer *t, struct world *w, size_t allowed,
     world_destroy(w);
 }
 
+/* The layout of a world with as many threads, and with a tree as deep. */
+static struct bvh_layout layout_by(const struct world *w, uint32_t traversal, uint32_t threads, uint32_t depth_limit)
+{
+    struct bvh_layout layout;
+    struct bvh *bvh = NULL;
+    assert_int_equal(bvh_create(&bvh, &w->g, &(struct bvh_params){threads, depth_limit}, NULL), KILN_OK);
+    assert_int_equal(bvh_layout_create(&layout, bvh, traversal, NULL), KILN_OK);
+    bvh_destroy(&bvh);
+    return layout;
+}
+
+/* Several threads lay down the same nodes and triangles in the same places as one, also where subtrees are too deep. */
+static void threads_do_not_matter(void **state)
+{
+    (void)state;
+    enum { TRIANGLES = 20000 };
+    struct world *w = world_create(3 * TRIANGLES, TRIANGLES);
+    add_soup(w, TRIANGLES, 1.0f, 0.05f, 0.05f);
+    world_finish(w);
+    for (uint32_t i = 0; i < 2 * LAYOUTS; i++) {
+        const uint32_t depth_limit = i < LAYOUTS ? 0 : 10;
+        struct bvh_layout one = layout_by(w, layouts[i % LAYOUTS], 1, depth_limit),
+                          several = layout_by(w, layouts[i % LAYOUTS], 3, depth_limit);
+        assert_int_equal(one.node_count, several.node_count);
+        assert_int_equal(one.triangle_count, TRIANGLES);
+        assert_int_equal(several.triangle_count, TRIANGLES);
+        assert_int_equal(one.stack, several.stack);
+        assert_true(one.node_count == 0 || memcmp(one.nodes, several.nodes, one.node_count * one.node_size) == 0);
+        assert_memory_equal(one.triangles, several.triangles, TRIANGLES * sizeof *one.triangles);
+        bvh_layout_free(&one);
+        bvh_layout_free(&several);
+    }
+    world_destroy(w);
+}
+
 static void box_room(void **state)
 {
     struct world *w = world_create(16, 24);
@@ -404,9 +439,13 @@ static void too_deep(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(box_room),          cmocka_unit_test(balls_in_a_room),
-                                       cmocka_unit_test(edges_and_corners), cmocka_unit_test(soup_and_needles),
-                                       cmocka_unit_test(poor_triangles),    cmocka_unit_test(hardly_any),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(threads_do_not_matter),
+                                       cmocka_unit_test(box_room),
+                                       cmocka_unit_test(balls_in_a_room),
+                                       cmocka_unit_test(edges_and_corners),
+                                       cmocka_unit_test(soup_and_needles),
+                                       cmocka_unit_test(poor_triangles),
+                                       cmocka_unit_test(hardly_any),
                                        cmocka_unit_test(too_deep)};
     if (!vulkan_device_is_there())
         return 77;

@@ -170,6 +170,65 @@ static void steps_follow_each_other(void **state)
     gpu_destroy(&gpu);
 }
 
+/* How many words of `answers` are not what submission `k` has counted. */
+static size_t wrong_answers(const uint32_t *answers, uint32_t count, uint32_t k)
+{
+    size_t wrong = 0;
+    for (uint32_t i = 0; i < count; i++)
+        wrong += answers[i] != i + 1 + k;
+    return wrong;
+}
+
+/* A copy aside has what its own submission's kernels wrote, whatever is submitted behind it, again and again in one
+ * slot; what is filled meanwhile is whole. */
+static void copies_go_aside(void **state)
+{
+    (void)state;
+    enum { N = 50000, ROUNDS = 3, SUBMISSIONS = GPU_SLOTS * ROUNDS };
+    struct gpu *gpu = create(&(struct gpu_choice){.device = -1, .threads = 2, .validation = true});
+    struct gpu_buffer zeros, to[GPU_SLOTS], back[GPU_SLOTS], filled[SUBMISSIONS];
+    struct gpu_kernel *kernels[SUBMISSIONS];
+    uint32_t *words = calloc(N, sizeof *words);
+    size_t wrong = 0;
+    assert_int_equal(gpu_buffer_of(gpu, &zeros, words, N * 4, "zeros", NULL), KILN_OK);
+    for (uint32_t i = 0; i < GPU_SLOTS; i++) {
+        assert_int_equal(gpu_buffer_create(gpu, &to[i], N * 4, GPU_DEVICE, "sums", NULL), KILN_OK);
+        assert_int_equal(gpu_buffer_create(gpu, &back[i], N * 4, GPU_HOST, "answers", NULL), KILN_OK);
+    }
+    for (uint32_t k = 0; k < SUBMISSIONS + GPU_SLOTS; k++) {
+        const uint32_t slot = k % GPU_SLOTS;
+        assert_int_equal(gpu_wait(gpu, slot, NULL, NULL), KILN_OK);
+        wrong += k >= GPU_SLOTS ? wrong_answers(back[slot].mapped, N - 1, k - GPU_SLOTS) : 0;
+        if (k >= SUBMISSIONS)
+            continue;
+        kernels[k] = counter(gpu, k);
+        const struct push push = {.from = zeros.address, .to = to[slot].address, .width = N, .height = 1};
+        const struct gpu_step steps[] = {
+            {.kernel = kernels[k], .threads_x = N, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push},
+            {.aside = true, .from = &to[slot], .to = &back[slot], .from_offset = 4, .size = (N - 1) * 4},
+        };
+        assert_int_equal(gpu_submit(gpu, slot, steps, 2, NULL), KILN_OK);
+        for (uint32_t i = 0; i < N; i++)
+            words[i] = i + 1 + k;
+        assert_int_equal(gpu_buffer_of(gpu, &filled[k], words, N * 4, "filled", NULL), KILN_OK);
+    }
+    for (uint32_t k = 0; k < SUBMISSIONS; k++) {
+        assert_int_equal(gpu_download(gpu, &filled[k], 0, words, N * 4, NULL), KILN_OK);
+        wrong += wrong_answers(words, N, k);
+        gpu_buffer_destroy(gpu, &filled[k]);
+        gpu_kernel_destroy(gpu, &kernels[k]);
+    }
+    assert_int_equal(wrong, 0);
+    assert_int_equal(gpu_messages(gpu), 0);
+    for (uint32_t i = 0; i < GPU_SLOTS; i++) {
+        gpu_buffer_destroy(gpu, &to[i]);
+        gpu_buffer_destroy(gpu, &back[i]);
+    }
+    gpu_buffer_destroy(gpu, &zeros);
+    free(words);
+    gpu_destroy(&gpu);
+}
+
 static void memory_has_its_limit(void **state)
 {
     (void)state;
@@ -209,7 +268,7 @@ static int work(struct gpu_faults *faults, bool *lost, bool *short_of_memory)
 {
     enum { N = 5000 };
     struct gpu *gpu = NULL;
-    struct gpu_buffer a = {0}, b = {0};
+    struct gpu_buffer a = {0}, b = {0}, back = {0};
     struct gpu_kernel *kernel = NULL;
     uint32_t words[N] = {0};
     const uint32_t constants[] = {0, 0, 0, 0, 0, 0, 1};
@@ -227,25 +286,29 @@ static int work(struct gpu_faults *faults, bool *lost, bool *short_of_memory)
     if (status == KILN_OK)
         status = gpu_buffer_create(gpu, &b, sizeof words, GPU_DEVICE, "b", &error);
     if (status == KILN_OK)
+        status = gpu_buffer_create(gpu, &back, sizeof words, GPU_HOST, "answers", &error);
+    if (status == KILN_OK)
         status = gpu_kernel_create(gpu, &kernel, &params, &error);
     const struct push push = {.from = a.address, .to = b.address, .width = N, .height = 1};
     const struct gpu_step step = {
         .kernel = kernel, .threads_x = N, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
+    const struct gpu_step steps[] = {step, {.aside = true, .from = &b, .to = &back, .size = sizeof words}};
     if (status == KILN_OK)
-        status = gpu_submit(gpu, 1, &step, 1, &error);
+        status = gpu_submit(gpu, 1, steps, 2, &error);
     if (status == KILN_OK)
         status = gpu_run(gpu, &step, 1, NULL, &error);
     if (status == KILN_OK)
         status = gpu_wait(gpu, 1, NULL, &error);
     if (status == KILN_OK)
         status = gpu_download(gpu, &b, 0, words, sizeof words, &error);
-    if (status == KILN_OK && words[N - 1] != N)
+    if (status == KILN_OK && (words[N - 1] != N || ((const uint32_t *)back.mapped)[N - 1] != N))
         status = KILN_BUG;
     *lost = gpu_lost(gpu);
     *short_of_memory = gpu_short_of_memory(gpu);
     gpu_kernel_destroy(gpu, &kernel);
     gpu_buffer_destroy(gpu, &a);
     gpu_buffer_destroy(gpu, &b);
+    gpu_buffer_destroy(gpu, &back);
 end:
     assert_true((status == KILN_OK) == (error.message[0] == '\0'));
     gpu_destroy(&gpu);
@@ -335,11 +398,17 @@ static void pace_does_not_wait_for_few(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(devices_are_listed_in_order),   cmocka_unit_test(what_goes_up_comes_down),
-        cmocka_unit_test(kernels_reach_every_thread),    cmocka_unit_test(steps_follow_each_other),
-        cmocka_unit_test(memory_has_its_limit),          cmocka_unit_test(choices_that_cannot_be_met_are_refused),
-        cmocka_unit_test(every_call_may_fail),           cmocka_unit_test(validation_is_silent),
-        cmocka_unit_test(pace_follows_what_is_measured), cmocka_unit_test(pace_does_not_wait_for_few),
+        cmocka_unit_test(devices_are_listed_in_order),
+        cmocka_unit_test(what_goes_up_comes_down),
+        cmocka_unit_test(kernels_reach_every_thread),
+        cmocka_unit_test(steps_follow_each_other),
+        cmocka_unit_test(copies_go_aside),
+        cmocka_unit_test(memory_has_its_limit),
+        cmocka_unit_test(choices_that_cannot_be_met_are_refused),
+        cmocka_unit_test(every_call_may_fail),
+        cmocka_unit_test(validation_is_silent),
+        cmocka_unit_test(pace_follows_what_is_measured),
+        cmocka_unit_test(pace_does_not_wait_for_few),
     };
     struct kiln_error error = {0};
     struct gpu *gpu = NULL;

@@ -10,6 +10,7 @@
 #include "worker/base/memory.h"
 
 enum { LEAF_MOST = 3 /* as many as a child of struct kiln_gpu_node8 tells */, DEPTH_LIMIT = 40, WIDTH_MOST = 8 };
+enum { TASK_TRIANGLES = 2048 }; /* a subtree with fewer is not worth a task of its own */
 
 struct box {
     float lower[3], upper[3];
@@ -25,16 +26,24 @@ struct node {
 struct bvh {
     const struct kiln_geometry *geometry;
     struct node *nodes; /* the root first */
-    size_t node_count, node_capacity;
+    size_t node_count;
     uint32_t *order; /* world triangles, leaf by leaf */
     size_t order_count;
-    uint32_t depth_limit, depth;
+    uint32_t depth_limit, depth, threads;
 };
+
+/* Memory that nobody has touched: those that fill it share the cost of that. *pointer is NULL. */
+static int allocate_untouched(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error)
+{
+    size_t room = 0;
+    return kiln_grow(pointer, &room, count, size, what, error);
+}
 
 /* ---- what Embree's builder calls; memory is the builder's ---- */
 
 struct built {
-    uint32_t count; /* of a leaf; 0: two children */
+    uint32_t count;             /* of a leaf; 0: two children */
+    uint32_t leaves, triangles; /* of the subtree */
     union {
         struct {
             struct built *child[2];
@@ -53,12 +62,19 @@ static void *create_node(RTCThreadLocalAllocator allocator, unsigned int child_c
     return node;
 }
 
+/* Children are whole when they are handed over. */
+
 static void set_children(void *pointer, void **children, unsigned int child_count, void *user)
 {
     (void)user;
     struct built *node = pointer;
-    for (unsigned i = 0; i < child_count; i++)
+    node->leaves = node->triangles = 0;
+    for (unsigned i = 0; i < child_count; i++) {
+        const struct built *child = children[i];
         node->is.inner.child[i] = children[i];
+        node->leaves += child->leaves;
+        node->triangles += child->triangles;
+    }
 }
 
 static void set_bounds(void *pointer, const struct RTCBounds **bounds, unsigned int child_count, void *user)
@@ -76,7 +92,8 @@ static void *create_leaf(RTCThreadLocalAllocator allocator, const struct RTCBuil
     (void)user;
     assert(count >= 1 && count <= LEAF_MOST);
     struct built *leaf = rtcThreadLocalAlloc(allocator, sizeof *leaf, 16);
-    leaf->count = (uint32_t)count;
+    leaf->count = leaf->triangles = (uint32_t)count;
+    leaf->leaves = 1;
     for (size_t i = 0; i < count; i++)
         leaf->is.triangle[i] = primitives[i].primID;
     return leaf;
@@ -113,22 +130,61 @@ static struct box triangle_box(const struct kiln_geometry *g, size_t triangle, f
 
 /* ---- from the builder's tree to the flat one ---- */
 
-static void place_leaf(struct bvh *bvh, uint32_t at, const struct built *leaf)
+/* Where what is below a node comes to stand: the children of a node side by side, then all below the first, then all
+ * below the second; as one thread would lay them down. */
+struct place {
+    size_t node, triangle; /* the first that are free */
+    uint32_t depth;        /* of the node */
+};
+
+/* One such conversion, by all threads. */
+struct flattening {
+    struct bvh *bvh;
+    uint32_t depth;          /* of the deepest node */
+    int status;              /* of whichever task failed last */
+    struct kiln_error error; /* its */
+};
+
+/* The place of what is below the second child, where the first has `first` leaves and triangles. */
+static struct place place_beside(const struct place *children, size_t leaves, size_t triangles)
 {
-    bvh->nodes[at].first = (uint32_t)bvh->order_count;
-    bvh->nodes[at].count = leaf->count;
-    for (uint32_t i = 0; i < leaf->count; i++)
-        bvh->order[bvh->order_count++] = leaf->is.triangle[i];
+    return (struct place){children->node + 2 * leaves - 2, children->triangle + triangles, children->depth};
 }
 
-static uint32_t place_children(struct bvh *bvh, uint32_t at)
+static struct place place_of_children(const struct place *node)
 {
-    assert(bvh->node_count + 2 <= bvh->node_capacity);
-    const uint32_t first = (uint32_t)bvh->node_count;
-    bvh->node_count += 2;
-    bvh->nodes[at].first = first;
+    return (struct place){node->node + 2, node->triangle, node->depth + 1};
+}
+
+static void note_depth(struct flattening *f, uint32_t depth)
+{
+    uint32_t known;
+#pragma omp atomic read
+    known = f->depth;
+    if (depth <= known)
+        return;
+#pragma omp critical(kiln_bvh_flatten)
+    if (depth > f->depth) {
+#pragma omp atomic write
+        f->depth = depth;
+    }
+}
+
+static void place_leaf(struct flattening *f, uint32_t at, const struct built *leaf, const struct place *place)
+{
+    struct node *node = &f->bvh->nodes[at];
+    node->first = (uint32_t)place->triangle;
+    node->count = leaf->count;
+    memcpy(f->bvh->order + place->triangle, leaf->is.triangle, leaf->count * sizeof *leaf->is.triangle);
+    note_depth(f, place->depth);
+}
+
+static uint32_t place_children(struct bvh *bvh, uint32_t at, const struct place *place)
+{
+    assert(place->node + 2 <= bvh->node_count);
+    bvh->nodes[at].first = (uint32_t)place->node;
     bvh->nodes[at].count = 0;
-    return first;
+    return (uint32_t)place->node;
 }
 
 struct leaf_list {
@@ -136,11 +192,6 @@ struct leaf_list {
     struct box *boxes;
     size_t count;
 };
-
-static size_t count_leaves(const struct built *from)
-{
-    return from->count != 0 ? 1 : count_leaves(from->is.inner.child[0]) + count_leaves(from->is.inner.child[1]);
-}
 
 static void list_leaves(struct leaf_list *list, const struct built *from, const struct box *box)
 {
@@ -153,66 +204,93 @@ static void list_leaves(struct leaf_list *list, const struct built *from, const 
         list_leaves(list, from->is.inner.child[i], &from->is.inner.box[i]);
 }
 
-static void halve(struct bvh *bvh, uint32_t at, const struct leaf_list *list, size_t first, size_t count,
-                  uint32_t depth)
+static void halve(struct flattening *f, uint32_t at, const struct leaf_list *list, size_t first, size_t count,
+                  struct place place)
 {
-    bvh->depth = depth > bvh->depth ? depth : bvh->depth;
+    struct bvh *bvh = f->bvh;
     if (count == 1) {
         bvh->nodes[at].box = list->boxes[first];
-        place_leaf(bvh, at, list->leaves[first]);
+        place_leaf(f, at, list->leaves[first], &place);
         return;
     }
-    const uint32_t child = place_children(bvh, at);
-    halve(bvh, child, list, first, count / 2, depth + 1);
-    halve(bvh, child + 1, list, first + count / 2, count - count / 2, depth + 1);
+    const uint32_t child = place_children(bvh, at, &place);
+    size_t triangles = 0;
+    for (size_t i = 0; i < count / 2; i++)
+        triangles += list->leaves[first + i]->triangles;
+    const struct place below = place_of_children(&place);
+    halve(f, child, list, first, count / 2, below);
+    halve(f, child + 1, list, first + count / 2, count - count / 2, place_beside(&below, count / 2, triangles));
     bvh->nodes[at].box = box_join(&bvh->nodes[child].box, &bvh->nodes[child + 1].box);
 }
 
+static void fail_task(struct flattening *f, int status, const struct kiln_error *error)
+{
+#pragma omp critical(kiln_bvh_flatten)
+    {
+        f->status = status;
+        f->error = *error;
+    }
+}
+
 /* A subtree that goes too deep: its leaves, in their order, under a tree as flat as can be. */
-static int flatten_evenly(struct bvh *bvh, uint32_t at, const struct built *from, uint32_t depth,
-                          struct kiln_error *error)
+static void flatten_evenly(struct flattening *f, uint32_t at, const struct built *from, struct place place)
 {
     struct leaf_list list = {NULL, NULL, 0};
-    const size_t count = count_leaves(from);
-    int status = kiln_allocate(&list.leaves, count, sizeof *list.leaves, "the leaves of a deep BVH", error);
+    struct kiln_error error;
+    const size_t count = from->leaves;
+    int status = kiln_allocate(&list.leaves, count, sizeof *list.leaves, "the leaves of a deep BVH", &error);
     if (status == KILN_OK)
-        status = kiln_allocate(&list.boxes, count, sizeof *list.boxes, "the leaves of a deep BVH", error);
+        status = kiln_allocate(&list.boxes, count, sizeof *list.boxes, "the leaves of a deep BVH", &error);
     if (status == KILN_OK) {
-        list_leaves(&list, from, &bvh->nodes[at].box);
-        halve(bvh, at, &list, 0, count, depth);
+        list_leaves(&list, from, &f->bvh->nodes[at].box);
+        halve(f, at, &list, 0, count, place);
+    } else {
+        fail_task(f, status, &error);
     }
     kiln_free(&list.leaves);
     kiln_free(&list.boxes);
-    return status;
 }
 
-static int flatten(struct bvh *bvh, uint32_t at, const struct built *from, uint32_t depth, struct kiln_error *error)
+/* Lays down what is below node `at`, whose box is there already. */
+static void flatten(struct flattening *f, uint32_t at, const struct built *from, struct place place)
 {
-    bvh->depth = depth > bvh->depth ? depth : bvh->depth;
     if (from->count != 0) {
-        place_leaf(bvh, at, from);
-        return KILN_OK;
+        place_leaf(f, at, from, &place);
+        return;
     }
-    if (depth >= bvh->depth_limit)
-        return flatten_evenly(bvh, at, from, depth, error);
-    const uint32_t child = place_children(bvh, at);
-    int status = KILN_OK;
-    for (uint32_t i = 0; i < 2 && status == KILN_OK; i++) {
-        bvh->nodes[child + i].box = from->is.inner.box[i];
-        status = flatten(bvh, child + i, from->is.inner.child[i], depth + 1, error);
+    if (place.depth >= f->bvh->depth_limit) {
+        flatten_evenly(f, at, from, place);
+        return;
     }
-    return status;
+    const struct built *first = from->is.inner.child[0], *second = from->is.inner.child[1];
+    const uint32_t child = place_children(f->bvh, at, &place);
+    const struct place below = place_of_children(&place),
+                       beside = place_beside(&below, first->leaves, first->triangles);
+    for (uint32_t i = 0; i < 2; i++)
+        f->bvh->nodes[child + i].box = from->is.inner.box[i];
+    if (first->triangles >= TASK_TRIANGLES) {
+#pragma omp task firstprivate(f, child, first, below)
+        flatten(f, child, first, below);
+    } else {
+        flatten(f, child, first, below);
+    }
+    flatten(f, child + 1, second, beside);
 }
 
 static int flatten_root(struct bvh *bvh, const struct built *root, const struct box *bounds, struct kiln_error *error)
 {
-    bvh->node_capacity = 2 * count_leaves(root) - 1;
-    int status = kiln_allocate(&bvh->nodes, bvh->node_capacity, sizeof *bvh->nodes, "the BVH", error);
+    struct flattening f = {.bvh = bvh, .status = KILN_OK};
+    bvh->node_count = 2 * (size_t)root->leaves - 1;
+    bvh->order_count = root->triangles;
+    const int status = allocate_untouched(&bvh->nodes, bvh->node_count, sizeof *bvh->nodes, "the BVH", error);
     if (status != KILN_OK)
         return status;
-    bvh->node_count = 1;
     bvh->nodes[0].box = *bounds;
-    return flatten(bvh, 0, root, 0, error);
+#pragma omp parallel num_threads((int)bvh->threads)
+#pragma omp single
+    flatten(&f, 0, root, (struct place){.node = 1});
+    bvh->depth = f.depth;
+    return f.status == KILN_OK ? KILN_OK : kiln_fail(error, f.status, "%s", f.error.message);
 }
 
 /* ---- building ---- */
@@ -220,7 +298,7 @@ static int flatten_root(struct bvh *bvh, const struct built *root, const struct 
 /* A world without triangles is one that nothing meets. */
 static int build_empty(struct bvh *bvh, struct kiln_error *error)
 {
-    const struct built stand_in = {.count = 1, .is.triangle = {KILN_GPU_NONE}};
+    const struct built stand_in = {.count = 1, .leaves = 1, .triangles = 1, .is.triangle = {KILN_GPU_NONE}};
     const struct box nowhere = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}};
     return flatten_root(bvh, &stand_in, &nowhere, error);
 }
@@ -242,10 +320,9 @@ static struct box fill_primitives(const struct kiln_geometry *g, struct RTCBuild
                         {g->bounds_max.x + margin, g->bounds_max.y + margin, g->bounds_max.z + margin}};
 }
 
-static int build_with(struct bvh *bvh, RTCDevice device, struct RTCBuildPrimitive *primitives, uint32_t threads,
-                      struct kiln_error *error)
+static int build_with(struct bvh *bvh, RTCDevice device, struct RTCBuildPrimitive *primitives, struct kiln_error *error)
 {
-    const struct box bounds = fill_primitives(bvh->geometry, primitives, threads);
+    const struct box bounds = fill_primitives(bvh->geometry, primitives, bvh->threads);
     struct RTCBuildArguments arguments = rtcDefaultBuildArguments();
     arguments.buildQuality = RTC_BUILD_QUALITY_MEDIUM;
     arguments.maxBranchingFactor = 2;
@@ -271,20 +348,20 @@ static int build_with(struct bvh *bvh, RTCDevice device, struct RTCBuildPrimitiv
     return status;
 }
 
-static int build(struct bvh *bvh, uint32_t threads, struct kiln_error *error)
+static int build(struct bvh *bvh, struct kiln_error *error)
 {
     char config[32];
-    (void)snprintf(config, sizeof config, "threads=%u", threads);
+    (void)snprintf(config, sizeof config, "threads=%u", bvh->threads);
     RTCDevice device = rtcNewDevice(config);
     if (device == NULL)
         return kiln_fail(error, KILN_SYSTEM,
                          "Embree, which builds the BVH, could not create its device with '%s' (its error %d)", config,
                          (int)rtcGetDeviceError(NULL));
     struct RTCBuildPrimitive *primitives = NULL;
-    int status = kiln_allocate(&primitives, kiln_geometry_hittable_count(bvh->geometry), sizeof *primitives,
-                               "the boxes of the triangles", error);
+    int status = allocate_untouched(&primitives, kiln_geometry_hittable_count(bvh->geometry), sizeof *primitives,
+                                    "the boxes of the triangles", error);
     if (status == KILN_OK)
-        status = build_with(bvh, device, primitives, threads, error);
+        status = build_with(bvh, device, primitives, error);
     kiln_free(&primitives);
     rtcReleaseDevice(device);
     return status;
@@ -304,12 +381,11 @@ int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const str
         return status;
     b->geometry = geometry;
     b->depth_limit = params->depth_limit != 0 ? params->depth_limit : DEPTH_LIMIT;
-    status = kiln_allocate(&b->order, kiln_geometry_hittable_count(geometry) + 1, sizeof *b->order,
-                           "the BVH's order of triangles", error);
+    b->threads = params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs();
+    status = allocate_untouched(&b->order, kiln_geometry_hittable_count(geometry) + 1, sizeof *b->order,
+                                "the BVH's order of triangles", error);
     if (status == KILN_OK)
-        status = kiln_geometry_hittable_count(geometry) == 0
-                     ? build_empty(b, error)
-                     : build(b, params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs(), error);
+        status = kiln_geometry_hittable_count(geometry) == 0 ? build_empty(b, error) : build(b, error);
     if (status != KILN_OK)
         bvh_destroy(&b);
     *bvh = b;
@@ -327,13 +403,19 @@ void bvh_destroy(struct bvh **bvh)
 
 /* ---- layouts ---- */
 
+/* What the layout has for a node of the tree: itself one of its nodes, with all below it. */
+struct extent {
+    uint32_t nodes;     /* below it */
+    uint32_t triangles; /* of all leaves below it */
+    uint32_t stack;     /* that a walk from here needs */
+};
+
 struct export
 {
     const struct bvh *bvh;
     struct bvh_layout *layout;
-    size_t node_capacity;
     uint32_t kind, width;
-    struct kiln_error *error;
+    struct extent *extents; /* by the tree's nodes; of those that are nodes of the layout */
 };
 
 /* The children of one node of a layout, by slot. */
@@ -403,29 +485,32 @@ static void arrange(const struct bvh *bvh, uint32_t parent, const uint32_t *chil
     }
 }
 
-static void place_triangle(struct bvh_layout *layout, const struct kiln_geometry *g, uint32_t number)
+static void place_triangle(const struct bvh_layout *layout, size_t at, const struct kiln_geometry *g, uint32_t number)
 {
     struct kiln_vec3 c[3] = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}};
     if (number != KILN_GPU_NONE)
         kiln_geometry_corners(g, number, c);
-    layout->triangles[layout->triangle_count++] = (struct kiln_gpu_triangle){
-        {c[0].x, c[0].y, c[0].z}, number, {c[1].x, c[1].y, c[1].z}, 0, {c[2].x, c[2].y, c[2].z}, 0};
+    layout->triangles[at] = (struct kiln_gpu_triangle){{c[0].x, c[0].y, c[0].z}, number, {c[1].x, c[1].y, c[1].z}, 0,
+                                                       {c[2].x, c[2].y, c[2].z}, 0};
 }
 
-/* Gives the members their places: nodes side by side, and all triangles of the leaves. */
-static int settle(struct export *e, struct family *family)
+/* The first node and the first triangle that are free for what is below a node of the layout. */
+struct start {
+    uint32_t node, triangle;
+};
+
+/* Gives the members their places, nodes side by side, and lays down all triangles of the leaves; moves `start` on
+ * behind them. */
+static void settle(const struct export *e, struct family *family, struct start *start)
 {
-    struct bvh_layout *layout = e->layout;
     for (uint32_t i = 0; i < WIDTH_MOST; i++) {
         if (family->member[i] == KILN_GPU_NONE)
             continue;
         const struct node *node = &e->bvh->nodes[family->member[i]];
-        family->place[i] = node->count == 0 ? (uint32_t)layout->node_count++ : (uint32_t)layout->triangle_count;
+        family->place[i] = node->count == 0 ? start->node++ : start->triangle;
         for (uint32_t j = 0; j < node->count; j++)
-            place_triangle(layout, e->bvh->geometry, e->bvh->order[node->first + j]);
+            place_triangle(e->layout, start->triangle++, e->bvh->geometry, e->bvh->order[node->first + j]);
     }
-    return kiln_grow(&layout->nodes, &e->node_capacity, layout->node_count, layout->node_size, "a layout of the BVH",
-                     e->error);
 }
 
 static uint32_t child_code(const struct bvh *bvh, const struct family *family, uint32_t i)
@@ -525,9 +610,69 @@ static uint32_t stack_of(const struct export *e, uint32_t children, uint32_t dee
     return deepest + children - 1;
 }
 
-/* Fills the layout's node `at` from node `from` of the tree, and all below; `stack` gets what a walk from here needs.
- */
-static int fill(struct export *e, uint32_t from, uint32_t at, uint32_t *stack)
+/* The triangles below a node of the tree: from its first leaf's to its last leaf's. */
+static uint32_t triangles_below(const struct bvh *bvh, uint32_t node)
+{
+    uint32_t first = node, last = node;
+    while (bvh->nodes[first].count == 0)
+        first = bvh->nodes[first].first;
+    while (bvh->nodes[last].count == 0)
+        last = bvh->nodes[last].first + 1;
+    return bvh->nodes[last].first + bvh->nodes[last].count - bvh->nodes[first].first;
+}
+
+static void measure(const struct export *e, uint32_t from);
+
+/* Those of the children that are nodes, each of which may become a task. */
+static void measure_children(const struct export *e, const uint32_t *children, uint32_t count)
+{
+#pragma omp taskgroup
+    for (uint32_t i = 0; i < count; i++) {
+        const uint32_t child = children[i];
+        if (e->bvh->nodes[child].count == 0) {
+#pragma omp task firstprivate(e, child)
+            measure(e, child);
+        }
+    }
+}
+
+/* Finds the extents of node `from` of the tree, and of all nodes of the layout below. */
+static void measure(const struct export *e, uint32_t from)
+{
+    const struct bvh *bvh = e->bvh;
+    uint32_t children[WIDTH_MOST], deepest = 0;
+    bool any_node = false;
+    struct extent *own = &e->extents[from];
+    const uint32_t count = gather(bvh, from, e->width, children);
+    *own = (struct extent){.triangles = triangles_below(bvh, from)};
+    const bool is_large = own->triangles >= TASK_TRIANGLES;
+    if (is_large)
+        measure_children(e, children, count);
+    for (uint32_t i = 0; i < count; i++) {
+        if (bvh->nodes[children[i]].count != 0)
+            continue;
+        if (!is_large)
+            measure(e, children[i]);
+        const struct extent *below = &e->extents[children[i]];
+        own->nodes += 1 + below->nodes;
+        deepest = below->stack > deepest ? below->stack : deepest;
+        any_node = true;
+    }
+    own->stack = stack_of(e, count > 1 ? count : 2, deepest, any_node);
+}
+
+static void encode(const struct export *e, const struct family *family, uint32_t from, uint32_t at)
+{
+    if (e->kind == KILN_TRAVERSAL_BINARY)
+        encode2(e->bvh, family, (struct kiln_gpu_node2 *)e->layout->nodes + at);
+    else if (e->kind == KILN_TRAVERSAL_FOUR)
+        encode4(e->bvh, family, (struct kiln_gpu_node4 *)e->layout->nodes + at);
+    else
+        encode8(e->bvh, family, from, (struct kiln_gpu_node8 *)e->layout->nodes + at);
+}
+
+/* Fills the layout's node `at` from node `from` of the tree, and all below, which begins at `start`. */
+static void fill(const struct export *e, uint32_t from, uint32_t at, struct start start)
 {
     uint32_t children[WIDTH_MOST];
     struct family family;
@@ -537,27 +682,42 @@ static int fill(struct export *e, uint32_t from, uint32_t at, uint32_t *stack)
         arrange(e->bvh, from, children, count, &family);
     else
         memcpy(family.member, children, count * sizeof *children);
-    int status = settle(e, &family);
+    settle(e, &family, &start);
+    encode(e, &family, from, at);
+    for (uint32_t i = 0; i < WIDTH_MOST; i++) {
+        const uint32_t child = family.member[i], place = family.place[i];
+        if (child == KILN_GPU_NONE || e->bvh->nodes[child].count != 0)
+            continue;
+        if (e->extents[child].triangles >= TASK_TRIANGLES) {
+#pragma omp task firstprivate(e, child, place, start)
+            fill(e, child, place, start);
+        } else {
+            fill(e, child, place, start);
+        }
+        start.node += e->extents[child].nodes;
+        start.triangle += e->extents[child].triangles;
+    }
+}
+
+/* The nodes and triangles of the layout, by all threads: first how many stand before each, then themselves. */
+static int fill_all(struct export *e, struct kiln_error *error)
+{
+    struct bvh_layout *layout = e->layout;
+    int status = allocate_untouched(&e->extents, e->bvh->node_count, sizeof *e->extents, "a layout of the BVH", error);
     if (status != KILN_OK)
         return status;
-    if (e->kind == KILN_TRAVERSAL_BINARY)
-        encode2(e->bvh, &family, (struct kiln_gpu_node2 *)e->layout->nodes + at);
-    else if (e->kind == KILN_TRAVERSAL_FOUR)
-        encode4(e->bvh, &family, (struct kiln_gpu_node4 *)e->layout->nodes + at);
-    else
-        encode8(e->bvh, &family, from, (struct kiln_gpu_node8 *)e->layout->nodes + at);
-    uint32_t deepest = 0;
-    bool any_node = false;
-    for (uint32_t i = 0; i < WIDTH_MOST && status == KILN_OK; i++) {
-        if (family.member[i] == KILN_GPU_NONE || e->bvh->nodes[family.member[i]].count != 0)
-            continue;
-        uint32_t need = 0;
-        status = fill(e, family.member[i], family.place[i], &need);
-        deepest = need > deepest ? need : deepest;
-        any_node = true;
-    }
-    *stack = stack_of(e, count > 1 ? count : 2, deepest, any_node);
-    return status;
+#pragma omp parallel num_threads((int)e->bvh->threads)
+#pragma omp single
+    measure(e, 0);
+    layout->node_count = 1 + e->extents[0].nodes;
+    layout->stack = e->extents[0].stack;
+    status = allocate_untouched(&layout->nodes, layout->node_count, layout->node_size, "a layout of the BVH", error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel num_threads((int)e->bvh->threads)
+#pragma omp single
+    fill(e, 0, 0, (struct start){.node = 1});
+    return KILN_OK;
 }
 
 static int export_tree(struct bvh_layout *layout, const struct bvh *bvh, uint32_t kind, struct kiln_error *error)
@@ -565,13 +725,10 @@ static int export_tree(struct bvh_layout *layout, const struct bvh *bvh, uint32_
     const uint32_t width[] = {0, 2, 4, 8}, room[] = {0, KILN_GPU_STACK2, KILN_GPU_STACK4, KILN_GPU_STACK8};
     const size_t size[] = {0, sizeof(struct kiln_gpu_node2), sizeof(struct kiln_gpu_node4),
                            sizeof(struct kiln_gpu_node8)};
-    struct export e = {.bvh = bvh, .layout = layout, .kind = kind, .width = width[kind], .error = error};
+    struct export e = {.bvh = bvh, .layout = layout, .kind = kind, .width = width[kind]};
     layout->node_size = size[kind];
-    layout->node_count = 1;
-    int status = kiln_grow(&layout->nodes, &e.node_capacity, 1 + bvh->node_count / width[kind], layout->node_size,
-                           "a layout of the BVH", error);
-    if (status == KILN_OK)
-        status = fill(&e, 0, 0, &layout->stack);
+    int status = fill_all(&e, error);
+    kiln_free(&e.extents);
     layout->stack += kind == KILN_TRAVERSAL_EIGHT ? 0 : 1; /* the entry that ends the walk */
     if (status == KILN_OK && layout->stack > room[kind])
         status =
@@ -586,13 +743,14 @@ int bvh_layout_create(struct bvh_layout *layout, const struct bvh *bvh, uint32_t
 {
     *layout = (struct bvh_layout){NULL, 0, 0, NULL, 0, 0};
     assert(traversal <= KILN_TRAVERSAL_EIGHT);
-    int status = kiln_allocate(&layout->triangles, bvh->order_count, sizeof *layout->triangles,
-                               "the triangles of the BVH", error);
+    int status = allocate_untouched(&layout->triangles, bvh->order_count, sizeof *layout->triangles,
+                                    "the triangles of the BVH", error);
+    layout->triangle_count = status == KILN_OK ? bvh->order_count : 0;
     if (status == KILN_OK && traversal != KILN_TRAVERSAL_BRUTE)
         status = export_tree(layout, bvh, traversal, error);
     else if (status == KILN_OK)
         for (size_t i = 0; i < bvh->order_count; i++)
-            place_triangle(layout, bvh->geometry,
+            place_triangle(layout, i, bvh->geometry,
                            kiln_geometry_hittable_count(bvh->geometry) != 0
                                ? (uint32_t)kiln_geometry_hittable(bvh->geometry, i)
                                : KILN_GPU_NONE);

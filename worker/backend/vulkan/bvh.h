@@ -18,7 +18,7 @@ struct bvh;
 
 /* Zero means default in every field. */
 struct bvh_params {
-    uint32_t threads;     /* of the build; 0: all of the machine's cores that this process may use */
+    uint32_t threads;     /* of the build and of layouts; 0: all of the machine's cores that this process may use */
     uint32_t depth_limit; /* below this depth subtrees are cut in equal halves; 0: 40 */
 };
 

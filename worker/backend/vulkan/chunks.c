@@ -303,6 +303,7 @@ static int submit_portion(struct run *r, struct vulkan_chunk *chunk, struct flig
         return status;
     if (chunk->last)
         recording.steps[recording.count++] = (struct gpu_step){
+            .aside = true,
             .from = &slot->answers,
             .to = &slot->host,
             .from_offset = chunk->results - slot->answers.address,

@@ -3,7 +3,10 @@
 #include <assert.h>
 #include <string.h>
 
+#include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
+
+enum { POINTS_AT_ONCE = 1 << 16 };
 
 struct hemisphere {
     struct vulkan_backend *b;
@@ -120,16 +123,22 @@ static bool traces(const struct hemisphere *h, struct kiln_own_point own)
     return kiln_point_valid(s, own) && !(asks_at_once && (s->near_probes[own.at] & KILN_PROBE_SEEN) != 0);
 }
 
-static int take(void *context, size_t tile_run_first, size_t tile_run_count, const void *results, const uint32_t *words,
-                struct kiln_error *error)
+/* Bytes of a point's result on the device. */
+static size_t result_bytes(const struct vulkan_hemisphere *pass)
 {
-    struct hemisphere *h = context;
+    return pass->lengthen != NULL ? pass->result_bytes : pass->pass->result_bytes;
+}
+
+/* Adds the tile runs' rays, and makes results of short ones. */
+static void look_through(struct hemisphere *h, size_t tile_run_first, size_t tile_run_count, const char *results,
+                         const uint32_t *words)
+{
     const struct kiln_surface *s = h->b->surface;
     const struct kiln_tile_run *tile_runs = s->tile_runs + tile_run_first;
     const uint64_t first = kiln_own_of_global(s, tile_runs[0].first).at,
-                   end = first + kiln_tile_runs_points(tile_runs, tile_runs + tile_run_count - 1);
+                   count = kiln_tile_runs_points(tile_runs, tile_runs + tile_run_count - 1);
     uint64_t tracing = 0, shadow_rays = 0;
-#pragma omp parallel for num_threads((int)h->b->threads) reduction(+ : tracing, shadow_rays) if (end - first > 1 << 14)
+#pragma omp parallel for num_threads((int)h->b->threads) reduction(+ : tracing, shadow_rays) if (count > 1 << 14)
     for (size_t f = 0; f < tile_run_count; f++) {
         const uint64_t points = kiln_batch_points(h->batch, tile_run_first + f),
                        run = kiln_own_of_global(s, tile_runs[f].first).at;
@@ -137,10 +146,47 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
             tracing += (points >> k & 1u) != 0 && traces(h, (struct kiln_own_point){run + k});
             shadow_rays += words != NULL ? words[run + k - first] : 0;
         }
+        if (h->pass->lengthen != NULL && h->batch->take != NULL)
+            h->pass->lengthen(h->b, h->batch, tile_run_first + f, results + (run - first) * h->pass->result_bytes,
+                              h->b->results + (run - first) * h->pass->pass->result_bytes);
     }
     h->rays += tracing * h->batch->samples + shadow_rays;
-    return h->batch->take != NULL ? h->batch->take(h->batch->context, tile_run_first, tile_run_count, results, error)
-                                  : KILN_OK;
+}
+
+/* How many of the tile runs are handed on at once: all, or as many as have few enough points for their results to stay
+ * in the caches. */
+static size_t tile_runs_at_once(const struct hemisphere *h, size_t tile_run_first, size_t tile_run_count,
+                                uint64_t *points)
+{
+    const struct kiln_tile_run *tile_runs = h->b->surface->tile_runs + tile_run_first;
+    size_t count = 0;
+    for (*points = 0; count < tile_run_count && (h->pass->lengthen == NULL || *points < POINTS_AT_ONCE); count++)
+        *points += tile_runs[count].count;
+    return count;
+}
+
+static int take(void *context, size_t tile_run_first, size_t tile_run_count, const void *results, const uint32_t *words,
+                struct kiln_error *error)
+{
+    struct hemisphere *h = context;
+    const struct kiln_batch *batch = h->batch;
+    const char *from = results;
+    int status = h->pass->lengthen != NULL
+                     ? kiln_grow(&h->b->results, &h->b->result_room,
+                                 (POINTS_AT_ONCE + KILN_TILE_TEXELS) * h->pass->pass->result_bytes, 1,
+                                 "the results of points", error)
+                     : KILN_OK;
+    for (size_t done = 0, some; done < tile_run_count && status == KILN_OK; done += some) {
+        uint64_t points;
+        some = tile_runs_at_once(h, tile_run_first + done, tile_run_count - done, &points);
+        look_through(h, tile_run_first + done, some, from, words);
+        if (batch->take != NULL)
+            status = batch->take(batch->context, tile_run_first + done, some,
+                                 h->pass->lengthen != NULL ? h->b->results : from, error);
+        from += points * result_bytes(h->pass);
+        words = words != NULL ? words + points : NULL;
+    }
+    return status;
 }
 
 static int prepare(void *context, struct kiln_error *error)
@@ -152,7 +198,7 @@ static int prepare(void *context, struct kiln_error *error)
     if (status == KILN_OK)
         status = vulkan_kernel_of(h->b, pass->shader, false, pass->constant, &h->whole, error);
     if (status == KILN_OK)
-        status = vulkan_kernel_of(h->b, pass->sums, false, 0, &h->reduce, error);
+        status = vulkan_kernel_of(h->b, pass->sums, false, pass->sums_constant, &h->reduce, error);
     if (status == KILN_OK && pass->prepare != NULL)
         status = pass->prepare(h->b, pass->context, error);
     if (status == KILN_OK && pass->between != NULL)
@@ -180,7 +226,7 @@ int vulkan_hemisphere_run(struct vulkan_backend *b, const struct vulkan_hemisphe
     const struct vulkan_chunked chunked = {.pass = pass->pass,
                                            .pace = pass->pace,
                                            .states = true,
-                                           .result_bytes = pass->pass->result_bytes,
+                                           .result_bytes = result_bytes(pass),
                                            .failed_offset = pass->failed_offset,
                                            .rows = rows,
                                            .work = (double)batch->samples / rows,

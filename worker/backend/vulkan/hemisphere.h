@@ -11,13 +11,18 @@ enum { VULKAN_HEMISPHERE_OWN = VULKAN_CONSTANT_BYTES - sizeof(struct kiln_gpu_he
 struct vulkan_hemisphere {
     const struct kiln_pass *pass;
     const struct vulkan_shader *shader, *sums;
-    bool chains;       /* rays may go on in chains: the loops of a thread are longer than those of other passes */
-    uint32_t constant; /* the first kernel's own specialisation constant */
-    uint32_t pace;     /* whose speed it has: pass->index, or another of enum vulkan_pace */
-    uint32_t stream;   /* that random numbers hang on */
-    uint32_t floats;   /* of a slice */
+    bool chains; /* rays may go on in chains: the loops of a thread are longer than those of other passes */
+    uint32_t constant, sums_constant; /* the own specialisation constants of the first kernel, and of `sums` */
+    uint32_t pace;                    /* whose speed it has: pass->index, or another of enum vulkan_pace */
+    uint32_t stream;                  /* that random numbers hang on */
+    uint32_t floats;                  /* of a slice */
     /* of which results' float a kernel makes a negative number to say that the device ended its loops early */
     size_t failed_offset;
+    /* Where the device's results are short: their bytes, and what makes the pass's results of those of a tile run,
+     * which it is called for by several threads at once. 0, NULL: they are the pass's own. */
+    size_t result_bytes;
+    void (*lengthen)(const struct vulkan_backend *b, const struct kiln_batch *batch, size_t tile_run, const void *from,
+                     void *to);
     bool counts_rays; /* the word of a point is its shadow rays; each sample is a ray besides */
     const void *own;  /* its own push constants; NULL: none */
     size_t own_bytes; /* at most VULKAN_HEMISPHERE_OWN */

@@ -489,8 +489,8 @@ static int upload(struct vulkan_points *p, struct vulkan_block *block, const str
                                    "the parts of a block of points", error);
     for (uint32_t t = 0; t < m->w->threads && status == KILN_OK; t++) {
         const struct part_list *list = &m->w->lists[t];
-        status = gpu_upload(p->gpu, &block->parts, list->offset * sizeof *list->at, list->at,
-                            list->count * sizeof *list->at, error);
+        status = gpu_fill(p->gpu, &block->parts, list->offset * sizeof *list->at, list->at,
+                          list->count * sizeof *list->at, error);
     }
     if (status == KILN_OK)
         status = gpu_buffer_create(p->gpu, &block->states, block->count * sizeof(uint32_t), GPU_DEVICE,
@@ -567,7 +567,7 @@ static int bring_states(struct vulkan_points *p, struct vulkan_block *block, str
     int status = kiln_allocate(&states, block->count, sizeof *states, "the states of a block of points", error);
     if (status == KILN_OK) {
         find_states(p, block, states);
-        status = gpu_upload(p->gpu, &block->states, 0, states, block->count * sizeof *states, error);
+        status = gpu_fill(p->gpu, &block->states, 0, states, block->count * sizeof *states, error);
     }
     if (status == KILN_OK)
         status = list_points(p, block, states, KILN_GPU_STATE_BURIED, KILN_GPU_STATE_BURIED, &block->buried,

@@ -79,6 +79,7 @@ static int use(struct vulkan_backend *b, const struct vulkan_tracer *t, struct k
 static void make_rays(const struct vulkan_backend *b, struct kiln_vec3 *origins, struct kiln_vec3 *directions)
 {
     const struct kiln_geometry *g = b->params.geometry;
+#pragma omp parallel for schedule(static) num_threads((int)b->threads)
     for (uint32_t i = 0; i < TRIAL_RAYS; i++) {
         const uint32_t triangle = (uint32_t)((uint64_t)i * g->triangle_count / TRIAL_RAYS), key = kiln_hash1(i);
         const struct kiln_vec3 n = kiln_triangle_normal(g, triangle);

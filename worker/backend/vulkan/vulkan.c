@@ -242,6 +242,7 @@ static void vulkan_destroy(struct kiln_backend **backend)
         return;
     clear(b);
     kiln_free(&b->kernels);
+    kiln_free(&b->results);
     kiln_free(backend);
 }
 
@@ -252,6 +253,7 @@ static int set_up(struct vulkan_backend *b, struct kiln_error *error)
                                       .local_rank = b->params.local_rank,
                                       .local_ranks = b->params.local_ranks,
                                       .slice_seconds = b->params.slice_seconds,
+                                      .threads = b->threads,
                                       .memory_limit = b->params.device_memory,
                                       .faults = &b->faults,
                                       .kernels = b->params.kernels};
@@ -424,8 +426,8 @@ static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
 
 static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error)
 {
-    return gpu_upload(b->gpu, &b->radiosity_buffer, 0, b->radiosity, b->surface->point_count * sizeof *b->radiosity,
-                      error);
+    return gpu_fill(b->gpu, &b->radiosity_buffer, 0, b->radiosity, b->surface->point_count * sizeof *b->radiosity,
+                    error);
 }
 
 #define ROW(name) [KILN_PASS_INDEX_##name] = &vulkan_pass_##name,

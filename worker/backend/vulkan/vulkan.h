@@ -139,6 +139,8 @@ struct vulkan_backend {
     struct gpu_buffer sobol; /* KILN_DIMENSIONS times sobol_count words */
     uint32_t sobol_count;
     struct vulkan_slot slots[GPU_SLOTS];
+    char *results; /* of the host: where short results are made long (hemisphere.h) */
+    size_t result_room;
     struct vulkan_techniques techniques;                  /* of the pass under way, where it is land or weighed */
     struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
     struct gpu_pacer pacers[VULKAN_PACES];

@@ -8,6 +8,8 @@
 #include "worker/base/memory.h"
 
 enum { MOST_EXTENSIONS = 8 };
+/* Flags that a queue for copies may have besides: those with others have other work, of video too. */
+enum { MAY_COPY_TOO = VK_QUEUE_SPARSE_BINDING_BIT | VK_QUEUE_PROTECTED_BIT };
 
 /* ---- which device ---- */
 
@@ -82,6 +84,10 @@ static void choose_queue(struct gpu *gpu, double *tick_bits)
             gpu->queue_family = i; /* the first of them */
             *tick_bits = families[i].timestampValidBits;
         }
+    gpu->copy_family = gpu->queue_family;
+    for (uint32_t i = count; i-- > 0;)
+        if ((families[i].queueFlags & ~(VkQueueFlags)MAY_COPY_TOO) == VK_QUEUE_TRANSFER_BIT)
+            gpu->copy_family = i;
 }
 
 static void learn_properties(struct gpu *gpu)
@@ -148,20 +154,23 @@ static int create_device(struct gpu *gpu, struct kiln_error *error)
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2,
         .pNext = &v12,
         .features = {.shaderInt64 = VK_TRUE, .shaderFloat64 = gpu->about.float64}};
-    const VkDeviceQueueCreateInfo queue = {.sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO,
-                                           .queueFamilyIndex = gpu->queue_family,
-                                           .queueCount = 1,
-                                           .pQueuePriorities = &priority};
+    VkDeviceQueueCreateInfo queues[2] = {{.sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO,
+                                          .queueFamilyIndex = gpu->queue_family,
+                                          .queueCount = 1,
+                                          .pQueuePriorities = &priority}};
+    queues[1] = queues[0];
+    queues[1].queueFamilyIndex = gpu->copy_family;
     const VkDeviceCreateInfo info = {.sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,
                                      .pNext = &features,
-                                     .queueCreateInfoCount = 1,
-                                     .pQueueCreateInfos = &queue,
+                                     .queueCreateInfoCount = gpu->copy_family != gpu->queue_family ? 2 : 1,
+                                     .pQueueCreateInfos = queues,
                                      .enabledExtensionCount = list_extensions(gpu, extensions),
                                      .ppEnabledExtensionNames = extensions};
     const VkResult result = GPU_TRY(gpu, vkCreateDevice(gpu->physical, &info, NULL, &gpu->device));
     if (result != VK_SUCCESS)
         return gpu_failure(gpu, result, error, "the device does not start");
     vkGetDeviceQueue(gpu->device, gpu->queue_family, 0, &gpu->queue);
+    vkGetDeviceQueue(gpu->device, gpu->copy_family, 0, &gpu->copy_queue);
     load_extensions(gpu);
     return KILN_OK;
 }
@@ -177,6 +186,7 @@ static int create_once(struct gpu **gpu, const struct gpu_choice *choice, struct
     g->faults = choice->faults;
     g->memory_limit = choice->memory_limit;
     g->kernels = choice->kernels;
+    g->threads = choice->threads;
     g->slice_seconds = choice->slice_seconds > 0.0 ? choice->slice_seconds : 0.1;
     status = gpu_instance_create(g, choice->validation, &g->instance, error);
     if (status == KILN_OK)

@@ -35,6 +35,7 @@ struct gpu_choice {
     int32_t device;
     uint32_t local_rank, local_ranks; /* of this node; 0, 0: alone. Ranks that share a device share its memory. */
     double slice_seconds;             /* what one dispatch may take; 0: 0.1 */
+    uint32_t threads;                 /* of the host, that copy large uploads; 0: one */
     uint64_t memory_limit; /* bytes; 0: what the device's budget allows (VK_EXT_memory_budget, else 80 % of the heap) */
     /* The validation layer, whose warnings and errors are printed and counted (gpu_messages). The environment variable
      * KILN_VULKAN_VALIDATION=1 turns it on too, =gpu also looks into shaders (GPU-assisted validation; of no use on
@@ -82,7 +83,11 @@ int gpu_upload(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, 
                struct kiln_error *error);
 int gpu_download(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, void *data, size_t size,
                  struct kiln_error *error);
-/* gpu_buffer_create of GPU_DEVICE and gpu_upload of the whole in one. */
+/* gpu_upload to what nothing that is under way uses: it does not wait for that, and goes beside its kernels where the
+ * device has a queue for copies. */
+int gpu_fill(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, const void *data, size_t size,
+             struct kiln_error *error);
+/* gpu_buffer_create of GPU_DEVICE and gpu_fill of the whole in one. */
 int gpu_buffer_of(struct gpu *gpu, struct gpu_buffer *buffer, const void *data, size_t size, const char *what,
                   struct kiln_error *error);
 
@@ -132,7 +137,10 @@ void gpu_kernels_count(const struct gpu *gpu, uint64_t *found, uint64_t *made);
  * each sees what the ones before it wrote (but for `alongside`); the host sees everything once the submission is waited
  * for. */
 struct gpu_step {
-    bool alongside;            /* of the step before it: neither needs anything of the other */
+    bool alongside; /* of the step before it: neither needs anything of the other */
+    /* A copy that is a submission's last step, of what no submission to come writes before this one is waited for:
+     * these do not wait for it, and where the device has a queue for copies it goes beside their kernels. */
+    bool aside;
     struct gpu_kernel *kernel; /* NULL: a copy */
     /* x is rounded up to workgroups of 64, more may start (kernels check); any size but for ray tracing, where a device
      * has a limit (2^30 threads as a rule; KILN_BUG with the numbers beyond). 0 in one of them: nothing is done. */
@@ -149,7 +157,7 @@ enum { GPU_SLOTS = 3 }; /* submissions that may be under way at once */
  * fails, and when gpu_submit fails. */
 int gpu_submit(struct gpu *gpu, uint32_t slot, const struct gpu_step *steps, size_t count, struct kiln_error *error);
 /* Waits for a slot (a free one: no time); `seconds` (or NULL) gets the time its steps took on the device, by the
- * device's own clock. */
+ * device's own clock, but for a copy aside. */
 int gpu_wait(struct gpu *gpu, uint32_t slot, double *seconds, struct kiln_error *error);
 /* Submit and wait, in a slot that is free. */
 int gpu_run(struct gpu *gpu, const struct gpu_step *steps, size_t count, double *seconds, struct kiln_error *error);

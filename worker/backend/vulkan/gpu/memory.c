@@ -143,10 +143,14 @@ static int bind_memory(struct gpu *gpu, struct gpu_buffer *b, enum gpu_memory me
 
 static int create_vk_buffer(struct gpu *gpu, struct gpu_buffer *b, const char *what, struct kiln_error *error)
 {
+    const uint32_t families[2] = {gpu->queue_family, gpu->copy_family};
+    const bool shared = gpu->copy_family != gpu->queue_family;
     const VkBufferCreateInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
                                      .size = gpu_guard_buffer_size(gpu, b->size),
                                      .usage = usage_of(gpu),
-                                     .sharingMode = VK_SHARING_MODE_EXCLUSIVE};
+                                     .sharingMode = shared ? VK_SHARING_MODE_CONCURRENT : VK_SHARING_MODE_EXCLUSIVE,
+                                     .queueFamilyIndexCount = shared ? 2 : 0,
+                                     .pQueueFamilyIndices = families};
     const VkResult result = GPU_TRY(gpu, vkCreateBuffer(gpu->device, &info, NULL, &b->memory->buffer));
     return result == VK_SUCCESS
                ? KILN_OK
@@ -204,6 +208,8 @@ size_t gpu_buffer_skip(const struct gpu_buffer *buffer)
 
 /* ---- to and from the device ---- */
 
+enum { PART = 1 << 20, MOST_COPIERS = 4 };
+
 int gpu_staging_create(struct gpu *gpu, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -212,16 +218,15 @@ int gpu_staging_create(struct gpu *gpu, struct kiln_error *error)
     return status;
 }
 
-static int submit_copy(struct gpu *gpu, struct gpu_slot *slot, const struct gpu_buffer *from, size_t from_offset,
-                       const struct gpu_buffer *to, size_t to_offset, size_t size, struct kiln_error *error)
+/* `alone`: it need not wait for kernels. */
+static int submit_copy(struct gpu *gpu, struct gpu_slot *slot, const struct gpu_step *step, bool alone,
+                       struct kiln_error *error)
 {
-    const VkBufferCopy region = {
-        .srcOffset = gpu_buffer_skip(from) + from_offset, .dstOffset = gpu_buffer_skip(to) + to_offset, .size = size};
-    const int status = gpu_slot_begin(gpu, slot, error);
+    const int status = alone ? gpu_slot_begin_copies(gpu, slot, error) : gpu_slot_begin(gpu, slot, error);
     if (status != KILN_OK)
         return status;
-    vkCmdCopyBuffer(slot->commands, from->memory->buffer, to->memory->buffer, 1, &region);
-    return gpu_slot_end(gpu, slot, error);
+    gpu_copy_record(gpu, alone ? slot->copies.buffer : slot->kernels.buffer, step);
+    return alone ? gpu_slot_end_copies(gpu, slot, error) : gpu_slot_end(gpu, slot, error);
 }
 
 static size_t piece_size(size_t size, size_t at)
@@ -239,8 +244,18 @@ static int drain(struct gpu *gpu, int status, struct kiln_error *error)
     return status;
 }
 
-int gpu_upload(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, const void *data, size_t size,
-               struct kiln_error *error)
+/* One thread copies at a part of the speed at which devices read. */
+static void copy_by_threads(const struct gpu *gpu, char *to, const char *from, size_t size)
+{
+    const size_t whole = size / PART, parts = whole > 0 ? whole : 1;
+    const int threads = gpu->threads > 1 ? (int)gpu->threads : 1;
+#pragma omp parallel for num_threads(threads < MOST_COPIERS ? threads : MOST_COPIERS) if (parts > 1)
+    for (size_t i = 0; i < parts; i++)
+        memcpy(to + i * PART, from + i * PART, i + 1 < parts ? PART : size - i * PART);
+}
+
+static int upload(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, const void *data, size_t size,
+                  bool alone, struct kiln_error *error)
 {
     int status = KILN_OK;
     assert(offset <= buffer->size && size <= buffer->size - offset);
@@ -250,10 +265,23 @@ int gpu_upload(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, 
         status = gpu_slot_wait(gpu, slot, NULL, error);
         if (status != KILN_OK)
             break;
-        memcpy(gpu->staging[k].mapped, (const char *)data + at, n);
-        status = submit_copy(gpu, slot, &gpu->staging[k], 0, buffer, offset + at, n, error);
+        copy_by_threads(gpu, gpu->staging[k].mapped, (const char *)data + at, n);
+        const struct gpu_step step = {.from = &gpu->staging[k], .to = buffer, .to_offset = offset + at, .size = n};
+        status = submit_copy(gpu, slot, &step, alone, error);
     }
     return drain(gpu, status, error);
+}
+
+int gpu_upload(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, const void *data, size_t size,
+               struct kiln_error *error)
+{
+    return upload(gpu, buffer, offset, data, size, false, error);
+}
+
+int gpu_fill(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, const void *data, size_t size,
+             struct kiln_error *error)
+{
+    return upload(gpu, buffer, offset, data, size, true, error);
 }
 
 /* While one piece is copied out of the staging memory the next one is on its way. */
@@ -265,9 +293,12 @@ int gpu_download(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset
     const size_t pieces = (size + GPU_STAGING_BYTES - 1) / GPU_STAGING_BYTES;
     for (size_t i = 0; i <= pieces && status == KILN_OK && pieces > 0; i++) {
         const size_t k = i % GPU_STAGING_PIECES, at = i * GPU_STAGING_BYTES;
+        const struct gpu_step step = {.from = buffer,
+                                      .to = &gpu->staging[k],
+                                      .from_offset = offset + at,
+                                      .size = i < pieces ? piece_size(size, at) : 0};
         if (i < pieces)
-            status = submit_copy(gpu, &gpu->slots[GPU_SLOTS + k], buffer, offset + at, &gpu->staging[k], 0,
-                                 piece_size(size, at), error);
+            status = submit_copy(gpu, &gpu->slots[GPU_SLOTS + k], &step, false, error);
         if (i == 0 || status != KILN_OK)
             continue;
         const size_t last = (i - 1) % GPU_STAGING_PIECES;
@@ -284,7 +315,7 @@ int gpu_buffer_of(struct gpu *gpu, struct gpu_buffer *buffer, const void *data, 
 {
     int status = gpu_buffer_create(gpu, buffer, size, GPU_DEVICE, what, error);
     if (status == KILN_OK)
-        status = gpu_upload(gpu, buffer, 0, data, size, error);
+        status = gpu_fill(gpu, buffer, 0, data, size, error);
     if (status != KILN_OK)
         gpu_buffer_destroy(gpu, buffer);
     return status;

@@ -23,12 +23,19 @@ enum {
     GPU_PUSH_BYTES = 128
 };
 
-struct gpu_slot {
+/* Commands, and where their memory is from. */
+struct gpu_commands {
     VkCommandPool pool;
-    VkCommandBuffer commands;
-    VkFence fence;
-    VkQueryPool queries; /* when it started and ended */
-    bool under_way;
+    VkCommandBuffer buffer;
+};
+
+struct gpu_slot {
+    struct gpu_commands kernels, copies; /* for either queue */
+    VkFence fence;                       /* of whichever is handed over last */
+    VkQueryPool queries;                 /* when the kernels started and ended */
+    VkSemaphore kernels_done;            /* a timeline, whose value is `submissions` once the kernels are done */
+    uint64_t submissions;
+    bool under_way, timed;
 };
 
 /* Functions of extensions; NULL without ray tracing. */
@@ -45,8 +52,10 @@ struct gpu {
     VkDebugUtilsMessengerEXT messenger;
     VkPhysicalDevice physical;
     VkDevice device;
-    VkQueue queue;
-    uint32_t queue_family;
+    /* Kernels, and copies that come after them; copies that need not wait for kernels, nor these for them: the same
+     * queue where a device has none that only copies. */
+    VkQueue queue, copy_queue;
+    uint32_t queue_family, copy_family;
     VkPhysicalDeviceLimits limits;
     VkPhysicalDeviceRayTracingPipelinePropertiesKHR ray_tracing;
     VkPhysicalDeviceMemoryProperties memory;
@@ -56,6 +65,7 @@ struct gpu {
     uint32_t sharers; /* ranks on this device */
     uint64_t memory_limit, memory_used;
     double slice_seconds;
+    uint32_t threads; /* that copy */
     struct gpu_extensions extensions;
     VkPipelineLayout compute_layout, tracing_layout;
     struct gpu_slot slots[GPU_ALL_SLOTS]; /* the last ones are for staging */
@@ -120,7 +130,11 @@ void gpu_slots_destroy(struct gpu *gpu);
 bool gpu_settle(const struct gpu *gpu);
 int gpu_slot_begin(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error);
 int gpu_slot_end(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error);
+/* The same for copies alone, which do not wait for any kernel; in slot->copies. */
+int gpu_slot_begin_copies(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error);
+int gpu_slot_end_copies(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error);
 int gpu_slot_wait(struct gpu *gpu, struct gpu_slot *slot, double *seconds, struct kiln_error *error);
+void gpu_copy_record(const struct gpu *gpu, VkCommandBuffer commands, const struct gpu_step *copy);
 /* memory.c */
 int gpu_staging_create(struct gpu *gpu, struct kiln_error *error);
 /* guard.c: buffers on memory whose surroundings nobody may touch, see gpu.h. Where nothing is said otherwise these

@@ -15,21 +15,33 @@ static double now(void)
 
 /* ---- slots ---- */
 
-static VkResult create_slot(struct gpu *gpu, struct gpu_slot *slot)
+static VkResult create_commands(struct gpu *gpu, struct gpu_commands *commands, uint32_t family)
 {
     const VkCommandPoolCreateInfo pool = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO,
                                           .flags = VK_COMMAND_POOL_CREATE_TRANSIENT_BIT,
-                                          .queueFamilyIndex = gpu->queue_family};
-    VkResult result = GPU_TRY(gpu, vkCreateCommandPool(gpu->device, &pool, NULL, &slot->pool));
-    const VkCommandBufferAllocateInfo commands = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
-                                                  .commandPool = slot->pool,
-                                                  .level = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
-                                                  .commandBufferCount = 1};
+                                          .queueFamilyIndex = family};
+    const VkResult result = GPU_TRY(gpu, vkCreateCommandPool(gpu->device, &pool, NULL, &commands->pool));
+    const VkCommandBufferAllocateInfo buffer = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
+                                                .commandPool = commands->pool,
+                                                .level = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
+                                                .commandBufferCount = 1};
+    return result == VK_SUCCESS ? GPU_TRY(gpu, vkAllocateCommandBuffers(gpu->device, &buffer, &commands->buffer))
+                                : result;
+}
+
+static VkResult create_slot(struct gpu *gpu, struct gpu_slot *slot)
+{
+    const VkSemaphoreTypeCreateInfo timeline = {.sType = VK_STRUCTURE_TYPE_SEMAPHORE_TYPE_CREATE_INFO,
+                                                .semaphoreType = VK_SEMAPHORE_TYPE_TIMELINE};
+    const VkSemaphoreCreateInfo semaphore = {.sType = VK_STRUCTURE_TYPE_SEMAPHORE_CREATE_INFO, .pNext = &timeline};
     const VkFenceCreateInfo fence = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
     const VkQueryPoolCreateInfo queries = {
         .sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO, .queryType = VK_QUERY_TYPE_TIMESTAMP, .queryCount = 2};
+    VkResult result = create_commands(gpu, &slot->kernels, gpu->queue_family);
     if (result == VK_SUCCESS)
-        result = GPU_TRY(gpu, vkAllocateCommandBuffers(gpu->device, &commands, &slot->commands));
+        result = create_commands(gpu, &slot->copies, gpu->copy_family);
+    if (result == VK_SUCCESS)
+        result = GPU_TRY(gpu, vkCreateSemaphore(gpu->device, &semaphore, NULL, &slot->kernels_done));
     if (result == VK_SUCCESS)
         result = GPU_TRY(gpu, vkCreateFence(gpu->device, &fence, NULL, &slot->fence));
     if (result == VK_SUCCESS)
@@ -50,7 +62,9 @@ void gpu_slots_destroy(struct gpu *gpu)
     for (int i = 0; i < GPU_ALL_SLOTS; i++) {
         vkDestroyQueryPool(gpu->device, gpu->slots[i].queries, NULL);
         vkDestroyFence(gpu->device, gpu->slots[i].fence, NULL);
-        vkDestroyCommandPool(gpu->device, gpu->slots[i].pool, NULL); /* with its commands */
+        vkDestroySemaphore(gpu->device, gpu->slots[i].kernels_done, NULL);
+        vkDestroyCommandPool(gpu->device, gpu->slots[i].copies.pool, NULL); /* with its commands */
+        vkDestroyCommandPool(gpu->device, gpu->slots[i].kernels.pool, NULL);
     }
 }
 
@@ -74,49 +88,120 @@ void gpu_barrier(VkCommandBuffer commands)
                          NULL);
 }
 
+static int begin_commands(struct gpu *gpu, const struct gpu_commands *commands, struct kiln_error *error)
+{
+    const VkCommandBufferBeginInfo info = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO,
+                                           .flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT};
+    VkResult result = GPU_TRY(gpu, vkResetCommandPool(gpu->device, commands->pool, 0));
+    if (result == VK_SUCCESS)
+        result = GPU_TRY(gpu, vkBeginCommandBuffer(commands->buffer, &info));
+    if (result != VK_SUCCESS)
+        return gpu_failure(gpu, result, error, "cannot record commands");
+    gpu_barrier(commands->buffer);
+    return KILN_OK;
+}
+
 /* Times are taken once all before them is done, so that what the slots add up to is never more than the time that
  * passed. */
 int gpu_slot_begin(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error)
 {
-    const VkCommandBufferBeginInfo info = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO,
-                                           .flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT};
     assert(!slot->under_way);
-    VkResult result = GPU_TRY(gpu, vkResetCommandPool(gpu->device, slot->pool, 0));
-    if (result == VK_SUCCESS)
-        result = GPU_TRY(gpu, vkBeginCommandBuffer(slot->commands, &info));
-    if (result != VK_SUCCESS)
-        return gpu_failure(gpu, result, error, "cannot record commands");
-    vkCmdResetQueryPool(slot->commands, slot->queries, 0, 2);
-    gpu_barrier(slot->commands);
-    if (gpu->limits.timestampPeriod > 0.0f)
-        vkCmdWriteTimestamp(slot->commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, slot->queries, 0);
+    const int status = begin_commands(gpu, &slot->kernels, error);
+    if (status != KILN_OK)
+        return status;
+    slot->timed = gpu->limits.timestampPeriod > 0.0f;
+    vkCmdResetQueryPool(slot->kernels.buffer, slot->queries, 0, 2);
+    if (slot->timed)
+        vkCmdWriteTimestamp(slot->kernels.buffer, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, slot->queries, 0);
     return KILN_OK;
+}
+
+int gpu_slot_begin_copies(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error)
+{
+    assert(!slot->under_way);
+    slot->timed = false;
+    return begin_commands(gpu, &slot->copies, error);
+}
+
+/* Ends the commands and hands them over; with `fence` the slot is under way. */
+static int submit_commands(struct gpu *gpu, VkQueue queue, VkSubmitInfo info, VkFence fence, struct kiln_error *error)
+{
+    info.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO;
+    info.commandBufferCount = 1;
+    VkResult result = GPU_TRY(gpu, vkEndCommandBuffer(*info.pCommandBuffers));
+    if (result == VK_SUCCESS && fence != VK_NULL_HANDLE)
+        result = GPU_TRY(gpu, vkResetFences(gpu->device, 1, &fence));
+    if (result == VK_SUCCESS)
+        result = GPU_TRY(gpu, vkQueueSubmit(queue, 1, &info, fence));
+    return result == VK_SUCCESS ? KILN_OK : gpu_failure(gpu, result, error, "the device takes no commands");
+}
+
+static void end_kernels(const struct gpu *gpu, const struct gpu_slot *slot)
+{
+    gpu_guard_mark(gpu, slot->kernels.buffer, NULL);
+    gpu_barrier(slot->kernels.buffer);
+    if (slot->timed)
+        vkCmdWriteTimestamp(slot->kernels.buffer, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, slot->queries, 1);
 }
 
 int gpu_slot_end(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error)
 {
-    gpu_guard_mark(gpu, slot->commands, NULL);
-    gpu_barrier(slot->commands);
-    if (gpu->limits.timestampPeriod > 0.0f)
-        vkCmdWriteTimestamp(slot->commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, slot->queries, 1);
-    const VkSubmitInfo info = {
-        .sType = VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 1, .pCommandBuffers = &slot->commands};
-    VkResult result = GPU_TRY(gpu, vkEndCommandBuffer(slot->commands));
-    if (result == VK_SUCCESS)
-        result = GPU_TRY(gpu, vkResetFences(gpu->device, 1, &slot->fence));
-    if (result == VK_SUCCESS)
-        result = GPU_TRY(gpu, vkQueueSubmit(gpu->queue, 1, &info, slot->fence));
-    if (result != VK_SUCCESS)
-        return gpu_failure(gpu, result, error, "the device takes no commands");
-    slot->under_way = true;
-    return KILN_OK;
+    end_kernels(gpu, slot);
+    const VkSubmitInfo info = {.pCommandBuffers = &slot->kernels.buffer};
+    const int status = submit_commands(gpu, gpu->queue, info, slot->fence, error);
+    slot->under_way = status == KILN_OK;
+    return status;
+}
+
+int gpu_slot_end_copies(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error)
+{
+    gpu_barrier(slot->copies.buffer);
+    const VkSubmitInfo info = {.pCommandBuffers = &slot->copies.buffer};
+    const int status = submit_commands(gpu, gpu->copy_queue, info, slot->fence, error);
+    slot->under_way = status == KILN_OK;
+    return status;
+}
+
+/* Hands over the kernels, and the copy that waits for them on the other queue. */
+static int end_with_copy(struct gpu *gpu, struct gpu_slot *slot, const struct gpu_step *copy, struct kiln_error *error)
+{
+    const VkPipelineStageFlags stage = VK_PIPELINE_STAGE_ALL_COMMANDS_BIT;
+    const uint64_t value = ++slot->submissions;
+    const VkTimelineSemaphoreSubmitInfo values = {.sType = VK_STRUCTURE_TYPE_TIMELINE_SEMAPHORE_SUBMIT_INFO,
+                                                  .waitSemaphoreValueCount = 1,
+                                                  .pWaitSemaphoreValues = &value,
+                                                  .signalSemaphoreValueCount = 1,
+                                                  .pSignalSemaphoreValues = &value};
+    const VkSubmitInfo first = {.pNext = &values,
+                                .pCommandBuffers = &slot->kernels.buffer,
+                                .signalSemaphoreCount = 1,
+                                .pSignalSemaphores = &slot->kernels_done};
+    const VkSubmitInfo second = {.pNext = &values,
+                                 .pCommandBuffers = &slot->copies.buffer,
+                                 .waitSemaphoreCount = 1,
+                                 .pWaitSemaphores = &slot->kernels_done,
+                                 .pWaitDstStageMask = &stage};
+    end_kernels(gpu, slot);
+    int status = begin_commands(gpu, &slot->copies, error);
+    if (status != KILN_OK)
+        return status;
+    gpu_copy_record(gpu, slot->copies.buffer, copy);
+    gpu_barrier(slot->copies.buffer);
+    status = submit_commands(gpu, gpu->queue, first, VK_NULL_HANDLE, error);
+    if (status != KILN_OK)
+        return status;
+    status = submit_commands(gpu, gpu->copy_queue, second, slot->fence, error);
+    slot->under_way = status == KILN_OK;
+    if (status != KILN_OK) /* the kernels are under way, and the slot is to be free */
+        (void)vkDeviceWaitIdle(gpu->device);
+    return status;
 }
 
 static VkResult read_clock(struct gpu *gpu, const struct gpu_slot *slot, double *seconds)
 {
     uint64_t ticks[2] = {0, 0};
     *seconds = 0.0;
-    if (gpu->limits.timestampPeriod <= 0.0f)
+    if (!slot->timed)
         return VK_SUCCESS;
     const VkResult result =
         GPU_TRY(gpu, vkGetQueryPoolResults(gpu->device, slot->queries, 0, 2, sizeof ticks, ticks, sizeof *ticks,
@@ -153,18 +238,22 @@ static bool is_empty(const struct gpu_step *step)
     return step->kernel != NULL ? step->threads_x == 0 || step->threads_y == 0 : step->size == 0;
 }
 
+void gpu_copy_record(const struct gpu *gpu, VkCommandBuffer commands, const struct gpu_step *copy)
+{
+    const VkBufferCopy region = {.srcOffset = gpu_buffer_skip(copy->from) + copy->from_offset,
+                                 .dstOffset = gpu_buffer_skip(copy->to) + copy->to_offset,
+                                 .size = copy->size};
+    assert(copy->from_offset + copy->size <= copy->from->size && copy->to_offset + copy->size <= copy->to->size);
+    gpu_guard_mark(gpu, commands, NULL);
+    vkCmdCopyBuffer(commands, gpu_vk_buffer(copy->from), gpu_vk_buffer(copy->to), 1, &region);
+}
+
 static void record_step(const struct gpu *gpu, VkCommandBuffer commands, const struct gpu_step *step)
 {
-    if (step->kernel != NULL) {
+    if (step->kernel != NULL)
         gpu_kernel_record(step->kernel, commands, step, gpu);
-        return;
-    }
-    const VkBufferCopy region = {.srcOffset = gpu_buffer_skip(step->from) + step->from_offset,
-                                 .dstOffset = gpu_buffer_skip(step->to) + step->to_offset,
-                                 .size = step->size};
-    assert(step->from_offset + step->size <= step->from->size && step->to_offset + step->size <= step->to->size);
-    gpu_guard_mark(gpu, commands, NULL);
-    vkCmdCopyBuffer(commands, gpu_vk_buffer(step->from), gpu_vk_buffer(step->to), 1, &region);
+    else
+        gpu_copy_record(gpu, commands, step);
 }
 
 int gpu_submit(struct gpu *gpu, uint32_t slot, const struct gpu_step *steps, size_t count, struct kiln_error *error)
@@ -179,18 +268,20 @@ int gpu_submit(struct gpu *gpu, uint32_t slot, const struct gpu_step *steps, siz
         status = gpu_slot_begin(gpu, s, error);
     if (status != KILN_OK)
         return status;
+    const struct gpu_step *aside =
+        count > 0 && steps[count - 1].aside && !is_empty(&steps[count - 1]) ? &steps[count - 1] : NULL;
     bool first = true;
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < count - (aside != NULL); i++) {
         if (is_empty(&steps[i]))
             continue;
         if (!first && !steps[i].alongside)
-            gpu_barrier(s->commands);
+            gpu_barrier(s->kernels.buffer);
         first = false;
-        record_step(gpu, s->commands, &steps[i]);
+        record_step(gpu, s->kernels.buffer, &steps[i]);
     }
     if (gpu->first_submission <= 0.0)
         gpu->first_submission = now();
-    return gpu_slot_end(gpu, s, error);
+    return aside != NULL ? end_with_copy(gpu, s, aside, error) : gpu_slot_end(gpu, s, error);
 }
 
 int gpu_wait(struct gpu *gpu, uint32_t slot, double *seconds, struct kiln_error *error)
@@ -226,7 +317,7 @@ int gpu_run_commands(struct gpu *gpu, gpu_record record, void *context, double *
     int status = gpu_slot_begin(gpu, &gpu->slots[slot], error);
     if (status != KILN_OK)
         return status;
-    record(gpu->slots[slot].commands, context);
+    record(gpu->slots[slot].kernels.buffer, context);
     status = gpu_slot_end(gpu, &gpu->slots[slot], error);
     return status == KILN_OK ? gpu_wait(gpu, slot, seconds, error) : status;
 }
