@@ -252,13 +252,13 @@ static int run_left(struct vulkan_backend *b, const void *parameters, struct kil
                     bool *refused, struct kiln_error *error)
 {
     struct reference_run r = {.both = {.b = b}, .wanted = parameters, .batch = left};
-    uint64_t traced = 0;
+    uint64_t counted = 0; /* the points' rays, which their paths have again */
     if (left->count == 0)
         return KILN_OK;
     describe(&r);
     int status = kiln_allocate(&r.results, r.count, sizeof *r.results, "the answers of points", error);
     if (status == KILN_OK)
-        status = count_rays(&r, &traced, error); /* first: it may make the device anew */
+        status = count_rays(&r, &counted, error); /* first: it may make the device anew */
     if (status == KILN_OK)
         status = prepare(&r, error);
     if (status == KILN_OK) {
@@ -272,7 +272,7 @@ static int run_left(struct vulkan_backend *b, const void *parameters, struct kil
     if (status == KILN_OK)
         status = read_sums(&r, error);
     if (status == KILN_OK) {
-        *rays += traced + r.both.rays;
+        *rays += r.both.rays;
         status = hand_over(&r, left, error);
         *refused = status != KILN_OK;
     }
