@@ -130,6 +130,8 @@ bool emit()
 bool begin()
 {
     BothWords(BOTH.last + 4ul * (push.path + slot - push.first)).at[0] = KILN_GPU_NONE;
+    if (POINTS && push.light == KILN_GPU_OF_LIGHT_OWN && !point_is_there(point_of(push.path + slot)))
+        return false;
     if (!kiln_path_allows(BOTH.path_length, 2u) || !emit())
         return false;
     path.before = vec3(emitted.origin);

@@ -66,6 +66,11 @@ uint pixel_key(uint64_t pixel) { return kiln_hash2(kiln_hash2(push.seed, uint(pi
 /* Number in the block of a point of the batch. */
 uint point_of(uint number) { return POINTS_THERE.origin + number; }
 
+bool point_is_there(uint point)
+{
+    return (BothWords(POINTS_THERE.states + 4ul * point).at[0] & KILN_GPU_STATE_MASK) != KILN_GPU_STATE_INVALID;
+}
+
 /* What the rays of a point hang their chances on, and the numbers of its paths. */
 uint point_chance(uint point)
 {

@@ -177,8 +177,10 @@ static int read_sums(struct reference_run *r, struct kiln_error *error)
         status = gpu_download(r->both.b->gpu, &r->both.sums, 0, sums, r->count * sizeof *sums, error);
     for (uint64_t i = 0; i < r->count && status == KILN_OK; i++) {
         struct kiln_reference_result *to = &r->results[i];
-        if (to->point.count == 0) /* not valid, or left out */
+        if (to->point.count == 0) {            /* not valid, or left out */
+            r->both.rays -= r->batch->samples; /* that had no place to begin */
             continue;
+        }
         for (size_t c = 0; c < 3; c++) {
             to->point.irradiance[c] = sum_of(&sums[i], c);
             to->point.incident[c] = sum_of(&sums[i], 3 + c);
