@@ -14,6 +14,7 @@ KILN_PUSH(kiln_gpu_both_push);
 
 layout(constant_id = 6) const uint METHOD = 15u; /* KILN_GPU_BOTH_...: what the method does */
 const bool CONNECTS = (METHOD & KILN_GPU_BOTH_CONNECTS) != 0u, MERGES = (METHOD & KILN_GPU_BOTH_MERGES) != 0u;
+const bool POINTS = (METHOD & KILN_GPU_BOTH_POINTS) != 0u, ALONE = (METHOD & KILN_GPU_BOTH_ALONE) != 0u;
 
 #include "shaders/bidirectional.glsl"
 #include "shaders/picture.glsl"
@@ -111,6 +112,8 @@ void ask_light(uint number, real3 p, real3 n, real3 place, real3 direction_, rea
 /* Whether a light may come next on the path. */
 bool may_meet()
 {
+    if (POINTS) /* what comes straight to the point is the direct pass's */
+        return path.surface > 1u && int(path.bounces) <= int(BOTH.most);
     return (path.surface == 0u || CONNECTS || MERGES) && int(path.bounces) - int(path.last_diffuse) <= int(BOTH.most);
 }
 
@@ -251,7 +254,7 @@ void begin_vertex()
     e.bounces = here.bounces;
     e.faces = here.m.gloss ? 0u : 1u;
     e.vertex = KILN_GPU_NONE;
-    if ((METHOD & (KILN_GPU_BOTH_CONNECTS | KILN_GPU_BOTH_OWN)) != 0u)
+    if ((METHOD & (KILN_GPU_BOTH_CONNECTS | KILN_GPU_BOTH_OWN)) != 0u && !ALONE)
         e.vertex = BothWords(BOTH.last + 4ul * (uint(push.pixel + slot) - push.first)).at[0];
     e.cell = 0u;
     e.photon = 0u;
@@ -282,7 +285,13 @@ void take_sample()
         const vec3 start = vertex_start(here, i_);
         float limit;
         const vec3 towards = kiln_shadow_ray(drawn, real3(start - here.m.position), limit);
-        ask_shadow(start, towards, limit, here.weight * (vec3(drawn.value * share) * s.all * s.cosine_i), slot, 0u);
+        const vec3 value = vec3(drawn.value * share);
+        Counted sent = Counted(s.all, vec3(0.0));
+        if (POINTS)
+            sent = counted_product(s, true, vec3(1.0), vec3(0.0), int(BOTH.most) - int(here.bounces));
+        sent.all = here.weight * (value * sent.all * s.cosine_i);
+        sent.last = here.weight * (value * sent.last * s.cosine_i);
+        ask_light_to(start, towards, limit, sent, point_counts(slot), slot);
     }
     if (task == SUN)
         sun++;
@@ -346,7 +355,7 @@ void do_task()
         sends = vertex_scatter(here, here.from, i_, which, s);
     if (CONNECTS && wants_light && (sends || !wants_scatter)) {
         connect = emission_connect(light, light_seen_from, light_seen_about, light_place, light_direction);
-        emission = emission_density(light, light_cosine, light_direction);
+        emission = ALONE ? real(0) : emission_density(light, light_cosine, light_direction);
     }
     if (task == MET)
         take_met();
@@ -361,31 +370,26 @@ void do_task()
 void follow()
 {
     path = SUBPATH(slot);
+    const uint met_bounces = path.bounces;     /* of the light that is met: the path goes on from there */
     EYE_VERTEX(slot).triangle = KILN_GPU_NONE; /* there is none yet to connect */
+    if (POINTS && POINT_PATH(slot).goes == 0u)
+        return;
     task = MET;
     sun = 0u;
     while (task != END)
         do_task();
     if (shines(radiance))
-        add_radiance(slot, radiance);
+        add_light_to(slot, Counted(radiance, met_bounces == BOTH.most ? radiance : vec3(0.0)), point_counts(slot));
 }
 
 /* ---- the end ---- */
-
-/* W/(m2 sr) */
-float brought(uint color)
-{
-    BothWords words = BothWords(BOTH.radiance + 4ul * (KILN_GPU_BOTH_SUM_WORDS * uint64_t(slot) + 3u * color));
-    const real word = real(4294967296.0LF);
-    const real count = (real(words.at[2]) * word + real(words.at[1])) * word + real(words.at[0]);
-    return ldexp(float(count), int(BOTH.unit_power));
-}
 
 void end()
 {
     PathSums all = PathSums(push.sums + 40ul * slot);
     kiln_gpu_path_sums to = all.at[0];
-    const vec3 rgb = vec3(brought(0u), brought(1u), brought(2u));
+    const vec3 rgb =
+        vec3(brought_to_sum(slot, 0u, 0u), brought_to_sum(slot, 0u, 1u), brought_to_sum(slot, 0u, 2u)); /* W/(m2 sr) */
     const float luminance = float_luminance(rgb);
     const float added[4] = float[4](rgb.r, rgb.g, rgb.b, luminance * luminance);
     for (uint c = 0u; c < 4u; c++) {
@@ -404,8 +408,7 @@ void kiln_kernel(uint x, uint y)
         return;
     slot = slot_of(x);
     const uint64_t pixel = push.pixel + slot;
-    walk_key = pixel_key(pixel);
-    walk_sample = push.sampled;
+    draw_for_eye(slot);
     if (push.stage == KILN_GPU_STAGE_BEGIN)
         begin(pixel);
     else if (push.stage == KILN_GPU_STAGE_ARRIVE)

@@ -23,6 +23,7 @@
 #include "shaders/trace/trace.glsl"
 #include "shaders/surface.glsl"
 #include "shaders/position.glsl"
+#include "shaders/hemisphere_ray.glsl"
 
 KILN_ARRAY(FloatArray, float, 4);
 
@@ -39,29 +40,6 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
 void after_rays(inout Sums sums, kiln_gpu_point p, uint row, bool good);
 /* Stores what slice `row` of point `x` of the chunk has: float c at hemisphere_floats(row, ..).at[c * total + x]. */
 void store(Sums sums, uint x, uint row);
-
-/* `radius` away from the axis n, turned about it by v, and `cosine` along it. */
-vec3 hemisphere_direction(vec3 n, float radius, float cosine, float v)
-{
-    const float turn = v - 0.5, a = abs(turn);
-    const float sine = kiln_sine_turn(min(a, 0.5 - a));
-    vec3 t, b;
-    kiln_basis(n, t, b);
-    return radius * kiln_sine_turn(0.25 - a) * t + radius * (turn < 0.0 ? -sine : sine) * b + cosine * n;
-}
-
-/* Cosine-distributed about the axis n, with which it has the cosine `cosine`. */
-vec3 hemisphere_cosine(vec3 n, float u, float v, out float cosine)
-{
-    cosine = sqrt(1.0 - u);
-    return hemisphere_direction(n, sqrt(u), cosine, v);
-}
-
-/* Whether several samples of a point start at one place, sample k at place k / reuse; else each has one of its own. */
-bool hemisphere_shares(kiln_gpu_point p)
-{
-    return DRAW_AGAIN != 0u || (p.flags & (KILN_GPU_POINT_PARTIAL | KILN_GPU_POINT_MASKED)) != 0u;
-}
 
 /* The floats of a slice of all points, `floats` a point. */
 FloatArray hemisphere_floats(uint row, uint floats)

@@ -8,6 +8,9 @@
 
 KILN_PUSH(kiln_gpu_both_push);
 
+layout(constant_id = 6) const uint METHOD = 0u; /* KILN_GPU_BOTH_POINTS or not */
+const bool POINTS = (METHOD & KILN_GPU_BOTH_POINTS) != 0u;
+
 #include "shaders/bidirectional.glsl"
 #include "shaders/subpaths.glsl"
 
@@ -96,7 +99,7 @@ bool go_on(Vertex v)
     const vec3 share = weight / path.scale;
     kiln_path_sums sums = v.sums;
     kiln_path_leave(path_techniques(), sums, real(way.cosine), real(way.forward), real(way.backward), way.delta);
-    path.bounces = v.bounces + (way.diffuse && path.surface > 0u ? 1u : 0u);
+    path.bounces = v.bounces + (way.diffuse && (POINTS || path.surface > 0u) ? 1u : 0u);
     path.chain = way.diffuse ? 0u : path.chain + 1u;
     path.vcm = float(sums.vcm);
     path.vc = float(sums.vc);
@@ -127,6 +130,8 @@ bool emit()
 bool begin()
 {
     BothWords(BOTH.last + 4ul * (push.path + slot - push.first)).at[0] = KILN_GPU_NONE;
+    if (POINTS && push.light == KILN_GPU_OF_LIGHT_OWN && !point_is_there(point_of(push.path + slot)))
+        return false;
     if (!kiln_path_allows(BOTH.path_length, 2u) || !emit())
         return false;
     path.before = vec3(emitted.origin);
@@ -169,8 +174,7 @@ void kiln_kernel(uint x, uint y)
     if (y > 0u || !has_work(x))
         return;
     slot = slot_of(x);
-    walk_key = push.light_key;
-    walk_sample = push.path + slot;
+    draw_for_light(slot);
     if (push.stage == KILN_GPU_STAGE_BEGIN ? begin() : follow()) {
         SUBPATH(slot) = path;
         go_onward(slot);

@@ -8,8 +8,12 @@
 
 KILN_PUSH(kiln_gpu_both_push);
 
+layout(constant_id = 6) const uint METHOD = 0u; /* KILN_GPU_BOTH_POINTS or not */
+const bool POINTS = (METHOD & KILN_GPU_BOTH_POINTS) != 0u;
+
 #include "shaders/bidirectional.glsl"
 #include "shaders/subpaths.glsl"
+#include "shaders/point_ends.glsl"
 
 /* The two ends in turn, so that the long code of scattering functions stands here only once: first the camera's, then
  * that of light. `at`: where the ray of light begins at each. */
@@ -17,9 +21,14 @@ bool scatter_both(kiln_gpu_eye_vertex eye, kiln_gpu_light_vertex kept, out Scatt
                   out vec3 attenuated)
 {
     const vec3 d = kept.position - eye.position, to_light = normalize(d);
+    const bool at_point = POINTS && eye.surface == 0u;
     bool sends = true;
     attenuated = vec3(1.0);
-    [[dont_unroll]] for (uint end = 0u; end < 2u && sends; end++)
+    if (at_point) {
+        s[0] = point_scatter(eye, to_light);
+        at[0] = eye.position;
+    }
+    [[dont_unroll]] for (uint end = at_point ? 1u : 0u; end < 2u && sends; end++)
     {
         const bool far = end == 1u;
         kiln_hit hit;
@@ -45,19 +54,24 @@ void connect(uint slot, kiln_gpu_eye_vertex eye, kiln_gpu_light_vertex kept)
         return;
     const vec3 d = kept.position - eye.position;
     const float squared = dot(d, d);
-    const vec3 product = scatter_product(s[0], true, s[1].all, kept.number > 0u ? s[1].diffuse : vec3(0.0),
-                                         int(BOTH.most) - int(eye.bounces) - int(kept.bounces));
-    const real share =
-        kiln_path_weight_connected(path_techniques(), sums_of(eye.vcm, eye.vc, eye.vm),
-                                   sums_of(kept.vcm, kept.vc, kept.vm), real(s[0].to_light * s[1].cosine_o / squared),
-                                   real(s[1].to_light), real(s[1].to_eye * s[0].cosine_i / squared), real(s[0].to_eye));
-    const vec3 brings =
-        product * vec3_in(kept.flux) * attenuated * float(real(s[0].cosine_i * s[1].cosine_o / squared) * share);
+    const bool at_point = POINTS && eye.surface == 0u;
+    const Counted product =
+        counted_product(s[0], !at_point, s[1].all, POINTS || kept.number > 0u ? s[1].diffuse : vec3(0.0),
+                        int(BOTH.most) - int(eye.bounces) - int(kept.bounces));
+    const real share = kiln_path_weight_connected(
+        path_techniques(), sums_of(eye.vcm, eye.vc, eye.vm), sums_of(kept.vcm, kept.vc, kept.vm),
+        real(s[0].to_light * s[1].cosine_o / squared), real(s[1].to_light),
+        real(point_lands(eye) ? s[1].to_eye * s[0].cosine_i / squared : 0.0), real(s[0].to_eye));
+    const float near = at_point ? 1.0 : s[0].cosine_i, /* the point's own cosine is in what it counts */
+        scale = float(real(near * s[1].cosine_o / squared) * share);
+    const vec3 weight = vec3_in(eye.weight), flux = vec3_in(kept.flux);
+    const Counted brings = Counted(weight * (product.all * flux * attenuated * scale),
+                                   weight * (product.last * flux * attenuated * scale));
+    const vec2 counts = at_point ? point_counts_from(slot, eye, normalize(d)) : point_counts(slot);
     const vec3 way = at[1] - at[0];
     const float distance = length(way);
-    if (shines(brings))
-        ask_shadow(at[0], way / distance, float(real(distance) * KILN_SHADOW_LENGTH), vec3_in(eye.weight) * brings,
-                   slot, 0u);
+    if (shines(brings.all))
+        ask_light_to(at[0], way / distance, float(real(distance) * KILN_SHADOW_LENGTH), brings, counts, slot);
 }
 
 void kiln_kernel(uint x, uint y)

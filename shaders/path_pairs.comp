@@ -6,7 +6,9 @@
 
 KILN_PUSH(kiln_gpu_both_push);
 
-layout(constant_id = 6) const uint FINDS = KILN_GPU_PAIRS_CONNECTED;
+layout(constant_id = 6) const uint METHOD = KILN_GPU_PAIRS_CONNECTED; /* KILN_GPU_PAIRS_... alone */
+const uint FINDS = METHOD & KILN_GPU_BOTH_FORM;
+const bool POINTS = false; /* it makes no difference here */
 
 #include "shaders/bidirectional.glsl"
 #include "shaders/subpaths.glsl"

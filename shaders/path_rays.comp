@@ -7,7 +7,9 @@
 
 KILN_PUSH(kiln_gpu_both_push);
 
-layout(constant_id = 6) const uint ASKS = KILN_GPU_RAYS_NEXT;
+layout(constant_id = 6) const uint METHOD = KILN_GPU_RAYS_NEXT; /* KILN_GPU_RAYS_..., KILN_GPU_BOTH_POINTS or not */
+const uint ASKS = METHOD & KILN_GPU_BOTH_FORM;
+const bool POINTS = (METHOD & KILN_GPU_BOTH_POINTS) != 0u;
 
 #include "shaders/bidirectional.glsl"
 #include "shaders/subpaths.glsl"
@@ -37,16 +39,19 @@ kiln_hit nearest(vec3 origin, vec3 direction, float limit, uint chance, bool loo
 void next(uint slot)
 {
     const kiln_gpu_subpath s = SUBPATH(slot);
-    if (push.light != 0u) {
-        walk_key = push.light_key;
-        walk_sample = push.path + slot;
-    } else {
-        walk_key = pixel_key(push.pixel + slot);
-        walk_sample = push.sampled;
-    }
+    const bool of_light = push.light != KILN_GPU_OF_CAMERA;
+    if (POINTS && !of_light && POINT_PATH(slot).goes == 0u)
+        return;
+    if (of_light)
+        draw_for_light(slot);
+    else
+        draw_for_eye(slot);
+    uint chance = path_chance(walk_key, walk_sample, s.surface);
+    if (POINTS && !of_light && s.surface == 1u)
+        chance = POINT_PATH(slot).seed;
     vec3 tint;
-    const kiln_hit hit = nearest(s.origin, s.direction, KILN_INFINITY, path_chance(walk_key, walk_sample, s.surface),
-                                 push.light == 0u && s.surface == 0u, tint);
+    const kiln_hit hit =
+        nearest(s.origin, s.direction, KILN_INFINITY, chance, !POINTS && !of_light && s.surface == 0u, tint);
     SUBPATH(slot).triangle =
         hit.triangle == KILN_GPU_NONE ? KILN_GPU_NONE : hit.triangle | (hit.back ? KILN_GPU_BOTH_BACK : 0u);
     SUBPATH(slot).u = hit.u;
@@ -81,7 +86,15 @@ void kiln_kernel(uint x, uint y)
         const kiln_gpu_shadow_ray r = SHADOW_RAY(push.offset + x);
         const vec3 brings = vec3_in(r.brings);
         if (ASKS == KILN_GPU_RAYS_TO_PATHS) {
-            add_radiance(r.to, brings * kiln_through(r.origin, r.direction, r.limit));
+            const vec3 through = kiln_through(r.origin, r.direction, r.limit);
+            Counted light = Counted(brings * through, vec3(0.0));
+            vec2 counts = vec2(0.0);
+            if (POINTS) {
+                const kiln_gpu_point_ray p = POINT_RAY(push.offset + x);
+                light.last = vec3_in(p.last) * through;
+                counts = vec2(p.irradiance, p.incident);
+            }
+            add_light_to(r.to, light, counts);
         } else {
             vec3 tint;
             if (nearest(r.origin, r.direction, r.limit, r.chance, true, tint).triangle == KILN_GPU_NONE)

@@ -8,7 +8,7 @@
 KILN_PUSH(kiln_gpu_both_push);
 
 layout(constant_id = 6) const uint METHOD = 15u; /* KILN_GPU_BOTH_...: what the method does */
-const bool CONNECTS = (METHOD & KILN_GPU_BOTH_CONNECTS) != 0u;
+const bool CONNECTS = (METHOD & KILN_GPU_BOTH_CONNECTS) != 0u, POINTS = false;
 
 #include "shaders/bidirectional.glsl"
 #include "shaders/picture.glsl"

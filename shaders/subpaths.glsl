@@ -7,8 +7,14 @@
  *   eye_paths.comp      paths of the camera: they begin, arrive, ask for samples of lights, go on, end
  *   path_pairs.comp     which vertices of light are connected to a path's vertex, or which photons merged with it
  *   path_connect.comp, path_merge.comp, path_splat.comp   do that, a thread a pair; and connect light to the camera
+ *   point_paths.comp    paths of surface points: they begin, end
  *
- * Kernels that include it have the specialisation constant METHOD or none. Needs shaders/bidirectional.glsl before. */
+ *
+ * With POINTS paths begin at surface points (worker/pass/reference.h), where point_paths.comp takes the place of the
+ * camera: the point is a vertex of its path, number 0, that has its bounce behind it.
+ *
+ * Kernels that include it have POINTS before it, by their own specialisation constant. Needs shaders/bidirectional.glsl
+ * before. */
 #ifndef KILN_SHADERS_SUBPATHS_GLSL
 #define KILN_SHADERS_SUBPATHS_GLSL
 
@@ -18,12 +24,19 @@ KILN_ARRAY(Pairs, kiln_gpu_both_pair, 4);
 KILN_ARRAY(ShadowRays, kiln_gpu_shadow_ray, 4);
 KILN_ARRAY(Tallies, kiln_gpu_both_tally, 4);
 KILN_ARRAY(Photons, kiln_gpu_photon, 4);
+KILN_ARRAY(BothPoints, kiln_gpu_both_points, 8);
+KILN_ARRAY(PointPaths, kiln_gpu_point_path, 4);
+KILN_ARRAY(PointRays, kiln_gpu_point_ray, 4);
+KILN_ARRAY(LitPoints, kiln_gpu_point, 8);
 
 #define SUBPATH(slot) Subpaths(BOTH.subpaths + 128ul * (slot)).at[0]
 #define EYE_VERTEX(slot) EyeVertices(BOTH.eyes + 100ul * (slot)).at[0]
 #define LIGHT_VERTEX(number) LightVertices(BOTH.vertices + 76ul * (number)).at[0]
 #define SHADOW_RAY(number) ShadowRays(BOTH.shadows + 48ul * (number)).at[0]
 #define TALLY Tallies(push.tally).at[0]
+#define POINTS_THERE BothPoints(BOTH.points).at[0]
+#define POINT_PATH(slot) PointPaths(POINTS_THERE.paths + 48ul * (slot)).at[0]
+#define POINT_RAY(number) PointRays(POINTS_THERE.rays + 20ul * (number)).at[0]
 
 bool halts(uint64_t word) { return word != 0ul && BothWords(word).at[0] != 0u; }
 
@@ -50,6 +63,34 @@ void go_onward(uint slot)
 /* What the random numbers of the paths of a pixel hang on. */
 uint pixel_key(uint64_t pixel) { return kiln_hash2(kiln_hash2(push.seed, uint(pixel)), uint(pixel >> 32)); }
 
+/* Number in the block of a point of the batch. */
+uint point_of(uint number) { return POINTS_THERE.origin + number; }
+
+bool point_is_there(uint point)
+{
+    return (BothWords(POINTS_THERE.states + 4ul * point).at[0] & KILN_GPU_STATE_MASK) != KILN_GPU_STATE_INVALID;
+}
+
+/* What the rays of a point hang their chances on, and the numbers of its paths. */
+uint point_chance(uint point)
+{
+    return kiln_gather_chance(kiln_hash2(LitPoints(POINTS_THERE.points).at[point].key, POINTS_THERE.stream));
+}
+uint point_key(uint point) { return kiln_hash1(point_chance(point) + KILN_REFERENCE_LIGHT_SEED); }
+
+/* The random numbers of the path of light in a slot, and of the camera's or the surface point's. */
+void draw_for_light(uint slot)
+{
+    const bool own = POINTS && push.light == KILN_GPU_OF_LIGHT_OWN;
+    walk_key = own ? kiln_hash2(point_key(point_of(push.path + slot)), POINTS_THERE.light_seed) : push.light_key;
+    walk_sample = own ? push.sampled : push.path + slot;
+}
+void draw_for_eye(uint slot)
+{
+    walk_key = POINTS ? POINT_PATH(slot).key : pixel_key(push.pixel + slot);
+    walk_sample = push.sampled;
+}
+
 vec3 vec3_in(float of[3]) { return vec3(of[0], of[1], of[2]); }
 float[3] floats_of(vec3 of) { return float[3](of.x, of.y, of.z); }
 kiln_path_sums sums_of(float vcm, float vc, float vm) { return kiln_path_sums(real(vcm), real(vc), real(vm)); }
@@ -65,11 +106,41 @@ kiln_hit hit_of(uint triangle, float u, float v, float distance)
     return hit;
 }
 
-/* Asks what is in the way from here to there, `limit` away. There is room for the rays of a dispatch. */
-void ask_shadow(vec3 origin, vec3 direction, float limit, vec3 brings, uint to, uint chance)
+/* Asks what is in the way from here to there, `limit` away, and says which ray does. There is room for the rays of a
+ * dispatch. */
+uint ask_shadow(vec3 origin, vec3 direction, float limit, vec3 brings, uint to, uint chance)
 {
     const uint place = atomicAdd(TALLY.shadows, 1u);
     SHADOW_RAY(place) = kiln_gpu_shadow_ray(origin, direction, limit, floats_of(brings), to, chance);
+    return place;
+}
+
+/* Light whose diffuse events are counted: all, and with POINTS what of that has no event to spare. */
+struct Counted {
+    vec3 all, last;
+};
+
+/* As scatter_product. */
+Counted counted_product(Scatter a, bool counts, vec3 b_all, vec3 b_diffuse, int allowed)
+{
+    Counted c = Counted(scatter_product(a, counts, b_all, b_diffuse, allowed), vec3(0.0));
+    if (POINTS)
+        c.last = c.all - scatter_product(a, counts, b_all, b_diffuse, allowed - 1);
+    return c;
+}
+
+/* How much light along the first ray of the path in a slot counts for at the surface point. */
+vec2 point_counts(uint slot)
+{
+    return POINTS ? vec2(POINT_PATH(slot).irradiance, POINT_PATH(slot).incident) : vec2(0.0);
+}
+
+/* ask_shadow, of light to the path in a slot. `counts`: with POINTS, point_counts or those of another direction. */
+void ask_light_to(vec3 origin, vec3 direction, float limit, Counted brings, vec2 counts, uint slot)
+{
+    const uint place = ask_shadow(origin, direction, limit, brings.all, slot, 0u);
+    if (POINTS)
+        POINT_RAY(place) = kiln_gpu_point_ray(floats_of(brings.last), counts.x, counts.y);
 }
 
 /* Adds to a number of whole units that stands in `count` 32-bit words, the lowest first; exact in any order. False: it
@@ -87,9 +158,11 @@ bool add_words(uint64_t words, uint count, uint lower, uint upper)
     return (lower | carry) == 0u;
 }
 
-/* Adds radiance to what the path in a slot has brought. A float is a whole number of 24 bits times a power of 2, and
- * so is moved to its place among the words. */
-void add_radiance(uint slot, vec3 rgb)
+const uint SUM_WORDS = POINTS ? KILN_GPU_BOTH_POINT_WORDS : KILN_GPU_BOTH_SUM_WORDS; /* of a slot */
+
+/* Adds to sum number `which` of what the path in a slot has brought. A float is a whole number of 24 bits times a power
+ * of 2, and so is moved to its place among the words. */
+void add_to_sum(uint slot, uint which, vec3 rgb)
 {
     for (uint c = 0u; c < 3u; c++) {
         const uint bits = floatBitsToUint(rgb[c]), exponent = bits >> 23 & 0xffu;
@@ -100,11 +173,30 @@ void add_radiance(uint slot, vec3 rgb)
         if (shift < 0)
             whole = (whole + (1ul << uint(-shift - 1))) >> uint(-shift);
         const uint place = uint(max(shift, 0)), word = place / 32u;
-        const uint64_t to = BOTH.radiance + 4ul * (KILN_GPU_BOTH_SUM_WORDS * uint64_t(slot) + 3u * c + word);
+        const uint64_t to = BOTH.radiance + 4ul * (SUM_WORDS * uint64_t(slot) + 9u * which + 3u * c + word);
         whole <<= place % 32u;
         if (exponent == 0xffu || word > 2u || !add_words(to, 3u - word, uint(whole), uint(whole >> 32)))
             BothCounts(BOTH.counts).at[0].too_much = 1u;
     }
+}
+
+/* Adds light to what the path in a slot has brought. */
+void add_light_to(uint slot, Counted brings, vec2 counts)
+{
+    add_to_sum(slot, 0u, POINTS ? brings.all * counts.x : brings.all);
+    if (POINTS) {
+        add_to_sum(slot, 1u, brings.all * counts.y);
+        add_to_sum(slot, 2u, brings.last * counts.y);
+    }
+}
+
+/* What the path in a slot has brought of a colour to sum number `which`. */
+float brought_to_sum(uint slot, uint which, uint color)
+{
+    BothWords words = BothWords(BOTH.radiance + 4ul * (SUM_WORDS * uint64_t(slot) + 9u * which + 3u * color));
+    const real word = real(4294967296.0LF);
+    const real count = (real(words.at[2]) * word + real(words.at[1])) * word + real(words.at[0]);
+    return ldexp(float(count), int(BOTH.unit_power));
 }
 
 #endif

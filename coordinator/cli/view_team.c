@@ -81,11 +81,7 @@ static int open_backend(struct kiln_view_team *t, const struct kiln_job *job, co
     kiln_devices_choose(job, of_node[0], of_node[1], &params);
     const bool both_ways = kiln_view_is_bidirectional(job->view_method);
     if (both_ways && params.traversal == KILN_TRAVERSE_AUTO)
-        params.traversal = KILN_TRAVERSE_COMPUTE; /* the pipeline has no such kernels */
-    if (both_ways && params.traversal == KILN_TRAVERSE_PIPELINE)
-        return kiln_fail(error, KILN_USAGE,
-                         "--traversal pipeline: of methods that trace paths --method path alone has kernels for it; "
-                         "give --traversal compute");
+        params.traversal = KILN_TRAVERSE_COMPUTE; /* of which more is known */
     return kiln_backend_create(&t->backend, job->backend, &params, error);
 }
 

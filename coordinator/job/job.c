@@ -536,7 +536,7 @@ static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Paths from surface points are Embree's. */
+/* Paths from surface points are Embree's unless Vulkan is asked for. */
 static int settle_reference(struct kiln_job *job, struct kiln_error *error)
 {
     const int status = refuse_cells(job, error);
@@ -546,8 +546,6 @@ static int settle_reference(struct kiln_job *job, struct kiln_error *error)
         return kiln_fail(error, KILN_USAGE,
                          "--merge-radius: --method %s merges nothing; give --method vcm, or leave --merge-radius out",
                          job->method);
-    if (strcmp(job->backend, "vulkan") == 0)
-        return kiln_fail(error, KILN_USAGE, "--method %s traces paths with Embree: give --backend embree", job->method);
     job->tail = false;
     job->paths = (struct kiln_reference_parameters){.method = strcmp(job->method, "path") == 0   ? KILN_REFERENCE_PATH
                                                               : strcmp(job->method, "bdpt") == 0 ? KILN_REFERENCE_BDPT
@@ -555,7 +553,8 @@ static int settle_reference(struct kiln_job *job, struct kiln_error *error)
                                                     .radius = job->merge_radius > 0.0 ? job->merge_radius : 0.0,
                                                     .bounces = job->bounces < 0 ? KILN_PATH_ALL_BOUNCES
                                                                                 : (uint32_t)job->bounces};
-    return kiln_job_keep(job, "embree", strlen("embree"), &job->backend, error);
+    return strcmp(job->backend, "vulkan") == 0 ? KILN_OK
+                                               : kiln_job_keep(job, "embree", strlen("embree"), &job->backend, error);
 }
 
 static int fill(struct kiln_job *job, const struct kiln_command *command, int argc, char **argv,

@@ -8,6 +8,9 @@
 /* With the seed's upper half, in place of it: paths of light draw other numbers than the camera's. */
 #define KILN_LIGHT_PATH_SEED 0x6c696774u
 
+/* The same of the paths from surface points (worker/pass/reference.h), whose own numbers hang on it too. */
+#define KILN_REFERENCE_LIGHT_SEED 0x6c697266u
+
 /* The numbers of a path's first ray have the uses of a surface that no path has: which light; the place; the direction.
  */
 #define KILN_EMISSION_USE 0x40000000u

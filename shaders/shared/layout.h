@@ -52,6 +52,7 @@ KILN_SIZE_IS(kiln_gpu_record, 32);
  * layout_point_gloss.h */
 #define KILN_GPU_POINT_GLOSS 16u
 #define KILN_GPU_POINT_GLOSS_PARTS 4u
+#define KILN_GPU_POINT_RECEIVES_ONLY 32u /* its object is lit, and met by no ray */
 
 /* Position of a whole point = origin + s edge_s + t edge_t, the offset off the surface included. */
 struct kiln_gpu_point {

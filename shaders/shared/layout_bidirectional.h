@@ -5,6 +5,9 @@
 #define KILN_GPU_BOTH_CONNECTS 2u /* and to the camera's path, which takes samples of the lights too */
 #define KILN_GPU_BOTH_MERGES 4u   /* photons are merged: those of all paths of light, */
 #define KILN_GPU_BOTH_OWN 8u      /* or only of the pixel's own */
+#define KILN_GPU_BOTH_POINTS 16u  /* paths begin at surface points (worker/pass/reference.h), not at a camera, */
+#define KILN_GPU_BOTH_ALONE 32u   /* and paths of light have no part in them */
+#define KILN_GPU_BOTH_FORM 15u    /* what is left is what else a kernel's own constant tells */
 
 /* A vertex of a path of light that is not of mirrors alone. */
 struct kiln_gpu_light_vertex {
@@ -77,8 +80,51 @@ struct kiln_gpu_shadow_ray {
 };
 KILN_SIZE_IS(kiln_gpu_shadow_ray, 48);
 
-/* What is left of the light of a path in a slot: numbers of 96 bits, the lowest word first, one a colour. */
+/* What is left of the light of a path in a slot: numbers of 96 bits, the lowest word first, one a colour. A surface
+ * point has three such sums: about its shading normal, incident, and what of that is last (worker/pass/reference.h). */
 #define KILN_GPU_BOTH_SUM_WORDS 9u
+#define KILN_GPU_BOTH_POINT_WORDS 27u
+
+/* ---- paths from surface points ---- */
+
+/* Of the surface point whose path is in a slot. */
+struct kiln_gpu_point_path {
+    KILN_VECTOR shading, axis; /* unit; the point's rays go by the cosine about `axis` */
+    KILN_WORD point;           /* of the block */
+    KILN_WORD key, seed;       /* of random numbers; of the chances of the first ray */
+    KILN_WORD goes;            /* 1: the first ray is traced */
+    /* how much radiance along the first ray counts for: about the shading normal, and as incident light */
+    KILN_REAL32 irradiance, incident;
+};
+KILN_SIZE_IS(kiln_gpu_point_path, 48);
+
+/* Beside a shadow ray: what of its light is last, and how much it counts for, as in struct kiln_gpu_point_path. */
+struct kiln_gpu_point_ray {
+    KILN_REAL32 last[3];
+    KILN_REAL32 irradiance, incident;
+};
+KILN_SIZE_IS(kiln_gpu_point_ray, 20);
+
+/* What the paths of a point have brought so far, each as the sum of two floats: three colours about the shading normal,
+ * incident, and of that the last; then the luminance of the first three in each quarter of the samples. */
+#define KILN_GPU_POINT_SUMS 13u
+struct kiln_gpu_point_sums {
+    KILN_REAL32 high[KILN_GPU_POINT_SUMS], low[KILN_GPU_POINT_SUMS];
+};
+KILN_SIZE_IS(kiln_gpu_point_sums, 104);
+
+/* What the kernels ask of surface points: those of one block. */
+struct kiln_gpu_both_points {
+    KILN_ADDRESS points, parts, states; /* as in struct kiln_gpu_chunk */
+    KILN_ADDRESS sobol;                 /* of the first sample in dimension 0; the next dimension is a stride away */
+    KILN_ADDRESS paths;                 /* struct kiln_gpu_point_path of each slot */
+    KILN_ADDRESS rays;                  /* struct kiln_gpu_point_ray of each shadow ray */
+    KILN_WORD origin;                   /* number in the block of the batch's first point, modulo 2^32 */
+    KILN_WORD sobol_stride, samples, reuse, stream, first_sample; /* as in struct kiln_gpu_hemisphere */
+    KILN_WORD light_seed;                                         /* of the points' own paths of light */
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_both_points, 80);
 
 /* What a dispatch leaves for those after it to do; 0 before it. Numbers of paths, rays, pairs; those of pairs also
  * count what found no room. */
@@ -109,6 +155,7 @@ struct kiln_gpu_both {
     KILN_ADDRESS subpaths, eyes;   /* of each slot: struct kiln_gpu_subpath, struct kiln_gpu_eye_vertex */
     KILN_ADDRESS radiance;         /* of each slot: KILN_GPU_BOTH_SUM_WORDS words */
     KILN_ADDRESS pairs, shadows;   /* struct kiln_gpu_both_pair, struct kiln_gpu_shadow_ray */
+    KILN_ADDRESS points;           /* struct kiln_gpu_both_points; 0: paths begin at a camera */
     KILN_WORD unit_power;          /* of the sums of slots: their unit is 2 to this (signed) power, W/(m2 sr) */
     KILN_WORD room;                /* vertices of light that there is room for */
     KILN_WORD lights, bucket_mask; /* how many lights there are; the number of buckets, less 1 */
@@ -127,4 +174,4 @@ struct kiln_gpu_both {
     KILN_REAL32 radius; /* m, of merging; */
     KILN_REAL32 area;   /* m2, pi times its square times the paths whose vertices are merged; 0: none are */
 };
-KILN_SIZE_IS(kiln_gpu_both, 264);
+KILN_SIZE_IS(kiln_gpu_both, 272);

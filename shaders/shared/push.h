@@ -202,12 +202,15 @@ struct kiln_gpu_both_push {
     KILN_WORD seed, light_key; /* of the camera's paths; of this sample's paths of light */
     KILN_WORD sampled;         /* the camera's sample */
     KILN_WORD stage;           /* KILN_GPU_PHOTONS_... of photons.comp, KILN_GPU_STAGE_... of paths */
-    KILN_WORD light;           /* 1: the paths are those of light */
+    KILN_WORD light;           /* KILN_GPU_OF_...: whose the paths are */
     KILN_WORD room;            /* of path_pairs.comp: pairs that there is room for */
     KILN_ADDRESS halts[2];     /* words: nothing is to be done where one of them is not 0; 0: no such word */
 };
 KILN_SIZE_IS(kiln_gpu_both_push, 128);
 KILN_OFFSET_IS(kiln_gpu_both_push, count, 72);
+#define KILN_GPU_OF_CAMERA 0u       /* or surface points, */
+#define KILN_GPU_OF_LIGHT 1u        /* light, numbered over the whole sample, */
+#define KILN_GPU_OF_LIGHT_OWN 2u    /* or by the surface point whose own it is */
 #define KILN_GPU_STAGE_BEGIN 0u     /* the first ray of a path */
 #define KILN_GPU_STAGE_ARRIVE 1u    /* what it has met, and the next ray */
 #define KILN_GPU_STAGE_END 2u       /* what paths of the camera have brought is added to their pixels */

@@ -203,7 +203,7 @@ class Reference(unittest.TestCase):
 
     def test_refused(self):
         scene = self.scene("cornell")
-        for options, words in ((("--backend", "vulkan"), "--backend embree"), (("--schedule", "equal"), "--schedule"),
+        for options, words in ((("--schedule", "equal"), "--schedule"),
                                (("--guide", "auto"), "--guide"), (("--final-scale", "2"), "--final-scale"),
                                (("--indirect-scale", "2"), "--indirect-scale"), (("--tail",), "--tail"),
                                (("--caustics", "land"), "--caustics"), (("--tracing-range", "1"), "--tracing-range")):

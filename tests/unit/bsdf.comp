@@ -1,5 +1,4 @@
-/* What scattering functions are made of, at places that a test asks for. Whole materials take a software device a
- * minute to compile. */
+/* What scattering functions are made of, at places that a test asks for. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

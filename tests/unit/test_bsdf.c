@@ -12,12 +12,9 @@
 
 #include "shaders/shared/bsdf.h"
 #include "shaders/shared/random.h"
-#include "tests/unit/bsdf_cells.h"
-#include "tests/unit/bsdf_materials.h"
-#include "worker/sampling/sequence.h"
+#include "tests/unit/bsdf_checks.h"
 
-/* Three random numbers of draw k: points of Sobol's sequence, Owen-scrambled, or independent ones. */
-enum numbers { EVEN, INDEPENDENT };
+/* Draw k. */
 static struct kiln_bsdf_drawn draw(const struct kiln_bsdf_lobes *l, struct kiln_vec3 o, uint32_t k,
                                    enum numbers numbers, uint32_t lobes)
 {
@@ -40,33 +37,6 @@ static double albedo(const struct kiln_bsdf_lobes *l, struct kiln_vec3 o, unsign
         sum += weight;
     }
     return sum / draws;
-}
-
-/* Least and largest albedo over roughnesses and angles. */
-static void furnace(const struct material *m, double range[2])
-{
-    range[0] = 2.0;
-    range[1] = 0.0;
-    for (int i = 0; i < ALPHAS; i++) {
-        const struct kiln_bsdf_lobes l = kiln_bsdf_prepare(white_material(m, alphas[i]));
-        for (int j = 0; j < ANGLES; j++) {
-            const unsigned draws = alphas[i] < 0.02f && m->coat == 0.0f ? 1024 : 4096;
-            const double a = albedo(&l, direction(degrees[j], 0.3f, m->behind), draws, KILN_LOBE_ALL);
-            range[0] = fmin(range[0], a);
-            range[1] = fmax(range[1], a);
-        }
-    }
-}
-
-static void furnaces(void **state)
-{
-    (void)state;
-    for (size_t i = 0; i < MATERIALS; i++) {
-        double range[2];
-        furnace(&materials[i], range);
-        print_message("%s: %.4f to %.4f\n", materials[i].name, range[0], range[1]);
-        assert_true(range[0] >= (double)materials[i].darkest && range[1] <= (double)materials[i].brightest);
-    }
 }
 
 /* The diffuse surface by its two factors, as a bake stores it: with what is above it, all light comes back. */
@@ -94,99 +64,48 @@ static void stored_diffuse(void **state)
     }
 }
 
-/* ---- draws against densities ---- */
+/* ---- what any implementation is asked ---- */
 
-struct asked {
-    const struct kiln_bsdf_lobes *lobes;
-    struct kiln_vec3 o;
-};
-
-static double density(void *context, struct kiln_vec3 i)
+static struct lobes_answer answer(const struct kiln_bsdf_lobes *l, const struct lobes_query *q)
 {
-    const struct asked *a = context;
-    return (double)kiln_bsdf_density(*a->lobes, a->o, i, KILN_LOBE_ALL);
+    if (q->draws == 0) {
+        const struct kiln_bsdf_value s = kiln_bsdf_evaluate(*l, q->o, q->i, q->mode, q->which);
+        return (struct lobes_answer){.i = q->i, .value = s.value, .density = s.density};
+    }
+    const struct kiln_bsdf_drawn d = kiln_bsdf_draw(*l, q->o, q->pick, q->u, q->v, q->mode, q->which);
+    const bool turns = q->turns != 0 && d.i.z != 0.0f;
+    return (struct lobes_answer){.i = d.i,
+                                 .value = d.weight,
+                                 .density = d.density,
+                                 .backward = turns ? kiln_bsdf_reverse(*l, q->o, d, q->which) : 0.0f,
+                                 .delta = d.delta};
 }
 
-static struct fit test_angle(const struct material *m, float alpha, float angle)
+static void ask(void *context, const struct kiln_bsdf_lobes *lobes, size_t lobes_count,
+                const struct lobes_query *queries, size_t count, struct lobes_answer *answers)
 {
-    const struct kiln_bsdf_lobes l = kiln_bsdf_prepare(white_material(m, alpha));
-    struct asked asked = {&l, direction(angle, 0.3f, m->behind)};
-    struct cells cells;
-    cells_place(&cells, &l, alpha, asked.o);
-    cells_expect(&cells, (double)asked.o.z, density, &asked);
-    for (unsigned k = 1; k <= DRAWS; k++) {
-        const struct kiln_bsdf_drawn d = draw(&l, asked.o, k, INDEPENDENT, KILN_LOBE_ALL);
-        cells_count(&cells, d.i, d.density > 0.0f);
-    }
-    return cells_judge(&cells);
+    (void)context, (void)lobes_count;
+    for (size_t k = 0; k < count; k++)
+        answers[k] = answer(&lobes[queries[k].lobes], &queries[k]);
+}
+static const struct lobes_source here = {.ask = ask};
+
+static void furnaces(void **state)
+{
+    (void)state;
+    check_furnaces(&here);
 }
 
 static void draws(void **state)
 {
     (void)state;
-    for (size_t i = 0; i < MATERIALS; i++) {
-        if (!materials[i].draws)
-            continue;
-        double worst = 0.0, off = 0.0;
-        const bool narrow = materials[i].anisotropy > 0.0f; /* lobes too narrow across for the cells, at first */
-        for (int a = narrow ? ALPHAS / 2 : 0; a<ALPHAS; a += materials[i].coat> 0.0f ? 3 : 1)
-            for (int b = 0; b < ANGLES; b++) {
-                const struct fit fit = test_angle(&materials[i], alphas[a], degrees[b]);
-                worst = fmax(worst, fit.deviations);
-                off = fmax(off, fabs(fit.total - 1.0));
-            }
-        print_message("%s: chi-squared at most %.1f deviations up, density off 1 by %.4f\n", materials[i].name, worst,
-                      off);
-        assert_true(worst < 5.0);
-        assert_true(off < 0.02);
-    }
-}
-
-/* ---- reciprocity, and densities both ways ---- */
-
-/* f(o, i) of radiance is f(i, o) of importance; over the squared indices both are one. */
-static double reciprocity(const struct kiln_bsdf_lobes *l, struct kiln_vec3 o, const struct kiln_bsdf_drawn *d)
-{
-    const struct kiln_bsdf_value on = kiln_bsdf_evaluate(*l, o, d->i, KILN_RADIANCE, KILN_LOBE_ALL);
-    const struct kiln_bsdf_value back = kiln_bsdf_evaluate(*l, d->i, o, KILN_IMPORTANCE, KILN_LOBE_ALL);
-    const struct kiln_bsdf_value radiance = kiln_bsdf_evaluate(*l, d->i, o, KILN_RADIANCE, KILN_LOBE_ALL);
-    const double there = fabs((double)d->i.z), here = fabs((double)o.z);
-    const bool crosses = o.z * d->i.z < 0.0f && l->p.thin_wall == 0u;
-    double off = 0.0;
-    for (int c = 0; c < 3; c++) {
-        const double eta = crosses ? (double)(&l->p.eta.x)[c] : 1.0,
-                     squared = o.z > 0.0f ? eta * eta : 1.0 / (eta * eta);
-        const double f = (double)(&on.value.x)[c] / there, g = (double)(&back.value.x)[c] / here;
-        off = fmax(off, fmax(apart(f, g), apart(f * squared, (double)(&radiance.value.x)[c] / here)));
-    }
-    assert_true(apart((double)d->density, (double)on.density) < 1e-5);
-    assert_true(apart((double)kiln_bsdf_reverse(*l, o, *d, KILN_LOBE_ALL), (double)back.density) < 1e-5);
-    const struct kiln_bsdf_value drawn = kiln_bsdf_evaluate(*l, o, d->i, KILN_IMPORTANCE, KILN_LOBE_ALL);
-    for (int c = 0; c < 3; c++)
-        assert_true(apart((double)((&d->weight.x)[c] * d->density), (double)(&drawn.value.x)[c]) < 1e-5);
-    return off;
+    check_draws(&here);
 }
 
 static void reciprocities(void **state)
 {
     (void)state;
-    for (size_t i = 0; i < MATERIALS; i++) {
-        double off = 0.0;
-        for (int a = 0; a < ALPHAS; a++) {
-            struct kiln_bsdf p = colored_material(&materials[i], alphas[a]);
-            const struct kiln_bsdf_lobes l = kiln_bsdf_prepare(p);
-            for (int b = 0; b < ANGLES; b++) {
-                const struct kiln_vec3 o = direction(degrees[b], 0.3f, materials[i].behind);
-                for (unsigned k = 1; k <= 64; k++) {
-                    const struct kiln_bsdf_drawn d = draw(&l, o, k, EVEN, KILN_LOBE_ALL);
-                    if (d.density > 0.0f && !d.delta)
-                        off = fmax(off, reciprocity(&l, o, &d));
-                }
-            }
-        }
-        print_message("%s: reciprocity to %.1e\n", materials[i].name, off);
-        assert_true(off < 1e-5);
-    }
+    check_reciprocities(&here);
 }
 
 /* ---- known values ---- */
@@ -272,6 +191,16 @@ static void dispersion(void **state)
 
 /* ---- the older models ---- */
 
+static double reciprocity_from(const struct kiln_bsdf_lobes *l, struct kiln_vec3 o)
+{
+    struct lobes_batch b = {.source = &here, .lobes = {*l}, .lobes_count = 1};
+    for (uint32_t k = 1; k <= 64; k++)
+        batch_draw(&b, 0, o, k, EVEN);
+    const double off = reciprocity_of(&b);
+    batch_end(&b);
+    return off;
+}
+
 static void older_models(void **state)
 {
     (void)state;
@@ -289,14 +218,8 @@ static void older_models(void **state)
             const struct kiln_vec3 o = direction(degrees[j], 0.3f, false);
             assert_true(albedo(&phong, o, 4096, KILN_LOBE_ALL) < 1.002);
             assert_true(albedo(&facets, o, 4096, KILN_LOBE_ALL) < 1.01);
-            for (unsigned k = 1; k <= 64; k++) {
-                const struct kiln_bsdf_drawn a = draw(&phong, o, k, EVEN, KILN_LOBE_ALL),
-                                             b = draw(&facets, o, k, EVEN, KILN_LOBE_ALL);
-                if (a.density > 0.0f)
-                    assert_true(reciprocity(&phong, o, &a) < 1e-3); /* the power of a rounded cosine */
-                if (b.density > 0.0f)
-                    assert_true(reciprocity(&facets, o, &b) < 1e-5);
-            }
+            assert_true(reciprocity_from(&phong, o) < 1e-3); /* the power of a rounded cosine */
+            assert_true(reciprocity_from(&facets, o) < 1e-5);
         }
         assert_true(exponents[i] < 100.0f || albedo(&facets, vec3(0, 0, 1), 4096, KILN_LOBE_ALL) > 0.99);
     }

@@ -1,4 +1,5 @@
-/* Tests of what scattering functions are made of, on the device against the host. */
+/* Tests of scattering functions on a device: what they are made of, against the host; and whole materials, by the same
+ * checks as the host's own (bsdf_checks.h). KILN_TEST_FULL: of all roughnesses and angles. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -7,10 +8,13 @@
 #include <cmocka.h>
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "shaders/shared/bsdf.h"
 #include "shaders/shared/random.h"
 #include "tests/bsdf.h"
+#include "tests/bsdf_lobes.h"
+#include "tests/unit/bsdf_checks.h"
 #include "tests/unit/vulkan_device.h"
 
 enum { QUERIES = 20000, VECTORS = 6, NUMBERS = 7 };
@@ -110,9 +114,58 @@ static void same_as_host(void **state)
     assert_true(vectors <= QUERIES / 1000 && numbers <= QUERIES / 500); /* beside critical angles */
 }
 
+/* ---- whole materials ---- */
+
+struct lobes_push {
+    uint64_t scene, lobes, queries, answers;
+    uint32_t count;
+};
+
+/* The device, and the kernel that answers. */
+struct device_lobes {
+    struct gpu *gpu;
+    struct gpu_kernel *kernel;
+};
+
+static void ask_lobes(void *context, const struct kiln_bsdf_lobes *lobes, size_t lobes_count,
+                      const struct lobes_query *queries, size_t count, struct lobes_answer *answers)
+{
+    struct device_lobes *d = context;
+    struct gpu_buffer buffers[3];
+    if (count == 0)
+        return;
+    assert_int_equal(gpu_buffer_of(d->gpu, &buffers[0], lobes, lobes_count * sizeof *lobes, "lobes", NULL), KILN_OK);
+    assert_int_equal(gpu_buffer_of(d->gpu, &buffers[1], queries, count * sizeof *queries, "queries", NULL), KILN_OK);
+    assert_int_equal(gpu_buffer_create(d->gpu, &buffers[2], count * sizeof *answers, GPU_DEVICE, "answers", NULL),
+                     KILN_OK);
+    const struct lobes_push push = {0, buffers[0].address, buffers[1].address, buffers[2].address, (uint32_t)count};
+    const struct gpu_step step = {.kernel = d->kernel,
+                                  .threads_x = (uint32_t)count,
+                                  .threads_y = 1,
+                                  .constants = &push,
+                                  .constant_bytes = sizeof push};
+    assert_int_equal(gpu_run(d->gpu, &step, 1, NULL, NULL), KILN_OK);
+    assert_int_equal(gpu_download(d->gpu, &buffers[2], 0, answers, count * sizeof *answers, NULL), KILN_OK);
+    for (int i = 0; i < 3; i++)
+        gpu_buffer_destroy(d->gpu, &buffers[i]);
+}
+
+static void whole_materials(void **state)
+{
+    const struct gpu_kernel_params params = {
+        .name = "lobes", .code = kiln_spirv_bsdf_lobes, .code_bytes = sizeof kiln_spirv_bsdf_lobes};
+    struct device_lobes device = {.gpu = *state};
+    const struct lobes_source there = {.ask = ask_lobes, .context = &device, .thin = getenv("KILN_TEST_FULL") == NULL};
+    assert_int_equal(gpu_kernel_create(device.gpu, &device.kernel, &params, NULL), KILN_OK);
+    check_furnaces(&there);
+    check_draws(&there);
+    check_reciprocities(&there);
+    gpu_kernel_destroy(device.gpu, &device.kernel);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(same_as_host)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(same_as_host), cmocka_unit_test(whole_materials)};
     if (!vulkan_device_is_there())
         return 77;
     return cmocka_run_group_tests(tests, vulkan_device_open, vulkan_device_close);

@@ -235,8 +235,7 @@ const struct kiln_pass kiln_pass_reference = {.index = KILN_PASS_INDEX_reference
                                               .has_streams = true,
                                               .is_divisible = true,
                                               .is_masked = true,
-                                              .is_stealable = true,
-                                              .on_embree_only = true};
+                                              .is_stealable = true};
 
 const struct kiln_pass kiln_pass_shapes = {.index = KILN_PASS_INDEX_shapes,
                                            .name = "shapes",

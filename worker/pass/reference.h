@@ -9,7 +9,8 @@
  * surfaces that let light through, and for materials with gloss all of what stands there holds here, and all surfaces
  * count as they do for rays that bounce. Methods:
  *
- *   path   lights are sampled at each surface, and met by sharp lobes
+ *   path   lights are sampled at each surface, and met by sharp lobes; on Vulkan by all lobes, weighed by the balance
+ *          heuristic: the same light by another estimator
  *   bdpt   a path of light goes with each sample of a point, a function of (seed, point, sample); the point's path and
  *          that are connected in all ways (bidirectional_weights.h), the point itself too. Nothing lands on the point
  *   vcm    the same, and the vertices of as many paths of light as the scene has surface points (2^14 to 2^18) are
@@ -29,7 +30,12 @@
  * other numbers than that has for the same stream. Rays: the samples of all valid points, and all of their paths;
  * not those of paths of light that are merged.
  * Memory of vcm: 64 bytes for each vertex of the paths of light of four quarters, and once more for those of one; with
- * 2^18 paths of six vertices 0.5 GiB, of which `kiln plan` knows nothing. Embree only. */
+ * 2^18 paths of six vertices 0.5 GiB, of which `kiln plan` knows nothing. On a device those of one quarter, 76 and 52
+ * bytes a vertex, traced again for each batch.
+ *
+ * On both backends bdpt and vcm follow the same paths by the same random numbers. Embree adds up in the order of a
+ * point's samples and photons; Vulkan in whole units within a sample, whose sums have no order, and then in the order
+ * of the samples, one of all points after the other. */
 #ifndef KILN_WORKER_PASS_REFERENCE_H
 #define KILN_WORKER_PASS_REFERENCE_H
 

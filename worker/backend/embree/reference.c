@@ -3,11 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "shaders/shared/bidirectional.h"
 #include "worker/base/memory.h"
-
-/* With the seed's upper half and a point's key, in place of them: paths of light draw other numbers than the point's
- * own path. */
-static const uint32_t LIGHT_SEED = 0x6c697266u;
 
 /* ---- what all threads share ---- */
 
@@ -27,7 +24,7 @@ static struct bidirectional make(const struct reference_paths *paths, const stru
         .paths = paths->count,
         .most = p->bounces == KILN_PATH_ALL_BOUNCES ? INT64_MAX / 2 : (int64_t)p->bounces + 1, /* and the point's own */
         .from_points = true,
-        .light_seed = kiln_hash2(low, high ^ LIGHT_SEED),
+        .light_seed = kiln_hash2(low, high ^ KILN_REFERENCE_LIGHT_SEED),
         .connects = true,
         .merges = paths->count > 0,
         .merged_paths = (double)paths->count};
@@ -226,7 +223,8 @@ static void follow_ray(const struct end *x, struct kiln_vec3 direction, const st
 void reference_follow(struct subpaths *w, struct reference_paths *paths, const struct tile_run_rays *r, uint32_t step,
                       uint32_t l, bool receives_only, const struct RTCRayHit *ray, struct reference_found *found)
 {
-    const uint32_t k = rays_sample(r, step, l), j = r->point[l], key = kiln_hash1(r->chance[l] + LIGHT_SEED);
+    const uint32_t k = rays_sample(r, step, l), j = r->point[l],
+                   key = kiln_hash1(r->chance[l] + KILN_REFERENCE_LIGHT_SEED);
     const struct kiln_vec3 normal = vec3(r->facet[0][l], r->facet[1][l], r->facet[2][l]);
     struct end x = {.w = w,
                     .frame = &r->frame,

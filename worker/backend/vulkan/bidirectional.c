@@ -136,14 +136,14 @@ static void describe(struct both_run *r)
     s->unit_power = (uint32_t)(ilogb(kiln_emission_splat_unit(e)) + SUM_POWER);
 }
 
-static int prepare(struct both_run *r, struct kiln_error *error)
+int both_prepare(struct both_run *r, struct kiln_error *error)
 {
     struct vulkan_backend *b = r->b;
     const uint32_t low = (uint32_t)b->params.seed, high = (uint32_t)(b->params.seed >> 32);
+    const bool points = (r->method & KILN_GPU_BOTH_POINTS) != 0;
+    const size_t sums = points ? sizeof(struct kiln_gpu_point_sums) : sizeof(struct kiln_gpu_path_sums);
     r->push.seed = kiln_hash2(low, high ^ KILN_PATH_SEED);
-    if (b->tracer.acceleration != NULL)
-        return kiln_fail(error, KILN_USAGE,
-                         "bidirectional paths have no kernels for the ray-tracing pipeline: give --traversal compute");
+    r->light_of = KILN_GPU_OF_LIGHT;
     int status = kiln_emission_create(&r->emission, b->params.lights, error);
     if (status == KILN_OK)
         status = vulkan_surfaces(b, error);
@@ -157,9 +157,9 @@ static int prepare(struct both_run *r, struct kiln_error *error)
     if (status == KILN_OK)
         status = make_device_buffer(r, &r->all, sizeof r->shared, "what paths share", error);
     if (status == KILN_OK)
-        status = make_device_buffer(r, &r->counts, sizeof(struct kiln_gpu_both_counts), "counts of paths", error);
+        status = make_zeros(r, &r->counts, sizeof(struct kiln_gpu_both_counts), "counts of paths", error);
     if (status == KILN_OK)
-        status = make_zeros(r, &r->sums, r->count * sizeof(struct kiln_gpu_path_sums), "the sums of pixels", error);
+        status = make_zeros(r, &r->sums, r->count * sums, "the sums of paths", error);
     if (status == KILN_OK && (r->method & KILN_GPU_BOTH_SPLATS) != 0)
         status = make_zeros(r, &r->film, 3 * sizeof(int64_t) * r->paths, "the film of paths of light", error);
     if (status == KILN_OK)
@@ -170,10 +170,10 @@ static int prepare(struct both_run *r, struct kiln_error *error)
     return status;
 }
 
-static void finish(struct both_run *r)
+void both_finish(struct both_run *r)
 {
-    struct gpu_buffer *buffers[] = {&r->chances, &r->nodes,   &r->all,     &r->counts, &r->vertices,
-                                    &r->last,    &r->photons, &r->buckets, &r->film,   &r->sums};
+    struct gpu_buffer *buffers[] = {&r->chances, &r->nodes,   &r->all,  &r->counts, &r->vertices, &r->last,
+                                    &r->photons, &r->buckets, &r->film, &r->sums,   &r->points};
     for (size_t i = 0; i < sizeof buffers / sizeof buffers[0]; i++)
         gpu_buffer_destroy(r->b->gpu, buffers[i]);
     both_stages_destroy(r);
@@ -182,7 +182,7 @@ static void finish(struct both_run *r)
 
 /* ---- running ---- */
 
-static int upload_shared(struct both_run *r, struct kiln_error *error)
+int both_upload(struct both_run *r, struct kiln_error *error)
 {
     return gpu_upload(r->b->gpu, &r->all, 0, &r->shared, sizeof r->shared, error);
 }
@@ -194,6 +194,11 @@ static int read_counts(struct both_run *r, struct kiln_gpu_both_counts *counts, 
         return kiln_fail(error, KILN_NO_DEVICE,
                          "%s ends long loops early, and a path needs one; use another device or --backend embree",
                          gpu_about(r->b->gpu)->name);
+    if (status == KILN_OK && counts->too_much != 0 && (r->method & KILN_GPU_BOTH_POINTS) != 0)
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "one path brings more to a surface point than 2^95 times %g W/m2, which is all that the sums "
+                         "of such paths hold on a device; --backend embree has no such limit",
+                         ldexp(1.0, (int)r->shared.unit_power));
     if (status == KILN_OK && counts->too_much != 0)
         return kiln_fail(error, KILN_BAD_INPUT,
                          "one path brings more to a pixel than 2^53 times %g W/(m2 sr), which is all that the "
@@ -202,10 +207,8 @@ static int read_counts(struct both_run *r, struct kiln_gpu_both_counts *counts, 
     return status;
 }
 
-/* Traces paths of light `first` .. `first` + `count` - 1 of a sample; again with more room if they leave more vertices
- * than there was room for. */
-static int trace_light(struct both_run *r, uint64_t first, uint64_t count, struct kiln_gpu_both_counts *counts,
-                       struct kiln_error *error)
+int both_trace_light(struct both_run *r, uint64_t first, uint64_t count, struct kiln_gpu_both_counts *counts,
+                     struct kiln_error *error)
 {
     const struct kiln_gpu_both_counts none = {0};
     const uint64_t before = r->rays;
@@ -215,7 +218,7 @@ static int trace_light(struct both_run *r, uint64_t first, uint64_t count, struc
         r->rays = before;
         status = make_vertices(r, count, error);
         if (status == KILN_OK)
-            status = upload_shared(r, error);
+            status = both_upload(r, error);
         if (status == KILN_OK)
             status = gpu_upload(r->b->gpu, &r->counts, 0, &none, sizeof none, error);
         if (status == KILN_OK)
@@ -233,8 +236,7 @@ static int trace_light(struct both_run *r, uint64_t first, uint64_t count, struc
     return status;
 }
 
-/* Puts the vertices into buckets. */
-static int sort_photons(struct both_run *r, uint32_t count, struct kiln_error *error)
+int both_sort_photons(struct both_run *r, uint32_t count, struct kiln_error *error)
 {
     uint32_t buckets = 64;
     while (buckets < count && buckets < 1u << 30)
@@ -249,7 +251,7 @@ static int sort_photons(struct both_run *r, uint32_t count, struct kiln_error *e
     r->shared.ends = r->buckets.address + sizeof(uint32_t) * (uint64_t)buckets;
     r->shared.photons = r->photons.address;
     if (status == KILN_OK)
-        status = upload_shared(r, error);
+        status = both_upload(r, error);
     if (status == KILN_OK)
         status = both_clear(r, r->shared.ends, sizeof(uint32_t) * (uint64_t)buckets, error);
     for (uint32_t stage = KILN_GPU_PHOTONS_COUNT; stage <= KILN_GPU_PHOTONS_PLACE && status == KILN_OK; stage++) {
@@ -270,7 +272,7 @@ static void begin_sample(struct both_run *r, uint32_t k)
     r->shared.area = (r->method & KILN_GPU_BOTH_MERGES) != 0 ? (float)(KILN_PI * radius * radius * merged) : 0.0f;
 }
 
-static int follow_pixels(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error)
+int both_follow(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error)
 {
     struct kiln_gpu_both_counts counts;
     const int status = both_eye_paths(r, first, count, error);
@@ -283,16 +285,16 @@ static int run_sample(struct both_run *r, uint32_t k, struct kiln_error *error)
     int status = KILN_OK;
     begin_sample(r, k);
     if (merges_all(r)) {
-        status = trace_light(r, 0, r->paths, &counts, error);
+        status = both_trace_light(r, 0, r->paths, &counts, error);
         if (status == KILN_OK)
-            status = sort_photons(r, counts.vertices, error);
-        return status == KILN_OK ? follow_pixels(r, r->first, r->count, error) : status;
+            status = both_sort_photons(r, counts.vertices, error);
+        return status == KILN_OK ? both_follow(r, r->first, r->count, error) : status;
     }
     for (uint64_t done = 0; done < r->count && status == KILN_OK; done += MOST_PIXELS) {
         const uint64_t left = r->count - done, some = left < MOST_PIXELS ? left : MOST_PIXELS;
-        status = trace_light(r, r->first + done, some, &counts, error);
+        status = both_trace_light(r, r->first + done, some, &counts, error);
         if (status == KILN_OK)
-            status = follow_pixels(r, r->first + done, some, error);
+            status = both_follow(r, r->first + done, some, error);
     }
     return status;
 }
@@ -339,7 +341,7 @@ static int run_left(struct vulkan_backend *b, const void *parameters, struct kil
                          .count = left->count,
                          .paths = (uint64_t)p->camera.width * p->camera.height};
     struct kiln_path_result *results = NULL;
-    int status = prepare(&r, error);
+    int status = both_prepare(&r, error);
     if (status == KILN_OK)
         status = kiln_allocate(&results, left->count, sizeof *results, "the answers of pixels", error);
     for (uint32_t i = 0; i < left->samples && status == KILN_OK; i++)
@@ -355,7 +357,7 @@ static int run_left(struct vulkan_backend *b, const void *parameters, struct kil
         *left = kiln_batch_part(left, left->first + left->count, 0);
     }
     kiln_free(&results);
-    finish(&r);
+    both_finish(&r);
     return status;
 }
 

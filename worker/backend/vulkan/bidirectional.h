@@ -1,5 +1,5 @@
-/* The bidirectional pass on the device: private to bidirectional.c, which says what a sample is and has its memory, and
- * bidirectional_stages.c, which runs its kernels. */
+/* Paths that go both ways on the device: private to bidirectional.c, which says what a sample is and has its memory,
+ * reference.c, whose paths begin at surface points, and bidirectional_stages.c, which runs the kernels of both. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_BIDIRECTIONAL_H
 #define KILN_WORKER_BACKEND_VULKAN_BIDIRECTIONAL_H
 
@@ -20,12 +20,16 @@ struct both_run {
     struct vulkan_backend *b;
     const struct kiln_bidirectional_parameters *p;
     uint32_t method;       /* KILN_GPU_BOTH_... */
-    uint64_t first, count; /* pixels */
-    uint64_t paths;        /* of light in a sample */
+    uint64_t first, count; /* pixels; or surface points of the batch */
+    uint64_t paths;        /* of light in a sample, or those that are merged */
+    uint32_t light_of;     /* KILN_GPU_OF_LIGHT..., of those that are traced next */
+    bool buried;           /* of surface points: some that are partly buried begin next */
     uint64_t rays;         /* that were traced */
     struct kiln_emission *emission;
-    struct both_stage light, eye, eye_ends, next, to_paths, to_camera, connected, near, connect, merge, splat, photon;
+    struct both_stage light, eye, eye_ends, next, to_paths, to_camera, connected, near, connect, merge, splat, photon,
+        buried_begin;
     struct gpu_buffer chances, nodes, all, counts, vertices, last, photons, buckets, film, sums;
+    struct gpu_buffer points, point_paths, point_rays; /* of paths from surface points */
     /* of paths under way: so many slots, and what hangs on each; lists of slots; what dispatches leave to do, of which
      * the last is copied to the host */
     uint32_t slots, pair_room, shadow_room;
@@ -43,6 +47,20 @@ struct both_run {
     struct kiln_gpu_both shared;
     struct kiln_gpu_both_push push;
 };
+
+/* Brings what the method needs, whose parameters, items and paths r has. */
+int both_prepare(struct both_run *r, struct kiln_error *error);
+void both_finish(struct both_run *r);
+/* Brings what all threads of a sample share to the device. */
+int both_upload(struct both_run *r, struct kiln_error *error);
+/* Traces paths of light first .. first + count - 1, and connects them to the camera where there is one; again with more
+ * room if they leave more vertices than there was room for. *counts: of their vertices. */
+int both_trace_light(struct both_run *r, uint64_t first, uint64_t count, struct kiln_gpu_both_counts *counts,
+                     struct kiln_error *error);
+/* Puts the first `count` vertices into buckets. */
+int both_sort_photons(struct both_run *r, uint32_t count, struct kiln_error *error);
+/* Follows the paths of items first .. first + count - 1, and fails where the device could not. */
+int both_follow(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error);
 
 /* Makes the kernels and the memory of paths under way. */
 int both_stages_create(struct both_run *r, struct kiln_error *error);

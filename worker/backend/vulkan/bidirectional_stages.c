@@ -28,12 +28,24 @@
 #include "shaders/path_rays_float.h"
 #include "shaders/path_rays_gloss.h"
 #include "shaders/path_rays_gloss_float.h"
+#include "shaders/path_rays_gloss_pipeline.h"
+#include "shaders/path_rays_gloss_pipeline_float.h"
+#include "shaders/path_rays_pipeline.h"
+#include "shaders/path_rays_pipeline_float.h"
 #include "shaders/path_splat.h"
 #include "shaders/path_splat_float.h"
 #include "shaders/path_splat_gloss.h"
 #include "shaders/path_splat_gloss_float.h"
 #include "shaders/photons.h"
 #include "shaders/photons_float.h"
+#include "shaders/point_paths.h"
+#include "shaders/point_paths_float.h"
+#include "shaders/point_paths_gloss.h"
+#include "shaders/point_paths_gloss_float.h"
+#include "shaders/point_paths_gloss_pipeline.h"
+#include "shaders/point_paths_gloss_pipeline_float.h"
+#include "shaders/point_paths_pipeline.h"
+#include "shaders/point_paths_pipeline_float.h"
 #include "worker/backend/vulkan/bidirectional.h"
 
 #define SHADER_WITH_GLOSS(shader, text)                                                                                \
@@ -46,10 +58,25 @@
                                                          .gloss = &shader##_with_gloss};
 SHADER_WITH_GLOSS(light_paths, "paths of light")
 SHADER_WITH_GLOSS(eye_paths, "paths of the camera")
-SHADER_WITH_GLOSS(path_rays, "rays of paths")
 SHADER_WITH_GLOSS(path_connect, "connections of paths")
 SHADER_WITH_GLOSS(path_merge, "merging of photons")
 SHADER_WITH_GLOSS(path_splat, "light to the camera")
+/* those that trace */
+#define SHADER_THAT_TRACES(shader, text)                                                                               \
+    static const struct vulkan_shader shader##_with_gloss = {.name = text " with gloss",                               \
+                                                             .compute = VULKAN_CODE(shader##_gloss),                   \
+                                                             .compute_float = VULKAN_CODE(shader##_gloss_float),       \
+                                                             .pipeline = VULKAN_CODE(shader##_gloss_pipeline),         \
+                                                             .pipeline_float =                                         \
+                                                                 VULKAN_CODE(shader##_gloss_pipeline_float)};          \
+    static const struct vulkan_shader shader##_shader = {.name = text,                                                 \
+                                                         .compute = VULKAN_CODE(shader),                               \
+                                                         .compute_float = VULKAN_CODE(shader##_float),                 \
+                                                         .pipeline = VULKAN_CODE(shader##_pipeline),                   \
+                                                         .pipeline_float = VULKAN_CODE(shader##_pipeline_float),       \
+                                                         .gloss = &shader##_with_gloss};
+SHADER_THAT_TRACES(path_rays, "rays of paths")
+SHADER_THAT_TRACES(point_paths, "paths of surface points")
 static const struct vulkan_shader path_pairs_shader = {
     .name = "pairs of vertices", .compute = VULKAN_CODE(path_pairs), .compute_float = VULKAN_CODE(path_pairs_float)};
 static const struct vulkan_shader photons_shader = {
@@ -80,15 +107,23 @@ static uint64_t shadows_of_path(const struct both_run *r)
     return samples > PAIRS ? samples : PAIRS;
 }
 
+static bool from_points(const struct both_run *r) { return (r->method & KILN_GPU_BOTH_POINTS) != 0; }
+static uint64_t sum_words(const struct both_run *r)
+{
+    return from_points(r) ? KILN_GPU_BOTH_POINT_WORDS : KILN_GPU_BOTH_SUM_WORDS;
+}
+
 static void choose_slots(struct both_run *r)
 {
+    const bool points = from_points(r);
+    const uint64_t a_ray = sizeof(struct kiln_gpu_shadow_ray) + (points ? sizeof(struct kiln_gpu_point_ray) : 0);
     const uint64_t each = sizeof(struct kiln_gpu_subpath) + sizeof(struct kiln_gpu_eye_vertex) +
-                          (KILN_GPU_BOTH_SUM_WORDS + 2) * sizeof(uint32_t) + PAIRS * sizeof(struct kiln_gpu_both_pair) +
-                          shadows_of_path(r) * sizeof(struct kiln_gpu_shadow_ray);
+                          (sum_words(r) + 2) * sizeof(uint32_t) + PAIRS * sizeof(struct kiln_gpu_both_pair) +
+                          shadows_of_path(r) * a_ray + (points ? sizeof(struct kiln_gpu_point_path) : 0);
     uint64_t slots = r->b->scratch_most / each, paths = r->count;
     const uint64_t most = gpu_about(r->b->gpu)->software ? MOST_SLOTS_SOFTWARE : MOST_SLOTS;
     if ((r->method & KILN_GPU_BOTH_MERGES) != 0)
-        paths = r->paths;
+        paths = points && paths > r->paths ? paths : r->paths;
     slots = slots < most ? slots : most;
     slots = slots < paths ? slots : paths;
     r->slots = slots > 64 ? (uint32_t)slots : 64;
@@ -102,17 +137,22 @@ static int create_slots(struct both_run *r, struct kiln_error *error)
         struct gpu_buffer *buffer;
         size_t each, count;
         const char *what;
-    } of[] = {{&r->subpaths, sizeof(struct kiln_gpu_subpath), r->slots, "paths under way"},
-              {&r->eyes, sizeof(struct kiln_gpu_eye_vertex), r->slots, "vertices of paths under way"},
-              {&r->radiance, KILN_GPU_BOTH_SUM_WORDS * sizeof(uint32_t), r->slots, "what paths have brought"},
-              {&r->lists, 2 * sizeof(uint32_t), r->slots, "lists of paths under way"},
-              {&r->pairs, sizeof(struct kiln_gpu_both_pair), r->pair_room, "pairs of vertices"},
-              {&r->shadows, sizeof(struct kiln_gpu_shadow_ray), r->shadow_room, "shadow rays"},
-              {&r->tallies, sizeof(struct kiln_gpu_both_tally), TALLIES, "what dispatches leave to do"}};
+    } of[] = {
+        {&r->subpaths, sizeof(struct kiln_gpu_subpath), r->slots, "paths under way"},
+        {&r->point_paths, sizeof(struct kiln_gpu_point_path), from_points(r) ? r->slots : 0, "paths of points"},
+        {&r->point_rays, sizeof(struct kiln_gpu_point_ray), from_points(r) ? r->shadow_room : 0, "rays of points"},
+        {&r->eyes, sizeof(struct kiln_gpu_eye_vertex), r->slots, "vertices of paths under way"},
+        {&r->radiance, (size_t)sum_words(r) * sizeof(uint32_t), r->slots, "what paths have brought"},
+        {&r->lists, 2 * sizeof(uint32_t), r->slots, "lists of paths under way"},
+        {&r->pairs, sizeof(struct kiln_gpu_both_pair), r->pair_room, "pairs of vertices"},
+        {&r->shadows, sizeof(struct kiln_gpu_shadow_ray), r->shadow_room, "shadow rays"},
+        {&r->tallies, sizeof(struct kiln_gpu_both_tally), TALLIES, "what dispatches leave to do"}};
     int status = gpu_buffer_create(r->b->gpu, &r->answer, BOTH_QUEUE * sizeof(struct kiln_gpu_both_tally), GPU_HOST,
                                    "what dispatches leave to do", error);
     for (size_t i = 0; i < sizeof of / sizeof of[0] && status == KILN_OK; i++)
-        status = gpu_buffer_create(r->b->gpu, of[i].buffer, of[i].each * of[i].count, GPU_DEVICE, of[i].what, error);
+        if (of[i].count > 0)
+            status =
+                gpu_buffer_create(r->b->gpu, of[i].buffer, of[i].each * of[i].count, GPU_DEVICE, of[i].what, error);
     r->shared.subpaths = r->subpaths.address;
     r->shared.eyes = r->eyes.address;
     r->shared.radiance = r->radiance.address;
@@ -122,33 +162,41 @@ static int create_slots(struct both_run *r, struct kiln_error *error)
     return status;
 }
 
+static bool connects(const struct both_run *r) { return (r->method & KILN_GPU_BOTH_CONNECTS) != 0; }
+static bool merges(const struct both_run *r) { return (r->method & KILN_GPU_BOTH_MERGES) != 0; }
+/* to vertices of light; else to samples of the lights alone */
+static bool links(const struct both_run *r) { return connects(r) && (r->method & KILN_GPU_BOTH_ALONE) == 0; }
+
 static int create_kernels(struct both_run *r, struct kiln_error *error)
 {
     const bool connects = (r->method & KILN_GPU_BOTH_CONNECTS) != 0, merges = (r->method & KILN_GPU_BOTH_MERGES) != 0,
-               splats = (r->method & KILN_GPU_BOTH_SPLATS) != 0, own = (r->method & KILN_GPU_BOTH_OWN) != 0;
+               splats = (r->method & KILN_GPU_BOTH_SPLATS) != 0, own = (r->method & KILN_GPU_BOTH_OWN) != 0,
+               alone = (r->method & KILN_GPU_BOTH_ALONE) != 0;
+    const uint32_t points = r->method & KILN_GPU_BOTH_POINTS;
     const struct {
         struct both_stage *stage;
         const struct vulkan_shader *shader;
         uint32_t constant;
         enum vulkan_pace pace;
         bool wanted;
-    } of[] = {{&r->light, &light_paths_shader, 0, VULKAN_PACE_LIGHT_PATHS, true},
-              {&r->eye, &eye_paths_shader, r->method, VULKAN_PACE_EYE_PATHS, true},
-              {&r->eye_ends, &eye_paths_shader, r->method, VULKAN_PACE_EYE_ENDS, true},
-              {&r->next, &path_rays_shader, KILN_GPU_RAYS_NEXT, VULKAN_PACE_PATH_RAYS, true},
-              {&r->to_paths, &path_rays_shader, KILN_GPU_RAYS_TO_PATHS, VULKAN_PACE_SHADOW_RAYS, connects},
-              {&r->to_camera, &path_rays_shader, KILN_GPU_RAYS_TO_CAMERA, VULKAN_PACE_CAMERA_RAYS, splats},
-              {&r->connected, &path_pairs_shader, KILN_GPU_PAIRS_CONNECTED, VULKAN_PACE_PAIRS, connects},
-              {&r->near, &path_pairs_shader, own ? KILN_GPU_PAIRS_OWN : KILN_GPU_PAIRS_NEAR, VULKAN_PACE_NEAR, merges},
-              {&r->connect, &path_connect_shader, 0, VULKAN_PACE_CONNECT, connects},
-              {&r->merge, &path_merge_shader, r->method, VULKAN_PACE_MERGE, merges},
-              {&r->splat, &path_splat_shader, r->method, VULKAN_PACE_SPLAT, splats},
-              {&r->photon, &photons_shader, 0, VULKAN_PACE_PHOTONS, true}};
+    } of[] = {
+        {&r->light, &light_paths_shader, points, VULKAN_PACE_LIGHT_PATHS, !alone},
+        {&r->eye, &eye_paths_shader, r->method, VULKAN_PACE_EYE_PATHS, true},
+        {&r->eye_ends, points != 0 ? &point_paths_shader : &eye_paths_shader, r->method, VULKAN_PACE_EYE_ENDS, true},
+        {&r->next, &path_rays_shader, KILN_GPU_RAYS_NEXT | points, VULKAN_PACE_PATH_RAYS, true},
+        {&r->to_paths, &path_rays_shader, KILN_GPU_RAYS_TO_PATHS | points, VULKAN_PACE_SHADOW_RAYS, connects},
+        {&r->to_camera, &path_rays_shader, KILN_GPU_RAYS_TO_CAMERA, VULKAN_PACE_CAMERA_RAYS, splats},
+        {&r->connected, &path_pairs_shader, KILN_GPU_PAIRS_CONNECTED, VULKAN_PACE_PAIRS, links(r)},
+        {&r->near, &path_pairs_shader, own ? KILN_GPU_PAIRS_OWN : KILN_GPU_PAIRS_NEAR, VULKAN_PACE_NEAR, merges},
+        {&r->connect, &path_connect_shader, points, VULKAN_PACE_CONNECT, links(r)},
+        {&r->merge, &path_merge_shader, r->method, VULKAN_PACE_MERGE, merges},
+        {&r->splat, &path_splat_shader, r->method, VULKAN_PACE_SPLAT, splats},
+        {&r->photon, &photons_shader, 0, VULKAN_PACE_PHOTONS, true}};
     struct vulkan_wish wishes[sizeof of / sizeof of[0]];
     size_t count = 0;
     int status = KILN_OK;
     for (size_t i = 0; i < sizeof of / sizeof of[0]; i++)
-        if (of[i].wanted && of[i].stage != &r->eye_ends) /* its kernel is that of `eye` */
+        if (of[i].wanted && (points != 0 || of[i].stage != &r->eye_ends)) /* else its kernel is that of `eye` */
             wishes[count++] = (struct vulkan_wish){.shader = of[i].shader, .own = of[i].constant};
     vulkan_kernels_at_once(r->b, wishes, count);
     for (size_t i = 0; i < sizeof of / sizeof of[0] && status == KILN_OK; i++) {
@@ -168,8 +216,8 @@ int both_stages_create(struct both_run *r, struct kiln_error *error)
 
 void both_stages_destroy(struct both_run *r)
 {
-    struct gpu_buffer *buffers[] = {&r->subpaths, &r->eyes,    &r->radiance, &r->lists,
-                                    &r->pairs,    &r->shadows, &r->tallies,  &r->answer};
+    struct gpu_buffer *buffers[] = {&r->subpaths, &r->eyes,    &r->radiance, &r->lists,       &r->pairs,
+                                    &r->shadows,  &r->tallies, &r->answer,   &r->point_paths, &r->point_rays};
     for (size_t i = 0; i < sizeof buffers / sizeof buffers[0]; i++)
         gpu_buffer_destroy(r->b->gpu, buffers[i]);
 }
@@ -371,7 +419,7 @@ static int light_surfaces(struct both_run *r, uint32_t turn, uint32_t *under_way
 static int trace_light_paths(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error)
 {
     struct kiln_gpu_both_tally tally = {0};
-    r->push.light = 1;
+    r->push.light = r->light_of;
     r->push.path = (uint32_t)first;
     r->push.stage = KILN_GPU_STAGE_BEGIN;
     r->push.list = 0;
@@ -448,9 +496,6 @@ static int meet_light(struct both_run *r, uint64_t count, bool connect, bool mer
     return status;
 }
 
-static bool connects(const struct both_run *r) { return (r->method & KILN_GPU_BOTH_CONNECTS) != 0; }
-static bool merges(const struct both_run *r) { return (r->method & KILN_GPU_BOTH_MERGES) != 0; }
-
 /* All paths of the camera under way go to their next surfaces; one dispatch after the other. */
 static int eye_surface(struct both_run *r, uint32_t *under_way, struct kiln_error *error)
 {
@@ -462,7 +507,7 @@ static int eye_surface(struct both_run *r, uint32_t *under_way, struct kiln_erro
     *under_way = tally.paths;
     if (status == KILN_OK)
         status = trace_shadows(r, &r->to_paths, tally.shadows, error);
-    return status == KILN_OK ? meet_light(r, count, connects(r), merges(r), error) : status;
+    return status == KILN_OK ? meet_light(r, count, links(r), merges(r), error) : status;
 }
 
 /* The dispatches of a surface of the camera's paths in the queue: which is which. */
@@ -491,11 +536,11 @@ static struct surface_in_queue add_eye_surface(struct both_run *r, uint64_t most
     struct surface_in_queue in = {0};
     (void)add(r, &r->next, most, counter);
     in.eye = add(r, &r->eye, most, counter);
-    if (connects(r)) {
+    if (connects(r))
         (void)add(r, &r->to_paths, most * shadows_of_path(r),
                   tally_address(r, in.eye, offsetof(struct kiln_gpu_both_tally, shadows)));
+    if (links(r))
         in.connected = add_pairs(r, &r->connected, &r->connect, most, counter);
-    }
     if (merges(r))
         in.near = add_pairs(r, &r->near, &r->merge, most, counter);
     return in;
@@ -523,7 +568,7 @@ static size_t add_eye_surfaces(struct both_run *r, uint32_t turn, uint64_t most,
             break;
         }
         counter = tally_address(r, in[count].eye, offsetof(struct kiln_gpu_both_tally, paths));
-        r->push.halts[0] = connects(r) ? tally_address(r, in[count].connected, left) : 0;
+        r->push.halts[0] = links(r) ? tally_address(r, in[count].connected, left) : 0;
         r->push.halts[1] = merges(r) ? tally_address(r, in[count].near, left) : 0;
     }
     r->push.halts[0] = r->push.halts[1] = 0;
@@ -549,25 +594,41 @@ static int eye_surfaces(struct both_run *r, uint32_t turn, uint32_t *under_way, 
     while (status == KILN_OK && *done < surfaces && !more_connected && !more_near) {
         const struct surface_in_queue *s = &in[(*done)++];
         count = *under_way;
-        more_connected = connects(r) && tallies[s->connected].left > 0;
+        more_connected = links(r) && tallies[s->connected].left > 0;
         more_near = merges(r) && tallies[s->near].left > 0;
-        r->rays += count + tallies[s->eye].shadows + (connects(r) ? tallies[s->connected + 1].shadows : 0);
+        r->rays += count + tallies[s->eye].shadows + (links(r) ? tallies[s->connected + 1].shadows : 0);
         *under_way = tallies[s->eye].paths;
     }
     set_lists(r, turn + *done - 1);
     return status == KILN_OK ? meet_light(r, count, more_connected, more_near, error) : status;
 }
 
-/* The paths of pixels first .. first + count - 1, which have slots. */
+/* What surface points ask for themselves, when their paths have begun. */
+static int begin_at_points(struct both_run *r, uint64_t count, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    if (r->buried && r->buried_begin.kernel == NULL) {
+        r->buried_begin.pace = VULKAN_PACE_BURIED_ENDS;
+        status = vulkan_kernel_of(r->b, &point_paths_shader, true, r->method, &r->buried_begin.kernel, error);
+    }
+    if (status == KILN_OK && r->buried)
+        status = both_run_stage(r, &r->buried_begin, 0, count, NULL, error);
+    return status == KILN_OK ? meet_light(r, count, links(r), merges(r), error) : status;
+}
+
+/* The paths of pixels or points first .. first + count - 1, which have slots. */
 static int follow_eye_paths(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error)
 {
     uint32_t under_way = (uint32_t)count;
-    r->push.light = 0;
+    const size_t sums = from_points(r) ? sizeof(struct kiln_gpu_point_sums) : sizeof(struct kiln_gpu_path_sums);
+    r->push.light = KILN_GPU_OF_CAMERA;
     r->push.pixel = first;
-    r->push.sums = r->sums.address + (first - r->first) * sizeof(struct kiln_gpu_path_sums);
+    r->push.sums = r->sums.address + (first - r->first) * sums;
     r->push.list = 0;
     r->push.stage = KILN_GPU_STAGE_BEGIN;
     int status = both_run_stage(r, &r->eye_ends, 0, count, NULL, error);
+    if (status == KILN_OK && from_points(r))
+        status = begin_at_points(r, count, error);
     r->push.stage = KILN_GPU_STAGE_ARRIVE;
     for (uint32_t turn = 0; status == KILN_OK && under_way > 0;) {
         uint32_t done;

@@ -366,6 +366,8 @@ static int make_point(struct maker *m, struct part_list *list, struct known *k, 
         kiln_footprint_normals(&f, &mean, &point->shading);
         point->flags |= KILN_GPU_POINT_SMOOTH;
     }
+    if ((params->scene->objects[kiln_map_object(s, at->map)].flags & KILN_OBJECT_RECEIVER_ONLY) != 0)
+        point->flags |= KILN_GPU_POINT_RECEIVES_ONLY;
     int status = params->scene->taken != NULL ? make_gloss(m, list, &f, at->back, point, error) : KILN_OK;
     if (status != KILN_OK)
         return status;

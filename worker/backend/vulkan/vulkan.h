@@ -88,6 +88,7 @@ enum vulkan_pace {
     VULKAN_PACE_LIGHT_PATHS, /* kernels of the bidirectional pass */
     VULKAN_PACE_EYE_PATHS,
     VULKAN_PACE_EYE_ENDS,
+    VULKAN_PACE_BURIED_ENDS,
     VULKAN_PACE_PATH_RAYS,
     VULKAN_PACE_SHADOW_RAYS,
     VULKAN_PACE_CAMERA_RAYS,

@@ -1,0 +1,62 @@
+/* Directions over the hemisphere of a surface point, and what light from there counts for. Needs shaders/position.glsl
+ * before it. */
+#ifndef KILN_SHADERS_HEMISPHERE_RAY_GLSL
+#define KILN_SHADERS_HEMISPHERE_RAY_GLSL
+
+/* `radius` away from the axis n, turned about it by v, and `cosine` along it. */
+vec3 hemisphere_direction(vec3 n, float radius, float cosine, float v)
+{
+    const float turn = v - 0.5, a = abs(turn);
+    const float sine = kiln_sine_turn(min(a, 0.5 - a));
+    vec3 t, b;
+    kiln_basis(n, t, b);
+    return radius * kiln_sine_turn(0.25 - a) * t + radius * (turn < 0.0 ? -sine : sine) * b + cosine * n;
+}
+
+/* Cosine-distributed about the axis n, with which it has the cosine `cosine`. */
+vec3 hemisphere_cosine(vec3 n, float u, float v, out float cosine)
+{
+    cosine = sqrt(1.0 - u);
+    return hemisphere_direction(n, sqrt(u), cosine, v);
+}
+
+/* Whether several samples of a point start at one place, sample k at place k / reuse; else each has one of its own. */
+bool hemisphere_shares(kiln_gpu_point p)
+{
+    return DRAW_AGAIN != 0u || (p.flags & (KILN_GPU_POINT_PARTIAL | KILN_GPU_POINT_MASKED)) != 0u;
+}
+
+/* A ray of a point. */
+struct HemisphereRay {
+    vec3 axis, direction;
+    float cosine;        /* of both */
+    float shading;       /* cosine with the shading normal */
+    float facet, weight; /* of what it finds, about the geometric and the shading normal */
+};
+
+/* Cosine-distributed, where the geometric normal is `normal`. */
+HemisphereRay hemisphere_ray(kiln_gpu_point p, vec3 normal, float u, float v)
+{
+    const bool smooth_point = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u;
+    const vec3 soft = kiln_shading(p, normal);
+    HemisphereRay ray;
+    ray.axis = normal;
+    float tilt = 1.0;
+    if (smooth_point) {                  /* half-way: see kiln_facet_weight */
+        const vec3 both = normal + soft; /* 0 where the triangle is too small to have a normal */
+        ray.axis = both == vec3(0.0) ? both : normalize(both);
+        tilt = dot(normal, ray.axis);
+    }
+    ray.direction = hemisphere_cosine(ray.axis, u, v, ray.cosine);
+    ray.shading = ray.cosine;
+    ray.facet = 1.0;
+    ray.weight = 1.0;
+    if (smooth_point) {
+        ray.shading = dot(soft, ray.direction);
+        ray.facet = kiln_facet_weight(dot(normal, ray.direction), tilt, ray.cosine);
+        ray.weight = kiln_shading_weight(ray.shading, ray.cosine);
+    }
+    return ray;
+}
+
+#endif
