@@ -1,7 +1,8 @@
 /* The bounce pass: each thread takes a slice of a point's samples (hemisphere.glsl), a few cosine-distributed rays, and
  * adds up the radiosity that they find. gather_reduce.glsl adds up the slices. With KILN_GUIDED it is the guided pass
  * (guide.glsl). With KILN_GLOSS rays go on in chains (chain.glsl); with KILN_CAUSTIC besides it is the caustic pass,
- * which looks for lamps and sky by these alone; with KILN_WEIGHED besides the weighed pass (weighed.glsl). */
+ * which looks for lamps and sky by these alone; with KILN_WEIGHED besides the weighed pass (weighed.glsl). With
+ * KILN_KEEP it is the gather pass of bakes that keep what rays meet (kept_rows.glsl). */
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"
@@ -20,6 +21,13 @@ KILN_PUSH(kiln_gpu_weighed_push);
 float point_area; /* m2 of the thread's point that are there to be lit */
 float ray_cosine; /* of the ray with the point's geometric normal, absolute */
 KILN_ARRAY(AreaArray, float, 4);
+#elif defined(KILN_KEEP)
+KILN_PUSH(kiln_gpu_rows_push);
+#    include "shaders/kept_rows.glsl"
+#    define PROBES push.lights /* any address will do: such rays ask no probes */
+#    define NEAR_PROBES push.lights
+#    define GUIDE_BEGIN(index) row_begin((index)-push.chunk.origin);
+#    define HEMISPHERE_RAY_DONE(k) row_keep(k)
 #else
 KILN_PUSH(kiln_gpu_gather_push);
 #    define NEAR_PROBES push.near_probes
@@ -55,6 +63,19 @@ struct Sums {
 #    define NO_SUMS Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0)
 #endif
 #include "shaders/hemisphere.glsl"
+#ifdef KILN_KEEP
+/* What the ray has met, as a word of its row. */
+uint row_word_of(kiln_hit hit)
+{
+    if (hit.triangle == KILN_GPU_NONE)
+        return KILN_ROW_ESCAPED;
+    const kiln_store_way to = kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back);
+    if (hit.back && (to.material & KILN_RECORD_DOUBLE_SIDED) == 0u)
+        return KILN_ROW_BLOCKED;
+    uint64_t point;
+    return kiln_store_point(to, point) ? uint(point) : KILN_ROW_NO_POINT;
+}
+#endif
 #include "shaders/radiance_probes.glsl"
 #ifdef KILN_GLOSS
 #    ifdef KILN_CAUSTIC
@@ -195,6 +216,9 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
             return;
         }
     }
+#ifdef KILN_KEEP
+    row_word = row_word_of(hit);
+#endif
     if (hit.triangle == KILN_GPU_NONE) {
         sums.escaped += facet;
         return;

@@ -23,8 +23,6 @@ static const char FOLDER[] = "transport";
 /* Why the rays of this bake cannot be kept; NULL: they can. */
 static const char *why_not(const struct kiln_job *job, const struct kiln_prepared *p)
 {
-    if (strcmp(p->backend->api->name, "embree") != 0)
-        return "only Embree keeps them: give --backend embree";
     if (kiln_job_is_reference(job) || kiln_job_is_radiosity(job))
         return "--method cells alone gathers from surface points: leave --method out";
     if (kiln_job_takes_gloss(job))
@@ -192,9 +190,9 @@ static int write_index(const struct kiln_bake *b, struct kiln_error *error)
 {
     char *text = NULL, *scene = realpath(b->job->scene, NULL);
     size_t size = 0;
-    json_t *json = json_pack("{s:s, s:O, s:s, s:s, s:o}", "kiln", KILN_VERSION, "identity", b->transport_identity,
-                             "scene", scene != NULL ? scene : b->job->scene, "instruction set",
-                             b->prepared->instruction_set, "job", job_json(b->asked));
+    json_t *json = json_pack("{s:s, s:O, s:s, s:s, s:s, s:o}", "kiln", KILN_VERSION, "identity", b->transport_identity,
+                             "scene", scene != NULL ? scene : b->job->scene, "backend",
+                             b->prepared->backend->api->name, "instruction set", b->prepared->instruction_set, "job", job_json(b->asked));
     int status = kiln_seal(json, JSON_INDENT(1), &text, &size, "the index of the transport", error);
     if (status == KILN_OK)
         status = kiln_publish_bytes_below(b->job->output, "transport/index", text, size, error);

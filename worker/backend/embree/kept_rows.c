@@ -1,8 +1,6 @@
 #include "worker/backend/embree/kept_rows.h"
 
-#include <errno.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "shaders/shared/color.h"
 #include "worker/base/memory.h"
@@ -24,22 +22,6 @@ int kept_rows_create(struct kept_rows *kept, const struct embree_backend *b, con
 
 void kept_rows_release(struct kept_rows *kept) { kiln_free(&kept->words); }
 
-static void fail(struct kiln_rows *rows, int status, const char *what, uint64_t point)
-{
-    const int reason = errno;
-#pragma omp critical(kiln_rows_status)
-    {
-        errno = reason;
-        if (rows->status == KILN_OK && status == KILN_BAD_INPUT)
-            rows->status = kiln_fail(&rows->error, status,
-                                     "'%s' is not as it was written: the row of surface point %llu is %s; kiln verify "
-                                     "says what else is damaged; bake again with --keep-transport rows",
-                                     rows->path, (unsigned long long)point, what);
-        else if (rows->status == KILN_OK)
-            rows->status = kiln_fail_errno(&rows->error, status, "cannot %s '%s'", what, rows->path);
-    }
-}
-
 /* Number of the points from j on, of `total`, that follow one another in the global order. */
 static uint32_t stretch_of(const uint32_t *place, uint32_t total, uint32_t j)
 {
@@ -56,54 +38,7 @@ static uint64_t first_of(const struct embree_backend *b, size_t tile_run)
     return b->surface->tile_runs[tile_run].first.at;
 }
 
-static off_t offset_of(const struct kiln_rows *rows, uint64_t point)
-{
-    return (off_t)(KILN_ROWS_BEGIN + point * kiln_rows_row_bytes(rows->samples));
-}
-
 /* ---- reading ---- */
-
-/* Where the rows of the points from `point` on are in memory. */
-static uint32_t *resident_at(const struct kiln_rows *rows, uint64_t point)
-{
-    return kiln_resident_row(rows->resident, point - rows->resident->first);
-}
-
-/* Reads `bytes` from the row of a point on; false: there are not so many, or it failed, which is noted. */
-static bool read_at(struct kiln_rows *rows, void *to, size_t bytes, uint64_t point)
-{
-    const off_t at = offset_of(rows, point);
-    if (rows->resident != NULL) {
-        memcpy(to, resident_at(rows, point), bytes);
-        return true;
-    }
-    for (size_t done = 0; done < bytes;) {
-        const ssize_t got = pread(rows->file, (char *)to + done, bytes - done, at + (off_t)done);
-        if (got < 0 && errno == EINTR)
-            continue;
-        if (got < 0)
-            fail(rows, KILN_IO, "read", 0);
-        if (got <= 0)
-            return false;
-        done += (size_t)got;
-    }
-    return true;
-}
-
-/* Whether point j has a row; a damaged one is noted. */
-static bool row_is_there(const struct kept_rows *kept, const struct embree_backend *b, uint32_t j, uint64_t point)
-{
-    const uint32_t *row = row_of(kept, j);
-    bool within = true;
-    if (row[0] == 0)
-        return false;
-    for (uint32_t k = 1; k <= kept->samples; k++)
-        within &= (row[k] < b->surface->point_count) | (row[k] >= KILN_ROW_BLOCKED);
-    if (within && row[0] == kiln_rows_check(kept->rows->key, point, row + 1, kept->samples))
-        return true;
-    fail(kept->rows, KILN_BAD_INPUT, "damaged", point);
-    return false;
-}
 
 static bool read_rows(const struct kept_rows *kept, const struct embree_backend *b, size_t tile_run,
                       const uint32_t *place, uint32_t points)
@@ -114,9 +49,9 @@ static bool read_rows(const struct kept_rows *kept, const struct embree_backend 
     bool there = true;
     for (uint32_t j = 0, count; j < points && there; j += count) {
         count = whole ? stretch_of(place, points, j) : 1;
-        there = read_at(r, row_of(kept, j), count * (size_t)kiln_rows_row_bytes(kept->samples), first + place[j]);
+        there = kiln_rows_load(r, row_of(kept, j), first + place[j], count, kept->samples);
         for (uint32_t i = j; i < j + count && there; i++)
-            there = row_is_there(kept, b, i, first + place[i]);
+            there = kiln_rows_there(r, row_of(kept, i), first + place[i], kept->samples, b->surface->point_count);
     }
     return there;
 }
@@ -259,24 +194,6 @@ void kept_rows_note(struct kept_rows *kept, const struct tile_run_rays *rays, ui
         row_of(kept, rays->point[l])[1 + step * rays->copies + rays->copy[l]] = word[l];
 }
 
-static bool write_at(struct kiln_rows *rows, const void *from, size_t bytes, uint64_t point)
-{
-    const off_t at = offset_of(rows, point);
-    if (rows->resident != NULL) {
-        memcpy(resident_at(rows, point), from, bytes);
-        return true;
-    }
-    for (size_t done = 0; done < bytes;) {
-        const ssize_t put = pwrite(rows->file, (const char *)from + done, bytes - done, at + (off_t)done);
-        if (put < 0 && errno != EINTR) {
-            fail(rows, KILN_IO, "write", 0);
-            return false;
-        }
-        done += put > 0 ? (size_t)put : 0;
-    }
-    return true;
-}
-
 void kept_rows_write(struct kept_rows *kept, const struct embree_backend *b, const struct tile_run_rays *rays,
                      size_t tile_run)
 {
@@ -289,7 +206,7 @@ void kept_rows_write(struct kept_rows *kept, const struct embree_backend *b, con
         *row_of(kept, j) = kiln_rows_check(r->key, first + f->place[j], row_of(kept, j) + 1, kept->samples);
     for (uint32_t j = 0, stretch; j < f->count; j += stretch) {
         stretch = kept->samples == r->samples ? stretch_of(f->place, f->count, j) : 1;
-        if (!write_at(r, row_of(kept, j), stretch * (size_t)kiln_rows_row_bytes(kept->samples), first + f->place[j]))
+        if (!kiln_rows_store(r, row_of(kept, j), first + f->place[j], stretch, kept->samples))
             return;
     }
 #pragma omp atomic

@@ -1,7 +1,9 @@
 /* The gather pass (worker/pass/gather.h): shaders/gather.comp and gather_reduce.comp over the batch's points, or
  * their variants with gloss where rays go on in chains. */
 #include "worker/backend/vulkan/hemisphere.h"
+#include "worker/backend/vulkan/kept_rows.h"
 #include "worker/pass/gather.h"
+#include "worker/pass/rows.h"
 
 #include "shaders/gather.h"
 #include "shaders/gather_gloss.h"
@@ -56,6 +58,8 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
 {
     (void)parameters;
     const uint64_t own[2] = {0, 0}; /* filled in for each chunk */
+    if (b->base.rows != NULL && vulkan_keeps_rows(b) && batch->samples <= b->base.rows->samples)
+        return vulkan_gather_rows(b, batch, rays, error);
     const struct vulkan_hemisphere pass = vulkan_gather_pass(b, batch, own);
     return vulkan_hemisphere_run(b, &pass, batch, rays, error);
 }

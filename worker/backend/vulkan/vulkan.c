@@ -7,6 +7,7 @@
 #include <time.h>
 
 #include "shaders/shared/chain.h"
+#include "worker/backend/vulkan/kept_rows.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
 
@@ -219,6 +220,7 @@ static void clear(struct vulkan_backend *b)
         gpu_buffer_destroy(b->gpu, &b->slots[i].guides_host);
     }
     vulkan_techniques_release(b);
+    vulkan_rows_release(b);
     gpu_buffer_destroy(b->gpu, &b->patches);
     gpu_buffer_destroy(b->gpu, &b->node_facings);
     gpu_buffer_destroy(b->gpu, &b->node_shapes);
@@ -242,6 +244,7 @@ static void vulkan_destroy(struct kiln_backend **backend)
         return;
     clear(b);
     kiln_free(&b->kernels);
+    kiln_free(&b->resident);
     kiln_free(backend);
 }
 
@@ -653,4 +656,5 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .takes = vulkan_takes,
     .intersect = intersect_again,
     .ceiling = vulkan_ceiling,
+    .replay = vulkan_replay,
 };
