@@ -1,8 +1,8 @@
 /* The gather pass from rows (kept_rows.glsl): what rays have met is read in the place of traced, under up to
- * KILN_ROW_LIGHTS lights at once, which share one read of the rows. Of each light the sums are those of gather.glsl, in
- * the same order. Directions are made for points with smooth normals alone, whose rays weigh by them. Lights lie side by
- * side: the radiosity of point i under light l is pair i * LIGHTS + l of words. The slices of a light follow those of the
- * one before; replay_reduce.comp adds them up. */
+ * KILN_ROW_LIGHTS lights at once, which share one read of the rows. Of each light the sums are those of gather.glsl,
+ * in the same order. Directions are made for points with smooth normals alone, whose rays weigh by them. Lights lie
+ * side by side: the radiosity of point i under light l is pair i * LIGHTS + l of words. The slices of a light follow
+ * those of the one before; replay_reduce.comp adds them up. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

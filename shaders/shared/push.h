@@ -87,6 +87,18 @@ KILN_SIZE_IS(kiln_gpu_rows_push, 128);
 KILN_OFFSET_IS(kiln_gpu_rows_push, hemisphere, 56);
 KILN_OFFSET_IS(kiln_gpu_rows_push, lights, 112);
 
+/* directions.comp: the directions pass. */
+struct kiln_gpu_directions_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk;
+    KILN_STRUCT kiln_gpu_hemisphere hemisphere;
+    KILN_ADDRESS lights; /* packed radiosity of each point */
+    KILN_ADDRESS set;    /* directions.glsl */
+};
+KILN_SIZE_IS(kiln_gpu_directions_push, 128);
+KILN_OFFSET_IS(kiln_gpu_directions_push, hemisphere, 56);
+KILN_OFFSET_IS(kiln_gpu_directions_push, lights, 112);
+
 /* guided.comp: the guided pass. */
 struct kiln_gpu_guided_push {
     KILN_ADDRESS scene;

@@ -212,6 +212,11 @@ int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass,
     return run_by_numbers(backend, pass, parameters, batch, rays, error);
 }
 
+int kiln_backend_change_light(struct kiln_backend *backend, struct kiln_error *error)
+{
+    return backend->api->change_light != NULL ? backend->api->change_light(backend, error) : KILN_OK;
+}
+
 int kiln_backend_replay(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights,
                         size_t count, const struct kiln_batch *batch, struct kiln_error *error)
 {

@@ -151,6 +151,7 @@ struct kiln_backend_api {
                            struct kiln_error *error);
     int (*ceiling)(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
                    struct kiln_error *error);
+    int (*change_light)(struct kiln_backend *backend, struct kiln_error *error); /* NULL: there is nothing to do */
     /* NULL: the caller does it */
     int (*replay)(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights, size_t count,
                   const struct kiln_batch *batch, struct kiln_error *error);
@@ -217,6 +218,10 @@ static inline bool kiln_backend_takes(const struct kiln_backend *backend, const 
 {
     return backend->api->takes == NULL || backend->api->takes(backend, pass, parameters);
 }
+/* The lights, the sky and the materials' colours of the scene and of `lights` that the backend was created with have
+ * changed, in the place where they were: must come before the next pass. Geometry, and what of materials rays meet, are
+ * as before. */
+int kiln_backend_change_light(struct kiln_backend *backend, struct kiln_error *error);
 /* Whether kiln_backend_replay is there: the rows that the gather pass fills in memory then are for it alone. */
 static inline bool kiln_backend_replays(const struct kiln_backend *backend) { return backend->api->replay != NULL; }
 /* The gather pass over a batch's tile runs under `count` lights at once, at most KILN_ROW_LIGHTS, from rows in memory

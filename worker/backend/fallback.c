@@ -152,6 +152,13 @@ static int fallback_ceiling(struct kiln_backend *backend, const struct kiln_batc
     return kiln_backend_ceiling(present((struct fallback_backend *)backend), batch, seconds, rays, error);
 }
 
+static int fallback_change_light(struct kiln_backend *backend, struct kiln_error *error)
+{
+    struct fallback_backend *f = (struct fallback_backend *)backend;
+    const int status = kiln_backend_change_light(present(f), error);
+    return status != KILN_OK ? change_over(f, status, error) : KILN_OK;
+}
+
 /* What is in memory is the device's: Embree would want more of it. */
 static int fallback_replay(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights,
                            size_t count, const struct kiln_batch *batch, struct kiln_error *error)
@@ -203,6 +210,7 @@ int kiln_fallback_create(struct kiln_backend **backend, const struct kiln_backen
                                        .run = fallback_run,
                                        .intersect = fallback_intersect,
                                        .ceiling = fallback_ceiling,
+                                       .change_light = fallback_change_light,
                                        .replay = f->device->api->replay != NULL ? fallback_replay : NULL};
     f->base = (struct kiln_backend){.api = &f->api, .params = *params};
     *backend = &f->base;

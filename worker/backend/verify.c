@@ -240,6 +240,13 @@ static void verify_destroy(struct kiln_backend **backend)
     kiln_free(backend);
 }
 
+static int verify_change_light(struct kiln_backend *backend, struct kiln_error *error)
+{
+    struct verify_backend *v = (struct verify_backend *)backend;
+    const int status = kiln_backend_change_light(v->checked, error);
+    return status == KILN_OK ? kiln_backend_change_light(v->embree, error) : status;
+}
+
 /* The rays were verified when they were traced. */
 static int verify_replay(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights,
                          size_t count, const struct kiln_batch *batch, struct kiln_error *error)
@@ -323,6 +330,7 @@ int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_
                                        .run = verify_run,
                                        .intersect = verify_intersect,
                                        .ceiling = verify_ceiling,
+                                       .change_light = verify_change_light,
                                        .replay = v->checked->api->replay != NULL ? verify_replay : NULL};
     v->base = (struct kiln_backend){.api = &v->api, .params = *params};
     *backend = &v->base;

@@ -119,7 +119,6 @@ void vulkan_rows_release(struct vulkan_backend *b)
         kiln_free(&b->resident[i].there);
     }
     b->resident_count = 0;
-    gpu_buffer_destroy(b->gpu, &b->row_lights);
 }
 
 /* Room for the rows on the device; *resident NULL: there is none. */

@@ -151,7 +151,8 @@ struct vulkan_backend {
     struct vulkan_techniques techniques; /* of the pass under way, where it is land or weighed */
     struct vulkan_resident *resident;
     size_t resident_count, resident_room;
-    struct gpu_buffer row_lights;                         /* radiosity under several lights, of the replay under way */
+    struct gpu_buffer row_lights; /* radiosity that is not the backend's, of the pass under way; else of one before */
+    struct gpu_buffer direction_set;                      /* likewise: shaders/directions.glsl */
     struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
     struct gpu_pacer pacers[VULKAN_PACES];
     double light_vertices; /* of a path of light that are kept, as far as is known: what there is room for */
