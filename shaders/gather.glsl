@@ -230,8 +230,7 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
         const float far = kiln_probe_far(grid, position, direction);
         if (far > grid.range) {
             const uint probe = kiln_probe_of_ray(PROBES, near_probes, position, direction, seed);
-            const vec3 radiance =
-                facet > 0.0 ? kiln_probe_ask(PROBES, probe, position, direction, far) : vec3(0.0);
+            const vec3 radiance = facet > 0.0 ? kiln_probe_ask(PROBES, probe, position, direction, far) : vec3(0.0);
             add_light(sums, 3.14159265358979 * radiance, tint, facet, weight);
             return;
         }

@@ -191,8 +191,8 @@ static int write_index(const struct kiln_bake *b, struct kiln_error *error)
     char *text = NULL, *scene = realpath(b->job->scene, NULL);
     size_t size = 0;
     json_t *json = json_pack("{s:s, s:O, s:s, s:s, s:s, s:o}", "kiln", KILN_VERSION, "identity", b->transport_identity,
-                             "scene", scene != NULL ? scene : b->job->scene, "backend",
-                             b->prepared->backend->api->name, "instruction set", b->prepared->instruction_set, "job", job_json(b->asked));
+                             "scene", scene != NULL ? scene : b->job->scene, "backend", b->prepared->backend->api->name,
+                             "instruction set", b->prepared->instruction_set, "job", job_json(b->asked));
     int status = kiln_seal(json, JSON_INDENT(1), &text, &size, "the index of the transport", error);
     if (status == KILN_OK)
         status = kiln_publish_bytes_below(b->job->output, "transport/index", text, size, error);
