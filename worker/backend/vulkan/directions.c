@@ -1,5 +1,5 @@
-/* The directions pass (worker/pass/directions.h), but for rays to bright patches: shaders/directions.comp and
- * gather_reduce.comp. A bake that asks for these is Embree's (coordinator/job/job.c). */
+/* The directions pass (worker/pass/directions.h), but for rays to bright patches and gloss: shaders/directions.comp and
+ * gather_reduce.comp. A bake that asks for such rays is Embree's (coordinator/job/job.c). */
 #include "worker/pass/directions.h"
 
 #include "worker/backend/vulkan/hemisphere.h"
@@ -86,7 +86,7 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
 static bool takes(const struct vulkan_backend *b, const void *parameters)
 {
     const struct kiln_directions_parameters *p = parameters;
-    return p == NULL || (p->bright == NULL && b->probes == NULL);
+    return p->bright == NULL && b->probes == NULL && !b->materials.gloss;
 }
 
 const struct vulkan_pass vulkan_pass_directions = {.run = run, .takes = takes};
