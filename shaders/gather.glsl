@@ -1,7 +1,9 @@
 /* The bounce pass: each thread takes a slice of a point's samples (hemisphere.glsl), a few cosine-distributed rays, and
  * adds up the radiosity that they find. gather_reduce.glsl adds up the slices. With KILN_GUIDED it is the guided pass
  * (guide.glsl). With KILN_GLOSS rays go on in chains (chain.glsl); with KILN_CAUSTIC besides it is the caustic pass,
- * which looks for lamps and sky by these alone; with KILN_WEIGHED besides the weighed pass (weighed.glsl). */
+ * which looks for lamps and sky by these alone; with KILN_WEIGHED besides the weighed pass (weighed.glsl). With
+ * KILN_KEEP it is the gather pass of bakes that keep what rays meet (kept_rows.glsl), with KILN_DIRECTIONS the
+ * directions pass (directions.glsl). */
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"
@@ -20,6 +22,21 @@ KILN_PUSH(kiln_gpu_weighed_push);
 float point_area; /* m2 of the thread's point that are there to be lit */
 float ray_cosine; /* of the ray with the point's geometric normal, absolute */
 KILN_ARRAY(AreaArray, float, 4);
+#elif defined(KILN_KEEP)
+KILN_PUSH(kiln_gpu_rows_push);
+#    include "shaders/kept_rows.glsl"
+#    define PROBES push.lights /* any address will do: such rays ask no probes */
+#    define NEAR_PROBES push.lights
+#    define GUIDE_BEGIN(index) row_begin((index)-push.chunk.origin);
+#    define HEMISPHERE_RAY_DONE(k) row_keep(k)
+#elif defined(KILN_DIRECTIONS)
+KILN_PUSH(kiln_gpu_directions_push);
+void set_begin(uint key); /* directions.glsl */
+uint set_sample;
+#    define PROBES push.lights /* any address will do: such rays ask no probes */
+#    define NEAR_PROBES push.lights
+#    define GUIDE_BEGIN(index) set_begin(p.key);
+#    define HEMISPHERE_RAY(k) set_sample = k
 #else
 KILN_PUSH(kiln_gpu_gather_push);
 #    define NEAR_PROBES push.near_probes
@@ -55,7 +72,23 @@ struct Sums {
 #    define NO_SUMS Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0)
 #endif
 #include "shaders/hemisphere.glsl"
+#ifdef KILN_KEEP
+/* What the ray has met, as a word of its row. */
+uint row_word_of(kiln_hit hit)
+{
+    if (hit.triangle == KILN_GPU_NONE)
+        return KILN_ROW_ESCAPED;
+    const kiln_store_way to = kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back);
+    if (hit.back && (to.material & KILN_RECORD_DOUBLE_SIDED) == 0u)
+        return KILN_ROW_BLOCKED;
+    uint64_t point;
+    return kiln_store_point(to, point) ? uint(point) : KILN_ROW_NO_POINT;
+}
+#endif
 #include "shaders/radiance_probes.glsl"
+#ifdef KILN_DIRECTIONS
+#    include "shaders/directions.glsl"
+#endif
 #ifdef KILN_GLOSS
 #    ifdef KILN_CAUSTIC
 #        define KILN_WALK_LIGHTS
@@ -155,7 +188,11 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     guide_direction(u, v);
 #endif
     float cosine;
+#ifdef KILN_DIRECTIONS
+    const vec3 direction = set_direction(axis, u, v, cosine);
+#else
     const vec3 direction = hemisphere_cosine(axis, u, v, cosine);
+#endif
     vec3 tint;
     const kiln_hit hit = nearest(position, direction, seed, tint);
     if (LOOKUP == TRACE_ONLY) {
@@ -170,6 +207,10 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
 #ifdef KILN_GUIDED
     facet *= guide_weight;
     weight *= guide_weight;
+#endif
+#ifdef KILN_DIRECTIONS
+    facet *= set_weight;
+    weight *= set_weight;
 #endif
 #ifdef KILN_WEIGHED
     ray_cosine = abs(dot(normal, direction));
@@ -189,12 +230,14 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
         const float far = kiln_probe_far(grid, position, direction);
         if (far > grid.range) {
             const uint probe = kiln_probe_of_ray(PROBES, near_probes, position, direction, seed);
-            const vec3 radiance =
-                facet > 0.0 ? kiln_probe_ask(PROBES, probe, position, direction, far) : vec3(0.0);
+            const vec3 radiance = facet > 0.0 ? kiln_probe_ask(PROBES, probe, position, direction, far) : vec3(0.0);
             add_light(sums, 3.14159265358979 * radiance, tint, facet, weight);
             return;
         }
     }
+#ifdef KILN_KEEP
+    row_word = row_word_of(hit);
+#endif
     if (hit.triangle == KILN_GPU_NONE) {
         sums.escaped += facet;
         return;
@@ -204,7 +247,14 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
         sums.blocked += facet;
         return;
     }
+#ifdef KILN_DIRECTIONS
+    uint64_t point;
+    const bool sends = facet > 0.0 && kiln_store_point(to, point);
+    const vec3 found = sends ? kiln_radiosity_unpack(RadiosityWords(push.lights + point * 8ul).at[0]) : vec3(0.0);
+    add_light(sums, set_scale * found, tint, facet, weight);
+#else
     add_light(sums, facet > 0.0 ? kiln_store_radiosity(to) : vec3(0.0), tint, facet, weight);
+#endif
 }
 
 void after_rays(inout Sums sums, kiln_gpu_point p, uint row, bool good)

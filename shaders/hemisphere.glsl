@@ -6,12 +6,18 @@
  * The kernel that includes this says what a ray adds. Before it stand push constants with the members `chunk` and
  * `hemisphere`, `struct Sums`, what a thread adds up, and NO_SUMS, its zeros. The kernel defines the functions that are
  * declared here; it may define HEMISPHERE_BEGIN, what is done with the point's index in its block before its rays,
- * HEMISPHERE_RAY_DONE, what is done with a sample's number after its ray, and HEMISPHERE_SEEDS, whether add_ray wants
- * seeds in any scene. All else stands in kiln_kernel, not in functions of its
- * own, which cost the gather 4 % on an H200.
+ * HEMISPHERE_RAY and HEMISPHERE_RAY_DONE, what is done with a sample's number before and after its ray,
+ * HEMISPHERE_PLACES, whether add_ray wants places of point p, and HEMISPHERE_SEEDS, whether it wants seeds in any
+ * scene. All else stands in kiln_kernel, not in functions of its own, which cost the gather 4 % on an H200.
  */
 #ifndef HEMISPHERE_BEGIN
 #    define HEMISPHERE_BEGIN(index)
+#endif
+#ifndef HEMISPHERE_RAY
+#    define HEMISPHERE_RAY(k)
+#endif
+#ifndef HEMISPHERE_PLACES
+#    define HEMISPHERE_PLACES(p) true
 #endif
 #ifndef HEMISPHERE_RAY_DONE
 #    define HEMISPHERE_RAY_DONE(k)
@@ -77,7 +83,7 @@ void kiln_kernel(uint x, uint y)
     uint k = from;
     for (; k < to; k++) {
         const uint place = shares ? k / push.hemisphere.reuse : k;
-        if (place != drawn) {
+        if (place != drawn && HEMISPHERE_PLACES(p)) {
             const float s = kiln_unit_float(
                 kiln_owen_scramble(sobol.at[2u * push.hemisphere.sobol_stride + place], seed[2]) ^ shift_s);
             const float t = kiln_unit_float(
@@ -93,6 +99,7 @@ void kiln_kernel(uint x, uint y)
         ray_chance = chance;
         ray_number = push.hemisphere.first_sample + k;
 #endif
+        HEMISPHERE_RAY(k);
         add_ray(sums, p, position, normal, u, v,
                 HEMISPHERE_SEEDS || HAS_ALPHA >= KILN_PASSAGE_BLEND
                     ? kiln_gather_ray_seed(chance, push.hemisphere.first_sample + k)

@@ -55,14 +55,15 @@ kiln_store_way kiln_store_enter(uint triangle, float u, float v, bool back)
     return to;
 }
 
-/* Radiosity there, W/m2; 0 beside every point. */
-vec3 kiln_store_radiosity(kiln_store_way to)
+/* The surface point there; false: there is none. */
+bool kiln_store_point(kiln_store_way to, out uint64_t point)
 {
+    point = 0ul;
     if (HAS_OCTREE != 0u && to.tile == 0ul)
-        return vec3(0.0);
+        return false;
     uvec4 tile = TileWords(to.tile).at[0];
     if (!kiln_bit_set(tile.xy, to.bit))
-        return vec3(0.0);
+        return false;
     if ((tile.w & KILN_TILE_SPLIT_HIGH) != 0u) { /* the tile lies in several cells: look for the part */
         uint64_t part = SCENE.store.splits + (uint64_t(tile.w & ~KILN_TILE_SPLIT_HIGH) << 32 | tile.z) * 16ul;
         tile = TileWords(part).at[0];
@@ -74,10 +75,19 @@ vec3 kiln_store_radiosity(kiln_store_way to)
             const uint64_t number = uint64_t(tile.w & ~KILN_TILE_SPLIT_HIGH) << 32 | tile.z;
             const kiln_gpu_divided texel = DividedArray(SCENE.store.divided + number * 48ul).at[0];
             const bool beyond = texel.face[0] * to.place.x + texel.face[1] * to.place.y > texel.middle;
-            const uint64_t of = beyond ? texel.beyond : texel.point;
-            return kiln_radiosity_unpack(RadiosityWords(SCENE.radiosity + of * 8ul).at[0]);
+            point = beyond ? texel.beyond : texel.point;
+            return true;
         }
     }
-    const uint64_t point = (uint64_t(tile.w) << 32 | tile.z) + kiln_bits_below(tile.xy, to.bit);
+    point = (uint64_t(tile.w) << 32 | tile.z) + kiln_bits_below(tile.xy, to.bit);
+    return true;
+}
+
+/* Radiosity there, W/m2; 0 beside every point. */
+vec3 kiln_store_radiosity(kiln_store_way to)
+{
+    uint64_t point;
+    if (!kiln_store_point(to, point))
+        return vec3(0.0);
     return kiln_radiosity_unpack(RadiosityWords(SCENE.radiosity + point * 8ul).at[0]);
 }

@@ -20,17 +20,23 @@ static const char FOLDER[] = "transport";
 
 /* ---- what cannot be kept ---- */
 
+/* Whether rays go on, and the backend is one that does not keep those. */
+static bool goes_on_elsewhere(const struct kiln_job *job, const struct kiln_prepared *p)
+{
+    return kiln_transport_goes_on(job, p) && strcmp(p->backend->api->name, "embree") != 0;
+}
+
 /* Why the rays of this bake cannot be kept; NULL: they can. */
 static const char *why_not(const struct kiln_job *job, const struct kiln_prepared *p)
 {
-    if (strcmp(p->backend->api->name, "embree") != 0)
-        return "only Embree keeps them: give --backend embree";
     if (kiln_job_is_reference(job) || kiln_job_is_radiosity(job))
         return "--method cells alone gathers from surface points: leave --method out";
     if (kiln_job_has_probes(job))
         return "some end at radiance probes: leave --tracing-range out";
     if (job->guide > 0)
         return "a guide sends them where the light is: leave --guide out";
+    if (goes_on_elsewhere(job, p))
+        return "some go on from gloss, or are tinted, which Embree alone keeps: give --backend embree";
     if (p->surface->point_count >= (kiln_transport_goes_on(job, p) ? KILN_CHAIN_POINTS : KILN_ROW_POINTS))
         return "there are more surface points than their words can tell apart: give fewer --texels-per-metre";
     return NULL;
@@ -52,6 +58,11 @@ static int refuse_what_cannot_be_kept(const struct kiln_job *job, const struct k
                          "--keep-transport rows");
     if (job->keep_transport == KILN_KEEP_ROWS && why != NULL)
         return kiln_fail(error, KILN_USAGE, "--keep-transport rows: of these rays %s", why);
+    if (job->relight != NULL && goes_on_elsewhere(job, p))
+        return kiln_fail(error, KILN_USAGE,
+                         "rays of %.300s go on from gloss, or are tinted, which Embree alone looks up: give --backend "
+                         "embree",
+                         job->relight);
     if ((job->states != NULL || job->listen) && kiln_transport_goes_on(job, p))
         return kiln_fail(error, KILN_USAGE,
                          "%s: rays of %.300s go on from gloss, or are tinted, which serves one state at a time; leave "
@@ -197,9 +208,9 @@ static int write_index(const struct kiln_bake *b, struct kiln_error *error)
 {
     char *text = NULL, *scene = realpath(b->job->scene, NULL);
     size_t size = 0;
-    json_t *json = json_pack("{s:s, s:O, s:s, s:s, s:o}", "kiln", KILN_VERSION, "identity", b->transport_identity,
-                             "scene", scene != NULL ? scene : b->job->scene, "instruction set",
-                             b->prepared->instruction_set, "job", job_json(b->asked));
+    json_t *json = json_pack("{s:s, s:O, s:s, s:s, s:s, s:o}", "kiln", KILN_VERSION, "identity", b->transport_identity,
+                             "scene", scene != NULL ? scene : b->job->scene, "backend", b->prepared->backend->api->name,
+                             "instruction set", b->prepared->instruction_set, "job", job_json(b->asked));
     int status = kiln_seal(json, JSON_INDENT(1), &text, &size, "the index of the transport", error);
     if (status == KILN_OK)
         status = kiln_publish_bytes_below(b->job->output, "transport/index", text, size, error);

@@ -106,7 +106,8 @@ int kiln_state_scene_use(struct kiln_prepared *p, const struct kiln_state_scene 
         *lights = before;
     }
     kiln_lights_destroy(&lights);
-    return status;
+    return status == KILN_OK ? kiln_agree(p->communicator, kiln_backend_change_light(p->backend, error), error)
+                             : status;
 }
 
 /* ---- elements ---- */

@@ -118,8 +118,8 @@ static int fill(struct kiln_job *job, const json_t *index, struct kiln_error *er
         status = kiln_group_fields_make(job, error);
     if (status == KILN_OK)
         status = take_string(job, index, "instruction set", &job->instruction_set, error);
-    if (status == KILN_OK) /* which alone keeps rows, whatever the machine has */
-        status = kiln_job_keep_text(job, "embree", &job->backend, error);
+    if (status == KILN_OK && !kiln_job_given(job, kiln_option_find_for("backend", KILN_FOR_BAKE)))
+        status = take_string(job, index, "backend", &job->backend, error); /* whose bits are the bake's */
     job->relight = directory;
     return status;
 }

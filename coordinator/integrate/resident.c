@@ -160,6 +160,14 @@ int kiln_resident_step(struct kiln_resident *r, const struct kiln_solution *solu
     return status;
 }
 
+struct kiln_rows *kiln_resident_for_backend(struct kiln_resident *r, const struct kiln_resident_rows *rows)
+{
+    struct kiln_rows *found = NULL;
+    for (size_t i = 0; i < r->count && found == NULL; i++)
+        found = &r->steps[i]->memory == rows ? &r->steps[i]->rows : NULL;
+    return found;
+}
+
 struct kiln_resident_counts kiln_resident_counts(const struct kiln_resident *r)
 {
     struct kiln_resident_counts counts = {r->read, r->traced, 0, r->seconds, r->processor};

@@ -23,6 +23,9 @@ int kiln_resident_step(struct kiln_resident *resident, const struct kiln_solutio
                        const struct kiln_step *step, const uint8_t *wanted, const struct kiln_resident_rows **rows,
                        struct kiln_error *error);
 
+/* The same rows as backends have them (kiln_backend_set_rows, kiln_backend_replay). */
+struct kiln_rows *kiln_resident_for_backend(struct kiln_resident *resident, const struct kiln_resident_rows *rows);
+
 /* Rays that were read from the folder, that had to be traced, the bytes of all that is kept here, and what getting it
  * has cost so far: s, and s of the processor. Of this rank. */
 struct kiln_resident_counts {

@@ -369,8 +369,9 @@ static void gather_run(const struct kiln_states *st, const struct flock *flock, 
     }
 }
 
-/* Hands a state the answers of a block, but for the tile runs that it leaves out. */
-static int take_block(struct slot *s, size_t begin, size_t end, struct kiln_error *error)
+/* Hands a state the answers of tile runs, but for those that it leaves out. */
+static int take_block(struct slot *s, const struct kiln_point_result *results, size_t begin, size_t end,
+                      struct kiln_error *error)
 {
     const struct kiln_tile_run *runs = s->solution->own->surface.tile_runs;
     int status = KILN_OK;
@@ -379,10 +380,94 @@ static int take_block(struct slot *s, size_t begin, size_t end, struct kiln_erro
             ;
         if (wants(s, f))
             status = kiln_taker_take(&s->taker, s->solution->own, f, next - f,
-                                     s->results + (runs[f].first.at - runs[begin].first.at), error);
+                                     results + (runs[f].first.at - runs[begin].first.at), error);
     }
     return status;
 }
+
+/* ---- gathers by a device that keeps the rows ---- */
+
+/* States whose answers come side by side. */
+struct shared {
+    struct slot *const *of;
+    size_t count;
+};
+
+/* kiln_take_results; the context is `struct shared`. */
+static int take_shared(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    const struct shared *shared = context;
+    const struct kiln_tile_run *runs = shared->of[0]->solution->own->surface.tile_runs;
+    const struct kiln_point_result *from = results;
+    int status = KILN_OK;
+    if (shared->count == 1)
+        return take_block(shared->of[0], from, first, first + count, error);
+    for (size_t begin = first, end; begin < first + count && status == KILN_OK; begin = end) {
+        end = first + count - begin < AT_ONCE ? first + count : begin + AT_ONCE;
+        const size_t points = (size_t)kiln_tile_runs_points(&runs[begin], &runs[end - 1]);
+        for (size_t i = 0; i < shared->count && status == KILN_OK; i++) {
+            struct slot *s = shared->of[i];
+            for (size_t k = 0; k < points; k++)
+                s->results[k] = from[k * shared->count + i];
+            status = take_block(s, s->results, begin, end, error);
+        }
+        from += points * shared->count;
+    }
+    return status;
+}
+
+/* A stretch of tile runs that some state wants. */
+static int replay_stretch(const struct kiln_states *st, const struct flock *flock, size_t first, size_t count,
+                          struct kiln_error *error)
+{
+    const struct kiln_step *step = &flock->of[0]->step;
+    struct kiln_step_report report = {.step = *step};
+    struct kiln_batches batches = {.params = st->params, .report = &report};
+    struct kiln_batch batch = {.first = first,
+                               .count = count,
+                               .stream = step->stream,
+                               .samples = step->samples,
+                               .first_sample = step->first_sample,
+                               .take = take_shared};
+    struct kiln_backend *backend = st->params->backend;
+    struct kiln_rows *rows = kiln_resident_for_backend(st->resident, flock->rows);
+    int status = kiln_batches_choose(&batches, flock->of[0]->solution->own, &batch, error);
+    const size_t at_once = batch.few_masks != NULL ? 1 : KILN_ROW_LIGHTS;
+    for (size_t i = 0; i < flock->count && status == KILN_OK; i += at_once) {
+        const uint64_t *lights[KILN_ROW_LIGHTS];
+        uint64_t rays = 0;
+        struct shared shared = {flock->of + i, flock->count - i < at_once ? flock->count - i : at_once};
+        batch.context = &shared;
+        for (size_t l = 0; l < shared.count; l++)
+            lights[l] = shared.of[l]->solution->radiosity;
+        if (batch.few_masks == NULL) {
+            status = kiln_backend_replay(backend, rows, lights, shared.count, &batch, error);
+            continue;
+        }
+        status = kiln_backend_set_radiosity(backend, lights[0], error);
+        kiln_backend_set_rows(backend, rows);
+        if (status == KILN_OK)
+            status = kiln_backend_run(backend, step->pass, NULL, &batch, &rays, error);
+        kiln_backend_set_rows(backend, NULL);
+    }
+    kiln_batches_release(&batches);
+    return status;
+}
+
+static int replay(const struct kiln_states *st, const struct flock *flock, struct kiln_error *error)
+{
+    const size_t runs = st->params->surface->tile_run_count;
+    int status = KILN_OK;
+    for (size_t f = 0, next; f < runs && status == KILN_OK; f = next) {
+        for (next = f + 1; next < runs && st->wanted[next] == st->wanted[f];)
+            next++;
+        if (st->wanted[f] != 0)
+            status = replay_stretch(st, flock, f, next - f, error);
+    }
+    return status;
+}
+
+/* ---- any gather ---- */
 
 static int gather(struct kiln_states *st, struct flock *flock, struct kiln_error *error)
 {
@@ -397,6 +482,8 @@ static int gather(struct kiln_states *st, struct flock *flock, struct kiln_error
     if (status == KILN_OK)
         status = kiln_resident_step(st->resident, flock->of[0]->solution, &flock->of[0]->step, st->wanted, &flock->rows,
                                     error);
+    if (status == KILN_OK && kiln_backend_replays(p->backend))
+        return replay(st, flock, error);
     if (status == KILN_OK)
         lay_light(st, flock);
     for (size_t begin = 0; begin < runs && status == KILN_OK; begin += AT_ONCE) {
@@ -405,7 +492,7 @@ static int gather(struct kiln_states *st, struct flock *flock, struct kiln_error
         for (size_t f = begin; f < end; f++)
             gather_run(st, flock, begin, f);
         for (size_t i = 0; i < flock->count && status == KILN_OK; i++)
-            status = take_block(flock->of[i], begin, end, error);
+            status = take_block(flock->of[i], flock->of[i]->results, begin, end, error);
     }
     return status;
 }

@@ -75,6 +75,30 @@ KILN_SIZE_IS(kiln_gpu_gather_push, 128);
 KILN_OFFSET_IS(kiln_gpu_gather_push, hemisphere, 56);
 KILN_OFFSET_IS(kiln_gpu_gather_push, probes, 112);
 
+/* keep.comp, replay.comp: the bounce pass whose rays are kept, or were. */
+struct kiln_gpu_rows_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk;
+    KILN_STRUCT kiln_gpu_hemisphere hemisphere;
+    KILN_ADDRESS lights; /* of replay.comp: packed radiosity, of each point under each light */
+    KILN_ADDRESS rows;   /* words: the row of the chunk's point x from x * (1 + samples) on */
+};
+KILN_SIZE_IS(kiln_gpu_rows_push, 128);
+KILN_OFFSET_IS(kiln_gpu_rows_push, hemisphere, 56);
+KILN_OFFSET_IS(kiln_gpu_rows_push, lights, 112);
+
+/* directions.comp: the directions pass. */
+struct kiln_gpu_directions_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk;
+    KILN_STRUCT kiln_gpu_hemisphere hemisphere;
+    KILN_ADDRESS lights; /* packed radiosity of each point */
+    KILN_ADDRESS set;    /* directions.glsl */
+};
+KILN_SIZE_IS(kiln_gpu_directions_push, 128);
+KILN_OFFSET_IS(kiln_gpu_directions_push, hemisphere, 56);
+KILN_OFFSET_IS(kiln_gpu_directions_push, lights, 112);
+
 /* guided.comp: the guided pass. */
 struct kiln_gpu_guided_push {
     KILN_ADDRESS scene;
@@ -99,14 +123,14 @@ KILN_SIZE_IS(kiln_gpu_occlusion_push, 120);
 KILN_OFFSET_IS(kiln_gpu_occlusion_push, hemisphere, 56);
 KILN_OFFSET_IS(kiln_gpu_occlusion_push, distance, 112);
 
-/* gather_reduce.comp, occlusion_reduce.comp, directional_reduce.comp: they add up the slices. */
+/* gather_reduce.comp, occlusion_reduce.comp, directional_reduce.comp, replay_reduce.comp: they add up the slices. */
 struct kiln_gpu_hemisphere_reduce_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
     KILN_ADDRESS slices, results;
     KILN_ADDRESS rays; /* word: shadow rays of a point of the chunk, where there are any */
     KILN_WORD samples, per_quarter, split;
-    KILN_WORD reserved;
+    KILN_WORD stride; /* of replay_reduce.comp: the answer of point x is number x * stride */
 };
 KILN_SIZE_IS(kiln_gpu_hemisphere_reduce_push, 96);
 KILN_OFFSET_IS(kiln_gpu_hemisphere_reduce_push, slices, 56);
@@ -119,7 +143,7 @@ struct kiln_gpu_guided_reduce_push {
     KILN_ADDRESS slices, results;
     KILN_ADDRESS rays;
     KILN_WORD samples, per_quarter, split;
-    KILN_WORD reserved;
+    KILN_WORD stride;
     KILN_ADDRESS guided; /* struct kiln_gpu_guided */
 };
 KILN_SIZE_IS(kiln_gpu_guided_reduce_push, 104);

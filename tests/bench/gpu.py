@@ -1,10 +1,13 @@
-"""Rays per second of whole bounce passes on a GPU, by traversal and scene, and one bake over several GPUs.
+"""Rays per second of whole bounce passes on a GPU, by traversal and scene, and one bake over several GPUs; what pairs
+of patches and states of kept rays take.
 
-  /usr/bin/python3 tests/bench/gpu.py --kiln build/release/kiln [--gpus 1 2 4]
+  /usr/bin/python3 tests/bench/gpu.py --kiln build/release/kiln [--gpus 1 2 4] [--only rates scaling pairs states]
 
 The aims on one H200 are 8, 2.5 and 2.0 billion rays a second in the Cornell box, at 250 thousand and at 4 million
 triangles. The bake is the city's, at least 16 million points; its table shows what of each pass the devices were busy.
+All pairs of 768 x 768 texels are to take 60 s a bounce, a state of 3 million points 20 ms, of sixteen at once 10.
 """
+import json
 import os
 import sys
 
@@ -51,13 +54,64 @@ def scaling(kiln, scene, gpus):
         bake.remove()
 
 
+def pairs(kiln, scene):
+    """A bounce of all pairs: rays to nodes that face each other, and as many seconds as 768 x 768 texels would take."""
+    table = harness.Table(('points', 9), ('pairs', 8), ('rays', 8), ('device, s', 9), ('Grays/s', 8), ('768^2, s', 8))
+    for density in (10, 19, 56):
+        bake = kiln.bake(scene, '--method', 'radiosity', '--bounces', 1, '--texels-per-metre', density,
+                         '--samples-direct', 16, '--samples-indirect', 64, '--samples-probe', 0, '--denoise', 'none',
+                         '--no-export', timeout=3600)
+        if bake.process.status != 0:
+            sys.exit('%s\nended with %d: %s' % (bake.process.line(), bake.process.status, bake.process.sentence()))
+        points, rays = bake.run['points']['count'], bake.run['rays']['bounces']
+        seconds = sum(b['device_seconds'] for b in bake.run['bounces'] if b['kind'] != 'direct')
+        table.row(points, '%.2g' % points**2, '%.2g' % rays, '%.3f' % seconds, '%.2f' % (rays / seconds / 1e9),
+                  '%.1f' % (seconds * (768 * 768 / points)**2))
+        bake.remove()
+
+
+def states(kiln, scene):
+    """States from rows that stay on the device: seconds of the clock, loading and writing apart."""
+    kept = kiln.bake(scene, '--texels-per-metre', 126, '--samples-direct', 16, '--samples-bounce', 64,
+                     '--samples-indirect', 256, '--samples-probe', 0, '--denoise', 'none', '--no-export', '--materials',
+                     'diffuse', '--bounces', 3, '--keep-transport', 'rows', timeout=3600)
+    if kept.process.status != 0:
+        sys.exit('%s\nended with %d: %s' % (kept.process.line(), kept.process.status, kept.process.sentence()))
+    table = harness.Table(('points', 9), ('states', 6), ('load, s', 8), ('solve, s', 9), ('write, s', 8))
+    for count in (1, 16):
+        folder = os.path.join(kiln.scratch, 'states%d' % count)
+        with open(folder + '.yaml', 'w') as file:
+            json.dump({'s%d' % i: {'materials': {'*': {'emission-scale': 0.5 + 0.1 * i}}} for i in range(count)}, file)
+        p = kiln.command('relight', kept.directory, '--states', folder + '.yaml', '-o', folder, '--quiet', timeout=3600)
+        if p.status != 0:
+            sys.exit('%s\nended with %d: %s' % (p.line(), p.status, p.sentence()))
+        with open(os.path.join(folder, 'states.json')) as file:
+            said = json.load(file)
+        mean = lambda key: sum(s[key] for s in said['states']) / count
+        table.row(kept.run['points']['count'], count, '%.2f' % said['load_seconds'], '%.4f' % mean('solve_seconds'),
+                  '%.3f' % mean('write_seconds'))
+
+
+WHAT = ('rates', 'scaling', 'pairs', 'states')
+
+
 def main():
-    add = lambda p: p.add_argument('--gpus', type=int, nargs='*', default=[1])
+    def add(p):
+        p.add_argument('--gpus', type=int, nargs='*', default=[1])
+        p.add_argument('--only', nargs='+', choices=WHAT, default=WHAT)
     arguments, kiln = harness.start(__doc__, add)
     kiln.backend = 'vulkan'
+    if 'pairs' in arguments.only:
+        pairs(kiln, measure.made(kiln, 'cornell-spheres'))
+    if 'states' in arguments.only:
+        states(kiln, measure.made(kiln, 'cornell'))
+    if not {'rates', 'scaling'} & set(arguments.only):
+        return
     made = {name: measure.made(kiln, *how) for name, how, _, _ in SCENES}
-    rates(kiln, made)
-    scaling(kiln, made['city, 4 million'], arguments.gpus)
+    if 'rates' in arguments.only:
+        rates(kiln, made)
+    if 'scaling' in arguments.only:
+        scaling(kiln, made['city, 4 million'], arguments.gpus)
 
 
 if __name__ == '__main__':

@@ -4,6 +4,7 @@ rays that pass by an edge, which rounding may decide otherwise.
 - The Cornell box, lamps as patches: the same number of rays but for 1e-4 of them; light of 99 % of the texels within
   1e-5, relative to at least a thousandth of the mean; the sum of all light within 1e-6 where no texel is apart.
 - The same for windows of texels, joined texels and clamps.
+- The same by rays in the place of pairs, but for those to bright patches, which are refused; and cached pairs, links.
 - Smooth normals, and layers that let light through.
 - The same bits from other dispatches, memory and ranks, and from a device that was lost.
 - A closed furnace within 0.1 %.
@@ -27,6 +28,8 @@ FEW = ('--samples-probe', 0, '--no-export', '--denoise', 'none', '--method', 'ra
 BOX = (*FEW, '--lights', 'patches', '--texels-per-metre', 2, '--bounces', 2)
 NODES = (('--undersample', 'mipmap', '--sampling-window', 2), ('--subdivide', 0.2), ('--clamp', '--albedo-scale', 0.9),
          ('--order', 'unshot'))
+RAYS = (('--gather', 'even', '--directions', 64), ('--gather', 'cosine'))
+REFUSED = (('--gather', 'mixed'), ('--patches', 'links'), ('--visibility-cache', 1), ('--visibility', 'voxels'))
 
 
 def on(kiln, backend, scene, *options, **more):
@@ -77,6 +80,13 @@ def check_same_bits(kiln, checks, wanted):
             bake.remove()
 
 
+def check_refused(kiln, checks):
+    for more in REFUSED:
+        bake = on(kiln, 'vulkan', CORNELL, *BOX, *more)
+        checks.that(bake.process.status == 64 and 'traces with Embree' in bake.process.stderr,
+                    '%s: %d: %s' % (more, bake.process.status, bake.process.sentence()), bake.process)
+
+
 def check_furnace(kiln, checks):
     with open(harness.own_scene('analytic', 'expected.json')) as file:
         case = {case['id']: case for case in json.load(file)['cases']}['furnace_cube_rho0.5']
@@ -99,11 +109,12 @@ def main():
         said = box.run['backend']
         checks.that(said['name'] == 'vulkan' and 'pairs of patches' in said['kernels'], 'run.json says %s' % said)
         check_same_bits(kiln, checks, same_result.points(box))
-    for more in NODES:
+    for more in NODES + RAYS:
         compare(kiln, checks, table, ' '.join(map(str, more)), CORNELL, *BOX, *more)
     for name in filter(harness.own_scene, MORE):
         compare(kiln, checks, table, name, harness.own_scene(name), *FEW, '--texels-per-metre', 2, '--bounces', 1)
     check_furnace(kiln, checks)
+    check_refused(kiln, checks)
     checks.end()
 
 

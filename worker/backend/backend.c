@@ -8,6 +8,7 @@
 #include "worker/backend/few.h"
 #include "worker/backend/verify.h"
 #include "worker/base/memory.h"
+#include "worker/pass/rows.h"
 
 static const struct kiln_backend_api *const backends[] = {&kiln_backend_embree, &kiln_backend_vulkan};
 
@@ -209,6 +210,20 @@ int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass,
     if (pass->domain != KILN_DOMAIN_TILE_RUNS)
         return run_by_stretches(backend, pass, parameters, batch, rays, error);
     return run_by_numbers(backend, pass, parameters, batch, rays, error);
+}
+
+int kiln_backend_change_light(struct kiln_backend *backend, struct kiln_error *error)
+{
+    return backend->api->change_light != NULL ? backend->api->change_light(backend, error) : KILN_OK;
+}
+
+int kiln_backend_replay(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights,
+                        size_t count, const struct kiln_batch *batch, struct kiln_error *error)
+{
+    if (batch->count == 0 || count == 0)
+        return KILN_OK;
+    assert(backend->api->replay != NULL && batch->few_masks == NULL && count <= KILN_ROW_LIGHTS);
+    return backend->api->replay(backend, rows, lights, count, batch, error);
 }
 
 int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,

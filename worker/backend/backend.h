@@ -151,6 +151,10 @@ struct kiln_backend_api {
                            struct kiln_error *error);
     int (*ceiling)(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
                    struct kiln_error *error);
+    int (*change_light)(struct kiln_backend *backend, struct kiln_error *error); /* NULL: there is nothing to do */
+    /* NULL: the caller does it */
+    int (*replay)(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights, size_t count,
+                  const struct kiln_batch *batch, struct kiln_error *error);
 };
 
 /* The first member of each backend's own struct. */
@@ -194,7 +198,7 @@ int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *rad
 int kiln_backend_set_probes(struct kiln_backend *backend, const struct kiln_radiance_probes *probes,
                             struct kiln_error *error);
 /* From now on the gather pass keeps what its rays meet in a file, or takes it from there (worker/pass/rows.h). Borrowed
- * until the next call; NULL: neither, as at first. Embree's backend alone does; the others trace, and keep nothing. */
+ * until the next call; NULL: neither, as at first. */
 static inline void kiln_backend_set_rows(struct kiln_backend *backend, struct kiln_rows *rows) { backend->rows = rows; }
 /* From now on the direct and the gather pass find the light of each group beside that of all (worker/pass/groups.h).
  * Borrowed until the next call; NULL: they do not, as at first. Embree's backend alone does. */
@@ -214,6 +218,17 @@ static inline bool kiln_backend_takes(const struct kiln_backend *backend, const 
 {
     return backend->api->takes == NULL || backend->api->takes(backend, pass, parameters);
 }
+/* The lights, the sky and the materials' colours of the scene and of `lights` that the backend was created with have
+ * changed, in the place where they were: must come before the next pass. Geometry, and what of materials rays meet, are
+ * as before. */
+int kiln_backend_change_light(struct kiln_backend *backend, struct kiln_error *error);
+/* Whether kiln_backend_replay is there: the rows that the gather pass fills in memory then are for it alone. */
+static inline bool kiln_backend_replays(const struct kiln_backend *backend) { return backend->api->replay != NULL; }
+/* The gather pass over a batch's tile runs under `count` lights at once, at most KILN_ROW_LIGHTS, from rows in memory
+ * that are all ready (resident_rows.h) and have the batch's samples. `lights`: of each the radiosity of all points,
+ * packed. The batch's taker gets `count` results a point, side by side, each with the bits of the gather pass. */
+int kiln_backend_replay(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights,
+                        size_t count, const struct kiln_batch *batch, struct kiln_error *error);
 /* Traces about `samples` particles from the lights: made on the host, in batches, in the same way for every backend
  * (emission.c). */
 int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result,

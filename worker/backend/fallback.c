@@ -91,9 +91,11 @@ static int fallback_run(struct kiln_backend *backend, const struct kiln_pass *pa
     if (status == KILN_OK) {
         if (w.left != NULL)
             memcpy(w.left, batch->samples_each, batch->count * sizeof *w.left);
+        kiln_backend_set_rows(present(f), f->base.rows);
         status = kiln_backend_run(present(f), pass, parameters, &watched, rays, error);
         if (status != KILN_OK && w.taken == KILN_OK && (status = change_over(f, status, error)) == KILN_OK) {
             const struct kiln_batch rest = rest_of(&w);
+            kiln_backend_set_rows(f->embree, f->base.rows);
             status = kiln_backend_run(f->embree, pass, parameters, &rest, rays, error);
         }
     }
@@ -150,6 +152,24 @@ static int fallback_ceiling(struct kiln_backend *backend, const struct kiln_batc
     return kiln_backend_ceiling(present((struct fallback_backend *)backend), batch, seconds, rays, error);
 }
 
+static int fallback_change_light(struct kiln_backend *backend, struct kiln_error *error)
+{
+    struct fallback_backend *f = (struct fallback_backend *)backend;
+    const int status = kiln_backend_change_light(present(f), error);
+    return status != KILN_OK ? change_over(f, status, error) : KILN_OK;
+}
+
+/* What is in memory is the device's: Embree would want more of it. */
+static int fallback_replay(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights,
+                           size_t count, const struct kiln_batch *batch, struct kiln_error *error)
+{
+    struct fallback_backend *f = (struct fallback_backend *)backend;
+    return f->embree == NULL ? kiln_backend_replay(f->device, rows, lights, count, batch, error)
+                             : kiln_fail(error, KILN_NO_DEVICE,
+                                         "the device failed, and kept rays that lie in memory are of no use to "
+                                         "Embree: relight again, with --backend embree");
+}
+
 static void fallback_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     const struct fallback_backend *f = (const struct fallback_backend *)backend;
@@ -189,7 +209,9 @@ int kiln_fallback_create(struct kiln_backend **backend, const struct kiln_backen
                                        .takes = fallback_takes,
                                        .run = fallback_run,
                                        .intersect = fallback_intersect,
-                                       .ceiling = fallback_ceiling};
+                                       .ceiling = fallback_ceiling,
+                                       .change_light = fallback_change_light,
+                                       .replay = f->device->api->replay != NULL ? fallback_replay : NULL};
     f->base = (struct kiln_backend){.api = &f->api, .params = *params};
     *backend = &f->base;
     return KILN_OK;

@@ -217,6 +217,7 @@ static int verify_run(struct kiln_backend *backend, const struct kiln_pass *pass
                       const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     struct verify_backend *v = (struct verify_backend *)backend;
+    kiln_backend_set_rows(v->checked, v->base.rows);
     if (pass->figures == NULL || pass->domain != KILN_DOMAIN_TILE_RUNS)
         return kiln_backend_run(v->checked, pass, parameters, batch, rays, error);
     struct verified_run run = {
@@ -237,6 +238,20 @@ static void verify_destroy(struct kiln_backend **backend)
     kiln_backend_destroy(&v->checked);
     kiln_backend_destroy(&v->embree);
     kiln_free(backend);
+}
+
+static int verify_change_light(struct kiln_backend *backend, struct kiln_error *error)
+{
+    struct verify_backend *v = (struct verify_backend *)backend;
+    const int status = kiln_backend_change_light(v->checked, error);
+    return status == KILN_OK ? kiln_backend_change_light(v->embree, error) : status;
+}
+
+/* The rays were verified when they were traced. */
+static int verify_replay(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights,
+                         size_t count, const struct kiln_batch *batch, struct kiln_error *error)
+{
+    return kiln_backend_replay(((struct verify_backend *)backend)->checked, rows, lights, count, batch, error);
 }
 
 static void verify_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
@@ -314,7 +329,9 @@ int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_
                                        .takes = verify_takes,
                                        .run = verify_run,
                                        .intersect = verify_intersect,
-                                       .ceiling = verify_ceiling};
+                                       .ceiling = verify_ceiling,
+                                       .change_light = verify_change_light,
+                                       .replay = v->checked->api->replay != NULL ? verify_replay : NULL};
     v->base = (struct kiln_backend){.api = &v->api, .params = *params};
     *backend = &v->base;
     return KILN_OK;

@@ -268,7 +268,6 @@ const struct kiln_pass kiln_pass_links = {.index = KILN_PASS_INDEX_links,
                                           .reads_radiosity = true,
                                           .on_embree_only = true};
 
-/* Not verified: it is the host's alone. */
 const struct kiln_pass kiln_pass_directions = {.index = KILN_PASS_INDEX_directions,
                                                .name = "directions",
                                                .what = "light by directions",
@@ -279,7 +278,7 @@ const struct kiln_pass kiln_pass_directions = {.index = KILN_PASS_INDEX_directio
                                                .has_streams = true,
                                                .reads_radiosity = true,
                                                .is_stealable = true,
-                                               .on_embree_only = true};
+                                               POINT_FIGURES};
 
 #define ROW(name) [KILN_PASS_INDEX_##name] = &kiln_pass_##name,
 const struct kiln_pass *const kiln_passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};

@@ -10,8 +10,9 @@
  * The check is a hash of key, point, number of samples and words, and never 0. The key is a hash of what the rays hang
  * on (coordinator/integrate/transport.h), so a row of another bake is as good as damaged.
  *
- * What rays bring that go on from gloss, or are tinted, stands beside the rows (row_chains.h). Rows are of Embree's
- * backend, of rays without radiance probes and without guide. */
+ * What rays bring that go on from gloss, or are tinted, stands beside the rows (row_chains.h); Embree's backend alone
+ * keeps that. Rows are of rays without radiance probes and without guide. Either backend keeps and replays them. Bits
+ * are those of a bake where the same backend has kept and replays. */
 #ifndef KILN_WORKER_PASS_ROWS_H
 #define KILN_WORKER_PASS_ROWS_H
 
@@ -19,16 +20,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "shaders/shared/rows.h"
 #include "worker/base/status.h"
 
 #define KILN_ROWS_MAGIC "kilnrows"
 enum { KILN_ROWS_VERSION = 1, KILN_ROWS_BEGIN = 4096 }; /* bytes before the first row */
 
-/* What a ray met, where that is no surface point. */
-#define KILN_ROW_NO_POINT 0xffffffffu /* a surface, beside every point: black */
-#define KILN_ROW_ESCAPED 0xfffffffeu
-#define KILN_ROW_BLOCKED 0xfffffffdu /* the back of a single-sided surface */
-#define KILN_ROW_POINTS 0xfffffff0u  /* so many surface points at most can be told apart */
+/* What a ray met, where that is no surface point: KILN_ROW_... of shaders/shared/rows.h. */
 
 /* The first bytes of a file; the rest up to KILN_ROWS_BEGIN is 0. */
 struct kiln_rows_header {
@@ -66,5 +64,18 @@ struct kiln_rows {
     int status;
     struct kiln_error error;
 };
+
+/* Notes in r->status, if nothing is there yet, what failed with a row; `what` is "read", "write", or with
+ * KILN_BAD_INPUT what the row is: "damaged". Threads may call it. */
+void kiln_rows_fail(struct kiln_rows *r, int status, const char *what, uint64_t point);
+
+/* Reads rows, of `points` points from `point` on in the global order, each of `samples` samples: r->samples, or fewer
+ * of one point alone. False: the file has not so many, or it failed, which r->status says. Threads may call these. */
+bool kiln_rows_load(struct kiln_rows *r, uint32_t *rows, uint64_t point, uint64_t points, uint32_t samples);
+/* Whether a point that was read has a row, of a surface of so many points; r->status says when it is damaged. */
+bool kiln_rows_there(struct kiln_rows *r, const uint32_t *row, uint64_t point, uint32_t samples,
+                     uint64_t surface_points);
+/* Writes rows whose checks are set, as kiln_rows_load. */
+bool kiln_rows_store(struct kiln_rows *r, const uint32_t *rows, uint64_t point, uint64_t points, uint32_t samples);
 
 #endif

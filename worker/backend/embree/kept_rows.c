@@ -2,7 +2,6 @@
 
 #include <errno.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "shaders/shared/color.h"
 #include "worker/base/memory.h"
@@ -30,22 +29,6 @@ void kept_rows_release(struct kept_rows *kept)
     kept_chains_release(&kept->chains);
 }
 
-static void fail(struct kiln_rows *rows, int status, const char *what, uint64_t point)
-{
-    const int reason = errno;
-#pragma omp critical(kiln_rows_status)
-    {
-        errno = reason;
-        if (rows->status == KILN_OK && status == KILN_BAD_INPUT)
-            rows->status = kiln_fail(&rows->error, status,
-                                     "'%s' is not as it was written: the row of surface point %llu is %s; kiln verify "
-                                     "says what else is damaged; bake again with --keep-transport rows",
-                                     rows->path, (unsigned long long)point, what);
-        else if (rows->status == KILN_OK)
-            rows->status = kiln_fail_errno(&rows->error, status, "cannot %s '%s'", what, rows->path);
-    }
-}
-
 /* Number of the points from j on, of `total`, that follow one another in the global order. */
 static uint32_t stretch_of(const uint32_t *place, uint32_t total, uint32_t j)
 {
@@ -62,54 +45,7 @@ static uint64_t first_of(const struct embree_backend *b, size_t tile_run)
     return b->surface->tile_runs[tile_run].first.at;
 }
 
-static off_t offset_of(const struct kiln_rows *rows, uint64_t point)
-{
-    return (off_t)(KILN_ROWS_BEGIN + point * kiln_rows_row_bytes(rows->samples));
-}
-
 /* ---- reading ---- */
-
-/* Where the rows of the points from `point` on are in memory. */
-static uint32_t *resident_at(const struct kiln_rows *rows, uint64_t point)
-{
-    return kiln_resident_row(rows->resident, point - rows->resident->first);
-}
-
-/* Reads `bytes` from the row of a point on; false: there are not so many, or it failed, which is noted. */
-static bool read_at(struct kiln_rows *rows, void *to, size_t bytes, uint64_t point)
-{
-    const off_t at = offset_of(rows, point);
-    if (rows->resident != NULL) {
-        memcpy(to, resident_at(rows, point), bytes);
-        return true;
-    }
-    for (size_t done = 0; done < bytes;) {
-        const ssize_t got = pread(rows->file, (char *)to + done, bytes - done, at + (off_t)done);
-        if (got < 0 && errno == EINTR)
-            continue;
-        if (got < 0)
-            fail(rows, KILN_IO, "read", 0);
-        if (got <= 0)
-            return false;
-        done += (size_t)got;
-    }
-    return true;
-}
-
-/* Whether point j has a row; a damaged one is noted. */
-static bool row_is_there(const struct kept_rows *kept, const struct embree_backend *b, uint32_t j, uint64_t point)
-{
-    const uint32_t *row = row_of(kept, j), least = kept->chains.file != NULL ? KILN_ROW_TINTED : KILN_ROW_BLOCKED;
-    bool within = true;
-    if (row[0] == 0)
-        return false;
-    for (uint32_t k = 1; k <= kept->samples; k++)
-        within &= (row[k] < b->surface->point_count) | (row[k] >= least);
-    if (within && row[0] == kiln_rows_check(kept->rows->key, point, row + 1, kept->samples))
-        return true;
-    fail(kept->rows, KILN_BAD_INPUT, "damaged", point);
-    return false;
-}
 
 /* Reads what goes on from the rows; damage is noted. */
 static bool read_chains(struct kept_rows *kept, const struct embree_backend *b, uint64_t first, const uint32_t *place,
@@ -121,14 +57,14 @@ static bool read_chains(struct kept_rows *kept, const struct embree_backend *b, 
     const int found = kept_chains_read(&kept->chains, first, place, points);
     bool whole = found > 0;
     if (found == 0 && errno != 0)
-        fail(r, KILN_IO, "read the chains beside", 0);
+        kiln_rows_fail(r, KILN_IO, "read the chains beside", 0);
     if (found < 0)
-        fail(r, KILN_BAD_INPUT, "without its chains", first);
+        kiln_rows_fail(r, KILN_BAD_INPUT, "without its chains", first);
     for (uint32_t j = 0; j < points && whole; j++) {
         whole = kept_chains_are_whole(&kept->chains, r->key, j, first + place[j], row_of(kept, j) + 1, kept->samples,
                                       b->surface->point_count);
         if (!whole)
-            fail(r, KILN_BAD_INPUT, "damaged", first + place[j]);
+            kiln_rows_fail(r, KILN_BAD_INPUT, "damaged", first + place[j]);
     }
     return whole;
 }
@@ -142,9 +78,9 @@ static bool read_rows(struct kept_rows *kept, const struct embree_backend *b, si
     bool there = true;
     for (uint32_t j = 0, count; j < points && there; j += count) {
         count = whole ? stretch_of(place, points, j) : 1;
-        there = read_at(r, row_of(kept, j), count * (size_t)kiln_rows_row_bytes(kept->samples), first + place[j]);
+        there = kiln_rows_load(r, row_of(kept, j), first + place[j], count, kept->samples);
         for (uint32_t i = j; i < j + count && there; i++)
-            there = row_is_there(kept, b, i, first + place[i]);
+            there = kiln_rows_there(r, row_of(kept, i), first + place[i], kept->samples, b->surface->point_count);
     }
     return there && read_chains(kept, b, first, place, points);
 }
@@ -332,24 +268,6 @@ void kept_rows_note(struct kept_rows *kept, const struct tile_run_rays *rays, ui
         row_of(kept, rays->point[l])[1 + step * rays->copies + rays->copy[l]] = word[l];
 }
 
-static bool write_at(struct kiln_rows *rows, const void *from, size_t bytes, uint64_t point)
-{
-    const off_t at = offset_of(rows, point);
-    if (rows->resident != NULL) {
-        memcpy(resident_at(rows, point), from, bytes);
-        return true;
-    }
-    for (size_t done = 0; done < bytes;) {
-        const ssize_t put = pwrite(rows->file, (const char *)from + done, bytes - done, at + (off_t)done);
-        if (put < 0 && errno != EINTR) {
-            fail(rows, KILN_IO, "write", 0);
-            return false;
-        }
-        done += put > 0 ? (size_t)put : 0;
-    }
-    return true;
-}
-
 void kept_rows_write(struct kept_rows *kept, const struct embree_backend *b, const struct tile_run_rays *rays,
                      size_t tile_run, const struct kiln_point_result *results)
 {
@@ -359,14 +277,14 @@ void kept_rows_write(struct kept_rows *kept, const struct embree_backend *b, con
         return;
     const uint64_t first = first_of(b, tile_run), count = (uint64_t)f->count * kept->samples;
     if (kept->chains.file != NULL && !kept_chains_write(&kept->chains, r->key, first, f, results)) {
-        fail(r, KILN_IO, "write the chains beside", 0);
+        kiln_rows_fail(r, KILN_IO, "write the chains beside", 0);
         return;
     }
     for (uint32_t j = 0; j < f->count; j++)
         *row_of(kept, j) = kiln_rows_check(r->key, first + f->place[j], row_of(kept, j) + 1, kept->samples);
     for (uint32_t j = 0, stretch; j < f->count; j += stretch) {
         stretch = kept->samples == r->samples ? stretch_of(f->place, f->count, j) : 1;
-        if (!write_at(r, row_of(kept, j), stretch * (size_t)kiln_rows_row_bytes(kept->samples), first + f->place[j]))
+        if (!kiln_rows_store(r, row_of(kept, j), first + f->place[j], stretch, kept->samples))
             return;
     }
 #pragma omp atomic

@@ -9,8 +9,16 @@
  * the host, would show. */
 enum { LEAST_POINTS = 1 << 13, USUAL_POINTS = 1 << 19, MOST_POINTS = 1 << 20, ENOUGH_RAYS = 1 << 24 };
 
-/* Bytes of a point's answer: the result and a word. */
-static size_t answer_bytes(const struct vulkan_chunked *pass) { return pass->result_bytes + sizeof(uint32_t); }
+/* Of a chunk, in which much of a point goes between host and device. */
+enum { MOVED_MOST = 256 << 20 };
+
+static uint32_t words_of(const struct vulkan_chunked *pass) { return pass->words > 0 ? pass->words : 1; }
+
+/* Bytes of a point's answer: the result and its words. */
+static size_t answer_bytes(const struct vulkan_chunked *pass)
+{
+    return pass->result_bytes + words_of(pass) * sizeof(uint32_t);
+}
 
 void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel, uint32_t x, uint32_t y,
                    const void *constants, size_t bytes)
@@ -70,6 +78,15 @@ int vulkan_grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size
     return gpu_buffer_create(b->gpu, buffer, size, memory, what, error);
 }
 
+int vulkan_slot_room(struct vulkan_backend *b, struct vulkan_slot *slot, size_t bytes, const char *what,
+                     struct kiln_error *error)
+{
+    if (!gpu_guarded(b->gpu))
+        bytes = bytes <= slot->guides.size ? slot->guides.size : bytes + bytes / 2;
+    const int status = vulkan_grow_buffer(b, &slot->guides, bytes, GPU_DEVICE, what, error);
+    return status == KILN_OK ? vulkan_grow_buffer(b, &slot->guides_host, bytes, GPU_HOST, what, error) : status;
+}
+
 static uint64_t points_there(const struct vulkan_backend *b)
 {
     return b->surface->count < MOST_POINTS ? b->surface->count : MOST_POINTS;
@@ -115,6 +132,8 @@ static int make_slots(struct run *r, struct kiln_error *error)
     scratch = scratch > b->scratch_most ? b->scratch_most : scratch;
     const uint64_t a_point = r->pass->scratch_bytes + answer_bytes(r->pass);
     uint64_t points = scratch / a_point;
+    if (r->pass->moved_bytes > 0)
+        points = lesser(points, MOVED_MOST / r->pass->moved_bytes);
     points = points < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : points > there ? there : points;
     const int status = make_room(b, points * answer_bytes(r->pass), points * r->pass->scratch_bytes, error);
     r->most_points = (uint32_t)points;
@@ -272,7 +291,7 @@ static int hand_over(struct run *r, const struct flight *flight, const char *res
         next = kiln_batch_stretch(r->batch, f, end);
         if (!kiln_batch_leaves_out(r->batch, f))
             status = r->pass->take(r->pass->context, f, next - f, results + point * r->pass->result_bytes,
-                                   r->pass->wants_words ? words + point : NULL, error);
+                                   r->pass->wants_words ? words + point * words_of(r->pass) : NULL, error);
         if (status == KILN_OK)
             r->taken = next;
         r->refused = status != KILN_OK;
@@ -397,7 +416,6 @@ int vulkan_run_in_chunks(struct vulkan_backend *b, const struct vulkan_chunked *
                     .next = batch->first,
                     .end = batch->first + batch->count,
                     .taken = batch->first};
-    assert(pass->result_bytes <= pass->pass->result_bytes);
     int status = run_left(&r, error);
     while (status != KILN_OK && !r.refused && vulkan_can_recover(b) && (status = vulkan_recover(b, error)) == KILN_OK) {
         r.next = r.taken; /* what was handed over is not done again */

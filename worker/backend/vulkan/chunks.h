@@ -12,7 +12,7 @@ struct vulkan_chunk {
     struct kiln_gpu_chunk buried; /* those that are partly buried; count 0: none */
     uint64_t scratch;             /* address; lasts from the first to the last portion */
     uint64_t results;             /* address: the pass's result of each point */
-    uint64_t words;               /* address: one word of each point */
+    uint64_t words;               /* address: the words of each point */
     uint64_t near_probes;         /* address: of each point of the block, which probes it sees; 0: nobody knows */
     uint32_t row_first, row_count;
     bool last; /* the last portion: results and words must be complete after it */
@@ -37,6 +37,10 @@ void vulkan_record_copy(struct vulkan_recording *recording, const struct gpu_buf
 /* A buffer of a slot, with at least `size` bytes (guarded: as many); what it held is lost. Nothing uses it. */
 int vulkan_grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory,
                        const char *what, struct kiln_error *error);
+
+/* Room for so many bytes in the slot's `guides`; for half as many again where it grows, since chunks do. */
+int vulkan_slot_room(struct vulkan_backend *b, struct vulkan_slot *slot, size_t bytes, const char *what,
+                     struct kiln_error *error);
 
 /* Two kernels, neither of which needs anything of the other: they may run side by side. What takes few threads long
  * goes first, so that the other's fill the device meanwhile. */
@@ -66,6 +70,8 @@ struct vulkan_chunked {
     uint64_t first_guess; /* work of the first chunk, when nothing is known yet */
     size_t scratch_bytes; /* a point */
     bool wants_words;     /* else they are not copied back */
+    uint32_t words;       /* of a point; 0: one */
+    size_t moved_bytes;   /* a point, that go between host and device besides results and a word */
     int (*prepare)(void *context, struct kiln_error *error); /* gets kernels and tables; again after each recovery */
     int (*record)(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
                   struct kiln_error *error);

@@ -3,7 +3,9 @@
 #include <string.h>
 
 #include "worker/backend/vulkan/hemisphere.h"
+#include "worker/backend/vulkan/kept_rows.h"
 #include "worker/pass/gather.h"
+#include "worker/pass/rows.h"
 
 #include "shaders/gather.h"
 #include "shaders/gather_gloss.h"
@@ -139,6 +141,8 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
 {
     (void)parameters;
     const uint64_t own[2] = {0, 0}; /* filled in for each chunk */
+    if (b->base.rows != NULL && vulkan_keeps_rows(b) && batch->samples <= b->base.rows->samples)
+        return vulkan_gather_rows(b, batch, rays, error);
     struct vulkan_hemisphere pass = vulkan_gather_pass(b, batch, own);
     shorten(b, batch, &pass);
     return vulkan_hemisphere_run(b, &pass, batch, rays, error);

@@ -113,16 +113,6 @@ static void write_root(const struct making *m, uint64_t address, uint64_t room)
     memcpy(m->to, &root, sizeof root);
 }
 
-/* Room for so many bytes in the slot; for half as many again where it grows, since chunks do. */
-static int make_room(struct vulkan_backend *b, struct vulkan_slot *slot, size_t bytes, struct kiln_error *error)
-{
-    const char *what = "guides of tile runs";
-    if (!gpu_guarded(b->gpu))
-        bytes = bytes <= slot->guides.size ? slot->guides.size : bytes + bytes / 2;
-    const int status = vulkan_grow_buffer(b, &slot->guides, bytes, GPU_DEVICE, what, error);
-    return status == KILN_OK ? vulkan_grow_buffer(b, &slot->guides_host, bytes, GPU_HOST, what, error) : status;
-}
-
 static int bring(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch,
                  const struct vulkan_chunk *chunk, uint64_t room, struct vulkan_recording *recording,
                  struct kiln_error *error)
@@ -137,7 +127,7 @@ static int bring(struct vulkan_backend *b, const void *parameters, const struct 
     if (status != KILN_OK)
         return status;
     number_guides(&m);
-    status = make_room(b, slot, guides_begin(&m) + (size_t)m.count * GUIDE_BYTES, error);
+    status = vulkan_slot_room(b, slot, guides_begin(&m) + (size_t)m.count * GUIDE_BYTES, "guides of tile runs", error);
     if (status == KILN_OK) {
         m.to = slot->guides_host.mapped;
         make_guides(&m);

@@ -25,12 +25,12 @@ struct constants {
     unsigned char own[VULKAN_HEMISPHERE_OWN];
 };
 
-/* Moves an address of floats of the batch's points on to the chunk's. */
+/* Moves an address of what the batch's points have on to the chunk's. */
 static void skip_points(const struct hemisphere *h, const struct vulkan_chunk *chunk, uint64_t *address)
 {
     const struct kiln_surface *s = h->b->surface;
     const uint64_t first = s->tile_runs[h->batch->first].first.at, here = s->tile_runs[chunk->tile_run_first].first.at;
-    *address += (here - first) * sizeof(float);
+    *address += (here - first) * h->pass->point_bytes;
 }
 
 static void constants_of(const struct hemisphere *h, const struct vulkan_chunk *chunk, struct constants *constants)
@@ -51,15 +51,22 @@ static void constants_of(const struct hemisphere *h, const struct vulkan_chunk *
                                                               .first_sample = h->batch->first_sample}}};
     if (h->pass->own != NULL)
         memcpy(constants->own, h->pass->own, h->pass->own_bytes);
-    const uint64_t guides = h->b->slots[chunk->slot].guides.address,
-                   own[2] = {h->b->probes_root.address, h->pass->bring != NULL ? guides : chunk->near_probes};
-    if (h->pass->asks_probes || h->pass->bring != NULL)
-        memcpy(constants->own, own, sizeof own);
-    if (h->pass->has_points)
-        skip_points(h, chunk, (uint64_t *)(void *)constants->own + 1);
+    uint64_t *own = (uint64_t *)(void *)constants->own;
+    if (h->pass->asks_probes)
+        own[0] = h->b->probes_root.address;
+    if (h->pass->asks_probes)
+        own[1] = chunk->near_probes;
+    if (h->pass->bring != NULL)
+        own[1] = h->b->slots[chunk->slot].guides.address;
+    else if (h->pass->kept_words > 0)
+        own[1] = chunk->words;
+    else if (h->pass->point_bytes > 0)
+        skip_points(h, chunk, own + 1);
 }
 
-/* Bytes of a point's slices. */
+static uint32_t lights_of(const struct hemisphere *h) { return h->pass->lights > 0 ? h->pass->lights : 1; }
+
+/* Bytes of a point's slices, of one light. */
 static size_t slice_bytes(const struct hemisphere *h)
 {
     return (size_t)4 * h->slices.per_quarter * h->slices.split * h->pass->floats * sizeof(float);
@@ -68,22 +75,27 @@ static size_t slice_bytes(const struct hemisphere *h)
 static void record_sums(const struct hemisphere *h, const struct vulkan_chunk *chunk,
                         struct vulkan_recording *recording)
 {
-    const struct kiln_gpu_guided_reduce_push push = {.scene = h->b->scene.address,
-                                                     .chunk = chunk->all,
-                                                     .slices = chunk->scratch,
-                                                     .results = chunk->results,
-                                                     .rays = chunk->words,
-                                                     .samples = h->batch->samples,
-                                                     .per_quarter = h->slices.per_quarter,
-                                                     .split = h->slices.split,
-                                                     .guided = h->b->slots[chunk->slot].guides.address};
+    struct kiln_gpu_guided_reduce_push push = {.scene = h->b->scene.address,
+                                               .chunk = chunk->all,
+                                               .slices = chunk->scratch,
+                                               .results = chunk->results,
+                                               .rays = chunk->words,
+                                               .samples = h->batch->samples,
+                                               .per_quarter = h->slices.per_quarter,
+                                               .split = h->slices.split,
+                                               .stride = lights_of(h),
+                                               .guided = h->b->slots[chunk->slot].guides.address};
     _Static_assert(offsetof(struct kiln_gpu_guided_reduce_push, guided) ==
                        sizeof(struct kiln_gpu_hemisphere_reduce_push),
                    "they begin the same");
     const size_t bytes = h->pass->bring != NULL ? sizeof push : sizeof(struct kiln_gpu_hemisphere_reduce_push);
     if (h->between != NULL)
         vulkan_record(recording, h->between, chunk->all.total, 1, &push, bytes);
-    vulkan_record(recording, h->reduce, chunk->all.total, 1, &push, bytes);
+    for (uint32_t l = 0; l < lights_of(h); l++) {
+        vulkan_record(recording, h->reduce, chunk->all.total, 1, &push, bytes);
+        push.slices += (uint64_t)chunk->all.total * slice_bytes(h);
+        push.results += sizeof(struct kiln_gpu_result);
+    }
 }
 
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
@@ -144,7 +156,7 @@ static void look_through(struct hemisphere *h, size_t tile_run_first, size_t til
                        run = kiln_own_of_global(s, tile_runs[f].first).at;
         for (uint32_t k = 0; k < tile_runs[f].count; k++) {
             tracing += (points >> k & 1u) != 0 && traces(h, (struct kiln_own_point){run + k});
-            shadow_rays += words != NULL ? words[run + k - first] : 0;
+            shadow_rays += h->pass->counts_rays ? words[run + k - first] : 0;
         }
         if (h->pass->lengthen != NULL && h->batch->take != NULL)
             h->pass->lengthen(h->b, h->batch, tile_run_first + f, results + (run - first) * h->pass->result_bytes,
@@ -176,6 +188,8 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
                                  (POINTS_AT_ONCE + KILN_TILE_TEXELS) * h->pass->pass->result_bytes, 1,
                                  "the results of points", error)
                      : KILN_OK;
+    if (h->pass->kept_words > 0)
+        status = h->pass->take_words(h->pass->context, tile_run_first, tile_run_count, results, words, error);
     for (size_t done = 0, some; done < tile_run_count && status == KILN_OK; done += some) {
         uint64_t points;
         some = tile_runs_at_once(h, tile_run_first + done, tile_run_count - done, &points);
@@ -184,7 +198,7 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
             status = batch->take(batch->context, tile_run_first + done, some,
                                  h->pass->lengthen != NULL ? h->b->results : from, error);
         from += points * result_bytes(h->pass);
-        words = words != NULL ? words + points : NULL;
+        words = words != NULL ? words + points : NULL; /* results are short where a point has one word at most */
     }
     return status;
 }
@@ -226,13 +240,15 @@ int vulkan_hemisphere_run(struct vulkan_backend *b, const struct vulkan_hemisphe
     const struct vulkan_chunked chunked = {.pass = pass->pass,
                                            .pace = pass->pace,
                                            .states = true,
-                                           .result_bytes = result_bytes(pass),
+                                           .result_bytes = result_bytes(pass) * lights_of(&h),
                                            .failed_offset = pass->failed_offset,
                                            .rows = rows,
                                            .work = (double)batch->samples / rows,
                                            .first_guess = 1 << 19,
-                                           .scratch_bytes = slice_bytes(&h) + pass->room_bytes,
-                                           .wants_words = pass->counts_rays,
+                                           .scratch_bytes = slice_bytes(&h) * lights_of(&h) + pass->room_bytes,
+                                           .wants_words = pass->counts_rays || pass->kept_words > 0,
+                                           .words = pass->kept_words,
+                                           .moved_bytes = pass->moved_bytes + pass->kept_words * sizeof(uint32_t),
                                            .prepare = prepare,
                                            .record = record,
                                            .take = take,

@@ -33,14 +33,21 @@ struct vulkan_hemisphere {
     /* The weighed pass, whose own push constants change when a device is made anew: they are those that this has set.
      * Called before the first chunk and after each recovery. NULL: nothing. */
     int (*prepare)(struct vulkan_backend *b, void *context, struct kiln_error *error);
-    void *context; /* for `prepare` */
-    /* the second of its own push constants is the address of a float of each point of the batch's tile runs, in order;
-     * kernels get that of the chunk's first one */
-    bool has_points;
-    /* The guided pass, which has more to a chunk; NULL: nothing. Called before the first portion of a chunk; fills the
-     * slot's `guides` by steps that it records. That buffer's address stands in the place of the second of the pass's
-     * own push constants, and in struct kiln_gpu_guided_reduce_push. `room` is the address of room_bytes for each point
-     * of the chunk. */
+    void *context; /* for `prepare` and `take_words` */
+    /* Bytes of each point of the batch's tile runs, in order, whose address is the second of its own push constants;
+     * kernels get that of the chunk's first point. 0: there are none. */
+    size_t point_bytes;
+    uint32_t lights; /* under which each point has an answer: they lie side by side, and `sums` runs for each; 0: one */
+    /* The first kernel leaves `kept_words` words for each point, whose address stands in the place of the second of the
+     * pass's own push constants; `take_words` gets those of the tile runs whose results the batch's taker gets next. */
+    uint32_t kept_words;
+    int (*take_words)(void *context, size_t tile_run_first, size_t tile_run_count, const void *results,
+                      const uint32_t *words, struct kiln_error *error);
+    size_t moved_bytes; /* of a point, that `bring` brings */
+    /* The guided pass and the gather pass from rows, which have more to a chunk; NULL: nothing. Called before the first
+     * portion of a chunk; fills the slot's `guides` by steps that it records. That buffer's address stands in the place
+     * of the second of the pass's own push constants, and in struct kiln_gpu_guided_reduce_push. `room` is the address
+     * of room_bytes for each point of the chunk. */
     int (*bring)(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch,
                  const struct vulkan_chunk *chunk, uint64_t room, struct vulkan_recording *recording,
                  struct kiln_error *error);

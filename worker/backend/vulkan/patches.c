@@ -22,9 +22,10 @@ static const struct vulkan_shader pairs_shader = {.name = "pairs of patches",
 static const struct vulkan_shader sums_shader = {.name = "pairs of patches: sums",
                                                  .compute = VULKAN_CODE(patches_reduce)};
 
-/* Nodes of a row: a device has threads enough for a few points then. A software device ends a thread's loops after
- * 65,535 rounds in all, and has far fewer threads. */
-enum { ROW = 1024, SOFTWARE_ROW = 64 };
+/* Nodes of a row, which is a thread's loop. A dispatch takes as long as its longest loop at least. With long rows that
+ * alone is a slice of time: dispatches then never grow to as many threads as fill a device (gpu_pacer_next follows
+ * their speed). A software device ends a thread's loops after 65,535 rounds in all. */
+enum { ROW = 64 };
 
 /* A call's working set. */
 struct patches_run {
@@ -244,7 +245,7 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
 static int run_pairs(struct patches_run *r, struct kiln_error *error)
 {
     const uint32_t nodes = (uint32_t)r->p->count;
-    r->row = gpu_about(r->b->gpu)->software ? SOFTWARE_ROW : ROW;
+    r->row = ROW;
     r->rows = nodes > 0 ? (nodes + r->row - 1) / r->row : 1;
     const struct vulkan_chunked chunked = {.pass = &kiln_pass_patches,
                                            .pace = KILN_PASS_INDEX_patches,

@@ -7,6 +7,7 @@
 #include <time.h>
 
 #include "shaders/shared/chain.h"
+#include "worker/backend/vulkan/kept_rows.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
 
@@ -219,6 +220,9 @@ static void clear(struct vulkan_backend *b)
         gpu_buffer_destroy(b->gpu, &b->slots[i].guides_host);
     }
     vulkan_techniques_release(b);
+    vulkan_rows_release(b);
+    gpu_buffer_destroy(b->gpu, &b->row_lights);
+    gpu_buffer_destroy(b->gpu, &b->direction_set);
     gpu_buffer_destroy(b->gpu, &b->patches);
     gpu_buffer_destroy(b->gpu, &b->node_facings);
     gpu_buffer_destroy(b->gpu, &b->node_shapes);
@@ -243,6 +247,7 @@ static void vulkan_destroy(struct kiln_backend **backend)
     clear(b);
     kiln_free(&b->kernels);
     kiln_free(&b->results);
+    kiln_free(&b->resident);
     kiln_free(backend);
 }
 
@@ -522,6 +527,29 @@ static int vulkan_set_probes(struct kiln_backend *backend, const struct kiln_rad
     return status != KILN_OK && vulkan_can_recover(b) ? vulkan_recover(b, error) : status;
 }
 
+/* Brings lights and materials anew. Kernels stay, unless there are lights of a kind that they leave out. */
+static int upload_light(struct vulkan_backend *b, struct kiln_error *error)
+{
+    vulkan_lights_destroy(b->gpu, &b->lights);
+    vulkan_materials_destroy(b->gpu, &b->materials);
+    int status =
+        vulkan_materials_create(b->gpu, &b->params, b->all_materials, &b->materials, &b->layout.materials, error);
+    if (status == KILN_OK)
+        status = vulkan_lights_create(b->gpu, b->params.lights, b->float64, &b->lights, &b->layout.lights, error);
+    if (status == KILN_OK && (b->lights.kinds & ~b->constants[VULKAN_LIGHT_KINDS]) != 0) {
+        b->constants[VULKAN_LIGHT_KINDS] |= b->lights.kinds;
+        vulkan_forget_kernels(b);
+    }
+    return status == KILN_OK ? vulkan_upload_root(b, error) : status;
+}
+
+static int vulkan_change_light(struct kiln_backend *backend, struct kiln_error *error)
+{
+    struct vulkan_backend *b = (struct vulkan_backend *)backend;
+    const int status = upload_light(b, error);
+    return status != KILN_OK && vulkan_can_recover(b) ? vulkan_recover(b, error) : status;
+}
+
 int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *error)
 {
     const bool exact = gpu_guarded(b->gpu);
@@ -655,4 +683,6 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .takes = vulkan_takes,
     .intersect = intersect_again,
     .ceiling = vulkan_ceiling,
+    .change_light = vulkan_change_light,
+    .replay = vulkan_replay,
 };

@@ -76,7 +76,15 @@ struct vulkan_kernel {
 /* Where a chunk under way keeps what it needs. */
 struct vulkan_slot {
     struct gpu_buffer scratch, answers, host;
-    struct gpu_buffer guides, guides_host; /* of the guided pass */
+    struct gpu_buffer guides, guides_host; /* of the guided pass, or rows of kept rays */
+};
+
+/* Rows of kept rays that stay on the device (kept_rows.h). */
+struct vulkan_resident {
+    const struct kiln_resident_rows *of;
+    uint64_t key; /* which rows these are */
+    struct gpu_buffer words;
+    uint8_t *there; /* of each own tile run */
 };
 
 #define VULKAN_USUAL_SCRATCH (512ull << 20) /* bytes */
@@ -85,6 +93,7 @@ struct vulkan_slot {
 enum vulkan_pace {
     VULKAN_PACE_CEILING = KILN_PASS_COUNT,
     VULKAN_PACE_INTERSECT,
+    VULKAN_PACE_REPLAY,
     VULKAN_PACE_LIGHT_PATHS, /* kernels of the bidirectional pass */
     VULKAN_PACE_EYE_PATHS,
     VULKAN_PACE_EYE_ENDS,
@@ -142,7 +151,11 @@ struct vulkan_backend {
     struct vulkan_slot slots[GPU_SLOTS];
     char *results; /* of the host: where short results are made long (hemisphere.h) */
     size_t result_room;
-    struct vulkan_techniques techniques;                  /* of the pass under way, where it is land or weighed */
+    struct vulkan_techniques techniques; /* of the pass under way, where it is land or weighed */
+    struct vulkan_resident *resident;
+    size_t resident_count, resident_room;
+    struct gpu_buffer row_lights; /* radiosity that is not the backend's, of the pass under way; else of one before */
+    struct gpu_buffer direction_set;                      /* likewise: shaders/directions.glsl */
     struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
     struct gpu_pacer pacers[VULKAN_PACES];
     double light_vertices; /* of a path of light that are kept, as far as is known: what there is room for */

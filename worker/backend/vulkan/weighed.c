@@ -70,7 +70,7 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
                                            .own_bytes = sizeof r.own,
                                            .prepare = prepare,
                                            .context = &r,
-                                           .has_points = true,
+                                           .point_bytes = sizeof(float),
                                            .pace = KILN_PASS_INDEX_weighed,
                                            .stream = KILN_CAUSTIC_STREAM + batch->stream,
                                            .floats = tints ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS,

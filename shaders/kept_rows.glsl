@@ -1,0 +1,13 @@
+/* Rows (worker/pass/rows.h): a word for each sample of a point, what its ray has met. Row x of the chunk lies at
+ * push.rows, after the rows before it; each begins with a word that is the host's. Needs push constants with `rows` and
+ * `hemisphere`. */
+#include "shaders/shared/rows.h"
+
+KILN_ARRAY(RowWords, uint, 4);
+
+uint64_t row_address; /* of the thread's point: its first sample's word */
+uint row_word;        /* of the ray */
+
+void row_begin(uint x) { row_address = push.rows + 4ul + uint64_t(x) * uint64_t(4u * (1u + push.hemisphere.samples)); }
+void row_keep(uint k) { RowWords(row_address).at[k] = row_word; }
+void row_recall(uint k) { row_word = RowWords(row_address).at[k]; }
