@@ -89,6 +89,19 @@ KILN_FUNCTION float kiln_interface_albedo(KILN_STRUCT kiln_interface s, float mu
 
 /* ---- what brushed facets lose ---- */
 
+/* Coefficient i of the power of the place: polynomials in a, t and r. No loops: a table that a loop reads, GPUs'
+ * compilers keep in memory, or turn into a ladder of branches at each call. */
+#define KILN_ACROSS_A(n)                                                                                               \
+    (((KILN_FIT_ACROSS[(n) + 3] * a + KILN_FIT_ACROSS[(n) + 2]) * a + KILN_FIT_ACROSS[(n) + 1]) * a +                  \
+     KILN_FIT_ACROSS[n])
+#define KILN_ACROSS_T(n)                                                                                               \
+    (((KILN_ACROSS_A((n) + 12) * t + KILN_ACROSS_A((n) + 8)) * t + KILN_ACROSS_A((n) + 4)) * t + KILN_ACROSS_A(n))
+#define KILN_ACROSS(i)                                                                                                 \
+    ((((KILN_ACROSS_T(80 * (i) + 64) * r + KILN_ACROSS_T(80 * (i) + 48)) * r + KILN_ACROSS_T(80 * (i) + 32)) * r +     \
+      KILN_ACROSS_T(80 * (i) + 16)) *                                                                                  \
+         r +                                                                                                           \
+     KILN_ACROSS_T(80 * (i)))
+
 /* As kiln_interface_lost, of two roughnesses: error 0.004. What is lost hangs on the roughness in the direction's own
  * plane, `along`, and on both: light along smooth facets is thrown sideways by rough ones. */
 KILN_FUNCTION float kiln_across_lost(KILN_VECTOR w, float alpha_x, float alpha_y)
@@ -99,23 +112,19 @@ KILN_FUNCTION float kiln_across_lost(KILN_VECTOR w, float alpha_x, float alpha_y
     const float along = float_min(float_max(slope, narrow), wide);
     const float r = 2.0f * float_sqrt(wide) - 1.0f, t = 2.0f * float_sqrt(narrow / wide) - 1.0f;
     const float a = 2.0f * along / wide - 1.0f, at = kiln_curve_place(mu, along);
-    float sum = 0.0f;
-    for (int i = 7; i >= 0; i--) {
-        float of_i = 0.0f;
-        for (int j = 4; j >= 0; j--) {
-            float of_j = 0.0f;
-            for (int k = 3; k >= 0; k--) {
-                const int n = 80 * i + 16 * j + 4 * k;
-                of_j = of_j * t +
-                       (((KILN_FIT_ACROSS[n + 3] * a + KILN_FIT_ACROSS[n + 2]) * a + KILN_FIT_ACROSS[n + 1]) * a +
-                        KILN_FIT_ACROSS[n]);
-            }
-            of_i = of_i * r + of_j;
-        }
-        sum = sum * at + of_i;
-    }
+    float sum = KILN_ACROSS(7);
+    sum = sum * at + KILN_ACROSS(6);
+    sum = sum * at + KILN_ACROSS(5);
+    sum = sum * at + KILN_ACROSS(4);
+    sum = sum * at + KILN_ACROSS(3);
+    sum = sum * at + KILN_ACROSS(2);
+    sum = sum * at + KILN_ACROSS(1);
+    sum = sum * at + KILN_ACROSS(0);
     return kiln_lost(sum, mu, wide);
 }
+#undef KILN_ACROSS
+#undef KILN_ACROSS_T
+#undef KILN_ACROSS_A
 
 /* ---- what a boundary of glass loses, reflected and refracted light together ---- */
 
