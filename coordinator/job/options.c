@@ -789,8 +789,7 @@ const struct kiln_option kiln_options[] = {
      .kind = KILN_OPTION_CHOICE_ENUM,
      .fallback = "none",
      .choices = keeps,
-     .help = "keep in DIR/transport what every gather ray meets, 4 bytes each (gloss: about 8), or the links, for kiln "
-             "relight",
+     .help = "keep in DIR/transport what gather rays meet, 4 bytes each (gloss: 8), or links, for kiln relight",
      .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
      .offset = AT(keep_transport)},
     {.name = "format",
