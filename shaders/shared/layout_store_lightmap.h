@@ -15,7 +15,8 @@ struct kiln_gpu_divided { /* struct kiln_divided_texel */
     KILN_REAL32 within, beyond_within;
     KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_divided, 56);
+#define KILN_GPU_DIVIDED_BYTES 56
+KILN_SIZE_IS(kiln_gpu_divided, KILN_GPU_DIVIDED_BYTES);
 
 struct kiln_gpu_tile { /* struct kiln_tile, struct kiln_split_tile_run */
     KILN_WORD64 mask, first;
