@@ -34,7 +34,7 @@ static const double CALIBRATION_SECONDS = 15.0;
 /* Embree 3.13, robust, medium quality: bytes of BVH a triangle, measured between 32 thousand and 4 million triangles.
  */
 static const double BVH_BYTES = 100.0;
-static const uint64_t LEAST_PROGRAM_BYTES = 40ull << 20;
+static const uint64_t LEAST_PROGRAM_BYTES = 24ull << 20;
 /* what passes and MPI take that is not there yet when the program is measured */
 static const uint64_t PASS_BYTES = 8ull << 20;
 
