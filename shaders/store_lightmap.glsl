@@ -73,7 +73,8 @@ bool kiln_store_point(kiln_store_way to, out uint64_t point)
         }
         if (HAS_DIVIDED != 0u && (tile.w & KILN_TILE_SPLIT_HIGH) != 0u) {
             const uint64_t number = uint64_t(tile.w & ~KILN_TILE_SPLIT_HIGH) << 32 | tile.z;
-            const kiln_gpu_divided texel = DividedArray(SCENE.store.divided + number * uint64_t(KILN_GPU_DIVIDED_BYTES)).at[0];
+            const uint64_t before = number * uint64_t(KILN_GPU_DIVIDED_BYTES);
+            const kiln_gpu_divided texel = DividedArray(SCENE.store.divided + before).at[0];
             const bool beyond = texel.face[0] * to.place.x + texel.face[1] * to.place.y > texel.middle;
             point = beyond ? texel.beyond : texel.point;
             return true;

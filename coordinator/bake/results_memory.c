@@ -21,6 +21,7 @@ static const double MEASURED_PLANES = 28.0;
 static const double DENOISE_PLANES = 32.0, DENOISE_WORK = 172.0;
 static const uint64_t ROWS_AT_ONCE = 1ull << 18;
 static const uint64_t PREVIEW_BYTES = 51ull << 20; /* rays of a band and the picture: by what bakes took */
+static const uint64_t PREVIEW_GLOSS = 20ull << 20; /* rays that gloss sends on, and what guides learn from: likewise */
 static const double PREVIEW_TEXEL = 12.0;          /* lightmaps in view */
 
 uint64_t kiln_largest_lightmap(const struct kiln_scene *scene)
@@ -51,8 +52,10 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
     const double of_groups = 24.0 * (double)size->job->group_count; /* bytes of a texel, and as many again denoised */
     const double lightmaps = (LIGHTMAP_WORK + planes) * at_once + (DENOISE_WORK + of_groups) * denoised +
                              (RECORD_BYTES + 2.0 * planes) * rows;
-    const double preview =
-        size->job->preview ? (double)PREVIEW_BYTES + PREVIEW_TEXEL * size->texels + (H5_KEPT + columns) * rows : 0.0;
+    const double of_gloss = size->scene->taken != NULL ? (double)PREVIEW_GLOSS : 0.0;
+    const double preview = size->job->preview ? (double)PREVIEW_BYTES + of_gloss + PREVIEW_TEXEL * size->texels +
+                                                    (H5_KEPT + columns) * rows
+                                              : 0.0;
     const double ahead =
         (double)KILN_POINTS_AHEAD_ROOM + fmin(KILN_POINTS_AHEAD_POINT * size->own, (double)KILN_POINTS_AHEAD_MOST);
     return (uint64_t)fmax(ahead + fmax(lightmaps, (H5_ROW + columns) * rows), preview);
