@@ -34,6 +34,12 @@ uint64_t kiln_largest_lightmap(const struct kiln_scene *scene)
     return most;
 }
 
+/* What a preview takes, whatever the lightmaps are. */
+static double preview_bytes(const struct kiln_scene *scene)
+{
+    return (double)(PREVIEW_BYTES + (scene->taken != NULL ? PREVIEW_GLOSS : 0));
+}
+
 uint64_t kiln_results_memory(const struct kiln_results_size *size)
 {
     const double largest = (double)kiln_largest_lightmap(size->scene);
@@ -52,10 +58,9 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
     const double of_groups = 24.0 * (double)size->job->group_count; /* bytes of a texel, and as many again denoised */
     const double lightmaps = (LIGHTMAP_WORK + planes) * at_once + (DENOISE_WORK + of_groups) * denoised +
                              (RECORD_BYTES + 2.0 * planes) * rows;
-    const double of_gloss = size->scene->taken != NULL ? (double)PREVIEW_GLOSS : 0.0;
-    const double preview = size->job->preview ? (double)PREVIEW_BYTES + of_gloss + PREVIEW_TEXEL * size->texels +
-                                                    (H5_KEPT + columns) * rows
-                                              : 0.0;
+    const double preview = size->job->preview
+                               ? preview_bytes(size->scene) + PREVIEW_TEXEL * size->texels + (H5_KEPT + columns) * rows
+                               : 0.0;
     const double ahead =
         (double)KILN_POINTS_AHEAD_ROOM + fmin(KILN_POINTS_AHEAD_POINT * size->own, (double)KILN_POINTS_AHEAD_MOST);
     return (uint64_t)fmax(ahead + fmax(lightmaps, (H5_ROW + columns) * rows), preview);
@@ -85,7 +90,7 @@ static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *j
     (void)MPI_Allreduce(MPI_IN_PLACE, &now, 1, MPI_DOUBLE, MPI_MAX, p->communicator);
     /* the radiosity of groups, which each rank has of all points */
     const double groups = (double)(p->node_ranks - 1) * (double)job->group_count * 8.0 * (double)s->point_count;
-    const double fixed = (double)(job->preview ? PREVIEW_BYTES : KILN_POINTS_AHEAD_ROOM); /* of the results */
+    const double fixed = job->preview ? preview_bytes(p->scene) : (double)KILN_POINTS_AHEAD_ROOM; /* of the results */
     *growing = light + groups + fmax(results - fixed, 0.0) + point * (double)of_host;
     const double probe = (double)(KILN_PROBE_BYTES + job->group_count * sizeof(struct kiln_probe_group));
     return now + light + groups + results + (double)probes / p->ranks * p->node_ranks * probe;
