@@ -8,17 +8,14 @@ refused."""
 import json
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
-
-import h5py
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
 import harness  # noqa: E402
+from relit import done, kept_files, kiln, light, rays, refused, same  # noqa: E402
 
-KILN = os.environ["KILN"]
 OPTIONS = ["--texels-per-metre", "6", "--backend", "embree", "--samples-direct", "32", "--samples-bounce", "16",
            "--samples-indirect", "64", "--samples-probe", "16", "--probe-spacing", "1", "--materials", "diffuse"]
 KEEP = ["--keep-transport", "rows"]
@@ -66,54 +63,6 @@ WRONG = {"lights: {moon: {scale: 2}}": "no light of the scene has a name that ma
          "lights: {sun: {on: [[[[[1]]]]]}}": ":1: this is no value that changes have"}
 
 
-def kiln(*arguments, ranks=1, slowness=1):
-    command = [KILN, *map(str, arguments)]
-    if ranks > 1:
-        command = ["mpirun", "-n", str(ranks), *command]
-    return subprocess.run(command, capture_output=True, text=True,
-                          env={**os.environ, **harness.MPI_ENVIRONMENT, "KILN_SLOW_RANK": "0:%d" % slowness})
-
-
-def done(*arguments, ranks=1):
-    run = kiln(*arguments, "--quiet", "--no-preview", "--threads", "1", ranks=ranks)
-    assert run.returncode == 0, f"{' '.join(map(str, arguments))}: exit {run.returncode}\n{run.stderr}"
-
-
-def refused(status, words, *arguments):
-    run = kiln(*arguments, "--quiet")
-    assert run.returncode == status and words in run.stderr, (arguments, run.returncode, run.stderr)
-
-
-def light(folder):
-    """All that a bake says of light, as bytes by name."""
-    found = {}
-    for name in ("kiln.h5", "volume.hdf"):
-        with h5py.File(os.path.join(folder, name), "r") as file:
-            file.visititems(lambda key, item: found.update({name + "/" + key: item[()].tobytes()})
-                            if isinstance(item, h5py.Dataset) and "provenance" not in key else None)
-    for name in os.listdir(os.path.join(folder, "lightmaps")):
-        with open(os.path.join(folder, "lightmaps", name), "rb") as file:
-            found[name] = file.read()
-    return found
-
-
-def rows(folder):
-    folder = os.path.join(folder, "transport")
-    return {name: open(os.path.join(folder, name), "rb").read() for name in os.listdir(folder) if name != "index"}
-
-
-def rays(folder):
-    with open(os.path.join(folder, "run.json")) as file:
-        relight = json.load(file)["relight"]
-    return relight["rays_replayed"], relight["rays_traced"]
-
-
-def same(one, other, what):
-    one, other = light(one), light(other)
-    differ = sorted(name for name in one if one[name] != other.get(name))
-    assert one.keys() == other.keys() and not differ, (what, differ)
-
-
 with tempfile.TemporaryDirectory() as top:
     def at(name):
         return os.path.join(top, name)
@@ -123,8 +72,8 @@ with tempfile.TemporaryDirectory() as top:
     done("bake", scene, *OPTIONS, *KEEP, "-o", at("kept"))
     same(at("plain"), at("kept"), "kept transport changes light")
     done("bake", scene, *OPTIONS, *KEEP, "-o", at("three"), ranks=3)
-    kept = rows(at("kept"))
-    assert len(kept) > 3 and kept == rows(at("three")), "rows of three ranks differ"
+    kept = kept_files(at("kept"))
+    assert len(kept) > 3 and kept == kept_files(at("three")), "rows of three ranks differ"
     with open(os.path.join(at("kept"), "run.json")) as file:
         report = json.load(file)
     counted = sum(report["rays"][kind] for kind in ("bounces", "final"))
@@ -133,7 +82,7 @@ with tempfile.TemporaryDirectory() as top:
     planned = kiln("plan", scene, *OPTIONS, *KEEP, "--bounces", "2", "--ranks", "1", "--json")
     assert planned.returncode == 0, planned.stderr
     done("bake", scene, *OPTIONS, *KEEP, "--bounces", "2", "-o", at("two"))
-    two = sum(map(len, rows(at("two")).values()))
+    two = sum(map(len, kept_files(at("two")).values()))
     assert json.loads(planned.stdout)["disk_bytes"]["transport"] == two, (planned.stdout, two)
 
     # stopped as soon as there is something to go on from, again and again; slow, or quick machines are done before
@@ -144,7 +93,7 @@ with tempfile.TemporaryDirectory() as top:
         run = kiln(*slow, "--max-time", str(0.2 + 0.2 * stops), slowness=SLOWNESS)
     assert run.returncode == 0, run.stderr
     assert stops > 0, "nothing was stopped"
-    assert rows(at("stopped")) == kept, "rows of a bake that was stopped differ"
+    assert kept_files(at("stopped")) == kept, "rows of a bake that was stopped differ"
     same(at("plain"), at("stopped"), "stopped")
 
     done("relight", at("kept"), "-o", at("nothing"))

@@ -8,17 +8,14 @@ Another colour of a surface that rays go on from is refused with its name, and s
 import json
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
-
-import h5py
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
 import harness  # noqa: E402
+from relit import done, kept_files, kiln, light, rays, refused, same  # noqa: E402
 
-KILN = os.environ["KILN"]
 OPTIONS = ["--texels-per-metre", "2", "--backend", "embree", "--samples-direct", "8", "--samples-bounce", "8",
            "--samples-indirect", "32", "--samples-probe", "8", "--probe-spacing", "1.5", "--bounces", "2",
            "--photons", "1000", "--iterations", "1"]
@@ -49,51 +46,6 @@ def room(path, edited=False, gold=(0.9, 0.6, 0.3)):
     scene.light("sun", {"type": "directional", "intensity": 1.0 if edited else 3.0}, rotation=[-0.5, 0, 0, 0.866])
     scene.environment((2, 0.5, 0.2) if edited else (0.5, 0.6, 0.9))
     return scene.write(path)
-
-
-def kiln(*arguments, ranks=1, slowness=1):
-    command = [KILN, *map(str, arguments)]
-    if ranks > 1:
-        command = ["mpirun", "-n", str(ranks), *command]
-    return subprocess.run(command, capture_output=True, text=True,
-                          env={**os.environ, **harness.MPI_ENVIRONMENT, "KILN_SLOW_RANK": "0:%d" % slowness})
-
-
-def done(*arguments, ranks=1):
-    run = kiln(*arguments, "--quiet", "--no-preview", "--no-export", "--threads", "1", ranks=ranks)
-    assert run.returncode == 0, f"{' '.join(map(str, arguments))}: exit {run.returncode}\n{run.stderr}"
-
-
-def refused(status, words, *arguments):
-    run = kiln(*arguments, "--quiet")
-    assert run.returncode == status and words in run.stderr, (arguments, run.returncode, run.stderr)
-
-
-def light(folder):
-    """All that a bake says of light, as bytes by name."""
-    found = {}
-    for name in ("kiln.h5", "volume.hdf"):
-        with h5py.File(os.path.join(folder, name), "r") as file:
-            file.visititems(lambda key, item: found.update({name + "/" + key: item[()].tobytes()})
-                            if isinstance(item, h5py.Dataset) and "provenance" not in key else None)
-    return found
-
-
-def same(one, other, what):
-    one, other = light(one), light(other)
-    differ = sorted(name for name in one if one[name] != other.get(name))
-    assert one.keys() == other.keys() and not differ, (what, differ)
-
-
-def kept_files(folder):
-    folder = os.path.join(folder, "transport")
-    return {name: open(os.path.join(folder, name), "rb").read() for name in os.listdir(folder) if name != "index"}
-
-
-def rays(folder):
-    with open(os.path.join(folder, "run.json")) as file:
-        relight = json.load(file)["relight"]
-    return relight["rays_replayed"], relight["rays_traced"]
 
 
 with tempfile.TemporaryDirectory() as top:

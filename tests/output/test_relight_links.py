@@ -9,7 +9,6 @@ opens them there. What is damaged, or cannot be kept, is refused."""
 import json
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 
@@ -19,8 +18,8 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
 import harness  # noqa: E402
+from relit import kiln, refused  # noqa: E402
 
-KILN = os.environ["KILN"]
 PLAIN = ["--texels-per-metre", "5", "--backend", "embree", "--samples-direct", "128", "--samples-indirect", "64",
          "--samples-probe", "0", "--no-export", "--denoise", "none", "--bounces", "2", "--method", "radiosity",
          "--error-map"]
@@ -56,23 +55,10 @@ def room(path, sun, strength=3.0, lamp=None, sky=(0.5, 0.6, 0.9), color=(0.7, 0.
     return scene.write(path)
 
 
-def kiln(*arguments, ranks=1, slowness=1):
-    command = [KILN, *map(str, arguments)]
-    if ranks > 1:
-        command = ["mpirun", "-n", str(ranks), *command]
-    return subprocess.run(command, capture_output=True, text=True,
-                          env={**os.environ, **harness.MPI_ENVIRONMENT, "KILN_SLOW_RANK": "0:%d" % slowness})
-
-
 def done(*arguments, ranks=1):
     run = kiln(*arguments, "--quiet", "--no-preview", "--threads", "1", ranks=ranks)
     assert run.returncode == 0, f"{' '.join(map(str, arguments))}: exit {run.returncode}\n{run.stderr}"
     return Bake(arguments[arguments.index("-o") + 1])
-
-
-def refused(status, words, *arguments):
-    run = kiln(*arguments, "--quiet")
-    assert run.returncode == status and words in run.stderr, (arguments, run.returncode, run.stderr)
 
 
 class Bake:

@@ -1,0 +1,59 @@
+"""Bakes whose transport is kept, and relit: for the tests of kiln relight."""
+import json
+import os
+import subprocess
+
+import h5py
+
+import harness
+
+KILN = os.environ["KILN"]
+
+
+def kiln(*arguments, ranks=1, slowness=1):
+    command = [KILN, *map(str, arguments)]
+    if ranks > 1:
+        command = ["mpirun", "-n", str(ranks), *command]
+    return subprocess.run(command, capture_output=True, text=True,
+                          env={**os.environ, **harness.MPI_ENVIRONMENT, "KILN_SLOW_RANK": "0:%d" % slowness})
+
+
+def done(*arguments, ranks=1):
+    run = kiln(*arguments, "--quiet", "--no-preview", "--threads", "1", ranks=ranks)
+    assert run.returncode == 0, f"{' '.join(map(str, arguments))}: exit {run.returncode}\n{run.stderr}"
+
+
+def refused(status, words, *arguments):
+    run = kiln(*arguments, "--quiet")
+    assert run.returncode == status and words in run.stderr, (arguments, run.returncode, run.stderr)
+
+
+def light(folder):
+    """All that a bake says of light, as bytes by name."""
+    found = {}
+    for name in ("kiln.h5", "volume.hdf"):
+        with h5py.File(os.path.join(folder, name), "r") as file:
+            file.visititems(lambda key, item: found.update({name + "/" + key: item[()].tobytes()})
+                            if isinstance(item, h5py.Dataset) and "provenance" not in key else None)
+    for name in os.listdir(os.path.join(folder, "lightmaps")):
+        with open(os.path.join(folder, "lightmaps", name), "rb") as file:
+            found[name] = file.read()
+    return found
+
+
+def same(one, other, what):
+    one, other = light(one), light(other)
+    differ = sorted(name for name in one if one[name] != other.get(name))
+    assert one.keys() == other.keys() and not differ, (what, differ)
+
+
+def rays(folder):
+    with open(os.path.join(folder, "run.json")) as file:
+        relight = json.load(file)["relight"]
+    return relight["rays_replayed"], relight["rays_traced"]
+
+
+def kept_files(folder):
+    """The bytes of what is kept, by name; not the index, which names where it was kept."""
+    folder = os.path.join(folder, "transport")
+    return {name: open(os.path.join(folder, name), "rb").read() for name in os.listdir(folder) if name != "index"}
