@@ -12,7 +12,7 @@
 /* What is known of a bake before its surface points are. */
 struct kiln_backend_question {
     uint64_t triangles; /* in the world, instances expanded */
-    uint64_t points;    /* at most: texels of all lightmaps, covered or not */
+    uint64_t points;    /* estimated by the texels of all lightmaps, most of which are covered */
     double rays;        /* of light and probes, of all ranks */
     uint64_t threads;   /* of all ranks */
     uint32_t ranks;

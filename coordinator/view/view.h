@@ -25,6 +25,7 @@
 #ifndef KILN_COORDINATOR_VIEW_VIEW_H
 #define KILN_COORDINATOR_VIEW_VIEW_H
 
+#include <math.h>
 #include <jansson.h>
 
 #include "coordinator/field/field.h"
@@ -206,5 +207,16 @@ json_t *kiln_picture_json(const struct kiln_picture *picture, const struct kiln_
  * viewpoint and notes as PNG Description. */
 int kiln_picture_write(const char *directory, const char *name, const struct kiln_picture *picture,
                        const struct kiln_look *look, struct kiln_error *error);
+
+/* The side of a box along the axes, of six, that a surface with this normal faces: +x, -x, +y, -y, +z, -z. */
+static inline uint32_t kiln_view_side(struct kiln_vec3 normal)
+{
+    const float x = fabsf(normal.x), y = fabsf(normal.y), z = fabsf(normal.z);
+    if (x >= y && x >= z)
+        return normal.x > 0.0f ? 0 : 1;
+    if (y >= z)
+        return normal.y > 0.0f ? 2 : 3;
+    return normal.z > 0.0f ? 4 : 5;
+}
 
 #endif

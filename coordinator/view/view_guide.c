@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "coordinator/view/view.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 
@@ -64,17 +65,6 @@ void kiln_view_guides_destroy(struct kiln_view_guides **guides)
 
 /* ---- regions and cells ---- */
 
-/* The side, of six, that a surface faces. */
-static uint32_t side_of(struct kiln_vec3 n)
-{
-    const float x = fabsf(n.x), y = fabsf(n.y), z = fabsf(n.z);
-    if (x >= y && x >= z)
-        return n.x > 0.0f ? 0 : 1;
-    if (y >= z)
-        return n.y > 0.0f ? 2 : 3;
-    return n.z > 0.0f ? 4 : 5;
-}
-
 static struct kiln_particle_chance own_chance(const struct kiln_particle_chance *chance)
 {
     return (struct kiln_particle_chance){
@@ -100,7 +90,7 @@ uint32_t kiln_view_guides_region(const struct kiln_view_guides *guides, const st
     kiln_particle_draw(&own, KILN_PATH_LIGHT, &x, &y);
     kiln_particle_draw(&own, KILN_PATH_PICK, &z, &rest);
     const uint32_t cell = cell_of(guides, CELLS, place->position, dvec3(x, y, z));
-    return cell % (REGIONS / SIDES) * SIDES + side_of(vec3_scale(place->normal, place->hit.back ? -1.0f : 1.0f));
+    return cell % (REGIONS / SIDES) * SIDES + kiln_view_side(vec3_scale(place->normal, place->hit.back ? -1.0f : 1.0f));
 }
 
 /* ---- learning ---- */

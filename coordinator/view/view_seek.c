@@ -337,13 +337,7 @@ static uint64_t side_of(const struct kiln_geometry *g, uint64_t triangle)
 {
     struct kiln_vec3 c[3];
     kiln_geometry_corners(g, triangle, c);
-    const struct kiln_vec3 n = vec3_cross(vec3_sub(c[1], c[0]), vec3_sub(c[2], c[0]));
-    const float x = fabsf(n.x), y = fabsf(n.y), z = fabsf(n.z);
-    if (x >= y && x >= z)
-        return n.x > 0.0f ? 0 : 1;
-    if (y >= z)
-        return n.y > 0.0f ? 2 : 3;
-    return n.z > 0.0f ? 4 : 5;
+    return kiln_view_side(vec3_cross(vec3_sub(c[1], c[0]), vec3_sub(c[2], c[0])));
 }
 
 /* The item that a ray shows, and its weight. Items are told apart by a hash; a collision only lowers the entropy a
