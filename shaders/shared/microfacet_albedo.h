@@ -102,7 +102,7 @@ KILN_FUNCTION float kiln_interface_albedo(KILN_STRUCT kiln_interface s, float mu
          r +                                                                                                           \
      KILN_ACROSS_T(80 * (i)))
 
-/* As kiln_interface_lost, of two roughnesses: error 0.004. What is lost hangs on the roughness in the direction's own
+/* As kiln_interface_lost, of two roughnesses: error 0.006. What is lost hangs on the roughness in the direction's own
  * plane, `along`, and on both: light along smooth facets is thrown sideways by rough ones. */
 KILN_FUNCTION float kiln_across_lost(KILN_VECTOR w, float alpha_x, float alpha_y)
 {
