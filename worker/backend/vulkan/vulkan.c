@@ -219,6 +219,7 @@ static void clear(struct vulkan_backend *b)
         gpu_buffer_destroy(b->gpu, &b->slots[i].guides);
         gpu_buffer_destroy(b->gpu, &b->slots[i].guides_host);
     }
+    vulkan_bidirectional_release(b);
     vulkan_techniques_release(b);
     vulkan_rows_release(b);
     gpu_buffer_destroy(b->gpu, &b->row_lights);
@@ -530,6 +531,7 @@ static int vulkan_set_probes(struct kiln_backend *backend, const struct kiln_rad
 /* Brings lights and materials anew. Kernels stay, unless there are lights of a kind that they leave out. */
 static int upload_light(struct vulkan_backend *b, struct kiln_error *error)
 {
+    vulkan_bidirectional_release(b);
     vulkan_lights_destroy(b->gpu, &b->lights);
     vulkan_materials_destroy(b->gpu, &b->materials);
     int status =

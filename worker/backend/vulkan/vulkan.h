@@ -96,6 +96,8 @@ enum vulkan_pace {
     VULKAN_PACE_REPLAY,
     VULKAN_PACE_LIGHT_PATHS, /* kernels of the bidirectional pass */
     VULKAN_PACE_EYE_PATHS,
+    VULKAN_PACE_LIGHT_DIFFUSE,
+    VULKAN_PACE_EYE_DIFFUSE,
     VULKAN_PACE_EYE_ENDS,
     VULKAN_PACE_BURIED_ENDS,
     VULKAN_PACE_PATH_RAYS,
@@ -158,6 +160,7 @@ struct vulkan_backend {
     struct gpu_buffer direction_set;                      /* likewise: shaders/directions.glsl */
     struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
     struct gpu_pacer pacers[VULKAN_PACES];
+    struct both_run *both; /* what the bidirectional pass has made, for its next call; or NULL */
     double light_vertices; /* of a path of light that are kept, as far as is known: what there is room for */
     double build_seconds;
     char device_text[128]; /* the device and how it traces; stays when it is gone */
@@ -194,6 +197,9 @@ typedef int (*vulkan_run_left)(struct vulkan_backend *b, const void *parameters,
  * tile runs; chunks.h does the same for those that are. */
 int vulkan_run_to_end(struct vulkan_backend *b, vulkan_run_left run_left, const void *parameters,
                       const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
+
+/* Gives back what the bidirectional pass keeps from one call to the next. */
+void vulkan_bidirectional_release(struct vulkan_backend *b);
 
 /* Answers of pixels from their sums on the device; adds up their rays. KILN_NO_DEVICE: the device has ended a loop
  * early. */
