@@ -346,6 +346,14 @@ static int find_block(struct run *r, struct vulkan_block **block, struct kiln_er
     return status == KILN_OK ? vulkan_points_block(r->b->points, r->next, r->pass->states, 0, block, error) : status;
 }
 
+/* Rows of the chunk that a slice of time is enough for, by what is known by now. */
+static uint32_t rows_now(const struct run *r, const struct flight *flight)
+{
+    const double work = (double)gpu_pacer_next(&r->b->pacers[r->pass->pace], r->pass->first_guess),
+                 rows = work / (r->pass->work * flight->weight);
+    return rows < 1.0 ? 1 : rows > (double)r->pass->rows ? r->pass->rows : (uint32_t)rows;
+}
+
 /* Starts the next chunk in r->slot, which is free. */
 static int start(struct run *r, struct kiln_error *error)
 {
@@ -360,9 +368,11 @@ static int start(struct run *r, struct kiln_error *error)
     size_chunk(r, &points, &rows);
     take_tile_runs(r, block, points, flight);
     describe(r, block, flight, &chunk);
-    for (uint32_t row = 0; row < r->pass->rows && status == KILN_OK; row += rows) {
-        if (row != 0)
+    for (uint32_t row = 0; row < r->pass->rows && status == KILN_OK; row += chunk.row_count) {
+        if (row != 0) {
             status = wait_slot(r, r->slot, error);
+            rows = rows_now(r, flight);
+        }
         chunk.row_first = row;
         chunk.row_count = r->pass->rows - row < rows ? r->pass->rows - row : rows;
         chunk.last = row + chunk.row_count == r->pass->rows;
