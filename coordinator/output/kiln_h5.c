@@ -359,6 +359,13 @@ uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface
            (1 << 17);
 }
 
+size_t kiln_h5_columns(const struct kiln_field_set *fields)
+{
+    struct kiln_columns columns;
+    kiln_columns_make(&columns, fields, false, false);
+    return columns.count;
+}
+
 static uint64_t vertices_space(const struct kiln_vertex_light *v)
 {
     return v != NULL ? v->first[v->object_count] * 24 + v->object_count * 12 + (1 << 14) : 0;
@@ -376,7 +383,7 @@ int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_outpu
     int status = kiln_agree(result->communicator,
                             access.rank == 0 ? make_place(&access, params->directory, space, error) : KILN_OK, error);
     if (status == KILN_OK)
-        status = kiln_points_writer_create(&writer, result, params->ahead, error);
+        status = kiln_points_writer_create(&writer, result, params, error);
     if (status == KILN_OK)
         status = write_file(writer, result, params, &access, error);
     if (status == KILN_OK)

@@ -177,7 +177,7 @@ static void keep(struct kiln_points_writer *w, size_t slot, size_t bytes)
     uint64_t now;
 #pragma omp atomic capture
     now = w->kept_bytes += bytes;
-    if (w->ranks > 1 && now <= KILN_POINTS_KEPT_MOST &&
+    if (w->ranks > 1 && now <= w->kept_most &&
         kiln_allocate(&w->kept[part], bytes, 1, "packed points", NULL) == KILN_OK)
         memcpy(w->kept[part], w->packed + points_slot(w, slot), bytes);
 }
@@ -271,14 +271,15 @@ static int allocate(struct kiln_points_writer *w, struct kiln_error *error)
 }
 
 int kiln_points_writer_create(struct kiln_points_writer **writer, const struct kiln_bake_result *result,
-                              const struct kiln_points_ahead *ahead, struct kiln_error *error)
+                              const struct kiln_output_params *params, struct kiln_error *error)
 {
     int status =
         kiln_agree(result->communicator, kiln_allocate(writer, 1, sizeof **writer, "points to write", error), error);
     if (status == KILN_OK) {
         struct kiln_points_writer *w = *writer;
         w->result = result;
-        w->ahead = ahead;
+        w->ahead = params->ahead;
+        w->kept_most = params->kept > 0 ? params->kept : KILN_POINTS_KEPT_MOST;
         kiln_columns_of(&w->columns, result);
         w->total = kiln_columns_find(&w->columns, POINTS_TOTAL);
         w->chunk_rows = points_minimum(result->surface->point_count, KILN_H5_CHUNK_ROWS);

@@ -13,6 +13,7 @@
 
 #include "coordinator/output/columns.h"
 #include "coordinator/output/h5.h"
+#include "coordinator/output/output.h"
 #include "coordinator/output/points_ahead.h"
 
 struct kiln_points_writer;
@@ -20,10 +21,10 @@ struct kiln_points_writer;
 /* Bytes that a rank keeps at most of what it has packed; the only rank keeps none. */
 #define KILN_POINTS_KEPT_MOST (256ull << 20)
 
-/* Collective. Needs about 120 MB of memory at most, and then what is kept. `ahead`, which is stopped and may be NULL,
- * has chunks that this rank need not pack. */
+/* Collective. Needs about 120 MB of memory at most, and then what is kept. Of `params`, `ahead`, which is stopped and
+ * may be NULL, has chunks that this rank need not pack, and `kept` says how much it keeps. */
 int kiln_points_writer_create(struct kiln_points_writer **writer, const struct kiln_bake_result *result,
-                              const struct kiln_points_ahead *ahead, struct kiln_error *error);
+                              const struct kiln_output_params *params, struct kiln_error *error);
 void kiln_points_writer_destroy(struct kiln_points_writer **writer);
 
 /* Collective. `h5` is the open file of rank 0, in which the groups exist; other ranks pass NULL. `descriptor` opens

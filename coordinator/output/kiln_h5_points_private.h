@@ -27,7 +27,7 @@ struct kiln_points_writer {
     uint32_t *sizes;
     uint64_t *addresses;
     void **kept;
-    uint64_t kept_bytes;
+    uint64_t kept_bytes, kept_most;
 };
 
 static inline const struct kiln_column *points_column(const struct kiln_points_writer *w, size_t column)

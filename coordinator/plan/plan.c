@@ -19,6 +19,8 @@
 #include "coordinator/bake/transport_identity.h"
 #include "coordinator/bake/volume.h"
 #include "coordinator/export/export.h"
+#include "coordinator/output/output.h"
+#include "coordinator/output/points_ahead.h"
 #include "worker/base/memory.h"
 #include "worker/pass/probes.h"
 #include "worker/scene/radiosity.h"
@@ -45,11 +47,13 @@ static const double DENOISE_LIGHTMAP_DISK = 0.87, DENOISE_POINT_DISK = -4.0;
 
 static const double TAKE_POINT_SECONDS = 0.11e-6;    /* of one thread, in each pass: entered into results and sums */
 static const double LIGHTMAP_TEXEL_SECONDS = 0.9e-6; /* of one thread: filled, smoothed, compressed, read back */
-static const double H5_POINT_SECONDS = 0.85e-6;      /* of one rank: described, compressed, read back */
+static const double H5_POINT_SECONDS = 1.0e-6;       /* of one thread: described, compressed, written, read back */
 /* Of a lightmap in bands: rows of the bands above and below that a band denoises too (output/map/band_sight.h), and
  * bytes of a texel on its way there. */
 static const double SEEN_ROWS = 64.0, TEXEL_BYTES = 90.0;
-static const double H5_WRITER_POINT_SECONDS = 35e-9; /* of one rank alone: packed bytes taken in and written */
+static const double H5_PLACE_SECONDS = 3e-6;     /* of rank 0 alone: for a column of a chunk of kiln.h5 */
+static const double HASH_BYTE_SECONDS = 0.25e-9; /* of one thread: read from the system's cache and hashed */
+static const double START_SECONDS = 0.1;         /* until the scene is looked at: libraries, MPI, threads */
 /* s of one thread: by all of a rank's threads, by one */
 static const double PREVIEW_DRAWN = 0.6, PREVIEW_WRITTEN = 0.25;
 static const double COMPACT_BYTES = 4.0, FULL_BYTES = 8.0; /* of a point's radiosity on its way */
@@ -388,12 +392,27 @@ static double denoise_seconds(const struct kiln_job *job)
     return kiln_job_denoises(job) ? DENOISE_POINT_SECONDS : 0.0;
 }
 
+/* Of a point, of a rank with all its threads: its lightmaps, its part of kiln.h5, and their hashes. */
+static double written_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
+{
+    const double points = fmax(1.0, (double)plan->surface.points), texels = (double)plan->surface.texels / points,
+                 bytes = (double)(plan->lightmap_bytes + plan->h5_bytes) / points;
+    return (texels * LIGHTMAP_TEXEL_SECONDS + denoise_seconds(job) + H5_POINT_SECONDS + bytes * HASH_BYTE_SECONDS) /
+           p->threads;
+}
+
+/* Of a point, of rank 0 while the others wait: where its part of kiln.h5 belongs. */
+static double place_seconds(const struct kiln_job *job)
+{
+    const struct kiln_field_set fields = fields_of(job);
+    return H5_PLACE_SECONDS * (double)kiln_h5_columns(&fields) / KILN_H5_CHUNK_ROWS;
+}
+
 static double write_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
-    const double ranks = job->ranks / crowd(p, job);
-    return LIGHTMAP_TEXEL_SECONDS * (double)plan->surface.texels / p->threads / ranks +
-           denoise_seconds(job) * (double)plan->surface.points / p->threads / ranks +
-           H5_POINT_SECONDS * (double)plan->surface.points / ranks + preview_seconds(p, job);
+    const double points = (double)plan->surface.points;
+    return points * (written_seconds(plan, p, job) * crowd(p, job) / job->ranks + place_seconds(job)) +
+           preview_seconds(p, job);
 }
 
 /* Of a point, in the exchange after a bounce, when there are so many. */
@@ -517,8 +536,7 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
                                             const struct cells *cells, const struct timing *timing)
 {
     const struct kiln_plan_seconds *s = &plan->seconds;
-    const double together = crowd(p, job), points = fmax(1.0, (double)plan->surface.points),
-                 texel = (double)plan->surface.texels / points;
+    const double together = crowd(p, job), points = fmax(1.0, (double)plan->surface.points);
     const struct kiln_field_set fields = fields_of(job);
     const double surface =
         p->surface->count > 0 ? (double)rank_surface_bytes(p->surface, &fields) / (double)p->surface->count : 0.0;
@@ -539,17 +557,16 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
                   .bandwidth = job->node_bandwidth * 1e9,
                   .latency = job->node_latency * 1e-6},
         .density = job->points > 0 ? (double)job->points / points : 1.0,
-        .once = s->import + s->world + s->emission + preview_seconds(p, job),
+        .once = START_SECONDS + s->import + s->world + s->emission + preview_seconds(p, job),
         .find_a_point = s->surface * job->ranks / points,
         .map_a_point = MAP_POINT_SECONDS * together,
         .map_bytes = MAP_ENTRY_BYTES * (double)(p->surface->tile_count + p->surface->split_count) / points,
         .shared_a_point =
-            s->validity / fmax(1.0, (double)plan->surface.points_max) +
-            together * (H5_POINT_SECONDS + (texel * LIGHTMAP_TEXEL_SECONDS + denoise_seconds(job)) / p->threads),
+            s->validity / fmax(1.0, (double)plan->surface.points_max) + together * written_seconds(plan, p, job),
         .shared = (timing->probe * (double)plan->probes + plan->landing.probes + timing->views) * together,
         .seen_a_row = (denoise_seconds(job) / p->threads + TEXEL_BYTES / (job->node_bandwidth * 1e9)) * SEEN_ROWS,
         .largest_map = (double)kiln_largest_lightmap(p->scene),
-        .alone_a_point = H5_WRITER_POINT_SECONDS,
+        .alone_a_point = place_seconds(job),
         .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),
         .exchanges = plan->bounces + 1};
     for (uint32_t k = 0; k < KILN_COST_KINDS_MAX; k++)
