@@ -80,10 +80,11 @@ static json_t *roles_json(const struct kiln_roles *roles, const double values[KI
 /* The imbalance of the ranks' work. */
 static json_t *balance_json(const struct kiln_roles *roles, const struct kiln_simulated_light *light)
 {
-    return json_pack("{s:f, s:f, s:i, s:f, s:f, s:o, s:o, s:o}", "imbalance", light->imbalance, "imbalance_kept",
-                     light->kept, "repartitions", (int)light->repartitions, "move_seconds", light->move, "points_most",
-                     light->points_most, "seconds", roles_json(roles, light->seconds), "first_pass",
-                     roles_json(roles, light->first), "last_pass", roles_json(roles, light->last));
+    return json_pack("{s:f, s:f, s:f, s:i, s:f, s:f, s:o, s:o, s:o}", "imbalance", light->imbalance, "trial_seconds",
+                     light->trial, "imbalance_kept", light->kept, "repartitions", (int)light->repartitions,
+                     "move_seconds", light->move, "points_most", light->points_most, "seconds",
+                     roles_json(roles, light->seconds), "first_pass", roles_json(roles, light->first), "last_pass",
+                     roles_json(roles, light->last));
 }
 
 static json_t *curve_json(const struct kiln_roles *roles, const struct kiln_scaled *curve, size_t count)

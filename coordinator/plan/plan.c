@@ -51,6 +51,8 @@ static const double H5_POINT_SECONDS = 1.0e-6;       /* of one thread: described
 /* Of a lightmap in bands: rows of the bands above and below that a band denoises too (output/map/band_sight.h), and
  * bytes of a texel on its way there. */
 static const double SEEN_ROWS = 64.0, TEXEL_BYTES = 90.0;
+/* the part of it that is packed while light is computed: a gain where devices compute, else it takes their time */
+static const double H5_EARLY = 0.3;
 static const double H5_PLACE_SECONDS = 3e-6;     /* of rank 0 alone: for a column of a chunk of kiln.h5 */
 static const double HASH_BYTE_SECONDS = 0.25e-9; /* of one thread: read from the system's cache and hashed */
 static const double START_SECONDS = 0.1;         /* until the scene is looked at: libraries, MPI, threads */
@@ -379,6 +381,18 @@ static double phase_seconds(const struct kiln_phases *phases, const char *name)
     return 0.0;
 }
 
+/* Of a phase that computes on processors alone, of so many threads at least: not more than they worked, so that other
+ * programs do not count. */
+static double worked_seconds(const struct kiln_phases *phases, const char *name, const struct kiln_prepared *p,
+                             uint32_t threads)
+{
+    const double seconds = phase_seconds(phases, name);
+    for (size_t i = 0; i < phases->count && !on_device(p); i++)
+        if (strcmp(phases->name[i], name) == 0 && phases->processor[i] > 0.0)
+            return fmin(seconds, phases->processor[i] / threads);
+    return seconds;
+}
+
 /* Ranks of a node share its cores, unless their threads were said; each has a GPU of its own. */
 static double crowd(const struct kiln_prepared *p, const struct kiln_job *job)
 {
@@ -396,9 +410,9 @@ static double denoise_seconds(const struct kiln_job *job)
 static double written_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
     const double points = fmax(1.0, (double)plan->surface.points), texels = (double)plan->surface.texels / points,
-                 bytes = (double)(plan->lightmap_bytes + plan->h5_bytes) / points;
-    return (texels * LIGHTMAP_TEXEL_SECONDS + denoise_seconds(job) + H5_POINT_SECONDS + bytes * HASH_BYTE_SECONDS) /
-           p->threads;
+                 bytes = (double)(plan->lightmap_bytes + plan->h5_bytes) / points,
+                 h5 = H5_POINT_SECONDS * (on_device(p) ? 1.0 - H5_EARLY : 1.0);
+    return (texels * LIGHTMAP_TEXEL_SECONDS + denoise_seconds(job) + h5 + bytes * HASH_BYTE_SECONDS) / p->threads;
 }
 
 /* Of a point, of rank 0 while the others wait: where its part of kiln.h5 belongs. */
@@ -435,10 +449,10 @@ static void plan_before_and_after(struct kiln_plan *plan, const struct kiln_prep
     struct kiln_plan_seconds *s = &plan->seconds;
     const double together = crowd(p, job), ranks = (double)job->ranks;
     s->import = phase_seconds(phases, "import");
-    s->world = phase_seconds(phases, "scene and BVH") * together;
-    s->surface = phase_seconds(phases, "surface points") * together / ranks;
+    s->world = worked_seconds(phases, "scene and BVH", p, 1) * together;
+    s->surface = worked_seconds(phases, "surface points", p, 1) * together / ranks;
     if (plan->surface.points > 0)
-        s->validity = phase_seconds(phases, "validity") * (double)plan->surface.points_max * together /
+        s->validity = worked_seconds(phases, "validity", p, p->threads) * (double)plan->surface.points_max * together /
                       (double)plan->surface.points;
     s->emission = timing->emission * together;
     s->views = timing->views * together / ranks;
@@ -530,6 +544,38 @@ static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *
     return status;
 }
 
+static double mean_cost(const struct cells *cells, uint32_t kind)
+{
+    double cost = 0.0, points = 0.0;
+    for (size_t i = 0; i < cells->count; i++) {
+        cost += cells->cost[kind][i] * (double)cells->points[i];
+        points += (double)cells->points[i];
+    }
+    return points > 0.0 ? cost / points : 0.0;
+}
+
+/* Steps of one pass cost more where others of it do, but samples were taken of tile runs of their own: the kinds of a
+ * pass get the mean of what they say of each cell, over the mean of all cells. What they cost in all stays. */
+static void share_patterns(const struct kiln_planned_steps *steps, const struct cells *cells)
+{
+    double mean[KILN_COST_KINDS_MAX], share[KILN_COST_KINDS_MAX];
+    for (uint32_t k = 0; k < steps->kind_count; k++)
+        mean[k] = mean_cost(cells, k);
+    for (size_t i = 0; i < cells->count; i++) {
+        for (uint32_t k = 0; k < steps->kind_count; k++) {
+            double sum = 0.0, kinds = 0.0;
+            for (uint32_t l = 0; l < steps->kind_count; l++)
+                if (steps->kinds[l].pass == steps->kinds[k].pass && mean[l] > 0.0) {
+                    sum += cells->cost[l][i] / mean[l];
+                    kinds += 1.0;
+                }
+            share[k] = kinds > 0.0 ? sum / kinds : 0.0;
+        }
+        for (uint32_t k = 0; k < steps->kind_count; k++)
+            cells->cost[k][i] = mean[k] * share[k];
+    }
+}
+
 /* Everything that grows with the points does so in proportion. */
 static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const struct kiln_prepared *p,
                                             const struct kiln_job *job, const struct kiln_integrate_settings *settings,
@@ -582,6 +628,7 @@ static int simulate(struct kiln_plan *plan, const struct kiln_prepared *p, const
     struct cells cells = {0};
     int status = fill_cells(plan, p, job, &cells, error);
     if (status == KILN_OK) {
+        share_patterns(&plan->steps, &cells);
         struct kiln_simulation simulation = simulation_of(plan, p, job, &settings, &cells, timing);
         const double density = simulation.density, bytes = simulation.radiosity_bytes;
         simulation.density = 1.0;
