@@ -251,6 +251,17 @@ static int learn_starts(struct kiln_points_writer *w, struct kiln_error *error)
     return kiln_agree(w->result->communicator, status, error);
 }
 
+/* The most parts of a rank other than the first. */
+static uint64_t most_parts(const struct kiln_points_writer *w)
+{
+    uint64_t most = 0;
+    for (int r = 1; r < w->ranks; r++) {
+        const uint64_t parts = points_parts(w, r);
+        most = parts > most ? parts : most;
+    }
+    return most;
+}
+
 static int allocate(struct kiln_points_writer *w, struct kiln_error *error)
 {
     const uint64_t parts = points_parts(w, w->rank), own = points_minimum(parts / w->columns.count, w->at_once);
@@ -267,7 +278,14 @@ static int allocate(struct kiln_points_writer *w, struct kiln_error *error)
         status = kiln_allocate(&w->sizes, parts, sizeof *w->sizes, "packed points", error);
     if (status == KILN_OK)
         status = kiln_allocate(&w->addresses, parts, sizeof *w->addresses, "packed points", error);
-    return status == KILN_OK ? kiln_allocate(&w->kept, parts, sizeof *w->kept, "packed points", error) : status;
+    if (status == KILN_OK)
+        status = kiln_allocate(&w->kept, parts, sizeof *w->kept, "packed points", error);
+    const uint64_t theirs = w->rank == 0 ? most_parts(w) : 0;
+    if (status == KILN_OK)
+        status = kiln_allocate(&w->their_sizes, theirs, sizeof *w->their_sizes, "sizes of packed points", error);
+    return status == KILN_OK ? kiln_allocate(&w->their_addresses, theirs, sizeof *w->their_addresses,
+                                             "places of packed points", error)
+                             : status;
 }
 
 int kiln_points_writer_create(struct kiln_points_writer **writer, const struct kiln_bake_result *result,
@@ -312,6 +330,8 @@ void kiln_points_writer_destroy(struct kiln_points_writer **writer)
     kiln_free(&w->kept);
     kiln_free(&w->sizes);
     kiln_free(&w->addresses);
+    kiln_free(&w->their_sizes);
+    kiln_free(&w->their_addresses);
     kiln_rows_free(&w->rows);
     kiln_rows_free(&w->tail);
     kiln_free(&w->starts);

@@ -28,6 +28,9 @@ struct kiln_points_writer {
     uint64_t *addresses;
     void **kept;
     uint64_t kept_bytes, kept_most;
+    /* rank 0: sizes and addresses of another rank's parts, one rank after the other */
+    uint32_t *their_sizes;
+    uint64_t *their_addresses;
 };
 
 static inline const struct kiln_column *points_column(const struct kiln_points_writer *w, size_t column)

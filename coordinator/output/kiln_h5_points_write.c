@@ -66,29 +66,19 @@ static int place_parts(struct kiln_points_writer *w, uint64_t first, uint64_t ch
     return status;
 }
 
-static uint64_t most_parts(const struct kiln_points_writer *w)
-{
-    uint64_t most = 0;
-    for (int r = 1; r < w->ranks; r++) {
-        const uint64_t parts = points_parts(w, r);
-        most = parts > most ? parts : most;
-    }
-    return most;
-}
-
 /* Rank 0, for one other rank: takes the sizes of its parts and sends their places, also after a failure. */
-static int place_for(struct kiln_points_writer *w, int rank, int status, uint32_t *sizes, uint64_t *addresses,
-                     struct kiln_error *error)
+static int place_for(struct kiln_points_writer *w, int rank, int status, struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
     const uint64_t parts = points_parts(w, rank);
     if (parts == 0)
         return status;
-    if (MPI_Recv(sizes, (int)parts, MPI_UINT32_T, rank, TAG_SIZES, comm, MPI_STATUS_IGNORE) != MPI_SUCCESS)
+    if (MPI_Recv(w->their_sizes, (int)parts, MPI_UINT32_T, rank, TAG_SIZES, comm, MPI_STATUS_IGNORE) != MPI_SUCCESS)
         return points_mpi_failed(error);
     if (status == KILN_OK)
-        status = place_parts(w, points_first_chunk(w, rank), parts / w->columns.count, sizes, addresses, error);
-    return MPI_Send(addresses, (int)parts, MPI_UINT64_T, rank, TAG_ADDRESSES, comm) == MPI_SUCCESS
+        status = place_parts(w, points_first_chunk(w, rank), parts / w->columns.count, w->their_sizes,
+                             w->their_addresses, error);
+    return MPI_Send(w->their_addresses, (int)parts, MPI_UINT64_T, rank, TAG_ADDRESSES, comm) == MPI_SUCCESS
                ? status
                : points_mpi_failed(error);
 }
@@ -96,19 +86,9 @@ static int place_for(struct kiln_points_writer *w, int rank, int status, uint32_
 /* Rank 0, for all ranks in their order: so the places are the same however many there are. */
 static int place_for_all(struct kiln_points_writer *w, struct kiln_error *error)
 {
-    uint32_t *sizes = NULL;
-    uint64_t *addresses = NULL;
-    const uint64_t most = most_parts(w);
-    int status = kiln_allocate(&sizes, most, sizeof *sizes, "sizes of packed points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&addresses, most, sizeof *addresses, "places of packed points", error);
-    if (status == KILN_OK) {
-        status = place_parts(w, 0, points_first_chunk(w, 1), w->sizes, w->addresses, error);
-        for (int r = 1; r < w->ranks; r++)
-            status = place_for(w, r, status, sizes, addresses, error);
-    }
-    kiln_free(&sizes);
-    kiln_free(&addresses);
+    int status = place_parts(w, 0, points_first_chunk(w, 1), w->sizes, w->addresses, error);
+    for (int r = 1; r < w->ranks; r++)
+        status = place_for(w, r, status, error);
     return status;
 }
 
