@@ -53,14 +53,29 @@ static int try_stretch(struct trial *t, size_t first, size_t end, struct kiln_er
     return status;
 }
 
+/* Until all are tried, or the bake is to stop. */
 static int try_all(struct trial *t, struct kiln_error *error)
 {
     const size_t count = t->params->surface->tile_run_count;
+    const struct kiln_stop *stop = kiln_control_stop(t->params->control);
     int status = KILN_OK;
-    for (size_t first = 0, end; status == KILN_OK && first < count; first = end) {
+    for (size_t first = 0, end; status == KILN_OK && first < count && !kiln_stop_asked(stop); first = end) {
         end = stretch_end(t->params->surface, first);
         status = try_stretch(t, first, end, error);
     }
+    return status;
+}
+
+/* Collective. Waits for the slowest rank; *stopped: some rank did not try all. */
+static int end_trial(const struct trial *t, int status, int *stopped, struct kiln_error *error)
+{
+    struct kiln_control *control = t->params->control;
+    *stopped = kiln_stop_asked(kiln_control_stop(control));
+    kiln_control_meet(control);
+    kiln_control_blocking(control, "trying what points cost", 0.0);
+    status = kiln_agree(t->params->communicator, status, error);
+    (void)MPI_Allreduce(MPI_IN_PLACE, stopped, 1, MPI_INT, MPI_MAX, t->params->communicator);
+    kiln_control_blocking(control, NULL, 0.0);
     return status;
 }
 
@@ -72,10 +87,9 @@ int kiln_trial_run(const struct kiln_integrate_params *p, struct kiln_solution *
     const double start = MPI_Wtime();
     if (!is_due(&t))
         return KILN_OK;
-    kiln_control_blocking(p->control, "trying what points cost", 60.0);
-    int status = kiln_agree(p->communicator, try_all(&t, error), error);
-    kiln_control_blocking(p->control, NULL, 0.0);
-    if (status == KILN_OK)
+    int stopped;
+    int status = end_trial(&t, try_all(&t, error), &stopped, error);
+    if (status == KILN_OK && stopped == 0)
         status = kiln_repartition_by_trial(p, solution, first, &report->trial, error);
     report->trial_seconds = MPI_Wtime() - start;
     kiln_trace_add(p->trace, KILN_TRACE_PASS, "trial of points", start, start + report->trial_seconds,

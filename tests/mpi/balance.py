@@ -110,7 +110,7 @@ def try_cuts(checks, kiln, scene):
 
 
 def try_trial(checks, kiln, scene):
-    """Before the first pass a few tile runs are tried: the slow rank has fewer points from then on, and all bits stay."""
+    """Before the first pass a few tile runs are tried: the slow rank has fewer points from then on, all bits stay."""
     slow(1, 5)
     options = (*SMALL, '--schedule', 'equal', '--bounces', 1, '--samples-probe', 0, '--shared-memory-ranks', 1)
     alone = kiln.bake(scene, *options, timeout=120)
