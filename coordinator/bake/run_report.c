@@ -561,6 +561,14 @@ static json_t *ranks_json(const struct kiln_run *run, const uint64_t *values, in
     return per_rank;
 }
 
+/* What was tried before the first step; null: nothing. */
+static json_t *trial_json(const struct kiln_integrate_report *t)
+{
+    return t->trial_seconds > 0.0
+               ? json_pack("{s:f, s:o}", "seconds", t->trial_seconds, "rebalance", rebalance_json(&t->trial))
+               : json_null();
+}
+
 static json_t *balance_json(const struct kiln_run *run, const uint64_t *values)
 {
     const struct kiln_surface_report *s = &run->prepared->surface_report;
@@ -568,10 +576,11 @@ static json_t *balance_json(const struct kiln_run *run, const uint64_t *values)
     json_t *stolen =
         json_pack("{s:b, s:o, s:o}", "on", run->solution->report.steals_work, "from_rank",
                   ranks_json(run, values, RANK_STOLEN_FROM), "by_rank", ranks_json(run, values, RANK_STOLEN_BY));
-    return json_pack("{s:s, s:f, s:I, s:I, s:f, s:o, s:o}", "partition",
+    return json_pack("{s:s, s:f, s:I, s:I, s:f, s:o, s:o, s:o}", "partition",
                      run->job->partition_objects ? "objects" : "cells", "point_imbalance", s->imbalance,
                      "cells_occupied", (json_int_t)s->cells_occupied, "cells_total", (json_int_t)s->cells_total,
-                     "cell_size", s->cell_size, "points_per_rank", per_rank, "stolen_points", stolen);
+                     "cell_size", s->cell_size, "points_per_rank", per_rank, "stolen_points", stolen, "trial",
+                     trial_json(&run->solution->report));
 }
 
 /* Memory of each node that Slurm gives this job, bytes; 0: not a Slurm job, or no memory was requested. */
