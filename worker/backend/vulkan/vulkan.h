@@ -31,6 +31,8 @@
 #include "worker/pass/path.h"
 #include "worker/store/store.h"
 
+#include "shaders/shared/push.h"
+#include "shaders/shared/rows.h"
 #include "shaders/shared/slices.h"
 
 /* A shader and its variants; those that do not exist are NULL. Ray tracing kernels have a pipeline variant. */
@@ -85,6 +87,16 @@ struct vulkan_resident {
     uint64_t key; /* which rows these are */
     struct gpu_buffer words;
     uint8_t *there; /* of each own tile run */
+};
+
+/* Light that stays on the device (held.h). */
+struct vulkan_held {
+    uint32_t count; /* lights; 0: nothing is held */
+    struct kiln_gpu_held layout;
+    struct gpu_buffer root, points, lights, sums, errors, parts, powers, bytes;
+    struct gpu_buffer radiosity[2]; /* that is gathered from, and made; in turn */
+    struct gpu_buffer albedo[KILN_ROW_LIGHTS];
+    const struct kiln_surface *surface; /* whose points these are; NULL: there are none yet */
 };
 
 #define VULKAN_USUAL_SCRATCH (512ull << 20) /* bytes */
@@ -154,6 +166,8 @@ struct vulkan_backend {
     struct vulkan_techniques techniques; /* of the pass under way, where it is land or weighed */
     struct vulkan_resident *resident;
     size_t resident_count, resident_room;
+    struct vulkan_held held;
+    uint64_t returned;            /* bytes of answers so far */
     struct gpu_buffer row_lights; /* radiosity that is not the backend's, of the pass under way; else of one before */
     struct gpu_buffer direction_set;                      /* likewise: shaders/directions.glsl */
     struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
