@@ -17,14 +17,23 @@ const uint INCIDENT = 0u, REFLECTED = 3u, SENT = 6u, ESCAPED = 9u, BLOCKED = 12u
 
 shared int64_t high[THREADS * POWERS], low[THREADS * POWERS];
 
-/* kiln_exact_add */
+/* kiln_exact_add: the whole number of units next to 0, by the double's own bits, since conversions to 64 bits are not the
+ * same on all devices. */
 void set_power(uint k, double value, double per_unit)
 {
     precise const double steps = value * per_unit;
-    precise const double whole = trunc(steps * 9.094947017729282379150390625e-13LF); /* 2^-40 */
+    const uvec2 words = unpackDouble2x32(steps);
+    const int exponent = int(words.y >> 20 & 0x7ffu) - 1075;
+    uint64_t digits = packUint2x32(uvec2(words.x, words.y & 0xfffffu | 0x100000u));
+    if (exponent < 0)
+        digits = exponent > -53 ? digits >> -exponent : 0ul;
+    const int up = max(exponent, 0), down = max(40 - up, 0);
+    const uint64_t above = up > 40 ? digits << (up - 40) : digits >> down;
+    const uint64_t below = (digits & ((1ul << down) - 1ul)) << min(up, 40);
     const uint at = gl_LocalInvocationID.x * POWERS + k;
-    high[at] = int64_t(whole);
-    low[at] = int64_t(steps - whole * 1099511627776.0LF);
+    const bool negative = words.y >> 31 != 0u;
+    high[at] = negative ? -int64_t(above) : int64_t(above);
+    low[at] = negative ? -int64_t(below) : int64_t(below);
 }
 
 /* kiln_mean: what doubles say of a quotient of floats is near enough for its rounding. */
