@@ -6,8 +6,8 @@
 
 vec3 kiln_radiosity_unpack(uvec2 packed)
 {
-    return uintBitsToFloat(uvec3(kiln_radiosity_red(packed.x), kiln_radiosity_green(packed.x, packed.y),
-                                 kiln_radiosity_blue(packed.y)));
+    return uintBitsToFloat(
+        uvec3(kiln_radiosity_red(packed.x), kiln_radiosity_green(packed.x, packed.y), kiln_radiosity_blue(packed.y)));
 }
 
 #endif

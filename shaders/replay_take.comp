@@ -17,8 +17,8 @@ const uint INCIDENT = 0u, REFLECTED = 3u, SENT = 6u, ESCAPED = 9u, BLOCKED = 12u
 
 shared int64_t high[THREADS * POWERS], low[THREADS * POWERS];
 
-/* kiln_exact_add: the whole number of units next to 0, by the double's own bits, since conversions to 64 bits are not the
- * same on all devices. */
+/* kiln_exact_add: the whole number of units next to 0, by the double's own bits, since conversions to 64 bits are not
+ * the same on all devices. */
 void set_power(uint k, double value, double per_unit)
 {
     precise const double steps = value * per_unit;
@@ -66,7 +66,8 @@ void take(kiln_gpu_held held, uint64_t own, bool valid, kiln_gpu_result r)
 {
     const kiln_gpu_held_light about = HeldLights(held.lights).at[light];
     const kiln_gpu_held_point p = HeldPoints(held.of_point + own * 16ul).at[0];
-    const uint64_t at = uint64_t(light) * held.points + own, pair = (own * uint64_t(held.count) + uint64_t(light)) * 8ul;
+    const uint64_t at = uint64_t(light) * held.points + own,
+                   pair = (own * uint64_t(held.count) + uint64_t(light)) * 8ul;
     HeldFloats sum = HeldFloats(held.sums + at * 12ul);
     precise vec3 incident = vec3(0.0), albedo, radiosity;
     for (uint c = 0u; c < 3u; c++) {

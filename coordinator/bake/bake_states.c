@@ -46,7 +46,7 @@ struct engine {
     struct kiln_resident *resident;
     struct kiln_states *states;
     struct kiln_state_lights *lights;
-    bool whole; /* states are computed whole, one at a time: there are none of the three above */
+    bool whole;                     /* states are computed whole, one at a time: there are none of the three above */
     struct kiln_solution *solution; /* then: of the last one */
     struct kiln_state_scene base;
     struct kiln_scene before; /* the scene as it was prepared: its pointers */
@@ -209,10 +209,11 @@ static int check_colours(const struct engine *e, const struct one *one, struct k
         const struct kiln_material *before = &e->base.materials[i], *with = &one->scene.materials[i];
         if (memcmp(before->base_color, with->base_color, sizeof before->base_color) != 0 &&
             kiln_transport_keeps_colour(e->b->job, p, i))
-            return kiln_fail(error, KILN_BAD_INPUT,
-                             "kept rays go on from surfaces of material '%.100s', or pass them, and its colour is among "
-                             "what was kept: bake again, or leave its albedo",
-                             kiln_scene_string(p->scene, before->name));
+            return kiln_fail(
+                error, KILN_BAD_INPUT,
+                "kept rays go on from surfaces of material '%.100s', or pass them, and its colour is among "
+                "what was kept: bake again, or leave its albedo",
+                kiln_scene_string(p->scene, before->name));
     }
     return KILN_OK;
 }

@@ -455,8 +455,8 @@ static int gather(struct kiln_states *st, struct flock *flock, struct kiln_error
         for (size_t i = 0; i < flock->count; i++)
             st->wanted[f] |= wants(flock->of[i], f);
     }
-    int status = kiln_resident_step(st->resident, flock->of[0]->solution, &flock->of[0]->step, st->wanted, &flock->rows,
-                                    error);
+    int status =
+        kiln_resident_step(st->resident, flock->of[0]->solution, &flock->of[0]->step, st->wanted, &flock->rows, error);
     if (status == KILN_OK && kiln_backend_replays(p->backend))
         return replay(st, flock, error);
     if (status == KILN_OK)

@@ -117,8 +117,8 @@ static int fetch(struct kiln_states *st, struct kiln_error *error)
     int status = KILN_OK;
     for (size_t i = 0; i < st->active && status == KILN_OK; i++) {
         const struct kiln_rank_data *own = st->slots[i].solution->own;
-        status = kiln_backend_hold_fetch(st->params->backend, (uint32_t)i, own->sum, own->error, own->error_indirect,
-                                         error);
+        status =
+            kiln_backend_hold_fetch(st->params->backend, (uint32_t)i, own->sum, own->error, own->error_indirect, error);
     }
     return status;
 }

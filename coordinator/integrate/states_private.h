@@ -25,20 +25,20 @@ struct kiln_states {
     struct kiln_resident *resident;
     struct kiln_state_slot *slots;
     size_t width, active;
-    bool may_hold; /* light may stay on a device */
-    bool holds;    /* it does: that of all active states, which no host has */
+    bool may_hold;             /* light may stay on a device */
+    bool holds;                /* it does: that of all active states, which no host has */
     struct kiln_held_step how; /* of the step under way */
-    float *light;    /* of the states that gather together: resident_rows.h */
-    uint8_t *wanted; /* of each own tile run: a state asks for it */
+    float *light;              /* of the states that gather together: resident_rows.h */
+    uint8_t *wanted;           /* of each own tile run: a state asks for it */
 };
 
 /* ---- light that stays on a device (worker/pass/held.h): states_held.c ---- */
 
-/* Begins the next step of all active states where a device does it with light that it holds, or will from now on. False:
- * the host does it. */
+/* Begins the next step of all active states where a device does it with light that it holds, or will from now on.
+ * False: the host does it. */
 int kiln_states_hold(struct kiln_states *states, bool *held, struct kiln_error *error);
-/* The step that was begun. After the last of its kind the host has the light again. KILN_NO_DEVICE: what the device held
- * is lost. */
+/* The step that was begun. After the last of its kind the host has the light again. KILN_NO_DEVICE: what the device
+ * held is lost. */
 int kiln_states_run_held(struct kiln_states *states, struct kiln_error *error);
 
 #endif

@@ -31,14 +31,14 @@ struct kiln_gpu_held {
     KILN_ADDRESS errors;   /* words, likewise: packed errors of all light, and of indirect light in the upper half */
     KILN_ADDRESS of_point; /* struct kiln_gpu_held_point each */
     KILN_ADDRESS lights;   /* struct kiln_gpu_held_light each */
-    KILN_ADDRESS parts;    /* sums of power of workgroup g under light l: from (g * count + l) * KILN_GPU_HELD_POWERS on */
-    KILN_ADDRESS powers;   /* of all: of light l from l * KILN_GPU_HELD_POWERS on; then a word: an answer is not good */
+    KILN_ADDRESS parts; /* sums of power of workgroup g under light l: from (g * count + l) * KILN_GPU_HELD_POWERS on */
+    KILN_ADDRESS powers; /* of all: of light l from l * KILN_GPU_HELD_POWERS on; then a word: an answer is not good */
     KILN_WORD64 points;
-    KILN_WORD count;    /* lights */
-    KILN_WORD final;    /* answers are the light; else what they send is added to it, and gathered from next */
-    KILN_WORD compact;  /* that is rounded to 4 bytes */
-    KILN_WORD stream;   /* for rounding, */
-    KILN_WORD seed;     /* and of the 4 bytes */
+    KILN_WORD count;   /* lights */
+    KILN_WORD final;   /* answers are the light; else what they send is added to it, and gathered from next */
+    KILN_WORD compact; /* that is rounded to 4 bytes */
+    KILN_WORD stream;  /* for rounding, */
+    KILN_WORD seed;    /* and of the 4 bytes */
     KILN_WORD reserved;
 };
 KILN_SIZE_IS(kiln_gpu_held, 96);

@@ -95,6 +95,8 @@ with tempfile.TemporaryDirectory() as top:
     done("relight", at("kept"), at("noon.yaml"), "-o", at("noon"))
     same(at("plain"), os.path.join(at("states"), "same"), "the state of nothing changed")
     same(at("noon"), os.path.join(at("states"), "noon"), "a state against a relit bake")
+    done("relight", at("kept"), "--listen", "-o", at("live"), ranks=3, lines="{}\n" + json.dumps(states["noon"]))
+    same(at("noon"), at("live"), "a line on 3 ranks, after another")
     with open(os.path.join(at("states"), "states.json")) as file:
         told = json.load(file)
     assert (told["rays_read"], told["rays_traced"]) == (2 * counted, 0), told

@@ -247,8 +247,7 @@ int kiln_backend_hold(struct kiln_backend *backend, const struct kiln_held *begi
 /* One step of all lights: the gather from the rows, as kiln_backend_replay, over all tile runs. The batch has no taker.
  * `powers`: KILN_HELD_POWERS of each light. */
 int kiln_backend_hold_step(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
-                           const struct kiln_held_step *step, struct kiln_held_power *powers,
-                           struct kiln_error *error);
+                           const struct kiln_held_step *step, struct kiln_held_power *powers, struct kiln_error *error);
 /* After a final step: the light of each point, and its errors; NULL: not wanted. */
 int kiln_backend_hold_fetch(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
                             uint16_t *error_indirect, struct kiln_error *error);

@@ -22,8 +22,8 @@ _Static_assert(sizeof(struct kiln_held_power) == sizeof(struct kiln_gpu_held_pow
 void vulkan_held_release(struct vulkan_backend *b)
 {
     struct vulkan_held *h = &b->held;
-    struct gpu_buffer *const all[] = {&h->root,   &h->points, &h->lights, &h->sums,         &h->errors,
-                                      &h->parts,  &h->powers, &h->bytes,  &h->radiosity[0], &h->radiosity[1]};
+    struct gpu_buffer *const all[] = {&h->root,  &h->points, &h->lights, &h->sums,         &h->errors,
+                                      &h->parts, &h->powers, &h->bytes,  &h->radiosity[0], &h->radiosity[1]};
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         gpu_buffer_destroy(b->gpu, all[i]);
     for (size_t i = 0; i < KILN_ROW_LIGHTS; i++)
@@ -43,9 +43,15 @@ int vulkan_held_fail(struct vulkan_backend *b, int status, struct kiln_error *er
 
 /* ---- room ---- */
 
-static size_t powers_bytes(uint32_t count) { return (size_t)count * KILN_GPU_HELD_POWERS * sizeof(struct kiln_gpu_held_power); }
+static size_t powers_bytes(uint32_t count)
+{
+    return (size_t)count * KILN_GPU_HELD_POWERS * sizeof(struct kiln_gpu_held_power);
+}
 
-static size_t groups_most(uint64_t points) { return (size_t)((points < CHUNK_MOST ? points : CHUNK_MOST) + GROUP) / GROUP; }
+static size_t groups_most(uint64_t points)
+{
+    return (size_t)((points < CHUNK_MOST ? points : CHUNK_MOST) + GROUP) / GROUP;
+}
 
 /* Bytes of all but the albedo, about. */
 static uint64_t room_for(uint64_t points, uint32_t count)
@@ -73,7 +79,8 @@ static int make_room(struct vulkan_backend *b, uint32_t count, struct kiln_error
                  {&h->radiosity[1], all * sizeof(uint64_t)}};
     int status = KILN_OK;
     for (size_t i = 0; i < sizeof rooms / sizeof *rooms && status == KILN_OK; i++)
-        status = vulkan_grow_buffer(b, rooms[i].buffer, rooms[i].bytes, GPU_DEVICE, "light that stays on the device", error);
+        status =
+            vulkan_grow_buffer(b, rooms[i].buffer, rooms[i].bytes, GPU_DEVICE, "light that stays on the device", error);
     h->layout = (struct kiln_gpu_held){.from = h->radiosity[0].address,
                                        .to = h->radiosity[1].address,
                                        .sums = h->sums.address,
@@ -93,8 +100,7 @@ static void describe(const struct vulkan_backend *b, size_t tile_run, struct kil
 {
     const struct kiln_surface *s = b->surface;
     const struct kiln_tile_run *f = &s->tile_runs[tile_run];
-    const bool counts =
-        (b->params.scene->objects[kiln_map_object(s, f->map)].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
+    const bool counts = (b->params.scene->objects[kiln_map_object(s, f->map)].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
     struct kiln_own_point own = kiln_own_of_global(s, f->first);
     for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++) {
         const double area = counts && kiln_point_valid(s, own) ? kiln_lit_area(s, own, 1.0f) : 0.0;
