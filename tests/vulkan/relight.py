@@ -4,7 +4,8 @@ A room with a lamp, a smooth ball and a pane with holes, and a sky about it. Kep
 changed, and colours changed, a relight has the bits of the device's bake, and traces no ray: from a file in small
 pieces, with little memory and after the device was lost; and as one of several states, from rows that stay on the
 device, where their light stays too: what returns is 16 bytes a point and sums of power. On two ranks the host takes
-answers over: the same bits and powers. Either backend replays the rows of the other: the same light but for rounding. A damaged row is told of.
+answers over: the same bits and powers. Either backend replays the rows of the other: the same light but for rounding.
+A damaged row is told of.
 """
 import json
 import os
@@ -21,6 +22,7 @@ import same_result  # noqa: E402
 OPTIONS = ('--texels-per-metre', 4, '--samples-direct', 16, '--samples-bounce', 16, '--samples-indirect', 64,
            '--samples-probe', 0, '--materials', 'diffuse', '--no-export', '--denoise', 'none', '--bounces', 2)
 WALL = {'materials': {'wall': {'albedo': [0.3, 0.6, 0.7]}}}
+POWERS = ('absorbed', 'escaped', 'blocked', 'left_over', 'residual')
 STATES = {'same': {}, 'wall': WALL, 'dim': {'materials': {'glow': {'emission-scale': 0.5}}}}
 SMALL = ('--dispatch-time', 1, '--device-memory', 0.26)
 
@@ -87,11 +89,14 @@ def check_states(kiln, checks, kept, wanted, colours):
     is_as(checks, device['wall'], colours, 'the state of other colours')
     for name in STATES:
         is_as(checks, host[name], same_result.points(device[name]), 'the state %s, taken over by the host' % name)
-        checks.that(host[name].run['energy'] == device[name].run['energy'], 'powers of the state %s' % name)
+        ours, theirs = device[name].run['energy'], host[name].run['energy']
+        checks.that(all(ours[key] == theirs[key] for key in POWERS), 'powers of the state %s: %s, by the host %s' %
+                    (name, ours, theirs))
     points, kernels = kept.run['points']['count'], device['dim'].run['backend']['kernels']
     checks.that('gather from rows: taken over' in kernels, 'the host has taken answers over: %s' % kernels)
     least = 16 * points * len(STATES)
-    checks.that(least <= returned < least + 10000 < all_of_it, 'returned: %d, by the host %d; %d points' %
+    once = 2 * 68 * points  # the first time that rays of each bounce are looked up, all that hangs on no light returns
+    checks.that(least <= returned < least + once + 10000 < all_of_it, 'returned: %d, by one rank of two %d; %d points' %
                 (returned, all_of_it, points))
 
 
