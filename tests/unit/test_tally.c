@@ -53,7 +53,7 @@ static void agree(uint32_t count, uint32_t seed, bool sends, double size, double
         kiln_tally_note(&run, &p.point, &p.mean);
     }
     kiln_tally_add_run(&run, unit, &together, &together_run);
-    assert_true(alone.sums[KILN_SUM_INCIDENT].value != 0);
+    assert_true(count < 32 || alone.sums[KILN_SUM_INCIDENT].value != 0);
     assert_memory_equal(&alone, &together, sizeof alone);
     assert_memory_equal(&alone_run.reflected, &together_run.reflected, sizeof alone_run.reflected);
     assert_memory_equal(&alone_run.variance, &together_run.variance, sizeof alone_run.variance);
