@@ -4,9 +4,10 @@
  * occlusion.c, directional.c, path.c, radiance.c, guided.c, land.c, weighed.c, patches.c, bidirectional.c (with
  * bidirectional_stages.c). The others: vulkan.c (life of the backend, kernels, closest hits), surfaces.c (of the scene,
  * what paths and chains ask for), chunks.c (running a pass over tile runs in chunks), hemisphere.c (what passes that
- * sample the hemisphere over points have in common), points.c (surface points on the device), lights.c, materials.c and
- * techniques.c (the scene on the device), bvh.c, acceleration.c and tracer.c (what finds hits), layout.h (what C and
- * the shaders share). gpu/ is Vulkan for compute and knows no light.
+ * sample the hemisphere over points have in common), points.c (surface points on the device), kept_rows.c and held.c
+ * (kept rows, and light that stays with them), lights.c, materials.c and techniques.c (the scene on the device), bvh.c,
+ * acceleration.c and tracer.c (what finds hits), layout.h (what C and the shaders share). gpu/ is Vulkan for compute
+ * and knows no light.
  *
  * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of
  * all points, and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one
