@@ -91,13 +91,18 @@ static uint64_t add_texture(uint64_t hash, const struct kiln_scene *scene, uint3
     return add(hash, scene->texels + t->first, 4 * (size_t)t->width * t->height);
 }
 
+static bool is_gone_on_from(const struct kiln_scene *scene, uint32_t material)
+{
+    const struct kiln_material *m = &scene->materials[material];
+    return kiln_gloss_taken(scene, material) != NULL || m->transmission > 0.0f || m->alpha_mode != KILN_ALPHA_OPAQUE;
+}
+
 /* What of a material says where a ray goes on to, and how much it brings from there; 0: it ends there. */
 static uint64_t gloss_of(const struct kiln_scene *scene, uint32_t material)
 {
     const struct kiln_material *m = &scene->materials[material];
     const struct kiln_gloss *gloss = kiln_gloss_taken(scene, material);
-    const bool passes = m->transmission > 0.0f || m->alpha_mode != KILN_ALPHA_OPAQUE;
-    if (gloss == NULL && !passes)
+    if (!is_gone_on_from(scene, material))
         return 0;
     uint64_t hash = add(1, m->base_color, sizeof m->base_color);
     hash = add(hash, &m->transmission, sizeof m->transmission);
@@ -196,6 +201,11 @@ static json_t *objects_json(const struct kiln_scene *s, const struct kiln_geomet
 bool kiln_transport_goes_on(const struct kiln_job *job, const struct kiln_prepared *p)
 {
     return (kiln_job_takes_gloss(job) && p->scene->taken != NULL) || p->geometry->passage >= KILN_PASSAGE_TINT;
+}
+
+bool kiln_transport_keeps_colour(const struct kiln_job *job, const struct kiln_prepared *p, uint32_t material)
+{
+    return kiln_transport_goes_on(job, p) && is_gone_on_from(p->scene, material);
 }
 
 json_t *kiln_transport_identity(const struct kiln_job *job, const struct kiln_prepared *p)

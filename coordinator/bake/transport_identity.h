@@ -7,6 +7,8 @@
 
 /* Whether rays of the scene go on from mirrors, gloss or glass, or are tinted by what they pass through. */
 bool kiln_transport_goes_on(const struct kiln_job *job, const struct kiln_prepared *prepared);
+/* Whether rays go on from surfaces of the material, whose colour is of the transport then. */
+bool kiln_transport_keeps_colour(const struct kiln_job *job, const struct kiln_prepared *prepared, uint32_t material);
 
 /* A JSON object: numbers of the surface, and of each object hashes of its place, shape, lightmap layout and sides (with
  * opacity, and of what rays go on from). Release with json_decref. NULL if memory is short. Not collective; reads all

@@ -16,6 +16,7 @@
 #include "worker/base/device.h"
 #include "worker/base/kernel_store.h"
 #include "worker/base/stop.h"
+#include "worker/pass/held.h"
 #include "worker/pass/pass.h"
 #include "worker/scene/scene.h"
 #include "worker/scene/geometry.h"
@@ -102,6 +103,7 @@ struct kiln_backend_info {
     size_t memory;    /* bytes held by the backend itself (its BVH and copies) */
     double build_seconds;
     double device_seconds; /* that a device was busy with kernels and copies so far; 0: it has no clock of its own */
+    uint64_t returned;     /* bytes of answers of passes over points that it has handed to the host so far */
     /* processor time of the direct and gather passes so far, summed over threads, without waiting for each other; 0: a
      * device does the work */
     double thread_seconds;
@@ -155,6 +157,12 @@ struct kiln_backend_api {
     /* NULL: the caller does it */
     int (*replay)(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights, size_t count,
                   const struct kiln_batch *batch, struct kiln_error *error);
+    /* NULL: light does not stay here */
+    int (*hold)(struct kiln_backend *backend, const struct kiln_held *begin, bool *held, struct kiln_error *error);
+    int (*hold_step)(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
+                     const struct kiln_held_step *step, struct kiln_held_power *powers, struct kiln_error *error);
+    int (*hold_fetch)(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
+                      uint16_t *error_indirect, struct kiln_error *error);
 };
 
 /* The first member of each backend's own struct. */
@@ -229,6 +237,20 @@ static inline bool kiln_backend_replays(const struct kiln_backend *backend) { re
  * packed. The batch's taker gets `count` results a point, side by side, each with the bits of the gather pass. */
 int kiln_backend_replay(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights,
                         size_t count, const struct kiln_batch *batch, struct kiln_error *error);
+/* Whether light may stay here at all (worker/pass/held.h). */
+static inline bool kiln_backend_holds(const struct kiln_backend *backend) { return backend->api->hold != NULL; }
+/* Light that stays on the device. Brings what it begins with, in the place of what was there;
+ * *held false: it does not stay here, for there is no room, say. After a failure what was held is lost; KILN_NO_DEVICE:
+ * other calls may go on. */
+int kiln_backend_hold(struct kiln_backend *backend, const struct kiln_held *begin, bool *held,
+                      struct kiln_error *error);
+/* One step of all lights: the gather from the rows, as kiln_backend_replay, over all tile runs. The batch has no taker.
+ * `powers`: KILN_HELD_POWERS of each light. */
+int kiln_backend_hold_step(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
+                           const struct kiln_held_step *step, struct kiln_held_power *powers, struct kiln_error *error);
+/* After a final step: the light of each point, and its errors; NULL: not wanted. */
+int kiln_backend_hold_fetch(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
+                            uint16_t *error_indirect, struct kiln_error *error);
 /* Traces about `samples` particles from the lights: made on the host, in batches, in the same way for every backend
  * (emission.c). */
 int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result,

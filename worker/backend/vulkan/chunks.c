@@ -320,13 +320,14 @@ static int submit_portion(struct run *r, struct vulkan_chunk *chunk, struct flig
     int status = r->pass->record(r->pass->context, chunk, &recording, error);
     if (status != KILN_OK)
         return status;
-    if (chunk->last)
-        recording.steps[recording.count++] = (struct gpu_step){
-            .aside = true,
-            .from = &slot->answers,
-            .to = &slot->host,
-            .from_offset = chunk->results - slot->answers.address,
-            .size = flight->total * (r->pass->wants_words ? answer_bytes(r->pass) : r->pass->result_bytes)};
+    const size_t size = flight->total * (r->pass->wants_words ? answer_bytes(r->pass) : r->pass->result_bytes);
+    r->b->returned += chunk->last ? size : 0;
+    if (chunk->last && size > 0)
+        recording.steps[recording.count++] = (struct gpu_step){.aside = true,
+                                                               .from = &slot->answers,
+                                                               .to = &slot->host,
+                                                               .from_offset = chunk->results - slot->answers.address,
+                                                               .size = size};
     flight->work = r->pass->work * flight->weight * (double)chunk->row_count;
     return gpu_submit(r->b->gpu, r->slot, recording.steps, recording.count, error);
 }
@@ -427,7 +428,8 @@ int vulkan_run_in_chunks(struct vulkan_backend *b, const struct vulkan_chunked *
                     .end = batch->first + batch->count,
                     .taken = batch->first};
     int status = run_left(&r, error);
-    while (status != KILN_OK && !r.refused && vulkan_can_recover(b) && (status = vulkan_recover(b, error)) == KILN_OK) {
+    while (status != KILN_OK && !r.refused && !pass->holds && vulkan_can_recover(b) &&
+           (status = vulkan_recover(b, error)) == KILN_OK) {
         r.next = r.taken; /* what was handed over is not done again */
         status = run_left(&r, error);
     }

@@ -6,7 +6,7 @@
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 
-enum { POINTS_AT_ONCE = 1 << 16 };
+enum { POINTS_AT_ONCE = 1 << 16, GROUP = 64 /* threads of a workgroup */ };
 
 struct hemisphere {
     struct vulkan_backend *b;
@@ -14,6 +14,7 @@ struct hemisphere {
     const struct kiln_batch *batch;
     struct gpu_kernel *whole, *reduce;
     struct gpu_kernel *between; /* NULL: none */
+    struct gpu_kernel *powers;  /* likewise */
     struct gpu_kernel *buried;  /* made when there is a point for it: it takes its time */
     struct kiln_slices slices;
     uint64_t rays;
@@ -72,30 +73,49 @@ static size_t slice_bytes(const struct hemisphere *h)
     return (size_t)4 * h->slices.per_quarter * h->slices.split * h->pass->floats * sizeof(float);
 }
 
+/* The sums of answers under lights, all in one dispatch. */
+static void record_lights(const struct hemisphere *h, const struct vulkan_chunk *chunk,
+                          struct vulkan_recording *recording)
+{
+    const struct kiln_surface *s = h->b->surface;
+    const uint32_t lights = lights_of(h);
+    const struct kiln_gpu_replay_reduce_push push = {
+        .scene = h->b->scene.address,
+        .chunk = chunk->all,
+        .slices = chunk->scratch,
+        .results = h->pass->held != 0 ? h->pass->held : chunk->results,
+        .first = kiln_own_of_global(s, s->tile_runs[chunk->tile_run_first].first).at,
+        .samples = h->batch->samples,
+        .per_quarter = h->slices.per_quarter,
+        .split = h->slices.split,
+        .lights = lights,
+        .light_bytes = (uint64_t)chunk->all.total * slice_bytes(h)};
+    const struct kiln_gpu_held_push powers = {
+        .scene = push.scene, .held = h->pass->held, .groups = (chunk->all.total + GROUP - 1) / GROUP};
+    vulkan_record(recording, h->reduce, chunk->all.total, lights, &push, sizeof push);
+    if (h->pass->held != 0)
+        vulkan_record(recording, h->powers, GROUP * KILN_GPU_HELD_POWERS, lights, &powers, sizeof powers);
+}
+
 static void record_sums(const struct hemisphere *h, const struct vulkan_chunk *chunk,
                         struct vulkan_recording *recording)
 {
-    struct kiln_gpu_guided_reduce_push push = {.scene = h->b->scene.address,
-                                               .chunk = chunk->all,
-                                               .slices = chunk->scratch,
-                                               .results = chunk->results,
-                                               .rays = chunk->words,
-                                               .samples = h->batch->samples,
-                                               .per_quarter = h->slices.per_quarter,
-                                               .split = h->slices.split,
-                                               .stride = lights_of(h),
-                                               .guided = h->b->slots[chunk->slot].guides.address};
+    const struct kiln_gpu_guided_reduce_push push = {.scene = h->b->scene.address,
+                                                     .chunk = chunk->all,
+                                                     .slices = chunk->scratch,
+                                                     .results = chunk->results,
+                                                     .rays = chunk->words,
+                                                     .samples = h->batch->samples,
+                                                     .per_quarter = h->slices.per_quarter,
+                                                     .split = h->slices.split,
+                                                     .guided = h->b->slots[chunk->slot].guides.address};
     _Static_assert(offsetof(struct kiln_gpu_guided_reduce_push, guided) ==
                        sizeof(struct kiln_gpu_hemisphere_reduce_push),
                    "they begin the same");
     const size_t bytes = h->pass->bring != NULL ? sizeof push : sizeof(struct kiln_gpu_hemisphere_reduce_push);
     if (h->between != NULL)
         vulkan_record(recording, h->between, chunk->all.total, 1, &push, bytes);
-    for (uint32_t l = 0; l < lights_of(h); l++) {
-        vulkan_record(recording, h->reduce, chunk->all.total, 1, &push, bytes);
-        push.slices += (uint64_t)chunk->all.total * slice_bytes(h);
-        push.results += sizeof(struct kiln_gpu_result);
-    }
+    vulkan_record(recording, h->reduce, chunk->all.total, 1, &push, bytes);
 }
 
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
@@ -122,7 +142,9 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
         {h->buried, chunk->buried.count, chunk->row_count * h->slices.split, &buried},
         {h->whole, chunk->all.count, chunk->row_count, &push}};
     vulkan_record_both(recording, both, sizeof push.shared + pass->own_bytes);
-    if (chunk->last)
+    if (chunk->last && pass->lights > 0)
+        record_lights(h, chunk, recording);
+    else if (chunk->last)
         record_sums(h, chunk, recording);
     return KILN_OK;
 }
@@ -183,6 +205,8 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
     struct hemisphere *h = context;
     const struct kiln_batch *batch = h->batch;
     const char *from = results;
+    if (h->pass->held != 0)
+        return KILN_OK;
     int status = h->pass->lengthen != NULL
                      ? kiln_grow(&h->b->results, &h->b->result_room,
                                  (POINTS_AT_ONCE + KILN_TILE_TEXELS) * h->pass->pass->result_bytes, 1,
@@ -213,6 +237,8 @@ static int prepare(void *context, struct kiln_error *error)
         status = vulkan_kernel_of(h->b, pass->shader, false, pass->constant, &h->whole, error);
     if (status == KILN_OK)
         status = vulkan_kernel_of(h->b, pass->sums, false, pass->sums_constant, &h->reduce, error);
+    if (status == KILN_OK && pass->powers != NULL)
+        status = vulkan_kernel_of(h->b, pass->powers, false, 0, &h->powers, error);
     if (status == KILN_OK && pass->prepare != NULL)
         status = pass->prepare(h->b, pass->context, error);
     if (status == KILN_OK && pass->between != NULL)
@@ -240,7 +266,8 @@ int vulkan_hemisphere_run(struct vulkan_backend *b, const struct vulkan_hemisphe
     const struct vulkan_chunked chunked = {.pass = pass->pass,
                                            .pace = pass->pace,
                                            .states = true,
-                                           .result_bytes = result_bytes(pass) * lights_of(&h),
+                                           .result_bytes = pass->held != 0 ? 0 : result_bytes(pass) * lights_of(&h),
+                                           .holds = pass->held != 0,
                                            .failed_offset = pass->failed_offset,
                                            .rows = rows,
                                            .work = (double)batch->samples / rows,

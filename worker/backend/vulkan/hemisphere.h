@@ -37,7 +37,13 @@ struct vulkan_hemisphere {
     /* Bytes of each point of the batch's tile runs, in order, whose address is the second of its own push constants;
      * kernels get that of the chunk's first point. 0: there are none. */
     size_t point_bytes;
-    uint32_t lights; /* under which each point has an answer: they lie side by side, and `sums` runs for each; 0: one */
+    /* The gather pass from rows: under so many lights each point has an answer. They lie side by side, and `sums` takes
+     * struct kiln_gpu_replay_reduce_push. 0: it is another pass */
+    uint32_t lights;
+    /* and where light stays on the device (held.h): the address of struct kiln_gpu_held. Nothing is handed to the host;
+     * the last kernel runs on what the workgroups of `sums` have left. 0: answers are */
+    uint64_t held;
+    const struct vulkan_shader *powers;
     /* The first kernel leaves `kept_words` words for each point, whose address stands in the place of the second of the
      * pass's own push constants; `take_words` gets those of the tile runs whose results the batch's taker gets next. */
     uint32_t kept_words;

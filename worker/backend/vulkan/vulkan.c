@@ -7,6 +7,7 @@
 #include <time.h>
 
 #include "shaders/shared/chain.h"
+#include "worker/backend/vulkan/held.h"
 #include "worker/backend/vulkan/kept_rows.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
@@ -222,6 +223,7 @@ static void clear(struct vulkan_backend *b)
     vulkan_bidirectional_release(b);
     vulkan_techniques_release(b);
     vulkan_rows_release(b);
+    vulkan_held_release(b);
     gpu_buffer_destroy(b->gpu, &b->row_lights);
     gpu_buffer_destroy(b->gpu, &b->direction_set);
     gpu_buffer_destroy(b->gpu, &b->patches);
@@ -381,6 +383,7 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
                                        .memory = b->gpu != NULL ? gpu_memory_used(b->gpu) : 0,
                                        .build_seconds = b->build_seconds,
                                        .device_seconds = b->busy_before + clock.busy,
+                                       .returned = b->returned,
                                        .recoveries = b->recoveries,
                                        .take_threads = b->threads};
     (void)snprintf(info->device, sizeof info->device, "%s", b->device_text);
@@ -687,4 +690,7 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .ceiling = vulkan_ceiling,
     .change_light = vulkan_change_light,
     .replay = vulkan_replay,
+    .hold = vulkan_hold,
+    .hold_step = vulkan_hold_step,
+    .hold_fetch = vulkan_hold_fetch,
 };

@@ -4,9 +4,10 @@
  * occlusion.c, directional.c, path.c, radiance.c, guided.c, land.c, weighed.c, patches.c, bidirectional.c (with
  * bidirectional_stages.c). The others: vulkan.c (life of the backend, kernels, closest hits), surfaces.c (of the scene,
  * what paths and chains ask for), chunks.c (running a pass over tile runs in chunks), hemisphere.c (what passes that
- * sample the hemisphere over points have in common), points.c (surface points on the device), lights.c, materials.c and
- * techniques.c (the scene on the device), bvh.c, acceleration.c and tracer.c (what finds hits), layout.h (what C and
- * the shaders share). gpu/ is Vulkan for compute and knows no light.
+ * sample the hemisphere over points have in common), points.c (surface points on the device), kept_rows.c and held.c
+ * (kept rows, and light that stays with them), lights.c, materials.c and techniques.c (the scene on the device), bvh.c,
+ * acceleration.c and tracer.c (what finds hits), layout.h (what C and the shaders share). gpu/ is Vulkan for compute
+ * and knows no light.
  *
  * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of
  * all points, and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one
@@ -31,6 +32,8 @@
 #include "worker/pass/path.h"
 #include "worker/store/store.h"
 
+#include "shaders/shared/push.h"
+#include "shaders/shared/rows.h"
 #include "shaders/shared/slices.h"
 
 /* A shader and its variants; those that do not exist are NULL. Ray tracing kernels have a pipeline variant. */
@@ -85,6 +88,16 @@ struct vulkan_resident {
     uint64_t key; /* which rows these are */
     struct gpu_buffer words;
     uint8_t *there; /* of each own tile run */
+};
+
+/* Light that stays on the device (held.h). */
+struct vulkan_held {
+    uint32_t count; /* lights; 0: nothing is held */
+    struct kiln_gpu_held layout;
+    struct gpu_buffer root, points, lights, sums, errors, parts, powers, bytes;
+    struct gpu_buffer radiosity[2]; /* that is gathered from, and made; in turn */
+    struct gpu_buffer albedo[KILN_ROW_LIGHTS];
+    const struct kiln_surface *surface; /* whose points these are; NULL: there are none yet */
 };
 
 #define VULKAN_USUAL_SCRATCH (512ull << 20) /* bytes */
@@ -156,6 +169,8 @@ struct vulkan_backend {
     struct vulkan_techniques techniques; /* of the pass under way, where it is land or weighed */
     struct vulkan_resident *resident;
     size_t resident_count, resident_room;
+    struct vulkan_held held;
+    uint64_t returned;            /* bytes of answers so far */
     struct gpu_buffer row_lights; /* radiosity that is not the backend's, of the pass under way; else of one before */
     struct gpu_buffer direction_set;                      /* likewise: shaders/directions.glsl */
     struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
