@@ -7,23 +7,22 @@
 #include <string.h>
 
 #include "worker/backend/embree/frame.h"
-#include "worker/backend/embree/patch_factors.h"
+#include "worker/backend/embree/patch_ray.h"
 #include "worker/backend/embree/tile_runs.h"
 #include "worker/base/memory.h"
+#include "worker/pass/link_factors.h"
 #include "worker/sampling/keys.h"
 
 #define NEAREST 2.0       /* radii from which a node may be linked to */
 #define LEAST_FACTOR 1e-3 /* over the square of the error: nodes below are left out */
 #define FLAT 1e-5         /* what of a cosine is rounding */
-#define FLAT_NODE 0.1     /* bend of nodes that count as flat */
 #define ALIKE 0.5         /* cosine between normals of points that share a ray */
 #define TOGETHER 1.25     /* texels, over the points in a row: how far apart those are */
-#define RECTANGLE 3.1     /* the square of how far a rectangle's sides are, in standard deviations: 3, and rounding */
 #define LEAST_OPENED 8.0  /* links are opened to so many-th of the error that is asked for */
 /* What light that varies over a node is off by, over the radii in its distance times the deviation. */
 #define SPREAD 1.5
 
-enum { DRAWS = 4, STACK = 512 };
+enum { STACK = 512 };
 
 /* What the pass's threads share. */
 struct links_job {
@@ -106,119 +105,11 @@ static void fail(struct links_job *job, int status, const struct kiln_error *err
     }
 }
 
-/* ---- factors ---- */
-
-/* How a point sees a node. */
-struct node_view {
-    struct kiln_dvec3 d;
-    double square, distance, other; /* other: -d about the node's normal */
-    double height, reach;           /* the highest that it may stand over the point's horizon; and the point over its */
-    bool whole;                     /* all of it is above the horizon and faces the point */
-};
-
-/* The covariance of the node's surface times a vector. */
-static struct kiln_dvec3 covariance_times(const struct kiln_link_node *node, struct kiln_dvec3 v)
-{
-    const float *c = node->covariance;
-    return dvec3((double)c[0] * v.x + (double)c[3] * v.y + (double)c[4] * v.z,
-                 (double)c[3] * v.x + (double)c[1] * v.y + (double)c[5] * v.z,
-                 (double)c[4] * v.x + (double)c[5] * v.y + (double)c[2] * v.z);
-}
-
-/* Whether a node whose centre stands so high over a plane with this normal lies above it: as a ball, or, where it is
- * flat, as the rectangle that has its covariance. */
-static bool is_above(const struct kiln_link_node *node, struct kiln_dvec3 n, double height)
-{
-    const double radius = (double)node->radius;
-    if (height >= radius || height <= 0.0)
-        return height >= radius;
-    return node->bend < FLAT_NODE && height * height >= RECTANGLE * dvec3_dot(n, covariance_times(node, n));
-}
-
-static struct node_view view_of(const struct links_work *w, uint32_t bit, const struct kiln_link_node *node)
-{
-    const struct kiln_dvec3 n = w->receiver[bit].n, d = dvec3_sub(dvec3_of(node->centre), w->at[bit]);
-    struct node_view v = {.d = d, .square = dvec3_dot(d, d), .other = -dvec3_dot(dvec3_of(node->normal), d)};
-    v.distance = sqrt(v.square);
-    const double radius = (double)node->radius, height = dvec3_dot(n, d),
-                 off = (double)node->height + (double)node->bend * (v.distance + radius);
-    v.height = height + radius;
-    v.reach = v.other + off;
-    v.whole = v.other >= off && is_above(node, n, height);
-    return v;
-}
-
-/* n.d / |d|^4, in the mean over the node's surface, over |d|^-4 at its centre: to the second order. That of a
- * disc that faces the point is (1 + x)^-2, x half of what it is less by to that order. */
-static double mean_height(const struct kiln_link_node *node, struct kiln_dvec3 n, const struct node_view *v)
-{
-    const float *c = node->covariance;
-    const struct kiln_dvec3 d = v->d, along = covariance_times(node, d);
-    const double height = dvec3_dot(n, d), trace = (double)c[0] + (double)c[1] + (double)c[2],
-                 more = (12.0 * dvec3_dot(d, along) / v->square - 2.0 * trace) / v->square,
-                 stretched = more < 0.0 ? 1.0 / ((1.0 - 0.5 * more) * (1.0 - 0.5 * more)) : 1.0 + more;
-    return fmax(0.0, height * stretched - 4.0 * dvec3_dot(n, along) / v->square);
-}
-
-/* The point of the node that the view of the point at `bit` is taken by: its place in the tree's order. A sequence
- * over the points' numbers, by the golden ratio; points of less area than others are taken less often. */
-static uint32_t choose(const struct links_work *w, uint32_t bit, const struct kiln_link_node *node, uint32_t number)
-{
-    const struct kiln_links_parameters *p = w->job->p;
-    const uint32_t hash = kiln_hash1(number);
-    double u = (double)hash * 0x1p-32 + (double)w->patch[bit]->number * 0.61803398874989485;
-    uint32_t k = node->first;
-    for (uint32_t draw = 0; draw < DRAWS; draw++) {
-        u -= floor(u);
-        k = node->first + (uint32_t)(u * (double)node->count);
-        const double chance = (double)kiln_hash2(hash + draw, w->patch[bit]->number) * 0x1p-32;
-        if (chance * (double)node->most_area < (double)p->points[p->order[k]].area)
-            break;
-        u += 0.75487766624669276;
-    }
-    return k;
-}
-
-/* Of the surface of a patch with this area in the place of its own. False: one does not see the other. */
-static bool patch_factors_of(const struct patch_receiver *receiver, struct kiln_dvec3 at, const struct kiln_patch *from,
-                             double area, struct patch_factors *f)
-{
-    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(from->centre), at);
-    const double cosine = dvec3_dot(receiver->n, d), other = -dvec3_dot(dvec3_of(from->normal), d),
-                 square = dvec3_dot(d, d);
-    if (!(cosine > 0.0 && other > 0.0))
-        return false;
-    if (area > 0.0) {
-        const double far = area * other / (KILN_PI * square * square);
-        *f = (struct patch_factors){far * cosine, far * fmax(0.0, dvec3_dot(receiver->s, d))};
-    } else {
-        *f = patch_factors(receiver, from, d, square, cosine, other);
-    }
-    return true;
-}
-
 /* F of a link of the point at `bit`; *v: how it sees the node, which is not whole where it is a point. */
-static struct patch_factors link_factors(const struct links_work *w, uint32_t bit, uint32_t to, struct node_view *v)
+static struct patch_factors link_factors(const struct links_work *w, uint32_t bit, uint32_t to,
+                                         struct kiln_node_view *v)
 {
-    const struct kiln_links_parameters *p = w->job->p;
-    const struct patch_receiver *receiver = &w->receiver[bit];
-    struct patch_factors f = {0.0, 0.0};
-    if ((to & KILN_LINK_LEAF) != 0) {
-        v->whole = false;
-        (void)patch_factors_of(receiver, w->at[bit], &p->points[p->order[to & ~KILN_LINK_LEAF]], 0.0, &f);
-        return f;
-    }
-    const struct kiln_link_node *node = &p->nodes[to];
-    *v = view_of(w, bit, node);
-    if (v->whole) {
-        const double far = (double)node->area * v->other / (KILN_PI * v->square * v->square);
-        f.factor = far * mean_height(node, receiver->n, v);
-        f.shading = receiver->smooth ? far * mean_height(node, receiver->s, v) : f.factor;
-    } else {
-        const struct kiln_patch *from = &p->points[p->order[choose(w, bit, node, to)]];
-        (void)patch_factors_of(receiver, w->at[bit], from, (double)node->area, &f);
-    }
-    return f;
+    return kiln_link_factors(w->job->p, &w->receiver[bit], w->at[bit], w->patch[bit]->number, to, v);
 }
 
 /* ---- finding links ---- */
@@ -228,7 +119,7 @@ enum link_choice { LINK_NONE, LINK_OPEN, LINK_STANDS, LINK_STANDS_WHOLE };
 /* What the point at `bit` does with a node. */
 static enum link_choice judge(const struct links_work *w, uint32_t bit, const struct kiln_link_node *node)
 {
-    const struct node_view v = view_of(w, bit, node);
+    const struct kiln_node_view v = kiln_node_view_of(node, w->receiver[bit].n, w->at[bit]);
     const double square_error = w->error * w->error, radius = (double)node->radius;
     if (!(v.height > 0.0 && v.reach > FLAT * (v.distance + radius)))
         return LINK_NONE;
@@ -293,8 +184,9 @@ static int ask(struct links_work *w, const struct embree_backend *b, struct embr
     const struct kiln_links_parameters *p = w->job->p;
     const uint32_t to = w->found.to[link];
     const bool leaf = (to & KILN_LINK_LEAF) != 0;
-    const uint32_t k = leaf ? to & ~KILN_LINK_LEAF : choose(w, bit, &p->nodes[to], to);
-    const struct kiln_patch *own = w->patch[bit], *other = &p->points[p->order[k]];
+    const struct kiln_patch *own = w->patch[bit];
+    const uint32_t k = leaf ? to & ~KILN_LINK_LEAF : kiln_link_choose(p, &p->nodes[to], to, own->number);
+    const struct kiln_patch *other = &p->points[p->order[k]];
     const struct kiln_dvec3 d = dvec3_sub(dvec3_of(other->centre), w->at[bit]);
     const bool first = own->number < other->number;
     if (!(dvec3_dot(w->receiver[bit].n, d) > 0.0 && dvec3_dot(dvec3_of(other->normal), d) < 0.0))
@@ -566,7 +458,7 @@ static struct kiln_link_light light_of(const struct links_work *w, uint32_t to)
 }
 
 /* What a link does to the error of the point at `bit`; q: the variance of what it sees. */
-static void add_variance(struct links_work *w, uint32_t bit, uint32_t to, const struct node_view *v, double factor,
+static void add_variance(struct links_work *w, uint32_t bit, uint32_t to, const struct kiln_node_view *v, double factor,
                          double seen, double q)
 {
     const struct kiln_links_parameters *p = w->job->p;
@@ -585,7 +477,7 @@ static void add_link(struct links_work *w, uint32_t bit, uint32_t to, const floa
 {
     const struct kiln_links_parameters *p = w->job->p;
     const float *radiosity = (to & KILN_LINK_LEAF) != 0 ? p->leaf_radiosity[to & ~KILN_LINK_LEAF] : p->radiosity[to];
-    struct node_view v;
+    struct kiln_node_view v;
     const struct patch_factors f = link_factors(w, bit, to, &v);
     const double seen = ((double)through[0] + (double)through[1] + (double)through[2]) / 3.0;
     w->row[bit] += f.factor * seen;
@@ -600,7 +492,7 @@ static void add_link(struct links_work *w, uint32_t bit, uint32_t to, const floa
 /* A link by which the point at `bit` sees nothing, though some beside it do. */
 static void add_unseen(struct links_work *w, uint32_t bit, uint32_t to, double q)
 {
-    struct node_view v;
+    struct kiln_node_view v;
     const double factor = link_factors(w, bit, to, &v).factor;
     add_variance(w, bit, to, &v, factor, 0.0, q);
 }
