@@ -34,11 +34,10 @@ static inline struct kiln_dvec3 kiln_node_covariance_times(const struct kiln_lin
  * flat, as the rectangle that has its covariance. */
 static inline bool kiln_node_is_above(const struct kiln_link_node *node, struct kiln_dvec3 n, double height)
 {
-    const double radius = (double)node->radius;
-    if (height >= radius || height <= 0.0)
-        return height >= radius;
-    return node->bend < KILN_NODE_FLAT &&
-           height * height >= KILN_NODE_RECTANGLE * dvec3_dot(n, kiln_node_covariance_times(node, n));
+    const double radius = (double)node->radius,
+                 least = KILN_NODE_RECTANGLE * dvec3_dot(n, kiln_node_covariance_times(node, n));
+    const bool flat = node->bend < KILN_NODE_FLAT;
+    return (height >= radius) | (flat & (height > 0.0) & (height * height >= least));
 }
 
 /* How a point at `at` with the normal n sees the node. */
@@ -52,7 +51,7 @@ static inline struct kiln_node_view kiln_node_view_of(const struct kiln_link_nod
                  off = (double)node->height + (double)node->bend * (v.distance + radius);
     v.height = height + radius;
     v.reach = v.other + off;
-    v.whole = v.other >= off && kiln_node_is_above(node, n, height);
+    v.whole = (v.other >= off) & kiln_node_is_above(node, n, height);
     return v;
 }
 
@@ -65,8 +64,24 @@ static inline double kiln_node_mean_height(const struct kiln_link_node *node, st
     const struct kiln_dvec3 d = v->d, along = kiln_node_covariance_times(node, d);
     const double height = dvec3_dot(n, d), trace = (double)c[0] + (double)c[1] + (double)c[2],
                  more = (12.0 * dvec3_dot(d, along) / v->square - 2.0 * trace) / v->square,
-                 stretched = more < 0.0 ? 1.0 / ((1.0 - 0.5 * more) * (1.0 - 0.5 * more)) : 1.0 + more;
-    return fmax(0.0, height * stretched - 4.0 * dvec3_dot(n, along) / v->square);
+                 less = 1.0 / ((1.0 - 0.5 * more) * (1.0 - 0.5 * more)), plus = 1.0 + more,
+                 mean = height * (more < 0.0 ? less : plus) - 4.0 * dvec3_dot(n, along) / v->square;
+    return mean > 0.0 ? mean : 0.0;
+}
+
+/* F of a node that the point has whole before it, about the normal n. */
+static inline double kiln_node_factor(const struct kiln_link_node *node, struct kiln_dvec3 n,
+                                      const struct kiln_node_view *v)
+{
+    const double far = (double)node->area * v->other / (KILN_PI * v->square * v->square);
+    return far * kiln_node_mean_height(node, n, v);
+}
+
+/* The point of a node that a share of the way through its points leads to: its place in the tree's order. */
+static inline uint32_t kiln_link_place(const struct kiln_link_node *node, double *u)
+{
+    *u -= floor(*u);
+    return node->first + (uint32_t)(*u * (double)node->count);
 }
 
 /* The point of the node that the view of the point with this number is taken by: its place in the tree's order. `to`:
@@ -79,14 +94,25 @@ static inline uint32_t kiln_link_choose(const struct kiln_links_parameters *p, c
     double u = (double)hash * 0x1p-32 + (double)number * 0.61803398874989485;
     uint32_t k = node->first;
     for (uint32_t draw = 0; draw < KILN_LINK_DRAWS; draw++) {
-        u -= floor(u);
-        k = node->first + (uint32_t)(u * (double)node->count);
+        k = kiln_link_place(node, &u);
         const double chance = (double)kiln_hash2(hash + draw, number) * 0x1p-32;
         if (chance * (double)node->most_area < (double)p->points[p->order[k]].area)
             break;
         u += 0.75487766624669276;
     }
     return k;
+}
+
+/* Has the point fetched that will most likely be chosen: points lie far apart in memory. */
+static inline void kiln_link_expect(const struct kiln_links_parameters *p, uint32_t to, uint32_t number)
+{
+    uint32_t k = to & ~KILN_LINK_LEAF;
+    if ((to & KILN_LINK_LEAF) == 0) {
+        double u = (double)kiln_hash1(to) * 0x1p-32 + (double)number * 0.61803398874989485;
+        k = kiln_link_place(&p->nodes[to], &u);
+    }
+    __builtin_prefetch(&p->points[p->order[k]]);
+    __builtin_prefetch((const char *)&p->points[p->order[k]] + sizeof(struct kiln_patch) - 1);
 }
 
 /* Of the surface of a patch with this area in the place of its own. False: one does not see the other. */
@@ -122,9 +148,8 @@ static inline struct patch_factors kiln_link_factors(const struct kiln_links_par
     const struct kiln_link_node *node = &p->nodes[to];
     *v = kiln_node_view_of(node, receiver->n, at);
     if (v->whole) {
-        const double far = (double)node->area * v->other / (KILN_PI * v->square * v->square);
-        f.factor = far * kiln_node_mean_height(node, receiver->n, v);
-        f.shading = receiver->smooth ? far * kiln_node_mean_height(node, receiver->s, v) : f.factor;
+        f.factor = kiln_node_factor(node, receiver->n, v);
+        f.shading = receiver->smooth ? kiln_node_factor(node, receiver->s, v) : f.factor;
     } else {
         const struct kiln_patch *from = &p->points[p->order[kiln_link_choose(p, node, to, number)]];
         (void)kiln_patch_factors_of(receiver, at, from, (double)node->area, &f);

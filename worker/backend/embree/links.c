@@ -7,18 +7,15 @@
 #include <string.h>
 
 #include "worker/backend/embree/frame.h"
+#include "worker/backend/embree/link_lanes.h"
 #include "worker/backend/embree/patch_ray.h"
 #include "worker/backend/embree/tile_runs.h"
 #include "worker/base/memory.h"
-#include "worker/pass/link_factors.h"
 #include "worker/sampling/keys.h"
 
-#define NEAREST 2.0       /* radii from which a node may be linked to */
-#define LEAST_FACTOR 1e-3 /* over the square of the error: nodes below are left out */
-#define FLAT 1e-5         /* what of a cosine is rounding */
-#define ALIKE 0.5         /* cosine between normals of points that share a ray */
-#define TOGETHER 1.25     /* texels, over the points in a row: how far apart those are */
-#define LEAST_OPENED 8.0  /* links are opened to so many-th of the error that is asked for */
+#define ALIKE 0.5        /* cosine between normals of points that share a ray */
+#define TOGETHER 1.25    /* texels, over the points in a row: how far apart those are */
+#define LEAST_OPENED 8.0 /* links are opened to so many-th of the error that is asked for */
 /* What light that varies over a node is off by, over the radii in its distance times the deviation. */
 #define SPREAD 1.5
 
@@ -39,6 +36,12 @@ struct link_ray {
     uint64_t of;
 };
 
+/* Likewise before it is known where it goes: from the point at `bit`. */
+struct link_ask {
+    uint32_t bit;
+    uint64_t of;
+};
+
 struct links_work {
     struct tile_run_frame frame;
     struct links_job *job;
@@ -54,9 +57,9 @@ struct links_work {
     struct patch_receiver receiver[KILN_TILE_TEXELS];
     struct kiln_dvec3 at[KILN_TILE_TEXELS];
     const struct kiln_patch *patch[KILN_TILE_TEXELS];
-    double row[KILN_TILE_TEXELS], incident[KILN_TILE_TEXELS][3], irradiance[KILN_TILE_TEXELS][3];
-    double now[KILN_TILE_TEXELS]; /* luminance of irradiance by the light that errors are of */
-    double variance[KILN_TILE_TEXELS];
+    struct link_lanes lanes; /* of the same points */
+    struct link_lane_sums sums;
+    struct link_lane_factors factors;
     bool summed; /* these sums are of the links found, and of this bounce */
     struct kiln_found_links found;
     struct RTCRay8 rays __attribute__((aligned(32)));
@@ -105,37 +108,7 @@ static void fail(struct links_job *job, int status, const struct kiln_error *err
     }
 }
 
-/* F of a link of the point at `bit`; *v: how it sees the node, which is not whole where it is a point. */
-static struct patch_factors link_factors(const struct links_work *w, uint32_t bit, uint32_t to,
-                                         struct kiln_node_view *v)
-{
-    return kiln_link_factors(w->job->p, &w->receiver[bit], w->at[bit], w->patch[bit]->number, to, v);
-}
-
 /* ---- finding links ---- */
-
-enum link_choice { LINK_NONE, LINK_OPEN, LINK_STANDS, LINK_STANDS_WHOLE };
-
-/* What the point at `bit` does with a node. */
-static enum link_choice judge(const struct links_work *w, uint32_t bit, const struct kiln_link_node *node)
-{
-    const struct kiln_node_view v = kiln_node_view_of(node, w->receiver[bit].n, w->at[bit]);
-    const double square_error = w->error * w->error, radius = (double)node->radius;
-    if (!(v.height > 0.0 && v.reach > FLAT * (v.distance + radius)))
-        return LINK_NONE;
-    if (v.distance < NEAREST * radius)
-        return LINK_OPEN;
-    const double factor = (double)node->area * fmin(1.0, v.height / v.distance) * fmin(1.0, v.reach / v.distance) /
-                          (KILN_PI * v.square),
-                 rho = radius / v.distance, turned = 2.0 * rho * (double)node->bend,
-                 spread = 1.5 * rho * (double)node->spread, light = 1.0 + (double)node->level,
-                 unsure = v.whole ? KILN_LINKS_UNSEEN + turned * turned : 1.0;
-    if (factor < LEAST_FACTOR * square_error)
-        return LINK_NONE;
-    if (factor * (unsure * light * light + spread * spread) > square_error * light)
-        return LINK_OPEN;
-    return v.whole ? LINK_STANDS_WHOLE : LINK_STANDS;
-}
 
 static int add_tinted(struct links_work *w, const struct link_ray *ray, const double through[3],
                       struct kiln_error *error)
@@ -218,6 +191,8 @@ static int link_to(struct links_work *w, const struct embree_backend *b, struct 
 {
     struct kiln_found_links *f = &w->found;
     const uint32_t link = f->count, side = shared_by(w, to);
+    struct link_ask asks[KILN_TILE_TEXELS];
+    uint32_t count = 0;
     int status = kiln_found_links_reserve(f, link + 1u, error);
     if (status != KILN_OK)
         return status;
@@ -225,33 +200,20 @@ static int link_to(struct links_work *w, const struct embree_backend *b, struct 
     f->asked[link] = mask;
     f->seen[link] = 0;
     f->count++;
-    for (uint64_t rest = mask; rest != 0 && status == KILN_OK;) {
+    for (uint64_t rest = mask; rest != 0;) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
         const uint64_t sharing = side > 1 ? whole & w->together[side == 16] : 0;
         uint64_t of = 1ull << bit;
         if ((sharing & of) != 0)
             of = ((1ull << side) - 1) << bit / side * side & sharing & rest;
         rest &= ~of;
-        status = ask(w, b, context, link, one_of(of, kiln_hash2(to, w->patch[bit]->number)), of, error);
+        const uint32_t one = one_of(of, kiln_hash2(to, w->patch[bit]->number));
+        asks[count++] = (struct link_ask){one, of};
+        kiln_link_expect(w->job->p, to, w->patch[one]->number);
     }
+    for (uint32_t i = 0; i < count && status == KILN_OK; i++)
+        status = ask(w, b, context, link, asks[i].bit, asks[i].of, error);
     return status;
-}
-
-/* Of the points of the mask, those that stop at the node, in *stands, of these those that have it whole before them,
- * and those that go on to its children. */
-static uint64_t judge_all(const struct links_work *w, const struct kiln_link_node *node, uint64_t mask,
-                          uint64_t *stands, uint64_t *whole)
-{
-    uint64_t open = 0;
-    *stands = *whole = 0;
-    for (uint64_t rest = mask; rest != 0; rest &= rest - 1) {
-        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        const enum link_choice choice = judge(w, bit, node);
-        open |= (uint64_t)(choice == LINK_OPEN) << bit;
-        *stands |= (uint64_t)(choice >= LINK_STANDS) << bit;
-        *whole |= (uint64_t)(choice == LINK_STANDS_WHOLE) << bit;
-    }
-    return open;
 }
 
 /* From the root down, children in their order. */
@@ -271,13 +233,13 @@ static int find_links(struct links_work *w, const struct embree_backend *b, stru
     while (depth > 0 && status == KILN_OK) {
         const uint32_t to = stack[--depth].to;
         const uint64_t mask = stack[depth].mask;
-        uint64_t stands = mask, whole = 0, open = 0;
+        struct link_lane_choices c = {.stands = mask};
         if ((to & KILN_LINK_LEAF) == 0)
-            open = judge_all(w, &p->nodes[to], mask, &stands, &whole);
-        if (stands != 0)
-            status = link_to(w, b, context, to, stands, whole, error);
-        for (uint32_t i = open != 0 ? p->nodes[to].children : 0; i > 0; i--)
-            stack[depth].mask = open, stack[depth++].to = p->nodes[to].child[i - 1];
+            c = link_lanes_judge(&w->lanes, &p->nodes[to], w->error * w->error, mask);
+        if (c.stands != 0)
+            status = link_to(w, b, context, to, c.stands, c.whole, error);
+        for (uint32_t i = c.open != 0 ? p->nodes[to].children : 0; i > 0; i--)
+            stack[depth].mask = c.open, stack[depth++].to = p->nodes[to].child[i - 1];
     }
     return status == KILN_OK ? trace(w, b, context, error) : status;
 }
@@ -297,6 +259,11 @@ static void drop_unseen(struct kiln_found_links *f)
 
 /* ---- points ---- */
 
+static void enter_lane(double lanes[3][KILN_TILE_TEXELS], uint32_t bit, struct kiln_dvec3 v)
+{
+    lanes[0][bit] = v.x, lanes[1][bit] = v.y, lanes[2][bit] = v.z;
+}
+
 static void enter_point(struct links_work *w, uint32_t bit, uint64_t index)
 {
     const struct kiln_patch *patch = &w->job->p->points[index];
@@ -304,6 +271,9 @@ static void enter_point(struct links_work *w, uint32_t bit, uint64_t index)
     w->patch[bit] = patch;
     w->at[bit] = dvec3_of(patch->place);
     w->receiver[bit] = (struct patch_receiver){dvec3_of(patch->normal), dvec3_of(patch->normal), false};
+    enter_lane(w->lanes.at, bit, w->at[bit]);
+    enter_lane(w->lanes.n, bit, w->receiver[bit].n);
+    enter_lane(w->lanes.s, bit, w->receiver[bit].n);
     if (!(patch->area > 0.0f))
         return;
     w->shares |= 1ull << bit;
@@ -362,6 +332,7 @@ static void enter_points(struct links_work *w, const struct kiln_surface *s, con
 static void enter_found(struct links_work *w)
 {
     w->valid = 0;
+    w->lanes.smooth = w->found.smooth;
     for (uint64_t rest = w->mask; rest != 0; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
         const float *s = w->found.shading[bit];
@@ -372,6 +343,7 @@ static void enter_found(struct links_work *w)
         w->receiver[bit].smooth = w->found.smooth;
         if (w->found.smooth)
             w->receiver[bit].s = dvec3((double)s[0], (double)s[1], (double)s[2]);
+        enter_lane(w->lanes.s, bit, w->receiver[bit].s);
     }
 }
 
@@ -433,14 +405,18 @@ static struct unsure unsure_of(const struct links_work *w, uint32_t link)
     return u;
 }
 
-static double variance_of(const struct unsure *u, uint32_t bit)
+/* The variance of what the points of the mask see. */
+static void find_unsure(const struct unsure *u, uint64_t mask, double unsure[KILN_TILE_TEXELS])
 {
-    uint32_t asked = 0, other = 0;
-    for (int i = 0; i < 3; i++) {
-        asked += (uint32_t)(u->asked[i] >> bit & 1);
-        other += (uint32_t)(u->other[i] >> bit & 1);
+    for (uint64_t rest = mask; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        uint32_t asked = 0, other = 0;
+        for (int i = 0; i < 3; i++) {
+            asked += (uint32_t)(u->asked[i] >> bit & 1);
+            other += (uint32_t)(u->other[i] >> bit & 1);
+        }
+        unsure[bit] = (0.5 * (double)other + KILN_LINKS_UNSEEN) / (double)(asked + 1);
     }
-    return (0.5 * (double)other + KILN_LINKS_UNSEEN) / (double)(asked + 1);
 }
 
 /* The light that errors are of: so far and before this bounce; or the first, over its mean. */
@@ -457,70 +433,82 @@ static struct kiln_link_light light_of(const struct links_work *w, uint32_t to)
     return (struct kiln_link_light){.now = node->level, .spread_now = node->spread * node->spread};
 }
 
-/* What a link does to the error of the point at `bit`; q: the variance of what it sees. */
-static void add_variance(struct links_work *w, uint32_t bit, uint32_t to, const struct kiln_node_view *v, double factor,
-                         double seen, double q)
+/* Factors of a link of the points of the mask. */
+static void find_factors(struct links_work *w, uint32_t to, uint64_t mask)
 {
     const struct kiln_links_parameters *p = w->job->p;
+    struct link_lane_factors *f = &w->factors;
+    f->whole = 0;
+    if ((to & KILN_LINK_LEAF) == 0)
+        link_lanes_factors(&w->lanes, &p->nodes[to], mask, f);
+    for (uint64_t rest = mask & ~f->whole; rest != 0; rest &= rest - 1)
+        kiln_link_expect(p, to, w->patch[__builtin_ctzll(rest)]->number);
+    for (uint64_t rest = mask & ~f->whole; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        struct kiln_node_view v;
+        const struct patch_factors one =
+            kiln_link_factors(p, &w->receiver[bit], w->at[bit], w->patch[bit]->number, to, &v);
+        f->factor[bit] = one.factor;
+        f->shading[bit] = one.shading;
+    }
+}
+
+/* A link to `to` of which so much is let through; nobody has it yet. */
+static void begin_link(const struct links_work *w, uint32_t to, const float through[3], struct link_lane_link *link)
+{
+    const struct kiln_links_parameters *p = w->job->p;
+    const bool leaf = (to & KILN_LINK_LEAF) != 0;
+    const float *radiosity = leaf ? p->leaf_radiosity[to & ~KILN_LINK_LEAF] : p->radiosity[to];
     const struct kiln_link_light l = light_of(w, to);
-    const double now = (double)l.now, before = (double)l.before, more = (double)l.spread_now - (double)l.spread_before;
-    double square = q * (now * now - before * before + more);
-    if ((to & KILN_LINK_LEAF) == 0 && seen > 0.0) {
-        const double rho = SPREAD * (double)p->nodes[to].radius / v->distance;
-        square += v->whole ? rho * rho * more : now * now - before * before + more;
-    }
-    w->variance[bit] += factor * factor * square;
-    w->now[bit] += factor * seen * now;
+    const double now = (double)l.now, before = (double)l.before;
+    link->sees = link->other = 0;
+    link->through = ((double)through[0] + (double)through[1] + (double)through[2]) / 3.0;
+    link->now = now;
+    link->more = (double)l.spread_now - (double)l.spread_before;
+    link->square = now * now - before * before + link->more;
+    link->reach = leaf || !(link->through > 0.0) ? 0.0 : SPREAD * (double)p->nodes[to].radius;
+    link->by_first = w->by_first;
+    for (int c = 0; c < 3; c++)
+        link->light[c] = (double)radiosity[c] * (double)through[c];
 }
 
-static void add_link(struct links_work *w, uint32_t bit, uint32_t to, const float through[3], double q)
+/* What the points `of` gather by a link that was found; points that see nothing by it, though some beside them do, are
+ * not sure of that. */
+static void add_found(struct links_work *w, uint32_t i, uint64_t of)
 {
-    const struct kiln_links_parameters *p = w->job->p;
-    const float *radiosity = (to & KILN_LINK_LEAF) != 0 ? p->leaf_radiosity[to & ~KILN_LINK_LEAF] : p->radiosity[to];
-    struct kiln_node_view v;
-    const struct patch_factors f = link_factors(w, bit, to, &v);
-    const double seen = ((double)through[0] + (double)through[1] + (double)through[2]) / 3.0;
-    w->row[bit] += f.factor * seen;
-    for (int c = 0; c < 3; c++) {
-        const double light = (double)radiosity[c] * (double)through[c];
-        w->incident[bit][c] += f.factor * light;
-        w->irradiance[bit][c] += f.shading * light;
-    }
-    add_variance(w, bit, to, &v, w->by_first ? f.factor : f.shading, seen, q);
+    static const float all[3] = {1.0f, 1.0f, 1.0f};
+    const struct kiln_found_links *f = &w->found;
+    const struct unsure u = unsure_of(w, i);
+    struct link_lane_link link;
+    begin_link(w, f->to[i], all, &link);
+    link.sees = f->seen[i] & f->asked[i] & of;
+    link.other = (u.other[0] | u.other[1] | u.other[2]) & f->asked[i] & of & ~f->seen[i];
+    find_unsure(&u, link.sees | link.other, link.unsure);
+    find_factors(w, f->to[i], link.sees | link.other);
+    link_lanes_add(&w->sums, &w->factors, &link);
 }
 
-/* A link by which the point at `bit` sees nothing, though some beside it do. */
-static void add_unseen(struct links_work *w, uint32_t bit, uint32_t to, double q)
+static void add_tinted_link(struct links_work *w, const struct kiln_tinted_link *t)
 {
-    struct kiln_node_view v;
-    const double factor = link_factors(w, bit, to, &v).factor;
-    add_variance(w, bit, to, &v, factor, 0.0, q);
+    struct link_lane_link link;
+    begin_link(w, t->to, t->through, &link);
+    link.sees = 1ull << t->bit;
+    link.unsure[t->bit] = 0.0;
+    find_factors(w, t->to, link.sees);
+    link_lanes_add(&w->sums, &w->factors, &link);
 }
 
 static void add_links(struct links_work *w)
 {
-    static const float all[3] = {1.0f, 1.0f, 1.0f};
     const struct kiln_found_links *f = &w->found;
     const uint64_t of = w->by_first ? w->shares : w->valid;
     w->summed = !w->by_first;
-    memset(w->row, 0, sizeof w->row);
-    memset(w->incident, 0, sizeof w->incident);
-    memset(w->irradiance, 0, sizeof w->irradiance);
-    memset(w->now, 0, sizeof w->now);
-    memset(w->variance, 0, sizeof w->variance);
-    for (uint32_t i = 0; i < f->count; i++) {
-        const struct unsure u = unsure_of(w, i);
-        for (uint64_t rest = f->asked[i] & of; rest != 0; rest &= rest - 1) {
-            const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-            if ((f->seen[i] >> bit & 1) != 0)
-                add_link(w, bit, f->to[i], all, variance_of(&u, bit));
-            else if (((u.other[0] | u.other[1] | u.other[2]) >> bit & 1) != 0)
-                add_unseen(w, bit, f->to[i], variance_of(&u, bit));
-        }
-    }
+    memset(&w->sums, 0, sizeof w->sums);
+    for (uint32_t i = 0; i < f->count; i++)
+        add_found(w, i, of);
     for (uint32_t i = 0; i < f->tinted_count; i++)
         if ((of >> f->tinted[i].bit & 1) != 0)
-            add_link(w, f->tinted[i].bit, f->tinted[i].to, f->tinted[i].through, 0.0);
+            add_tinted_link(w, &f->tinted[i]);
 }
 
 static void find_scales(struct links_work *w)
@@ -532,16 +520,22 @@ static void find_scales(struct links_work *w)
                                               .blocked = l->blocked,
                                               .glass = {l->glass[0], l->glass[1], l->glass[2]},
                                               .count = l->count};
-        l->scale = (float)kiln_patches_row_scale(&met, w->row[bit]);
+        l->scale = (float)kiln_patches_row_scale(&met, w->sums.row[bit]);
     }
+}
+
+static double luminance_of(const double lanes[3][KILN_TILE_TEXELS], uint32_t bit)
+{
+    return kiln_luminance((const double[3]){lanes[0][bit], lanes[1][bit], lanes[2][bit]});
 }
 
 /* Standard error of the luminance of irradiance, as that is closed. */
 static double error_of(const struct links_work *w, uint32_t bit)
 {
-    const double scale = (double)w->found.point[bit].scale, irradiance = kiln_luminance(w->irradiance[bit]),
-                 closed = kiln_patches_closed(scale, kiln_luminance(w->incident[bit]), irradiance);
-    return (irradiance > 0.0 ? closed / irradiance : scale) * sqrt(fmax(0.0, w->variance[bit]));
+    const struct link_lane_sums *s = &w->sums;
+    const double scale = (double)w->found.point[bit].scale, irradiance = luminance_of(s->irradiance, bit),
+                 closed = kiln_patches_closed(scale, luminance_of(s->incident, bit), irradiance);
+    return (irradiance > 0.0 ? closed / irradiance : scale) * sqrt(fmax(0.0, w->sums.variance[bit]));
 }
 
 static void give(const struct links_work *w, uint32_t points, struct kiln_point_result *results)
@@ -560,9 +554,9 @@ static void give(const struct links_work *w, uint32_t points, struct kiln_point_
                                         .count = point->count,
                                         .error = (float)(count * error_of(w, bit))};
         for (int c = 0; c < 3; c++) {
-            r->incident[c] = (float)(scale * w->incident[bit][c]);
-            r->irradiance[c] =
-                (float)(count * kiln_patches_closed((double)point->scale, w->incident[bit][c], w->irradiance[bit][c]));
+            const double incident = w->sums.incident[c][bit], irradiance = w->sums.irradiance[c][bit];
+            r->incident[c] = (float)(scale * incident);
+            r->irradiance[c] = (float)(count * kiln_patches_closed((double)point->scale, incident, irradiance));
         }
     }
 }
@@ -593,9 +587,9 @@ static bool is_above_target(struct links_work *w)
     w->by_first = false;
     for (uint64_t rest = w->shares; rest != 0; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        const double light = (double)p->first[w->index[bit]] + w->now[bit],
+        const double light = (double)p->first[w->index[bit]] + w->sums.now[bit],
                      allowed = p->target * fmax(light, KILN_LINKS_LEAST_LIGHT);
-        square += fmax(0.0, w->variance[bit]) / (allowed * allowed);
+        square += fmax(0.0, w->sums.variance[bit]) / (allowed * allowed);
     }
     return square > (double)__builtin_popcountll(w->shares);
 }
