@@ -77,13 +77,6 @@ static inline double kiln_node_factor(const struct kiln_link_node *node, struct 
     return far * kiln_node_mean_height(node, n, v);
 }
 
-/* The point of a node that a share of the way through its points leads to: its place in the tree's order. */
-static inline uint32_t kiln_link_place(const struct kiln_link_node *node, double *u)
-{
-    *u -= floor(*u);
-    return node->first + (uint32_t)(*u * (double)node->count);
-}
-
 /* The point of the node that the view of the point with this number is taken by: its place in the tree's order. `to`:
  * the node's number. A sequence over the points' numbers, by the golden ratio; points of less area than others are
  * taken less often. */
@@ -94,25 +87,22 @@ static inline uint32_t kiln_link_choose(const struct kiln_links_parameters *p, c
     double u = (double)hash * 0x1p-32 + (double)number * 0.61803398874989485;
     uint32_t k = node->first;
     for (uint32_t draw = 0; draw < KILN_LINK_DRAWS; draw++) {
-        k = kiln_link_place(node, &u);
+        u -= floor(u);
+        k = node->first + (uint32_t)(u * (double)node->count);
         const double chance = (double)kiln_hash2(hash + draw, number) * 0x1p-32;
-        if (chance * (double)node->most_area < (double)p->points[p->order[k]].area)
+        if (chance * (double)node->most_area < (double)p->area[k])
             break;
         u += 0.75487766624669276;
     }
     return k;
 }
 
-/* Has the point fetched that will most likely be chosen: points lie far apart in memory. */
-static inline void kiln_link_expect(const struct kiln_links_parameters *p, uint32_t to, uint32_t number)
+/* Has a point of the tree fetched: they lie far apart in memory. */
+static inline void kiln_link_fetch(const struct kiln_links_parameters *p, uint32_t k)
 {
-    uint32_t k = to & ~KILN_LINK_LEAF;
-    if ((to & KILN_LINK_LEAF) == 0) {
-        double u = (double)kiln_hash1(to) * 0x1p-32 + (double)number * 0.61803398874989485;
-        k = kiln_link_place(&p->nodes[to], &u);
-    }
-    __builtin_prefetch(&p->points[p->order[k]]);
-    __builtin_prefetch((const char *)&p->points[p->order[k]] + sizeof(struct kiln_patch) - 1);
+    const char *patch = (const char *)&p->points[p->order[k]];
+    __builtin_prefetch(patch);
+    __builtin_prefetch(patch + sizeof(struct kiln_patch) - 1);
 }
 
 /* Of the surface of a patch with this area in the place of its own. False: one does not see the other. */

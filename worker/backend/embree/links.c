@@ -19,7 +19,7 @@
 /* What light that varies over a node is off by, over the radii in its distance times the deviation. */
 #define SPREAD 1.5
 
-enum { STACK = 512 };
+enum { STACK = 512, ASKS = 32, AHEAD = 4 };
 
 /* What the pass's threads share. */
 struct links_job {
@@ -36,9 +36,9 @@ struct link_ray {
     uint64_t of;
 };
 
-/* Likewise before it is known where it goes: from the point at `bit`. */
+/* One before it: from the point at `bit` to point `to` of the tree. */
 struct link_ask {
-    uint32_t bit;
+    uint32_t link, bit, to;
     uint64_t of;
 };
 
@@ -66,6 +66,8 @@ struct links_work {
     int valid_rays[PACKET] __attribute__((aligned(32)));
     struct link_ray of[PACKET];
     uint32_t waiting;
+    struct link_ask asks[ASKS]; /* of which what they go to is on its way from memory */
+    uint32_t asked;
     uint64_t traced;
 };
 
@@ -150,6 +152,32 @@ static int trace(struct links_work *w, const struct embree_backend *b, struct em
     return status;
 }
 
+/* Makes a ray of what is asked, if the two face each other. */
+static int send(struct links_work *w, const struct embree_backend *b, struct embree_context *context,
+                const struct link_ask *a, struct kiln_error *error)
+{
+    const struct kiln_links_parameters *p = w->job->p;
+    const struct kiln_patch *own = w->patch[a->bit], *other = &p->points[p->order[a->to]];
+    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(other->centre), w->at[a->bit]);
+    const bool first = own->number < other->number;
+    if (!(dvec3_dot(w->receiver[a->bit].n, d) > 0.0 && dvec3_dot(dvec3_of(other->normal), d) < 0.0))
+        return KILN_OK;
+    if (!patch_ray(&w->rays, w->waiting, first ? own->place : other->place, first ? other->place : own->place))
+        return KILN_OK;
+    w->of[w->waiting++] = (struct link_ray){a->link, a->of};
+    return w->waiting == PACKET ? trace(w, b, context, error) : KILN_OK;
+}
+
+static int send_all(struct links_work *w, const struct embree_backend *b, struct embree_context *context,
+                    struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (uint32_t i = 0; i < w->asked && status == KILN_OK; i++)
+        status = send(w, b, context, &w->asks[i], error);
+    w->asked = 0;
+    return status;
+}
+
 /* Asks whether the point at `bit` sees what link `link` goes to, for the points `of`. */
 static int ask(struct links_work *w, const struct embree_backend *b, struct embree_context *context, uint32_t link,
                uint32_t bit, uint64_t of, struct kiln_error *error)
@@ -157,17 +185,10 @@ static int ask(struct links_work *w, const struct embree_backend *b, struct embr
     const struct kiln_links_parameters *p = w->job->p;
     const uint32_t to = w->found.to[link];
     const bool leaf = (to & KILN_LINK_LEAF) != 0;
-    const struct kiln_patch *own = w->patch[bit];
-    const uint32_t k = leaf ? to & ~KILN_LINK_LEAF : kiln_link_choose(p, &p->nodes[to], to, own->number);
-    const struct kiln_patch *other = &p->points[p->order[k]];
-    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(other->centre), w->at[bit]);
-    const bool first = own->number < other->number;
-    if (!(dvec3_dot(w->receiver[bit].n, d) > 0.0 && dvec3_dot(dvec3_of(other->normal), d) < 0.0))
-        return KILN_OK;
-    if (!patch_ray(&w->rays, w->waiting, first ? own->place : other->place, first ? other->place : own->place))
-        return KILN_OK;
-    w->of[w->waiting++] = (struct link_ray){link, of};
-    return w->waiting == PACKET ? trace(w, b, context, error) : KILN_OK;
+    const uint32_t k = leaf ? to & ~KILN_LINK_LEAF : kiln_link_choose(p, &p->nodes[to], to, w->patch[bit]->number);
+    kiln_link_fetch(p, k);
+    w->asks[w->asked++] = (struct link_ask){link, bit, k, of};
+    return w->asked == ASKS ? send_all(w, b, context, error) : KILN_OK;
 }
 
 /* How many points in a row, a square of them, have one ray to a node: worker/pass/links.h. */
@@ -191,8 +212,6 @@ static int link_to(struct links_work *w, const struct embree_backend *b, struct 
 {
     struct kiln_found_links *f = &w->found;
     const uint32_t link = f->count, side = shared_by(w, to);
-    struct link_ask asks[KILN_TILE_TEXELS];
-    uint32_t count = 0;
     int status = kiln_found_links_reserve(f, link + 1u, error);
     if (status != KILN_OK)
         return status;
@@ -200,19 +219,15 @@ static int link_to(struct links_work *w, const struct embree_backend *b, struct 
     f->asked[link] = mask;
     f->seen[link] = 0;
     f->count++;
-    for (uint64_t rest = mask; rest != 0;) {
+    for (uint64_t rest = mask; rest != 0 && status == KILN_OK;) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
         const uint64_t sharing = side > 1 ? whole & w->together[side == 16] : 0;
         uint64_t of = 1ull << bit;
         if ((sharing & of) != 0)
             of = ((1ull << side) - 1) << bit / side * side & sharing & rest;
         rest &= ~of;
-        const uint32_t one = one_of(of, kiln_hash2(to, w->patch[bit]->number));
-        asks[count++] = (struct link_ask){one, of};
-        kiln_link_expect(w->job->p, to, w->patch[one]->number);
+        status = ask(w, b, context, link, one_of(of, kiln_hash2(to, w->patch[bit]->number)), of, error);
     }
-    for (uint32_t i = 0; i < count && status == KILN_OK; i++)
-        status = ask(w, b, context, link, asks[i].bit, asks[i].of, error);
     return status;
 }
 
@@ -227,6 +242,7 @@ static int find_links(struct links_work *w, const struct embree_backend *b, stru
     } stack[STACK];
     uint32_t depth = 0;
     int status = KILN_OK;
+    w->waiting = w->asked = 0;
     w->found.count = w->found.tinted_count = 0;
     if (p->node_count > 0)
         stack[depth++].to = 0, stack[0].mask = w->valid | w->shares;
@@ -241,6 +257,8 @@ static int find_links(struct links_work *w, const struct embree_backend *b, stru
         for (uint32_t i = c.open != 0 ? p->nodes[to].children : 0; i > 0; i--)
             stack[depth].mask = c.open, stack[depth++].to = p->nodes[to].child[i - 1];
     }
+    if (status == KILN_OK)
+        status = send_all(w, b, context, error);
     return status == KILN_OK ? trace(w, b, context, error) : status;
 }
 
@@ -441,13 +459,18 @@ static void find_factors(struct links_work *w, uint32_t to, uint64_t mask)
     f->whole = 0;
     if ((to & KILN_LINK_LEAF) == 0)
         link_lanes_factors(&w->lanes, &p->nodes[to], mask, f);
-    for (uint64_t rest = mask & ~f->whole; rest != 0; rest &= rest - 1)
-        kiln_link_expect(p, to, w->patch[__builtin_ctzll(rest)]->number);
+    const bool leaf = (to & KILN_LINK_LEAF) != 0;
+    const double area = leaf ? 0.0 : (double)p->nodes[to].area;
+    uint32_t k[KILN_TILE_TEXELS];
     for (uint64_t rest = mask & ~f->whole; rest != 0; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        struct kiln_node_view v;
-        const struct patch_factors one =
-            kiln_link_factors(p, &w->receiver[bit], w->at[bit], w->patch[bit]->number, to, &v);
+        k[bit] = leaf ? to & ~KILN_LINK_LEAF : kiln_link_choose(p, &p->nodes[to], to, w->patch[bit]->number);
+        kiln_link_fetch(p, k[bit]);
+    }
+    for (uint64_t rest = mask & ~f->whole; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        struct patch_factors one = {0.0, 0.0};
+        (void)kiln_patch_factors_of(&w->receiver[bit], w->at[bit], &p->points[p->order[k[bit]]], area, &one);
         f->factor[bit] = one.factor;
         f->shading[bit] = one.shading;
     }
@@ -504,8 +527,11 @@ static void add_links(struct links_work *w)
     const uint64_t of = w->by_first ? w->shares : w->valid;
     w->summed = !w->by_first;
     memset(&w->sums, 0, sizeof w->sums);
-    for (uint32_t i = 0; i < f->count; i++)
+    for (uint32_t i = 0; i < f->count; i++) {
+        if (i + AHEAD < f->count && (f->to[i + AHEAD] & KILN_LINK_LEAF) != 0)
+            kiln_link_fetch(w->job->p, f->to[i + AHEAD] & ~KILN_LINK_LEAF);
         add_found(w, i, of);
+    }
     for (uint32_t i = 0; i < f->tinted_count; i++)
         if ((of >> f->tinted[i].bit & 1) != 0)
             add_tinted_link(w, &f->tinted[i]);
