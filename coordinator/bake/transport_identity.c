@@ -7,6 +7,7 @@
 
 #include "coordinator/files/checksummed_json.h"
 #include "coordinator/files/folder.h"
+#include "coordinator/job/options.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 #include "worker/scene/gloss.h"
@@ -248,6 +249,28 @@ int kiln_transport_index_read(json_t **index, const char *directory, struct kiln
                            "rows",
                            directory);
     kiln_free(&text);
+    return status;
+}
+
+int kiln_transport_options_take(struct kiln_job *job, const json_t *index, const char *directory,
+                                bool (*leaves_out)(const struct kiln_job *job, const char *name),
+                                struct kiln_error *error)
+{
+    const char *name;
+    json_t *value;
+    int status = KILN_OK;
+    json_object_foreach(json_object_get(index, "job"), name, value)
+    {
+        const struct kiln_option *option = kiln_option_find_for(name, KILN_FOR_BAKE);
+        char where[KILN_OPTION_TEXT + 80];
+        (void)snprintf(where, sizeof where, "%s, of the bake in %.60s", name, directory);
+        if (option == NULL || (option->commands & KILN_FOR_BAKE) == 0)
+            status = kiln_fail(error, KILN_BAD_INPUT, "%s: there is no such option in this version of kiln", where);
+        else if (!kiln_job_given(job, option) && !(leaves_out != NULL && leaves_out(job, name)))
+            status = kiln_option_set(job, option, json_string_value(value), where, KILN_BAD_INPUT, NULL, error);
+        if (status != KILN_OK)
+            break;
+    }
     return status;
 }
 

@@ -20,6 +20,12 @@ json_t *kiln_transport_identity(const struct kiln_job *job, const struct kiln_pr
  * json_decref. KILN_NO_INPUT: the bake has kept none, or is not finished; KILN_BAD_INPUT: it is damaged. */
 int kiln_transport_index_read(json_t **index, const char *directory, struct kiln_error *error);
 
+/* Takes the options of the bake in `directory`, where the job's command line gives no others, and `leaves_out` says no
+ * (NULL: it never says yes). KILN_BAD_INPUT: this version of kiln has no such option. */
+int kiln_transport_options_take(struct kiln_job *job, const json_t *index, const char *directory,
+                                bool (*leaves_out)(const struct kiln_job *job, const char *name),
+                                struct kiln_error *error);
+
 /* KILN_BAD_INPUT, with a table of the objects that differ, if the transport in `directory` is of `then` and cannot
  * serve a scene that is `now`. */
 int kiln_transport_compare(const json_t *then, const json_t *now, const char *directory, struct kiln_error *error);
