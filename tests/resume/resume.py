@@ -551,9 +551,9 @@ def try_quantities(checks, tool):
                     'other quantities (%s) were not refused: %d' % (changed, process.status), process)
 
 
-# Little light: of these bakes the checkpoints matter.
-SMALL = ('--lightmap-size', 16, '--samples-direct', 16, '--samples-bounce', 8, '--samples-indirect', 64, '--bounces', 1,
-         '--samples-probe', 4)
+# Little light: of these bakes the checkpoints matter. In the final gather there is time for many.
+SMALL = ('--lightmap-size', 16, '--samples-direct', 16, '--samples-bounce', 8, '--samples-indirect', 1024, '--bounces',
+         1, '--samples-probe', 4)
 
 
 def number_of(path):
@@ -569,9 +569,11 @@ def on_nodes(local):
 def killed_locally(checks, tool, local):
     """A bake on three ranks that is killed once it has saved something of its final gather."""
     folder = tool.folder()
-    killed_within(checks, tool, folder, 'final gather', 3, more=(*SMALL, '--checkpoint-local', local))
+    killed_within(checks, tool, folder, 'final gather', 3,
+                  more=(*SMALL, '--checkpoint-every', 0.001, '--checkpoint-local', local))
     there = on_nodes(local)
-    checks.that(len(there) == 3 and all(there.values()), 'no checkpoints on the nodes: %s' % there)
+    if not checks.that(len(there) == 3 and all(there.values()), 'no checkpoints on the nodes: %s' % there):
+        checks.end()
     return folder, min(numbers[-1] for numbers in there.values())
 
 

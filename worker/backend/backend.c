@@ -34,6 +34,15 @@ int kiln_backend_devices(const char *name, struct kiln_device *list, size_t room
     return api != NULL ? api->devices(list, room, count, error) : no_such_backend(name, error);
 }
 
+void kiln_backend_begin(struct kiln_backend_start **start, const char *name, const struct kiln_backend_params *params)
+{
+    const bool best = strcmp(name, "auto") == 0;
+    const struct kiln_backend_api *api = best ? &kiln_backend_vulkan : find(name);
+    *start = NULL;
+    if (api != NULL && api->begin != NULL)
+        kiln_backend_start_run(start, api, best, params);
+}
+
 /* What needs no scene: as it was begun, or now. */
 static int begin(struct kiln_backend **backend, const struct kiln_backend_api *api,
                  const struct kiln_backend_params *params, struct kiln_error *error)
@@ -72,7 +81,7 @@ static int create_best(struct kiln_backend **backend, const struct kiln_backend_
                        struct kiln_error *error)
 {
     struct kiln_error why;
-    if (kiln_backend_has_gpu(params->start)) {
+    if (kiln_backend_has_gpu(params->start, &kiln_backend_vulkan)) {
         if (create(backend, &kiln_backend_vulkan, params, &why) == KILN_OK)
             return KILN_OK;
         if (kiln_stop_asked(params->stop))

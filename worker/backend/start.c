@@ -1,7 +1,5 @@
 #include "worker/backend/start.h"
 
-#include <string.h>
-
 #include "worker/base/memory.h"
 #include "worker/base/thread.h"
 
@@ -18,12 +16,12 @@ struct kiln_backend_start {
     struct kiln_aside aside;
 };
 
-static bool find_gpu(void)
+static bool find_gpu(const struct kiln_backend_api *api)
 {
     enum { MOST = 64 };
     struct kiln_device list[MOST];
     size_t count = 0;
-    if (kiln_backend_vulkan.devices(list, MOST, &count, NULL) != KILN_OK)
+    if (api->devices(list, MOST, &count, NULL) != KILN_OK)
         return false;
     for (size_t i = 0; i < count && i < MOST; i++)
         if (list[i].fit && !list[i].software)
@@ -35,24 +33,22 @@ static void *run(void *context)
 {
     struct kiln_backend_start *s = context;
     s->aside.begin = kiln_clock_seconds();
-    s->has_gpu = s->best && find_gpu();
+    s->has_gpu = s->best && find_gpu(s->api);
     if (s->has_gpu || !s->best)
         s->status = s->api->begin(&s->backend, &s->params, &s->error);
     s->aside.end = kiln_clock_seconds();
     return NULL;
 }
 
-void kiln_backend_begin(struct kiln_backend_start **start, const char *name, const struct kiln_backend_params *params)
+void kiln_backend_start_run(struct kiln_backend_start **start, const struct kiln_backend_api *api, bool best,
+                            const struct kiln_backend_params *params)
 {
-    const bool best = strcmp(name, "auto") == 0;
-    *start = NULL;
-    if (!best && strcmp(name, kiln_backend_vulkan.name) != 0)
-        return;
     struct kiln_backend_start *s = NULL;
+    *start = NULL;
     if (kiln_allocate(&s, 1, sizeof *s, "the start of a device", NULL) != KILN_OK)
         return;
     s->best = best;
-    s->api = &kiln_backend_vulkan;
+    s->api = api;
     s->params = *params;
     s->aside.count = 1;
     s->runs = kiln_thread_start(&s->thread, run, s);
@@ -73,10 +69,10 @@ static void join(struct kiln_backend_start *s)
     s->aside.waited = kiln_clock_seconds() - start;
 }
 
-bool kiln_backend_has_gpu(struct kiln_backend_start *start)
+bool kiln_backend_has_gpu(struct kiln_backend_start *start, const struct kiln_backend_api *api)
 {
     if (start == NULL || !start->best)
-        return find_gpu();
+        return find_gpu(api);
     join(start);
     return start->has_gpu;
 }

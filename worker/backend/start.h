@@ -12,10 +12,15 @@ void kiln_backend_begin(struct kiln_backend_start **start, const char *name, con
 /* Waits for the thread, and destroys what no kiln_backend_create has taken. */
 void kiln_backend_start_end(struct kiln_backend_start **start);
 
-/* For kiln_backend_create. Whether there is a fit device that is not software; a driver that does not start counts as
- * none. `start`: has looked already where it was begun for "auto"; NULL: none. */
-bool kiln_backend_has_gpu(struct kiln_backend_start *start);
-/* Likewise. Waits for the thread. False: it was begun for no such backend, or was taken before. Else *status and
+/* ---- for backend.c, which knows the backends ---- */
+
+/* Begins `api`; with `best` only if it has a device that is not software. *start: as above. */
+void kiln_backend_start_run(struct kiln_backend_start **start, const struct kiln_backend_api *api, bool best,
+                            const struct kiln_backend_params *params);
+/* Whether `api` has a fit device that is not software; a driver that does not start counts as none. `start`: has looked
+ * already where it was begun with `best`; NULL: none. */
+bool kiln_backend_has_gpu(struct kiln_backend_start *start, const struct kiln_backend_api *api);
+/* Waits for the thread. False: it was begun for no such backend, or was taken before. Else *status and
  * `error` are those of api->begin, and *backend is the caller's. */
 bool kiln_backend_start_take(struct kiln_backend_start *start, const struct kiln_backend_api *api,
                              struct kiln_backend **backend, int *status, struct kiln_error *error);
