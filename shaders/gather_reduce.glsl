@@ -12,49 +12,8 @@ const uint MOST_FLOATS = KILN_GPU_SLICE_TINTED_FLOATS, MEASURED = 8u;
 #include "shaders/hemisphere_reduce.glsl"
 
 #if !defined(GATHER_ANSWER) && !defined(GATHER_KERNEL)
-KILN_ARRAY(ResultArray, kiln_gpu_result, 4);
-layout(constant_id = 6) const uint SHORT = 0u; /* the gather pass: what the host cannot tell itself, and no more */
-
-void put(inout uint at, float value) { FloatArray(push.results).at[at++] = value; }
-void put_colors(inout uint at, float values[3])
-{
-    for (uint c = 0u; c < 3u; c++)
-        put(at, values[c]);
-}
-
-/* The layout stands in shaders/shared/layout.h. */
-void put_short(uint x, kiln_gpu_result r)
-{
-    const bool mixed = HAS_SMOOTH != 0u || HAS_GLOSSY != 0u, tints = HAS_ALPHA >= KILN_PASSAGE_TINT;
-    const bool whole = !mixed && push.samples <= KILN_GPU_SHORT_MOST;
-    uint at = x * (KILN_GPU_SHORT_RAYS + (whole ? 1u : 2u) + (mixed ? 3u : 0u) + (tints ? 3u : 0u) +
-                   (HAS_GLOSSY != 0u ? 3u : 0u) + (HAS_ALPHA != 0u ? 1u : 0u));
-    put_colors(at, r.incident);
-    put(at, r.error);
-    if (whole) {
-        WordArray(push.results).at[at++] = uint(r.escaped) | uint(r.blocked) << 16;
-    } else {
-        put(at, r.escaped);
-        put(at, r.blocked);
-    }
-    if (mixed)
-        put_colors(at, r.irradiance);
-    if (tints)
-        put_colors(at, r.glass);
-    if (HAS_GLOSSY != 0u)
-        put_colors(at, r.gloss);
-    if (HAS_ALPHA != 0u)
-        put(at, r.present);
-}
-
-void gather_answer(uint x, kiln_gpu_result r)
-{
-    if (SHORT != 0u)
-        put_short(x, r);
-    else
-        ResultArray(push.results).at[x] = r;
-}
-#    define GATHER_ANSWER(x, r) gather_answer(x, r)
+#    include "shaders/short_answer.glsl"
+#    define GATHER_ANSWER(x, r) put_answer(push.results, x, r, true, push.samples)
 #endif
 
 /* The harmonics of radiance probes may be negative; a point's light is not. */

@@ -1,5 +1,7 @@
 #include "coordinator/bake/run_report.h"
 
+#include "coordinator/bake/loading_report.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -926,8 +928,10 @@ int kiln_run_report(json_t **report, const struct kiln_run *run, struct kiln_err
         gather(run, &g);
         json_t *phases = kiln_phases_json(run->phases, p->communicator, g.phases);
         json_t *error_reached = error_json(run), *mpi = mpi_json(run), *ahead = ahead_json(run);
+        json_t *loading = kiln_loading_report(p, run->phases);
         if (p->rank == 0) {
             *report = report_on_root(run, phases, error_reached, mpi, g.values, g.stolen);
+            json_object_set_new(*report, "beside_loading", loading);
             json_object_set_new(*report, "beside_passes", ahead);
             json_object_set_new(*report, "notes", kiln_run_notes(*report));
         } else {

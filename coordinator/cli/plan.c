@@ -59,13 +59,20 @@ static json_t *seconds_json(const struct kiln_plan *p)
     return seconds;
 }
 
-static json_t *disk_json(const struct kiln_plan *p)
+/* Bytes of the two checkpoints that a node's folder holds, of its ranks alone; 0: there is no such folder. */
+static uint64_t node_checkpoint_bytes(const struct kiln_plan *p, const struct kiln_job *job)
 {
-    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "lightmaps", (json_int_t)p->lightmap_bytes,
+    return job->checkpoint_local != NULL && p->here.nodes > 0 ? 2 * p->checkpoint_bytes / (uint64_t)p->here.nodes : 0;
+}
+
+static json_t *disk_json(const struct kiln_plan *p, const struct kiln_job *job)
+{
+    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "lightmaps", (json_int_t)p->lightmap_bytes,
                      "kiln_h5", (json_int_t)p->h5_bytes, "volume", (json_int_t)p->volume_bytes, "scene",
                      (json_int_t)p->scene_bytes, "preview", (json_int_t)p->preview_bytes, "export",
                      (json_int_t)p->export_bytes, "total", (json_int_t)p->disk_bytes, "checkpoint",
-                     (json_int_t)p->checkpoint_bytes, "transport", (json_int_t)p->transport_bytes);
+                     (json_int_t)p->checkpoint_bytes, "transport", (json_int_t)p->transport_bytes, "node_checkpoints",
+                     (json_int_t)node_checkpoint_bytes(p, job));
 }
 
 /* One value for each role. */
@@ -140,10 +147,11 @@ static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)
                   (json_int_t)s->cells_occupied, "cells_total", (json_int_t)s->cells_total, "cell_size", s->cell_size,
                   "imbalance", s->imbalance, "probes", (json_int_t)p->probes, "bytes_per_point", p->bytes_per_point,
                   "bytes_per_triangle", p->bytes_per_triangle, "exchange_bytes_per_bounce", p->exchange_bytes);
-    json_t *more = json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "memory_per_rank", memory_json(&p->memory), "balance",
-                             balance_json(&p->steps.roles, &p->here.light), "seconds", seconds_json(p), "disk_bytes",
-                             disk_json(p), "strong_scaling", curve_json(&p->steps.roles, p->strong, p->curve_count),
-                             "weak_scaling", curve_json(&p->steps.roles, p->weak, p->curve_count));
+    json_t *more =
+        json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "memory_per_rank", memory_json(&p->memory), "balance",
+                  balance_json(&p->steps.roles, &p->here.light), "seconds", seconds_json(p), "disk_bytes",
+                  disk_json(p, job), "strong_scaling", curve_json(&p->steps.roles, p->strong, p->curve_count),
+                  "weak_scaling", curve_json(&p->steps.roles, p->weak, p->curve_count));
     if (all != NULL && more != NULL)
         (void)json_object_update(all, more);
     json_decref(more);
@@ -314,6 +322,10 @@ static void print_time(const struct kiln_plan *p, const struct kiln_job *job)
     if (p->transport_bytes > 0)
         (void)printf("      of it %.1f MiB of transport that is kept, %.2f s to write at 1 GB/s\n",
                      mebibytes(p->transport_bytes), (double)p->transport_bytes * 1e-9);
+    if (job->checkpoint_local != NULL)
+        (void)printf(
+            "      and of each node up to %.1f MiB in '%s', from which the bake goes on while they are copied\n",
+            mebibytes(node_checkpoint_bytes(p, job)), job->checkpoint_local);
 }
 
 /* The cause that costs the last point of a curve most, as text. */

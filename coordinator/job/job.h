@@ -202,8 +202,9 @@ struct kiln_job {
 
     struct kiln_faults faults; /* faults that tests inject, read from the environment */
 
-    bool answered; /* the command has printed its JSON object, even if it then fails */
-    void *strings; /* private: struct kiln_job_owned */
+    bool answered;          /* the command has printed its JSON object, even if it then fails */
+    void *strings;          /* private: struct kiln_job_owned */
+    char *checkpoint_local; /* a folder of each node, where checkpoints are written first; NULL: none */
 };
 
 /* Reads the command line (argv[1] is the command) and, if the first argument is a .yaml or .yml file, that job file.

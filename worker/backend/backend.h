@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "shaders/shared/streams.h"
+#include "worker/base/clock.h"
 #include "worker/base/device.h"
 #include "worker/base/kernel_store.h"
 #include "worker/base/stop.h"
@@ -26,6 +27,7 @@
 struct kiln_lights;
 struct kiln_rows;
 struct kiln_groups;
+struct kiln_backend_start;
 
 /* How a device finds hits: by walking a BVH in compute shaders, or by its own ray-tracing pipeline. AUTO: what is
  * fastest here, COMPUTE: the fastest BVH. The rest name one, for measuring. */
@@ -61,6 +63,10 @@ struct kiln_backend_params {
     /* ends creation, emission and validity early, with KILN_STOPPED; NULL: nothing does */
     const struct kiln_stop *stop;
     struct kiln_kernel_store kernels; /* where a device's compiled kernels are kept */
+    /* Passes that will run over the surface: bit KILN_PASS_INDEX_... A device's kernels for them are made beside what
+     * comes before. 0: none is known of */
+    uint32_t passes;
+    struct kiln_backend_start *start; /* of a device, which creation goes on with (start.h); NULL: none has begun */
     struct kiln_device_faults faults; /* for tests */
 };
 
@@ -120,6 +126,7 @@ struct kiln_backend_info {
     size_t kernel_count;
     /* a device's kernels that were kept from an earlier run, and those that its driver had to compile */
     uint64_t kernels_found, kernels_made;
+    struct kiln_aside starting, making; /* a device, and kernels of it: beside what else was done to begin */
     uint64_t verified; /* texels traced again with Embree so far, once for each pass (worker/backend/verify.h) */
     uint64_t beyond;   /* of these, how many were apart by more than rounding and noise explain; a few may be */
     double worst;      /* the largest difference of one, over what rounding and noise explain */
@@ -129,6 +136,8 @@ struct kiln_backend;
 
 struct kiln_backend_api {
     const char *name;
+    /* What of creation needs no scene, geometry, lights; `create` then goes on with *backend. NULL: there is nothing */
+    int (*begin)(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error);
     int (*create)(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error);
     void (*destroy)(struct kiln_backend **backend);
     int (*devices)(struct kiln_device *list, size_t room, size_t *count, struct kiln_error *error);
@@ -175,6 +184,7 @@ struct kiln_backend {
     const struct kiln_radiance_probes *probes;
     struct kiln_rows *rows;     /* likewise of kiln_backend_set_rows */
     struct kiln_groups *groups; /* and of kiln_backend_set_groups */
+    struct kiln_aside starting; /* how `begin` went */
     bool ran[KILN_PASS_COUNT];  /* which passes kiln_backend_run was called for */
 };
 

@@ -6,7 +6,7 @@
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 
-enum { POINTS_AT_ONCE = 1 << 16, GROUP = 64 /* threads of a workgroup */ };
+enum { GROUP = 64 /* threads of a workgroup */ };
 
 struct hemisphere {
     struct vulkan_backend *b;
@@ -163,9 +163,8 @@ static size_t result_bytes(const struct vulkan_hemisphere *pass)
     return pass->lengthen != NULL ? pass->result_bytes : pass->pass->result_bytes;
 }
 
-/* Adds the tile runs' rays, and makes results of short ones. */
-static void look_through(struct hemisphere *h, size_t tile_run_first, size_t tile_run_count, const char *results,
-                         const uint32_t *words)
+/* Adds the tile runs' rays. */
+static void count_rays(struct hemisphere *h, size_t tile_run_first, size_t tile_run_count, const uint32_t *words)
 {
     const struct kiln_surface *s = h->b->surface;
     const struct kiln_tile_run *tile_runs = s->tile_runs + tile_run_first;
@@ -180,23 +179,8 @@ static void look_through(struct hemisphere *h, size_t tile_run_first, size_t til
             tracing += (points >> k & 1u) != 0 && traces(h, (struct kiln_own_point){run + k});
             shadow_rays += h->pass->counts_rays ? words[run + k - first] : 0;
         }
-        if (h->pass->lengthen != NULL && h->batch->take != NULL)
-            h->pass->lengthen(h->b, h->batch, tile_run_first + f, results + (run - first) * h->pass->result_bytes,
-                              h->b->results + (run - first) * h->pass->pass->result_bytes);
     }
     h->rays += tracing * h->batch->samples + shadow_rays;
-}
-
-/* How many of the tile runs are handed on at once: all, or as many as have few enough points for their results to stay
- * in the caches. */
-static size_t tile_runs_at_once(const struct hemisphere *h, size_t tile_run_first, size_t tile_run_count,
-                                uint64_t *points)
-{
-    const struct kiln_tile_run *tile_runs = h->b->surface->tile_runs + tile_run_first;
-    size_t count = 0;
-    for (*points = 0; count < tile_run_count && (h->pass->lengthen == NULL || *points < POINTS_AT_ONCE); count++)
-        *points += tile_runs[count].count;
-    return count;
 }
 
 static int take(void *context, size_t tile_run_first, size_t tile_run_count, const void *results, const uint32_t *words,
@@ -204,27 +188,18 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
 {
     struct hemisphere *h = context;
     const struct kiln_batch *batch = h->batch;
-    const char *from = results;
+    int status = KILN_OK;
     if (h->pass->held != 0)
         return KILN_OK;
-    int status = h->pass->lengthen != NULL
-                     ? kiln_grow(&h->b->results, &h->b->result_room,
-                                 (POINTS_AT_ONCE + KILN_TILE_TEXELS) * h->pass->pass->result_bytes, 1,
-                                 "the results of points", error)
-                     : KILN_OK;
     if (h->pass->kept_words > 0)
         status = h->pass->take_words(h->pass->context, tile_run_first, tile_run_count, results, words, error);
-    for (size_t done = 0, some; done < tile_run_count && status == KILN_OK; done += some) {
-        uint64_t points;
-        some = tile_runs_at_once(h, tile_run_first + done, tile_run_count - done, &points);
-        look_through(h, tile_run_first + done, some, from, words);
-        if (batch->take != NULL)
-            status = batch->take(batch->context, tile_run_first + done, some,
-                                 h->pass->lengthen != NULL ? h->b->results : from, error);
-        from += points * result_bytes(h->pass);
-        words = words != NULL ? words + points : NULL; /* results are short where a point has one word at most */
-    }
-    return status;
+    if (status != KILN_OK)
+        return status;
+    count_rays(h, tile_run_first, tile_run_count, words);
+    if (h->pass->lengthen != NULL)
+        return vulkan_take_short(h->b, h->pass->lengthen, h->pass->result_bytes, batch, tile_run_first, tile_run_count,
+                                 results, error);
+    return batch->take != NULL ? batch->take(batch->context, tile_run_first, tile_run_count, results, error) : KILN_OK;
 }
 
 static int prepare(void *context, struct kiln_error *error)

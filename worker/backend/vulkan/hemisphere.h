@@ -3,6 +3,7 @@
 #ifndef KILN_WORKER_BACKEND_VULKAN_HEMISPHERE_H
 #define KILN_WORKER_BACKEND_VULKAN_HEMISPHERE_H
 
+#include "worker/backend/vulkan/answers.h"
 #include "worker/backend/vulkan/chunks.h"
 
 /* Bytes that a pass's own push constants may have, after the members of struct kiln_gpu_hemisphere_push. */
@@ -18,11 +19,10 @@ struct vulkan_hemisphere {
     uint32_t floats;                  /* of a slice */
     /* of which results' float a kernel makes a negative number to say that the device ended its loops early */
     size_t failed_offset;
-    /* Where the device's results are short: their bytes, and what makes the pass's results of those of a tile run,
-     * which it is called for by several threads at once. 0, NULL: they are the pass's own. */
+    /* Where the device's results are short: their bytes, and what makes the pass's results of them. 0, NULL: they are
+     * the pass's own. */
     size_t result_bytes;
-    void (*lengthen)(const struct vulkan_backend *b, const struct kiln_batch *batch, size_t tile_run, const void *from,
-                     void *to);
+    vulkan_lengthen lengthen;
     bool counts_rays; /* the word of a point is its shadow rays; each sample is a ray besides */
     const void *own;  /* its own push constants; NULL: none */
     size_t own_bytes; /* at most VULKAN_HEMISPHERE_OWN */

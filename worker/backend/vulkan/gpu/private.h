@@ -79,9 +79,9 @@ struct gpu {
     struct gpu_buffer staging[GPU_STAGING_PIECES];
     struct gpu_guard *guard; /* NULL: buffers are not guarded */
     struct gpu_faults *faults;
-    VkResult refusal; /* what the call that was just played a fault returns */
-    bool lost, short_of_memory;
-    bool hangs; /* lost, in that it did not answer in time */
+    VkResult refusal;                  /* what the call that was just played a fault returns */
+    atomic_bool lost, short_of_memory; /* threads that make kernels set them too */
+    bool hangs;                        /* lost, in that it did not answer in time */
     atomic_size_t messages;
     double busy, first_submission; /* s; of the monotonic clock, 0: none yet */
     struct gpu_times *times;       /* NULL: steps are not timed one by one */
