@@ -64,6 +64,9 @@ struct kiln_landing;
 
 /* The paths of an iteration: those asked for; where the user did not say how many, four an aim at least. */
 uint64_t kiln_landing_photons(const struct kiln_integrate_settings *settings, size_t aims);
+/* Rays of a point in the step that lands: of a gather's samples a fourth, where they share what they find with paths,
+ * and are not connected with any; paths find most of it. */
+uint32_t kiln_landing_rays(const struct kiln_integrate_settings *settings);
 /* The aims up to which objects are cut into several targets (kiln_aims_create). */
 size_t kiln_landing_aims(const struct kiln_integrate_settings *settings);
 /* What traces what a backend that is a device leaves to the host (kiln_backend_takes): Embree, with the same scene and

@@ -78,6 +78,8 @@ static int gather(struct kiln_landing *l, const struct kiln_batch *batch, size_t
     struct kiln_batch part = *batch;
     part.first = first;
     part.count = end - first;
+    part.samples *= kiln_landing_ray_share(l->params->settings);
+    part.first_sample *= kiln_landing_ray_share(l->params->settings);
     return kiln_backend_run(l->params->backend, &kiln_pass_caustic, NULL, &part, &kiln_solution_step(l->solution)->rays,
                             error);
 }

@@ -99,6 +99,8 @@ static inline uint64_t kiln_landing_iterations(const struct kiln_landing *l)
 
 /* ---- land_size.c ---- */
 
+/* How many times the rays of the step those of objects have that no path meets. */
+uint32_t kiln_landing_ray_share(const struct kiln_integrate_settings *settings);
 /* Paths of a set that gather rays connect with. */
 uint64_t kiln_landing_kept_paths(size_t aims, double points);
 
