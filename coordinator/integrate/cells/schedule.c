@@ -6,7 +6,6 @@
 #include "coordinator/integrate/cells/adapt.h"
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/late.h"
-#include "coordinator/integrate/land.h"
 #include "worker/pass/caustic.h"
 #include "worker/pass/guided.h"
 
@@ -233,7 +232,7 @@ static void first_step(const struct kiln_integrate_settings *settings, size_t co
     if (settings->caustics > KILN_CAUSTICS_NONE && count == kiln_cells_first(settings)) {
         *step = (struct kiln_step){.pass = &kiln_pass_caustic,
                                    .role = KILN_CELLS_CAUSTIC,
-                                   .samples = kiln_landing_rays(settings),
+                                   .samples = settings->samples_indirect,
                                    .lands = settings->caustics >= KILN_CAUSTICS_LAND,
                                    .iterations = settings->caustics >= KILN_CAUSTICS_LAND ? settings->iterations : 0,
                                    .counted = true};
