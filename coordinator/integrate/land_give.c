@@ -57,8 +57,7 @@ static struct kiln_point_result merged_answer(const struct kiln_landing *l, cons
 {
     const struct kiln_merged *merged = &l->merged[at->point.at];
     const uint64_t iterations = kiln_landing_iterations(l);
-    struct kiln_point_result r = {.count =
-                                      kiln_landing_spreads_rays(l) ? kiln_landing_own_rays(l) : 1};
+    struct kiln_point_result r = {.count = kiln_landing_spreads_rays(l) ? kiln_landing_own_rays(l) : 1};
     const double count = (double)r.count;
     if (!kiln_point_valid(surface, at->point))
         return (struct kiln_point_result){.count = 0};

@@ -3,7 +3,7 @@
 #include <math.h>
 
 enum { PATHS_AN_AIM = 4 };
-enum { RAYS_SHARE = 4, FEW_FROM = 16 }; /* of a gather's samples; those of which no part is taken are fewer */
+enum { RAYS_SHARE = 4, FEW_FROM = 16 };        /* of a gather's samples; those of which no part is taken are fewer */
 enum { AIMS_MOST = 1024, PATHS_OF_CUTS = 64 }; /* objects are cut up to so many aims, each of so many paths */
 /* Paths that gather rays connect with, for a quarter of the samples: one for so many points, within these, and one an
  * aim at least. */
