@@ -29,6 +29,7 @@ struct kiln_radiance_report {
 struct kiln_landing_report {
     uint64_t photons; /* of an iteration: at least one for each aim */
     uint64_t aims;    /* pairs of a lamp and an object with gloss, or a part of one */
+    uint32_t rays;    /* of a point, of the last step, that share its light with paths; 0: none */
     double radius;    /* m, within which they were merged at first; of the last step that did */
     uint32_t on_host; /* passes that a device has left to the host: bit KILN_PASS_INDEX_..., of this rank */
 };
