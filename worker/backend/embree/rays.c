@@ -131,6 +131,7 @@ uint32_t rays_begin(struct tile_run_rays *r, const struct embree_backend *b, siz
         r->shift_t[j] = kiln_gather_shift(key, KILN_DIMENSION_T);
     }
     r->positions_made = 0;
+    r->placed = UINT32_MAX;
     r->guide = NULL;
     r->copies = RAY_LANES / count;
     if (r->copies > r->samples)
@@ -241,12 +242,14 @@ static void fill_packets(struct tile_run_rays *r, uint32_t lanes)
     }
 }
 
-uint32_t rays_make(struct tile_run_rays *r, const struct embree_backend *b, uint32_t step)
+/* Takes positions from the tables for `copies` samples a point, of which `first` is the first. */
+static void place(struct tile_run_rays *r, const struct embree_backend *b, uint32_t first, uint32_t copies)
 {
-    const uint32_t count = r->frame.count, first = step * r->copies;
-    const uint32_t copies = r->samples - first < r->copies ? r->samples - first : r->copies;
-    if (r->partial_lanes > 0)
-        fill_tables(r, b, (first + copies - 1) / r->reuse + 1);
+    const uint32_t from = first / r->reuse, to = (first + copies - 1) / r->reuse;
+    if (from == to && from == r->placed)
+        return;
+    fill_tables(r, b, to + 1);
+    r->placed = from == to ? from : UINT32_MAX;
     for (uint32_t i = 0; i < r->partial_lanes; i++) {
         const uint32_t l = r->partial_lane[i], j = r->point[l], entry = (first + r->copy[l]) / r->reuse % RAY_TABLE;
         for (int c = 0; c < 3; c++) {
@@ -255,6 +258,14 @@ uint32_t rays_make(struct tile_run_rays *r, const struct embree_backend *b, uint
             r->facet[c][l] = r->table_facet[c][j][entry];
         }
     }
+}
+
+uint32_t rays_make(struct tile_run_rays *r, const struct embree_backend *b, uint32_t step)
+{
+    const uint32_t count = r->frame.count, first = step * r->copies;
+    const uint32_t copies = r->samples - first < r->copies ? r->samples - first : r->copies;
+    if (r->partial_lanes > 0)
+        place(r, b, first, copies);
     for (uint32_t c = 0; c < copies; c++) {
         const struct sample_numbers numbers = {r->scrambled[0][first + c], r->scrambled[1][first + c],
                                                r->scrambled[2][first + c], r->scrambled[3][first + c]};
