@@ -12,8 +12,7 @@ int kiln_trace_emission(MPI_Comm communicator, struct kiln_backend *backend, str
     int rank, ranks;
     (void)MPI_Comm_rank(communicator, &rank);
     (void)MPI_Comm_size(communicator, &ranks);
-    int status =
-        kiln_emission_groups(backend, KILN_EMISSION_SAMPLES, (uint32_t)rank, (uint32_t)ranks, groups, error);
+    int status = kiln_emission_groups(backend, KILN_EMISSION_SAMPLES, (uint32_t)rank, (uint32_t)ranks, groups, error);
     status = kiln_agree(communicator, status, error);
     if (status == KILN_OK) { /* each number is one rank's, and 0 on the others: nothing is rounded */
         (void)MPI_Allreduce(MPI_IN_PLACE, groups, NUMBERS, MPI_DOUBLE, MPI_SUM, communicator);

@@ -104,11 +104,10 @@ int kiln_faults_read(struct kiln_faults *faults, struct kiln_error *error)
     static const struct {
         const char *name;
         int (*read)(struct kiln_faults *faults, const char *text, struct kiln_error *error);
-    } variables[] = {{"KILN_SLOW_RANK", read_slowness},    {"KILN_HALT_RANK", read_halt},
-                     {"KILN_FAILING_PACKER", read_packer}, {"KILN_LOCKS", read_locks},
-                     {"KILN_GPU_FAULT", read_device},      {"KILN_VULKAN_GUARD", read_guard},
-                     {"KILN_PROBES", read_probes},         {"KILN_SIGHT", read_sight},
-                     {"KILN_DIVIDE_FROM", read_division}};
+    } variables[] = {
+        {"KILN_SLOW_RANK", read_slowness}, {"KILN_HALT_RANK", read_halt},   {"KILN_FAILING_PACKER", read_packer},
+        {"KILN_LOCKS", read_locks},        {"KILN_GPU_FAULT", read_device}, {"KILN_VULKAN_GUARD", read_guard},
+        {"KILN_PROBES", read_probes},      {"KILN_SIGHT", read_sight},      {"KILN_DIVIDE_FROM", read_division}};
     int status = KILN_OK;
     *faults = (struct kiln_faults){0};
     for (size_t i = 0; status == KILN_OK && i < sizeof variables / sizeof *variables; i++) {

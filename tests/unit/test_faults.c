@@ -10,9 +10,8 @@
 
 #include "coordinator/job/faults.h"
 
-static const char *const names[] = {"KILN_SLOW_RANK", "KILN_HALT_RANK", "KILN_FAILING_PACKER",
-                                    "KILN_LOCKS",     "KILN_GPU_FAULT", "KILN_VULKAN_GUARD",
-                                    "KILN_DIVIDE_FROM"};
+static const char *const names[] = {"KILN_SLOW_RANK", "KILN_HALT_RANK",    "KILN_FAILING_PACKER", "KILN_LOCKS",
+                                    "KILN_GPU_FAULT", "KILN_VULKAN_GUARD", "KILN_DIVIDE_FROM"};
 
 static int clear(void **state)
 {
@@ -65,11 +64,10 @@ static void refused(void **state)
     static const struct {
         size_t name;
         const char *value;
-    } cases[] = {{0, "slow"},      {0, "1:0.5"},        {0, "1:2x"},   {0, "1:nan"},  {1, "1"},
-                 {1, "1:"},        {1, "one:a"},        {2, "two"},    {2, "2x"},     {3, "some"},
-                 {4, "lost"},      {4, "lost:"},        {4, "lost:0"}, {4, "slow:3"}, {4, "memory:3:"},
-                 {4, "memory:3x"}, {4, "memory:3:4:5"}, {5, "between"},
-                 {6, "0"},         {6, "64x"}};
+    } cases[] = {{0, "slow"},      {0, "1:0.5"},        {0, "1:2x"},    {0, "1:nan"},  {1, "1"},
+                 {1, "1:"},        {1, "one:a"},        {2, "two"},     {2, "2x"},     {3, "some"},
+                 {4, "lost"},      {4, "lost:"},        {4, "lost:0"},  {4, "slow:3"}, {4, "memory:3:"},
+                 {4, "memory:3x"}, {4, "memory:3:4:5"}, {5, "between"}, {6, "0"},      {6, "64x"}};
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct kiln_faults faults;
