@@ -193,8 +193,8 @@ class Merge(unittest.TestCase):
         self.assertTrue(0.1 < self.report(folders[2])["materials"]["merge_radius"] < 0.6)
 
     def test_same_bits(self):
-        """On 1, 2, 3 and 5 ranks (by hand each way on more); with cells of another size, and without cells; with a radius
-        for each point; and with one that is found."""
+        """On 1, 2, 3 and 5 ranks (each way on more by hand); with cells of another size, and without cells; with a
+        radius for each point; and with one that is found."""
         cells, objects = ("--cell-size", "1.5"), ("--partition", "objects")
         fine = ("--texels-per-metre", "12", "--photons", "2000")
         shared = ("--caustics", "vcm", "--texels-per-metre", "8", "--samples-indirect", "16")
