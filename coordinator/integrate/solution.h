@@ -56,6 +56,8 @@ struct kiln_integrate_report {
     struct kiln_visibility_counts visibility; /* of this rank, in this run (patches.h) */
     uint64_t links, link_bytes;               /* that this rank has kept (links.h) */
     struct kiln_energy energy;
+    struct kiln_step_balance trial; /* what was found before the first step (trial.h), and done */
+    double trial_seconds;           /* 0: nothing was tried */
 };
 
 /* Three floats a point in direct and indirect, W/m2 about the shading normal; see field/result.h. */

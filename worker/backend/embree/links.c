@@ -7,23 +7,19 @@
 #include <string.h>
 
 #include "worker/backend/embree/frame.h"
-#include "worker/backend/embree/patch_factors.h"
+#include "worker/backend/embree/link_lanes.h"
+#include "worker/backend/embree/patch_ray.h"
 #include "worker/backend/embree/tile_runs.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 
-#define NEAREST 2.0       /* radii from which a node may be linked to */
-#define LEAST_FACTOR 1e-3 /* over the square of the error: nodes below are left out */
-#define FLAT 1e-5         /* what of a cosine is rounding */
-#define FLAT_NODE 0.1     /* bend of nodes that count as flat */
-#define ALIKE 0.5         /* cosine between normals of points that share a ray */
-#define TOGETHER 1.25     /* texels, over the points in a row: how far apart those are */
-#define RECTANGLE 3.1     /* the square of how far a rectangle's sides are, in standard deviations: 3, and rounding */
-#define LEAST_OPENED 8.0  /* links are opened to so many-th of the error that is asked for */
+#define ALIKE 0.5        /* cosine between normals of points that share a ray */
+#define TOGETHER 1.25    /* texels, over the points in a row: how far apart those are */
+#define LEAST_OPENED 8.0 /* links are opened to so many-th of the error that is asked for */
 /* What light that varies over a node is off by, over the radii in its distance times the deviation. */
 #define SPREAD 1.5
 
-enum { DRAWS = 4, STACK = 512 };
+enum { STACK = 512, ASKS = 32, AHEAD = 4 };
 
 /* What the pass's threads share. */
 struct links_job {
@@ -37,6 +33,12 @@ struct links_job {
 /* A ray that is to be traced: link `link` of the points of the mask. */
 struct link_ray {
     uint32_t link;
+    uint64_t of;
+};
+
+/* One before it: from the point at `bit` to point `to` of the tree. */
+struct link_ask {
+    uint32_t link, bit, to;
     uint64_t of;
 };
 
@@ -55,15 +57,17 @@ struct links_work {
     struct patch_receiver receiver[KILN_TILE_TEXELS];
     struct kiln_dvec3 at[KILN_TILE_TEXELS];
     const struct kiln_patch *patch[KILN_TILE_TEXELS];
-    double row[KILN_TILE_TEXELS], incident[KILN_TILE_TEXELS][3], irradiance[KILN_TILE_TEXELS][3];
-    double now[KILN_TILE_TEXELS]; /* luminance of irradiance by the light that errors are of */
-    double variance[KILN_TILE_TEXELS];
+    struct link_lanes lanes; /* of the same points */
+    struct link_lane_sums sums;
+    struct link_lane_factors factors;
     bool summed; /* these sums are of the links found, and of this bounce */
     struct kiln_found_links found;
     struct RTCRay8 rays __attribute__((aligned(32)));
     int valid_rays[PACKET] __attribute__((aligned(32)));
     struct link_ray of[PACKET];
     uint32_t waiting;
+    struct link_ask asks[ASKS]; /* of which what they go to is on its way from memory */
+    uint32_t asked;
     uint64_t traced;
 };
 
@@ -106,145 +110,7 @@ static void fail(struct links_job *job, int status, const struct kiln_error *err
     }
 }
 
-/* ---- factors ---- */
-
-/* How a point sees a node. */
-struct node_view {
-    struct kiln_dvec3 d;
-    double square, distance, other; /* other: -d about the node's normal */
-    double height, reach;           /* the highest that it may stand over the point's horizon; and the point over its */
-    bool whole;                     /* all of it is above the horizon and faces the point */
-};
-
-/* The covariance of the node's surface times a vector. */
-static struct kiln_dvec3 covariance_times(const struct kiln_link_node *node, struct kiln_dvec3 v)
-{
-    const float *c = node->covariance;
-    return dvec3((double)c[0] * v.x + (double)c[3] * v.y + (double)c[4] * v.z,
-                 (double)c[3] * v.x + (double)c[1] * v.y + (double)c[5] * v.z,
-                 (double)c[4] * v.x + (double)c[5] * v.y + (double)c[2] * v.z);
-}
-
-/* Whether a node whose centre stands so high over a plane with this normal lies above it: as a ball, or, where it is
- * flat, as the rectangle that has its covariance. */
-static bool is_above(const struct kiln_link_node *node, struct kiln_dvec3 n, double height)
-{
-    const double radius = (double)node->radius;
-    if (height >= radius || height <= 0.0)
-        return height >= radius;
-    return node->bend < FLAT_NODE && height * height >= RECTANGLE * dvec3_dot(n, covariance_times(node, n));
-}
-
-static struct node_view view_of(const struct links_work *w, uint32_t bit, const struct kiln_link_node *node)
-{
-    const struct kiln_dvec3 n = w->receiver[bit].n, d = dvec3_sub(dvec3_of(node->centre), w->at[bit]);
-    struct node_view v = {.d = d, .square = dvec3_dot(d, d), .other = -dvec3_dot(dvec3_of(node->normal), d)};
-    v.distance = sqrt(v.square);
-    const double radius = (double)node->radius, height = dvec3_dot(n, d),
-                 off = (double)node->height + (double)node->bend * (v.distance + radius);
-    v.height = height + radius;
-    v.reach = v.other + off;
-    v.whole = v.other >= off && is_above(node, n, height);
-    return v;
-}
-
-/* n.d / |d|^4, in the mean over the node's surface, over |d|^-4 at its centre: to the second order. That of a
- * disc that faces the point is (1 + x)^-2, x half of what it is less by to that order. */
-static double mean_height(const struct kiln_link_node *node, struct kiln_dvec3 n, const struct node_view *v)
-{
-    const float *c = node->covariance;
-    const struct kiln_dvec3 d = v->d, along = covariance_times(node, d);
-    const double height = dvec3_dot(n, d), trace = (double)c[0] + (double)c[1] + (double)c[2],
-                 more = (12.0 * dvec3_dot(d, along) / v->square - 2.0 * trace) / v->square,
-                 stretched = more < 0.0 ? 1.0 / ((1.0 - 0.5 * more) * (1.0 - 0.5 * more)) : 1.0 + more;
-    return fmax(0.0, height * stretched - 4.0 * dvec3_dot(n, along) / v->square);
-}
-
-/* The point of the node that the view of the point at `bit` is taken by: its place in the tree's order. A sequence
- * over the points' numbers, by the golden ratio; points of less area than others are taken less often. */
-static uint32_t choose(const struct links_work *w, uint32_t bit, const struct kiln_link_node *node, uint32_t number)
-{
-    const struct kiln_links_parameters *p = w->job->p;
-    const uint32_t hash = kiln_hash1(number);
-    double u = (double)hash * 0x1p-32 + (double)w->patch[bit]->number * 0.61803398874989485;
-    uint32_t k = node->first;
-    for (uint32_t draw = 0; draw < DRAWS; draw++) {
-        u -= floor(u);
-        k = node->first + (uint32_t)(u * (double)node->count);
-        const double chance = (double)kiln_hash2(hash + draw, w->patch[bit]->number) * 0x1p-32;
-        if (chance * (double)node->most_area < (double)p->points[p->order[k]].area)
-            break;
-        u += 0.75487766624669276;
-    }
-    return k;
-}
-
-/* Of the surface of a patch with this area in the place of its own. False: one does not see the other. */
-static bool patch_factors_of(const struct patch_receiver *receiver, struct kiln_dvec3 at, const struct kiln_patch *from,
-                             double area, struct patch_factors *f)
-{
-    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(from->centre), at);
-    const double cosine = dvec3_dot(receiver->n, d), other = -dvec3_dot(dvec3_of(from->normal), d),
-                 square = dvec3_dot(d, d);
-    if (!(cosine > 0.0 && other > 0.0))
-        return false;
-    if (area > 0.0) {
-        const double far = area * other / (KILN_PI * square * square);
-        *f = (struct patch_factors){far * cosine, far * fmax(0.0, dvec3_dot(receiver->s, d))};
-    } else {
-        *f = patch_factors(receiver, from, d, square, cosine, other);
-    }
-    return true;
-}
-
-/* F of a link of the point at `bit`; *v: how it sees the node, which is not whole where it is a point. */
-static struct patch_factors link_factors(const struct links_work *w, uint32_t bit, uint32_t to, struct node_view *v)
-{
-    const struct kiln_links_parameters *p = w->job->p;
-    const struct patch_receiver *receiver = &w->receiver[bit];
-    struct patch_factors f = {0.0, 0.0};
-    if ((to & KILN_LINK_LEAF) != 0) {
-        v->whole = false;
-        (void)patch_factors_of(receiver, w->at[bit], &p->points[p->order[to & ~KILN_LINK_LEAF]], 0.0, &f);
-        return f;
-    }
-    const struct kiln_link_node *node = &p->nodes[to];
-    *v = view_of(w, bit, node);
-    if (v->whole) {
-        const double far = (double)node->area * v->other / (KILN_PI * v->square * v->square);
-        f.factor = far * mean_height(node, receiver->n, v);
-        f.shading = receiver->smooth ? far * mean_height(node, receiver->s, v) : f.factor;
-    } else {
-        const struct kiln_patch *from = &p->points[p->order[choose(w, bit, node, to)]];
-        (void)patch_factors_of(receiver, w->at[bit], from, (double)node->area, &f);
-    }
-    return f;
-}
-
 /* ---- finding links ---- */
-
-enum link_choice { LINK_NONE, LINK_OPEN, LINK_STANDS, LINK_STANDS_WHOLE };
-
-/* What the point at `bit` does with a node. */
-static enum link_choice judge(const struct links_work *w, uint32_t bit, const struct kiln_link_node *node)
-{
-    const struct node_view v = view_of(w, bit, node);
-    const double square_error = w->error * w->error, radius = (double)node->radius;
-    if (!(v.height > 0.0 && v.reach > FLAT * (v.distance + radius)))
-        return LINK_NONE;
-    if (v.distance < NEAREST * radius)
-        return LINK_OPEN;
-    const double factor = (double)node->area * fmin(1.0, v.height / v.distance) * fmin(1.0, v.reach / v.distance) /
-                          (KILN_PI * v.square),
-                 rho = radius / v.distance, turned = 2.0 * rho * (double)node->bend,
-                 spread = 1.5 * rho * (double)node->spread, light = 1.0 + (double)node->level,
-                 unsure = v.whole ? KILN_LINKS_UNSEEN + turned * turned : 1.0;
-    if (factor < LEAST_FACTOR * square_error)
-        return LINK_NONE;
-    if (factor * (unsure * light * light + spread * spread) > square_error * light)
-        return LINK_OPEN;
-    return v.whole ? LINK_STANDS_WHOLE : LINK_STANDS;
-}
 
 static int add_tinted(struct links_work *w, const struct link_ray *ray, const double through[3],
                       struct kiln_error *error)
@@ -286,6 +152,32 @@ static int trace(struct links_work *w, const struct embree_backend *b, struct em
     return status;
 }
 
+/* Makes a ray of what is asked, if the two face each other. */
+static int send(struct links_work *w, const struct embree_backend *b, struct embree_context *context,
+                const struct link_ask *a, struct kiln_error *error)
+{
+    const struct kiln_links_parameters *p = w->job->p;
+    const struct kiln_patch *own = w->patch[a->bit], *other = &p->points[p->order[a->to]];
+    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(other->centre), w->at[a->bit]);
+    const bool first = own->number < other->number;
+    if (!(dvec3_dot(w->receiver[a->bit].n, d) > 0.0 && dvec3_dot(dvec3_of(other->normal), d) < 0.0))
+        return KILN_OK;
+    if (!patch_ray(&w->rays, w->waiting, first ? own->place : other->place, first ? other->place : own->place))
+        return KILN_OK;
+    w->of[w->waiting++] = (struct link_ray){a->link, a->of};
+    return w->waiting == PACKET ? trace(w, b, context, error) : KILN_OK;
+}
+
+static int send_all(struct links_work *w, const struct embree_backend *b, struct embree_context *context,
+                    struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (uint32_t i = 0; i < w->asked && status == KILN_OK; i++)
+        status = send(w, b, context, &w->asks[i], error);
+    w->asked = 0;
+    return status;
+}
+
 /* Asks whether the point at `bit` sees what link `link` goes to, for the points `of`. */
 static int ask(struct links_work *w, const struct embree_backend *b, struct embree_context *context, uint32_t link,
                uint32_t bit, uint64_t of, struct kiln_error *error)
@@ -293,16 +185,10 @@ static int ask(struct links_work *w, const struct embree_backend *b, struct embr
     const struct kiln_links_parameters *p = w->job->p;
     const uint32_t to = w->found.to[link];
     const bool leaf = (to & KILN_LINK_LEAF) != 0;
-    const uint32_t k = leaf ? to & ~KILN_LINK_LEAF : choose(w, bit, &p->nodes[to], to);
-    const struct kiln_patch *own = w->patch[bit], *other = &p->points[p->order[k]];
-    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(other->centre), w->at[bit]);
-    const bool first = own->number < other->number;
-    if (!(dvec3_dot(w->receiver[bit].n, d) > 0.0 && dvec3_dot(dvec3_of(other->normal), d) < 0.0))
-        return KILN_OK;
-    if (!patch_ray(&w->rays, w->waiting, first ? own->place : other->place, first ? other->place : own->place))
-        return KILN_OK;
-    w->of[w->waiting++] = (struct link_ray){link, of};
-    return w->waiting == PACKET ? trace(w, b, context, error) : KILN_OK;
+    const uint32_t k = leaf ? to & ~KILN_LINK_LEAF : kiln_link_choose(p, &p->nodes[to], to, w->patch[bit]->number);
+    kiln_link_fetch(p, k);
+    w->asks[w->asked++] = (struct link_ask){link, bit, k, of};
+    return w->asked == ASKS ? send_all(w, b, context, error) : KILN_OK;
 }
 
 /* How many points in a row, a square of them, have one ray to a node: worker/pass/links.h. */
@@ -345,23 +231,6 @@ static int link_to(struct links_work *w, const struct embree_backend *b, struct 
     return status;
 }
 
-/* Of the points of the mask, those that stop at the node, in *stands, of these those that have it whole before them,
- * and those that go on to its children. */
-static uint64_t judge_all(const struct links_work *w, const struct kiln_link_node *node, uint64_t mask,
-                          uint64_t *stands, uint64_t *whole)
-{
-    uint64_t open = 0;
-    *stands = *whole = 0;
-    for (uint64_t rest = mask; rest != 0; rest &= rest - 1) {
-        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        const enum link_choice choice = judge(w, bit, node);
-        open |= (uint64_t)(choice == LINK_OPEN) << bit;
-        *stands |= (uint64_t)(choice >= LINK_STANDS) << bit;
-        *whole |= (uint64_t)(choice == LINK_STANDS_WHOLE) << bit;
-    }
-    return open;
-}
-
 /* From the root down, children in their order. */
 static int find_links(struct links_work *w, const struct embree_backend *b, struct embree_context *context,
                       struct kiln_error *error)
@@ -373,20 +242,23 @@ static int find_links(struct links_work *w, const struct embree_backend *b, stru
     } stack[STACK];
     uint32_t depth = 0;
     int status = KILN_OK;
+    w->waiting = w->asked = 0;
     w->found.count = w->found.tinted_count = 0;
     if (p->node_count > 0)
         stack[depth++].to = 0, stack[0].mask = w->valid | w->shares;
     while (depth > 0 && status == KILN_OK) {
         const uint32_t to = stack[--depth].to;
         const uint64_t mask = stack[depth].mask;
-        uint64_t stands = mask, whole = 0, open = 0;
+        struct link_lane_choices c = {.stands = mask};
         if ((to & KILN_LINK_LEAF) == 0)
-            open = judge_all(w, &p->nodes[to], mask, &stands, &whole);
-        if (stands != 0)
-            status = link_to(w, b, context, to, stands, whole, error);
-        for (uint32_t i = open != 0 ? p->nodes[to].children : 0; i > 0; i--)
-            stack[depth].mask = open, stack[depth++].to = p->nodes[to].child[i - 1];
+            c = link_lanes_judge(&w->lanes, &p->nodes[to], w->error * w->error, mask);
+        if (c.stands != 0)
+            status = link_to(w, b, context, to, c.stands, c.whole, error);
+        for (uint32_t i = c.open != 0 ? p->nodes[to].children : 0; i > 0; i--)
+            stack[depth].mask = c.open, stack[depth++].to = p->nodes[to].child[i - 1];
     }
+    if (status == KILN_OK)
+        status = send_all(w, b, context, error);
     return status == KILN_OK ? trace(w, b, context, error) : status;
 }
 
@@ -405,6 +277,11 @@ static void drop_unseen(struct kiln_found_links *f)
 
 /* ---- points ---- */
 
+static void enter_lane(double lanes[3][KILN_TILE_TEXELS], uint32_t bit, struct kiln_dvec3 v)
+{
+    lanes[0][bit] = v.x, lanes[1][bit] = v.y, lanes[2][bit] = v.z;
+}
+
 static void enter_point(struct links_work *w, uint32_t bit, uint64_t index)
 {
     const struct kiln_patch *patch = &w->job->p->points[index];
@@ -412,6 +289,9 @@ static void enter_point(struct links_work *w, uint32_t bit, uint64_t index)
     w->patch[bit] = patch;
     w->at[bit] = dvec3_of(patch->place);
     w->receiver[bit] = (struct patch_receiver){dvec3_of(patch->normal), dvec3_of(patch->normal), false};
+    enter_lane(w->lanes.at, bit, w->at[bit]);
+    enter_lane(w->lanes.n, bit, w->receiver[bit].n);
+    enter_lane(w->lanes.s, bit, w->receiver[bit].n);
     if (!(patch->area > 0.0f))
         return;
     w->shares |= 1ull << bit;
@@ -470,6 +350,7 @@ static void enter_points(struct links_work *w, const struct kiln_surface *s, con
 static void enter_found(struct links_work *w)
 {
     w->valid = 0;
+    w->lanes.smooth = w->found.smooth;
     for (uint64_t rest = w->mask; rest != 0; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
         const float *s = w->found.shading[bit];
@@ -480,6 +361,7 @@ static void enter_found(struct links_work *w)
         w->receiver[bit].smooth = w->found.smooth;
         if (w->found.smooth)
             w->receiver[bit].s = dvec3((double)s[0], (double)s[1], (double)s[2]);
+        enter_lane(w->lanes.s, bit, w->receiver[bit].s);
     }
 }
 
@@ -541,14 +423,18 @@ static struct unsure unsure_of(const struct links_work *w, uint32_t link)
     return u;
 }
 
-static double variance_of(const struct unsure *u, uint32_t bit)
+/* The variance of what the points of the mask see. */
+static void find_unsure(const struct unsure *u, uint64_t mask, double unsure[KILN_TILE_TEXELS])
 {
-    uint32_t asked = 0, other = 0;
-    for (int i = 0; i < 3; i++) {
-        asked += (uint32_t)(u->asked[i] >> bit & 1);
-        other += (uint32_t)(u->other[i] >> bit & 1);
+    for (uint64_t rest = mask; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        uint32_t asked = 0, other = 0;
+        for (int i = 0; i < 3; i++) {
+            asked += (uint32_t)(u->asked[i] >> bit & 1);
+            other += (uint32_t)(u->other[i] >> bit & 1);
+        }
+        unsure[bit] = (0.5 * (double)other + KILN_LINKS_UNSEEN) / (double)(asked + 1);
     }
-    return (0.5 * (double)other + KILN_LINKS_UNSEEN) / (double)(asked + 1);
 }
 
 /* The light that errors are of: so far and before this bounce; or the first, over its mean. */
@@ -565,70 +451,90 @@ static struct kiln_link_light light_of(const struct links_work *w, uint32_t to)
     return (struct kiln_link_light){.now = node->level, .spread_now = node->spread * node->spread};
 }
 
-/* What a link does to the error of the point at `bit`; q: the variance of what it sees. */
-static void add_variance(struct links_work *w, uint32_t bit, uint32_t to, const struct node_view *v, double factor,
-                         double seen, double q)
+/* Factors of a link of the points of the mask. */
+static void find_factors(struct links_work *w, uint32_t to, uint64_t mask)
 {
     const struct kiln_links_parameters *p = w->job->p;
+    struct link_lane_factors *f = &w->factors;
+    f->whole = 0;
+    if ((to & KILN_LINK_LEAF) == 0)
+        link_lanes_factors(&w->lanes, &p->nodes[to], mask, f);
+    const bool leaf = (to & KILN_LINK_LEAF) != 0;
+    const double area = leaf ? 0.0 : (double)p->nodes[to].area;
+    uint32_t k[KILN_TILE_TEXELS];
+    for (uint64_t rest = mask & ~f->whole; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        k[bit] = leaf ? to & ~KILN_LINK_LEAF : kiln_link_choose(p, &p->nodes[to], to, w->patch[bit]->number);
+        kiln_link_fetch(p, k[bit]);
+    }
+    for (uint64_t rest = mask & ~f->whole; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        struct patch_factors one = {0.0, 0.0};
+        (void)kiln_patch_factors_of(&w->receiver[bit], w->at[bit], &p->points[p->order[k[bit]]], area, &one);
+        f->factor[bit] = one.factor;
+        f->shading[bit] = one.shading;
+    }
+}
+
+/* A link to `to` of which so much is let through; nobody has it yet. */
+static void begin_link(const struct links_work *w, uint32_t to, const float through[3], struct link_lane_link *link)
+{
+    const struct kiln_links_parameters *p = w->job->p;
+    const bool leaf = (to & KILN_LINK_LEAF) != 0;
+    const float *radiosity = leaf ? p->leaf_radiosity[to & ~KILN_LINK_LEAF] : p->radiosity[to];
     const struct kiln_link_light l = light_of(w, to);
-    const double now = (double)l.now, before = (double)l.before, more = (double)l.spread_now - (double)l.spread_before;
-    double square = q * (now * now - before * before + more);
-    if ((to & KILN_LINK_LEAF) == 0 && seen > 0.0) {
-        const double rho = SPREAD * (double)p->nodes[to].radius / v->distance;
-        square += v->whole ? rho * rho * more : now * now - before * before + more;
-    }
-    w->variance[bit] += factor * factor * square;
-    w->now[bit] += factor * seen * now;
+    const double now = (double)l.now, before = (double)l.before;
+    link->sees = link->other = 0;
+    link->through = ((double)through[0] + (double)through[1] + (double)through[2]) / 3.0;
+    link->now = now;
+    link->more = (double)l.spread_now - (double)l.spread_before;
+    link->square = now * now - before * before + link->more;
+    link->reach = leaf || !(link->through > 0.0) ? 0.0 : SPREAD * (double)p->nodes[to].radius;
+    link->by_first = w->by_first;
+    for (int c = 0; c < 3; c++)
+        link->light[c] = (double)radiosity[c] * (double)through[c];
 }
 
-static void add_link(struct links_work *w, uint32_t bit, uint32_t to, const float through[3], double q)
+/* What the points `of` gather by a link that was found; points that see nothing by it, though some beside them do, are
+ * not sure of that. */
+static void add_found(struct links_work *w, uint32_t i, uint64_t of)
 {
-    const struct kiln_links_parameters *p = w->job->p;
-    const float *radiosity = (to & KILN_LINK_LEAF) != 0 ? p->leaf_radiosity[to & ~KILN_LINK_LEAF] : p->radiosity[to];
-    struct node_view v;
-    const struct patch_factors f = link_factors(w, bit, to, &v);
-    const double seen = ((double)through[0] + (double)through[1] + (double)through[2]) / 3.0;
-    w->row[bit] += f.factor * seen;
-    for (int c = 0; c < 3; c++) {
-        const double light = (double)radiosity[c] * (double)through[c];
-        w->incident[bit][c] += f.factor * light;
-        w->irradiance[bit][c] += f.shading * light;
-    }
-    add_variance(w, bit, to, &v, w->by_first ? f.factor : f.shading, seen, q);
+    static const float all[3] = {1.0f, 1.0f, 1.0f};
+    const struct kiln_found_links *f = &w->found;
+    const struct unsure u = unsure_of(w, i);
+    struct link_lane_link link;
+    begin_link(w, f->to[i], all, &link);
+    link.sees = f->seen[i] & f->asked[i] & of;
+    link.other = (u.other[0] | u.other[1] | u.other[2]) & f->asked[i] & of & ~f->seen[i];
+    find_unsure(&u, link.sees | link.other, link.unsure);
+    find_factors(w, f->to[i], link.sees | link.other);
+    link_lanes_add(&w->sums, &w->factors, &link);
 }
 
-/* A link by which the point at `bit` sees nothing, though some beside it do. */
-static void add_unseen(struct links_work *w, uint32_t bit, uint32_t to, double q)
+static void add_tinted_link(struct links_work *w, const struct kiln_tinted_link *t)
 {
-    struct node_view v;
-    const double factor = link_factors(w, bit, to, &v).factor;
-    add_variance(w, bit, to, &v, factor, 0.0, q);
+    struct link_lane_link link;
+    begin_link(w, t->to, t->through, &link);
+    link.sees = 1ull << t->bit;
+    link.unsure[t->bit] = 0.0;
+    find_factors(w, t->to, link.sees);
+    link_lanes_add(&w->sums, &w->factors, &link);
 }
 
 static void add_links(struct links_work *w)
 {
-    static const float all[3] = {1.0f, 1.0f, 1.0f};
     const struct kiln_found_links *f = &w->found;
     const uint64_t of = w->by_first ? w->shares : w->valid;
     w->summed = !w->by_first;
-    memset(w->row, 0, sizeof w->row);
-    memset(w->incident, 0, sizeof w->incident);
-    memset(w->irradiance, 0, sizeof w->irradiance);
-    memset(w->now, 0, sizeof w->now);
-    memset(w->variance, 0, sizeof w->variance);
+    memset(&w->sums, 0, sizeof w->sums);
     for (uint32_t i = 0; i < f->count; i++) {
-        const struct unsure u = unsure_of(w, i);
-        for (uint64_t rest = f->asked[i] & of; rest != 0; rest &= rest - 1) {
-            const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-            if ((f->seen[i] >> bit & 1) != 0)
-                add_link(w, bit, f->to[i], all, variance_of(&u, bit));
-            else if (((u.other[0] | u.other[1] | u.other[2]) >> bit & 1) != 0)
-                add_unseen(w, bit, f->to[i], variance_of(&u, bit));
-        }
+        if (i + AHEAD < f->count && (f->to[i + AHEAD] & KILN_LINK_LEAF) != 0)
+            kiln_link_fetch(w->job->p, f->to[i + AHEAD] & ~KILN_LINK_LEAF);
+        add_found(w, i, of);
     }
     for (uint32_t i = 0; i < f->tinted_count; i++)
         if ((of >> f->tinted[i].bit & 1) != 0)
-            add_link(w, f->tinted[i].bit, f->tinted[i].to, f->tinted[i].through, 0.0);
+            add_tinted_link(w, &f->tinted[i]);
 }
 
 static void find_scales(struct links_work *w)
@@ -640,16 +546,22 @@ static void find_scales(struct links_work *w)
                                               .blocked = l->blocked,
                                               .glass = {l->glass[0], l->glass[1], l->glass[2]},
                                               .count = l->count};
-        l->scale = (float)kiln_patches_row_scale(&met, w->row[bit]);
+        l->scale = (float)kiln_patches_row_scale(&met, w->sums.row[bit]);
     }
+}
+
+static double luminance_of(const double lanes[3][KILN_TILE_TEXELS], uint32_t bit)
+{
+    return kiln_luminance((const double[3]){lanes[0][bit], lanes[1][bit], lanes[2][bit]});
 }
 
 /* Standard error of the luminance of irradiance, as that is closed. */
 static double error_of(const struct links_work *w, uint32_t bit)
 {
-    const double scale = (double)w->found.point[bit].scale, irradiance = kiln_luminance(w->irradiance[bit]),
-                 closed = kiln_patches_closed(scale, kiln_luminance(w->incident[bit]), irradiance);
-    return (irradiance > 0.0 ? closed / irradiance : scale) * sqrt(fmax(0.0, w->variance[bit]));
+    const struct link_lane_sums *s = &w->sums;
+    const double scale = (double)w->found.point[bit].scale, irradiance = luminance_of(s->irradiance, bit),
+                 closed = kiln_patches_closed(scale, luminance_of(s->incident, bit), irradiance);
+    return (irradiance > 0.0 ? closed / irradiance : scale) * sqrt(fmax(0.0, w->sums.variance[bit]));
 }
 
 static void give(const struct links_work *w, uint32_t points, struct kiln_point_result *results)
@@ -668,9 +580,9 @@ static void give(const struct links_work *w, uint32_t points, struct kiln_point_
                                         .count = point->count,
                                         .error = (float)(count * error_of(w, bit))};
         for (int c = 0; c < 3; c++) {
-            r->incident[c] = (float)(scale * w->incident[bit][c]);
-            r->irradiance[c] =
-                (float)(count * kiln_patches_closed((double)point->scale, w->incident[bit][c], w->irradiance[bit][c]));
+            const double incident = w->sums.incident[c][bit], irradiance = w->sums.irradiance[c][bit];
+            r->incident[c] = (float)(scale * incident);
+            r->irradiance[c] = (float)(count * kiln_patches_closed((double)point->scale, incident, irradiance));
         }
     }
 }
@@ -701,9 +613,9 @@ static bool is_above_target(struct links_work *w)
     w->by_first = false;
     for (uint64_t rest = w->shares; rest != 0; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        const double light = (double)p->first[w->index[bit]] + w->now[bit],
+        const double light = (double)p->first[w->index[bit]] + w->sums.now[bit],
                      allowed = p->target * fmax(light, KILN_LINKS_LEAST_LIGHT);
-        square += fmax(0.0, w->variance[bit]) / (allowed * allowed);
+        square += fmax(0.0, w->sums.variance[bit]) / (allowed * allowed);
     }
     return square > (double)__builtin_popcountll(w->shares);
 }

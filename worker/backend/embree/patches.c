@@ -6,10 +6,11 @@
 #include <math.h>
 
 #include "worker/backend/embree/frame.h"
-#include "worker/backend/embree/patch_factors.h"
+#include "worker/backend/embree/patch_ray.h"
 #include "worker/backend/embree/shadow.h"
 #include "worker/backend/embree/tile_runs.h"
 #include "worker/base/memory.h"
+#include "worker/pass/patch_factors.h"
 #include "worker/pass/visibility_cache.h"
 
 enum { WAITING = 64 };

@@ -1,9 +1,7 @@
-/* What the passes over patches (worker/pass/patches.h, worker/pass/links.h) share: factors of a point, rays between two
- * patches. */
-#ifndef KILN_WORKER_BACKEND_EMBREE_PATCH_FACTORS_H
-#define KILN_WORKER_BACKEND_EMBREE_PATCH_FACTORS_H
+/* View factors of patches, as points see them: what the passes over patches (patches.h, links.h) share. */
+#ifndef KILN_WORKER_PASS_PATCH_FACTORS_H
+#define KILN_WORKER_PASS_PATCH_FACTORS_H
 
-#include "worker/backend/embree/passage.h"
 #include "worker/pass/patches.h"
 
 /* A point that gathers. */
@@ -21,8 +19,5 @@ struct patch_factors {
  * normal and -d about the node's, both above 0. */
 struct patch_factors patch_factors(const struct patch_receiver *receiver, const struct kiln_patch *from,
                                    struct kiln_dvec3 d, double square, double cosine, double other);
-
-/* Ray i of a packet goes between two places. False: they are one place. */
-bool patch_ray(struct RTCRay8 *rays, uint32_t i, struct kiln_vec3 from, struct kiln_vec3 to);
 
 #endif
