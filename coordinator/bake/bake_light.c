@@ -1,6 +1,7 @@
 #include "coordinator/bake/bake_private.h"
 #include "coordinator/bake/light_settings.h"
 #include "coordinator/bake/reference_radius.h"
+#include "coordinator/integrate/emission.h"
 #include "coordinator/integrate/groups.h"
 
 static bool has_step(const struct kiln_step_reports *steps, uint32_t role)
@@ -116,7 +117,7 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
         return status;
     kiln_phase(&b->phases, "emission");
     kiln_progress_phase(b->progress, "emission", 0);
-    status = kiln_backend_emission(b->prepared->backend, KILN_EMISSION_SAMPLES, &b->emission, error);
+    status = kiln_trace_emission(b->communicator, b->prepared->backend, &b->emission, error);
     status = kiln_bake_end_phase(b, status, error);
     if (status != KILN_OK)
         return status;

@@ -92,6 +92,7 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
                                         .denoise_direct = kiln_job_has_links(b->job),
                                         .stitch = b->job->stitch,
                                         .faults = &b->job->faults,
+                                        .least_divided = b->job->faults.divide_from,
                                         .only = b->only,
                                         .ahead = b->ahead,
                                         .provenance_json = provenance};

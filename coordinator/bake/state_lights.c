@@ -5,6 +5,7 @@
 #include <xxhash.h>
 
 #include "coordinator/field/packed_error.h"
+#include "coordinator/integrate/emission.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
@@ -251,8 +252,7 @@ static int trace(struct kiln_state_lights *l, struct kept *k, struct kiln_error 
                                "direct light that is kept", error);
     status = kiln_agree(p->communicator, status, error);
     if (status == KILN_OK)
-        status = kiln_agree(p->communicator,
-                            kiln_backend_emission(p->backend, KILN_EMISSION_SAMPLES, &k->emission, error), error);
+        status = kiln_trace_emission(p->communicator, p->backend, &k->emission, error);
     const struct kiln_state state = {.settings = &settings,
                                      .emission = &k->emission,
                                      .albedo = l->white,

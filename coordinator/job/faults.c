@@ -43,6 +43,14 @@ static int read_packer(struct kiln_faults *faults, const char *text, struct kiln
                : kiln_fail(error, KILN_USAGE, "KILN_FAILING_PACKER is '%.100s'; it is the number of a rank", text);
 }
 
+static int read_division(struct kiln_faults *faults, const char *text, struct kiln_error *error)
+{
+    int end = 0;
+    if (sscanf(text, "%" SCNu64 "%n", &faults->divide_from, &end) != 1 || text[end] != '\0' || faults->divide_from == 0)
+        return kiln_fail(error, KILN_USAGE, "KILN_DIVIDE_FROM is '%.100s'; it is a number of texels, 1 or more", text);
+    return KILN_OK;
+}
+
 static int read_locks(struct kiln_faults *faults, const char *text, struct kiln_error *error)
 {
     faults->no_locks = strcmp(text, "none") == 0;
@@ -103,10 +111,11 @@ int kiln_faults_read(struct kiln_faults *faults, struct kiln_error *error)
     static const struct {
         const char *name;
         int (*read)(struct kiln_faults *faults, const char *text, struct kiln_error *error);
-    } variables[] = {
-        {"KILN_SLOW_RANK", read_slowness}, {"KILN_HALT_RANK", read_halt},   {"KILN_FAILING_PACKER", read_packer},
-        {"KILN_LOCKS", read_locks},        {"KILN_GPU_FAULT", read_device}, {"KILN_VULKAN_GUARD", read_guard},
-        {"KILN_PROBES", read_probes},      {"KILN_SIGHT", read_sight},      {"KILN_KERNEL_MAKERS", read_makers}};
+    } variables[] = {{"KILN_SLOW_RANK", read_slowness},    {"KILN_HALT_RANK", read_halt},
+                     {"KILN_FAILING_PACKER", read_packer}, {"KILN_LOCKS", read_locks},
+                     {"KILN_GPU_FAULT", read_device},      {"KILN_VULKAN_GUARD", read_guard},
+                     {"KILN_PROBES", read_probes},         {"KILN_SIGHT", read_sight},
+                     {"KILN_DIVIDE_FROM", read_division},  {"KILN_KERNEL_MAKERS", read_makers}};
     int status = KILN_OK;
     *faults = (struct kiln_faults){0};
     for (size_t i = 0; status == KILN_OK && i < sizeof variables / sizeof *variables; i++) {

@@ -25,6 +25,9 @@ struct kiln_faults {
     /* KILN_FAILING_PACKER=RANK. The rank fails to pack its band of a lightmap, or strips of other ranks' lightmaps. */
     bool packer_fails;
     uint32_t failing_packer;
+    /* KILN_DIVIDE_FROM=TEXELS. Lightmaps of so many texels and more are in bands if they are large among the others, or
+     * packed by several ranks; 0: as struct kiln_output_params has it. */
+    uint64_t divide_from;
     /* KILN_SIGHT=none. The visibility grid is empty, so that everything that rays meet was not expected. */
     bool no_sight;
     /* KILN_LOCKS=none. The lock of a bake's folder behaves as on a file system without locks. */

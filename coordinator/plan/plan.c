@@ -22,6 +22,7 @@
 #include "coordinator/export/export.h"
 #include "coordinator/output/output.h"
 #include "coordinator/output/points_ahead.h"
+#include "worker/backend/emission.h"
 #include "worker/base/memory.h"
 #include "worker/pass/probes.h"
 #include "worker/scene/radiosity.h"
@@ -475,7 +476,7 @@ static void plan_before_and_after(struct kiln_plan *plan, const struct kiln_prep
     if (plan->surface.points > 0)
         s->validity = worked_seconds(phases, "validity", p, p->threads) * (double)plan->surface.points_max * together /
                       (double)plan->surface.points;
-    s->emission = timing->emission * together;
+    s->emission = timing->emission * together / fmin(ranks, KILN_EMISSION_GROUPS);
     s->views = timing->views * together / ranks;
     s->probes = (timing->probe * ceil((double)plan->probes / ranks) + plan->landing.probes / ranks) * together;
     if (ranks > 1.0)

@@ -1,6 +1,6 @@
 """The hostile files, each by itself: corpus/hostile and what killers.py makes.
 
-    replay.py --kiln PROGRAM --server FUZZ_SERVER [--only WORDS] [--table]
+    replay.py --kiln PROGRAM --server FUZZ_SERVER [--only WORDS] [--step N] [--table]
 
 Each is read by the program with sanitizers (fork_server.c), which must end with one of the statuses that will do, a
 sentence and no report, within 5 s of wall-clock time (looked at again in the release build when it takes longer, for
@@ -62,6 +62,7 @@ class Replay(mutate.Worker):
 
 def main():
     options = mutate.arguments((('--only', {'default': '', 'help': 'names that hold these words'}),
+                                ('--step', {'type': int, 'default': 1, 'help': 'only every so-manieth'}),
                                 ('--table', {'action': 'store_true'})))
     if not mutate.prepare(options):
         return 77
@@ -69,7 +70,7 @@ def main():
         folder = os.path.join(options.work, 'seeds')
         os.makedirs(folder)
         replay = Replay(options, readers.Seeds(folder, options.kiln, {**os.environ, **mutate.MPI}))
-        names = [n for n in killers.KILLERS if options.only in n]
+        names = [n for n in killers.KILLERS if options.only in n][::options.step]
         for name in names:
             replay.one(name)
         replay.stop()

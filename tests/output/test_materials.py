@@ -86,7 +86,8 @@ class Materials(unittest.TestCase):
         """The layer of caustics is a part of the sum, and of what the bounces gather; the ledger closes with it, and
         tells what is left out without. It is there without an option."""
         options = ("--texels-per-metre", "4", "--quality", "draft", "--denoise", "none")
-        folder = self.bake("cornell-spheres", "layers", *options)
+        few = ("--photons", "20000")
+        folder = self.bake("cornell-spheres", "layers", *options, *few)
         self.assertTrue(np.array_equal(light(folder), light(folder, "direct") + light(folder, "indirect") +
                                        light(folder, "caustic")))
         said = report(folder)["materials"]
@@ -102,7 +103,8 @@ class Materials(unittest.TestCase):
             self.assertTrue(closed, text)
         self.assertEqual(report(folder)["energy"]["unfound"], [0.0] * 3)
         self.assertGreater(report(without)["energy"]["unfound"][0], 1.0)
-        clean = self.bake("cornell-spheres", "denoised", *options, "--denoise", "regression", "--no-stitch")
+        clean = self.bake("cornell-spheres", "denoised", *options, *few, "--denoise", "regression",
+                          "--no-stitch")
         for entry in report(folder)["objects"]:
             before, after = channels(folder, entry), channels(clean, entry)
             there = before["validity.Y"] == 1

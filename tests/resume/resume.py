@@ -1,7 +1,9 @@
 """A bake that is interrupted, in every way there is, goes on to the same bits.
 
-    resume.py --kiln PATH kills       kill -9 a random rank of four at random moments (KILN_KILLS of them, KILN_SEED)
-                                      (with KILN_LOCAL=FOLDER by --checkpoint-local)
+    resume.py --kiln PATH kills       kill -9 a random rank of three at random moments, a part of them while a
+                                      checkpoint, lightmaps in bands or other results are written (KILN_KILLS of them,
+                                      KILN_SEED; with --full 200, in three scenes; with KILN_LOCAL=FOLDER by
+                                      --checkpoint-local)
     resume.py --kiln PATH local       kill -9 with --checkpoint-local: what was not copied comes from the nodes, and a
                                       lost node does no harm
     resume.py --kiln PATH ends        kill -9 a rank when the job is about to end (KILN_ENDS times, KILN_SEED), and
@@ -34,6 +36,7 @@
                                       test)
     resume.py --kiln PATH cost        what checkpoints cost (a measurement)
 """
+import collections
 import glob
 import hashlib
 import itertools
@@ -249,23 +252,28 @@ def reference_of(checks, tool, *more, **how):
 # ---- the parts ----
 
 SCENES = [os.path.join(harness.REPOSITORY, 'jobs', name) for name in ('cornell.glb', 'rooms.glb', 'furnace.glb')]
-WHENEVER, CHECKPOINT, RESULTS = 'any moment', 'checkpoint writing', 'final writing'
-LEAST = {CHECKPOINT: 0.25, RESULTS: 0.125}  # of all kills so far; what falls behind is aimed at next
+# So little work that a bake is mostly what ranks say and write.
+LITTLE = ('--samples-direct', '16', '--samples-bounce', '8', '--samples-indirect', '64', '--samples-probe', '16',
+          '--bounces', '2')
+# Lightmaps that touch others are in bands where they are not denoised.
+IN_BANDS = (*LITTLE, '--denoise', 'none')
+WHENEVER, CHECKPOINT, LIGHTMAPS, RESULTS = 'any moment', 'checkpoint writing', 'lightmap writing', 'final writing'
+LEAST = {CHECKPOINT: 0.25, LIGHTMAPS: 0.25, RESULTS: 0.125}  # of all kills so far; what falls behind is aimed at next
 
 
 class Subject:
-    """A scene to be killed in: what a bake that nothing happens to leaves, how long four ranks take, and for how long
+    """A scene to be killed in: what a bake that nothing happens to leaves, how long some ranks take, and for how long
     of it they write results."""
 
-    def __init__(self, checks, tool, scene):
+    def __init__(self, checks, tool, scene, ranks=4, more=()):
         self.scene, folder = scene, tool.folder()
-        process = tool.bake(folder, '--checkpoint-every', 0, scene=scene, threads=2)
+        process = tool.bake(folder, '--checkpoint-every', 0, *more, scene=scene, threads=2)
         if not checks.that(process.status == 0, 'the reference ended with %d' % process.status, process):
             checks.end()
         self.reference = result(folder)
         folder = tool.folder()
-        process = tool.bake(folder, *OFTEN, scene=scene, ranks=4)
-        if not checks.that(process.status == 0, 'four ranks ended with %d' % process.status, process):
+        process = tool.bake(folder, *OFTEN, *more, scene=scene, ranks=ranks)
+        if not checks.that(process.status == 0, '%d ranks ended with %d' % (ranks, process.status), process):
             checks.end()
         self.seconds = process.seconds
         with open(os.path.join(folder, 'run.json')) as f:
@@ -275,6 +283,10 @@ class Subject:
 
 def writes_checkpoint(folder, _):
     return bool(glob.glob(os.path.join(folder, 'checkpoint', '.writing-*')))
+
+
+def writes_lightmap(folder, _):
+    return bool(glob.glob(os.path.join(folder, 'lightmaps', '.*.part')))
 
 
 def writes_results(folder, began):
@@ -289,7 +301,7 @@ def writes_results(folder, began):
     return fresh and not os.path.exists(os.path.join(folder, 'manifest'))
 
 
-IS_WRITING = {CHECKPOINT: writes_checkpoint, RESULTS: writes_results}
+IS_WRITING = {CHECKPOINT: writes_checkpoint, LIGHTMAPS: writes_lightmap, RESULTS: writes_results}
 
 
 def take_aim(dice, aim, subject, process, folder, began):
@@ -299,7 +311,7 @@ def take_aim(dice, aim, subject, process, folder, began):
         wait_for(lambda: process.poll() is not None, moment)
         return 'after %.2f s' % moment
     wait_for(lambda: process.poll() is not None or IS_WRITING[aim](folder, began))
-    delay = dice.uniform(0, 0.004 if aim == CHECKPOINT else subject.writing)
+    delay = dice.uniform(0, subject.writing if aim == RESULTS else 0.004)
     time.sleep(delay)
     return 'in %s, after %.3f s' % (aim, delay)
 
@@ -377,50 +389,90 @@ def plant(folder):
             open(os.path.join(folder, name), 'w').close()
 
 
+def shows_bands(checks, tool):
+    """Lightmaps of this size are in bands: a rank that does not pack its band fails the bake."""
+    process = harness.run(tool.line(tool.folder(), *IN_BANDS, ranks=3), 120,
+                          {**harness.MPI_ENVIRONMENT, 'KILN_FAILING_PACKER': '2'})
+    checks.that(process.status == SYSTEM and 'KILN_FAILING_PACKER' in process.stderr,
+                'lightmaps are not in bands: ended with %d' % process.status, process)
+
+
+def ends_well(checks, tool, subject, process, folder, what):
+    """The last run of a bake that was killed before: the bits of one that was not, and nothing left over."""
+    status = harness.own_status(finish(process), text(folder))
+    if not checks.that(status == 0, '%s: the last run ended with %s: %s' % (what, status, text(folder)[-3000:])):
+        return
+    different, bad = differences(subject.reference, result(folder)), readable(folder)
+    checks.that(not different, '%s: not the same: %s' % (what, different))
+    checks.that(not bad, '%s: %s' % (what, '; '.join(bad)))
+    verdict, hidden = tool.run('verify', folder), glob.glob(os.path.join(folder, '**', '.*'), recursive=True)
+    checks.that(verdict.status == 0, '%s: not as it was written' % what, verdict)
+    checks.that(not hidden and not os.path.exists(os.path.join(folder, 'checkpoint')),
+                '%s: left over: %s' % (what, hidden))
+
+
+class Kills:
+    """What was killed so far: how many at which moments and in which phases, the most seconds until a job was gone, and
+    how much shared memory was looked for."""
+
+    def __init__(self, most):
+        self.most, self.longest, self.seen = most, 0, 0
+        self.moments, self.phases = dict.fromkeys((WHENEVER, *LEAST), 0), collections.Counter()
+
+    def done(self):
+        return sum(self.moments.values())
+
+    def aim(self):
+        return next((aim for aim in LEAST if self.moments[aim] < LEAST[aim] * (self.done() + 1)), WHENEVER)
+
+    def add(self, folder, began, seconds, segments):
+        moment = next((aim for aim in LEAST if IS_WRITING[aim](folder, began)), WHENEVER)
+        status = status_bytes(folder)
+        self.moments[moment] += 1
+        self.phases[json.loads(status)['phase'] if status else 'before any, or after all'] += 1
+        self.longest, self.seen = max(self.longest, seconds), self.seen + segments
+
+
+def kill_and_go_on(checks, tool, dice, subject, kills, ranks=3):
+    """A bake that is killed some times, and gone on with each time, to its end."""
+    folder, interruptions, most = tool.folder(), 0, dice.randrange(3, 9)
+    while True:
+        plant(folder)
+        began = time.time()
+        process = tool.start(folder, *OFTEN, *IN_BANDS, scene=subject.scene, ranks=ranks, private=True)
+        killed = None
+        if kills.done() < kills.most and interruptions < most:
+            wait_for(lambda: process.poll() is not None or len(ranks_of(process)) == ranks, pause=LOOK)
+            alive = ranks_of(process)
+            moment = take_aim(dice, kills.aim(), subject, process, folder, began)
+            killed = kill_one(checks, dice, process, alive, folder, 'kill %d, %s' % (kills.done() + 1, moment))
+        if killed is None:
+            ends_well(checks, tool, subject, process, folder,
+                      '%s after %d interruptions' % (os.path.basename(subject.scene), interruptions))
+            break
+        kills.add(folder, began, *killed)
+        interruptions += 1
+    shutil.rmtree(folder, ignore_errors=True)
+
+
 def try_kills(checks, tool):
-    kills = int(os.environ.get('KILN_KILLS', '3'))
+    kills = Kills(int(os.environ.get('KILN_KILLS', '200' if tool.full else '3')))
     seed = int(os.environ.get('KILN_SEED', str(random.randrange(1 << 30))))
     dice = random.Random(seed)
-    print('seed %d (KILN_SEED=%d repeats it), %d kills' % (seed, seed, kills), flush=True)
-    subjects, count, longest, bakes, seen = {}, dict.fromkeys((WHENEVER, CHECKPOINT, RESULTS), 0), 0, 0, 0
-    while sum(count.values()) < kills:
-        scene = SCENES[bakes % len(SCENES) if kills > 20 else 0]
-        subject = subjects.get(scene) or subjects.setdefault(scene, Subject(checks, tool, scene))
-        folder, interruptions, most = tool.folder(), 0, dice.randrange(3, 9)
+    print('seed %d (KILN_SEED=%d repeats it), %d kills' % (seed, seed, kills.most), flush=True)
+    os.environ['KILN_DIVIDE_FROM'] = '1'
+    shows_bands(checks, tool)
+    subjects, bakes = {}, 0
+    while kills.done() < kills.most:
+        scene = SCENES[bakes % len(SCENES) if kills.most > 20 else 0]
+        subject = subjects.get(scene) or subjects.setdefault(scene, Subject(checks, tool, scene, 3, IN_BANDS))
+        kill_and_go_on(checks, tool, dice, subject, kills)
         bakes += 1
-        while True:
-            done = sum(count.values())
-            plant(folder)
-            began = time.time()
-            process = tool.start(folder, *OFTEN, scene=scene, ranks=4, private=True)
-            if done < kills and interruptions < most:
-                wait_for(lambda: process.poll() is not None or len(ranks_of(process)) == 4, pause=LOOK)
-                ranks = ranks_of(process)
-                aim = next((aim for aim in LEAST if count[aim] < LEAST[aim] * (done + 1)), WHENEVER)
-                what = 'kill %d, %s' % (done + 1, take_aim(dice, aim, subject, process, folder, began))
-                killed = kill_one(checks, dice, process, ranks, folder, what)
-                if killed is not None:
-                    within = [aim for aim in (CHECKPOINT, RESULTS) if IS_WRITING[aim](folder, began)]
-                    count[within[0] if within else WHENEVER] += 1
-                    longest, seen, interruptions = max(longest, killed[0]), seen + killed[1], interruptions + 1
-                    continue
-            status = harness.own_status(finish(process), text(folder))
-            what = '%s after %d interruptions' % (os.path.basename(scene), interruptions)
-            if checks.that(status == 0, '%s: the last run ended with %s: %s' % (what, status, text(folder)[-3000:])):
-                different = differences(subject.reference, result(folder))
-                checks.that(not different, '%s: not the same: %s' % (what, different))
-                verdict, hidden = tool.run('verify', folder), glob.glob(os.path.join(folder, '**', '.*'),
-                                                                        recursive=True)
-                checks.that(verdict.status == 0, '%s: not as it was written' % what, verdict)
-                checks.that(not hidden and not os.path.exists(os.path.join(folder, 'checkpoint')),
-                            '%s: left over: %s' % (what, hidden))
-            break
-        shutil.rmtree(folder, ignore_errors=True)
-    checks.that(seen > 0, 'no shared memory was ever seen, so none can be said to be gone')
-    print('%d kills in %d bakes of %d scenes, %d of them while a checkpoint was being written and %d while results '
-          'were; the job was gone '
-          'after %.1f s at most' % (sum(count.values()), bakes, len(subjects), count[CHECKPOINT], count[RESULTS],
-                                    longest))
+    checks.that(kills.seen > 0, 'no shared memory was ever seen, so none can be said to be gone')
+    print('%d kills in %d bakes of %d scenes; the job was gone after %.1f s at most' %
+          (kills.done(), bakes, len(subjects), kills.longest))
+    print('moments: ' + ', '.join('%s %d' % moment for moment in kills.moments.items()))
+    print('phases: ' + ', '.join('%s %d' % phase for phase in kills.phases.most_common()))
 
 
 def kill_at_the_end(checks, tool, dice, subject):

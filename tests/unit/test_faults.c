@@ -10,8 +10,8 @@
 
 #include "coordinator/job/faults.h"
 
-static const char *const names[] = {"KILN_SLOW_RANK", "KILN_HALT_RANK", "KILN_FAILING_PACKER",
-                                    "KILN_LOCKS",     "KILN_GPU_FAULT", "KILN_VULKAN_GUARD"};
+static const char *const names[] = {"KILN_SLOW_RANK", "KILN_HALT_RANK",    "KILN_FAILING_PACKER", "KILN_LOCKS",
+                                    "KILN_GPU_FAULT", "KILN_VULKAN_GUARD", "KILN_DIVIDE_FROM"};
 
 static int clear(void **state)
 {
@@ -36,7 +36,7 @@ static void none(void **state)
 
 static void all(void **state)
 {
-    static const char *const values[] = {"1:4.5", "2:MPI's end", "3", "none", "lost:3:5", "before"};
+    static const char *const values[] = {"1:4.5", "2:MPI's end", "3", "none", "lost:3:5", "before", "64"};
     struct kiln_faults faults;
     (void)state;
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
@@ -49,6 +49,7 @@ static void all(void **state)
     assert_true(kiln_faults_packer_fails(&faults, 3));
     assert_false(kiln_faults_packer_fails(&faults, 0));
     assert_true(faults.no_locks);
+    assert_true(faults.divide_from == 64);
     assert_true(faults.device.kind == KILN_DEVICE_FAULT_LOST && faults.device.at == 3 && faults.device.every == 5);
     assert_true(faults.device.guard == KILN_GUARD_BEFORE);
     assert_int_equal(setenv("KILN_GPU_FAULT", "memory:17", 1), 0);
@@ -63,10 +64,10 @@ static void refused(void **state)
     static const struct {
         size_t name;
         const char *value;
-    } cases[] = {{0, "slow"},      {0, "1:0.5"},        {0, "1:2x"},   {0, "1:nan"},  {1, "1"},
-                 {1, "1:"},        {1, "one:a"},        {2, "two"},    {2, "2x"},     {3, "some"},
-                 {4, "lost"},      {4, "lost:"},        {4, "lost:0"}, {4, "slow:3"}, {4, "memory:3:"},
-                 {4, "memory:3x"}, {4, "memory:3:4:5"}, {5, "between"}};
+    } cases[] = {{0, "slow"},      {0, "1:0.5"},        {0, "1:2x"},    {0, "1:nan"},  {1, "1"},
+                 {1, "1:"},        {1, "one:a"},        {2, "two"},     {2, "2x"},     {3, "some"},
+                 {4, "lost"},      {4, "lost:"},        {4, "lost:0"},  {4, "slow:3"}, {4, "memory:3:"},
+                 {4, "memory:3x"}, {4, "memory:3:4:5"}, {5, "between"}, {6, "0"},      {6, "64x"}};
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct kiln_faults faults;

@@ -10,6 +10,7 @@
 #include "shaders/shared/punctual_light.h"
 #include "shaders/shared/random.h"
 #include "worker/backend/backend.h"
+#include "worker/backend/emission.h"
 #include "worker/backend/particle.h"
 #include "worker/base/memory.h"
 #include "worker/light/lights.h"
@@ -17,7 +18,7 @@
 #include "worker/scene/footprint.h"
 #include "worker/scene/texture.h"
 
-enum { GROUPS = 16 };     /* independent parts, whose spread gives the error */
+enum { GROUPS = KILN_EMISSION_GROUPS };
 enum { BATCH = 1 << 16 }; /* particles traced at once */
 
 /* One particle: where it starts, where it goes, the flux it carries (W, RGB). */
@@ -331,9 +332,9 @@ static double spread_of(const double numbers[GROUPS])
     return sqrt(square / (GROUPS * (GROUPS - 1)));
 }
 
-/* Means of the groups, and their standard errors. */
-static void combine(const struct kiln_emission_result groups[GROUPS], struct kiln_emission_result *result)
+void kiln_emission_combine(const struct kiln_emission_result groups[GROUPS], struct kiln_emission_result *result)
 {
+    *result = (struct kiln_emission_result){0};
     for (int c = 0; c < 3; c++) {
         double received[GROUPS], straight[GROUPS], caustic[GROUPS];
         for (int i = 0; i < GROUPS; i++) {
@@ -370,10 +371,10 @@ static int make_room(struct emission *e, struct kiln_error *error)
     return status == KILN_OK ? kiln_allocate(&e->hits, BATCH, sizeof *e->hits, "the particles' hits", error) : status;
 }
 
-int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result,
-                          struct kiln_error *error)
+int kiln_emission_groups(struct kiln_backend *backend, uint32_t samples, uint32_t first, uint32_t step,
+                         struct kiln_emission_result groups[GROUPS], struct kiln_error *error)
 {
-    assert(samples > 0);
+    assert(samples > 0 && step > 0);
     const struct kiln_lights *l = backend->params.lights;
     const struct kiln_geometry *g = backend->params.geometry;
     struct emission e = {.backend = backend, .params = &backend->params};
@@ -381,22 +382,29 @@ int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct
     e.light_count = l->area_count + l->point_count + l->directional_count + (l->environment ? 1 : 0);
     e.centre = vec3_scale(vec3_add(g->bounds_min, g->bounds_max), 0.5f);
     e.radius = 0.5 * (double)vec3_length(vec3_sub(g->bounds_max, g->bounds_min)) * 1.0001;
-    *result = (struct kiln_emission_result){0};
+    memset(groups, 0, GROUPS * sizeof *groups);
     for (size_t i = 0; i < e.light_count; i++)
         e.total += flux_of(&e, i);
-    if (!(e.total > 0.0))
+    if (!(e.total > 0.0) || first >= GROUPS)
         return KILN_OK;
-    struct kiln_emission_result groups[GROUPS] = {0};
     int status = make_room(&e, error);
-    for (uint32_t i = 0; i < GROUPS && status == KILN_OK; i++)
+    for (uint32_t i = first; i < GROUPS && status == KILN_OK; i += step)
         status = trace_group(&e, i, samples / GROUPS < 1 ? 1 : samples / GROUPS, &groups[i], error);
-    if (status == KILN_OK)
-        combine(groups, result);
     kiln_free(&e.particles);
     kiln_free(&e.origins);
     kiln_free(&e.directions);
     kiln_free(&e.hits);
     kiln_free(&e.turns);
     kiln_free(&e.lobes);
+    return status;
+}
+
+int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result,
+                          struct kiln_error *error)
+{
+    struct kiln_emission_result groups[GROUPS];
+    const int status = kiln_emission_groups(backend, samples, 0, 1, groups, error);
+    if (status == KILN_OK)
+        kiln_emission_combine(groups, result);
     return status;
 }

@@ -96,24 +96,6 @@ float rays_place(struct tile_run_rays *r, const struct embree_backend *b, uint32
     return position_of(r, b, j, r->frame.whole[j] ? k : k / r->reuse, position, normal);
 }
 
-/* Positions of the points that are not whole squares. */
-static void fill_tables(struct tile_run_rays *r, const struct embree_backend *b, uint32_t wanted)
-{
-    for (uint32_t k = r->positions_made; k < wanted; k++)
-        for (uint32_t j = 0; j < r->frame.count; j++) {
-            if (r->frame.whole[j])
-                continue;
-            const uint32_t i = k % RAY_TABLE;
-            struct kiln_vec3 p, n;
-            (void)position_of(r, b, j, k, &p, &n);
-            r->table_position[0][j][i] = p.x, r->table_position[1][j][i] = p.y, r->table_position[2][j][i] = p.z;
-            const struct kiln_vec3 axis = axis_of(r, j, n);
-            r->table_axis[0][j][i] = axis.x, r->table_axis[1][j][i] = axis.y, r->table_axis[2][j][i] = axis.z;
-            r->table_facet[0][j][i] = n.x, r->table_facet[1][j][i] = n.y, r->table_facet[2][j][i] = n.z;
-        }
-    r->positions_made = wanted > r->positions_made ? wanted : r->positions_made;
-}
-
 uint32_t rays_begin(struct tile_run_rays *r, const struct embree_backend *b, size_t tile_run, uint32_t stream,
                     unsigned wish)
 {
@@ -130,7 +112,6 @@ uint32_t rays_begin(struct tile_run_rays *r, const struct embree_backend *b, siz
         r->shift_s[j] = kiln_gather_shift(key, KILN_DIMENSION_S);
         r->shift_t[j] = kiln_gather_shift(key, KILN_DIMENSION_T);
     }
-    r->positions_made = 0;
     r->guide = NULL;
     r->copies = RAY_LANES / count;
     if (r->copies > r->samples)
@@ -146,6 +127,7 @@ uint32_t rays_begin(struct tile_run_rays *r, const struct embree_backend *b, siz
         r->shift_s[l] = r->shift_s[j], r->shift_t[l] = r->shift_t[j];
         r->chance[l] = kiln_gather_chance(kiln_hash2(r->frame.key[j], stream));
         r->partial[l] = !r->frame.whole[j];
+        r->placed[l] = UINT32_MAX;
         for (int c = 0; c < 3; c++) {
             r->corner[c][l] = r->frame.origin[c][j];
             r->edge_s[c][l] = r->partial[l] ? 0.0f : r->frame.edge_s[c][j];
@@ -241,20 +223,50 @@ static void fill_packets(struct tile_run_rays *r, uint32_t lanes)
     }
 }
 
+/* Gives lane l the position that lane `from` of the same point has. */
+static void place_as(struct tile_run_rays *r, uint32_t l, uint32_t from)
+{
+    for (int c = 0; c < 3; c++) {
+        r->corner[c][l] = r->corner[c][from];
+        r->axis[c][l] = r->axis[c][from];
+        r->facet[c][l] = r->facet[c][from];
+    }
+}
+
+/* Gives lane l its point's position of this number. */
+static void place_anew(struct tile_run_rays *r, const struct embree_backend *b, uint32_t l, uint32_t number)
+{
+    struct kiln_vec3 p, n;
+    (void)position_of(r, b, r->point[l], number, &p, &n);
+    const struct kiln_vec3 axis = axis_of(r, r->point[l], n);
+    r->corner[0][l] = p.x, r->corner[1][l] = p.y, r->corner[2][l] = p.z;
+    r->axis[0][l] = axis.x, r->axis[1][l] = axis.y, r->axis[2][l] = axis.z;
+    r->facet[0][l] = n.x, r->facet[1][l] = n.y, r->facet[2][l] = n.z;
+}
+
+/* The lanes of points that are not whole squares, for `copies` samples a point, of which `first` is the first. What a
+ * lane wants its point's lane before it has, or the last one of the step before. */
+static void place(struct tile_run_rays *r, const struct embree_backend *b, uint32_t first, uint32_t copies)
+{
+    const uint32_t count = r->frame.count;
+    for (uint32_t i = 0; i < r->partial_lanes; i++) {
+        const uint32_t l = r->partial_lane[i], number = (first + r->copy[l]) / r->reuse;
+        if (r->copy[l] >= copies || r->placed[l] == number)
+            continue;
+        const uint32_t before = r->copy[l] > 0 ? l - count : r->lanes - count + l;
+        if (r->placed[before] == number)
+            place_as(r, l, before);
+        else
+            place_anew(r, b, l, number);
+        r->placed[l] = number;
+    }
+}
+
 uint32_t rays_make(struct tile_run_rays *r, const struct embree_backend *b, uint32_t step)
 {
     const uint32_t count = r->frame.count, first = step * r->copies;
     const uint32_t copies = r->samples - first < r->copies ? r->samples - first : r->copies;
-    if (r->partial_lanes > 0)
-        fill_tables(r, b, (first + copies - 1) / r->reuse + 1);
-    for (uint32_t i = 0; i < r->partial_lanes; i++) {
-        const uint32_t l = r->partial_lane[i], j = r->point[l], entry = (first + r->copy[l]) / r->reuse % RAY_TABLE;
-        for (int c = 0; c < 3; c++) {
-            r->corner[c][l] = r->table_position[c][j][entry];
-            r->axis[c][l] = r->table_axis[c][j][entry];
-            r->facet[c][l] = r->table_facet[c][j][entry];
-        }
-    }
+    place(r, b, first, copies);
     for (uint32_t c = 0; c < copies; c++) {
         const struct sample_numbers numbers = {r->scrambled[0][first + c], r->scrambled[1][first + c],
                                                r->scrambled[2][first + c], r->scrambled[3][first + c]};

@@ -7,7 +7,7 @@
 #include "worker/backend/embree/frame.h"
 #include "worker/backend/embree/passage.h"
 
-enum { RAY_LANES = 64, RAY_TABLE = 64, RAY_QUARTERS = 4 };
+enum { RAY_LANES = 64, RAY_QUARTERS = 4 };
 
 /* How directions are distributed. */
 enum rays_distribution {
@@ -42,13 +42,11 @@ struct tile_run_rays {
     /* positions = corner + s edge_s + t edge_t, and digital shifts of random numbers */
     float corner[3][RAY_LANES], edge_s[3][RAY_LANES], edge_t[3][RAY_LANES];
     uint32_t shift_u[RAY_LANES], shift_v[RAY_LANES], shift_s[RAY_LANES], shift_t[RAY_LANES];
-    /* positions of points whose texel is not one square of one triangle: sample k takes the (k / reuse)-th, which
-     * stands at entry k / reuse % RAY_TABLE from when it is first wanted; positions_made of them so far */
+    /* points whose texel is not one square of one triangle: sample k takes the (k / reuse)-th position; `placed`: the
+     * one that the lane has; UINT32_MAX: none yet */
     bool partial[RAY_LANES];
     uint32_t partial_lanes, partial_lane[RAY_LANES];
-    uint32_t reuse, positions_made;
-    float table_position[3][RAY_LANES][RAY_TABLE], table_axis[3][RAY_LANES][RAY_TABLE];
-    float table_facet[3][RAY_LANES][RAY_TABLE];
+    uint32_t reuse, placed[RAY_LANES];
     /* Sobol' points of the pass, and scrambled for the tile: samples + 1 values each, for a lone light gets all
      * samples, rounded up at most */
     uint32_t *sobol[4], *scrambled[4];
