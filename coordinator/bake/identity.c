@@ -80,7 +80,7 @@ static const char *const other[] = {
     "output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "denoise", "check-density",
     "preview", "exposure", "auto-exposure", "tone-map", "json", "quiet", "verbose", "resume", "checkpoint-every",
     "max-time", "watchdog", "device", "devices", "traversal", "dispatch-time", "device-memory", "memory-budget",
-    "kernel-cache",
+    "kernel-cache", "checkpoint-local",
     /* what is kept of pairs is what tracing finds */
     "visibility-cache",
     /* units give the numbers a name and change none of them */
