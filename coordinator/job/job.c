@@ -489,8 +489,7 @@ static int patches_by_embree(struct kiln_job *job, struct kiln_error *error)
 {
     const struct unused_option of_embree[] = {{"patches links", job->patches.patches == KILN_PATCHES_LINKS},
                                               {"visibility-cache", job->patches.visibility_cache > 0.0},
-                                              {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS},
-                                              {"gather mixed", job->patches.gather == KILN_GATHER_MIXED}};
+                                              {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS}};
     for (size_t i = 0; i < sizeof of_embree / sizeof *of_embree; i++) {
         if (!of_embree[i].wanted)
             continue;

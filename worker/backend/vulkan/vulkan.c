@@ -7,6 +7,7 @@
 #include <time.h>
 
 #include "shaders/shared/chain.h"
+#include "worker/backend/vulkan/bright.h"
 #include "worker/backend/vulkan/kept_rows.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
@@ -223,6 +224,7 @@ static void clear(struct vulkan_backend *b)
     vulkan_rows_release(b);
     gpu_buffer_destroy(b->gpu, &b->row_lights);
     gpu_buffer_destroy(b->gpu, &b->direction_set);
+    vulkan_bright_release(b);
     gpu_buffer_destroy(b->gpu, &b->patches);
     gpu_buffer_destroy(b->gpu, &b->node_facings);
     gpu_buffer_destroy(b->gpu, &b->node_shapes);

@@ -87,6 +87,17 @@ struct vulkan_resident {
     uint8_t *there; /* of each own tile run */
 };
 
+/* Arrays of the bright patches on the device (bright.h). */
+enum {
+    VULKAN_BRIGHT_CLUSTERS,
+    VULKAN_BRIGHT_CLUSTER_POWER,
+    VULKAN_BRIGHT_MEMBERS,
+    VULKAN_BRIGHT_CLUSTER_OF,
+    VULKAN_BRIGHT_POWER,
+    VULKAN_BRIGHT_PATCHES,
+    VULKAN_BRIGHT_ARRAYS
+};
+
 #define VULKAN_USUAL_SCRATCH (512ull << 20) /* bytes */
 
 /* What has a speed of its own that is learned: each pass (KILN_PASS_INDEX_gather and so on), and these. */
@@ -156,6 +167,7 @@ struct vulkan_backend {
     size_t resident_count, resident_room;
     struct gpu_buffer row_lights; /* radiosity that is not the backend's, of the pass under way; else of one before */
     struct gpu_buffer direction_set;                      /* likewise: shaders/directions.glsl */
+    struct gpu_buffer bright[VULKAN_BRIGHT_ARRAYS];       /* likewise: bright.h */
     struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
     struct gpu_pacer pacers[VULKAN_PACES];
     double light_vertices; /* of a path of light that are kept, as far as is known: what there is room for */
