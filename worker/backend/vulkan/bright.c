@@ -139,7 +139,7 @@ static int begin_receivers(struct receivers *r, const struct vulkan_backend *b, 
         status = kiln_allocate(&r->row, r->count, sizeof *r->row, WHAT, error);
     if (status != KILN_OK)
         return status;
-#pragma omp parallel for num_threads((int)b->params.threads) schedule(dynamic)
+#pragma omp parallel for num_threads((int)b->all_threads) schedule(dynamic)
     for (uint32_t i = 0; i < r->count; i++) {
         r->all[i].sums = r->sums + i * clusters;
         kiln_bright_begin(r->bright, samples, &r->all[i]);

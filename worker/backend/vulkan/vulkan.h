@@ -98,6 +98,9 @@ enum {
     VULKAN_BRIGHT_ARRAYS
 };
 
+/* The tree of links on the device (links.c). */
+enum { VULKAN_LINK_NODES, VULKAN_LINK_LEAVES, VULKAN_LINK_LIGHT, VULKAN_LINK_ARRAYS };
+
 #define VULKAN_USUAL_SCRATCH (512ull << 20) /* bytes */
 
 /* What has a speed of its own that is learned: each pass (KILN_PASS_INDEX_gather and so on), and these. */
@@ -105,6 +108,7 @@ enum vulkan_pace {
     VULKAN_PACE_CEILING = KILN_PASS_COUNT,
     VULKAN_PACE_INTERSECT,
     VULKAN_PACE_REPLAY,
+    VULKAN_PACE_LINK_RAYS,
     VULKAN_PACE_LIGHT_PATHS, /* kernels of the bidirectional pass */
     VULKAN_PACE_EYE_PATHS,
     VULKAN_PACE_EYE_ENDS,
@@ -135,7 +139,8 @@ struct vulkan_backend {
     uint64_t scratch_most; /* bytes that a slot's partial sums may take: of a sixteenth of the device's memory or
                             * VULKAN_USUAL_SCRATCH the more; less after memory was short */
     bool float64;
-    uint32_t threads; /* vulkan_light_threads */
+    uint32_t threads;     /* vulkan_light_threads */
+    uint32_t all_threads; /* of the host, for what takes its time there */
     /* the scene on the device */
     struct kiln_gpu_scene layout;
     struct gpu_buffer scene, records;
@@ -168,6 +173,7 @@ struct vulkan_backend {
     struct gpu_buffer row_lights; /* radiosity that is not the backend's, of the pass under way; else of one before */
     struct gpu_buffer direction_set;                      /* likewise: shaders/directions.glsl */
     struct gpu_buffer bright[VULKAN_BRIGHT_ARRAYS];       /* likewise: bright.h */
+    struct gpu_buffer links[VULKAN_LINK_ARRAYS];          /* likewise: links.c */
     struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
     struct gpu_pacer pacers[VULKAN_PACES];
     double light_vertices; /* of a path of light that are kept, as far as is known: what there is room for */

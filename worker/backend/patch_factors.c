@@ -1,8 +1,7 @@
-#include "worker/backend/embree/patch_factors.h"
+#include "worker/backend/patch_factors.h"
 
 #include <math.h>
 
-#include "shaders/shared/area_light.h"
 #include "worker/light/view_factor.h"
 
 /* The mean over a parallelogram of n.d / |d|^4, over |d|^-4 at its middle, to the second order in its size: the other
@@ -21,18 +20,19 @@ static double mean_height(const struct kiln_patch *from, struct kiln_dvec3 n, st
 }
 
 /* Whether a patch at d counts as a polygon: it is near, or crosses the horizon. `square`: of the distance. */
-static bool is_near(const struct patch_receiver *point, const struct kiln_patch *from, double cosine, double square)
+static bool is_near(const struct kiln_patch_receiver *point, const struct kiln_patch *from, double cosine,
+                    double square)
 {
     const double reach =
         fabs(dvec3_dot(point->n, dvec3_of(from->edge_s))) + fabs(dvec3_dot(point->n, dvec3_of(from->edge_t)));
     return square < KILN_PATCHES_NEAR * KILN_PATCHES_NEAR * (double)from->area || cosine < 0.5 * reach;
 }
 
-struct patch_factors patch_factors(const struct patch_receiver *point, const struct kiln_patch *from,
-                                   struct kiln_dvec3 d, double square, double cosine, double other)
+struct kiln_patch_factors kiln_patch_factors(const struct kiln_patch_receiver *point, const struct kiln_patch *from,
+                                             struct kiln_dvec3 d, double square, double cosine, double other)
 {
     const double far = (double)from->area * other / (KILN_PI * square * square);
-    struct patch_factors f;
+    struct kiln_patch_factors f;
     if (is_near(point, from, cosine, square)) {
         const struct kiln_parallelogram near = {d, dvec3_of(from->edge_s), dvec3_of(from->edge_t)};
         f.factor = kiln_view_factor_near(&near, point->n, point->n);
@@ -42,19 +42,4 @@ struct patch_factors patch_factors(const struct patch_receiver *point, const str
         f.shading = point->smooth ? far * mean_height(from, point->s, d, square) : f.factor;
     }
     return f;
-}
-
-bool patch_ray(struct RTCRay8 *rays, uint32_t i, struct kiln_vec3 from, struct kiln_vec3 to)
-{
-    const struct kiln_vec3 d = vec3_sub(to, from);
-    const float length = vec3_length(d);
-    if (!(length > 0.0f))
-        return false;
-    rays->org_x[i] = from.x, rays->org_y[i] = from.y, rays->org_z[i] = from.z;
-    rays->dir_x[i] = d.x / length, rays->dir_y[i] = d.y / length, rays->dir_z[i] = d.z / length;
-    rays->tnear[i] = rays->time[i] = 0.0f;
-    rays->tfar[i] = (float)((double)length * KILN_SHADOW_LENGTH);
-    rays->mask[i] = ~0u;
-    rays->flags[i] = 0;
-    return true;
 }
