@@ -40,8 +40,8 @@
  * bits.
  *
  * Items: tile runs. Result: struct kiln_point_result, with its error. Samples: rays that measure the shares. Rays:
- * where links are found the samples of all valid points, and those of V; else none. On devices the tree is gone down, and
- * a target looked after, by the host. */
+ * where links are found the samples of all valid points, and those of V; else none. On devices the tree is gone down,
+ * and a target looked after, by the host. */
 #ifndef KILN_WORKER_PASS_LINKS_H
 #define KILN_WORKER_PASS_LINKS_H
 
