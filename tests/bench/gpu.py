@@ -94,11 +94,11 @@ def states(kiln, scene):
                   '%.3f' % mean('write_seconds'))
 
 
-def links(kiln, scene):
+def links(kiln, scene, sizes=((256, 17.7), (1024, 70.8))):
     """Links of two bounces, the first of which finds them: rays that say what points see, and those that close rows."""
     table = harness.Table(('points', 9), ('backend', 8), ('found, s', 9), ('device, s', 9), ('rays', 8), ('Mrays/s', 8),
                           ('added, s', 9), ('device, s', 9), ('links', 6), ('bytes', 6), ('relit, s', 9))
-    for size, density in ((256, 42.6), (1024, 171)):
+    for size, density in sizes:
         bake = kiln.bake(scene, '--method', 'radiosity', '--patches', 'links', '--bounces', 2, '--texels-per-metre',
                          density, '--samples-direct', 16, '--samples-indirect', 64, '--samples-probe', 0, '--denoise',
                          'none', '--no-export', '--keep-transport', 'links', timeout=3600)
