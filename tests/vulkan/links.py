@@ -103,8 +103,8 @@ def check_all(kiln, checks, table, wanted):
     if both is not None:
         check_error(checks, *both)
     if harness.own_scene(SPHERES) is not None:
-        patches.compare(kiln, checks, table, SPHERES, harness.own_scene(SPHERES), *FEW, *LINKS, '--texels-per-metre', 1.5,
-                        '--bounces', 1)
+        patches.compare(kiln, checks, table, SPHERES, harness.own_scene(SPHERES), *FEW, *LINKS, '--texels-per-metre',
+                        1.5, '--bounces', 1)
     patches.check_furnace(kiln, checks, *LINKS)
 
 

@@ -4,6 +4,7 @@
 #include "worker/pass/links.h"
 
 #include <string.h>
+#include <xxhash.h>
 
 #include "worker/backend/vulkan/hemisphere.h"
 #include "worker/backend/vulkan/link_views.h"
@@ -93,12 +94,24 @@ static int gather(struct links_run *r, struct kiln_error *error)
 
 /* ---- the tree on the device ---- */
 
-static int bring(struct vulkan_backend *b, int which, const void *data, size_t bytes, struct kiln_error *error)
+/* A step comes in many batches, for which the tree stays on the device: whether it is the same, hashes say. */
+static bool is_there(const struct vulkan_backend *b, int which, uint64_t key)
+{
+    return b->links[which].size > 0 && b->link_keys[which] == key;
+}
+
+static int bring(struct vulkan_backend *b, int which, uint64_t key, const void *data, size_t bytes,
+                 struct kiln_error *error)
 {
     struct gpu_buffer *buffer = &b->links[which];
-    const int status = vulkan_grow_buffer(b, buffer, bytes, GPU_DEVICE, WHAT, error);
-    return status == KILN_OK && bytes > 0 ? gpu_upload(b->gpu, buffer, 0, data, bytes, error) : status;
+    int status = vulkan_grow_buffer(b, buffer, bytes, GPU_DEVICE, WHAT, error);
+    if (status == KILN_OK && bytes > 0)
+        status = gpu_upload(b->gpu, buffer, 0, data, bytes, error);
+    b->link_keys[which] = status == KILN_OK ? key : 0;
+    return status;
 }
+
+static uint64_t add_key(uint64_t key, const void *data, size_t bytes) { return XXH3_64bits_withSeed(data, bytes, key); }
 
 static struct kiln_gpu_link_node node_of(const struct kiln_link_node *n)
 {
@@ -117,12 +130,17 @@ static struct kiln_gpu_link_node node_of(const struct kiln_link_node *n)
 
 static int bring_nodes(const struct links_run *r, struct kiln_error *error)
 {
+    const uint64_t key = add_key(r->p->node_count, r->p->nodes, r->p->node_count * sizeof *r->p->nodes);
     struct kiln_gpu_link_node *nodes = NULL;
+    if (is_there(r->b, VULKAN_LINK_NODES, key))
+        return KILN_OK;
     int status = kiln_allocate(&nodes, r->p->node_count, sizeof *nodes, WHAT, error);
-    for (uint32_t i = 0; i < r->p->node_count && status == KILN_OK; i++)
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads((int)r->b->threads) if (r->p->node_count > 1 << 14)
+    for (uint32_t i = 0; i < r->p->node_count; i++)
         nodes[i] = node_of(&r->p->nodes[i]);
-    if (status == KILN_OK)
-        status = bring(r->b, VULKAN_LINK_NODES, nodes, r->p->node_count * sizeof *nodes, error);
+    status = bring(r->b, VULKAN_LINK_NODES, key, nodes, r->p->node_count * sizeof *nodes, error);
     kiln_free(&nodes);
     return status;
 }
@@ -130,14 +148,20 @@ static int bring_nodes(const struct links_run *r, struct kiln_error *error)
 static int bring_leaves(const struct links_run *r, struct kiln_error *error)
 {
     const size_t count = r->p->node_count > 0 ? (size_t)r->p->count : 0;
+    const uint64_t points = add_key(count, r->p->points, (size_t)r->b->surface->point_count * sizeof *r->p->points),
+                   key = add_key(points, r->p->order, count * sizeof *r->p->order);
     struct kiln_gpu_link_leaf *leaves = NULL;
+    if (is_there(r->b, VULKAN_LINK_LEAVES, key))
+        return KILN_OK;
     int status = kiln_allocate(&leaves, count, sizeof *leaves, WHAT, error);
-    for (size_t k = 0; k < count && status == KILN_OK; k++) {
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads((int)r->b->threads) if (count > 1 << 14)
+    for (size_t k = 0; k < count; k++) {
         const struct kiln_patch *p = &r->p->points[r->p->order[k]];
         leaves[k] = (struct kiln_gpu_link_leaf){p->centre, p->normal, p->edge_s, p->edge_t, p->area};
     }
-    if (status == KILN_OK)
-        status = bring(r->b, VULKAN_LINK_LEAVES, leaves, count * sizeof *leaves, error);
+    status = bring(r->b, VULKAN_LINK_LEAVES, key, leaves, count * sizeof *leaves, error);
     kiln_free(&leaves);
     return status;
 }
@@ -152,14 +176,21 @@ static int bring_light(const struct links_run *r, struct kiln_error *error)
 {
     const struct kiln_links_parameters *p = r->p;
     const size_t nodes = p->node_count, count = nodes > 0 ? (size_t)p->count : 0;
+    const uint64_t of_nodes = add_key(add_key(nodes, p->radiosity, nodes * sizeof *p->radiosity), p->light,
+                                      nodes * sizeof *p->light),
+                   key = add_key(add_key(of_nodes, p->leaf_radiosity, count * sizeof *p->leaf_radiosity), p->leaf_light,
+                                 count * sizeof *p->leaf_light);
     struct kiln_gpu_link_light *light = NULL;
+    if (is_there(r->b, VULKAN_LINK_LIGHT, key))
+        return KILN_OK;
     int status = kiln_allocate(&light, nodes + count, sizeof *light, WHAT, error);
-    for (size_t i = 0; i < nodes && status == KILN_OK; i++)
-        light[i] = light_of(p->radiosity[i], &p->light[i]);
-    for (size_t k = 0; k < count && status == KILN_OK; k++)
-        light[nodes + k] = light_of(p->leaf_radiosity[k], &p->leaf_light[k]);
-    if (status == KILN_OK)
-        status = bring(r->b, VULKAN_LINK_LIGHT, light, (nodes + count) * sizeof *light, error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads((int)r->b->threads) if (count > 1 << 14)
+    for (size_t i = 0; i < nodes + count; i++)
+        light[i] = i < nodes ? light_of(p->radiosity[i], &p->light[i])
+                             : light_of(p->leaf_radiosity[i - nodes], &p->leaf_light[i - nodes]);
+    status = bring(r->b, VULKAN_LINK_LIGHT, key, light, (nodes + count) * sizeof *light, error);
     kiln_free(&light);
     return status;
 }

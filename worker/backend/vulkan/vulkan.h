@@ -174,6 +174,7 @@ struct vulkan_backend {
     struct gpu_buffer direction_set;                      /* likewise: shaders/directions.glsl */
     struct gpu_buffer bright[VULKAN_BRIGHT_ARRAYS];       /* likewise: bright.h */
     struct gpu_buffer links[VULKAN_LINK_ARRAYS];          /* likewise: links.c */
+    uint64_t link_keys[VULKAN_LINK_ARRAYS];               /* hashes of what they hold */
     struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
     struct gpu_pacer pacers[VULKAN_PACES];
     double light_vertices; /* of a path of light that are kept, as far as is known: what there is room for */
