@@ -179,6 +179,7 @@ struct AimedRay { /* struct kiln_aimed_ray */
     real3 place;
     real cosine;
     bool has_place, is_point;
+    uint triangle;
 };
 
 /* Random numbers: triangle, side; place; direction. */
@@ -186,10 +187,10 @@ struct AimNumber {
     real triangle, side, s, t, u, v;
 };
 
-void aim_outside(Target target, real3 back, AimNumber n, inout AimedRay ray)
+void aim_outside(Target target, real3 back, real3 through, inout AimedRay ray)
 {
     const real away = real(LAND.radius) + length(target.centre - real3(LAND.centre)) + target_reach(target);
-    ray.place = target_place(target, back, n.side, n.s, n.t) + back * away;
+    ray.place = through + back * away;
     ray.origin = vec3(ray.place);
     ray.direction = vec3(-back);
 }
@@ -197,14 +198,14 @@ void aim_outside(Target target, real3 back, AimNumber n, inout AimedRay ray)
 void aim_point(uint index, Target target, AimNumber n, inout AimedRay ray)
 {
     const kiln_gpu_point_light light = PointLights(SCENE.lights.points).at[index];
+    const real3 place = real3_of(light.position);
     real3 axis;
-    const real used = point_cone(light, target, axis);
-    ray.place = real3_of(light.position);
-    const real omega = box_omega(target, ray.place, 2 * KILN_REAL_PI * used);
+    const real used = point_cone(light, target, axis), omega = box_omega(target, place, 2 * KILN_REAL_PI * used);
     const real3 direction =
-        omega > 0 ? box_direction(target, ray.place, omega, n.side, n.u, n.v) : cone_direction(axis, used, n.u, n.v);
-    ray.origin = vec3(ray.place);
+        omega > 0 ? box_direction(target, place, omega, n.side, n.u, n.v) : cone_direction(axis, used, n.u, n.v);
+    ray.origin = vec3(place);
     ray.direction = vec3(direction);
+    ray.place = place;
     ray.range = real(light.range);
     ray.has_place = true;
     ray.is_point = true;
@@ -224,6 +225,20 @@ uint aim_area_of(kiln_gpu_lamp lamp, real pick)
             low = middle + 1u;
     }
     return low;
+}
+
+/* The ray leaves an emitting triangle at the place `on` from its corner 0, and has `factor` of its radiance. */
+bool leave_area(kiln_gpu_area_light light, real3 on, real side, real3 direction, real factor, inout AimedRay ray)
+{
+    const real3 normal = real3_of(light.normal);
+    const float offset = triangle_at(light.triangle).offset;
+    ray.place = real3_of(light.p0) + on;
+    ray.origin = vec3(ray.place) + vec3(normal * side) * offset;
+    ray.direction = vec3(direction);
+    ray.cosine = side * dot(normal, direction);
+    ray.has_place = true;
+    ray.flux = real3(area_light_radiance(light, on)) * factor;
+    return factor > 0;
 }
 
 bool aim_area(kiln_gpu_lamp lamp, Target target, AimNumber n, inout AimedRay ray)
@@ -247,14 +262,7 @@ bool aim_area(kiln_gpu_lamp lamp, Target target, AimNumber n, inout AimedRay ray
         side = two && cosine < 0 ? -1 : 1;
         factor *= (omega > 0 ? omega : 2 * KILN_REAL_PI * height) * side * cosine;
     }
-    const float offset = triangle_at(light.triangle).offset;
-    ray.origin = vec3(at) + vec3(normal * side) * offset;
-    ray.direction = vec3(direction);
-    ray.place = at;
-    ray.cosine = side * dot(normal, direction);
-    ray.has_place = true;
-    ray.flux = real3(area_light_radiance(light, on)) * factor;
-    return factor > 0;
+    return leave_area(light, on, side, direction, factor, ray);
 }
 
 uint aim_light_of(kiln_gpu_lamp lamp)
@@ -266,11 +274,23 @@ uint aim_light_of(kiln_gpu_lamp lamp)
     return before + lamp.first;
 }
 
-bool aim_draw(uint aim, AimNumber n, out AimedRay ray)
+/* Towards what a directional light or the environment sends its light from; `density`: of that direction. */
+vec3 aim_from_outside(kiln_gpu_lamp lamp, AimNumber n, out real3 back, out real density, inout AimedRay ray)
 {
-    const kiln_gpu_lamp lamp = AimLamps(LAND.lamps).at[aim / LAND.target_count];
-    const Target target = target_at(aim % LAND.target_count);
-    ray = AimedRay(vec3(0.0), vec3(0.0), real3(0), 0, aim_light_of(lamp), real3(0), 1, false, false);
+    density = 1;
+    if (light_kind(KILN_GPU_KIND_SUN) && lamp.kind == KILN_GPU_LAMP_DIRECTIONAL) {
+        const kiln_gpu_directional_light sun = DirectionalLights(SCENE.lights.directionals).at[lamp.first];
+        back = real3_of(sun.towards);
+        ray.is_point = true;
+        return vec3_of(sun.irradiance);
+    }
+    back = kiln_environment_sample(n.u, n.v, density);
+    return kiln_environment_radiance(back);
+}
+
+/* By sphere or box. */
+bool aim_by_outline(kiln_gpu_lamp lamp, Target target, AimNumber n, inout AimedRay ray)
+{
     if (light_kind(KILN_GPU_KIND_AREA) && lamp.kind == KILN_GPU_LAMP_AREA)
         return aim_area(lamp, target, n, ray);
     if (light_kind(KILN_GPU_KIND_PUNCTUAL) && lamp.kind == KILN_GPU_LAMP_POINT) {
@@ -278,20 +298,106 @@ bool aim_draw(uint aim, AimNumber n, out AimedRay ray)
         return true;
     }
     real3 back;
-    vec3 light;
-    real density = 1;
-    if (light_kind(KILN_GPU_KIND_SUN) && lamp.kind == KILN_GPU_LAMP_DIRECTIONAL) {
-        const kiln_gpu_directional_light sun = DirectionalLights(SCENE.lights.directionals).at[lamp.first];
-        back = real3_of(sun.towards);
-        light = vec3_of(sun.irradiance);
-        ray.is_point = true;
-    } else {
-        back = kiln_environment_sample(n.u, n.v, density);
-        light = kiln_environment_radiance(back);
-    }
-    aim_outside(target, back, n, ray);
+    real density;
+    const vec3 light = aim_from_outside(lamp, n, back, density, ray);
+    aim_outside(target, back, target_place(target, back, n.side, n.s, n.t), ray);
     ray.flux = real3(light) * (target_outline(target, back) / density);
     return density > 0;
+}
+
+/* ---- rays that go evenly over triangles ---- */
+
+/* The triangle of a target that `pick` falls to. */
+uint even_pick(kiln_gpu_target target, real pick)
+{
+    uint low = target.listed, high = target.listed + target.count - 1u;
+    while (low < high) {
+        const uint middle = low + (high - low) / 2u;
+        if (real(AimFloats(LAND.shares).at[middle]) > pick)
+            high = middle;
+        else
+            low = middle + 1u;
+    }
+    return AimWords(LAND.triangles).at[low];
+}
+
+/* The density of those that go to this triangle: per m2 across the direction, or per steradian from a place. */
+real even_across(uint triangle, real3 direction)
+{
+    const real cosine = abs(dot(real3(triangle_at(triangle).normal), direction));
+    return cosine > 0 ? 1 / (real(AimTargets(LAND.targets).at[target_of(triangle)].area) * cosine) : real(0);
+}
+real even_from(uint triangle, real3 place, real3 direction)
+{
+    const kiln_gpu_path_triangle t = triangle_at(triangle);
+    const real3 normal = real3(t.normal);
+    const real cosine = dot(normal, direction), height = dot(real3(t.p) - place, normal);
+    if (!(cosine * height > 0))
+        return 0;
+    const real far = height / cosine;
+    return far * far / (real(AimTargets(LAND.targets).at[target_of(triangle)].area) * abs(cosine));
+}
+
+real even_density(kiln_gpu_lamp lamp, uint light, uint triangle, real3 place, real3 direction)
+{
+    if (light_kind(KILN_GPU_KIND_AREA) && lamp.kind == KILN_GPU_LAMP_AREA) {
+        const kiln_gpu_area_light area = AreaLights(SCENE.lights.areas).at[light];
+        if ((area.flags & KILN_GPU_LIGHT_TWO_SIDED) == 0u && !(dot(real3_of(area.normal), direction) > 0))
+            return 0;
+        return area_chance(area, lamp.flux) / real(area.area) * even_from(triangle, place, direction);
+    }
+    if (light_kind(KILN_GPU_KIND_SUN) && lamp.kind == KILN_GPU_LAMP_DIRECTIONAL)
+        return even_across(triangle, direction);
+    return kiln_environment_density(-direction) * even_across(triangle, direction);
+}
+
+/* From an emitting triangle of the lamp to the place `to` on the ray's triangle, which was drawn evenly; likewise from
+ * outside. */
+bool even_area(kiln_gpu_lamp lamp, AimNumber n, real3 to, inout AimedRay ray)
+{
+    ray.light = aim_area_of(lamp, n.triangle);
+    const kiln_gpu_area_light light = AreaLights(SCENE.lights.areas).at[ray.light];
+    const real3 on = kiln_triangle_place(real3_of(light.e1), real3_of(light.e2), n.s, n.t),
+                at = real3_of(light.p0) + on, direction = real3(vec3(normalize(to - at)));
+    const real cosine = dot(real3_of(light.normal), direction),
+               side = (light.flags & KILN_GPU_LIGHT_TWO_SIDED) != 0u && cosine < 0 ? -1 : 1,
+               density = even_density(lamp, ray.light, ray.triangle, at, direction);
+    return density > 0 && leave_area(light, on, side, direction, side * cosine / density, ray);
+}
+
+bool even_outside(kiln_gpu_lamp lamp, Target target, AimNumber n, real3 to, inout AimedRay ray)
+{
+    real3 back;
+    real density;
+    const vec3 light = aim_from_outside(lamp, n, back, density, ray);
+    aim_outside(target, back, to, ray);
+    density *= even_across(ray.triangle, real3(ray.direction));
+    if (density > 0)
+        ray.flux = real3(light) * (1 / density);
+    return density > 0;
+}
+
+bool aim_evenly(kiln_gpu_lamp lamp, uint target, AimNumber n, inout AimedRay ray)
+{
+    const bool outside = lamp.kind != KILN_GPU_LAMP_AREA;
+    ray.triangle = even_pick(AimTargets(LAND.targets).at[target], n.side);
+    const kiln_gpu_path_triangle t = triangle_at(ray.triangle);
+    const real3 to =
+        real3(t.p) + kiln_triangle_place(real3(t.e1), real3(t.e2), outside ? n.s : n.u, outside ? n.t : n.v);
+    if (light_kind(KILN_GPU_KIND_AREA) && !outside)
+        return even_area(lamp, n, to, ray);
+    return even_outside(lamp, target_at(target), n, to, ray);
+}
+
+/* ---- both ---- */
+
+bool aim_draw(uint aim, uint64_t k, AimNumber n, out AimedRay ray)
+{
+    const kiln_gpu_lamp lamp = AimLamps(LAND.lamps).at[aim / LAND.target_count];
+    const uint target = aim % LAND.target_count;
+    ray = AimedRay(vec3(0.0), vec3(0.0), real3(0), 0, aim_light_of(lamp), real3(0), 1, false, false, KILN_GPU_NONE);
+    return k < AimNumbers(LAND.even).at[aim] ? aim_evenly(lamp, target, n, ray)
+                                             : aim_by_outline(lamp, target_at(target), n, ray);
 }
 
 /* The aim of a path of an iteration. */
@@ -349,20 +455,44 @@ uint lamp_of_light(uint light)
     return (areas > 0u ? lamps.at[areas - 1u] + 1u : 0u) + (light - areas);
 }
 
-/* kiln_aims_density. */
-real aim_density(uint light, uint target, real3 place, real3 direction)
+/* Of so many paths whose rays go by sphere or box. */
+real aim_outline_density(kiln_gpu_lamp lamp, uint light, Target t, real paths, real3 place, real3 direction)
 {
+    if (light_kind(KILN_GPU_KIND_AREA) && lamp.kind == KILN_GPU_LAMP_AREA)
+        return paths * aim_area_density(light, lamp.flux, t, place, direction);
+    if (light_kind(KILN_GPU_KIND_PUNCTUAL) && lamp.kind == KILN_GPU_LAMP_POINT)
+        return paths * aim_point_density(lamp.first, t, direction);
+    if (light_kind(KILN_GPU_KIND_SUN) && lamp.kind == KILN_GPU_LAMP_DIRECTIONAL)
+        return paths / target_outline(t, real3_of(DirectionalLights(SCENE.lights.directionals).at[lamp.first].towards));
+    return paths * kiln_environment_density(-direction) / target_outline(t, -direction);
+}
+
+/* kiln_aims_met. */
+real aim_met(uint aim, AimedRay ray, uint triangle)
+{
+    const uint target = aim % LAND.target_count;
+    const real even = real(AimNumbers(LAND.even).at[aim]), all = aim_paths(aim);
+    if (target_of(triangle) != target || (ray.triangle != KILN_GPU_NONE && ray.triangle != triangle))
+        return 0;
+    if (!(even > 0))
+        return 1;
+    const kiln_gpu_lamp lamp = AimLamps(LAND.lamps).at[aim / LAND.target_count];
+    const real3 direction = real3(ray.direction);
+    const real by_outline = aim_outline_density(lamp, ray.light, target_at(target), all - even, ray.place, direction),
+               by_triangle = even * even_density(lamp, ray.light, triangle, ray.place, direction),
+               own = ray.triangle != KILN_GPU_NONE ? by_triangle / even : by_outline / (all - even);
+    return own > 0 ? all * own / (by_outline + by_triangle) : real(0);
+}
+
+/* kiln_aims_density. */
+real aim_density(uint light, uint triangle, real3 place, real3 direction)
+{
+    const uint target = target_of(triangle);
     if (target == KILN_GPU_NONE)
         return 0;
-    const uint lamp = lamp_of_light(light);
-    const kiln_gpu_lamp of = AimLamps(LAND.lamps).at[lamp];
-    const Target t = target_at(target);
-    const real paths = aim_paths(lamp * LAND.target_count + target);
-    if (light_kind(KILN_GPU_KIND_AREA) && of.kind == KILN_GPU_LAMP_AREA)
-        return paths * aim_area_density(light, of.flux, t, place, direction);
-    if (light_kind(KILN_GPU_KIND_PUNCTUAL) && of.kind == KILN_GPU_LAMP_POINT)
-        return paths * aim_point_density(of.first, t, direction);
-    if (light_kind(KILN_GPU_KIND_SUN) && of.kind == KILN_GPU_LAMP_DIRECTIONAL)
-        return paths / target_outline(t, real3_of(DirectionalLights(SCENE.lights.directionals).at[of.first].towards));
-    return paths * kiln_environment_density(-direction) / target_outline(t, -direction);
+    const uint number = lamp_of_light(light), aim = number * LAND.target_count + target;
+    const kiln_gpu_lamp lamp = AimLamps(LAND.lamps).at[number];
+    const real all = aim_paths(aim), even = real(AimNumbers(LAND.even).at[aim]),
+               by_outline = aim_outline_density(lamp, light, target_at(target), all - even, place, direction);
+    return even > 0 ? by_outline + even * even_density(lamp, light, triangle, place, direction) : by_outline;
 }

@@ -5,7 +5,7 @@
 #include "shaders/direct.glsl"
 
 KILN_ARRAY(PointArray, kiln_gpu_point, 8);
-KILN_ARRAY(ResultArray, kiln_gpu_result, 4);
+#include "shaders/short_answer.glsl"
 
 /* Rows of a quarter of a point, of which each `step`-th is used. */
 struct Rows {
@@ -79,7 +79,7 @@ void kiln_kernel(uint x, uint y)
         r.count = direct_samples(word);
         r.present = PointArray(push.chunk.points).at[index].present;
     }
-    ResultArray(push.pass.results).at[x] = r;
+    put_answer(push.pass.results, x, r, false, push.pass.samples);
     DirectWords(push.pass.rays).at[x] = rays;
 }
 

@@ -2,9 +2,12 @@
  * of other points each `split`-th. Before it stand three constants: FLOATS, how many floats a slice has; MOST_FLOATS, a
  * literal, how many it may have; MEASURED, the float whose quarters are wanted (KILN_GPU_NONE: of none). As constants
  * they let the compiler unroll the loops and keep the sums in registers. HEMISPHERE_REDUCE_PUSH may name other push
- * constants, which begin the same. */
+ * constants, which have the same members, HEMISPHERE_SLICES where the slices begin. */
 #ifndef HEMISPHERE_REDUCE_PUSH
 #    define HEMISPHERE_REDUCE_PUSH kiln_gpu_hemisphere_reduce_push
+#endif
+#ifndef HEMISPHERE_SLICES
+#    define HEMISPHERE_SLICES push.slices
 #endif
 #include "shaders/sum.glsl"
 
@@ -58,7 +61,7 @@ bool hemisphere_totals(uint x, out Totals totals)
         kiln_sum quarter = kiln_sum(0.0, 0.0);
         for (uint i = 0u; i < rows; i += step) {
             const uint64_t row = uint64_t((q * rows + i) * FLOATS) * push.chunk.total * 4ul;
-            FloatArray slice = FloatArray(push.slices + row);
+            FloatArray slice = FloatArray(HEMISPHERE_SLICES + row);
             for (uint c = 0u; c < MOST_FLOATS; c++)
                 if (c < FLOATS)
                     kiln_add(sums[c], slice.at[c * push.chunk.total + x]);

@@ -50,7 +50,7 @@ bool begin(uint64_t number)
                 turn = walk_draw(kiln_path_use(0u, KILN_PATH_BOUNCE));
     const AimNumber n = AimNumber(real_unit(pick.x), real_unit(pick.y), real_unit(place.x), real_unit(place.y),
                                   real_unit(turn.x), real_unit(turn.y));
-    const bool drawn = aim_draw(aim, n, first);
+    const bool drawn = aim_draw(aim, k, n, first);
     flux = first.flux / aim_paths(aim);
     origin = first.origin;
     direction = first.direction;
@@ -181,9 +181,13 @@ bool arrive(uint surface)
     }
     landing.end = surface << KILN_GPU_LAND_LENGTH;
     weight *= tint;
-    if (surface == 1u &&
-        ((material_of(hit.triangle) & KILN_RECORD_GLOSS) == 0u || target_of(hit.triangle) != aim % LAND.target_count))
-        return false;
+    if (surface == 1u) {
+        const real met =
+            (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u ? aim_met(aim, first, hit.triangle) : real(0);
+        if (!(met > 0))
+            return false;
+        flux *= met;
+    }
     if (!has_side(hit)) {
         landing.end |= BLOCKED;
         return false;

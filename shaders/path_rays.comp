@@ -36,12 +36,28 @@ kiln_hit nearest(vec3 origin, vec3 direction, float limit, uint chance, bool loo
     return hit;
 }
 
+#ifdef KILN_GLOSS
+/* Puts the slot to those whose paths have met gloss, or come through a body; or to the others. */
+void sort(uint slot, kiln_hit hit, uint body)
+{
+    const bool gloss =
+        body != KILN_GPU_NONE ||
+        (hit.triangle != KILN_GPU_NONE && (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u);
+    const uint place = gloss ? push.room + atomicAdd(TALLY.shadows, 1u) : atomicAdd(TALLY.paths, 1u);
+    BothWords(push.onward + 4ul * place).at[0] = slot;
+}
+#endif
+
 void next(uint slot)
 {
     const kiln_gpu_subpath s = SUBPATH(slot);
     const bool of_light = push.light != KILN_GPU_OF_CAMERA;
-    if (POINTS && !of_light && POINT_PATH(slot).goes == 0u)
+    if (POINTS && !of_light && POINT_PATH(slot).goes == 0u) {
+#ifdef KILN_GLOSS
+        sort(slot, hit_of(KILN_GPU_NONE, 0.0, 0.0, 0.0), KILN_GPU_NONE);
+#endif
         return;
+    }
     if (of_light)
         draw_for_light(slot);
     else
@@ -58,6 +74,9 @@ void next(uint slot)
     SUBPATH(slot).v = hit.v;
     SUBPATH(slot).distance = hit.distance;
     SUBPATH(slot).tint = floats_of(tint);
+#ifdef KILN_GLOSS
+    sort(slot, hit, s.body);
+#endif
 }
 
 /* Adds to a pixel of the film: numbers of 64 bits, the lower half first. */

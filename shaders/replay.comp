@@ -2,7 +2,7 @@
  * KILN_ROW_LIGHTS lights at once, which share one read of the rows. Of each light the sums are those of gather.glsl,
  * in the same order. Directions are made for points with smooth normals alone, whose rays weigh by them. Lights lie
  * side by side: the radiosity of point i under light l is pair i * LIGHTS + l of words. The slices of a light follow
- * those of the one before; replay_reduce.comp adds them up. */
+ * those of the one before; replay_reduce.comp adds them up, or replay_take.comp. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -21,9 +21,10 @@ struct Sums {
     vec3 incident[KILN_ROW_LIGHTS], irradiance[KILN_ROW_LIGHTS];
     float luminance[KILN_ROW_LIGHTS], escaped, blocked;
 };
-const vec3 NOTHING[KILN_ROW_LIGHTS] =
-    vec3[](vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
-#define NO_SUMS Sums(NOTHING, NOTHING, float[](0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0)
+#define FOUR(x) x, x, x, x
+#define SIXTEEN(x) FOUR(x), FOUR(x), FOUR(x), FOUR(x)
+const vec3 NOTHING[KILN_ROW_LIGHTS] = vec3[](SIXTEEN(vec3(0.0)));
+#define NO_SUMS Sums(NOTHING, NOTHING, float[](SIXTEEN(0.0)), 0.0, 0.0)
 
 bool is_smooth(kiln_gpu_point p) { return HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u; }
 

@@ -7,16 +7,10 @@
 #ifndef KILN_SHADERS_SURFACE_GLSL
 #define KILN_SHADERS_SURFACE_GLSL
 
-#include "shaders/shared/radiosity.h"
+#include "shaders/radiosity.glsl"
 
 layout(buffer_reference, scalar, buffer_reference_align = 16) readonly buffer RecordHalves { vec4 at[]; };
 KILN_ARRAY(RadiosityWords, uvec2, 8);
-
-vec3 kiln_radiosity_unpack(uvec2 packed)
-{
-    return uintBitsToFloat(uvec3(kiln_radiosity_red(packed.x), kiln_radiosity_green(packed.x, packed.y),
-                                 kiln_radiosity_blue(packed.y)));
-}
 
 #include "shaders/store_lightmap.glsl"
 

@@ -3,7 +3,7 @@
 
 /* It lies before struct kiln_gpu_both. */
 KILN_ARRAY(LandArray, kiln_gpu_land, 8);
-#define LAND LandArray(push.both - 104ul).at[0]
+#define LAND LandArray(push.both - 128ul).at[0]
 
 #include "shaders/aims.glsl"
 #include "shaders/shared/caustic_weights.h"
@@ -25,5 +25,5 @@ real techniques_connect(uint light, Lit v, real3 place, real3 direction)
 
 real techniques_emission(uint light, Lit v, real3 place, real3 direction)
 {
-    return real(LAND.iterations) * aim_density(light, target_of(v.triangle), place, direction);
+    return real(LAND.iterations) * aim_density(light, v.triangle, place, direction);
 }

@@ -29,13 +29,16 @@ static double rays_of_a_point(const struct kiln_job *job)
 }
 
 struct kiln_backend_question kiln_backend_ask(const struct kiln_job *job, const struct kiln_scene *scene,
-                                              uint64_t triangles, uint64_t threads, uint32_t ranks)
+                                              uint64_t threads, uint32_t ranks)
 {
     struct kiln_volume_result volume;
     struct kiln_error ignored; /* a grid of too many probes is refused elsewhere */
+    uint64_t triangles = 0;
     double texels = 0.0;
-    for (size_t i = 0; i < scene->object_count; i++)
+    for (size_t i = 0; i < scene->object_count; i++) {
+        triangles += scene->meshes[scene->objects[i].mesh].triangle_count;
         texels += (double)scene->objects[i].lightmap_width * (double)scene->objects[i].lightmap_height;
+    }
     const double points = COVERED * texels;
     const double each = kiln_job_is_radiosity(job) && job->patches.patches != KILN_PATCHES_LINKS
                             ? 0.5 * points /* pairs */

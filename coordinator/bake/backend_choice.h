@@ -30,7 +30,7 @@ struct kiln_backend_choice {
 
 /* The question for a job whose sample counts are settled and whose scene is open. Not collective. */
 struct kiln_backend_question kiln_backend_ask(const struct kiln_job *job, const struct kiln_scene *scene,
-                                              uint64_t triangles, uint64_t threads, uint32_t ranks);
+                                              uint64_t threads, uint32_t ranks);
 /* Fills in the seconds and which are fewer. */
 void kiln_backend_predict(struct kiln_backend_choice *choice);
 

@@ -2,8 +2,11 @@
 
 #include "coordinator/bake/bake_private.h"
 #include "coordinator/mpi/agree.h"
+#include "coordinator/run/checkpoint_local.h"
 #include "coordinator/run/process.h"
 #include "worker/base/memory.h"
+
+enum { COPY_SECONDS = 3600 }; /* a rank that copies a checkpoint longer is taken for stuck */
 
 int kiln_bake_end_phase(struct kiln_bake *b, int status, struct kiln_error *error)
 {
@@ -50,7 +53,7 @@ static int run_phases(struct kiln_bake *b, struct kiln_error *error)
 /* Collective, after KILN_STOPPED. Saves what has been computed and composes the message. A bake that was stopped within
  * a pass or the probe pass has done so already; here either nothing has been computed yet, or only files are missing.
  */
-static int end_early(struct kiln_bake *b, struct kiln_error *error)
+static int save_early(struct kiln_bake *b, struct kiln_error *error)
 {
     kiln_phase(&b->phases, NULL);
     if (!b->light_done && b->saves)
@@ -59,6 +62,16 @@ static int end_early(struct kiln_bake *b, struct kiln_error *error)
     if (!b->light_done)
         return kiln_stopped_early(b->control, b->job->resume ? kiln_checkpoint_generation(b->checkpoint) : 0, error);
     return kiln_bake_save(b, error);
+}
+
+/* Collective. The same; then the bake's folder has what the nodes have. */
+static int end_early(struct kiln_bake *b, struct kiln_error *error)
+{
+    const int status = save_early(b, error);
+    kiln_control_blocking(b->control, "copying a checkpoint", COPY_SECONDS);
+    kiln_checkpoint_settle(b->checkpoint);
+    kiln_control_blocking(b->control, NULL, 0.0);
+    return status;
 }
 
 /* Drops the timeline, which cannot be written, or is not to be: another bake may be at work in the folder. */

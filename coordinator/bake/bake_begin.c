@@ -13,6 +13,7 @@
 #include "coordinator/files/publish.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/manifest.h"
+#include "coordinator/run/checkpoint_local.h"
 #include "coordinator/run/process.h"
 #include "worker/base/text.h"
 
@@ -31,8 +32,15 @@ int kiln_bake_take_charge(struct kiln_bake *b, struct kiln_error *error)
     int status = kiln_control_create(&b->control, &params, error);
     if (status != KILN_OK)
         return status;
+    const char *local = b->job->checkpoint_local;
     kiln_control_follow(b->control, b->progress);
-    return kiln_checkpoint_open(&b->checkpoint, b->communicator, b->job->output, b->job->resume, error);
+    if (local != NULL && b->job->resume)
+        status = kiln_checkpoint_bring_home(b->communicator, b->job->output, local, error);
+    if (status == KILN_OK)
+        status = kiln_checkpoint_open(&b->checkpoint, b->communicator, b->job->output, b->job->resume, error);
+    if (status == KILN_OK && local != NULL)
+        status = kiln_checkpoint_write_locally(b->checkpoint, local, error);
+    return status;
 }
 
 /* Rank 0. Checks that each lightmap can be written. */

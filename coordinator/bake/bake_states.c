@@ -1,6 +1,10 @@
 /* Many states of lights, colours and sky from one load (kiln relight --states, --listen). Loaded once stay surface
  * points, rows and direct light of parts of the lights (state_lights.h); of a state only the light between surfaces is
- * computed (integrate/states.h), several at once. Each is then written as a bake of its own. */
+ * computed (integrate/states.h), several at once. Each is then written as a bake of its own.
+ *
+ * Where rays go on from gloss or are tinted, a state is computed whole, by the lockstep runner with the kept rows and
+ * chains (integrate/transport.h): it has the bits of a relit bake of its scene. Scene, surface points and backend are
+ * loaded once. */
 #include <math.h>
 #include <poll.h>
 #include <stdio.h>
@@ -13,6 +17,7 @@
 
 #include "coordinator/bake/bake_private.h"
 #include "coordinator/bake/state_lights.h"
+#include "coordinator/bake/transport_identity.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/import/changes.h"
@@ -32,6 +37,8 @@ struct one {
     uint16_t *albedo; /* own; NULL: the scene's */
     struct kiln_state state;
     struct spent solve, write;
+    double device_seconds; /* of solving */
+    uint64_t returned;     /* bytes that a device has handed back meanwhile */
 };
 
 struct engine {
@@ -39,6 +46,8 @@ struct engine {
     struct kiln_resident *resident;
     struct kiln_states *states;
     struct kiln_state_lights *lights;
+    bool whole;                     /* states are computed whole, one at a time: there are none of the three above */
+    struct kiln_solution *solution; /* then: of the last one */
     struct kiln_state_scene base;
     struct kiln_scene before; /* the scene as it was prepared: its pointers */
     const uint16_t *base_albedo;
@@ -65,8 +74,15 @@ static struct spent since(struct spent begin)
 /* What getting rays has taken so far. */
 static struct spent loading(const struct engine *e)
 {
+    if (e->whole)
+        return (struct spent){0.0, 0.0};
     const struct kiln_resident_counts c = kiln_resident_counts(e->resident);
     return (struct spent){c.seconds, c.processor};
+}
+
+static struct kiln_solution *solution_of(const struct engine *e, size_t place)
+{
+    return e->whole ? e->solution : kiln_states_solution(e->states, place);
 }
 
 /* ---- what cannot be ---- */
@@ -114,6 +130,18 @@ static int make_ones(struct engine *e, struct kiln_error *error)
     return kiln_agree(e->b->communicator, status, error);
 }
 
+/* Collective. What states that share their rays need. */
+static int make_shared(struct engine *e, struct kiln_error *error)
+{
+    struct kiln_bake *b = e->b;
+    int status = kiln_agree(b->communicator, kiln_resident_create(&e->resident, &b->light_params, error), error);
+    if (status == KILN_OK)
+        status = kiln_states_create(&e->states, &b->light_params, e->resident, e->width, error);
+    if (status == KILN_OK)
+        status = kiln_state_lights_create(&e->lights, b, e->states, &e->base, error);
+    return status;
+}
+
 /* Collective. */
 static int create(struct engine *e, struct kiln_error *error)
 {
@@ -127,16 +155,13 @@ static int create(struct engine *e, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     b->light_params.checkpoint = NULL;
+    b->light_params.beside = NULL;
+    b->light_settings.work_stealing = false; /* points stay where they are, for the next state */
+    b->light_settings.rebalance = KILN_REBALANCE_NEVER;
     e->before = *b->prepared->scene;
     e->base_albedo = b->prepared->surface->albedo;
     status = make_ones(e, error);
-    if (status == KILN_OK)
-        status = kiln_agree(b->communicator, kiln_resident_create(&e->resident, &b->light_params, error), error);
-    if (status == KILN_OK)
-        status = kiln_states_create(&e->states, &b->light_params, e->resident, e->width, error);
-    if (status == KILN_OK)
-        status = kiln_state_lights_create(&e->lights, b, e->states, &e->base, error);
-    return status;
+    return status == KILN_OK && !e->whole ? make_shared(e, error) : status;
 }
 
 static void destroy(struct engine *e)
@@ -144,6 +169,7 @@ static void destroy(struct engine *e)
     struct kiln_prepared *p = e->b->prepared;
     kiln_state_lights_destroy(&e->lights);
     kiln_states_destroy(&e->states);
+    kiln_solution_destroy(&e->solution);
     kiln_resident_destroy(&e->resident);
     if (e->base_albedo != NULL) {
         p->surface->albedo = (uint16_t *)(uintptr_t)e->base_albedo;
@@ -175,14 +201,32 @@ static struct kiln_changeable changeable(const struct engine *e, const struct ki
                                     .material_count = s->material_count};
 }
 
+/* Refuses another colour of a surface that kept rays go on from. */
+static int check_colours(const struct engine *e, const struct one *one, struct kiln_error *error)
+{
+    const struct kiln_prepared *p = e->b->prepared;
+    for (uint32_t i = 0; i < p->scene->material_count; i++) {
+        const struct kiln_material *before = &e->base.materials[i], *with = &one->scene.materials[i];
+        if (memcmp(before->base_color, with->base_color, sizeof before->base_color) != 0 &&
+            kiln_transport_keeps_colour(e->b->job, p, i))
+            return kiln_fail(
+                error, KILN_BAD_INPUT,
+                "kept rays go on from surfaces of material '%.100s', or pass them, and its colour is among "
+                "what was kept: bake again, or leave its albedo",
+                kiln_scene_string(p->scene, before->name));
+    }
+    return KILN_OK;
+}
+
 static int apply(const struct engine *e, struct one *one, const char *changes, struct kiln_error *error)
 {
     const struct kiln_changeable to = changeable(e, &one->scene);
     kiln_state_scene_copy(&one->scene, &e->base, e->b->prepared->scene);
     const int status = kiln_changes_apply_to(&to, changes, error);
-    if (status == KILN_OK)
-        kiln_changes_apply_to_environment(&one->scene.environment, changes);
-    return status;
+    if (status != KILN_OK)
+        return status;
+    kiln_changes_apply_to_environment(&one->scene.environment, changes);
+    return check_colours(e, one, error);
 }
 
 static bool same_colours(const struct engine *e, const struct kiln_state_scene *a, const struct kiln_state_scene *b)
@@ -227,13 +271,40 @@ static int mix(struct engine *e, size_t count, struct kiln_error *error)
     return status;
 }
 
+/* Collective. The one state, by all steps of a bake. */
+static int solve_whole(struct engine *e, struct kiln_error *error)
+{
+    struct kiln_bake *b = e->b;
+    struct one *one = &e->ones[0];
+    const struct spent begin = now();
+    kiln_solution_destroy(&e->solution);
+    b->solution = NULL;
+    int status = find_albedo(e, 0, error);
+    if (status == KILN_OK)
+        status = kiln_state_scene_use(b->prepared, &one->scene, error);
+    if (status != KILN_OK)
+        return status;
+    b->prepared->surface->albedo = (uint16_t *)(uintptr_t)one->state.albedo;
+    status = kiln_backend_emission(b->prepared->backend, KILN_EMISSION_SAMPLES, &b->emission, error);
+    status = kiln_agree(b->communicator, status, error);
+    if (status == KILN_OK)
+        status = kiln_integrate(&e->solution, &b->light_params, error);
+    one->state.emission = &b->emission;
+    one->solve = since(begin);
+    return status;
+}
+
 /* Collective. What of the time is for rays that are got for the first time, or for direct light, is loading. */
 static int solve(struct engine *e, size_t count, struct kiln_error *error)
 {
+    if (e->whole)
+        return solve_whole(e, error);
     const struct spent rays = loading(e), begin = now();
     struct kiln_state of[KILN_STATES_MOST];
     int status = mix(e, count, error);
     const struct spent mixing = since(begin), after = now();
+    struct kiln_backend_info before, behind;
+    kiln_backend_info(e->b->prepared->backend, &before);
     for (size_t i = 0; i < count; i++)
         of[i] = e->ones[i].state;
     if (status == KILN_OK && e->b->job->directional != KILN_DIRECTIONAL_NONE) /* one at a time: it asks the lights */
@@ -244,9 +315,14 @@ static int solve(struct engine *e, size_t count, struct kiln_error *error)
     const struct spent got = {with.seconds - rays.seconds, with.processor - rays.processor};
     e->load.seconds += mixing.seconds + got.seconds;
     e->load.processor += mixing.processor + got.processor;
-    for (size_t i = 0; i < count; i++)
-        e->ones[i].solve = (struct spent){(all.seconds - got.seconds) / (double)count,
-                                          (all.processor - got.processor) / (double)count};
+    kiln_backend_info(e->b->prepared->backend, &behind);
+    for (size_t i = 0; i < count; i++) {
+        struct one *one = &e->ones[i];
+        one->solve = (struct spent){(all.seconds - got.seconds) / (double)count,
+                                    (all.processor - got.processor) / (double)count};
+        one->device_seconds = (behind.device_seconds - before.device_seconds) / (double)count;
+        one->returned = (behind.returned - before.returned) / count;
+    }
     return status;
 }
 
@@ -259,7 +335,7 @@ static int become(struct engine *e, size_t place, const char *folder, struct kil
     struct one *one = &e->ones[place];
     int status = kiln_state_scene_use(b->prepared, &one->scene, error);
     b->settled.output = (char *)(uintptr_t)folder;
-    b->solution = kiln_states_solution(e->states, place);
+    b->solution = solution_of(e, place);
     b->emission = *one->state.emission;
     b->prepared->surface->albedo = (uint16_t *)(uintptr_t)one->state.albedo;
     return status;
@@ -284,10 +360,11 @@ static void forget(struct kiln_bake *b)
 static json_t *state_json(const struct engine *e, size_t place)
 {
     const struct one *one = &e->ones[place];
-    size_t parts;
-    const bool same = kiln_state_lights_same(e->lights, place, &parts);
+    size_t parts = 0;
+    const bool same = !e->whole && kiln_state_lights_same(e->lights, place, &parts);
+    const char *direct = e->whole ? "traced" : same ? "as baked" : "parts, scaled";
     return json_pack("{s:s, s:s, s:s, s:i, s:s, s:f, s:f}", "from", e->b->job->relight, "state", one->name,
-                     "direct_light", same ? "as baked" : "parts, scaled", "parts", (int)parts, "volume",
+                     "direct_light", direct, "parts", (int)parts, "volume",
                      e->b->job->samples_probe > 0 ? "traced" : "none", "solve_seconds", one->solve.seconds,
                      "solve_processor_seconds", one->solve.processor);
 }
@@ -337,8 +414,9 @@ static int write_state(struct engine *e, size_t place, const char *folder, struc
 
 static json_t *times_json(const struct one *one)
 {
-    return json_pack("{s:s, s:f, s:f, s:f, s:f}", "state", one->name, "solve_seconds", one->solve.seconds,
-                     "solve_processor_seconds", one->solve.processor, "write_seconds", one->write.seconds,
+    return json_pack("{s:s, s:f, s:f, s:f, s:I, s:f, s:f}", "state", one->name, "solve_seconds", one->solve.seconds,
+                     "solve_processor_seconds", one->solve.processor, "solve_device_seconds", one->device_seconds,
+                     "returned_bytes", (json_int_t)one->returned, "write_seconds", one->write.seconds,
                      "write_processor_seconds", one->write.processor);
 }
 
@@ -412,11 +490,15 @@ static int do_states(struct engine *e, const json_t *states, struct kiln_error *
 /* Collective. What kiln relight says in the end; also as OUTPUT/states.json. */
 static int summarize(struct engine *e, struct kiln_error *error)
 {
-    const struct kiln_resident_counts rays = kiln_resident_counts(e->resident);
-    uint64_t counts[] = {rays.read, rays.traced, rays.bytes}, all[] = {0, 0, 0}, traced, bytes;
+    uint64_t counts[] = {e->b->transport.found, e->b->transport.traced, 0}, all[] = {0, 0, 0}, traced = 0, bytes;
     int status = KILN_OK;
-    kiln_state_lights_counts(e->lights, &traced, &bytes);
-    counts[2] += bytes;
+    if (!e->whole) {
+        const struct kiln_resident_counts rays = kiln_resident_counts(e->resident);
+        kiln_state_lights_counts(e->lights, &traced, &bytes);
+        counts[0] = rays.read;
+        counts[1] = rays.traced;
+        counts[2] = rays.bytes + bytes;
+    }
     (void)MPI_Reduce(counts, all, 3, MPI_UINT64_T, MPI_SUM, 0, e->b->communicator);
     forget(e->b);
     if (e->b->rank == 0) {
@@ -516,7 +598,7 @@ static int next_line(const struct engine *e, struct input *in, char **text, stru
 static void hash_light(const struct engine *e)
 {
     const struct kiln_bake *b = e->b;
-    const struct kiln_rank_data *own = kiln_states_solution(e->states, 0)->own;
+    const struct kiln_rank_data *own = solution_of(e, 0)->own;
     memset(e->light, 0, own->surface.map_count * sizeof *e->light);
     for (size_t i = 0; i < b->fields.count; i++) {
         const struct kiln_field *field = b->fields.entry[i].field;
@@ -654,7 +736,8 @@ int kiln_bake_states(struct kiln_bake *b, struct kiln_error *error)
     }
     e->b = b;
     e->begin = (struct spent){b->begin, 0.0};
-    e->width = width_of(b->job);
+    e->whole = kiln_transport_goes_on(b->job, b->prepared);
+    e->width = e->whole ? 1 : width_of(b->job);
     (void)snprintf(e->output, sizeof e->output, "%s", b->job->output);
     kiln_phase(&b->phases, "direct light");
     kiln_progress_phase(b->progress, "relight", 0);

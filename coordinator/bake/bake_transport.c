@@ -63,11 +63,6 @@ static int refuse_what_cannot_be_kept(const struct kiln_job *job, const struct k
                          "rays of %.300s go on from gloss, or are tinted, which Embree alone looks up: give --backend "
                          "embree",
                          job->relight);
-    if ((job->states != NULL || job->listen) && kiln_transport_goes_on(job, p))
-        return kiln_fail(error, KILN_USAGE,
-                         "%s: rays of %.300s go on from gloss, or are tinted, which serves one state at a time; leave "
-                         "it out, and call kiln relight for each",
-                         job->listen ? "--listen" : "--states", job->relight);
     if ((job->states != NULL || job->listen) && is_of_links(job))
         return kiln_fail(
             error, KILN_USAGE,

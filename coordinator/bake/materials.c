@@ -90,6 +90,8 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
     if (job->caustics >= KILN_CAUSTICS_LAND) {
         (void)json_object_set_new(json, "photons", json_integer((json_int_t)landing->photons));
         (void)json_object_set_new(json, "aims", json_integer((json_int_t)landing->aims));
+        if (landing->rays > 0)
+            (void)json_object_set_new(json, "rays", json_integer(landing->rays));
         (void)json_object_set_new(json, "iterations",
                                   job->iterations == KILN_ITERATIONS_ALL ? json_string("all")
                                                                          : json_integer((json_int_t)job->iterations));

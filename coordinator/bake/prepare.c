@@ -11,6 +11,7 @@
 #include "coordinator/bake/surface_exchange.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/bake/devices.h"
+#include "worker/backend/start.h"
 #include "worker/base/memory.h"
 #include "worker/scene/gloss.h"
 #include "worker/scene/leaves.h"
@@ -172,13 +173,53 @@ static const char *choose_backend(struct kiln_prepared *p, const struct kiln_job
 {
     uint64_t threads = p->threads;
     (void)MPI_Allreduce(MPI_IN_PLACE, &threads, 1, MPI_UINT64_T, MPI_SUM, p->communicator);
-    p->choice = (struct kiln_backend_choice){
-        .asked = (job->backend == NULL || strcmp(job->backend, "auto") == 0) && !care->device_first,
-        .question = kiln_backend_ask(job, p->scene, p->geometry->triangle_count, threads, (uint32_t)p->ranks)};
+    p->choice = (struct kiln_backend_choice){.asked = (job->backend == NULL || strcmp(job->backend, "auto") == 0) &&
+                                                      !care->device_first,
+                                             .question = kiln_backend_ask(job, p->scene, threads, (uint32_t)p->ranks)};
     kiln_backend_predict(&p->choice);
     if (p->choice.asked && p->choice.processors)
         return "embree";
     return job->backend != NULL ? job->backend : "auto";
+}
+
+/* Passes that run for certain, whatever the scene is: bit KILN_PASS_INDEX_... */
+static uint32_t passes_of(const struct kiln_job *job)
+{
+    const bool gathers = job->bounces != 0 && !kiln_job_is_reference(job) && !kiln_job_is_radiosity(job);
+    return 1u << KILN_PASS_INDEX_validity | (uint32_t)(job->samples_direct > 0) << KILN_PASS_INDEX_direct |
+           (uint32_t)gathers << KILN_PASS_INDEX_gather;
+}
+
+/* What of the backend's parameters needs no scene. */
+static struct kiln_backend_params device_params(const struct kiln_prepared *p, const struct kiln_job *job,
+                                                const struct kiln_prepare_care *care)
+{
+    struct kiln_backend_params params = {.threads = p->threads,
+                                         .instruction_set = p->instruction_set,
+                                         .seed = job->seed,
+                                         .chain_length = job->chain_length,
+                                         .passes = passes_of(job),
+                                         .stop = stop_of(care)};
+    kiln_devices_choose(job, p->node_rank, p->node_ranks, &params);
+    return params;
+}
+
+/* Begins to start a device for the backend called `name`, unless one starts already. */
+static void begin_device(struct kiln_prepared *p, const struct kiln_job *job, const char *name,
+                         const struct kiln_prepare_care *care)
+{
+    const struct kiln_backend_params params = device_params(p, job, care);
+    if (p->start == NULL)
+        kiln_backend_begin(&p->start, name, &params);
+}
+
+/* Begins to start a device where one is wanted whatever the scene is. */
+static void begin_device_early(struct kiln_prepared *p, const struct kiln_job *job,
+                               const struct kiln_prepare_care *care)
+{
+    const bool open = job->backend == NULL || strcmp(job->backend, "auto") == 0;
+    if (!open || care->device_first)
+        begin_device(p, job, open ? "auto" : job->backend, care);
 }
 
 /* Collective. What the backends need of an open scene: geometry, lights and the backend itself. */
@@ -187,24 +228,22 @@ static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, co
 {
     if (job->store != KILN_STORE_KIND_LIGHTMAP)
         p->leaf_size = job->leaf_size > 0.0 ? job->leaf_size : 1.0 / (double)p->scene->header->texels_per_metre;
+    const char *backend = choose_backend(p, job, care);
+    begin_device(p, job, backend, care);
     int status = go_on(p, care, share_geometry(p, error), error);
     if (status == KILN_OK)
         status = kiln_lights_create(&p->lights, p->scene, p->geometry, error);
     if (status == KILN_OK && job->patches.lights == KILN_LIGHTS_PATCHES)
         status = kiln_lights_create_without_areas(&p->direct_lights, p->scene, p->geometry, error);
-    const char *backend = status == KILN_OK ? choose_backend(p, job, care) : NULL;
     if (status == KILN_OK) {
-        struct kiln_backend_params params = {.scene = p->scene,
-                                             .geometry = p->geometry,
-                                             .lights = p->lights,
-                                             .direct_lights = p->direct_lights,
-                                             .threads = p->threads,
-                                             .instruction_set = p->instruction_set,
-                                             .seed = job->seed,
-                                             .chain_length = job->chain_length,
-                                             .stop = stop_of(care)};
-        kiln_devices_choose(job, p->node_rank, p->node_ranks, &params);
+        struct kiln_backend_params params = device_params(p, job, care);
+        params.scene = p->scene;
+        params.geometry = p->geometry;
+        params.lights = p->lights;
+        params.direct_lights = p->direct_lights;
+        params.start = p->start;
         status = kiln_backend_create(&p->backend, backend, &params, error);
+        kiln_backend_start_end(&p->start);
     }
     return go_on(p, care, status, error);
 }
@@ -400,6 +439,7 @@ int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const s
         status = learn_about_ranks(p, job, error);
     }
     if (status == KILN_OK) {
+        begin_device_early(p, job, care);
         kiln_phase(phases, "import");
         kiln_progress_phase(progress, "import", 0);
         status = import_scene(p, job, scene_file, care, error);
@@ -417,6 +457,7 @@ int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const s
     if (status == KILN_OK) {
         kiln_phase(phases, "validity");
         kiln_progress_phase(progress, "validity", p->surface->tile_run_count);
+        p->first_pass = MPI_Wtime();
         status = find_valid_points(p, care, progress, error);
     }
     kiln_phase(phases, NULL);
@@ -474,6 +515,7 @@ void kiln_prepared_destroy(struct kiln_prepared **prepared)
     struct kiln_prepared *p = *prepared;
     if (p == NULL)
         return;
+    kiln_backend_start_end(&p->start);
     kiln_backend_destroy(&p->backend);
     kiln_surface_destroy(&p->surface);
     kiln_lights_destroy(&p->lights);

@@ -36,7 +36,9 @@ struct kiln_prepared {
     struct kiln_lights *lights;
     struct kiln_lights *direct_lights; /* of these, those that are no patches; NULL: all */
     struct kiln_backend_choice choice; /* the same on all ranks */
+    struct kiln_backend_start *start;  /* until the backend is created */
     struct kiln_backend *backend;
+    double first_pass; /* MPI_Wtime() when the validity pass began */
     struct kiln_surface *surface;
     struct kiln_surface_report surface_report;
 };

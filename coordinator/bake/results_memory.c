@@ -5,6 +5,7 @@
 
 #include "coordinator/field/result.h"
 #include "coordinator/mpi/agree.h"
+#include "coordinator/output/kiln_h5_points.h"
 #include "coordinator/output/map/lightmaps.h"
 #include "coordinator/output/points_ahead.h"
 #include "coordinator/run/process_memory.h"
@@ -15,6 +16,9 @@ static const double LIGHTMAP_WORK = 85.0; /* bytes a texel of the lightmaps unde
 static const double RECORD_BYTES = 2 * 58.0;
 /* bytes a point of kiln.h5 in hand; of them still held afterwards */
 static const double H5_ROW = 113.0, H5_KEPT = 90.0;
+/* Of kiln.h5, where several ranks write it: compressed bytes of a point that a rank has to itself until it knows where
+ * they belong, besides those that were packed ahead. */
+static const double H5_PACKED = 28.5;
 /* Bytes that fields took in these measurements, of a texel: those of other fields are added. */
 static const double MEASURED_PLANES = 28.0;
 /* Of denoising: planes of positions, normals and errors; what a point takes meanwhile. */
@@ -61,9 +65,11 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
     const double preview = size->job->preview
                                ? preview_bytes(size->scene) + PREVIEW_TEXEL * size->texels + (H5_KEPT + columns) * rows
                                : 0.0;
+    const double kept =
+        size->ranks > 1.0 ? fmin((H5_PACKED + columns) * size->own, (double)KILN_POINTS_KEPT_MOST) : 0.0;
     const double ahead =
         (double)KILN_POINTS_AHEAD_ROOM + fmin(KILN_POINTS_AHEAD_POINT * size->own, (double)KILN_POINTS_AHEAD_MOST);
-    return (uint64_t)fmax(ahead + fmax(lightmaps, (H5_ROW + columns) * rows), preview);
+    return (uint64_t)fmax(ahead + fmax(lightmaps, (H5_ROW + columns) * rows + kept), preview);
 }
 
 /* ---- the budget ---- */

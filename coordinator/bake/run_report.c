@@ -1,5 +1,7 @@
 #include "coordinator/bake/run_report.h"
 
+#include "coordinator/bake/loading_report.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -561,6 +563,14 @@ static json_t *ranks_json(const struct kiln_run *run, const uint64_t *values, in
     return per_rank;
 }
 
+/* What was tried before the first step; null: nothing. */
+static json_t *trial_json(const struct kiln_integrate_report *t)
+{
+    return t->trial_seconds > 0.0
+               ? json_pack("{s:f, s:o}", "seconds", t->trial_seconds, "rebalance", rebalance_json(&t->trial))
+               : json_null();
+}
+
 static json_t *balance_json(const struct kiln_run *run, const uint64_t *values)
 {
     const struct kiln_surface_report *s = &run->prepared->surface_report;
@@ -568,10 +578,11 @@ static json_t *balance_json(const struct kiln_run *run, const uint64_t *values)
     json_t *stolen =
         json_pack("{s:b, s:o, s:o}", "on", run->solution->report.steals_work, "from_rank",
                   ranks_json(run, values, RANK_STOLEN_FROM), "by_rank", ranks_json(run, values, RANK_STOLEN_BY));
-    return json_pack("{s:s, s:f, s:I, s:I, s:f, s:o, s:o}", "partition",
+    return json_pack("{s:s, s:f, s:I, s:I, s:f, s:o, s:o, s:o}", "partition",
                      run->job->partition_objects ? "objects" : "cells", "point_imbalance", s->imbalance,
                      "cells_occupied", (json_int_t)s->cells_occupied, "cells_total", (json_int_t)s->cells_total,
-                     "cell_size", s->cell_size, "points_per_rank", per_rank, "stolen_points", stolen);
+                     "cell_size", s->cell_size, "points_per_rank", per_rank, "stolen_points", stolen, "trial",
+                     trial_json(&run->solution->report));
 }
 
 /* Memory of each node that Slurm gives this job, bytes; 0: not a Slurm job, or no memory was requested. */
@@ -917,8 +928,10 @@ int kiln_run_report(json_t **report, const struct kiln_run *run, struct kiln_err
         gather(run, &g);
         json_t *phases = kiln_phases_json(run->phases, p->communicator, g.phases);
         json_t *error_reached = error_json(run), *mpi = mpi_json(run), *ahead = ahead_json(run);
+        json_t *loading = kiln_loading_report(p, run->phases);
         if (p->rank == 0) {
             *report = report_on_root(run, phases, error_reached, mpi, g.values, g.stolen);
+            json_object_set_new(*report, "beside_loading", loading);
             json_object_set_new(*report, "beside_passes", ahead);
             json_object_set_new(*report, "notes", kiln_run_notes(*report));
         } else {

@@ -7,6 +7,7 @@
 
 #include "coordinator/files/checksummed_json.h"
 #include "coordinator/files/folder.h"
+#include "coordinator/job/options.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 #include "worker/scene/gloss.h"
@@ -91,13 +92,18 @@ static uint64_t add_texture(uint64_t hash, const struct kiln_scene *scene, uint3
     return add(hash, scene->texels + t->first, 4 * (size_t)t->width * t->height);
 }
 
+static bool is_gone_on_from(const struct kiln_scene *scene, uint32_t material)
+{
+    const struct kiln_material *m = &scene->materials[material];
+    return kiln_gloss_taken(scene, material) != NULL || m->transmission > 0.0f || m->alpha_mode != KILN_ALPHA_OPAQUE;
+}
+
 /* What of a material says where a ray goes on to, and how much it brings from there; 0: it ends there. */
 static uint64_t gloss_of(const struct kiln_scene *scene, uint32_t material)
 {
     const struct kiln_material *m = &scene->materials[material];
     const struct kiln_gloss *gloss = kiln_gloss_taken(scene, material);
-    const bool passes = m->transmission > 0.0f || m->alpha_mode != KILN_ALPHA_OPAQUE;
-    if (gloss == NULL && !passes)
+    if (!is_gone_on_from(scene, material))
         return 0;
     uint64_t hash = add(1, m->base_color, sizeof m->base_color);
     hash = add(hash, &m->transmission, sizeof m->transmission);
@@ -198,6 +204,11 @@ bool kiln_transport_goes_on(const struct kiln_job *job, const struct kiln_prepar
     return (kiln_job_takes_gloss(job) && p->scene->taken != NULL) || p->geometry->passage >= KILN_PASSAGE_TINT;
 }
 
+bool kiln_transport_keeps_colour(const struct kiln_job *job, const struct kiln_prepared *p, uint32_t material)
+{
+    return kiln_transport_goes_on(job, p) && is_gone_on_from(p->scene, material);
+}
+
 json_t *kiln_transport_identity(const struct kiln_job *job, const struct kiln_prepared *p)
 {
     const double *centre = p->scene->header->centre;
@@ -238,6 +249,28 @@ int kiln_transport_index_read(json_t **index, const char *directory, struct kiln
                            "rows",
                            directory);
     kiln_free(&text);
+    return status;
+}
+
+int kiln_transport_options_take(struct kiln_job *job, const json_t *index, const char *directory,
+                                bool (*leaves_out)(const struct kiln_job *job, const char *name),
+                                struct kiln_error *error)
+{
+    const char *name;
+    json_t *value;
+    int status = KILN_OK;
+    json_object_foreach(json_object_get(index, "job"), name, value)
+    {
+        const struct kiln_option *option = kiln_option_find_for(name, KILN_FOR_BAKE);
+        char where[KILN_OPTION_TEXT + 80];
+        (void)snprintf(where, sizeof where, "%s, of the bake in %.60s", name, directory);
+        if (option == NULL || (option->commands & KILN_FOR_BAKE) == 0)
+            status = kiln_fail(error, KILN_BAD_INPUT, "%s: there is no such option in this version of kiln", where);
+        else if (!kiln_job_given(job, option) && !(leaves_out != NULL && leaves_out(job, name)))
+            status = kiln_option_set(job, option, json_string_value(value), where, KILN_BAD_INPUT, NULL, error);
+        if (status != KILN_OK)
+            break;
+    }
     return status;
 }
 

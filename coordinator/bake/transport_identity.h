@@ -7,6 +7,8 @@
 
 /* Whether rays of the scene go on from mirrors, gloss or glass, or are tinted by what they pass through. */
 bool kiln_transport_goes_on(const struct kiln_job *job, const struct kiln_prepared *prepared);
+/* Whether rays go on from surfaces of the material, whose colour is of the transport then. */
+bool kiln_transport_keeps_colour(const struct kiln_job *job, const struct kiln_prepared *prepared, uint32_t material);
 
 /* A JSON object: numbers of the surface, and of each object hashes of its place, shape, lightmap layout and sides (with
  * opacity, and of what rays go on from). Release with json_decref. NULL if memory is short. Not collective; reads all
@@ -17,6 +19,12 @@ json_t *kiln_transport_identity(const struct kiln_job *job, const struct kiln_pr
  * {"kiln": version, "identity": the above, "scene": path, "instruction set": name, "job": {option: text}}. Release with
  * json_decref. KILN_NO_INPUT: the bake has kept none, or is not finished; KILN_BAD_INPUT: it is damaged. */
 int kiln_transport_index_read(json_t **index, const char *directory, struct kiln_error *error);
+
+/* Takes the options of the bake in `directory`, where the job's command line gives no others, and `leaves_out` says no
+ * (NULL: it never says yes). KILN_BAD_INPUT: this version of kiln has no such option. */
+int kiln_transport_options_take(struct kiln_job *job, const json_t *index, const char *directory,
+                                bool (*leaves_out)(const struct kiln_job *job, const char *name),
+                                struct kiln_error *error);
 
 /* KILN_BAD_INPUT, with a table of the objects that differ, if the transport in `directory` is of `then` and cannot
  * serve a scene that is `now`. */

@@ -434,25 +434,32 @@ static bool answer_help(int argc, char **argv, int rank, int *status, struct kil
     return true;
 }
 
-/* Whether the command line asks for a view that is traced, which several ranks may compute. */
-static bool traces_paths(int argc, char **argv)
+/* The last value that the command line gives an option; "": none. */
+static const char *value_of(int argc, char **argv, const char *option)
 {
-    static const char option[] = "--method";
-    const size_t length = sizeof option - 1;
-    const char *const *names = kiln_option_find_for("method", KILN_FOR_VIEW)->choices;
-    const char *method = "";
+    const size_t length = strlen(option);
+    const char *value = "";
     for (int i = 1; i < argc; i++) {
         if (strncmp(argv[i], option, length) != 0)
             continue;
         if (argv[i][length] == '=')
-            method = argv[i] + length + 1;
+            value = argv[i] + length + 1;
         else if (argv[i][length] == '\0' && i + 1 < argc)
-            method = argv[i + 1];
+            value = argv[i + 1];
     }
+    return value;
+}
+
+/* Whether the command line asks for a view that is traced, which several ranks may compute; or for one of links, for
+ * which a bake is prepared. */
+static bool view_needs_mpi(int argc, char **argv)
+{
+    const char *const *names = kiln_option_find_for("method", KILN_FOR_VIEW)->choices,
+                      *method = value_of(argc, argv, "--method");
     for (int m = 0; names[m] != NULL; m++)
-        if (strcmp(method, names[m]) == 0)
-            return kiln_view_is_traced(m);
-    return false;
+        if (strcmp(method, names[m]) == 0 && kiln_view_is_traced(m))
+            return true;
+    return strcmp(value_of(argc, argv, "--show"), "links") == 0;
 }
 
 static int run_command_line(int argc, char **argv)
@@ -471,8 +478,8 @@ static int run_command_line(int argc, char **argv)
                              has_argument(argc, argv, "per-object") || has_argument(argc, argv, "crossover") ||
                              has_argument(argc, argv, "tracing-range") || has_argument(argc, argv, "converge"));
     const bool help = asks_for_help(argc, argv); /* rank 0 answers at once, whatever the other ranks do */
-    const bool paths = command != NULL && command->bit == KILN_FOR_VIEW && traces_paths(argc, argv);
-    const bool needs_mpi = command != NULL && (command->mpi || paths) && !starts_mpi && !help;
+    const bool view = command != NULL && command->bit == KILN_FOR_VIEW && view_needs_mpi(argc, argv);
+    const bool needs_mpi = command != NULL && (command->mpi || view) && !starts_mpi && !help;
     if (is_launched() && !needs_mpi && !starts_mpi && !help)
         status = meet_others(argv, &rank, &error);
     if (status == KILN_OK && !answer_help(argc, argv, rank, &status, &error)) {

@@ -59,13 +59,20 @@ static json_t *seconds_json(const struct kiln_plan *p)
     return seconds;
 }
 
-static json_t *disk_json(const struct kiln_plan *p)
+/* Bytes of the two checkpoints that a node's folder holds, of its ranks alone; 0: there is no such folder. */
+static uint64_t node_checkpoint_bytes(const struct kiln_plan *p, const struct kiln_job *job)
 {
-    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "lightmaps", (json_int_t)p->lightmap_bytes,
+    return job->checkpoint_local != NULL && p->here.nodes > 0 ? 2 * p->checkpoint_bytes / (uint64_t)p->here.nodes : 0;
+}
+
+static json_t *disk_json(const struct kiln_plan *p, const struct kiln_job *job)
+{
+    return json_pack("{s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I, s:I}", "lightmaps", (json_int_t)p->lightmap_bytes,
                      "kiln_h5", (json_int_t)p->h5_bytes, "volume", (json_int_t)p->volume_bytes, "scene",
                      (json_int_t)p->scene_bytes, "preview", (json_int_t)p->preview_bytes, "export",
                      (json_int_t)p->export_bytes, "total", (json_int_t)p->disk_bytes, "checkpoint",
-                     (json_int_t)p->checkpoint_bytes, "transport", (json_int_t)p->transport_bytes);
+                     (json_int_t)p->checkpoint_bytes, "transport", (json_int_t)p->transport_bytes, "node_checkpoints",
+                     (json_int_t)node_checkpoint_bytes(p, job));
 }
 
 /* One value for each role. */
@@ -80,10 +87,11 @@ static json_t *roles_json(const struct kiln_roles *roles, const double values[KI
 /* The imbalance of the ranks' work. */
 static json_t *balance_json(const struct kiln_roles *roles, const struct kiln_simulated_light *light)
 {
-    return json_pack("{s:f, s:f, s:i, s:f, s:f, s:o, s:o, s:o}", "imbalance", light->imbalance, "imbalance_kept",
-                     light->kept, "repartitions", (int)light->repartitions, "move_seconds", light->move, "points_most",
-                     light->points_most, "seconds", roles_json(roles, light->seconds), "first_pass",
-                     roles_json(roles, light->first), "last_pass", roles_json(roles, light->last));
+    return json_pack("{s:f, s:f, s:f, s:i, s:f, s:f, s:o, s:o, s:o}", "imbalance", light->imbalance, "trial_seconds",
+                     light->trial, "imbalance_kept", light->kept, "repartitions", (int)light->repartitions,
+                     "move_seconds", light->move, "points_most", light->points_most, "seconds",
+                     roles_json(roles, light->seconds), "first_pass", roles_json(roles, light->first), "last_pass",
+                     roles_json(roles, light->last));
 }
 
 static json_t *curve_json(const struct kiln_roles *roles, const struct kiln_scaled *curve, size_t count)
@@ -92,11 +100,11 @@ static json_t *curve_json(const struct kiln_roles *roles, const struct kiln_scal
     for (size_t i = 0; i < count; i++) {
         const struct kiln_scaled *c = &curve[i];
         (void)json_array_append_new(
-            array, json_pack("{s:i, s:i, s:f, s:f, s:f, s:o, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "ranks",
+            array, json_pack("{s:i, s:i, s:f, s:f, s:f, s:o, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "ranks",
                              (int)c->ranks, "nodes", (int)c->nodes, "points", c->points, "trace", c->trace, "imbalance",
                              c->light.imbalance, "balance", balance_json(roles, &c->light), "exchange", c->exchange,
-                             "find", c->find, "once", c->once, "write", c->write, "seconds", c->seconds, "efficiency",
-                             c->efficiency, "trace_efficiency", c->trace_efficiency));
+                             "find", c->find, "once", c->once, "write", c->write, "write_alone", c->alone, "seconds",
+                             c->seconds, "efficiency", c->efficiency, "trace_efficiency", c->trace_efficiency));
     }
     return array;
 }
@@ -139,10 +147,11 @@ static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)
                   (json_int_t)s->cells_occupied, "cells_total", (json_int_t)s->cells_total, "cell_size", s->cell_size,
                   "imbalance", s->imbalance, "probes", (json_int_t)p->probes, "bytes_per_point", p->bytes_per_point,
                   "bytes_per_triangle", p->bytes_per_triangle, "exchange_bytes_per_bounce", p->exchange_bytes);
-    json_t *more = json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "memory_per_rank", memory_json(&p->memory), "balance",
-                             balance_json(&p->steps.roles, &p->here.light), "seconds", seconds_json(p), "disk_bytes",
-                             disk_json(p), "strong_scaling", curve_json(&p->steps.roles, p->strong, p->curve_count),
-                             "weak_scaling", curve_json(&p->steps.roles, p->weak, p->curve_count));
+    json_t *more =
+        json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "memory_per_rank", memory_json(&p->memory), "balance",
+                  balance_json(&p->steps.roles, &p->here.light), "seconds", seconds_json(p), "disk_bytes",
+                  disk_json(p, job), "strong_scaling", curve_json(&p->steps.roles, p->strong, p->curve_count),
+                  "weak_scaling", curve_json(&p->steps.roles, p->weak, p->curve_count));
     if (all != NULL && more != NULL)
         (void)json_object_update(all, more);
     json_decref(more);
@@ -313,6 +322,10 @@ static void print_time(const struct kiln_plan *p, const struct kiln_job *job)
     if (p->transport_bytes > 0)
         (void)printf("      of it %.1f MiB of transport that is kept, %.2f s to write at 1 GB/s\n",
                      mebibytes(p->transport_bytes), (double)p->transport_bytes * 1e-9);
+    if (job->checkpoint_local != NULL)
+        (void)printf(
+            "      and of each node up to %.1f MiB in '%s', from which the bake goes on while they are copied\n",
+            mebibytes(node_checkpoint_bytes(p, job)), job->checkpoint_local);
 }
 
 /* The cause that costs the last point of a curve most, as text. */
@@ -338,15 +351,15 @@ static const char *limit_of(const struct kiln_scaled *first, const struct kiln_s
 
 static void print_curve(const char *name, const struct kiln_scaled *curve, size_t count, bool weak)
 {
-    (void)printf("\n%s scaling, simulated\n%9s%8s%12s%12s%9s%9s%9s%11s%9s%9s%9s%11s%12s%12s\n", name, "ranks", "nodes",
-                 "points", "light s", "uneven", "kept", "moves s", "exchange s", "find s", "once s", "write s",
-                 "in all s", "efficiency", "light only");
+    (void)printf("\n%s scaling, simulated\n%9s%8s%12s%12s%9s%9s%9s%11s%9s%9s%9s%9s%11s%12s%12s\n", name, "ranks",
+                 "nodes", "points", "light s", "uneven", "kept", "moves s", "exchange s", "find s", "once s", "write s",
+                 "alone s", "in all s", "efficiency", "light only");
     for (size_t i = 0; i < count; i++) {
         const struct kiln_scaled *c = &curve[i];
-        (void)printf("%9u%8u%12.3g%12.3g%7.1f %%%7.1f %%%9.3g%11.3g%9.3g%9.3g%9.3g%11.4g%10.1f %%%10.1f %%\n", c->ranks,
-                     c->nodes, c->points, c->trace, 100.0 * c->light.imbalance, 100.0 * c->light.kept, c->light.move,
-                     c->exchange, c->find, c->once, c->write, c->seconds, 100.0 * c->efficiency,
-                     100.0 * c->trace_efficiency);
+        (void)printf("%9u%8u%12.3g%12.3g%7.1f %%%7.1f %%%9.3g%11.3g%9.3g%9.3g%9.3g%9.3g%11.4g%10.1f %%%10.1f %%\n",
+                     c->ranks, c->nodes, c->points, c->trace, 100.0 * c->light.imbalance, 100.0 * c->light.kept,
+                     c->light.move, c->exchange, c->find, c->once, c->write, c->alone, c->seconds,
+                     100.0 * c->efficiency, 100.0 * c->trace_efficiency);
     }
     double lost;
     const struct kiln_scaled *last = &curve[count - 1];
@@ -362,9 +375,9 @@ static void add_rows(struct kiln_html *page, const char *kind, const struct kiln
 {
     for (size_t i = 0; i < count; i++) {
         const struct kiln_scaled *c = &curve[i];
-        kiln_html_add(page, "%s,%u,%u,%.0f,%.6g,%.6g,%.6g,%u,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", kind, c->ranks,
-                      c->nodes, c->points, c->trace, c->light.imbalance, c->light.kept, c->light.repartitions,
-                      c->light.move, c->exchange, c->find, c->once, c->write, c->seconds, c->efficiency,
+        kiln_html_add(page, "%s,%u,%u,%.0f,%.6g,%.6g,%.6g,%u,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", kind,
+                      c->ranks, c->nodes, c->points, c->trace, c->light.imbalance, c->light.kept, c->light.repartitions,
+                      c->light.move, c->exchange, c->find, c->once, c->write, c->alone, c->seconds, c->efficiency,
                       c->trace_efficiency);
     }
 }
@@ -375,7 +388,7 @@ static int write_csv(const char *directory, const struct kiln_plan *p, struct ki
     struct kiln_html page = {.error = error};
     kiln_html_add(&page,
                   "kind,ranks,nodes,points,trace_s,imbalance,imbalance_kept,repartitions,move_s,exchange_s,find_s,once_"
-                  "s,write_s,seconds,efficiency,trace_efficiency\n");
+                  "s,write_s,write_alone_s,seconds,efficiency,trace_efficiency\n");
     add_rows(&page, "strong", p->strong, p->curve_count);
     add_rows(&page, "weak", p->weak, p->curve_count);
     const int status = kiln_path_join(path, directory, "scaling.csv", error);

@@ -57,27 +57,6 @@ static bool is_left_out(const struct kiln_job *job, const char *name)
     return is && (job->states != NULL || job->listen);
 }
 
-/* The options of the bake in the folder, where the command line gives no others. */
-static int take_options(struct kiln_job *job, const json_t *index, struct kiln_error *error)
-{
-    const char *name;
-    json_t *value;
-    int status = KILN_OK;
-    json_object_foreach(json_object_get(index, "job"), name, value)
-    {
-        const struct kiln_option *option = kiln_option_find_for(name, KILN_FOR_BAKE);
-        char where[KILN_OPTION_TEXT + 80];
-        (void)snprintf(where, sizeof where, "%s, of the bake in %.60s", name, job->arguments[0]);
-        if (option == NULL || (option->commands & KILN_FOR_BAKE) == 0)
-            status = kiln_fail(error, KILN_BAD_INPUT, "%s: there is no such option in this version of kiln", where);
-        else if (!kiln_job_given(job, option) && !is_left_out(job, name))
-            status = kiln_option_set(job, option, json_string_value(value), where, KILN_BAD_INPUT, NULL, error);
-        if (status != KILN_OK)
-            break;
-    }
-    return status;
-}
-
 static int take_string(struct kiln_job *job, const json_t *index, const char *key, char **to, struct kiln_error *error)
 {
     const char *text = json_string_value(json_object_get(index, key));
@@ -100,7 +79,7 @@ static int fill(struct kiln_job *job, const json_t *index, struct kiln_error *er
         return kiln_fail(error, KILN_BAD_INPUT,
                          "the transport in %.500s was kept by kiln %.50s, and this is kiln %s: bake again", directory,
                          kiln != NULL ? kiln : "?", KILN_VERSION);
-    int status = take_options(job, index, error);
+    int status = kiln_transport_options_take(job, index, directory, is_left_out, error);
     const char *other = job->argument_count > 1 ? job->arguments[1] : NULL;
     if (status == KILN_OK && other != NULL && kiln_is_yaml(other))
         job->changes = job->arguments[1];

@@ -12,6 +12,7 @@
 
 #include "coordinator/run/lock.h"
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/view_made.h"
 #include "coordinator/cli/view_shots.h"
 #include "coordinator/cli/view_team.h"
 #include "coordinator/bake/devices.h"
@@ -50,6 +51,7 @@ struct view {
     struct kiln_view_approximate sum; /* over pictures */
     json_t *pictures;                 /* what --json says of each */
     struct kiln_show show;
+    struct kiln_view_made made;
     const struct kiln_field *field; /* that of the show; NULL: none */
 };
 
@@ -124,11 +126,19 @@ static int lay_leaves(struct view *v, struct kiln_error *error)
     return status;
 }
 
+/* What --show needs besides lightmaps and kiln.h5. */
+static int make_shown(struct view *v, const struct kiln_job *job, struct kiln_error *error)
+{
+    return kiln_view_made_create(&v->made, job, &v->show, v->results, v->scene, v->geometry, error);
+}
+
 static int open_backend(struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
     int status = kiln_geometry_create(&v->geometry, v->scene, error);
     if (status == KILN_OK)
         status = lay_leaves(v, error);
+    if (status == KILN_OK)
+        status = make_shown(v, job, error);
     if (status == KILN_OK)
         kiln_geometry_make_all_hittable(v->geometry);
     if (status == KILN_OK)
@@ -144,7 +154,7 @@ static int open_backend(struct view *v, const struct kiln_job *job, struct kiln_
     return kiln_backend_create(&v->backend, job->backend, &params, error);
 }
 
-static struct kiln_view_source source_of(const struct view *v, const struct kiln_job *job, const char *directory)
+static struct kiln_view_source source_of(struct view *v, const struct kiln_job *job, const char *directory)
 {
     struct kiln_view_source source = {.directory = directory,
                                       .results = v->results,
@@ -157,6 +167,7 @@ static struct kiln_view_source source_of(const struct view *v, const struct kiln
                                       .nearest = job->view_filter == KILN_VIEW_FILTER_NEAREST,
                                       .no_normal_maps = !job->normal_maps,
                                       .maps = v->maps};
+    kiln_view_made_lend(&v->made, &source);
     if (v->team != NULL)
         kiln_view_team_lend(v->team, &source);
     return source;
@@ -178,9 +189,18 @@ static int prepare(struct view *v, const struct kiln_job *job, const char *direc
     v->pictures = json_array();
     int status = kiln_view_maps_create(&v->maps, &source, 0, error);
     source.maps = v->maps;
+    if (status == KILN_OK)
+        kiln_view_made_give_rows(&v->made, v->maps);
     if (status == KILN_OK && v->shots.kind == KILN_SHOTS_PATH && !v->look.no_metering && is_exposed(v, v->shots.output))
         status = kiln_view_meter(&source, v->shots.wishes, v->shots.count, &v->exposure, error);
     return status;
+}
+
+/* What the picture says of itself where something was made for it. */
+static void describe_made(struct view *v)
+{
+    v->picture.key = v->made.voxels != NULL ? &v->made.key : NULL;
+    v->picture.note = v->made.note[0] != '\0' ? v->made.note : NULL;
 }
 
 /* Gives all frames of a path the range of the first one. */
@@ -206,6 +226,7 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
     kiln_image_destroy(&v->picture.image);
     const int status = kiln_picture_make(&source, &wish, 4, &v->look, &v->picture, error);
     v->picture.unit = unit_of(v, job);
+    describe_made(v);
     if (v->shots.kind == KILN_SHOTS_PATH)
         share_range(v, index);
     if (status == KILN_OK && v->exposure.scale > 0.0) {
@@ -275,6 +296,16 @@ static json_t *picture_json(const struct view *v, const char *path)
     json_decref(picture);
     (void)json_object_set_new(root, "normal_map_share", json_real(v->picture.approximate.mapped));
     (void)json_object_set_new(root, "flat_share", json_real(v->picture.approximate.flat));
+    if (v->made.voxels != NULL) {
+        const struct kiln_voxel_grid grid = kiln_voxels_grid(v->made.voxels);
+        (void)json_object_set_new(root, "voxels",
+                                  json_pack("{s:[i,i,i], s:f, s:I}", "cells", grid.n[0], grid.n[1], grid.n[2], "side",
+                                            grid.side, "filled", (json_int_t)grid.filled));
+    }
+    if (v->made.note[0] != '\0')
+        (void)json_object_set_new(root, "links",
+                                  json_pack("{s:i, s:i, s:f}", "nodes", (int)v->made.nodes, "texels",
+                                            (int)v->made.single, "view", v->made.all));
     if (v->team != NULL) {
         const struct kiln_view_work work = kiln_view_team_work(v->team);
         (void)json_object_set_new(root, "samples", json_integer((json_int_t)work.samples));
@@ -434,7 +465,7 @@ static int check_method(const struct view *v, const struct kiln_job *job, struct
 }
 
 /* Says what --method path leaves out of the scene's light. */
-static void warn_of_missed(const struct view *v, const struct kiln_job *job)
+static void warn_of_missed(struct view *v, const struct kiln_job *job)
 {
     const struct kiln_view_source source = source_of(v, job, NULL);
     if (job->view_method == KILN_VIEW_METHOD_path && kiln_path_view_misses(v->scene, source.lights))
@@ -517,6 +548,8 @@ static int check_options(struct view *v, const struct kiln_job *job, const char 
     if (status == KILN_OK)
         status = check_exposure(v, job, error);
     if (status == KILN_OK)
+        status = kiln_view_made_check(job, &v->show, was_given(job, "voxels"), was_given(job, "filter"), error);
+    if (status == KILN_OK)
         status = check_extension(job, path, error);
     if (status == KILN_OK)
         status = kiln_output_name_check(&name, error);
@@ -543,6 +576,7 @@ static void close_view(struct view *v)
     kiln_shots_destroy(&v->shots);
     kiln_view_filter_destroy(&v->filter);
     kiln_view_maps_destroy(&v->maps);
+    kiln_view_made_destroy(&v->made);
     kiln_image_destroy(&v->picture.image);
     kiln_view_team_destroy(&v->team);
     kiln_backend_destroy(&v->backend);
@@ -577,11 +611,14 @@ static int draw_atlas(struct view *v, const struct kiln_job *job, const char *pa
     if (status == KILN_OK)
         status = lay_leaves(v, error);
     if (status == KILN_OK)
+        status = make_shown(v, job, error);
+    if (status == KILN_OK)
         status = prepare(v, job, job->arguments[0], error);
     const struct kiln_view_source source = source_of(v, job, job->arguments[0]);
     if (status == KILN_OK)
         status = kiln_atlas_make(&source, job->view_atlas, job->width, &v->look, &v->picture, error);
     v->picture.unit = unit_of(v, job);
+    describe_made(v);
     if (status == KILN_OK)
         status = write_picture(v, job, path, error);
     if (status == KILN_OK)
@@ -652,10 +689,13 @@ int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
 {
     struct view v = {.temporary = {.descriptor = -1}};
     char path[KILN_PATH_SIZE];
-    int status = choose_output(job, path, error);
+    int status = choose_output(job, path, error), with_mpi, rank = 0;
+    (void)MPI_Initialized(&with_mpi);
+    if (with_mpi != 0)
+        (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
     if (status == KILN_OK && kiln_view_is_traced(job->view_method))
         status = view_paths(&v, job, path, error);
-    else if (status == KILN_OK)
+    else if (status == KILN_OK && rank == 0) /* which draws alone */
         status = view_lightmaps(&v, job, path, error);
     close_view(&v);
     return status;

@@ -12,6 +12,7 @@
 #include "coordinator/integrate/settings.h"
 #include "coordinator/integrate/solution.h"
 #include "coordinator/integrate/step.h"
+#include "worker/pass/held.h"
 
 struct kiln_group_light;
 struct kiln_radiosity_exchange;
@@ -62,6 +63,9 @@ struct kiln_integrator {
     /* Collective. All ranks are done with the last step of `reports`, whose energies are added up: fills in what `next`
      * will want to know besides. */
     int (*end_step)(struct kiln_integration *integration, struct kiln_step_reports *reports, struct kiln_error *error);
+    /* Begins a step in the place of begin_step where a device may do it with light that it holds (worker/pass/held.h),
+     * and says how; false: it may not, and nothing has changed. NULL: it never may. */
+    bool (*hold)(struct kiln_integration *integration, const struct kiln_step *step, struct kiln_held_step *how);
 };
 
 /* The names of all integrators (KILN_METHOD_LIST), ended by NULL. */

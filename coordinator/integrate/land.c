@@ -141,8 +141,9 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_land_exchange_create(&l->exchange, l->params->communicator, own->first.at, own->count, error);
     l->landing_weights = (struct kiln_landing_weights){
-        .mis = l->techniques.mis, .rays = (double)kiln_solution_step(l->solution)->step.samples, .area = l->lit};
+        .mis = l->techniques.mis, .rays = (double)kiln_landing_own_rays(l), .area = l->lit};
     l->techniques.first_kept = KEPT_ITERATION + kiln_solution_step(l->solution)->step.part * KILN_LANDING_KEPT_QUARTERS;
+    l->solution->report.landing.rays = kiln_landing_gathers(l) ? kiln_landing_own_rays(l) : 0;
     l->exchange.weights = kiln_landing_shares(l) ? &l->landing_weights : NULL;
     l->exchange.threads = l->params->threads;
     l->techniques.factors = NULL;

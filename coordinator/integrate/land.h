@@ -64,6 +64,10 @@ struct kiln_landing;
 
 /* The paths of an iteration: those asked for; where the user did not say how many, four an aim at least. */
 uint64_t kiln_landing_photons(const struct kiln_integrate_settings *settings, size_t aims);
+/* Rays of a point that share its light with paths, which find most of it: a fourth of the samples of a gather. As many
+ * where rays are connected with paths, where their places show images of lamps in mirrors, where there are few, and
+ * where rounds add to them. */
+uint32_t kiln_landing_rays(const struct kiln_integrate_settings *settings, uint32_t samples, bool images);
 /* The aims up to which objects are cut into several targets (kiln_aims_create). */
 size_t kiln_landing_aims(const struct kiln_integrate_settings *settings);
 /* What traces what a backend that is a device leaves to the host (kiln_backend_takes): Embree, with the same scene and

@@ -57,8 +57,7 @@ static struct kiln_point_result merged_answer(const struct kiln_landing *l, cons
 {
     const struct kiln_merged *merged = &l->merged[at->point.at];
     const uint64_t iterations = kiln_landing_iterations(l);
-    struct kiln_point_result r = {.count =
-                                      kiln_landing_spreads_rays(l) ? kiln_solution_step(l->solution)->step.samples : 1};
+    struct kiln_point_result r = {.count = kiln_landing_spreads_rays(l) ? kiln_landing_own_rays(l) : 1};
     const double count = (double)r.count;
     if (!kiln_point_valid(surface, at->point))
         return (struct kiln_point_result){.count = 0};
@@ -149,6 +148,8 @@ static int give_gathered(struct kiln_landing *l, const struct kiln_batch *batch,
     struct kiln_batch rays = *batch;
     rays.first = first;
     rays.count = end - first;
+    rays.samples = kiln_landing_own_rays(l);
+    rays.first_sample = kiln_landing_first_ray(l);
     rays.take = take_gathered;
     rays.context = &g;
     return kiln_landing_run_pass(l, &kiln_pass_weighed, &l->techniques, &rays, &kiln_solution_step(l->solution)->rays,

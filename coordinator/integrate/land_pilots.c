@@ -66,7 +66,7 @@ static int gather_pilots(struct kiln_landing *l, uint64_t first, uint64_t count,
     const struct kiln_step *step = &kiln_solution_step(l->solution)->step;
     struct kiln_caustic_techniques techniques = l->techniques;
     techniques.moments = l->moments_of_rays;
-    techniques.rays = step->samples;
+    techniques.rays = kiln_landing_own_rays(l);
     const struct kiln_batch batch = {.first = (size_t)first,
                                      .count = (size_t)count,
                                      .stream = step->stream + PILOT_STREAM,

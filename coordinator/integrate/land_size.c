@@ -3,6 +3,7 @@
 #include <math.h>
 
 enum { PATHS_AN_AIM = 4 };
+enum { RAYS_SHARE = 4, FEW_FROM = 16 };        /* of a gather's samples; those of which no part is taken are fewer */
 enum { AIMS_MOST = 1024, PATHS_OF_CUTS = 64 }; /* objects are cut up to so many aims, each of so many paths */
 /* Paths that gather rays connect with, for a quarter of the samples: one for so many points, within these, and one an
  * aim at least. */
@@ -17,6 +18,12 @@ uint64_t kiln_landing_photons(const struct kiln_integrate_settings *settings, si
 {
     const uint64_t photons = settings->photons, least = PATHS_AN_AIM * (uint64_t)aims;
     return settings->photons_given || photons > least ? photons : least;
+}
+
+uint32_t kiln_landing_rays(const struct kiln_integrate_settings *s, uint32_t samples, bool images)
+{
+    const bool few = s->caustics == KILN_CAUSTICS_VCM && !(s->connections > 0.0) && !(s->target_error > 0.0) && !images;
+    return few && samples >= FEW_FROM && samples % (2 * RAYS_SHARE) == 0 ? samples / RAYS_SHARE : samples;
 }
 
 size_t kiln_landing_aims(const struct kiln_integrate_settings *settings)

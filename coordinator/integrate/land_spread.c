@@ -169,8 +169,8 @@ static int gather_rays(struct kiln_landing *l, uint64_t first, uint64_t count, u
     (void)rays;
     const struct kiln_step *step = &kiln_solution_step(l->solution)->step;
     struct kiln_batch batch = {.stream = step->stream,
-                               .samples = step->samples,
-                               .first_sample = step->first_sample,
+                               .samples = kiln_landing_own_rays(l),
+                               .first_sample = kiln_landing_first_ray(l),
                                .take = take_rays,
                                .context = l};
     const struct kiln_tile_run *runs = l->solution->own->surface.tile_runs;

@@ -91,7 +91,17 @@ static inline bool kiln_landing_spreads_rays(const struct kiln_landing *l)
 {
     return kiln_landing_gathers(l) && kiln_landing_spreads(l->params->settings);
 }
-/* Of the step. */
+/* Of the step: rays of a point, but for objects that no path meets. */
+static inline uint32_t kiln_landing_own_rays(const struct kiln_landing *l)
+{
+    return kiln_landing_rays(l->params->settings, kiln_solution_step(l->solution)->step.samples, l->images != NULL);
+}
+/* And the first of them in the sequence; parts of a bake follow each other. */
+static inline uint32_t kiln_landing_first_ray(const struct kiln_landing *l)
+{
+    const struct kiln_step *step = &kiln_solution_step(l->solution)->step;
+    return kiln_landing_own_rays(l) < step->samples ? step->part * kiln_landing_own_rays(l) : step->first_sample;
+}
 static inline uint64_t kiln_landing_iterations(const struct kiln_landing *l)
 {
     return kiln_solution_step(l->solution)->step.iterations;

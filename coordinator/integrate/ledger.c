@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "worker/base/clones.h"
 #include "worker/base/memory.h"
 #include "worker/pass/caustic.h"
 #include "worker/pass/pass.h"
@@ -93,6 +94,125 @@ void kiln_tally_add(const struct kiln_ledger_point *point, const struct kiln_poi
     tile_run->variance += area * area * (double)r->error * (double)r->error;
     if (point->sent != NULL)
         tile_run->variance += add_sent(point, r, per_unit, tally->sums) / r->count;
+}
+
+/* ---- many points at once ---- */
+
+typedef double doubles __attribute__((vector_size(32), aligned(8)));
+typedef int64_t masks __attribute__((vector_size(32)));
+enum { WIDTH = sizeof(doubles) / sizeof(double) };
+#define STEPS_MOST 0x1p90 /* so that the upper parts of a tile run's terms have an exact sum */
+
+#define SPREAD(value) ((doubles){(value), (value), (value), (value)})
+/* The whole number below x, of 0 to 2^51: `near` is the nearest. */
+#define NEAREST(x) (((x) + SPREAD(0x1.8p52)) - SPREAD(0x1.8p52))
+#define BELOW(x, near) ((near) - (doubles)((masks)SPREAD(1.0) & (masks)((near) > (x))))
+
+/* The terms, `count` of them, and zeros up to a multiple of WIDTH; as kiln_exact_add adds each. Upper and lower parts,
+ * of 2^40 units and of one, are whole, and 64 of them have a sum in doubles that is exact. */
+static inline __attribute__((always_inline)) void add_terms(struct kiln_exact_sum *sum, const double *terms,
+                                                            uint32_t count, double per_unit)
+{
+    doubles high = SPREAD(0.0), low = SPREAD(0.0);
+    masks odd = {0, 0, 0, 0};
+    for (uint32_t k = 0; k < count; k += WIDTH) {
+        const doubles steps = *(const doubles *)(const void *)(terms + k) * SPREAD(per_unit);
+        const doubles many = steps * SPREAD(0x1p-40), near = NEAREST(many), up = BELOW(many, near);
+        const doubles rest = steps - up * SPREAD(0x1p40), near_rest = NEAREST(rest);
+        odd |= (masks)(steps < SPREAD(0.0)) | ~(masks)(steps < SPREAD(STEPS_MOST));
+        high += up;
+        low += BELOW(rest, near_rest);
+    }
+    if ((odd[0] | odd[1] | odd[2] | odd[3]) != 0) {
+        for (uint32_t k = 0; k < count; k++)
+            kiln_exact_add(sum, terms[k], per_unit);
+        return;
+    }
+    sum->value += ((__int128)(int64_t)(high[0] + high[1] + high[2] + high[3]) * ((int64_t)1 << 40)) +
+                  (int64_t)(low[0] + low[1] + low[2] + low[3]);
+}
+
+void kiln_tally_note(struct kiln_tally_run *run, const struct kiln_ledger_point *point, const struct kiln_point_mean *r)
+{
+    const uint32_t k = run->count++;
+    run->area[k] = point->area;
+    run->error[k] = (double)r->error;
+    for (int c = 0; c < 3; c++) {
+        run->incident[c][k] = (double)r->incident[c];
+        run->albedo[c][k] = (double)point->albedo[c];
+    }
+    run->sends = point->sent != NULL;
+    if (!run->sends)
+        return;
+    for (int c = 0; c < 3; c++)
+        run->sent[c][k] = (double)point->sent[c];
+    run->escaped[k] = (double)r->escaped;
+    run->blocked[k] = (double)r->blocked;
+    run->samples[k] = (double)r->count;
+}
+
+/* Products of the first `count` of each, and zeros up to a multiple of WIDTH. */
+static inline __attribute__((always_inline)) void multiply(double *product, const double *a, const double *b,
+                                                           uint32_t count)
+{
+    uint32_t k = 0;
+    for (; k < count; k++)
+        product[k] = a[k] * b[k];
+    for (; k % WIDTH != 0; k++)
+        product[k] = 0.0;
+}
+
+static inline __attribute__((always_inline)) void add_arrived(const struct kiln_tally_run *run, double per_unit,
+                                                              struct kiln_tally *tally,
+                                                              struct kiln_tile_run_tally *tile_run)
+{
+    double terms[KILN_TILE_TEXELS], reflected[3][KILN_TILE_TEXELS], luminance[KILN_TILE_TEXELS] = {0.0};
+    for (int c = 0; c < 3; c++) {
+        multiply(terms, run->incident[c], run->area, run->count);
+        multiply(reflected[c], terms, run->albedo[c], run->count);
+        add_terms(&tally->sums[KILN_SUM_INCIDENT + c], terms, run->count, per_unit);
+        add_terms(&tally->sums[KILN_SUM_REFLECTED + c], reflected[c], run->count, per_unit);
+    }
+    for (uint32_t k = 0; k < run->count; k++) {
+        const double rgb[3] = {reflected[0][k], reflected[1][k], reflected[2][k]};
+        luminance[k] = kiln_luminance(rgb);
+    }
+    add_terms(&tile_run->reflected, luminance, run->count, per_unit);
+}
+
+/* What becomes of the radiosity that is sent; `variance`: as add_sent returns it, over the samples. */
+static inline __attribute__((always_inline)) void add_gone(const struct kiln_tally_run *run, double per_unit,
+                                                           struct kiln_tally *tally, double *variance)
+{
+    double power[3][KILN_TILE_TEXELS], terms[KILN_TILE_TEXELS];
+    for (int c = 0; c < 3; c++) {
+        multiply(power[c], run->sent[c], run->area, run->count);
+        add_terms(&tally->sums[KILN_SUM_SENT + c], power[c], run->count, per_unit);
+        multiply(terms, power[c], run->escaped, run->count);
+        add_terms(&tally->sums[KILN_SUM_ESCAPED + c], terms, run->count, per_unit);
+        multiply(terms, power[c], run->blocked, run->count);
+        add_terms(&tally->sums[KILN_SUM_BLOCKED + c], terms, run->count, per_unit);
+    }
+    for (uint32_t k = 0; k < run->count; k++) {
+        const double rgb[3] = {power[0][k], power[1][k], power[2][k]}, luminance = kiln_luminance(rgb),
+                     all = run->escaped[k] + run->blocked[k], lost = all < 1.0 ? all : 1.0;
+        variance[k] = luminance * luminance * lost * (1.0 - lost) / run->samples[k];
+    }
+}
+
+KILN_CLONES void kiln_tally_add_run(const struct kiln_tally_run *run, double unit, struct kiln_tally *tally,
+                                    struct kiln_tile_run_tally *tile_run)
+{
+    double variance[KILN_TILE_TEXELS] = {0.0};
+    const double per_unit = 1.0 / unit;
+    add_arrived(run, per_unit, tally, tile_run);
+    if (run->sends)
+        add_gone(run, per_unit, tally, variance);
+    for (uint32_t k = 0; k < run->count; k++) {
+        tile_run->variance += run->area[k] * run->area[k] * run->error[k] * run->error[k];
+        if (run->sends)
+            tile_run->variance += variance[k];
+    }
 }
 
 void kiln_ledger_add(struct kiln_ledger *ledger, const struct kiln_tally *tally)

@@ -70,6 +70,21 @@ struct kiln_ledger_point {
 void kiln_tally_add(const struct kiln_ledger_point *point, const struct kiln_point_mean *result, double unit,
                     struct kiln_tally *tally, struct kiln_tile_run_tally *tile_run);
 
+/* Points of one tile run whose answers have lost nothing to glass and gloss, in order. Doubles of what are floats. */
+struct kiln_tally_run {
+    uint32_t count;
+    bool sends; /* the step gathers: `sent`, `escaped`, `blocked` and `samples` are there */
+    double area[KILN_TILE_TEXELS], incident[3][KILN_TILE_TEXELS], albedo[3][KILN_TILE_TEXELS];
+    double sent[3][KILN_TILE_TEXELS], escaped[KILN_TILE_TEXELS], blocked[KILN_TILE_TEXELS];
+    double error[KILN_TILE_TEXELS], samples[KILN_TILE_TEXELS];
+};
+/* Notes a point's answer, as kiln_tally_add takes it. */
+void kiln_tally_note(struct kiln_tally_run *run, const struct kiln_ledger_point *point,
+                     const struct kiln_point_mean *result);
+/* The same sums as kiln_tally_add of each. */
+void kiln_tally_add_run(const struct kiln_tally_run *run, double unit, struct kiln_tally *tally,
+                        struct kiln_tile_run_tally *tile_run);
+
 /* Not by two threads at once. The surface is that of the tile run's owner. */
 void kiln_ledger_add(struct kiln_ledger *ledger, const struct kiln_tally *tally);
 void kiln_ledger_add_tile_run(struct kiln_ledger *ledger, const struct kiln_surface *surface,

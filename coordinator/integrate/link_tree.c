@@ -16,6 +16,7 @@ enum {
 struct kiln_link_tree {
     const struct kiln_patch *points;
     uint32_t *order;
+    float *area; /* of the points in this order */
     uint64_t count;
     struct kiln_link_node *nodes;
     size_t node_count, node_room;
@@ -285,7 +286,7 @@ static int build_all(struct kiln_link_tree *t, const float *light, struct kiln_e
     return status;
 }
 
-/* Room for the light of nodes and points; and the points' first light. */
+/* Room for the light of nodes and points; the points' first light and areas, when their order stands. */
 static int make_light(struct kiln_link_tree *t, const float *light, uint64_t count, struct kiln_error *error)
 {
     static const char what[] = "the light of links";
@@ -298,6 +299,10 @@ static int make_light(struct kiln_link_tree *t, const float *light, uint64_t cou
         status = kiln_allocate(&t->leaf_light, (size_t)t->count, sizeof *t->leaf_light, what, error);
     if (status == KILN_OK)
         status = kiln_allocate(&t->first, (size_t)count, sizeof *t->first, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&t->area, (size_t)t->count, sizeof *t->area, what, error);
+    for (uint64_t i = 0; i < t->count && status == KILN_OK; i++)
+        t->area[i] = t->points[t->order[i]].area;
     for (uint64_t i = 0; i < count && status == KILN_OK; i++)
         t->first[i] = t->mean > 0.0 ? (float)((double)light[i] / t->mean) : 0.0f;
     return status;
@@ -329,6 +334,7 @@ void kiln_link_tree_destroy(struct kiln_link_tree **tree)
     if (*tree == NULL)
         return;
     kiln_free(&(*tree)->order);
+    kiln_free(&(*tree)->area);
     kiln_free(&(*tree)->nodes);
     kiln_free(&(*tree)->radiosity);
     kiln_free(&(*tree)->leaf_radiosity);
@@ -342,7 +348,8 @@ uint64_t kiln_link_tree_bytes(uint64_t points)
 {
     const struct kiln_link_tree *t = NULL;
     /* a node has four children, but for the last; and room that has grown has up to twice as much */
-    return points * (sizeof *t->order + sizeof *t->leaf_radiosity + sizeof *t->leaf_light + sizeof *t->first) +
+    return points * (sizeof *t->order + sizeof *t->area + sizeof *t->leaf_radiosity + sizeof *t->leaf_light +
+                     sizeof *t->first) +
            points / 2 * (2 * sizeof *t->nodes + sizeof *t->radiosity + sizeof *t->light);
 }
 
@@ -405,6 +412,7 @@ void kiln_link_tree_describe(const struct kiln_link_tree *t, struct kiln_links_p
 {
     parameters->points = t->points;
     parameters->order = t->order;
+    parameters->area = t->area;
     parameters->count = t->count;
     parameters->nodes = t->nodes;
     parameters->node_count = (uint32_t)t->node_count;

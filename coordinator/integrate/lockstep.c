@@ -7,6 +7,7 @@
 #include "coordinator/integrate/parts.h"
 #include "coordinator/integrate/quantity.h"
 #include "coordinator/integrate/repartition.h"
+#include "coordinator/integrate/trial.h"
 #include "coordinator/mpi/agree.h"
 
 static const struct kiln_role *role_of(const struct kiln_lockstep *l, const struct kiln_step *step)
@@ -258,6 +259,8 @@ static int do_step(struct kiln_lockstep *l, const struct kiln_step *step, struct
     /* what the points of a step that lands cost says nothing */
     if (status == KILN_OK && !first && !last->step.lands && p->ranks > 1 && l->may_repartition && l->work.measured)
         status = kiln_repartition(p, l->solution, step, error);
+    if (status == KILN_OK && first && p->ranks > 1 && l->may_repartition)
+        status = kiln_trial_run(p, l->solution, step, error);
     if (status == KILN_OK)
         status = begin_step(l, step, error);
     if (status == KILN_OK && !first)

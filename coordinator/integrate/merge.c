@@ -50,7 +50,7 @@ struct kiln_merge {
     struct kiln_merge_place *own, *places; /* of own points; of all, with `radius` */
     struct flux *fluxes;
     struct weights *weights, *next; /* next: of own points */
-    float *radii;                   /* of all, m, once they have been fitted; NULL: one for all */
+    bool fitted;                    /* places are as wide as their radius is, which has been fitted */
     struct kiln_merge_grid *grid;   /* of `places` */
     /* the exchange: own points that each rank gets, one rank after the other, and their numbers and places; the same
      * of what comes */
@@ -66,7 +66,7 @@ static void forget_others(struct kiln_merge *m)
     kiln_free(&m->fluxes);
     kiln_free(&m->weights);
     kiln_free(&m->next);
-    kiln_free(&m->radii);
+    m->fitted = false;
     kiln_merge_grid_destroy(&m->grid);
     kiln_free(&m->sent);
     kiln_free(&m->outgoing);
@@ -288,8 +288,7 @@ int kiln_merge_set_radius(struct kiln_merge *m, double radius, struct kiln_error
 /* Within which two points are near each other. */
 static float radius_of(const struct kiln_merge *m, size_t a, size_t b, float radius)
 {
-    const float widest = fminf(m->places[a].widest, m->places[b].widest);
-    return fminf(radius, m->radii == NULL ? widest : fminf(m->radii[a], m->radii[b]));
+    return fminf(radius, fminf(m->places[a].widest, m->places[b].widest));
 }
 
 /* Points near point `at` that take part, itself the first. The grid knows how far each looks, not how far all do that
@@ -484,23 +483,25 @@ struct ring {
 };
 
 /* By step 0, 1, ... from the point alone to the largest. */
-static float radius_of_step(float largest, int step)
+static void find_steps(float largest, float radii[FIT_STEPS])
 {
-    return step == 0 ? 0.0f : largest * exp2f(-0.5f * (float)(FIT_STEPS - 1 - step));
+    radii[0] = 0.0f;
+    for (int step = 1; step < FIT_STEPS; step++)
+        radii[step] = largest * exp2f(-0.5f * (float)(FIT_STEPS - 1 - step));
 }
 
-/* Sorts the points nearby into the rings between one radius and the next. */
-static void fill_rings(const struct kiln_merge *m, size_t at, float largest, const struct kiln_merge_near *near,
-                       struct ring rings[FIT_STEPS])
+/* Sorts the points nearby into the rings between one radius and the next. Most are in the widest, which come first. */
+static void fill_rings(const struct kiln_merge *m, size_t at, const float radii[FIT_STEPS],
+                       const struct kiln_merge_near *near, struct ring rings[FIT_STEPS])
 {
     memset(rings, 0, FIT_STEPS * sizeof *rings);
     for (size_t i = 0; i < near->count; i++) {
         const size_t other = near->of[i];
         const struct kiln_merge_place *a = &m->places[at], *b = &m->places[other];
         const struct flux *flux = &m->fluxes[other];
-        int step = other == at ? 0 : 1;
-        while (step > 0 && step + 1 < FIT_STEPS && !kiln_merge_are_near(a, b, radius_of_step(largest, step)))
-            step++;
+        int step = other == at ? 0 : FIT_STEPS - 1;
+        while (step > 1 && kiln_merge_are_near(a, b, radii[step - 1]))
+            step--;
         rings[step].lit += (double)b->lit;
         rings[step].light += kiln_luminance_of_floats(flux->irradiance);
         rings[step].square += (double)flux->square;
@@ -541,32 +542,45 @@ static void fit_point(const struct kiln_merge *m, size_t at, float largest, cons
                       void *context)
 {
     const struct fit *fit = context;
-    const float own = radius_of(m, at, at, largest);
     struct ring rings[FIT_STEPS];
-    fill_rings(m, at, own, near, rings);
-    fit->radii[at - m->own_first] = radius_of_step(own, choose_step(rings, fit->landings));
+    float radii[FIT_STEPS];
+    find_steps(radius_of(m, at, at, largest), radii);
+    fill_rings(m, at, radii, near, rings);
+    fit->radii[at - m->own_first] = radii[choose_step(rings, fit->landings)];
+}
+
+/* Collective. Makes all points as wide as their radius is. `radii`: of all, of which own ones are known. */
+static int take_radii(struct kiln_merge *m, float *radii, struct kiln_error *error)
+{
+    float *outgoing = (float *)(void *)m->outgoing;
+    for (size_t i = 0; i < m->sent_count; i++)
+        outgoing[i] = radii[m->own_first + m->sent[i]];
+    exchange(m, sizeof *outgoing, outgoing, radii);
+    for (size_t i = 0; i < m->count; i++)
+        m->places[i].widest = radii[i];
+    m->fitted = true;
+    kiln_merge_grid_destroy(&m->grid);
+    return m->radius > 0.0f ? kiln_merge_grid_create(&m->grid, m->places, m->count, m->radius, error) : KILN_OK;
 }
 
 int kiln_merge_fit(struct kiln_merge *m, const struct kiln_landing_sum *landed, double landings,
                    struct kiln_error *error)
 {
     struct fit fit = {.landings = landings};
-    float *radii = NULL, *outgoing = (float *)(void *)m->outgoing;
-    kiln_free(&m->radii);
-    int status = kiln_agree(m->communicator,
-                            kiln_allocate(&radii, m->count, sizeof *radii, "the radii of points", error), error);
-    if (status != KILN_OK) {
-        kiln_free(&radii);
-        return status;
+    float *radii = NULL;
+    int status = m->fitted ? kiln_merge_set_radius(m, (double)m->radius, error) : KILN_OK;
+    if (status == KILN_OK)
+        status = kiln_allocate(&radii, m->count, sizeof *radii, "the radii of points", error);
+    status = kiln_agree(m->communicator, status, error);
+    if (status == KILN_OK) {
+        fit.radii = radii + m->own_first;
+        take_fluxes(m, landed);
+        status = for_all(m, m->radius, fit_point, &fit, error);
+        const int taken = take_radii(m, radii, error);
+        status = kiln_agree(m->communicator, status == KILN_OK ? taken : status, error);
     }
-    fit.radii = radii + m->own_first;
-    take_fluxes(m, landed);
-    status = for_all(m, m->radius, fit_point, &fit, error);
-    for (size_t i = 0; i < m->sent_count; i++)
-        outgoing[i] = fit.radii[m->sent[i]];
-    exchange(m, sizeof *outgoing, outgoing, radii);
-    m->radii = radii;
-    return kiln_agree(m->communicator, status, error);
+    kiln_free(&radii);
+    return status;
 }
 
 /* ---- radius and error ---- */

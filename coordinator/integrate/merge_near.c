@@ -77,12 +77,12 @@ static int by_key(const void *a, const void *b)
     return (one->cell > other->cell) - (one->cell < other->cell);
 }
 
-/* The points that take part, by key. Returns how many. */
+/* The points that are near others, by key. Returns how many. */
 static size_t list_members(const struct kiln_merge_place *places, size_t count, struct member *members)
 {
     size_t taking_part = 0;
     for (size_t i = 0; i < count; i++)
-        if (places[i].lit > 0.0f)
+        if (places[i].lit > 0.0f && places[i].widest > 0.0f)
             members[taking_part++] = (struct member){places[i].key, i, places[i].position};
     qsort(members, taking_part, sizeof *members, by_key);
     return taking_part;

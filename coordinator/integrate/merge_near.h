@@ -14,7 +14,7 @@ struct kiln_merge_place {
     uint64_t key; /* lightmap and texel: not by the order of points, which cells change */
     struct kiln_vec3 position, normal;
     float lit;    /* m2 that is there to be lit; 0: it takes no part */
-    float widest; /* m: how far its light is spread at most */
+    float widest; /* m: how far its light is spread at most; 0: it is near no other */
 };
 _Static_assert(sizeof(struct kiln_merge_place) == 40, "a record has no gaps");
 

@@ -11,6 +11,7 @@
 struct repartition {
     const struct kiln_integrate_params *params;
     struct kiln_solution *solution;
+    double *seconds; /* get what moving takes; NULL: it is counted elsewhere */
 };
 
 /* What all ranks know of each other's work in the last step. */
@@ -188,7 +189,8 @@ static int redistribute(const struct repartition *s, const struct kiln_range_bou
     }
     kiln_control_blocking(p->control, NULL, 0.0);
     const double end = MPI_Wtime();
-    kiln_solution_step(s->solution)->exchange_seconds += end - start;
+    if (s->seconds != NULL)
+        *s->seconds += end - start;
     kiln_trace_add(p->trace, KILN_TRACE_EXCHANGE, "points to other ranks", start, end, (int64_t)p->surface->count);
     return status;
 }
@@ -233,17 +235,40 @@ static int judge(const struct repartition *s, const struct kiln_repartition_step
     return status;
 }
 
-int kiln_repartition(const struct kiln_integrate_params *p, struct kiln_solution *solution,
-                     const struct kiln_step *next, struct kiln_error *error)
+/* Collective. `last` is of the step whose costs are known. */
+static int decide(const struct repartition *s, const struct kiln_step *last, const struct kiln_step *next,
+                  struct kiln_step_balance *balance, struct kiln_error *error)
 {
-    const struct repartition s = {p, solution};
-    struct kiln_repartition_steps steps = {.last = kiln_solution_step(solution)->step, .next = *next};
+    const struct kiln_integrate_params *p = s->params;
+    struct kiln_repartition_steps steps = {.last = *last, .next = *next};
     kiln_control_blocking(p->control, "judging the balance of the ranks", 0.0);
     int status =
         kiln_agree(p->communicator,
-                   kiln_integrate_outlook(p->settings, &solution->report.steps, next, &steps.outlook, error), error);
+                   kiln_integrate_outlook(p->settings, &s->solution->report.steps, next, &steps.outlook, error), error);
     if (status == KILN_OK && kiln_repartition_is_due(p->settings->rebalance, &steps))
-        status = judge(&s, &steps, &kiln_solution_step(solution)->balance, error);
+        status = judge(s, &steps, balance, error);
     kiln_control_blocking(p->control, NULL, 0.0);
     return status;
+}
+
+int kiln_repartition(const struct kiln_integrate_params *p, struct kiln_solution *solution,
+                     const struct kiln_step *next, struct kiln_error *error)
+{
+    /* the report's room may move meanwhile */
+    const struct kiln_step last = kiln_solution_step(solution)->step;
+    struct kiln_step_balance balance = kiln_solution_step(solution)->balance;
+    double seconds = 0.0;
+    const struct repartition s = {p, solution, &seconds};
+    const int status = decide(&s, &last, next, &balance, error);
+    kiln_solution_step(solution)->balance = balance;
+    kiln_solution_step(solution)->exchange_seconds += seconds;
+    return status;
+}
+
+int kiln_repartition_by_trial(const struct kiln_integrate_params *p, struct kiln_solution *solution,
+                              const struct kiln_step *first, struct kiln_step_balance *balance,
+                              struct kiln_error *error)
+{
+    const struct repartition s = {p, solution, NULL};
+    return decide(&s, first, first, balance, error);
 }

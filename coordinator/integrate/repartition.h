@@ -16,4 +16,10 @@
 int kiln_repartition(const struct kiln_integrate_params *params, struct kiln_solution *solution,
                      const struct kiln_step *next, struct kiln_error *error);
 
+/* Collective, before the first step is begun; own->cost has what the points would take in it. `balance` gets what was
+ * found and done. KILN_SYSTEM. */
+int kiln_repartition_by_trial(const struct kiln_integrate_params *params, struct kiln_solution *solution,
+                              const struct kiln_step *first, struct kiln_step_balance *balance,
+                              struct kiln_error *error);
+
 #endif

@@ -16,6 +16,12 @@ bool kiln_repartition_is_due(enum kiln_rebalance mode, const struct kiln_reparti
     return mode == KILN_REBALANCE_ALWAYS || steps->last.pass == steps->next.pass || steps->outlook.steps == 1;
 }
 
+bool kiln_trial_is_due(enum kiln_rebalance mode, const struct kiln_step *first, uint64_t least)
+{
+    return first->pass == &kiln_pass_direct && first->counted && first->samples_field == NULL && !first->seen_only &&
+           (mode == KILN_REBALANCE_ALWAYS || least >= KILN_TRIAL_STRETCH);
+}
+
 double kiln_repartition_gain(const struct kiln_repartition_steps *steps, double longest, double mean)
 {
     return steps->outlook.samples / (double)steps->last.samples * (longest - (1.0 + LEFT_UNEVEN) * mean);

@@ -21,6 +21,11 @@ bool kiln_repartition_is_allowed(enum kiln_rebalance mode, bool computes_for_oth
 /* Whether the last step says enough of those to come: another pass says little, and where more than one step comes a
  * step of their own pass is waited for. */
 bool kiln_repartition_is_due(enum kiln_rebalance mode, const struct kiln_repartition_steps *steps);
+/* Before the first step it is tried what points cost (trial.h): so many tile runs of a stretch of so many points. */
+enum { KILN_TRIAL_STRETCH = 1 << 16, KILN_TRIAL_TILE_RUNS = 16 };
+/* Whether it is, where not all ranks help each other: the step is one of direct light in full, and each rank has
+ * `least` points or more. */
+bool kiln_trial_is_due(enum kiln_rebalance mode, const struct kiln_step *first, uint64_t least);
 /* Seconds in the steps to come, when `longest` was the work of the rank that had most (or of the mean rank of a node
  * whose ranks help each other) in the last one, and `mean` that of all. Negative where new bounds would hardly be more
  * even than these. */

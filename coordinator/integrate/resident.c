@@ -120,6 +120,8 @@ static int fill(struct kiln_resident *r, const struct kiln_solution *solution, s
 {
     const size_t count = solution->own->surface.tile_run_count;
     int status = KILN_OK;
+    if (count > 0)
+        status = kiln_backend_set_radiosity(r->params->backend, solution->radiosity, error);
     kept->rows.found = kept->rows.traced = kept->rows.kept = 0;
     kiln_backend_set_rows(r->params->backend, &kept->rows);
     for (size_t f = 0, next; f < count && status == KILN_OK; f = next) {

@@ -17,7 +17,7 @@ int kiln_resident_create(struct kiln_resident **resident, const struct kiln_inte
 void kiln_resident_destroy(struct kiln_resident **resident);
 
 /* The rows of a gather step, all those ready for which `wanted` is true (one byte an own tile run). What is not ready
- * is looked up or traced by the backend, which must have some radiosity. `solution`: any that has the own points. Not
+ * is looked up or traced by the backend, with the radiosity of `solution`: any that has the own points. Not
  * collective. KILN_BAD_INPUT: the file is damaged, or of another bake. */
 int kiln_resident_step(struct kiln_resident *resident, const struct kiln_solution *solution,
                        const struct kiln_step *step, const uint8_t *wanted, const struct kiln_resident_rows **rows,

@@ -29,6 +29,7 @@ struct kiln_radiance_report {
 struct kiln_landing_report {
     uint64_t photons; /* of an iteration: at least one for each aim */
     uint64_t aims;    /* pairs of a lamp and an object with gloss, or a part of one */
+    uint32_t rays;    /* of a point, of the last step, that share its light with paths; 0: none */
     double radius;    /* m, within which they were merged at first; of the last step that did */
     uint32_t on_host; /* passes that a device has left to the host: bit KILN_PASS_INDEX_..., of this rank */
 };
@@ -56,6 +57,8 @@ struct kiln_integrate_report {
     struct kiln_visibility_counts visibility; /* of this rank, in this run (patches.h) */
     uint64_t links, link_bytes;               /* that this rank has kept (links.h) */
     struct kiln_energy energy;
+    struct kiln_step_balance trial; /* what was found before the first step (trial.h), and done */
+    double trial_seconds;           /* 0: nothing was tried */
 };
 
 /* Three floats a point in direct and indirect, W/m2 about the shading normal; see field/result.h. */

@@ -3,12 +3,11 @@
 #include <math.h>
 #include <string.h>
 
-#include "coordinator/integrate/batches.h"
 #include "coordinator/integrate/blocks.h"
 #include "coordinator/integrate/nodes.h"
 #include "coordinator/integrate/parts.h"
 #include "coordinator/integrate/quantity.h"
-#include "coordinator/integrate/radiosity_exchange.h"
+#include "coordinator/integrate/states_private.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 #include "worker/pass/direct.h"
@@ -16,32 +15,9 @@
 
 enum { AT_ONCE = 64 }; /* tile runs whose answers are in memory at a time */
 
-/* One state: a solution of its own, and what takes its answers. */
-struct slot {
-    struct kiln_integrate_params params;
-    struct kiln_solution *solution;
-    struct kiln_ledger ledger;
-    struct kiln_taker taker;
-    struct kiln_radiosity_exchange exchange;
-    struct kiln_integration integration;
-    struct kiln_state state;
-    struct kiln_step step;             /* the next */
-    bool goes_on;                      /* there is one */
-    struct kiln_point_result *results; /* of AT_ONCE tile runs */
-};
-
-struct kiln_states {
-    const struct kiln_integrate_params *params;
-    struct kiln_resident *resident;
-    struct slot *slots;
-    size_t width, active;
-    float *light;    /* of the states that gather together: resident_rows.h */
-    uint8_t *wanted; /* of each own tile run: a state asks for it */
-};
-
 /* ---- making ---- */
 
-static int find_masks(const struct slot *s, struct kiln_error *error)
+static int find_masks(const struct kiln_state_slot *s, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = &s->params;
     const struct kiln_rank_data *own = s->solution->own;
@@ -54,7 +30,7 @@ static int find_masks(const struct slot *s, struct kiln_error *error)
 }
 
 /* Collective. */
-static int make_solution(struct slot *s, struct kiln_error *error)
+static int make_solution(struct kiln_state_slot *s, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = &s->params;
     const struct kiln_radiosity_allgather_params params = {.communicator = p->communicator,
@@ -78,7 +54,7 @@ static int make_solution(struct slot *s, struct kiln_error *error)
 }
 
 /* Collective. */
-static int make_slot(const struct kiln_states *states, struct slot *s, struct kiln_error *error)
+static int make_slot(const struct kiln_states *states, struct kiln_state_slot *s, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = states->params;
     s->params = *p;
@@ -101,6 +77,7 @@ int kiln_states_create(struct kiln_states **states, const struct kiln_integrate_
     if (status == KILN_OK) {
         st->params = params;
         st->resident = resident;
+        st->may_hold = true;
         status = kiln_allocate(&st->slots, width, sizeof *st->slots, "the states", error);
     }
     if (status == KILN_OK)
@@ -144,7 +121,7 @@ struct kiln_solution *kiln_states_solution(const struct kiln_states *states, siz
 /* ---- the begin and the end of a state ---- */
 
 /* The fields of results and steps are zero, but for those that hang on no light. */
-static void clear_fields(const struct slot *s)
+static void clear_fields(const struct kiln_state_slot *s)
 {
     const struct kiln_field_set *fields = s->params.fields;
     const struct kiln_rank_data *own = s->solution->own;
@@ -159,13 +136,13 @@ static void clear_fields(const struct slot *s)
     }
 }
 
-static void set_albedo(const struct slot *s, const uint16_t *albedo)
+static void set_albedo(const struct kiln_state_slot *s, const uint16_t *albedo)
 {
     struct kiln_rank_data *own = (struct kiln_rank_data *)(uintptr_t)s->solution->own;
     own->surface.albedo = (uint16_t *)(uintptr_t)albedo;
 }
 
-static int begin_state(struct slot *s, const struct kiln_state *state, struct kiln_error *error)
+static int begin_state(struct kiln_state_slot *s, const struct kiln_state *state, struct kiln_error *error)
 {
     struct kiln_step_reports steps = s->solution->report.steps;
     steps.count = 0;
@@ -191,7 +168,7 @@ static int begin_state(struct slot *s, const struct kiln_state *state, struct ki
 }
 
 /* Collective. */
-static void end_state(struct slot *s)
+static void end_state(struct kiln_state_slot *s)
 {
     struct kiln_integrate_report *report = &s->solution->report;
     kiln_radiosity_allgather_abandon(s->solution->allgather);
@@ -203,7 +180,7 @@ static void end_state(struct slot *s)
 /* ---- a step ---- */
 
 /* Collective. Begins the next step: what it gathers from is exchanged. */
-static int begin_step(struct slot *s, struct kiln_error *error)
+static int begin_step(struct kiln_state_slot *s, struct kiln_error *error)
 {
     struct kiln_step_reports *steps = &s->solution->report.steps;
     struct kiln_step_report *last = steps->count > 0 ? kiln_solution_step(s->solution) : NULL;
@@ -229,12 +206,12 @@ static int begin_step(struct slot *s, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Collective. Adds up over the ranks. */
-static int end_step(struct slot *s, struct kiln_error *error)
+/* Collective. Adds up over the ranks. `here`: the step's answers are the host's. */
+static int end_step(struct kiln_state_slot *s, bool here, struct kiln_error *error)
 {
     struct kiln_integrate_report *r = &s->solution->report;
     struct kiln_step_report *report = kiln_solution_step(s->solution);
-    if (report->step.early)
+    if (report->step.early && here)
         kiln_radiosity_allgather_advance(s->solution->allgather, kiln_next_compact(s->solution->own),
                                          s->solution->own->surface.count);
     int status = kiln_ledger_end_step(&s->ledger, s->params.communicator, &report->energy, error);
@@ -246,7 +223,7 @@ static int end_step(struct slot *s, struct kiln_error *error)
 }
 
 /* The samples of each own tile run in the step; NULL: all have the same. */
-static const uint32_t *samples_of(const struct slot *s)
+static const uint32_t *samples_of(const struct kiln_state_slot *s)
 {
     const char *name = s->step.samples_field;
     return name == NULL
@@ -259,14 +236,14 @@ static const uint32_t *samples_of(const struct slot *s)
 /* kiln_take_results; the context is the slot. */
 static int take_traced(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
-    struct slot *s = context;
+    struct kiln_state_slot *s = context;
     if (s->step.pass == &kiln_pass_direct && s->state.direct.see != NULL)
         s->state.direct.see(s->state.direct.context, &s->step, first, count, results);
     return kiln_taker_take(&s->taker, s->solution->own, first, count, results, error);
 }
 
 /* All own points of a step, traced. */
-static int trace(struct slot *s, struct kiln_error *error)
+static int trace(struct kiln_state_slot *s, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = &s->params;
     struct kiln_step_report *report = kiln_solution_step(s->solution);
@@ -294,7 +271,7 @@ static int trace(struct slot *s, struct kiln_error *error)
 
 /* ---- direct light that is given ---- */
 
-static int give_direct(struct slot *s, struct kiln_error *error)
+static int give_direct(struct kiln_state_slot *s, struct kiln_error *error)
 {
     const size_t runs = s->solution->own->surface.tile_run_count;
     int status = KILN_OK;
@@ -308,10 +285,10 @@ static int give_direct(struct slot *s, struct kiln_error *error)
 
 /* ---- gathers ---- */
 
-static bool gathers(const struct slot *s) { return kiln_transport_keeps(&s->step); }
+static bool gathers(const struct kiln_state_slot *s) { return kiln_transport_keeps(&s->step); }
 
 /* Whether two states gather by the same rays. */
-static bool gather_alike(const struct slot *a, const struct slot *b)
+static bool gather_alike(const struct kiln_state_slot *a, const struct kiln_state_slot *b)
 {
     const struct kiln_step *x = &a->step, *y = &b->step;
     return gathers(a) && gathers(b) && x->stream == y->stream && x->samples == y->samples &&
@@ -319,7 +296,7 @@ static bool gather_alike(const struct slot *a, const struct slot *b)
            x->by_blocks == y->by_blocks && x->by_nodes == y->by_nodes;
 }
 
-static bool wants(const struct slot *s, size_t tile_run)
+static bool wants(const struct kiln_state_slot *s, size_t tile_run)
 {
     const uint32_t *samples = samples_of(s);
     return samples == NULL || samples[tile_run] > 0;
@@ -327,7 +304,7 @@ static bool wants(const struct slot *s, size_t tile_run)
 
 /* States that gather together, in groups of so many lanes; the light of a group follows that of the one before. */
 struct flock {
-    struct slot *of[KILN_STATES_MOST];
+    struct kiln_state_slot *of[KILN_STATES_MOST];
     size_t count;
     const struct kiln_resident_rows *rows;
 };
@@ -370,7 +347,7 @@ static void gather_run(const struct kiln_states *st, const struct flock *flock, 
 }
 
 /* Hands a state the answers of tile runs, but for those that it leaves out. */
-static int take_block(struct slot *s, const struct kiln_point_result *results, size_t begin, size_t end,
+static int take_block(struct kiln_state_slot *s, const struct kiln_point_result *results, size_t begin, size_t end,
                       struct kiln_error *error)
 {
     const struct kiln_tile_run *runs = s->solution->own->surface.tile_runs;
@@ -389,7 +366,7 @@ static int take_block(struct slot *s, const struct kiln_point_result *results, s
 
 /* States whose answers come side by side. */
 struct shared {
-    struct slot *const *of;
+    struct kiln_state_slot *const *of;
     size_t count;
 };
 
@@ -406,7 +383,7 @@ static int take_shared(void *context, size_t first, size_t count, const void *re
         end = first + count - begin < AT_ONCE ? first + count : begin + AT_ONCE;
         const size_t points = (size_t)kiln_tile_runs_points(&runs[begin], &runs[end - 1]);
         for (size_t i = 0; i < shared->count && status == KILN_OK; i++) {
-            struct slot *s = shared->of[i];
+            struct kiln_state_slot *s = shared->of[i];
             for (size_t k = 0; k < points; k++)
                 s->results[k] = from[k * shared->count + i];
             status = take_block(s, s->results, begin, end, error);
@@ -478,10 +455,8 @@ static int gather(struct kiln_states *st, struct flock *flock, struct kiln_error
         for (size_t i = 0; i < flock->count; i++)
             st->wanted[f] |= wants(flock->of[i], f);
     }
-    int status = kiln_backend_set_radiosity(p->backend, flock->of[0]->solution->radiosity, error);
-    if (status == KILN_OK)
-        status = kiln_resident_step(st->resident, flock->of[0]->solution, &flock->of[0]->step, st->wanted, &flock->rows,
-                                    error);
+    int status =
+        kiln_resident_step(st->resident, flock->of[0]->solution, &flock->of[0]->step, st->wanted, &flock->rows, error);
     if (status == KILN_OK && kiln_backend_replays(p->backend))
         return replay(st, flock, error);
     if (status == KILN_OK)
@@ -502,7 +477,7 @@ static int gather(struct kiln_states *st, struct flock *flock, struct kiln_error
 /* One step of a state, and of all after it that gather by the same rays. `done`: which have had their step. */
 static int run_step(struct kiln_states *st, size_t first, bool done[KILN_STATES_MOST], struct kiln_error *error)
 {
-    struct slot *s = &st->slots[first];
+    struct kiln_state_slot *s = &st->slots[first];
     struct flock flock = {.of = {s}, .count = 1};
     done[first] = true;
     if (!gathers(s))
@@ -517,37 +492,56 @@ static int run_step(struct kiln_states *st, size_t first, bool done[KILN_STATES_
     return gather(st, &flock, error);
 }
 
-/* Collective. The next step of each state that has one. */
-static int run_round(struct kiln_states *st, bool *any, struct kiln_error *error)
+/* The next step of each state. States that gather wait for those that do not, so that they gather together. */
+static bool find_steps(const struct kiln_states *st)
+{
+    bool any = false, others = false;
+    for (size_t i = 0; i < st->active; i++) {
+        struct kiln_state_slot *s = &st->slots[i];
+        const struct kiln_step_reports *steps = &s->solution->report.steps;
+        s->goes_on = kiln_steps_next(s->state.settings, steps->of, steps->count, &s->step);
+        any = any || s->goes_on;
+        others = others || (s->goes_on && !gathers(s));
+    }
+    for (size_t i = 0; i < st->active && others; i++)
+        st->slots[i].goes_on = st->slots[i].goes_on && !gathers(&st->slots[i]);
+    return any;
+}
+
+static int run_here(struct kiln_states *st, struct kiln_error *error)
 {
     bool done[KILN_STATES_MOST] = {false};
     int status = KILN_OK;
-    *any = false;
-    for (size_t i = 0; i < st->active && status == KILN_OK; i++) {
-        struct slot *s = &st->slots[i];
-        const struct kiln_step_reports *steps = &s->solution->report.steps;
-        s->goes_on = kiln_steps_next(s->state.settings, steps->of, steps->count, &s->step);
-        *any = *any || s->goes_on;
-        if (s->goes_on)
-            status = begin_step(s, error);
-    }
+    for (size_t i = 0; i < st->active && status == KILN_OK; i++)
+        if (st->slots[i].goes_on)
+            status = begin_step(&st->slots[i], error);
     if (status != KILN_OK)
         return status;
     for (size_t i = 0; i < st->active && status == KILN_OK; i++)
         if (st->slots[i].goes_on && !done[i])
             status = run_step(st, i, done, error);
-    status = kiln_agree(st->params->communicator, status, error);
+    return kiln_agree(st->params->communicator, status, error);
+}
+
+/* Collective. The next step of each state that has one, and waits for no other. */
+static int run_round(struct kiln_states *st, bool *any, struct kiln_error *error)
+{
+    bool held = false;
+    *any = find_steps(st);
+    int status = kiln_states_hold(st, &held, error);
+    if (status == KILN_OK)
+        status = held ? kiln_states_run_held(st, error) : run_here(st, error);
     for (size_t i = 0; i < st->active && status == KILN_OK; i++)
         if (st->slots[i].goes_on)
-            status = end_step(&st->slots[i], error);
+            status = end_step(&st->slots[i], !held, error);
     return status;
 }
 
-int kiln_states_solve(struct kiln_states *st, const struct kiln_state *of, size_t count, struct kiln_error *error)
+static int solve(struct kiln_states *st, const struct kiln_state *of, struct kiln_error *error)
 {
     int status = KILN_OK;
-    st->active = count;
-    for (size_t i = 0; i < count && status == KILN_OK; i++)
+    st->holds = false;
+    for (size_t i = 0; i < st->active && status == KILN_OK; i++)
         status = begin_state(&st->slots[i], &of[i], error);
     status = kiln_agree(st->params->communicator, status, error);
     for (bool any = true; any && status == KILN_OK;) {
@@ -556,6 +550,17 @@ int kiln_states_solve(struct kiln_states *st, const struct kiln_state *of, size_
         status = kiln_agree(st->params->communicator, status, error);
         if (status == KILN_OK)
             status = run_round(st, &any, error);
+    }
+    return status;
+}
+
+int kiln_states_solve(struct kiln_states *st, const struct kiln_state *of, size_t count, struct kiln_error *error)
+{
+    st->active = count;
+    int status = solve(st, of, error);
+    if (status == KILN_NO_DEVICE && st->holds) { /* the device has lost what it held: from the beginning, without */
+        st->may_hold = false;
+        status = solve(st, of, error);
     }
     for (size_t i = 0; i < count && status == KILN_OK; i++)
         end_state(&st->slots[i]);

@@ -91,15 +91,22 @@ static int read_guard(struct kiln_faults *faults, const char *text, struct kiln_
     return kiln_fail(error, KILN_USAGE, "KILN_VULKAN_GUARD is '%.100s'; it is after, before or 0", text);
 }
 
+static int read_makers(struct kiln_faults *faults, const char *text, struct kiln_error *error)
+{
+    faults->device.makers = strcmp(text, "all") == 0;
+    return faults->device.makers ? KILN_OK
+                                 : kiln_fail(error, KILN_USAGE, "KILN_KERNEL_MAKERS is '%.100s'; it is all", text);
+}
+
 int kiln_faults_read(struct kiln_faults *faults, struct kiln_error *error)
 {
     static const struct {
         const char *name;
         int (*read)(struct kiln_faults *faults, const char *text, struct kiln_error *error);
-    } variables[] = {{"KILN_SLOW_RANK", read_slowness},    {"KILN_HALT_RANK", read_halt},
-                     {"KILN_FAILING_PACKER", read_packer}, {"KILN_LOCKS", read_locks},
-                     {"KILN_GPU_FAULT", read_device},      {"KILN_VULKAN_GUARD", read_guard},
-                     {"KILN_PROBES", read_probes},         {"KILN_SIGHT", read_sight}};
+    } variables[] = {
+        {"KILN_SLOW_RANK", read_slowness}, {"KILN_HALT_RANK", read_halt},   {"KILN_FAILING_PACKER", read_packer},
+        {"KILN_LOCKS", read_locks},        {"KILN_GPU_FAULT", read_device}, {"KILN_VULKAN_GUARD", read_guard},
+        {"KILN_PROBES", read_probes},      {"KILN_SIGHT", read_sight},      {"KILN_KERNEL_MAKERS", read_makers}};
     int status = KILN_OK;
     *faults = (struct kiln_faults){0};
     for (size_t i = 0; status == KILN_OK && i < sizeof variables / sizeof *variables; i++) {

@@ -34,7 +34,8 @@ struct kiln_faults {
     bool plain_probes;
     /* KILN_GPU_FAULT=lost:K, memory:K, or either with :N after it: the K-th call of a device's driver fails, and again
      * every N calls after it. KILN_VULKAN_GUARD=after, before, or 0 for none: guarded buffers
-     * (worker/backend/vulkan/gpu/gpu.h). */
+     * (worker/backend/vulkan/gpu/gpu.h). KILN_KERNEL_MAKERS=all: a software device's kernels are made by threads too.
+     */
     struct kiln_device_faults device;
 };
 

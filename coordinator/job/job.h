@@ -150,6 +150,8 @@ struct kiln_job {
     uint32_t frames;                     /* view: number of frames of the path; 0: 24 for each interval, and one */
     char *from, *to;                     /* "x,y,z", m: position and target of the eye */
     char *show;                          /* "light", "texels", or what else coordinator/view/show.h has */
+    uint32_t view_voxels;                /* view: along the scene's longest side; 0: as the bake had */
+    char *view_texel;                    /* view: "OBJECT,X,Y", whose links are shown; NULL: none */
     char *view_atlas;                    /* view: name of the object whose lightmap is drawn; NULL: a view */
     int view_filter;                     /* view: enum kiln_view_filter_choice */
     double field_of_view;                /* degrees, vertical */
@@ -200,8 +202,9 @@ struct kiln_job {
 
     struct kiln_faults faults; /* faults that tests inject, read from the environment */
 
-    bool answered; /* the command has printed its JSON object, even if it then fails */
-    void *strings; /* private: struct kiln_job_owned */
+    bool answered;          /* the command has printed its JSON object, even if it then fails */
+    void *strings;          /* private: struct kiln_job_owned */
+    char *checkpoint_local; /* a folder of each node, where checkpoints are written first; NULL: none */
 };
 
 /* Reads the command line (argv[1] is the command) and, if the first argument is a .yaml or .yml file, that job file.

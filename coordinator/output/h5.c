@@ -6,12 +6,17 @@
 #include <unistd.h>
 
 #include "coordinator/mpi/agree.h"
+#include "worker/base/calls.h"
 
 /* Deflate level 2 compresses floats to within 1 % of level 9, at several times its speed. */
 enum { DEFLATE_LEVEL = 2 };
 
 int kiln_h5_failed(const struct kiln_h5 *h5, const char *act, const char *name, struct kiln_error *error)
 {
+    if (h5->writing.error.message[0] != '\0')
+        return kiln_fail(error, KILN_IO, "%s", h5->writing.error.message);
+    if (h5->descriptor >= 0)
+        return kiln_fail(error, KILN_IO, "'%s': HDF5 cannot %s '%s'", h5->path, act, name);
     return kiln_fail(error, KILN_IO,
                      "'%s': HDF5 cannot %s '%s' (is the disk full or the file system without MPI-IO support?)",
                      h5->path, act, name);
@@ -56,11 +61,10 @@ static hid_t collective_transfer(void)
 int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const struct kiln_publish *place,
                    struct kiln_error *error)
 {
-    *h5 = (struct kiln_h5){.file = H5I_INVALID_HID,
-                           .transfer = H5I_INVALID_HID,
-                           .path = place->temporary,
-                           .opens = place->opens,
-                           .communicator = communicator};
+    *h5 = KILN_H5_NONE;
+    h5->path = place->temporary;
+    h5->opens = place->opens;
+    h5->communicator = communicator;
     if (MPI_Comm_rank(communicator, &h5->rank) != MPI_SUCCESS)
         return kiln_fail(error, KILN_RANK_LOST, "MPI cannot give the rank number");
     (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL); /* we print our own message instead of its error stack */
@@ -85,6 +89,37 @@ int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const struct kiln_
         h5->file = h5->transfer = H5I_INVALID_HID;
     }
     return status;
+}
+
+int kiln_h5_lay_out(struct kiln_h5 *h5, struct kiln_publish *place, struct kiln_error *error)
+{
+    *h5 = KILN_H5_NONE;
+    h5->path = h5->writing.path = place->temporary;
+    h5->opens = place->opens;
+    h5->communicator = MPI_COMM_SELF;
+    (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
+    int status = kiln_publish_open(place, &h5->descriptor, error);
+    if (status != KILN_OK)
+        return status;
+    const hid_t list = timeless(H5P_FILE_CREATE);
+    h5->transfer = H5Pcreate(H5P_DATASET_XFER);
+    if (list >= 0 && h5->transfer >= 0)
+        h5->file = kiln_h5_driver_create(h5->descriptor, place->opens, list, &h5->writing);
+    if (release(list, H5Pclose) || h5->file < 0)
+        status = kiln_h5_failed(h5, "create", "/", error);
+    return status;
+}
+
+/* HDF5 enters the chunk and hands its bytes to the driver, which leaves them be: any pointer will do. */
+int kiln_h5_place(struct kiln_h5 *h5, hid_t dataset, const char *name, const hsize_t *first, size_t bytes,
+                  uint64_t *address, struct kiln_error *error)
+{
+    h5->writing.address = 0;
+    h5->writing.place = true;
+    const herr_t done = H5Dwrite_chunk(dataset, H5P_DEFAULT, 0, first, bytes, h5);
+    h5->writing.place = false;
+    *address = h5->writing.address;
+    return done < 0 || *address == 0 ? kiln_h5_failed(h5, "make room for a chunk of", name, error) : KILN_OK;
 }
 
 /* Ends the job, since HDF5 would crash in MPI_Finalize on a file that it failed to close. */
@@ -118,7 +153,8 @@ int kiln_h5_close(struct kiln_h5 *h5, int status, struct kiln_error *error)
         status = kiln_agree(h5->communicator, status, error);
         if (status == KILN_OK)
             status = flush(h5, error); /* the same on all ranks */
-        if (status != KILN_OK) {
+        h5->writing.fails = status != KILN_OK;
+        if (status != KILN_OK && h5->descriptor < 0) {
             if (h5->rank == 0)
                 (void)!truncate(h5->opens, 0); /* the file is useless anyway, so failure does not matter */
             (void)MPI_Barrier(h5->communicator);
@@ -126,7 +162,12 @@ int kiln_h5_close(struct kiln_h5 *h5, int status, struct kiln_error *error)
         if (H5Fclose(h5->file) < 0)
             give_up(h5, status == KILN_OK ? kiln_h5_failed(h5, "close", "the file", error) : status, error);
     }
+    if (h5->descriptor >= 0 && kiln_fsync(h5->descriptor) != 0 && status == KILN_OK)
+        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be synced to disk", h5->path);
+    if (h5->descriptor >= 0 && kiln_close(h5->descriptor) != 0 && status == KILN_OK)
+        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be closed", h5->path);
     h5->file = h5->transfer = H5I_INVALID_HID;
+    h5->descriptor = -1;
     return status;
 }
 

@@ -1,5 +1,5 @@
-/* HDF5 writer: a thin layer over HDF5 that checks every return value, for one process or through MPI-IO. Private to
- * coordinator/output.
+/* HDF5 writer: a thin layer over HDF5 that checks every return value, through MPI-IO or for one process, which lays the
+ * file out while others write the chunks into it. Private to coordinator/output.
  *
  * HDF5 returns -1 once, and then reports success at flush and close; so the first failure is remembered here. Its own
  * error output is turned off for the thread while a file is written; our messages name the file and the dataset. */
@@ -13,6 +13,7 @@
 #include <stdint.h>
 
 #include "coordinator/files/publish.h"
+#include "coordinator/output/h5_driver.h"
 #include "worker/base/status.h"
 
 /* A file that is open for writing. */
@@ -21,12 +22,28 @@ struct kiln_h5 {
     const char *path, *opens; /* path for messages; path that opens the file */
     MPI_Comm communicator;
     int rank;
+    int descriptor; /* of a file that one process lays out; else -1 */
+    struct kiln_h5_writing writing;
 };
+
+/* Not open. */
+#define KILN_H5_NONE                                                                                                   \
+    (struct kiln_h5) { .file = H5I_INVALID_HID, .transfer = H5I_INVALID_HID, .descriptor = -1 }
 
 /* Collective. Creates the temporary file of `place` (publish.h; begun on every rank and borrowed until the file is
  * closed), with collective metadata and the latest format that HDF5 1.10 can read. On failure nothing is open. */
 int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const struct kiln_publish *place,
                    struct kiln_error *error);
+
+/* Creates it for this process alone, not collective: `h5`, which stays where it is until the file is closed, has
+ * MPI_COMM_SELF as its communicator. Chunks are given their places by kiln_h5_place; others write them, through
+ * descriptors of their own. The bytes are those of a file that is created through MPI-IO. */
+int kiln_h5_lay_out(struct kiln_h5 *h5, struct kiln_publish *place, struct kiln_error *error);
+
+/* Gives a chunk of a file that is laid out its place: `bytes` compressed bytes from *address on. `first` is its first
+ * element. */
+int kiln_h5_place(struct kiln_h5 *h5, hid_t dataset, const char *name, const hsize_t *first, size_t bytes,
+                  uint64_t *address, struct kiln_error *error);
 
 /* Collective; the ranks agree on the worst `status`. Flushes and closes the file, also after a failure. Returns
  * `status` if that is not KILN_OK. A new file that failed is truncated first, because HDF5 1.10 cannot close a file

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "coordinator/job/job.h"
+#include "coordinator/output/h5_driver.h"
 #include "worker/base/memory.h"
 
 /* Limits. Files of kiln have groups within groups at most, a dozen objects in each, and chunks of 0.5 MiB. */
@@ -39,133 +40,6 @@ struct kiln_h5_file {
     int status;
     struct kiln_error *error;
 };
-
-/* ---- virtual file driver: reads one descriptor ---- */
-
-struct source {
-    int descriptor;
-    uint64_t bytes;
-    bool *opened; /* set when the file has been opened; a second one is refused */
-};
-
-struct driver_file {
-    H5FD_t base; /* first member, as HDF5 requires */
-    int descriptor;
-    haddr_t size, used;
-};
-
-#define ADDRESS_MOST ((haddr_t)INT64_MAX)
-
-static H5FD_t *driver_open(const char *name, unsigned flags, hid_t access, haddr_t most)
-{
-    const struct source *source = H5Pget_driver_info(access);
-    struct driver_file *file = NULL;
-    (void)name;
-    (void)most;
-    if (source == NULL || *source->opened || (flags & H5F_ACC_RDWR) != 0 || (file = calloc(1, sizeof *file)) == NULL)
-        return NULL;
-    *source->opened = true;
-    file->descriptor = source->descriptor;
-    file->size = source->bytes;
-    return &file->base;
-}
-
-static herr_t driver_close(H5FD_t *base)
-{
-    free(base);
-    return 0;
-}
-
-static int driver_compare(const H5FD_t *a, const H5FD_t *b) { return a < b ? -1 : a > b; }
-
-static herr_t driver_query(const H5FD_t *base, unsigned long *flags)
-{
-    (void)base;
-    *flags = H5FD_FEAT_ACCUMULATE_METADATA | H5FD_FEAT_DATA_SIEVE | H5FD_FEAT_DEFAULT_VFD_COMPATIBLE;
-    return 0;
-}
-
-static haddr_t driver_used(const H5FD_t *base, H5FD_mem_t type)
-{
-    (void)type;
-    return ((const struct driver_file *)(const void *)base)->used;
-}
-
-static herr_t driver_use(H5FD_t *base, H5FD_mem_t type, haddr_t used)
-{
-    (void)type;
-    ((struct driver_file *)(void *)base)->used = used;
-    return 0;
-}
-
-static haddr_t driver_end(const H5FD_t *base, H5FD_mem_t type)
-{
-    (void)type;
-    return ((const struct driver_file *)(const void *)base)->size;
-}
-
-static herr_t driver_read(H5FD_t *base, H5FD_mem_t type, hid_t transfer, haddr_t address, size_t size, void *buffer)
-{
-    const struct driver_file *file = (const struct driver_file *)(const void *)base;
-    char *next = buffer;
-    (void)type;
-    (void)transfer;
-    if (address > file->size || size > file->size - address)
-        return -1;
-    while (size > 0) {
-        const ssize_t got = pread(file->descriptor, next, size, (off_t)address);
-        if (got < 0 && errno == EINTR)
-            continue;
-        if (got <= 0)
-            return -1;
-        next += got;
-        address += (haddr_t)got;
-        size -= (size_t)got;
-    }
-    return 0;
-}
-
-static herr_t driver_write(H5FD_t *base, H5FD_mem_t type, hid_t transfer, haddr_t address, size_t size,
-                           const void *buffer)
-{
-    (void)base;
-    (void)type;
-    (void)transfer;
-    (void)address;
-    (void)size;
-    (void)buffer;
-    return -1;
-}
-
-static const H5FD_class_t driver = {.name = "kiln_descriptor",
-                                    .maxaddr = ADDRESS_MOST,
-                                    .fc_degree = H5F_CLOSE_STRONG,
-                                    .fapl_size = sizeof(struct source),
-                                    .open = driver_open,
-                                    .close = driver_close,
-                                    .cmp = driver_compare,
-                                    .query = driver_query,
-                                    .get_eoa = driver_used,
-                                    .set_eoa = driver_use,
-                                    .get_eof = driver_end,
-                                    .read = driver_read,
-                                    .write = driver_write,
-                                    .fl_map = H5FD_FLMAP_DICHOTOMY};
-
-static hid_t open_through_driver(int descriptor, uint64_t bytes, const char *path)
-{
-    bool opened = false;
-    const struct source source = {descriptor, bytes, &opened};
-    const hid_t kind = H5FDregister(&driver), access = H5Pcreate(H5P_FILE_ACCESS);
-    const hid_t file = kind >= 0 && access >= 0 && H5Pset_driver(access, kind, &source) >= 0
-                           ? H5Fopen(path, H5F_ACC_RDONLY, access)
-                           : H5I_INVALID_HID;
-    if (access >= 0)
-        (void)H5Pclose(access);
-    if (kind >= 0)
-        (void)H5FDunregister(kind);
-    return file;
-}
 
 /* ---- checks ---- */
 
@@ -414,7 +288,7 @@ int kiln_h5_file_open(struct kiln_h5_file **file, int descriptor, const char *pa
     if (fstat(descriptor, &found) != 0 || !S_ISREG(found.st_mode))
         status = kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a plain file", path);
     f->bytes = status == KILN_OK ? (uint64_t)found.st_size : 0;
-    if (status == KILN_OK && (f->id = open_through_driver(descriptor, f->bytes, path)) < 0)
+    if (status == KILN_OK && (f->id = kiln_h5_driver_read(descriptor, f->bytes, path)) < 0)
         status = kiln_fail(error, KILN_BAD_INPUT, "'%s' cannot be opened as HDF5: it is damaged or cut off; bake again",
                            path);
     if (status == KILN_OK)

@@ -8,6 +8,7 @@
 #include "coordinator/output/output.h"
 #include "coordinator/output/provenance.h"
 #include "coordinator/files/publish.h"
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
 enum { GROUP_NAME = 64 }; /* longer than any group's name */
@@ -272,29 +273,82 @@ static int write_small(struct kiln_h5 *h5, const struct kiln_bake_result *result
     return status;
 }
 
-static int write_file(struct kiln_points_writer *writer, const struct kiln_bake_result *result,
-                      const struct kiln_output_params *params, const struct kiln_publish *place, int rank,
-                      struct kiln_error *error)
+/* A rank's access to the file under its temporary name. */
+struct access {
+    struct kiln_publish place;
+    int rank, descriptor;
+};
+
+/* Rank 0 creates the file and writes everything except the points. */
+static int begin_file(struct kiln_h5 *h5, const struct kiln_bake_result *result,
+                      const struct kiln_output_params *params, struct access *access, struct kiln_error *error)
 {
-    struct kiln_h5 h5 = {.file = H5I_INVALID_HID, .transfer = H5I_INVALID_HID};
     uint64_t *cell_points = NULL;
     struct kiln_h5_sight sight = {0};
     int status = count_cells(result, &cell_points, error);
     if (status == KILN_OK)
         status = kiln_h5_sight_gather(&sight, result, error);
-    if (status == KILN_OK && rank == 0) {
-        status = kiln_h5_create(&h5, MPI_COMM_SELF, place, error);
+    if (status == KILN_OK && access->rank == 0) {
+        status = kiln_h5_lay_out(h5, &access->place, error);
         if (status == KILN_OK)
-            status = write_small(&h5, result, params, cell_points, &sight, error);
+            status = write_small(h5, result, params, cell_points, &sight, error);
     }
     kiln_free(&cell_points);
     kiln_h5_sight_release(&sight);
-    status = kiln_agree(result->communicator, status, error);
-    if (status == KILN_OK)
-        status = kiln_points_write(writer, rank == 0 ? &h5 : NULL, error);
-    if (rank == 0)
-        status = kiln_h5_close(&h5, status, error);
     return kiln_agree(result->communicator, status, error);
+}
+
+/* Other ranks open what rank 0 has created. */
+static int join_file(struct kiln_h5 *h5, const char *directory, struct access *access, struct kiln_error *error)
+{
+    if (access->rank == 0) {
+        access->descriptor = h5->descriptor;
+        return KILN_OK;
+    }
+    return kiln_publish_join(&access->place, directory, "kiln.h5", &access->descriptor, error);
+}
+
+/* Rank 0 has synced the file as it closed it; the others sync what they have written. */
+static int leave_file(struct access *access, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    if (access->rank == 0 || access->descriptor < 0)
+        return status;
+    if (kiln_fsync(access->descriptor) != 0)
+        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be synced to disk", access->place.temporary);
+    if (kiln_close(access->descriptor) != 0 && status == KILN_OK)
+        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be closed", access->place.temporary);
+    access->descriptor = -1;
+    return status;
+}
+
+static int write_file(struct kiln_points_writer *writer, const struct kiln_bake_result *result,
+                      const struct kiln_output_params *params, struct access *access, struct kiln_error *error)
+{
+    struct kiln_h5 h5 = KILN_H5_NONE;
+    int status = begin_file(&h5, result, params, access, error);
+    if (status == KILN_OK)
+        status = kiln_agree(result->communicator, join_file(&h5, params->directory, access, error), error);
+    if (status == KILN_OK)
+        status = kiln_points_write(writer, access->rank == 0 ? &h5 : NULL, access->descriptor, access->place.temporary,
+                                   error);
+    if (access->rank == 0)
+        status = kiln_h5_close(&h5, status, error);
+    struct kiln_error own = {{0}};
+    const int left = leave_file(access, &own);
+    if (status == KILN_OK && left != KILN_OK)
+        status = kiln_fail(error, left, "%s", own.message);
+    return kiln_agree(result->communicator, status, error);
+}
+
+/* Rank 0, before the file is created. */
+static int make_place(struct access *access, const char *directory, uint64_t space, struct kiln_error *error)
+{
+    const int status = kiln_publish_begin(&access->place, directory, "kiln.h5", error);
+    if (status != KILN_OK)
+        return status;
+    kiln_publish_sweep(&access->place);
+    return kiln_require_space(directory, space, error);
 }
 
 /* Assumes that nothing can be compressed. */
@@ -305,6 +359,13 @@ uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface
            (1 << 17);
 }
 
+size_t kiln_h5_columns(const struct kiln_field_set *fields)
+{
+    struct kiln_columns columns;
+    kiln_columns_make(&columns, fields, false, false);
+    return columns.count;
+}
+
 static uint64_t vertices_space(const struct kiln_vertex_light *v)
 {
     return v != NULL ? v->first[v->object_count] * 24 + v->object_count * 12 + (1 << 14) : 0;
@@ -313,31 +374,26 @@ static uint64_t vertices_space(const struct kiln_vertex_light *v)
 int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                   struct kiln_error *error)
 {
-    struct kiln_publish place;
+    struct access access = {.place = {.folder = {.descriptor = -1}, .stream = -1, .scratch = -1}, .descriptor = -1};
     struct kiln_points_writer *writer = NULL;
-    int rank = 0;
-    if (MPI_Comm_rank(result->communicator, &rank) != MPI_SUCCESS)
+    if (MPI_Comm_rank(result->communicator, &access.rank) != MPI_SUCCESS)
         return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
-    /* on every rank, since all read the file back; removing an old temporary file twice does no harm */
-    int status = kiln_publish_begin(&place, params->directory, "kiln.h5", error);
-    if (status == KILN_OK && rank == 0)
-        kiln_publish_sweep(&place);
     const uint64_t space = kiln_h5_space(result->scene, result->surface, result->fields) + kiln_h5_sight_space(result) +
                            vertices_space(params->vertices);
-    if (status == KILN_OK && rank == 0)
-        status = kiln_require_space(params->directory, space, error);
-    status = kiln_agree(result->communicator, status, error);
+    int status = kiln_agree(result->communicator,
+                            access.rank == 0 ? make_place(&access, params->directory, space, error) : KILN_OK, error);
     if (status == KILN_OK)
-        status = kiln_points_writer_create(&writer, result, params->ahead, error);
+        status = kiln_points_writer_create(&writer, result, params, error);
     if (status == KILN_OK)
-        status = write_file(writer, result, params, &place, rank, error);
+        status = write_file(writer, result, params, &access, error);
     if (status == KILN_OK)
-        status = kiln_points_check(writer, &place, error);
+        status = kiln_points_check(writer, &access.place, error);
     kiln_points_writer_destroy(&writer);
-    if (rank == 0 && status != KILN_OK)
-        kiln_publish_abandon(&place);
+    if (access.rank == 0 && status != KILN_OK)
+        kiln_publish_abandon(&access.place);
     if (status == KILN_OK)
-        status = kiln_agree(result->communicator, rank == 0 ? kiln_publish_finish(&place, error) : KILN_OK, error);
-    kiln_publish_close(&place);
+        status = kiln_agree(result->communicator,
+                            access.rank == 0 ? kiln_publish_finish(&access.place, error) : KILN_OK, error);
+    kiln_publish_close(&access.place);
     return status;
 }

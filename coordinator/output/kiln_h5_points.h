@@ -1,25 +1,36 @@
 /* Writer of the columns of surface points in kiln.h5. Every rank compresses the chunks that begin with one of its
- * points, with all its threads, or takes those that were packed ahead (points_ahead.h), and sends them to rank 0, which
- * writes the file alone. HDF5's own collective write runs the filters in one thread on each rank, which took longer
- * than computing the light. If a chunk ends with points of other ranks, its rank receives them first. Values and chunks
- * do not depend on the number of ranks or threads; the order of chunks in the file depends on the number of ranks. */
+ * points, with all its threads, or takes those that were packed ahead (points_ahead.h). Rank 0 alone has the file open
+ * through HDF5: the others tell it the sizes of their chunks, it gives each its place, which costs it microseconds
+ * (h5.h), and every rank writes its own in place. HDF5's own collective write runs the filters in one thread on each
+ * rank, which took longer than computing the light. If a chunk ends with points of other ranks, its rank receives them
+ * first.
+ *
+ * The places follow from the sizes of all chunks before, so a rank packs all of its chunks before it writes the first.
+ * It keeps as many bytes as it may and packs the rest once more. The bytes of the file do not depend on the number of
+ * ranks or threads. */
 #ifndef KILN_COORDINATOR_OUTPUT_KILN_H5_POINTS_H
 #define KILN_COORDINATOR_OUTPUT_KILN_H5_POINTS_H
 
 #include "coordinator/output/columns.h"
 #include "coordinator/output/h5.h"
+#include "coordinator/output/output.h"
 #include "coordinator/output/points_ahead.h"
 
 struct kiln_points_writer;
 
-/* Collective. Needs about 120 MB of memory at most. `ahead`, which is stopped and may be NULL, has chunks that this
- * rank need not pack. */
+/* Bytes that a rank keeps at most of what it has packed; the only rank keeps none. */
+#define KILN_POINTS_KEPT_MOST (256ull << 20)
+
+/* Collective. Needs about 120 MB of memory at most, and then what is kept. Of `params`, `ahead`, which is stopped and
+ * may be NULL, has chunks that this rank need not pack, and `kept` says how much it keeps. */
 int kiln_points_writer_create(struct kiln_points_writer **writer, const struct kiln_bake_result *result,
-                              const struct kiln_points_ahead *ahead, struct kiln_error *error);
+                              const struct kiln_output_params *params, struct kiln_error *error);
 void kiln_points_writer_destroy(struct kiln_points_writer **writer);
 
-/* Collective. `h5` is the open file of rank 0, in which the groups exist; other ranks pass NULL. */
-int kiln_points_write(struct kiln_points_writer *writer, struct kiln_h5 *h5, struct kiln_error *error);
+/* Collective. `h5` is the open file of rank 0, in which the groups exist; other ranks pass NULL. `descriptor` opens
+ * this file on each rank; `path` is for messages. */
+int kiln_points_write(struct kiln_points_writer *writer, struct kiln_h5 *h5, int descriptor, const char *path,
+                      struct kiln_error *error);
 
 /* Collective, after the file has been closed. Checks the length of all columns, and compares all values of
  * /irradiance/total with the light of the points. */

@@ -205,14 +205,27 @@ static void free_pieces(struct pieces *p)
     kiln_free(&p->first);
 }
 
-/* Ranks take pieces by turns, and each deals its own out to its threads. */
+/* The rank that computes the hash of a piece. A large file was written by all ranks, one after the other: its pieces
+ * are dealt out in their order too, so that most are still in the memory of the host that reads them. Pieces of other
+ * files are dealt out by turns. */
+static int hasher_of(const struct pieces *p, const struct kiln_manifest *m, uint64_t piece, int ranks)
+{
+    const uint32_t file = p->file[piece];
+    const uint64_t pieces = kiln_hash_piece_count(m->files[file].bytes, KILN_PIECE_BYTES);
+    return (int)(pieces < (uint64_t)ranks ? piece % (uint64_t)ranks
+                                          : (piece - p->first[file]) * (uint64_t)ranks / pieces);
+}
+
+/* Each rank deals its own pieces out to its threads. */
 static int hash_own(const struct kiln_manifest *m, const struct pieces *p, const char *directory, int rank, int ranks,
                     struct kiln_error *error)
 {
     int status = KILN_OK;
 #pragma omp parallel for schedule(dynamic, 1)
-    for (uint64_t k = (uint64_t)rank; k < p->count; k += (uint64_t)ranks) {
+    for (uint64_t k = 0; k < p->count; k++) {
         struct kiln_error own;
+        if (hasher_of(p, m, k, ranks) != rank)
+            continue;
         const int failed = hash_piece(directory, &m->files[p->file[k]], k - p->first[p->file[k]], &p->hashes[k], &own);
 #pragma omp critical(kiln_hash_own)
         if (failed != KILN_OK && status == KILN_OK)

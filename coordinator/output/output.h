@@ -30,6 +30,7 @@ struct kiln_output_params {
     const uint8_t *only;
     /* for kiln.h5: what was packed while light was computed, stopped; NULL: nothing */
     const struct kiln_points_ahead *ahead;
+    uint64_t kept; /* for kiln.h5: bytes that a rank may keep packed; 0: KILN_POINTS_KEPT_MOST */
     /* for kiln.h5, on rank 0: irradiance at vertices; NULL: none */
     const struct kiln_vertex_light *vertices;
 };
@@ -37,9 +38,11 @@ struct kiln_output_params {
 /* The largest size of kiln.h5 in bytes, for which there must be room before it is begun. */
 uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface *surface,
                        const struct kiln_field_set *fields);
-/* Writes DIR/kiln.h5; all ranks and threads compress, rank 0 writes. Groups: /points, /irradiance and those of
- * further fields with the columns of columns.h, /objects, /cells and /vertices. Provenance is stored in attributes, and
- * every dataset has `units` and `description`. */
+/* Its columns: the datasets that have a row for each point of lightmaps. */
+size_t kiln_h5_columns(const struct kiln_field_set *fields);
+/* Writes DIR/kiln.h5, each rank its own points (kiln_h5_points.h); the same bytes on any number of ranks. Groups:
+ * /points, /irradiance and those of further fields with the columns of columns.h, /objects, /cells and /vertices.
+ * Provenance is stored in attributes, and every dataset has `units` and `description`. */
 int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                   struct kiln_error *error);
 

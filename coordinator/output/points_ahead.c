@@ -2,20 +2,16 @@
 
 #include <errno.h>
 #include <omp.h>
-#include <pthread.h>
-#include <sched.h>
-#include <signal.h>
 #include <stdatomic.h>
 #include <string.h>
-#include <sys/resource.h>
 #include <time.h>
-#include <unistd.h>
 
 #include "coordinator/output/chunk.h"
 #include "coordinator/output/columns.h"
 #include "worker/base/memory.h"
+#include "worker/base/thread.h"
 
-enum { THREADS_MOST = 4, THREADS_SHARE = 4, LOWEST_PRIORITY = 19 };
+enum { THREADS_MOST = 4, THREADS_SHARE = 4 };
 
 struct part {
     void *bytes;
@@ -102,20 +98,13 @@ static int pack_chunk(struct kiln_points_ahead *a, uint64_t index, struct room *
 
 /* ---- threads ---- */
 
-static void give_way(void)
-{
-    const struct sched_param none = {0};
-    (void)pthread_setschedparam(pthread_self(), SCHED_BATCH, &none);
-    (void)setpriority(PRIO_PROCESS, (id_t)gettid(), LOWEST_PRIORITY); /* on Linux: of this thread */
-    omp_set_num_threads(1);                                           /* likewise */
-}
-
 /* A thread that runs out of memory ends; the writer packs what is missing. */
 static void *pack_chunks(void *context)
 {
     struct kiln_points_ahead *a = context;
     struct room room = {.shuffled = NULL};
-    give_way();
+    kiln_thread_give_way();
+    omp_set_num_threads(1); /* of this thread alone */
     int status = make_room(a, &room);
     while (status == KILN_OK && !a->leave && a->bytes < KILN_POINTS_AHEAD_MOST) {
         uint64_t none = 0;
@@ -132,15 +121,10 @@ static void *pack_chunks(void *context)
     return NULL;
 }
 
-/* The threads block all signals, so that the main thread gets them. */
 static void start_threads(struct kiln_points_ahead *a, uint32_t wanted)
 {
-    sigset_t all, before;
-    (void)sigfillset(&all);
-    (void)pthread_sigmask(SIG_SETMASK, &all, &before);
-    while (a->thread_count < wanted && pthread_create(&a->threads[a->thread_count], NULL, pack_chunks, a) == 0)
+    while (a->thread_count < wanted && kiln_thread_start(&a->threads[a->thread_count], pack_chunks, a))
         a->thread_count++;
-    (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
 }
 
 /* ---- start and end ---- */

@@ -80,7 +80,8 @@ static int sample_rays(const struct measure *m, const struct kiln_caustic_techni
 {
     const struct kiln_surface *surface = m->p->surface;
     const size_t count = surface->tile_run_count, batches = count < SAMPLE_TILE_RUNS ? count : SAMPLE_TILE_RUNS;
-    const uint32_t samples = (m->settings->samples_indirect + m->settings->parts - 1) / m->settings->parts;
+    const uint32_t all = (m->settings->samples_indirect + m->settings->parts - 1) / m->settings->parts,
+                   samples = kiln_landing_rays(m->settings, all, false);
     struct kiln_backend *backend = tracer(m, &kiln_pass_weighed, techniques);
     const double begin = busy_seconds(m, backend);
     uint64_t rays = 0, points = 0;

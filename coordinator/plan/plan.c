@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <string.h>
+#include <time.h>
 
 #include "coordinator/field/field.h"
 #include "coordinator/integrate/link_file.h"
@@ -19,6 +20,8 @@
 #include "coordinator/bake/transport_identity.h"
 #include "coordinator/bake/volume.h"
 #include "coordinator/export/export.h"
+#include "coordinator/output/output.h"
+#include "coordinator/output/points_ahead.h"
 #include "worker/base/memory.h"
 #include "worker/pass/probes.h"
 #include "worker/scene/radiosity.h"
@@ -45,11 +48,15 @@ static const double DENOISE_LIGHTMAP_DISK = 0.87, DENOISE_POINT_DISK = -4.0;
 
 static const double TAKE_POINT_SECONDS = 0.11e-6;    /* of one thread, in each pass: entered into results and sums */
 static const double LIGHTMAP_TEXEL_SECONDS = 0.9e-6; /* of one thread: filled, smoothed, compressed, read back */
-static const double H5_POINT_SECONDS = 0.85e-6;      /* of one rank: described, compressed, read back */
+static const double H5_POINT_SECONDS = 1.0e-6;       /* of one thread: described, compressed, written, read back */
 /* Of a lightmap in bands: rows of the bands above and below that a band denoises too (output/map/band_sight.h), and
  * bytes of a texel on its way there. */
 static const double SEEN_ROWS = 64.0, TEXEL_BYTES = 90.0;
-static const double H5_WRITER_POINT_SECONDS = 35e-9; /* of one rank alone: packed bytes taken in and written */
+/* the part of it that is packed while light is computed: a gain where devices compute, else it takes their time */
+static const double H5_EARLY = 0.3;
+static const double H5_PLACE_SECONDS = 3e-6;     /* of rank 0 alone: for a column of a chunk of kiln.h5 */
+static const double HASH_BYTE_SECONDS = 0.25e-9; /* of one thread: read from the system's cache and hashed */
+static const double START_SECONDS = 0.1;         /* until the scene is looked at: libraries, MPI, threads */
 /* s of one thread: by all of a rank's threads, by one */
 static const double PREVIEW_DRAWN = 0.6, PREVIEW_WRITTEN = 0.25;
 static const double COMPACT_BYTES = 4.0, FULL_BYTES = 8.0; /* of a point's radiosity on its way */
@@ -335,6 +342,26 @@ static double preview_seconds(const struct kiln_prepared *p, const struct kiln_j
     return job->preview ? PREVIEW_DRAWN / p->threads + PREVIEW_WRITTEN : 0.0;
 }
 
+/* A moment, s: by the clock, and of the processor. */
+struct moment {
+    double clock, processor;
+};
+
+static struct moment moment_now(void)
+{
+    struct timespec time = {0, 0};
+    (void)clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
+    return (struct moment){MPI_Wtime(), (double)time.tv_sec + 1e-9 * (double)time.tv_nsec};
+}
+
+/* Of all threads since then; on processors what each worked on the mean, so that other programs do not count. */
+static double seconds_since(struct moment begin, const struct kiln_prepared *p)
+{
+    const struct moment now = moment_now();
+    const double clock = now.clock - begin.clock;
+    return on_device(p) ? clock : fmin(clock, (now.processor - begin.processor) / p->threads);
+}
+
 static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *job, double *seconds,
                          struct kiln_error *error)
 {
@@ -346,22 +373,22 @@ static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *j
         const float t = ((float)i + 0.5f) / SAMPLE_PROBES;
         positions[i] = vec3(low.x + t * size.x, low.y + (1.0f - t) * size.y, low.z + t * size.z);
     }
-    const double start = MPI_Wtime();
+    const struct moment begin = moment_now();
     const struct kiln_batch items = {.count = SAMPLE_PROBES, .positions = positions, .samples = job->samples_probe};
     const struct kiln_probe_parameters parameters = {0};
     int status = kiln_backend_run(p->backend, &kiln_pass_probes, &parameters, &items, &rays, error);
     if (status == KILN_OK)
         status = kiln_occluders_find(p->backend, p->geometry, positions, SAMPLE_PROBES, occluders, &rays, error);
-    *seconds = (MPI_Wtime() - start) / SAMPLE_PROBES;
+    *seconds = seconds_since(begin, p) / SAMPLE_PROBES;
     return status;
 }
 
 static int emission_seconds(const struct kiln_prepared *p, double *seconds, struct kiln_error *error)
 {
     struct kiln_emission_result result;
-    const double start = MPI_Wtime();
+    const struct moment begin = moment_now();
     const int status = kiln_backend_emission(p->backend, KILN_EMISSION_SAMPLES, &result, error);
-    *seconds = MPI_Wtime() - start;
+    *seconds = seconds_since(begin, p);
     return status;
 }
 
@@ -373,6 +400,18 @@ static double phase_seconds(const struct kiln_phases *phases, const char *name)
         if (strcmp(phases->name[i], name) == 0)
             return phases->seconds[i];
     return 0.0;
+}
+
+/* Of a phase that computes on processors alone, of so many threads at least: not more than they worked, so that other
+ * programs do not count. */
+static double worked_seconds(const struct kiln_phases *phases, const char *name, const struct kiln_prepared *p,
+                             uint32_t threads)
+{
+    const double seconds = phase_seconds(phases, name);
+    for (size_t i = 0; i < phases->count && !on_device(p); i++)
+        if (strcmp(phases->name[i], name) == 0 && phases->processor[i] > 0.0)
+            return fmin(seconds, phases->processor[i] / threads);
+    return seconds;
 }
 
 /* Ranks of a node share its cores, unless their threads were said; each has a GPU of its own. */
@@ -388,12 +427,27 @@ static double denoise_seconds(const struct kiln_job *job)
     return kiln_job_denoises(job) ? DENOISE_POINT_SECONDS : 0.0;
 }
 
+/* Of a point, of a rank with all its threads: its lightmaps, its part of kiln.h5, and their hashes. */
+static double written_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
+{
+    const double points = fmax(1.0, (double)plan->surface.points), texels = (double)plan->surface.texels / points,
+                 bytes = (double)(plan->lightmap_bytes + plan->h5_bytes) / points,
+                 h5 = H5_POINT_SECONDS * (on_device(p) ? 1.0 - H5_EARLY : 1.0);
+    return (texels * LIGHTMAP_TEXEL_SECONDS + denoise_seconds(job) + h5 + bytes * HASH_BYTE_SECONDS) / p->threads;
+}
+
+/* Of a point, of rank 0 while the others wait: where its part of kiln.h5 belongs. */
+static double place_seconds(const struct kiln_job *job)
+{
+    const struct kiln_field_set fields = fields_of(job);
+    return H5_PLACE_SECONDS * (double)kiln_h5_columns(&fields) / KILN_H5_CHUNK_ROWS;
+}
+
 static double write_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
-    const double ranks = job->ranks / crowd(p, job);
-    return LIGHTMAP_TEXEL_SECONDS * (double)plan->surface.texels / p->threads / ranks +
-           denoise_seconds(job) * (double)plan->surface.points / p->threads / ranks +
-           H5_POINT_SECONDS * (double)plan->surface.points / ranks + preview_seconds(p, job);
+    const double points = (double)plan->surface.points;
+    return points * (written_seconds(plan, p, job) * crowd(p, job) / job->ranks + place_seconds(job)) +
+           preview_seconds(p, job);
 }
 
 /* Of a point, in the exchange after a bounce, when there are so many. */
@@ -416,10 +470,10 @@ static void plan_before_and_after(struct kiln_plan *plan, const struct kiln_prep
     struct kiln_plan_seconds *s = &plan->seconds;
     const double together = crowd(p, job), ranks = (double)job->ranks;
     s->import = phase_seconds(phases, "import");
-    s->world = phase_seconds(phases, "scene and BVH") * together;
-    s->surface = phase_seconds(phases, "surface points") * together / ranks;
+    s->world = worked_seconds(phases, "scene and BVH", p, 1) * together;
+    s->surface = worked_seconds(phases, "surface points", p, 1) * together / ranks;
     if (plan->surface.points > 0)
-        s->validity = phase_seconds(phases, "validity") * (double)plan->surface.points_max * together /
+        s->validity = worked_seconds(phases, "validity", p, p->threads) * (double)plan->surface.points_max * together /
                       (double)plan->surface.points;
     s->emission = timing->emission * together;
     s->views = timing->views * together / ranks;
@@ -511,14 +565,45 @@ static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *
     return status;
 }
 
+static double mean_cost(const struct cells *cells, uint32_t kind)
+{
+    double cost = 0.0, points = 0.0;
+    for (size_t i = 0; i < cells->count; i++) {
+        cost += cells->cost[kind][i] * (double)cells->points[i];
+        points += (double)cells->points[i];
+    }
+    return points > 0.0 ? cost / points : 0.0;
+}
+
+/* Steps of one pass cost more where others of it do, but samples were taken of tile runs of their own: the kinds of a
+ * pass get the mean of what they say of each cell, over the mean of all cells. What they cost in all stays. */
+static void share_patterns(const struct kiln_planned_steps *steps, const struct cells *cells)
+{
+    double mean[KILN_COST_KINDS_MAX], share[KILN_COST_KINDS_MAX];
+    for (uint32_t k = 0; k < steps->kind_count; k++)
+        mean[k] = mean_cost(cells, k);
+    for (size_t i = 0; i < cells->count; i++) {
+        for (uint32_t k = 0; k < steps->kind_count; k++) {
+            double sum = 0.0, kinds = 0.0;
+            for (uint32_t l = 0; l < steps->kind_count; l++)
+                if (steps->kinds[l].pass == steps->kinds[k].pass && mean[l] > 0.0) {
+                    sum += cells->cost[l][i] / mean[l];
+                    kinds += 1.0;
+                }
+            share[k] = kinds > 0.0 ? sum / kinds : 0.0;
+        }
+        for (uint32_t k = 0; k < steps->kind_count; k++)
+            cells->cost[k][i] = mean[k] * share[k];
+    }
+}
+
 /* Everything that grows with the points does so in proportion. */
 static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const struct kiln_prepared *p,
                                             const struct kiln_job *job, const struct kiln_integrate_settings *settings,
                                             const struct cells *cells, const struct timing *timing)
 {
     const struct kiln_plan_seconds *s = &plan->seconds;
-    const double together = crowd(p, job), points = fmax(1.0, (double)plan->surface.points),
-                 texel = (double)plan->surface.texels / points;
+    const double together = crowd(p, job), points = fmax(1.0, (double)plan->surface.points);
     const struct kiln_field_set fields = fields_of(job);
     const double surface =
         p->surface->count > 0 ? (double)rank_surface_bytes(p->surface, &fields) / (double)p->surface->count : 0.0;
@@ -539,17 +624,16 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
                   .bandwidth = job->node_bandwidth * 1e9,
                   .latency = job->node_latency * 1e-6},
         .density = job->points > 0 ? (double)job->points / points : 1.0,
-        .once = s->import + s->world + s->emission + preview_seconds(p, job),
+        .once = START_SECONDS + s->import + s->world + s->emission + preview_seconds(p, job),
         .find_a_point = s->surface * job->ranks / points,
         .map_a_point = MAP_POINT_SECONDS * together,
         .map_bytes = MAP_ENTRY_BYTES * (double)(p->surface->tile_count + p->surface->split_count) / points,
         .shared_a_point =
-            s->validity / fmax(1.0, (double)plan->surface.points_max) +
-            together * (H5_POINT_SECONDS + (texel * LIGHTMAP_TEXEL_SECONDS + denoise_seconds(job)) / p->threads),
+            s->validity / fmax(1.0, (double)plan->surface.points_max) + together * written_seconds(plan, p, job),
         .shared = (timing->probe * (double)plan->probes + plan->landing.probes + timing->views) * together,
         .seen_a_row = (denoise_seconds(job) / p->threads + TEXEL_BYTES / (job->node_bandwidth * 1e9)) * SEEN_ROWS,
         .largest_map = (double)kiln_largest_lightmap(p->scene),
-        .alone_a_point = H5_WRITER_POINT_SECONDS,
+        .alone_a_point = place_seconds(job),
         .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),
         .exchanges = plan->bounces + 1};
     for (uint32_t k = 0; k < KILN_COST_KINDS_MAX; k++)
@@ -565,6 +649,7 @@ static int simulate(struct kiln_plan *plan, const struct kiln_prepared *p, const
     struct cells cells = {0};
     int status = fill_cells(plan, p, job, &cells, error);
     if (status == KILN_OK) {
+        share_patterns(&plan->steps, &cells);
         struct kiln_simulation simulation = simulation_of(plan, p, job, &settings, &cells, timing);
         const double density = simulation.density, bytes = simulation.radiosity_bytes;
         simulation.density = 1.0;

@@ -25,12 +25,12 @@ static double find_seconds(const struct kiln_simulation *s, const struct kiln_sc
                             s->light.latency);
 }
 
-/* Lightmaps are divided, but for the rows that bands of the largest compute twice; what one rank does alone comes on
- * top of it, as if nothing of it could go on at the same time. */
+/* Files are divided, but for the rows that bands of the largest lightmap compute twice; what one rank does alone comes
+ * on top of it, as if nothing else could go on at the same time. */
 static double write_seconds(const struct kiln_simulation *s, const struct kiln_scaled *scaled, double density)
 {
-    const double alone = s->seen_a_row * sqrt(s->largest_map * density) + s->alone_a_point * scaled->points;
-    return s->shared_a_point * scaled->points / scaled->ranks + (scaled->ranks > 1 ? alone : 0.0);
+    const double seen = scaled->ranks > 1 ? s->seen_a_row * sqrt(s->largest_map * density) : 0.0;
+    return s->shared_a_point * scaled->points / scaled->ranks + seen + scaled->alone;
 }
 
 int kiln_simulate(const struct kiln_simulation *s, uint32_t ranks, double density, struct kiln_scaled *scaled,
@@ -51,6 +51,7 @@ int kiln_simulate(const struct kiln_simulation *s, uint32_t ranks, double densit
                                                        l->bandwidth, l->latency);
     scaled->find = find_seconds(s, scaled, together < ranks ? together : ranks);
     scaled->once = s->once;
+    scaled->alone = s->alone_a_point * scaled->points;
     scaled->write = write_seconds(s, scaled, density);
     scaled->seconds =
         scaled->trace + scaled->light.move + scaled->exchange + scaled->find + scaled->once + scaled->write;

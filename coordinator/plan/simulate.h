@@ -13,17 +13,17 @@
 struct kiln_simulation {
     struct kiln_light_simulation light; /* the cells, the ranks of a node and the network among it */
     double density;      /* points for each one that the cells have: the same scene with finer lightmaps */
-    double once;         /* done by every rank, or while all wait: import, scene, BVH */
+    double once;         /* done by every rank, or while all wait: start, import, scene, BVH, preview */
     double find_a_point; /* divided between ranks: where the points lie */
     /* done by every rank, when there are several, for all points: the map of what the others found */
     double map_a_point;
     double map_bytes;      /* of a point, sent to every rank once */
-    double shared_a_point; /* done for own points besides tracing: validity, files */
+    double shared_a_point; /* done for own points besides tracing: validity, files, their hashes */
     double shared;         /* divided between ranks whatever the number of points: probes */
     /* the largest lightmap is in bands, when there are several ranks: its texels, and seconds for each column that a
      * band spends on what it sees of the bands above and below */
     double largest_map, seen_a_row;
-    /* done by one rank for all points, when there are several: kiln.h5 from the packed bytes of all */
+    /* done by one rank for all points while the others wait: where each chunk of kiln.h5 belongs */
     double alone_a_point;
     double radiosity_bytes; /* of a point, in an exchange */
     uint32_t exchanges;
@@ -37,6 +37,7 @@ struct kiln_scaled {
     double trace; /* light and probes */
     double find;  /* the points, and telling all of them */
     double exchange, once, write, seconds;
+    double alone;                        /* of `write`: one rank, while the others wait */
     double efficiency, trace_efficiency; /* of all; of tracing, moves and exchange alone */
 };
 

@@ -273,6 +273,31 @@ static void consider(struct state *t, const struct kiln_planned_step *last, cons
     light->points_most = fmax(light->points_most, most_points(t));
 }
 
+/* ---- the trial before the first step (integrate/trial.h) ---- */
+
+/* The rank whose points take longest to try ends it; what it finds is what the cells cost. */
+static void run_trial(struct state *t, const struct kiln_planned_step *first, struct kiln_simulated_light *light)
+{
+    const struct kiln_light_simulation *s = t->s;
+    const uint32_t group = group_end(t, 0);
+    const double points = t->density * t->points[s->cell_count] / t->ranks,
+                 tile_runs = fmax(1.0, (double)s->tile_runs * t->density),
+                 tile_run = t->density * t->points[s->cell_count] / tile_runs;
+    if (group == t->ranks || !kiln_repartition_is_allowed(s->settings->rebalance, s->computes_for_others) ||
+        !kiln_trial_is_due(s->settings->rebalance, &first->step, (uint64_t)points))
+        return;
+    const struct shown shown = run_step(t, first->kind);
+    const double tried =
+        fmin(1.0, fmax(KILN_TRIAL_TILE_RUNS, s->threads) * tile_run / fmin(points, KILN_TRIAL_STRETCH));
+    double longest = 0.0;
+    for (uint32_t r = 0; r < t->ranks; r++)
+        longest = fmax(longest, slowness(t, r) * t->density *
+                                    (cost_before(t, first->kind, r + 1) - cost_before(t, first->kind, r)));
+    light->seconds[first->step.role] += tried * longest;
+    light->trial = tried * longest;
+    consider(t, first, first, &shown, light);
+}
+
 /* ---- the bake ---- */
 
 static double over_mean(double seconds, double mean) { return mean > 0.0 ? seconds / mean - 1.0 : 0.0; }
@@ -286,6 +311,8 @@ static void run_bake(struct state *t, struct kiln_simulated_light *light)
     for (uint32_t k = 0; k < s->steps->kind_count; k++)
         kept[k] = run_step(t, k);
     t->helps = s->computes_for_others && s->settings->work_stealing;
+    if (s->steps->count > 0)
+        run_trial(t, &s->steps->of[0], light);
     for (size_t i = 0; i < s->steps->count; i++) {
         const struct kiln_planned_step *planned = &s->steps->of[i];
         const uint32_t role = planned->step.role;
@@ -301,7 +328,7 @@ static void run_bake(struct state *t, struct kiln_simulated_light *light)
         kept_seconds += kept[planned->kind].seconds;
         kept_mean += kept[planned->kind].total / t->ranks;
     }
-    light->imbalance = over_mean(seconds, mean);
+    light->imbalance = over_mean(seconds + light->trial, mean);
     light->kept = over_mean(kept_seconds, kept_mean);
 }
 

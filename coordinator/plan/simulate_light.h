@@ -34,6 +34,7 @@ struct kiln_light_simulation {
 
 struct kiln_simulated_light {
     double seconds[KILN_ROLES_MAX]; /* until the last rank is done: all steps of each role */
+    double trial;                   /* s of it, in the role of the first step: what points cost is tried (trial.h) */
     double move;                    /* s that points are on their way to other ranks */
     double imbalance;               /* these seconds (without moves) over the mean of the ranks' work, less 1 */
     double kept;                    /* likewise if the ranks kept their first points and no rank helped another */

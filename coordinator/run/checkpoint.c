@@ -266,6 +266,7 @@ int kiln_checkpoint_open(struct kiln_checkpoint **checkpoint, MPI_Comm communica
         c->communicator = communicator;
         (void)MPI_Comm_rank(communicator, &c->rank);
         (void)MPI_Comm_size(communicator, &c->ranks);
+        (void)snprintf(c->place, sizeof c->place, "%s", directory);
         if (snprintf(c->directory, sizeof c->directory, "%s", directory) >= (int)sizeof c->directory)
             status = kiln_fail(error, KILN_CANNOT_CREATE, "the path '%.200s...' is too long", directory);
         if (status == KILN_OK && c->rank == 0)
@@ -306,6 +307,8 @@ void kiln_checkpoint_close(struct kiln_checkpoint **checkpoint)
 {
     if (*checkpoint == NULL)
         return;
+    if ((*checkpoint)->local != NULL)
+        checkpoint_local_close(*checkpoint);
     forget(*checkpoint);
     kiln_free(checkpoint);
 }
@@ -425,6 +428,8 @@ void kiln_checkpoint_remove(struct kiln_checkpoint *c)
     size_t count = 0;
     kiln_assert_same(c->communicator, c->newest, "the checkpoint that is removed");
     forget(c);
+    if (c->local != NULL)
+        checkpoint_local_remove(c);
     (void)MPI_Barrier(c->communicator); /* wait until no rank reads any more */
     if (c->rank != 0)
         return;
@@ -432,5 +437,6 @@ void kiln_checkpoint_remove(struct kiln_checkpoint *c)
         for (size_t i = 0; i < count; i++)
             checkpoint_remove_generation(c->directory, false, generations[i]);
     kiln_free(&generations);
+    (void)kiln_unlink_below(c->directory, CHECKPOINT_KEY_FILE);
     kiln_checkpoint_remove_folder(c->directory);
 }

@@ -32,10 +32,17 @@ struct checkpoint_entry {
     size_t first_block;
 };
 
+/* In a bake's folder: the name of what it has on disks of nodes (checkpoint_local.h). */
+#define CHECKPOINT_KEY_FILE "checkpoint/local"
+
+struct checkpoint_local;
+
 struct kiln_checkpoint {
     MPI_Comm communicator;
     int rank, ranks;
     char directory[KILN_PATH_SIZE]; /* folder of the bake */
+    char place[KILN_PATH_SIZE];     /* where generations are written: that folder, or the rank's own on its node */
+    struct checkpoint_local *local; /* checkpoint_local.c; NULL: they are written to the bake's folder */
     /* the open generation */
     uint64_t generation;
     json_t *manifest;
@@ -64,5 +71,26 @@ int checkpoint_list(const char *directory, bool writing, uint64_t **generations,
 void checkpoint_remove_generation(const char *directory, bool writing, uint64_t generation);
 /* Rank 0: renames an incomplete generation to its final name, and syncs. */
 int checkpoint_publish_generation(const char *directory, uint64_t generation, struct kiln_error *error);
+
+/* ---- checkpoint_write.c ---- */
+
+/* Makes sure that 1.2 x `bytes` are free at `place`, if necessary by removing the older of two generations, and creates
+ * the empty folder of a generation there. `first`: nothing has been written there yet. */
+int checkpoint_begin(const char *place, bool first, uint64_t bytes, uint64_t generation, struct kiln_error *error);
+/* Writes the manifest, renames the generation to its final name and removes all but the two newest. */
+int checkpoint_publish(const char *place, uint64_t generation, const char *manifest, size_t size,
+                       struct kiln_error *error);
+
+/* ---- checkpoint_local.c; c->local is there ---- */
+
+/* Collective, before a generation is written: makes c->place. */
+int checkpoint_local_begin(struct kiln_checkpoint *c, struct kiln_error *error);
+/* Collective. Begins to copy a generation of so many bytes on all ranks, which is whole on the nodes. */
+void checkpoint_local_copy(struct kiln_checkpoint *c, uint64_t generation, uint64_t bytes, const char *manifest,
+                           size_t size);
+/* Collective. Removes all that this bake has on the nodes. */
+void checkpoint_local_remove(struct kiln_checkpoint *c);
+/* Ends copying, done or not. Not collective. */
+void checkpoint_local_close(struct kiln_checkpoint *c);
 
 #endif

@@ -19,49 +19,47 @@ static double free_bytes(const char *path)
     return statvfs(path, &found) == 0 ? (double)found.f_bavail * (double)found.f_frsize : -1.0;
 }
 
-/* Rank 0: makes sure that 1.2 x `bytes` are free, if necessary by removing the older of two generations. */
-static int make_room(const struct kiln_checkpoint *c, uint64_t bytes, struct kiln_error *error)
+static int make_room(const char *place, uint64_t bytes, struct kiln_error *error)
 {
     const double needed =
         1.2 * (double)bytes + 16384.0; /* the constant is for the manifest, the status file and folders */
-    double there = free_bytes(c->directory);
+    double there = free_bytes(place);
     if (there >= 0.0 && there < needed) {
         uint64_t *generations = NULL;
         size_t count = 0;
-        int status = checkpoint_list(c->directory, false, &generations, &count, error);
+        int status = checkpoint_list(place, false, &generations, &count, error);
         for (size_t i = count; status == KILN_OK && i-- > 1;)
-            checkpoint_remove_generation(c->directory, false, generations[i]);
+            checkpoint_remove_generation(place, false, generations[i]);
         kiln_free(&generations);
         if (status != KILN_OK)
             return status;
-        there = free_bytes(c->directory);
+        there = free_bytes(place);
     }
     if (there >= 0.0 && there < needed)
         return kiln_fail(
             error, KILN_IO,
             "the disk of '%s' has %.3f MB left and a checkpoint needs %.3f MB: make room and run the same command "
             "again; the last checkpoint is whole",
-            c->directory, there * 1e-6, needed * 1e-6);
+            place, there * 1e-6, needed * 1e-6);
     return KILN_OK;
 }
 
-/* Rank 0: creates the empty folder of the next generation. */
-static int begin(const struct kiln_checkpoint *c, uint64_t bytes, uint64_t generation, struct kiln_error *error)
+int checkpoint_begin(const char *place, bool first, uint64_t bytes, uint64_t generation, struct kiln_error *error)
 {
     struct kiln_folder folder;
-    int status = kiln_folder_open(&folder, c->directory, "checkpoint", true, error);
+    int status = kiln_folder_open(&folder, place, "checkpoint", true, error);
     kiln_folder_close(&folder);
-    if (status == KILN_OK && c->written == 0) { /* sync the entry of the folder of all generations, too */
-        status = kiln_folder_open(&folder, c->directory, NULL, false, error);
+    if (status == KILN_OK && first) { /* sync the entry of the folder of all generations, too */
+        status = kiln_folder_open(&folder, place, NULL, false, error);
         if (status == KILN_OK)
             status = kiln_folder_sync(&folder, error);
         kiln_folder_close(&folder);
     }
     if (status == KILN_OK)
-        status = make_room(c, bytes, error);
+        status = make_room(place, bytes, error);
     if (status == KILN_OK) {
-        checkpoint_remove_generation(c->directory, true, generation);
-        status = checkpoint_open_generation(&folder, c->directory, true, generation, true, error);
+        checkpoint_remove_generation(place, true, generation);
+        status = checkpoint_open_generation(&folder, place, true, generation, true, error);
         kiln_folder_close(&folder);
     }
     return status;
@@ -100,9 +98,9 @@ static int write_part(const struct kiln_checkpoint *c, uint64_t generation, cons
     checkpoint_file_name(name, true, generation, (size_t)c->rank);
     int status = hash == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: a checkpoint's hash") : KILN_OK;
     if (status == KILN_OK)
-        status = kiln_path_join(path, c->directory, name, error);
+        status = kiln_path_join(path, c->place, name, error);
     if (status == KILN_OK)
-        status = kiln_open_below(c->directory, name, O_WRONLY | O_CREAT | O_EXCL, 0666, &descriptor, error);
+        status = kiln_open_below(c->place, name, O_WRONLY | O_CREAT | O_EXCL, 0666, &descriptor, error);
     if (status == KILN_NO_INPUT)
         status = KILN_CANNOT_CREATE;
     if (status == KILN_OK)
@@ -154,29 +152,84 @@ static json_t *manifest_json(const json_t *identity, uint64_t generation, const 
                      (json_t *)(uintptr_t)identity, "parts", files);
 }
 
-/* Rank 0: writes the manifest and publishes the generation, after all files have been written. */
-static int publish(struct kiln_checkpoint *c, uint64_t generation, const json_t *identity,
-                   const struct checkpoint_part *parts, struct kiln_error *error)
+int checkpoint_publish(const char *place, uint64_t generation, const char *manifest, size_t size,
+                       struct kiln_error *error)
 {
-    char name[CHECKPOINT_NAME], *text = NULL;
-    size_t size = 0;
-    json_t *json = manifest_json(identity, generation, parts, (size_t)c->ranks);
-    int status = kiln_seal(json, JSON_COMPACT, &text, &size, "a checkpoint's manifest", error);
-    json_decref(json);
+    char name[CHECKPOINT_NAME];
+    uint64_t *generations = NULL;
+    size_t count = 0;
     checkpoint_manifest_name(name, true, generation);
+    int status = kiln_publish_bytes_below(place, name, manifest, size, error);
     if (status == KILN_OK)
-        status = kiln_publish_bytes_below(c->directory, name, text, size, error);
-    if (status == KILN_OK)
-        status = checkpoint_publish_generation(c->directory, generation, error);
-    kiln_free(&text);
-    if (status == KILN_OK) {
-        uint64_t *generations = NULL;
-        size_t count = 0;
-        if (checkpoint_list(c->directory, false, &generations, &count, NULL) == KILN_OK)
-            for (size_t i = 2; i < count; i++)
-                checkpoint_remove_generation(c->directory, false, generations[i]);
-        kiln_free(&generations);
+        status = checkpoint_publish_generation(place, generation, error);
+    if (status == KILN_OK && checkpoint_list(place, false, &generations, &count, NULL) == KILN_OK)
+        for (size_t i = 2; i < count; i++)
+            checkpoint_remove_generation(place, false, generations[i]);
+    kiln_free(&generations);
+    return status;
+}
+
+/* The text of a manifest, which all ranks need that write on disks of their own. */
+struct manifest_text {
+    char *text;
+    size_t size;
+};
+
+/* Collective: gathers the tables of all files, and makes the manifest of them. */
+static int gather_manifest(const struct kiln_checkpoint *c, uint64_t generation, const json_t *identity,
+                           const struct checkpoint_part *own, struct manifest_text *m, struct kiln_error *error)
+{
+    struct checkpoint_part *parts = NULL;
+    int status = KILN_OK;
+    if (c->rank == 0)
+        status = kiln_allocate(&parts, (size_t)c->ranks, sizeof *parts, "a checkpoint's manifest", error);
+    status = kiln_agree(c->communicator, status, error);
+    if (status != KILN_OK)
+        return status;
+    (void)MPI_Gather(own, (int)sizeof *own, MPI_BYTE, parts, (int)sizeof *own, MPI_BYTE, 0, c->communicator);
+    if (c->rank == 0) {
+        json_t *json = manifest_json(identity, generation, parts, (size_t)c->ranks);
+        status = kiln_seal(json, JSON_COMPACT, &m->text, &m->size, "a checkpoint's manifest", error);
+        json_decref(json);
     }
+    kiln_free(&parts);
+    status = kiln_agree(c->communicator, status, error);
+    uint64_t size = m->size;
+    if (c->local == NULL || status != KILN_OK)
+        return status;
+    (void)MPI_Bcast(&size, 1, MPI_UINT64_T, 0, c->communicator);
+    if (c->rank != 0)
+        status = kiln_allocate(&m->text, (size_t)size + 1, 1, "a checkpoint's manifest", error);
+    m->size = (size_t)size;
+    status = kiln_agree(c->communicator, status, error);
+    if (status == KILN_OK)
+        (void)MPI_Bcast(m->text, (int)size, MPI_BYTE, 0, c->communicator);
+    return status;
+}
+
+/* Collective: writes a generation at c->place, by all ranks into one folder or by each into its own. */
+static int write_generation(struct kiln_checkpoint *c, uint64_t generation, const json_t *identity,
+                            const struct kiln_block *blocks, size_t block_count, uint64_t bytes,
+                            struct manifest_text *m, struct kiln_error *error)
+{
+    const bool leads = c->rank == 0 || c->local != NULL;
+    struct checkpoint_part *own = NULL;
+    int status = kiln_allocate(&own, 1, sizeof *own, "a checkpoint's table of arrays", error);
+    if (status == KILN_OK && leads)
+        status = checkpoint_begin(c->place, c->written == 0, bytes, generation, error);
+    status = kiln_agree(c->communicator, status, error);
+    if (status == KILN_OK)
+        status = kiln_agree(c->communicator, write_part(c, generation, blocks, block_count, own, error), error);
+    if (status == KILN_OK)
+        status = gather_manifest(c, generation, identity, own, m, error);
+    if (status == KILN_OK && leads)
+        status = checkpoint_publish(c->place, generation, m->text, m->size, error);
+    status = kiln_agree(c->communicator, status, error);
+    if (status != KILN_OK && leads)
+        checkpoint_remove_generation(c->place, true, generation);
+    if (status != KILN_OK && c->local != NULL) /* another rank's is not whole */
+        checkpoint_remove_generation(c->place, false, generation);
+    kiln_free(&own);
     return status;
 }
 
@@ -185,34 +238,25 @@ int kiln_checkpoint_write(struct kiln_checkpoint *c, const json_t *identity, con
 {
     const double start = MPI_Wtime();
     const uint64_t generation = c->newest + 1;
-    uint64_t bytes = sum_bytes(blocks, block_count), all = 0;
-    struct checkpoint_part own = {0}, *parts = NULL;
+    const uint64_t bytes = sum_bytes(blocks, block_count);
+    uint64_t all = 0;
+    struct manifest_text m = {.text = NULL};
     kiln_assert_same(c->communicator, generation, "the number of a checkpoint");
     kiln_assert_same_json(c->communicator, identity, "the identity of a bake");
     (void)MPI_Allreduce(&bytes, &all, 1, MPI_UINT64_T, MPI_SUM, c->communicator);
-    int status = KILN_OK;
-    if (c->rank == 0)
-        status = kiln_allocate(&parts, (size_t)c->ranks, sizeof *parts, "a checkpoint's manifest", error);
-    if (status == KILN_OK && c->rank == 0)
-        status = begin(c, all, generation, error);
-    status = kiln_agree(c->communicator, status, error);
+    int status = c->local != NULL ? checkpoint_local_begin(c, error) : KILN_OK;
     if (status == KILN_OK)
-        status = kiln_agree(c->communicator, write_part(c, generation, blocks, block_count, &own, error), error);
-    if (status == KILN_OK) {
-        (void)MPI_Gather(&own, (int)sizeof own, MPI_BYTE, parts, (int)sizeof own, MPI_BYTE, 0, c->communicator);
-        if (c->rank == 0)
-            status = publish(c, generation, identity, parts, error);
-        status = kiln_agree(c->communicator, status, error);
-    }
-    if (status != KILN_OK && c->rank == 0)
-        checkpoint_remove_generation(c->directory, true, generation);
+        status =
+            write_generation(c, generation, identity, blocks, block_count, c->local != NULL ? bytes : all, &m, error);
+    if (status == KILN_OK && c->local != NULL)
+        checkpoint_local_copy(c, generation, all, m.text, m.size);
     if (status == KILN_OK) {
         c->newest = generation;
         c->written++;
         c->last_bytes = all;
     }
     c->seconds += MPI_Wtime() - start;
-    kiln_free(&parts);
+    kiln_free(&m.text);
     return status;
 }
 

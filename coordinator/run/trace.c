@@ -14,7 +14,7 @@ enum { NAME = 32, TAG = 11 };
 
 static const char *const rows[KILN_TRACE_ROWS] = {
     "phase",      "pass",       "batch", "batch of another rank", "exchange",
-    "on its way", "checkpoint", "wait",  "beside the passes"};
+    "on its way", "checkpoint", "wait",  "beside the passes",     "beside the loading"};
 
 struct event {
     enum kiln_trace_row row;

@@ -13,7 +13,8 @@
 
 /* Kinds of events. HELP: a batch that was stolen from another rank. EXCHANGE: the rank sends, receives or waits for
  * radiosity. TRAVEL: a group of points is under way while the rank does something else. BESIDE: threads that give way
- * prepare files while passes run. */
+ * prepare files while passes run. LOADING: threads start a
+ * device and make its kernels while the scene is loaded. */
 enum kiln_trace_row {
     KILN_TRACE_PHASE,
     KILN_TRACE_PASS,
@@ -24,6 +25,7 @@ enum kiln_trace_row {
     KILN_TRACE_CHECKPOINT,
     KILN_TRACE_WAIT,
     KILN_TRACE_BESIDE,
+    KILN_TRACE_LOADING,
     KILN_TRACE_ROWS
 };
 

@@ -71,9 +71,23 @@ static double place_in(const struct kiln_picture *p, int c, double value)
     return p->high[c] > p->low[c] ? (value - p->low[c]) / (p->high[c] - p->low[c]) : 0.0;
 }
 
+/* A linear colour as it is. */
+static void plain_color(const float color[3], uint8_t rgb[3])
+{
+    const struct kiln_tone plain = {.curve = KILN_TONE_NONE, .exposure = 1.0, .white = INFINITY};
+    double code[3];
+    kiln_tone_map_color(&plain, color, code);
+    for (int c = 0; c < 3; c++)
+        rgb[c] = (uint8_t)lround(255.0 * code[c]);
+}
+
 static void color_pixel(const struct kiln_picture *p, float *const planes[3], size_t i, uint8_t rgb[3])
 {
     const bool scale = p->meaning == KILN_FIELD_SCALE;
+    if (p->key != NULL) {
+        plain_color((const float[]){planes[0][i], planes[1][i], planes[2][i]}, rgb);
+        return;
+    }
     memset(rgb, MISSING, 3);
     if (!isfinite(planes[0][i]) || !isfinite(planes[1][i]) || !isfinite(planes[2][i]))
         return;
@@ -164,6 +178,21 @@ static void draw_places(const struct canvas *c, const struct kiln_picture *p)
     }
 }
 
+/* Each pair of colours, in squares by turns, over its word. */
+static void draw_key(const struct canvas *c, const struct kiln_color_key *key)
+{
+    const int part = (width_of_strip(c) - 2 * MARGIN) / key->pairs;
+    for (int i = 0; i < key->pairs; i++) {
+        for (int x = 0; x < part - MARGIN; x++) {
+            uint8_t rgb[3];
+            plain_color(key->of[i].rgb[x / BAR % 2], rgb);
+            for (int y = 0; y < BAR; y++)
+                put(c, MARGIN + i * part + x, MARGIN + y, rgb);
+        }
+        write_text(c, MARGIN + i * part, TEXT_TOP, key->of[i].text);
+    }
+}
+
 int kiln_false_color_write(const char *directory, const char *name, const struct kiln_picture *picture,
                            const char *description, struct kiln_error *error)
 {
@@ -182,7 +211,9 @@ int kiln_false_color_write(const char *directory, const char *name, const struct
     memset(c.bytes, PAPER, 3 * (size_t)c.width * c.height);
     for (size_t i = 0; i < pixels; i++)
         color_pixel(picture, planes, i, c.bytes + 3 * i);
-    if (c.height > c.top && picture->meaning == KILN_FIELD_SCALE)
+    if (c.height > c.top && picture->key != NULL)
+        draw_key(&c, picture->key);
+    else if (c.height > c.top && picture->meaning == KILN_FIELD_SCALE)
         draw_scale(&c, picture);
     else if (c.height > c.top)
         draw_places(&c, picture);

@@ -1,6 +1,7 @@
-/* Pictures of what has no colour: false colours with a scale, and places as red, green and blue. Under the picture
- * stands a strip with the scale and its numbers, where the picture is at least KILN_LEGEND_LEAST pixels wide:
- * KILN_LEGEND_HEIGHT pixels high, twice that below pictures of 800 pixels or more. Nothing here is collective. */
+/* Pictures of what has no colour: false colours with a scale, places as red, green and blue, and colours with a key.
+ * Under the picture stands a strip with the scale and its numbers, or the key, where the picture is at least
+ * KILN_LEGEND_LEAST pixels wide: KILN_LEGEND_HEIGHT pixels high, twice that below pictures of 800 pixels or more.
+ * Nothing here is collective. */
 #ifndef KILN_COORDINATOR_VIEW_FALSE_COLOR_H
 #define KILN_COORDINATOR_VIEW_FALSE_COLOR_H
 
@@ -14,7 +15,8 @@ enum { KILN_LEGEND_LEAST = 160, KILN_LEGEND_HEIGHT = 44 };
  */
 int kiln_false_color_fit(struct kiln_picture *picture, struct kiln_error *error);
 
-/* Publishes a picture of these two meanings as PNG at the destination (publish.h). Without a value: grey. */
+/* Publishes a picture of these two meanings, or with a key, as PNG at the destination (publish.h). Without a value:
+ * grey. */
 int kiln_false_color_write(const char *directory, const char *name, const struct kiln_picture *picture,
                            const char *description, struct kiln_error *error);
 

@@ -46,13 +46,16 @@ static int take(void *context, size_t first, size_t count, const void *results, 
     struct taking *t = context;
     const struct kiln_path_result *r = results;
     const struct kiln_path_progress *progress = t->progress;
+    struct kiln_path_sum *sums = &t->sums->pixels[first - t->sums->first];
+    uint64_t paths = 0;
+#pragma omp parallel for reduction(+ : paths) if (count > 1 << 14)
     for (size_t i = 0; i < count; i++) {
-        struct kiln_path_sum *sum = &t->sums->pixels[first - t->sums->first + i];
         for (int c = 0; c < 3; c++)
-            sum->radiance[c] += (double)r[i].radiance[c];
-        sum->square += (double)r[i].square;
-        t->done += r[i].count;
+            sums[i].radiance[c] += (double)r[i].radiance[c];
+        sums[i].square += (double)r[i].square;
+        paths += r[i].count;
     }
+    t->done += (double)paths;
     if (progress != NULL && progress->tell != NULL)
         progress->tell(progress->context, t->done / t->all);
     return progress != NULL && kiln_stop_asked(progress->stop) ? kiln_give_up(error) : KILN_OK;

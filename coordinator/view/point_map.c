@@ -13,6 +13,7 @@ struct kiln_point_rows {
     struct kiln_image *image;                              /* a pixel for each point */
     const float *value[3], *object, *x, *y, *valid, *side; /* valid NULL: all are; side NULL: all are fronts */
     uint32_t objects;
+    float *own;              /* in the place of the dataset; NULL: its values stand */
     uint32_t *first, *point; /* the points of each object: point[first[o]] to point[first[o + 1] - 1] */
 };
 
@@ -74,11 +75,25 @@ int kiln_point_rows_read(struct kiln_point_rows **rows, struct kiln_results *res
     return status;
 }
 
+int kiln_point_rows_replace(struct kiln_point_rows *r, const float *values, uint64_t count, struct kiln_error *error)
+{
+    if (count != r->image->width)
+        return kiln_fail(error, KILN_BAD_INPUT, "kiln.h5 has %u surface points, and the scene %llu; bake again",
+                         r->image->width, (unsigned long long)count);
+    const int status = kiln_allocate(&r->own, (size_t)count, sizeof *r->own, "the points of a bake", error);
+    if (status != KILN_OK)
+        return status;
+    memcpy(r->own, values, (size_t)count * sizeof *r->own);
+    r->value[0] = r->value[1] = r->value[2] = r->own;
+    return KILN_OK;
+}
+
 void kiln_point_rows_destroy(struct kiln_point_rows **rows)
 {
     if (*rows == NULL)
         return;
     kiln_image_destroy(&(*rows)->image);
+    kiln_free(&(*rows)->own);
     kiln_free(&(*rows)->first);
     kiln_free(&(*rows)->point);
     kiln_free(rows);

@@ -21,6 +21,34 @@ static const struct kiln_field points[] = {
      .description = "shading normal of the surface points, world"},
 };
 
+/* What is made of a bake for a picture. */
+static const struct made {
+    enum kiln_show_kind kind;
+    struct kiln_field field;
+} made[] = {
+    {KILN_SHOW_VOXELS,
+     {.name = "voxels",
+      .unit = "1",
+      .meaning = KILN_FIELD_COLOR,
+      .components = 3,
+      .dataset = "/points/position",
+      .description = "filled cells of the grid of --visibility voxels"}},
+    {KILN_SHOW_VOXEL,
+     {.name = "voxel",
+      .unit = "1",
+      .meaning = KILN_FIELD_COLOR,
+      .components = 3,
+      .dataset = "/points/position",
+      .description = "cells of the grid of --visibility voxels that surfaces lie in"}},
+    {KILN_SHOW_LINKS,
+     {.name = "links",
+      .unit = "%",
+      .meaning = KILN_FIELD_SCALE,
+      .components = 1,
+      .dataset = "/points/area",
+      .description = "view factors of the nodes that a texel gathers from"}},
+};
+
 /* Sentences of --help; those of the rest are the descriptions of the fields. `meaning`: of fields, unless theirs. */
 static const struct shown {
     const char *name, *unit, *sentence;
@@ -41,9 +69,17 @@ static const struct shown {
     {"area", "m2", "how much surface lies in the texel", KILN_FIELD_SCALE},
     {"node", "texel", "texels a side of the node that it was in when --method radiosity last gathered (--keep-nodes)",
      KILN_FIELD_SCALE},
+    {"voxels", "1", "the filled cells of the grid of --visibility voxels, as boxes (--voxels)", 0},
+    {"voxel", "1", "on the surfaces, the cells of that grid that they lie in", 0},
+    {"links", "%", "the nodes that a texel gathers from by --patches links, and how much of its view each is (--texel)",
+     0},
     {"group:NAME", "", "irradiance from one group of lights (--light-groups)", 0},
 };
-enum { SHOWS = sizeof shows / sizeof *shows, POINTS = sizeof points / sizeof *points };
+enum {
+    SHOWS = sizeof shows / sizeof *shows,
+    POINTS = sizeof points / sizeof *points,
+    MADE = sizeof made / sizeof *made
+};
 
 static const struct shown *find_shown(const char *name)
 {
@@ -131,6 +167,12 @@ int kiln_show_find(struct kiln_show *show, const char *name, struct kiln_error *
         take_group(show, group);
         return KILN_OK;
     }
+    for (size_t i = 0; i < MADE; i++)
+        if (strcmp(made[i].field.name, name) == 0) {
+            show->kind = made[i].kind;
+            show->field = made[i].field;
+            return KILN_OK;
+        }
     const struct kiln_field *field = find_field(name);
     if (field == NULL)
         return refuse(name, error);

@@ -8,7 +8,16 @@
 
 #include "coordinator/field/field.h"
 
+/* What is made for the picture. */
+enum kiln_show_kind {
+    KILN_SHOW_READ,   /* nothing: a field is read, or there is none */
+    KILN_SHOW_VOXELS, /* the filled cells of a grid, as boxes; or as KILN_SHOW_VOXEL where a lightmap is drawn */
+    KILN_SHOW_VOXEL,  /* which cells the surfaces lie in; the field is their places */
+    KILN_SHOW_LINKS   /* which nodes a texel gathers from; the field is what is known of each point then */
+};
+
 struct kiln_show {
+    enum kiln_show_kind kind;
     bool texels;             /* the checkerboard; else light, where `field` has no name */
     struct kiln_field field; /* what is read; name NULL: none */
     /* of a group of lights, whose names no table has */

@@ -110,7 +110,9 @@ static void scale_text(const struct kiln_picture *picture, const struct kiln_loo
     char added[80] = "";
     if (look->stops != 0.0)
         (void)snprintf(added, sizeof added, " and %+.4g asked for", look->stops);
-    if (picture->meaning == KILN_FIELD_FRACTION)
+    if (picture->key != NULL)
+        (void)snprintf(text, 200, "%s", picture->key->note);
+    else if (picture->meaning == KILN_FIELD_FRACTION)
         (void)snprintf(text, 200, "white is 1, black is 0");
     else if (picture->meaning == KILN_FIELD_DIRECTION)
         (void)snprintf(text, 200, "red, green and blue are x, y and z, from -1 to 1");
@@ -143,7 +145,8 @@ void kiln_picture_notes(const struct kiln_picture *picture, const struct kiln_lo
         (void)snprintf(metals, sizeof metals,
                        "\nmetals, %.1f %% of it, are shown by their base colour under the irradiance: approximate",
                        100.0 * picture->approximate.metal);
-    (void)snprintf(text, KILN_PICTURE_TEXT, "%s%s%s", scale, metals, backs);
+    (void)snprintf(text, KILN_PICTURE_TEXT, "%s%s%s%s%s", scale, metals, backs, picture->note != NULL ? "\n" : "",
+                   picture->note != NULL ? picture->note : "");
 }
 
 json_t *kiln_picture_json(const struct kiln_picture *picture, const struct kiln_look *look)
@@ -176,7 +179,7 @@ int kiln_picture_write(const char *directory, const char *name, const struct kil
         return kiln_png_write_values(directory, name, picture->image, 1.0, 0.0, text, error);
     if (picture->meaning == KILN_FIELD_DIRECTION)
         return kiln_png_write_values(directory, name, picture->image, 0.5, 0.5, text, error);
-    if (has_range(picture))
+    if (has_range(picture) || picture->key != NULL)
         return kiln_false_color_write(directory, name, picture, text, error);
     if (picture->meaning == KILN_FIELD_COLOR) {
         const struct kiln_tone plain = {.curve = KILN_TONE_NONE, .exposure = 1.0, .white = INFINITY};

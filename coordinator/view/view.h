@@ -59,10 +59,11 @@ struct kiln_view_source {
     /* a field of the lightmaps whose values are drawn instead of light, its first three components as red, green and
      * blue; NULL: light */
     const struct kiln_field *field;
-    bool nearest;                              /* texels as they are, not filtered bilinearly */
-    bool no_normal_maps;                       /* draw materials as if they had no normal maps */
-    struct kiln_view_maps *maps;               /* lightmaps for several pictures; NULL: each picture reads its own */
-    const struct kiln_stop *stop;              /* may ask to stop (KILN_STOPPED); NULL: never */
+    const struct kiln_voxels *voxels; /* the field is places: their voxels are drawn (voxel_view.h); NULL: none are */
+    bool nearest;                     /* texels as they are, not filtered bilinearly */
+    bool no_normal_maps;              /* draw materials as if they had no normal maps */
+    struct kiln_view_maps *maps;      /* lightmaps for several pictures; NULL: each picture reads its own */
+    const struct kiln_stop *stop;     /* may ask to stop (KILN_STOPPED); NULL: never */
     const struct kiln_view_renderer *renderer; /* NULL: lightmaps are drawn */
 };
 
@@ -147,6 +148,18 @@ int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **
 /* How an exposure was chosen: from the picture, from all frames of a path, or not at all. */
 enum kiln_metering { KILN_METERED_PICTURE, KILN_METERED_PATH, KILN_METERED_NOTHING };
 
+/* What colours stand for where neither exposure nor range says it: pairs of colours, with a word each that stands under
+ * them, and a sentence. */
+enum { KILN_KEY_PAIRS = 3 };
+struct kiln_color_key {
+    int pairs;
+    struct {
+        float rgb[2][3];
+        char text[32];
+    } of[KILN_KEY_PAIRS];
+    char note[200];
+};
+
 /* A rendered picture with its viewpoint and exposure. */
 struct kiln_picture {
     struct kiln_image *image; /* radiance */
@@ -155,9 +168,11 @@ struct kiln_picture {
      * KILN_FIELD_AMOUNT, which has a scale of its own */
     struct kiln_exposure exposure;
     enum kiln_metering metering;
-    enum kiln_field_meaning meaning; /* of what is shown */
-    const char *unit;                /* of what is shown, borrowed; of meanings that name a range: */
-    double low[3], high[3];          /* values whose colours are the first and the last, of R, G, B (false_color.h) */
+    enum kiln_field_meaning meaning;  /* of what is shown */
+    const struct kiln_color_key *key; /* of KILN_FIELD_COLOR; borrowed; NULL: colours as they are */
+    const char *note;                 /* one more sentence about it, borrowed; NULL: none */
+    const char *unit;                 /* of what is shown, borrowed; of meanings that name a range: */
+    double low[3], high[3];           /* values whose colours are the first and the last, of R, G, B (false_color.h) */
     struct kiln_view_approximate approximate;
 };
 

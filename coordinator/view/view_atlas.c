@@ -4,6 +4,7 @@
 
 #include "coordinator/view/view.h"
 #include "coordinator/view/view_light.h"
+#include "coordinator/view/voxel_view.h"
 
 enum { SIDE = 512 };
 
@@ -38,6 +39,8 @@ static void color_at(const struct kiln_view_source *source, uint32_t object, con
         kiln_view_texel_color(object, at, rgb);
     else
         kiln_view_map_at(source->maps, object, at, rgb);
+    if (source->voxels != NULL)
+        kiln_voxel_view_place(source, rgb);
     for (int c = 0; c < 3; c++)
         rgb[c] = isfinite(rgb[c]) || range ? rgb[c] : 0.0f;
 }

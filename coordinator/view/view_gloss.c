@@ -74,26 +74,51 @@ static void add(struct walker *w, const float factor[3], const float rgb[3])
     }
 }
 
+/* What a ray has met, where that has gloss: the same for all walkers of the ray. */
+struct met {
+    struct kiln_hit hit;
+    bool gloss; /* else only this and the hit are set */
+    struct kiln_particle_place place;
+    float radiosity[3], emission[3]; /* W/(m2 sr): what its diffuse part sends, were all taken up; what it emits */
+};
+
 /* What the glossy surface sends of its own: from its lightmap, and as a lamp. */
-static void add_own(const struct kiln_view_gloss *b, const struct kiln_particle_place *place,
-                    const struct kiln_particle_turn *turn, double share, struct walker *w)
+static void find_own(const struct kiln_view_gloss *b, struct met *met)
 {
-    const struct kiln_hit *hit = &place->hit;
+    const struct kiln_hit *hit = &met->hit;
     const struct kiln_view_source *s = &b->params->source;
     const struct kiln_geometry *g = s->geometry;
     const struct kiln_mesh *mesh = &s->scene->meshes[s->scene->objects[g->records[hit->triangle].object].mesh];
     const uint64_t stored = g->stored_triangle[hit->triangle];
-    float color[3], emission[3], irradiance[3], b1, b2;
+    float color[3], b1, b2;
     kiln_geometry_stored_barycentrics(s->scene, g, hit->triangle, hit->u, hit->v, &b1, &b2);
     kiln_surface_albedo(s->scene, mesh, stored, b1, b2, color);
-    kiln_surface_emission(s->scene, mesh, stored, b1, b2, emission);
-    kiln_view_irradiance(b->maps, hit, irradiance);
-    for (int c = 0; c < 3; c++) {
-        irradiance[c] *= color[c] * (float)(1.0 / KILN_PI);
-        emission[c] *= (float)share;
-    }
-    add(w, turn->taken_up, irradiance);
-    add(w, place->arrives, emission);
+    kiln_surface_emission(s->scene, mesh, stored, b1, b2, met->emission);
+    kiln_view_irradiance(b->maps, hit, met->radiosity);
+    for (int c = 0; c < 3; c++)
+        met->radiosity[c] *= color[c] * (float)(1.0 / KILN_PI);
+}
+
+static void add_own(const struct met *met, const struct kiln_particle_turn *turn, double share, struct walker *w)
+{
+    float emission[3];
+    for (int c = 0; c < 3; c++)
+        emission[c] = met->emission[c] * (float)share;
+    add(w, turn->taken_up, met->radiosity);
+    add(w, met->place.arrives, emission);
+}
+
+/* What the ray of number `ray` has met, in `direction`. */
+static void find_met(const struct kiln_view_gloss *b, size_t ray, struct kiln_vec3 direction, struct met *met)
+{
+    met->hit = b->rays->hits[ray];
+    met->gloss = kiln_view_goes_on(&b->params->source, &met->hit);
+    if (!met->gloss)
+        return;
+    struct kiln_hit whole = met->hit;
+    whole.distance += b->rays->passed[ray];
+    met->place = kiln_particle_place(&b->params->source.backend->params, b->lobes, &whole, direction);
+    find_own(b, met);
 }
 
 /* What a surface without gloss, or the environment, shows at the end of the ray. */
@@ -115,34 +140,35 @@ static void add_seen(const struct kiln_view_gloss *b, const struct kiln_hit *hit
 }
 
 /* What walker w finds at the end of its ray; `lit`: the surface, if it has gloss. */
-static void meet(const struct kiln_view_gloss *b, const struct kiln_hit *found, float passed,
-                 struct kiln_vec3 direction, uint32_t surface, struct walker *w, struct kiln_view_lit *lit)
+static void meet(const struct kiln_view_gloss *b, const struct met *met, float passed, struct kiln_vec3 direction,
+                 uint32_t surface, struct walker *w, struct kiln_view_lit *lit)
 {
-    const struct kiln_backend_params *params = &b->params->source.backend->params;
-    struct kiln_hit hit = *found;
-    if (w->leaves && hit.triangle != KILN_NONE)
-        w->found = kiln_triangle_position(b->params->source.geometry, hit.triangle, hit.u, hit.v);
+    const struct kiln_hit *hit = &met->hit;
+    if (w->leaves && hit->triangle != KILN_NONE)
+        w->found = kiln_triangle_position(b->params->source.geometry, hit->triangle, hit->u, hit->v);
     else if (w->leaves)
         w->found = vec3_madd(w->origin, direction, kiln_view_guides_far(b->guides));
     w->leaves = false;
     /* nothing but rays comes through what a view does not show */
-    const double share = passed > 0.0f ? 1.0 : kiln_view_lamps_share(b->lamps, &w->way, &hit, direction);
+    const double share = passed > 0.0f ? 1.0 : kiln_view_lamps_share(b->lamps, &w->way, hit, direction);
     w->goes_on = false;
-    w->lit = kiln_view_goes_on(&b->params->source, &hit);
+    w->lit = met->gloss;
     if (!w->lit) {
-        add_seen(b, &hit, direction, share, w);
+        add_seen(b, hit, direction, share, w);
         return;
     }
-    hit.distance += passed;
     for (int c = 0; c < 3; c++)
-        w->weight[c] *= hit.tint[c];
-    *lit = (struct kiln_view_lit){.place = kiln_particle_place(params, b->lobes, &hit, direction),
-                                  .chance = {.key = w->key, .number = w->number, .surface = surface},
-                                  .weight = {w->weight[0], w->weight[1], w->weight[2]}};
+        w->weight[c] *= hit->tint[c];
+    lit->place = met->place;
+    lit->chance = (struct kiln_particle_chance){.key = w->key, .number = w->number, .surface = surface};
+    for (int c = 0; c < 3; c++) {
+        lit->weight[c] = w->weight[c];
+        lit->rgb[c] = 0.0f;
+    }
     const uint32_t region = kiln_view_guides_region(b->guides, &lit->place, &lit->chance);
     lit->guide = kiln_view_guides_at(b->guides, region, &lit->place);
     const struct kiln_particle_turn turn = kiln_view_guide_turn(&lit->guide, &lit->place, w->weight, &lit->chance);
-    add_own(b, &lit->place, &turn, share, w);
+    add_own(met, &turn, share, w);
     if (w->region == KILN_NONE && !turn.mirrored) {
         w->region = region;
         w->leaves = region != KILN_NONE;
@@ -174,34 +200,39 @@ static int add_lamps(struct kiln_view_gloss *b, size_t first, size_t count, stru
     return status;
 }
 
-/* What `count` active walkers from the `first` on find at the ends of their rays; at most LIT_PLACES. */
-static int meet_some(struct kiln_view_gloss *b, size_t first, size_t count, uint32_t surface, struct kiln_error *error)
+/* What `count` active walkers from the `first` on find at the ends of their rays; at most LIT_PLACES. `alike`: so many
+ * walkers that follow each other have one ray. */
+static int meet_some(struct kiln_view_gloss *b, size_t first, size_t count, uint32_t alike, uint32_t surface,
+                     struct kiln_error *error)
 {
-    const struct kiln_view_rays *rays = b->rays;
-#pragma omp parallel for schedule(dynamic, 256)
-    for (size_t i = 0; i < count; i++) {
-        const size_t ray = first + i;
-        meet(b, &rays->hits[ray], rays->passed[ray], rays->directions[ray], surface, &b->walkers[b->active[ray]],
-             &b->lit[i]);
+#pragma omp parallel for schedule(dynamic, 64)
+    for (size_t i = 0; i < count; i += alike) {
+        const size_t ray = (first + i) / alike;
+        const struct kiln_vec3 direction = b->rays->directions[ray];
+        struct met met;
+        find_met(b, ray, direction, &met);
+        for (size_t k = i; k < i + alike; k++)
+            meet(b, &met, b->rays->passed[ray], direction, surface, &b->walkers[b->active[first + k]], &b->lit[k]);
     }
     return add_lamps(b, first, count, error);
 }
 
 /* One surface of the first `count` active walkers; how many of them go on. */
-static int step(struct kiln_view_gloss *b, size_t *count, uint32_t surface, struct kiln_error *error)
+static int step(struct kiln_view_gloss *b, size_t *count, uint32_t alike, uint32_t surface, struct kiln_error *error)
 {
     struct kiln_view_rays *rays = b->rays;
-    for (size_t i = 0; i < *count; i++) {
-        rays->origins[i] = b->walkers[b->active[i]].origin;
-        rays->directions[i] = b->walkers[b->active[i]].direction;
+    const size_t traced = *count / alike;
+    for (size_t i = 0; i < traced; i++) {
+        rays->origins[i] = b->walkers[b->active[i * alike]].origin;
+        rays->directions[i] = b->walkers[b->active[i * alike]].direction;
     }
-    int status = kiln_view_trace(&b->params->source, rays, *count, error);
+    int status = kiln_view_trace(&b->params->source, rays, traced, error);
     if (status == KILN_OK)
-        status = kiln_view_maps_load(b->maps, rays->hits, *count, error);
+        status = kiln_view_maps_load(b->maps, rays->hits, traced, error);
     if (status != KILN_OK)
         return status;
     for (size_t i = 0; i < *count && status == KILN_OK; i += LIT_PLACES)
-        status = meet_some(b, i, *count - i < LIT_PLACES ? *count - i : LIT_PLACES, surface, error);
+        status = meet_some(b, i, *count - i < LIT_PLACES ? *count - i : LIT_PLACES, alike, surface, error);
     size_t left = 0;
     for (size_t i = 0; i < *count; i++)
         if (b->walkers[b->active[i]].goes_on)
@@ -210,14 +241,15 @@ static int step(struct kiln_view_gloss *b, size_t *count, uint32_t surface, stru
     return status;
 }
 
-/* Follows the first `active` walkers to their ends. */
-static int follow(struct kiln_view_gloss *b, size_t active, struct kiln_error *error)
+/* Follows the first `active` walkers to their ends; so many that follow each other begin `alike`, a part of
+ * LIT_PLACES. */
+static int follow(struct kiln_view_gloss *b, size_t active, uint32_t alike, struct kiln_error *error)
 {
     int status = KILN_OK;
     for (size_t i = 0; i < active; i++)
         b->active[i] = (uint32_t)i;
     for (uint32_t surface = 0; surface < MOST_SURFACES && active > 0 && status == KILN_OK; surface++)
-        status = step(b, &active, surface, error);
+        status = step(b, &active, surface == 0 ? alike : 1, surface, error);
     return status;
 }
 
@@ -230,7 +262,7 @@ static int draw(struct kiln_view_gloss *b, const size_t *pixels, size_t count, f
         const uint32_t number = (uint32_t)(i % rays);
         start(b, KEY, pixels[i / rays], number, number / b->chains, &b->walkers[i]);
     }
-    const int status = follow(b, count * rays, error);
+    const int status = follow(b, count * rays, b->chains, error);
     for (size_t i = 0; i < count; i++)
         for (int c = 0; c < 3; c++) {
             float sum = 0.0f;
@@ -262,7 +294,7 @@ static int learn_some(struct kiln_view_gloss *b, const size_t *pixels, size_t co
     for (size_t i = 0; i < count * LESSONS; i++)
         start(b, ~(uint32_t)KEY, pixels[i / LESSONS], (uint32_t)(i % LESSONS), (uint32_t)i % (b->side * b->side),
               &b->walkers[i]);
-    const int status = follow(b, count * LESSONS, error);
+    const int status = follow(b, count * LESSONS, 1, error);
     for (size_t i = 0; i < count * LESSONS && status == KILN_OK; i++) {
         const struct walker *w = &b->walkers[i];
         kiln_view_guides_learn(b->guides, w->region, w->found, w->beyond / w->weight_there);

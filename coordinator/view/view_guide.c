@@ -271,16 +271,18 @@ struct kiln_particle_turn kiln_view_guide_turn(const struct kiln_view_guide *gui
                                                const struct kiln_particle_chance *chance)
 {
     const struct kiln_particle_chance own = own_chance(chance);
-    double pick, rest;
-    kiln_particle_draw(&own, KILN_PATH_END, &pick, &rest);
-    if (guide->count > 0 && pick < (double)guide->share) {
+    double pick = 1.0, rest;
+    if (guide->count > 0)
+        kiln_particle_draw(&own, KILN_PATH_END, &pick, &rest);
+    if (pick < (double)guide->share) {
         const struct kiln_vec3 direction = draw(guide, place, &own);
         const float lobe = kiln_particle_scatter(place, direction).density;
         return kiln_particle_turn_to(place, weight, chance, direction,
                                      kiln_view_guide_density(guide, place, direction, lobe));
     }
     struct kiln_particle_turn turn = kiln_particle_turn(place, weight, chance, KILN_RADIANCE);
-    if (guide->count == 0 || !(turn.mirrored || turn.density > 0.0f))
+    const bool goes_on = turn.goes_on[0] > 0.0f || turn.goes_on[1] > 0.0f || turn.goes_on[2] > 0.0f;
+    if (guide->count == 0 || !goes_on || !(turn.mirrored || turn.density > 0.0f))
         return turn;
     const float both = kiln_view_guide_density(guide, place, turn.direction, turn.density),
                 factor = turn.mirrored ? 1.0f / (1.0f - guide->share) : turn.density / both;

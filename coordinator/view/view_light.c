@@ -11,6 +11,7 @@
 #include "coordinator/view/normal_map.h"
 #include "coordinator/view/point_map.h"
 #include "coordinator/view/view_gloss.h"
+#include "coordinator/view/voxel_view.h"
 #include "worker/sampling/keys.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
@@ -171,6 +172,13 @@ int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_s
     if (status != KILN_OK)
         kiln_view_maps_destroy(maps);
     return status;
+}
+
+void kiln_view_maps_take_rows(struct kiln_view_maps *maps, struct kiln_point_rows **rows)
+{
+    kiln_point_rows_destroy(&maps->rows);
+    maps->rows = *rows;
+    *rows = NULL;
 }
 
 void kiln_view_maps_destroy(struct kiln_view_maps **maps)
@@ -624,6 +632,8 @@ static void field_color(const struct kiln_view_maps *maps, const struct kiln_hit
         kiln_view_irradiance(maps, hit, seen->rgb);
         seen->front_light = kiln_view_shows_front(maps, hit) ? 1.0f : 0.0f;
     }
+    if (is_seen && maps->source->voxels != NULL)
+        kiln_voxel_view_place(maps->source, seen->rgb);
     for (int c = 0; c < 3; c++)
         if (!is_seen || !isfinite(seen->rgb[c]))
             seen->rgb[c] = meaning == KILN_FIELD_SCALE || meaning == KILN_FIELD_PLACE ? NAN : 0.0f;

@@ -3,6 +3,7 @@
 #ifndef KILN_COORDINATOR_VIEW_VIEW_LIGHT_H
 #define KILN_COORDINATOR_VIEW_VIEW_LIGHT_H
 
+#include "coordinator/view/point_map.h"
 #include "coordinator/view/view.h"
 
 /* A batch of rays. The caller fills in origins and directions (unit vectors). kiln_view_trace fills in the rest, and
@@ -42,6 +43,10 @@ void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_h
 int kiln_view_maps_load_object(struct kiln_view_maps *maps, uint32_t object, struct kiln_error *error);
 void kiln_view_map_at(const struct kiln_view_maps *maps, uint32_t object, const float at[2], float rgb[3]);
 void kiln_view_texel_color(uint32_t object, const float at[2], float rgb[3]);
+
+/* Takes over what the source's field has at each point, in the place of reading it from kiln.h5; *rows becomes NULL.
+ * Before a lightmap is loaded. */
+void kiln_view_maps_take_rows(struct kiln_view_maps *maps, struct kiln_point_rows **rows);
 
 /* Whether the hit is on a back without a lightmap of its own, which is shown with the light of its front. */
 bool kiln_view_shows_front(const struct kiln_view_maps *maps, const struct kiln_hit *hit);

@@ -268,8 +268,9 @@ static size_t list_traced(struct renderer *r, uint32_t from, uint32_t to)
 #pragma omp parallel for schedule(dynamic, 1)
     for (uint32_t y = from; y < to; y++)
         for (uint32_t x = 0; x < width; x++) {
-            const enum fate fate = r->first == 1 ? fate_by_middles(r, x, y) : fate_of(r, x, y);
-            r->pixels[row_at(r, y) + x].fate = fate == FLAT && !shade_flat(r, x, y) ? TRACED : fate;
+            struct pixel *p = &r->pixels[row_at(r, y) + x];
+            const enum fate fate = p->gloss ? FEW : r->first == 1 ? fate_by_middles(r, x, y) : fate_of(r, x, y);
+            p->fate = fate == FLAT && !shade_flat(r, x, y) ? TRACED : fate;
         }
     for (size_t i = row_at(r, from); i < row_at(r, to); i++)
         if (r->pixels[i].fate == TRACED)

@@ -162,10 +162,11 @@ struct kiln_gpu_result { /* struct kiln_point_result */
 };
 KILN_SIZE_IS(kiln_gpu_result, 68);
 
-/* What the gather pass hands to the host of it, in words: incident (3) and the error; then escaped and blocked, as
- * floats, or, where they are whole numbers of at most KILN_GPU_SHORT_MOST rays, as the lower and the upper half of one
- * word; irradiance (3) where it is not the same as incident; then, where the scene has any, glass (3), gloss (3),
- * present. The rest the host knows: worker/backend/vulkan/gather.c. */
+/* What the direct and the gather pass hand to the host of it, in words: incident (3) and the error; then, of gather
+ * rays, escaped and blocked, as floats, or, where they are whole numbers of at most KILN_GPU_SHORT_MOST rays, as the
+ * lower and the upper half of one word; irradiance (3) where it is not the same as incident; then, where the scene has
+ * any, glass (3) and gloss (3) of gather rays, and present. The rest the host knows: worker/backend/vulkan/answers.c.
+ */
 #define KILN_GPU_SHORT_ERROR 3u
 #define KILN_GPU_SHORT_RAYS 4u
 #define KILN_GPU_SHORT_MOST 65535u

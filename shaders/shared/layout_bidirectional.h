@@ -127,7 +127,8 @@ struct kiln_gpu_both_points {
 KILN_SIZE_IS(kiln_gpu_both_points, 80);
 
 /* What a dispatch leaves for those after it to do; 0 before it. Numbers of paths, rays, pairs; those of pairs also
- * count what found no room. */
+ * count what found no room. Where rays of scenes with gloss have gone to their next surfaces, `shadows` are the paths
+ * that have met gloss there, and `paths` the others. */
 struct kiln_gpu_both_tally {
     KILN_WORD paths, shadows, pairs;
     KILN_WORD left; /* paths that have more pairs */

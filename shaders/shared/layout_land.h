@@ -3,9 +3,10 @@
 
 struct kiln_gpu_target { /* struct kiln_target */
     KILN_VECTOR centre, low, high;
-    KILN_REAL32 radius;
+    KILN_REAL32 radius, area;
+    KILN_WORD listed, count; /* where its triangles are listed, if rays go evenly over them */
 };
-KILN_SIZE_IS(kiln_gpu_target, 40);
+KILN_SIZE_IS(kiln_gpu_target, 52);
 
 struct kiln_gpu_lamp { /* struct kiln_lamp */
     KILN_WORD kind, first, count;
@@ -23,6 +24,9 @@ struct kiln_gpu_land {
     KILN_ADDRESS first;       /* numbers of 64 bits: of each aim its first path, and one more */
     KILN_ADDRESS until;       /* floats: of each emitting triangle the share of its lamp's flux up to its end */
     KILN_ADDRESS lamp_of;     /* words: of each emitting triangle its lamp */
+    KILN_ADDRESS even;        /* numbers of 64 bits: of each aim its paths that go evenly over triangles */
+    KILN_ADDRESS triangles;   /* words: of targets to which such paths go */
+    KILN_ADDRESS shares;      /* floats: of each of these the share of its target's area up to its end */
     KILN_ADDRESS of_triangle; /* words: of each world triangle its target; KILN_GPU_NONE: none */
     KILN_ADDRESS plane_of;    /* words: of each world triangle its mirror plane, likewise; 0: lamps have no images */
     KILN_WORD64 paths;        /* of an iteration */
@@ -33,7 +37,7 @@ struct kiln_gpu_land {
     KILN_WORD mis;
     KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_land, 104);
+KILN_SIZE_IS(kiln_gpu_land, 128);
 
 /* How a path has ended; the host looks its surface point up. */
 struct kiln_gpu_landing {

@@ -123,14 +123,14 @@ KILN_SIZE_IS(kiln_gpu_occlusion_push, 120);
 KILN_OFFSET_IS(kiln_gpu_occlusion_push, hemisphere, 56);
 KILN_OFFSET_IS(kiln_gpu_occlusion_push, distance, 112);
 
-/* gather_reduce.comp, occlusion_reduce.comp, directional_reduce.comp, replay_reduce.comp: they add up the slices. */
+/* gather_reduce.comp, occlusion_reduce.comp, directional_reduce.comp: they add up the slices. */
 struct kiln_gpu_hemisphere_reduce_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
     KILN_ADDRESS slices, results;
     KILN_ADDRESS rays; /* word: shadow rays of a point of the chunk, where there are any */
     KILN_WORD samples, per_quarter, split;
-    KILN_WORD stride; /* of replay_reduce.comp: the answer of point x is number x * stride */
+    KILN_WORD reserved;
 };
 KILN_SIZE_IS(kiln_gpu_hemisphere_reduce_push, 96);
 KILN_OFFSET_IS(kiln_gpu_hemisphere_reduce_push, slices, 56);
@@ -143,11 +143,38 @@ struct kiln_gpu_guided_reduce_push {
     KILN_ADDRESS slices, results;
     KILN_ADDRESS rays;
     KILN_WORD samples, per_quarter, split;
-    KILN_WORD stride;
+    KILN_WORD reserved;
     KILN_ADDRESS guided; /* struct kiln_gpu_guided */
 };
 KILN_SIZE_IS(kiln_gpu_guided_reduce_push, 104);
 KILN_OFFSET_IS(kiln_gpu_guided_reduce_push, guided, 96);
+
+#include "shaders/shared/layout_held.h"
+
+/* replay_reduce.comp, replay_take.comp: the same of the gather pass from rows, of light y. */
+struct kiln_gpu_replay_reduce_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk;
+    KILN_ADDRESS slices;
+    KILN_ADDRESS results; /* of point x under light y: number x * lights + y; or struct kiln_gpu_held */
+    KILN_WORD64 first;    /* of replay_take.comp: the own point of x = 0 */
+    KILN_WORD samples, per_quarter, split;
+    KILN_WORD lights;
+    KILN_WORD64 light_bytes; /* of the slices of a light */
+};
+KILN_SIZE_IS(kiln_gpu_replay_reduce_push, 104);
+KILN_OFFSET_IS(kiln_gpu_replay_reduce_push, samples, 80);
+KILN_OFFSET_IS(kiln_gpu_replay_reduce_push, light_bytes, 96);
+
+/* held.comp, held_powers.comp: light that stays on the device. */
+struct kiln_gpu_held_push {
+    KILN_ADDRESS scene;
+    KILN_ADDRESS held;  /* struct kiln_gpu_held */
+    KILN_ADDRESS bytes; /* of held.comp: what the host has brought of a light */
+    KILN_WORD light;    /* whose that is */
+    KILN_WORD groups;   /* of held_powers.comp: workgroups whose sums are added */
+};
+KILN_SIZE_IS(kiln_gpu_held_push, 32);
 
 /* probes.comp: radiance probes. */
 struct kiln_gpu_probes_push {

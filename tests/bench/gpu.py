@@ -79,7 +79,8 @@ def states(kiln, scene):
                      'diffuse', '--bounces', 3, '--keep-transport', 'rows', timeout=3600)
     if kept.process.status != 0:
         sys.exit('%s\nended with %d: %s' % (kept.process.line(), kept.process.status, kept.process.sentence()))
-    table = harness.Table(('points', 9), ('states', 6), ('load, s', 8), ('solve, s', 9), ('write, s', 8))
+    table = harness.Table(('points', 9), ('states', 6), ('load, s', 8), ('solve, s', 9), ('device, s', 9),
+                          ('MB back', 8), ('write, s', 8))
     for count in (1, 16):
         folder = os.path.join(kiln.scratch, 'states%d' % count)
         with open(folder + '.yaml', 'w') as file:
@@ -91,6 +92,7 @@ def states(kiln, scene):
             said = json.load(file)
         mean = lambda key: sum(s[key] for s in said['states']) / count
         table.row(kept.run['points']['count'], count, '%.2f' % said['load_seconds'], '%.4f' % mean('solve_seconds'),
+                  '%.4f' % mean('solve_device_seconds'), '%.1f' % (mean('returned_bytes') / 1e6),
                   '%.3f' % mean('write_seconds'))
 
 

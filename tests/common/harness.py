@@ -217,6 +217,10 @@ class Bake:
         shutil.rmtree(self.directory, ignore_errors=True)
 
 
+def under_mpi(ranks):
+    return ['mpirun', '--bind-to', 'none', '-n', str(ranks)] if ranks else []
+
+
 class Kiln:
     """The program under test. `backend` traces the bakes' rays; sample counts are to be divided by `thin` (see
     `samples`)."""
@@ -232,8 +236,8 @@ class Kiln:
         """What is left of a sample count: never below 16, where it was above."""
         return min(count, max(16, count // self.thin))
 
-    def command(self, *arguments, timeout=600):
-        return run([self.path, *map(str, arguments)], timeout, self.environment)
+    def command(self, *arguments, ranks=0, timeout=600):
+        return run(under_mpi(ranks) + [self.path, *map(str, arguments)], timeout, self.environment)
 
     def bake(self, scene, *options, ranks=0, timeout=600):
         """Bakes into a fresh folder: under mpirun when `ranks` is given. Look at .process.status before anything
@@ -244,9 +248,7 @@ class Kiln:
                    *map(str, options)]
         if self.backend == 'vulkan':
             command += ['--kernel-cache', self.kernels]
-        if ranks:
-            command = ['mpirun', '--bind-to', 'none', '-n', str(ranks)] + command
-        bake = Bake(directory, run(command, timeout, self.environment))
+        bake = Bake(directory, run(under_mpi(ranks) + command, timeout, self.environment))
         if bake.process.status == NO_DEVICE and self.number == 1:
             skip(bake.process.sentence())
         return bake

@@ -10,16 +10,16 @@ import harness
 KILN = os.environ["KILN"]
 
 
-def kiln(*arguments, ranks=1, slowness=1):
+def kiln(*arguments, ranks=1, slowness=1, lines=None):
     command = [KILN, *map(str, arguments)]
     if ranks > 1:
         command = ["mpirun", "-n", str(ranks), *command]
-    return subprocess.run(command, capture_output=True, text=True,
+    return subprocess.run(command, capture_output=True, text=True, input=lines,
                           env={**os.environ, **harness.MPI_ENVIRONMENT, "KILN_SLOW_RANK": "0:%d" % slowness})
 
 
-def done(*arguments, ranks=1):
-    run = kiln(*arguments, "--quiet", "--no-preview", "--threads", "1", ranks=ranks)
+def done(*arguments, ranks=1, lines=None):
+    run = kiln(*arguments, "--quiet", "--no-preview", "--threads", "1", ranks=ranks, lines=lines)
     assert run.returncode == 0, f"{' '.join(map(str, arguments))}: exit {run.returncode}\n{run.stderr}"
 
 

@@ -105,7 +105,22 @@ def try_cuts(checks, kiln, scene):
         table.row(ranks, node, partition, form, when, '%.1f' % bake.process.seconds, ' '.join(map(str, points)),
                   'same' if not found else 'DIFFERENT')
         bake.remove()
+    try_trial(checks, kiln, scene)
     os.environ.pop('KILN_SLOW_RANK', None)
+
+
+def try_trial(checks, kiln, scene):
+    """Before the first pass a few tile runs are tried: the slow rank has fewer points from then on, all bits stay."""
+    slow(1, 5)
+    options = (*SMALL, '--schedule', 'equal', '--bounces', 1, '--samples-probe', 0, '--shared-memory-ranks', 1)
+    alone = kiln.bake(scene, *options, timeout=120)
+    bake = kiln.bake(scene, *options, '--rebalance', 'always', ranks=3, timeout=120)
+    if checks.baked(alone) and checks.baked(bake):
+        tried, found = bake.run['balance']['trial'], differences(Result(alone), Result(bake))
+        checks.that(alone.run['balance']['trial'] is None, 'one rank tried what points cost')
+        checks.that(tried is not None and tried['seconds'] > 0 and tried['rebalance']['moved'] and
+                    tried['rebalance']['points'] > 0, 'before the first pass: %s' % tried, bake.process)
+        checks.that(not found, 'after a trial not the same: %s' % '; '.join(found), bake.process)
 
 
 def given_before_saving(path):

@@ -128,17 +128,28 @@ class Merge(unittest.TestCase):
 
     def test_receivers(self):
         """What no path meets gathers its caustics, and takes no part in merging: then the floor has what it has with
-        --caustics gather, and flux and ledger are the others'."""
+        --caustics gather, with all of its rays, and flux and ledger are the others'."""
         rules = "{floor: {role: receiver-only}}"
         lights = {which: self.light(self.bake(self.spheres, *(SPHERES if which != "gather" else SPHERES[:2]),
                                               "--samples-indirect", "64", "--objects", rules, "--caustics", which))
-                  for which in ("land", "merge", "gather")}
+                  for which in ("land", "merge", "vcm", "gather")}
         floor = lights["land"]["object"] == lights["land"]["names"].index("floor")
         self.assertGreater(lights["gather"]["caustic"][floor].max(), 0.1)
         power = {which: (light["caustic"] * light["area"][:, None])[~floor].sum(0) for which, light in lights.items()}
         for which in ("land", "merge"):
             self.assertTrue(np.array_equal(lights[which]["caustic"][floor], lights["gather"]["caustic"][floor]), which)
             self.assertTrue(np.allclose(power[which], power["land"], rtol=1e-5), power)
+        self.assertTrue(np.array_equal(lights["vcm"]["caustic"][floor], lights["gather"]["caustic"][floor]))
+
+    def test_rays_of_a_point(self):
+        """Rays that share the light with paths are a fourth of a gather's, unless they are connected with paths, or
+        show images of lamps in mirrors."""
+        images = corner(os.path.join(self.folder, "images.glb"))
+        for scene, options, rays in ((self.spheres, (), 4), (self.spheres, ("--connections", "1"), 16),
+                                     (self.spheres, ("--target-error", "0.5"), 2), (images, (), 16)):
+            report = self.report(self.bake(scene, "--texels-per-metre", "2", "--samples-indirect", "16", "--photons",
+                                           "500", "--iterations", "1", "--caustics", "vcm", *options))
+            self.assertEqual(report["materials"]["rays"], rays, options)
 
     def test_receivers_are_told_of(self):
         """Where lamps have no extent such objects lack what only light paths find, and a note says so."""

@@ -4,7 +4,8 @@ glass, on from the far side of tinted panes and of a smooth mesh.
 Kept chains change no light; their files have the same bytes from one rank, from three and from a bake that was stopped
 and gone on with, and nothing else is left beside them. Nothing changed, and lights, colours of dull surfaces, emission
 and sky changed, relit on one rank and on three, it has the bits of its bake, and no ray was traced that was kept.
-Another colour of a surface that rays go on from is refused with its name, and so is damage."""
+So does each of several states from one load. Another colour of a surface that rays go on from is refused with its
+name, and so is damage."""
 import json
 import os
 import shutil
@@ -20,7 +21,7 @@ OPTIONS = ["--texels-per-metre", "2", "--backend", "embree", "--samples-direct",
            "--samples-indirect", "32", "--samples-probe", "8", "--probe-spacing", "1.5", "--bounces", "2",
            "--photons", "1000", "--iterations", "1"]
 KEEP = ["--keep-transport", "rows"]
-USAGE, STOPPED = 64, 75
+STOPPED = 75
 
 
 def room(path, edited=False, gold=(0.9, 0.6, 0.3)):
@@ -83,9 +84,23 @@ with tempfile.TemporaryDirectory() as top:
 
     refused(harness.BAD_INPUT, "block                            other gloss or colour of a surface that rays go on",
             "relight", at("kept"), room(at("silver.glb"), gold=(0.9, 0.9, 0.9)), "-o", at("no"))
-    with open(at("states.yaml"), "w") as file:
-        file.write("dark: {lights: {sun: {on: false}}}\n")
-    refused(USAGE, "go on from gloss", "relight", at("kept"), "--states", at("states.yaml"), "-o", at("no"))
+
+    states = {"same": {}, "noon": {"lights": {"sun": {"scale": 0.3}}, "environment": {"radiance": [2, 0.5, 0.2]},
+                                   "materials": {"wall": {"albedo": [0.3, 0.6, 0.7]}, "glow": {"emission": [1, 4, 2]}}}}
+    for name, text in (("states.yaml", states), ("noon.yaml", states["noon"]),
+                       ("wrong.yaml", {"a": {"materials": {"gold": {"albedo": [0.9, 0.9, 0.9]}}}})):
+        with open(at(name), "w") as file:
+            json.dump(text, file)
+    done("relight", at("kept"), "--states", at("states.yaml"), "-o", at("states"))
+    done("relight", at("kept"), at("noon.yaml"), "-o", at("noon"))
+    same(at("plain"), os.path.join(at("states"), "same"), "the state of nothing changed")
+    same(at("noon"), os.path.join(at("states"), "noon"), "a state against a relit bake")
+    done("relight", at("kept"), "--listen", "-o", at("live"), ranks=3, lines="{}\n" + json.dumps(states["noon"]))
+    same(at("noon"), at("live"), "a line on 3 ranks, after another")
+    with open(os.path.join(at("states"), "states.json")) as file:
+        told = json.load(file)
+    assert (told["rays_read"], told["rays_traced"]) == (2 * counted, 0), told
+    refused(harness.BAD_INPUT, "material 'gold'", "relight", at("kept"), "--states", at("wrong.yaml"), "-o", at("no"))
     shutil.copytree(at("kept"), at("hurt"))
     hurt = os.path.join(at("hurt"), "transport", "chains-65535-0")
     with open(hurt, "r+b") as file:

@@ -1,12 +1,13 @@
 /* Writes the three files of a bake from a synthetic result; run by mpirun, so that tests can compare numbers of ranks.
- * Usage: write_synthetic DIR [half | divided | denoised | joined | loose | touching | rounds] [ahead | stopped].
- * divided: tall lightmaps with large holes, which are in bands of all ranks however small they are. touching: the
- * objects lie side by side. rounds: the same, but a rank has one lightmap at a time. joined: both lightmaps are in
+ * Usage: write_synthetic DIR [half | divided | denoised | joined | loose | touching | rounds] [ahead | stopped |
+ * unkept]. divided: tall lightmaps with large holes, which are in bands of all ranks however small they are. touching:
+ * the objects lie side by side. rounds: the same, but a rank has one lightmap at a time. joined: both lightmaps are in
  * bands, and touch; after "rounds-" each is made twice. denoised: as divided, and noise is taken out. loose: as
  * divided, and seams stay as they are. large-SIZE, large-denoised-SIZE: lightmaps of SIZE columns and as many rows, or
  * half as many, and no other files; prints for each rank what writing them took: seconds of the processor outside MPI,
- * and bytes that it held besides what it had. ahead: columns of kiln.h5 are packed ahead, all of them, or those that
- * are done when the threads are stopped at once; prints their number. */
+ * and bytes that it held besides what it had; points-SIZE: the same of kiln.h5 alone. ahead: columns of kiln.h5 are
+ * packed ahead, all of them, or those that are done when the threads are stopped at once; prints their number. unkept:
+ * no rank keeps what it has packed for kiln.h5 until it knows where it belongs. */
 #include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
@@ -55,6 +56,10 @@ TIMED(Allgatherv,
       (const void *from, int count, MPI_Datatype type, void *to, const int *counts, const int *starts,
        MPI_Datatype types, MPI_Comm comm),
       (from, count, type, to, counts, starts, types, comm))
+TIMED(Recv, (void *to, int count, MPI_Datatype type, int source, int tag, MPI_Comm comm, MPI_Status *status),
+      (to, count, type, source, tag, comm, status))
+TIMED(Send, (const void *from, int count, MPI_Datatype type, int target, int tag, MPI_Comm comm),
+      (from, count, type, target, tag, comm))
 TIMED(Exscan, (const void *from, void *to, int count, MPI_Datatype type, MPI_Op op, MPI_Comm comm),
       (from, to, count, type, op, comm))
 TIMED(Sendrecv,
@@ -82,15 +87,16 @@ static void forget_most(void)
         fprintf(stderr, "the most memory cannot be forgotten\n");
 }
 
-static int write_large(const struct kiln_bake_result *result, const struct kiln_output_params *params, int rank,
-                       int ranks, struct kiln_error *error)
+static int write_large(const struct kiln_bake_result *result, const struct kiln_output_params *params, bool points,
+                       int rank, int ranks, struct kiln_error *error)
 {
     static double told[64][2];
     struct kiln_lightmap_report reports[2];
     forget_most();
     within_mpi = 0.0;
     const double held = most_memory(), begin = processor_seconds();
-    const int status = kiln_write_lightmaps(result, params, reports, error);
+    const int status =
+        points ? kiln_write_h5(result, params, error) : kiln_write_lightmaps(result, params, reports, error);
     const double own[2] = {processor_seconds() - begin - within_mpi, most_memory() - held};
     if (status != KILN_OK || ranks > 64)
         return status;
@@ -152,7 +158,8 @@ static int write_all(const char *directory, const char *mode, const char *how, i
 {
     static struct synthetic s;
     const bool half = is(mode, "half"), joined = strstr(mode, "joined") != NULL,
-               denoised = strstr(mode, "denoised") != NULL, large = strstr(mode, "large") != NULL,
+               denoised = strstr(mode, "denoised") != NULL, points = strstr(mode, "points") != NULL,
+               large = strstr(mode, "large") != NULL || points,
                divided = is(mode, "divided") || is(mode, "loose") || joined || denoised || large,
                rounds = strstr(mode, "rounds") != NULL;
     const char *dash = strrchr(mode, '-');
@@ -174,7 +181,7 @@ static int write_all(const char *directory, const char *mode, const char *how, i
         return status;
     const struct kiln_bake_result result = synthetic_result(&s, MPI_COMM_WORLD);
     struct kiln_points_ahead *ahead = NULL;
-    if (how[0] != '\0')
+    if (is(how, "ahead") || is(how, "stopped"))
         pack_ahead(&ahead, &result, how);
     const struct kiln_output_params params = {.directory = directory,
                                               .half = half,
@@ -183,10 +190,11 @@ static int write_all(const char *directory, const char *mode, const char *how, i
                                               .faults = &faults,
                                               .least_divided = divided ? 1 : 0,
                                               .ahead = ahead,
+                                              .kept = is(how, "unkept") ? 1 : 0,
                                               .texel_budget = rounds ? 1 : 0,
                                               .provenance_json = "{\"seed\": 77, \"scene\": \"synthetic\"}"};
     if (large)
-        return write_large(&result, &params, rank, ranks, error);
+        return write_large(&result, &params, points, rank, ranks, error);
     struct kiln_lightmap_report reports[2];
     status = kiln_write_lightmaps(&result, &params, reports, error);
     for (int i = 0; status == KILN_OK && rank == 0 && i < 2; i++)

@@ -1,6 +1,9 @@
 """A bake that is interrupted, in every way there is, goes on to the same bits.
 
     resume.py --kiln PATH kills       kill -9 a random rank of four at random moments (KILN_KILLS of them, KILN_SEED)
+                                      (with KILN_LOCAL=FOLDER by --checkpoint-local)
+    resume.py --kiln PATH local       kill -9 with --checkpoint-local: what was not copied comes from the nodes, and a
+                                      lost node does no harm
     resume.py --kiln PATH ends        kill -9 a rank when the job is about to end (KILN_ENDS times, KILN_SEED), and
                                       mpirun itself
     resume.py --kiln PATH layouts     go on with other numbers of ranks and threads
@@ -77,6 +80,8 @@ class Tool:
     def line(self, folder, *more, ranks=0, threads=1, scene=SCENE):
         command = [self.kiln, 'bake', scene, '-o', folder, '--no-preview', '--threads', str(threads), *OPTIONS,
                    *map(str, more)]
+        if os.environ.get('KILN_LOCAL'):
+            command += ['--checkpoint-local', os.environ['KILN_LOCAL']]
         return (['mpirun', '--bind-to', 'none', '-n', str(ranks)] if ranks else []) + command
 
     def start(self, folder, *more, log=None, private=False, halt='', **how):
@@ -544,6 +549,63 @@ def try_quantities(checks, tool):
         process = tool.bake(stopped, *changed)
         checks.that(process.status == BAD_INPUT and 'in the checkpoint' in process.stderr,
                     'other quantities (%s) were not refused: %d' % (changed, process.status), process)
+
+
+# Little light: of these bakes the checkpoints matter. In the final gather there is time for many.
+SMALL = ('--lightmap-size', 16, '--samples-direct', 16, '--samples-bounce', 8, '--samples-indirect', 1024, '--bounces',
+         1, '--samples-probe', 4)
+
+
+def number_of(path):
+    return int(path.rsplit('-', 1)[1])
+
+
+def on_nodes(local):
+    """Numbers of the generations that each rank has on its node: {rank's folder: [number]}."""
+    return {rank: sorted(map(number_of, glob.glob(os.path.join(rank, 'checkpoint', 'gen-*'))))
+            for rank in glob.glob(os.path.join(local, 'kiln-*', 'rank-*'))}
+
+
+def killed_locally(checks, tool, local):
+    """A bake on three ranks that is killed once it has saved something of its final gather."""
+    folder = tool.folder()
+    killed_within(checks, tool, folder, 'final gather', 3,
+                  more=(*SMALL, '--checkpoint-every', 0.001, '--checkpoint-local', local))
+    there = on_nodes(local)
+    if not checks.that(len(there) == 3 and all(there.values()), 'no checkpoints on the nodes: %s' % there):
+        checks.end()
+    return folder, min(numbers[-1] for numbers in there.values())
+
+
+def try_local(checks, tool):
+    reference, _ = reference_of(checks, tool, *SMALL)
+    local = os.path.join(tool.scratch, 'local')
+    os.makedirs(local)
+    # nothing was copied: the newest that all ranks have comes from the nodes
+    folder, newest = killed_locally(checks, tool, local)
+    other, others = tool.folder(), local + '.other'
+    shutil.copytree(folder, other)
+    shutil.copytree(local, others)
+    for left in glob.glob(os.path.join(folder, 'checkpoint', '*gen-*')) + glob.glob(
+            os.path.join(folder, 'checkpoint', '.writing-*')):
+        shutil.rmtree(left)
+    process = tool.bake(folder, *SMALL, '--checkpoint-local', local, ranks=2)
+    checks.that('checkpoint %d is copied from the nodes' % newest in process.stderr, 'nothing came from the nodes',
+                process)
+    same(checks, tool, reference, folder, process, 'from the nodes')
+    checks.that(not os.listdir(local), 'left on the nodes: %s' % on_nodes(local))
+    # a node is lost: the newest copied one
+    copied = max(map(number_of, generations(other)), default=0)
+    checks.that(newest - 1 <= copied, 'checkpoint %d is on the nodes, and %d was the last copied' % (newest, copied))
+    shutil.rmtree(sorted(on_nodes(others))[1])
+    process = tool.bake(other, *SMALL, '--checkpoint-local', others)
+    checks.that('going on from checkpoint %d' % copied in process.stderr, 'not from checkpoint %d' % copied, process)
+    same(checks, tool, reference, other, process, 'without a node')
+    checks.that(not os.listdir(others), 'left on the nodes: %s' % on_nodes(others))
+    for wrong, words in ((local + '.none', 'there is no folder'), (tool.kiln, 'is no folder')):
+        process = tool.bake(tool.folder(), *SMALL, '--checkpoint-local', wrong)
+        checks.that(process.status == CANNOT_CREATE and words in process.stderr,
+                    '--checkpoint-local %s: %d' % (wrong, process.status), process)
 
 
 def try_blocks(checks, tool):
@@ -1305,7 +1367,7 @@ def try_cost(checks, tool):
                   (max(ranks, 1), every, min(values), 100 * (min(values) / base - 1)))
 
 
-PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'quantities': try_quantities,
+PARTS = {'kills': try_kills, 'ends': try_ends, 'layouts': try_layouts, 'local': try_local, 'quantities': try_quantities,
          'blocks': try_blocks, 'range': try_range, 'guide': try_guide, 'caustics': try_caustics,
          'landing': try_landing, 'sharing': try_sharing, 'growing': try_growing,
          'crossing': try_crossing, 'paths': try_paths, 'bounces': try_bounces, 'signals': try_signals,

@@ -45,24 +45,26 @@ static void test_what_a_job_asks_for(void **state)
     (void)state;
     struct kiln_object object = {.lightmap_width = 100, .lightmap_height = 50};
     struct kiln_scene_header header = {.bounds_max = {1.0, 1.0, 1.0}};
-    const struct kiln_scene scene = {.header = &header, .objects = &object, .object_count = 1};
+    struct kiln_mesh mesh = {.triangle_count = 12};
+    const struct kiln_scene scene = {
+        .header = &header, .meshes = &mesh, .mesh_count = 1, .objects = &object, .object_count = 1};
     struct kiln_job job = {.bounces = 3,
                            .schedule = KILN_SCHEDULE_EQUAL,
                            .samples_direct = 10,
                            .samples_indirect = 100,
                            .samples_bounce = 8};
-    const struct kiln_backend_question equal = kiln_backend_ask(&job, &scene, 12, 4, 2);
+    const struct kiln_backend_question equal = kiln_backend_ask(&job, &scene, 4, 2);
     assert_true(equal.triangles == 12 && equal.threads == 4 && equal.ranks == 2 && equal.points == 3750);
     assert_true(equal.rays == 3750.0 * (5.0 + 300.0));
     job.schedule = KILN_SCHEDULE_LEAN;
-    assert_true(kiln_backend_ask(&job, &scene, 12, 4, 2).rays == 3750.0 * (5.0 + 5.0 * 8.0 + 100.0));
+    assert_true(kiln_backend_ask(&job, &scene, 4, 2).rays == 3750.0 * (5.0 + 5.0 * 8.0 + 100.0));
     job.indirect_scale = 1;
     job.final_scale = 2;
-    assert_true(kiln_backend_ask(&job, &scene, 12, 4, 2).rays == 3750.0 * (5.0 + 5.0 * 2.0 + 6.25));
+    assert_true(kiln_backend_ask(&job, &scene, 4, 2).rays == 3750.0 * (5.0 + 5.0 * 2.0 + 6.25));
     job.bounces = 0;
     job.samples_probe = 7;
     job.probe_spacing = 0.5;
-    assert_true(kiln_backend_ask(&job, &scene, 12, 4, 2).rays == 3750.0 * 5.0 + 8.0 * 7.0);
+    assert_true(kiln_backend_ask(&job, &scene, 4, 2).rays == 3750.0 * 5.0 + 8.0 * 7.0);
 }
 
 int main(void)

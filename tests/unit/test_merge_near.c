@@ -21,7 +21,7 @@ static float next(uint64_t *state)
     return (float)(*state >> 40) * 0x1p-24f;
 }
 
-/* On two floors and a wall. A third of the points have a radius of their own, a tenth takes no part. */
+/* On two floors and a wall. A third of the points have a radius of their own, 0 of some; a tenth takes no part. */
 static void scatter(struct kiln_merge_place *places)
 {
     uint64_t state = 20261124;
@@ -31,7 +31,7 @@ static void scatter(struct kiln_merge_place *places)
         *p = (struct kiln_merge_place){.key = (uint64_t)(POINTS - i), .lit = i % 10 == 9 ? 0.0f : 1.0f};
         p->position = i % 3 == 2 ? vec3(0.0f, x, y) : vec3(x, y, i % 3 == 1 ? 0.02f : 0.0f);
         p->normal = i % 3 == 2 ? vec3(1.0f, 0.0f, 0.0f) : vec3(0.0f, 0.0f, 1.0f);
-        p->widest = i % 3 == 0 ? RADIUS * exp2f(-9.0f * next(&state)) : INFINITY;
+        p->widest = i % 30 == 12 ? 0.0f : i % 3 == 0 ? RADIUS * exp2f(-9.0f * next(&state)) : INFINITY;
     }
 }
 
@@ -41,7 +41,8 @@ static size_t count_pairs(const struct kiln_merge_place *places, size_t at)
 {
     size_t count = 1;
     for (size_t i = 0; i < POINTS; i++)
-        count += i != at && places[i].lit > 0.0f && kiln_merge_are_near(&places[at], &places[i], looks(&places[at]));
+        count += i != at && places[i].lit > 0.0f && places[i].widest > 0.0f &&
+                 kiln_merge_are_near(&places[at], &places[i], looks(&places[at]));
     return count;
 }
 

@@ -76,6 +76,7 @@ static struct kiln_patch_node nodes_above[NODES];
 static const struct kiln_patches_parameters pairs = {.points = points_of_floor, .nodes = nodes_above, .count = NODES};
 /* a tree over four of those above, to which some points are linked as a whole */
 static const uint32_t order_above[KILN_LINK_CHILDREN] = {POINTS, POINTS + 1, POINTS + 2, POINTS + 3};
+static const float area_above[KILN_LINK_CHILDREN] = {0.01f, 0.01f, 0.01f, 0.01f};
 static const struct kiln_link_node node_above = {
     .child = {KILN_LINK_LEAF, KILN_LINK_LEAF | 1u, KILN_LINK_LEAF | 2u, KILN_LINK_LEAF | 3u},
     .children = KILN_LINK_CHILDREN,
@@ -91,6 +92,7 @@ static const float light_above[KILN_LINK_CHILDREN][3] = {{1, 2, 3}, {1, 2, 3}, {
 static const struct kiln_link_light sent_above[KILN_LINK_CHILDREN] = {{.now = 1.0f}};
 static const struct kiln_links_parameters linked = {.points = points_of_floor,
                                                     .order = order_above,
+                                                    .area = area_above,
                                                     .count = KILN_LINK_CHILDREN,
                                                     .nodes = &node_above,
                                                     .node_count = 1,

@@ -26,6 +26,7 @@
 #include "shaders/path.h"
 #include "shaders/probes.h"
 #include "shaders/probes_reduce.h"
+#include "shaders/replay_take.h"
 #include "shaders/shared/area_light.h"
 #include "shaders/shared/color.h"
 #include "shaders/shared/mask.h"
@@ -48,10 +49,11 @@ struct module {
 #        kernel, kiln_spirv_##kernel, sizeof kiln_spirv_##kernel / sizeof(uint32_t)                                    \
     }
 static const struct module modules[] = {
-    MODULE(choose),    MODULE(direct),           MODULE(gather),       MODULE(gather_reduce),
-    MODULE(probes),    MODULE(probes_reduce),    MODULE(intersect),    MODULE(validity),
-    MODULE(occlusion), MODULE(occlusion_reduce), MODULE(directional),  MODULE(directional_reduce),
-    MODULE(path),      MODULE(guided),           MODULE(guided_learn), MODULE(guided_reduce)};
+    MODULE(choose),     MODULE(direct),           MODULE(gather),       MODULE(gather_reduce),
+    MODULE(probes),     MODULE(probes_reduce),    MODULE(intersect),    MODULE(validity),
+    MODULE(occlusion),  MODULE(occlusion_reduce), MODULE(directional),  MODULE(directional_reduce),
+    MODULE(path),       MODULE(guided),           MODULE(guided_learn), MODULE(guided_reduce),
+    MODULE(replay_take)};
 
 /* The next instruction from *at on with this code; NULL: none. */
 static const uint32_t *next(const struct module *m, size_t *at, uint32_t code)
@@ -144,6 +146,15 @@ static void offsets(void **state)
                                             MEMBER(kiln_gpu_guided_push, guided),
                                             MEMBER(kiln_gpu_guided_reduce_push, split),
                                             MEMBER(kiln_gpu_guided_reduce_push, guided),
+                                            MEMBER(kiln_gpu_replay_reduce_push, first),
+                                            MEMBER(kiln_gpu_replay_reduce_push, lights),
+                                            MEMBER(kiln_gpu_replay_reduce_push, light_bytes),
+                                            MEMBER(kiln_gpu_held, powers),
+                                            MEMBER(kiln_gpu_held, count),
+                                            MEMBER(kiln_gpu_held, seed),
+                                            MEMBER(kiln_gpu_held_light, unit_squared),
+                                            MEMBER(kiln_gpu_held_point, bit),
+                                            MEMBER(kiln_gpu_held_power, low),
                                             MEMBER(kiln_gpu_guided, near_probes),
                                             MEMBER(kiln_gpu_guided, guides),
                                             MEMBER(kiln_gpu_guided, exponents),

@@ -75,12 +75,14 @@ static void even_work_stays(void **state)
     struct world w;
     fill(&w, 1e-5, 1.0);
     const struct kiln_simulated_light light = simulate(&w, 4);
-    assert_true(fabs(light.imbalance) < 1e-9 && fabs(light.kept) < 1e-9 && light.repartitions == 0);
+    /* 16 tile runs of 64 points in each 65,536 are tried */
+    assert_true(fabs(light.trial - CELLS * CELL_POINTS / 4 * 1e-5 / 64) < 1e-6);
+    assert_true(fabs(light.imbalance - 1.0 / 64 / 15) < 1e-9 && fabs(light.kept) < 1e-9 && light.repartitions == 0);
     assert_true(fabs(light.points_most - CELLS * CELL_POINTS / 4) < 1.0);
-    assert_true(fabs(seconds(&light) - CELLS * CELL_POINTS / 4 * 15e-5) < 1e-6);
+    assert_true(fabs(seconds(&light) - light.trial - CELLS * CELL_POINTS / 4 * 15e-5) < 1e-6);
 }
 
-/* Work of 1 : 3 on two ranks: 3 / 2 - 1 as long as it stays, which it does for the direct pass and the first bounce. */
+/* Work of 1 : 3 on two ranks: 3 / 2 - 1 as long as it stays. The trial before the first step finds it. */
 static void repartitioned(void **state)
 {
     (void)state;
@@ -93,9 +95,8 @@ static void repartitioned(void **state)
     w.settings.rebalance = KILN_REBALANCE_AUTO;
     const struct kiln_simulated_light automatic = simulate(&w, 2);
     assert_int_equal(automatic.repartitions, 1);
-    assert_true(fabs(automatic.kept - 0.5) < 1e-9 && fabs(automatic.first[DIRECT] - 0.5) < 1e-9);
-    assert_true(fabs(automatic.first[BOUNCE] - 0.5) < 1e-9 && automatic.last[BOUNCE] < 0.02);
-    assert_true(automatic.last[FINAL] < 0.02);
+    assert_true(fabs(automatic.kept - 0.5) < 1e-9 && automatic.trial > 0.0);
+    assert_true(automatic.first[DIRECT] < 0.02 && automatic.first[BOUNCE] < 0.02 && automatic.last[FINAL] < 0.02);
     assert_true(seconds(&automatic) < 0.8 * seconds(&never) && automatic.points_most > never.points_most);
     w.simulation.computes_for_others = false; /* devices keep theirs */
     assert_int_equal(simulate(&w, 2).repartitions, 0);
@@ -108,16 +109,16 @@ static void does_not_pay(void **state)
 {
     (void)state;
     struct world w;
-    fill(&w, 1e-8, 3.0);
+    fill(&w, 1e-9, 3.0);
     assert_int_equal(simulate(&w, 2).repartitions, 0);
     fill(&w, 2e-7, 3.0);    /* so little that a batch is a whole share */
-    w.settings.bounces = 2; /* a single cut, after the only bounce; a share of the three has costs of 1 and 3 */
+    w.settings.bounces = 2; /* one more cut, after the only bounce; a share of the three has costs of 1 and 3 */
     w.simulation.part_points = 4 * CELLS * CELL_POINTS;
     const struct kiln_simulated_light coarse = simulate(&w, 3);
     w.simulation.part_points = CELL_POINTS / 10;
     const struct kiln_simulated_light fine = simulate(&w, 3);
-    assert_true(coarse.repartitions == 1 && fine.repartitions == 1);
-    assert_true(coarse.first[FINAL] > 0.1 && fine.first[FINAL] < 0.06);
+    assert_true(coarse.repartitions == 2 && fine.repartitions == 1);
+    assert_true(coarse.first[DIRECT] > 0.1 && fine.first[DIRECT] < 0.06 && coarse.first[FINAL] < 0.06);
 }
 
 static void stolen_work(void **state)
@@ -140,7 +141,7 @@ static void stolen_work(void **state)
     fill(&w, 1e-5, 3.0); /* two nodes of two: within a node all is even, between them it is not */
     w.simulation.ranks_per_node = 2;
     const struct kiln_simulated_light nodes = simulate(&w, 4);
-    assert_true(nodes.repartitions == 1 && fabs(nodes.first[DIRECT] - 0.5) < 1e-9 && nodes.last[FINAL] < 0.03);
+    assert_true(nodes.repartitions == 1 && nodes.first[DIRECT] < 0.03 && nodes.last[FINAL] < 0.03);
 }
 
 /* One of two ranks takes three times as long: alone 3 / 2 - 1 too much; with help both end after 3 / 4 of that mean;

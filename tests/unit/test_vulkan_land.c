@@ -80,6 +80,16 @@ static void sheet(struct world *w, struct kiln_dvec3 corner, struct kiln_dvec3 u
     fixture_object(w->f, mesh, NULL, 24, 24);
 }
 
+/* Has the normals of the mesh begun last, which is flat and faces along `front`, lean as if it were bent up and down.
+ */
+static void curve(struct fixture *f, struct kiln_vec3 front)
+{
+    struct kiln_mesh *mesh = &f->meshes[f->scene.mesh_count - 1];
+    mesh->flags |= KILN_MESH_SMOOTH;
+    for (uint64_t v = mesh->vertex_first; v < f->scene.vertex_count; v++)
+        f->normals[v] = vec3_normalize(vec3_add(front, vec3(0.0f, f->positions[v].y - 0.95f, 0.0f)));
+}
+
 /* A floor, a wall, a block of glass, a mirror, rough metal, a varnished board; every kind of lamp. */
 static void build(struct world *w)
 {
@@ -94,6 +104,7 @@ static void build(struct world *w)
     sheet(w, dvec3(-3, 0, -3), dvec3(6, 0, 0), dvec3(0, 3, 0), 0.0, matt);
     sheet(w, dvec3(-2, 0.2, 1.5), dvec3(0, 1.5, 0), dvec3(0.3, 0, -2), 0.0, metal(w, 0.0f));
     sheet(w, dvec3(1.8, 0.2, -1.5), dvec3(0, 1.5, 0), dvec3(0.3, 0, 2), 0.0, metal(w, 0.5f));
+    curve(f, vec3_normalize(vec3(3.0f, 0.0f, -0.45f)));
     sheet(w, dvec3(-1, 0.05, 2.5), dvec3(2, 0, 0), dvec3(0, 0, -1), 0.0, gloss(w, 0.6f, 0.3f, 0.2f, 0.2f)->material);
     sheet(w, dvec3(-0.5, 2.9, -0.5), dvec3(1, 0, 0), dvec3(0, 0, 1), 0.0, lamp);
     const uint32_t block = fixture_cube(f, 2, 0.0, glass(w));
@@ -123,6 +134,7 @@ static void build(struct world *w)
     assert_int_equal(kiln_mirror_images_create(&w->images, w->made, 0.0, NULL), KILN_OK);
     assert_true(w->aims->count >= 20 && w->aims->count <= PATHS && w->images != NULL);
     kiln_aims_share(w->aims, PATHS, NULL);
+    assert_true(w->aims->targets.listed > 0);
     w->techniques = (struct kiln_caustic_techniques){
         .aims = w->aims, .emission = w->emission, .iterations = 2, .images = w->images, .mis = KILN_MIS_BALANCE};
 }

@@ -3,10 +3,12 @@
 - The first bake finds none and leaves a file for each kernel that it compiles.
 - The next one finds them, but for a truncated file, one with a changed byte, and another kernel's file in the place of
   one: these kernels are compiled, and their files are whole again.
-- Both have the same bits.
+- Both have the same bits, though the kernels of the second are made by threads beside the loading of the scene
+  (KILN_KERNEL_MAKERS), as those of a GPU are: run.json and the timeline say when that was.
 
 Mesa's lavapipe gives the head of a cache alone, so how much is gained is not seen here.
 """
+import json
 import os
 import sys
 
@@ -43,16 +45,26 @@ def damage(folder, files):
     return 3
 
 
+def check_loading(checks, b, timeline):
+    loading = b.run['beside_loading']
+    device, kernels = loading['device'], loading['kernels']
+    checks.that(0 < device['seconds'] and device['waited_seconds'] <= device['seconds'] and kernels['count'] >= 5 and
+                kernels['seconds'] > 0 and loading['first_pass_after'] > 0, 'beside_loading: %s' % loading, b.process)
+    with open(timeline) as f:
+        names = [event['name'] for event in json.load(f)['traceEvents'] if event.get('cat') == 'beside the loading']
+    checks.that(names == ['start of the device', 'kernels'], 'in the timeline: %s' % names)
+
+
 def main():
     _, kiln = harness.start(__doc__)
     checks, kiln.backend, folder = harness.Checks(), 'vulkan', os.path.join(kiln.scratch, 'some', 'kernels')
-    wanted = None
+    wanted, timeline = None, os.path.join(kiln.scratch, 'timeline.json')
 
     def bake(what, kernels, found, compiled):
         """`found` and `compiled`: how many kernels; None: any number but none."""
         nonlocal wanted
         kiln.kernels = kernels
-        b = kiln.bake(SCENE, *FEW)
+        b = kiln.bake(SCENE, *FEW, '--trace', timeline)
         if not checks.baked(b):
             checks.end()
         backend = b.run['backend']
@@ -61,6 +73,8 @@ def main():
             checks.that(right, '%s: %s is %d' % (what, name, backend[name]), b.process)
         wanted = wanted or bits(b)
         checks.that(bits(b) == wanted, what + ': other bits', b.process)
+        if 'KILN_KERNEL_MAKERS' in kiln.environment:
+            check_loading(checks, b, timeline)
         b.remove()
         return backend['kernels_compiled']
 
@@ -68,6 +82,7 @@ def main():
     files = contents(folder)
     checks.that(len(files) == count, '%d files of %d kernels' % (len(files), count))
     damaged = damage(folder, files)
+    kiln.environment['KILN_KERNEL_MAKERS'] = 'all'
     bake('second', folder, count - damaged, damaged)
     checks.that(contents(folder) == files, 'damaged files were not replaced')
     checks.end()

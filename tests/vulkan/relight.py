@@ -3,7 +3,9 @@
 A room with a lamp, a smooth ball and a pane with holes, and a sky about it. Kept transport changes no light. Nothing
 changed, and colours changed, a relight has the bits of the device's bake, and traces no ray: from a file in small
 pieces, with little memory and after the device was lost; and as one of several states, from rows that stay on the
-device. Either backend replays the rows of the other: the same light but for rounding. A damaged row is told of.
+device, where their light stays too: what returns is 16 bytes a point and sums of power. On two ranks the host takes
+answers over: the same bits and powers. Either backend replays the rows of the other: the same light but for rounding.
+A damaged row is told of.
 """
 import json
 import os
@@ -20,6 +22,7 @@ import same_result  # noqa: E402
 OPTIONS = ('--texels-per-metre', 4, '--samples-direct', 16, '--samples-bounce', 16, '--samples-indirect', 64,
            '--samples-probe', 0, '--materials', 'diffuse', '--no-export', '--denoise', 'none', '--bounces', 2)
 WALL = {'materials': {'wall': {'albedo': [0.3, 0.6, 0.7]}}}
+POWERS = ('absorbed', 'escaped', 'blocked', 'left_over', 'residual')
 STATES = {'same': {}, 'wall': WALL, 'dim': {'materials': {'glow': {'emission-scale': 0.5}}}}
 SMALL = ('--dispatch-time', 1, '--device-memory', 0.26)
 
@@ -68,6 +71,35 @@ def write(kiln, name, what):
     return path
 
 
+def check_states(kiln, checks, kept, wanted, colours):
+    states = write(kiln, 'states.yaml', STATES)
+
+    def run(name, ranks):
+        folder = os.path.join(kiln.scratch, name)
+        many = kiln.command('relight', kept.directory, '--states', states, '--quiet', '--no-preview', '-o', folder,
+                            ranks=ranks)
+        checks.that(many.status == 0, 'states: %d: %s' % (many.status, many.sentence()), many)
+        with open(os.path.join(folder, 'states.json')) as file:
+            returned = sum(state['returned_bytes'] for state in json.load(file)['states'])
+        return {name: harness.Bake(os.path.join(folder, name), many) for name in STATES}, returned
+
+    device, returned = run('many', 0)
+    host, all_of_it = run('two', 2)
+    is_as(checks, device['same'], wanted, 'the state of nothing changed')
+    is_as(checks, device['wall'], colours, 'the state of other colours')
+    for name in STATES:
+        is_as(checks, host[name], same_result.points(device[name]), 'the state %s, taken over by the host' % name)
+        ours, theirs = device[name].run['energy'], host[name].run['energy']
+        checks.that(all(ours[key] == theirs[key] for key in POWERS), 'powers of the state %s: %s, by the host %s' %
+                    (name, ours, theirs))
+    points, kernels = kept.run['points']['count'], device['dim'].run['backend']['kernels']
+    checks.that('gather from rows: taken over' in kernels, 'the host has taken answers over: %s' % kernels)
+    least = 16 * points * len(STATES)
+    once = 2 * 68 * points  # the first time that rays of each bounce are looked up, all that hangs on no light returns
+    checks.that(least <= returned < least + once + 10000 < all_of_it, 'returned: %d, by one rank of two %d; %d points' %
+                (returned, all_of_it, points))
+
+
 def check_damaged(kiln, checks, kept):
     """A bit of a row is another."""
     folder = os.path.join(kept.directory, 'transport')
@@ -106,12 +138,7 @@ def main():
         checks.that(said['rays_replayed'] == traced and said['rays_traced'] == 0 and backend['recoveries'] > 0 and
                     'gather from rows' in backend['kernels'], 'relit: %s, %s' % (said, backend), nothing.process)
     is_as(checks, relight(kiln, checks, kept, 'colours', wall), colours, 'other colours')
-    folder = os.path.join(kiln.scratch, 'many')
-    many = kiln.command('relight', kept.directory, '--states', write(kiln, 'states.yaml', STATES), '--quiet',
-                        '--no-preview', '-o', folder)
-    if checks.that(many.status == 0, 'states: %d: %s' % (many.status, many.sentence()), many):
-        is_as(checks, harness.Bake(os.path.join(folder, 'same'), many), wanted, 'the state of nothing changed')
-        is_as(checks, harness.Bake(os.path.join(folder, 'wall'), many), colours, 'the state of other colours')
+    check_states(kiln, checks, kept, wanted, colours)
     is_near(checks, relight(kiln, checks, kept, 'embree', '--backend', 'embree'), plain, 'embree',
             'Embree from the rows of the device')
     kiln.backend = 'embree'

@@ -6,25 +6,12 @@
 
 #include "worker/backend/fallback.h"
 #include "worker/backend/few.h"
+#include "worker/backend/start.h"
 #include "worker/backend/verify.h"
 #include "worker/base/memory.h"
 #include "worker/pass/rows.h"
 
 static const struct kiln_backend_api *const backends[] = {&kiln_backend_embree, &kiln_backend_vulkan};
-
-/* A driver that does not start counts as none. */
-static bool has_gpu(void)
-{
-    enum { MOST = 64 };
-    struct kiln_device list[MOST];
-    size_t count = 0;
-    if (kiln_backend_vulkan.devices(list, MOST, &count, NULL) != KILN_OK)
-        return false;
-    for (size_t i = 0; i < count && i < MOST; i++)
-        if (list[i].fit && !list[i].software)
-            return true;
-    return false;
-}
 
 static const struct kiln_backend_api *find(const char *name)
 {
@@ -47,11 +34,38 @@ int kiln_backend_devices(const char *name, struct kiln_device *list, size_t room
     return api != NULL ? api->devices(list, room, count, error) : no_such_backend(name, error);
 }
 
+void kiln_backend_begin(struct kiln_backend_start **start, const char *name, const struct kiln_backend_params *params)
+{
+    const bool best = strcmp(name, "auto") == 0;
+    const struct kiln_backend_api *api = best ? &kiln_backend_vulkan : find(name);
+    *start = NULL;
+    if (api != NULL && api->begin != NULL)
+        kiln_backend_start_run(start, api, best, params);
+}
+
+/* What needs no scene: as it was begun, or now. */
+static int begin(struct kiln_backend **backend, const struct kiln_backend_api *api,
+                 const struct kiln_backend_params *params, struct kiln_error *error)
+{
+    const double start = kiln_clock_seconds();
+    int status = KILN_OK;
+    *backend = NULL;
+    if (api->begin == NULL || kiln_backend_start_take(params->start, api, backend, &status, error))
+        return status;
+    status = api->begin(backend, params, error);
+    const double end = kiln_clock_seconds();
+    if (status == KILN_OK)
+        (*backend)->starting = (struct kiln_aside){.begin = start, .end = end, .waited = end - start, .count = 1};
+    return status;
+}
+
 /* The backend itself, and around it what the parameters ask for: going on without the device, then checking it. */
 static int create(struct kiln_backend **backend, const struct kiln_backend_api *api,
                   const struct kiln_backend_params *params, struct kiln_error *error)
 {
-    int status = api->create(backend, params, error);
+    int status = begin(backend, api, params, error);
+    if (status == KILN_OK)
+        status = api->create(backend, params, error);
     if (status != KILN_OK)
         return status;
     (*backend)->params = *params;
@@ -67,7 +81,7 @@ static int create_best(struct kiln_backend **backend, const struct kiln_backend_
                        struct kiln_error *error)
 {
     struct kiln_error why;
-    if (has_gpu()) {
+    if (kiln_backend_has_gpu(params->start, &kiln_backend_vulkan)) {
         if (create(backend, &kiln_backend_vulkan, params, &why) == KILN_OK)
             return KILN_OK;
         if (kiln_stop_asked(params->stop))
@@ -224,6 +238,29 @@ int kiln_backend_replay(struct kiln_backend *backend, struct kiln_rows *rows, co
         return KILN_OK;
     assert(backend->api->replay != NULL && batch->few_masks == NULL && count <= KILN_ROW_LIGHTS);
     return backend->api->replay(backend, rows, lights, count, batch, error);
+}
+
+int kiln_backend_hold(struct kiln_backend *backend, const struct kiln_held *begin, bool *held, struct kiln_error *error)
+{
+    *held = false;
+    if (backend->api->hold == NULL || begin->count == 0 || backend->surface->count != backend->surface->point_count)
+        return KILN_OK;
+    assert(begin->count <= KILN_ROW_LIGHTS);
+    return backend->api->hold(backend, begin, held, error);
+}
+
+int kiln_backend_hold_step(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
+                           const struct kiln_held_step *step, struct kiln_held_power *powers, struct kiln_error *error)
+{
+    assert(batch->take == NULL && batch->point_masks == NULL && batch->first == 0 &&
+           batch->count == backend->surface->tile_run_count);
+    return backend->api->hold_step(backend, rows, batch, step, powers, error);
+}
+
+int kiln_backend_hold_fetch(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
+                            uint16_t *error_indirect, struct kiln_error *error)
+{
+    return backend->api->hold_fetch(backend, light, sum, error_all, error_indirect, error);
 }
 
 int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,

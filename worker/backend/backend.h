@@ -13,9 +13,11 @@
 #include <string.h>
 
 #include "shaders/shared/streams.h"
+#include "worker/base/clock.h"
 #include "worker/base/device.h"
 #include "worker/base/kernel_store.h"
 #include "worker/base/stop.h"
+#include "worker/pass/held.h"
 #include "worker/pass/pass.h"
 #include "worker/scene/scene.h"
 #include "worker/scene/geometry.h"
@@ -25,6 +27,7 @@
 struct kiln_lights;
 struct kiln_rows;
 struct kiln_groups;
+struct kiln_backend_start;
 
 /* How a device finds hits: by walking a BVH in compute shaders, or by its own ray-tracing pipeline. AUTO: what is
  * fastest here, COMPUTE: the fastest BVH. The rest name one, for measuring. */
@@ -60,6 +63,10 @@ struct kiln_backend_params {
     /* ends creation, emission and validity early, with KILN_STOPPED; NULL: nothing does */
     const struct kiln_stop *stop;
     struct kiln_kernel_store kernels; /* where a device's compiled kernels are kept */
+    /* Passes that will run over the surface: bit KILN_PASS_INDEX_... A device's kernels for them are made beside what
+     * comes before. 0: none is known of */
+    uint32_t passes;
+    struct kiln_backend_start *start; /* of a device, which creation goes on with (start.h); NULL: none has begun */
     struct kiln_device_faults faults; /* for tests */
 };
 
@@ -102,6 +109,7 @@ struct kiln_backend_info {
     size_t memory;    /* bytes held by the backend itself (its BVH and copies) */
     double build_seconds;
     double device_seconds; /* that a device was busy with kernels and copies so far; 0: it has no clock of its own */
+    uint64_t returned;     /* bytes of answers of passes over points that it has handed to the host so far */
     /* processor time of the direct and gather passes so far, summed over threads, without waiting for each other; 0: a
      * device does the work */
     double thread_seconds;
@@ -118,6 +126,7 @@ struct kiln_backend_info {
     size_t kernel_count;
     /* a device's kernels that were kept from an earlier run, and those that its driver had to compile */
     uint64_t kernels_found, kernels_made;
+    struct kiln_aside starting, making; /* a device, and kernels of it: beside what else was done to begin */
     uint64_t verified; /* texels traced again with Embree so far, once for each pass (worker/backend/verify.h) */
     uint64_t beyond;   /* of these, how many were apart by more than rounding and noise explain; a few may be */
     double worst;      /* the largest difference of one, over what rounding and noise explain */
@@ -127,6 +136,8 @@ struct kiln_backend;
 
 struct kiln_backend_api {
     const char *name;
+    /* What of creation needs no scene, geometry, lights; `create` then goes on with *backend. NULL: there is nothing */
+    int (*begin)(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error);
     int (*create)(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error);
     void (*destroy)(struct kiln_backend **backend);
     int (*devices)(struct kiln_device *list, size_t room, size_t *count, struct kiln_error *error);
@@ -155,6 +166,12 @@ struct kiln_backend_api {
     /* NULL: the caller does it */
     int (*replay)(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights, size_t count,
                   const struct kiln_batch *batch, struct kiln_error *error);
+    /* NULL: light does not stay here */
+    int (*hold)(struct kiln_backend *backend, const struct kiln_held *begin, bool *held, struct kiln_error *error);
+    int (*hold_step)(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
+                     const struct kiln_held_step *step, struct kiln_held_power *powers, struct kiln_error *error);
+    int (*hold_fetch)(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
+                      uint16_t *error_indirect, struct kiln_error *error);
 };
 
 /* The first member of each backend's own struct. */
@@ -167,6 +184,7 @@ struct kiln_backend {
     const struct kiln_radiance_probes *probes;
     struct kiln_rows *rows;     /* likewise of kiln_backend_set_rows */
     struct kiln_groups *groups; /* and of kiln_backend_set_groups */
+    struct kiln_aside starting; /* how `begin` went */
     bool ran[KILN_PASS_COUNT];  /* which passes kiln_backend_run was called for */
 };
 
@@ -229,6 +247,20 @@ static inline bool kiln_backend_replays(const struct kiln_backend *backend) { re
  * packed. The batch's taker gets `count` results a point, side by side, each with the bits of the gather pass. */
 int kiln_backend_replay(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights,
                         size_t count, const struct kiln_batch *batch, struct kiln_error *error);
+/* Whether light may stay here at all (worker/pass/held.h). */
+static inline bool kiln_backend_holds(const struct kiln_backend *backend) { return backend->api->hold != NULL; }
+/* Light that stays on the device. Brings what it begins with, in the place of what was there;
+ * *held false: it does not stay here, for there is no room, say. After a failure what was held is lost; KILN_NO_DEVICE:
+ * other calls may go on. */
+int kiln_backend_hold(struct kiln_backend *backend, const struct kiln_held *begin, bool *held,
+                      struct kiln_error *error);
+/* One step of all lights: the gather from the rows, as kiln_backend_replay, over all tile runs. The batch has no taker.
+ * `powers`: KILN_HELD_POWERS of each light. */
+int kiln_backend_hold_step(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
+                           const struct kiln_held_step *step, struct kiln_held_power *powers, struct kiln_error *error);
+/* After a final step: the light of each point, and its errors; NULL: not wanted. */
+int kiln_backend_hold_fetch(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
+                            uint16_t *error_indirect, struct kiln_error *error);
 /* Traces about `samples` particles from the lights: made on the host, in batches, in the same way for every backend
  * (emission.c). */
 int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result,

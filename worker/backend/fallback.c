@@ -170,12 +170,35 @@ static int fallback_replay(struct kiln_backend *backend, struct kiln_rows *rows,
                                          "Embree: relight again, with --backend embree");
 }
 
+/* Light is held by the device or not at all: who asks for it can do without. */
+static int fallback_hold(struct kiln_backend *backend, const struct kiln_held *begin, bool *held,
+                         struct kiln_error *error)
+{
+    struct fallback_backend *f = (struct fallback_backend *)backend;
+    return f->embree == NULL ? kiln_backend_hold(f->device, begin, held, error) : KILN_OK;
+}
+
+static int fallback_hold_step(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
+                              const struct kiln_held_step *step, struct kiln_held_power *powers,
+                              struct kiln_error *error)
+{
+    return kiln_backend_hold_step(((struct fallback_backend *)backend)->device, rows, batch, step, powers, error);
+}
+
+static int fallback_hold_fetch(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
+                               uint16_t *error_indirect, struct kiln_error *error)
+{
+    return kiln_backend_hold_fetch(((struct fallback_backend *)backend)->device, light, sum, error_all, error_indirect,
+                                   error);
+}
+
 static void fallback_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     const struct fallback_backend *f = (const struct fallback_backend *)backend;
     kiln_backend_info(f->embree != NULL ? f->embree : f->device, info);
     info->fell_back = f->embree != NULL;
     info->device_seconds += f->last.device_seconds;
+    info->returned += f->last.returned;
     info->recoveries += f->last.recoveries;
     info->kernels_found += f->last.kernels_found;
     info->kernels_made += f->last.kernels_made;
@@ -211,7 +234,10 @@ int kiln_fallback_create(struct kiln_backend **backend, const struct kiln_backen
                                        .intersect = fallback_intersect,
                                        .ceiling = fallback_ceiling,
                                        .change_light = fallback_change_light,
-                                       .replay = f->device->api->replay != NULL ? fallback_replay : NULL};
+                                       .replay = f->device->api->replay != NULL ? fallback_replay : NULL,
+                                       .hold = f->device->api->hold != NULL ? fallback_hold : NULL,
+                                       .hold_step = fallback_hold_step,
+                                       .hold_fetch = fallback_hold_fetch};
     f->base = (struct kiln_backend){.api = &f->api, .params = *params};
     *backend = &f->base;
     return KILN_OK;

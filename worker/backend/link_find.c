@@ -1,18 +1,20 @@
 #include <string.h>
 
-#include "worker/backend/link_view.h"
+#include "worker/backend/link_run.h"
 
-#define NEAREST 2.0       /* radii from which a node may be linked to */
-#define LEAST_FACTOR 1e-3 /* over the square of the error: nodes below are left out */
-#define FLAT 1e-5         /* what of a cosine is rounding */
-#define ALIKE 0.5         /* cosine between normals of points that share a ray */
-#define TOGETHER 1.25     /* texels, over the points in a row: how far apart those are */
+#define ALIKE 0.5     /* cosine between normals of points that share a ray */
+#define TOGETHER 1.25 /* texels, over the points in a row: how far apart those are */
 
 enum { STACK = 512 };
 
 void kiln_link_run_release(struct kiln_link_run *w) { kiln_found_links_release(&w->found); }
 
 /* ---- points ---- */
+
+static void enter_lane(double lanes[3][KILN_TILE_TEXELS], uint32_t bit, struct kiln_dvec3 v)
+{
+    lanes[0][bit] = v.x, lanes[1][bit] = v.y, lanes[2][bit] = v.z;
+}
 
 static void enter_point(struct kiln_link_run *w, uint32_t bit, uint64_t index)
 {
@@ -21,6 +23,9 @@ static void enter_point(struct kiln_link_run *w, uint32_t bit, uint64_t index)
     w->patch[bit] = patch;
     w->at[bit] = dvec3_of(patch->place);
     w->receiver[bit] = (struct kiln_patch_receiver){dvec3_of(patch->normal), dvec3_of(patch->normal), false};
+    enter_lane(w->lanes.at, bit, w->at[bit]);
+    enter_lane(w->lanes.n, bit, w->receiver[bit].n);
+    enter_lane(w->lanes.s, bit, w->receiver[bit].n);
     if (!(patch->area > 0.0f))
         return;
     w->shares |= 1ull << bit;
@@ -79,6 +84,7 @@ void kiln_link_run_enter(struct kiln_link_run *w, const struct kiln_surface *s, 
 void kiln_link_run_enter_found(struct kiln_link_run *w)
 {
     w->valid = 0;
+    w->lanes.smooth = w->found.smooth;
     for (uint64_t rest = w->mask; rest != 0; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
         const float *s = w->found.shading[bit];
@@ -89,6 +95,7 @@ void kiln_link_run_enter_found(struct kiln_link_run *w)
         w->receiver[bit].smooth = w->found.smooth;
         if (w->found.smooth)
             w->receiver[bit].s = dvec3((double)s[0], (double)s[1], (double)s[2]);
+        enter_lane(w->lanes.s, bit, w->receiver[bit].s);
     }
 }
 
@@ -112,42 +119,43 @@ int kiln_link_run_take(struct kiln_link_run *w, const struct kiln_kept_links *ke
 
 /* ---- finding links ---- */
 
-enum link_choice { LINK_NONE, LINK_OPEN, LINK_STANDS, LINK_STANDS_WHOLE };
-
-/* What the point at `bit` does with a node. */
-static enum link_choice judge(const struct kiln_link_run *w, uint32_t bit, const struct kiln_link_node *node)
+uint32_t kiln_link_shared_by(const struct kiln_link_run *w, uint32_t to)
 {
-    const struct kiln_node_view v = kiln_link_view_of(w, bit, node);
-    const double square_error = w->error * w->error, radius = (double)node->radius;
-    if (!(v.height > 0.0 && v.reach > FLAT * (v.distance + radius)))
-        return LINK_NONE;
-    if (v.distance < NEAREST * radius)
-        return LINK_OPEN;
-    const double factor = (double)node->area * fmin(1.0, v.height / v.distance) * fmin(1.0, v.reach / v.distance) /
-                          (KILN_PI * v.square),
-                 rho = radius / v.distance, turned = 2.0 * rho * (double)node->bend,
-                 spread = 1.5 * rho * (double)node->spread, light = 1.0 + (double)node->level,
-                 unsure = v.whole ? KILN_LINKS_UNSEEN + turned * turned : 1.0;
-    if (factor < LEAST_FACTOR * square_error)
-        return LINK_NONE;
-    if (factor * (unsure * light * light + spread * spread) > square_error * light)
-        return LINK_OPEN;
-    return v.whole ? LINK_STANDS_WHOLE : LINK_STANDS;
+    const double radius = (to & KILN_LINK_LEAF) != 0 ? 0.0 : KILN_LINKS_SHARED * (double)w->p->nodes[to].radius;
+    return 4.0 * w->texel <= radius ? 16 : 2.0 * w->texel <= radius ? 4 : 1;
 }
 
-/* Asks whether the point at `bit` sees what link `link` goes to, for the points `of`. */
-static int ask(struct kiln_link_run *w, uint32_t link, uint32_t bit, uint64_t of, struct kiln_error *error)
+/* Asks who traces, if the two face each other. */
+static int ask(const struct kiln_link_run *w, const struct kiln_link_question *q, struct kiln_error *error)
+{
+    const struct kiln_patch *own = w->patch[q->bit], *other = &w->p->points[w->p->order[q->to]];
+    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(other->centre), w->at[q->bit]);
+    const bool first = own->number < other->number;
+    if (!(dvec3_dot(w->receiver[q->bit].n, d) > 0.0 && dvec3_dot(dvec3_of(other->normal), d) < 0.0))
+        return KILN_OK;
+    return w->ask(w->context, q->link, q->of, first ? own->place : other->place, first ? other->place : own->place,
+                  error);
+}
+
+static int ask_all(struct kiln_link_run *w, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (uint32_t i = 0; i < w->question_count && status == KILN_OK; i++)
+        status = ask(w, &w->questions[i], error);
+    w->question_count = 0;
+    return status;
+}
+
+/* Notes the question whether the point at `bit` sees what link `link` goes to, for the points `of`. */
+static int note(struct kiln_link_run *w, uint32_t link, uint32_t bit, uint64_t of, struct kiln_error *error)
 {
     const struct kiln_links_parameters *p = w->p;
     const uint32_t to = w->found.to[link];
     const bool leaf = (to & KILN_LINK_LEAF) != 0;
-    const uint32_t k = leaf ? to & ~KILN_LINK_LEAF : kiln_link_choose(w, bit, &p->nodes[to], to);
-    const struct kiln_patch *own = w->patch[bit], *other = &p->points[p->order[k]];
-    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(other->centre), w->at[bit]);
-    const bool first = own->number < other->number;
-    if (!(dvec3_dot(w->receiver[bit].n, d) > 0.0 && dvec3_dot(dvec3_of(other->normal), d) < 0.0))
-        return KILN_OK;
-    return w->ask(w->context, link, of, first ? own->place : other->place, first ? other->place : own->place, error);
+    const uint32_t k = leaf ? to & ~KILN_LINK_LEAF : kiln_link_choose(p, &p->nodes[to], to, w->patch[bit]->number);
+    kiln_link_fetch(p, k);
+    w->questions[w->question_count++] = (struct kiln_link_question){link, bit, k, of};
+    return w->question_count == KILN_LINK_QUESTIONS ? ask_all(w, error) : KILN_OK;
 }
 
 /* One of the mask's bits, by chance. */
@@ -177,26 +185,9 @@ static int link_to(struct kiln_link_run *w, uint32_t to, uint64_t mask, uint64_t
         if ((sharing & of) != 0)
             of = ((1ull << side) - 1) << bit / side * side & sharing & rest;
         rest &= ~of;
-        status = ask(w, link, one_of(of, kiln_hash2(to, w->patch[bit]->number)), of, error);
+        status = note(w, link, one_of(of, kiln_hash2(to, w->patch[bit]->number)), of, error);
     }
     return status;
-}
-
-/* Of the points of the mask, those that stop at the node, in *stands, of these those that have it whole before them,
- * and those that go on to its children. */
-static uint64_t judge_all(const struct kiln_link_run *w, const struct kiln_link_node *node, uint64_t mask,
-                          uint64_t *stands, uint64_t *whole)
-{
-    uint64_t open = 0;
-    *stands = *whole = 0;
-    for (uint64_t rest = mask; rest != 0; rest &= rest - 1) {
-        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        const enum link_choice choice = judge(w, bit, node);
-        open |= (uint64_t)(choice == LINK_OPEN) << bit;
-        *stands |= (uint64_t)(choice >= LINK_STANDS) << bit;
-        *whole |= (uint64_t)(choice == LINK_STANDS_WHOLE) << bit;
-    }
-    return open;
 }
 
 /* From the root down, children in their order. */
@@ -209,21 +200,22 @@ int kiln_link_run_find(struct kiln_link_run *w, struct kiln_error *error)
     } stack[STACK];
     uint32_t depth = 0;
     int status = KILN_OK;
+    w->question_count = 0;
     w->found.count = w->found.tinted_count = 0;
     if (p->node_count > 0)
         stack[depth++].to = 0, stack[0].mask = w->valid | w->shares;
     while (depth > 0 && status == KILN_OK) {
         const uint32_t to = stack[--depth].to;
         const uint64_t mask = stack[depth].mask;
-        uint64_t stands = mask, whole = 0, open = 0;
+        struct kiln_link_lane_choices c = {.stands = mask};
         if ((to & KILN_LINK_LEAF) == 0)
-            open = judge_all(w, &p->nodes[to], mask, &stands, &whole);
-        if (stands != 0)
-            status = link_to(w, to, stands, whole, error);
-        for (uint32_t i = open != 0 ? p->nodes[to].children : 0; i > 0; i--)
-            stack[depth].mask = open, stack[depth++].to = p->nodes[to].child[i - 1];
+            c = kiln_link_lanes_judge(&w->lanes, &p->nodes[to], w->error * w->error, mask);
+        if (c.stands != 0)
+            status = link_to(w, to, c.stands, c.whole, error);
+        for (uint32_t i = c.open != 0 ? p->nodes[to].children : 0; i > 0; i--)
+            stack[depth].mask = c.open, stack[depth++].to = p->nodes[to].child[i - 1];
     }
-    return status;
+    return status == KILN_OK ? ask_all(w, error) : status;
 }
 
 void kiln_link_run_drop_unseen(struct kiln_link_run *w)

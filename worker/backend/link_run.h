@@ -4,8 +4,7 @@
 #ifndef KILN_WORKER_BACKEND_LINK_RUN_H
 #define KILN_WORKER_BACKEND_LINK_RUN_H
 
-#include "worker/backend/patch_factors.h"
-#include "worker/pass/links.h"
+#include "worker/backend/link_lanes.h"
 
 /* Links are opened to so many-th of the error that is asked for. */
 #define KILN_LINKS_LEAST_OPENED 8.0
@@ -16,6 +15,13 @@ struct kiln_link_run;
  * before kiln_link_run_drop_unseen. */
 typedef int (*kiln_link_ask)(void *context, uint32_t link, uint64_t of, struct kiln_vec3 from, struct kiln_vec3 to,
                              struct kiln_error *error);
+
+/* What is to be asked: whether the point at `bit` sees point `to` of the tree, which is on its way from memory. */
+struct kiln_link_question {
+    uint32_t link, bit, to;
+    uint64_t of;
+};
+enum { KILN_LINK_QUESTIONS = 32 };
 
 /* Zero but for the parameters and who is asked; release with kiln_link_run_release. */
 struct kiln_link_run {
@@ -34,9 +40,11 @@ struct kiln_link_run {
     struct kiln_patch_receiver receiver[KILN_TILE_TEXELS];
     struct kiln_dvec3 at[KILN_TILE_TEXELS];
     const struct kiln_patch *patch[KILN_TILE_TEXELS];
-    double row[KILN_TILE_TEXELS], incident[KILN_TILE_TEXELS][3], irradiance[KILN_TILE_TEXELS][3];
-    double now[KILN_TILE_TEXELS]; /* luminance of irradiance by the light that errors are of */
-    double variance[KILN_TILE_TEXELS];
+    struct kiln_link_lanes lanes; /* of the same points */
+    struct kiln_link_lane_sums sums;
+    struct kiln_link_lane_factors factors;
+    struct kiln_link_question questions[KILN_LINK_QUESTIONS];
+    uint32_t question_count;
     bool summed; /* these sums are of the links found, and of this bounce */
     struct kiln_found_links found;
 };
@@ -75,9 +83,14 @@ bool kiln_link_run_is_above_target(struct kiln_link_run *run);
 struct kiln_link_sums {
     double incident[3], irradiance[3], variance;
 };
+/* What those of the point at `bit` have. */
+struct kiln_link_sums kiln_link_run_sums(const struct kiln_link_run *run, uint32_t bit);
 /* The answer of a point, closed; zeros for one without samples. */
 struct kiln_point_result kiln_link_answer(const struct kiln_linked_point *point, const struct kiln_link_sums *sums);
 /* What its factors, whose sum is `row`, are multiplied by. */
 float kiln_link_row_scale(const struct kiln_linked_point *point, double row);
+
+/* How many points in a row, a square of them, have one ray to a node: worker/pass/links.h. */
+uint32_t kiln_link_shared_by(const struct kiln_link_run *run, uint32_t to);
 
 #endif

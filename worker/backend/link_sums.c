@@ -1,69 +1,12 @@
 #include <string.h>
 
-#include "worker/backend/link_view.h"
+#include "worker/backend/link_run.h"
 #include "worker/base/color.h"
 
 /* What light that varies over a node is off by, over the radii in its distance times the deviation. */
 #define SPREAD 1.5
 
-/* ---- factors ---- */
-
-/* n.d / |d|^4, in the mean over the node's surface, over |d|^-4 at its centre: to the second order. That of a
- * disc that faces the point is (1 + x)^-2, x half of what it is less by to that order. */
-static double mean_height(const struct kiln_link_node *node, struct kiln_dvec3 n, const struct kiln_node_view *v)
-{
-    const float *c = node->covariance;
-    const struct kiln_dvec3 d = v->d, along = kiln_link_covariance_times(node, d);
-    const double height = dvec3_dot(n, d), trace = (double)c[0] + (double)c[1] + (double)c[2],
-                 more = (12.0 * dvec3_dot(d, along) / v->square - 2.0 * trace) / v->square,
-                 stretched = more < 0.0 ? 1.0 / ((1.0 - 0.5 * more) * (1.0 - 0.5 * more)) : 1.0 + more;
-    return fmax(0.0, height * stretched - 4.0 * dvec3_dot(n, along) / v->square);
-}
-
-/* Of the surface of a patch with this area in the place of its own. False: one does not see the other. */
-static bool patch_factors_of(const struct kiln_patch_receiver *receiver, struct kiln_dvec3 at,
-                             const struct kiln_patch *from, double area, struct kiln_patch_factors *f)
-{
-    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(from->centre), at);
-    const double cosine = dvec3_dot(receiver->n, d), other = -dvec3_dot(dvec3_of(from->normal), d),
-                 square = dvec3_dot(d, d);
-    if (!(cosine > 0.0 && other > 0.0))
-        return false;
-    if (area > 0.0) {
-        const double far = area * other / (KILN_PI * square * square);
-        *f = (struct kiln_patch_factors){far * cosine, far * fmax(0.0, dvec3_dot(receiver->s, d))};
-    } else {
-        *f = kiln_patch_factors(receiver, from, d, square, cosine, other);
-    }
-    return true;
-}
-
-/* F of a link of the point at `bit`; *v: how it sees the node, which is not whole where it is a point. */
-static struct kiln_patch_factors link_factors(const struct kiln_link_run *w, uint32_t bit, uint32_t to,
-                                              struct kiln_node_view *v)
-{
-    const struct kiln_links_parameters *p = w->p;
-    const struct kiln_patch_receiver *receiver = &w->receiver[bit];
-    struct kiln_patch_factors f = {0.0, 0.0};
-    if ((to & KILN_LINK_LEAF) != 0) {
-        v->whole = false;
-        (void)patch_factors_of(receiver, w->at[bit], &p->points[p->order[to & ~KILN_LINK_LEAF]], 0.0, &f);
-        return f;
-    }
-    const struct kiln_link_node *node = &p->nodes[to];
-    *v = kiln_link_view_of(w, bit, node);
-    if (v->whole) {
-        const double far = (double)node->area * v->other / (KILN_PI * v->square * v->square);
-        f.factor = far * mean_height(node, receiver->n, v);
-        f.shading = receiver->smooth ? far * mean_height(node, receiver->s, v) : f.factor;
-    } else {
-        const struct kiln_patch *from = &p->points[p->order[kiln_link_choose(w, bit, node, to)]];
-        (void)patch_factors_of(receiver, w->at[bit], from, (double)node->area, &f);
-    }
-    return f;
-}
-
-/* ---- sums ---- */
+enum { AHEAD = 4 };
 
 /* The mask with the points of squares of `side` points in a row exchanged in pairs: Morton order. */
 static uint64_t exchanged(uint64_t mask, uint32_t side)
@@ -100,14 +43,18 @@ static struct unsure unsure_of(const struct kiln_link_run *w, uint32_t link)
     return u;
 }
 
-static double variance_of(const struct unsure *u, uint32_t bit)
+/* The variance of what the points of the mask see. */
+static void find_unsure(const struct unsure *u, uint64_t mask, double unsure[KILN_TILE_TEXELS])
 {
-    uint32_t asked = 0, other = 0;
-    for (int i = 0; i < 3; i++) {
-        asked += (uint32_t)(u->asked[i] >> bit & 1);
-        other += (uint32_t)(u->other[i] >> bit & 1);
+    for (uint64_t rest = mask; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        uint32_t asked = 0, other = 0;
+        for (int i = 0; i < 3; i++) {
+            asked += (uint32_t)(u->asked[i] >> bit & 1);
+            other += (uint32_t)(u->other[i] >> bit & 1);
+        }
+        unsure[bit] = (0.5 * (double)other + KILN_LINKS_UNSEEN) / (double)(asked + 1);
     }
-    return (0.5 * (double)other + KILN_LINKS_UNSEEN) / (double)(asked + 1);
 }
 
 /* The light that errors are of: so far and before this bounce; or the first, over its mean. */
@@ -124,70 +71,91 @@ static struct kiln_link_light light_of(const struct kiln_link_run *w, uint32_t t
     return (struct kiln_link_light){.now = node->level, .spread_now = node->spread * node->spread};
 }
 
-/* What a link does to the error of the point at `bit`; q: the variance of what it sees. */
-static void add_variance(struct kiln_link_run *w, uint32_t bit, uint32_t to, const struct kiln_node_view *v,
-                         double factor, double seen, double q)
+/* Factors of a link of the points of the mask. */
+static void find_factors(struct kiln_link_run *w, uint32_t to, uint64_t mask)
 {
     const struct kiln_links_parameters *p = w->p;
+    struct kiln_link_lane_factors *f = &w->factors;
+    f->whole = 0;
+    if ((to & KILN_LINK_LEAF) == 0)
+        kiln_link_lanes_factors(&w->lanes, &p->nodes[to], mask, f);
+    const bool leaf = (to & KILN_LINK_LEAF) != 0;
+    const double area = leaf ? 0.0 : (double)p->nodes[to].area;
+    uint32_t k[KILN_TILE_TEXELS];
+    for (uint64_t rest = mask & ~f->whole; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        k[bit] = leaf ? to & ~KILN_LINK_LEAF : kiln_link_choose(p, &p->nodes[to], to, w->patch[bit]->number);
+        kiln_link_fetch(p, k[bit]);
+    }
+    for (uint64_t rest = mask & ~f->whole; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        struct kiln_patch_factors one = {0.0, 0.0};
+        (void)kiln_patch_factors_of(&w->receiver[bit], w->at[bit], &p->points[p->order[k[bit]]], area, &one);
+        f->factor[bit] = one.factor;
+        f->shading[bit] = one.shading;
+    }
+}
+
+/* A link to `to` of which so much is let through; nobody has it yet. */
+static void begin_link(const struct kiln_link_run *w, uint32_t to, const float through[3],
+                       struct kiln_link_lane_link *link)
+{
+    const struct kiln_links_parameters *p = w->p;
+    const bool leaf = (to & KILN_LINK_LEAF) != 0;
+    const float *radiosity = leaf ? p->leaf_radiosity[to & ~KILN_LINK_LEAF] : p->radiosity[to];
     const struct kiln_link_light l = light_of(w, to);
-    const double now = (double)l.now, before = (double)l.before, more = (double)l.spread_now - (double)l.spread_before;
-    double square = q * (now * now - before * before + more);
-    if ((to & KILN_LINK_LEAF) == 0 && seen > 0.0) {
-        const double rho = SPREAD * (double)p->nodes[to].radius / v->distance;
-        square += v->whole ? rho * rho * more : now * now - before * before + more;
-    }
-    w->variance[bit] += factor * factor * square;
-    w->now[bit] += factor * seen * now;
+    const double now = (double)l.now, before = (double)l.before;
+    link->sees = link->other = 0;
+    link->through = ((double)through[0] + (double)through[1] + (double)through[2]) / 3.0;
+    link->now = now;
+    link->more = (double)l.spread_now - (double)l.spread_before;
+    link->square = now * now - before * before + link->more;
+    link->reach = leaf || !(link->through > 0.0) ? 0.0 : SPREAD * (double)p->nodes[to].radius;
+    link->by_first = w->by_first;
+    for (int c = 0; c < 3; c++)
+        link->light[c] = (double)radiosity[c] * (double)through[c];
 }
 
-static void add_link(struct kiln_link_run *w, uint32_t bit, uint32_t to, const float through[3], double q)
+/* What the points `of` gather by a link that was found; points that see nothing by it, though some beside them do, are
+ * not sure of that. */
+static void add_found(struct kiln_link_run *w, uint32_t i, uint64_t of)
 {
-    const struct kiln_links_parameters *p = w->p;
-    const float *radiosity = (to & KILN_LINK_LEAF) != 0 ? p->leaf_radiosity[to & ~KILN_LINK_LEAF] : p->radiosity[to];
-    struct kiln_node_view v;
-    const struct kiln_patch_factors f = link_factors(w, bit, to, &v);
-    const double seen = ((double)through[0] + (double)through[1] + (double)through[2]) / 3.0;
-    w->row[bit] += f.factor * seen;
-    for (int c = 0; c < 3; c++) {
-        const double light = (double)radiosity[c] * (double)through[c];
-        w->incident[bit][c] += f.factor * light;
-        w->irradiance[bit][c] += f.shading * light;
-    }
-    add_variance(w, bit, to, &v, w->by_first ? f.factor : f.shading, seen, q);
+    static const float all[3] = {1.0f, 1.0f, 1.0f};
+    const struct kiln_found_links *f = &w->found;
+    const struct unsure u = unsure_of(w, i);
+    struct kiln_link_lane_link link;
+    begin_link(w, f->to[i], all, &link);
+    link.sees = f->seen[i] & f->asked[i] & of;
+    link.other = (u.other[0] | u.other[1] | u.other[2]) & f->asked[i] & of & ~f->seen[i];
+    find_unsure(&u, link.sees | link.other, link.unsure);
+    find_factors(w, f->to[i], link.sees | link.other);
+    kiln_link_lanes_add(&w->sums, &w->factors, &link);
 }
 
-/* A link by which the point at `bit` sees nothing, though some beside it do. */
-static void add_unseen(struct kiln_link_run *w, uint32_t bit, uint32_t to, double q)
+static void add_tinted_link(struct kiln_link_run *w, const struct kiln_tinted_link *t)
 {
-    struct kiln_node_view v;
-    const double factor = link_factors(w, bit, to, &v).factor;
-    add_variance(w, bit, to, &v, factor, 0.0, q);
+    struct kiln_link_lane_link link;
+    begin_link(w, t->to, t->through, &link);
+    link.sees = 1ull << t->bit;
+    link.unsure[t->bit] = 0.0;
+    find_factors(w, t->to, link.sees);
+    kiln_link_lanes_add(&w->sums, &w->factors, &link);
 }
 
 void kiln_link_run_add(struct kiln_link_run *w)
 {
-    static const float all[3] = {1.0f, 1.0f, 1.0f};
     const struct kiln_found_links *f = &w->found;
     const uint64_t of = w->by_first ? w->shares : w->valid;
     w->summed = !w->by_first;
-    memset(w->row, 0, sizeof w->row);
-    memset(w->incident, 0, sizeof w->incident);
-    memset(w->irradiance, 0, sizeof w->irradiance);
-    memset(w->now, 0, sizeof w->now);
-    memset(w->variance, 0, sizeof w->variance);
+    memset(&w->sums, 0, sizeof w->sums);
     for (uint32_t i = 0; i < f->count; i++) {
-        const struct unsure u = unsure_of(w, i);
-        for (uint64_t rest = f->asked[i] & of; rest != 0; rest &= rest - 1) {
-            const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-            if ((f->seen[i] >> bit & 1) != 0)
-                add_link(w, bit, f->to[i], all, variance_of(&u, bit));
-            else if (((u.other[0] | u.other[1] | u.other[2]) >> bit & 1) != 0)
-                add_unseen(w, bit, f->to[i], variance_of(&u, bit));
-        }
+        if (i + AHEAD < f->count && (f->to[i + AHEAD] & KILN_LINK_LEAF) != 0)
+            kiln_link_fetch(w->p, f->to[i + AHEAD] & ~KILN_LINK_LEAF);
+        add_found(w, i, of);
     }
     for (uint32_t i = 0; i < f->tinted_count; i++)
         if ((of >> f->tinted[i].bit & 1) != 0)
-            add_link(w, f->tinted[i].bit, f->tinted[i].to, f->tinted[i].through, 0.0);
+            add_tinted_link(w, &f->tinted[i]);
 }
 
 float kiln_link_row_scale(const struct kiln_linked_point *l, double row)
@@ -203,7 +171,7 @@ void kiln_link_run_close(struct kiln_link_run *w)
 {
     for (uint64_t rest = w->valid; rest != 0; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        w->found.point[bit].scale = kiln_link_row_scale(&w->found.point[bit], w->row[bit]);
+        w->found.point[bit].scale = kiln_link_row_scale(&w->found.point[bit], w->sums.row[bit]);
     }
 }
 
@@ -213,6 +181,16 @@ static double error_of(double scale, const struct kiln_link_sums *s)
     const double irradiance = kiln_luminance(s->irradiance),
                  closed = kiln_patches_closed(scale, kiln_luminance(s->incident), irradiance);
     return (irradiance > 0.0 ? closed / irradiance : scale) * sqrt(fmax(0.0, s->variance));
+}
+
+struct kiln_link_sums kiln_link_run_sums(const struct kiln_link_run *w, uint32_t bit)
+{
+    struct kiln_link_sums s = {.variance = w->sums.variance[bit]};
+    for (int c = 0; c < 3; c++) {
+        s.incident[c] = w->sums.incident[c][bit];
+        s.irradiance[c] = w->sums.irradiance[c][bit];
+    }
+    return s;
 }
 
 struct kiln_point_result kiln_link_answer(const struct kiln_linked_point *point, const struct kiln_link_sums *s)
@@ -242,9 +220,9 @@ bool kiln_link_run_is_above_target(struct kiln_link_run *w)
     w->by_first = false;
     for (uint64_t rest = w->shares; rest != 0; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        const double light = (double)p->first[w->index[bit]] + w->now[bit],
+        const double light = (double)p->first[w->index[bit]] + w->sums.now[bit],
                      allowed = p->target * fmax(light, KILN_LINKS_LEAST_LIGHT);
-        square += fmax(0.0, w->variance[bit]) / (allowed * allowed);
+        square += fmax(0.0, w->sums.variance[bit]) / (allowed * allowed);
     }
     return square > (double)__builtin_popcountll(w->shares);
 }

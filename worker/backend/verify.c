@@ -254,6 +254,25 @@ static int verify_replay(struct kiln_backend *backend, struct kiln_rows *rows, c
     return kiln_backend_replay(((struct verify_backend *)backend)->checked, rows, lights, count, batch, error);
 }
 
+static int verify_hold(struct kiln_backend *backend, const struct kiln_held *begin, bool *held,
+                       struct kiln_error *error)
+{
+    return kiln_backend_hold(((struct verify_backend *)backend)->checked, begin, held, error);
+}
+
+static int verify_hold_step(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
+                            const struct kiln_held_step *step, struct kiln_held_power *powers, struct kiln_error *error)
+{
+    return kiln_backend_hold_step(((struct verify_backend *)backend)->checked, rows, batch, step, powers, error);
+}
+
+static int verify_hold_fetch(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
+                             uint16_t *error_indirect, struct kiln_error *error)
+{
+    return kiln_backend_hold_fetch(((struct verify_backend *)backend)->checked, light, sum, error_all, error_indirect,
+                                   error);
+}
+
 static void verify_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     const struct verify_backend *v = (const struct verify_backend *)backend;
@@ -331,7 +350,10 @@ int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_
                                        .intersect = verify_intersect,
                                        .ceiling = verify_ceiling,
                                        .change_light = verify_change_light,
-                                       .replay = v->checked->api->replay != NULL ? verify_replay : NULL};
+                                       .replay = v->checked->api->replay != NULL ? verify_replay : NULL,
+                                       .hold = v->checked->api->hold != NULL ? verify_hold : NULL,
+                                       .hold_step = verify_hold_step,
+                                       .hold_fetch = verify_hold_fetch};
     v->base = (struct kiln_backend){.api = &v->api, .params = *params};
     *backend = &v->base;
     return KILN_OK;

@@ -30,6 +30,7 @@ struct kiln_device_faults {
     uint64_t at, every; /* the first is call 1; again every so many calls after it; 0: once */
     /* On a software device: memory that nobody may touch after each buffer, or before it. */
     enum kiln_buffer_guard { KILN_GUARD_NONE, KILN_GUARD_AFTER, KILN_GUARD_BEFORE } guard;
+    bool makers; /* a software device's kernels are made by threads too */
 };
 
 #endif

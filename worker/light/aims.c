@@ -143,8 +143,11 @@ static int make_aims(struct kiln_aims *a, struct kiln_error *error)
         status = kiln_allocate(&a->first, count + 1, sizeof *a->first, "the numbers of light paths", error);
     for (size_t i = 0; i < a->lamp_count && status == KILN_OK; i++)
         for (size_t j = 0; j < a->targets.count; j++)
-            a->aims[a->count++] = (struct kiln_aim){
-                .lamp = (uint32_t)i, .target = (uint32_t)j, .flux = flux_towards(a, &a->lamps[i], &a->targets.all[j])};
+            a->aims[a->count++] =
+                (struct kiln_aim){.lamp = (uint32_t)i,
+                                  .target = (uint32_t)j,
+                                  .flux = flux_towards(a, &a->lamps[i], &a->targets.all[j]),
+                                  .even = a->lamps[i].kind == KILN_LAMP_POINT ? 0.0 : a->targets.all[j].even};
     return status;
 }
 
@@ -292,13 +295,12 @@ static bool draw_point(const struct kiln_point_light *light, const struct kiln_t
     return true;
 }
 
-/* From outside the scene, through what is seen of the target. */
+/* From outside the scene, through a place at the target. */
 static void draw_outside(const struct kiln_aims *a, const struct kiln_target *target, struct kiln_dvec3 back,
-                         const double numbers[], struct kiln_aimed_ray *ray)
+                         struct kiln_dvec3 through, struct kiln_aimed_ray *ray)
 {
     const double away = a->radius + dvec3_length(dvec3_sub(target->centre, a->centre)) + kiln_target_reach(target);
-    ray->place =
-        dvec3_add(kiln_target_place(target, back, numbers[1], numbers[2], numbers[3]), dvec3_scale(back, away));
+    ray->place = dvec3_add(through, dvec3_scale(back, away));
     ray->origin = vec3_of(ray->place);
     ray->direction = vec3_of(dvec3_scale(back, -1.0));
 }
@@ -322,6 +324,29 @@ static bool is_wide(double height) { return height > 1.0 - WIDE; }
 
 /* sr: of a box that is better than that cone, for an emitting triangle. */
 static double box_most(double height) { return 2.0 * KILN_PI * (is_wide(height) ? WIDE : height); }
+
+/* The ray leaves an emitting triangle at the place `on` from its corner 0, and has `factor` of its radiance. */
+static bool leave_area(const struct kiln_aims *a, size_t area, struct kiln_dvec3 on, double side,
+                       struct kiln_dvec3 direction, double factor, struct kiln_aimed_ray *ray)
+{
+    const struct kiln_area_light *light = &a->lights->areas[area];
+    float rgb[3];
+    double b1 = 0.0, b2 = 0.0;
+    if (!(factor > 0.0))
+        return false;
+    if (light->textured)
+        kiln_triangle_weights(light->e1, light->e2, on, &b1, &b2);
+    kiln_area_light_radiance(a->lights, light, b1, b2, rgb);
+    ray->place = dvec3_add(light->p0, on);
+    ray->origin = kiln_offset_origin(vec3_of(ray->place), vec3_of(dvec3_scale(light->normal, side)),
+                                     a->lights->geometry, light->triangle);
+    ray->direction = vec3_of(direction);
+    ray->cosine = side * dvec3_dot(light->normal, direction);
+    ray->light = (uint32_t)area;
+    ray->has_place = true;
+    set_flux(ray, rgb, factor);
+    return true;
+}
 
 static bool draw_area(const struct kiln_aims *a, const struct kiln_lamp *lamp, const struct kiln_target *target,
                       const double numbers[], struct kiln_aimed_ray *ray)
@@ -347,22 +372,60 @@ static bool draw_area(const struct kiln_aims *a, const struct kiln_lamp *lamp, c
         side = light->two_sided && cosine < 0.0 ? -1.0 : 1.0;
         factor *= (by_box ? box.omega : 2.0 * KILN_PI * height) * side * cosine;
     }
-    if (!(factor > 0.0))
-        return false;
-    float rgb[3];
-    double b1 = 0.0, b2 = 0.0;
-    if (light->textured)
-        kiln_triangle_weights(light->e1, light->e2, on, &b1, &b2);
-    kiln_area_light_radiance(a->lights, light, b1, b2, rgb);
-    ray->origin = kiln_offset_origin(vec3_of(at), vec3_of(dvec3_scale(light->normal, side)), a->lights->geometry,
-                                     light->triangle);
-    ray->direction = vec3_of(direction);
-    ray->place = at;
-    ray->cosine = side * dvec3_dot(light->normal, direction);
-    ray->light = (uint32_t)area;
-    ray->has_place = true;
-    set_flux(ray, rgb, factor);
-    return true;
+    return leave_area(a, area, on, side, direction, factor, ray);
+}
+
+/* ---- rays that go evenly over triangles ---- */
+
+static struct kiln_dvec3 unit_of(struct kiln_dvec3 v) { return dvec3_scale(v, 1.0 / dvec3_length(v)); }
+
+/* Of rays that go evenly over the target's triangles, the density of those that go to this one: per m2 across the
+ * direction, or per steradian from a place. */
+static double even_across(const struct kiln_aims *a, const struct kiln_target *target, uint32_t triangle,
+                          struct kiln_dvec3 direction)
+{
+    const struct kiln_vec3 normal = kiln_triangle_exact_normal(a->lights->scene, a->lights->geometry, triangle);
+    const double cosine = fabs(dvec3_dot(dvec3_of(normal), direction));
+    return cosine > 0.0 ? 1.0 / (target->area * cosine) : 0.0;
+}
+
+static double even_from(const struct kiln_aims *a, const struct kiln_target *target, uint32_t triangle,
+                        struct kiln_dvec3 place, struct kiln_dvec3 direction)
+{
+    const struct kiln_vec3 normal = kiln_triangle_exact_normal(a->lights->scene, a->lights->geometry, triangle);
+    struct kiln_vec3 corner[3];
+    kiln_geometry_corners(a->lights->geometry, triangle, corner);
+    const double height = dvec3_dot(dvec3_sub(dvec3_of(corner[0]), place), dvec3_of(normal)),
+                 cosine = dvec3_dot(dvec3_of(normal), direction), far = height / cosine;
+    return isfinite(far) && far > 0.0 ? far * far / (target->area * fabs(cosine)) : 0.0;
+}
+
+/* The same by the lamp, with the density of the place on an emitting triangle, or of the sky's direction. */
+static double even_density(const struct kiln_aims *a, const struct kiln_lamp *lamp, uint32_t light, uint32_t triangle,
+                           struct kiln_dvec3 place, struct kiln_dvec3 direction)
+{
+    const struct kiln_target *target = &a->targets.all[a->targets.of_triangle[triangle]];
+    if (lamp->kind == KILN_LAMP_AREA) {
+        const struct kiln_area_light *area = &a->lights->areas[light];
+        return area->two_sided || dvec3_dot(area->normal, direction) > 0.0
+                   ? area_flux(area) / lamp->flux / area->area * even_from(a, target, triangle, place, direction)
+                   : 0.0;
+    }
+    const double across = even_across(a, target, triangle, direction);
+    if (lamp->kind == KILN_LAMP_DIRECTIONAL)
+        return across;
+    const double share = a->sky.count > 1 ? a->sky.all[lamp->cell].share : 1.0;
+    return kiln_environment_density(a->lights, dvec3_scale(direction, -1.0)) / share * across;
+}
+
+/* A place on the target's triangle `triangle`. */
+static struct kiln_dvec3 even_place(const struct kiln_aims *a, uint32_t triangle, double u, double v)
+{
+    struct kiln_vec3 corner[3];
+    kiln_geometry_corners(a->lights->geometry, triangle, corner);
+    const struct kiln_dvec3 origin = dvec3_of(corner[0]);
+    return dvec3_add(origin, kiln_triangle_place(dvec3_sub(dvec3_of(corner[1]), origin),
+                                                 dvec3_sub(dvec3_of(corner[2]), origin), u, v));
 }
 
 /* The number of the first light of a lamp. */
@@ -376,36 +439,94 @@ static uint32_t light_of(const struct kiln_aims *a, const struct kiln_lamp *lamp
     return (uint32_t)before + lamp->first;
 }
 
-bool kiln_aims_draw(const struct kiln_aims *a, size_t aim, const double numbers[KILN_AIM_NUMBERS],
-                    struct kiln_aimed_ray *ray)
+/* Towards what a directional light or the environment sends its light, `rgb`, from; `density`: of that direction. */
+static void from_outside(const struct kiln_aims *a, const struct kiln_lamp *lamp, const double numbers[],
+                         struct kiln_dvec3 *back, float rgb[3], double *density, struct kiln_aimed_ray *ray)
 {
     const struct kiln_lights *l = a->lights;
-    const struct kiln_lamp *lamp = &a->lamps[a->aims[aim].lamp];
-    const struct kiln_target *target = &a->targets.all[a->aims[aim].target];
-    double density = 1.0;
-    float rgb[3];
-    *ray = (struct kiln_aimed_ray){.cosine = 1.0, .light = light_of(a, lamp)};
-    switch (lamp->kind) {
-    case KILN_LAMP_AREA:
-        return draw_area(a, lamp, target, numbers, ray);
-    case KILN_LAMP_POINT:
-        return draw_point(&l->points[lamp->first], target, numbers, ray);
-    case KILN_LAMP_DIRECTIONAL:
-        draw_outside(a, target, l->directionals[lamp->first].towards, numbers, ray);
+    *density = 1.0;
+    if (lamp->kind == KILN_LAMP_DIRECTIONAL) {
+        const struct kiln_directional_light *sun = &l->directionals[lamp->first];
+        *back = sun->towards;
         ray->is_point = true;
-        set_flux(ray, l->directionals[lamp->first].irradiance,
-                 kiln_target_outline(target, l->directionals[lamp->first].towards));
-        return true;
-    case KILN_LAMP_ENVIRONMENT:
-        break;
+        for (int c = 0; c < 3; c++)
+            rgb[c] = sun->irradiance[c];
+        return;
     }
-    const struct kiln_dvec3 back = a->sky.count > 1
-                                       ? kiln_sky_cell_sample(&a->sky, lamp->cell, numbers[4], numbers[5], &density)
-                                       : kiln_environment_sample(l, numbers[4], numbers[5], &density);
-    draw_outside(a, target, back, numbers, ray);
-    kiln_environment_radiance(l, back, rgb);
+    *back = a->sky.count > 1 ? kiln_sky_cell_sample(&a->sky, lamp->cell, numbers[4], numbers[5], density)
+                             : kiln_environment_sample(l, numbers[4], numbers[5], density);
+    kiln_environment_radiance(l, *back, rgb);
+}
+
+/* By sphere or box. */
+static bool draw_by_outline(const struct kiln_aims *a, const struct kiln_lamp *lamp, const struct kiln_target *target,
+                            const double numbers[], struct kiln_aimed_ray *ray)
+{
+    const struct kiln_lights *l = a->lights;
+    struct kiln_dvec3 back;
+    double density;
+    float rgb[3];
+    if (lamp->kind == KILN_LAMP_AREA)
+        return draw_area(a, lamp, target, numbers, ray);
+    if (lamp->kind == KILN_LAMP_POINT)
+        return draw_point(&l->points[lamp->first], target, numbers, ray);
+    from_outside(a, lamp, numbers, &back, rgb, &density, ray);
+    draw_outside(a, target, back, kiln_target_place(target, back, numbers[1], numbers[2], numbers[3]), ray);
     set_flux(ray, rgb, kiln_target_outline(target, back) / density);
     return density > 0.0;
+}
+
+/* From an emitting triangle of the lamp to the place `to` on the ray's triangle, which was drawn evenly; likewise from
+ * outside. */
+static bool draw_even_area(const struct kiln_aims *a, const struct kiln_lamp *lamp, const double numbers[],
+                           struct kiln_dvec3 to, struct kiln_aimed_ray *ray)
+{
+    const size_t area = find_area(a, lamp, numbers[0]);
+    const struct kiln_area_light *light = &a->lights->areas[area];
+    const struct kiln_dvec3 on = kiln_triangle_place(light->e1, light->e2, numbers[2], numbers[3]),
+                            at = dvec3_add(light->p0, on), direction = dvec3_of(vec3_of(unit_of(dvec3_sub(to, at))));
+    const double cosine = dvec3_dot(light->normal, direction), side = light->two_sided && cosine < 0.0 ? -1.0 : 1.0,
+                 density = even_density(a, lamp, (uint32_t)area, ray->triangle, at, direction);
+    return density > 0.0 && leave_area(a, area, on, side, direction, side * cosine / density, ray);
+}
+
+static bool draw_even_outside(const struct kiln_aims *a, const struct kiln_lamp *lamp, const struct kiln_target *target,
+                              const double numbers[], struct kiln_dvec3 to, struct kiln_aimed_ray *ray)
+{
+    struct kiln_dvec3 back;
+    double density;
+    float rgb[3];
+    from_outside(a, lamp, numbers, &back, rgb, &density, ray);
+    draw_outside(a, target, back, to, ray);
+    density *= even_across(a, target, ray->triangle, dvec3_of(ray->direction));
+    if (density > 0.0)
+        set_flux(ray, rgb, 1.0 / density);
+    return density > 0.0;
+}
+
+static bool draw_even(const struct kiln_aims *a, const struct kiln_lamp *lamp, const struct kiln_target *target,
+                      const double numbers[], struct kiln_aimed_ray *ray)
+{
+    const uint32_t triangle = kiln_targets_pick(&a->targets, target, numbers[1]);
+    ray->triangle = triangle;
+    return lamp->kind == KILN_LAMP_AREA
+               ? draw_even_area(a, lamp, numbers, even_place(a, triangle, numbers[4], numbers[5]), ray)
+               : draw_even_outside(a, lamp, target, numbers, even_place(a, triangle, numbers[2], numbers[3]), ray);
+}
+
+uint64_t kiln_aims_even(const struct kiln_aims *a, size_t aim)
+{
+    return (uint64_t)(a->aims[aim].even * (double)(a->first[aim + 1] - a->first[aim]));
+}
+
+bool kiln_aims_draw(const struct kiln_aims *a, size_t aim, uint64_t k, const double numbers[KILN_AIM_NUMBERS],
+                    struct kiln_aimed_ray *ray)
+{
+    const struct kiln_lamp *lamp = &a->lamps[a->aims[aim].lamp];
+    const struct kiln_target *target = &a->targets.all[a->aims[aim].target];
+    *ray = (struct kiln_aimed_ray){.cosine = 1.0, .light = light_of(a, lamp), .triangle = KILN_NONE};
+    return k < kiln_aims_even(a, aim) ? draw_even(a, lamp, target, numbers, ray)
+                                      : draw_by_outline(a, lamp, target, numbers, ray);
 }
 
 /* ---- densities ---- */
@@ -452,30 +573,57 @@ static size_t lamp_of(const struct kiln_aims *a, uint32_t light)
     return (areas > 0 ? a->lamp_of[areas - 1] + 1 : 0) + (light - areas);
 }
 
-double kiln_aims_density(const struct kiln_aims *a, uint32_t light, uint32_t target, struct kiln_dvec3 place,
-                         struct kiln_dvec3 direction)
+/* Of so many paths whose rays go by sphere or box. */
+static double outline_density(const struct kiln_aims *a, const struct kiln_lamp *lamp, uint32_t light,
+                              const struct kiln_target *target, double paths, struct kiln_dvec3 place,
+                              struct kiln_dvec3 direction)
 {
     const struct kiln_lights *l = a->lights;
-    if (target == KILN_NONE)
-        return 0.0;
-    const size_t first = lamp_of(a, light),
-                 lamp = a->lamps[first].kind == KILN_LAMP_ENVIRONMENT && a->sky.count > 1
-                            ? first + kiln_sky_cell_of(&a->sky, dvec3_scale(direction, -1.0))
-                            : first,
-                 aim = lamp * a->targets.count + target;
-    const struct kiln_target *t = &a->targets.all[target];
-    const double paths = (double)(a->first[aim + 1] - a->first[aim]);
-    switch (a->lamps[lamp].kind) {
+    switch (lamp->kind) {
     case KILN_LAMP_AREA:
-        return paths * area_density(a, light, t, place, direction);
+        return paths * area_density(a, light, target, place, direction);
     case KILN_LAMP_POINT:
-        return paths * point_density(&l->points[a->lamps[lamp].first], t, direction);
+        return paths * point_density(&l->points[lamp->first], target, direction);
     case KILN_LAMP_DIRECTIONAL:
-        return paths / kiln_target_outline(t, l->directionals[a->lamps[lamp].first].towards);
+        return paths / kiln_target_outline(target, l->directionals[lamp->first].towards);
     case KILN_LAMP_ENVIRONMENT:
         break;
     }
     const struct kiln_dvec3 back = dvec3_scale(direction, -1.0);
-    const double share = a->sky.count > 1 ? a->sky.all[a->lamps[lamp].cell].share : 1.0;
-    return paths * kiln_environment_density(l, back) / share / kiln_target_outline(t, back);
+    const double share = a->sky.count > 1 ? a->sky.all[lamp->cell].share : 1.0;
+    return paths * kiln_environment_density(l, back) / share / kiln_target_outline(target, back);
+}
+
+double kiln_aims_met(const struct kiln_aims *a, size_t aim, const struct kiln_aimed_ray *ray, uint32_t triangle)
+{
+    const double all = (double)(a->first[aim + 1] - a->first[aim]), even = (double)kiln_aims_even(a, aim);
+    if (kiln_aims_target(a, triangle) != a->aims[aim].target ||
+        (ray->triangle != KILN_NONE && ray->triangle != triangle))
+        return 0.0;
+    if (!(even > 0.0))
+        return 1.0;
+    const struct kiln_lamp *lamp = &a->lamps[a->aims[aim].lamp];
+    const struct kiln_target *target = &a->targets.all[a->aims[aim].target];
+    const struct kiln_dvec3 direction = dvec3_of(ray->direction);
+    const double by_outline = outline_density(a, lamp, ray->light, target, all - even, ray->place, direction),
+                 by_triangle = even * even_density(a, lamp, ray->light, triangle, ray->place, direction),
+                 own = ray->triangle != KILN_NONE ? by_triangle / even : by_outline / (all - even);
+    return own > 0.0 ? all * own / (by_outline + by_triangle) : 0.0;
+}
+
+double kiln_aims_density(const struct kiln_aims *a, uint32_t light, uint32_t triangle, struct kiln_dvec3 place,
+                         struct kiln_dvec3 direction)
+{
+    const uint32_t target = kiln_aims_target(a, triangle);
+    if (target == KILN_NONE)
+        return 0.0;
+    const size_t first = lamp_of(a, light),
+                 number = a->lamps[first].kind == KILN_LAMP_ENVIRONMENT && a->sky.count > 1
+                              ? first + kiln_sky_cell_of(&a->sky, dvec3_scale(direction, -1.0))
+                              : first,
+                 aim = number * a->targets.count + target;
+    const struct kiln_lamp *lamp = &a->lamps[number];
+    const double all = (double)(a->first[aim + 1] - a->first[aim]), even = (double)kiln_aims_even(a, aim),
+                 by_outline = outline_density(a, lamp, light, &a->targets.all[target], all - even, place, direction);
+    return even > 0.0 ? by_outline + even * even_density(a, lamp, light, triangle, place, direction) : by_outline;
 }

@@ -18,6 +18,11 @@
  *   directional         a disc of radius r before the sphere, or what is seen of the box, from outside the scene
  *   environment         a direction of the cell by luminance, then likewise
  *
+ * Of an aim's paths the first ones may go evenly over the target's triangles (targets.h): one by its area, a place on
+ * it evenly, a place on the lamp and the ray from there. Such a path counts only if the triangle that it meets first is
+ * the one that was picked. So a ray that meets a triangle first has a density of two parts, and paths of both kinds are
+ * weighed by the sum of both (balance heuristic), which only their first meeting tells (kiln_aims_met).
+ *
  * The numbers of paths go by weights: at first about the flux sent towards the target, later what was learnt.
  * Not collective; a pure function of scene, lights and weights. Read by several threads at once. */
 #ifndef KILN_WORKER_LIGHT_AIMS_H
@@ -40,6 +45,7 @@ struct kiln_lamp {
 struct kiln_aim {
     uint32_t lamp, target;
     double flux; /* luminance of what the lamp sends towards the target, about, W */
+    double even; /* the part of its paths that go evenly over the target's triangles; 0 from points and spots */
 };
 
 struct kiln_aims {
@@ -66,6 +72,7 @@ struct kiln_aimed_ray {
     struct kiln_dvec3 place;            /* on the lamp; of lamps that are outside `origin` */
     double cosine;                      /* of the direction at the lamp; 1 where it has no surface */
     bool has_place, is_point;           /* it begins in the scene, not outside; no ray meets it */
+    uint32_t triangle;                  /* that was picked; KILN_NONE: it goes by sphere or box */
 };
 
 enum { KILN_AIMS_MOST = 1 << 24, KILN_AIM_NUMBERS = 6 };
@@ -94,17 +101,22 @@ bool kiln_aims_is_left(const struct kiln_aims *aims, size_t aim, uint32_t leaves
 /* The aim of a path of an iteration, path < aims->paths. */
 size_t kiln_aims_find(const struct kiln_aims *aims, uint64_t path);
 
-/* Draws the ray of a path of an aim by random numbers in (0, 1): triangle, side (of it or of a box), place (2),
- * direction (2). False: it
- * brings nothing. */
-bool kiln_aims_draw(const struct kiln_aims *aims, size_t aim, const double numbers[KILN_AIM_NUMBERS],
+/* How many of an aim's paths, the first ones, go evenly over the target's triangles. */
+uint64_t kiln_aims_even(const struct kiln_aims *aims, size_t aim);
+
+/* Draws the ray of path number k of an aim by random numbers in (0, 1): triangle, side (of it or of a box) or triangle
+ * of the target, place (2), direction (2). False: it brings nothing. */
+bool kiln_aims_draw(const struct kiln_aims *aims, size_t aim, uint64_t k, const double numbers[KILN_AIM_NUMBERS],
                     struct kiln_aimed_ray *ray);
 
-/* How densely an iteration's paths that are aimed from the lamp of `light` at `target` begin by this ray: their number
- * times the density of kiln_aims_draw, per m2 and steradian (of points per steradian, of directional lights per m2).
- * `light` as in struct kiln_aimed_ray; `place`: on a triangle; `direction`: unit, from the light towards a
- * triangle of the target. 0 for targets KILN_NONE. */
-double kiln_aims_density(const struct kiln_aims *aims, uint32_t light, uint32_t target, struct kiln_dvec3 place,
+/* What the flux of an aim's ray is to be multiplied by that has met this world triangle first. 0: it does not count. */
+double kiln_aims_met(const struct kiln_aims *aims, size_t aim, const struct kiln_aimed_ray *ray, uint32_t triangle);
+
+/* How densely an iteration's paths that are aimed from the lamp of `light` at the target of a world triangle, and count
+ * there, begin by this ray, which meets that triangle first: their numbers times the densities of kiln_aims_draw, per
+ * m2 and steradian (of points per steradian, of directional lights per m2). `light` as in struct kiln_aimed_ray;
+ * `place`: on an emitting triangle; `direction`: unit, from the light. 0 for triangles that are of no target. */
+double kiln_aims_density(const struct kiln_aims *aims, uint32_t light, uint32_t triangle, struct kiln_dvec3 place,
                          struct kiln_dvec3 direction);
 
 /* The target that a world triangle is of; KILN_NONE: none. */

@@ -6,12 +6,18 @@
 #include "shaders/shared/area_light.h"
 #include "shaders/shared/warp.h"
 #include "worker/base/memory.h"
+#include "worker/scene/footprint.h"
 #include "worker/scene/gloss.h"
 
 #define SLACK 1e-4     /* of a radius or box, for rounding */
 #define ROUNDING 4.0   /* and so many times what floats round places of the scene by */
 #define WORTH 0.9      /* a cut pays if what it leaves has at most this part of the outline */
 #define BOX_LEAST 1e-9 /* sr: of a box whose solid angle has digits */
+/* Part of a target's rays that go evenly over its triangles: so many times the mean squared sine of how far normals
+ * lean; less than the least is none. */
+#define EVEN_A_SQUARE 1.5
+#define EVEN_LEAST 0.02
+#define EVEN_MOST 0.2
 
 enum { ABOUT_AN_AXIS = 3 };
 
@@ -194,12 +200,60 @@ static bool is_taken(const struct kiln_lights *l, size_t triangle)
            (l->scene->objects[record->object].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
 }
 
+/* m2, of a world triangle. */
+static double area_of(const struct kiln_geometry *g, uint32_t triangle)
+{
+    struct kiln_vec3 corner[3];
+    kiln_geometry_corners(g, triangle, corner);
+    return 0.5 * dvec3_length(dvec3_cross(dvec3_sub(dvec3_of(corner[1]), dvec3_of(corner[0])),
+                                          dvec3_sub(dvec3_of(corner[2]), dvec3_of(corner[0]))));
+}
+
+/* The mean squared sine between a triangle's normal and those of its corners. */
+static double lean_of(const struct kiln_lights *l, uint32_t triangle)
+{
+    static const float corners[3][2] = {{0.0f, 0.0f}, {1.0f, 0.0f}, {0.0f, 1.0f}};
+    const struct kiln_dvec3 normal = dvec3_of(kiln_triangle_exact_normal(l->scene, l->geometry, triangle));
+    double sum = 0.0;
+    for (int c = 0; c < 3; c++) {
+        const struct kiln_dvec3 sine = dvec3_cross(
+            normal,
+            dvec3_of(kiln_triangle_shading_normal(l->scene, l->geometry, triangle, corners[c][0], corners[c][1])));
+        sum += dvec3_dot(sine, sine);
+    }
+    return sum / 3.0;
+}
+
+/* Says which part of a target's rays goes evenly over its triangles, and lists these. */
+static void spread(struct kiln_targets *targets, const struct kiln_lights *l, struct kiln_target *t,
+                   const uint32_t *triangles, size_t count)
+{
+    double sum = 0.0, leans = 0.0;
+    t->first = targets->listed;
+    for (size_t i = 0; i < count; i++) {
+        const double area = area_of(l->geometry, triangles[i]);
+        targets->triangles[t->first + i] = triangles[i];
+        targets->until[t->first + i] = sum += area;
+        leans += area * lean_of(l, triangles[i]);
+    }
+    const double even = sum > 0.0 ? EVEN_A_SQUARE * leans / sum : 0.0;
+    if (even < EVEN_LEAST)
+        return;
+    t->even = fmin(even, EVEN_MOST);
+    t->area = sum;
+    t->count = count;
+    targets->listed += count;
+    for (size_t i = 0; i < count; i++)
+        targets->until[t->first + i] /= sum;
+}
+
 /* Of a whole node its target; of parts, those of each. */
-static void add_targets(const struct cutting *w, const struct node *n, double rounding, struct kiln_targets *targets)
+static void add_targets(const struct cutting *w, const struct kiln_lights *l, const struct node *n, double rounding,
+                        struct kiln_targets *targets)
 {
     if (n->parts != 0) {
-        add_targets(w, &w->nodes[n->parts], rounding, targets);
-        add_targets(w, &w->nodes[n->parts + 1], rounding, targets);
+        add_targets(w, l, &w->nodes[n->parts], rounding, targets);
+        add_targets(w, l, &w->nodes[n->parts + 1], rounding, targets);
         return;
     }
     const struct box *b = &n->box;
@@ -207,12 +261,13 @@ static void add_targets(const struct cutting *w, const struct node *n, double ro
     const double radius = radius_about(w, n, centre), slack = SLACK * radius + rounding;
     for (size_t i = n->first; i < n->end; i++)
         targets->of_triangle[w->triangles[i]] = (uint32_t)targets->count;
-    targets->all[targets->count++] =
-        (struct kiln_target){.object = n->object,
-                             .centre = centre,
-                             .radius = radius + slack,
-                             .low = dvec3(b->low[0] - slack, b->low[1] - slack, b->low[2] - slack),
-                             .high = dvec3(b->high[0] + slack, b->high[1] + slack, b->high[2] + slack)};
+    struct kiln_target *t = &targets->all[targets->count++];
+    *t = (struct kiln_target){.object = n->object,
+                              .centre = centre,
+                              .radius = radius + slack,
+                              .low = dvec3(b->low[0] - slack, b->low[1] - slack, b->low[2] - slack),
+                              .high = dvec3(b->high[0] + slack, b->high[1] + slack, b->high[2] + slack)};
+    spread(targets, l, t, w->triangles + n->first, n->end - n->first);
 }
 
 /* The triangles with gloss, object by object, each in the order of their numbers; `ends` has where each object's end.
@@ -269,6 +324,10 @@ int kiln_targets_create(struct kiln_targets *targets, const struct kiln_lights *
         status = kiln_allocate(&targets->all, room, sizeof *targets->all, what, error);
     if (status == KILN_OK)
         status = kiln_allocate(&targets->of_triangle, g->triangle_count, sizeof *targets->of_triangle, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&targets->triangles, taken, sizeof *targets->triangles, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&targets->until, taken, sizeof *targets->until, what, error);
     if (status == KILN_OK) {
         const struct kiln_vec3 low = g->bounds_min, high = g->bounds_max;
         const double far = (double)fmaxf(vec3_length(low), vec3_length(high));
@@ -279,7 +338,7 @@ int kiln_targets_create(struct kiln_targets *targets, const struct kiln_lights *
         const size_t whole = w.count;
         cut_all(&w, most);
         for (size_t i = 0; i < whole; i++)
-            add_targets(&w, &w.nodes[i], ROUNDING * (double)FLT_EPSILON * far, targets);
+            add_targets(&w, lights, &w.nodes[i], ROUNDING * (double)FLT_EPSILON * far, targets);
     }
     kiln_free(&ends);
     kiln_free(&w.nodes);
@@ -291,7 +350,22 @@ void kiln_targets_release(struct kiln_targets *targets)
 {
     kiln_free(&targets->all);
     kiln_free(&targets->of_triangle);
-    targets->count = 0;
+    kiln_free(&targets->triangles);
+    kiln_free(&targets->until);
+    targets->count = targets->listed = 0;
+}
+
+uint32_t kiln_targets_pick(const struct kiln_targets *targets, const struct kiln_target *target, double pick)
+{
+    size_t low = target->first, high = target->first + target->count - 1;
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        if (targets->until[middle] > pick)
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    return targets->triangles[low];
 }
 
 /* ---- from afar ---- */

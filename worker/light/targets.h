@@ -7,6 +7,9 @@
  * can be cut; then cuts are taken back that did not pay, so that what fills its sphere stays whole. Each target has a
  * sphere and a box about its triangles, with some slack for rounding. Rays are sent through whichever is seen smaller.
  *
+ * Where smooth normals lean far from the true ones, because triangles are few, a part of a target's rays is sent evenly
+ * over its triangles: what little is seen of one that is met edge on may bring much light (worker/README.md).
+ *
  * Not collective; a pure function of scene and `most`. Read by several threads at once. */
 #ifndef KILN_WORKER_LIGHT_TARGETS_H
 #define KILN_WORKER_LIGHT_TARGETS_H
@@ -19,12 +22,18 @@ struct kiln_target {
     struct kiln_dvec3 centre;    /* of sphere and box, m from the scene's centre */
     double radius;               /* of the sphere, m */
     struct kiln_dvec3 low, high; /* the box's corners, m */
+    double even;                 /* the part of its rays that go evenly over its triangles */
+    double area;                 /* m2, of these; where `even` is not 0 */
+    size_t first, count;         /* and where they are listed */
 };
 
 struct kiln_targets {
     size_t count;
     struct kiln_target *all; /* object by object */
     uint32_t *of_triangle;   /* of each world triangle its target; KILN_NONE: it is of none. NULL where count is 0 */
+    size_t listed;           /* triangles of targets whose `even` is not 0, target by target */
+    uint32_t *triangles;
+    double *until; /* of each the share of its target's area up to its end */
 };
 
 /* Objects are cut as long as there are at most `most` targets. KILN_SYSTEM. Release with kiln_targets_release, also
@@ -45,6 +54,9 @@ struct kiln_dvec3 kiln_target_place(const struct kiln_target *target, struct kil
 
 /* m, from the centre: nothing of a target is farther away. */
 double kiln_target_reach(const struct kiln_target *target);
+
+/* The triangle of a target whose `even` is not 0 that `pick`, in (0, 1), falls to, by area. */
+uint32_t kiln_targets_pick(const struct kiln_targets *targets, const struct kiln_target *target, double pick);
 
 /* ---- from a place ---- */
 

@@ -145,6 +145,7 @@ struct kiln_link_light {
 struct kiln_links_parameters {
     const struct kiln_patch *points;    /* of all surface points, by global index; borrowed, as all here */
     const uint32_t *order;              /* global indices of the points in the tree */
+    const float *area;                  /* of these points, in this order, m2 */
     uint64_t count;                     /* of these */
     const struct kiln_link_node *nodes; /* node_count; none where no point sends light */
     uint32_t node_count;

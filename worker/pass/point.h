@@ -2,6 +2,8 @@
 #ifndef KILN_WORKER_PASS_POINT_H
 #define KILN_WORKER_PASS_POINT_H
 
+#include <string.h>
+
 #include "worker/pass/pass.h"
 
 /* Sums over a point's samples, and how many samples these are: results of batches with different numbers of samples can
@@ -34,6 +36,17 @@ struct kiln_point_result {
     uint32_t count; /* samples */
 };
 
+/* Whether glass or gloss has taken anything. */
+static inline bool kiln_point_is_tinted(const struct kiln_point_result *r)
+{
+    uint32_t bits[6], any = 0;
+    memcpy(bits, r->glass, 3 * sizeof *bits);
+    memcpy(bits + 3, r->gloss, 3 * sizeof *bits);
+    for (int i = 0; i < 6; i++)
+        any |= bits[i];
+    return any != 0;
+}
+
 /* The same for one sample, on the average; all zeros where no sample was taken. */
 struct kiln_point_mean {
     float irradiance[3], incident[3];           /* W/m2 */
@@ -50,12 +63,16 @@ static inline struct kiln_point_mean kiln_point_mean(const struct kiln_point_res
                                    .blocked = kiln_mean(r->blocked, r->count),
                                    .present = r->present,
                                    .count = r->count};
-    for (int c = 0; c < 3; c++) {
-        mean.irradiance[c] = kiln_mean(r->irradiance[c], r->count);
+    for (int c = 0; c < 3; c++) { /* divisions are slow, and many the same */
+        const bool same = memcmp(&r->irradiance[c], &r->incident[c], sizeof r->incident[c]) == 0;
         mean.incident[c] = kiln_mean(r->incident[c], r->count);
-        mean.glass[c] = kiln_mean(r->glass[c], r->count);
-        mean.gloss[c] = kiln_mean(r->gloss[c], r->count);
+        mean.irradiance[c] = same ? mean.incident[c] : kiln_mean(r->irradiance[c], r->count);
     }
+    if (kiln_point_is_tinted(r))
+        for (int c = 0; c < 3; c++) {
+            mean.glass[c] = kiln_mean(r->glass[c], r->count);
+            mean.gloss[c] = kiln_mean(r->gloss[c], r->count);
+        }
     return mean;
 }
 

@@ -63,17 +63,28 @@ static inline uint64_t kiln_radiosity_absent(uint32_t channels)
 
 enum { KILN_COMPACT_BIAS = 41, KILN_COMPACT_EXPONENT = 63 };
 
-/* A channel divided by its quantum, rounded up or down by 10 random bits. Whole numbers are kept. */
-static inline uint32_t kiln_radiosity_compact_channel(float value, double quantum, uint32_t most, uint32_t random10)
+/* 2^exponent, of a normal double. */
+static inline double kiln_power_of_two(int exponent)
 {
-    const double steps = value > 0.0f ? (double)value / quantum + ((double)(random10 & 1023u) + 0.5) / 1024.0 : 0.0;
+    const uint64_t bits = (uint64_t)(exponent + 1023) << 52;
+    double power;
+    memcpy(&power, &bits, sizeof power);
+    return power;
+}
+
+/* A channel divided by its quantum, a power of two, rounded up or down by 10 random bits. Whole numbers are kept. */
+static inline uint32_t kiln_radiosity_compact_channel(float value, double per_quantum, uint32_t most, uint32_t random10)
+{
+    const double steps =
+        value > 0.0f ? (double)value * per_quantum + ((double)(random10 & 1023u) + 0.5) * 0x1p-10 : 0.0;
     return steps < (double)most ? (uint32_t)steps : most;
 }
 
 /* Packs to 4 bytes. `scale`: a power of two near the scene's mean irradiance. `hash`: as for kiln_radiosity_pack. */
 static inline uint32_t kiln_radiosity_compact(const float rgb[3], double scale, uint32_t hash)
 {
-    const double limit = fmax((double)fmaxf(rgb[0], rgb[1]) / 511.0, (double)rgb[2] / 510.0) / scale;
+    const double per_scale = 1.0 / scale,
+                 limit = fmax((double)fmaxf(rgb[0], rgb[1]) / 511.0, (double)rgb[2] / 510.0) * per_scale;
     int exponent = 0;
     if (limit > 0.0 && isfinite(limit)) { /* the least exponent whose largest mantissa is enough */
         const double fraction = frexp(limit, &exponent);
@@ -82,15 +93,15 @@ static inline uint32_t kiln_radiosity_compact(const float rgb[3], double scale, 
         exponent = KILN_COMPACT_EXPONENT;
     }
     exponent = exponent < 0 ? 0 : exponent > KILN_COMPACT_EXPONENT ? KILN_COMPACT_EXPONENT : exponent;
-    const double quantum = ldexp(scale, exponent - KILN_COMPACT_BIAS);
-    return kiln_radiosity_compact_channel(rgb[0], quantum, 511, hash) |
-           kiln_radiosity_compact_channel(rgb[1], quantum, 511, hash >> 10) << 9 |
-           kiln_radiosity_compact_channel(rgb[2], 2.0 * quantum, 255, hash >> 20) << 18 | (uint32_t)exponent << 26;
+    const double per_quantum = per_scale * kiln_power_of_two(KILN_COMPACT_BIAS - exponent);
+    return kiln_radiosity_compact_channel(rgb[0], per_quantum, 511, hash) |
+           kiln_radiosity_compact_channel(rgb[1], per_quantum, 511, hash >> 10) << 9 |
+           kiln_radiosity_compact_channel(rgb[2], 0.5 * per_quantum, 255, hash >> 20) << 18 | (uint32_t)exponent << 26;
 }
 
 static inline void kiln_radiosity_expand(uint32_t compact, double scale, float rgb[3])
 {
-    const double quantum = ldexp(scale, (int)(compact >> 26) - KILN_COMPACT_BIAS);
+    const double quantum = scale * kiln_power_of_two((int)(compact >> 26) - KILN_COMPACT_BIAS);
     rgb[0] = (float)((double)(compact & 511u) * quantum);
     rgb[1] = (float)((double)(compact >> 9 & 511u) * quantum);
     rgb[2] = (float)((double)(compact >> 18 & 255u) * 2.0 * quantum);

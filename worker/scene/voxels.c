@@ -189,34 +189,115 @@ static bool is_of_end(const struct kiln_voxels *v, uint64_t at, const struct end
     return touches || fabs(off) <= reach;
 }
 
+/* A line between two places, in cells: the cell that it is in, and how many borders are left. */
+struct line {
+    struct axis x, y, z;
+    uint64_t at;
+    int left;
+};
+
+static struct line line_of(const struct kiln_voxels *v, const struct end *a, const struct end *b)
+{
+    const int64_t stride[3] = {1, v->n[0], (int64_t)v->n[0] * v->n[1]};
+    struct line l = {.at = cell_at(v, a->cell)};
+    struct axis *axis[3] = {&l.x, &l.y, &l.z};
+    for (int k = 0; k < 3; k++) {
+        l.left += abs(b->cell[k] - a->cell[k]);
+        *axis[k] = axis_of(a->at[k], b->at[k], a->cell[k], b->cell[k], stride[k]);
+    }
+    return l;
+}
+
+/* Goes on to the next cell; returns the axis that it lies along. */
+static inline int step(struct line *l)
+{
+    const int k = l->x.next < l->y.next && l->x.next < l->z.next ? 0 : l->y.next < l->z.next ? 1 : 2;
+    struct axis *axis = k == 0 ? &l->x : k == 1 ? &l->y : &l->z;
+    l->at += (uint64_t)axis->stride;
+    axis->next += axis->apart;
+    l->left--;
+    return k;
+}
+
 /* It ends after as many borders as lie between the two. */
 bool kiln_voxels_open(const struct kiln_voxels *v, struct kiln_vec3 from, struct kiln_vec3 from_normal,
                       struct kiln_vec3 to, struct kiln_vec3 to_normal)
 {
     struct end a, b;
-    struct axis axis[3];
-    int left = 0;
     find_end(v, from, from_normal, &a);
     find_end(v, to, to_normal, &b);
-    const int64_t stride[3] = {1, v->n[0], (int64_t)v->n[0] * v->n[1]};
-    for (int k = 0; k < 3; k++) {
-        left += abs(b.cell[k] - a.cell[k]);
-        axis[k] = axis_of(a.at[k], b.at[k], a.cell[k], b.cell[k], stride[k]);
-    }
-    struct axis x = axis[0], y = axis[1], z = axis[2];
-    for (uint64_t at = cell_at(v, a.cell); left > 0; left--) {
-        if (is_solid(v, at) && !is_of_end(v, at, &a) && !is_of_end(v, at, &b))
+    for (struct line l = line_of(v, &a, &b); l.left > 0; (void)step(&l))
+        if (is_solid(v, l.at) && !is_of_end(v, l.at, &a) && !is_of_end(v, l.at, &b))
             return false;
-        if (x.next < y.next && x.next < z.next) {
-            at += (uint64_t)x.stride;
-            x.next += x.apart;
-        } else if (y.next < z.next) {
-            at += (uint64_t)y.stride;
-            y.next += y.apart;
-        } else {
-            at += (uint64_t)z.stride;
-            z.next += z.apart;
-        }
-    }
     return true;
+}
+
+/* ---- to be looked at ---- */
+
+struct kiln_voxel_grid kiln_voxels_grid(const struct kiln_voxels *v)
+{
+    struct kiln_voxel_grid grid = {.low = v->low, .side = v->side, .n = {v->n[0], v->n[1], v->n[2]}};
+    for (uint64_t i = 0; i < (v->cells + 63) / 64; i++)
+        grid.filled += (uint64_t)__builtin_popcountll(v->solid[i]);
+    return grid;
+}
+
+bool kiln_voxels_at(const struct kiln_voxels *v, struct kiln_vec3 place, struct kiln_voxel *voxel)
+{
+    double at[3];
+    place_of(v, place, at);
+    *voxel = (struct kiln_voxel){.axis = 0};
+    for (int k = 0; k < 3; k++)
+        voxel->cell[k] = clamped(at[k], v->n[k]);
+    return is_solid(v, cell_at(v, voxel->cell));
+}
+
+/* Where a ray comes into the grid, and where it goes out; *axis: across which side it comes in, -1: it begins inside.
+ * False: it goes by. */
+static bool clip(const struct kiln_voxels *v, struct kiln_vec3 origin, struct kiln_vec3 direction, struct end *a,
+                 struct end *b, int *axis)
+{
+    double from[3], d[3], in = 0.0, out = DBL_MAX;
+    place_of(v, origin, from);
+    components(dvec3_of(direction), d);
+    *axis = -1;
+    for (int k = 0; k < 3; k++) {
+        const double low = -from[k] / d[k], high = ((double)v->n[k] - from[k]) / d[k];
+        if (d[k] == 0.0 && (from[k] < 0.0 || from[k] > (double)v->n[k]))
+            return false;
+        if (d[k] == 0.0)
+            continue;
+        if (fmin(low, high) > in)
+            *axis = k;
+        in = fmax(in, fmin(low, high));
+        out = fmin(out, fmax(low, high));
+    }
+    for (int k = 0; k < 3; k++) {
+        a->at[k] = from[k] + in * d[k];
+        b->at[k] = from[k] + out * d[k];
+        a->cell[k] = clamped(a->at[k], v->n[k]);
+        b->cell[k] = clamped(b->at[k], v->n[k]);
+    }
+    return out > in;
+}
+
+bool kiln_voxels_meet(const struct kiln_voxels *v, struct kiln_vec3 origin, struct kiln_vec3 direction,
+                      struct kiln_voxel *met)
+{
+    struct end a, b;
+    int axis;
+    if (!clip(v, origin, direction, &a, &b, &axis))
+        return false;
+    struct line l = line_of(v, &a, &b);
+    for (bool leaving = axis < 0;; axis = step(&l)) {
+        const bool solid = is_solid(v, l.at);
+        const uint64_t x = (uint64_t)v->n[0], y = (uint64_t)v->n[1];
+        if (solid && !leaving) {
+            *met = (struct kiln_voxel){{(int)(l.at % x), (int)(l.at / x % y), (int)(l.at / (x * y))}, axis};
+            return true;
+        }
+        leaving = leaving && solid;
+        if (l.left == 0)
+            return false;
+    }
 }

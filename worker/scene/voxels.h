@@ -22,6 +22,29 @@ void kiln_voxels_destroy(struct kiln_voxels **voxels);
 /* Of memory, for a scene that is a cube: at most. */
 uint64_t kiln_voxels_bytes(uint32_t along);
 
+/* The grid: its corner, m from the scene's centre; the side of a cell, m; cells along each axis, and how many count. */
+struct kiln_voxel_grid {
+    struct kiln_dvec3 low;
+    double side;
+    int n[3];
+    uint64_t filled;
+};
+
+struct kiln_voxel_grid kiln_voxels_grid(const struct kiln_voxels *voxels);
+
+/* A cell by its numbers along the axes; and across which axis a line has come into it. */
+struct kiln_voxel {
+    int cell[3], axis;
+};
+
+/* The cell that a place lies in, m from the scene's centre, or is nearest to; whether it counts. Thread-safe. */
+bool kiln_voxels_at(const struct kiln_voxels *voxels, struct kiln_vec3 place, struct kiln_voxel *voxel);
+
+/* The first cell that counts on the way of a ray; of those that it begins in none does until one has been empty. False:
+ * there is none. Thread-safe. */
+bool kiln_voxels_meet(const struct kiln_voxels *voxels, struct kiln_vec3 origin, struct kiln_vec3 direction,
+                      struct kiln_voxel *met);
+
 /* Whether no cell lies between two places, m from the scene's centre, on surfaces with these normals. Thread-safe. */
 bool kiln_voxels_open(const struct kiln_voxels *voxels, struct kiln_vec3 from, struct kiln_vec3 from_normal,
                       struct kiln_vec3 to, struct kiln_vec3 to_normal);

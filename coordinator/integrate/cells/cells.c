@@ -11,6 +11,7 @@
 #include "coordinator/integrate/groups.h"
 #include "coordinator/integrate/parts.h"
 #include "coordinator/integrate/radiosity_exchange.h"
+#include "worker/pass/gather.h"
 #include "worker/pass/guided.h"
 
 /* in the order of KILN_CELLS_DIRECT, ... */
@@ -91,10 +92,30 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
     return kiln_tile_error(in, &last->tile_error, error);
 }
 
+/* Where the number of bounces is given, and each point gathers for itself with the same samples. */
+static bool hold(struct kiln_integration *in, const struct kiln_step *step, struct kiln_held_step *how)
+{
+    const struct kiln_integrate_settings *s = in->settings;
+    const bool final = step->role == KILN_CELLS_FINAL;
+    if (s->schedule != KILN_SCHEDULE_LEAN || s->bounces < 0 || kiln_cells_adds_tail(s) || s->parts > 1 ||
+        s->indirect_scale > 1 || s->final_scale > 1 || s->seen_only || s->caustics > KILN_CAUSTICS_NONE ||
+        step->pass != &kiln_pass_gather || step->quantity != NULL || step->samples_field != NULL || in->groups != NULL)
+        return false;
+    *how = (struct kiln_held_step){.final = final,
+                                   .compact = step->compact,
+                                   .packs = final,
+                                   .pack_stream = KILN_CELLS_FINAL_STREAM,
+                                   .seed = (uint32_t)s->seed};
+    if (final)
+        in->solution->report.bounces = step->bounce;
+    return true;
+}
+
 const struct kiln_integrator kiln_integrator_cells = {.name = "cells",
                                                       .roles = roles,
                                                       .role_count = sizeof roles / sizeof *roles,
                                                       .next = kiln_cells_next,
                                                       .begin_step = begin_step,
                                                       .take = kiln_cells_take,
-                                                      .end_step = end_step};
+                                                      .end_step = end_step,
+                                                      .hold = hold};

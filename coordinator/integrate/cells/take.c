@@ -151,28 +151,48 @@ static inline void pack_next(const struct kiln_taking *t, const struct kiln_rank
         data->next[own.at] = kiln_radiosity_pack(radiosity, kiln_packing_hash(f, bit, t->step->stream));
 }
 
+/* Area, albedo and what was sent, as the ledger wants them. */
+static struct kiln_ledger_point ledger_point(const struct kiln_surface *surface, struct kiln_own_point own,
+                                             const struct kiln_point_mean *r, const float albedo[3], const float *sent)
+{
+    return (struct kiln_ledger_point){.area = kiln_lit_area(surface, own, r->present), .albedo = albedo, .sent = sent};
+}
+
 void kiln_cells_tally(const struct kiln_taking *t, const struct kiln_surface *surface, struct kiln_own_point own,
                       const struct kiln_point_mean *r, const float albedo[3], const float *sent,
                       struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
 {
     if (!kiln_point_valid(surface, own))
         return;
-    const struct kiln_ledger_point point = {.area = (double)surface->area[own.at] *
-                                                    ((double)surface->visible[own.at] / 65535.0) * (double)r->present,
-                                            .albedo = albedo,
-                                            .sent = sent};
+    const struct kiln_ledger_point point = ledger_point(surface, own, r, albedo, sent);
     kiln_tally_add(&point, r, t->unit, sums, tile_run);
 }
 
+/* Notes a point, or with `alone` adds it to the sums. */
 static void tally(const struct kiln_taking *t, const struct kiln_surface *surface, struct kiln_own_point own,
-                  const struct kiln_point_mean *r, const float albedo[3], struct kiln_tally *sums,
-                  struct kiln_tile_run_tally *tile_run)
+                  const struct kiln_point_mean *r, const float albedo[3], bool alone, struct kiln_tally_run *run,
+                  struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
 {
     const bool gathers = t->step->pass->reads_radiosity;
     float sent[3];
+    if (!kiln_point_valid(surface, own))
+        return;
     if (gathers)
         kiln_radiosity_unpack(t->radiosity[kiln_global_of_own(surface, own).at], sent);
-    kiln_cells_tally(t, surface, own, r, albedo, gathers ? sent : NULL, sums, tile_run);
+    const struct kiln_ledger_point point = ledger_point(surface, own, r, albedo, gathers ? sent : NULL);
+    if (alone)
+        kiln_tally_add(&point, r, t->unit, sums, tile_run);
+    else
+        kiln_tally_note(run, &point, r);
+}
+
+/* Whether some of the answers lack what glass or gloss has taken. */
+static bool any_tinted(const struct kiln_point_result *results, uint32_t count)
+{
+    bool any = false;
+    for (uint32_t k = 0; k < count; k++)
+        any = any || kiln_point_is_tinted(&results[k]);
+    return any;
 }
 
 /* What the pilot and the second step of direct light say together. */
@@ -347,17 +367,43 @@ static const struct kiln_point_result *point_results(const struct kiln_taking *t
     return points;
 }
 
+/* Each point with its own answer. `second`: the share of this step in direct light, which the pilot has begun; NULL: it
+ * is all of it. `counts`: for the sums of power. */
+static void take_points(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
+                        const struct kiln_point_result *results, const double *second, bool counts,
+                        struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
+{
+    const bool unfinished = kiln_part_changes(data, f, t->step->part), alone = any_tinted(results, f->count);
+    const uint32_t tile = tile_hash(t, f);
+    struct kiln_own_point own = kiln_own_of_global(&data->surface, f->first);
+    struct kiln_tally_run run;
+    run.count = 0;
+    for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++, results++) {
+        float albedo[3], radiosity[3];
+        const struct kiln_point_mean mean = kiln_point_mean(results),
+                                     r = second != NULL ? combined(data, own, *second, &mean) : mean;
+        kiln_point_albedo(&data->surface, own, albedo);
+        for (int c = 0; c < 3; c++)
+            radiosity[c] = albedo[c] * r.incident[c];
+        if (counts && t->step->role != KILN_CELLS_PILOT)
+            tally(t, &data->surface, own, &r, albedo, alone, &run, sums, tile_run);
+        kiln_cells_enter(t, data, own, &r, radiosity, unfinished);
+        pack_next(t, data, own, f, tile, (uint32_t)__builtin_ctzll(rest),
+                  t->step->role == KILN_CELLS_CAUSTIC ? data->sum + 3 * own.at : radiosity); /* with direct light's */
+    }
+    if (run.count > 0)
+        kiln_tally_add_run(&run, t->unit, sums, tile_run);
+}
+
 void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
                      const void *answers, struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
 {
     struct kiln_point_result points[KILN_TILE_TEXELS];
     const struct kiln_point_result *results = point_results(t, data, f, answers, points);
-    struct kiln_own_point own = kiln_own_of_global(&data->surface, f->first);
     if (t->step->seen_only && data->seen[f - data->surface.tile_runs] == 0) {
         keep_bounces(data, f);
         return;
     }
-    const bool unfinished = kiln_part_changes(data, f, t->step->part);
     const bool second = t->step->role == KILN_CELLS_DIRECT && kiln_adapt_pilot(t->settings) > 0;
     const double share =
         second ? kiln_adapt_share(kiln_adapt_pilot(t->settings), data->samples[f - data->surface.tile_runs]) : 1.0;
@@ -372,20 +418,7 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
         take_nodes(t, data, f, results, counts, sums, tile_run);
         return;
     }
-    const uint32_t tile = tile_hash(t, f);
-    for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++, results++) {
-        float albedo[3], radiosity[3];
-        const struct kiln_point_mean mean = kiln_point_mean(results),
-                                     r = second ? combined(data, own, share, &mean) : mean;
-        kiln_point_albedo(&data->surface, own, albedo);
-        for (int c = 0; c < 3; c++)
-            radiosity[c] = albedo[c] * r.incident[c];
-        if (counts && t->step->role != KILN_CELLS_PILOT)
-            tally(t, &data->surface, own, &r, albedo, sums, tile_run);
-        kiln_cells_enter(t, data, own, &r, radiosity, unfinished);
-        pack_next(t, data, own, f, tile, (uint32_t)__builtin_ctzll(rest),
-                  t->step->role == KILN_CELLS_CAUSTIC ? data->sum + 3 * own.at : radiosity); /* with direct light's */
-    }
+    take_points(t, data, f, results, second ? &share : NULL, counts, sums, tile_run);
 }
 
 void kiln_cells_pack_sum(const struct kiln_rank_data *own_data)

@@ -25,6 +25,7 @@ struct light_path {
     const struct kiln_land_parameters *parameters;
     uint32_t seed;
     size_t aim;
+    uint64_t number; /* among the aim's paths */
     float weight[3]; /* what is left of the flux, by colour */
     double flux[3];  /* W, at the lamp */
     struct kiln_aimed_ray first;
@@ -56,7 +57,7 @@ static bool begin(struct light_path *p)
     walk_draw(&p->walk, kiln_path_use(0, KILN_PATH_BOUNCE), &numbers[4], &numbers[5]);
     const struct kiln_aims *aims = p->parameters->aims;
     const double paths = (double)(aims->first[p->aim + 1] - aims->first[p->aim]);
-    if (!kiln_aims_draw(aims, p->aim, numbers, ray))
+    if (!kiln_aims_draw(aims, p->aim, p->number, numbers, ray))
         return false;
     for (int c = 0; c < 3; c++) {
         p->flux[c] = ray->flux[c] / paths;
@@ -65,11 +66,13 @@ static bool begin(struct light_path *p)
     return p->flux[0] > 0.0 || p->flux[1] > 0.0 || p->flux[2] > 0.0;
 }
 
-/* Whether the first surface met is the one that the path is aimed at. */
-static bool is_target(const struct light_path *p, const struct meeting *m)
+/* Whether the first surface met is one that the path is aimed at; its flux as that surface tells it. */
+static bool meets_target(struct light_path *p, const struct meeting *m)
 {
-    const struct kiln_aims *aims = p->parameters->aims;
-    return m->gloss != NULL && kiln_aims_target(aims, m->triangle) == aims->aims[p->aim].target;
+    const double factor = m->gloss != NULL ? kiln_aims_met(p->parameters->aims, p->aim, &p->first, m->triangle) : 0.0;
+    for (int c = 0; c < 3; c++)
+        p->flux[c] *= factor;
+    return factor > 0.0;
 }
 
 /* ---- landing ---- */
@@ -262,7 +265,7 @@ static enum kiln_land_end follow(struct light_path *p, struct kiln_land_result *
         cross(p, surface, origin, direction, (double)ray.ray.tfar, &m);
         multiply(p, share);
         result->length = surface < UINT16_MAX ? (uint16_t)surface : UINT16_MAX;
-        if (surface == 1 && !is_target(p, &m))
+        if (surface == 1 && !meets_target(p, &m))
             return KILN_LAND_ASTRAY;
         if (!meeting_has_side(p->walk.b, meeting_record(p->walk.b, &ray), m.back))
             return KILN_LAND_BLOCKED;
@@ -295,6 +298,7 @@ static void trace_path(struct light_path *p, uint64_t number, struct kiln_land_r
     p->walk.key =
         kiln_land_key(p->seed, (uint32_t)p->aim, (uint32_t)iteration, (uint32_t)(iteration >> 32), (uint32_t)(k >> 32));
     p->walk.k = (uint32_t)k;
+    p->number = k;
     result->end = (uint16_t)follow(p, result);
     for (int c = 0; c < 3 && result->end != KILN_LAND_ASTRAY && result->end != KILN_LAND_ABSORBED; c++)
         result->flux[c] = (float)(p->flux[c] * (double)p->weight[c]);

@@ -128,9 +128,7 @@ static void give(const struct kiln_link_run *w, uint32_t points, struct kiln_poi
 {
     for (uint32_t i = 0; i < points; i++) {
         const uint32_t bit = w->bit[i];
-        struct kiln_link_sums sums = {.variance = w->variance[bit]};
-        memcpy(sums.incident, w->incident[bit], sizeof sums.incident);
-        memcpy(sums.irradiance, w->irradiance[bit], sizeof sums.irradiance);
+        const struct kiln_link_sums sums = kiln_link_run_sums(w, bit);
         if (w->found.point[bit].count > 0)
             results[i] = kiln_link_answer(&w->found.point[bit], &sums);
     }

@@ -1,4 +1,4 @@
-/* Rays between two patches. */
+/* Rays between patches: what the passes over patches (worker/pass/patches.h, worker/pass/links.h) share. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_PATCH_RAY_H
 #define KILN_WORKER_BACKEND_EMBREE_PATCH_RAY_H
 
@@ -20,4 +20,5 @@ static inline bool patch_ray(struct RTCRay8 *rays, uint32_t i, struct kiln_vec3 
     rays->flags[i] = 0;
     return true;
 }
+
 #endif

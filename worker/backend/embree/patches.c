@@ -7,10 +7,10 @@
 
 #include "worker/backend/embree/frame.h"
 #include "worker/backend/embree/patch_ray.h"
-#include "worker/backend/patch_factors.h"
 #include "worker/backend/embree/shadow.h"
 #include "worker/backend/embree/tile_runs.h"
 #include "worker/base/memory.h"
+#include "worker/pass/patch_factors.h"
 #include "worker/pass/visibility_cache.h"
 
 enum { WAITING = 64 };

@@ -23,8 +23,7 @@ static inline double techniques_connect(const struct kiln_caustic_techniques *t,
 static inline double techniques_emission(const struct kiln_caustic_techniques *t, uint32_t light,
                                          const struct vertex *v, struct kiln_dvec3 place, struct kiln_dvec3 direction)
 {
-    return (double)t->iterations *
-           kiln_aims_density(t->aims, light, kiln_aims_target(t->aims, v->m.triangle), place, direction);
+    return (double)t->iterations * kiln_aims_density(t->aims, light, v->m.triangle, place, direction);
 }
 
 /* s of caustic_weights.h. */

@@ -136,12 +136,23 @@ static void describe(struct both_run *r)
     s->unit_power = (uint32_t)(ilogb(kiln_emission_splat_unit(e)) + SUM_POWER);
 }
 
+/* What the sums begin with. */
+static int begin_sums(struct both_run *r, struct kiln_error *error)
+{
+    const bool points = (r->method & KILN_GPU_BOTH_POINTS) != 0;
+    const size_t sums = points ? sizeof(struct kiln_gpu_point_sums) : sizeof(struct kiln_gpu_path_sums);
+    int status = make_zeros(r, &r->counts, sizeof(struct kiln_gpu_both_counts), "counts of paths", error);
+    if (status == KILN_OK)
+        status = make_zeros(r, &r->sums, r->count * sums, "the sums of paths", error);
+    if (status == KILN_OK && (r->method & KILN_GPU_BOTH_SPLATS) != 0)
+        status = make_zeros(r, &r->film, 3 * sizeof(int64_t) * r->paths, "the film of paths of light", error);
+    return status;
+}
+
 int both_prepare(struct both_run *r, struct kiln_error *error)
 {
     struct vulkan_backend *b = r->b;
     const uint32_t low = (uint32_t)b->params.seed, high = (uint32_t)(b->params.seed >> 32);
-    const bool points = (r->method & KILN_GPU_BOTH_POINTS) != 0;
-    const size_t sums = points ? sizeof(struct kiln_gpu_point_sums) : sizeof(struct kiln_gpu_path_sums);
     r->push.seed = kiln_hash2(low, high ^ KILN_PATH_SEED);
     r->light_of = KILN_GPU_OF_LIGHT;
     int status = kiln_emission_create(&r->emission, b->params.lights, error);
@@ -157,11 +168,7 @@ int both_prepare(struct both_run *r, struct kiln_error *error)
     if (status == KILN_OK)
         status = make_device_buffer(r, &r->all, sizeof r->shared, "what paths share", error);
     if (status == KILN_OK)
-        status = make_zeros(r, &r->counts, sizeof(struct kiln_gpu_both_counts), "counts of paths", error);
-    if (status == KILN_OK)
-        status = make_zeros(r, &r->sums, r->count * sums, "the sums of paths", error);
-    if (status == KILN_OK && (r->method & KILN_GPU_BOTH_SPLATS) != 0)
-        status = make_zeros(r, &r->film, 3 * sizeof(int64_t) * r->paths, "the film of paths of light", error);
+        status = begin_sums(r, error);
     if (status == KILN_OK)
         describe(r);
     r->push.both = r->all.address;
@@ -173,11 +180,12 @@ int both_prepare(struct both_run *r, struct kiln_error *error)
 void both_finish(struct both_run *r)
 {
     struct gpu_buffer *buffers[] = {&r->chances, &r->nodes,   &r->all,  &r->counts, &r->vertices, &r->last,
-                                    &r->photons, &r->buckets, &r->film, &r->sums,   &r->points};
+                                    &r->photons, &r->buckets, &r->film, &r->sums,   &r->points,   &r->brought};
     for (size_t i = 0; i < sizeof buffers / sizeof buffers[0]; i++)
         gpu_buffer_destroy(r->b->gpu, buffers[i]);
     both_stages_destroy(r);
     kiln_emission_destroy(&r->emission);
+    kiln_free(&r->results);
 }
 
 /* ---- running ---- */
@@ -301,63 +309,111 @@ static int run_sample(struct both_run *r, uint32_t k, struct kiln_error *error)
 
 /* ---- answers ---- */
 
+/* Brings `size` bytes of a buffer to r->brought. */
+static int bring(struct both_run *r, const struct gpu_buffer *from, size_t size, struct kiln_error *error)
+{
+    const struct gpu_step step = {.from = from, .to = &r->brought, .size = size};
+    return gpu_run(r->b->gpu, &step, 1, NULL, error);
+}
+
 /* Adds the device's film to the caller's. */
 static int add_film(struct both_run *r, struct kiln_error *error)
 {
-    int64_t *sums = NULL;
+    const size_t count = 3 * r->paths;
+    const int64_t *from = r->brought.mapped;
+    int64_t *to = r->p->film->sums;
     r->p->film->unit = (double)r->shared.unit;
     if ((r->method & KILN_GPU_BOTH_SPLATS) == 0)
         return KILN_OK;
-    int status = kiln_allocate(&sums, 3 * r->paths, sizeof *sums, "the film of paths of light", error);
-    if (status == KILN_OK)
-        status = gpu_download(r->b->gpu, &r->film, 0, sums, 3 * r->paths * sizeof *sums, error);
-    for (size_t i = 0; i < 3 * r->paths && status == KILN_OK; i++)
-        r->p->film->sums[i] += sums[i];
-    kiln_free(&sums);
-    return status;
+    const int status = bring(r, &r->film, count * sizeof *from, error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads((int)r->b->threads) if (count > 1 << 16)
+    for (size_t i = 0; i < count; i++)
+        to[i] += from[i];
+    return KILN_OK;
 }
 
-static int read_pixels(struct both_run *r, struct kiln_path_result *results, uint64_t *rays, struct kiln_error *error)
+static int read_pixels(struct both_run *r, struct kiln_error *error)
 {
-    struct kiln_gpu_path_sums *sums = NULL;
-    int status = kiln_allocate(&sums, r->count, sizeof *sums, "the sums of pixels", error);
-    if (status == KILN_OK)
-        status = gpu_download(r->b->gpu, &r->sums, 0, sums, r->count * sizeof *sums, error);
-    if (status == KILN_OK)
-        status = vulkan_read_path_sums(r->b, sums, r->count, results, rays, error);
-    kiln_free(&sums);
-    return status;
+    const int status = bring(r, &r->sums, r->count * sizeof(struct kiln_gpu_path_sums), error);
+    return status == KILN_OK ? vulkan_read_path_sums(r->b, r->brought.mapped, r->count, r->results, &r->rays, error)
+                             : status;
+}
+
+/* ---- a call ---- */
+
+static uint64_t paths_of(const struct kiln_bidirectional_parameters *p)
+{
+    return (uint64_t)p->camera.width * p->camera.height;
+}
+
+/* Room on the host for answers. */
+static int make_room(struct both_run *r, struct kiln_error *error)
+{
+    const size_t sums = r->count * sizeof(struct kiln_gpu_path_sums), film = 3 * sizeof(int64_t) * r->paths;
+    const int status =
+        gpu_buffer_create(r->b->gpu, &r->brought, sums > film ? sums : film, GPU_HOST, "the answers of pixels", error);
+    return status == KILN_OK ? kiln_allocate(&r->results, r->count, sizeof *r->results, "the answers of pixels", error)
+                             : status;
+}
+
+void vulkan_bidirectional_release(struct vulkan_backend *b)
+{
+    if (b->both != NULL)
+        both_finish(b->both);
+    kiln_free(&b->both);
+}
+
+/* b->both for these pixels: that of the call before where it was for as many by the same method, for its memory takes
+ * as long to make as several samples do; else one made anew. */
+static int prepare_call(struct vulkan_backend *b, const struct kiln_bidirectional_parameters *p,
+                        const struct kiln_batch *batch, struct kiln_error *error)
+{
+    struct both_run *r = b->both;
+    if (r != NULL && r->method == method_of(p->method) && r->count == batch->count && r->paths == paths_of(p)) {
+        r->p = p;
+        r->first = batch->first;
+        r->rays = 0;
+        r->push.scene = b->scene.address;
+        describe(r);
+        const int status = both_kernels(r, error);
+        return status == KILN_OK ? begin_sums(r, error) : status;
+    }
+    vulkan_bidirectional_release(b);
+    int status = kiln_allocate(&b->both, 1, sizeof *b->both, "paths under way", error);
+    if (status != KILN_OK)
+        return status;
+    *b->both = (struct both_run){.b = b,
+                                 .p = p,
+                                 .method = method_of(p->method),
+                                 .first = batch->first,
+                                 .count = batch->count,
+                                 .paths = paths_of(p)};
+    status = both_prepare(b->both, error);
+    return status == KILN_OK ? make_room(b->both, error) : status;
 }
 
 /* Runs the whole batch, or nothing of it is taken: the film cannot be added to in parts. */
 static int run_left(struct vulkan_backend *b, const void *parameters, struct kiln_batch *left, uint64_t *rays,
                     bool *refused, struct kiln_error *error)
 {
-    const struct kiln_bidirectional_parameters *p = parameters;
-    struct both_run r = {.b = b,
-                         .p = p,
-                         .method = method_of(p->method),
-                         .first = left->first,
-                         .count = left->count,
-                         .paths = (uint64_t)p->camera.width * p->camera.height};
-    struct kiln_path_result *results = NULL;
-    int status = both_prepare(&r, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&results, left->count, sizeof *results, "the answers of pixels", error);
+    int status = prepare_call(b, parameters, left, error);
     for (uint32_t i = 0; i < left->samples && status == KILN_OK; i++)
-        status = run_sample(&r, left->first_sample + i, error);
+        status = run_sample(b->both, left->first_sample + i, error);
     if (status == KILN_OK)
-        status = read_pixels(&r, results, &r.rays, error);
+        status = read_pixels(b->both, error);
     if (status == KILN_OK)
-        status = add_film(&r, error);
+        status = add_film(b->both, error);
     if (status == KILN_OK) {
-        *rays += r.rays;
-        status = left->take != NULL ? left->take(left->context, left->first, left->count, results, error) : KILN_OK;
+        *rays += b->both->rays;
+        status =
+            left->take != NULL ? left->take(left->context, left->first, left->count, b->both->results, error) : KILN_OK;
         *refused = status != KILN_OK;
         *left = kiln_batch_part(left, left->first + left->count, 0);
     }
-    kiln_free(&results);
-    both_finish(&r);
+    if (status != KILN_OK)
+        vulkan_bidirectional_release(b);
     return status;
 }
 

@@ -26,10 +26,16 @@ struct both_run {
     bool buried;           /* of surface points: some that are partly buried begin next */
     uint64_t rays;         /* that were traced */
     struct kiln_emission *emission;
+    /* Whether paths that have met gloss and the others have kernels of their own: code for gloss makes a kernel slow
+     * also where it does not run, for it takes a device's registers. */
+    bool sorts;
+    struct both_stage light_diffuse, eye_diffuse; /* of those others */
     struct both_stage light, eye, eye_ends, next, to_paths, to_camera, connected, near, connect, merge, splat, photon,
         buried_begin;
     struct gpu_buffer chances, nodes, all, counts, vertices, last, photons, buckets, film, sums;
     struct gpu_buffer points, point_paths, point_rays; /* of paths from surface points */
+    struct gpu_buffer brought;                         /* of the host: the film, or the sums of pixels */
+    struct kiln_path_result *results;                  /* of pixels, for the taker */
     /* of paths under way: so many slots, and what hangs on each; lists of slots; what dispatches leave to do, of which
      * the last is copied to the host */
     uint32_t slots, pair_room, shadow_room;
@@ -62,7 +68,8 @@ int both_sort_photons(struct both_run *r, uint32_t count, struct kiln_error *err
 /* Follows the paths of items first .. first + count - 1, and fails where the device could not. */
 int both_follow(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error);
 
-/* Makes the kernels and the memory of paths under way. */
+/* Brings the kernels, which may have been made anew since; and makes the memory of paths under way besides. */
+int both_kernels(struct both_run *r, struct kiln_error *error);
 int both_stages_create(struct both_run *r, struct kiln_error *error);
 void both_stages_destroy(struct both_run *r);
 

@@ -58,6 +58,13 @@
                                                          .gloss = &shader##_with_gloss};
 SHADER_WITH_GLOSS(light_paths, "paths of light")
 SHADER_WITH_GLOSS(eye_paths, "paths of the camera")
+/* at surfaces that are diffuse, in scenes with gloss */
+static const struct vulkan_shader light_paths_diffuse = {.name = "paths of light at diffuse surfaces",
+                                                         .compute = VULKAN_CODE(light_paths),
+                                                         .compute_float = VULKAN_CODE(light_paths_float)};
+static const struct vulkan_shader eye_paths_diffuse = {.name = "paths of the camera at diffuse surfaces",
+                                                       .compute = VULKAN_CODE(eye_paths),
+                                                       .compute_float = VULKAN_CODE(eye_paths_float)};
 SHADER_WITH_GLOSS(path_connect, "connections of paths")
 SHADER_WITH_GLOSS(path_merge, "merging of photons")
 SHADER_WITH_GLOSS(path_splat, "light to the camera")
@@ -95,7 +102,8 @@ enum {
     PAIRS = 2,
     PAIRS_OF_FEW = 16,  /* the same where few paths are under way */
     LIGHT_SURFACES = 4, /* of paths of light, handed over together */
-    EYE_SURFACES = 4    /* of paths of the camera, at most */
+    EYE_SURFACES = 4,   /* of paths of the camera, at most */
+    LISTS = 4           /* of slots: that of paths under way and the next; of those that have met gloss, and others */
 };
 
 /* ---- what is on the device ---- */
@@ -118,7 +126,7 @@ static void choose_slots(struct both_run *r)
     const bool points = from_points(r);
     const uint64_t a_ray = sizeof(struct kiln_gpu_shadow_ray) + (points ? sizeof(struct kiln_gpu_point_ray) : 0);
     const uint64_t each = sizeof(struct kiln_gpu_subpath) + sizeof(struct kiln_gpu_eye_vertex) +
-                          (sum_words(r) + 2) * sizeof(uint32_t) + PAIRS * sizeof(struct kiln_gpu_both_pair) +
+                          (sum_words(r) + LISTS) * sizeof(uint32_t) + PAIRS * sizeof(struct kiln_gpu_both_pair) +
                           shadows_of_path(r) * a_ray + (points ? sizeof(struct kiln_gpu_point_path) : 0);
     uint64_t slots = r->b->scratch_most / each, paths = r->count;
     const uint64_t most = gpu_about(r->b->gpu)->software ? MOST_SLOTS_SOFTWARE : MOST_SLOTS;
@@ -143,7 +151,7 @@ static int create_slots(struct both_run *r, struct kiln_error *error)
         {&r->point_rays, sizeof(struct kiln_gpu_point_ray), from_points(r) ? r->shadow_room : 0, "rays of points"},
         {&r->eyes, sizeof(struct kiln_gpu_eye_vertex), r->slots, "vertices of paths under way"},
         {&r->radiance, (size_t)sum_words(r) * sizeof(uint32_t), r->slots, "what paths have brought"},
-        {&r->lists, 2 * sizeof(uint32_t), r->slots, "lists of paths under way"},
+        {&r->lists, LISTS * sizeof(uint32_t), r->slots, "lists of paths under way"},
         {&r->pairs, sizeof(struct kiln_gpu_both_pair), r->pair_room, "pairs of vertices"},
         {&r->shadows, sizeof(struct kiln_gpu_shadow_ray), r->shadow_room, "shadow rays"},
         {&r->tallies, sizeof(struct kiln_gpu_both_tally), TALLIES, "what dispatches leave to do"}};
@@ -167,36 +175,41 @@ static bool merges(const struct both_run *r) { return (r->method & KILN_GPU_BOTH
 /* to vertices of light; else to samples of the lights alone */
 static bool links(const struct both_run *r) { return connects(r) && (r->method & KILN_GPU_BOTH_ALONE) == 0; }
 
-static int create_kernels(struct both_run *r, struct kiln_error *error)
+int both_kernels(struct both_run *r, struct kiln_error *error)
 {
     const bool connects = (r->method & KILN_GPU_BOTH_CONNECTS) != 0, merges = (r->method & KILN_GPU_BOTH_MERGES) != 0,
                splats = (r->method & KILN_GPU_BOTH_SPLATS) != 0, own = (r->method & KILN_GPU_BOTH_OWN) != 0,
                alone = (r->method & KILN_GPU_BOTH_ALONE) != 0;
     const uint32_t points = r->method & KILN_GPU_BOTH_POINTS;
+    r->sorts = r->b->materials.gloss;
+    const struct vulkan_shader *ends = points != 0 ? &point_paths_shader
+                                       : r->sorts  ? &eye_paths_diffuse
+                                                   : &eye_paths_shader;
     const struct {
         struct both_stage *stage;
         const struct vulkan_shader *shader;
         uint32_t constant;
         enum vulkan_pace pace;
         bool wanted;
-    } of[] = {
-        {&r->light, &light_paths_shader, points, VULKAN_PACE_LIGHT_PATHS, !alone},
-        {&r->eye, &eye_paths_shader, r->method, VULKAN_PACE_EYE_PATHS, true},
-        {&r->eye_ends, points != 0 ? &point_paths_shader : &eye_paths_shader, r->method, VULKAN_PACE_EYE_ENDS, true},
-        {&r->next, &path_rays_shader, KILN_GPU_RAYS_NEXT | points, VULKAN_PACE_PATH_RAYS, true},
-        {&r->to_paths, &path_rays_shader, KILN_GPU_RAYS_TO_PATHS | points, VULKAN_PACE_SHADOW_RAYS, connects},
-        {&r->to_camera, &path_rays_shader, KILN_GPU_RAYS_TO_CAMERA, VULKAN_PACE_CAMERA_RAYS, splats},
-        {&r->connected, &path_pairs_shader, KILN_GPU_PAIRS_CONNECTED, VULKAN_PACE_PAIRS, links(r)},
-        {&r->near, &path_pairs_shader, own ? KILN_GPU_PAIRS_OWN : KILN_GPU_PAIRS_NEAR, VULKAN_PACE_NEAR, merges},
-        {&r->connect, &path_connect_shader, points, VULKAN_PACE_CONNECT, links(r)},
-        {&r->merge, &path_merge_shader, r->method, VULKAN_PACE_MERGE, merges},
-        {&r->splat, &path_splat_shader, r->method, VULKAN_PACE_SPLAT, splats},
-        {&r->photon, &photons_shader, 0, VULKAN_PACE_PHOTONS, true}};
+    } of[] = {{&r->light, &light_paths_shader, points, VULKAN_PACE_LIGHT_PATHS, !alone},
+              {&r->eye, &eye_paths_shader, r->method, VULKAN_PACE_EYE_PATHS, true},
+              {&r->light_diffuse, &light_paths_diffuse, points, VULKAN_PACE_LIGHT_DIFFUSE, r->sorts && !alone},
+              {&r->eye_diffuse, &eye_paths_diffuse, r->method, VULKAN_PACE_EYE_DIFFUSE, r->sorts},
+              {&r->eye_ends, ends, r->method, VULKAN_PACE_EYE_ENDS, true},
+              {&r->next, &path_rays_shader, KILN_GPU_RAYS_NEXT | points, VULKAN_PACE_PATH_RAYS, true},
+              {&r->to_paths, &path_rays_shader, KILN_GPU_RAYS_TO_PATHS | points, VULKAN_PACE_SHADOW_RAYS, connects},
+              {&r->to_camera, &path_rays_shader, KILN_GPU_RAYS_TO_CAMERA, VULKAN_PACE_CAMERA_RAYS, splats},
+              {&r->connected, &path_pairs_shader, KILN_GPU_PAIRS_CONNECTED, VULKAN_PACE_PAIRS, links(r)},
+              {&r->near, &path_pairs_shader, own ? KILN_GPU_PAIRS_OWN : KILN_GPU_PAIRS_NEAR, VULKAN_PACE_NEAR, merges},
+              {&r->connect, &path_connect_shader, points, VULKAN_PACE_CONNECT, links(r)},
+              {&r->merge, &path_merge_shader, r->method, VULKAN_PACE_MERGE, merges},
+              {&r->splat, &path_splat_shader, r->method, VULKAN_PACE_SPLAT, splats},
+              {&r->photon, &photons_shader, 0, VULKAN_PACE_PHOTONS, true}};
     struct vulkan_wish wishes[sizeof of / sizeof of[0]];
     size_t count = 0;
     int status = KILN_OK;
     for (size_t i = 0; i < sizeof of / sizeof of[0]; i++)
-        if (of[i].wanted && (points != 0 || of[i].stage != &r->eye_ends)) /* else its kernel is that of `eye` */
+        if (of[i].wanted && (points != 0 || of[i].stage != &r->eye_ends)) /* else its kernel is there already */
             wishes[count++] = (struct vulkan_wish){.shader = of[i].shader, .own = of[i].constant};
     vulkan_kernels_at_once(r->b, wishes, count);
     for (size_t i = 0; i < sizeof of / sizeof of[0] && status == KILN_OK; i++) {
@@ -210,7 +223,7 @@ static int create_kernels(struct both_run *r, struct kiln_error *error)
 int both_stages_create(struct both_run *r, struct kiln_error *error)
 {
     choose_slots(r);
-    const int status = create_kernels(r, error);
+    const int status = both_kernels(r, error);
     return status == KILN_OK ? create_slots(r, error) : status;
 }
 
@@ -272,12 +285,13 @@ static void learn(struct gpu_pacer *pacer, uint64_t work, double seconds)
         gpu_pacer_learn(pacer, work, seconds);
 }
 
-int both_run_stage(struct both_run *r, const struct both_stage *stage, uint64_t first, uint64_t count,
-                   struct kiln_gpu_both_tally *tally, struct kiln_error *error)
+/* With the tally that r has; `answers`: it is copied to r->answer in the end. */
+static int run_slices(struct both_run *r, const struct both_stage *stage, uint64_t first, uint64_t count, bool answers,
+                      struct kiln_error *error)
 {
     struct gpu_pacer *pacer = &r->b->pacers[stage->pace];
     const uint64_t least = gpu_about(r->b->gpu)->software ? LEAST_SOFTWARE : LEAST;
-    int status = next_tally(r, error);
+    int status = KILN_OK;
     r->push.counter = 0;
     for (uint64_t done = 0; done < count && status == KILN_OK; done += r->push.count) {
         const uint64_t enough = gpu_pacer_next_filling(pacer, FIRST_GUESS, least), left = count - done,
@@ -285,10 +299,19 @@ int both_run_stage(struct both_run *r, const struct both_stage *stage, uint64_t 
         double seconds;
         r->push.offset = (uint32_t)(first + done);
         r->push.count = (uint32_t)(some < left ? some : left);
-        status = dispatch(r, stage->kernel, tally != NULL && some >= left, &seconds, error);
+        status = dispatch(r, stage->kernel, answers && some >= left, &seconds, error);
         if (status == KILN_OK)
             learn(pacer, r->push.count, seconds);
     }
+    return status;
+}
+
+int both_run_stage(struct both_run *r, const struct both_stage *stage, uint64_t first, uint64_t count,
+                   struct kiln_gpu_both_tally *tally, struct kiln_error *error)
+{
+    int status = next_tally(r, error);
+    if (status == KILN_OK)
+        status = run_slices(r, stage, first, count, tally != NULL, error);
     if (tally != NULL && count == 0)
         *tally = (struct kiln_gpu_both_tally){0};
     else if (tally != NULL && status == KILN_OK)
@@ -368,11 +391,82 @@ static uint64_t list_of(const struct both_run *r, uint32_t turn)
     return r->lists.address + (turn % 2) * (uint64_t)r->slots * sizeof(uint32_t);
 }
 
-/* All paths under way go to their next surfaces. */
-static int trace_next(struct both_run *r, uint64_t count, struct kiln_error *error)
+/* The slots of paths that have met diffuse surfaces or none; behind them there are r->slots for those that have met
+ * gloss. */
+static uint64_t sorted_list(const struct both_run *r)
 {
+    return list_of(r, 0) + 2 * (uint64_t)r->slots * sizeof(uint32_t);
+}
+static uint64_t gloss_list(const struct both_run *r) { return sorted_list(r) + (uint64_t)r->slots * sizeof(uint32_t); }
+
+/* Where nothing is known of a stage's speed, for there was nothing to do: that it is the other's. */
+static void share_speed(struct both_run *r, const struct both_stage *a, const struct both_stage *b)
+{
+    struct gpu_pacer *x = &r->b->pacers[a->pace], *y = &r->b->pacers[b->pace];
+    if (!(x->rate > 0.0))
+        x->rate = y->rate;
+    if (!(y->rate > 0.0))
+        y->rate = x->rate;
+}
+
+/* What is done where paths have come to, that have been sorted: `diffuse` and `gloss` of them. */
+static int run_sorted(struct both_run *r, const struct both_stage *at_diffuse, const struct both_stage *at_gloss,
+                      uint64_t diffuse, uint64_t gloss, struct kiln_gpu_both_tally *tally, struct kiln_error *error)
+{
+    const uint64_t list = r->push.list;
+    int status = next_tally(r, error);
+    r->push.list = sorted_list(r);
+    if (status == KILN_OK && diffuse > 0)
+        status = run_slices(r, at_diffuse, 0, diffuse, gloss == 0, error);
+    r->push.list = gloss_list(r);
+    if (status == KILN_OK && gloss > 0)
+        status = run_slices(r, at_gloss, 0, gloss, true, error);
+    r->push.list = list;
+    share_speed(r, at_diffuse, at_gloss);
+    *tally = (struct kiln_gpu_both_tally){0};
+    if (status == KILN_OK && diffuse + gloss > 0)
+        memcpy(tally, r->answer.mapped, sizeof *tally);
+    return status;
+}
+
+/* All paths under way go to their next surfaces, and do there what they do. */
+static int run_surface(struct both_run *r, const struct both_stage *at_diffuse, const struct both_stage *at_gloss,
+                       uint64_t count, struct kiln_gpu_both_tally *tally, struct kiln_error *error)
+{
+    const uint64_t onward = r->push.onward;
+    struct kiln_gpu_both_tally met = {0};
     r->rays += count;
-    return both_run_stage(r, &r->next, 0, count, NULL, error);
+    r->push.onward = sorted_list(r);
+    r->push.room = r->slots;
+    int status = both_run_stage(r, &r->next, 0, count, r->sorts ? &met : NULL, error);
+    r->push.onward = onward;
+    if (status != KILN_OK)
+        return status;
+    return r->sorts ? run_sorted(r, at_diffuse, at_gloss, met.paths, met.shadows, tally, error)
+                    : both_run_stage(r, at_gloss, 0, count, tally, error);
+}
+
+/* The same in the queue, of at most `most` paths, as many as the word at `counter` says. Returns the number of the
+ * tally of what they do. */
+static size_t add_surface(struct both_run *r, const struct both_stage *at_diffuse, const struct both_stage *at_gloss,
+                          uint64_t most, uint64_t counter)
+{
+    const uint64_t list = r->push.list, onward = r->push.onward;
+    struct both_queue *q = &r->queue;
+    r->push.onward = sorted_list(r);
+    r->push.room = r->slots;
+    const size_t met = add(r, &r->next, most, counter);
+    r->push.onward = onward;
+    if (!r->sorts)
+        return add(r, at_gloss, most, counter);
+    r->push.list = sorted_list(r);
+    const size_t number = add(r, at_diffuse, most, tally_address(r, met, offsetof(struct kiln_gpu_both_tally, paths)));
+    r->push.list = gloss_list(r);
+    const size_t other = add(r, at_gloss, most, tally_address(r, met, offsetof(struct kiln_gpu_both_tally, shadows)));
+    q->pushes[other].tally = q->pushes[number].tally;
+    q->steps[other].alongside = true;
+    r->push.list = list;
+    return number;
 }
 
 static int trace_shadows(struct both_run *r, const struct both_stage *stage, uint64_t count, struct kiln_error *error)
@@ -385,9 +479,7 @@ static int trace_shadows(struct both_run *r, const struct both_stage *stage, uin
 static int light_surface(struct both_run *r, uint32_t *under_way, struct kiln_error *error)
 {
     struct kiln_gpu_both_tally tally = {0};
-    int status = trace_next(r, *under_way, error);
-    if (status == KILN_OK)
-        status = both_run_stage(r, &r->light, 0, *under_way, &tally, error);
+    const int status = run_surface(r, &r->light_diffuse, &r->light, *under_way, &tally, error);
     *under_way = tally.paths;
     return status;
 }
@@ -396,13 +488,14 @@ static int light_surface(struct both_run *r, uint32_t *under_way, struct kiln_er
 static int light_surfaces(struct both_run *r, uint32_t turn, uint32_t *under_way, bool *done, struct kiln_error *error)
 {
     const struct kiln_gpu_both_tally *tallies;
+    size_t number[LIGHT_SURFACES];
     uint64_t counter = 0;
     int status = begin_queue(r, error);
     for (uint32_t k = 0; k < LIGHT_SURFACES; k++) {
         r->push.list = list_of(r, turn + k);
         r->push.onward = list_of(r, turn + k + 1);
-        (void)add(r, &r->next, *under_way, counter);
-        counter = tally_address(r, add(r, &r->light, *under_way, counter), offsetof(struct kiln_gpu_both_tally, paths));
+        number[k] = add_surface(r, &r->light_diffuse, &r->light, *under_way, counter);
+        counter = tally_address(r, number[k], offsetof(struct kiln_gpu_both_tally, paths));
     }
     *done = fits_slice(r);
     if (status != KILN_OK || !*done)
@@ -410,7 +503,7 @@ static int light_surfaces(struct both_run *r, uint32_t turn, uint32_t *under_way
     status = run_queue(r, &tallies, error);
     for (uint32_t k = 0; k < LIGHT_SURFACES && status == KILN_OK; k++) {
         r->rays += *under_way;
-        *under_way = tallies[2 * k + 1].paths;
+        *under_way = tallies[number[k]].paths;
     }
     return status;
 }
@@ -501,9 +594,7 @@ static int eye_surface(struct both_run *r, uint32_t *under_way, struct kiln_erro
 {
     const uint32_t count = *under_way;
     struct kiln_gpu_both_tally tally = {0};
-    int status = trace_next(r, count, error);
-    if (status == KILN_OK)
-        status = both_run_stage(r, &r->eye, 0, count, &tally, error);
+    int status = run_surface(r, &r->eye_diffuse, &r->eye, count, &tally, error);
     *under_way = tally.paths;
     if (status == KILN_OK)
         status = trace_shadows(r, &r->to_paths, tally.shadows, error);
@@ -534,8 +625,7 @@ static size_t add_pairs(struct both_run *r, const struct both_stage *find, const
 static struct surface_in_queue add_eye_surface(struct both_run *r, uint64_t most, uint64_t counter)
 {
     struct surface_in_queue in = {0};
-    (void)add(r, &r->next, most, counter);
-    in.eye = add(r, &r->eye, most, counter);
+    in.eye = add_surface(r, &r->eye_diffuse, &r->eye, most, counter);
     if (connects(r))
         (void)add(r, &r->to_paths, most * shadows_of_path(r),
                   tally_address(r, in.eye, offsetof(struct kiln_gpu_both_tally, shadows)));

@@ -320,13 +320,14 @@ static int submit_portion(struct run *r, struct vulkan_chunk *chunk, struct flig
     int status = r->pass->record(r->pass->context, chunk, &recording, error);
     if (status != KILN_OK)
         return status;
-    if (chunk->last)
-        recording.steps[recording.count++] = (struct gpu_step){
-            .aside = true,
-            .from = &slot->answers,
-            .to = &slot->host,
-            .from_offset = chunk->results - slot->answers.address,
-            .size = flight->total * (r->pass->wants_words ? answer_bytes(r->pass) : r->pass->result_bytes)};
+    const size_t size = flight->total * (r->pass->wants_words ? answer_bytes(r->pass) : r->pass->result_bytes);
+    r->b->returned += chunk->last ? size : 0;
+    if (chunk->last && size > 0)
+        recording.steps[recording.count++] = (struct gpu_step){.aside = true,
+                                                               .from = &slot->answers,
+                                                               .to = &slot->host,
+                                                               .from_offset = chunk->results - slot->answers.address,
+                                                               .size = size};
     flight->work = r->pass->work * flight->weight * (double)chunk->row_count;
     return gpu_submit(r->b->gpu, r->slot, recording.steps, recording.count, error);
 }
@@ -346,6 +347,14 @@ static int find_block(struct run *r, struct vulkan_block **block, struct kiln_er
     return status == KILN_OK ? vulkan_points_block(r->b->points, r->next, r->pass->states, 0, block, error) : status;
 }
 
+/* Rows of the chunk that a slice of time is enough for, by what is known by now. */
+static uint32_t rows_now(const struct run *r, const struct flight *flight)
+{
+    const double work = (double)gpu_pacer_next(&r->b->pacers[r->pass->pace], r->pass->first_guess),
+                 rows = work / (r->pass->work * flight->weight);
+    return rows < 1.0 ? 1 : rows > (double)r->pass->rows ? r->pass->rows : (uint32_t)rows;
+}
+
 /* Starts the next chunk in r->slot, which is free. */
 static int start(struct run *r, struct kiln_error *error)
 {
@@ -360,9 +369,11 @@ static int start(struct run *r, struct kiln_error *error)
     size_chunk(r, &points, &rows);
     take_tile_runs(r, block, points, flight);
     describe(r, block, flight, &chunk);
-    for (uint32_t row = 0; row < r->pass->rows && status == KILN_OK; row += rows) {
-        if (row != 0)
+    for (uint32_t row = 0; row < r->pass->rows && status == KILN_OK; row += chunk.row_count) {
+        if (row != 0) {
             status = wait_slot(r, r->slot, error);
+            rows = rows_now(r, flight);
+        }
         chunk.row_first = row;
         chunk.row_count = r->pass->rows - row < rows ? r->pass->rows - row : rows;
         chunk.last = row + chunk.row_count == r->pass->rows;
@@ -417,7 +428,8 @@ int vulkan_run_in_chunks(struct vulkan_backend *b, const struct vulkan_chunked *
                     .end = batch->first + batch->count,
                     .taken = batch->first};
     int status = run_left(&r, error);
-    while (status != KILN_OK && !r.refused && vulkan_can_recover(b) && (status = vulkan_recover(b, error)) == KILN_OK) {
+    while (status != KILN_OK && !r.refused && !pass->holds && vulkan_can_recover(b) &&
+           (status = vulkan_recover(b, error)) == KILN_OK) {
         r.next = r.taken; /* what was handed over is not done again */
         status = run_left(&r, error);
     }

@@ -60,7 +60,7 @@ struct vulkan_chunked {
     bool states;
     bool mixed; /* with their numbers of samples: it takes any (vulkan_points_choose) */
     /* bytes of a point's result on the device, which are those of the pass's result struct, or fewer where `take` makes
-     * the rest; 0: there are words only */
+     * the rest; 0: there are words only, or nothing */
     size_t result_bytes;
     /* where in a result a float stands that a kernel makes negative to say that the device ended its loops early
      * (results only) */
@@ -80,6 +80,8 @@ struct vulkan_chunked {
                 struct kiln_error *error);
     void *context;
     double *seconds; /* NULL, or what the device was busy is added here */
+    /* what it works on is on the device alone: when that is lost the pass fails */
+    bool holds;
 };
 
 /* Over the batch's tile runs; its taker is not called, `take` above may do so. A device that was lost or has run out of

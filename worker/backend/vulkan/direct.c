@@ -1,5 +1,6 @@
 /* The direct pass (worker/pass/direct.h): shaders/choose.comp, direct_pilot.comp, direct.comp, direct_precise.comp and
  * direct_reduce.comp over the batch's points. */
+#include "worker/backend/vulkan/answers.h"
 #include "worker/backend/vulkan/chunks.h"
 #include "worker/pass/direct.h"
 
@@ -50,6 +51,7 @@ struct direct {
     struct gpu_kernel *buried; /* made when there is a point for it: it takes its time */
     uint32_t limit, slots;
     struct kiln_slices slices; /* room for those of every point */
+    size_t result_bytes;       /* on the device */
     uint64_t rays;
 };
 
@@ -78,7 +80,7 @@ static int prepare(void *context, struct kiln_error *error)
     if (status == KILN_OK && d->precise)
         status = vulkan_kernel_of(d->b, &direct_precise_shader, false, 0, &d->near, error);
     if (status == KILN_OK)
-        status = vulkan_kernel_of(d->b, &sums_shader, false, 0, &d->reduce, error);
+        status = vulkan_kernel_of(d->b, &sums_shader, false, VULKAN_SHORT, &d->reduce, error);
     return status;
 }
 
@@ -137,8 +139,8 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
     for (uint64_t i = 0; i < points; i++)
         rays += words[i];
     d->rays += rays;
-    return d->batch->take != NULL ? d->batch->take(d->batch->context, tile_run_first, tile_run_count, results, error)
-                                  : KILN_OK;
+    return vulkan_take_short(d->b, vulkan_lengthen_direct, d->result_bytes, d->batch, tile_run_first, tile_run_count,
+                             results, error);
 }
 
 /* Whether area lights may be so near to points that they want doubles, which the device has. */
@@ -182,6 +184,7 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     struct direct d = {.b = b, .batch = batch, .samples = batch->samples_each != NULL ? 0 : samples};
     const struct kiln_lights *lights = lights_of(b);
     const size_t tree = lights->area_count + lights->point_count;
+    d.result_bytes = vulkan_answer_of_direct(b).words * sizeof(float);
     d.precise = has_near_lights(b);
     d.limit = kiln_cut_limit(samples);
     d.slots = (uint32_t)((tree < d.limit ? tree : d.limit) + lights->directional_count + 1);
@@ -194,8 +197,8 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
                                         .pace = KILN_PASS_INDEX_direct,
                                         .states = true,
                                         .mixed = true,
-                                        .result_bytes = sizeof(struct kiln_gpu_result),
-                                        .failed_offset = offsetof(struct kiln_gpu_result, error),
+                                        .result_bytes = d.result_bytes,
+                                        .failed_offset = KILN_GPU_SHORT_ERROR * sizeof(float),
                                         .rows = rows,
                                         .work = (double)samples / rows,
                                         .first_guess = 1 << 18,
@@ -216,5 +219,5 @@ const struct vulkan_pass vulkan_pass_direct = {
               {.shader = &direct_shader},
               {.shader = &choose_shader},
               {.shader = &pilot_shader, .wanted = has_pilots},
-              {.shader = &sums_shader},
+              {.shader = &sums_shader, .own = VULKAN_SHORT},
               {.shader = &direct_precise_shader, .wanted = has_near_lights}}};

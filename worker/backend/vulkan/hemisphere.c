@@ -6,7 +6,7 @@
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 
-enum { POINTS_AT_ONCE = 1 << 16 };
+enum { GROUP = 64 /* threads of a workgroup */ };
 
 struct hemisphere {
     struct vulkan_backend *b;
@@ -14,6 +14,7 @@ struct hemisphere {
     const struct kiln_batch *batch;
     struct gpu_kernel *whole, *reduce;
     struct gpu_kernel *between; /* NULL: none */
+    struct gpu_kernel *powers;  /* likewise */
     struct gpu_kernel *buried;  /* made when there is a point for it: it takes its time */
     struct kiln_slices slices;
     uint64_t rays;
@@ -72,30 +73,49 @@ static size_t slice_bytes(const struct hemisphere *h)
     return (size_t)4 * h->slices.per_quarter * h->slices.split * h->pass->floats * sizeof(float);
 }
 
+/* The sums of answers under lights, all in one dispatch. */
+static void record_lights(const struct hemisphere *h, const struct vulkan_chunk *chunk,
+                          struct vulkan_recording *recording)
+{
+    const struct kiln_surface *s = h->b->surface;
+    const uint32_t lights = lights_of(h);
+    const struct kiln_gpu_replay_reduce_push push = {
+        .scene = h->b->scene.address,
+        .chunk = chunk->all,
+        .slices = chunk->scratch,
+        .results = h->pass->held != 0 ? h->pass->held : chunk->results,
+        .first = kiln_own_of_global(s, s->tile_runs[chunk->tile_run_first].first).at,
+        .samples = h->batch->samples,
+        .per_quarter = h->slices.per_quarter,
+        .split = h->slices.split,
+        .lights = lights,
+        .light_bytes = (uint64_t)chunk->all.total * slice_bytes(h)};
+    const struct kiln_gpu_held_push powers = {
+        .scene = push.scene, .held = h->pass->held, .groups = (chunk->all.total + GROUP - 1) / GROUP};
+    vulkan_record(recording, h->reduce, chunk->all.total, lights, &push, sizeof push);
+    if (h->pass->held != 0)
+        vulkan_record(recording, h->powers, GROUP * KILN_GPU_HELD_POWERS, lights, &powers, sizeof powers);
+}
+
 static void record_sums(const struct hemisphere *h, const struct vulkan_chunk *chunk,
                         struct vulkan_recording *recording)
 {
-    struct kiln_gpu_guided_reduce_push push = {.scene = h->b->scene.address,
-                                               .chunk = chunk->all,
-                                               .slices = chunk->scratch,
-                                               .results = chunk->results,
-                                               .rays = chunk->words,
-                                               .samples = h->batch->samples,
-                                               .per_quarter = h->slices.per_quarter,
-                                               .split = h->slices.split,
-                                               .stride = lights_of(h),
-                                               .guided = h->b->slots[chunk->slot].guides.address};
+    const struct kiln_gpu_guided_reduce_push push = {.scene = h->b->scene.address,
+                                                     .chunk = chunk->all,
+                                                     .slices = chunk->scratch,
+                                                     .results = chunk->results,
+                                                     .rays = chunk->words,
+                                                     .samples = h->batch->samples,
+                                                     .per_quarter = h->slices.per_quarter,
+                                                     .split = h->slices.split,
+                                                     .guided = h->b->slots[chunk->slot].guides.address};
     _Static_assert(offsetof(struct kiln_gpu_guided_reduce_push, guided) ==
                        sizeof(struct kiln_gpu_hemisphere_reduce_push),
                    "they begin the same");
     const size_t bytes = h->pass->bring != NULL ? sizeof push : sizeof(struct kiln_gpu_hemisphere_reduce_push);
     if (h->between != NULL)
         vulkan_record(recording, h->between, chunk->all.total, 1, &push, bytes);
-    for (uint32_t l = 0; l < lights_of(h); l++) {
-        vulkan_record(recording, h->reduce, chunk->all.total, 1, &push, bytes);
-        push.slices += (uint64_t)chunk->all.total * slice_bytes(h);
-        push.results += sizeof(struct kiln_gpu_result);
-    }
+    vulkan_record(recording, h->reduce, chunk->all.total, 1, &push, bytes);
 }
 
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
@@ -122,7 +142,9 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
         {h->buried, chunk->buried.count, chunk->row_count * h->slices.split, &buried},
         {h->whole, chunk->all.count, chunk->row_count, &push}};
     vulkan_record_both(recording, both, sizeof push.shared + pass->own_bytes);
-    if (chunk->last)
+    if (chunk->last && pass->lights > 0)
+        record_lights(h, chunk, recording);
+    else if (chunk->last)
         record_sums(h, chunk, recording);
     return KILN_OK;
 }
@@ -141,9 +163,8 @@ static size_t result_bytes(const struct vulkan_hemisphere *pass)
     return pass->lengthen != NULL ? pass->result_bytes : pass->pass->result_bytes;
 }
 
-/* Adds the tile runs' rays, and makes results of short ones. */
-static void look_through(struct hemisphere *h, size_t tile_run_first, size_t tile_run_count, const char *results,
-                         const uint32_t *words)
+/* Adds the tile runs' rays. */
+static void count_rays(struct hemisphere *h, size_t tile_run_first, size_t tile_run_count, const uint32_t *words)
 {
     const struct kiln_surface *s = h->b->surface;
     const struct kiln_tile_run *tile_runs = s->tile_runs + tile_run_first;
@@ -158,23 +179,8 @@ static void look_through(struct hemisphere *h, size_t tile_run_first, size_t til
             tracing += (points >> k & 1u) != 0 && traces(h, (struct kiln_own_point){run + k});
             shadow_rays += h->pass->counts_rays ? words[run + k - first] : 0;
         }
-        if (h->pass->lengthen != NULL && h->batch->take != NULL)
-            h->pass->lengthen(h->b, h->batch, tile_run_first + f, results + (run - first) * h->pass->result_bytes,
-                              h->b->results + (run - first) * h->pass->pass->result_bytes);
     }
     h->rays += tracing * h->batch->samples + shadow_rays;
-}
-
-/* How many of the tile runs are handed on at once: all, or as many as have few enough points for their results to stay
- * in the caches. */
-static size_t tile_runs_at_once(const struct hemisphere *h, size_t tile_run_first, size_t tile_run_count,
-                                uint64_t *points)
-{
-    const struct kiln_tile_run *tile_runs = h->b->surface->tile_runs + tile_run_first;
-    size_t count = 0;
-    for (*points = 0; count < tile_run_count && (h->pass->lengthen == NULL || *points < POINTS_AT_ONCE); count++)
-        *points += tile_runs[count].count;
-    return count;
 }
 
 static int take(void *context, size_t tile_run_first, size_t tile_run_count, const void *results, const uint32_t *words,
@@ -182,25 +188,18 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
 {
     struct hemisphere *h = context;
     const struct kiln_batch *batch = h->batch;
-    const char *from = results;
-    int status = h->pass->lengthen != NULL
-                     ? kiln_grow(&h->b->results, &h->b->result_room,
-                                 (POINTS_AT_ONCE + KILN_TILE_TEXELS) * h->pass->pass->result_bytes, 1,
-                                 "the results of points", error)
-                     : KILN_OK;
+    int status = KILN_OK;
+    if (h->pass->held != 0)
+        return KILN_OK;
     if (h->pass->kept_words > 0)
         status = h->pass->take_words(h->pass->context, tile_run_first, tile_run_count, results, words, error);
-    for (size_t done = 0, some; done < tile_run_count && status == KILN_OK; done += some) {
-        uint64_t points;
-        some = tile_runs_at_once(h, tile_run_first + done, tile_run_count - done, &points);
-        look_through(h, tile_run_first + done, some, from, words);
-        if (batch->take != NULL)
-            status = batch->take(batch->context, tile_run_first + done, some,
-                                 h->pass->lengthen != NULL ? h->b->results : from, error);
-        from += points * result_bytes(h->pass);
-        words = words != NULL ? words + points : NULL; /* results are short where a point has one word at most */
-    }
-    return status;
+    if (status != KILN_OK)
+        return status;
+    count_rays(h, tile_run_first, tile_run_count, words);
+    if (h->pass->lengthen != NULL)
+        return vulkan_take_short(h->b, h->pass->lengthen, h->pass->result_bytes, batch, tile_run_first, tile_run_count,
+                                 results, error);
+    return batch->take != NULL ? batch->take(batch->context, tile_run_first, tile_run_count, results, error) : KILN_OK;
 }
 
 static int prepare(void *context, struct kiln_error *error)
@@ -213,6 +212,8 @@ static int prepare(void *context, struct kiln_error *error)
         status = vulkan_kernel_of(h->b, pass->shader, false, pass->constant, &h->whole, error);
     if (status == KILN_OK)
         status = vulkan_kernel_of(h->b, pass->sums, false, pass->sums_constant, &h->reduce, error);
+    if (status == KILN_OK && pass->powers != NULL)
+        status = vulkan_kernel_of(h->b, pass->powers, false, 0, &h->powers, error);
     if (status == KILN_OK && pass->prepare != NULL)
         status = pass->prepare(h->b, pass->context, error);
     if (status == KILN_OK && pass->between != NULL)
@@ -240,7 +241,8 @@ int vulkan_hemisphere_run(struct vulkan_backend *b, const struct vulkan_hemisphe
     const struct vulkan_chunked chunked = {.pass = pass->pass,
                                            .pace = pass->pace,
                                            .states = true,
-                                           .result_bytes = result_bytes(pass) * lights_of(&h),
+                                           .result_bytes = pass->held != 0 ? 0 : result_bytes(pass) * lights_of(&h),
+                                           .holds = pass->held != 0,
                                            .failed_offset = pass->failed_offset,
                                            .rows = rows,
                                            .work = (double)batch->samples / rows,

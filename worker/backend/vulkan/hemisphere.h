@@ -3,6 +3,7 @@
 #ifndef KILN_WORKER_BACKEND_VULKAN_HEMISPHERE_H
 #define KILN_WORKER_BACKEND_VULKAN_HEMISPHERE_H
 
+#include "worker/backend/vulkan/answers.h"
 #include "worker/backend/vulkan/chunks.h"
 
 /* Bytes that a pass's own push constants may have, after the members of struct kiln_gpu_hemisphere_push. */
@@ -18,11 +19,10 @@ struct vulkan_hemisphere {
     uint32_t floats;                  /* of a slice */
     /* of which results' float a kernel makes a negative number to say that the device ended its loops early */
     size_t failed_offset;
-    /* Where the device's results are short: their bytes, and what makes the pass's results of those of a tile run,
-     * which it is called for by several threads at once. 0, NULL: they are the pass's own. */
+    /* Where the device's results are short: their bytes, and what makes the pass's results of them. 0, NULL: they are
+     * the pass's own. */
     size_t result_bytes;
-    void (*lengthen)(const struct vulkan_backend *b, const struct kiln_batch *batch, size_t tile_run, const void *from,
-                     void *to);
+    vulkan_lengthen lengthen;
     bool counts_rays; /* the word of a point is its shadow rays; each sample is a ray besides */
     const void *own;  /* its own push constants; NULL: none */
     size_t own_bytes; /* at most VULKAN_HEMISPHERE_OWN */
@@ -37,7 +37,13 @@ struct vulkan_hemisphere {
     /* Bytes of each point of the batch's tile runs, in order, whose address is the second of its own push constants;
      * kernels get that of the chunk's first point. 0: there are none. */
     size_t point_bytes;
-    uint32_t lights; /* under which each point has an answer: they lie side by side, and `sums` runs for each; 0: one */
+    /* The gather pass from rows: under so many lights each point has an answer. They lie side by side, and `sums` takes
+     * struct kiln_gpu_replay_reduce_push. 0: it is another pass */
+    uint32_t lights;
+    /* and where light stays on the device (held.h): the address of struct kiln_gpu_held. Nothing is handed to the host;
+     * the last kernel runs on what the workgroups of `sums` have left. 0: answers are */
+    uint64_t held;
+    const struct vulkan_shader *powers;
     /* The first kernel leaves `kept_words` words for each point, whose address stands in the place of the second of the
      * pass's own push constants; `take_words` gets those of the tile runs whose results the batch's taker gets next. */
     uint32_t kept_words;

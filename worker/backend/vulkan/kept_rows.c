@@ -2,16 +2,19 @@
 
 #include <string.h>
 
+#include "worker/backend/vulkan/held.h"
 #include "worker/backend/vulkan/hemisphere.h"
 #include "worker/base/memory.h"
 #include "worker/pass/gather.h"
 #include "worker/pass/resident_rows.h"
 
+#include "shaders/held_powers.h"
 #include "shaders/keep.h"
 #include "shaders/keep_pipeline.h"
 #include "shaders/replay.h"
 #include "shaders/replay_pipeline.h"
 #include "shaders/replay_reduce.h"
+#include "shaders/replay_take.h"
 
 static const struct vulkan_shader keep_shader = {
     .name = "gather, kept", .compute = VULKAN_CODE(keep), .pipeline = VULKAN_CODE(keep_pipeline)};
@@ -19,6 +22,10 @@ static const struct vulkan_shader replay_shader = {
     .name = "gather from rows", .compute = VULKAN_CODE(replay), .pipeline = VULKAN_CODE(replay_pipeline)};
 static const struct vulkan_shader sums_shader = {.name = "gather from rows: sums",
                                                  .compute = VULKAN_CODE(replay_reduce)};
+static const struct vulkan_shader take_shader = {.name = "gather from rows: taken over",
+                                                 .compute = VULKAN_CODE(replay_take)};
+static const struct vulkan_shader powers_shader = {.name = "gather from rows: powers",
+                                                   .compute = VULKAN_CODE(held_powers)};
 
 /* Bytes of rows that are read from a file at a time. */
 enum { PART_BYTES = 256 << 20 };
@@ -38,6 +45,7 @@ struct rows_run {
     struct vulkan_resident *resident; /* rows on the device; NULL: they are brought */
     const struct kiln_batch *batch;   /* being replayed */
     uint64_t own[2];                  /* push constants: see struct kiln_gpu_rows_push */
+    bool holds;                       /* lights are those that are held, and answers stay */
 };
 
 static size_t row_words(const struct rows_run *r) { return 1 + (size_t)r->samples; }
@@ -207,7 +215,7 @@ static int bring_lights(struct rows_run *r, struct kiln_error *error)
 {
     struct vulkan_backend *b = r->b;
     const size_t bytes = (size_t)b->surface->point_count * r->count * sizeof *r->mixed;
-    r->own[0] = b->radiosity_buffer.address;
+    r->own[0] = r->holds ? b->held.layout.from : b->radiosity_buffer.address;
     if (r->lights == NULL)
         return KILN_OK;
     int status = vulkan_grow_buffer(b, &b->row_lights, bytes, GPU_DEVICE, "the radiosity of states", error);
@@ -249,6 +257,11 @@ static int replay(struct rows_run *r, const struct kiln_batch *batch, struct kil
     pass.shader = &replay_shader;
     pass.sums = &sums_shader;
     pass.constant = pass.lights = r->count;
+    if (r->holds) {
+        pass.sums = &take_shader;
+        pass.powers = &powers_shader;
+        pass.held = r->b->held.root.address;
+    }
     pass.pace = VULKAN_PACE_REPLAY;
     pass.prepare = prepare;
     pass.context = r;
@@ -389,4 +402,21 @@ int vulkan_replay(struct kiln_backend *backend, struct kiln_rows *rows, const ui
     }
     kiln_free(&r.mixed);
     return status;
+}
+
+/* ---- light that stays ---- */
+
+int vulkan_hold_step(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
+                     const struct kiln_held_step *step, struct kiln_held_power *powers, struct kiln_error *error)
+{
+    struct vulkan_backend *b = (struct vulkan_backend *)backend;
+    struct rows_run r = {
+        .b = b, .rows = rows, .samples = batch->samples, .first = batch->first, .count = b->held.count, .holds = true};
+    r.words = kiln_resident_row(rows->resident, b->surface->tile_runs[batch->first].first.at - rows->resident->first);
+    int status = vulkan_held_begin(b, step, batch->stream, error);
+    if (status == KILN_OK)
+        status = replay(&r, batch, error);
+    if (status == KILN_OK)
+        status = vulkan_held_end(b, powers, error);
+    return status == KILN_OK ? KILN_OK : vulkan_held_fail(b, status, error);
 }

@@ -21,6 +21,10 @@ int vulkan_gather_rows(struct vulkan_backend *b, const struct kiln_batch *batch,
 int vulkan_replay(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights, size_t count,
                   const struct kiln_batch *batch, struct kiln_error *error);
 
+/* kiln_backend_hold_step. */
+int vulkan_hold_step(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
+                     const struct kiln_held_step *step, struct kiln_held_power *powers, struct kiln_error *error);
+
 /* Gives up what lies on the device. */
 void vulkan_rows_release(struct vulkan_backend *b);
 

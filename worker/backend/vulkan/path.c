@@ -107,18 +107,23 @@ static int run_samples(struct path_run *r, uint32_t done, uint32_t left, struct 
 int vulkan_read_path_sums(const struct vulkan_backend *b, const struct kiln_gpu_path_sums *sums, size_t count,
                           struct kiln_path_result *results, uint64_t *rays, struct kiln_error *error)
 {
+    uint64_t all = 0;
+    bool stopped = false;
+#pragma omp parallel for num_threads((int)b->threads) reduction(+ : all) reduction(|| : stopped) if (count > 1 << 14)
     for (size_t i = 0; i < count; i++) {
         const struct kiln_gpu_path_sums *s = &sums[i];
-        if (s->count == KILN_GPU_PATH_STOPPED) /* see `check` in chunks.c */
-            return kiln_fail(error, KILN_NO_DEVICE,
-                             "%s ends long loops early, and a path needs one; use another device or --backend embree",
-                             gpu_about(b->gpu)->name);
+        stopped = stopped || s->count == KILN_GPU_PATH_STOPPED;
         for (int c = 0; c < 3; c++)
             results[i].radiance[c] = s->high[c] + s->low[c];
         results[i].square = s->high[3] + s->low[3];
         results[i].count = s->count;
-        *rays += s->rays;
+        all += s->rays;
     }
+    *rays += all;
+    if (stopped) /* see `check` in chunks.c */
+        return kiln_fail(error, KILN_NO_DEVICE,
+                         "%s ends long loops early, and a path needs one; use another device or --backend embree",
+                         gpu_about(b->gpu)->name);
     return KILN_OK;
 }
 

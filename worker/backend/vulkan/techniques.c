@@ -63,22 +63,37 @@ static uint64_t upload_targets(struct uploading *u, const struct kiln_targets *a
         targets[i] = (struct kiln_gpu_target){.centre = vec3_of(all->all[i].centre),
                                               .low = vec3_of(all->all[i].low),
                                               .high = vec3_of(all->all[i].high),
-                                              .radius = (float)all->all[i].radius};
+                                              .radius = (float)all->all[i].radius,
+                                              .area = (float)all->all[i].area,
+                                              .listed = (uint32_t)all->all[i].first,
+                                              .count = (uint32_t)all->all[i].count};
     const uint64_t address = upload(u, targets, all->count * sizeof *targets);
     kiln_free(&targets);
     return address;
 }
 
-static uint64_t upload_until(struct uploading *u, const struct kiln_aims *aims)
+/* Shares, which rise up to 1. */
+static uint64_t upload_shares(struct uploading *u, const double *shares, size_t count)
 {
-    const size_t count = aims->lights->area_count;
-    float *until = NULL;
+    float *rounded = NULL;
     if (u->status == KILN_OK)
-        u->status = kiln_allocate(&until, count, sizeof *until, what, u->error);
+        u->status = kiln_allocate(&rounded, count, sizeof *rounded, what, u->error);
     for (size_t i = 0; u->status == KILN_OK && i < count; i++)
-        until[i] = (float)aims->until[i];
-    const uint64_t address = upload(u, until, count * sizeof *until);
-    kiln_free(&until);
+        rounded[i] = (float)shares[i];
+    const uint64_t address = upload(u, rounded, count * sizeof *rounded);
+    kiln_free(&rounded);
+    return address;
+}
+
+static uint64_t upload_even(struct uploading *u, const struct kiln_aims *aims)
+{
+    uint64_t *even = NULL;
+    if (u->status == KILN_OK)
+        u->status = kiln_allocate(&even, aims->count, sizeof *even, what, u->error);
+    for (size_t i = 0; u->status == KILN_OK && i < aims->count; i++)
+        even[i] = kiln_aims_even(aims, i);
+    const uint64_t address = upload(u, even, aims->count * sizeof *even);
+    kiln_free(&even);
     return address;
 }
 
@@ -107,8 +122,11 @@ int vulkan_techniques_create(struct vulkan_backend *b, const struct kiln_aims *a
         .lamps = upload_lamps(&u, aims),
         .targets = upload_targets(&u, &aims->targets),
         .first = upload(&u, aims->first, (aims->count + 1) * sizeof *aims->first),
-        .until = upload_until(&u, aims),
+        .until = upload_shares(&u, aims->until, aims->lights->area_count),
         .lamp_of = upload(&u, aims->lamp_of, aims->lights->area_count * sizeof *aims->lamp_of),
+        .even = upload_even(&u, aims),
+        .triangles = upload(&u, aims->targets.triangles, aims->targets.listed * sizeof *aims->targets.triangles),
+        .shares = upload_shares(&u, aims->targets.until, aims->targets.listed),
         .of_triangle = upload(&u, aims->targets.of_triangle, triangles * sizeof *aims->targets.of_triangle),
         .paths = aims->paths,
         .aim_count = (uint32_t)aims->count,

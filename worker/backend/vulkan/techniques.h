@@ -10,7 +10,7 @@ struct kiln_aims;
 struct vulkan_backend;
 struct kiln_caustic_techniques;
 
-enum { VULKAN_TECHNIQUE_BUFFERS = 10 };
+enum { VULKAN_TECHNIQUE_BUFFERS = 13 };
 
 struct vulkan_techniques {
     struct gpu_buffer buffers[VULKAN_TECHNIQUE_BUFFERS];

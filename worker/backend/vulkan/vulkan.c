@@ -4,105 +4,19 @@
 #include <omp.h>
 #include <stdio.h>
 #include <string.h>
-#include <time.h>
 
 #include "shaders/shared/chain.h"
 #include "worker/backend/vulkan/bright.h"
+#include "worker/backend/vulkan/held.h"
 #include "worker/backend/vulkan/kept_rows.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
 
 #include "shaders/intersect.h"
 #include "shaders/intersect_pipeline.h"
-#include "shaders/trace_rahit.h"
-#include "shaders/trace_rchit.h"
-#include "shaders/trace_rmiss.h"
 
 static const struct vulkan_shader intersect_shader = {
     .name = "intersect", .compute = VULKAN_CODE(intersect), .pipeline = VULKAN_CODE(intersect_pipeline)};
-
-static double seconds_now(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-/* ---- kernels ---- */
-
-static const struct gpu_hit_shaders hit_shaders = {.closest_hit = kiln_spirv_trace_rchit,
-                                                   .any_hit = kiln_spirv_trace_rahit,
-                                                   .miss = kiln_spirv_trace_rmiss,
-                                                   .closest_hit_bytes = sizeof kiln_spirv_trace_rchit,
-                                                   .any_hit_bytes = sizeof kiln_spirv_trace_rahit,
-                                                   .miss_bytes = sizeof kiln_spirv_trace_rmiss};
-
-static int make_kernel(struct vulkan_backend *b, struct vulkan_kernel *k, struct kiln_error *error)
-{
-    const struct vulkan_shader *s = k->shader;
-    const bool pipeline = b->tracer.acceleration != NULL && s->pipeline.words != NULL,
-               plain = !b->float64 && s->compute_float.words != NULL;
-    const struct vulkan_code *code = pipeline ? (plain ? &s->pipeline_float : &s->pipeline)
-                                     : plain  ? &s->compute_float
-                                              : &s->compute;
-    uint32_t constants[VULKAN_CONSTANTS];
-    memcpy(constants, b->constants, sizeof constants);
-    constants[VULKAN_DRAW_AGAIN] = k->draw_again;
-    constants[VULKAN_OWN] = k->own;
-    constants[VULKAN_HAS_VARIED] = b->materials.varied;
-    constants[VULKAN_HAS_GLOSSY] = b->materials.gloss;
-    const struct gpu_kernel_params params = {.name = s->name,
-                                             .code = code->words,
-                                             .code_bytes = code->bytes,
-                                             .constants = constants,
-                                             .constant_count = VULKAN_CONSTANTS,
-                                             .hit_shaders = pipeline ? &hit_shaders : NULL};
-    return gpu_kernel_create(b->gpu, &k->kernel, &params, error);
-}
-
-/* The shader that is asked for as `shader`. */
-static const struct vulkan_shader *variant_of(const struct vulkan_backend *b, const struct vulkan_shader *shader)
-{
-    return b->materials.gloss && shader->gloss != NULL ? shader->gloss : shader;
-}
-
-static struct vulkan_kernel *find_kernel(const struct vulkan_backend *b, const struct vulkan_shader *shader,
-                                         bool draw_again, uint32_t own)
-{
-    for (size_t i = 0; i < b->kernel_count; i++)
-        if (b->kernels[i].shader == shader && b->kernels[i].draw_again == draw_again && b->kernels[i].own == own)
-            return &b->kernels[i];
-    return NULL;
-}
-
-int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own,
-                     struct gpu_kernel **kernel, struct kiln_error *error)
-{
-    shader = variant_of(b, shader);
-    struct vulkan_kernel *found = find_kernel(b, shader, draw_again, own);
-    *kernel = NULL;
-    if (found != NULL) {
-        found->ran = true;
-        *kernel = found->kernel;
-        return KILN_OK;
-    }
-    struct vulkan_kernel k = {.shader = shader, .draw_again = draw_again, .own = own, .ran = true};
-    int status =
-        kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + 1, sizeof *b->kernels, "the device's kernels", error);
-    if (status == KILN_OK)
-        status = make_kernel(b, &k, error);
-    if (status == KILN_OK)
-        b->kernels[b->kernel_count++] = k;
-    *kernel = k.kernel;
-    return status;
-}
-
-void vulkan_forget_kernels(struct vulkan_backend *b)
-{
-    for (size_t i = 0; i < b->kernel_count; i++)
-        gpu_kernel_destroy(b->gpu, &b->kernels[i].kernel);
-    b->kernel_count = 0;
-}
 
 /* ---- the scene on the device ---- */
 
@@ -220,8 +134,10 @@ static void clear(struct vulkan_backend *b)
         gpu_buffer_destroy(b->gpu, &b->slots[i].guides);
         gpu_buffer_destroy(b->gpu, &b->slots[i].guides_host);
     }
+    vulkan_bidirectional_release(b);
     vulkan_techniques_release(b);
     vulkan_rows_release(b);
+    vulkan_held_release(b);
     gpu_buffer_destroy(b->gpu, &b->row_lights);
     gpu_buffer_destroy(b->gpu, &b->direction_set);
     vulkan_bright_release(b);
@@ -255,8 +171,8 @@ static void vulkan_destroy(struct kiln_backend **backend)
     kiln_free(backend);
 }
 
-/* A device with the scene on it. */
-static int set_up(struct vulkan_backend *b, struct kiln_error *error)
+/* The device, without a scene. */
+static int start_device(struct vulkan_backend *b, struct kiln_error *error)
 {
     const struct gpu_choice choice = {.device = (int32_t)b->params.device - 1,
                                       .local_rank = b->params.local_rank,
@@ -266,17 +182,23 @@ static int set_up(struct vulkan_backend *b, struct kiln_error *error)
                                       .memory_limit = b->params.device_memory,
                                       .faults = &b->faults,
                                       .kernels = b->params.kernels};
-    int status = gpu_create(&b->gpu, &choice, error);
+    const int status = gpu_create(&b->gpu, &choice, error);
     if (status != KILN_OK)
         return status;
     b->float64 = gpu_about(b->gpu)->float64;
     for (int i = 0; i < VULKAN_PACES; i++)
         b->pacers[i].slice_seconds = gpu_slice(b->gpu);
-    status = upload_scene(b, error);
-    const double start = seconds_now();
+    return KILN_OK;
+}
+
+/* Brings the scene to the device. */
+static int set_up(struct vulkan_backend *b, struct kiln_error *error)
+{
+    int status = upload_scene(b, error);
+    const double start = kiln_clock_seconds();
     if (status == KILN_OK)
         status = vulkan_tracer_create(b, error);
-    b->build_seconds = seconds_now() - start;
+    b->build_seconds = kiln_clock_seconds() - start;
     (void)snprintf(b->device_text, sizeof b->device_text, "%.60s, %s%s", gpu_about(b->gpu)->name,
                    vulkan_tracer_name(&b->tracer), b->float64 ? "" : ", no doubles");
     return status;
@@ -311,7 +233,9 @@ int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error)
     while (status != KILN_OK && b->recoveries < MOST_RECOVERIES && b->scratch_most >= LEAST_SCRATCH) {
         b->recoveries++;
         clear(b);
-        status = set_up(b, error);
+        status = start_device(b, error);
+        if (status == KILN_OK)
+            status = set_up(b, error);
         if (status == KILN_OK && b->surface != NULL)
             status = upload_surface(b, error);
         if (status == KILN_OK && b->radiosity != NULL)
@@ -340,27 +264,40 @@ int vulkan_run_to_end(struct vulkan_backend *b, vulkan_run_left run_left, const 
     return status;
 }
 
-static int vulkan_create(struct kiln_backend **backend, const struct kiln_backend_params *params,
-                         struct kiln_error *error)
+static int vulkan_begin(struct kiln_backend **backend, const struct kiln_backend_params *params,
+                        struct kiln_error *error)
 {
     struct vulkan_backend *b = NULL;
     *backend = NULL;
     int status = kiln_allocate(&b, 1, sizeof *b, "the Vulkan backend", error);
     if (status != KILN_OK)
         return status;
+    *backend = &b->base;
     b->base.api = &kiln_backend_vulkan;
     b->params = *params;
     b->scratch_most = VULKAN_USUAL_SCRATCH;
     b->all_threads = params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs();
     b->threads = vulkan_light_threads(b->all_threads);
     b->faults.wanted = params->faults;
-    status = set_up(b, error);
+    status = start_device(b, error);
+    if (status != KILN_OK)
+        vulkan_destroy(backend);
+    return status;
+}
+
+static int vulkan_create(struct kiln_backend **backend, const struct kiln_backend_params *params,
+                         struct kiln_error *error)
+{
+    struct vulkan_backend *b = (struct vulkan_backend *)*backend;
+    b->params = *params;
+    int status = set_up(b, error);
     if (status == KILN_OK)
         b->scratch_most = scratch_of(b->gpu);
     else if (vulkan_can_recover(b))
         status = vulkan_recover(b, error);
-    *backend = &b->base;
-    if (status != KILN_OK)
+    if (status == KILN_OK)
+        vulkan_kernels_ahead(b, false);
+    else
         vulkan_destroy(backend);
     return status;
 }
@@ -385,7 +322,10 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
                                        .memory = b->gpu != NULL ? gpu_memory_used(b->gpu) : 0,
                                        .build_seconds = b->build_seconds,
                                        .device_seconds = b->busy_before + clock.busy,
+                                       .returned = b->returned,
                                        .recoveries = b->recoveries,
+                                       .starting = b->base.starting,
+                                       .making = b->making,
                                        .take_threads = b->threads};
     (void)snprintf(info->device, sizeof info->device, "%s", b->device_text);
     count_kernels(b, &info->kernels_found, &info->kernels_made);
@@ -440,67 +380,6 @@ static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error)
                     error);
 }
 
-#define ROW(name) [KILN_PASS_INDEX_##name] = &vulkan_pass_##name,
-static const struct vulkan_pass *const passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};
-#undef ROW
-
-/* The kernels that all passes want ahead and that are not there yet; how many. */
-static int wishes(const struct vulkan_backend *b, struct vulkan_kernel wished[KILN_PASS_COUNT * VULKAN_WISHES])
-{
-    int count = 0;
-    for (int p = 0; p < KILN_PASS_COUNT; p++)
-        for (int i = 0; i < VULKAN_WISHES && passes[p]->ahead[i].shader != NULL; i++) {
-            const struct vulkan_wish *wish = &passes[p]->ahead[i];
-            const struct vulkan_shader *shader = variant_of(b, wish->shader);
-            if ((wish->wanted == NULL || wish->wanted(b)) &&
-                find_kernel(b, shader, wish->draw_again, wish->own) == NULL)
-                wished[count++] =
-                    (struct vulkan_kernel){.shader = shader, .draw_again = wish->draw_again, .own = wish->own};
-        }
-    return count;
-}
-
-/* Makes kernels, and with `room` what passes will ask for, all at once: drivers take a second for some kernels, and
- * each on one core. Software devices make theirs when they first run. What fails here is made again, and reported, when
- * it is asked for. */
-static void make_at_once(struct vulkan_backend *b, struct vulkan_kernel *wished, int count, bool room)
-{
-    if (gpu_about(b->gpu)->software || b->tracer.acceleration != NULL ||
-        b->faults.wanted.kind != KILN_DEVICE_FAULT_NONE ||
-        kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + (size_t)count, sizeof *b->kernels,
-                  "the device's kernels", NULL) != KILN_OK)
-        return;
-#pragma omp parallel for num_threads(count + 1) schedule(static, 1)
-    for (int i = 0; i <= count; i++)
-        if (i < count)
-            (void)make_kernel(b, &wished[i], NULL);
-        else if (room)
-            vulkan_passes_ahead(b);
-    for (int i = 0; i < count; i++)
-        if (wished[i].kernel != NULL)
-            b->kernels[b->kernel_count++] = wished[i];
-}
-
-/* Makes what bakes need. */
-static void make_ahead(struct vulkan_backend *b)
-{
-    struct vulkan_kernel wished[KILN_PASS_COUNT * VULKAN_WISHES];
-    make_at_once(b, wished, wishes(b, wished), true);
-}
-
-void vulkan_kernels_at_once(struct vulkan_backend *b, const struct vulkan_wish *wishes_, size_t count)
-{
-    struct vulkan_kernel wished[VULKAN_AT_ONCE];
-    int missing = 0;
-    for (size_t i = 0; i < count && missing < VULKAN_AT_ONCE; i++) {
-        const struct vulkan_shader *shader = variant_of(b, wishes_[i].shader);
-        if (find_kernel(b, shader, wishes_[i].draw_again, wishes_[i].own) == NULL)
-            wished[missing++] = (struct vulkan_kernel){
-                .shader = shader, .draw_again = wishes_[i].draw_again, .own = wishes_[i].own, .ran = true};
-    }
-    make_at_once(b, wished, missing, false);
-}
-
 static int vulkan_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface,
                               struct kiln_error *error)
 {
@@ -509,7 +388,7 @@ static int vulkan_set_surface(struct kiln_backend *backend, const struct kiln_su
     b->radiosity = NULL;
     const int status = upload_surface(b, error);
     if (status == KILN_OK)
-        make_ahead(b);
+        vulkan_kernels_ahead(b, true);
     return status != KILN_OK && vulkan_can_recover(b) ? vulkan_recover(b, error) : status;
 }
 
@@ -535,6 +414,7 @@ static int vulkan_set_probes(struct kiln_backend *backend, const struct kiln_rad
 /* Brings lights and materials anew. Kernels stay, unless there are lights of a kind that they leave out. */
 static int upload_light(struct vulkan_backend *b, struct kiln_error *error)
 {
+    vulkan_bidirectional_release(b);
     vulkan_lights_destroy(b->gpu, &b->lights);
     vulkan_materials_destroy(b->gpu, &b->materials);
     int status =
@@ -657,9 +537,13 @@ static int intersect_again(struct kiln_backend *backend, const struct kiln_vec3 
 
 /* ---- passes ---- */
 
+#define ROW(name) [KILN_PASS_INDEX_##name] = &vulkan_pass_##name,
+const struct vulkan_pass *const vulkan_passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};
+#undef ROW
+
 static bool vulkan_takes(const struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters)
 {
-    const struct vulkan_pass *p = passes[pass->index];
+    const struct vulkan_pass *p = vulkan_passes[pass->index];
     return !pass->on_embree_only && (p->takes == NULL || p->takes((const struct vulkan_backend *)backend, parameters));
 }
 
@@ -671,11 +555,12 @@ static int vulkan_run(struct kiln_backend *backend, const struct kiln_pass *pass
     if (!vulkan_takes(backend, pass, parameters))
         return kiln_fail(error, KILN_USAGE, "the Vulkan backend has no %s of this kind: give --backend embree",
                          pass->what);
-    return passes[pass->index]->run(b, parameters, batch, rays, error);
+    return vulkan_passes[pass->index]->run(b, parameters, batch, rays, error);
 }
 
 const struct kiln_backend_api kiln_backend_vulkan = {
     .name = "vulkan",
+    .begin = vulkan_begin,
     .create = vulkan_create,
     .destroy = vulkan_destroy,
     .devices = gpu_list,
@@ -690,4 +575,7 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .ceiling = vulkan_ceiling,
     .change_light = vulkan_change_light,
     .replay = vulkan_replay,
+    .hold = vulkan_hold,
+    .hold_step = vulkan_hold_step,
+    .hold_fetch = vulkan_hold_fetch,
 };

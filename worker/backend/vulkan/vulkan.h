@@ -2,11 +2,12 @@
  *
  * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c,
  * occlusion.c, directional.c, path.c, radiance.c, guided.c, land.c, weighed.c, patches.c, bidirectional.c (with
- * bidirectional_stages.c). The others: vulkan.c (life of the backend, kernels, closest hits), surfaces.c (of the scene,
- * what paths and chains ask for), chunks.c (running a pass over tile runs in chunks), hemisphere.c (what passes that
- * sample the hemisphere over points have in common), points.c (surface points on the device), lights.c, materials.c and
- * techniques.c (the scene on the device), bvh.c, acceleration.c and tracer.c (what finds hits), layout.h (what C and
- * the shaders share). gpu/ is Vulkan for compute and knows no light.
+ * bidirectional_stages.c). The others: vulkan.c (life of the backend, closest hits), kernels.c (made, and made ahead),
+ * surfaces.c (of the scene, what paths and chains ask for), chunks.c (running a pass over tile runs in chunks),
+ * hemisphere.c (what passes that sample the hemisphere over points have in common), answers.c (what a device hands over
+ * of points), points.c (surface points on the device), kept_rows.c and held.c (kept rows, and light that stays with
+ * them), lights.c, materials.c and techniques.c (the scene on the device), bvh.c, acceleration.c and tracer.c (what
+ * finds hits), layout.h (what C and the shaders share). gpu/ is Vulkan for compute and knows no light.
  *
  * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of
  * all points, and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one
@@ -31,6 +32,8 @@
 #include "worker/pass/path.h"
 #include "worker/store/store.h"
 
+#include "shaders/shared/push.h"
+#include "shaders/shared/rows.h"
 #include "shaders/shared/slices.h"
 
 /* A shader and its variants; those that do not exist are NULL. Ray tracing kernels have a pipeline variant. */
@@ -70,6 +73,7 @@ struct vulkan_kernel {
     const struct vulkan_shader *shader;
     uint32_t draw_again, own;
     bool ran;
+    struct vulkan_maker *maker; /* the thread that makes it (kernels.c); NULL: none does */
     struct gpu_kernel *kernel;
 };
 
@@ -101,6 +105,16 @@ enum {
 /* The tree of links on the device (links.c). */
 enum { VULKAN_LINK_NODES, VULKAN_LINK_LEAVES, VULKAN_LINK_LIGHT, VULKAN_LINK_ARRAYS };
 
+/* Light that stays on the device (held.h). */
+struct vulkan_held {
+    uint32_t count; /* lights; 0: nothing is held */
+    struct kiln_gpu_held layout;
+    struct gpu_buffer root, points, lights, sums, errors, parts, powers, bytes;
+    struct gpu_buffer radiosity[2]; /* that is gathered from, and made; in turn */
+    struct gpu_buffer albedo[KILN_ROW_LIGHTS];
+    const struct kiln_surface *surface; /* whose points these are; NULL: there are none yet */
+};
+
 #define VULKAN_USUAL_SCRATCH (512ull << 20) /* bytes */
 
 /* What has a speed of its own that is learned: each pass (KILN_PASS_INDEX_gather and so on), and these. */
@@ -111,6 +125,8 @@ enum vulkan_pace {
     VULKAN_PACE_LINK_RAYS,
     VULKAN_PACE_LIGHT_PATHS, /* kernels of the bidirectional pass */
     VULKAN_PACE_EYE_PATHS,
+    VULKAN_PACE_LIGHT_DIFFUSE,
+    VULKAN_PACE_EYE_DIFFUSE,
     VULKAN_PACE_EYE_ENDS,
     VULKAN_PACE_BURIED_ENDS,
     VULKAN_PACE_PATH_RAYS,
@@ -162,7 +178,8 @@ struct vulkan_backend {
     uint32_t constants[VULKAN_CONSTANTS];
     size_t kernel_count, kernel_room;
     struct vulkan_kernel *kernels;
-    struct gpu_buffer sobol; /* KILN_DIMENSIONS times sobol_count words */
+    struct kiln_aside making; /* by threads; of kernels that were asked for since */
+    struct gpu_buffer sobol;  /* KILN_DIMENSIONS times sobol_count words */
     uint32_t sobol_count;
     struct vulkan_slot slots[GPU_SLOTS];
     char *results; /* of the host: where short results are made long (hemisphere.h) */
@@ -170,6 +187,8 @@ struct vulkan_backend {
     struct vulkan_techniques techniques; /* of the pass under way, where it is land or weighed */
     struct vulkan_resident *resident;
     size_t resident_count, resident_room;
+    struct vulkan_held held;
+    uint64_t returned;            /* bytes of answers so far */
     struct gpu_buffer row_lights; /* radiosity that is not the backend's, of the pass under way; else of one before */
     struct gpu_buffer direction_set;                      /* likewise: shaders/directions.glsl */
     struct gpu_buffer bright[VULKAN_BRIGHT_ARRAYS];       /* likewise: bright.h */
@@ -177,6 +196,7 @@ struct vulkan_backend {
     uint64_t link_keys[VULKAN_LINK_ARRAYS];               /* hashes of what they hold */
     struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
     struct gpu_pacer pacers[VULKAN_PACES];
+    struct both_run *both; /* what the bidirectional pass has made, for its next call; or NULL */
     double light_vertices; /* of a path of light that are kept, as far as is known: what there is room for */
     double build_seconds;
     char device_text[128]; /* the device and how it traces; stays when it is gone */
@@ -186,6 +206,10 @@ struct vulkan_backend {
 int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own,
                      struct gpu_kernel **kernel, struct kiln_error *error);
 
+/* Begins to make the kernels that the backend's passes (params.passes) will ask for, each in a thread, and does not
+ * wait for them; with `surface` also room for their answers, without those kernels alone that hang on nothing that only
+ * the surface tells. On software devices all this is made when it is asked for. */
+void vulkan_kernels_ahead(struct vulkan_backend *b, bool surface);
 /* What kernels were made of has changed. */
 void vulkan_forget_kernels(struct vulkan_backend *b);
 /* b->layout has changed. */
@@ -214,6 +238,9 @@ typedef int (*vulkan_run_left)(struct vulkan_backend *b, const void *parameters,
 int vulkan_run_to_end(struct vulkan_backend *b, vulkan_run_left run_left, const void *parameters,
                       const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
 
+/* Gives back what the bidirectional pass keeps from one call to the next. */
+void vulkan_bidirectional_release(struct vulkan_backend *b);
+
 /* Answers of pixels from their sums on the device; adds up their rays. KILN_NO_DEVICE: the device has ended a loop
  * early. */
 int vulkan_read_path_sums(const struct vulkan_backend *b, const struct kiln_gpu_path_sums *sums, size_t count,
@@ -236,7 +263,7 @@ static inline struct kiln_slices vulkan_slices_of(const struct vulkan_backend *b
 /* Makes what passes over the surface will ask for, as far as there is room for it (chunks.c). */
 void vulkan_passes_ahead(struct vulkan_backend *b);
 
-/* A kernel that every bake runs, as vulkan_kernel_of is asked for it. */
+/* A kernel, as vulkan_kernel_of is asked for it. */
 struct vulkan_wish {
     const struct vulkan_shader *shader;
     bool draw_again;
@@ -244,9 +271,8 @@ struct vulkan_wish {
     bool (*wanted)(const struct vulkan_backend *b); /* NULL: always */
 };
 
-/* Makes the kernels of one pass that are not there yet, at most VULKAN_AT_ONCE, all at once where the device's driver
- * can do that; vulkan_kernel_of then finds them. `wanted` is not asked. */
-enum { VULKAN_AT_ONCE = 16 };
+/* Begins to make kernels that are not there yet, all at once; vulkan_kernel_of waits for each. `wanted` is not asked.
+ */
 void vulkan_kernels_at_once(struct vulkan_backend *b, const struct vulkan_wish *wishes, size_t count);
 
 /* A pass as this backend has it: vulkan_pass_validity in validity.c, vulkan_pass_direct in direct.c and so on. */
@@ -257,8 +283,8 @@ struct vulkan_pass {
      * not taken. */
     int (*run)(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
                struct kiln_error *error);
-    /* Kernels to make ahead, all at once, up to the first that has no shader. A pass that not every bake runs has none:
-     * its kernels are made when it first runs. */
+    /* Kernels to make ahead where the pass is known to come, up to the first that has no shader; else they are made
+     * when it first runs. */
     struct vulkan_wish ahead[VULKAN_WISHES];
     /* whether it runs with these parameters here (kiln_backend_takes); NULL: with any */
     bool (*takes)(const struct vulkan_backend *b, const void *parameters);
@@ -266,6 +292,7 @@ struct vulkan_pass {
 #define VULKAN_DECLARE(name) extern const struct vulkan_pass vulkan_pass_##name;
 KILN_PASS_LIST(VULKAN_DECLARE)
 #undef VULKAN_DECLARE
+extern const struct vulkan_pass *const vulkan_passes[KILN_PASS_COUNT];
 
 int vulkan_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
                      size_t count, struct kiln_hit *hits, struct kiln_error *error);

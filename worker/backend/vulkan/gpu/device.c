@@ -204,6 +204,8 @@ static int create_once(struct gpu **gpu, const struct gpu_choice *choice, struct
     if (status == KILN_OK)
         status = gpu_layouts_create(g, error);
     if (status == KILN_OK)
+        gpu_times_create(g);
+    if (status == KILN_OK)
         status = gpu_slots_create(g, error);
     if (status == KILN_OK)
         status = gpu_guard_start(g, error);
@@ -246,6 +248,7 @@ void gpu_destroy(struct gpu **gpu)
     for (int i = 0; i < GPU_STAGING_PIECES; i++)
         gpu_buffer_destroy(g, &g->staging[i]);
     gpu_guard_destroy(g);
+    gpu_times_destroy(g);
     if (g->device != VK_NULL_HANDLE && !g->hangs) {
         gpu_slots_destroy(g);
         gpu_layouts_destroy(g);

@@ -22,6 +22,7 @@ enum { /* a ray-tracing kernel's stages and groups */
 
 struct gpu_kernel {
     const char *name;
+    uint32_t constant; /* the last */
     bool tracing;
     VkPipeline pipeline;
     struct gpu_buffer table; /* shader binding table: one record a group */
@@ -202,6 +203,7 @@ int gpu_kernel_create(struct gpu *gpu, struct gpu_kernel **kernel, const struct 
     if (status != KILN_OK)
         return status;
     (*kernel)->name = params->name;
+    (*kernel)->constant = params->constant_count > 0 ? params->constants[params->constant_count - 1] : 0;
     (*kernel)->tracing = params->hit_shaders != NULL;
     status = ((*kernel)->tracing ? create_tracing : create_compute)(gpu, *kernel, params, &constants, error);
     if (status == KILN_OK)
@@ -220,6 +222,10 @@ void gpu_kernel_destroy(struct gpu *gpu, struct gpu_kernel **kernel)
         vkDestroyPipeline(gpu->device, (*kernel)->pipeline, NULL);
     kiln_free(kernel);
 }
+
+const char *gpu_kernel_name(const struct gpu_kernel *kernel) { return kernel->name; }
+
+uint32_t gpu_kernel_constant(const struct gpu_kernel *kernel) { return kernel->constant; }
 
 /* ---- starting them ---- */
 

@@ -20,7 +20,8 @@ enum {
     GPU_STAGING_PIECES = 2,
     GPU_STAGING_BYTES = 8 << 20, /* of one piece */
     GPU_ALL_SLOTS = GPU_SLOTS + GPU_STAGING_PIECES,
-    GPU_PUSH_BYTES = 128
+    GPU_PUSH_BYTES = 128,
+    GPU_TIMED_STEPS = 64 /* of a submission, whose steps are timed one by one (times.c) */
 };
 
 /* Commands, and where their memory is from. */
@@ -29,6 +30,8 @@ struct gpu_commands {
     VkCommandBuffer buffer;
 };
 
+struct gpu_times;
+
 struct gpu_slot {
     struct gpu_commands kernels, copies; /* for either queue */
     VkFence fence;                       /* of whichever is handed over last */
@@ -36,6 +39,10 @@ struct gpu_slot {
     VkSemaphore kernels_done;            /* a timeline, whose value is `submissions` once the kernels are done */
     uint64_t submissions;
     bool under_way, timed;
+    /* where steps are timed one by one */
+    const struct gpu_kernel *step_kernels[GPU_TIMED_STEPS]; /* NULL: a copy */
+    uint64_t step_threads[GPU_TIMED_STEPS];
+    uint32_t steps;
 };
 
 /* Functions of extensions; NULL without ray tracing. */
@@ -72,11 +79,12 @@ struct gpu {
     struct gpu_buffer staging[GPU_STAGING_PIECES];
     struct gpu_guard *guard; /* NULL: buffers are not guarded */
     struct gpu_faults *faults;
-    VkResult refusal; /* what the call that was just played a fault returns */
-    bool lost, short_of_memory;
-    bool hangs; /* lost, in that it did not answer in time */
+    VkResult refusal;                  /* what the call that was just played a fault returns */
+    atomic_bool lost, short_of_memory; /* threads that make kernels set them too */
+    bool hangs;                        /* lost, in that it did not answer in time */
     atomic_size_t messages;
     double busy, first_submission; /* s; of the monotonic clock, 0: none yet */
+    struct gpu_times *times;       /* NULL: steps are not timed one by one */
     struct kiln_kernel_store kernels;
     XXH128_hash_t identity;     /* of device and driver, and what stands in the driver's own header: */
     uint32_t vendor, device_id; /* of kept kernels */
@@ -178,7 +186,14 @@ void gpu_kept_identify(struct gpu *gpu);
 /* Before a kernel is made, and after; `made`: it was. */
 void gpu_kept_open(struct gpu *gpu, const struct gpu_kernel_params *params, struct gpu_kept *kept);
 void gpu_kept_close(struct gpu *gpu, struct gpu_kept *kept, bool made);
+/* times.c: gpu->times, NULL where steps are not timed one by one; then only the second of these may be called. */
+void gpu_times_create(struct gpu *gpu);
+void gpu_times_destroy(struct gpu *gpu);
+void gpu_times_add(struct gpu *gpu, const char *name, uint32_t constant, uint64_t threads, double seconds);
+void gpu_times_wait(struct gpu *gpu, double seconds);
 /* kernel.c */
+const char *gpu_kernel_name(const struct gpu_kernel *kernel);
+uint32_t gpu_kernel_constant(const struct gpu_kernel *kernel); /* the last one */
 int gpu_layouts_create(struct gpu *gpu, struct kiln_error *error);
 void gpu_layouts_destroy(struct gpu *gpu);
 void gpu_kernel_record(const struct gpu_kernel *kernel, VkCommandBuffer commands, const struct gpu_step *step,

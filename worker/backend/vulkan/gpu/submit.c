@@ -35,8 +35,9 @@ static VkResult create_slot(struct gpu *gpu, struct gpu_slot *slot)
                                                 .semaphoreType = VK_SEMAPHORE_TYPE_TIMELINE};
     const VkSemaphoreCreateInfo semaphore = {.sType = VK_STRUCTURE_TYPE_SEMAPHORE_CREATE_INFO, .pNext = &timeline};
     const VkFenceCreateInfo fence = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
-    const VkQueryPoolCreateInfo queries = {
-        .sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO, .queryType = VK_QUERY_TYPE_TIMESTAMP, .queryCount = 2};
+    const VkQueryPoolCreateInfo queries = {.sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO,
+                                           .queryType = VK_QUERY_TYPE_TIMESTAMP,
+                                           .queryCount = 2 + GPU_TIMED_STEPS};
     VkResult result = create_commands(gpu, &slot->kernels, gpu->queue_family);
     if (result == VK_SUCCESS)
         result = create_commands(gpu, &slot->copies, gpu->copy_family);
@@ -110,7 +111,8 @@ int gpu_slot_begin(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *er
     if (status != KILN_OK)
         return status;
     slot->timed = gpu->limits.timestampPeriod > 0.0f;
-    vkCmdResetQueryPool(slot->kernels.buffer, slot->queries, 0, 2);
+    vkCmdResetQueryPool(slot->kernels.buffer, slot->queries, 0, 2 + GPU_TIMED_STEPS);
+    slot->steps = 0;
     if (slot->timed)
         vkCmdWriteTimestamp(slot->kernels.buffer, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, slot->queries, 0);
     return KILN_OK;
@@ -210,6 +212,37 @@ static VkResult read_clock(struct gpu *gpu, const struct gpu_slot *slot, double 
     return result;
 }
 
+/* After a step, where steps are timed one by one. */
+static void mark_step(const struct gpu *gpu, struct gpu_slot *slot, const struct gpu_step *step)
+{
+    if (gpu->times == NULL || !slot->timed || slot->steps == GPU_TIMED_STEPS)
+        return;
+    slot->step_kernels[slot->steps] = step->kernel;
+    slot->step_threads[slot->steps] = step->kernel != NULL ? (uint64_t)step->threads_x * step->threads_y : step->size;
+    gpu_barrier(slot->kernels.buffer);
+    vkCmdWriteTimestamp(slot->kernels.buffer, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, slot->queries, 2 + slot->steps++);
+}
+
+static VkResult read_steps(struct gpu *gpu, const struct gpu_slot *slot)
+{
+    uint64_t ticks[1 + GPU_TIMED_STEPS], begin;
+    if (gpu->times == NULL || !slot->timed || slot->steps == 0)
+        return VK_SUCCESS;
+    VkResult result = GPU_TRY(gpu, vkGetQueryPoolResults(gpu->device, slot->queries, 2, slot->steps, sizeof ticks,
+                                                         ticks, sizeof *ticks, VK_QUERY_RESULT_64_BIT));
+    if (result == VK_SUCCESS)
+        result = GPU_TRY(gpu, vkGetQueryPoolResults(gpu->device, slot->queries, 0, 1, sizeof begin, &begin,
+                                                    sizeof begin, VK_QUERY_RESULT_64_BIT));
+    for (uint32_t i = 0; i < slot->steps && result == VK_SUCCESS; i++) {
+        const double seconds = (double)(ticks[i] - begin) * (double)gpu->limits.timestampPeriod * 1e-9;
+        const struct gpu_kernel *kernel = slot->step_kernels[i];
+        gpu_times_add(gpu, kernel != NULL ? gpu_kernel_name(kernel) : "copies",
+                      kernel != NULL ? gpu_kernel_constant(kernel) : 0, slot->step_threads[i], seconds);
+        begin = ticks[i];
+    }
+    return result;
+}
+
 int gpu_slot_wait(struct gpu *gpu, struct gpu_slot *slot, double *seconds, struct kiln_error *error)
 {
     double took = 0.0;
@@ -217,6 +250,7 @@ int gpu_slot_wait(struct gpu *gpu, struct gpu_slot *slot, double *seconds, struc
         *seconds = 0.0;
     if (!slot->under_way)
         return KILN_OK;
+    const double begin = now();
     VkResult result = GPU_TRY(gpu, vkWaitForFences(gpu->device, 1, &slot->fence, VK_TRUE, PATIENCE_NANOSECONDS));
     if (result == VK_TIMEOUT)
         gpu->lost = gpu->hangs = true;
@@ -225,6 +259,10 @@ int gpu_slot_wait(struct gpu *gpu, struct gpu_slot *slot, double *seconds, struc
         (void)vkDeviceWaitIdle(gpu->device);
     if (result == VK_SUCCESS)
         result = read_clock(gpu, slot, &took);
+    if (gpu->times != NULL)
+        gpu_times_wait(gpu, now() - begin);
+    if (result == VK_SUCCESS)
+        result = read_steps(gpu, slot);
     slot->under_way = false;
     if (seconds != NULL)
         *seconds = took;
@@ -278,6 +316,7 @@ int gpu_submit(struct gpu *gpu, uint32_t slot, const struct gpu_step *steps, siz
             gpu_barrier(s->kernels.buffer);
         first = false;
         record_step(gpu, s->kernels.buffer, &steps[i]);
+        mark_step(gpu, s, &steps[i]);
     }
     if (gpu->first_submission <= 0.0)
         gpu->first_submission = now();

@@ -1,4 +1,4 @@
-#include "worker/backend/patch_factors.h"
+#include "worker/pass/patch_factors.h"
 
 #include <math.h>
 

@@ -1,6 +1,6 @@
-/* What the passes over patches (worker/pass/patches.h, worker/pass/links.h) share: factors of a point. */
-#ifndef KILN_WORKER_BACKEND_PATCH_FACTORS_H
-#define KILN_WORKER_BACKEND_PATCH_FACTORS_H
+/* View factors of patches, as points see them: what the passes over patches (patches.h, links.h) share. */
+#ifndef KILN_WORKER_PASS_PATCH_FACTORS_H
+#define KILN_WORKER_PASS_PATCH_FACTORS_H
 
 #include "worker/pass/patches.h"
 

@@ -1,0 +1,119 @@
+#include "coordinator/cli/view_made.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include <jansson.h>
+
+#include "coordinator/bake/texel_links.h"
+#include "coordinator/output/read/results.h"
+#include "coordinator/view/view_light.h"
+#include "worker/base/text.h"
+
+int kiln_view_made_check(const struct kiln_job *job, const struct kiln_show *show, bool voxels_given, bool filter_given,
+                         struct kiln_error *error)
+{
+    const bool voxels = show->kind == KILN_SHOW_VOXELS || show->kind == KILN_SHOW_VOXEL;
+    if (voxels_given && !voxels)
+        return kiln_fail(error, KILN_USAGE, "--voxels: no grid is shown; give --show voxels, or leave --voxels out");
+    if (job->view_texel != NULL && show->kind != KILN_SHOW_LINKS)
+        return kiln_fail(error, KILN_USAGE,
+                         "--texel %.100s: the links of no texel are shown; give --show links, or leave --texel out",
+                         job->view_texel);
+    if (show->kind == KILN_SHOW_VOXELS && filter_given && job->view_atlas == NULL)
+        return kiln_fail(error, KILN_USAGE,
+                         "--filter: cells are shown as they are; leave --filter out, or give --show voxel, which goes "
+                         "by surfaces");
+    if (show->kind == KILN_SHOW_LINKS && job->view_texel == NULL)
+        return kiln_fail(error, KILN_USAGE, "--show links: of which texel? Give --texel OBJECT,X,Y, such as floor,3,4");
+    return KILN_OK;
+}
+
+/* ---- voxels ---- */
+
+/* Cells along the longest side: as --voxels says, or as the bake had. */
+static int find_along(uint32_t *along, const struct kiln_job *job, struct kiln_results *results,
+                      struct kiln_error *error)
+{
+    json_t *run = NULL;
+    *along = job->view_voxels;
+    if (*along > 0)
+        return KILN_OK;
+    const int status = kiln_results_json(results, "run.json", &run, error);
+    const json_t *baked = json_object_get(json_object_get(run, "job"), "voxels");
+    *along = json_is_integer(baked) ? (uint32_t)json_integer_value(baked) : 0;
+    json_decref(run);
+    if (status == KILN_OK && (*along < 1 || *along > KILN_VOXELS_MOST))
+        return kiln_fail(error, KILN_NO_INPUT,
+                         "--show %s: the bake in %.500s had no grid of voxels; give --voxels N to see one of N cells "
+                         "along the scene's longest side, or bake with --method radiosity --visibility voxels",
+                         job->show, job->arguments[0]);
+    return status;
+}
+
+static int make_voxels(struct kiln_view_made *m, const struct kiln_job *job, const struct kiln_show *show,
+                       struct kiln_results *results, const struct kiln_geometry *geometry, struct kiln_error *error)
+{
+    uint32_t along;
+    int status = find_along(&along, job, results, error);
+    if (status == KILN_OK)
+        status = kiln_voxels_create(&m->voxels, geometry, along, error);
+    if (status != KILN_OK)
+        return status;
+    m->boxes = show->kind == KILN_SHOW_VOXELS && job->view_atlas == NULL;
+    m->renderer = (struct kiln_view_renderer){kiln_voxel_view_render, m->voxels};
+    kiln_voxel_view_key(m->voxels, m->boxes, &m->key);
+    return KILN_OK;
+}
+
+/* ---- links ---- */
+
+static int make_links(struct kiln_view_made *m, const struct kiln_job *job, const struct kiln_show *show,
+                      struct kiln_results *results, const struct kiln_scene *scene, struct kiln_error *error)
+{
+    struct kiln_texel_links links;
+    char texel[80];
+    int status = kiln_texel_links_find(&links, job->arguments[0], job->view_texel, error);
+    if (status == KILN_OK)
+        status = kiln_point_rows_read(&m->rows, results, &show->field, (uint32_t)scene->object_count, error);
+    if (status == KILN_OK)
+        status = kiln_point_rows_replace(m->rows, links.share, links.points, error);
+    m->nodes = links.nodes;
+    m->single = links.single;
+    m->all = links.all;
+    (void)snprintf(m->note, sizeof m->note,
+                   "the texel %s gathers from %u nodes and %u single texels, %.4g %% of its view",
+                   kiln_text_plain(texel, sizeof texel, job->view_texel), m->nodes, m->single, m->all);
+    kiln_texel_links_release(&links);
+    return status;
+}
+
+/* ---- all ---- */
+
+int kiln_view_made_create(struct kiln_view_made *m, const struct kiln_job *job, const struct kiln_show *show,
+                          struct kiln_results *results, const struct kiln_scene *scene,
+                          const struct kiln_geometry *geometry, struct kiln_error *error)
+{
+    if (show->kind == KILN_SHOW_VOXELS || show->kind == KILN_SHOW_VOXEL)
+        return make_voxels(m, job, show, results, geometry, error);
+    return show->kind == KILN_SHOW_LINKS ? make_links(m, job, show, results, scene, error) : KILN_OK;
+}
+
+void kiln_view_made_give_rows(struct kiln_view_made *m, struct kiln_view_maps *maps)
+{
+    if (m->rows != NULL)
+        kiln_view_maps_take_rows(maps, &m->rows);
+}
+
+void kiln_view_made_lend(struct kiln_view_made *m, struct kiln_view_source *source)
+{
+    source->voxels = m->voxels;
+    if (m->boxes)
+        source->renderer = &m->renderer;
+}
+
+void kiln_view_made_destroy(struct kiln_view_made *m)
+{
+    kiln_voxels_destroy(&m->voxels);
+    kiln_point_rows_destroy(&m->rows);
+}

@@ -1,0 +1,44 @@
+/* What the files of the runner of states (states.h) share: the states themselves. */
+#ifndef KILN_COORDINATOR_INTEGRATE_STATES_PRIVATE_H
+#define KILN_COORDINATOR_INTEGRATE_STATES_PRIVATE_H
+
+#include "coordinator/integrate/batches.h"
+#include "coordinator/integrate/radiosity_exchange.h"
+#include "coordinator/integrate/states.h"
+
+/* One state: a solution of its own, and what takes its answers. */
+struct kiln_state_slot {
+    struct kiln_integrate_params params;
+    struct kiln_solution *solution;
+    struct kiln_ledger ledger;
+    struct kiln_taker taker;
+    struct kiln_radiosity_exchange exchange;
+    struct kiln_integration integration;
+    struct kiln_state state;
+    struct kiln_step step;             /* the next */
+    bool goes_on;                      /* there is one */
+    struct kiln_point_result *results; /* of AT_ONCE tile runs */
+};
+
+struct kiln_states {
+    const struct kiln_integrate_params *params;
+    struct kiln_resident *resident;
+    struct kiln_state_slot *slots;
+    size_t width, active;
+    bool may_hold;             /* light may stay on a device */
+    bool holds;                /* it does: that of all active states, which no host has */
+    struct kiln_held_step how; /* of the step under way */
+    float *light;              /* of the states that gather together: resident_rows.h */
+    uint8_t *wanted;           /* of each own tile run: a state asks for it */
+};
+
+/* ---- light that stays on a device (worker/pass/held.h): states_held.c ---- */
+
+/* Begins the next step of all active states where a device does it with light that it holds, or will from now on.
+ * False: the host does it. */
+int kiln_states_hold(struct kiln_states *states, bool *held, struct kiln_error *error);
+/* The step that was begun. After the last of its kind the host has the light again. KILN_NO_DEVICE: what the device
+ * held is lost. */
+int kiln_states_run_held(struct kiln_states *states, struct kiln_error *error);
+
+#endif

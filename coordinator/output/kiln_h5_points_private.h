@@ -1,0 +1,65 @@
+/* What the writer of the points' columns (kiln_h5_points.h) is made of: which chunks a rank has, how they are packed,
+ * placed and written, and read back. A part is one column of one chunk; the parts of a rank's chunks have consecutive
+ * numbers, chunk by chunk and in each chunk column by column, which is also the order of the file. A batch is some
+ * consecutive chunks of a rank, which are in memory together, each part in its slot. */
+#ifndef KILN_COORDINATOR_OUTPUT_KILN_H5_POINTS_PRIVATE_H
+#define KILN_COORDINATOR_OUTPUT_KILN_H5_POINTS_PRIVATE_H
+
+#include "coordinator/output/kiln_h5_points.h"
+
+/* The dataset that is read back completely. */
+#define POINTS_TOTAL "/irradiance/total"
+
+struct kiln_points_writer {
+    const struct kiln_bake_result *result;
+    const struct kiln_points_ahead *ahead; /* NULL: none */
+    struct kiln_h5 *h5;                    /* rank 0 */
+    int rank, ranks;
+    uint64_t chunk_rows, at_once; /* at_once: chunks of a batch at most */
+    uint64_t *starts;             /* global index of the first point of each rank; ranks + 1 entries */
+    struct kiln_columns columns;
+    size_t total; /* index of the column POINTS_TOTAL */
+    hid_t datasets[KILN_COLUMNS_MAX];
+    struct kiln_rows rows, tail; /* rows of the batch; rows of the last own chunk that come from later ranks */
+    uint8_t *shuffled, *packed;  /* both have one slot for each part of a batch */
+    uint64_t first, count;       /* chunks of the batch */
+    /* of each own part: compressed bytes; where they begin in the file; a copy of them, NULL: packed anew to write */
+    uint32_t *sizes;
+    uint64_t *addresses;
+    void **kept;
+    uint64_t kept_bytes, kept_most;
+    /* rank 0: sizes and addresses of another rank's parts, one rank after the other */
+    uint32_t *their_sizes;
+    uint64_t *their_addresses;
+};
+
+static inline const struct kiln_column *points_column(const struct kiln_points_writer *w, size_t column)
+{
+    return &w->columns.column[column];
+}
+
+static inline uint64_t points_minimum(uint64_t a, uint64_t b) { return a < b ? a : b; }
+
+/* The number of the first chunk that begins with a point of the rank or of a later one. */
+uint64_t points_first_chunk(const struct kiln_points_writer *w, int rank);
+/* The number of parts that a rank has. */
+uint64_t points_parts(const struct kiln_points_writer *w, int rank);
+
+/* Makes the rank's batch number `pass` the present one. False if there is none any more. */
+bool points_batch(struct kiln_points_writer *w, uint64_t pass);
+/* The own part in slot `slot` of the batch, and where that slot begins in `packed`. */
+uint64_t points_part(const struct kiln_points_writer *w, size_t slot);
+size_t points_slot(const struct kiln_points_writer *w, size_t slot);
+
+/* Collective. Chunks that end with points of other ranks get these. A rank first sends to an earlier one and then
+ * receives from later ones, which prevents deadlock. */
+int points_share_borders(struct kiln_points_writer *w, struct kiln_error *error);
+
+/* Compresses the parts of the batch that are not kept, and notes their sizes; keeps them if the writer is one of
+ * several and they are few enough. */
+int points_pack(struct kiln_points_writer *w, struct kiln_error *error);
+
+/* KILN_RANK_LOST, with its message. */
+int points_mpi_failed(struct kiln_error *error);
+
+#endif

@@ -1,0 +1,177 @@
+#include "coordinator/mpi/agree.h"
+#include "coordinator/output/kiln_h5_points_private.h"
+#include "worker/base/memory.h"
+
+enum { TAG_SIZES = 41, TAG_ADDRESSES = 42 };
+
+/* ---- datasets ---- */
+
+static hid_t h5_type(const struct kiln_column *column)
+{
+    switch (column->type) {
+    case KILN_DOUBLE:
+        return H5T_NATIVE_DOUBLE;
+    case KILN_FLOAT:
+        return H5T_NATIVE_FLOAT;
+    case KILN_UINT32:
+        return H5T_NATIVE_UINT32;
+    default:
+        return H5T_NATIVE_UINT8;
+    }
+}
+
+static int make_datasets(struct kiln_points_writer *w, struct kiln_error *error)
+{
+    const uint64_t points = w->result->surface->point_count;
+    int status = KILN_OK;
+    for (size_t c = 0; status == KILN_OK && c < w->columns.count; c++) {
+        const struct kiln_column *info = points_column(w, c);
+        const struct kiln_field *field = w->result->fields->entry[info->field].field;
+        const struct kiln_h5_dataset what = {.name = info->name,
+                                             .type = h5_type(info),
+                                             .rank = info->components > 1 ? 2 : 1,
+                                             .size = {points, info->components},
+                                             .units = info->units != NULL ? info->units
+                                                                          : kiln_field_unit(field, w->result->units),
+                                             .chunk = {points == 0 ? 0 : w->chunk_rows, info->components},
+                                             .description = info->description};
+        status = kiln_h5_make(w->h5, &what, &w->datasets[c], error);
+    }
+    return status;
+}
+
+static int close_datasets(struct kiln_points_writer *w, int status, struct kiln_error *error)
+{
+    for (size_t c = 0; c < w->columns.count; c++) {
+        if (w->datasets[c] >= 0 && H5Dclose(w->datasets[c]) < 0 && status == KILN_OK)
+            status = kiln_h5_failed(w->h5, "close the dataset", points_column(w, c)->name, error);
+        w->datasets[c] = H5I_INVALID_HID;
+    }
+    return status;
+}
+
+/* ---- places ---- */
+
+/* Rank 0. Gives places to the parts of `chunks` chunks from number `first` on, in the order of the file. */
+static int place_parts(struct kiln_points_writer *w, uint64_t first, uint64_t chunks, const uint32_t *sizes,
+                       uint64_t *addresses, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (uint64_t part = 0; status == KILN_OK && part < chunks * w->columns.count; part++) {
+        const size_t column = part % w->columns.count;
+        const hsize_t at[2] = {(first + part / w->columns.count) * w->chunk_rows, 0};
+        status = kiln_h5_place(w->h5, w->datasets[column], points_column(w, column)->name, at, sizes[part],
+                               &addresses[part], error);
+    }
+    return status;
+}
+
+/* Rank 0, for one other rank: takes the sizes of its parts and sends their places, also after a failure. */
+static int place_for(struct kiln_points_writer *w, int rank, int status, struct kiln_error *error)
+{
+    const MPI_Comm comm = w->result->communicator;
+    const uint64_t parts = points_parts(w, rank);
+    if (parts == 0)
+        return status;
+    if (MPI_Recv(w->their_sizes, (int)parts, MPI_UINT32_T, rank, TAG_SIZES, comm, MPI_STATUS_IGNORE) != MPI_SUCCESS)
+        return points_mpi_failed(error);
+    if (status == KILN_OK)
+        status = place_parts(w, points_first_chunk(w, rank), parts / w->columns.count, w->their_sizes,
+                             w->their_addresses, error);
+    return MPI_Send(w->their_addresses, (int)parts, MPI_UINT64_T, rank, TAG_ADDRESSES, comm) == MPI_SUCCESS
+               ? status
+               : points_mpi_failed(error);
+}
+
+/* Rank 0, for all ranks in their order: so the places are the same however many there are. */
+static int place_for_all(struct kiln_points_writer *w, struct kiln_error *error)
+{
+    int status = place_parts(w, 0, points_first_chunk(w, 1), w->sizes, w->addresses, error);
+    for (int r = 1; r < w->ranks; r++)
+        status = place_for(w, r, status, error);
+    return status;
+}
+
+static int ask_places(struct kiln_points_writer *w, struct kiln_error *error)
+{
+    const MPI_Comm comm = w->result->communicator;
+    const int parts = (int)points_parts(w, w->rank);
+    if (parts > 0 &&
+        (MPI_Send(w->sizes, parts, MPI_UINT32_T, 0, TAG_SIZES, comm) != MPI_SUCCESS ||
+         MPI_Recv(w->addresses, parts, MPI_UINT64_T, 0, TAG_ADDRESSES, comm, MPI_STATUS_IGNORE) != MPI_SUCCESS))
+        return points_mpi_failed(error);
+    return KILN_OK;
+}
+
+/* ---- writing ---- */
+
+/* Writes the parts of the batch, which are kept or in their slots. */
+static int write_batch(struct kiln_points_writer *w, int descriptor, const char *path, struct kiln_error *error)
+{
+    int status = KILN_OK;
+#pragma omp parallel for schedule(dynamic, 1)
+    for (size_t slot = 0; slot < w->count * w->columns.count; slot++) {
+        struct kiln_error mine = {{0}};
+        const uint64_t part = points_part(w, slot);
+        const int result =
+            kiln_write_all(descriptor, w->kept[part] != NULL ? w->kept[part] : w->packed + points_slot(w, slot),
+                           w->sizes[part], w->addresses[part], path, &mine);
+        kiln_free(&w->kept[part]);
+#pragma omp critical(kiln_write_batch)
+        if (result != KILN_OK)
+            status = kiln_fail(error, result, "%s", mine.message);
+    }
+    return status;
+}
+
+static int pack_next(struct kiln_points_writer *w, struct kiln_error *error)
+{
+    return kiln_stop_asked(w->result->stop) ? kiln_give_up(error) : points_pack(w, error);
+}
+
+/* The only rank: what comes next in the file is known at once. */
+static int write_alone(struct kiln_points_writer *w, int descriptor, const char *path, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (uint64_t pass = 0; status == KILN_OK && points_batch(w, pass); pass++) {
+        const uint64_t part = points_part(w, 0);
+        status = pack_next(w, error);
+        if (status == KILN_OK)
+            status = place_parts(w, w->first, w->count, w->sizes + part, w->addresses + part, error);
+        if (status == KILN_OK)
+            status = write_batch(w, descriptor, path, error);
+    }
+    return status;
+}
+
+static int write_together(struct kiln_points_writer *w, int descriptor, const char *path, struct kiln_error *error)
+{
+    const MPI_Comm comm = w->result->communicator;
+    int status = KILN_OK;
+    for (uint64_t pass = 0; status == KILN_OK && points_batch(w, pass); pass++)
+        status = pack_next(w, error);
+    status = kiln_agree(comm, status, error);
+    if (status == KILN_OK)
+        status = kiln_agree(comm, w->rank == 0 ? place_for_all(w, error) : ask_places(w, error), error);
+    for (uint64_t pass = 0; status == KILN_OK && points_batch(w, pass); pass++) {
+        status = pack_next(w, error);
+        if (status == KILN_OK)
+            status = write_batch(w, descriptor, path, error);
+    }
+    return status;
+}
+
+int kiln_points_write(struct kiln_points_writer *w, struct kiln_h5 *h5, int descriptor, const char *path,
+                      struct kiln_error *error)
+{
+    const MPI_Comm comm = w->result->communicator;
+    w->h5 = h5;
+    int status = points_share_borders(w, error);
+    if (status == KILN_OK)
+        status = kiln_agree(comm, w->rank == 0 ? make_datasets(w, error) : KILN_OK, error);
+    if (status == KILN_OK)
+        status = w->ranks == 1 ? write_alone(w, descriptor, path, error) : write_together(w, descriptor, path, error);
+    if (w->rank == 0)
+        status = close_datasets(w, status, error);
+    return kiln_agree(comm, status, error);
+}

@@ -1,0 +1,44 @@
+/* Light that stays on the device (worker/pass/held.h); part of shaders/shared/push.h. */
+
+/* A surface point, as far as taking its answers over goes. */
+struct kiln_gpu_held_point {
+    KILN_WORD area[2]; /* the halves of a double, m2: what of it counts in sums of power; 0: it does not */
+    KILN_WORD tile;    /* hash of its lightmap and tile, */
+    KILN_WORD bit;     /* and its place in the tile */
+};
+KILN_SIZE_IS(kiln_gpu_held_point, 16);
+
+/* A light: its units are powers of two, of which these are the exponents, in two's complement. */
+struct kiln_gpu_held_light {
+    KILN_ADDRESS albedo; /* halves of words, three a point */
+    KILN_WORD scale;     /* of radiosity in 4 bytes */
+    KILN_WORD unit, unit_squared;
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_held_light, 24);
+
+/* What a step adds up, in this order: incident, reflected, sent, escaped, blocked (3 each), variance. */
+#define KILN_GPU_HELD_POWERS 16u
+/* A sum of whole units: high x 2^40 + low. */
+struct kiln_gpu_held_power {
+    KILN_WORD64 high, low; /* signed, in two's complement */
+};
+KILN_SIZE_IS(kiln_gpu_held_power, 16);
+
+struct kiln_gpu_held {
+    KILN_ADDRESS from, to; /* packed radiosity: of point i under light l pair i * count + l */
+    KILN_ADDRESS sums;     /* three floats each: of light l from point l * points on */
+    KILN_ADDRESS errors;   /* words, likewise: packed errors of all light, and of indirect light in the upper half */
+    KILN_ADDRESS of_point; /* struct kiln_gpu_held_point each */
+    KILN_ADDRESS lights;   /* struct kiln_gpu_held_light each */
+    KILN_ADDRESS parts; /* sums of power of workgroup g under light l: from (g * count + l) * KILN_GPU_HELD_POWERS on */
+    KILN_ADDRESS powers; /* of all: of light l from l * KILN_GPU_HELD_POWERS on; then a word: an answer is not good */
+    KILN_WORD64 points;
+    KILN_WORD count;   /* lights */
+    KILN_WORD final;   /* answers are the light; else what they send is added to it, and gathered from next */
+    KILN_WORD compact; /* that is rounded to 4 bytes */
+    KILN_WORD stream;  /* for rounding, */
+    KILN_WORD seed;    /* and of the 4 bytes */
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_held, 96);

@@ -1,0 +1,251 @@
+/* The device's kernels. Drivers take a second for some, and each on one core: so those that are known to be wanted are
+ * made by threads, one each, and the passes wait for what they use. */
+#include <string.h>
+
+#include "worker/backend/vulkan/vulkan.h"
+#include "worker/base/memory.h"
+#include "worker/base/thread.h"
+
+#include "shaders/trace_rahit.h"
+#include "shaders/trace_rchit.h"
+#include "shaders/trace_rmiss.h"
+
+/* A kernel that a thread makes. */
+struct vulkan_maker {
+    pthread_t thread;
+    struct gpu *gpu;
+    struct gpu_kernel_params params;
+    uint32_t constants[VULKAN_CONSTANTS];
+    struct gpu_kernel *kernel; /* NULL: that failed */
+    double begin, end;         /* kiln_clock_seconds */
+};
+
+/* ---- what a kernel is made of ---- */
+
+static const struct gpu_hit_shaders hit_shaders = {.closest_hit = kiln_spirv_trace_rchit,
+                                                   .any_hit = kiln_spirv_trace_rahit,
+                                                   .miss = kiln_spirv_trace_rmiss,
+                                                   .closest_hit_bytes = sizeof kiln_spirv_trace_rchit,
+                                                   .any_hit_bytes = sizeof kiln_spirv_trace_rahit,
+                                                   .miss_bytes = sizeof kiln_spirv_trace_rmiss};
+
+/* Words of SPIR-V's binary form (specification, 2.3 and 3.42). */
+enum { FIRST_INSTRUCTION = 5, OP_NAME = 5, OP_DECORATE = 71, OP_SPEC_CONSTANT = 50, DECORATION_SPEC_ID = 1 };
+
+static uint32_t instruction_length(uint32_t word) { return word >> 16; }
+
+/* The result of the specialisation constant `number`; 0: the code has none. */
+static uint32_t find_constant(const uint32_t *words, size_t count, uint32_t number)
+{
+    for (size_t i = FIRST_INSTRUCTION; i < count && instruction_length(words[i]) > 0; i += instruction_length(words[i]))
+        if ((words[i] & 0xffffu) == OP_DECORATE && words[i + 2] == DECORATION_SPEC_ID && words[i + 3] == number)
+            return words[i + 1];
+    return 0;
+}
+
+/* Whether the code asks for a constant, and does not only declare it. A literal that happens to be the same number
+ * counts too: then a constant that means nothing is passed on. */
+static bool asks_for(const struct vulkan_code *code, uint32_t number)
+{
+    const uint32_t *words = code->words;
+    const size_t count = code->bytes / sizeof *words;
+    const uint32_t result = find_constant(words, count, number);
+    for (size_t i = FIRST_INSTRUCTION; result != 0 && i < count && instruction_length(words[i]) > 0;
+         i += instruction_length(words[i])) {
+        const uint32_t op = words[i] & 0xffffu;
+        if (op == OP_NAME || op == OP_DECORATE || op == OP_SPEC_CONSTANT)
+            continue;
+        for (uint32_t k = 1; k < instruction_length(words[i]); k++)
+            if (words[i + k] == result)
+                return true;
+    }
+    return false;
+}
+
+static bool is_pipeline(const struct vulkan_backend *b, const struct vulkan_shader *s)
+{
+    return b->tracer.acceleration != NULL && s->pipeline.words != NULL;
+}
+
+static const struct vulkan_code *code_of(const struct vulkan_backend *b, const struct vulkan_shader *s)
+{
+    const bool pipeline = is_pipeline(b, s), plain = !b->float64 && s->compute_float.words != NULL;
+    return pipeline ? (plain ? &s->pipeline_float : &s->pipeline) : plain ? &s->compute_float : &s->compute;
+}
+
+/* Constants that compute kernels only declare are 0: what was kept of one scene's kernels then serves another's. */
+static struct gpu_kernel_params describe(const struct vulkan_backend *b, const struct vulkan_kernel *k,
+                                         uint32_t constants[VULKAN_CONSTANTS])
+{
+    const struct vulkan_shader *s = k->shader;
+    const struct vulkan_code *code = code_of(b, s);
+    const bool pipeline = is_pipeline(b, s);
+    memcpy(constants, b->constants, sizeof b->constants);
+    constants[VULKAN_DRAW_AGAIN] = k->draw_again;
+    constants[VULKAN_OWN] = k->own;
+    constants[VULKAN_HAS_VARIED] = b->materials.varied;
+    constants[VULKAN_HAS_GLOSSY] = b->materials.gloss;
+    for (uint32_t i = 0; i < VULKAN_CONSTANTS && !pipeline; i++)
+        if (constants[i] != 0 && !asks_for(code, i))
+            constants[i] = 0;
+    return (struct gpu_kernel_params){.name = s->name,
+                                      .code = code->words,
+                                      .code_bytes = code->bytes,
+                                      .constants = constants,
+                                      .constant_count = VULKAN_CONSTANTS,
+                                      .hit_shaders = pipeline ? &hit_shaders : NULL};
+}
+
+/* ---- makers ---- */
+
+static void *make_one(void *context)
+{
+    struct vulkan_maker *m = context;
+    m->begin = kiln_clock_seconds();
+    m->params.constants = m->constants;
+    (void)gpu_kernel_create(m->gpu, &m->kernel, &m->params, NULL);
+    m->end = kiln_clock_seconds();
+    return NULL;
+}
+
+/* False: no thread makes it. */
+static bool start_maker(struct vulkan_backend *b, struct vulkan_kernel *k)
+{
+    if (kiln_allocate(&k->maker, 1, sizeof *k->maker, "the maker of a kernel", NULL) != KILN_OK)
+        return false;
+    k->maker->gpu = b->gpu;
+    k->maker->params = describe(b, k, k->maker->constants);
+    if (!kiln_thread_start(&k->maker->thread, make_one, k->maker))
+        kiln_free(&k->maker);
+    return k->maker != NULL;
+}
+
+/* Waits for the kernel's maker, if it has one. */
+static void join(struct vulkan_backend *b, struct vulkan_kernel *k)
+{
+    struct kiln_aside *a = &b->making;
+    struct vulkan_maker *m = k->maker;
+    if (m == NULL)
+        return;
+    const double start = kiln_clock_seconds();
+    (void)pthread_join(m->thread, NULL);
+    a->waited += kiln_clock_seconds() - start;
+    a->begin = a->count == 0 || m->begin < a->begin ? m->begin : a->begin;
+    a->end = m->end > a->end ? m->end : a->end;
+    a->count++;
+    k->kernel = m->kernel;
+    kiln_free(&k->maker);
+}
+
+/* ---- kernels ---- */
+
+/* The shader that is asked for as `shader`. */
+static const struct vulkan_shader *variant_of(const struct vulkan_backend *b, const struct vulkan_shader *shader)
+{
+    return b->materials.gloss && shader->gloss != NULL ? shader->gloss : shader;
+}
+
+static struct vulkan_kernel *find_kernel(const struct vulkan_backend *b, const struct vulkan_shader *shader,
+                                         bool draw_again, uint32_t own)
+{
+    for (size_t i = 0; i < b->kernel_count; i++)
+        if (b->kernels[i].shader == shader && b->kernels[i].draw_again == draw_again && b->kernels[i].own == own)
+            return &b->kernels[i];
+    return NULL;
+}
+
+/* Adds an entry without a kernel. */
+static int add_kernel(struct vulkan_backend *b, const struct vulkan_kernel *k, struct vulkan_kernel **added,
+                      struct kiln_error *error)
+{
+    const int status =
+        kiln_grow(&b->kernels, &b->kernel_room, b->kernel_count + 1, sizeof *b->kernels, "the device's kernels", error);
+    if (status != KILN_OK)
+        return status;
+    *added = &b->kernels[b->kernel_count++];
+    **added = *k;
+    return KILN_OK;
+}
+
+/* What a maker could not make is made again, for its error. */
+static int make_now(struct vulkan_backend *b, struct vulkan_kernel *k, struct kiln_error *error)
+{
+    uint32_t constants[VULKAN_CONSTANTS];
+    join(b, k);
+    if (k->kernel != NULL)
+        return KILN_OK;
+    const struct gpu_kernel_params params = describe(b, k, constants);
+    return gpu_kernel_create(b->gpu, &k->kernel, &params, error);
+}
+
+int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own,
+                     struct gpu_kernel **kernel, struct kiln_error *error)
+{
+    shader = variant_of(b, shader);
+    struct vulkan_kernel *found = find_kernel(b, shader, draw_again, own);
+    const struct vulkan_kernel k = {.shader = shader, .draw_again = draw_again, .own = own};
+    *kernel = NULL;
+    int status = found != NULL ? KILN_OK : add_kernel(b, &k, &found, error);
+    if (status == KILN_OK)
+        status = make_now(b, found, error);
+    if (status == KILN_OK)
+        found->ran = true;
+    else if (found != NULL)
+        *found = b->kernels[--b->kernel_count];
+    if (status == KILN_OK)
+        *kernel = found->kernel;
+    return status;
+}
+
+void vulkan_forget_kernels(struct vulkan_backend *b)
+{
+    for (size_t i = 0; i < b->kernel_count; i++) {
+        join(b, &b->kernels[i]);
+        gpu_kernel_destroy(b->gpu, &b->kernels[i].kernel);
+    }
+    b->kernel_count = 0;
+}
+
+/* ---- ahead ---- */
+
+/* Software devices make theirs when they first run; ray-tracing kernels cannot be made by several threads. */
+static bool has_makers(const struct vulkan_backend *b)
+{
+    return (!gpu_about(b->gpu)->software || b->faults.wanted.makers) && b->tracer.acceleration == NULL &&
+           b->faults.wanted.kind == KILN_DEVICE_FAULT_NONE;
+}
+
+/* Starts to make a kernel that is not there yet. What fails here is made, and reported, when it is asked for. */
+static void make_wish(struct vulkan_backend *b, const struct vulkan_wish *wish)
+{
+    const struct vulkan_kernel k = {
+        .shader = variant_of(b, wish->shader), .draw_again = wish->draw_again, .own = wish->own};
+    struct vulkan_kernel *added;
+    if (find_kernel(b, k.shader, k.draw_again, k.own) == NULL && add_kernel(b, &k, &added, NULL) == KILN_OK &&
+        !start_maker(b, added))
+        b->kernel_count--;
+}
+
+static bool hangs_on_surface(const struct vulkan_backend *b, const struct vulkan_wish *wish)
+{
+    const struct vulkan_code *code = code_of(b, variant_of(b, wish->shader));
+    return asks_for(code, VULKAN_HAS_DIVIDED) || asks_for(code, VULKAN_HAS_OCTREE);
+}
+
+void vulkan_kernels_ahead(struct vulkan_backend *b, bool surface)
+{
+    for (int p = 0; p < KILN_PASS_COUNT && has_makers(b); p++) {
+        const struct vulkan_wish *wishes = vulkan_passes[p]->ahead;
+        for (int i = 0; i < VULKAN_WISHES && wishes[i].shader != NULL && (b->params.passes >> p & 1u) != 0; i++)
+            if ((wishes[i].wanted == NULL || wishes[i].wanted(b)) && (surface || !hangs_on_surface(b, &wishes[i])))
+                make_wish(b, &wishes[i]);
+    }
+    if (surface && has_makers(b))
+        vulkan_passes_ahead(b);
+}
+
+void vulkan_kernels_at_once(struct vulkan_backend *b, const struct vulkan_wish *wishes, size_t count)
+{
+    for (size_t i = 0; i < count && has_makers(b); i++)
+        make_wish(b, &wishes[i]);
+}
