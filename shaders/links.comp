@@ -1,7 +1,7 @@
 /* The links pass: thread (x, y) goes through row y of the links of point x's tile run, and adds up those of the point.
  * Neighbouring threads have points of one tile, and so the same links. links_reduce.comp adds up the rows.
  *
- * Factors are those of worker/backend/link_sums.c and link_view.h. */
+ * Factors are those of worker/backend/link_sums.c and link_factors.h. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
