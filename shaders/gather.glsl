@@ -3,7 +3,7 @@
  * (guide.glsl). With KILN_GLOSS rays go on in chains (chain.glsl); with KILN_CAUSTIC besides it is the caustic pass,
  * which looks for lamps and sky by these alone; with KILN_WEIGHED besides the weighed pass (weighed.glsl). With
  * KILN_KEEP it is the gather pass of bakes that keep what rays meet (kept_rows.glsl), with KILN_DIRECTIONS the
- * directions pass (directions.glsl). */
+ * directions pass (directions.glsl), with KILN_BRIGHT besides that with rays to bright patches (bright.glsl). */
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"
@@ -31,12 +31,24 @@ KILN_PUSH(kiln_gpu_rows_push);
 #    define HEMISPHERE_RAY_DONE(k) row_keep(k)
 #elif defined(KILN_DIRECTIONS)
 KILN_PUSH(kiln_gpu_directions_push);
-void set_begin(uint key); /* directions.glsl */
 uint set_sample;
 #    define PROBES push.lights /* any address will do: such rays ask no probes */
 #    define NEAR_PROBES push.lights
-#    define GUIDE_BEGIN(index) set_begin(p.key);
-#    define HEMISPHERE_RAY(k) set_sample = k
+#    ifdef KILN_BRIGHT
+void bright_begin(uint x); /* bright.glsl */
+uint bright_number(uint i);
+uint bright_u, bright_v;
+#        define GUIDE_BEGIN(index) bright_begin((index)-push.chunk.origin);
+#        define HEMISPHERE_NUMBER(i) bright_number(i)
+#        define HEMISPHERE_RAY(k)                                                                                      \
+            set_sample = k;                                                                                            \
+            bright_u = bits_u;                                                                                         \
+            bright_v = bits_v
+#    else
+void set_begin(uint key); /* directions.glsl */
+#        define GUIDE_BEGIN(index) set_begin(p.key);
+#        define HEMISPHERE_RAY(k) set_sample = k
+#    endif
 #else
 KILN_PUSH(kiln_gpu_gather_push);
 #    define NEAR_PROBES push.near_probes
@@ -86,7 +98,9 @@ uint row_word_of(kiln_hit hit)
 }
 #endif
 #include "shaders/radiance_probes.glsl"
-#ifdef KILN_DIRECTIONS
+#ifdef KILN_BRIGHT
+#    include "shaders/bright.glsl"
+#elif defined(KILN_DIRECTIONS)
 #    include "shaders/directions.glsl"
 #endif
 #ifdef KILN_GLOSS
@@ -188,7 +202,11 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     guide_direction(u, v);
 #endif
     float cosine;
-#ifdef KILN_DIRECTIONS
+#ifdef KILN_BRIGHT
+    const vec3 direction = set_direction(axis, position, u, v, cosine);
+    if (!leads)
+        return;
+#elif defined(KILN_DIRECTIONS)
     const vec3 direction = set_direction(axis, u, v, cosine);
 #else
     const vec3 direction = hemisphere_cosine(axis, u, v, cosine);
@@ -209,6 +227,7 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     weight *= guide_weight;
 #endif
 #ifdef KILN_DIRECTIONS
+    const float whole_facet = facet, whole_weight = weight;
     facet *= set_weight;
     weight *= set_weight;
 #endif
@@ -249,9 +268,15 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     }
 #ifdef KILN_DIRECTIONS
     uint64_t point;
-    const bool sends = facet > 0.0 && kiln_store_point(to, point);
+    const bool sends = whole_facet > 0.0 && kiln_store_point(to, point);
     const vec3 found = sends ? kiln_radiosity_unpack(RadiosityWords(push.lights + point * 8ul).at[0]) : vec3(0.0);
+#    ifdef KILN_BRIGHT
+    if (sends)
+        bright_weigh(uint(point), position, direction, cosine);
+    add_light(sums, bright.scale * found, tint, whole_facet * set_weight, whole_weight * set_weight);
+#    else
     add_light(sums, set_scale * found, tint, facet, weight);
+#    endif
 #else
     add_light(sums, facet > 0.0 ? kiln_store_radiosity(to) : vec3(0.0), tint, facet, weight);
 #endif

@@ -7,14 +7,18 @@
  * `hemisphere`, `struct Sums`, what a thread adds up, and NO_SUMS, its zeros. The kernel defines the functions that are
  * declared here; it may define HEMISPHERE_BEGIN, what is done with the point's index in its block before its rays,
  * HEMISPHERE_RAY and HEMISPHERE_RAY_DONE, what is done with a sample's number before and after its ray,
- * HEMISPHERE_PLACES, whether add_ray wants places of point p, and HEMISPHERE_SEEDS, whether it wants seeds in any
- * scene. All else stands in kiln_kernel, not in functions of its own, which cost the gather 4 % on an H200.
+ * HEMISPHERE_NUMBER, which sample comes i-th, HEMISPHERE_PLACES, whether add_ray wants places of point p, and
+ * HEMISPHERE_SEEDS, whether it wants seeds in any scene. All else stands in kiln_kernel, not in functions of its own,
+ * which cost the gather 4 % on an H200.
  */
 #ifndef HEMISPHERE_BEGIN
 #    define HEMISPHERE_BEGIN(index)
 #endif
 #ifndef HEMISPHERE_RAY
 #    define HEMISPHERE_RAY(k)
+#endif
+#ifndef HEMISPHERE_NUMBER
+#    define HEMISPHERE_NUMBER(i) i
 #endif
 #ifndef HEMISPHERE_PLACES
 #    define HEMISPHERE_PLACES(p) true
@@ -80,8 +84,9 @@ void kiln_kernel(uint x, uint y)
     WordArray sobol = WordArray(push.hemisphere.sobol);
     vec3 position, normal;
     uint drawn = KILN_GPU_NONE;
-    uint k = from;
-    for (; k < to; k++) {
+    uint i = from;
+    for (; i < to; i++) {
+        const uint k = HEMISPHERE_NUMBER(i);
         const uint place = shares ? k / push.hemisphere.reuse : k;
         if (place != drawn && HEMISPHERE_PLACES(p)) {
             const float s = kiln_unit_float(
@@ -92,9 +97,9 @@ void kiln_kernel(uint x, uint y)
             kiln_position(p, push.chunk.parts, s, t, position, normal, offset);
             drawn = place;
         }
-        const float u = kiln_unit_float(kiln_owen_scramble(sobol.at[k], seed[0]) ^ shift_u);
-        const float v =
-            kiln_unit_float(kiln_owen_scramble(sobol.at[push.hemisphere.sobol_stride + k], seed[1]) ^ shift_v);
+        const uint bits_u = kiln_owen_scramble(sobol.at[k], seed[0]) ^ shift_u;
+        const uint bits_v = kiln_owen_scramble(sobol.at[push.hemisphere.sobol_stride + k], seed[1]) ^ shift_v;
+        const float u = kiln_unit_float(bits_u), v = kiln_unit_float(bits_v);
 #ifdef KILN_GLOSS
         ray_chance = chance;
         ray_number = push.hemisphere.first_sample + k;
@@ -106,6 +111,6 @@ void kiln_kernel(uint x, uint y)
                     : 0u);
         HEMISPHERE_RAY_DONE(k);
     }
-    after_rays(sums, p, row, k >= to);
+    after_rays(sums, p, row, i >= to);
     store(sums, index - push.chunk.origin, row);
 }

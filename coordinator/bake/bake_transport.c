@@ -58,7 +58,7 @@ static int refuse_what_cannot_be_kept(const struct kiln_job *job, const struct k
                          "--keep-transport rows");
     if (job->keep_transport == KILN_KEEP_ROWS && why != NULL)
         return kiln_fail(error, KILN_USAGE, "--keep-transport rows: of these rays %s", why);
-    if (job->relight != NULL && goes_on_elsewhere(job, p))
+    if (job->relight != NULL && !is_of_links(job) && goes_on_elsewhere(job, p))
         return kiln_fail(error, KILN_USAGE,
                          "rays of %.300s go on from gloss, or are tinted, which Embree alone looks up: give --backend "
                          "embree",

@@ -178,7 +178,7 @@ static void add_link(const struct work *w, const struct kiln_patch *own, double 
                      struct kiln_texel_links *links)
 {
     const struct kiln_links_parameters *p = w->parameters;
-    const struct patch_receiver receiver = {dvec3_of(own->normal), dvec3_of(own->normal), false};
+    const struct kiln_patch_receiver receiver = {dvec3_of(own->normal), dvec3_of(own->normal), false};
     const bool leaf = (to & KILN_LINK_LEAF) != 0;
     const uint32_t first = leaf ? to & ~KILN_LINK_LEAF : p->nodes[to].first, count = leaf ? 1 : p->nodes[to].count;
     struct kiln_node_view view;

@@ -487,10 +487,8 @@ static int check_order(struct kiln_job *job, struct kiln_error *error)
 /* What of patches Embree alone has. */
 static int patches_by_embree(struct kiln_job *job, struct kiln_error *error)
 {
-    const struct unused_option of_embree[] = {{"patches links", job->patches.patches == KILN_PATCHES_LINKS},
-                                              {"visibility-cache", job->patches.visibility_cache > 0.0},
-                                              {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS},
-                                              {"gather mixed", job->patches.gather == KILN_GATHER_MIXED}};
+    const struct unused_option of_embree[] = {{"visibility-cache", job->patches.visibility_cache > 0.0},
+                                              {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS}};
     for (size_t i = 0; i < sizeof of_embree / sizeof *of_embree; i++) {
         if (!of_embree[i].wanted)
             continue;

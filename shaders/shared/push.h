@@ -332,4 +332,39 @@ struct kiln_gpu_patches_reduce_push {
 KILN_SIZE_IS(kiln_gpu_patches_reduce_push, 88);
 KILN_OFFSET_IS(kiln_gpu_patches_reduce_push, rows, 80);
 
+#include "shaders/shared/layout_links.h"
+
+/* links.comp: adds up links. */
+struct kiln_gpu_links_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk;
+    KILN_ADDRESS points;               /* struct kiln_gpu_linked_point of each point of the chunk */
+    KILN_ADDRESS runs, links, tinted;  /* of the chunk */
+    KILN_ADDRESS nodes, leaves, light; /* of the tree */
+    KILN_ADDRESS slices; /* floats: c of row r of a point at (r * KILN_GPU_LINK_FLOATS + c) * chunk.total + x */
+    KILN_WORD row_first; /* row of y = 0 */
+    KILN_WORD node_count;
+};
+KILN_SIZE_IS(kiln_gpu_links_push, 128);
+KILN_OFFSET_IS(kiln_gpu_links_push, row_first, 120);
+
+/* links_reduce.comp: adds up the rows. */
+struct kiln_gpu_links_reduce_push {
+    KILN_ADDRESS scene;
+    KILN_STRUCT kiln_gpu_chunk chunk;
+    KILN_ADDRESS points, runs;    /* as above */
+    KILN_ADDRESS slices, results; /* results: struct kiln_gpu_link_sums */
+};
+KILN_SIZE_IS(kiln_gpu_links_reduce_push, 88);
+
+/* link_rays.comp: what comes through between two places. */
+struct kiln_gpu_link_rays_push {
+    KILN_ADDRESS scene;
+    KILN_ADDRESS rays;    /* struct kiln_gpu_link_ray */
+    KILN_ADDRESS through; /* floats: one of each ray, or three where surfaces let light through in part */
+    KILN_WORD count;
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_link_rays_push, 32);
+
 #endif

@@ -1,11 +1,13 @@
 """Rays per second of whole bounce passes on a GPU, by traversal and scene, and one bake over several GPUs; what pairs
-of patches and states of kept rays take.
+of patches, links and states of kept rays take.
 
-  /usr/bin/python3 tests/bench/gpu.py --kiln build/release/kiln [--gpus 1 2 4] [--only rates scaling pairs states]
+  /usr/bin/python3 tests/bench/gpu.py --kiln build/release/kiln [--gpus 1 2 4] [--only rates scaling pairs states links]
 
 The aims on one H200 are 8, 2.5 and 2.0 billion rays a second in the Cornell box, at 250 thousand and at 4 million
 triangles. The bake is the city's, at least 16 million points; its table shows what of each pass the devices were busy.
 All pairs of 768 x 768 texels are to take 60 s a bounce, a state of 3 million points 20 ms, of sixteen at once 10.
+Links are of the statue's box with as many texels as 256 x 256 and 1024 x 1024: a bounce in which they are found, one
+in which they are added up, and a relight from them.
 """
 import json
 import os
@@ -94,7 +96,32 @@ def states(kiln, scene):
                   '%.3f' % mean('write_seconds'))
 
 
-WHAT = ('rates', 'scaling', 'pairs', 'states')
+def links(kiln, scene, sizes=((256, 17.7), (1024, 70.8))):
+    """Links of two bounces, the first of which finds them: rays that say what points see, and those that close rows."""
+    table = harness.Table(('points', 9), ('backend', 8), ('found, s', 9), ('device, s', 9), ('rays', 8), ('Mrays/s', 8),
+                          ('added, s', 9), ('device, s', 9), ('links', 6), ('bytes', 6), ('relit, s', 9))
+    for size, density in sizes:
+        bake = kiln.bake(scene, '--method', 'radiosity', '--patches', 'links', '--bounces', 2, '--texels-per-metre',
+                         density, '--samples-direct', 16, '--samples-indirect', 64, '--samples-probe', 0, '--denoise',
+                         'none', '--no-export', '--keep-transport', 'links', timeout=3600)
+        if bake.process.status != 0:
+            sys.exit('%s\nended with %d: %s' % (bake.process.line(), bake.process.status, bake.process.sentence()))
+        points, rays, said = bake.run['points']['count'], bake.run['rays']['bounces'], bake.run['links']
+        first, then = [b for b in bake.run['bounces'] if b['kind'] != 'direct'][:2]
+        folder = os.path.join(kiln.scratch, 'links%d' % size)
+        p = kiln.command('relight', bake.directory, scene, '-o', folder, '--quiet', timeout=3600)
+        if p.status != 0:
+            sys.exit('%s\nended with %d: %s' % (p.line(), p.status, p.sentence()))
+        with open(os.path.join(folder, 'run.json')) as file:
+            relit = [b for b in json.load(file)['bounces'] if b['kind'] != 'direct']
+        table.row(points, bake.run['backend']['name'], '%.3f' % first['seconds'], '%.3f' % first['device_seconds'],
+                  '%.2g' % rays, '%.1f' % (rays / first['seconds'] / 1e6), '%.3f' % then['seconds'],
+                  '%.3f' % then['device_seconds'], '%.0f' % (said['count'] / points), '%.0f' % (said['bytes'] / points),
+                  '%.3f' % sum(b['seconds'] for b in relit))
+        bake.remove()
+
+
+WHAT = ('rates', 'scaling', 'pairs', 'states', 'links')
 
 
 def main():
@@ -105,6 +132,8 @@ def main():
     kiln.backend = 'vulkan'
     if 'pairs' in arguments.only:
         pairs(kiln, measure.made(kiln, 'cornell-spheres'))
+    if 'links' in arguments.only:
+        links(kiln, measure.made(kiln, *SCENES[1][1]))
     if 'states' in arguments.only:
         states(kiln, measure.made(kiln, 'cornell'))
     if not {'rates', 'scaling'} & set(arguments.only):

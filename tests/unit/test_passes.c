@@ -89,6 +89,7 @@ static const struct kiln_link_node node_above = {
     .covariance = {0.0133f, 0.0f, 0.0008f, 0.0f, 0.0f, 0.0f},
     .level = 1.0f};
 static const float light_above[KILN_LINK_CHILDREN][3] = {{1, 2, 3}, {1, 2, 3}, {1, 2, 3}, {3, 2, 1}};
+static const struct kiln_link_light sent_above[KILN_LINK_CHILDREN] = {{.now = 1.0f}};
 static const struct kiln_links_parameters linked = {.points = points_of_floor,
                                                     .order = order_above,
                                                     .area = area_above,
@@ -97,6 +98,8 @@ static const struct kiln_links_parameters linked = {.points = points_of_floor,
                                                     .node_count = 1,
                                                     .radiosity = light_above,
                                                     .leaf_radiosity = light_above,
+                                                    .light = sent_above,
+                                                    .leaf_light = sent_above,
                                                     .error = 0.01,
                                                     .stream = 2};
 static const struct kiln_directions_parameters by_cosine = {.scale = 1.0};

@@ -4,7 +4,7 @@ rays that pass by an edge, which rounding may decide otherwise.
 - The Cornell box, lamps as patches: the same number of rays but for 1e-4 of them; light of 99 % of the texels within
   1e-5, relative to at least a thousandth of the mean; the sum of all light within 1e-6 where no texel is apart.
 - The same for windows of texels, joined texels and clamps.
-- The same by rays in the place of pairs, but for those to bright patches, which are refused; and cached pairs, links.
+- The same by rays in the place of pairs, with those to bright patches; cached pairs and voxels are refused.
 - Smooth normals, and layers that let light through.
 - The same bits from other dispatches, memory and ranks, and from a device that was lost.
 - A closed furnace within 0.1 %.
@@ -29,7 +29,8 @@ BOX = (*FEW, '--lights', 'patches', '--texels-per-metre', 2, '--bounces', 2)
 NODES = (('--undersample', 'mipmap', '--sampling-window', 2), ('--subdivide', 0.2), ('--clamp', '--albedo-scale', 0.9),
          ('--order', 'unshot'))
 RAYS = (('--gather', 'even', '--directions', 64), ('--gather', 'cosine'))
-REFUSED = (('--gather', 'mixed'), ('--patches', 'links'), ('--visibility-cache', 1), ('--visibility', 'voxels'))
+MIXED = ('--gather', 'mixed', '--directions', 64)
+REFUSED = (('--visibility-cache', 1), ('--visibility', 'voxels'))
 
 
 def on(kiln, backend, scene, *options, **more):
@@ -45,8 +46,8 @@ def light(bake):
     return of_patches[order], p.area[order], p.valid[order]
 
 
-def compare(kiln, checks, table, what, scene, *options):
-    """Bakes by both; gives Vulkan's, or None."""
+def compare(kiln, checks, table, what, scene, *options, both=False):
+    """Bakes by both; gives Vulkan's, or `both`, or None."""
     embree, vulkan = (on(kiln, backend, scene, *options) for backend in ('embree', 'vulkan'))
     if not checks.baked(embree) or not checks.baked(vulkan):
         return None
@@ -61,15 +62,18 @@ def compare(kiln, checks, table, what, scene, *options):
                 '%s: %d and %d rays, %g of the texels are apart, at most by %g, all by %g' %
                 (what, *rays, apart, off.max(), sum_), vulkan.process)
     checks.that(0 < off.max(), '%s: the same bits: Embree did both' % what, vulkan.process)
+    if both:
+        return embree, vulkan
     embree.remove()
     return vulkan
 
 
-def check_same_bits(kiln, checks, wanted):
-    for ranks, more, environment in ((0, ('--dispatch-time', 1, '--device-memory', 0.26), {}),
-                                     (3, ('--threads', 1), {}), (0, (), {'KILN_GPU_FAULT': 'lost:250'})):
+def check_same_bits(kiln, checks, wanted, options=(), box=BOX,
+                    ways=((0, ('--dispatch-time', 1, '--device-memory', 0.26), {}), (3, ('--threads', 1), {}),
+                          (0, (), {'KILN_GPU_FAULT': 'lost:250'}))):
+    for ranks, more, environment in ways:
         kiln.environment.update(environment)
-        bake = on(kiln, 'vulkan', CORNELL, *BOX, *more, ranks=ranks)
+        bake = on(kiln, 'vulkan', CORNELL, *box, *options, *more, ranks=ranks)
         for key in environment:
             del kiln.environment[key]
         if checks.baked(bake):
@@ -87,11 +91,11 @@ def check_refused(kiln, checks):
                     '%s: %d: %s' % (more, bake.process.status, bake.process.sentence()), bake.process)
 
 
-def check_furnace(kiln, checks):
+def check_furnace(kiln, checks, *options):
     with open(harness.own_scene('analytic', 'expected.json')) as file:
         case = {case['id']: case for case in json.load(file)['cases']}['furnace_cube_rho0.5']
     bake = on(kiln, 'vulkan', harness.own_scene('analytic', case['file']), *FEW, '--lights', 'patches',
-              '--lightmap-size', 12)
+              '--lightmap-size', 12, *options)
     if checks.baked(bake):
         off = np.abs(bake.points.total[bake.points.valid] / np.asarray(case['uniform_E'], float) - 1).max()
         checks.that(off < 1e-3, 'the furnace is off by %g' % off, bake.process)
@@ -109,6 +113,10 @@ def main():
         said = box.run['backend']
         checks.that(said['name'] == 'vulkan' and 'pairs of patches' in said['kernels'], 'run.json says %s' % said)
         check_same_bits(kiln, checks, same_result.points(box))
+    mixed = compare(kiln, checks, table, ' '.join(map(str, MIXED)), CORNELL, *BOX, *MIXED)
+    if mixed is not None:
+        check_same_bits(kiln, checks, same_result.points(mixed), MIXED,
+                        ways=((3, ('--threads', 1), {}), (0, ('--dispatch-time', 1), {'KILN_GPU_FAULT': 'lost:250'})))
     for more in NODES + RAYS:
         compare(kiln, checks, table, ' '.join(map(str, more)), CORNELL, *BOX, *more)
     for name in filter(harness.own_scene, MORE):

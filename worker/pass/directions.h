@@ -27,8 +27,7 @@
  * to 0, 1/8, 1/4 or 1/2.
  *
  * Items: tile runs. Result: struct kiln_point_result. Samples: rays of a point. Streams: as the gather pass. Rays: the
- * samples of all valid points. Devices leave rays to bright patches, and scenes whose
- * materials are taken with their gloss, to Embree. */
+ * samples of all valid points. Devices leave scenes whose materials are taken with their gloss to Embree. */
 #ifndef KILN_WORKER_PASS_DIRECTIONS_H
 #define KILN_WORKER_PASS_DIRECTIONS_H
 

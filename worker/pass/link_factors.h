@@ -106,8 +106,8 @@ static inline void kiln_link_fetch(const struct kiln_links_parameters *p, uint32
 }
 
 /* Of the surface of a patch with this area in the place of its own. False: one does not see the other. */
-static inline bool kiln_patch_factors_of(const struct patch_receiver *receiver, struct kiln_dvec3 at,
-                                         const struct kiln_patch *from, double area, struct patch_factors *f)
+static inline bool kiln_patch_factors_of(const struct kiln_patch_receiver *receiver, struct kiln_dvec3 at,
+                                         const struct kiln_patch *from, double area, struct kiln_patch_factors *f)
 {
     const struct kiln_dvec3 d = dvec3_sub(dvec3_of(from->centre), at);
     const double cosine = dvec3_dot(receiver->n, d), other = -dvec3_dot(dvec3_of(from->normal), d),
@@ -116,20 +116,21 @@ static inline bool kiln_patch_factors_of(const struct patch_receiver *receiver, 
         return false;
     if (area > 0.0) {
         const double far = area * other / (KILN_PI * square * square);
-        *f = (struct patch_factors){far * cosine, far * fmax(0.0, dvec3_dot(receiver->s, d))};
+        *f = (struct kiln_patch_factors){far * cosine, far * fmax(0.0, dvec3_dot(receiver->s, d))};
     } else {
-        *f = patch_factors(receiver, from, d, square, cosine, other);
+        *f = kiln_patch_factors(receiver, from, d, square, cosine, other);
     }
     return true;
 }
 
 /* F of a link of the point at `at` with this number; *v: how it sees the node, which is not whole where it is a point.
  */
-static inline struct patch_factors kiln_link_factors(const struct kiln_links_parameters *p,
-                                                     const struct patch_receiver *receiver, struct kiln_dvec3 at,
-                                                     uint32_t number, uint32_t to, struct kiln_node_view *v)
+static inline struct kiln_patch_factors kiln_link_factors(const struct kiln_links_parameters *p,
+                                                          const struct kiln_patch_receiver *receiver,
+                                                          struct kiln_dvec3 at, uint32_t number, uint32_t to,
+                                                          struct kiln_node_view *v)
 {
-    struct patch_factors f = {0.0, 0.0};
+    struct kiln_patch_factors f = {0.0, 0.0};
     if ((to & KILN_LINK_LEAF) != 0) {
         v->whole = false;
         (void)kiln_patch_factors_of(receiver, at, &p->points[p->order[to & ~KILN_LINK_LEAF]], 0.0, &f);

@@ -220,9 +220,9 @@ static uint64_t get_mask(struct reader *r)
     return mask;
 }
 
-static void get_point(struct reader *r, struct kiln_found_links *f, uint32_t bit, uint8_t flags)
+/* `shading`: set where the code has it. */
+static void get_point(struct reader *r, struct kiln_linked_point *p, float shading[3], uint8_t flags)
 {
-    struct kiln_linked_point *p = &f->point[bit];
     *p = (struct kiln_linked_point){.present = 1.0f};
     p->count = (uint32_t)get_number(r);
     if (p->count == 0)
@@ -235,7 +235,7 @@ static void get_point(struct reader *r, struct kiln_found_links *f, uint32_t bit
     if ((flags & HAS_PRESENT) != 0)
         get(r, &p->present, sizeof p->present);
     if ((flags & IS_SMOOTH) != 0)
-        get(r, f->shading[bit], sizeof f->shading[bit]);
+        get(r, shading, 3 * sizeof *shading);
 }
 
 static void get_links(struct reader *r, struct kiln_found_links *f, uint64_t all, const uint64_t most[2])
@@ -257,16 +257,74 @@ static void get_links(struct reader *r, struct kiln_found_links *f, uint64_t all
     }
 }
 
+static int say_damaged(const struct kiln_kept_links *kept, struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_BAD_INPUT, "the links of the surface points from %llu on are damaged",
+                     (unsigned long long)kept->first);
+}
+
+/* The code's flags, and the numbers of links. */
+static uint8_t get_head(struct reader *r, const struct kiln_kept_links *kept, uint64_t *count, uint64_t *tinted)
+{
+    uint8_t flags;
+    get(r, &flags, 1);
+    *count = get_number(r);
+    *tinted = get_number(r);
+    r->bad = r->bad || *count > kept->bytes || *tinted > kept->bytes;
+    return flags;
+}
+
+int kiln_links_head(const struct kiln_kept_links *kept, uint32_t *count, uint32_t *tinted, struct kiln_error *error)
+{
+    struct reader r = {kept->code, kept->bytes, false};
+    uint64_t links, tints;
+    (void)get_head(&r, kept, &links, &tints);
+    *count = r.bad ? 0 : (uint32_t)links;
+    *tinted = r.bad ? 0 : (uint32_t)tints;
+    return r.bad ? say_damaged(kept, error) : KILN_OK;
+}
+
+int kiln_links_points(const struct kiln_kept_links *kept, uint64_t mask,
+                      struct kiln_linked_point point[KILN_TILE_TEXELS], struct kiln_error *error)
+{
+    struct reader r = {kept->code, kept->bytes, kept->points != (uint32_t)__builtin_popcountll(mask)};
+    uint64_t count, tinted;
+    float shading[3];
+    const uint8_t flags = get_head(&r, kept, &count, &tinted);
+    for (uint64_t rest = mask; rest != 0 && !r.bad; rest &= rest - 1)
+        get_point(&r, &point[__builtin_ctzll(rest)], shading, flags);
+    return r.bad ? say_damaged(kept, error) : KILN_OK;
+}
+
+void kiln_links_close(struct kiln_kept_links *kept, uint64_t mask, const float scale[KILN_TILE_TEXELS],
+                      const float shading[KILN_TILE_TEXELS][3])
+{
+    struct reader r = {kept->code, kept->bytes, false};
+    uint64_t count, tinted;
+    const uint8_t flags = get_head(&r, kept, &count, &tinted);
+    for (uint64_t rest = mask; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        struct reader begin = r;
+        struct kiln_linked_point point;
+        float normal[3];
+        get_point(&r, &point, normal, flags);
+        if (point.count == 0)
+            continue;
+        (void)get_number(&begin);
+        memcpy(kept->code + (begin.at - kept->code), &scale[bit], sizeof scale[bit]);
+        if ((flags & IS_SMOOTH) != 0)
+            memcpy(kept->code + (r.at - kept->code) - sizeof shading[bit], shading[bit], sizeof shading[bit]);
+    }
+}
+
 int kiln_links_decode(struct kiln_found_links *f, const struct kiln_kept_links *kept, uint64_t mask, uint64_t shares,
                       uint32_t node_count, uint64_t point_count, struct kiln_error *error)
 {
     struct reader r = {kept->code, kept->bytes, kept->points != (uint32_t)__builtin_popcountll(mask)};
     const uint64_t most[2] = {node_count, point_count};
-    uint8_t flags;
-    get(&r, &flags, 1);
-    const uint64_t count = get_number(&r), tinted = get_number(&r);
+    uint64_t count, tinted;
+    const uint8_t flags = get_head(&r, kept, &count, &tinted);
     f->smooth = (flags & IS_SMOOTH) != 0;
-    r.bad = r.bad || count > kept->bytes || tinted > kept->bytes;
     int status = r.bad ? KILN_OK : kiln_found_links_reserve(f, count, error);
     if (status == KILN_OK && !r.bad)
         status = kiln_found_links_reserve_tinted(f, tinted, error);
@@ -275,10 +333,7 @@ int kiln_links_decode(struct kiln_found_links *f, const struct kiln_kept_links *
     f->count = r.bad ? 0 : (uint32_t)count;
     f->tinted_count = r.bad ? 0 : (uint32_t)tinted;
     for (uint64_t rest = mask; rest != 0 && !r.bad; rest &= rest - 1)
-        get_point(&r, f, (uint32_t)__builtin_ctzll(rest), flags);
+        get_point(&r, &f->point[__builtin_ctzll(rest)], f->shading[__builtin_ctzll(rest)], flags);
     get_links(&r, f, lit_of(f, mask) | shares, most);
-    if (!r.bad && r.left == 0)
-        return KILN_OK;
-    return kiln_fail(error, KILN_BAD_INPUT, "the links of the surface points from %llu on are damaged",
-                     (unsigned long long)kept->first);
+    return !r.bad && r.left == 0 ? KILN_OK : say_damaged(kept, error);
 }

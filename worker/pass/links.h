@@ -40,7 +40,8 @@
  * bits.
  *
  * Items: tile runs. Result: struct kiln_point_result, with its error. Samples: rays that measure the shares. Rays:
- * where links are found the samples of all valid points, and those of V; else none. Embree only. */
+ * where links are found the samples of all valid points, and those of V; else none. On devices the tree is gone down,
+ * and a target looked after, by the host. */
 #ifndef KILN_WORKER_PASS_LINKS_H
 #define KILN_WORKER_PASS_LINKS_H
 
@@ -124,6 +125,14 @@ int kiln_links_encode(struct kiln_kept_links **kept, const struct kiln_found_lin
 /* KILN_BAD_INPUT: this is no such code, or links to nodes or points that are not there. KILN_SYSTEM. */
 int kiln_links_decode(struct kiln_found_links *found, const struct kiln_kept_links *kept, uint64_t mask,
                       uint64_t shares, uint32_t node_count, uint64_t point_count, struct kiln_error *error);
+/* How many links of the tile run there are, and how many through what has a colour. KILN_BAD_INPUT: as above. */
+int kiln_links_head(const struct kiln_kept_links *kept, uint32_t *count, uint32_t *tinted, struct kiln_error *error);
+/* What is known of the points of `mask`, by bit. KILN_BAD_INPUT: as above. */
+int kiln_links_points(const struct kiln_kept_links *kept, uint64_t mask,
+                      struct kiln_linked_point point[KILN_TILE_TEXELS], struct kiln_error *error);
+/* Writes scales of rows, and where there is room for them shading normals, of the points of `mask`, by bit. */
+void kiln_links_close(struct kiln_kept_links *kept, uint64_t mask, const float scale[KILN_TILE_TEXELS],
+                      const float shading[KILN_TILE_TEXELS][3]);
 /* Bytes that it takes in memory. */
 uint64_t kiln_links_bytes(const struct kiln_kept_links *kept);
 

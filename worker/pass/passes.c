@@ -256,7 +256,7 @@ const struct kiln_pass kiln_pass_patches = {.index = KILN_PASS_INDEX_patches,
                                             .reads_radiosity = true,
                                             .is_stealable = true};
 
-/* Not verified: it is the host's alone. */
+/* Not verified: its standard error is not of what rounding decides. */
 const struct kiln_pass kiln_pass_links = {.index = KILN_PASS_INDEX_links,
                                           .name = "links",
                                           .what = "light by links",
@@ -265,8 +265,7 @@ const struct kiln_pass kiln_pass_links = {.index = KILN_PASS_INDEX_links,
                                           .result_bytes = sizeof(struct kiln_point_result),
                                           .is_sampled = true,
                                           .has_streams = true,
-                                          .reads_radiosity = true,
-                                          .on_embree_only = true};
+                                          .reads_radiosity = true};
 
 const struct kiln_pass kiln_pass_directions = {.index = KILN_PASS_INDEX_directions,
                                                .name = "directions",

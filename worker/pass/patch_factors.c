@@ -20,18 +20,19 @@ static double mean_height(const struct kiln_patch *from, struct kiln_dvec3 n, st
 }
 
 /* Whether a patch at d counts as a polygon: it is near, or crosses the horizon. `square`: of the distance. */
-static bool is_near(const struct patch_receiver *point, const struct kiln_patch *from, double cosine, double square)
+static bool is_near(const struct kiln_patch_receiver *point, const struct kiln_patch *from, double cosine,
+                    double square)
 {
     const double reach =
         fabs(dvec3_dot(point->n, dvec3_of(from->edge_s))) + fabs(dvec3_dot(point->n, dvec3_of(from->edge_t)));
     return square < KILN_PATCHES_NEAR * KILN_PATCHES_NEAR * (double)from->area || cosine < 0.5 * reach;
 }
 
-struct patch_factors patch_factors(const struct patch_receiver *point, const struct kiln_patch *from,
-                                   struct kiln_dvec3 d, double square, double cosine, double other)
+struct kiln_patch_factors kiln_patch_factors(const struct kiln_patch_receiver *point, const struct kiln_patch *from,
+                                             struct kiln_dvec3 d, double square, double cosine, double other)
 {
     const double far = (double)from->area * other / (KILN_PI * square * square);
-    struct patch_factors f;
+    struct kiln_patch_factors f;
     if (is_near(point, from, cosine, square)) {
         const struct kiln_parallelogram near = {d, dvec3_of(from->edge_s), dvec3_of(from->edge_t)};
         f.factor = kiln_view_factor_near(&near, point->n, point->n);

@@ -5,19 +5,19 @@
 #include "worker/pass/patches.h"
 
 /* A point that gathers. */
-struct patch_receiver {
+struct kiln_patch_receiver {
     struct kiln_dvec3 n, s; /* geometric and shading normal, unit */
     bool smooth;            /* these may differ */
 };
 
 /* F about the geometric and the shading normal. */
-struct patch_factors {
+struct kiln_patch_factors {
     double factor, shading;
 };
 
 /* Of a node's parallelogram at d, a distance whose square is `square`; `cosine` and `other`: d about the receiver's
  * normal and -d about the node's, both above 0. */
-struct patch_factors patch_factors(const struct patch_receiver *receiver, const struct kiln_patch *from,
-                                   struct kiln_dvec3 d, double square, double cosine, double other);
+struct kiln_patch_factors kiln_patch_factors(const struct kiln_patch_receiver *receiver, const struct kiln_patch *from,
+                                             struct kiln_dvec3 d, double square, double cosine, double other);
 
 #endif

@@ -5,25 +5,18 @@
 
 #include "shaders/shared/streams.h"
 #include "worker/base/memory.h"
+#include "worker/pass/bright.h"
 #include "worker/sampling/sequence.h"
 
 /* A tile has four clusters of 4 x 4 texels; and points that are of none. */
 enum { RECEIVERS = 5 };
-
-/* How points of one cluster choose patches. */
-struct receiver {
-    uint32_t cluster;
-    uint32_t by_cosine; /* of its points' samples; the others go to patches */
-    double share;       /* of the others among all */
-    double *sums;       /* of the weights of clusters up to each; the last is that of all */
-};
 
 struct directed {
     const struct kiln_directions_parameters *p;
     uint32_t samples;
     float turn[KILN_TILE_TEXELS]; /* of point j */
     uint8_t receiver_of[KILN_TILE_TEXELS];
-    struct receiver receivers[RECEIVERS];
+    struct kiln_bright_receiver receivers[RECEIVERS];
     uint32_t receiver_count;
     /* of the step under way */
     bool to_patch[RAY_LANES];
@@ -60,51 +53,6 @@ void directed_destroy(struct directed **directed)
 
 /* ---- what a tile run's points choose by ---- */
 
-/* How far what is flat reaches along a direction with this cosine to its normal; else all of it. */
-static double reach(const struct kiln_bright_cluster *c, double cosine)
-{
-    return (double)c->radius * (c->is_flat ? sqrt(fmax(0.0, 1.0 - cosine * cosine)) : 1.0);
-}
-
-/* Cosine of what lies at d, at most: `above` its height over the plane of `c`, `beyond` how far it reaches there. */
-static double cosine_bound(const struct kiln_bright_cluster *c, double above, double beyond, double length)
-{
-    return c->is_flat ? fmin(1.0, fmax(0.0, above + beyond - 1e-4 * length) / length) : 1.0;
-}
-
-/* About the light, W/m2, that what is bright of the second cluster brings to the first. */
-static double bound_light(const struct kiln_bright_cluster *to, const struct kiln_bright_cluster *from)
-{
-    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(from->centre), dvec3_of(to->centre));
-    const struct kiln_dvec3 n = dvec3_of(to->normal), m = dvec3_of(from->normal);
-    const double near = (double)to->radius * (double)to->radius + (double)from->radius * (double)from->radius,
-                 square = fmax(dvec3_dot(d, d), near), length = sqrt(square), between = dvec3_dot(n, m);
-    if (!(from->power > 0.0) || !(square > 0.0))
-        return 0.0;
-    return from->power * cosine_bound(to, dvec3_dot(n, d), reach(from, between), length) *
-           cosine_bound(from, -dvec3_dot(m, d), reach(to, between), length) / (KILN_PI * square);
-}
-
-/* The share of rays to patches, where these bring so much light, W/m2. */
-static double share_of(const struct kiln_bright *bright, double light)
-{
-    const double share = light > 0.0 ? light / (light + bright->rest) : 0.0;
-    return share < 1.0 / 16.0 ? 0.0 : share < 3.0 / 16.0 ? 0.125 : share < 3.0 / 8.0 ? 0.25 : 0.5;
-}
-
-static void begin_receiver(const struct directed *d, struct receiver *r)
-{
-    const struct kiln_bright *bright = d->p->bright;
-    double sum = 0.0;
-    for (uint32_t c = 0; c < bright->count && r->cluster != KILN_NO_CLUSTER; c++) {
-        sum += bound_light(&bright->clusters[r->cluster], &bright->clusters[c]);
-        r->sums[c] = sum;
-    }
-    const uint32_t to_patches = (uint32_t)(share_of(bright, sum) * d->samples);
-    r->by_cosine = d->samples - to_patches;
-    r->share = (double)to_patches / d->samples;
-}
-
 /* The receiver of a cluster, which is begun when it is first met. */
 static uint8_t receiver_with(struct directed *d, uint32_t cluster)
 {
@@ -113,7 +61,7 @@ static uint8_t receiver_with(struct directed *d, uint32_t cluster)
         i++;
     if (i == d->receiver_count) {
         d->receivers[d->receiver_count++].cluster = cluster;
-        begin_receiver(d, &d->receivers[i]);
+        kiln_bright_begin(d->p->bright, d->samples, &d->receivers[i]);
     }
     return i;
 }
@@ -148,7 +96,7 @@ static uint32_t find_sum(const double *sums, uint32_t count, double x)
 }
 
 /* Chooses a point by *u in [0, 1), and leaves in *u another such number. */
-static uint64_t choose(const struct kiln_bright *bright, const struct receiver *r, double *u)
+static uint64_t choose(const struct kiln_bright *bright, const struct kiln_bright_receiver *r, double *u)
 {
     const double x = *u * r->sums[bright->count - 1];
     const uint32_t c = find_sum(r->sums, bright->count, x);
@@ -168,8 +116,8 @@ static struct kiln_vec3 origin_of(const struct tile_run_rays *r, uint32_t l)
     return vec3(r->origin[0][l], r->origin[1][l], r->origin[2][l]);
 }
 
-static void aim_at_patch(struct directed *d, struct tile_run_rays *rays, const struct receiver *r, uint32_t k,
-                         uint32_t l)
+static void aim_at_patch(struct directed *d, struct tile_run_rays *rays, const struct kiln_bright_receiver *r,
+                         uint32_t k, uint32_t l)
 {
     const struct kiln_bright *bright = d->p->bright;
     double u = kiln_unit_double(rays->scrambled[0][k] ^ rays->shift_u[l]);
@@ -190,7 +138,7 @@ void directed_aim(struct directed *d, struct tile_run_rays *rays, uint32_t step,
 {
     for (uint32_t l = 0; l < lanes; l++) {
         const uint32_t j = rays->point[l], k = step * rays->copies + rays->copy[l];
-        const struct receiver *r = &d->receivers[d->receiver_of[j]];
+        const struct kiln_bright_receiver *r = &d->receivers[d->receiver_of[j]];
         d->to_patch[l] = false;
         if (d->p->set != NULL) {
             const struct kiln_direction *to = &d->p->set[k];
@@ -223,8 +171,8 @@ static double density_to(const struct kiln_patch *patch, struct kiln_dvec3 origi
 }
 
 /* q of worker/pass/directions.h, of the ray of lane l that has met a point of cluster c. */
-static double density_of(const struct kiln_bright *bright, const struct receiver *r, const struct tile_run_rays *rays,
-                         uint32_t l, uint32_t c)
+static double density_of(const struct kiln_bright *bright, const struct kiln_bright_receiver *r,
+                         const struct tile_run_rays *rays, uint32_t l, uint32_t c)
 {
     const struct kiln_bright_cluster *cluster = &bright->clusters[c];
     const struct kiln_dvec3 origin = dvec3_of(origin_of(rays, l)),
@@ -249,7 +197,7 @@ void directed_weigh(const struct directed *d, struct tile_run_rays *rays, const 
             d->to_patch[l] ? 0.0f : (float)(1.0 / (1.0 - d->receivers[d->receiver_of[rays->point[l]]].share));
     for (uint32_t i = 0; i < found->count; i++) {
         const uint32_t l = found->lane[i];
-        const struct receiver *r = &d->receivers[d->receiver_of[rays->point[l]]];
+        const struct kiln_bright_receiver *r = &d->receivers[d->receiver_of[rays->point[l]]];
         const uint32_t cluster =
             found->point[i] != KILN_NO_POINT ? bright->cluster_of[found->point[i]] : KILN_NO_CLUSTER;
         if (!(r->share > 0.0) || cluster == KILN_NO_CLUSTER || (d->to_patch[l] && d->aimed_at[l] != cluster))

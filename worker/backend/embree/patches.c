@@ -25,7 +25,7 @@ struct patches_job {
 /* A node that faces the point, and may be seen. */
 struct pair {
     const struct kiln_patch_node *node;
-    struct patch_factors factors;
+    struct kiln_patch_factors factors;
     int ray; /* which of the packet tells; below 0: it is seen */
 };
 
@@ -44,7 +44,7 @@ struct patches_work {
     struct kiln_visibility_work visibility;
     /* of the point under way */
     uint32_t place; /* in the tile run */
-    struct patch_receiver point;
+    struct kiln_patch_receiver point;
     double albedo[3]; /* which counts where factors are clamped */
     double row, incident[3], irradiance[3];
     uint64_t traced;
@@ -132,10 +132,10 @@ static void find_factors(struct patches_work *w, const struct kiln_patch *from, 
 {
     const double most = w->job.p->most_factor, far = (double)from->area * other / (KILN_PI * square * square);
     if (most > 0.0)
-        pair->factors =
-            (struct patch_factors){fmin(far * cosine, most), fmin(far * fmax(0.0, dvec3_dot(w->point.s, d)), most)};
+        pair->factors = (struct kiln_patch_factors){fmin(far * cosine, most),
+                                                    fmin(far * fmax(0.0, dvec3_dot(w->point.s, d)), most)};
     else
-        pair->factors = patch_factors(&w->point, from, d, square, cosine, other);
+        pair->factors = kiln_patch_factors(&w->point, from, d, square, cosine, other);
 }
 
 /* The ray between a point and a node that face each other, if it is not known that they see each other. False: they do
@@ -195,7 +195,7 @@ static void begin_point(struct patches_work *w, const struct embree_backend *b, 
 {
     w->place = w->frame.place[j];
     const struct kiln_vec3 n = w->job.p->points[point].normal, s = frame_shading(&w->frame, j, n);
-    w->point = (struct patch_receiver){dvec3_of(n), dvec3_of(s), w->frame.smooth};
+    w->point = (struct kiln_patch_receiver){dvec3_of(n), dvec3_of(s), w->frame.smooth};
     w->row = 0.0;
     for (uint64_t c = 0; c < 3; c++) {
         w->incident[c] = w->irradiance[c] = 0.0;

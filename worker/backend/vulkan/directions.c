@@ -1,15 +1,25 @@
-/* The directions pass (worker/pass/directions.h), but for rays to bright patches and gloss: shaders/directions.comp and
- * gather_reduce.comp. A bake that asks for such rays is Embree's (coordinator/job/job.c). */
+/* The directions pass (worker/pass/directions.h), but for gloss: shaders/directions.comp, or bright.comp where rays go
+ * to bright patches, and gather_reduce.comp. */
 #include "worker/pass/directions.h"
 
-#include "worker/backend/vulkan/hemisphere.h"
+#include "worker/backend/vulkan/bright.h"
 #include "worker/base/memory.h"
 
+#include "shaders/bright.h"
+#include "shaders/bright_float.h"
+#include "shaders/bright_pipeline.h"
+#include "shaders/bright_pipeline_float.h"
 #include "shaders/directions.h"
 #include "shaders/directions_pipeline.h"
 
 static const struct vulkan_shader directions_shader = {
     .name = "gather by directions", .compute = VULKAN_CODE(directions), .pipeline = VULKAN_CODE(directions_pipeline)};
+
+static const struct vulkan_shader bright_shader = {.name = "gather from bright patches",
+                                                   .compute = VULKAN_CODE(bright),
+                                                   .pipeline = VULKAN_CODE(bright_pipeline),
+                                                   .compute_float = VULKAN_CODE(bright_float),
+                                                   .pipeline_float = VULKAN_CODE(bright_pipeline_float)};
 
 _Static_assert(sizeof(struct kiln_gpu_directions_push) ==
                    sizeof(struct kiln_gpu_hemisphere_push) + 2 * sizeof(uint64_t),
@@ -64,7 +74,9 @@ static int prepare(struct vulkan_backend *b, void *context, struct kiln_error *e
 {
     struct directions_run *r = context;
     const int status = bring_lights(b, r, error);
-    return status == KILN_OK ? bring_set(b, r, error) : status;
+    if (status != KILN_OK)
+        return status;
+    return r->p->bright != NULL ? vulkan_bright_prepare(b, r->p->bright, error) : bring_set(b, r, error);
 }
 
 static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
@@ -80,13 +92,19 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     pass.pace = KILN_PASS_INDEX_directions;
     pass.prepare = prepare;
     pass.context = &r;
+    if (r.p->bright != NULL) {
+        pass.shader = &bright_shader;
+        pass.bring = vulkan_bright_bring;
+        pass.parameters = r.p;
+        pass.moved_bytes = vulkan_bright_bytes(r.p->bright);
+    }
     return vulkan_hemisphere_run(b, &pass, batch, rays, error);
 }
 
 static bool takes(const struct vulkan_backend *b, const void *parameters)
 {
-    const struct kiln_directions_parameters *p = parameters;
-    return p->bright == NULL && b->probes == NULL && !b->materials.gloss;
+    (void)parameters;
+    return b->probes == NULL && !b->materials.gloss;
 }
 
 const struct vulkan_pass vulkan_pass_directions = {.run = run, .takes = takes};

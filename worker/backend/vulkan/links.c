@@ -1,12 +1,504 @@
-/* The links pass (worker/pass/links.h), which this backend does not have: a bake that asks for it is Embree's
- * (coordinator/job/job.c). */
-#include "worker/backend/vulkan/vulkan.h"
+/* The links pass (worker/pass/links.h): the gather pass's rays say what of rows is lost, links that are not kept are
+ * found (link_views.h), and shaders/links.comp and links_reduce.comp add up what is kept. Links lie in rows of a fixed
+ * length, so that the sums' order hangs on nothing else. */
+#include "worker/pass/links.h"
+
+#include <string.h>
+#include <xxhash.h>
+
+#include "worker/backend/vulkan/hemisphere.h"
+#include "worker/backend/vulkan/link_views.h"
+#include "worker/base/memory.h"
+
+#include "shaders/links.h"
+#include "shaders/links_float.h"
+#include "shaders/links_reduce.h"
+
+static const struct vulkan_shader links_shader = {
+    .name = "links", .compute = VULKAN_CODE(links), .compute_float = VULKAN_CODE(links_float)};
+static const struct vulkan_shader sums_shader = {.name = "links: sums", .compute = VULKAN_CODE(links_reduce)};
+
+static const char WHAT[] = "the links of points";
+
+/* A call's working set. */
+struct links_run {
+    struct vulkan_backend *b;
+    const struct kiln_links_parameters *p;
+    const struct kiln_batch *batch;
+    struct kiln_point_result *gathered; /* of the batch's points: of their rays */
+    struct kiln_point_result *results;
+    struct kiln_kept_links **made; /* new ones, by the batch's tile runs; NULL: the kept ones stand */
+    struct gpu_kernel *kernel, *sums;
+    uint32_t rows;      /* of the tile run that has most links */
+    double links_a_row; /* mean */
+    size_t a_point;     /* bytes that go to the device with a point, about */
+    uint64_t rays;
+};
+
+/* Of the batch's points, the first of a tile run. */
+static uint64_t place_of(const struct links_run *r, size_t tile_run)
+{
+    const struct kiln_tile_run *runs = r->b->surface->tile_runs;
+    return runs[tile_run].first.at - runs[r->batch->first].first.at;
+}
+
+/* The links of a tile run; NULL: it is left out. */
+static const struct kiln_kept_links *links_of(const struct links_run *r, size_t tile_run)
+{
+    const struct kiln_kept_links *made = r->made[tile_run - r->batch->first];
+    return made != NULL ? made : r->p->kept != NULL ? r->p->kept[tile_run] : NULL;
+}
+
+/* ---- rays that say what is lost ---- */
+
+/* kiln_take_results */
+static int keep(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)error;
+    const struct links_run *r = context;
+    const struct kiln_tile_run *runs = &r->b->surface->tile_runs[first];
+    memcpy(r->gathered + place_of(r, first), results,
+           (size_t)kiln_tile_runs_points(runs, runs + count - 1) * sizeof *r->gathered);
+    return KILN_OK;
+}
+
+/* Which of the batch's tile runs have no links yet: their samples, 0 of the others. False: all have. */
+static bool are_missing(const struct links_run *r, uint32_t *samples)
+{
+    bool any = false;
+    for (size_t i = 0; i < r->batch->count; i++) {
+        const bool kept = r->p->kept != NULL && r->p->kept[r->batch->first + i] != NULL;
+        samples[i] = kept || kiln_batch_leaves_out(r->batch, r->batch->first + i) ? 0 : r->batch->samples;
+        any = any || samples[i] > 0;
+    }
+    return any;
+}
+
+static int gather(struct links_run *r, struct kiln_error *error)
+{
+    const uint64_t own[2] = {0, 0}; /* filled in for each chunk */
+    struct kiln_batch batch = *r->batch;
+    uint32_t *samples = NULL;
+    int status = kiln_allocate(&samples, batch.count, sizeof *samples, "the links that are missing", error);
+    batch.samples_each = samples;
+    batch.stream = r->p->stream;
+    batch.take = keep;
+    batch.context = r;
+    if (status == KILN_OK && are_missing(r, samples)) {
+        const struct vulkan_hemisphere pass = vulkan_gather_pass(r->b, &batch, own);
+        status = vulkan_hemisphere_run(r->b, &pass, &batch, &r->rays, error);
+    }
+    kiln_free(&samples);
+    return status;
+}
+
+/* ---- the tree on the device ---- */
+
+/* A step comes in many batches, for which the tree stays on the device: whether it is the same, hashes say. */
+static bool is_there(const struct vulkan_backend *b, int which, uint64_t key)
+{
+    return b->links[which].size > 0 && b->link_keys[which] == key;
+}
+
+static int bring(struct vulkan_backend *b, int which, uint64_t key, const void *data, size_t bytes,
+                 struct kiln_error *error)
+{
+    struct gpu_buffer *buffer = &b->links[which];
+    int status = vulkan_grow_buffer(b, buffer, bytes, GPU_DEVICE, WHAT, error);
+    if (status == KILN_OK && bytes > 0)
+        status = gpu_upload(b->gpu, buffer, 0, data, bytes, error);
+    b->link_keys[which] = status == KILN_OK ? key : 0;
+    return status;
+}
+
+static uint64_t add_key(uint64_t key, const void *data, size_t bytes) { return XXH3_64bits_withSeed(data, bytes, key); }
+
+static struct kiln_gpu_link_node node_of(const struct kiln_link_node *n)
+{
+    struct kiln_gpu_link_node to = {.centre = n->centre,
+                                    .normal = n->normal,
+                                    .radius = n->radius,
+                                    .height = n->height,
+                                    .bend = n->bend,
+                                    .area = n->area,
+                                    .most_area = n->most_area,
+                                    .first = n->first,
+                                    .count = n->count};
+    memcpy(to.covariance, n->covariance, sizeof to.covariance);
+    return to;
+}
+
+static int bring_nodes(const struct links_run *r, struct kiln_error *error)
+{
+    const uint64_t key = add_key(r->p->node_count, r->p->nodes, r->p->node_count * sizeof *r->p->nodes);
+    struct kiln_gpu_link_node *nodes = NULL;
+    if (is_there(r->b, VULKAN_LINK_NODES, key))
+        return KILN_OK;
+    int status = kiln_allocate(&nodes, r->p->node_count, sizeof *nodes, WHAT, error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads((int)r->b->threads) if (r->p->node_count > 1 << 14)
+    for (uint32_t i = 0; i < r->p->node_count; i++)
+        nodes[i] = node_of(&r->p->nodes[i]);
+    status = bring(r->b, VULKAN_LINK_NODES, key, nodes, r->p->node_count * sizeof *nodes, error);
+    kiln_free(&nodes);
+    return status;
+}
+
+static int bring_leaves(const struct links_run *r, struct kiln_error *error)
+{
+    const size_t count = r->p->node_count > 0 ? (size_t)r->p->count : 0;
+    const uint64_t points = add_key(count, r->p->points, (size_t)r->b->surface->point_count * sizeof *r->p->points),
+                   key = add_key(points, r->p->order, count * sizeof *r->p->order);
+    struct kiln_gpu_link_leaf *leaves = NULL;
+    if (is_there(r->b, VULKAN_LINK_LEAVES, key))
+        return KILN_OK;
+    int status = kiln_allocate(&leaves, count, sizeof *leaves, WHAT, error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads((int)r->b->threads) if (count > 1 << 14)
+    for (size_t k = 0; k < count; k++) {
+        const struct kiln_patch *p = &r->p->points[r->p->order[k]];
+        leaves[k] = (struct kiln_gpu_link_leaf){p->centre, p->normal, p->edge_s, p->edge_t, p->area};
+    }
+    status = bring(r->b, VULKAN_LINK_LEAVES, key, leaves, count * sizeof *leaves, error);
+    kiln_free(&leaves);
+    return status;
+}
+
+static struct kiln_gpu_link_light light_of(const float radiosity[3], const struct kiln_link_light *l)
+{
+    return (struct kiln_gpu_link_light){
+        {radiosity[0], radiosity[1], radiosity[2]}, l->now, l->before, l->spread_now, l->spread_before};
+}
+
+static int bring_light(const struct links_run *r, struct kiln_error *error)
+{
+    const struct kiln_links_parameters *p = r->p;
+    const size_t nodes = p->node_count, count = nodes > 0 ? (size_t)p->count : 0;
+    const uint64_t of_nodes = add_key(add_key(nodes, p->radiosity, nodes * sizeof *p->radiosity), p->light,
+                                      nodes * sizeof *p->light),
+                   key = add_key(add_key(of_nodes, p->leaf_radiosity, count * sizeof *p->leaf_radiosity), p->leaf_light,
+                                 count * sizeof *p->leaf_light);
+    struct kiln_gpu_link_light *light = NULL;
+    if (is_there(r->b, VULKAN_LINK_LIGHT, key))
+        return KILN_OK;
+    int status = kiln_allocate(&light, nodes + count, sizeof *light, WHAT, error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads((int)r->b->threads) if (count > 1 << 14)
+    for (size_t i = 0; i < nodes + count; i++)
+        light[i] = i < nodes ? light_of(p->radiosity[i], &p->light[i])
+                             : light_of(p->leaf_radiosity[i - nodes], &p->leaf_light[i - nodes]);
+    status = bring(r->b, VULKAN_LINK_LIGHT, key, light, (nodes + count) * sizeof *light, error);
+    kiln_free(&light);
+    return status;
+}
+
+static int prepare(void *context, struct kiln_error *error)
+{
+    struct links_run *r = context;
+    int status = vulkan_kernel_of(r->b, &links_shader, false, 0, &r->kernel, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(r->b, &sums_shader, false, 0, &r->sums, error);
+    if (status == KILN_OK)
+        status = bring_nodes(r, error);
+    if (status == KILN_OK)
+        status = bring_leaves(r, error);
+    return status == KILN_OK ? bring_light(r, error) : status;
+}
+
+/* ---- a chunk's links ---- */
+
+/* Where things stand in what goes with a chunk. */
+struct layout {
+    size_t runs, links, tinted, bytes; /* after the points */
+};
+
+/* Counts the chunk's links, and lays them out. */
+static int lay_out(const struct links_run *r, const struct vulkan_chunk *chunk, struct kiln_gpu_link_run *runs,
+                   struct layout *layout, struct kiln_error *error)
+{
+    uint32_t links = 0, tinted = 0;
+    for (size_t f = 0; f < chunk->tile_run_count; f++) {
+        const struct kiln_kept_links *kept = links_of(r, chunk->tile_run_first + f);
+        runs[f] = (struct kiln_gpu_link_run){.first = links, .tinted_first = tinted};
+        if (kept == NULL || kiln_batch_leaves_out(r->batch, chunk->tile_run_first + f))
+            continue;
+        const int status = kiln_links_head(kept, &runs[f].count, &runs[f].tinted_count, error);
+        if (status != KILN_OK)
+            return status;
+        links += runs[f].count;
+        tinted += runs[f].tinted_count;
+    }
+    layout->runs = chunk->all.total * sizeof(struct kiln_gpu_linked_point);
+    layout->links = layout->runs + chunk->tile_run_count * sizeof *runs;
+    layout->tinted = layout->links + links * sizeof(struct kiln_gpu_link);
+    layout->bytes = layout->tinted + tinted * sizeof(struct kiln_gpu_tinted_link);
+    return KILN_OK;
+}
+
+static void put_mask(uint32_t to[2], uint64_t mask)
+{
+    to[0] = (uint32_t)mask;
+    to[1] = (uint32_t)(mask >> 32);
+}
+
+/* Writes the points of the chunk's `number`th tile run, and its links. */
+static int write_run(struct kiln_link_run *w, const struct links_run *r, const struct vulkan_chunk *chunk,
+                     size_t number, const struct layout *layout, struct kiln_gpu_link_run *run, char *to,
+                     struct kiln_error *error)
+{
+    const struct kiln_tile_run *tile_runs = r->b->surface->tile_runs + chunk->tile_run_first,
+                               *tile_run = &tile_runs[number];
+    struct kiln_gpu_linked_point *points =
+        (struct kiln_gpu_linked_point *)(void *)to + (tile_run->first.at - tile_runs[0].first.at);
+    struct kiln_gpu_link *links = (struct kiln_gpu_link *)(void *)(to + layout->links) + run->first;
+    kiln_link_run_enter(w, r->b->surface, tile_run);
+    put_mask(run->shares, w->shares);
+    run->texel = (float)w->texel;
+    for (uint32_t k = 0; k < tile_run->count; k++) {
+        const struct kiln_patch *patch = w->patch[w->bit[k]];
+        points[k] = (struct kiln_gpu_linked_point){patch->place, patch->normal, patch->number,
+                                                   (uint32_t)number << 6 | w->bit[k]};
+    }
+    if (run->count + run->tinted_count == 0)
+        return KILN_OK;
+    const int status = kiln_link_run_take(w, links_of(r, chunk->tile_run_first + number), error);
+    for (uint32_t i = 0; i < run->count && status == KILN_OK; i++) {
+        links[i].to = w->found.to[i];
+        put_mask(links[i].asked, w->found.asked[i]);
+        put_mask(links[i].seen, w->found.seen[i]);
+    }
+    _Static_assert(sizeof(struct kiln_tinted_link) == sizeof(struct kiln_gpu_tinted_link), "they are the same");
+    if (status == KILN_OK && run->tinted_count > 0)
+        memcpy(to + layout->tinted + run->tinted_first * sizeof(struct kiln_gpu_tinted_link), w->found.tinted,
+               run->tinted_count * sizeof(struct kiln_gpu_tinted_link));
+    return status;
+}
+
+/* Writes all of a chunk, by all threads. */
+static int write_chunk(const struct links_run *r, const struct vulkan_chunk *chunk, const struct layout *layout,
+                       struct kiln_gpu_link_run *runs, char *to, struct kiln_error *error)
+{
+    int status = KILN_OK;
+#pragma omp parallel num_threads((int)r->b->all_threads)
+    {
+        struct kiln_link_run *w = NULL;
+        struct kiln_error own_error;
+        int own = kiln_allocate(&w, 1, sizeof *w, WHAT, &own_error);
+        if (own == KILN_OK)
+            w->p = r->p;
+#pragma omp for schedule(dynamic, 16)
+        for (size_t f = 0; f < chunk->tile_run_count; f++)
+            if (own == KILN_OK)
+                own = write_run(w, r, chunk, f, layout, &runs[f], to, &own_error);
+#pragma omp critical(vulkan_links_chunk)
+        if (own != KILN_OK && status == KILN_OK)
+            status = kiln_fail(error, own, "%s", own_error.message);
+        if (w != NULL)
+            kiln_link_run_release(w);
+        kiln_free(&w);
+    }
+    memcpy(to + layout->runs, runs, chunk->tile_run_count * sizeof *runs);
+    return status;
+}
+
+/* Brings a chunk's links to its slot. */
+static int bring_chunk(const struct links_run *r, const struct vulkan_chunk *chunk, struct layout *layout,
+                       struct vulkan_recording *recording, struct kiln_error *error)
+{
+    struct vulkan_slot *slot = &r->b->slots[chunk->slot];
+    struct kiln_gpu_link_run *runs = NULL;
+    int status = kiln_allocate(&runs, chunk->tile_run_count, sizeof *runs, WHAT, error);
+    if (status == KILN_OK)
+        status = lay_out(r, chunk, runs, layout, error);
+    if (status == KILN_OK && chunk->row_first == 0) {
+        status = vulkan_slot_room(r->b, slot, layout->bytes, "links of a chunk", error);
+        if (status == KILN_OK)
+            status = write_chunk(r, chunk, layout, runs, slot->guides_host.mapped, error);
+        if (status == KILN_OK)
+            vulkan_record_copy(recording, &slot->guides_host, &slot->guides, layout->bytes);
+    }
+    kiln_free(&runs);
+    return status;
+}
+
+static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
+                  struct kiln_error *error)
+{
+    const struct links_run *r = context;
+    const struct vulkan_backend *b = r->b;
+    struct layout layout;
+    const int status = bring_chunk(r, chunk, &layout, recording, error);
+    if (status != KILN_OK)
+        return status;
+    const uint64_t at = b->slots[chunk->slot].guides.address;
+    const struct kiln_gpu_links_push push = {.scene = b->scene.address,
+                                             .chunk = chunk->all,
+                                             .points = at,
+                                             .runs = at + layout.runs,
+                                             .links = at + layout.links,
+                                             .tinted = at + layout.tinted,
+                                             .nodes = b->links[VULKAN_LINK_NODES].address,
+                                             .leaves = b->links[VULKAN_LINK_LEAVES].address,
+                                             .light = b->links[VULKAN_LINK_LIGHT].address,
+                                             .slices = chunk->scratch,
+                                             .row_first = chunk->row_first,
+                                             .node_count = r->p->node_count};
+    vulkan_record(recording, r->kernel, chunk->all.count, chunk->row_count, &push, sizeof push);
+    if (!chunk->last)
+        return KILN_OK;
+    const struct kiln_gpu_links_reduce_push sums = {.scene = b->scene.address,
+                                                    .chunk = chunk->all,
+                                                    .points = push.points,
+                                                    .runs = push.runs,
+                                                    .slices = chunk->scratch,
+                                                    .results = chunk->results};
+    vulkan_record(recording, r->sums, chunk->all.total, 1, &sums, sizeof sums);
+    return KILN_OK;
+}
+
+/* ---- answers ---- */
+
+/* Closes the rows of new links by their sums, and hands them over to whoever keeps them. */
+static void close_made(const struct links_run *r, size_t tile_run, struct kiln_linked_point point[KILN_TILE_TEXELS],
+                       const struct kiln_gpu_link_sums *sums)
+{
+    struct kiln_kept_links **made = &r->made[tile_run - r->batch->first];
+    const uint64_t mask = r->b->surface->tile_runs[tile_run].mask;
+    float scale[KILN_TILE_TEXELS], shading[KILN_TILE_TEXELS][3];
+    for (uint64_t rest = mask; rest != 0; rest &= rest - 1, sums++) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        scale[bit] = point[bit].scale = kiln_link_row_scale(&point[bit], (double)sums->row);
+        memcpy(shading[bit], sums->shading, sizeof shading[bit]);
+    }
+    kiln_links_close(*made, mask, scale, (const float(*)[3])shading);
+    if (r->p->kept == NULL)
+        return;
+    kiln_free(&r->p->kept[tile_run]);
+    r->p->kept[tile_run] = *made;
+    *made = NULL;
+}
+
+static int take_run(const struct links_run *r, size_t tile_run, const struct kiln_gpu_link_sums *sums,
+                    struct kiln_error *error)
+{
+    const struct kiln_tile_run *run = &r->b->surface->tile_runs[tile_run];
+    struct kiln_linked_point point[KILN_TILE_TEXELS];
+    struct kiln_point_result *result = r->results + place_of(r, tile_run);
+    const int status = kiln_links_points(links_of(r, tile_run), run->mask, point, error);
+    if (status != KILN_OK)
+        return status;
+    if (r->made[tile_run - r->batch->first] != NULL)
+        close_made(r, tile_run, point, sums);
+    if (r->p->kept != NULL)
+        r->p->kept[tile_run]->is_judged = 1;
+    for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, sums++, result++) {
+        struct kiln_link_sums s = {.variance = (double)sums->variance};
+        for (int c = 0; c < 3; c++) {
+            s.incident[c] = (double)sums->incident[c];
+            s.irradiance[c] = (double)sums->irradiance[c];
+        }
+        *result = kiln_link_answer(&point[__builtin_ctzll(rest)], &s);
+    }
+    return KILN_OK;
+}
+
+static int take(void *context, size_t tile_run_first, size_t tile_run_count, const void *results, const uint32_t *words,
+                struct kiln_error *error)
+{
+    (void)words;
+    struct links_run *r = context;
+    const struct kiln_gpu_link_sums *sums = results;
+    const uint64_t first = place_of(r, tile_run_first);
+    int status = KILN_OK;
+#pragma omp parallel for num_threads((int)r->b->threads) schedule(dynamic, 16) if (tile_run_count > 64)
+    for (size_t f = 0; f < tile_run_count; f++) {
+        struct kiln_error own_error;
+        const int own = take_run(r, tile_run_first + f, sums + (place_of(r, tile_run_first + f) - first), &own_error);
+#pragma omp critical(vulkan_links_chunk)
+        if (own != KILN_OK && status == KILN_OK)
+            status = kiln_fail(error, own, "%s", own_error.message);
+    }
+    return status == KILN_OK && r->batch->take != NULL
+               ? r->batch->take(r->batch->context, tile_run_first, tile_run_count, r->results + first, error)
+               : status;
+}
+
+/* ---- the pass ---- */
+
+/* How many rows the tile run with most links has, and the means. */
+static int measure(struct links_run *r, struct kiln_error *error)
+{
+    const struct kiln_tile_run *runs = r->b->surface->tile_runs + r->batch->first;
+    uint64_t all = 0;
+    r->rows = 1;
+    for (size_t i = 0; i < r->batch->count; i++) {
+        const struct kiln_kept_links *kept = links_of(r, r->batch->first + i);
+        uint32_t count = 0, tinted = 0;
+        const int status = kept != NULL ? kiln_links_head(kept, &count, &tinted, error) : KILN_OK;
+        if (status != KILN_OK)
+            return status;
+        const uint32_t rows = (count + tinted + KILN_GPU_LINKS_A_ROW - 1) / KILN_GPU_LINKS_A_ROW;
+        r->rows = rows > r->rows ? rows : r->rows;
+        all += count + tinted;
+    }
+    r->a_point = sizeof(struct kiln_gpu_linked_point) +
+                 (size_t)(all * sizeof(struct kiln_gpu_link) / kiln_tile_runs_points(runs, runs + r->batch->count - 1));
+    r->links_a_row = 1.0 + (double)all / ((double)r->batch->count * r->rows);
+    return KILN_OK;
+}
+
+static int add_up(struct links_run *r, struct kiln_error *error)
+{
+    const int status = measure(r, error);
+    const struct vulkan_chunked chunked = {.pass = &kiln_pass_links,
+                                           .pace = KILN_PASS_INDEX_links,
+                                           .states = true,
+                                           .result_bytes = sizeof(struct kiln_gpu_link_sums),
+                                           .failed_offset = offsetof(struct kiln_gpu_link_sums, row),
+                                           .rows = r->rows,
+                                           .work = r->links_a_row,
+                                           .first_guess = 1 << 19,
+                                           .scratch_bytes = r->rows * KILN_GPU_LINK_FLOATS * sizeof(float),
+                                           .moved_bytes = r->a_point,
+                                           .prepare = prepare,
+                                           .record = record,
+                                           .take = take,
+                                           .context = r};
+    return status == KILN_OK ? vulkan_run_in_chunks(r->b, &chunked, r->batch, error) : status;
+}
+
+static void release(struct links_run *r)
+{
+    for (size_t i = 0; r->made != NULL && i < r->batch->count; i++)
+        kiln_free(&r->made[i]);
+    kiln_free(&r->made);
+    kiln_free(&r->gathered);
+    kiln_free(&r->results);
+}
 
 static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
                struct kiln_error *error)
 {
-    (void)b, (void)parameters, (void)batch, (void)rays;
-    return kiln_fail(error, KILN_USAGE, "the Vulkan backend has no links between patches: give --backend embree");
+    const struct kiln_tile_run *runs = b->surface->tile_runs + batch->first;
+    struct links_run r = {.b = b, .p = parameters, .batch = batch};
+    const size_t points = (size_t)kiln_tile_runs_points(runs, runs + batch->count - 1);
+    int status = kiln_allocate(&r.made, batch->count, sizeof(struct kiln_kept_links *), WHAT, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&r.gathered, points, sizeof *r.gathered, "what the rays of links meet", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&r.results, points, sizeof *r.results, "the light of links", error);
+    if (status == KILN_OK)
+        status = gather(&r, error);
+    if (status == KILN_OK)
+        status = vulkan_find_links(b, r.p, batch, r.gathered, r.made, &r.rays, error);
+    if (status == KILN_OK)
+        status = add_up(&r, error);
+    *rays += r.rays;
+    release(&r);
+    return status;
 }
 
 const struct vulkan_pass vulkan_pass_links = {.run = run};

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "shaders/shared/chain.h"
+#include "worker/backend/vulkan/bright.h"
 #include "worker/backend/vulkan/held.h"
 #include "worker/backend/vulkan/kept_rows.h"
 #include "worker/base/memory.h"
@@ -139,6 +140,9 @@ static void clear(struct vulkan_backend *b)
     vulkan_held_release(b);
     gpu_buffer_destroy(b->gpu, &b->row_lights);
     gpu_buffer_destroy(b->gpu, &b->direction_set);
+    vulkan_bright_release(b);
+    for (int i = 0; i < VULKAN_LINK_ARRAYS; i++)
+        gpu_buffer_destroy(b->gpu, &b->links[i]);
     gpu_buffer_destroy(b->gpu, &b->patches);
     gpu_buffer_destroy(b->gpu, &b->node_facings);
     gpu_buffer_destroy(b->gpu, &b->node_shapes);
@@ -272,7 +276,8 @@ static int vulkan_begin(struct kiln_backend **backend, const struct kiln_backend
     b->base.api = &kiln_backend_vulkan;
     b->params = *params;
     b->scratch_most = VULKAN_USUAL_SCRATCH;
-    b->threads = vulkan_light_threads(params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs());
+    b->all_threads = params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs();
+    b->threads = vulkan_light_threads(b->all_threads);
     b->faults.wanted = params->faults;
     status = start_device(b, error);
     if (status != KILN_OK)

@@ -91,6 +91,20 @@ struct vulkan_resident {
     uint8_t *there; /* of each own tile run */
 };
 
+/* Arrays of the bright patches on the device (bright.h). */
+enum {
+    VULKAN_BRIGHT_CLUSTERS,
+    VULKAN_BRIGHT_CLUSTER_POWER,
+    VULKAN_BRIGHT_MEMBERS,
+    VULKAN_BRIGHT_CLUSTER_OF,
+    VULKAN_BRIGHT_POWER,
+    VULKAN_BRIGHT_PATCHES,
+    VULKAN_BRIGHT_ARRAYS
+};
+
+/* The tree of links on the device (links.c). */
+enum { VULKAN_LINK_NODES, VULKAN_LINK_LEAVES, VULKAN_LINK_LIGHT, VULKAN_LINK_ARRAYS };
+
 /* Light that stays on the device (held.h). */
 struct vulkan_held {
     uint32_t count; /* lights; 0: nothing is held */
@@ -108,6 +122,7 @@ enum vulkan_pace {
     VULKAN_PACE_CEILING = KILN_PASS_COUNT,
     VULKAN_PACE_INTERSECT,
     VULKAN_PACE_REPLAY,
+    VULKAN_PACE_LINK_RAYS,
     VULKAN_PACE_LIGHT_PATHS, /* kernels of the bidirectional pass */
     VULKAN_PACE_EYE_PATHS,
     VULKAN_PACE_LIGHT_DIFFUSE,
@@ -140,7 +155,8 @@ struct vulkan_backend {
     uint64_t scratch_most; /* bytes that a slot's partial sums may take: of a sixteenth of the device's memory or
                             * VULKAN_USUAL_SCRATCH the more; less after memory was short */
     bool float64;
-    uint32_t threads; /* vulkan_light_threads */
+    uint32_t threads;     /* vulkan_light_threads */
+    uint32_t all_threads; /* of the host, for what takes its time there */
     /* the scene on the device */
     struct kiln_gpu_scene layout;
     struct gpu_buffer scene, records;
@@ -175,6 +191,9 @@ struct vulkan_backend {
     uint64_t returned;            /* bytes of answers so far */
     struct gpu_buffer row_lights; /* radiosity that is not the backend's, of the pass under way; else of one before */
     struct gpu_buffer direction_set;                      /* likewise: shaders/directions.glsl */
+    struct gpu_buffer bright[VULKAN_BRIGHT_ARRAYS];       /* likewise: bright.h */
+    struct gpu_buffer links[VULKAN_LINK_ARRAYS];          /* likewise: links.c */
+    uint64_t link_keys[VULKAN_LINK_ARRAYS];               /* hashes of what they hold */
     struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
     struct gpu_pacer pacers[VULKAN_PACES];
     struct both_run *both; /* what the bidirectional pass has made, for its next call; or NULL */

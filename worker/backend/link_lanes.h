@@ -1,34 +1,35 @@
 /* How all points of a tile see a node, and what they gather from it: the links pass (worker/pass/links.h) in SIMD
  * lanes. A lane is a point, by its bit in the tile; what lanes have that no mask names does not matter. Each lane has
  * the bits that it would have alone. */
-#ifndef KILN_WORKER_BACKEND_EMBREE_LINK_LANES_H
-#define KILN_WORKER_BACKEND_EMBREE_LINK_LANES_H
+#ifndef KILN_WORKER_BACKEND_LINK_LANES_H
+#define KILN_WORKER_BACKEND_LINK_LANES_H
 
 #include "worker/pass/link_factors.h"
 
-struct link_lanes {
-    double at[3][KILN_TILE_TEXELS], n[3][KILN_TILE_TEXELS], s[3][KILN_TILE_TEXELS]; /* as struct patch_receiver */
+struct kiln_link_lanes {
+    double at[3][KILN_TILE_TEXELS], n[3][KILN_TILE_TEXELS], s[3][KILN_TILE_TEXELS]; /* as struct kiln_patch_receiver */
     bool smooth;
 };
 
 /* Of the points of a mask: those that go on to the node's children, those that stop at it, and of these those that have
  * it whole before them. */
-struct link_lane_choices {
+struct kiln_link_lane_choices {
     uint64_t open, stands, whole;
 };
-struct link_lane_choices link_lanes_judge(const struct link_lanes *lanes, const struct kiln_link_node *node,
-                                          double square_error, uint64_t mask);
+struct kiln_link_lane_choices kiln_link_lanes_judge(const struct kiln_link_lanes *lanes,
+                                                    const struct kiln_link_node *node, double square_error,
+                                                    uint64_t mask);
 
 /* Factors of one link. */
-struct link_lane_factors {
+struct kiln_link_lane_factors {
     double factor[KILN_TILE_TEXELS], shading[KILN_TILE_TEXELS], distance[KILN_TILE_TEXELS];
     uint64_t whole; /* the lanes that have the node whole before them; of the others factors are to be found */
 };
-void link_lanes_factors(const struct link_lanes *lanes, const struct kiln_link_node *node, uint64_t mask,
-                        struct link_lane_factors *factors);
+void kiln_link_lanes_factors(const struct kiln_link_lanes *lanes, const struct kiln_link_node *node, uint64_t mask,
+                             struct kiln_link_lane_factors *factors);
 
 /* What points gather by a link. */
-struct link_lane_link {
+struct kiln_link_lane_link {
     uint64_t sees, other;     /* points that see it, and such as do not, though some beside them do */
     double light[3];          /* radiosity that is let through, W/m2 */
     double through;           /* the mean of that */
@@ -38,12 +39,13 @@ struct link_lane_link {
     double unsure[KILN_TILE_TEXELS]; /* the variance of what is seen */
 };
 
-struct link_lane_sums {
+struct kiln_link_lane_sums {
     double row[KILN_TILE_TEXELS], incident[3][KILN_TILE_TEXELS], irradiance[3][KILN_TILE_TEXELS];
     double now[KILN_TILE_TEXELS]; /* luminance of irradiance by the light that errors are of */
     double variance[KILN_TILE_TEXELS];
 };
-void link_lanes_add(struct link_lane_sums *restrict sums, const struct link_lane_factors *restrict factors,
-                    const struct link_lane_link *restrict link);
+void kiln_link_lanes_add(struct kiln_link_lane_sums *restrict sums,
+                         const struct kiln_link_lane_factors *restrict factors,
+                         const struct kiln_link_lane_link *restrict link);
 
 #endif

@@ -1,4 +1,4 @@
-#include "worker/backend/embree/link_lanes.h"
+#include "worker/backend/link_lanes.h"
 
 #include "worker/base/clones.h"
 
@@ -41,10 +41,11 @@ static inline void judge(const struct kiln_node_view *v, const struct kiln_link_
     *whole = *stands & v->whole;
 }
 
-KILN_CLONES struct link_lane_choices link_lanes_judge(const struct link_lanes *lanes, const struct kiln_link_node *node,
-                                                      double square_error, uint64_t mask)
+KILN_CLONES struct kiln_link_lane_choices kiln_link_lanes_judge(const struct kiln_link_lanes *lanes,
+                                                                const struct kiln_link_node *node, double square_error,
+                                                                uint64_t mask)
 {
-    struct link_lane_choices choices = {0, 0, 0};
+    struct kiln_link_lane_choices choices = {0, 0, 0};
     for (uint32_t first = 0; first < KILN_TILE_TEXELS; first += GROUP) {
         uint64_t open[GROUP], stands[GROUP], whole[GROUP];
         if ((mask >> first & ((1u << GROUP) - 1)) == 0)
@@ -58,11 +59,11 @@ KILN_CLONES struct link_lane_choices link_lanes_judge(const struct link_lanes *l
         choices.stands |= bits_of(stands, first);
         choices.whole |= bits_of(whole, first);
     }
-    return (struct link_lane_choices){choices.open & mask, choices.stands & mask, choices.whole & mask};
+    return (struct kiln_link_lane_choices){choices.open & mask, choices.stands & mask, choices.whole & mask};
 }
 
-KILN_CLONES void link_lanes_factors(const struct link_lanes *lanes, const struct kiln_link_node *node, uint64_t mask,
-                                    struct link_lane_factors *f)
+KILN_CLONES void kiln_link_lanes_factors(const struct kiln_link_lanes *lanes, const struct kiln_link_node *node,
+                                         uint64_t mask, struct kiln_link_lane_factors *f)
 {
     f->whole = 0;
     for (uint32_t first = 0; first < KILN_TILE_TEXELS; first += GROUP) {
@@ -86,8 +87,9 @@ KILN_CLONES void link_lanes_factors(const struct link_lanes *lanes, const struct
     f->whole &= mask;
 }
 
-KILN_CLONES void link_lanes_add(struct link_lane_sums *restrict s, const struct link_lane_factors *restrict f,
-                                const struct link_lane_link *restrict link)
+KILN_CLONES void kiln_link_lanes_add(struct kiln_link_lane_sums *restrict s,
+                                     const struct kiln_link_lane_factors *restrict f,
+                                     const struct kiln_link_lane_link *restrict link)
 {
     const bool by_first = link->by_first;
     const double of_part = link->reach > 0.0 ? link->square : 0.0; /* of what is seen in part, or of a point */

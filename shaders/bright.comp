@@ -1,0 +1,7 @@
+/* The directions pass with rays to bright patches: the gather pass, of which some samples go to patches (bright.glsl).
+ * gather_reduce.comp adds up. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#define KILN_DIRECTIONS
+#define KILN_BRIGHT
+#include "shaders/gather.glsl"

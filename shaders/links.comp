@@ -1,0 +1,288 @@
+/* The links pass: thread (x, y) goes through row y of the links of point x's tile run, and adds up those of the point.
+ * Neighbouring threads have points of one tile, and so the same links. links_reduce.comp adds up the rows.
+ *
+ * Factors are those of worker/backend/link_sums.c and link_factors.h. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "shaders/kernel.glsl"
+
+KILN_PUSH(kiln_gpu_links_push);
+
+#include "shaders/position.glsl"
+#include "shaders/real.glsl"
+#include "shaders/shared/view_factor.h"
+
+KILN_ARRAY(LinkedPoints, kiln_gpu_linked_point, 4);
+KILN_ARRAY(LinkRuns, kiln_gpu_link_run, 4);
+KILN_ARRAY(Links, kiln_gpu_link, 4);
+KILN_ARRAY(TintedLinks, kiln_gpu_tinted_link, 4);
+KILN_ARRAY(LinkNodes, kiln_gpu_link_node, 4);
+KILN_ARRAY(LinkLeaves, kiln_gpu_link_leaf, 4);
+KILN_ARRAY(LinkLights, kiln_gpu_link_light, 4);
+KILN_ARRAY(FloatArray, float, 4);
+
+const uint LEAF = 0x80000000u; /* KILN_LINK_LEAF */
+const uint DRAWS = 4u;         /* KILN_LINK_DRAWS */
+const real NEAR = real(8);     /* KILN_PATCHES_NEAR */
+const real FLAT_NODE = KILN_RATIO(1, 10), RECTANGLE = KILN_RATIO(31, 10), SHARED = KILN_RATIO(7, 10),
+           UNSEEN = KILN_RATIO(3, 100), SPREAD = KILN_RATIO(3, 2), HALF = KILN_RATIO(1, 2);
+
+/* The point of the thread. */
+kiln_gpu_linked_point own;
+kiln_gpu_link_run run;
+uint bit;
+real3 at, geometric, soft; /* its place; its normals */
+bool smooth_point;         /* these may differ */
+
+real row, variance;
+real3 incident, irradiance;
+
+/* ---- factors ---- */
+
+/* How the point sees a node. */
+struct View {
+    real3 d;
+    real square, distance_, other;
+    bool whole;
+};
+
+real3 covariance_times(kiln_gpu_link_node node, real3 v)
+{
+    return real3(real(node.covariance[0]) * v.x + real(node.covariance[3]) * v.y + real(node.covariance[4]) * v.z,
+                 real(node.covariance[3]) * v.x + real(node.covariance[1]) * v.y + real(node.covariance[5]) * v.z,
+                 real(node.covariance[4]) * v.x + real(node.covariance[5]) * v.y + real(node.covariance[2]) * v.z);
+}
+
+bool is_above(kiln_gpu_link_node node, real height)
+{
+    const real radius = real(node.radius);
+    if (height >= radius || height <= 0)
+        return height >= radius;
+    return real(node.bend) < FLAT_NODE &&
+           height * height >= RECTANGLE * dot(geometric, covariance_times(node, geometric));
+}
+
+View view_of(kiln_gpu_link_node node)
+{
+    View v;
+    v.d = real3(node.centre) - at;
+    v.square = dot(v.d, v.d);
+    v.other = -dot(real3(node.normal), v.d);
+    v.distance_ = sqrt(v.square);
+    const real off = real(node.height) + real(node.bend) * (v.distance_ + real(node.radius));
+    v.whole = v.other >= off && is_above(node, dot(geometric, v.d));
+    return v;
+}
+
+/* The mean of n.d / |d|^4 over a node, over |d|^-4 at its centre. */
+real node_height(kiln_gpu_link_node node, real3 n, View v)
+{
+    const real3 along = covariance_times(node, v.d);
+    const real height = dot(n, v.d),
+               trace = real(node.covariance[0]) + real(node.covariance[1]) + real(node.covariance[2]),
+               more = (12 * dot(v.d, along) / v.square - 2 * trace) / v.square;
+    const real stretched = more < 0 ? 1 / ((1 - HALF * more) * (1 - HALF * more)) : 1 + more;
+    return max(real(0), height * stretched - 4 * dot(n, along) / v.square);
+}
+
+/* The same over a point's parallelogram. */
+real leaf_height(kiln_gpu_link_leaf from, real3 n, real3 d, real square)
+{
+    const real height = dot(n, d);
+    real sum = height;
+    for (int i = 0; i < 2; i++) {
+        const real3 edge = real3(i == 0 ? from.edge_s : from.edge_t);
+        const real along = dot(d, edge) / square;
+        sum += height * (along * along - dot(edge, edge) / (6 * square)) - dot(n, edge) * along / 3;
+    }
+    return max(real(0), sum);
+}
+
+/* The point of a node by which the thread's sees it, in the tree's order; its numbers are C's but for rounding. */
+uint choose_leaf(kiln_gpu_link_node node, uint number)
+{
+    const uint hash = kiln_hash1(number);
+    uint64_t u = (uint64_t(hash) << 32) + uint64_t(own.number) * 0x9e3779b97f4a8000ul;
+    uint k = node.first;
+    for (uint i = 0u; i < DRAWS; i++) {
+        k = node.first + uint((u >> 32) * uint64_t(node.count) >> 32);
+        const float chance = float(kiln_hash2(hash + i, own.number)) * 2.3283064365386962890625e-10;
+        if (chance * node.most_area < LinkLeaves(push.leaves).at[k].area)
+            break;
+        u += 0xc13fa9a902a63000ul; /* 0.75487766624669276 */
+    }
+    return k;
+}
+
+/* Of the surface of a point with this area in the place of its own, where that is not 0; about both normals. */
+void leaf_factors(kiln_gpu_link_leaf from, real area, out real factor, out real shading)
+{
+    const real3 d = real3(from.centre) - at, s = real3(from.edge_s), t = real3(from.edge_t);
+    const real cosine = dot(geometric, d), other = -dot(real3(from.normal), d), square = dot(d, d);
+    factor = shading = real(0);
+    if (!(cosine > 0 && other > 0))
+        return;
+    const real far = (area > 0 ? area : real(from.area)) * other / (KILN_REAL_PI * square * square);
+    if (area > 0) {
+        factor = far * cosine;
+        shading = far * max(real(0), dot(soft, d));
+        return;
+    }
+    const real reach = abs(dot(geometric, s)) + abs(dot(geometric, t));
+    if (square < NEAR * NEAR * real(from.area) || cosine < HALF * reach) {
+        factor = kiln_view_factor(d, s, t, geometric, geometric);
+        shading = smooth_point ? kiln_view_factor(d, s, t, geometric, soft) : factor;
+    } else {
+        factor = far * leaf_height(from, geometric, d, square);
+        shading = smooth_point ? far * leaf_height(from, soft, d, square) : factor;
+    }
+}
+
+/* F of a link, and how it sees the node, which is not whole where it is a point; its radius, 0 of a point. */
+void link_factors(uint to, out real factor, out real shading, out View v, out real radius)
+{
+    uint k = to & ~LEAF;
+    real area = real(0);
+    v = View(real3(0), real(1), real(1), real(0), false);
+    radius = real(0);
+    if ((to & LEAF) == 0u) {
+        const kiln_gpu_link_node node = LinkNodes(push.nodes).at[to];
+        v = view_of(node);
+        radius = real(node.radius);
+        area = real(node.area);
+        if (v.whole) {
+            const real far = area * v.other / (KILN_REAL_PI * v.square * v.square);
+            factor = far * node_height(node, geometric, v);
+            shading = smooth_point ? far * node_height(node, soft, v) : factor;
+            return;
+        }
+        k = choose_leaf(node, to);
+    }
+    leaf_factors(LinkLeaves(push.leaves).at[k], area, factor, shading); /* once: it is long, and inlined */
+}
+
+/* ---- what is seen ---- */
+
+bool has_bit(uint mask[2], uint i) { return (mask[i >> 5] >> (i & 31u) & 1u) != 0u; }
+
+/* Of how many points in a row, a square of them, one ray is asked. */
+uint shared_by(uint to)
+{
+    const real radius = (to & LEAF) != 0u ? real(0) : SHARED * real(LinkNodes(push.nodes).at[to].radius);
+    return 4 * real(run.texel) <= radius ? 16u : 2 * real(run.texel) <= radius ? 4u : 1u;
+}
+
+/* The variance of what the point sees by a link, of the points beside it that have rays of their own; others: some of
+ * these see it, where the point does not, or the other way round. */
+real unsure_of(kiln_gpu_link link, out bool others)
+{
+    const uint side = shared_by(link.to);
+    uint asked = 0u, other = 0u;
+    if (has_bit(link.asked, bit) && has_bit(run.shares, bit))
+        for (uint i = 1u; i < 4u; i++) {
+            const uint beside = bit ^ (i * side);
+            if (!has_bit(link.asked, beside) || !has_bit(run.shares, beside))
+                continue;
+            asked++;
+            other += has_bit(link.seen, beside) != has_bit(link.seen, bit) ? 1u : 0u;
+        }
+    others = other > 0u;
+    return (HALF * real(other) + UNSEEN) / real(asked + 1u);
+}
+
+/* ---- sums ---- */
+
+void add_variance(kiln_gpu_link_light l, bool is_leaf, View v, real radius, real factor, real seen, real q)
+{
+    const real now = real(l.now), before = real(l.before), more = real(l.spread_now) - real(l.spread_before);
+    real square = q * (now * now - before * before + more);
+    if (!is_leaf && seen > 0) {
+        const real rho = SPREAD * radius / v.distance_;
+        square += v.whole ? rho * rho * more : now * now - before * before + more;
+    }
+    variance += factor * factor * square;
+}
+
+void add_link(uint to, vec3 through, bool sees, real q)
+{
+    const bool is_leaf = (to & LEAF) != 0u;
+    const kiln_gpu_link_light light = LinkLights(push.light).at[(to & ~LEAF) + (is_leaf ? push.node_count : 0u)];
+    real factor, shading, radius;
+    View v;
+    link_factors(to, factor, shading, v, radius);
+    const real seen = sees ? (real(through.r) + real(through.g) + real(through.b)) / 3 : real(0);
+    if (sees) {
+        const real3 arrives = real3(light.radiosity[0], light.radiosity[1], light.radiosity[2]) * real3(through);
+        row += factor * seen;
+        incident += factor * arrives;
+        irradiance += shading * arrives;
+    }
+    add_variance(light, is_leaf, v, radius, sees ? shading : factor, seen, q);
+}
+
+/* Link i of the tile run, if it is one of the point. */
+void add_number(uint i)
+{
+    uint to;
+    vec3 through = vec3(1.0);
+    bool sees = true, others = false;
+    real q = real(0);
+    if (i >= run.count) {
+        const kiln_gpu_tinted_link t = TintedLinks(push.tinted).at[run.tinted_first + i - run.count];
+        if (t.bit != bit)
+            return;
+        to = t.to;
+        through = vec3(t.through[0], t.through[1], t.through[2]);
+    } else {
+        const kiln_gpu_link link = Links(push.links).at[run.first + i];
+        if (!has_bit(link.asked, bit))
+            return;
+        to = link.to;
+        q = unsure_of(link, others);
+        sees = has_bit(link.seen, bit);
+    }
+    if (sees || others)
+        add_link(to, through, sees, q);
+}
+
+void store(uint x, uint y)
+{
+    FloatArray floats = FloatArray(push.slices + uint64_t(y * KILN_GPU_LINK_FLOATS) * push.chunk.total * 4ul);
+    const uint step = push.chunk.total;
+    for (uint c = 0u; c < 3u; c++) {
+        floats.at[c * step + x] = float(incident[c]);
+        floats.at[(3u + c) * step + x] = float(irradiance[c]);
+    }
+    floats.at[6u * step + x] = float(row);
+    floats.at[7u * step + x] = float(variance);
+}
+
+void kiln_kernel(uint x, uint y)
+{
+    const uint index = push.chunk.first + x, y_row = push.row_first + y;
+    if (x >= push.chunk.count ||
+        (WordArray(push.chunk.states).at[index] & KILN_GPU_STATE_MASK) == KILN_GPU_STATE_INVALID)
+        return;
+    own = LinkedPoints(push.points).at[x];
+    run = LinkRuns(push.runs).at[own.run_and_bit >> 6];
+    bit = own.run_and_bit & 63u;
+    const uint begin = y_row * KILN_GPU_LINKS_A_ROW,
+               end = min(run.count + run.tinted_count, begin + KILN_GPU_LINKS_A_ROW);
+    if (begin >= end)
+        return;
+    const kiln_gpu_point p = PointArray(push.chunk.points).at[index];
+    at = real3(own.place);
+    geometric = real3(own.normal);
+    soft = real3(kiln_shading(p, own.normal));
+    smooth_point = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u;
+    row = variance = real(0);
+    incident = irradiance = real3(0);
+    uint i = begin;
+    for (; i < end; i++)
+        add_number(i);
+    if (i < end)
+        row = real(-1000000000);
+    store(x, y_row);
+}
+
+#include "shaders/main.glsl"

@@ -1,0 +1,72 @@
+/* Links on the device (worker/pass/links.h); part of shaders/shared/push.h. */
+
+/* Of struct kiln_link_node what sums ask. */
+struct kiln_gpu_link_node {
+    KILN_VECTOR centre, normal;
+    KILN_REAL32 radius, height, bend, area, most_area;
+    KILN_WORD first, count;
+    KILN_REAL32 covariance[6];
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_link_node, 80);
+
+/* Of a point that sends light, in the tree's order. */
+struct kiln_gpu_link_leaf {
+    KILN_VECTOR centre, normal, edge_s, edge_t;
+    KILN_REAL32 area;
+};
+KILN_SIZE_IS(kiln_gpu_link_leaf, 52);
+
+/* What nodes send, and behind them points in the tree's order; the last four as in struct kiln_link_light. */
+struct kiln_gpu_link_light {
+    KILN_REAL32 radiosity[3];
+    KILN_REAL32 now, before, spread_now, spread_before;
+};
+KILN_SIZE_IS(kiln_gpu_link_light, 28);
+
+/* A point that gathers. */
+struct kiln_gpu_linked_point {
+    KILN_VECTOR place, normal;
+    KILN_WORD number;
+    KILN_WORD run_and_bit; /* its tile run in the chunk, and, in the last six bits, its bit in the tile */
+};
+KILN_SIZE_IS(kiln_gpu_linked_point, 32);
+
+/* A tile run of a chunk: where its links stand, and how many they are; then those of single points through what has a
+ * colour. Masks are of bits of the tile, the lower half first. */
+struct kiln_gpu_link_run {
+    KILN_WORD first, count, tinted_first, tinted_count;
+    KILN_WORD shares[2]; /* points of the tile that send light */
+    KILN_REAL32 texel;   /* m: the longest edge of a point */
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_link_run, 32);
+
+struct kiln_gpu_link {
+    KILN_WORD to, asked[2], seen[2];
+};
+KILN_SIZE_IS(kiln_gpu_link, 20);
+
+struct kiln_gpu_tinted_link { /* struct kiln_tinted_link */
+    KILN_WORD to, bit;
+    KILN_REAL32 through[3];
+};
+KILN_SIZE_IS(kiln_gpu_tinted_link, 20);
+
+/* Links lie in rows of so many, one a thread; a row of a point has so many floats: incident, irradiance (3 each), the
+ * sum of its factors, and variance. */
+#define KILN_GPU_LINKS_A_ROW 256u
+#define KILN_GPU_LINK_FLOATS 8u
+
+struct kiln_gpu_link_sums { /* of all rows */
+    KILN_REAL32 incident[3], irradiance[3];
+    KILN_REAL32 row; /* -1: the device has ended a loop early */
+    KILN_REAL32 variance;
+    KILN_REAL32 shading[3]; /* the point's shading normal */
+};
+KILN_SIZE_IS(kiln_gpu_link_sums, 44);
+
+struct kiln_gpu_link_ray {
+    KILN_VECTOR from, to;
+};
+KILN_SIZE_IS(kiln_gpu_link_ray, 24);

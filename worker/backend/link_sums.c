@@ -1,0 +1,228 @@
+#include <string.h>
+
+#include "worker/backend/link_run.h"
+#include "worker/base/color.h"
+
+/* What light that varies over a node is off by, over the radii in its distance times the deviation. */
+#define SPREAD 1.5
+
+enum { AHEAD = 4 };
+
+/* The mask with the points of squares of `side` points in a row exchanged in pairs: Morton order. */
+static uint64_t exchanged(uint64_t mask, uint32_t side)
+{
+    static const uint64_t first[] = {0x5555555555555555u, 0x3333333333333333u, 0x0f0f0f0f0f0f0f0fu,
+                                     0x00ff00ff00ff00ffu, 0x0000ffff0000ffffu, 0x00000000ffffffffu};
+    const uint64_t even = first[__builtin_ctz(side)];
+    return (mask & even) << side | (mask >> side & even);
+}
+
+/* The variance of what points see by a link, estimated of the points beside them that have rays of their own. */
+struct unsure {
+    uint64_t asked[3], other[3]; /* by neighbour: who has one that has asked, and whose sees what it does not or not */
+};
+
+static struct unsure unsure_of(const struct kiln_link_run *w, uint32_t link)
+{
+    const uint32_t side = kiln_link_shared_by(w, w->found.to[link]);
+    const uint64_t asked = w->found.asked[link] & w->shares, seen = w->found.seen[link];
+    struct unsure u;
+    for (int i = 0; i < 3; i++) {
+        uint64_t there = asked, sees = seen;
+        if (i != 1) {
+            there = exchanged(there, side);
+            sees = exchanged(sees, side);
+        }
+        if (i != 0) {
+            there = exchanged(there, 2 * side);
+            sees = exchanged(sees, 2 * side);
+        }
+        u.asked[i] = there & asked;
+        u.other[i] = (sees ^ seen) & u.asked[i];
+    }
+    return u;
+}
+
+/* The variance of what the points of the mask see. */
+static void find_unsure(const struct unsure *u, uint64_t mask, double unsure[KILN_TILE_TEXELS])
+{
+    for (uint64_t rest = mask; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        uint32_t asked = 0, other = 0;
+        for (int i = 0; i < 3; i++) {
+            asked += (uint32_t)(u->asked[i] >> bit & 1);
+            other += (uint32_t)(u->other[i] >> bit & 1);
+        }
+        unsure[bit] = (0.5 * (double)other + KILN_LINKS_UNSEEN) / (double)(asked + 1);
+    }
+}
+
+/* The light that errors are of: so far and before this bounce; or the first, over its mean. */
+static struct kiln_link_light light_of(const struct kiln_link_run *w, uint32_t to)
+{
+    const struct kiln_links_parameters *p = w->p;
+    const bool leaf = (to & KILN_LINK_LEAF) != 0;
+    const uint32_t at = to & ~KILN_LINK_LEAF;
+    if (!w->by_first)
+        return leaf ? p->leaf_light[at] : p->light[at];
+    if (leaf)
+        return (struct kiln_link_light){.now = p->first[p->order[at]]};
+    const struct kiln_link_node *node = &p->nodes[at];
+    return (struct kiln_link_light){.now = node->level, .spread_now = node->spread * node->spread};
+}
+
+/* Factors of a link of the points of the mask. */
+static void find_factors(struct kiln_link_run *w, uint32_t to, uint64_t mask)
+{
+    const struct kiln_links_parameters *p = w->p;
+    struct kiln_link_lane_factors *f = &w->factors;
+    f->whole = 0;
+    if ((to & KILN_LINK_LEAF) == 0)
+        kiln_link_lanes_factors(&w->lanes, &p->nodes[to], mask, f);
+    const bool leaf = (to & KILN_LINK_LEAF) != 0;
+    const double area = leaf ? 0.0 : (double)p->nodes[to].area;
+    uint32_t k[KILN_TILE_TEXELS];
+    for (uint64_t rest = mask & ~f->whole; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        k[bit] = leaf ? to & ~KILN_LINK_LEAF : kiln_link_choose(p, &p->nodes[to], to, w->patch[bit]->number);
+        kiln_link_fetch(p, k[bit]);
+    }
+    for (uint64_t rest = mask & ~f->whole; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        struct kiln_patch_factors one = {0.0, 0.0};
+        (void)kiln_patch_factors_of(&w->receiver[bit], w->at[bit], &p->points[p->order[k[bit]]], area, &one);
+        f->factor[bit] = one.factor;
+        f->shading[bit] = one.shading;
+    }
+}
+
+/* A link to `to` of which so much is let through; nobody has it yet. */
+static void begin_link(const struct kiln_link_run *w, uint32_t to, const float through[3],
+                       struct kiln_link_lane_link *link)
+{
+    const struct kiln_links_parameters *p = w->p;
+    const bool leaf = (to & KILN_LINK_LEAF) != 0;
+    const float *radiosity = leaf ? p->leaf_radiosity[to & ~KILN_LINK_LEAF] : p->radiosity[to];
+    const struct kiln_link_light l = light_of(w, to);
+    const double now = (double)l.now, before = (double)l.before;
+    link->sees = link->other = 0;
+    link->through = ((double)through[0] + (double)through[1] + (double)through[2]) / 3.0;
+    link->now = now;
+    link->more = (double)l.spread_now - (double)l.spread_before;
+    link->square = now * now - before * before + link->more;
+    link->reach = leaf || !(link->through > 0.0) ? 0.0 : SPREAD * (double)p->nodes[to].radius;
+    link->by_first = w->by_first;
+    for (int c = 0; c < 3; c++)
+        link->light[c] = (double)radiosity[c] * (double)through[c];
+}
+
+/* What the points `of` gather by a link that was found; points that see nothing by it, though some beside them do, are
+ * not sure of that. */
+static void add_found(struct kiln_link_run *w, uint32_t i, uint64_t of)
+{
+    static const float all[3] = {1.0f, 1.0f, 1.0f};
+    const struct kiln_found_links *f = &w->found;
+    const struct unsure u = unsure_of(w, i);
+    struct kiln_link_lane_link link;
+    begin_link(w, f->to[i], all, &link);
+    link.sees = f->seen[i] & f->asked[i] & of;
+    link.other = (u.other[0] | u.other[1] | u.other[2]) & f->asked[i] & of & ~f->seen[i];
+    find_unsure(&u, link.sees | link.other, link.unsure);
+    find_factors(w, f->to[i], link.sees | link.other);
+    kiln_link_lanes_add(&w->sums, &w->factors, &link);
+}
+
+static void add_tinted_link(struct kiln_link_run *w, const struct kiln_tinted_link *t)
+{
+    struct kiln_link_lane_link link;
+    begin_link(w, t->to, t->through, &link);
+    link.sees = 1ull << t->bit;
+    link.unsure[t->bit] = 0.0;
+    find_factors(w, t->to, link.sees);
+    kiln_link_lanes_add(&w->sums, &w->factors, &link);
+}
+
+void kiln_link_run_add(struct kiln_link_run *w)
+{
+    const struct kiln_found_links *f = &w->found;
+    const uint64_t of = w->by_first ? w->shares : w->valid;
+    w->summed = !w->by_first;
+    memset(&w->sums, 0, sizeof w->sums);
+    for (uint32_t i = 0; i < f->count; i++) {
+        if (i + AHEAD < f->count && (f->to[i + AHEAD] & KILN_LINK_LEAF) != 0)
+            kiln_link_fetch(w->p, f->to[i + AHEAD] & ~KILN_LINK_LEAF);
+        add_found(w, i, of);
+    }
+    for (uint32_t i = 0; i < f->tinted_count; i++)
+        if ((of >> f->tinted[i].bit & 1) != 0)
+            add_tinted_link(w, &f->tinted[i]);
+}
+
+float kiln_link_row_scale(const struct kiln_linked_point *l, double row)
+{
+    const struct kiln_point_result met = {.escaped = l->escaped,
+                                          .blocked = l->blocked,
+                                          .glass = {l->glass[0], l->glass[1], l->glass[2]},
+                                          .count = l->count};
+    return (float)kiln_patches_row_scale(&met, row);
+}
+
+void kiln_link_run_close(struct kiln_link_run *w)
+{
+    for (uint64_t rest = w->valid; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        w->found.point[bit].scale = kiln_link_row_scale(&w->found.point[bit], w->sums.row[bit]);
+    }
+}
+
+/* Standard error of the luminance of irradiance, as that is closed. */
+static double error_of(double scale, const struct kiln_link_sums *s)
+{
+    const double irradiance = kiln_luminance(s->irradiance),
+                 closed = kiln_patches_closed(scale, kiln_luminance(s->incident), irradiance);
+    return (irradiance > 0.0 ? closed / irradiance : scale) * sqrt(fmax(0.0, s->variance));
+}
+
+struct kiln_link_sums kiln_link_run_sums(const struct kiln_link_run *w, uint32_t bit)
+{
+    struct kiln_link_sums s = {.variance = w->sums.variance[bit]};
+    for (int c = 0; c < 3; c++) {
+        s.incident[c] = w->sums.incident[c][bit];
+        s.irradiance[c] = w->sums.irradiance[c][bit];
+    }
+    return s;
+}
+
+struct kiln_point_result kiln_link_answer(const struct kiln_linked_point *point, const struct kiln_link_sums *s)
+{
+    const double count = (double)point->count, scale = (double)point->scale * count;
+    if (point->count == 0)
+        return (struct kiln_point_result){.count = 0};
+    struct kiln_point_result r = {.escaped = point->escaped,
+                                  .blocked = point->blocked,
+                                  .glass = {point->glass[0], point->glass[1], point->glass[2]},
+                                  .present = point->present,
+                                  .count = point->count,
+                                  .error = (float)(count * error_of((double)point->scale, s))};
+    for (int c = 0; c < 3; c++) {
+        r.incident[c] = (float)(scale * s->incident[c]);
+        r.irradiance[c] = (float)(count * kiln_patches_closed((double)point->scale, s->incident[c], s->irradiance[c]));
+    }
+    return r;
+}
+
+bool kiln_link_run_is_above_target(struct kiln_link_run *w)
+{
+    const struct kiln_links_parameters *p = w->p;
+    double square = 0.0;
+    w->by_first = true;
+    kiln_link_run_add(w);
+    w->by_first = false;
+    for (uint64_t rest = w->shares; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        const double light = (double)p->first[w->index[bit]] + w->sums.now[bit],
+                     allowed = p->target * fmax(light, KILN_LINKS_LEAST_LIGHT);
+        square += fmax(0.0, w->sums.variance[bit]) / (allowed * allowed);
+    }
+    return square > (double)__builtin_popcountll(w->shares);
+}
