@@ -213,18 +213,24 @@ void aim_point(uint index, Target target, AimNumber n, inout AimedRay ray)
                ((omega > 0 ? omega : 2 * KILN_REAL_PI * used) * point_light_cone(light, direction));
 }
 
-/* The emitting triangle of a lamp that `pick` falls to. */
-uint aim_area_of(kiln_gpu_lamp lamp, real pick)
+/* The first of `count` ascending sums from number `first` on that is above `pick`; the last where none is. */
+uint first_above(uint64_t sums, uint first, uint count, real pick)
 {
-    uint low = lamp.first, high = lamp.first + lamp.count - 1u;
+    uint low = first, high = first + count - 1u;
     while (low < high) {
         const uint middle = low + (high - low) / 2u;
-        if (real(AimFloats(LAND.until).at[middle]) > pick)
+        if (real(AimFloats(sums).at[middle]) > pick)
             high = middle;
         else
             low = middle + 1u;
     }
     return low;
+}
+
+/* The emitting triangle of a lamp that `pick` falls to. */
+uint aim_area_of(kiln_gpu_lamp lamp, real pick)
+{
+    return first_above(LAND.until, lamp.first, lamp.count, pick);
 }
 
 /* The ray leaves an emitting triangle at the place `on` from its corner 0, and has `factor` of its radiance. */
@@ -310,15 +316,7 @@ bool aim_by_outline(kiln_gpu_lamp lamp, Target target, AimNumber n, inout AimedR
 /* The triangle of a target that `pick` falls to. */
 uint even_pick(kiln_gpu_target target, real pick)
 {
-    uint low = target.listed, high = target.listed + target.count - 1u;
-    while (low < high) {
-        const uint middle = low + (high - low) / 2u;
-        if (real(AimFloats(LAND.shares).at[middle]) > pick)
-            high = middle;
-        else
-            low = middle + 1u;
-    }
-    return AimWords(LAND.triangles).at[low];
+    return AimWords(LAND.triangles).at[first_above(LAND.shares, target.listed, target.count, pick)];
 }
 
 /* The density of those that go to this triangle: per m2 across the direction, or per steradian from a place. */

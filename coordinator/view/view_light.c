@@ -122,6 +122,20 @@ int kiln_view_trace(const struct kiln_view_source *source, struct kiln_view_rays
     return status;
 }
 
+int kiln_view_trace_pixels(const struct kiln_view_params *p, uint32_t side, struct kiln_view_rays *rays, size_t first,
+                           size_t count, struct kiln_error *error)
+{
+    const size_t each = (size_t)side * side;
+#pragma omp parallel for schedule(dynamic, 4096)
+    for (size_t i = 0; i < count * each; i++) {
+        const size_t pixel = first + i / each;
+        kiln_view_ray(p, (double)(pixel % p->width) + ((double)(i % side) + 0.5) / side,
+                      (double)(pixel / p->width) + ((double)(i % each / side) + 0.5) / side, &rays->origins[i],
+                      &rays->directions[i]);
+    }
+    return kiln_view_trace(&p->source, rays, count * each, error);
+}
+
 /* ---- lightmaps ---- */
 
 /* Channels of lightmaps that say from where light comes: --directional sh1, and dominant. */

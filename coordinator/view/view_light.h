@@ -25,6 +25,11 @@ void kiln_view_rays_destroy(struct kiln_view_rays **rays);
 int kiln_view_trace(const struct kiln_view_source *source, struct kiln_view_rays *rays, size_t count,
                     struct kiln_error *error);
 
+/* Makes and traces side x side rays for each of `count` pixels from number `first` on, row by row: those of a pixel
+ * stand together, at the middles of a grid of its parts. There is room for them. */
+int kiln_view_trace_pixels(const struct kiln_view_params *params, uint32_t side, struct kiln_view_rays *rays,
+                           size_t first, size_t count, struct kiln_error *error);
+
 /* Whether the hit is visible: it is a hit, not on the back of a single-sided surface, and not on a caster-only object,
  * which has no lightmap, unless that emits. */
 bool kiln_view_is_seen(const struct kiln_view_source *source, const struct kiln_hit *hit);

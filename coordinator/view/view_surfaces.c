@@ -80,14 +80,7 @@ static int look(const struct kiln_view_params *p, uint32_t side, struct kiln_vie
                 size_t count, float *const planes[], struct kiln_error *error)
 {
     const size_t each = (size_t)side * side;
-#pragma omp parallel for schedule(dynamic, 4096)
-    for (size_t i = 0; i < count * each; i++) {
-        const size_t pixel = first + i / each;
-        kiln_view_ray(p, (double)(pixel % p->width) + ((double)(i % side) + 0.5) / side,
-                      (double)(pixel / p->width) + ((double)(i % each / side) + 0.5) / side, &rays->origins[i],
-                      &rays->directions[i]);
-    }
-    const int status = kiln_view_trace(&p->source, rays, count * each, error);
+    const int status = kiln_view_trace_pixels(p, side, rays, first, count, error);
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for schedule(dynamic, 256)

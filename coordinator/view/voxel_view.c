@@ -31,14 +31,7 @@ static int look(const struct kiln_voxels *voxels, const struct kiln_view_params 
                 size_t first, size_t count, float *const planes[3], struct kiln_error *error)
 {
     const size_t each = (size_t)p->side * p->side;
-#pragma omp parallel for schedule(dynamic, 4096)
-    for (size_t i = 0; i < count * each; i++) {
-        const size_t pixel = first + i / each;
-        kiln_view_ray(p, (double)(pixel % p->width) + ((double)(i % p->side) + 0.5) / p->side,
-                      (double)(pixel / p->width) + ((double)(i % each / p->side) + 0.5) / p->side, &rays->origins[i],
-                      &rays->directions[i]);
-    }
-    const int status = kiln_view_trace(&p->source, rays, count * each, error);
+    const int status = kiln_view_trace_pixels(p, p->side, rays, first, count, error);
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for schedule(dynamic, 256)

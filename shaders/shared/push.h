@@ -241,7 +241,7 @@ struct kiln_gpu_both_push {
     KILN_ADDRESS both;    /* struct kiln_gpu_both */
     KILN_ADDRESS sums;    /* struct kiln_gpu_path_sums of slot 0; or words to set to 0 */
     KILN_ADDRESS list;    /* words: the slots that threads have; 0: thread x has slot x */
-    KILN_ADDRESS onward;  /* words: the slots whose paths go on are put here */
+    KILN_ADDRESS onward;  /* words: the slots whose paths go on are put here, or those sorted by what they met */
     KILN_ADDRESS tally;   /* struct kiln_gpu_both_tally */
     KILN_ADDRESS counter; /* a word: what is to be done, no more than `count` from `offset` on; 0: all of `count` is */
     KILN_WORD64 pixel;    /* of slot 0; of splats: the first whose paths of light are connected to the camera */
@@ -254,7 +254,7 @@ struct kiln_gpu_both_push {
     KILN_WORD sampled;         /* the camera's sample */
     KILN_WORD stage;           /* KILN_GPU_PHOTONS_... of photons.comp, KILN_GPU_STAGE_... of paths */
     KILN_WORD light;           /* KILN_GPU_OF_...: whose the paths are */
-    KILN_WORD room;            /* of path_pairs.comp: pairs that there is room for */
+    KILN_WORD room;            /* path_pairs.comp: room for pairs; path_rays.comp: first of gloss in `onward` */
     KILN_ADDRESS halts[2];     /* words: nothing is to be done where one of them is not 0; 0: no such word */
 };
 KILN_SIZE_IS(kiln_gpu_both_push, 128);
