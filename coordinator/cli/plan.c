@@ -51,9 +51,9 @@ static json_t *seconds_json(const struct kiln_plan *p)
         (void)json_object_set_new(seconds, "views", json_real(s->views));
     for (uint32_t r = 0; r < roles->count; r++)
         (void)json_object_set_new(seconds, roles->of[r]->total, json_real(s->light[r]));
-    json_t *after = json_pack("{s:f, s:f, s:f, s:f, s:f, s:i, s:f}", "probes", s->probes, "exchange", s->exchange,
-                              "move", s->move, "write", s->write, "total", s->total, "assumed_bounces", (int)p->bounces,
-                              "calibration", p->calibration_seconds);
+    json_t *after = json_pack("{s:f, s:f, s:f, s:f, s:f, s:f, s:i, s:f}", "probes", s->probes, "exchange", s->exchange,
+                              "move", s->move, "checkpoints", s->save, "write", s->write, "total", s->total,
+                              "assumed_bounces", (int)p->bounces, "calibration", p->calibration_seconds);
     (void)json_object_update(seconds, after);
     json_decref(after);
     return seconds;
@@ -100,11 +100,12 @@ static json_t *curve_json(const struct kiln_roles *roles, const struct kiln_scal
     for (size_t i = 0; i < count; i++) {
         const struct kiln_scaled *c = &curve[i];
         (void)json_array_append_new(
-            array, json_pack("{s:i, s:i, s:f, s:f, s:f, s:o, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "ranks",
+            array, json_pack("{s:i, s:i, s:f, s:f, s:f, s:o, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "ranks",
                              (int)c->ranks, "nodes", (int)c->nodes, "points", c->points, "trace", c->trace, "imbalance",
                              c->light.imbalance, "balance", balance_json(roles, &c->light), "exchange", c->exchange,
-                             "find", c->find, "once", c->once, "write", c->write, "write_alone", c->alone, "seconds",
-                             c->seconds, "efficiency", c->efficiency, "trace_efficiency", c->trace_efficiency));
+                             "checkpoints", c->save, "find", c->find, "once", c->once, "write", c->write, "write_alone",
+                             c->alone, "seconds", c->seconds, "efficiency", c->efficiency, "trace_efficiency",
+                             c->trace_efficiency));
     }
     return array;
 }
@@ -313,6 +314,9 @@ static void print_time(const struct kiln_plan *p, const struct kiln_job *job)
                      (unsigned long long)p->landing.photons, p->landing.iterations, p->landing.bytes_sent / 1048576.0);
     if (p->here.ranks > 1)
         print_balance(&p->here.light);
+    if (s->save > 0.0)
+        (void)printf("  saving     %10.2f s  %.0f checkpoint%s\n", s->save, p->here.saves,
+                     p->here.saves > 1.0 ? "s" : "");
     (void)printf("  results    %10.2f s\n  in all     %10.2f s\n\n", s->write, s->total);
     (void)printf("disk: %.1f MiB: lightmaps %.1f, kiln.h5 %.1f, volume.hdf %.1f, scene %.1f, scene.glb %.1f; while it "
                  "runs two checkpoints of %.1f MiB\n",
@@ -340,6 +344,7 @@ static const char *limit_of(const struct kiln_scaled *first, const struct kiln_s
                   {"sending the positions of all points to every rank", last->find - share * first->find},
                   {"uneven work of the ranks, and repartitioning", idle + last->light.move},
                   {"the exchange of radiosity", last->exchange - share * first->exchange},
+                  {"checkpoints", last->save - share * first->save},
                   {"writing the results", last->write - share * first->write}};
     size_t most = 0;
     for (size_t i = 1; i < sizeof losses / sizeof *losses; i++)
@@ -351,14 +356,14 @@ static const char *limit_of(const struct kiln_scaled *first, const struct kiln_s
 
 static void print_curve(const char *name, const struct kiln_scaled *curve, size_t count, bool weak)
 {
-    (void)printf("\n%s scaling, simulated\n%9s%8s%12s%12s%9s%9s%9s%11s%9s%9s%9s%9s%11s%12s%12s\n", name, "ranks",
-                 "nodes", "points", "light s", "uneven", "kept", "moves s", "exchange s", "find s", "once s", "write s",
-                 "alone s", "in all s", "efficiency", "light only");
+    (void)printf("\n%s scaling, simulated\n%9s%8s%12s%12s%9s%9s%9s%11s%9s%9s%9s%9s%9s%11s%12s%12s\n", name, "ranks",
+                 "nodes", "points", "light s", "uneven", "kept", "moves s", "exchange s", "saving s", "find s",
+                 "once s", "write s", "alone s", "in all s", "efficiency", "light only");
     for (size_t i = 0; i < count; i++) {
         const struct kiln_scaled *c = &curve[i];
-        (void)printf("%9u%8u%12.3g%12.3g%7.1f %%%7.1f %%%9.3g%11.3g%9.3g%9.3g%9.3g%9.3g%11.4g%10.1f %%%10.1f %%\n",
+        (void)printf("%9u%8u%12.3g%12.3g%7.1f %%%7.1f %%%9.3g%11.3g%9.3g%9.3g%9.3g%9.3g%9.3g%11.4g%10.1f %%%10.1f %%\n",
                      c->ranks, c->nodes, c->points, c->trace, 100.0 * c->light.imbalance, 100.0 * c->light.kept,
-                     c->light.move, c->exchange, c->find, c->once, c->write, c->alone, c->seconds,
+                     c->light.move, c->exchange, c->save, c->find, c->once, c->write, c->alone, c->seconds,
                      100.0 * c->efficiency, 100.0 * c->trace_efficiency);
     }
     double lost;
@@ -375,10 +380,10 @@ static void add_rows(struct kiln_html *page, const char *kind, const struct kiln
 {
     for (size_t i = 0; i < count; i++) {
         const struct kiln_scaled *c = &curve[i];
-        kiln_html_add(page, "%s,%u,%u,%.0f,%.6g,%.6g,%.6g,%u,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", kind,
+        kiln_html_add(page, "%s,%u,%u,%.0f,%.6g,%.6g,%.6g,%u,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n", kind,
                       c->ranks, c->nodes, c->points, c->trace, c->light.imbalance, c->light.kept, c->light.repartitions,
-                      c->light.move, c->exchange, c->find, c->once, c->write, c->alone, c->seconds, c->efficiency,
-                      c->trace_efficiency);
+                      c->light.move, c->exchange, c->save, c->find, c->once, c->write, c->alone, c->seconds,
+                      c->efficiency, c->trace_efficiency);
     }
 }
 
@@ -386,9 +391,9 @@ static int write_csv(const char *directory, const struct kiln_plan *p, struct ki
 {
     char path[KILN_PATH_SIZE];
     struct kiln_html page = {.error = error};
-    kiln_html_add(&page,
-                  "kind,ranks,nodes,points,trace_s,imbalance,imbalance_kept,repartitions,move_s,exchange_s,find_s,once_"
-                  "s,write_s,write_alone_s,seconds,efficiency,trace_efficiency\n");
+    kiln_html_add(&page, "kind,ranks,nodes,points,trace_s,imbalance,imbalance_kept,repartitions,move_s,exchange_s,"
+                         "checkpoints_s,find_s,once_"
+                         "s,write_s,write_alone_s,seconds,efficiency,trace_efficiency\n");
     add_rows(&page, "strong", p->strong, p->curve_count);
     add_rows(&page, "weak", p->weak, p->curve_count);
     const int status = kiln_path_join(path, directory, "scaling.csv", error);

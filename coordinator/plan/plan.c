@@ -57,7 +57,10 @@ static const double SEEN_ROWS = 64.0, TEXEL_BYTES = 90.0;
 static const double H5_EARLY = 0.3;
 static const double H5_PLACE_SECONDS = 3e-6;     /* of rank 0 alone: for a column of a chunk of kiln.h5 */
 static const double HASH_BYTE_SECONDS = 0.25e-9; /* of one thread: read from the system's cache and hashed */
-static const double START_SECONDS = 0.1;         /* until the scene is looked at: libraries, MPI, threads */
+/* Checkpoints: bytes a second that a node hashes, writes and syncs; of one thread, seconds of a byte that is copied
+ * behind the passes (--checkpoint-local), to files that the system keeps in memory at first */
+static const double SAVE_BANDWIDTH = 1e9, COPY_BYTE_SECONDS = 0.6e-9;
+static const double START_SECONDS = 0.1; /* until the scene is looked at: libraries, MPI, threads */
 /* s of one thread: by all of a rank's threads, by one */
 static const double PREVIEW_DRAWN = 0.6, PREVIEW_WRITTEN = 0.25;
 static const double COMPACT_BYTES = 4.0, FULL_BYTES = 8.0; /* of a point's radiosity on its way */
@@ -490,8 +493,9 @@ static void plan_light(struct kiln_plan *plan)
     struct kiln_plan_seconds *s = &plan->seconds;
     s->exchange = plan->here.exchange;
     s->move = plan->here.light.move;
+    s->save = plan->here.save;
     s->total = s->import + s->world + s->surface + s->validity + s->views + s->emission + s->probes + s->exchange +
-               s->move + s->write;
+               s->move + s->save + s->write;
     for (uint32_t r = 0; r < plan->steps.roles.count; r++) {
         s->light[r] = plan->here.light.seconds[r];
         s->total += s->light[r];
@@ -636,7 +640,11 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
         .largest_map = (double)kiln_largest_lightmap(p->scene),
         .alone_a_point = place_seconds(job),
         .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),
-        .exchanges = plan->bounces + 1};
+        .exchanges = plan->bounces + 1,
+        .saved_bytes = (double)plan->checkpoint_bytes / points,
+        .saved_bandwidth = SAVE_BANDWIDTH,
+        .save_every = job->checkpoint_every,
+        .copied_byte = job->checkpoint_local != NULL ? together * COPY_BYTE_SECONDS / p->threads : 0.0};
     for (uint32_t k = 0; k < KILN_COST_KINDS_MAX; k++)
         simulation.light.cell_cost[k] = cells->cost[k];
     return simulation;

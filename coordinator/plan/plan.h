@@ -37,6 +37,7 @@ struct kiln_plan_seconds {
     double light[KILN_ROLES_MAX];            /* of the steps of each role */
     double probes, exchange;
     double move;  /* of points to other ranks, when they are distributed anew */
+    double save;  /* checkpoints */
     double write; /* lightmaps, kiln.h5, volume.hdf, preview */
     double total;
 };

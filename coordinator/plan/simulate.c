@@ -2,6 +2,9 @@
 
 #include <math.h>
 
+#include "coordinator/run/control.h"
+
+static const double SAVE_START = 2e-3; /* s: folders, manifest and synchronisation of a checkpoint of any size */
 static const double NODE_MEMORY_BANDWIDTH = 10e9; /* bytes a second that ranks of one node hand over */
 
 /* Seconds of one exchange, in which all ranks learn `bytes` of which each made its part: an all-gather by recursive
@@ -33,6 +36,19 @@ static double write_seconds(const struct kiln_simulation *s, const struct kiln_s
     return s->shared_a_point * scaled->points / scaled->ranks + seen + scaled->alone;
 }
 
+/* Checkpoints while `light` seconds pass: one whenever --checkpoint-every is over, and between steps where that is
+ * cheap (coordinator/run/control.h). */
+static void save(const struct kiln_simulation *s, double light, struct kiln_scaled *scaled)
+{
+    const double bytes = s->saved_bytes * scaled->points,
+                 cost = SAVE_START + bytes / scaled->nodes / s->saved_bandwidth;
+    if (!(s->save_every > 0.0) || !(bytes > 0.0))
+        return;
+    const double between = fmin((double)s->light.steps->count, floor(light / kiln_control_due_after(s->save_every, cost)));
+    scaled->saves = fmax(floor(light / s->save_every), between);
+    scaled->save = scaled->saves * (cost + s->copied_byte * bytes / scaled->ranks);
+}
+
 int kiln_simulate(const struct kiln_simulation *s, uint32_t ranks, double density, struct kiln_scaled *scaled,
                   struct kiln_error *error)
 {
@@ -53,8 +69,9 @@ int kiln_simulate(const struct kiln_simulation *s, uint32_t ranks, double densit
     scaled->once = s->once;
     scaled->alone = s->alone_a_point * scaled->points;
     scaled->write = write_seconds(s, scaled, density);
-    scaled->seconds =
-        scaled->trace + scaled->light.move + scaled->exchange + scaled->find + scaled->once + scaled->write;
+    save(s, scaled->trace + scaled->light.move + scaled->exchange, scaled);
+    scaled->seconds = scaled->trace + scaled->light.move + scaled->exchange + scaled->save + scaled->find +
+                      scaled->once + scaled->write;
     return KILN_OK;
 }
 

@@ -27,6 +27,10 @@ struct kiln_simulation {
     double alone_a_point;
     double radiosity_bytes; /* of a point, in an exchange */
     uint32_t exchanges;
+    double saved_bytes;     /* of a point, in a checkpoint */
+    double saved_bandwidth; /* at which a node writes checkpoints, bytes a second */
+    double save_every;      /* --checkpoint-every, s */
+    double copied_byte;     /* s of a rank, for each byte of its checkpoint that is copied behind */
 };
 
 /* One number of ranks. Efficiency is the time of one rank over (ranks x time), of weak scaling over time alone. */
@@ -37,6 +41,7 @@ struct kiln_scaled {
     double trace; /* light and probes */
     double find;  /* the points, and telling all of them */
     double exchange, once, write, seconds;
+    double saves, save;                  /* checkpoints, and their seconds */
     double alone;                        /* of `write`: one rank, while the others wait */
     double efficiency, trace_efficiency; /* of all; of tracing, moves and exchange alone */
 };

@@ -414,13 +414,18 @@ void kiln_control_meet(struct kiln_control *c)
     kiln_waiting_end();
 }
 
+double kiln_control_due_after(double checkpoint_every, double cost)
+{
+    return fmin(checkpoint_every, COST_DIVISOR * cost);
+}
+
 enum kiln_event kiln_control_between(struct kiln_control *c, uint64_t bytes)
 {
     const double every = c->params.checkpoint_every;
     const double cost = c->cost > 0.0 ? c->cost : COST_START + (double)bytes / COST_BYTES;
     c->pass[0] = '\0';
     int64_t values[2] = {reason_in_rounds(c), c->rank == 0 && every > 0.0 &&
-                                                  MPI_Wtime() - c->last_saved >= fmin(every, COST_DIVISOR * cost)};
+                                                  MPI_Wtime() - c->last_saved >= kiln_control_due_after(every, cost)};
     kiln_control_blocking(c, "between passes", 0.0);
     (void)MPI_Allreduce(MPI_IN_PLACE, values, 2, MPI_INT64_T, MPI_MAX, c->communicator);
     kiln_control_blocking(c, NULL, 0.0);

@@ -83,10 +83,12 @@ enum kiln_event kiln_control_wait(struct kiln_control *control, bool done, doubl
  * after work that takes the ranks different times, before a call with a deadline of kiln_control_blocking. */
 void kiln_control_meet(struct kiln_control *control);
 
-/* Collective. To be called between passes; returns KILN_EVENT_NONE, _SAVE or _STOP. `bytes` is the size of a
- * checkpoint, of all ranks together. Saving is due when the time since the last checkpoint is --checkpoint-every or
- * fifty times the predicted cost of a checkpoint, whichever is less. So checkpoints after bounces take at most 2 % of
- * the time. */
+/* Seconds since the last checkpoint after which one between passes is due: --checkpoint-every, or fifty times the
+ * predicted cost of a checkpoint, if that is less. So checkpoints after bounces take at most 2 % of the time. */
+double kiln_control_due_after(double checkpoint_every, double cost);
+
+/* Collective. To be called between passes; returns KILN_EVENT_NONE, _SAVE (when one is due) or _STOP. `bytes` is the
+ * size of a checkpoint, of all ranks together. */
 enum kiln_event kiln_control_between(struct kiln_control *control, uint64_t bytes);
 
 /* Records that checkpoint `generation` exists. `seconds`: the time that writing it took this rank. `written`: when, in

@@ -7,7 +7,7 @@
 
 #include <cmocka.h>
 
-#include "coordinator/plan/simulate_light.h"
+#include "coordinator/plan/simulate.h"
 
 enum { CELLS = 64, CELL_POINTS = 50000, SAMPLES = 8 };
 
@@ -49,9 +49,9 @@ static void fill(struct world *w, double cost, double factor)
                                                    .latency = 1e-5};
 }
 
-static struct kiln_simulated_light simulate(struct world *w, uint32_t ranks)
+/* The steps, and what their kinds cost. */
+static void plan_steps(struct world *w)
 {
-    struct kiln_simulated_light light;
     struct kiln_error error;
     assert_int_equal(kiln_planned_steps_make(&w->steps, &w->settings, 7, &error), KILN_OK);
     for (uint32_t k = 0; k < w->steps.kind_count; k++) {
@@ -59,6 +59,13 @@ static struct kiln_simulated_light simulate(struct world *w, uint32_t ranks)
             w->cost[k][i] = w->cost[0][i] * w->steps.kinds[k].samples / SAMPLES;
         w->simulation.cell_cost[k] = w->cost[k];
     }
+}
+
+static struct kiln_simulated_light simulate(struct world *w, uint32_t ranks)
+{
+    struct kiln_simulated_light light;
+    struct kiln_error error;
+    plan_steps(w);
     assert_int_equal(kiln_simulate_light(&w->simulation, ranks, 1.0, &light, &error), KILN_OK);
     kiln_planned_steps_release(&w->steps);
     return light;
@@ -163,10 +170,44 @@ static void slow_rank(void **state)
     assert_true(fabs(seconds(&helped) / seconds(&alone) - 0.5) < 0.01);
 }
 
+static struct kiln_scaled simulate_saving(struct world *w, uint32_t ranks, double every, double bandwidth)
+{
+    const struct kiln_simulation simulation = {
+        .light = w->simulation, .saved_bytes = 40.0, .saved_bandwidth = bandwidth, .save_every = every};
+    struct kiln_scaled scaled;
+    struct kiln_error error;
+    assert_int_equal(kiln_simulate(&simulation, ranks, 1.0, &scaled, &error), KILN_OK);
+    return scaled;
+}
+
+/* 480 s of light in seven steps, and checkpoints of 128 MB. */
+static void checkpoints(void **state)
+{
+    (void)state;
+    struct world w;
+    fill(&w, 1e-5, 1.0);
+    plan_steps(&w);
+    const struct kiln_scaled never = simulate_saving(&w, 1, 0.0, 1e9), often = simulate_saving(&w, 1, 10.0, 1e9);
+    assert_true(never.saves == 0.0 && never.save == 0.0);
+    assert_true(often.saves == floor(often.trace / 10.0) && often.saves > 7.0);
+    assert_true(fabs(often.save / often.saves - 0.13) < 0.01);
+    assert_true(fabs(often.seconds - never.seconds - often.save) < 1e-9);
+    /* rarely within a pass, but after each step, which is cheap: 0.13 s in over 6.5 s */
+    assert_true(simulate_saving(&w, 1, 1e6, 1e9).saves == (double)w.steps.count);
+    /* a slow disk: at most 2 % of the time, and not after each step */
+    const struct kiln_scaled slow = simulate_saving(&w, 1, 1e6, 2e7);
+    assert_true(slow.saves == 1.0 && slow.save > 6.0 && slow.save < 0.02 * slow.trace);
+    assert_true(simulate_saving(&w, 1, 1e6, 1e7).saves == 0.0);
+    /* nodes write beside each other */
+    const struct kiln_scaled nodes = simulate_saving(&w, 4, 10.0, 1e9);
+    assert_true(nodes.nodes == 4 && fabs(nodes.save / nodes.saves - 0.034) < 0.01);
+    kiln_planned_steps_release(&w.steps);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(even_work_stays), cmocka_unit_test(repartitioned),
-                                       cmocka_unit_test(does_not_pay), cmocka_unit_test(stolen_work),
-                                       cmocka_unit_test(slow_rank)};
+                                       cmocka_unit_test(does_not_pay),    cmocka_unit_test(stolen_work),
+                                       cmocka_unit_test(slow_rank),       cmocka_unit_test(checkpoints)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
