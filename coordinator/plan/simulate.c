@@ -44,7 +44,8 @@ static void save(const struct kiln_simulation *s, double light, struct kiln_scal
                  cost = SAVE_START + bytes / scaled->nodes / s->saved_bandwidth;
     if (!(s->save_every > 0.0) || !(bytes > 0.0))
         return;
-    const double between = fmin((double)s->light.steps->count, floor(light / kiln_control_due_after(s->save_every, cost)));
+    const double between =
+        fmin((double)s->light.steps->count, floor(light / kiln_control_due_after(s->save_every, cost)));
     scaled->saves = fmax(floor(light / s->save_every), between);
     scaled->save = scaled->saves * (cost + s->copied_byte * bytes / scaled->ranks);
 }
@@ -75,11 +76,12 @@ int kiln_simulate(const struct kiln_simulation *s, uint32_t ranks, double densit
     return KILN_OK;
 }
 
-/* Against the first entry; `work` is how much more there is to do than there. */
+/* Against the first entry without its checkpoints, which would make others look better than they are; `work` is how
+ * much more there is to do than there. */
 static void rate(const struct kiln_scaled *first, struct kiln_scaled *scaled, double work)
 {
     const double ideal = work / scaled->ranks;
-    scaled->efficiency = scaled->seconds > 0.0 ? ideal * first->seconds / scaled->seconds : 1.0;
+    scaled->efficiency = scaled->seconds > 0.0 ? ideal * (first->seconds - first->save) / scaled->seconds : 1.0;
     const double traced = scaled->trace + scaled->light.move + scaled->exchange;
     scaled->trace_efficiency =
         traced > 0.0 ? ideal * (first->trace + first->light.move + first->exchange) / traced : 1.0;

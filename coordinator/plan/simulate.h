@@ -33,7 +33,8 @@ struct kiln_simulation {
     double copied_byte;     /* s of a rank, for each byte of its checkpoint that is copied behind */
 };
 
-/* One number of ranks. Efficiency is the time of one rank over (ranks x time), of weak scaling over time alone. */
+/* One number of ranks. Efficiency is the time of one rank that saves nothing over (ranks x time), of weak scaling over
+ * time alone. */
 struct kiln_scaled {
     uint32_t ranks, nodes;
     double points;
