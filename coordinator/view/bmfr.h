@@ -9,7 +9,7 @@
  * 1967). Blocks overlap by half, and their fits are averaged with weights that fall to 0 at a block's edge, so that no
  * edges of blocks are seen. Blocks end where the picture does.
  *
- * What features do not explain, such as shadows and what mirrors show, a fit would blur. So a pixel goes only a part t
+ * What features do not explain, such as shadows, a fit would blur. So a pixel goes only a part t
  * of the way from its own light to the fit f, at most all of it:
  *
  *     t = (1 - l) v / (v + b^2),    b^2 = max(0, d - v)

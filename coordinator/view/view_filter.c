@@ -253,8 +253,8 @@ static int denoise(const struct kiln_view_filter *f, const struct kiln_view_para
     struct kiln_bmfr picture = {
         .width = params->width, .height = params->height, .filtered = s->filtered, .deviation = s->variance};
     for (int c = 0; c < 3; c++) {
-        picture.normal[c] = s->surface[KILN_SEEN_NORMAL + c];
-        picture.position[c] = s->surface[KILN_SEEN_POSITION + c];
+        picture.normal[c] = s->surface[KILN_SEEN_REACHED_NORMAL + c];
+        picture.position[c] = s->surface[KILN_SEEN_REACHED_POSITION + c];
         picture.light[c] = s->light[c];
         if (c < 2 && f->sequence)
             picture.shift[c] = kiln_hash2(f->frame, (uint32_t)c);

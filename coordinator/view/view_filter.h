@@ -7,8 +7,10 @@
  * far each pixel is from the four around it.
  *
  * Filtered are pixels all of whose rays see a surface, with no lamp in them or beside them: edges of others are kept.
- * Of mirrors and glass the features are those of their own surface, and the filter has nothing to say about what they
- * show; it sees that itself, by the variance. In a sequence, pixels at edges of the surroundings and of lamps, and
+ * Of smooth mirrors and glass the filter's features are those of the surface that they show most of, where there is one
+ * (view_surfaces.h), and emission and albedo are that surface's, with what of them comes by this way; of rough ones and
+ * of what shows the surroundings they are those of their own surface, which says nothing about what is seen there; the
+ * filter sees that itself, by the variance. In a sequence, pixels at edges of the surroundings and of lamps, and
  * those of surfaces whose material is taken with its gloss, are means over frames as long as the camera stands still.
  * Surfaces are those of 4 x 4 rays a pixel, in a sequence of 2 x 2.
  *

@@ -19,7 +19,13 @@ int kiln_view_add_surfaces(const struct kiln_view_params *params, struct kiln_im
 
 #define KILN_VIEW_FAR 1e10f
 
-/* The same, for denoisers, as planes: the first of three numbers, or the only one. */
+/* The same, for denoisers, as planes: the first of three numbers, or the only one.
+ *
+ * With planes of what is reached, rays go on from mirrors and smooth glass that have no diffuse part, each in the
+ * direction that shows most (kiln_particle_shows), by way of 16 such surfaces at most. What such a ray reaches then
+ * stands for what it sees, in albedo and emission too: these are multiplied by the shares of light that the surfaces on
+ * the way send on, that bodies of glass let through and that tinted surfaces behind the first one do. A ray that
+ * reaches nothing that is seen stands for the first surface, as do all others. */
 enum {
     KILN_SEEN_ALBEDO,
     KILN_SEEN_EMISSION = 3,
@@ -28,11 +34,13 @@ enum {
     KILN_SEEN_DEPTH = 12,
     KILN_SEEN_COVERAGE, /* 0 to 1: how many of the rays see a surface */
     KILN_SEEN_GLOSS,    /* 0 to 1: how many see one whose material is taken with its gloss (view_gloss.h) */
-    KILN_SEEN_PLANES
+    KILN_SEEN_REACHED_NORMAL,
+    KILN_SEEN_REACHED_POSITION = 18, /* both where the ray's way ends: not mirrored */
+    KILN_SEEN_PLANES = 21
 };
 
-/* Fills planes of zeros, width x height values each, by `side` x `side` rays for each pixel. Planes of coverage and
- * gloss may be NULL. */
+/* Fills planes of zeros, width x height values each, by `side` x `side` rays for each pixel. Planes from that of
+ * coverage on may be NULL. */
 int kiln_view_see_surfaces(const struct kiln_view_params *params, uint32_t side, float *const planes[KILN_SEEN_PLANES],
                            struct kiln_error *error);
 

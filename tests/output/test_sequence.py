@@ -110,6 +110,27 @@ class Sequences(unittest.TestCase):
         self.assertLess(off[2], off[1], off)
         self.assertLess(error(last[2]), 0.5 * error(last[0]))
 
+    def test_mirror(self):
+        """In a mirror the filter goes by what is seen there: of a path a pixel less than 0.45 of the error is left; by
+        the mirror's own surface 0.7."""
+        scene = os.path.join(self.folder, "spheres.glb")
+        run("generate", "cornell-spheres", "-o", scene, "--quiet")
+        aim = ("--from=2.4,1.6,0.6", "--to=1.9,1,2.6", "--width", "72", "--height", "72")
+        best = exr.rgb(self.view("mirrored.exr", *aim, "--samples-pixel", "192", "--seed", "5", scene=scene))
+        clean = exr.rgb(self.view("clean.exr", *aim, "--samples-pixel", "1", *BMFR, scene=scene))
+        plain = self.view("plain.exr", *aim, "--samples-pixel", "1", "--aov", scene=scene)
+        channels, plain = exr.read(plain).channels, exr.rgb(plain)
+        place = np.stack([channels["position." + c] for c in "XYZ"], -1)
+        seen = np.abs(np.sqrt(((place - (1.6, 1.01, 3.6)) ** 2).sum(-1)) - 1) < 0.01
+        dark = best.max(-1) < 0.8  # not the lamp, nor beside it
+        for axis in (0, 1):
+            dark &= np.roll(dark, 1, axis) & np.roll(dark, -1, axis)
+        seen &= dark
+        self.assertGreater(seen.mean(), 0.3)
+        left = np.sqrt(((clean - best)[seen] ** 2).mean() / ((plain - best)[seen] ** 2).mean())
+        print(f"of the noise in a mirror {left:.3f} is left")
+        self.assertLess(left, 0.45)
+
     def test_edges(self):
         """Nothing of a bright wall stays behind in the dark beside it, nor the other way round, as the camera moves."""
         scene = glb.Scene()

@@ -85,6 +85,27 @@ bool kiln_particle_is_smooth(const struct kiln_particle_place *p)
            (c->coat == 0.0f || p->lobes.coat_is_mirror != 0);
 }
 
+bool kiln_particle_shows(const struct kiln_particle_place *p, struct kiln_vec3 *origin, struct kiln_vec3 *direction,
+                         float share[3])
+{
+    const struct kiln_bsdf_choice *c = &p->choice;
+    if (p->lobes.matt > 0.0f || !(c->gloss > 0.0f) || !kiln_particle_is_smooth(p))
+        return false;
+    const float back = kiln_bsdf_split_at(p->lobes, p->o.z > 0.0f, fabsf(p->o.z)).chance;
+    const float part = c->coat + c->gloss * back >= 0.5f ? 0.5f * back : 0.5f + 0.5f * back;
+    const struct kiln_bsdf_drawn d =
+        kiln_bsdf_propose(p->lobes, *c, p->o, c->coat + c->gloss * part, 0.5f, 0.5f, KILN_RADIANCE);
+    if (d.i.z == 0.0f || !kiln_shading_agrees(d.i, kiln_into_frame(&p->frame, p->normal)))
+        return false;
+    const bool green = p->lobes.disperses != 0 && d.i.z * p->o.z < 0.0f && p->lobes.p.thin_wall == 0;
+    share[0] = (green ? d.weight.y : d.weight.x) * d.density * p->arrives[0];
+    share[1] = d.weight.y * d.density * p->arrives[1];
+    share[2] = (green ? d.weight.y : d.weight.z) * d.density * p->arrives[2];
+    *direction = kiln_out_of_frame(&p->frame, d.i);
+    *origin = start_of(p, *direction);
+    return true;
+}
+
 struct kiln_bsdf_value kiln_particle_scatter(const struct kiln_particle_place *p, struct kiln_vec3 direction)
 {
     const struct kiln_vec3 i = kiln_into_frame(&p->frame, direction);

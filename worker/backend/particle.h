@@ -61,6 +61,12 @@ struct kiln_particle_turn kiln_particle_turn_to(const struct kiln_particle_place
 /* Whether the lobes that are not diffuse send light in the directions of mirrors and smooth glass only. */
 bool kiln_particle_is_smooth(const struct kiln_particle_place *place);
 
+/* Where most of what a ray of a view shows of such a surface comes from, if it has no diffuse part: the one direction
+ * of its mirror, or of its smooth glass (of dispersing glass for green), whichever sends more; and the share that this
+ * sends, times what `arrives`. False: the surface is another. */
+bool kiln_particle_shows(const struct kiln_particle_place *place, struct kiln_vec3 *origin, struct kiln_vec3 *direction,
+                         float share[3]);
+
 /* What these send of light from unit `direction`, which points away from the place, to where a ray of a view came from,
  * times the cosine, and the density with which the ray goes on there. 0 of mirrors and smooth glass. */
 struct kiln_bsdf_value kiln_particle_scatter(const struct kiln_particle_place *place, struct kiln_vec3 direction);
