@@ -13,6 +13,7 @@
 
 enum { BATCH_PATHS = 1 << 14, SIGHT_RAYS = 1024, SIGHT_TOGETHER = 64 };
 enum { PATHS_AN_AIM = 4 };
+enum { SPHERE_CELLS = 2 }; /* about, that a sphere is in */
 
 /* Of the most that a probe can get, one path after the other: where the whole numbers of a sum begin. 2^12 are left for
  * light that crosses a sphere several times, and for colours of little luminance. */
@@ -125,6 +126,7 @@ static int begin_spheres(struct kiln_probe_spheres *s, const struct kiln_volume_
                          uint64_t count, uint32_t leaves, struct kiln_error *error)
 {
     struct kiln_sphere *sphere = NULL;
+    float *clear = NULL;
     const double power = power_of(aims, leaves);
     *s = (struct kiln_probe_spheres){.radius = 0.5 * smallest(v->spacing), .leaves = leaves};
     s->unit = UNIT * (power > 0.0 ? power : 1.0) * (double)iterations * 2.0 * s->radius;
@@ -136,6 +138,9 @@ static int begin_spheres(struct kiln_probe_spheres *s, const struct kiln_volume_
     int status = kiln_allocate(&sphere, count, sizeof *sphere, "the spheres of probes", error);
     s->sphere = sphere;
     if (status == KILN_OK)
+        status = kiln_allocate(&clear, count, sizeof *clear, "the spheres of probes", error);
+    s->clear = clear;
+    if (status == KILN_OK)
         status = kiln_allocate(&s->sums, count * KILN_SPHERE_SUMS, sizeof *s->sums, "the light in spheres", error);
     if (status == KILN_OK)
         status = kiln_allocate(&s->moments, aims->count, sizeof *s->moments, "the moments of light paths", error);
@@ -145,10 +150,21 @@ static int begin_spheres(struct kiln_probe_spheres *s, const struct kiln_volume_
 void kiln_probe_spheres_release(struct kiln_probe_spheres *s)
 {
     struct kiln_sphere *sphere = (struct kiln_sphere *)(uintptr_t)s->sphere;
+    float *clear = (float *)(uintptr_t)s->clear;
     kiln_free(&sphere);
+    kiln_free(&clear);
+    kiln_sphere_cells_release(&s->cells);
     kiln_free(&s->sums);
     kiln_free(&s->moments);
     s->sphere = NULL;
+    s->clear = NULL;
+}
+
+/* What is to be known of the spheres before paths cross them. `host`: traces the paths. */
+static int prepare_spheres(struct kiln_probe_spheres *s, struct kiln_backend *host, struct kiln_error *error)
+{
+    const int status = kiln_backend_clearance(host, s->sphere, s->count, (float *)(uintptr_t)s->clear, error);
+    return status == KILN_OK ? kiln_sphere_cells_make(&s->cells, s, error) : status;
 }
 
 /* The sphere about probe `index`, which lies `offset` from its place in the grid. */
@@ -163,9 +179,9 @@ static struct kiln_sphere sphere_of(const struct kiln_probe_spheres *s, uint64_t
 
 static uint64_t total_of(const struct kiln_volume_result *v) { return v->size[0] * v->size[1] * v->size[2]; }
 
-int kiln_probe_spheres_try(struct kiln_probe_spheres *s, const struct kiln_volume_result *grid,
-                           const struct kiln_scene *scene, const struct kiln_aims *aims, uint32_t leaves,
-                           struct kiln_error *error)
+int kiln_probe_spheres_try(struct kiln_probe_spheres *s, struct kiln_backend *host,
+                           const struct kiln_volume_result *grid, const struct kiln_scene *scene,
+                           const struct kiln_aims *aims, uint32_t leaves, struct kiln_error *error)
 {
     const uint64_t total = total_of(grid), count = total < KILN_PROBE_PATHS_CHUNK ? total : KILN_PROBE_PATHS_CHUNK;
     const int status = begin_spheres(s, grid, scene, aims, 1, count, leaves, error);
@@ -173,7 +189,7 @@ int kiln_probe_spheres_try(struct kiln_probe_spheres *s, const struct kiln_volum
     s->count = count;
     for (uint64_t i = 0; status == KILN_OK && i < count; i++)
         sphere[i] = sphere_of(s, i, (const float[3]){0.0f, 0.0f, 0.0f});
-    return status;
+    return status == KILN_OK ? prepare_spheres(s, host, error) : status;
 }
 
 uint64_t kiln_probe_paths_bytes(uint64_t probes, uint32_t ranks)
@@ -181,7 +197,9 @@ uint64_t kiln_probe_paths_bytes(uint64_t probes, uint32_t ranks)
     const uint64_t chunk = probes < KILN_PROBE_PATHS_CHUNK ? probes : KILN_PROBE_PATHS_CHUNK,
                    own = probes / ranks < chunk ? probes / ranks : chunk, sums = KILN_SPHERE_SUMS * sizeof(uint64_t),
                    ray = 2 * sizeof(struct kiln_vec3) + sizeof(struct kiln_hit);
-    return chunk * (sums + sizeof(struct kiln_sphere)) + own * sums + SIGHT_TOGETHER * SIGHT_RAYS * ray;
+    return chunk *
+               (sums + sizeof(struct kiln_sphere) + sizeof(float) + SPHERE_CELLS * sizeof(struct kiln_cell_sphere)) +
+           own * sums + SIGHT_TOGETHER * SIGHT_RAYS * ray;
 }
 
 /* ---- a chunk ---- */
@@ -245,16 +263,31 @@ static bool is_crossed(const uint64_t *sums)
     return any;
 }
 
+/* m3: what a ray of SIGHT_RAYS that is free so far brings to the volume. */
+static double volume_of(double free) { return 4.0 * KILN_PI / 3.0 * free * free * free / SIGHT_RAYS; }
+
+/* Whether nothing reaches into an own sphere of the chunk. */
+static bool is_clear(const struct paths_work *w, const struct kiln_sphere *sphere)
+{
+    return w->spheres.clear[sphere - w->spheres.sphere] > sphere->radius;
+}
+
+/* m3: as find_volumes has it of a sphere that is clear. */
+static double whole_volume(const struct kiln_sphere *sphere)
+{
+    double volume = 0.0;
+    for (size_t k = 0; k < SIGHT_RAYS; k++)
+        volume += volume_of((double)sphere->radius);
+    return volume;
+}
+
 /* m3: of the part of each of `count` spheres that lies before what rays from its middle meet. */
 static int find_volumes(struct paths_work *w, const struct kiln_sphere *const *spheres, size_t count, double *volumes,
                         struct kiln_error *error)
 {
     for (size_t i = 0; i < count * SIGHT_RAYS; i++) {
         const float *centre = spheres[i / SIGHT_RAYS]->centre;
-        const uint32_t k = (uint32_t)(i % SIGHT_RAYS);
         w->origins[i] = vec3(centre[0], centre[1], centre[2]);
-        w->directions[i] =
-            vec3_of(kiln_sphere_direction(kiln_unit_double(kiln_sobol(k, 0)), kiln_unit_double(kiln_sobol(k, 1))));
     }
     w->rays += count * SIGHT_RAYS;
     const int status =
@@ -264,8 +297,7 @@ static int find_volumes(struct paths_work *w, const struct kiln_sphere *const *s
         volumes[i] = 0.0;
         for (size_t k = 0; status == KILN_OK && k < SIGHT_RAYS; k++) {
             const struct kiln_hit *hit = &w->hits[i * SIGHT_RAYS + k];
-            const double free = hit->triangle == KILN_NONE ? radius : fmin(radius, (double)hit->distance);
-            volumes[i] += 4.0 * KILN_PI / 3.0 * free * free * free / SIGHT_RAYS;
+            volumes[i] += volume_of(hit->triangle == KILN_NONE ? radius : fmin(radius, (double)hit->distance));
         }
     }
     return status;
@@ -291,11 +323,16 @@ static int take_light(struct paths_work *w, struct kiln_error *error)
     int status = KILN_OK;
     for (uint64_t next = 0; next < count && status == KILN_OK;) {
         size_t some = 0;
-        for (; next < count && some < SIGHT_TOGETHER; next++)
-            if (is_crossed(w->own_sums + KILN_SPHERE_SUMS * next)) {
+        for (; next < count && some < SIGHT_TOGETHER; next++) {
+            const uint64_t *sums = w->own_sums + KILN_SPHERE_SUMS * next;
+            const bool any = is_crossed(sums);
+            if (any && is_clear(w, &own[next])) {
+                add_light(w, sums, whole_volume(&own[next]), &w->probes[begin + next]);
+            } else if (any) {
                 spheres[some] = &own[next];
                 crossed[some++] = next;
             }
+        }
         status = find_volumes(w, spheres, some, volumes, error);
         for (size_t i = 0; i < some && status == KILN_OK; i++)
             add_light(w, w->own_sums + KILN_SPHERE_SUMS * crossed[i], volumes[i], &w->probes[begin + crossed[i]]);
@@ -391,8 +428,8 @@ static int run_chunk(struct paths_work *w, struct kiln_error *error)
     const struct kiln_probe_paths_params *p = w->params;
     uint64_t begin;
     const uint64_t count = own_part(w, &begin);
-    int status = KILN_OK;
     share_spheres(w);
+    int status = kiln_agree(p->communicator, prepare_spheres(&w->spheres, backend_of(w), error), error);
     memset(w->spheres.sums, 0, w->spheres.count * KILN_SPHERE_SUMS * sizeof *w->spheres.sums);
     memset(w->spheres.moments, 0, w->aims->count * sizeof *w->spheres.moments);
     share_out(w, true);
@@ -415,6 +452,16 @@ static int run_chunk(struct paths_work *w, struct kiln_error *error)
 }
 
 /* ---- all of it ---- */
+
+/* The directions of rays from the middle of a sphere, again and again. */
+static void find_directions(struct kiln_vec3 *directions)
+{
+    for (uint32_t k = 0; k < SIGHT_RAYS; k++)
+        directions[k] =
+            vec3_of(kiln_sphere_direction(kiln_unit_double(kiln_sobol(k, 0)), kiln_unit_double(kiln_sobol(k, 1))));
+    for (size_t i = SIGHT_RAYS; i < (size_t)SIGHT_TOGETHER * SIGHT_RAYS; i++)
+        directions[i] = directions[i - SIGHT_RAYS];
+}
 
 static int prepare(struct paths_work *w, struct kiln_error *error)
 {
@@ -445,6 +492,8 @@ static int prepare(struct paths_work *w, struct kiln_error *error)
     w->paths = w->learnt != NULL ? w->learnt + aims : NULL;
     w->weights = w->learnt != NULL ? w->learnt + 2 * aims : NULL;
     w->places = w->counts != NULL ? w->counts + ranks : NULL;
+    if (status == KILN_OK)
+        find_directions(w->directions);
     if (status == KILN_OK)
         w->photons = kiln_probe_paths_photons(p->settings, aims, w->volume->size, p->samples);
     return kiln_agree(p->communicator, status, error);

@@ -61,13 +61,13 @@ int kiln_probe_paths_add(const struct kiln_probe_paths_params *params, const str
 /* Bytes that a rank needs for the paths to so many probes, but for a BVH. */
 uint64_t kiln_probe_paths_bytes(uint64_t probes, uint32_t ranks);
 
-/* Spheres about unmoved probes, as many as a chunk has, with room for their sums, to try paths with: for kiln plan.
- * Release with kiln_probe_spheres_release, in any case. KILN_SYSTEM. */
+/* Spheres about unmoved probes, as many as a chunk has, with room for their sums, to try paths with that `host` traces:
+ * for kiln plan. Release with kiln_probe_spheres_release, in any case. KILN_SYSTEM. */
 struct kiln_probe_spheres;
 struct kiln_aims;
-int kiln_probe_spheres_try(struct kiln_probe_spheres *spheres, const struct kiln_volume_result *grid,
-                           const struct kiln_scene *scene, const struct kiln_aims *aims, uint32_t leaves,
-                           struct kiln_error *error);
+int kiln_probe_spheres_try(struct kiln_probe_spheres *spheres, struct kiln_backend *host,
+                           const struct kiln_volume_result *grid, const struct kiln_scene *scene,
+                           const struct kiln_aims *aims, uint32_t leaves, struct kiln_error *error);
 void kiln_probe_spheres_release(struct kiln_probe_spheres *spheres);
 
 #endif

@@ -24,6 +24,8 @@ static int make_room(struct kiln_landing *l, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_allocate(&l->weights, aims, sizeof *l->weights, what, error);
     if (status == KILN_OK)
+        status = kiln_allocate(&l->landed, l->params->threads, sizeof *l->landed, what, error);
+    if (status == KILN_OK)
         status = kiln_allocate(&l->results, KILN_LANDING_GIVEN_TILE_RUNS * KILN_TILE_TEXELS, sizeof *l->results,
                                "the answers of tile runs", error);
     return status;
@@ -81,7 +83,6 @@ void kiln_landing_end(struct kiln_landing *l)
     kiln_merge_destroy(&l->merge);
     kiln_land_factors_release(&l->factors);
     kiln_free(&l->moments_of_rays);
-    kiln_free(&l->records);
     kiln_free(&l->sums);
     kiln_free(&l->lit);
     kiln_free(&l->merged);
@@ -103,6 +104,7 @@ void kiln_landing_destroy(struct kiln_landing **landing)
     kiln_free(&l->learnt);
     kiln_free(&l->paths);
     kiln_free(&l->weights);
+    kiln_free(&l->landed);
     kiln_free(&l->results);
     kiln_free(landing);
 }
@@ -123,12 +125,7 @@ static void find_lit(const struct kiln_landing *l)
 static int begin_step(struct kiln_landing *l, struct kiln_error *error)
 {
     const struct kiln_surface *own = &l->solution->own->surface;
-    const uint64_t block = l->aims->paths < KILN_LAND_BLOCK ? l->aims->paths : KILN_LAND_BLOCK,
-                   ranks = (uint64_t)l->params->ranks;
     int status = kiln_allocate(&l->sums, own->count, sizeof *l->sums, "the light that lands on points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->records, (block + ranks - 1) / ranks, sizeof *l->records,
-                               "the landings of light paths", error);
     if (status == KILN_OK && (kiln_landing_merges(l) || kiln_landing_shares(l)))
         status = kiln_allocate(&l->lit, own->count, sizeof *l->lit, "the areas of points", error);
     if (status == KILN_OK && (kiln_landing_merges(l) || kiln_landing_spreads(l->params->settings)))
@@ -153,11 +150,14 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
     return status;
 }
 
-/* kiln_take_landing: its light counts. */
-static void add_landing(void *context, const struct kiln_landing_record *record, double weight)
+/* kiln_take_landings: their light counts. */
+static void add_landings(void *context, const struct kiln_landing_list *list)
 {
-    struct kiln_landing *l = context;
-    kiln_land_add(record, weight, &l->sums[record->point - l->exchange.first[l->exchange.rank]]);
+    const struct kiln_landing *l = context;
+    for (size_t i = 0; i < list->count; i++) {
+        const struct kiln_landing_record *record = kiln_landing_of(list, i);
+        kiln_land_add(record, kiln_land_weight(&l->exchange, record), &l->sums[record->point]);
+    }
 }
 
 /* Collective. All iterations that are to do. */
@@ -168,7 +168,7 @@ static int run_iterations(struct kiln_landing *l, struct kiln_error *error)
     int status = KILN_OK;
     while (l->iteration < iterations && status == KILN_OK) {
         status = kiln_landing_run_paths(l, number + l->iteration,
-                                        kiln_landing_pilot_paths(l) + l->iteration * l->photons, add_landing, error);
+                                        kiln_landing_pilot_paths(l) + l->iteration * l->photons, add_landings, error);
         if (status == KILN_OK && kiln_landing_merges(l) &&
             (kiln_merge_radius_ends(l->iteration) || l->iteration + 1 == iterations))
             status = kiln_landing_merge(l, error);

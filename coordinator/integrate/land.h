@@ -3,8 +3,9 @@
  *
  * A step has so many iterations of `photons` paths each. Path i is a function of seed and i alone, and of the aims of
  * its iteration; no two steps of a bake share a number. The paths of an iteration are cut into blocks of
- * KILN_LAND_BLOCK, of which each rank traces an equal part; what lands travels to the ranks that have the points, 40
- * bytes a path at most, is sorted there by point and path, and is summed in that order. After an iteration the aims are
+ * KILN_LAND_BLOCK, of which each rank traces an equal part; what lands travels to the ranks that have the points, 32
+ * bytes a path at most, is sorted there by stretches of points, which threads share, and is summed in the order of the
+ * paths. After an iteration the aims are
  * corrected: what lands by an aim has a second moment m of its flux, the same for any ranks, as it is summed in
  * integers; a share proportional to the root of m makes the variances of all texels together least (Lagrange's
  * condition). A tenth of the paths stays shared out by the flux that lamps send, so that no aim starves for what has
@@ -58,7 +59,7 @@
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/integrate/save.h"
 
-enum { KILN_LAND_BLOCK = 1 << 20 };
+enum { KILN_LAND_BLOCK = 1 << 22 };
 
 struct kiln_landing;
 

@@ -19,13 +19,24 @@ void kiln_landing_forget(struct kiln_landing *l)
     l->radius = l->params->settings->merge_radius;
 }
 
-void kiln_landing_note_moment(struct kiln_landing *l, uint32_t aim, double luminance)
+void kiln_landing_note_rest(struct kiln_landing *l, struct kiln_landing_moments *moments)
+{
+    if (moments->sum == 0)
+        return;
+#pragma omp atomic
+    l->moments[moments->aim] += moments->sum;
+    moments->sum = 0;
+}
+
+void kiln_landing_note_moment(struct kiln_landing *l, struct kiln_landing_moments *moments, uint32_t aim,
+                              double luminance)
 {
     const struct kiln_aims *a = l->aims;
     const double paths = (double)(a->first[aim + 1] - a->first[aim]), flux = luminance * paths / a->aims[aim].flux;
-    const uint64_t moment = a->aims[aim].flux > 0.0 ? (uint64_t)fmin(MOMENT_STEP * flux * flux, MOMENT_MOST) : 0;
-#pragma omp atomic
-    l->moments[aim] += moment;
+    if (aim != moments->aim)
+        kiln_landing_note_rest(l, moments);
+    moments->aim = aim;
+    moments->sum += a->aims[aim].flux > 0.0 ? (uint64_t)fmin(MOMENT_STEP * flux * flux, MOMENT_MOST) : 0;
 }
 
 void kiln_landing_aim(struct kiln_landing *l, uint64_t paths)

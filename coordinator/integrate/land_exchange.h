@@ -10,10 +10,9 @@
 #include "worker/base/status.h"
 #include "worker/pass/caustic_weights.h"
 
-/* 40 bytes. */
+/* 32 bytes. */
 struct kiln_landing_record {
-    uint64_t point; /* global number */
-    uint32_t path;  /* number in its block */
+    uint32_t point; /* number among those of the rank that has it */
     float flux[3];  /* W */
     float shading, taken_up;
     float others; /* of struct kiln_land_result */
@@ -46,29 +45,60 @@ struct kiln_land_exchange {
     int rank, ranks;
     uint64_t *first; /* ranks + 1 */
     int *counts;     /* 4 x ranks: records sent to each rank, their places, and the same received */
-    struct kiln_landing_record *received;
-    size_t room;
-    uint32_t threads;                           /* that take landings; 0: one */
+    /* of the block, in the order of their paths, and beside other ranks the rank that has the point of each */
+    struct kiln_landing_record *records;
+    uint32_t *owners;
+    size_t count, room, owner_room;
+    struct kiln_landing_record *sent; /* by rank */
+    size_t sent_room;
+    /* records by stretches of points, and how many each part of them has of each stretch */
+    uint32_t *order, *starts;
+    size_t order_room, start_room;
+    uint32_t threads;                           /* 0: one */
     const struct kiln_landing_weights *weights; /* borrowed; NULL: landings count whole */
 };
 
-/* What is done with the landings on own points: of each record, and its weight. Called by several threads at once, for
- * one point by one of them. */
-typedef void (*kiln_take_landing)(void *context, const struct kiln_landing_record *record, double weight);
+/* Some landings on own points, in the order of their paths. */
+struct kiln_landing_list {
+    const struct kiln_landing_record *records;
+    const uint32_t *which; /* of the records; NULL: the first ones */
+    size_t count;
+};
+/* Fetches ahead: records of a list lie far from each other. */
+static inline const struct kiln_landing_record *kiln_landing_of(const struct kiln_landing_list *list, size_t i)
+{
+    enum { AHEAD = 12 };
+    if (list->which == NULL)
+        return &list->records[i];
+    if (i + AHEAD < list->count)
+        __builtin_prefetch(&list->records[list->which[i + AHEAD]]);
+    return &list->records[list->which[i]];
+}
 
-/* Collective. This rank has the points [first, first + count), ranks in order. KILN_SYSTEM. Release with
- * kiln_land_exchange_release, in any case. */
+/* What is done with the landings on own points. Called by several threads at once, for one point by one of them. */
+typedef void (*kiln_take_landings)(void *context, const struct kiln_landing_list *list);
+
+/* Collective. This rank has the points [first, first + count), ranks in order. KILN_SYSTEM; KILN_USAGE on all ranks
+ * where one has 2^32 points or more. Release with kiln_land_exchange_release, in any case. */
 int kiln_land_exchange_create(struct kiln_land_exchange *exchange, MPI_Comm communicator, uint64_t first,
                               uint64_t count, struct kiln_error *error);
 void kiln_land_exchange_release(struct kiln_land_exchange *exchange);
 
-/* Collective. Sends `count` records of this rank, which are in the order of their paths, to the owners of their points,
- * and gives those that come to `take`, each point's in the order of their paths: a rank's paths come before those of
- * the next one. kiln_land_add adds them to the sums of own points. Beside other ranks sorts `records`. The ranks'
- * records of a block must be 2^31 - 1 at most, all together. KILN_SYSTEM on all ranks. */
-int kiln_land_exchange(struct kiln_land_exchange *exchange, struct kiln_landing_record *records, size_t count,
-                       kiln_take_landing take, void *context, struct kiln_error *error);
+/* Makes room for so many records more. KILN_SYSTEM. */
+int kiln_land_exchange_grow(struct kiln_land_exchange *exchange, size_t more, struct kiln_error *error);
+/* Puts a record where there is room, number `at` of the block, for a point by its global number. Several threads may,
+ * each at places of its own; `count` is the caller's to raise. */
+void kiln_land_exchange_put(struct kiln_land_exchange *exchange, size_t at, uint64_t point,
+                            const struct kiln_landing_record *record);
+/* Collective. Sends the records of this rank, which are in the order of their paths, to the owners of their points, and
+ * gives those that come to `take`, each point's in the order of their paths: a rank's paths come before those of the
+ * next one. No record is left afterwards. The ranks' records of a block must be 2^31 - 1 at most, all together.
+ * KILN_SYSTEM on all ranks. */
+int kiln_land_exchange(struct kiln_land_exchange *exchange, kiln_take_landings take, void *context,
+                       struct kiln_error *error);
 
+/* The weight of a landing on an own point. */
+double kiln_land_weight(const struct kiln_land_exchange *exchange, const struct kiln_landing_record *record);
 /* Adds a landing to the sum of its point. */
 void kiln_land_add(const struct kiln_landing_record *record, double weight, struct kiln_landing_sum *sum);
 

@@ -8,6 +8,7 @@
 #include "worker/pass/land.h"
 
 enum { BATCH_PATHS = 1 << 14, OF_A_DEVICE = 64 }; /* so many times as much is handed to a device at once */
+#define HANDED_SECONDS 0.25 /* of paths that are handed to a device at once, where it is known how fast it is */
 
 int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, struct kiln_error *error)
 {
@@ -23,28 +24,60 @@ int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, str
     return status == KILN_OK ? kiln_backend_set_surface(*host, bake->surface, error) : status;
 }
 
-/* kiln_take_results */
-static int take(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+/* Of a part of some paths, those that land become records, from number `next` on. */
+static void keep_landed(struct kiln_landing *l, const struct kiln_land_result *results, size_t count, size_t next)
 {
-    (void)error;
-    struct kiln_landing *l = context;
-    const struct kiln_land_result *r = results;
-    for (size_t i = 0; i < count; i++, r++) {
+    const bool sampled = l->exchange.weights != NULL && l->exchange.weights->factors != NULL,
+               learns = !kiln_landing_shares(l);
+    struct kiln_landing_moments moments = {0};
+    for (const struct kiln_land_result *r = results; r < results + count; r++) {
         if (r->point == KILN_NO_POINT)
             continue;
-        struct kiln_landing_record *record = &l->records[l->count++];
-        *record = (struct kiln_landing_record){.point = r->point,
-                                               .path = (uint32_t)(first + i - l->first_path),
-                                               .shading = r->shading,
-                                               .taken_up = r->taken_up,
-                                               .others = r->others,
-                                               .aim = r->aim};
-        memcpy(record->flux, r->flux, sizeof record->flux);
-        if (l->exchange.weights != NULL && l->exchange.weights->factors != NULL)
-            record->sampled = r->sampled;
-        if (!kiln_landing_shares(l))
-            kiln_landing_note_moment(l, r->aim, kiln_luminance_of_floats(r->flux));
+        struct kiln_landing_record record = {.flux = {r->flux[0], r->flux[1], r->flux[2]},
+                                             .shading = r->shading,
+                                             .taken_up = r->taken_up,
+                                             .others = r->others,
+                                             .aim = r->aim};
+        if (sampled)
+            record.sampled = r->sampled;
+        kiln_land_exchange_put(&l->exchange, next++, r->point, &record);
+        if (learns)
+            kiln_landing_note_moment(l, &moments, r->aim, kiln_luminance_of_floats(r->flux));
     }
+    kiln_landing_note_rest(l, &moments);
+}
+
+static size_t count_landed(const struct kiln_land_result *results, size_t count)
+{
+    size_t landed = 0;
+    for (size_t i = 0; i < count; i++)
+        landed += results[i].point != KILN_NO_POINT;
+    return landed;
+}
+
+/* kiln_take_results: each thread has some paths that follow each other. */
+static int take(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    (void)first;
+    struct kiln_landing *l = context;
+    const struct kiln_land_result *r = results;
+    const size_t parts = count > BATCH_PATHS / 2 ? l->params->threads : 1;
+    size_t all = 0;
+#pragma omp parallel for num_threads((int)parts) schedule(static, 1)
+    for (size_t part = 0; part < parts; part++)
+        l->landed[part] = count_landed(r + count * part / parts, count * (part + 1) / parts - count * part / parts);
+    for (size_t part = 0; part < parts; part++) {
+        const size_t next = l->exchange.count + all;
+        all += l->landed[part];
+        l->landed[part] = next;
+    }
+    const int status = kiln_land_exchange_grow(&l->exchange, all, error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads((int)parts) schedule(static, 1)
+    for (size_t part = 0; part < parts; part++)
+        keep_landed(l, r + count * part / parts, count * (part + 1) / parts - count * part / parts, l->landed[part]);
+    l->exchange.count += all;
     return KILN_OK;
 }
 
@@ -126,18 +159,28 @@ uint64_t kiln_landing_at_once(const struct kiln_landing *l, uint64_t of_the_host
     return strcmp(info.name, "embree") == 0 ? of_the_host : OF_A_DEVICE * of_the_host;
 }
 
+/* A device that is handed a whole block at once traces some of it while the host takes over what was before. */
+static uint64_t paths_at_once(const struct kiln_landing *l)
+{
+    const uint64_t least = kiln_landing_at_once(l, BATCH_PATHS);
+    const double some = fmin(HANDED_SECONDS * l->speed, (double)KILN_LAND_BLOCK);
+    return least > BATCH_PATHS && some > (double)least ? (uint64_t)some : least;
+}
+
 /* Collective. Traces this rank's part of the block of paths [first, first + count). */
 static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, struct kiln_error *error)
 {
-    const uint64_t rank = (uint64_t)l->params->rank, ranks = (uint64_t)l->params->ranks;
-    l->count = 0;
-    l->first_path = first;
+    const uint64_t rank = (uint64_t)l->params->rank, ranks = (uint64_t)l->params->ranks,
+                   begin = first + count * rank / ranks, end = first + count * (rank + 1) / ranks;
+    const double *seconds = &kiln_solution_step(l->solution)->seconds, before = *seconds;
+    l->exchange.count = 0;
     memcpy(l->moments_before, l->moments, l->aims->count * sizeof *l->moments);
-    return kiln_landing_work_through(l, first + count * rank / ranks, first + count * (rank + 1) / ranks,
-                                     kiln_landing_at_once(l, BATCH_PATHS), trace, KILN_OK, error);
+    const int status = kiln_landing_work_through(l, begin, end, paths_at_once(l), trace, KILN_OK, error);
+    l->speed = *seconds > before ? (double)(end - begin) / (*seconds - before) : 0.0;
+    return status;
 }
 
-int kiln_landing_run_paths(struct kiln_landing *l, uint64_t number, uint64_t before, kiln_take_landing take_landing,
+int kiln_landing_run_paths(struct kiln_landing *l, uint64_t number, uint64_t before, kiln_take_landings take_landings,
                            struct kiln_error *error)
 {
     struct kiln_step_report *report = kiln_solution_step(l->solution);
@@ -149,7 +192,7 @@ int kiln_landing_run_paths(struct kiln_landing *l, uint64_t number, uint64_t bef
         const double start = MPI_Wtime();
         kiln_control_blocking(l->params->control, "exchanging landings of light", 0.0);
         if (status == KILN_OK)
-            status = kiln_land_exchange(&l->exchange, l->records, l->count, take_landing, l, error);
+            status = kiln_land_exchange(&l->exchange, take_landings, l, error);
         kiln_control_blocking(l->params->control, NULL, 0.0);
         report->exchange_seconds += MPI_Wtime() - start;
         l->done += count;

@@ -31,11 +31,10 @@ void kiln_landing_use_factors(struct kiln_landing *l)
     l->techniques.region_of = l->landing_weights.region_of = l->factors.region_of;
 }
 
-/* kiln_take_landing: of a pilot, for the exchanges: of all that will land. */
-static void learn_from_exchange(void *context, const struct kiln_landing_record *record, double weight)
+/* Of a pilot, for the exchanges: of all that will land. */
+static void learn_exchange(const struct kiln_landing *l, const struct kiln_landing_record *record, double weight)
 {
-    struct kiln_landing *l = context;
-    const uint64_t own = record->point - l->exchange.first[l->exchange.rank];
+    const uint32_t own = record->point;
     const double iterations = (double)kiln_landing_iterations(l), less = (double)l->aims->paths / (double)l->photons,
                  area = (double)l->lit[own] * iterations;
     if (!(area > 0.0))
@@ -47,10 +46,27 @@ static void learn_from_exchange(void *context, const struct kiln_landing_record 
     product[4] += (float)(more * light * iterations / less);
 }
 
-/* kiln_take_landing: of a pilot, whose light does not count. */
-static void learn_from_landing(void *context, const struct kiln_landing_record *record, double weight)
+/* kiln_take_landings */
+static void learn_from_exchanges(void *context, const struct kiln_landing_list *list)
 {
-    kiln_landing_note_moment(context, record->aim, weight * kiln_luminance_of_floats(record->flux));
+    const struct kiln_landing *l = context;
+    for (size_t i = 0; i < list->count; i++) {
+        const struct kiln_landing_record *record = kiln_landing_of(list, i);
+        learn_exchange(l, record, kiln_land_weight(&l->exchange, record));
+    }
+}
+
+/* kiln_take_landings: of pilots, whose light does not count. */
+static void learn_from_landings(void *context, const struct kiln_landing_list *list)
+{
+    struct kiln_landing *l = context;
+    struct kiln_landing_moments moments = {0};
+    for (size_t i = 0; i < list->count; i++) {
+        const struct kiln_landing_record *record = kiln_landing_of(list, i);
+        const double weight = kiln_land_weight(&l->exchange, record);
+        kiln_landing_note_moment(l, &moments, record->aim, weight * kiln_luminance_of_floats(record->flux));
+    }
+    kiln_landing_note_rest(l, &moments);
 }
 
 static uint32_t pilot_rays(const struct kiln_step *step)
@@ -83,7 +99,7 @@ static int land_pilots(struct kiln_landing *l, uint64_t paths, struct kiln_error
     kiln_landing_aim(l, paths);
     l->techniques.iterations = iterations * (l->photons / paths);
     const int status = kiln_landing_run_paths(l, EXCHANGE_ITERATION + kiln_solution_step(l->solution)->step.part,
-                                              PILOTS * paths, learn_from_exchange, error);
+                                              PILOTS * paths, learn_from_exchanges, error);
     l->techniques.iterations = iterations;
     l->done = 0;
     kiln_landing_aim(l, l->photons);
@@ -116,7 +132,7 @@ int kiln_landing_run_pilots(struct kiln_landing *l, struct kiln_error *error)
     l->pilots = true;
     kiln_aims_share(l->aims, paths, NULL);
     for (uint64_t i = 0; i < PILOTS && status == KILN_OK; i++) {
-        status = kiln_landing_run_paths(l, PILOT_ITERATION + part * PILOTS + i, i * paths, learn_from_landing, error);
+        status = kiln_landing_run_paths(l, PILOT_ITERATION + part * PILOTS + i, i * paths, learn_from_landings, error);
         if (status == KILN_OK)
             kiln_landing_correct_aims(l, i + 1 < PILOTS ? paths : l->photons);
         l->done = 0;

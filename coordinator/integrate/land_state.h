@@ -50,13 +50,11 @@ struct kiln_landing {
     /* as they were when the block under way began: of all of it that a checkpoint has */
     uint64_t *moments_before, rays_before;
     struct kiln_landing_saved record;
-    bool begun;    /* a step has: the checkpoint has nothing of those after it, and its files may be gone by then */
-    bool restored; /* what was learnt and landed before, from a checkpoint */
-    bool pilots;   /* the paths under way bring no light; a checkpoint has nothing of them */
-    /* of a block */
-    struct kiln_landing_record *records;
-    size_t count;
-    uint64_t first_path;
+    bool begun;     /* a step has: the checkpoint has nothing of those after it, and its files may be gone by then */
+    bool restored;  /* what was learnt and landed before, from a checkpoint */
+    bool pilots;    /* the paths under way bring no light; a checkpoint has nothing of them */
+    size_t *landed; /* of parts of a batch, as many as there are threads: how many paths land; then where theirs go */
+    double speed;   /* paths a second, of this rank's last block; 0: there was none */
     /* of the step */
     struct kiln_land_exchange exchange;
     struct kiln_landing_sum *sums; /* of own points; where they are merged, of iterations of the radius under way */
@@ -116,8 +114,16 @@ uint64_t kiln_landing_kept_paths(size_t aims, double points);
 
 /* As before the first path of a step. */
 void kiln_landing_forget(struct kiln_landing *l);
-/* Adds the second moment of a path by `aim` that counts so much, W. */
-void kiln_landing_note_moment(struct kiln_landing *l, uint32_t aim, double luminance);
+/* Second moments of paths one after the other, of which many that follow each other are of one aim. Zero at first. */
+struct kiln_landing_moments {
+    uint32_t aim;
+    uint64_t sum;
+};
+/* Adds that of a path by `aim` that counts so much, W. Several threads may, each with moments of its own. */
+void kiln_landing_note_moment(struct kiln_landing *l, struct kiln_landing_moments *moments, uint32_t aim,
+                              double luminance);
+/* After the last path. */
+void kiln_landing_note_rest(struct kiln_landing *l, struct kiln_landing_moments *moments);
 /* Shares `paths` of the next iteration out by what was learnt. */
 void kiln_landing_aim(struct kiln_landing *l, uint64_t paths);
 /* Collective. Adds an iteration's moments to those learnt, and shares `paths` of the next one out. */
@@ -140,7 +146,7 @@ int kiln_landing_work_through(struct kiln_landing *l, uint64_t begin, uint64_t e
                               kiln_landing_work work, int status, struct kiln_error *error);
 /* Collective. The rest of the paths of an iteration, by its number among all of the bake. `before`: paths before them,
  * for the progress. */
-int kiln_landing_run_paths(struct kiln_landing *l, uint64_t number, uint64_t before, kiln_take_landing take_landing,
+int kiln_landing_run_paths(struct kiln_landing *l, uint64_t number, uint64_t before, kiln_take_landings take_landings,
                            struct kiln_error *error);
 
 /* ---- land_pilots.c ---- */

@@ -13,7 +13,7 @@
 #include "worker/pass/weighed.h"
 
 enum { SAMPLE_PATHS = 1 << 15, SAMPLE_BATCH = 1 << 12, SAMPLE_TILE_RUNS = 64 };
-static const double LANDED_SECONDS = 0.2e-6;   /* of a rank, for a path that lands: sorted, sent and summed */
+static const double LANDED_SECONDS = 0.1e-6;   /* of a rank, for a path that lands: sorted, sent and summed */
 static const double MERGE_PASS_SECONDS = 1e-6; /* of one thread, for a point: the points near it found and summed */
 
 /* kiln_take_results */
@@ -136,7 +136,8 @@ static int measure_probes(const struct measure *m, const struct kiln_volume_resu
     double landed, path = 0.0;
     if (probes == 0 || leaves == 0)
         return KILN_OK;
-    int status = kiln_probe_spheres_try(&spheres, volume, m->p->scene, m->aims, leaves, error);
+    int status = kiln_probe_spheres_try(&spheres, m->host != NULL ? m->host : m->p->backend, volume, m->p->scene,
+                                        m->aims, leaves, error);
     const struct kiln_land_parameters parameters = {.aims = m->aims, .spheres = &spheres};
     if (status == KILN_OK)
         status = sample_paths(m, &parameters, &landed, &path, error);

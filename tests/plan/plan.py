@@ -123,8 +123,8 @@ def landing(kiln, folder):
     assert (landed['photons'], landed['iterations'], landed['aims']) == (
         400000, 3, report['materials']['aims']), landed
     assert 1 / TIME < seconds / taken < TIME and abs(memory) < 0.2
-    # 40 bytes of each path that lands, half of them at the other rank, half of them from each
-    assert abs(landed['bytes_sent_an_iteration'] / (40 * 400000 * landed['landed'] / 4) - 1) < 1e-6
+    # 32 bytes of each path that lands, half of them at the other rank, half of them from each
+    assert abs(landed['bytes_sent_an_iteration'] / (32 * 400000 * landed['landed'] / 4) - 1) < 1e-6
     assert 0.2 < landed['landed'] < 1
     # shared with gather rays, of which most are spent on the points; pilots are as many paths as an iteration
     paths = ['--caustics', 'vcm', '--photons', 100000, '--iterations', 1, '--samples-indirect', 64]

@@ -7,6 +7,7 @@
 
 #include <cmocka.h>
 
+#include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -17,7 +18,9 @@
 #include "worker/backend/backend.h"
 #include "worker/light/aims.h"
 #include "worker/light/emission.h"
+#include "worker/base/memory.h"
 #include "worker/pass/land.h"
+#include "worker/pass/spheres.h"
 #include "worker/pass/weighed.h"
 #include "worker/scene/gloss.h"
 #include "worker/scene/footprint.h"
@@ -281,6 +284,105 @@ static void mirror_and_wall(void **state)
         }
     assert_true(inside == 256 && lit == inside);
     free(sums.points);
+    release(&w);
+}
+
+enum { ALONG = 10, SPHERES = ALONG * 9 * 9 };
+#define WALL 0.02 /* m: how far the middles of the first spheres along x are from the wall */
+
+/* What light paths leave in `count` spheres from number `first` on. `known`: what is clear about them. */
+static uint64_t *cross(const struct world *w, struct kiln_probe_spheres *all, size_t first, size_t count, bool known,
+                       uint64_t paths, uint64_t *rays)
+{
+    struct kiln_error error = {""};
+    struct kiln_probe_spheres s = *all;
+    float clear[SPHERES] = {0.0f};
+    s.first = first;
+    s.count = count;
+    s.sphere += first;
+    s.clear = known ? all->clear + first : clear;
+    s.sums = calloc(count * KILN_SPHERE_SUMS, sizeof *s.sums);
+    s.moments = calloc(w->aims->count, sizeof *s.moments);
+    s.cells = (struct kiln_sphere_cells){.begin = NULL};
+    const struct kiln_land_parameters parameters = {.aims = w->aims, .spheres = &s};
+    const struct kiln_batch batch = {.count = paths};
+    assert_int_equal(kiln_sphere_cells_make(&s.cells, &s, &error), KILN_OK);
+    assert_int_equal(kiln_backend_run(w->backend, &kiln_pass_land, &parameters, &batch, rays, &error), KILN_OK);
+    kiln_sphere_cells_release(&s.cells);
+    free(s.moments);
+    return s.sums;
+}
+
+/* Spheres in the light that the mirror sends to the wall, 1.2 W/m2 by green, each off its place in the grid: the mean
+ * over what of each lies before the wall is that. What is known to be clear, and other spheres, change no bit. */
+static void spheres_in_a_beam(void **state)
+{
+    (void)state;
+    enum { PATHS = 1 << 18, FEW = 1 << 13 };
+    struct world w;
+    struct kiln_error error = {""};
+    struct kiln_sphere sphere[SPHERES];
+    float clear[SPHERES];
+    uint64_t rays[2] = {0};
+    begin(&w);
+    const uint32_t silver = mirror(&w, 0.8f, 0.8f, 0.8f), grey = matt(&w);
+    uint32_t mesh = fixture_mesh(w.f);
+    fixture_sheet(w.f, dvec3(0, 0, 1), dvec3(2, 2, 0), dvec3(0, 0, -2), 1, whole, 0.0, silver);
+    fixture_object(w.f, mesh, NULL, 8, 8);
+    mesh = fixture_mesh(w.f);
+    fixture_sheet(w.f, dvec3(-2, -1, 2), dvec3(0, 0, -4), dvec3(0, 4, 0), 1, whole, 0.0, grey);
+    fixture_object(w.f, mesh, NULL, 8, 8);
+    light(&w, KILN_LIGHT_DIRECTIONAL, vec3(0, -1, 0), 3.0f);
+    make(&w);
+    const double *middle = w.f->scene.header->centre;
+    struct kiln_probe_spheres s = {.origin = {WALL - 2.0 - middle[0], 0.2 - middle[1], -0.8 - middle[2]},
+                                   .spacing = {0.2, 0.2, 0.2},
+                                   .radius = 0.1,
+                                   .leaves = KILN_LEAVES_POINTS,
+                                   .size = {ALONG, 9, 9},
+                                   .count = SPHERES,
+                                   .sphere = sphere,
+                                   .clear = clear,
+                                   .unit = 0x1p-40};
+    for (size_t i = 0; i < SPHERES; i++) {
+        const size_t at[3] = {i % ALONG, i / ALONG % 9, i / (9 * ALONG)};
+        sphere[i].radius = 0.1f;
+        for (int a = 0; a < 3; a++)
+            sphere[i].centre[a] = (float)(s.origin[a] + 0.2 * (double)at[a] +
+                                          (a == 0 && at[0] == 0 ? 0.0
+                                           : i % 3 == 0         ? 0.0
+                                                                : 0.18 * (fixture_random(w.f) - 0.5)));
+    }
+    assert_int_equal(kiln_backend_clearance(w.backend, sphere, SPHERES, clear, &error), KILN_OK);
+    kiln_aims_share(w.aims, PATHS, NULL);
+    uint64_t *sums = cross(&w, &s, 0, SPHERES, true, PATHS, &rays[0]);
+    double mean = 0.0;
+    for (size_t i = 0; i < SPHERES; i++) {
+        const bool at_wall = i % ALONG == 0;
+        const double off = at_wall ? WALL / 0.1 : 1.0,
+                     volume = 1e-3 * KILN_PI * (2.0 / 3.0 + off - off * off * off / 3.0),
+                     found = (double)(int64_t)sums[KILN_SPHERE_SUMS * i + 27 + 1] * s.unit / volume / 1.2,
+                     other = (double)(int64_t)sums[KILN_SPHERE_SUMS * i + 27 + 3 + 1];
+        assert_true(at_wall ? clear[i] < (float)WALL && clear[i] > 0.99f * (float)WALL : clear[i] > 0.0f);
+        if (fabs(found - 1.0) > 0.1 || other != 0.0)
+            fail_msg("sphere %zu has %g of its light", i, found);
+        mean += found / SPHERES;
+    }
+    free(sums);
+    print_message("spheres in a beam: %.5f of its light, %" PRIu64 " rays\n", mean, rays[0]);
+    assert_true(fabs(mean - 1.0) < 2e-3);
+    rays[0] = 0;
+    sums = cross(&w, &s, 0, SPHERES, true, FEW, &rays[0]);
+    uint64_t *slow = cross(&w, &s, 0, SPHERES, false, FEW, &rays[1]);
+    assert_memory_equal(sums, slow, SPHERES * KILN_SPHERE_SUMS * sizeof *sums);
+    assert_true(rays[1] > 2 * rays[0]);
+    free(slow);
+    for (size_t i = 0; i < SPHERES; i += 101) {
+        uint64_t *one = cross(&w, &s, i, 1, true, FEW, &rays[1]);
+        assert_memory_equal(one, sums + KILN_SPHERE_SUMS * i, KILN_SPHERE_SUMS * sizeof *one);
+        free(one);
+    }
+    free(sums);
     release(&w);
 }
 
@@ -934,6 +1036,7 @@ static void paths_have_numbers(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(mirror_and_wall),
+                                       cmocka_unit_test(spheres_in_a_beam),
                                        cmocka_unit_test(pane),
                                        cmocka_unit_test(under_glass),
                                        cmocka_unit_test(leaning_normals),

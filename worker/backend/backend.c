@@ -282,6 +282,13 @@ int kiln_backend_intersect_alike(struct kiln_backend *backend, const struct kiln
         backend, origins, directions, count, hits, error);
 }
 
+int kiln_backend_clearance(struct kiln_backend *backend, const struct kiln_sphere *spheres, size_t count, float *clear,
+                           struct kiln_error *error)
+{
+    memset(clear, 0, count * sizeof *clear);
+    return backend->api->clearance != NULL ? backend->api->clearance(backend, spheres, count, clear, error) : KILN_OK;
+}
+
 int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
                          struct kiln_error *error)
 {

@@ -27,6 +27,7 @@
 struct kiln_lights;
 struct kiln_rows;
 struct kiln_groups;
+struct kiln_sphere;
 struct kiln_backend_start;
 
 /* How a device finds hits: by walking a BVH in compute shaders, or by its own ray-tracing pipeline. AUTO: what is
@@ -156,6 +157,9 @@ struct kiln_backend_api {
                const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
     int (*intersect)(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
                      size_t count, struct kiln_hit *hits, struct kiln_error *error);
+    /* NULL: nothing is known, 0 */
+    int (*clearance)(struct kiln_backend *backend, const struct kiln_sphere *spheres, size_t count, float *clear,
+                     struct kiln_error *error);
     /* NULL: `intersect` does it */
     int (*intersect_alike)(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                            const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
@@ -273,6 +277,10 @@ int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 
 int kiln_backend_intersect_alike(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                                  const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
                                  struct kiln_error *error);
+/* How far off the middles of spheres rays that begin there meet nothing, m, but for rounding: at most the radius and a
+ * little more, less rather than too much, and 0 where it is not known, as on devices. */
+int kiln_backend_clearance(struct kiln_backend *backend, const struct kiln_sphere *spheres, size_t count, float *clear,
+                           struct kiln_error *error);
 /* For benches: the gather pass's own rays over a batch, in the same packets and order, traced by the tracer alone; adds
  * the seconds that its calls took and the number of rays. One thread. Nothing is taken. */
 int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,

@@ -100,6 +100,12 @@ bool kiln_aims_is_left(const struct kiln_aims *aims, size_t aim, uint32_t leaves
 
 /* The aim of a path of an iteration, path < aims->paths. */
 size_t kiln_aims_find(const struct kiln_aims *aims, uint64_t path);
+/* The same, quick where that is the aim of the path before. */
+static inline size_t kiln_aims_find_next(const struct kiln_aims *aims, uint64_t path, size_t before)
+{
+    const bool same = before < aims->count && aims->first[before] <= path && path < aims->first[before + 1];
+    return same ? before : kiln_aims_find(aims, path);
+}
 
 /* How many of an aim's paths, the first ones, go evenly over the target's triangles. */
 uint64_t kiln_aims_even(const struct kiln_aims *aims, size_t aim);

@@ -25,16 +25,13 @@
 #include <stdint.h>
 
 #include "worker/base/vector.h"
+#include "worker/pass/sphere_cells.h"
 
 /* Of one sphere: sums of phi s times 9 harmonics, RGB for each, and times the 6 axes, in the order of struct
  * kiln_probe_result. */
 enum { KILN_SPHERE_WEIGHTS = 9 + 6, KILN_SPHERE_SUMS = 3 * KILN_SPHERE_WEIGHTS };
 
-struct kiln_sphere {
-    float centre[3]; /* m from the scene's centre: where the probe's light is gathered */
-    float radius;    /* m; 0: the probe gets nothing */
-};
-
+/* `first` and `count` say which probes of the grid; then spheres, `clear` and cells are made for them. */
 struct kiln_probe_spheres {
     /* the grid: the place of probe (0, 0, 0), m from the scene's centre. A probe lies within its box of the grid, and
      * its radius is half of the smallest spacing at most */
@@ -43,8 +40,10 @@ struct kiln_probe_spheres {
     uint64_t size[3];
     uint64_t first, count;            /* the probes that get light, in z-major order */
     const struct kiln_sphere *sphere; /* count; borrowed, like what follows */
-    double unit;                      /* W m */
-    uint64_t *sums;                   /* count x KILN_SPHERE_SUMS whole numbers of the unit, of either sign */
+    const float *clear;               /* m: within which of a sphere's middle nothing is (kiln_backend_clearance) */
+    struct kiln_sphere_cells cells;
+    double unit;    /* W m */
+    uint64_t *sums; /* count x KILN_SPHERE_SUMS whole numbers of the unit, of either sign */
     /* of each aim: sums of the squares of luminance of phi x paths of the aim / flux of the aim, times s / (2 radius),
      * in 1 / KILN_SPHERE_MOMENT */
     uint64_t *moments;

@@ -371,6 +371,7 @@ const struct kiln_backend_api kiln_backend_embree = {
     .mixed = 1u << KILN_PASS_INDEX_direct,
     .run = embree_run,
     .intersect = embree_intersect,
+    .clearance = embree_clearance,
     .intersect_alike = embree_intersect_alike,
     .ceiling = embree_ceiling,
 };

@@ -68,6 +68,8 @@ KILN_PASS_LIST(EMBREE_DECLARE)
 #undef EMBREE_DECLARE
 
 /* kiln_backend_devices (devices.c). */
+int embree_clearance(struct kiln_backend *backend, const struct kiln_sphere *spheres, size_t count, float *clear,
+                     struct kiln_error *error);
 int embree_devices(struct kiln_device *list, size_t room, size_t *count, struct kiln_error *error);
 /* kiln_backend_ceiling (ceiling.c). */
 int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,

@@ -12,6 +12,7 @@
 #include "worker/backend/embree/techniques.h"
 #include "worker/backend/embree/walk.h"
 #include "worker/base/color.h"
+#include "worker/base/memory.h"
 #include "worker/backend/mirror_images.h"
 #include "worker/light/aims.h"
 #include "worker/pass/land.h"
@@ -33,6 +34,7 @@ struct light_path {
     bool imaged;                      /* it comes as from its lamp's mirror image */
     double squared;                   /* m2, of the way to the surface met last */
     struct light_vertices *kept;      /* where vertices go; NULL: the path lands */
+    struct sphere_chords *chords;     /* where there are spheres */
     int status;                       /* of keeping them */
     struct kiln_error *error;
 };
@@ -226,7 +228,7 @@ static void cross(struct light_path *p, uint32_t surface, struct kiln_vec3 origi
         kiln_luminance(part.flux) * (double)(aims->first[p->aim + 1] - aims->first[p->aim]) / aims->aims[p->aim].flux;
     part.chance = kiln_hash2(kiln_path_key(p->walk.key, kiln_path_use(surface, KILN_PATH_CHANCE)), p->walk.k);
     walk_draw(&p->walk, kiln_path_use(surface, KILN_PATH_SKY), &part.pick, &rest);
-    spheres_cross(&p->walk, p->parameters->spheres, &part);
+    spheres_cross(&p->walk, p->parameters->spheres, &part, p->chords);
 }
 
 /* ---- paths ---- */
@@ -326,27 +328,74 @@ int land_keep(const struct embree_backend *b, const struct kiln_caustic_techniqu
     return p.status;
 }
 
+/* What the threads have noted goes into the sums of spheres; by all threads. */
+static void add_chords(const struct kiln_probe_spheres *spheres, struct sphere_chords *threads, size_t count)
+{
+    bool all = true;
+    sphere_chords_end(&threads[omp_get_thread_num()], spheres);
+#pragma omp barrier
+    for (size_t t = 0; t < count; t++)
+        all = all && threads[t].status == KILN_OK;
+#pragma omp for schedule(dynamic, 8) nowait
+    for (size_t stretch = 0; stretch < sphere_stretches(spheres); stretch++)
+        if (all)
+            sphere_stretch_add(spheres, threads, count, stretch);
+}
+
+/* Room for what threads note, which are as many as the backend's. */
+static int begin_chords(const struct embree_backend *b, const struct kiln_probe_spheres *spheres,
+                        struct sphere_chords **threads, struct kiln_error *error)
+{
+    int status = kiln_allocate(threads, b->threads, sizeof **threads, "the chords of light paths", error);
+    for (size_t t = 0; t < b->threads && status == KILN_OK; t++)
+        status = sphere_chords_begin(&(*threads)[t], spheres, error);
+    return status;
+}
+
+static int end_chords(const struct embree_backend *b, struct sphere_chords **threads, int status,
+                      struct kiln_error *error)
+{
+    for (size_t t = 0; *threads != NULL && t < b->threads; t++) {
+        if (status == KILN_OK && (*threads)[t].status != KILN_OK) {
+            status = (*threads)[t].status;
+            *error = (*threads)[t].error;
+        }
+        sphere_chords_release(&(*threads)[t]);
+    }
+    kiln_free(threads);
+    return status;
+}
+
 int embree_land(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
                 uint64_t *rays, struct kiln_error *error)
 {
-    (void)error;
+    const struct kiln_probe_spheres *spheres = ((const struct kiln_land_parameters *)parameters)->spheres;
+    struct sphere_chords *chords = NULL;
     uint64_t traced = 0;
     double seconds = 0.0;
+    const int status = spheres != NULL ? begin_chords(b, spheres, &chords, error) : KILN_OK;
+    if (status != KILN_OK)
+        return end_chords(b, &chords, status, error);
 #pragma omp parallel num_threads((int)b->threads) reduction(+ : traced, seconds)
     {
         const unsigned saved = embree_enter();
         const double begin_seconds = embree_thread_seconds();
         struct embree_context context;
         embree_context(b, &context);
-        struct light_path p = {.walk = {.b = b, .context = &context}, .parameters = parameters, .seed = seed_of(b)};
+        struct light_path p = {.walk = {.b = b, .context = &context},
+                               .parameters = parameters,
+                               .seed = seed_of(b),
+                               .chords = chords != NULL ? &chords[omp_get_thread_num()] : NULL};
 #pragma omp for schedule(dynamic, 256) nowait
         for (size_t i = 0; i < part->count; i++)
             trace_path(&p, (uint64_t)part->first + i, (struct kiln_land_result *)results + i);
+        if (spheres != NULL)
+            add_chords(spheres, chords, (size_t)omp_get_num_threads());
         traced += p.walk.rays;
         seconds += embree_thread_seconds() - begin_seconds;
         embree_leave(saved);
     }
     *rays += traced;
     b->thread_seconds += seconds;
-    return KILN_OK;
+    return end_chords(b, &chords, KILN_OK, error);
 }

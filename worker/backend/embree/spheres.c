@@ -3,7 +3,6 @@
 #include <math.h>
 
 #define SEEN 0.9999          /* of the way from a sphere's middle to a place: rounding puts neither into a surface */
-#define SUM_MOST 0x1p61      /* of one chord, in units: what the conversion to a whole number takes */
 #define LEAST_DIRECTION 1e-9 /* spacings a metre: along such an axis a part does not move */
 
 /* A part of a path, and its place in the grid: in spacings from probe (0, 0, 0). */
@@ -11,22 +10,28 @@ struct way {
     struct walk *walk;
     const struct kiln_probe_spheres *spheres;
     const struct spheres_part *part;
+    struct sphere_chords *chords;
     struct kiln_dvec3 origin, direction; /* of the part */
     double from[3], slope[3];            /* spacings; spacings a metre */
-    double reach[3];                     /* spacings: how far along an axis from its number a probe's sphere extends */
-    double begin, end;                   /* m: where there are spheres */
+    double begin, end;                   /* m: where there are cells */
+    bool alike;                          /* its flux is the same all along */
 };
+
+static double less(double a, double b) { return a < b ? a : b; }
+static double more(double a, double b) { return a > b ? a : b; }
 
 /* ---- one sphere ---- */
 
-static bool sees(const struct way *w, const struct kiln_sphere *sphere, struct kiln_dvec3 place)
+/* Whether a place in a sphere is seen from its middle. */
+static bool sees(const struct way *w, size_t number, struct kiln_dvec3 place)
 {
+    const struct kiln_sphere *sphere = &w->spheres->sphere[number];
     const struct kiln_vec3 middle = vec3(sphere->centre[0], sphere->centre[1], sphere->centre[2]);
     const struct kiln_dvec3 to = dvec3_sub(place, dvec3_of(middle));
     const double length = dvec3_length(to);
     struct RTCRayHit ray;
     float tint[3];
-    if (!(length > 0.0))
+    if (!(length > 0.0) || SEEN * length < (double)w->spheres->clear[number])
         return true;
     const struct kiln_vec3 direction = vec3_of(dvec3_scale(to, 1.0 / length));
     w->walk->rays++;
@@ -50,91 +55,105 @@ static void find_flux(const struct way *w, double distance, double flux[3])
         flux[c] = part->flux[c] * (double)(share[c] * tint[c]);
 }
 
-static void add(const struct way *w, size_t sphere, double distance, double chord)
+static void add(const struct way *w, uint32_t sphere, double distance, double chord)
 {
     const struct kiln_probe_spheres *s = w->spheres;
-    double weights[KILN_SPHERE_WEIGHTS], flux[3];
-    uint64_t *sums = s->sums + KILN_SPHERE_SUMS * sphere;
-    find_flux(w, distance, flux);
-    spheres_weights(dvec3_scale(w->direction, -1.0), weights);
-    for (int i = 0; i < KILN_SPHERE_SUMS; i++) {
-        const double value = flux[i % 3] * chord * weights[i / 3] / s->unit;
-        const uint64_t whole = (uint64_t)llrint(fmax(-SUM_MOST, fmin(value, SUM_MOST)));
-        if (whole != 0) {
-#pragma omp atomic
-            sums[i] += whole;
-        }
-    }
     const double moment = w->part->relative * chord / (2.0 * s->radius);
-    const uint64_t square = (uint64_t)fmin(KILN_SPHERE_MOMENT * moment * moment, KILN_SPHERE_MOMENT_MOST);
-#pragma omp atomic
-    s->moments[w->part->aim] += square;
+    struct sphere_chord added = {.sphere = sphere, .direction = w->part->direction};
+    double changed[3];
+    const double *flux = w->alike ? w->part->flux : changed;
+    if (!w->alike)
+        find_flux(w, distance, changed);
+    for (int c = 0; c < 3; c++)
+        added.brought[c] = flux[c] * chord;
+    sphere_chords_add(w->chords, &added);
+    sphere_chords_note(w->chords, s, w->part->aim,
+                       (uint64_t)less(KILN_SPHERE_MOMENT * moment * moment, KILN_SPHERE_MOMENT_MOST));
 }
 
-static void cross_one(const struct way *w, size_t number)
+static void cross_one(const struct way *w, const struct kiln_sphere *sphere, uint32_t number)
 {
-    const struct kiln_sphere *sphere = &w->spheres->sphere[number];
     const struct kiln_dvec3 centre =
         dvec3((double)sphere->centre[0], (double)sphere->centre[1], (double)sphere->centre[2]);
     const struct kiln_dvec3 to = dvec3_sub(centre, w->origin);
     const double radius = (double)sphere->radius, middle = dvec3_dot(to, w->direction),
                  square = middle * middle - dvec3_dot(to, to) + radius * radius;
-    if (!(radius > 0.0) || !(square > 0.0))
+    if (!(square > 0.0))
         return;
-    const double half = sqrt(square), begin = fmax(0.0, middle - half), end = fmin(w->part->length, middle + half),
+    const double half = sqrt(square), begin = more(0.0, middle - half), end = less(w->part->length, middle + half),
                  distance = begin + w->part->pick * (end - begin);
-    if (end > begin && sees(w, sphere, dvec3_add(w->origin, dvec3_scale(w->direction, distance))))
+    if (end > begin && sees(w, number, dvec3_add(w->origin, dvec3_scale(w->direction, distance))))
         add(w, number, distance, end - begin);
 }
 
 /* ---- which spheres ---- */
 
-/* Where the part is within `reach` of the range [low, high] along an axis, of [*begin, *end]; false: nowhere. */
+/* Where the part is within [low, high] along an axis, of [*begin, *end]; false: nowhere. */
 static bool clip(const struct way *w, int axis, double low, double high, double *begin, double *end)
 {
-    const double from = w->from[axis], slope = w->slope[axis], reach = w->reach[axis];
+    const double from = w->from[axis], slope = w->slope[axis];
     if (fabs(slope) < LEAST_DIRECTION)
-        return from >= low - reach && from <= high + reach;
-    const double a = (low - reach - from) / slope, b = (high + reach - from) / slope;
-    *begin = fmax(*begin, fmin(a, b));
-    *end = fmin(*end, fmax(a, b));
+        return from >= low && from <= high;
+    const double a = (low - from) / slope, b = (high - from) / slope;
+    *begin = more(*begin, less(a, b));
+    *end = less(*end, more(a, b));
     return *begin <= *end;
 }
 
-/* The numbers of probes along an axis whose spheres the stretch [begin, end] may meet. */
+/* How far from its place in the grid a cell is looked at, in spacings. */
+#define REACH (0.5 + 2.0 * KILN_SPHERE_SLACK)
+
+/* The numbers among the cells, along an axis, of those that the stretch [begin, end] may meet. */
 static void find_range(const struct way *w, int axis, double begin, double end, int64_t range[2])
 {
+    const struct kiln_sphere_cells *cells = &w->spheres->cells;
     const double a = w->from[axis] + begin * w->slope[axis], b = w->from[axis] + end * w->slope[axis],
-                 most = (double)w->spheres->size[axis] - 1.0;
-    range[0] = (int64_t)fmax(0.0, ceil(fmin(a, b) - w->reach[axis]));
-    range[1] = (int64_t)fmin(most, floor(fmax(a, b) + w->reach[axis]));
+                 first = (double)cells->first[axis], last = (double)cells->size[axis] - 1.0;
+    /* positive, but for the ends: cut off is rounded down */
+    range[0] = (int64_t)(more(0.0, less(a, b) - REACH - first + 1.0));
+    range[1] = (int64_t)(less(last, more(a, b) + REACH - first));
 }
 
-/* The probes of number `i` along the axis `along`, near the stretch of the part where their spheres may be. */
+static void cross_cell(const struct way *w, size_t cell)
+{
+    const struct kiln_sphere_cells *cells = &w->spheres->cells;
+    struct sphere_chords *chords = w->chords;
+    for (uint32_t i = cells->begin[cell]; i < cells->begin[cell + 1]; i++) {
+        const struct kiln_cell_sphere *of = &cells->spheres[i];
+        if (of->again != 0) {
+            if (chords->last[of->number] == chords->part)
+                continue;
+            chords->last[of->number] = chords->part;
+        }
+        cross_one(w, &of->sphere, of->number);
+    }
+}
+
+/* The cells of number `i` along the axis `along` that the part may meet. */
 static void cross_slab(const struct way *w, int along, int64_t i)
 {
-    const struct kiln_probe_spheres *s = w->spheres;
+    const struct kiln_sphere_cells *cells = &w->spheres->cells;
+    const double middle = (double)(cells->first[along] + i);
     double begin = w->begin, end = w->end;
     int64_t range[3][2];
-    if (!clip(w, along, (double)i, (double)i, &begin, &end))
+    if (!clip(w, along, middle - REACH, middle + REACH, &begin, &end))
         return;
     for (int a = 0; a < 3; a++)
         find_range(w, a, begin, end, range[a]);
     range[along][0] = range[along][1] = i;
     for (int64_t z = range[2][0]; z <= range[2][1]; z++)
         for (int64_t y = range[1][0]; y <= range[1][1]; y++)
-            for (int64_t x = range[0][0]; x <= range[0][1]; x++) {
-                const uint64_t probe = ((uint64_t)z * s->size[1] + (uint64_t)y) * s->size[0] + (uint64_t)x;
-                if (probe - s->first < s->count)
-                    cross_one(w, (size_t)(probe - s->first));
-            }
+            for (int64_t x = range[0][0]; x <= range[0][1]; x++)
+                cross_cell(w, (size_t)((z * cells->size[1] + y) * cells->size[0] + x));
 }
 
-void spheres_cross(struct walk *walk, const struct kiln_probe_spheres *s, const struct spheres_part *part)
+void spheres_cross(struct walk *walk, const struct kiln_probe_spheres *s, const struct spheres_part *part,
+                   struct sphere_chords *chords)
 {
     struct way w = {.walk = walk,
                     .spheres = s,
                     .part = part,
+                    .chords = chords,
                     .origin = dvec3_of(part->origin),
                     .direction = dvec3_of(part->direction),
                     .end = part->length};
@@ -142,15 +161,19 @@ void spheres_cross(struct walk *walk, const struct kiln_probe_spheres *s, const 
                  direction[3] = {w.direction.x, w.direction.y, w.direction.z};
     int along = 0;
     int64_t range[2];
+    float share[3];
     for (int a = 0; a < 3; a++) {
         w.from[a] = (origin[a] - s->origin[a]) / s->spacing[a];
         w.slope[a] = direction[a] / s->spacing[a];
-        w.reach[a] = 0.5 + s->radius / s->spacing[a];
         along = fabs(w.slope[a]) > fabs(w.slope[along]) ? a : along;
     }
-    for (int a = 0; a < 3; a++)
-        if (!clip(&w, a, 0.0, (double)s->size[a] - 1.0, &w.begin, &w.end))
+    for (int a = 0; a < 3; a++) {
+        const double first = (double)s->cells.first[a], last = first + (double)s->cells.size[a] - 1.0;
+        if (!clip(&w, a, first - REACH, last + REACH, &w.begin, &w.end))
             return;
+    }
+    chords->part++;
+    w.alike = !embree_tints(walk->b) && (part->end == NULL || !meeting_attenuation(part->end, 0.0f, share));
     find_range(&w, along, w.begin, w.end, range);
     for (int64_t i = range[0]; i <= range[1]; i++)
         cross_slab(&w, along, i);

@@ -20,6 +20,9 @@ enum { WHOLE, SHARED };
 /* Paths of a dispatch, at most; of a thread (of a GPU, so that those with few surfaces do not wait for those with many)
  * and threads that fill one; where the pacer begins. */
 enum { MOST_PATHS = 1 << 20, PATHS_A_THREAD = 8, THREADS = 1 << 18, FIRST_GUESS = 1 << 15, LEAST = 64 };
+/* Dispatches that a batch is cut into, unless they would not fill a GPU: the answers of one are taken over while the
+ * next is traced. */
+enum { DISPATCHES = 4 };
 
 /* Paths that are under way in a slot. */
 struct portion {
@@ -41,16 +44,18 @@ struct land_run {
 
 /* ---- answers ---- */
 
-static void read_landing(const struct land_run *r, const struct kiln_gpu_landing *l, uint64_t path,
+/* `aim`: of the path before it; becomes that of this one. */
+static void read_landing(const struct land_run *r, const struct kiln_gpu_landing *l, uint64_t path, size_t *aim,
                          struct kiln_land_result *result)
 {
+    *aim = kiln_aims_find_next(r->aims, path % r->aims->paths, *aim);
     const uint32_t length = l->end >> KILN_GPU_LAND_LENGTH;
     *result = (struct kiln_land_result){.point = KILN_NO_POINT,
                                         .flux = {l->flux[0], l->flux[1], l->flux[2]},
                                         .shading = l->shading,
                                         .taken_up = l->taken_up,
                                         .others = l->others,
-                                        .aim = (uint32_t)kiln_aims_find(r->aims, path % r->aims->paths),
+                                        .aim = (uint32_t)*aim,
                                         .end = (uint16_t)(l->end & KILN_GPU_LAND_END),
                                         .length = (uint16_t)length};
     if (r->shares)
@@ -72,12 +77,14 @@ static int take_over(struct land_run *r, uint32_t slot, struct kiln_error *error
     gpu_pacer_learn(&b->pacers[KILN_PASS_INDEX_land], p->count, seconds);
     const struct kiln_gpu_landing *landings = b->slots[slot].host.mapped;
     uint64_t rays = 0, stopped = 0;
-#pragma omp parallel for num_threads((int)b->threads) reduction(+ : rays, stopped) if (p->count > 1 << 14)
+    size_t aim = 0;
+#pragma omp parallel for num_threads((int)b->threads) reduction(+ : rays, stopped) firstprivate(aim) if (p->count > \
+                                                                                                           1 << 14)
     for (size_t i = 0; i < p->count; i++) {
         const uint32_t end = landings[i].end;
         rays += (end >> KILN_GPU_LAND_LENGTH) + ((end & KILN_GPU_LAND_MISSED) != 0 ? 1 : 0);
         stopped += (end & KILN_GPU_LAND_STOPPED) != 0;
-        read_landing(r, &landings[i], (uint64_t)p->first + i, &r->results[i]);
+        read_landing(r, &landings[i], (uint64_t)p->first + i, &aim, &r->results[i]);
     }
     if (stopped > 0)
         return kiln_fail(error, KILN_NO_DEVICE,
@@ -94,7 +101,8 @@ static int prepare(struct land_run *r, const struct kiln_land_parameters *p, siz
     struct vulkan_backend *b = r->b;
     r->aims = p->aims;
     r->shares = p->techniques != NULL && kiln_mis_has_factors(p->techniques->mis);
-    r->room = count < MOST_PATHS ? count : MOST_PATHS;
+    const size_t part = count / DISPATCHES + 1, filling = part > THREADS ? part : THREADS;
+    r->room = count < filling ? count : filling < MOST_PATHS ? filling : MOST_PATHS;
     kiln_store_build(&r->store, b->surface, b->params.geometry);
     int status = vulkan_surfaces(b, error);
     if (status == KILN_OK)
