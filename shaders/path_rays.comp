@@ -7,9 +7,9 @@
 
 KILN_PUSH(kiln_gpu_both_push);
 
-layout(constant_id = 6) const uint METHOD = KILN_GPU_RAYS_NEXT; /* KILN_GPU_RAYS_..., KILN_GPU_BOTH_POINTS or not */
+layout(constant_id = 6) const uint METHOD = KILN_GPU_RAYS_NEXT; /* KILN_GPU_RAYS_..., with KILN_GPU_BOTH_... */
 const uint ASKS = METHOD & KILN_GPU_BOTH_FORM;
-const bool POINTS = (METHOD & KILN_GPU_BOTH_POINTS) != 0u;
+const bool POINTS = (METHOD & KILN_GPU_BOTH_POINTS) != 0u, LANDS = (METHOD & KILN_GPU_BOTH_LANDS) != 0u;
 
 #include "shaders/bidirectional.glsl"
 #include "shaders/subpaths.glsl"
@@ -40,9 +40,8 @@ kiln_hit nearest(vec3 origin, vec3 direction, float limit, uint chance, bool loo
 /* Puts the slot to those whose paths have met gloss, or come through a body; or to the others. */
 void sort(uint slot, kiln_hit hit, uint body)
 {
-    const bool gloss =
-        body != KILN_GPU_NONE ||
-        (hit.triangle != KILN_GPU_NONE && (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u);
+    const bool gloss = body != KILN_GPU_NONE ||
+                       (hit.triangle != KILN_GPU_NONE && (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u);
     const uint place = gloss ? push.room + atomicAdd(TALLY.shadows, 1u) : atomicAdd(TALLY.paths, 1u);
     BothWords(push.onward + 4ul * place).at[0] = slot;
 }
@@ -51,14 +50,16 @@ void sort(uint slot, kiln_hit hit, uint body)
 void next(uint slot)
 {
     const kiln_gpu_subpath s = SUBPATH(slot);
-    const bool of_light = push.light != KILN_GPU_OF_CAMERA;
+    const bool of_light = LANDS || push.light != KILN_GPU_OF_CAMERA;
     if (POINTS && !of_light && POINT_PATH(slot).goes == 0u) {
 #ifdef KILN_GLOSS
         sort(slot, hit_of(KILN_GPU_NONE, 0.0, 0.0, 0.0), KILN_GPU_NONE);
 #endif
         return;
     }
-    if (of_light)
+    if (LANDS)
+        draw_for_landing(slot);
+    else if (of_light)
         draw_for_light(slot);
     else
         draw_for_eye(slot);

@@ -8,7 +8,7 @@
  *   path_pairs.comp     which vertices of light are connected to a path's vertex, or which photons merged with it
  *   path_connect.comp, path_merge.comp, path_splat.comp   do that, a thread a pair; and connect light to the camera
  *   point_paths.comp    paths of surface points: they begin, end
- *
+ *   land.comp, land_first.comp, land_on.comp   light paths that land (shaders/land.glsl)
  *
  * With POINTS paths begin at surface points (worker/pass/reference.h), where point_paths.comp takes the place of the
  * camera: the point is a vertex of its path, number 0, that has its bounce behind it.
@@ -17,6 +17,8 @@
  * before. */
 #ifndef KILN_SHADERS_SUBPATHS_GLSL
 #define KILN_SHADERS_SUBPATHS_GLSL
+
+#include "shaders/shared/layout_land_real.h"
 
 KILN_ARRAY(Subpaths, kiln_gpu_subpath, 4);
 KILN_ARRAY(EyeVertices, kiln_gpu_eye_vertex, 4);
@@ -28,9 +30,11 @@ KILN_ARRAY(BothPoints, kiln_gpu_both_points, 8);
 KILN_ARRAY(PointPaths, kiln_gpu_point_path, 4);
 KILN_ARRAY(PointRays, kiln_gpu_point_ray, 4);
 KILN_ARRAY(LitPoints, kiln_gpu_point, 8);
+KILN_ARRAY(LandPaths, kiln_gpu_land_path, 8);
 
 #define SUBPATH(slot) Subpaths(BOTH.subpaths + 128ul * (slot)).at[0]
 #define EYE_VERTEX(slot) EyeVertices(BOTH.eyes + 100ul * (slot)).at[0]
+#define LAND_PATH(slot) LandPaths(BOTH.lands).at[slot]
 #define LIGHT_VERTEX(number) LightVertices(BOTH.vertices + 76ul * (number)).at[0]
 #define SHADOW_RAY(number) ShadowRays(BOTH.shadows + 48ul * (number)).at[0]
 #define TALLY Tallies(push.tally).at[0]
@@ -78,12 +82,17 @@ uint point_chance(uint point)
 }
 uint point_key(uint point) { return kiln_hash1(point_chance(point) + KILN_REFERENCE_LIGHT_SEED); }
 
-/* The random numbers of the path of light in a slot, and of the camera's or the surface point's. */
+/* The random numbers of the path of light in a slot, of one that lands, and of the camera's or the surface point's. */
 void draw_for_light(uint slot)
 {
     const bool own = POINTS && push.light == KILN_GPU_OF_LIGHT_OWN;
     walk_key = own ? kiln_hash2(point_key(point_of(push.path + slot)), POINTS_THERE.light_seed) : push.light_key;
     walk_sample = own ? push.sampled : push.path + slot;
+}
+void draw_for_landing(uint slot)
+{
+    walk_key = LAND_PATH(slot).key;
+    walk_sample = LAND_PATH(slot).number;
 }
 void draw_for_eye(uint slot)
 {

@@ -7,6 +7,7 @@
 #define KILN_GPU_BOTH_OWN 8u      /* or only of the pixel's own */
 #define KILN_GPU_BOTH_POINTS 16u  /* paths begin at surface points (worker/pass/reference.h), not at a camera, */
 #define KILN_GPU_BOTH_ALONE 32u   /* and paths of light have no part in them */
+#define KILN_GPU_BOTH_LANDS 64u   /* paths are of light that lands (worker/pass/land.h), and there are no others */
 #define KILN_GPU_BOTH_FORM 15u    /* what is left is what else a kernel's own constant tells */
 
 /* A vertex of a path of light that is not of mirrors alone. */
@@ -154,6 +155,7 @@ struct kiln_gpu_both {
     KILN_ADDRESS begins, ends;     /* words: where each bucket begins and ends in `photons` */
     KILN_ADDRESS film;             /* three numbers of 64 bits a pixel, the lower half first: struct kiln_splat_film */
     KILN_ADDRESS subpaths, eyes;   /* of each slot: struct kiln_gpu_subpath, struct kiln_gpu_eye_vertex */
+    KILN_ADDRESS lands;            /* of each slot, where light lands: struct kiln_gpu_land_path */
     KILN_ADDRESS radiance;         /* of each slot: KILN_GPU_BOTH_SUM_WORDS words */
     KILN_ADDRESS pairs, shadows;   /* struct kiln_gpu_both_pair, struct kiln_gpu_shadow_ray */
     KILN_ADDRESS points;           /* struct kiln_gpu_both_points; 0: paths begin at a camera */
@@ -175,4 +177,4 @@ struct kiln_gpu_both {
     KILN_REAL32 radius; /* m, of merging; */
     KILN_REAL32 area;   /* m2, pi times its square times the paths whose vertices are merged; 0: none are */
 };
-KILN_SIZE_IS(kiln_gpu_both, 272);
+KILN_SIZE_IS(kiln_gpu_both, 280);

@@ -49,6 +49,14 @@ struct kiln_gpu_landing {
 };
 KILN_SIZE_IS(kiln_gpu_landing, 44);
 #define KILN_GPU_LAND_END 0xffu
-#define KILN_GPU_LAND_MISSED 0x100u  /* its last ray has met nothing */
-#define KILN_GPU_LAND_STOPPED 0x200u /* the device has ended a loop early */
+#define KILN_GPU_LAND_MISSED 0x100u /* its last ray has met nothing */
 #define KILN_GPU_LAND_LENGTH 16u
+
+/* Of a path under way (layout_land_real.h). */
+#define KILN_GPU_LAND_IS_POINT 1u  /* no ray meets its lamp, */
+#define KILN_GPU_LAND_HAS_PLACE 2u /* which is in the scene */
+#define KILN_GPU_LAND_IMAGED 4u    /* it comes as from the lamp's mirror image */
+
+/* The kernels' own constant. */
+#define KILN_GPU_LAND_BEGINS 1u /* of land.comp: paths begin; else they end */
+#define KILN_GPU_LAND_SHARES 2u /* landings share their light with other techniques */

@@ -235,16 +235,16 @@ KILN_OFFSET_IS(kiln_gpu_path_push, extent, 104);
 
 #include "shaders/shared/layout_bidirectional.h"
 
-/* The kernels of the bidirectional pass. A slot has a path under way. */
+/* The kernels of the bidirectional pass, and of light paths that land. A slot has a path under way. */
 struct kiln_gpu_both_push {
     KILN_ADDRESS scene;
     KILN_ADDRESS both;    /* struct kiln_gpu_both */
-    KILN_ADDRESS sums;    /* struct kiln_gpu_path_sums of slot 0; or words to set to 0 */
+    KILN_ADDRESS sums;    /* struct kiln_gpu_path_sums or kiln_gpu_landing of slot 0; or words to set to 0 */
     KILN_ADDRESS list;    /* words: the slots that threads have; 0: thread x has slot x */
     KILN_ADDRESS onward;  /* words: the slots whose paths go on are put here, or those sorted by what they met */
     KILN_ADDRESS tally;   /* struct kiln_gpu_both_tally */
     KILN_ADDRESS counter; /* a word: what is to be done, no more than `count` from `offset` on; 0: all of `count` is */
-    KILN_WORD64 pixel;    /* of slot 0; of splats: the first whose paths of light are connected to the camera */
+    KILN_WORD64 pixel;    /* of slot 0, or its light path that lands; of splats: the first that light is connected to */
     KILN_WORD64 pixels;   /* of splats: how many there are from it on */
     KILN_WORD count;      /* threads */
     KILN_WORD offset;     /* thread 0 is number `offset` of the list, the slots, pairs, rays or vertices */
@@ -277,18 +277,6 @@ KILN_OFFSET_IS(kiln_gpu_both_push, count, 72);
 #define KILN_GPU_PHOTONS_PLACE 3u
 
 #include "shaders/shared/layout_land.h"
-
-/* land.comp: light paths that land. */
-struct kiln_gpu_land_push {
-    KILN_ADDRESS scene;
-    KILN_ADDRESS both;    /* as in struct kiln_gpu_weighed_push */
-    KILN_ADDRESS results; /* struct kiln_gpu_landing of path `index` + i */
-    KILN_WORD64 index;    /* of the first path */
-    KILN_WORD count, threads, seed;
-    KILN_WORD reserved;
-};
-KILN_SIZE_IS(kiln_gpu_land_push, 48);
-KILN_OFFSET_IS(kiln_gpu_land_push, count, 32);
 
 /* weighed.comp: the weighed pass. */
 struct kiln_gpu_weighed_push {

@@ -1,13 +1,15 @@
 """Rays per second of whole bounce passes on a GPU, by traversal and scene, and one bake over several GPUs; what pairs
-of patches, links and states of kept rays take.
+of patches, links and states of kept rays take; rays of light paths that land, and of gathers with gloss and without.
 
-  /usr/bin/python3 tests/bench/gpu.py --kiln build/release/kiln [--gpus 1 2 4] [--only rates scaling pairs states links]
+  /usr/bin/python3 tests/bench/gpu.py --kiln build/release/kiln [--gpus 1 2 4] [--only rates scaling pairs states links
+      gloss]
 
 The aims on one H200 are 8, 2.5 and 2.0 billion rays a second in the Cornell box, at 250 thousand and at 4 million
 triangles. The bake is the city's, at least 16 million points; its table shows what of each pass the devices were busy.
 All pairs of 768 x 768 texels are to take 60 s a bounce, a state of 3 million points 20 ms, of sixteen at once 10.
 Links are of the statue's box with as many texels as 256 x 256 and 1024 x 1024: a bounce in which they are found, one
-in which they are added up, and a relight from them.
+in which they are added up, and a relight from them. With gloss, light paths that land are to trace 0.4 times the rays a
+second of the gather.
 """
 import json
 import os
@@ -121,7 +123,35 @@ def links(kiln, scene, sizes=((256, 17.7), (1024, 70.8))):
         bake.remove()
 
 
-WHAT = ('rates', 'scaling', 'pairs', 'states', 'links')
+def gloss(kiln):
+    """Rays a second of the device: of light paths that land, and of bounces and final gather, whose rays go on in
+    chains or, where materials are taken as diffuse, do not."""
+    table = harness.Table(('scene', 16), ('light paths', 11), ('rays', 8), ('device, s', 9), ('Grays/s', 8),
+                          ('gather, Grays/s', 15), ('share', 6), ('without gloss', 13))
+    scenes = [('cornell-spheres', measure.made(kiln, 'cornell-spheres'), 30)]
+    dining = os.path.join(harness.SHARED, 'third_party', 'dining_room.glb')
+    if os.path.exists(dining):
+        scenes.append(('dining room', dining, 20))
+    for name, scene, density in scenes:
+        paths, landed, gathers = 4 << 24, None, []
+        for materials in ('auto', 'diffuse'):
+            more = () if materials == 'diffuse' else ('--caustics', 'land', '--photons', paths // 4, '--iterations', 4)
+            bake = kiln.bake(scene, '--texels-per-metre', density, '--samples-direct', 16, '--samples-bounce', 64,
+                             '--samples-indirect', 256, '--samples-probe', 0, '--bounces', 2, '--denoise', 'none',
+                             '--no-export', '--materials', materials, *more, timeout=3600)
+            if bake.process.status != 0:
+                sys.exit('%s\nended with %d: %s' % (bake.process.line(), bake.process.status, bake.process.sentence()))
+            rays = bake.run['rays']
+            device = lambda *kinds: sum(b['device_seconds'] for b in bake.run['bounces'] if b['kind'] in kinds)
+            gathers.append((rays['bounces'] + rays['final']) / device('bounce', 'final') / 1e9)
+            landed = landed or (rays['caustics'], device('caustic'))
+            bake.remove()
+        speed = landed[0] / landed[1] / 1e9
+        table.row(name, '%.2g' % paths, '%.2g' % landed[0], '%.3f' % landed[1], '%.2f' % speed, '%.2f' % gathers[0],
+                  '%.2f' % (speed / gathers[0]), '%.2f' % gathers[1])
+
+
+WHAT = ('rates', 'scaling', 'pairs', 'states', 'links', 'gloss')
 
 
 def main():
@@ -134,6 +164,8 @@ def main():
         pairs(kiln, measure.made(kiln, 'cornell-spheres'))
     if 'links' in arguments.only:
         links(kiln, measure.made(kiln, *SCENES[1][1]))
+    if 'gloss' in arguments.only:
+        gloss(kiln)
     if 'states' in arguments.only:
         states(kiln, measure.made(kiln, 'cornell'))
     if not {'rates', 'scaling'} & set(arguments.only):

@@ -89,9 +89,8 @@ static int make_device_buffer(struct both_run *r, struct gpu_buffer *buffer, siz
     return gpu_buffer_create(r->b->gpu, buffer, size, GPU_DEVICE, what, error);
 }
 
-/* A buffer on the device of zeros. */
-static int make_zeros(struct both_run *r, struct gpu_buffer *buffer, size_t size, const char *what,
-                      struct kiln_error *error)
+int both_make_zeros(struct both_run *r, struct gpu_buffer *buffer, size_t size, const char *what,
+                    struct kiln_error *error)
 {
     const int status = make_device_buffer(r, buffer, size, what, error);
     return status == KILN_OK ? both_clear(r, buffer->address, size, error) : status;
@@ -141,11 +140,11 @@ static int begin_sums(struct both_run *r, struct kiln_error *error)
 {
     const bool points = (r->method & KILN_GPU_BOTH_POINTS) != 0;
     const size_t sums = points ? sizeof(struct kiln_gpu_point_sums) : sizeof(struct kiln_gpu_path_sums);
-    int status = make_zeros(r, &r->counts, sizeof(struct kiln_gpu_both_counts), "counts of paths", error);
+    int status = both_make_zeros(r, &r->counts, sizeof(struct kiln_gpu_both_counts), "counts of paths", error);
     if (status == KILN_OK)
-        status = make_zeros(r, &r->sums, r->count * sums, "the sums of paths", error);
+        status = both_make_zeros(r, &r->sums, r->count * sums, "the sums of paths", error);
     if (status == KILN_OK && (r->method & KILN_GPU_BOTH_SPLATS) != 0)
-        status = make_zeros(r, &r->film, 3 * sizeof(int64_t) * r->paths, "the film of paths of light", error);
+        status = both_make_zeros(r, &r->film, 3 * sizeof(int64_t) * r->paths, "the film of paths of light", error);
     return status;
 }
 
@@ -195,7 +194,7 @@ int both_upload(struct both_run *r, struct kiln_error *error)
     return gpu_upload(r->b->gpu, &r->all, 0, &r->shared, sizeof r->shared, error);
 }
 
-static int read_counts(struct both_run *r, struct kiln_gpu_both_counts *counts, struct kiln_error *error)
+int both_read_counts(struct both_run *r, struct kiln_gpu_both_counts *counts, struct kiln_error *error)
 {
     const int status = gpu_download(r->b->gpu, &r->counts, 0, counts, sizeof *counts, error);
     if (status == KILN_OK && counts->stopped != 0)
@@ -232,7 +231,7 @@ int both_trace_light(struct both_run *r, uint64_t first, uint64_t count, struct 
         if (status == KILN_OK)
             status = both_light_paths(r, first, count, error);
         if (status == KILN_OK)
-            status = read_counts(r, counts, error);
+            status = both_read_counts(r, counts, error);
         fits = status == KILN_OK && counts->vertices <= r->shared.room;
         if (status == KILN_OK && !fits && r->shared.room >= UINT32_MAX / 2)
             return kiln_fail(error, KILN_NO_DEVICE, "paths of light have more than 2^31 vertices in a sample");
@@ -284,7 +283,7 @@ int both_follow(struct both_run *r, uint64_t first, uint64_t count, struct kiln_
 {
     struct kiln_gpu_both_counts counts;
     const int status = both_eye_paths(r, first, count, error);
-    return status == KILN_OK ? read_counts(r, &counts, error) : status;
+    return status == KILN_OK ? both_read_counts(r, &counts, error) : status;
 }
 
 static int run_sample(struct both_run *r, uint32_t k, struct kiln_error *error)

@@ -1,5 +1,6 @@
-/* Paths that go both ways on the device: private to bidirectional.c, which says what a sample is and has its memory,
- * reference.c, whose paths begin at surface points, and bidirectional_stages.c, which runs the kernels of both. */
+/* Paths that go both ways on the device, surface by surface: private to bidirectional.c, which says what a sample is
+ * and has its memory, reference.c, whose paths begin at surface points, land.c, whose paths of light land there, and
+ * bidirectional_stages.c, which runs the kernels of all. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_BIDIRECTIONAL_H
 #define KILN_WORKER_BACKEND_VULKAN_BIDIRECTIONAL_H
 
@@ -24,6 +25,7 @@ struct both_run {
     uint64_t paths;        /* of light in a sample, or those that are merged */
     uint32_t light_of;     /* KILN_GPU_OF_LIGHT..., of those that are traced next */
     bool buried;           /* of surface points: some that are partly buried begin next */
+    bool shares;           /* of paths that land: they share their light with other techniques */
     uint64_t rays;         /* that were traced */
     struct kiln_emission *emission;
     /* Whether paths that have met gloss and the others have kernels of their own: code for gloss makes a kernel slow
@@ -31,7 +33,7 @@ struct both_run {
     bool sorts;
     struct both_stage light_diffuse, eye_diffuse; /* of those others */
     struct both_stage light, eye, eye_ends, next, to_paths, to_camera, connected, near, connect, merge, splat, photon,
-        buried_begin;
+        buried_begin, begin_landing, met_first;
     struct gpu_buffer chances, nodes, all, counts, vertices, last, photons, buckets, film, sums;
     struct gpu_buffer points, point_paths, point_rays; /* of paths from surface points */
     struct gpu_buffer brought;                         /* of the host: the film, or the sums of pixels */
@@ -39,11 +41,12 @@ struct both_run {
     /* of paths under way: so many slots, and what hangs on each; lists of slots; what dispatches leave to do, of which
      * the last is copied to the host */
     uint32_t slots, pair_room, shadow_room;
-    struct gpu_buffer subpaths, eyes, radiance, lists, pairs, shadows, tallies, answer;
+    struct gpu_buffer subpaths, eyes, lands, radiance, lists, pairs, shadows, tallies, answer;
     uint32_t tally; /* the next */
     /* dispatches that are handed over together */
     struct both_queue {
         size_t count;
+        size_t left;    /* of paths that land: the last whose tally tells how many go on */
         uint32_t tally; /* that of the first */
         double seconds; /* that they take, as far as is known */
         bool known;     /* it is, for all */
@@ -79,6 +82,18 @@ int both_clear(struct both_run *r, uint64_t address, uint64_t size, struct kiln_
  * left to do. */
 int both_run_stage(struct both_run *r, const struct both_stage *stage, uint64_t first, uint64_t count,
                    struct kiln_gpu_both_tally *tally, struct kiln_error *error);
+
+/* Puts words of zeros into a buffer on the device, which is made where it is too small. */
+int both_make_zeros(struct both_run *r, struct gpu_buffer *buffer, size_t size, const char *what,
+                    struct kiln_error *error);
+/* Fails where the device has ended a loop early, or where one path has brought more than sums hold. */
+int both_read_counts(struct both_run *r, struct kiln_gpu_both_counts *counts, struct kiln_error *error);
+
+/* Of paths of light that land: hands over that `count` begin, and their first surfaces, as many as a queue is for;
+ * both_wait_for_landings then waits for them and follows to their ends those that are left. The slot is free after it,
+ * or after a failure of either. *seconds: of what was handed over. */
+int both_begin_landings(struct both_run *r, uint32_t slot, uint32_t count, struct kiln_error *error);
+int both_wait_for_landings(struct both_run *r, uint32_t slot, double *seconds, struct kiln_error *error);
 
 /* Traces paths of light first .. first + count - 1 of a sample, as many as there are slots at once. */
 int both_light_paths(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error);

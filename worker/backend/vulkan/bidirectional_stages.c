@@ -1,7 +1,7 @@
-/* The kernels of the bidirectional pass, one after the other: each does a part of what a surface asks for, of all paths
- * under way (shaders/subpaths.glsl). Paths that end leave the list of those under way, so that kernels have work in all
- * their threads; what paths bring is summed exactly, so that results depend neither on the order nor on how many run
- * at once. */
+/* The kernels of the bidirectional pass, and of light paths that land, one after the other: each does a part of what a
+ * surface asks for, of all paths under way (shaders/subpaths.glsl). Paths that end leave the list of those under way,
+ * so that kernels have work in all their threads; what paths bring is summed exactly, so that results depend neither on
+ * the order nor on how many run at once. */
 #include <stddef.h>
 #include <stdint.h> /* before the shaders */
 #include <string.h>
@@ -10,6 +10,12 @@
 #include "shaders/eye_paths_float.h"
 #include "shaders/eye_paths_gloss.h"
 #include "shaders/eye_paths_gloss_float.h"
+#include "shaders/land.h"
+#include "shaders/land_first.h"
+#include "shaders/land_first_float.h"
+#include "shaders/land_float.h"
+#include "shaders/land_on.h"
+#include "shaders/land_on_float.h"
 #include "shaders/light_paths.h"
 #include "shaders/light_paths_float.h"
 #include "shaders/light_paths_gloss.h"
@@ -47,6 +53,10 @@
 #include "shaders/point_paths_pipeline.h"
 #include "shaders/point_paths_pipeline_float.h"
 #include "worker/backend/vulkan/bidirectional.h"
+
+#define KILN_STORED_REAL double /* which takes the more room */
+#define KILN_STORED_NAME(name) name
+#include "shaders/shared/layout_land_real.h"
 
 #define SHADER_WITH_GLOSS(shader, text)                                                                                \
     static const struct vulkan_shader shader##_with_gloss = {.name = text " with gloss",                               \
@@ -88,6 +98,14 @@ static const struct vulkan_shader path_pairs_shader = {
     .name = "pairs of vertices", .compute = VULKAN_CODE(path_pairs), .compute_float = VULKAN_CODE(path_pairs_float)};
 static const struct vulkan_shader photons_shader = {
     .name = "buckets of photons", .compute = VULKAN_CODE(photons), .compute_float = VULKAN_CODE(photons_float)};
+static const struct vulkan_shader land_shader = {
+    .name = "light paths that land", .compute = VULKAN_CODE(land), .compute_float = VULKAN_CODE(land_float)};
+static const struct vulkan_shader land_first_shader = {.name = "light paths that land, at first surfaces",
+                                                       .compute = VULKAN_CODE(land_first),
+                                                       .compute_float = VULKAN_CODE(land_first_float)};
+static const struct vulkan_shader land_on_shader = {.name = "light paths that land, at gloss",
+                                                    .compute = VULKAN_CODE(land_on),
+                                                    .compute_float = VULKAN_CODE(land_on_float)};
 
 /* Paths under way at most; where pacers begin, and the fewest threads of a dispatch, of which a GPU runs thousands side
  * by side (a software device a handful); what dispatches leave to do until that is set to 0 again; pairs for a path
@@ -103,6 +121,8 @@ enum {
     PAIRS_OF_FEW = 16,  /* the same where few paths are under way */
     LIGHT_SURFACES = 4, /* of paths of light, handed over together */
     EYE_SURFACES = 4,   /* of paths of the camera, at most */
+    LAND_SURFACES = 4,  /* of paths that land: at first, */
+    LAND_MORE = 16,     /* and of the fewer that are left */
     LISTS = 4           /* of slots: that of paths under way and the next; of those that have met gloss, and others */
 };
 
@@ -115,20 +135,29 @@ static uint64_t shadows_of_path(const struct both_run *r)
     return samples > PAIRS ? samples : PAIRS;
 }
 
+static bool lands(const struct both_run *r) { return (r->method & KILN_GPU_BOTH_LANDS) != 0; }
 static bool from_points(const struct both_run *r) { return (r->method & KILN_GPU_BOTH_POINTS) != 0; }
 static uint64_t sum_words(const struct both_run *r)
 {
     return from_points(r) ? KILN_GPU_BOTH_POINT_WORDS : KILN_GPU_BOTH_SUM_WORDS;
 }
 
+/* Bytes. */
+static uint64_t room_of_slot(const struct both_run *r)
+{
+    const bool points = from_points(r);
+    const uint64_t a_ray = sizeof(struct kiln_gpu_shadow_ray) + (points ? sizeof(struct kiln_gpu_point_ray) : 0),
+                   any = sizeof(struct kiln_gpu_subpath) + LISTS * sizeof(uint32_t);
+    return lands(r) ? any + sizeof(struct kiln_gpu_land_path)
+                    : any + sizeof(struct kiln_gpu_eye_vertex) + sum_words(r) * sizeof(uint32_t) +
+                          PAIRS * sizeof(struct kiln_gpu_both_pair) + shadows_of_path(r) * a_ray +
+                          (points ? sizeof(struct kiln_gpu_point_path) : 0);
+}
+
 static void choose_slots(struct both_run *r)
 {
     const bool points = from_points(r);
-    const uint64_t a_ray = sizeof(struct kiln_gpu_shadow_ray) + (points ? sizeof(struct kiln_gpu_point_ray) : 0);
-    const uint64_t each = sizeof(struct kiln_gpu_subpath) + sizeof(struct kiln_gpu_eye_vertex) +
-                          (sum_words(r) + LISTS) * sizeof(uint32_t) + PAIRS * sizeof(struct kiln_gpu_both_pair) +
-                          shadows_of_path(r) * a_ray + (points ? sizeof(struct kiln_gpu_point_path) : 0);
-    uint64_t slots = r->b->scratch_most / each, paths = r->count;
+    uint64_t slots = r->b->scratch_most / room_of_slot(r), paths = r->count;
     const uint64_t most = gpu_about(r->b->gpu)->software ? MOST_SLOTS_SOFTWARE : MOST_SLOTS;
     if ((r->method & KILN_GPU_BOTH_MERGES) != 0)
         paths = points && paths > r->paths ? paths : r->paths;
@@ -141,6 +170,7 @@ static void choose_slots(struct both_run *r)
 
 static int create_slots(struct both_run *r, struct kiln_error *error)
 {
+    const bool both = !lands(r);
     const struct {
         struct gpu_buffer *buffer;
         size_t each, count;
@@ -149,11 +179,12 @@ static int create_slots(struct both_run *r, struct kiln_error *error)
         {&r->subpaths, sizeof(struct kiln_gpu_subpath), r->slots, "paths under way"},
         {&r->point_paths, sizeof(struct kiln_gpu_point_path), from_points(r) ? r->slots : 0, "paths of points"},
         {&r->point_rays, sizeof(struct kiln_gpu_point_ray), from_points(r) ? r->shadow_room : 0, "rays of points"},
-        {&r->eyes, sizeof(struct kiln_gpu_eye_vertex), r->slots, "vertices of paths under way"},
-        {&r->radiance, (size_t)sum_words(r) * sizeof(uint32_t), r->slots, "what paths have brought"},
+        {&r->lands, sizeof(struct kiln_gpu_land_path), both ? 0 : r->slots, "light paths under way"},
+        {&r->eyes, sizeof(struct kiln_gpu_eye_vertex), both ? r->slots : 0, "vertices of paths under way"},
+        {&r->radiance, (size_t)sum_words(r) * sizeof(uint32_t), both ? r->slots : 0, "what paths have brought"},
         {&r->lists, LISTS * sizeof(uint32_t), r->slots, "lists of paths under way"},
-        {&r->pairs, sizeof(struct kiln_gpu_both_pair), r->pair_room, "pairs of vertices"},
-        {&r->shadows, sizeof(struct kiln_gpu_shadow_ray), r->shadow_room, "shadow rays"},
+        {&r->pairs, sizeof(struct kiln_gpu_both_pair), both ? r->pair_room : 0, "pairs of vertices"},
+        {&r->shadows, sizeof(struct kiln_gpu_shadow_ray), both ? r->shadow_room : 0, "shadow rays"},
         {&r->tallies, sizeof(struct kiln_gpu_both_tally), TALLIES, "what dispatches leave to do"}};
     int status = gpu_buffer_create(r->b->gpu, &r->answer, BOTH_QUEUE * sizeof(struct kiln_gpu_both_tally), GPU_HOST,
                                    "what dispatches leave to do", error);
@@ -163,6 +194,7 @@ static int create_slots(struct both_run *r, struct kiln_error *error)
                 gpu_buffer_create(r->b->gpu, of[i].buffer, of[i].each * of[i].count, GPU_DEVICE, of[i].what, error);
     r->shared.subpaths = r->subpaths.address;
     r->shared.eyes = r->eyes.address;
+    r->shared.lands = r->lands.address;
     r->shared.radiance = r->radiance.address;
     r->shared.pairs = r->pairs.address;
     r->shared.shadows = r->shadows.address;
@@ -179,9 +211,11 @@ int both_kernels(struct both_run *r, struct kiln_error *error)
 {
     const bool connects = (r->method & KILN_GPU_BOTH_CONNECTS) != 0, merges = (r->method & KILN_GPU_BOTH_MERGES) != 0,
                splats = (r->method & KILN_GPU_BOTH_SPLATS) != 0, own = (r->method & KILN_GPU_BOTH_OWN) != 0,
-               alone = (r->method & KILN_GPU_BOTH_ALONE) != 0;
-    const uint32_t points = r->method & KILN_GPU_BOTH_POINTS;
-    r->sorts = r->b->materials.gloss;
+               alone = (r->method & KILN_GPU_BOTH_ALONE) != 0, land = lands(r), both = !land;
+    const uint32_t points = r->method & KILN_GPU_BOTH_POINTS,
+                   next = r->method & (KILN_GPU_BOTH_POINTS | KILN_GPU_BOTH_LANDS),
+                   shares = r->shares ? KILN_GPU_LAND_SHARES : 0;
+    r->sorts = r->b->materials.gloss || land;
     const struct vulkan_shader *ends = points != 0 ? &point_paths_shader
                                        : r->sorts  ? &eye_paths_diffuse
                                                    : &eye_paths_shader;
@@ -189,14 +223,19 @@ int both_kernels(struct both_run *r, struct kiln_error *error)
         struct both_stage *stage;
         const struct vulkan_shader *shader;
         uint32_t constant;
-        enum vulkan_pace pace;
+        size_t pace;
         bool wanted;
-    } of[] = {{&r->light, &light_paths_shader, points, VULKAN_PACE_LIGHT_PATHS, !alone},
-              {&r->eye, &eye_paths_shader, r->method, VULKAN_PACE_EYE_PATHS, true},
-              {&r->light_diffuse, &light_paths_diffuse, points, VULKAN_PACE_LIGHT_DIFFUSE, r->sorts && !alone},
-              {&r->eye_diffuse, &eye_paths_diffuse, r->method, VULKAN_PACE_EYE_DIFFUSE, r->sorts},
-              {&r->eye_ends, ends, r->method, VULKAN_PACE_EYE_ENDS, true},
-              {&r->next, &path_rays_shader, KILN_GPU_RAYS_NEXT | points, VULKAN_PACE_PATH_RAYS, true},
+    } of[] = {{&r->light, &light_paths_shader, points, VULKAN_PACE_LIGHT_PATHS, both && !alone},
+              {&r->eye, &eye_paths_shader, r->method, VULKAN_PACE_EYE_PATHS, both},
+              {&r->light_diffuse, &light_paths_diffuse, points, VULKAN_PACE_LIGHT_DIFFUSE, both && r->sorts && !alone},
+              {&r->eye_diffuse, &eye_paths_diffuse, r->method, VULKAN_PACE_EYE_DIFFUSE, both && r->sorts},
+              {&r->eye_ends, ends, r->method, VULKAN_PACE_EYE_ENDS, both},
+              {&r->begin_landing, &land_shader, KILN_GPU_LAND_BEGINS | shares, KILN_PASS_INDEX_land, land},
+              {&r->met_first, &land_first_shader, shares, KILN_PASS_INDEX_land, land},
+              {&r->light, &land_on_shader, shares, KILN_PASS_INDEX_land, land},
+              {&r->light_diffuse, &land_shader, shares, KILN_PASS_INDEX_land, land},
+              {&r->next, land ? &path_rays_with_gloss : &path_rays_shader, KILN_GPU_RAYS_NEXT | next,
+               land ? KILN_PASS_INDEX_land : VULKAN_PACE_PATH_RAYS, true},
               {&r->to_paths, &path_rays_shader, KILN_GPU_RAYS_TO_PATHS | points, VULKAN_PACE_SHADOW_RAYS, connects},
               {&r->to_camera, &path_rays_shader, KILN_GPU_RAYS_TO_CAMERA, VULKAN_PACE_CAMERA_RAYS, splats},
               {&r->connected, &path_pairs_shader, KILN_GPU_PAIRS_CONNECTED, VULKAN_PACE_PAIRS, links(r)},
@@ -213,9 +252,10 @@ int both_kernels(struct both_run *r, struct kiln_error *error)
             wishes[count++] = (struct vulkan_wish){.shader = of[i].shader, .own = of[i].constant};
     vulkan_kernels_at_once(r->b, wishes, count);
     for (size_t i = 0; i < sizeof of / sizeof of[0] && status == KILN_OK; i++) {
+        if (!of[i].wanted)
+            continue;
         of[i].stage->pace = of[i].pace;
-        if (of[i].wanted)
-            status = vulkan_kernel_of(r->b, of[i].shader, false, of[i].constant, &of[i].stage->kernel, error);
+        status = vulkan_kernel_of(r->b, of[i].shader, false, of[i].constant, &of[i].stage->kernel, error);
     }
     return status;
 }
@@ -229,8 +269,8 @@ int both_stages_create(struct both_run *r, struct kiln_error *error)
 
 void both_stages_destroy(struct both_run *r)
 {
-    struct gpu_buffer *buffers[] = {&r->subpaths, &r->eyes,    &r->radiance, &r->lists,       &r->pairs,
-                                    &r->shadows,  &r->tallies, &r->answer,   &r->point_paths, &r->point_rays};
+    struct gpu_buffer *buffers[] = {&r->subpaths, &r->eyes,    &r->lands,  &r->radiance,    &r->lists,     &r->pairs,
+                                    &r->shadows,  &r->tallies, &r->answer, &r->point_paths, &r->point_rays};
     for (size_t i = 0; i < sizeof buffers / sizeof buffers[0]; i++)
         gpu_buffer_destroy(r->b->gpu, buffers[i]);
 }
@@ -370,8 +410,8 @@ static bool fits_slice(const struct both_run *r)
     return r->queue.known && r->queue.seconds < 0.8 * gpu_slice(r->b->gpu);
 }
 
-/* Runs the queue. *tallies: of each dispatch, valid until the next is run. */
-static int run_queue(struct both_run *r, const struct kiln_gpu_both_tally **tallies, struct kiln_error *error)
+/* Ends the queue: all of its tallies come to r->answer. */
+static void end_queue(struct both_run *r)
 {
     struct both_queue *q = &r->queue;
     q->steps[q->count] = (struct gpu_step){.from = &r->tallies,
@@ -379,8 +419,14 @@ static int run_queue(struct both_run *r, const struct kiln_gpu_both_tally **tall
                                            .from_offset = q->tally * sizeof(struct kiln_gpu_both_tally),
                                            .size = q->count * sizeof(struct kiln_gpu_both_tally)};
     r->tally += (uint32_t)q->count;
+}
+
+/* Runs the queue. *tallies: of each dispatch, valid until the next is run. */
+static int run_queue(struct both_run *r, const struct kiln_gpu_both_tally **tallies, struct kiln_error *error)
+{
+    end_queue(r);
     *tallies = r->answer.mapped;
-    return gpu_run(r->b->gpu, q->steps, q->count + 1, NULL, error);
+    return gpu_run(r->b->gpu, r->queue.steps, r->queue.count + 1, NULL, error);
 }
 
 /* ---- paths ---- */
@@ -541,6 +587,65 @@ int both_light_paths(struct both_run *r, uint64_t first, uint64_t count, struct 
     for (uint64_t done = 0; done < count && status == KILN_OK; done += r->slots) {
         const uint64_t left = count - done;
         status = trace_light_paths(r, first + done, left < r->slots ? left : r->slots, error);
+    }
+    return status;
+}
+
+/* ---- light paths that land ---- */
+
+/* Adds `surfaces` surfaces of at most `most` paths, as many as the word at `counter` says; the list that is `turn`'s
+ * has their slots. The last entry of the queue tells how many go on. */
+static void add_landings(struct both_run *r, uint32_t turn, uint32_t surfaces, uint64_t most, uint64_t counter)
+{
+    for (uint32_t k = 0; k < surfaces; k++) {
+        r->push.list = list_of(r, turn + k);
+        r->push.onward = list_of(r, turn + k + 1);
+        const size_t number = add_surface(r, &r->light_diffuse, &r->light, most, counter);
+        counter = tally_address(r, number, offsetof(struct kiln_gpu_both_tally, paths));
+        r->queue.left = number;
+    }
+}
+
+/* All paths begin and come to their first surfaces; those that have met their targets go on from there. */
+static uint64_t add_first_landings(struct both_run *r, uint32_t count)
+{
+    const size_t paths = offsetof(struct kiln_gpu_both_tally, paths);
+    r->push.list = 0;
+    r->push.onward = list_of(r, 0);
+    const size_t begun = add(r, &r->begin_landing, count, 0);
+    r->push.list = list_of(r, 0);
+    r->push.onward = list_of(r, 1);
+    const size_t met = add_surface(r, &r->light_diffuse, &r->met_first, count, tally_address(r, begun, paths));
+    r->push.list = list_of(r, 1);
+    r->push.onward = list_of(r, 0);
+    const size_t gone_on = add(r, &r->light, count, tally_address(r, met, paths));
+    return tally_address(r, gone_on, paths);
+}
+
+int both_begin_landings(struct both_run *r, uint32_t slot, uint32_t count, struct kiln_error *error)
+{
+    const int status = begin_queue(r, error);
+    if (status != KILN_OK)
+        return status;
+    r->push.light = KILN_GPU_OF_LIGHT;
+    add_landings(r, 0, LAND_SURFACES - 1, count, add_first_landings(r, count));
+    end_queue(r);
+    return gpu_submit(r->b->gpu, slot, r->queue.steps, r->queue.count + 1, error);
+}
+
+int both_wait_for_landings(struct both_run *r, uint32_t slot, double *seconds, struct kiln_error *error)
+{
+    const struct kiln_gpu_both_tally *tallies = r->answer.mapped;
+    uint32_t turn = LAND_SURFACES - 1;
+    int status = gpu_wait(r->b->gpu, slot, seconds, error);
+    uint32_t left = status == KILN_OK ? tallies[r->queue.left].paths : 0;
+    for (; status == KILN_OK && left > 0; turn += LAND_MORE) {
+        status = begin_queue(r, error);
+        if (status != KILN_OK)
+            break;
+        add_landings(r, turn, LAND_MORE, left, 0);
+        status = run_queue(r, &tallies, error);
+        left = status == KILN_OK ? tallies[r->queue.left].paths : 0;
     }
     return status;
 }

@@ -1,7 +1,5 @@
 #include "worker/backend/vulkan/techniques.h"
 
-#include <string.h>
-
 #include "worker/backend/mirror_images.h"
 #include "worker/backend/vulkan/vulkan.h"
 #include "worker/base/memory.h"
@@ -99,10 +97,12 @@ static uint64_t upload_even(struct uploading *u, const struct kiln_aims *aims)
 
 /* How many lights there are, and where they are weighed the light tree, upwards. */
 static struct kiln_gpu_both describe_lights(struct uploading *u, const struct kiln_lights *lights,
-                                            const struct kiln_caustic_techniques *techniques)
+                                            const struct kiln_caustic_techniques *techniques,
+                                            const struct kiln_gpu_both *under_way)
 {
-    struct kiln_gpu_both both;
-    memset(&both, 0, sizeof both);
+    struct kiln_gpu_both both = {0};
+    if (under_way != NULL)
+        both = *under_way;
     both.lights = (uint32_t)(lights->area_count + lights->point_count + lights->directional_count + 1);
     if (techniques == NULL)
         return both;
@@ -113,7 +113,8 @@ static struct kiln_gpu_both describe_lights(struct uploading *u, const struct ki
 }
 
 int vulkan_techniques_create(struct vulkan_backend *b, const struct kiln_aims *aims,
-                             const struct kiln_caustic_techniques *techniques, struct kiln_error *error)
+                             const struct kiln_caustic_techniques *techniques, const struct kiln_gpu_both *under_way,
+                             struct kiln_error *error)
 {
     const size_t triangles = b->params.geometry->triangle_count;
     struct root root;
@@ -133,7 +134,7 @@ int vulkan_techniques_create(struct vulkan_backend *b, const struct kiln_aims *a
         .target_count = (uint32_t)aims->targets.count,
         .centre = vec3_of(aims->centre),
         .radius = (float)aims->radius};
-    root.both = describe_lights(&u, aims->lights, techniques);
+    root.both = describe_lights(&u, aims->lights, techniques, under_way);
     if (techniques != NULL) {
         root.land.mis = (uint32_t)techniques->mis;
         root.land.iterations = (float)techniques->iterations;

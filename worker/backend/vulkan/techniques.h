@@ -7,6 +7,7 @@
 #include "worker/backend/vulkan/layout.h"
 
 struct kiln_aims;
+struct kiln_gpu_both;
 struct vulkan_backend;
 struct kiln_caustic_techniques;
 
@@ -19,10 +20,12 @@ struct vulkan_techniques {
 };
 
 /* Uploads into b->techniques, which holds nothing yet, the aims, which are shared out, and of `techniques`, NULL where
- * there are none, what kernels read. Both are read only during the call. Release with vulkan_techniques_release, also
+ * there are none, what kernels read; with what `under_way` has of paths under way (NULL: nothing). All are read only
+ * during the call. Release with vulkan_techniques_release, also
  * after a failure; a device that is made anew has none. */
 int vulkan_techniques_create(struct vulkan_backend *b, const struct kiln_aims *aims,
-                             const struct kiln_caustic_techniques *techniques, struct kiln_error *error);
+                             const struct kiln_caustic_techniques *techniques, const struct kiln_gpu_both *under_way,
+                             struct kiln_error *error);
 void vulkan_techniques_release(struct vulkan_backend *b);
 
 #endif

@@ -196,7 +196,7 @@ struct vulkan_backend {
     uint64_t link_keys[VULKAN_LINK_ARRAYS];               /* hashes of what they hold */
     struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
     struct gpu_pacer pacers[VULKAN_PACES];
-    struct both_run *both; /* what the bidirectional pass has made, for its next call; or NULL */
+    struct both_run *both; /* what the bidirectional or the land pass has made, for its next call; or NULL */
     double light_vertices; /* of a path of light that are kept, as far as is known: what there is room for */
     double build_seconds;
     char device_text[128]; /* the device and how it traces; stays when it is gone */
@@ -238,7 +238,7 @@ typedef int (*vulkan_run_left)(struct vulkan_backend *b, const void *parameters,
 int vulkan_run_to_end(struct vulkan_backend *b, vulkan_run_left run_left, const void *parameters,
                       const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
 
-/* Gives back what the bidirectional pass keeps from one call to the next. */
+/* Gives back what the bidirectional or the land pass keeps from one call to the next. */
 void vulkan_bidirectional_release(struct vulkan_backend *b);
 
 /* Answers of pixels from their sums on the device; adds up their rays. KILN_NO_DEVICE: the device has ended a loop

@@ -49,7 +49,7 @@ static int prepare(struct vulkan_backend *b, void *context, struct kiln_error *e
     vulkan_techniques_release(b);
     int status = vulkan_surfaces(b, error);
     if (status == KILN_OK && r->techniques->aims != NULL) /* else nothing bends light, and no chain begins */
-        status = vulkan_techniques_create(b, r->techniques->aims, r->techniques, error);
+        status = vulkan_techniques_create(b, r->techniques->aims, r->techniques, NULL, error);
     if (status == KILN_OK)
         status = upload_areas(b, r->batch, &r->own[1], error);
     r->own[0] = b->techniques.both;

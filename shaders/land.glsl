@@ -1,0 +1,88 @@
+/* Light paths that land (worker/pass/land.h), while they are under way, surface by surface, all together: each has a
+ * slot (shaders/subpaths.glsl), and the kernels are
+ *
+ *   land.comp        paths begin; or they end on what is only diffuse, or in nothing
+ *   path_rays.comp   the surfaces that their rays meet; it puts those with gloss apart
+ *   land_first.comp  of first surfaces, which have gloss, how densely rays come there
+ *   land_on.comp     how paths land on gloss, or go on from there
+ *
+ * Ways, random numbers and estimators are those of worker/backend/embree/land.c. */
+KILN_PUSH(kiln_gpu_both_push);
+
+layout(constant_id = 6) const uint METHOD = 0u; /* KILN_GPU_LAND_BEGINS, KILN_GPU_LAND_SHARES or not */
+const bool BEGINS = (METHOD & KILN_GPU_LAND_BEGINS) != 0u, SHARES = (METHOD & KILN_GPU_LAND_SHARES) != 0u,
+           POINTS = false;
+
+#include "shaders/bidirectional.glsl"
+#include "shaders/subpaths.glsl"
+#include "shaders/techniques.glsl"
+#include "shaders/shared/land.h"
+
+KILN_ARRAY(LandingArray, kiln_gpu_landing, 4);
+
+const uint ASTRAY = 0u, LANDED = 1u, ESCAPED = 2u, BLOCKED = 3u, ABSORBED = 4u; /* enum kiln_land_end */
+const float FLOAT_MOST = 3.40282347e38;
+
+uint slot;
+kiln_gpu_subpath path;
+kiln_gpu_land_path more;
+kiln_hit hit;
+vec3 weight; /* what is left at the surface of what the path began with */
+
+/* The path in the slot, whose ray has met a surface. */
+void load()
+{
+    path = SUBPATH(slot);
+    more = LAND_PATH(slot);
+    hit = hit_of(path.triangle, path.u, path.v, path.distance);
+    weight = vec3_in(path.weight) * vec3_in(path.tint);
+}
+
+kiln_caustic_landing sums_then()
+{
+    return kiln_caustic_landing(real(more.place_or_sums[0]), real(more.place_or_sums[1]), real(more.place_or_sums[2]));
+}
+
+void keep_sums(kiln_caustic_landing sums)
+{
+    LAND_PATH(slot).place_or_sums = real[3](sums.hit, sums.sampled, sums.last);
+}
+
+real3 flux_then() { return real3_of(more.flux); }
+
+/* A path that ends after `length` surfaces and lands nowhere. */
+kiln_gpu_landing landing_of(uint end, uint length)
+{
+    return kiln_gpu_landing(float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, KILN_GPU_NONE,
+                            end | length << KILN_GPU_LAND_LENGTH);
+}
+
+/* One that lands on its surface, with `taken_up` of its flux. */
+kiln_gpu_landing land(Vertex v, float taken_up)
+{
+    kiln_gpu_landing landing = landing_of(LANDED, path.surface);
+    const float above = dot(v.m.normal, v.from);
+    landing.u = hit.u;
+    landing.v = hit.v;
+    landing.triangle =
+        (more.flags & KILN_GPU_LAND_IMAGED) != 0u ? KILN_GPU_NONE : hit.triangle | (hit.back ? KILN_GPU_BOTH_BACK : 0u);
+    landing.shading = above > 0.0 ? max(0.0, dot(v.m.shading, v.from)) / above : 1.0;
+    landing.taken_up = taken_up;
+    if (SHARES) {
+        const kiln_caustic_landing sums = sums_then();
+        const real squared = real(hit.distance) * real(hit.distance);
+        const real others = kiln_caustic_others(LAND.mis, sums, real(LAND.connections), squared, real(abs(above)));
+        landing.others = float(min(others, real(FLOAT_MOST)));
+        landing.sampled = float(min(sums.sampled / KILN_REAL_PI, real(FLOAT_MOST)));
+    }
+    return landing;
+}
+
+/* The path's answer. */
+void finish(kiln_gpu_landing landing, real3 flux)
+{
+    const uint end = landing.end & KILN_GPU_LAND_END;
+    if (end == LANDED || end == ESCAPED || end == BLOCKED)
+        landing.flux = floats_of(vec3(flux * real3(weight)));
+    LandingArray(push.sums + 44ul * slot).at[0] = landing;
+}

@@ -1,0 +1,60 @@
+/* Light paths that land (shaders/land.glsl), where their first rays have met gloss: whether that is their target, how
+ * densely rays come there, and what other techniques have of it. How they go on from there is another kernel's. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#define KILN_GLOSS 1
+#include "shaders/kernel.glsl"
+#include "shaders/shared/color.h"
+
+#include "shaders/land.glsl"
+
+/* What the path began with, as far as its density asks for it. */
+AimedRay first_ray()
+{
+    return AimedRay(path.origin, path.direction, real3(0), real(more.range), more.light, real3_of(more.place_or_sums),
+                    real(more.cosine), (more.flags & KILN_GPU_LAND_HAS_PLACE) != 0u,
+                    (more.flags & KILN_GPU_LAND_IS_POINT) != 0u, more.triangle);
+}
+
+/* The densities of the other techniques over the path's own. */
+kiln_caustic_landing sums_at(AimedRay first)
+{
+    const Vertex v = vertex_make(hit, path.direction, true);
+    const Lit lit = lit_of(v);
+    const real3 from = real3(first.direction), way = real3(v.m.position) - first.place;
+    return kiln_caustic_emit(techniques_connect(first.light, lit, first.place, from),
+                             techniques_emission(first.light, lit, first.place, from), first.cosine, first.is_point,
+                             first.has_place ? dot(way, way) : real(1), real(abs(dot(v.m.normal, v.from))));
+}
+
+void arrive()
+{
+    const AimedRay first = first_ray();
+    const real met = aim_met(more.aim, first, hit.triangle);
+    real3 flux = flux_then();
+    if (!(met > 0)) {
+        finish(landing_of(ASTRAY, 1u), flux);
+        return;
+    }
+    flux *= met;
+    if (!has_side(hit)) {
+        finish(landing_of(BLOCKED, 1u), flux);
+        return;
+    }
+    flux *= kiln_light_range(first.range, real(hit.distance));
+    LAND_PATH(slot).flux = real[3](flux.x, flux.y, flux.z);
+    if (SHARES)
+        keep_sums(sums_at(first));
+    go_onward(slot);
+}
+
+void kiln_kernel(uint x, uint y)
+{
+    if (y > 0u || !has_work(x))
+        return;
+    slot = slot_of(x);
+    load();
+    arrive();
+}
+
+#include "shaders/main.glsl"
