@@ -1,22 +1,20 @@
 #include "coordinator/integrate/land_exchange.h"
 
-#include <string.h>
-
 #include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 
 _Static_assert(sizeof(struct kiln_landing_record) == 32, "a record has no gaps");
 
-/* Points whose sums lie side by side, and are one thread's: a power of two; more where there would be too many
- * stretches of them. */
-enum { STRETCH = 256, STRETCHES_MOST = 1 << 13 };
+/* 2^STRETCH points, whose sums lie side by side, are one thread's, more where there would be too many such stretches.
+ */
+enum { STRETCH = 8, STRETCHES_MOST = 1 << 13 };
 enum { FEW = 1 << 12 }; /* records that are not worth several threads */
 
 int kiln_land_exchange_create(struct kiln_land_exchange *e, MPI_Comm communicator, uint64_t first, uint64_t count,
                               struct kiln_error *error)
 {
-    *e = (struct kiln_land_exchange){.communicator = communicator};
+    *e = (struct kiln_land_exchange){.communicator = communicator, .threads = 1};
     (void)MPI_Comm_rank(communicator, &e->rank);
     (void)MPI_Comm_size(communicator, &e->ranks);
     int status = kiln_allocate(&e->first, (size_t)e->ranks + 1, sizeof *e->first, "the ranks' points", error);
@@ -34,6 +32,9 @@ int kiln_land_exchange_create(struct kiln_land_exchange *e, MPI_Comm communicato
     (void)MPI_Allgather(&first, 1, MPI_UINT64_T, e->first, 1, MPI_UINT64_T, communicator);
     (void)MPI_Bcast(&end, 1, MPI_UINT64_T, e->ranks - 1, communicator);
     e->first[e->ranks] = end;
+    e->shift = STRETCH;
+    while (count >> e->shift >= STRETCHES_MOST)
+        e->shift++;
     return KILN_OK;
 }
 
@@ -42,10 +43,9 @@ void kiln_land_exchange_release(struct kiln_land_exchange *e)
     kiln_free(&e->first);
     kiln_free(&e->counts);
     kiln_free(&e->records);
-    kiln_free(&e->owners);
+    kiln_free(&e->bin_of);
     kiln_free(&e->sent);
-    kiln_free(&e->order);
-    kiln_free(&e->starts);
+    kiln_bins_release(&e->sorted);
 }
 
 /* ---- records of paths ---- */
@@ -54,8 +54,8 @@ int kiln_land_exchange_grow(struct kiln_land_exchange *e, size_t more, struct ki
 {
     const size_t needed = e->count + more;
     int status = kiln_grow(&e->records, &e->room, needed, sizeof *e->records, "the landings of light paths", error);
-    if (status == KILN_OK && e->ranks > 1)
-        status = kiln_grow(&e->owners, &e->owner_room, needed, sizeof *e->owners, "the landings of light paths", error);
+    if (status == KILN_OK)
+        status = kiln_grow(&e->bin_of, &e->bin_room, needed, sizeof *e->bin_of, "the landings of light paths", error);
     return status;
 }
 
@@ -70,49 +70,13 @@ static uint32_t owner_of(const struct kiln_land_exchange *e, uint64_t point)
     return low;
 }
 
-void kiln_land_exchange_put(struct kiln_land_exchange *e, size_t at, uint64_t point,
-                            const struct kiln_landing_record *record)
+struct kiln_landing_record *kiln_land_exchange_put(struct kiln_land_exchange *e, size_t at, uint64_t point)
 {
     const uint32_t owner = owner_of(e, point);
-    e->records[at] = *record;
-    e->records[at].point = (uint32_t)(point - e->first[owner]);
-    if (e->ranks > 1)
-        e->owners[at] = owner;
-}
-
-/* ---- parts ---- */
-
-/* Records are sorted in parts of consecutive ones, each of which one thread counts by bin, and then moves: those of a
- * bin stay in their order. */
-static size_t parts_of(const struct kiln_land_exchange *e, size_t count)
-{
-    return e->threads > 1 && count > FEW ? e->threads : 1;
-}
-
-static size_t part_begin(size_t count, size_t part, size_t parts)
-{
-    return count / parts * part + (part < count % parts ? part : count % parts);
-}
-
-static int make_starts(struct kiln_land_exchange *e, size_t parts, size_t bins, struct kiln_error *error)
-{
-    const size_t needed = parts * bins;
-    const int status = kiln_grow(&e->starts, &e->start_room, needed, sizeof *e->starts, "the order of landings", error);
-    if (status == KILN_OK)
-        memset(e->starts, 0, needed * sizeof *e->starts);
-    return status;
-}
-
-/* From how many records of each bin a part has to where they go. */
-static void add_up_starts(uint32_t *starts, size_t parts, size_t bins)
-{
-    uint32_t next = 0;
-    for (size_t bin = 0; bin < bins; bin++)
-        for (size_t part = 0; part < parts; part++) {
-            const uint32_t count = starts[part * bins + bin];
-            starts[part * bins + bin] = next;
-            next += count;
-        }
+    struct kiln_landing_record *record = &e->records[at];
+    record->point = (uint32_t)(point - e->first[owner]);
+    e->bin_of[at] = e->ranks > 1 ? owner : record->point >> e->shift;
+    return record;
 }
 
 /* ---- to other ranks ---- */
@@ -120,27 +84,19 @@ static void add_up_starts(uint32_t *starts, size_t parts, size_t bins)
 /* Not collective. Puts the records side by side that go to a rank, and fills in how many they are. */
 static int sort_by_rank(struct kiln_land_exchange *e, struct kiln_error *error)
 {
-    const size_t ranks = (size_t)e->ranks, count = e->count, parts = parts_of(e, count);
-    int *sent = e->counts, *sent_from = sent + ranks;
-    int status = make_starts(e, parts, ranks, error);
+    int *sent = e->counts, *sent_from = sent + e->ranks;
+    int status = kiln_bins_sort(&e->sorted, e->bin_of, e->count, (size_t)e->ranks, e->threads, error);
     if (status == KILN_OK)
-        status = kiln_grow(&e->sent, &e->sent_room, count, sizeof *e->sent, "the landings of light paths", error);
+        status = kiln_grow(&e->sent, &e->sent_room, e->count, sizeof *e->sent, "the landings of light paths", error);
     if (status != KILN_OK)
         return status;
-    uint32_t *starts = e->starts;
-#pragma omp parallel for num_threads((int)parts) schedule(static, 1)
-    for (size_t part = 0; part < parts; part++)
-        for (size_t i = part_begin(count, part, parts); i < part_begin(count, part + 1, parts); i++)
-            starts[part * ranks + e->owners[i]]++;
-    add_up_starts(starts, parts, ranks);
-    for (size_t r = 0; r < ranks; r++) {
-        sent_from[r] = (int)starts[r];
-        sent[r] = (int)(r + 1 < ranks ? starts[r + 1] : (uint32_t)count) - sent_from[r];
+    for (int r = 0; r < e->ranks; r++) {
+        sent_from[r] = (int)e->sorted.begin[r];
+        sent[r] = (int)e->sorted.begin[r + 1] - sent_from[r];
     }
-#pragma omp parallel for num_threads((int)parts) schedule(static, 1)
-    for (size_t part = 0; part < parts; part++)
-        for (size_t i = part_begin(count, part, parts); i < part_begin(count, part + 1, parts); i++)
-            e->sent[starts[part * ranks + e->owners[i]]++] = e->records[i];
+#pragma omp parallel for num_threads((int)e->threads) schedule(static) if (e->count > FEW)
+    for (size_t i = 0; i < e->count; i++)
+        e->sent[i] = e->records[e->sorted.order[i]];
     return KILN_OK;
 }
 
@@ -200,43 +156,25 @@ void kiln_land_add(const struct kiln_landing_record *record, double weight, stru
 /* Each thread takes the records of stretches of points, in their order. Not collective. */
 static int take_all(struct kiln_land_exchange *e, kiln_take_landings take, void *context, struct kiln_error *error)
 {
-    const size_t count = e->count, parts = parts_of(e, count);
-    if (parts == 1) {
-        take(context, &(struct kiln_landing_list){.records = e->records, .count = count});
+    const struct kiln_landing_record *records = e->records;
+    const uint64_t points = e->first[e->rank + 1] - e->first[e->rank];
+    const struct kiln_bins *sorted = &e->sorted;
+    if (e->threads <= 1 || e->count <= FEW) {
+        take(context, &(struct kiln_landing_list){.records = records, .count = e->count});
         return KILN_OK;
     }
-    const uint64_t points = e->first[e->rank + 1] - e->first[e->rank];
-    uint64_t stretch = STRETCH;
-    while (points / stretch >= STRETCHES_MOST)
-        stretch *= 2;
-    const size_t bins = (size_t)(points / stretch) + 1;
-    const int shift = __builtin_ctzll(stretch);
-    int status = make_starts(e, parts, bins, error);
-    if (status == KILN_OK)
-        status = kiln_grow(&e->order, &e->order_room, count, sizeof *e->order, "the order of landings", error);
+    const size_t stretches = (size_t)(points >> e->shift) + 1;
+#pragma omp parallel for num_threads((int)e->threads) schedule(static)
+    for (size_t i = 0; i < (e->ranks > 1 ? e->count : 0); i++)
+        e->bin_of[i] = records[i].point >> e->shift;
+    const int status = kiln_bins_sort(&e->sorted, e->bin_of, e->count, stretches, e->threads, error);
     if (status != KILN_OK)
         return status;
-    const struct kiln_landing_record *records = e->records;
-    uint32_t *starts = e->starts, *order = e->order;
-#pragma omp parallel num_threads((int)parts)
-    {
-#pragma omp for schedule(static, 1)
-        for (size_t part = 0; part < parts; part++)
-            for (size_t i = part_begin(count, part, parts); i < part_begin(count, part + 1, parts); i++)
-                starts[part * bins + (records[i].point >> shift)]++;
-#pragma omp single
-        add_up_starts(starts, parts, bins);
-#pragma omp for schedule(static, 1)
-        for (size_t part = 0; part < parts; part++)
-            for (size_t i = part_begin(count, part, parts); i < part_begin(count, part + 1, parts); i++)
-                order[starts[part * bins + (records[i].point >> shift)]++] = (uint32_t)i;
-                /* by now a bin ends where its last part does */
-#pragma omp for schedule(dynamic, 1)
-        for (size_t bin = 0; bin < bins; bin++) {
-            const uint32_t *ends = starts + (parts - 1) * bins, begin = bin > 0 ? ends[bin - 1] : 0;
-            if (ends[bin] > begin)
-                take(context, &(struct kiln_landing_list){records, order + begin, ends[bin] - begin});
-        }
+#pragma omp parallel for num_threads((int)e->threads) schedule(dynamic, 1)
+    for (size_t b = 0; b < stretches; b++) {
+        const uint32_t begin = sorted->begin[b], end = sorted->begin[b + 1];
+        if (end > begin)
+            take(context, &(struct kiln_landing_list){records, sorted->order + begin, end - begin});
     }
     return KILN_OK;
 }

@@ -7,6 +7,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "coordinator/integrate/bins.h"
 #include "worker/base/status.h"
 #include "worker/pass/caustic_weights.h"
 
@@ -43,18 +44,16 @@ struct kiln_landing_sum {
 struct kiln_land_exchange {
     MPI_Comm communicator;
     int rank, ranks;
-    uint64_t *first; /* ranks + 1 */
-    int *counts;     /* 4 x ranks: records sent to each rank, their places, and the same received */
-    /* of the block, in the order of their paths, and beside other ranks the rank that has the point of each */
-    struct kiln_landing_record *records;
-    uint32_t *owners;
-    size_t count, room, owner_room;
+    uint64_t *first;                     /* ranks + 1 */
+    int *counts;                         /* 4 x ranks: records sent to each rank, their places, and the same received */
+    struct kiln_landing_record *records; /* of the block, in the order of their paths */
+    uint32_t *bin_of; /* of each the rank that has its point; once all are of own points, the stretch of these */
+    int shift;        /* 2^shift points are a stretch */
+    size_t count, room, bin_room;
     struct kiln_landing_record *sent; /* by rank */
     size_t sent_room;
-    /* records by stretches of points, and how many each part of them has of each stretch */
-    uint32_t *order, *starts;
-    size_t order_room, start_room;
-    uint32_t threads;                           /* 0: one */
+    struct kiln_bins sorted;
+    uint32_t threads;
     const struct kiln_landing_weights *weights; /* borrowed; NULL: landings count whole */
 };
 
@@ -86,10 +85,9 @@ void kiln_land_exchange_release(struct kiln_land_exchange *exchange);
 
 /* Makes room for so many records more. KILN_SYSTEM. */
 int kiln_land_exchange_grow(struct kiln_land_exchange *exchange, size_t more, struct kiln_error *error);
-/* Puts a record where there is room, number `at` of the block, for a point by its global number. Several threads may,
- * each at places of its own; `count` is the caller's to raise. */
-void kiln_land_exchange_put(struct kiln_land_exchange *exchange, size_t at, uint64_t point,
-                            const struct kiln_landing_record *record);
+/* A record where there is room, number `at` of the block, for a point by its global number; the caller fills in the
+ * rest. Several threads may, each at places of its own; `count` is the caller's to raise. */
+struct kiln_landing_record *kiln_land_exchange_put(struct kiln_land_exchange *exchange, size_t at, uint64_t point);
 /* Collective. Sends the records of this rank, which are in the order of their paths, to the owners of their points, and
  * gives those that come to `take`, each point's in the order of their paths: a rank's paths come before those of the
  * next one. No record is left afterwards. The ranks' records of a block must be 2^31 - 1 at most, all together.

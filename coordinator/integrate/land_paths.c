@@ -33,14 +33,14 @@ static void keep_landed(struct kiln_landing *l, const struct kiln_land_result *r
     for (const struct kiln_land_result *r = results; r < results + count; r++) {
         if (r->point == KILN_NO_POINT)
             continue;
-        struct kiln_landing_record record = {.flux = {r->flux[0], r->flux[1], r->flux[2]},
-                                             .shading = r->shading,
-                                             .taken_up = r->taken_up,
-                                             .others = r->others,
-                                             .aim = r->aim};
+        struct kiln_landing_record *record = kiln_land_exchange_put(&l->exchange, next++, r->point);
+        memcpy(record->flux, r->flux, sizeof record->flux);
+        record->shading = r->shading;
+        record->taken_up = r->taken_up;
+        record->others = r->others;
+        record->aim = r->aim;
         if (sampled)
-            record.sampled = r->sampled;
-        kiln_land_exchange_put(&l->exchange, next++, r->point, &record);
+            record->sampled = r->sampled;
         if (learns)
             kiln_landing_note_moment(l, &moments, r->aim, kiln_luminance_of_floats(r->flux));
     }

@@ -44,7 +44,7 @@ uint64_t kiln_landing_bytes(const struct kiln_integrate_settings *settings, size
     const double photons = (double)kiln_landing_photons(settings, aims),
                  block = fmin(photons, (double)KILN_LAND_BLOCK) / ranks,
                  record = (double)sizeof(struct kiln_landing_record),
-                 records = (record + sizeof(uint32_t) + (ranks > 1 ? record + sizeof(uint32_t) : 0.0)) * landed * block,
+                 records = (record + 2 * sizeof(uint32_t) + (ranks > 1 ? record : 0.0)) * landed * block,
                  aim = (double)sizeof(struct kiln_aim) + 6.0 * sizeof(double);
     double point = (double)kiln_landing_saved_bytes(settings->caustics);
     if (settings->caustics == KILN_CAUSTICS_MERGE)

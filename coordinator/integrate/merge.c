@@ -279,7 +279,7 @@ int kiln_merge_set_radius(struct kiln_merge *m, double radius, struct kiln_error
     m->radius = (float)fmax(radius, 0.0);
     int status = gather_places(m, error);
     if (status == KILN_OK && m->radius > 0.0f)
-        status = kiln_merge_grid_create(&m->grid, m->places, m->count, m->radius, error);
+        status = kiln_merge_grid_create(&m->grid, m->places, m->count, m->radius, m->threads, error);
     return kiln_agree(m->communicator, status, error);
 }
 
@@ -376,12 +376,14 @@ static void take_weights(struct kiln_merge *m)
 static int find_weights(struct kiln_merge *m, float radius, int balancings, struct kiln_error *error)
 {
     int status = KILN_OK;
+#pragma omp parallel for num_threads((int)m->threads) schedule(static)
     for (size_t i = 0; i < m->count; i++)
         m->weights[i] = (struct weights){1.0f, 1.0f, 1.0f, 1.0f};
     for (int k = 0; k <= balancings && status == KILN_OK; k++) {
         memset(m->next, 0, m->own_count * sizeof *m->next);
         status = for_all(m, radius, sum_weights, m->next, error);
-        for (size_t i = 0; i < m->own_count && k < balancings; i++) {
+#pragma omp parallel for num_threads((int)m->threads) schedule(static) if (k < balancings)
+        for (size_t i = 0; i < (k < balancings ? m->own_count : 0); i++) {
             struct weights *w = &m->next[i];
             w->s = w->c > 0.0f ? w->s / sqrtf(w->c) : 0.0f;
             w->s_half = w->c_half > 0.0f ? w->s_half / sqrtf(w->c_half) : 0.0f;
@@ -436,6 +438,7 @@ static void collect(const struct kiln_merge *m, size_t at, float radius, const s
 /* Collective. What landed at own points, and at those of other ranks. */
 static void take_fluxes(struct kiln_merge *m, const struct kiln_landing_sum *landed)
 {
+#pragma omp parallel for num_threads((int)m->threads) schedule(static)
     for (size_t i = 0; i < m->own_count; i++) {
         struct flux *flux = &m->fluxes[m->own_first + i];
         for (int c = 0; c < 3; c++) {
@@ -560,7 +563,8 @@ static int take_radii(struct kiln_merge *m, float *radii, struct kiln_error *err
         m->places[i].widest = radii[i];
     m->fitted = true;
     kiln_merge_grid_destroy(&m->grid);
-    return m->radius > 0.0f ? kiln_merge_grid_create(&m->grid, m->places, m->count, m->radius, error) : KILN_OK;
+    return m->radius > 0.0f ? kiln_merge_grid_create(&m->grid, m->places, m->count, m->radius, m->threads, error)
+                            : KILN_OK;
 }
 
 int kiln_merge_fit(struct kiln_merge *m, const struct kiln_landing_sum *landed, double landings,

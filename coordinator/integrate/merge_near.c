@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "coordinator/integrate/bins.h"
 #include "worker/base/memory.h"
 
 #define ALIKE 0.5f   /* cosine between normals of points that are near each other */
@@ -10,6 +11,7 @@
 #define SLACK 1.001f /* of a cell, beyond the radius: for rounding */
 
 enum { LEVELS = 8, NEIGHBOUR_CELLS = 27 };
+enum { STRETCHES_MOST = 1 << 12 }; /* of slots, each of which one thread fills */
 
 /* A point in its cell. */
 struct member {
@@ -71,68 +73,119 @@ static size_t slot_of(const struct kiln_merge_grid *grid, uint64_t cell)
     return (size_t)(cell * 0x9e3779b97f4a7c15ull >> 32) & (grid->slots - 1);
 }
 
-static int by_key(const void *a, const void *b)
-{
-    const struct member *one = a, *other = b; /* the key is where the cell will be */
-    return (one->cell > other->cell) - (one->cell < other->cell);
-}
-
-/* The points that are near others, by key. Returns how many. */
+/* The points that are near others. Returns how many. */
 static size_t list_members(const struct kiln_merge_place *places, size_t count, struct member *members)
 {
     size_t taking_part = 0;
     for (size_t i = 0; i < count; i++)
         if (places[i].lit > 0.0f && places[i].widest > 0.0f)
             members[taking_part++] = (struct member){places[i].key, i, places[i].position};
-    qsort(members, taking_part, sizeof *members, by_key);
     return taking_part;
 }
 
-/* Within a slot points are by key, so that those of a cell have an order that no other rank sees otherwise. */
-static int build_level(const struct kiln_merge_grid *grid, const struct member *all, size_t count, struct level *level,
-                       struct kiln_error *error)
+static int by_key(const void *a, const void *b)
 {
+    const struct member *one = a, *other = b; /* the key is where the cell will be */
+    return (one->cell > other->cell) - (one->cell < other->cell);
+}
+
+/* What a level is made with. */
+struct building {
+    const struct kiln_merge_grid *grid;
+    const struct member *all;
+    struct level *level;
+    uint32_t *bin_of;      /* of each member its stretch of slots */
+    struct kiln_bins bins; /* members by stretches of slots */
+    int shift;             /* 2^shift slots are a stretch */
+};
+
+static size_t slot_for(const struct building *b, const struct member *member)
+{
+    return slot_of(b->grid, cell_of(b->level, member->position));
+}
+
+/* The members of a stretch of slots go where they belong. Within a slot they are by key, so that those of a cell have
+ * an order that no other rank sees otherwise. */
+static void fill_stretch(const struct building *b, size_t stretch)
+{
+    struct level *level = b->level;
+    const size_t first = stretch << b->shift, end = (stretch + 1) << b->shift;
+    const uint32_t *order = b->bins.order, begin = b->bins.begin[stretch], stop = b->bins.begin[stretch + 1];
+    for (uint32_t i = begin; i < stop; i++)
+        level->begin[slot_for(b, &b->all[order[i]]) + 1]++;
+    size_t next = begin; /* from how many there are of the slot before to where those of the slot go */
+    for (size_t slot = first; slot < end; slot++) {
+        const size_t count = level->begin[slot + 1];
+        level->begin[slot + 1] = next;
+        next += count;
+    }
+    for (uint32_t i = begin; i < stop; i++) {
+        const struct member *member = &b->all[order[i]];
+        level->members[level->begin[slot_for(b, member) + 1]++] = *member;
+    }
+    for (size_t slot = first, from = begin; slot < end; from = level->begin[++slot])
+        if (level->begin[slot + 1] > from + 1)
+            qsort(level->members + from, level->begin[slot + 1] - from, sizeof *level->members, by_key);
+    for (size_t i = begin; i < stop; i++)
+        level->members[i].cell = cell_of(level, level->members[i].position);
+}
+
+static int build_level(struct building *b, size_t count, uint32_t threads, struct kiln_error *error)
+{
+    const struct kiln_merge_grid *grid = b->grid;
+    const size_t stretches = grid->slots >> b->shift;
     int status =
-        kiln_allocate(&level->begin, grid->slots + 2, sizeof *level->begin, "the grid of merged points", error);
+        kiln_allocate(&b->level->begin, grid->slots + 1, sizeof *b->level->begin, "the grid of merged points", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&level->members, count, sizeof *level->members, "the grid of merged points", error);
+        status =
+            kiln_allocate(&b->level->members, count, sizeof *b->level->members, "the grid of merged points", error);
     if (status != KILN_OK)
         return status;
+#pragma omp parallel for num_threads((int)threads) schedule(static)
     for (size_t i = 0; i < count; i++)
-        level->begin[slot_of(grid, cell_of(level, all[i].position)) + 2]++;
-    for (size_t h = 2; h <= grid->slots + 1; h++)
-        level->begin[h] += level->begin[h - 1];
-    for (size_t i = 0; i < count; i++) {
-        const uint64_t cell = cell_of(level, all[i].position);
-        struct member *member = &level->members[level->begin[slot_of(grid, cell) + 1]++];
-        *member = all[i];
-        member->cell = cell;
-    }
+        b->bin_of[i] = (uint32_t)(slot_for(b, &b->all[i]) >> b->shift);
+    status = kiln_bins_sort(&b->bins, b->bin_of, count, stretches, threads, error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads((int)threads) schedule(dynamic, 4)
+    for (size_t stretch = 0; stretch < stretches; stretch++)
+        fill_stretch(b, stretch);
     return KILN_OK;
 }
 
 int kiln_merge_grid_create(struct kiln_merge_grid **grid, const struct kiln_merge_place *places, size_t count,
-                           float radius, struct kiln_error *error)
+                           float radius, uint32_t threads, struct kiln_error *error)
 {
+    struct building building = {.shift = 0};
     struct member *members = NULL;
-    bool wanted[LEVELS] = {false};
+    uint32_t wanted = 0; /* a bit a level */
     int status = kiln_allocate(grid, 1, sizeof **grid, "the grid of merged points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&members, count, sizeof *members, "the grid of merged points", error);
     if (status != KILN_OK)
         return status;
     **grid = (struct kiln_merge_grid){.places = places, .radius = radius, .slots = 1};
     while ((*grid)->slots < count)
         (*grid)->slots *= 2;
-    const size_t taking_part = list_members(places, count, members);
+    while ((*grid)->slots >> building.shift > STRETCHES_MOST)
+        building.shift++;
+    status = kiln_allocate(&members, count, sizeof *members, "the grid of merged points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&building.bin_of, count, sizeof *building.bin_of, "the grid of merged points", error);
+    const size_t taking_part = status == KILN_OK ? list_members(places, count, members) : 0;
+    const struct kiln_merge_grid *made = *grid;
+#pragma omp parallel for num_threads((int)threads) schedule(static) reduction(| : wanted)
     for (size_t i = 0; i < taking_part; i++)
-        wanted[level_of(*grid, &places[members[i].at])] = true;
+        wanted |= 1u << level_of(made, &places[members[i].at]);
+    building.grid = made;
+    building.all = members;
     for (int l = 0; l < LEVELS && status == KILN_OK; l++) {
-        (*grid)->levels[l].side = (double)SLACK * (double)ldexpf(radius, -l);
-        if (wanted[l])
-            status = build_level(*grid, members, taking_part, &(*grid)->levels[l], error);
+        building.level = &(*grid)->levels[l];
+        building.level->side = (double)SLACK * (double)ldexpf(radius, -l);
+        if ((wanted >> l & 1u) != 0)
+            status = build_level(&building, taking_part, threads, error);
     }
     kiln_free(&members);
+    kiln_free(&building.bin_of);
+    kiln_bins_release(&building.bins);
     return status;
 }
 

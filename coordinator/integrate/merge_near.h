@@ -26,9 +26,9 @@ bool kiln_merge_are_near(const struct kiln_merge_place *a, const struct kiln_mer
  * those of another, a point looks at as few others as elsewhere. */
 struct kiln_merge_grid;
 
-/* Borrows the places; radius > 0, m. KILN_SYSTEM. */
+/* Borrows the places; radius > 0, m. The same grid by any number of threads. KILN_SYSTEM. Destroy it in any case. */
 int kiln_merge_grid_create(struct kiln_merge_grid **grid, const struct kiln_merge_place *places, size_t count,
-                           float radius, struct kiln_error *error);
+                           float radius, uint32_t threads, struct kiln_error *error);
 void kiln_merge_grid_destroy(struct kiln_merge_grid **grid);
 
 /* Numbers of places; zero before the first search. The caller frees `of`. */

@@ -12,7 +12,7 @@
 #include "coordinator/integrate/merge_near.h"
 #include "worker/base/memory.h"
 
-enum { POINTS = 3000 };
+enum { POINTS = 5000 }; /* more than one thread sorts */
 #define RADIUS 0.25f
 
 static float next(uint64_t *state)
@@ -55,7 +55,7 @@ static void test_all_pairs(void **state)
     struct kiln_error error = {""};
     size_t narrow = 0, found = 0;
     scatter(places);
-    assert_int_equal(kiln_merge_grid_create(&grid, places, POINTS, RADIUS, &error), KILN_OK);
+    assert_int_equal(kiln_merge_grid_create(&grid, places, POINTS, RADIUS, 2, &error), KILN_OK);
     for (size_t at = 0; at < POINTS; at++) {
         if (!(places[at].lit > 0.0f))
             continue;
