@@ -278,6 +278,8 @@ KILN_OFFSET_IS(kiln_gpu_both_push, count, 72);
 
 #include "shaders/shared/layout_land.h"
 
+#include "shaders/shared/layout_apart.h"
+
 /* weighed.comp: the weighed pass. */
 struct kiln_gpu_weighed_push {
     KILN_ADDRESS scene;
