@@ -1,9 +1,10 @@
 /* The bounce pass: each thread takes a slice of a point's samples (hemisphere.glsl), a few cosine-distributed rays, and
  * adds up the radiosity that they find. gather_reduce.glsl adds up the slices. With KILN_GUIDED it is the guided pass
- * (guide.glsl). With KILN_GLOSS rays go on in chains (chain.glsl); with KILN_CAUSTIC besides it is the caustic pass,
- * which looks for lamps and sky by these alone; with KILN_WEIGHED besides the weighed pass (weighed.glsl). With
- * KILN_KEEP it is the gather pass of bakes that keep what rays meet (kept_rows.glsl), with KILN_DIRECTIONS the
- * directions pass (directions.glsl), with KILN_BRIGHT besides that with rays to bright patches (bright.glsl). */
+ * (guide.glsl). With KILN_GLOSS rays go on in chains (chain.glsl), of the bounce pass itself in a kernel of their own
+ * (gather_chains.glsl); with KILN_CAUSTIC besides it is the caustic pass, which looks for lamps and sky by chains
+ * alone; with KILN_WEIGHED besides the weighed pass (weighed.glsl). With KILN_KEEP it is the gather pass of bakes that
+ * keep what rays meet (kept_rows.glsl), with KILN_DIRECTIONS the directions pass (directions.glsl), with KILN_BRIGHT
+ * besides that with rays to bright patches (bright.glsl). */
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"
@@ -52,7 +53,21 @@ void set_begin(uint key); /* directions.glsl */
 #else
 KILN_PUSH(kiln_gpu_gather_push);
 #    define NEAR_PROBES push.near_probes
-#    define GUIDE_BEGIN(index)
+#    if defined(KILN_GLOSS) && !defined(KILN_CAUSTIC)
+#        define KILN_APART
+uint apart_first, apart_sample, apart_point; /* gather_chains.glsl */
+#        define APART_POINTS push.chunk.total
+#        define APART_SAMPLES push.hemisphere.samples
+#        define APART_ROWS (4u * push.hemisphere.per_quarter * push.hemisphere.row_step)
+#        define APART_ROOM                                                                                             \
+            (push.hemisphere.slices + 4ul * (uint64_t(APART_ROWS) * SLICE_FLOATS) * uint64_t(APART_POINTS))
+#        define GUIDE_BEGIN(index)                                                                                     \
+            apart_first = KILN_GPU_NONE;                                                                               \
+            apart_point = (index)-push.chunk.origin;
+#        define HEMISPHERE_RAY(k) apart_sample = k
+#    else
+#        define GUIDE_BEGIN(index)
+#    endif
 #endif
 #ifndef PROBES
 #    define PROBES push.probes
@@ -69,20 +84,7 @@ uint near_probes; /* of the thread's point */
 #define HEMISPHERE_SEEDS (LOOKUP == SURFACES_AND_PROBES)
 KILN_ARRAY(NearArray, uint, 4);
 
-#ifdef KILN_GLOSS
-struct Sums {
-    vec3 incident, irradiance, glass, gloss;
-    float escaped, blocked, luminance;
-};
-#    define NO_SUMS Sums(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0)
-float ray_taken_up; /* what of the light of the ray counts as incident */
-#else
-struct Sums {
-    vec3 incident, irradiance, glass;
-    float escaped, blocked, luminance;
-};
-#    define NO_SUMS Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0)
-#endif
+#include "shaders/gather_sums.glsl"
 #include "shaders/hemisphere.glsl"
 #ifdef KILN_KEEP
 /* What the ray has met, as a word of its row. */
@@ -116,6 +118,9 @@ uint row_word_of(kiln_hit hit)
 #    endif
 #    include "shaders/taken_up.glsl"
 #endif
+#if defined(KILN_GLOSS) && !defined(KILN_CAUSTIC)
+#    include "shaders/gather_chains.glsl"
+#endif
 
 /* The nearest hit, of points that see a probe within their range. */
 kiln_hit nearest(vec3 position, vec3 direction, uint seed, out vec3 tint)
@@ -129,30 +134,21 @@ kiln_hit nearest(vec3 position, vec3 direction, uint seed, out vec3 tint)
     return kiln_hit(KILN_GPU_NONE, 0.0, 0.0, 0.0, false);
 }
 
-/* What a ray adds that finds the radiosity `rgb`. */
-void add_light(inout Sums sums, vec3 rgb, vec3 tint, float facet, float weight)
-{
-    if (HAS_ALPHA >= KILN_PASSAGE_TINT) {
-        rgb *= tint;
-        sums.glass += facet * (1.0 - tint);
-    }
-#ifdef KILN_GLOSS
-    sums.incident += facet * ray_taken_up * rgb;
-    sums.irradiance += weight * rgb;
-#else
-    sums.incident += facet * rgb;
-    if (HAS_SMOOTH != 0u)
-        sums.irradiance += weight * rgb;
-#endif
-#ifdef KILN_GUIDED
-    guide_luminance = weight * float_luminance(rgb);
-#endif
-    sums.luminance += weight * float_luminance(rgb);
-}
+#ifdef KILN_APART
+bool apart_left; /* the ray under way has met gloss, and its chain is followed later */
 
-#ifdef KILN_GLOSS
-/* What a ray adds that has met a surface at which a chain begins. What is lost on it is a share of what the ray's own
- * tint leaves, and of each colour all is somewhere. */
+/* Leaves the chain of the ray under way to chains.comp. */
+void apart_leave(vec3 direction, kiln_hit hit, vec3 tint, float facet, float weight)
+{
+    ApartRays(apart_ray(apart_sample, apart_point)).at[0] =
+        kiln_gpu_apart_ray(direction, hit.triangle | (hit.back ? KILN_GPU_BOTH_BACK : 0u), hit.u, hit.v, hit.distance,
+                           float[3](tint.r, tint.g, tint.b), facet, weight, ray_taken_up, ray_chance, ray_number);
+    const uint place = atomicAdd(APART_COUNT, 1u);
+    ApartWords(apart_list()).at[place] = apart_sample * APART_POINTS + apart_point;
+    apart_left = true;
+}
+#elif defined(KILN_GLOSS)
+/* What a ray adds that has met a surface at which a chain begins. */
 void add_chain(inout Sums sums, vec3 direction, kiln_hit hit, vec3 tint, float facet, float weight)
 {
 #    ifdef KILN_WEIGHED
@@ -165,29 +161,17 @@ void add_chain(inout Sums sums, vec3 direction, kiln_hit hit, vec3 tint, float f
     add_light(sums, 3.14159265358979 * c.light, tint, facet, weight);
     sums.glass = vec3(0.0);
 #    else
-    const vec3 left = HAS_ALPHA >= KILN_PASSAGE_TINT ? tint : vec3(1.0);
-    const float mean = (left.r + left.g + left.b) * (1.0 / 3.0);
-    sums.escaped += facet * mean * c.escaped;
-    sums.blocked += facet * mean * c.blocked;
-    sums.gloss += facet * (left * c.gloss + (left - mean) * (c.escaped + c.blocked));
-    add_light(sums, c.radiosity, tint, facet, weight);
+    add_found(sums, c, tint, facet, weight);
 #    endif
 }
 #endif
 
-#ifdef KILN_GLOSS
-const bool STORES_BOTH = true;
+#ifdef KILN_APART /* what it finds, but for that in a chain */
+#    define ADD_RAY find_ray
 #else
-const bool STORES_BOTH = HAS_SMOOTH != 0u;
+#    define ADD_RAY add_ray
 #endif
-const uint TINTED_FLOATS = HAS_ALPHA >= KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
-#if defined(KILN_GLOSS) && !defined(KILN_CAUSTIC)
-const uint SLICE_FLOATS = TINTED_FLOATS + KILN_GPU_SLICE_GLOSS;
-#else
-const uint SLICE_FLOATS = TINTED_FLOATS;
-#endif
-
-void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed)
+void ADD_RAY(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed)
 {
     const bool smooth_point = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u;
     const vec3 soft = kiln_shading(p, normal);
@@ -237,7 +221,11 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
 #ifdef KILN_GLOSS
     ray_taken_up = kiln_taken_up(p, push.chunk.parts, smooth_point ? dot(soft, direction) : cosine);
     if (hit.triangle != KILN_GPU_NONE && facet > 0.0 && chain_begins(hit)) { /* not from below the facet */
+#    ifdef KILN_APART
+        apart_leave(direction, hit, tint, facet, weight);
+#    else
         add_chain(sums, direction, hit, tint, facet, weight);
+#    endif
         return;
     }
 #endif
@@ -282,17 +270,38 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
 #endif
 }
 
+#ifdef KILN_APART
+/* From the first ray of the slice on that has met gloss, what rays find is kept, and added up later. */
+void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed)
+{
+    Sums found = NO_SUMS;
+    const uint before = apart_first;
+    apart_left = false;
+    find_ray(found, p, position, normal, u, v, seed);
+    if (apart_left)
+        apart_first = min(before, apart_sample);
+    else if (before != KILN_GPU_NONE)
+        apart_keep(apart_ray(apart_sample, apart_point), found);
+    else
+        add_sums(sums, found);
+}
+#endif
+
 void after_rays(inout Sums sums, kiln_gpu_point p, uint row, bool good)
 {
 #ifdef KILN_GLOSS
     good = good && chains_good;
 #endif
     if (!good)
-        sums.escaped = -1.0e9;
+        sums.escaped = SUMS_NOT_GOOD;
 }
 
 void store(Sums sums, uint x, uint row)
 {
+#ifdef KILN_APART
+    if (LOOKUP != TRACE_ONLY)
+        ApartWords(apart_slice(row * push.hemisphere.row_step, x)).at[0] = apart_first;
+#endif
     FloatArray floats = hemisphere_floats(row, SLICE_FLOATS);
     const uint step = push.chunk.total;
     for (uint c = 0u; c < 3u; c++) {

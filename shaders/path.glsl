@@ -2,11 +2,12 @@
  * them to what earlier dispatches have left in `sums`, sample after sample, so that it does not matter how they are
  * dealt out. Ways, random numbers and estimators are those of worker/backend/embree/path.c.
  *
- * With KILN_GLOSS there are surfaces that are not only diffuse. */
+ * With KILN_GLOSS there are surfaces that are not only diffuse. Code for these would slow down the paths that are at
+ * others, so two kernels take turns: path_diffuse.comp, with KILN_WALK_DIFFUSE, begins paths and follows them to where
+ * they meet gloss, path.comp from there to where they meet what is only diffuse; and path_add.comp adds up. */
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"
-#include "shaders/sum.glsl"
 
 KILN_PUSH(kiln_gpu_path_push);
 
@@ -16,7 +17,7 @@ KILN_PUSH(kiln_gpu_path_push);
 #define KILN_WALK_LIGHTS
 #include "shaders/walk.glsl"
 
-KILN_ARRAY(PathSums, kiln_gpu_path_sums, 4);
+#include "shaders/path_sums.glsl"
 
 /* The path under way. */
 vec3 weight, radiance; /* what of the radiance that comes now reaches the camera; and what has */
@@ -86,7 +87,7 @@ bool turn_by_lobes(Meeting m, uint surface, out vec3 direction, out bool diffuse
 bool turn(Meeting m, uint surface, out vec3 direction, out bool diffuse)
 {
     diffuse = true;
-#ifdef KILN_GLOSS
+#ifdef KILN_MEETS_GLOSS
     if (m.gloss)
         return turn_by_lobes(m, surface, direction, diffuse);
 #endif
@@ -150,52 +151,69 @@ void camera_ray(uint64_t pixel, out vec3 origin, out vec3 direction)
     direction = normalize(parallel ? push.forward : push.forward + aside);
     if (push.lens_radius > 0.0) {
         const uvec2 spot = walk_draw(KILN_PATH_LENS);
-        const vec3 start = kiln_path_lens(push.right, push.up, push.lens_radius, float(real_unit(spot.x)),
-                                          float(real_unit(spot.y)));
+        const vec3 start =
+            kiln_path_lens(push.right, push.up, push.lens_radius, float(real_unit(spot.x)), float(real_unit(spot.y)));
         origin += start;
         direction = normalize((push.forward + aside) * push.focus_distance - start);
     }
 }
 
-void follow(uint64_t pixel)
+/* What surface number `surface`, at `hit`, does; false: the path ends there. */
+bool at_surface(uint surface, inout vec3 direction, inout kiln_hit hit)
 {
-    vec3 origin, direction;
+    const bool first = surface == 0u;
+    const Meeting m = meet(hit, direction, first);
+#ifdef KILN_GLOSS
+    const vec3 left = attenuation(hit);
+    weight *= left;
+    seen *= left;
+#endif
+    const bool shows = HAS_GLOSS ? seen != vec3(0.0) : first;
+    if (shows && (material_of(m.triangle) & KILN_RECORD_EMITS) != 0u)
+        radiance += (HAS_GLOSS ? seen : weight) * kiln_surface_emission(m.triangle, m.u, m.v);
+    if (!m.gloss)
+        weight *= kiln_surface_color(m.triangle, m.u, m.v, first);
+    bool under_way = m.gloss || max(weight.r, max(weight.g, weight.b)) > 0.0;
+    under_way = under_way && kiln_path_allows(push.path_length, surface + 2u);
+    if (under_way) {
+#ifdef KILN_GLOSS
+        good = walk_lights(m, surface, KILN_LOBE_ALL, weight, radiance, rays) && good;
+#else
+        good = walk_lights(m, surface, 0u, weight, radiance, rays) && good;
+#endif
+        under_way = go_on(m, surface, direction, hit);
+    }
+    return under_way;
+}
+
+/* The path begins; false: it meets no surface. */
+bool begin(uint64_t pixel, out vec3 direction, out kiln_hit hit)
+{
+    vec3 origin;
     weight = vec3(1.0);
     seen = vec3(1.0);
     radiance = vec3(0.0);
     bounces = 0u;
     chain = 0u;
     camera_ray(pixel, origin, direction);
-    kiln_hit hit = look(origin, direction);
-    if (hit.triangle == KILN_GPU_NONE) {
+    hit = look(origin, direction);
+    if (hit.triangle == KILN_GPU_NONE)
         radiance = weight * kiln_environment_radiance(real3(direction));
-        return;
-    }
-    bool under_way = true;
-    for (uint surface = 0u; under_way; surface++) {
-        const bool first = surface == 0u;
-        const Meeting m = meet(hit, direction, first);
+    return hit.triangle != KILN_GPU_NONE;
+}
+
+uint pixel_key(uint64_t pixel) { return kiln_hash2(kiln_hash2(push.seed, uint(pixel)), uint(pixel >> 32)); }
+
 #ifdef KILN_GLOSS
-        const vec3 left = attenuation(hit);
-        weight *= left;
-        seen *= left;
-#endif
-        const bool shows = HAS_GLOSS ? seen != vec3(0.0) : first;
-        if (shows && (material_of(m.triangle) & KILN_RECORD_EMITS) != 0u)
-            radiance += (HAS_GLOSS ? seen : weight) * kiln_surface_emission(m.triangle, m.u, m.v);
-        if (!m.gloss)
-            weight *= kiln_surface_color(m.triangle, m.u, m.v, first);
-        under_way = m.gloss || max(weight.r, max(weight.g, weight.b)) > 0.0;
-        under_way = under_way && kiln_path_allows(push.path_length, surface + 2u);
-        if (under_way) {
-#ifdef KILN_GLOSS
-            good = walk_lights(m, surface, KILN_LOBE_ALL, weight, radiance, rays) && good;
+#    include "shaders/path_apart.glsl"
 #else
-            good = walk_lights(m, surface, 0u, weight, radiance, rays) && good;
-#endif
-            under_way = go_on(m, surface, direction, hit);
-        }
-    }
+void follow(uint64_t pixel)
+{
+    vec3 direction;
+    kiln_hit hit;
+    bool under_way = begin(pixel, direction, hit);
+    for (uint surface = 0u; under_way; surface++)
+        under_way = at_surface(surface, direction, hit);
     good = good && !under_way;
 }
 
@@ -206,26 +224,18 @@ void kiln_kernel(uint x, uint y)
     const uint64_t pixel = push.index + x;
     PathSums all = PathSums(push.sums + uint64_t(x) * 40ul);
     kiln_gpu_path_sums sums = all.at[0];
-    walk_key = kiln_hash2(kiln_hash2(push.seed, uint(pixel)), uint(pixel >> 32));
+    walk_key = pixel_key(pixel);
     rays = 0u;
     good = true;
     uint k = 0u;
     for (; k < push.samples; k++) {
         walk_sample = push.first_sample + k;
         follow(pixel);
-        const float luminance = float_luminance(radiance);
-        const float added[4] = float[4](radiance.r, radiance.g, radiance.b, luminance * luminance);
-        for (uint c = 0u; c < 4u; c++) {
-            kiln_sum sum = kiln_sum(sums.high[c], sums.low[c]);
-            kiln_add(sum, added[c]);
-            sums.high[c] = sum.high;
-            sums.low[c] = sum.low;
-        }
+        path_add(sums, radiance);
     }
-    good = good && k >= push.samples && still_loops(push.count) && sums.count != KILN_GPU_PATH_STOPPED;
-    sums.count = good ? sums.count + push.samples : KILN_GPU_PATH_STOPPED;
-    sums.rays += rays;
+    path_end(sums, good && k >= push.samples && still_loops(push.count), rays);
     all.at[0] = sums;
 }
+#endif
 
 #include "shaders/main.glsl"

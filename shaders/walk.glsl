@@ -18,6 +18,14 @@ const bool HAS_GLOSS = true;
 const bool HAS_GLOSS = false;
 #endif
 
+/* With KILN_WALK_DIFFUSE a kernel of a scene with gloss is at surfaces alone that are only diffuse. */
+#if defined(KILN_GLOSS) && !defined(KILN_WALK_DIFFUSE)
+#    define KILN_MEETS_GLOSS
+const bool MEETS_GLOSS = true;
+#else
+const bool MEETS_GLOSS = false;
+#endif
+
 /* KILN_LEAVES_...: lamps whose light by sharp lobes is left out. */
 #ifndef KILN_WALK_LEAVES
 #    define KILN_WALK_LEAVES 0u
@@ -138,10 +146,10 @@ Meeting meet(kiln_hit hit, vec3 direction, bool first)
     m.normal = t.normal;
     m.shading = t.normal;
     m.offset = t.offset;
-    m.gloss = HAS_GLOSS && (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u;
+    m.gloss = MEETS_GLOSS && (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u;
     if (first || m.gloss)
         m.shading = mesh_normal(t, hit.u, hit.v);
-#ifdef KILN_GLOSS
+#ifdef KILN_MEETS_GLOSS
     if (m.gloss)
         find_lobes(t, direction, m);
 #endif
@@ -231,7 +239,7 @@ vec3 walk_light(Meeting m, uint which, kiln_light_choice choice, kiln_light_samp
     vec3 value = vec3(s.value * (cosine / (real(choice.samples) * KILN_REAL_PI)));
     const vec3 towards = kiln_shadow_ray(s, n * real(m.offset), limit);
     const vec3 through = kiln_through(m.position + m.normal * m.offset, towards, limit);
-#    ifdef KILN_GLOSS
+#    ifdef KILN_MEETS_GLOSS
     if (m.gloss && through != vec3(0.0))
         value = vec3(s.value / real(choice.samples)) * scatter(s, towards, which);
 #    endif

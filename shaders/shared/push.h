@@ -215,6 +215,7 @@ KILN_SIZE_IS(kiln_gpu_probes_reduce_push, 32);
 KILN_OFFSET_IS(kiln_gpu_probes_reduce_push, count, 24);
 
 #include "shaders/shared/layout_path.h"
+#include "shaders/shared/layout_path_apart.h"
 
 /* path.glsl: paths of pixels. */
 struct kiln_gpu_path_push {
@@ -227,8 +228,9 @@ struct kiln_gpu_path_push {
     KILN_REAL32 extent;                       /* m, of the scene */
     KILN_REAL32 lens_radius, focus_distance;
     KILN_WORD path_length; /* KILN_PATH_LENGTH_ANY, or what it is at most */
+    KILN_ADDRESS turn; /* struct kiln_gpu_path_turn, in scenes with gloss; of path_add.comp also words to set to 0 */
 };
-KILN_SIZE_IS(kiln_gpu_path_push, 120);
+KILN_SIZE_IS(kiln_gpu_path_push, 128);
 KILN_OFFSET_IS(kiln_gpu_path_push, count, 24);
 KILN_OFFSET_IS(kiln_gpu_path_push, position, 56);
 KILN_OFFSET_IS(kiln_gpu_path_push, extent, 104);
@@ -277,6 +279,8 @@ KILN_OFFSET_IS(kiln_gpu_both_push, count, 72);
 #define KILN_GPU_PHOTONS_PLACE 3u
 
 #include "shaders/shared/layout_land.h"
+
+#include "shaders/shared/layout_apart.h"
 
 /* weighed.comp: the weighed pass. */
 struct kiln_gpu_weighed_push {

@@ -125,7 +125,7 @@ def links(kiln, scene, sizes=((256, 17.7), (1024, 70.8))):
 
 def gloss(kiln):
     """Rays a second of the device: of light paths that land, and of bounces and final gather, whose rays go on in
-    chains or, where materials are taken as diffuse, do not."""
+    chains or, where materials are taken as diffuse, do not; and views by paths of pixels, likewise."""
     table = harness.Table(('scene', 16), ('light paths', 11), ('rays', 8), ('device, s', 9), ('Grays/s', 8),
                           ('gather, Grays/s', 15), ('share', 6), ('without gloss', 13))
     scenes = [('cornell-spheres', measure.made(kiln, 'cornell-spheres'), 30)]
@@ -149,6 +149,17 @@ def gloss(kiln):
         speed = landed[0] / landed[1] / 1e9
         table.row(name, '%.2g' % paths, '%.2g' % landed[0], '%.3f' % landed[1], '%.2f' % speed, '%.2f' % gathers[0],
                   '%.2f' % (speed / gathers[0]), '%.2f' % gathers[1])
+    table = harness.Table(('view by path', 16), ('materials', 9), ('paths a pixel', 13), ('seconds', 8),
+                          ('ms a path', 9))
+    for name, scene, _ in scenes:
+        for materials in ('auto', 'diffuse'):
+            p = kiln.command('view', scene, '--method', 'path', '--backend', 'vulkan', '--width', 1280, '--height', 720,
+                             '--samples-pixel', 64, '--materials', materials, '--json', '--quiet', '-o',
+                             os.path.join(kiln.scratch, 'view.exr'), timeout=3600)
+            if p.status != 0:
+                sys.exit('%s\nended with %d: %s' % (p.line(), p.status, p.sentence()))
+            seconds = p.json()['seconds']
+            table.row(name, materials, 64, '%.3f' % seconds, '%.1f' % (1e3 * seconds / 64))
 
 
 WHAT = ('rates', 'scaling', 'pairs', 'states', 'links', 'gloss')

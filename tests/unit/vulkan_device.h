@@ -2,6 +2,9 @@
 #ifndef KILN_TESTS_UNIT_VULKAN_DEVICE_H
 #define KILN_TESTS_UNIT_VULKAN_DEVICE_H
 
+#include <string.h>
+
+#include "worker/backend/backend.h"
 #include "worker/backend/vulkan/gpu/gpu.h"
 
 /* False, with a message, if there is no device; the program must then end with 77. */
@@ -32,6 +35,17 @@ static inline int vulkan_device_close(void **state)
     struct gpu *gpu = *state;
     gpu_destroy(&gpu);
     return 0;
+}
+
+/* Fails where the backend has not run the kernel of that name. */
+static inline void vulkan_has_run(const struct kiln_backend *backend, const char *kernel)
+{
+    struct kiln_backend_info info;
+    kiln_backend_info(backend, &info);
+    for (size_t i = 0; i < info.kernel_count; i++)
+        if (strcmp(info.kernels[i], kernel) == 0)
+            return;
+    fail_msg("the kernel '%s' has not run", kernel);
 }
 
 #endif

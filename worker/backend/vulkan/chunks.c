@@ -125,7 +125,8 @@ static int make_slots(struct run *r, struct kiln_error *error)
 {
     struct vulkan_backend *b = r->b;
     const uint64_t samples = (uint64_t)(r->pass->work * r->pass->rows) + 1;
-    uint64_t there = ENOUGH_RAYS / samples < USUAL_POINTS ? USUAL_POINTS : ENOUGH_RAYS / samples;
+    uint64_t there =
+        ENOUGH_RAYS / samples < USUAL_POINTS && !r->pass->keeps_rays ? USUAL_POINTS : ENOUGH_RAYS / samples;
     there = there > points_there(b) ? points_there(b) : there;
     uint64_t scratch = gpu_memory_left(b->gpu) / (2 * GPU_SLOTS);
     scratch = scratch < b->slots[0].scratch.size ? b->slots[0].scratch.size : scratch;

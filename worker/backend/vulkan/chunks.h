@@ -69,6 +69,7 @@ struct vulkan_chunked {
     double work;          /* of one row of a point with the batch's `samples`: rays, about */
     uint64_t first_guess; /* work of the first chunk, when nothing is known yet */
     size_t scratch_bytes; /* a point */
+    bool keeps_rays;      /* of which it has most for rays: no more points than have rays enough to fill a device */
     bool wants_words;     /* else they are not copied back */
     uint32_t words;       /* of a point; 0: one */
     size_t moved_bytes;   /* a point, that go between host and device besides results and a word */

@@ -7,6 +7,9 @@
 #include "worker/pass/gather.h"
 #include "worker/pass/rows.h"
 
+#include "shaders/chains.h"
+#include "shaders/chains_add.h"
+#include "shaders/chains_pipeline.h"
 #include "shaders/gather.h"
 #include "shaders/gather_gloss.h"
 #include "shaders/gather_gloss_pipeline.h"
@@ -18,6 +21,10 @@ static const struct vulkan_shader gloss_shader = {
     .name = "gather with gloss", .compute = VULKAN_CODE(gather_gloss), .pipeline = VULKAN_CODE(gather_gloss_pipeline)};
 static const struct vulkan_shader gather_shader = {
     .name = "gather", .compute = VULKAN_CODE(gather), .pipeline = VULKAN_CODE(gather_pipeline), .gloss = &gloss_shader};
+static const struct vulkan_shader chains_shader = {
+    .name = "gather: chains", .compute = VULKAN_CODE(chains), .pipeline = VULKAN_CODE(chains_pipeline)};
+static const struct vulkan_shader chains_add_shader = {.name = "gather: sums of chains",
+                                                       .compute = VULKAN_CODE(chains_add)};
 static const struct vulkan_shader gloss_sums_shader = {.name = "gather with gloss: sums",
                                                        .compute = VULKAN_CODE(gather_reduce_gloss)};
 static const struct vulkan_shader sums_shader = {
@@ -35,11 +42,14 @@ _Static_assert(sizeof(struct kiln_gpu_gather_push) == sizeof(struct kiln_gpu_hem
 static struct vulkan_hemisphere gather_of(const struct vulkan_backend *b, const struct kiln_batch *batch,
                                           uint32_t lookup, const uint64_t own[2])
 {
-    const bool tints = b->params.geometry->passage >= KILN_PASSAGE_TINT, chains = b->materials.gloss;
+    const bool tints = b->params.geometry->passage >= KILN_PASSAGE_TINT, chains = b->materials.gloss,
+               apart = chains && lookup != TRACE_ONLY;
     return (struct vulkan_hemisphere){.pass = &kiln_pass_gather,
                                       .shader = &gather_shader,
                                       .sums = &sums_shader,
                                       .chains = chains,
+                                      .apart = apart ? &chains_shader : NULL,
+                                      .apart_sums = apart ? &chains_add_shader : NULL,
                                       .constant = lookup,
                                       .own = own,
                                       .own_bytes = 2 * sizeof *own,
@@ -92,8 +102,13 @@ int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch,
     return vulkan_hemisphere_run(b, &pass, &nobody, rays, error);
 }
 
+static bool has_chains(const struct vulkan_backend *b) { return b->materials.gloss; }
+
 const struct vulkan_pass vulkan_pass_gather = {
     .run = run,
     .ahead = {{.shader = &gather_shader, .draw_again = true, .own = SURFACES},
               {.shader = &gather_shader, .own = SURFACES},
-              {.shader = &sums_shader, .own = VULKAN_SHORT}}};
+              {.shader = &sums_shader, .own = VULKAN_SHORT},
+              {.shader = &chains_shader, .wanted = has_chains},
+              {.shader = &chains_add_shader, .wanted = has_chains},
+              {.shader = &chains_add_shader, .own = 1, .wanted = has_chains}}};

@@ -148,6 +148,7 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     struct vulkan_hemisphere pass = vulkan_gather_pass(b, batch, own);
     pass.pass = &kiln_pass_guided;
     pass.shader = &guided_shader;
+    pass.apart = pass.apart_sums = NULL; /* its kernel follows chains itself */
     pass.sums = &sums_shader;
     pass.pace = KILN_PASS_INDEX_guided;
     pass.failed_offset = offsetof(struct kiln_gpu_guided_result, point.error);

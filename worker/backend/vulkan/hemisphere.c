@@ -6,16 +6,18 @@
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 
-enum { GROUP = 64 /* threads of a workgroup */ };
+/* Threads of a workgroup; and that follow chains: what fills a GPU. */
+enum { GROUP = 64, CHAIN_THREADS = 1 << 18 };
 
 struct hemisphere {
     struct vulkan_backend *b;
     const struct vulkan_hemisphere *pass;
     const struct kiln_batch *batch;
     struct gpu_kernel *whole, *reduce;
-    struct gpu_kernel *between; /* NULL: none */
-    struct gpu_kernel *powers;  /* likewise */
-    struct gpu_kernel *buried;  /* made when there is a point for it: it takes its time */
+    struct gpu_kernel *between;                          /* NULL: none */
+    struct gpu_kernel *powers;                           /* likewise */
+    struct gpu_kernel *apart, *apart_begin, *apart_sums; /* likewise */
+    struct gpu_kernel *buried;                           /* made when there is a point for it: it takes its time */
     struct kiln_slices slices;
     uint64_t rays;
 };
@@ -71,6 +73,53 @@ static uint32_t lights_of(const struct hemisphere *h) { return h->pass->lights >
 static size_t slice_bytes(const struct hemisphere *h)
 {
     return (size_t)4 * h->slices.per_quarter * h->slices.split * h->pass->floats * sizeof(float);
+}
+
+/* Bytes of a point that chains apart take, and the few that come once: shaders/apart.glsl. */
+static size_t apart_bytes(const struct hemisphere *h)
+{
+    const size_t rows = (size_t)4 * h->slices.per_quarter * h->slices.split;
+    return h->pass->apart == NULL ? 0
+                                  : KILN_GPU_APART_COUNT_BYTES + rows * sizeof(uint32_t) +
+                                        h->batch->samples * (sizeof(uint32_t) + KILN_GPU_APART_RAY_BYTES);
+}
+
+static struct kiln_gpu_chains_push chains_of(const struct hemisphere *h, const struct vulkan_chunk *chunk)
+{
+    const uint32_t split = h->slices.split;
+    const uint64_t rays = (uint64_t)chunk->all.total * chunk->row_count * h->slices.samples;
+    const bool software = gpu_about(h->b->gpu)->software; /* which ends a thread's loops after a number of rounds */
+    return (struct kiln_gpu_chains_push){.scene = h->b->scene.address,
+                                         .room = chunk->scratch + (uint64_t)chunk->all.total * slice_bytes(h),
+                                         .slices = chunk->scratch,
+                                         .points = chunk->all.total,
+                                         .samples = h->batch->samples,
+                                         .rows = 4 * h->slices.per_quarter * split,
+                                         .threads = (uint32_t)(software || rays < CHAIN_THREADS ? rays : CHAIN_THREADS),
+                                         .row_first = chunk->row_first * split,
+                                         .row_last = (chunk->row_first + chunk->row_count) * split,
+                                         .per_quarter = h->slices.per_quarter * split,
+                                         .slice = h->slices.samples / split};
+}
+
+/* Before the rays of a portion: there are no chains yet. */
+static void record_no_chains(const struct hemisphere *h, const struct vulkan_chunk *chunk,
+                             struct vulkan_recording *recording)
+{
+    const struct kiln_gpu_chains_push push = chains_of(h, chunk);
+    if (h->apart != NULL)
+        vulkan_record(recording, h->apart_begin, 1, 1, &push, sizeof push);
+}
+
+/* After them. */
+static void record_chains(const struct hemisphere *h, const struct vulkan_chunk *chunk,
+                          struct vulkan_recording *recording)
+{
+    const struct kiln_gpu_chains_push push = chains_of(h, chunk);
+    if (h->apart == NULL)
+        return;
+    vulkan_record(recording, h->apart, push.threads, 1, &push, sizeof push);
+    vulkan_record(recording, h->apart_sums, push.points, push.row_last - push.row_first, &push, sizeof push);
 }
 
 /* The sums of answers under lights, all in one dispatch. */
@@ -141,7 +190,9 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     const struct vulkan_dispatch both[2] = {
         {h->buried, chunk->buried.count, chunk->row_count * h->slices.split, &buried},
         {h->whole, chunk->all.count, chunk->row_count, &push}};
+    record_no_chains(h, chunk, recording);
     vulkan_record_both(recording, both, sizeof push.shared + pass->own_bytes);
+    record_chains(h, chunk, recording);
     if (chunk->last && pass->lights > 0)
         record_lights(h, chunk, recording);
     else if (chunk->last)
@@ -214,6 +265,12 @@ static int prepare(void *context, struct kiln_error *error)
         status = vulkan_kernel_of(h->b, pass->sums, false, pass->sums_constant, &h->reduce, error);
     if (status == KILN_OK && pass->powers != NULL)
         status = vulkan_kernel_of(h->b, pass->powers, false, 0, &h->powers, error);
+    if (status == KILN_OK && pass->apart != NULL)
+        status = vulkan_kernel_of(h->b, pass->apart, false, 0, &h->apart, error);
+    if (status == KILN_OK && pass->apart != NULL)
+        status = vulkan_kernel_of(h->b, pass->apart_sums, false, 1, &h->apart_begin, error);
+    if (status == KILN_OK && pass->apart != NULL)
+        status = vulkan_kernel_of(h->b, pass->apart_sums, false, 0, &h->apart_sums, error);
     if (status == KILN_OK && pass->prepare != NULL)
         status = pass->prepare(h->b, pass->context, error);
     if (status == KILN_OK && pass->between != NULL)
@@ -247,7 +304,9 @@ int vulkan_hemisphere_run(struct vulkan_backend *b, const struct vulkan_hemisphe
                                            .rows = rows,
                                            .work = (double)batch->samples / rows,
                                            .first_guess = 1 << 19,
-                                           .scratch_bytes = slice_bytes(&h) * lights_of(&h) + pass->room_bytes,
+                                           .scratch_bytes =
+                                               slice_bytes(&h) * lights_of(&h) + pass->room_bytes + apart_bytes(&h),
+                                           .keeps_rays = pass->apart != NULL,
                                            .wants_words = pass->counts_rays || pass->kept_words > 0,
                                            .words = pass->kept_words,
                                            .moved_bytes = pass->moved_bytes + pass->kept_words * sizeof(uint32_t),

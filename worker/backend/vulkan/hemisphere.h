@@ -13,6 +13,9 @@ struct vulkan_hemisphere {
     const struct kiln_pass *pass;
     const struct vulkan_shader *shader, *sums;
     bool chains; /* rays may go on in chains: the loops of a thread are longer than those of other passes */
+    /* The kernels that follow chains apart, and add what these and others have found to the slices' sums
+     * (shaders/gather_chains.glsl); NULL: the first kernel follows chains itself, or there are none. */
+    const struct vulkan_shader *apart, *apart_sums;
     uint32_t constant, sums_constant; /* the own specialisation constants of the first kernel, and of `sums` */
     uint32_t pace;                    /* whose speed it has: pass->index, or another of enum vulkan_pace */
     uint32_t stream;                  /* that random numbers hang on */

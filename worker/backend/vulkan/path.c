@@ -4,6 +4,11 @@
 #include <string.h>
 
 #include "shaders/path.h"
+#include "shaders/path_add.h"
+#include "shaders/path_diffuse.h"
+#include "shaders/path_diffuse_float.h"
+#include "shaders/path_diffuse_pipeline.h"
+#include "shaders/path_diffuse_pipeline_float.h"
 #include "shaders/path_float.h"
 #include "shaders/path_gloss.h"
 #include "shaders/path_gloss_float.h"
@@ -26,18 +31,83 @@ static const struct vulkan_shader path_shader = {.name = "path",
                                                  .pipeline_float = VULKAN_CODE(path_pipeline_float),
                                                  .gloss = &gloss_shader};
 
-/* Of a dispatch: a software device ends a thread's loops after 65,535 rounds in all. */
+/* At surfaces that are only diffuse, in scenes with gloss. */
+static const struct vulkan_shader diffuse_shader = {.name = "path at diffuse surfaces",
+                                                    .compute = VULKAN_CODE(path_diffuse),
+                                                    .pipeline = VULKAN_CODE(path_diffuse_pipeline),
+                                                    .compute_float = VULKAN_CODE(path_diffuse_float),
+                                                    .pipeline_float = VULKAN_CODE(path_diffuse_pipeline_float)};
+static const struct vulkan_shader add_shader = {.name = "path: sums", .compute = VULKAN_CODE(path_add)};
+
+/* Of a dispatch: a software device ends a thread's loops after 65,535 rounds in all. How often a path goes from one
+ * kernel to the other at most, where there is gloss, before the last one follows it to its end; and how many paths are
+ * under way. */
 enum { MOST_PIXELS = 1 << 18, MOST_SAMPLES = 16, MOST_SAMPLES_SOFTWARE = 2, FIRST_GUESS = 1 << 14 };
+enum { TURNS = 6, MOST_PATHS = 1 << 20 };
 
 /* A call's working set. */
 struct path_run {
     struct vulkan_backend *b;
     struct gpu_kernel *kernel;
+    struct gpu_kernel *diffuse, *clear, *add; /* NULL: there is no gloss, and `kernel` does all */
     struct gpu_buffer sums;
+    /* of paths that go from kernel to kernel: TURNS times struct kiln_gpu_path_turn, as many words that count paths,
+     * two lists of these, and struct kiln_gpu_path_state of each */
+    struct gpu_buffer apart;
+    uint32_t most_samples;            /* of a dispatch */
     struct kiln_path_result *answers; /* of a chunk, for the taker */
     uint32_t room;                    /* pixels that the buffer and `answers` hold */
     struct kiln_gpu_path_push push;
 };
+
+static uint64_t counters_of(const struct path_run *r)
+{
+    return r->apart.address + TURNS * sizeof(struct kiln_gpu_path_turn);
+}
+
+/* Kernels take turns: that at diffuse surfaces begins. Each leaves paths to the next one; the last one to none. */
+static void describe_turns(const struct path_run *r, uint64_t paths, struct kiln_gpu_path_turn turns[TURNS])
+{
+    const uint64_t counters = counters_of(r), lists = counters + TURNS * sizeof(uint32_t),
+                   states = lists + 2 * paths * sizeof(uint32_t);
+    for (uint32_t i = 0; i < TURNS; i++) {
+        const uint64_t own = lists + i % 2 * paths * sizeof(uint32_t),
+                       other = lists + (i + 1) % 2 * paths * sizeof(uint32_t);
+        turns[i] = (struct kiln_gpu_path_turn){.states = states};
+        if (i > 0) {
+            turns[i].list = own;
+            turns[i].counter = counters + i * sizeof(uint32_t);
+        }
+        if (i + 1 < TURNS) {
+            turns[i].onward = other;
+            turns[i].go_onward = counters + (i + 1) * sizeof(uint32_t);
+        }
+    }
+}
+
+/* What paths that go from kernel to kernel need. */
+static int prepare_apart(struct path_run *r, struct kiln_error *error)
+{
+    struct vulkan_backend *b = r->b;
+    const uint32_t fit = MOST_PATHS / (r->room > 0 ? r->room : 1);
+    r->most_samples = r->most_samples < fit ? r->most_samples : fit;
+    const uint64_t paths = (uint64_t)r->room * r->most_samples;
+    const size_t bytes = TURNS * (sizeof(struct kiln_gpu_path_turn) + sizeof(uint32_t)) +
+                         paths * (2 * sizeof(uint32_t) + sizeof(struct kiln_gpu_path_state));
+    struct kiln_gpu_path_turn turns[TURNS];
+    int status = vulkan_kernel_of(b, &diffuse_shader, false, 0, &r->diffuse, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(b, &add_shader, false, TURNS, &r->clear, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(b, &add_shader, false, 0, &r->add, error);
+    if (status == KILN_OK)
+        status = gpu_buffer_create(b->gpu, &r->apart, bytes, GPU_DEVICE, "paths under way", error);
+    if (status == KILN_OK) {
+        describe_turns(r, paths, turns);
+        status = gpu_upload(b->gpu, &r->apart, 0, turns, sizeof turns, error);
+    }
+    return status;
+}
 
 static int prepare(struct path_run *r, const struct kiln_path_parameters *c, const struct kiln_batch *batch,
                    struct kiln_error *error)
@@ -45,6 +115,9 @@ static int prepare(struct path_run *r, const struct kiln_path_parameters *c, con
     struct vulkan_backend *b = r->b;
     const uint64_t seed = b->params.seed;
     r->room = (uint32_t)(batch->count < MOST_PIXELS ? batch->count : MOST_PIXELS);
+    r->most_samples = gpu_about(b->gpu)->software ? MOST_SAMPLES_SOFTWARE : MOST_SAMPLES;
+    if (batch->samples < r->most_samples)
+        r->most_samples = batch->samples;
     int status = vulkan_surfaces(b, error);
     if (status == KILN_OK)
         status = vulkan_kernel_of(b, &path_shader, false, 0, &r->kernel, error);
@@ -67,12 +140,13 @@ static int prepare(struct path_run *r, const struct kiln_path_parameters *c, con
                                           .lens_radius = c->lens_radius,
                                           .focus_distance = c->focus_distance,
                                           .extent = b->params.geometry->extent};
-    return status;
+    return status == KILN_OK && b->materials.gloss ? prepare_apart(r, error) : status;
 }
 
 static void finish(struct path_run *r)
 {
     gpu_buffer_destroy(r->b->gpu, &r->sums);
+    gpu_buffer_destroy(r->b->gpu, &r->apart);
     kiln_free(&r->answers);
 }
 
@@ -84,21 +158,43 @@ static uint32_t size_chunk(const struct path_run *r, size_t left)
     return (uint32_t)(some < left ? some : left);
 }
 
+static struct gpu_step step_of(struct gpu_kernel *kernel, uint32_t threads, const struct kiln_gpu_path_push *push)
+{
+    return (struct gpu_step){
+        .kernel = kernel, .threads_x = threads, .threads_y = 1, .constants = push, .constant_bytes = sizeof *push};
+}
+
+/* The paths of a dispatch where there is gloss: kernels take turns, then their sums are added up. */
+static int run_turns(struct path_run *r, double *seconds, struct kiln_error *error)
+{
+    const uint32_t paths = r->push.count * r->push.samples;
+    struct kiln_gpu_path_push pushes[TURNS + 2];
+    struct gpu_step steps[TURNS + 2];
+    for (uint32_t i = 0; i < TURNS + 2; i++) {
+        pushes[i] = r->push;
+        pushes[i].turn = r->apart.address;
+    }
+    pushes[TURNS].turn = counters_of(r);
+    steps[0] = step_of(r->clear, TURNS, &pushes[TURNS]);
+    for (uint32_t i = 0; i < TURNS; i++) {
+        pushes[i].turn += i * sizeof(struct kiln_gpu_path_turn);
+        steps[1 + i] = step_of(i % 2 == 0 ? r->diffuse : r->kernel, paths, &pushes[i]);
+    }
+    steps[TURNS + 1] = step_of(r->add, r->push.count, &pushes[TURNS + 1]);
+    return gpu_run(r->b->gpu, steps, TURNS + 2, seconds, error);
+}
+
 static int run_samples(struct path_run *r, uint32_t done, uint32_t left, struct kiln_error *error)
 {
     struct gpu_pacer *pacer = &r->b->pacers[KILN_PASS_INDEX_path];
-    const uint32_t most = gpu_about(r->b->gpu)->software ? MOST_SAMPLES_SOFTWARE : MOST_SAMPLES;
+    const uint32_t most = r->most_samples;
     const uint64_t enough = gpu_pacer_next(pacer, FIRST_GUESS) / r->push.count;
     uint32_t some = enough < 1 ? 1 : enough < most ? (uint32_t)enough : most;
     r->push.first_sample = done;
     r->push.samples = some < left ? some : left;
-    const struct gpu_step step = {.kernel = r->kernel,
-                                  .threads_x = r->push.count,
-                                  .threads_y = 1,
-                                  .constants = &r->push,
-                                  .constant_bytes = sizeof r->push};
     double seconds;
-    const int status = gpu_run(r->b->gpu, &step, 1, &seconds, error);
+    const struct gpu_step step = step_of(r->kernel, r->push.count, &r->push);
+    const int status = r->add != NULL ? run_turns(r, &seconds, error) : gpu_run(r->b->gpu, &step, 1, &seconds, error);
     if (status == KILN_OK)
         gpu_pacer_learn(pacer, (uint64_t)r->push.count * r->push.samples, seconds);
     return status;

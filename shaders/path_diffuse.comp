@@ -1,0 +1,6 @@
+/* Paths of pixels in scenes with gloss: from the camera, or what is only diffuse, to where they meet gloss. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#define KILN_GLOSS 1
+#define KILN_WALK_DIFFUSE
+#include "shaders/path.glsl"

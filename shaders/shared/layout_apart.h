@@ -1,0 +1,36 @@
+/* Rays of the gather pass whose chains are followed apart (shaders/gather_chains.glsl); part of shaders/shared/push.h.
+ */
+
+#define KILN_GPU_APART_COUNT_BYTES 16u /* the number of chains, a word, and nothing */
+
+/* A ray that has met a surface at which its chain begins. */
+struct kiln_gpu_apart_ray {
+    KILN_VECTOR direction;
+    KILN_WORD triangle; /* with KILN_GPU_BOTH_BACK: met from behind */
+    KILN_REAL32 u, v, distance;
+    KILN_REAL32 tint[3];
+    KILN_REAL32 facet, weight, taken_up; /* of what it finds: shaders/gather.glsl */
+    KILN_WORD chance, number;            /* as chain_follow (shaders/chain.glsl) takes them */
+};
+KILN_SIZE_IS(kiln_gpu_apart_ray, 60);
+
+/* What a ray has found, as the floats of a slice with all that these may have. */
+struct kiln_gpu_apart_found {
+    KILN_REAL32 incident[3], irradiance[3];
+    KILN_REAL32 escaped, blocked, luminance;
+    KILN_REAL32 glass[3], gloss[3];
+};
+KILN_SIZE_IS(kiln_gpu_apart_found, 60);
+#define KILN_GPU_APART_RAY_BYTES 60ul
+
+/* chains.comp, chains_add.comp. */
+struct kiln_gpu_chains_push {
+    KILN_ADDRESS scene;
+    KILN_ADDRESS room;   /* apart.glsl says what lies there */
+    KILN_ADDRESS slices; /* as in struct kiln_gpu_hemisphere */
+    KILN_WORD points, samples, rows;
+    KILN_WORD threads;             /* of chains.comp */
+    KILN_WORD row_first, row_last; /* of chains_add.comp: slices from the first to before the last */
+    KILN_WORD per_quarter, slice;  /* likewise */
+};
+KILN_SIZE_IS(kiln_gpu_chains_push, 56);
