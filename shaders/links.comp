@@ -235,14 +235,6 @@ void add_variance(kiln_gpu_link_sent l, bool is_leaf, Seen s, real factor, real 
     variance += factor * factor * square;
 }
 
-/* What arrives of light whose level is `flat`, and that varies by `more`, which together never fall below 0. */
-real arriving(real flat_, real more)
-{
-    if (more >= 0)
-        return flat_ + more;
-    return flat_ > 0 ? flat_ * (flat_ / (flat_ - more)) : real(0);
-}
-
 real along(real3 slope, kiln_gpu_link_sent l, uint c)
 {
     return dot(slope, real3(l.moment[3u * c], l.moment[3u * c + 1u], l.moment[3u * c + 2u]));
@@ -255,10 +247,10 @@ void add_light(kiln_gpu_link_sent l, Seen s, vec3 through)
         radiosity = LinkLeafLights(push.light + uint64_t(push.node_count) * 64ul).at[s.leaf].radiosity;
     for (uint c = 0u; c < 3u; c++) {
         const real filter_ = real(through[c]), level = real(radiosity[c]),
-                   arrives = filter_ * arriving(s.factor * level, along(s.slope, l, c));
+                   arrives = filter_ * max(real(0), s.factor * level + along(s.slope, l, c));
         incident[c] += arrives;
         irradiance[c] +=
-            smooth_point ? filter_ * arriving(s.shading * level, along(s.shading_slope, l, c)) : arrives;
+            smooth_point ? filter_ * max(real(0), s.shading * level + along(s.shading_slope, l, c)) : arrives;
     }
 }
 

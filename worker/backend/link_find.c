@@ -126,15 +126,19 @@ uint32_t kiln_link_shared_by(const struct kiln_link_run *w, uint32_t to)
     return 4.0 * w->texel <= radius ? 16 : 2.0 * w->texel <= radius ? 4 : 1;
 }
 
-/* Asks who traces, if the two face each other. */
-static int ask(const struct kiln_link_run *w, const struct kiln_link_question *q, struct kiln_error *error)
+/* The point that a question is asked of: its place in the tree's order. */
+static uint32_t asked_of(const struct kiln_link_run *w, const struct kiln_link_question *q)
 {
-    const struct kiln_links_parameters *p = w->p;
-    const struct kiln_patch *own = w->patch[q->bit];
     const uint32_t to = w->found.to[q->link];
-    const struct kiln_link_leaf *other = (to & KILN_LINK_LEAF) != 0
-                                             ? &p->leaves[to & ~KILN_LINK_LEAF]
-                                             : &p->leaves[kiln_link_choose(p, &p->nodes[to], to, own->number)];
+    return (to & KILN_LINK_LEAF) != 0 ? to & ~KILN_LINK_LEAF
+                                      : kiln_link_choose(w->p, &w->p->nodes[to], to, w->patch[q->bit]->number);
+}
+
+/* Asks who traces, if the two face each other. */
+static int ask(const struct kiln_link_run *w, const struct kiln_link_question *q, const struct kiln_link_leaf *other,
+               struct kiln_error *error)
+{
+    const struct kiln_patch *own = w->patch[q->bit];
     const struct kiln_dvec3 d = dvec3_sub(dvec3_of(other->centre), w->at[q->bit]);
     const bool first = own->number < other->number;
     if (!(dvec3_dot(w->receiver[q->bit].n, d) > 0.0 && dvec3_dot(dvec3_of(other->normal), d) < 0.0))
@@ -143,11 +147,15 @@ static int ask(const struct kiln_link_run *w, const struct kiln_link_question *q
                   error);
 }
 
+/* All choices first: memory is waited for together. */
 static int ask_all(struct kiln_link_run *w, struct kiln_error *error)
 {
+    uint32_t k[KILN_LINK_QUESTIONS];
     int status = KILN_OK;
+    for (uint32_t i = 0; i < w->question_count; i++)
+        k[i] = asked_of(w, &w->questions[i]);
     for (uint32_t i = 0; i < w->question_count && status == KILN_OK; i++)
-        status = ask(w, &w->questions[i], error);
+        status = ask(w, &w->questions[i], &w->p->leaves[k[i]], error);
     w->question_count = 0;
     return status;
 }

@@ -32,10 +32,10 @@ static inline uint64_t bits_of(const uint64_t is[GROUP], uint32_t first)
 static inline void judge(const struct kiln_node_view *v, const struct kiln_link_node *node, double square_error,
                          uint64_t *open, uint64_t *stands, uint64_t *whole)
 {
-    const double radius = (double)node->radius, high = v->height / v->distance, reaches = v->reach / v->distance,
-                 factor = (double)node->area * (high < 1.0 ? high : 1.0) * (reaches < 1.0 ? reaches : 1.0) /
-                          (KILN_PI * v->square),
-                 rho = radius / v->distance, turned = 2.0 * rho * (double)node->bend,
+    const double radius = (double)node->radius, high = v->height * v->inverse, reaches = v->reach * v->inverse,
+                 factor = (double)node->area * (high < 1.0 ? high : 1.0) * (reaches < 1.0 ? reaches : 1.0) *
+                          (1.0 / KILN_PI) * v->inverse * v->inverse,
+                 rho = radius * v->inverse, turned = 2.0 * rho * (double)node->bend,
                  spread = VARIES * rho * (double)node->spread, light = 1.0 + (double)node->level,
                  of_whole = KILN_LINKS_UNSEEN + turned * turned, unsure = v->whole ? of_whole : 1.0;
     const bool seen = (v->height > 0.0) & (v->reach > FLAT * (v->distance + radius)),
@@ -80,7 +80,7 @@ KILN_CLONES void kiln_link_lanes_factors(const struct kiln_link_lanes *lanes, co
             const struct kiln_dvec3 n = lane_of(lanes->n, first + l);
             const struct kiln_node_view v = kiln_node_view_of(node, n, lane_of(lanes->at, first + l));
             whole[l] = v.whole;
-            f->distance[first + l] = v.distance;
+            f->inverse[first + l] = v.inverse;
             f->factor[first + l] = f->shading[first + l] = kiln_node_factor(node, n, &v);
             set_lane(f->slope, first + l, kiln_node_slope(node, n, &v));
         }
@@ -96,61 +96,76 @@ KILN_CLONES void kiln_link_lanes_factors(const struct kiln_link_lanes *lanes, co
     f->whole &= mask;
 }
 
-/* What arrives from a node whose light varies: F B and the slope of F times the moment of B, which together never fall
- * below 0. */
-static inline double arriving(double flat, double more)
+/* A group's lanes as numbers: 1 where the bit is set, else 0. */
+static inline void numbers_of(uint64_t bits, double is[GROUP])
 {
-    const double sum = flat + more, less = flat > 0.0 ? flat * (flat / (flat - more)) : 0.0;
-    return more < 0.0 ? less : sum;
+    for (uint32_t l = 0; l < GROUP; l++)
+        is[l] = (bits >> l & 1) != 0 ? 1.0 : 0.0;
 }
 
-static inline double along(const double slope[3][KILN_TILE_TEXELS], uint32_t i, const double moment[3])
-{
-    return slope[0][i] * moment[0] + slope[1][i] * moment[1] + slope[2][i] * moment[2];
-}
+/* What a group's lanes are. */
+struct group {
+    double seen[GROUP], any[GROUP], whole[GROUP];
+};
 
-/* Adds a colour of the light that arrives in a lane. */
-static inline void add_light(struct kiln_link_lane_sums *restrict s, const struct kiln_link_lane_factors *restrict f,
-                             const struct kiln_link_lane_link *restrict link, int c, uint32_t i, bool is_seen,
-                             bool is_whole)
+/* Adds a colour of the light that arrives in a group's lanes: F B, and where a node is seen whole the slope of F times
+ * the moment of B, which together never fall below 0. */
+static inline void add_light(double *restrict sum, const double *restrict factor, const double *restrict slope,
+                             const double *restrict light, const struct kiln_link_lane_link *restrict link, int c,
+                             const struct group *restrict g)
 {
-    const double light = is_whole ? link->light[c] : f->light[c][i], filter = is_seen ? link->filter[c] : 0.0,
-                 more = is_whole ? along(f->slope, i, link->moment[c]) : 0.0,
-                 incident = filter * arriving(f->factor[i] * light, more);
-    s->incident[c][i] += incident;
-    if (!link->smooth) {
-        s->irradiance[c][i] += incident;
-        return;
+    const double m[3] = {link->moment[c][0], link->moment[c][1], link->moment[c][2]}, filter = link->filter[c],
+                 mean = link->light[c];
+#pragma omp simd
+    for (uint32_t l = 0; l < GROUP; l++) {
+        const double along =
+                         slope[l] * m[0] + slope[KILN_TILE_TEXELS + l] * m[1] + slope[2 * KILN_TILE_TEXELS + l] * m[2],
+                     of_node = factor[l] * mean + along, of_point = factor[l] * light[l],
+                     arrives = g->whole[l] > 0.0 ? of_node : of_point, some = arrives > 0.0 ? arrives : 0.0;
+        sum[l] += g->seen[l] > 0.0 ? filter * some : 0.0;
     }
-    const double about = is_whole ? along(f->shading_slope, i, link->moment[c]) : 0.0;
-    s->irradiance[c][i] += filter * arriving(f->shading[i] * light, about);
+}
+
+/* Adds rows and errors. */
+static inline void add_error(double *restrict row, double *restrict variance, double *restrict now,
+                             const double *restrict factor, const double *restrict about,
+                             const double *restrict inverse, const struct kiln_link_lane_link *restrict link,
+                             const double *restrict unsure, const struct group *restrict g)
+{
+    const double of_part = link->reach > 0.0 ? link->square : 0.0, /* of what is seen in part, or of a point */
+        reach = link->reach, more = link->more, through = link->through, square = link->square,
+                 light = through * link->now;
+#pragma omp simd
+    for (uint32_t l = 0; l < GROUP; l++) {
+        const bool is_seen = g->seen[l] > 0.0;
+        const double stated = is_seen ? about[l] : factor[l], rho = reach * inverse[l], spread = rho * rho * more,
+                     off = g->whole[l] > 0.0 ? spread : of_part, all = unsure[l] * square + (is_seen ? off : 0.0),
+                     varies = stated * stated * all;
+        row[l] += is_seen ? factor[l] * through : 0.0;
+        variance[l] += g->any[l] > 0.0 ? varies : 0.0;
+        now[l] += is_seen ? stated * light : 0.0;
+    }
 }
 
 KILN_CLONES void kiln_link_lanes_add(struct kiln_link_lane_sums *restrict s,
                                      const struct kiln_link_lane_factors *restrict f,
                                      const struct kiln_link_lane_link *restrict link)
 {
-    const bool by_first = link->by_first;
-    const double of_part = link->reach > 0.0 ? link->square : 0.0; /* of what is seen in part, or of a point */
-    for (uint32_t first = 0; first < KILN_TILE_TEXELS; first += GROUP) {
-        const uint64_t sees = link->sees >> first, all = (link->sees | link->other) >> first, whole = f->whole >> first;
-        if ((all & ((1u << GROUP) - 1)) == 0)
+    const double *about = link->by_first ? f->factor : f->shading;
+    for (uint32_t i = 0; i < KILN_TILE_TEXELS; i += GROUP) {
+        const uint64_t all = link->sees | link->other;
+        struct group g;
+        if ((all >> i & ((1u << GROUP) - 1)) == 0)
             continue;
-        for (uint32_t l = 0; l < GROUP; l++) {
-            const uint32_t i = first + l;
-            const bool is_seen = (sees >> l & 1) != 0, is_any = (all >> l & 1) != 0, is_whole = (whole >> l & 1) != 0;
-            const double own = f->factor[i], about = f->shading[i], either = by_first ? own : about,
-                         factor = is_seen ? own : 0.0, stated = is_seen ? either : own,
-                         rho = link->reach / f->distance[i], spread = rho * rho * link->more,
-                         off = is_whole ? spread : of_part, unseen = link->unsure[i] * link->square,
-                         square = unseen + (is_seen ? off : 0.0), variance = stated * stated * square,
-                         now = stated * link->through * link->now;
-            s->row[i] += factor * link->through;
-            s->variance[i] += is_any ? variance : 0.0;
-            s->now[i] += is_seen ? now : 0.0;
+        numbers_of(link->sees >> i, g.seen);
+        numbers_of(all >> i, g.any);
+        numbers_of(f->whole >> i, g.whole);
+        add_error(&s->row[i], &s->variance[i], &s->now[i], &f->factor[i], &about[i], &f->inverse[i], link,
+                  &link->unsure[i], &g);
+        for (int c = 0; c < 3; c++) {
+            add_light(&s->incident[c][i], &f->factor[i], &f->slope[0][i], &f->light[c][i], link, c, &g);
+            if (link->smooth)
+                add_light(&s->irradiance[c][i], &f->shading[i], &f->shading_slope[0][i], &f->light[c][i], link, c, &g);
         }
-        for (int c = 0; c < 3; c++)
-            for (uint32_t l = 0; l < GROUP; l++)
-                add_light(s, f, link, c, first + l, (sees >> l & 1) != 0, (whole >> l & 1) != 0);
     }
 }

@@ -22,7 +22,7 @@ struct kiln_link_lane_choices kiln_link_lanes_judge(const struct kiln_link_lanes
 
 /* Factors of one link. */
 struct kiln_link_lane_factors {
-    double factor[KILN_TILE_TEXELS], shading[KILN_TILE_TEXELS], distance[KILN_TILE_TEXELS];
+    double factor[KILN_TILE_TEXELS], shading[KILN_TILE_TEXELS], inverse[KILN_TILE_TEXELS];
     /* 1/m: gradients of both by the node's place, of those that have it whole before them */
     double slope[3][KILN_TILE_TEXELS], shading_slope[3][KILN_TILE_TEXELS];
     double light[3][KILN_TILE_TEXELS]; /* radiosity of the points that those below are looked at by, W/m2 */

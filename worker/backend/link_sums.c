@@ -214,7 +214,7 @@ struct kiln_link_sums kiln_link_run_sums(const struct kiln_link_run *w, uint32_t
     struct kiln_link_sums s = {.variance = w->sums.variance[bit]};
     for (int c = 0; c < 3; c++) {
         s.incident[c] = w->sums.incident[c][bit];
-        s.irradiance[c] = w->sums.irradiance[c][bit];
+        s.irradiance[c] = w->lanes.smooth ? w->sums.irradiance[c][bit] : s.incident[c];
     }
     return s;
 }

@@ -17,9 +17,9 @@ enum { KILN_LINK_DRAWS = 4 };
 /* How a point sees a node. */
 struct kiln_node_view {
     struct kiln_dvec3 d;
-    double square, distance, other; /* other: -d about the node's normal */
-    double height, reach;           /* the highest that it may stand over the point's horizon; and the point over its */
-    bool whole;                     /* all of it is above the horizon and faces the point */
+    double distance, inverse, other; /* inverse: 1 / distance; other: -d about the node's normal */
+    double height, reach; /* the highest that it may stand over the point's horizon; and the point over its */
+    bool whole;           /* all of it is above the horizon and faces the point */
 };
 
 /* The covariance of the node's surface times a vector. */
@@ -46,8 +46,9 @@ static inline struct kiln_node_view kiln_node_view_of(const struct kiln_link_nod
                                                       struct kiln_dvec3 at)
 {
     const struct kiln_dvec3 d = dvec3_sub(dvec3_of(node->centre), at);
-    struct kiln_node_view v = {.d = d, .square = dvec3_dot(d, d), .other = -dvec3_dot(dvec3_of(node->normal), d)};
-    v.distance = sqrt(v.square);
+    struct kiln_node_view v = {
+        .d = d, .distance = sqrt(dvec3_dot(d, d)), .other = -dvec3_dot(dvec3_of(node->normal), d)};
+    v.inverse = 1.0 / v.distance;
     const double radius = (double)node->radius, height = dvec3_dot(n, d),
                  off = (double)node->height + (double)node->bend * (v.distance + radius);
     v.height = height + radius;
@@ -64,9 +65,9 @@ static inline double kiln_node_mean_height(const struct kiln_link_node *node, st
     const float *c = node->covariance;
     const struct kiln_dvec3 d = v->d, along = kiln_node_covariance_times(node, d);
     const double height = dvec3_dot(n, d), trace = (double)c[0] + (double)c[1] + (double)c[2],
-                 more = (12.0 * dvec3_dot(d, along) / v->square - 2.0 * trace) / v->square,
+                 per = v->inverse * v->inverse, more = (12.0 * dvec3_dot(d, along) * per - 2.0 * trace) * per,
                  less = 1.0 / ((1.0 - 0.5 * more) * (1.0 - 0.5 * more)), plus = 1.0 + more,
-                 mean = height * (more < 0.0 ? less : plus) - 4.0 * dvec3_dot(n, along) / v->square;
+                 mean = height * (more < 0.0 ? less : plus) - 4.0 * dvec3_dot(n, along) * per;
     return mean > 0.0 ? mean : 0.0;
 }
 
@@ -74,7 +75,7 @@ static inline double kiln_node_mean_height(const struct kiln_link_node *node, st
 static inline double kiln_node_factor(const struct kiln_link_node *node, struct kiln_dvec3 n,
                                       const struct kiln_node_view *v)
 {
-    const double far = (double)node->area * v->other / (KILN_PI * v->square * v->square);
+    const double per = v->inverse * v->inverse, far = (double)node->area * (1.0 / KILN_PI) * v->other * per * per;
     return far * kiln_node_mean_height(node, n, v);
 }
 
@@ -82,8 +83,8 @@ static inline double kiln_node_factor(const struct kiln_link_node *node, struct 
 static inline struct kiln_dvec3 kiln_node_slope(const struct kiln_link_node *node, struct kiln_dvec3 n,
                                                 const struct kiln_node_view *v)
 {
-    const double far = (double)node->area / (KILN_PI * v->square * v->square), height = dvec3_dot(n, v->d),
-                 along = 4.0 * height * v->other / v->square;
+    const double per = v->inverse * v->inverse, far = (double)node->area * (1.0 / KILN_PI) * per * per,
+                 height = dvec3_dot(n, v->d), along = 4.0 * height * v->other * per;
     const struct kiln_dvec3 m = dvec3_of(node->normal);
     return dvec3(far * (v->other * n.x - height * m.x - along * v->d.x),
                  far * (v->other * n.y - height * m.y - along * v->d.y),

@@ -7,7 +7,7 @@
  *
  * B is the mean radiosity of the node, by area, and M the mean of its radiosity times the place off its centre: so the
  * sum is that of what its parts send, to the first order. What is nearer is brighter, or darker, than the mean; without
- * M light was 1 to 3 % low. Where it takes light away it is damped, so that none falls below 0. V is what the surfaces
+ * M light was 1 to 3 % low. No link's light falls below 0. V is what the surfaces
  * between the point and one of the node's points let through, k: taken by a sequence that goes from point to point
  * through all that the node has, so that the means over a tile's points are right. A square of 2 x 2 or 4 x 4 points of
  * a tile has one V by one ray where two or four of a point's edges are less than kiln_links_shared times R: then they
@@ -16,17 +16,17 @@
  *
  * F is the mean over the node to the second order in its size, by the covariance of its points' places, where it lies
  * above the point's horizon and all of it faces the point; else F and B are those of k, as if all of the node's area
- * were there, and there is no M, which is right in the mean over k. A link to a single point has the factor of the
+ * were there, and no M, which is right in the mean over k. A link to a single point has the factor of the
  * patches pass.
  *
  * Opening. With R the node's radius, r its distance, rho = R / r, L and S the mean and the standard deviation of its
  * points' first light (of direct light, or of what is emitted), T = L plus the mean l of all points' first light: a
- * link's variance is taken for F^2 (v T^2 + (8 rho S)^2), v = KILN_LINKS_UNSEEN for what one ray knows of the view and 4
- * (rho bend)^2 for normals that differ, or 1 where F is that of k. The 8 is found by trial: a few bright points in a
+ * link's variance is taken for F^2 (v T^2 + (8 rho S)^2), v = KILN_LINKS_UNSEEN for what one ray knows of the view and
+ * 4 (rho bend)^2 for normals that differ, or 1 where F is that of k. The 8 is found by trial: a few bright points in a
  * node are what costs most. It stands where that is at most e^2 l T F, e the error asked for, and r >= 1.5 R; else the
- * node's children are asked. So the variances of a point's links add up to
- * e^2 times the square of its light, or of l where that is more: l is what stands for the light of a point that has not
- * been gathered yet. Nodes whose F is below 1e-3 e^2 are left out, as are those that lie behind the point or look away.
+ * node's children are asked. So the variances of a point's links add up to e^2 times the square of its light, or of l
+ * where that is more: l is what stands for the light of a point that has not been gathered yet. Nodes whose F is below
+ * 1e-3 e^2 are left out, as are those that lie behind the point or look away.
  *
  * Rows are closed as those of the patches pass, by rays of one stream (the parameters'), kiln_links_samples of them.
  *
