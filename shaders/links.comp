@@ -18,14 +18,15 @@ KILN_ARRAY(Links, kiln_gpu_link, 4);
 KILN_ARRAY(TintedLinks, kiln_gpu_tinted_link, 4);
 KILN_ARRAY(LinkNodes, kiln_gpu_link_node, 4);
 KILN_ARRAY(LinkLeaves, kiln_gpu_link_leaf, 4);
-KILN_ARRAY(LinkLights, kiln_gpu_link_light, 4);
+KILN_ARRAY(LinkSent, kiln_gpu_link_sent, 4);
+KILN_ARRAY(LinkLeafLights, kiln_gpu_link_leaf_light, 4);
 KILN_ARRAY(FloatArray, float, 4);
 
 const uint LEAF = 0x80000000u; /* KILN_LINK_LEAF */
 const uint DRAWS = 4u;         /* KILN_LINK_DRAWS */
 const real NEAR = real(8);     /* KILN_PATCHES_NEAR */
-const real FLAT_NODE = KILN_RATIO(1, 10), RECTANGLE = KILN_RATIO(31, 10), SHARED = KILN_RATIO(7, 10),
-           UNSEEN = KILN_RATIO(3, 100), SPREAD = KILN_RATIO(3, 2), HALF = KILN_RATIO(1, 2);
+const real FLAT_NODE = KILN_RATIO(1, 10), RECTANGLE = KILN_RATIO(29, 10), UNSEEN = KILN_RATIO(3, 100),
+           SPREAD = KILN_RATIO(3, 2), HALF = KILN_RATIO(1, 2);
 
 /* The point of the thread. */
 kiln_gpu_linked_point own;
@@ -44,6 +45,15 @@ struct View {
     real3 d;
     real square, distance_, other;
     bool whole;
+};
+
+/* How it sees what a link goes to: as one of several points of the tree, or a node in the mean. */
+struct Seen {
+    View view;
+    real radius;                /* of the node, 0 of a point */
+    uint leaf;                  /* the point that it is seen by, where it is not seen whole */
+    real factor, shading;       /* about either normal */
+    real3 slope, shading_slope; /* their gradients by the node's place, where it is seen whole */
 };
 
 real3 covariance_times(kiln_gpu_link_node node, real3 v)
@@ -85,6 +95,14 @@ real node_height(kiln_gpu_link_node node, real3 n, View v)
     return max(real(0), height * stretched - 4 * dot(n, along) / v.square);
 }
 
+/* The gradient of a node's factor by its place. */
+real3 node_slope(kiln_gpu_link_node node, real3 n, View v)
+{
+    const real height = dot(n, v.d);
+    return real(node.area) / (KILN_REAL_PI * v.square * v.square) *
+           (v.other * n - height * real3(node.normal) - 4 * height * v.other / v.square * v.d);
+}
+
 /* The same over a point's parallelogram. */
 real leaf_height(kiln_gpu_link_leaf from, real3 n, real3 d, real square)
 {
@@ -98,10 +116,10 @@ real leaf_height(kiln_gpu_link_leaf from, real3 n, real3 d, real square)
     return max(real(0), sum);
 }
 
-/* The point of a node by which the thread's sees it, in the tree's order; its numbers are C's but for rounding. */
-uint choose_leaf(kiln_gpu_link_node node, uint number)
+/* The point of node `to` by which the thread's sees it, in the tree's order; its numbers are C's but for rounding. */
+uint choose_leaf(kiln_gpu_link_node node, uint to)
 {
-    const uint hash = kiln_hash1(number);
+    const uint hash = kiln_hash1(to);
     uint64_t u = (uint64_t(hash) << 32) + uint64_t(own.number) * 0x9e3779b97f4a8000ul;
     uint k = node.first;
     for (uint i = 0u; i < DRAWS; i++) {
@@ -138,29 +156,6 @@ void leaf_factors(kiln_gpu_link_leaf from, real area, out real factor, out real 
     }
 }
 
-/* F of a link, and how it sees the node, which is not whole where it is a point; its radius, 0 of a point. */
-void link_factors(uint to, out real factor, out real shading, out View v, out real radius)
-{
-    uint k = to & ~LEAF;
-    real area = real(0);
-    v = View(real3(0), real(1), real(1), real(0), false);
-    radius = real(0);
-    if ((to & LEAF) == 0u) {
-        const kiln_gpu_link_node node = LinkNodes(push.nodes).at[to];
-        v = view_of(node);
-        radius = real(node.radius);
-        area = real(node.area);
-        if (v.whole) {
-            const real far = area * v.other / (KILN_REAL_PI * v.square * v.square);
-            factor = far * node_height(node, geometric, v);
-            shading = smooth_point ? far * node_height(node, soft, v) : factor;
-            return;
-        }
-        k = choose_leaf(node, to);
-    }
-    leaf_factors(LinkLeaves(push.leaves).at[k], area, factor, shading); /* once: it is long, and inlined */
-}
-
 /* ---- what is seen ---- */
 
 bool has_bit(uint mask[2], uint i) { return (mask[i >> 5] >> (i & 31u) & 1u) != 0u; }
@@ -168,8 +163,36 @@ bool has_bit(uint mask[2], uint i) { return (mask[i >> 5] >> (i & 31u) & 1u) != 
 /* Of how many points in a row, a square of them, one ray is asked. */
 uint shared_by(uint to)
 {
-    const real radius = (to & LEAF) != 0u ? real(0) : SHARED * real(LinkNodes(push.nodes).at[to].radius);
+    const real radius = (to & LEAF) != 0u ? real(0) : real(run.sharing) * real(LinkNodes(push.nodes).at[to].radius);
     return 4 * real(run.texel) <= radius ? 16u : 2 * real(run.texel) <= radius ? 4u : 1u;
+}
+
+/* How the point sees what a link goes to. */
+Seen seen_of(uint to)
+{
+    Seen s;
+    real area = real(0);
+    s.leaf = to & ~LEAF;
+    s.view = View(real3(0), real(1), real(1), real(0), false);
+    s.radius = real(0);
+    if ((to & LEAF) == 0u) {
+        const kiln_gpu_link_node node = LinkNodes(push.nodes).at[to];
+        s.view = view_of(node);
+        s.radius = real(node.radius);
+        area = real(node.area);
+        if (s.view.whole) {
+            const real far = area * s.view.other / (KILN_REAL_PI * s.view.square * s.view.square);
+            s.factor = far * node_height(node, geometric, s.view);
+            s.slope = node_slope(node, geometric, s.view);
+            s.shading = smooth_point ? far * node_height(node, soft, s.view) : s.factor;
+            s.shading_slope = smooth_point ? node_slope(node, soft, s.view) : s.slope;
+            return s;
+        }
+        s.leaf = choose_leaf(node, to);
+    }
+    s.slope = s.shading_slope = real3(0);
+    leaf_factors(LinkLeaves(push.leaves).at[s.leaf], area, s.factor, s.shading); /* once: it is long, and inlined */
+    return s;
 }
 
 /* The variance of what the point sees by a link, of the points beside it that have rays of their own; others: some of
@@ -192,32 +215,55 @@ real unsure_of(kiln_gpu_link link, out bool others)
 
 /* ---- sums ---- */
 
-void add_variance(kiln_gpu_link_light l, bool is_leaf, View v, real radius, real factor, real seen, real q)
+/* What a link's node, or its point, sends: luminance that errors are of. */
+kiln_gpu_link_sent sent_by(uint to)
+{
+    if ((to & LEAF) == 0u)
+        return LinkSent(push.light).at[to];
+    const kiln_gpu_link_leaf_light l = LinkLeafLights(push.light + uint64_t(push.node_count) * 64ul).at[to & ~LEAF];
+    return kiln_gpu_link_sent(l.radiosity, float[9](0, 0, 0, 0, 0, 0, 0, 0, 0), l.now, l.before, 0.0, 0.0);
+}
+
+void add_variance(kiln_gpu_link_sent l, bool is_leaf, Seen s, real factor, real seen, real q)
 {
     const real now = real(l.now), before = real(l.before), more = real(l.spread_now) - real(l.spread_before);
     real square = q * (now * now - before * before + more);
     if (!is_leaf && seen > 0) {
-        const real rho = SPREAD * radius / v.distance_;
-        square += v.whole ? rho * rho * more : now * now - before * before + more;
+        const real rho = SPREAD * s.radius / s.view.distance_;
+        square += s.view.whole ? rho * rho * more : now * now - before * before + more;
     }
     variance += factor * factor * square;
 }
 
+real along(real3 slope, kiln_gpu_link_sent l, uint c)
+{
+    return dot(slope, real3(l.moment[3u * c], l.moment[3u * c + 1u], l.moment[3u * c + 2u]));
+}
+
+void add_light(kiln_gpu_link_sent l, Seen s, vec3 through)
+{
+    float radiosity[3] = l.radiosity;
+    if (!s.view.whole)
+        radiosity = LinkLeafLights(push.light + uint64_t(push.node_count) * 64ul).at[s.leaf].radiosity;
+    for (uint c = 0u; c < 3u; c++) {
+        const real filter_ = real(through[c]), level = real(radiosity[c]),
+                   arrives = filter_ * max(real(0), s.factor * level + along(s.slope, l, c));
+        incident[c] += arrives;
+        irradiance[c] +=
+            smooth_point ? filter_ * max(real(0), s.shading * level + along(s.shading_slope, l, c)) : arrives;
+    }
+}
+
 void add_link(uint to, vec3 through, bool sees, real q)
 {
-    const bool is_leaf = (to & LEAF) != 0u;
-    const kiln_gpu_link_light light = LinkLights(push.light).at[(to & ~LEAF) + (is_leaf ? push.node_count : 0u)];
-    real factor, shading, radius;
-    View v;
-    link_factors(to, factor, shading, v, radius);
+    const kiln_gpu_link_sent sent = sent_by(to);
+    const Seen s = seen_of(to);
     const real seen = sees ? (real(through.r) + real(through.g) + real(through.b)) / 3 : real(0);
     if (sees) {
-        const real3 arrives = real3(light.radiosity[0], light.radiosity[1], light.radiosity[2]) * real3(through);
-        row += factor * seen;
-        incident += factor * arrives;
-        irradiance += shading * arrives;
+        row += s.factor * seen;
+        add_light(sent, s, through);
     }
-    add_variance(light, is_leaf, v, radius, sees ? shading : factor, seen, q);
+    add_variance(sent, (to & LEAF) != 0u, s, sees ? s.shading : s.factor, seen, q);
 }
 
 /* Link i of the tile run, if it is one of the point. */

@@ -16,22 +16,27 @@ enum {
 struct kiln_link_tree {
     const struct kiln_patch *points;
     uint32_t *order;
-    float *area; /* of the points in this order */
+    struct kiln_link_leaf *leaves; /* the points in this order */
     uint64_t count;
     struct kiln_link_node *nodes;
     size_t node_count, node_room;
-    float (*radiosity)[3], (*leaf_radiosity)[3];
-    struct kiln_link_light *light, *leaf_light;
-    float *first; /* luminance of first light of all points, over the mean, by global index */
-    double mean;  /* of that */
+    struct kiln_link_sent *sent; /* of nodes */
+    float *first;                /* luminance of first light of all points, over the mean, by global index */
+    double mean;                 /* of that */
+};
+
+/* A point as the tree is built of it; a cache line. */
+struct item {
+    float at[AXES]; /* its centre, and its normal */
+    struct kiln_vec3 edge_s, edge_t;
+    float area, level; /* level: first light over the mean */
+    uint32_t number, point;
 };
 
 /* What a tree is built with. */
 struct builder {
     struct kiln_link_tree *tree;
-    const float *light;
-    double mean;      /* of light */
-    uint32_t *behind; /* what of a range goes to its second half */
+    struct item *items; /* in the order of the tree, as far as that stands */
 };
 
 /* Points `first` to `first + count` of the order. */
@@ -39,11 +44,11 @@ struct range {
     uint32_t first, count, depth;
 };
 
-static float coordinate(const struct kiln_patch *p, int axis)
-{
-    const struct kiln_vec3 *v = axis < 3 ? &p->centre : &p->normal;
-    return axis % 3 == 0 ? v->x : axis % 3 == 1 ? v->y : v->z;
-}
+static inline float least(float a, float b) { return b < a ? b : a; }
+static inline float most(float a, float b) { return b > a ? b : a; }
+
+static inline struct kiln_vec3 centre_of(const struct item *i) { return vec3(i->at[0], i->at[1], i->at[2]); }
+static inline struct kiln_vec3 normal_of(const struct item *i) { return vec3(i->at[3], i->at[4], i->at[5]); }
 
 /* ---- cuts ---- */
 
@@ -53,16 +58,14 @@ struct cut {
 };
 
 /* Where the range is longest; false: its points have one place and one normal. */
-static bool find_cut(const struct kiln_link_tree *t, struct range r, struct cut *cut)
+static bool find_cut(const struct item *items, uint32_t count, struct cut *cut)
 {
     float low[AXES], high[AXES];
     for (int a = 0; a < AXES; a++)
         low[a] = INFINITY, high[a] = -INFINITY;
-    for (uint32_t i = 0; i < r.count; i++)
-        for (int a = 0; a < AXES; a++) {
-            const float x = coordinate(&t->points[t->order[r.first + i]], a);
-            low[a] = fminf(low[a], x), high[a] = fmaxf(high[a], x);
-        }
+    for (uint32_t i = 0; i < count; i++)
+        for (int a = 0; a < AXES; a++)
+            low[a] = least(low[a], items[i].at[a]), high[a] = most(high[a], items[i].at[a]);
     const float diagonal = vec3_length(vec3(high[0] - low[0], high[1] - low[1], high[2] - low[2]));
     float longest = 0.0f;
     for (int a = 0; a < AXES; a++) {
@@ -75,46 +78,47 @@ static bool find_cut(const struct kiln_link_tree *t, struct range r, struct cut 
     return longest > 0.0f;
 }
 
-/* Brings what is before the cut to the front, all in their order; how many these are. */
-static uint32_t cut_range(const struct builder *b, struct range r, struct cut cut)
+/* Brings what is before the cut to the front; how many these are. */
+static uint32_t cut_range(struct item *items, uint32_t count, struct cut cut)
 {
-    const struct kiln_link_tree *t = b->tree;
-    uint32_t *order = t->order + r.first, before = 0, behind = 0;
-    for (uint32_t i = 0; i < r.count; i++) {
-        if (coordinate(&t->points[order[i]], cut.axis) < cut.at)
-            order[before++] = order[i];
-        else
-            b->behind[behind++] = order[i];
+    uint32_t before = 0, behind = count;
+    for (;;) {
+        while (before < behind && items[before].at[cut.axis] < cut.at)
+            before++;
+        while (before < behind && !(items[behind - 1].at[cut.axis] < cut.at))
+            behind--;
+        if (before == behind)
+            return before;
+        const struct item one = items[before];
+        items[before++] = items[--behind];
+        items[behind] = one;
     }
-    memcpy(order + before, b->behind, behind * sizeof *order);
-    return before;
 }
 
 struct keyed {
     float key;
-    uint32_t number, point;
+    struct item item;
 };
 
 static int compare_keyed(const void *a, const void *b)
 {
     const struct keyed *x = a, *y = b;
-    return x->key != y->key ? (x->key < y->key ? -1 : 1) : (x->number > y->number) - (x->number < y->number);
+    return x->key != y->key ? (x->key < y->key ? -1 : 1)
+                            : (x->item.number > y->item.number) - (x->item.number < y->item.number);
 }
 
 /* Sorts along the axis. */
-static int sort_range(const struct builder *b, struct range r, int axis, struct kiln_error *error)
+static int sort_range(struct item *items, uint32_t count, int axis, struct kiln_error *error)
 {
-    const struct kiln_link_tree *t = b->tree;
-    uint32_t *order = t->order + r.first;
     struct keyed *keyed = NULL;
-    const int status = kiln_allocate(&keyed, r.count, sizeof *keyed, "the order of surface points", error);
+    const int status = kiln_allocate(&keyed, count, sizeof *keyed, "the order of surface points", error);
     if (status != KILN_OK)
         return status;
-    for (uint32_t i = 0; i < r.count; i++)
-        keyed[i] = (struct keyed){coordinate(&t->points[order[i]], axis), t->points[order[i]].number, order[i]};
-    qsort(keyed, r.count, sizeof *keyed, compare_keyed);
-    for (uint32_t i = 0; i < r.count; i++)
-        order[i] = keyed[i].point;
+    for (uint32_t i = 0; i < count; i++)
+        keyed[i] = (struct keyed){items[i].at[axis], items[i]};
+    qsort(keyed, count, sizeof *keyed, compare_keyed);
+    for (uint32_t i = 0; i < count; i++)
+        items[i] = keyed[i].item;
     kiln_free(&keyed);
     return KILN_OK;
 }
@@ -123,15 +127,16 @@ static int sort_range(const struct builder *b, struct range r, int axis, struct 
 static int halve(const struct builder *b, struct range r, uint32_t *before, struct kiln_error *error)
 {
     struct cut cut = {0, 0.0f};
+    struct item *items = b->items + r.first;
     *before = r.count / 2;
-    if (!find_cut(b->tree, r, &cut))
+    if (!find_cut(items, r.count, &cut))
         return KILN_OK;
-    const uint32_t middle = cut_range(b, r, cut), least = cut.axis < 3 ? r.count / LEAST_HALF : 1;
-    if (middle > 0 && middle < r.count && middle >= least && r.count - middle >= least && r.depth < DEEPEST_CUT) {
+    const uint32_t middle = cut_range(items, r.count, cut), fewest = cut.axis < 3 ? r.count / LEAST_HALF : 1;
+    if (middle > 0 && middle < r.count && middle >= fewest && r.count - middle >= fewest && r.depth < DEEPEST_CUT) {
         *before = middle;
         return KILN_OK;
     }
-    return sort_range(b, r, cut.axis, error);
+    return sort_range(items, r.count, cut.axis, error);
 }
 
 /* ---- nodes ---- */
@@ -142,28 +147,26 @@ struct sums {
 
 static void find_means(const struct builder *b, struct range r, struct kiln_link_node *node)
 {
-    const struct kiln_link_tree *t = b->tree;
     struct sums s = {.area = 0.0};
     for (uint32_t i = 0; i < r.count; i++) {
-        const uint32_t point = t->order[r.first + i];
-        const struct kiln_patch *p = &t->points[point];
+        const struct item *p = &b->items[r.first + i];
         const double area = (double)p->area;
         s.area += area;
-        s.level += area * (double)b->light[point];
+        s.level += area * (double)p->level;
         for (int c = 0; c < 3; c++) {
-            s.centre[c] += area * (double)coordinate(p, c);
-            s.normal[c] += area * (double)coordinate(p, 3 + c);
+            s.centre[c] += area * (double)p->at[c];
+            s.normal[c] += area * (double)p->at[3 + c];
         }
-        node->most_area = fmaxf(node->most_area, p->area);
+        node->most_area = most(node->most_area, p->area);
     }
     node->area = (float)s.area;
     node->centre = vec3((float)(s.centre[0] / s.area), (float)(s.centre[1] / s.area), (float)(s.centre[2] / s.area));
     node->normal = vec3((float)(s.normal[0] / s.area), (float)(s.normal[1] / s.area), (float)(s.normal[2] / s.area));
-    node->level = b->mean > 0.0 ? (float)(s.level / s.area / b->mean) : 0.0f;
+    node->level = (float)(s.level / s.area);
 }
 
 /* Adds a point's share of the covariance: its place, and its own size. */
-static void add_covariance(double sum[6], const struct kiln_patch *p, struct kiln_vec3 off)
+static void add_covariance(double sum[6], const struct item *p, struct kiln_vec3 off)
 {
     static const int row[6] = {0, 1, 2, 0, 0, 1}, column[6] = {0, 1, 2, 1, 2, 2};
     const double area = (double)p->area, d[3] = {(double)off.x, (double)off.y, (double)off.z},
@@ -175,18 +178,16 @@ static void add_covariance(double sum[6], const struct kiln_patch *p, struct kil
 
 static void find_extents(const struct builder *b, struct range r, struct kiln_link_node *node)
 {
-    const struct kiln_link_tree *t = b->tree;
     double covariance[6] = {0.0}, spread = 0.0;
     for (uint32_t i = 0; i < r.count; i++) {
-        const uint32_t point = t->order[r.first + i];
-        const struct kiln_patch *p = &t->points[point];
-        const struct kiln_vec3 off = vec3_sub(p->centre, node->centre);
+        const struct item *p = &b->items[r.first + i];
+        const struct kiln_vec3 off = vec3_sub(centre_of(p), node->centre);
         const float corner = 0.5f * sqrtf(vec3_dot(p->edge_s, p->edge_s) + vec3_dot(p->edge_t, p->edge_t)),
                     tilt = 0.5f * (fabsf(vec3_dot(node->normal, p->edge_s)) + fabsf(vec3_dot(node->normal, p->edge_t)));
-        const double level = b->mean > 0.0 ? (double)b->light[point] / b->mean - (double)node->level : 0.0;
-        node->radius = fmaxf(node->radius, vec3_length(off) + corner);
-        node->height = fmaxf(node->height, fabsf(vec3_dot(node->normal, off)) + tilt);
-        node->bend = fmaxf(node->bend, vec3_length(vec3_sub(p->normal, node->normal)));
+        const double level = (double)p->level - (double)node->level;
+        node->radius = most(node->radius, vec3_length(off) + corner);
+        node->height = most(node->height, fabsf(vec3_dot(node->normal, off)) + tilt);
+        node->bend = most(node->bend, vec3_length(vec3_sub(normal_of(p), node->normal)));
         add_covariance(covariance, p, off);
         spread += (double)p->area * level * level;
     }
@@ -273,38 +274,57 @@ static double mean_light(const struct kiln_link_tree *t, const float *light)
     return area > 0.0 ? sum / area : 0.0;
 }
 
-static int build_all(struct kiln_link_tree *t, const float *light, struct kiln_error *error)
+/* First light of all points over the mean. */
+static int find_first(struct kiln_link_tree *t, const float *light, uint64_t count, struct kiln_error *error)
 {
-    struct builder b = {t, light, t->mean, NULL};
-    uint32_t root;
-    if (t->count < 2)
-        return KILN_OK; /* nothing but itself is there to be seen */
-    int status = kiln_allocate(&b.behind, (size_t)t->count, sizeof *b.behind, "the tree of links", error);
-    if (status == KILN_OK)
-        status = build(&b, (struct range){0, (uint32_t)t->count, 0}, &root, error);
-    kiln_free(&b.behind);
+    t->mean = mean_light(t, light);
+    const int status = kiln_allocate(&t->first, (size_t)count, sizeof *t->first, "the light of links", error);
+    for (uint64_t i = 0; i < count && status == KILN_OK; i++)
+        t->first[i] = t->mean > 0.0 ? (float)((double)light[i] / t->mean) : 0.0f;
     return status;
 }
 
-/* Room for the light of nodes and points; the points' first light and areas, when their order stands. */
-static int make_light(struct kiln_link_tree *t, const float *light, uint64_t count, struct kiln_error *error)
+static struct item item_of(const struct kiln_link_tree *t, uint32_t point)
+{
+    const struct kiln_patch *p = &t->points[point];
+    return (struct item){.at = {p->centre.x, p->centre.y, p->centre.z, p->normal.x, p->normal.y, p->normal.z},
+                         .edge_s = p->edge_s,
+                         .edge_t = p->edge_t,
+                         .area = p->area,
+                         .level = t->first[point],
+                         .number = p->number,
+                         .point = point};
+}
+
+static int build_all(struct kiln_link_tree *t, struct kiln_error *error)
+{
+    struct builder b = {t, NULL};
+    uint32_t root;
+    if (t->count < 2)
+        return KILN_OK; /* nothing but itself is there to be seen */
+    int status = kiln_allocate(&b.items, (size_t)t->count, sizeof *b.items, "the tree of links", error);
+    for (uint64_t i = 0; i < t->count && status == KILN_OK; i++)
+        b.items[i] = item_of(t, t->order[i]);
+    if (status == KILN_OK)
+        status = build(&b, (struct range){0, (uint32_t)t->count, 0}, &root, error);
+    for (uint64_t i = 0; i < t->count && status == KILN_OK; i++)
+        t->order[i] = b.items[i].point;
+    kiln_free(&b.items);
+    return status;
+}
+
+/* Room for the light of nodes and points, and the points themselves, when their order stands. */
+static int make_leaves(struct kiln_link_tree *t, struct kiln_error *error)
 {
     static const char what[] = "the light of links";
-    int status = kiln_allocate(&t->radiosity, t->node_count, sizeof *t->radiosity, what, error);
+    int status = kiln_allocate(&t->sent, t->node_count, sizeof *t->sent, what, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&t->light, t->node_count, sizeof *t->light, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&t->leaf_radiosity, (size_t)t->count, sizeof *t->leaf_radiosity, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&t->leaf_light, (size_t)t->count, sizeof *t->leaf_light, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&t->first, (size_t)count, sizeof *t->first, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&t->area, (size_t)t->count, sizeof *t->area, what, error);
-    for (uint64_t i = 0; i < t->count && status == KILN_OK; i++)
-        t->area[i] = t->points[t->order[i]].area;
-    for (uint64_t i = 0; i < count && status == KILN_OK; i++)
-        t->first[i] = t->mean > 0.0 ? (float)((double)light[i] / t->mean) : 0.0f;
+        status = kiln_allocate(&t->leaves, (size_t)t->count, sizeof *t->leaves, what, error);
+    for (uint64_t i = 0; i < t->count && status == KILN_OK; i++) {
+        const struct kiln_patch *p = &t->points[t->order[i]];
+        t->leaves[i] = (struct kiln_link_leaf){
+            .place = p->place, .centre = p->centre, .normal = p->normal, .area = p->area, .number = p->number};
+    }
     return status;
 }
 
@@ -318,12 +338,12 @@ int kiln_link_tree_create(struct kiln_link_tree **tree, const struct kiln_patch 
         return status;
     t->points = points;
     status = order_points(t, count, error);
-    if (status == KILN_OK) {
-        t->mean = mean_light(t, light);
-        status = build_all(t, light, error);
-    }
     if (status == KILN_OK)
-        status = make_light(t, light, count, error);
+        status = find_first(t, light, count, error);
+    if (status == KILN_OK)
+        status = build_all(t, error);
+    if (status == KILN_OK)
+        status = make_leaves(t, error);
     if (status != KILN_OK)
         kiln_link_tree_destroy(tree);
     return status;
@@ -334,12 +354,9 @@ void kiln_link_tree_destroy(struct kiln_link_tree **tree)
     if (*tree == NULL)
         return;
     kiln_free(&(*tree)->order);
-    kiln_free(&(*tree)->area);
+    kiln_free(&(*tree)->leaves);
     kiln_free(&(*tree)->nodes);
-    kiln_free(&(*tree)->radiosity);
-    kiln_free(&(*tree)->leaf_radiosity);
-    kiln_free(&(*tree)->light);
-    kiln_free(&(*tree)->leaf_light);
+    kiln_free(&(*tree)->sent);
     kiln_free(&(*tree)->first);
     kiln_free(tree);
 }
@@ -347,61 +364,98 @@ void kiln_link_tree_destroy(struct kiln_link_tree **tree)
 uint64_t kiln_link_tree_bytes(uint64_t points)
 {
     const struct kiln_link_tree *t = NULL;
-    /* a node has four children, but for the last; and room that has grown has up to twice as much */
-    return points * (sizeof *t->order + sizeof *t->area + sizeof *t->leaf_radiosity + sizeof *t->leaf_light +
-                     sizeof *t->first) +
-           points / 2 * (2 * sizeof *t->nodes + sizeof *t->radiosity + sizeof *t->light);
-}
-
-/* Of a child, W/m2; returns its area. */
-static double light_of(const struct kiln_link_tree *t, uint32_t child, const float **radiosity,
-                       const struct kiln_link_light **light)
-{
-    const bool leaf = (child & KILN_LINK_LEAF) != 0;
-    const uint32_t at = child & ~KILN_LINK_LEAF;
-    *radiosity = leaf ? t->leaf_radiosity[at] : t->radiosity[at];
-    *light = leaf ? &t->leaf_light[at] : &t->light[at];
-    return (double)(leaf ? t->points[t->order[at]].area : t->nodes[at].area);
+    /* a node has four children, but for the last; and room that has grown has up to twice as much. The leaves come in
+     * the place of items. */
+    _Static_assert(sizeof(struct item) <= sizeof *t->leaves, "items have room where leaves have");
+    return points * (sizeof *t->order + sizeof *t->leaves + sizeof *t->first) +
+           points / 2 * (2 * sizeof *t->nodes + sizeof *t->sent);
 }
 
 /* A point's light: what it sends in this bounce, and what it has sent before. */
 static void take_point(struct kiln_link_tree *t, uint64_t i, uint32_t bounce)
 {
-    const float sent = kiln_luminance_in_float(t->leaf_radiosity[i]),
-                first = (float)((double)t->first[t->order[i]] * t->mean),
-                before = bounce <= 1 ? 0.0f : first + (float)(bounce - 2) * sent;
-    t->leaf_light[i] = (struct kiln_link_light){.now = before + sent, .before = before};
+    struct kiln_link_leaf *leaf = &t->leaves[i];
+    const float sent = kiln_luminance_in_float(leaf->radiosity),
+                first = (float)((double)t->first[t->order[i]] * t->mean);
+    leaf->before = bounce <= 1 ? 0.0f : first + (float)(bounce - 2) * sent;
+    leaf->now = leaf->before + sent;
+}
+
+/* What a child sends, and where it lies. */
+struct part {
+    double area;
+    struct kiln_vec3 centre;
+    struct kiln_link_sent sent;
+};
+
+static struct part part_of(const struct kiln_link_tree *t, uint32_t child)
+{
+    const uint32_t at = child & ~KILN_LINK_LEAF;
+    if ((child & KILN_LINK_LEAF) == 0)
+        return (struct part){(double)t->nodes[at].area, t->nodes[at].centre, t->sent[at]};
+    const struct kiln_link_leaf *leaf = &t->leaves[at];
+    return (struct part){(double)leaf->area,
+                         leaf->centre,
+                         {.radiosity = {leaf->radiosity[0], leaf->radiosity[1], leaf->radiosity[2]},
+                          .light = {.now = leaf->now, .before = leaf->before}}};
 }
 
 /* Means of children, and of squares: those of their means, and what they differ by themselves. */
+static struct kiln_link_light mean_of_light(const struct part *parts, uint32_t count, double area)
+{
+    double now[2] = {0.0}, before[2] = {0.0};
+    for (uint32_t i = 0; i < count; i++) {
+        const struct kiln_link_light *l = &parts[i].sent.light;
+        const double own = parts[i].area / area;
+        now[0] += own * (double)l->now;
+        now[1] += own * ((double)l->now * (double)l->now + (double)l->spread_now);
+        before[0] += own * (double)l->before;
+        before[1] += own * ((double)l->before * (double)l->before + (double)l->spread_before);
+    }
+    return (struct kiln_link_light){(float)now[0], (float)before[0], (float)fmax(0.0, now[1] - now[0] * now[0]),
+                                    (float)fmax(0.0, before[1] - before[0] * before[0])};
+}
+
+/* The moment of children about a node's centre, of one colour: theirs, and those of their means. */
+static void find_moment(const struct part *parts, uint32_t count, double area, struct kiln_vec3 centre, int c,
+                        struct kiln_link_sent *sent)
+{
+    double sum[3] = {0.0};
+    for (uint32_t i = 0; i < count; i++) {
+        const struct kiln_dvec3 off = dvec3_sub(dvec3_of(parts[i].centre), dvec3_of(centre));
+        const float *own = parts[i].sent.moment[c];
+        const double more = (double)parts[i].sent.radiosity[c] - (double)sent->radiosity[c];
+        sum[0] += parts[i].area * (more * off.x + (double)own[0]);
+        sum[1] += parts[i].area * (more * off.y + (double)own[1]);
+        sum[2] += parts[i].area * (more * off.z + (double)own[2]);
+    }
+    for (int a = 0; a < 3; a++)
+        sent->moment[c][a] = (float)(sum[a] / area);
+}
+
 static void take_node(struct kiln_link_tree *t, size_t n)
 {
     const struct kiln_link_node *node = &t->nodes[n];
-    double area = 0.0, sum[3] = {0.0}, now[2] = {0.0}, before[2] = {0.0};
+    struct kiln_link_sent *sent = &t->sent[n];
+    struct part parts[KILN_LINK_CHILDREN];
+    double area = 0.0, sum[3] = {0.0};
     for (uint32_t i = 0; i < node->children; i++) {
-        const float *radiosity;
-        const struct kiln_link_light *light;
-        const double own = light_of(t, node->child[i], &radiosity, &light);
-        area += own;
+        parts[i] = part_of(t, node->child[i]);
+        area += parts[i].area;
         for (int c = 0; c < 3; c++)
-            sum[c] += own * (double)radiosity[c];
-        now[0] += own * (double)light->now;
-        now[1] += own * ((double)light->now * (double)light->now + (double)light->spread_now);
-        before[0] += own * (double)light->before;
-        before[1] += own * ((double)light->before * (double)light->before + (double)light->spread_before);
+            sum[c] += parts[i].area * (double)parts[i].sent.radiosity[c];
     }
-    for (int c = 0; c < 3; c++)
-        t->radiosity[n][c] = (float)(sum[c] / area);
-    now[0] /= area, before[0] /= area;
-    t->light[n] =
-        (struct kiln_link_light){(float)now[0], (float)before[0], (float)fmax(0.0, now[1] / area - now[0] * now[0]),
-                                 (float)fmax(0.0, before[1] / area - before[0] * before[0])};
+    for (int c = 0; c < 3; c++) {
+        sent->radiosity[c] = (float)(sum[c] / area);
+        find_moment(parts, node->children, area, node->centre, c, sent);
+    }
+    sent->light = mean_of_light(parts, node->children, area);
 }
 
 void kiln_link_tree_set_light(struct kiln_link_tree *t, uint32_t bounce, kiln_link_of_point light, const void *context)
 {
     for (uint64_t i = 0; i < t->count; i++) {
-        light(context, t->order[i], t->leaf_radiosity[i]);
+        light(context, t->order[i], t->leaves[i].radiosity);
         take_point(t, i, bounce);
     }
     for (size_t n = t->node_count; n > 0; n--)
@@ -412,13 +466,10 @@ void kiln_link_tree_describe(const struct kiln_link_tree *t, struct kiln_links_p
 {
     parameters->points = t->points;
     parameters->order = t->order;
-    parameters->area = t->area;
+    parameters->leaves = t->leaves;
     parameters->count = t->count;
     parameters->nodes = t->nodes;
     parameters->node_count = (uint32_t)t->node_count;
-    parameters->radiosity = (const float(*)[3])t->radiosity;
-    parameters->leaf_radiosity = (const float(*)[3])t->leaf_radiosity;
+    parameters->sent = t->sent;
     parameters->first = t->first;
-    parameters->light = t->light;
-    parameters->leaf_light = t->leaf_light;
 }

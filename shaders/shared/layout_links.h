@@ -17,12 +17,20 @@ struct kiln_gpu_link_leaf {
 };
 KILN_SIZE_IS(kiln_gpu_link_leaf, 52);
 
-/* What nodes send, and behind them points in the tree's order; the last four as in struct kiln_link_light. */
-struct kiln_gpu_link_light {
+/* What nodes send: struct kiln_link_sent. */
+struct kiln_gpu_link_sent {
     KILN_REAL32 radiosity[3];
+    KILN_REAL32 moment[9];
     KILN_REAL32 now, before, spread_now, spread_before;
 };
-KILN_SIZE_IS(kiln_gpu_link_light, 28);
+KILN_SIZE_IS(kiln_gpu_link_sent, 64);
+
+/* And behind them points, in the tree's order. */
+struct kiln_gpu_link_leaf_light {
+    KILN_REAL32 radiosity[3];
+    KILN_REAL32 now, before;
+};
+KILN_SIZE_IS(kiln_gpu_link_leaf_light, 20);
 
 /* A point that gathers. */
 struct kiln_gpu_linked_point {
@@ -38,7 +46,7 @@ struct kiln_gpu_link_run {
     KILN_WORD first, count, tinted_first, tinted_count;
     KILN_WORD shares[2]; /* points of the tile that send light */
     KILN_REAL32 texel;   /* m: the longest edge of a point */
-    KILN_WORD reserved;
+    KILN_REAL32 sharing; /* kiln_links_shared */
 };
 KILN_SIZE_IS(kiln_gpu_link_run, 32);
 

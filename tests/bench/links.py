@@ -5,7 +5,7 @@
 The Cornell box with as many points as `side` squared. The error is that of indirect light, root of the mean square over
 the mean, against two bakes by many rays, which differ by their seed: the mean of (x - a) (x - b) has no noise of
 theirs. Seconds are of the processor, of one thread, of all that follows direct light: the whole bake, less one with no
-bounce. --window 0 leaves the windows out, which take long.
+bounce; rays are those of bounces, a point. --window 0 leaves the windows out, which take long.
 """
 import math
 import os
@@ -54,19 +54,20 @@ class Side:
         links = bake.run.get('links', {'count': 0, 'bytes': 0})
         n = len(got)
         table.row(name, n, '%.2f %%' % (100 * error), '%+.2f %%' % (100 * mean), '%.1f' % seconds,
-                  '%.0f' % (1e6 * seconds / n), '%.0f' % (links['count'] / n), '%.0f' % (links['bytes'] / n))
+                  '%.1f' % (1e6 * seconds / n), '%.1f' % (bake.run['rays']['bounces'] / n),
+                  '%.0f' % (links['count'] / n), '%.0f' % (links['bytes'] / n))
         bake.remove()
 
 
 def main():
     numbers = lambda kind: lambda text: [kind(word) for word in text.split(',')]
     add = lambda p: (p.add_argument('--side', type=numbers(int), default=[128, 256]),
-                     p.add_argument('--link-error', type=numbers(float), default=[0.015, 0.05, 0.1]),
+                     p.add_argument('--link-error', type=numbers(float), default=[0.015, 0.05, 0.2, 0.7]),
                      p.add_argument('--window', type=int, default=16), p.add_argument('--rays', type=int, default=256),
                      p.add_argument('--scene', default=CORNELL), p.add_argument('--samples', type=int, default=64))
     arguments, kiln = harness.start(__doc__, add)
     table = harness.Table(('way', 14), ('points', 8), ('error', 8), ('mean', 8), ('s', 8), ('us a point', 10),
-                          ('links', 6), ('bytes', 6))
+                          ('rays', 6), ('links', 6), ('bytes', 6))
     for side in arguments.side:
         of = Side(kiln, arguments.scene, side, arguments.rays)
         rays = ('--samples-indirect', arguments.samples)

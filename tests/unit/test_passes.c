@@ -76,7 +76,7 @@ static struct kiln_patch_node nodes_above[NODES];
 static const struct kiln_patches_parameters pairs = {.points = points_of_floor, .nodes = nodes_above, .count = NODES};
 /* a tree over four of those above, to which some points are linked as a whole */
 static const uint32_t order_above[KILN_LINK_CHILDREN] = {POINTS, POINTS + 1, POINTS + 2, POINTS + 3};
-static const float area_above[KILN_LINK_CHILDREN] = {0.01f, 0.01f, 0.01f, 0.01f};
+static struct kiln_link_leaf leaves_above[KILN_LINK_CHILDREN];
 static const struct kiln_link_node node_above = {
     .child = {KILN_LINK_LEAF, KILN_LINK_LEAF | 1u, KILN_LINK_LEAF | 2u, KILN_LINK_LEAF | 3u},
     .children = KILN_LINK_CHILDREN,
@@ -88,18 +88,15 @@ static const struct kiln_link_node node_above = {
     .most_area = 0.01f,
     .covariance = {0.0133f, 0.0f, 0.0008f, 0.0f, 0.0f, 0.0f},
     .level = 1.0f};
-static const float light_above[KILN_LINK_CHILDREN][3] = {{1, 2, 3}, {1, 2, 3}, {1, 2, 3}, {3, 2, 1}};
-static const struct kiln_link_light sent_above[KILN_LINK_CHILDREN] = {{.now = 1.0f}};
+static const struct kiln_link_sent sent_above = {
+    .radiosity = {1.0f, 2.0f, 3.0f}, .moment = {{0.03f}, {-0.03f}, {0.0f, 0.0f, 0.02f}}, .light = {.now = 1.0f}};
 static const struct kiln_links_parameters linked = {.points = points_of_floor,
                                                     .order = order_above,
-                                                    .area = area_above,
+                                                    .leaves = leaves_above,
                                                     .count = KILN_LINK_CHILDREN,
                                                     .nodes = &node_above,
                                                     .node_count = 1,
-                                                    .radiosity = light_above,
-                                                    .leaf_radiosity = light_above,
-                                                    .light = sent_above,
-                                                    .leaf_light = sent_above,
+                                                    .sent = &sent_above,
                                                     .error = 0.01,
                                                     .stream = 2};
 static const struct kiln_directions_parameters by_cosine = {.scale = 1.0};
@@ -144,6 +141,16 @@ static void place_patches(struct world *w)
                                                   .radiosity = {1.0f, 2.0f, 3.0f}};
         nodes_above[i].centre = nodes_above[i].patch.place;
         points_of_floor[POINTS + i] = nodes_above[i].patch;
+    }
+    for (int i = 0; i < KILN_LINK_CHILDREN; i++) {
+        const struct kiln_patch *p = &nodes_above[i].patch;
+        leaves_above[i] = (struct kiln_link_leaf){.place = p->place,
+                                                  .centre = p->centre,
+                                                  .normal = p->normal,
+                                                  .area = p->area,
+                                                  .number = p->number,
+                                                  .radiosity = {1.0f, 2.0f, 3.0f + (float)i},
+                                                  .now = 1.0f};
     }
 }
 

@@ -121,14 +121,24 @@ int kiln_link_run_take(struct kiln_link_run *w, const struct kiln_kept_links *ke
 
 uint32_t kiln_link_shared_by(const struct kiln_link_run *w, uint32_t to)
 {
-    const double radius = (to & KILN_LINK_LEAF) != 0 ? 0.0 : KILN_LINKS_SHARED * (double)w->p->nodes[to].radius;
+    const double radius =
+        (to & KILN_LINK_LEAF) != 0 ? 0.0 : kiln_links_shared(w->p->error) * (double)w->p->nodes[to].radius;
     return 4.0 * w->texel <= radius ? 16 : 2.0 * w->texel <= radius ? 4 : 1;
 }
 
-/* Asks who traces, if the two face each other. */
-static int ask(const struct kiln_link_run *w, const struct kiln_link_question *q, struct kiln_error *error)
+/* The point that a question is asked of: its place in the tree's order. */
+static uint32_t asked_of(const struct kiln_link_run *w, const struct kiln_link_question *q)
 {
-    const struct kiln_patch *own = w->patch[q->bit], *other = &w->p->points[w->p->order[q->to]];
+    const uint32_t to = w->found.to[q->link];
+    return (to & KILN_LINK_LEAF) != 0 ? to & ~KILN_LINK_LEAF
+                                      : kiln_link_choose(w->p, &w->p->nodes[to], to, w->patch[q->bit]->number);
+}
+
+/* Asks who traces, if the two face each other. */
+static int ask(const struct kiln_link_run *w, const struct kiln_link_question *q, const struct kiln_link_leaf *other,
+               struct kiln_error *error)
+{
+    const struct kiln_patch *own = w->patch[q->bit];
     const struct kiln_dvec3 d = dvec3_sub(dvec3_of(other->centre), w->at[q->bit]);
     const bool first = own->number < other->number;
     if (!(dvec3_dot(w->receiver[q->bit].n, d) > 0.0 && dvec3_dot(dvec3_of(other->normal), d) < 0.0))
@@ -137,11 +147,15 @@ static int ask(const struct kiln_link_run *w, const struct kiln_link_question *q
                   error);
 }
 
+/* All choices first: memory is waited for together. */
 static int ask_all(struct kiln_link_run *w, struct kiln_error *error)
 {
+    uint32_t k[KILN_LINK_QUESTIONS];
     int status = KILN_OK;
+    for (uint32_t i = 0; i < w->question_count; i++)
+        k[i] = asked_of(w, &w->questions[i]);
     for (uint32_t i = 0; i < w->question_count && status == KILN_OK; i++)
-        status = ask(w, &w->questions[i], error);
+        status = ask(w, &w->questions[i], &w->p->leaves[k[i]], error);
     w->question_count = 0;
     return status;
 }
@@ -149,12 +163,12 @@ static int ask_all(struct kiln_link_run *w, struct kiln_error *error)
 /* Notes the question whether the point at `bit` sees what link `link` goes to, for the points `of`. */
 static int note(struct kiln_link_run *w, uint32_t link, uint32_t bit, uint64_t of, struct kiln_error *error)
 {
-    const struct kiln_links_parameters *p = w->p;
     const uint32_t to = w->found.to[link];
-    const bool leaf = (to & KILN_LINK_LEAF) != 0;
-    const uint32_t k = leaf ? to & ~KILN_LINK_LEAF : kiln_link_choose(p, &p->nodes[to], to, w->patch[bit]->number);
-    kiln_link_fetch(p, k);
-    w->questions[w->question_count++] = (struct kiln_link_question){link, bit, k, of};
+    if ((to & KILN_LINK_LEAF) != 0)
+        __builtin_prefetch(&w->p->leaves[to & ~KILN_LINK_LEAF]);
+    else
+        kiln_link_fetch(w->p, &w->p->nodes[to], to, w->patch[bit]->number);
+    w->questions[w->question_count++] = (struct kiln_link_question){link, bit, of};
     return w->question_count == KILN_LINK_QUESTIONS ? ask_all(w, error) : KILN_OK;
 }
 
@@ -171,6 +185,7 @@ static int link_to(struct kiln_link_run *w, uint32_t to, uint64_t mask, uint64_t
 {
     struct kiln_found_links *f = &w->found;
     const uint32_t link = f->count, side = kiln_link_shared_by(w, to);
+    const uint64_t sharing = side > 1 ? whole & w->together[side == 16] : 0;
     int status = kiln_found_links_reserve(f, link + 1u, error);
     if (status != KILN_OK)
         return status;
@@ -180,7 +195,6 @@ static int link_to(struct kiln_link_run *w, uint32_t to, uint64_t mask, uint64_t
     f->count++;
     for (uint64_t rest = mask; rest != 0 && status == KILN_OK;) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        const uint64_t sharing = side > 1 ? whole & w->together[side == 16] : 0;
         uint64_t of = 1ull << bit;
         if ((sharing & of) != 0)
             of = ((1ull << side) - 1) << bit / side * side & sharing & rest;

@@ -22,7 +22,10 @@ struct kiln_link_lane_choices kiln_link_lanes_judge(const struct kiln_link_lanes
 
 /* Factors of one link. */
 struct kiln_link_lane_factors {
-    double factor[KILN_TILE_TEXELS], shading[KILN_TILE_TEXELS], distance[KILN_TILE_TEXELS];
+    double factor[KILN_TILE_TEXELS], shading[KILN_TILE_TEXELS], inverse[KILN_TILE_TEXELS];
+    /* 1/m: gradients of both by the node's place, of those that have it whole before them */
+    double slope[3][KILN_TILE_TEXELS], shading_slope[3][KILN_TILE_TEXELS];
+    double light[3][KILN_TILE_TEXELS]; /* radiosity of the points that those below are looked at by, W/m2 */
     uint64_t whole; /* the lanes that have the node whole before them; of the others factors are to be found */
 };
 void kiln_link_lanes_factors(const struct kiln_link_lanes *lanes, const struct kiln_link_node *node, uint64_t mask,
@@ -31,11 +34,14 @@ void kiln_link_lanes_factors(const struct kiln_link_lanes *lanes, const struct k
 /* What points gather by a link. */
 struct kiln_link_lane_link {
     uint64_t sees, other;     /* points that see it, and such as do not, though some beside them do */
-    double light[3];          /* radiosity that is let through, W/m2 */
+    double light[3];          /* radiosity, W/m2 */
+    double moment[3][3];      /* as in struct kiln_link_sent */
+    double filter[3];         /* what is let through */
     double through;           /* the mean of that */
     double now, square, more; /* luminance that errors are of; what its mean square, and its variance, grow by */
     double reach;             /* what a node's light is off by where it is seen whole, times its distance; 0: a point */
     bool by_first;            /* errors are of geometric factors */
+    bool smooth;              /* as of the lanes */
     double unsure[KILN_TILE_TEXELS]; /* the variance of what is seen */
 };
 

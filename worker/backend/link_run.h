@@ -16,9 +16,9 @@ struct kiln_link_run;
 typedef int (*kiln_link_ask)(void *context, uint32_t link, uint64_t of, struct kiln_vec3 from, struct kiln_vec3 to,
                              struct kiln_error *error);
 
-/* What is to be asked: whether the point at `bit` sees point `to` of the tree, which is on its way from memory. */
+/* What is to be asked: whether the point at `bit` sees what a link goes to, whose point is on its way from memory. */
 struct kiln_link_question {
-    uint32_t link, bit, to;
+    uint32_t link, bit;
     uint64_t of;
 };
 enum { KILN_LINK_QUESTIONS = 32 };

@@ -64,36 +64,58 @@ static struct kiln_link_light light_of(const struct kiln_link_run *w, uint32_t t
     const bool leaf = (to & KILN_LINK_LEAF) != 0;
     const uint32_t at = to & ~KILN_LINK_LEAF;
     if (!w->by_first)
-        return leaf ? p->leaf_light[at] : p->light[at];
+        return leaf ? (struct kiln_link_light){.now = p->leaves[at].now, .before = p->leaves[at].before}
+                    : p->sent[at].light;
     if (leaf)
         return (struct kiln_link_light){.now = p->first[p->order[at]]};
     const struct kiln_link_node *node = &p->nodes[at];
     return (struct kiln_link_light){.now = node->level, .spread_now = node->spread * node->spread};
 }
 
-/* Factors of a link of the points of the mask. */
-static void find_factors(struct kiln_link_run *w, uint32_t to, uint64_t mask)
+/* Enters the factors of a lane, which are by one point, and what that sends. */
+static void enter_factors(struct kiln_link_lane_factors *f, uint32_t bit, struct kiln_patch_factors by,
+                          const struct kiln_link_leaf *leaf)
+{
+    f->factor[bit] = by.factor;
+    f->shading[bit] = by.shading;
+    for (int c = 0; c < 3; c++)
+        f->light[c][bit] = (double)leaf->radiosity[c];
+}
+
+static void find_leaf_factors(struct kiln_link_run *w, uint32_t k, uint64_t mask)
 {
     const struct kiln_links_parameters *p = w->p;
+    w->factors.whole = 0;
+    for (uint64_t rest = mask; rest != 0; rest &= rest - 1) {
+        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
+        enter_factors(&w->factors, bit, kiln_leaf_factors(&w->receiver[bit], w->at[bit], &p->points[p->order[k]]),
+                      &p->leaves[k]);
+    }
+}
+
+/* Factors of a link to a node, of the points of the mask: of those that have it whole before them the mean over it, of
+ * the others that of the point by which they look at it. */
+static void find_node_factors(struct kiln_link_run *w, uint32_t to, uint64_t mask)
+{
+    const struct kiln_links_parameters *p = w->p;
+    const struct kiln_link_node *node = &p->nodes[to];
     struct kiln_link_lane_factors *f = &w->factors;
-    f->whole = 0;
-    if ((to & KILN_LINK_LEAF) == 0)
-        kiln_link_lanes_factors(&w->lanes, &p->nodes[to], mask, f);
-    const bool leaf = (to & KILN_LINK_LEAF) != 0;
-    const double area = leaf ? 0.0 : (double)p->nodes[to].area;
-    uint32_t k[KILN_TILE_TEXELS];
+    kiln_link_lanes_factors(&w->lanes, node, mask, f);
+    for (uint64_t rest = mask & ~f->whole; rest != 0; rest &= rest - 1)
+        kiln_link_fetch(p, node, to, w->patch[__builtin_ctzll(rest)]->number);
     for (uint64_t rest = mask & ~f->whole; rest != 0; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        k[bit] = leaf ? to & ~KILN_LINK_LEAF : kiln_link_choose(p, &p->nodes[to], to, w->patch[bit]->number);
-        kiln_link_fetch(p, k[bit]);
+        const struct kiln_link_leaf *by = &p->leaves[kiln_link_choose(p, node, to, w->patch[bit]->number)];
+        enter_factors(f, bit, kiln_node_factors_by(&w->receiver[bit], w->at[bit], by, (double)node->area), by);
     }
-    for (uint64_t rest = mask & ~f->whole; rest != 0; rest &= rest - 1) {
-        const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        struct kiln_patch_factors one = {0.0, 0.0};
-        (void)kiln_patch_factors_of(&w->receiver[bit], w->at[bit], &p->points[p->order[k[bit]]], area, &one);
-        f->factor[bit] = one.factor;
-        f->shading[bit] = one.shading;
-    }
+}
+
+static void find_factors(struct kiln_link_run *w, uint32_t to, uint64_t mask)
+{
+    if ((to & KILN_LINK_LEAF) != 0)
+        find_leaf_factors(w, to & ~KILN_LINK_LEAF, mask);
+    else
+        find_node_factors(w, to, mask);
 }
 
 /* A link to `to` of which so much is let through; nobody has it yet. */
@@ -102,7 +124,6 @@ static void begin_link(const struct kiln_link_run *w, uint32_t to, const float t
 {
     const struct kiln_links_parameters *p = w->p;
     const bool leaf = (to & KILN_LINK_LEAF) != 0;
-    const float *radiosity = leaf ? p->leaf_radiosity[to & ~KILN_LINK_LEAF] : p->radiosity[to];
     const struct kiln_link_light l = light_of(w, to);
     const double now = (double)l.now, before = (double)l.before;
     link->sees = link->other = 0;
@@ -112,8 +133,13 @@ static void begin_link(const struct kiln_link_run *w, uint32_t to, const float t
     link->square = now * now - before * before + link->more;
     link->reach = leaf || !(link->through > 0.0) ? 0.0 : SPREAD * (double)p->nodes[to].radius;
     link->by_first = w->by_first;
-    for (int c = 0; c < 3; c++)
-        link->light[c] = (double)radiosity[c] * (double)through[c];
+    link->smooth = w->lanes.smooth;
+    for (int c = 0; c < 3; c++) {
+        link->filter[c] = (double)through[c];
+        link->light[c] = leaf ? 0.0 : (double)p->sent[to].radiosity[c];
+        for (int a = 0; a < 3; a++)
+            link->moment[c][a] = leaf ? 0.0 : (double)p->sent[to].moment[c][a];
+    }
 }
 
 /* What the points `of` gather by a link that was found; points that see nothing by it, though some beside them do, are
@@ -150,7 +176,7 @@ void kiln_link_run_add(struct kiln_link_run *w)
     memset(&w->sums, 0, sizeof w->sums);
     for (uint32_t i = 0; i < f->count; i++) {
         if (i + AHEAD < f->count && (f->to[i + AHEAD] & KILN_LINK_LEAF) != 0)
-            kiln_link_fetch(w->p, f->to[i + AHEAD] & ~KILN_LINK_LEAF);
+            kiln_link_fetch_leaf(w->p, f->to[i + AHEAD] & ~KILN_LINK_LEAF);
         add_found(w, i, of);
     }
     for (uint32_t i = 0; i < f->tinted_count; i++)
@@ -188,7 +214,7 @@ struct kiln_link_sums kiln_link_run_sums(const struct kiln_link_run *w, uint32_t
     struct kiln_link_sums s = {.variance = w->sums.variance[bit]};
     for (int c = 0; c < 3; c++) {
         s.incident[c] = w->sums.incident[c][bit];
-        s.irradiance[c] = w->sums.irradiance[c][bit];
+        s.irradiance[c] = w->lanes.smooth ? w->sums.irradiance[c][bit] : s.incident[c];
     }
     return s;
 }

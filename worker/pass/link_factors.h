@@ -9,16 +9,17 @@
 #include "worker/sampling/keys.h"
 
 #define KILN_NODE_FLAT 0.1 /* bend of nodes that count as flat */
-/* the square of how far a rectangle's sides are, in standard deviations: 3, and rounding */
-#define KILN_NODE_RECTANGLE 3.1
+/* The square of how far a rectangle's sides are, in standard deviations: 3, less what rounding may be: a wall's node
+ * that stands on the floor lies above it. */
+#define KILN_NODE_RECTANGLE 2.9
 enum { KILN_LINK_DRAWS = 4 };
 
 /* How a point sees a node. */
 struct kiln_node_view {
     struct kiln_dvec3 d;
-    double square, distance, other; /* other: -d about the node's normal */
-    double height, reach;           /* the highest that it may stand over the point's horizon; and the point over its */
-    bool whole;                     /* all of it is above the horizon and faces the point */
+    double distance, inverse, other; /* inverse: 1 / distance; other: -d about the node's normal */
+    double height, reach; /* the highest that it may stand over the point's horizon; and the point over its */
+    bool whole;           /* all of it is above the horizon and faces the point */
 };
 
 /* The covariance of the node's surface times a vector. */
@@ -45,8 +46,9 @@ static inline struct kiln_node_view kiln_node_view_of(const struct kiln_link_nod
                                                       struct kiln_dvec3 at)
 {
     const struct kiln_dvec3 d = dvec3_sub(dvec3_of(node->centre), at);
-    struct kiln_node_view v = {.d = d, .square = dvec3_dot(d, d), .other = -dvec3_dot(dvec3_of(node->normal), d)};
-    v.distance = sqrt(v.square);
+    struct kiln_node_view v = {
+        .d = d, .distance = sqrt(dvec3_dot(d, d)), .other = -dvec3_dot(dvec3_of(node->normal), d)};
+    v.inverse = 1.0 / v.distance;
     const double radius = (double)node->radius, height = dvec3_dot(n, d),
                  off = (double)node->height + (double)node->bend * (v.distance + radius);
     v.height = height + radius;
@@ -63,9 +65,9 @@ static inline double kiln_node_mean_height(const struct kiln_link_node *node, st
     const float *c = node->covariance;
     const struct kiln_dvec3 d = v->d, along = kiln_node_covariance_times(node, d);
     const double height = dvec3_dot(n, d), trace = (double)c[0] + (double)c[1] + (double)c[2],
-                 more = (12.0 * dvec3_dot(d, along) / v->square - 2.0 * trace) / v->square,
+                 per = v->inverse * v->inverse, more = (12.0 * dvec3_dot(d, along) * per - 2.0 * trace) * per,
                  less = 1.0 / ((1.0 - 0.5 * more) * (1.0 - 0.5 * more)), plus = 1.0 + more,
-                 mean = height * (more < 0.0 ? less : plus) - 4.0 * dvec3_dot(n, along) / v->square;
+                 mean = height * (more < 0.0 ? less : plus) - 4.0 * dvec3_dot(n, along) * per;
     return mean > 0.0 ? mean : 0.0;
 }
 
@@ -73,54 +75,86 @@ static inline double kiln_node_mean_height(const struct kiln_link_node *node, st
 static inline double kiln_node_factor(const struct kiln_link_node *node, struct kiln_dvec3 n,
                                       const struct kiln_node_view *v)
 {
-    const double far = (double)node->area * v->other / (KILN_PI * v->square * v->square);
+    const double per = v->inverse * v->inverse, far = (double)node->area * (1.0 / KILN_PI) * v->other * per * per;
     return far * kiln_node_mean_height(node, n, v);
 }
 
-/* The point of the node that the view of the point with this number is taken by: its place in the tree's order. `to`:
- * the node's number. A sequence over the points' numbers, by the golden ratio; points of less area than others are
- * taken less often. */
+/* The gradient of F by the place of a small node, about the normal n. */
+static inline struct kiln_dvec3 kiln_node_slope(const struct kiln_link_node *node, struct kiln_dvec3 n,
+                                                const struct kiln_node_view *v)
+{
+    const double per = v->inverse * v->inverse, far = (double)node->area * (1.0 / KILN_PI) * per * per,
+                 height = dvec3_dot(n, v->d), along = 4.0 * height * v->other * per;
+    const struct kiln_dvec3 m = dvec3_of(node->normal);
+    return dvec3(far * (v->other * n.x - height * m.x - along * v->d.x),
+                 far * (v->other * n.y - height * m.y - along * v->d.y),
+                 far * (v->other * n.z - height * m.z - along * v->d.z));
+}
+
+/* Of a sequence over numbers, by the golden ratio, the number that node `to` begins it with. */
+static inline double kiln_link_draw(uint32_t to, uint32_t number)
+{
+    const double u = (double)kiln_hash1(to) * 0x1p-32 + (double)number * 0.61803398874989485;
+    return u - floor(u);
+}
+
+/* The point of the node that the view with this number is taken by: its place in the tree's order. `to`: the node's
+ * number. Points of less area than others are taken less often. */
 static inline uint32_t kiln_link_choose(const struct kiln_links_parameters *p, const struct kiln_link_node *node,
                                         uint32_t to, uint32_t number)
 {
     const uint32_t hash = kiln_hash1(to);
-    double u = (double)hash * 0x1p-32 + (double)number * 0.61803398874989485;
+    double u = kiln_link_draw(to, number);
     uint32_t k = node->first;
     for (uint32_t draw = 0; draw < KILN_LINK_DRAWS; draw++) {
-        u -= floor(u);
         k = node->first + (uint32_t)(u * (double)node->count);
         const double chance = (double)kiln_hash2(hash + draw, number) * 0x1p-32;
-        if (chance * (double)node->most_area < (double)p->area[k])
+        if (chance * (double)node->most_area < (double)p->leaves[k].area)
             break;
         u += 0.75487766624669276;
+        u -= floor(u);
     }
     return k;
 }
 
-/* Has a point of the tree fetched: they lie far apart in memory. */
-static inline void kiln_link_fetch(const struct kiln_links_parameters *p, uint32_t k)
+/* Has the point fetched that kiln_link_choose looks at first, and mostly takes: points lie far apart in memory. */
+static inline void kiln_link_fetch(const struct kiln_links_parameters *p, const struct kiln_link_node *node,
+                                   uint32_t to, uint32_t number)
+{
+    __builtin_prefetch(&p->leaves[node->first + (uint32_t)(kiln_link_draw(to, number) * (double)node->count)]);
+}
+
+/* Has a link's point fetched. */
+static inline void kiln_link_fetch_leaf(const struct kiln_links_parameters *p, uint32_t k)
 {
     const char *patch = (const char *)&p->points[p->order[k]];
+    __builtin_prefetch(&p->leaves[k]);
     __builtin_prefetch(patch);
     __builtin_prefetch(patch + sizeof(struct kiln_patch) - 1);
 }
 
-/* Of the surface of a patch with this area in the place of its own. False: one does not see the other. */
-static inline bool kiln_patch_factors_of(const struct kiln_patch_receiver *receiver, struct kiln_dvec3 at,
-                                         const struct kiln_patch *from, double area, struct kiln_patch_factors *f)
+/* Of the surface of a node as if all of it were at this point of it; zeros: one does not see the other. */
+static inline struct kiln_patch_factors kiln_node_factors_by(const struct kiln_patch_receiver *receiver,
+                                                             struct kiln_dvec3 at, const struct kiln_link_leaf *by,
+                                                             double area)
+{
+    const struct kiln_dvec3 d = dvec3_sub(dvec3_of(by->centre), at);
+    const double cosine = dvec3_dot(receiver->n, d), other = -dvec3_dot(dvec3_of(by->normal), d),
+                 square = dvec3_dot(d, d), far = area * other / (KILN_PI * square * square);
+    if (!(cosine > 0.0 && other > 0.0))
+        return (struct kiln_patch_factors){0.0, 0.0};
+    return (struct kiln_patch_factors){far * cosine, far * fmax(0.0, dvec3_dot(receiver->s, d))};
+}
+
+/* Of a single point; zeros: one does not see the other. */
+static inline struct kiln_patch_factors kiln_leaf_factors(const struct kiln_patch_receiver *receiver,
+                                                          struct kiln_dvec3 at, const struct kiln_patch *from)
 {
     const struct kiln_dvec3 d = dvec3_sub(dvec3_of(from->centre), at);
-    const double cosine = dvec3_dot(receiver->n, d), other = -dvec3_dot(dvec3_of(from->normal), d),
-                 square = dvec3_dot(d, d);
+    const double cosine = dvec3_dot(receiver->n, d), other = -dvec3_dot(dvec3_of(from->normal), d);
     if (!(cosine > 0.0 && other > 0.0))
-        return false;
-    if (area > 0.0) {
-        const double far = area * other / (KILN_PI * square * square);
-        *f = (struct kiln_patch_factors){far * cosine, far * fmax(0.0, dvec3_dot(receiver->s, d))};
-    } else {
-        *f = kiln_patch_factors(receiver, from, d, square, cosine, other);
-    }
-    return true;
+        return (struct kiln_patch_factors){0.0, 0.0};
+    return kiln_patch_factors(receiver, from, d, dvec3_dot(d, d), cosine, other);
 }
 
 /* F of a link of the point at `at` with this number; *v: how it sees the node, which is not whole where it is a point.
@@ -130,21 +164,18 @@ static inline struct kiln_patch_factors kiln_link_factors(const struct kiln_link
                                                           struct kiln_dvec3 at, uint32_t number, uint32_t to,
                                                           struct kiln_node_view *v)
 {
-    struct kiln_patch_factors f = {0.0, 0.0};
+    struct kiln_patch_factors f;
     if ((to & KILN_LINK_LEAF) != 0) {
         v->whole = false;
-        (void)kiln_patch_factors_of(receiver, at, &p->points[p->order[to & ~KILN_LINK_LEAF]], 0.0, &f);
-        return f;
+        return kiln_leaf_factors(receiver, at, &p->points[p->order[to & ~KILN_LINK_LEAF]]);
     }
     const struct kiln_link_node *node = &p->nodes[to];
     *v = kiln_node_view_of(node, receiver->n, at);
-    if (v->whole) {
-        f.factor = kiln_node_factor(node, receiver->n, v);
-        f.shading = receiver->smooth ? kiln_node_factor(node, receiver->s, v) : f.factor;
-    } else {
-        const struct kiln_patch *from = &p->points[p->order[kiln_link_choose(p, node, to, number)]];
-        (void)kiln_patch_factors_of(receiver, at, from, (double)node->area, &f);
-    }
+    if (!v->whole)
+        return kiln_node_factors_by(receiver, at, &p->leaves[kiln_link_choose(p, node, to, number)],
+                                    (double)node->area);
+    f.factor = kiln_node_factor(node, receiver->n, v);
+    f.shading = receiver->smooth ? kiln_node_factor(node, receiver->s, v) : f.factor;
     return f;
 }
 

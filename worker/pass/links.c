@@ -12,8 +12,16 @@
  * byte of the mask that is not 0, then these. */
 #define SAMPLES 0.4 /* of a net, whose error goes with their power of -3/4 (Mitchell 1996) */
 enum { LEAST_SAMPLES = 16 };
+#define SHARED 0.7 /* radii of a node; more with the square of the error, where that is above the next */
+#define SHARED_AT 0.02
 enum { HAS_GLASS = 1, HAS_PRESENT = 2, IS_SMOOTH = 4 };
 enum { TO_LEAF = 1, SOME_ASKED = 2, SOME_SEEN = 4, STEP_SHIFT = 3 };
+
+double kiln_links_shared(double error)
+{
+    const double coarse = error / SHARED_AT;
+    return SHARED * (coarse > 1.0 ? coarse * coarse : 1.0);
+}
 
 uint32_t kiln_links_samples(double error, uint32_t samples)
 {

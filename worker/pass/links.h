@@ -3,25 +3,30 @@
  * Hierarchical Radiosity Algorithm", SIGGRAPH 1991; Smits, Arvo and Greenberg, "A Clustering Algorithm for Radiosity in
  * Complex Environments", SIGGRAPH 1994; Kahl's tiles, 2023, end where a window ends).
  *
- *     E(i) = sum over links (i, j) of  B(j) F(i, j) V(i, k(i, j))
+ *     E(i) = sum over links (i, j) of  (B(j) F(i, j) + M(j) . grad F(i, j)) V(i, k(i, j))
  *
- * B is the mean radiosity of the node, by area. V is what the surfaces between the point and one of the node's points
- * let through, k: taken by a sequence that goes from point to point through all that the node has, so that the means
- * over a tile's points are right. A square of 2 x 2 or 4 x 4 points of a tile has one V by one ray where four or two of
- * a point's edges are less than KILN_LINKS_SHARED R: then they see the node as one. A node's points look much the same
- * way (coordinator/integrate/link_tree.h), so that the back of what is lit never shines through.
+ * B is the mean radiosity of the node, by area, and M the mean of its radiosity times the place off its centre: so the
+ * sum is that of what its parts send, to the first order. What is nearer is brighter, or darker, than the mean; without
+ * M light was 1 to 3 % low. No link's light falls below 0. V is what the surfaces
+ * between the point and one of the node's points let through, k: taken by a sequence that goes from point to point
+ * through all that the node has, so that the means over a tile's points are right. A square of 2 x 2 or 4 x 4 points of
+ * a tile has one V by one ray where two or four of a point's edges are less than kiln_links_shared times R: then they
+ * see the node as one, or what they see of it is as much of a chance for each of them. A node's points look much the
+ * same way (coordinator/integrate/link_tree.h), so that the back of what is lit never shines through.
  *
  * F is the mean over the node to the second order in its size, by the covariance of its points' places, where it lies
- * above the point's horizon and all of it faces the point; else it is that of k, as if all of the node's area were
- * there, which is right in the mean over k. A link to a single point has the factor of the patches pass.
+ * above the point's horizon and all of it faces the point; else F and B are those of k, as if all of the node's area
+ * were there, and no M, which is right in the mean over k. A link to a single point has the factor of the
+ * patches pass.
  *
  * Opening. With R the node's radius, r its distance, rho = R / r, L and S the mean and the standard deviation of its
- * points' first light (of direct light, or of what is emitted), M = L plus the mean l of all points' first light: a
- * link's variance is taken for F^2 (v M^2 + (1.5 rho S)^2), v = KILN_LINKS_UNSEEN for what one ray knows of the view
- * and 4 (rho bend)^2 for normals that differ, or 1 where F is that of k. It stands where that is at most e^2 l M F, e
- * the error asked for, and r >= 2 R; else the node's children are asked. So the variances of a point's links add up to
- * e^2 times the square of its light, or of l where that is more: l is what stands for the light of a point that has not
- * been gathered yet. Nodes whose F is below 1e-3 e^2 are left out, as are those that lie behind the point or look away.
+ * points' first light (of direct light, or of what is emitted), T = L plus the mean l of all points' first light: a
+ * link's variance is taken for F^2 (v T^2 + (8 rho S)^2), v = KILN_LINKS_UNSEEN for what one ray knows of the view and
+ * 4 (rho bend)^2 for normals that differ, or 1 where F is that of k. The 8 is found by trial: a few bright points in a
+ * node are what costs most. It stands where that is at most e^2 l T F, e the error asked for, and r >= 1.5 R; else the
+ * node's children are asked. So the variances of a point's links add up to e^2 times the square of its light, or of l
+ * where that is more: l is what stands for the light of a point that has not been gathered yet. Nodes whose F is below
+ * 1e-3 e^2 are left out, as are those that lie behind the point or look away.
  *
  * Rows are closed as those of the patches pass, by rays of one stream (the parameters'), kiln_links_samples of them.
  *
@@ -49,7 +54,6 @@
 #include "worker/scene/surface.h"
 
 #define KILN_LINKS_UNSEEN 0.03
-#define KILN_LINKS_SHARED 0.7
 #define KILN_LINKS_LEAST_LIGHT 0.1
 
 /* What a link goes to: a node, by its number, or with KILN_LINK_LEAF a single point, by its place in the tree's order.
@@ -111,6 +115,8 @@ struct kiln_kept_links {
     uint8_t code[];
 };
 
+/* Radii of a node, which two or four of a point's edges are less than where points share a ray. */
+double kiln_links_shared(double error);
 /* Of the rays that measure a point's shares as many as the error asks for, and no more than `samples`. */
 uint32_t kiln_links_samples(double error, uint32_t samples);
 
@@ -137,25 +143,40 @@ void kiln_links_close(struct kiln_kept_links *kept, uint64_t mask, const float s
 uint64_t kiln_links_bytes(const struct kiln_kept_links *kept);
 
 /* Luminance of what a node has sent in this bounce and those before it, and in those before it alone, W/m2: means, and
- * squares of the standard deviations; 0 of single points. */
+ * squares of the standard deviations. */
 struct kiln_link_light {
     float now, before, spread_now, spread_before;
 };
 
+/* What a node sends in this bounce; a cache line. */
+struct kiln_link_sent {
+    float radiosity[3]; /* W/m2, mean by area */
+    float moment[3][3]; /* W/m, of each colour: the mean of the radiosity times the place, off the node's centre */
+    struct kiln_link_light light;
+};
+
+/* A point that sends light, and what it sends in this bounce; a cache line, for those that are asked for lie far apart.
+ */
+struct kiln_link_leaf {
+    struct kiln_vec3 place, centre, normal; /* as in struct kiln_patch, as are the next two */
+    float area;
+    uint32_t number;
+    float radiosity[3]; /* W/m2 */
+    float now, before;  /* as in struct kiln_link_light */
+};
+
 struct kiln_links_parameters {
-    const struct kiln_patch *points;    /* of all surface points, by global index; borrowed, as all here */
-    const uint32_t *order;              /* global indices of the points in the tree */
-    const float *area;                  /* of these points, in this order, m2 */
-    uint64_t count;                     /* of these */
-    const struct kiln_link_node *nodes; /* node_count; none where no point sends light */
+    const struct kiln_patch *points;     /* of all surface points, by global index; borrowed, as all here */
+    const uint32_t *order;               /* global indices of the points in the tree */
+    const struct kiln_link_leaf *leaves; /* these points, in this order */
+    uint64_t count;                      /* of these */
+    const struct kiln_link_node *nodes;  /* node_count; none where no point sends light */
     uint32_t node_count;
-    const float (*radiosity)[3];      /* of nodes, W/m2 */
-    const float (*leaf_radiosity)[3]; /* of points, in the tree's order, W/m2 */
-    const float *first;               /* luminance of first light of all points, by global index, over the mean */
-    const struct kiln_link_light *light, *leaf_light; /* of nodes, and of points in the tree's order */
-    double error;                                     /* e, relative */
-    double target;   /* standard error of a point's light that links are opened to; 0: none */
-    uint32_t stream; /* of the rays that measure shares */
+    const struct kiln_link_sent *sent; /* of nodes */
+    const float *first;                /* luminance of first light of all points, by global index, over the mean */
+    double error;                      /* e, relative */
+    double target;                     /* standard error of a point's light that links are opened to; 0: none */
+    uint32_t stream;                   /* of the rays that measure shares */
     /* By tile run of the backend's surface: what is there is taken, and what is found is put there. NULL: found anew,
      * and not kept. */
     struct kiln_kept_links **kept;

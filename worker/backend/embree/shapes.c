@@ -24,6 +24,19 @@ static void work_destroy(void **work) { kiln_free(work); }
 
 static float number(uint32_t i) { return ((float)i + 0.5f) / SIDE; }
 
+/* Whether one of the point's triangles emits light. */
+static bool emits(const struct tile_run_frame *f, const struct embree_backend *b, uint32_t j)
+{
+    const struct kiln_footprint *footprint = &f->footprint[j];
+    for (uint32_t i = 0; i < footprint->piece_count; i++) {
+        const uint64_t stored = b->params.geometry->stored_triangle[footprint->pieces[i]];
+        const float *e = b->params.scene->materials[b->params.scene->triangle_materials[stored]].emission;
+        if (e[0] != 0.0f || e[1] != 0.0f || e[2] != 0.0f)
+            return true;
+    }
+    return false;
+}
+
 /* Mean radiance of the point's texel. */
 static void find_emission(const struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, float emission[3])
 {
@@ -243,7 +256,8 @@ static void shapes_tile_run(void *work, const struct embree_backend *b, struct e
         find_shape(f, b, j, kiln_lit_area(s, own, f->present[j]), &r->patch);
         if (!is_met)
             r->patch.area = 0.0f;
-        find_emission(f, b, j, r->emission);
+        if (emits(f, b, j))
+            find_emission(f, b, j, r->emission);
     }
 }
 

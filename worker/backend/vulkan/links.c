@@ -166,31 +166,30 @@ static int bring_leaves(const struct links_run *r, struct kiln_error *error)
     return status;
 }
 
-static struct kiln_gpu_link_light light_of(const float radiosity[3], const struct kiln_link_light *l)
-{
-    return (struct kiln_gpu_link_light){
-        {radiosity[0], radiosity[1], radiosity[2]}, l->now, l->before, l->spread_now, l->spread_before};
-}
-
+/* What nodes send, and behind that what points do. */
 static int bring_light(const struct links_run *r, struct kiln_error *error)
 {
     const struct kiln_links_parameters *p = r->p;
-    const size_t nodes = p->node_count, count = nodes > 0 ? (size_t)p->count : 0;
-    const uint64_t of_nodes = add_key(add_key(nodes, p->radiosity, nodes * sizeof *p->radiosity), p->light,
-                                      nodes * sizeof *p->light),
-                   key = add_key(add_key(of_nodes, p->leaf_radiosity, count * sizeof *p->leaf_radiosity), p->leaf_light,
-                                 count * sizeof *p->leaf_light);
-    struct kiln_gpu_link_light *light = NULL;
+    const size_t nodes = p->node_count, count = nodes > 0 ? (size_t)p->count : 0, of_nodes = nodes * sizeof *p->sent,
+                 bytes = of_nodes + count * sizeof(struct kiln_gpu_link_leaf_light);
+    const uint64_t key = add_key(add_key(nodes, p->sent, of_nodes), p->leaves, count * sizeof *p->leaves);
+    char *light = NULL;
     if (is_there(r->b, VULKAN_LINK_LIGHT, key))
         return KILN_OK;
-    int status = kiln_allocate(&light, nodes + count, sizeof *light, WHAT, error);
+    int status = kiln_allocate(&light, bytes, 1, WHAT, error);
     if (status != KILN_OK)
         return status;
+    _Static_assert(sizeof *p->sent == sizeof(struct kiln_gpu_link_sent), "they are the same");
+    if (nodes > 0)
+        memcpy(light, p->sent, of_nodes);
+    struct kiln_gpu_link_leaf_light *leaves = (struct kiln_gpu_link_leaf_light *)(void *)(light + of_nodes);
 #pragma omp parallel for num_threads((int)r->b->threads) if (count > 1 << 14)
-    for (size_t i = 0; i < nodes + count; i++)
-        light[i] = i < nodes ? light_of(p->radiosity[i], &p->light[i])
-                             : light_of(p->leaf_radiosity[i - nodes], &p->leaf_light[i - nodes]);
-    status = bring(r->b, VULKAN_LINK_LIGHT, key, light, (nodes + count) * sizeof *light, error);
+    for (size_t k = 0; k < count; k++) {
+        const struct kiln_link_leaf *l = &p->leaves[k];
+        leaves[k] =
+            (struct kiln_gpu_link_leaf_light){{l->radiosity[0], l->radiosity[1], l->radiosity[2]}, l->now, l->before};
+    }
+    status = bring(r->b, VULKAN_LINK_LIGHT, key, light, bytes, error);
     kiln_free(&light);
     return status;
 }
@@ -257,6 +256,7 @@ static int write_run(struct kiln_link_run *w, const struct links_run *r, const s
     kiln_link_run_enter(w, r->b->surface, tile_run);
     put_mask(run->shares, w->shares);
     run->texel = (float)w->texel;
+    run->sharing = (float)kiln_links_shared(r->p->error);
     for (uint32_t k = 0; k < tile_run->count; k++) {
         const struct kiln_patch *patch = w->patch[w->bit[k]];
         points[k] = (struct kiln_gpu_linked_point){patch->place, patch->normal, patch->number,
