@@ -5,8 +5,10 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include <omp.h>
 #include <stdio.h>
 
+#include "coordinator/output/map/seam_system.h"
 #include "coordinator/output/map/seams.h"
 #include "tests/common/synthetic.h"
 
@@ -146,9 +148,61 @@ static void test_what_stays(void **state)
     kiln_chart_graph_destroy(&graph);
 }
 
+/* A system whose planes take different numbers of steps, and some of whose values have to be held. */
+static void make_system(struct kiln_seam_system **system)
+{
+    enum { UNKNOWNS = 300, SAMPLES = 200, PLANES = 9 };
+    uint32_t state = 1;
+    assert_int_equal(kiln_seam_system_create(system, UNKNOWNS, SAMPLES, PLANES, NULL), 0);
+    struct kiln_seam_system *s = *system;
+    for (size_t i = 0; i < SAMPLES; i++)
+        for (int k = 0; k < KILN_SEAM_ENTRIES; k++) {
+            state = state * 1664525u + 1013904223u;
+            s->samples[i].at[k] = (state >> 8) % UNKNOWNS;
+            s->samples[i].weight[k] = k < KILN_SEAM_SIDE ? 0.25f : -0.25f;
+        }
+    for (size_t i = 0; i < UNKNOWNS; i++) {
+        s->area[i] = i % 7 == 0 ? 0.0f : 1.0f + 0.1f * (float)(i % 3);
+        for (uint32_t p = 0; p < PLANES; p++) {
+            state = state * 1664525u + 1013904223u;
+            s->planes[p][i] = p == 4 ? 0.0f : p == 5 ? 2.0f : (float)(state >> 8 & 255u) * (i % 50 == p ? 1e3f : 1.0f);
+        }
+    }
+}
+
+/* Planes that are solved side by side are what each is alone. */
+static void test_planes_side_by_side(void **state)
+{
+    (void)state;
+    struct kiln_seam_system *alone = NULL;
+    make_system(&alone);
+    for (uint32_t p = 0; p < alone->plane_count; p++)
+        assert_int_equal(kiln_seam_system_solve(alone, p, alone->plane_count, NULL), 0);
+    for (int threads = 1; threads <= 9; threads++) {
+        struct kiln_seam_system *all = NULL;
+        size_t changed = 0;
+        make_system(&all);
+        omp_set_num_threads(threads);
+        assert_int_equal(kiln_seam_system_solve(all, 0, 2, NULL), 0);
+        assert_int_equal(kiln_seam_system_solve(all, 1, 2, NULL), 0);
+        for (uint32_t p = 0; p < all->plane_count; p++)
+            assert_memory_equal(all->planes[p], alone->planes[p], all->unknown_count * sizeof(float));
+        kiln_seam_system_destroy(&all);
+        make_system(&all);
+        for (size_t i = 0; i < all->unknown_count; i++)
+            changed += all->planes[0][i] != alone->planes[0][i];
+        assert_true(changed > all->unknown_count / 2);
+        assert_int_equal(kiln_seam_system_solve(all, 0, 1, NULL), 0);
+        for (uint32_t p = 0; p < all->plane_count; p++)
+            assert_memory_equal(all->planes[p], alone->planes[p], all->unknown_count * sizeof(float));
+        kiln_seam_system_destroy(&all);
+    }
+    kiln_seam_system_destroy(&alone);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_charts_and_seam), cmocka_unit_test(test_smoothing),
-                                       cmocka_unit_test(test_what_stays)};
+                                       cmocka_unit_test(test_what_stays), cmocka_unit_test(test_planes_side_by_side)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "worker/base/clones.h"
 #include "worker/base/memory.h"
 
 /* Twice the scales of the regression (regression.h), where its weights end. */
@@ -272,8 +273,10 @@ static void make_basis(const float n[3], float t[3], float b[3])
     b[2] = -n[1];
 }
 
-/* Fills in ring and tangent coordinates of all candidates. No branches, so that the loop becomes vector code. */
-static void classify(struct kiln_neighbours *n, const struct kiln_neighbour_point *p, float radius)
+/* Fills in ring and tangent coordinates of all candidates, OUTSIDE for the point itself, and `within`. No branches, so
+ * that the loop becomes vector code. */
+static inline void classify(struct kiln_neighbours *n, const struct kiln_neighbour_point *p, uint32_t place,
+                            float radius)
 {
     const float ax = p->position[0], ay = p->position[1], az = p->position[2], nx = p->normal[0], ny = p->normal[1],
                 nz = p->normal[2], inverse = 1.0f / p->size, most = radius * radius, slope = off_slope * off_slope;
@@ -281,7 +284,8 @@ static void classify(struct kiln_neighbours *n, const struct kiln_neighbour_poin
     make_basis(p->normal, t, b);
     const float tx = t[0], ty = t[1], tz = t[2], bx = b[0], by = b[1], bz = b[2];
     const size_t count = n->candidates;
-#pragma omp simd
+    int32_t in0 = 0, in1 = 0, in2 = 0, in3 = 0, in4 = 0, in5 = 0;
+#pragma omp simd reduction(+ : in0, in1, in2, in3, in4, in5)
     for (size_t i = 0; i < count; i++) {
         const float dx = (n->of.position[0][i] - ax) * inverse, dy = (n->of.position[1][i] - ay) * inverse,
                     dz = (n->of.position[2][i] - az) * inverse, square = dx * dx + dy * dy + dz * dz;
@@ -290,36 +294,41 @@ static void classify(struct kiln_neighbours *n, const struct kiln_neighbour_poin
         const float x = dx * tx + dy * ty + dz * tz, y = dx * bx + dy * by + dz * bz, r = x * x + y * y;
         const int ring = (r >= 2.25f) + (r >= 4.0f) + (r >= 9.0f) + (r >= 16.0f) + (r >= 36.0f);
         const int flat = (off <= 0.0f) | (off * off <= slope * square * sine);
-        const int near = (square < most) & (cosine >= KILN_NEIGHBOUR_COSINE) & flat;
+        const int near = (square < most) & (cosine >= KILN_NEIGHBOUR_COSINE) & flat & (n->candidate[i] != place);
+        const int32_t at = near * ring + (1 - near) * OUTSIDE;
         n->tangent[0][i] = x;
         n->tangent[1][i] = y;
-        n->ring[i] = near * ring + (1 - near) * OUTSIDE;
+        n->ring[i] = at;
+        in0 += at <= 0;
+        in1 += at <= 1;
+        in2 += at <= 2;
+        in3 += at <= 3;
+        in4 += at <= 4;
+        in5 += at <= 5;
     }
+    const size_t within[KILN_NEIGHBOUR_RINGS] = {(size_t)in0, (size_t)in1, (size_t)in2,
+                                                 (size_t)in3, (size_t)in4, (size_t)in5};
+    memcpy(n->within, within, sizeof within);
 }
 
-/* Lists the candidates that are neighbours, but not the point itself. Returns their number. */
-static size_t list_near(struct kiln_neighbours *n, size_t place)
+/* Lists the candidates that are neighbours. Returns their number. */
+static inline size_t list_near(struct kiln_neighbours *n)
 {
     size_t count = 0;
     for (size_t i = 0; i < n->candidates; i++) {
         n->near[count] = (uint32_t)i;
-        count += (size_t)((n->ring[i] != OUTSIDE) & (n->candidate[i] != place));
+        count += (size_t)(n->ring[i] != OUTSIDE);
     }
     return count;
 }
 
-void kiln_neighbours_find(struct kiln_neighbours *n, const struct kiln_neighbour_grid *g, size_t place, float radius)
+KILN_CLONES void kiln_neighbours_find(struct kiln_neighbours *n, const struct kiln_neighbour_grid *g, size_t place,
+                                      float radius)
 {
-    size_t counts[KILN_NEIGHBOUR_RINGS] = {0}, next[KILN_NEIGHBOUR_RINGS];
-    classify(n, &g->points[place], radius);
-    const size_t count = list_near(n, place);
-    for (size_t k = 0; k < count; k++)
-        counts[n->ring[n->near[k]]]++;
-    for (size_t r = 0, sum = 0; r < KILN_NEIGHBOUR_RINGS; r++) {
-        next[r] = sum;
-        sum += counts[r];
-        n->within[r] = sum;
-    }
+    size_t next[KILN_NEIGHBOUR_RINGS] = {0};
+    classify(n, &g->points[place], (uint32_t)place, radius);
+    const size_t count = list_near(n);
+    memcpy(next + 1, n->within, sizeof next - sizeof *next);
     for (size_t k = 0; k < count; k++) {
         const size_t i = n->near[k], to = next[n->ring[i]]++;
         n->place[to] = n->candidate[i];

@@ -54,6 +54,9 @@ void kiln_neighbour_grid_destroy(struct kiln_neighbour_grid **grid);
  * second, third ... is left out. */
 enum { KILN_NEIGHBOURS_MOST = 4096, KILN_NEIGHBOUR_RINGS = 6 };
 
+/* Length of their arrays: not a multiple of a page, so that entries of one number do not share a set of the cache. */
+enum { KILN_NEIGHBOURS_ROOM = KILN_NEIGHBOURS_MOST + 80 };
+
 /* Outer radius of each ring, texels. */
 extern const float kiln_neighbour_rings[KILN_NEIGHBOUR_RINGS];
 
@@ -61,16 +64,16 @@ extern const float kiln_neighbour_rings[KILN_NEIGHBOUR_RINGS];
  * first; the point itself is not among them. x and y are in its tangent plane, in texels. */
 struct kiln_neighbours {
     size_t within[KILN_NEIGHBOUR_RINGS]; /* number of neighbours within each ring's radius */
-    uint32_t place[KILN_NEIGHBOURS_MOST];
-    float x[KILN_NEIGHBOURS_MOST], y[KILN_NEIGHBOURS_MOST], area[KILN_NEIGHBOURS_MOST];
+    uint32_t place[KILN_NEIGHBOURS_ROOM];
+    float x[KILN_NEIGHBOURS_ROOM], y[KILN_NEIGHBOURS_ROOM], area[KILN_NEIGHBOURS_ROOM];
     size_t candidates;
-    uint32_t candidate[KILN_NEIGHBOURS_MOST];
+    uint32_t candidate[KILN_NEIGHBOURS_ROOM];
     struct {
-        float position[3][KILN_NEIGHBOURS_MOST], normal[3][KILN_NEIGHBOURS_MOST], area[KILN_NEIGHBOURS_MOST];
+        float position[3][KILN_NEIGHBOURS_ROOM], normal[3][KILN_NEIGHBOURS_ROOM], area[KILN_NEIGHBOURS_ROOM];
     } of;                                   /* the candidates */
-    float tangent[2][KILN_NEIGHBOURS_MOST]; /* of the candidates */
-    int32_t ring[KILN_NEIGHBOURS_MOST];     /* of the candidates */
-    uint32_t near[KILN_NEIGHBOURS_MOST];    /* which of them are neighbours */
+    float tangent[2][KILN_NEIGHBOURS_ROOM]; /* of the candidates */
+    int32_t ring[KILN_NEIGHBOURS_ROOM];     /* of the candidates */
+    uint32_t near[KILN_NEIGHBOURS_ROOM];    /* which of them are neighbours */
 };
 
 /* Collects the candidates of a cell, for neighbours within `radius` texels. */

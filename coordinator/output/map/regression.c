@@ -68,8 +68,8 @@ struct regression {
 /* What one thread works with; arrays by neighbours, or by neighbours of each light. */
 struct worker {
     struct kiln_neighbours n;
-    float difference[LIGHTS][KILN_NEIGHBOURS_MOST]; /* of their luminance from the point's */
-    float factors[KILN_NEIGHBOURS_MOST];
+    float difference[LIGHTS][KILN_NEIGHBOURS_ROOM]; /* of their luminance from the point's */
+    float factors[KILN_NEIGHBOURS_ROOM];
     double *sums; /* of other light: three of each */
 };
 
