@@ -4,8 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/mman.h>
-#include <stb_image_write.h>
-#include <zlib.h>
+#include <libdeflate.h>
 
 #include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
@@ -121,58 +120,126 @@ bool kiln_image_rgb(const struct kiln_image *image, const char *prefix, float *p
     return true;
 }
 
-struct sink {
-    char *bytes;
-    size_t size, capacity;
-    int status;
-    struct kiln_error *error;
-};
+/* ---- PNG ---- */
 
-static void take_bytes(void *context, void *data, int size)
+static void put_big_endian(uint8_t bytes[4], uint32_t value)
 {
-    struct sink *sink = context;
-    if (sink->status != KILN_OK || size <= 0)
-        return;
-    sink->status =
-        kiln_grow(&sink->bytes, &sink->capacity, sink->size + (size_t)size, 1, "a PNG file's bytes", sink->error);
-    if (sink->status != KILN_OK)
-        return;
-    memcpy(sink->bytes + sink->size, data, (size_t)size);
-    sink->size += (size_t)size;
+    for (int i = 0; i < 4; i++)
+        bytes[i] = (uint8_t)(value >> (24 - 8 * i));
+}
+
+/* The predictions of a row of which one is taken (PNG, W3C Recommendation, section 9): each byte without the one a
+ * pixel to the left, without the one above, or without the mean of both. `above` of the first row is zeros. */
+enum { SUB = 1, UP = 2, AVERAGE = 3, PREDICTIONS = 4 };
+
+static void predict(int by, const uint8_t *row, const uint8_t *above, size_t size, size_t pixel, uint8_t *to)
+{
+    for (size_t i = 0; i < pixel; i++) {
+        const int up = above[i];
+        to[i] = (uint8_t)(row[i] - (by == SUB ? 0 : by == UP ? up : up / 2));
+    }
+    if (by == SUB)
+        for (size_t i = pixel; i < size; i++)
+            to[i] = (uint8_t)(row[i] - row[i - pixel]);
+    else if (by == UP)
+        for (size_t i = pixel; i < size; i++)
+            to[i] = (uint8_t)(row[i] - above[i]);
+    else
+        for (size_t i = pixel; i < size; i++)
+            to[i] = (uint8_t)(row[i] - (row[i - pixel] + above[i]) / 2);
+}
+
+/* How far bytes, taken for signed ones, are from 0 in all: what is near to it takes few bits. */
+static uint64_t size_of(const uint8_t *bytes, size_t count)
+{
+    uint64_t sum = 0;
+    for (size_t i = 0; i < count; i++)
+        sum += bytes[i] < 128 ? bytes[i] : 256u - bytes[i];
+    return sum;
+}
+
+/* Writes a row and before it which prediction it has: the one of least size. `tried`: room for two rows; `above`: NULL
+ * for the first row. */
+static void put_row(const uint8_t *row, const uint8_t *above, size_t size, size_t pixel, uint8_t *tried, uint8_t *to)
+{
+    uint64_t least = UINT64_MAX;
+    uint8_t *const zeros = tried + size;
+    for (int by = SUB; by < PREDICTIONS; by++) {
+        predict(by, row, above != NULL ? above : zeros, size, pixel, tried);
+        const uint64_t found = size_of(tried, size);
+        if (found >= least)
+            continue;
+        least = found;
+        to[0] = (uint8_t)by;
+        memcpy(to + 1, tried, size);
+    }
+}
+
+/* Ends a chunk whose kind and `size` bytes stand 4 bytes behind `at`; returns where the next one begins. */
+static uint8_t *end_chunk(uint8_t *at, size_t size)
+{
+    put_big_endian(at, (uint32_t)size);
+    put_big_endian(at + 8 + size, libdeflate_crc32(0, at + 4, size + 4));
+    return at + 12 + size;
+}
+
+enum { PNG_SIGNATURE = 8, PNG_CHUNK = 12, PNG_HEADER = 13, PNG_LEVEL = 5 };
+
+/* Puts the file together from rows with their predictions. */
+static int pack(const uint8_t *rows, size_t row_bytes, uint32_t width, uint32_t height, int channels, char **png,
+                size_t *size, struct kiln_error *error)
+{
+    struct libdeflate_compressor *compressor = libdeflate_alloc_compressor(PNG_LEVEL);
+    const size_t bytes = row_bytes * height, bound = libdeflate_zlib_compress_bound(compressor, bytes);
+    int status = compressor != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: a PNG file's bytes");
+    if (status == KILN_OK)
+        status = kiln_allocate(png, PNG_SIGNATURE + 3 * PNG_CHUNK + PNG_HEADER + bound, 1, "a PNG file's bytes", error);
+    if (status == KILN_OK) {
+        uint8_t *at = (uint8_t *)*png;
+        memcpy(at, "\x89PNG\r\n\x1a\n", PNG_SIGNATURE);
+        at += PNG_SIGNATURE;
+        memcpy(at + 4, "IHDR", 4);
+        put_big_endian(at + 8, width);
+        put_big_endian(at + 12, height);
+        memcpy(at + 16, (const uint8_t[]){8, channels == 4 ? 6 : 2, 0, 0, 0}, 5); /* 8 bits; RGBA or RGB */
+        at = end_chunk(at, PNG_HEADER);
+        memcpy(at + 4, "IDAT", 4);
+        at = end_chunk(at, libdeflate_zlib_compress(compressor, rows, bytes, at + 8, bound));
+        memcpy(at + 4, "IEND", 4);
+        at = end_chunk(at, 0);
+        *size = (size_t)(at - (uint8_t *)*png);
+    }
+    libdeflate_free_compressor(compressor);
+    return status;
 }
 
 int kiln_png_encode_channels(const uint8_t *bytes, uint32_t width, uint32_t height, int channels, char **png,
                              size_t *size, struct kiln_error *error)
 {
+    const size_t pixel = (size_t)channels, row = pixel * width, stride = row + 1;
+    uint8_t *rows = NULL, *tried = NULL;
     *png = NULL;
     *size = 0;
-    /* the encoder uses int sizes, and temporarily about twice the memory of the picture */
+    /* a chunk has less than 2^31 bytes */
     if (width == 0 || height == 0 || (uint64_t)width * height > 256ull << 20)
         return kiln_fail(error, KILN_CANNOT_CREATE, "a PNG of %u x %u pixels cannot be made (1 to 2^28 pixels)", width,
                          height);
-    struct sink sink = {.error = error};
-    if (!stbi_write_png_to_func(take_bytes, &sink, (int)width, (int)height, channels, bytes, channels * (int)width) &&
-        sink.status == KILN_OK)
-        sink.status = kiln_fail(error, KILN_SYSTEM, "out of memory for a PNG of %u x %u pixels", width, height);
-    if (sink.status != KILN_OK) {
-        kiln_free(&sink.bytes);
-        return sink.status;
-    }
-    *png = sink.bytes;
-    *size = sink.size;
-    return KILN_OK;
+    int status = kiln_allocate(&rows, height, stride, "a PNG file's bytes", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&tried, 2, row, "a PNG file's bytes", error);
+    for (size_t y = 0; y < height && status == KILN_OK; y++)
+        put_row(bytes + y * row, y > 0 ? bytes + (y - 1) * row : NULL, row, pixel, tried, rows + y * stride);
+    if (status == KILN_OK)
+        status = pack(rows, stride, width, height, channels, png, size, error);
+    kiln_free(&rows);
+    kiln_free(&tried);
+    return status;
 }
 
 int kiln_png_encode(const uint8_t *bytes, uint32_t width, uint32_t height, char **png, size_t *size,
                     struct kiln_error *error)
 {
     return kiln_png_encode_channels(bytes, width, height, 3, png, size, error);
-}
-
-static void put_big_endian(uint8_t bytes[4], uint32_t value)
-{
-    for (int i = 0; i < 4; i++)
-        bytes[i] = (uint8_t)(value >> (24 - 8 * i));
 }
 
 /* Inserts a tEXt chunk, KEYWORD NUL TEXT, after the header of a PNG (8 bytes of signature, 25 of IHDR). The text must
@@ -191,7 +258,7 @@ static int add_text(char **png, size_t *size, const char *keyword, const char *t
     memcpy(at + 4, "tEXt", 4);
     memcpy(at + 8, keyword, strlen(keyword) + 1);
     memcpy(at + 8 + strlen(keyword) + 1, text, strlen(text));
-    put_big_endian(at + 8 + length, (uint32_t)crc32(crc32(0, NULL, 0), at + 4, (uInt)(length + 4)));
+    put_big_endian(at + 8 + length, libdeflate_crc32(0, at + 4, length + 4));
     *size += chunk;
     return KILN_OK;
 }

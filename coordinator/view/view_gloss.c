@@ -2,6 +2,7 @@
 
 #include <math.h>
 
+#include "coordinator/view/view_grain.h"
 #include "coordinator/view/view_lamps.h"
 #include "worker/base/memory.h"
 #include "worker/material/surface_bsdf.h"
@@ -10,18 +11,29 @@
 #include "worker/scene/texture.h"
 
 /* Rays that are traced together; surfaces of theirs that lamps light together, which take some 700 bytes each; surfaces
- * that one goes on from at most; and the key of the random numbers. */
+ * that one goes on from at most; and the key of the random numbers. A ray goes both ways from so many surfaces of
+ * smooth glass one after another, and so becomes as many walkers; where both bring that much at least. */
 enum { BAND_RAYS = 1 << 16, LIT_PLACES = 1 << 13, MOST_SURFACES = 64, KEY = 0x76696577 };
+enum { PARTINGS = 2, WALKERS = 1 << PARTINGS };
+static const float least_parted = 1.0f / 128.0f;
 
-/* Rays that guides learn from, of each pixel for that; how far such pixels are apart at least, along rows and columns;
- * and how many there are at most, about. */
-enum { LESSONS = 16, APART_LEAST = 4, LESSON_PIXELS = 1 << 15 };
+/* So many rays go through each place of a pixel, but in previews one. */
+enum { TIMES = 4 };
+
+/* Guides learn from as many rays of some pixels as these have in the picture: how far such pixels are apart at least,
+ * along rows and columns; and how many there are at most, about. */
+enum { APART_LEAST = 4, LESSON_PIXELS = 1 << 15 };
 
 /* A ray under way, and what it has brought. */
 struct walker {
     uint32_t key, number;
     float weight[3], rgb[3];
-    bool goes_on, lit; /* `lit`: the last surface has gloss */
+    uint32_t place, partings; /* among the walkers of a ray; how often it has gone both ways */
+    bool parts;               /* it has just done so */
+    bool rough;               /* it has met a rough lobe: what it brings from there on is grain, */
+    float grain[3], share[3], alpha;
+    struct kiln_vec3 normal, position; /* and the rest is as in struct kiln_view_grain */
+    bool goes_on, lit;                 /* `lit`: the last surface has gloss */
     struct kiln_vec3 origin, direction;
     struct kiln_view_way way;
     /* how it left the first surface with rough gloss, by what of the light that reaches the eye; and what it found */
@@ -35,15 +47,18 @@ struct kiln_view_gloss {
     const struct kiln_view_params *params;
     struct kiln_view_maps *maps;
     struct kiln_view_rays *rays;
-    struct walker *walkers;
-    uint32_t *active; /* walkers of the rays that are traced */
+    struct walker *walkers;  /* WALKERS in a row for each ray, of which the first one is there from the beginning */
+    uint32_t *active, *next; /* walkers of the rays that are traced */
     struct kiln_gloss_lobes *lobes;
     struct kiln_view_lamps *lamps;
     struct kiln_view_guides *guides;
-    struct kiln_view_lit *lit; /* the surfaces with gloss that some of them have met, at most LIT_PLACES at once */
-    uint32_t *lit_of;          /* the walkers of these */
-    uint32_t side, chains;
-    size_t part; /* pixels that there is room for */
+    struct kiln_view_lit *lit;      /* the surfaces with gloss that some of them have met, at most LIT_PLACES at once */
+    uint32_t *lit_of;               /* the walkers of these */
+    uint32_t side, each;            /* places along a side of a pixel; rays of a pixel, in turn through all of them */
+    bool learns;                    /* rays are those that guides learn from */
+    size_t part;                    /* pixels that there is room for */
+    struct kiln_view_grain *grains; /* of the pixels that were drawn */
+    size_t grain_count, grain_capacity;
 };
 
 bool kiln_view_goes_on(const struct kiln_view_source *source, const struct kiln_hit *hit)
@@ -51,13 +66,26 @@ bool kiln_view_goes_on(const struct kiln_view_source *source, const struct kiln_
     return source->field == NULL && !source->texels && kiln_particle_turns(&source->backend->params, hit);
 }
 
-/* Ray `number` of a pixel, through place `place` of it; those of another `key` have other chances. */
-static void start(const struct kiln_view_gloss *b, uint32_t key, size_t pixel, uint32_t number, uint32_t place,
-                  struct walker *w)
+static uint32_t spread_bits(uint32_t x)
+{
+    x = (x | x << 8) & 0x00ff00ffu;
+    x = (x | x << 4) & 0x0f0f0f0fu;
+    x = (x | x << 2) & 0x33333333u;
+    return (x | x << 1) & 0x55555555u;
+}
+
+/* Ray `number` of a pixel; those of another `key` have other chances. All rays of a
+ * picture are of one sequence, in Morton order of their pixels: the rays of any square of pixels whose side is a power
+ * of two are spread evenly, and what noise they have is one of neighbours, which a filter takes out (Ahmed and Wonka,
+ * "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels", ACM TOG 39(6),
+ * 2020). */
+static void start(const struct kiln_view_gloss *b, uint32_t key, size_t pixel, uint32_t number, struct walker *w)
 {
     const struct kiln_view_params *p = b->params;
-    *w = (struct walker){.key = kiln_hash2(kiln_hash2(key, (uint32_t)pixel), (uint32_t)(pixel >> 32)),
-                         .number = number,
+    const uint32_t place = number % (b->side * b->side);
+    const uint32_t x = (uint32_t)(pixel % p->width), y = (uint32_t)(pixel / p->width);
+    *w = (struct walker){.key = key,
+                         .number = (spread_bits(x & 0xffffu) | spread_bits(y & 0xffffu) << 1) * b->each + number,
                          .weight = {1.0f, 1.0f, 1.0f},
                          .region = KILN_NONE,
                          .goes_on = true};
@@ -69,7 +97,7 @@ static void add(struct walker *w, const float factor[3], const float rgb[3])
 {
     for (int c = 0; c < 3; c++) {
         const float light = w->weight[c] * factor[c] * rgb[c];
-        w->rgb[c] += light;
+        (w->rough ? w->grain : w->rgb)[c] += light;
         w->beyond += w->region != KILN_NONE ? light : 0.0f;
     }
 }
@@ -139,6 +167,56 @@ static void add_seen(const struct kiln_view_gloss *b, const struct kiln_hit *hit
     add(w, (const float[3]){1.0f, 1.0f, 1.0f}, seen.rgb);
 }
 
+/* Begins grain at the rough lobes of a place. */
+static void become_rough(const struct kiln_particle_place *place, struct walker *w)
+{
+    const struct kiln_bsdf_albedo a = kiln_bsdf_albedo_of(place->lobes, place->o);
+    const struct kiln_vec3 sum = vec3_add(vec3_add(a.gloss, a.coat), vec3_add(a.spread_near, a.spread_far));
+    w->rough = true;
+    w->share[0] = w->weight[0] * place->arrives[0] * sum.x;
+    w->share[1] = w->weight[1] * place->arrives[1] * sum.y;
+    w->share[2] = w->weight[2] * place->arrives[2] * sum.z;
+    w->alpha = fmaxf(place->lobes.alpha_x, place->lobes.alpha_y);
+    w->normal = vec3_scale(place->frame.z, place->hit.back ? -1.0f : 1.0f);
+    w->position = place->position;
+}
+
+/* Sends a walker on. */
+static void leave(struct walker *w, const struct kiln_particle_place *place, const struct kiln_particle_turn *turn)
+{
+    w->goes_on = false;
+    for (int c = 0; c < 3; c++) {
+        w->weight[c] *= turn->goes_on[c];
+        w->goes_on = w->goes_on || w->weight[c] > 0.0f;
+    }
+    w->origin = turn->origin;
+    w->direction = turn->direction;
+    w->way = kiln_view_way(place, turn);
+}
+
+static float largest(const float a[3], const float b[3]) { return fmaxf(a[0] * b[0], fmaxf(a[1] * b[1], a[2] * b[2])); }
+
+/* Has a walker go both ways from smooth glass: a second one, in a place of its own, goes the other. False: nothing is
+ * done. */
+static bool part(const struct kiln_view_gloss *b, const struct kiln_view_lit *lit, struct walker *w)
+{
+    struct kiln_particle_turn turns[2];
+    if (b->learns || w->rough || w->partings == PARTINGS ||
+        !kiln_particle_part(&lit->place, w->weight, &lit->chance, turns) ||
+        fminf(largest(w->weight, turns[0].goes_on), largest(w->weight, turns[1].goes_on)) < least_parted)
+        return false;
+    const uint32_t place = w->place | 1u << w->partings++;
+    struct walker *other = w + (place - w->place);
+    *other = *w;
+    other->place = place;
+    for (int c = 0; c < 3; c++)
+        other->rgb[c] = other->grain[c] = other->share[c] = 0.0f;
+    leave(w, &lit->place, &turns[1]);
+    leave(other, &lit->place, &turns[0]);
+    w->parts = true;
+    return true;
+}
+
 /* What walker w finds at the end of its ray; `lit`: the surface, if it has gloss. */
 static void meet(const struct kiln_view_gloss *b, const struct met *met, float passed, struct kiln_vec3 direction,
                  uint32_t surface, struct walker *w, struct kiln_view_lit *lit)
@@ -151,7 +229,7 @@ static void meet(const struct kiln_view_gloss *b, const struct met *met, float p
     w->leaves = false;
     /* nothing but rays comes through what a view does not show */
     const double share = passed > 0.0f ? 1.0 : kiln_view_lamps_share(b->lamps, &w->way, hit, direction);
-    w->goes_on = false;
+    w->goes_on = w->parts = false;
     w->lit = met->gloss;
     if (!w->lit) {
         add_seen(b, hit, direction, share, w);
@@ -169,18 +247,16 @@ static void meet(const struct kiln_view_gloss *b, const struct met *met, float p
     lit->guide = kiln_view_guides_at(b->guides, region, &lit->place);
     const struct kiln_particle_turn turn = kiln_view_guide_turn(&lit->guide, &lit->place, w->weight, &lit->chance);
     add_own(met, &turn, share, w);
+    if (part(b, lit, w))
+        return;
+    if (!w->rough && !kiln_particle_is_smooth(&lit->place))
+        become_rough(&lit->place, w);
     if (w->region == KILN_NONE && !turn.mirrored) {
         w->region = region;
         w->leaves = region != KILN_NONE;
         w->weight_there = w->weight[0] + w->weight[1] + w->weight[2];
     }
-    for (int c = 0; c < 3; c++) {
-        w->weight[c] *= turn.goes_on[c];
-        w->goes_on = w->goes_on || w->weight[c] > 0.0f;
-    }
-    w->origin = turn.origin;
-    w->direction = turn.direction;
-    w->way = kiln_view_way(&lit->place, &turn);
+    leave(w, &lit->place, &turn);
 }
 
 /* What lamps bring to the surfaces with gloss that active walkers from the `first` on have met, `count` of them. */
@@ -194,82 +270,152 @@ static int add_lamps(struct kiln_view_gloss *b, size_t first, size_t count, stru
         b->lit_of[lit++] = b->active[first + i];
     }
     const int status = kiln_view_lamps_add(b->lamps, b->lit, lit, error);
-    for (size_t i = 0; i < lit && status == KILN_OK; i++)
+    for (size_t i = 0; i < lit && status == KILN_OK; i++) /* of mirrors and smooth glass there is none */
         for (int c = 0; c < 3; c++)
-            b->walkers[b->lit_of[i]].rgb[c] += b->lit[i].rgb[c];
+            b->walkers[b->lit_of[i]].grain[c] += b->lit[i].rgb[c];
     return status;
 }
 
-/* What `count` active walkers from the `first` on find at the ends of their rays; at most LIT_PLACES. `alike`: so many
- * walkers that follow each other have one ray. */
-static int meet_some(struct kiln_view_gloss *b, size_t first, size_t count, uint32_t alike, uint32_t surface,
-                     struct kiln_error *error)
+/* What `count` active walkers from the `first` on find at the ends of their rays; at most LIT_PLACES. */
+static int meet_some(struct kiln_view_gloss *b, size_t first, size_t count, uint32_t surface, struct kiln_error *error)
 {
 #pragma omp parallel for schedule(dynamic, 64)
-    for (size_t i = 0; i < count; i += alike) {
-        const size_t ray = (first + i) / alike;
-        const struct kiln_vec3 direction = b->rays->directions[ray];
+    for (size_t i = 0; i < count; i++) {
+        const struct kiln_vec3 direction = b->rays->directions[first + i];
         struct met met;
-        find_met(b, ray, direction, &met);
-        for (size_t k = i; k < i + alike; k++)
-            meet(b, &met, b->rays->passed[ray], direction, surface, &b->walkers[b->active[first + k]], &b->lit[k]);
+        find_met(b, first + i, direction, &met);
+        meet(b, &met, b->rays->passed[first + i], direction, surface, &b->walkers[b->active[first + i]], &b->lit[i]);
     }
     return add_lamps(b, first, count, error);
 }
 
-/* One surface of the first `count` active walkers; how many of them go on. */
-static int step(struct kiln_view_gloss *b, size_t *count, uint32_t alike, uint32_t surface, struct kiln_error *error)
+/* Keeps those of the first `count` active walkers that go on, and has those that have come from them follow; how many
+ * there are. */
+static size_t go_on(struct kiln_view_gloss *b, size_t count)
+{
+    uint32_t *const before = b->active;
+    size_t left = 0;
+    for (size_t i = 0; i < count; i++) {
+        const uint32_t at = before[i];
+        const struct walker *w = &b->walkers[at];
+        const uint32_t other = w->parts ? 1u << (w->partings - 1) : 0;
+        if (w->goes_on)
+            b->next[left++] = at;
+        if (other != 0 && w[other].goes_on)
+            b->next[left++] = at + other;
+    }
+    b->active = b->next;
+    b->next = before;
+    return left;
+}
+
+/* One surface of the first `count` active walkers; how many then go on. */
+static int step(struct kiln_view_gloss *b, size_t *count, uint32_t surface, struct kiln_error *error)
 {
     struct kiln_view_rays *rays = b->rays;
-    const size_t traced = *count / alike;
-    for (size_t i = 0; i < traced; i++) {
-        rays->origins[i] = b->walkers[b->active[i * alike]].origin;
-        rays->directions[i] = b->walkers[b->active[i * alike]].direction;
+    for (size_t i = 0; i < *count; i++) {
+        rays->origins[i] = b->walkers[b->active[i]].origin;
+        rays->directions[i] = b->walkers[b->active[i]].direction;
     }
-    int status = kiln_view_trace(&b->params->source, rays, traced, error);
+    int status = kiln_view_trace(&b->params->source, rays, *count, error);
     if (status == KILN_OK)
-        status = kiln_view_maps_load(b->maps, rays->hits, traced, error);
-    if (status != KILN_OK)
-        return status;
+        status = kiln_view_maps_load(b->maps, rays->hits, *count, error);
     for (size_t i = 0; i < *count && status == KILN_OK; i += LIT_PLACES)
-        status = meet_some(b, i, *count - i < LIT_PLACES ? *count - i : LIT_PLACES, alike, surface, error);
-    size_t left = 0;
-    for (size_t i = 0; i < *count; i++)
-        if (b->walkers[b->active[i]].goes_on)
-            b->active[left++] = b->active[i];
-    *count = left;
+        status = meet_some(b, i, *count - i < LIT_PLACES ? *count - i : LIT_PLACES, surface, error);
+    if (status == KILN_OK)
+        *count = go_on(b, *count);
     return status;
 }
 
-/* Follows the first `active` walkers to their ends; so many that follow each other begin `alike`, a part of
- * LIT_PLACES. */
-static int follow(struct kiln_view_gloss *b, size_t active, uint32_t alike, struct kiln_error *error)
+/* Follows the first walkers of so many rays to their ends, and those that come from them. */
+static int follow(struct kiln_view_gloss *b, size_t active, struct kiln_error *error)
 {
     int status = KILN_OK;
     for (size_t i = 0; i < active; i++)
-        b->active[i] = (uint32_t)i;
+        b->active[i] = (uint32_t)(i * WALKERS);
     for (uint32_t surface = 0; surface < MOST_SURFACES && active > 0 && status == KILN_OK; surface++)
-        status = step(b, &active, surface == 0 ? alike : 1, surface, error);
+        status = step(b, &active, surface, error);
     return status;
+}
+
+/* Adds up what the walkers of a ray have brought, from the first one on, to `rgb` and the grain; `found`: how many of
+ * the pixel have met rough lobes. */
+static void add_ray(const struct walker *w, float part, float rgb[3], struct kiln_view_grain *grain, uint32_t *found)
+{
+    for (int c = 0; c < 3; c++) {
+        rgb[c] += part * w->rgb[c];
+        grain->light[c] += part * w->grain[c];
+        grain->share[c] += part * w->share[c];
+    }
+    if (w->rough) {
+        grain->normal = vec3_add(grain->normal, w->normal);
+        grain->position = vec3_add(grain->position, w->position);
+        grain->alpha += w->alpha;
+        (*found)++;
+    }
+}
+
+static float grain_luminance(const struct kiln_view_grain *grain)
+{
+    return kiln_rgb_luminance(grain->light[0], grain->light[1], grain->light[2]);
+}
+
+/* Likewise all rays of a pixel; whether any has met rough lobes. */
+static bool add_pixel(const struct walker *walkers, uint32_t rays, float rgb[3], struct kiln_view_grain *grain)
+{
+    const float part = 1.0f / (float)rays;
+    uint32_t found = 0;
+    double squares = 0.0;
+    for (uint32_t k = 0; k < rays; k++, walkers += WALKERS) {
+        const double before = (double)grain_luminance(grain);
+        const bool second = walkers[0].partings > 0;
+        add_ray(&walkers[0], part, rgb, grain, &found);
+        if (second)
+            add_ray(&walkers[1], part, rgb, grain, &found);
+        if (walkers[0].partings > 1)
+            add_ray(&walkers[2], part, rgb, grain, &found);
+        if (second && walkers[1].partings > 1)
+            add_ray(&walkers[3], part, rgb, grain, &found);
+        const double own = (double)grain_luminance(grain) - before;
+        squares += own * own;
+    }
+    if (found == 0)
+        return false;
+    const float length = vec3_length(grain->normal);
+    grain->normal = vec3_scale(grain->normal, length > 0.0f ? 1.0f / length : 0.0f);
+    grain->position = vec3_scale(grain->position, 1.0f / (float)found);
+    grain->alpha /= (float)found;
+    const double sum = (double)grain_luminance(grain), count = (double)rays;
+    grain->variance = rays > 1 ? (float)(fmax(0.0, squares - sum * sum / count) * count / (count - 1.0)) : -1.0f;
+    return true;
+}
+
+/* All rays of the pixels, at most as many as there is room for. */
+static void start_all(struct kiln_view_gloss *b, uint32_t key, const size_t *pixels, size_t count)
+{
+    const uint32_t rays = b->each;
+#pragma omp parallel for schedule(dynamic, 1024)
+    for (size_t i = 0; i < count * rays; i++)
+        start(b, key, pixels[i / rays], (uint32_t)(i % rays), &b->walkers[i * WALKERS]);
 }
 
 /* At most as many pixels as there is room for. */
 static int draw(struct kiln_view_gloss *b, const size_t *pixels, size_t count, float *rgb, struct kiln_error *error)
 {
-    const uint32_t rays = b->side * b->side * b->chains;
-#pragma omp parallel for schedule(dynamic, 1024)
-    for (size_t i = 0; i < count * rays; i++) {
-        const uint32_t number = (uint32_t)(i % rays);
-        start(b, KEY, pixels[i / rays], number, number / b->chains, &b->walkers[i]);
+    const uint32_t rays = b->each;
+    int status = kiln_grow(&b->grains, &b->grain_capacity, b->grain_count + count, sizeof *b->grains,
+                           "the grain of a view", error);
+    if (status != KILN_OK)
+        return status;
+    start_all(b, KEY, pixels, count);
+    status = follow(b, count * rays, error);
+    for (size_t i = 0; i < count && status == KILN_OK; i++) {
+        struct kiln_view_grain grain = {.pixel = pixels[i]};
+        for (size_t c = 0; c < 3; c++)
+            rgb[3 * i + c] = 0.0f;
+        if (add_pixel(&b->walkers[i * rays * WALKERS], rays, &rgb[3 * i], &grain))
+            b->grains[b->grain_count++] = grain;
     }
-    const int status = follow(b, count * rays, b->chains, error);
-    for (size_t i = 0; i < count; i++)
-        for (int c = 0; c < 3; c++) {
-            float sum = 0.0f;
-            for (uint32_t k = 0; k < rays; k++)
-                sum += b->walkers[i * rays + k].rgb[c];
-            rgb[3 * i + (size_t)c] = sum / (float)rays;
-        }
     return status;
 }
 
@@ -291,12 +437,11 @@ static struct grid lesson_grid(const struct kiln_view_params *p)
 /* Has guides learn from rays of `count` pixels, at most as many as there is room for. */
 static int learn_some(struct kiln_view_gloss *b, const size_t *pixels, size_t count, struct kiln_error *error)
 {
-    for (size_t i = 0; i < count * LESSONS; i++)
-        start(b, ~(uint32_t)KEY, pixels[i / LESSONS], (uint32_t)(i % LESSONS), (uint32_t)i % (b->side * b->side),
-              &b->walkers[i]);
-    const int status = follow(b, count * LESSONS, 1, error);
-    for (size_t i = 0; i < count * LESSONS && status == KILN_OK; i++) {
-        const struct walker *w = &b->walkers[i];
+    const uint32_t rays = b->each;
+    start_all(b, ~(uint32_t)KEY, pixels, count);
+    const int status = follow(b, count * rays, error);
+    for (size_t i = 0; i < count * rays && status == KILN_OK; i++) {
+        const struct walker *w = &b->walkers[i * WALKERS];
         kiln_view_guides_learn(b->guides, w->region, w->found, w->beyond / w->weight_there);
     }
     return status;
@@ -321,18 +466,19 @@ static int keep_gloss(struct kiln_view_gloss *b, size_t *pixels, size_t *count, 
 static int learn(struct kiln_view_gloss *b, struct kiln_error *error)
 {
     const struct grid grid = lesson_grid(b->params);
-    const size_t part = b->part * b->side * b->side * b->chains / LESSONS;
     size_t *pixels = NULL;
-    int status = kiln_allocate(&pixels, part, sizeof *pixels, "guides of a view", error);
-    for (size_t i = 0; i < grid.all && status == KILN_OK; i += part) {
+    int status = kiln_allocate(&pixels, b->part, sizeof *pixels, "guides of a view", error);
+    b->learns = true;
+    for (size_t i = 0; i < grid.all && status == KILN_OK; i += b->part) {
         size_t count = 0;
-        for (size_t k = i; k < i + part && k < grid.all; k++)
+        for (size_t k = i; k < i + b->part && k < grid.all; k++)
             pixels[count++] = (k / grid.wide * b->params->width + k % grid.wide) * grid.apart;
         status = keep_gloss(b, pixels, &count, error);
         if (status == KILN_OK)
             status = learn_some(b, pixels, count, error);
     }
     kiln_free(&pixels);
+    b->learns = false;
     if (status == KILN_OK)
         kiln_view_guides_finish(b->guides);
     return status;
@@ -345,15 +491,17 @@ int kiln_view_gloss_create(struct kiln_view_gloss **gloss, const struct kiln_vie
     if (status != KILN_OK)
         return status;
     struct kiln_view_gloss *b = *gloss;
-    *b = (struct kiln_view_gloss){
-        .params = params, .maps = maps, .side = params->side, .chains = params->side < 4 ? 2 : 4};
-    const size_t rays = (size_t)b->side * b->side * b->chains;
-    b->part = rays < BAND_RAYS ? BAND_RAYS / rays : 1;
-    status = kiln_view_rays_create(&b->rays, b->part * rays, error);
+    const uint32_t side = params->side, rays = side * side * (side < 4 ? 1 : TIMES);
+    *b = (struct kiln_view_gloss){.params = params, .maps = maps, .side = side, .each = rays};
+    b->part = rays * WALKERS < BAND_RAYS ? BAND_RAYS / (rays * WALKERS) : 1;
+    const size_t walkers = b->part * rays * WALKERS;
+    status = kiln_view_rays_create(&b->rays, walkers, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&b->walkers, b->part * rays, sizeof *b->walkers, "rays of a view", error);
+        status = kiln_allocate(&b->walkers, walkers, sizeof *b->walkers, "rays of a view", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&b->active, b->part * rays, sizeof *b->active, "rays of a view", error);
+        status = kiln_allocate(&b->active, walkers, sizeof *b->active, "rays of a view", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&b->next, walkers, sizeof *b->next, "rays of a view", error);
     if (status == KILN_OK)
         status = kiln_allocate(&b->lit, LIT_PLACES, sizeof *b->lit, "rays of a view", error);
     if (status == KILN_OK)
@@ -363,7 +511,7 @@ int kiln_view_gloss_create(struct kiln_view_gloss **gloss, const struct kiln_vie
     if (status == KILN_OK)
         status = kiln_scene_lobes(&b->lobes, params->source.scene, error);
     if (status == KILN_OK)
-        status = kiln_view_guides_create(&b->guides, params->source.geometry, LESSONS * lesson_grid(params).all, error);
+        status = kiln_view_guides_create(&b->guides, params->source.geometry, rays * lesson_grid(params).all, error);
     if (status == KILN_OK)
         status = learn(b, error);
     if (status != KILN_OK)
@@ -379,6 +527,8 @@ void kiln_view_gloss_destroy(struct kiln_view_gloss **gloss)
     kiln_view_rays_destroy(&b->rays);
     kiln_free(&b->walkers);
     kiln_free(&b->active);
+    kiln_free(&b->next);
+    kiln_free(&b->grains);
     kiln_free(&b->lit);
     kiln_free(&b->lit_of);
     kiln_view_lamps_destroy(&b->lamps);
@@ -395,5 +545,16 @@ int kiln_view_gloss_draw(struct kiln_view_gloss *gloss, const size_t *pixels, si
         now = count - i < gloss->part ? count - i : gloss->part;
         status = draw(gloss, pixels + i, now, rgb + 3 * i, error);
     }
+    return status;
+}
+
+int kiln_view_gloss_smooth(struct kiln_view_gloss *gloss, float *const planes[3], struct kiln_error *error)
+{
+    const struct kiln_view_params *p = gloss->params;
+    const int status =
+        kiln_view_grain_smooth(gloss->grains, gloss->grain_count, p->width, p->height, gloss->each, error);
+    for (size_t i = 0; i < gloss->grain_count && status == KILN_OK; i++)
+        for (int c = 0; c < 3; c++)
+            planes[c][gloss->grains[i].pixel] += gloss->grains[i].light[c];
     return status;
 }

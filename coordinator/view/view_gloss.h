@@ -4,7 +4,8 @@
  * Of a glossy surface itself a ray brings color E / pi times what its diffuse part takes up of light from there
  * (kiln_diffuse_in, as if E came from all over), what it emits, and highlights of lamps, suns and skies, of which light
  * samples and the rays that go on bring their parts (view_lamps.h). Rays that leave rough gloss go to bright places
- * that their lobes rarely meet, too (view_guide.h). Not collective. */
+ * that their lobes rarely meet, too (view_guide.h). What rough lobes bring has noise, which is taken out over the whole
+ * picture (view_grain.h). From smooth glass a ray goes both ways, at the first two surfaces. Not collective. */
 #ifndef KILN_COORDINATOR_VIEW_VIEW_GLOSS_H
 #define KILN_COORDINATOR_VIEW_VIEW_GLOSS_H
 
@@ -20,10 +21,13 @@ int kiln_view_gloss_create(struct kiln_view_gloss **gloss, const struct kiln_vie
                            struct kiln_view_maps *maps, struct kiln_error *error);
 void kiln_view_gloss_destroy(struct kiln_view_gloss **gloss);
 
-/* The radiance of `count` pixels of the picture, row by row y * width + x, into three floats each: the mean of 64
- * rays, or of 8 for previews. The same bits for any number of threads, and for any pixels together. KILN_SYSTEM,
- * KILN_NO_INPUT, KILN_BAD_INPUT, or the status of the backend. */
+/* The radiance of `count` pixels of the picture, row by row y * width + x, but for what rough lobes bring, into three
+ * floats each: the mean over side x side rays. No pixel may be drawn twice. The same bits for any number of threads,
+ * and for any pixels together. KILN_SYSTEM, KILN_NO_INPUT, KILN_BAD_INPUT, or the status of the backend. */
 int kiln_view_gloss_draw(struct kiln_view_gloss *gloss, const size_t *pixels, size_t count, float *rgb,
                          struct kiln_error *error);
+
+/* Adds to the planes of the picture what rough lobes bring to the pixels that were drawn. Once. KILN_SYSTEM. */
+int kiln_view_gloss_smooth(struct kiln_view_gloss *gloss, float *const planes[3], struct kiln_error *error);
 
 #endif

@@ -414,6 +414,8 @@ int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **
         status = allocate_band(&r, error);
     if (status == KILN_OK)
         status = render_bands(&r, error);
+    if (status == KILN_OK && r.gloss != NULL)
+        status = kiln_view_gloss_smooth(r.gloss, r.planes, error);
     const double all = (double)params->width * params->height;
     *approximate = (struct kiln_view_approximate){r.sums.metal / all, r.sums.front_light / all, r.sums.flat / all,
                                                   r.sums.mapped / all};

@@ -132,6 +132,29 @@ class Highlights(unittest.TestCase):
         print("specks: %d of %d pixels" % (specks, light.size))
         self.assertLess(specks, 60)
 
+    def test_grain(self):
+        """Pixels of rough metal between walls of other light are as those around."""
+        scene = glb.Scene()
+        scene.quad("floor", [(-2, 0, 2), (2, 0, 2), (2, 0, -2), (-2, 0, -2)],
+                   gloss(scene, "metal", (0.9, 0.8, 0.7), metallic=1.0, roughness=0.45))
+        for name, radiance, wall in (("dark", 0.0, [(-2, 0, -2), (2, 0, -2), (2, 2, -2), (-2, 2, -2)]),
+                                     ("left", 3.0, [(-2, 0, 2), (-2, 0, -2), (-2, 2, -2), (-2, 2, 2)]),
+                                     ("behind", 2.0, [(2, 0, 2), (-2, 0, 2), (-2, 2, 2), (2, 2, 2)])):
+            scene.quad(name, wall, scene.material(name, (0.8, 0.1, 0.1), radiance=(radiance, radiance, radiance)))
+        path, bake, shown = (os.path.join(self.folder, "grain" + end) for end in (".glb", "", ".exr"))
+        scene.write(path)
+        kiln("bake", path, "-o", bake, "--quality", "draft", "--texels-per-metre", "4", "--quiet", "--no-export",
+             "--no-preview", "--samples-probe", "0", "--caustics", "none", "--environment", "0.3,0.3,0.3")
+        kiln("view", bake, "-o", shown, "--from=0,1.0,1.8", "--to=0,0.4,-1", "--field-of-view", "60", "--width", "128",
+             "--height", "96", "--quiet", "--backend", "embree")
+        light = exr.rgb(shown).mean(-1)
+        near = np.lib.stride_tricks.sliding_window_view(np.pad(light, 1, mode="edge"), (3, 3))
+        off = np.abs(light - np.median(near, axis=(2, 3))) / light
+        grain = off[75:, 20:108].mean()
+        print("grain: %.4f of the light" % grain)
+        self.assertGreater(light[75:, 20:108].min(), 0.1)
+        self.assertLess(grain, 0.015)
+
 
 if __name__ == "__main__":
     unittest.main(verbosity=2)

@@ -207,6 +207,30 @@ struct kiln_particle_turn kiln_particle_turn_to(const struct kiln_particle_place
     return turn;
 }
 
+bool kiln_particle_part(const struct kiln_particle_place *p, const float weight[3],
+                        const struct kiln_particle_chance *chance, struct kiln_particle_turn turns[2])
+{
+    const bool two = p->lobes.p.model == KILN_BSDF_LAYERS && p->lobes.base_is_mirror != 0 && p->lobes.glass > 0.0f &&
+                     p->choice.gloss > 0.0f && p->choice.coat + p->choice.near + p->choice.far == 0.0f;
+    const float reflected = two ? kiln_bsdf_split_at(p->lobes, p->o.z > 0.0f, float_abs(p->o.z)).chance : 0.0f;
+    double color, rest;
+    if (!(reflected > 0.0f && reflected < 1.0f))
+        return false;
+    kiln_particle_draw(chance, KILN_PATH_LOBE, &color, &rest);
+    for (int k = 0; k < 2; k++) {
+        const float share = k == 0 ? reflected : 1.0f - reflected,
+                    pick = k == 0 ? 0.5f * reflected : reflected + (float)color * share;
+        struct kiln_bsdf_drawn d;
+        turns[k] = taken_up(p);
+        if (!send(p, chance, pick * p->choice.gloss, KILN_RADIANCE, &d))
+            continue;
+        turns[k].mirrored = true;
+        turns[k].direction = kiln_out_of_frame(&p->frame, d.i);
+        go_on(p, weight, chance, rest, vec3_scale(d.weight, share), 1.0f, KILN_RADIANCE, &turns[k]);
+    }
+    return true;
+}
+
 float kiln_particle_shadow(const struct kiln_particle_place *p, const struct kiln_light_sample *sample,
                            struct kiln_vec3 *origin, struct kiln_vec3 *direction)
 {
