@@ -230,7 +230,7 @@ int both_kernels(struct both_run *r, struct kiln_error *error)
               {&r->light_diffuse, &light_paths_diffuse, points, VULKAN_PACE_LIGHT_DIFFUSE, both && r->sorts && !alone},
               {&r->eye_diffuse, &eye_paths_diffuse, r->method, VULKAN_PACE_EYE_DIFFUSE, both && r->sorts},
               {&r->eye_ends, ends, r->method, VULKAN_PACE_EYE_ENDS, both},
-              {&r->begin_landing, &land_shader, KILN_GPU_LAND_BEGINS | shares, KILN_PASS_INDEX_land, land},
+              {&r->begin_landing, &land_shader, KILN_GPU_LAND_BEGINS, KILN_PASS_INDEX_land, land},
               {&r->met_first, &land_first_shader, shares, KILN_PASS_INDEX_land, land},
               {&r->light, &land_on_shader, shares, KILN_PASS_INDEX_land, land},
               {&r->light_diffuse, &land_shader, shares, KILN_PASS_INDEX_land, land},
