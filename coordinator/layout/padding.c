@@ -256,6 +256,16 @@ static double distance_to(const struct segment *s, const double p[2])
     return best;
 }
 
+/* Whether the box around a segment is farther from a point than so much; not where rounding might decide. */
+static bool is_beyond(const struct segment *s, const double p[2], double distance)
+{
+    const double reach = distance + TOLERANCE;
+    return (s->from[0] > p[0] + reach && s->to[0] > p[0] + reach) ||
+           (s->from[0] < p[0] - reach && s->to[0] < p[0] - reach) ||
+           (s->from[1] > p[1] + reach && s->to[1] > p[1] + reach) ||
+           (s->from[1] < p[1] - reach && s->to[1] < p[1] - reach);
+}
+
 static double nearest_in_cell(const struct grid *g, const double p[2], uint32_t chart, int64_t x, int64_t y,
                               double best)
 {
@@ -264,18 +274,18 @@ static double nearest_in_cell(const struct grid *g, const double p[2], uint32_t 
     const size_t cell = (size_t)y * g->across + (size_t)x;
     for (size_t i = g->first[cell + 1]; i < g->first[cell + 2]; i++) {
         const struct segment *s = &g->segments[g->entries[i]];
-        if (s->chart != chart)
+        if (s->chart != chart && !is_beyond(s, p, best))
             best = fmin(best, distance_to(s, p));
     }
     return best;
 }
 
-/* Distance from a point of a chart to the nearest other chart, if below two texels: searches the cells around it in
+/* Distance from a point of a chart to the nearest other chart, at most two texels: searches the cells around it in
  * growing rings. */
 static double nearest_other(const struct grid *g, const double p[2], uint32_t chart)
 {
     const int64_t cx = cell_at(p[0], g->cell, g->across), cy = cell_at(p[1], g->cell, g->down);
-    double best = INFINITY;
+    double best = KILN_PADDING_TEXELS;
     for (int64_t r = 0; r <= (int64_t)g->rings && best > (double)(r - 1) * g->cell; r++)
         for (int64_t y = cy - r; y <= cy + r; y++) {
             const int64_t step = y == cy - r || y == cy + r || r == 0 ? 1 : 2 * r;

@@ -14,6 +14,9 @@ enum { UNKNOWN, APART, COINCIDES }; /* of embree_backend.coincides */
 #define PARALLEL (-0.99)
 /* The normal of a triangle that is not higher than so many times KILN_COINCIDENT says nothing. */
 #define HEIGHT_LEAST 64.0
+/* Triangles whose boxes are farther apart than so many margins have no place in common, with all that hits and
+ * barycentric coordinates may be off by. */
+#define BOX_MARGINS 8.0
 
 /* A triangle in one plane. */
 struct flat {
@@ -22,21 +25,35 @@ struct flat {
     bool low;                            /* see HEIGHT_LEAST */
 };
 
-static struct flat flat_of(const struct kiln_geometry *g, uint32_t triangle, double margin)
+/* fmin and fmax would become calls into the mathematics library here. */
+static inline double least_of(double a, double b) { return a < b ? a : b; }
+static inline double most_of(double a, double b) { return a > b ? a : b; }
+
+/* The square of the longest edge. */
+static double most_square(const struct flat *f)
 {
-    struct kiln_vec3 corner[3];
-    struct flat f;
-    double side = 0.0;
-    kiln_geometry_corners(g, triangle, corner);
+    double most = 0.0;
+    for (int i = 0; i < 3; i++) {
+        const struct kiln_dvec3 edge = dvec3_sub(f->corner[(i + 1) % 3], f->corner[i]);
+        most = most_of(most, dvec3_dot(edge, edge));
+    }
+    return most;
+}
+
+static void corners_of(const struct kiln_geometry *g, uint32_t triangle, struct kiln_dvec3 corner[3])
+{
+    struct kiln_vec3 at[3];
+    kiln_geometry_corners(g, triangle, at);
     for (int i = 0; i < 3; i++)
-        f.corner[i] = dvec3_of(corner[i]);
+        corner[i] = dvec3_of(at[i]);
+}
+
+static struct flat flat_of(const struct kiln_dvec3 corner[3], double margin)
+{
+    struct flat f = {.corner = {corner[0], corner[1], corner[2]}};
     f.normal = dvec3_cross(dvec3_sub(f.corner[1], f.corner[0]), dvec3_sub(f.corner[2], f.corner[0]));
     f.length = sqrt(dvec3_dot(f.normal, f.normal));
-    for (int i = 0; i < 3; i++) {
-        const struct kiln_dvec3 edge = dvec3_sub(f.corner[(i + 1) % 3], f.corner[i]);
-        side = fmax(side, sqrt(dvec3_dot(edge, edge)));
-    }
-    f.low = f.length < HEIGHT_LEAST * margin * side;
+    f.low = f.length < HEIGHT_LEAST * margin * sqrt(most_square(&f));
     return f;
 }
 
@@ -46,17 +63,50 @@ static bool is_beside(const struct flat *one, const struct flat *other, double m
     double least = INFINITY, most = -INFINITY;
     for (int i = 0; i < 3; i++) {
         const double height = dvec3_dot(other->normal, dvec3_sub(one->corner[i], other->corner[0]));
-        least = fmin(least, height);
-        most = fmax(most, height);
+        least = least_of(least, height);
+        most = most_of(most, height);
     }
     return least > margin * other->length || most < -margin * other->length;
 }
+
+struct box {
+    double low[3], high[3];
+};
+
+static struct box box_of(const struct kiln_dvec3 corner[3])
+{
+    struct box box;
+    const double at[3][3] = {{corner[0].x, corner[1].x, corner[2].x},
+                             {corner[0].y, corner[1].y, corner[2].y},
+                             {corner[0].z, corner[1].z, corner[2].z}};
+    for (int axis = 0; axis < 3; axis++) {
+        box.low[axis] = least_of(at[axis][0], least_of(at[axis][1], at[axis][2]));
+        box.high[axis] = most_of(at[axis][0], most_of(at[axis][1], at[axis][2]));
+    }
+    return box;
+}
+
+static bool are_apart(const struct box *a, const struct box *b, double gap)
+{
+    bool apart = false;
+    for (int axis = 0; axis < 3; axis++)
+        apart = apart || a->low[axis] > b->high[axis] + gap || b->low[axis] > a->high[axis] + gap;
+    return apart;
+}
+
+/* In the sphere around a triangle that spans the scene is the scene. Where more triangles than MANY are in a sphere,
+ * those around the quarters are searched in its place, and around theirs, down to the DEEPEST. */
+enum { MANY = 1024, DEEPEST = 6 };
 
 struct partner_search {
     const struct embree_backend *b;
     uint32_t triangle;
     struct flat own;
-    double margin; /* m */
+    struct box box; /* of what is searched: the own triangle, or a piece of it */
+    double margin;  /* m */
+    size_t met;     /* triangles in this sphere */
+    size_t limit;   /* of them */
+    size_t all;     /* triangles in all spheres before */
     bool found;
 };
 
@@ -65,9 +115,18 @@ static bool consider_partner(struct RTCPointQueryFunctionArguments *arguments)
 {
     struct partner_search *s = arguments->userPtr;
     const uint32_t triangle = embree_triangle(s->b, arguments->geomID, arguments->primID);
+    if (s->met++ == s->limit) {
+        arguments->query->radius = 0.0f;
+        return true;
+    }
     if (triangle == s->triangle)
         return false;
-    const struct flat other = flat_of(s->b->params.geometry, triangle, s->margin);
+    struct kiln_dvec3 corner[3];
+    corners_of(s->b->params.geometry, triangle, corner);
+    const struct box box = box_of(corner);
+    if (are_apart(&box, &s->box, BOX_MARGINS * s->margin))
+        return false;
+    const struct flat other = flat_of(corner, s->margin);
     const bool opposite =
         s->own.low || other.low || dvec3_dot(s->own.normal, other.normal) <= PARALLEL * s->own.length * other.length;
     if (!(other.length > 0.0) || !opposite || is_beside(&s->own, &other, s->margin) ||
@@ -78,14 +137,9 @@ static bool consider_partner(struct RTCPointQueryFunctionArguments *arguments)
     return true;
 }
 
-/* Whether a front may coincide with the back of this triangle somewhere, by the planes of those near it. */
-static bool find_partner(const struct embree_backend *b, uint32_t triangle)
+/* Searches around a piece. Returns whether all triangles there were met, or the search is over. */
+static bool search_sphere(struct partner_search *s, const struct kiln_dvec3 c[3], size_t limit)
 {
-    const struct kiln_geometry *g = b->params.geometry;
-    const double margin = 2.0 * (double)(KILN_COINCIDENT * g->extent);
-    struct partner_search s = {
-        .b = b, .triangle = triangle, .own = flat_of(g, triangle, margin), .margin = margin, .found = false};
-    const struct kiln_dvec3 *c = s.own.corner;
     struct RTCPointQuery query = {.x = (float)((c[0].x + c[1].x + c[2].x) / 3.0),
                                   .y = (float)((c[0].y + c[1].y + c[2].y) / 3.0),
                                   .z = (float)((c[0].z + c[1].z + c[2].z) / 3.0)};
@@ -94,10 +148,47 @@ static bool find_partner(const struct embree_backend *b, uint32_t triangle)
         const struct kiln_dvec3 way = dvec3_sub(c[i], dvec3((double)query.x, (double)query.y, (double)query.z));
         radius = fmax(radius, sqrt(dvec3_dot(way, way)));
     }
-    query.radius = (float)(radius * (1.0 + 1e-6) + margin);
+    query.radius = (float)(radius * (1.0 + 1e-6) + s->margin);
+    s->box = box_of(c);
+    s->met = 0;
+    s->limit = limit;
     struct RTCPointQueryContext round;
     rtcInitPointQueryContext(&round);
-    (void)rtcPointQuery(b->scene, &query, &round, consider_partner, &s);
+    (void)rtcPointQuery(s->b->scene, &query, &round, consider_partner, s);
+    s->all += s->met;
+    return s->found || s->met <= limit;
+}
+
+static struct kiln_dvec3 middle_of(struct kiln_dvec3 a, struct kiln_dvec3 b)
+{
+    return dvec3_scale(dvec3_add(a, b), 0.5);
+}
+
+/* The same for its quarters, if there are too many triangles. */
+static bool search_pieces(struct partner_search *s, const struct kiln_dvec3 c[3], int depth)
+{
+    if (search_sphere(s, c, MANY))
+        return true;
+    if (depth == DEEPEST || s->all > s->b->params.geometry->triangle_count)
+        return false;
+    const struct kiln_dvec3 a = middle_of(c[1], c[2]), b = middle_of(c[2], c[0]), d = middle_of(c[0], c[1]),
+                            quarters[4][3] = {{c[0], d, b}, {d, c[1], a}, {b, a, c[2]}, {a, b, d}};
+    bool complete = true;
+    for (int i = 0; i < 4 && complete && !s->found; i++)
+        complete = search_pieces(s, quarters[i], depth + 1);
+    return complete;
+}
+
+/* Whether a front may coincide with the back of this triangle somewhere, by the planes of those near it. Where
+ * triangles are dense everywhere around it, one sphere costs less than its pieces. */
+static bool find_partner(const struct embree_backend *b, uint32_t triangle)
+{
+    const double margin = 2.0 * (double)(KILN_COINCIDENT * b->params.geometry->extent);
+    struct kiln_dvec3 corner[3];
+    corners_of(b->params.geometry, triangle, corner);
+    struct partner_search s = {.b = b, .triangle = triangle, .own = flat_of(corner, margin), .margin = margin};
+    if (!search_pieces(&s, corner, 0))
+        (void)search_sphere(&s, corner, SIZE_MAX);
     return s.found;
 }
 
