@@ -91,6 +91,7 @@ struct kiln_view_wish {
     const double *from, *to;
     double field_of_view;            /* degrees, vertical; default: the camera's; else 45, or 55 from inside */
     uint32_t width, height;          /* pixels; default: 960, and the height by the aspect of the camera, or 4:3 */
+    uint64_t most_pixels;            /* the default width is so much less that there are at most so many, about */
     bool surfaces;                   /* the image has the channels of view_surfaces.h too */
     struct kiln_view_filter *filter; /* what the renderer draws goes through it (view_filter.h); borrowed; NULL: none */
 };

@@ -73,12 +73,16 @@ int kiln_view_find_camera(const struct kiln_scene *scene, const char *name, cons
     return no_such_camera(scene, name, error);
 }
 
+enum { DEFAULT_WIDTH = 960 };
+
 static void choose_size(const struct kiln_view_wish *wish, double aspect, uint32_t *width, uint32_t *height)
 {
     *width = wish->width;
     *height = wish->height;
+    if (*width == 0 && *height == 0 && wish->most_pixels > 0)
+        *width = (uint32_t)fmax(1.0, fmin(DEFAULT_WIDTH, floor(sqrt((double)wish->most_pixels * aspect))));
     if (*width == 0)
-        *width = *height == 0 ? 960 : (uint32_t)fmax(1.0, round(*height * aspect));
+        *width = *height == 0 ? DEFAULT_WIDTH : (uint32_t)fmax(1.0, round(*height * aspect));
     if (*height == 0)
         *height = (uint32_t)fmax(1.0, round(*width / aspect));
 }

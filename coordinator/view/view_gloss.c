@@ -102,7 +102,7 @@ static void add(struct walker *w, const float factor[3], const float rgb[3])
     }
 }
 
-/* What a ray has met, where that has gloss: the same for all walkers of the ray. */
+/* What a ray has met, where that has gloss. */
 struct met {
     struct kiln_hit hit;
     bool gloss; /* else only this and the hit are set */
@@ -198,13 +198,14 @@ static float largest(const float a[3], const float b[3]) { return fmaxf(a[0] * b
 
 /* Has a walker go both ways from smooth glass: a second one, in a place of its own, goes the other. False: nothing is
  * done. */
-static bool part(const struct kiln_view_gloss *b, const struct kiln_view_lit *lit, struct walker *w)
+static bool part(const struct kiln_view_gloss *b, const struct met *met, const struct kiln_view_lit *lit, double share,
+                 struct walker *w)
 {
     struct kiln_particle_turn turns[2];
-    if (b->learns || w->rough || w->partings == PARTINGS ||
-        !kiln_particle_part(&lit->place, w->weight, &lit->chance, turns) ||
+    if (b->learns || w->rough || w->partings == PARTINGS || !kiln_particle_part(&lit->place, &lit->chance, turns) ||
         fminf(largest(w->weight, turns[0].goes_on), largest(w->weight, turns[1].goes_on)) < least_parted)
         return false;
+    add_own(met, &turns[0], share, w);
     const uint32_t place = w->place | 1u << w->partings++;
     struct walker *other = w + (place - w->place);
     *other = *w;
@@ -243,12 +244,12 @@ static void meet(const struct kiln_view_gloss *b, const struct met *met, float p
         lit->weight[c] = w->weight[c];
         lit->rgb[c] = 0.0f;
     }
+    if (part(b, met, lit, share, w))
+        return;
     const uint32_t region = kiln_view_guides_region(b->guides, &lit->place, &lit->chance);
     lit->guide = kiln_view_guides_at(b->guides, region, &lit->place);
     const struct kiln_particle_turn turn = kiln_view_guide_turn(&lit->guide, &lit->place, w->weight, &lit->chance);
     add_own(met, &turn, share, w);
-    if (part(b, lit, w))
-        return;
     if (!w->rough && !kiln_particle_is_smooth(&lit->place))
         become_rough(&lit->place, w);
     if (w->region == KILN_NONE && !turn.mirrored) {

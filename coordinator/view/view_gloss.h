@@ -22,8 +22,8 @@ int kiln_view_gloss_create(struct kiln_view_gloss **gloss, const struct kiln_vie
 void kiln_view_gloss_destroy(struct kiln_view_gloss **gloss);
 
 /* The radiance of `count` pixels of the picture, row by row y * width + x, but for what rough lobes bring, into three
- * floats each: the mean over side x side rays. No pixel may be drawn twice. The same bits for any number of threads,
- * and for any pixels together. KILN_SYSTEM, KILN_NO_INPUT, KILN_BAD_INPUT, or the status of the backend. */
+ * floats each: the mean over 64 rays, or over 4 for previews. No pixel may be drawn twice. The same bits for any number
+ * of threads, and for any pixels together. KILN_SYSTEM, KILN_NO_INPUT, KILN_BAD_INPUT, or the status of the backend. */
 int kiln_view_gloss_draw(struct kiln_view_gloss *gloss, const size_t *pixels, size_t count, float *rgb,
                          struct kiln_error *error);
 

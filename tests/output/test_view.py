@@ -71,7 +71,10 @@ def cornell(folder):
     kiln("generate", "cornell", "-o", scene, "--quiet")
     kiln("bake", scene, "-o", bake, "--texels-per-metre", "8", "--preview", *DRAFT)
     with open(os.path.join(bake, "preview.png"), "rb") as file:
-        assert file.read(8) == b"\x89PNG\r\n\x1a\n"
+        head = file.read(24)
+    assert head[:8] == b"\x89PNG\r\n\x1a\n"
+    width, height = struct.unpack(">2I", head[16:24])
+    assert width == height and 400 < width < 480, "a bake of few points has a small preview: %d x %d" % (width, height)
     image = radiance(bake, "--width", "60", "--height", "60")
     red, green = image[20:40, 1:8].mean((0, 1)), image[20:40, -8:-1].mean((0, 1))
     assert red[0] > 3 * red[1] and green[1] > 2 * green[0], "red stands left and green right"

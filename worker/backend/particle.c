@@ -207,8 +207,8 @@ struct kiln_particle_turn kiln_particle_turn_to(const struct kiln_particle_place
     return turn;
 }
 
-bool kiln_particle_part(const struct kiln_particle_place *p, const float weight[3],
-                        const struct kiln_particle_chance *chance, struct kiln_particle_turn turns[2])
+bool kiln_particle_part(const struct kiln_particle_place *p, const struct kiln_particle_chance *chance,
+                        struct kiln_particle_turn turns[2])
 {
     const bool two = p->lobes.p.model == KILN_BSDF_LAYERS && p->lobes.base_is_mirror != 0 && p->lobes.glass > 0.0f &&
                      p->choice.gloss > 0.0f && p->choice.coat + p->choice.near + p->choice.far == 0.0f;
@@ -226,7 +226,10 @@ bool kiln_particle_part(const struct kiln_particle_place *p, const float weight[
             continue;
         turns[k].mirrored = true;
         turns[k].direction = kiln_out_of_frame(&p->frame, d.i);
-        go_on(p, weight, chance, rest, vec3_scale(d.weight, share), 1.0f, KILN_RADIANCE, &turns[k]);
+        turns[k].origin = start_of(p, turns[k].direction);
+        turns[k].goes_on[0] = p->arrives[0] * share * d.weight.x;
+        turns[k].goes_on[1] = p->arrives[1] * share * d.weight.y;
+        turns[k].goes_on[2] = p->arrives[2] * share * d.weight.z;
     }
     return true;
 }

@@ -59,9 +59,9 @@ struct kiln_particle_turn kiln_particle_turn_to(const struct kiln_particle_place
                                                 float density);
 
 /* Both ways on of a ray of a view from smooth glass, reflected and let through, in the place of one of them by chance:
- * each counts by its share. False: there are no two, or a coat lies over them. */
-bool kiln_particle_part(const struct kiln_particle_place *place, const float weight[3],
-                        const struct kiln_particle_chance *chance, struct kiln_particle_turn turns[2]);
+ * each counts by its share, and neither ends by chance. False: there are no two, or a coat lies over them. */
+bool kiln_particle_part(const struct kiln_particle_place *place, const struct kiln_particle_chance *chance,
+                        struct kiln_particle_turn turns[2]);
 
 /* Whether the lobes that are not diffuse send light in the directions of mirrors and smooth glass only. */
 bool kiln_particle_is_smooth(const struct kiln_particle_place *place);
