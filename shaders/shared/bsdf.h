@@ -43,14 +43,6 @@ struct kiln_bsdf_split {
     float chance;
 };
 
-/* Index of the other side of glass over that of this side. */
-KILN_FUNCTION KILN_VECTOR kiln_bsdf_eta(KILN_STRUCT kiln_bsdf p, bool front)
-{
-    if (front || p.thin_wall != 0u)
-        return p.eta;
-    return vec3(1.0f / p.eta.x, 1.0f / p.eta.y, 1.0f / p.eta.z);
-}
-
 KILN_FUNCTION KILN_VECTOR kiln_bsdf_metal(KILN_VECTOR color, float cosine)
 {
     const float share = kiln_schlick_share(cosine);
@@ -74,7 +66,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_split kiln_bsdf_split_at(KILN_STRUCT kiln_bs
         if (!front && l.coat.strength > 0.0f &&
             l.p.thin_wall == 0u) { /* what the coat reflects of what comes through goes back */
             const float outside = kiln_refracted_cosine(cosine, eta.y);
-            f.reflected = vec3_madd(f.reflected, f.through, kiln_coat_albedo(l.coat, outside));
+            f.reflected =
+                vec3_madd(f.reflected, f.through, kiln_bsdf_mirrored_share(l) * kiln_coat_albedo(l.coat, outside));
         }
         s.reflected = vec3_madd(s.reflected, f.reflected, l.glass);
         s.through = vec3_scale(vec3_mul(f.through, l.p.base_color), l.glass);
@@ -137,6 +130,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
         const float here = front ? l.glass_lost_coat : l.glass_lost_back;
         const float there = front ? l.glass_lost_back : l.glass_lost_coat;
         a.spread_near = vec3_madd(a.spread_near, f.same, rest * here);
+        if (!front && l.held_mean > 0.0f)
+            a.spread_near = vec3_add(a.spread_near, kiln_bsdf_gray(l.glass * kiln_bsdf_held(l, mu)));
         a.spread_far = vec3_scale(vec3_mul(l.p.base_color, f.other), rest * there);
     }
     return a;
@@ -217,17 +212,14 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_facets(KILN_VECTOR o, KILN_V
     return s;
 }
 
-/* Of light from behind a coat: what kiln_bsdf_split_at says too little of what the coat sends back. There it has the
- * cosine to the facet; here that to the surface with which the facet lets light out that comes from o, and from i. The
- * mean is geometric, so that it is the same for both. */
+/* Of light from behind a coat: what kiln_bsdf_split_at says too little of what the coat sends into the mirror direction
+ * (kiln_bsdf_mirrored). There it has the cosine to the facet. */
 KILN_FUNCTION KILN_VECTOR kiln_bsdf_returned(KILN_STRUCT kiln_bsdf_lobes l, float o, float i, float h, float cosine)
 {
     const KILN_VECTOR eta = kiln_bsdf_eta(l.p, false);
-    const float outside = kiln_refracted_cosine(cosine, eta.y), bend = h * (outside - cosine / eta.y);
-    const float zo = o / eta.y + bend, zi = i / eta.y + bend; /* not above 0: no light gets out that way */
-    const float of_o = zo > 0.0f ? kiln_coat_albedo(l.coat, zo) : 0.0f;
-    const float of_i = zi > 0.0f ? kiln_coat_albedo(l.coat, zi) : 0.0f;
-    const float more = float_sqrt(of_o * of_i) - kiln_coat_albedo(l.coat, outside);
+    const float outside = kiln_refracted_cosine(cosine, eta.y);
+    const float more =
+        kiln_bsdf_mirrored(l, o, i, h, cosine) - kiln_bsdf_mirrored_share(l) * kiln_coat_albedo(l.coat, outside);
     return vec3_scale(kiln_bsdf_fresnel_at(l.p, cosine, eta).through, l.glass * more);
 }
 
@@ -348,9 +340,12 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_given_back(KILN_STRUCT kiln_bsdf_lobes l, bo
         float coats = kiln_bsdf_crossing(l, front, o.z, mu);
         if (same && l.p.thin_wall == 0u)
             coats = (1.0f - kiln_bsdf_coat_albedo(l, front, o.z)) * (1.0f - kiln_bsdf_coat_albedo(l, front, mu));
-        if (same)
+        if (same) {
             sum = vec3_madd(sum, f.same, lost * coats);
-        else {
+            if (!front && l.held_mean > 0.0f)
+                sum = vec3_add(sum,
+                               kiln_bsdf_gray(l.glass * kiln_bsdf_held(l, o.z) * kiln_bsdf_held(l, mu) / l.held_mean));
+        } else {
             const KILN_VECTOR eta = kiln_bsdf_eta(l.p, front);
             KILN_VECTOR color = vec3_mul(l.p.base_color, f.other);
             if (mode == KILN_RADIANCE && l.p.thin_wall == 0u)

@@ -53,6 +53,8 @@ struct kiln_bsdf_lobes {
     float lost_mean;          /* means over the hemisphere by the cosine: of what facets lose, */
     float glass_lost_front, glass_lost_back, glass_lost_coat; /* glass, on both sides, and what the coat passes of it */
     float under_front, under_back; /* and of what reaches the diffuse surface; 1 where there is none */
+    KILN_STRUCT kiln_curve held;   /* kiln_bsdf_held, in Chebyshev polynomials of 2 sqrt(mu) - 1, */
+    float held_mean;               /* and its mean; 0 where no coat lies over rough glass */
 };
 
 /* Roughnesses along the tangent and across it, of glTF's roughness and anisotropy strength, 0 to 1
@@ -116,6 +118,14 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_fresnel kiln_bsdf_fresnel_at(KILN_STRUCT kil
 
 /* ---- shares ---- */
 
+/* Index of the other side of glass over that of this side. */
+KILN_FUNCTION KILN_VECTOR kiln_bsdf_eta(KILN_STRUCT kiln_bsdf p, bool front)
+{
+    if (front || p.thin_wall != 0u)
+        return p.eta;
+    return vec3(1.0f / p.eta.x, 1.0f / p.eta.y, 1.0f / p.eta.z);
+}
+
 /* Directions in a quarter turn, for means over brushed facets. */
 #define KILN_TURN_POINTS 4
 
@@ -172,6 +182,104 @@ KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool fro
     return kiln_boundary_lost(l.boundary, mu, front == (l.p.eta.y < 1.0f));
 }
 
+/* ---- light from behind a coat over rough glass ----
+ *
+ * The coat sends back a part of what facets let through. A share of that goes into the facets' mirror directions,
+ * shared by both ends so that it is the same both ways: by the geometric mean of what the coat reflects of light that a
+ * facet lets out from either. The rougher the facets the less that is like what happens, and the smaller the share, so
+ * that it is nowhere more than what was held back. The rest is `held`, spread as held(o) held(i) / (pi mean held). It
+ * hangs on the cosine, the index and both roughnesses, and is found for each material by adding up what its facets send
+ * on: 377 facets at each of 9 cosines. */
+
+KILN_FUNCTION bool kiln_bsdf_holds(KILN_STRUCT kiln_bsdf_lobes l)
+{
+    return l.coat.strength > 0.0f && l.glass > 0.0f && l.p.thin_wall == 0u;
+}
+KILN_FUNCTION float kiln_bsdf_mirrored_share(KILN_STRUCT kiln_bsdf_lobes l)
+{
+    return 1.0f / (1.0f + 2.4f * l.face.alpha);
+}
+
+/* Of what a facet h lets through of light from behind, at `cosine` to it: what the coat sends into the mirror
+ * direction; o, i and h are cosines to the surface. */
+KILN_FUNCTION float kiln_bsdf_mirrored(KILN_STRUCT kiln_bsdf_lobes l, float o, float i, float h, float cosine)
+{
+    const float eta = kiln_bsdf_eta(l.p, false).y;
+    const float bend = h * (kiln_refracted_cosine(cosine, eta) - cosine / eta);
+    const float zo = o / eta + bend, zi = i / eta + bend; /* not above 0: no light gets out that way */
+    const float of_o = zo > 0.0f ? kiln_coat_albedo(l.coat, zo) : 0.0f;
+    const float of_i = zi > 0.0f ? kiln_coat_albedo(l.coat, zi) : 0.0f;
+    return kiln_bsdf_mirrored_share(l) * float_sqrt(of_o * of_i);
+}
+
+/* What the facet h sends on, to both sides, of light from behind in direction o, z > 0 there. */
+KILN_FUNCTION float kiln_bsdf_sent_behind(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, KILN_VECTOR h)
+{
+    const float eta = kiln_bsdf_eta(l.p, false).y, cosine = vec3_dot(o, h);
+    const float outside = kiln_refracted_cosine(cosine, eta), back = kiln_fresnel(cosine, eta);
+    const float own = kiln_ggx_stretch(o, l.alpha_x, l.alpha_y) / o.z;
+    KILN_VECTOR i = kiln_reflected(o, h);
+    float sent = 0.0f;
+    if (i.z > 0.0f) {
+        const float seen = (1.0f + own) / (own + kiln_ggx_stretch(i, l.alpha_x, l.alpha_y) / i.z);
+        sent += seen * (back + (1.0f - back) * kiln_bsdf_mirrored(l, o.z, i.z, h.z, cosine));
+    }
+    if (back < 1.0f) {
+        i = kiln_refracted(o, h, 1.0f / eta, cosine, outside);
+        if (i.z < 0.0f) {
+            const float seen = (1.0f + own) / (own - kiln_ggx_stretch(i, l.alpha_x, l.alpha_y) / i.z);
+            sent += seen * (1.0f - back) * (1.0f - kiln_coat_albedo(l.coat, -i.z));
+        }
+    }
+    return sent;
+}
+
+#define KILN_HELD_POINTS 9
+#define KILN_HELD_FACETS 377
+KILN_FUNCTION KILN_STRUCT kiln_curve kiln_bsdf_held_curve(KILN_STRUCT kiln_bsdf_lobes l)
+{
+    KILN_STRUCT kiln_curve s;
+    for (int j = 0; j < KILN_HELD_POINTS; j++)
+        s.c[j] = 0.0f;
+    for (int k = 0; k < KILN_HELD_POINTS; k++) {
+        float sine, x, sent = 0.0f;
+        kiln_turn((KILN_TO_F32(k) + 0.5f) / KILN_TO_F32(2 * KILN_HELD_POINTS), KILN_TO(sine), KILN_TO(x));
+        const float root = 0.5f * (1.0f + x), mu = root * root;
+        const KILN_VECTOR o = vec3(float_sqrt((1.0f - mu) * (1.0f + mu)), 0.0f, mu);
+        for (int j = 0; j < KILN_HELD_FACETS; j++) { /* on one side of the plane of o: those on the other are alike */
+            const float u = KILN_TO_F32(j * 233 % KILN_HELD_FACETS) / KILN_TO_F32(2 * KILN_HELD_FACETS);
+            const float v = (KILN_TO_F32(j) + 0.5f) / KILN_TO_F32(KILN_HELD_FACETS);
+            sent += kiln_bsdf_sent_behind(l, o, kiln_ggx_sample(o, l.alpha_x, l.alpha_y, u, v));
+        }
+        sent /= KILN_TO_F32(KILN_HELD_FACETS);
+        const float missing = 1.0f - sent - kiln_boundary_lost(l.boundary, mu, l.p.eta.y >= 1.0f);
+        /* a little less, so that a furnace is hardly ever too bright; where facets are nearly smooth, what is missing
+         * has too narrow a peak for the polynomials, and is hardly anything */
+        const float held = (missing - 0.0038f) * l.face.alpha / (l.face.alpha + 0.005f);
+        float before = x, now = 1.0f; /* Chebyshev's polynomials at x */
+        for (int j = 0; j < KILN_HELD_POINTS; j++) {
+            s.c[j] += held * now * (j == 0 ? 1.0f : 2.0f) / KILN_TO_F32(KILN_HELD_POINTS);
+            const float next = 2.0f * x * now - before;
+            before = now;
+            now = next;
+        }
+    }
+    return s;
+}
+
+/* What the coat holds back of light from behind, and sends back in no certain direction. */
+KILN_FUNCTION float kiln_bsdf_held(KILN_STRUCT kiln_bsdf_lobes l, float mu)
+{
+    const float x = 2.0f * float_sqrt(mu) - 1.0f;
+    float a = 0.0f, b = 0.0f;
+    for (int j = KILN_HELD_POINTS - 1; j > 0; j--) { /* Clenshaw's recurrence */
+        const float next = 2.0f * x * a - b + l.held.c[j];
+        b = a;
+        a = next;
+    }
+    return float_max(x * a - b + l.held.c[0], 0.0f);
+}
+
 /* ---- the diffuse surface, for what stores its radiosity ----
  *
  * Irradiance counts with weight `in` of the direction that it comes from; with the reflectance `color` it becomes
@@ -197,13 +305,21 @@ KILN_FUNCTION float kiln_diffuse_out(KILN_STRUCT kiln_bsdf_lobes l, float cosine
 
 KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
 {
-    float lost = 0.0f, front = 0.0f, back = 0.0f, coat = 0.0f, under_front = 0.0f, under_back = 0.0f;
+    float lost = 0.0f, front = 0.0f, back = 0.0f, coat = 0.0f, under_front = 0.0f, under_back = 0.0f, held = 0.0f;
+    const bool holds = kiln_bsdf_holds(KILN_AT(l)) && KILN_AT(l).base_is_mirror == 0u;
+    if (holds)
+        KILN_AT(l).held = kiln_bsdf_held_curve(KILN_AT(l));
+    else
+        for (int k = 0; k < KILN_HELD_POINTS; k++)
+            KILN_AT(l).held.c[k] = 0.0f;
     const bool matt = KILN_AT(l).matt > 0.0f;
     const bool two = KILN_AT(l).coat.strength > 0.0f && KILN_AT(l).p.thin_wall == 0u; /* sides differ by the coat */
     for (int k = 0; k < KILN_MEAN_POINTS; k++) {
         const float mu = KILN_MEAN_COSINES[k], w = KILN_MEAN_WEIGHTS[k];
         const float facets = kiln_bsdf_facets_lost_about(KILN_AT(l), mu);
         lost += w * facets;
+        if (holds)
+            held += w * kiln_bsdf_held(KILN_AT(l), mu);
         if (matt)
             under_front += w * kiln_diffuse_in(KILN_AT(l), mu);
         if (matt && two)
@@ -219,6 +335,7 @@ KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
     KILN_AT(l).glass_lost_front = front;
     KILN_AT(l).glass_lost_back = back;
     KILN_AT(l).glass_lost_coat = coat;
+    KILN_AT(l).held_mean = held;
     KILN_AT(l).under_front = matt ? float_max(under_front, KILN_FLOAT_TINY) : 1.0f;
     KILN_AT(l).under_back = two && matt ? float_max(under_back, KILN_FLOAT_TINY) : KILN_AT(l).under_front;
 }

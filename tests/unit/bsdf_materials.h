@@ -31,9 +31,13 @@ static const struct material materials[] = {
     {"coated metal", .metallic = 1, .index = 1.5f, .coat = 1, .coat_alpha = 0.0f, .darkest = 0.99f,
      .brightest = 1.001f},
     {"coated glass", .transmission = 1, .index = 1.5f, .coat = 1, .darkest = 0.99f, .brightest = 1.001f},
-    /* what the coat sends back of light through rough facets is made of two mirrors' shares */
-    {"coated glass from behind", .transmission = 1, .index = 1.5f, .coat = 1, .behind = true, .darkest = 0.983f,
-     .brightest = 1.009f},
+    {"coated glass from behind", .transmission = 1, .index = 1.5f, .coat = 1, .behind = true, .draws = true,
+     .darkest = 0.99f, .brightest = 1.001f},
+    {"rough coat over glass from behind", .transmission = 1, .index = 1.5f, .coat = 1, .coat_alpha = 0.3f,
+     .behind = true, .darkest = 0.99f, .brightest = 1.001f},
+    /* peaks near the critical angle are wider than what 9 cosines tell of them */
+    {"coated water from behind", .transmission = 1, .index = 1.33f, .coat = 1, .behind = true, .darkest = 0.99f,
+     .brightest = 1.004f},
     {"coated thin wall from behind", .transmission = 1, .index = 1.5f, .coat = 1, .thin_wall = true, .behind = true,
      .darkest = 0.99f, .brightest = 1.001f},
     {"mixture", .metallic = 0.3f, .transmission = 0.5f, .index = 1.5f, .coat = 0.5f, .coat_alpha = 0.3f, .draws = true,
