@@ -46,6 +46,7 @@ struct kiln_bsdf_lobes {
     float metal, glass, matt; /* shares of the base; their sum is 1 */
     float alpha_x, alpha_y;
     KILN_U32 base_is_mirror, coat_is_mirror, disperses; /* 0 or 1: buffers hold no bool */
+    KILN_U32 holds;                                     /* 0 or 1: `held` is known */
     KILN_STRUCT kiln_interface face;
     KILN_STRUCT kiln_boundary boundary; /* set for a rough boundary of glass */
     KILN_STRUCT kiln_coat coat;
@@ -54,7 +55,7 @@ struct kiln_bsdf_lobes {
     float glass_lost_front, glass_lost_back, glass_lost_coat; /* glass, on both sides, and what the coat passes of it */
     float under_front, under_back; /* and of what reaches the diffuse surface; 1 where there is none */
     KILN_STRUCT kiln_curve held;   /* kiln_bsdf_held, in Chebyshev polynomials of 2 sqrt(mu) - 1, */
-    float held_mean;               /* and its mean; 0 where no coat lies over rough glass */
+    float held_mean;               /* and its mean; 0 where it is not known */
 };
 
 /* Roughnesses along the tangent and across it, of glTF's roughness and anisotropy strength, 0 to 1
@@ -189,7 +190,8 @@ KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool fro
  * facet lets out from either. The rougher the facets the less that is like what happens, and the smaller the share, so
  * that it is nowhere more than what was held back. The rest is `held`, spread as held(o) held(i) / (pi mean held). It
  * hangs on the cosine, the index and both roughnesses, and is found for each material by adding up what its facets send
- * on: 377 facets at each of 9 cosines. */
+ * on: 377 facets at each of 9 cosines. That is too much at each hit of a material with textures
+ * (kiln_bsdf_prepare_hit): there all goes into mirror directions, and a furnace is off by up to 1.7 %. */
 
 KILN_FUNCTION bool kiln_bsdf_holds(KILN_STRUCT kiln_bsdf_lobes l)
 {
@@ -197,7 +199,7 @@ KILN_FUNCTION bool kiln_bsdf_holds(KILN_STRUCT kiln_bsdf_lobes l)
 }
 KILN_FUNCTION float kiln_bsdf_mirrored_share(KILN_STRUCT kiln_bsdf_lobes l)
 {
-    return 1.0f / (1.0f + 2.4f * l.face.alpha);
+    return l.holds != 0u ? 1.0f / (1.0f + 2.4f * l.face.alpha) : 1.0f;
 }
 
 /* Of what a facet h lets through of light from behind, at `cosine` to it: what the coat sends into the mirror
@@ -303,23 +305,25 @@ KILN_FUNCTION float kiln_diffuse_out(KILN_STRUCT kiln_bsdf_lobes l, float cosine
 
 /* ---- preparing ---- */
 
+KILN_FUNCTION void kiln_bsdf_find_held(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
+{
+    KILN_AT(l).holds = kiln_bsdf_holds(KILN_AT(l)) && KILN_AT(l).base_is_mirror == 0u ? 1u : 0u;
+    if (KILN_AT(l).holds == 0u)
+        return;
+    KILN_AT(l).held = kiln_bsdf_held_curve(KILN_AT(l));
+    for (int k = 0; k < KILN_MEAN_POINTS; k++)
+        KILN_AT(l).held_mean += KILN_MEAN_WEIGHTS[k] * kiln_bsdf_held(KILN_AT(l), KILN_MEAN_COSINES[k]);
+}
+
 KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
 {
-    float lost = 0.0f, front = 0.0f, back = 0.0f, coat = 0.0f, under_front = 0.0f, under_back = 0.0f, held = 0.0f;
-    const bool holds = kiln_bsdf_holds(KILN_AT(l)) && KILN_AT(l).base_is_mirror == 0u;
-    if (holds)
-        KILN_AT(l).held = kiln_bsdf_held_curve(KILN_AT(l));
-    else
-        for (int k = 0; k < KILN_HELD_POINTS; k++)
-            KILN_AT(l).held.c[k] = 0.0f;
+    float lost = 0.0f, front = 0.0f, back = 0.0f, coat = 0.0f, under_front = 0.0f, under_back = 0.0f;
     const bool matt = KILN_AT(l).matt > 0.0f;
     const bool two = KILN_AT(l).coat.strength > 0.0f && KILN_AT(l).p.thin_wall == 0u; /* sides differ by the coat */
     for (int k = 0; k < KILN_MEAN_POINTS; k++) {
         const float mu = KILN_MEAN_COSINES[k], w = KILN_MEAN_WEIGHTS[k];
         const float facets = kiln_bsdf_facets_lost_about(KILN_AT(l), mu);
         lost += w * facets;
-        if (holds)
-            held += w * kiln_bsdf_held(KILN_AT(l), mu);
         if (matt)
             under_front += w * kiln_diffuse_in(KILN_AT(l), mu);
         if (matt && two)
@@ -335,7 +339,6 @@ KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
     KILN_AT(l).glass_lost_front = front;
     KILN_AT(l).glass_lost_back = back;
     KILN_AT(l).glass_lost_coat = coat;
-    KILN_AT(l).held_mean = held;
     KILN_AT(l).under_front = matt ? float_max(under_front, KILN_FLOAT_TINY) : 1.0f;
     KILN_AT(l).under_back = two && matt ? float_max(under_back, KILN_FLOAT_TINY) : KILN_AT(l).under_front;
 }
@@ -356,7 +359,8 @@ KILN_FUNCTION void kiln_bsdf_dye(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l, KILN
              kiln_bsdf_spread(kiln_schlick_mean(color.z), lost));
 }
 
-KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare(KILN_STRUCT kiln_bsdf p)
+/* Lobes of what a hit has; quick, and so less exact of a coat over rough glass, seen from behind. */
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare_hit(KILN_STRUCT kiln_bsdf p)
 {
     KILN_STRUCT kiln_bsdf_lobes l;
     const float index = float_max(p.eta.y, 1.0f / p.eta.y);
@@ -381,8 +385,20 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare(KILN_STRUCT kiln_bsd
     const float partial = p.thin_wall != 0u ? l.matt : l.matt + l.glass;
     l.coat = kiln_coat_of(layers ? p.coat : 0.0f, l.coat_is_mirror != 0u ? 0.0f : float_min(p.coat_alpha, 1.0f), alpha,
                           partial);
+    l.holds = 0u;
+    for (int k = 0; k < KILN_HELD_POINTS; k++)
+        l.held.c[k] = 0.0f;
+    l.held_mean = 0.0f;
     kiln_bsdf_means(KILN_TO(l));
     kiln_bsdf_dye(KILN_TO(l), p.base_color);
+    return l;
+}
+
+/* Lobes of a material: some tenths of a millisecond where a coat lies over rough glass. */
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare(KILN_STRUCT kiln_bsdf p)
+{
+    KILN_STRUCT kiln_bsdf_lobes l = kiln_bsdf_prepare_hit(p);
+    kiln_bsdf_find_held(KILN_TO(l));
     return l;
 }
 

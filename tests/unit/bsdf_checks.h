@@ -95,6 +95,11 @@ static inline int next_alpha(const struct lobes_source *s, const struct material
 {
     return i + (s->thin || m->coat > 0.0f ? 3 : 1);
 }
+static inline struct kiln_bsdf_lobes prepared(const struct material *m, struct kiln_bsdf p)
+{
+    return m->hit ? kiln_bsdf_prepare_hit(p) : kiln_bsdf_prepare(p);
+}
+
 static inline int next_angle(const struct lobes_source *s, int i) { return i + (s->thin ? 3 : 1); }
 
 /* ---- a white furnace ---- */
@@ -102,7 +107,7 @@ static inline int next_angle(const struct lobes_source *s, int i) { return i + (
 /* Least and largest share of the light from all angles that is sent on. */
 static inline void furnace_of(const struct lobes_source *s, const struct material *m, float alpha, double range[2])
 {
-    struct lobes_batch b = {.source = s, .lobes = {kiln_bsdf_prepare(white_material(m, alpha))}, .lobes_count = 1};
+    struct lobes_batch b = {.source = s, .lobes = {prepared(m, white_material(m, alpha))}, .lobes_count = 1};
     const uint32_t draws = alpha < 0.02f && m->coat == 0.0f ? 1024 : 4096;
     for (int j = 0; j < ANGLES; j = next_angle(s, j))
         for (uint32_t k = 0; k < draws; k++)
@@ -153,7 +158,7 @@ static inline double density_in_turn(void *context, struct kiln_vec3 i)
 
 static inline struct fit test_angle(const struct lobes_source *s, const struct material *m, float alpha, float angle)
 {
-    struct lobes_batch b = {.source = s, .lobes = {kiln_bsdf_prepare(white_material(m, alpha))}, .lobes_count = 1};
+    struct lobes_batch b = {.source = s, .lobes = {prepared(m, white_material(m, alpha))}, .lobes_count = 1};
     struct densities densities = {.batch = &b, .o = direction(angle, 0.3f, m->behind)};
     struct cells cells;
     cells_place(&cells, &b.lobes[0], alpha, densities.o);
@@ -253,7 +258,7 @@ static inline void check_reciprocities(const struct lobes_source *s)
     for (size_t i = 0; i < MATERIALS; i++) {
         struct lobes_batch b = {.source = s, .lobes_count = ALPHAS};
         for (int a = 0; a < ALPHAS; a += s->thin ? 3 : 1) {
-            b.lobes[a] = kiln_bsdf_prepare(colored_material(&materials[i], alphas[a]));
+            b.lobes[a] = prepared(&materials[i], colored_material(&materials[i], alphas[a]));
             for (int j = 0; j < ANGLES; j = next_angle(s, j))
                 for (uint32_t k = 1; k <= 64; k++)
                     batch_draw(&b, (uint32_t)a, direction(degrees[j], 0.3f, materials[i].behind), k, EVEN);

@@ -11,6 +11,7 @@ struct material {
     float metallic, transmission, index, coat, coat_alpha, anisotropy;
     bool thin_wall, behind; /* behind: light comes from behind the face */
     bool draws;             /* draws are held against densities, too */
+    bool hit;               /* prepared as at a hit of a material with textures */
     float darkest, brightest;
 };
 
@@ -35,6 +36,8 @@ static const struct material materials[] = {
      .darkest = 0.99f, .brightest = 1.001f},
     {"rough coat over glass from behind", .transmission = 1, .index = 1.5f, .coat = 1, .coat_alpha = 0.3f,
      .behind = true, .darkest = 0.99f, .brightest = 1.001f},
+    {"coated glass from behind, at a hit", .transmission = 1, .index = 1.5f, .coat = 1, .behind = true, .hit = true,
+     .darkest = 0.983f, .brightest = 1.009f},
     /* peaks near the critical angle are wider than what 9 cosines tell of them */
     {"coated water from behind", .transmission = 1, .index = 1.33f, .coat = 1, .behind = true, .darkest = 0.99f,
      .brightest = 1.004f},

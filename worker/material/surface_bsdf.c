@@ -167,8 +167,8 @@ struct kiln_bsdf_lobes kiln_surface_lobes(const struct kiln_scene *scene, const 
                                           bool colored)
 {
     if (!of->ready)
-        return kiln_bsdf_prepare(kiln_surface_bsdf(scene, kiln_gloss_taken(scene, scene->triangle_materials[triangle]),
-                                                   mesh, triangle, b1, b2));
+        return kiln_bsdf_prepare_hit(kiln_surface_bsdf(
+            scene, kiln_gloss_taken(scene, scene->triangle_materials[triangle]), mesh, triangle, b1, b2));
     struct kiln_bsdf_lobes lobes = of->lobes;
     if (of->dyed && (colored || lobes.metal > 0.0f || lobes.glass > 0.0f)) {
         float base[4];

@@ -328,7 +328,7 @@ static int make_gloss(const struct maker *m, struct part_list *list, const struc
     if (status != KILN_OK)
         return status;
     kiln_geometry_stored_barycentrics(scene, g, triangle, b1, b2, &s1, &s2);
-    const struct kiln_bsdf_lobes l = kiln_bsdf_prepare(kiln_surface_bsdf(
+    const struct kiln_bsdf_lobes l = kiln_bsdf_prepare_hit(kiln_surface_bsdf(
         scene, gloss, &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle], s1, s2));
     const struct kiln_gpu_point_gloss own = {.model = l.p.model,
                                              .matt = l.matt,
