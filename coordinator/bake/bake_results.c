@@ -6,6 +6,7 @@
 
 #include "coordinator/bake/bake_private.h"
 #include "coordinator/bake/leaf_means.h"
+#include "coordinator/bake/preview_size.h"
 #include "coordinator/bake/run_report.h"
 #include "coordinator/export/export.h"
 #include "coordinator/files/publish.h"
@@ -131,21 +132,6 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
     return status;
 }
 
-/* How large the preview is at most: it is to take a thirtieth of the bake, but of a bake of seconds more. A ray of the
- * light takes some 0.2 us, and what else is done for a point as long as OTHER_RAYS of them; a pixel 0.3 us, and where
- * materials have gloss 2.5 times that. By counts, not by clocks: a bake that was interrupted has the same picture. */
-enum { OTHER_RAYS = 60, ENDLESS_BOUNCES = 8, RAYS_A_PIXEL = 60, RAYS_A_PIXEL_GLOSS = 150, PIXELS_LEAST = 480 * 360 };
-
-static uint64_t preview_pixels(const struct kiln_bake *b)
-{
-    const struct kiln_job *j = b->job;
-    const uint64_t bounces = j->bounces < 0 ? ENDLESS_BOUNCES : (uint64_t)j->bounces,
-                   rays = OTHER_RAYS + j->samples_direct + j->samples_indirect + bounces * j->samples_bounce,
-                   pixels = b->prepared->surface->point_count * rays /
-                            (b->prepared->scene->taken != NULL ? RAYS_A_PIXEL_GLOSS : RAYS_A_PIXEL);
-    return pixels > PIXELS_LEAST ? pixels : PIXELS_LEAST;
-}
-
 static int draw_picture(struct kiln_bake *b, struct kiln_error *error)
 {
     const struct kiln_prepared *p = b->prepared;
@@ -155,7 +141,8 @@ static int draw_picture(struct kiln_bake *b, struct kiln_error *error)
                                       .lights = p->lights,
                                       .backend = p->backend,
                                       .stop = kiln_control_stop(b->control)};
-    const struct kiln_view_wish wish = {.most_pixels = preview_pixels(b)};
+    const struct kiln_view_wish wish = {.most_pixels =
+                                            kiln_preview_pixels(b->job, p->scene, (double)p->surface->point_count)};
     const struct kiln_look look = {.curve = (enum kiln_tone_curve)b->job->tone_map,
                                    .stops = b->job->exposure,
                                    .no_metering = !b->job->auto_exposure};

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <unistd.h>
 
+#include "coordinator/bake/preview_size.h"
 #include "coordinator/field/result.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/kiln_h5_points.h"
@@ -24,9 +25,10 @@ static const double MEASURED_PLANES = 28.0;
 /* Of denoising: planes of positions, normals and errors; what a point takes meanwhile. */
 static const double DENOISE_PLANES = 32.0, DENOISE_WORK = 172.0;
 static const uint64_t ROWS_AT_ONCE = 1ull << 18;
-static const uint64_t PREVIEW_BYTES = 51ull << 20; /* rays of a band and the picture: by what bakes took */
-static const uint64_t PREVIEW_GLOSS = 20ull << 20; /* rays that gloss sends on, and what guides learn from: likewise */
-static const double PREVIEW_TEXEL = 12.0;          /* lightmaps in view */
+/* Of a preview, by what bakes took: rays of a band; the picture, of one that nothing limits; rays that gloss sends on,
+ * what guides learn from and what grain is taken from. */
+static const double PREVIEW_BYTES = 26.0 * 0x1p20, PREVIEW_PICTURE = 13.0 * 0x1p20, PREVIEW_GLOSS = 23.0 * 0x1p20;
+static const double PREVIEW_TEXEL = 12.0; /* lightmaps in view */
 
 uint64_t kiln_largest_lightmap(const struct kiln_scene *scene)
 {
@@ -39,9 +41,10 @@ uint64_t kiln_largest_lightmap(const struct kiln_scene *scene)
 }
 
 /* What a preview takes, whatever the lightmaps are. */
-static double preview_bytes(const struct kiln_scene *scene)
+static double preview_bytes(const struct kiln_job *job, const struct kiln_scene *scene, double points)
 {
-    return (double)(PREVIEW_BYTES + (scene->taken != NULL ? PREVIEW_GLOSS : 0));
+    return PREVIEW_BYTES + PREVIEW_PICTURE * kiln_preview_part(job, scene, points) +
+           (scene->taken != NULL ? PREVIEW_GLOSS : 0.0);
 }
 
 uint64_t kiln_results_memory(const struct kiln_results_size *size)
@@ -62,9 +65,9 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
     const double of_groups = 24.0 * (double)size->job->group_count; /* bytes of a texel, and as many again denoised */
     const double lightmaps = (LIGHTMAP_WORK + planes) * at_once + (DENOISE_WORK + of_groups) * denoised +
                              (RECORD_BYTES + 2.0 * planes) * rows;
-    const double preview = size->job->preview
-                               ? preview_bytes(size->scene) + PREVIEW_TEXEL * size->texels + (H5_KEPT + columns) * rows
-                               : 0.0;
+    const double preview = size->job->preview ? preview_bytes(size->job, size->scene, size->points) +
+                                                    PREVIEW_TEXEL * size->texels + (H5_KEPT + columns) * rows
+                                              : 0.0;
     const double kept =
         size->ranks > 1.0 ? fmin((H5_PACKED + columns) * size->own, (double)KILN_POINTS_KEPT_MOST) : 0.0;
     const double ahead =
@@ -96,7 +99,8 @@ static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *j
     (void)MPI_Allreduce(MPI_IN_PLACE, &now, 1, MPI_DOUBLE, MPI_MAX, p->communicator);
     /* the radiosity of groups, which each rank has of all points */
     const double groups = (double)(p->node_ranks - 1) * (double)job->group_count * 8.0 * (double)s->point_count;
-    const double fixed = job->preview ? preview_bytes(p->scene) : (double)KILN_POINTS_AHEAD_ROOM; /* of the results */
+    const double fixed = job->preview ? preview_bytes(job, p->scene, (double)s->point_count)
+                                      : (double)KILN_POINTS_AHEAD_ROOM; /* of the results */
     *growing = light + groups + fmax(results - fixed, 0.0) + point * (double)of_host;
     const double probe = (double)(KILN_PROBE_BYTES + job->group_count * sizeof(struct kiln_probe_group));
     return now + light + groups + results + (double)probes / p->ranks * p->node_ranks * probe;

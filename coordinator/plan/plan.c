@@ -16,6 +16,7 @@
 #include "coordinator/integrate/land.h"
 #include "coordinator/bake/light_settings.h"
 #include "coordinator/bake/occluders.h"
+#include "coordinator/bake/preview_size.h"
 #include "coordinator/bake/results_memory.h"
 #include "coordinator/bake/transport_identity.h"
 #include "coordinator/bake/volume.h"
@@ -61,15 +62,16 @@ static const double HASH_BYTE_SECONDS = 0.25e-9; /* of one thread: read from the
  * behind the passes (--checkpoint-local), to files that the system keeps in memory at first */
 static const double SAVE_BANDWIDTH = 1e9, COPY_BYTE_SECONDS = 0.6e-9;
 static const double START_SECONDS = 0.1; /* until the scene is looked at: libraries, MPI, threads */
-/* s of one thread: by all of a rank's threads, by one */
-static const double PREVIEW_DRAWN = 0.6, PREVIEW_WRITTEN = 0.25;
+/* Of a preview that nothing limits, s of one thread: by all of a rank's threads, so many times as much with gloss; by
+ * one */
+static const double PREVIEW_DRAWN = 0.25, PREVIEW_OF_GLOSS = 2.5, PREVIEW_WRITTEN = 0.05;
 static const double COMPACT_BYTES = 4.0, FULL_BYTES = 8.0; /* of a point's radiosity on its way */
 static const double MAP_ENTRY_BYTES = 24.0;                /* of a tile or split, from who found it to every rank */
 static const double MAP_POINT_SECONDS = 0.5e-9;            /* of a rank, for a point that another found */
 
 /* Compressed bytes, measured over the project's scenes. */
-static const double LIGHTMAP_POINT_DISK = 33.0, H5_POINT_DISK = 45.5, PROBE_DISK = 0.85, OCCLUDER_DISK = 0.2,
-                    PREVIEW_DISK = 0.55e6;
+static const double LIGHTMAP_POINT_DISK = 33.0, H5_POINT_DISK = 42.0, PROBE_DISK = 0.85, OCCLUDER_DISK = 0.2,
+                    PREVIEW_DISK = 0.4e6;
 
 static struct kiln_field_set fields_of(const struct kiln_job *job)
 {
@@ -196,7 +198,7 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
         (uint64_t)((double)plan->probes * (PROBE_DISK * (double)sizeof(struct kiln_probe_result) +
                                            OCCLUDER_DISK * (double)sizeof(struct kiln_probe_occluders)));
     plan->scene_bytes = p->scene->mapped_bytes;
-    plan->preview_bytes = job->preview ? (uint64_t)PREVIEW_DISK : 0;
+    plan->preview_bytes = job->preview ? (uint64_t)(PREVIEW_DISK * kiln_preview_part(job, p->scene, points)) : 0;
     plan->export_bytes = job->export ? kiln_export_size(p->scene) : 0;
     for (size_t i = 0; i < plan->steps.count && job->keep_transport == KILN_KEEP_ROWS; i++)
         if (kiln_transport_keeps(&plan->steps.of[i].step))
@@ -343,7 +345,9 @@ static double take_seconds(const struct kiln_prepared *p) { return TAKE_POINT_SE
 
 static double preview_seconds(const struct kiln_prepared *p, const struct kiln_job *job)
 {
-    return job->preview ? PREVIEW_DRAWN / p->threads + PREVIEW_WRITTEN : 0.0;
+    const double drawn = PREVIEW_DRAWN * (p->scene->taken != NULL ? PREVIEW_OF_GLOSS : 1.0) / p->threads;
+    return job->preview ? kiln_preview_part(job, p->scene, (double)p->surface_report.points) * (drawn + PREVIEW_WRITTEN)
+                        : 0.0;
 }
 
 /* A moment, s: by the clock, and of the processor. */
