@@ -172,6 +172,8 @@ static int draw_preview(struct kiln_bake *b, struct kiln_error *error)
     int status = KILN_OK;
     if (b->rank == 0)
         status = draw_picture(b, error);
+    else if (kiln_stop_asked(kiln_control_stop(b->control))) /* rank 0 may be done before it hears of that */
+        status = KILN_STOPPED;
     return kiln_bake_end_phase(b, status, error);
 }
 
