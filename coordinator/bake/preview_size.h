@@ -1,4 +1,4 @@
-/* How large the picture is that a bake draws of its result, and what that costs. */
+/* How large the picture is that a bake draws of its result: for the bake, and for `kiln plan`. Not collective. */
 #ifndef KILN_COORDINATOR_BAKE_PREVIEW_SIZE_H
 #define KILN_COORDINATOR_BAKE_PREVIEW_SIZE_H
 
@@ -11,7 +11,7 @@
  * by clocks: a bake that was interrupted has the same picture. `points`: surface points of all ranks. */
 uint64_t kiln_preview_pixels(const struct kiln_job *job, const struct kiln_scene *scene, double points);
 
-/* That size over the one that a preview has which nothing limits, 1 at most. */
+/* That number over the pixels of a preview that nothing limits, 1 at most. */
 double kiln_preview_part(const struct kiln_job *job, const struct kiln_scene *scene, double points);
 
 #endif

@@ -5,11 +5,10 @@
  * its iteration; no two steps of a bake share a number. The paths of an iteration are cut into blocks of
  * KILN_LAND_BLOCK, of which each rank traces an equal part; what lands travels to the ranks that have the points, 32
  * bytes a path at most, is sorted there by stretches of points, which threads share, and is summed in the order of the
- * paths. After an iteration the aims are
- * corrected: what lands by an aim has a second moment m of its flux, the same for any ranks, as it is summed in
- * integers; a share proportional to the root of m makes the variances of all texels together least (Lagrange's
- * condition). A tenth of the paths stays shared out by the flux that lamps send, so that no aim starves for what has
- * not been found yet.
+ * paths. After an iteration the aims are corrected: what lands by an aim has a second moment m of its flux, the same
+ * for any ranks, as it is summed in integers; a share proportional to the root of m makes the variances of all texels
+ * together least (Lagrange's condition). A tenth of the paths stays shared out by the flux that lamps send, so that no
+ * aim starves for what has not been found yet.
  *
  * With --iterations all the steps of later rounds of a bake with a target error (rounds.h) have as many times the
  * iterations of the first round's as they have times its samples: the error of what lands falls from round to round as

@@ -30,8 +30,7 @@ struct kiln_view_grain {
 };
 
 /* Replaces `light` by what is left without noise. The pixels are distinct ones of a picture of this size, and each
- * had so many rays. KILN_SYSTEM;
- * the light is then as it was. */
+ * had so many rays. KILN_SYSTEM; the light is then as it was. */
 int kiln_view_grain_smooth(struct kiln_view_grain *grains, size_t count, uint32_t width, uint32_t height, uint32_t rays,
                            struct kiln_error *error);
 

@@ -188,7 +188,8 @@ KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool fro
  * The coat sends back a part of what facets let through. A share of that goes into the facets' mirror directions,
  * shared by both ends so that it is the same both ways: by the geometric mean of what the coat reflects of light that a
  * facet lets out from either. The rougher the facets the less that is like what happens, and the smaller the share, so
- * that it is nowhere more than what was held back. The rest is `held`, spread as held(o) held(i) / (pi mean held). It
+ * that it is nowhere more than what was held back. The rest is `held`, spread as held(o) held(i) / (pi mean held), as
+ * Kulla and Conty ("Revisiting Physically Based Shading at Imageworks", 2017) do with what facets lose. It
  * hangs on the cosine, the index and both roughnesses, and is found for each material by adding up what its facets send
  * on: 377 facets at each of 9 cosines. That is too much at each hit of a material with textures
  * (kiln_bsdf_prepare_hit): there all goes into mirror directions, and a furnace is off by up to 1.7 %. */
@@ -305,6 +306,7 @@ KILN_FUNCTION float kiln_diffuse_out(KILN_STRUCT kiln_bsdf_lobes l, float cosine
 
 /* ---- preparing ---- */
 
+/* Fills in `holds`, `held` and `held_mean`, of lobes that are prepared but for these. */
 KILN_FUNCTION void kiln_bsdf_find_held(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
 {
     KILN_AT(l).holds = kiln_bsdf_holds(KILN_AT(l)) && KILN_AT(l).base_is_mirror == 0u ? 1u : 0u;

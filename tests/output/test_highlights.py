@@ -88,6 +88,15 @@ class Highlights(unittest.TestCase):
         self.assertLess(apart.max(), 0.05)
         self.assertLess(pixels, noise)
 
+    def shown(self, scene, name, baked, seen):
+        """Light of the pixels of a view of a bake without caustics."""
+        path, bake, view = (os.path.join(self.folder, name + end) for end in (".glb", "", ".exr"))
+        scene.write(path)
+        kiln("bake", path, "-o", bake, "--quality", "draft", "--quiet", "--no-export", "--no-preview",
+             "--samples-probe", "0", "--caustics", "none", *baked)
+        kiln("view", bake, "-o", view, *seen, "--quiet", "--backend", "embree")
+        return exr.rgb(view).mean(-1)
+
     def test_point(self):
         self.compare("point", point, 0.1)
 
@@ -120,13 +129,9 @@ class Highlights(unittest.TestCase):
                    scene.material("panel", (0.8, 0.8, 0.8)))
         scene.light("spot", {"type": "spot", "intensity": 100.0,
                              "spot": {"innerConeAngle": 0.2, "outerConeAngle": 0.25}}, translation=[-0.4, 1.5, 1.0])
-        path, bake, shown = (os.path.join(self.folder, "specks" + end) for end in (".glb", "", ".exr"))
-        scene.write(path)
-        kiln("bake", path, "-o", bake, "--quality", "draft", "--texels-per-metre", "8", "--quiet", "--no-export",
-             "--no-preview", "--samples-probe", "0", "--caustics", "none", "--environment", "0.02,0.02,0.02")
-        kiln("view", bake, "-o", shown, "--from=2,0.8,0.5", "--to=-1,0,0.5", "--field-of-view", "50", "--width", "160",
-             "--height", "120", "--quiet", "--backend", "embree")
-        light = exr.rgb(shown).mean(-1)
+        light = self.shown(scene, "specks", ("--texels-per-metre", "8", "--environment", "0.02,0.02,0.02"),
+                           ("--from=2,0.8,0.5", "--to=-1,0,0.5", "--field-of-view", "50", "--width", "160", "--height",
+                            "120"))
         near = np.lib.stride_tricks.sliding_window_view(np.pad(light, 2, mode="edge"), (5, 5))
         specks = int((light > 2 * np.median(near, axis=(2, 3))).sum())
         print("specks: %d of %d pixels" % (specks, light.size))
@@ -141,13 +146,9 @@ class Highlights(unittest.TestCase):
                                      ("left", 3.0, [(-2, 0, 2), (-2, 0, -2), (-2, 2, -2), (-2, 2, 2)]),
                                      ("behind", 2.0, [(2, 0, 2), (-2, 0, 2), (-2, 2, 2), (2, 2, 2)])):
             scene.quad(name, wall, scene.material(name, (0.8, 0.1, 0.1), radiance=(radiance, radiance, radiance)))
-        path, bake, shown = (os.path.join(self.folder, "grain" + end) for end in (".glb", "", ".exr"))
-        scene.write(path)
-        kiln("bake", path, "-o", bake, "--quality", "draft", "--texels-per-metre", "4", "--quiet", "--no-export",
-             "--no-preview", "--samples-probe", "0", "--caustics", "none", "--environment", "0.3,0.3,0.3")
-        kiln("view", bake, "-o", shown, "--from=0,1.0,1.8", "--to=0,0.4,-1", "--field-of-view", "60", "--width", "128",
-             "--height", "96", "--quiet", "--backend", "embree")
-        light = exr.rgb(shown).mean(-1)
+        light = self.shown(scene, "grain", ("--texels-per-metre", "4", "--environment", "0.3,0.3,0.3"),
+                           ("--from=0,1.0,1.8", "--to=0,0.4,-1", "--field-of-view", "60", "--width", "128", "--height",
+                            "96"))
         near = np.lib.stride_tricks.sliding_window_view(np.pad(light, 1, mode="edge"), (3, 3))
         off = np.abs(light - np.median(near, axis=(2, 3))) / light
         grain = off[75:, 20:108].mean()

@@ -247,6 +247,21 @@ static void same_if_weighed(struct world *w, uint64_t paths, uint64_t iterations
         assert_true(fabs(shared.ends[i] - sums->ends[i]) <= 1e-5 * sums->ends[i]);
 }
 
+/* A sun that shines down on a slanted mirror, from (0, 0) to (2, 2) in x and y: light goes on along -x to a wall of so
+ * many texels a side. */
+static void make_mirrored_beam(struct world *w, uint32_t side)
+{
+    const uint32_t silver = mirror(w, 0.8f, 0.8f, 0.8f), grey = matt(w);
+    uint32_t mesh = fixture_mesh(w->f);
+    fixture_sheet(w->f, dvec3(0, 0, 1), dvec3(2, 2, 0), dvec3(0, 0, -2), 1, whole, 0.0, silver);
+    fixture_object(w->f, mesh, NULL, 8, 8);
+    mesh = fixture_mesh(w->f);
+    fixture_sheet(w->f, dvec3(-2, -1, 2), dvec3(0, 0, -4), dvec3(0, 4, 0), 1, whole, 0.0, grey);
+    fixture_object(w->f, mesh, NULL, side, side);
+    light(w, KILN_LIGHT_DIRECTIONAL, vec3(0, -1, 0), 3.0f);
+    make(w);
+}
+
 /* The sun meets a mirror that leans by 45 degrees and lights a wall: E = reflectance x E of the sun. */
 static void mirror_and_wall(void **state)
 {
@@ -254,15 +269,7 @@ static void mirror_and_wall(void **state)
     enum { PATHS = 1 << 16 };
     struct world w;
     begin(&w);
-    const uint32_t silver = mirror(&w, 0.8f, 0.8f, 0.8f), grey = matt(&w);
-    uint32_t mesh = fixture_mesh(w.f); /* from (0, 0) to (2, 2) in x and y: light from above goes on along -x */
-    fixture_sheet(w.f, dvec3(0, 0, 1), dvec3(2, 2, 0), dvec3(0, 0, -2), 1, whole, 0.0, silver);
-    fixture_object(w.f, mesh, NULL, 8, 8);
-    mesh = fixture_mesh(w.f);
-    fixture_sheet(w.f, dvec3(-2, -1, 2), dvec3(0, 0, -4), dvec3(0, 4, 0), 1, whole, 0.0, grey);
-    fixture_object(w.f, mesh, NULL, 32, 32);
-    light(&w, KILN_LIGHT_DIRECTIONAL, vec3(0, -1, 0), 3.0f);
-    make(&w);
+    make_mirrored_beam(&w, 32);
     struct sums sums = {.points = calloc(w.surface->point_count, sizeof(double))};
     trace(&w, PATHS, 0, 4, &sums);
     const double flux = 0.8 * 1.5 * 4.0; /* green */
@@ -325,15 +332,7 @@ static void spheres_in_a_beam(void **state)
     float clear[SPHERES];
     uint64_t rays[2] = {0};
     begin(&w);
-    const uint32_t silver = mirror(&w, 0.8f, 0.8f, 0.8f), grey = matt(&w);
-    uint32_t mesh = fixture_mesh(w.f);
-    fixture_sheet(w.f, dvec3(0, 0, 1), dvec3(2, 2, 0), dvec3(0, 0, -2), 1, whole, 0.0, silver);
-    fixture_object(w.f, mesh, NULL, 8, 8);
-    mesh = fixture_mesh(w.f);
-    fixture_sheet(w.f, dvec3(-2, -1, 2), dvec3(0, 0, -4), dvec3(0, 4, 0), 1, whole, 0.0, grey);
-    fixture_object(w.f, mesh, NULL, 8, 8);
-    light(&w, KILN_LIGHT_DIRECTIONAL, vec3(0, -1, 0), 3.0f);
-    make(&w);
+    make_mirrored_beam(&w, 8);
     const double *middle = w.f->scene.header->centre;
     struct kiln_probe_spheres s = {.origin = {WALL - 2.0 - middle[0], 0.2 - middle[1], -0.8 - middle[2]},
                                    .spacing = {0.2, 0.2, 0.2},
