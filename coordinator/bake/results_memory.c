@@ -23,7 +23,7 @@ static const double H5_PACKED = 28.5;
 /* Bytes that fields took in these measurements, of a texel: those of other fields are added. */
 static const double MEASURED_PLANES = 28.0;
 /* Of denoising: planes of positions, normals and errors; what a point takes meanwhile. */
-static const double DENOISE_PLANES = 32.0, DENOISE_WORK = 172.0;
+static const double DENOISE_PLANES = 32.0, DENOISE_WORK = 150.0;
 static const uint64_t ROWS_AT_ONCE = 1ull << 18;
 /* Of a preview, by what bakes took: rays of a band; the picture, of one that nothing limits; rays that gloss sends on,
  * what guides learn from and what grain is taken from. */
