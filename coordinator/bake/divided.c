@@ -20,6 +20,8 @@ enum { GRID = 2 * (KILN_TILE_SIDE + 1) }; /* lines between the texels of a tile 
 enum { CHUNK_CANDIDATES = 2048, NEIGHBOURS = 8 };
 static const double LIFT = 1e-3;         /* of a texel's side: how far above the surface the rays go */
 static const double LEAST_SHARE = 1e-4;  /* of its area that a texel has on the smaller side */
+static const int ENDS_WITHIN = 2;        /* texels: a surface that ends after so many at most is a rim */
+static const int GOES_ON = 3;            /* as many times as long: a surface that a rim is nothing to */
 static const double LEAST_SLOPE = 0.1;   /* sine of the angle between wall and texel */
 static const double NEAR_CORNERS = 0.99; /* from the middle of a side of a texel to its corners: where rays start */
 static const double SAME_NORMAL = 0.999; /* cosine: a texel is flat, or a wall's two faces are parallel */
@@ -29,14 +31,15 @@ struct texel_plane {
     struct kiln_dvec3 origin, du, dv, normal, lift;
 };
 
-/* A line through a texel, in the middle of a wall; where the face of the near, larger side is (line[2] of a parallel);
- * and a place on either side. */
+/* A line through a texel, in the middle of a wall: on its near side is the texel's main side. Where the wall's two
+ * faces are (line[2] of parallels), and a place on either side. */
 struct texel_line {
-    float line[3], face;
-    double smaller; /* area of the smaller side, m2 */
-    /* m2 of the larger and of the smaller side between the wall's middle and its face: nothing lights them */
+    float line[3], face, far_face;
+    double area, other; /* of the main and of the other side, m2 */
+    /* m2 of the main and of the other side between the wall's middle and its face: nothing lights them */
     double within, beyond_within;
-    bool ends; /* the texel ends within the wall: there is no place beyond */
+    bool ends;    /* the texel ends within the wall: there is no place beyond */
+    bool goes_on; /* the main side is the smaller one, whose surface goes on */
     float centre[2], beyond[2];
 };
 
@@ -57,8 +60,8 @@ struct candidates {
 /* What ranks tell each other of a divided texel. */
 struct told {
     struct kiln_divided_texel texel;
-    float centre[2]; /* of its larger side */
-    float smaller;   /* area of its smaller side, m2 */
+    float centre[2]; /* of its main side */
+    float other;     /* area of its other side, m2 */
 };
 
 struct list {
@@ -218,7 +221,8 @@ static void set_diagonals(const struct search *s, const struct kiln_point_cursor
 
 /* ---- lines ---- */
 
-/* The line along which a triangle's plane cuts the texel's; false where they are nearly parallel. */
+/* The line along which a triangle's plane cuts the one that the rays of a texel lie in; false where they are nearly
+ * parallel. */
 static bool line_of(const struct search *s, const struct texel_plane *p, uint32_t triangle, float line[3])
 {
     struct kiln_vec3 corner[3];
@@ -227,7 +231,7 @@ static bool line_of(const struct search *s, const struct texel_plane *p, uint32_
     if (dvec3_length(dvec3_cross(n, p->normal)) < LEAST_SLOPE)
         return false;
     const double a = dvec3_dot(n, p->du), b = dvec3_dot(n, p->dv), length = hypot(a, b),
-                 c = dvec3_dot(n, dvec3_sub(dvec3_of(corner[0]), p->origin));
+                 c = dvec3_dot(n, dvec3_sub(dvec3_of(corner[0]), dvec3_add(p->origin, p->lift)));
     if (!(length > 0.0))
         return false;
     line[0] = (float)(a / length);
@@ -240,6 +244,18 @@ static void turn_line(float line[3])
 {
     for (int i = 0; i < 3; i++)
         line[i] = -line[i];
+}
+
+static void turn_sides(struct texel_line *l)
+{
+    const struct texel_line old = *l;
+    turn_line(l->line);
+    l->face = -old.far_face;
+    l->far_face = -old.face;
+    l->area = old.other;
+    l->other = old.area;
+    memcpy(l->centre, old.beyond, sizeof l->centre);
+    memcpy(l->beyond, old.centre, sizeof l->beyond);
 }
 
 /* The largest of the point's pieces on the near side of the line: its corners, and its centroid. Returns the area of
@@ -281,12 +297,12 @@ static bool settle_line(const struct search *s, const struct kiln_point_cursor *
                  far = near_side(s, at, other, polygon, &corners, &beyond);
     if (!(fmin(near, far) > LEAST_SHARE * (near + far)))
         return false;
-    const struct kiln_clip_corner *larger = near >= far ? &centre : &beyond, *smaller = near >= far ? &beyond : &centre;
+    l->area = near;
+    l->other = far;
+    l->centre[0] = (float)centre.x, l->centre[1] = (float)centre.y;
+    l->beyond[0] = (float)beyond.x, l->beyond[1] = (float)beyond.y;
     if (near < far)
-        turn_line(l->line);
-    l->smaller = fmin(near, far);
-    l->centre[0] = (float)larger->x, l->centre[1] = (float)larger->y;
-    l->beyond[0] = (float)smaller->x, l->beyond[1] = (float)smaller->y;
+        turn_sides(l);
     return true;
 }
 
@@ -352,14 +368,22 @@ static bool is_inside(const struct search *s, const struct kiln_hit *hit)
     return hit->back && kiln_geometry_is_solid(s->geometry, hit->triangle);
 }
 
-/* m2 of a candidate's larger side between the middle of the wall and its face. */
-static double within_wall(const struct search *s, const struct candidate *c)
+/* What of either side is between the middle of the wall and its face; a place beyond the far face. */
+static void measure_wall(const struct search *s, struct candidate *c)
 {
-    const float face[3] = {c->line.line[0], c->line.line[1], c->line.face};
-    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centre;
+    struct texel_line *l = &c->line;
+    const float face[3] = {l->line[0], l->line[1], l->face}, other[3] = {-l->line[0], -l->line[1], -l->far_face};
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centre, beyond;
     uint32_t corners;
-    const double all = near_side(s, &c->at, c->line.line, polygon, &corners, &centre);
-    return all - near_side(s, &c->at, face, polygon, &corners, &centre);
+    l->within = near_side(s, &c->at, l->line, polygon, &corners, &centre) -
+                near_side(s, &c->at, face, polygon, &corners, &centre);
+    const double outside = near_side(s, &c->at, other, polygon, &corners, &beyond);
+    l->beyond_within = fmax(0.0, l->other - outside);
+    l->ends = !(outside > 0.0);
+    if (!l->ends) {
+        l->beyond[0] = (float)beyond.x;
+        l->beyond[1] = (float)beyond.y;
+    }
 }
 
 /* The line in the middle of the wall, between its two faces where these are parallel. */
@@ -376,22 +400,13 @@ static bool middle_line(const struct search *s, struct candidate *c, const struc
     const bool parallel = (double)(one[0] * two[0] + one[1] * two[1]) > SAME_NORMAL;
     for (int i = 0; i < 3; i++)
         line[i] = parallel ? 0.5f * (one[i] + two[i]) : one[i];
+    c->line.face = parallel ? one[2] : line[2];
+    c->line.far_face = parallel ? two[2] : line[2];
     if (!settle_line(s, &c->at, &c->line))
         return false;
-    const bool turned = one[0] * line[0] + one[1] * line[1] < 0.0f;
-    const float far = parallel ? fmaxf(turned ? -one[2] : two[2], line[2]) : line[2],
-                other[3] = {-line[0], -line[1], -far};
-    c->line.face = parallel ? fminf(turned ? -two[2] : one[2], line[2]) : line[2];
-    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], beyond;
-    uint32_t corners;
-    const double outside = near_side(s, &c->at, other, polygon, &corners, &beyond);
-    c->line.beyond_within = fmax(0.0, c->line.smaller - outside);
-    c->line.ends = !(outside > 0.0);
-    c->line.within = within_wall(s, c);
-    if (!c->line.ends) {
-        c->line.beyond[0] = (float)beyond.x;
-        c->line.beyond[1] = (float)beyond.y;
-    }
+    c->line.face = fminf(c->line.face, line[2]);
+    c->line.far_face = fmaxf(c->line.far_face, line[2]);
+    measure_wall(s, c);
     return true;
 }
 
@@ -703,6 +718,63 @@ static struct kiln_global_point neighbour(const struct kiln_surface *s, const st
     return point;
 }
 
+/* Texels that the surface goes on for from a point across its line, on the near side (-1) or beyond (1): no more than
+ * `most`. */
+static int texels_on(const struct search *s, const struct candidate *c, int side, int most)
+{
+    const double a = side * (double)c->line.line[0], b = side * (double)c->line.line[1], along = fmax(fabs(a), fabs(b));
+    int count = 0;
+    while (count < most) {
+        const int step[2] = {(int)lround((count + 1) * a / along), (int)lround((count + 1) * b / along)};
+        if (neighbour(s->surface, &c->at, step).at == KILN_NO_POINT)
+            break;
+        count++;
+    }
+    return count;
+}
+
+/* Two rays of a texel whose main side may be a rim: from beyond along the surface, which nothing may stand on up to the
+ * last texel that it has to go on for; and from beyond to the wall. */
+static void set_rim(const struct search *s, const struct candidate *c, struct segments *r, size_t first)
+{
+    const struct texel_line *l = &c->line;
+    const int rim = texels_on(s, c, -1, ENDS_WITHIN + 1), far = GOES_ON * (rim + 1);
+    set_no_segment(r, first);
+    set_no_segment(r, first + 1);
+    if (c->at.leaves || l->ends || rim > ENDS_WITHIN || texels_on(s, c, 1, far) < far)
+        return;
+    const double along = fmax(fabs((double)l->line[0]), fabs((double)l->line[1])), steps = (far - 0.5) / along;
+    const struct kiln_dvec3 from = place_of(&c->plane, (double)l->beyond[0], (double)l->beyond[1]);
+    set_segment(r, first, from,
+                place_of(&c->plane, 0.5 + steps * (double)l->line[0], 0.5 + steps * (double)l->line[1]));
+    set_segment(r, first + 1, from, place_of(&c->plane, (double)l->centre[0], (double)l->centre[1]));
+}
+
+/* Makes the smaller side of a texel its main side where the larger is the rim of a surface that goes on at the other
+ * side: what a wall's end leaves outdoors. A side that is inside of a solid stays the other side. */
+static int choose_sides(struct search *s, struct kiln_error *error)
+{
+    const struct candidates *f = &s->found;
+    struct segments r = {0};
+    if (f->count == 0)
+        return KILN_OK;
+    int status = segments_create(&r, 2 * f->count, error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
+    for (size_t i = 0; i < f->count; i++)
+        set_rim(s, &f->list[i], &r, 2 * i);
+    status = kiln_backend_intersect(s->backend, r.origins, r.directions, 2 * f->count, r.hits, error);
+    for (size_t i = 0; status == KILN_OK && i < f->count; i++)
+        if (r.lengths[2 * i] > 0.0f && !meets(&r, 2 * i) && meets(&r, 2 * i + 1) && !is_inside(s, &r.hits[2 * i + 1])) {
+            turn_sides(&f->list[i].line);
+            measure_wall(s, &f->list[i]);
+            f->list[i].line.goes_on = true;
+        }
+    segments_destroy(&r);
+    return status;
+}
+
 /* The neighbours of a divided texel whose light is from beyond the line; a ray to each. */
 static void set_neighbours(const struct search *s, const struct candidate *c, struct segments *r, size_t first,
                            struct kiln_global_point *points)
@@ -744,7 +816,7 @@ static int find_neighbours(const struct search *s, struct told *own, size_t *cou
         const size_t end = k + NEIGHBOURS;
         while (k < end && (points[k].at == KILN_NO_POINT || meets(&r, k)))
             k++;
-        if (k == end && !f->list[i].line.ends)
+        if (k == end && !f->list[i].line.ends && !f->list[i].line.goes_on)
             continue;
         own[*count] = own[i];
         own[*count].texel.beyond = k < end ? points[k] : own[i].texel.point;
@@ -834,7 +906,7 @@ static void cut_areas(const struct search *s)
     }
 }
 
-/* The area of each smaller side goes to the point that stands in for it, so that sums over areas have its light. */
+/* The area of each other side goes to the point that stands in for it, so that sums over areas have its light. */
 static void move_areas(const struct search *s)
 {
     struct kiln_surface *surface = s->surface;
@@ -843,9 +915,9 @@ static void move_areas(const struct search *s)
         if (t->texel.point.at == t->texel.beyond.at)
             continue;
         if (t->texel.point.at - surface->first.at < surface->count)
-            surface->area[kiln_own_of_global(surface, t->texel.point).at] -= t->smaller;
+            surface->area[kiln_own_of_global(surface, t->texel.point).at] -= t->other;
         if (t->texel.beyond.at - surface->first.at < surface->count)
-            surface->area[kiln_own_of_global(surface, t->texel.beyond).at] += t->smaller;
+            surface->area[kiln_own_of_global(surface, t->texel.beyond).at] += t->other;
     }
 }
 
@@ -864,7 +936,7 @@ static void describe(const struct search *s, struct told *own)
                                          .bit = kiln_morton8(c->at.x % KILN_TILE_SIDE, c->at.y % KILN_TILE_SIDE),
                                          .tile = map->tile_first + kiln_tile_of(c->at.x, c->at.y, map->tiles_x)},
                                .centre = {c->line.centre[0], c->line.centre[1]},
-                               .smaller = (float)c->line.smaller};
+                               .other = (float)c->line.other};
     }
 }
 
@@ -883,6 +955,8 @@ int kiln_divide_texels(struct kiln_surface *surface, const struct kiln_scene *sc
     struct told *own = NULL;
     size_t count = 0;
     int status = look_at_all(&s, error);
+    if (status == KILN_OK)
+        status = choose_sides(&s, error);
     if (status == KILN_OK)
         status = kiln_allocate(&own, s.found.count, sizeof *own, "divided texels", error);
     if (status == KILN_OK)

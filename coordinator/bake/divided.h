@@ -5,11 +5,17 @@
  * between places on one side of that surface's plane and places on the other side meet fronts, or surfaces with two
  * sides, both ways: nothing goes round the wall within the texel. Where what is met from one side are backs of
  * single-sided surfaces, that side is buried, and the validity pass leaves it out; of glass that is taken as such it is
- * not. A texel stays whole whose neighbours have none on the smaller side, as in a gap that is narrower than a texel,
+ * not. A texel stays whole whose neighbours have none on its other side, as in a gap that is narrower than a texel,
  * and in which more than one wall stands, one of them counts.
  *
+ * The larger side is the main side, whose light the texel has. Where a wall reaches past another, the larger side may
+ * be the rim that is left outdoors, and be seen in the room as a bright line. So of a lightmap's texel the smaller side
+ * is the main side where the surface ends within two texels on the larger one, goes on for three times as many on the
+ * smaller one, and nothing stands on it there: what a prop at the edge of a table hides is not what is seen. Where then
+ * no neighbour lies outdoors, rays that meet the rim find the light of the room.
+ *
  * What stands between a wall's two faces is lit from nowhere: it is written to the texels, and taken out of
- * surface->visible once that is known (kiln_surface_leave_walls_out). What lies before a face on the smaller side
+ * surface->visible once that is known (kiln_surface_leave_walls_out). What lies before a face on the other side
  * counts with the light of a neighbour, which is that of another place. */
 #ifndef KILN_COORDINATOR_BAKE_DIVIDED_H
 #define KILN_COORDINATOR_BAKE_DIVIDED_H
@@ -18,7 +24,7 @@
 #include "worker/backend/backend.h"
 
 /* Collective over the ranks of the exchange (NULL: this process is alone). Finds the divided texels, enters them in the
- * surface's global arrays, the same on all ranks, and moves the area of each smaller side (m2) to the neighbour that
+ * surface's global arrays, the same on all ranks, and moves the area of each other side (m2) to the neighbour that
  * stands in for it. All is borrowed but what is entered, which belongs to the surface. The surface's global arrays must
  * not be shared yet, and the backend need not have the surface. KILN_SYSTEM; KILN_STOPPED when `stop` (NULL: none) asks
  * to end. */

@@ -22,7 +22,7 @@
  * by a mirror to its first diffuse surface is unfound where nothing is merged; what "bdpt" finds of its later bounces
  * is then left in the residual.
  *
- * `error` is that of chance. What texels are too coarse for is not in it: on the smaller side of a divided texel
+ * `error` is that of chance. What texels are too coarse for is not in it: on the other side of a divided texel
  * (bake/divided.h) the light is a neighbour's. In a room with a wall across texels of 0.33 m that is 0.2 % too much.
  *
  * Sums over points are made in 128-bit fixed point, so that they do not depend on the order, the cells or the ranks. */

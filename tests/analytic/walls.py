@@ -5,6 +5,9 @@ thickness, along the texels or askew. Texels of floor, ceiling and walls lie on 
 may be 1e-4 of the light of the lit part, at any size of the texels (goal; in fact there is none). Texels that the wall
 divides are counted in run.json; with a gap below the wall, light goes through and no texel of the floor is divided.
 What stands within a thick wall has no light: texels have as much light in all as the lamp sends.
+
+A closed room without a lamp, one of whose walls reaches a little past the ceiling into the light outdoors, is dark
+where that wall and the ceiling meet, too, though most of a texel there is outdoors.
 """
 import math
 import os
@@ -78,6 +81,46 @@ def check_light(kiln, checks, table):
     bake.remove()
 
 
+def room_with_rim(path, rim):
+    """A closed room of 4 x 2 x 2 m of double-sided sheets; the left wall goes on for `rim` m above the ceiling."""
+    scene = glb.Scene()
+    paper = scene.material('paper', (0.7, 0.7, 0.7), double_sided=True)
+    low, high = (-2, 0, -1), (2, 2, 1)
+    for name, bits in zip(SHELL, (('001', '101', '100', '000'), ('010', '110', '111', '011'),
+                                  ('000', '100', '110', '010'), ('101', '001', '011', '111'),
+                                  ('001', '000', '010', '011'), ('100', '101', '111', '110'))):
+        corners = [[(low, high)[int(c)][a] for a, c in enumerate(b)] for b in bits]
+        if name == 'left':
+            corners = [[x, y + rim if y > 1 else y, z] for x, y, z in corners]
+        scene.quad(name, [tuple(c) for c in corners], paper)
+    return scene.write(path)
+
+
+def check_rim(kiln, checks, table):
+    """The texels of the left wall that the ceiling cuts: by the heights of others, where they begin and end."""
+    for density in (4.4, 5.2):
+        bake = kiln.bake(room_with_rim(os.path.join(kiln.scratch, 'room.glb'), 0.16), '--texels-per-metre', density,
+                         '--environment', '1,1,1', '--samples-direct', 16, '--bounces', 1, '--samples-probe', 0,
+                         '--denoise', 'none')
+        if not checks.baked(bake):
+            return
+        points, wall = bake.points, bake.points.of(bake.index('left'))
+        height = points.position[:, 1]
+        inner = wall[(height[wall] > 0.3) & (height[wall] < 1.6)]
+        axis = max((points.x, points.y), key=lambda a: abs(np.corrcoef(a[inner], height[inner])[0, 1]))
+        size, first = np.polyfit(axis[inner], height[inner], 1)
+        middle = first + size * axis[wall]
+        is_cut = np.abs(middle - 2) < 0.49 * abs(size)
+        rim = middle[is_cut].max() + abs(size) / 2 - 2
+        light = points.total[wall[is_cut]].max()
+        checks.that(rim > 0.6 * abs(size), 'only %.2f of a texel is outdoors' % (rim / abs(size)), bake.process)
+        checks.that(is_cut.sum() == bake.run['points']['divided'] and light == 0,
+                    'of %d texels at a rim %d are divided, the light there is %g' %
+                    (is_cut.sum(), bake.run['points']['divided'], light), bake.process)
+        table.row('rim, %.2f of a texel' % (rim / abs(size)), '%.2f m' % abs(size), is_cut.sum(), '%.1e' % light)
+        bake.remove()
+
+
 def main():
     _, kiln = harness.start(__doc__)
     checks = harness.Checks()
@@ -94,6 +137,7 @@ def main():
         table.row(name, texels, found[1], '%.1e' % found[0])
     if kiln.backend == 'embree':
         check_light(kiln, checks, table)
+        check_rim(kiln, checks, table)
     found = bake_room(kiln, checks, 0, 0.01, 12, gap=0.2)
     if found is not None:
         checks.that(found[0] > 1e-3 and found[1] <= 3 * 12, 'above a gap: dark / lit is %g, %d texels are divided' %

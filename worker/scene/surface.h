@@ -61,7 +61,7 @@ struct kiln_split_tile_run {
 };
 
 /* A texel that a wall divides: the wall stands across it, and nothing passes from one side to the other. Its point has
- * the larger side alone, up to the wall's face: what of the place (x, y) of the texel, both from 0 to 1, is at
+ * its main side alone, up to the wall's face: what of the place (x, y) of the texel, both from 0 to 1, is at
  * face[0] x + face[1] y <= face[2]. What lies beyond the wall, above `middle` in place of face[2], has the light of a
  * neighbour's point on that side. Within the wall no light falls. */
 struct kiln_divided_texel {
@@ -257,7 +257,7 @@ static inline struct kiln_global_point kiln_tile_entry(const struct kiln_surface
     return (struct kiln_global_point){run->first.at + (uint64_t)__builtin_popcountll(run->mask & (bit - 1))};
 }
 
-/* Likewise the point; of a divided texel that of its larger side. */
+/* Likewise the point; of a divided texel that of its main side. */
 static inline struct kiln_global_point kiln_tile_point(const struct kiln_surface *s, const struct kiln_tile *tile,
                                                        uint32_t number)
 {
