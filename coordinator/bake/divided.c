@@ -17,12 +17,14 @@ enum {
     TRIAL_RAYS = 2 * PAIRS + SIDES
 };
 enum { GRID = 2 * (KILN_TILE_SIDE + 1) }; /* lines between the texels of a tile */
-enum { CHUNK_CANDIDATES = 2048, NEIGHBOURS = 8 };
-static const double LIFT = 1e-3;         /* of a texel's side: how far above the surface the rays go */
-static const double LEAST_SHARE = 1e-4;  /* of its area that a texel has on the smaller side */
-static const int ENDS_WITHIN = 2;        /* texels: a surface that ends after so many at most is a rim */
-static const int GOES_ON = 3;            /* as many times as long: a surface that a rim is nothing to */
-static const double LEAST_SLOPE = 0.1;   /* sine of the angle between wall and texel */
+enum { CHUNK_CANDIDATES = 2048, NEIGHBOURS = 8, OPEN_RAYS = 16 };
+static const double LIFT = 1e-3;                      /* of a texel's side: how far above the surface the rays go */
+static const double LEAST_SHARE = 1e-4;               /* of its area that a texel has on the smaller side */
+static const int ENDS_WITHIN = 2;                     /* texels: a surface that ends after so many at most is a rim */
+static const double OPEN = 1.0;                       /* m: what sees so far is no cavity */
+static const double GOLDEN_ANGLE = 2.399963229728653; /* rad */
+static const int GOES_ON = 3;                         /* as many times as long: a surface that a rim is nothing to */
+static const double LEAST_SLOPE = 0.1;                /* sine of the angle between wall and texel */
 static const double NEAR_CORNERS = 0.99; /* from the middle of a side of a texel to its corners: where rays start */
 static const double SAME_NORMAL = 0.999; /* cosine: a texel is flat, or a wall's two faces are parallel */
 
@@ -750,27 +752,95 @@ static void set_rim(const struct search *s, const struct candidate *c, struct se
     set_segment(r, first + 1, from, place_of(&c->plane, (double)l->centre[0], (double)l->centre[1]));
 }
 
+/* Rays over the hemisphere of a place, as many from each part of it as a matt surface sees of it. */
+static void set_hemisphere(const struct candidate *c, const float place[2], struct segments *r, size_t first)
+{
+    const struct kiln_dvec3 from = place_of(&c->plane, (double)place[0], (double)place[1]), n = c->plane.normal,
+                            u = dvec3_scale(c->plane.du, 1.0 / dvec3_length(c->plane.du)), v = dvec3_cross(n, u);
+    for (size_t k = 0; k < OPEN_RAYS; k++) {
+        const double square = ((double)k + 0.5) / OPEN_RAYS, radius = sqrt(square), angle = GOLDEN_ANGLE * (double)k;
+        const struct kiln_dvec3 d =
+            dvec3_add(dvec3_add(dvec3_scale(u, radius * cos(angle)), dvec3_scale(v, radius * sin(angle))),
+                      dvec3_scale(n, sqrt(1.0 - square)));
+        set_segment(r, first + k, from, dvec3_add(from, d));
+    }
+}
+
+static int by_distance(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return x < y ? -1 : x > y ? 1 : 0;
+}
+
+/* m: as far as a quarter of a place's rays see at least. */
+static double openness(const struct segments *r, size_t first)
+{
+    double distance[OPEN_RAYS];
+    for (size_t k = 0; k < OPEN_RAYS; k++)
+        distance[k] = r->hits[first + k].triangle != KILN_NONE ? (double)r->hits[first + k].distance : INFINITY;
+    qsort(distance, OPEN_RAYS, sizeof *distance, by_distance);
+    return distance[OPEN_RAYS - OPEN_RAYS / 4];
+}
+
+/* Whether a texel's main side is the rim of a surface that goes on: by the rays of set_rim. What starts inside of a
+ * solid stays the other side. */
+static bool is_rim(const struct search *s, const struct segments *r, size_t first)
+{
+    return r->lengths[first] > 0.0f && !meets(r, first) && meets(r, first + 1) && !is_inside(s, &r->hits[first + 1]);
+}
+
+/* Of the candidates in `rims`: makes the smaller side of a texel its main side where the next texel on it is the more
+ * open place, or open enough. */
+static int turn_rims(struct search *s, const size_t *rims, size_t count, struct kiln_error *error)
+{
+    struct candidate *list = s->found.list;
+    struct segments r = {0};
+    int status = count > 0 ? segments_create(&r, 2 * OPEN_RAYS * count, error) : KILN_OK;
+    for (size_t i = 0; status == KILN_OK && i < count; i++) {
+        const struct texel_line *l = &list[rims[i]].line; /* the next texel beyond is out of what may be a groove */
+        const float along = fmaxf(fabsf(l->line[0]), fabsf(l->line[1])),
+                    next[2] = {0.5f + l->line[0] / along, 0.5f + l->line[1] / along};
+        set_hemisphere(&list[rims[i]], l->centre, &r, 2 * OPEN_RAYS * i);
+        set_hemisphere(&list[rims[i]], next, &r, 2 * OPEN_RAYS * i + OPEN_RAYS);
+    }
+    if (status == KILN_OK && count > 0)
+        status = kiln_backend_intersect(s->backend, r.origins, r.directions, 2 * OPEN_RAYS * count, r.hits, error);
+    for (size_t i = 0; status == KILN_OK && i < count; i++) {
+        const double rim = openness(&r, 2 * OPEN_RAYS * i), far = openness(&r, 2 * OPEN_RAYS * i + OPEN_RAYS);
+        if (far < fmin(rim, OPEN))
+            continue;
+        turn_sides(&list[rims[i]].line);
+        measure_wall(s, &list[rims[i]]);
+        list[rims[i]].line.goes_on = true;
+    }
+    segments_destroy(&r);
+    return status;
+}
+
 /* Makes the smaller side of a texel its main side where the larger is the rim of a surface that goes on at the other
- * side: what a wall's end leaves outdoors. A side that is inside of a solid stays the other side. */
+ * side: what a wall's end leaves outdoors. */
 static int choose_sides(struct search *s, struct kiln_error *error)
 {
     const struct candidates *f = &s->found;
     struct segments r = {0};
+    size_t *rims = NULL, count = 0;
     if (f->count == 0)
         return KILN_OK;
     int status = segments_create(&r, 2 * f->count, error);
-    if (status != KILN_OK)
-        return status;
+    if (status == KILN_OK)
+        status = kiln_allocate(&rims, f->count, sizeof *rims, "divided texels", error);
+    if (status == KILN_OK) {
 #pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
-    for (size_t i = 0; i < f->count; i++)
-        set_rim(s, &f->list[i], &r, 2 * i);
-    status = kiln_backend_intersect(s->backend, r.origins, r.directions, 2 * f->count, r.hits, error);
+        for (size_t i = 0; i < f->count; i++)
+            set_rim(s, &f->list[i], &r, 2 * i);
+        status = kiln_backend_intersect(s->backend, r.origins, r.directions, 2 * f->count, r.hits, error);
+    }
     for (size_t i = 0; status == KILN_OK && i < f->count; i++)
-        if (r.lengths[2 * i] > 0.0f && !meets(&r, 2 * i) && meets(&r, 2 * i + 1) && !is_inside(s, &r.hits[2 * i + 1])) {
-            turn_sides(&f->list[i].line);
-            measure_wall(s, &f->list[i]);
-            f->list[i].line.goes_on = true;
-        }
+        if (is_rim(s, &r, 2 * i))
+            rims[count++] = i;
+    if (status == KILN_OK)
+        status = turn_rims(s, rims, count, error);
+    kiln_free(&rims);
     segments_destroy(&r);
     return status;
 }
