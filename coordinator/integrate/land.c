@@ -156,6 +156,7 @@ static void add_landings(void *context, const struct kiln_landing_list *list)
     const struct kiln_landing *l = context;
     for (size_t i = 0; i < list->count; i++) {
         const struct kiln_landing_record *record = kiln_landing_of(list, i);
+        kiln_landing_fetch_sum(list, i, l->sums);
         kiln_land_add(record, kiln_land_weight(&l->exchange, record), &l->sums[record->point]);
     }
 }

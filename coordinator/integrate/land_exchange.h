@@ -66,12 +66,20 @@ struct kiln_landing_list {
 /* Fetches ahead: records of a list lie far from each other. */
 static inline const struct kiln_landing_record *kiln_landing_of(const struct kiln_landing_list *list, size_t i)
 {
-    enum { AHEAD = 12 };
+    enum { AHEAD = 24 };
     if (list->which == NULL)
         return &list->records[i];
     if (i + AHEAD < list->count)
         __builtin_prefetch(&list->records[list->which[i + AHEAD]]);
     return &list->records[list->which[i]];
+}
+/* Fetches the sum of a landing after number `i`: these lie farther from each other yet. */
+static inline void kiln_landing_fetch_sum(const struct kiln_landing_list *list, size_t i,
+                                          const struct kiln_landing_sum *sums)
+{
+    enum { AHEAD = 12 }; /* its record is fetched by then */
+    if (i + AHEAD < list->count)
+        __builtin_prefetch(&sums[list->records[list->which == NULL ? i + AHEAD : list->which[i + AHEAD]].point], 1);
 }
 
 /* What is done with the landings on own points. Called by several threads at once, for one point by one of them. */

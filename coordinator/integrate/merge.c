@@ -291,22 +291,6 @@ static float radius_of(const struct kiln_merge *m, size_t a, size_t b, float rad
     return fminf(radius, fminf(m->places[a].widest, m->places[b].widest));
 }
 
-/* Points near point `at` that take part, itself the first. The grid knows how far each looks, not how far all do that
- * it finds. */
-static int find_near(const struct kiln_merge *m, size_t at, float radius, struct kiln_merge_near *near,
-                     struct kiln_error *error)
-{
-    size_t left = 1;
-    int status = kiln_merge_grid_find(m->grid, at, radius_of(m, at, at, radius), near, error);
-    for (size_t i = 1; i < near->count && status == KILN_OK; i++) {
-        const size_t other = near->of[i];
-        if (kiln_merge_are_near(&m->places[at], &m->places[other], radius_of(m, at, other, radius)))
-            near->of[left++] = other;
-    }
-    near->count = left;
-    return status;
-}
-
 /* ---- weights ---- */
 
 /* What is done for each own point `at` with those near it. */
@@ -327,7 +311,7 @@ static int for_all(const struct kiln_merge *m, float radius, each_point each, vo
             const size_t at = m->own_first + i;
             if (own != KILN_OK || !(m->places[at].lit > 0.0f))
                 continue;
-            own = find_near(m, at, radius, &near, &own_error);
+            own = kiln_merge_grid_find(m->grid, at, radius_of(m, at, at, radius), &near, &own_error);
             if (own == KILN_OK)
                 each(m, at, radius, &near, context);
         }

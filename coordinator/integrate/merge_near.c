@@ -6,9 +6,8 @@
 #include "coordinator/integrate/bins.h"
 #include "worker/base/memory.h"
 
-#define ALIKE 0.5f   /* cosine between normals of points that are near each other */
-#define FLAT 0.25f   /* of the radius: how far they may lie from each other's planes */
-#define SLACK 1.001f /* of a cell, beyond the radius: for rounding */
+#define SLACK 1.001f  /* of a cell, beyond the radius: for rounding */
+#define BEYOND 1.0001 /* of the radius: how far a cell is that has nothing near, for rounding */
 
 enum { LEVELS = 8, NEIGHBOUR_CELLS = 27 };
 enum { STRETCHES_MOST = 1 << 12 }; /* of slots, each of which one thread fills */
@@ -17,7 +16,8 @@ enum { STRETCHES_MOST = 1 << 12 }; /* of slots, each of which one thread fills *
 struct member {
     uint64_t cell;
     size_t at;
-    struct kiln_vec3 position; /* once more: most are too far */
+    struct kiln_vec3 position; /* once more, as what follows: most are too far */
+    float widest;
 };
 
 /* A hash table of cells: those of members[begin[h] .. begin[h + 1]) have the hash h. No members: no point needs it. */
@@ -33,13 +33,6 @@ struct kiln_merge_grid {
     size_t slots; /* a power of two */
     struct level levels[LEVELS];
 };
-
-bool kiln_merge_are_near(const struct kiln_merge_place *a, const struct kiln_merge_place *b, float radius)
-{
-    const struct kiln_vec3 d = vec3_sub(b->position, a->position);
-    return vec3_dot(d, d) <= radius * radius && vec3_dot(a->normal, b->normal) >= ALIKE &&
-           fabsf(vec3_dot(d, a->normal)) <= FLAT * radius && fabsf(vec3_dot(d, b->normal)) <= FLAT * radius;
-}
 
 /* The level whose cells are as wide as the point looks, or less than twice as wide. */
 static int level_of(const struct kiln_merge_grid *grid, const struct kiln_merge_place *place)
@@ -79,7 +72,7 @@ static size_t list_members(const struct kiln_merge_place *places, size_t count, 
     size_t taking_part = 0;
     for (size_t i = 0; i < count; i++)
         if (places[i].lit > 0.0f && places[i].widest > 0.0f)
-            members[taking_part++] = (struct member){places[i].key, i, places[i].position};
+            members[taking_part++] = (struct member){places[i].key, i, places[i].position, places[i].widest};
     return taking_part;
 }
 
@@ -200,19 +193,57 @@ void kiln_merge_grid_destroy(struct kiln_merge_grid **grid)
     kiln_free(grid);
 }
 
+/* A cell about a place, and the slot of its points. */
+struct cell {
+    uint64_t word;
+    size_t slot;
+};
+
+/* In cells, how far a place is from the next one before it, from its own and from the one after it. */
+static void find_gaps(const struct level *level, float x, int64_t cell, double gaps[3])
+{
+    const double in_cell = fmax(0.0, fmin((double)x / level->side - (double)cell, 1.0));
+    gaps[0] = in_cell;
+    gaps[1] = 0.0;
+    gaps[2] = 1.0 - in_cell;
+}
+
+/* The cells of a level within the radius of a place, whose slots are fetched ahead. Returns how many. */
+static size_t find_cells(const struct kiln_merge_grid *grid, const struct level *level, struct kiln_vec3 p,
+                         float radius, struct cell cells[NEIGHBOUR_CELLS])
+{
+    const int64_t x = cell_along(level, p.x), y = cell_along(level, p.y), z = cell_along(level, p.z);
+    const double far = BEYOND * (double)radius / level->side;
+    double gaps[3][3];
+    size_t count = 0;
+    find_gaps(level, p.x, x, gaps[0]);
+    find_gaps(level, p.y, y, gaps[1]);
+    find_gaps(level, p.z, z, gaps[2]);
+    for (int i = 0; i < NEIGHBOUR_CELLS; i++) {
+        const double a = gaps[0][i % 3], b = gaps[1][i / 3 % 3], c = gaps[2][i / 9];
+        if (a * a + b * b + c * c > far * far)
+            continue;
+        const uint64_t word = cell_word(x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1);
+        cells[count] = (struct cell){word, slot_of(grid, word)};
+        __builtin_prefetch(&level->begin[cells[count++].slot]);
+    }
+    return count;
+}
+
 /* Adds the points of a cell that are near point `at`, but for itself. */
-static int add_near(const struct kiln_merge_grid *grid, const struct level *level, size_t at, uint64_t cell,
+static int add_near(const struct kiln_merge_grid *grid, const struct level *level, size_t at, struct cell cell,
                     float radius, struct kiln_merge_near *near, struct kiln_error *error)
 {
-    const size_t slot = slot_of(grid, cell), end = level->begin[slot + 1];
-    const struct kiln_vec3 p = grid->places[at].position;
-    const int status = kiln_grow(&near->of, &near->room, near->count + (end - level->begin[slot]), sizeof *near->of,
-                                 "points nearby", error);
-    for (size_t i = level->begin[slot]; i < end && status == KILN_OK; i++) {
+    const size_t begin = level->begin[cell.slot], end = level->begin[cell.slot + 1];
+    const struct kiln_merge_place *place = &grid->places[at];
+    const int status =
+        kiln_grow(&near->of, &near->room, near->count + (end - begin), sizeof *near->of, "points nearby", error);
+    for (size_t i = begin; i < end && status == KILN_OK; i++) {
         const struct member *member = &level->members[i];
-        const struct kiln_vec3 d = vec3_sub(member->position, p);
-        if (vec3_dot(d, d) <= radius * radius && member->cell == cell && member->at != at &&
-            kiln_merge_are_near(&grid->places[at], &grid->places[member->at], radius))
+        const struct kiln_vec3 d = vec3_sub(member->position, place->position);
+        const float least = radius < member->widest ? radius : member->widest;
+        if (vec3_dot(d, d) <= least * least && member->cell == cell.word && member->at != at &&
+            kiln_merge_are_near(place, &grid->places[member->at], least))
             near->of[near->count++] = member->at;
     }
     return status;
@@ -221,6 +252,7 @@ static int add_near(const struct kiln_merge_grid *grid, const struct level *leve
 int kiln_merge_grid_find(const struct kiln_merge_grid *grid, size_t at, float radius, struct kiln_merge_near *near,
                          struct kiln_error *error)
 {
+    struct cell cells[NEIGHBOUR_CELLS];
     int status = kiln_grow(&near->of, &near->room, 1, sizeof *near->of, "points nearby", error);
     if (status != KILN_OK)
         return status;
@@ -229,10 +261,8 @@ int kiln_merge_grid_find(const struct kiln_merge_grid *grid, size_t at, float ra
     if (grid == NULL || !(radius > 0.0f))
         return KILN_OK;
     const struct level *level = &grid->levels[level_of(grid, &grid->places[at])];
-    const struct kiln_vec3 p = grid->places[at].position;
-    const int64_t x = cell_along(level, p.x), y = cell_along(level, p.y), z = cell_along(level, p.z);
-    for (int64_t i = 0; i < NEIGHBOUR_CELLS && status == KILN_OK; i++)
-        status =
-            add_near(grid, level, at, cell_word(x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1), radius, near, error);
+    const size_t count = find_cells(grid, level, grid->places[at].position, radius, cells);
+    for (size_t i = 0; i < count && status == KILN_OK; i++)
+        status = add_near(grid, level, at, cells[i], radius, near, error);
     return status;
 }

@@ -2,6 +2,7 @@
 #ifndef KILN_COORDINATOR_INTEGRATE_MERGE_NEAR_H
 #define KILN_COORDINATOR_INTEGRATE_MERGE_NEAR_H
 
+#include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -18,8 +19,17 @@ struct kiln_merge_place {
 };
 _Static_assert(sizeof(struct kiln_merge_place) == 40, "a record has no gaps");
 
+#define KILN_MERGE_ALIKE 0.5f /* cosine between normals of points that are near each other */
+#define KILN_MERGE_FLAT 0.25f /* of the radius: how far they may lie from each other's planes */
+
 /* Whether two points are near each other; the same for either of both. */
-bool kiln_merge_are_near(const struct kiln_merge_place *a, const struct kiln_merge_place *b, float radius);
+static inline bool kiln_merge_are_near(const struct kiln_merge_place *a, const struct kiln_merge_place *b, float radius)
+{
+    const struct kiln_vec3 d = vec3_sub(b->position, a->position);
+    return vec3_dot(d, d) <= radius * radius && vec3_dot(a->normal, b->normal) >= KILN_MERGE_ALIKE &&
+           fabsf(vec3_dot(d, a->normal)) <= KILN_MERGE_FLAT * radius &&
+           fabsf(vec3_dot(d, b->normal)) <= KILN_MERGE_FLAT * radius;
+}
 
 /* Grids over the points that take part, each in a hash table: one with cells as wide as the radius, and for points
  * whose `widest` is less one with cells of a half, a quarter, and so on. So where texels of one object are small beside
@@ -36,8 +46,8 @@ struct kiln_merge_near {
     size_t *of, count, room;
 };
 
-/* Place `at` itself, then the others within `radius` of it, which is at most its `widest` and that of the grid, by cell
- * and key. Without a grid: itself alone. KILN_SYSTEM. */
+/* Place `at` itself, then the others that are near it by `radius`, which is at most its `widest` and that of the grid,
+ * and by their own `widest`; by cell and key. Without a grid: itself alone. KILN_SYSTEM. */
 int kiln_merge_grid_find(const struct kiln_merge_grid *grid, size_t at, float radius, struct kiln_merge_near *near,
                          struct kiln_error *error);
 

@@ -12,6 +12,11 @@
 #define NORMAL_STEP 0x1p-14   /* normals and distances of one plane are the same in such steps */
 #define DISTANCE_STEP 0x1p-17 /* of the world's extent */
 #define SLACK 1e-5            /* of the world's extent: what boxes are wider by */
+/* Of boxes of places, far beyond rounding: of the world's extent, how high they are over a plane at least, and what
+ * boxes in the plane are wider by; and how steeply light from outside falls at least. */
+#define LEAST_HEIGHT 1e-6
+#define ROUNDING 1e-8
+#define LEAST_FALL 1e-3
 
 /* A triangle that reflects. Those of one plane have the same key. */
 struct face {
@@ -265,12 +270,17 @@ void kiln_mirror_images_destroy(struct kiln_mirror_images **images)
 
 /* ---- images ---- */
 
+/* From the plane up to the lamp. */
+static double height_of(const struct kiln_mirror_plane *plane, const struct kiln_mirror_lamp *lamp)
+{
+    return dvec3_dot(plane->normal, lamp->place) - (lamp->outside ? 0.0 : plane->distance);
+}
+
 bool kiln_mirror_image(const struct kiln_mirror_plane *plane, const struct kiln_mirror_lamp *lamp, struct kiln_dvec3 p,
                        struct kiln_dvec3 *direction)
 {
     const struct kiln_dvec3 n = plane->normal;
-    const double above = dvec3_dot(n, p) - plane->distance,
-                 height = dvec3_dot(n, lamp->place) - (lamp->outside ? 0.0 : plane->distance);
+    const double above = dvec3_dot(n, p) - plane->distance, height = height_of(plane, lamp);
     if (!(above > 0.0) || !(height > 0.0))
         return false;
     const struct kiln_dvec3 image = dvec3_sub(lamp->place, dvec3_scale(n, 2.0 * height)),
@@ -279,4 +289,41 @@ bool kiln_mirror_image(const struct kiln_mirror_plane *plane, const struct kiln_
     const double until = above / (lamp->outside ? height : above + height);
     *direction = dvec3_scale(way, 1.0 / dvec3_length(way));
     return is_within(plane, dvec3_add(p, dvec3_scale(way, until)));
+}
+
+/* Where p, which is above the plane, sees the lamp in it. */
+static struct kiln_dvec3 place_in_plane(const struct kiln_mirror_plane *plane, const struct kiln_mirror_lamp *lamp,
+                                        double height, double above, struct kiln_dvec3 p)
+{
+    const struct kiln_dvec3 image = dvec3_sub(lamp->place, dvec3_scale(plane->normal, 2.0 * height));
+    return lamp->outside ? dvec3_add(p, dvec3_scale(image, above / height))
+                         : dvec3_add(p, dvec3_scale(dvec3_sub(image, p), above / (above + height)));
+}
+
+/* What is between places sees the lamp between where these see it: the corners tell of the whole box. */
+bool kiln_mirror_may_show(const struct kiln_mirror_plane *plane, const struct kiln_mirror_lamp *lamp,
+                          struct kiln_dvec3 minimum, struct kiln_dvec3 maximum, double extent)
+{
+    const double height = height_of(plane, lamp), least = LEAST_HEIGHT * extent, slack = ROUNDING * extent;
+    struct kiln_dvec3 low = dvec3(INFINITY, INFINITY, INFINITY), high = dvec3(-INFINITY, -INFINITY, -INFINITY);
+    int above_it = 0, below_it = 0;
+    if (!(height > 0.0))
+        return false;
+    for (int i = 0; i < 8; i++) {
+        const struct kiln_dvec3 p = dvec3((i & 1) != 0 ? maximum.x : minimum.x, (i & 2) != 0 ? maximum.y : minimum.y,
+                                          (i & 4) != 0 ? maximum.z : minimum.z);
+        const double above = dvec3_dot(plane->normal, p) - plane->distance;
+        above_it += above > least;
+        below_it += above < -least;
+        if (above > least) {
+            const struct kiln_dvec3 q = place_in_plane(plane, lamp, height, above, p);
+            low = dvec3(fmin(low.x, q.x), fmin(low.y, q.y), fmin(low.z, q.z));
+            high = dvec3(fmax(high.x, q.x), fmax(high.y, q.y), fmax(high.z, q.z));
+        }
+    }
+    if (above_it < 8 || (lamp->outside && height < LEAST_FALL))
+        return below_it < 8;
+    return low.x <= plane->maximum.x + slack && high.x >= plane->minimum.x - slack &&
+           low.y <= plane->maximum.y + slack && high.y >= plane->minimum.y - slack &&
+           low.z <= plane->maximum.z + slack && high.z >= plane->minimum.z - slack;
 }

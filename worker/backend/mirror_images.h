@@ -51,5 +51,9 @@ void kiln_mirror_images_destroy(struct kiln_mirror_images **images);
  * them. */
 bool kiln_mirror_image(const struct kiln_mirror_plane *plane, const struct kiln_mirror_lamp *lamp, struct kiln_dvec3 p,
                        struct kiln_dvec3 *direction);
+/* Whether a place of the box, m, may see the lamp in the plane: kiln_mirror_image is false for all of its places, else.
+ * `extent`: of the world, m. */
+bool kiln_mirror_may_show(const struct kiln_mirror_plane *plane, const struct kiln_mirror_lamp *lamp,
+                          struct kiln_dvec3 minimum, struct kiln_dvec3 maximum, double extent);
 
 #endif

@@ -13,6 +13,14 @@ struct place {
     double *irradiance, *incident;
 };
 
+/* Pairs of a plane and a lamp that a point may see in it, in the order of the planes. */
+struct pairs {
+    uint32_t count;
+    struct {
+        uint32_t plane, lamp;
+    } of[KILN_IMAGES_MOST];
+};
+
 /* What of a lamp reaches a mirror at m, as irradiance across the way, W/m2, that has gone `beyond` m more in the end;
  * `way`: from m to the lamp. */
 static struct kiln_light_sample look(const struct kiln_mirror_images *images, const struct kiln_mirror_lamp *lamp,
@@ -95,21 +103,43 @@ static void add(const struct tile_run_frame *frame, uint32_t j, const struct pla
     }
 }
 
-static void light_place(struct walk *w, const struct kiln_mirror_images *images, const struct tile_run_frame *frame,
-                        uint32_t j, const struct place *p)
+/* For all places of the point. */
+static void find_pairs(const struct walk *w, const struct kiln_mirror_images *images, struct tile_run_rays *r,
+                       uint32_t j, struct pairs *pairs)
+{
+    struct kiln_vec3 low = {INFINITY, INFINITY, INFINITY}, high = {-INFINITY, -INFINITY, -INFINITY};
+    for (uint32_t k = 0; k < r->samples; k++) {
+        struct kiln_vec3 p, normal;
+        (void)rays_place(r, w->b, j, k, &p, &normal);
+        low = (struct kiln_vec3){p.x < low.x ? p.x : low.x, p.y < low.y ? p.y : low.y, p.z < low.z ? p.z : low.z};
+        high =
+            (struct kiln_vec3){p.x > high.x ? p.x : high.x, p.y > high.y ? p.y : high.y, p.z > high.z ? p.z : high.z};
+    }
+    const double extent = (double)images->lights->geometry->extent;
+    pairs->count = 0;
+    for (uint32_t i = 0; i < images->plane_count; i++)
+        for (uint32_t l = 0; l < images->lamp_count; l++)
+            if (kiln_mirror_may_show(&images->planes[i], &images->lamps[l], dvec3_of(low), dvec3_of(high), extent)) {
+                pairs->of[pairs->count].plane = i;
+                pairs->of[pairs->count++].lamp = l;
+            }
+}
+
+static void light_place(struct walk *w, const struct kiln_mirror_images *images, const struct pairs *pairs,
+                        const struct tile_run_frame *frame, uint32_t j, const struct place *p)
 {
     w->k = p->k;
-    for (uint32_t i = 0; i < images->plane_count; i++)
-        for (size_t l = 0; l < images->lamp_count; l++) {
-            struct kiln_dvec3 direction;
-            double value[3];
-            if (!kiln_mirror_image(&images->planes[i], &images->lamps[l], dvec3_of(p->position), &direction) ||
-                !(dvec3_dot(dvec3_of(p->normal), direction) > 0.0))
-                continue;
-            w->key = kiln_hash2(p->chance, (uint32_t)l);
-            if (follow(w, images, i, &images->lamps[l], p, vec3_of(direction), value))
-                add(frame, j, p, vec3_of(direction), value);
-        }
+    for (uint32_t i = 0; i < pairs->count; i++) {
+        const uint32_t plane = pairs->of[i].plane, lamp = pairs->of[i].lamp;
+        struct kiln_dvec3 direction;
+        double value[3];
+        if (!kiln_mirror_image(&images->planes[plane], &images->lamps[lamp], dvec3_of(p->position), &direction) ||
+            !(dvec3_dot(dvec3_of(p->normal), direction) > 0.0))
+            continue;
+        w->key = kiln_hash2(p->chance, lamp);
+        if (follow(w, images, plane, &images->lamps[lamp], p, vec3_of(direction), value))
+            add(frame, j, p, vec3_of(direction), value);
+    }
 }
 
 void images_light(struct walk *w, const struct kiln_mirror_images *images, struct tile_run_rays *r, uint32_t j,
@@ -117,7 +147,11 @@ void images_light(struct walk *w, const struct kiln_mirror_images *images, struc
 {
     const uint32_t count = r->samples;
     double quarter[RAY_QUARTERS] = {0.0}, before = 0.0, mean = 0.0, square = 0.0;
+    struct pairs pairs;
     memset(light, 0, sizeof *light);
+    find_pairs(w, images, r, j, &pairs);
+    if (pairs.count == 0)
+        return;
     for (uint32_t k = 0; k < count; k++) {
         struct place p = {.chance = r->chance[j],
                           .k = r->first_sample + k,
@@ -125,7 +159,7 @@ void images_light(struct walk *w, const struct kiln_mirror_images *images, struc
                           .incident = light->incident};
         (void)rays_place(r, w->b, j, k, &p.position, &p.normal);
         p.shading = frame_shading(&r->frame, j, p.normal);
-        light_place(w, images, &r->frame, j, &p);
+        light_place(w, images, &pairs, &r->frame, j, &p);
         quarter[(uint64_t)k * RAY_QUARTERS / count] += kiln_luminance(light->irradiance) - before;
         before = kiln_luminance(light->irradiance);
     }
