@@ -12,9 +12,9 @@
  * be the rim that is left outdoors, and be seen in the room as a bright line. So of a lightmap's texel the smaller side
  * is the main side where the surface ends within two texels on the larger one, goes on for three times as many on the
  * smaller one, and nothing stands on it there: what a prop at the edge of a table hides is not what is seen. Nor is
- * the cavity of a wall that a door frame is set in: a quarter of the rays of the next texel on that side must see as far
- * as those of the rim, or a metre. Where then no neighbour lies outdoors, rays that meet the rim find the light of the
- * room.
+ * the cavity of a wall that a door frame is set in: a quarter of the rays of the next texel on that side must see as
+ * far as those of the rim, or a metre. Where then no neighbour lies outdoors, rays that meet the rim find the light of
+ * the room.
  *
  * What stands between a wall's two faces is lit from nowhere: it is written to the texels, and taken out of
  * surface->visible once that is known (kiln_surface_leave_walls_out). What lies before a face on the other side
