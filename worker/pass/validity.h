@@ -7,8 +7,9 @@
  * of every texel's sides for any seed (kiln_validity_key), so that the seed buries nothing.
  *
  * Items: tile runs. No parameters; its number of samples is its own. All points are looked at, valid or not.
- * Rays are counted as one for each place that is looked at. The three rays around the normal, which few places need,
- * are not counted: devices do not report them.
+ * Rays are counted as one for each place of a look, though Embree ends the first look once it has seen a place that is
+ * buried and one that is not. The three rays around the normal, which few places need, are not counted: devices do not
+ * report them.
  *
  * The result of a point is a uint16_t: 65535 x the share of its area that is not buried, 0: not a valid point. It is
  * what surface->visible holds. */

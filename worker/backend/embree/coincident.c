@@ -8,7 +8,11 @@
 
 /* ---- which triangles to look at ---- */
 
-enum { UNKNOWN, APART, COINCIDES }; /* of embree_backend.coincides */
+/* Of embree_backend.coincides. What is less than APART: not known, and at how many places a front was looked for. */
+enum { APART = UINT16_MAX - 1, COINCIDES };
+/* After FEW places the triangle is searched if few are near it, and after MOST in any case: so many places cost about
+ * as much as the search of a triangle that spans the scene. */
+enum { PLACES_FEW = 16, PLACES_MOST = 1 << 14 };
 
 /* Planes that turn from one another by more than this coincide within seven times KILN_COINCIDENT of a line only. */
 #define PARALLEL (-0.99)
@@ -179,29 +183,54 @@ static bool search_pieces(struct partner_search *s, const struct kiln_dvec3 c[3]
     return complete;
 }
 
+static struct partner_search search_of(const struct embree_backend *b, uint32_t triangle, struct kiln_dvec3 corner[3])
+{
+    const double margin = 2.0 * (double)(KILN_COINCIDENT * b->params.geometry->extent);
+    corners_of(b->params.geometry, triangle, corner);
+    return (struct partner_search){.b = b, .triangle = triangle, .own = flat_of(corner, margin), .margin = margin};
+}
+
 /* Whether a front may coincide with the back of this triangle somewhere, by the planes of those near it. Where
  * triangles are dense everywhere around it, one sphere costs less than its pieces. */
 static bool find_partner(const struct embree_backend *b, uint32_t triangle)
 {
-    const double margin = 2.0 * (double)(KILN_COINCIDENT * b->params.geometry->extent);
     struct kiln_dvec3 corner[3];
-    corners_of(b->params.geometry, triangle, corner);
-    struct partner_search s = {.b = b, .triangle = triangle, .own = flat_of(corner, margin), .margin = margin};
+    struct partner_search s = search_of(b, triangle, corner);
     if (!search_pieces(&s, corner, 0))
         (void)search_sphere(&s, corner, SIZE_MAX);
     return s.found;
 }
 
+static void keep(const struct embree_backend *b, uint32_t triangle, bool found)
+{
+    __atomic_store_n(&b->coincides[triangle], found ? COINCIDES : APART, __ATOMIC_RELAXED);
+}
+
 /* The same, looked up. Threads that ask at once find the same. */
 static bool may_coincide(const struct embree_backend *b, uint32_t triangle)
 {
-    uint8_t *known = &b->coincides[triangle];
-    uint8_t state = __atomic_load_n(known, __ATOMIC_RELAXED);
-    if (state == UNKNOWN) {
-        state = find_partner(b, triangle) ? COINCIDES : APART;
-        __atomic_store_n(known, state, __ATOMIC_RELAXED);
+    if (__atomic_load_n(&b->coincides[triangle], __ATOMIC_RELAXED) < APART)
+        keep(b, triangle, find_partner(b, triangle));
+    return __atomic_load_n(&b->coincides[triangle], __ATOMIC_RELAXED) == COINCIDES;
+}
+
+/* Whether to look for a front at the place of a hit before may_coincide is asked, which then need be asked only where
+ * there is one. Threads that ask at once may count as one. */
+static bool is_place_first(const struct embree_backend *b, uint32_t triangle)
+{
+    const uint16_t places = __atomic_load_n(&b->coincides[triangle], __ATOMIC_RELAXED);
+    if (places >= PLACES_MOST)
+        return false;
+    if (places == PLACES_FEW) {
+        struct kiln_dvec3 corner[3];
+        struct partner_search s = search_of(b, triangle, corner);
+        if (search_sphere(&s, corner, MANY)) {
+            keep(b, triangle, s.found);
+            return false;
+        }
     }
-    return state == COINCIDES;
+    __atomic_store_n(&b->coincides[triangle], (uint16_t)(places + 1), __ATOMIC_RELAXED);
+    return true;
 }
 
 /* ---- the front ---- */
@@ -212,6 +241,7 @@ struct front_search {
     uint32_t lane; /* of the context's seeds */
     struct kiln_dvec3 place, direction;
     double margin; /* m */
+    float gap;     /* m: BOX_MARGINS of them */
     double inside; /* least barycentric weight of the best one so far */
     struct RTCHit *hit;
 };
@@ -232,13 +262,29 @@ static bool is_there(const struct front_search *s, uint32_t triangle, float u, f
     return embree_blends(s->b) ? kiln_is_there(s->context->seed[s->lane], triangle, opacity) : opacity > 0.0f;
 }
 
-/* Embree's question about each triangle whose box is near the place. */
+/* Whether the place is farther from the triangle's box than it is from what it coincides with. */
+static inline bool is_outside(const struct kiln_vec3 corner[3], struct kiln_vec3 place, float gap)
+{
+    const float at[3][3] = {{corner[0].x - place.x, corner[1].x - place.x, corner[2].x - place.x},
+                            {corner[0].y - place.y, corner[1].y - place.y, corner[2].y - place.y},
+                            {corner[0].z - place.z, corner[1].z - place.z, corner[2].z - place.z}};
+    bool outside = false;
+    for (int axis = 0; axis < 3; axis++) {
+        const float *a = at[axis];
+        outside = outside || (a[0] > gap && a[1] > gap && a[2] > gap) || (a[0] < -gap && a[1] < -gap && a[2] < -gap);
+    }
+    return outside;
+}
+
+/* Embree's question about each triangle that shares a leaf with one whose box is near the place. */
 static bool consider_front(struct RTCPointQueryFunctionArguments *arguments)
 {
     struct front_search *s = arguments->userPtr;
     struct kiln_vec3 corner[3];
     const uint32_t triangle = embree_triangle(s->b, arguments->geomID, arguments->primID);
     kiln_geometry_corners(s->b->params.geometry, triangle, corner);
+    if (is_outside(corner, vec3_of(s->place), s->gap))
+        return false;
     const struct kiln_dvec3 a = dvec3_of(corner[0]), to_b = dvec3_sub(dvec3_of(corner[1]), a),
                             to_c = dvec3_sub(dvec3_of(corner[2]), a), at = dvec3_sub(s->place, a);
     const struct kiln_dvec3 normal = dvec3_cross(to_b, to_c);
@@ -264,22 +310,30 @@ static bool prefer_front(const struct embree_backend *b, const struct embree_con
 {
     const struct kiln_geometry *g = b->params.geometry;
     const uint32_t triangle = embree_triangle(b, hit->geomID, hit->primID);
-    if ((g->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0 || !may_coincide(b, triangle))
+    if ((g->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0)
         return false;
+    const bool place_first = is_place_first(b, triangle);
+    if (!place_first && !may_coincide(b, triangle))
+        return false;
+    struct RTCHit front = *hit;
     struct front_search s = {.b = b,
                              .context = context,
                              .lane = lane,
                              .place = dvec3_of(kiln_triangle_position(g, triangle, hit->u, hit->v)),
                              .direction = dvec3_of(direction),
                              .margin = (double)(KILN_COINCIDENT * g->extent),
+                             .gap = (float)BOX_MARGINS * KILN_COINCIDENT * g->extent,
                              .inside = -(double)KILN_COINCIDENT,
-                             .hit = hit};
+                             .hit = &front};
     struct RTCPointQuery query = {
         .x = (float)s.place.x, .y = (float)s.place.y, .z = (float)s.place.z, .radius = KILN_COINCIDENT * g->extent};
     struct RTCPointQueryContext round;
     rtcInitPointQueryContext(&round);
     (void)rtcPointQuery(b->scene, &query, &round, consider_front, &s);
-    return s.inside > -(double)KILN_COINCIDENT;
+    if (!(s.inside > -(double)KILN_COINCIDENT) || (place_first && !may_coincide(b, triangle)))
+        return false;
+    *hit = front;
+    return true;
 }
 
 void embree_prefer_front1(const struct embree_backend *b, const struct embree_context *context, struct RTCRayHit *r)

@@ -1,9 +1,11 @@
 /* Of a front and a back that coincide, a ray meets the front (KILN_COINCIDENT in shaders/shared/surface.h).
  *
  * Where a hit is the back of a single-sided triangle, a search at its place finds the front that coincides with it. Few
- * triangles have such a partner anywhere. So a first search finds, once for each triangle whose back is met, whether
- * one may be there: a triangle near it in a plane that is nearly the same and turned round. Planes at an angle coincide
- * at a line only, where rounding decides in any case. */
+ * triangles have such a partner anywhere. So a first search finds, once for each triangle whose back is met often,
+ * whether one may be there: a triangle near it in a plane that is nearly the same and turned round. Planes at an angle
+ * coincide at a line only, where rounding decides in any case. The first search of a large triangle meets most of the
+ * scene; while few places of a triangle were met, it is made only where the other has found a front. Results are the
+ * same. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_COINCIDENT_H
 #define KILN_WORKER_BACKEND_EMBREE_COINCIDENT_H
 

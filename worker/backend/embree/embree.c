@@ -117,7 +117,8 @@ static int embree_create(struct kiln_backend **backend, const struct kiln_backen
                    isa != NULL ? isa : "");
     const double start = seconds_of(CLOCK_MONOTONIC);
     if (params->geometry->coincident)
-        status = kiln_allocate(&b->coincides, params->geometry->triangle_count, 1, "the coincident triangles", error);
+        status = kiln_allocate(&b->coincides, params->geometry->triangle_count, sizeof *b->coincides,
+                               "the coincident triangles", error);
     if (status == KILN_OK)
         status =
             params->scene != NULL ? kiln_scene_lobes(&b->lobes, params->scene, error) : KILN_OK; /* or rays alone */

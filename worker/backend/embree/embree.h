@@ -33,8 +33,8 @@ struct embree_backend {
     const struct kiln_radiance_probes *probes; /* NULL: gather rays have no end */
     RTCDevice device;
     RTCScene scene;
-    uint8_t *coincides; /* of each triangle, found when it is first asked for (coincident.c); NULL: none does */
-    struct kiln_gloss_lobes *lobes;            /* of each material; NULL: none is taken with its gloss */
+    uint16_t *coincides;            /* of each triangle, found when it pays (coincident.c); NULL: none does */
+    struct kiln_gloss_lobes *lobes; /* of each material; NULL: none is taken with its gloss */
     struct light_vertex_cache *light_vertices; /* that the weighed pass had last (light_vertices.h); NULL: none */
     struct reference_paths *reference;         /* that the reference pass had last (reference.h); NULL: none */
     uint32_t threads;

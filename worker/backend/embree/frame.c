@@ -3,7 +3,7 @@
 #include <math.h>
 
 #include "shaders/shared/streams.h"
-#include "worker/backend/embree/passage.h"
+#include "worker/backend/embree/coincident.h"
 #include "worker/sampling/keys.h"
 #include "worker/sampling/sequence.h"
 
@@ -31,36 +31,112 @@ static void build_whole(struct tile_run_frame *f, const struct embree_backend *b
     f->edge_t[0][j] = dv.x, f->edge_t[1][j] = dv.y, f->edge_t[2][j] = dv.z;
 }
 
-static bool meets_back(const struct embree_backend *b, struct kiln_vec3 p, struct kiln_vec3 d)
-{
-    struct RTCRayHit r = {.ray = {.org_x = p.x,
-                                  .org_y = p.y,
-                                  .org_z = p.z,
-                                  .dir_x = d.x,
-                                  .dir_y = d.y,
-                                  .dir_z = d.z,
-                                  .tfar = INFINITY,
-                                  .mask = ~0u},
-                          .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
-    embree_nearest_half(b, &r);
-    if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID || r.hit.Ng_x * d.x + r.hit.Ng_y * d.y + r.hit.Ng_z * d.z <= 0.0f)
-        return false;
-    return kiln_geometry_is_solid(b->params.geometry, embree_triangle(b, r.hit.geomID, r.hit.primID));
-}
+/* Rays that tell whether a place is buried: along the normal and three around it. */
+enum { BURIED_RAYS = 4 };
 
-bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 position, struct kiln_vec3 normal)
+static struct kiln_vec3 buried_way(struct kiln_vec3 normal, int ray)
 {
-    if (!meets_back(backend, position, normal))
-        return false;
-    static const float turn[3][2] = {
-        {KILN_BURIED_ACROSS, 0.0f}, {-KILN_BURIED_HALF, KILN_BURIED_SIDE}, {-KILN_BURIED_HALF, -KILN_BURIED_SIDE}};
+    static const float turn[BURIED_RAYS][2] = {{0.0f, 0.0f},
+                                               {KILN_BURIED_ACROSS, 0.0f},
+                                               {-KILN_BURIED_HALF, KILN_BURIED_SIDE},
+                                               {-KILN_BURIED_HALF, -KILN_BURIED_SIDE}};
+    if (ray == 0)
+        return normal;
     struct kiln_vec3 t, s;
     kiln_basis(normal, &t, &s);
-    for (int i = 0; i < 3; i++)
-        if (!meets_back(backend, position,
-                        vec3_madd(vec3_madd(vec3_scale(t, turn[i][0]), s, turn[i][1]), normal, KILN_BURIED_ALONG)))
+    return vec3_madd(vec3_madd(vec3_scale(t, turn[ray][0]), s, turn[ray][1]), normal, KILN_BURIED_ALONG);
+}
+
+/* Whether what a ray that goes along d has met is the back of a single-sided surface. */
+static bool is_solid_back(const struct embree_backend *b, const struct RTCHit *hit, struct kiln_vec3 d)
+{
+    if (hit->geomID == RTC_INVALID_GEOMETRY_ID || hit->Ng_x * d.x + hit->Ng_y * d.y + hit->Ng_z * d.z <= 0.0f)
+        return false;
+    return kiln_geometry_is_solid(b->params.geometry, embree_triangle(b, hit->geomID, hit->primID));
+}
+
+/* Fronts that coincide with backs are looked for last: where all rays have met backs. */
+bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 position, struct kiln_vec3 normal)
+{
+    struct RTCRayHit rays[BURIED_RAYS];
+    struct embree_context context;
+    embree_context_half(&context);
+    for (int i = 0; i < BURIED_RAYS; i++) {
+        const struct kiln_vec3 p = position, d = buried_way(normal, i);
+        rays[i] = (struct RTCRayHit){.ray = {.org_x = p.x,
+                                             .org_y = p.y,
+                                             .org_z = p.z,
+                                             .dir_x = d.x,
+                                             .dir_y = d.y,
+                                             .dir_z = d.z,
+                                             .tfar = INFINITY,
+                                             .mask = ~0u},
+                                     .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
+        rtcIntersect1(backend->scene, &context.rtc, &rays[i]);
+        if (!is_solid_back(backend, &rays[i].hit, d))
             return false;
+    }
+    for (int i = 0; i < BURIED_RAYS && backend->coincides != NULL; i++) {
+        embree_prefer_front1(backend, &context, &rays[i]);
+        if (!is_solid_back(backend, &rays[i].hit, buried_way(normal, i)))
+            return false;
+    }
     return true;
+}
+
+static void start_packet(struct RTCRayHit8 *rays, const struct kiln_vec3 *position, const struct kiln_vec3 *normal,
+                         const int *valid, int ray)
+{
+    *rays = (struct RTCRayHit8){0};
+    for (uint32_t i = 0; i < PACKET; i++) {
+        rays->hit.geomID[i] = rays->hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+        if (valid[i] == 0)
+            continue;
+        const struct kiln_vec3 p = position[i], d = buried_way(normal[i], ray);
+        rays->ray.org_x[i] = p.x, rays->ray.org_y[i] = p.y, rays->ray.org_z[i] = p.z;
+        rays->ray.dir_x[i] = d.x, rays->ray.dir_y[i] = d.y, rays->ray.dir_z[i] = d.z;
+        rays->ray.tfar[i] = INFINITY;
+        rays->ray.mask[i] = ~0u;
+    }
+}
+
+/* Leaves only those lanes valid whose ray has met a back; how many. */
+static uint32_t keep_backs(const struct embree_backend *b, const struct RTCRayHit8 *rays, int *valid)
+{
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < PACKET; i++) {
+        const struct RTCHit hit = {.Ng_x = rays->hit.Ng_x[i],
+                                   .Ng_y = rays->hit.Ng_y[i],
+                                   .Ng_z = rays->hit.Ng_z[i],
+                                   .primID = rays->hit.primID[i],
+                                   .geomID = rays->hit.geomID[i]};
+        const struct kiln_vec3 d = vec3(rays->ray.dir_x[i], rays->ray.dir_y[i], rays->ray.dir_z[i]);
+        if (valid[i] != 0 && !is_solid_back(b, &hit, d))
+            valid[i] = 0;
+        count += valid[i] != 0;
+    }
+    return count;
+}
+
+uint32_t frame_count_buried(const struct embree_backend *backend, const struct kiln_vec3 *position,
+                            const struct kiln_vec3 *normal, uint32_t count)
+{
+    struct RTCRayHit8 rays[BURIED_RAYS];
+    int valid[PACKET] __attribute__((aligned(32)));
+    struct embree_context context;
+    embree_context_half(&context);
+    for (uint32_t i = 0; i < PACKET; i++)
+        valid[i] = i < count ? -1 : 0;
+    for (int i = 0; i < BURIED_RAYS && count > 0; i++) {
+        start_packet(&rays[i], position, normal, valid, i);
+        rtcIntersect8(valid, backend->scene, &context.rtc, &rays[i]);
+        count = keep_backs(backend, &rays[i], valid);
+    }
+    for (int i = 0; i < BURIED_RAYS && count > 0 && backend->coincides != NULL; i++) {
+        embree_prefer_front8(backend, &context, valid, &rays[i]);
+        count = keep_backs(backend, &rays[i], valid);
+    }
+    return count;
 }
 
 static void draw_position(struct tile_run_frame *frame, const struct embree_backend *backend, uint32_t j, float s,

@@ -81,5 +81,8 @@ static inline struct kiln_dvec3 frame_one_normal(const struct tile_run_frame *f,
 /* Whether a place (offset included) with this normal is buried: a ray along the normal and three around it all meet
  * back faces of single-sided surfaces. */
 bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 position, struct kiln_vec3 normal);
+/* How many of `count` <= PACKET places with these normals are: quicker, where they are near and face one way. */
+uint32_t frame_count_buried(const struct embree_backend *backend, const struct kiln_vec3 *position,
+                            const struct kiln_vec3 *normal, uint32_t count);
 
 #endif

@@ -221,14 +221,10 @@ void embree_nearest1(const struct embree_backend *b, struct embree_context *cont
         tint[c] = (float)share_of(context->depth[0][c]);
 }
 
-void embree_nearest_half(const struct embree_backend *b, struct RTCRayHit *ray)
+void embree_context_half(struct embree_context *context)
 {
-    struct embree_context context = {.question = EMBREE_BY_HALF};
-    rtcInitIntersectContext(&context.rtc);
-    ray->ray.id = 0;
-    rtcIntersect1(b->scene, &context.rtc, ray);
-    if (b->coincides != NULL)
-        embree_prefer_front1(b, &context, ray);
+    *context = (struct embree_context){.question = EMBREE_BY_HALF};
+    rtcInitIntersectContext(&context->rtc);
 }
 
 void embree_through8(const struct embree_backend *b, struct embree_context *context, const int *valid,

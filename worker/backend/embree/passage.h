@@ -37,6 +37,8 @@ struct embree_context {
 
 /* Context for incoherent or (few triangles) coherent packets. */
 void embree_context(const struct embree_backend *b, struct embree_context *context);
+/* Context for rays, one by one or in packets, that ask EMBREE_BY_HALF. */
+void embree_context_half(struct embree_context *context);
 
 /* Registers what the scene needs with the geometry of its triangles that are not opaque. */
 void embree_set_filters(const struct embree_backend *b, RTCGeometry geometry);
@@ -62,8 +64,6 @@ void embree_nearest1(const struct embree_backend *b, struct embree_context *cont
 /* Whether anything is met, by the same chances: tfar is then negative. */
 void embree_blocked8(const struct embree_backend *b, struct embree_context *context, const int *valid,
                      struct RTCRay8 *rays, const uint32_t seed[PACKET]);
-/* The nearest hit by EMBREE_BY_HALF. */
-void embree_nearest_half(const struct embree_backend *b, struct RTCRayHit *ray);
 /* Shadow rays: tfar is negative where nothing comes through; else `through` is the share that does, of each colour. */
 void embree_through8(const struct embree_backend *b, struct embree_context *context, const int *valid,
                      struct RTCRay8 *rays, double through[PACKET][3]);

@@ -8,30 +8,33 @@
 #include "worker/pass/validity.h"
 #include "worker/sampling/sequence.h"
 
-/* How many of `samples` places of point j are buried. */
+/* How many of `samples` places of point j are buried; where only `whether` none, some or all are is asked, not all need
+ * be looked at. */
 static uint32_t count_buried(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, uint32_t samples,
-                             uint32_t stream)
+                             uint32_t stream, bool whether)
 {
     const uint32_t key = kiln_validity_key(stream), shift_s = kiln_hash1(key), shift_t = kiln_hash1(key + 1u);
     uint32_t buried = 0;
     f->key[j] = key;
-    for (uint32_t k = 0; k < samples; k++) {
-        struct kiln_vec3 p, n;
-        frame_position(f, b, j, kiln_unit_float(kiln_sobol(k, 0) ^ shift_s),
-                       kiln_unit_float(kiln_sobol(k, 1) ^ shift_t), &p, &n);
-        buried += frame_buried(b, p, n);
+    struct kiln_vec3 position[PACKET], normal[PACKET];
+    for (uint32_t k = 0; k < samples && !(whether && buried > 0 && buried < k); k += PACKET) {
+        const uint32_t count = samples - k < PACKET ? samples - k : PACKET;
+        for (uint32_t i = 0; i < count; i++)
+            (void)frame_position(f, b, j, kiln_unit_float(kiln_sobol(k + i, 0) ^ shift_s),
+                                 kiln_unit_float(kiln_sobol(k + i, 1) ^ shift_t), &position[i], &normal[i]);
+        buried += frame_count_buried(b, position, normal, count);
     }
     return buried;
 }
 
 static uint16_t visible_share(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, uint64_t *rays)
 {
-    const uint32_t first = count_buried(f, b, j, KILN_VALIDITY_FIRST_LOOK, KILN_VALIDITY_FIRST_STREAM);
+    const uint32_t first = count_buried(f, b, j, KILN_VALIDITY_FIRST_LOOK, KILN_VALIDITY_FIRST_STREAM, true);
     *rays += KILN_VALIDITY_FIRST_LOOK;
     if (first == 0 || first == KILN_VALIDITY_FIRST_LOOK)
         return first == 0 ? 0xffff : 0;
     *rays += KILN_VALIDITY_SECOND_LOOK;
-    return kiln_validity_share(count_buried(f, b, j, KILN_VALIDITY_SECOND_LOOK, KILN_VALIDITY_SECOND_STREAM));
+    return kiln_validity_share(count_buried(f, b, j, KILN_VALIDITY_SECOND_LOOK, KILN_VALIDITY_SECOND_STREAM, false));
 }
 
 int embree_validity(struct embree_backend *b, const void *parameters, const struct kiln_batch *part, void *results,
