@@ -17,8 +17,8 @@ enum { BAND_RAYS = 1 << 16, LIT_PLACES = 1 << 13, MOST_SURFACES = 64, KEY = 0x76
 enum { PARTINGS = 2, WALKERS = 1 << PARTINGS };
 static const float least_parted = 1.0f / 128.0f;
 
-/* So many rays go through each place of a pixel, but in previews one. */
-enum { TIMES = 4 };
+/* So many rays go through each place of a pixel, but in previews, which have 2 x 2 places, one. */
+enum { TIMES = 4, PREVIEW_SIDE = 2 };
 
 /* Guides learn from as many rays of some pixels as these have in the picture: how far such pixels are apart at least,
  * along rows and columns; and how many there are at most, about. */
@@ -55,6 +55,7 @@ struct kiln_view_gloss {
     struct kiln_view_lit *lit;      /* the surfaces with gloss that some of them have met, at most LIT_PLACES at once */
     uint32_t *lit_of;               /* the walkers of these */
     uint32_t side, each;            /* places along a side of a pixel; rays of a pixel, in turn through all of them */
+    uint32_t first;                 /* those of them that come first */
     bool learns;                    /* rays are those that guides learn from */
     size_t part;                    /* pixels that there is room for */
     struct kiln_view_grain *grains; /* of the pixels that were drawn */
@@ -328,12 +329,25 @@ static int step(struct kiln_view_gloss *b, size_t *count, uint32_t surface, stru
     return status;
 }
 
-/* Follows the first walkers of so many rays to their ends, and those that come from them. */
-static int follow(struct kiln_view_gloss *b, size_t active, struct kiln_error *error)
+/* Adds rays [from, to) of the i-th pixel under way to the active walkers; how many there are then. */
+static size_t list_rays(struct kiln_view_gloss *b, size_t i, uint32_t from, uint32_t to, size_t active)
 {
+    for (uint32_t k = from; k < to; k++)
+        b->active[active++] = (uint32_t)((i * b->each + k) * WALKERS);
+    return active;
+}
+
+/* Follows the listed rays of the pixels to their ends, and what comes from them. */
+static int follow(struct kiln_view_gloss *b, uint32_t key, const size_t *pixels, size_t active,
+                  struct kiln_error *error)
+{
+    const size_t rays = b->each;
     int status = KILN_OK;
-    for (size_t i = 0; i < active; i++)
-        b->active[i] = (uint32_t)(i * WALKERS);
+#pragma omp parallel for schedule(dynamic, 1024)
+    for (size_t i = 0; i < active; i++) {
+        const size_t ray = b->active[i] / WALKERS;
+        start(b, key, pixels[ray / rays], (uint32_t)(ray % rays), &b->walkers[b->active[i]]);
+    }
     for (uint32_t surface = 0; surface < MOST_SURFACES && active > 0 && status == KILN_OK; surface++)
         status = step(b, &active, surface, error);
     return status;
@@ -391,32 +405,69 @@ static bool add_pixel(const struct walker *walkers, uint32_t rays, float rgb[3],
     return true;
 }
 
-/* All rays of the pixels, at most as many as there is room for. */
-static void start_all(struct kiln_view_gloss *b, uint32_t key, const size_t *pixels, size_t count)
+/* Whether a ray has met rough lobes: its first walker, or those that have come from it. */
+static bool is_rough(const struct walker *w)
 {
-    const uint32_t rays = b->each;
-#pragma omp parallel for schedule(dynamic, 1024)
-    for (size_t i = 0; i < count * rays; i++)
-        start(b, key, pixels[i / rays], (uint32_t)(i % rays), &b->walkers[i * WALKERS]);
+    bool rough = w[0].rough;
+    rough = rough || (w[0].partings > 0 && w[1].rough);
+    rough = rough || (w[0].partings > 1 && w[2].rough);
+    return rough || (w[0].partings > 0 && w[1].partings > 1 && w[3].rough);
+}
+
+/* Adds up so many rays of the i-th pixel under way. */
+static void finish(struct kiln_view_gloss *b, size_t i, size_t pixel, uint32_t rays, float rgb[3])
+{
+    struct kiln_view_grain grain = {.pixel = pixel};
+    for (size_t c = 0; c < 3; c++)
+        rgb[c] = 0.0f;
+    if (add_pixel(&b->walkers[i * b->each * WALKERS], rays, rgb, &grain))
+        b->grains[b->grain_count++] = grain;
+}
+
+static int make_room(struct kiln_view_gloss *b, size_t count, struct kiln_error *error)
+{
+    return kiln_grow(&b->grains, &b->grain_capacity, b->grain_count + count, sizeof *b->grains, "the grain of a view",
+                     error);
 }
 
 /* At most as many pixels as there is room for. */
-static int draw(struct kiln_view_gloss *b, const size_t *pixels, size_t count, float *rgb, struct kiln_error *error)
+static int draw(struct kiln_view_gloss *b, const size_t *pixels, size_t count, float *rgb, bool *done,
+                struct kiln_error *error)
 {
-    const uint32_t rays = b->each;
-    int status = kiln_grow(&b->grains, &b->grain_capacity, b->grain_count + count, sizeof *b->grains,
-                           "the grain of a view", error);
-    if (status != KILN_OK)
-        return status;
-    start_all(b, KEY, pixels, count);
-    status = follow(b, count * rays, error);
+    size_t active = 0;
+    int status = make_room(b, count, error);
+    for (size_t i = 0; i < count; i++)
+        active = list_rays(b, i, 0, done[i] ? b->each : b->first, active);
+    if (status == KILN_OK)
+        status = follow(b, KEY, pixels, active, error);
+    active = 0;
     for (size_t i = 0; i < count && status == KILN_OK; i++) {
-        struct kiln_view_grain grain = {.pixel = pixels[i]};
-        for (size_t c = 0; c < 3; c++)
-            rgb[3 * i + c] = 0.0f;
-        if (add_pixel(&b->walkers[i * rays * WALKERS], rays, &rgb[3 * i], &grain))
-            b->grains[b->grain_count++] = grain;
+        const bool was_done = done[i];
+        done[i] = was_done || b->first == b->each || is_rough(&b->walkers[i * b->each * WALKERS]);
+        if (done[i] && !was_done)
+            active = list_rays(b, i, b->first, b->each, active);
     }
+    if (status == KILN_OK)
+        status = follow(b, KEY, pixels, active, error);
+    for (size_t i = 0; i < count && status == KILN_OK; i++)
+        finish(b, i, pixels[i], done[i] ? b->each : b->first, rgb + 3 * i);
+    return status;
+}
+
+/* Likewise the rays that `draw` has left. */
+static int draw_rest(struct kiln_view_gloss *b, const size_t *pixels, size_t count, float *rgb,
+                     struct kiln_error *error)
+{
+    size_t active = 0;
+    int status = make_room(b, count, error);
+    for (size_t i = 0; i < count; i++) { /* only previews have a rest, after one ray */
+        b->walkers[i * b->each * WALKERS] = (struct walker){.rgb = {rgb[3 * i], rgb[3 * i + 1], rgb[3 * i + 2]}};
+        active = list_rays(b, i, b->first, b->each, active);
+    }
+    if (status == KILN_OK)
+        status = follow(b, KEY, pixels, active, error);
+    for (size_t i = 0; i < count && status == KILN_OK; i++)
+        finish(b, i, pixels[i], b->each, rgb + 3 * i);
     return status;
 }
 
@@ -435,13 +486,25 @@ static struct grid lesson_grid(const struct kiln_view_params *p)
     return g;
 }
 
-/* Has guides learn from rays of `count` pixels, at most as many as there is room for. */
+/* Has guides learn from rays of `count` pixels, at most as many as there is room for. Where none of the first rays
+ * meets rough gloss there is nothing to learn. */
 static int learn_some(struct kiln_view_gloss *b, const size_t *pixels, size_t count, struct kiln_error *error)
 {
     const uint32_t rays = b->each;
-    start_all(b, ~(uint32_t)KEY, pixels, count);
-    const int status = follow(b, count * rays, error);
-    for (size_t i = 0; i < count * rays && status == KILN_OK; i++) {
+    size_t active = 0;
+    bool some = false;
+    for (size_t i = 0; i < count; i++)
+        active = list_rays(b, i, 0, b->first, active);
+    int status = follow(b, ~(uint32_t)KEY, pixels, active, error);
+    for (size_t i = 0; i < count && status == KILN_OK; i++)
+        for (uint32_t k = 0; k < b->first; k++)
+            some = some || b->walkers[(i * rays + k) * WALKERS].region != KILN_NONE;
+    active = 0;
+    for (size_t i = 0; i < count && some; i++)
+        active = list_rays(b, i, b->first, rays, active);
+    if (status == KILN_OK)
+        status = follow(b, ~(uint32_t)KEY, pixels, active, error);
+    for (size_t i = 0; i < count * rays && some && status == KILN_OK; i++) {
         const struct walker *w = &b->walkers[i * WALKERS];
         kiln_view_guides_learn(b->guides, w->region, w->found, w->beyond / w->weight_there);
     }
@@ -493,7 +556,8 @@ int kiln_view_gloss_create(struct kiln_view_gloss **gloss, const struct kiln_vie
         return status;
     struct kiln_view_gloss *b = *gloss;
     const uint32_t side = params->side, rays = side * side * (side < 4 ? 1 : TIMES);
-    *b = (struct kiln_view_gloss){.params = params, .maps = maps, .side = side, .each = rays};
+    *b = (struct kiln_view_gloss){
+        .params = params, .maps = maps, .side = side, .each = rays, .first = side == PREVIEW_SIDE ? 1 : rays};
     b->part = rays * WALKERS < BAND_RAYS ? BAND_RAYS / (rays * WALKERS) : 1;
     const size_t walkers = b->part * rays * WALKERS;
     status = kiln_view_rays_create(&b->rays, walkers, error);
@@ -538,13 +602,24 @@ void kiln_view_gloss_destroy(struct kiln_view_gloss **gloss)
     kiln_free(gloss);
 }
 
-int kiln_view_gloss_draw(struct kiln_view_gloss *gloss, const size_t *pixels, size_t count, float *rgb,
+int kiln_view_gloss_draw(struct kiln_view_gloss *gloss, const size_t *pixels, size_t count, float *rgb, bool *done,
                          struct kiln_error *error)
 {
     int status = KILN_OK;
     for (size_t i = 0, now; i < count && status == KILN_OK; i += now) {
         now = count - i < gloss->part ? count - i : gloss->part;
-        status = draw(gloss, pixels + i, now, rgb + 3 * i, error);
+        status = draw(gloss, pixels + i, now, rgb + 3 * i, done + i, error);
+    }
+    return status;
+}
+
+int kiln_view_gloss_draw_rest(struct kiln_view_gloss *gloss, const size_t *pixels, size_t count, float *rgb,
+                              struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = 0, now; i < count && status == KILN_OK; i += now) {
+        now = count - i < gloss->part ? count - i : gloss->part;
+        status = draw_rest(gloss, pixels + i, now, rgb + 3 * i, error);
     }
     return status;
 }

@@ -22,10 +22,17 @@ int kiln_view_gloss_create(struct kiln_view_gloss **gloss, const struct kiln_vie
 void kiln_view_gloss_destroy(struct kiln_view_gloss **gloss);
 
 /* The radiance of `count` pixels of the picture, row by row y * width + x, but for what rough lobes bring, into three
- * floats each: the mean over 64 rays, or over 4 for previews. No pixel may be drawn twice. The same bits for any number
- * of threads, and for any pixels together. KILN_SYSTEM, KILN_NO_INPUT, KILN_BAD_INPUT, or the status of the backend. */
-int kiln_view_gloss_draw(struct kiln_view_gloss *gloss, const size_t *pixels, size_t count, float *rgb,
+ * floats each: the mean over 64 rays, or over 4 for previews. Of a pixel of these that is not `done` on entry one ray
+ * comes first; where it meets no rough lobes the others are not traced, and the radiance is what that one has brought.
+ * On return `done` says which pixels have all rays. No pixel may be drawn twice. The same bits for any number of
+ * threads, and for any pixels together. KILN_SYSTEM, KILN_NO_INPUT, KILN_BAD_INPUT, or the status of the backend. */
+int kiln_view_gloss_draw(struct kiln_view_gloss *gloss, const size_t *pixels, size_t count, float *rgb, bool *done,
                          struct kiln_error *error);
+
+/* Likewise the other rays of pixels that are not done: on entry `rgb` is what that function gave for them, on return
+ * the mean over all rays. */
+int kiln_view_gloss_draw_rest(struct kiln_view_gloss *gloss, const size_t *pixels, size_t count, float *rgb,
+                              struct kiln_error *error);
 
 /* Adds to the planes of the picture what rough lobes bring to the pixels that were drawn. Once. KILN_SYSTEM. */
 int kiln_view_gloss_smooth(struct kiln_view_gloss *gloss, float *const planes[3], struct kiln_error *error);

@@ -37,7 +37,8 @@ struct pixel {
     float irradiance[3];                    /* mean of the first ones */
     uint32_t triangle;                      /* opaque one that all first rays meet, in even light; KILN_NONE: no such */
     bool back;                              /* from behind */
-    bool gloss;                             /* a ray meets a surface that it goes on from (view_gloss.h) */
+    bool gloss;                             /* a ray meets a surface that it goes on from (view_gloss.h); */
+    bool done; /* all rays that go on are drawn; before: they are wanted, for the first ray meets a rough surface */
     enum fate fate;
 };
 
@@ -131,6 +132,16 @@ static void widen(float low[3], float high[3], const float value[3])
     }
 }
 
+/* Whether what a hit goes on from is rough. */
+static bool is_rough(const struct kiln_view_source *source, const struct kiln_hit *hit)
+{
+    if (hit->triangle == KILN_NONE)
+        return false;
+    const uint32_t material = source->geometry->records[hit->triangle].material & KILN_RECORD_MATERIAL;
+    const struct kiln_gloss *gloss = kiln_gloss_taken(source->scene, material);
+    return gloss != NULL && gloss->mean_roughness > 0.0f;
+}
+
 /* Begins a pixel with its first rays, the batch's from `from` on. */
 static void shade_first(const struct renderer *r, size_t from, struct pixel *p)
 {
@@ -140,6 +151,7 @@ static void shade_first(const struct renderer *r, size_t from, struct pixel *p)
     for (size_t k = from; k < from + r->first; k++) {
         kiln_view_radiance(r->maps, &r->batch->hits[k], r->batch->directions[k], &seen);
         p->gloss = p->gloss || kiln_view_goes_on(&r->params->source, &r->batch->hits[k]);
+        p->done = p->done || (p->gloss && is_rough(&r->params->source, &r->batch->hits[k]));
         add_seen(p, &seen);
         widen(p->low, p->high, seen.rgb);
         widen(low, high, seen.irradiance);
@@ -148,6 +160,64 @@ static void shade_first(const struct renderer *r, size_t from, struct pixel *p)
     }
     p->triangle = is_even(r, from, low, high) ? r->batch->hits[from].triangle : KILN_NONE;
     p->back = r->batch->hits[from].back;
+}
+
+/* Lists the pixels of rows [from, to) with mirrors, gloss or glass in them, but those that need no more rays: by their
+ * number in the image. Returns how many. */
+static size_t list_gloss(const struct renderer *r, uint32_t from, uint32_t to, bool traced)
+{
+    const size_t first = row_at(r, from), place = (size_t)from * r->params->width;
+    size_t count = 0;
+    for (size_t i = first; i < row_at(r, to); i++)
+        if (r->pixels[i].gloss && (!traced || r->pixels[i].fate == TRACED))
+            r->traced[count++] = place + i - first;
+    return count;
+}
+
+/* The pixel of that number. */
+static struct pixel *pixel_at(const struct renderer *r, size_t number)
+{
+    return &r->pixels[row_at(r, r->begin) + number - (size_t)r->begin * r->params->width];
+}
+
+/* What is seen in a pixel with gloss is seen again. */
+static void put_gloss(const struct renderer *r, struct pixel *p, const float rgb[3])
+{
+    p->metal = 0.0f;
+    for (int c = 0; c < 3; c++)
+        p->sum[c] = rgb[c] * (float)r->first;
+}
+
+/* The first rays of the band's pixels with mirrors, gloss or glass in them, which go on. */
+static int look_on(struct renderer *r, uint32_t rows, struct kiln_error *error)
+{
+    const size_t count = list_gloss(r, r->begin, r->begin + rows, false);
+    float *rgb = NULL;
+    bool *done = NULL;
+    if (count == 0)
+        return KILN_OK;
+    int status = kiln_allocate(&rgb, 3 * count, sizeof *rgb, "the pixels of a view", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&done, count, sizeof *done, "the pixels of a view", error);
+    for (size_t k = 0; k < count && status == KILN_OK; k++)
+        done[k] = pixel_at(r, r->traced[k])->done;
+    if (status == KILN_OK && r->gloss == NULL)
+        status = kiln_view_gloss_create(&r->gloss, r->params, r->maps, error);
+    if (status == KILN_OK)
+        status = kiln_view_gloss_draw(r->gloss, r->traced, count, rgb, done, error);
+    for (size_t k = 0; k < count && status == KILN_OK; k++) {
+        struct pixel *p = pixel_at(r, r->traced[k]);
+        put_gloss(r, p, &rgb[3 * k]);
+        p->done = done[k];
+        if (done[k])
+            continue;
+        p->triangle = KILN_NONE;
+        memcpy(p->low, &rgb[3 * k], sizeof p->low);
+        memcpy(p->high, &rgb[3 * k], sizeof p->high);
+    }
+    kiln_free(&rgb);
+    kiln_free(&done);
+    return status;
 }
 
 /* The first rays of the band's pixels. */
@@ -166,7 +236,7 @@ static int look_first(struct renderer *r, uint32_t rows, struct kiln_error *erro
 #pragma omp parallel for schedule(dynamic, 256)
     for (size_t i = 0; i < pixels; i++)
         shade_first(r, i * first, &band[i]);
-    return KILN_OK;
+    return look_on(r, rows, error);
 }
 
 /* Whether two triangles are the same, or have a corner in common. */
@@ -185,10 +255,14 @@ static enum fate fate_by_middles(const struct renderer *r, uint32_t x, uint32_t 
                    right = x + 1 < width ? x + 1 : x;
     const struct pixel *own = &r->pixels[row_at(r, y) + x];
     float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, lit[2][3];
+    bool alike = true; /* what rough lobes bring is not known yet */
     for (uint32_t v = y > 0 ? y - 1 : 0; v <= y + 1 && v < height; v++)
-        for (uint32_t u = left; u <= right; u++)
-            widen(low, high, r->pixels[row_at(r, v) + u].low);
-    if (!differ(low, high, AROUND_ONE))
+        for (uint32_t u = left; u <= right; u++) {
+            const struct pixel *other = &r->pixels[row_at(r, v) + u];
+            widen(low, high, other->low);
+            alike = alike && other->done == own->done;
+        }
+    if (alike && !differ(low, high, AROUND_ONE))
         return FEW;
     bool flat = own->triangle != KILN_NONE;
     memcpy(lit[0], own->irradiance, sizeof lit[0]);
@@ -269,11 +343,11 @@ static size_t list_traced(struct renderer *r, uint32_t from, uint32_t to)
     for (uint32_t y = from; y < to; y++)
         for (uint32_t x = 0; x < width; x++) {
             struct pixel *p = &r->pixels[row_at(r, y) + x];
-            const enum fate fate = p->gloss ? FEW : r->first == 1 ? fate_by_middles(r, x, y) : fate_of(r, x, y);
+            const enum fate fate = p->done ? FEW : r->first == 1 ? fate_by_middles(r, x, y) : fate_of(r, x, y);
             p->fate = fate == FLAT && !shade_flat(r, x, y) ? TRACED : fate;
         }
     for (size_t i = row_at(r, from); i < row_at(r, to); i++)
-        if (r->pixels[i].fate == TRACED)
+        if (r->pixels[i].fate == TRACED && !r->pixels[i].gloss)
             r->traced[count++] = i;
     return count;
 }
@@ -301,28 +375,22 @@ static int look_again(struct renderer *r, const size_t *list, size_t count, stru
     return KILN_OK;
 }
 
-/* The pixels of rows [from, to) with mirrors, gloss or glass in them: all that was seen there is seen again. */
-static int look_on(struct renderer *r, uint32_t from, uint32_t to, struct kiln_error *error)
+/* The rays that are left of pixels of rows [from, to) with mirrors, gloss or glass in them. */
+static int look_on_again(struct renderer *r, uint32_t from, uint32_t to, struct kiln_error *error)
 {
-    const size_t first = row_at(r, from), place = (size_t)from * r->params->width;
-    size_t count = 0;
+    const size_t count = list_gloss(r, from, to, true);
     float *rgb = NULL;
-    for (size_t i = first; i < row_at(r, to); i++)
-        if (r->pixels[i].gloss)
-            r->traced[count++] = place + i - first;
     if (count == 0)
         return KILN_OK;
     int status = kiln_allocate(&rgb, 3 * count, sizeof *rgb, "the pixels of a view", error);
-    if (status == KILN_OK && r->gloss == NULL)
-        status = kiln_view_gloss_create(&r->gloss, r->params, r->maps, error);
+    for (size_t k = 0; k < count && status == KILN_OK; k++)
+        memcpy(&rgb[3 * k], pixel_at(r, r->traced[k])->sum, 3 * sizeof *rgb);
     if (status == KILN_OK)
-        status = kiln_view_gloss_draw(r->gloss, r->traced, count, rgb, error);
+        status = kiln_view_gloss_draw_rest(r->gloss, r->traced, count, rgb, error);
     for (size_t k = 0; k < count && status == KILN_OK; k++) {
-        struct pixel *p = &r->pixels[first + r->traced[k] - place];
+        struct pixel *p = pixel_at(r, r->traced[k]);
+        put_gloss(r, p, &rgb[3 * k]);
         p->fate = FEW;
-        p->metal = 0.0f;
-        for (int c = 0; c < 3; c++)
-            p->sum[c] = rgb[3 * k + (size_t)c] * (float)r->first;
     }
     kiln_free(&rgb);
     return status;
@@ -357,7 +425,7 @@ static int render_band(struct renderer *r, uint32_t rows, struct kiln_error *err
         status = look_again(r, r->traced + i, some, error);
     }
     if (status == KILN_OK)
-        status = look_on(r, from, to, error);
+        status = look_on_again(r, from, to, error);
     if (status == KILN_OK)
         put_rows(r, from, to);
     memmove(r->pixels, r->pixels + (size_t)rows * width, ROWS_BEFORE * (size_t)width * sizeof *r->pixels);
