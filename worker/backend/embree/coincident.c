@@ -10,9 +10,10 @@
 
 /* Of embree_backend.coincides. What is less than APART: not known, and at how many places a front was looked for. */
 enum { APART = UINT16_MAX - 1, COINCIDES };
-/* After FEW places the triangle is searched if few are near it, and after MOST in any case: so many places cost about
- * as much as the search of a triangle that spans the scene. */
-enum { PLACES_FEW = 16, PLACES_MOST = 1 << 14 };
+/* After FEW places the triangle is searched if few are near it, and after MOST in any case: what light passes meet so
+ * often is met much more often still. Measured in Sponza: with more places light passes are slower by what surface
+ * points and validity gain. */
+enum { PLACES_FEW = 4, PLACES_MOST = 1024 };
 
 /* Planes that turn from one another by more than this coincide within seven times KILN_COINCIDENT of a line only. */
 #define PARALLEL (-0.99)
