@@ -7,7 +7,8 @@ divides are counted in run.json; with a gap below the wall, light goes through a
 What stands within a thick wall has no light: texels have as much light in all as the lamp sends.
 
 A closed room without a lamp, one of whose walls reaches a little past the ceiling into the light outdoors, is dark
-where that wall and the ceiling meet, too, though most of a texel there is outdoors.
+where that wall and the ceiling meet, too, though most of a texel there is outdoors. Of a board that a wall is built
+round, texels have the light of the part that is seen.
 """
 import math
 import os
@@ -23,8 +24,9 @@ WALL = 0.1  # x of the middle of the wall at z = 0
 SHELL = ('floor', 'ceiling', 'back', 'front', 'left', 'right')
 
 
-def room(path, degrees, thickness, gap=0.0):
-    """A room of 4 x 2 x 2 m. thickness 0: a double-sided sheet."""
+def room(path, degrees, thickness, gap=0.0, shelf=False):
+    """A room of 4 x 2 x 2 m. thickness 0: a double-sided sheet. shelf: a board in the wall, 3 cm of which are in the
+    lit part; the rest lies in a cavity."""
     scene = glb.Scene()
     white, lamp = scene.material('white', (0.7, 0.7, 0.7)), scene.material('lamp', (0, 0, 0), (1, 1, 1))
     low, high = (-2, 0, -1), (2, 2, 1)
@@ -44,6 +46,8 @@ def room(path, degrees, thickness, gap=0.0):
     scene.quad('dark face', [place(gap, 1, 1), place(gap, -1, 1), place(2, -1, 1), place(2, 1, 1)], paper)
     if thickness > 0:
         scene.quad('lit face', [place(gap, -1, -1), place(gap, 1, -1), place(2, 1, -1), place(2, -1, -1)], paper)
+    for name, low_x, y in (('board', WALL - 0.03, 1.0), ('over', WALL, 1.06), ('under', WALL, 0.94)) if shelf else ():
+        scene.quad(name, [(low_x, y, 0.3), (WALL + 0.4, y, 0.3), (WALL + 0.4, y, -0.3), (low_x, y, -0.3)], paper)
     return scene.write(path)
 
 
@@ -121,6 +125,24 @@ def check_rim(kiln, checks, table):
         bake.remove()
 
 
+def check_shelf(kiln, checks, table):
+    """What is seen of a board is no rim: its texels have the lit part's light though the board goes on in the wall."""
+    bake = kiln.bake(room(os.path.join(kiln.scratch, 'room.glb'), 0, 0, shelf=True), '--texels-per-metre', 25,
+                     '--samples-direct', 16, '--bounces', 0, '--samples-probe', 0, '--denoise', 'none')
+    if not checks.baked(bake):
+        return
+    points, board = bake.points, bake.points.of(bake.index('board'))
+    x = points.position[board, 0]
+    rim, deep = board[x < WALL], board[x > WALL + 0.02]
+    checks.that(len(rim) > 10 and len(deep) > 10 * len(rim) / 2 and
+                points.total[rim, 1].min() > 0 and points.total[deep].max() == 0,
+                'of a board %d points lie in the lit part, the light there is %g at least; in the wall %d, %g at most' %
+                (len(rim), points.total[rim, 1].min() if len(rim) else 0, len(deep),
+                 points.total[deep].max() if len(deep) else 0), bake.process)
+    table.row('board', '0.04 m', len(rim), '%.1e' % points.total[deep].max())
+    bake.remove()
+
+
 def main():
     _, kiln = harness.start(__doc__)
     checks = harness.Checks()
@@ -138,6 +160,7 @@ def main():
     if kiln.backend == 'embree':
         check_light(kiln, checks, table)
         check_rim(kiln, checks, table)
+        check_shelf(kiln, checks, table)
     found = bake_room(kiln, checks, 0, 0.01, 12, gap=0.2)
     if found is not None:
         checks.that(found[0] > 1e-3 and found[1] <= 3 * 12, 'above a gap: dark / lit is %g, %d texels are divided' %
