@@ -96,6 +96,7 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
                                         .least_divided = b->job->faults.divide_from,
                                         .only = b->only,
                                         .ahead = b->ahead,
+                                        .backend = b->prepared->backend,
                                         .provenance_json = provenance};
     struct kiln_lightmap_report *before = b->lightmaps;
     int status = kiln_allocate(&b->lightmaps, b->prepared->surface->map_count, sizeof *b->lightmaps,

@@ -199,6 +199,7 @@ static struct kiln_backend_params device_params(const struct kiln_prepared *p, c
                                          .seed = job->seed,
                                          .chain_length = job->chain_length,
                                          .passes = passes_of(job),
+                                         .regresses = kiln_job_denoises(job),
                                          .stop = stop_of(care)};
     kiln_devices_choose(job, p->node_rank, p->node_ranks, &params);
     return params;

@@ -11,14 +11,16 @@
 #include "coordinator/job/faults.h"
 #include "coordinator/output/vertex_light.h"
 
+struct kiln_backend;
 struct kiln_points_ahead;
 
 struct kiln_output_params {
     const char *directory;
     bool half, stitch;
-    bool parts;             /* the bake is one in parts: its fields have what each of them found */
-    bool denoise;           /* the bake's fields must have the errors of direct and of indirect light */
-    bool denoise_direct;    /* direct light alone: what indirect light is off by is no noise */
+    bool parts;                   /* the bake is one in parts: its fields have what each of them found */
+    bool denoise;                 /* the bake's fields must have the errors of direct and of indirect light */
+    struct kiln_backend *backend; /* whose device denoises what is large; NULL: none does */
+    bool denoise_direct;          /* direct light alone: what indirect light is off by is no noise */
     uint64_t least_divided; /* texels from which on a lightmap may be in bands, or packed by several ranks; 0: 2^19 */
     /* texels of lightmaps that a rank has at a time, unless one is larger (map/texel_gather.h); 0: 2^21 */
     uint64_t texel_budget;

@@ -150,6 +150,7 @@ KILN_SIZE_IS(kiln_gpu_guided_reduce_push, 104);
 KILN_OFFSET_IS(kiln_gpu_guided_reduce_push, guided, 96);
 
 #include "shaders/shared/layout_held.h"
+#include "shaders/shared/layout_regression.h"
 
 /* replay_reduce.comp, replay_take.comp: the same of the gather pass from rows, of light y. */
 struct kiln_gpu_replay_reduce_push {

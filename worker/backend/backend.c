@@ -263,6 +263,16 @@ int kiln_backend_hold_fetch(struct kiln_backend *backend, uint32_t light, float 
     return backend->api->hold_fetch(backend, light, sum, error_all, error_indirect, error);
 }
 
+int kiln_backend_regress(struct kiln_backend *backend, const struct kiln_regression_work *work, bool *done,
+                         struct kiln_error *error)
+{
+    *done = false;
+    if (backend->api->regress == NULL || work->count == 0)
+        return KILN_OK;
+    assert(work->lights >= 1 && work->lights <= 2);
+    return backend->api->regress(backend, work, done, error);
+}
+
 int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                            const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
                            struct kiln_error *error)

@@ -19,6 +19,7 @@
 #include "worker/base/stop.h"
 #include "worker/pass/held.h"
 #include "worker/pass/pass.h"
+#include "worker/pass/regression.h"
 #include "worker/scene/scene.h"
 #include "worker/scene/geometry.h"
 #include "worker/scene/radiance_probes.h"
@@ -67,6 +68,7 @@ struct kiln_backend_params {
     /* Passes that will run over the surface: bit KILN_PASS_INDEX_... A device's kernels for them are made beside what
      * comes before. 0: none is known of */
     uint32_t passes;
+    bool regresses;                   /* likewise: kiln_backend_regress will be called */
     struct kiln_backend_start *start; /* of a device, which creation goes on with (start.h); NULL: none has begun */
     struct kiln_device_faults faults; /* for tests */
 };
@@ -118,6 +120,7 @@ struct kiln_backend_info {
     /* kiln_backend_set_surface costs nothing: the backend can run stealable passes (worker/pass/pass.h) over tile runs
      * of another rank between its own. A device keeps its points, so it cannot, and no rank of its node steals work */
     bool computes_for_others;
+    bool regresses;       /* kiln_backend_regress is quicker than the host's own way */
     uint64_t part_points; /* a batch's results are taken in parts of about so many points; 0: it depends */
     uint32_t recoveries;  /* how often it was lost or short of memory, and made anew */
     /* it failed for good and Embree went on: name, device, memory and build_seconds are Embree's */
@@ -176,6 +179,9 @@ struct kiln_backend_api {
                      const struct kiln_held_step *step, struct kiln_held_power *powers, struct kiln_error *error);
     int (*hold_fetch)(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
                       uint16_t *error_indirect, struct kiln_error *error);
+    /* NULL: the caller does it */
+    int (*regress)(struct kiln_backend *backend, const struct kiln_regression_work *work, bool *done,
+                   struct kiln_error *error);
 };
 
 /* The first member of each backend's own struct. */
@@ -265,6 +271,10 @@ int kiln_backend_hold_step(struct kiln_backend *backend, struct kiln_rows *rows,
 /* After a final step: the light of each point, and its errors; NULL: not wanted. */
 int kiln_backend_hold_fetch(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
                             uint16_t *error_indirect, struct kiln_error *error);
+/* Surface regression (worker/pass/regression.h). *done false: the caller has to do it, for this backend has no device,
+ * or a device too little room. Results that were taken are of no use then, nor after a failure. */
+int kiln_backend_regress(struct kiln_backend *backend, const struct kiln_regression_work *work, bool *done,
+                         struct kiln_error *error);
 /* Traces about `samples` particles from the lights: made on the host, in batches, in the same way for every backend
  * (emission.c). */
 int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct kiln_emission_result *result,

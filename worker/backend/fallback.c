@@ -192,6 +192,17 @@ static int fallback_hold_fetch(struct kiln_backend *backend, uint32_t light, flo
                                    error);
 }
 
+/* What the device has not done the caller does. */
+static int fallback_regress(struct kiln_backend *backend, const struct kiln_regression_work *work, bool *done,
+                            struct kiln_error *error)
+{
+    struct fallback_backend *f = (struct fallback_backend *)backend;
+    if (f->embree != NULL)
+        return KILN_OK;
+    const int status = kiln_backend_regress(f->device, work, done, error);
+    return status != KILN_OK ? change_over(f, status, error) : KILN_OK;
+}
+
 static void fallback_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     const struct fallback_backend *f = (const struct fallback_backend *)backend;
@@ -237,7 +248,8 @@ int kiln_fallback_create(struct kiln_backend **backend, const struct kiln_backen
                                        .replay = f->device->api->replay != NULL ? fallback_replay : NULL,
                                        .hold = f->device->api->hold != NULL ? fallback_hold : NULL,
                                        .hold_step = fallback_hold_step,
-                                       .hold_fetch = fallback_hold_fetch};
+                                       .hold_fetch = fallback_hold_fetch,
+                                       .regress = fallback_regress};
     f->base = (struct kiln_backend){.api = &f->api, .params = *params};
     *backend = &f->base;
     return KILN_OK;

@@ -260,6 +260,12 @@ static int verify_hold(struct kiln_backend *backend, const struct kiln_held *beg
     return kiln_backend_hold(((struct verify_backend *)backend)->checked, begin, held, error);
 }
 
+static int verify_regress(struct kiln_backend *backend, const struct kiln_regression_work *work, bool *done,
+                          struct kiln_error *error)
+{
+    return kiln_backend_regress(((struct verify_backend *)backend)->checked, work, done, error);
+}
+
 static int verify_hold_step(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
                             const struct kiln_held_step *step, struct kiln_held_power *powers, struct kiln_error *error)
 {
@@ -353,7 +359,8 @@ int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_
                                        .replay = v->checked->api->replay != NULL ? verify_replay : NULL,
                                        .hold = v->checked->api->hold != NULL ? verify_hold : NULL,
                                        .hold_step = verify_hold_step,
-                                       .hold_fetch = verify_hold_fetch};
+                                       .hold_fetch = verify_hold_fetch,
+                                       .regress = verify_regress};
     v->base = (struct kiln_backend){.api = &v->api, .params = *params};
     *backend = &v->base;
     return KILN_OK;

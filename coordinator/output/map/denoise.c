@@ -8,10 +8,14 @@
 #include "coordinator/output/map/regression.h"
 #include "coordinator/output/map/stage.h"
 #include "coordinator/output/map/texel_gather.h"
+#include "worker/backend/backend.h"
 #include "worker/base/memory.h"
 
 /* Texels smaller than this part of the distance from the scene's centre have no places of their own in float. */
 static const float least_size = 0x1p-20f;
+
+/* Points of a map from which on a device denoises it. */
+static const uint64_t device_least = 1 << 14;
 
 #define CAUSTIC_ERROR "error_caustic"
 
@@ -300,17 +304,29 @@ static int sum_up(void *context, uint64_t *numbers, size_t count, struct kiln_er
     return kiln_bands_count(context, numbers, count, error);
 }
 
-/* Denoises the points of the grid; NULL: this band has none. */
-static int run_regression(struct kiln_map_work *work, const struct kiln_neighbour_grid *grid, struct values *v,
-                          struct kiln_error *error)
+/* A device is worth its while for maps of many points: those of all bands count, so that results do not depend on how
+ * a map is divided. Software devices are slower than the host. */
+static struct kiln_backend *device_for(const struct kiln_map_work *work, uint64_t points)
+{
+    struct kiln_backend_info info = {.regresses = false};
+    if (points >= device_least && work->params->backend != NULL)
+        kiln_backend_info(work->params->backend, &info);
+    return info.regresses ? work->params->backend : NULL;
+}
+
+/* Denoises the points of the grid; NULL: this band has none. `points`: of all bands. */
+static int run_regression(struct kiln_map_work *work, const struct kiln_neighbour_grid *grid, uint64_t points,
+                          struct values *v, struct kiln_error *error)
 {
     const size_t lights = work->params->denoise_direct ? 1 : 2;
     const struct kiln_regression_part part = {
         .own = (uint32_t)own_texels(work), .agree = agree, .most = find_most, .sum = sum_up, .context = work->map};
-    return kiln_regression_run(grid, v->lights, lights, work->map->bands != NULL ? &part : NULL, error);
+    return kiln_regression_run(grid, v->lights, lights, work->map->bands != NULL ? &part : NULL,
+                               device_for(work, points), error);
 }
 
-static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid *grid, struct kiln_error *error)
+static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid *grid, uint64_t points,
+                   struct kiln_error *error)
 {
     const size_t texels = own_texels(work);
     const uint32_t caustic = kiln_layers_plane(work->layers, work->result->fields, CAUSTIC_ERROR);
@@ -325,7 +341,7 @@ static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid 
         v.lights[0].other_count = v.lights[1].other_count = groups.count;
         for (int l = 0; l < 2; l++)
             square_plane(v.lights[l].variance, texels + work->ghosts.count);
-        status = run_regression(work, grid, &v, error);
+        status = run_regression(work, grid, points, &v, error);
         if (status == KILN_OK && grid != NULL)
             state_error(grid, v.lights, caustic < KILN_MAP_PLANES_MAX ? own_plane(work, caustic) : NULL, work->shared,
                         own_plane(work, KILN_MAP_ERROR), texels);
@@ -359,7 +375,7 @@ static int run(struct kiln_map_work *work, struct kiln_error *error)
     if ((status = kiln_bands_agree(work->map, status, error)) == KILN_OK)
         status = kiln_bands_count(work->map, &total, 1, error);
     if (status == KILN_OK && total > 0)
-        status = denoise(work, grid, error);
+        status = denoise(work, grid, total, error);
     kiln_free(&points);
     kiln_neighbour_grid_destroy(&grid);
     kiln_free(&work->ghosts.records);

@@ -1,6 +1,7 @@
 #include "coordinator/output/map/neighbours.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -212,15 +213,23 @@ static struct box box_of(const struct kiln_neighbour_grid *g, size_t cell, float
     return box;
 }
 
+/* What is done with cells [first, end) that touch a box. */
+typedef void (*take_cells)(void *context, const struct kiln_neighbour_grid *g, size_t first, size_t end,
+                           struct box *box);
+
 /* Cells follow one another along z. */
-static void take_column(struct kiln_neighbours *n, const struct kiln_neighbour_grid *g,
-                        const struct kiln_neighbour_cell *begin, const struct kiln_neighbour_cell *end, struct box *box)
+static void take_column(const struct kiln_neighbour_grid *g, const struct kiln_neighbour_cell *begin,
+                        const struct kiln_neighbour_cell *last, struct box *box, take_cells take, void *context)
 {
-    for (size_t i = find_cell(g, begin); i < g->cell_count && compare_cells(&g->cells[i], end) <= 0; i++)
-        take_cell(n, g, i, box);
+    const size_t first = find_cell(g, begin);
+    size_t end = first;
+    while (end < g->cell_count && compare_cells(&g->cells[end], last) <= 0)
+        end++;
+    if (end > first)
+        take(context, g, first, end, box);
 }
 
-static void take_level(struct kiln_neighbours *n, const struct kiln_neighbour_grid *g, int level, struct box *box)
+static void take_level(const struct kiln_neighbour_grid *g, int level, struct box *box, take_cells take, void *context)
 {
     struct kiln_neighbour_cell begin = {.level = level}, end = {.level = level};
     int32_t low[3], high[3];
@@ -238,16 +247,29 @@ static void take_level(struct kiln_neighbours *n, const struct kiln_neighbour_gr
         for (int32_t y = low[1]; y <= high[1]; y++) {
             begin.at[0] = end.at[0] = x;
             begin.at[1] = end.at[1] = y;
-            take_column(n, g, &begin, &end, box);
+            take_column(g, &begin, &end, box, take, context);
         }
+}
+
+/* All cells that touch the box of a cell, by level and along the axes. */
+static void take_levels(const struct kiln_neighbour_grid *g, size_t cell, float radius, take_cells take, void *context)
+{
+    struct box box = box_of(g, cell, radius);
+    for (int level = g->cells[cell].level - 1; level <= g->cells[cell].level + 1; level++)
+        take_level(g, level, &box, take, context);
+}
+
+static void take_candidates(void *context, const struct kiln_neighbour_grid *g, size_t first, size_t end,
+                            struct box *box)
+{
+    for (size_t i = first; i < end; i++)
+        take_cell(context, g, i, box);
 }
 
 void kiln_neighbours_collect(struct kiln_neighbours *n, const struct kiln_neighbour_grid *g, size_t cell, float radius)
 {
-    struct box box = box_of(g, cell, radius);
     n->candidates = 0;
-    for (int level = g->cells[cell].level - 1; level <= g->cells[cell].level + 1; level++)
-        take_level(n, g, level, &box);
+    take_levels(g, cell, radius, take_candidates, n);
     for (size_t i = 0; i < n->candidates; i++) {
         const struct kiln_neighbour_point *p = &g->points[n->candidate[i]];
         for (int c = 0; c < 3; c++) {
@@ -256,6 +278,107 @@ void kiln_neighbours_collect(struct kiln_neighbours *n, const struct kiln_neighb
         }
         n->of.area[i] = p->area;
     }
+}
+
+/* ---- ranges ---- */
+
+/* The ranges of one cell. */
+struct cell_ranges {
+    uint32_t (*ranges)[2]; /* NULL: they are only counted */
+    uint32_t count, end;   /* end: of the last one */
+    uint64_t places;
+};
+
+static void add_range(struct cell_ranges *c, uint32_t begin, uint32_t end)
+{
+    const bool follows = c->count > 0 && begin == c->end;
+    c->places += end - begin;
+    c->count += !follows;
+    c->end = end;
+    if (c->ranges != NULL && !follows)
+        c->ranges[c->count - 1][0] = begin;
+    if (c->ranges != NULL)
+        c->ranges[c->count - 1][1] = end;
+}
+
+static void take_range(void *context, const struct kiln_neighbour_grid *g, size_t first, size_t end, struct box *box)
+{
+    (void)box;
+    add_range(context, g->first[first], g->first[end]);
+}
+
+static uint32_t list_cell(const struct kiln_neighbour_grid *g, size_t cell, struct kiln_neighbours *n,
+                          uint32_t (*ranges)[2])
+{
+    struct cell_ranges whole = {0}, c = {.ranges = ranges};
+    take_levels(g, cell, KILN_NEIGHBOUR_RADIUS, take_range, &whole);
+    if (whole.places <= KILN_NEIGHBOURS_MOST_TWICE) {
+        if (ranges == NULL)
+            return whole.count;
+        take_levels(g, cell, KILN_NEIGHBOUR_RADIUS, take_range, &c);
+        return c.count;
+    }
+    kiln_neighbours_collect(n, g, cell, KILN_NEIGHBOUR_RADIUS);
+    for (size_t i = 0; i < n->candidates; i++)
+        add_range(&c, n->candidate[i], n->candidate[i] + 1);
+    return c.count;
+}
+
+/* Counts the ranges of all cells, or writes them where `first` says. */
+static int list_cells_ranges(struct kiln_neighbour_ranges *r, const struct kiln_neighbour_grid *g, bool write,
+                             struct kiln_error *error)
+{
+    int status = KILN_OK;
+#pragma omp parallel
+    {
+        struct kiln_neighbours *n = NULL;
+        struct kiln_error mine = {{0}};
+        const int made = kiln_allocate(&n, 1, sizeof *n, "the neighbours of a point", &mine);
+#pragma omp for schedule(dynamic, 64)
+        for (size_t cell = 0; cell < g->cell_count; cell++) {
+            if (made != KILN_OK)
+                continue;
+            const uint32_t count = list_cell(g, cell, n, write ? r->ranges + r->first[cell] : NULL);
+            if (!write)
+                r->first[cell + 1] = count;
+            for (uint32_t i = g->first[cell]; i < g->first[cell + 1]; i++)
+                r->cells[i] = (uint32_t)cell;
+        }
+        kiln_free(&n);
+        if (made != KILN_OK)
+#pragma omp critical(kiln_neighbour_ranges)
+            status = kiln_fail(error, made, "%s", mine.message);
+    }
+    return status;
+}
+
+int kiln_neighbour_ranges_list(struct kiln_neighbour_ranges *r, const struct kiln_neighbour_grid *g,
+                               struct kiln_error *error)
+{
+    uint64_t all = 0;
+    *r = (struct kiln_neighbour_ranges){0};
+    int status = kiln_allocate(&r->cells, g->count, sizeof *r->cells, "the cells of surface points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&r->first, g->cell_count + 1, sizeof *r->first, "the cells of surface points", error);
+    if (status == KILN_OK)
+        status = list_cells_ranges(r, g, false, error);
+    for (size_t cell = 0; cell < g->cell_count && status == KILN_OK; cell++) {
+        all += r->first[cell + 1];
+        r->first[cell + 1] = (uint32_t)all;
+    }
+    if (status == KILN_OK && all > UINT32_MAX)
+        status =
+            kiln_fail(error, KILN_SYSTEM, "%zu surface points have too many neighbours; use --denoise none", g->count);
+    if (status == KILN_OK)
+        status = kiln_allocate(&r->ranges, (size_t)all, sizeof *r->ranges, "the cells of surface points", error);
+    return status == KILN_OK ? list_cells_ranges(r, g, true, error) : status;
+}
+
+void kiln_neighbour_ranges_release(struct kiln_neighbour_ranges *ranges)
+{
+    kiln_free(&ranges->cells);
+    kiln_free(&ranges->first);
+    kiln_free(&ranges->ranges);
 }
 
 /* ---- neighbours ---- */

@@ -21,11 +21,9 @@
 #include <stdint.h>
 
 #include "worker/base/status.h"
+#include "worker/pass/regression.h"
 
-#define KILN_NEIGHBOUR_COSINE 0.9f
-
-/* Largest radius that neighbours are looked for in, texels. */
-#define KILN_NEIGHBOUR_RADIUS 8.0f
+/* KILN_NEIGHBOUR_RADIUS: the largest radius that neighbours are looked for in, texels; KILN_NEIGHBOUR_COSINE. */
 
 struct kiln_neighbour_point {
     float position[3]; /* m */
@@ -50,9 +48,22 @@ int kiln_neighbour_grid_create(struct kiln_neighbour_grid **grid, struct kiln_ne
                                struct kiln_error *error);
 void kiln_neighbour_grid_destroy(struct kiln_neighbour_grid **grid);
 
+/* For a device: the cell of each place, and the candidates of each cell, within KILN_NEIGHBOUR_RADIUS, as ranges of
+ * places, [begin, end), ascending. They may have more places than kiln_neighbours_collect finds, but none that is near:
+ * those of cells, whole, or, where these have more than KILN_NEIGHBOURS_MOST_TWICE, what it finds itself. */
+struct kiln_neighbour_ranges {
+    uint32_t *cells; /* of each place */
+    uint32_t *first; /* of each cell its first range, and the end */
+    uint32_t (*ranges)[2];
+};
+/* KILN_SYSTEM. Give back what it has in either case. */
+int kiln_neighbour_ranges_list(struct kiln_neighbour_ranges *ranges, const struct kiln_neighbour_grid *grid,
+                               struct kiln_error *error);
+void kiln_neighbour_ranges_release(struct kiln_neighbour_ranges *ranges);
+
 /* Candidates of a cell are at most so many. Of more, which takes a surface that lies upon itself many times, every
  * second, third ... is left out. */
-enum { KILN_NEIGHBOURS_MOST = 4096, KILN_NEIGHBOUR_RINGS = 6 };
+enum { KILN_NEIGHBOURS_MOST = 4096, KILN_NEIGHBOURS_MOST_TWICE = 2 * KILN_NEIGHBOURS_MOST, KILN_NEIGHBOUR_RINGS = 6 };
 
 /* Length of their arrays: not a multiple of a page, so that entries of one number do not share a set of the cache. */
 enum { KILN_NEIGHBOURS_ROOM = KILN_NEIGHBOURS_MOST + 80 };

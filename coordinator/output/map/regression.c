@@ -5,10 +5,18 @@
 #include <string.h>
 
 #include "coordinator/output/image.h"
+#include "worker/backend/backend.h"
 #include "worker/base/memory.h"
 
 /* Fits: a linear one at each scale, and quadratic ones after them. */
-enum { SCALES = KILN_NEIGHBOUR_RINGS, FITS = SCALES + 4, LIGHTS = KILN_REGRESSION_LIGHTS, RAW = FITS, TERMS = 6 };
+enum {
+    SCALES = KILN_NEIGHBOUR_RINGS,
+    FITS = SCALES + 4,
+    LIGHTS = KILN_REGRESSION_LIGHTS,
+    RAW = KILN_REGRESSION_RAW,
+    TERMS = 6
+};
+_Static_assert(SCALES == KILN_REGRESSION_SCALES && FITS == KILN_REGRESSION_FITS, "fits of shaders/regression.comp");
 
 static const float scales[SCALES] = {0.75f, 1.0f, 1.5f, 2.0f, 3.0f, 4.0f};
 static const size_t scale_of[FITS] = {0, 1, 2, 3, 4, 5, 1, 2, 3, 5};
@@ -532,23 +540,42 @@ static int take_others(struct regression *r, size_t light, struct kiln_error *er
     return status;
 }
 
+/* Values as given, and room for what is to be found of them. */
 static int take_values(struct regression *r, struct kiln_error *error)
 {
     const size_t count = r->grid->count;
-    int status = kiln_allocate(&r->leverage, count, sizeof *r->leverage, "the regression", error);
+    int status = KILN_OK;
     for (size_t l = 0; status == KILN_OK && l < r->light_count; l++) {
         status = kiln_allocate(&r->estimates[l], count, sizeof(struct estimate), "the regression", error);
         if (status == KILN_OK)
             status = kiln_allocate(&r->values[l], count, sizeof(float[3]), "the regression", error);
-        if (status == KILN_OK)
-            status = take_others(r, l, error);
-        for (size_t i = 0; status == KILN_OK && i < count; i++) {
-            const uint32_t index = r->grid->points[i].index;
-            float *rgb = r->values[l][i];
+        if (status != KILN_OK)
+            return status;
+#pragma omp parallel for
+        for (size_t i = 0; i < count; i++)
             for (int c = 0; c < 3; c++)
-                rgb[c] = r->lights[l].rgb[c][index];
-            r->estimates[l][i].luminance = kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
-            r->estimates[l][i].variance = r->lights[l].variance[index];
+                r->values[l][i][c] = r->lights[l].rgb[c][r->grid->points[i].index];
+    }
+    return status;
+}
+
+static float luminance_of(const struct regression *r, size_t light, size_t place)
+{
+    const float *rgb = r->values[light][place];
+    return kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
+}
+
+/* What the first sweep begins with. */
+static int begin_estimates(struct regression *r, struct kiln_error *error)
+{
+    const size_t count = r->grid->count;
+    int status = kiln_allocate(&r->leverage, count, sizeof *r->leverage, "the regression", error);
+    for (size_t l = 0; status == KILN_OK && l < r->light_count; l++) {
+        status = take_others(r, l, error);
+#pragma omp parallel for if (status == KILN_OK)
+        for (size_t i = 0; i < count; i++) {
+            r->estimates[l][i].luminance = luminance_of(r, l, i);
+            r->estimates[l][i].variance = r->lights[l].variance[r->grid->points[i].index];
         }
     }
     return status;
@@ -575,10 +602,12 @@ static size_t count_of(const struct regression *r) { return r->grid != NULL ? r-
 
 static int find_most(const struct regression *r, size_t light, int term, double *most, struct kiln_error *error)
 {
-    *most = 0.0;
+    double here = 0.0;
+#pragma omp parallel for reduction(max : here)
     for (size_t i = 0; i < count_of(r); i++)
         if (is_own(r, i))
-            *most = fmax(*most, term_of(r, light, i, term));
+            here = fmax(here, term_of(r, light, i, term));
+    *most = here;
     return r->part != NULL ? r->part->most(r->part->context, most, 1, error) : KILN_OK;
 }
 
@@ -586,17 +615,19 @@ static int find_most(const struct regression *r, size_t light, int term, double 
 static int sum_up(const struct regression *r, size_t light, int term, double *sum, struct kiln_error *error)
 {
     double most = 0.0;
-    uint64_t parts[2] = {0}; /* low 32 bits of the numbers, and the rest */
+    uint64_t low = 0, high = 0; /* low 32 bits of the numbers, and the rest */
     int status = find_most(r, light, term, &most, error);
     *sum = most;
     if (status != KILN_OK || !(most > 0.0) || !isfinite(most) || !isnormal(0x1p62 / most))
         return status;
+#pragma omp parallel for reduction(+ : low, high)
     for (size_t i = 0; i < count_of(r); i++)
         if (is_own(r, i)) {
             const uint64_t number = (uint64_t)(fmax(term_of(r, light, i, term), 0.0) * (0x1p62 / most));
-            parts[0] += number & UINT32_MAX;
-            parts[1] += number >> 32;
+            low += number & UINT32_MAX;
+            high += number >> 32;
         }
+    uint64_t parts[2] = {low, high};
     if (r->part != NULL)
         status = r->part->sum(r->part->context, parts, 2, error);
     *sum = ((double)parts[0] + (double)parts[1] * 0x1p32) * (most * 0x1p-62);
@@ -613,17 +644,19 @@ static int state(const struct regression *r, size_t light, struct kiln_error *er
         status = sum_up(r, light, POOLED, &of->before, error);
     /* the squared bias of the average point, over its variance as it was pooled */
     const float mean = of->before > 0.0 ? (float)(bias / of->before) : 0.0f;
-    for (size_t i = 0; status == KILN_OK && i < count_of(r); i++) {
+#pragma omp parallel for if (status == KILN_OK)
+    for (size_t i = 0; i < (status == KILN_OK ? count_of(r) : 0); i++) {
         const struct estimate *e = &r->estimates[light][i];
         of->variance[r->grid->points[i].index] = fminf(e->noise + fmaxf(e->bias, mean * e->pooled), e->pooled);
     }
     return status == KILN_OK ? sum_up(r, light, LEFT, &of->after, error) : status;
 }
 
-/* All sweeps over the points that are here. */
+/* ---- all sweeps over the points that are here ---- */
+
 static int run_sweeps(struct regression *r, struct kiln_error *error)
 {
-    int status = take_values(r, error);
+    int status = begin_estimates(r, error);
     if (status == KILN_OK)
         status = sweep(r, KILN_NEIGHBOUR_RADIUS, fit_point, error);
     if (status == KILN_OK)
@@ -637,11 +670,82 @@ static int run_sweeps(struct regression *r, struct kiln_error *error)
     return status;
 }
 
+static void give_points(void *context, size_t first, size_t count, struct kiln_gpu_regression_point *points,
+                        struct kiln_gpu_regression_given *given)
+{
+    const struct regression *r = context;
+#pragma omp parallel for
+    for (size_t i = 0; i < count; i++) {
+        const struct kiln_neighbour_point *p = &r->grid->points[first + i];
+        points[i] = (struct kiln_gpu_regression_point){.position = {p->position[0], p->position[1], p->position[2]},
+                                                       .normal = {p->normal[0], p->normal[1], p->normal[2]},
+                                                       .area = p->area,
+                                                       .size = p->size};
+        for (size_t l = 0; l < r->light_count; l++) {
+            const float *rgb = r->values[l][first + i];
+            given[i * r->light_count + l] =
+                (struct kiln_gpu_regression_given){.rgb = {rgb[0], rgb[1], rgb[2]},
+                                                   .luminance = luminance_of(r, l, first + i),
+                                                   .variance = r->lights[l].variance[p->index]};
+        }
+    }
+}
+
+static void take_results(void *context, size_t first, size_t count, const struct kiln_gpu_regression_result *results)
+{
+    const struct regression *r = context;
+#pragma omp parallel for
+    for (size_t i = 0; i < count; i++)
+        for (size_t l = 0; l < r->light_count; l++) {
+            const struct kiln_gpu_regression_result *from = &results[i * r->light_count + l];
+            struct estimate *e = &r->estimates[l][first + i];
+            const size_t index = r->grid->points[first + i].index;
+            e->noise = from->noise;
+            e->bias = from->bias;
+            e->pooled = from->pooled;
+            r->lights[l].rgb[0][index] = from->rgb.x;
+            r->lights[l].rgb[1][index] = from->rgb.y;
+            r->lights[l].rgb[2][index] = from->rgb.z;
+        }
+}
+
+/* The same by a device, if it can. */
+static int run_on_device(struct regression *r, struct kiln_backend *backend, bool *done, struct kiln_error *error)
+{
+    struct kiln_neighbour_ranges ranges;
+    *done = false;
+    if (backend == NULL || most_others(r) > 0)
+        return KILN_OK;
+    int status = kiln_neighbour_ranges_list(&ranges, r->grid, error);
+    const struct kiln_regression_work work = {.count = (uint32_t)r->grid->count,
+                                              .lights = (uint32_t)r->light_count,
+                                              .cells = ranges.cells,
+                                              .cell_count = r->grid->cell_count,
+                                              .first = ranges.first,
+                                              .ranges = (const uint32_t(*)[2])ranges.ranges,
+                                              .give = give_points,
+                                              .take = take_results,
+                                              .context = r};
+    if (status == KILN_OK)
+        status = kiln_backend_regress(backend, &work, done, error);
+    kiln_neighbour_ranges_release(&ranges);
+    return status;
+}
+
+static int run_here(struct regression *r, struct kiln_backend *backend, struct kiln_error *error)
+{
+    bool done;
+    int status = take_values(r, error);
+    if (status == KILN_OK)
+        status = run_on_device(r, backend, &done, error);
+    return status == KILN_OK && !done ? run_sweeps(r, error) : status;
+}
+
 int kiln_regression_run(const struct kiln_neighbour_grid *grid, struct kiln_regression_light *lights, size_t count,
-                        const struct kiln_regression_part *part, struct kiln_error *error)
+                        const struct kiln_regression_part *part, struct kiln_backend *backend, struct kiln_error *error)
 {
     struct regression r = {.grid = grid, .lights = lights, .light_count = count, .part = part};
-    int status = grid != NULL ? run_sweeps(&r, error) : KILN_OK;
+    int status = grid != NULL ? run_here(&r, backend, error) : KILN_OK;
     if (part != NULL)
         status = part->agree(part->context, status, error);
     for (size_t l = 0; l < count; l++) {

@@ -2,6 +2,7 @@
  * made by threads, one each, and the passes wait for what they use. */
 #include <string.h>
 
+#include "worker/backend/vulkan/regression.h"
 #include "worker/backend/vulkan/vulkan.h"
 #include "worker/base/memory.h"
 #include "worker/base/thread.h"
@@ -242,6 +243,8 @@ void vulkan_kernels_ahead(struct vulkan_backend *b, bool surface)
     }
     if (surface && has_makers(b))
         vulkan_passes_ahead(b);
+    if (surface && b->params.regresses)
+        vulkan_regression_ahead(b);
 }
 
 void vulkan_kernels_at_once(struct vulkan_backend *b, const struct vulkan_wish *wishes, size_t count)

@@ -9,6 +9,7 @@
 #include "worker/backend/vulkan/bright.h"
 #include "worker/backend/vulkan/held.h"
 #include "worker/backend/vulkan/kept_rows.h"
+#include "worker/backend/vulkan/regression.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
 
@@ -326,7 +327,8 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
                                        .recoveries = b->recoveries,
                                        .starting = b->base.starting,
                                        .making = b->making,
-                                       .take_threads = b->threads};
+                                       .take_threads = b->threads,
+                                       .regresses = b->gpu != NULL && !gpu_about(b->gpu)->software};
     (void)snprintf(info->device, sizeof info->device, "%s", b->device_text);
     count_kernels(b, &info->kernels_found, &info->kernels_made);
     for (size_t i = 0; i < b->kernel_count; i++)
@@ -578,4 +580,5 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .hold = vulkan_hold,
     .hold_step = vulkan_hold_step,
     .hold_fetch = vulkan_hold_fetch,
+    .regress = vulkan_regress,
 };

@@ -3,11 +3,12 @@
  * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c,
  * occlusion.c, directional.c, path.c, radiance.c, guided.c, land.c, weighed.c, patches.c, bidirectional.c (with
  * bidirectional_stages.c). The others: vulkan.c (life of the backend, closest hits), kernels.c (made, and made ahead),
- * surfaces.c (of the scene, what paths and chains ask for), chunks.c (running a pass over tile runs in chunks),
- * hemisphere.c (what passes that sample the hemisphere over points have in common), answers.c (what a device hands over
- * of points), points.c (surface points on the device), kept_rows.c and held.c (kept rows, and light that stays with
- * them), lights.c, materials.c and techniques.c (the scene on the device), bvh.c, acceleration.c and tracer.c (what
- * finds hits), layout.h (what C and the shaders share). gpu/ is Vulkan for compute and knows no light.
+ * surfaces.c (of the scene, what paths and chains ask for), regression.c
+ * (denoising), chunks.c (running a pass over tile runs in chunks), hemisphere.c (what passes that sample the hemisphere
+ * over points have in common), answers.c (what a device hands over of points), points.c (surface points on the device),
+ * kept_rows.c and held.c (kept rows, and light that stays with them), lights.c, materials.c and techniques.c (the scene
+ * on the device), bvh.c, acceleration.c and tracer.c (what finds hits), layout.h (what C and the shaders share). gpu/
+ * is Vulkan for compute and knows no light.
  *
  * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of
  * all points, and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one
@@ -117,6 +118,8 @@ struct vulkan_held {
 
 #define VULKAN_USUAL_SCRATCH (512ull << 20) /* bytes */
 
+enum { VULKAN_REGRESSION_SWEEPS = 5 };
+
 /* What has a speed of its own that is learned: each pass (KILN_PASS_INDEX_gather and so on), and these. */
 enum vulkan_pace {
     VULKAN_PACE_CEILING = KILN_PASS_COUNT,
@@ -138,7 +141,8 @@ enum vulkan_pace {
     VULKAN_PACE_MERGE,
     VULKAN_PACE_SPLAT,
     VULKAN_PACE_PHOTONS,
-    VULKAN_PACES
+    VULKAN_PACE_REGRESSION, /* of its first sweep; those of the others follow */
+    VULKAN_PACES = VULKAN_PACE_REGRESSION + VULKAN_REGRESSION_SWEEPS
 };
 
 struct vulkan_backend {
