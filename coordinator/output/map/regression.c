@@ -726,7 +726,9 @@ static int run_on_device(struct regression *r, struct kiln_backend *backend, boo
                                               .give = give_points,
                                               .take = take_results,
                                               .context = r};
+    /* a backend is used by one thread at a time, and small lightmaps are made side by side */
     if (status == KILN_OK)
+#pragma omp critical(kiln_regression_device)
         status = kiln_backend_regress(backend, &work, done, error);
     kiln_neighbour_ranges_release(&ranges);
     return status;
