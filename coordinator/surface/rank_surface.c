@@ -319,7 +319,7 @@ static void fill_map(struct kiln_build *build, uint32_t map, uint32_t threads, c
     {
         struct fill_scratch scratch = {0};
         struct kiln_error own;
-#pragma omp for schedule(dynamic, 64)
+#pragma omp for schedule(dynamic, 16)
         for (uint64_t i = 0; i < count; i++) {
             if (kiln_build_failed(build))
                 continue;
