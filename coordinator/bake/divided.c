@@ -9,7 +9,7 @@
 #include "worker/scene/footprint.h"
 
 enum {
-    CHUNK_POINTS = 1 << 16,
+    CHUNK_POINTS = 1 << 17,
     SEGMENTS = 2,
     PLACES = 5,
     PAIRS = PLACES * PLACES,
@@ -17,7 +17,7 @@ enum {
     TRIAL_RAYS = 2 * PAIRS + SIDES
 };
 enum { GRID = 2 * (KILN_TILE_SIDE + 1) }; /* lines between the texels of a tile */
-enum { CHUNK_CANDIDATES = 2048, NEIGHBOURS = 8, OPEN_RAYS = 16 };
+enum { NEIGHBOURS = 8, OPEN_RAYS = 16 };
 static const double LIFT = 1e-3;                      /* of a texel's side: how far above the surface the rays go */
 static const double LEAST_SHARE = 1e-4;               /* of its area that a texel has on the smaller side */
 static const int ENDS_WITHIN = 2;                     /* texels: a surface that ends after so many at most is a rim */
@@ -51,7 +51,8 @@ struct candidate {
     size_t tile_run;
     struct texel_plane plane;
     struct texel_line line;
-    bool divides;
+    bool from_beyond; /* rays from beyond the line are asked first: those from this side do not all end in a solid */
+    bool stays;       /* nothing has said yet that it divides nothing */
 };
 
 struct candidates {
@@ -74,6 +75,7 @@ struct list {
 };
 
 struct segments {
+    size_t room;
     struct kiln_vec3 *origins, *directions;
     float *lengths; /* m; 0: none */
     struct kiln_hit *hits;
@@ -110,6 +112,7 @@ static int segments_create(struct segments *r, size_t count, struct kiln_error *
         status = kiln_allocate(&r->lengths, count, sizeof *r->lengths, "rays along texels", error);
     if (status == KILN_OK)
         status = kiln_allocate(&r->hits, count, sizeof *r->hits, "rays along texels", error);
+    r->room = count;
     if (status != KILN_OK)
         segments_destroy(r);
     return status;
@@ -365,6 +368,16 @@ static void set_trial(const struct search *s, const struct candidate *c, struct 
     set_sides(c, r, first + 2 * (size_t)PAIRS);
 }
 
+/* The rays of a trial that go one way. */
+static void set_one_way(const struct search *s, const struct candidate *c, struct segments *r, size_t first)
+{
+    struct kiln_dvec3 here[PLACES], there[PLACES];
+    spread_all(s, c, here, there);
+    const struct kiln_dvec3 *from = c->from_beyond ? there : here, *to = c->from_beyond ? here : there;
+    for (size_t k = 0; k < PAIRS; k++)
+        set_segment(r, first + k, from[k / PLACES], to[k % PLACES]);
+}
+
 static bool is_inside(const struct search *s, const struct kiln_hit *hit)
 {
     return hit->back && kiln_geometry_is_solid(s->geometry, hit->triangle);
@@ -437,77 +450,111 @@ static bool is_divided(const struct search *s, struct candidate *c, const struct
     return apart < PAIRS && middle_line(s, c, &r->hits[first + 2 * apart], &r->hits[first + 2 * apart + 1]);
 }
 
-/* Keeps the candidates whose glances all meet something; returns their number. */
-static size_t keep_hidden(struct candidate *list, size_t count, const struct segments *r)
+static bool all_meet(const struct segments *r, size_t first, size_t count)
 {
-    size_t kept = 0;
-    for (size_t i = 0; i < count; i++) {
-        bool hidden = true;
-        for (size_t k = 0; k < PLACES; k++)
-            hidden = hidden && meets(r, i * PLACES + k);
-        if (hidden)
-            list[kept++] = list[i];
-    }
-    return kept;
+    bool all = true;
+    for (size_t i = first; i < first + count; i++)
+        all = all && meets(r, i);
+    return all;
 }
 
-/* `some` candidates, whose rays fit. */
-static int try_some(struct search *s, struct candidate *list, size_t some, struct segments *r, struct kiln_error *error)
+static bool all_end_inside(const struct search *s, const struct segments *r, size_t first, size_t count)
+{
+    bool all = true;
+    for (size_t i = first; i < first + count; i++)
+        all = all && is_inside(s, &r->hits[i]);
+    return all;
+}
+
+/* By the rays of set_glance. */
+static bool is_hidden(const struct search *s, struct candidate *c, const struct segments *r, size_t first)
+{
+    c->from_beyond = !all_end_inside(s, r, first, PLACES);
+    return all_meet(r, first, PLACES);
+}
+
+/* By the rays of set_one_way: a side from which all of them end in a solid is one that is left out. */
+static bool may_divide(const struct search *s, struct candidate *c, const struct segments *r, size_t first)
+{
+    (void)c;
+    return all_meet(r, first, PAIRS) && !all_end_inside(s, r, first, PAIRS);
+}
+
+/* A way of asking candidates: `rays` of each. */
+struct sieve {
+    size_t rays;
+    void (*set)(const struct search *s, const struct candidate *c, struct segments *r, size_t first);
+    bool (*stays)(const struct search *s, struct candidate *c, const struct segments *r, size_t first);
+};
+
+/* Asks `some` candidates, whose rays fit. */
+static int ask(const struct search *s, const struct sieve *by, struct candidate *list, size_t some, struct segments *r,
+               struct kiln_error *error)
 {
 #pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
     for (size_t i = 0; i < some; i++)
-        set_trial(s, &list[i], r, i * TRIAL_RAYS);
-    const int status = kiln_backend_intersect(s->backend, r->origins, r->directions, some * TRIAL_RAYS, r->hits, error);
-    for (size_t i = 0; status == KILN_OK && i < some; i++)
-        list[i].divides = is_divided(s, &list[i], r, i * TRIAL_RAYS);
+        by->set(s, &list[i], r, i * by->rays);
+    const int status = kiln_backend_intersect(s->backend, r->origins, r->directions, some * by->rays, r->hits, error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
+    for (size_t i = 0; i < some; i++)
+        list[i].stays = by->stays(s, &list[i], r, i * by->rays);
+    return KILN_OK;
+}
+
+/* Drops the candidates that do not stay. */
+static int sift(const struct search *s, const struct sieve *by, struct candidates *c, struct segments *r,
+                struct kiln_error *error)
+{
+    const size_t most = r->room / by->rays;
+    size_t kept = 0;
+    int status = KILN_OK;
+    for (size_t done = 0, some; status == KILN_OK && done < c->count; done += some) {
+        some = c->count - done < most ? c->count - done : most;
+        status = ask(s, by, c->list + done, some, r, error);
+    }
+    for (size_t i = 0; status == KILN_OK && i < c->count; i++)
+        if (c->list[i].stays)
+            c->list[kept++] = c->list[i];
+    c->count = kept;
     return status;
 }
 
-/* Tries the candidates, and drops those that divide nothing at a glance. */
-static int try_candidates(struct search *s, struct candidates *c, struct kiln_error *error)
+/* Leaves those that divide their texels. Few rays say of most that they do not: for both ways of a pair must meet a
+ * wall from outside. */
+static int try_candidates(const struct search *s, struct candidates *c, struct segments *r, struct kiln_error *error)
 {
-    enum { GLANCES = CHUNK_CANDIDATES * TRIAL_RAYS / PLACES };
-    struct segments r = {0};
-    size_t kept = 0;
-    int status = segments_create(&r, (size_t)CHUNK_CANDIDATES * TRIAL_RAYS, error);
-    for (size_t done = 0, some; status == KILN_OK && done < c->count; done += some) {
-        some = c->count - done < GLANCES ? c->count - done : GLANCES;
-#pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
-        for (size_t i = 0; i < some; i++)
-            set_glance(s, &c->list[done + i], &r, i * PLACES);
-        status = kiln_backend_intersect(s->backend, r.origins, r.directions, some * PLACES, r.hits, error);
-        if (status != KILN_OK)
-            break;
-        const size_t hidden = keep_hidden(c->list + done, some, &r);
-        memmove(c->list + kept, c->list + done, hidden * sizeof *c->list);
-        kept += hidden;
-    }
-    c->count = kept;
-    for (size_t done = 0, some; status == KILN_OK && done < kept; done += some) {
-        some = kept - done < CHUNK_CANDIDATES ? kept - done : CHUNK_CANDIDATES;
-        status = try_some(s, c->list + done, some, &r, error);
-    }
-    segments_destroy(&r);
+    static const struct sieve sieves[] = {
+        {PLACES, set_glance, is_hidden}, {PAIRS, set_one_way, may_divide}, {TRIAL_RAYS, set_trial, is_divided}};
+    int status = KILN_OK;
+    for (size_t i = 0; status == KILN_OK && i < sizeof sieves / sizeof *sieves; i++)
+        status = sift(s, &sieves[i], c, r, error);
     return status;
 }
 
 /* ---- all texels of this rank ---- */
 
-/* Adds the candidates of one point: the planes that its rays have met. */
-static int add_candidates(struct search *s, const struct kiln_point_cursor *at, size_t tile_run,
-                          const struct segments *r, size_t first, struct candidates *c, struct kiln_error *error)
+static bool is_same_line(const struct texel_line *a, const struct texel_line *b)
 {
+    return memcmp(a->line, b->line, sizeof a->line) == 0;
+}
+
+/* Writes the candidates of one point: the planes that its rays have met. Returns their number, SEGMENTS at most. */
+static size_t point_candidates(const struct search *s, const struct kiln_point_cursor *at, size_t tile_run,
+                               const struct segments *r, size_t first, struct candidate *list)
+{
+    size_t count = 0;
     for (size_t k = 0; k < SEGMENTS; k++) {
-        struct candidate new = {.at = *at, .tile_run = tile_run};
-        if (!meets(r, first + k) || !find_plane(s, at, &new.plane) ||
-            !line_of(s, &new.plane, r->hits[first + k].triangle, new.line.line) || !settle_line(s, at, &new.line))
+        struct candidate *new = &list[count];
+        if (!meets(r, first + k))
             continue;
-        const int status = kiln_grow(&c->list, &c->room, c->count + 1, sizeof *c->list, "texels at walls", error);
-        if (status != KILN_OK)
-            return status;
-        c->list[c->count++] = new;
+        *new = (struct candidate){.at = *at, .tile_run = tile_run};
+        if (find_plane(s, at, &new->plane) && line_of(s, &new->plane, r->hits[first + k].triangle, new->line.line) &&
+            settle_line(s, at, &new->line) && (count == 0 || !is_same_line(&list[0].line, &new->line)))
+            count++;
     }
-    return KILN_OK;
+    return count;
 }
 
 /* Keeps what divides, one for each point, in order. */
@@ -515,7 +562,7 @@ static int keep_divided(struct search *s, const struct candidates *c, struct kil
 {
     struct candidates *f = &s->found;
     for (size_t i = 0; i < c->count; i++) {
-        if (!c->list[i].divides || (f->count > 0 && f->list[f->count - 1].at.point.at == c->list[i].at.point.at))
+        if (f->count > 0 && f->list[f->count - 1].at.point.at == c->list[i].at.point.at)
             continue;
         const int status = kiln_grow(&f->list, &f->room, f->count + 1, sizeof *f->list, "divided texels", error);
         if (status != KILN_OK)
@@ -564,8 +611,10 @@ static int find_empty(struct search *s, size_t begin, size_t end, struct segment
                       struct kiln_error *error)
 {
     size_t rays = 0;
-    for (size_t f = begin; f < end; f++) {
+#pragma omp parallel for schedule(dynamic, 64) num_threads((int)s->threads)
+    for (size_t f = begin; f < end; f++)
         empty[f - begin] = is_plain(s, f);
+    for (size_t f = begin; f < end; f++) {
         ray[f - begin] = rays;
         rays += empty[f - begin] != 0 ? GRID : 0;
     }
@@ -575,10 +624,13 @@ static int find_empty(struct search *s, size_t begin, size_t end, struct segment
             set_grid(s, f, r, ray[f - begin]);
     const int status =
         rays > 0 ? kiln_backend_intersect(s->backend, r->origins, r->directions, rays, r->hits, error) : KILN_OK;
-    for (size_t f = begin; status == KILN_OK && f < end; f++)
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for schedule(dynamic, 64) num_threads((int)s->threads)
+    for (size_t f = begin; f < end; f++)
         for (size_t k = 0; k < GRID && empty[f - begin] != 0; k++)
             empty[f - begin] = !meets(r, ray[f - begin] + k);
-    return status;
+    return KILN_OK;
 }
 
 /* Traces the rays of all points of the tile runs [begin, end) but for empty ones. */
@@ -601,11 +653,65 @@ static int trace_diagonals(struct search *s, size_t begin, size_t end, struct se
     return rays > 0 ? kiln_backend_intersect(s->backend, r->origins, r->directions, rays, r->hits, error) : KILN_OK;
 }
 
-/* Looks at tile runs [begin, end), whose rays fit. */
-static int look_at(struct search *s, size_t begin, size_t end, struct segments *r, struct kiln_error *error)
+/* How many rays of the points of a tile run have met something, `first` being the first. */
+static size_t count_met(const struct search *s, size_t run, const struct segments *r, size_t first)
 {
-    const struct kiln_surface *surface = s->surface;
-    struct candidates c = {0};
+    const size_t rays = SEGMENTS * (size_t)s->surface->tile_runs[run].count;
+    size_t met = 0;
+    for (size_t i = first; i < first + rays; i++)
+        met += meets(r, i);
+    return met;
+}
+
+/* Writes the candidates of a tile run; returns their number. */
+static size_t run_candidates(const struct search *s, size_t run, const struct segments *r, size_t first,
+                             struct candidate *list)
+{
+    struct kiln_point_cursor at = kiln_point_first(s->surface, run);
+    size_t count = 0;
+    for (uint32_t k = 0; k < s->surface->tile_runs[run].count; k++, kiln_point_next(s->surface, &at), first += SEGMENTS)
+        if (meets(r, first) || meets(r, first + 1))
+            count += point_candidates(s, &at, run, r, first, list + count);
+    return count;
+}
+
+/* The candidates of the tile runs [begin, end) but for empty ones, in order. */
+static int find_candidates(const struct search *s, size_t begin, size_t end, const struct segments *r,
+                           const size_t *ray, const uint8_t *empty, struct candidates *c, struct kiln_error *error)
+{
+    const size_t runs = end - begin;
+    size_t *place = NULL, *counts = NULL;
+    int status = kiln_allocate(&place, runs + 1, sizeof *place, "texels at walls", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&counts, runs, sizeof *counts, "texels at walls", error);
+    if (status != KILN_OK)
+        goto end;
+#pragma omp parallel for schedule(dynamic, 64) num_threads((int)s->threads)
+    for (size_t f = 0; f < runs; f++)
+        place[f + 1] = empty[f] != 0 ? 0 : count_met(s, begin + f, r, ray[f]);
+    for (size_t f = 0; f < runs; f++)
+        place[f + 1] += place[f];
+    status = kiln_grow(&c->list, &c->room, place[runs], sizeof *c->list, "texels at walls", error);
+    if (status != KILN_OK)
+        goto end;
+    c->count = 0;
+#pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
+    for (size_t f = 0; f < runs; f++)
+        if (place[f + 1] > place[f])
+            counts[f] = run_candidates(s, begin + f, r, ray[f], c->list + place[f]);
+    for (size_t f = 0; f < runs; f++)
+        for (size_t i = 0; i < counts[f]; i++)
+            c->list[c->count++] = c->list[place[f] + i];
+end:
+    kiln_free(&place);
+    kiln_free(&counts);
+    return status;
+}
+
+/* Looks at tile runs [begin, end), whose rays fit; `c`: room for candidates. */
+static int look_at(struct search *s, size_t begin, size_t end, struct segments *r, struct candidates *c,
+                   struct kiln_error *error)
+{
     size_t *ray = NULL;
     uint8_t *empty = NULL;
     int status = kiln_allocate(&ray, end - begin, sizeof *ray, "rays along texels", error);
@@ -615,20 +721,12 @@ static int look_at(struct search *s, size_t begin, size_t end, struct segments *
         status = find_empty(s, begin, end, r, ray, empty, error);
     if (status == KILN_OK)
         status = trace_diagonals(s, begin, end, r, ray, empty, error);
-    for (size_t f = begin; status == KILN_OK && f < end; f++) {
-        struct kiln_point_cursor at = kiln_point_first(surface, f);
-        for (uint32_t k = 0; status == KILN_OK && k < surface->tile_runs[f].count && empty[f - begin] == 0;
-             k++, kiln_point_next(surface, &at)) {
-            const size_t first = ray[f - begin] + SEGMENTS * (size_t)k;
-            if (meets(r, first) || meets(r, first + 1))
-                status = add_candidates(s, &at, f, r, first, &c, error);
-        }
-    }
-    if (status == KILN_OK && c.count > 0)
-        status = try_candidates(s, &c, error);
     if (status == KILN_OK)
-        status = keep_divided(s, &c, error);
-    kiln_free(&c.list);
+        status = find_candidates(s, begin, end, r, ray, empty, c, error);
+    if (status == KILN_OK && c->count > 0)
+        status = try_candidates(s, c, r, error);
+    if (status == KILN_OK)
+        status = keep_divided(s, c, error);
     kiln_free(&ray);
     kiln_free(&empty);
     return status;
@@ -638,15 +736,17 @@ static int look_at_all(struct search *s, struct kiln_error *error)
 {
     const struct kiln_surface *surface = s->surface;
     const size_t runs = surface->tile_run_count;
+    struct candidates c = {0};
     struct segments r = {0};
-    int status =
-        segments_create(&r, SEGMENTS * (size_t)(surface->count < CHUNK_POINTS ? surface->count : CHUNK_POINTS), error);
+    const size_t rays = SEGMENTS * (size_t)(surface->count < CHUNK_POINTS ? surface->count : CHUNK_POINTS);
+    int status = segments_create(&r, rays > TRIAL_RAYS ? rays : TRIAL_RAYS, error);
     for (size_t begin = 0, end; status == KILN_OK && begin < runs; begin = end) {
         uint64_t points = 0;
         for (end = begin; end < runs && points + surface->tile_runs[end].count <= CHUNK_POINTS; end++)
             points += surface->tile_runs[end].count;
-        status = kiln_stop_asked(s->stop) ? kiln_give_up(error) : look_at(s, begin, end, &r, error);
+        status = kiln_stop_asked(s->stop) ? kiln_give_up(error) : look_at(s, begin, end, &r, &c, error);
     }
+    kiln_free(&c.list);
     segments_destroy(&r);
     return status;
 }

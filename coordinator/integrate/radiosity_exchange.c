@@ -37,6 +37,7 @@ void kiln_exchange_total_radiosity(const struct kiln_radiosity_exchange *x, stru
 {
     const struct kiln_solution *solution = x->solution;
     const struct kiln_surface *surface = &solution->own->surface;
+#pragma omp parallel for schedule(static)
     for (size_t i = 0; i < surface->tile_run_count; i++) {
         const struct kiln_tile_run *f = &surface->tile_runs[i];
         struct kiln_own_point own = kiln_own_of_global(surface, f->first);

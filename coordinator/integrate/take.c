@@ -4,6 +4,10 @@
 #include "coordinator/integrate/quantity.h"
 #include "worker/base/memory.h"
 
+/* Points that one thread takes over before others would have begun: where tiles have ended, what is handed over lies in
+ * thousands of short stretches. */
+enum { POINTS_ALONE = 1 << 11 };
+
 static void take_one(const struct kiln_taking *t, const struct kiln_rank_data *data,
                      const struct kiln_tile_run *tile_run, const void *results, struct kiln_tally *tally,
                      struct kiln_tile_run_tally *tile_run_tally)
@@ -33,7 +37,8 @@ int kiln_taker_take(struct kiln_taker *taker, const struct kiln_rank_data *data,
         kiln_grow(&taker->tile_runs, &taker->tile_run_room, count, sizeof *taker->tile_runs, "a part's sums", error);
     if (status != KILN_OK)
         return status;
-#pragma omp parallel num_threads((int)taker->threads)
+    const bool alone = count == 0 || kiln_tile_runs_points(tile_runs, tile_runs + count - 1) <= POINTS_ALONE;
+#pragma omp parallel num_threads((int)taker->threads) if (!alone)
     {
         struct kiln_tally own = {0};
 #pragma omp for schedule(static)

@@ -5,9 +5,10 @@
 #include "coordinator/surface/charts.h"
 #include "worker/base/memory.h"
 
-/* A lightmap with more tiles or triangles than this is worked on by all threads together; smaller ones by one thread
- * each. */
-enum { LARGE_TILES = 4096, LARGE_TRIANGLES = 65536 };
+/* A lightmap with more tiles or triangles than this is worked on by all threads together, and so is one that would keep
+ * a thread busy when the others are done: with more than SOME_TILES, and more of all tiles than a part of a thread's
+ * share. Smaller ones are worked on by one thread each. */
+enum { LARGE_TILES = 4096, LARGE_TRIANGLES = 65536, SOME_TILES = 64, PARTS_OF_SHARE = 4 };
 
 void kiln_build_fail(struct kiln_build *build, int status, const struct kiln_error *error)
 {
@@ -43,7 +44,9 @@ static uint64_t tiles_of(const struct kiln_build *build, size_t map)
 
 static bool is_large(const struct kiln_build *build, size_t map)
 {
-    return tiles_of(build, map) > LARGE_TILES || triangles_of(build, map) > LARGE_TRIANGLES;
+    const uint64_t tiles = tiles_of(build, map);
+    return tiles > LARGE_TILES || triangles_of(build, map) > LARGE_TRIANGLES ||
+           (tiles > SOME_TILES && PARTS_OF_SHARE * build->threads * tiles > build->surface->tile_count);
 }
 
 void kiln_build_for_maps(struct kiln_build *build, const uint8_t *wanted,

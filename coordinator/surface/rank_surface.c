@@ -9,7 +9,7 @@
 
 static const double DITHERED_ALBEDO = 0.95; /* below it rounding costs at most 1.6e-4 of the light */
 
-enum { COLOR_SAMPLES = 16 }; /* positions at which the texture of a whole texel is read */
+enum { COLOR_SAMPLES = 16, COLOR_SIDE = 4 }; /* positions at which the texture of a whole texel is read */
 
 /* Working memory of one thread. */
 struct fill_scratch {
@@ -25,45 +25,81 @@ struct color_sum {
     double all[3], area;      /* sums weighted with area, for texels whose opacity is 0 everywhere */
 };
 
-static void sample_color(const struct kiln_build *build, uint32_t triangle, double b1, double b2, double area,
-                         struct color_sum *sum)
+/* A triangle whose colour is sampled. */
+struct sampled {
+    const struct kiln_scene *scene;
+    const struct kiln_mesh *mesh;
+    uint64_t stored;           /* the triangle among the scene's */
+    bool flipped, see_through; /* its corners 1 and 2 are exchanged; it has opacity */
+    bool glossy;               /* its material is taken with its gloss; else `paint` is ready */
+    struct kiln_paint paint;
+};
+
+static void begin_samples(const struct kiln_build *build, uint32_t triangle, struct sampled *t)
 {
     const struct kiln_geometry *g = build->geometry;
     const struct kiln_scene *scene = build->scene;
-    const struct kiln_hit_record *record = &g->records[triangle];
-    float s1, s2, rgb[3];
-    kiln_geometry_stored_barycentrics(scene, g, triangle, (float)b1, (float)b2, &s1, &s2);
-    kiln_surface_albedo(scene, &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle], s1,
-                        s2, rgb);
-    double weight = area;
-    if (triangle >= g->opaque_count)
-        weight *= (double)kiln_surface_opacity(scene, &scene->meshes[scene->objects[record->object].mesh],
-                                               g->stored_triangle[triangle], s1, s2);
-    for (int c = 0; c < 3; c++) {
-        sum->opaque[c] += weight * (double)rgb[c];
-        sum->all[c] += area * (double)rgb[c];
-    }
-    sum->weight += weight;
-    sum->area += area;
+    const struct kiln_object *object = &scene->objects[g->records[triangle].object];
+    t->scene = scene;
+    t->mesh = &scene->meshes[object->mesh];
+    t->stored = g->stored_triangle[triangle];
+    t->flipped = object->flipped != 0;
+    t->see_through = triangle >= g->opaque_count;
+    t->glossy = kiln_gloss_taken(scene, scene->triangle_materials[t->stored]) != NULL;
+    if (!t->glossy)
+        kiln_paint_prepare(&t->paint, scene, t->mesh, t->stored);
 }
 
-/* Samples the colour of a piece that fills its texel: at the centres of 4 x 4 sub-squares. */
-static void sample_square(const struct kiln_build *build, uint32_t triangle, const double local[3][2], double area,
-                          struct color_sum *sum)
+/* Positions of a triangle at which its colour is read, each standing for some area, m2. */
+struct positions {
+    float b1[COLOR_SAMPLES], b2[COLOR_SAMPLES];
+    double area[COLOR_SAMPLES];
+    int count;
+};
+
+static void add_position(const struct sampled *t, double b1, double b2, double area, struct positions *at)
+{
+    at->b1[at->count] = (float)(t->flipped ? b2 : b1);
+    at->b2[at->count] = (float)(t->flipped ? b1 : b2);
+    at->area[at->count++] = area;
+}
+
+static void sample_colors(const struct sampled *t, const struct positions *at, struct color_sum *sum)
+{
+    float rgba[COLOR_SAMPLES][4];
+    if (!t->glossy)
+        kiln_paint_colors(&t->paint, at->b1, at->b2, at->count, rgba);
+    for (int i = 0; i < at->count; i++) {
+        if (t->glossy)
+            kiln_surface_albedo(t->scene, t->mesh, t->stored, at->b1[i], at->b2[i], rgba[i]);
+        double weight = at->area[i];
+        if (t->see_through)
+            weight *= (double)kiln_surface_opacity(t->scene, t->mesh, t->stored, at->b1[i], at->b2[i]);
+        for (int c = 0; c < 3; c++) {
+            sum->opaque[c] += weight * (double)rgba[i][c];
+            sum->all[c] += at->area[i] * (double)rgba[i][c];
+        }
+        sum->weight += weight;
+        sum->area += at->area[i];
+    }
+}
+
+/* The piece fills its texel: the centres of 4 x 4 sub-squares. */
+static void spread_in_square(const struct sampled *t, const double local[3][2], double area, struct positions *at)
 {
     const struct kiln_clip_weights w = kiln_clip_weights(local);
     for (int i = 0; i < COLOR_SAMPLES; i++) {
         const double x = (i % 4 + 0.5) / 4.0, y = (i / 4 + 0.5) / 4.0;
-        sample_color(build, triangle, w.b1[0] + w.b1[1] * x + w.b1[2] * y, w.b2[0] + w.b2[1] * x + w.b2[2] * y,
-                     area / COLOR_SAMPLES, sum);
+        add_position(t, w.b1[0] + w.b1[1] * x + w.b1[2] * y, w.b2[0] + w.b2[1] * x + w.b2[2] * y, area / COLOR_SAMPLES,
+                     at);
     }
 }
 
-/* Samples the colour of a piece that does not fill its texel. The piece's bounding box is cut into equal rectangles,
- * more of them the larger the piece is; each is sampled at the centroid of what the piece covers of it. All pieces of a
- * texel together get at least about 8 samples. `fraction`: the piece's area / the point's area. */
-static void sample_polygon(const struct kiln_build *build, uint32_t triangle, const struct kiln_texel_triangle *local,
-                           double area, double fraction, struct color_sum *sum)
+/* The piece does not fill its texel. Its bounding box is cut into equal rectangles, more of them the larger the piece
+ * is; each has the centroid of what the piece covers of it. All pieces of a texel together get at least about 8
+ * positions. `fraction`: the piece's area / the point's area. */
+static void spread_in_polygon(const struct sampled *t, const struct kiln_texel_triangle *local, double area,
+                              double fraction, struct positions *at)
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid;
     const uint32_t corners = kiln_texel_clip(local, 0.0, 0.0, 1.0, 1.0, polygon);
@@ -74,19 +110,27 @@ static void sample_polygon(const struct kiln_build *build, uint32_t triangle, co
         x1 = fmax(x1, polygon[i].x), y1 = fmax(y1, polygon[i].y);
     }
     if (!(fabs(kiln_clip_twice_area(local->corner)) > 0.0)) { /* collapsed in the lightmap: it cannot be clipped */
-        sample_color(build, triangle, centroid.b1, centroid.b2, area, sum);
+        add_position(t, centroid.b1, centroid.b2, area, at);
         return;
     }
-    const int side = (int)fmin(4.0, ceil(6.0 * sqrt(fraction)));
+    const int side = (int)fmin(COLOR_SIDE, ceil(6.0 * sqrt(fraction)));
     const double dx = (x1 - x0) / side, dy = (y1 - y0) / side;
+    struct kiln_clip_corner column[COLOR_SIDE][KILN_CLIP_CORNERS];
+    uint32_t in_column[COLOR_SIDE];
+    for (int i = 0; i < side; i++) {
+        const double x = x0 + i * dx;
+        in_column[i] = kiln_clip_column(local->corner, x, x + dx, column[i]);
+    }
     for (int i = 0; i < side * side; i++) {
         const double x = x0 + i % side * dx, y = y0 + i / side * dy;
         if (kiln_clip_classify(local->corner, x, y, x + dx, y + dy) == KILN_CLIP_OUTSIDE)
             continue;
-        const uint32_t count = kiln_texel_clip(local, x, y, x + dx, y + dy, polygon);
+        uint32_t count = kiln_clip_rows(local->corner, column[i % side], in_column[i % side], y, y + dy, polygon);
+        if (local->layered)
+            count = kiln_clip_depths(polygon, count, local->depth);
         const double covered = kiln_clip_fraction(polygon, count, &centroid);
         if (covered > 0.0)
-            sample_color(build, triangle, centroid.b1, centroid.b2, area * (covered / whole), sum);
+            add_position(t, centroid.b1, centroid.b2, area * (covered / whole), at);
     }
 }
 
@@ -94,16 +138,22 @@ static void add_piece_color(const struct kiln_build *build, const struct kiln_co
                             const struct kiln_texel_place *place, double total, struct color_sum *sum)
 {
     const struct kiln_hit_record *record = &build->geometry->records[piece->triangle];
-    if (build->scene->materials[record->material & KILN_RECORD_MATERIAL].base_color_texture == KILN_NONE) {
-        sample_color(build, piece->triangle, piece->b1, piece->b2, piece->area, sum);
-        return;
-    }
+    const uint32_t material = record->material & KILN_RECORD_MATERIAL;
     struct kiln_texel_triangle local;
-    kiln_texel_triangle(build->scene, build->geometry, piece->triangle, place, &local);
-    if (piece->whole)
-        sample_square(build, piece->triangle, local.corner, piece->area, sum);
-    else
-        sample_polygon(build, piece->triangle, &local, piece->area, piece->area / total, sum);
+    struct sampled t;
+    struct positions at;
+    at.count = 0;
+    begin_samples(build, piece->triangle, &t);
+    if (build->scene->materials[material].base_color_texture == KILN_NONE) {
+        add_position(&t, piece->b1, piece->b2, piece->area, &at);
+    } else {
+        kiln_texel_triangle(build->scene, build->geometry, piece->triangle, place, &local);
+        if (piece->whole)
+            spread_in_square(&t, local.corner, piece->area, &at);
+        else
+            spread_in_polygon(&t, &local, piece->area, piece->area / total, &at);
+    }
+    sample_colors(&t, &at, sum);
 }
 
 /* How texel (x, y) rounds a number between two whole ones: up where its fraction is above this. Neighbours differ as
@@ -269,7 +319,7 @@ static void fill_map(struct kiln_build *build, uint32_t map, uint32_t threads, c
     {
         struct fill_scratch scratch = {0};
         struct kiln_error own;
-#pragma omp for schedule(dynamic, 64)
+#pragma omp for schedule(dynamic, 16)
         for (uint64_t i = 0; i < count; i++) {
             if (kiln_build_failed(build))
                 continue;

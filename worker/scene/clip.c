@@ -43,48 +43,53 @@ static uint32_t place_collapsed(const double corner[3][2], double x0, double y0,
     return 3;
 }
 
+/* Cuts off what lies below `low` and above `high` of an axis, where a corner of the triangle does. */
+static inline uint32_t cut_axis(const double corner[3][2], int axis, double low, double high,
+                                const struct kiln_clip_corner *in, uint32_t count,
+                                struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
+{
+    struct kiln_clip_corner other[KILN_CLIP_CORNERS];
+    bool below = false, above = false;
+    for (int c = 0; c < 3; c++) {
+        below |= corner[c][axis] < low;
+        above |= corner[c][axis] > high;
+    }
+    if (count > 0 && below && above) {
+        count = clip_half_plane(in, count, axis, low, 1.0, other);
+        return count > 0 ? clip_half_plane(other, count, axis, high, -1.0, polygon) : 0;
+    }
+    if (count > 0 && below)
+        return clip_half_plane(in, count, axis, low, 1.0, polygon);
+    if (count > 0 && above)
+        return clip_half_plane(in, count, axis, high, -1.0, polygon);
+    for (uint32_t i = 0; i < count; i++)
+        polygon[i] = in[i];
+    return count;
+}
+
+uint32_t kiln_clip_column(const double corner[3][2], double x0, double x1,
+                          struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
+{
+    const struct kiln_clip_corner whole[3] = {{corner[0][0], corner[0][1], 0.0, 0.0},
+                                              {corner[1][0], corner[1][1], 1.0, 0.0},
+                                              {corner[2][0], corner[2][1], 0.0, 1.0}};
+    return cut_axis(corner, 0, x0, x1, whole, 3, polygon);
+}
+
+uint32_t kiln_clip_rows(const double corner[3][2], const struct kiln_clip_corner *column, uint32_t count, double y0,
+                        double y1, struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
+{
+    return cut_axis(corner, 1, y0, y1, column, count, polygon);
+}
+
 uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, double x1, double y1,
                             struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
 {
-    struct kiln_clip_corner other[KILN_CLIP_CORNERS], *from = other, *to = polygon, *swap;
-    /* whether some corner lies beyond the left, right, top, bottom side */
-    bool outside[4] = {false, false, false, false};
-    uint32_t cuts = 0, count = 3;
+    struct kiln_clip_corner column[KILN_CLIP_CORNERS];
     if (!(fabs(kiln_clip_twice_area(corner)) > 0.0))
         return place_collapsed(corner, x0, y0, x1, y1, polygon);
-    for (int c = 0; c < 3; c++) {
-        outside[0] |= corner[c][0] < x0;
-        outside[1] |= corner[c][0] > x1;
-        outside[2] |= corner[c][1] < y0;
-        outside[3] |= corner[c][1] > y1;
-    }
-    for (int side = 0; side < 4; side++)
-        cuts += outside[side] ? 1 : 0;
-    if (cuts % 2 == 0) { /* so that the last cut writes to `polygon` */
-        from = polygon;
-        to = other;
-    }
-    from[0] = (struct kiln_clip_corner){corner[0][0], corner[0][1], 0.0, 0.0};
-    from[1] = (struct kiln_clip_corner){corner[1][0], corner[1][1], 1.0, 0.0};
-    from[2] = (struct kiln_clip_corner){corner[2][0], corner[2][1], 0.0, 1.0};
-    for (int side = 0; side < 4; side++) {
-        if (!outside[side])
-            continue;
-        if (count > 0) {
-            if (side == 0)
-                count = clip_half_plane(from, count, 0, x0, 1.0, to);
-            else if (side == 1)
-                count = clip_half_plane(from, count, 0, x1, -1.0, to);
-            else if (side == 2)
-                count = clip_half_plane(from, count, 1, y0, 1.0, to);
-            else
-                count = clip_half_plane(from, count, 1, y1, -1.0, to);
-        }
-        swap = from;
-        from = to;
-        to = swap;
-    }
-    return count;
+    const uint32_t count = kiln_clip_column(corner, x0, x1, column);
+    return kiln_clip_rows(corner, column, count, y0, y1, polygon);
 }
 
 /* Keeps what is at distance[i] >= 0, the distance of corner i. */

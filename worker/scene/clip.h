@@ -32,6 +32,13 @@ struct kiln_clip_corner {
 uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, double x1, double y1,
                             struct kiln_clip_corner polygon[KILN_CLIP_CORNERS]);
 
+/* The same in two steps, for rectangles that stand above one another, of a triangle that has area in the lightmap: what
+ * of it lies at x0..x1, and what of that, which `column` has `count` corners of, lies at y0..y1. */
+uint32_t kiln_clip_column(const double corner[3][2], double x0, double x1,
+                          struct kiln_clip_corner polygon[KILN_CLIP_CORNERS]);
+uint32_t kiln_clip_rows(const double corner[3][2], const struct kiln_clip_corner *column, uint32_t count, double y0,
+                        double y1, struct kiln_clip_corner polygon[KILN_CLIP_CORNERS]);
+
 /* Cuts a convex polygon along a line: keeps what lies at line[0] x + line[1] y <= line[2]. Returns the new number of
  * corners; fewer than 3 mean that nothing is left. A polygon that has no room for the corners is kept as it is. */
 uint32_t kiln_clip_line(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t count, const float line[3]);

@@ -68,6 +68,11 @@ static const float linear_of_srgb[256] = {
 
 void kiln_texture_codes(float linear[256]) { memcpy(linear, linear_of_srgb, sizeof linear_of_srgb); }
 
+/* RGBA, all four at once. Each operation has the bits that it has one by one. */
+typedef float colors __attribute__((vector_size(16)));
+typedef int32_t words __attribute__((vector_size(16)));
+#define ALL(value) ((colors){(value), (value), (value), (value)})
+
 /* Texel column or row for any integer, by the wrap mode. `size` is at most 65536; `at` is any value that fits. */
 static uint32_t wrapped(int64_t at, uint32_t size, uint32_t wrap)
 {
@@ -83,19 +88,24 @@ static uint32_t wrapped(int64_t at, uint32_t size, uint32_t wrap)
         return (uint32_t)(m < n ? m : 2 * n - 1 - m);
     }
     default: {
+        if ((size & (size - 1)) == 0)
+            return (uint32_t)at & (size - 1);
         const int64_t m = at % n;
         return (uint32_t)(m < 0 ? m + n : m);
     }
     }
 }
 
-/* The texel in a column and row that exist. */
-static void texel(const struct kiln_scene *scene, const struct kiln_texture *t, uint32_t x, uint32_t y, float rgba[4])
+static inline colors colors_of(const uint8_t code[4])
 {
-    const uint8_t *code = scene->texels + t->first + 4 * ((uint64_t)y * t->width + x);
-    for (int c = 0; c < 3; c++)
-        rgba[c] = t->srgb ? linear_of_srgb[code[c]] : (float)code[c] / 255.0f;
-    rgba[3] = (float)code[3] / 255.0f;
+    return (colors){(float)code[0], (float)code[1], (float)code[2], (float)code[3]};
+}
+
+static inline colors texel_of(const struct kiln_texture *t, const uint8_t code[4])
+{
+    if (!t->srgb)
+        return colors_of(code) / ALL(255.0f);
+    return (colors){linear_of_srgb[code[0]], linear_of_srgb[code[1]], linear_of_srgb[code[2]], (float)code[3] / 255.0f};
 }
 
 /* Texel coordinate of a texture coordinate, in double so that it keeps its fraction, and within the range of int64_t.
@@ -117,27 +127,54 @@ static inline int64_t floor_of(double x)
     return whole - (x < (double)whole ? 1 : 0);
 }
 
-void kiln_texture_sample(const struct kiln_scene *scene, uint32_t index, float u, float v, float rgba[4])
+/* What a lookup reads: texels, 4 bytes each, and how far between them the place is. */
+struct lookup {
+    const uint8_t *corner[4];
+    float fx, fy;
+};
+
+static inline const uint8_t *texel_at(const struct kiln_scene *scene, const struct kiln_texture *t, uint32_t x,
+                                      uint32_t y)
 {
-    assert(index < scene->texture_count);
-    const struct kiln_texture *t = &scene->textures[index];
+    return scene->texels + t->first + 4 * ((uint64_t)y * t->width + x);
+}
+
+static inline void place_lookup(const struct kiln_scene *scene, const struct kiln_texture *t, float u, float v,
+                                struct lookup *l)
+{
     const double x = texel_coordinate(u, t->width, t->wrap_u), y = texel_coordinate(v, t->height, t->wrap_v);
     if (t->nearest) {
-        texel(scene, t, wrapped(floor_of(x), t->width, t->wrap_u), wrapped(floor_of(y), t->height, t->wrap_v), rgba);
+        l->corner[0] =
+            texel_at(scene, t, wrapped(floor_of(x), t->width, t->wrap_u), wrapped(floor_of(y), t->height, t->wrap_v));
         return;
     }
     const int64_t left = floor_of(x - 0.5), top = floor_of(y - 0.5);
-    const float fx = (float)(x - 0.5 - (double)left), fy = (float)(y - 0.5 - (double)top);
+    l->fx = (float)(x - 0.5 - (double)left);
+    l->fy = (float)(y - 0.5 - (double)top);
     const uint32_t column[2] = {wrapped(left, t->width, t->wrap_u), wrapped(left + 1, t->width, t->wrap_u)},
                    row[2] = {wrapped(top, t->height, t->wrap_v), wrapped(top + 1, t->height, t->wrap_v)};
-    float corner[4][4];
     for (int k = 0; k < 4; k++)
-        texel(scene, t, column[k & 1], row[k >> 1], corner[k]);
-    for (int c = 0; c < 4; c++) {
-        const float upper = corner[0][c] + fx * (corner[1][c] - corner[0][c]);
-        const float lower = corner[2][c] + fx * (corner[3][c] - corner[2][c]);
-        rgba[c] = upper + fy * (lower - upper);
-    }
+        l->corner[k] = texel_at(scene, t, column[k & 1], row[k >> 1]);
+}
+
+static inline colors look_up(const struct kiln_texture *t, const struct lookup *l)
+{
+    if (t->nearest)
+        return texel_of(t, l->corner[0]);
+    const colors corner[4] = {texel_of(t, l->corner[0]), texel_of(t, l->corner[1]), texel_of(t, l->corner[2]),
+                              texel_of(t, l->corner[3])};
+    const colors upper = corner[0] + ALL(l->fx) * (corner[1] - corner[0]),
+                 lower = corner[2] + ALL(l->fx) * (corner[3] - corner[2]);
+    return upper + ALL(l->fy) * (lower - upper);
+}
+
+void kiln_texture_sample(const struct kiln_scene *scene, uint32_t index, float u, float v, float rgba[4])
+{
+    assert(index < scene->texture_count);
+    struct lookup l;
+    place_lookup(scene, &scene->textures[index], u, v, &l);
+    const colors found = look_up(&scene->textures[index], &l);
+    memcpy(rgba, &found, sizeof found);
 }
 
 /* One channel of kiln_texture_sample. */
@@ -145,17 +182,18 @@ static float texture_channel(const struct kiln_scene *scene, uint32_t index, str
 {
     const struct kiln_texture *t = &scene->textures[index];
     const double x = texel_coordinate(uv.x, t->width, t->wrap_u), y = texel_coordinate(uv.y, t->height, t->wrap_v);
-    const double shift = t->nearest ? 0.0 : 0.5, left = floor(x - shift), top = floor(y - shift);
+    const double shift = t->nearest ? 0.0 : 0.5;
+    const int64_t left = floor_of(x - shift), top = floor_of(y - shift);
     float corner[4] = {0};
     for (int k = 0; k < (t->nearest ? 1 : 4); k++) {
-        const uint64_t row = wrapped((int64_t)top + (k >> 1), t->height, t->wrap_v),
-                       column = wrapped((int64_t)left + (k & 1), t->width, t->wrap_u);
+        const uint64_t row = wrapped(top + (k >> 1), t->height, t->wrap_v),
+                       column = wrapped(left + (k & 1), t->width, t->wrap_u);
         const uint8_t code = scene->texels[t->first + 4 * (row * t->width + column) + (uint64_t)channel];
         corner[k] = t->srgb && channel < 3 ? linear_of_srgb[code] : (float)code / 255.0f;
     }
     if (t->nearest)
         return corner[0];
-    const float fx = (float)(x - 0.5 - left), fy = (float)(y - 0.5 - top);
+    const float fx = (float)(x - 0.5 - (double)left), fy = (float)(y - 0.5 - (double)top);
     const float upper = corner[0] + fx * (corner[1] - corner[0]), lower = corner[2] + fx * (corner[3] - corner[2]);
     return upper + fy * (lower - upper);
 }
@@ -171,32 +209,65 @@ static struct kiln_vec2 interpolated(const struct kiln_vec2 *values, const uint3
     return (struct kiln_vec2){a.x + b1 * (b.x - a.x) + b2 * (c.x - a.x), a.y + b1 * (b.y - a.y) + b2 * (c.y - a.y)};
 }
 
-/* Base colour x vertex colour x texture; the colour, not the alpha, times `kept`. */
-static void surface_color(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
-                          float b2, float kept, float rgba[4])
+/* `kept`: of the colour, not of the alpha. */
+static inline void prepare(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float kept,
+                           struct kiln_paint *paint)
 {
     const struct kiln_material *m = &scene->materials[scene->triangle_materials[triangle]];
     const uint32_t *corner = corners_of(scene, triangle);
-    const uint8_t *colors = scene->colors + 4 * mesh->vertex_first;
-    const float b0 = 1.0f - b1 - b2;
-    for (int c = 0; c < 4; c++) {
-        const float vertex = (b0 * (float)colors[4 * (size_t)corner[0] + (size_t)c] +
-                              b1 * (float)colors[4 * (size_t)corner[1] + (size_t)c] +
-                              b2 * (float)colors[4 * (size_t)corner[2] + (size_t)c]) /
-                             255.0f;
-        rgba[c] = m->base_color[c] * vertex;
+    *paint = (struct kiln_paint){.scene = scene, .texture = m->base_color_texture, .kept = {kept, kept, kept, 1.0f}};
+    memcpy(paint->factor, m->base_color, sizeof paint->factor);
+    for (int c = 0; c < 3; c++) {
+        const colors vertex = colors_of(scene->colors + 4 * (mesh->vertex_first + corner[c]));
+        memcpy(paint->vertex[c], &vertex, sizeof vertex);
+        if (paint->texture != KILN_NONE)
+            paint->at[c] = scene->texcoord_base[mesh->vertex_first + corner[c]];
     }
-    if (m->base_color_texture != KILN_NONE) {
-        float sample[4];
-        const struct kiln_vec2 uv = interpolated(scene->texcoord_base + mesh->vertex_first, corner, b1, b2);
-        kiln_texture_sample(scene, m->base_color_texture, uv.x, uv.y, sample);
-        for (int c = 0; c < 4; c++)
-            rgba[c] *= sample[c];
+}
+
+static inline colors load(const float from[4])
+{
+    colors all;
+    memcpy(&all, from, sizeof all);
+    return all;
+}
+
+/* Base colour x vertex colour x texture. */
+static inline void paint_one(const struct kiln_paint *p, float b1, float b2, colors texture, float rgba[4])
+{
+    const colors vertex =
+        (ALL(1.0f - b1 - b2) * load(p->vertex[0]) + ALL(b1) * load(p->vertex[1]) + ALL(b2) * load(p->vertex[2])) /
+        ALL(255.0f);
+    colors color = load(p->factor) * vertex;
+    if (p->texture != KILN_NONE)
+        color *= texture;
+    color *= load(p->kept);
+    color = (colors)((words)color & (color > ALL(0.0f)));
+    const words below = color < ALL(1.0f); /* rounding of the weights may step outside by a bit */
+    color = (colors)(((words)color & below) | ((words)ALL(1.0f) & ~below));
+    memcpy(rgba, &color, sizeof color);
+}
+
+/* Where each position's texels are comes first, so that none waits for another's to arrive. */
+static inline void paint_some(const struct kiln_paint *p, const float *b1, const float *b2, int count, float (*rgba)[4])
+{
+    static const uint32_t corner[3] = {0, 1, 2};
+    const struct kiln_texture *t = &p->scene->textures[p->texture != KILN_NONE ? p->texture : 0];
+    struct lookup lookups[KILN_PAINT_MOST];
+    for (int i = 0; i < count && p->texture != KILN_NONE; i++) {
+        const struct kiln_vec2 uv = interpolated(p->at, corner, b1[i], b2[i]);
+        place_lookup(p->scene, t, uv.x, uv.y, &lookups[i]);
     }
-    for (int c = 0; c < 4; c++) {
-        const float scaled = c < 3 ? rgba[c] * kept : rgba[c], some = scaled > 0.0f ? scaled : 0.0f;
-        rgba[c] = some < 1.0f ? some : 1.0f; /* rounding of the weights may step outside by a bit */
-    }
+    for (int i = 0; i < count; i++)
+        paint_one(p, b1[i], b2[i], p->texture != KILN_NONE ? look_up(t, &lookups[i]) : ALL(1.0f), rgba[i]);
+}
+
+static void surface_color(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
+                          float b2, float kept, float rgba[4])
+{
+    struct kiln_paint paint;
+    prepare(scene, mesh, triangle, kept, &paint);
+    paint_some(&paint, &b1, &b2, 1, (float(*)[4])rgba);
 }
 
 /* Fraction of a material's surface that exists at a position, by its alpha. */
@@ -238,10 +309,10 @@ float kiln_surface_opacity(const struct kiln_scene *scene, const struct kiln_mes
     const struct kiln_vec2 uv = interpolated(scene->texcoord_base + mesh->vertex_first, corner, b1, b2);
     float covered = 1.0f;
     if (m->alpha_mode != KILN_ALPHA_OPAQUE) {
-        const uint8_t *colors = scene->colors + 4 * mesh->vertex_first;
+        const uint8_t *codes = scene->colors + 4 * mesh->vertex_first;
         const float vertex =
-            ((1.0f - b1 - b2) * (float)colors[4 * (size_t)corner[0] + 3] +
-             b1 * (float)colors[4 * (size_t)corner[1] + 3] + b2 * (float)colors[4 * (size_t)corner[2] + 3]) /
+            ((1.0f - b1 - b2) * (float)codes[4 * (size_t)corner[0] + 3] + b1 * (float)codes[4 * (size_t)corner[1] + 3] +
+             b2 * (float)codes[4 * (size_t)corner[2] + 3]) /
             255.0f;
         float alpha = m->base_color[3] * vertex;
         if (m->base_color_texture != KILN_NONE)
@@ -249,6 +320,17 @@ float kiln_surface_opacity(const struct kiln_scene *scene, const struct kiln_mes
         covered = coverage(m, fminf(fmaxf(alpha, 0.0f), 1.0f));
     }
     return covered - covered * transmission_at(scene, m, uv);
+}
+
+void kiln_paint_prepare(struct kiln_paint *paint, const struct kiln_scene *scene, const struct kiln_mesh *mesh,
+                        uint64_t triangle)
+{
+    prepare(scene, mesh, triangle, 1.0f - scene->materials[scene->triangle_materials[triangle]].metallic, paint);
+}
+
+void kiln_paint_colors(const struct kiln_paint *paint, const float *b1, const float *b2, int count, float (*rgba)[4])
+{
+    paint_some(paint, b1, b2, count, rgba);
 }
 
 void kiln_surface_color(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
@@ -315,7 +397,7 @@ static void cut(const struct polygon *in, bool along_x, double bound, double sig
 }
 
 struct cell {
-    float corner[4][4];
+    colors corner[4];
     double x, y; /* of the cell's first corner */
     bool nearest;
 };
@@ -327,8 +409,8 @@ static void load_cell(const struct kiln_scene *scene, const struct kiln_texture 
     cell->y = y;
     cell->nearest = t->nearest != 0;
     for (int k = 0; k < (cell->nearest ? 1 : 4); k++) /* a bilinear cell begins at a texel centre, half a texel in */
-        texel(scene, t, wrapped((int64_t)floor(x) + (k & 1), t->width, t->wrap_u),
-              wrapped((int64_t)floor(y) + (k >> 1), t->height, t->wrap_v), cell->corner[k]);
+        cell->corner[k] = texel_of(t, texel_at(scene, t, wrapped((int64_t)floor(x) + (k & 1), t->width, t->wrap_u),
+                                               wrapped((int64_t)floor(y) + (k >> 1), t->height, t->wrap_v)));
 }
 
 static double cell_value(const struct cell *cell, int channel, double x, double y)

@@ -17,6 +17,19 @@ void kiln_texture_codes(float linear[256]);
  * [3]. */
 void kiln_surface_color(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
                         float b2, float rgba[4]);
+/* The same, for many positions of one triangle: what is the same at all of them, ready. Borrows the scene. */
+struct kiln_paint {
+    const struct kiln_scene *scene;
+    float factor[4], kept[4]; /* of the material: base colour, and 1 - metallic of it (1 of the alpha) */
+    float vertex[3][4];       /* codes, 0..255 */
+    struct kiln_vec2 at[3];   /* in the texture */
+    uint32_t texture;         /* KILN_NONE: none */
+};
+void kiln_paint_prepare(struct kiln_paint *paint, const struct kiln_scene *scene, const struct kiln_mesh *mesh,
+                        uint64_t triangle);
+enum { KILN_PAINT_MOST = 16 };
+/* At `count` positions, KILN_PAINT_MOST at most. */
+void kiln_paint_colors(const struct kiln_paint *paint, const float *b1, const float *b2, int count, float (*rgba)[4]);
 /* What happens to light at a position of a surface. The fraction `opacity` of it meets surface, which is lit and
  * reflects with the albedo of kiln_surface_color. The rest is let through with the factors `through`, so light is
  * tinted by through / (1 - opacity).

@@ -44,16 +44,18 @@ double kiln_adapt_share(uint32_t pilot, uint32_t samples)
 static void add_spreads(const struct kiln_rank_data *own, double mean, uint64_t *tiles)
 {
     const struct kiln_surface *surface = &own->surface;
+#pragma omp parallel for schedule(static)
     for (size_t f = 0; f < surface->tile_run_count; f++) {
         const struct kiln_tile_run *run = &surface->tile_runs[f];
-        uint64_t *tile = &tiles[surface->lightmaps[run->map].tile_first + run->tile];
         const uint64_t first = kiln_own_of_global(surface, run->first).at;
+        uint64_t sum = 0;
         for (uint64_t i = first; i < first + run->count; i++) {
             const double error = (double)kiln_error_unpack(own->error[i]),
                          light = fmax(0.0, kiln_luminance_of_floats(&own->direct[3 * i]));
             const double spread = error > 0.0 ? error / (light + DARK * mean) * (error / mean) : 0.0;
-            *tile += (uint64_t)(fmin(spread, SPREAD_MOST) * SPREAD_STEPS);
+            sum += (uint64_t)(fmin(spread, SPREAD_MOST) * SPREAD_STEPS);
         }
+        kiln_tiles_add(&tiles[surface->lightmaps[run->map].tile_first + run->tile], sum);
     }
 }
 
@@ -126,6 +128,7 @@ static void count_levels(const struct kiln_surface *surface, const uint64_t *til
 {
     for (uint32_t m = 0; m < surface->map_count; m++) {
         const struct kiln_lightmap *map = &surface->lightmaps[m];
+#pragma omp parallel for schedule(static) reduction(+ : points[:LEVELS]) if (map->tiles_y > 16)
         for (uint32_t y = 0; y < map->tiles_y; y++)
             for (uint32_t x = 0; x < map->tiles_x; x++)
                 points[level_of(surface, tiles, map, x, y)] += (uint64_t)__builtin_popcountll(
@@ -139,6 +142,7 @@ static void choose_samples(const struct kiln_rank_data *own, const uint64_t *til
     const struct kiln_surface *surface = &own->surface;
     count_levels(surface, tiles, budget->points);
     const double one = share_out(budget);
+#pragma omp parallel for schedule(static)
     for (size_t f = 0; f < surface->tile_run_count; f++) {
         const struct kiln_tile_run *run = &surface->tile_runs[f];
         const struct kiln_lightmap *map = &surface->lightmaps[run->map];

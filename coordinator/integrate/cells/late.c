@@ -1,7 +1,6 @@
 #include "coordinator/integrate/cells/late.h"
 
 #include <math.h>
-#include <string.h>
 
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/cells/tail.h"
@@ -22,8 +21,9 @@ void kiln_late_reset(const struct kiln_rank_data *own)
 
 void kiln_late_clear(const struct kiln_rank_data *own)
 {
-    if (own->surface.count > 0)
-        memset(own->next, 0, own->surface.count * sizeof *own->next);
+#pragma omp parallel for schedule(static)
+    for (uint64_t i = 0; i < own->surface.count; i++)
+        own->next[i] = 0;
 }
 
 /* The last bounce's radiosity over all so far, in steps of STEPS. */
@@ -46,11 +46,16 @@ static void add_shares(const struct kiln_integration *in, double mean, uint64_t 
 {
     const struct kiln_rank_data *own = in->solution->own;
     const struct kiln_surface *surface = &own->surface;
+#pragma omp parallel for schedule(static)
     for (size_t f = 0; f < surface->tile_run_count; f++) {
         const struct kiln_tile_run *run = &surface->tile_runs[f];
         struct kiln_own_point point = kiln_own_of_global(surface, run->first);
-        for (uint32_t k = 0; own->samples_bounce[f] > 0 && k < run->count; k++, point.at++)
-            tiles[surface->lightmaps[run->map].tile_first + run->tile] += share_of(in, point, mean);
+        uint64_t sum = 0;
+        if (own->samples_bounce[f] == 0)
+            continue;
+        for (uint32_t k = 0; k < run->count; k++, point.at++)
+            sum += share_of(in, point, mean);
+        kiln_tiles_add(&tiles[surface->lightmaps[run->map].tile_first + run->tile], sum);
     }
 }
 
@@ -81,6 +86,7 @@ static void end_tile_runs(const struct kiln_integration *in, const uint64_t *til
         fit.ratio[c] = fmax(fit.ratio[c], fit.latest[c]);
     kiln_tail_factors(&fit, factor);
     const double left = fmax(kiln_luminance_of_floats(factor), 1e-9);
+#pragma omp parallel for schedule(static)
     for (size_t f = 0; f < own->surface.tile_run_count; f++) {
         const struct kiln_tile_run *run = &own->surface.tile_runs[f];
         if (own->samples_bounce[f] == 0)

@@ -141,5 +141,9 @@ void kiln_tail_add(const struct kiln_integration *in)
     float factor[3];
     find_factors(&in->solution->report, kiln_cells_first(in->settings), factor);
     in->solution->report.tail = true;
-    kiln_tail_extend(in, (struct kiln_own_point){0}, in->solution->own->surface.count, factor);
+    const struct kiln_surface *surface = &in->solution->own->surface;
+#pragma omp parallel for schedule(static)
+    for (size_t f = 0; f < surface->tile_run_count; f++)
+        kiln_tail_extend(in, kiln_own_of_global(surface, surface->tile_runs[f].first), surface->tile_runs[f].count,
+                         factor);
 }

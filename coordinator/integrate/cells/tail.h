@@ -26,7 +26,7 @@ void kiln_tail_factors(const struct kiln_tail_fit *fit, float factor[3]);
 /* The radiosity of an own point in the last step reported, RGB, before it is overwritten by the next. */
 void kiln_tail_last(const struct kiln_integration *integration, struct kiln_own_point point, float rgb[3]);
 
-/* Adds `factor` times that to the sums of `count` own points. */
+/* Adds `factor` times that to the sums of `count` own points. Thread-safe for other points. */
 void kiln_tail_extend(const struct kiln_integration *integration, struct kiln_own_point first, uint64_t count,
                       const float factor[3]);
 

@@ -424,6 +424,7 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
 void kiln_cells_pack_sum(const struct kiln_rank_data *own_data)
 {
     const struct kiln_surface *surface = &own_data->surface;
+#pragma omp parallel for schedule(static)
     for (size_t i = 0; i < surface->tile_run_count; i++) {
         const struct kiln_tile_run *f = &surface->tile_runs[i];
         struct kiln_own_point own = kiln_own_of_global(surface, f->first);

@@ -41,12 +41,17 @@ static void add_points(const struct kiln_integration *in, double mean, uint64_t 
 {
     const struct kiln_rank_data *own = in->solution->own;
     const struct kiln_surface *surface = &own->surface;
+#pragma omp parallel for schedule(static)
     for (size_t f = 0; f < surface->tile_run_count; f++) {
         const struct kiln_tile_run *run = &surface->tile_runs[f];
         struct kiln_own_point point = kiln_own_of_global(surface, run->first);
-        uint64_t *sums = &tiles[SUMS * (surface->lightmaps[run->map].tile_first + run->tile)];
-        for (uint32_t k = 0; own->samples_bounce[f] > 0 && k < run->count; k++, point.at++)
+        uint64_t sums[SUMS] = {0}, *tile = &tiles[SUMS * (surface->lightmaps[run->map].tile_first + run->tile)];
+        if (own->samples_bounce[f] == 0)
+            continue;
+        for (uint32_t k = 0; k < run->count; k++, point.at++)
             add_point(in, point, own->block == NULL || own->block[point.at] == k, mean, sums);
+        for (int k = 0; k < SUMS; k++)
+            kiln_tiles_add(&tile[k], sums[k]);
     }
 }
 
@@ -101,6 +106,17 @@ static double error_of(const uint64_t sums[static SUMS], const struct kiln_tail_
     return share * off / (1.0 + share * fmax(own, tail));
 }
 
+/* Of all tiles, whose sums are `count` numbers. */
+static double largest_error(const uint64_t *tiles, size_t count, const struct kiln_tail_fit *fit, size_t bounces)
+{
+    const double q = fmin(kiln_luminance(fit->ratio), KILN_TAIL_RATIO_MOST);
+    double largest = 0.0;
+#pragma omp parallel for schedule(static) reduction(max : largest)
+    for (size_t t = 0; t < count; t += SUMS)
+        largest = fmax(largest, error_of(&tiles[t], fit, q, bounces));
+    return largest;
+}
+
 int kiln_tile_error(const struct kiln_integration *in, double *largest, struct kiln_error *error)
 {
     const struct kiln_surface *surface = &in->solution->own->surface;
@@ -116,11 +132,9 @@ int kiln_tile_error(const struct kiln_integration *in, double *largest, struct k
     *largest = 0.0;
     if (status == KILN_OK) {
         kiln_cells_fit_tail(part.of + first, part.count - first, &fit);
-        const double q = fmin(kiln_luminance(fit.ratio), KILN_TAIL_RATIO_MOST);
         add_points(in, mean, tiles);
         kiln_tiles_reduce(in, tiles, count);
-        for (size_t t = 0; t < count; t += SUMS)
-            *largest = fmax(*largest, error_of(&tiles[t], &fit, q, part.count - first - 1));
+        *largest = largest_error(tiles, count, &fit, part.count - first - 1);
     }
     kiln_free(&tiles);
     return status;

@@ -8,6 +8,13 @@
 /* Collective. Adds up each of `count` values over the ranks. */
 void kiln_tiles_reduce(const struct kiln_integration *integration, uint64_t *values, uint64_t count);
 
+/* Adds to the value of a tile, of which several threads may have runs. Thread-safe. */
+static inline void kiln_tiles_add(uint64_t *value, uint64_t more)
+{
+#pragma omp atomic
+    *value += more;
+}
+
 /* Collective. The mean luminance over all valid points of `values`, 3 an own point, W/m2: the same for any ranks. */
 int kiln_tiles_mean(const struct kiln_integration *integration, const float *values, double *mean,
                     struct kiln_error *error);

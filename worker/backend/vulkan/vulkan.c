@@ -7,6 +7,7 @@
 
 #include "shaders/shared/chain.h"
 #include "worker/backend/vulkan/bright.h"
+#include "worker/backend/vulkan/chunks.h"
 #include "worker/backend/vulkan/held.h"
 #include "worker/backend/vulkan/kept_rows.h"
 #include "worker/backend/vulkan/regression.h"
@@ -149,6 +150,8 @@ static void clear(struct vulkan_backend *b)
     gpu_buffer_destroy(b->gpu, &b->node_shapes);
     gpu_buffer_destroy(b->gpu, &b->sobol);
     b->sobol_count = 0;
+    gpu_buffer_destroy(b->gpu, &b->rays);
+    gpu_buffer_destroy(b->gpu, &b->hits);
     gpu_buffer_destroy(b->gpu, &b->scene);
     vulkan_lights_destroy(b->gpu, &b->lights);
     vulkan_lights_destroy(b->gpu, &b->direct_lights);
@@ -476,19 +479,24 @@ int vulkan_intersect_on_device(struct vulkan_backend *b, uint64_t origins, uint6
 }
 
 /* Some rays at once, through buffers that hold `room` of them. */
-static int intersect_some(struct vulkan_backend *b, const struct gpu_buffer *in, const struct gpu_buffer *out,
-                          size_t room, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
-                          size_t count, struct kiln_hit *hits, struct kiln_error *error)
+static int intersect_some(struct vulkan_backend *b, size_t room, const struct kiln_vec3 *origins,
+                          const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
+                          struct kiln_error *error)
 {
-    memcpy(in->mapped, origins, count * sizeof *origins);
-    memcpy((struct kiln_vec3 *)in->mapped + room, directions, count * sizeof *directions);
+    struct kiln_vec3 *from = b->rays.mapped, *to = from + room;
+#pragma omp parallel for schedule(static) num_threads((int)b->threads) if (count > 1 << 14)
+    for (size_t i = 0; i < count; i++) {
+        from[i] = origins[i];
+        to[i] = directions[i];
+    }
     double seconds;
-    const int status = vulkan_intersect_on_device(b, in->address, in->address + room * sizeof *directions, out->address,
-                                                  (uint32_t)count, &seconds, error);
+    const int status = vulkan_intersect_on_device(b, b->rays.address, b->rays.address + room * sizeof *directions,
+                                                  b->hits.address, (uint32_t)count, &seconds, error);
     if (status != KILN_OK)
         return status;
     gpu_pacer_learn(&b->pacers[VULKAN_PACE_INTERSECT], count, seconds);
-    const struct kiln_gpu_hit *found = out->mapped;
+    const struct kiln_gpu_hit *found = b->hits.mapped;
+#pragma omp parallel for schedule(static) num_threads((int)b->threads) if (count > 1 << 14)
     for (size_t i = 0; i < count; i++)
         hits[i] = (struct kiln_hit){.triangle = found[i].triangle,
                                     .u = found[i].u,
@@ -505,19 +513,16 @@ int vulkan_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origi
     enum { MOST = 1 << 20 };
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
     const size_t room = count < MOST ? count : MOST;
-    struct gpu_buffer in = {0}, out = {0};
-    int status = gpu_buffer_create(b->gpu, &in, 2 * room * sizeof *origins, GPU_HOST, "rays", error);
+    int status = vulkan_grow_buffer(b, &b->rays, 2 * room * sizeof *origins, GPU_HOST, "rays", error);
     if (status == KILN_OK)
-        status = gpu_buffer_create(b->gpu, &out, room * sizeof(struct kiln_gpu_hit), GPU_HOST, "hits", error);
+        status = vulkan_grow_buffer(b, &b->hits, room * sizeof(struct kiln_gpu_hit), GPU_HOST, "hits", error);
     for (size_t done = 0; done < count && status == KILN_OK;) {
         size_t some = gpu_pacer_next(&b->pacers[VULKAN_PACE_INTERSECT], 1 << 16);
         some = some > room ? room : some < 64 ? 64 : some;
         some = some > count - done ? count - done : some;
-        status = intersect_some(b, &in, &out, room, origins + done, directions + done, some, hits + done, error);
+        status = intersect_some(b, room, origins + done, directions + done, some, hits + done, error);
         done += some;
     }
-    gpu_buffer_destroy(b->gpu, &in);
-    gpu_buffer_destroy(b->gpu, &out);
     return status;
 }
 

@@ -185,6 +185,7 @@ struct vulkan_backend {
     struct kiln_aside making; /* by threads; of kernels that were asked for since */
     struct gpu_buffer sobol;  /* KILN_DIMENSIONS times sobol_count words */
     uint32_t sobol_count;
+    struct gpu_buffer rays, hits; /* of the host: what vulkan_intersect was last asked, with room for more */
     struct vulkan_slot slots[GPU_SLOTS];
     char *results; /* of the host: where short results are made long (hemisphere.h) */
     size_t result_room;
