@@ -149,19 +149,19 @@ static void test_what_stays(void **state)
 }
 
 /* A system whose planes take different numbers of steps, and some of whose values have to be held. */
-static void make_system(struct kiln_seam_system **system)
+static void make_system(struct kiln_seam_system **system, size_t unknowns, size_t samples)
 {
-    enum { UNKNOWNS = 300, SAMPLES = 200, PLANES = 9 };
+    enum { PLANES = 9 };
     uint32_t state = 1;
-    assert_int_equal(kiln_seam_system_create(system, UNKNOWNS, SAMPLES, PLANES, NULL), 0);
+    assert_int_equal(kiln_seam_system_create(system, unknowns, samples, PLANES, NULL), 0);
     struct kiln_seam_system *s = *system;
-    for (size_t i = 0; i < SAMPLES; i++)
+    for (size_t i = 0; i < samples; i++)
         for (int k = 0; k < KILN_SEAM_ENTRIES; k++) {
             state = state * 1664525u + 1013904223u;
-            s->samples[i].at[k] = (state >> 8) % UNKNOWNS;
+            s->samples[i].at[k] = (state >> 8) % (uint32_t)unknowns;
             s->samples[i].weight[k] = k < KILN_SEAM_SIDE ? 0.25f : -0.25f;
         }
-    for (size_t i = 0; i < UNKNOWNS; i++) {
+    for (size_t i = 0; i < unknowns; i++) {
         s->area[i] = i % 7 == 0 ? 0.0f : 1.0f + 0.1f * (float)(i % 3);
         for (uint32_t p = 0; p < PLANES; p++) {
             state = state * 1664525u + 1013904223u;
@@ -170,39 +170,58 @@ static void make_system(struct kiln_seam_system **system)
     }
 }
 
-/* Planes that are solved side by side are what each is alone. */
+/* Solves every `step`-th plane of a system at a time. */
+static void solve(struct kiln_seam_system *s, uint32_t step, int threads)
+{
+    omp_set_num_threads(threads);
+    for (uint32_t p = 0; p < step; p++)
+        assert_int_equal(kiln_seam_system_solve(s, p, step, NULL), 0);
+}
+
+static void check_same(const struct kiln_seam_system *a, const struct kiln_seam_system *b)
+{
+    for (uint32_t p = 0; p < a->plane_count; p++)
+        assert_memory_equal(a->planes[p], b->planes[p], a->unknown_count * sizeof(float));
+}
+
+/* Planes that are solved side by side, by few threads or by a team of many, are what each is alone. */
+static void check_threads(size_t unknowns, size_t samples, const int *threads, size_t count)
+{
+    struct kiln_seam_system *alone = NULL;
+    make_system(&alone, unknowns, samples);
+    solve(alone, alone->plane_count, 1);
+    for (size_t t = 0; t < count; t++)
+        for (uint32_t step = 1; step <= 2; step++) {
+            struct kiln_seam_system *all = NULL;
+            size_t changed = 0;
+            make_system(&all, unknowns, samples);
+            for (size_t i = 0; i < all->unknown_count; i++)
+                changed += all->planes[0][i] != alone->planes[0][i];
+            assert_true(changed > samples / 2);
+            solve(all, step, threads[t]);
+            check_same(all, alone);
+            kiln_seam_system_destroy(&all);
+        }
+    kiln_seam_system_destroy(&alone);
+}
+
 static void test_planes_side_by_side(void **state)
 {
     (void)state;
-    struct kiln_seam_system *alone = NULL;
-    make_system(&alone);
-    for (uint32_t p = 0; p < alone->plane_count; p++)
-        assert_int_equal(kiln_seam_system_solve(alone, p, alone->plane_count, NULL), 0);
-    for (int threads = 1; threads <= 9; threads++) {
-        struct kiln_seam_system *all = NULL;
-        size_t changed = 0;
-        make_system(&all);
-        omp_set_num_threads(threads);
-        assert_int_equal(kiln_seam_system_solve(all, 0, 2, NULL), 0);
-        assert_int_equal(kiln_seam_system_solve(all, 1, 2, NULL), 0);
-        for (uint32_t p = 0; p < all->plane_count; p++)
-            assert_memory_equal(all->planes[p], alone->planes[p], all->unknown_count * sizeof(float));
-        kiln_seam_system_destroy(&all);
-        make_system(&all);
-        for (size_t i = 0; i < all->unknown_count; i++)
-            changed += all->planes[0][i] != alone->planes[0][i];
-        assert_true(changed > all->unknown_count / 2);
-        assert_int_equal(kiln_seam_system_solve(all, 0, 1, NULL), 0);
-        for (uint32_t p = 0; p < all->plane_count; p++)
-            assert_memory_equal(all->planes[p], alone->planes[p], all->unknown_count * sizeof(float));
-        kiln_seam_system_destroy(&all);
-    }
-    kiln_seam_system_destroy(&alone);
+    check_threads(300, 200, (const int[]){1, 2, 3, 4, 5, 6, 7, 8, 9}, 9);
+}
+
+static void test_team(void **state)
+{
+    (void)state;
+    check_threads(21000, 4000, (const int[]){5, 7}, 2);
+    check_threads(140000, 4000, (const int[]){4}, 1); /* so many that few planes are under way */
 }
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_charts_and_seam), cmocka_unit_test(test_smoothing),
-                                       cmocka_unit_test(test_what_stays), cmocka_unit_test(test_planes_side_by_side)};
+                                       cmocka_unit_test(test_what_stays), cmocka_unit_test(test_planes_side_by_side),
+                                       cmocka_unit_test(test_team)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

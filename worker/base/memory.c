@@ -14,14 +14,23 @@ static void *aligned_block(size_t count, size_t size)
     return aligned_alloc(ALIGNMENT, bytes == 0 ? ALIGNMENT : bytes);
 }
 
-int kiln_allocate(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error)
+int kiln_allocate_bare(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error)
 {
     void *block = aligned_block(count, size);
     memcpy(pointer, &block, sizeof block);
     if (block == NULL)
         return kiln_fail(error, KILN_SYSTEM, "out of memory: %zu elements of %zu bytes for %s", count, size, what);
-    memset(block, 0, count * size);
     return KILN_OK;
+}
+
+int kiln_allocate(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error)
+{
+    const int status = kiln_allocate_bare(pointer, count, size, what, error);
+    void *block;
+    memcpy(&block, pointer, sizeof block);
+    if (status == KILN_OK)
+        memset(block, 0, count * size);
+    return status;
 }
 
 int kiln_grow(void *pointer, size_t *capacity, size_t needed, size_t size, const char *what, struct kiln_error *error)

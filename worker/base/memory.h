@@ -12,6 +12,9 @@
  * in the error sentence ("the lightmap tiles"). Free with kiln_free. */
 int kiln_allocate(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error);
 
+/* The same without zeroing: elements are not initialised, and large arrays take memory where they are written first. */
+int kiln_allocate_bare(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error);
+
 /* Grows *pointer (from kiln_allocate or NULL) to at least `needed` elements. *capacity is the present number of
  * elements and is updated; a growing array at least doubles. New elements are not initialised. */
 int kiln_grow(void *pointer, size_t *capacity, size_t needed, size_t size, const char *what, struct kiln_error *error);

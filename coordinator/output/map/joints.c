@@ -27,7 +27,7 @@ struct search {
     const struct kiln_surface *surface;
     double extent;
     struct kiln_box *boxes, *clips; /* of each object: what it fills; where other objects are in that */
-    uint8_t **ends;                 /* of each mesh, once it is needed: kiln_mesh_ends */
+    uint8_t **ends;                 /* of each mesh that is needed: kiln_mesh_ends */
     struct origin *origins;         /* of each edge, */
     struct kiln_edge *edges;        /* and where it is, m from the scene's centre */
     size_t edge_count, origin_capacity, edge_capacity;
@@ -151,7 +151,7 @@ static int add_map(struct search *s, uint32_t map, struct kiln_error *error)
 {
     const uint32_t number = s->scene->objects[kiln_map_object(s->surface, map)].mesh;
     const struct kiln_mesh *mesh = &s->scene->meshes[number];
-    int status = s->ends[number] != NULL ? KILN_OK : kiln_mesh_ends(&s->ends[number], s->scene, number, error);
+    int status = KILN_OK;
     for (uint32_t t = 0; status == KILN_OK && t < mesh->triangle_count; t++) {
         const uint32_t material = s->scene->triangle_materials[mesh->triangle_first + t];
         if (kiln_map_back(s->surface, map) && s->scene->materials[material].double_sided == 0)
@@ -163,12 +163,39 @@ static int add_map(struct search *s, uint32_t map, struct kiln_error *error)
     return status;
 }
 
+/* Whether a lightmap may touch others. */
+static bool may_touch(const struct search *s, uint32_t map)
+{
+    return s->surface->lightmaps[map].published != 0 && !kiln_box_is_empty(&s->clips[kiln_map_object(s->surface, map)]);
+}
+
+/* Finds the ends of the meshes of lightmaps that may touch others. */
+static int find_ends(const struct search *s, struct kiln_error *error)
+{
+    uint8_t *wanted = NULL;
+    int status = kiln_allocate(&wanted, s->scene->mesh_count, 1, "where meshes end", error);
+    const size_t count = status == KILN_OK ? s->scene->mesh_count : 0;
+    for (uint32_t map = 0; status == KILN_OK && map < s->surface->map_count; map++)
+        if (may_touch(s, map))
+            wanted[s->scene->objects[kiln_map_object(s->surface, map)].mesh] = 1;
+#pragma omp parallel for schedule(dynamic, 1)
+    for (uint32_t mesh = 0; mesh < count; mesh++) {
+        struct kiln_error mine = {{0}};
+        const int result = wanted[mesh] != 0 ? kiln_mesh_ends(&s->ends[mesh], s->scene, mesh, &mine) : KILN_OK;
+        if (result == KILN_OK)
+            continue;
+#pragma omp critical(kiln_find_ends)
+        status = kiln_fail(error, result, "%s", mine.message);
+    }
+    kiln_free(&wanted);
+    return status;
+}
+
 static int collect_edges(struct search *s, struct kiln_error *error)
 {
-    int status = KILN_OK;
+    int status = find_ends(s, error);
     for (uint32_t map = 0; status == KILN_OK && map < s->surface->map_count; map++)
-        if (s->surface->lightmaps[map].published != 0 &&
-            !kiln_box_is_empty(&s->clips[kiln_map_object(s->surface, map)]))
+        if (may_touch(s, map))
             status = add_map(s, map, error);
     return status;
 }

@@ -558,8 +558,8 @@ static int run_some(const struct writer *w, const uint32_t *own, size_t count, u
     int status = KILN_OK;
     const int threads = omp_get_max_threads(), team = count < (size_t)threads ? (int)count : threads,
               levels = omp_get_max_active_levels();
-    if (count == 0)
-        return KILN_OK;
+    if (count <= 1) /* loops within loops would start their threads anew each time */
+        return count == 1 ? run(w, own[0], error) : KILN_OK;
     omp_set_max_active_levels(2);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(team)
     for (size_t i = 0; i < count; i++) {

@@ -1,8 +1,8 @@
 #include "coordinator/output/map/neighbours.h"
 
 #include <math.h>
+#include <omp.h>
 #include <stdbool.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "worker/base/clones.h"
@@ -54,69 +54,210 @@ static int compare_cells(const struct kiln_neighbour_cell *a, const struct kiln_
     return 0;
 }
 
-static int compare_entries(const void *a, const void *b)
+/* ---- sorting ---- */
+
+/* What points are sorted by, the least of it first. */
+enum { BY_ORDER, BY_Z, BY_Y, BY_X, BY_LEVEL, KEYS };
+
+static int64_t key_of(const struct entry *entry, int key)
 {
-    const struct entry *p = a, *q = b;
-    const int order = compare_cells(&p->cell, &q->cell);
-    return order != 0 ? order : (p->order > q->order) - (p->order < q->order);
+    return key == BY_ORDER ? (int64_t)entry->order : key == BY_LEVEL ? entry->cell.level : entry->cell.at[BY_X - key];
 }
 
-static void list_cells(struct kiln_neighbour_grid *g, const struct entry *entries)
+enum { DIGIT_BITS = 11, DIGITS = 1 << DIGIT_BITS, ENOUGH = 1 << 13 /* points for a thread */ };
+
+/* Entries that are sorted digit by digit, from the last one on, by threads that have a part each. */
+struct sort {
+    size_t count;
+    struct entry *entries, *spare;
+    int threads;
+    bool in_order; /* the entries come by their order */
+    int64_t least[KEYS], most[KEYS];
+    size_t (*places)[DIGITS]; /* of each thread and digit: how many there are, then where the next one goes */
+};
+
+/* The part [*begin, *end) of a thread. */
+static void find_part(const struct sort *s, int thread, size_t *begin, size_t *end)
 {
-    g->cell_count = 0;
-    for (size_t i = 0; i < g->count; i++) {
-        if (i > 0 && compare_cells(&entries[i].cell, &entries[i - 1].cell) == 0)
-            continue;
-        g->cells[g->cell_count] = entries[i].cell;
-        g->first[g->cell_count++] = (uint32_t)i;
+    *begin = s->count * (size_t)thread / (size_t)s->threads;
+    *end = s->count * ((size_t)thread + 1) / (size_t)s->threads;
+}
+
+static struct entry make_entry(const struct kiln_neighbour_grid *g, size_t i)
+{
+    const struct kiln_neighbour_point *point = &g->points[i];
+    struct entry entry = {{.level = level_of(point->size)}, point->order, (uint32_t)i};
+    for (int c = 0; c < 3; c++)
+        entry.cell.at[c] = cell_along(point->position[c], entry.cell.level);
+    return entry;
+}
+
+/* Makes the entries, and finds the ranges of their keys. */
+static void make_entries(struct sort *s, const struct kiln_neighbour_grid *g)
+{
+    for (int k = 0; k < KEYS; k++) {
+        s->least[k] = INT64_MAX;
+        s->most[k] = INT64_MIN;
+    }
+    int64_t *least = s->least, *most = s->most;
+    bool in_order = true;
+#pragma omp parallel for num_threads(s->threads) schedule(static) reduction(min : least[:KEYS]) \
+    reduction(max : most[:KEYS]) reduction(&& : in_order)
+    for (size_t i = 0; i < s->count; i++) {
+        s->entries[i] = make_entry(g, i);
+        for (int k = 0; k < KEYS; k++) {
+            const int64_t key = key_of(&s->entries[i], k);
+            least[k] = key < least[k] ? key : least[k];
+            most[k] = key > most[k] ? key : most[k];
+        }
+        in_order = in_order && (i == 0 || g->points[i - 1].order < g->points[i].order);
+    }
+    s->in_order = in_order;
+}
+
+static size_t digit_of(const struct sort *s, const struct entry *entry, int key, int shift)
+{
+    return (size_t)((key_of(entry, key) - s->least[key]) >> shift) & (DIGITS - 1);
+}
+
+/* The first places of all threads and digits, of which there are so many. */
+static void find_places(const struct sort *s, size_t digits)
+{
+    for (size_t d = 0, sum = 0; d < digits; d++)
+        for (int t = 0; t < s->threads; t++) {
+            const size_t here = s->places[t][d];
+            s->places[t][d] = sum;
+            sum += here;
+        }
+}
+
+/* Sorts by one digit; those that have the same stay in their order. */
+static void sort_by_digit(struct sort *s, int key, int shift)
+{
+    const int64_t most = (s->most[key] - s->least[key]) >> shift;
+    const size_t digits = most < DIGITS ? (size_t)most + 1 : DIGITS;
+#pragma omp parallel num_threads(s->threads)
+    {
+#pragma omp for schedule(static)
+        for (int t = 0; t < s->threads; t++) {
+            size_t begin, end;
+            find_part(s, t, &begin, &end);
+            memset(s->places[t], 0, digits * sizeof **s->places);
+            for (size_t i = begin; i < end; i++)
+                s->places[t][digit_of(s, &s->entries[i], key, shift)]++;
+        }
+#pragma omp single
+        find_places(s, digits);
+#pragma omp for schedule(static)
+        for (int t = 0; t < s->threads; t++) {
+            size_t begin, end;
+            find_part(s, t, &begin, &end);
+            for (size_t i = begin; i < end; i++)
+                s->spare[s->places[t][digit_of(s, &s->entries[i], key, shift)]++] = s->entries[i];
+        }
+    }
+    struct entry *const sorted = s->spare;
+    s->spare = s->entries;
+    s->entries = sorted;
+}
+
+static int sort_entries(struct sort *s, const struct kiln_neighbour_grid *g, struct kiln_error *error)
+{
+    const size_t most = s->count / ENOUGH + 1, threads = (size_t)omp_get_max_threads();
+    s->threads = (int)(threads < most ? threads : most);
+    int status = kiln_allocate_bare(&s->entries, s->count, sizeof *s->entries, "the order of surface points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate_bare(&s->spare, s->count, sizeof *s->spare, "the order of surface points", error);
+    if (status == KILN_OK)
+        status =
+            kiln_allocate_bare(&s->places, (size_t)s->threads, sizeof *s->places, "the order of surface points", error);
+    if (status != KILN_OK)
+        return status;
+    make_entries(s, g);
+    for (int key = s->in_order ? BY_Z : BY_ORDER; key < KEYS; key++)
+        for (int shift = 0; (s->most[key] - s->least[key]) >> shift > 0; shift += DIGIT_BITS)
+            sort_by_digit(s, key, shift);
+    kiln_free(&s->spare);
+    return KILN_OK;
+}
+
+/* ---- cells ---- */
+
+static bool begins_cell(const struct sort *s, size_t i)
+{
+    return i == 0 || compare_cells(&s->entries[i].cell, &s->entries[i - 1].cell) != 0;
+}
+
+/* Lists the cells: every thread knows by `before` how many begin in the parts before its own. */
+static void list_cells(struct kiln_neighbour_grid *g, const struct sort *s, const size_t *before)
+{
+#pragma omp parallel for num_threads(s->threads) schedule(static)
+    for (int t = 0; t < s->threads; t++) {
+        size_t begin, end, cell = before[t];
+        find_part(s, t, &begin, &end);
+        for (size_t i = begin; i < end; i++) {
+            if (!begins_cell(s, i))
+                continue;
+            g->cells[cell] = s->entries[i].cell;
+            g->first[cell++] = (uint32_t)i;
+        }
     }
     g->first[g->cell_count] = (uint32_t)g->count;
 }
 
-static size_t count_cells(const struct entry *entries, size_t count)
+/* Makes the cells of sorted entries. */
+static int make_cells(struct kiln_neighbour_grid *g, const struct sort *s, struct kiln_error *error)
 {
-    size_t cells = 1;
-    for (size_t i = 1; i < count; i++)
-        cells += compare_cells(&entries[i].cell, &entries[i - 1].cell) != 0;
-    return cells;
+    size_t *before = NULL;
+    int status = kiln_allocate(&before, (size_t)s->threads + 1, sizeof *before, "the cells of surface points", error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads(s->threads) schedule(static)
+    for (int t = 0; t < s->threads; t++) {
+        size_t begin, end, cells = 0;
+        find_part(s, t, &begin, &end);
+        for (size_t i = begin; i < end; i++)
+            cells += begins_cell(s, i);
+        before[t + 1] = cells;
+    }
+    for (int t = 0; t < s->threads; t++)
+        before[t + 1] += before[t];
+    g->cell_count = before[s->threads];
+    status = kiln_allocate(&g->cells, g->cell_count, sizeof *g->cells, "the cells of surface points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&g->first, g->cell_count + 1, sizeof *g->first, "the cells of surface points", error);
+    if (status == KILN_OK)
+        list_cells(g, s, before);
+    kiln_free(&before);
+    return status;
 }
 
 /* Brings the points into the order of the entries. */
-static int reorder(struct kiln_neighbour_grid *g, const struct entry *entries, struct kiln_error *error)
+static int reorder(struct kiln_neighbour_grid *g, const struct sort *s, struct kiln_error *error)
 {
     struct kiln_neighbour_point *sorted = NULL;
-    const int status = kiln_allocate(&sorted, g->count, sizeof *sorted, "the order of surface points", error);
-    for (size_t i = 0; status == KILN_OK && i < g->count; i++)
-        sorted[i] = g->points[entries[i].at];
-    if (status == KILN_OK) {
-        kiln_free(&g->points);
-        g->points = sorted;
-    }
-    return status;
+    const int status = kiln_allocate_bare(&sorted, g->count, sizeof *sorted, "the order of surface points", error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads(s->threads) schedule(static)
+    for (size_t i = 0; i < g->count; i++)
+        sorted[i] = g->points[s->entries[i].at];
+    kiln_free(&g->points);
+    g->points = sorted;
+    return KILN_OK;
 }
 
 static int sort_points(struct kiln_neighbour_grid *g, struct kiln_error *error)
 {
-    struct entry *entries = NULL;
-    int status = kiln_allocate(&entries, g->count, sizeof *entries, "the order of surface points", error);
-    if (status != KILN_OK)
-        return status;
-    for (size_t i = 0; i < g->count; i++) {
-        const struct kiln_neighbour_point *point = &g->points[i];
-        entries[i] = (struct entry){{.level = level_of(point->size)}, point->order, (uint32_t)i};
-        for (int c = 0; c < 3; c++)
-            entries[i].cell.at[c] = cell_along(point->position[c], entries[i].cell.level);
-    }
-    qsort(entries, g->count, sizeof *entries, compare_entries);
-    const size_t cells = count_cells(entries, g->count);
-    status = kiln_allocate(&g->cells, cells, sizeof *g->cells, "the cells of surface points", error);
+    struct sort s = {.count = g->count};
+    int status = sort_entries(&s, g, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&g->first, cells + 1, sizeof *g->first, "the cells of surface points", error);
+        status = make_cells(g, &s, error);
     if (status == KILN_OK)
-        list_cells(g, entries);
-    if (status == KILN_OK)
-        status = reorder(g, entries, error);
-    kiln_free(&entries);
+        status = reorder(g, &s, error);
+    kiln_free(&s.entries);
+    kiln_free(&s.spare);
+    kiln_free(&s.places);
     return status;
 }
 
