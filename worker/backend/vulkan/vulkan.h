@@ -114,6 +114,8 @@ struct vulkan_held {
     struct gpu_buffer radiosity[2]; /* that is gathered from, and made; in turn */
     struct gpu_buffer albedo[KILN_ROW_LIGHTS];
     const struct kiln_surface *surface; /* whose points these are; NULL: there are none yet */
+    uint32_t *words;                    /* errors as they come back; memory that stays */
+    size_t word_room;
 };
 
 #define VULKAN_USUAL_SCRATCH (512ull << 20) /* bytes */
