@@ -27,7 +27,7 @@ struct links_run {
     struct vulkan_backend *b;
     const struct kiln_links_parameters *p;
     const struct kiln_batch *batch;
-    struct kiln_point_result *gathered; /* of the batch's points: of their rays */
+    struct kiln_point_result *gathered; /* of the batch's points: of their rays; of those that have links nothing */
     struct kiln_point_result *results;
     struct kiln_kept_links **made; /* new ones, by the batch's tile runs; NULL: the kept ones stand */
     struct gpu_kernel *kernel, *sums;
@@ -77,17 +77,21 @@ static bool are_missing(const struct links_run *r, uint32_t *samples)
     return any;
 }
 
-static int gather(struct links_run *r, struct kiln_error *error)
+static int gather(struct links_run *r, size_t points, struct kiln_error *error)
 {
     const uint64_t own[2] = {0, 0}; /* filled in for each chunk */
     struct kiln_batch batch = *r->batch;
     uint32_t *samples = NULL;
+    size_t room = 0;
     int status = kiln_allocate(&samples, batch.count, sizeof *samples, "the links that are missing", error);
     batch.samples_each = samples;
     batch.stream = r->p->stream;
     batch.take = keep;
     batch.context = r;
-    if (status == KILN_OK && are_missing(r, samples)) {
+    const bool missing = status == KILN_OK && are_missing(r, samples);
+    if (missing)
+        status = kiln_grow(&r->gathered, &room, points, sizeof *r->gathered, "what the rays of links meet", error);
+    if (missing && status == KILN_OK) {
         const struct vulkan_hemisphere pass = vulkan_gather_pass(r->b, &batch, own);
         status = vulkan_hemisphere_run(r->b, &pass, &batch, &r->rays, error);
     }
@@ -193,15 +197,18 @@ static int bring_light(const struct links_run *r, struct kiln_error *error)
                  bytes = of_nodes + count * sizeof(struct kiln_gpu_link_leaf_light);
     const uint64_t key = add_key(r->b, add_key(r->b, nodes, p->sent, of_nodes), p->leaves, count * sizeof *p->leaves);
     char *light = NULL;
+    size_t room = 0;
     if (vulkan_links_there(r->b, VULKAN_LINK_LIGHT, key))
         return KILN_OK;
-    int status = kiln_allocate(&light, bytes, 1, WHAT, error);
+    int status = kiln_grow(&light, &room, bytes, 1, WHAT, error); /* not zero: all of it is written */
     if (status != KILN_OK)
         return status;
     _Static_assert(sizeof *p->sent == sizeof(struct kiln_gpu_link_sent), "they are the same");
-    if (nodes > 0)
-        memcpy(light, p->sent, of_nodes);
+    struct kiln_gpu_link_sent *sent = (struct kiln_gpu_link_sent *)(void *)light;
     struct kiln_gpu_link_leaf_light *leaves = (struct kiln_gpu_link_leaf_light *)(void *)(light + of_nodes);
+#pragma omp parallel for num_threads((int)r->b->threads) if (nodes > 1 << 14)
+    for (size_t i = 0; i < nodes; i++)
+        memcpy(&sent[i], &p->sent[i], sizeof *sent);
 #pragma omp parallel for num_threads((int)r->b->threads) if (count > 1 << 14)
     for (size_t k = 0; k < count; k++) {
         const struct kiln_link_leaf *l = &p->leaves[k];
@@ -504,13 +511,12 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     const struct kiln_tile_run *runs = b->surface->tile_runs + batch->first;
     struct links_run r = {.b = b, .p = parameters, .batch = batch, .key = vulkan_links_key(b, parameters)};
     const size_t points = (size_t)kiln_tile_runs_points(runs, runs + batch->count - 1);
+    size_t room = 0;
     int status = kiln_allocate(&r.made, batch->count, sizeof(struct kiln_kept_links *), WHAT, error);
+    if (status == KILN_OK) /* written by the threads that take answers: it need not be zero */
+        status = kiln_grow(&r.results, &room, points, sizeof *r.results, "the light of links", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&r.gathered, points, sizeof *r.gathered, "what the rays of links meet", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r.results, points, sizeof *r.results, "the light of links", error);
-    if (status == KILN_OK)
-        status = gather(&r, error);
+        status = gather(&r, points, error);
     if (status == KILN_OK)
         status = vulkan_find_links(b, r.p, batch, r.gathered, r.key, r.made, &r.rays, error);
     if (status == KILN_OK)
