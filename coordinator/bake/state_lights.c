@@ -475,7 +475,6 @@ static void give_mix(void *context, const struct kiln_step *step, size_t first, 
     const uint32_t place = m->settings.parts > 1 ? step->part : 0;
     const uint64_t begin = s->tile_runs[first].first.at - s->first.at,
                    points = kiln_tile_runs_points(&s->tile_runs[first], &s->tile_runs[first + count - 1]);
-#pragma omp parallel for schedule(static) num_threads((int)m->lights->bake->prepared->threads)
     for (uint64_t i = 0; i < points; i++) {
         double square = 0.0;
         results[i] = (struct kiln_point_result){.present = 1.0f};

@@ -45,7 +45,7 @@ int kiln_lockstep_create(struct kiln_lockstep *l, const struct kiln_integrate_pa
     l->taker.threads = take_threads(params);
     l->batches = (struct kiln_batches){.params = params, .solution = solution, .work = &l->work, .taker = &l->taker};
     l->second_go = (struct kiln_second_go){params, solution, &l->batches, &l->taker};
-    l->exchange = (struct kiln_radiosity_exchange){solution, params->control, params->trace};
+    l->exchange = (struct kiln_radiosity_exchange){solution, params->control, params->trace, params->threads};
     l->integration = (struct kiln_integration){.communicator = params->communicator,
                                                .settings = params->settings,
                                                .solution = solution,

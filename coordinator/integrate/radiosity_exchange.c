@@ -33,24 +33,28 @@ void kiln_exchange_radiosity(const struct kiln_radiosity_exchange *x, enum kiln_
                    start, end, (int64_t)surface->count);
 }
 
+/* The total radiosity of a tile run's points, in what goes out. */
+static void pack_total(const struct kiln_solution *solution, const struct kiln_tile_run *f)
+{
+    const struct kiln_surface *surface = &solution->own->surface;
+    struct kiln_own_point own = kiln_own_of_global(surface, f->first);
+    for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++) {
+        float albedo[3], total[3];
+        kiln_point_albedo(surface, own, albedo);
+        for (uint64_t c = 0; c < 3; c++)
+            total[c] = solution->own->radiosity != NULL
+                           ? solution->own->radiosity[3 * own.at + c]
+                           : albedo[c] * (solution->direct[3 * own.at + c] + solution->indirect[3 * own.at + c]);
+        solution->own->next[own.at] =
+            kiln_radiosity_pack(total, kiln_packing_hash(f, (uint32_t)__builtin_ctzll(rest), TOTAL_STREAM));
+    }
+}
+
 void kiln_exchange_total_radiosity(const struct kiln_radiosity_exchange *x, struct kiln_step_report *report)
 {
-    const struct kiln_solution *solution = x->solution;
-    const struct kiln_surface *surface = &solution->own->surface;
-#pragma omp parallel for schedule(static)
-    for (size_t i = 0; i < surface->tile_run_count; i++) {
-        const struct kiln_tile_run *f = &surface->tile_runs[i];
-        struct kiln_own_point own = kiln_own_of_global(surface, f->first);
-        for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++) {
-            float albedo[3], total[3];
-            kiln_point_albedo(surface, own, albedo);
-            for (uint64_t c = 0; c < 3; c++)
-                total[c] = solution->own->radiosity != NULL
-                               ? solution->own->radiosity[3 * own.at + c]
-                               : albedo[c] * (solution->direct[3 * own.at + c] + solution->indirect[3 * own.at + c]);
-            solution->own->next[own.at] =
-                kiln_radiosity_pack(total, kiln_packing_hash(f, (uint32_t)__builtin_ctzll(rest), TOTAL_STREAM));
-        }
-    }
+    const struct kiln_surface *surface = &x->solution->own->surface;
+#pragma omp parallel for schedule(static) num_threads((int)x->threads) if (surface->tile_run_count > 256)
+    for (size_t i = 0; i < surface->tile_run_count; i++)
+        pack_total(x->solution, &surface->tile_runs[i]);
     kiln_exchange_radiosity(x, KILN_EXCHANGE_NEXT, report);
 }

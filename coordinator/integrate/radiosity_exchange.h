@@ -18,6 +18,7 @@ struct kiln_radiosity_exchange {
     struct kiln_solution *solution;
     struct kiln_control *control;
     struct kiln_trace *trace; /* may be NULL */
+    uint32_t threads;
 };
 
 /* Collective. Afterwards solution->radiosity is that of all points. The time is added to `report`, a step's. */

@@ -13,7 +13,8 @@
 #include "worker/pass/direct.h"
 #include "worker/pass/gather.h"
 
-enum { AT_ONCE = 64 }; /* tile runs whose answers are in memory at a time */
+enum { AT_ONCE = 64 };    /* tile runs whose answers are in memory at a time */
+enum { PIECE = 1 << 20 }; /* bytes that a thread clears */
 
 /* ---- making ---- */
 
@@ -27,6 +28,31 @@ static int find_masks(const struct kiln_state_slot *s, struct kiln_error *error)
     if (status == KILN_OK && own->mixture != NULL)
         status = kiln_nodes_find(&own->surface, p->backend, p->threads, p->settings->final_scale, own->mixture, error);
     return status;
+}
+
+/* By all threads: one writes memory at a part of its speed. */
+static void clear(void *values, size_t bytes, uint32_t threads)
+{
+    const size_t pieces = (bytes + PIECE - 1) / PIECE;
+#pragma omp parallel for schedule(static) num_threads((int)threads) if (pieces > 1)
+    for (size_t i = 0; i < pieces; i++)
+        memset((char *)values + i * PIECE, 0, i + 1 < pieces ? PIECE : bytes - i * PIECE);
+}
+
+/* The fields of results and steps are zero, but for those that hang on no light. */
+static void clear_fields(const struct kiln_state_slot *s)
+{
+    const struct kiln_field_set *fields = s->params.fields;
+    const struct kiln_rank_data *own = s->solution->own;
+    for (size_t i = 0; i < fields->count; i++) {
+        const struct kiln_field *field = fields->entry[i].field;
+        const bool lives = field->life == KILN_FIELD_RESULT || field->life == KILN_FIELD_STEP;
+        void *values = lives && field->length == KILN_FIELD_EACH ? kiln_rank_field(own, fields, i) : NULL;
+        const size_t count =
+            field->domain == KILN_DOMAIN_POINT ? (size_t)own->surface.count : own->surface.tile_run_count;
+        if (values != NULL && values != (void *)own->block && values != (void *)own->mixture)
+            clear(values, count * kiln_field_size(field), s->params.threads);
+    }
 }
 
 /* Collective. */
@@ -63,7 +89,7 @@ static int make_slot(const struct kiln_states *states, struct kiln_state_slot *s
         status = kiln_allocate(&s->results, (size_t)AT_ONCE * KILN_TILE_TEXELS, sizeof *s->results, "a state", error);
     status = kiln_agree(p->communicator, status, error);
     s->taker = (struct kiln_taker){.ledger = &s->ledger, .threads = p->threads};
-    s->exchange = (struct kiln_radiosity_exchange){s->solution, p->control, NULL};
+    s->exchange = (struct kiln_radiosity_exchange){s->solution, p->control, NULL, p->threads};
     return status == KILN_OK ? make_solution(s, error) : status;
 }
 
@@ -119,22 +145,6 @@ struct kiln_solution *kiln_states_solution(const struct kiln_states *states, siz
 }
 
 /* ---- the begin and the end of a state ---- */
-
-/* The fields of results and steps are zero, but for those that hang on no light. */
-static void clear_fields(const struct kiln_state_slot *s)
-{
-    const struct kiln_field_set *fields = s->params.fields;
-    const struct kiln_rank_data *own = s->solution->own;
-    for (size_t i = 0; i < fields->count; i++) {
-        const struct kiln_field *field = fields->entry[i].field;
-        const bool lives = field->life == KILN_FIELD_RESULT || field->life == KILN_FIELD_STEP;
-        void *values = lives && field->length == KILN_FIELD_EACH ? kiln_rank_field(own, fields, i) : NULL;
-        const size_t count =
-            field->domain == KILN_DOMAIN_POINT ? (size_t)own->surface.count : own->surface.tile_run_count;
-        if (values != NULL && values != (void *)own->block && values != (void *)own->mixture)
-            memset(values, 0, count * kiln_field_size(field));
-    }
-}
 
 static void set_albedo(const struct kiln_state_slot *s, const uint16_t *albedo)
 {
@@ -273,14 +283,9 @@ static int trace(struct kiln_state_slot *s, struct kiln_error *error)
 
 static int give_direct(struct kiln_state_slot *s, struct kiln_error *error)
 {
-    const size_t runs = s->solution->own->surface.tile_run_count;
-    int status = KILN_OK;
-    for (size_t first = 0; first < runs && status == KILN_OK; first += AT_ONCE) {
-        const size_t count = runs - first < AT_ONCE ? runs - first : AT_ONCE;
-        s->state.direct.give(s->state.direct.context, &s->step, first, count, s->results);
-        status = kiln_taker_take(&s->taker, s->solution->own, first, count, s->results, error);
-    }
-    return status;
+    const struct kiln_rank_data *own = s->solution->own;
+    return kiln_taker_take_given(&s->taker, own, 0, own->surface.tile_run_count, s->state.direct.give,
+                                 s->state.direct.context, error);
 }
 
 /* ---- gathers ---- */

@@ -9,12 +9,11 @@
 
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/integrate/resident.h"
+#include "coordinator/integrate/take.h"
 
 /* What the answers of direct steps come from, or go to. Not collective. */
 struct kiln_state_direct {
-    /* Fills in the answers of the own tile runs [first, first + count) in a step; NULL: the backend traces them. */
-    void (*give)(void *context, const struct kiln_step *step, size_t first, size_t count,
-                 struct kiln_point_result *results);
+    kiln_give_results give; /* NULL: the backend traces them */
     /* Sees the answers that were traced; NULL: nobody does. */
     void (*see)(void *context, const struct kiln_step *step, size_t first, size_t count,
                 const struct kiln_point_result *results);

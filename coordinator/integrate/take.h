@@ -20,6 +20,14 @@ struct kiln_taker {
  * the result struct of the step's pass. KILN_SYSTEM. */
 int kiln_taker_take(struct kiln_taker *taker, const struct kiln_rank_data *data, size_t first, size_t count,
                     const void *results, struct kiln_error *error);
+
+/* Fills in the answers of the own tile runs [first, first + count) in a step. Called by several threads at once. */
+typedef void (*kiln_give_results)(void *context, const struct kiln_step *step, size_t first, size_t count,
+                                  struct kiln_point_result *results);
+/* The same, of a step with such answers, which are asked for tile run by tile run: they never are in memory together.
+ */
+int kiln_taker_take_given(struct kiln_taker *taker, const struct kiln_rank_data *data, size_t first, size_t count,
+                          kiln_give_results give, void *context, struct kiln_error *error);
 void kiln_taker_release(struct kiln_taker *taker);
 
 #endif

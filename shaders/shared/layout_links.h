@@ -74,7 +74,16 @@ struct kiln_gpu_link_sums { /* of all rows */
 };
 KILN_SIZE_IS(kiln_gpu_link_sums, 44);
 
+/* A ray between two points: one by its global index, with KILN_GPU_LINK_BACK in case the ray ends there, and one by its
+ * place in the tree's order. */
+#define KILN_GPU_LINK_BACK 0x80000000u
 struct kiln_gpu_link_ray {
-    KILN_VECTOR from, to;
+    KILN_WORD own, other;
 };
-KILN_SIZE_IS(kiln_gpu_link_ray, 24);
+KILN_SIZE_IS(kiln_gpu_link_ray, 8);
+
+/* Where a point is. */
+struct kiln_gpu_link_place {
+    KILN_VECTOR at;
+};
+KILN_SIZE_IS(kiln_gpu_link_place, 12);

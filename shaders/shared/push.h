@@ -353,11 +353,12 @@ KILN_SIZE_IS(kiln_gpu_links_reduce_push, 88);
 /* link_rays.comp: what comes through between two places. */
 struct kiln_gpu_link_rays_push {
     KILN_ADDRESS scene;
-    KILN_ADDRESS rays;    /* struct kiln_gpu_link_ray */
-    KILN_ADDRESS through; /* floats: one of each ray, or three where surfaces let light through in part */
+    KILN_ADDRESS rays;           /* struct kiln_gpu_link_ray */
+    KILN_ADDRESS through;        /* floats: one of each ray, or three where surfaces let light through in part */
+    KILN_ADDRESS places, others; /* struct kiln_gpu_link_place: of all points; of those in the tree's order */
     KILN_WORD count;
     KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_link_rays_push, 32);
+KILN_SIZE_IS(kiln_gpu_link_rays_push, 48);
 
 #endif

@@ -134,17 +134,18 @@ static uint32_t asked_of(const struct kiln_link_run *w, const struct kiln_link_q
                                       : kiln_link_choose(w->p, &w->p->nodes[to], to, w->patch[q->bit]->number);
 }
 
-/* Asks who traces, if the two face each other. */
-static int ask(const struct kiln_link_run *w, const struct kiln_link_question *q, const struct kiln_link_leaf *other,
-               struct kiln_error *error)
+/* Asks who traces, if the two face each other; k: the other's place in the tree's order. */
+static int ask(const struct kiln_link_run *w, const struct kiln_link_question *q, uint32_t k, struct kiln_error *error)
 {
+    const struct kiln_link_leaf *other = &w->p->leaves[k];
     const struct kiln_patch *own = w->patch[q->bit];
     const struct kiln_dvec3 d = dvec3_sub(dvec3_of(other->centre), w->at[q->bit]);
     const bool first = own->number < other->number;
     if (!(dvec3_dot(w->receiver[q->bit].n, d) > 0.0 && dvec3_dot(dvec3_of(other->normal), d) < 0.0))
         return KILN_OK;
-    return w->ask(w->context, q->link, q->of, first ? own->place : other->place, first ? other->place : own->place,
-                  error);
+    const struct kiln_link_sight sight = {first ? own->place : other->place, first ? other->place : own->place, q->bit,
+                                          k, !first};
+    return w->ask(w->context, q->link, q->of, &sight, error);
 }
 
 /* All choices first: memory is waited for together. */
@@ -155,7 +156,7 @@ static int ask_all(struct kiln_link_run *w, struct kiln_error *error)
     for (uint32_t i = 0; i < w->question_count; i++)
         k[i] = asked_of(w, &w->questions[i]);
     for (uint32_t i = 0; i < w->question_count && status == KILN_OK; i++)
-        status = ask(w, &w->questions[i], &w->p->leaves[k[i]], error);
+        status = ask(w, &w->questions[i], k[i], error);
     w->question_count = 0;
     return status;
 }

@@ -11,9 +11,15 @@
 
 struct kiln_link_run;
 
-/* Asks whether `to` sees `from`, for the points `of` of a link: the answer goes to kiln_link_run_see, at any time
- * before kiln_link_run_drop_unseen. */
-typedef int (*kiln_link_ask)(void *context, uint32_t link, uint64_t of, struct kiln_vec3 from, struct kiln_vec3 to,
+/* Two points of which the one may see the other. */
+struct kiln_link_sight {
+    struct kiln_vec3 from, to; /* their places: from the one with the lesser number */
+    uint32_t bit, other;       /* the tile's point; the place of the other in the tree's order */
+    bool back;                 /* from the other */
+};
+/* Asks whether they do, for the points `of` of a link: the answer goes to kiln_link_run_see, at any time before
+ * kiln_link_run_drop_unseen. */
+typedef int (*kiln_link_ask)(void *context, uint32_t link, uint64_t of, const struct kiln_link_sight *sight,
                              struct kiln_error *error);
 
 /* What is to be asked: whether the point at `bit` sees what a link goes to, whose point is on its way from memory. */

@@ -98,11 +98,10 @@ static int trace(struct links_work *w, struct kiln_error *error)
 }
 
 /* kiln_link_ask */
-static int ask(void *context, uint32_t link, uint64_t of, struct kiln_vec3 from, struct kiln_vec3 to,
-               struct kiln_error *error)
+static int ask(void *context, uint32_t link, uint64_t of, const struct kiln_link_sight *sight, struct kiln_error *error)
 {
     struct links_work *w = context;
-    if (!patch_ray(&w->rays, w->waiting, from, to))
+    if (!patch_ray(&w->rays, w->waiting, sight->from, sight->to))
         return KILN_OK;
     w->of[w->waiting++] = (struct link_ray){link, of};
     return w->waiting == PACKET ? trace(w, error) : KILN_OK;

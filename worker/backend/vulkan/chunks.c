@@ -10,7 +10,7 @@
 enum { LEAST_POINTS = 1 << 13, USUAL_POINTS = 1 << 19, MOST_POINTS = 1 << 20, ENOUGH_RAYS = 1 << 24 };
 
 /* Of a chunk, in which much of a point goes between host and device. */
-enum { MOVED_MOST = 256 << 20 };
+enum { MOVED_MOST = 64 << 20 };
 
 static uint32_t words_of(const struct vulkan_chunked *pass) { return pass->words > 0 ? pass->words : 1; }
 

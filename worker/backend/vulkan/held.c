@@ -28,6 +28,8 @@ void vulkan_held_release(struct vulkan_backend *b)
         gpu_buffer_destroy(b->gpu, all[i]);
     for (size_t i = 0; i < KILN_ROW_LIGHTS; i++)
         gpu_buffer_destroy(b->gpu, &h->albedo[i]);
+    kiln_free(&h->words);
+    h->word_room = 0;
     h->surface = NULL;
     h->count = 0;
 }
@@ -306,7 +308,8 @@ int vulkan_hold_fetch(struct kiln_backend *backend, uint32_t light, float *sum, 
     const size_t points = (size_t)b->surface->point_count, sums = 3 * points * sizeof *sum,
                  errors = points * sizeof(uint32_t);
     uint32_t *words = NULL;
-    int status = kiln_allocate(&words, points, sizeof *words, "the errors of a state", error);
+    int status = kiln_grow(&b->held.words, &b->held.word_room, points, sizeof *words, "the errors of a state", error);
+    words = b->held.words;
     if (status == KILN_OK)
         status = gpu_download(b->gpu, &b->held.sums, light * sums, sum, sums, error);
     if (status == KILN_OK)
@@ -315,6 +318,5 @@ int vulkan_hold_fetch(struct kiln_backend *backend, uint32_t light, float *sum, 
         b->returned += sums + errors;
         part_errors(b, words, error_all, error_indirect);
     }
-    kiln_free(&words);
     return status == KILN_OK ? KILN_OK : vulkan_held_fail(b, status, error);
 }

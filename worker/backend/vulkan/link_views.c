@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "worker/backend/vulkan/chunks.h"
 #include "worker/base/memory.h"
 
 #include "shaders/link_rays.h"
@@ -15,28 +16,35 @@ static const struct vulkan_shader rays_shader = {.name = "views of links",
                                                  .compute_float = VULKAN_CODE(link_rays_float),
                                                  .pipeline_float = VULKAN_CODE(link_rays_pipeline_float)};
 
-/* Tile runs that are found together: as many as fit, but no more are begun once they ask so many rays. */
+/* Tile runs of a group: as many as fit, but no more are begun once they ask so many rays. */
 enum { GROUP = 256, ENOUGH_RAYS = 1 << 22 };
-/* Rays of a dispatch at most, and of the first. */
-enum { MOST_RAYS = 1 << 20, FIRST_RAYS = 1 << 16, LEAST_RAYS = 64 };
+/* Rays of the first dispatch, and of one at least and at most. */
+enum { FIRST_RAYS = 1 << 16, LEAST_RAYS = 64, MOST_RAYS = 1 << 20 };
 
-/* A ray that is to be traced, for the points `of` of a link. */
-struct asked_ray {
-    struct kiln_gpu_link_ray ray;
-    uint32_t link;
-    uint64_t of;
-};
+/* What becomes of a tile run: its links are to be found; its rays are asked; its links stand. */
+enum state { NONE, FINDS, ASKS, STANDS };
 
 /* A tile run whose links are being found. */
 struct finding {
     struct kiln_link_run run;
+    enum state state;
     size_t tile_run;
-    bool begun;  /* its rays are asked */
-    bool active; /* its links are to be found, for run.error */
-    bool found;  /* they are new */
-    struct asked_ray *rays;
-    size_t count, room;
+    bool found; /* its links are new */
+    /* rays, and which points of which links they are for */
+    struct kiln_gpu_link_ray *rays;
+    uint32_t *links;
+    uint64_t *of;
+    size_t count, room, room_links, room_of;
     size_t first; /* of its rays among the group's */
+};
+
+/* Tile runs whose rays are traced together. While the device traces those of one group, the host works on another. */
+struct group {
+    struct finding *of;
+    size_t ray_count;
+    uint32_t slot; /* of the device's, and of the backend's buffers */
+    bool under_way;
+    uint64_t steps;
 };
 
 /* A call's working set. */
@@ -46,12 +54,13 @@ struct finder {
     const struct kiln_batch *batch;
     const struct kiln_point_result *gathered;
     struct kiln_kept_links **made;
-    size_t *wanted; /* tile runs that have something to be done, `count` of them */
-    size_t count;
-    struct finding *group;
-    size_t group_count;
-    float *through; /* of the group's rays */
-    size_t through_room, ray_count;
+    uint64_t key;   /* vulkan_links_key */
+    size_t *wanted; /* tile runs that have something to be done, `count` of them; `next`: to be begun */
+    size_t count, next;
+    struct group groups[VULKAN_LINK_GROUPS];
+    struct gpu_step *steps; /* of a submission */
+    struct kiln_gpu_link_rays_push *pushes;
+    size_t step_room, push_room;
     uint64_t traced;
     int status; /* of the thread that has failed */
     struct kiln_error *error;
@@ -71,19 +80,34 @@ static void note(struct finder *f, int status, const struct kiln_error *error)
         f->status = kiln_fail(f->error, status, "%s", error->message);
 }
 
+/* Floats of a ray's answer. */
+static size_t floats_of(const struct finder *f) { return f->b->params.geometry->passage >= KILN_PASSAGE_BLEND ? 3 : 1; }
+
 /* ---- what the host does ---- */
 
+static int grow(struct finding *g, struct kiln_error *error)
+{
+    static const char what[] = "the rays of links";
+    int status = kiln_grow(&g->rays, &g->room, g->count + 1, sizeof *g->rays, what, error);
+    if (status == KILN_OK)
+        status = kiln_grow(&g->links, &g->room_links, g->room, sizeof *g->links, what, error);
+    return status == KILN_OK ? kiln_grow(&g->of, &g->room_of, g->room, sizeof *g->of, what, error) : status;
+}
+
 /* kiln_link_ask */
-static int ask(void *context, uint32_t link, uint64_t of, struct kiln_vec3 from, struct kiln_vec3 to,
-               struct kiln_error *error)
+static int ask(void *context, uint32_t link, uint64_t of, const struct kiln_link_sight *sight, struct kiln_error *error)
 {
     struct finding *g = context;
-    if (!(vec3_length(vec3_sub(to, from)) > 0.0f))
+    if (!(vec3_length(vec3_sub(sight->to, sight->from)) > 0.0f))
         return KILN_OK;
-    const int status = kiln_grow(&g->rays, &g->room, g->count + 1, sizeof *g->rays, "the rays of links", error);
-    if (status == KILN_OK)
-        g->rays[g->count++] = (struct asked_ray){{from, to}, link, of};
-    return status;
+    const int status = g->count == g->room ? grow(g, error) : KILN_OK;
+    if (status != KILN_OK)
+        return status;
+    g->rays[g->count] = (struct kiln_gpu_link_ray){
+        (uint32_t)g->run.index[sight->bit] | (sight->back ? KILN_GPU_LINK_BACK : 0), sight->other};
+    g->links[g->count] = link;
+    g->of[g->count++] = of;
+    return KILN_OK;
 }
 
 /* The points of a tile run whose links are not kept. Kernels know shading normals: there is room for them. */
@@ -103,29 +127,35 @@ static void enter_points(const struct finder *f, struct finding *g)
     kiln_link_run_enter_found(&g->run);
 }
 
+/* Whether its links are to be found once more, with less error. */
 static bool is_above_target(struct finding *g)
 {
     const double least = g->run.p->error / KILN_LINKS_LEAST_OPENED;
-    return g->run.p->target > 0.0 && 0.5 * g->run.error >= least && kiln_link_run_is_above_target(&g->run);
+    const bool above = g->run.p->target > 0.0 && 0.5 * g->run.error >= least && kiln_link_run_is_above_target(&g->run);
+    if (above)
+        g->run.error *= 0.5;
+    return above;
 }
 
 /* Begins a tile run: from what its rays have met, or with the links that are kept. */
-static int enter(const struct finder *f, struct finding *g, struct kiln_error *error)
+static int enter(const struct finder *f, struct finding *g, size_t tile_run, struct kiln_error *error)
 {
-    const struct kiln_kept_links *kept = f->p->kept != NULL ? f->p->kept[g->tile_run] : NULL;
-    kiln_link_run_enter(&g->run, f->b->surface, &f->b->surface->tile_runs[g->tile_run]);
+    const struct kiln_kept_links *kept = f->p->kept != NULL ? f->p->kept[tile_run] : NULL;
+    g->tile_run = tile_run;
+    g->run.p = f->p;
+    g->run.ask = ask;
+    g->run.context = g;
+    kiln_link_run_enter(&g->run, f->b->surface, &f->b->surface->tile_runs[tile_run]);
     g->run.error = f->p->error;
     g->found = false;
-    g->active = true;
+    g->state = FINDS;
     if (kept == NULL) {
         enter_points(f, g);
         return KILN_OK;
     }
     const int status = kiln_link_run_take(&g->run, kept, error);
-    if (status == KILN_OK)
-        g->active = is_above_target(g);
-    if (g->active)
-        g->run.error *= 0.5;
+    if (status == KILN_OK && !is_above_target(g))
+        g->state = STANDS;
     return status;
 }
 
@@ -133,195 +163,262 @@ static int enter(const struct finder *f, struct finding *g, struct kiln_error *e
 static int find(struct finding *g, struct kiln_error *error)
 {
     g->count = 0;
-    return g->active ? kiln_link_run_find(&g->run, error) : KILN_OK;
+    g->state = ASKS;
+    return kiln_link_run_find(&g->run, error);
 }
 
 /* Takes the answers. */
-static int hear(const struct finder *f, struct finding *g, struct kiln_error *error)
+static int hear(const struct finder *f, const struct group *group, struct finding *g, struct kiln_error *error)
 {
-    const bool parts = f->b->params.geometry->passage >= KILN_PASSAGE_BLEND;
-    const float *through = f->through + g->first * (parts ? 3 : 1);
+    const size_t floats = floats_of(f);
+    const float *answers = f->b->link_answers[group->slot].mapped, *through = answers + g->first * floats;
     int status = KILN_OK;
     for (size_t i = 0; i < g->count && status == KILN_OK; i++) {
-        const float *one = through + i * (parts ? 3 : 1);
-        const double share[3] = {(double)one[0], (double)one[parts ? 1 : 0], (double)one[parts ? 2 : 0]};
+        const float *one = through + i * floats;
+        const double share[3] = {(double)one[0], (double)one[floats / 2], (double)one[floats - 1]};
         if (share[0] > 0.0 || share[1] > 0.0 || share[2] > 0.0)
-            status = kiln_link_run_see(&g->run, g->rays[i].link, g->rays[i].of, share, error);
+            status = kiln_link_run_see(&g->run, g->links[i], g->of[i], share, error);
     }
     if (status != KILN_OK)
         return status;
     kiln_link_run_drop_unseen(&g->run);
     g->found = true;
-    g->active = is_above_target(g);
-    if (g->active)
-        g->run.error *= 0.5;
-    return status;
+    g->count = 0;
+    g->state = is_above_target(g) ? FINDS : STANDS;
+    return KILN_OK;
 }
 
 /* What has been found, as it is kept. */
 static int encode(const struct finder *f, struct finding *g, struct kiln_error *error)
 {
     const struct kiln_tile_run *run = &f->b->surface->tile_runs[g->tile_run];
+    g->state = NONE;
     return g->found ? kiln_links_encode(&f->made[g->tile_run - f->batch->first], &g->run.found, run->first.at,
                                         run->mask, g->run.shares, error)
                     : KILN_OK;
 }
 
-/* ---- what the device does ---- */
-
-/* Rays [first, first + count) of the group. */
-static void fill(const struct finder *f, size_t first, size_t count, struct kiln_gpu_link_ray *to)
+/* The next tile run for a group that has begun with so many rays; false: it has enough, or there is none. */
+static bool take_next(struct finder *f, const size_t *rays, size_t *tile_run)
 {
-#pragma omp parallel for num_threads((int)f->b->threads) schedule(dynamic, 4)
-    for (size_t i = 0; i < f->group_count; i++) {
-        const struct finding *g = &f->group[i];
-        const size_t begin = g->first > first ? g->first : first,
-                     end = g->first + g->count < first + count ? g->first + g->count : first + count;
-        for (size_t k = begin; k < end; k++)
-            to[k - first] = g->rays[k - g->first].ray;
+    bool any;
+#pragma omp critical(vulkan_links_next)
+    {
+        size_t asked;
+#pragma omp atomic read
+        asked = *rays;
+        any = f->next < f->count && asked < ENOUGH_RAYS;
+        if (any)
+            *tile_run = f->wanted[f->next++];
     }
+    return any;
 }
 
-static int trace_some(struct finder *f, const struct gpu_buffer *in, const struct gpu_buffer *out, size_t first,
-                      size_t count, struct kiln_error *error)
+/* Hears what was asked, and goes on until something is asked again, with the next tile run where one's links stand.
+ * Which these are hangs on threads, what is found does not. */
+static int advance(struct finder *f, const struct group *group, struct finding *g, size_t *rays,
+                   struct kiln_error *error)
 {
-    struct vulkan_backend *b = f->b;
-    const size_t floats = b->params.geometry->passage >= KILN_PASSAGE_BLEND ? 3 : 1;
-    struct gpu_kernel *kernel;
-    double seconds;
-    int status = vulkan_kernel_of(b, &rays_shader, false, 0, &kernel, error);
-    if (status != KILN_OK)
-        return status;
-    fill(f, first, count, in->mapped);
-    const struct kiln_gpu_link_rays_push push = {
-        .scene = b->scene.address, .rays = in->address, .through = out->address, .count = (uint32_t)count};
-    const struct gpu_step step = {.kernel = kernel,
-                                  .threads_x = (uint32_t)count,
-                                  .threads_y = 1,
-                                  .constants = &push,
-                                  .constant_bytes = sizeof push};
-    status = gpu_run(b->gpu, &step, 1, &seconds, error);
-    if (status != KILN_OK)
-        return status;
-    gpu_pacer_learn(&b->pacers[VULKAN_PACE_LINK_RAYS], count, seconds);
-    memcpy(f->through + first * floats, out->mapped, count * floats * sizeof *f->through);
-    return KILN_OK;
-}
-
-static int trace_all(struct finder *f, struct kiln_error *error)
-{
-    struct vulkan_backend *b = f->b;
-    const size_t room = f->ray_count < MOST_RAYS ? f->ray_count : MOST_RAYS;
-    struct gpu_buffer in = {0}, out = {0};
-    int status = gpu_buffer_create(b->gpu, &in, room * sizeof(struct kiln_gpu_link_ray), GPU_HOST, "rays", error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(b->gpu, &out, room * 3 * sizeof(float), GPU_HOST, "what rays meet", error);
-    for (size_t done = 0, some; done < f->ray_count && status == KILN_OK; done += some) {
-        some = gpu_pacer_next(&b->pacers[VULKAN_PACE_LINK_RAYS], FIRST_RAYS);
-        some = some > room ? room : some < LEAST_RAYS ? LEAST_RAYS : some;
-        some = some > f->ray_count - done ? f->ray_count - done : some;
-        status = trace_some(f, &in, &out, done, some, error);
+    size_t tile_run;
+    int status = g->state == ASKS ? hear(f, group, g, error) : KILN_OK;
+    while (status == KILN_OK) {
+        if (g->state == STANDS)
+            status = encode(f, g, error);
+        if (status == KILN_OK && g->state == NONE) {
+            if (!take_next(f, rays, &tile_run))
+                return KILN_OK;
+            status = enter(f, g, tile_run, error);
+        }
+        if (status != KILN_OK || g->state != FINDS)
+            continue;
+        status = find(g, error);
+        if (status == KILN_OK && g->count > 0)
+            break;
+        if (status == KILN_OK)
+            status = hear(f, group, g, error); /* nothing */
     }
-    gpu_buffer_destroy(b->gpu, &in);
-    gpu_buffer_destroy(b->gpu, &out);
+#pragma omp atomic
+    *rays += g->count;
     return status;
 }
 
-/* Traces the group's rays; all of them again after a recovery. */
-static int trace(struct finder *f, struct kiln_error *error)
+/* All of the host's work on a group whose answers are there. */
+static int advance_all(struct finder *f, struct group *group)
 {
-    f->ray_count = 0;
-    for (size_t i = 0; i < f->group_count; i++) {
-        f->group[i].first = f->ray_count;
-        f->ray_count += f->group[i].count;
+    size_t rays = 0;
+#pragma omp parallel for num_threads((int)f->b->all_threads) schedule(dynamic, 1)
+    for (size_t i = 0; i < GROUP; i++) {
+        struct kiln_error error;
+        note(f, advance(f, group, &group->of[i], &rays, &error), &error);
     }
-    if (f->ray_count == 0)
+    group->ray_count = 0;
+    for (size_t i = 0; i < GROUP; i++) {
+        group->of[i].first = group->ray_count;
+        group->ray_count += group->of[i].count;
+    }
+    f->traced += group->ray_count;
+    return f->status;
+}
+
+/* ---- what the device does ---- */
+
+/* The places of all points, and of those in the tree's order. */
+static int bring_places(const struct finder *f, struct kiln_error *error)
+{
+    const size_t all = (size_t)f->b->surface->point_count, count = f->p->node_count > 0 ? (size_t)f->p->count : 0;
+    struct kiln_gpu_link_place *places = NULL;
+    if (vulkan_links_there(f->b, VULKAN_LINK_PLACES, f->key))
         return KILN_OK;
-    int status =
-        kiln_grow(&f->through, &f->through_room, 3 * f->ray_count, sizeof *f->through, "what rays meet", error);
+    int status = kiln_allocate(&places, all + count, sizeof *places, "the places of points", error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads((int)f->b->threads) if (all > 1 << 14)
+    for (size_t i = 0; i < all + count; i++)
+        places[i].at = i < all ? f->p->points[i].place : f->p->leaves[i - all].place;
+    status = vulkan_links_bring(f->b, VULKAN_LINK_PLACES, f->key, places, (all + count) * sizeof *places, error);
+    kiln_free(&places);
+    return status;
+}
+
+/* A group's buffer; what it held is lost. */
+static int make_room(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t bytes, const char *what,
+                     struct kiln_error *error)
+{
+    if (!gpu_guarded(b->gpu))
+        bytes = bytes <= buffer->size ? buffer->size : bytes + bytes / 4;
+    return vulkan_grow_buffer(b, buffer, bytes, GPU_HOST, what, error);
+}
+
+static void copy_rays(const struct finder *f, const struct group *group)
+{
+    struct kiln_gpu_link_ray *to = f->b->link_rays[group->slot].mapped;
+#pragma omp parallel for num_threads((int)f->b->threads) schedule(dynamic, 4) if (group->ray_count > 1 << 14)
+    for (size_t i = 0; i < GROUP; i++) {
+        const struct finding *g = &group->of[i];
+        if (g->count > 0)
+            memcpy(to + g->first, g->rays, g->count * sizeof *g->rays);
+    }
+}
+
+/* The group's rays in dispatches that take no longer than they may. */
+static int make_steps(struct finder *f, struct group *group, struct gpu_kernel *kernel, struct kiln_error *error)
+{
+    const struct vulkan_backend *b = f->b;
+    const size_t floats = floats_of(f);
+    size_t some = gpu_pacer_next(&b->pacers[VULKAN_PACE_LINK_RAYS], FIRST_RAYS);
+    some = some > MOST_RAYS ? MOST_RAYS : some < LEAST_RAYS ? LEAST_RAYS : some;
+    group->steps = (group->ray_count + some - 1) / some;
+    int status = kiln_grow(&f->steps, &f->step_room, group->steps, sizeof *f->steps, "the rays of links", error);
     if (status == KILN_OK)
-        status = trace_all(f, error);
-    while (status != KILN_OK && vulkan_can_recover(f->b) && (status = vulkan_recover(f->b, error)) == KILN_OK)
-        status = trace_all(f, error);
-    f->traced += f->ray_count;
+        status = kiln_grow(&f->pushes, &f->push_room, group->steps, sizeof *f->pushes, "the rays of links", error);
+    for (size_t i = 0; i < group->steps && status == KILN_OK; i++) {
+        const size_t first = i * some, left = group->ray_count - first, count = left < some ? left : some;
+        f->pushes[i] = (struct kiln_gpu_link_rays_push){
+            .scene = b->scene.address,
+            .rays = b->link_rays[group->slot].address + first * sizeof(struct kiln_gpu_link_ray),
+            .through = b->link_answers[group->slot].address + first * floats * sizeof(float),
+            .places = b->links[VULKAN_LINK_PLACES].address,
+            .others =
+                b->links[VULKAN_LINK_PLACES].address + b->surface->point_count * sizeof(struct kiln_gpu_link_place),
+            .count = (uint32_t)count};
+        f->steps[i] = (struct gpu_step){.alongside = i > 0,
+                                        .kernel = kernel,
+                                        .threads_x = (uint32_t)count,
+                                        .threads_y = 1,
+                                        .constants = &f->pushes[i],
+                                        .constant_bytes = sizeof f->pushes[i]};
+    }
+    return status;
+}
+
+/* Hands the group's rays to the device, if there are some. */
+static int launch(struct finder *f, struct group *group, struct kiln_error *error)
+{
+    struct vulkan_backend *b = f->b;
+    struct gpu_kernel *kernel;
+    group->under_way = false;
+    if (group->ray_count == 0)
+        return KILN_OK;
+    int status = vulkan_kernel_of(b, &rays_shader, false, 0, &kernel, error);
+    if (status == KILN_OK)
+        status = bring_places(f, error);
+    if (status == KILN_OK)
+        status = make_room(b, &b->link_rays[group->slot], group->ray_count * sizeof(struct kiln_gpu_link_ray),
+                           "the rays of links", error);
+    if (status == KILN_OK)
+        status = make_room(b, &b->link_answers[group->slot], group->ray_count * floats_of(f) * sizeof(float),
+                           "what rays meet", error);
+    if (status != KILN_OK)
+        return status;
+    copy_rays(f, group);
+    status = make_steps(f, group, kernel, error);
+    if (status == KILN_OK)
+        status = gpu_submit(b->gpu, group->slot, f->steps, group->steps, error);
+    group->under_way = status == KILN_OK;
+    return status;
+}
+
+static int wait(const struct finder *f, struct group *group, struct kiln_error *error)
+{
+    double seconds = 0.0;
+    if (!group->under_way)
+        return KILN_OK;
+    const int status = gpu_wait(f->b->gpu, group->slot, &seconds, error);
+    group->under_way = false;
+    if (status == KILN_OK)
+        gpu_pacer_learn(&f->b->pacers[VULKAN_PACE_LINK_RAYS], group->ray_count / group->steps,
+                        seconds / (double)group->steps);
+    return status;
+}
+
+/* After a failure: a new device traces the rays of all groups that have not heard of them. */
+static int launch_again(struct finder *f, int status, struct kiln_error *error)
+{
+    while (status != KILN_OK && vulkan_can_recover(f->b)) {
+        status = vulkan_recover(f->b, error);
+        for (size_t i = 0; i < VULKAN_LINK_GROUPS; i++)
+            f->groups[i].under_way = false; /* the device is gone */
+        if (status != KILN_OK)
+            return status;
+        for (size_t i = 0; i < VULKAN_LINK_GROUPS && status == KILN_OK; i++)
+            status = launch(f, &f->groups[i], error);
+    }
     return status;
 }
 
 /* ---- groups ---- */
 
-/* Begins tile runs from the `next`-th on, as many as fit. Which these are hangs on threads, what is found does not. */
-static int begin_group(struct finder *f, size_t next)
+/* A group's answers are waited for and heard, and it asks again. */
+static int turn(struct finder *f, struct group *group, struct kiln_error *error)
 {
-    size_t rays = 0, begun = 0;
-    f->group_count = f->count - next < GROUP ? f->count - next : GROUP;
-#pragma omp parallel for num_threads((int)f->b->all_threads) schedule(dynamic, 1)
-    for (size_t i = 0; i < f->group_count; i++) {
-        struct finding *g = &f->group[i];
-        size_t before;
-        struct kiln_error error;
-#pragma omp atomic read
-        before = rays;
-        g->begun = i == 0 || before < ENOUGH_RAYS;
-        g->active = false;
-        g->count = 0;
-        if (!g->begun)
-            continue;
-        g->tile_run = f->wanted[next + i];
-        g->run.p = f->p;
-        g->run.ask = ask;
-        g->run.context = g;
-        int status = enter(f, g, &error);
-        if (status == KILN_OK)
-            status = find(g, &error);
-        note(f, status, &error);
-#pragma omp atomic
-        rays += g->count;
+    int status = wait(f, group, error);
+    while (status != KILN_OK) {
+        status = launch_again(f, status, error);
+        if (status != KILN_OK)
+            return status;
+        status = wait(f, group, error);
     }
-    while (begun < f->group_count && f->group[begun].begun)
-        begun++;
-    /* what was begun behind one that was not is begun again with that */
-    f->group_count = begun;
-    return f->status;
+    status = advance_all(f, group);
+    return status == KILN_OK ? launch_again(f, launch(f, group, error), error) : status;
 }
 
-/* Calls a part of the host's work for the group's tile runs. */
-static int each(struct finder *f, int (*part)(const struct finder *, struct finding *, struct kiln_error *),
-                bool of_active)
+/* The groups in turn, until there is nothing left to ask. */
+static int find_all(struct finder *f, struct kiln_error *error)
 {
-#pragma omp parallel for num_threads((int)f->b->all_threads) schedule(dynamic, 1)
-    for (size_t i = 0; i < f->group_count; i++) {
-        struct kiln_error error;
-        if (f->group[i].active || !of_active)
-            note(f, part(f, &f->group[i], &error), &error);
+    int status = KILN_OK;
+    bool any = true;
+    while (any && status == KILN_OK) {
+        any = false;
+        for (size_t i = 0; i < VULKAN_LINK_GROUPS && status == KILN_OK; i++) {
+            status = turn(f, &f->groups[i], error);
+            any = any || f->groups[i].ray_count > 0;
+        }
     }
-    return f->status;
-}
-
-static int find_again(const struct finder *f, struct finding *g, struct kiln_error *error)
-{
-    (void)f;
-    return find(g, error);
-}
-
-static bool is_active(const struct finder *f)
-{
-    for (size_t i = 0; i < f->group_count; i++)
-        if (f->group[i].active)
-            return true;
-    return false;
-}
-
-static int find_group(struct finder *f, size_t next, struct kiln_error *error)
-{
-    int status = begin_group(f, next);
-    while (status == KILN_OK && is_active(f)) {
-        status = trace(f, error);
-        if (status == KILN_OK)
-            status = each(f, hear, true);
-        if (status == KILN_OK)
-            status = each(f, find_again, false);
+    for (size_t i = 0; i < VULKAN_LINK_GROUPS; i++) { /* after a failure nothing stays under way */
+        struct kiln_error ignored;
+        (void)wait(f, &f->groups[i], &ignored);
     }
-    return status == KILN_OK ? each(f, encode, false) : status;
+    return status;
 }
 
 /* ---- the call ---- */
@@ -332,31 +429,47 @@ static bool is_wanted(const struct finder *f, size_t tile_run)
     return !kiln_batch_leaves_out(f->batch, tile_run) && (kept == NULL || (f->p->target > 0.0 && kept->is_judged == 0));
 }
 
+static int make_groups(struct finder *f, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (uint32_t i = 0; i < VULKAN_LINK_GROUPS && status == KILN_OK; i++) {
+        f->groups[i].slot = i;
+        status = kiln_allocate(&f->groups[i].of, GROUP, sizeof *f->groups[i].of, "the links that are missing", error);
+    }
+    return status;
+}
+
 static void finder_release(struct finder *f)
 {
-    for (size_t i = 0; f->group != NULL && i < GROUP; i++) {
-        kiln_link_run_release(&f->group[i].run);
-        kiln_free(&f->group[i].rays);
+    for (size_t k = 0; k < VULKAN_LINK_GROUPS; k++) {
+        for (size_t i = 0; f->groups[k].of != NULL && i < GROUP; i++) {
+            struct finding *g = &f->groups[k].of[i];
+            kiln_link_run_release(&g->run);
+            kiln_free(&g->rays);
+            kiln_free(&g->links);
+            kiln_free(&g->of);
+        }
+        kiln_free(&f->groups[k].of);
     }
-    kiln_free(&f->group);
     kiln_free(&f->wanted);
-    kiln_free(&f->through);
+    kiln_free(&f->steps);
+    kiln_free(&f->pushes);
 }
 
 int vulkan_find_links(struct vulkan_backend *b, const struct kiln_links_parameters *parameters,
-                      const struct kiln_batch *batch, const struct kiln_point_result *gathered,
+                      const struct kiln_batch *batch, const struct kiln_point_result *gathered, uint64_t key,
                       struct kiln_kept_links **made, uint64_t *rays, struct kiln_error *error)
 {
-    static const char what[] = "the links that are missing";
-    struct finder f = {.b = b, .p = parameters, .batch = batch, .gathered = gathered, .made = made, .error = error};
-    int status = kiln_allocate(&f.wanted, batch->count, sizeof *f.wanted, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&f.group, GROUP, sizeof *f.group, what, error);
+    struct finder f = {
+        .b = b, .p = parameters, .batch = batch, .gathered = gathered, .made = made, .key = key, .error = error};
+    int status = kiln_allocate(&f.wanted, batch->count, sizeof *f.wanted, "the links that are missing", error);
     for (size_t i = 0; i < batch->count && status == KILN_OK; i++)
         if (is_wanted(&f, batch->first + i))
             f.wanted[f.count++] = batch->first + i;
-    for (size_t next = 0; next < f.count && status == KILN_OK; next += f.group_count)
-        status = find_group(&f, next, error);
+    if (status == KILN_OK && f.count > 0)
+        status = make_groups(&f, error);
+    if (status == KILN_OK && f.count > 0)
+        status = find_all(&f, error);
     *rays += f.traced;
     finder_release(&f);
     return status;

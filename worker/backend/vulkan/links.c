@@ -20,12 +20,14 @@ static const struct vulkan_shader sums_shader = {.name = "links: sums", .compute
 
 static const char WHAT[] = "the links of points";
 
+enum { PIECES = 64 }; /* that hashes are made of */
+
 /* A call's working set. */
 struct links_run {
     struct vulkan_backend *b;
     const struct kiln_links_parameters *p;
     const struct kiln_batch *batch;
-    struct kiln_point_result *gathered; /* of the batch's points: of their rays */
+    struct kiln_point_result *gathered; /* of the batch's points: of their rays; of those that have links nothing */
     struct kiln_point_result *results;
     struct kiln_kept_links **made; /* new ones, by the batch's tile runs; NULL: the kept ones stand */
     struct gpu_kernel *kernel, *sums;
@@ -33,6 +35,7 @@ struct links_run {
     double links_a_row; /* mean */
     size_t a_point;     /* bytes that go to the device with a point, about */
     uint64_t rays;
+    uint64_t key; /* vulkan_links_key */
 };
 
 /* Of the batch's points, the first of a tile run. */
@@ -74,17 +77,21 @@ static bool are_missing(const struct links_run *r, uint32_t *samples)
     return any;
 }
 
-static int gather(struct links_run *r, struct kiln_error *error)
+static int gather(struct links_run *r, size_t points, struct kiln_error *error)
 {
     const uint64_t own[2] = {0, 0}; /* filled in for each chunk */
     struct kiln_batch batch = *r->batch;
     uint32_t *samples = NULL;
+    size_t room = 0;
     int status = kiln_allocate(&samples, batch.count, sizeof *samples, "the links that are missing", error);
     batch.samples_each = samples;
     batch.stream = r->p->stream;
     batch.take = keep;
     batch.context = r;
-    if (status == KILN_OK && are_missing(r, samples)) {
+    const bool missing = status == KILN_OK && are_missing(r, samples);
+    if (missing)
+        status = kiln_grow(&r->gathered, &room, points, sizeof *r->gathered, "what the rays of links meet", error);
+    if (missing && status == KILN_OK) {
         const struct vulkan_hemisphere pass = vulkan_gather_pass(r->b, &batch, own);
         status = vulkan_hemisphere_run(r->b, &pass, &batch, &r->rays, error);
     }
@@ -94,14 +101,13 @@ static int gather(struct links_run *r, struct kiln_error *error)
 
 /* ---- the tree on the device ---- */
 
-/* A step comes in many batches, for which the tree stays on the device: whether it is the same, hashes say. */
-static bool is_there(const struct vulkan_backend *b, int which, uint64_t key)
+bool vulkan_links_there(const struct vulkan_backend *b, int which, uint64_t key)
 {
     return b->links[which].size > 0 && b->link_keys[which] == key;
 }
 
-static int bring(struct vulkan_backend *b, int which, uint64_t key, const void *data, size_t bytes,
-                 struct kiln_error *error)
+int vulkan_links_bring(struct vulkan_backend *b, int which, uint64_t key, const void *data, size_t bytes,
+                       struct kiln_error *error)
 {
     struct gpu_buffer *buffer = &b->links[which];
     int status = vulkan_grow_buffer(b, buffer, bytes, GPU_DEVICE, WHAT, error);
@@ -111,7 +117,25 @@ static int bring(struct vulkan_backend *b, int which, uint64_t key, const void *
     return status;
 }
 
-static uint64_t add_key(uint64_t key, const void *data, size_t bytes) { return XXH3_64bits_withSeed(data, bytes, key); }
+/* A hash of both, by all threads: of the hashes of pieces. */
+static uint64_t add_key(const struct vulkan_backend *b, uint64_t key, const void *data, size_t bytes)
+{
+    uint64_t hashes[PIECES];
+    const size_t piece = bytes / PIECES + 1;
+#pragma omp parallel for num_threads((int)b->all_threads) if (bytes > 1 << 22)
+    for (size_t i = 0; i < PIECES; i++) {
+        const size_t begin = i * piece < bytes ? i * piece : bytes, rest = bytes - begin;
+        hashes[i] = XXH3_64bits((const char *)data + begin, rest < piece ? rest : piece);
+    }
+    return XXH3_64bits_withSeed(hashes, sizeof hashes, key);
+}
+
+uint64_t vulkan_links_key(const struct vulkan_backend *b, const struct kiln_links_parameters *p)
+{
+    const size_t count = p->node_count > 0 ? (size_t)p->count : 0;
+    const uint64_t points = add_key(b, count, p->points, (size_t)b->surface->point_count * sizeof *p->points);
+    return add_key(b, points, p->order, count * sizeof *p->order);
+}
 
 static struct kiln_gpu_link_node node_of(const struct kiln_link_node *n)
 {
@@ -130,9 +154,9 @@ static struct kiln_gpu_link_node node_of(const struct kiln_link_node *n)
 
 static int bring_nodes(const struct links_run *r, struct kiln_error *error)
 {
-    const uint64_t key = add_key(r->p->node_count, r->p->nodes, r->p->node_count * sizeof *r->p->nodes);
+    const uint64_t key = add_key(r->b, r->p->node_count, r->p->nodes, r->p->node_count * sizeof *r->p->nodes);
     struct kiln_gpu_link_node *nodes = NULL;
-    if (is_there(r->b, VULKAN_LINK_NODES, key))
+    if (vulkan_links_there(r->b, VULKAN_LINK_NODES, key))
         return KILN_OK;
     int status = kiln_allocate(&nodes, r->p->node_count, sizeof *nodes, WHAT, error);
     if (status != KILN_OK)
@@ -140,7 +164,7 @@ static int bring_nodes(const struct links_run *r, struct kiln_error *error)
 #pragma omp parallel for num_threads((int)r->b->threads) if (r->p->node_count > 1 << 14)
     for (uint32_t i = 0; i < r->p->node_count; i++)
         nodes[i] = node_of(&r->p->nodes[i]);
-    status = bring(r->b, VULKAN_LINK_NODES, key, nodes, r->p->node_count * sizeof *nodes, error);
+    status = vulkan_links_bring(r->b, VULKAN_LINK_NODES, key, nodes, r->p->node_count * sizeof *nodes, error);
     kiln_free(&nodes);
     return status;
 }
@@ -148,10 +172,9 @@ static int bring_nodes(const struct links_run *r, struct kiln_error *error)
 static int bring_leaves(const struct links_run *r, struct kiln_error *error)
 {
     const size_t count = r->p->node_count > 0 ? (size_t)r->p->count : 0;
-    const uint64_t points = add_key(count, r->p->points, (size_t)r->b->surface->point_count * sizeof *r->p->points),
-                   key = add_key(points, r->p->order, count * sizeof *r->p->order);
+    const uint64_t key = r->key;
     struct kiln_gpu_link_leaf *leaves = NULL;
-    if (is_there(r->b, VULKAN_LINK_LEAVES, key))
+    if (vulkan_links_there(r->b, VULKAN_LINK_LEAVES, key))
         return KILN_OK;
     int status = kiln_allocate(&leaves, count, sizeof *leaves, WHAT, error);
     if (status != KILN_OK)
@@ -161,7 +184,7 @@ static int bring_leaves(const struct links_run *r, struct kiln_error *error)
         const struct kiln_patch *p = &r->p->points[r->p->order[k]];
         leaves[k] = (struct kiln_gpu_link_leaf){p->centre, p->normal, p->edge_s, p->edge_t, p->area};
     }
-    status = bring(r->b, VULKAN_LINK_LEAVES, key, leaves, count * sizeof *leaves, error);
+    status = vulkan_links_bring(r->b, VULKAN_LINK_LEAVES, key, leaves, count * sizeof *leaves, error);
     kiln_free(&leaves);
     return status;
 }
@@ -172,24 +195,27 @@ static int bring_light(const struct links_run *r, struct kiln_error *error)
     const struct kiln_links_parameters *p = r->p;
     const size_t nodes = p->node_count, count = nodes > 0 ? (size_t)p->count : 0, of_nodes = nodes * sizeof *p->sent,
                  bytes = of_nodes + count * sizeof(struct kiln_gpu_link_leaf_light);
-    const uint64_t key = add_key(add_key(nodes, p->sent, of_nodes), p->leaves, count * sizeof *p->leaves);
+    const uint64_t key = add_key(r->b, add_key(r->b, nodes, p->sent, of_nodes), p->leaves, count * sizeof *p->leaves);
     char *light = NULL;
-    if (is_there(r->b, VULKAN_LINK_LIGHT, key))
+    size_t room = 0;
+    if (vulkan_links_there(r->b, VULKAN_LINK_LIGHT, key))
         return KILN_OK;
-    int status = kiln_allocate(&light, bytes, 1, WHAT, error);
+    int status = kiln_grow(&light, &room, bytes, 1, WHAT, error); /* not zero: all of it is written */
     if (status != KILN_OK)
         return status;
     _Static_assert(sizeof *p->sent == sizeof(struct kiln_gpu_link_sent), "they are the same");
-    if (nodes > 0)
-        memcpy(light, p->sent, of_nodes);
+    struct kiln_gpu_link_sent *sent = (struct kiln_gpu_link_sent *)(void *)light;
     struct kiln_gpu_link_leaf_light *leaves = (struct kiln_gpu_link_leaf_light *)(void *)(light + of_nodes);
+#pragma omp parallel for num_threads((int)r->b->threads) if (nodes > 1 << 14)
+    for (size_t i = 0; i < nodes; i++)
+        memcpy(&sent[i], &p->sent[i], sizeof *sent);
 #pragma omp parallel for num_threads((int)r->b->threads) if (count > 1 << 14)
     for (size_t k = 0; k < count; k++) {
         const struct kiln_link_leaf *l = &p->leaves[k];
         leaves[k] =
             (struct kiln_gpu_link_leaf_light){{l->radiosity[0], l->radiosity[1], l->radiosity[2]}, l->now, l->before};
     }
-    status = bring(r->b, VULKAN_LINK_LIGHT, key, light, bytes, error);
+    status = vulkan_links_bring(r->b, VULKAN_LINK_LIGHT, key, light, bytes, error);
     kiln_free(&light);
     return status;
 }
@@ -483,17 +509,16 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
                struct kiln_error *error)
 {
     const struct kiln_tile_run *runs = b->surface->tile_runs + batch->first;
-    struct links_run r = {.b = b, .p = parameters, .batch = batch};
+    struct links_run r = {.b = b, .p = parameters, .batch = batch, .key = vulkan_links_key(b, parameters)};
     const size_t points = (size_t)kiln_tile_runs_points(runs, runs + batch->count - 1);
+    size_t room = 0;
     int status = kiln_allocate(&r.made, batch->count, sizeof(struct kiln_kept_links *), WHAT, error);
+    if (status == KILN_OK) /* written by the threads that take answers: it need not be zero */
+        status = kiln_grow(&r.results, &room, points, sizeof *r.results, "the light of links", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&r.gathered, points, sizeof *r.gathered, "what the rays of links meet", error);
+        status = gather(&r, points, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&r.results, points, sizeof *r.results, "the light of links", error);
-    if (status == KILN_OK)
-        status = gather(&r, error);
-    if (status == KILN_OK)
-        status = vulkan_find_links(b, r.p, batch, r.gathered, r.made, &r.rays, error);
+        status = vulkan_find_links(b, r.p, batch, r.gathered, r.key, r.made, &r.rays, error);
     if (status == KILN_OK)
         status = add_up(&r, error);
     *rays += r.rays;

@@ -145,6 +145,10 @@ static void clear(struct vulkan_backend *b)
     vulkan_bright_release(b);
     for (int i = 0; i < VULKAN_LINK_ARRAYS; i++)
         gpu_buffer_destroy(b->gpu, &b->links[i]);
+    for (int i = 0; i < VULKAN_LINK_GROUPS; i++) {
+        gpu_buffer_destroy(b->gpu, &b->link_rays[i]);
+        gpu_buffer_destroy(b->gpu, &b->link_answers[i]);
+    }
     gpu_buffer_destroy(b->gpu, &b->patches);
     gpu_buffer_destroy(b->gpu, &b->node_facings);
     gpu_buffer_destroy(b->gpu, &b->node_shapes);

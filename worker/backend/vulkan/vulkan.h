@@ -104,7 +104,8 @@ enum {
 };
 
 /* The tree of links on the device (links.c). */
-enum { VULKAN_LINK_NODES, VULKAN_LINK_LEAVES, VULKAN_LINK_LIGHT, VULKAN_LINK_ARRAYS };
+enum { VULKAN_LINK_NODES, VULKAN_LINK_LEAVES, VULKAN_LINK_LIGHT, VULKAN_LINK_PLACES, VULKAN_LINK_ARRAYS };
+enum { VULKAN_LINK_GROUPS = 2 }; /* of tile runs whose links are found in turn: link_views.c */
 
 /* Light that stays on the device (held.h). */
 struct vulkan_held {
@@ -114,6 +115,8 @@ struct vulkan_held {
     struct gpu_buffer radiosity[2]; /* that is gathered from, and made; in turn */
     struct gpu_buffer albedo[KILN_ROW_LIGHTS];
     const struct kiln_surface *surface; /* whose points these are; NULL: there are none yet */
+    uint32_t *words;                    /* errors as they come back; memory that stays */
+    size_t word_room;
 };
 
 #define VULKAN_USUAL_SCRATCH (512ull << 20) /* bytes */
@@ -195,10 +198,12 @@ struct vulkan_backend {
     struct vulkan_held held;
     uint64_t returned;            /* bytes of answers so far */
     struct gpu_buffer row_lights; /* radiosity that is not the backend's, of the pass under way; else of one before */
-    struct gpu_buffer direction_set;                      /* likewise: shaders/directions.glsl */
-    struct gpu_buffer bright[VULKAN_BRIGHT_ARRAYS];       /* likewise: bright.h */
-    struct gpu_buffer links[VULKAN_LINK_ARRAYS];          /* likewise: links.c */
-    uint64_t link_keys[VULKAN_LINK_ARRAYS];               /* hashes of what they hold */
+    struct gpu_buffer direction_set;                 /* likewise: shaders/directions.glsl */
+    struct gpu_buffer bright[VULKAN_BRIGHT_ARRAYS];  /* likewise: bright.h */
+    struct gpu_buffer links[VULKAN_LINK_ARRAYS];     /* likewise: links.c */
+    uint64_t link_keys[VULKAN_LINK_ARRAYS];          /* hashes of what they hold */
+    struct gpu_buffer link_rays[VULKAN_LINK_GROUPS]; /* of groups: link_views.c, as are the next */
+    struct gpu_buffer link_answers[VULKAN_LINK_GROUPS];
     struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
     struct gpu_pacer pacers[VULKAN_PACES];
     struct both_run *both; /* what the bidirectional or the land pass has made, for its next call; or NULL */

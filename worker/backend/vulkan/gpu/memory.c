@@ -244,7 +244,7 @@ static int drain(struct gpu *gpu, int status, struct kiln_error *error)
     return status;
 }
 
-/* One thread copies at a part of the speed at which devices read. */
+/* One thread copies at a part of the speed at which devices read and write. */
 static void copy_by_threads(const struct gpu *gpu, char *to, const char *from, size_t size)
 {
     const size_t whole = size / PART, parts = whole > 0 ? whole : 1;
@@ -304,8 +304,8 @@ int gpu_download(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset
         const size_t last = (i - 1) % GPU_STAGING_PIECES;
         status = gpu_slot_wait(gpu, &gpu->slots[GPU_SLOTS + last], NULL, error);
         if (status == KILN_OK)
-            memcpy((char *)data + at - GPU_STAGING_BYTES, gpu->staging[last].mapped,
-                   piece_size(size, at - GPU_STAGING_BYTES));
+            copy_by_threads(gpu, (char *)data + at - GPU_STAGING_BYTES, gpu->staging[last].mapped,
+                            piece_size(size, at - GPU_STAGING_BYTES));
     }
     return drain(gpu, status, error);
 }
