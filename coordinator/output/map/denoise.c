@@ -15,7 +15,7 @@
 static const float least_size = 0x1p-20f;
 
 /* Points of a map from which on a device denoises it. */
-static const uint64_t device_least = 1 << 14;
+static const uint64_t device_least = 1 << 12;
 
 #define CAUSTIC_ERROR "error_caustic"
 

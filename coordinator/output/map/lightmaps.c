@@ -814,17 +814,47 @@ static int join_seams(struct writer *w, const struct kiln_assignment *assignment
     return status;
 }
 
+static uint64_t texels_at_once(const struct writer *w)
+{
+    return w->params->texel_budget > 0 ? w->params->texel_budget : kiln_lightmap_texels(w->layers.planes.count);
+}
+
+/* Whether the maps of objects that touch may stay in memory until they are written, on every rank: those of one round
+ * may, and as many as take no more than the largest map does while it is denoised. Others are made twice. */
+static int may_keep(const struct writer *w, const struct kiln_assignment *assignment, const struct kiln_joints *joints,
+                    bool *keeps, struct kiln_error *error)
+{
+    uint64_t *texels = NULL, largest = 0, bands = 0, most = 0;
+    const int status = kiln_allocate(&texels, w->ranks, sizeof *texels, "the texels of ranks", error);
+    for (uint32_t i = 0; status == KILN_OK && i < joints->map_count; i++) {
+        const uint64_t of_map = texels_of(w, &i, 1);
+        largest = of_map > largest ? of_map : largest;
+        if (joints->group[i] == KILN_NONE || assignment->owner[i] == KILN_NONE)
+            continue;
+        if (assignment->owner[i] == KILN_IN_BANDS)
+            bands += of_map / w->ranks;
+        else
+            texels[assignment->owner[i]] += of_map;
+    }
+    for (uint32_t i = 0; status == KILN_OK && i < w->ranks; i++)
+        most = texels[i] + bands > most ? texels[i] + bands : most;
+    kiln_free(&texels);
+    const bool one_round = assignment->own_rounds <= 1 && assignment->rounds - assignment->own_rounds <= 1;
+    *keeps = one_round || most <= texels_at_once(w) || most <= 2 * largest;
+    return kiln_agree(w->result->communicator, status, error);
+}
+
 /* Collective. Writes all files, with the seams of objects that touch as they were solved. Of maps that were kept no
  * points are sent again. */
 static int write_rounds(struct writer *w, const struct kiln_assignment *assignment, const struct kiln_joints *joints,
                         struct kiln_error *error)
 {
     struct kiln_assignment others = {0};
-    int status = KILN_OK;
     if (joints->count == 0 || !w->params->stitch)
         return walk_rounds(w, assignment, assignment, w->ghosts, write_together, error);
-    w->keeps = assignment->own_rounds <= 1 && assignment->rounds - assignment->own_rounds <= 1;
-    status = join_seams(w, assignment, joints, error);
+    int status = may_keep(w, assignment, joints, &w->keeps, error);
+    if (status == KILN_OK)
+        status = join_seams(w, assignment, joints, error);
     if (status == KILN_OK)
         status = kiln_agree(w->result->communicator, choose_maps(&others, assignment, joints, false, error), error);
     if (status == KILN_OK)
@@ -860,10 +890,9 @@ static int assign_maps(const struct writer *w, const struct kiln_joints *joints,
     for (size_t i = 0; status == KILN_OK && joints != NULL && i < joints->map_count; i++)
         whole[i] = params->denoise && joints->group[i] != KILN_NONE;
     if (status == KILN_OK)
-        status = kiln_assignment_create(
-            assignment, w->result->surface->lightmaps, maps, w->ranks,
-            params->texel_budget > 0 ? params->texel_budget : kiln_lightmap_texels(w->layers.planes.count),
-            params->least_divided > 0 ? params->least_divided : KILN_BANDS_LEAST, whole, error);
+        status =
+            kiln_assignment_create(assignment, w->result->surface->lightmaps, maps, w->ranks, texels_at_once(w),
+                                   params->least_divided > 0 ? params->least_divided : KILN_BANDS_LEAST, whole, error);
     kiln_free(&whole);
     return status;
 }

@@ -18,64 +18,69 @@ enum {
 
 static const char what[] = "denoising on the device";
 
-/* What lies on the device; arrays by points, but for those of cells. */
+/* Arrays on the device: by points, but for those of cells. They stay for the next call where they are not large. */
+enum { POINTS, CELLS, FIRST, RANGES, GIVEN, FITS, CHOICES, RESULTS };
+_Static_assert(RESULTS + 1 == VULKAN_REGRESSION_ARRAYS, "arrays of the regression");
+
+#define STAYS (64ull << 20) /* bytes: all arrays together */
+
 struct run {
     struct vulkan_backend *b;
     const struct kiln_regression_work *work;
-    struct gpu_buffer points, cells, first, ranges, given, fits, choices, results;
 };
 
-/* An array on the device. */
-struct room {
-    struct gpu_buffer *buffer;
-    uint64_t bytes;
-};
-enum { ROOMS = 8 };
-
-static void list_rooms(struct run *r, struct room rooms[ROOMS])
+static uint64_t bytes_of(const struct kiln_regression_work *w, int array)
 {
-    const struct kiln_regression_work *w = r->work;
     const uint64_t count = w->count, lights = w->lights;
-    const struct room all[ROOMS] = {
-        {&r->points, count * sizeof(struct kiln_gpu_regression_point)},
-        {&r->cells, count * sizeof *w->cells},
-        {&r->first, (w->cell_count + 1) * sizeof *w->first},
-        {&r->ranges, (uint64_t)w->first[w->cell_count] * sizeof *w->ranges},
-        {&r->given, count * lights * sizeof(struct kiln_gpu_regression_given)},
-        {&r->fits, count * (1 + lights) * KILN_REGRESSION_FITS * sizeof(float)},
-        {&r->choices, count * lights * sizeof(struct kiln_gpu_regression_choice)},
-        {&r->results, count * lights * sizeof(struct kiln_gpu_regression_result)},
-    };
-    for (int i = 0; i < ROOMS; i++)
-        rooms[i] = all[i];
+    switch (array) {
+    case POINTS:
+        return count * sizeof(struct kiln_gpu_regression_point);
+    case CELLS:
+        return count * sizeof *w->cells;
+    case FIRST:
+        return (w->cell_count + 1) * sizeof *w->first;
+    case RANGES:
+        return (uint64_t)w->first[w->cell_count] * sizeof *w->ranges;
+    case GIVEN:
+        return count * lights * sizeof(struct kiln_gpu_regression_given);
+    case FITS:
+        return count * (1 + lights) * KILN_REGRESSION_FITS * sizeof(float);
+    case CHOICES:
+        return count * lights * sizeof(struct kiln_gpu_regression_choice);
+    default:
+        return count * lights * sizeof(struct kiln_gpu_regression_result);
+    }
 }
 
-static int make_rooms(struct run *r, struct kiln_error *error)
+static int make_room(struct run *r, struct kiln_error *error)
 {
-    struct room rooms[ROOMS];
     int status = KILN_OK;
-    list_rooms(r, rooms);
-    for (int i = 0; i < ROOMS && status == KILN_OK; i++)
-        status = gpu_buffer_create(r->b->gpu, rooms[i].buffer, (size_t)rooms[i].bytes, GPU_DEVICE, what, error);
+    for (int i = 0; i < VULKAN_REGRESSION_ARRAYS && status == KILN_OK; i++)
+        status = vulkan_grow_buffer(r->b, &r->b->regression[i], (size_t)bytes_of(r->work, i), GPU_DEVICE, what, error);
     return status;
 }
 
-static void drop_rooms(struct run *r)
+void vulkan_regression_release(struct vulkan_backend *b)
 {
-    struct room rooms[ROOMS];
-    list_rooms(r, rooms);
-    for (int i = 0; i < ROOMS; i++)
-        gpu_buffer_destroy(r->b->gpu, rooms[i].buffer);
+    for (int i = 0; i < VULKAN_REGRESSION_ARRAYS; i++)
+        gpu_buffer_destroy(b->gpu, &b->regression[i]);
 }
 
-static bool fits_in(struct run *r)
+/* Bytes that lie there. */
+static uint64_t bytes_there(const struct vulkan_backend *b)
 {
-    struct room rooms[ROOMS];
     uint64_t bytes = 0;
-    list_rooms(r, rooms);
-    for (int i = 0; i < ROOMS; i++)
-        bytes += rooms[i].bytes;
-    return bytes < gpu_memory_left(r->b->gpu) / 8 * 7;
+    for (int i = 0; i < VULKAN_REGRESSION_ARRAYS; i++)
+        bytes += b->regression[i].size;
+    return bytes;
+}
+
+static bool has_room(const struct run *r)
+{
+    uint64_t bytes = 0;
+    for (int i = 0; i < VULKAN_REGRESSION_ARRAYS; i++)
+        bytes += bytes_of(r->work, i);
+    return bytes < (gpu_memory_left(r->b->gpu) + bytes_there(r->b)) / 8 * 7;
 }
 
 /* ---- there and back ---- */
@@ -97,9 +102,10 @@ static int bring_points(struct run *r, struct kiln_error *error)
     for (size_t first = 0, count; first < w->count && status == KILN_OK; first += count) {
         count = stretch_at(r, first);
         w->give(w->context, first, count, points, given);
-        status = gpu_fill(r->b->gpu, &r->points, first * sizeof *points, points, count * sizeof *points, error);
+        status = gpu_fill(r->b->gpu, &r->b->regression[POINTS], first * sizeof *points, points, count * sizeof *points,
+                          error);
         if (status == KILN_OK)
-            status = gpu_fill(r->b->gpu, &r->given, first * w->lights * sizeof *given, given,
+            status = gpu_fill(r->b->gpu, &r->b->regression[GIVEN], first * w->lights * sizeof *given, given,
                               count * w->lights * sizeof *given, error);
     }
     kiln_free(&points);
@@ -110,11 +116,13 @@ static int bring_points(struct run *r, struct kiln_error *error)
 static int bring_cells(struct run *r, struct kiln_error *error)
 {
     const struct kiln_regression_work *w = r->work;
-    int status = gpu_fill(r->b->gpu, &r->cells, 0, w->cells, w->count * sizeof *w->cells, error);
+    int status = gpu_fill(r->b->gpu, &r->b->regression[CELLS], 0, w->cells, w->count * sizeof *w->cells, error);
     if (status == KILN_OK)
-        status = gpu_fill(r->b->gpu, &r->first, 0, w->first, (w->cell_count + 1) * sizeof *w->first, error);
+        status =
+            gpu_fill(r->b->gpu, &r->b->regression[FIRST], 0, w->first, (w->cell_count + 1) * sizeof *w->first, error);
     if (status == KILN_OK)
-        status = gpu_fill(r->b->gpu, &r->ranges, 0, w->ranges, w->first[w->cell_count] * sizeof *w->ranges, error);
+        status = gpu_fill(r->b->gpu, &r->b->regression[RANGES], 0, w->ranges,
+                          w->first[w->cell_count] * sizeof *w->ranges, error);
     return status;
 }
 
@@ -126,7 +134,8 @@ static int take_results(struct run *r, struct kiln_error *error)
     for (size_t first = 0, count; first < w->count && status == KILN_OK; first += count) {
         count = stretch_at(r, first);
         const size_t bytes = count * w->lights * sizeof *results;
-        status = gpu_download(r->b->gpu, &r->results, first * w->lights * sizeof *results, results, bytes, error);
+        status = gpu_download(r->b->gpu, &r->b->regression[RESULTS], first * w->lights * sizeof *results, results,
+                              bytes, error);
         if (status == KILN_OK)
             w->take(w->context, first, count, results);
     }
@@ -136,21 +145,28 @@ static int take_results(struct run *r, struct kiln_error *error)
 
 /* ---- sweeps ---- */
 
-static int sweep(struct run *r, uint32_t number, struct kiln_error *error)
+static struct kiln_gpu_regression_push push_of(const struct run *r)
+{
+    const struct gpu_buffer *a = r->b->regression;
+    return (struct kiln_gpu_regression_push){.scene = r->b->scene.address,
+                                             .points = a[POINTS].address,
+                                             .cells = a[CELLS].address,
+                                             .firsts = a[FIRST].address,
+                                             .ranges = a[RANGES].address,
+                                             .given = a[GIVEN].address,
+                                             .fits = a[FITS].address,
+                                             .choices = a[CHOICES].address,
+                                             .results = a[RESULTS].address,
+                                             .count = r->work->count,
+                                             .lights = r->work->lights};
+}
+
+/* One sweep, in slices of time. */
+static int sweep(struct run *r, uint32_t number, struct gpu_kernel *kernel, struct kiln_error *error)
 {
     struct gpu_pacer *pacer = &r->b->pacers[VULKAN_PACE_REGRESSION + number];
-    struct kiln_gpu_regression_push push = {.scene = r->b->scene.address,
-                                            .points = r->points.address,
-                                            .cells = r->cells.address,
-                                            .firsts = r->first.address,
-                                            .ranges = r->ranges.address,
-                                            .given = r->given.address,
-                                            .fits = r->fits.address,
-                                            .choices = r->choices.address,
-                                            .results = r->results.address,
-                                            .lights = r->work->lights};
-    struct gpu_kernel *kernel;
-    int status = vulkan_kernel_of(r->b, &regression_shader, false, number, &kernel, error);
+    struct kiln_gpu_regression_push push = push_of(r);
+    int status = KILN_OK;
     for (uint32_t at = 0; at < r->work->count && status == KILN_OK; at += push.count) {
         const uint64_t next = gpu_pacer_next(pacer, FIRST_GUESS), left = r->work->count - at;
         push.first = at;
@@ -168,18 +184,57 @@ static int sweep(struct run *r, uint32_t number, struct kiln_error *error)
     return status;
 }
 
+/* Whether each sweep is known to take no more than a slice. */
+static bool is_short(const struct run *r)
+{
+    bool fits = true;
+    for (int i = 0; i < VULKAN_REGRESSION_SWEEPS; i++) {
+        const struct gpu_pacer *pacer = &r->b->pacers[VULKAN_PACE_REGRESSION + i];
+        fits = fits && pacer->rate > 0.0 && gpu_pacer_next(pacer, FIRST_GUESS) >= r->work->count;
+    }
+    return fits;
+}
+
+/* All sweeps in one submission. */
+static int sweep_at_once(struct run *r, struct gpu_kernel *const *kernels, struct kiln_error *error)
+{
+    const struct kiln_gpu_regression_push push = push_of(r);
+    struct gpu_step steps[VULKAN_REGRESSION_SWEEPS];
+    for (int i = 0; i < VULKAN_REGRESSION_SWEEPS; i++)
+        steps[i] = (struct gpu_step){.kernel = kernels[i],
+                                     .threads_x = push.count,
+                                     .threads_y = 1,
+                                     .constants = &push,
+                                     .constant_bytes = sizeof push};
+    return gpu_run(r->b->gpu, steps, VULKAN_REGRESSION_SWEEPS, NULL, error);
+}
+
+static int sweep_all(struct run *r, struct kiln_error *error)
+{
+    struct gpu_kernel *kernels[VULKAN_REGRESSION_SWEEPS];
+    int status = KILN_OK;
+    for (uint32_t i = 0; i < VULKAN_REGRESSION_SWEEPS && status == KILN_OK; i++)
+        status = vulkan_kernel_of(r->b, &regression_shader, false, i, &kernels[i], error);
+    if (status == KILN_OK && is_short(r))
+        return sweep_at_once(r, kernels, error);
+    for (uint32_t i = 0; i < VULKAN_REGRESSION_SWEEPS && status == KILN_OK; i++)
+        status = sweep(r, i, kernels[i], error);
+    return status;
+}
+
 static int run_all(struct run *r, struct kiln_error *error)
 {
-    int status = make_rooms(r, error);
+    int status = make_room(r, error);
     if (status == KILN_OK)
         status = bring_points(r, error);
     if (status == KILN_OK)
         status = bring_cells(r, error);
-    for (uint32_t number = 0; number < VULKAN_REGRESSION_SWEEPS && status == KILN_OK; number++)
-        status = sweep(r, number, error);
+    if (status == KILN_OK)
+        status = sweep_all(r, error);
     if (status == KILN_OK)
         status = take_results(r, error);
-    drop_rooms(r);
+    if (status != KILN_OK || bytes_there(r->b) > STAYS)
+        vulkan_regression_release(r->b);
     return status;
 }
 
@@ -195,7 +250,7 @@ int vulkan_regress(struct kiln_backend *backend, const struct kiln_regression_wo
                    struct kiln_error *error)
 {
     struct run r = {.b = (struct vulkan_backend *)backend, .work = work};
-    if (!fits_in(&r))
+    if (!has_room(&r))
         return KILN_OK;
     vulkan_regression_ahead(r.b);
     int status = run_all(&r, error);

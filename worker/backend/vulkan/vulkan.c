@@ -140,6 +140,7 @@ static void clear(struct vulkan_backend *b)
     vulkan_techniques_release(b);
     vulkan_rows_release(b);
     vulkan_held_release(b);
+    vulkan_regression_release(b);
     gpu_buffer_destroy(b->gpu, &b->row_lights);
     gpu_buffer_destroy(b->gpu, &b->direction_set);
     vulkan_bright_release(b);

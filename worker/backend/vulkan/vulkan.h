@@ -121,7 +121,7 @@ struct vulkan_held {
 
 #define VULKAN_USUAL_SCRATCH (512ull << 20) /* bytes */
 
-enum { VULKAN_REGRESSION_SWEEPS = 5 };
+enum { VULKAN_REGRESSION_SWEEPS = 5, VULKAN_REGRESSION_ARRAYS = 8 };
 
 /* What has a speed of its own that is learned: each pass (KILN_PASS_INDEX_gather and so on), and these. */
 enum vulkan_pace {
@@ -196,7 +196,8 @@ struct vulkan_backend {
     struct vulkan_resident *resident;
     size_t resident_count, resident_room;
     struct vulkan_held held;
-    uint64_t returned;            /* bytes of answers so far */
+    struct gpu_buffer regression[VULKAN_REGRESSION_ARRAYS]; /* regression.c */
+    uint64_t returned;                                      /* bytes of answers so far */
     struct gpu_buffer row_lights; /* radiosity that is not the backend's, of the pass under way; else of one before */
     struct gpu_buffer direction_set;                 /* likewise: shaders/directions.glsl */
     struct gpu_buffer bright[VULKAN_BRIGHT_ARRAYS];  /* likewise: bright.h */
