@@ -46,9 +46,11 @@ struct solver {
     double *pull;                                     /* w a of each unknown (seam_system.h) */
     double *diagonal;                                 /* of the matrix */
     double *x, *residual, *direction, *product, *row; /* `row` is of samples in the place of unknowns */
-    double *change;                                   /* x where it was found */
+    double *change;                                   /* x where it was found; the next solution begins with it */
     float *low, *high;                                /* range of the baked values around each unknown */
     bool solves[LANES_MOST];                          /* lanes whose change x is sought */
+    bool again;                                       /* some values are held now that were not before */
+    double enough[LANES_MOST];                        /* the norm of the residual that is small enough */
 };
 
 int kiln_seam_system_create(struct kiln_seam_system **system, size_t unknown_count, size_t sample_count,
@@ -230,14 +232,15 @@ LANE_CODE void add_up(const struct solver *v, struct kiln_team_member *m, const 
     memcpy(sums, shared, sizeof sum);
 }
 
-/* Sets residual and direction to those of x = 0, and the preconditioned norm of the residual. */
+/* Begins with x as it was found before, at first 0: sets residual and direction, and the preconditioned norm of the
+ * residual. */
 LANE_CODE void begin_lanes(struct solver *v, struct kiln_team_member *m, const size_t lanes, double norm[LANES_MOST])
 {
     size_t begin, end;
     kiln_team_part(m, v->system->unknown_count, &begin, &end);
     for (size_t i = begin * lanes; i < end * lanes; i++) {
-        v->direction[i] = (double)v->baked[i];
-        v->x[i] = 0.0;
+        v->x[i] = v->change[i];
+        v->direction[i] = (double)v->baked[i] + v->x[i];
     }
     kiln_team_meet(m);
     apply_rows(v, m, lanes, v->direction);
@@ -246,9 +249,10 @@ LANE_CODE void begin_lanes(struct solver *v, struct kiln_team_member *m, const s
         double left[LANES_MOST] = {0.0};
         add_transposed(v, lanes, u, -1.0, left);
         for (size_t l = 0, i = u * lanes; l < lanes; l++, i++) {
-            v->residual[i] = left[l];
-            v->direction[i] = left[l] / v->diagonal[i];
-            v->product[i] = left[l] * left[l] / v->diagonal[i];
+            const double residual = left[l] - v->pull[i] * v->x[i];
+            v->residual[i] = residual;
+            v->direction[i] = residual / v->diagonal[i];
+            v->product[i] = residual * residual / v->diagonal[i];
         }
     }
     add_up(v, m, lanes, NULL, norm);
@@ -336,11 +340,13 @@ static void keep_change(struct solver *v, const struct kiln_team_member *m, size
 LANE_CODE void conjugate_gradients(struct solver *v, struct kiln_team_member *m, const size_t lanes)
 {
     double norm[LANES_MOST], next[LANES_MOST], step[LANES_MOST], part[LANES_MOST], curvature[LANES_MOST],
-        enough[LANES_MOST];
+        enough[LANES_MOST] = {0.0};
     bool goes[LANES_MOST];
     begin_lanes(v, m, lanes, norm);
     for (size_t l = 0; l < lanes; l++)
-        enough[l] = norm[l] * 1e-14;
+        enough[l] = v->again ? v->enough[l] : norm[l] * 1e-14;
+    if (m->thread == 0 && !v->again)
+        memcpy(v->enough, enough, sizeof enough);
     memcpy(goes, v->solves, sizeof goes);
     for (int iteration = 0;; iteration++) {
         bool any = false;
@@ -440,6 +446,7 @@ static bool hold_values(struct solver *v, size_t lane)
         if (value == within)
             continue;
         v->baked[i] = within;
+        v->change[i] = 0.0;
         v->diagonal[i] += hold - v->pull[i];
         v->pull[i] = hold;
         any = true;
@@ -481,6 +488,7 @@ static void solve_and_hold(struct solver *v)
             v->solves[l] = v->solves[l] && hold_values(v, l);
             any = any || v->solves[l];
         }
+        v->again = true;
         if (any)
             solve_lanes(v);
     }
