@@ -8,6 +8,9 @@
 /* Of a chunk. Passes of few samples take more points: else what every chunk costs, its last few threads and its way to
  * the host, would show. */
 enum { LEAST_POINTS = 1 << 13, USUAL_POINTS = 1 << 19, MOST_POINTS = 1 << 20, ENOUGH_RAYS = 1 << 24 };
+/* Of a chunk that the usual scratch has no room for: memory is cleared at 40 GB a second where it is made anew, slower
+ * by several ranks at once. With room for all points the first chunk waited for 28 GB, 0.7 to 2.5 s. */
+enum { FEWEST_RAYS = 1 << 22 };
 
 /* Of a chunk, in which much of a point goes between host and device. */
 enum { MOVED_MOST = 64 << 20 };
@@ -108,6 +111,7 @@ static int make_room(struct vulkan_backend *b, uint64_t answers, uint64_t scratc
 }
 
 static uint64_t lesser(uint64_t a, uint64_t b) { return a < b ? a : b; }
+static uint64_t greater(uint64_t a, uint64_t b) { return a > b ? a : b; }
 
 /* What most passes would ask for, since memory takes its time to come by: the usual scratch, but no more than the
  * share's points need when many samples are summed up for them; and a quarter of the memory that is left at most. */
@@ -131,8 +135,9 @@ static int make_slots(struct run *r, struct kiln_error *error)
     uint64_t scratch = gpu_memory_left(b->gpu) / (2 * GPU_SLOTS);
     scratch = scratch < b->slots[0].scratch.size ? b->slots[0].scratch.size : scratch;
     scratch = scratch > b->scratch_most ? b->scratch_most : scratch;
-    const uint64_t a_point = r->pass->scratch_bytes + answer_bytes(r->pass);
-    uint64_t points = scratch / a_point;
+    const uint64_t a_point = r->pass->scratch_bytes + answer_bytes(r->pass),
+                   there_already = lesser(scratch, greater(b->slots[0].scratch.size, VULKAN_USUAL_SCRATCH));
+    uint64_t points = lesser(scratch / a_point, greater(there_already / a_point, FEWEST_RAYS / samples));
     if (r->pass->moved_bytes > 0)
         points = lesser(points, MOVED_MOST / r->pass->moved_bytes);
     points = points < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : points > there ? there : points;

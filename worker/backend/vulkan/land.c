@@ -28,8 +28,8 @@ struct land_run {
     struct both_run *paths; /* b->both */
     struct kiln_store store;
     struct portion portions[2];
-    size_t room; /* paths of a portion */
-    struct kiln_land_result *results;
+    size_t room;                      /* paths of a portion */
+    struct kiln_land_result *results; /* in b->results, which stays: new memory takes as long as half the paths do */
     uint64_t rays;
     const struct kiln_aims *aims;
     bool shares; /* landings tell the part of samples */
@@ -113,9 +113,11 @@ static int make_room(struct land_run *r, struct kiln_error *error)
         if (status == KILN_OK)
             status = vulkan_grow_buffer(b, &b->slots[i].host, bytes, GPU_HOST, "light paths", error);
     }
-    return status == KILN_OK
-               ? kiln_allocate(&r->results, r->room, sizeof *r->results, "the answers of light paths", error)
-               : status;
+    if (status == KILN_OK)
+        status = kiln_grow(&b->results, &b->result_room, r->room * sizeof *r->results, 1, "the answers of light paths",
+                           error);
+    r->results = (struct kiln_land_result *)(void *)b->results;
+    return status;
 }
 
 static int prepare(struct land_run *r, const struct kiln_land_parameters *p, size_t count, struct kiln_error *error)
@@ -149,7 +151,6 @@ static void finish(struct land_run *r, int status)
     vulkan_techniques_release(r->b);
     if (status != KILN_OK)
         vulkan_bidirectional_release(r->b);
-    kiln_free(&r->results);
 }
 
 /* Hands paths from `first` on, `left` at most, to the device. */
