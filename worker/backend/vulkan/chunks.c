@@ -9,8 +9,9 @@
  * the host, would show. */
 enum { LEAST_POINTS = 1 << 13, USUAL_POINTS = 1 << 19, MOST_POINTS = 1 << 20, ENOUGH_RAYS = 1 << 24 };
 /* Of a chunk that the usual scratch has no room for: memory is cleared at 40 GB a second where it is made anew, slower
- * by several ranks at once. With room for all points the first chunk waited for 28 GB, 0.7 to 2.5 s. */
-enum { FEWEST_RAYS = 1 << 22 };
+ * by several ranks at once. With room for all points the first chunk of Sponza's direct light waited for 28 GB, 0.7 to
+ * 2.5 s. Where points have more and fewer samples a chunk ends with few threads that take long, 10 ms there. */
+enum { FEWEST_RAYS = 1 << 22, FEWEST_MIXED_RAYS = 1 << 25 };
 
 /* Of a chunk, in which much of a point goes between host and device. */
 enum { MOVED_MOST = 64 << 20 };
@@ -137,7 +138,8 @@ static int make_slots(struct run *r, struct kiln_error *error)
     scratch = scratch > b->scratch_most ? b->scratch_most : scratch;
     const uint64_t a_point = r->pass->scratch_bytes + answer_bytes(r->pass),
                    there_already = lesser(scratch, greater(b->slots[0].scratch.size, VULKAN_USUAL_SCRATCH));
-    uint64_t points = lesser(scratch / a_point, greater(there_already / a_point, FEWEST_RAYS / samples));
+    const uint64_t fewest = (r->batch->samples_each != NULL ? FEWEST_MIXED_RAYS : FEWEST_RAYS) / samples;
+    uint64_t points = lesser(scratch / a_point, greater(there_already / a_point, fewest));
     if (r->pass->moved_bytes > 0)
         points = lesser(points, MOVED_MOST / r->pass->moved_bytes);
     points = points < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : points > there ? there : points;
