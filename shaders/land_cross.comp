@@ -21,7 +21,6 @@ const float SEEN = 0.9999,            /* as in spheres.c, like what follows */
     MOMENT_MOST = 274877906944.0,     /* KILN_SPHERE_MOMENT_MOST: 2^38 */
     SUM_MOST = 2305843009213693952.0; /* 2^61 units, of one chord */
 const bool TINTS = HAS_ALPHA >= KILN_PASSAGE_TINT;
-const uint COLORS = 3u;
 
 vec3 start, slope; /* of the way, in the grid: spacings; spacings a metre */
 float way_end;     /* m; infinity: it meets nothing */
@@ -43,12 +42,19 @@ uint64_t whole_of(float x)
     return shift < -24 ? 0ul : (digits + (1ul << uint(-shift - 1))) >> uint(-shift);
 }
 
-/* Adds to a number of 64 bits with a sign. */
-void add_whole(uint64_t address, float x)
+/* Adds to a number of 64 bits, the lower half first; what has a sign is added modulo 2^64. */
+void add_whole(uint64_t address, uint64_t number)
 {
-    const uint64_t size = whole_of(min(abs(x), SUM_MOST)), number = x < 0.0 ? 0ul - size : size;
-    if (number != 0ul)
-        add_words(address, 2u, uint(number), uint(number >> 32));
+    const uint lower = uint(number), old = lower != 0u ? atomicAdd(BothWords(address).at[0], lower) : 0u;
+    const uint upper = uint(number >> 32) + (old + lower < old ? 1u : 0u);
+    if (upper != 0u)
+        atomicAdd(BothWords(address).at[1], upper);
+}
+
+uint64_t signed_whole_of(float x)
+{
+    const uint64_t size = whole_of(min(abs(x), SUM_MOST));
+    return x < 0.0 ? 0ul - size : size;
 }
 
 /* ---- one sphere ---- */
@@ -93,7 +99,7 @@ vec3 left_at(float distance)
 void add_chord(uint number, vec3 brought)
 {
     const vec3 back = -path.direction, positive = max(back, 0.0), negative = max(-back, 0.0);
-    const uint64_t sums = SPHERES.sums + 8ul * (uint64_t(KILN_GPU_SPHERE_SUMS) * number);
+    uint64_t sum = SPHERES.sums + 8ul * (uint64_t(KILN_GPU_SPHERE_SUMS) * number);
     float weights[15];
 #define KILN_PUT(index, y) weights[index] = y;
     KILN_HARMONICS_EACH(KILN_PUT, back)
@@ -102,9 +108,11 @@ void add_chord(uint number, vec3 brought)
         weights[9u + 2u * a] = positive[a];
         weights[10u + 2u * a] = negative[a];
     }
-    for (uint k = 0u; k < 15u; k++)
-        for (uint c = 0u; c < COLORS && weights[k] != 0.0; c++)
-            add_whole(sums + 8ul * (COLORS * k + c), brought[c] * weights[k]);
+    for (uint k = 0u; k < 15u; k++, sum += 24ul) {
+        add_whole(sum, signed_whole_of(brought.r * weights[k]));
+        add_whole(sum + 8ul, signed_whole_of(brought.g * weights[k]));
+        add_whole(sum + 16ul, signed_whole_of(brought.b * weights[k]));
+    }
 }
 
 void cross_one(uint number)
@@ -207,9 +215,9 @@ void leave_light()
     rays = 0u;
     cross_spheres();
     if (moments != 0ul)
-        add_words(SPHERES.moments + 8ul * more.aim, 2u, uint(moments), uint(moments >> 32));
+        add_whole(SPHERES.moments + 8ul * more.aim, moments);
     if (rays != 0u)
-        add_words(SPHERES.moments + 8ul * SPHERES.aims, 2u, rays, 0u);
+        add_whole(SPHERES.moments + 8ul * SPHERES.aims, uint64_t(rays));
 }
 
 void kiln_kernel(uint x, uint y)

@@ -220,7 +220,7 @@ int both_kernels(struct both_run *r, struct kiln_error *error)
     const uint32_t points = r->method & KILN_GPU_BOTH_POINTS,
                    next = r->method & (KILN_GPU_BOTH_POINTS | KILN_GPU_BOTH_LANDS),
                    crosses = r->crosses ? KILN_GPU_LAND_CROSSES : 0,
-                   shares = (r->shares ? KILN_GPU_LAND_SHARES : 0) | crosses;
+                   shares = r->shares ? KILN_GPU_LAND_SHARES : 0;
     r->sorts = r->b->materials.gloss || land;
     const struct vulkan_shader *ends = points != 0 ? &point_paths_shader
                                        : r->sorts  ? &eye_paths_diffuse
@@ -239,7 +239,7 @@ int both_kernels(struct both_run *r, struct kiln_error *error)
               {&r->begin_landing, &land_shader, KILN_GPU_LAND_BEGINS | crosses, KILN_PASS_INDEX_land, land},
               {&r->cross, &land_cross_shader, crosses, VULKAN_PACE_SPHERES, land && r->crosses},
               {&r->met_first, &land_first_shader, shares, KILN_PASS_INDEX_land, land},
-              {&r->light, &land_on_shader, shares, KILN_PASS_INDEX_land, land},
+              {&r->light, &land_on_shader, shares | crosses, KILN_PASS_INDEX_land, land},
               {&r->light_diffuse, &land_shader, shares, KILN_PASS_INDEX_land, land},
               {&r->next, land ? &path_rays_with_gloss : &path_rays_shader, KILN_GPU_RAYS_NEXT | next,
                land ? KILN_PASS_INDEX_land : VULKAN_PACE_PATH_RAYS, true},
