@@ -197,13 +197,13 @@ int kiln_probe_spheres_try(struct kiln_probe_spheres *s, struct kiln_backend *ho
     return status == KILN_OK ? prepare_spheres(s, host, error) : status;
 }
 
-uint64_t kiln_probe_paths_bytes(uint64_t probes, uint32_t ranks)
+uint64_t kiln_probe_paths_bytes(uint64_t probes, uint32_t ranks, bool device)
 {
     const uint64_t chunk = probes < KILN_PROBE_PATHS_CHUNK ? probes : KILN_PROBE_PATHS_CHUNK,
                    own = probes / ranks < chunk ? probes / ranks : chunk, sums = KILN_SPHERE_SUMS * sizeof(uint64_t),
                    ray = 2 * sizeof(struct kiln_vec3) + sizeof(struct kiln_hit);
-    return chunk *
-               (sums + sizeof(struct kiln_sphere) + sizeof(float) + SPHERE_CELLS * sizeof(struct kiln_cell_sphere)) +
+    return chunk * ((device ? 2 : 1) * sums + sizeof(struct kiln_sphere) + sizeof(float) +
+                    SPHERE_CELLS * sizeof(struct kiln_cell_sphere)) +
            own * sums + SIGHT_TOGETHER * SIGHT_RAYS * ray;
 }
 

@@ -59,8 +59,8 @@ uint64_t kiln_probe_paths_photons(const struct kiln_integrate_settings *settings
 int kiln_probe_paths_add(const struct kiln_probe_paths_params *params, struct kiln_volume_result *volume,
                          struct kiln_probe_result *probes, uint8_t *done, uint64_t *rays, struct kiln_error *error);
 
-/* Bytes that a rank needs for the paths to so many probes, but for a BVH. */
-uint64_t kiln_probe_paths_bytes(uint64_t probes, uint32_t ranks);
+/* Bytes that a rank needs for the paths to so many probes, but for a BVH; `device`: one traces them. */
+uint64_t kiln_probe_paths_bytes(uint64_t probes, uint32_t ranks, bool device);
 
 /* Spheres about unmoved probes, as many as a chunk has, with room for their sums, to try paths with: for kiln plan.
  * `host`: kiln_landing_host, or the backend where there is none. Release with kiln_probe_spheres_release, in any case.

@@ -219,8 +219,7 @@ int both_kernels(struct both_run *r, struct kiln_error *error)
                alone = (r->method & KILN_GPU_BOTH_ALONE) != 0, land = lands(r), both = !land;
     const uint32_t points = r->method & KILN_GPU_BOTH_POINTS,
                    next = r->method & (KILN_GPU_BOTH_POINTS | KILN_GPU_BOTH_LANDS),
-                   crosses = r->crosses ? KILN_GPU_LAND_CROSSES : 0,
-                   shares = r->shares ? KILN_GPU_LAND_SHARES : 0;
+                   crosses = r->crosses ? KILN_GPU_LAND_CROSSES : 0, shares = r->shares ? KILN_GPU_LAND_SHARES : 0;
     r->sorts = r->b->materials.gloss || land;
     const struct vulkan_shader *ends = points != 0 ? &point_paths_shader
                                        : r->sorts  ? &eye_paths_diffuse
