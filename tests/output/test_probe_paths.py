@@ -226,7 +226,8 @@ class ProbePaths(unittest.TestCase):
         glb.box(scene, "box", (-0.5, -0.6, -0.5), (0.4, 0.3, 0.4), scene.material("grey", (0.5,) * 3))
         scene.light("lamp", {"type": "point", "intensity": 5.0, "color": [1, 1, 1]}, translation=[0.1, 0.8, 0])
         path = scene.write(os.path.join(self.folder, "device.glb"))
-        more = (*PATHS, "--photons", "5001", "--probe-spacing", "0.25", "--samples-probe", "4")
+        more = (*PATHS, "--photons", "5001", "--probe-spacing", "0.25", "--samples-probe", "4",
+                "--watchdog", "0")
         embree, one, three = (self.bake(path, *more, "--backend", backend, ranks=ranks)
                               for backend, ranks in (("embree", 0), ("vulkan", 0), ("vulkan", 3)))
         expected, found, other = (self.volume(folder) for folder in (embree, one, three))
